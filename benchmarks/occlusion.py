@@ -15,6 +15,7 @@ from support import layered_rows
 
 import mishutter as ms
 from benchmarks import harness
+from mishutter.model import AbstractMotion
 
 SPEEDS = (-3375.0, -1125.0, 1125.0, 3375.0)
 """px/s: of objects, and of backgrounds that move."""
@@ -60,7 +61,7 @@ def parabola(stroke: float, half_exposure: float) -> ms.ParabolicMotion:
     return ms.ParabolicMotion(acceleration=stroke / half_exposure**2, half_exposure=half_exposure)
 
 
-CAMERAS: dict[str, tuple[ms.AbstractMotion, ms.AbstractShutter]] = {
+CAMERAS: dict[str, tuple[AbstractMotion, ms.AbstractShutter]] = {
     "snapshot of 2.16 ms": (ms.StillCamera(half_exposure=1.08e-3), ms.RectShutter()),
     "Hann, 45 px, 18 ms": (parabola(45.0, 9e-3), ms.HannShutter()),
     "open, 30 px, 18 ms": (parabola(30.0, 9e-3), ms.RectShutter()),

@@ -15,7 +15,7 @@ import numpy as np
 import mishutter as ms
 from benchmarks import harness
 from benchmarks.scenes import scenes
-from mishutter.model import steady
+from mishutter.model import AbstractMotion, steady
 from mishutter.pictures.images import shipped_picture
 
 PHOTOGRAPHS = {
@@ -69,7 +69,7 @@ def in_steps(power: np.ndarray) -> np.ndarray:
 
 
 def sampled_responses(
-    scene: ms.Scene, motion: ms.AbstractMotion, shutter: ms.AbstractShutter, num_instants: int
+    scene: ms.Scene, motion: AbstractMotion, shutter: ms.AbstractShutter, num_instants: int
 ) -> np.ndarray:
     """Mean of the waves of one period at each instant, through a pixel; `(speeds, k)`, complex."""
     tau = (np.arange(num_instants) + 0.5) / num_instants * 2 - 1
@@ -87,7 +87,7 @@ def sampled_responses(
 def levels(
     rows: np.ndarray,
     scene: ms.Scene,
-    motion: ms.AbstractMotion,
+    motion: AbstractMotion,
     shutter: ms.AbstractShutter,
     responses: np.ndarray,
 ) -> tuple[float, float]:

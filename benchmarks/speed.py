@@ -23,6 +23,7 @@ from scipy.special import polygamma
 
 import mishutter as ms
 from benchmarks import harness
+from mishutter.model import AbstractMotion
 from mishutter.restore.decoders import speed as estimator
 from mishutter.restore.decoders.speed import Energies, Prior
 from mishutter.restore.decoders.speed_finding import at_speed
@@ -114,7 +115,7 @@ def crops(light: np.ndarray) -> Iterator[np.ndarray]:
 class Camera(NamedTuple):
     """A motion and a shutter for the built-in scene."""
 
-    motion: ms.AbstractMotion
+    motion: AbstractMotion
     shutter: ms.AbstractShutter
 
 

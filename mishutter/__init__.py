@@ -48,7 +48,6 @@ if TYPE_CHECKING:
     from mishutter.model import RASKAR_CODE as RASKAR_CODE
     from mishutter.model import AbstractAdjustableShutter as AbstractAdjustableShutter
     from mishutter.model import AbstractDevice as AbstractDevice
-    from mishutter.model import AbstractMotion as AbstractMotion
     from mishutter.model import AbstractPiecewiseShutter as AbstractPiecewiseShutter
     from mishutter.model import AbstractShutter as AbstractShutter
     from mishutter.model import Burst as Burst
@@ -157,7 +156,6 @@ __all__ = [
     "AbstractDecoder",
     "AbstractDevice",
     "AbstractLoss",
-    "AbstractMotion",
     "AbstractPiecewiseShutter",
     "AbstractShutter",
     "BlurModel",

@@ -40,9 +40,9 @@ from mishutter.model import (
     AbstractShutter,
     Scene,
     Tolerances,
-    canonical_motion,
     in_one_form,
     piecewise,
+    simplified,
 )
 
 _SPEEDS_AT_ONCE, _LEAST_TAPS = 8, 512
@@ -175,7 +175,7 @@ def kernels_at_speeds(
     Kernels at concrete speeds are computed eight at a time, of shutters `in_one_form`, and cut
     from longer ones: one compiled program serves every kind and any number of speeds and taps.
     """
-    motion = canonical_motion(motion)
+    motion = simplified(motion)
     return _kernels_and_efficiency(shutter, motion, speeds, num_taps)[0]
 
 

@@ -32,9 +32,9 @@ from mishutter.model import (
     AbstractPiecewiseShutter,
     AbstractShutter,
     Scene,
-    canonical_motion,
     piecewise,
     seen_from,
+    simplified,
 )
 
 
@@ -43,7 +43,7 @@ class SensorView(NamedTuple):
 
     Attributes:
         scene: The scene, with its speeds relative to the sensor.
-        motion: The motion without velocity, in its `canonical_motion`.
+        motion: The motion without velocity, `simplified`.
         shutter: Transmittance behind the scene's device.
         velocity: Velocity of the sensor, which was subtracted from all speeds; px/s, scalar.
     """
@@ -61,7 +61,7 @@ class SampledView(NamedTuple):
 
     Attributes:
         scene: The speeds that the plan keeps, relative to the sensor; no picture, no motion.
-        motion: The motion without velocity, in its `canonical_motion`.
+        motion: The motion without velocity, `simplified`.
         shutter: Transmittance behind the scene's device, as pieces.
         plan: Numbers of taps, frequencies and quadrature nodes.
         parts: Parts of the response to compute.
@@ -82,10 +82,10 @@ def sensor_view(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) 
     Raises:
         ValueError: if the scene is none, or the motion.
     """
-    canonical = canonical_motion(motion)
-    panned_scene, without_pan = seen_from(scene, canonical)
+    simple = simplified(motion)
+    panned_scene, without_pan = seen_from(scene, simple)
     shutter = transmittance(scene, motion, shutter)
-    return SensorView(panned_scene, without_pan, shutter, canonical.velocity)
+    return SensorView(panned_scene, without_pan, shutter, simple.velocity)
 
 
 def transmittance(

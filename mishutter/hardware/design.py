@@ -24,10 +24,8 @@ from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
     FreeMotion,
-    LinearMotion,
     ParabolicMotion,
     Scene,
-    StillCamera,
     command_of,
     is_known_zero,
     profile_of,
@@ -340,10 +338,6 @@ def _motion(saved: SavedMotion) -> AbstractMotion:
             velocity=velocity,
             durations=saved.durations,
         )
-    if saved.kind == "ParabolicMotion" and saved.acceleration is not None:
-        return ParabolicMotion(
-            acceleration=saved.acceleration, half_exposure=half, velocity=velocity
-        )
-    if saved.kind == "LinearMotion":
-        return LinearMotion(half_exposure=half, velocity=velocity)
-    return StillCamera(half_exposure=half)
+    return ParabolicMotion(
+        acceleration=saved.acceleration or 0.0, half_exposure=half, velocity=velocity
+    )

@@ -33,9 +33,9 @@ class SavedShutter(BaseModel):
 
 @final
 class SavedMotion(Part):
-    """A motion, of which a kind may have no acceleration, or no velocity."""
+    """A motion; earlier versions wrote parabolas without acceleration as two kinds of their own."""
 
-    kind: Literal["ParabolicMotion", "LinearMotion", "StillCamera", "FreeMotion"]
+    kind: Literal["ParabolicMotion", "FreeMotion", "LinearMotion", "StillCamera"]
     acceleration: float | None = None
     accelerations: list[float] | None = None
     durations: list[float] | None = None

@@ -17,9 +17,8 @@ from mishutter.model.motion import LinearMotion as LinearMotion
 from mishutter.model.motion import MotionNumbers as MotionNumbers
 from mishutter.model.motion import ParabolicMotion as ParabolicMotion
 from mishutter.model.motion import StillCamera as StillCamera
-from mishutter.model.motion import canonical_motion as canonical_motion
 from mishutter.model.motion import is_known_zero as is_known_zero
-from mishutter.model.motion import settled as settled
+from mishutter.model.motion import simplified as simplified
 from mishutter.model.motion import steady as steady
 from mishutter.model.occlusion import LayerShares as LayerShares
 from mishutter.model.occlusion import Occlusion as Occlusion

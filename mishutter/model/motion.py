@@ -74,6 +74,12 @@ class FixedParts(NamedTuple):
     request: str
 
 
+_FIXED_OF_PAN = FixedParts(frozenset({"path", "acceleration"}), "leave a pan its constant velocity")
+_FIXED_AT_REST = FixedParts(
+    frozenset({"path", "acceleration", "velocity"}), "leave a still camera at rest"
+)
+
+
 class AbstractMotion(eqx.Module):
     r"""A sensor on a path $x(t)$, $t \in [-T, T]$, which counts from mid-exposure.
 
@@ -105,8 +111,10 @@ class AbstractMotion(eqx.Module):
 
     @property
     def fixed(self) -> FixedParts:
-        """Parts that a search leaves as they are, by the kind that the motion is `settled` as."""
-        return settled(self).fixed_by_kind
+        """Parts that a search leaves as they are: of a straight path that it is straight."""
+        if not self.is_straight:
+            return self.fixed_by_kind
+        return _FIXED_AT_REST if is_known_zero(self.velocity) else _FIXED_OF_PAN
 
     def __repr__(self) -> str:
         """The numbers, of which a module shows no more than their type."""
@@ -282,15 +290,66 @@ class AbstractMotion(eqx.Module):
         """Greatest rate at which the velocity changes, twice the parameter $a$; px/s^2."""
 
 
-class AbstractSteadyMotion(AbstractMotion):
-    r"""A sensor of constant acceleration, on the path $x(t) = v t + a t^2$.
+@final
+class ParabolicMotion(AbstractMotion):
+    r"""Constant acceleration: the motion-invariant camera, and without any a camera that pans.
 
-    Equation (5) of the paper with a velocity $v$ at mid-exposure. A point that moves at speed $s$
-    passes over the sensor along $x(t) = a t^2 - (s - v) t$.
+    Equation (5) of the paper with a velocity $v$ at mid-exposure, $x(t) = v t + a t^2$. A point
+    that moves at speed $s$ passes over the sensor along $x(t) = a t^2 - (s - v) t$. A search leaves
+    an acceleration that is known to be 0 as it is: `LinearMotion` makes such a motion, and
+    `StillCamera` one that stays at rest.
+
+    Args:
+        acceleration: The parameter $a$ of $x(t) = v t + a t^2$, half the mechanical
+            acceleration; px/s^2, at least 0.
+        half_exposure: $T$; s, above 0.
+        velocity: $v$, that at mid-exposure; px/s, either sign.
+
+    Raises:
+        ValueError: if one is not a finite scalar, or out of its range.
     """
 
-    acceleration: eqx.AbstractVar[Array]
+    acceleration: Array
+    half_exposure: Array
+    velocity: Array
     accelerates_constantly: ClassVar[bool] = True
+    fixed_by_kind: ClassVar[FixedParts] = FixedParts(frozenset(), "move")
+
+    def __init__(
+        self, *, acceleration: ArrayLike, half_exposure: ArrayLike, velocity: ArrayLike = 0.0
+    ):
+        half = as_float(half_exposure, "ParabolicMotion(half_exposure=...)")
+        self.acceleration = _beside(half, acceleration, "ParabolicMotion(acceleration=...)")
+        self.half_exposure = half
+        self.velocity = _beside(half, velocity, "ParabolicMotion(velocity=...)")
+
+    def __check_init__(self) -> None:
+        _check_acceleration(self.acceleration)
+        _check_half_exposure("ParabolicMotion(half_exposure=...)", self.half_exposure)
+        _check_velocity("ParabolicMotion(velocity=...)", self.velocity)
+
+    def panned(self, velocity: ArrayLike) -> "ParabolicMotion":
+        """The parabola at another velocity.
+
+        Args:
+            velocity: Velocity at mid-exposure; px/s.
+        """
+        return replace(self, velocity=velocity)
+
+    def without_velocity(self) -> "ParabolicMotion":
+        """The parabola in a frame that pans with it."""
+        return self.panned(0.0)
+
+    def with_numbers(self, numbers: MotionNumbers) -> "ParabolicMotion":
+        """The parabola of other numbers.
+
+        Args:
+            numbers: Acceleration, half exposure, velocity and pieces.
+        """
+        acceleration, half_exposure, velocity, _ = numbers
+        return ParabolicMotion(
+            acceleration=acceleration, half_exposure=half_exposure, velocity=velocity
+        )
 
     def as_free_path(self) -> "FreeMotion":
         """A `FreeMotion` on the same path."""
@@ -314,22 +373,22 @@ class AbstractSteadyMotion(AbstractMotion):
 
     @property
     def phases(self) -> Phases:
-        """The exposure, as one."""
+        """The whole exposure, over which the acceleration is one."""
         whole = 2 * float(self.half_exposure), float(self.greatest_acceleration)
         return Phases(*(np.array([x]) for x in whole))
 
     @property
     def piece_ends(self) -> tuple[Fraction, ...]:
-        """None."""
+        """No ends: the whole exposure is one parabola."""
         return ()
 
     @property
     def num_runs(self) -> int:
-        """One."""
+        """One: the acceleration keeps its sign."""
         return 1
 
     def acceleration_shares(self, num_pieces: int) -> Array:
-        """Ones.
+        """Ones, of a path that accelerates alike everywhere.
 
         Args:
             num_pieces: Number of pieces.
@@ -425,61 +484,6 @@ class AbstractSteadyMotion(AbstractMotion):
 
 
 @final
-class ParabolicMotion(AbstractSteadyMotion):
-    r"""Constant acceleration: the motion-invariant camera.
-
-    Args:
-        acceleration: The parameter $a$ of $x(t) = v t + a t^2$, half the mechanical
-            acceleration; px/s^2, at least 0.
-        half_exposure: $T$; s, above 0.
-        velocity: $v$, that at mid-exposure; px/s, either sign.
-
-    Raises:
-        ValueError: if one is not a finite scalar, or out of its range.
-    """
-
-    acceleration: Array
-    half_exposure: Array
-    velocity: Array
-    fixed_by_kind: ClassVar[FixedParts] = FixedParts(frozenset(), "move")
-
-    def __init__(
-        self, *, acceleration: ArrayLike, half_exposure: ArrayLike, velocity: ArrayLike = 0.0
-    ):
-        self.acceleration = as_float(acceleration, "ParabolicMotion(acceleration=...)")
-        self.half_exposure = as_float(half_exposure, "ParabolicMotion(half_exposure=...)")
-        self.velocity = _as_velocity(velocity, self.half_exposure, "ParabolicMotion")
-
-    def __check_init__(self) -> None:
-        _check_acceleration(self.acceleration)
-        _check_half_exposure("ParabolicMotion(half_exposure=...)", self.half_exposure)
-        _check_velocity("ParabolicMotion(velocity=...)", self.velocity)
-
-    def panned(self, velocity: ArrayLike) -> "ParabolicMotion":
-        """The parabola at another velocity.
-
-        Args:
-            velocity: Velocity at mid-exposure; px/s.
-        """
-        return replace(self, velocity=velocity)
-
-    def without_velocity(self) -> "ParabolicMotion":
-        """The parabola in a frame that pans with it."""
-        return self.panned(0.0)
-
-    def with_numbers(self, numbers: MotionNumbers) -> "ParabolicMotion":
-        """The parabola of other numbers.
-
-        Args:
-            numbers: Acceleration, half exposure, velocity and pieces.
-        """
-        acceleration, half_exposure, velocity, _ = numbers
-        return ParabolicMotion(
-            acceleration=acceleration, half_exposure=half_exposure, velocity=velocity
-        )
-
-
-@final
 class FreeMotion(AbstractMotion):
     r"""A path of piecewise constant acceleration, without a jump in position or velocity.
 
@@ -524,7 +528,7 @@ class FreeMotion(AbstractMotion):
     ):
         self.accelerations = as_float(accelerations, "FreeMotion(accelerations=...)")
         self.half_exposure = as_float(half_exposure, "FreeMotion(half_exposure=...)")
-        self.velocity = _as_velocity(velocity, self.half_exposure, "FreeMotion")
+        self.velocity = _beside(self.half_exposure, velocity, "FreeMotion(velocity=...)")
         self.durations = None if durations is None else _as_durations(durations)
 
     def __check_init__(self) -> None:
@@ -555,7 +559,7 @@ class FreeMotion(AbstractMotion):
         count = require_positive_int("FreeMotion.fit(num_pieces=...)", num_pieces)
         is_motion = isinstance(motion, AbstractMotion)
         require(is_motion, "FreeMotion.fit(motion=...)", "be a motion", motion)
-        if isinstance(motion, AbstractSteadyMotion):
+        if isinstance(motion, ParabolicMotion):
             return cls(
                 accelerations=_number(lambda a: a * np.ones(count, a.dtype), motion.acceleration),
                 half_exposure=motion.half_exposure,
@@ -859,30 +863,8 @@ def exact_ends(durations: tuple[float, ...] | None, num_pieces: int) -> tuple[Fr
     return tuple(2 * time / passed[-1] - 1 for time in passed)
 
 
-class AbstractStraightMotion(AbstractSteadyMotion):
-    """A sensor whose path is straight."""
-
-    @property
-    def acceleration(self) -> Array:  # type: ignore[override]
-        """Zero; px/s^2."""
-        return _zero_like(self.half_exposure)
-
-    def panned(self, velocity: ArrayLike) -> "LinearMotion":
-        """The pan at another velocity.
-
-        Args:
-            velocity: Velocity at mid-exposure; px/s.
-        """
-        return LinearMotion(half_exposure=self.half_exposure, velocity=velocity)
-
-    def without_velocity(self) -> "StillCamera":
-        """The camera at rest, in the frame that pans with it."""
-        return StillCamera(half_exposure=self.half_exposure)
-
-
-@final
-class LinearMotion(AbstractStraightMotion):
-    """Constant velocity: a panning camera.
+def LinearMotion(*, half_exposure: ArrayLike, velocity: ArrayLike = 0.0) -> ParabolicMotion:
+    """Constant velocity: a panning camera, which is a `ParabolicMotion` without acceleration.
 
     Args:
         half_exposure: $T$; s, above 0.
@@ -891,32 +873,14 @@ class LinearMotion(AbstractStraightMotion):
     Raises:
         ValueError: if one is not a finite scalar, or the exposure not positive.
     """
-
-    half_exposure: Array
-    velocity: Array
-    fixed_by_kind: ClassVar[FixedParts] = FixedParts(
-        frozenset({"path", "acceleration"}), "leave a pan its constant velocity"
-    )
-
-    def __init__(self, *, half_exposure: ArrayLike, velocity: ArrayLike = 0.0):
-        self.half_exposure = as_float(half_exposure, "LinearMotion(half_exposure=...)")
-        self.velocity = _as_velocity(velocity, self.half_exposure, "LinearMotion")
-
-    def __check_init__(self) -> None:
-        _check_half_exposure("LinearMotion(half_exposure=...)", self.half_exposure)
-        _check_velocity("LinearMotion(velocity=...)", self.velocity)
-
-    def with_numbers(self, numbers: MotionNumbers) -> "LinearMotion":
-        """The pan of another exposure and velocity.
-
-        Args:
-            numbers: Acceleration, half exposure, velocity and pieces.
-        """
-        return LinearMotion(half_exposure=numbers.half_exposure, velocity=numbers.velocity)
+    half = as_float(half_exposure, "LinearMotion(half_exposure=...)")
+    _check_half_exposure("LinearMotion(half_exposure=...)", half)
+    pan = _beside(half, velocity, "LinearMotion(velocity=...)")
+    _check_velocity("LinearMotion(velocity=...)", pan)
+    return ParabolicMotion(acceleration=0.0, half_exposure=half, velocity=pan)
 
 
-@final
-class StillCamera(AbstractStraightMotion):
+def StillCamera(*, half_exposure: ArrayLike) -> ParabolicMotion:
     """A sensor at rest: a snapshot, or a flutter shutter, by the same integrals.
 
     Args:
@@ -925,30 +889,9 @@ class StillCamera(AbstractStraightMotion):
     Raises:
         ValueError: if it is not a finite and positive scalar.
     """
-
-    half_exposure: Array
-    fixed_by_kind: ClassVar[FixedParts] = FixedParts(
-        frozenset({"path", "acceleration", "velocity"}), "leave a still camera at rest"
-    )
-
-    def __init__(self, *, half_exposure: ArrayLike):
-        self.half_exposure = as_float(half_exposure, "StillCamera(half_exposure=...)")
-
-    def __check_init__(self) -> None:
-        _check_half_exposure("StillCamera(half_exposure=...)", self.half_exposure)
-
-    def with_numbers(self, numbers: MotionNumbers) -> "StillCamera":
-        """The camera at rest of another exposure.
-
-        Args:
-            numbers: Acceleration, half exposure, velocity and pieces.
-        """
-        return StillCamera(half_exposure=numbers.half_exposure)
-
-    @property
-    def velocity(self) -> Array:  # type: ignore[override]
-        """Zero; px/s."""
-        return _zero_like(self.half_exposure)
+    half = as_float(half_exposure, "StillCamera(half_exposure=...)")
+    _check_half_exposure("StillCamera(half_exposure=...)", half)
+    return ParabolicMotion(acceleration=0.0, half_exposure=half)
 
 
 def extent_of_parabola(
@@ -989,30 +932,28 @@ def _number(formula: Callable[..., Positions], *numbers: Positions) -> Array:
         return as_float(formula(*as_numpy(*numbers)))
 
 
-def settled(motion: AbstractMotion) -> AbstractMotion:
-    """`motion`, or a linear one where it is known to have no acceleration to speak of.
-
-    That is a `StillCamera` where its velocity is known to be 0.
+def simplified(motion: AbstractMotion) -> AbstractMotion:
+    """The motion as programs take it: without an acceleration where none to speak of is known.
 
     Raises:
         ValueError: if it is no motion, as that of a scene may be.
     """
     require(isinstance(motion, AbstractMotion), "motion", "be a motion", motion)
-    if isinstance(motion, StillCamera) or not motion.is_straight:
+    if not motion.is_straight:
         return motion
     if is_known_zero(motion.velocity):
         return StillCamera(half_exposure=motion.half_exposure)
     return LinearMotion(half_exposure=motion.half_exposure, velocity=motion.velocity)
 
 
-def steady(motion: AbstractMotion) -> AbstractSteadyMotion:
+def steady(motion: AbstractMotion) -> ParabolicMotion:
     """A motion that must be of constant acceleration.
 
     Raises:
         ValueError: if it is not.
     """
-    require(isinstance(motion, AbstractSteadyMotion), "motion", "accelerate constantly", motion)
-    return cast(AbstractSteadyMotion, motion)
+    require(isinstance(motion, ParabolicMotion), "motion", "accelerate constantly", motion)
+    return cast(ParabolicMotion, motion)
 
 
 def is_known_zero(value: ArrayLike) -> bool:
@@ -1020,35 +961,11 @@ def is_known_zero(value: ArrayLike) -> bool:
     return is_concrete(value) and not np.any(np.asarray(value))
 
 
-def as_parabolic(motion: AbstractMotion) -> AbstractMotion:
-    """The motion as a `ParabolicMotion`, unless it is free: all kinds then share a program."""
-    if not isinstance(motion, AbstractSteadyMotion):
-        return motion
-    return ParabolicMotion(
-        acceleration=motion.acceleration,
-        half_exposure=motion.half_exposure,
-        velocity=motion.velocity,
-    )
-
-
-def canonical_motion(motion: AbstractMotion) -> AbstractMotion:
-    """The motion as programs take it: a `ParabolicMotion`, or a `FreeMotion` that may bend.
-
-    Raises:
-        ValueError: if it is no motion.
-    """
-    return as_parabolic(settled(motion))
-
-
-def _zero_like(value: Array) -> Array:
-    return as_float(np.zeros(value.shape, value.dtype))
-
-
-def _as_velocity(velocity: ArrayLike, half_exposure: Array, kind: str) -> Array:
-    """A velocity; a Python 0, which stands for none, takes the precision of the exposure."""
-    if isinstance(velocity, float | int) and velocity == 0:
-        return _zero_like(half_exposure)
-    return as_float(velocity, f"{kind}(velocity=...)")
+def _beside(half_exposure: Array, value: ArrayLike, subject: str) -> Array:
+    """A number; a Python 0, which stands for none, takes the precision of the exposure."""
+    if isinstance(value, float | int) and value == 0:
+        return as_float(np.zeros((), half_exposure.dtype))
+    return as_float(value, subject)
 
 
 def _as_durations(durations: RowLike) -> tuple[float, ...]:

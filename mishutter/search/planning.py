@@ -34,7 +34,7 @@ from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
     Scene,
-    settled,
+    simplified,
 )
 from mishutter.search.space import FREE_NAMES, DesignSpace, design_space, search_frame
 
@@ -151,7 +151,7 @@ def design_at(
 def _motion_at(space: DesignSpace, box: Float[np.ndarray, "size"]) -> AbstractMotion:
     """The motion at a point of the box, of the kind that its numbers make it."""
     alone = space.of_motion
-    return settled(_of_motion(alone, box[space.size - alone.size :]))
+    return simplified(_of_motion(alone, box[space.size - alone.size :]))
 
 
 @compiled

@@ -204,11 +204,11 @@ def _middle_exposure(scene: Scene) -> Float[np.ndarray, ""]:
     return np.asarray(np.sqrt(low * high))
 
 
-def _camera_at_rest(scene: Scene) -> StillCamera:
+def _camera_at_rest(scene: Scene) -> AbstractMotion:
     return StillCamera(half_exposure=_middle_exposure(scene))
 
 
-def _unaccelerated(scene: Scene) -> LinearMotion:
+def _unaccelerated(scene: Scene) -> AbstractMotion:
     """A sensor at the velocity in the middle of the speeds, as far as it may pan.
 
     Where that is 0 and more speeds are to one side, a search begins with a slow pan: a motion
@@ -243,7 +243,7 @@ def _best_snapshot(search: RivalSearch) -> Row:
     return _row(BEST_SNAPSHOT, search.best(still, RectShutter(), plan=plan))
 
 
-def _roomy_plan(scene: Scene, still: StillCamera, loss: AbstractLoss) -> Plan:
+def _roomy_plan(scene: Scene, still: AbstractMotion, loss: AbstractLoss) -> Plan:
     """The plan of a camera at rest, in the sizes of a moving one: one program serves both."""
     shutter = RectShutter()
     plan = plan_of_scene(scene, still, shutter, loss=loss, free="half_exposure")

@@ -207,8 +207,8 @@ def optimise(
 
     Args:
         scene: Speeds, light, noise and limits.
-        motion: Motion to start from, the scene's by default; a `StillCamera` stays at rest, and
-            a `LinearMotion` does not accelerate.
+        motion: Motion to start from, the scene's by default; one of `StillCamera` stays at rest,
+            and one of `LinearMotion` does not accelerate.
         shutter: Profile to start from, as it is sent to the scene's device, of the kind to search;
             by default the free-form `starting_shutter` of the scene.
         loss: The loss to be minimised, or a function of scene, motion and shutter; the

@@ -55,7 +55,7 @@ from mishutter.model import (
     is_known_zero,
     num_coordinates,
     seen_from,
-    settled,
+    simplified,
     white_electrons,
 )
 
@@ -482,7 +482,7 @@ def _level_velocity(pieces: Float[Array, "pieces"]) -> Float[Array, ""]:
 
 
 class SearchFrame(NamedTuple):
-    """A scene and a motion, of the kind that it is `settled` as, in the frame of a search."""
+    """A scene and a motion, `simplified`, in the frame of a search."""
 
     scene: Scene
     motion: AbstractMotion
@@ -494,7 +494,7 @@ def search_frame(scene: Scene, motion: AbstractMotion, free: Iterable[str]) -> S
     Raises:
         ValueError: if the scene is none, or the motion.
     """
-    motion = settled(motion)
+    motion = simplified(motion)
     if "velocity" not in free:
         scene, motion = seen_from(scene, motion)
     return SearchFrame(scene, motion)

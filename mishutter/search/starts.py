@@ -19,9 +19,9 @@ from mishutter.model import (
     SplineShutter,
     TriangleShutter,
     TukeyShutter,
-    canonical_motion,
     coordinates,
     fitted_boxes,
+    simplified,
 )
 from mishutter.search.space import DesignSpace
 
@@ -69,7 +69,7 @@ def box_at(
     if isinstance(shutter, SplineShutter) and isinstance(own, SplineShutter):
         if shutter.symmetric and not own.symmetric:
             shutter = SplineShutter(shutter.coefficients)
-    alone, motion = space.of_motion, canonical_motion(motion)
+    alone, motion = space.of_motion, simplified(motion)
     if alone is space:
         return np.asarray(_box_at(space, shutter, motion))
     of_motion = np.asarray(_box_at(alone, RectShutter(), motion))

@@ -36,7 +36,7 @@ from mishutter._core import (
     require_key,
     require_positive_int,
 )
-from mishutter.model import piecewise, settled
+from mishutter.model import piecewise, simplified
 
 
 def test_a_count_is_a_plain_integer():
@@ -130,7 +130,7 @@ def test_motions_are_of_one_number_each(kind):
 def test_a_class_or_nothing_in_the_place_of_a_thing():
     """None is no motion, and a shutter's class is not a shutter."""
     with pytest.raises(ValueError, match="`motion` must be a motion; got None"):
-        inspect.unwrap(settled)(None)
+        inspect.unwrap(simplified)(None)
     with pytest.raises(ValueError, match="`shutter` must be a shutter; got <class"):
         inspect.unwrap(piecewise)(HannShutter)
 
@@ -146,7 +146,9 @@ def test_a_motion_shows_its_numbers():
     assert repr(motion) == (
         "ParabolicMotion(acceleration=450000.0, half_exposure=0.01, velocity=0.0)"
     )
-    assert describe(StillCamera(half_exposure=0.25)) == "StillCamera(half_exposure=0.25)"
+    assert describe(StillCamera(half_exposure=0.25)) == (
+        "ParabolicMotion(acceleration=0.0, half_exposure=0.25, velocity=0.0)"
+    )
     shown = []
     jax.jit(lambda m: shown.append(repr(m)))(motion)
     assert shown[0].startswith("ParabolicMotion(acceleration=")

@@ -199,9 +199,18 @@ def test_every_kind_of_shutter_survives(slug):
     assert np.array_equal(restored.transmittance(tau), SHUTTERS[slug].transmittance(tau))
 
 
-def test_a_still_camera_is_written_as_one():
-    """The motion's kind is kept."""
-    assert motion_to_dict(StillCamera(half_exposure=0.002))["kind"] == "StillCamera"
+@pytest.mark.parametrize(
+    ("kind", "velocity"), [("LinearMotion", -310.7), ("StillCamera", 0.0), ("StillCamera", None)]
+)
+def test_kinds_of_earlier_versions_are_read(design, tmp_path, kind, velocity):
+    """A pan and a camera at rest, with the velocity that they have, or without one."""
+    numbers = {"kind": kind, "acceleration": 0.0, "half_exposure": 0.0021}
+    numbers |= {} if velocity is None else {"velocity": velocity}
+    path = tmp_path / "design.json"
+    path.write_text(strict_json(design.to_dict() | {"motion": numbers}))
+    found = Design.load(path).motion
+    assert eqx.tree_equal(found, LinearMotion(half_exposure=0.0021, velocity=velocity or 0.0))
+    assert motion_to_dict(found)["kind"] == "ParabolicMotion"
 
 
 def test_the_profile_is_a_table_with_units(design, tmp_path):
@@ -236,7 +245,7 @@ MISTAKES = {
     "other-motion": (
         ("motion", "kind"),
         "Foo",
-        "'ParabolicMotion', 'LinearMotion', 'StillCamera' or 'FreeMotion'",
+        "'ParabolicMotion', 'FreeMotion', 'LinearMotion' or 'StillCamera'",
     ),
     "no-exposure": (("motion", "half_exposure"), None, "must be a number; got None"),
     "exposure-before-it-began": (("motion", "half_exposure"), -1.0, "must be above 0 s; got -1"),

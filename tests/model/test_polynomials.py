@@ -113,7 +113,7 @@ def test_kernels_of_known_speeds_are_those_of_the_shutter(slug, motion):
     shutter, speeds = SHUTTERS[slug].shutter(), np.array([0.0, 310.0, -1700.0, 4100.0])
     kernels = np.asarray(kernels_at_speeds(shutter, motion, speeds, 128))
     assert kernels.max() > 0.01
-    if isinstance(motion, StillCamera):
+    if motion.is_straight:
         assert np.isclose(kernels[0].max(), shutter.efficiency(), rtol=1e-14)
         return
     exact = blur_kernel(shutter, motion, num_taps=128)

@@ -30,7 +30,7 @@ def test_objectives_of_the_search():
     """At two points of each space the planned objective is the full one to 1e-12."""
     for seed in SEEDS:
         scene, motion, shutter = random_scene(seed)
-        still = isinstance(motion, ms.StillCamera)
+        still = motion.is_straight
         names = [n for n in FREE[seed % 3] if not (still and n == "acceleration")]
         loss = LOSSES[seed // 6 % 2]
         space = design_space(scene, motion, shutter, names)

@@ -1,0 +1,113 @@
+"""A parabola without acceleration is a pan, or a camera at rest: one class, by its numbers."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from support.designs import SCENE, SMALL
+
+import mishutter
+from mishutter import (
+    ExpectedErrorLoss,
+    FreeMotion,
+    HannShutter,
+    LinearMotion,
+    ParabolicMotion,
+    StillCamera,
+    TukeyShutter,
+    binned_exposure,
+    transfer_function,
+)
+from mishutter.model import AbstractMotion
+
+HALF, PAN = 0.0021, -310.7
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_constructors_make_parabolas_without_acceleration(dtype):
+    """In the precision of the exposure, equal to what `ParabolicMotion` makes of a plain 0."""
+    half, pan = dtype(HALF), dtype(PAN)
+    straight = LinearMotion(half_exposure=half, velocity=pan)
+    still = StillCamera(half_exposure=half)
+    expected = ParabolicMotion(acceleration=0, half_exposure=half, velocity=pan)
+    assert eqx.tree_equal(straight, expected)
+    assert eqx.tree_equal(straight.without_velocity(), still)
+    assert {leaf.dtype for leaf in jax.tree.leaves((straight, still))} == {np.dtype(dtype)}
+
+
+@pytest.mark.parametrize("make", [StillCamera, LinearMotion])
+def test_errors_name_the_constructor(make):
+    """Not the class that it makes."""
+    subject = rf"`{make.__name__}\(half_exposure=...\)` must be above 0 s; got -0.3"
+    with pytest.raises(ValueError, match=subject):
+        make(half_exposure=-0.3)
+
+
+def test_what_a_search_leaves_follows_from_numbers_that_are_known():
+    """Whoever made the motion; a traced acceleration may be any."""
+    straight, still = {"path", "acceleration"}, {"path", "acceleration", "velocity"}
+    for motion, names in (
+        (LinearMotion(half_exposure=HALF, velocity=PAN), straight),
+        (ParabolicMotion(acceleration=0.0, half_exposure=HALF, velocity=PAN), straight),
+        (FreeMotion(accelerations=[0.0, 0.0], half_exposure=HALF, velocity=PAN), straight),
+        (StillCamera(half_exposure=HALF), still),
+        (ParabolicMotion(acceleration=1e-16, half_exposure=HALF), still),
+        (ParabolicMotion(acceleration=7e4, half_exposure=HALF), set()),
+    ):
+        assert motion.fixed.names == names
+    traced = []
+    jax.jit(lambda m: traced.append(m.fixed.names))(StillCamera(half_exposure=HALF))
+    assert traced == [set()]
+    within = []
+    jax.jit(lambda half: within.append(StillCamera(half_exposure=half).fixed.names))(HALF)
+    assert within == [still]
+
+
+def test_motions_are_parabolas_or_free_paths():
+    """The kernel knows no other, so that no class of a user's own is invited."""
+    assert not hasattr(mishutter, "AbstractMotion")
+    assert set(AbstractMotion.__subclasses__()) == {ParabolicMotion, FreeMotion}
+
+
+def _kernel(motion):
+    edges = np.linspace(-4.0, 4.0, 9)
+    return binned_exposure(TukeyShutter(0.43), motion, speed=1300.0, edges=edges)
+
+
+def _spectrum(motion):
+    f = jnp.array([0.07, 0.31])
+    values = transfer_function(HannShutter(), motion, speed=1300.0, frequency=f)
+    return jnp.concatenate([values.real, values.imag])
+
+
+def _loss(motion):
+    return ExpectedErrorLoss()(SCENE, motion, TukeyShutter(0.43), plan=SMALL)
+
+
+def test_slopes_without_acceleration_are_those_beside_it():
+    """By all three numbers of a pan, against differences; that by $a$ on its one side."""
+    motion = LinearMotion(half_exposure=HALF, velocity=PAN)
+    slopes = jax.jacfwd(_spectrum)(motion)
+    for name, step in (("acceleration", 20.0), ("half_exposure", 1e-7), ("velocity", 0.02)):
+        number = float(getattr(motion, name))
+
+        def at(steps, name=name, number=number, step=step):
+            moved = {"acceleration": 0.0, "half_exposure": HALF, "velocity": PAN}
+            return np.asarray(_spectrum(ParabolicMotion(**moved | {name: number + steps * step})))
+
+        one_sided = (-3 * at(0) + 4 * at(1) - at(2)) / (2 * step)
+        scale = np.max(np.abs(one_sided))
+        found = np.asarray(getattr(slopes, name))
+        np.testing.assert_allclose(found, one_sided, rtol=0, atol=1e-4 * scale, err_msg=name)
+
+
+@pytest.mark.parametrize("function", [_kernel, pytest.param(_loss, marks=pytest.mark.slow)])
+def test_known_and_traced_motions_without_acceleration_give_one_slope(function):
+    """By the exposure of a camera at rest: made inside of what JAX traces, and passed into it."""
+    inside = jax.jacfwd(lambda half: function(StillCamera(half_exposure=half)))(HALF)
+    still = StillCamera(half_exposure=HALF)
+    passed = jax.jacfwd(function)(still).half_exposure
+    scale = float(np.max(np.abs(inside)))
+    assert scale > 0
+    np.testing.assert_allclose(passed, inside, rtol=0, atol=1e-12 * scale)
