@@ -1,8 +1,30 @@
-"""`python -m mishutter`."""
+"""`python -m mishutter`, and the command `mishutter`."""
 
+import os
+import signal
 import sys
+from typing import Any
 
-from mishutter.cli import main
+
+def main() -> int:
+    """Runs the command line; returns the exit code.
+
+    Its import takes a second. An interrupt in that time ends the process at once: there is nothing
+    to save, and an error would come out of the middle of a library's import as any other error.
+    """
+    before = signal.getsignal(signal.SIGINT)
+    if before is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _leave)
+    from mishutter.cli import main as command
+
+    if before is signal.default_int_handler:
+        signal.signal(signal.SIGINT, before)
+    return command()
+
+
+def _leave(*_: Any) -> None:
+    os._exit(130)
+
 
 if __name__ == "__main__":
     sys.exit(main())

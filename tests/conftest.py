@@ -44,6 +44,8 @@ install_import_hook("mishutter", "beartype.beartype")
 import jax  # noqa: E402 - the hook must stand before anything imports the package
 import pytest  # noqa: E402
 
+from mishutter._core import mend_compilation_cache  # noqa: E402
+
 gc.set_threshold(200_000)  # tracing makes many objects that live: looking at all takes a tenth
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
@@ -55,6 +57,27 @@ def _programs_of_one_module():
     """Compiled programs go with the module that needed them: kept, they are gigabytes."""
     yield
     jax.clear_caches()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """No module compiles a program when it is imported: an error there would lose all its tests."""
+    jax.monitoring.register_event_listener(_refuse_programs)
+    try:
+        return (yield)
+    finally:
+        jax.monitoring.unregister_event_listener(_refuse_programs)
+
+
+def _refuse_programs(event, **_):
+    if event == "/jax/compilation_cache/compile_requests_use_cache":
+        raise RuntimeError("a test module must compute in its tests and fixtures alone")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup():
+    """Processes that share a cache may read an entry that another is still writing."""
+    mend_compilation_cache()
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -1,9 +1,12 @@
 """Compilation of the package's functions: lightly optimised, and by one thread at a time."""
 
+import glob
 import threading
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from functools import lru_cache, wraps
+from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import equinox as eqx
@@ -21,6 +24,8 @@ _QUICKLY: dict[str, bool | int] = {
     # A part of a program for each processor: more parts cost time and save none.
     "xla_cpu_parallel_codegen_split_count": min(num_processors(), 32),
 }
+_UNREADABLE = "Error reading persistent compilation cache entry for '"
+"""Beginning of JAX's warning of an entry that it could not read; the program's name follows."""
 
 
 class _Tracing(threading.local):
@@ -92,6 +97,39 @@ def outside_trace() -> Iterator[None]:
 def _zero() -> jax.Array:
     with jax.ensure_compile_time_eval():
         return jax.device_put(np.zeros(()))
+
+
+def mend_compilation_cache() -> None:
+    """Deletes an entry of JAX's compilation cache that cannot be read, so that it is written anew.
+
+    A process that was killed, a full disk, and another process that is still writing leave a part
+    of an entry. JAX would warn of it at every run and never replace it. The function sets a filter
+    and `warnings.showwarning`, and so holds as long as the caller's `warnings.catch_warnings`.
+    """
+    otherwise = warnings.showwarning
+
+    def show(message: Warning | str, *others: Any) -> None:
+        _, is_unreadable, rest = str(message).partition(_UNREADABLE)
+        if not is_unreadable or not _forget(rest.partition("'")[0]):
+            otherwise(message, *others)
+
+    warnings.filterwarnings("always", _UNREADABLE)
+    warnings.showwarning = show
+
+
+def _forget(program: str) -> bool:
+    """Deletes a program's entries from JAX's compilation cache; False if that fails.
+
+    JAX's warning comes before it compiles, and it writes what it has compiled where there is no
+    entry. The warning names the program alone, whose other entries, for other shapes, go as well.
+    """
+    folder = Path(str(jax.config.jax_compilation_cache_dir))  # type: ignore[attr-defined]
+    try:
+        for entry in folder.glob(f"{glob.escape(program)}-*-cache"):
+            entry.unlink(missing_ok=True)
+    except OSError:
+        return False
+    return True
 
 
 def known_options(options: Mapping[str, bool | int]) -> dict[str, bool | int]:

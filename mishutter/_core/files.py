@@ -42,17 +42,20 @@ def write_bytes(path: str | Path, content: bytes) -> None:
     """Writes a temporary file in the same folder, then renames it to `path` in one step.
 
     Raises:
-        OSError: if it cannot be written.
+        OSError: if it cannot be written; it names `path`, where a full disk would name no file.
     """
     target = Path(path)
-    handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
     try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        move_into_place(temporary, target)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+        handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(content)
+            move_into_place(temporary, target)
+        except BaseException:
+            Path(temporary).unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(target)) from error
 
 
 def move_into_place(temporary: str | Path, target: str | Path) -> None:

@@ -3,6 +3,7 @@
 import io
 import logging
 import os
+import re
 import shutil
 import signal
 import sys
@@ -23,7 +24,13 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from mishutter._core import describe, is_own_folder, requirement, strict_json
+from mishutter._core import (
+    describe,
+    is_own_folder,
+    mend_compilation_cache,
+    requirement,
+    strict_json,
+)
 
 if TYPE_CHECKING:
     from sys import UnraisableHookArgs
@@ -42,6 +49,8 @@ _PAUSE = 10.0
 """Time between two such reports; s."""
 _MANY = 20
 """Fewest steps whose remaining time is shown: the lengths of a few steps differ too much."""
+_NOT_KEPT = re.compile(r"Error writing persistent compilation cache .*?(?:\[Errno \d+\] )([^:]+)")
+"""JAX's warning that it could not write an entry of its cache, with the reason."""
 
 _PARSER: Any = sys.modules[typer.BadParameter.__module__]
 """The errors of the command line parser, whichever Click it was built on."""
@@ -54,7 +63,8 @@ def error_line(error: BaseException, arguments: Sequence[str] = ()) -> str | Non
     if type(error).__name__ == "EquinoxRuntimeError":
         return _one_line(_innermost(str(error)))
     if isinstance(error, OSError) and error.strerror:
-        name = f"'{error.filename}'" if error.filename is not None else "a file"
+        # What the package writes has a name, but for standard output.
+        name = f"'{error.filename}'" if error.filename is not None else "the output"
         if isinstance(error, FileNotFoundError):
             return f"{name} must exist; got: file not found"
         return f"{name} must be accessible; got: {error.strerror}"
@@ -122,17 +132,25 @@ def note(text: str) -> None:
 
 @contextmanager
 def doubts_as_notes() -> Iterator[None]:
-    """Turns each warning about a picture's file into one note, however often it is raised."""
+    """Turns each warning about a picture's file into one note, however often it is raised.
+
+    JAX's warnings that it cannot keep a program, one for each, become one note too.
+    """
     notes: set[str] = set()
     with warnings.catch_warnings():
         otherwise = warnings.showwarning
 
         def show(message: Warning | str, category: type[Warning], *place: Any) -> None:
-            if category.__name__ != "PictureWarning":
+            text = str(message)
+            not_kept = _NOT_KEPT.match(text)
+            if not_kept is not None:
+                text = f"compiled programs cannot be kept for later runs: {not_kept[1]}"
+            elif category.__name__ != "PictureWarning":
                 otherwise(message, category, *place)
-            elif str(message) not in notes:
-                notes.add(str(message))
-                note(str(message))
+                return
+            if text not in notes:
+                notes.add(text)
+                note(text)
 
         warnings.showwarning = show
         yield
@@ -395,6 +413,7 @@ def start_jax() -> None:
     import jax
     from platformdirs import user_cache_path
 
+    _require_devices()
     jax.config.update("jax_enable_x64", True)
     # XLA takes the preferences of some processors for missing instructions, and writes an error
     # of 4,000 letters for each program that it reads. Messages of JAX itself stay, and so does
@@ -404,6 +423,7 @@ def start_jax() -> None:
         jax.config.update("jax_logging_level", "CRITICAL")
         for name in ("jax", "jaxlib"):
             logging.getLogger(name).setLevel(logging.NOTSET)
+    mend_compilation_cache()
     if getattr(jax.config, "jax_compilation_cache_dir", None) is not None:
         return
     folder = user_cache_path("mishutter", appauthor=False)
@@ -411,3 +431,24 @@ def start_jax() -> None:
         jax.config.update("jax_compilation_cache_dir", str(folder / "jax"))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
         jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+
+
+def _require_devices() -> None:
+    """Refuses devices that an environment variable asks for and this machine does not have.
+
+    JAX would end with a long traceback, whose last line need not name the variable.
+    """
+    import jax
+
+    try:
+        jax.devices()
+    except (RuntimeError, AssertionError):
+        names = ("JAX_PLATFORMS", "JAX_PLATFORM_NAME")
+        asked = {name: os.environ[name] for name in names if os.environ.get(name)}
+        if not asked:
+            raise
+        requirement = "must name a kind of device that this machine has; got"
+        raise ValueError(
+            f"{' and '.join(f'`{name}`' for name in asked)} {requirement} "
+            + " and ".join(map(repr, asked.values()))
+        ) from None

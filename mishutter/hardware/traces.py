@@ -5,12 +5,13 @@ shutter counts as 0 and that of the open one as 1, so that a profile from a trac
 profile that is sent stands: the transmission and the leakage of a scene's device are not in it.
 """
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import ArrayLike, Float
 
-from mishutter._core import Unquoted, require, require_finite
+from mishutter._core import RowLike, Unquoted, require, require_finite
 from mishutter.model import SplineShutter, bounded_coefficients, spline_basis
 
 _COUNTS = (8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
@@ -44,6 +45,10 @@ class Trace(NamedTuple):
     level: Float[np.ndarray, "n"]
 
 
+TraceLike = Trace | ArrayLike | Sequence[RowLike]
+"""A trace, or any two rows of times and levels."""
+
+
 class MeasuredProfile(NamedTuple):
     """A profile that a trace shows.
 
@@ -61,6 +66,25 @@ class MeasuredProfile(NamedTuple):
     closed: float
     opened: float
     notes: tuple[str, ...] = ()
+
+
+def as_trace(trace: TraceLike, name: str) -> Trace:
+    """A trace as arrays; any two rows of as many finite numbers, of times and levels, are one.
+
+    Raises:
+        ValueError: if it is anything else.
+    """
+    rows: Any = trace
+    is_pair = isinstance(rows, Sequence | np.ndarray) and len(rows) == 2
+    require(is_pair, name, "be a `Trace`, or times and levels", trace)
+    time, level = rows
+    for row in (time, level):
+        require_finite(name, row)
+    shapes = np.shape(time), np.shape(level)
+    fits = len(shapes[0]) == 1 and shapes[0] == shapes[1]
+    requirement = "have a row of times and one of as many levels"
+    require(fits, name, requirement, Unquoted(f"shapes {shapes[0]} and {shapes[1]}"))
+    return Trace(np.asarray(time, np.float64), np.asarray(level, np.float64))
 
 
 def require_ascending(trace: Trace, name: str) -> None:
@@ -133,7 +157,7 @@ def span_of_shifts(trace: Trace, half_exposure: float, middle: float) -> tuple[f
 
 
 def measured_profile(
-    trace: Trace,
+    trace: TraceLike,
     *,
     half_exposure: float,
     middle: float = 0.0,
@@ -150,7 +174,7 @@ def measured_profile(
     the spline, 1/125 of the exposure at the most coefficients.
 
     Args:
-        trace: Times and levels.
+        trace: Times and levels, as a `Trace` or any two rows.
         half_exposure: $T$; s.
         middle: Mid-exposure on the clock of the trace; s.
         closed: Level of the closed shutter; by default the mean of the samples outside the
@@ -164,8 +188,8 @@ def measured_profile(
         ValueError: if times fall or leave a gap in the exposure, a number is not finite, or the
             levels do not tell open from closed.
     """
-    for value in (trace.time, trace.level, middle):
-        require_finite(name, value)
+    trace = as_trace(trace, name)
+    require_finite(name, middle)
     require_ascending(trace, name)
     tau = within_exposure(trace, half_exposure, middle, name)
     inside = np.abs(tau) <= 1
@@ -200,7 +224,7 @@ def measured_profile(
     return MeasuredProfile(shutter, noise / abs(white), black, black + white, notes)
 
 
-def for_a_fit(trace: Trace, half_exposure: float, name: str) -> tuple[Trace, tuple[str, ...]]:
+def for_a_fit(trace: TraceLike, half_exposure: float, name: str) -> tuple[Trace, tuple[str, ...]]:
     """A trace as the fit of a camera takes it: of few samples, in which light is upwards.
 
     Neighbouring samples become their mean, within the exposure and outside it apart, as the
@@ -217,7 +241,8 @@ def for_a_fit(trace: Trace, half_exposure: float, name: str) -> tuple[Trace, tup
     Raises:
         ValueError: as `measured_profile` does.
     """
-    tau = np.asarray(trace.time) / half_exposure
+    trace = as_trace(trace, name)
+    tau = trace.time / half_exposure
     is_known = int(np.sum(np.abs(tau) > 1)) >= _LEAST_CLOSED
     closed = None if is_known else float(np.min(trace.level))
     profile = measured_profile(trace, half_exposure=half_exposure, closed=closed, name=name)

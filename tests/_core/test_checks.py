@@ -51,17 +51,17 @@ def test_what_is_no_count(count):
         require_positive_int("f(n=...)", count)
 
 
-@pytest.mark.parametrize("key", [None, jax.random.key(3), jax.random.PRNGKey(3)])
-def test_keys(key):
+def test_keys():
     """No key, and a key of either kind, pass."""
-    require_key("f(key=...)", key)
-
-
-@pytest.mark.parametrize("key", [3, "x", np.zeros(2), jax.random.split(jax.random.key(1), 3)])
-def test_what_is_no_key(key):
-    """A seed in place of a key, and several keys, are refused by name."""
-    with pytest.raises(ValueError, match=r"`f\(key=...\)` must be one key, .*; got"):
+    for key in (None, jax.random.key(3), jax.random.PRNGKey(3)):
         require_key("f(key=...)", key)
+
+
+def test_what_is_no_key():
+    """A seed in place of a key, and several keys, are refused by name."""
+    for key in (3, "x", np.zeros(2), jax.random.split(jax.random.key(1), 3)):
+        with pytest.raises(ValueError, match=r"`f\(key=...\)` must be one key, .*; got"):
+            require_key("f(key=...)", key)
 
 
 def test_what_is_too_long_is_not_shown():

@@ -1,7 +1,9 @@
 """Files: as readable as any, strict JSON, told apart by as little of their paths as does it."""
 
+import contextlib
 import json
 import os
+import re
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +11,8 @@ import pytest
 
 from mishutter import Design, Scene
 from mishutter._core import is_own_folder, short_names, strict_json, write_text
+
+resource = pytest.importorskip("resource") if os.name == "posix" else None
 
 
 def test_a_file_has_the_permissions_of_any_new_one(tmp_path):
@@ -19,6 +23,35 @@ def test_a_file_has_the_permissions_of_any_new_one(tmp_path):
     finally:
         os.umask(before)
     assert (tmp_path / "a.txt").stat().st_mode & 0o777 == 0o640
+
+
+@contextlib.contextmanager
+def room_of(size):
+    """Files take so many bytes and no more, as on a full disk."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="files have no greatest size there")
+def test_a_file_for_which_there_is_no_room_is_named(tmp_path):
+    """Its folder is left as it was: the file that had the name before, and nothing else."""
+    path = tmp_path / "a.txt"
+    write_text(path, "as before")
+    with room_of(3000), pytest.raises(OSError, match=re.escape(f"File too large: '{path}'")):
+        write_text(path, "too long" * 600)
+    assert path.read_text("utf-8") == "as before"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_file_whose_folder_is_missing_is_named(tmp_path):
+    """Not the temporary file beside it."""
+    path = tmp_path / "none" / "a.txt"
+    with pytest.raises(FileNotFoundError, match=re.escape(f"No such file or directory: '{path}'")):
+        write_text(path, "x")
 
 
 def test_numbers_that_json_has_no_token_for():

@@ -318,7 +318,7 @@ def test_an_interrupt_leaves_no_half_written_file(when, sent, code, tmp_path, sc
         if out.is_dir() and (when == "computing" or list(out.glob(pattern))):
             break
         time.sleep(0.002)
-    time.sleep(2.5 if when == "computing" else 0)
+    time.sleep(0.5 if when == "computing" else 0)
     process.send_signal(sent)
     _, errors = process.communicate(timeout=120)
     assert process.returncode == code

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from support.bad_drives import DRIVES, TRACES, trace
-from support.command_line import SMALL_SCENE, refused
+from support.command_line import SMALL_SCENE, messages, refused
 from support.designs import MOTION, SCENE
 from support.drive import a_design
 from support.exports import HALF as PULSE_HALF
@@ -150,7 +150,8 @@ def test_export_of_an_open_shutter_says_so(tmp_path, capsys):
     """Its table holds one level, which needs no drive."""
     a_design(RectShutter()).save(tmp_path / "design.json")
     assert cli.main(["export", str(tmp_path / "design.json"), "--steps", "4"]) == 0
-    assert capsys.readouterr().err == "the shutter is open all the time: it needs no drive\n"
+    said = messages(capsys.readouterr().err)
+    assert said == ["the shutter is open all the time: it needs no drive"]
 
 
 @pytest.mark.slow

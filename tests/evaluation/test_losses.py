@@ -274,10 +274,10 @@ def test_a_weight_of_zero_leaves_its_term_out():
     assert np.isclose(loss(SCENE, MOTION, shutter, plan=SMALL), 1 - shutter.efficiency())
 
 
-@pytest.mark.parametrize("weight", [np.float32(0.5), np.array(0.5), jnp.asarray(0.5)])
-def test_a_weight_may_be_a_scalar_array(weight):
+def test_a_weight_may_be_a_scalar_array():
     """The number that it holds is the weight."""
-    assert DesignLoss(condition=weight) == DesignLoss(condition=0.5)
+    for weight in (np.float32(0.5), np.array(0.5), jnp.asarray(0.5)):
+        assert DesignLoss(condition=weight) == DesignLoss(condition=0.5)
 
 
 @pytest.mark.parametrize("weight", [-1.0, float("nan"), float("inf"), "1", np.array(-0.5)])

@@ -78,7 +78,7 @@ def page(served):
 
 def downloaded(place, name):
     """The text of a file that the page saved."""
-    for _ in range(100):
+    for _ in range(2400):
         path = place / "downloads" / name
         if path.exists():
             text = path.read_text()

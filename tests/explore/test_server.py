@@ -135,12 +135,17 @@ def test_hosts_are_those_that_the_option_names(host, name, known):
 
 
 def test_a_connection_from_another_site_is_refused(started):
-    """The origin of a connection is the page itself."""
+    """The origin of a connection is the page itself, not one that ends or begins like it."""
 
     async def talk(port):
         codes = []
         other = {"Origin": "http://evil.example", "Host": "evil.example"}
-        origins = ("http://evil.example", f"http://localhost:{port}", "null", "http://[x", "")
+        own = f"127.0.0.1:{port}"
+        origins = (
+            *("http://evil.example", f"http://localhost:{port}", "null", "http://[x", ""),
+            *(f"http://evil.{own}", f"http://evil{own}", f"http://evil.example/http://{own}"),
+            *(f"http://{own}.evil.example", f"http://{own}0", f"https://{own}", own),
+        )
         for headers in (other, *({"Origin": origin} for origin in origins)):
             try:
                 await connected(port, **headers)
@@ -148,7 +153,7 @@ def test_a_connection_from_another_site_is_refused(started):
                 codes.append(error.code)
         return codes
 
-    assert served(started, talk) == [403] * 6
+    assert served(started, talk) == [403] * 13
 
 
 @pytest.mark.slow

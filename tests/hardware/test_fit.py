@@ -5,6 +5,7 @@ bars over many trials is the benchmark's; here one draw lies where the error bar
 """
 
 from dataclasses import replace
+from functools import cache
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -46,8 +47,12 @@ from mishutter.hardware.calibration.response import FINE, MOVED, collected, kern
 ELECTRONS = 1e5
 SENSOR = SensorLevels(read_noise=3.0)
 COUNT = 9
-SCALE = float(COMMAND.efficiency()) / float(PROFILE.efficiency())
-"""The profile is given the light that was sent."""
+
+
+@cache
+def scale():
+    """Light that was sent over that of the profile, which a fit gives it."""
+    return float(COMMAND.efficiency()) / float(PROFILE.efficiency())
 
 
 def pictures(seed, speeds=SPEEDS, target="point", told=True, sensor=SENSOR):
@@ -93,7 +98,7 @@ def scores(camera):
         (camera.estimates[n].value - value) / camera.estimates[n].error
         for n, value in truth.items()
     ]
-    profile = np.asarray(PROFILE.coefficients) * SCALE
+    profile = np.asarray(PROFILE.coefficients) * scale()
     return np.array([*own, *((camera.coefficients - profile) / camera.coefficient_errors)])
 
 
@@ -155,7 +160,7 @@ def test_one_unknown_speed_shows_a_camera_or_its_mirror():
     camera = fit(given, SENT, COMMAND, sensor=SENSOR, num_coefficients=COUNT)
     speed, error = camera.estimates["speed_px_per_s"]
     assert abs(abs(speed) - (1300.0 - float(BUILT.velocity))) < 3 * error < 300
-    profile = np.asarray(PROFILE.coefficients)[:: int(np.sign(speed))] * SCALE
+    profile = np.asarray(PROFILE.coefficients)[:: int(np.sign(speed))] * scale()
     assert np.all(np.abs(camera.coefficients - profile) < 3 * camera.coefficient_errors)
     assert np.min(camera.coefficients) > -0.02
     assert np.isinf(camera.estimates["velocity_px_per_s"].error)
@@ -188,7 +193,11 @@ def test_error_bars_of_edges_are_those_of_the_likelihood(seed):
     assert np.max(camera.coefficient_errors) < 0.25
 
 
-LEAKING = SplineShutter(0.05 + 0.9 * SplineShutter.fit(HannShutter(), 12).coefficients)
+@cache
+def leaking():
+    return SplineShutter(0.05 + 0.9 * SplineShutter.fit(HannShutter(), 12).coefficients)
+
+
 """A shutter that never closes, which was sent a Hann profile; all of it is of 12 coefficients."""
 ELSEWHERE = {
     "slower-stage": (0.948, 0.114, (-260.0, 40.0, 1710.0, 2700.0), 0.55, 1e5),
@@ -212,7 +221,7 @@ def test_no_fit_ends_in_a_minimum_beside_the_right_one(slug):
     rng, given = np.random.default_rng(4), []
     for speed in speeds:
         where = {"position": centred(speed, motion=built, columns=128) + 0.3, "columns": 128}
-        light = expected(speed, "point", blur=blur, motion=built, shutter=LEAKING, **where)
+        light = expected(speed, "point", blur=blur, motion=built, shutter=leaking(), **where)
         given.append(TargetPicture(recorded(light, electrons, rng), "point", speed))
     camera = fit(given, SENT, HannShutter(), sensor=SENSOR, num_coefficients=12)
     truth = {"acceleration_px_per_s2": a, "velocity_px_per_s": v, "lens_blur_px": blur}

@@ -3,6 +3,9 @@
 Bounds are three to six standard deviations of what the noise of the samples allows.
 """
 
+import re
+
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from support.designs import MOTION
@@ -13,7 +16,7 @@ from mishutter.hardware import for_a_fit
 
 HALF = float(MOTION.half_exposure)
 TAU = np.linspace(-1, 1, 401)
-HANN = np.asarray(HannShutter().transmittance(TAU))
+HANN = np.cos(np.pi * TAU / 2) ** 2
 
 
 def noisy_trace(noise, seed=3):
@@ -172,3 +175,41 @@ def test_a_fit_takes_few_samples_with_light_upwards(sign):
     assert ["inverted" in note for note in notes] == [True] * (sign < 0)
     error = (few.level - 0.3) / 1.4 - light(few.time / HALF)
     assert np.max(np.abs(error)) < 5 * 0.01 / np.sqrt(10)
+
+
+def test_a_trace_is_any_two_rows():
+    """A pair of lists or arrays of any kind of number is the trace that it holds."""
+    trace = noisy_trace(0.02)
+    time, level = trace.time[::9], trace.level[::9]
+    given = {"half_exposure": HALF, "middle": 2e-3}
+    right = measured_profile(Trace(time, level), **given)
+    for rows in (
+        (time, level),
+        [time, level],
+        Trace(list(time), list(level)),
+        np.stack([time, level]),
+        (jnp.asarray(time), tuple(level)),
+    ):
+        found = measured_profile(rows, **given)
+        assert found[1:] == right[1:]
+        assert np.array_equal(found.shutter.coefficients, right.shutter.coefficients)
+
+
+@pytest.mark.parametrize(
+    ("trace", "line"),
+    [
+        (3.2, "be a `Trace`, or times and levels; got 3.2"),
+        ((TAU, TAU, TAU), "be a `Trace`, or times and levels; got"),
+        (np.stack([TAU, 1j * TAU]), "be real numbers; got"),
+        ((TAU, TAU[1:]), "as many levels; got shapes (401,) and (400,)"),
+        ((TAU[None], TAU[None]), "as many levels; got shapes (1, 401) and (1, 401)"),
+        (Trace([0.1, 0.3], [0.2, float("nan")]), "be finite; got"),
+    ],
+)
+def test_what_is_no_trace(trace, line):
+    """It is refused as other arguments are, by a fit too."""
+    said = re.escape("`measured_profile(trace=...)` must ") + ".*" + re.escape(line)
+    with pytest.raises(ValueError, match=said):
+        measured_profile(trace, half_exposure=HALF)
+    with pytest.raises(ValueError, match=re.escape(line)):
+        for_a_fit(trace, HALF, "fit(trace=...)")

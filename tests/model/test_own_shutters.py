@@ -187,12 +187,13 @@ def test_single_precision_follows():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "shutter",
-    [DeclaredSlit(jnp.asarray(0.51)), LeafShutter(jnp.asarray(0.37), jnp.asarray(0.29))],
+    ("kind", "numbers"),
+    [(DeclaredSlit, [0.51]), (LeafShutter, [0.37, 0.29])],
     ids=["jumps", "bends"],
 )
-def test_one_that_is_known_may_be_closed_over(shutter):
+def test_one_that_is_known_may_be_closed_over(kind, numbers):
     """In a function that JAX compiles or differentiates it is checked, and is what it is alone."""
+    shutter = kind(*map(jnp.asarray, numbers))
     light = float(jnp.asarray(piecewise(shutter).efficiency()))
     assert jax.jit(lambda x: x * shutter.efficiency())(1.7) == pytest.approx(1.7 * light, rel=1e-14)
     assert jax.grad(lambda x: x * shutter.efficiency())(1.7) == pytest.approx(light, rel=1e-14)

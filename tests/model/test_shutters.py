@@ -213,11 +213,11 @@ class Complex(AbstractShutter):
     ("shutter", "message"),
     [
         (
-            Amplifier(jnp.array([0.0, 2.0, 0.0])),
+            Amplifier(np.array([0.0, 2.0, 0.0])),
             r"`Amplifier.transmittance` must lie in .*got 2",
         ),
-        (Amplifier(jnp.array([0.5, -0.1, 0.5])), r"must lie in \[0, 1\]; got -0.1"),
-        (Amplifier(jnp.array([0.5, jnp.nan, 0.5])), r"must lie in \[0, 1\]; got nan"),
+        (Amplifier(np.array([0.5, -0.1, 0.5])), r"must lie in \[0, 1\]; got -0.1"),
+        (Amplifier(np.array([0.5, np.nan, 0.5])), r"must lie in \[0, 1\]; got nan"),
         (Constant(), r"must have the shape of its argument; got shape \(\)"),
         (
             WrittenInNumPy(),

@@ -175,6 +175,20 @@ def test_colour_that_opacity_is_multiplied_into(tmp_path, depth):
     np.testing.assert_allclose(read.light[seen], apart[seen], atol=0.03 if full == 255 else 2e-4)
 
 
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_opacity_below_the_colour_that_it_multiplies(tmp_path, dtype):
+    """Colour beyond its opacity is white, and where opacity is zero, black: neither wraps round."""
+    import tifffile
+
+    full = np.iinfo(dtype).max
+    colour, alpha = np.array([[0.41, 0.2, 0.3], [0.83, 0.29, 0.0]]), np.array([0.3, 0.0])
+    held = np.rint(np.column_stack([colour, alpha]) * full).astype(dtype)[None]
+    tifffile.imwrite(tmp_path / "a.tif", held, photometric="rgb", extrasamples=["assocalpha"])
+    read = ms.read_picture(tmp_path / "a.tif")
+    shown = np.array([[[1, 0.2 / 0.3, 1], [0, 0, 0]]]) ** 2.2
+    np.testing.assert_allclose(read.light, shown, atol=0.01 if full == 255 else 1e-4)
+
+
 def test_a_picture_is_known_by_what_it_holds(tmp_path):
     """A TIFF named as a PNG keeps its bits, and a PNG named as a TIFF is read."""
     import tifffile

@@ -35,7 +35,6 @@ from mishutter.report import plot_photograph
 GIVEN = {"photon_rate": 1e5, "read_noise": 4.0, "limits": Limits(max_stroke=30.0)}
 ACROSS, DOWN = (Scene([-700.0, 0.0, 450.0], **GIVEN, axis=axis) for axis in ("rows", "columns"))
 CAMERA = MOTION, TukeyShutter(0.5)
-KEY = jax.random.key(3)
 LIGHT = example_picture().light[100:150, 200:310]
 
 
@@ -66,15 +65,16 @@ def subject_down(kind, light):
 @pytest.mark.parametrize("kind", ["photograph", "layers", "frames"])
 def test_a_capture_down_is_that_across_with_rows_and_columns_exchanged(kind):
     """Blur, noise and borders alike, of every kind of subject."""
-    across = simulate_capture(subject(kind, LIGHT), ACROSS, *CAMERA, key=KEY)
-    down = simulate_capture(subject_down(kind, exchanged(LIGHT)), DOWN, *CAMERA, key=KEY)
+    key = jax.random.key(3)
+    across = simulate_capture(subject(kind, LIGHT), ACROSS, *CAMERA, key=key)
+    down = simulate_capture(subject_down(kind, exchanged(LIGHT)), DOWN, *CAMERA, key=key)
     np.testing.assert_array_equal(down, exchanged(across))
     assert not np.array_equal(down, simulate_capture(subject(kind, LIGHT), ACROSS, *CAMERA).mT)
 
 
 def test_a_capture_down_is_traced_as_one_across_is():
     """Within `jit`, of a photograph with a displacement and the columns that are recorded whole."""
-    options = {"speed": 450.0, "displacement": 0.3, "border": "scene", "key": KEY}
+    options = {"speed": 450.0, "displacement": 0.3, "border": "scene", "key": jax.random.key(3)}
     across, down = (
         jax.jit(lambda light, scene=scene: simulate_capture(light, scene, *CAMERA, **options))(seen)
         for scene, seen in ((ACROSS, LIGHT), (DOWN, exchanged(LIGHT)))
@@ -90,7 +90,7 @@ def test_a_capture_down_is_traced_as_one_across_is():
 @pytest.mark.parametrize("decoder", [None, TotalVariationDecoder(num_iterations=20)])
 def test_what_is_restored_of_it_is_too(decoder):
     """By a filter, and by a decoder that knows how rows go together."""
-    captured = simulate_capture(LIGHT, ACROSS, *CAMERA, speed=450.0, key=KEY)
+    captured = simulate_capture(LIGHT, ACROSS, *CAMERA, speed=450.0, key=jax.random.key(3))
     across = deconvolve(captured, ACROSS, *CAMERA, decoder=decoder)
     down = deconvolve(exchanged(captured), DOWN, *CAMERA, decoder=decoder)
     np.testing.assert_array_equal(down, exchanged(across))
@@ -99,7 +99,7 @@ def test_what_is_restored_of_it_is_too(decoder):
 @pytest.mark.parametrize("kind", ["photograph", "layers", "frames"])
 def test_captured_and_restored_in_portions(kind):
     """Portions of rows are portions of columns, with the noise of each."""
-    options = {"key": KEY, "rows_at_once": 20}
+    options = {"key": jax.random.key(3), "rows_at_once": 20}
     across = capture_and_restore(subject(kind, LIGHT), ACROSS, *CAMERA, **options)
     down = capture_and_restore(subject_down(kind, exchanged(LIGHT)), DOWN, *CAMERA, **options)
     for one, other in zip(down, across, strict=True):
@@ -132,7 +132,7 @@ def test_its_speed_is_found_alike():
     wide = Picture(example_picture().light).luminance[:128, :512]
     speeds = np.linspace(-3000, 3000, 9)
     across, down = (Scene(speeds, **GIVEN, axis=axis) for axis in ("rows", "columns"))
-    captured = simulate_capture(wide, across, *CAMERA, speed=1100.0, key=KEY)
+    captured = simulate_capture(wide, across, *CAMERA, speed=1100.0, key=jax.random.key(3))
     found = estimate_speed(captured, across, *CAMERA)
     same = estimate_speed(exchanged(captured), down, *CAMERA)
     assert (same.speed, same.error, same.doubt) == (found.speed, found.error, found.doubt)

@@ -10,7 +10,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from support.cases import daily
 from support.designs import FREE_NAMES, LIMITS, MOTION, OUTLIER, SCENE, SLOW, SMALL
 from support.helpers import ROUNDING
 
@@ -338,9 +337,9 @@ _SHUTTERS = {"spline": SplineShutter.fit(TukeyShutter(0.45), 10), "tukey": Tukey
 @pytest.mark.parametrize(
     ("slug", "free"),
     [
-        pytest.param("spline", ("shutter",), marks=pytest.mark.nightly),
+        ("spline", ("shutter",)),
         ("spline", FREE_NAMES),
-        pytest.param("tukey", ("half_exposure",), marks=pytest.mark.nightly),
+        ("tukey", ("half_exposure",)),
         ("tukey", FREE_NAMES),
     ],
 )
@@ -425,24 +424,27 @@ def _known_speed(scene, motion, shutter):
 
 
 FOUR_SPEEDS = Scene([-310.0, -120.0, 120.0, 310.0], photon_rate=1e5, read_noise=5.0)
-SHORT_STROKE = eqx.tree_at(lambda s: s.limits.max_stroke, FOUR_SPEEDS, jnp.asarray(7.3))
+SHORT_STROKE = eqx.tree_at(lambda s: s.limits.max_stroke, FOUR_SPEEDS, np.asarray(7.3))
 OWN_LOSSES = {
     "loss": (_open_for_long, [FOUR_SPEEDS]),
     "compiled": (jax.jit(_open_for_long), [SHORT_STROKE, FOUR_SPEEDS]),
-    "metrics": (_known_speed, [example_scene()]),
+    "metrics": (_known_speed, [None]),
 }
-"""Losses, and scenes in turn: what is compiled once meets more light at the second."""
+"""Losses, and scenes in turn: what is compiled once meets more light at the second.
+
+None is the built-in scene.
+"""
 OWN_FREQUENCIES = 1e-3
 """Difference of a loss that picks its frequencies by a motion that it knows, and in a search by all
 motions: either number of them is good to 0.01 dB."""
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("slug", daily(OWN_LOSSES, "compiled"))
+@pytest.mark.parametrize("slug", OWN_LOSSES)
 def test_a_loss_of_the_package_s_own_functions_needs_no_plan(slug):
     """It is searched over all that can move, wherever light falls there, from scene to scene."""
     loss, scenes = OWN_LOSSES[slug]
-    for searched in scenes:
+    for searched in (scene or example_scene() for scene in scenes):
         design = optimise(searched, loss=loss, num_starts=2, max_steps=4)
         value = float(loss(searched, design.motion, design.shutter))
         np.testing.assert_allclose(value, design.loss, rtol=OWN_FREQUENCIES)

@@ -38,7 +38,7 @@ def explorer(*arguments, **variables):
             yield process.stdout.readline().strip(), process
         finally:
             process.terminate()
-            process.wait(20)
+            process.wait(_PATIENCE)
             process.stdout.close()
             messages.seek(0)
             written = messages.read()

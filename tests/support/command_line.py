@@ -43,12 +43,12 @@ def environment(**others):
 
 
 def refused(capsys, *arguments):
-    """The one line that a refused command writes."""
+    """The one line that a refused command writes, beside signs of life."""
     code = cli.main([str(argument) for argument in arguments])
     out, err = capsys.readouterr()
     assert code == 2
     assert out == ""
-    lines = err.splitlines()
+    lines = messages(err)
     assert len(lines) == 1, err
     assert re.fullmatch(r"mishutter: error: .+; got.*", lines[0])
     return lines[0]

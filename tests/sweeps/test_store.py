@@ -216,7 +216,7 @@ def test_a_killed_sweep_goes_on(name, whole, tmp_path, caplog):
     assert process.stdout.readline().strip() == "0"
     assert int(process.stdout.readline()) > 0
     process.send_signal(getattr(signal, name))
-    process.communicate(timeout=60)
+    process.communicate(timeout=600)
     before = sum(1 for _ in store.glob("done/c/**/*") if _.is_file())
     assert before >= 1
     with caplog.at_level(logging.INFO, logger="mishutter.sweep"):

@@ -20,7 +20,7 @@ from mishutter.hardware.calibration.likelihood import (
 from mishutter.hardware.calibration.measurements import Measurements, SensorLevels, TargetPicture
 from mishutter.hardware.calibration.uncertainty import WIDEST, ErrorBars, error_bars
 from mishutter.hardware.design import Design, given_design
-from mishutter.hardware.traces import Trace
+from mishutter.hardware.traces import TraceLike, as_trace
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
@@ -255,7 +255,7 @@ def fit(
     shutter: AbstractShutter,
     *,
     sensor: SensorLevels | None = None,
-    trace: Trace | None = None,
+    trace: TraceLike | None = None,
     num_coefficients: int = 12,
 ) -> FittedCamera:
     r"""The camera as built, from pictures of points or edges and a trace of its shutter.
@@ -309,15 +309,19 @@ def fit(
 def _measurements(
     measurements: Measurements | Sequence[TargetPicture],
     sensor: SensorLevels | None,
-    trace: Trace | None,
+    trace: TraceLike | None,
 ) -> Measurements:
-    if isinstance(measurements, Measurements):
+    if not isinstance(measurements, Measurements):
+        pictures = tuple(measurements)
+        are_pictures = bool(pictures) and all(isinstance(p, TargetPicture) for p in pictures)
+        requirement = "hold at least one `TargetPicture`"
+        require(are_pictures, "fit(measurements=...)", requirement, measurements)
+        measurements = Measurements(pictures, sensor or SensorLevels())
+    else:
+        trace = measurements.trace
+    if trace is None:
         return measurements
-    pictures = tuple(measurements)
-    are_pictures = bool(pictures) and all(isinstance(p, TargetPicture) for p in pictures)
-    requirement = "hold at least one `TargetPicture`"
-    require(are_pictures, "fit(measurements=...)", requirement, measurements)
-    return Measurements(pictures, sensor or SensorLevels(), trace)
+    return measurements._replace(trace=as_trace(trace, "fit(trace=...)"))
 
 
 def _camera(setting: Setting, solution: Solution, bars: ErrorBars) -> FittedCamera:
