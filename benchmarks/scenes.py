@@ -41,10 +41,10 @@ LAYERS = {
     "both layers move": Occlusion(front_share=0.3, object_width=100, background="moving"),
 }
 NOTE = (
-    "Where the stroke is 0 the design does not accelerate: it is the best coded still. The ceiling "
-    "is that of speeds spread over the range, which no path, shutter or decoder exceeds. The last "
-    "column is the gain over the best snapshot of a design for a shutter that passes 40 % when "
-    "open, as liquid crystal between polarisers does. Before it stand the gains of other "
+    "Where the sag, $aT^2$, is 0 the design does not accelerate: it is the best coded still. The "
+    "ceiling is that of speeds spread over the range, which no path, shutter or decoder exceeds. "
+    "The last column is the gain over the best snapshot of a design for a shutter that passes "
+    "40 % when open, as liquid crystal between polarisers does. Before it stand the gains of other "
     "pictures: of the best camera for objects of 100 px that cover half of a still background, or "
     "30 % of one that moves at the same speeds, over the best snapshot for the same picture."
 )
@@ -109,7 +109,7 @@ def compared(scene: Scene) -> dict[str, str]:
     over = {r: level - float(table.row(r).metrics.expected_psnr) for r in RIVALS}
     return {
         "optimised dB": f"{level:.2f}",
-        "stroke px": f"{float(design.motion.stroke):.1f}",
+        "sag px": f"{float(design.motion.sag):.1f}",
         "pan px/s": f"{float(design.motion.velocity) + 0.0:.0f}",
         **{f"over {rival}": f"{round(gain, 2) + 0.0:+.2f}" for rival, gain in over.items()},
         "ceiling dB": f"{table.ceiling:.2f}",

@@ -2,7 +2,7 @@
 
 | quantity | unit |
 |---|---|
-| position, tap edge, stroke | px |
+| position, tap edge, stroke, sag | px |
 | time, exposure | s |
 | speed | px/s |
 | acceleration parameter `a` of `x(t) = a t^2 - (s - v) t` | px/s^2 |

@@ -1,7 +1,7 @@
 """Numbers held as an unevaluated sum of two floats, about twice the working precision.
 
 The position at which a shutter's edge meets the sensor is a small difference of
-large products: at a stroke of 1e8 px its error is 1e-8 px in float64 and 6 px
+large products: at a sag of 1e8 px its error is 1e-8 px in float64 and 6 px
 in float32. As a pair `(high, low)` its error is 1e-24 px and 1e-7 px.
 
 Products are formed from halves of the significand, so every partial product is exact

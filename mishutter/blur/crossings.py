@@ -102,12 +102,12 @@ def _located(
     edge = clip_to_reach(DoubleWord(edges.high[None], edges.low[None]), track, at_rest)
     speed = speed_at(track, edge)
     velocity = jnp.where(AFTER, speed, -speed)
-    timed = partial(time_between, without_stroke=float(jnp.finfo(speed.dtype).tiny))
-    moment = timed(distance(edge, track.middle), -track.smear, velocity, track.stroke)
+    timed = partial(time_between, without_sag=float(jnp.finfo(speed.dtype).tiny))
+    moment = timed(distance(edge, track.middle), -track.smear, velocity, track.sag)
     moment = jnp.clip(moment, -_LATE, _LATE)
     nearest = _nearest(equal_pieces, track, tau.high, edge, moment)
     velocity_there, *position = (at(x, nearest) for x in (track.velocity, *track.position))
-    offset = timed(distance(edge, DoubleWord(*position)), velocity_there, velocity, track.stroke)
+    offset = timed(distance(edge, DoubleWord(*position)), velocity_there, velocity, track.sag)
 
     # A crossing at a breakpoint is in the piece outwards of it, at the vertex in the one before.
     last = tau.high.size - 1
@@ -136,8 +136,8 @@ def clip_to_reach(edges: DoubleWord, track: Path, at_rest: Array) -> DoubleWord:
     A point at rest passes, by convention, the whole of the pixel that it rests on, and a vertex at
     infinity lies beyond all edges.
     """
-    reach = 2 * (track.stroke + jnp.abs(track.smear)) + track.middle.high - track.vertex.high
-    nowhere = track.from_vertex & (track.stroke == 0)
+    reach = 2 * (track.sag + jnp.abs(track.smear)) + track.middle.high - track.vertex.high
+    nowhere = track.from_vertex & (track.sag == 0)
     high = jnp.where(at_rest, jnp.where(edges.high > 0, reach, -reach), edges.high)
     high = jnp.clip(jnp.where(nowhere, -reach, high), -reach, reach)
     return DoubleWord(high, jnp.where(high == edges.high, edges.low, 0.0))
@@ -238,12 +238,12 @@ def moment_change(
 class Parabola(NamedTuple):
     r"""Coefficients of a trajectory $A\tau^2 - B\tau$; px, scalars."""
 
-    stroke: Float[Array, ""]
+    sag: Float[Array, ""]
     smear: Float[Array, ""]
 
 
 def parabola_of(motion: Motion) -> Parabola:
-    """Stroke and smear of a motion."""
+    """Sag and smear of a motion."""
     a, T, s = motion
     return Parabola(a * T * T, s * T)
 
@@ -297,24 +297,24 @@ def _crossing_time_jvp(primals, tangents):
     _, d_parabola, d_edge, _ = tangents
     passage = crossing_time(*primals)
     delay = crossing_time_change(from_vertex, parabola, passage, d_parabola, d_edge)
-    gain = 2 * (parabola.stroke * delay + passage.moment * d_parabola.stroke) - d_parabola.smear
+    gain = 2 * (parabola.sag * delay + passage.moment * d_parabola.sag) - d_parabola.smear
     return passage, Passage(delay, gain)
 
 
 def crossing_time_change(
     from_vertex: Array, parabola: Parabola, passage: Passage, d_parabola: Parabola, d_edge: Array
 ) -> Array:
-    """Delay of a crossing by changes of stroke, smear and edge.
+    """Delay of a crossing by changes of sag, smear and edge.
 
     The formulae are those of `crossing_time`. `moment_change` computes the same where crossings
     of narrow taps would cancel.
     """
-    (stroke, smear), (d_stroke, d_smear) = parabola, d_parabola
+    (sag, smear), (d_sag, d_smear) = parabola, d_parabola
     moment, velocity = passage
     moves = velocity != 0
-    pace, rate = jnp.where(moves, velocity, 1.0), jnp.where(from_vertex, 2 * stroke, 1.0)
-    drift = (d_smear - (smear / rate + moment) * d_stroke) / rate
-    along = (d_edge + moment * (d_smear - moment * d_stroke)) / pace
+    pace, rate = jnp.where(moves, velocity, 1.0), jnp.where(from_vertex, 2 * sag, 1.0)
+    drift = (d_smear - (smear / rate + moment) * d_sag) / rate
+    along = (d_edge + moment * (d_smear - moment * d_sag)) / pace
     return jnp.where(moves, jnp.where(from_vertex, d_edge / pace + drift, along), 0.0)
 
 
@@ -325,17 +325,17 @@ def _is_slow(motion: Motion) -> Array:
 
 
 def time_between(
-    distance: Array, before: Array, after: Array, stroke: Array, *, without_stroke: float = 1.0
+    distance: Array, before: Array, after: Array, sag: Array, *, without_sag: float = 1.0
 ) -> Array:
     r"""Time between two points of a path, from their distance and their velocities.
 
     $2\,\Delta x / (u_1 + u_2)$ on one side of the vertex, $(u_2 - u_1)/2A$ from one side to
     the other, or from the vertex itself: neither subtracts two numbers that are nearly equal.
-    A path without a stroke has one side only, and `without_stroke` replaces its $2A$: a tiny
+    A path without a sag has one side only, and `without_sag` replaces its $2A$: a tiny
     number puts the other side after the exposure, 1 prevents infinite derivatives.
     """
     same_way = ((before > 0) & (after > 0)) | ((before < 0) & (after < 0))
-    rate = jnp.where(stroke > 0, 2 * stroke, without_stroke)
+    rate = jnp.where(sag > 0, 2 * sag, without_sag)
     return jnp.where(same_way, 2 * distance, after - before) / jnp.where(
         same_way, before + after, rate
     )

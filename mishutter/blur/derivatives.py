@@ -242,8 +242,8 @@ def _rates(from_vertex: Array, motion: Motion, primal: KernelPrimal, units: np.n
             delays.append(moment_change(from_vertex, motion, x, mirrored[k], change))
             speed = x.velocity[1:]
             gains.append(speed_change(from_vertex, motion, primal.edges[k], speed, change))
-        d_stroke = T * (by_motion.acceleration * T + 2 * a * by_motion.half_exposure)
-        changes = jnp.full_like(primal.gap, stretch), *gains, d_stroke
+        d_sag = T * (by_motion.acceleration * T + 2 * a * by_motion.half_exposure)
+        changes = jnp.full_like(primal.gap, stretch), *gains, d_sag
         _, d_duration = jax.jvp(time_between, (primal.gap, u, v, a * T * T), changes)
         between = end * delays[1] - begin * delays[0]
         between = jnp.where(AFTER, between, -between)

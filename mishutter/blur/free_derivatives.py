@@ -35,14 +35,14 @@ class DifferentiablePath(NamedTuple):
     """A trajectory by differentiable formulae, whose tangents are used and whose values are not.
 
     Attributes:
-        stroke: Stroke $A$ of each piece; px.
+        sag: Sag $A$ of each piece; px.
         velocity: Velocity at breakpoints; px per half exposure.
         position: Position of breakpoints; px.
         vertex: Turning point of each piece, or its beginning where it has none; px.
         origin: Position that edges count from; px.
     """
 
-    stroke: Float[Array, "m"]
+    sag: Float[Array, "m"]
     velocity: Float[Array, "m+1"]
     position: Float[Array, "m+1"]
     vertex: Float[Array, "m"]
@@ -60,13 +60,13 @@ def differentiable_path(
 ) -> DifferentiablePath:
     """The trajectory at fixed breakpoints `tau`, on a path whose pieces have these `ends`."""
     a, T, (speed, _) = parameters
-    stroke, smear = a * T * T, speed * T
+    sag, smear = a * T * T, speed * T
     # Sums outwards from mid-exposure, so that only the pieces between change a position.
     times = sorted({*ends, Fraction(0)})
     middle, time = times.index(Fraction(0)), np.array(times, float).astype(speed.dtype)
     owner = np.array([bisect_right(ends, x) - 1 for x in times[:-1]])
-    later = _outwards(stroke[owner[middle:]], np.diff(time[middle:]))
-    before = _outwards(stroke[owner[:middle]][::-1], np.diff(time[: middle + 1])[::-1])
+    later = _outwards(sag[owner[middle:]], np.diff(time[middle:]))
+    before = _outwards(sag[owner[:middle]][::-1], np.diff(time[: middle + 1])[::-1])
     index = np.array([times.index(x) for x in ends[:-1]])
     velocity = jnp.concatenate([-before[0][:0:-1], later[0]])[index] - smear
     begins = np.array(ends[:-1], float).astype(speed.dtype)
@@ -74,7 +74,7 @@ def differentiable_path(
 
     base = path_bases(place)
     offset = jax.lax.stop_gradient(tau.high) - jnp.asarray(begins)[base]
-    rate, pace = stroke[base], velocity[base]
+    rate, pace = sag[base], velocity[base]
     position = position[base] + offset * (pace + offset * rate)
     velocity, rate = pace + 2 * offset * rate, rate[:-1]
     # The vertex is an extreme, so that it changes as the position does at a fixed time.
@@ -84,17 +84,17 @@ def differentiable_path(
     return DifferentiablePath(rate, velocity, position, vertex, jnp.where(from_vertex, origin, 0.0))
 
 
-def _outwards(stroke: Array, length: np.ndarray) -> tuple[Array, Array]:
+def _outwards(sag: Array, length: np.ndarray) -> tuple[Array, Array]:
     """Velocity and position from rest at the start of the first piece and at the end of each."""
-    start = jnp.zeros(1, stroke.dtype)
-    velocity = jnp.append(start, jnp.cumsum(2 * stroke * length))
-    return velocity, jnp.append(start, jnp.cumsum(length * (velocity[:-1] + stroke * length)))
+    start = jnp.zeros(1, sag.dtype)
+    velocity = jnp.append(start, jnp.cumsum(2 * sag * length))
+    return velocity, jnp.append(start, jnp.cumsum(length * (velocity[:-1] + sag * length)))
 
 
 def time_to_vertex(track: FreePath) -> Array:
     """Time from the beginning of each piece to its turning point, 0 without one; shape `(m,)`."""
     turns = track.turns
-    rate = jnp.where(turns, 2 * track.stroke, 1.0)
+    rate = jnp.where(turns, 2 * track.sag, 1.0)
     return jnp.where(turns, -track.velocity[:-1] / rate, 0.0)
 
 
@@ -178,16 +178,16 @@ def _change(
 
     # Next to the vertex that edges count from, a crossing changes only with the path between.
     turns = looked_up(track.turns, x.piece) & ~joins
-    stroke = looked_up(track.stroke, x.piece)
-    since = jnp.where(turns, x.velocity / jnp.where(turns, 2 * stroke, 1.0), x.offset)
+    sag = looked_up(track.sag, x.piece)
+    since = jnp.where(turns, x.velocity / jnp.where(turns, 2 * sag, 1.0), x.offset)
     ahead = looked_up(time_to_vertex(track), x.piece)
-    d_begin, d_stroke = looked_up(by.velocity, x.piece), looked_up(by.stroke, x.piece)
-    d_pace = jnp.where(turns, d_begin + 2 * ahead * d_stroke, looked_up(by.velocity, x.nearest))
+    d_begin, d_sag = looked_up(by.velocity, x.piece), looked_up(by.sag, x.piece)
+    d_pace = jnp.where(turns, d_begin + 2 * ahead * d_sag, looked_up(by.velocity, x.nearest))
     own = jnp.arange(track.turns.size) == track.lowest_index
     low = jnp.where(own & track.from_lowest, 0.0, by.vertex - by.origin)
     base = jnp.where(turns, looked_up(low, x.piece), looked_up(by.position - by.origin, x.nearest))
-    displacement = by_shift - (base + since * (d_pace + since * d_stroke))
-    d_velocity = d_pace + 2 * since * d_stroke
+    displacement = by_shift - (base + since * (d_pace + since * d_sag))
+    d_velocity = d_pace + 2 * since * d_sag
     middle = (by_edge[first] + by_edge[second]) / 2
     edges = [jnp.where(joins[k], middle, by_edge[k]) for k in (first, second)]
     moments = [
@@ -204,14 +204,14 @@ def _change(
     leaving = begin.piece + np.array([[0], [1]], np.int32)
     entering = end.piece + np.array([[1], [0]], np.int32)
     d_distance = looked_up(by.position, entering) - looked_up(by.position, leaving)
-    d_distance += from_start * (looked_up(by.velocity, entering) + from_start * d_stroke[second])
-    d_distance += to_end * (looked_up(by.velocity, leaving) - to_end * d_stroke[first])
+    d_distance += from_start * (looked_up(by.velocity, entering) + from_start * d_sag[second])
+    d_distance += to_end * (looked_up(by.velocity, leaving) - to_end * d_sag[first])
     gain = looked_up(track.velocity, entering) - looked_up(track.velocity, leaving)
-    gain += 2 * (from_start * stroke[second] + to_end * stroke[first])
+    gain += 2 * (from_start * sag[second] + to_end * sag[first])
     in_one_piece, duration = begin.piece == end.piece, sign * primal.width
     mean_velocity = (d_velocity[first] + d_velocity[second]) / 2
     d_distance = jnp.where(in_one_piece, duration * mean_velocity, d_distance)
-    gain = jnp.where(in_one_piece, 2 * stroke[first] * duration, gain)
+    gain = jnp.where(in_one_piece, 2 * sag[first] * duration, gain)
     d_duration = ((edges[1] - edges[0]) - d_distance) / pace[second] - moments[0] * (
         gain / pace[second]
     )

@@ -178,7 +178,7 @@ class FreePath(NamedTuple):
     """Position and velocity of a point at breakpoints, and each piece's parabola; in px.
 
     Attributes:
-        stroke: Stroke $A$ of each piece.
+        sag: Sag $A$ of each piece.
         velocity: Velocity at breakpoints, px per half exposure.
         position: Position of breakpoints; shape `(m + 1,)`.
         vertex: Turning point of each piece, or its beginning where it has none; shape `(m,)`.
@@ -188,7 +188,7 @@ class FreePath(NamedTuple):
         from_lowest: Whether edges count from the lowest position.
     """
 
-    stroke: Float[Array, "m"]
+    sag: Float[Array, "m"]
     velocity: Float[Array, "m+1"]
     position: DoubleWord
     vertex: DoubleWord
@@ -199,7 +199,7 @@ class FreePath(NamedTuple):
 
     def mirrored(self, sign: Array) -> "FreePath":
         """The path, upside down if `sign` is -1."""
-        names = "stroke", "velocity", "position", "vertex"
+        names = "sag", "velocity", "position", "vertex"
         parts = {name: jax.tree.map(lambda x: sign * x, getattr(self, name)) for name in names}
         return self._replace(**parts)
 
@@ -230,26 +230,26 @@ def _exact_path(
     a, T, speed = parameters
     dtype, half = np.dtype(T.dtype), word(T)
     spread = DoubleWord(*(jnp.broadcast_to(x, a.shape) for x in half))
-    stroke = multiply(two_product(a, spread.high), spread)
+    sag = multiply(two_product(a, spread.high), spread)
     smear = multiply(speed, half)
     cuts = fractions_as_words(ends, dtype)
     length = fractions_as_words([y - x for x, y in itertools.pairwise(ends)], dtype)
 
     def step(state: tuple[DoubleWord, DoubleWord], piece: tuple[DoubleWord, DoubleWord]):
         velocity, position = state
-        stroke, length = piece
-        half_gain = multiply(stroke, length)
+        sag, length = piece
+        half_gain = multiply(sag, length)
         end = add(position, multiply(length, add(velocity, half_gain)))
         return (add(velocity, _twice(half_gain)), end), state
 
     zero = DoubleWord(jnp.zeros_like(T), jnp.zeros_like(T))
-    _, (velocity, position) = jax.lax.scan(step, (zero, zero), (stroke, length))
+    _, (velocity, position) = jax.lax.scan(step, (zero, zero), (sag, length))
 
     # Counts from mid-exposure, where acceleration has added no velocity.
     middle = max(j for j, end in enumerate(ends[:-1]) if end <= 0)
     before = fractions_as_words([-ends[middle]], dtype)
     start, pace, rate = (
-        DoubleWord(*(x[middle : middle + 1] for x in row)) for row in (position, velocity, stroke)
+        DoubleWord(*(x[middle : middle + 1] for x in row)) for row in (position, velocity, sag)
     )
     half_gain = multiply(rate, before)
     origin = add(start, multiply(before, add(pace, half_gain)))
@@ -263,14 +263,14 @@ def _exact_path(
 
     base = path_bases(place)
     offset = add(tau, negate(_gather(begins, base)))
-    half_gain = multiply(_gather(stroke, base), offset)
+    half_gain = multiply(_gather(sag, base), offset)
     pace = _gather(velocity, base)
     at_tau = add(_gather(position, base), multiply(offset, add(pace, half_gain)))
     paces = add(pace, _twice(half_gain))
 
     # A turning point lies $U^2/4A$ below the beginning of its piece; above, where $A$ is negative.
     left, right = (DoubleWord(*(x[part] for x in paces)) for part in (slice(-1), slice(1, None)))
-    rates = _gather(stroke, base[:-1])
+    rates = _gather(sag, base[:-1])
     sign = jnp.sign(rates.high)
     turns = (sign * left.high < 0) & (sign * right.high >= 0)
     quarter = (4 * jnp.where(turns, *pair) for pair in zip(rates, (0.25, 0.0), strict=True))
@@ -350,7 +350,7 @@ def _located(
     holds_vertex = (piece == turn - 1) & ~is_early & ~is_late
     piece = jnp.clip(piece, run.first, run.past - 1)
     inner = jnp.where(AFTER, piece, piece + 1)
-    rate, inner_speed = looked_up(track.stroke, piece), jnp.abs(looked_up(track.velocity, inner))
+    rate, inner_speed = looked_up(track.sag, piece), jnp.abs(looked_up(track.velocity, inner))
     pairs = zip(track.vertex, track.position, strict=True)
     origin = [jnp.where(holds_vertex, looked_up(v, piece), looked_up(x, inner)) for v, x in pairs]
     slowest = jnp.where(holds_vertex, 0.0, inner_speed)
@@ -362,7 +362,7 @@ def _located(
         there = DoubleWord(*(looked_up(x, end) for x in track.position))
         velocity_there, least = looked_up(track.velocity, end), float(jnp.finfo(speed.dtype).tiny)
         return time_between(
-            distance(edge, there), velocity_there, velocity, rate, without_stroke=least
+            distance(edge, there), velocity_there, velocity, rate, without_sag=least
         )
 
     length = looked_up(jnp.diff(tau.high) + jnp.diff(tau.low), piece)

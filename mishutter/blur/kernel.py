@@ -109,10 +109,10 @@ def blur_kernel(
     vertex under an open shutter; that edge's share is then left out, which is the
     derivative from below.
 
-    In float64 a tap is exact to 1e-12 of itself or 1e-15 of the largest, on strokes up to
+    In float64 a tap is exact to 1e-12 of itself or 1e-15 of the largest, of sags up to
     1e8 px, in float32 to 2e-6 or 1e-7, up to 1e6 px; `GaussianShutter` states the accuracy in its
     tails. First derivatives are exact to 1e-9 (1e-4) of the largest, second ones
-    in float64 to 1e-9 on strokes up to 1e6 px. A free path has second derivatives by the shutter
+    in float64 to 1e-9 of sags up to 1e6 px. A free path has second derivatives by the shutter
     alone.
 
     Args:
@@ -285,7 +285,7 @@ def _parabolic_exposure(
         tau,
         track.velocity,
         x,
-        within=time_between(gap, u, v, track.stroke),
+        within=time_between(gap, u, v, track.sag),
         is_held=is_held,
         times=BoundaryTimes(tau.high, (motion, edges.high, shift)),
         from_vertex=from_vertex,
@@ -398,14 +398,14 @@ def _free_exposure(
         own_edges = DoubleWord(*(mirrored(x)[None] for x in primal_edges))
         x, speed, is_held = free_crossings(own_track, run, tau, own_edges)
         gap, (u, v) = _gaps(num_taps, own_edges), (speed[k] for k in parts(num_taps))
-        stroke = looked_up(own_track.stroke, x.piece)[parts(num_taps)[1]]
+        sag = looked_up(own_track.sag, x.piece)[parts(num_taps)[1]]
         exposure, width, cut = _branch_exposures(
             num_taps,
             refined_profile,
             refined_profile.ends,
             own_track.velocity,
             x,
-            within=time_between(gap, u, v, stroke),
+            within=time_between(gap, u, v, sag),
             is_held=is_held,
             times=BoundaryTimes(refined_profile.ends.high),
             from_vertex=from_vertex,

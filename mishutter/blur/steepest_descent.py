@@ -88,7 +88,7 @@ def panels(
     return Panels(
         offset[:, :-1],
         length,
-        jnp.broadcast_to(turn * track.stroke, length.shape),
+        jnp.broadcast_to(turn * track.sag, length.shape),
         (slope[:, :-1], slope[:, 1:]),
         (cycles[:, :-1], cycles[:, 1:]),
         _cycles(frequency, *track.vertex),
@@ -112,7 +112,7 @@ def free_panels(
     parameters, cuts = path_parameters(motion, s), motion.piece_ends
     exact = free_path(parameters, cuts, tau, piece, from_lowest=False)
     smooth_path = differentiable_path(parameters, cuts, exact, tau, piece, from_vertex=False)
-    sign = jnp.where(exact.stroke < 0, -1.0, 1.0).astype(length.dtype)
+    sign = jnp.where(exact.sag < 0, -1.0, 1.0).astype(length.dtype)
     turn = 2 * jnp.pi * frequency
 
     def cycles(plain: Array, place: DoubleWord) -> Array:
@@ -126,7 +126,7 @@ def free_panels(
     panel = Panels(
         offset[:, :-1],
         length,
-        shaped(turn * smooth_path.stroke),
+        shaped(turn * smooth_path.sag),
         (shaped(slope[:-1]), shaped(slope[1:])),
         (shaped(phase[:-1]), shaped(phase[1:])),
         shaped(cycles(smooth_path.vertex, exact.vertex)),

@@ -1,6 +1,6 @@
 r"""The trajectory of a point over the sensor: positions and velocities, in both frames.
 
-In normalised time $\tau = t/T$ the point is at $x = A\tau^2 - B\tau$ with the stroke
+In normalised time $\tau = t/T$ the point is at $x = A\tau^2 - B\tau$ with the sag
 $A = aT^2$ and the smear $B = sT$, and moves at the velocity $u = 2A\tau - B$ (px per half
 exposure). The velocity at a position follows from $u^2 = B^2 + 4Ax$, as for any constant
 acceleration, and the time between two positions on one side of the vertex is
@@ -85,7 +85,7 @@ class Path(NamedTuple):
     from_vertex: Bool[Array, ""] | bool
 
     @property
-    def stroke(self) -> Array:
+    def sag(self) -> Array:
         """Distance that the sensor moves from mid-exposure to either end, px."""
         a, T, _ = self.motion
         return a * T * T
@@ -154,7 +154,7 @@ def mirrored_velocity(motion: Motion, tau: DoubleWord) -> Array:
     a, T, s = motion
 
     def velocity(a, T, s, tau):
-        return _velocity(*_stroke_and_smear(a, T, -s, jnp.zeros_like(s)), tau)[0]
+        return _velocity(*_sag_and_smear(a, T, -s, jnp.zeros_like(s)), tau)[0]
 
     return opaque_to_fusion(velocity, a, T, s, tau)
 
@@ -165,10 +165,10 @@ def speed_at(track: Path, edges: DoubleWord) -> Array:
     Where the vertex is near, $|u| = \sqrt{4A(x - x_v)}$ avoids the cancellation of $B^2$ and
     $4Ax$. The result carries no derivative: `speed_change` computes it.
     """
-    near = track.from_vertex | (4 * track.stroke >= jnp.abs(track.smear))
+    near = track.from_vertex | (4 * track.sag >= jnp.abs(track.smear))
     origin = [jnp.where(near, x, 0.0) for x in track.vertex]
     distance = (edges.high - origin[0]) + (edges.low - origin[1])
-    square = jnp.where(near, 0.0, track.smear**2) + 4 * track.stroke * distance
+    square = jnp.where(near, 0.0, track.smear**2) + 4 * track.sag * distance
     return jax.lax.stop_gradient(jnp.sqrt(jnp.maximum(square, 0.0)))
 
 
@@ -227,26 +227,26 @@ def _exact_table(
     from_vertex: Array | bool, motion: Motion, speed_low: Array, tau: DoubleWord
 ) -> Array:
     a, T, s = motion
-    stroke, smear = _stroke_and_smear(a, T, s, speed_low)
+    sag, smear = _sag_and_smear(a, T, s, speed_low)
     exists = jnp.where(from_vertex, a > 0, _turns(a * T * T, s * T))
-    high = jnp.where(exists, 4 * stroke.high, 1.0)
-    rate = reciprocal(DoubleWord(high, jnp.where(exists, 4 * stroke.low, 0.0)))
+    high = jnp.where(exists, 4 * sag.high, 1.0)
+    rate = reciprocal(DoubleWord(high, jnp.where(exists, 4 * sag.low, 0.0)))
     rise = multiply(multiply(smear, smear), rate)
     rise = DoubleWord(*(jnp.where(exists, x, 0.0) for x in rise))
 
-    velocity, linear = _velocity(stroke, smear, tau)
+    velocity, linear = _velocity(sag, smear, tau)
     position = multiply(tau, add(linear, negate(smear)))
     risen = add(position, rise)
     position = (jnp.where(from_vertex, *x) for x in zip(risen, position, strict=True))
     return _rows(velocity, *position, *rise)
 
 
-def _stroke_and_smear(a, T, s, s_low):
+def _sag_and_smear(a, T, s, s_low):
     return multiply(two_product(a, T), word(T)), multiply(DoubleWord(s, s_low), word(T))
 
 
-def _velocity(stroke, smear, tau):
-    linear = multiply(stroke, tau)
+def _velocity(sag, smear, tau):
+    linear = multiply(sag, tau)
     return (2 * linear.high - smear.high) + (2 * linear.low - smear.low), linear
 
 
@@ -264,14 +264,14 @@ def _table_jvp(from_vertex, primals, tangents):
 
     def plain(motion: Motion, _: Array, exact_tau: DoubleWord) -> Array:
         a, T, s = motion
-        tau, stroke, smear = exact_tau.high, a * T * T, s * T
-        velocity = valued(2 * stroke * tau - smear, exact[0])
-        exists = (stroke > 0) if from_vertex else _turns(stroke, smear)
-        rise = jnp.broadcast_to(_plain_vertex_distance(smear, stroke, exists), tau.shape)
+        tau, sag, smear = exact_tau.high, a * T * T, s * T
+        velocity = valued(2 * sag * tau - smear, exact[0])
+        exists = (sag > 0) if from_vertex else _turns(sag, smear)
+        rise = jnp.broadcast_to(_plain_vertex_distance(smear, sag, exists), tau.shape)
         if from_vertex:
-            position = _plain_vertex_distance(velocity, stroke, exists)
+            position = _plain_vertex_distance(velocity, sag, exists)
         else:
-            position = tau * (stroke * tau - smear)
+            position = tau * (sag * tau - smear)
         low = jnp.zeros_like(tau)
         return jnp.stack([velocity, position, low, rise, low])
 
@@ -289,11 +289,11 @@ def safe_sqrt(square: Array) -> Array:
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
 
 
-def _turns(stroke: Array, smear: Array) -> Array:
+def _turns(sag: Array, smear: Array) -> Array:
     """Whether the vertex is at most twice as far from mid-exposure, in time, as the ends are."""
-    return (stroke > 0) & (4 * stroke >= jnp.abs(smear))
+    return (sag > 0) & (4 * sag >= jnp.abs(smear))
 
 
-def _plain_vertex_distance(velocity: Array, stroke: Array, exists: Array) -> Array:
-    divisor = jnp.where(exists, 4 * stroke, 1.0)
+def _plain_vertex_distance(velocity: Array, sag: Array, exists: Array) -> Array:
+    divisor = jnp.where(exists, 4 * sag, 1.0)
     return jnp.where(exists, velocity * (velocity / divisor), 0.0)

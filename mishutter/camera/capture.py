@@ -338,12 +338,12 @@ def kernel_layout(motion: AbstractMotion, *speeds: float, least_taps: int = 1) -
     fastest = max(abs(float(s) - float(motion.velocity)) for s in speeds)
     still = motion.without_velocity()
     speed = np.asarray(fastest, still.half_exposure.dtype)
-    reach, stroke = float(still.kernel_length(speed)), float(motion.stroke)
+    reach, sag = float(still.kernel_length(speed)), float(motion.sag)
     smear = 2 * fastest * float(motion.half_exposure)
     longest = max(reach, smear) + 1
     is_short = math.isfinite(longest) and longest <= MAX_REACH
     require(is_short, "simulate_capture(speed=...)", f"blur over at most {MAX_REACH} px", longest)
-    num_taps = max(least_taps, sized_for(longest - 1, stroke + smear / 2).num_taps)
+    num_taps = max(least_taps, sized_for(longest - 1, sag + smear / 2).num_taps)
     return num_taps, num_taps // 2 if motion.is_straight else 0
 
 

@@ -291,5 +291,5 @@ def _is_off(layers: Layers, layer: Layer, motion: AbstractMotion) -> bool:
     travel = MARGIN + abs(layer.speed - float(motion.velocity)) * float(motion.half_exposure)
     below, above = layer.top >= rows, layer.top + height <= 0
     right = layer.left - travel >= columns
-    left = layer.left + width + travel + float(motion.stroke) <= 0
+    left = layer.left + width + travel + float(motion.sag) <= 0
     return below or above or bool(right or left) or not layer.matte.any()

@@ -275,7 +275,7 @@ _COLUMNS = (
     "v px/s",
     "a px/s²",
     "T ms",
-    "aT² px",
+    "stroke px",
     "PSNR dB",
     "- snap.",
     "- Hann",
@@ -293,7 +293,7 @@ def _deliver(dataset: "xarray.Dataset", scene: "Scene", folder: Path | None, as_
     gains = values.assign(
         over_snapshot=gain_over_snapshot(values, scene), over_hann=gain_over(values, "Hann")
     )
-    best = {name: _point_of(point) for name, point in best_points(gains).items()}
+    best = {name: _point_of(point, scene) for name, point in best_points(gains).items()}
     files = []
     if folder is not None:
         from mishutter.report import write_pictures
@@ -319,9 +319,12 @@ def _deliver(dataset: "xarray.Dataset", scene: "Scene", folder: Path | None, as_
         note(f"{folder}: {', '.join(files)}")
 
 
-def _point_of(point: "xarray.Dataset") -> dict[str, str | float]:
+def _point_of(point: "xarray.Dataset", scene: "Scene") -> dict[str, str | float]:
     """A point of a sweep as plain text and numbers."""
+    from mishutter.model import ParabolicMotion
+
     a, half, velocity = (float(point[n]) for n in ("acceleration", "half_exposure", "velocity"))
+    motion = ParabolicMotion(acceleration=a, half_exposure=half, velocity=velocity)
     names = ("expected_psnr", "over_snapshot", "over_hann", "condition_number")
     names += ("relative_kernel_difference", "efficiency")
     numbers: dict[str, str | float] = {
@@ -329,8 +332,8 @@ def _point_of(point: "xarray.Dataset") -> dict[str, str | float]:
         "velocity_px_per_s": velocity + 0.0,
         "acceleration_px_per_s2": a,
         "half_exposure_ms": half * 1e3,
-        "stroke_px": a * half**2,
-        "top_speed_px_per_s": 2 * a * half + abs(velocity),
+        "stroke_px": float(scene.limits.of_stage(motion).stroke),
+        "top_speed_px_per_s": float(motion.top_speed),
     }
     return numbers | {name: float(point[name]) for name in names}
 

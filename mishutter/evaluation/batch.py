@@ -99,14 +99,14 @@ class Sizes(NamedTuple):
         longest, turns = longest_within_limits(scene), np.asarray(motions.has_vertex)
         half = np.asarray(motions.half_exposure, np.float64)
         a = np.asarray(steady(motions).acceleration, np.float64)
-        stroke = np.where(turns, a * half * half, 0.0)
+        sag = np.where(turns, a * half * half, 0.0)
         smear = float(scene.max_speed) * half
-        reach, velocity = map(np.asarray, reach_of_parabola(stroke, smear))
+        reach, velocity = map(np.asarray, reach_of_parabola(sag, smear))
         reach_of_plan = np.minimum(np.maximum(reach, longest), _FURTHEST)
         plans = _by_whole(reach_of_plan, lambda x: sized_for(x, 0.0))
         num_taps, dft_length = (plans.each(name) for name in ("num_taps", "dft_length"))
-        speeds = occurring_speeds(scene).reshape(-1, *(1,) * np.ndim(stroke))
-        spread = np.asarray(aligned(stroke[None], speeds * half).extent)[0]
+        speeds = occurring_speeds(scene).reshape(-1, *(1,) * np.ndim(sag))
+        spread = np.asarray(aligned(sag[None], speeds * half).extent)[0]
         counts = num_frequencies(scene, spread)
         aside = np.minimum(np.ceil(float(scene.max_speed) * half), num_taps // 2)
         aside = np.where(turns, 0, aside).astype(int)
@@ -119,7 +119,7 @@ class Sizes(NamedTuple):
             dft_length=dft_length,
             num_frequencies=counts,
             num_reached_taps=np.minimum(num_reached, num_taps).astype(int),
-            num_still_taps=np.minimum(np.ceil(stroke) + 1, num_taps).astype(int),
+            num_still_taps=np.minimum(np.ceil(sag) + 1, num_taps).astype(int),
             num_nodes=_by_whole(velocity, lambda x: sized_for(0.0, x)).each("num_nodes"),
             aside=aside,
             num_effective_speeds=np.array([effective_speeds(scene, x) for x in halves], int)[index],

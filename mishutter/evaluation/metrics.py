@@ -150,7 +150,7 @@ def evaluate(
     A sensor that pans is measured in its own frame, as one at rest among speeds less its velocity:
     the still object is the one that it keeps up with.
 
-    A motion without acceleration, or with a stroke below 1e-15 px, is a camera at rest, whose
+    A motion without acceleration, or with a sag below 1e-15 px, is a camera at rest, whose
     objects are aligned at mid-exposure. Derivatives there are those of that alignment.
 
     Args:

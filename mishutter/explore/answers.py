@@ -69,9 +69,9 @@ def first_answer(scene: Scene, before: Design, turn: int = 0) -> Design:
     loss = loss_of_decoder(scene)
     losses = [float(loss(roomy, motion, command)) for motion in motions]
     motion = motions[int(np.argmin(losses))]
-    half, stroke = motion.half_exposure, _octave(float(motion.stroke))
+    half, sag = motion.half_exposure, _octave(float(motion.sag))
     furthest = ParabolicMotion(
-        acceleration=stroke / half**2, half_exposure=half, velocity=motion.velocity
+        acceleration=sag / half**2, half_exposure=half, velocity=motion.velocity
     )
     sizes_shared = coarser(plan(roomy, furthest, command, loss=loss, free="shutter"))
     design = optimise(
@@ -157,7 +157,7 @@ def curves(
     transmittance, _ = profile_of(shutter, tau)
     time = np.linspace(-half, half, _PATH_POINTS)
     levels = spectral_levels(scene, motion, shutter)
-    stroke = float(scene.limits.of_stage(motion).extent)
+    stroke = float(scene.limits.of_stage(motion).stroke)
     numbers = (
         None
         if at_once

@@ -117,11 +117,12 @@ class Design:
     def __str__(self) -> str:
         """The camera, how good it is, and how it was found."""
         m, motion = self.metrics, self.motion
+        stroke = self.scene.limits.of_stage(motion).stroke
         levels = "; ".join(f"{level:.2f} dB {words}" for words, level in self.levels.items())
         lines = {
             "expected": levels,
             "shutter": f"{self.shutter!r}, light {float(m.efficiency):.3f}",
-            "motion": f"{motion!r}, stroke {float(motion.stroke):.4g} px",
+            "motion": f"{motion!r}, stroke {float(stroke):.4g} px",
             "kernel": f"condition {float(m.condition_number):.3g} at phase {float(m.phase):.3g} px "
             f"over {m.dft_length} points, difference {float(m.kernel_difference):.3g}, "
             f"relative {float(m.relative_kernel_difference):.3g}",

@@ -513,12 +513,12 @@ def _motion(
             acceleration=acceleration, half_exposure=half, velocity=motion.velocity
         )
     powers = np.vander(_step_begins(position.size), 3)
-    (stroke, drift, start), *_ = np.linalg.lstsq(powers, position, rcond=None)
-    _require_follows(position, powers @ (stroke, drift, start), "along v t + a t^2", name)
-    stroke, drift = (0.0 if abs(x) < 1e-6 else float(x) for x in (stroke, drift))
+    (sag, drift, start), *_ = np.linalg.lstsq(powers, position, rcond=None)
+    _require_follows(position, powers @ (sag, drift, start), "along v t + a t^2", name)
+    sag, drift = (0.0 if abs(x) < 1e-6 else float(x) for x in (sag, drift))
     requirement = "accelerate the sensor towards positive positions, or not at all"
-    require(stroke >= 0, name, requirement, Unquoted(f"a stroke of {stroke:.3g} px"))
-    acceleration, velocity = stroke / half**2, drift / half
+    require(sag >= 0, name, requirement, Unquoted(f"a sag of {sag:.3g} px"))
+    acceleration, velocity = sag / half**2, drift / half
     return ParabolicMotion(acceleration=acceleration, half_exposure=half, velocity=velocity)
 
 

@@ -16,8 +16,8 @@ from mishutter._core import namespace_of
 
 FURTHEST_GAP = 1024.0
 """Distance between the light of two objects from which on pictures do not correlate; px."""
-_LEAST_STROKE = 1e-15
-"""Stroke down to which a sensor is said to turn, px: powers of less leave the range of 32 bits, and
+_LEAST_SAG = 1e-15
+"""Sag down to which a sensor is said to turn, px: powers of less leave the range of 32 bits, and
 64 do not tell it from none beside a pixel. It is one number, so that no precision decides."""
 
 Lengths = Array | np.ndarray | np.floating
@@ -47,32 +47,32 @@ class Reach(NamedTuple):
     velocity: Lengths
 
 
-def turns(stroke: Lengths) -> Array | np.ndarray | np.bool_:
+def turns(sag: Lengths) -> Array | np.ndarray | np.bool_:
     """Whether the sensor's path has a vertex to speak of."""
-    return stroke > _LEAST_STROKE
+    return sag > _LEAST_SAG
 
 
-def aligned(stroke: Lengths, smear: Lengths) -> Alignment:
+def aligned(sag: Lengths, smear: Lengths) -> Alignment:
     """Alignment of objects at the vertices of their paths, gaps cut to 1,024 px.
 
     A camera at rest is aligned at mid-exposure.
 
     Args:
-        stroke: Travel of the sensor to either end, $aT^2$; px, shape `(1, ...)`.
+        sag: Travel of the sensor to either end, $aT^2$; px, shape `(1, ...)`.
         smear: Travel of each object in half the exposure, $sT$; px, shape `(s, ...)`.
     """
-    space = namespace_of(smear, stroke)
-    moves = turns(stroke)
-    quarter = 4 * space.where(moves, stroke, 1.0)
+    space = namespace_of(smear, sag)
+    moves = turns(sag)
+    quarter = 4 * space.where(moves, sag, 1.0)
     order = space.argsort(space.abs(smear), axis=0)
     fast = space.take_along_axis(space.abs(smear), order, axis=0)
     # Differences of squares as products: of long displacements the squares leave no digits.
-    near, far = space.maximum(fast - 2 * stroke, 0), fast + 2 * stroke
+    near, far = space.maximum(fast - 2 * sag, 0), fast + 2 * sag
     length = space.where(near > 0, 2 * fast, far * far / quarter)
     before = space.concatenate([space.zeros_like(far[:1]), far[:-1]])
     gap = space.minimum((near - before) * (near + before) / quarter, FURTHEST_GAP)
     begin = space.cumsum(gap + space.concatenate([space.zeros_like(gap[:1]), length[:-1]]), axis=0)
-    at_end = begin + fast - stroke
+    at_end = begin + fast - sag
     sorted_displacement = space.where(near > 0, at_end, fast * fast / quarter)
     back = space.argsort(order, axis=0)
     displacement = space.take_along_axis(sorted_displacement, back, axis=0)
@@ -82,14 +82,14 @@ def aligned(stroke: Lengths, smear: Lengths) -> Alignment:
     )
 
 
-def reach_of_parabola(stroke: Lengths, smear: Lengths) -> Reach:
+def reach_of_parabola(sag: Lengths, smear: Lengths) -> Reach:
     """The travel of light from objects up to a speed, on parabolas.
 
     Args:
-        stroke: Travel of the sensor to either end, $aT^2$; px, any shape.
+        sag: Travel of the sensor to either end, $aT^2$; px, any shape.
         smear: Travel of the fastest object in half the exposure, $sT$; px, any shape.
     """
-    moving, velocity = stroke > 0, np.asarray(2 * stroke + smear)
-    with np.errstate(over="ignore"):  # a stroke that is hardly one: longer than any kernel
-        length = velocity**2 / (4 * np.where(moving, stroke, 1.0))
+    moving, velocity = sag > 0, np.asarray(2 * sag + smear)
+    with np.errstate(over="ignore"):  # a sag that is hardly one: longer than any kernel
+        length = velocity**2 / (4 * np.where(moving, sag, 1.0))
     return Reach(np.maximum(np.where(moving, length, 0.0), 2 * smear), velocity)

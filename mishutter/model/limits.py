@@ -38,15 +38,15 @@ from mishutter.model.motion import (
     FreeMotion,
     ParabolicMotion,
     Positions,
-    extent_of_parabola,
+    acceleration_of_stroke,
     is_known_zero,
     largest_of,
     steady,
+    stroke_of_parabola,
 )
 from mishutter.model.stages import (
     StagePath,
     StageUse,
-    safe_root,
     stage_path,
     stage_use,
     stage_use_of_path,
@@ -209,7 +209,7 @@ class Limits(eqx.Module):
             motion: Motion of the sensor.
         """
         demands = self._demands(
-            extent=self.of_stage(motion).extent,
+            stroke=self.of_stage(motion).stroke,
             top_speed=motion.top_speed,
             half_exposure=motion.half_exposure,
             velocity=motion.velocity,
@@ -232,7 +232,7 @@ class Limits(eqx.Module):
         """
         of_stage = np.asarray(velocity * (self.pans == "stage"))
         demands = self._demands(
-            extent=extent_of_parabola(acceleration, half_exposure, of_stage),
+            stroke=stroke_of_parabola(acceleration, half_exposure, of_stage),
             top_speed=2 * acceleration * half_exposure + np.abs(velocity),
             half_exposure=half_exposure,
             velocity=velocity,
@@ -245,7 +245,7 @@ class Limits(eqx.Module):
     def _demands(
         self,
         *,
-        extent: Positions,
+        stroke: Positions,
         top_speed: Positions,
         half_exposure: Positions,
         velocity: Positions,
@@ -256,7 +256,7 @@ class Limits(eqx.Module):
             "exposure_too_long": (half_exposure, self.max_half_exposure),
             "pan": (abs(velocity), self.max_pan),
             "top_speed": (top_speed, self.max_top_speed),
-            "stroke": (extent, self.max_stroke),
+            "stroke": (stroke, self.max_stroke),
         }
         if self.max_acceleration is not None:
             demands["acceleration"] = (acceleration, self.max_acceleration)
@@ -293,12 +293,9 @@ class Limits(eqx.Module):
             half_exposure: $T$; s.
             velocity: Velocity at mid-exposure; px/s.
         """
-        half, stroke = half_exposure, as_array_like(half_exposure, self.max_stroke)
-        root = np.sqrt if isinstance(half, np.ndarray) else safe_root
-        by_pan = self._speed_of_stage(as_array_like(half, velocity)) * half
-        space, room = namespace_of(half), stroke - 2 * by_pan
-        of_stroke = stroke - by_pan + root(stroke * space.maximum(room, 0))
-        return space.where(room >= 0, of_stroke, 0.0) / 2 / half / half
+        half = half_exposure
+        speed = self._speed_of_stage(as_array_like(half, velocity))
+        return acceleration_of_stroke(as_array_like(half, self.max_stroke), half, speed)
 
     def acceleration_of_path(
         self, half_exposure: Positions, velocity: ArrayLike = 0.0
@@ -394,7 +391,7 @@ class Limits(eqx.Module):
         if shape is not None:
             path = shape.path(acceleration, half_exposure, velocity, self.max_pan)
             by_speed = path.top_speed / self.max_top_speed
-            by_stroke = self.of_stage(path).extent / self.max_stroke
+            by_stroke = self.of_stage(path).stroke / self.max_stroke
             return jnp.maximum(self.stage_share_of(path), jnp.maximum(by_speed, by_stroke))
         frame, pan = self._frame(velocity), self._pan_of_camera(velocity)
         of_stage = velocity + frame - pan

@@ -94,15 +94,15 @@ class AbstractMotion(eqx.Module):
 
     @property
     def is_straight(self) -> bool:
-        """Whether the path is known to be straight, but for a stroke too small to matter."""
+        """Whether the path is known to be straight, but for a sag too small to matter."""
         return any(is_known_zero(sign) for sign in (self.bend, self.has_vertex))
 
     @property
     def has_vertex(self) -> Array | np.ndarray | np.bool_:
         """Whether objects are aligned at the vertex of their path; by NumPy if concrete.
 
-        On a sensor without a stroke to speak of they are aligned at mid-exposure. That of a free
-        path is the stroke of a parabola that accelerates as much in the mean over the exposure.
+        On a sensor without a sag to speak of they are aligned at mid-exposure. That of a free
+        path is the sag of a parabola that accelerates as much in the mean over the exposure.
         """
         numbers = self.bend, self.half_exposure
         a, half = (np.asarray(x) if is_concrete(x) else x for x in numbers)
@@ -266,12 +266,12 @@ class AbstractMotion(eqx.Module):
 
     @property
     @abstractmethod
-    def stroke(self) -> Float[Array, "..."]:
-        """Travel of the sensor over the exposure beside that of its pan; px."""
+    def sag(self) -> Float[Array, "..."]:
+        """Distance from the lowest to the highest position beside the pan, $x(t) - v t$; px."""
 
     @property
     @abstractmethod
-    def extent(self) -> Float[Array, "..."]:
+    def stroke(self) -> Float[Array, "..."]:
         """Distance from the lowest to the highest position of the sensor, its pan included; px."""
 
     @property
@@ -327,6 +327,45 @@ class ParabolicMotion(AbstractMotion):
         _check_acceleration(self.acceleration)
         _check_half_exposure("ParabolicMotion(half_exposure=...)", self.half_exposure)
         _check_velocity("ParabolicMotion(velocity=...)", self.velocity)
+
+    @classmethod
+    def from_stroke(
+        cls, stroke: ArrayLike, *, half_exposure: ArrayLike, velocity: ArrayLike = 0.0
+    ) -> "ParabolicMotion":
+        """The motion of a stroke; the fastest accelerated one where its pan alone takes that.
+
+        Args:
+            stroke: Distance from the lowest to the highest position, the pan included; px.
+            half_exposure: $T$; s.
+            velocity: $v$, that at mid-exposure; px/s.
+
+        Raises:
+            ValueError: if the pan alone, $2|v|T$, takes more, or a number is out of its range.
+        """
+        subject = "ParabolicMotion.from_stroke(stroke=...)"
+        pan = cls(acceleration=0.0, half_exposure=half_exposure, velocity=velocity)
+        _check_length(subject, stroke, pan.stroke, ", which the pan takes")
+        a = _solved(acceleration_of_stroke, stroke, half_exposure, abs(pan.velocity))
+        return cls(acceleration=a, half_exposure=half_exposure, velocity=velocity)
+
+    @classmethod
+    def from_sag(
+        cls, sag: ArrayLike, *, half_exposure: ArrayLike, velocity: ArrayLike = 0.0
+    ) -> "ParabolicMotion":
+        """The motion of a sag, $aT^2$.
+
+        Args:
+            sag: Distance from mid-exposure to either end beside the pan; px, at least 0.
+            half_exposure: $T$; s.
+            velocity: $v$, that at mid-exposure; px/s.
+
+        Raises:
+            ValueError: if a number is out of its range.
+        """
+        pan = cls(acceleration=0.0, half_exposure=half_exposure, velocity=velocity)
+        _check_length("ParabolicMotion.from_sag(sag=...)", sag, pan.sag, "")
+        a = _solved(lambda sag, half: sag / half**2, sag, half_exposure)
+        return cls(acceleration=a, half_exposure=half_exposure, velocity=velocity)
 
     def panned(self, velocity: ArrayLike) -> "ParabolicMotion":
         """The parabola at another velocity.
@@ -419,29 +458,29 @@ class ParabolicMotion(AbstractMotion):
 
     def position_of(self, tau: RowLike, speed: RowLike) -> Positions:
         r"""$aT^2\tau^2 - (s - v)T\tau$; px."""
-        tau, stroke, smear = self._stroke_and_smear(tau, speed)
-        return tau * (stroke * tau - smear)
+        tau, sag, smear = self._sag_and_smear(tau, speed)
+        return tau * (sag * tau - smear)
 
     def aligned_position(self, tau: RowLike, speed: RowLike) -> Any:
         r"""$aT^2(\tau - \nu)^2$ from the vertex; $-(s - v)T\tau$ of a sensor at rest; px."""
-        tau, stroke, smear = self._stroke_and_smear(tau, speed)
-        space, moves = namespace_of(tau), turns(stroke)
-        safe = space.where(moves, stroke, 1.0)
+        tau, sag, smear = self._sag_and_smear(tau, speed)
+        space, moves = namespace_of(tau), turns(sag)
+        safe = space.where(moves, sag, 1.0)
         return space.where(moves, safe * (tau - smear / (2 * safe)) ** 2, -smear * tau)
 
     def side_by_side(self, speeds: RowLike) -> Alignment:
         """Alignment at the vertices, or at mid-exposure of a sensor at rest, gaps cut."""
-        _, stroke, smear = self._stroke_and_smear(speeds, speeds)
-        with np.errstate(over="ignore"):  # a stroke that is hardly one
-            return aligned(stroke[None], smear)
+        _, sag, smear = self._sag_and_smear(speeds, speeds)
+        with np.errstate(over="ignore"):  # a sag that is hardly one
+            return aligned(sag[None], smear)
 
     def reach(self, max_speed: float) -> Reach:
         """The `reach_of_parabola`."""
-        _, stroke, smear = self._stroke_and_smear(np.asarray(max_speed), max_speed)
-        return reach_of_parabola(stroke, smear)
+        _, sag, smear = self._sag_and_smear(np.asarray(max_speed), max_speed)
+        return reach_of_parabola(sag, smear)
 
-    def _stroke_and_smear(self, tau: RowLike, speed: RowLike) -> tuple[Any, Any, Any]:
-        """Times, the stroke, and travel in half the exposure, as arrays of one kind."""
+    def _sag_and_smear(self, tau: RowLike, speed: RowLike) -> tuple[Any, Any, Any]:
+        """Times, the sag, and travel in half the exposure, as arrays of one kind."""
         tau, s, v, a, T = _together(
             tau, speed, self.velocity, self.acceleration, self.half_exposure
         )
@@ -458,14 +497,14 @@ class ParabolicMotion(AbstractMotion):
         return self.acceleration
 
     @property
-    def stroke(self) -> Float[Array, "..."]:
-        """Travel from mid-exposure to either end, $aT^2$; px."""
+    def sag(self) -> Float[Array, "..."]:
+        """Distance from mid-exposure to either end beside the pan, $aT^2$; px."""
         return _number(lambda a, half: (a * half) * half, self.acceleration, self.half_exposure)
 
     @property
-    def extent(self) -> Float[Array, "..."]:
-        """`extent_of_parabola`; px."""
-        return _number(extent_of_parabola, self.acceleration, self.half_exposure, self.velocity)
+    def stroke(self) -> Float[Array, "..."]:
+        """`stroke_of_parabola`; px."""
+        return _number(stroke_of_parabola, self.acceleration, self.half_exposure, self.velocity)
 
     @property
     def speed_gain(self) -> Float[Array, "..."]:
@@ -794,14 +833,14 @@ class FreeMotion(AbstractMotion):
         return space.take_along_axis(positions, lowest, axis=-1)[..., 0]
 
     @property
-    def stroke(self) -> Float[Array, "..."]:
-        r"""Travel beside that of the pan, $\max_t - \min_t$ of $x(t) - v t$; px."""
+    def sag(self) -> Float[Array, "..."]:
+        r"""Distance beside the pan, $\max_t - \min_t$ of $x(t) - v t$; px."""
         (velocity,) = as_numpy(self.velocity)
         return _number(operator.sub, self.highest(velocity), self.lowest(velocity))
 
     @property
-    def extent(self) -> Float[Array, "..."]:
-        r"""Travel with the pan, $\max_t x(t) - \min_t x(t)$; px."""
+    def stroke(self) -> Float[Array, "..."]:
+        r"""Distance with the pan, $\max_t x(t) - \min_t x(t)$; px."""
         rest = np.zeros((), self.half_exposure.dtype)
         return _number(operator.sub, self.highest(rest), self.lowest(rest))
 
@@ -894,7 +933,7 @@ def StillCamera(*, half_exposure: ArrayLike) -> ParabolicMotion:
     return ParabolicMotion(acceleration=0.0, half_exposure=half)
 
 
-def extent_of_parabola(
+def stroke_of_parabola(
     acceleration: Positions, half_exposure: Positions, velocity: Positions
 ) -> Positions:
     r"""Distance from the lowest to the highest of $v t + a t^2$, $|t| \le T$; px, any shape.
@@ -907,6 +946,27 @@ def extent_of_parabola(
     a = space.where(turns_within, acceleration, 1.0)
     reach = half_exposure + speed / (2 * a)
     return space.where(turns_within, (a * reach) * reach, 2 * speed * half_exposure)
+
+
+def acceleration_of_stroke(
+    stroke: Positions, half_exposure: Positions, speed: Positions
+) -> Positions:
+    r"""Largest $a$ of a parabola of a stroke, 0 where its pan alone takes more; px/s^2.
+
+    It is the inverse of `stroke_of_parabola`,
+    $\left(\sqrt S + \sqrt{S - 2|v|T}\right)^2 / 4T^2$.
+    """
+    space, by_pan = namespace_of(half_exposure), speed * half_exposure
+    root = np.sqrt if isinstance(half_exposure, np.ndarray) else safe_root
+    room = stroke - 2 * by_pan
+    sag = stroke - by_pan + root(stroke * space.maximum(room, 0))
+    return space.where(room >= 0, sag, 0.0) / 2 / half_exposure / half_exposure
+
+
+def safe_root(square: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+    """Square root whose derivative at 0 is 0."""
+    positive = square > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
 
 
 def _together(*values: RowLike) -> tuple[Array | np.ndarray, ...]:
@@ -930,6 +990,14 @@ def _number(formula: Callable[..., Positions], *numbers: Positions) -> Array:
     """Evaluates a formula by NumPy if all of its numbers are concrete."""
     with np.errstate(over="ignore", invalid="ignore"):
         return as_float(formula(*as_numpy(*numbers)))
+
+
+def _solved(formula: Callable[..., Positions], *numbers: ArrayLike) -> Array:
+    """A formula of numbers, in double precision where all of them are known."""
+    dtype = common_dtype(*numbers)
+    if all_concrete(numbers):
+        return as_float(np.asarray(formula(*(np.asarray(x, np.float64) for x in numbers)), dtype))
+    return jnp.asarray(formula(*(jnp.asarray(x, dtype) for x in numbers)))
 
 
 def simplified(motion: AbstractMotion) -> AbstractMotion:
@@ -995,6 +1063,15 @@ def _check_half_exposure(subject: str, value: Array) -> None:
     require_finite(subject, value)
     if is_concrete(value):
         require(bool(np.all(np.asarray(value) > 0)), subject, "be above 0 s", value)
+
+
+def _check_length(subject: str, value: ArrayLike, least: Array, why: str) -> None:
+    length = as_float(value, subject)
+    require_scalar(subject, length)
+    require_finite(subject, length)
+    if all_concrete((length, least)):
+        requirement = f"be at least {float(least):g} px{why}"
+        require(float(length) >= float(least), subject, requirement, length)
 
 
 def _check_velocity(subject: str, value: Array) -> None:

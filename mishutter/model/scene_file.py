@@ -416,24 +416,26 @@ def _motion(
     low, high = limits.min_half_exposure_ms, limits.max_half_exposure_ms
     requirement = f"lie in the limits {low:g} to {high:g}"
     require(low <= half <= high, f"{place} half_exposure_ms", requirement, half)
-    forms = ("stroke_px", "stroke_mm", "acceleration_px_per_s2")
+    lengths = {f"{name}_{unit}": unit for name in ("sag", "stroke") for unit in ("px", "mm")}
+    forms = [*lengths, "acceleration_px_per_s2"]
     forms_in_file = [name for name in forms if getattr(section, name) is not None]
-    requirement = "hold one of stroke_px, stroke_mm and acceleration_px_per_s2"
-    require(
-        len(forms_in_file) == 1,
-        place,
-        requirement,
-        Unquoted(" and ".join(forms_in_file) or "neither"),
-    )
-    T = half / 1000
-    a = section.acceleration_px_per_s2
-    if a is None:
-        unit, stroke = told_in(section, "stroke", ("px", "mm"), place)
-        a = stroke * scales.of_stage(unit, f"{place} stroke_{unit}") / T**2
-    v = _velocity(section, limits, scales)
-    motion = ParabolicMotion(acceleration=a, half_exposure=T, velocity=v)
+    requirement = f"hold one of {', '.join(forms[:-1])} and {forms[-1]}"
+    got = Unquoted(" and ".join(forms_in_file) or "neither")
+    require(len(forms_in_file) == 1, place, requirement, got)
+    T, v, form = half / 1000, _velocity(section, limits, scales), forms_in_file[0]
+    number, subject = getattr(section, form), f"{place} {form}"
+    # The stroke of a stage that pans is more than a T^2, as which earlier versions read it.
+    is_sag = not form.startswith("stroke") or v == 0 or limits.pans == "camera"
+    sag = form.replace("stroke", "sag")
+    requirement = f"be {sag} where the stage pans, whose stroke is more than a T^2"
+    require(is_sag, subject, requirement, number)
+    if form in lengths:
+        depth = number * scales.of_stage(lengths[form], subject)
+        motion = ParabolicMotion.from_sag(depth, half_exposure=T, velocity=v)
+    else:
+        motion = ParabolicMotion(acceleration=number, half_exposure=T, velocity=v)
     for name, demand in reach.demands(motion).items():
-        _require_met(name, demand, f"{place} {forms_in_file[0]}", v)
+        _require_met(name, demand, subject, v)
     return motion
 
 

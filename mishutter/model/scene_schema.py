@@ -200,9 +200,14 @@ class DecoderSection(Section):
 
 @final
 class MotionSection(Section):
-    """A half exposure, the stroke or the acceleration, and a velocity, all of the sensor."""
+    """A half exposure, the sag or the acceleration, and a velocity, all of the sensor.
+
+    The stroke is the sag of a stage that does not pan.
+    """
 
     half_exposure_ms: Milliseconds
+    sag_px: Annotated[float, Field(ge=0, le=1e4)] | None = None
+    sag_mm: Annotated[float, Field(ge=0, le=1e3)] | None = None
     stroke_px: Annotated[float, Field(ge=0, le=1e4)] | None = None
     stroke_mm: Annotated[float, Field(ge=0, le=1e3)] | None = None
     acceleration_px_per_s2: Annotated[float, Field(ge=0, le=1e14)] | None = None

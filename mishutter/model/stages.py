@@ -8,7 +8,7 @@ $|v| \le 2aT$, travels
 
 $$(2aT + |v|)^2 \left(\frac1{4a} + \frac1{2A}\right)$$
 
-in all: twice the stroke, $2aT^2$, where $v = 0$ and $A = 2a$. One that does not turn travels
+in all: twice the sag, $2aT^2$, where $v = 0$ and $A = 2a$. One that does not turn travels
 $2|v|T + (v^2 + (2aT)^2)/A$.
 
 Where the jerk is at most $J$ the acceleration must rise to $2a$ before the exposure, over the time
@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core import require, require_finite, require_known, require_scalar
-from mishutter.model.motion import AbstractMotion, FreeMotion, largest_of
+from mishutter.model.motion import AbstractMotion, FreeMotion, largest_of, safe_root
 
 
 class StageUse(NamedTuple):
@@ -108,12 +108,6 @@ def _stopping(
         full = speed * max_jerk >= jnp.square(max_acceleration)
         time = jnp.where(full, speed / max_acceleration + max_acceleration / max_jerk, time)
     return velocity * time / 2
-
-
-def safe_root(square: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
-    """Square root whose derivative at 0 is 0."""
-    positive = square > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
 
 
 class StagePath(NamedTuple):

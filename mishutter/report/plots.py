@@ -260,17 +260,18 @@ def _kernel_reach(motion: AbstractMotion, speeds: Sequence[float]) -> float:
 
 
 def motion_text(motion: AbstractMotion) -> str:
-    """Exposure, stroke and pan of a motion, in words.
+    """Exposure of a motion with its stroke, or with its sag and its pan, in words.
 
     Args:
         motion: The motion.
     """
     exposure = f"{float(motion.exposure) * 1e3:.3g} ms"
-    stroke, pan = float(motion.stroke), float(motion.velocity)
-    if stroke <= 0:
+    sag, pan = float(motion.sag), float(motion.velocity)
+    if sag <= 0:
         return exposure if pan == 0 else f"{exposure}, pan {pan:.4g} px/s"
-    beside = "" if pan == 0 else f" beside a pan of {pan:.4g} px/s"
-    return f"{exposure}, stroke {stroke:.3g} px{beside}"
+    if pan == 0:
+        return f"{exposure}, stroke {sag:.3g} px"
+    return f"{exposure}, sag {sag:.3g} px beside a pan of {pan:.4g} px/s"
 
 
 def plot_transfer(

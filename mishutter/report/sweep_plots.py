@@ -45,7 +45,7 @@ _GAIN = "gain over "
 _LEAST_LINE = 0.35
 """Least length of a line that has a label; widths of the axes."""
 _DECADES = 3
-"""Number of decades of strokes and of top speeds that have lines."""
+"""Number of decades of sags and of gains in speed that have lines."""
 _EXPOSURE = "half exposure $T$ / ms"
 _ACCELERATION = "acceleration $a$ / (px/s²)"
 _LETTERS = 20
@@ -63,6 +63,7 @@ class _Map(NamedTuple):
         values: The metric; NaN outside the limits.
         label: Name and unit of the metric.
         rival: The rival that a gain is over; empty for a metric that is no gain.
+        pans: Whether any design pans: its stroke is then more than its sag.
     """
 
     half: Float[np.ndarray, "t"]
@@ -70,6 +71,7 @@ class _Map(NamedTuple):
     values: Float[np.ndarray, "a t"]
     label: str
     rival: str
+    pans: bool
 
 
 def write_pictures(dataset: "xarray.Dataset", scene: Scene, folder: Path) -> list[str]:
@@ -103,11 +105,12 @@ def plot_map(
 ) -> "Figure":
     """Draws a metric over acceleration and exposure, with the optimum marked.
 
-    Dashed lines join points of equal stroke, and dotted lines points of equal gain in speed,
-    $2aT$, within some decades below the largest. On a map of a gain the middle colour and a line
-    mark 0 dB. Each point has the best of all velocities. Hatched points are outside the limits.
-    The map omits a sensor that does not accelerate, and rows and columns wholly outside the
-    limits. A single row or column becomes a line of points.
+    Dashed lines join points of equal sag, $aT^2$, and dotted lines points of equal gain in speed,
+    $2aT$, within some decades below the largest: stroke and top speed of a sensor that does not
+    pan. On a map of a gain the middle colour and a line mark 0 dB. Each point has the best of all
+    velocities. Hatched points are outside the limits. The map omits a sensor that does not
+    accelerate, and rows and columns wholly outside the limits. A single row or column becomes a
+    line of points.
 
     Args:
         dataset: The result of `sweep`, of one scene and light.
@@ -133,7 +136,7 @@ def plot_map(
     axes = figure.subplots()
     draw = _draw_map if min(values.shape) > 1 else _draw_line
     rival = _text(dataset, metric).partition(_GAIN)[2]
-    x, y = draw(axes, _Map(half, a, values, _label(dataset, metric), rival))
+    x, y = draw(axes, _Map(half, a, values, _label(dataset, metric), rival, _pans(dataset)))
     best = np.nanargmin(values) if smaller else np.nanargmax(values)
     axes.plot(
         x.flat[best],
@@ -173,7 +176,7 @@ def _values(
 
 def _draw_map(axes: "Axes", drawn: _Map) -> tuple[np.ndarray, np.ndarray]:
     """Draws a map in colours; returns the places of its values on the axes."""
-    half, a, values, label, rival = drawn
+    half, a, values, label, rival, pans = drawn
     _scale(axes.set_xscale, axes.xaxis, half)
     _scale(axes.set_yscale, axes.yaxis, a)
     x, y = _edges(half, axes.get_xscale()), _edges(a, axes.get_yscale())
@@ -181,7 +184,7 @@ def _draw_map(axes: "Axes", drawn: _Map) -> tuple[np.ndarray, np.ndarray]:
     norm = _about_zero(shown) if rival else None
     picture = axes.pcolormesh(x, y, shown, cmap=MAP_COLOURS, norm=norm, rasterized=True)
     axes.patch.set(hatch="///", edgecolor="0.6", facecolor="0.95")
-    _contours(axes, half, a, ~np.isnan(values))
+    _contours(axes, half, a, ~np.isnan(values), pans)
     if rival:
         _draw_zero(axes, drawn)
     axes.figure.colorbar(picture, ax=axes, label=label, ticks=_ticks(norm))
@@ -240,7 +243,7 @@ def _edges(values: np.ndarray, scale: str) -> np.ndarray:
 
 def _draw_line(axes: "Axes", drawn: _Map) -> tuple[np.ndarray, np.ndarray]:
     """Draws a single row or column as a line; returns the places of its points on the axes."""
-    half, a, values, label, rival = drawn
+    half, a, values, label, rival, _ = drawn
     row = a.size == 1
     x, y = half if row else a, values.ravel()
     axes.plot(x, y, marker="o", markersize=4, color="black")
@@ -272,13 +275,26 @@ def _scale(set_scale: Callable[[str], None], axis: "Axis", values: np.ndarray) -
         axis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in shown else "")
 
 
-def _contours(axes: "Axes", half: np.ndarray, a: np.ndarray, within: np.ndarray) -> None:
-    """Draws labelled lines of equal stroke and of equal top speed in the largest decades."""
+def _pans(dataset: "xarray.Dataset") -> bool:
+    """Whether any design of a sweep pans."""
+    return bool(np.any(dataset.velocity.values))
+
+
+def _contours(
+    axes: "Axes", half: np.ndarray, a: np.ndarray, within: np.ndarray, pans: bool
+) -> None:
+    """Draws labelled lines of equal sag and of equal gain in speed in the largest decades."""
     limits = axes.axis()
     x, y = (np.geomspace(values[0], values[-1], 200) for values in (half, a))
     for name, style, unit, along, powers in (
-        ("stroke", "dashed", "px", 0.25, lambda t, a: a + 2 * t),
-        ("top speed", "dotted", "px/s", 0.75, lambda t, a: np.log10(2) + a + t),
+        ("sag" if pans else "stroke", "dashed", "px", 0.25, lambda t, a: a + 2 * t),
+        (
+            "speed gain" if pans else "top speed",
+            "dotted",
+            "px/s",
+            0.75,
+            lambda t, a: np.log10(2) + a + t,
+        ),
     ):
         reached = powers(np.log10(half * 1e-3), np.log10(a)[:, None])[within]
         last = int(np.floor(reached.max()))
@@ -430,9 +446,10 @@ def _draw_profile(
     axes.set(ylim=(-0.05, 1.1))
     axes.set_xlabel("time / ms", fontsize="small")
     axes.locator_params(axis="x", nbins=4)
-    stroke = float(point.acceleration) * float(point.half_exposure) ** 2
+    sag = float(point.acceleration) * float(point.half_exposure) ** 2
+    length = "sag" if _pans(point) else "stroke"
     name = shown_name(str(point.shutter.values), _LETTERS)
-    axes.set_title(f"{letter}: {name}\n{stroke:.3g} px stroke", fontsize="small")
+    axes.set_title(f"{letter}: {name}\n{sag:.3g} px {length}", fontsize="small")
 
 
 def _transmittance(

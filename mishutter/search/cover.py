@@ -91,7 +91,7 @@ def _openings(
             unit box.
     """
     spline: SplineShutter = space.shutter  # type: ignore[assignment]
-    stroke, gain, velocity = (np.asarray(x)[:, None] for x in _strokes(space, boxes))
+    sag, gain, velocity = (np.asarray(x)[:, None] for x in _numbers(space, boxes))
     speeds, share = _quantiles(scene), (np.arange(_NUM_QUANTILES) + 0.5) / _NUM_QUANTILES
     first, last, width, softness = numbers.T[..., None]
     low, high = np.minimum(first, last), np.maximum(first, last)
@@ -102,7 +102,7 @@ def _openings(
     moves = gain > 0
     times = np.where(moves, (speeds - velocity) / np.where(moves, gain, 1.0), 2 * first - 1)
     spacing = 2 / spline.num_coefficients
-    narrowest = np.clip(np.sqrt(_LEAST_BLUR / np.maximum(stroke, _LEAST_BLUR)), spacing / 2, 1)
+    narrowest = np.clip(np.sqrt(_LEAST_BLUR / np.maximum(sag, _LEAST_BLUR)), spacing / 2, 1)
     half_width = narrowest * (2 / narrowest) ** (width**1.5)
     ramp = np.maximum(spacing, softness * half_width)
     middles = coefficient_times(spline.num_coefficients)[: space.num_profile_coordinates]
@@ -134,16 +134,16 @@ def _codes(space: DesignSpace, numbers: Float[np.ndarray, "n 4"]) -> Float[np.nd
 
 
 @compiled
-def _strokes(
+def _numbers(
     space: DesignSpace, boxes: Float[Array | np.ndarray, "n size"]
 ) -> tuple[Float[Array, "n"], Float[Array, "n"], Float[Array, "n"]]:
-    """Stroke, px, gain of speed and velocity, px/s, of motions."""
+    """Sag, px, gain of speed and velocity, px/s, of motions."""
 
     def one(
         box: Float[Array, "size"],
     ) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
         _, motion = space.at(box)
-        return motion.stroke, motion.speed_gain, motion.velocity
+        return motion.sag, motion.speed_gain, motion.velocity
 
     return jax.vmap(one)(jnp.asarray(boxes, space.dtype))
 

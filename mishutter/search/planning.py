@@ -223,7 +223,7 @@ def _sizes_of_motion(scene: Scene, motion: AbstractMotion, share: float, alone: 
     Where a search follows, they hold every speed that the motion keeps up with, so that
     scenes of other speeds share its program too.
     """
-    travel, longest = extent(scene, motion), 0.0 if alone else 4 * float(motion.stroke)
+    travel, longest = extent(scene, motion), 0.0 if alone else 4 * float(motion.sag)
     tight = sized_for(max(travel.reach, longest), share * max(travel.velocity, longest))
     return replace(
         tight, num_taps=size_class(tight.num_taps), num_nodes=size_class(tight.num_nodes)

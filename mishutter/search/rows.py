@@ -71,7 +71,7 @@ class Row:
         It includes the pan, unless turning the camera makes the pan.
         """
         of_stage = self.motion.without_velocity() if self.turns else self.motion
-        return float(of_stage.extent)
+        return float(of_stage.stroke)
 
     @cached_property
     def required_hardware(self) -> frozenset[str]:
@@ -150,7 +150,7 @@ class Row:
         parts = [f"{float(motion.exposure) * 1e3:.3g} ms"]
         if self.pans:
             parts.append(f"pan {float(motion.velocity):.0f} px/s")
-        if float(motion.stroke) >= _STANDS_STILL:
+        if float(motion.sag) >= _STANDS_STILL:
             parts.append(f"stroke {self.stroke:.3g} px")
         return ", ".join(parts if len(parts) > 1 else [*parts, "at rest"])
 

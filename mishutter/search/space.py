@@ -370,7 +370,7 @@ class DesignSpace(eqx.Module):
     def _meeting(self, bounds: Interval, shape: PathShape) -> Float[Array, ""]:
         """Half exposure at which a path comes to its stroke and its top speed together; s."""
         path = _unit_path(shape.pieces, shape.velocity)
-        times = self.limits.max_stroke / path.extent * path.top_speed
+        times = self.limits.max_stroke / path.stroke * path.top_speed
         return jnp.clip(times / self.limits.max_top_speed, bounds.low, bounds.high)
 
     def _coordinates_of_path(self, motion: AbstractMotion) -> Float[Array, "pieces"]:

@@ -4,10 +4,14 @@ import json
 import subprocess
 import sys
 
+import numpy as np
 import pytest
+import xarray
 from support.command_line import SMALL_SCENE, environment, no_constant, refused
 
-from mishutter import cli
+from mishutter import Limits, Scene, cli
+from mishutter.cli.sweep_command import _point_of
+from mishutter.sweeps.grid import METRICS
 
 RANGES = ["--acceleration", "3e4:1.2e5:2", "--half-exposure", "3:9:2"]
 
@@ -59,6 +63,19 @@ def scene_file(tmp_path):
     path = tmp_path / "scene.toml"
     path.write_text(SMALL_SCENE.split("[picture]")[0])
     return str(path)
+
+
+def test_the_stroke_of_a_point_holds_its_pan():
+    """From its lowest to its highest position, and within the limit that it is counted by."""
+    scene = Scene([410.0], photon_rate=1e5, read_noise=3.0, limits=Limits(max_stroke=90.0))
+    point = xarray.Dataset(
+        {name: 0.5 for name in (*METRICS, "over_snapshot", "over_hann")},
+        {"shutter": "rect", "acceleration": 2.1e5, "half_exposure": 9.7e-3, "velocity": 2900.0},
+    )
+    shown = _point_of(point, scene)
+    time = np.linspace(-9.7e-3, 9.7e-3, 100_001)
+    assert shown["stroke_px"] == pytest.approx(np.ptp(2900 * time + 2.1e5 * time**2), rel=1e-8)
+    assert shown["top_speed_px_per_s"] == pytest.approx(2900 + 2 * 2.1e5 * 9.7e-3, rel=1e-12)
 
 
 @pytest.mark.slow

@@ -21,6 +21,7 @@ from mishutter import (
     HannShutter,
     IdealShutter,
     KnownSpeedLoss,
+    Limits,
     LinearMotion,
     Occlusion,
     ParabolicMotion,
@@ -95,6 +96,19 @@ def test_a_design_is_printed_on_a_screen(design):
     table = drive_table(whole, num_steps=50)
     assert "\n" not in repr(table)
     assert len(repr(table)) < 500
+
+
+@pytest.mark.parametrize("pans", ["stage", "camera"])
+def test_the_stroke_in_print_is_that_of_the_stage(design, pans):
+    """From its lowest to its highest position, as in tables, with the pan that it makes itself."""
+    limits = Limits(max_stroke=90.0, pans=pans)
+    scene = eqx.tree_at(lambda s: s.limits, SCENE, limits)
+    motion = ParabolicMotion(acceleration=2.1e5, half_exposure=0.0097, velocity=-2900.0)
+    text = str(replace(design, motion=motion, scene=scene))
+    time = np.linspace(-0.0097, 0.0097, 100_001)
+    position = np.asarray(motion.position(time)) + 2900.0 * time * (pans == "camera")
+    assert f", stroke {np.ptp(position):.4g} px" in text
+    assert ("stroke 57.9 px" in text) == (pans == "stage")
 
 
 def test_a_scene_is_printed_with_its_numbers():

@@ -214,7 +214,7 @@ def test_the_table_is_in_the_units_that_it_names():
     table = drive_table(a_design(HannShutter()), num_steps=8, num_levels=11)
     half = float(MOTION.half_exposure)
     time = half * (np.arange(8) / 4 - 1)
-    position = float(MOTION.stroke) * (time / half) ** 2
+    position = float(MOTION.sag) * (time / half) ** 2
     velocity = float(MOTION.top_speed) * time / half
     sent = table.transmittance
     columns = (time * 1e3, table.wanted, table.level, sent, sent, position, velocity)

@@ -325,7 +325,7 @@ def test_pictures_of_no_use_are_refused(slug):
 def test_arguments_of_a_fit_are_checked():
     """A camera at rest has no kernel from its vertex, and a profile has four coefficients."""
     picture = pictures(2, SPEEDS[:1])
-    with pytest.raises(ValueError, match=r"fit\(motion=...\)` must have a stroke of at least 1 px"):
+    with pytest.raises(ValueError, match=r"fit\(motion=...\)` must have a sag of at least 1 px"):
         fit(picture, StillCamera(half_exposure=HALF), COMMAND, sensor=SENSOR)
     with pytest.raises(ValueError, match=r"fit\(num_coefficients=...\)` must be at least 4; got 3"):
         fit(picture, SENT, COMMAND, sensor=SENSOR, num_coefficients=3)

@@ -50,7 +50,8 @@ def test_a_path_is_the_integral_of_its_accelerations():
         np.testing.assert_allclose(PATH.lowest(speed), np.min(way), atol=1e-4)
         np.testing.assert_allclose(PATH.highest(speed), np.max(way), atol=1e-4)
     way = position + 12.0 * time
-    np.testing.assert_allclose(PATH.stroke, np.ptp(way), atol=1e-4)
+    np.testing.assert_allclose(PATH.sag, np.ptp(way), atol=1e-4)
+    np.testing.assert_allclose(PATH.stroke, np.ptp(position), atol=1e-4)
     np.testing.assert_allclose(PATH.top_speed, np.max(np.abs(velocity)), atol=1e-3)
     np.testing.assert_allclose(PATH.speed_gain, np.max(np.abs(velocity + 12)), atol=1e-3)
     assert PATH.greatest_acceleration == 820.0
@@ -82,7 +83,7 @@ def test_a_parabola_is_a_free_path(num_pieces):
     time = np.linspace(-0.4, 0.4, 17)
     np.testing.assert_allclose(path.position(time), PARABOLA.position(time), atol=1e-13)
     np.testing.assert_allclose(path.velocity_at(time), PARABOLA.velocity_at(time), atol=1e-12)
-    for name in ("stroke", "speed_gain", "top_speed", "greatest_acceleration", "exposure"):
+    for name in ("stroke", "sag", "speed_gain", "top_speed", "greatest_acceleration", "exposure"):
         np.testing.assert_allclose(getattr(path, name), getattr(PARABOLA, name), rtol=1e-14)
     speed = np.array([-100.0, 45.0, 230.0])
     np.testing.assert_allclose(path.alignment(speed), PARABOLA.alignment(speed), atol=1e-13)

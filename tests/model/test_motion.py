@@ -1,5 +1,7 @@
 """A parabola without acceleration is a pan, or a camera at rest: one class, by its numbers."""
 
+import re
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -111,3 +113,67 @@ def test_known_and_traced_motions_without_acceleration_give_one_slope(function):
     scale = float(np.max(np.abs(inside)))
     assert scale > 0
     np.testing.assert_allclose(passed, inside, rtol=0, atol=1e-12 * scale)
+
+
+@pytest.mark.parametrize("velocity", [0.0, 613.0, -2900.0, 7700.0])
+def test_stroke_is_from_the_lowest_to_the_highest_position(velocity):
+    """With the pan, whether the path turns or not; the sag is that beside the pan."""
+    motion = ParabolicMotion(acceleration=2.1e5, half_exposure=0.0097, velocity=velocity)
+    time = np.linspace(-0.0097, 0.0097, 200_001)
+    position = np.asarray(motion.position(time))
+    assert float(motion.stroke) == pytest.approx(np.ptp(position), rel=1e-8)
+    assert float(motion.sag) == pytest.approx(np.ptp(position - velocity * time), rel=1e-8)
+    path = FreeMotion.fit(motion, num_pieces=5)
+    assert float(path.stroke) == pytest.approx(float(motion.stroke), rel=1e-12)
+    assert float(path.sag) == pytest.approx(float(motion.sag), rel=1e-12)
+
+
+@pytest.mark.parametrize("velocity", [0.0, 613.0, -2900.0])
+def test_a_motion_is_made_of_a_stroke_or_of_a_sag(velocity):
+    """It has the length that it is made of, and is the one whose own length that is."""
+    numbers = {"half_exposure": 0.0097, "velocity": velocity}
+    by_stroke = ParabolicMotion.from_stroke(61.7, **numbers)
+    by_sag = ParabolicMotion.from_sag(20.3, **numbers)
+    assert float(by_stroke.stroke) == pytest.approx(61.7, rel=1e-14)
+    assert float(by_sag.sag) == pytest.approx(20.3, rel=1e-14)
+    again = ParabolicMotion.from_stroke(by_sag.stroke, **numbers)
+    assert float(again.acceleration) == pytest.approx(float(by_sag.acceleration), rel=1e-12)
+    assert by_stroke.velocity == by_sag.velocity == velocity
+
+
+def test_lengths_of_a_motion_are_differentiable():
+    """The slope of the acceleration by the stroke is one over that of the stroke by it."""
+
+    def acceleration(stroke):
+        numbers = {"half_exposure": 0.0097, "velocity": 2900.0}
+        return ParabolicMotion.from_stroke(stroke, **numbers).acceleration
+
+    def stroke(a):
+        return ParabolicMotion(acceleration=a, half_exposure=0.0097, velocity=2900.0).stroke
+
+    at, slope = jax.value_and_grad(acceleration)(61.7)
+    assert float(slope * jax.grad(stroke)(at)) == pytest.approx(1, rel=1e-12)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_a_motion_of_a_length_is_in_the_precision_of_its_numbers(dtype):
+    """A plain number beside them adapts."""
+    for make in (ParabolicMotion.from_stroke, ParabolicMotion.from_sag):
+        motion = make(37.0, half_exposure=dtype(HALF), velocity=dtype(PAN))
+        assert {leaf.dtype for leaf in jax.tree.leaves(motion)} == {np.dtype(dtype)}
+
+
+@pytest.mark.parametrize(
+    ("make", "length", "message"),
+    [
+        ("from_stroke", 57.9, "must be at least 58 px, which the pan takes; got 57.9"),
+        ("from_stroke", np.ones(2), "must be a scalar; got shape (2,)"),
+        ("from_sag", -0.3, "must be at least 0 px; got -0.3"),
+        ("from_sag", np.nan, "must be finite; got nan"),
+    ],
+)
+def test_lengths_that_no_motion_has_are_refused(make, length, message):
+    """By the name of the constructor."""
+    subject = f"`ParabolicMotion.{make}({make.removeprefix('from_')}=...)` {message}"
+    with pytest.raises(ValueError, match=re.escape(subject)):
+        getattr(ParabolicMotion, make)(length, half_exposure=0.01, velocity=-2900.0)

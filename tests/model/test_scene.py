@@ -85,7 +85,7 @@ def test_a_scene_without_a_motion_has_the_fullest(stroke, top, half):
     )
     motion = Scene([0.0, 700.0], **LIGHT, limits=limits).motion
     assert float(motion.half_exposure) == pytest.approx(half)
-    shares = float(motion.extent) / stroke, float(motion.top_speed) / top
+    shares = float(motion.stroke) / stroke, float(motion.top_speed) / top
     assert max(shares) == pytest.approx(1)
 
 

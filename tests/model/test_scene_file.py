@@ -194,10 +194,25 @@ def test_a_velocity_may_be_given(tmp_path):
     assert float(example_scene().motion.velocity) == 0
 
 
+@pytest.mark.parametrize("velocity", [0.0, 310.7, -700.5])
+def test_a_sag_may_be_given(tmp_path, velocity):
+    """`sag_px` is $aT^2$ whatever the pan, also in mm; so is the stroke of a still stage."""
+    lines = f"sag_px = 31.7\nvelocity_px_per_s = {velocity}"
+    motion = read_scene(written(tmp_path, edited("stroke_px", lines))).motion
+    assert float(motion.sag) == pytest.approx(31.7, rel=1e-14)
+    in_mm = lines.replace("sag_px = 31.7", "sag_mm = 0.1")
+    scene = read_scene(written(tmp_path, edited("stroke_px", in_mm)))
+    pitch = 0.1 / float(scene.motion.sag)
+    assert 1e3 * pitch == pytest.approx(3.45, rel=1e-12)
+    if velocity == 0:
+        still = read_scene(written(tmp_path, edited("stroke_px", "stroke_px = 31.7"))).motion
+        assert float(still.acceleration) == float(motion.acceleration)
+
+
 def test_the_stroke_holds_the_pan_of_the_stage(tmp_path):
     """A stage that pans needs room for that; where the camera turns the stage does not."""
     pans = edited("max_stroke_px", 'max_stroke_px = 45\npans = "{}"')
-    pans = pans.replace("\nstroke_px = 45", "\nvelocity_px_per_s = 300\nstroke_px = 43")
+    pans = pans.replace("\nstroke_px = 45", "\nvelocity_px_per_s = 300\nsag_px = 43")
     read = {}
     for kind in ("stage", "camera"):
         path = written(tmp_path, pans.replace("{}", kind))
@@ -210,7 +225,7 @@ def test_the_stroke_holds_the_pan_of_the_stage(tmp_path):
             read[kind] = read_scene(path)
     scene = read["camera"]
     assert scene.limits.pans == "camera"
-    assert float(scene.motion.extent) > 45 > float(scene.motion.stroke)
+    assert float(scene.motion.stroke) > 45 > float(scene.motion.sag)
     (tmp_path / "again.toml").write_text(scene_text(scene))
     assert read_scene(tmp_path / "again.toml").limits.pans == "camera"
     with pytest.raises(ValueError, match="pans"):
@@ -224,7 +239,7 @@ def test_the_largest_pan_may_be_given(tmp_path):
         text = edited("max_stroke_px", f"max_stroke_px = 45\nmax_pan_px_per_s = {most}")
         assert float(read_scene(written(tmp_path, text)).limits.max_pan) == most
     for velocity in (-301.0, 300.01):
-        pans = text.replace("\nstroke_px", f"\nvelocity_px_per_s = {velocity}\nstroke_px")
+        pans = text.replace("\nstroke_px", f"\nvelocity_px_per_s = {velocity}\nsag_px")
         message = (
             f"`[motion] velocity_px_per_s` must keep within max_pan_px_per_s = 300; got {velocity}"
         )

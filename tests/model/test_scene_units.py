@@ -95,10 +95,10 @@ def test_limits_of_the_stage_are_by_the_pitch(tmp_path):
 
 
 def test_a_motion_and_its_tolerances_in_units_of_the_stage(tmp_path):
-    """A stroke of 0.2 mm and a pan of 3 mm/s on 5 um; errors of the stage and of a belt."""
+    """A sag of 0.2 mm and a pan of 3 mm/s on 5 um; errors of the stage and of a belt."""
     sections = """[motion]
 half_exposure_ms = 10
-stroke_mm = 0.2
+sag_mm = 0.2
 velocity_mm_per_s = 3
 [tolerances]
 velocity_mm_per_s = 0.05
@@ -106,7 +106,7 @@ object_speed_m_per_s = 0.03
 [view]
 magnification = 0.02"""
     scene = scene_of(tmp_path, view=sections, limits="max_stroke_px = 80")
-    assert float(scene.motion.stroke) == pytest.approx(40, rel=1e-12)
+    assert float(scene.motion.sag) == pytest.approx(40, rel=1e-12)
     assert float(scene.motion.velocity) == pytest.approx(600, rel=1e-14)
     assert float(scene.tolerances.velocity) == pytest.approx(10, rel=1e-14)
     assert float(scene.tolerances.speed) == pytest.approx(120, rel=1e-14)

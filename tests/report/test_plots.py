@@ -285,14 +285,18 @@ def test_the_best_of_shutters_is_the_least_where_less_is_better():
     assert f"best: {np.nanmin(least):.3g} \n" in figure.axes[0].get_title() + "\n"
 
 
-def test_lines_of_a_map_are_where_they_say():
-    """Each label lies at a motion of about the stroke, or the top speed, that it names."""
-    axes = plot_map(swept()).axes[0]
+@pytest.mark.parametrize(
+    ("velocity", "length", "speed"), [(0.0, "stroke", "top speed"), (310.0, "sag", "speed gain")]
+)
+def test_lines_of_a_map_are_where_they_say(velocity, length, speed):
+    """Each label lies at a motion of about the number that it names: stroke holds any pan."""
+    found = swept()
+    axes = plot_map(found.assign_coords(velocity=0 * found.velocity + velocity)).axes[0]
     named = {"px": lambda a, T: a * T * T, "px/s": lambda a, T: 2 * a * T}
     seen = set()
     for text in axes.texts:
         *name, number, unit = text.get_text().split()
-        assert {"px": "stroke", "px/s": "top speed"}[unit] == " ".join(name)
+        assert {"px": length, "px/s": speed}[unit] == " ".join(name)
         time, acceleration = text.get_position()
         assert named[unit](acceleration, time * 1e-3) == pytest.approx(float(number), rel=0.2)
         seen.add(unit)

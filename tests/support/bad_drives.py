@@ -107,7 +107,7 @@ DRIVES = {
             names="begin,transmittance,sensor_position",
             units="ms,1,px",
         ),
-        "must accelerate the sensor towards positive positions, or not at all; got a stroke of -36",
+        "must accelerate the sensor towards positive positions, or not at all; got a sag of -36",
     ),
     "volts": ("d.csv", "0.5\n4.2\n", "must hold a drive in [-1, 1] alone; got 4.2"),
     "two-columns": ("d.csv", "0.5,0.5\n", "must hold 1 value a row; got 2 in '0.5,0.5'"),

@@ -173,18 +173,34 @@ LINES = {
     ),
     "velocity-beyond-the-top-speed": (
         "stroke_px",
-        "stroke_px = 45\nvelocity_px_per_s = -12000",
+        "sag_px = 45\nvelocity_px_per_s = -12000",
         "must keep the top speed within max_top_speed_px_per_s = 20000; got 21000 px/s",
     ),
     "no-stroke": (
         "stroke_px",
         "",
-        "hold one of stroke_px, stroke_mm and acceleration_px_per_s2; got neither",
+        "hold one of sag_px, sag_mm, stroke_px, stroke_mm and acceleration_px_per_s2; got neither",
     ),
     "stroke-and-acceleration": (
         "stroke_px",
         "stroke_px = 45\nacceleration_px_per_s2 = 4.5e5",
         "got stroke_px and acceleration_px_per_s2",
+    ),
+    "stroke-and-sag": (
+        "stroke_px",
+        "stroke_px = 45\nsag_px = 45",
+        "got sag_px and stroke_px",
+    ),
+    "stroke-of-a-pan": (
+        "stroke_px",
+        "stroke_px = 37.5\nvelocity_px_per_s = 310.7",
+        "`[motion] stroke_px` must be sag_px where the stage pans, "
+        "whose stroke is more than a T^2; got 37.5",
+    ),
+    "stroke-of-a-pan-in-mm": (
+        "stroke_px",
+        "stroke_mm = 0.11\nvelocity_px_per_s = -1.7",
+        "`[motion] stroke_mm` must be sag_mm where the stage pans",
     ),
     "no-optics": ("cutoff", "cutoff_cycles_per_px = 0", "must be above 0; got 0"),
     "optics-beyond-the-pixel": (

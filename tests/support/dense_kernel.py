@@ -31,7 +31,7 @@ def exposure(shutter, a, T, s, edges, *, from_vertex):
     reach = 2 * jnp.max(jnp.abs(track.position.high)) + jnp.abs(track.vertex.high) + 1
     inside = DoubleWord(*(jnp.clip(e, -reach, reach) for e in edges))
     speed = safe_sqrt(_speed_squared(from_vertex, a, T, *s, *inside))
-    return _light(profile, _pieces(track, length), edges, speed, track.stroke) / 2
+    return _light(profile, _pieces(track, length), edges, speed, track.sag) / 2
 
 
 def unit_edges(first, num_taps):
@@ -73,8 +73,8 @@ def _pieces(track, length):
     def outer(x):
         return jnp.stack([x[0, :-1], x[1, 1:]], axis=1)[..., None]
 
-    turns = (inner(outwards) < 0) & (track.stroke > 0)
-    offset = jnp.where(turns, -inner(outwards) / jnp.where(turns, 2 * track.stroke, 1.0), 0.0)
+    turns = (inner(outwards) < 0) & (track.sag > 0)
+    offset = jnp.where(turns, -inner(outwards) / jnp.where(turns, 2 * track.sag, 1.0), 0.0)
     return (
         DoubleWord(inner(high), inner(low)),
         DoubleWord(outer(high), outer(low)),

@@ -35,8 +35,8 @@ from mishutter.model import (
 
 _SPEEDS = tuple(0.1 * k for k in range(-6, 7))
 """Normalised speeds from which a fit of an unknown one starts."""
-_LEAST_STROKE = 1.0
-"""Least stroke of a motion that can be fitted; px."""
+_LEAST_SAG = 1.0
+"""Least sag of a motion that can be fitted; px."""
 _IMPLAUSIBLE = 0.003
 """Probability of residuals as great, or as small, of a right fit, below which a fit is doubted."""
 
@@ -235,9 +235,9 @@ def _limits_with(limits: Limits, motion: ParabolicMotion) -> tuple[Limits, list[
         }
 
     pan, top = jnp.abs(v), motion.top_speed
-    extent = limits.demands(motion)["stroke"].taken
+    stroke = limits.demands(motion)["stroke"].taken
     wide = widened(
-        values, max_stroke=extent, max_top_speed=top, max_pan=pan, max_acceleration=2 * a
+        values, max_stroke=stroke, max_top_speed=top, max_pan=pan, max_acceleration=2 * a
     )
     if limits.has_stage:
         share = float(Limits(**wide).stage_share(a, half, v))
@@ -269,7 +269,7 @@ def fit(
     Args:
         measurements: Pictures, or the result of `read_measurements`, which has a sensor and a
             trace of its own.
-        motion: The motion as sent, from which the fit starts, of a stroke of 1 px at least.
+        motion: The motion as sent, from which the fit starts, of a sag of 1 px at least.
         shutter: The transmittance as sent, from which the fit starts.
         sensor: The conversion of electrons to levels; by default a level is an electron, without
             read noise.
@@ -288,9 +288,9 @@ def fit(
     data = _measurements(measurements, sensor, trace)
     require_positive_int("fit(num_coefficients=...)", num_coefficients)
     require(num_coefficients >= 4, "fit(num_coefficients=...)", "be at least 4", num_coefficients)
-    stroke = float(motion.stroke)
-    requirement = f"have a stroke of at least {_LEAST_STROKE:g} px"
-    require(stroke >= _LEAST_STROKE, "fit(motion=...)", requirement, Unquoted(f"{stroke:g} px"))
+    sag = float(motion.sag)
+    requirement = f"have a sag of at least {_LEAST_SAG:g} px"
+    require(sag >= _LEAST_SAG, "fit(motion=...)", requirement, Unquoted(f"{sag:g} px"))
     setting = Setting.of(data, motion, shutter, num_coefficients)
     is_unknown = any(picture.speed is None for picture in data.pictures)
     best = likeliest_start(setting, _SPEEDS if is_unknown else (0.0,))
