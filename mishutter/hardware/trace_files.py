@@ -16,19 +16,20 @@ from typing import NamedTuple
 import numpy as np
 
 from mishutter._core import Unquoted, contents, require, text_of
-from mishutter.hardware.traces import Trace, require_ascending
+from mishutter.hardware.traces import Trace, has_two_levels, require_ascending, require_samples
 
 _UNITS = {"ns": 1e-9, "us": 1e-6, "\u03bcs": 1e-6, "ms": 1e-3} | dict.fromkeys(
     ("s", "sec", "second", "seconds"), 1.0
 )
 """Units of time, case-folded, which makes one of both micro signs; s."""
-_TIMES = ("time", "t")
+_TIMES = ("time", "t", "zeit", "temps", "tiempo", "tempo")
 """Names of a column of times, case-folded."""
-_INTERVALS = ("sample interval", "sampling interval", "sampling period", "increment", "interval")
-_INTERVALS += ("xinc", "xincr", "tinc")
-_STARTS = ("start", "xorg", "xzero", "t0")
-_CLOCK_UNITS = ("horizontal units", "horz_units", "xunits", "xunit")
-"""Settings, case-folded, as makers name them."""
+_INTERVALS = ("sampleinterval", "samplinginterval", "samplingperiod", "sampleperiod")
+_INTERVALS += ("increment", "interval", "xinc", "xincr", "xincrement", "tinc", "deltax", "dt")
+_STARTS = ("start", "xorg", "xorigin", "xzero", "x0", "t0")
+_CLOCK_UNITS = ("horizontalunits", "horizontalunit", "horzunits", "hunits", "hunit")
+_CLOCK_UNITS += ("xunits", "xunit", "xunitlabel", "timeunits", "timeunit")
+"""Settings as makers name them, by their letters and digits alone, case-folded."""
 _OVERRANGE = 9.9e37
 """Number that stands for a signal out of range, as SCPI has it for an infinite one."""
 _NUM_SAMPLES = 9
@@ -37,7 +38,9 @@ _NUM_BESIDE = 64
 """Lines of the block beside which settings may stand."""
 _CLOSE = 0.01
 """Share by which a column's mean step may be off the sample interval."""
-_HOW = "as `time (s),level` above its numbers would say"
+_SIGNS = dict.fromkeys([*range(0x2010, 0x2016), 0x2212, 0xFF0D], "-") | {0xFF0B: "+"}
+_SIGNS |= dict.fromkeys([0x066B, 0xFF0E], ".") | {0xFF0C: ",", 0x221E: "inf"}
+"""Signs beside the digits of a number, and those that `float` knows in their place."""
 
 
 class _Block(NamedTuple):
@@ -60,9 +63,10 @@ def read_trace(path: str | Path, *, column: str | None = None) -> Trace:
     """Read a trace from text, as an oscilloscope exports it: numbers in columns under a header.
 
     Columns are separated by commas, semicolons, tabs or white space; with any but the first,
-    decimals may have commas. The header names a unit of time (s, ms, us or ns) for one column, or
-    a sample interval where there is no such column; then time counts from the first sample where
-    the header gives no time for that. Lines without numbers above and below are ignored.
+    decimals may have commas. Digits may be those of any script. The header names a unit of time
+    (s, ms, us or ns) for one column, or a sample interval where there is no such column; then time
+    counts from the first sample where the header gives no time for that. Lines of settings above,
+    and lines without numbers above and below, are ignored.
 
     Args:
         path: A file in UTF-8, UTF-16 or Latin-1.
@@ -70,7 +74,7 @@ def read_trace(path: str | Path, *, column: str | None = None) -> Trace:
 
     Raises:
         ValueError: if the file does not name its columns, a number is missing or out of the
-            instrument's range, or times fall.
+            instrument's range, times fall, or it is a list of transitions.
         OSError: if it cannot be read.
     """
     name = str(path)
@@ -87,9 +91,12 @@ def read_trace(path: str | Path, *, column: str | None = None) -> Trace:
     unnamed = [c for c in levels if names and not _at(names, c)]
     requirement = "have a name above each column of numbers (decimal commas need another separator)"
     require(not unnamed, name, requirement, Unquoted(block.lines[0]))
-    level = _numbers(block, _chosen(levels, names, column, name), name)
-    trace = Trace(time, level)
+    chosen = _chosen(levels, names, column, name)
+    trace = Trace(time, _numbers(block, chosen, name))
     require_ascending(trace, name)
+    if len(levels) > 1 and has_two_levels(trace.level):
+        rows = (_cells(line, block.separator) for line in block.lines)
+        require_samples(np.array([[_at(row, c) for c in levels] for row in rows]), name)
     return trace
 
 
@@ -108,18 +115,22 @@ def _at(cells: Sequence[str], column: int) -> str:
 def _block(lines: list[str], name: str) -> _Block:
     """The lines of numbers of a file, by those columns that most of its lines have."""
     lines = [line for line in lines if line.strip()]
-    requirement = f"hold lines of numbers in columns, {_HOW}"
+    requirement = "hold lines of numbers in columns, as those of times and levels are"
     require(bool(lines), name, requirement, Unquoted("an empty file"))
     places = np.unique(np.linspace(0, len(lines) - 1, _NUM_SAMPLES).astype(int))
     sample = [lines[k] for k in places[::-1]]
     separator = _separator(sample)
-    patterns = Counter(_numeric(_cells(line, separator)) for line in sample)
-    patterns.pop((), None)
+    rows = [_cells(line, separator) for line in sample]
+    patterns = Counter(
+        (numeric, _begins_with_name(row, numeric[0])) for row in rows if (numeric := _numeric(row))
+    )
     require(bool(patterns), name, requirement, Unquoted(lines[0]))
-    columns = patterns.most_common(1)[0][0]
+    (columns, are_named), _ = patterns.most_common(1)[0]
 
     def holds(line: str) -> bool:
-        return set(columns) <= set(_numeric(_cells(line, separator)))
+        row = _cells(line, separator)
+        is_setting = not are_named and _begins_with_name(row, columns[0])
+        return set(columns) <= set(_numeric(row)) and not is_setting
 
     stop = next(k for k in range(len(lines), 0, -1) if holds(lines[k - 1]))
     first = next(k for k in range(stop) if all(map(holds, lines[k : min(k + 3, stop)])))
@@ -128,6 +139,15 @@ def _block(lines: list[str], name: str) -> _Block:
     requirement = "hold as many numbers in each line (decimal commas need another separator)"
     require(ragged is None, name, requirement, Unquoted(",".join(ragged or ())))
     return _Block(header, lines[first:stop], columns, separator)
+
+
+def _begins_with_name(row: Sequence[str], column: int) -> bool:
+    """Whether the number in a column is the value of a name before it, as in `"Probe",5`.
+
+    A setting beside a sample has its own value before the sample, or nothing directly before it.
+    """
+    before = row[:column]
+    return bool(before) and before[-1][:1].isalpha() and not _numeric(before)
 
 
 def _separator(sample: Sequence[str]) -> str | None:
@@ -142,9 +162,10 @@ def _separator(sample: Sequence[str]) -> str | None:
 
 
 def _heading_cells(line: str, separator: str | None) -> list[str]:
-    """Cells of a line above the numbers, which may have separators where one column has none."""
-    if separator is None:
-        separator = next((s for s in "\t;," if s in line), None)
+    """Cells of a line above the numbers, which may have a separator that the numbers have not."""
+    if separator is None or separator not in line:
+        others = "\t;," if separator else "\t;,:="
+        separator = next((s for s in others if s in line), None)
     return [cell.lstrip("#% ") for cell in _cells(line, separator)]
 
 
@@ -164,7 +185,9 @@ def _numeric(cells: Sequence[str]) -> tuple[int, ...]:
 
 
 def _number(cell: str) -> float | None:
-    text = cell.strip().replace("\u221e", "inf")
+    """The number in a cell, in the digits of any script."""
+    text = cell.strip()
+    text = text if text.isascii() else text.translate(_SIGNS)
     try:
         return float(text if "." in text else text.replace(",", "."))
     except ValueError:
@@ -187,22 +210,27 @@ def _numbers(block: _Block, column: int, name: str) -> np.ndarray:
         )
     except ValueError:
         numbers = np.array([np.nan])
-    if not np.all(np.abs(numbers) < _OVERRANGE):
-        _refuse_row(block, column, name)
-    return numbers
+    if np.all(np.abs(numbers) < _OVERRANGE):
+        return numbers
+    rows = (line for line in block.lines if not line.lstrip().startswith("#"))
+    return np.array([_checked(line, block.separator, column, name) for line in rows])
 
 
-def _refuse_row(block: _Block, column: int, name: str) -> None:
-    """Name the first row of a column that is no number, or one that stands for no number."""
-    for line in block.lines:
-        number = _number(_at(_cells(line, block.separator), column))
-        requirement = "hold numbers alone from the first row of them to the last"
-        require(number is not None, name, requirement, Unquoted(line))
-        requirement = (
-            f"hold finite numbers below {_OVERRANGE:g}, others being an instrument's sign for a "
-            "signal out of its range"
-        )
-        require(abs(number or 0.0) < _OVERRANGE, name, requirement, Unquoted(line))
+def _checked(line: str, separator: str | None, column: int, name: str) -> float:
+    """The number of a line, which is refused where it is no number or stands for none.
+
+    This is slower than NumPy's reader, which knows neither all digits nor which line it refuses.
+    """
+    number = _number(_at(_cells(line, separator), column))
+    requirement = "hold numbers alone from the first row of them to the last"
+    require(number is not None, name, requirement, Unquoted(line))
+    requirement = (
+        f"hold finite numbers below {_OVERRANGE:g}, others being an instrument's sign for a "
+        "signal out of its range"
+    )
+    value = float(number or 0.0)
+    require(abs(value) < _OVERRANGE, name, requirement, Unquoted(line))
+    return value
 
 
 # The headings and settings beside the block
@@ -210,7 +238,8 @@ def _refuse_row(block: _Block, column: int, name: str) -> None:
 
 def _headings(block: _Block) -> tuple[list[str], list[str]]:
     """Cells that name the columns, and those below them that hold their units, if any do."""
-    above, below = ([], [], *block.header)[-2:]
+    rows = (row for row in block.header if not _is_setting(row, block.columns))
+    above, below = ([], [], *rows)[-2:]
     is_named = any(_split(cell)[0].casefold() in _TIMES for cell in below)
     is_unit = any(_bare(cell) in _UNITS for cell in below)
     if not is_named and (is_unit or _numeric(below)):
@@ -219,6 +248,19 @@ def _headings(block: _Block) -> tuple[list[str], list[str]]:
         names, units = below, []
     # A line of one cell is the last of the settings, above columns without names.
     return (names if sum(map(bool, names)) > 1 else []), units
+
+
+def _is_setting(row: Sequence[str], columns: Sequence[int]) -> bool:
+    """Whether a line above the numbers names no columns.
+
+    It begins beside the columns and has numbers or nothing above some, as `"Probe",5` does, or
+    gives the unit or the steps of time, as `"HUnit","s"` does.
+    """
+    cells = [_at(row, column) for column in columns]
+    is_beside = any(row[: columns[0]]) and not all(c and _number(c) is None for c in cells)
+    has_value = any(_bare(cell) in _UNITS or _number(cell) is not None for cell in row[1:])
+    is_of_time = has_value and _key(row[0]) in (*_CLOCK_UNITS, *_INTERVALS, *_STARTS)
+    return is_beside or is_of_time
 
 
 _HEADING = re.compile(r"(.*?)[\s_]*(?:[(\[]([^)\]]*)[)\]]|\bin\s+(\S+)|/\s*(\S+)|_(\w+))")
@@ -234,21 +276,30 @@ def _split(heading: str) -> tuple[str, str]:
 
 
 def _bare(unit: str) -> str:
-    return unit.strip("()[] ").casefold()
+    return unit.strip("()[]\"' ").casefold()
 
 
 def _factor(unit: str, heading: str) -> float | None:
-    """Seconds in the unit of a column, by the cell of units or the heading; None for another."""
-    return _UNITS.get(_bare(unit), _UNITS.get(_bare(_split(heading)[1])))
+    """Seconds in the unit of a column, by the cell of units or the heading; None for another.
+
+    `time/s` is a time in s, and `Counts/s` a rate.
+    """
+    name, own_unit = _split(heading)
+    is_rate = "/" in heading and name.casefold() not in _TIMES
+    return _UNITS.get(_bare(unit), None if is_rate else _UNITS.get(_bare(own_unit)))
 
 
 def _chosen(levels: Sequence[int], names: Sequence[str], column: str | None, name: str) -> int:
     """The column of levels."""
-    require(bool(levels), name, "have a column of levels beside the times", Unquoted("none"))
+    got = Unquoted("none: the times at which a shutter moves are no trace")
+    require(bool(levels), name, "have a column of levels beside the times", got)
     got = Unquoted(", ".join(_at(names, c) or "one without a name" for c in levels))
     if column is None:
         alone = levels if len(levels) == 1 else _of_name(levels, names, "level")
-        requirement = "have one column of levels, or be read with the name of one as its `column`"
+        requirement = (
+            "have one column of levels, or be read with the name of one as its `column` or "
+            "`--measured-column`"
+        )
     else:
         alone = _of_name(levels, names, column)
         requirement = f"have one column of levels of the name {column}"
@@ -267,13 +318,15 @@ def _time_by_settings(
 ) -> tuple[list[int], np.ndarray]:
     """The column that no level is in, if there is one, and the times, of a block without units."""
     settings = dict(_settings(block))
-    unit = next((settings[key] for key in _CLOCK_UNITS if key in settings), [""])
-    own_factor = _UNITS.get(unit[0].casefold())
+    unit = next((settings[key][0] for key in _CLOCK_UNITS if settings.get(key)), "")
+    own_factor = _UNITS.get(_bare(unit))
+    requirement = "have its times in s, ms, us or ns"
+    require(own_factor is not None or not unit, name, requirement, Unquoted(unit))
     factor = 1.0 if own_factor is None else own_factor
-    interval = _quantity(settings, _INTERVALS, factor)
-    start = _quantity(settings, _STARTS, factor) or 0.0
+    interval = _quantity(settings, _INTERVALS, "sample interval", factor, name)
+    start = _quantity(settings, _STARTS, "start", factor, name) or 0.0
     clocks = [c for c in block.columns if _split(_at(names, c))[0].casefold() in _TIMES]
-    requirement = f"name s, ms, us or ns as the unit of a column of times, {_HOW}"
+    requirement = _how_to_name_times(block)
     rows = [",".join(row) for row in block.header[-2:]]
     got = Unquoted(" / ".join(rows) or block.lines[0])
     column = (*clocks, *block.columns)[0]
@@ -292,6 +345,17 @@ def _time_by_settings(
     return [], start + interval * np.arange(numbers.size)
 
 
+def _how_to_name_times(block: _Block) -> str:
+    """The requirement on a file that does not say the times of its levels."""
+    if len(block.columns) == 1:
+        how = "as `Sample Interval,1e-5 s` above its numbers would"
+        return f"give the time from one of its levels to the next, {how}"
+    places = dict(zip(block.columns, ("time (s)", "level"), strict=False))
+    heading = ",".join(places.get(c, "") for c in range(max(places) + 1))
+    how = f"as `{heading}` above its numbers would say"
+    return f"name s, ms, us or ns as the unit of a column of times, {how}"
+
+
 def _settings(block: _Block) -> Iterator[tuple[str, list[str]]]:
     """Settings and their values: beside their names, below them, or after `=` in one cell."""
     first = block.columns[0]
@@ -305,26 +369,36 @@ def _settings(block: _Block) -> Iterator[tuple[str, list[str]]]:
                 if value:
                     yield _key(key), [value.strip()]
     for above, below in pairwise(block.header):
-        for key, value in zip(above, below, strict=False):
+        # A line of names holds no number: `Sample Interval 1e-5` is none, in white space.
+        for key, value in () if _numeric(above) else zip(above, below, strict=False):
             if _key(key) in (*_INTERVALS, *_STARTS) and _number(value) is not None:
                 yield _key(key), [value]
 
 
 def _key(text: str) -> str:
-    return text.strip(" :").casefold()
+    """Letters and digits of a name: `Sample Interval`, `sample_interval` and `SampleInterval`."""
+    return re.sub(r"[\W_]+", "", text.casefold())
 
 
-_QUANTITY = re.compile(r"([-+]?[\d.,]+(?:e[-+]?\d+)?)\s*(\S*)", re.IGNORECASE)
+_QUANTITY = re.compile(r"(?:[a-z]\w*:)?\s*([-+]?[\d.,]+(?:e[-+]?\d+)?)\s*([^\W\d]*)", re.I)
+"""A number and its unit, perhaps behind the name of a source, as in `Analog:1.2E-05`."""
 
 
-def _quantity(settings: dict[str, list[str]], keys: Sequence[str], factor: float) -> float | None:
+def _quantity(
+    settings: dict[str, list[str]], keys: Sequence[str], noun: str, factor: float, name: str
+) -> float | None:
     """A time among the settings, in its own unit or, without one, in that of the clock; s."""
     for key in keys:
         first, *others = settings.get(key) or [""]
-        match = _QUANTITY.fullmatch(first.rpartition(":")[2].strip())
+        match = _QUANTITY.fullmatch(first)
         number = None if match is None else _number(match[1])
         if match is None or number is None:
             continue
-        units = [text.casefold() for text in (match[2], *others[:1])]
-        return number * next((_UNITS[unit] for unit in units if unit in _UNITS), factor)
+        got = Unquoted(",".join([first, *others]))
+        is_one = all(_number(other) in (None, number) for other in others)
+        require(is_one, name, f"have one {noun} for all of its columns", got)
+        unit = match[2] or next((text for text in others[:1] if _number(text) is None), "")
+        is_known = not unit or _bare(unit) in _UNITS
+        require(is_known, name, f"have its {noun} in s, ms, us or ns", got)
+        return number * (_UNITS[_bare(unit)] if unit else factor)
     return None

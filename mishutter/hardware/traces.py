@@ -31,6 +31,8 @@ _RIDGE = 1e-12
 """Ridge that fixes a coefficient with hardly a sample, as a share of a B-spline's mean square."""
 _LEAST_NOISE = 1e-4
 """Noise below which, as a share of the swing, a trace is not taken as clipped."""
+_ROUNDING = 1.1
+"""Bound on the noise that the rounding of a smooth signal feigns, in steps of the converter."""
 
 
 class Trace(NamedTuple):
@@ -96,6 +98,30 @@ def require_ascending(trace: Trace, name: str) -> None:
     )
     ascends = bool(np.all(steps >= 0)) and time.size > 0 and bool(time[-1] > time[0])
     require(ascends, name, "have times that ascend", fall)
+
+
+def has_two_levels(level: Float[np.ndarray, "n"]) -> bool:
+    """Whether each level is the least or the greatest, and these differ."""
+    low, high = np.min(level), np.max(level)
+    return bool(low < high) and bool(np.all((level == low) | (level == high)))
+
+
+def require_samples(rows: np.ndarray, name: str) -> None:
+    """Refuse a list of transitions, in which each line stands at a change of a binary channel.
+
+    A change takes one line, or two if the levels before and after it are both listed, so that no
+    three lines are alike. A shutter that is sampled rests for longer.
+
+    Args:
+        rows: Levels of each channel, or texts of them; shape `(n, channels)`.
+        name: The trace's name in an error.
+    """
+    changes = np.any(rows[1:] != rows[:-1], axis=1)
+    are_binary = all(np.unique(channel).size <= 2 for channel in rows.T)
+    is_list = are_binary and bool(np.any(changes)) and bool(np.all(changes[1:] | changes[:-1]))
+    requirement = "hold samples, of which many fall in each rest of the shutter"
+    got = Unquoted(f"a list of transitions, {len(rows)} lines of which each is at a change")
+    require(not is_list, name, requirement, got)
 
 
 def within_exposure(
@@ -185,12 +211,14 @@ def measured_profile(
         name: The trace's name in an error.
 
     Raises:
-        ValueError: if times fall or leave a gap in the exposure, a number is not finite, or the
-            levels do not tell open from closed.
+        ValueError: if times fall or leave a gap in the exposure, a number is not finite, the
+            levels do not tell open from closed, or they are a list of transitions.
     """
     trace = as_trace(trace, name)
     require_finite(name, middle)
     require_ascending(trace, name)
+    if has_two_levels(np.asarray(trace.level)):
+        require_samples(np.asarray(trace.level)[:, None], name)
     tau = within_exposure(trace, half_exposure, middle, name)
     inside = np.abs(tau) <= 1
     levels = np.asarray(trace.level, np.float64)
@@ -316,11 +344,9 @@ def _clipping(level: np.ndarray) -> tuple[str, ...]:
 
     Samples of a noisy signal do not stay at one level, its greatest or its least, for long: by
     chance, at even odds for each, no run is as long as twice the binary logarithm of their number.
-    Where noise is less than a step of the converter the function adds no sentence. Neighbouring
-    second differences of noise have opposite signs, which distinguishes it from a smooth signal.
+    Where noise is less than a step of the converter the function adds no sentence.
     """
-    bend = np.diff(level, 2)
-    noise = float(np.sqrt(max(np.median(-bend[1:] * bend[:-1]), 0.0))) if bend.size > 1 else 0.0
+    noise = _noise_between_rails(level)
     sentences = []
     for word, extreme in (("above", float(np.max(level))), ("below", float(np.min(level)))):
         edges = np.flatnonzero(np.diff(np.concatenate([[False], level == extreme, [False]])))
@@ -333,3 +359,21 @@ def _clipping(level: np.ndarray) -> tuple[str, ...]:
                 "coarser vertical scale"
             )
     return tuple(sentences)
+
+
+def _noise_between_rails(level: np.ndarray) -> float:
+    """About the standard deviation of a sample, from those between the extreme levels; 0 if none.
+
+    Neighbouring second differences of noise have opposite signs, which distinguishes it from a
+    smooth signal. Those of samples at a rail would hide it, and rounding to the converter's steps
+    looks like noise of up to one step.
+    """
+    is_between = (level > np.min(level)) & (level < np.max(level))
+    are_four = is_between[3:] & is_between[2:-1] & is_between[1:-2] & is_between[:-3]
+    bend = np.diff(level, 2)
+    products = (-bend[1:] * bend[:-1])[are_four]
+    if products.size == 0:
+        return 0.0
+    noise = float(np.sqrt(max(np.median(products), 0.0)))
+    step = float(np.min(np.diff(np.unique(level[is_between])), initial=np.inf))
+    return noise if noise > _ROUNDING * step else 0.0

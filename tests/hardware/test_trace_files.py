@@ -1,12 +1,23 @@
 """Traces as instruments write them: what a file plainly says is read, and nothing is guessed.
 
-The files are made in the layouts of thirteen instruments, and in the spellings of separators,
+The files are made in the layouts of fourteen instruments, and in the spellings of separators,
 units and encodings that programs and people write.
 """
 
+import re
+
 import numpy as np
 import pytest
-from support.exports import EXPORTS, HALF, keysight, picoscope, pulse, rigol_ds1000z, tektronix_mso
+from support.exports import (
+    EXPORTS,
+    HALF,
+    keysight,
+    labview,
+    picoscope,
+    pulse,
+    rigol_ds1000z,
+    tektronix_mso,
+)
 
 from mishutter import measured_profile, read_trace
 
@@ -109,6 +120,9 @@ def test_a_column_is_chosen_by_name(tmp_path):
     for name, sign in (("CH2", -1), ("ch3", 1)):
         trace = read(tmp_path, content, column=name)
         np.testing.assert_allclose(trace.level, sign * LEVEL, rtol=0, atol=1e-6)
+    for times in ("One", "No"):
+        trace = read(tmp_path, labview(TIME, LEVEL, times, channels=2), column="voltage_1")
+        np.testing.assert_allclose(trace.level, -LEVEL, rtol=0, atol=1e-6)
     pairs = zip(rows(), TIME, strict=True)
     lines = [f"{row},{5.0 * (t > -HALF)}" for row, t in pairs]
     mine = "\n".join(["time (s),level (V),gate (V)", *lines])
@@ -141,6 +155,150 @@ def test_times_that_are_rounded_may_repeat(tmp_path):
     tau = np.linspace(-0.95, 0.95, 77)
     difference = found.shutter.transmittance(tau) - exact.shutter.transmittance(tau)
     assert np.max(np.abs(difference)) < 3e-3
+
+
+BEFORE = [f'"Sample Interval",{STEP:.9g}', f'"Start",{TIME[0]:.9g}', '"VUnit","V"']
+"""Settings that give the times of levels alone."""
+ABOVE = {
+    "a-number": (",", ['"Probe",5']),
+    "three-numbers": (",", ["Samples,300", "Channel,1", "Vertical Scale,0.5"]),
+    "four-numbers": (",", ["Samples,300", "Channel,1", "Vertical Scale,0.5", "Offset,-0.3"]),
+    "numbers-and-words": (",", ["Channel,1", "Scale,0.5", "Offset,0", "Coupling,DC", "Probe,10"]),
+    "units": (",", ["Trigger Level,0.4,V", "Bandwidth,20,MHz"]),
+    "a-source": (",,", ['"HUnit","s"', '"Probe","CH1",5']),
+    "the-unit-of-time": (",", ['"HUnit","s"']),
+}
+"""Empty cells before each number, and settings directly above the numbers."""
+
+
+@pytest.mark.parametrize("slug", ABOVE)
+def test_a_setting_above_the_numbers_is_no_sample(slug, tmp_path):
+    """It has as many cells as a line of numbers has, but a name before its value."""
+    beside, settings = ABOVE[slug]
+    levels = [f"{beside}{v:.6g}" for v in LEVEL]
+    times = [f"{beside}{row}" for row in rows()]
+    both = [f"{beside}{v:.6g},{-v:.6g}" for v in LEVEL]
+    doubled = [re.sub(r",(-?[\d.]+)", r",\1,\1", row) for row in settings]
+    names = f'"TraceName"{beside}CH1,CH2'
+    for separator in ",;\t":
+        for lines, column in (
+            ([*BEFORE, *settings, *levels], None),
+            ([f"{beside}time (s),level", *doubled, *times], None),
+            ([*BEFORE[:2], *doubled, names, *both], "CH1"),
+        ):
+            content = "\n".join(lines).replace(",", separator)
+            trace = read(tmp_path, content, column=column)
+            np.testing.assert_allclose(trace.time, TIME, rtol=0, atol=1e-3 * STEP)
+            np.testing.assert_allclose(trace.level, LEVEL, rtol=0, atol=6e-6)
+
+
+def test_a_unit_of_time_above_the_numbers_names_no_column(tmp_path):
+    """Settings end with the unit of time, above columns without names: it is no level's unit."""
+    header = [f"Sampling Period,{STEP * 1e3:.9g}", "Vertical Units,V", "Horizontal Units,ms"]
+    trace = read(tmp_path, text(*header, factor=1e3))
+    np.testing.assert_allclose(trace.time, TIME, rtol=0, atol=1e-3 * STEP)
+    levels = [f",{v:.6g}" for v in LEVEL]
+    header = [f'"Interval",{STEP * 1e6:.9g}', f'"X0",{TIME[0] * 1e6:.9g}', '"HUnit","us"']
+    trace = read(tmp_path, "\n".join([*header, *levels]))
+    np.testing.assert_allclose(trace.time, TIME, rtol=0, atol=1e-3 * STEP)
+
+
+def test_names_of_settings_are_known_by_their_letters(tmp_path):
+    """Spaces, underscores and capitals of a maker's names do not matter."""
+    levels = [f"{v:.6g}" for v in LEVEL]
+    for name, start in (("Delta_X", "X0"), ("deltaX", "x0"), ("sample_interval", "X Org")):
+        for sign in (",", ": ", " = "):
+            header = [f"{name}{sign}{STEP:.9g}", f"{start}{sign}{TIME[0]:.9g}"]
+            trace = read(tmp_path, "\n".join([*header, *levels]))
+            np.testing.assert_allclose(trace.time, TIME, rtol=0, atol=1e-3 * STEP)
+
+
+DIGITS = {
+    "arabic": "\u0660\u0661\u0662\u0663\u0664\u0665\u0666\u0667\u0668\u0669",
+    "devanagari": "\u0966\u0967\u0968\u0969\u096a\u096b\u096c\u096d\u096e\u096f",
+    "full-width": "\uff10\uff11\uff12\uff13\uff14\uff15\uff16\uff17\uff18\uff19",
+}
+
+
+@pytest.mark.parametrize("slug", DIGITS)
+def test_digits_of_other_scripts_are_digits(slug, tmp_path):
+    """A column is read wherever its numbers are recognised, with each separator and sign."""
+    signs = {"full-width": ".\uff0e-\uff0d", "arabic": ".\u066b-\u2212"}.get(slug, "-\u2013")
+    table = str.maketrans("0123456789" + signs[::2], DIGITS[slug] + signs[1::2])
+    for separator in (",", "\t", ";", "  "):
+        for lines in (
+            [row.translate(table) for row in rows(separator, digits=7)],
+            [f"{t:.7f}{separator}{v:.6f}".translate(table) for t, v in [(TIME[0], LEVEL[0])]]
+            + rows(separator, digits=7)[1:],
+        ):
+            trace = read(tmp_path, "\n".join(["time (s),level", *lines]))
+            np.testing.assert_allclose(trace.time, TIME, rtol=0, atol=2e-3 * STEP)
+            np.testing.assert_allclose(trace.level, LEVEL, rtol=0, atol=6e-6)
+
+
+def test_underscores_between_digits_are_read_among_comments(tmp_path):
+    """Python's way of writing long numbers, of a time and of a level, is read or named."""
+    pairs = np.rint(np.stack([TIME, LEVEL], axis=1) * 1e9).astype(int)
+    lines = [f"{t:_},{v:_}" for t, v in pairs]
+    lines.insert(77, "# the trigger, 5_0")
+    trace = read(tmp_path, "\n".join(["time (ns),level (nV)", *lines]))
+    np.testing.assert_allclose(trace.time, TIME, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(trace.level, LEVEL * 1e9, rtol=0, atol=1)
+    for wrong in ("5__0", "5_", "\u00b2"):
+        lines[201] = f"{pairs[200][0]},{wrong}"
+        with pytest.raises(ValueError, match=f"hold numbers alone .*; got {lines[201]}"):
+            read(tmp_path, "\n".join(["time (ns),level (nV)", *lines]))
+
+
+@pytest.mark.parametrize("separator", [",", "\t", ";", " ", "   "])
+@pytest.mark.parametrize("before", ["", "a"])
+def test_a_hint_works_as_it_stands(separator, before, tmp_path):
+    """The line that an error proposes makes the file readable, whatever separates its numbers."""
+    beside = f"{before}{separator}"
+    blocks = [
+        ["Time;Ampl"],
+        [],
+        ["Segments,1,SegmentSize,600"],
+    ]
+    for header in blocks:
+        for lead in ("", beside if before or separator.strip() or separator == "\t" else ""):
+            for lines in (rows(separator), [f"{v:.6g}" for v in LEVEL]):
+                numbers = [lead + line for line in lines]
+                with pytest.raises(ValueError, match="above its numbers would") as caught:
+                    read(tmp_path, "\n".join([*header, *numbers]))
+                hint = str(caught.value).split("`")[3].replace("1e-5", f"{STEP:.9g}")
+                trace = read(tmp_path, "\n".join([*header, hint, *numbers]))
+                start = TIME[0] if "time" in hint else 0.0
+                np.testing.assert_allclose(trace.time - start, TIME - TIME[0], atol=1e-3 * STEP)
+                np.testing.assert_allclose(trace.level, LEVEL, rtol=0, atol=6e-6)
+
+
+@pytest.mark.parametrize("unit", ["Counts/s", "lx/s", "W/m2/s", "1/s", "kCounts / ms", "V/us"])
+def test_a_rate_is_no_time(unit, tmp_path):
+    """A level per second stands beside times, in either order, or is what an interval times."""
+    pairs = [row.split(",") for row in rows(factor=1e3)]
+    for lines in (
+        [f"Time (ms),{unit}", *map(",".join, pairs)],
+        [f"t/ms,{unit}", *map(",".join, pairs)],
+        [f"{unit},Zeit/ms", *[f"{v},{t}" for t, v in pairs]],
+        ["time,level", f"ms,{unit}", *map(",".join, pairs)],
+        [f"Sample Interval,{STEP:.9g}", f"Start,{TIME[0]:.9g}", f"{unit},", *[v for _, v in pairs]],
+    ):
+        trace = read(tmp_path, "\n".join(lines))
+        np.testing.assert_allclose(trace.time, TIME, rtol=0, atol=1e-3 * STEP)
+        np.testing.assert_allclose(trace.level, LEVEL, rtol=0, atol=6e-6)
+    with pytest.raises(ValueError, match=rf"unit of a column of times, .*; got x,{unit}"):
+        read(tmp_path, "\n".join([f"x,{unit}", *map(",".join, pairs)]))
+
+
+def test_a_gate_beside_a_signal_is_no_list_of_transitions(tmp_path):
+    """Two channels of a logic analyser, listed at their changes, are refused by name."""
+    steps = [f"{t:.6f},{k // 3 % 2},{k % 2}" for k, t in enumerate(TIME)]
+    with pytest.raises(ValueError, match=r"must hold samples, .*; got a list of transitions, 600"):
+        read(tmp_path, "\n".join(["Time [s],D0,D1", *steps]), column="D0")
+    gates = [f"{t:.6f},{v:.6f},{k % 2}" for k, (t, v) in enumerate(zip(TIME, LEVEL, strict=True))]
+    trace = read(tmp_path, "\n".join(["Time [s],A0,D1", *gates]), column="D1")
+    assert trace.level.mean() == 0.5
 
 
 def with_value(content, value):
@@ -178,7 +336,8 @@ REFUSED = {
     "numbers-alone": ("\n".join(rows()), "must name s, ms, us or ns as the unit .*; got -0.025,0"),
     "several-channels": (
         tektronix_mso(TIME, LEVEL, channels=3),
-        "have one column of levels, or be read with the name of one as its `column`; got CH1, CH2",
+        "have one column of levels, or be read with the name of one as its `column` or "
+        "`--measured-column`; got CH1, CH2",
     ),
     "times-alone": (text("time,time", "ms,ms"), "have a column of levels beside the times"),
     "decimal-commas-between-commas": (
@@ -189,10 +348,33 @@ REFUSED = {
         text("time,level", "s,V").replace("\n", ",7\n").replace("V,7", "V").replace("l,7", "l"),
         r"must have a name above each column of numbers \(decimal commas need another separator\)",
     ),
-    "prose": ("once upon a time\n" * 9, r"must hold lines of numbers in columns, as `time \(s\),l"),
+    "prose": (
+        "once upon a time\n" * 9,
+        r"must hold lines of numbers in columns, as those of times",
+    ),
+    "times-of-edges": (
+        "time (s),edge\n-0.02,rising\n0.011,falling\n",
+        "have a column of levels beside the times; got none: the times at which a shutter moves a",
+    ),
+    "an-interval-in-minutes": (
+        "\n".join(["Sample Interval,3 min", *[f"{v:.6g}" for v in LEVEL]]),
+        "must have its sample interval in s, ms, us or ns; got 3 min",
+    ),
+    "a-clock-in-hertz": (
+        "\n".join(["Horizontal Units,Hz", "Increment,25", *[f"{v:.6g}" for v in LEVEL]]),
+        "must have its times in s, ms, us or ns; got Hz",
+    ),
+    "an-interval-of-each-channel": (
+        labview(TIME, LEVEL, "No", 2).replace("Delta_X\t", "Delta_X\t3.5E-5\t"),
+        "must have one sample interval for all of its columns; got 3.5E-5,8.3",
+    ),
+    "no-value-for-a-unit": (
+        "\n".join(["Horizontal Units,", *[f"{v:.6g}" for v in LEVEL]]),
+        "give the time from one of its levels to the next, as `Sample Interval,1e-5 s` above its",
+    ),
     "empty": ("\n", "must hold lines of numbers in columns, .*; got an empty file"),
     "one-long-line": ("0.5," * 5000, "must name s, ms, us or ns as the unit"),
-    "one-long-cell": (("5" * 140_000 + ",1\n") * 3, "must name s, ms, us or ns as the unit"),
+    "one-long-cell": (("5" * 140_000 + ",1\n") * 3, "must give the time from one of its le"),
     "binary": (b":WFMPRE:BYT_NR 2;:CURVE #42000\x00\x01\xff", "must be text, as CSV is, in UTF-8"),
     "backwards": (
         "\n".join(["time,level", "s,V", *rows()[::-1]]),

@@ -111,6 +111,61 @@ def test_a_clipped_trace_is_said(low, high, step):
     assert whole.notes == ()
 
 
+@pytest.mark.parametrize(("low", "high"), [(0.3, 0.9), (0.6, 0.8), (0.45, 9), (-9, 0.1)])
+@pytest.mark.parametrize("step", [0, 0.004])
+def test_a_trace_that_lies_at_its_rails_for_the_most_part_is_said(low, high, step):
+    """The noise of the samples between the rails shows it, however few these are."""
+    _, level = pulse(900)
+    level = np.round(level / step) * step if step else level
+    time = np.linspace(-1.25, 1.25, level.size) * HALF
+    cut = np.clip(level, low, high)
+    assert np.mean((cut == low) | (cut == high)) > 0.5
+    notes = measured_profile(Trace(time, cut), half_exposure=HALF).notes
+    said = [f"{rail:g}: what went {word}" for word, rail in (("above", high), ("below", low))]
+    assert [words in " ".join(notes) for words in said] == [high < 9, low > -9]
+    assert len(notes) == (high < 9) + (low > -9)
+
+
+@pytest.mark.parametrize("step", [1 / 256, 0.013, 1e-6])
+def test_ramps_between_rests_are_not_taken_for_noise(step):
+    """Rounding to a converter's steps is no noise: rests at both ends are the shutter's own."""
+    time = np.linspace(-1.3, 1.3, 700) * HALF
+    light = np.clip(2.2 * (1 - np.abs(time) / HALF), 0, 1)
+    level = np.round((0.3 + 1.4 * light) / step) * step
+    assert measured_profile(Trace(time, level), half_exposure=HALF).notes == ()
+
+
+LISTS = {
+    "one-a-change": ([-19, -12, 3, 14], [0, 1, 0, 1]),
+    "one-pulse": ([-12, 14], [3.3, 0]),
+    "both-levels-a-change": ([-19, -12, -12, 14, 14, 19], [0, 0, 5, 5, 0, 0]),
+    "many": (np.linspace(-23, 23, 322) + 0.03 * np.sin(np.arange(322)), np.arange(322) % 2),
+}
+"""Times, ms, and levels of lists of transitions."""
+
+
+@pytest.mark.parametrize("slug", LISTS)
+def test_a_list_of_transitions_is_refused_by_name(slug):
+    """Lines that all stand at a change are no samples: a spline through them is no profile."""
+    time, level = (np.asarray(numbers, float) for numbers in LISTS[slug])
+    got = f"got a list of transitions, {time.size} lines"
+    with pytest.raises(ValueError, match=f"must hold samples, .*; {got}"):
+        measured_profile(Trace(time * 1e-3, level), half_exposure=HALF)
+
+
+def test_samples_of_two_levels_are_a_trace():
+    """A digital channel is read; rests of three samples are too fast for a spline, and no list."""
+    time = np.linspace(-1.3, 1.3, 1041) * HALF
+
+    def found(width):
+        level = 0.2 + 3.1 * ((np.arange(time.size) // width) % 2)
+        return measured_profile(Trace(time, level), half_exposure=HALF, closed=0.2, opened=3.3)
+
+    assert float(found(200).shutter.efficiency()) == pytest.approx(0.5, abs=0.02)
+    with pytest.raises(ValueError, match="tell the open shutter from the closed one by more than"):
+        found(3)
+
+
 @pytest.mark.parametrize("step", [0.05, 0.01, 1e-9])
 def test_a_shutter_that_stays_open_is_not_clipped(step):
     """A plateau of few levels of a coarse converter, or of no noise, is a shutter's own."""

@@ -171,6 +171,38 @@ def picoscope(time, level):
     return "\r\n".join(["Time,Channel A", "(ms),(V)", "", *rows]) + "\r\n"
 
 
+def labview(time, level, times="One", channels=1):
+    """LabVIEW's measurement file: settings, and the times of one column or of none."""
+
+    def row(name, value):
+        return "\t".join([name, *[str(value)] * channels, ""])
+
+    names = [f"Voltage_{k}" for k in range(channels)]
+    header = [
+        "LabVIEW Measurement\t",
+        "Writer_Version\t2",
+        "Separator\tTab",
+        "Decimal_Separator\t.",
+        f"X_Columns\t{times}",
+        "Time_Pref\tRelative",
+        "Date\t2026/11/27",
+        "Time\t12:00:00.1234567",
+        "***End_of_Header***\t",
+        "\t",
+        f"Channels\t{channels}",
+        row("Samples", time.size),
+        row("Y_Unit_Label", "Volts"),
+        row("X_Dimension", "Time"),
+        row("X0", f"{time[0]:.16E}"),
+        row("Delta_X", f"{time[1] - time[0]:.6E}"),
+        "***End_of_Header***\t\t",
+        "\t".join(["X_Value", *names, "Comment"]),
+    ]
+    cells = [f"{t:.9f}" if times == "One" else "" for t in time]
+    levels = ["\t".join(f"{v * (-1) ** k:.6f}" for k in range(channels)) for v in level]
+    return "\r\n".join([*header, *map("\t".join, zip(cells, levels, strict=True)), ""])
+
+
 def rohde_schwarz(time, level):
     """RTB and RTM: the first line holds units, and the name of the waveform."""
     rows = [f"{t:.7E},{v:.7E}" for t, v in zip(time, level, strict=True)]
@@ -189,6 +221,8 @@ EXPORTS = {
     "rigol-heading": rigol_heading,
     "siglent": siglent,
     "gw-instek": gw_instek,
+    "labview": labview,
+    "labview-levels-alone": lambda time, level: labview(time, level, times="No"),
     "picoscope": picoscope,
     "rohde-schwarz": rohde_schwarz,
 }
