@@ -132,7 +132,7 @@ def note(text: str) -> None:
 
 @contextmanager
 def doubts_as_notes() -> Iterator[None]:
-    """Turns each warning about a picture's file into one note, however often it is raised.
+    """Turns each warning about a file into one note, however often it is raised.
 
     JAX's warnings that it cannot keep a program, one for each, become one note too.
     """
@@ -145,7 +145,7 @@ def doubts_as_notes() -> Iterator[None]:
             not_kept = _NOT_KEPT.match(text)
             if not_kept is not None:
                 text = f"compiled programs cannot be kept for later runs: {not_kept[1]}"
-            elif category.__name__ != "PictureWarning":
+            elif not category.__module__.startswith("mishutter."):
                 otherwise(message, category, *place)
                 return
             if text not in notes:

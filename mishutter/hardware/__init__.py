@@ -19,6 +19,7 @@ from mishutter.hardware.drive import DriveTable as DriveTable
 from mishutter.hardware.drive import drive_table as drive_table
 from mishutter.hardware.drive_files import DRIVE_FORMATS as DRIVE_FORMATS
 from mishutter.hardware.drive_files import Drive as Drive
+from mishutter.hardware.drive_files import DriveWarning as DriveWarning
 from mishutter.hardware.drive_files import drive_bytes as drive_bytes
 from mishutter.hardware.drive_files import read_drive as read_drive
 from mishutter.hardware.trace_files import read_trace as read_trace

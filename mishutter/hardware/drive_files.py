@@ -16,7 +16,9 @@ is how many pixels 1 stands for. `docs/drive_formats.md` quotes the makers' desc
 """
 
 import io
-from collections.abc import Callable
+import re
+import warnings
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple, Protocol, runtime_checkable
 
@@ -27,6 +29,7 @@ from mishutter._core import (
     Unquoted,
     cells,
     contents,
+    describe,
     number_rows,
     require,
     require_finite,
@@ -63,6 +66,10 @@ _TABLE = {
 }
 
 
+class DriveWarning(UserWarning):
+    """A drive table is read, but may have been meant otherwise."""
+
+
 class Drive(NamedTuple):
     """A drive table as it was read: the profile that is sent, and the sensor's motion.
 
@@ -85,6 +92,7 @@ class _Samples(NamedTuple):
         position: Position of the sensor at the beginning of each step; px.
         share: Position on a scale from -1 to 1.
         edges: Times at which pulses begin and end, by turns; s.
+        unread: Settings that are not read, as the file has them.
     """
 
     half_exposure: float | None = None
@@ -93,6 +101,7 @@ class _Samples(NamedTuple):
     position: Float[np.ndarray, "steps"] | None = None
     share: Float[np.ndarray, "steps"] | None = None
     edges: Float[np.ndarray, "edges"] | None = None
+    unread: tuple[str, ...] = ()
 
 
 # Writing
@@ -231,6 +240,10 @@ def read_drive(
     Raises:
         ValueError: if the file is none of them, or an argument is out of its range.
         OSError: if it cannot be read.
+
+    Warns:
+        DriveWarning: if the file has settings that are not read, or its drives, from -1 to 1,
+            never close the shutter further than by half.
     """
     require(isinstance(motion, AbstractMotion), "read_drive(motion=...)", "be a motion", motion)
     for key, value in (("half_exposure", half_exposure), ("position_scale", position_scale)):
@@ -255,7 +268,28 @@ def read_drive(
     position = samples.position
     if samples.share is not None and position_scale is not None:
         position = samples.share * position_scale
-    return Drive(ChippedShutter(steps), _motion(position, half, motion, name))
+    drive = Drive(ChippedShutter(steps), _motion(position, half, motion, name))
+    for doubt in _doubts(samples):
+        warnings.warn(f"{name}: {doubt}", DriveWarning, stacklevel=2)
+    return drive
+
+
+def _doubts(samples: _Samples) -> tuple[str, ...]:
+    """Sentences about what a file may mean otherwise than it is read."""
+    doubts: tuple[str, ...] = ()
+    if samples.unread:
+        lines = describe(Unquoted(", ".join(samples.unread)))
+        instead = ", and no SampleRate: its exposure is the design's, or as given"
+        instead = "" if samples.half_exposure else instead
+        doubts += (f"it has settings that are not read, {lines}{instead}",)
+    least = -1.0 if samples.drive is None else float(np.min(samples.drive))
+    # A shutter that stays open has the same drive, 1, on a scale from 0 to 1.
+    if 0 <= least < 1:
+        doubts += (
+            f"its shutter never closes: its least drive is {least:g}, where -1 is closed and 1 is "
+            "open; a drive from 0 for closed to 1 for open must be doubled, less 1",
+        )
+    return doubts
 
 
 def require_levels(function: str, floor: float, ceiling: float) -> None:
@@ -364,7 +398,7 @@ def _steps_of_pulses(edges: np.ndarray, half: float, name: str) -> np.ndarray:
 
 def _from_keysight(lines: list[str], name: str) -> _Samples:
     heading = next((k for k, line in enumerate(lines) if "=" not in line), len(lines))
-    parameters = dict(_parameter(line) for line in lines[:heading])
+    settings, unread = _settings(lines[:heading], "=", ("samplerate", "setconfig"), name)
     require(heading < len(lines), name, "have a line of columns, as Y1,Y2,SampleMarker1", lines[-1])
     names = cells(lines[heading])
     for column in names:
@@ -375,14 +409,21 @@ def _from_keysight(lines: list[str], name: str) -> _Samples:
     columns = dict(zip(names, numbers.T, strict=True))
     drive, share = _gated(columns["Y1"], columns.get("Y2"), columns.get("SampleMarker1"), name)
     half = None
-    if "SampleRate" in parameters:
-        half = drive.size / _rate(parameters["SampleRate"], name) / 2
-    return _Samples(half, drive=drive, share=share)
+    if "samplerate" in settings:
+        half = drive.size / _rate(settings["samplerate"], name) / 2
+    return _Samples(half, drive=drive, share=share, unread=unread)
 
 
-def _parameter(line: str) -> tuple[str, str]:
-    key, _, value = line.partition("=")
-    return key.strip(), value.strip()
+def _settings(
+    lines: list[str], sign: str, known: Sequence[str], name: str
+) -> tuple[dict[str, str], tuple[str, ...]]:
+    """Values of settings by the letters and digits of their names; lines of settings not known."""
+    rows = [[*line.split(sign), ""] for line in lines]
+    keys = [re.sub(r"[\W_]+", "", row[0].casefold()) for row in rows]
+    twice = next((line for line, key in zip(lines, keys, strict=True) if keys.count(key) > 1), "")
+    require(not twice, name, "have each of its settings once", Unquoted(twice))
+    unread = tuple(line for line, key in zip(lines, keys, strict=True) if key not in known)
+    return {key: row[1].strip() for key, row in zip(keys, rows, strict=True)}, unread
 
 
 def _rate(text: str, name: str) -> float:
@@ -414,11 +455,14 @@ def _gated(
 
 def _from_siglent(lines: list[str], name: str) -> _Samples:
     heading = next((k for k, line in enumerate(lines) if cells(line)[0] == "xpos"), len(lines) - 1)
-    settings = {key: value for key, *rest in map(cells, lines[:heading]) for value in rest[:1]}
-    for key, wanted in (("amp", 2.0), ("offset", 0.0)):
+    known = ("frequency", "amp", "offset", "phase")
+    settings, unread = _settings(lines[1:heading], ",", known, name)
+    settings = {"phase": "0"} | settings
+    scale, begin = "values are from -1 to 1", "values begin with the exposure"
+    for key, wanted, reason in (("amp", 2.0, scale), ("offset", 0.0, scale), ("phase", 0.0, begin)):
         value = settings.get(key, "")
         is_wanted = _is_value(value) and float(value) == wanted
-        requirement = f"have {key},{wanted:g}, by which values are from -1 to 1"
+        requirement = f"have {key},{wanted:g}, by which {reason}"
         require(is_wanted, name, requirement, Unquoted(f"{key},{value}"))
     value = settings.get("frequency", "")
     is_positive = _is_value(value) and 0 < float(value) < np.inf
@@ -427,7 +471,7 @@ def _from_siglent(lines: list[str], name: str) -> _Samples:
     length = cells(lines[0])[-1]
     require(length == str(drive.size), name, f"hold its data length, {length} values", drive.size)
     drive = _within("a drive", drive, -1.0, name)
-    return _Samples(1 / float(value) / 2, drive=drive)
+    return _Samples(1 / float(value) / 2, drive=drive, unread=unread)
 
 
 def _from_rigol(content: bytes, name: str, num_steps: int | None) -> _Samples:

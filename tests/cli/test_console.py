@@ -9,12 +9,14 @@ import re
 import signal
 import sys
 import time
+import warnings
 
 import pytest
 
 # The face is `main` alone, and no command prints names and widths as awkward as these.
 from mishutter.cli import console
 from mishutter.cli.console import (
+    doubts_as_notes,
     ends_when_asked,
     print_table,
     progress_bar,
@@ -23,6 +25,8 @@ from mishutter.cli.console import (
     write_error,
 )
 from mishutter.cli.tables import COLUMNS as OF_COMPARISON
+from mishutter.hardware import DriveWarning
+from mishutter.pictures import PictureWarning
 
 COLUMNS = ("shutter", "PSNR dB", "snapshot +dB", "kernel diff", "relative", "light", "open ms")
 ROWS = [
@@ -176,3 +180,17 @@ def test_work_in_a_pipe_says_now_and_then_how_long_it_takes(monkeypatch, capsys)
     capsys.readouterr()
     with working("planning"):
         line_once(r"planning \.\.\.", r"planning \.\.\.")
+
+
+@pytest.mark.filterwarnings("default")
+@pytest.mark.parametrize("kind", [PictureWarning, DriveWarning])
+def test_a_doubt_about_a_file_is_one_note(kind, capsys):
+    """Warnings of the package are lines without a place in its code, each once; others stay."""
+    with doubts_as_notes():
+        for sentence in ("a.csv: it may be meant otherwise", "b.csv: so may this") * 2:
+            warnings.warn(sentence, kind, stacklevel=1)
+    said = "a.csv: it may be meant otherwise\nb.csv: so may this\n"
+    assert capsys.readouterr().err == said
+    with pytest.warns(UserWarning, match="of another"), doubts_as_notes():
+        warnings.warn("of another", UserWarning, stacklevel=1)
+    assert capsys.readouterr().err == ""

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.bad_drives import npy
 from support.designs import MOTION, SCENE
 from support.drive import a_design
 
@@ -22,7 +23,7 @@ from mishutter import (
     evaluate,
     read_drive,
 )
-from mishutter.hardware import DRIVE_FORMATS
+from mishutter.hardware import DRIVE_FORMATS, DriveWarning
 
 PANNING = MOTION.panned(-713.0)
 OTHER = ParabolicMotion(acceleration=3.7e4, half_exposure=MOTION.half_exposure, velocity=55.0)
@@ -152,6 +153,8 @@ def test_a_siglent_file_is_as_others_write_it(tmp_path):
         (("amp,2", "amp,5"), "have amp,2, by which values are from -1 to 1; got amp,5"),
         (("data length,37", "data length,36"), "hold its data length, 36 values; got 37"),
         (("frequency,", "frequency,-"), "have a frequency above 0 Hz; got '-"),
+        (("phase,0", "phase,90"), "have phase,0, by which values begin with the exposure; got ph"),
+        (("amp,2", "amp,2\nAMP,4"), "have each of its settings once; got amp,2"),
     ):
         path.write_text(text.replace(*change))
         with pytest.raises(ValueError, match=message):
@@ -233,8 +236,65 @@ def test_a_table_edited_by_hand_is_taken_as_it_is(tmp_path):
 def test_a_units_suffix_of_a_sample_rate_counts(tmp_path):
     """`SampleRate = 0.6 kHz`, as Keysight's own example writes it, is 600 a second."""
     path = tmp_path / "mine.csv"
-    path.write_text("SampleRate = 0.6 kHz\nY1\n" + "0.5\n" * 12)
-    assert float(read_drive(path, MOTION).motion.half_exposure) == pytest.approx(0.01)
+    for key in ("SampleRate = ", "sample_rate=", "Sample Rate="):
+        path.write_text(f"{key}0.6 kHz\nY1\n" + "-0.5\n" * 12)
+        assert float(read_drive(path, MOTION).motion.half_exposure) == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize(
+    "key", ["SamplingRate", "SamplingFrequency", "Sample_Clock", "dt", "SampleInterval"]
+)
+def test_a_setting_that_is_not_read_is_said(key, tmp_path):
+    """A time that hides in an unknown setting is not passed over, with a known rate or without."""
+    path = tmp_path / "mine.csv"
+    for others, half, without in (
+        ("", HALF, True),
+        ("SetConfig=true\nSampleRate=700\n", 0.01, False),
+    ):
+        path.write_text(f"{others}{key}=5000\nY1\n" + "-0.5\n0.25\n" * 7)
+        with pytest.warns(
+            DriveWarning, match=rf"has settings that are not read, {key}=5000"
+        ) as told:
+            found = read_drive(path, MOTION)
+        assert float(found.motion.half_exposure) == pytest.approx(half)
+        assert (
+            "and no SampleRate: its exposure is the design's" in str(told[0].message)
+        ) == without
+    a_table(num_levels=9).save(path, form="siglent")
+    path.write_text(path.read_text().replace("offset,0", f"{key},3200\noffset,0"))
+    with pytest.warns(DriveWarning, match=f"settings that are not read, {key},3200$"):
+        assert float(read_drive(path, OTHER).motion.half_exposure) == pytest.approx(HALF)
+
+
+FROM_0_TO_1 = {"binary": [0, 0, 1, 1, 0], "graded": [0.004, 0.3, 0.97, 0.31], "half": [0.5, 0.5]}
+
+
+@pytest.mark.parametrize("slug", FROM_0_TO_1)
+def test_a_drive_that_never_closes_is_said(slug, tmp_path):
+    """Numbers from 0 to 1 are drives of a shutter that is half open at least; one word says so."""
+    drives = np.array(FROM_0_TO_1[slug])
+    column = "".join(f"{x}\n" for x in drives)
+    files = {
+        "column.csv": column.encode(),
+        "keysight.csv": b"SampleRate=700\nY1\n" + column.encode(),
+        "array.npy": npy(drives[None]),
+    }
+    for name, content in files.items():
+        (tmp_path / name).write_bytes(content)
+        least = f"its shutter never closes: its least drive is {drives.min():g}, where -1 is closed"
+        with pytest.warns(DriveWarning, match=f"{name}: {least}"):
+            found = read_drive(tmp_path / name, MOTION).shutter
+        np.testing.assert_allclose(found.transmittances, (drives + 1) / 2, rtol=1e-12)
+        with pytest.warns(DriveWarning, match=least):
+            Design.from_drive(tmp_path / name, SCENE, MOTION)
+
+
+def test_a_shutter_that_stays_open_or_closes_is_not_doubted(tmp_path):
+    """A drive of 1 throughout is open on either scale, and one below 0 is from -1 to 1."""
+    for drives in ([1, 1, 1], [0.2, 0.9, -0.01]):
+        (tmp_path / "mine.csv").write_text("".join(f"{x}\n" for x in drives))
+        steps = np.asarray(read_drive(tmp_path / "mine.csv", MOTION).shutter.transmittances)
+        np.testing.assert_allclose(steps, (np.array(drives) + 1) / 2, rtol=1e-12)
 
 
 def test_what_is_driven_through_a_device_loses_its_light(tmp_path):

@@ -121,6 +121,11 @@ DRIVES = {
         keysight(["0.5,0,1"], rate="SampleRate=7 Bd"),
         "must have a SampleRate above 0 in Hz, kHz, MHz or GHz; got '7 Bd'",
     ),
+    "two-rates": (
+        "d.csv",
+        keysight(["0.5,0,1"], rate="SampleRate=600\nsample_rate=700"),
+        "must have each of its settings once; got SampleRate=600",
+    ),
     "third-marker": (
         "d.csv",
         keysight(["0.5,0"], heading="Y1,SampleMarker3"),
@@ -204,6 +209,10 @@ TRACES = {
     "trace-of-the-dark": (
         trace(lambda t, v: (t, 0.01 * np.random.default_rng(5).standard_normal(t.size))),
         "must tell the open shutter from the closed one by more than its noise; got levels",
+    ),
+    "trace-of-transitions": (
+        trace(lambda t, v: (t[::60], np.arange(5) % 2)),
+        "must hold samples, of which many fall in each rest of the shutter; got a list of transit",
     ),
     "trace-without-dark": (
         trace(lambda t, v: (t[abs(t) <= 10], v[abs(t) <= 10])),
