@@ -141,13 +141,17 @@ def _block(lines: list[str], name: str) -> _Block:
     return _Block(header, lines[first:stop], columns, separator)
 
 
+_NAME = re.compile(r"\D*[^\W\d_]|\d[^:]*[^\W\d_][^:]*$")
+"""A cell with a letter that is no time of day: `%Probe`, `1st probe`."""
+
+
 def _begins_with_name(row: Sequence[str], column: int) -> bool:
     """Whether the number in a column is the value of a name before it, as in `"Probe",5`.
 
     A setting beside a sample has its own value before the sample, or nothing directly before it.
     """
     before = row[:column]
-    return bool(before) and before[-1][:1].isalpha() and not _numeric(before)
+    return bool(before) and _NAME.match(before[-1]) is not None and not _numeric(before)
 
 
 def _separator(sample: Sequence[str]) -> str | None:
@@ -285,7 +289,8 @@ def _factor(unit: str, heading: str) -> float | None:
     `time/s` is a time in s, and `Counts/s` a rate.
     """
     name, own_unit = _split(heading)
-    is_rate = "/" in heading and name.casefold() not in _TIMES
+    is_quotient = heading.replace(" ", "").endswith(f"/{own_unit}")
+    is_rate = is_quotient and name.casefold() not in _TIMES
     return _UNITS.get(_bare(unit), None if is_rate else _UNITS.get(_bare(own_unit)))
 
 
@@ -296,10 +301,14 @@ def _chosen(levels: Sequence[int], names: Sequence[str], column: str | None, nam
     got = Unquoted(", ".join(_at(names, c) or "one without a name" for c in levels))
     if column is None:
         alone = levels if len(levels) == 1 else _of_name(levels, names, "level")
-        requirement = (
-            "have one column of levels, or be read with the name of one as its `column` or "
-            "`--measured-column`"
-        )
+        own_names = {_at(names, c).casefold() for c in levels} - {""}
+        if len(own_names) < len(levels):
+            requirement = "have one column of levels, or a line of their names above its numbers"
+        else:
+            requirement = (
+                "have one column of levels, or be read with the name of one as its `column` or "
+                "`--measured-column`"
+            )
     else:
         alone = _of_name(levels, names, column)
         requirement = f"have one column of levels of the name {column}"

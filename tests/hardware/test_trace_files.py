@@ -71,6 +71,7 @@ SPELLINGS = {
     "a-comment-between": text("time,level", "s,V").replace("\n-0.01", "\n# here\n-0.01", 1),
     "trailing-commas": text("time,level", "s,V").replace("\n", ",\n"),
     "trailer": text("time,level", "s,V") + "END\n",
+    "settings-below": text("time,level", "s,V") + "END\nProbe,5\nSamples,600\n",
     "blank-trailer": text("time,level", "s,V") + ",\n,\n",
     "level-first": "\n".join(
         ["level,time", "V,s", *[",".join(row.split(",")[::-1]) for row in rows()]]
@@ -161,6 +162,7 @@ BEFORE = [f'"Sample Interval",{STEP:.9g}', f'"Start",{TIME[0]:.9g}', '"VUnit","V
 """Settings that give the times of levels alone."""
 ABOVE = {
     "a-number": (",", ['"Probe",5']),
+    "a-sign": (",", ["%Probe,5", "* Channel_1,2", "1st probe,7", "Gain:,3"]),
     "three-numbers": (",", ["Samples,300", "Channel,1", "Vertical Scale,0.5"]),
     "four-numbers": (",", ["Samples,300", "Channel,1", "Vertical Scale,0.5", "Offset,-0.3"]),
     "numbers-and-words": (",", ["Channel,1", "Scale,0.5", "Offset,0", "Coupling,DC", "Probe,10"]),
@@ -190,6 +192,14 @@ def test_a_setting_above_the_numbers_is_no_sample(slug, tmp_path):
             trace = read(tmp_path, content, column=column)
             np.testing.assert_allclose(trace.time, TIME, rtol=0, atol=1e-3 * STEP)
             np.testing.assert_allclose(trace.level, LEVEL, rtol=0, atol=6e-6)
+
+
+def test_a_setting_above_the_times_of_day_is_no_sample(tmp_path):
+    """A column of clock readings is no column of names."""
+    levels = [f"12:{k // 60:02}:{k % 60:02} PM,{v:.6g}" for k, v in enumerate(LEVEL)]
+    trace = read(tmp_path, "\n".join([*BEFORE, "Samples,600", "Probe,5", "Gain,3", *levels]))
+    np.testing.assert_allclose(trace.time, TIME, rtol=0, atol=1e-3 * STEP)
+    np.testing.assert_allclose(trace.level, LEVEL, rtol=0, atol=6e-6)
 
 
 def test_a_unit_of_time_above_the_numbers_names_no_column(tmp_path):
@@ -280,6 +290,7 @@ def test_a_rate_is_no_time(unit, tmp_path):
     for lines in (
         [f"Time (ms),{unit}", *map(",".join, pairs)],
         [f"t/ms,{unit}", *map(",".join, pairs)],
+        [f"{unit},Date/Time (ms)", *[f"{v},{t}" for t, v in pairs]],
         [f"{unit},Zeit/ms", *[f"{v},{t}" for t, v in pairs]],
         ["time,level", f"ms,{unit}", *map(",".join, pairs)],
         [f"Sample Interval,{STEP:.9g}", f"Start,{TIME[0]:.9g}", f"{unit},", *[v for _, v in pairs]],
@@ -338,6 +349,14 @@ REFUSED = {
         tektronix_mso(TIME, LEVEL, channels=3),
         "have one column of levels, or be read with the name of one as its `column` or "
         "`--measured-column`; got CH1, CH2",
+    ),
+    "channels-of-one-name": (
+        text("time (s),V").replace("\n", ",7\n").replace("V,7", "V,V"),
+        "have one column of levels, or a line of their names above its numbers; got V, V",
+    ),
+    "channels-without-names": (
+        "\n".join([*BEFORE, *[f",{v:.6g},7" for v in LEVEL]]),
+        "or a line of their names above its numbers; got one without a name, one without a name",
     ),
     "times-alone": (text("time,time", "ms,ms"), "have a column of levels beside the times"),
     "decimal-commas-between-commas": (
