@@ -1,10 +1,14 @@
 """Reads the pixels of a picture file at its full depth, and encodes a 16-bit PNG."""
 
+import io
 import logging
+import math
+import re
 import warnings
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 from jaxtyping import UInt16
@@ -39,6 +43,26 @@ _CONVERTED = {3: "palette", 5: "CMYK", 6: "YCbCr"}
 _PREMULTIPLIED_ALPHA, _PLAIN_ALPHA = 1, 2
 """TIFF's numbers for a band of opacity, which multiplies the stored colours or does not."""
 
+_PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
+"""Channels of a PNG by the number of its kind of colour; a palette has one."""
+_PNG_PASSES = (
+    *((0, 0, 8, 8), (0, 4, 8, 8), (4, 0, 8, 4), (0, 2, 4, 4)),
+    *((2, 0, 4, 2), (0, 1, 2, 2), (1, 0, 2, 1)),
+)
+"""First row, first column, and steps of rows and columns of each pass of an interlaced PNG."""
+_TRANSFERS = {
+    **dict.fromkeys((1, 4, 6, 7, 11, 12, 13, 14, 15), 2.2),
+    **{5: 2.8, 8: 1.0, 16: "PQ", 18: "HLG"},
+}
+"""Exponents of transfer functions of H.273 that are powers, or near the one of 2.2; else names."""
+_PIECE = 1 << 16
+"""Bytes of compressed pixels that are checked at a time."""
+
+_JPEG_SCAN, _JPEG_END = 0xDA, 0xD9
+"""Markers that begin a JPEG's pixels and end the file."""
+_JPEG_MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
+"""A marker after pixels, other than those between their parts."""
+
 # Prevents a second line on standard error beside the error of a damaged file.
 logging.getLogger("tifffile").addHandler(logging.NullHandler())
 
@@ -51,12 +75,16 @@ class Decoded(NamedTuple):
         alpha: Opacity in `[0, 1]`, if the file holds one; shape `(rows, columns)`.
         full: Value of white at the depth that the file states.
         has_more: Whether the file holds further pictures, which are not read.
+        exponent: Power by which light follows from the values, if the file states one.
+        doubt: What the values mean by the file and are not read as; `""` for nothing.
     """
 
     colour: np.ndarray
     alpha: np.ndarray | None
     full: float
     has_more: bool = False
+    exponent: float | None = None
+    doubt: str = ""
 
 
 def decoded(path: Path) -> Decoded:
@@ -68,13 +96,13 @@ def decoded(path: Path) -> Decoded:
             or has too many pixels.
     """
     with path.open("rb") as file:
-        head = file.read(25)
+        head = file.read(8)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         if head.startswith(_TIFF_SIGNATURES):
             return _decoded_tiff(path)
-        if head.startswith(_PNG_SIGNATURE) and head[24:] == b"\x10":
-            return _decoded_deep_png(path)
+        if head.startswith(_PNG_SIGNATURE):
+            return _decoded_png(path)
         return _decoded_by_pillow(path)
 
 
@@ -93,17 +121,83 @@ def deep_png(pixels: UInt16[np.ndarray, "rows columns channels"]) -> bytes:
     return bytes(encoded)
 
 
-def _decoded_deep_png(path: Path) -> Decoded:
-    """A PNG of 16 bits a channel; Pillow would keep only 8 bits of a colour picture."""
+def _decoded_png(path: Path) -> Decoded:
+    """A PNG of any depth; of 16 bits a channel, Pillow would keep only 8 of a colour picture."""
     import imagecodecs
     from PIL import Image
 
+    content = path.read_bytes()
+    chunks = _png_chunks(content)
+    exponent, doubt = _png_coding(chunks)
+    if chunks[b"IHDR"][8] <= 8:
+        return _decoded_by_pillow(path)._replace(exponent=exponent, doubt=doubt)
     with Image.open(path) as file:
-        _require_size(file.width, file.height)
         orientation = file.getexif().get(_ORIENTATION, 1)
         has_more = _has_more(file)
-    pixels = _upright(imagecodecs.png_decode(path.read_bytes()), orientation)
-    return _with_alpha_last(pixels, has_more)
+    pixels = _upright(imagecodecs.png_decode(content), orientation)
+    return _with_alpha_last(pixels, has_more)._replace(exponent=exponent, doubt=doubt)
+
+
+def _png_chunks(content: bytes) -> dict[bytes, bytes]:
+    """The chunks of a PNG by their names, but for its pixels, which are checked to be all there.
+
+    Pillow leaves rows that are missing black.
+
+    Raises:
+        ValueError: if the file ends early, contradicts a check sum or lacks pixels.
+    """
+    view, place, chunks = memoryview(content), len(_PNG_SIGNATURE), {}
+    unpacked, unpack = 0, zlib.decompressobj()
+    while b"IEND" not in chunks:
+        size = int.from_bytes(view[place : place + 4], "big")
+        name = bytes(view[place + 4 : place + 8])
+        data, check = view[place + 8 :][:size], view[place + 8 + size :][:4]
+        if len(check) < 4:
+            raise ValueError("it ends early")
+        if int.from_bytes(check, "big") != zlib.crc32(data, zlib.crc32(name)):
+            raise ValueError(f"the check sum of a chunk {name.decode('latin-1')!r} is another")
+        if not chunks:
+            if name != b"IHDR" or size != 13:
+                raise ValueError("it does not begin with its header")
+            _require_size(*(int.from_bytes(data[i : i + 4], "big") for i in (0, 4)))
+        if name == b"IDAT":
+            # Piece by piece: a small file may hold gigabytes of zeros.
+            for first in range(0, size, _PIECE):
+                unpacked += len(unpack.decompress(data[first : first + _PIECE]))
+        else:
+            chunks[name] = bytes(data)
+        place += 12 + size
+    expected = _png_size(chunks[b"IHDR"])
+    if unpacked < expected or not unpack.eof:
+        raise ValueError(f"its pixels end after {unpacked} of {expected} bytes")
+    return chunks
+
+
+def _png_size(header: bytes) -> int:
+    """Bytes of the pixels of a PNG, by its header."""
+    columns, rows = (int.from_bytes(header[i : i + 4], "big") for i in (0, 4))
+    depth, colour, interlaced = header[8], header[9], header[12]
+    bits = depth * _PNG_CHANNELS[colour]
+    size = 0
+    for row, column, row_step, column_step in _PNG_PASSES if interlaced else [(0, 0, 1, 1)]:
+        across = -(-(columns - column) // column_step)
+        down = -(-(rows - row) // row_step)
+        if across > 0:
+            size += max(down, 0) * (1 + -(-across * bits // 8))
+    return size
+
+
+def _png_coding(chunks: dict[bytes, bytes]) -> tuple[float | None, str]:
+    """The exponent of light that a PNG states, and a doubt if it states what is no power."""
+    if len(coding := chunks.get(b"cICP", b"")) == 4:
+        coded = _TRANSFERS.get(coding[1], f"the transfer function {coding[1]} of H.273")
+        is_full = coding[3] == 1
+        if isinstance(coded, float) and is_full:
+            return coded, ""
+        coded = coded if is_full else "the narrow range of video"
+        return None, f"its numbers are coded by {coded}, and are read as if by gamma 2.2"
+    gamma = int.from_bytes(chunks.get(b"gAMA", b""), "big") / 1e5
+    return (round(1 / gamma, 2) if gamma > 0 and b"sRGB" not in chunks else None), ""
 
 
 def _with_alpha_last(pixels: np.ndarray, has_more: bool) -> Decoded:
@@ -133,6 +227,7 @@ def _decoded_tiff(path: Path) -> Decoded:
             raise ValueError("a TIFF of reduced pictures alone")
         has_more = next(pages, None) is not None
         _require_size(page.imagewidth, page.imagelength)
+        _require_all_parts(page)
         meaning = page.photometric
         if meaning in _CONVERTED or (meaning <= _BLACK_IS_ZERO and _has_few_bits(page)):
             if not _has_few_bits(page, most=8):
@@ -159,6 +254,15 @@ def _whole_pages(file: "TiffFile") -> Iterator[tuple[int | None, "TiffPage"]]:
         for number, each in ((index, page), *((None, inner) for inner in within)):
             if not (each.is_reduced or each.is_mask):
                 yield number, each
+
+
+def _require_all_parts(page: "TiffPage") -> None:
+    """Refuses a page that lacks strips or tiles, which both decoders would leave black."""
+    offsets, sizes = page.dataoffsets, page.databytecounts
+    count = min(sum(map(bool, offsets)), sum(map(bool, sizes)))
+    expected = math.prod(page.chunked)
+    if count < expected:
+        raise ValueError(f"it holds {count} of its {expected} strips or tiles")
 
 
 def _has_few_bits(page: "TiffPage", most: int = 7) -> bool:
@@ -230,7 +334,9 @@ def _decoded_by_pillow(path: Path, page: int = 0) -> Decoded:
         if page:
             file.seek(page)
         if file.format == "PPM":
-            return _decoded_map(file)
+            return _decoded_map(file, path)
+        if file.format in ("JPEG", "MPO"):
+            _require_whole_jpeg(file, path.read_bytes())
         upright = ImageOps.exif_transpose(file)
         has_alpha = "transparency" in upright.info or upright.mode in ("LA", "PA", "RGBA", "La")
         if upright.mode in ("L", "RGB", "RGBA", "LA"):
@@ -241,9 +347,40 @@ def _decoded_by_pillow(path: Path, page: int = 0) -> Decoded:
     return _with_alpha_last(pixels, has_more)
 
 
-def _decoded_map(file: "Image.Image") -> Decoded:
+def _require_whole_jpeg(file: "Image.Image", content: bytes) -> None:
+    """Refuses a JPEG whose pixels end before its end marker.
+
+    Its decoder fills up what is missing with grey and keeps the warning for itself. But it reads
+    what stands before that marker only if pixels are missing: other bytes there change them.
+    """
+    from PIL import Image
+
+    held, end = np.asarray(file), _end_of_jpeg(content)
+    others = io.BytesIO(content[:end] + bytes(range(255)) * 8 + content[end:])
+    with Image.open(others, formats=["JPEG"]) as other:
+        if not np.array_equal(held, np.asarray(other)):
+            raise ValueError("its pixels end early")
+
+
+def _end_of_jpeg(content: bytes) -> int:
+    """Place of the end marker of a JPEG; a preview within it has one of its own."""
+    place = 2
+    while (kind := content[place + 1]) != _JPEG_END:
+        if kind == 0xFF:  # fills up
+            place += 1
+            continue
+        place += 2 + int.from_bytes(content[place + 2 : place + 4], "big")
+        if kind == _JPEG_SCAN:
+            marker = _JPEG_MARKER.search(content, place)
+            if marker is None:
+                raise ValueError("it ends early")
+            place = marker.start()
+    return place
+
+
+def _decoded_map(file: "Image.Image", path: Path) -> Decoded:
     """A PGM or PPM picture, whose header gives the value of white."""
-    how: Any = file.tile[0][3]  # type: ignore[attr-defined]
+    _, _, begin, how = cast("Any", file).tile[0]
     white = how[-1] if isinstance(how, tuple) else 65535 if how == "I;16B" else 255
     if file.mode not in ("1", "L", "I", "RGB"):
         raise ValueError("a map of floating-point values")
@@ -253,4 +390,15 @@ def _decoded_map(file: "Image.Image") -> Decoded:
     # Pillow stretches values to 8 or 16 bits and rounds; scaled back and rounded they are exact.
     stretch = white / (65535 if file.mode == "I" else 255)
     values = np.rint(pixels * stretch).astype(np.uint16 if white > 255 else np.uint8)
-    return Decoded(values[..., None] if values.ndim == 2 else values, None, float(white))
+    values = values[..., None] if values.ndim == 2 else values
+    num_bytes = -(-file.width // 8) * file.height if file.mode == "1" else values.nbytes
+    has_more = _has_further_map(path.read_bytes(), begin, num_bytes)
+    return Decoded(values, None, float(white), has_more)
+
+
+def _has_further_map(content: bytes, begin: int, num_bytes: int) -> bool:
+    """Whether another map follows the one whose pixels begin at a place of a file."""
+    is_in_letters = content[1:2] in b"123"
+    if is_in_letters:
+        return re.search(rb"^P[1-6]\s", content[begin:], re.MULTILINE) is not None
+    return re.match(rb"\s*P[1-6]\s", content[begin + num_bytes :]) is not None

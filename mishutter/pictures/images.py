@@ -134,10 +134,11 @@ def read_picture(
     """Read a picture into linear light.
 
     Whole numbers (up to 16 bits; grey, RGB, alpha, palette, CMYK) are divided by the greatest that
-    the file's depth allows, or by `white`, and raised to the power 2.2 unless they are `linear`;
-    colour profiles are not applied. Floating-point TIFFs are linear light already. A picture is
-    turned upright as its orientation tag says. If a file has several pages, the first that is not
-    marked as reduced is read. A band of a TIFF is opacity where the file says so.
+    the file's depth allows, or by `white`, and raised to the power 2.2, or that which a PNG states
+    (`gAMA`, `cICP`), unless they are `linear`; colour profiles are not applied. Floating-point
+    TIFFs are linear light already. A picture is turned upright as its orientation tag says. If a
+    file holds several pictures, the first that is not marked as reduced is read. A band of a TIFF
+    is opacity where the file says so.
 
     Args:
         path: A PNG, JPEG, TIFF, BMP, WebP, PGM or PPM file.
@@ -153,7 +154,8 @@ def read_picture(
             megapixels, or holds a value that is not finite, below 0 or above `white`.
 
     Warns:
-        PictureWarning: if all values fit in fewer bits than the file has, or it has more pages.
+        PictureWarning: if all values fit in fewer bits than the file has, it states a coding that
+            is not a power, as PQ, or it holds more pictures.
     """
     picture, doubts = examined(path, white, linear)
     for doubt in doubts:
@@ -169,7 +171,9 @@ def examined(
     file = _file(path)
     irradiance = light_of(file, path, white, linear)
     matte = None if file.alpha is None else np.ascontiguousarray(file.alpha)
-    return Picture(light=irradiance, matte=matte, name=path.stem), _doubts(file, path, white)
+    return Picture(light=irradiance, matte=matte, name=path.stem), _doubts(
+        file, path, white, linear
+    )
 
 
 def light_of(
@@ -188,7 +192,7 @@ def light_of(
     """
     shares = np.ascontiguousarray(_shares(file, path, white))
     is_light = linear or np.issubdtype(file.colour.dtype, np.floating)
-    return shares if is_light else shares ** np.float32(GAMMA)
+    return shares if is_light else shares ** np.float32(file.exponent or GAMMA)
 
 
 def checked_white(subject: str, white: ArrayLike | None) -> float | None:
@@ -245,15 +249,17 @@ def write_picture(path: str | Path, light: Picture | np.ndarray) -> None:
     the last.
 
     Args:
-        path: File to write; its folder must exist.
+        path: File to write, whose name ends in `.png`; its folder must exist.
         light: A `Picture`, or an array of shape `(rows, columns)` or
             `(rows, columns, channels)`.
 
     Raises:
         OSError: if the file cannot be written.
-        ValueError: if the array has another shape or holds values that are not finite.
+        ValueError: if the name ends otherwise, or the array has another shape or holds values
+            that are not finite.
     """
     path = Path(path)
+    require(path.suffix.lower() == ".png", _WRITE, "end in `.png`", str(path))
     subject = "write_picture(light=...)"
     array = floating_light(light.light if isinstance(light, Picture) else light, subject)
     array = array[..., None] if array.ndim == 2 else array
@@ -354,7 +360,7 @@ def _shares(file: Decoded, path: Path, white: float | None) -> np.ndarray:
     return colour.astype(np.float32) / np.float32(full)
 
 
-def _doubts(file: Decoded, path: Path, white: float | None) -> tuple[str, ...]:
+def _doubts(file: Decoded, path: Path, white: float | None, linear: bool) -> tuple[str, ...]:
     """Warnings about a file whose values may mean something other than they are read as."""
     doubts = []
     most = int(file.colour.max()) if file.full == np.iinfo(np.uint16).max else 0
@@ -364,6 +370,8 @@ def _doubts(file: Decoded, path: Path, white: float | None) -> tuple[str, ...]:
             f"{path}: its greatest value is {most} of 65535, as of {depth} bits in 16; "
             f"they are read right with `white` {(1 << depth) - 1}"
         )
+    if file.doubt and not linear:
+        doubts.append(f"{path}: {file.doubt}")
     if file.has_more:
         doubts.append(f"{path}: it holds several pictures, of which the first is read")
     return tuple(doubts)
