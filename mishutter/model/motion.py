@@ -344,8 +344,8 @@ class ParabolicMotion(AbstractMotion):
         """
         subject = "ParabolicMotion.from_stroke(stroke=...)"
         pan = cls(acceleration=0.0, half_exposure=half_exposure, velocity=velocity)
-        _check_length(subject, stroke, pan.stroke, ", which the pan takes")
-        a = _solved(acceleration_of_stroke, stroke, half_exposure, abs(pan.velocity))
+        length = _length(subject, stroke, pan.stroke, ", which the pan takes")
+        a = _solved(acceleration_of_stroke, length, half_exposure, abs(pan.velocity))
         return cls(acceleration=a, half_exposure=half_exposure, velocity=velocity)
 
     @classmethod
@@ -363,8 +363,8 @@ class ParabolicMotion(AbstractMotion):
             ValueError: if a number is out of its range.
         """
         pan = cls(acceleration=0.0, half_exposure=half_exposure, velocity=velocity)
-        _check_length("ParabolicMotion.from_sag(sag=...)", sag, pan.sag, "")
-        a = _solved(lambda sag, half: sag / half**2, sag, half_exposure)
+        length = _length("ParabolicMotion.from_sag(sag=...)", sag, pan.sag, "")
+        a = _solved(lambda sag, half: sag / half**2, length, half_exposure)
         return cls(acceleration=a, half_exposure=half_exposure, velocity=velocity)
 
     def panned(self, velocity: ArrayLike) -> "ParabolicMotion":
@@ -1065,13 +1065,17 @@ def _check_half_exposure(subject: str, value: Array) -> None:
         require(bool(np.all(np.asarray(value) > 0)), subject, "be above 0 s", value)
 
 
-def _check_length(subject: str, value: ArrayLike, least: Array, why: str) -> None:
+def _length(subject: str, value: ArrayLike, least: Array, why: str) -> ArrayLike:
+    """A length, px, that must not be less than another: an error, at run time if it is traced."""
     length = as_float(value, subject)
     require_scalar(subject, length)
     require_finite(subject, length)
-    if all_concrete((length, least)):
-        requirement = f"be at least {float(least):g} px{why}"
-        require(float(length) >= float(least), subject, requirement, length)
+    if not all_concrete((length, least)):
+        message = f"`{subject}` must be no less than the least{why}."
+        return eqx.error_if(length, length < least.astype(length.dtype), message)
+    requirement = f"be at least {float(least):g} px{why}"
+    require(float(length) >= float(least), subject, requirement, length)
+    return value
 
 
 def _check_velocity(subject: str, value: Array) -> None:

@@ -177,3 +177,16 @@ def test_lengths_that_no_motion_has_are_refused(make, length, message):
     subject = f"`ParabolicMotion.{make}({make.removeprefix('from_')}=...)` {message}"
     with pytest.raises(ValueError, match=re.escape(subject)):
         getattr(ParabolicMotion, make)(length, half_exposure=0.01, velocity=-2900.0)
+
+
+def test_a_traced_stroke_that_its_pan_exceeds_is_an_error():
+    """When it is run; one that is long enough is solved as if it were known."""
+
+    @eqx.filter_jit
+    def made(stroke):
+        return ParabolicMotion.from_stroke(stroke, half_exposure=0.01, velocity=-2900.0)
+
+    known = ParabolicMotion.from_stroke(61.7, half_exposure=0.01, velocity=-2900.0)
+    assert float(made(jnp.asarray(61.7)).acceleration) == pytest.approx(float(known.acceleration), rel=1e-12)
+    with pytest.raises(eqx.EquinoxRuntimeError, match="no less than the least, which the pan"):
+        made(jnp.asarray(57.9))
