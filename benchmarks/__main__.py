@@ -52,7 +52,7 @@ def assemble() -> None:
         f"jax {machine['versions']['jax']}, double precision unless said otherwise; load "
         f"{machine['load']:.1f} when written. Times are the least of up to 1,000 runs.\n"
     )
-    sections = [path.read_text() for path in kept if path.exists()]
+    sections = [path.read_text("utf-8") for path in kept if path.exists()]
     (harness.RESULTS.parent / "RESULTS.md").write_text("\n".join([head, *sections]))
 
 

@@ -63,7 +63,7 @@ def _of_process(number: int) -> float:
     place = Path(f"/proc/{number}/stat")
     if not place.exists():
         return float("nan")
-    fields = place.read_text().rpartition(")")[2].split()  # the name before may hold spaces
+    fields = place.read_text("utf-8").rpartition(")")[2].split()  # the name before may hold spaces
     return (int(fields[11]) + int(fields[12])) / _TICKS
 
 

@@ -30,7 +30,7 @@ _FROM_CACHE = re.compile(r"Persistent compilation cache hit")
 
 def another_scene(folder: Path) -> Path:
     """The built-in scene at other speeds and in other light."""
-    text = (resources.files("mishutter") / "example_scene.toml").read_text()
+    text = (resources.files("mishutter") / "example_scene.toml").read_text("utf-8")
     for key, value in _CHANGED.items():
         if key not in text:
             raise RuntimeError(f"The built-in scene must hold {key!r}.")

@@ -63,7 +63,7 @@ class Clock:
         self.passed()
 
     def passed(self):
-        user, system = self._path.read_text().rpartition(")")[2].split()[11:13]
+        user, system = self._path.read_text("utf-8").rpartition(")")[2].split()[11:13]
         total = (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
         before, self._total = getattr(self, "_total", total), total
         return total - before

@@ -458,7 +458,7 @@ def table(seed: int, names: list[str]) -> None:
 def measured_before() -> dict:
     """The rows and the parts that are stored."""
     path = harness.RESULTS / "speed.json"
-    return json.loads(path.read_text()) if path.exists() else {"rows": [], "parts": []}
+    return json.loads(path.read_text("utf-8")) if path.exists() else {"rows": [], "parts": []}
 
 
 def store(rows: list[dict], parts: list[dict]) -> None:

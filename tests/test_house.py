@@ -170,6 +170,14 @@ def is_module(node: ast.ClassDef) -> bool:
     return any(b == "eqx.Module" or b.split(".")[-1].startswith("Abstract") for b in bases(node))
 
 
+def test_text_is_read_by_its_encoding():
+    """Files of the repository are UTF-8, which not every system assumes."""
+    folders = ("mishutter", "tests", "benchmarks", "docs")
+    files = [path for each in folders for path in (PACKAGE.parent / each).rglob("*.py")]
+    bare = "read_text(" + ")"
+    assert not [str(path) for path in files if bare in path.read_text(encoding="utf-8")]
+
+
 def test_classes_are_abstract_or_final():
     """A class is an interface, named so, or final, marked so; only interfaces are derived from."""
     modules = {name: node for name, node in CLASSES.items() if is_module(node)}

@@ -7,7 +7,7 @@ from docs.builder.pages import ROOT
 
 def citing_page() -> str:
     """The package and the works that it builds on, and the file that programs read."""
-    text = (ROOT / "CITATION.cff").read_text()
+    text = (ROOT / "CITATION.cff").read_text("utf-8")
     cited = yaml.safe_load(text)
     lines = [
         f"# How to cite\n\n{cited['message']}\n",

@@ -29,7 +29,9 @@ class _Page(HTMLParser):
 
 def broken_links(site: Path) -> list[str]:
     """Links and loads that lead nowhere, or outside where nothing may; a line for each."""
-    pages = {path.resolve(): _Page(path.read_text()) for path in sorted(site.rglob("*.html"))}
+    pages = {
+        path.resolve(): _Page(path.read_text("utf-8")) for path in sorted(site.rglob("*.html"))
+    }
     return [
         f"{path.relative_to(site.resolve())}: {problem}"
         for path, page in pages.items()

@@ -45,7 +45,7 @@ def write_pages(folder: Path) -> None:
     for source, place in written().items():
         target = folder / place
         target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_text(with_links((ROOT / source).read_text(), source, folder))
+        target.write_text(with_links((ROOT / source).read_text("utf-8"), source, folder))
 
 
 def with_links(text: str, source: str, folder: Path) -> str:

@@ -91,7 +91,7 @@ def public_names() -> dict[str, dict[str, str]]:
 
 
 def _exported(path: Path) -> Iterator[tuple[str, str]]:
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("mishutter."):
             yield str(node.module), node.names[0].name
 

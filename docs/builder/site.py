@@ -54,7 +54,7 @@ def build(*, quick: bool = False) -> None:
                 run.result()
     print(f"pages written after {time.perf_counter() - begin:.0f} s", flush=True)
     for page in PAGES.rglob("*.md"):
-        page.write_text(as_shown(page.read_text()))
+        page.write_text(as_shown(page.read_text("utf-8")))
     command = [sys.executable, "-m", "zensical", "build", "--strict", "--clean"]
     if subprocess.run(command, cwd=ROOT, check=False).returncode:
         raise SystemExit("mishutter: the site was not built: see above")

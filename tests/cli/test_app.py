@@ -552,7 +552,7 @@ def test_what_is_judged_is_what_is_saved(optimised):
 def test_the_profile_has_its_units(optimised):
     """The CSV names its columns, then their units, then spans the exposure in ms."""
     folder, _ = optimised
-    names, units, *rows = (folder / "profile.csv").read_text().splitlines()
+    names, units, *rows = (folder / "profile.csv").read_text("utf-8").splitlines()
     design = Design.load(folder / "design.json")
     assert names == "time,tau,transmittance"
     assert units == "ms,1,1"
@@ -571,7 +571,7 @@ def test_files_are_whole(optimised):
     for path in folder.glob("*.png"):
         with Image.open(path) as picture:
             picture.load()
-    json.loads((folder / "report.json").read_text(), parse_constant=no_constant)
+    json.loads((folder / "report.json").read_text("utf-8"), parse_constant=no_constant)
 
 
 @pytest.mark.slow

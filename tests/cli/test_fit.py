@@ -93,7 +93,7 @@ def test_a_trace_is_brought_upright_for_the_fit(sign, folder, tmp_path, capsys, 
     time, level = pulse(9000)
     text = keysight(time * 0.01 / PULSE_HALF, sign * level)
     (tmp_path / "scope.csv").write_text(text)
-    listed = (folder / "bench.toml").read_text().replace('path = "', f'path = "{folder}/')
+    listed = (folder / "bench.toml").read_text("utf-8").replace('path = "', f'path = "{folder}/')
     (tmp_path / "bench.toml").write_text(listed + '[trace]\npath = "scope.csv"\n')
     taken = []
 
@@ -156,7 +156,7 @@ def test_the_doubt_comes_before_the_numbers(chi_squared, capsys):
 @pytest.mark.slow
 def test_an_implausible_fit_is_said_aloud(folder, tmp_path, capsys):
     """Electrons per level that are three times what they are stand as a doubt wherever it goes."""
-    text = (folder / "bench.toml").read_text()
+    text = (folder / "bench.toml").read_text("utf-8")
     bench = folder / "other_sensor.toml"
     bench.write_text(text.replace("[sensor]\n", "[sensor]\nelectrons_per_level = 3.0\n"))
     given = [bench, "--design", folder / "design.json", "--coefficients", "9", "--out", tmp_path]
@@ -164,9 +164,9 @@ def test_an_implausible_fit_is_said_aloud(folder, tmp_path, capsys):
     out, err = capsys.readouterr()
     assert ": IMPLAUSIBLE, see the warning." in out.replace("\n", " ")
     assert "mishutter: warning: residuals are implausibly large: chi squared" in err
-    assert (
-        "# Implausible: residuals are implausibly large" in (tmp_path / "as_built.toml").read_text()
-    )
+    assert "# Implausible: residuals are implausibly large" in (
+        tmp_path / "as_built.toml"
+    ).read_text("utf-8")
     assert cli.main(["fit", *map(str, given[:-2]), "--json"]) == 0
     out, err = capsys.readouterr()
     assert json.loads(out)["doubt"].startswith("residuals are implausibly large")

@@ -54,7 +54,7 @@ def test_a_store_that_is_a_file(tmp_path, capsys):
     file = tmp_path / "file"
     file.write_text("in the way")
     assert "must be a folder; got" in refused(capsys, "sweep", *RANGES, "--store", file)
-    assert file.read_text() == "in the way"
+    assert file.read_text("utf-8") == "in the way"
 
 
 @pytest.fixture

@@ -81,7 +81,7 @@ def downloaded(place, name):
     for _ in range(2400):
         path = place / "downloads" / name
         if path.exists():
-            text = path.read_text()
+            text = path.read_text("utf-8")
             path.unlink()
             return text
         time.sleep(0.1)

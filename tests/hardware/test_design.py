@@ -158,7 +158,7 @@ def test_a_saved_design_gives_back_what_hides_what(design, tmp_path):
     assert read.plan == saved.plan
     assert read.plan.num_effective_speeds > 0
     assert float(read.metrics.expected_psnr) == float(saved.metrics.expected_psnr)
-    document = json.loads(path.read_text())
+    document = json.loads(path.read_text("utf-8"))
     del document["scene"]["occlusion"], document["plan"]["num_effective_speeds"]
     path.write_text(json.dumps(document))
     assert Design.load(path).scene.occlusion is None
@@ -172,7 +172,7 @@ def test_a_saved_design_knows_how_its_photograph_is_read(design, tmp_path):
     replace(design, scene=scene).save(path)
     read = Design.load(path).scene
     assert {name: getattr(read, name) for name in given} == given
-    document = json.loads(path.read_text())
+    document = json.loads(path.read_text("utf-8"))
     del document["scene"]["picture_white"], document["scene"]["picture_linear"]
     path.write_text(json.dumps(document))
     read = Design.load(path).scene
@@ -199,7 +199,7 @@ def test_an_infinite_condition_number_is_strict_json(design, tmp_path):
     def refuse(token):
         raise AssertionError(token)
 
-    text = (tmp_path / "design.json").read_text()
+    text = (tmp_path / "design.json").read_text("utf-8")
     assert json.loads(text, parse_constant=refuse)["metrics"]["condition_number"] == "Infinity"
     assert np.isposinf(Design.load(tmp_path / "design.json").metrics.condition_number)
 
@@ -230,7 +230,7 @@ def test_kinds_of_earlier_versions_are_read(design, tmp_path, kind, velocity):
 def test_the_profile_is_a_table_with_units(design, tmp_path):
     """CSV: names, units, then time in ms over the whole exposure."""
     design.write_profile(tmp_path / "profile.csv")
-    lines = (tmp_path / "profile.csv").read_text().splitlines()
+    lines = (tmp_path / "profile.csv").read_text("utf-8").splitlines()
     assert lines[:2] == ["time,tau,transmittance", "ms,1,1"]
     rows = np.array([[float(x) for x in line.split(",")] for line in lines[2:]])
     assert np.isclose(rows[0, 0], -10)
@@ -411,6 +411,6 @@ def test_the_level_that_was_optimised_comes_first(slug, tmp_path):
     level = float(getattr(design.metrics, metric))
     assert str(design).splitlines()[1].split(None, 1)[1].startswith(f"{level:.2f} dB {words}")
     design.save(tmp_path / "design.json")
-    saved = json.loads((tmp_path / "design.json").read_text())
+    saved = json.loads((tmp_path / "design.json").read_text("utf-8"))
     assert list(saved.items())[:2] == [("level_db", level), ("level_of", words)]
     assert Design.load(tmp_path / "design.json").levels == design.levels

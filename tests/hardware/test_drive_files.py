@@ -127,7 +127,7 @@ def test_a_keysight_file_is_what_its_maker_describes(tmp_path):
     """A parameter header, a data header, values in [-1, 1], and a marker that falls at the end."""
     table = a_table(num_levels=9)
     table.save(tmp_path / "keysight.csv", form="keysight")
-    rate, names, *rows = (tmp_path / "keysight.csv").read_text().splitlines()
+    rate, names, *rows = (tmp_path / "keysight.csv").read_text("utf-8").splitlines()
     assert float(rate.removeprefix("SampleRate=")) == pytest.approx(37 / (2 * HALF))
     assert names == "Y1,Y2,SampleMarker1"
     numbers = np.array([[float(x) for x in row.split(",")] for row in rows])
@@ -141,14 +141,14 @@ def test_a_siglent_file_is_as_others_write_it(tmp_path):
     """Settings, seven empty lines, names in line 13, then times in s and values in [-1, 1]."""
     path = tmp_path / "siglent.csv"
     a_table(num_levels=9).save(path, form="siglent")
-    lines = path.read_text().splitlines()
+    lines = path.read_text("utf-8").splitlines()
     assert lines[0] == "data length,37"
     assert float(lines[1].removeprefix("frequency,")) == pytest.approx(1 / (2 * HALF))
     assert lines[2:13] == ["amp,2", "offset,0", "phase,0", *[""] * 7, "xpos,value"]
     numbers = np.array([[float(x) for x in line.split(",")] for line in lines[13:]])
     np.testing.assert_allclose(numbers[:, 0], np.arange(37) * 2 * HALF / 37, rtol=1e-9)
     assert np.all(np.abs(numbers[:, 1]) <= 1)
-    text = path.read_text()
+    text = path.read_text("utf-8")
     for change, message in (
         (("amp,2", "amp,5"), "have amp,2, by which values are from -1 to 1; got amp,5"),
         (("data length,37", "data length,36"), "hold its data length, 36 values; got 37"),
@@ -261,7 +261,7 @@ def test_a_setting_that_is_not_read_is_said(key, tmp_path):
             "and no SampleRate: its exposure is the design's" in str(told[0].message)
         ) == without
     a_table(num_levels=9).save(path, form="siglent")
-    path.write_text(path.read_text().replace("offset,0", f"{key},3200\noffset,0"))
+    path.write_text(path.read_text("utf-8").replace("offset,0", f"{key},3200\noffset,0"))
     with pytest.warns(DriveWarning, match=f"settings that are not read, {key},3200$"):
         assert float(read_drive(path, OTHER).motion.half_exposure) == pytest.approx(HALF)
 

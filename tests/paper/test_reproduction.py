@@ -47,11 +47,13 @@ def test_the_page(tmp_path):
     )
     names = {p.name for p in tmp_path.iterdir()}
     assert names == {*(f"figure_{n}.png" for n in (3, 4, 5, 6)), "figures.json", "REPRODUCTION.md"}
-    assert json.loads((tmp_path / "figures.json").read_text()) == json.loads(json.dumps(numbers))
+    assert json.loads((tmp_path / "figures.json").read_text("utf-8")) == json.loads(
+        json.dumps(numbers)
+    )
     met = {s["claim"]: s["met"] for s in numbers["statements"]}
     assert met["Smooth windows within 1 dB (camera, s/(aT))"]
     levels = numbers["figure_5"]["s/(aT)"]["camera"]["psnr"]
     assert levels["hann"][-1] > levels["rect"][-1] + 3
-    page = (tmp_path / "REPRODUCTION.md").read_text()
+    page = (tmp_path / "REPRODUCTION.md").read_text("utf-8")
     assert all(s["claim"] in page and s["found"] in page for s in numbers["statements"])
     assert seen[-1] == 1.0

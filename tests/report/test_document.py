@@ -316,7 +316,7 @@ def test_a_background_is_drawn_beside_a_document_of_its_gains(report, monkeypatc
     monkeypatch.setattr(module, "_layered", lambda report, rows: drawn)
     with_gains = replace(report, backgrounds=(HALF_STILL,))
     assert write_background(with_gains, tmp_path) == []
-    saved = json.loads((tmp_path / "report.json").read_text())
+    saved = json.loads((tmp_path / "report.json").read_text("utf-8"))
     assert saved["before_a_background"] == [{"still_share": 0.5, "gain_db": 0.414}]
     whole = replace(
         with_gains,

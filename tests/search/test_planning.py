@@ -251,7 +251,7 @@ def test_a_design_records_its_plan(tmp_path):
     read = Design.load(path)
     assert read.plan == design.plan
     assert str(read.plan) == str(design.plan)
-    document = json.loads(path.read_text())
+    document = json.loads(path.read_text("utf-8"))
     del document["plan"], document["scene"]["cutoff_frequency"]
     path.write_text(json.dumps(document))
     assert Design.load(path).plan is None

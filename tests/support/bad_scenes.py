@@ -3,7 +3,7 @@
 import re
 from importlib import resources
 
-EXAMPLE = (resources.files("mishutter") / "example_scene.toml").read_text()
+EXAMPLE = (resources.files("mishutter") / "example_scene.toml").read_text("utf-8")
 
 _RATE, _NOISE, _SPEEDS = "photon_rate_per_s", "read_noise_e", "uniform"
 _LIST = "list_px_per_s = "

@@ -115,7 +115,7 @@ def complaints(driver):
 
 def resident_bytes(pid):
     """Memory of a process that is resident."""
-    status = Path(f"/proc/{pid}/status").read_text()
+    status = Path(f"/proc/{pid}/status").read_text("utf-8")
     return int(re.search(r"VmRSS:\s+(\d+)", status)[1]) << 10
 
 
