@@ -17,8 +17,8 @@ _NUM_POINTS = 401
 def plot_fit(camera: FittedCamera, sent: AbstractShutter) -> "Figure":
     """Levels and residuals of each picture, and the profile beside the one that was sent."""
     count = len(camera.levels)
-    figure = new_figure(9.0, 1.5 * count + 3.0)
-    leave_room(figure, Margins(top=0.3, rows=0.5), num_rows=count + 1, num_columns=2)
+    figure = new_figure(9.0, 1.8 * count + 3.0)
+    leave_room(figure, Margins(top=0.3, rows=0.55), num_rows=count + 1, num_columns=2)
     grid = figure.add_gridspec(count + 1, 2, height_ratios=[1.0] * count + [2.0])
     first, second, *_ = (style for style, _ in zip(line_styles(), range(2), strict=False))
     each = zip(camera.levels, camera.expected, camera.noise, strict=True)
