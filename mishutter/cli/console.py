@@ -1,5 +1,6 @@
 """Output of the terminal: one line for an error, a progress bar, strict JSON, a table."""
 
+import gc
 import io
 import logging
 import os
@@ -51,6 +52,8 @@ _MANY = 20
 """Fewest steps whose remaining time is shown: the lengths of a few steps differ too much."""
 _NOT_KEPT = re.compile(r"Error writing persistent compilation cache .*?(?:\[Errno \d+\] )([^:]+)")
 """JAX's warning that it could not write an entry of its cache, with the reason."""
+_COLLECTIONS = 50_000, 20, 100
+"""New objects before a collection of garbage, and collections before one of older objects."""
 
 _PARSER: Any = sys.modules[typer.BadParameter.__module__]
 """The errors of the command line parser, whichever Click it was built on."""
@@ -414,6 +417,10 @@ def start_jax() -> None:
     from platformdirs import user_cache_path
 
     _require_devices()
+    # What JAX traces lives on: collections that look through it at Python's usual pace take a
+    # twelfth of a run's processor time.
+    gc.set_threshold(*_COLLECTIONS)
+
     jax.config.update("jax_enable_x64", True)
     # XLA takes the preferences of some processors for missing instructions, and writes an error
     # of 4,000 letters for each program that it reads. Messages of JAX itself stay, and so does
