@@ -137,6 +137,8 @@ def plot_map(
     draw = _draw_map if min(values.shape) > 1 else _draw_line
     rival = _text(dataset, metric).partition(_GAIN)[2]
     x, y = draw(axes, _Map(half, a, values, _label(dataset, metric), rival, _pans(dataset)))
+    if figure.legends:  # below the map
+        leave_room(figure, _OF_MAP._replace(bottom=0.85))
     best = np.nanargmin(values) if smaller else np.nanargmax(values)
     axes.plot(
         x.flat[best],
@@ -224,7 +226,6 @@ def _draw_zero(axes: "Axes", drawn: _Map) -> None:
         axes.contour(drawn.half, drawn.a, gain, [0.0], colors=colour, linewidths=width)
     axes.plot([], [], color="black", linewidth=2.2, label=_as_good(drawn.rival))
     axes.axis(limits)
-    leave_room(axes.figure, _OF_MAP._replace(bottom=0.85))
     axes.figure.legend(loc="lower center", fontsize="small")
 
 

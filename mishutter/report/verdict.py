@@ -143,12 +143,14 @@ def _no_shutter(case: Case) -> str:
 
 def _own_is_no_simpler(case: Case) -> bool:
     own, choice = case.own, case.choice
-    is_other = own is not None and own is not choice and case.is_coded
-    return is_other and own.required_hardware == choice.required_hardware
+    if own is None or own is choice or not case.is_coded:
+        return False
+    return own.required_hardware == choice.required_hardware
 
 
 def _own(case: Case) -> str:
-    return f"{_capitalised(case.own.name)} takes as much and has {case.own.level:.2f} dB."
+    own: Row = case.own  # type: ignore[assignment]
+    return f"{_capitalised(own.name)} takes as much and has {own.level:.2f} dB."
 
 
 def _more(case: Case) -> str:
@@ -162,9 +164,10 @@ def _more(case: Case) -> str:
 
 
 def _simpler(case: Case) -> str:
-    below = case.choice.margin_over(case.nearest_simpler)
+    nearest: Row = case.nearest_simpler  # type: ignore[assignment]
+    below = case.choice.margin_over(nearest)
     side = f"{abs(below):.2f} dB {'below' if below >= 0 else 'above'} it"
-    return f"The nearest simpler camera, {case.nearest_simpler.name}, is {side}."
+    return f"The nearest simpler camera, {nearest.name}, is {side}."
 
 
 RULES = (

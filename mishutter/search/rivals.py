@@ -105,8 +105,8 @@ class RivalSearch:
         plan: Plan | None = None,
     ) -> Design:
         """The best design from a motion and a shutter, or from a free-form profile."""
-        plan = self.plan if plan is None else plan
-        return optimise(self.scene, start, shutter, free=free, loss=self.loss, plan=plan)
+        own = self.plan if plan is None else plan
+        return optimise(self.scene, start, shutter, free=free, loss=self.loss, plan=own)
 
     def shaped_entry(self) -> Design | None:
         """The best design of a free profile on a parabola, where it is one of the entries."""
