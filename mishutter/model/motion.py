@@ -949,7 +949,7 @@ def stroke_of_parabola(
 
 
 def acceleration_of_stroke(
-    stroke: Positions, half_exposure: Positions, speed: Positions
+    stroke: Positions, half_exposure: Positions, speed: ArrayLike
 ) -> Positions:
     r"""Largest $a$ of a parabola of a stroke, 0 where its pan alone takes more; px/s^2.
 

@@ -186,8 +186,10 @@ def _optional_tables(scene: Scene) -> dict[str, dict[str, object]]:
         tables["shutter"] = _device_table(scene.device)
     if scene.stage is not None:
         tables["stage"] = table_of(scene.stage, StageSection)
-    burst = {} if scene.burst is None else table_of(scene.burst, RivalsSection)
-    tables["rivals"] = burst | {"free_paths": scene.free_paths}
+    if scene.burst is not None:
+        tables["rivals"] = table_of(scene.burst, RivalsSection)
+    if scene.free_paths:
+        tables["rivals"] = tables.get("rivals", {}) | {"free_paths": True}
     if scene.tolerances is not None:
         tables["tolerances"] = table_of(scene.tolerances, TolerancesSection)
         if float(scene.tolerances.drive_step) == 0:
@@ -247,6 +249,7 @@ def _built(file: SceneFile, folder: Path, photographs: Photographs | None) -> Sc
     is_whole = occlusion is None or file.decoder.speed != "found"
     requirement = "be 'unknown' or 'told' beside [occlusion], where no one speed is the picture's"
     require(is_whole, "[decoder] speed", requirement, file.decoder.speed)
+    rivals = file.rivals or RivalsSection()
     return Scene(
         speeds,
         weights,
@@ -258,8 +261,8 @@ def _built(file: SceneFile, folder: Path, photographs: Photographs | None) -> Sc
         limits=limits,
         device=None if file.shutter is None else _device(file.shutter, scales),
         stage=_of_kind(SecondOrderStage, file.stage, "[stage]", scales),
-        burst=_burst(file.rivals, scales),
-        free_paths=file.rivals.free_paths,
+        burst=_burst(rivals, scales),
+        free_paths=rivals.free_paths,
         tolerances=_tolerances(file.tolerances, scales),
         occlusion=occlusion,
         decoder_speed=file.decoder.speed,

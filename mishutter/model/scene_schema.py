@@ -240,7 +240,7 @@ class SceneFile(Section):
     optics: OpticsSection = OpticsSection()
     limits: LimitsSection = LimitsSection()
     stage: StageSection | None = None
-    rivals: RivalsSection = RivalsSection()
+    rivals: RivalsSection | None = None
     tolerances: TolerancesSection | None = None
     decoder: DecoderSection = DecoderSection()
     motion: MotionSection | None = None
