@@ -173,7 +173,8 @@ def is_module(node: ast.ClassDef) -> bool:
 def test_text_is_read_by_its_encoding():
     """Files of the repository are UTF-8, which not every system assumes."""
     folders = ("mishutter", "tests", "benchmarks", "docs")
-    files = [path for each in folders for path in (PACKAGE.parent / each).rglob("*.py")]
+    root = Path(__file__).parents[1]
+    files = [path for each in folders for path in (root / each).rglob("*.py")]
     bare = "read_text(" + ")"
     assert not [str(path) for path in files if bare in path.read_text(encoding="utf-8")]
 
