@@ -45,7 +45,7 @@ MARKS = np.dtype(np.uint16)
 """Precision of `outside`: it has as many bits as there are reasons, at least."""
 
 OPTIMISED = "optimised"
-FORMAT = 3
+FORMAT = 4
 _SLACK = 1e-9
 _BLOCK_ROW = 128
 _BLOCK_BYTES = 1 << 24
@@ -263,6 +263,7 @@ class Grid:
             "half_exposures": self.half_exposures.tolist(),
             "velocities": _listed(self.velocities),
             "scenes": {name: scene_to_dict(scene) for name, scene in self.scenes.items()},
+            "named_scenes": self.named_scenes,
             "shutters": {name: _described(shutter) for name, shutter in self.shutters.items()},
             "metrics": list(self.metrics),
             "photon_rates": _listed(self.photon_rates),
@@ -276,8 +277,7 @@ class Grid:
     @property
     def key(self) -> str:
         """A short text that differs between sweeps that differ."""
-        text = json.dumps(self.describe() | {"named_scenes": self.named_scenes}, sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()
+        return hashlib.sha256(json.dumps(self.describe(), sort_keys=True).encode()).hexdigest()
 
 
 @np.errstate(over="ignore")

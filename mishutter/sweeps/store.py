@@ -1,29 +1,34 @@
 """Storage for the blocks of a sweep: in memory, or in a Zarr store that can be resumed.
 
 A store is a Zarr group that xarray opens. Its attribute `sweep` describes the sweep; a store of
-another sweep is refused. A block's arrays are chunks of their own, and its mark in `done` is
-written last, so that marked blocks are whole.
+another sweep is refused. A block's arrays are chunks of their own. Its mark in `done`, their
+checksum, is written last: a block whose arrays do not have that checksum is computed again. All
+other files follow from the sweep, and are written anew where they differ from what they should be.
+Each chunk has a checksum of its own besides, so that a damaged one is an error to whoever reads it.
 """
 
 import errno
 import json
+import logging
 import os
-import shutil
 import tempfile
+import zlib
 from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from mishutter._core import Unquoted, describe, require
+from mishutter._core import Unquoted, describe, require, write_bytes
 from mishutter.sweeps.grid import METRICS, REASONS, Block, Grid
 
 if TYPE_CHECKING:
     import xarray
 
 Arrays = dict[str, np.ndarray]
+_LOG = logging.getLogger("mishutter.sweep")
 _DONE = "done"
+_ROOT = "zarr.json"
 _SUBJECT = "sweep(store=...)"
 _OCCUPIED = (errno.ENOTEMPTY, errno.EEXIST)
 _COORDINATES = {
@@ -93,7 +98,7 @@ class StoredBlocks(AbstractBlocks):
     Args:
         grid: The sweep.
         path: Folder of the store.
-        make: Whether to make a store where there is none.
+        make: Whether to make a store where there is none, and to mend one that is damaged.
 
     Raises:
         ValueError: if something else is there.
@@ -107,31 +112,54 @@ class StoredBlocks(AbstractBlocks):
         is_there = self.path.exists()
         is_folder, got = not is_there or self.path.is_dir(), Unquoted(f"a file, '{path}'")
         require(is_folder, _SUBJECT, "be a folder", got)
+        attributes = dataset_attributes(grid)
         if make and not (is_there and any(self.path.iterdir())):
             try:
-                _create(grid, self.path)
+                _create(_files(grid, attributes), self.path)
             except OSError as error:
                 got = f"'{path}': {error.strerror or type(error).__name__}"
                 raise OSError(
                     f"`{_SUBJECT}` must be a folder that can be written; got {got}."
                 ) from None
-        try:
-            self.group = zarr.open_group(self.path, mode="r+")
-        except (FileNotFoundError, ValueError, KeyError):
-            raise ValueError(f"`{_SUBJECT}` must be a sweep's store; got '{path}'.") from None
-        stored = self.group.attrs.get("sweep")
-        require(stored is not None, _SUBJECT, "be a sweep's store", str(path))
-        _check_same(json.loads(str(stored)), json.loads(json.dumps(grid.describe())))
+        stored = _stored_attributes(self.path)
+        _check_same(stored["sweep"], json.loads(json.dumps(grid.describe())), self.path)
+        if make:
+            # Versions are those of the run that began the store, and need not be those of this one.
+            versions = {"versions": stored.get("versions", attributes["versions"])}
+            _mend(_files(grid, attributes | versions), self.path)
+        self.group = zarr.open_group(self.path, mode="r+", use_consolidated=False)
 
     def missing(self) -> list[Block]:
-        is_done = np.asarray(self._array(_DONE)[...])
-        return [block for block in self.grid.blocks() if not is_done[block]]
+        missing, damaged = [], []
+        for block in self.grid.blocks():
+            try:
+                mark = int(self._array(_DONE)[tuple(block)])
+                is_there = mark != 0
+                is_whole = is_there and mark == _checksum(self._read(block))
+            except ValueError:  # A chunk does not have its own checksum.
+                is_there, is_whole = True, False
+            missing += [] if is_whole else [block]
+            damaged += [tuple(block)] if is_there and not is_whole else []
+        if damaged:
+            names = ", ".join(map(str, damaged[:3])) + (", ..." if damaged[3:] else "")
+            _LOG.warning("blocks damaged in '%s' are computed again: %s", self.path, names)
+        return missing
 
     def write(self, block: Block, arrays: Arrays) -> None:
-        for name, values in arrays.items():
-            region = self.grid.region(block, name)
-            self._array(name)[region] = values
-        self._array(_DONE)[tuple(block)] = 1
+        try:
+            for name, values in arrays.items():
+                region = self.grid.region(block, name)
+                self._array(name)[region] = values
+            self._array(_DONE)[tuple(block)] = _checksum(arrays)
+        except OSError as error:
+            if error.filename is None:  # A full disk does not say where it is full.
+                error.filename = str(self.path)
+            raise
+
+    def _read(self, block: Block) -> Arrays:
+        """The arrays of a block as they are stored."""
+        regions = {name: self.grid.region(block, name) for name in self.grid.variables}
+        return {name: self._array(name)[region] for name, region in regions.items()}
 
     def _array(self, name: str) -> Any:
         return self.group[name]
@@ -203,41 +231,73 @@ def dataset_attributes(grid: Grid) -> dict[str, object]:
     }
 
 
-def _create(grid: Grid, path: Path) -> None:
-    """Make an empty store beside its place, then move it there in one step."""
-    import zarr
-
+def _create(files: dict[str, bytes], path: Path) -> None:
+    """Make a store beside its place, then move it there in one step."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    folder = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.name}."))
-    try:
-        _labelled(grid, {}).to_zarr(folder, mode="w", zarr_format=3, consolidated=False)
-        group = zarr.open_group(folder, mode="r+")
-        for name, dtype in grid.variables.items():
-            dimensions = grid.dimensions(name)
-            group.create_array(
-                name,
-                shape=[grid.sizes[d] for d in dimensions],
-                chunks=_chunks(grid, dimensions),
-                dtype=dtype,
-                fill_value=np.nan if dtype.kind == "f" else 0,
-                dimension_names=dimensions,
-                attributes=attributes_of(name),
-            )
-        counts = np.array(grid.blocks()).max(axis=0) + 1
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name}.") as folder:
+        whole = Path(folder) / path.name
+        _mend(files, whole)
+        try:
+            os.rename(whole, path)
+        except OSError as error:
+            # Another process may have made it meanwhile; the caller checks that it is the same.
+            if error.errno not in _OCCUPIED:
+                raise
+
+
+def _mend(files: dict[str, bytes], path: Path) -> None:
+    """Write those files of a store anew that are missing or not what they should be."""
+    for name, content in files.items():
+        file = path / name
+        if not file.is_file() or file.read_bytes() != content:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            write_bytes(file, content)
+
+
+def _files(grid: Grid, attributes: dict[str, object]) -> dict[str, bytes]:
+    """Every file of a store without blocks, by its path in there."""
+    import zarr
+    from zarr.codecs import Crc32cCodec, ZstdCodec
+    from zarr.storage import MemoryStore
+
+    files: dict[str, Any] = {}
+    store = MemoryStore(files)
+    codecs = ZstdCodec(), Crc32cCodec()
+    empty = _labelled(grid, {}).assign_attrs(attributes)
+    encoding = {key: {"compressors": codecs} for key in empty.variables}
+    empty.to_zarr(store, mode="w", zarr_format=3, consolidated=False, encoding=encoding)
+    group = zarr.open_group(store, mode="r+")
+    for name, dtype in grid.variables.items():
+        dimensions = grid.dimensions(name)
         group.create_array(
-            _DONE,
-            shape=counts,
-            chunks=(1, 1, 1),
-            dtype=np.uint8,
-            fill_value=0,
-            dimension_names=("block_frame", "block_acceleration", "block_half_exposure"),
+            name,
+            shape=[grid.sizes[d] for d in dimensions],
+            chunks=_chunks(grid, dimensions),
+            dtype=dtype,
+            fill_value=np.nan if dtype.kind == "f" else 0,
+            dimension_names=dimensions,
+            attributes=attributes_of(name),
+            compressors=codecs,
         )
-        os.rename(folder, path)
-    except BaseException as error:
-        shutil.rmtree(folder, ignore_errors=True)
-        # Another process may have made the store meanwhile; the caller checks that it is the same.
-        if not (isinstance(error, OSError) and error.errno in _OCCUPIED):
-            raise
+    group.create_array(
+        _DONE,
+        shape=np.array(grid.blocks()).max(axis=0) + 1,
+        chunks=(1, 1, 1),
+        dtype=np.uint32,
+        fill_value=0,
+        dimension_names=("block_frame", "block_acceleration", "block_half_exposure"),
+        compressors=codecs,
+    )
+    return {name: content.to_bytes() for name, content in files.items()}
+
+
+def _checksum(arrays: Arrays) -> int:
+    """Checksum of the arrays of a block; all NaNs count as one, whatever their bits."""
+    checksum = 0
+    for name in sorted(arrays):
+        values = np.where(np.isnan(arrays[name]), np.nan, arrays[name])
+        checksum = zlib.crc32(values.tobytes(), checksum)
+    return checksum
 
 
 def _chunks(grid: Grid, dimensions: tuple[str, ...]) -> tuple[int, ...]:
@@ -247,14 +307,31 @@ def _chunks(grid: Grid, dimensions: tuple[str, ...]) -> tuple[int, ...]:
     return tuple(of_block.get(name, grid.sizes[name]) for name in dimensions)
 
 
-def _check_same(stored: dict[str, object], current: dict[str, object]) -> None:
+def _stored_attributes(path: Path) -> dict[str, Any]:
+    """The attributes of a store, whose `sweep` is opened.
+
+    Raises:
+        ValueError: if it is no sweep's store.
+    """
+    try:
+        attributes = dict(json.loads((path / _ROOT).read_bytes())["attributes"])
+        return attributes | {"sweep": dict(json.loads(attributes["sweep"]))}
+    except FileNotFoundError:
+        got = f"'{path}', which has no {_ROOT}"
+    except (ValueError, TypeError, KeyError):
+        got = f"'{path}', whose {_ROOT} is damaged or of something else"
+    raise ValueError(f"`{_SUBJECT}` must be a sweep's store; got {got}.")
+
+
+def _check_same(stored: dict[str, object], current: dict[str, object], path: Path) -> None:
     """Refuse a store of another sweep, by the first part that differs."""
     for name in current:
         if stored.get(name) != current[name]:
             got, want = (_short(x) for x in _first_difference(stored.get(name), current[name]))
             words = name.replace("_", " ")
             raise ValueError(
-                f"`{_SUBJECT}` must hold the same sweep, with {words}: {want}; got {got}."
+                f"`{_SUBJECT}` must hold the same sweep, with {words}: {want}; got {got} "
+                f"in '{path}'."
             )
 
 

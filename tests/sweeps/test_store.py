@@ -1,8 +1,10 @@
 """A store loses at most the blocks under way, is resumed bit for bit, and is its sweep's own."""
 
+import errno
 import json
 import logging
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -106,6 +108,203 @@ def test_a_block_cut_short_is_computed_again(whole, tmp_path, monkeypatch):
     assert sweep(SCENE, **many(store=place)).load().identical(whole)
 
 
+MADE = replace(asked_for(150, 2), velocities=np.array([-3.0, 4.0]))
+"""A grid of four blocks, in two frames."""
+
+
+def made(block):
+    """Arrays of a block of that grid without computing them; NaNs of one frame have a sign."""
+    draw, arrays = np.random.default_rng(tuple(block)), {}
+    for name, dtype in MADE.variables.items():
+        whole = np.empty([MADE.sizes[d] for d in MADE.dimensions(name)], bool)
+        arrays[name] = draw.normal(9, 4, whole[MADE.region(block, name)].shape).astype(dtype)
+    if block.frame == 1:
+        arrays["expected_psnr"][:] = -np.nan
+    return arrays
+
+
+def filled(place):
+    """The blocks that a store of that grid lacks, and its data set with them written."""
+    blocks = StoredBlocks(MADE, place)
+    missing = blocks.missing()
+    for block in missing:
+        blocks.write(block, made(block))
+    return [tuple(block) for block in missing], blocks.dataset().load()
+
+
+def flipped(file):
+    """Changes one bit in the middle of a file."""
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 4
+    file.write_bytes(content)
+
+
+def cut(file):
+    """Leaves the first half of a file."""
+    os.truncate(file, file.stat().st_size // 2)
+
+
+def lost(place):
+    """Removes a file, or a folder and everything in it."""
+    shutil.rmtree(place) if place.is_dir() else place.unlink()
+
+
+ALL = [(0, 0, 0), (0, 1, 0), (1, 0, 0), (1, 1, 0)]
+CHUNK = "expected_psnr/c/0/0/1/0/0/0"
+DAMAGE = [
+    (CHUNK, flipped, [(0, 1, 0)]),
+    (CHUNK, cut, [(0, 1, 0)]),
+    (CHUNK, lost, [(0, 1, 0)]),
+    ("done/c/1/0/0", flipped, [(1, 0, 0)]),
+    ("expected_psnr/zarr.json", cut, []),
+    ("velocity/c/0", flipped, []),
+    ("done/zarr.json", lost, []),
+]
+"""Files of that store, and the blocks that are computed again where one is damaged."""
+
+
+def test_damage_is_found_and_made_good(tmp_path, caplog):
+    """A block is named and computed again; other files follow from the sweep."""
+    place = tmp_path / "a.zarr"
+    missing, whole = filled(place)
+    assert missing == ALL
+    assert filled(place)[0] == []
+    for name, damage, computed in DAMAGE:
+        caplog.clear()
+        damage(place / name)
+        missing, again = filled(place)
+        assert again.identical(whole), (name, damage)
+        assert missing == computed, (name, damage)
+        message = f"blocks damaged in '{place}' are computed again: {[*computed, ()][0]}"
+        assert caplog.messages == ([message] if computed else []), (name, damage)
+
+
+def test_folders_that_are_lost_are_made_good(tmp_path):
+    """A variable, its chunks, a coordinate or every mark; a chunk of another block is no better."""
+    place = tmp_path / "a.zarr"
+    _, whole = filled(place)
+    for name, computed in {"expected_psnr": ALL[:2], "shutter": [], "done": ALL}.items():
+        lost(place / name)
+        missing, again = filled(place)
+        assert again.identical(whole), name
+        # Chunks of nothing but NaN, as those of the second frame, are not written.
+        assert missing == computed, name
+    chunks = place / "expected_psnr" / "c" / "0" / "0"
+    shutil.copytree(chunks / "0", chunks / "1", dirs_exist_ok=True)
+    missing, again = filled(place)
+    assert missing == [(0, 1, 0)]
+    assert again.identical(whole)
+
+
+def test_a_store_that_does_not_say_its_sweep_is_refused(tmp_path):
+    """One line names it where its first file is lost, cut or changed; it is left as it is."""
+    place = tmp_path / "a.zarr"
+    filled(place)
+    root = place / "zarr.json"
+    right = root.read_text("utf-8")
+    attributes = {"attributes": {"sweep": "[7]"}}
+    reasons = {
+        "damaged or of something else": ["", right[:300], right.replace('\\"scenes', "?"), "[3]"],
+        "of something else": [json.dumps(attributes), json.dumps({"attributes": {"title": "x"}})],
+        "with format: ": [right.replace('\\"format\\": 4', '\\"format\\": 3')],
+        "with half exposures: ": [right.replace("[1.0, 2.0], ", "[1.0, 3.0], ", 1)],
+    }
+    for reason, texts in reasons.items():
+        for text in texts:
+            assert text != right
+            root.write_text(text, "utf-8")
+            with pytest.raises(ValueError, match=reason) as caught:
+                filled(place)
+            assert f"'{place}'" in str(caught.value)
+            assert "\n" not in str(caught.value)
+            assert root.read_text("utf-8") == text
+    lost(root)
+    with pytest.raises(ValueError, match=r"which has no zarr\.json"):
+        filled(place)
+
+
+def test_whoever_opens_a_store_is_told_of_a_flipped_bit(tmp_path):
+    """Of a block or of a coordinate: Zarr checks the sum of each chunk."""
+    place = tmp_path / "a.zarr"
+    filled(place)
+    for name in ("expected_psnr/c/0/0/0/0/0/0", "acceleration/c/0"):
+        flipped(place / name)
+        with pytest.raises(ValueError, match="checksum do not match"):
+            xarray.open_zarr(place, chunks=None, consolidated=False).load()
+        filled(place)
+
+
+def test_a_computed_sweep_is_made_good(whole, tmp_path, caplog):
+    """The lost block of a whole sweep is computed again, bit for bit, and no other."""
+    place = tmp_path / "a.zarr"
+    sweep(SCENE, **many(store=place))
+    lost(place / "condition_number" / "c" / "1")
+    with caplog.at_level(logging.INFO, logger="mishutter.sweep"):
+        again = sweep(SCENE, **many(store=place))
+    damaged, found, computed = caplog.messages[-3:]
+    assert damaged == f"blocks damaged in '{place}' are computed again: (0, 1, 0)"
+    assert found == "2 of 3 blocks found, 1 to compute"
+    assert computed == "1 block computed"
+    assert again.load().identical(whole)
+
+
+@pytest.mark.slow
+def test_no_damage_changes_a_result(tmp_path):
+    """Every file flipped, cut and lost: the result is the same, or one line names the store."""
+    place = tmp_path / "a.zarr"
+    _, whole = filled(place)
+    for file in [file for file in place.rglob("*") if file.is_file()]:
+        content = file.read_bytes()
+        for damage in (flipped, cut, lost):
+            damage(file)
+            if file == place / "zarr.json":
+                with pytest.raises(ValueError, match=rf"got .*'{place}'"):
+                    filled(place)
+                file.write_bytes(content)
+            else:
+                assert filled(place)[1].identical(whole), (file, damage)
+
+
+def test_a_full_disk_while_a_store_is_made(tmp_path, monkeypatch):
+    """One line names the folder, and nothing is left of it; with room it is made."""
+    resource = pytest.importorskip("resource")
+    place = tmp_path / "deep" / "a.zarr"
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        # The system refuses longer files, as a full disk refuses more of them.
+        resource.setrlimit(resource.RLIMIT_FSIZE, (200, limits[1]))
+        with pytest.raises(OSError, match=r"can be written; got '.*a\.zarr': File too large"):
+            StoredBlocks(MADE, place)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert list(place.parent.iterdir()) == []
+
+    def full(source, target):
+        raise OSError(errno.ENOSPC, "No space left on device", str(source))
+
+    with monkeypatch.context() as patch:
+        # A disk that is full of everything but the name of the folder.
+        patch.setattr(os, "rename", full)
+        with pytest.raises(OSError, match=r"got '.*a\.zarr': No space left on device"):
+            StoredBlocks(MADE, place)
+    assert list(place.parent.iterdir()) == []
+    assert filled(place)[0] == ALL
+
+
+def test_a_full_disk_while_a_block_is_written(tmp_path):
+    """The error names the store, and the block is one that was never written."""
+    resource = pytest.importorskip("resource")
+    blocks = StoredBlocks(MADE, tmp_path / "a.zarr")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (200, limits[1]))
+        with pytest.raises(OSError, match=r"File too large: '.*a\.zarr'"):
+            blocks.write(MADE.blocks()[0], made(MADE.blocks()[0]))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert filled(tmp_path / "a.zarr")[0] == ALL
+
+
 def test_progress_counts_what_was_found(tmp_path):
     """Points found in the store are done at once."""
     calls = []
@@ -121,6 +320,14 @@ OTHERS = {
     "metrics": ({"metrics": ["efficiency"]}, "with metrics: ['efficiency']"),
     "full-well": ({"full_well": 9e3}, "with full well: 9000.0; got None"),
 }
+
+
+def test_a_store_of_one_scene_without_a_name_is_not_one_of_a_list(tmp_path):
+    """The results of a list have one dimension more."""
+    few = grid(metrics=["efficiency"], store=tmp_path / "a.zarr")
+    sweep(SCENE, **few)
+    with pytest.raises(ValueError, match="with named scenes: True; got False"):
+        sweep([SCENE], **few)
 
 
 @pytest.mark.parametrize("slug", OTHERS)
