@@ -318,12 +318,12 @@ class Scene(eqx.Module):
 
         Args:
             max_speed: Largest speed, px/s.
-            num_speeds: How many; a single one is the middle of the range.
+            num_speeds: How many; at least 2 where the range has two ends.
             min_speed: Smallest speed, px/s; `-max_speed` by default.
             others: The arguments of `Scene`.
 
         Raises:
-            ValueError: as `Scene`, or if the range is reversed.
+            ValueError: as `Scene`, or if the range is reversed, or has two ends and one speed.
         """
         require_positive_int("Scene.uniform(num_speeds=...)", num_speeds)
         for name, value in (("max_speed", max_speed), ("min_speed", min_speed)):
@@ -332,11 +332,10 @@ class Scene(eqx.Module):
         low = -max_speed if min_speed is None else min_speed
         ordered = low <= max_speed
         require(ordered, "Scene.uniform(max_speed=...)", f"be at least {low:g} px/s", max_speed)
-        if num_speeds == 1:
-            speeds = np.array([(low + max_speed) / 2])
-        else:
-            speeds = np.linspace(low, max_speed, num_speeds)
-        return Scene(speeds, **others)  # type: ignore[arg-type]
+        has_both_ends = num_speeds > 1 or low == max_speed
+        requirement = f"be at least 2, for speeds from {low:g} to {max_speed:g} px/s"
+        require(has_both_ends, "Scene.uniform(num_speeds=...)", requirement, num_speeds)
+        return Scene(np.linspace(low, max_speed, num_speeds), **others)  # type: ignore[arg-type]
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> "Scene":

@@ -311,13 +311,15 @@ def _uniform(form: Uniform) -> tuple[str, np.ndarray, np.ndarray]:
     place = "[speeds] uniform"
     unit, low, high = _pair(form, place, ("min", "max"))
     require(low <= high, f"{place}.max_{unit}", f"be at least min_{unit} = {low:g}", high)
-    middle = np.array([(low + high) / 2])
-    speeds = middle if form.count == 1 else np.linspace(low, high, form.count)
-    return unit, speeds, np.full(form.count, 1 / form.count)
+    requirement = f"be at least 2, for speeds from {low:g} to {high:g}"
+    require(form.count > 1 or low == high, f"{place}.count", requirement, form.count)
+    return unit, np.linspace(low, high, form.count), np.full(form.count, 1 / form.count)
 
 
 def _normal(form: Normal) -> tuple[str, np.ndarray, np.ndarray]:
-    unit, mean, deviation = _pair(form, "[speeds] normal", ("mean", "deviation"))
+    place = "[speeds] normal"
+    unit, mean, deviation = _pair(form, place, ("mean", "deviation"))
+    require(form.count > 1, f"{place}.count", "be at least 2, for speeds that deviate", form.count)
     steps = ((2 * np.arange(form.count) + 1) / form.count - 1) * _DEVIATIONS
     density = np.exp(-(steps**2) / 2)
     return unit, mean + deviation * steps, density / density.sum()

@@ -54,7 +54,8 @@ class Tolerances(eqx.Module):
 
     Raises:
         ValueError: if one is not a finite scalar of at least 0, `transmittance` is above 0 and
-            `drive_step` is not, or a number of nodes is not a positive integer.
+            `drive_step` is not, or a number of nodes is not a positive integer, or is 1 for an
+            error above 0.
     """
 
     acceleration: Array
@@ -85,13 +86,10 @@ class Tolerances(eqx.Module):
         self.transmittance = as_float(transmittance, "Tolerances(transmittance=...)")
         self.drive_step = as_float(drive_step, "Tolerances(drive_step=...)")
         of_speed = (self.velocity, self.delay, self.speed)
-        if num_accelerations is None:
-            num_accelerations = _NUM_ACCELERATIONS if _may_be(self.acceleration) else 1
-        if num_speeds is None:
-            num_speeds = _NUM_SPEEDS if any(map(_may_be, of_speed)) else 1
-        name = "Tolerances(num_accelerations=...)"
-        self.num_accelerations = require_positive_int(name, num_accelerations)
-        self.num_speeds = require_positive_int("Tolerances(num_speeds=...)", num_speeds)
+        self.num_accelerations = _num_nodes(
+            "num_accelerations", num_accelerations, _NUM_ACCELERATIONS, (self.acceleration,)
+        )
+        self.num_speeds = _num_nodes("num_speeds", num_speeds, _NUM_SPEEDS, of_speed)
 
     def __check_init__(self) -> None:
         for field in fields(self):
@@ -140,6 +138,17 @@ class Tolerances(eqx.Module):
 
 TOLERANCE_NAMES = ("acceleration", "velocity", "delay", "speed", "transmittance")
 """Tolerances that cost something each."""
+
+
+def _num_nodes(name: str, given: int | None, default: int, errors: tuple[Array, ...]) -> int:
+    """Nodes over some errors; a single one, the mean, only where there are none."""
+    varies = any(map(_may_be, errors))
+    if given is None:
+        return default if varies else 1
+    subject = f"Tolerances({name}=...)"
+    number = require_positive_int(subject, given)
+    require(number > 1 or not varies, subject, "be at least 2, for errors above 0", number)
+    return number
 
 
 def _may_be(value: Array) -> bool:

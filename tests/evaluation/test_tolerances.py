@@ -304,6 +304,11 @@ def test_a_design_for_its_tolerances():
         ({"velocity": np.ones(2)}, r"`Tolerances\(velocity=...\)` must be a scalar"),
         ({"transmittance": 0.1}, r"`Tolerances\(drive_step=...\)` must be above 0 where"),
         ({"num_speeds": 0}, r"`Tolerances\(num_speeds=...\)` must be a positive integer"),
+        ({"delay": 3e-5, "num_speeds": 1}, r"num_speeds=...\)` must be at least 2, for errors"),
+        (
+            {"acceleration": 0.02, "num_accelerations": 1},
+            r"`Tolerances\(num_accelerations=...\)` must be at least 2, for errors above 0; got 1",
+        ),
     ],
 )
 def test_tolerances_that_are_none(arguments, requirement):

@@ -239,6 +239,11 @@ MISTAKES = {
         lambda: Scene.uniform(max_speed=5.0, num_speeds=0, **LIGHT),
         "`Scene.uniform(num_speeds=...)` must be a positive integer; got 0",
     ),
+    "range-of-one": (
+        lambda: Scene.uniform(max_speed=2800.0, num_speeds=1, **LIGHT),
+        "`Scene.uniform(num_speeds=...)` must be at least 2, for speeds from -2800 to 2800 px/s; "
+        "got 1",
+    ),
 }
 
 
@@ -255,7 +260,7 @@ def test_mistakes(slug):
     [
         ({"max_speed": 310.0, "num_speeds": 4}, np.arange(-3, 4, 2) * 310 / 3),
         ({"max_speed": 310.0, "min_speed": -70.0, "num_speeds": 3}, [-70.0, 120.0, 310.0]),
-        ({"max_speed": 310.0, "min_speed": -70.0, "num_speeds": 1}, [120.0]),
+        ({"max_speed": 310.0, "min_speed": 310.0, "num_speeds": 1}, [310.0]),
         ({"max_speed": 310.0}, np.arange(-4, 5) * 77.5),
     ],
 )

@@ -72,6 +72,21 @@ LINES = {
         "uniform = { min_px_per_s = 1, max_px_per_s = 2, count = 2.5 }",
         "`[speeds] uniform.count` must be a whole number; got 2.5",
     ),
+    "one-speed-of-two": (
+        _SPEEDS,
+        "uniform = { min_px_per_s = -2800, max_px_per_s = 2800, count = 1 }",
+        "`[speeds] uniform.count` must be at least 2, for speeds from -2800 to 2800; got 1",
+    ),
+    "one-speed-in-metres": (
+        _SPEEDS,
+        "uniform = { min_m_per_s = 0, max_m_per_s = 1.5, count = 1 }",
+        "`[speeds] uniform.count` must be at least 2, for speeds from 0 to 1.5; got 1",
+    ),
+    "one-speed-of-a-normal": (
+        _SPEEDS,
+        "normal = { mean_px_per_s = 300, deviation_px_per_s = 70, count = 1 }",
+        "`[speeds] normal.count` must be at least 2, for speeds that deviate; got 1",
+    ),
     "countless-speeds": (
         _SPEEDS,
         "uniform = { min_px_per_s = 1, max_px_per_s = 2, count = 1000000 }",
