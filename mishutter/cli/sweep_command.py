@@ -269,6 +269,7 @@ def _notes() -> Iterator[None]:
         logger.setLevel(level)
 
 
+_AT_END = " (* at an end of its range)"
 _COLUMNS = (
     "best",
     "shutter",
@@ -314,7 +315,8 @@ def _deliver(dataset: "xarray.Dataset", scene: "Scene", folder: Path | None, as_
         write_json(document)
     else:
         rows = [[name, *_cells(point)] for name, point in best.items()]
-        print_table("Best points of the sweep", _COLUMNS, rows)
+        is_ended = any(point["at_end_of"] for point in best.values())
+        print_table(f"Best points of the sweep{_AT_END if is_ended else ''}", _COLUMNS, rows)
     if files:
         note(f"{folder}: {', '.join(files)}")
 
@@ -334,6 +336,7 @@ def _point_of(point: "xarray.Dataset", scene: "Scene") -> dict[str, str | float]
         "half_exposure_ms": half * 1e3,
         "stroke_px": float(scene.limits.of_stage(motion).stroke),
         "top_speed_px_per_s": float(motion.top_speed),
+        "at_end_of": str(point.at_end_of.values),
     }
     return numbers | {name: float(point[name]) for name in names}
 
@@ -341,5 +344,11 @@ def _point_of(point: "xarray.Dataset", scene: "Scene") -> dict[str, str | float]
 def _cells(point: dict[str, str | float]) -> list[str]:
     """The cells of a point under the names of `_COLUMNS`."""
     formats = (".1f", ".3g", ".4g", ".3f", ".2f", "+.2f", "+.2f", ".2f", ".3f", ".3f")
-    shutter, *numbers = (value for name, value in point.items() if name != "top_speed_px_per_s")
-    return [str(shutter), *(format(x, f) for x, f in zip(numbers, formats, strict=True))]
+    ends = tuple(filter(None, str(point["at_end_of"]).split(", ")))
+    left_out = ("shutter", "top_speed_px_per_s", "at_end_of")
+    numbers = {name: value for name, value in point.items() if name not in left_out}
+    cells = [
+        format(value, form) + "*" * name.startswith(ends)
+        for (name, value), form in zip(numbers.items(), formats, strict=True)
+    ]
+    return [str(point["shutter"]), *cells]

@@ -26,7 +26,8 @@ OBJECTIVES = {
 }
 """Metrics, and whether more of them is better."""
 
-_PLACE = ("velocity", "acceleration", "half_exposure", "shutter")
+_RANGES = ("velocity", "acceleration", "half_exposure")
+_PLACE = (*_RANGES, "shutter")
 
 
 def best_points(
@@ -37,6 +38,11 @@ def best_points(
     Args:
         dataset: The result of `sweep` for one scene and light.
         objectives: One metric or several; all that the sweep holds by default.
+
+    Returns:
+        The data set at each point. Its coordinate `at_end_of` names the ranges, of velocity,
+        acceleration or half exposure, of which only points at that end are as good: a wider range
+        may hold a better one, where the limits allow it.
 
     Raises:
         ValueError: if an objective is not a metric of the sweep.
@@ -49,7 +55,8 @@ def best_points(
         if np.all(np.isnan(values)):
             continue
         index = np.unravel_index(np.nanargmax(values), values.shape)
-        points[name] = dataset.isel(dict(zip(dataset[name].dims, index, strict=True)))
+        point = dataset.isel(dict(zip(dataset[name].dims, index, strict=True)))
+        points[name] = point.assign_coords(at_end_of=", ".join(_ends(dataset, name, values)))
     return points
 
 
@@ -218,6 +225,21 @@ def _levels(name: str, values: RowLike) -> np.ndarray:
     is_row = row.ndim == 1 and bool(np.all((row >= 0) & np.isfinite(row)))
     require(is_row, subject, "be finite, at least 0 and one row", row)
     return row
+
+
+def _ends(dataset: "xarray.Dataset", name: str, values: np.ndarray) -> list[str]:
+    """Ranges at one of whose ends alone a metric is best; a single value has been chosen."""
+    places = np.nonzero(values == np.nanmax(values))
+    ends = []
+    for dimension, indices in zip(dataset[name].dims, places, strict=True):
+        last = dataset.sizes[dimension] - 1
+        if dimension not in _RANGES or last == 0:
+            continue
+        # Nothing lies beyond an acceleration of 0.
+        is_open = dimension != "acceleration" or float(dataset[dimension][0]) > 0
+        if np.all(indices == last) or (is_open and np.all(indices == 0)):
+            ends.append(str(dimension))
+    return ends
 
 
 def _psnr(subject: str, dataset: "xarray.Dataset") -> "xarray.DataArray":

@@ -1,6 +1,8 @@
 """`mishutter sweep`: every mistake is one line, results are whole, and it can be resumed."""
 
 import json
+import os
+import shutil
 import subprocess
 import sys
 
@@ -87,11 +89,35 @@ def test_json_and_a_store(scene_file, tmp_path, capsys):
     document = json.loads(first.out, parse_constant=no_constant)
     assert document["num_points"] == 4
     assert set(document["best"]["expected_psnr"]) >= {"shutter", "stroke_px", "over_snapshot"}
+    # Of two values, both are ends.
+    assert document["best"]["expected_psnr"]["at_end_of"] == "acceleration, half_exposure"
     assert "0 of 1 blocks found, 1 to compute" in first.err
     assert cli.main(command) == 0
     second = capsys.readouterr()
     assert "1 of 1 blocks found, 0 to compute" in second.err
     assert second.out == first.out
+
+
+@pytest.mark.slow
+def test_a_damaged_store(scene_file, tmp_path, capsys):
+    """Blocks are named and computed again; where the sweep is not known, one line is the end."""
+    place = tmp_path / "a.zarr"
+    command = ["sweep", scene_file, *RANGES, "--json", "--store", str(place)]
+    assert cli.main(command) == 0
+    right = capsys.readouterr().out
+    for name in ("expected_psnr/c/0/0/0", "done/c/0/0/0"):
+        os.truncate(place / name, 5)
+        assert cli.main(command) == 0
+        again = capsys.readouterr()
+        assert again.out == right
+        assert f"blocks damaged in '{place}' are computed again: (0, 0, 0)\n" in again.err
+    for name in ("done", "expected_psnr", "acceleration"):
+        shutil.rmtree(place / name)
+        assert cli.main(command) == 0
+        assert capsys.readouterr().out == right
+    os.truncate(place / "zarr.json", 99)
+    line = refused(capsys, *command)
+    assert f"must be a sweep's store; got '{place}', whose zarr.json is damaged" in line
 
 
 @pytest.mark.slow
@@ -103,6 +129,13 @@ def test_a_range_with_zero_and_one_point(scene_file, tmp_path, capsys):
     out = capsys.readouterr().out
     assert "Best points of the sweep" in out
     assert "expected_psnr" in out
+    assert "*" not in out
+    assert cli.main(["sweep", scene_file, "--acceleration", "3e4:9e4:2", *options[2:4]]) == 0
+    out = capsys.readouterr().out
+    best = next(line for line in out.splitlines() if line.startswith(" expected_psnr"))
+    # Of two accelerations both are ends; the exposure is the only one.
+    assert best.split()[3:5] == ["9e+04*", "3"]
+    assert "Best points of the sweep (* at an end of its range)" in out
 
 
 @pytest.mark.slow

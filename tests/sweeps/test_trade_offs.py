@@ -3,6 +3,7 @@
 import jax
 import numpy as np
 import pytest
+import xarray
 from support.sweeps import LIMITS, SCENE, SHUTTERS, grid
 
 from mishutter import (
@@ -57,6 +58,37 @@ def test_best_points_are_the_extremes(swept):
     )
     again = evaluate(SCENE, motion, SHUTTERS[str(point.shutter.values)])
     assert float(again.expected_psnr) == pytest.approx(float(point.expected_psnr), rel=1e-9)
+
+
+def test_a_best_point_at_an_end_of_its_range_says_so():
+    """At either end, of each range; not where a point inside is as good, nor of a single value."""
+    shape = (2, 3, 4, 2)
+    names = ("velocity", "acceleration", "half_exposure", "shutter")
+    coordinates = {name: np.arange(size) + 7.0 for name, size in zip(names, shape, strict=True)}
+    ends = {
+        (1, 1, 2, 1): "velocity",
+        (0, 2, 1, 0): "velocity, acceleration",
+        (1, 0, 3, 1): "velocity, acceleration, half_exposure",
+    }
+    for place, text in ends.items():
+        for sense, metric in ((1, "expected_psnr"), (-1, "condition_number")):
+            values = np.full(shape, 3.0 * sense)
+            values[place] = 5.0 * sense
+            values[0, 1, 1, 0] = np.nan
+            dataset = xarray.Dataset({metric: (names, values)}, coordinates)
+            assert best_points(dataset)[metric].at_end_of == text
+    coordinates["velocity"] = np.array([9.0])
+    values = np.full((1, 3, 4, 2), 3.0)
+    values[0, 0, 1, 1] = values[0, 1, 3, 0] = 5.0
+    dataset = xarray.Dataset({"efficiency": (names, values)}, coordinates)
+    assert best_points(dataset)["efficiency"].at_end_of == ""
+    # The ends of two are as good as each other; nothing is beyond an acceleration of 0.
+    values = np.full((1, 3, 4, 2), 3.0)
+    values[0, 0, [0, 3], 1] = 5.0
+    dataset = xarray.Dataset({"efficiency": (names, values)}, coordinates)
+    assert best_points(dataset)["efficiency"].at_end_of == "acceleration"
+    still = dataset.assign_coords(acceleration=[0.0, 7.0, 8.0])
+    assert best_points(still)["efficiency"].at_end_of == ""
 
 
 @pytest.mark.slow
