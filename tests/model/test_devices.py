@@ -1,5 +1,6 @@
 """Devices: the transmittance that light sees, by its own formula at every level."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import mpmath as mp
@@ -159,6 +160,24 @@ TIMES = {
     "one-way": (0.0, 2.7e-3, 0.0),
     "slow": (310.0, 4.1e3, 0.0),
 }
+
+
+def test_a_device_without_its_levels_keeps_all_else():
+    """What is searched is the light of the same device, late by the same delay."""
+    given = {"rise_time": 310e-6, "fall_time": 120e-6, "num_slots": 7, "delay": 230e-6}
+    given |= {"transmission": 0.7, "leakage": 0.02}
+    device = FirstOrderShutter(**given, levels=4)
+    assert eqx.tree_equal(device.relaxed, FirstOrderShutter(**given))
+    ideal = IdealShutter(transmission=0.7, leakage=0.02, levels=4)
+    assert eqx.tree_equal(ideal.relaxed, IdealShutter(transmission=0.7, leakage=0.02))
+    # The profile keeps to levels that the device has, so that these change nothing.
+    profile = ChippedShutter([0.0, 1 / 3, 1.0, 1.0, 2 / 3, 1.0, 0.0])
+    tau = jnp.linspace(-0.9, 0.9, 19)
+    found, right = (
+        each.light(profile, 4e-3, np.dtype(np.float64)).transmittance(tau)
+        for each in (device.relaxed, device)
+    )
+    np.testing.assert_allclose(found, right, rtol=1e-12)
 
 
 def _lagged(times, **others):

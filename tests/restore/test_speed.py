@@ -17,7 +17,7 @@ import mishutter as ms
 from mishutter import cli
 
 # Speeds that are tried and the model at one of them; a decoder returns only its estimate.
-from mishutter.restore.decoders.speed import speeds_to_try
+from mishutter.restore.decoders.speed import Posterior, speeds_to_try
 from mishutter.restore.decoders.speed_finding import at_speed
 
 HALF = 0.015
@@ -65,6 +65,20 @@ def test_a_speed_is_found(speed):
     assert np.sum(found.weights) == pytest.approx(1)
     assert found.speeds.shape == found.weights.shape
     assert np.all(np.diff(found.speeds) > 0)
+
+
+def test_a_mode_at_an_end_is_trusted_only_where_nothing_lies_beyond():
+    """Speeds from 0 end with things that stand still; those of any other range may go on."""
+    steps, middle = np.arange(7) * 310.0, (2, 3, 4)
+    for lowest, trusted in {0.0: (0, 1, *middle), 620.0: middle, -930.0: middle}.items():
+        found = []
+        for mode in range(7):
+            weights = np.full(7, 0.01)
+            weights[mode] = 0.94
+            posterior = Posterior(lowest + steps, weights, reach=310.0, width=2.5)
+            assert posterior.at_end == (not posterior.trusted(0.9))
+            found += [mode] if posterior.trusted(0.9) else []
+        assert tuple(found) == trusted, lowest
 
 
 @pytest.mark.slow

@@ -22,6 +22,7 @@ from mishutter.model import coefficient_times
 from mishutter.search.cover import cover, lowest_of_valleys
 from mishutter.search.search import free_by_default
 from mishutter.search.space import design_space
+from mishutter.search.starts import start_boxes
 
 LIMITS = Limits(max_stroke=50.0, max_top_speed=1e5, max_half_exposure=1 / 30)
 MOTION = ParabolicMotion(acceleration=3e5, half_exposure=5e-3)
@@ -46,6 +47,21 @@ def test_a_cover_is_spread_over_the_motions(motion):
     for coordinate in boxes[:, space.num_profile_coordinates :].T:
         counts, _ = np.histogram(coordinate, bins=16, range=(0, 1))
         assert np.ptp(counts) <= 0.1 * len(boxes)
+
+
+def test_a_seed_draws_the_candidates():
+    """Equal seeds draw equal candidates and starts, others others, in every coordinate."""
+    scene = _scene([-310.0, 2700.0])
+    space = _space(scene)
+    # The first starts are the design of the space and the baselines.
+    draws = {
+        "cover": lambda seed: cover(space, scene, 6, seed=seed),
+        "starts": lambda seed: start_boxes(space, 18, seed=seed)[12:],
+    }
+    for name, draw in draws.items():
+        one, same, other = (draw(seed) for seed in (3, 3, 4))
+        assert np.array_equal(one, same), name
+        assert np.all(np.any(one != other, axis=0)), name
 
 
 @pytest.mark.slow

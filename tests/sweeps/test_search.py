@@ -1,5 +1,6 @@
 """Profiles found over a grid are those that `optimise` finds, and do what is said of them."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -195,6 +196,22 @@ def test_every_loss_is_searched(slug):
     profile = SplineShutter(np.asarray(at.coefficients))
     near = OWN_SIZES if slug == "function" else RELATIVE
     np.testing.assert_allclose(loss(SCENE, motion, profile), at.loss, rtol=near)
+
+
+def test_each_point_is_searched_from_the_seed_of_the_sweep(monkeypatch):
+    """With the steps and the coefficients that were asked for, too."""
+    asked = []
+
+    def searched(scene, motion, profile, *, seed, max_steps, **others):
+        asked.append((seed, max_steps, profile.num_coefficients))
+        return SimpleNamespace(command=profile, loss=0.3, converged=True)
+
+    # The profiles of a search hardly depend on its seed, and take seconds.
+    monkeypatch.setattr("mishutter.sweeps.search.optimise", searched)
+    few = {"metrics": ["efficiency"], "shutters": {"rect": SHUTTERS["rect"]}}
+    for seed in (5, 11):
+        sweep(SCENE, **AXES | few, seed=seed, max_steps=seed + 2)
+    assert asked == [(5, 7, 12)] * 6 + [(11, 13, 12)] * 6
 
 
 @pytest.mark.slow
