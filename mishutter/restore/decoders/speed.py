@@ -373,7 +373,7 @@ class Posterior(NamedTuple):
     @property
     def at_end(self) -> bool:
         """Whether the mode is at an end of the range beyond which the speed may lie; 0 is none."""
-        first = self.mode < 2 and self.speeds[0] != 0
+        first = self.mode < 2 and float(self.speeds[0]) != 0
         return self.speeds.size > 1 and (first or self.mode >= self.speeds.size - 2)
 
     def around(self, speed: float) -> float:
