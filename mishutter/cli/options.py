@@ -106,8 +106,8 @@ FreePathsOption = Annotated[
     typer.Option(
         "--free-paths",
         rich_help_panel=DESIGN,
-        help="Compare free paths too, which take a stage that follows any path, and more than half "
-        "of the time; also `free_paths` in the scene.",
+        help="Compare free paths too, which need a stage that follows any path, and take more than "
+        "half of a comparison's time; also `free_paths` in the scene.",
     ),
 ]
 BackgroundsOption = Annotated[

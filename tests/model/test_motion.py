@@ -187,6 +187,8 @@ def test_a_traced_stroke_that_its_pan_exceeds_is_an_error():
         return ParabolicMotion.from_stroke(stroke, half_exposure=0.01, velocity=-2900.0)
 
     known = ParabolicMotion.from_stroke(61.7, half_exposure=0.01, velocity=-2900.0)
-    assert float(made(jnp.asarray(61.7)).acceleration) == pytest.approx(float(known.acceleration), rel=1e-12)
+    assert float(made(jnp.asarray(61.7)).acceleration) == pytest.approx(
+        float(known.acceleration), rel=1e-12
+    )
     with pytest.raises(eqx.EquinoxRuntimeError, match="no less than the least, which the pan"):
         made(jnp.asarray(57.9))
