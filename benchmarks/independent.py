@@ -26,7 +26,6 @@ from scipy.optimize import minimize
 from benchmarks import harness
 from benchmarks.scenes import scenes as six_scenes
 from mishutter import (
-    AbstractMotion,
     AbstractShutter,
     Comparison,
     FreeMotion,
@@ -39,7 +38,7 @@ from mishutter import (
     optimise,
     row_power_spectrum,
 )
-from mishutter.model import steady
+from mishutter.model import AbstractMotion, steady
 
 ALLOWED = 0.02
 """How much better than the package's the independent figure may be; dB."""

@@ -116,7 +116,7 @@ def require_samples(rows: np.ndarray, name: str) -> None:
         rows: Levels of each channel, or texts of them; shape `(n, channels)`.
         name: The trace's name in an error.
     """
-    changes = np.any(rows[1:] != rows[:-1], axis=1)
+    changes = np.asarray(np.any(rows[1:] != rows[:-1], axis=1))
     are_binary = all(np.unique(channel).size <= 2 for channel in rows.T)
     is_list = are_binary and bool(np.any(changes)) and bool(np.all(changes[1:] | changes[:-1]))
     requirement = "hold samples, of which many fall in each rest of the shutter"
