@@ -215,6 +215,22 @@ def test_each_point_is_searched_from_the_seed_of_the_sweep(monkeypatch):
 
 
 @pytest.mark.slow
+def test_a_seed_draws_the_starts_of_a_search():
+    """After one step the best design and profile are those of other starts; equal seeds agree."""
+    motion = ParabolicMotion(acceleration=4e4, half_exposure=3.1e-3)
+    few = {"max_steps": 1, "num_coefficients": 8}
+    point = {"accelerations": [4e4], "half_exposures": [3.1e-3], "metrics": ["efficiency"]}
+    searches = {
+        "optimise": lambda seed: optimise(SCENE, motion, seed=seed, num_starts=3, **few).loss,
+        "sweep": lambda seed: float(sweep(SCENE, **AXES | point | few, seed=seed).loss.item()),
+    }
+    for name, loss in searches.items():
+        one, same, other = (loss(seed) for seed in (1, 1, 2))
+        assert one == same, name
+        assert abs(one - other) > 1e-4 * one, name
+
+
+@pytest.mark.slow
 def test_blocks_at_a_time_change_nothing(monkeypatch):
     """Bit for bit what they are one after the other."""
     few: dict[str, Any] = AXES | {"metrics": ["expected_psnr"], "max_steps": 5}
