@@ -617,7 +617,7 @@ def _errors_by_speed(
     """The `squared_errors_by_speed` by the moments of all speeds and of each."""
     num_kept = every.mean.shape[0]
     aperture = _aperture(scene, power.size, np.dtype(power.dtype))[:num_kept]
-    gain = share(every.signal, every.total)
+    gain = share(every.signal, every.total, of_nothing=0.0)  # the filter is 0 in the dark
     filter_ = (gain * aperture).astype(every.mean.dtype) * jnp.conj(every.mean)
     missing = 1 - filter_[None] * each.mean
     # The noise over the signal, |G|^2 of it, without a quotient by a signal that may be 0.

@@ -84,12 +84,12 @@ def lost_share(
 
 
 def share(
-    part: Float[Powers, "*#shape"], total: Float[Powers, "*#shape"]
+    part: Float[Powers, "*#shape"], total: Float[Powers, "*#shape"], *, of_nothing: float = 1.0
 ) -> Float[Powers, "*#shape"]:
-    """`part / total`, and 1 where both are 0."""
+    """`part / total`, and the share `of_nothing` where both are 0."""
     dark = total <= 0
     if isinstance(total, np.ndarray):
-        return np.divide(part, total, where=~dark, out=np.ones_like(total))
+        return np.divide(part, total, where=~dark, out=np.full_like(total, of_nothing))
     # The derivative of a quotient squares its divisor, so the divisor is scaled to nearly 1.
     scale = jax.lax.stop_gradient(1 / jnp.where(dark, 1.0, total))
-    return jnp.where(dark, 1.0, (part * scale) / jnp.where(dark, 1.0, total * scale))
+    return jnp.where(dark, of_nothing, (part * scale) / jnp.where(dark, 1.0, total * scale))

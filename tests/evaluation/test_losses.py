@@ -175,6 +175,20 @@ def test_errors_of_speeds_have_the_expected_error_for_a_mean(tolerances):
         assert level == pytest.approx(-10 * np.log10(worst), abs=1e-9)
 
 
+def test_the_worst_speed_is_one_that_occurs():
+    """A weight of 0 leaves a speed out, however bad, also where nothing is left out of a plan."""
+    light = {"photon_rate": 2e5, "read_noise": 4.0}
+    never = Scene([-700.0, 250.0, 9000.0], [0.6, 0.4, 0.0], **light)
+    scene = Scene([-700.0, 250.0], [0.6, 0.4], **light)
+    loss, shutter = WorstSpeedLoss(), TukeyShutter(0.6)
+    for plan in (None, PLANNED):
+        values = [float(loss(each, MOTION, shutter, plan=plan)) for each in (never, scene)]
+        assert values[0] == pytest.approx(values[1], rel=1e-9)
+    dark = Scene([-700.0, 250.0], [0.6, 0.4], photon_rate=0.0, read_noise=0.0)
+    assert float(loss(dark, MOTION, shutter)) == pytest.approx(1.0, rel=1e-3)
+    assert float(loss(dark, MOTION, shutter)) >= float(ExpectedErrorLoss()(dark, MOTION, shutter))
+
+
 def test_a_spectral_zero_counts_as_the_working_precision():
     """Of the largest response, and so does a response that is nothing but zeros."""
     eps = np.finfo(float).eps

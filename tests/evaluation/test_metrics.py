@@ -14,6 +14,7 @@ from mishutter import (
     ExpectedErrorLoss,
     HannShutter,
     Limits,
+    Occlusion,
     ParabolicMotion,
     RectShutter,
     Scene,
@@ -513,6 +514,55 @@ def test_the_mean_error_over_speeds_is_the_expected_one(speeds, velocity):
     assert np.all(levels.told.psnr > levels.untold.psnr)
     assert np.ptp(levels.untold.psnr) > 0.1
     assert metrics.worst_psnr_of("found") is None
+
+
+def test_no_light_and_no_noise_leave_the_variance_at_every_speed():
+    """The worst speed is as bad as the mean, and as a decoder that is told it; so by frequency."""
+    for rate, noise in [(0.0, 0.0), (0.0, 6.0)]:
+        scene = Scene(SPEEDS, WEIGHTS, photon_rate=rate, read_noise=noise, deviation=0.17)
+        found = evaluate(scene, MOTION, SHUTTER)
+        levels = [found.psnr_of(knows) for knows in ("unknown", "found", "told")]
+        levels += [found.worst_psnr_of(knows) for knows in ("unknown", "told")]
+        np.testing.assert_allclose(levels, -20 * np.log10(0.17), rtol=1e-12)
+        each = spectral_levels(scene, MOTION, SHUTTER)
+        for psnr in (each.untold.psnr, each.told.psnr):
+            np.testing.assert_allclose(psnr, -20 * np.log10(0.17), rtol=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("speeds", "weights", "occlusion"),
+    [
+        (SPEEDS, WEIGHTS, None),
+        (SPEEDS, [0.6, 0.0, 0.4, 0.0], None),
+        (SPEEDS, [0.6, 0.0, 0.4, 0.0], Occlusion(front_share=0.4, object_width=70.0)),
+        ([640.0], None, None),
+        ([640.0] * 2, [0.2, 0.8], None),
+    ],
+)
+def test_the_worst_speed_is_no_better_than_the_mean(speeds, weights, occlusion):
+    """In any light and noise, of any shutter; one speed is its own worst."""
+    for rate, noise in [(0.0, 0.0), (0.0, 6.0), (7e4, 0.0), (7e4, 6.0), (1e-30, 0.0), (1e12, 0.0)]:
+        scene = Scene(speeds, weights, photon_rate=rate, read_noise=noise, occlusion=occlusion)
+        for shutter in (SHUTTER, ChippedShutter(np.zeros(4))):
+            found = evaluate(scene, MOTION, shutter)
+            for knows in ("unknown", "told"):
+                mean, worst = float(found.psnr_of(knows)), float(found.worst_psnr_of(knows))
+                assert worst <= mean + 1e-9
+                if len(set(speeds)) == 1 and rate < 1e12:
+                    assert worst == pytest.approx(mean, abs=1e-9)
+            assert float(found.worst_speed_psnr) <= float(found.worst_known_speed_psnr) + 1e-9
+
+
+def test_a_speed_that_never_occurs_changes_no_metric():
+    """Nor where a full computation has it, although it is far the worst."""
+    light = {"photon_rate": 7e4, "read_noise": 6.0}
+    never = Scene([*SPEEDS, 9000.0], [*WEIGHTS, 0.0], **light)
+    one, other = (evaluate(scene, MOTION, SHUTTER, plan=None) for scene in (never, SCENE))
+    values = [np.array(jax.tree.leaves(metrics)) for metrics in (one, other)]
+    np.testing.assert_allclose(*values, rtol=1e-9)
+    alone = evaluate(Scene([9000.0], **light), MOTION, SHUTTER)
+    assert float(alone.known_speed_psnr) < float(one.worst_speed_psnr) - 1
 
 
 def test_the_error_at_each_speed_is_of_the_camera_as_designed():
