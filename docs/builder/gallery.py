@@ -50,7 +50,7 @@ def _entry(name: str, scene: Scene, stem: str, folder: Path) -> str:
         for name, of in designs.items()
     }
     figures = {
-        "photograph": plot_photograph(restored, [fastest / 2, fastest], linear=True),
+        "photograph": plot_photograph(restored, [fastest / 2, fastest]),
         "profile": plot_profiles(designs),
         "kernels": plot_kernels({_OWN: designs[_OWN]}, [0.0, fastest / 2, fastest]),
     }

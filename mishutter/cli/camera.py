@@ -278,7 +278,7 @@ def simulate(
             print_table("Speed found", ["px/s", ""], [[value, trust]])
         if levels:
             rows = [[name, f"{value:.3f}"] for name, value in levels.items()]
-            print_table("Expected of the scene", ["camera", "PSNR / dB"], rows)
+            print_table("Expected of the scene", ["camera", _LINEAR], rows)
     note(f"{folder}: {', '.join(files)}")
 
 
@@ -392,6 +392,6 @@ def _quality(photographed: "Picture | Layers | Frames", restored: "np.ndarray") 
     if not isinstance(photographed, Picture):
         return {}
     return {
-        "PSNR / dB": float(psnr(photographed.light, restored)),
-        _LINEAR: float(psnr(photographed.light, restored, gamma=False)),
+        _LINEAR: float(psnr(photographed.light, restored)),
+        "PSNR / dB, gamma put back": float(psnr(photographed.light, restored, gamma=True)),
     }

@@ -153,7 +153,7 @@ def _print(camera: "FittedCamera", levels: Mapping[str, float]) -> None:
     for line in camera.not_identifiable:
         print_text(f"Not identifiable: {line}.")
     rows = [[name, f"{level:.2f}"] for name, level in levels.items()]
-    print_table("Expected behind this lens", ["camera", "PSNR / dB"], rows)
+    print_table("Expected behind this lens", ["camera", "PSNR / dB, linear light"], rows)
 
 
 def _above_open(camera: "FittedCamera") -> str:

@@ -72,6 +72,7 @@ _WORST_OF_DECODER = {
 }
 _GAIN = "gain dB      over the best snapshot, at rest or panned\n"
 _FOOT = """\
+PSNR         of linear light, white = 1
 light        share that the shutter passes
 stroke px    travel of the stage over the exposure, from end to end
 pan px/s     velocity at mid-exposure

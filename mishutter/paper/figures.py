@@ -23,6 +23,7 @@ _STYLE = {
 }
 _LABEL = {"hann": "Hann", "gaussian": "Gaussian"}
 _TITLE_SIZE = 10
+_LEVEL = "PSNR, gamma 2.2 / dB"
 
 
 def figure_3(numbers: KernelNumbers) -> Figure:
@@ -106,11 +107,13 @@ def figure_6(numbers: SpeedNumbers, readings: Iterable[str]) -> Figure:
         for cell, reading in zip(line, readings, strict=False):
             for window, values in numbers["psnr_over_speed"][reading][name].items():
                 cell.plot(numbers["speed"], values, **_line(window))
-            cell.set(xlabel=f"speed {reading}", ylabel="PSNR / dB")
+            cell.set(xlabel=f"speed {reading}", ylabel=_LEVEL)
             cell.set_title(f"{name}, against speed", fontsize=_TITLE_SIZE)
         for window, values in numbers["psnr_over_noise"][name].items():
             line[2].plot(numbers["electrons"], values, **_line(window))
-        line[2].set(xlabel="photo-electrons at white / e-", ylabel="PSNR / dB", xscale="log")
+        line[2].set(
+            xlabel="photo-electrons at white / e-", ylabel="PSNR / dB, gamma 2.2", xscale="log"
+        )
         title = f"{name}, against light, s/(2aT) = {numbers['noise_nu']:g}"
         line[2].set_title(title, fontsize=_TITLE_SIZE)
     _finish(axes)

@@ -233,11 +233,10 @@ def _drawings(report: Report) -> "dict[str, Callable[[], Figure]]":
         return drawings
     restored = {name: shown.shown[name] for name in few}
     return drawings | {
-        "psnr.png": lambda: plots.plot_psnr(shown.levels[ENSEMBLE], linear=True),
+        "psnr.png": lambda: plots.plot_psnr(shown.levels[ENSEMBLE]),
         "photograph.png": lambda: plots.plot_photograph(
             restored,
             pictured_speeds(scene),
-            linear=True,
             axis=scene.axis,
             decoder_speed=speed,
         ),

@@ -315,7 +315,7 @@ def plot_transfer(
     return figure
 
 
-def plot_psnr(results: Mapping[str, RestoredPhotograph], *, linear: bool = False) -> "Figure":
+def plot_psnr(results: Mapping[str, RestoredPhotograph], *, linear: bool = True) -> "Figure":
     """Draws PSNR of the restored photograph against object speed, with its standard error.
 
     Args:
@@ -405,7 +405,7 @@ def plot_photograph(
     speeds: Sequence[float],
     *,
     detail: tuple[int, int] = _DETAIL,
-    linear: bool = False,
+    linear: bool = True,
     axis: Axis = "rows",
     decoder_speed: DecoderSpeed = "unknown",
 ) -> "Figure":

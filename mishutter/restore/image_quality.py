@@ -44,7 +44,7 @@ def psnr(
     reference: ArrayLike,
     estimate: ArrayLike,
     *,
-    gamma: bool = True,
+    gamma: bool = False,
     matte: ArrayLike | None = None,
 ) -> float:
     r"""Peak signal-to-noise ratio, $-10 \log_{10} \overline{(f - \hat f)^2}$, white = 1.
@@ -52,8 +52,8 @@ def psnr(
     Args:
         reference: Linear light; any shape.
         estimate: Linear light; the same shape.
-        gamma: Whether both are clipped and gamma-coded first (the paper's section 4.2);
-            otherwise the error is taken in linear light, as `expected_psnr` is.
+        gamma: Whether both are clipped and gamma-coded first (the paper's section 4.2); by
+            default the error is taken in linear light, as that of every expected PSNR is.
         matte: Weight of each pixel in the mean, for the PSNR of one layer; shape
             `(rows, columns)`.
 
@@ -126,10 +126,10 @@ def measure_quality(reference: ArrayLike, estimate: ArrayLike, *, border: int) -
     inner = np.s_[:, border : columns - border]
     outer = np.r_[0:border, columns - border : columns]
     return Quality(
-        psnr=psnr(truth, restored),
-        linear_psnr=psnr(truth, restored, gamma=False),
-        inner_psnr=psnr(truth[inner], restored[inner]),
-        border_psnr=psnr(truth[:, outer], restored[:, outer]),
+        psnr=psnr(truth, restored, gamma=True),
+        linear_psnr=psnr(truth, restored),
+        inner_psnr=psnr(truth[inner], restored[inner], gamma=True),
+        border_psnr=psnr(truth[:, outer], restored[:, outer], gamma=True),
         ssim=ssim(truth, restored),
         inner_ssim=ssim(truth[inner], restored[inner]),
     )

@@ -324,7 +324,7 @@ def restore_by_each(
                     store[index] = result
             pairs = [(reference[:, inner], estimate[:, inner]) for estimate in estimates]
             errors.append([np.mean(np.square(b - a, dtype=np.float64)) for a, b in pairs])
-            codes.append([psnr(truth, estimate) for truth, estimate in pairs])
+            codes.append([psnr(truth, estimate, gamma=True) for truth, estimate in pairs])
         return _Errors(np.array(errors), np.array(codes))
 
     on_sensor = blurred_at_speeds(

@@ -603,17 +603,17 @@ def test_photograph_of_several_designs(tmp_path):
     titles = [[axes.get_title() for axes in row] for row in _rows(figure, 6)]
     assert titles[1] == [
         "best snapshot, captured\nat 0 px/s",
-        "restored,\n25.10 dB",
+        "restored,\n27.10 dB",
         "error",
         "best snapshot, captured\nat 450 px/s",
-        "restored,\n24.70 dB",
+        "restored,\n26.70 dB",
         "error",
     ]
     assert all(axes.images for axes in figure.axes)
-    assert "gamma put back" in figure.axes[-1].get_title()
-    linear = plot_photograph(results, [400.0], detail=(11, 17), linear=True)
-    assert _rows(linear, 3)[1][1].get_title() == "restored,\n26.70 dB"
-    assert "linear light" in linear.axes[-1].get_title()
+    assert "linear light" in figure.axes[-1].get_title()
+    coded = plot_photograph(results, [400.0], detail=(11, 17), linear=False)
+    assert _rows(coded, 3)[1][1].get_title() == "restored,\n24.70 dB"
+    assert "gamma put back" in coded.axes[-1].get_title()
     save_figure(figure, tmp_path / "photograph.png")
 
 
@@ -671,11 +671,16 @@ def test_levels_are_drawn_in_order_of_speed():
     """Whatever order the speeds were tried in, each level stands at its own."""
     found = photograph(21)
     order = np.array([2, 0, 1])
-    mixed = found._replace(speeds=found.speeds[order], psnr=found.psnr[order])
+    mixed = found._replace(
+        speeds=found.speeds[order], psnr=found.psnr[order], linear_psnr=found.linear_psnr[order]
+    )
     for result in (found, mixed):
-        line = plot_psnr({"rect": result}).axes[0].get_lines()[0]
-        np.testing.assert_array_equal(line.get_xdata(), found.speeds)
-        np.testing.assert_array_equal(line.get_ydata(), found.psnr)
+        for options, levels in (({}, found.linear_psnr), ({"linear": False}, found.psnr)):
+            axes = plot_psnr({"rect": result}, **options).axes[0]
+            line = axes.get_lines()[0]
+            np.testing.assert_array_equal(line.get_xdata(), found.speeds)
+            np.testing.assert_array_equal(line.get_ydata(), levels)
+            assert ("gamma put back" in axes.get_ylabel()) == bool(options)
 
 
 def test_one_seed_has_no_error_bar():

@@ -10,10 +10,11 @@ PICTURE = 0.2 + 0.6 * RNG.random((40, 220, 3))
 
 
 def test_psnr_of_a_known_error():
-    """An error of 0.01 everywhere is 40 dB; with gamma it is that of the coded values."""
-    assert ms.psnr(PICTURE, PICTURE + 0.01, gamma=False) == pytest.approx(40)
+    """An error of 0.01 everywhere is 40 dB, as light is; with gamma it is of the coded values."""
+    for linear in ({}, {"gamma": False}):
+        assert ms.psnr(PICTURE, PICTURE + 0.01, **linear) == pytest.approx(40)
     coded = np.mean(((PICTURE + 0.01) ** (1 / 2.2) - PICTURE ** (1 / 2.2)) ** 2)
-    assert ms.psnr(PICTURE, PICTURE + 0.01) == pytest.approx(-10 * np.log10(coded))
+    assert ms.psnr(PICTURE, PICTURE + 0.01, gamma=True) == pytest.approx(-10 * np.log10(coded))
     assert ms.psnr(PICTURE, PICTURE) == np.inf
 
 
@@ -22,7 +23,7 @@ def test_psnr_of_one_layer():
     matte = np.zeros((40, 220))
     matte[5:20, 30:70] = 1
     wrong = np.where(matte[..., None] > 0, PICTURE + 0.1, PICTURE + 0.3)
-    assert ms.psnr(PICTURE, wrong, gamma=False, matte=matte) == pytest.approx(20)
+    assert ms.psnr(PICTURE, wrong, matte=matte) == pytest.approx(20)
 
 
 def test_ssim_of_one_layer():
@@ -53,12 +54,12 @@ def test_border_and_inside(end):
 
 def test_ghost_of_known_strength():
     """A copy of amplitude 0.1 at the distance named, to either side, has energy 0.01."""
-    wide = RNG.random((60, 900))
+    wide = RNG.random((600, 1800))
     ghosted = wide.copy()
     ghosted[:, 47:] += 0.1 * wide[:, :-47]
     for way in (np.s_[:, :], np.s_[:, ::-1]):
         energy = ms.ghost_energy(wide[way], ghosted[way], distance=46.0)
-        assert energy == pytest.approx(0.01, rel=0.1)
+        assert energy == pytest.approx(0.01, rel=0.02)
     assert ms.ghost_energy(wide, ghosted, distance=120.0) < 1e-4
     assert ms.ghost_energy(np.ones((9, 400)), np.ones((9, 400)), distance=20.0) == 0
 
