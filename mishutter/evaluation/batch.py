@@ -61,6 +61,8 @@ _DESIGNS_A_CALL = 64
 """Fixed batch size: one compiled program for any number of devices."""
 _FURTHEST = float(1 << 17)
 """Length beyond which every kernel is refused; px."""
+_ROUNDINGS = 64
+"""Roundings that the efficiency of a profile that stays open may lack."""
 
 
 class Sizes(NamedTuple):
@@ -335,9 +337,15 @@ def measure(
     shares = np.ones((count, 1), dtype)
     if boxes is not None:  # a device may leak light through a closed shutter
         shares = np.column_stack([1 - boxes.sum(axis=1), boxes]).astype(dtype)
-    values = {"efficiency": shares.astype(float) @ np.asarray(rules.efficiency, float)}
+    efficiency, brightness = shares.astype(float) @ np.asarray(rules.efficiency, float), np.ones(1)
+    if boxes is not None and scene.device is not None:  # a profile that stays open needs none
+        most = float(scene.device.transmission)
+        is_open = efficiency >= most * (1 - _ROUNDINGS * np.finfo(dtype).eps)
+        brightness = np.where(is_open, 1 / most, 1.0)
+    values = {"efficiency": efficiency * brightness}
     moving = bool(set(metrics) & set(KERNEL_METRICS[1:]))
     designs = _Designs(motions, _need_of(sizes, shapes, motions, dtype, moving), shares)
+    pictured = designs._replace(shares=shares * brightness[:, None].astype(dtype))
     of_kernels = tuple(name for name in metrics if name in KERNEL_METRICS)
     of_picture = tuple(name for name in metrics if name in SPECTRUM_METRICS)
     if of_kernels:
@@ -364,7 +372,7 @@ def measure(
                 metrics=of_picture,
             )
             index = np.flatnonzero(np.all(counts == count_of_each, axis=1))
-            for name, part in _by_parts(picture, designs, index).items():
+            for name, part in _by_parts(picture, pictured, index).items():
                 whole = values.setdefault(name, np.zeros((count, *part.shape[1:]), dtype))
                 whole[index] = part
     return values

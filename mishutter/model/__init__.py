@@ -9,6 +9,7 @@ from mishutter.model.devices import FirstOrderShutter as FirstOrderShutter
 from mishutter.model.devices import IdealShutter as IdealShutter
 from mishutter.model.devices import SwitchedShutter as SwitchedShutter
 from mishutter.model.devices import command_of as command_of
+from mishutter.model.devices import stays_open as stays_open
 from mishutter.model.limits import Limits as Limits
 from mishutter.model.limits import PathShape as PathShape
 from mishutter.model.motion import AbstractMotion as AbstractMotion

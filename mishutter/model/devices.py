@@ -7,23 +7,31 @@ constant of its own where it rises and where it falls. The sensor or the light s
 ends the exposure. The device may therefore stand at its first level before, and is assumed to have
 settled there, which takes `settling_time`. A shutter that has to begin and end the exposure itself
 starts dark and closes late; no device here models that. A device of transmission $t$ and leakage
-$\ell$ turns the state into the transmittance $t\,(\ell + (1 - \ell)\,x(\tau))$. A shutter that
-stays open over the exposure needs no device.
+$\ell$ turns the state into the transmittance $t\,(\ell + (1 - \ell)\,x(\tau))$.
+
+A shutter that stays open over the whole exposure needs no device and loses nothing, whatever its
+class; every other one is seen through the device (`AbstractDevice.light`). The value decides, also
+where it is traced, so that a profile gains the whole loss of the device at once where it comes to
+stay open. A search has no such step: it compares profiles `behind` the device, open ones included,
+and only the design that it ends with is looked at again.
 """
 
 from abc import abstractmethod
 from typing import Any, ClassVar, final
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
 
 from mishutter._core import (
     DoubleWord,
+    all_concrete,
     as_float,
     fields_text,
     is_concrete,
+    outside_trace,
     require,
     require_finite,
     require_positive_int,
@@ -34,7 +42,6 @@ from mishutter.model.shutters import (
     AbstractPiecewiseShutter,
     AbstractShutter,
     ChippedShutter,
-    RectShutter,
 )
 from mishutter.model.shutters.base import SampledShutter, piecewise
 from mishutter.model.slots import diffused, slot_means
@@ -45,6 +52,8 @@ _TEN_TO_NINETY = float(np.log(9.0))
 """Time from 10 to 90 % of a first-order system, in time constants."""
 _TO_SETTLE = float(np.log(1e3))
 """Time until a thousandth of a step remains, in time constants."""
+_ROUNDINGS = 64
+"""Roundings of 1 that the mean transmittance of an open shutter may lack."""
 
 
 class AbstractDevice(eqx.Module):
@@ -88,16 +97,49 @@ class AbstractDevice(eqx.Module):
         """Time for which the first level must be held before the exposure; s."""
 
     @abstractmethod
-    def light(
+    def made(
         self, command: AbstractShutter, half_exposure: ArrayLike, dtype: np.dtype
-    ) -> AbstractShutter:
-        """The transmittance that light sees, in a precision; of an open shutter itself.
+    ) -> "TransmittedShutter":
+        """The transmittance that the device makes of a profile, in a precision.
 
         Args:
-            command: The profile that is sent, or what `light` has made of one, which stays.
+            command: The profile that is sent.
             half_exposure: Half of the exposure that it is sent over; s.
             dtype: Precision of the device's numbers.
         """
+
+    def behind(
+        self, command: AbstractShutter, half_exposure: ArrayLike, dtype: np.dtype
+    ) -> "TransmittedShutter":
+        """The transmittance behind the device, also of a profile that stays open.
+
+        Args:
+            command: The profile that is sent, or what the device has made of one, which stays.
+            half_exposure: Half of the exposure that it is sent over; s.
+            dtype: Precision of the device's numbers.
+        """
+        if isinstance(command, TransmittedShutter):
+            return command
+        return self.made(command, half_exposure, dtype)
+
+    def light(
+        self, command: AbstractShutter, half_exposure: ArrayLike, dtype: np.dtype
+    ) -> AbstractShutter:
+        """The transmittance that light sees: that of a profile that `stays_open`, or `behind`.
+
+        Args:
+            command: The profile that is sent, or what the device has made of one, which stays.
+            half_exposure: Half of the exposure that it is sent over; s.
+            dtype: Precision of the device's numbers.
+        """
+        if isinstance(command, TransmittedShutter):
+            return command
+        if all_concrete(command):
+            return command if stays_open(command) else self.behind(command, half_exposure, dtype)
+        seen = self.behind(command, half_exposure, dtype)
+        # Behind a device that loses nothing an open profile is as bright as without one.
+        transmission = jnp.where(stays_open(command), jnp.ones((), dtype), seen.transmission)
+        return TransmittedShutter(seen.profile, transmission, seen.leakage, seen.sent)
 
     @property
     def follows_at_once(self) -> bool:
@@ -135,8 +177,20 @@ class AbstractDevice(eqx.Module):
         return diffused(means, self.levels, self.min_open, self.min_closed)
 
 
-def _needs_no_device(command: AbstractShutter) -> bool:
-    return isinstance(command, RectShutter | TransmittedShutter)
+def stays_open(shutter: AbstractShutter) -> Bool[Array, ""] | bool:
+    """Whether a shutter passes all light over the whole exposure, to rounding.
+
+    Its mean transmittance is 1 then and only then. Of a known shutter it is a truth value.
+    """
+    if not all_concrete(shutter):
+        return _passes_all(shutter)
+    with outside_trace():
+        return bool(_passes_all(shutter))
+
+
+def _passes_all(shutter: AbstractShutter) -> Bool[Array, ""]:
+    efficiency = jax.lax.stop_gradient(shutter.efficiency())
+    return efficiency >= 1 - _ROUNDINGS * jnp.finfo(efficiency.dtype).eps
 
 
 @final
@@ -192,11 +246,9 @@ class IdealShutter(AbstractDevice):
     def settling_time(self) -> float | Array:
         return 0.0
 
-    def light(
+    def made(
         self, command: AbstractShutter, half_exposure: ArrayLike, dtype: np.dtype
-    ) -> AbstractShutter:
-        if _needs_no_device(command):
-            return command
+    ) -> "TransmittedShutter":
         if self.num_slots is None:
             return self.passed(piecewise(command), dtype, None)
         chips = ChippedShutter(self.slots(command, dtype))
@@ -292,11 +344,9 @@ class FirstOrderShutter(AbstractDevice):
         slower = jnp.maximum(self.rise_time, self.fall_time) * (_TO_SETTLE / _TEN_TO_NINETY)
         return slower if self.delay is None else slower + self.delay
 
-    def light(
+    def made(
         self, command: AbstractShutter, half_exposure: ArrayLike, dtype: np.dtype
-    ) -> AbstractShutter:
-        if _needs_no_device(command):
-            return command
+    ) -> "TransmittedShutter":
         half = jnp.asarray(half_exposure, dtype)
         rise, fall = (
             jnp.asarray(time, dtype) / (half * _TEN_TO_NINETY)
@@ -365,11 +415,9 @@ class SwitchedShutter(AbstractDevice):
     def settling_time(self) -> float | Array:
         return 0.0
 
-    def light(
+    def made(
         self, command: AbstractShutter, half_exposure: ArrayLike, dtype: np.dtype
-    ) -> AbstractShutter:
-        if _needs_no_device(command):
-            return command
+    ) -> "TransmittedShutter":
         return self.passed(ChippedShutter(self.slots(command, dtype)), dtype, None)
 
 

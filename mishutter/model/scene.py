@@ -395,8 +395,9 @@ class Scene(eqx.Module):
     ) -> AbstractShutter:
         """The transmittance that light sees where a profile is sent to the scene's device.
 
-        An open shutter needs none. What a device has made of a profile stays as it is, so that
-        profiles and designs may be measured alike.
+        A shutter that stays open over the whole exposure needs no device and loses nothing,
+        whatever its class; every other one is seen through the device. What a device has made of a
+        profile stays as it is, so that profiles and designs may be measured alike.
 
         Args:
             shutter: The profile.

@@ -6,7 +6,13 @@ from functools import cached_property
 
 from mishutter.evaluation import Metrics
 from mishutter.hardware import Design
-from mishutter.model import AbstractMotion, AbstractShutter, DecoderSpeed, RectShutter
+from mishutter.model import (
+    AbstractMotion,
+    AbstractShutter,
+    DecoderSpeed,
+    RectShutter,
+    stays_open,
+)
 
 SAME_MOTION = "same motion"
 OWN_BEST_MOTION = "own best motion"
@@ -79,9 +85,8 @@ class Row:
 
         A stage that stands still and a shutter that stays open are not needed.
         """
-        stays_open = isinstance(self.shutter, RectShutter)
-        stays_open = stays_open or float(self.metrics.efficiency) > _OPEN
-        idle = {STAGE: self.stroke < _STANDS_STILL, SHUTTER: stays_open}
+        is_open = stays_open(self.shutter) or float(self.metrics.efficiency) > _OPEN
+        idle = {STAGE: self.stroke < _STANDS_STILL, SHUTTER: is_open}
         return frozenset(part for part in self.hardware if not idle.get(part, False))
 
     @property

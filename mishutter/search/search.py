@@ -48,6 +48,7 @@ from mishutter.model import (
     is_adjustable,
     is_known_zero,
     require_scene,
+    stays_open,
 )
 from mishutter.search.cover import cover, lowest_of_valleys, screened
 from mishutter.search.objective import AbstractObjective, SearchedObjective, objective_of
@@ -265,6 +266,7 @@ def optimise(
         best = _through_device(Start(scene, motion, shutter, names), settings)
     else:
         best = _optimised(Start(scene, motion, shutter, names), settings)
+    best = _without_needless_device(best, loss)
     if throw and not best.converged:
         raise SearchFailedError(best.outcome)
     return best
@@ -303,7 +305,25 @@ def on_free_path(
         more = tuple(KnownDesign(open_like(command), each.motion) for each in beside)
         path = _path_after(design, start)
         best = _beyond(design, path, names, SearchSettings(loss, plan), more)
+        best = _without_needless_device(best, loss)
     return min((best, design, *beside), key=lambda each: each.loss)
+
+
+def _without_needless_device(design: Design, loss: AbstractLoss) -> Design:
+    """A design as its profile is measured: one that has come to stay open needs no device.
+
+    A search compares profiles behind the device, where nothing jumps, so that this is for its end.
+    """
+    scene, motion, command = design.scene, design.motion, design.command
+    if design.straight is not None:
+        design = replace(design, straight=_without_needless_device(design.straight, loss))
+    if design.shutter is command or not stays_open(command):
+        return design
+    value, outcome = float(value_of(loss, scene, motion, command, PLANNED)), design.outcome
+    if beyond_limits(scene, motion, command) and _OUTSIDE not in outcome:
+        outcome = f"{outcome} {_OUTSIDE}"
+    history = np.append(design.history, value)
+    return replace(design, shutter=command, loss=value, history=history, outcome=outcome)
 
 
 def open_like(shutter: AbstractShutter) -> AbstractShutter:
@@ -488,7 +508,8 @@ def _sent(
     loss: AbstractLoss,
 ) -> Design:
     """A design with the transmittance that the scene's device makes of a command."""
-    profile = transmittance(scene, motion, command)
+    device: AbstractDevice = scene.device  # type: ignore[assignment]
+    profile = device.behind(command, motion.half_exposure, np.dtype(scene.speeds.dtype))
     value = float(loss(scene, motion, profile))
     history = np.append(design.history, value)
     return replace(

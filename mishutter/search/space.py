@@ -417,7 +417,9 @@ class DesignSpace(eqx.Module):
     def transmittance(
         self, shutter: AbstractShutter, half_exposure: Float[Array, ""]
     ) -> AbstractShutter:
-        """The transmittance that the device makes of a profile.
+        """The transmittance that the search sees of a profile.
+
+        One that moves stays behind the device where it comes to stay open: the loss has no step.
 
         Args:
             shutter: The profile.
@@ -425,7 +427,8 @@ class DesignSpace(eqx.Module):
         """
         if self.device is None:
             return shutter
-        return self.device.light(shutter, half_exposure, self.dtype)
+        through = self.device.behind if self.num_profile_coordinates else self.device.light
+        return through(shutter, half_exposure, self.dtype)
 
     def _half_exposure_bounds(self, shutter: AbstractShutter) -> Interval:
         """Shortest and longest half exposure; s."""

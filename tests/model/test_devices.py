@@ -20,9 +20,11 @@ from mishutter import (
     ParabolicMotion,
     RectShutter,
     Scene,
+    SplineShutter,
     StillCamera,
     SwitchedShutter,
     TriangleShutter,
+    TukeyShutter,
     blur_kernel,
     blur_model,
     evaluate,
@@ -74,12 +76,70 @@ def test_kernels_are_a_mixture(slug, speed):
         np.testing.assert_allclose(light, mixture, atol=2e-6)
 
 
-def test_an_open_shutter_needs_no_device():
-    """It loses nothing, and what has been through a device is not sent again."""
-    opened, light = RectShutter(), SCENE.light(HannShutter(), MOTION)
+class Pane(AbstractShutter):
+    """A shutter of a user's own that is open from the first moment to the last, if it is clear."""
+
+    clear: jax.Array
+
+    def transmittance(self, tau):
+        return jnp.where(jnp.abs(tau) <= 1, self.clear, 0.0)
+
+
+ONES = np.ones(7)
+OPEN = {
+    "rect": RectShutter(),
+    "tukey": TukeyShutter(0.0),
+    "spline": SplineShutter(ONES),
+    "folded spline": SplineShutter(ONES, symmetric=True, num_coefficients=13),
+    "chips": ChippedShutter(ONES),
+    "own": Pane(jnp.asarray(1.0)),
+}
+
+
+@pytest.mark.parametrize("slug", OPEN)
+def test_an_open_shutter_needs_no_device(slug):
+    """Whatever its class it loses nothing; what has been through a device is not sent again."""
+    opened, light = OPEN[slug], SCENE.light(HannShutter(), MOTION)
+    for make in DEVICES.values():
+        assert make().light(opened, HALF, np.dtype(float)) is opened
     assert SCENE.light(opened, MOTION) is opened
     assert SCENE.light(light, MOTION) is light
-    assert float(evaluate(SCENE, MOTION, opened).efficiency) == 1
+    behind = DEVICE.behind(opened, HALF, np.dtype(float))
+    assert float(behind.efficiency()) == pytest.approx(T, rel=1e-6)
+    assert SCENE.light(behind, MOTION) is behind
+
+
+def test_open_shutters_are_as_good_as_one_another():
+    """By every metric of the scene; a little less than open, they pay for the device."""
+    rect = evaluate(SCENE, MOTION, RectShutter())
+    assert float(rect.efficiency) == 1
+    for opened in (OPEN["tukey"], OPEN["spline"], OPEN["chips"], OPEN["own"]):
+        found = evaluate(SCENE, MOTION, opened)
+        assert float(found.efficiency) == pytest.approx(1, rel=1e-6)
+        assert float(found.expected_psnr) == pytest.approx(float(rect.expected_psnr), abs=1e-4)
+    dimmer = np.where(np.arange(7) == 4, 0.995, 1.0)
+    for closing in (ChippedShutter(dimmer), SplineShutter(dimmer), Pane(jnp.asarray(0.995))):
+        light, mean = SCENE.light(closing, MOTION), float(closing.efficiency())
+        assert mean > 0.99
+        behind = T * (LEAKAGE + (1 - LEAKAGE) * mean)
+        assert float(light.efficiency()) == pytest.approx(behind, rel=1e-6)
+
+
+@pytest.mark.parametrize("slug", ["lossy", *DEVICES])
+def test_the_value_of_a_traced_profile_decides_for_a_device(slug):
+    """Under `jit` and `vmap` as outside; the slope at an open profile is finite."""
+    device = DEVICE if slug == "lossy" else DEVICES[slug]()
+    scene = Scene(SCENE.speeds, **LIGHT, device=device)
+
+    def light(levels):
+        return scene.light(ChippedShutter(levels), MOTION).efficiency()
+
+    rows = jnp.stack([jnp.ones(8), jnp.full(8, 1.0).at[3].set(0.5), jnp.zeros(8)])
+    known = [float(light(row)) for row in rows]
+    assert known[0] == pytest.approx(1, rel=1e-6)
+    assert known[1] < float(device.transmission) + 1e-6
+    np.testing.assert_allclose(jax.jit(jax.vmap(light))(rows), known, rtol=1e-6)
+    assert np.all(np.isfinite(jax.jit(jax.grad(light))(rows[0])))
 
 
 def test_whatever_is_measured_is_of_the_light():

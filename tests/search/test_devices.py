@@ -2,6 +2,7 @@
 
 from functools import cache
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from support.designs import LIMITS, MOTION, PARABOLAS, SCENE, SMALL
@@ -27,7 +28,10 @@ from mishutter import (
     optimise,
     sweep,
 )
+from mishutter.evaluation import automatic
 from mishutter.model import diffused, runs_are_long_enough, slot_means
+from mishutter.search.objective import objective_of
+from mishutter.search.space import design_space
 
 LEAKY = IdealShutter(transmission=0.8, leakage=0.2)
 
@@ -56,6 +60,41 @@ def test_a_design_knows_what_its_device_does(loss, free):
     assert np.all((light >= least - 1e-6) & (light <= 0.8 + 1e-6))
     again = optimise(scene, found.motion, found.shutter, loss=loss, free=free, num_starts=2)
     assert again.loss <= found.loss * (1 + 1e-5)
+
+
+def test_a_search_has_no_step_where_a_profile_comes_to_stay_open():
+    """It compares profiles behind the device; the design that ends open is measured without it."""
+    scene, loss = _scene(device=LEAKY), DesignLoss(condition=0, invariance=0, efficiency=1)
+    start = ChippedShutter(np.full(3, 0.4))
+    space = design_space(scene, MOTION, start, ("shutter",))
+    plan, both = automatic(scene, MOTION, start), (loss, ExpectedErrorLoss())
+    objectives = [objective_of(each, scene, space, plan) for each in both]
+    for objective in objectives:
+        ends = [float(objective(jnp.full(3, share))) for share in (1.0, 1 - 1e-6)]
+        assert ends[0] == pytest.approx(ends[1], rel=1e-5)
+    assert float(objectives[0](jnp.ones(3))) == pytest.approx(0.2, rel=1e-6)
+    found = optimise(scene, MOTION, start, loss=loss, free="shutter", num_starts=2, max_steps=20)
+    assert found.shutter is found.command
+    assert float(found.metrics.efficiency) == pytest.approx(1, rel=1e-6)
+    assert found.loss == pytest.approx(float(loss(scene, MOTION, found.command)), abs=1e-6)
+    assert found.loss == pytest.approx(0, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_a_sweep_measures_an_open_profile_without_the_device():
+    """As `evaluate` does, in every metric; one that is not open pays for it."""
+    scene, loss = _scene(device=LEAKY), DesignLoss(condition=0, invariance=0, efficiency=1)
+    axes = {"accelerations": [1.5e5], "half_exposures": [9e-3]}
+    metrics = "expected_psnr", "worst_speed_psnr", "efficiency", "condition_number"
+    found = sweep(
+        scene, **axes, shutters=[HannShutter()], optimise=True, loss=loss, metrics=metrics
+    )
+    point = found.sel(acceleration=1.5e5, half_exposure=9e-3, shutter="optimised")
+    motion = type(MOTION)(acceleration=1.5e5, half_exposure=9e-3)
+    opened = evaluate(scene, motion, RectShutter())
+    for name in metrics:
+        assert point[name].item() == pytest.approx(float(getattr(opened, name)), rel=1e-5)
+    assert point.loss.item() == pytest.approx(0, abs=1e-6)
 
 
 @pytest.mark.slow
