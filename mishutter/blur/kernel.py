@@ -80,6 +80,8 @@ from mishutter.model import (
     steady,
 )
 
+_MOST_TAPS = 1 << 22
+"""Most taps of one kernel; some 2 GiB are at work on as many."""
 _FEW_TAPS = 512
 """Number of taps up to which comparing with every edge is as quick as a binary search."""
 
@@ -128,8 +130,8 @@ def blur_kernel(
         $[0, aT^2(1 + |\nu|)^2]$.
 
     Raises:
-        ValueError: if `num_taps` is not a positive integer, or `speed` or `phase` is
-            not a finite scalar.
+        ValueError: if `num_taps` is not a positive integer of at most 4,194,304, or `speed` or
+            `phase` is not a finite scalar.
         NotImplementedError: if differentiated twice on a free path, by more than the shutter.
 
     Examples:
@@ -139,7 +141,9 @@ def blur_kernel(
         >>> print(taps.shape, f"{taps.sum():.3f}")
         (32,) 0.500
     """
-    num_taps = require_positive_int("blur_kernel(num_taps=...)", num_taps)
+    subject = "blur_kernel(num_taps=...)"
+    num_taps = require_positive_int(subject, num_taps)
+    require(num_taps <= _MOST_TAPS, subject, f"be at most {_MOST_TAPS}", num_taps)
     for name, value in (("speed", speed), ("phase", phase)):
         require_scalar(f"blur_kernel({name}=...)", value)
         require_finite(f"blur_kernel({name}=...)", value)

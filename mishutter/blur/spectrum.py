@@ -38,6 +38,8 @@ from mishutter.model import (
 )
 
 _MIN_FREQUENCIES = 1024
+_MOST_FREQUENCIES = 1 << 26
+"""Longest transform; it takes a GiB."""
 _ZERO_RESPONSE_ULP = 8
 _BLOCK_SIZE = 1 << 14
 """Frequencies times panels in one block; it bounds the memory."""
@@ -62,7 +64,7 @@ def condition_number(kernel: RowLike, *, num_frequencies: int | None = None) -> 
 
     Raises:
         ValueError: if `kernel` is not one row of finite taps, or `num_frequencies` is
-            not a whole number of at least the number of taps.
+            not a whole number of at least the number of taps and at most 67,108,864.
     """
     subject = "condition_number(kernel=...)"
     taps = as_float(kernel, subject)
@@ -73,6 +75,7 @@ def condition_number(kernel: RowLike, *, num_frequencies: int | None = None) -> 
     subject = "condition_number(num_frequencies=...)"
     length = require_positive_int(subject, length)
     require(length >= taps.size, subject, f"be at least the {taps.size} taps", length)
+    require(length <= _MOST_FREQUENCIES, subject, f"be at most {_MOST_FREQUENCIES}", length)
 
     magnitude = jax.lax.stop_gradient(jnp.sum(jnp.abs(taps)))
     taps = taps / jnp.where(magnitude > 0, magnitude, 1.0)

@@ -30,7 +30,9 @@ from mishutter.camera.layers import Layers
 from mishutter.camera.noise import recorded
 from mishutter.camera.occlusion import expose_layers, nodes_for
 from mishutter.camera.rows import (
+    MAX_REACH,
     Planes,
+    blur_length,
     blurred,
     channels_last,
     continued,
@@ -61,8 +63,6 @@ from mishutter.model import (
 )
 from mishutter.pictures import Picture, pixels_along, turned
 
-MAX_REACH = 1 << 13
-"""Furthest that light of a capture may be displaced; px."""
 _ROLL_OFF = 0.4
 """Frequency from which on the response of a kernel for other libraries falls off to 0 at 1/2."""
 _TAIL = 24
@@ -161,7 +161,10 @@ def simulate_capture(
         require_scalar(f"simulate_capture({name}=...)", value)
         require_finite(f"simulate_capture({name}=...)", value)
     columns = radiance.shape[-1 if radiance.ndim == 2 else -2]
-    num_taps, _ = kernel_layout(motion, speed)
+    num_taps, _ = kernel_layout(motion, speed, subject="simulate_capture(speed=...)")
+    is_near = border not in ("edge", "zero") or abs(displacement) <= MAX_REACH
+    requirement = f"be within {MAX_REACH} px of a picture that ends"
+    require(is_near, "simulate_capture(displacement=...)", requirement, displacement)
     window = slice(0, columns)
     if border == "scene":
         subject = "simulate_capture(border='scene')"
@@ -228,7 +231,7 @@ def captured_columns(motion: AbstractMotion, speed: float, num_columns: int) -> 
 
     They are those that a capture with `border="scene"` lies over.
     """
-    num_taps, origin = kernel_layout(motion, speed)
+    num_taps, origin = kernel_layout(motion, speed, subject="captured_columns(speed=...)")
     return slice(num_taps - 1 - origin, num_columns - origin)
 
 
@@ -317,7 +320,7 @@ def centred_kernel(
     requirement = f"be at least 0 and at most {WIDEST_BLUR:g} px"
     is_narrow = 0 <= lens_blur <= WIDEST_BLUR
     require(is_narrow, "centred_kernel(lens_blur=...)", requirement, lens_blur)
-    num_taps, origin = kernel_layout(motion, speed)
+    num_taps, origin = kernel_layout(motion, speed, subject="centred_kernel(speed=...)")
     tail = _TAIL + math.ceil(_DEVIATIONS * lens_blur)
     middle = max(origin, num_taps - 1 - origin) + tail
     length = fast_length(4 * (middle + tail))
@@ -329,21 +332,22 @@ def centred_kernel(
     return np.roll(taps, middle)[None, : 2 * middle + 1]
 
 
-def kernel_layout(motion: AbstractMotion, *speeds: float, least_taps: int = 1) -> tuple[int, int]:
+def kernel_layout(
+    motion: AbstractMotion, *speeds: float, least_taps: int = 1, subject: str = "scene"
+) -> tuple[int, int]:
     """Number of taps that hold every speed, and the index of the tap at no displacement.
+
+    Args:
+        motion: Motion of the sensor.
+        speeds: Speeds of the objects; px/s.
+        least_taps: Taps that there are at least.
+        subject: The argument with the speeds, for an error.
 
     Raises:
         ValueError: if light would be displaced by more than 8,192 px.
     """
-    fastest = max(abs(float(s) - float(motion.velocity)) for s in speeds)
-    still = motion.without_velocity()
-    speed = np.asarray(fastest, still.half_exposure.dtype)
-    reach, sag = float(still.kernel_length(speed)), float(motion.sag)
-    smear = 2 * fastest * float(motion.half_exposure)
-    longest = max(reach, smear) + 1
-    is_short = math.isfinite(longest) and longest <= MAX_REACH
-    require(is_short, "simulate_capture(speed=...)", f"blur over at most {MAX_REACH} px", longest)
-    num_taps = max(least_taps, sized_for(longest - 1, sag + smear / 2).num_taps)
+    longest = blur_length(motion, *speeds, subject=subject)
+    num_taps = max(least_taps, sized_for(longest - 1, 0.0).num_taps)
     return num_taps, num_taps // 2 if motion.is_straight else 0
 
 

@@ -21,7 +21,7 @@ from mishutter._core import (
     shape_of,
 )
 from mishutter.blur import waves_on_dft
-from mishutter.camera.rows import PAD_MODES, continued, period_of
+from mishutter.camera.rows import PAD_MODES, blur_length, continued, period_of
 from mishutter.model import AbstractMotion, AbstractShutter, Optics, piecewise
 from mishutter.pictures import (
     PICTURE_SUFFIXES,
@@ -181,9 +181,10 @@ def expose_frames(
         Light in units of a fully open exposure; shape of a frame.
 
     Raises:
-        ValueError: if frames differ in shape, hold values that are not light, or are not
-            as many as was said.
+        ValueError: if the sensor moves over more than 8,192 px, or frames differ in shape, hold
+            values that are not light, or are not as many as was said.
     """
+    blur_length(motion, 0.0, subject="motion")
     nodes = _nodes(shutter, motion, frames.ends)
     reach = int(np.ceil(np.max(np.abs(nodes.position))))
     total, shape, dtype, period, num_frames = None, None, None, 0, 0

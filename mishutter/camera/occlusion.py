@@ -10,7 +10,7 @@ from jaxtyping import Complex, Float
 from mishutter._core import in_threads, num_processors
 from mishutter.blur import waves_on_dft
 from mishutter.camera.layers import Layer, Layers
-from mishutter.camera.rows import MARGIN, continued, fast_length, period_of
+from mishutter.camera.rows import MARGIN, blur_length, continued, fast_length, period_of
 from mishutter.evaluation import nodes_in_time, sized_for
 from mishutter.model import AbstractMotion, AbstractShutter, Optics
 
@@ -94,6 +94,9 @@ def expose_layers(
     Returns:
         Irradiance in units of a fully open exposure, at mid-exposure alignment; shape
         `layers.shape`.
+
+    Raises:
+        ValueError: if light of a layer would be displaced by more than 8,192 px.
     """
     shape, dtype = layers.shape, layers.layers[0].picture.light.dtype
     layers = visible_layers(_in_one_colour(layers) if _is_grey(layers) else layers, motion)
@@ -123,6 +126,7 @@ def _exposure_of(
 ) -> _Exposure:
     half, v = float(motion.half_exposure), float(motion.velocity)
     fastest = max(abs(layer.speed - v) for layer in layers.layers)
+    blur_length(motion, *(layer.speed for layer in layers.layers), subject="Layer(speed=...)")
     # Images that change while they are displaced ask for as many nodes once more.
     num_nodes = nodes_for(2 * (float(motion.speed_gain) + fastest) * half)
     tau, weight = (np.asarray(x)[0] for x in nodes_in_time(shutter, motion, num_nodes))

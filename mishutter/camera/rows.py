@@ -4,6 +4,7 @@ Arrays hold rows on their last axis. A row of `W` pixels becomes one period of a
 which the discrete Fourier transform is the spectrum of the band-limited scene through its pixels.
 """
 
+import math
 from typing import Any, Literal, get_args
 
 import jax.numpy as jnp
@@ -11,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core import is_concrete, namespace_of, require
+from mishutter.model import AbstractMotion
 
 Planes = Array | np.ndarray
 """Rows of light: of NumPy where they are concrete, so that moving them compiles no program."""
@@ -18,6 +20,30 @@ Border = Literal["scene", "reflect", "edge", "wrap", "zero"]
 PAD_MODES = {"reflect": "symmetric", "edge": "edge", "wrap": "wrap", "zero": "constant"}
 MARGIN = 64
 """Pixels beyond the reach of the blur, in which the waves of an end of the picture die away."""
+MAX_REACH = 1 << 13
+"""Furthest that light of a capture may be displaced; px."""
+
+
+def blur_length(motion: AbstractMotion, *speeds: float, subject: str) -> float:
+    """Length over which light falls at the fastest of some speeds, a pixel included; px.
+
+    Args:
+        motion: Motion of the sensor.
+        speeds: Speeds of the objects; px/s.
+        subject: The argument with the speeds, to be blamed if they blur too far by themselves.
+
+    Raises:
+        ValueError: if it is more than 8,192 px.
+    """
+    half, still = float(motion.half_exposure), motion.without_velocity()
+    fastest = max(abs(float(s) - float(motion.velocity)) for s in speeds)
+    reach = float(still.kernel_length(np.asarray(fastest, still.half_exposure.dtype)))
+    longest = max(reach, 2 * fastest * half) + 1
+    alone = 2 * max(abs(float(s)) for s in speeds) * half + 1
+    subject = subject if alone > MAX_REACH else "motion"
+    is_short = math.isfinite(longest) and longest <= MAX_REACH
+    require(is_short, subject, f"blur over at most {MAX_REACH} px", longest)
+    return longest
 
 
 def require_border(subject: str, border: object) -> None:

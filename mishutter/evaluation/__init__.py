@@ -77,6 +77,7 @@ from mishutter.evaluation.response import records as records
 from mishutter.evaluation.response import respond as respond
 from mishutter.evaluation.response import spectra_of as spectra_of
 from mishutter.evaluation.sensor_view import planned_view as planned_view
+from mishutter.evaluation.sensor_view import require_view_sizes as require_view_sizes
 from mishutter.evaluation.sensor_view import sampled_view as sampled_view
 from mishutter.evaluation.sensor_view import sensor_view as sensor_view
 from mishutter.evaluation.sensor_view import transmittance as transmittance

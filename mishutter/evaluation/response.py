@@ -31,7 +31,7 @@ from mishutter.blur import (
 )
 from mishutter.evaluation.ensembles import at_each_error
 from mishutter.evaluation.layers import ComputedSpeeds, computed_speeds
-from mishutter.evaluation.lengths import require_sizes, size_class
+from mishutter.evaluation.lengths import size_class
 from mishutter.evaluation.needs import Plan
 from mishutter.evaluation.sensor_view import SampledView
 from mishutter.model import (
@@ -96,7 +96,6 @@ def records(view: SampledView) -> Records:
     the only one.
     """
     scene, motion, profile, plan, parts, nodes = view
-    require_sizes(plan.num_taps, plan.num_frequencies, kernels=parts.kernels, spectra=parts.spectra)
     dtype = common_dtype(*jax.tree.leaves((scene.speeds, motion, profile)))
     if all_concrete((profile, motion, scene.speeds)):
         profile = in_one_form(profile, dtype)

@@ -15,7 +15,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 
 from mishutter._core import all_concrete, primal_values
 from mishutter.blur import ExposureQuadrature
-from mishutter.evaluation.lengths import most_spread, spread_of_traced
+from mishutter.evaluation.lengths import most_spread, require_sizes, spread_of_traced
 from mishutter.evaluation.needs import (
     Automatic,
     Parts,
@@ -152,11 +152,21 @@ def sampled_view(
     view = sensor_view(scene, motion, shutter)
     own_plan, view_motion = _plan_of(view, shutter, plan), view.motion
     own_parts = parts if isinstance(parts, Parts) else parts(own_plan)
+    require_view_sizes(own_plan, own_parts)
     is_traced = not all_concrete(primal_values((view.scene.speeds, view_motion)))
     if is_traced and not isinstance(plan, Plan):
         view_motion = _refused_beyond(own_plan, view.scene, view_motion, own_parts)
     scene = reduced(view.scene, own_plan)
     return SampledView(scene, view_motion, piecewise(view.shutter), own_plan, own_parts)
+
+
+def require_view_sizes(plan: Plan, parts: Parts) -> None:
+    """Refuses a plan whose sizes a computation cannot hold, before anything of them is made.
+
+    Raises:
+        ValueError: as `require_sizes`.
+    """
+    require_sizes(plan.num_taps, plan.num_frequencies, kernels=parts.kernels, spectra=parts.spectra)
 
 
 def _plan_of(view: SensorView, shutter: AbstractShutter, plan: Plan | Automatic | None) -> Plan:

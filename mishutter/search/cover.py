@@ -92,7 +92,7 @@ def _openings(
     """
     spline: SplineShutter = space.shutter  # type: ignore[assignment]
     sag, gain, velocity = (np.asarray(x)[:, None] for x in _numbers(space, boxes))
-    speeds, share = _quantiles(scene), (np.arange(_NUM_QUANTILES) + 0.5) / _NUM_QUANTILES
+    speeds, share = quantiles(scene), (np.arange(_NUM_QUANTILES) + 0.5) / _NUM_QUANTILES
     first, last, width, softness = numbers.T[..., None]
     low, high = np.minimum(first, last), np.maximum(first, last)
     nearest = np.abs(share - low) <= np.min(np.abs(share - low), axis=1, keepdims=True)
@@ -148,7 +148,7 @@ def _numbers(
     return jax.vmap(one)(jnp.asarray(boxes, space.dtype))
 
 
-def _quantiles(scene: Scene) -> Float[np.ndarray, "q"]:
+def quantiles(scene: Scene) -> Float[np.ndarray, "q"]:
     """Speeds that stand for equal shares of all that occur; px/s."""
     order = np.argsort(np.asarray(scene.speeds))
     speeds, weights = np.asarray(scene.speeds)[order], np.asarray(scene.weights)[order]

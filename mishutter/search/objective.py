@@ -31,7 +31,7 @@ from mishutter.evaluation import (
     planned_view,
     records,
     reduced,
-    require_sizes,
+    require_view_sizes,
     respond,
     size_class,
     value_of,
@@ -152,6 +152,8 @@ def objective_of(
         space: The designs.
         plan: The plan of the computation, which reduces the scene.
     """
+    is_of_response = isinstance(loss, AbstractResponseLoss)
+    require_view_sizes(plan, loss.parts(plan) if is_of_response else ONLY_SPECTRA)
     scene = reduced(scene, plan)
     linear = isinstance(space.shutter, AbstractAdjustableShutter) and space.shutter.linear
     linear = linear and (scene.device is None or scene.device.is_linear)
@@ -162,7 +164,6 @@ def objective_of(
         plan = _plan_of_spectra(plan) if parts == ONLY_SPECTRA else plan
         return LinearObjective(loss, scene, space.motion, basis, layout, plan)
     if plan.skips and isinstance(loss, AbstractResponseLoss) and loss.parts(plan) == ONLY_SPECTRA:
-        require_sizes(plan.num_taps, plan.num_frequencies, kernels=False, spectra=True)
         # Rounding to two numbers an octave lets scenes of other speeds share programs.
         plan, nodes = replace(plan, num_nodes=size_class(plan.num_nodes)), None
         if "shutter" not in space.free and not space.lags:
@@ -239,7 +240,7 @@ def _responses_of_each(scene: Scene, space: DesignSpace, plan: Plan, parts: Part
     """Responses of a closed profile, and of one with each coordinate alone at 1; one program."""
 
     def one(corner: Float[Array, "size"]) -> Response:
-        profile = space.shutter.at(corner)  # type: ignore[attr-defined]
+        profile = space.shutter_at(corner, space.motion.half_exposure)
         view = planned_view(scene, space.motion, profile, plan, parts=parts)
         return assembled(scene, records(view), plan)
 

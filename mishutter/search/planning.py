@@ -25,6 +25,7 @@ from mishutter.evaluation import (
     folds_speeds,
     larger,
     power_on_grid,
+    require_sizes,
     size_class,
     sized_for,
     sizes,
@@ -197,7 +198,10 @@ def exact_plan(
     one_sided = space is not None and "path" in space.free and not space.path_mirrors
     folds = folds_speeds(scene, motion, shutter) and not (pans or one_sided)
     still = not pans and scene.nothing_moves
-    num_kept = _frequencies_with_power(scene, full) if needs.only_error else full.num_frequencies
+    num_kept = full.num_frequencies
+    if needs.spectra and needs.only_error:
+        require_sizes(full.num_taps, num_kept, kernels=False, spectra=True)
+        num_kept = _frequencies_with_power(scene, full)
     num_taps, num_nodes = full.num_taps, full.num_nodes
     if space is None or set(space.free) == {"shutter"}:
         tight = _sizes_of_motion(scene, motion, num_kept / full.num_frequencies, space is None)

@@ -7,6 +7,8 @@ Elsewhere waves that steps of light send through a row of pixels end 64 px beyon
 
 import inspect
 import re
+import tracemalloc
+from functools import partial
 from types import SimpleNamespace
 
 import jax
@@ -624,7 +626,8 @@ def test_pictures_narrower_than_the_kernel():
     [
         ({"border": "mirror"}, r"border=...\)` must be one of scene, reflect"),
         ({"speed": np.nan}, r"speed=...\)` must be finite"),
-        ({"speed": 1e9}, "must blur over at most 8192 px"),
+        ({"speed": 1e9}, r"`simulate_capture\(speed=...\)` must blur over at most 8192 px"),
+        ({"displacement": -1e12, "border": "zero"}, "be within 8192 px of a picture that ends"),
         ({"full_well": 0.0}, "must be above 0 e- and finite; got 0.0"),
         ({"full_well": np.inf, "adc_bits": 8}, "must be above 0 e- and finite; got inf"),
         ({"adc_bits": 0}, "must be a positive integer"),
@@ -635,6 +638,60 @@ def test_refusals(change, message):
     """What a capture cannot be made of is refused in one line."""
     with pytest.raises(ValueError, match=message):
         ms.simulate_capture(rows(), SCENE, MOVING, ms.HannShutter(), **change)
+
+
+@pytest.mark.parametrize(
+    ("motion", "speed", "subject"),
+    [
+        (ms.ParabolicMotion(acceleration=1e8 / 0.01**2, half_exposure=0.01), 0.0, "motion"),
+        (ms.LinearMotion(half_exposure=0.01, velocity=-1e10), 30.0, "motion"),
+        (ms.StillCamera(half_exposure=0.01), 1e10, "speed"),
+    ],
+    ids=["stroke", "pan", "speed"],
+)
+def test_light_that_travels_too_far_is_refused_before_anything_is_made(motion, speed, subject):
+    """By captures of pictures, layers and footage, and by decoders, which name what is too much."""
+    picture, shutter = rows(4, 96), ms.HannShutter()
+    scene = ms.Scene([speed, 0.5 * speed], photon_rate=1e5, read_noise=4.0)
+    back = ms.Picture(picture[..., :1])
+    layers = ms.Layers((ms.Layer(back), ms.Layer(back, speed=speed)))
+    names = {"speed": [r"simulate_capture\(speed=...\)", r"Layer\(speed=...\)", "scene"]}
+    told = names.get(subject, ["motion"] * 3)
+    calls = [
+        (told[0], lambda: ms.simulate_capture(picture, SCENE, motion, shutter, speed=speed)),
+        (told[1], lambda: ms.simulate_capture(layers, SCENE, motion, shutter)),
+        (told[2], lambda: ms.deconvolve(picture, scene, motion, shutter)),
+        (told[2], lambda: ms.blur_model(scene, motion, shutter)),
+        (told[2], lambda: ms.estimate_speed(picture, scene, motion, shutter)),
+    ]
+    if subject == "motion":
+        footage = ms.Frames([picture] * 3, 3)
+        calls.append(("motion", lambda: ms.simulate_capture(footage, SCENE, motion, shutter)))
+    tracemalloc.start()
+    try:
+        for name, call in calls:
+            with pytest.raises(ValueError, match=rf"^`{name}` must blur over at most 8192 px; got"):
+                call()
+        assert tracemalloc.get_traced_memory()[1] < 16 * 2**20
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_displaced_picture_goes_and_comes_as_far_as_it_is_told():
+    """By more than the margin beyond the blur: one that has left does not come round again."""
+    light, still = rows(3, 70), ms.StillCamera(half_exposure=0.002)
+    wide = np.pad(light, ((0, 0), (300, 300), (0, 0)))
+    capture = partial(
+        ms.simulate_capture,
+        scene=SCENE,
+        motion=still,
+        shutter=ms.HannShutter(),
+        border="zero",
+    )
+    around = np.asarray(capture(wide))
+    for shift in (-260, -150, 31, 83, 190):
+        there = np.asarray(capture(light, displacement=shift))
+        assert np.max(np.abs(there - around[:, 300 - shift : 370 - shift])) < 10 * WAVES
 
 
 def test_half_precision_is_computed_in_single():

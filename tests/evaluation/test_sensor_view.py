@@ -1,21 +1,42 @@
 """The door: what a sensor sees is the same however a scene, a motion and a shutter are given."""
 
+import tracemalloc
+from functools import partial
+
 import jax
 import numpy as np
 import pytest
 from support.helpers import ROUNDING
 
 from mishutter import (
+    DesignLoss,
+    ExpectedErrorLoss,
     FirstOrderShutter,
     FreeMotion,
     HannShutter,
+    KnownSpeedLoss,
+    Limits,
     LinearMotion,
     ParabolicMotion,
     Scene,
+    SplineShutter,
     StillCamera,
     TukeyShutter,
+    WorstSpeedLoss,
+    compare,
+    evaluate,
+    optimise,
+    plan,
 )
-from mishutter.evaluation import ONLY_SPECTRA, PLANNED, Plan, records, sampled_view, sensor_view
+from mishutter.evaluation import (
+    ONLY_SPECTRA,
+    PLANNED,
+    Plan,
+    records,
+    sampled_view,
+    sensor_view,
+    spectral_levels,
+)
 
 # Metrics ask for all parts at once; no other folder does.
 from mishutter.evaluation.needs import EVERY_PART
@@ -54,6 +75,47 @@ def test_every_straight_path_is_one_motion(motion):
     assert type(view.motion) is ParabolicMotion
     assert float(view.motion.acceleration) == 0
     assert float(view.motion.half_exposure) == HALF
+
+
+FAR = 1e8
+"""Way of light, px, whose kernels or frequencies would take gigabytes."""
+FAR_MOTIONS = {
+    "stroke": ParabolicMotion(acceleration=FAR / HALF**2, half_exposure=HALF),
+    "pan": LinearMotion(half_exposure=HALF, velocity=FAR / HALF),
+    "path": FreeMotion(accelerations=np.array([1.0, 3.0]) * FAR / HALF**2, half_exposure=HALF),
+    "speed": StillCamera(half_exposure=HALF),
+}
+
+
+@pytest.mark.parametrize("name", FAR_MOTIONS)
+def test_light_that_travels_too_far_is_refused_before_anything_is_made(name):
+    """By metrics, levels, plans and losses, in one line that names the motion."""
+    speeds = [FAR / HALF, 90.0] if name == "speed" else [-700.0, 90.0]
+    scene = Scene(speeds, photon_rate=4e4, read_noise=5.0, limits=Limits(max_stroke=20))
+    motion, shutter, design = FAR_MOTIONS[name], HannShutter(), SplineShutter.fit(HannShutter(), 8)
+    losses = (ExpectedErrorLoss(), KnownSpeedLoss(), WorstSpeedLoss(), DesignLoss())
+    calls = [
+        lambda: evaluate(scene, motion, shutter),
+        lambda: evaluate(scene, motion, shutter, plan=None),
+        lambda: spectral_levels(scene, motion, shutter),
+        lambda: plan(scene, motion, shutter, loss=ExpectedErrorLoss()),
+        lambda: compare(scene, motion, [shutter]),
+        lambda: optimise(scene, motion, design, free="shutter"),
+        lambda: optimise(scene, motion, design, free="shutter", loss=DesignLoss()),
+        *(partial(loss, scene, motion, shutter) for loss in losses),
+        lambda: (ExpectedErrorLoss() + DesignLoss())(scene, motion, shutter),
+    ]
+    tracemalloc.start()
+    try:
+        for call in calls:
+            with pytest.raises(
+                ValueError, match=r"^`motion` must (blur|spread light) over"
+            ) as raised:
+                call()
+            assert "\n" not in str(raised.value)
+        assert tracemalloc.get_traced_memory()[1] < 64 * 2**20
+    finally:
+        tracemalloc.stop()
 
 
 @pytest.mark.slow

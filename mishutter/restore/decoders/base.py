@@ -15,6 +15,7 @@ from jaxtyping import Array, Complex, Float
 
 from mishutter._core import alone_in_blas, outside_trace, require_known
 from mishutter.camera import (
+    blur_length,
     captured_response,
     captured_responses_below,
     kernel_layout,
@@ -254,7 +255,10 @@ def _known_blur(
     plan: Plan | Automatic | None,
     least_taps: int,
 ) -> BlurModel:
-    scene, motion, shutter, _ = sensor_view(scene, motion, shutter)
+    view = sensor_view(scene, motion, shutter)
+    # Where the sensor's own velocity is too much, the motion is to blame.
+    blur_length(motion, *scene.speeds.tolist(), subject="scene")
+    scene, motion, shutter, _ = view
     speeds = np.asarray(scene.speeds)
     num_taps, _ = kernel_layout(motion, *speeds.tolist(), 0.0, least_taps=least_taps)
     weights = np.asarray(scene.weights, np.float64)
