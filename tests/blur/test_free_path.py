@@ -28,6 +28,9 @@ from mishutter import (
     transfer_function,
 )
 
+# The runs of a path, which taps follow one by one.
+from mishutter.blur.free_path import runs
+
 LARGEST = {np.float64: 8.0, np.float32: 6.0}
 """Longest stroke, as a power of ten px."""
 
@@ -141,6 +144,34 @@ def test_a_path_upside_down():
     light = binned_exposure(shutter, paths[0], speed=0.7, edges=edges)
     mirrored = binned_exposure(shutter, paths[1], speed=-0.7, edges=-edges[::-1])
     np.testing.assert_allclose(light, mirrored[::-1], rtol=1e-12)
+
+
+def test_runs_end_where_a_path_begins_to_bend_the_other_way():
+    """Pieces at constant velocity belong to the run before them, the first ones to that after."""
+    cases = [
+        ([0.0, 0.0, 2.0, 0.0, -3.0, -1.0, 0.0, 4.0], [0, 4, 7], [4, 7, 8], [1, -1, 1]),
+        ([0.0, -2.0, -1.0, 5.0], [0, 3], [3, 4], [-1, 1]),
+        ([-0.0, 1.0, 0.0, 2.0], [0], [4], [1]),
+        ([3.0, -1.0, 2.0, -4.0], [0, 1, 2, 3], [1, 2, 3, 4], [1, -1, 1, -1]),
+    ]
+    for accelerations, first, past, direction in cases:
+        motion = FreeMotion(accelerations=accelerations, half_exposure=0.3)
+        assert motion.num_runs == len(first)
+        place = np.arange(len(accelerations), dtype=np.int32)
+        found = runs(motion.accelerations, place, motion.num_runs)
+        for values, expected in zip(found, (first, past, direction), strict=True):
+            np.testing.assert_array_equal(values, expected)
+
+
+def test_all_light_falls_on_the_taps_of_a_path_that_begins_straight():
+    """Its first pieces too, whichever way it bends after them, seen or not by what moves."""
+    for bends in ([0.0, 40.0, -15.0], [0.0, -25.0, 30.0], [0.0, 40.0, 15.0]):
+        motion = FreeMotion(accelerations=bends, half_exposure=0.7)
+        for speed in (0.0, 9.0):
+            taps = binned_exposure(
+                HannShutter(), motion, speed=speed, edges=np.linspace(-60.0, 60.0, 25)
+            )
+            assert float(jnp.sum(taps)) == pytest.approx(0.5, abs=1e-12)
 
 
 @pytest.mark.slow

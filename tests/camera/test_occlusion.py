@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from support import time_sampling
 from support.time_sampling import captured_layers
 
 from mishutter import (
@@ -148,6 +149,33 @@ def test_a_layer_just_beside_the_sensor_sends_waves_onto_it(left):
     beside = Layer(picture(5, 6), speed=90.0, left=left, top=1)
     still = StillCamera(half_exposure=HALF)
     assert error(Layers((Layer(picture(7, 61)), beside)), still) < WAVES
+
+
+def test_a_layer_that_crosses_the_sensor_comes_from_far_beyond_it():
+    """By more than the margin beyond its place at mid-exposure; hidden and hiding on its way."""
+    fast = 150.0 / HALF
+    for left in (-130, 175):
+        object_ = Layer(picture(5, 20), speed=np.sign(61 - left) * fast, left=left, top=1)
+        front = Layer(picture(7, 9), speed=90.0, left=30)
+        layers = Layers((Layer(picture(7, 61)), object_, front))
+        assert error(layers, MOVING) < WAVES
+        without = simulate_capture(Layers((layers.layers[0], front)), SCENE, MOVING, HannShutter())
+        found = simulate_capture(layers, SCENE, MOVING, HannShutter())
+        assert np.max(np.abs(found - without)) > 10 * WAVES
+
+
+def test_the_lens_cuts_off_detail_of_the_composite():
+    """Of layers and what they hide alike: nothing finer than its cutoff is recorded."""
+    front = Layer(picture(5, 17, matte=disc(5, 17)), speed=-350.0, left=22, top=1)
+    layers = Layers((Layer(picture(7, 96), speed=120.0), front), border="wrap")
+    soft = Scene([0.0], photon_rate=3e5, read_noise=4.0, cutoff_frequency=0.21)
+    sharp, found = (
+        np.asarray(simulate_capture(layers, scene, MOVING, HannShutter()))
+        for scene in (SCENE, soft)
+    )
+    passed = time_sampling.through_optics(np.moveaxis(sharp, 1, 2), 0.21)
+    assert np.max(np.abs(np.moveaxis(found, 1, 2) - passed)) < WAVES
+    assert np.max(np.abs(found - sharp)) > 0.05
 
 
 def test_a_layer_behind_one_that_moves_along_shows_at_its_edges():

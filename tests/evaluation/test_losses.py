@@ -181,8 +181,8 @@ def test_the_worst_speed_is_one_that_occurs():
     never = Scene([-700.0, 250.0, 9000.0], [0.6, 0.4, 0.0], **light)
     scene = Scene([-700.0, 250.0], [0.6, 0.4], **light)
     loss, shutter = WorstSpeedLoss(), TukeyShutter(0.6)
-    for plan in (None, PLANNED):
-        values = [float(loss(each, MOTION, shutter, plan=plan)) for each in (never, scene)]
+    for parts in (None, PLANNED):
+        values = [float(loss(each, MOTION, shutter, plan=parts)) for each in (never, scene)]
         assert values[0] == pytest.approx(values[1], rel=1e-9)
     dark = Scene([-700.0, 250.0], [0.6, 0.4], photon_rate=0.0, read_noise=0.0)
     assert float(loss(dark, MOTION, shutter)) == pytest.approx(1.0, rel=1e-3)

@@ -211,6 +211,15 @@ def test_no_filter_beats_the_best():
     for row in costs.rows:
         assert 0 < row.cost < row.unaware_cost
     assert costs.rows[-1].cost > costs.largest.cost
+    errors = {"acceleration", "velocity", "delay", "speed", "transmittance"}
+    tighter = Tolerances(
+        **{name: getattr(LOOSE, name) / 2 for name in errors}, drive_step=LOOSE.drive_step
+    )
+    # Half the error is a quarter of its power, of which a larger one costs a little less.
+    for row, half in zip(
+        costs.rows, tolerance_costs(_with(tighter), MOTION, SHUTTER).rows, strict=True
+    ):
+        assert 0.24 * row.cost < half.cost < 0.4 * row.cost
     assert costs.largest.name in costs.verdict
     assert "6 %" in costs.text()
 

@@ -7,9 +7,9 @@ import pytest
 from support.designs import SCENE, on_parabolas
 from support.rows import PANNED, made_up, verdict
 
-from mishutter import HannShutter, ceiling
+from mishutter import HannShutter, IdealShutter, SwitchedShutter, ceiling
 from mishutter.report import with_verdict
-from mishutter.report.verdict import RULES, Case, row_to_build, verdict_of
+from mishutter.report.verdict import RULES, Case, device_notes, row_to_build, verdict_of
 from mishutter.search import (
     BEST_CODED_STILL,
     BEST_PANNED_SNAPSHOT,
@@ -272,3 +272,14 @@ def test_rows_are_judged_at_the_worst_speed_where_the_loss_is():
     line = "Build a: 23.00 dB at the worst speed, 2.00 dB above the best snapshot."
     assert comparison.verdict.splitlines()[0] == line
     assert comparison.gain == 2.0
+
+
+def test_what_leaks_is_a_share_of_what_passes():
+    """Of all light, in the notes: a closed shutter passes the leakage of the transmission."""
+    for device in (IdealShutter, SwitchedShutter):
+        notes = device_notes(device(transmission=0.4, leakage=0.05))
+        assert notes[0] == "The shutter passes 40.0% of the light when open, 2.00% when closed."
+    assert device_notes(IdealShutter(transmission=1.0, leakage=0.003))[0].endswith(
+        "0.30% when closed."
+    )
+    assert device_notes(IdealShutter()) == device_notes(None) == []

@@ -252,7 +252,10 @@ def test_no_noise_without_a_key():
     plain = [ms.simulate_capture(rows, scene(), camera(), ms.HannShutter()) for _ in range(2)]
     noisy = ms.simulate_capture(rows, scene(), camera(), ms.HannShutter(), key=jax.random.key(5))
     assert jnp.array_equal(*plain)
-    assert 1e-3 < float(jnp.std(noisy - plain[0])) < 0.1
+    electrons = float(scene().photon_rate) * float(camera().exposure)
+    variance = np.mean(plain[0]) / electrons + (float(scene().read_noise) / electrons) ** 2
+    noise = np.asarray(noisy - plain[0])
+    assert np.var(noise) == pytest.approx(variance, rel=5 * np.sqrt(2 / noise.size))
 
 
 @pytest.mark.parametrize(

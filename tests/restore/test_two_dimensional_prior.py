@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.optimize import minimize
+from scipy.optimize import brentq, minimize
 from support.cameras import camera, scene
 
 import mishutter as ms
@@ -69,18 +69,31 @@ def test_what_the_ensemble_filter_leaves_of_a_capture():
 
 @pytest.mark.parametrize("speed", [0.0, 1500.0])
 def test_tikhonov_leaves_what_is_expected(speed):
-    """What the estimate leaves unexplained by the mean response, not the noise."""
+    """What the estimate leaves unexplained by the mean response, not the noise.
+
+    The estimate is that of the formula, by the strength that another solver finds.
+    """
     model = model_of()
     captured = np.asarray(captured_at(speed))
     estimate = np.asarray(ms.TikhonovDecoder().restore(jnp.asarray(captured), model))
-    length = continuation(model, captured.shape[1]).length
+    extension = continuation(model, captured.shape[1])
+    length, columns = extension.length, captured.shape[1]
     mean, _ = model.mean_and_spread(length)
-    level = captured.mean(axis=1, keepdims=True)
-    padded = np.pad(estimate - level / model.efficiency, ((0, 0), (0, length - 400)))
-    again = np.fft.irfft(np.fft.rfft(padded) * mean, length)[:, :400] + level
-    left = np.mean((again - captured)[:, 100:-100] ** 2)
+    spectrum = np.fft.rfft(np.asarray(extension.deviations(jnp.asarray(captured))[0]))
+    bend = np.abs(np.fft.rfft([-2.0, 1.0, *np.zeros(length - 3), 1.0])) ** 2
     wanted = expected_residual(model, length)
-    assert left == pytest.approx(wanted, rel=0.25)
+
+    def estimated(logarithm):
+        return np.conj(mean) * spectrum / (np.abs(mean) ** 2 + np.exp(logarithm) * bend)
+
+    def excess(logarithm):
+        left = np.fft.irfft(spectrum - mean * estimated(logarithm), length)[:, :columns]
+        return np.mean(left**2) / wanted - 1
+
+    best = brentq(excess, np.log(1e-9), np.log(1e9), xtol=1e-12)
+    level = captured.mean(axis=1, keepdims=True) / model.efficiency
+    exact = np.fft.irfft(estimated(best), length)[:, :columns] + level
+    np.testing.assert_allclose(estimate, exact, atol=1e-6)
     assert abs(wanted / model.noise - 1) > 0.3
 
 
@@ -174,7 +187,7 @@ def test_rows_that_go_together_tell_more(speed):
 
     def level(decoder, planes):
         found = np.asarray(decoder.restore(planes, model)).reshape(light.shape)
-        return ms.psnr(light[inner], found[inner], gamma=False)
+        return ms.psnr(light[inner], found[inner])
 
     together = level(ms.TotalVariationDecoder(), captured)
     assert together > level(ms.EnsembleDecoder(), captured) + 1
@@ -187,7 +200,7 @@ def test_tikhonov_is_nearly_the_best_filter(speed):
     model, light = model_of(), portrait()
     captured = captured_at(speed)
     levels = [
-        ms.psnr(light[:, 60:-60], np.asarray(d.restore(captured, model))[:, 60:-60], gamma=False)
+        ms.psnr(light[:, 60:-60], np.asarray(d.restore(captured, model))[:, 60:-60])
         for d in (ms.TikhonovDecoder(), ms.EnsembleDecoder())
     ]
     assert levels[0] > levels[1] - 0.5

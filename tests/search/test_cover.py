@@ -19,7 +19,7 @@ from mishutter import (
 from mishutter.model import coefficient_times
 
 # Steps of the search, checked one by one; its face returns only a finished design.
-from mishutter.search.cover import cover, lowest_of_valleys
+from mishutter.search.cover import cover, lowest_of_valleys, quantiles
 from mishutter.search.search import free_by_default
 from mishutter.search.space import design_space
 from mishutter.search.starts import start_boxes
@@ -35,6 +35,17 @@ def _scene(speeds, photon_rate=1e8, read_noise=1.0, limits=LIMITS):
 def _space(scene, motion=MOTION):
     shutter = starting_shutter(scene)
     return design_space(scene, motion, shutter, free_by_default(scene, motion, shutter))
+
+
+def test_quantiles_are_as_many_as_objects_that_occur():
+    """In order of speed and by their weights; a speed without weight is none of them."""
+    weights = {-900.0: 0.11, -40.0: 0.6, 300.0: 0.0, 2500.0: 0.29}
+    order = [2500.0, -40.0, 300.0, -900.0]
+    scene = Scene(order, [weights[speed] for speed in order], photon_rate=1e5, read_noise=4.0)
+    found = quantiles(scene)
+    assert np.all(np.diff(found) >= 0)
+    for speed, weight in weights.items():
+        assert np.mean(found == speed) == pytest.approx(weight, abs=0.5 / found.size + 1e-9)
 
 
 @pytest.mark.parametrize("motion", [MOTION, StillCamera(half_exposure=2e-3)])

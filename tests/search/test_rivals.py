@@ -3,6 +3,7 @@
 import time
 from dataclasses import replace
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from support.designs import MOTION, SCENE, SLOW, on_parabolas
@@ -57,6 +58,22 @@ def test_a_snapshot_pans_with_the_most_objects_of_a_range_about_rest():
     at_rest, panned = snapshots(RivalSearch(scene, ExpectedErrorLoss(), plan=None))
     assert float(panned.motion.velocity) == pytest.approx(3000, abs=400)
     assert panned.level > at_rest.level + 0.2
+
+
+def test_a_level_within_tolerances_is_of_one_filter_and_the_mean_of_speeds():
+    """A decoder that knows the speed, or the worst speed, is judged as the camera was designed."""
+    row = made_up({"rect": 24.0})[0]
+    metrics = replace(
+        row.metrics,
+        toleranced_psnr=jnp.asarray(23.1),
+        worst_speed_psnr=jnp.asarray(21.7),
+        known_speed_psnr=jnp.asarray(25.3),
+    )
+    row = replace(row, metrics=metrics)
+    assert (row.within, row.level, row.psnr) == (pytest.approx(23.1), pytest.approx(23.1), 24.0)
+    worst, told = replace(row, at_worst=True), replace(row, speed="told")
+    assert (worst.within, worst.level) == (None, pytest.approx(21.7))
+    assert (told.within, told.level) == (None, pytest.approx(25.3))
 
 
 @pytest.mark.slow
