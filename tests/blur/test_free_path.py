@@ -157,7 +157,7 @@ def test_runs_end_where_a_path_begins_to_bend_the_other_way():
     for accelerations, first, past, direction in cases:
         motion = FreeMotion(accelerations=accelerations, half_exposure=0.3)
         assert motion.num_runs == len(first)
-        place = np.arange(len(accelerations), dtype=np.int32)
+        place = jnp.arange(len(accelerations), dtype=jnp.int32)
         found = runs(motion.accelerations, place, motion.num_runs)
         for values, expected in zip(found, (first, past, direction), strict=True):
             np.testing.assert_array_equal(values, expected)

@@ -690,7 +690,7 @@ def test_a_displaced_picture_goes_and_comes_as_far_as_it_is_told():
     )
     around = np.asarray(capture(wide))
     for shift in (-260, -150, 31, 83, 190):
-        there = np.asarray(capture(light, displacement=shift))
+        there = np.asarray(capture(light, displacement=float(shift)))
         assert np.max(np.abs(there - around[:, 300 - shift : 370 - shift])) < 10 * WAVES
 
 

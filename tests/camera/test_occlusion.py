@@ -151,17 +151,19 @@ def test_a_layer_just_beside_the_sensor_sends_waves_onto_it(left):
     assert error(Layers((Layer(picture(7, 61)), beside)), still) < WAVES
 
 
-def test_a_layer_that_crosses_the_sensor_comes_from_far_beyond_it():
-    """By more than the margin beyond its place at mid-exposure; hidden and hiding on its way."""
-    fast = 150.0 / HALF
-    for left in (-130, 175):
-        object_ = Layer(picture(5, 20), speed=np.sign(61 - left) * fast, left=left, top=1)
-        front = Layer(picture(7, 9), speed=90.0, left=30)
-        layers = Layers((Layer(picture(7, 61)), object_, front))
-        assert error(layers, MOVING) < WAVES
-        without = simulate_capture(Layers((layers.layers[0], front)), SCENE, MOVING, HannShutter())
-        found = simulate_capture(layers, SCENE, MOVING, HannShutter())
-        assert np.max(np.abs(found - without)) > 10 * WAVES
+@pytest.mark.parametrize("left", [-140, pytest.param(130, marks=pytest.mark.slow)])
+def test_a_layer_that_crosses_the_sensor_comes_from_far_beyond_it(left):
+    """By more than the margin from its place at mid-exposure, behind one that hides it there."""
+    object_ = Layer(picture(3, 60), speed=-np.sign(left) * 150.0 / HALF, left=left, top=1)
+    back, front = Layer(picture(4, 61)), Layer(picture(4, 9), left=30)
+    layers = Layers((back, object_, front))
+    found, without = (
+        simulate_capture(each, SCENE, MOVING, HannShutter())
+        for each in (layers, Layers((back, front)))
+    )
+    wanted = captured_layers(layers, MOVING, HannShutter(), count=960)
+    assert np.max(np.abs(found - wanted)) < WAVES
+    assert np.max(np.abs(found - without)) > 5 * WAVES
 
 
 def test_the_lens_cuts_off_detail_of_the_composite():
@@ -174,7 +176,7 @@ def test_the_lens_cuts_off_detail_of_the_composite():
         for scene in (SCENE, soft)
     )
     passed = time_sampling.through_optics(np.moveaxis(sharp, 1, 2), 0.21)
-    assert np.max(np.abs(np.moveaxis(found, 1, 2) - passed)) < WAVES
+    assert np.max(np.abs(np.moveaxis(found, 1, 2) - passed)) < 2 * WAVES
     assert np.max(np.abs(found - sharp)) > 0.05
 
 

@@ -45,7 +45,7 @@ def test_quantiles_are_as_many_as_objects_that_occur():
     found = quantiles(scene)
     assert np.all(np.diff(found) >= 0)
     for speed, weight in weights.items():
-        assert np.mean(found == speed) == pytest.approx(weight, abs=0.5 / found.size + 1e-9)
+        assert np.mean(found == speed) == pytest.approx(weight, abs=1 / found.size)
 
 
 @pytest.mark.parametrize("motion", [MOTION, StillCamera(half_exposure=2e-3)])
