@@ -85,7 +85,7 @@ def test_a_sweep_measures_an_open_profile_without_the_device():
     """As `evaluate` does, in every metric; one that is not open pays for it."""
     scene, loss = _scene(device=LEAKY), DesignLoss(condition=0, invariance=0, efficiency=1)
     axes = {"accelerations": [1.5e5], "half_exposures": [9e-3]}
-    metrics = "expected_psnr", "worst_speed_psnr", "efficiency", "condition_number"
+    metrics = ["expected_psnr", "worst_speed_psnr", "efficiency", "condition_number"]
     found = sweep(
         scene, **axes, shutters=[HannShutter()], optimise=True, loss=loss, metrics=metrics
     )
