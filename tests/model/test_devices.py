@@ -79,7 +79,7 @@ def test_kernels_are_a_mixture(slug, speed):
 class Pane(AbstractShutter):
     """A shutter of a user's own that is open from the first moment to the last, if it is clear."""
 
-    clear: jax.Array
+    clear: np.ndarray
 
     def transmittance(self, tau):
         return jnp.where(jnp.abs(tau) <= 1, self.clear, 0.0)
@@ -92,7 +92,7 @@ OPEN = {
     "spline": SplineShutter(ONES),
     "folded spline": SplineShutter(ONES, symmetric=True, num_coefficients=13),
     "chips": ChippedShutter(ONES),
-    "own": Pane(jnp.asarray(1.0)),
+    "own": Pane(np.asarray(1.0)),
 }
 
 
@@ -118,7 +118,7 @@ def test_open_shutters_are_as_good_as_one_another():
         assert float(found.efficiency) == pytest.approx(1, rel=1e-6)
         assert float(found.expected_psnr) == pytest.approx(float(rect.expected_psnr), abs=1e-4)
     dimmer = np.where(np.arange(7) == 4, 0.995, 1.0)
-    for closing in (ChippedShutter(dimmer), SplineShutter(dimmer), Pane(jnp.asarray(0.995))):
+    for closing in (ChippedShutter(dimmer), SplineShutter(dimmer), Pane(np.asarray(0.995))):
         light, mean = SCENE.light(closing, MOTION), float(closing.efficiency())
         assert mean > 0.99
         behind = T * (LEAKAGE + (1 - LEAKAGE) * mean)
