@@ -154,6 +154,15 @@ def test_of_rows_within_a_tenth_the_simplest_or_the_own_is_built(short):
     assert verdict(levels | {"rect": 25.0 - short - 0.1}, "a").choice.name == "a"
 
 
+@pytest.mark.parametrize("gain", [0.03, 0.06, 0.0999])
+def test_a_simpler_row_that_does_not_pay_is_not_built(gain):
+    """Though it is as good as the best to 0.1 dB: the snapshot is, too, and takes nothing."""
+    levels = {"a": 24.12, "rect": 24.0 + gain, BEST_SNAPSHOT: 24.0}
+    assert verdict(levels, "a").choice.name == "a"
+    assert verdict(levels).choice.name == "a"
+    assert verdict(levels | {"rect": 24.1001}, "a").choice.name == "rect"
+
+
 def test_an_own_row_that_does_not_pay_is_not_preferred():
     """Beside a better one within 0.1 dB, where the own is above the snapshot by less than that."""
     levels = {"a": 24.07, "Hann": 24.13, BEST_SNAPSHOT: 24.0}
