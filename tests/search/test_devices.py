@@ -87,7 +87,7 @@ def test_a_sweep_measures_an_open_profile_without_the_device():
     axes = {"accelerations": [1.5e5], "half_exposures": [9e-3]}
     metrics = ["expected_psnr", "worst_speed_psnr", "efficiency", "condition_number"]
     found = sweep(
-        scene, **axes, shutters=[HannShutter()], optimise=True, loss=loss, metrics=metrics
+        scene, **axes, shutters={"Hann": HannShutter()}, optimise=True, loss=loss, metrics=metrics
     )
     point = found.sel(acceleration=1.5e5, half_exposure=9e-3, shutter="optimised")
     motion = type(MOTION)(acceleration=1.5e5, half_exposure=9e-3)
