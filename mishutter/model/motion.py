@@ -395,7 +395,11 @@ class ParabolicMotion(AbstractMotion):
         return FreeMotion.fit(self)
 
     def kernel_length(self, speed: RowLike) -> Shaped[Array | np.ndarray, "..."]:
-        r"""$aT^2 (1 + |\nu|)^2$ from the vertex; $2|s|T$ about mid-exposure at rest; px."""
+        r"""$aT^2 (1 + |\nu|)^2$ from the vertex; $2|s|T$ about mid-exposure at rest; px.
+
+        Args:
+            speed: Speed of the object; px/s.
+        """
         speed, v, T, a, gain = as_numpy(
             speed, self.velocity, self.half_exposure, self.acceleration, self.speed_gain
         )
@@ -440,42 +444,72 @@ class ParabolicMotion(AbstractMotion):
         return self.acceleration
 
     def position(self, time: RowLike) -> Positions:
-        """$v t + a t^2$; px, shape of `time`."""
+        """$v t + a t^2$; px, shape of `time`.
+
+        Args:
+            time: Times from mid-exposure; s.
+        """
         time, v, a = _together(time, self.velocity, self.acceleration)
         return (v + a * time) * time
 
     def velocity_at(self, time: RowLike) -> Positions:
-        """$v + 2 a t$; px/s, shape of `time`."""
+        """$v + 2 a t$; px/s, shape of `time`.
+
+        Args:
+            time: Times from mid-exposure; s.
+        """
         time, v, a = _together(time, self.velocity, self.acceleration)
         return v + 2 * a * time
 
     def alignment(self, speed: RowLike) -> Positions:
-        """The vertex, $-(s - v)^2/4a$, or where the object is at mid-exposure; px."""
+        """The vertex, $-(s - v)^2/4a$, or where the object is at mid-exposure; px.
+
+        Args:
+            speed: Speed of the object; px/s.
+        """
         moves = self.has_vertex
         speed, v, a = _together(speed, self.velocity, self.acceleration)
         space = namespace_of(speed)
         return space.where(moves, -((speed - v) ** 2) / (4 * space.where(moves, a, 1.0)), 0.0)
 
     def position_of(self, tau: RowLike, speed: RowLike) -> Positions:
-        r"""$aT^2\tau^2 - (s - v)T\tau$; px."""
+        r"""$aT^2\tau^2 - (s - v)T\tau$; px.
+
+        Args:
+            tau: Normalised times, from -1 to 1.
+            speed: Speed of the object; px/s.
+        """
         tau, sag, smear = self._sag_and_smear(tau, speed)
         return tau * (sag * tau - smear)
 
     def aligned_position(self, tau: RowLike, speed: RowLike) -> Any:
-        r"""$aT^2(\tau - \nu)^2$ from the vertex; $-(s - v)T\tau$ of a sensor at rest; px."""
+        r"""$aT^2(\tau - \nu)^2$ from the vertex; $-(s - v)T\tau$ of a sensor at rest; px.
+
+        Args:
+            tau: Normalised times, from -1 to 1.
+            speed: Speed of the object; px/s.
+        """
         tau, sag, smear = self._sag_and_smear(tau, speed)
         space, moves = namespace_of(tau), turns(sag)
         safe = space.where(moves, sag, 1.0)
         return space.where(moves, safe * (tau - smear / (2 * safe)) ** 2, -smear * tau)
 
     def side_by_side(self, speeds: RowLike) -> Alignment:
-        """Alignment at the vertices, or at mid-exposure of a sensor at rest, gaps cut."""
+        """Alignment at the vertices, or at mid-exposure of a sensor at rest, gaps cut.
+
+        Args:
+            speeds: Speeds of the objects; px/s.
+        """
         _, sag, smear = self._sag_and_smear(speeds, speeds)
         with np.errstate(over="ignore"):  # a sag that is hardly one
             return aligned(sag[None], smear)
 
     def reach(self, max_speed: float) -> Reach:
-        """The `reach_of_parabola`."""
+        """The `reach_of_parabola`.
+
+        Args:
+            max_speed: Greatest speed of an object; px/s.
+        """
         _, sag, smear = self._sag_and_smear(np.asarray(max_speed), max_speed)
         return reach_of_parabola(sag, smear)
 
