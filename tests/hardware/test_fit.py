@@ -23,6 +23,7 @@ from support.laboratory import (
     centred,
     expected,
     recorded,
+    steep_profiles,
 )
 
 from mishutter import (
@@ -40,6 +41,10 @@ from mishutter import (
     fit,
 )
 from mishutter.hardware import GIVEN
+
+# The starts of a fit, of which it returns the end of the best.
+from mishutter.hardware.calibration.likelihood import Setting
+from mishutter.hardware.calibration.measurements import Measurements
 
 # The model of a recording; a fit returns only the numbers that minimise its misfit.
 from mishutter.hardware.calibration.response import FINE, MOVED, collected, kernels
@@ -230,6 +235,65 @@ def test_no_fit_ends_in_a_minimum_beside_the_right_one(slug):
         assert abs(each.value - value) < 3 * each.error, name
     assert camera.doubt is None
     assert abs(camera.reduced_chi_squared - 1) < 0.2
+
+
+def shown(built, profile, speeds, target, rng, *, blur=0.7, electrons=1e5, columns=136):
+    """Pictures of a camera, each at a place of its own."""
+    found = []
+    for speed in speeds:
+        place = centred(speed, motion=built, columns=columns) + rng.uniform(-0.5, 0.5)
+        options = {"position": place, "columns": columns, "blur": blur}
+        light = expected(speed, target, motion=built, shutter=profile, **options)
+        found.append(TargetPicture(recorded(light, electrons, rng), target, speed))
+    return found
+
+
+def within(camera, built, profile, blur, bars):
+    """Whether motion, lens and profile are those of a camera that was sent a Hann profile."""
+    truth = {
+        "acceleration_px_per_s2": float(built.acceleration),
+        "velocity_px_per_s": float(built.velocity),
+        "lens_blur_px": blur,
+    }
+    each = [(camera.estimates[name], value) for name, value in truth.items()]
+    sent = float(SplineShutter.fit(HannShutter(), camera.coefficients.size).efficiency())
+    light = sent / float(profile.efficiency())
+    off = (camera.coefficients - light * profile.coefficients) / camera.coefficient_errors
+    return max(np.abs(off).max(), *(abs(e.value - value) / e.error for e, value in each)) < bars
+
+
+def test_a_fit_begins_with_profiles_of_several_shapes():
+    """They open evenly, late and early, or as the trace does, and all let the light sent pass."""
+    rng = np.random.default_rng(8)
+    time = np.linspace(-1.3, 1.3, 160) * HALF
+    trace = Trace(time, 0.4 + 1.7 * np.asarray(PROFILE.transmittance(time / HALF)))
+    data = Measurements(tuple(shown(BUILT, PROFILE, SPEEDS[:1], "point", rng)), SENSOR, trace)
+    profiles = Setting.of(data, SENT, COMMAND, COUNT).likely_profiles()
+    tau = np.linspace(-1, 1, 41)
+    light = float(COMMAND.efficiency())
+    shapes = np.array([COMMAND.transmittance(tau), *(light * (1 + k * tau) for k in (0, 1, -1))])
+    made = light / float(PROFILE.efficiency()) * PROFILE.transmittance(tau)
+    for shape, coefficients in zip([*shapes, made], profiles, strict=True):
+        profile = 2 * SplineShutter(coefficients / 2).transmittance(tau)  # some are above 1
+        np.testing.assert_allclose(profile, shape, rtol=0, atol=1e-6)
+
+
+STEEP = ["decays", "ramps", "opens half-way", "leaks", "lags", "is held"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("target", ["point", "edge"])
+@pytest.mark.parametrize("kind", STEEP)
+def test_a_steep_profile_is_found_where_a_symmetric_one_was_sent(kind, target):
+    """The stage is off too, and the profile of the light sent explains it with another stage."""
+    rng = np.random.default_rng([STEEP.index(kind), target == "edge"])
+    profile = steep_profiles(rng)[kind]
+    a, v = float(SENT.acceleration) * rng.uniform(0.88, 1.12), rng.uniform(-300, 300)
+    built = ParabolicMotion(acceleration=a, half_exposure=HALF, velocity=v)
+    given = shown(built, profile, (2700.0, *rng.uniform(-2700, 2700, 3)), target, rng)
+    camera = fit(given, SENT, HannShutter(), sensor=SENSOR, num_coefficients=12)
+    assert within(camera, built, profile, 0.7, bars=4)
+    assert camera.doubt is None
 
 
 @pytest.mark.slow

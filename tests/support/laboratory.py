@@ -8,6 +8,7 @@ import numpy as np
 from scipy.special import erf
 
 from mishutter import ParabolicMotion, SplineShutter
+from mishutter.model import coefficient_times
 
 HALF = 0.01
 SENT = ParabolicMotion(acceleration=30 / HALF**2, half_exposure=HALF)
@@ -16,6 +17,32 @@ COMMAND = SplineShutter([0.1, 0.3, 0.6, 0.8, 0.85, 0.8, 0.6, 0.3, 0.1])
 PROFILE = SplineShutter([0.06, 0.2, 0.51, 0.77, 0.88, 0.84, 0.66, 0.36, 0.17])
 BLUR = 0.62
 SPEEDS = (-2500.0, -900.0, 0.0, 1300.0, 2700.0)
+
+
+def steep_profiles(rng, count=12):
+    """Steep profiles of devices that were sent a symmetric one, by name; each may be mirrored.
+
+    One rises fast and decays, one ramps, one opens about the middle, one leaks beside its window,
+    one follows a Hann window by a lag of the order of the exposure, and one is held at random.
+    """
+    tau = coefficient_times(count)
+    u = (1 + tau) / 2
+    drawn = rng.uniform
+    time = np.linspace(0, 1, 2001)
+    lag, window = drawn(0.15, 0.4), np.sin(np.pi * time) ** 2
+    behind = np.exp(-time / lag) * np.cumsum(np.exp(time / lag) * window) * (time[1] / lag)
+    profiles = {
+        "decays": (1 - np.exp(-u / drawn(0.02, 0.12))) * np.exp(-u / drawn(0.2, 0.5)),
+        "ramps": u ** drawn(0.7, 1.6),
+        "opens half-way": 1 / (1 + np.exp((drawn(-0.2, 0.3) - tau) / drawn(0.05, 0.15))),
+        "leaks": 0.2 + 0.8 * np.exp(-(((tau - drawn(0.4, 0.7)) / drawn(0.25, 0.5)) ** 2)),
+        "lags": np.interp(u, time, behind),
+        "is held": np.convolve(drawn(0, 1, count + 2), [0.25, 0.5, 0.25], "valid"),
+    }
+    return {
+        name: SplineShutter(drawn(0.7, 1) * (profile / profile.max())[:: rng.choice([-1, 1])])
+        for name, profile in profiles.items()
+    }
 
 
 def expected(speed, target, *, position, columns=112, blur=BLUR, motion=BUILT, shutter=PROFILE):

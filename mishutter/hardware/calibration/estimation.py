@@ -270,7 +270,7 @@ def fit(
         measurements: Pictures, or the result of `read_measurements`, which has a sensor and a
             trace of its own.
         motion: The motion as sent, from which the fit starts, of a sag of 1 px at least.
-        shutter: The transmittance as sent, from which the fit starts.
+        shutter: The transmittance as sent, one of several from which the fit starts.
         sensor: The conversion of electrons to levels; by default a level is an electron, without
             read noise.
         trace: A photodiode's levels, on the camera's clock.

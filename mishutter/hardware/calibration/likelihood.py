@@ -30,12 +30,19 @@ from mishutter.model import (
     AbstractShutter,
     ParabolicMotion,
     SplineShutter,
+    coefficient_times,
     spline_basis,
     spline_knots,
 )
 
 _HOLD = 0.1
-"""Standard deviation of the coefficients about those that were sent, in all rounds but the last."""
+"""Standard deviation of the coefficients about those of a start, on smoothed pictures."""
+RANGE = 12**-0.5
+"""Standard deviation of a number anywhere from 0 to 1.
+
+The pictures' own rounds hold the coefficients so near those that were sent, and the last round
+what is not seen.
+"""
 _BELOW = 0.01
 """Standard deviation by which coefficients stray below 0, where no transmittance is.
 
@@ -49,15 +56,12 @@ _CHANGE = 1e-3
 It is well above the rounding of the sum of squares, at which the minimiser would refuse step
 after step.
 """
-_WIDTHS = (4.0, 2.0, 1.0)
-"""Standard deviations of the Gaussians that smooth pictures for a start; px."""
-_NUM_STARTS = 3
-_LEAST_FALL = 1.0
-"""Fall of the sum of squares from which another start is preferred to the camera that was sent.
-
-It prevents rounding from choosing between two ends of which neither is likelier, and keeps the
-one that is nearer to the camera that was sent.
-"""
+_WIDTH = 4.0
+"""Standard deviation of the Gaussian that smooths pictures for a start; px."""
+_NUM_SPEEDS = 3
+"""Number of speeds with which every profile is tried, where one is unknown."""
+_NUM_ENDS = 5
+"""Number of cameras of smoothed pictures from which the pictures themselves are fitted."""
 _LEAST_BLUR = 0.3
 """Least blur of the lens at the start of a fit; px."""
 _PIN = 1e3
@@ -147,8 +151,7 @@ class Setting:
         speeds = np.array([picture.speed or 0.0 for picture in pictures])
         spline = SplineShutter.fit(shutter, count)
         coefficients = np.asarray(spline.coefficients, np.float64)
-        knots = spline_knots(count)
-        spline_means = (knots[4:] - knots[:-4]) / 8  # of the B-splines, over the exposure
+        spline_means = _spline_means(count)
         throughput = float(spline_means @ coefficients)
         names = ["acceleration", "velocity", "speed", "lens blur"]
         names += [f"transmittance {k}" for k in range(count)]
@@ -258,10 +261,30 @@ class Setting:
         levels = gaussian_filter1d(self.arrays.levels, width, axis=1, mode="nearest")
         return replace(self, arrays=self.arrays._replace(levels=levels))
 
-    def near_sent(self) -> "Ties":
-        """Ties that hold the coefficients near those that were sent."""
+    def near(self, coefficients: np.ndarray, deviation: float) -> "Ties":
+        """Ties that hold the profile's coefficients near these."""
         rows = np.eye(len(self.names))[4 : 4 + len(self.coefficients)]
-        return Ties(rows / _HOLD, self.coefficients / _HOLD)
+        return Ties(rows / deviation, coefficients / deviation)
+
+    def near_sent(self) -> "Ties":
+        """Ties that hold the profile's coefficients loosely near those that were sent."""
+        return self.near(self.coefficients, RANGE)
+
+    def likely_profiles(self) -> list[np.ndarray]:
+        """Coefficients of profiles that may have been made, in the light of the one sent.
+
+        They are the one sent, an open one, one that opens late and one that opens early, and that
+        of the trace.
+        """
+        tau = coefficient_times(self.coefficients.size)
+        shapes = [np.ones_like(tau), 1 + tau, 1 - tau]
+        if self.arrays.trace.size:
+            levels = self.arrays.trace - np.min(self.arrays.trace)
+            made = np.linalg.lstsq(self.arrays.trace_basis, levels, rcond=None)[0]
+            shapes.append(np.maximum(made, 0))
+        means = _spline_means(tau.size)
+        light = means @ self.coefficients
+        return [self.coefficients, *(shape * light / (means @ shape) for shape in shapes)]
 
     def delay(self, values: np.ndarray) -> tuple[float, np.ndarray]:
         """Delay of a stage whose velocity is as sent, and its derivatives; s."""
@@ -272,16 +295,17 @@ class Setting:
         slopes[:2] = np.array([-delay / a, -1 / (2 * a)]) * scales[:2]
         return float(delay), slopes
 
-    def start(self, share: float) -> np.ndarray:
-        """The camera that was sent, at positions that match the centroids of the pictures.
+    def start(self, coefficients: np.ndarray, share: float) -> np.ndarray:
+        """The camera that was sent, but for its profile, at the centroids of the pictures.
 
         Args:
+            coefficients: Those of the profile.
             share: The unknown speed, in the greatest speed of the sensor.
         """
-        count, scales = len(self.coefficients), self.arrays.scales
+        count, scales = len(coefficients), self.arrays.scales
         is_unknown, trace = self.arrays.is_unknown, self.arrays.trace
         velocity = float(self.sent_motion.velocity) / float(scales[1])
-        start = np.concatenate([[1.0, velocity, share, 0.5], self.coefficients])
+        start = np.concatenate([[1.0, velocity, share, 0.5], coefficients])
         for k, profile in enumerate(self.profiles):
             level_range = float(scales[4 + count + 3 * k + 2])
             start = np.append(start, [0.0, 1.0, float(np.mean(profile[:END])) / level_range])
@@ -292,7 +316,7 @@ class Setting:
         x = start * scales
         relative = np.where(is_unknown, x[2], self.arrays.speeds) - x[1]
         half = float(self.sent_motion.half_exposure)
-        mean_time, mean_square = _moments(self.coefficients) * half ** np.arange(1, 3)
+        mean_time, mean_square = _moments(coefficients) * half ** np.arange(1, 3)
         for k, profile in enumerate(self.profiles):
             path = x[0] * mean_square - relative[k] * mean_time
             position = _middle(profile, bool(self.arrays.is_edge[k])) - path
@@ -313,6 +337,12 @@ def _gain(picture: TargetPicture, profile: np.ndarray) -> float:
     """Strength of a target in a picture: the sum of a point, the step of an edge; levels."""
     left, right = float(np.mean(profile[:END])), float(np.mean(profile[-END:]))
     return right - left if picture.target == "edge" else float(np.sum(profile - (left + right) / 2))
+
+
+def _spline_means(count: int) -> np.ndarray:
+    """Means of the B-splines over the exposure; shape `(count,)`."""
+    knots = spline_knots(count)
+    return (knots[4:] - knots[:-4]) / 8
 
 
 def _moments(coefficients: np.ndarray) -> np.ndarray:
@@ -504,31 +534,37 @@ def solved(
 
 
 def likeliest_start(setting: Setting, shares: Sequence[float]) -> Solution:
-    """The end of the best of several first rounds, which hold the profile near the one sent.
+    """The end of the likeliest of several first rounds.
 
     A picture shows a jump of the profile as a step at a place of its own. A camera whose steps
-    lie right in some of the pictures and wrong in the others is a local minimum. Smoothed
-    pictures have fewer of these, but their cameras are the farther from the right one the more
-    they are smoothed. First rounds therefore start at the cameras that pictures smoothed by
-    several widths show, and one at the camera that was sent.
+    lie right in some of the pictures and wrong in the others is a local minimum, of which smoothed
+    pictures have fewer. The stage and the shutter explain the same light, so that a profile held
+    near one of another shape leads to another stage, and a free one to wherever it began. First
+    rounds therefore fit smoothed pictures from several profiles, near which they stay, and the
+    pictures themselves from the likeliest of these cameras.
 
     Args:
         setting: The problem.
         shares: Speeds from which a fit of an unknown one starts, in the greatest speed of the
-            sensor. The best three of the first width go on to the others.
+            sensor. The best three with the profile that was sent are tried with the others.
     """
-    noise, near = setting.noise(np.asarray(setting.arrays.levels)), setting.near_sent()
-    first_round = partial(solved, noise=noise, ties=near)
-    starts, ends = [setting.start(share) for share in shares], []
-    for width in _WIDTHS:
-        smooth = setting.smoothed(width)
-        smooth_ends = [first_round(smooth, _with_blur(start, width**2)) for start in starts]
-        order = np.argsort([end.loss for end in smooth_ends])
-        ends.append(first_round(setting, _with_blur(smooth_ends[order[0]].values, -(width**2))))
-        starts = [starts[k] for k in order[:_NUM_STARTS]]
-    sent = first_round(setting, starts[0])
-    best = min(ends, key=lambda end: end.loss)
-    return best if best.loss < sent.loss - _LEAST_FALL else sent
+    noise, smooth = setting.noise(np.asarray(setting.arrays.levels)), setting.smoothed(_WIDTH)
+
+    def rough(profile: np.ndarray, share: float) -> Solution:
+        start = _with_blur(setting.start(profile, share), _WIDTH**2)
+        return solved(smooth, start, noise, setting.near(profile, _HOLD))
+
+    sent, *others = setting.likely_profiles()
+    as_sent = {share: rough(sent, share) for share in shares}
+    best_shares = sorted(shares, key=lambda share: as_sent[share].loss)[:_NUM_SPEEDS]
+    roughs = [as_sent[share] for share in best_shares]
+    roughs += [rough(profile, share) for profile in others for share in best_shares]
+    roughs = sorted(roughs, key=lambda end: end.loss)[:_NUM_ENDS]
+    ends = [
+        solved(setting, _with_blur(end.values, -(_WIDTH**2)), noise, setting.near_sent())
+        for end in roughs
+    ]
+    return min(ends, key=lambda end: end.loss)
 
 
 def _with_blur(values: np.ndarray, added: float) -> np.ndarray:

@@ -10,10 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from mishutter.hardware.calibration.likelihood import Setting, Solution, Ties, solved
+from mishutter.hardware.calibration.likelihood import RANGE, Setting, Solution, Ties, solved
 
-_RANGE = 12**-0.5
-"""Standard deviation of a number anywhere from 0 to 1, to which blind directions are held."""
 _MAX_ENDS = 3
 """Greatest number of last rounds, which begin again at a lower end that a pull has found."""
 _STRAIGHT = 0.5
@@ -57,7 +55,7 @@ def error_bars(setting: Setting, solution: Solution) -> tuple[Solution, ErrorBar
     """
     noise = setting.noise(solution.expected)
     _, blind = _information(solution.matrix)
-    ties = Ties(blind / _RANGE, blind @ solution.values / _RANGE)
+    ties = Ties(blind / RANGE, blind @ solution.values / RANGE)
     values, best, ends = solution.values, solution, []
     for _ in range(_MAX_ENDS):
         best = solved(setting, values, noise, ties)
