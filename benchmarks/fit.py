@@ -33,7 +33,7 @@ class Case(NamedTuple):
     """What is shown, by how many electrons in a fully open exposure, and to which sensor.
 
     An edge of 12 bits has eight rows, each of which it nearly fills. Of a Hann profile, speeds and
-    electrons are drawn too.
+    electrons are drawn too, and what is made of it may be steep.
     """
 
     target: str
@@ -43,6 +43,7 @@ class Case(NamedTuple):
     told: bool = True
     sent: ms.AbstractShutter = lab.COMMAND
     num_coefficients: int = 9
+    is_steep: bool = False
 
     @property
     def kind(self) -> str:
@@ -57,6 +58,12 @@ CASES = {
     "edges": Case("edge", (1e5, 1e5), WHOLE),
     "edges, 12 bits": Case("edge", (1.2e4, 1.2e4), TWELVE, rows=8),
     "edges, Hann": Case("edge", (2e4, 5e5), WHOLE, sent=HANN, num_coefficients=12),
+    "points, Hann, steep": Case(
+        "point", (2e4, 5e5), WHOLE, sent=HANN, num_coefficients=12, is_steep=True
+    ),
+    "edges, Hann, steep": Case(
+        "edge", (2e4, 5e5), WHOLE, sent=HANN, num_coefficients=12, is_steep=True
+    ),
     "points, one unknown speed": Case("point", (6e4, 6e4), TWELVE, told=False),
 }
 TEXT = """## A camera fitted to what it recorded
@@ -64,12 +71,15 @@ TEXT = """## A camera fitted to what it recorded
 {fits} fits, {trials} of each case, each of a camera and noise of its own: the acceleration is up to
 7 % off what was sent, the stage pans at up to 8 % of its top speed, the lens has 0.4 to 1 px, and
 the profile is up to 1.3 times as far from what was sent as that of a lagging shutter, or, where a
-Hann profile was sent, between 0.02 and 0.08 at its ends and as much below 1 in the middle. Shown
-are rows of pixels: five at -2,500 to 2,700 px/s, four of drawn speeds where a Hann profile was sent
-or three at 1,300 px/s that is not told, past a sensor of 30 px stroke as sent. Noise is Poisson's,
-of reading, and of whole levels; 60,000 or 100,000 electrons fill an open exposure, 2e4 to 5e5
-where a Hann profile was sent, 12,000 in each of eight rows of edges of 12 bits. Pictures are sums
-over 20,000 instants, made without the package's kernel.
+Hann profile was sent, between 0.02 and 0.08 at its ends and as much below 1 in the middle. A steep
+one is far from the Hann profile that was sent: it rises fast and decays, ramps, opens half-way,
+leaks beside its window, lags by a third to four fifths of the half exposure, or is held at random,
+or is one of these mirrored; the acceleration is then up to 12 % off, and the pan is up to 5 %.
+Shown are rows of pixels: five at -2,500 to 2,700 px/s, four of drawn speeds where a Hann profile
+was sent or three at 1,300 px/s that is not told, past a sensor of 30 px stroke as sent. Noise is
+Poisson's, of reading, and of whole levels; 60,000 or 100,000 electrons fill an open exposure, 2e4
+to 5e5 where a Hann profile was sent, 12,000 in each of eight rows of edges of 12 bits. Pictures are
+sums over 20,000 instants, made without the package's kernel.
 
 Share of fits in which the truth lies within two error bars, which should be 95 % or more; `bias`
 and `spread` are of the distance in error bars, and should be 0 and 1, or less than 1 where an error
@@ -101,15 +111,18 @@ class Camera(NamedTuple):
 def drawn(case: Case, rng: np.random.Generator) -> Camera:
     """A camera, and what it is shown."""
     a, T = float(lab.SENT.acceleration), float(lab.SENT.half_exposure)
+    farthest, fastest = (0.12, 0.05) if case.is_steep else (0.07, 0.08)
     motion = ms.ParabolicMotion(
-        acceleration=a * rng.uniform(0.93, 1.07),
+        acceleration=a * rng.uniform(1 - farthest, 1 + farthest),
         half_exposure=T,
-        velocity=2 * a * T * rng.uniform(-0.08, 0.08),
+        velocity=2 * a * T * rng.uniform(-fastest, fastest),
     )
     sent = np.asarray(ms.SplineShutter.fit(case.sent, case.num_coefficients).coefficients)
     if case.sent is HANN:
         leak = rng.uniform(0.02, 0.08)
         profile = leak + (1 - 2 * leak) * sent
+        if case.is_steep:
+            profile = rng.choice([s.coefficients for s in lab.steep_profiles(rng).values()])
         speeds = FASTEST, *rng.uniform(-FASTEST, FASTEST, 3)
     else:
         profile = sent + rng.uniform(0, 1.3) * (np.asarray(lab.PROFILE.coefficients) - sent)
