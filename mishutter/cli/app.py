@@ -408,7 +408,7 @@ def _deliver(result: "Report", delivery: Delivery) -> None:
     result = _photographed(result, delivery)
     if result.photographs is not None and not delivery.as_json:
         with closable_output():
-            print_photographs(result.photographs.levels, result.comparison.rows[0].speed)
+            print_photographs(result.photographs.levels, result.comparison.rows[0].decoder.name)
     files = []
     if folder is not None:
         files = write_report(result, folder, wrote=wrote)
@@ -428,7 +428,7 @@ def _before_backgrounds(result: "Report") -> "Report":
     from mishutter.report import STILL_SHARES, background_gains
 
     row = result.comparison.rows[0]
-    if row.at_worst or row.speed != "unknown":
+    if row.at_worst or row.decoder.knows_speed:
         return result
     with progress_bar("before a background", len(STILL_SHARES)) as update:
         gains = background_gains(result.scene, step=_counting(update))

@@ -41,12 +41,6 @@ _BY_CONTENT = {
     FormatName.PULSES: "the half exposure",
 }
 """Numbers that a file of each format does not hold, and that its reader needs."""
-_LEVELS = {
-    "unknown": "expected PSNR / dB",
-    "found": "expected PSNR, speed found / dB",
-    "told": "expected PSNR, told the speed / dB",
-}
-"""Names of the expected level, by the decoder's knowledge of the speed."""
 _WITHOUT_TIME = (FormatName.COLUMN, FormatName.RIGOL, FormatName.NPY)
 """Formats whose sample rate is set at the generator."""
 
@@ -192,13 +186,16 @@ def _without_path(design: "Design") -> str:
 
 def _print_losses(document: Mapping[str, Any]) -> None:
     """Prints the metrics of a design beside those of its drive table."""
+    from mishutter.evaluation import SPEED_KNOWLEDGE
+
+    aside = SPEED_KNOWLEDGE[document["decoder_speed"]].aside
     columns = {"design": "metrics_of_design", "as driven": "metrics"}
     if "metrics_of_blind_stage" in document:
         columns["stage sent its path"] = "metrics_of_blind_stage"
     rows = [
         [name, *(f"{document[key][field]:.4g}" for key in columns.values())]
         for name, field in (
-            (_LEVELS[document["decoder_speed"]], "psnr_of_decoder"),
+            (f"expected PSNR{aside} / dB", "psnr_of_decoder"),
             ("condition number", "condition_number"),
             ("relative kernel difference", "relative_kernel_difference"),
             ("efficiency", "efficiency"),

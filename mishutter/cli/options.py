@@ -75,7 +75,7 @@ LossOption = Annotated[
         rich_help_panel=DESIGN,
         help="Quantity to minimise. expected-error: the error of the restored picture by one "
         "filter for all speeds. worst-speed: the same at the worst of the speeds. known-speed: by "
-        "a filter that is told the speed. found-speed: by a decoder that finds the speed in the "
+        "a filter that knows the speed. found-speed: by a decoder that finds the speed in the "
         "picture. design: condition number, kernel difference and lost light; it ignores noise "
         "and moves only the profile [default: the error by the scene's decoder].",
     ),

@@ -15,6 +15,7 @@ from mishutter.cli.console import (
     interruptible,
     note,
     print_table,
+    print_text,
     progress_bar,
     start_jax,
     write_json,
@@ -280,21 +281,28 @@ _COLUMNS = (
     "PSNR dB",
     "- snap.",
     "- Hann",
-    "cond.",
-    "rel. diff.",
-    "light",
 )
+_OTHER_METRICS = ("condition_number", "relative_kernel_difference", "efficiency")
+"""Metrics that follow the level and its gains."""
 
 
 def _deliver(dataset: "xarray.Dataset", scene: "Scene", folder: Path | None, as_json: bool) -> None:
-    from mishutter.sweeps import best_points, best_snapshots, gain_over, gain_over_snapshot
+    from mishutter.evaluation import METRICS
+    from mishutter.sweeps import (
+        best_points,
+        best_snapshots,
+        gain_over,
+        gain_over_snapshot,
+        level_of,
+    )
 
     values = dataset.load()
-    snapshot = best_snapshots(scene)
+    level = level_of(_RANGES, values)
+    snapshot = best_snapshots(scene, level=level)
     gains = values.assign(
         over_snapshot=gain_over_snapshot(values, scene), over_hann=gain_over(values, "Hann")
     )
-    best = {name: _point_of(point, scene) for name, point in best_points(gains).items()}
+    best = {name: _point_of(point, scene, level) for name, point in best_points(gains).items()}
     files = []
     if folder is not None:
         from mishutter.report import write_pictures
@@ -304,7 +312,7 @@ def _deliver(dataset: "xarray.Dataset", scene: "Scene", folder: Path | None, as_
         document = {
             "best": best,
             "best_snapshot": {
-                "expected_psnr": float(snapshot.expected_psnr[0, 0]),
+                level: float(snapshot[level][0, 0]),
                 "half_exposure_ms": float(snapshot.half_exposure[0, 0]) * 1e3,
                 "velocity_px_per_s": float(snapshot.velocity[0, 0]),
             },
@@ -314,21 +322,24 @@ def _deliver(dataset: "xarray.Dataset", scene: "Scene", folder: Path | None, as_
         }
         write_json(document)
     else:
-        rows = [[name, *_cells(point)] for name, point in best.items()]
+        others = [METRICS[name] for name in _OTHER_METRICS]
+        forms = [metric.form for metric in others]
+        rows = [[name, *_cells(point, forms)] for name, point in best.items()]
+        columns = [*_COLUMNS, *(metric.heading for metric in others)]
         is_ended = any(point["at_end_of"] for point in best.values())
-        print_table(f"Best points of the sweep{_AT_END if is_ended else ''}", _COLUMNS, rows)
+        print_table(f"Best points of the sweep{_AT_END if is_ended else ''}", columns, rows)
+        print_text(f"PSNR dB: {METRICS[level].meaning}.")
     if files:
         note(f"{folder}: {', '.join(files)}")
 
 
-def _point_of(point: "xarray.Dataset", scene: "Scene") -> dict[str, str | float]:
+def _point_of(point: "xarray.Dataset", scene: "Scene", level: str) -> dict[str, str | float]:
     """A point of a sweep as plain text and numbers."""
     from mishutter.model import ParabolicMotion
 
     a, half, velocity = (float(point[n]) for n in ("acceleration", "half_exposure", "velocity"))
     motion = ParabolicMotion(acceleration=a, half_exposure=half, velocity=velocity)
-    names = ("expected_psnr", "over_snapshot", "over_hann", "condition_number")
-    names += ("relative_kernel_difference", "efficiency")
+    names = (level, "over_snapshot", "over_hann", *_OTHER_METRICS)
     numbers: dict[str, str | float] = {
         "shutter": str(point.shutter.values),
         "velocity_px_per_s": velocity + 0.0,
@@ -341,9 +352,9 @@ def _point_of(point: "xarray.Dataset", scene: "Scene") -> dict[str, str | float]
     return numbers | {name: float(point[name]) for name in names}
 
 
-def _cells(point: dict[str, str | float]) -> list[str]:
-    """The cells of a point under the names of `_COLUMNS`."""
-    formats = (".1f", ".3g", ".4g", ".3f", ".2f", "+.2f", "+.2f", ".2f", ".3f", ".3f")
+def _cells(point: dict[str, str | float], others: list[str]) -> list[str]:
+    """The cells of a point under the names of `_COLUMNS`, then others in their formats."""
+    formats = (".1f", ".3g", ".4g", ".3f", ".2f", "+.2f", "+.2f", *others)
     ends = tuple(filter(None, str(point["at_end_of"]).split(", ")))
     left_out = ("shutter", "top_speed_px_per_s", "at_end_of")
     numbers = {name: value for name, value in point.items() if name not in left_out}

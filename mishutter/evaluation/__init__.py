@@ -1,8 +1,5 @@
 """Evaluation of a design: needs of a scene, response, metrics and losses."""
 
-from mishutter.evaluation.batch import ERRORS_BY_LIGHT as ERRORS_BY_LIGHT
-from mishutter.evaluation.batch import KERNEL_METRICS as KERNEL_METRICS
-from mishutter.evaluation.batch import SPECTRUM_METRICS as SPECTRUM_METRICS
 from mishutter.evaluation.batch import LightLevels as LightLevels
 from mishutter.evaluation.batch import Rules as Rules
 from mishutter.evaluation.batch import Shapes as Shapes
@@ -12,12 +9,14 @@ from mishutter.evaluation.batch import scenes_for as scenes_for
 from mishutter.evaluation.bursts import best_burst as best_burst
 from mishutter.evaluation.ceilings import ceiling as ceiling
 from mishutter.evaluation.ensembles import without_tolerances as without_tolerances
+from mishutter.evaluation.errors import SpectralLevels as SpectralLevels
+from mishutter.evaluation.errors import spectral_levels as spectral_levels
 from mishutter.evaluation.found_speed import LEAST_DIFFERENCE as LEAST_DIFFERENCE
 from mishutter.evaluation.found_speed import found_psnr as found_psnr
 from mishutter.evaluation.found_speed import found_share as found_share
-from mishutter.evaluation.found_speed import found_share_of as found_share_of
 from mishutter.evaluation.found_speed import open_time as open_time
 from mishutter.evaluation.found_speed import smear_difference as smear_difference
+from mishutter.evaluation.found_speed import smear_difference_of as smear_difference_of
 from mishutter.evaluation.layers import SEARCHED_EFFECTIVE_SPEEDS as SEARCHED_EFFECTIVE_SPEEDS
 from mishutter.evaluation.layers import background_of as background_of
 from mishutter.evaluation.layers import moments_on_dft as moments_on_dft
@@ -37,16 +36,13 @@ from mishutter.evaluation.losses import LossFunction as LossFunction
 from mishutter.evaluation.losses import WeightedSum as WeightedSum
 from mishutter.evaluation.losses import WorstSpeedLoss as WorstSpeedLoss
 from mishutter.evaluation.losses import as_loss as as_loss
-from mishutter.evaluation.losses import decoder_speed_of as decoder_speed_of
-from mishutter.evaluation.losses import is_of_worst_speed as is_of_worst_speed
-from mishutter.evaluation.losses import loss_of_decoder as loss_of_decoder
 from mishutter.evaluation.losses import one_real_number as one_real_number
 from mishutter.evaluation.losses import value_of as value_of
-from mishutter.evaluation.metrics import FILTERS as FILTERS
+from mishutter.evaluation.metrics import METRICS as METRICS
+from mishutter.evaluation.metrics import Metric as Metric
 from mishutter.evaluation.metrics import Metrics as Metrics
-from mishutter.evaluation.metrics import SpectralLevels as SpectralLevels
 from mishutter.evaluation.metrics import evaluate as evaluate
-from mishutter.evaluation.metrics import spectral_levels as spectral_levels
+from mishutter.evaluation.metrics import named_metrics as named_metrics
 from mishutter.evaluation.metrics import squared_error_within as squared_error_within
 from mishutter.evaluation.needs import ONLY_SPECTRA as ONLY_SPECTRA
 from mishutter.evaluation.needs import PLANNED as PLANNED
@@ -81,6 +77,16 @@ from mishutter.evaluation.sensor_view import require_view_sizes as require_view_
 from mishutter.evaluation.sensor_view import sampled_view as sampled_view
 from mishutter.evaluation.sensor_view import sensor_view as sensor_view
 from mishutter.evaluation.sensor_view import transmittance as transmittance
+from mishutter.evaluation.speed_knowledge import KNOWN_SPEED as KNOWN_SPEED
+from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE as SPEED_KNOWLEDGE
+from mishutter.evaluation.speed_knowledge import UNKNOWN_SPEED as UNKNOWN_SPEED
+from mishutter.evaluation.speed_knowledge import SpeedKnowledge as SpeedKnowledge
+from mishutter.evaluation.speed_knowledge import is_of_worst_speed as is_of_worst_speed
+from mishutter.evaluation.speed_knowledge import knowledge_of as knowledge_of
+from mishutter.evaluation.speed_knowledge import knowledge_of_saved as knowledge_of_saved
+from mishutter.evaluation.speed_knowledge import loss_of_decoder as loss_of_decoder
+from mishutter.evaluation.speed_knowledge import loss_of_level as loss_of_level
+from mishutter.evaluation.speed_knowledge import metrics_of as metrics_of
 from mishutter.evaluation.tolerances import ToleranceCost as ToleranceCost
 from mishutter.evaluation.tolerances import ToleranceCosts as ToleranceCosts
 from mishutter.evaluation.tolerances import tolerance_costs as tolerance_costs

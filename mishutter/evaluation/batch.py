@@ -16,45 +16,37 @@ from jaxtyping import Array, Float, Int
 
 from mishutter._core import compiled, in_threads, num_threads
 from mishutter.blur import BLOCK, ExposureQuadrature, condition_number, exposure_quadrature
-from mishutter.evaluation.ensembles import without_tolerances
-from mishutter.evaluation.layers import computed_speeds
+from mishutter.evaluation.ensembles import ensemble_of, without_tolerances
 from mishutter.evaluation.lengths import (
     longest_within_limits,
     num_frequencies,
     occurring_speeds,
 )
 from mishutter.evaluation.metrics import (
-    bound_share,
-    differences_from,
-    expected_squared_error,
-    worst_squared_error,
+    Evaluation,
+    KernelSums,
+    named_metrics,
 )
 from mishutter.evaluation.needs import Plan, effective_speeds, folds_speeds, reduced, sized_for
 from mishutter.evaluation.response import (
     Records,
     Response,
-    aligned_spectra,
     assembled,
     kernels_and_efficiency,
+    spectra_of,
 )
 from mishutter.evaluation.sensor_view import transmittance
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
     Scene,
+    Tolerances,
     aligned,
     piecewise,
     reach_of_parabola,
     steady,
 )
 
-KERNEL_METRICS = ("condition_number", "kernel_difference", "relative_kernel_difference")
-ERRORS_BY_LIGHT = {
-    "expected_psnr": expected_squared_error,
-    "worst_speed_psnr": worst_squared_error,
-}
-"""Squared error of each PSNR, by its name: they depend on light and noise."""
-SPECTRUM_METRICS = (*ERRORS_BY_LIGHT, "bound_share")
 _TAPS = 64
 """Taps of a block."""
 _DESIGNS_A_CALL = 64
@@ -78,6 +70,8 @@ class Sizes(NamedTuple):
         aside: Whole taps from the first one to that of an object at rest: 0 where the sensor
             moves.
         num_effective_speeds: Effective speeds of two layers; 0 for a picture that moves as a whole.
+        num_frequencies_within: Frequencies of the expected error within the scene's tolerances.
+        num_nodes_within: Nodes over the exposure for these.
     """
 
     num_taps: Int[np.ndarray, "n"]
@@ -88,13 +82,22 @@ class Sizes(NamedTuple):
     num_nodes: Int[np.ndarray, "n"]
     aside: Int[np.ndarray, "n"]
     num_effective_speeds: Int[np.ndarray, "n"]
+    num_frequencies_within: Int[np.ndarray, "n"]
+    num_nodes_within: Int[np.ndarray, "n"]
+
+    @property
+    def within_tolerances(self) -> "Sizes":
+        """The sizes of transfer functions within the scene's tolerances."""
+        return self._replace(
+            num_frequencies=self.num_frequencies_within, num_nodes=self.num_nodes_within
+        )
 
     @staticmethod
     def of(scene: Scene, motions: AbstractMotion, *, skips: bool) -> "Sizes":
         """Sizes of a scene on many motions; without skips the full ones are the sufficient ones.
 
         Args:
-            scene: The scene.
+            scene: The scene; without tolerances where no metric is of these.
             motions: Motions without velocity, whose numbers have a leading axis.
             skips: Whether parts that change no result are left out.
         """
@@ -109,23 +112,53 @@ class Sizes(NamedTuple):
         num_taps, dft_length = (plans.each(name) for name in ("num_taps", "dft_length"))
         speeds = occurring_speeds(scene).reshape(-1, *(1,) * np.ndim(sag))
         spread = np.asarray(aligned(sag[None], speeds * half).extent)[0]
-        counts = num_frequencies(scene, spread)
         aside = np.minimum(np.ceil(float(scene.max_speed) * half), num_taps // 2)
         aside = np.where(turns, 0, aside).astype(int)
         num_reached = np.where(turns, np.ceil(reach) + 1, 2 * aside + 1)
+        spread_within, velocity_within = spread, velocity
+        if scene.tolerances is not None:
+            spread_within, velocity_within = _travel_within(scene, scene.tolerances, motions)
         if not skips:
-            velocity, num_reached = np.maximum(velocity, longest), num_taps
+            num_reached = num_taps
+            velocity, velocity_within = (
+                np.maximum(x, longest) for x in (velocity, velocity_within)
+            )
         halves, index = np.unique(half, return_inverse=True)
         return Sizes(
             num_taps=num_taps,
             dft_length=dft_length,
-            num_frequencies=counts,
+            num_frequencies=num_frequencies(scene, spread),
             num_reached_taps=np.minimum(num_reached, num_taps).astype(int),
             num_still_taps=np.minimum(np.ceil(sag) + 1, num_taps).astype(int),
-            num_nodes=_by_whole(velocity, lambda x: sized_for(0.0, x)).each("num_nodes"),
+            num_nodes=_nodes_for(velocity),
             aside=aside,
             num_effective_speeds=np.array([effective_speeds(scene, x) for x in halves], int)[index],
+            num_frequencies_within=num_frequencies(scene, spread_within),
+            num_nodes_within=_nodes_for(velocity_within),
         )
+
+
+def _nodes_for(velocity: Float[np.ndarray, "n"]) -> Int[np.ndarray, "n"]:
+    """Nodes over the exposure for objects that pass at some px per half exposure."""
+    return _by_whole(velocity, lambda x: sized_for(0.0, x)).each("num_nodes")
+
+
+def _travel_within(
+    scene: Scene, tolerances: Tolerances, motions: AbstractMotion
+) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
+    """Greatest spread of light, px, and velocity, px per half exposure, within tolerances."""
+    speeds = jnp.asarray(occurring_speeds(scene), scene.speeds.dtype)
+
+    def at_errors(motion: AbstractMotion) -> tuple[Array, Array]:
+        return ensemble_of(speeds, tolerances, motion, np.dtype(scene.speeds.dtype))
+
+    ensemble = jax.vmap(at_errors)(motions)
+    accelerations, shifted = (np.asarray(x, np.float64) for x in ensemble)
+    half = np.asarray(motions.half_exposure, np.float64)[:, None]
+    sag, smear = accelerations * half**2, np.moveaxis(shifted, -1, 0) * half
+    _, velocity = reach_of_parabola(sag, np.max(np.abs(smear), axis=0))
+    spread = np.asarray(aligned(sag[None], smear).extent)[0]
+    return spread.max(axis=1), np.asarray(velocity).max(axis=1)
 
 
 class Shapes(NamedTuple):
@@ -150,8 +183,9 @@ class Shapes(NamedTuple):
         """
         lengths = {1024, *(int(x) for sizes in each for x in np.unique(sizes.dft_length))}
         still = max((int(x) for sizes in each for x in sizes.num_still_taps), default=1)
-        nodes = [_whole_blocks(np.unique(sizes.num_nodes)) for sizes in each]
-        node_counts = {BLOCK, *(int(x) for counts in nodes for x in counts)}
+        counts = [np.append(sizes.num_nodes, sizes.num_nodes_within) for sizes in each]
+        nodes = [_whole_blocks(np.unique(count)) for count in counts]
+        node_counts = {BLOCK, *(int(x) for count in nodes for x in count)}
         return Shapes(tuple(sorted(lengths)), still, tuple(sorted(node_counts)))
 
 
@@ -235,14 +269,16 @@ class _Designs(NamedTuple):
         motion: Motion of the sensor.
         need: Numbers that the loops need.
         shares: Shares of the shutters of the `Rules` in the design's own.
+        efficiency: Throughput of the design.
     """
 
     motion: AbstractMotion
     need: _Need
     shares: Float[Array | np.ndarray, "*n k"]
+    efficiency: Float[Array | np.ndarray, "*n"]
 
 
-class _KernelSums(NamedTuple):
+class _BlockSums(NamedTuple):
     """Sums over the blocks of a kernel: two of squares, and the kernel of an object at rest."""
 
     difference: Float[Array, ""]
@@ -272,11 +308,10 @@ def _whole_blocks(count: Int[np.ndarray, "n"]) -> Int[np.ndarray, "n"]:
 
 
 def scenes_for(scenes: Sequence[Scene], shutter: AbstractShutter, *, skips: bool) -> list[Scene]:
-    """Scenes with only the speeds that a shutter asks for, as many in each, and no tolerances.
+    """Scenes with only the speeds that a shutter asks for, as many in each.
 
     Each keeps its background, and the decision whether its speeds are folded.
     """
-    scenes = [without_tolerances(scene) for scene in scenes]
     folds = [folds_speeds(scene, scene.fullest_motion, shutter) for scene in scenes]
     plans = [Plan(1, 1, 16, 1, skips=skips, folds=each) for each in folds]
     needed = [reduced(scene, plan) for scene, plan in zip(scenes, plans, strict=True)]
@@ -328,12 +363,14 @@ def measure(
         rules: Its rules; those of its coordinates where each design has its own.
         shapes: Sizes that hold all designs.
         sizes: Sizes that each design asks for.
-        metrics: Names of the metrics. PSNRs have the shape `(n, p, r)`, others `(n,)`.
+        metrics: Names of the metrics. Those that see light have the shape `(n, p, r)`, others
+            `(n,)`. Those within tolerances are NaN for a scene without any.
         levels: Light and noise that each design is measured in.
         boxes: Coordinates of each design's own shutter, where the rules are of `k + 1` shutters: a
             closed one, and each coordinate open. None for one shutter.
     """
     dtype, count = np.dtype(rules.tau.dtype), sizes.num_taps.size
+    chosen = named_metrics(metrics)
     shares = np.ones((count, 1), dtype)
     if boxes is not None:  # a device may leak light through a closed shutter
         shares = np.column_stack([1 - boxes.sum(axis=1), boxes]).astype(dtype)
@@ -342,39 +379,68 @@ def measure(
         most = float(scene.device.transmission)
         is_open = efficiency >= most * (1 - _ROUNDINGS * np.finfo(dtype).eps)
         brightness = np.where(is_open, 1 / most, 1.0)
-    values = {"efficiency": efficiency * brightness}
-    moving = bool(set(metrics) & set(KERNEL_METRICS[1:]))
-    designs = _Designs(motions, _need_of(sizes, shapes, motions, dtype, moving), shares)
+    efficiency = efficiency * brightness
+    values = {"efficiency": efficiency}
+    moving = any(metric.parts.differences for metric in chosen)
+    need = _need_of(sizes, shapes, motions, dtype, moving)
+    designs = _Designs(motions, need, shares, efficiency.astype(dtype))
     pictured = designs._replace(shares=shares * brightness[:, None].astype(dtype))
-    of_kernels = tuple(name for name in metrics if name in KERNEL_METRICS)
-    of_picture = tuple(name for name in metrics if name in SPECTRUM_METRICS)
+    designed = without_tolerances(scene)
+    of_kernels = tuple(metric.name for metric in chosen if metric.parts.kernels)
     if of_kernels:
         kernels = partial(
             _kernel_numbers,
             shutter=shutter,
             is_own=boxes is not None,
-            scene=scene.with_occlusion(None),
+            scene=designed.with_occlusion(None),
             shapes=shapes,
             metrics=of_kernels,
         )
         values |= _by_parts(kernels, designs, np.arange(count))
-    if of_picture:
-        levels = LightLevels(*(jnp.asarray(x, dtype) for x in levels))
-        counts = np.stack([sizes.num_frequencies, sizes.num_effective_speeds], axis=1)
-        for count_of_each in np.unique(counts, axis=0):
-            number, effective = map(int, count_of_each)
-            picture = partial(
-                _picture_numbers,
-                rules=rules,
-                scene=_on_grid(scene, number, effective),
-                levels=levels,
-                num_frequencies=number,
-                metrics=of_picture,
-            )
-            index = np.flatnonzero(np.all(counts == count_of_each, axis=1))
-            for name, part in _by_parts(picture, pictured, index).items():
-                whole = values.setdefault(name, np.zeros((count, *part.shape[1:]), dtype))
-                whole[index] = part
+    levels = LightLevels(*(jnp.asarray(x, dtype) for x in levels))
+    in_groups = partial(_of_picture, designs=pictured, rules=rules, shapes=shapes, levels=levels)
+    of_picture = [metric for metric in chosen if metric.parts.spectra or metric.sees_light]
+    names = tuple(metric.name for metric in of_picture if not metric.within_tolerances)
+    if names:
+        values |= in_groups(designed, sizes, metrics=names)
+    names = tuple(metric.name for metric in of_picture if metric.within_tolerances)
+    if names and scene.tolerances is None:
+        shape = count, levels.photon_rates.size, levels.read_noises.size
+        values |= {name: np.full(shape, np.nan, dtype) for name in names}
+    elif names:
+        values |= in_groups(scene, sizes.within_tolerances, metrics=names)
+    return values
+
+
+def _of_picture(
+    scene: Scene,
+    sizes: Sizes,
+    *,
+    designs: _Designs,
+    rules: Rules,
+    shapes: Shapes,
+    levels: LightLevels,
+    metrics: tuple[str, ...],
+) -> dict[str, np.ndarray]:
+    """Metrics of transfer functions of designs, by groups of equal sizes."""
+    need = _need_of(sizes, shapes, designs.motion, np.dtype(rules.tau.dtype), moving=False)
+    designs = designs._replace(need=need)
+    counts = np.stack([sizes.num_frequencies, sizes.num_effective_speeds], axis=1)
+    values: dict[str, np.ndarray] = {}
+    for count_of_each in np.unique(counts, axis=0):
+        number, effective = map(int, count_of_each)
+        picture = partial(
+            _picture_numbers,
+            rules=rules,
+            scene=_on_grid(scene, number, effective),
+            levels=levels,
+            num_frequencies=number,
+            metrics=metrics,
+        )
+        index = np.flatnonzero(np.all(counts == count_of_each, axis=1))
+        for name, part in _by_parts(picture, designs, index).items():
+            whole = values.setdefault(name, np.zeros((len(counts), *part.shape[1:]), part.dtype))
+            whole[index] = part
     return values
 
 
@@ -427,16 +493,18 @@ def _kernel_numbers(
     metrics: tuple[str, ...],
 ) -> dict[str, Array]:
     """Metrics of kernels."""
+    chosen = named_metrics(metrics)
+    moving = any(metric.parts.differences for metric in chosen)
 
     def of_design(design: _Designs) -> dict[str, Array]:
         motion, need, box = design.motion, design.need, jnp.asarray(design.shares)
         own = shutter.at(box[1:]) if is_own else shutter  # type: ignore[attr-defined]
         profile = transmittance(scene, motion, own)
-        speeds = scene.speeds if set(metrics) & set(KERNEL_METRICS[1:]) else scene.speeds[:0]
+        speeds = scene.speeds if moving else scene.speeds[:0]
         speeds = jnp.append(jnp.zeros(1, box.dtype), speeds.astype(box.dtype))
         plan = Plan(_TAPS, _TAPS, 1, 1)
 
-        def add(block: Int[Array, ""], sums: _KernelSums) -> _KernelSums:
+        def add(block: Int[Array, ""], sums: _BlockSums) -> _BlockSums:
             first = need.first + (block * _TAPS).astype(box.dtype)
             kernels, efficiency = kernels_and_efficiency(
                 profile, motion, speeds, first, num_taps=_TAPS, num_runs=1
@@ -444,7 +512,7 @@ def _kernel_numbers(
             some = assembled(scene, Records(kernels, jnp.zeros(0), efficiency), plan)
             # A block without light of an object at rest goes to the room behind its kernel.
             start = ((block - need.still_block) * _TAPS,)
-            return _KernelSums(
+            return _BlockSums(
                 sums.difference + jnp.sum(some.differences**2),
                 sums.still + jnp.sum(some.still_kernel**2),
                 jax.lax.dynamic_update_slice(sums.taps, some.still_kernel, start),
@@ -452,13 +520,15 @@ def _kernel_numbers(
 
         room = (-(-shapes.still_taps // _TAPS) + 1) * _TAPS
         zero = jnp.zeros((), box.dtype)
-        nothing = _KernelSums(zero, zero, jnp.zeros(room, box.dtype))
+        nothing = _BlockSums(zero, zero, jnp.zeros(room, box.dtype))
         sums = jax.lax.fori_loop(0, need.num_blocks, add, nothing)
         branches = [partial(_condition, length=length) for length in shapes.dft_lengths]
-        raw, relative = differences_from(scene, motion, sums.difference, sums.still)
-        values = jax.lax.switch(need.dft, branches, sums.taps), raw, relative
-        by_name: dict[str, Array] = dict(zip(KERNEL_METRICS, values, strict=True))
-        return {name: by_name[name] for name in metrics}
+        condition = jax.lax.switch(need.dft, branches, sums.taps)
+        kernels = KernelSums(sums.difference, sums.still, condition)
+        empty = jnp.zeros(0, box.dtype)
+        response = Response(empty, empty, empty, empty, jnp.asarray(design.efficiency))
+        evaluation = Evaluation(scene, motion, response, kernels)
+        return {metric.name: metric.formula(evaluation) for metric in chosen}
 
     return jax.lax.map(of_design, designs)
 
@@ -479,6 +549,7 @@ def _picture_numbers(
     metrics: tuple[str, ...],
 ) -> dict[str, Array]:
     """Metrics of transfer functions."""
+    chosen = named_metrics(metrics)
     each_pair = jnp.meshgrid(levels.photon_rates, levels.read_noises, indexing="ij")
     rates, noises = (x.ravel() for x in each_pair)
 
@@ -486,27 +557,19 @@ def _picture_numbers(
         motion, at, box = design.motion, design.need.rule, jnp.asarray(design.shares)
         efficiency = box @ rules.efficiency
         nodes = ExposureQuadrature(rules.tau[at], box @ rules.weight[at], efficiency)
-        spectra = aligned_spectra(
-            nodes,
-            motion,
-            computed_speeds(scene),
-            num_frequencies=num_frequencies,
-            num_blocks=rules.num_blocks[at],
-        )
+        spectra = spectra_of(scene, nodes, motion, num_frequencies, num_blocks=rules.num_blocks[at])
         nothing = jnp.zeros(0, box.dtype)
         response = Response(nothing, nothing, nothing, spectra, efficiency)
 
-        def psnr(pair: tuple[Float[Array, ""], Float[Array, ""]]) -> dict[str, Array]:
+        def of_light(pair: tuple[Float[Array, ""], Float[Array, ""]]) -> dict[str, Array]:
             own = eqx.tree_at(lambda s: (s.photon_rate, s.read_noise), scene, pair)
-            names = [name for name in metrics if name in ERRORS_BY_LIGHT]
-            errors = {name: ERRORS_BY_LIGHT[name](own, motion, response) for name in names}
-            return {name: -10 * jnp.log10(error) for name, error in errors.items()}
+            evaluation = Evaluation(own, motion, response)
+            return {m.name: m.formula(evaluation) for m in chosen if m.sees_light}
 
         shape = levels.photon_rates.size, levels.read_noises.size
-        by_level = jax.lax.map(psnr, (rates, noises))
+        by_level = jax.lax.map(of_light, (rates, noises))
         values = {name: level.reshape(shape) for name, level in by_level.items()}
-        if "bound_share" in metrics:
-            values["bound_share"] = bound_share(scene, motion, response)
-        return values
+        evaluation = Evaluation(scene, motion, response)
+        return values | {m.name: m.formula(evaluation) for m in chosen if not m.sees_light}
 
     return jax.lax.map(of_design, designs)

@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 
 from mishutter._core import compiled, outside_trace, require_known
 from mishutter.evaluation.ensembles import without_tolerances
-from mishutter.evaluation.metrics import known_speed_squared_error
+from mishutter.evaluation.errors import known_speed_squared_error
 from mishutter.evaluation.needs import ONLY_SPECTRA, Plan, sizes
 from mishutter.evaluation.response import Response, respond
 from mishutter.evaluation.sensor_view import sampled_view

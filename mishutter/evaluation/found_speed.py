@@ -1,4 +1,4 @@
-"""Share of the gain from being told the speed that a decoder keeps if it finds the speed itself.
+"""Share of the gain from knowing the speed that a decoder keeps if it finds the speed itself.
 
 `benchmarks/speed.py` measures the share on photographs, for several cameras. A speed can be found
 only if the blur differs between speeds by more than the softness that a photograph has of its own.
@@ -12,7 +12,7 @@ from mishutter._core import as_array_like, namespace_of
 from mishutter.model import AbstractMotion, Scene
 
 FOUND_SHARE = 0.8
-"""Share of the gain from being told the speed, in decibels, that a speed-finding decoder keeps."""
+"""Share of the gain from knowing the speed, in decibels, that a speed-finding decoder keeps."""
 LEAST_DIFFERENCE = 29.0
 """Greatest `smear_difference` at which no speed is found: photographs may be as soft; px."""
 _ENOUGH_DIFFERENCE = 36.0
@@ -56,7 +56,7 @@ def smear_difference(speeds: Speeds, weights: Speeds, open_time: Number) -> Numb
 
 
 def found_share(difference: Number, share: float = FOUND_SHARE) -> Number:
-    r"""Share of the gain from being told the speed, in decibels, that finding the speed keeps.
+    r"""Share of the gain from knowing the speed, in decibels, that finding the speed keeps.
 
     It depends on the `smear_difference` $d$. Up to $d_0$ = 29 px it is 0, as the blur differs too
     little between speeds to tell them apart. From there to $d_1$ = 36 px it is $(3 - 2x)x^2$ of
@@ -71,22 +71,27 @@ def found_share(difference: Number, share: float = FOUND_SHARE) -> Number:
     return share * (3 - 2 * x) * x**2
 
 
-def found_psnr(untold: ArrayLike, told: ArrayLike, share: ArrayLike) -> Float[Array, ""]:
+def found_psnr(unknown: ArrayLike, known: ArrayLike, share: ArrayLike) -> Float[Array, ""]:
     """PSNR expected of a decoder that finds the speed, from the PSNRs of two others; dB.
 
     Args:
-        untold: PSNR of one filter for all speeds; dB.
-        told: PSNR of a filter that is told the speed; dB.
+        unknown: PSNR of one filter for all speeds; dB.
+        known: PSNR of a filter that knows the speed; dB.
         share: The `found_share`.
     """
-    untold, told = jnp.asarray(untold), jnp.asarray(told)
-    share = jnp.asarray(share, told.dtype)
-    return jnp.where(told == untold, untold, untold + share * (told - untold))
+    unknown, known = jnp.asarray(unknown), jnp.asarray(known)
+    share = jnp.asarray(share, known.dtype)
+    return jnp.where(known == unknown, unknown, unknown + share * (known - unknown))
 
 
 def found_share_of(
     scene: Scene, motion: AbstractMotion, efficiency: Number, share: float = FOUND_SHARE
 ) -> Float[Array, ""]:
     """The `found_share` of a camera with this throughput; the scene is in the sensor's frame."""
+    return jnp.asarray(found_share(smear_difference_of(scene, motion, efficiency), share))
+
+
+def smear_difference_of(scene: Scene, motion: AbstractMotion, efficiency: Number) -> Number:
+    """The `smear_difference` of a camera with this throughput, in the sensor's frame; px."""
     time = open_time(scene, motion.half_exposure, efficiency)
-    return jnp.asarray(found_share(smear_difference(scene.speeds, scene.weights, time), share))
+    return smear_difference(scene.speeds, scene.weights, time)

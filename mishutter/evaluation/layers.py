@@ -416,7 +416,7 @@ class LayerMoments(NamedTuple):
 
 
 def layer_moments(
-    scene: Scene, motion: AbstractMotion, spectra: Complex[Array, "rows kept"], *, told: bool
+    scene: Scene, motion: AbstractMotion, spectra: Complex[Array, "rows kept"], *, of_each: bool
 ) -> LayerMoments:
     r"""Moments of a capture of two layers, by transfer functions at the `computed_speeds`.
 
@@ -429,18 +429,18 @@ def layer_moments(
         scene: The scene, `with_shares`.
         motion: Motion of the sensor, without velocity.
         spectra: Transfer functions at all errors and speeds, at the lowest of the frequencies.
-        told: Whether the decoder is told the objects' speed, and moments are of each.
+        of_each: Whether the moments are those of each speed, for a decoder that knows it.
     """
     shares: LayerShares = scene.occlusion.shares  # type: ignore[union-attr]
     real, num_kept = np.dtype(spectra.real.dtype), spectra.shape[1]
     every = spectra.reshape(error_weights(scene).size, -1, num_kept)
     errors = jnp.asarray(error_weights(scene), real)
-    textures, weight = _texture_weights(scene, num_kept, real, told=told)
+    textures, weight = _texture_weights(scene, num_kept, real, of_each=of_each)
     rows, beat_rows = every[:, : textures.shape[1]], every[:, textures.shape[1] :]
     mean = jnp.einsum("e,orf,erf->of", *(x.astype(spectra.dtype) for x in (errors, textures)), rows)
     beat = None
     if shares.speeds.size:
-        beat = _beat_moments(scene, motion, beat_rows, told=told)
+        beat = _beat_moments(scene, motion, beat_rows, of_each=of_each)
         mean = mean + weight.astype(mean.dtype) * beat.mean
     spread = jnp.einsum(
         "e,orf,oerf->of", errors, textures, _squared(rows[None] - mean[:, None, None])
@@ -494,11 +494,11 @@ def _num_occurring(scene: Scene, num_speeds: int) -> np.ndarray:
 
 @compiled
 def _moments_on_dft(scene: Scene, motion: AbstractMotion, spectra: Array) -> LayerMoments:
-    return layer_moments(scene, motion, spectra, told=False)
+    return layer_moments(scene, motion, spectra, of_each=False)
 
 
 def _texture_weights(
-    scene: Scene, num_kept: int, dtype: np.dtype, *, told: bool
+    scene: Scene, num_kept: int, dtype: np.dtype, *, of_each: bool
 ) -> tuple[Float[Array, "moments rows kept"], Float[Array, "moments kept"]]:
     """Weights of the textures that move rigidly, `(o, r, f)`, and of the beat, `(o, f)`."""
     shares: LayerShares = scene.occlusion.shares  # type: ignore[union-attr]
@@ -507,7 +507,7 @@ def _texture_weights(
     )
     prior, behind = (x.astype(dtype) for x in (scene.weights, shares.background_weights))
     speeds, background = (x.astype(dtype) for x in (scene.speeds, shares.background_speeds))
-    chosen = jnp.eye(speeds.size, dtype=dtype) if told else prior[None]
+    chosen = jnp.eye(speeds.size, dtype=dtype) if of_each else prior[None]
     apart = behind @ (background[:, None] != speeds[None]).astype(dtype)
     together = objects[None] + (jnp.sum(behind) - apart)[:, None] * same[None]
     together = chosen[:, :, None] * together[None]
@@ -523,7 +523,7 @@ def _beat_moments(
     motion: AbstractMotion,
     spectra: Complex[Array, "errors nodes kept"],
     *,
-    told: bool,
+    of_each: bool,
 ) -> LayerMoments:
     r"""Moments of the beat alone, $m_b = \sum V_k H_k$ and $v_b = \sum W_k|H_k|^2 - |m_b|^2$.
 
@@ -546,7 +546,7 @@ def _beat_moments(
 
     each = behind, beat, jnp.moveaxis(_distances(scene, motion, dtype), 1, 0)
     sums = jax.lax.scan(added, (nothing,) * 3, each)[0]
-    if not told:
+    if not of_each:
         sums = (jnp.sum(x * prior[None, :, None, None], axis=1, keepdims=True) for x in sums)
     power, real, imag = (_folded(x, shares) for x in sums)
     whole = jnp.sum(power, axis=2, keepdims=True)

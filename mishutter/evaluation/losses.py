@@ -13,14 +13,14 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from mishutter._core import compiled, is_concrete, require
-from mishutter.evaluation.found_speed import FOUND_SHARE, found_share_of
-from mishutter.evaluation.metrics import (
+from mishutter.evaluation.errors import (
     expected_squared_error,
     freely_aligned,
-    kernel_differences,
     known_speed_squared_error,
     squared_errors_by_speed,
 )
+from mishutter.evaluation.found_speed import FOUND_SHARE, found_share_of
+from mishutter.evaluation.metrics import kernel_differences
 from mishutter.evaluation.needs import ONLY_SPECTRA, PLANNED, Automatic, Parts, Plan
 from mishutter.evaluation.response import Response, respond
 from mishutter.evaluation.sensor_view import sampled_view
@@ -287,14 +287,14 @@ class ExpectedErrorLoss(AbstractResponseLoss):
 
 @final
 class KnownSpeedLoss(AbstractResponseLoss):
-    r"""Expected RMS error over the picture's deviation, of a decoder that is told the speed.
+    r"""Expected RMS error over the picture's deviation, of a decoder that knows the speed.
 
     The square root of `known_speed_squared_error` over $\sigma_f$, in the units of
     `ExpectedErrorLoss`, which it never exceeds: each speed has a linear filter of its own.
     `Metrics.known_speed_psnr` measures the same error.
     """
 
-    decoder_speed: ClassVar[DecoderSpeed | None] = "told"
+    decoder_speed: ClassVar[DecoderSpeed | None] = "known"
 
     def parts(self, plan: Plan) -> Parts:
         return ONLY_SPECTRA
@@ -310,9 +310,9 @@ class KnownSpeedLoss(AbstractResponseLoss):
 class FoundSpeedLoss(AbstractResponseLoss):
     r"""Expected RMS error over the picture's deviation, of a decoder that finds the speed.
 
-    $E_k^{s/2}E^{(1-s)/2}/\sigma_f$ of the squared errors $E_k$ of a decoder that is told the speed
+    $E_k^{s/2}E^{(1-s)/2}/\sigma_f$ of the squared errors $E_k$ of a decoder that knows the speed
     (`KnownSpeedLoss`) and $E$ of one filter for all speeds (`ExpectedErrorLoss`): in decibels, a
-    share $s$ of the gain from being told the speed. This `found_share` is 0 where the blur differs
+    share $s$ of the gain from knowing the speed. This `found_share` is 0 where the blur differs
     too little between speeds to tell them apart. On photographs an open shutter on a parabola keeps
     0.85 of the gain by total variation and 0.93 by the ensemble filter. A profile that tapers hides
     the speed and keeps some 0.43. As the share is the same for all profiles, it favours those that
@@ -341,12 +341,12 @@ class FoundSpeedLoss(AbstractResponseLoss):
     ) -> Float[Array, ""]:
         require_whole(scene, "FoundSpeedLoss")
         count = plan.num_frequencies
-        told = known_speed_squared_error(scene, motion, response, count)
-        untold = expected_squared_error(scene, motion, response, count)
-        told, untold = _over_contrast(scene, told), _over_contrast(scene, untold)
-        share = found_share_of(scene, motion, response.efficiency, self.share).astype(told.dtype)
-        some = told > 0
-        mixed = jnp.where(some, told, 1.0) ** share * jnp.where(some, untold, 1.0) ** (1 - share)
+        known = known_speed_squared_error(scene, motion, response, count)
+        unknown = expected_squared_error(scene, motion, response, count)
+        known, unknown = _over_contrast(scene, known), _over_contrast(scene, unknown)
+        share = found_share_of(scene, motion, response.efficiency, self.share).astype(known.dtype)
+        some = known > 0
+        mixed = jnp.where(some, known, 1.0) ** share * jnp.where(some, unknown, 1.0) ** (1 - share)
         return jnp.where(some, mixed, 0.0)
 
 
@@ -383,29 +383,6 @@ def _smooth_maximum(values: Float[Array, "n"]) -> Float[Array, ""]:
     share = jnp.where(some, values / jnp.where(some, largest, 1.0), 1.0)
     total = jnp.sum(share**_SHARPNESS_OF_SPEEDS) ** (1 / _SHARPNESS_OF_SPEEDS)
     return jnp.where(some, largest * total, 0.0)
-
-
-def loss_of_decoder(scene: Scene) -> AbstractLoss:
-    """The expected error of the decoder that a scene names."""
-    losses = (ExpectedErrorLoss, FoundSpeedLoss, KnownSpeedLoss)
-    return next(loss() for loss in losses if loss.decoder_speed == scene.decoder_speed)
-
-
-def decoder_speed_of(loss_name: str, scene: Scene) -> DecoderSpeed:
-    """The knowledge of the speed that a design's decoder has.
-
-    Args:
-        loss_name: Representation of the loss that the design minimises.
-        scene: The scene, which names the decoder of any other loss.
-    """
-    losses = (ExpectedErrorLoss, FoundSpeedLoss, KnownSpeedLoss, WorstSpeedLoss)
-    by_name: dict[str, DecoderSpeed | None] = {loss.__name__: loss.decoder_speed for loss in losses}
-    return by_name.get(loss_name.partition("(")[0]) or scene.decoder_speed
-
-
-def is_of_worst_speed(loss_name: str) -> bool:
-    """Whether a design is for the worst of the speeds, by the representation of its loss."""
-    return loss_name.partition("(")[0] == WorstSpeedLoss.__name__
 
 
 def _over_contrast(scene: Scene, squared: Float[Array, ""]) -> Float[Array, ""]:

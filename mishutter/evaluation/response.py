@@ -305,6 +305,17 @@ def aligned_spectra(
             derivative. None for all.
     """
     position = _positions(nodes.tau, motion, computed.speeds, computed.occurs)
+    return _waves(position, nodes, num_frequencies, num_kept, num_blocks)
+
+
+def _waves(
+    position: Float[Array, "s q"],
+    nodes: ExposureQuadrature,
+    num_frequencies: int,
+    num_kept: int | None,
+    num_blocks: Int[Array, ""] | None,
+) -> Complex[Array, "s m"]:
+    """Transfer functions of objects at some positions, px, at each node."""
     weight, num_kept = nodes.weight[None], num_kept or num_frequencies
     if num_blocks is None:
         return sum_of_waves(position, weight, num_frequencies, num_kept)
@@ -330,15 +341,28 @@ def spectra_of(
     motion: AbstractMotion,
     num_frequencies: int,
     num_kept: int | None = None,
+    *,
+    num_blocks: Int[Array, ""] | None = None,
 ) -> Complex[Array, "s m"]:
     """The `aligned_spectra` of a scene; within its tolerances, in order of `ensemble_weights`."""
     computed, tolerances = computed_speeds(scene), scene.tolerances
     if tolerances is None:
         return aligned_spectra(
-            nodes, motion, computed, num_frequencies=num_frequencies, num_kept=num_kept
+            nodes,
+            motion,
+            computed,
+            num_frequencies=num_frequencies,
+            num_kept=num_kept,
+            num_blocks=num_blocks,
         )
     return _scattered_spectra(
-        nodes, motion, computed, tolerances, num_frequencies=num_frequencies, num_kept=num_kept
+        nodes,
+        motion,
+        computed,
+        tolerances,
+        num_frequencies=num_frequencies,
+        num_kept=num_kept,
+        num_blocks=num_blocks,
     )
 
 
@@ -351,6 +375,7 @@ def _scattered_spectra(
     *,
     num_frequencies: int,
     num_kept: int | None,
+    num_blocks: Int[Array, ""] | None,
 ) -> Complex[Array, "s m"]:
     """Transfer functions of an ensemble, each acceleration aligned by itself."""
     occurs = jnp.tile(computed.occurs, tolerances.num_speeds)
@@ -361,4 +386,4 @@ def _scattered_spectra(
     speeds = computed.speeds.astype(nodes.tau.dtype)
     position = at_each_error(positions, speeds, tolerances, motion)
     rows = position.reshape(-1, position.shape[-1])
-    return sum_of_waves(rows, nodes.weight[None], num_frequencies, num_kept or num_frequencies)
+    return _waves(rows, nodes, num_frequencies, num_kept, num_blocks)

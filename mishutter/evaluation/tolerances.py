@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 
 from mishutter._core import compiled, outside_trace, require_known
 from mishutter.evaluation.ensembles import without_tolerances
-from mishutter.evaluation.metrics import expected_squared_error, unaware_squared_error
+from mishutter.evaluation.errors import expected_squared_error, unaware_squared_error
 from mishutter.evaluation.needs import ONLY_SPECTRA, PLANNED, Plan
 from mishutter.evaluation.response import Records, assembled, records
 from mishutter.evaluation.sensor_view import sampled_view

@@ -9,25 +9,25 @@ import numpy as np
 from jaxtyping import ArrayLike, Float, Shaped
 
 from mishutter.evaluation import (
-    FILTERS,
     Metrics,
     SpectralLevels,
+    SpeedKnowledge,
     coarser,
     evaluate,
     found_psnr,
-    found_share_of,
     kernel_phase,
     kernels_at_speeds,
+    knowledge_of,
     loss_of_decoder,
     sensor_view,
     sizes,
+    smear_difference_of,
     spectral_levels,
 )
 from mishutter.hardware import Design
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
-    DecoderSpeed,
     ParabolicMotion,
     Scene,
     profile_of,
@@ -158,10 +158,9 @@ def curves(
     time = np.linspace(-half, half, _PATH_POINTS)
     levels = spectral_levels(scene, motion, shutter)
     stroke = float(scene.limits.of_stage(motion).stroke)
+    decoder = knowledge_of(scene)
     numbers = (
-        None
-        if at_once
-        else _numbers(evaluate(scene, motion, shutter), motion, stroke, scene.decoder_speed)
+        None if at_once else _numbers(evaluate(scene, motion, shutter), motion, stroke, decoder)
     )
     return {
         "time": _short(tau * half * 1e3),
@@ -170,9 +169,9 @@ def curves(
         "path": _short(motion.position(time)),
         **_sent(scene, motion, time),
         **_kernels(scene, motion, shutter),
-        "of_decoder": FILTERS[scene.decoder_speed],
-        **_signal(levels, scene.decoder_speed),
-        **_over_speeds(levels, scene.decoder_speed),
+        "of_decoder": decoder.filter_words,
+        **_signal(levels, decoder),
+        **_over_speeds(levels, decoder),
         "numbers": {"psnr": _level(scene, motion, shutter, levels)} if numbers is None else numbers,
     }
 
@@ -201,9 +200,9 @@ def _kernels(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> 
     }
 
 
-def _signal(levels: SpectralLevels, speed: DecoderSpeed) -> Numbers:
+def _signal(levels: SpectralLevels, decoder: SpeedKnowledge) -> Numbers:
     """Signal over noise at frequencies in equal ratios."""
-    frequency, ratio = levels.frequencies, levels.of(speed).signal_over_noise
+    frequency, ratio = levels.frequencies, decoder.of(levels).signal_over_noise
     even = np.geomspace(frequency[0], frequency[-1], _SPECTRUM_POINTS)
     places = np.unique(np.searchsorted(frequency, even).clip(0, frequency.size - 1))
     with np.errstate(divide="ignore"):
@@ -211,12 +210,12 @@ def _signal(levels: SpectralLevels, speed: DecoderSpeed) -> Numbers:
     return {"frequency": _short(frequency[places]), "signal": _short(level, 4)}
 
 
-def _over_speeds(levels: SpectralLevels, speed: DecoderSpeed) -> Numbers:
+def _over_speeds(levels: SpectralLevels, decoder: SpeedKnowledge) -> Numbers:
     """PSNR at each speed by the filter that the decoder restores with."""
     speeds = levels.speeds
     count = min(speeds.size, _MOST_SPEEDS)
     shown = np.linspace(0, speeds.size - 1, count).round().astype(int)
-    return {"speeds": _short(speeds[shown]), "psnr": _short(levels.of(speed).psnr[shown])}
+    return {"speeds": _short(speeds[shown]), "psnr": _short(decoder.of(levels).psnr[shown])}
 
 
 def _level(
@@ -230,20 +229,19 @@ def _level(
         error = float(np.average(10 ** (-psnr[places] / 10), weights=weights))
         return -10 * math.log10(error) if error > 0 else math.inf
 
-    if scene.decoder_speed == "found":
-        view = sensor_view(scene, motion, shutter)
-        share = found_share_of(view.scene, view.motion, view.shutter.efficiency())
-        return float(found_psnr(mean(levels.untold.psnr), mean(levels.told.psnr), share))
-    return mean(levels.of(scene.decoder_speed).psnr)
+    view = sensor_view(scene, motion, shutter)
+    difference = smear_difference_of(view.scene, view.motion, view.shutter.efficiency())
+    share = knowledge_of(scene).share(difference)
+    return float(found_psnr(mean(levels.unknown.psnr), mean(levels.known.psnr), share))
 
 
 def _numbers(
-    metrics: Metrics, motion: AbstractMotion, stroke: float, speed: DecoderSpeed
+    metrics: Metrics, motion: AbstractMotion, stroke: float, decoder: SpeedKnowledge
 ) -> Numbers:
     """Numbers of a design beside its curves and in its row of the table."""
-    worst = metrics.worst_psnr_of(speed)
+    worst = decoder.worst_psnr(metrics)
     return {
-        "psnr": float(metrics.psnr_of(speed)),
+        "psnr": float(decoder.psnr(metrics)),
         **({} if worst is None else {"worst_speed_psnr": float(worst)}),
         "known_speed_psnr": float(metrics.known_speed_psnr),
         "condition": float(metrics.condition_number),
@@ -261,17 +259,14 @@ def table(comparison: "Comparison") -> Numbers:
     Args:
         comparison: The comparison.
     """
-    rows = [
-        _numbers(row.metrics, row.motion, row.stroke, row.speed)
-        | {
-            "name": row.name,
-            "gain": comparison.over_snapshot(row.level),
-            "frames": row.num_frames,
-        }
-        for row in shown_rows(comparison).values()
-    ]
+    from mishutter.report import page_table
+
+    shown = shown_rows(comparison)
+    wide = page_table(comparison, list(shown.values()))
+    cells = zip(shown, wide.rows, strict=True)
+    rows = [{"name": name, "cells": list(each)} for name, each in cells]
     words = {"verdict": comparison.verdict, "notes": list(comparison.notes)}
-    return {"rows": rows, "ceiling": comparison.ceiling, **words}
+    return {"columns": list(wide.columns), "rows": rows, "ceiling": comparison.ceiling, **words}
 
 
 def shown_rows(comparison: "Comparison") -> dict[str, Row]:

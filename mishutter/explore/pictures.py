@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from mishutter._core import require
 from mishutter.camera import kernel_layout
+from mishutter.evaluation import knowledge_of
 from mishutter.model import Scene, picture_arguments
 from mishutter.pictures import (
     PICTURE_FORMATS,
@@ -150,9 +151,9 @@ def restored(
 
     Returns:
         The `reference`, and for each design the pictures `captured` and `restored`, as PNG in base
-        64, and the `psnr` in linear light, dB. `knows` is the knowledge of the speed by the scene's
-        decoder; if it finds the speed, `found` has the fields of the `SpeedEstimate` that are no
-        arrays, otherwise it is None.
+        64, and the `psnr` in linear light, dB. `aside` says in words what the scene's decoder knows
+        of the speed; if it finds the speed, `found` has the fields of the `SpeedEstimate` that are
+        no arrays, otherwise it is None.
 
     Raises:
         ValueError: if the photograph is too narrow for the blur.
@@ -165,7 +166,8 @@ def restored(
     require(columns >= least, "the photograph", requirement, columns)
     width = min(columns, max(least, _COLUMNS + longest))
     first = (columns - width) // 2
-    finds = scene.decoder_speed == "found"
+    knowledge = knowledge_of(scene)
+    finds = knowledge.finds_speed
     num_rows = ROWS_TO_FIND if finds else _ROWS
     part = Picture(light=_middle(photograph.part.light, num_rows)[:, first : first + width].copy())
     along, designs, reference = scene.along_rows(), [], None
@@ -188,7 +190,7 @@ def restored(
         pictures = {"captured": captured * gain, "restored": result.restored[0]}
         pair = {name: _png(turned(picture, scene.axis)) for name, picture in pictures.items()}
         estimate = estimate_speed(captured, along, row.motion, row.shutter) if finds else None
-        speed_of_decoder = {"knows": scene.decoder_speed, "found": _plain(estimate)}
+        speed_of_decoder = {"aside": knowledge.aside, "found": _plain(estimate)}
         designs.append({"name": name, "psnr": level, **pair, **speed_of_decoder})
     return {
         "speed": speed,

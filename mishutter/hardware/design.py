@@ -11,11 +11,13 @@ import numpy as np
 
 from mishutter._core import contents, parsed, require, shown, strict_json, validated, write_text
 from mishutter.evaluation import (
+    KNOWN_SPEED,
+    UNKNOWN_SPEED,
     Metrics,
     Plan,
-    decoder_speed_of,
     evaluate,
     is_of_worst_speed,
+    knowledge_of_saved,
     transmittance,
 )
 from mishutter.hardware.design_schema import FORMAT, SAVED_SCENE, SavedDesign, SavedMotion
@@ -92,20 +94,13 @@ class Design:
 
         The first is the level that the search maximised, or that of the scene's decoder.
         """
-        m = self.metrics
-        levels = {
-            "unknown": ("by one linear filter", m.expected_psnr),
-            "within": ("by one linear filter, within the tolerances", m.toleranced_psnr),
-            "worst": ("by one linear filter, at the worst speed", m.worst_speed_psnr),
-            "found": ("by a decoder that finds the speed", m.found_speed_psnr),
-            "told": ("by a linear filter that is told the speed", m.known_speed_psnr),
-        }
-        first: str = decoder_speed_of(self.loss_name, self.scene)
-        if first == "unknown" and m.toleranced_psnr is not None:
-            first = "within"
-        first = "worst" if is_of_worst_speed(self.loss_name) else first
-        order = dict.fromkeys((first, "unknown", "within", "worst", "told"))
-        return {w: float(x) for w, x in map(levels.__getitem__, order) if x is not None}
+        decoder = knowledge_of_saved(self.loss_name, self.scene)
+        at_worst = decoder.worst_level if is_of_worst_speed(self.loss_name) else None
+        first = at_worst or decoder.judge(self.scene)
+        words = decoder.words | UNKNOWN_SPEED.words | KNOWN_SPEED.words
+        order = dict.fromkeys((first, *UNKNOWN_SPEED.words, KNOWN_SPEED.level))
+        levels = {words[name]: getattr(self.metrics, name) for name in order}
+        return {each: float(level) for each, level in levels.items() if level is not None}
 
     def __repr__(self) -> str:
         """The camera and its loss in one line, of which nothing has to be computed."""

@@ -22,8 +22,8 @@ from mishutter._core import (
 )
 from mishutter.evaluation import (
     Metrics,
-    decoder_speed_of,
     evaluate,
+    knowledge_of_saved,
     transmittance,
     without_tolerances,
 )
@@ -221,7 +221,7 @@ class DriveTable:
     def to_dict(self) -> dict[str, Any]:
         """The table and its metrics, as plain numbers."""
         blind = self.blind_metrics()
-        speed = decoder_speed_of(self.design.loss_name, self.design.scene)
+        decoder = knowledge_of_saved(self.design.loss_name, self.design.scene)
         metrics = {"metrics": self.metrics(), "metrics_of_design": self.design.metrics}
         metrics |= {} if blind is None else {"metrics_of_blind_stage": blind}
         return {
@@ -238,9 +238,9 @@ class DriveTable:
             "settling_time_ms": self.settling_time * 1e3,
             "sensor_position_px": self.position.tolist(),
             "sensor_velocity_px_per_s": self.velocity.tolist(),
-            "decoder_speed": speed,
+            "decoder_speed": decoder.name,
             **{
-                name: metrics_to_dict(each) | {"psnr_of_decoder": float(each.psnr_of(speed))}
+                name: metrics_to_dict(each) | {"psnr_of_decoder": float(decoder.psnr(each))}
                 for name, each in metrics.items()
             },
         }

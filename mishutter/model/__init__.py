@@ -39,6 +39,7 @@ from mishutter.model.scene import NYQUIST_FREQUENCY as NYQUIST_FREQUENCY
 from mishutter.model.scene import Burst as Burst
 from mishutter.model.scene import DecoderSpeed as DecoderSpeed
 from mishutter.model.scene import Scene as Scene
+from mishutter.model.scene import as_decoder_speed as as_decoder_speed
 from mishutter.model.scene import require_scene as require_scene
 from mishutter.model.scene import require_whole as require_whole
 from mishutter.model.scene import seen_from as seen_from

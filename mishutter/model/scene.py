@@ -2,7 +2,7 @@
 
 import os
 from dataclasses import fields
-from typing import Literal, final, get_args
+from typing import Any, Literal, final, get_args
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -49,8 +49,16 @@ spectrum that stands for a photograph where a scene brings none, the highest fre
 that a sensor records (cycles/px), and how many equal steps up to it are looked at, at least."""
 
 
-DecoderSpeed = Literal["unknown", "found", "told"]
+DecoderSpeed = Literal["unknown", "found", "known"]
 """The knowledge that a decoder has of the speed of a picture."""
+DecoderWord = Literal[DecoderSpeed, "told"]
+"""The same in files and scripts, which may hold the older word for the last."""
+_OLDER_WORDS: dict[object, DecoderSpeed] = {"told": "known"}
+
+
+def as_decoder_speed(word: Any) -> Any:
+    """The word of today for a decoder's knowledge; files and stores may hold an older one."""
+    return _OLDER_WORDS.get(word, word) if isinstance(word, str) else word
 
 
 @final
@@ -116,8 +124,8 @@ class Scene(eqx.Module):
         occlusion: Objects that hide part of a background; by default the picture moves as a whole.
         decoder_speed: What the decoder knows of a picture's speed: `"unknown"`, one filter for all
             speeds; `"found"`, which a `SpeedFindingDecoder` finds in the picture, where that moves
-            as a whole; or `"told"`. The loss of searches and comparisons is by default the expected
-            error of that decoder.
+            as a whole; or `"known"`, as something measures it. The loss of searches and comparisons
+            is by default the expected error of that decoder.
         axis: Axis of pictures along which things and the sensor move: `"rows"`, across, or
             `"columns"`, a positive speed down. Captures, decoders and photographs know it.
         motion: Motion to start from or to compare at; by default the `fullest_motion` of the
@@ -181,7 +189,7 @@ class Scene(eqx.Module):
         stage: SecondOrderStage | None = None,
         tolerances: Tolerances | None = None,
         occlusion: Occlusion | None = None,
-        decoder_speed: DecoderSpeed = "unknown",
+        decoder_speed: DecoderWord = "unknown",
         axis: Axis = "rows",
         motion: AbstractMotion | None = None,
         picture: str | os.PathLike[str] | None = None,
@@ -211,7 +219,7 @@ class Scene(eqx.Module):
         self.stage = stage
         self.tolerances = tolerances
         self.occlusion = occlusion
-        self.decoder_speed = decoder_speed
+        self.decoder_speed = as_decoder_speed(decoder_speed)
         self.axis = axis
         self.given_motion = motion
         self.picture = os.fspath(picture) if isinstance(picture, os.PathLike) else picture
@@ -258,11 +266,12 @@ class Scene(eqx.Module):
         if self.full_well is not None:
             require_scalar("Scene(full_well=...)", self.full_well)
             require_at_least("Scene(full_well=...)", self.full_well, "above 0", strict=True)
-        requirement = "be 'unknown', 'found' or 'told'"
+        *words, last = map(repr, get_args(DecoderSpeed))
+        requirement = f"be {', '.join(words)} or {last}"
         is_valid = self.decoder_speed in get_args(DecoderSpeed)
         require(is_valid, "Scene(decoder_speed=...)", requirement, self.decoder_speed)
         whole = self.occlusion is None or self.decoder_speed != "found"
-        requirement = "be 'unknown' or 'told' before a background: one speed is no picture's there"
+        requirement = "be 'unknown' or 'known' before a background: one speed is no picture's there"
         require(whole, "Scene(decoder_speed=...)", requirement, self.decoder_speed)
         is_valid = self.axis in get_args(Axis)
         require(is_valid, "Scene(axis=...)", "be 'rows' or 'columns'", self.axis)

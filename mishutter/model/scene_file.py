@@ -247,7 +247,7 @@ def _built(file: SceneFile, folder: Path, photographs: Photographs | None) -> Sc
     )
     occlusion = _occlusion(file.occlusion, scales)
     is_whole = occlusion is None or file.decoder.speed != "found"
-    requirement = "be 'unknown' or 'told' beside [occlusion], where no one speed is the picture's"
+    requirement = "be 'unknown' or 'known' beside [occlusion], where no one speed is the picture's"
     require(is_whole, "[decoder] speed", requirement, file.decoder.speed)
     rivals = file.rivals or RivalsSection()
     return Scene(

@@ -2,12 +2,12 @@
 
 from typing import Annotated, Literal, final
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from mishutter._core import Section
 from mishutter.model.occlusion import Background
 from mishutter.model.optics import WIDEST_BLUR
-from mishutter.model.scene import DecoderSpeed
+from mishutter.model.scene import DecoderSpeed, as_decoder_speed
 from mishutter.pictures import Axis
 
 Speed = Annotated[float, Field(ge=-1e7, le=1e7)]
@@ -195,7 +195,7 @@ class TolerancesSection(Section):
 class DecoderSection(Section):
     """The decoder that restores the pictures, and its knowledge of the speed."""
 
-    speed: DecoderSpeed = "unknown"
+    speed: Annotated[DecoderSpeed, BeforeValidator(as_decoder_speed)] = "unknown"
 
 
 @final

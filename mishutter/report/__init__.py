@@ -9,7 +9,6 @@ from mishutter.report.backgrounds import background_gains as background_gains
 from mishutter.report.backgrounds import background_line as background_line
 from mishutter.report.comparison import Comparison as Comparison
 from mishutter.report.comparison import compare as compare
-from mishutter.report.comparison import level_or_dash as level_or_dash
 from mishutter.report.comparison import with_verdict as with_verdict
 from mishutter.report.document import Report as Report
 from mishutter.report.document import document as document
@@ -34,4 +33,7 @@ from mishutter.report.plots import shown_name as shown_name
 from mishutter.report.sweep_plots import plot_front as plot_front
 from mishutter.report.sweep_plots import plot_map as plot_map
 from mishutter.report.sweep_plots import write_pictures as write_pictures
+from mishutter.report.tables import Table as Table
+from mishutter.report.tables import comparison_tables as comparison_tables
+from mishutter.report.tables import page_table as page_table
 from mishutter.report.verdict import device_notes as device_notes

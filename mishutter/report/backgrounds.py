@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 from mishutter._core import alone_in_blas, outside_trace, require_known
-from mishutter.evaluation import ExpectedErrorLoss
+from mishutter.evaluation import ExpectedErrorLoss, knowledge_of
 from mishutter.model import Occlusion, Scene, require_scene
 from mishutter.search import RivalSearch, Row, best_row, optimise, snapshots
 
@@ -57,7 +57,7 @@ def background_gains(
     """
     require_scene(scene)
     require_known("background_gains", scene=scene)
-    is_whole = scene.occlusion is None and scene.decoder_speed == "unknown"
+    is_whole = scene.occlusion is None and not knowledge_of(scene).knows_speed
     if not is_whole or float(scene.max_speed) == 0:
         return ()
     gains, loss = [], ExpectedErrorLoss()

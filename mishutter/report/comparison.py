@@ -20,6 +20,7 @@ from mishutter.evaluation import (
 )
 from mishutter.hardware import Design, metrics_to_dict, motion_to_dict
 from mishutter.model import AbstractMotion, AbstractShutter, Scene, require_scene
+from mishutter.report.tables import comparison_tables
 from mishutter.report.verdict import (
     Case,
     comparison_notes,
@@ -41,12 +42,6 @@ from mishutter.search import (
 )
 
 _NO_DETAIL = "This scene's picture holds no detail: there is nothing to restore or to gain."
-_HEADER = (
-    f"{'shutter':<21}{'PSNR dB':>9}{'worst speed':>13}{'cond.':>8}{'diff.':>8}{'rel.':>7}"
-    f"{'light':>7}{'bound':>7}{'stroke px':>11}{'pan px/s':>10}{'exposure ms':>13}{'loss':>9}"
-)
-_WITHIN = f"{'within dB':>11}"
-"""Header of the expected PSNR within the scene's tolerances."""
 
 
 @dataclass(frozen=True)
@@ -170,42 +165,8 @@ class Comparison:
         return {"rows": rows, "rivals": rivals, **words, **numbers, **costs}
 
     def text(self) -> str:
-        """The verdict, the tables and their notes as text."""
-        lines = [self.verdict, ""]
-        for reading in dict.fromkeys(row.reading for row in self.rows):
-            lines += [f"{reading}", _HEADER if self.costs is None else _HEADER + _WITHIN]
-            lines += [_line(row) for row in self.rows if row.reading == reading]
-            lines.append("")
-            if reading == OWN_BEST_MOTION:
-                lines.append("gain of each purchase over buying nothing")
-                lines += [self._purchase_line(*item) for item in self.rivals.items()]
-                lines += [*self.notes, ""]
-                lines += [] if self.costs is None else [self.costs.text(), ""]
-        return "\n".join(lines[:-1])
-
-    def _purchase_line(self, purchase: str, row: Row) -> str:
-        gain = f"{self.over_nothing(row.level):+.2f} dB"
-        return f"{purchase:<10}{row.name:<21}{row.level:>9.2f} dB, {gain}, {row.setting}"
-
-
-def level_or_dash(level: float | None) -> str:
-    """A level in a table, dB; a dash where there is none."""
-    return "–" if level is None else f"{level:.2f}"
-
-
-def _line(row: Row) -> str:
-    """A row under the names of `_HEADER`."""
-    m = row.metrics
-    loss = "" if row.loss is None else f"{row.loss:.4f}"
-    within = "" if row.within is None else f"{row.within:>11.2f}"
-    worst = f"{level_or_dash(row.worst_psnr):>13}"
-    return (
-        f"{row.name:<21}{row.psnr:>9.2f}{worst}{float(m.condition_number):>8.2f}"
-        f"{float(m.kernel_difference):>8.4f}{float(m.relative_kernel_difference):>7.3f}"
-        f"{float(m.efficiency):>7.3f}{float(m.bound_share):>7.3f}"
-        f"{row.stroke:>11.2f}{float(row.motion.velocity) + 0.0:>10.1f}"
-        f"{float(row.motion.exposure) * 1e3:>13.3f}{loss:>9}{within}"
-    )
+        """The verdict and the tables, as the command prints them, as text."""
+        return "\n\n".join([self.verdict, *(table.text() for table in comparison_tables(self))])
 
 
 @alone_in_blas()
@@ -223,7 +184,7 @@ def compare(
     r"""Measure shutters beside the baselines, in two readings.
 
     Every row is judged by the decoder that the scene names, unless the loss names another. With
-    `KnownSpeedLoss` the decoder is told the speed of the picture, with `FoundSpeedLoss` it finds
+    `KnownSpeedLoss` the decoder knows the speed of the picture, with `FoundSpeedLoss` it finds
     the speed, and with `WorstSpeedLoss` rows are judged at the worst of the speeds.
 
     *Own best motion*: exposure, velocity and acceleration are tuned for each shutter by the same

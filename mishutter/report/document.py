@@ -222,7 +222,7 @@ def _drawings(report: Report) -> "dict[str, Callable[[], Figure]]":
     scene, shown = report.scene, report.photographs
     rows = pictured_rows(report.comparison, report.names)
     designs = {name: (row.motion, row.shutter) for name, row in rows.items()}
-    speed = next(iter(rows.values())).speed
+    speed = next(iter(rows.values())).decoder.name
     few = dict(itertools.islice(designs.items(), _MOST_ROWS))
     drawings: dict[str, Callable[[], Figure]] = {
         "profile.png": lambda: plots.plot_profiles(designs),

@@ -69,7 +69,7 @@ def photograph_of(
     """
     if scene.picture is None:
         return None
-    finds = any(row.speed == "found" for row in rows.values())
+    finds = any(row.decoder.finds_speed for row in rows.values())
     count = ROWS_TO_FIND if finds else _MAX_ROWS
     picture = _middle_rows(scene_picture(scene), scene.axis, count)
     motions = [row.motion for row in rows.values()]
@@ -122,7 +122,7 @@ def photographs(
             speeds=speeds,
             num_seeds=num_seeds,
             least_taps=longest,
-            decoder_speed=row.speed,
+            decoder_speed=row.decoder.name,
         )
         update(name)
         tried = results[ENSEMBLE].speeds

@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from mishutter._core import require, write_bytes
 from mishutter.evaluation import (
-    FILTERS,
+    SPEED_KNOWLEDGE,
     kernel_phase,
     kernels_at_speeds,
     picture_power,
@@ -46,12 +46,6 @@ _FIRST_ERROR = 0.01
 """Share of the error below the frequency at which an axis begins."""
 _DETAIL = (48, 64)
 """Extent of a magnified detail across and along the axis of motion; px."""
-_RESTORED: Mapping[DecoderSpeed, str] = {
-    "unknown": "restored",
-    "found": "restored, speed found",
-    "told": "restored, told speed",
-}
-"""Titles of restored details, by what the decoder knows of the speed."""
 _IN_DOUBT = "restored, speed in doubt"
 """Title of a detail that is restored for all likely speeds, as none that was found is trusted."""
 _LAYERED_WIDTH = 3.3
@@ -282,7 +276,7 @@ def plot_transfer(
     The upper panel has the power of the picture over the power of its disturbances: noise, and, for
     one filter for all speeds, the spread between them. The lower panel has the squared error of
     that filter, summed up to each frequency; its last value is that of the expected PSNR. A decoder
-    that finds the speed is drawn with the filter that is told it, as it restores where the speed
+    that finds the speed is drawn with the filter that knows it, as it restores where the speed
     that it finds is right. The axis begins where the sum of the first design reaches a hundredth
     of its end.
 
@@ -291,12 +285,13 @@ def plot_transfer(
         designs: Motions and shutters by name.
         decoder_speed: Knowledge that the decoder has of the speed, as `Scene.decoder_speed`.
     """
+    knowledge = SPEED_KNOWLEDGE[decoder_speed]
     figure, (ratios, errors) = _new(2, height=2.9, share=True)
     begin = 0.5
     for (name, (motion, shutter)), style in zip(designs.items(), line_styles(), strict=False):
         levels = spectral_levels(scene, motion, shutter)
         frequency = levels.frequencies
-        single = levels.of(decoder_speed).signal_over_noise
+        single = knowledge.of(levels).signal_over_noise
         ratio, dtype = np.asarray(single, np.float64), single.dtype
         power = np.asarray(picture_power(scene, ratio.size, dtype), np.float64)
         error = np.cumsum(power / (1 + ratio)) / ratio.size
@@ -311,7 +306,7 @@ def plot_transfer(
     errors.set(ylabel="cumulative squared error / 10⁻³", ylim=(0, None))
     errors.set(xlabel="spatial frequency / (cycles/px)", xlim=(begin, 0.5))
     errors.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    _legend(figure, errors, f"expected PSNR of {FILTERS[decoder_speed]}, linear light")
+    _legend(figure, errors, f"expected PSNR of {knowledge.filter_words}, linear light")
     return figure
 
 
@@ -431,7 +426,7 @@ def plot_photograph(
     require(len(results) > 0, "plot_photograph(results=...)", "hold a result", 0)
     require(len(speeds) > 0, "plot_photograph(speeds=...)", "hold a speed", 0)
     results = {name: result.turned(axis) for name, result in results.items()}
-    restoration = _RESTORED[decoder_speed]
+    restoration = f"restored{SPEED_KNOWLEDGE[decoder_speed].aside}"
     scene = next(iter(results.values())).reference
     offsets = [_offset(scene, result.reference) for result in results.values()]
     place = _busiest(scene, list(results.values()), offsets, detail)

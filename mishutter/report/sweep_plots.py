@@ -26,7 +26,13 @@ from mishutter.report.plots import (
     save_figure,
     shown_name,
 )
-from mishutter.sweeps import OBJECTIVES, OPTIMISED, gain_over_snapshot, pareto_front
+from mishutter.sweeps import (
+    OPTIMISED,
+    gain_over_snapshot,
+    is_higher_better,
+    level_of,
+    pareto_front,
+)
 
 if TYPE_CHECKING:
     import xarray
@@ -86,10 +92,11 @@ def write_pictures(dataset: "xarray.Dataset", scene: Scene, folder: Path) -> lis
         OSError: if one cannot be written.
     """
     gain = gain_over_snapshot(dataset, scene)
+    level = level_of("write_pictures(dataset=...)", dataset)
     widened = dataset.assign(gain_over_snapshot=gain)
     figures = {
         "map.png": plot_map(widened, "gain_over_snapshot"),
-        "pareto.png": plot_front(dataset, ("condition_number", "expected_psnr")),
+        "pareto.png": plot_front(dataset, ("condition_number", level)),
     }
     for name, figure in figures.items():
         save_figure(figure, folder / name)
@@ -101,7 +108,7 @@ _OF_MAP = Margins(left=0.95, right=0.75, top=0.65)
 
 
 def plot_map(
-    dataset: "xarray.Dataset", metric: str = "expected_psnr", *, shutter: str | None = None
+    dataset: "xarray.Dataset", metric: str | None = None, *, shutter: str | None = None
 ) -> "Figure":
     """Draws a metric over acceleration and exposure, with the optimum marked.
 
@@ -114,14 +121,15 @@ def plot_map(
 
     Args:
         dataset: The result of `sweep`, of one scene and light.
-        metric: A variable of it.
+        metric: A variable of it; the level of its decoder by default.
         shutter: The shutter to draw; the best at each point by default.
 
     Raises:
         ValueError: if the metric or the shutter is not in the dataset, it is of several
             scenes or lights, or no point is within the limits.
     """
-    smaller = not OBJECTIVES.get(metric, True)
+    metric = level_of("plot_map(dataset=...)", dataset) if metric is None else metric
+    smaller = not is_higher_better(metric)
     values = _values(dataset, metric, shutter, smaller)
     within = ~np.isnan(values)
     reached = bool(np.any(within))

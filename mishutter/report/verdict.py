@@ -127,18 +127,14 @@ def _room(case: Case) -> str:
     )
 
 
-def _hides_speed(case: Case) -> bool:
-    return case.choice.speed == "found" and case.choice.hides_speed
-
-
 def _needs_no_shutter(case: Case) -> bool:
     needs_stage_alone = case.is_coded and case.choice.required_hardware == {STAGE}
-    return needs_stage_alone and case.choice.speed != "unknown" and not _hides_speed(case)
+    return needs_stage_alone and case.choice.decoder.knows_speed and not case.choice.hides_speed
 
 
 def _no_shutter(case: Case) -> str:
-    knows = "finds" if case.choice.speed == "found" else "is told"
-    return f"A stage and a decoder that {knows} the speed: no shutter is needed."
+    verb = case.choice.decoder.verb
+    return f"A stage and a decoder that {verb} the speed: no shutter is needed."
 
 
 def _own_is_no_simpler(case: Case) -> bool:
@@ -177,7 +173,7 @@ RULES = (
     Rule(lambda case: case.is_coded and _requires_less(case), _parts),
     Rule(lambda case: case.is_coded and not _requires_less(case), _room),
     Rule(
-        _hides_speed,
+        lambda case: case.choice.hides_speed,
         lambda case: "No speed can be found: the blur differs too little over the speeds.",
     ),
     Rule(_needs_no_shutter, _no_shutter),

@@ -34,7 +34,14 @@ from mishutter.camera import (
     rows_last,
     through_optics,
 )
-from mishutter.evaluation import PLANNED, Automatic, Plan, found_share, sensor_view
+from mishutter.evaluation import (
+    PLANNED,
+    SPEED_KNOWLEDGE,
+    Automatic,
+    Plan,
+    SpeedKnowledge,
+    sensor_view,
+)
 from mishutter.model import AbstractMotion, AbstractShutter, DecoderSpeed, Scene, require_scene
 from mishutter.pictures import Axis, Picture, pixels_along, turned
 from mishutter.restore.decoders import AbstractDecoder, BlurModel, EnsembleDecoder, blur_model
@@ -200,7 +207,7 @@ def restore_photograph(
         motion: Motion of the sensor.
         shutter: Transmittance over the exposure.
         decoder: The method; the ensemble filter by default. It knows of the speed as much as the
-            scene's `decoder_speed` says: it is told it, or is the inner one of a
+            scene's `decoder_speed` says: it knows it, or is the inner one of a
             `SpeedFindingDecoder`, or is for all speeds.
         speeds: Speeds of the photograph, px/s; the scene's by default.
         num_seeds: Number of captures at each speed, each with its own noise.
@@ -289,9 +296,9 @@ def restore_by_each(
     reference = _behind_optics(np.asarray(radiance), scene)[:, window]
     model = blur_model(scene, motion, shutter, plan=plan, least_taps=least_taps)
     seeds = np.asarray(_seeds(key, len(chosen_speeds), num_seeds))
-    knows = scene.decoder_speed if decoder_speed is None else decoder_speed
-    models = [model.told(v) if knows == "told" else model for v in relative.tolist()]
-    methods = [decoder_of(knows, decoder) for decoder in decoders.values()]
+    knowledge = SPEED_KNOWLEDGE[scene.decoder_speed if decoder_speed is None else decoder_speed]
+    models = [model.knowing(v) if knowledge.is_told else model for v in relative.tolist()]
+    methods = [decoder_of(knowledge, decoder) for decoder in decoders.values()]
 
     captured, *restored = (
         np.empty((len(chosen_speeds), *reference.shape), reference.dtype)
@@ -333,7 +340,7 @@ def restore_by_each(
     count = min(num_processors(), _CAPTURES_AT_ONCE)
     trials = list(in_threads(tried, enumerate(on_sensor), count))
     rows = np.moveaxis(reference[:, inner], 1, 2).astype(np.float64)
-    expected, own_expected = _expected_levels(model, knows, rows, relative)
+    expected, own_expected = _expected_levels(model, knowledge, rows, relative)
     return {
         name: RestoredPhotograph(
             **_levels(chosen_speeds, weights, trials, index)._asdict(),
@@ -349,32 +356,28 @@ def restore_by_each(
 
 
 def _expected_levels(
-    model: BlurModel, decoder_speed: DecoderSpeed, rows: np.ndarray, speeds: np.ndarray
+    model: BlurModel, knowledge: SpeedKnowledge, rows: np.ndarray, speeds: np.ndarray
 ) -> tuple[float, Float[np.ndarray, "s"]]:
     """Levels that the ensemble filter is expected to reach, for its scene and for one picture; dB.
 
-    A decoder that finds the speed keeps a share of the gain from being told it, in decibels
+    A decoder that finds the speed keeps a share of the gain from knowing it, in decibels
     (`found_share`), and none of it where no speed is looked for, as in a snapshot.
 
     Args:
         model: Blur and noise of a decoder for all speeds.
-        decoder_speed: What the decoder knows of the speed.
+        knowledge: What the decoder knows of the speed.
         rows: Light of the picture; shape `(..., columns)`.
         speeds: Speeds of the picture relative to the sensor; px/s.
     """
-    share = {
-        "unknown": 0.0,
-        "found": float(found_share(np.asarray(model.smear_difference))),
-        "told": 1.0,
-    }[decoder_speed]
-    untold = np.append(squared_error_of(model, rows, speeds), expected_squared_error(model))
-    told = untold
+    share = float(knowledge.share(np.asarray(model.smear_difference)))
+    unknown = np.append(squared_error_of(model, rows, speeds), expected_squared_error(model))
+    known = unknown
     if share > 0:
-        each = [squared_error_of(model.told(v), rows, np.array([v])) for v in speeds.tolist()]
-        mean = [expected_squared_error(model.told(v)) for v in model.speeds.tolist()]
-        told = np.append(np.concatenate(each), model.weights @ np.array(mean))
+        each = [squared_error_of(model.knowing(v), rows, np.array([v])) for v in speeds.tolist()]
+        mean = [expected_squared_error(model.knowing(v)) for v in model.speeds.tolist()]
+        known = np.append(np.concatenate(each), model.weights @ np.array(mean))
     with np.errstate(divide="ignore"):
-        levels = -10 * np.log10(told**share * untold ** (1 - share))
+        levels = -10 * np.log10(known**share * unknown ** (1 - share))
     return float(levels[-1]), levels[:-1]
 
 

@@ -15,6 +15,7 @@ from jaxtyping import Float, PyTree
 
 from mishutter._core import as_they_end, num_processors, once
 from mishutter.evaluation import (
+    KNOWN_SPEED,
     PLANNED,
     AbstractLoss,
     Automatic,
@@ -165,7 +166,7 @@ def compared_rows(search: RivalSearch, step: Step) -> list[Row]:
     Returns:
         The rows at their own best motion, then those on the same motion.
     """
-    scene, loss, motion = search.scene, search.loss, search.motion
+    scene, motion = search.scene, search.motion
     windows = {name: window for name, window in baselines().items() if name not in search.entries}
     entries = {**search.entries, **windows}
     commands = {n: e.command if isinstance(e, Design) else e for n, e in entries.items()}
@@ -175,8 +176,7 @@ def compared_rows(search: RivalSearch, step: Step) -> list[Row]:
         Row(SAME_MOTION, name, shutter, motion, None, measure(shutter), turns)
         for name, shutter in shutters.items()
     ]
-    speed = loss.decoder_speed or scene.decoder_speed
-    judge = partial(replace, speed=speed, at_worst=loss.of_worst_speed)
+    judge = partial(Row.judged_by, loss=search.loss, scene=scene)
     at_best = {}
     calls = [partial(_named, *item) for item in searches(search).items()]
     for first_name, rows in as_they_end(calls, num_processors()):
@@ -296,14 +296,14 @@ def _on_free_paths(search: RivalSearch) -> list[Row]:
 
 
 def _best_burst(search: RivalSearch) -> list[Row]:
-    """The best burst of a camera that takes any, by a decoder that is told the speed."""
+    """The best burst of a camera that takes any, by a decoder that knows the speed."""
     scene, shutter = search.scene, RectShutter()
     burst = best_burst(scene)
     if burst is None:
         return []
     metrics = evaluate(burst.scene, burst.motion, shutter)
     row = Row(OWN_BEST_MOTION, BEST_BURST, shutter, burst.motion, None, metrics)
-    return [replace(row, speed="told", turns=_turns(scene), num_frames=burst.num_frames)]
+    return [replace(row, decoder=KNOWN_SPEED, turns=_turns(scene), num_frames=burst.num_frames)]
 
 
 RIVALS = (

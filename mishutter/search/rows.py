@@ -1,16 +1,23 @@
 """Rows of a comparison: one camera each, how good it is, and the hardware that it requires."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
-from mishutter.evaluation import Metrics
+from mishutter.evaluation import (
+    KNOWN_SPEED,
+    UNKNOWN_SPEED,
+    AbstractLoss,
+    Metrics,
+    SpeedKnowledge,
+    knowledge_of,
+)
 from mishutter.hardware import Design
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
-    DecoderSpeed,
     RectShutter,
+    Scene,
     stays_open,
 )
 
@@ -46,7 +53,7 @@ class Row:
         loss: Value of the loss that tuned it; None on the same motion.
         metrics: Its metrics.
         turns: Whether turning the camera makes the pan, and not the stage.
-        speed: Knowledge that the judging decoder has of the speed, as `Scene.decoder_speed`.
+        decoder: Knowledge of the speed that the judging decoder has.
         num_frames: Frames of the motion's exposure that are added up; 1 but for a burst.
         at_worst: Whether it is judged at the worst speed, and not by the mean over speeds.
         design: The design that a search found; None for the reading *same motion* and for a burst.
@@ -60,7 +67,7 @@ class Row:
     loss: float | None
     metrics: Metrics
     turns: bool = False
-    speed: DecoderSpeed = "unknown"
+    decoder: SpeedKnowledge = UNKNOWN_SPEED
     num_frames: int = 1
     at_worst: bool = False
     design: Design | None = None
@@ -124,28 +131,25 @@ class Row:
         None for a scene without tolerances, and where a decoder that knows the speed, or the worst
         speed, judges: these judge the camera as designed.
         """
-        level = self.metrics.toleranced_psnr
-        is_mean = self.speed == "unknown" and not self.at_worst
-        return float(level) if is_mean and level is not None else None
+        level = None if self.at_worst else self.decoder.toleranced_psnr(self.metrics)
+        return None if level is None else float(level)
 
     @property
     def psnr(self) -> float:
         """Expected PSNR of the camera as designed, by the judging decoder; dB."""
-        if self.at_worst:
-            return float(self.metrics.worst_speed_psnr)
-        return float(self.metrics.psnr_of(self.speed))
+        worst = self.worst_psnr if self.at_worst else None
+        return float(self.decoder.psnr(self.metrics)) if worst is None else worst
 
     @property
     def hides_speed(self) -> bool:
-        """Whether being told the speed would gain something, but looking for it gains nothing."""
-        metrics = self.metrics
-        untold, told = float(metrics.expected_psnr), float(metrics.known_speed_psnr)
-        return float(metrics.found_speed_psnr) <= untold < told
+        """Whether the decoder looks for a speed that would gain something, and gains nothing."""
+        unknown, known = (float(x.psnr(self.metrics)) for x in (UNKNOWN_SPEED, KNOWN_SPEED))
+        return self.decoder.finds_speed and self.psnr <= unknown < known
 
     @property
     def worst_psnr(self) -> float | None:
         """PSNR at the worst speed by the judging decoder; None if it finds the speed; dB."""
-        level = self.metrics.worst_psnr_of(self.speed)
+        level = self.decoder.worst_psnr(self.metrics)
         return None if level is None else float(level)
 
     @property
@@ -158,6 +162,10 @@ class Row:
         if float(motion.sag) >= _STANDS_STILL:
             parts.append(f"stroke {self.stroke:.3g} px")
         return ", ".join(parts if len(parts) > 1 else [*parts, "at rest"])
+
+    def judged_by(self, loss: AbstractLoss, scene: Scene) -> "Row":
+        """The row as the decoder that a loss, or else a scene, names judges it."""
+        return replace(self, decoder=knowledge_of(scene, loss), at_worst=loss.of_worst_speed)
 
     def margin_over(self, other: "Row") -> float:
         """Level above that of another row; 0 over itself, also where it is infinite; dB."""

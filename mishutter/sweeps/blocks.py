@@ -10,17 +10,17 @@ import numpy as np
 
 from mishutter._core import in_threads, num_threads
 from mishutter.evaluation import (
-    ERRORS_BY_LIGHT,
-    KERNEL_METRICS,
-    SPECTRUM_METRICS,
+    METRICS,
     LightLevels,
     Rules,
     Shapes,
     Sizes,
     measure,
+    named_metrics,
     scenes_for,
     too_long,
     transmittance,
+    without_tolerances,
 )
 from mishutter.model import AbstractShutter, ParabolicMotion, Scene, white_electrons
 from mishutter.sweeps.grid import MARKS, REASONS, Block, Grid, outside_limits
@@ -55,11 +55,14 @@ class Engine:
 
     def __init__(self, grid: Grid):
         self.grid = grid
+        self.metrics = named_metrics(grid.metrics)
         self.scenes = [frame.sensor_scene for frame in grid.frames]
+        within = any(metric.within_tolerances for metric in self.metrics)
+        self.measured = self.scenes if within else [*map(without_tolerances, self.scenes)]
         self.outside = [
             outside_limits(frame, grid.accelerations, grid.half_exposures) for frame in grid.frames
         ]
-        self.sizes = [*map(self._sizes, self.scenes, self.outside)]
+        self.sizes = [*map(self._sizes, self.measured, self.outside)]
         self.shapes = Shapes.of(self.sizes)
         self.kits = [self._kit(shutter, [shutter]) for shutter in grid.shutters.values()]
         profiles = () if grid.search is None else grid.search.profiles
@@ -73,9 +76,9 @@ class Engine:
         sizes = Sizes.of(scene, self._motions(rows, columns), skips=grid.skips)
         is_too_long = too_long(
             sizes.num_taps,
-            sizes.num_frequencies,
-            kernels=bool(set(grid.metrics) & set(KERNEL_METRICS)),
-            spectra=bool(set(grid.metrics) & set(SPECTRUM_METRICS)) or grid.search is not None,
+            np.maximum(sizes.num_frequencies, sizes.num_frequencies_within),
+            kernels=any(metric.parts.kernels for metric in self.metrics),
+            spectra=any(metric.parts.spectra for metric in self.metrics) or grid.search is not None,
         )
         outside[rows[is_too_long], columns[is_too_long]] = _mark("blur_too_long")
         return Sizes(*(size[~is_too_long] for size in sizes))
@@ -89,7 +92,7 @@ class Engine:
         return eqx.tree_at(lambda m: (m.acceleration, m.half_exposure, m.velocity), one, numbers)
 
     def _kit(self, shutter: AbstractShutter, coordinates: Sequence[AbstractShutter]) -> Kit:
-        scenes = scenes_for(self.scenes, shutter, skips=self.grid.skips)
+        scenes = scenes_for(self.measured, shutter, skips=self.grid.skips)
         device = self.scenes[0].device
         lags = device is not None and device.lags
         rules = None if lags else self._rules(coordinates, self.grid.half_exposures[-1])
@@ -186,7 +189,7 @@ class Engine:
                 metrics[name][index] = values
         axes = (grid.photon_rates, grid.read_noises)
         tail = [axis.size for axis in axes if axis is not None]
-        by_light = (name for name in ERRORS_BY_LIGHT if name in metrics)
+        by_light = (metric.name for metric in self.metrics if metric.sees_light)
         return metrics | {name: metrics[name].reshape(-1, *tail) for name in by_light}
 
     def _overflow(
@@ -204,7 +207,7 @@ class Engine:
         bits = bits | arrays["outside"][:, :, None, None]
         arrays["outside"] = bits if by_light else bits[..., 0]
         for name in grid.metrics:
-            if by_light and name in ERRORS_BY_LIGHT:
+            if by_light and METRICS[name].sees_light:
                 arrays[name][full] = np.nan
             else:
                 arrays[name][np.all(full, axis=3)] = np.nan

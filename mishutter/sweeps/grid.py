@@ -13,21 +13,17 @@ import numpy as np
 from jaxtyping import Float, UInt
 
 from mishutter._core import RowLike, common_dtype, describe, require, shape_of
-from mishutter.evaluation import ERRORS_BY_LIGHT, AbstractLoss
+from mishutter.evaluation import METRICS, AbstractLoss, SpeedKnowledge, knowledge_of
 from mishutter.hardware import package_version, scene_to_dict, shutter_to_dict
-from mishutter.model import AbstractShutter, LinearMotion, Scene, SplineShutter, seen_from
+from mishutter.model import (
+    AbstractShutter,
+    LinearMotion,
+    Scene,
+    SplineShutter,
+    as_decoder_speed,
+    seen_from,
+)
 from mishutter.search import without_pan
-
-METRICS = {
-    "condition_number": ("condition number of a still object's kernel", "1"),
-    "kernel_difference": ("RMS difference of kernels across speeds", "1"),
-    "relative_kernel_difference": ("RMS difference over RMS of a still object's kernel", "1"),
-    "efficiency": ("share of light let through", "1"),
-    "expected_psnr": ("PSNR of the best single linear decoder, linear light", "dB"),
-    "worst_speed_psnr": ("PSNR of that decoder at the worst of the speeds, linear light", "dB"),
-    "bound_share": ("share of the wedge bound, worst speed and frequency", "1"),
-}
-"""Metrics of a design, with their descriptions and units."""
 
 REASONS = (
     "stroke",
@@ -111,6 +107,11 @@ def frames_of(scenes: Iterable[Scene], velocities: np.ndarray | None) -> list[Fr
     return [Frame(scene, velocity) for scene in scenes for velocity in velocities.tolist()]
 
 
+def decoders_of(scenes: Iterable[Scene], loss: AbstractLoss | None) -> tuple[SpeedKnowledge, ...]:
+    """The decoders that a loss or else scenes name, each once."""
+    return tuple({k.name: k for k in (knowledge_of(scene, loss) for scene in scenes)}.values())
+
+
 class Block(NamedTuple):
     """A rectangle of the grid of one frame, which is computed and written at once."""
 
@@ -158,6 +159,23 @@ class Grid:
         return common_dtype(*jax.tree.leaves((speeds, self.shutters)))
 
     @property
+    def decoders(self) -> tuple[SpeedKnowledge, ...]:
+        """The decoders that the loss of a search or else the scenes name, each once."""
+        loss = None if self.search is None else self.search.loss
+        return decoders_of(self.scenes.values(), loss)
+
+    @property
+    def level(self) -> str:
+        """Name of the metric that judges designs; that of one filter for all speeds if others do.
+
+        Others are scenes of several decoders, or metrics that are named without that of the
+        decoder.
+        """
+        judges = {each.judge(scene) for scene in self.scenes.values() for each in self.decoders}
+        (first, *others) = judges
+        return "expected_psnr" if others or first not in self.metrics else first
+
+    @property
     def shutter_names(self) -> tuple[str, ...]:
         """The fixed shutters, then the optimised one."""
         return (*self.shutters, *([OPTIMISED] if self.search else []))
@@ -200,7 +218,7 @@ class Grid:
         if name == "outside":
             by_light = tuple(d for d in dimensions_of_light if d == "photon_rate")
             return (*place, "shutter", *by_light) if self.full_well is not None else place
-        return (*place, "shutter", *(dimensions_of_light if name in ERRORS_BY_LIGHT else ()))
+        return (*place, "shutter", *(dimensions_of_light if METRICS[name].sees_light else ()))
 
     @property
     def variables(self) -> dict[str, np.dtype]:
@@ -337,6 +355,19 @@ def checked_axis(
     require(not bound or bool(np.all(is_inside)), subject, f"be {bound}", axis)
     require(bool(np.all(np.diff(axis) > 0)), subject, "ascend without repeats", axis)
     return axis
+
+
+def in_words_of_today(described: dict[str, object]) -> dict[str, object]:
+    """A sweep's description by `Grid.describe`, whose scenes may name decoders by older words."""
+    scenes = described.get("scenes")
+    if not isinstance(scenes, dict):
+        return described
+    name = "decoder_speed"
+    renamed = {
+        key: scene | {name: as_decoder_speed(scene.get(name))} if name in scene else scene
+        for key, scene in scenes.items()
+    }
+    return described | {"scenes": renamed}
 
 
 def _listed(values: np.ndarray | None) -> list[float] | None:

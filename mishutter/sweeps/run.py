@@ -1,7 +1,7 @@
 """Labelled grids of designs over acceleration and exposure: run, store, resume."""
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -21,24 +21,27 @@ from mishutter._core import (
 )
 from mishutter.camera import skips
 from mishutter.evaluation import (
+    METRICS,
     PLANNED,
     AbstractLoss,
     Automatic,
     Plan,
+    SpeedKnowledge,
     as_loss,
-    loss_of_decoder,
+    metrics_of,
 )
 from mishutter.model import AbstractShutter, Scene, TukeyShutter, baselines
 from mishutter.search import MAX_STEPS, NUM_COEFFICIENTS, starting_shutter
 from mishutter.sweeps.blocks import Engine
 from mishutter.sweeps.cluster import compute_remotely, connection
-from mishutter.sweeps.grid import METRICS, OPTIMISED, Frame, Grid, Search, checked_axis
+from mishutter.sweeps.grid import OPTIMISED, Frame, Grid, Search, checked_axis, decoders_of
 from mishutter.sweeps.store import AbstractBlocks, MemoryBlocks, StoredBlocks
 
 if TYPE_CHECKING:
     import xarray
 
 Progress = Callable[[int, int], None]
+_LOSS = "sweep(loss=...)"
 _LOG = logging.getLogger("mishutter.sweep")
 
 
@@ -86,7 +89,8 @@ def sweep(
         num_coefficients: Coefficients of the profile.
         max_steps: Steps of the search at each point, at most.
         seed: Seed of the random starts.
-        metrics: Field or fields of `Metrics` to compute; all by default.
+        metrics: Field or fields of `Metrics` to compute. By default those of the decoder that the
+            loss of a search or else each scene names, and those that are of no decoder.
         photon_rates: Light to measure under in place of the scene's, e-/s at white,
             ascending; a dimension of the expected PSNR.
         read_noises: Read noises to measure under in place of the scene's, e-; likewise.
@@ -101,7 +105,7 @@ def sweep(
         progress: Called with the points that are done and that there are.
 
     Returns:
-        One variable a metric over `acceleration`, `half_exposure` and `shutter`, with
+        One variable for each metric over `acceleration`, `half_exposure` and `shutter`, with
         `scene` and `velocity` before and `photon_rate` and `read_noise` after where they
         were given. A velocity that was not given is a coordinate of each scene.
         With a store, values are read from it as they are used.
@@ -200,10 +204,8 @@ def _grid(
     noun = "scene, as `Scene.load(path)` reads one from a file,"
     named_scenes = named("sweep(scenes=...)", scenes, Scene, noun)
     require_known("sweep", scenes=named_scenes)
-    metrics = [metrics] if isinstance(metrics, str) else metrics
-    chosen = tuple(METRICS) if metrics is None else tuple(metrics)
-    are_metrics = bool(chosen) and all(name in METRICS for name in chosen)
-    require(are_metrics, "sweep(metrics=...)", f"name some of {', '.join(METRICS)}", metrics)
+    loss = None if search is None or search.loss is None else as_loss(search.loss, _LOSS)
+    decoders = decoders_of(named_scenes.values(), loss)
     first, *others = named_scenes.values()
     shared = first.device, first.full_well
     is_shared = all(bool(eqx.tree_equal(shared, (s.device, s.full_well))) for s in others)
@@ -223,7 +225,7 @@ def _grid(
         velocities=axes.velocities,
         scenes=named_scenes,
         shutters=shutters,
-        metrics=chosen,
+        metrics=_metrics(metrics, named_scenes.values(), decoders),
         photon_rates=axes.photon_rates,
         read_noises=axes.read_noises,
         full_well=full_well,
@@ -236,21 +238,36 @@ def _grid(
         requirement = "be False where photon_rates or read_noises are given; use scenes for them"
         require(is_one_light, "sweep(optimise=...)", requirement, True)
         require(OPTIMISED not in shutters, "sweep(shutters=...)", "have other names", OPTIMISED)
-        return replace(grid, search=_search(grid.frames, search))
+        requirement = "name one decoder_speed, where no loss is given"
+        names = [each.name for each in decoders]
+        require(len(decoders) == 1, "sweep(scenes=...)", requirement, names)
+        return replace(grid, search=_search(grid.frames, search, loss or decoders[0].loss()))
     return grid
 
 
-def _search(frames: Sequence[Frame], options: _SearchOptions) -> Search:
+def _metrics(
+    names: str | Sequence[str] | None,
+    scenes: Iterable[Scene],
+    decoders: Iterable[SpeedKnowledge],
+) -> tuple[str, ...]:
+    """The metrics of some names; by default those of the decoders."""
+    with_tolerances = any(scene.tolerances is not None for scene in scenes)
+    if names is None:
+        return metrics_of(decoders, with_tolerances=with_tolerances)
+    chosen = (names,) if isinstance(names, str) else tuple(names)
+    known = [m.name for m in METRICS.values() if with_tolerances or not m.within_tolerances]
+    are_metrics = bool(chosen) and all(name in known for name in chosen)
+    require(are_metrics, "sweep(metrics=...)", f"name some of {', '.join(known)}", names)
+    return chosen
+
+
+def _search(frames: Sequence[Frame], options: _SearchOptions, loss: AbstractLoss) -> Search:
     require_positive_int("sweep(max_steps=...)", options.max_steps)
     require_seed("sweep(seed=...)", options.seed)
     profiles = tuple(
         starting_shutter(frame.sensor_scene, options.num_coefficients) for frame in frames
     )
-    loss, decoders = options.loss, {frame.scene.decoder_speed for frame in frames}
-    requirement = "name one decoder_speed, where no loss is given"
-    require(loss is not None or len(decoders) == 1, "sweep(scenes=...)", requirement, decoders)
-    loss = loss_of_decoder(frames[0].scene) if loss is None else loss
-    return Search(as_loss(loss, "sweep(loss=...)"), profiles, options.max_steps, options.seed)
+    return Search(loss, profiles, options.max_steps, options.seed)
 
 
 def _shutters(shutters: Mapping[str, object] | None) -> dict[str, AbstractShutter]:

@@ -20,7 +20,8 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from mishutter._core import Unquoted, describe, require, write_bytes
-from mishutter.sweeps.grid import METRICS, REASONS, Block, Grid
+from mishutter.evaluation import METRICS
+from mishutter.sweeps.grid import REASONS, Block, Grid, in_words_of_today
 
 if TYPE_CHECKING:
     import xarray
@@ -122,7 +123,8 @@ class StoredBlocks(AbstractBlocks):
                     f"`{_SUBJECT}` must be a folder that can be written; got {got}."
                 ) from None
         stored = _stored_attributes(self.path)
-        _check_same(stored["sweep"], json.loads(json.dumps(grid.describe())), self.path)
+        held = in_words_of_today(stored["sweep"])
+        _check_same(held, json.loads(json.dumps(grid.describe())), self.path)
         if make:
             # Versions are those of the run that began the store, and need not be those of this one.
             versions = {"versions": stored.get("versions", attributes["versions"])}
@@ -212,7 +214,8 @@ def _coordinates(grid: Grid) -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
 
 def attributes_of(name: str) -> dict[str, Any]:
     """Name and unit of a variable, and the meanings of its flags."""
-    long_name, unit = (METRICS | _COORDINATES | _OTHERS)[name]
+    of_metrics = {metric.name: (metric.meaning, metric.unit) for metric in METRICS.values()}
+    long_name, unit = (of_metrics | _COORDINATES | _OTHERS)[name]
     attributes: dict[str, Any] = {"long_name": long_name, "units": unit}
     if name == "outside":
         attributes["flag_masks"] = [1 << bit for bit in range(len(REASONS))]
@@ -228,6 +231,7 @@ def dataset_attributes(grid: Grid) -> dict[str, object]:
         "title": "acceleration and exposure of a motion-invariant camera",
         "versions": json.dumps({name: version(name) for name in ("jax", "numpy", "equinox")}),
         "sweep": json.dumps(grid.describe()),
+        "level": grid.level,
     }
 
 

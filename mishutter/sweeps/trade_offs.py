@@ -8,24 +8,15 @@ import equinox as eqx
 import numpy as np
 
 from mishutter._core import RowLike, as_float, in_threads, num_processors, outside_trace, require
-from mishutter.evaluation import ExpectedErrorLoss, without_tolerances
+from mishutter.evaluation import METRICS, knowledge_of, loss_of_level, without_tolerances
 from mishutter.model import Scene, require_scene
 from mishutter.search import RivalSearch, best_row, snapshots
 
 if TYPE_CHECKING:
     import xarray
 
-OBJECTIVES = {
-    "expected_psnr": True,
-    "worst_speed_psnr": True,
-    "bound_share": True,
-    "efficiency": True,
-    "condition_number": False,
-    "kernel_difference": False,
-    "relative_kernel_difference": False,
-}
-"""Metrics, and whether more of them is better."""
-
+_UNNAMED_LEVEL = "expected_psnr"
+"""Metric that judges a sweep that names none."""
 _RANGES = ("velocity", "acceleration", "half_exposure")
 _PLACE = (*_RANGES, "shutter")
 
@@ -37,7 +28,8 @@ def best_points(
 
     Args:
         dataset: The result of `sweep` for one scene and light.
-        objectives: One metric or several; all that the sweep holds by default.
+        objectives: One metric or several; all that the sweep holds by default, levels first and
+            those of which less is better last.
 
     Returns:
         The data set at each point. Its coordinate `at_end_of` names the ranges, of velocity,
@@ -48,7 +40,7 @@ def best_points(
         ValueError: if an objective is not a metric of the sweep.
     """
     objectives = [objectives] if isinstance(objectives, str) else objectives
-    names = [n for n in OBJECTIVES if n in dataset] if objectives is None else list(objectives)
+    names = _objectives(dataset) if objectives is None else list(objectives)
     points = {}
     for name in names:
         values = _oriented(dataset, name)
@@ -67,7 +59,7 @@ def pareto_front(
 
     Args:
         dataset: The result of `sweep` for one scene and light.
-        objectives: Metrics, of which more or less is better as `OBJECTIVES` says; or a mapping
+        objectives: Metrics, of which more or less is better as their table says; or a mapping
             from a variable to `"max"` or `"min"`.
 
     Returns:
@@ -96,24 +88,24 @@ def pareto_front(
 
 
 def gain_over(dataset: "xarray.Dataset", name: str) -> "xarray.DataArray":
-    """Expected PSNR of every shutter over another's at the same point; dB.
+    """Level of every shutter over another's at the same point, by the sweep's decoder; dB.
 
     Args:
         dataset: What `sweep` gave.
         name: The shutter that gains are over.
 
     Raises:
-        ValueError: if there is no such shutter, or no expected PSNR, in the sweep.
+        ValueError: if there is no such shutter, or no level, in the sweep.
     """
     names = [str(x) for x in dataset.shutter.values]
     require(name in names, "gain_over(name=...)", f"be one of {', '.join(names)}", name)
-    psnr = _psnr("gain_over(dataset=...)", dataset)
+    psnr = dataset[level_of("gain_over(dataset=...)", dataset)]
     gain = _gain(psnr, psnr.sel(shutter=name, drop=True))
     return gain.assign_attrs(long_name=f"gain over {name}", units="dB")
 
 
 def gain_over_snapshot(dataset: "xarray.Dataset", scene: Scene) -> "xarray.DataArray":
-    """Expected PSNR of every point over the best snapshot's; dB.
+    """Level of every point over the best snapshot's, by the sweep's decoder; dB.
 
     The snapshot is that of `best_snapshots`: an open shutter on a sensor that may pan, its
     exposure and velocity tuned within the scene's limits for each light and each read noise.
@@ -123,17 +115,18 @@ def gain_over_snapshot(dataset: "xarray.Dataset", scene: Scene) -> "xarray.DataA
         scene: The scene, or the one of the sweep's that the dataset was reduced to.
 
     Raises:
-        ValueError: if the sweep holds no expected PSNR.
+        ValueError: if the sweep holds no level.
     """
     require_scene(scene)
-    psnr = _psnr("gain_over_snapshot(dataset=...)", dataset)
+    name = level_of("gain_over_snapshot(dataset=...)", dataset)
+    psnr = dataset[name]
     present = [n for n in ("photon_rate", "read_noise") if n in psnr.dims]
     levels = {name: np.asarray(dataset[name]) for name in present}
-    best = best_snapshots(scene, levels.get("photon_rate"), levels.get("read_noise"))
-    level = best.expected_psnr
-    for name in ("photon_rate", "read_noise"):
-        if name not in levels:
-            level = level.isel({name: 0}, drop=True)
+    best = best_snapshots(scene, levels.get("photon_rate"), levels.get("read_noise"), level=name)
+    level = best[name]
+    for axis in ("photon_rate", "read_noise"):
+        if axis not in levels:
+            level = level.isel({axis: 0}, drop=True)
     gain = _gain(psnr, level)
     return gain.assign_attrs(long_name="gain over best snapshot", units="dB")
 
@@ -156,11 +149,11 @@ def light_map(dataset: "xarray.Dataset", scene: Scene) -> "xarray.Dataset":
         and shutter that reach it.
 
     Raises:
-        ValueError: if it is not a sweep of the expected PSNR over both.
+        ValueError: if it is not a sweep of the decoder's level over both.
     """
     require_scene(scene)
     subject = "light_map(dataset=...)"
-    psnr = _psnr(subject, dataset)
+    psnr = dataset[level_of(subject, dataset)]
     is_map = all(name in psnr.dims for name in ("photon_rate", "read_noise"))
     require(is_map, subject, "have photon rates and read noises", dict(dataset.sizes))
     stacked = gain_over_snapshot(dataset, scene)
@@ -174,44 +167,53 @@ def light_map(dataset: "xarray.Dataset", scene: Scene) -> "xarray.Dataset":
 
 @outside_trace()
 def best_snapshots(
-    scene: Scene, photon_rates: RowLike | None = None, read_noises: RowLike | None = None
+    scene: Scene,
+    photon_rates: RowLike | None = None,
+    read_noises: RowLike | None = None,
+    *,
+    level: str | None = None,
 ) -> "xarray.Dataset":
     """The best exposure of an open shutter, and pan, under each light and read noise.
 
-    Each is the better of the snapshots that a comparison searches for by the expected error, at
-    rest and panned, without the scene's tolerances.
+    Each is the better of the snapshots that a comparison searches for, at rest and panned.
 
     Args:
         scene: Speeds, picture and the limits of the exposure, which ends where white fills a
             pixel that holds so many electrons and no more, and of the pan.
         photon_rates: Photon rates at white, e-/s; the scene's by default.
         read_noises: Read noises, e-; the scene's by default.
+        level: Name of the metric that judges them, the expected PSNR of a decoder; that of the
+            scene's decoder by default, within the scene's tolerances if these count for it.
 
     Returns:
-        `expected_psnr` in dB, `half_exposure` in s and `velocity` in px/s over both.
+        The level in dB under its name, `half_exposure` in s and `velocity` in px/s over both.
 
     Raises:
-        ValueError: if a rate or a noise is not finite or below 0.
+        ValueError: if a rate or a noise is not finite or below 0, or the level is of no decoder.
     """
     import xarray
 
     require_scene(scene)
     rates = _levels("photon_rates", scene.photon_rate if photon_rates is None else photon_rates)
     noises = _levels("read_noises", scene.read_noise if read_noises is None else read_noises)
-    scene = without_tolerances(scene)
+    name = knowledge_of(scene).judge(scene) if level is None else level
+    loss = loss_of_level(name)
+    if not METRICS[name].within_tolerances:
+        scene = without_tolerances(scene)
 
-    def best(level: tuple[np.floating, np.floating]) -> tuple[float, float, float]:
-        at_level = eqx.tree_at(lambda s: (s.photon_rate, s.read_noise), scene, level)
-        row = best_row(snapshots(RivalSearch(at_level, ExpectedErrorLoss())))
-        return row.psnr, float(row.motion.half_exposure), float(row.motion.velocity)
+    def best(light: tuple[np.floating, np.floating]) -> tuple[float, float, float]:
+        in_light = eqx.tree_at(lambda s: (s.photon_rate, s.read_noise), scene, light)
+        rows = [row.judged_by(loss, scene) for row in snapshots(RivalSearch(in_light, loss))]
+        row = best_row(rows)
+        return row.level, float(row.motion.half_exposure), float(row.motion.velocity)
 
-    levels = list(product(rates, noises))
-    rows = np.array(list(in_threads(best, levels, num_processors())))
+    lights = list(product(rates, noises))
+    rows = np.array(list(in_threads(best, lights, num_processors())))
     psnr, half_exposure, velocity = rows.reshape(rates.size, noises.size, 3).transpose(2, 0, 1)
     dimensions = ("photon_rate", "read_noise")
     return xarray.Dataset(
         {
-            "expected_psnr": (dimensions, psnr, {"units": "dB"}),
+            name: (dimensions, psnr, {"units": "dB"}),
             "half_exposure": (dimensions, half_exposure, {"units": "s"}),
             "velocity": (dimensions, velocity, {"units": "px/s"}),
         },
@@ -242,19 +244,39 @@ def _ends(dataset: "xarray.Dataset", name: str, values: np.ndarray) -> list[str]
     return ends
 
 
-def _psnr(subject: str, dataset: "xarray.Dataset") -> "xarray.DataArray":
-    """The expected PSNR of a sweep, which must have been asked for."""
-    held = "expected_psnr" in dataset
-    require(held, subject, "hold expected_psnr among its metrics", list(dataset))
-    return dataset.expected_psnr
+def level_of(subject: str, dataset: "xarray.Dataset") -> str:
+    """Name of the metric that judges the points of a sweep, the level of its decoder.
+
+    Args:
+        subject: The argument to blame.
+        dataset: What `sweep` gave.
+
+    Raises:
+        ValueError: if the sweep does not hold it.
+    """
+    name = str(dataset.attrs.get("level", _UNNAMED_LEVEL))
+    require(name in dataset, subject, f"hold {name} among its metrics", list(dataset))
+    return name
+
+
+def is_higher_better(name: str) -> bool:
+    """Whether more of a variable of a sweep is better; of a gain too, which is no metric."""
+    return name not in METRICS or METRICS[name].is_higher_better
+
+
+def _objectives(dataset: "xarray.Dataset") -> list[str]:
+    """Metrics of a sweep: levels first, then others, and those of which less is better last."""
+    held = [metric for metric in METRICS.values() if metric.name in dataset]
+    order = sorted(held, key=lambda metric: (not metric.is_higher_better, metric.unit != "dB"))
+    return [metric.name for metric in order]
 
 
 def _oriented(dataset: "xarray.Dataset", name: str, sense: str = "") -> np.ndarray:
     """Values of a metric, turned so that more is better."""
-    is_metric = name in dataset and (name in OBJECTIVES or sense != "")
-    names = ", ".join(n for n in OBJECTIVES if n in dataset)
+    is_metric = name in dataset and (name in METRICS or sense != "")
+    names = ", ".join(_objectives(dataset))
     require(is_metric, "objectives", f"be metrics of the sweep, {names}", name)
-    up = OBJECTIVES.get(name, True) if sense == "" else sense == "max"
+    up = is_higher_better(name) if sense == "" else sense == "max"
     values = dataset[name].values.astype(np.float64)
     return values if up else -values
 

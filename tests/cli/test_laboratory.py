@@ -171,17 +171,17 @@ def test_export_names_the_level_before_the_exposure(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_export_prints_the_level_of_the_designs_decoder(folder, tmp_path, capsys):
-    """One that is told the speed is not judged by one filter for all."""
+    """One that knows the speed is not judged by one filter for all."""
     design = replace(Design.load(folder / "design.json"), loss_name="KnownSpeedLoss()")
     design.save(tmp_path / "design.json")
     given = ["export", str(tmp_path / "design.json"), "--out", str(tmp_path)]
     assert cli.main(given) == 0
     out, _ = capsys.readouterr()
-    line = next(line for line in out.splitlines() if "told the speed / dB" in line)
+    line = next(line for line in out.splitlines() if "speed known / dB" in line)
     assert f"{float(design.metrics.known_speed_psnr):.4g}" in line
     assert cli.main([*given, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert document["decoder_speed"] == "told"
+    assert document["decoder_speed"] == "known"
     assert document["metrics_of_design"]["psnr_of_decoder"] == pytest.approx(
         float(design.metrics.known_speed_psnr)
     )

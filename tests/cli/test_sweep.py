@@ -13,7 +13,7 @@ from support.command_line import SMALL_SCENE, environment, no_constant, refused
 
 from mishutter import Limits, Scene, cli
 from mishutter.cli.sweep_command import _point_of
-from mishutter.sweeps.grid import METRICS
+from mishutter.evaluation import METRICS
 
 RANGES = ["--acceleration", "3e4:1.2e5:2", "--half-exposure", "3:9:2"]
 
@@ -73,8 +73,8 @@ def test_the_stroke_of_a_point_holds_its_pan():
     point = xarray.Dataset(
         {name: 0.5 for name in (*METRICS, "over_snapshot", "over_hann")},
         {"shutter": "rect", "acceleration": 2.1e5, "half_exposure": 9.7e-3, "velocity": 2900.0},
-    )
-    shown = _point_of(point, scene)
+    ).assign_coords(at_end_of="")
+    shown = _point_of(point, scene, "expected_psnr")
     time = np.linspace(-9.7e-3, 9.7e-3, 100_001)
     assert shown["stroke_px"] == pytest.approx(np.ptp(2900 * time + 2.1e5 * time**2), rel=1e-8)
     assert shown["top_speed_px_per_s"] == pytest.approx(2900 + 2 * 2.1e5 * 9.7e-3, rel=1e-12)
@@ -216,3 +216,21 @@ def test_pictures_and_optimised_profiles(scene_file, tmp_path):
     document = json.loads(done.stdout, parse_constant=no_constant)
     assert document["best"]["expected_psnr"]["shutter"] == "optimised"
     assert sorted(document["files"]) == sorted(path.name for path in out.iterdir())
+
+
+@pytest.mark.slow
+def test_points_are_judged_by_the_scenes_decoder(scene_file, tmp_path, capsys):
+    """Levels, gains and pictures are its own, and a line says of which decoder they are."""
+    with open(scene_file, "a") as file:
+        file.write('\n[decoder]\nspeed = "known"\n')
+    command = ["sweep", scene_file, *RANGES]
+    assert cli.main([*command, "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    best = document["best"]["known_speed_psnr"]
+    level = document["best_snapshot"]["known_speed_psnr"]
+    assert best["over_snapshot"] == pytest.approx(best["known_speed_psnr"] - level, abs=1e-9)
+    assert "expected_psnr" not in {*document["best"], *best}
+    assert cli.main([*command, "--out", str(tmp_path / "d")]) == 0
+    out = capsys.readouterr().out
+    assert "PSNR dB: PSNR of the best linear decoder that knows the speed, linear light." in out
+    assert (tmp_path / "d" / "map.png").exists()

@@ -25,7 +25,15 @@ from mishutter import (
     evaluate,
     plan,
 )
-from mishutter.evaluation import PLANNED, background_of, sizes, spectral_levels, with_shares
+from mishutter.evaluation import (
+    KNOWN_SPEED,
+    PLANNED,
+    UNKNOWN_SPEED,
+    background_of,
+    sizes,
+    spectral_levels,
+    with_shares,
+)
 
 # Sizes and shares of a search, which no argument asks for.
 from mishutter.evaluation.layers import Frequencies, LayerSampling
@@ -150,12 +158,12 @@ def test_the_errors_at_each_speed_have_the_expected_mean(name):
     scene = eqx.tree_at(lambda s: s.weights, layers, jnp.asarray(weights / weights.sum()))
     metrics, levels = (f(scene, SWEPT, HannShutter()) for f in (evaluate, spectral_levels))
     weights = np.asarray(scene.weights)[np.argsort(scene.speeds)]
-    for knows in ("unknown", "told"):
-        errors = 10 ** (-levels.of(knows).psnr / 10)
+    for decoder in (UNKNOWN_SPEED, KNOWN_SPEED):
+        errors = 10 ** (-decoder.of(levels).psnr / 10)
         mean = -10 * np.log10(weights @ errors)
-        np.testing.assert_allclose(mean, metrics.psnr_of(knows), rtol=1e-9)
+        np.testing.assert_allclose(mean, decoder.psnr(metrics), rtol=1e-9)
         worst = -10 * np.log10(np.max(errors))
-        np.testing.assert_allclose(worst, metrics.worst_psnr_of(knows), rtol=1e-9)
+        np.testing.assert_allclose(worst, decoder.worst_psnr(metrics), rtol=1e-9)
     assert float(metrics.known_speed_psnr) > float(metrics.expected_psnr)
 
 

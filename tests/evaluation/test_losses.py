@@ -46,8 +46,8 @@ from mishutter.evaluation import (
     sampled_view,
     smear_difference,
 )
+from mishutter.evaluation.errors import expected_squared_error, squared_errors_by_speed
 from mishutter.evaluation.losses import smooth_condition_number
-from mishutter.evaluation.metrics import expected_squared_error, squared_errors_by_speed
 from mishutter.evaluation.response import folded
 
 LOSSES = {

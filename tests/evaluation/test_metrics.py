@@ -28,8 +28,11 @@ from mishutter import (
     transfer_function,
 )
 from mishutter.evaluation import (
+    KNOWN_SPEED,
     ONLY_SPECTRA,
     PLANNED,
+    SPEED_KNOWLEDGE,
+    UNKNOWN_SPEED,
     Plan,
     picture_power,
     respond,
@@ -39,7 +42,7 @@ from mishutter.evaluation import (
 )
 
 # The error as a share of 1, to its last digits; metrics hold it in decibels.
-from mishutter.evaluation.metrics import expected_squared_error
+from mishutter.evaluation.errors import expected_squared_error
 from mishutter.model import frequencies, frequency_grid
 
 HALF_EXPOSURE = 0.013
@@ -471,13 +474,13 @@ def test_signal_over_noise_leaves_the_expected_error(slug):
     motion, shutter = SEEN[slug]
     levels = spectral_levels(SCENE, motion, shutter)
     metrics = evaluate(SCENE, motion, shutter)
-    for knows in ("unknown", "told"):
-        ratio = levels.of(knows).signal_over_noise
+    for decoder in (UNKNOWN_SPEED, KNOWN_SPEED):
+        ratio = decoder.of(levels).signal_over_noise
         power = picture_power(SCENE, ratio.size, ratio.dtype)
         error = np.mean(power / (1 + ratio))
-        np.testing.assert_allclose(-10 * np.log10(error), metrics.psnr_of(knows), rtol=1e-12)
+        np.testing.assert_allclose(-10 * np.log10(error), decoder.psnr(metrics), rtol=1e-12)
     np.testing.assert_array_equal(levels.frequencies, frequencies(ratio.size))
-    assert levels.of("found") is levels.told
+    assert SPEED_KNOWLEDGE["found"].of(levels) is levels.known
 
 
 def test_signal_over_noise_of_a_still_object():
@@ -506,14 +509,14 @@ def test_the_mean_error_over_speeds_is_the_expected_one(speeds, velocity):
     levels, metrics = spectral_levels(scene, motion, SHUTTER), evaluate(scene, motion, SHUTTER)
     assert np.array_equal(levels.speeds, np.unique(speeds))
     weights = np.array([WEIGHTS[speeds == speed].sum() for speed in levels.speeds])
-    for knows in ("unknown", "told"):
-        psnr = levels.of(knows).psnr
+    for decoder in (UNKNOWN_SPEED, KNOWN_SPEED):
+        psnr = decoder.of(levels).psnr
         mean = -10 * np.log10(weights @ 10 ** (-psnr / 10))
-        np.testing.assert_allclose(mean, metrics.psnr_of(knows), rtol=1e-12)
-        np.testing.assert_allclose(np.min(psnr), metrics.worst_psnr_of(knows), rtol=1e-12)
-    assert np.all(levels.told.psnr > levels.untold.psnr)
-    assert np.ptp(levels.untold.psnr) > 0.1
-    assert metrics.worst_psnr_of("found") is None
+        np.testing.assert_allclose(mean, decoder.psnr(metrics), rtol=1e-12)
+        np.testing.assert_allclose(np.min(psnr), decoder.worst_psnr(metrics), rtol=1e-12)
+    assert np.all(levels.known.psnr > levels.unknown.psnr)
+    assert np.ptp(levels.unknown.psnr) > 0.1
+    assert SPEED_KNOWLEDGE["found"].worst_psnr(metrics) is None
 
 
 def test_no_light_and_no_noise_leave_the_variance_at_every_speed():
@@ -521,11 +524,11 @@ def test_no_light_and_no_noise_leave_the_variance_at_every_speed():
     for rate, noise in [(0.0, 0.0), (0.0, 6.0)]:
         scene = Scene(SPEEDS, WEIGHTS, photon_rate=rate, read_noise=noise, deviation=0.17)
         found = evaluate(scene, MOTION, SHUTTER)
-        levels = [found.psnr_of(knows) for knows in ("unknown", "found", "told")]
-        levels += [found.worst_psnr_of(knows) for knows in ("unknown", "told")]
+        levels = [decoder.psnr(found) for decoder in SPEED_KNOWLEDGE.values()]
+        levels += [decoder.worst_psnr(found) for decoder in (UNKNOWN_SPEED, KNOWN_SPEED)]
         np.testing.assert_allclose(levels, -20 * np.log10(0.17), rtol=1e-12)
         each = spectral_levels(scene, MOTION, SHUTTER)
-        for psnr in (each.untold.psnr, each.told.psnr):
+        for psnr in (each.unknown.psnr, each.known.psnr):
             np.testing.assert_allclose(psnr, -20 * np.log10(0.17), rtol=1e-12)
 
 
@@ -546,8 +549,8 @@ def test_the_worst_speed_is_no_better_than_the_mean(speeds, weights, occlusion):
         scene = Scene(speeds, weights, photon_rate=rate, read_noise=noise, occlusion=occlusion)
         for shutter in (SHUTTER, ChippedShutter(np.zeros(4))):
             found = evaluate(scene, MOTION, shutter)
-            for knows in ("unknown", "told"):
-                mean, worst = float(found.psnr_of(knows)), float(found.worst_psnr_of(knows))
+            for decoder in (UNKNOWN_SPEED, KNOWN_SPEED):
+                mean, worst = float(decoder.psnr(found)), float(decoder.worst_psnr(found))
                 assert worst <= mean + 1e-9
                 if len(set(speeds)) == 1 and rate < 1e12:
                     assert worst == pytest.approx(mean, abs=1e-9)
@@ -597,6 +600,6 @@ def test_the_error_at_a_speed_is_that_of_the_filter_written_out():
     square = sum(p * abs(h) ** 2 for p, h in zip(WEIGHTS, response, strict=True))
     gain = power * np.conj(mean) / (power * square + noise)
     errors = [np.mean(power * abs(1 - gain * h) ** 2 + noise * abs(gain) ** 2) for h in response]
-    np.testing.assert_allclose(levels.untold.psnr, -10 * np.log10(errors), rtol=1e-6)
+    np.testing.assert_allclose(levels.unknown.psnr, -10 * np.log10(errors), rtol=1e-6)
     told = [np.mean(power * noise / (power * abs(h) ** 2 + noise)) for h in response]
-    np.testing.assert_allclose(levels.told.psnr, -10 * np.log10(told), rtol=1e-6)
+    np.testing.assert_allclose(levels.known.psnr, -10 * np.log10(told), rtol=1e-6)

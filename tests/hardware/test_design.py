@@ -360,6 +360,14 @@ def test_a_design_from_before_sensors_panned_is_loaded(design, tmp_path):
     assert jax.tree.all(jax.tree.map(np.array_equal, design.metrics, loaded.metrics))
 
 
+def test_a_design_by_an_older_word_for_its_decoder_is_loaded(design, tmp_path):
+    """`told` was what `known` is today."""
+    data = json.loads(strict_json(design.to_dict()))
+    data["scene"]["decoder_speed"] = "told"
+    (tmp_path / "design.json").write_text(json.dumps(data))
+    assert Design.load(tmp_path / "design.json").scene.decoder_speed == "known"
+
+
 def test_a_truncated_file_is_refused(tmp_path):
     """Half a JSON document is named as such."""
     path = tmp_path / "design.json"
@@ -377,26 +385,31 @@ def test_nothing_is_left_behind_where_writing_fails(design, tmp_path):
 
 
 LEVELS = {
-    "one filter": (ExpectedErrorLoss(), {}, "expected_psnr", "by one linear filter"),
-    "told": (KnownSpeedLoss(), {}, "known_speed_psnr", "by a linear filter that is told the speed"),
-    "found": (FoundSpeedLoss(), {}, "found_speed_psnr", "by a decoder that finds the speed"),
+    "one filter": (ExpectedErrorLoss(), {}, "expected_psnr", "by one linear filter for all speeds"),
+    "known": (KnownSpeedLoss(), {}, "known_speed_psnr", "by a linear filter that knows the speed"),
+    "found": (
+        FoundSpeedLoss(),
+        {},
+        "found_speed_psnr",
+        "by a decoder that finds the speed in the picture",
+    ),
     "worst": (
         WorstSpeedLoss(),
         {},
         "worst_speed_psnr",
-        "by one linear filter, at the worst speed",
+        "by one linear filter for all speeds, at the worst speed",
     ),
     "tolerances": (
         ExpectedErrorLoss(),
         {"tolerances": Tolerances(acceleration=0.04, delay=3e-4)},
         "toleranced_psnr",
-        "by one linear filter, within the tolerances",
+        "by one linear filter for all speeds, within the tolerances",
     ),
     "the scene's": (
         DesignLoss(),
         {"decoder_speed": "found"},
         "found_speed_psnr",
-        "by a decoder that finds the speed",
+        "by a decoder that finds the speed in the picture",
     ),
 }
 

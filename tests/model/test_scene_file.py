@@ -60,7 +60,7 @@ def test_a_picture_gives_the_spectrum(tmp_path):
     np.testing.assert_allclose(scene.power_spectrum, spectrum.power_spectrum, rtol=1e-12)
 
 
-@pytest.mark.parametrize("speed", ["found", "told"])
+@pytest.mark.parametrize("speed", ["found", "known"])
 def test_a_file_names_the_decoder(speed, tmp_path):
     """What it knows of the speed is kept by the file that is written; a third word is refused."""
     text = f'{EXAMPLE}\n[decoder]\nspeed = "{speed}"\n'
@@ -70,6 +70,17 @@ def test_a_file_names_the_decoder(speed, tmp_path):
     assert again.decoder_speed == speed
     with pytest.raises(ValueError, match=r"`\[decoder\] speed` must be .*; got 'guessed'"):
         read_scene(written(tmp_path, text.replace(speed, "guessed")))
+
+
+def test_an_older_word_for_the_decoder_is_read(tmp_path):
+    """`told`, of earlier files and scripts, is today's `known`, and is written as that."""
+    scene = Scene.load(str(written(tmp_path, f'{EXAMPLE}\n[decoder]\nspeed = "told"\n')))
+    assert scene.decoder_speed == "known"
+    assert 'speed = "known"' in scene_text(scene)
+    of_script = Scene.uniform(
+        max_speed=700.0, num_speeds=3, photon_rate=2e5, read_noise=6.0, decoder_speed="told"
+    )
+    assert of_script.decoder_speed == "known"
 
 
 def test_picture_paths_start_at_the_file(tmp_path, monkeypatch):
@@ -330,7 +341,7 @@ def test_a_scene_with_a_background_is_written_as_it_was_read(width, background, 
         ("front_share = 0.3\nwidth_px = 9", "perhaps `[occlusion] object_width_px`"),
         (
             'front_share = 0.3\n[decoder]\nspeed = "found"',
-            "`[decoder] speed` must be 'unknown' or 'told' beside [occlusion]",
+            "`[decoder] speed` must be 'unknown' or 'known' beside [occlusion]",
         ),
     ],
 )

@@ -1,5 +1,6 @@
 """A design beside its baselines: two readings, one table, and names that stay apart."""
 
+import re
 from dataclasses import replace
 
 import equinox as eqx
@@ -22,7 +23,8 @@ from mishutter import (
     compare,
     optimise,
 )
-from mishutter.report import with_verdict
+from mishutter.evaluation import SPEED_KNOWLEDGE
+from mishutter.report import comparison_tables, page_table, with_verdict
 from mishutter.search import (
     BEST_BURST,
     BEST_PANNED_SNAPSHOT,
@@ -43,9 +45,9 @@ TOLD = Scene.uniform(
     photon_rate=1e5,
     read_noise=10.0,
     limits=SMALL.limits,
-    decoder_speed="told",
+    decoder_speed="known",
 )
-"""The small scene, for a decoder that is told the speed."""
+"""The small scene, for a decoder that knows the speed."""
 
 
 @pytest.fixture(scope="module")
@@ -94,13 +96,14 @@ def test_what_each_purchase_brings():
     assert document["both"]["expected_psnr_db"] == 24.5
     assert document["both"]["over_nothing_db"] == 3.0
     assert document["a stage"]["motion"]["velocity"] == -12345.0
-    _, table = comparison.text().split("gain of each purchase over buying nothing\n")
-    lines = [" ".join(line.split()) for line in table.splitlines()]
-    assert lines[:4] == [
-        "nothing best snapshot 21.50 dB, +0.00 dB, 2.6 ms, at rest",
-        "a stage rect 22.25 dB, +0.75 dB, 20 ms, pan -12345 px/s, stroke 247 px",
-        "a shutter best coded at rest 21.62 dB, +0.12 dB, 2.6 ms, at rest",
-        "both Hann 24.50 dB, +3.00 dB, 20 ms, stroke 22 px",
+    _, table = comparison.text().split("The gain of each purchase over buying nothing\n")
+    heads, *lines = [re.split(r"\s{2,}", line) for line in table.splitlines()[:5]]
+    assert heads[:3] == ["purchase: its best", "PSNR dB", "gain dB"]
+    assert [[*line[:3], *line[4:]] for line in lines] == [
+        ["nothing: best snapshot", "21.50", "+0.00", "0.0", "0", "2.60"],
+        ["a stage: rect", "22.25", "+0.75", "246.9", "-12345", "20.00"],
+        ["a shutter: best coded at rest", "21.62", "+0.12", "0.0", "0", "2.60"],
+        ["both: Hann", "24.50", "+3.00", "22.0", "0", "20.00"],
     ]
     better = verdict(levels | {"a": 25.0}, "a")
     assert better.rivals["both"].name == "a"
@@ -116,7 +119,7 @@ def test_a_scene_names_the_decoder_that_all_are_judged_by():
     same = optimise(SMALL, loss=KnownSpeedLoss(), num_starts=6)
     assert float(design.loss) == float(same.loss)
     comparison = compare(TOLD, design)
-    assert {row.speed for row in comparison.rows} == {"told"}
+    assert {row.decoder.name for row in comparison.rows} == {"known"}
     levels = [float(row.metrics.known_speed_psnr) for row in comparison.rows]
     assert [row.level for row in comparison.rows] == levels
     assert max(levels) <= comparison.ceiling
@@ -177,36 +180,53 @@ def test_a_scene_of_one_speed_is_panned():
 
 
 def test_the_table_as_text():
-    """Each number stands under its name, in the units that are named."""
+    """Each number stands under its name, in the units that are named; all lines end alike."""
     comparison = verdict({"a": 21.5, BEST_SNAPSHOT: 24.0}, "a")
     table = comparison.text().removeprefix(comparison.verdict).strip()
-    reading, header, line, *_ = table.splitlines()
+    title, header, line, other, ceiling, note, *_ = table.splitlines()
     m = comparison.row("a").metrics
-    numbers = (m.condition_number, m.kernel_difference, m.relative_kernel_difference)
-    shares = (m.efficiency, m.bound_share)
-    assert reading == OWN_BEST_MOTION
-    names = "PSNR dB worst speed cond. diff. rel. light bound stroke px pan px/s exposure ms loss"
-    assert header.split() == ["shutter", *names.split()]
+    assert title == OWN_BEST_MOTION.capitalize()
+    names = ["PSNR dB", "gain dB", "worst speed", "light", "stroke px", "pan px/s", "open ms"]
+    assert re.split(r"\s{2,}", header) == ["shutter", *names]
+    assert len(header) == len(line) == len(other)
     cells = [float(cell) for cell in line.split()[1:]]
-    np.testing.assert_allclose(
-        cells, [21.5, m.worst_speed_psnr, *numbers, *shares, 22, 0, 20, 0.25], atol=6e-3
-    )
+    expected = [21.5, -2.5, m.worst_speed_psnr, m.efficiency, 22, 0, 20]
+    np.testing.assert_allclose(cells, expected, atol=6e-3)
+    over = comparison.ceiling - 24.0
+    assert ceiling.split() == ["ceiling", f"{comparison.ceiling:.2f}", f"{over:+.2f}"]
+    assert note == "PSNR dB      expected of one linear filter for all speeds"
+
+
+def test_everybody_sees_one_table():
+    """The command's and the page's cells are those of the text, and each column has its note."""
+    comparison = verdict({"a": 21.5, BEST_SNAPSHOT: 24.0}, "a")
+    first, *others = comparison_tables(comparison)
+    assert comparison.text().split("\n\n")[1:] == [each.text() for each in (first, *others)]
+    wide = page_table(comparison, comparison.rows)
+    assert wide.columns[: len(first.columns)] == first.columns
+    for cells, row in zip(wide.rows, first.rows, strict=False):
+        assert cells[: len(row)] == row
+    explained = [note.split("  ")[0] for note in first.notes]
+    assert explained == [*first.columns[1:], "ceiling", "PSNR"]
+    assert wide.columns[len(first.columns) :] == ("condition", "kernel diff", "relative", "bound")
 
 
 def test_the_worst_speed_is_of_the_decoder_that_judges():
-    """By one filter, or by one that is told the speed; of one that finds it nothing is said."""
+    """By one filter, or by one that knows the speed; of one that finds it nothing is said."""
     rows = verdict({"a": 21.5, BEST_SNAPSHOT: 24.0}, "a").rows
     m = rows[0].metrics
     assert float(m.worst_speed_psnr) < float(m.worst_known_speed_psnr) < float(m.known_speed_psnr)
     cells = {
         "unknown": f"{float(m.worst_speed_psnr):.2f}",
-        "told": f"{float(m.worst_known_speed_psnr):.2f}",
+        "known": f"{float(m.worst_known_speed_psnr):.2f}",
         "found": "–",
     }
     for knows, cell in cells.items():
-        judged = with_verdict([replace(row, speed=knows) for row in rows], {}, SCENE)
+        judged = with_verdict(
+            [replace(row, decoder=SPEED_KNOWLEDGE[knows]) for row in rows], {}, SCENE
+        )
         line = next(line for line in judged.text().splitlines() if line.startswith("a  "))
-        assert line.split()[2] == cell
+        assert line.split()[3] == cell
         worst = judged.to_dict()["rows"][0]["worst_speed_psnr_db"]
         assert worst is None if knows == "found" else f"{worst:.2f}" == cell
 

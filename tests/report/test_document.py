@@ -29,6 +29,7 @@ from mishutter import (
 # Tables of the terminal, whose folder's face is `main` alone; a command would search for minutes.
 from mishutter.cli import app
 from mishutter.cli.tables import print_comparison, print_photographs
+from mishutter.evaluation import SPEED_KNOWLEDGE
 from mishutter.hardware import given_design
 from mishutter.pictures import write_picture
 from mishutter.report import (
@@ -130,10 +131,10 @@ def test_the_worst_speed_is_explained_by_the_decoder(report, capsys):
     words = {
         "unknown": "at the worst of the speeds, of one linear filter for all",
         "found": "of a decoder that finds the speed is known in the mean alone",
-        "told": "at the worst of the speeds, of a filter that is told it",
+        "known": "at the worst of the speeds, of a filter that knows it",
     }
     for knows, text in words.items():
-        rows = tuple(replace(row, speed=knows) for row in report.comparison.rows)
+        rows = tuple(replace(row, decoder=SPEED_KNOWLEDGE[knows]) for row in report.comparison.rows)
         print_comparison(replace(report, comparison=replace(report.comparison, rows=rows)))
         lines = capsys.readouterr().out.splitlines()
         (note,) = (line for line in lines if line.startswith("worst speed "))
@@ -427,18 +428,18 @@ def test_a_photograph_at_some_speeds_or_all(report, capsys, every):
 
 
 def test_a_photograph_is_restored_by_the_decoder_of_the_verdict(report, capsys):
-    """Of rows that are judged as told the speed, each capture has the filter for its speed."""
+    """Of rows that are judged as knowing the speed, each capture has the filter for its speed."""
     scene = Scene([-310.0, 0.0, 310.0], photon_rate=1e6, read_noise=3.0, limits=LIMITS)
     picture = Picture(np.random.default_rng(5).uniform(0.2, 0.8, (7, 400, 1)))
     row = report.comparison.row("Hann")
     levels = {}
-    for knows in ("unknown", "told"):
-        rows = {"Hann": replace(row, speed=knows)}
+    for knows in ("unknown", "known"):
+        rows = {"Hann": replace(row, decoder=SPEED_KNOWLEDGE[knows])}
         found = photographs(picture, scene, rows, 1, update=lambda name: None)
         levels[knows] = found.levels["ensemble"]["Hann"]
         print_photographs(found.levels, knows)
-    told, untold = levels["told"], levels["unknown"]
-    assert told.expected_psnr > untold.expected_psnr
-    assert np.all(told.linear_psnr != untold.linear_psnr)
-    np.testing.assert_allclose(told.linear_psnr, told.own_expected_psnr, atol=0.3)
-    assert " ".join(capsys.readouterr().out.split()).count("filter, told the speed") == 1
+    known, unknown = levels["known"], levels["unknown"]
+    assert known.expected_psnr > unknown.expected_psnr
+    assert np.all(known.linear_psnr != unknown.linear_psnr)
+    np.testing.assert_allclose(known.linear_psnr, known.own_expected_psnr, atol=0.3)
+    assert " ".join(capsys.readouterr().out.split()).count("filter, speed known") == 1

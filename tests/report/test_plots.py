@@ -29,7 +29,7 @@ from mishutter import (
     pareto_front,
     sweep,
 )
-from mishutter.evaluation import FILTERS
+from mishutter.evaluation import SPEED_KNOWLEDGE
 
 # The curve that a front draws for a profile; a line in pixels does not hold its values.
 from mishutter.report import (
@@ -197,16 +197,16 @@ def test_the_error_of_a_transfer_ends_at_the_expected_psnr(figures):
     assert max(shares) == pytest.approx(0.01, abs=0.01)
 
 
-@pytest.mark.parametrize("knows", ["unknown", "found", "told"])
+@pytest.mark.parametrize("knows", ["unknown", "found", "known"])
 def test_a_transfer_is_of_the_filter_of_the_decoder(knows):
     """Its error ends at that filter's PSNR, and the legend names it."""
     _, errors = plot_transfer(SCENE, DESIGNS, knows).axes
     for line, (motion, shutter) in zip(errors.get_lines(), DESIGNS.values(), strict=True):
         metrics = evaluate(SCENE, motion, shutter)
-        psnr = float(metrics.psnr_of("unknown" if knows == "unknown" else "told"))
+        psnr = float(SPEED_KNOWLEDGE["unknown" if knows == "unknown" else "known"].psnr(metrics))
         assert -10 * np.log10(line.get_ydata()[-1] * 1e-3) == pytest.approx(psnr, abs=1e-9)
     title = errors.figure.legends[0].get_title().get_text()
-    assert title == f"expected PSNR of {FILTERS[knows]}, linear light"
+    assert title == f"expected PSNR of {SPEED_KNOWLEDGE[knows].filter_words}, linear light"
 
 
 @pytest.mark.slow

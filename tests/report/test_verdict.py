@@ -8,6 +8,7 @@ from support.designs import SCENE, on_parabolas
 from support.rows import PANNED, made_up, verdict
 
 from mishutter import HannShutter, IdealShutter, SwitchedShutter, ceiling
+from mishutter.evaluation import SPEED_KNOWLEDGE
 from mishutter.report import with_verdict
 from mishutter.report.verdict import RULES, Case, device_notes, row_to_build, verdict_of
 from mishutter.search import (
@@ -240,7 +241,7 @@ def test_a_decoder_that_finds_the_speed_needs_no_shutter_where_an_open_one_is_as
         rows = [
             replace(
                 row,
-                speed=speed,
+                decoder=SPEED_KNOWLEDGE[speed],
                 metrics=replace(row.metrics, found_speed_psnr=found, expected_psnr=found - 1),
             )
             for row in made_up({"rect": 24.0, "Hann": level, BEST_SNAPSHOT: 22.0})
@@ -251,7 +252,10 @@ def test_a_decoder_that_finds_the_speed_needs_no_shutter_where_an_open_one_is_as
 
 def test_a_snapshot_that_pans_is_not_said_to_find_the_speed():
     """Nothing of the verdict follows from a decoder that finds it, whatever the stage does."""
-    rows = [replace(row, speed="found") for row in made_up({BEST_SNAPSHOT: 1.0, "rect": 1.0})]
+    rows = [
+        replace(row, decoder=SPEED_KNOWLEDGE["found"])
+        for row in made_up({BEST_SNAPSHOT: 1.0, "rect": 1.0})
+    ]
     better = replace(rows[0].metrics, found_speed_psnr=rows[0].metrics.found_speed_psnr + 1)
     panned = replace(rows[0], name=BEST_PANNED_SNAPSHOT, motion=PANNED, metrics=better)
     said = with_verdict([*rows, panned], {}, SCENE).verdict

@@ -17,6 +17,7 @@ import mishutter as ms
 from mishutter import cli
 
 # Speeds that are tried and the model at one of them; a decoder returns only its estimate.
+from mishutter.evaluation import SPEED_KNOWLEDGE
 from mishutter.restore.decoders.speed import Posterior, speeds_to_try
 from mishutter.restore.decoders.speed_finding import at_speed
 
@@ -312,7 +313,7 @@ def test_portions_are_restored_by_the_speed_of_the_whole():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("knows", ["told", "found"])
+@pytest.mark.parametrize("knows", ["known", "found"])
 def test_photographs_are_restored_by_the_decoder_of_the_scene(knows):
     """Told, by a filter for each speed; found, by the speed in the picture: so are levels expected.
 
@@ -328,19 +329,23 @@ def test_photographs_are_restored_by_the_decoder_of_the_scene(knows):
     assert np.all(result.linear_psnr > untold.linear_psnr + 0.5)
     assert not any(result.doubts)
     levels = [each.own_expected_psnr[index] for index, each in enumerate(told)]
-    share = {"told": 1.0, "found": 0.8}[knows]
+    share = {"known": 1.0, "found": 0.8}[knows]
     expected = untold.own_expected_psnr + share * (np.array(levels) - untold.own_expected_psnr)
     np.testing.assert_allclose(result.own_expected_psnr, expected, atol=0.02)
     metrics = ms.evaluate(named, *given)
-    assert result.expected_psnr == pytest.approx(float(metrics.psnr_of(knows)), abs=0.02)
-    at_once = ms.restore_photograph(picture, scene(decoder_speed="told"), *given, **options)
+    assert result.expected_psnr == pytest.approx(
+        float(SPEED_KNOWLEDGE[knows].psnr(metrics)), abs=0.02
+    )
+    at_once = ms.restore_photograph(picture, scene(decoder_speed="known"), *given, **options)
     np.testing.assert_allclose(result.linear_psnr, at_once.linear_psnr, atol=0.1)
 
 
 @pytest.mark.slow
-def test_a_told_decoder_of_two_layers_knows_the_speed_of_the_front_one():
+def test_a_knowing_decoder_of_two_layers_knows_the_speed_of_the_front_one():
     """The level expected over the scene's speeds is that of the metric."""
-    layers = scene(decoder_speed="told", occlusion=ms.Occlusion(front_share=0.4, object_width=70.0))
+    layers = scene(
+        decoder_speed="known", occlusion=ms.Occlusion(front_share=0.4, object_width=70.0)
+    )
     picture, given = ms.Picture(grey(8)[..., None]), (camera(), OPEN)
     result = ms.restore_photograph(picture, layers, *given, speeds=[0.0], num_seeds=1)
     expected = float(ms.evaluate(layers, *given).known_speed_psnr)

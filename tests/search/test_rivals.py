@@ -21,6 +21,7 @@ from mishutter import (
     optimise,
 )
 from mishutter._core import as_they_end, once
+from mishutter.evaluation import KNOWN_SPEED
 from mishutter.search import (
     BEST_BURST,
     BEST_CODED_STILL,
@@ -71,9 +72,9 @@ def test_a_level_within_tolerances_is_of_one_filter_and_the_mean_of_speeds():
     )
     row = replace(row, metrics=metrics)
     assert (row.within, row.level, row.psnr) == (pytest.approx(23.1), pytest.approx(23.1), 24.0)
-    worst, told = replace(row, at_worst=True), replace(row, speed="told")
+    worst, known = replace(row, at_worst=True), replace(row, decoder=KNOWN_SPEED)
     assert (worst.within, worst.level) == (None, pytest.approx(21.7))
-    assert (told.within, told.level) == (None, pytest.approx(25.3))
+    assert (known.within, known.level) == (None, pytest.approx(25.3))
 
 
 @pytest.mark.slow

@@ -30,14 +30,18 @@ from mishutter import (
     ExpectedErrorLoss,
     FirstOrderShutter,
     GaussianShutter,
+    HannShutter,
     Limits,
+    Occlusion,
     Scene,
     SplineShutter,
+    Tolerances,
     TukeyShutter,
     evaluate,
     optimise,
     sweep,
 )
+from mishutter.evaluation import METRICS
 from mishutter.model import AbstractShutter
 
 # A grid's limits before anything on it is computed.
@@ -468,3 +472,69 @@ def test_importing_the_package_stays_light():
     code = "import mishutter, sys; print(*sys.modules)"
     loaded = set(run_python(code).stdout.split())
     assert not loaded & {"xarray", "zarr", "dask", "distributed", "matplotlib"}
+
+
+WITHIN = Tolerances(
+    acceleration=0.07, velocity=31.0, delay=2e-4, transmittance=0.02, drive_step=4e-4
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["tolerances", "before a background"])
+def test_every_metric_can_be_swept(name):
+    """The numbers of each are those of `evaluate`, the levels of all decoders among them."""
+    if name == "tolerances":
+        scene = eqx.tree_at(lambda s: s.tolerances, SCENE, WITHIN, is_leaf=lambda x: x is None)
+        metrics = list(METRICS)
+    else:
+        scene = SCENE.with_occlusion(Occlusion(front_share=0.37))
+        metrics = [metric.name for metric in METRICS.values() if not metric.within_tolerances]
+    axes = grid(accelerations=[0.0, 9e4], half_exposures=[3.1e-3, 7e-3])
+    found = sweep(scene, **axes, metrics=metrics)
+    assert set(metrics) <= set(found.data_vars)
+    assert differences(found, scene, SHUTTERS, inside_points(found)) == []
+
+
+def test_a_level_within_tolerances_asks_for_tolerances():
+    """Without any the metric is no choice, and the message names those that are."""
+    with pytest.raises(ValueError, match=r"must name some of .*bound_share; got 'toler"):
+        sweep(SCENE, **grid(), metrics="toleranced_psnr")
+
+
+def decoded(name):
+    """The scene with another decoder."""
+    light = {"photon_rate": 2e5, "read_noise": 6.0, "limits": LIMITS}
+    return Scene(SCENE.speeds, SCENE.weights, **light, decoder_speed=name)
+
+
+OF_DECODERS = {
+    "unknown": {"expected_psnr", "worst_speed_psnr"},
+    "found": {"found_speed_psnr"},
+    "known": {"known_speed_psnr", "worst_known_speed_psnr"},
+}
+
+
+@pytest.mark.parametrize("name", OF_DECODERS)
+def test_by_default_the_levels_are_those_of_the_scenes_decoder(name):
+    """They are its own and no other's, and the data set says which one judges."""
+    scene = decoded(name)
+    axes = grid(accelerations=[9e4], half_exposures=[3.1e-3], shutters={"Hann": HannShutter()})
+    found = sweep(scene, **axes)
+    levels = {metric.name for metric in METRICS.values() if metric.unit == "dB"}
+    assert levels & set(found.data_vars) == OF_DECODERS[name]
+    assert found.attrs["level"] in OF_DECODERS[name]
+    assert {"condition_number", "efficiency", "bound_share"} <= set(found.data_vars)
+
+
+@pytest.mark.slow
+def test_the_profiles_and_the_numbers_are_of_one_decoder():
+    """What the loss of an optimised point says is the level that the data set has there."""
+    scene = decoded("known")
+    axes = grid(accelerations=[9e4], half_exposures=[3.1e-3], shutters={"Hann": HannShutter()})
+    for loss, name in ((None, "known_speed_psnr"), (ExpectedErrorLoss(), "expected_psnr")):
+        found = sweep(scene, **axes, optimise=True, loss=loss, num_coefficients=8)
+        assert found.attrs["level"] == name
+        own = found.sel(shutter="optimised")
+        error = float(own.loss.item() * scene.deviation)
+        assert -20 * np.log10(error) == pytest.approx(own[name].item(), abs=1e-3)
+        assert own[name].item() >= found.sel(shutter="Hann")[name].item()

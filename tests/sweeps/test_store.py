@@ -341,6 +341,22 @@ def test_a_store_of_another_sweep_is_refused(slug, tmp_path):
     assert message in str(caught.value)
 
 
+def test_a_store_by_an_older_word_goes_on(tmp_path):
+    """A decoder that earlier stores call `told` is the scene's own `known`: nothing is refused."""
+    scene = Scene(SCENE.speeds, photon_rate=2e5, read_noise=6.0, decoder_speed="known")
+    asked = grid(store=tmp_path / "a.zarr", metrics=["known_speed_psnr"], accelerations=[3e4])
+    level = sweep(scene, **asked).known_speed_psnr.values
+    file = tmp_path / "a.zarr" / "zarr.json"
+    today, older = (rf"\"decoder_speed\": \"{word}\"" for word in ("known", "told"))
+    text = file.read_text(encoding="utf-8")
+    assert text.count(today) == 1
+    file.write_text(text.replace(today, older), encoding="utf-8")
+    np.testing.assert_array_equal(sweep(scene, **asked).known_speed_psnr, level)
+    unknown = Scene(SCENE.speeds, photon_rate=2e5, read_noise=6.0)
+    with pytest.raises(ValueError, match="decoder_speed"):
+        sweep(unknown, **asked)
+
+
 def test_a_store_of_another_scene_is_refused(tmp_path):
     """The number that differs is named."""
     sweep(SCENE, **grid(store=tmp_path / "a.zarr", metrics=["expected_psnr"]))

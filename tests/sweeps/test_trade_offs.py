@@ -16,6 +16,7 @@ from mishutter import (
     ParabolicMotion,
     RectShutter,
     Scene,
+    StillCamera,
     TukeyShutter,
     best_points,
     best_snapshots,
@@ -427,3 +428,24 @@ def test_the_best_snapshot_of_a_known_speed_is_one_pixel_long():
     assert length[np.argmin(cost)] == pytest.approx(1.09, abs=0.005)
     cost = np.mean(1 / (np.sinc(f * length[:, None]) * np.sinc(f)) ** 2, axis=1) / length
     assert found == pytest.approx(length[np.argmin(cost)], rel=3e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["found", "known"])
+def test_gains_are_by_the_sweeps_own_decoder(name):
+    """The best snapshot is tuned and judged by the decoder that judges the points."""
+    limits = Limits(max_stroke=40.0, max_half_exposure=0.025)
+    light = {"photon_rate": 2e5, "read_noise": 6.0, "limits": limits, "decoder_speed": name}
+    scene = Scene.uniform(max_speed=2100.0, num_speeds=3, **light)
+    axes = {"accelerations": [4e4], "half_exposures": [0.0171], "shutters": SHUTTERS}
+    found = sweep(scene, **axes)
+    level = found.attrs["level"]
+    best = best_snapshots(scene)
+    motion = StillCamera(half_exposure=float(best.half_exposure.item()))
+    again = evaluate(scene, motion, RectShutter())
+    assert best[level].item() == pytest.approx(float(getattr(again, level)), abs=1e-6)
+    gain = gain_over_snapshot(found, scene).sel(shutter="Hann").item()
+    own = found[level].sel(shutter="Hann").item()
+    assert gain == pytest.approx(own - best[level].item(), abs=1e-9)
+    over = gain_over(found, "rect").sel(shutter="Hann").item()
+    assert over == pytest.approx(own - found[level].sel(shutter="rect").item(), abs=1e-9)

@@ -478,19 +478,17 @@ function textControl(row, field, place, value, id) {
 
 // ---------- table and pins
 
-const COLUMNS = [["PSNR / dB", "psnr", 2], ["gain / dB", "gain", 2], ["worst speed", "worst_speed_psnr", 2], ["light", "light", 3], ["stroke / px", "stroke_px", 1], ["pan / (px/s)", "pan_px_per_s", 0], ["open / ms", "open_ms", 2], ["condition", "condition", 2], ["kernel diff", "relative", 3]];
-
 function showTable() {
   const head = document.createElement("tr");
-  for (const text of ["shutter; ticked ones are drawn", ...COLUMNS.map((c) => c[0])]) { const cell = document.createElement("th"); cell.textContent = text; head.append(cell); }
+  for (const text of [`${comparison.columns[0]}; ticked ones are drawn`, ...comparison.columns.slice(1)]) { const cell = document.createElement("th"); cell.textContent = text; head.append(cell); }
   document.querySelector("thead").replaceChildren(head);
   document.querySelector("tbody").replaceChildren(...comparison.rows.map((row) => {
     const line = document.createElement("tr"), name = document.createElement("td"), chosen = state.rows.includes(row.name);
     line.className = chosen ? "chosen" : "";
     line.dataset.name = row.name;
-    name.append(checkbox(row.frames > 1 ? `${row.name}, ${row.frames} frames` : row.name, chosen, (on) => choose(row.name, on)));
+    name.append(checkbox(row.cells[0], chosen, (on) => choose(row.name, on)));
     line.append(name);
-    for (const [, key, digits] of COLUMNS) { const cell = document.createElement("td"); cell.textContent = key in row ? rounded(row[key], digits) : "–"; line.append(cell); }
+    for (const text of row.cells.slice(1)) { const cell = document.createElement("td"); cell.textContent = text; line.append(cell); }
     return line;
   }));
   $("ceiling").textContent = `Nothing exceeds ${decibel(comparison.ceiling)}: no path, shutter or linear decoder. Gain is over the best snapshot, at rest or panned.`;
@@ -519,10 +517,10 @@ function showPins() {
 
 // ---------- photographs
 
-// The decoder's knowledge of the speed: told it, or found it in the capture, with its error where it is trusted and
+// The decoder's knowledge of the speed: known, or found in the capture, with its error where it is trusted and
 // with the doubt where it is not.
-function speedKnown({ knows, found }) {
-  if (!found) return knows === "told" ? "; told the speed" : "";
+function speedKnown({ aside, found }) {
+  if (!found) return aside;
   if (found.tells_nothing) return `; no speed found: ${found.doubt}`;
   const speed = `${rounded(found.speed, 0)} ± ${rounded(found.error, 0)} px/s`;
   return found.trusted ? `; speed found: ${speed}` : `; speed in doubt, ${speed}: ${found.doubt}`;

@@ -111,8 +111,8 @@ class BlurModel(eqx.Module):
             return math.inf
         return noise_power(self.efficiency, mean_level, p, self.read_noise, unit=p)
 
-    def told(self, speed: float) -> "BlurModel":
-        """The knowledge of a decoder that is told the one speed of what moves.
+    def knowing(self, speed: float) -> "BlurModel":
+        """The model of a decoder that knows the one speed of what moves.
 
         Args:
             speed: The speed relative to the sensor; px/s.

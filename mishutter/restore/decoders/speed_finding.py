@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from mishutter.camera import kernel_layout
-from mishutter.model import DecoderSpeed
+from mishutter.evaluation import SpeedKnowledge
 from mishutter.restore.decoders.base import AbstractDecoder, BlurModel
 from mishutter.restore.decoders.speed import SpeedEstimate, speed_in
 from mishutter.restore.decoders.total_variation import TotalVariationDecoder
@@ -94,14 +94,14 @@ def informed(
     ]
 
 
-def decoder_of(knows: DecoderSpeed, inner: AbstractDecoder) -> AbstractDecoder:
+def decoder_of(knowledge: SpeedKnowledge, inner: AbstractDecoder) -> AbstractDecoder:
     """Wraps a decoder in a `SpeedFindingDecoder` if the speed is to be found.
 
     Args:
-        knows: The decoder's knowledge of the speed, as `Scene.decoder_speed`.
+        knowledge: The decoder's knowledge of the speed.
         inner: The decoder that restores the picture.
     """
-    finds = knows == "found" and not isinstance(inner, SpeedFindingDecoder)
+    finds = knowledge.finds_speed and not isinstance(inner, SpeedFindingDecoder)
     return SpeedFindingDecoder(inner) if finds else inner
 
 

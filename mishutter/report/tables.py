@@ -1,0 +1,224 @@
+"""Rows and columns of a comparison, which Python, the command and the page draw."""
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+from mishutter.evaluation import METRICS
+from mishutter.search import OWN_BEST_MOTION, Row
+
+if TYPE_CHECKING:
+    from mishutter.report.comparison import Comparison
+
+_GAP = "  "
+"""Space between the columns of a table as text."""
+
+
+class Column(NamedTuple):
+    """A column of numbers.
+
+    Attributes:
+        heading: Its head.
+        cell: The number of a row as text, by its gain in dB; a dash where there is none.
+        note: Its meaning, below the table; empty where other lines say it.
+    """
+
+    heading: str
+    cell: Callable[[Row, float], str]
+    note: str = ""
+
+
+class Table(NamedTuple):
+    """A table as text; its first column holds names, the others numbers.
+
+    Attributes:
+        title: Its title.
+        columns: Heads of the columns.
+        rows: Cells of each row.
+        notes: Lines below the table.
+    """
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    notes: tuple[str, ...] = ()
+
+    def text(self) -> str:
+        """The table in lines of one width, its title above and its notes below."""
+        every = (self.columns, *self.rows)
+        widths = [max(map(len, column)) for column in zip(*every, strict=True)]
+        lines = [
+            _GAP.join([name.ljust(widths[0]), *map(str.rjust, numbers, widths[1:])]).rstrip()
+            for name, *numbers in every
+        ]
+        return "\n".join([self.title, *lines, *self.notes])
+
+
+def _or_dash(level: float | None) -> str:
+    return "–" if level is None else f"{level:.2f}"
+
+
+def _of_metric(name: str) -> Column:
+    metric = METRICS[name]
+    return Column(
+        metric.heading, lambda row, _: format(float(getattr(row.metrics, name)), metric.form)
+    )
+
+
+_LEVELS = (
+    Column("PSNR dB", lambda row, _: f"{row.psnr:.2f}"),
+    Column(
+        "gain dB",
+        lambda _, gain: f"{round(gain, 2) + 0.0:+.2f}",
+        "over the best snapshot, at rest or panned",
+    ),
+    Column("worst speed", lambda row, _: _or_dash(row.worst_psnr)),
+)
+_LIGHT = _of_metric("efficiency")._replace(note="share that the shutter passes")
+_MOTION = (
+    Column(
+        "stroke px",
+        lambda row, _: f"{row.stroke:.1f}",
+        "travel of the stage over the exposure, from end to end",
+    ),
+    Column(
+        "pan px/s",
+        lambda row, _: f"{round(float(row.motion.velocity)) + 0:d}",
+        "velocity at mid-exposure",
+    ),
+    Column(
+        "open ms",
+        lambda row, _: f"{float(row.motion.exposure) * 1e3:.2f}",
+        "from first to last light",
+    ),
+)
+_WITHIN = Column(
+    METRICS["toleranced_psnr"].heading,
+    lambda row, _: _or_dash(row.within),
+    "expected within the tolerances; gain dB compares these",
+)
+_OF_ROWS = (*_LEVELS, _LIGHT, *_MOTION)
+_OF_PURCHASES = (*_LEVELS, *_MOTION)
+_OF_KERNELS = tuple(
+    _of_metric(metric.name)
+    for metric in METRICS.values()
+    if not metric.sees_light and metric.heading != _LIGHT.heading
+)
+"""The metrics that no light changes, but for the share of it that the shutter passes."""
+
+
+def comparison_tables(comparison: "Comparison") -> list[Table]:
+    """Every table of a comparison, in the order in which they are read.
+
+    Args:
+        comparison: The comparison.
+    """
+    within = () if comparison.costs is None else (_WITHIN,)
+    tables = []
+    for reading in dict.fromkeys(row.reading for row in comparison.rows):
+        rows, title = [row for row in comparison.rows if row.reading == reading], reading
+        columns = (*_OF_ROWS, *within)
+        cells = tuple(row_cells(comparison, row, columns) for row in rows)
+        if reading == OWN_BEST_MOTION:
+            cells = (*cells, _ceiling(comparison, columns))
+            tables += [_table(title, columns, cells, _notes(rows[0], columns))]
+            tables += [_purchases(comparison, within)]
+            tables += [] if comparison.costs is None else [_costs(comparison)]
+        else:
+            kernels = tuple(row_cells(comparison, row, _OF_KERNELS) for row in rows)
+            note = _condition_note(rows)
+            tables += [_table(title, columns, cells)]
+            tables += [_table(f"kernels, {title}", _OF_KERNELS, kernels, (note,))]
+    return tables
+
+
+def page_table(comparison: "Comparison", rows: Sequence[Row]) -> Table:
+    """One wide table of some rows, levels and kernels together.
+
+    Args:
+        comparison: The comparison.
+        rows: Its rows to show.
+    """
+    within = () if comparison.costs is None else (_WITHIN,)
+    columns = (*_OF_ROWS, *within, *_OF_KERNELS)
+    return _table("", columns, tuple(row_cells(comparison, row, columns) for row in rows))
+
+
+def _table(
+    title: str,
+    columns: Sequence[Column],
+    rows: tuple[tuple[str, ...], ...],
+    notes: tuple[str, ...] = (),
+) -> Table:
+    heads = ("shutter", *(column.heading for column in columns))
+    return Table(title.capitalize(), heads, rows, notes)
+
+
+def row_cells(
+    comparison: "Comparison", row: Row, columns: Sequence[Column], gain: float | None = None
+) -> tuple[str, ...]:
+    """The name of a row, then its cells; the gain is over the best snapshot by default.
+
+    Args:
+        comparison: The comparison.
+        row: A row of it.
+        columns: The columns of the cells.
+        gain: Another gain; dB.
+    """
+    gain = comparison.over_snapshot(row.level) if gain is None else gain
+    name = row.name if row.num_frames == 1 else f"{row.name}, {row.num_frames} frames"
+    return (name, *(column.cell(row, gain) for column in columns))
+
+
+def _ceiling(comparison: "Comparison", columns: Sequence[Column]) -> tuple[str, ...]:
+    level = comparison.ceiling
+    numbers = f"{level:.2f}", f"{comparison.over_snapshot(level):+.2f}"
+    return ("ceiling", *numbers, *[""] * (len(columns) - len(numbers)))
+
+
+def _notes(row: Row, columns: Sequence[Column]) -> tuple[str, ...]:
+    """The meaning of the columns; that of the levels is by the decoder, which all rows share."""
+    level, _, worst, *_ = columns
+    decoder = row.decoder
+    of_level = decoder.worst_words if row.at_worst else f"of {decoder.level_words}"
+    meanings = {column.heading: column.note for column in columns}
+    meanings |= {level.heading: f"expected {of_level}"}
+    meanings |= {worst.heading: f"{level.heading} {decoder.worst_words}"}
+    meanings |= {"ceiling": "nothing exceeds it", "PSNR": "of linear light, white = 1"}
+    return tuple(f"{heading:<11}{_GAP}{meaning}" for heading, meaning in meanings.items())
+
+
+def _purchases(comparison: "Comparison", within: tuple[Column, ...]) -> Table:
+    """The best row of each purchase, and the notes of the comparison."""
+    columns = (*_OF_PURCHASES, *within)
+    rows = []
+    for purchase, row in comparison.rivals.items():
+        gain = comparison.over_nothing(row.level)
+        name, *numbers = row_cells(comparison, row, columns, gain)
+        rows.append((f"{purchase}: {name}", *numbers))
+    heads = ("purchase: its best", *(column.heading for column in columns))
+    title = "The gain of each purchase over buying nothing"
+    return Table(title, heads, tuple(rows), comparison.notes)
+
+
+def _costs(comparison: "Comparison") -> Table:
+    """The cost of each tolerance to the best design, and a sentence on the largest."""
+    costs = comparison.costs
+    rows = () if costs is None else costs.rows
+    cells = ((row.name, row.size, f"{row.cost:z.3f}", f"{row.unaware_cost:z.3f}") for row in rows)
+    notes = (
+        "" if costs is None else costs.verdict,
+        "unaware dB  cost by a decoder for a camera without errors",
+    )
+    heads = ("tolerance", "1 sigma", "costs dB", "unaware dB")
+    return Table("Cost of each tolerance to the best design", heads, tuple(cells), notes)
+
+
+def _condition_note(rows: Sequence[Row]) -> str:
+    """The phase and the length over which condition numbers are taken."""
+    places: dict[str, list[str]] = {}
+    for row in rows:
+        place = f"phase {float(row.metrics.phase):g} px over {row.metrics.dft_length} DFT points"
+        places.setdefault(place, []).append(row.name)
+    most = max(places, key=lambda place: len(places[place]))
+    others = [f", of {' and '.join(places[p])} at {p}" for p in places if p != most]
+    return f"{METRICS['condition_number'].heading.capitalize()} at {most}{''.join(others)}."
