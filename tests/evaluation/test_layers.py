@@ -189,6 +189,9 @@ def test_a_pan_asks_for_as_many_effective_speeds():
         slower = scene_of(occlusion, [-310.0, 70.0, 290.0])
         assert effective_speeds(slower, half) < effective_speeds(scene, half)
         assert effective_speeds(slower, 10 * half) == effective_speeds(scene, half)
+    # A background at rest is as far from objects that all move one way as they are fast.
+    one_way = [scene_of(each, [2400.0, 2900.0]) for each in (STILL, occlusion)]
+    assert effective_speeds(one_way[0], 10 * half) > effective_speeds(one_way[1], 10 * half)
 
 
 def test_a_picture_of_layers_has_no_power_above_the_cutoff():

@@ -69,8 +69,13 @@ def test_a_search_has_no_step_where_a_profile_comes_to_stay_open():
     space = design_space(scene, MOTION, start, ("shutter",))
     plan, both = automatic(scene, MOTION, start), (loss, ExpectedErrorLoss())
     objectives = [objective_of(each, scene, space, plan) for each in both]
+    free = ("shutter", "half_exposure")  # which no sum of responses stands for
+    wider = design_space(scene, MOTION, start, free)
+    objectives.append(objective_of(ExpectedErrorLoss(), scene, wider, plan))
     for objective in objectives:
-        ends = [float(objective(jnp.full(3, share))) for share in (1.0, 1 - 1e-6)]
+        size = wider.size if objective is objectives[-1] else 3
+        boxes = [jnp.full(size, 0.4).at[:3].set(share) for share in (1.0, 1 - 1e-6)]
+        ends = [float(objective(box)) for box in boxes]
         assert ends[0] == pytest.approx(ends[1], rel=1e-5)
     assert float(objectives[0](jnp.ones(3))) == pytest.approx(0.2, rel=1e-6)
     found = optimise(scene, MOTION, start, loss=loss, free="shutter", num_starts=2, max_steps=20)
