@@ -1,4 +1,7 @@
-"""Squared errors of the best linear decoders of a scene; levels by frequency and by speed."""
+"""Squared errors of the best linear decoders of a scene; levels by frequency and by speed.
+
+"The paper" is "Improved motion invariant imaging with time varying shutter functions".
+"""
 
 from functools import cached_property
 from typing import NamedTuple, final

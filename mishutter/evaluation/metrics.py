@@ -1,8 +1,9 @@
 """The metrics of a shutter on a motion for a scene, and the table of them all.
 
 One more metric is a field of `Metrics` and a row of `METRICS`: sweeps, their stores, documents and
-tables read the table. "The paper" is "Improved motion invariant imaging with time varying shutter
-functions".
+tables read the table.
+
+"The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
 
 from collections.abc import Callable, Iterable

@@ -4,7 +4,15 @@ import equinox as eqx
 import pytest
 from support.designs import MOTION, SCENE
 
-from mishutter import Comparison, RectShutter, Tolerances, TukeyShutter, evaluate, tolerance_costs
+from mishutter import (
+    Comparison,
+    RectShutter,
+    StillCamera,
+    Tolerances,
+    TukeyShutter,
+    evaluate,
+    tolerance_costs,
+)
 
 # A table of the terminal, whose folder's face is `main` alone; a command would search.
 from mishutter.cli.tables import print_comparison
@@ -20,9 +28,11 @@ def _within():
 @pytest.fixture(scope="module")
 def comparison():
     scene = _within()
+    still = StillCamera(half_exposure=1.3e-3)
+    cameras = {"own": (MOTION, TukeyShutter(0.7)), BEST_SNAPSHOT: (still, RectShutter())}
     rows = [
-        Row(OWN_BEST_MOTION, name, shutter, MOTION, 0.1, evaluate(scene, MOTION, shutter))
-        for name, shutter in (("own", TukeyShutter(0.7)), (BEST_SNAPSHOT, RectShutter()))
+        Row(OWN_BEST_MOTION, name, shutter, motion, 0.1, evaluate(scene, motion, shutter))
+        for name, (motion, shutter) in cameras.items()
     ]
     costs = tolerance_costs(scene, MOTION, rows[0].shutter)
     return Comparison(tuple(rows), "Build own.", 0.3, 40.0, costs=costs)

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from support.cases import daily
 from support.designs import FREE_NAMES, LIMITS, MOTION, OUTLIER, SCENE, SLOW, SMALL
 from support.helpers import ROUNDING
 
@@ -337,9 +338,9 @@ _SHUTTERS = {"spline": SplineShutter.fit(TukeyShutter(0.45), 10), "tukey": Tukey
 @pytest.mark.parametrize(
     ("slug", "free"),
     [
-        ("spline", ("shutter",)),
+        pytest.param("spline", ("shutter",), marks=pytest.mark.nightly),
         ("spline", FREE_NAMES),
-        ("tukey", ("half_exposure",)),
+        pytest.param("tukey", ("half_exposure",), marks=pytest.mark.nightly),
         ("tukey", FREE_NAMES),
     ],
 )
@@ -440,7 +441,7 @@ motions: either number of them is good to 0.01 dB."""
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("slug", OWN_LOSSES)
+@pytest.mark.parametrize("slug", daily(OWN_LOSSES, "compiled"))
 def test_a_loss_of_the_package_s_own_functions_needs_no_plan(slug):
     """It is searched over all that can move, wherever light falls there, from scene to scene."""
     loss, scenes = OWN_LOSSES[slug]

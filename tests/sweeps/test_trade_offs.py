@@ -4,6 +4,7 @@ import jax
 import numpy as np
 import pytest
 import xarray
+from support.cases import daily
 from support.sweeps import LIMITS, SCENE, SHUTTERS, grid
 
 from mishutter import (
@@ -206,7 +207,7 @@ SNAPSHOTS = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("slug", SNAPSHOTS)
+@pytest.mark.parametrize("slug", daily(SNAPSHOTS, "slow-pan", "full-well"))
 def test_the_best_snapshot_is_that_of_optimise(slug):
     """What a search over exposure and velocity finds, and `evaluate` measures."""
     scene = SNAPSHOTS[slug] or example_scene()
