@@ -107,8 +107,7 @@ class Comparison:
         Args:
             level: The expected PSNR; dB.
         """
-        snapshot = self.snapshot.level
-        return 0.0 if level == snapshot else level - snapshot
+        return _gain(level, self.snapshot.level)
 
     def over_nothing(self, level: float) -> float:
         """Gain of an expected PSNR over the best camera that takes nothing to buy; dB.
@@ -116,8 +115,7 @@ class Comparison:
         Args:
             level: The expected PSNR; dB.
         """
-        nothing = self.rivals["nothing"].level
-        return 0.0 if level == nothing else level - nothing
+        return _gain(level, self.rivals["nothing"].level)
 
     def row(self, name: str, reading: str = OWN_BEST_MOTION) -> Row:
         """The row of a shutter in a reading.
@@ -167,6 +165,11 @@ class Comparison:
     def text(self) -> str:
         """The verdict and the tables, as the command prints them, as text."""
         return "\n\n".join([self.verdict, *(table.text() for table in comparison_tables(self))])
+
+
+def _gain(level: float, other: float) -> float:
+    """Gain of a level over another; dB. Equal ones, infinite too, have none, where `-` has NaN."""
+    return 0.0 if level == other else level - other
 
 
 @alone_in_blas()
