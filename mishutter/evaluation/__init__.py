@@ -72,11 +72,6 @@ from mishutter.evaluation.response import pixel_responses as pixel_responses
 from mishutter.evaluation.response import records as records
 from mishutter.evaluation.response import respond as respond
 from mishutter.evaluation.response import spectra_of as spectra_of
-from mishutter.evaluation.sensor_view import planned_view as planned_view
-from mishutter.evaluation.sensor_view import require_view_sizes as require_view_sizes
-from mishutter.evaluation.sensor_view import sampled_view as sampled_view
-from mishutter.evaluation.sensor_view import sensor_view as sensor_view
-from mishutter.evaluation.sensor_view import transmittance as transmittance
 from mishutter.evaluation.speed_knowledge import KNOWN_SPEED as KNOWN_SPEED
 from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE as SPEED_KNOWLEDGE
 from mishutter.evaluation.speed_knowledge import UNKNOWN_SPEED as UNKNOWN_SPEED
@@ -90,3 +85,8 @@ from mishutter.evaluation.speed_knowledge import metrics_of as metrics_of
 from mishutter.evaluation.tolerances import ToleranceCost as ToleranceCost
 from mishutter.evaluation.tolerances import ToleranceCosts as ToleranceCosts
 from mishutter.evaluation.tolerances import tolerance_costs as tolerance_costs
+from mishutter.evaluation.views import planned_view as planned_view
+from mishutter.evaluation.views import require_view_sizes as require_view_sizes
+from mishutter.evaluation.views import sampled_view as sampled_view
+from mishutter.evaluation.views import sensor_view as sensor_view
+from mishutter.evaluation.views import transmittance as transmittance

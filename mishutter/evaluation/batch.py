@@ -35,7 +35,7 @@ from mishutter.evaluation.response import (
     kernels_and_efficiency,
     spectra_of,
 )
-from mishutter.evaluation.sensor_view import transmittance
+from mishutter.evaluation.views import transmittance
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,

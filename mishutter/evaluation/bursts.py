@@ -20,7 +20,7 @@ from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.errors import known_speed_squared_error
 from mishutter.evaluation.needs import ONLY_SPECTRA, Plan, sizes
 from mishutter.evaluation.response import Response, respond
-from mishutter.evaluation.sensor_view import sampled_view
+from mishutter.evaluation.views import sampled_view
 from mishutter.model import (
     AbstractMotion,
     LinearMotion,

@@ -23,7 +23,7 @@ from mishutter.evaluation.layers import layer_moments
 from mishutter.evaluation.needs import ONLY_SPECTRA, PLANNED, Plan
 from mishutter.evaluation.power import lost_share, picture_power, share
 from mishutter.evaluation.response import Records, Response, assembled, records
-from mishutter.evaluation.sensor_view import sampled_view
+from mishutter.evaluation.views import sampled_view
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,

@@ -23,7 +23,7 @@ from mishutter.evaluation.found_speed import FOUND_SHARE, found_share_of
 from mishutter.evaluation.metrics import kernel_differences
 from mishutter.evaluation.needs import ONLY_SPECTRA, PLANNED, Automatic, Parts, Plan
 from mishutter.evaluation.response import Response, respond
-from mishutter.evaluation.sensor_view import sampled_view
+from mishutter.evaluation.views import sampled_view
 from mishutter.model import AbstractMotion, AbstractShutter, DecoderSpeed, Scene, require_whole
 
 ALIGNMENTS = ("vertex", "free")

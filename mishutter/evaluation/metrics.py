@@ -32,7 +32,7 @@ from mishutter.evaluation.needs import (
     sizes,
 )
 from mishutter.evaluation.response import Records, Response, assembled, kernel_phase, records
-from mishutter.evaluation.sensor_view import SampledView, sampled_view
+from mishutter.evaluation.views import SampledView, sampled_view
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,

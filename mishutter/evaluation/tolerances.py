@@ -12,7 +12,7 @@ from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.errors import expected_squared_error, unaware_squared_error
 from mishutter.evaluation.needs import ONLY_SPECTRA, PLANNED, Plan
 from mishutter.evaluation.response import Records, assembled, records
-from mishutter.evaluation.sensor_view import sampled_view
+from mishutter.evaluation.views import sampled_view
 from mishutter.model import TOLERANCE_NAMES, AbstractMotion, AbstractShutter, Scene, require_scene
 
 _UNITS = {

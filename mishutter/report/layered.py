@@ -11,7 +11,7 @@ from mishutter._core import as_float
 from mishutter.camera import Layer, Layers, fixed_key, simulate_capture
 from mishutter.model import AbstractMotion, AbstractShutter, Occlusion, Scene
 from mishutter.pictures import Axis, Picture, row_power_spectrum, turned
-from mishutter.report.photographs import longest_kernel
+from mishutter.report.restored import longest_kernel
 from mishutter.restore import blur_model, deconvolve, squared_error_in
 from mishutter.search import Row
 

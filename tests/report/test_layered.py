@@ -8,7 +8,7 @@ import mishutter as ms
 # Steps of one picture: a report that shows it compares cameras for minutes first.
 from mishutter.report import BackgroundGain, Comparison, Report, plots
 from mishutter.report.backgrounds import before_still_background
-from mishutter.report.document import _layered
+from mishutter.report.documents import _layered
 from mishutter.report.layered import _displaced, _swept, layered_captures, layered_scene
 from mishutter.search import BEST_SNAPSHOT, OWN_BEST_MOTION, Row
 

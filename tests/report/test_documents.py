@@ -45,9 +45,9 @@ from mishutter.report import (
 )
 
 # The names of the files alone: to write the pictures takes seconds.
-from mishutter.report.document import _writers
-from mishutter.report.photographs import Photographs, _middle_rows, shown_speeds
+from mishutter.report.documents import _writers
 from mishutter.report.plots import new_figure
+from mishutter.report.restored import Photographs, _middle_rows, shown_speeds
 from mishutter.search import (
     BEST_BURST,
     BEST_CODED_STILL,
@@ -313,7 +313,7 @@ def test_a_background_comes_last_or_not_at_all(report, choice, asked, is_compute
 def test_a_background_is_drawn_beside_a_document_of_its_gains(report, monkeypatch, tmp_path):
     """Where a design has a photograph to show; elsewhere the document alone is written again."""
     drawn = new_figure(2.0, 1.5)
-    module = sys.modules["mishutter.report.document"]
+    module = sys.modules["mishutter.report.documents"]
     monkeypatch.setattr(module, "_layered", lambda report, rows: drawn)
     with_gains = replace(report, backgrounds=(HALF_STILL,))
     assert write_background(with_gains, tmp_path) == []
