@@ -152,6 +152,7 @@ def test_taps_and_derivatives(slug):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", daily(CORPUS, *list(CORPUS)[::3]))
+@pytest.mark.daily(2)
 def test_points_that_missed_once(name):
     """Taps and their derivatives by every argument, where long times all but cancel."""
     kind, motion, taps = CORPUS[name]
@@ -268,6 +269,7 @@ def test_gaussians_about_as_narrow_as_the_drift(precision):
 @pytest.mark.slow
 @pytest.mark.parametrize("precision", DTYPES)
 @pytest.mark.parametrize("slug", SOME_SHUTTERS)
+@pytest.mark.daily(4)
 def test_taps_and_derivatives_over_the_domain(slug, precision):
     """The full sweep: every tap, and on each tenth point every derivative."""
     rng = np.random.default_rng(2)

@@ -32,6 +32,7 @@ def test_transfer_function(slug):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("slug", EVERY_SHUTTER)
+@pytest.mark.daily(1)
 def test_transfer_function_of_a_path_that_turns(slug):
     """Values and derivatives where a panel turns far and holds the stationary point, and at 0."""
     rng = np.random.default_rng(8)
@@ -45,6 +46,7 @@ def test_transfer_function_of_a_path_that_turns(slug):
 @pytest.mark.slow
 @pytest.mark.parametrize("precision", DTYPES)
 @pytest.mark.parametrize("slug", SOME_SHUTTERS)
+@pytest.mark.daily(4)
 def test_transfer_function_over_the_domain(slug, precision):
     """The full sweep: six frequencies a point, strokes to 1e4 px; derivatives on each tenth."""
     rng, dtype = np.random.default_rng(7), DTYPES[precision]

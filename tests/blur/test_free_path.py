@@ -61,6 +61,7 @@ def test_taps_and_derivatives(slug, dtype, seed):
         ("spline", np.float64),
     ],
 )
+@pytest.mark.daily(2)
 def test_taps_and_derivatives_over_the_domain(slug, dtype):
     """A longer sweep, of 10 points each."""
     rng = np.random.default_rng(17)
@@ -71,6 +72,7 @@ def test_taps_and_derivatives_over_the_domain(slug, dtype):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("slug", "dtype"), [("hann", np.float64), ("chips", np.float32)])
+@pytest.mark.daily(1)
 def test_transfer_function(slug, dtype):
     """And its derivatives, at frequencies from far below to far above a cycle a path."""
     rng = np.random.default_rng(5)
@@ -82,7 +84,7 @@ def test_transfer_function(slug, dtype):
         assert of_slopes <= 1, point
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_forwards_and_backwards():
     """Reverse mode gives the derivatives of forward mode."""
     accelerations, parameters = np.array([3.0, -2.0, 0.0, 4.0]), np.array(0.4)

@@ -88,6 +88,7 @@ POINTS = {
         ("chips", "sensor"),
     ],
 )
+@pytest.mark.daily(2)
 def test_hessians_are_differences_of_gradients(slug, frame):
     """By motion, speed, edges and the shutter, at any speed of either sign and any stroke."""
     slope = jax.jit(jax.grad(partial(weighed, slug, frame), 1))
@@ -155,7 +156,7 @@ def test_second_derivatives_of_taps_are_exact(stroke, share, first):
     np.testing.assert_allclose(found, exact, atol=EXACT_OF_LARGEST * np.max(np.abs(exact)))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_modes_agree_under_vmap():
     """Forward over reverse, reverse over reverse and forward over forward, to rounding."""
     points = jnp.array(POINTS["vertex"][:3])
@@ -219,7 +220,7 @@ def on_free_path(change, taper):
     return numbers(blur_kernel(TukeyShutter(taper), motion, speed=13.0, num_taps=NUM_TAPS))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_free_path_has_second_derivatives_by_the_shutter():
     """Its breakpoints included."""
     slope, step = jax.jit(jax.grad(lambda taper: on_free_path(0.0, taper))), 1e-4

@@ -15,7 +15,7 @@ def test_random_scenes_and_designs_are_finite_and_right():
         assert row["worst slope / bound"] < 1
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_random_integrals_are_finite_and_right():
     """The transfer function of a path that turns, and narrow Gaussians in single precision."""
     for row in stress.integrals(count=2000, sample=12):

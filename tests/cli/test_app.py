@@ -372,7 +372,7 @@ def test_a_process_whose_reader_leaves_says_nothing_of_it():
     assert done.stderr == b""
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_design_whose_reader_leaves_is_kept(small_scene, tmp_path):
     """`mishutter optimise --out DIR 2>&1 | head -1` ends with 0 and all files.
 
@@ -423,6 +423,7 @@ def test_without_a_cache_folder(small_scene, tmp_path):
 
 @pytest.mark.parametrize("named", [False, True])
 @pytest.mark.slow
+@pytest.mark.daily(1)
 def test_programs_are_found_again(small_scene, tmp_path, named):
     """In the user's cache folder or where the user says, without a word; when cut, made anew."""
     command = [sys.executable, "-m", "mishutter", "plan", str(small_scene), "--json"]
@@ -636,7 +637,7 @@ def test_compare_reads_designs_back(optimised, small_scene, capsys):
     assert " dB" in second
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_search_makes_no_nan(optimised, small_scene):
     """With `jax_debug_nans`, which ends with the operation that makes one, it runs to its end.
 

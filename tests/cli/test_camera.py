@@ -305,6 +305,7 @@ def photograph(path, rows):
         ("writing", signal.SIGTERM, 143),
     ],
 )
+@pytest.mark.daily(1)
 def test_an_interrupt_leaves_no_half_written_file(when, sent, code, tmp_path, scene):
     """A signal ends it with its code and no traceback; what is in the folder, if any, is whole."""
     photograph(tmp_path / "a.jpg", 3500)
@@ -327,7 +328,7 @@ def test_an_interrupt_leaves_no_half_written_file(when, sent, code, tmp_path, sc
     assert {ms.read_picture(path).light.shape for path in out.iterdir()} <= {(3500, 2000, 3)}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_memory_grows_with_the_picture_alone(tmp_path, scene):
     """A pixel more takes at most 100 bytes: 24 megapixels of RGB stay within 4 GiB."""
     peaks = []

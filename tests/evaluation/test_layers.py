@@ -80,6 +80,7 @@ LAYERS = {
     ],
     ids=["snapshot", "Hann", "levels apart", "no edges"],
 )
+@pytest.mark.daily(2)
 def test_the_reference(motion, shutter, layers, mean_level, psnr):
     """Plain sums over time and over the frequencies of the matte give the same expected PSNR."""
     metrics = evaluate(scene_of(layers, mean_level=mean_level), motion, shutter)
@@ -151,6 +152,7 @@ def test_a_short_snapshot_sees_no_edges(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LAYERS)
+@pytest.mark.daily(2)
 def test_the_errors_at_each_speed_have_the_expected_mean(name):
     """By the weights of the objects, told and not; the worst of them is what the metrics say."""
     layers = LAYERS[name]
@@ -231,6 +233,7 @@ def test_folded_speeds_change_nothing(name):
     ("name", "cutoff", "nearness"),
     [*((name, 0.5, 0.12) for name in LAYERS), ("narrow", 0.12, 0.3), ("moving", 0.12, 0.3)],
 )
+@pytest.mark.daily(2)
 def test_a_search_knows_the_error_by_few_frequencies(name, cutoff, nearness):
     """A search computes the beat at few speeds and frequencies, and knows the error to 0.1 dB.
 
@@ -247,6 +250,7 @@ def test_a_search_knows_the_error_by_few_frequencies(name, cutoff, nearness):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["still", "moving"])
+@pytest.mark.daily(1)
 def test_the_decoder_leaves_what_is_expected(name):
     """The ensemble filter of a scene of two layers is the filter whose error is expected."""
     expected = evaluate(LAYERS[name], SWEPT, HannShutter()).expected_psnr
@@ -288,6 +292,7 @@ def test_losses_are_the_metrics(loss):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["still", "moving"])
+@pytest.mark.daily(1)
 def test_derivatives_follow_the_loss(name):
     """By motion, profile, light, speeds and layers they agree with central differences."""
     scene, loss = LAYERS[name], ExpectedErrorLoss()
@@ -317,7 +322,7 @@ def test_derivatives_follow_the_loss(name):
     np.testing.assert_allclose(slope, differences, rtol=2e-4, atol=1e-7)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_hessian_is_the_slope_of_the_slope():
     """Forward over reverse gives second derivatives by the profile and the motion."""
     scene, profile = LAYERS["still"], SplineShutter.fit(HannShutter(), num_coefficients=4)

@@ -219,6 +219,7 @@ def test_condition_and_invariance_do_not_see_the_scale():
 
 
 @pytest.mark.parametrize("slug", LOSSES)
+@pytest.mark.daily(2)
 def test_gradients_agree_with_differences(slug):
     """By profile, acceleration and half exposure, against central differences."""
     loss = LOSSES[slug]
@@ -423,6 +424,7 @@ every_loss_and_shutter = pytest.mark.parametrize(
 
 @pytest.mark.slow
 @every_loss_and_shutter
+@pytest.mark.daily(2)
 def test_a_traced_sensor_without_acceleration_is_a_still_camera(slug, shutter, dtype):
     """Aligned at mid-exposure, with the slope by exposure of one that is known to be still."""
     scene = Scene(np.array([-1900.0, 0.0, 700.0], dtype), photon_rate=1e5, read_noise=10.0)
@@ -448,6 +450,7 @@ def test_a_traced_sensor_without_acceleration_is_a_still_camera(slug, shutter, d
 
 @pytest.mark.slow
 @every_loss_and_shutter
+@pytest.mark.daily(3)
 def test_a_scene_at_rest_does_not_see_a_short_stroke(slug, shutter, dtype):
     """Its loss is one for all strokes from 0 on, with no slope, whoever traces the motion."""
     scene = Scene(np.zeros(2, dtype), photon_rate=1e5, read_noise=10.0)
@@ -478,6 +481,7 @@ LIMITED = Scene(SCENE.speeds, photon_rate=1e5, read_noise=10.0, limits=Limits(ma
         (DesignLoss(condition=0.0, invariance=0.0), "light"),
     ],
 )
+@pytest.mark.nightly
 def test_a_traced_motion_is_not_refused_for_taps_that_a_loss_does_not_use(loss, used):
     """Slower than its fastest object it has the value and slope of a motion that is known."""
     at = jnp.array([SLOW.acceleration, SLOW.half_exposure])
@@ -506,6 +510,7 @@ def test_a_traced_motion_is_refused_for_what_a_loss_uses(loss, factor, line):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("slug", KINDS)
+@pytest.mark.daily(1)
 def test_a_traced_motion_is_shared_out_over_devices(slug):
     """`jax.shard_map` of a loss and its slopes changes nothing, and is refused as well."""
     batch = jax.vmap(
@@ -547,6 +552,7 @@ def test_the_expected_error_holds_in_any_light(photon_rate, read_noise):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
+@pytest.mark.daily(1)
 def test_a_loss_has_one_value(seed):
     """That of a design is the loss called on it, planned or in full, whatever the motion.
 
@@ -619,7 +625,7 @@ def test_the_expected_error_has_second_derivatives_by_the_motion(shutter):
         np.testing.assert_allclose(second(point), differences, rtol=1e-6, atol=1e-8)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_hessian_of_a_loss_of_kernels_and_spectra_by_the_motion():
     """Symmetric in either mode, and what differences of the gradient give, in natural units."""
     loss = DesignLoss() + 0.3 * ExpectedErrorLoss()

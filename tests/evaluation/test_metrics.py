@@ -543,6 +543,7 @@ def test_no_light_and_no_noise_leave_the_variance_at_every_speed():
         ([640.0] * 2, [0.2, 0.8], None),
     ],
 )
+@pytest.mark.daily(2)
 def test_the_worst_speed_is_no_better_than_the_mean(speeds, weights, occlusion):
     """In any light and noise, of any shutter; one speed is its own worst."""
     for rate, noise in [(0.0, 0.0), (0.0, 6.0), (7e4, 0.0), (7e4, 6.0), (1e-30, 0.0), (1e12, 0.0)]:

@@ -78,6 +78,7 @@ def test_rows_are_restored_as_well_as_expected(name):
 
 @pytest.mark.slow
 @every_case
+@pytest.mark.daily(1)
 def test_the_expected_error_is_that_of_the_sums(name):
     """`evaluate` says of the scene what the filter for random rows is expected to leave."""
     motion, shutter, share, width, rate, background = CASES[name]

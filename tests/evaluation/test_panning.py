@@ -104,6 +104,7 @@ def test_a_line_without_velocity_is_a_camera_at_rest():
 @pytest.mark.parametrize(
     ("slug", "kind"), [("design", "parabola"), ("design", "line"), ("expected error", "parabola")]
 )
+@pytest.mark.daily(1)
 def test_gradients_are_those_of_shifted_speeds(slug, kind):
     """By acceleration, exposure, shutter, speeds and velocity, with all of them traced."""
     loss, make = LOSSES[slug], KINDS[kind]
@@ -135,6 +136,7 @@ def test_gradients_are_those_of_shifted_speeds(slug, kind):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("slug", LOSSES)
+@pytest.mark.nightly
 def test_a_gradient_by_velocity_alone_with_a_plan_of_its_own(slug):
     """Of a known scene, plain and under `jit`, against a difference; in both precisions."""
     loss = LOSSES[slug]

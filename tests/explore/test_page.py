@@ -313,6 +313,7 @@ def test_a_server_that_began_anew_is_said(page, place):
     assert not page.find_element("id", "problem").is_displayed()
 
 
+@pytest.mark.nightly
 def test_nothing_is_loaded_from_elsewhere(page):
     """All that the page loads comes from its own server."""
     chromium.wait(page, TABLE)

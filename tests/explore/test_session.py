@@ -170,7 +170,7 @@ def test_what_to_send_to_the_stage_is_drawn_beside_the_motion():
     assert "sent" not in curves(library_scene(), motion, HannShutter(), at_once=True)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_finished_design_and_the_table_are_the_librarys(started):
     """`optimise` and `compare` give the numbers of the page, to the last digit."""
     session = Session(started)
@@ -267,7 +267,7 @@ def test_work_that_nobody_waits_for_ends(started):
     assert len(calls) == 1
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_pins_are_bounded_and_are_rows_of_the_table(started):
     """A pin is a design as it was; one too many is refused, and a name is taken once."""
     session = Session(started)

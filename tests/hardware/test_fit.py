@@ -145,7 +145,7 @@ def test_one_speed_at_rest_sees_only_the_sum_of_both_branches():
     assert np.isfinite(camera.estimates["lens_blur_px"].error)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_points_of_one_unknown_speed_join_those_of_known_ones():
     """The speed that pictures share is found too, and the camera as if it had been told."""
     told = pictures(4, (-2500.0, 0.0, 2700.0))
@@ -158,7 +158,7 @@ def test_points_of_one_unknown_speed_join_those_of_known_ones():
     assert len(camera.not_identifiable) == 2
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_one_unknown_speed_shows_a_camera_or_its_mirror():
     """Where no speed is told, the speed over the sensor and the profile are, or both mirrored."""
     given = pictures(5, (1300.0,) * 3, told=False)
@@ -213,6 +213,7 @@ ELSEWHERE = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("slug", ELSEWHERE)
+@pytest.mark.daily(1)
 def test_no_fit_ends_in_a_minimum_beside_the_right_one(slug):
     """A camera is found whose pictures, but for a step in some, are those of other cameras.
 
@@ -284,6 +285,7 @@ STEEP = ["decays", "ramps", "opens half-way", "leaks", "lags", "is held"]
 @pytest.mark.slow
 @pytest.mark.parametrize("target", ["point", "edge"])
 @pytest.mark.parametrize("kind", STEEP)
+@pytest.mark.daily(4)
 def test_a_steep_profile_is_found_where_a_symmetric_one_was_sent(kind, target):
     """The stage is off too, and the profile of the light sent explains it with another stage."""
     rng = np.random.default_rng([STEEP.index(kind), target == "edge"])

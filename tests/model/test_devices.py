@@ -61,6 +61,7 @@ def test_transmittance_is_that_of_the_formula(slug):
 @pytest.mark.slow
 @pytest.mark.parametrize("speed", [0.0, 810.0])
 @pytest.mark.parametrize("slug", ["hann", "spline", "flutter"])
+@pytest.mark.daily(3)
 def test_kernels_are_a_mixture(slug, speed):
     """Of the kernels of the profile and of an open shutter; so are transfer functions."""
     command = SHUTTERS[slug].shutter()
@@ -126,6 +127,7 @@ def test_open_shutters_are_as_good_as_one_another():
 
 
 @pytest.mark.parametrize("slug", ["lossy", *DEVICES])
+@pytest.mark.daily(3)
 def test_the_value_of_a_traced_profile_decides_for_a_device(slug):
     """Under `jit` and `vmap` as outside; the slope at an open profile is finite."""
     device = DEVICE if slug == "lossy" else DEVICES[slug]()

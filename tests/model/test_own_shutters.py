@@ -235,7 +235,7 @@ def test_wrong_bounds_are_named(bounds, message):
         optimise(example_scene(), shutter=Wrong(jnp.array(0.3)), max_steps=2)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_one_with_parameters_is_designed_saved_and_compared(tmp_path):
     """The best slit is a shorter open exposure, so it ends where the best rect does."""
     before = list(kinds.KINDS)

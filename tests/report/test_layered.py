@@ -71,6 +71,7 @@ def test_small_and_grey_pictures_make_a_scene(shape):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("background_speed", [0.0, -700.0])
+@pytest.mark.nightly
 def test_layers_come_back_as_well_as_is_expected(background_speed):
     """By the same filter, of two layers with these speeds: a moving camera's, and a snapshot's."""
     layers = seen(128, background_speed)

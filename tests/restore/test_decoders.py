@@ -135,6 +135,7 @@ def test_a_capture_alone_may_be_traced(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", daily([*OF_ROWS, "until_noise"], *A_KIND_EACH, "until_noise"))
+@pytest.mark.daily(2)
 def test_a_restoration_differentiates(name):
     """In reverse mode as in forward mode, and along a direction as a difference does.
 
@@ -220,6 +221,7 @@ def test_wiener_is_that_of_scikit_image():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", DECODERS)
+@pytest.mark.daily(3)
 def test_borders_are_nearly_as_good_as_the_middle(name):
     """The outermost kernel length is within 3 dB of the rest where the scene goes on beyond."""
     decoder, known = DECODERS[name], scene(mean_level=0.21, deviation=0.2)
@@ -240,6 +242,7 @@ def test_borders_are_nearly_as_good_as_the_middle(name):
 @pytest.mark.parametrize(
     "name", daily(["ensemble", "total variation", "accelerated"], "total variation")
 )
+@pytest.mark.daily(1)
 def test_borders_are_far_better_than_wrapped(name):
     """Over photographs borders are within 3 dB of the middle, 6 dB above wrapped ones.
 

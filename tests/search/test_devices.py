@@ -49,6 +49,7 @@ def _scene(**others):
         (DesignLoss(), "shutter"),
     ],
 )
+@pytest.mark.daily(1)
 def test_a_design_knows_what_its_device_does(loss, free):
     """The loss that the search reports is that of the light, however it was computed."""
     scene = _scene(device=LEAKY)
@@ -132,6 +133,7 @@ def _design_of_pixels(name, full_well):
 @pytest.mark.slow
 @pytest.mark.parametrize("full_well", [60.0, 600.0])
 @pytest.mark.parametrize("name", SHUTTERS)
+@pytest.mark.daily(2)
 def test_no_design_fills_a_pixel(full_well, name):
     """The exposure ends where white fills it, and is no shorter than it need be."""
     found, unlimited = _design_of_pixels(name, full_well), _design_of_pixels(name, None)
@@ -223,6 +225,7 @@ FEW = {"num_starts": 2, "max_steps": 30}
 
 @pytest.mark.slow
 @pytest.mark.parametrize("loss", [ExpectedErrorLoss(), DesignLoss()])
+@pytest.mark.daily(1)
 def test_a_design_through_a_lag_beats_one_that_is_sent_blindly(loss, tmp_path):
     """By the loss of its light, at the same motion, and it comes back from its file."""
     scene = _scene(device=SLOW)
@@ -264,6 +267,7 @@ DISCRETE = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", DISCRETE)
+@pytest.mark.daily(1)
 def test_levels_are_part_of_the_search(name, tmp_path):
     """Only those of the device, better than rounding blindly, and no change of one slot helps."""
     device = DISCRETE[name]
@@ -300,7 +304,7 @@ def test_a_sweep_searches_no_levels():
             sweep(_scene(device=device), optimise=True, **axes)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_comparison_is_of_light_and_names_the_blind_drive():
     """Windows go through the device, the open shutter does not, and the notes say what it does."""
     scene = _scene(device=SLOW, limits=PARABOLAS)

@@ -77,7 +77,7 @@ def test_a_level_within_tolerances_is_of_one_filter_and_the_mean_of_speeds():
     assert (known.within, known.level) == (None, pytest.approx(25.3))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_designs_keep_or_start_from_their_own_motions():
     """A design that this loss found for this scene stays as it is; another is tuned."""
     loss, scene = ExpectedErrorLoss(), on_parabolas(SCENE)

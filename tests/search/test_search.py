@@ -193,6 +193,7 @@ def test_what_is_within_the_limits(slug):
     ("shutter", "free"),
     [(HannShutter(), ("acceleration", "half_exposure")), (TukeyShutter(0.5), None)],
 )
+@pytest.mark.daily(1)
 def test_a_grid_leads_to_the_lowest_of_its_minima(shutter, free):
     """Polished from every point of the grid by the whole loss, none ends lower."""
     loss = ExpectedErrorLoss()
@@ -218,7 +219,7 @@ def test_places_of_a_grid_are_tried_valley_by_valley():
     assert {0.0, 1.0} <= set(ends.ravel().tolist())
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_best_tukey_is_found_where_the_loss_is_jagged():
     """A condition number rises and falls with every pixel of stroke: no rect is better."""
     loss, scene = (
@@ -233,7 +234,7 @@ def test_the_best_tukey_is_found_where_the_loss_is_jagged():
     assert tukey.loss <= rect.loss * (1 + 1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_loss_without_an_eye_for_light_moves_the_profile_alone():
     """On the motion given, the scene's, or that of the best design by the expected error."""
     loss, search = DesignLoss(), {"num_starts": 2, "max_steps": 20}
@@ -344,6 +345,7 @@ _SHUTTERS = {"spline": SplineShutter.fit(TukeyShutter(0.45), 10), "tukey": Tukey
         ("tukey", FREE_NAMES),
     ],
 )
+@pytest.mark.daily(2)
 def test_a_search_is_as_precise_as_the_scene_and_the_motion(slug, free):
     """Single precision stays so where JAX's default is double, whatever the shutter's is."""
     speeds, single = np.array([-310.0, 0.0, 520.0], np.float32), np.float32
@@ -442,6 +444,7 @@ motions: either number of them is good to 0.01 dB."""
 
 @pytest.mark.slow
 @pytest.mark.parametrize("slug", daily(OWN_LOSSES, "compiled"))
+@pytest.mark.daily(1)
 def test_a_loss_of_the_package_s_own_functions_needs_no_plan(slug):
     """It is searched over all that can move, wherever light falls there, from scene to scene."""
     loss, scenes = OWN_LOSSES[slug]
@@ -452,7 +455,7 @@ def test_a_loss_of_the_package_s_own_functions_needs_no_plan(slug):
         assert design.loss <= design.best_start_loss
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_search_is_the_same_on_any_number_of_processors(monkeypatch):
     """Points are minimised from one by one, so that threads do not change their roundings."""
     designs = []

@@ -50,7 +50,7 @@ def worker():
         yield made
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_two_workers_give_the_same(cluster, tmp_path, monkeypatch):
     """As arrays sent back to an address's caller, and in a store that they write to.
 

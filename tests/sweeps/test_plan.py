@@ -89,12 +89,13 @@ def compare_sweeps(scenes, axes, shutters):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("family", ["symmetric", "any"])
+@pytest.mark.daily(1)
 def test_nothing_changes(family):
     """80 points of scenes of ten kinds, by a shutter for which speeds fold and by another."""
     assert compare_sweeps(random_scenes(), AXES, FAMILIES[family]) >= 50
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_nothing_changes_on_many_scenes():
     """Twelve scenes, moving and at rest."""
     scenes = {str(seed): random_scene(seed)[0] for seed in range(12)}

@@ -116,7 +116,7 @@ def test_labels_and_units(swept):
     assert all(name in swept.attrs["sweep"] for name in ("photon_rate", "max_stroke", "Hann"))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_shutters_without_symmetry():
     """A flutter code, a one-sided profile and a narrow window are as exact as the rest."""
     profile = 0.5 + 0.45 * np.sin(1.7 * np.arange(9) + 0.3)
@@ -131,6 +131,7 @@ def test_shutters_without_symmetry():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fall_time", [1.1e-3, 3e-3])
+@pytest.mark.daily(1)
 def test_what_lags_is_measured_at_its_own_exposure(fall_time):
     """A device's time is another share of each exposure, and so is the light of one profile."""
     device = FirstOrderShutter(rise_time=1.1e-3, fall_time=fall_time, num_slots=16, leakage=0.02)
@@ -141,7 +142,7 @@ def test_what_lags_is_measured_at_its_own_exposure(fall_time):
     assert differences(found, scene, SHUTTERS, points[1::3]) == []
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_profiles_are_found_through_a_lag():
     """The best profile at a point is of what is sent, and its numbers are of the light."""
     device = FirstOrderShutter(rise_time=1.1e-3, fall_time=1.1e-3, num_slots=16)
@@ -215,7 +216,7 @@ MIDDLES = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_each_scene_is_measured_from_the_middle_of_its_speeds():
     """As far as its sensor may pan; the velocity is a coordinate of it."""
     scenes = {name: scene for name, (scene, _) in MIDDLES.items()}
@@ -231,7 +232,7 @@ def test_each_scene_is_measured_from_the_middle_of_its_speeds():
         assert len(inside_points(part)) == 1
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_velocities_are_a_dimension():
     """Between scene and acceleration, of numbers that `evaluate` gives of each pan."""
     velocities = [-420.0, 0.0, 260.0, 3300.0]
@@ -326,6 +327,7 @@ TOO_LONG = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("slug", TOO_LONG)
+@pytest.mark.daily(1)
 def test_a_point_that_is_too_long_to_compute_is_left_out(slug):
     """Light of one speed falls over at most 65,536 px, of all over 93,600; others are computed."""
     speeds, accelerations, metrics, too_long = TOO_LONG[slug]
@@ -453,7 +455,7 @@ print(len(jax.devices()))
 """
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_four_devices_give_the_same(tmp_path):
     """Designs shared out over four devices give the bits that one device gives."""
     asked = {"folder": str(Path(__file__).parents[1]), "path": str(tmp_path / "4.npz")}

@@ -66,6 +66,7 @@ def test_a_profile_is_symmetric_where_the_speeds_of_its_frame_are():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("slug", SCENES)
+@pytest.mark.daily(1)
 def test_losses_are_those_of_optimise(slug):
     """At points with and without neighbours; metrics and loss are of the coefficients kept."""
     (scene, points), loss = SCENES[slug], ExpectedErrorLoss()
@@ -104,6 +105,7 @@ VALLEYS = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("slug", VALLEYS)
+@pytest.mark.daily(1)
 def test_the_lowest_of_many_minima_is_found_in_a_sweep_too(slug):
     """To 0.2 % of the loss, whether or not neighbours are swept with a point."""
     scene, acceleration, half_exposure, lowest = VALLEYS[slug]
@@ -136,6 +138,7 @@ NUM_RANDOM = 4
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", range(NUM_RANDOM))
+@pytest.mark.daily(1)
 def test_random_points_are_as_low_as_a_search_from_many_more_starts(number):
     """Both ways within 0.2 % of the loss: of random speeds, light, strokes and exposures."""
     random = np.random.default_rng([37, number])
@@ -174,6 +177,7 @@ LOSSES = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("slug", LOSSES)
+@pytest.mark.daily(1)
 def test_every_loss_is_searched(slug):
     """Losses of kernels, sums and plain functions too; of what is no sum at rest as well.
 

@@ -431,6 +431,7 @@ def started(store):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["SIGINT", "SIGKILL"])
+@pytest.mark.daily(1)
 def test_a_killed_sweep_goes_on(name, whole, tmp_path, caplog):
     """A signal after the first block; the next run computes the others only."""
     store = tmp_path / "a.zarr"
@@ -485,6 +486,7 @@ sys.exit(cli.main({command!r}))
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="drops a right that only Linux has apart")
+@pytest.mark.nightly
 def test_a_store_made_read_only_half_way(tmp_path, capsys):
     """One line and exit code 2; made writable again, the rest is computed, bit for bit."""
     store, other = tmp_path / "a.zarr", tmp_path / "whole.zarr"

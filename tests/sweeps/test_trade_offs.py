@@ -122,7 +122,7 @@ def test_a_front_of_ones_own_senses(swept):
     assert np.all(np.diff(front.expected_psnr) <= 0)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_best_snapshot_of_what_is_known_in_a_trace():
     """A function that JAX compiles may ask for it where the scene is not traced."""
     alone = best_snapshots(SCENE, [3e3, 4e4])
@@ -208,6 +208,7 @@ SNAPSHOTS = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("slug", daily(SNAPSHOTS, "slow-pan", "full-well"))
+@pytest.mark.daily(2)
 def test_the_best_snapshot_is_that_of_optimise(slug):
     """What a search over exposure and velocity finds, and `evaluate` measures."""
     scene = SNAPSHOTS[slug] or example_scene()
@@ -227,7 +228,7 @@ def test_the_best_snapshot_is_that_of_optimise(slug):
     assert half == pytest.approx(float(found.motion.half_exposure), rel=EXPOSURE_FOUND)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_best_snapshots_under_each_light():
     """Are those of a scene of that light, of velocities of their own."""
     rates, noises = [2e3, 6e5], [0.0, 90.0]
@@ -241,7 +242,7 @@ def test_best_snapshots_under_each_light():
     assert np.unique(best.velocity).size > 1
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_snapshot_that_pans_at_one_of_two_speeds():
     """Of two speeds without a common path the frequent one is followed, not their middle."""
     scene = limited([-900.0, 2100.0], [0.1, 0.9], light=(1e3, 6.0), pans="camera")
@@ -300,7 +301,7 @@ def lit():
     return light_map(found, LIGHT_SCENE)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_coding_pays_where_read_noise_dominates(lit):
     """The gain over the best snapshot rises with read noise and falls with light, to a loss."""
     gain = lit.gain.transpose("photon_rate", "read_noise").values
@@ -352,7 +353,7 @@ def test_points_and_fronts_of_velocities(panned):
         assert not np.any((values[0] > float(psnr)) & (values[1] < float(difference)))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_gains_of_velocities(panned):
     """Each is over the one snapshot that may pan too; a map takes the best of them."""
     gain = gain_over_snapshot(panned, ONE_WAY)
@@ -393,7 +394,7 @@ KNOWN_SPEED = Scene(
 )
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_no_flutter_beats_the_best_snapshot_by_more_than_the_bound():
     """A camera at rest, one known speed, shot noise alone: at most 1.1717 in RMSE."""
     random = np.random.default_rng(4)
@@ -433,6 +434,7 @@ def test_the_best_snapshot_of_a_known_speed_is_one_pixel_long():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["found", "known"])
+@pytest.mark.daily(1)
 def test_gains_are_by_the_sweeps_own_decoder(name):
     """The best snapshot is tuned and judged by the decoder that judges the points."""
     limits = Limits(max_stroke=40.0, max_half_exposure=0.025)
