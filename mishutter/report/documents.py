@@ -94,7 +94,7 @@ def _at_best(comparison: Comparison) -> dict[str, Row]:
 
 def document(report: Report) -> dict[str, object]:
     """Everything in a report as plain numbers, lists and text."""
-    levels = {} if report.restored is None else report.restored.levels
+    levels = {} if report.photographs is None else report.photographs.levels
     photographs = {
         decoder: {name: _photograph_document(result) for name, result in results.items()}
         for decoder, results in levels.items()
@@ -201,7 +201,7 @@ def write_background(
         OSError: if a file cannot be written.
     """
     _write_document(report, folder / _DOCUMENT)
-    if report.design is None or report.restored is None:
+    if report.design is None or report.photographs is None:
         return []
     rows = pictured_rows(report.comparison, report.names)
     _save_drawn(lambda: _layered(report, rows), folder / _LAYERS)
@@ -219,7 +219,7 @@ def _save_drawn(drawn: "Callable[[], Figure]", path: Path) -> None:
 
 def _drawings(report: Report) -> "dict[str, Callable[[], Figure]]":
     """A function for each picture that draws it, by the name of its file."""
-    scene, shown = report.scene, report.restored
+    scene, shown = report.scene, report.photographs
     rows = pictured_rows(report.comparison, report.names)
     designs = {name: (row.motion, row.shutter) for name, row in rows.items()}
     speed = next(iter(rows.values())).decoder.name
