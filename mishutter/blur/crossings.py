@@ -103,6 +103,8 @@ def _located(
     speed = speed_at(track, edge)
     velocity = jnp.where(AFTER, speed, -speed)
     timed = partial(time_between, without_sag=float(jnp.finfo(speed.dtype).tiny))
+    # From mid-exposure a moment is known to rounding, which is enough to choose the breakpoint that
+    # the crossing is then timed from.
     moment = timed(distance(edge, track.middle), -track.smear, velocity, track.sag)
     moment = jnp.clip(moment, -_LATE, _LATE)
     nearest = _nearest(equal_pieces, track, tau.high, edge, moment)
@@ -115,6 +117,8 @@ def _located(
     from_left = (nearest == 0) | (is_past & (nearest < last))
     piece = jnp.zeros_like(nearest) if last == 1 else nearest - 1 + from_left.astype(jnp.int32)
     length = at(lengths(equal_pieces, tau), piece)
+    # Clipped, an edge beyond the exposure is held at its end, and taps out there have a width of 0
+    # by the same formulae.
     inside = jnp.clip(offset, jnp.where(from_left, 0.0, -length), jnp.where(from_left, length, 0.0))
     return Crossings(piece, from_left, inside, nearest, moment, speed), edge
 
@@ -140,6 +144,7 @@ def clip_to_reach(edges: DoubleWord, track: Path, at_rest: Array) -> DoubleWord:
     nowhere = track.from_vertex & (track.sag == 0)
     high = jnp.where(at_rest, jnp.where(edges.high > 0, reach, -reach), edges.high)
     high = jnp.clip(jnp.where(nowhere, -reach, high), -reach, reach)
+    # The low word of an edge that was clipped belongs to another place.
     return DoubleWord(high, jnp.where(high == edges.high, edges.low, 0.0))
 
 
@@ -170,6 +175,7 @@ def lengths(equal_pieces: bool, tau: DoubleWord) -> Array:
     """Lengths of the pieces, `(p,)`; one for all, `(1,)`, where they are equal."""
     if equal_pieces:
         return jnp.full(1, 2 / (tau.high.size - 1), tau.high.dtype)
+    # A piece may be shorter than the rounding of its ends: the low words know its length.
     return jnp.diff(tau.high) + jnp.diff(tau.low)
 
 

@@ -142,13 +142,17 @@ def _attach_motion_jvp_rule(primals, tangents, *, from_vertex, primal):
     steps = {i: step for i, step in scalars if step is not None}
     if not steps and by_edges is None:
         return same, sum(changes[1:], changes[0]) if changes else None
+    # Rates are computed only by those inputs that have a tangent.
     units = np.eye(5)[[*steps, *(() if by_edges is None else (3, 4))]].astype(exposure.dtype)
     rates = _rates(from_vertex, jax.lax.stop_gradient(inputs.motion), primal, units)
     rates = _second_order_rates(rates, inputs, from_vertex=from_vertex, primal=primal, units=units)
     if steps:
         step = jnp.stack([*steps.values()])
+        # An accelerator would by default multiply with fewer digits.
         changes.append(jnp.matmul(step, rates[: len(steps)], precision="highest"))
     if by_edges is not None:
+        # A tap takes the changes of its place and width, because those by its two edges nearly
+        # cancel where it is narrow.
         begin, end = by_edges[: exposure.size], by_edges[1 : exposure.size + 1]
         changes += [rates[-2] * ((begin + end) / 2), rates[-1] * (end - begin)]
     return same, sum(changes[1:], changes[0])
@@ -192,6 +196,7 @@ def _plain_rates(
     since = passage.moment - at(inputs.tau.high, primal.x.nearest)
     offset = with_tangent(primal.x.offset, jnp.where(primal.is_held, 0.0, since))
     w = transmittance_at(inputs.profile, primal.x._replace(offset=offset))
+    # A crossing that is held at an end of the exposure does not move.
     w = jnp.where(primal.is_held, 0.0, jnp.where(AFTER, w, -w))
 
     def rate(unit):
@@ -222,6 +227,8 @@ def _rates(from_vertex: Array, motion: Motion, primal: KernelPrimal, units: np.n
     is_free = ~(primal.is_held[primal.parts[0]] | primal.is_held[primal.parts[1]])
     one_sided = jnp.where(AFTER, end - begin, begin - end)
     inner, outer = (sum_over_branches(jnp.where(is_free, w, 0.0)) for w in (begin, end))
+    # The darker end counts: the time in which a tap is passed may change without bound next to the
+    # vertex, which has no effect where the shutter is closed.
     height = jnp.minimum(inner, outer)
     drifting = sum_over_branches(jnp.where(is_free, rise, one_sided))
     # The drift by anything but the speed is proportional to the speed, and the speed is small here.
@@ -309,6 +316,7 @@ def _between_branches(motion: Motion) -> Array:
 
 def _near(profile: AbstractPiecewiseShutter, like: Array) -> Array:
     """Longest time that a rule of two nodes integrates, and over which slopes cancel; scalar."""
+    # The error of two Gauss-Legendre nodes is in proportion to the fifth power of the length.
     share = float(jnp.finfo(like.dtype).eps) ** 0.2
     return share * jnp.asarray(profile.smooth_length, like.dtype)
 
@@ -322,6 +330,7 @@ def _rise_between_branches(apart: Array, primal: KernelPrimal) -> tuple[Array, A
     is_mirrored = jnp.where(is_held, jnp.all(primal.is_held, axis=0), mirrored | at_vertex)
     middle = after.offset - apart / 2
     rise = apart * _slope(profile, after, middle, jnp.broadcast_to(jnp.abs(apart), middle.shape))
+    # At the vertex the branches meet, and the light there is the same on both.
     rise = jnp.where(is_held | at_vertex, 0.0, rise)
 
     # The rises at the two edges of a narrow tap nearly cancel, so a tap in one piece takes the
@@ -350,6 +359,7 @@ def steps(profile: AbstractPiecewiseShutter, like: Array) -> Array:
     zero = jnp.zeros(like.size + 1, like.dtype)
     above, below = (profile.piece_mean(piece, side, zero, zero) for side in (piece >= 0, piece < 0))
     above, below = above[1:], below[:-1]
+    # Pieces that meet smoothly differ by rounding, which is no step.
     rounding = 16 * jnp.finfo(above.dtype).eps * jnp.maximum(above, below)
     return jnp.where(jnp.abs(above - below) > rounding, above - below, 0.0)
 

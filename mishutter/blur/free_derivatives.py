@@ -170,6 +170,8 @@ def _change(
     is_held, at_vertex = primal.is_held & ~joins, x.velocity == 0
     is_fixed = is_held | at_vertex
     pace = jnp.where(is_fixed, 1.0, x.velocity)
+    # Both runs read the transmittance at a join in one piece: read from either side, it might
+    # differ by rounding, and so would what the runs share.
     after = x._replace(
         piece=jnp.where(joins, jnp.minimum(x.nearest, last - 1), x.piece),
         from_left=joins | x.from_left,
@@ -210,6 +212,8 @@ def _change(
     gain += 2 * (from_start * sag[second] + to_end * sag[first])
     in_one_piece, duration = begin.piece == end.piece, sign * primal.width
     mean_velocity = (d_velocity[first] + d_velocity[second]) / 2
+    # In one piece both differences are in proportion to the time between, with nothing left to
+    # cancel.
     d_distance = jnp.where(in_one_piece, duration * mean_velocity, d_distance)
     gain = jnp.where(in_one_piece, 2 * sag[first] * duration, gain)
     d_duration = ((edges[1] - edges[0]) - d_distance) / pace[second] - moments[0] * (

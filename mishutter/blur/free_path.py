@@ -91,6 +91,8 @@ class RefinedShutter(AbstractPiecewiseShutter):
                 self.owner[(None, ..., *rest)],
             )
             return jnp.take_along_axis(values, owner, axis=0, mode="promise_in_bounds")[0]
+        # Ordered by the shutter's pieces, each of these is evaluated at its own offsets alone; the
+        # way above evaluates all of them at the offsets of all.
         owner = np.array(self.static_owner)
         first = np.searchsorted(owner, np.arange(count))
         place = np.arange(owner.size) - first[owner]
@@ -100,6 +102,8 @@ class RefinedShutter(AbstractPiecewiseShutter):
     def piece_mean(self, piece: Array, from_left: Array, distance: Array, width: Array) -> Array:
         length = looked_up(jnp.diff(self.ends.high) + jnp.diff(self.ends.low), piece)
         other = length - distance
+        # Counted from the nearer end of the shutter's own piece, where a profile that vanishes at
+        # that end keeps its relative accuracy.
         left = looked_up(self.lead, piece) + jnp.where(from_left, distance, other)
         right = looked_up(self.trail, piece) + jnp.where(from_left, other, distance)
         is_left = left <= right
@@ -121,6 +125,7 @@ def refined(
     static_owner = None
     if profile.equal_pieces:
         longest = min(longest, 2 / num_pieces)
+        # Where the path cuts pieces short, fewer panels are as fine.
         count = math.ceil(count * longest * num_pieces / 2)
         equal = uniform_fractions(num_pieces)
         both = sorted({*equal, *inner})
@@ -132,6 +137,7 @@ def refined(
         added = fractions_as_words(inner, dtype)
         high, low = (jnp.concatenate(pair) for pair in zip(own, added, strict=True))
         index = jnp.arange(high.size, dtype=jnp.int32)
+        # By both words, because breakpoints may differ in the low one alone.
         index = jax.lax.sort((*jax.lax.stop_gradient((high, low)), index), num_keys=2)[2]
         cuts = DoubleWord(high[index], low[index])
         is_own = index[:-1] <= num_pieces
@@ -272,13 +278,16 @@ def _exact_path(
     left, right = (DoubleWord(*(x[part] for x in paces)) for part in (slice(-1), slice(1, None)))
     rates = _gather(sag, base[:-1])
     sign = jnp.sign(rates.high)
+    # One of the ends counts, so that a turning point at a breakpoint belongs to one piece alone.
     turns = (sign * left.high < 0) & (sign * right.high >= 0)
+    # A piece without a turning point divides by 1.
     quarter = (4 * jnp.where(turns, *pair) for pair in zip(rates, (0.25, 0.0), strict=True))
     rise = multiply(multiply(left, left), reciprocal(DoubleWord(*quarter)))
     begin = DoubleWord(at_tau.high[:-1], at_tau.low[:-1])
     turning = add(begin, negate(rise))
     vertex = DoubleWord(*(jnp.where(turns, *pair) for pair in zip(turning, begin, strict=True)))
     high, low = (jnp.append(x, y[-1:]) for x, y in zip(vertex, at_tau, strict=True))
+    # Among equal high words the low words decide.
     index = jnp.argmin(jnp.where(high == jnp.min(high), low, jnp.inf))
     lowest = DoubleWord(*(jnp.where(from_lowest, x[index][None], 0.0) for x in (high, low)))
     return FreePath(rates.high, paces.high, at_tau, vertex, turns, lowest, index, from_lowest)
@@ -314,6 +323,7 @@ def runs(accelerations: Array, place: Array, count: int) -> MonotoneRun:
     """The runs of a path, each field of shape `(count,)`; `place` is that of `refined`."""
     signs = jnp.sign(accelerations)
     index = jnp.arange(signs.size, dtype=jnp.int32)
+    # A piece without acceleration goes on with the run before it: it has no sign of its own.
     last = jax.lax.cummax(jnp.where(signs != 0, index, -1))
     sign = jnp.where(last >= 0, signs[last], 0.0)
     turns = (sign[1:] != sign[:-1]) & (sign[:-1] != 0)
@@ -355,6 +365,7 @@ def _located(
     origin = [jnp.where(holds_vertex, looked_up(v, piece), looked_up(x, inner)) for v, x in pairs]
     slowest = jnp.where(holds_vertex, 0.0, inner_speed)
     beyond = jnp.maximum(distance(edge, DoubleWord(*origin)), 0)
+    # Outwards a point only gets faster, which rounding must not undo.
     speed = jnp.maximum(jnp.sqrt(slowest * slowest + 4 * rate * beyond), slowest)
     velocity = jnp.where(AFTER, speed, -speed)
 
@@ -366,6 +377,7 @@ def _located(
         )
 
     length = looked_up(jnp.diff(tau.high) + jnp.diff(tau.low), piece)
+    # Timed from both ends, for the relative accuracy of the shorter time.
     from_start = jnp.clip(since(piece), 0, length)
     to_end = jnp.clip(-since(piece + 1), 0, length)
     is_held = is_early | is_late

@@ -166,7 +166,11 @@ def aligned_kernel(
     """
     dtype = _dtype(shutter, motion, speed, phase)
     first = jnp.asarray(phase, dtype)
+    # An even number of edges, which XLA can share out among threads.
     index = jnp.arange(num_taps + 1 + (num_taps + 1) % 2, dtype=dtype)
+    # One float would round away low digits of the phase, which decide on a tap where a step falls
+    # in. The derivative by the phase goes by the common shift instead: summed over edges it would
+    # cancel.
     edges = two_sum(index, jnp.broadcast_to(jax.lax.stop_gradient(first), index.shape))
     profile = piecewise(shutter)
     taps = _Taps(num_taps, edges, first, from_vertex)
@@ -277,6 +281,7 @@ def _parabolic_exposure(
     tau = profile.breakpoints(np.dtype(speed_low.dtype))
     # Carries no derivative by the motion and the edges up to `attach_motion_jvp`.
     motion, at_rest = nonstationary_motion(motion)
+    # The motion that stands for rest does not accelerate, so that it has no vertex.
     from_vertex = from_vertex & ~at_rest
     primal_motion, primal_tau = jax.lax.stop_gradient((motion, tau))
     track = primal_path(primal_motion, speed_low, primal_tau, from_vertex=from_vertex)
@@ -339,6 +344,8 @@ def _branch_exposures(
     here, there = (x.part(k).by_breakpoints(tau.high) for k in parts(num_taps))
     length = at(lengths(profile.equal_pieces, tau), here.piece)
     in_one_piece = here.piece == there.piece
+    # Only a part of a tap with a held inner edge lies in the exposure: the distance of its edges
+    # does not tell how long that lasts, but the offsets of its ends do.
     entered = there.inner(AFTER, length) - here.inner(AFTER, length)
     width = jnp.where(held_here & in_one_piece, entered, here.outer(AFTER, length))
     # A breakpoint that moves between crossings lengthens one cell as it shortens the next, so
@@ -425,6 +432,7 @@ def _free_exposure(
             primal=jax.lax.stop_gradient(primal),
         )
         exposure = jnp.where(is_mirrored, exposure[::-1], exposure)
+        # The number of runs is static, so that a path that changes may leave some of them empty.
         return jnp.where(run.past > run.first, exposure, 0.0)
 
     all_runs = runs(parameters.accelerations, place, num_runs)
@@ -457,6 +465,8 @@ def _from_breakpoints(
     is_after = velocity[1:-1] >= 0
     branch = is_after.astype(jnp.int32)
     outwards = jnp.where(AFTER, x.piece, -x.piece)
+    # The pieces of the crossings tell which tap holds a breakpoint. Positions would tell it too,
+    # but by rounding might contradict the pieces where the two nearly meet.
     edge = _num_below(outwards, is_after, jnp.where(is_after, breakpoint, 1 - breakpoint))
     exists = (edge > 0) & (edge <= num_taps)
     if run is not None:

@@ -82,6 +82,7 @@ def _nodes_of_polynomials(
 
 def _padded_length(num_nodes: int, actual: int) -> int:
     """The common length for `num_nodes`; more if the `actual` number of nodes exceeds it."""
+    # Two blocks more than asked for leave room for the nodes that a few pieces add by rounding up.
     common, least = (math.ceil(count / _SHARED_PANEL_NODES) for count in (num_nodes, actual))
     return max(common + 2, least) * _SHARED_PANEL_NODES
 
@@ -93,6 +94,8 @@ def _nodes_of_pieces(
     profile = piecewise(shutter)
     profile = refined(profile, path_ends, dtype)[0] if path_ends else profile
     ends = profile.breakpoints(dtype)
+    # A few unequal pieces may have any lengths, and panels of their own would be as many for the
+    # shortest as for the longest.
     few = ends.high.size <= FEW_PIECES + 1 and not profile.equal_pieces and not path_ends
     rule = _shared_panels if few else _own_panels
     tau, weight = rule(profile, ends, num_nodes)
@@ -112,6 +115,7 @@ def _own_panels(
     """Nodes of panels; every piece has as many as the longest one needs."""
     ends = exact_ends.high
     num_panels = profile.panels_per_piece
+    # Of many unequal pieces none is longer than twice their mean, as their class promises.
     longest = (1 if profile.equal_pieces else 2) / (ends.size - 1)
     longest = profile.longest / 2 if isinstance(profile, RefinedShutter) else longest
     per_panel = math.ceil(num_nodes * longest / num_panels)
@@ -143,8 +147,11 @@ def _shared_panels(
     piece = jnp.sum(panel >= past[None, :-1], axis=1)
     columns = (ends[:-1], length, count, past - count)
     begin, piece_length, num_panels, first = (x[piece][:, None] for x in columns)
+    # Unused panels sit inside a piece, where no derivative is infinite, and weigh nothing.
     is_used = panel < past[-1]
     share = jnp.where(is_used, panel - first + nodes, 0.5) / num_panels
+    # Nodes move with the lengths of pieces, and are differentiated with them: a `stop_gradient` on
+    # the lengths would give right values and wrong slopes.
     values = profile.piece_transmittance(length[:, None, None] * share[None])
     transmittance = jnp.take_along_axis(values, piece[None, :, None], axis=0)[0]
     weight = jnp.where(is_used, piece_length / num_panels * (weights / 2), 0.0) * transmittance

@@ -77,9 +77,12 @@ def condition_number(kernel: RowLike, *, num_frequencies: int | None = None) -> 
     require(length >= taps.size, subject, f"be at least the {taps.size} taps", length)
     require(length <= _MOST_FREQUENCIES, subject, f"be at most {_MOST_FREQUENCIES}", length)
 
+    # The ratio does not depend on the scale of the kernel, but the test for a response of zero
+    # does. As the scale cancels, so would its derivative.
     magnitude = jax.lax.stop_gradient(jnp.sum(jnp.abs(taps)))
     taps = taps / jnp.where(magnitude > 0, magnitude, 1.0)
     response = jnp.fft.rfft(taps, length)
+    # The slope of `abs` is NaN at a zero of the response; that of its square is 0.
     power = response.real**2 + response.imag**2
     least = jnp.min(power)
     invertible = least > (_ZERO_RESPONSE_ULP * jnp.finfo(taps.dtype).eps) ** 2
@@ -183,6 +186,7 @@ def _at_positive(
         panel, is_mirrored = jax.vmap(panels_at)(*points)
         direct = jax.vmap(lambda p: along_panel(profile, p))(panel)
         far = turns_far(panel)
+        # Short or slow exposures have no far panel, and are spared the rays.
         descent = jax.lax.cond(
             jnp.any(far),
             jax.vmap(lambda p: along_rays(profile, p)),
@@ -199,4 +203,5 @@ def _at_positive(
     if f.size <= length:
         return block((s, f))
     index = np.minimum(np.arange(-(-f.size // length) * length), f.size - 1).reshape(-1, length)
+    # Reverse mode computes each block again, instead of holding the intermediate values of all.
     return jax.lax.map(jax.checkpoint(block), (s[index], f[index])).reshape(-1)[: f.size]

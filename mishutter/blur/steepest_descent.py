@@ -67,6 +67,7 @@ class Panels(NamedTuple):
 
 @lru_cache
 def _rule(dtype: np.dtype) -> _Rule:
+    # Decays by exp(-37) and exp(-17) are below the rounding of either precision.
     count, max_turn, decay = (28, 30.0, 37.0) if dtype == np.float64 else (16, 16.0, 17.0)
     x, weights = np.polynomial.legendre.leggauss(count)
     line, line_weights = np.polynomial.hermite.hermgauss(count)
@@ -143,6 +144,7 @@ def _panel_ends(
     count = profile.panels_per_piece
     offset = length[:, None] * jnp.asarray(np.arange(count + 1)[None] / count, length.dtype)
     summed = two_sum(jnp.broadcast_to(ends.high[:-1, None], offset.shape), offset)
+    # The last panel ends exactly where the next piece begins: a sum would round beside it.
     high = summed.high.at[:, -1].set(ends.high[1:])
     low = (summed.low + ends.low[:-1, None]).at[:, -1].set(ends.low[1:])
     lengths = jnp.broadcast_to(length[:, None] / count, offset[:, 1:].shape)
@@ -182,6 +184,7 @@ def _ray(profile: AbstractPiecewiseShutter, panel: Panels, end: int, far: Array)
     sign = jnp.where(slope >= 0, 1.0, -1.0).astype(slope.dtype)
     steepness, curvature = sign * slope, panel.curvature
     quarter = steepness * _ROOT_HALF
+    # This form of the root of a quadratic holds without curvature too.
     rate = quarter + jnp.hypot(quarter, jnp.sqrt(4 * rule.decay * curvature))
     reach = jnp.where(far, 2 * rule.decay / jnp.where(far, rate, 1.0), panel.length)
     # The integral does not depend on the reach: the integrand beyond it is below rounding.
@@ -230,6 +233,8 @@ def _unit(cycles: Array) -> Array:
 @jax.custom_jvp
 def _cycles(frequency: Array, position: Array, position_low: Array) -> Array:
     """Phase at a position, in cycles, without whole ones."""
+    # A phase of many cycles has few digits left for the part that counts, so that whole cycles
+    # leave it while it is a double word.
     exact = multiply(DoubleWord(position, position_low), word(frequency))
     return (exact.high - jnp.round(exact.high)) + exact.low
 

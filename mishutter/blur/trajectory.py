@@ -166,6 +166,8 @@ def speed_at(track: Path, edges: DoubleWord) -> Array:
     $4Ax$. The result carries no derivative: `speed_change` computes it.
     """
     near = track.from_vertex | (4 * track.sag >= jnp.abs(track.smear))
+    # Near means at most twice as far in time as the ends of the exposure, where the table has the
+    # vertex too.
     origin = [jnp.where(near, x, 0.0) for x in track.vertex]
     distance = (edges.high - origin[0]) + (edges.low - origin[1])
     square = jnp.where(near, 0.0, track.smear**2) + 4 * track.sag * distance
@@ -228,6 +230,8 @@ def _exact_table(
 ) -> Array:
     a, T, s = motion
     sag, smear = _sag_and_smear(a, T, s, speed_low)
+    # From mid-exposure, positions count from the vertex only where it is near. A far one is left
+    # out, as its distance grows without bound where the acceleration vanishes.
     exists = jnp.where(from_vertex, a > 0, _turns(a * T * T, s * T))
     high = jnp.where(exists, 4 * sag.high, 1.0)
     rate = reciprocal(DoubleWord(high, jnp.where(exists, 4 * sag.low, 0.0)))
@@ -265,6 +269,8 @@ def _table_jvp(from_vertex, primals, tangents):
     def plain(motion: Motion, _: Array, exact_tau: DoubleWord) -> Array:
         a, T, s = motion
         tau, sag, smear = exact_tau.high, a * T * T, s * T
+        # The slope of a position from the vertex is in proportion to the velocity, and the plain
+        # formula of that cancels there.
         velocity = valued(2 * sag * tau - smear, exact[0])
         exists = (sag > 0) if from_vertex else _turns(sag, smear)
         rise = jnp.broadcast_to(_plain_vertex_distance(smear, sag, exists), tau.shape)
@@ -286,6 +292,7 @@ def valued(formula: Array, value: Array) -> Array:
 def safe_sqrt(square: Array) -> Array:
     """Square root; 0 for negative numbers, and with a derivative of 0 at 0."""
     positive = square > 0
+    # Without the inner `where` the infinite slope at 0, times the 0 of the outer one, would be NaN.
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
 
 

@@ -42,6 +42,7 @@ class _Window(NamedTuple):
 
     def at(self, place: np.ndarray) -> np.ndarray:
         """Values at places from -1 to 1."""
+        # Barnett et al. find 2.3 best for a grid of twice the Nyquist rate.
         return np.exp(2.3 * self.width * (np.sqrt(1 - place**2) - 1))
 
 
@@ -175,6 +176,7 @@ def _in_blocks(rows: Array) -> Array:
 def _empty(position: Array, weights: list[Array], num_kept: int) -> list[Array]:
     """A fine grid of zeros for each of several weights, with a margin for windows at its end."""
     width = _Window.of(position.dtype).width
+    # Cells have twice the Nyquist rate of the highest frequency to compute, not of all.
     num_cells = max(4 * num_kept, width)
     # The zeros derive from the values added to them, so that `jax.shard_map` sees both vary.
     columns = [jnp.zeros_like(position[:, :1] * weight[:, :1]) for weight in weights]
@@ -190,6 +192,7 @@ def _with_block(
     first, windows = _placed(position, num_frequencies, num_cells)
     index = jnp.arange(first.shape[0], dtype=jnp.int32)[:, None] * cells[0].shape[1] + first
     return [
+        # This adds whole windows at once, where `.at[].add` would add them cell by cell.
         jax.lax.scatter_add(
             rows.reshape(-1),
             index.reshape(-1, 1),
