@@ -110,6 +110,7 @@ def expose_layers(
         irradiance = np.fft.irfft(np.fft.rfft(image.radiance) * response, period)
         _add(total[:, image.rows], irradiance, image, image.left)
         front = [m for m in layers.layers[index + 1 :] if _overlaps(m, image.rows)]
+        # The sum of all light is exact without instants; only columns near hidden parts take them.
         if front:
             _hide(total, image, front, exposure)
     picture = np.moveaxis(total, 0, -1).astype(dtype)
@@ -192,6 +193,8 @@ def _hide(total: np.ndarray, image: _Image, front: Sequence[Layer], exposure: _E
     # So much further that no light and no matte comes round to the columns from `low` to `high`.
     origin = low - way - image.aside
     period = fast_length(high - low + 2 * (way + image.aside))
+    # A product of a layer and n mattes reaches n + 1 times as far in frequency. Sampled so finely,
+    # what folds back stays above the frequencies that are kept.
     finer = 1 + -(-len(front) // 2)
     column = origin + np.arange(finer * period) / finer
     is_inside = (column >= -image.aside) & (column < image.num_columns + image.aside)
@@ -231,6 +234,7 @@ def _instants(
     count = int(np.ceil(longest / step)) + _HALF_WIDTH
     times = step * np.arange(-count, count + 1)
     apart = (exposure.time[None] - times[:, None]) / step
+    # A Kaiser-Bessel window makes the interpolation by a sinc short.
     inside = np.sqrt(np.maximum(1 - (apart / _HALF_WIDTH) ** 2, 0))
     window = np.where(np.abs(apart) < _HALF_WIDTH, np.i0(_SHARPNESS * inside), 0.0)
     return times, exposure.weight * np.sinc(apart) * window / np.i0(_SHARPNESS)

@@ -144,6 +144,7 @@ def ceiling(
         for times in bounds
     ]
     with np.errstate(divide="ignore"):
+        # Each of the bounds holds, so that the largest of the least errors does.
         return as_float(-10 * np.log10(max(errors)).astype(scene.speeds.dtype))
 
 
@@ -160,6 +161,7 @@ class Times(NamedTuple):
 
     def at(self, frequency: Float[np.ndarray, "m"]) -> Float[np.ndarray, "m"]:
         """The bound at other frequencies."""
+        # The bound of the next higher frequency holds too, because it never falls.
         return self.bound[np.searchsorted(self.frequency, frequency)]
 
 
@@ -236,6 +238,8 @@ def _least_error_of_layers(scene: Scene, half: float, of_objects: Times) -> floa
     moving = other * own + half * frequency * np.array(largest)
     with np.errstate(divide="ignore", invalid="ignore"):
         alone = np.where(still < 1, moving / (1 - still), 0)
+    # The error is at least that of the whole, of all but the still background, and of all but this
+    # and the beat.
     parts = (
         (shares.power, moving + still * half * frequency),
         (shares.power * (1 - still), alone),
@@ -251,6 +255,8 @@ def _largest(shares: Float[np.ndarray, "k"], gram: Float[np.ndarray, "k k"]) -> 
     """Largest eigenvalue of a Gram matrix with weights, some of which may be below 0."""
     if not shares.size:
         return 0.0
+    # This symmetric product has the same eigenvalues. The usual one takes roots of the shares,
+    # which interpolation may have taken below 0.
     factor = np.linalg.cholesky(gram + _RIDGE * np.eye(shares.size))
     return float(np.linalg.eigvalsh(factor.T @ (shares[:, None] * factor))[-1])
 
@@ -273,6 +279,7 @@ def times_of_cells(scene: Scene) -> Times:
     steps = in_equal_steps(scene)
     require(steps, subject, f"{requirement} where it is `continuous`", scene.speeds)
     speeds, weights = distinct_speeds(scene, folds=False)
+    # As many equal cells as speeds cover the range, each with the weight of one speed.
     density = float(np.max(weights)) * speeds.size / float(np.ptp(speeds))
     return Times(np.array([NYQUIST_FREQUENCY]), np.array([density / 2]))
 

@@ -32,6 +32,7 @@ def open_time(scene: Scene, half_exposure: Number, efficiency: Number) -> Number
         half_exposure: $T$; s.
         efficiency: Throughput $\eta$ behind the device.
     """
+    # An open shutter needs no device, and loses none of its light.
     open_share = efficiency
     if scene.device is not None:
         transmission = as_array_like(efficiency, scene.device.transmission)
@@ -67,6 +68,7 @@ def found_share(difference: Number, share: float = FOUND_SHARE) -> Number:
         share: The whole share.
     """
     x = (difference - LEAST_DIFFERENCE) / (_ENOUGH_DIFFERENCE - LEAST_DIFFERENCE)
+    # The cubic has slopes of 0 at both ends, so that a search meets no kink.
     x = namespace_of(difference).clip(x, 0.0, 1.0)
     return share * (3 - 2 * x) * x**2
 
@@ -81,6 +83,7 @@ def found_psnr(unknown: ArrayLike, known: ArrayLike, share: ArrayLike) -> Float[
     """
     unknown, known = jnp.asarray(unknown), jnp.asarray(known)
     share = jnp.asarray(share, known.dtype)
+    # Two levels that are infinite have no difference: it would be NaN.
     return jnp.where(known == unknown, unknown, unknown + share * (known - unknown))
 
 

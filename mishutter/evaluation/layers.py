@@ -90,6 +90,7 @@ class _Fineness(NamedTuple):
             return _Fineness(SEARCHED_EFFECTIVE_SPEEDS, 4.0, 2.1, _SEARCHED_FREQUENCIES)
         most = max(_LEAST_OF_MANY_PAIRS, _MOST_WEIGHTS // num_pairs)
         count = min(max(count, _LEAST_OF_MANY_PAIRS), most)
+        # The number is odd, so that one of the speeds is the middle one.
         return _Fineness((count - 1) | 1, 512.0, 7.7, None)
 
     def knots_among(self, number: int) -> tuple[int, ...] | None:
@@ -142,6 +143,7 @@ class Frequencies(NamedTuple):
     def values(self, dtype: np.dtype) -> np.ndarray:
         """The frequencies, of which 0 stands for one far below the others; shape `(m,)`."""
         every = self.first + self.step * np.arange(self.number)
+        # An effective speed divides by the frequency.
         return np.maximum(every, self.step / 16).astype(dtype)
 
 
@@ -208,6 +210,7 @@ def _shares(
     dtype = np.dtype(scene.speeds.dtype)
     frequency = jnp.asarray(grid.values(dtype))
     power = picture_power(scene, grid.num_known, dtype)
+    # Rounding must not cut off a frequency that lies at the cutoff.
     passes = frequency <= scene.cutoff_frequency.astype(dtype) * (1 + 1e-6)
     texture = jnp.where(passes, _texture_at(power, frequency), 0)
     front = occlusion.front_share.astype(dtype)
@@ -224,6 +227,7 @@ def _shares(
         effective = jnp.zeros(0, dtype)
     else:
         width = occlusion.object_width.astype(dtype)
+        # A matte that covers everything has no power, whatever its length, which must not be 0.
         length = width * jnp.where(behind > 0, behind, 1.0)
 
         def matte(frequency: Array) -> Array:
@@ -244,10 +248,12 @@ def _shares(
         def pair(each: tuple[Array, Array]) -> Array:
             of_background, of_object = each
             difference = of_object - of_background
+            # At equal speeds the beat moves as both layers do: `_texture_weights` counts it there.
             mass_of_beat = jnp.where(difference != 0, at_knots, 0)
             return nodes.shared(of_background + ratio * difference, mass_of_beat)
 
         pairs = jnp.meshgrid(speeds, scene.speeds.astype(dtype), indexing="ij")
+        # Pairs of speeds are computed one at a time, which bounds the memory for their nodes.
         beat = jax.lax.map(pair, (pairs[0].ravel(), pairs[1].ravel()))
         beat = beat.reshape(*num_pairs, fineness.num_speeds, -1)
         effective = nodes.speeds
@@ -348,10 +354,13 @@ def _matte_rule(frequency: Array, corner: Array, cutoff: Array) -> _MatteRule:
     """Nodes about the matte's peak at 0 and about the texture's, where it is at `frequency`."""
     nodes, weights = (x[None].astype(frequency.dtype) for x in _gauss_legendre(_NODES_A_PEAK))
     f, cutoff = frequency[:, None], cutoff.astype(frequency.dtype)
+    # Beyond these the lens has taken all of the texture.
     low, high = f - cutoff, f + cutoff
+    # Each peak has nodes up to half way to the other.
     between = jnp.clip(f / 2, low, high)
 
     def about(centre: Array, width: Array | float, ends: tuple[Array, Array]) -> _MatteRule:
+        # In this coordinate a Lorentzian is smooth, its peak and its long tails alike.
         begin, end = (jnp.arcsinh((x - centre) / width) for x in ends)
         place = begin + (end - begin) * (nodes + 1) / 2
         step = width * jnp.cosh(place) * (end - begin) * weights / 2
@@ -372,10 +381,12 @@ def _gauss_legendre(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _texture_at(texture: Array, frequency: Array) -> Array:
     """Power spectrum of the texture at any frequencies, by interpolation on its grid."""
+    # A power spectrum is even, so that polynomials may run on beyond either end.
     mirrored = jnp.concatenate([texture[:3][::-1], texture, texture[-2:][::-1]])
     place = jnp.abs(frequency) * (2 * texture.size) + 2.5
     first, shares = _interpolation(place, mirrored.size)
     values = [share * mirrored[first + number] for number, share in enumerate(shares)]
+    # Beside a steep fall a polynomial may dip below 0.
     return jnp.maximum(reduce(jnp.add, values), 0)
 
 
@@ -442,6 +453,8 @@ def layer_moments(
     if shares.speeds.size:
         beat = _beat_moments(scene, motion, beat_rows, of_each=of_each)
         mean = mean + weight.astype(mean.dtype) * beat.mean
+    # Deviations are squared, because where blurs are alike the mean of squares and the square of
+    # the mean nearly cancel.
     spread = jnp.einsum(
         "e,orf,oerf->of", errors, textures, _squared(rows[None] - mean[:, None, None])
     )
@@ -488,6 +501,7 @@ def _num_occurring(scene: Scene, num_speeds: int) -> np.ndarray:
     num_effective, number = occurs.shape
     counts = np.full(num_speeds, number)
     highest = number - np.argmax(occurs[:, ::-1], axis=1)
+    # The effective speeds come last among those that are computed.
     counts[num_speeds - num_effective :] = np.where(np.any(occurs, axis=1), highest, 0)
     return counts
 
