@@ -86,6 +86,7 @@ if TYPE_CHECKING:
     from mishutter.restore import AbstractDecoder as AbstractDecoder
     from mishutter.restore import BlurModel as BlurModel
     from mishutter.restore import EnsembleDecoder as EnsembleDecoder
+    from mishutter.restore import PlugAndPlayDecoder as PlugAndPlayDecoder
     from mishutter.restore import Quality as Quality
     from mishutter.restore import RestoredPhotograph as RestoredPhotograph
     from mishutter.restore import RichardsonLucyDecoder as RichardsonLucyDecoder
@@ -189,6 +190,7 @@ __all__ = [
     "ParabolicMotion",
     "Picture",
     "Plan",
+    "PlugAndPlayDecoder",
     "Quality",
     "RectShutter",
     "RestoredPhotograph",

@@ -4,6 +4,7 @@ from mishutter.restore.decoders import ROWS_TO_FIND as ROWS_TO_FIND
 from mishutter.restore.decoders import AbstractDecoder as AbstractDecoder
 from mishutter.restore.decoders import BlurModel as BlurModel
 from mishutter.restore.decoders import EnsembleDecoder as EnsembleDecoder
+from mishutter.restore.decoders import PlugAndPlayDecoder as PlugAndPlayDecoder
 from mishutter.restore.decoders import RichardsonLucyDecoder as RichardsonLucyDecoder
 from mishutter.restore.decoders import SpeedEstimate as SpeedEstimate
 from mishutter.restore.decoders import SpeedFindingDecoder as SpeedFindingDecoder

@@ -5,11 +5,13 @@ the usual rules (wrapped, dark) are known to ring.
 """
 
 from dataclasses import replace
+from itertools import pairwise
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from skimage.restoration import denoise_tv_chambolle
 from support import borders
 from support.cameras import camera, scene
 from support.cases import daily
@@ -21,7 +23,7 @@ from mishutter.restore import decoders, restore_by_each, richardson_lucy
 
 # The filters themselves; decoders apply them to rows whose borders are continued.
 from mishutter.restore.decoders.banded import banded
-from mishutter.restore.decoders.borders import Continuation
+from mishutter.restore.decoders.borders import Continuation, continuation
 
 # The minimisers alone: what they minimise is a short formula on periodic rows, which no camera's
 # rows are.
@@ -32,6 +34,13 @@ from mishutter.restore.decoders.linear import ensemble_filter, expected_squared_
 from mishutter.restore.decoders.tikhonov import _regularised
 
 PLAIN = ms.RichardsonLucyDecoder(30, accelerated=False, until_noise=False, start="capture")
+
+
+def of_few_edges(picture, noise):
+    """scikit-image's denoiser by total variation."""
+    return denoise_tv_chambolle(picture, weight=noise, max_num_iter=30)
+
+
 DECODERS = {
     "ensemble": ms.EnsembleDecoder(),
     "wiener": ms.WienerDecoder(),
@@ -41,12 +50,13 @@ DECODERS = {
     "accelerated": ms.RichardsonLucyDecoder(30, until_noise=False, start="capture"),
     "few edges": ms.RichardsonLucyDecoder(start="capture"),
     "from an estimate": ms.RichardsonLucyDecoder(),
+    "plug and play": ms.PlugAndPlayDecoder(of_few_edges, num_iterations=3),
     "speed finding": ms.SpeedFindingDecoder(ms.EnsembleDecoder()),
 }
 A_KIND_EACH = ["ensemble", "tikhonov", "total variation", "accelerated"]
 """One that is a filter, one that weighs it, and one of each iteration."""
-OF_ROWS = [name for name in DECODERS if name != "speed finding"]
-"""Those that are told nothing by a whole capture: it may be traced, and turned over."""
+OF_ROWS = [name for name in DECODERS if name not in ("plug and play", "speed finding")]
+"""Those that need no numbers: a capture may be traced, and turned over."""
 
 
 def test_every_decoder_is_among_them():
@@ -424,6 +434,88 @@ def test_richardson_lucy_settles_at_every_speed(photon_rate, gain):
     found = restore_by_each(*given, num_seeds=1)
     assert np.all(found[15].linear_psnr > found[""].linear_psnr + gain)
     np.testing.assert_allclose(found[60].linear_psnr, found[15].linear_psnr, atol=0.5)
+
+
+def test_a_denoiser_is_given_what_minimises_the_sum():
+    """Of misfit and distance from the picture before it; the noise that it is told of falls."""
+    seen = []
+
+    def spy(picture, noise):
+        seen.append((picture, noise))
+        return 0.9 * picture + 0.01
+
+    model = ms.blur_model(scene(), camera(), ms.HannShutter())
+    captured = np.random.default_rng(5).uniform(0.1, 0.4, (1, 3, 160))
+    decoder = ms.PlugAndPlayDecoder(
+        spy, strength=0.7, first_noise=3.0, last_noise=0.4, num_iterations=4
+    )
+    restored = np.asarray(decoder.restore(jnp.asarray(captured), model))
+    np.testing.assert_allclose(restored[0], 0.9 * seen[-1][0][:, :160] + 0.01, atol=1e-12)
+
+    length = seen[0][0].shape[-1]
+    noises = [noise for _, noise in seen]
+    error = np.sqrt(expected_squared_error(model, length))
+    np.testing.assert_allclose(noises, np.geomspace(3.0, 0.4, 4) * error)
+
+    mean, spread = model.mean_and_spread(length)
+    disturbance = model.noise + model.picture_spectrum(length) * spread
+    deviation, level = borders_of(model, captured[0])
+    recorded = np.fft.rfft(deviation + level)
+
+    def total(picture, before, noise):
+        misfit = np.abs(recorded - mean * np.fft.rfft(picture)) ** 2 / disturbance
+        distance = np.abs(np.fft.rfft(picture - before)) ** 2 / noise**2
+        both = misfit + 0.7 * distance
+        return np.sum(both) + np.sum(both[:, 1:-1])  # a DFT has these frequencies twice
+
+    steps = np.random.default_rng(6).normal(0, 1e-3, (20, 3, length))
+    for (before, _), (picture, noise) in pairwise(seen):
+        least = total(picture, 0.9 * before + 0.01, noise)
+        for step in steps:
+            assert total(picture + step, 0.9 * before + 0.01, noise) > least
+
+
+def borders_of(model, rows):
+    """The deviations of continued rows from their means, and the means."""
+    return (np.asarray(x) for x in continuation(model, rows.shape[-1]).deviations(jnp.array(rows)))
+
+
+@pytest.mark.slow
+def test_a_denoiser_brings_more_than_a_filter():
+    """A third of a decibel and more on a photograph, also where the speed is found first."""
+    known, moving = bright(), {"speed": 0.0, "key": jax.random.key(3)}
+    picture = photograph(100, 164)
+    seen = ms.simulate_capture(picture, known, camera(), ms.HannShutter(), **moving)
+    level = {}
+    for name, decoder in {
+        "filter": ms.EnsembleDecoder(),
+        "denoiser": ms.PlugAndPlayDecoder(of_few_edges),
+        "found": ms.SpeedFindingDecoder(ms.PlugAndPlayDecoder(of_few_edges)),
+    }.items():
+        found = ms.deconvolve(seen, known, camera(), ms.HannShutter(), decoder=decoder)
+        level[name] = float(ms.psnr(picture, found))
+    assert level["denoiser"] > level["filter"] + 0.33
+    assert level["found"] > level["filter"] + 0.33
+
+
+def test_a_denoiser_that_returns_no_picture():
+    """Another shape and numbers that are not finite are refused, and a capture that is traced."""
+    model = ms.blur_model(scene(), camera(), ms.HannShutter())
+    rows = jnp.ones((1, 2, 40)) * 0.2
+    with pytest.raises(ValueError, match="return a picture of shape"):
+        ms.PlugAndPlayDecoder(lambda picture, noise: picture[:-1]).restore(rows, model)
+    with pytest.raises(ValueError, match="return finite numbers"):
+        ms.PlugAndPlayDecoder(lambda picture, noise: picture * np.nan).restore(rows, model)
+    with pytest.raises(ValueError, match="JAX traces"):
+        jax.jit(lambda x: ms.PlugAndPlayDecoder(of_few_edges).restore(x, model))(rows)
+    for bad, message in (
+        ({"strength": 0.0}, r"strength=...\)` must be above 0; got 0"),
+        ({"last_noise": -1.0}, "must be above 0; got -1"),
+        ({"first_noise": 0.2}, "must be at least `last_noise`, 0.5; got 0.2"),
+        ({"num_iterations": 0}, "must be a positive integer"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            ms.PlugAndPlayDecoder(of_few_edges, **bad)
 
 
 def test_refusals():

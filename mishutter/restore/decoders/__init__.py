@@ -11,6 +11,7 @@ from mishutter.restore.decoders.linear import EnsembleDecoder as EnsembleDecoder
 from mishutter.restore.decoders.linear import WienerDecoder as WienerDecoder
 from mishutter.restore.decoders.linear import expected_squared_error as expected_squared_error
 from mishutter.restore.decoders.linear import squared_error_in as squared_error_in
+from mishutter.restore.decoders.plug_and_play import PlugAndPlayDecoder as PlugAndPlayDecoder
 from mishutter.restore.decoders.speed import SpeedEstimate as SpeedEstimate
 from mishutter.restore.decoders.speed import estimate_speed as estimate_speed
 from mishutter.restore.decoders.speed_finding import ROWS_TO_FIND as ROWS_TO_FIND

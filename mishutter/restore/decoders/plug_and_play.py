@@ -1,0 +1,108 @@
+"""A decoder around any denoiser: half-quadratic splitting."""
+
+from collections.abc import Callable
+from typing import final
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from mishutter._core import require, require_known, require_positive_int
+from mishutter.restore.decoders.base import AbstractDecoder, BlurModel
+from mishutter.restore.decoders.borders import continuation
+from mishutter.restore.decoders.linear import ensemble_filter, expected_squared_error
+
+_LEAST_POWER = 1e-14
+"""Prevents a division by zero where there is neither detail nor noise."""
+
+Denoiser = Callable[[np.ndarray, float], np.ndarray]
+
+
+@final
+class PlugAndPlayDecoder(AbstractDecoder):
+    r"""A denoiser of one's own takes the place of a prior: half-quadratic splitting.
+
+    From the picture $z$ that the ensemble filter restores, it alternates between
+    $x = \arg\min_f \sum_k |g_k - m_k f_k|^2 / (N + S v)_k + \lambda \sum_k |f_k - z_k|^2 /
+    \sigma^2$, with $k$ over the frequencies of rows, and $z = \mathtt{denoise}(x, \sigma)$, while
+    $\sigma$ falls geometrically (Zhang et al., "Plug-and-play image restoration with deep denoiser
+    prior", 2022).
+    The mean response $m$ and the spread $v$ over the speeds are those of
+    `BlurModel.mean_and_spread`. The last $z$ is the picture.
+
+    Args:
+        denoise: Called with a picture of shape `(rows, columns)`, white = 1, longer than the
+            capture by the continuation of its rows, and with the standard deviation of the noise
+            to remove, white = 1. It returns the picture without noise, of the same shape.
+        strength: $\lambda$, the weight of the denoised picture against the capture; above 0. One
+            that is too small leaves ghosts and noise, one that is too large leaves the blur.
+        last_noise: The last $\sigma$ in units of the error that the ensemble filter is expected to
+            leave; above 0. One that is too small leaves noise, one that is too large takes
+            texture away.
+        first_noise: The first $\sigma$ in the same unit; not below `last_noise`.
+        num_iterations: Number of steps.
+
+    Raises:
+        ValueError: if a weight is not positive, if the noise does not fall, or where it restores,
+            if a capture is traced or the denoiser returns another shape or what is not finite.
+    """
+
+    denoise: Denoiser = eqx.field(static=True)
+    strength: float = eqx.field(static=True, default=0.25)
+    last_noise: float = eqx.field(static=True, default=0.5)
+    first_noise: float = eqx.field(static=True, default=2.0)
+    num_iterations: int = eqx.field(static=True, default=8)
+
+    def __check_init__(self) -> None:
+        name = "PlugAndPlayDecoder"
+        require(callable(self.denoise), f"{name}(denoise=...)", "be a function", self.denoise)
+        for argument in ("strength", "last_noise", "first_noise"):
+            value = getattr(self, argument)
+            require(0 < value < np.inf, f"{name}({argument}=...)", "be above 0", value)
+        falls = self.first_noise >= self.last_noise
+        least = f"be at least `last_noise`, {self.last_noise:g}"
+        require(falls, f"{name}(first_noise=...)", least, self.first_noise)
+        require_positive_int(f"{name}(num_iterations=...)", self.num_iterations)
+
+    @property
+    def rows_beyond(self) -> int:
+        return 16
+
+    def restore(self, captured: Array, model: BlurModel) -> Array:
+        if model.efficiency <= 0:
+            return jnp.zeros_like(captured)
+        require_known("PlugAndPlayDecoder", capture=captured)
+        rows, columns = captured.shape[-2:]
+        extension = continuation(model, columns)
+        length = extension.length
+        mean, spread = model.mean_and_spread(length)
+        power = np.maximum(model.picture_spectrum(length), _LEAST_POWER)
+        disturbance = np.maximum(model.noise, _LEAST_POWER) + power * spread
+        error = np.sqrt(max(expected_squared_error(model, length), _LEAST_POWER))
+        fall = np.geomspace(self.first_noise, self.last_noise, self.num_iterations) * error
+
+        restored = []
+        for plane in np.asarray(captured, np.float64).reshape(-1, rows, columns):
+            deviation, level = (np.asarray(x) for x in extension.deviations(jnp.asarray(plane)))
+            centre = np.mean(level)
+            spectrum = np.fft.rfft(deviation + level - centre)
+            bright = centre / model.efficiency
+            picture = np.fft.irfft(spectrum * ensemble_filter(model, length), length)
+            for sigma in fall.tolist():
+                weight = self.strength / sigma**2
+                target = np.conj(mean) / disturbance * spectrum + weight * np.fft.rfft(picture)
+                estimate = target / (np.abs(mean) ** 2 / disturbance + weight)
+                picture = self._denoised(np.fft.irfft(estimate, length) + bright, sigma) - bright
+            restored.append(picture[:, :columns] + bright)
+        return jnp.asarray(np.reshape(restored, captured.shape), captured.dtype)
+
+    def _denoised(self, picture: np.ndarray, sigma: float) -> np.ndarray:
+        """What the denoiser returns, if it is a picture of the same shape."""
+        denoised = np.asarray(self.denoise(picture, sigma), np.float64)
+        subject = "PlugAndPlayDecoder(denoise=...)"
+        as_given = f"return a picture of shape {picture.shape}, as it was given"
+        require(denoised.shape == picture.shape, subject, as_given, denoised.shape)
+        is_finite = bool(np.all(np.isfinite(denoised)))
+        require(is_finite, subject, "return finite numbers", "what is not finite")
+        return denoised
