@@ -61,7 +61,7 @@ def problem() -> tuple[AbstractObjective, AbstractObjective, np.ndarray]:
     """The objective as `optimise` plans it and computed from scratch, and 64 starts."""
     scene, motion, shutter = given()
     space, loss = design_space(scene, motion, shutter, "shutter"), DesignLoss()
-    planned = plan_of_scene(scene, motion, shutter, loss=loss, free="shutter")
+    planned = plan_of_scene(scene, motion, shutter, loss=loss, free="shutter").sizes
     objective = objective_of(loss, reduced(scene, planned), space, planned)
     from_scratch = objective_of(
         loss, needed_speeds(scene, motion, shutter), space, sizes(scene, motion)

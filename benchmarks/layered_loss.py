@@ -40,7 +40,7 @@ def objective(occlusion: ms.Occlusion | None) -> tuple[AbstractObjective, int]:
     loss, scene = ms.ExpectedErrorLoss(), example_scene().with_occlusion(occlusion)
     motion, shutter = scene.fullest_motion, starting_shutter(scene, NUM_COEFFICIENTS)
     space = design_space(scene, motion, shutter, FREE)
-    plan = plan_of_scene(scene, motion, shutter, loss=loss, free=FREE)
+    plan = plan_of_scene(scene, motion, shutter, loss=loss, free=FREE).sizes
     few = reduced(scene, plan)
     return objective_of(loss, few, space, plan), computed_speeds(few).speeds.size
 

@@ -1,7 +1,7 @@
 """What does it save to compute only what a scene needs?
 
-Every pair of times is of one run, planned and in full (`plan=None`; for layers, a scene in which
-all moves), by turns after a first call of each; then ten scenes are optimised one after the other
+Every pair of times is of one run, planned and in full (for layers, a scene in which all moves), by
+turns after a first call of each; then ten scenes are optimised one after the other
 in one process.
 """
 
@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import jax
 import numpy as np
-from support.plan_check import plan_error
+from support.plan_check import metrics_by, plan_error, plan_for
 
 from benchmarks import harness
 from mishutter import (
@@ -24,15 +24,14 @@ from mishutter import (
     ParabolicMotion,
     Picture,
     Scene,
-    evaluate,
     example_picture,
     example_scene,
     optimise,
-    plan,
     simulate_capture,
     starting_shutter,
 )
-from mishutter.evaluation.needs import sizes
+from mishutter.evaluation import sizes, value_of
+from mishutter.search import plan
 
 jax.config.update("jax_enable_x64", True)
 
@@ -76,14 +75,15 @@ def skips() -> list[dict]:
     shutter = GaussianShutter(0.25)
     loss = ExpectedErrorLoss() + 0.1 * DesignLoss()
     full = sizes(PAIRS, MOTION)
-    exact = plan(PAIRS, MOTION, shutter, loss=loss)
+    of_loss = plan(PAIRS, MOTION, shutter, loss=loss)
+    exact = of_loss.sizes
     alone = {
         "speeds": replace(full, skips=True, folds=True),
         "taps": replace(full, num_taps=exact.num_taps),
         "nodes in time": replace(full, num_nodes=exact.num_nodes),
         "all exact skips": exact,
     }
-    print(exact)
+    print(*of_loss.skips, sep="\n")
     rows = []
     for name, chosen in alone.items():
         error = plan_error(chosen, PAIRS, MOTION, shutter, loss=loss)
@@ -95,9 +95,13 @@ def _pair(scene, motion, shutter, loss, chosen):
     """The full and the planned measurement, compiled whole as a search would."""
 
     def measure(by):
-        value = evaluate if loss is None else loss
-        compiled = jax.jit(lambda half: jax.tree.leaves(value(scene, at(half), shutter, plan=by)))
+        compiled = jax.jit(lambda half: value(at(half), by))
         return lambda: compiled(motion.half_exposure)
+
+    def value(moves, by):
+        if loss is None:
+            return metrics_by(by, scene, moves, shutter)
+        return value_of(loss, scene, moves, shutter, by)
 
     def at(half):
         return ParabolicMotion(acceleration=motion.acceleration, half_exposure=half)
@@ -110,7 +114,7 @@ def needy() -> dict:
     limits = Limits(max_stroke=45.0, max_top_speed=2e4)
     scene = Scene([0.0, 2000.0, 4500.0, 9000.0], photon_rate=1e5, read_noise=8.0, limits=limits)
     shutter = HannShutter()
-    chosen = plan(scene, MOTION, shutter)
+    chosen = plan_for(scene, MOTION, shutter)
     error = plan_error(chosen, scene, MOTION, shutter)
     pair = _pair(scene, MOTION, shutter, None, chosen)
     return row("a scene that needs everything", *pair, error, 40)

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from mishutter.evaluation import FoundSpeedLoss as FoundSpeedLoss
     from mishutter.evaluation import KnownSpeedLoss as KnownSpeedLoss
     from mishutter.evaluation import Metrics as Metrics
-    from mishutter.evaluation import Plan as Plan
     from mishutter.evaluation import ToleranceCost as ToleranceCost
     from mishutter.evaluation import ToleranceCosts as ToleranceCosts
     from mishutter.evaluation import WorstSpeedLoss as WorstSpeedLoss
@@ -110,7 +109,6 @@ if TYPE_CHECKING:
     from mishutter.search import Outcome as Outcome
     from mishutter.search import SearchFailedError as SearchFailedError
     from mishutter.search import optimise as optimise
-    from mishutter.search import plan as plan
     from mishutter.search import starting_shutter as starting_shutter
     from mishutter.sweeps import best_points as best_points
     from mishutter.sweeps import best_snapshots as best_snapshots
@@ -189,7 +187,6 @@ __all__ = [
     "Outcome",
     "ParabolicMotion",
     "Picture",
-    "Plan",
     "PlugAndPlayDecoder",
     "Quality",
     "RectShutter",
@@ -243,7 +240,6 @@ __all__ = [
     "measured_profile",
     "optimise",
     "pareto_front",
-    "plan",
     "psnr",
     "read_drive",
     "read_frames",

@@ -7,8 +7,7 @@ import pytest
 import mishutter
 
 NAMES = (
-    *("optimise", "plan"),
-    *("Scene", "blur_kernel", "transfer_function", "evaluate", "ceiling", "sweep"),
+    *("optimise", "Scene", "blur_kernel", "transfer_function", "evaluate", "ceiling", "sweep"),
     *("simulate_capture", "deconvolve", "restore_photograph", "estimate_speed", "drive_table"),
 )
 

@@ -12,7 +12,6 @@ from mishutter.camera.capture import every_colour as every_colour
 from mishutter.camera.capture import kernel_layout as kernel_layout
 from mishutter.camera.capture import noisy as noisy
 from mishutter.camera.capture import simulate_capture as simulate_capture
-from mishutter.camera.capture import skips as skips
 from mishutter.camera.capture import through_optics as through_optics
 from mishutter.camera.footage import VIDEO_SUFFIXES as VIDEO_SUFFIXES
 from mishutter.camera.footage import Frames as Frames

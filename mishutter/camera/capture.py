@@ -42,11 +42,7 @@ from mishutter.camera.rows import (
     rows_last,
 )
 from mishutter.evaluation import (
-    PLANNED,
-    Automatic,
-    Plan,
     pixel_responses,
-    require_plan,
     sensor_view,
     sized_for,
 )
@@ -84,7 +80,6 @@ def simulate_capture(
     border: str = "reflect",
     full_well: float | None = None,
     adc_bits: int | None = None,
-    plan: Plan | Automatic | None = PLANNED,
 ) -> Float[Array, "..."]:
     r"""Simulate the capture of a picture that moves along its rows, or along the scene's axis.
 
@@ -115,8 +110,6 @@ def simulate_capture(
             large as the picture, which goes on mirrored, as its last pixel, periodically, or dark.
         full_well: Most electrons a pixel holds, e-; by default as many as the scene says.
         adc_bits: Bits of the converter; None for no rounding.
-        plan: By default equal colours of a picture are computed once; None computes every
-            colour. Layers off the sensor are left out in either case.
 
     Returns:
         Light in units of a fully open exposure; the shape of `picture`, but for the
@@ -142,7 +135,6 @@ def simulate_capture(
     """
     require_scene(scene)
     require_border("simulate_capture(border=...)", border)
-    require_plan(plan)
     _check_noise(scene, key)
     shutter = sensor_view(scene, motion, shutter).shutter
     if isinstance(picture, Layers | Frames):
@@ -175,7 +167,7 @@ def simulate_capture(
     response = _through_lens(
         scene, captured_response(motion, shutter, [speed], period)[0], period, displacement
     )
-    planes = rows_last(distinct_colours(radiance, plan))
+    planes = rows_last(distinct_colours(radiance))
     irradiance = channels_last(_exposed(planes, response, period, border)[..., window], radiance)
     irradiance = every_colour(irradiance, radiance)
     levels = _recorded(irradiance, scene, motion, key, full_well=full_well, adc_bits=adc_bits)
@@ -189,7 +181,6 @@ def blurred_at_speeds(
     shutter: AbstractShutter,
     speeds: Sequence[float],
     *,
-    plan: Plan | Automatic | None = PLANNED,
     least_taps: int = 1,
 ) -> Iterator[Planes]:
     """Irradiance of the sensor from a picture at each of several speeds, without noise.
@@ -198,7 +189,7 @@ def blurred_at_speeds(
     speed (see `kernel_layout`).
     """
     num_taps, origin = kernel_layout(motion, *speeds, least_taps=least_taps)
-    planes = rows_last(distinct_colours(radiance, plan))
+    planes = rows_last(distinct_colours(radiance))
     columns = planes.shape[-1]
     period = period_of(columns, num_taps, "scene")
     window = slice(num_taps - 1 - origin, columns - origin)
@@ -426,23 +417,16 @@ def _blurred(planes: Planes, response: ArrayLike, period: int, border: str) -> A
     return blurred(continued(jnp.asarray(planes), period, border), response)
 
 
-def skips(plan: Plan | Automatic | None) -> bool:
-    """Whether an argument `plan=` leaves out parts that change no result."""
-    require_plan(plan)
-    return plan.skips if isinstance(plan, Plan) else plan is not None
-
-
-def distinct_colours(picture: Planes, plan: Plan | Automatic | None) -> Planes:
-    """A picture, or one of its colours where all are the same and `plan` skips.
+def distinct_colours(picture: Planes) -> Planes:
+    """A picture, or one of its colours where all are known to be the same.
 
     Args:
         picture: Shape `(rows, columns)` or `(..., rows, columns, channels)`.
-        plan: The caller's own argument `plan=`.
 
     Returns:
         Shape of `picture`, with one channel where the colours are equal.
     """
-    if not (skips(plan) and picture.ndim > 2 and picture.shape[-1] > 1 and is_concrete(picture)):
+    if picture.ndim < 3 or picture.shape[-1] == 1 or not is_concrete(picture):
         return picture
     colours = np.asarray(picture)
     are_equal = bool(np.all(colours == colours[..., :1]))

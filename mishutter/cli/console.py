@@ -8,7 +8,6 @@ import re
 import shutil
 import signal
 import sys
-import textwrap
 import threading
 import time
 import warnings
@@ -216,12 +215,6 @@ def _across(widths: Sequence[int], part: Sequence[int]) -> int:
 def print_text(text: str = "") -> None:
     """Prints a line of results."""
     _console().print(text, soft_wrap=True)
-
-
-def folded(line: str, indent: int) -> str:
-    """Wraps a line of results to the terminal, with an indent from the second line on."""
-    width = max(_console().width, indent + _LEAST_TEXT)
-    return "\n".join(textwrap.wrap(line, width, subsequent_indent=" " * indent))
 
 
 def _console() -> Console:

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mishutter.cli.console import folded, print_table, print_text, start_jax, working, write_json
+from mishutter.cli.console import print_table, print_text, start_jax, working, write_json
 from mishutter.cli.help import MOVES
 from mishutter.cli.options import (
     CoefficientsOption,
@@ -19,8 +19,9 @@ from mishutter.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from mishutter.evaluation import AbstractLoss, Plan
+    from mishutter.evaluation import AbstractLoss
     from mishutter.model import Scene
+    from mishutter.search import SearchPlan
 
 
 def plan(
@@ -49,7 +50,7 @@ def plan(
     with working("planning"):
         parts = plan_of_search(scene, chosen, free, num_coefficients, fixed=fixed)
     if json:
-        write_json({"scene": understood(scene)} | parts.to_dict())
+        write_json({"scene": understood(scene), "skipped": parts.skips} | vars(parts.sizes))
     else:
         print_table("The scene, as it is understood", ("key", "value"), understood_rows(scene))
         print_text()
@@ -94,7 +95,7 @@ def plan_of_search(
     num_coefficients: int,
     *,
     fixed: bool = False,
-) -> "Plan":
+) -> "SearchPlan":
     """The plan of the first search of `optimise`, or of one measurement if all is fixed."""
     from mishutter.search import moved_by_default, starting_shutter
     from mishutter.search import plan as planned
@@ -105,8 +106,6 @@ def plan_of_search(
     return planned(scene, motion, start, loss=loss, free=() if fixed else names)
 
 
-def plan_text(parts: "Plan") -> str:
-    """The table of a plan with its reasons folded, and a bound on the changes by it."""
-    header, *rows = str(parts).splitlines()
-    lines = [folded(line, header.index("why")) for line in (header, *rows)]
-    return "\n".join([*lines, "Together these choices change nothing beyond rounding."])
+def plan_text(parts: "SearchPlan") -> str:
+    """The parts that a plan skips and why, and a bound on the changes by it."""
+    return "\n".join([*parts.skips, "Together these skips change nothing beyond rounding."])

@@ -43,11 +43,7 @@ from mishutter.evaluation.metrics import Metric as Metric
 from mishutter.evaluation.metrics import Metrics as Metrics
 from mishutter.evaluation.metrics import evaluate as evaluate
 from mishutter.evaluation.metrics import named_metrics as named_metrics
-from mishutter.evaluation.metrics import squared_error_within as squared_error_within
 from mishutter.evaluation.needs import ONLY_SPECTRA as ONLY_SPECTRA
-from mishutter.evaluation.needs import PLANNED as PLANNED
-from mishutter.evaluation.needs import Automatic as Automatic
-from mishutter.evaluation.needs import Item as Item
 from mishutter.evaluation.needs import Parts as Parts
 from mishutter.evaluation.needs import Plan as Plan
 from mishutter.evaluation.needs import automatic as automatic
@@ -57,7 +53,6 @@ from mishutter.evaluation.needs import larger as larger
 from mishutter.evaluation.needs import needed_speeds as needed_speeds
 from mishutter.evaluation.needs import plan_of_traced_search as plan_of_traced_search
 from mishutter.evaluation.needs import reduced as reduced
-from mishutter.evaluation.needs import require_plan as require_plan
 from mishutter.evaluation.needs import sized_for as sized_for
 from mishutter.evaluation.needs import sizes as sizes
 from mishutter.evaluation.power import lost_share as lost_share

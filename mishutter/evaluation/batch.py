@@ -93,13 +93,12 @@ class Sizes(NamedTuple):
         )
 
     @staticmethod
-    def of(scene: Scene, motions: AbstractMotion, *, skips: bool) -> "Sizes":
-        """Sizes of a scene on many motions; without skips the full ones are the sufficient ones.
+    def of(scene: Scene, motions: AbstractMotion) -> "Sizes":
+        """Sizes of a scene on many motions.
 
         Args:
             scene: The scene; without tolerances where no metric is of these.
             motions: Motions without velocity, whose numbers have a leading axis.
-            skips: Whether parts that change no result are left out.
         """
         longest, turns = longest_within_limits(scene), np.asarray(motions.has_vertex)
         half = np.asarray(motions.half_exposure, np.float64)
@@ -118,11 +117,6 @@ class Sizes(NamedTuple):
         spread_within, velocity_within = spread, velocity
         if scene.tolerances is not None:
             spread_within, velocity_within = _travel_within(scene, scene.tolerances, motions)
-        if not skips:
-            num_reached = num_taps
-            velocity, velocity_within = (
-                np.maximum(x, longest) for x in (velocity, velocity_within)
-            )
         halves, index = np.unique(half, return_inverse=True)
         return Sizes(
             num_taps=num_taps,
@@ -307,13 +301,13 @@ def _whole_blocks(count: Int[np.ndarray, "n"]) -> Int[np.ndarray, "n"]:
     return -(-count // BLOCK) * BLOCK
 
 
-def scenes_for(scenes: Sequence[Scene], shutter: AbstractShutter, *, skips: bool) -> list[Scene]:
+def scenes_for(scenes: Sequence[Scene], shutter: AbstractShutter) -> list[Scene]:
     """Scenes with only the speeds that a shutter asks for, as many in each.
 
     Each keeps its background, and the decision whether its speeds are folded.
     """
     folds = [folds_speeds(scene, scene.fullest_motion, shutter) for scene in scenes]
-    plans = [Plan(1, 1, 16, 1, skips=skips, folds=each) for each in folds]
+    plans = [Plan(1, 1, 16, 1, skips=True, folds=each) for each in folds]
     needed = [reduced(scene, plan) for scene, plan in zip(scenes, plans, strict=True)]
     most = max(scene.speeds.size for scene in needed)
     spare = [(0, most - scene.speeds.size) for scene in needed]

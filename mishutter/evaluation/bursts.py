@@ -128,7 +128,7 @@ def _added_up(scene: Scene, num_frames: int) -> Scene:
 
 
 def _error(scene: Scene, motion: AbstractMotion, plan: Plan) -> float:
-    view = sampled_view(scene, motion, RectShutter(), plan, ONLY_SPECTRA)
+    view = sampled_view(scene, motion, RectShutter(), ONLY_SPECTRA, plan)
     return float(_known_speed_error(view.scene, view.motion, respond(view)))
 
 

@@ -20,7 +20,7 @@ from mishutter.evaluation.ensembles import (
     without_tolerances,
 )
 from mishutter.evaluation.layers import layer_moments
-from mishutter.evaluation.needs import ONLY_SPECTRA, PLANNED, Plan
+from mishutter.evaluation.needs import ONLY_SPECTRA, Plan
 from mishutter.evaluation.power import lost_share, picture_power, share
 from mishutter.evaluation.response import Records, Response, assembled, records
 from mishutter.evaluation.views import sampled_view
@@ -331,7 +331,7 @@ def spectral_levels(
     scene = without_tolerances(scene)
     weights = np.asarray(scene.weights)
     speeds = np.unique(np.asarray(scene.speeds)[weights > 0])
-    view = sampled_view(scene, motion, shutter, PLANNED, ONLY_SPECTRA)
+    view = sampled_view(scene, motion, shutter, ONLY_SPECTRA)
     plan = view.plan
     relative, computed = speeds - float(motion.velocity), np.asarray(view.scene.speeds)
     if plan.folds:

@@ -1,9 +1,7 @@
 """Losses that a search minimises: their interface, their sums, and the losses of the package."""
 
-import inspect
 from abc import abstractmethod
 from collections.abc import Callable
-from functools import lru_cache
 from typing import Any, ClassVar, TypeGuard, final
 
 import equinox as eqx
@@ -21,7 +19,7 @@ from mishutter.evaluation.errors import (
 )
 from mishutter.evaluation.found_speed import FOUND_SHARE, found_share_of
 from mishutter.evaluation.metrics import kernel_differences
-from mishutter.evaluation.needs import ONLY_SPECTRA, PLANNED, Automatic, Parts, Plan
+from mishutter.evaluation.needs import ONLY_SPECTRA, Parts, Plan
 from mishutter.evaluation.response import Response, respond
 from mishutter.evaluation.views import sampled_view
 from mishutter.model import AbstractMotion, AbstractShutter, DecoderSpeed, Scene, require_whole
@@ -36,11 +34,11 @@ _SHARPNESS_OF_SPEEDS = 1000
 
 
 class AbstractLoss(eqx.Module):
-    """A scalar to minimise: `loss(scene, motion, shutter, plan=...)`.
+    """A scalar to minimise: `loss(scene, motion, shutter)`.
 
     A loss of your own is a function of scene, motion and shutter, or a small class with such
-    a `__call__`, which takes `plan` if it has a use for it. Losses add and subtract, also by
-    `sum`, and take factors: `ExpectedErrorLoss() + 0.1 * DesignLoss()`.
+    a `__call__`. Losses add and subtract, also by `sum`, and take factors:
+    `ExpectedErrorLoss() + 0.1 * DesignLoss()`.
 
     Attributes:
         decoder_speed: Knowledge of the speed that the decoder has whose expected error it is; None
@@ -61,14 +59,9 @@ class AbstractLoss(eqx.Module):
 
     @abstractmethod
     def __call__(
-        self,
-        scene: Scene,
-        motion: AbstractMotion,
-        shutter: AbstractShutter,
-        *,
-        plan: Plan | Automatic | None = PLANNED,
+        self, scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
     ) -> Float[Array, ""]:
-        """The loss. By default a plan is made for the scene; None computes everything."""
+        """The loss; a scalar."""
 
     def __add__(self, other: "AbstractLoss") -> "AbstractLoss":
         if not isinstance(other, AbstractLoss):
@@ -107,22 +100,26 @@ def value_of(
     scene: Scene,
     motion: AbstractMotion,
     shutter: AbstractShutter,
-    plan: Plan | Automatic | None,
+    plan: Plan | None = None,
 ) -> Float[Array, ""]:
-    """The value of a loss, which may be a user's.
+    """The value of a loss, which may be a user's, by the plan of a search if there is one.
+
+    The one road by which a search hands its plan to the losses: called by a user, each makes its
+    own.
 
     Raises:
         ValueError: if it is not one real number.
     """
-    takes_plan = _takes_plan(type(loss))
-    value = loss(scene, motion, shutter, plan=plan) if takes_plan else loss(scene, motion, shutter)
+    if isinstance(loss, WeightedSum):
+        values = [w * value_of(part, scene, motion, shutter, plan) for part, w in loss.needed]
+        value = sum(values, start=jnp.zeros_like(values[0]))
+    elif isinstance(loss, AbstractResponseLoss):
+        view = sampled_view(scene, motion, shutter, loss.parts, plan)
+        count = view.plan.num_frequencies
+        value = _of_response(loss, view.scene, view.motion, respond(view), count)
+    else:
+        value = loss(scene, motion, shutter)
     return one_real_number(loss, value)
-
-
-@lru_cache
-def _takes_plan(kind: type[AbstractLoss]) -> bool:
-    parameters = inspect.signature(kind.__call__).parameters.values()
-    return any(p.name == "plan" or p.kind is inspect.Parameter.VAR_KEYWORD for p in parameters)
 
 
 def one_real_number(loss: AbstractLoss, value: object) -> Float[Array, ""]:
@@ -141,39 +138,49 @@ def one_real_number(loss: AbstractLoss, value: object) -> Float[Array, ""]:
 
 
 class AbstractResponseLoss(AbstractLoss):
-    """A loss that depends on the shutter through its response alone.
+    """A loss that depends on the shutter through its response alone, and so is fast to search by.
 
     Kernels, transfer functions and efficiency are all linear in the transmittance: a search
-    computes the responses of basis profiles once and adds them up at each step.
+    computes the responses of basis profiles once and adds them up at each step. A subclass says
+    which parts of the response it reads, and its value for one response; `__call__` is made of
+    these.
     """
 
+    @property
     @abstractmethod
-    def parts(self, plan: Plan) -> Parts:
-        """Parts of the response that the loss needs; if the plan skips nothing, all of them."""
+    def parts(self) -> Parts:
+        """Parts of the response that the loss reads; others may be empty or of other sizes."""
 
     @abstractmethod
     def of_response(
-        self, scene: Scene, motion: AbstractMotion, response: Response, plan: Plan
+        self, scene: Scene, motion: AbstractMotion, response: Response, num_frequencies: int
     ) -> Float[Array, ""]:
-        """The loss of a response."""
+        """The loss of a response.
+
+        Args:
+            scene: Speeds, light and noise in the frame of the sensor: each speed once, and those
+                that mirror one another only once where the shutter is symmetric.
+            motion: Motion of the sensor, without velocity.
+            response: Efficiency, kernels and transfer functions, linear in the transmittance.
+            num_frequencies: Frequencies in (0, 0.5) cycles/px of the grid that transfer functions
+                stand on; they are the lowest of these, and the picture has no power at others.
+        """
 
     def __call__(
-        self,
-        scene: Scene,
-        motion: AbstractMotion,
-        shutter: AbstractShutter,
-        *,
-        plan: Plan | Automatic | None = PLANNED,
+        self, scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
     ) -> Float[Array, ""]:
-        view = sampled_view(scene, motion, shutter, plan, self.parts)
-        return _of_response(self, view.scene, view.motion, respond(view), view.plan)
+        return value_of(self, scene, motion, shutter)
 
 
 @compiled
 def _of_response(
-    loss: AbstractResponseLoss, scene: Scene, motion: AbstractMotion, response: Response, plan: Plan
+    loss: AbstractResponseLoss,
+    scene: Scene,
+    motion: AbstractMotion,
+    response: Response,
+    num_frequencies: int,
 ) -> Float[Array, ""]:
-    return loss.of_response(scene, motion, response, plan)
+    return loss.of_response(scene, motion, response, num_frequencies)
 
 
 @final
@@ -183,12 +190,7 @@ class FunctionLoss(AbstractLoss):
     function: LossFunction = eqx.field(static=True)
 
     def __call__(
-        self,
-        scene: Scene,
-        motion: AbstractMotion,
-        shutter: AbstractShutter,
-        *,
-        plan: Plan | Automatic | None = PLANNED,
+        self, scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
     ) -> Float[Array, ""]:
         return one_real_number(self, self.function(scene, motion, shutter))
 
@@ -216,30 +218,22 @@ class WeightedSum(AbstractLoss):
     weights: tuple[Factor, ...]
 
     def __call__(
-        self,
-        scene: Scene,
-        motion: AbstractMotion,
-        shutter: AbstractShutter,
-        *,
-        plan: Plan | Automatic | None = PLANNED,
+        self, scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
     ) -> Float[Array, ""]:
-        terms = [
-            weight * value_of(loss, scene, motion, shutter, plan)
-            for loss, weight in self.needed(skips=plan is not None)
-        ]
-        return sum(terms, start=jnp.zeros_like(terms[0]))
+        return value_of(self, scene, motion, shutter)
 
     @property
     def sees_light(self) -> bool:
-        return any(loss.sees_light for loss, _ in self.needed(skips=True))
+        return any(loss.sees_light for loss, _ in self.needed)
 
-    def needed(self, *, skips: bool) -> list[tuple[AbstractLoss, Factor]]:
-        """Terms with their weights; `skips` drops terms of weight 0, but never the last."""
+    @property
+    def needed(self) -> list[tuple[AbstractLoss, Factor]]:
+        """Terms with their weights, without those of weight 0, but never without the last."""
         terms = list(zip(self.losses, self.weights, strict=True))
         weighty = [
             term for term in terms if not (isinstance(term[1], float | int) and term[1] == 0)
         ]
-        return (weighty or terms[:1]) if skips else terms
+        return weighty or terms[:1]
 
 
 def _terms(loss: AbstractLoss) -> list[tuple[AbstractLoss, Factor]]:
@@ -273,15 +267,16 @@ class ExpectedErrorLoss(AbstractResponseLoss):
         is_one = self.alignment in ALIGNMENTS
         require(is_one, "ExpectedErrorLoss(alignment=...)", requirement, self.alignment)
 
-    def parts(self, plan: Plan) -> Parts:
+    @property
+    def parts(self) -> Parts:
         return ONLY_SPECTRA
 
     def of_response(
-        self, scene: Scene, motion: AbstractMotion, response: Response, plan: Plan
+        self, scene: Scene, motion: AbstractMotion, response: Response, num_frequencies: int
     ) -> Float[Array, ""]:
         if self.alignment == "free":
-            response = freely_aligned(scene, motion, response, plan.num_frequencies)
-        squared = expected_squared_error(scene, motion, response, plan.num_frequencies)
+            response = freely_aligned(scene, motion, response, num_frequencies)
+        squared = expected_squared_error(scene, motion, response, num_frequencies)
         return _over_contrast(scene, squared)
 
 
@@ -296,13 +291,14 @@ class KnownSpeedLoss(AbstractResponseLoss):
 
     decoder_speed: ClassVar[DecoderSpeed | None] = "known"
 
-    def parts(self, plan: Plan) -> Parts:
+    @property
+    def parts(self) -> Parts:
         return ONLY_SPECTRA
 
     def of_response(
-        self, scene: Scene, motion: AbstractMotion, response: Response, plan: Plan
+        self, scene: Scene, motion: AbstractMotion, response: Response, num_frequencies: int
     ) -> Float[Array, ""]:
-        squared = known_speed_squared_error(scene, motion, response, plan.num_frequencies)
+        squared = known_speed_squared_error(scene, motion, response, num_frequencies)
         return _over_contrast(scene, squared)
 
 
@@ -333,16 +329,16 @@ class FoundSpeedLoss(AbstractResponseLoss):
         within = isinstance(self.share, float | int) and 0 <= self.share <= 1
         require(within, "FoundSpeedLoss(share=...)", "be from 0 to 1", self.share)
 
-    def parts(self, plan: Plan) -> Parts:
+    @property
+    def parts(self) -> Parts:
         return ONLY_SPECTRA
 
     def of_response(
-        self, scene: Scene, motion: AbstractMotion, response: Response, plan: Plan
+        self, scene: Scene, motion: AbstractMotion, response: Response, num_frequencies: int
     ) -> Float[Array, ""]:
         require_whole(scene, "FoundSpeedLoss")
-        count = plan.num_frequencies
-        known = known_speed_squared_error(scene, motion, response, count)
-        unknown = expected_squared_error(scene, motion, response, count)
+        known = known_speed_squared_error(scene, motion, response, num_frequencies)
+        unknown = expected_squared_error(scene, motion, response, num_frequencies)
         known, unknown = _over_contrast(scene, known), _over_contrast(scene, unknown)
         share = found_share_of(scene, motion, response.efficiency, self.share).astype(known.dtype)
         some = known > 0
@@ -365,13 +361,14 @@ class WorstSpeedLoss(AbstractResponseLoss):
     decoder_speed: ClassVar[DecoderSpeed | None] = "unknown"
     of_worst_speed: ClassVar[bool] = True
 
-    def parts(self, plan: Plan) -> Parts:
+    @property
+    def parts(self) -> Parts:
         return ONLY_SPECTRA
 
     def of_response(
-        self, scene: Scene, motion: AbstractMotion, response: Response, plan: Plan
+        self, scene: Scene, motion: AbstractMotion, response: Response, num_frequencies: int
     ) -> Float[Array, ""]:
-        errors = squared_errors_by_speed(scene, motion, response, plan.num_frequencies)
+        errors = squared_errors_by_speed(scene, motion, response, num_frequencies)
         occurring = jnp.where(scene.weights > 0, errors, 0.0)
         return _over_contrast(scene, _smooth_maximum(occurring))
 
@@ -442,13 +439,14 @@ class DesignLoss(AbstractResponseLoss):
     def sees_light(self) -> bool:
         return False
 
-    def parts(self, plan: Plan) -> Parts:
-        differences = not plan.skips or bool(self.invariance)
+    @property
+    def parts(self) -> Parts:
+        differences = bool(self.invariance)
         kernels = differences or bool(self.condition)
         return Parts(kernels=kernels, spectra=False, differences=differences)
 
     def of_response(
-        self, scene: Scene, motion: AbstractMotion, response: Response, plan: Plan
+        self, scene: Scene, motion: AbstractMotion, response: Response, num_frequencies: int
     ) -> Float[Array, ""]:
         loss = self.efficiency * (1 - response.efficiency)
         if self.condition:

@@ -7,7 +7,7 @@ tables read the table.
 """
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple, final
 
@@ -20,19 +20,11 @@ from jaxtyping import Array, Float
 from mishutter._core import compiled
 from mishutter.blur import condition_number, safe_sqrt
 from mishutter.evaluation.ensembles import without_tolerances
-from mishutter.evaluation.errors import LinearErrors, expected_squared_error
+from mishutter.evaluation.errors import LinearErrors
 from mishutter.evaluation.found_speed import found_psnr, found_share_of
-from mishutter.evaluation.needs import (
-    EVERY_PART,
-    ONLY_SPECTRA,
-    PLANNED,
-    Automatic,
-    Parts,
-    Plan,
-    sizes,
-)
+from mishutter.evaluation.needs import EVERY_PART, ONLY_SPECTRA, Parts, Plan
 from mishutter.evaluation.response import Records, Response, assembled, kernel_phase, records
-from mishutter.evaluation.views import SampledView, sampled_view
+from mishutter.evaluation.views import sampled_view
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
@@ -327,13 +319,7 @@ def named_metrics(names: Iterable[str]) -> tuple[Metric, ...]:
     return tuple(METRICS[name] for name in names)
 
 
-def evaluate(
-    scene: Scene,
-    motion: AbstractMotion,
-    shutter: AbstractShutter,
-    *,
-    plan: Plan | Automatic | None = PLANNED,
-) -> Metrics:
+def evaluate(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> Metrics:
     r"""Measure a design.
 
     The definitions and their sources are those of the functions below. Kernels of a traced motion
@@ -351,8 +337,6 @@ def evaluate(
         scene: Speeds, light and noise.
         motion: Motion of the sensor.
         shutter: Transmittance over the exposure.
-        plan: The parts to compute; made for the scene by default, None for all. The share of the
-            bound needs every frequency, so all are computed whatever the plan.
 
     Returns:
         The metrics; see `Metrics`.
@@ -376,22 +360,13 @@ def evaluate(
     require_scene(scene)
     within = {}
     if scene.tolerances is not None:
-        seen = sampled_view(scene, motion, shutter, plan, ONLY_SPECTRA)
+        seen = sampled_view(scene, motion, shutter, ONLY_SPECTRA)
         within = _within_tolerances(seen.scene, seen.motion, records(seen), seen.plan)
         scene = without_tolerances(scene)
-    view = _at_every_frequency(sampled_view(scene, motion, shutter, plan, EVERY_PART))
+    view = sampled_view(scene, motion, shutter, EVERY_PART)
     values, phase = _as_designed(view.scene, view.motion, records(view), view.plan)
     dft_length, num_taps = view.plan.dft_length, view.plan.num_taps
     return Metrics(**values, **within, phase=phase, dft_length=dft_length, num_taps=num_taps)
-
-
-def _at_every_frequency(view: SampledView) -> SampledView:
-    """A view with every frequency in its plan, and the nodes in time for these."""
-    plan = view.plan
-    if plan.num_kept is None:
-        return view
-    num_nodes = max(plan.num_nodes, sizes(view.scene, view.motion).num_nodes)
-    return view._replace(plan=replace(plan, num_kept=None, num_nodes=num_nodes))
 
 
 @compiled
@@ -416,26 +391,6 @@ def _within_tolerances(
     response = assembled(scene, recorded, plan)
     evaluation = Evaluation(scene, motion, response, num_frequencies=plan.num_frequencies)
     return {m.name: m.formula(evaluation) for m in METRICS.values() if m.within_tolerances}
-
-
-def squared_error_within(
-    scene: Scene,
-    motion: AbstractMotion,
-    shutter: AbstractShutter,
-    *,
-    plan: Plan | Automatic | None = PLANNED,
-) -> Float[Array, ""]:
-    """The `expected_squared_error` of a design within the scene's tolerances."""
-    view = sampled_view(scene, motion, shutter, plan, ONLY_SPECTRA)
-    return _error_of_records(view.scene, view.motion, records(view), view.plan)
-
-
-@compiled
-def _error_of_records(
-    scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan
-) -> Float[Array, ""]:
-    response = assembled(scene, recorded, plan)
-    return expected_squared_error(scene, motion, response, plan.num_frequencies)
 
 
 def kernel_differences(

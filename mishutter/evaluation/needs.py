@@ -2,20 +2,18 @@
 
 A plan leaves out only work that cannot change a result: speeds that never occur, occur twice or
 mirror one another under a symmetric shutter; taps that no object reaches; terms without weight.
-`plan=None` computes everything all the same.
+`sizes` holds everything all the same, and is what a plan is tested against.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from enum import Enum
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from mishutter._core import all_concrete, is_concrete, primal_values, require
+from mishutter._core import all_concrete, is_concrete, primal_values
 from mishutter.blur import default_num_frequencies
 from mishutter.evaluation.ensembles import ensemble_of
 from mishutter.evaluation.layers import (
@@ -51,14 +49,6 @@ _PHASE_PER_NODE = 1.8
 _SPARE_NODES = 12
 
 
-class Automatic(Enum):
-    """The default of every `plan=`: a plan is made from the scene, the motion and the shutter."""
-
-    PLANNED = "planned"
-
-
-PLANNED = Automatic.PLANNED
-
 plan_of_traced_search = jax.make_user_context(None)
 """The plan of the search whose loss is being traced, by which functions that the loss calls know
 their sizes.
@@ -66,23 +56,6 @@ their sizes.
 JAX makes a trace depend on it, so that a function that a user has compiled is traced anew for
 another search.
 """
-
-
-@dataclass(frozen=True)
-class Item:
-    """One decision of a plan.
-
-    Attributes:
-        name: The part that the decision is about.
-        full: Its size in a full computation.
-        kept: Its size in the plan.
-        why: The reason for which that is enough.
-    """
-
-    name: str
-    full: str
-    kept: str
-    why: str
 
 
 @dataclass(frozen=True)
@@ -104,7 +77,6 @@ class Plan:
             for `dft_length`.
         num_effective_speeds: Effective speeds of the beat between objects and the background that
             they hide; 0 for a picture that moves as a whole.
-        items: The decisions and their reasons, for readers alone.
     """
 
     num_taps: int
@@ -117,35 +89,6 @@ class Plan:
     still: bool = False
     loss_dft_length: int | None = None
     num_effective_speeds: int = 0
-    items: tuple[Item, ...] = field(default=(), compare=False, repr=False)
-
-    def __str__(self) -> str:
-        header = Item("item", "full", "kept", "why")
-        rows = [header, *self.items]
-        widths = [max(len(getattr(row, name)) for row in rows) for name in ("name", "full", "kept")]
-        return "\n".join(_line(row, widths) for row in rows)
-
-    def to_dict(self) -> dict[str, object]:
-        """The plan as plain numbers and text."""
-        return {**vars(self), "items": [vars(item) for item in self.items]}
-
-    @staticmethod
-    def from_dict(data: Mapping[str, Any]) -> "Plan":
-        """The plan that `to_dict` wrote.
-
-        Args:
-            data: The dictionary.
-
-        Raises:
-            KeyError: if `data` is not such a plan.
-            TypeError: if it holds more than one.
-        """
-        return Plan(**{**data, "items": tuple(Item(**item) for item in data["items"])})
-
-
-def _line(row: Item, widths: list[int]) -> str:
-    cells = zip((row.name, row.full, row.kept), widths, strict=True)
-    return "  ".join([*(cell.ljust(width) for cell, width in cells), row.why])
 
 
 def sizes(scene: Scene, motion: AbstractMotion) -> Plan:
@@ -256,12 +199,6 @@ def automatic(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) ->
     """
     folds, still = folds_speeds(scene, motion, shutter), scene.nothing_moves
     return replace(sizes(scene, motion), skips=True, folds=folds, still=still)
-
-
-def require_plan(value: object) -> None:
-    """Refuses a value that is no plan; without this it would count as the default."""
-    is_plan = value is None or isinstance(value, Plan | Automatic)
-    require(is_plan, "plan", "be a plan, or None for everything", value)
 
 
 class Parts(NamedTuple):

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from mishutter._core import compiled, outside_trace, require_known
 from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.errors import expected_squared_error, unaware_squared_error
-from mishutter.evaluation.needs import ONLY_SPECTRA, PLANNED, Plan
+from mishutter.evaluation.needs import ONLY_SPECTRA, Plan
 from mishutter.evaluation.response import Records, assembled, records
 from mishutter.evaluation.views import sampled_view
 from mishutter.model import TOLERANCE_NAMES, AbstractMotion, AbstractShutter, Scene, require_scene
@@ -144,7 +144,7 @@ class _Levels(NamedTuple):
 
 def _levels(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> _Levels:
     """Expected PSNR of a design."""
-    view = sampled_view(scene, motion, shutter, PLANNED, ONLY_SPECTRA)
+    view = sampled_view(scene, motion, shutter, ONLY_SPECTRA)
     without = view._replace(scene=without_tolerances(view.scene))
     errors = _errors(view.scene, view.motion, records(view), records(without), view.plan)
     return _Levels(*(float(level) for level in -10 * jnp.log10(jnp.stack(errors))))

@@ -4,7 +4,6 @@ Metrics, losses, decoders and captures begin here. Nothing behind the door asks 
 frame speeds are, whether a motion bends, or whether a profile has been through the device.
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import equinox as eqx
@@ -17,14 +16,11 @@ from mishutter._core import all_concrete, primal_values
 from mishutter.blur import ExposureQuadrature
 from mishutter.evaluation.lengths import most_spread, require_sizes, spread_of_traced
 from mishutter.evaluation.needs import (
-    Automatic,
     Parts,
     Plan,
     automatic,
     plan_of_traced_search,
     reduced,
-    require_plan,
-    sizes,
     velocity_held,
 )
 from mishutter.model import (
@@ -130,8 +126,8 @@ def sampled_view(
     scene: Scene,
     motion: AbstractMotion,
     shutter: AbstractShutter,
-    plan: Plan | Automatic | None,
-    parts: Parts | Callable[[Plan], Parts],
+    parts: Parts,
+    plan: Plan | None = None,
 ) -> SampledView:
     """A scene and a design as the sensor sees them, in the sizes that their response takes.
 
@@ -142,22 +138,22 @@ def sampled_view(
         scene: The scene.
         motion: Motion of the sensor.
         shutter: The profile, or the transmittance that a device has made of one.
-        plan: A plan, or the argument `plan=` that stands for one.
-        parts: Parts of the response to compute, which may depend on the plan.
+        parts: Parts of the response to compute.
+        plan: The plan of a search, which holds all of its designs; made here without one.
 
     Raises:
-        ValueError: if the scene is none, or the motion, or the plan.
+        ValueError: if the scene is none, or the motion.
     """
-    require_plan(plan)
     view = sensor_view(scene, motion, shutter)
-    own_plan, view_motion = _plan_of(view, shutter, plan), view.motion
-    own_parts = parts if isinstance(parts, Parts) else parts(own_plan)
-    require_view_sizes(own_plan, own_parts)
+    own_plan, view_motion = plan, view.motion
+    if own_plan is None:
+        own_plan = automatic(view.scene, view_motion, shutter)
+    require_view_sizes(own_plan, parts)
     is_traced = not all_concrete(primal_values((view.scene.speeds, view_motion)))
-    if is_traced and not isinstance(plan, Plan):
-        view_motion = _refused_beyond(own_plan, view.scene, view_motion, own_parts)
+    if is_traced and plan is None:
+        view_motion = _refused_beyond(own_plan, view.scene, view_motion, parts)
     scene = reduced(view.scene, own_plan)
-    return SampledView(scene, view_motion, piecewise(view.shutter), own_plan, own_parts)
+    return SampledView(scene, view_motion, piecewise(view.shutter), own_plan, parts)
 
 
 def require_view_sizes(plan: Plan, parts: Parts) -> None:
@@ -167,15 +163,6 @@ def require_view_sizes(plan: Plan, parts: Parts) -> None:
         ValueError: as `require_sizes`.
     """
     require_sizes(plan.num_taps, plan.num_frequencies, kernels=parts.kernels, spectra=parts.spectra)
-
-
-def _plan_of(view: SensorView, shutter: AbstractShutter, plan: Plan | Automatic | None) -> Plan:
-    """The plan that an argument `plan=` stands for."""
-    if isinstance(plan, Plan):
-        return plan
-    if plan is None:
-        return sizes(view.scene, view.motion)
-    return automatic(view.scene, view.motion, shutter)
 
 
 def _refused_beyond(

@@ -33,7 +33,15 @@ from mishutter.model import (
     profile_of,
     steady,
 )
-from mishutter.search import OWN_BEST_MOTION, Row, fills, optimise, plan
+from mishutter.search import (
+    OWN_BEST_MOTION,
+    Row,
+    SearchSettings,
+    Start,
+    best_design,
+    fills,
+    plan,
+)
 
 if TYPE_CHECKING:
     from mishutter.report import Comparison
@@ -73,16 +81,9 @@ def first_answer(scene: Scene, before: Design, turn: int = 0) -> Design:
     furthest = ParabolicMotion(
         acceleration=sag / half**2, half_exposure=half, velocity=motion.velocity
     )
-    sizes_shared = coarser(plan(roomy, furthest, command, loss=loss, free="shutter"))
-    design = optimise(
-        roomy,
-        motion,
-        command,
-        free="shutter",
-        num_starts=_NUM_STARTS,
-        max_steps=_STEPS,
-        plan=sizes_shared,
-    )
+    shared = coarser(plan(roomy, furthest, command, loss=loss, free="shutter").sizes)
+    settings = SearchSettings(loss, shared, num_starts=_NUM_STARTS, max_steps=_STEPS)
+    design = best_design(Start(roomy, motion, command, ("shutter",)), settings)
     return replace(design, scene=scene)
 
 

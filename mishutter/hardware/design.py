@@ -14,7 +14,6 @@ from mishutter.evaluation import (
     KNOWN_SPEED,
     UNKNOWN_SPEED,
     Metrics,
-    Plan,
     evaluate,
     is_of_worst_speed,
     knowledge_of_saved,
@@ -57,7 +56,6 @@ class Design:
             motion meet, by the slopes that lead down on either side.
         loss_name: The loss that was minimised.
         best_start_loss: Smallest loss among the starts.
-        plan: The plan of the search; None where that is not known.
         straight: The best design without acceleration, where the search has set one beside
             this; it is not written to a file.
         blind_psnr: Expected PSNR where the best design of a device that follows every command is
@@ -74,7 +72,6 @@ class Design:
     certificate: float
     loss_name: str
     best_start_loss: float
-    plan: Plan | None = None
     straight: "Design | None" = None
     blind_psnr: float | None = None
 
@@ -319,7 +316,6 @@ def _built(file: SavedDesign) -> Design:
         "motion": motion,
         "scene": scene,
         "history": np.array(file.history),
-        "plan": None if file.plan is None else file.plan.built(),
     }
     names = [field.name for field in fields(Design) if field.name != "straight"]
     return Design(**{name: getattr(file, name) for name in names} | parts)

@@ -3,9 +3,8 @@
 import math
 from typing import Annotated, Literal, final
 
-from pydantic import AllowInfNan, BaseModel, BeforeValidator, ConfigDict, model_validator
+from pydantic import AllowInfNan, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from mishutter.evaluation import Plan
 from mishutter.model import Part, Scene, arguments_of
 
 FORMAT = 1
@@ -56,7 +55,10 @@ SAVED_SCENE = arguments_of(Scene, "motion")
 
 @final
 class SavedDesign(Part):
-    """A whole design; its level and metrics are for whoever reads the file, and evaluated anew."""
+    """A whole design; its level and metrics are for whoever reads the file, and evaluated anew.
+
+    Files of earlier versions hold the plan of the search, which nothing reads.
+    """
 
     level_db: object = None
     level_of: object = None
@@ -73,5 +75,5 @@ class SavedDesign(Part):
     converged: bool
     outcome: str
     certificate: Result
-    plan: arguments_of(Plan) | None = None  # type: ignore[valid-type]
+    plan: Annotated[object, Field(exclude=True)] = None
     blind_psnr: Result | None = None

@@ -8,10 +8,7 @@ import numpy as np
 
 from mishutter._core import alone_in_blas, named, outside_trace, require, require_known
 from mishutter.evaluation import (
-    PLANNED,
     AbstractLoss,
-    Automatic,
-    Plan,
     ToleranceCosts,
     as_loss,
     ceiling,
@@ -182,7 +179,6 @@ def compare(
     loss: AbstractLoss | Callable[..., Any] | None = None,
     free_paths: bool = False,
     step: Step | None = None,
-    plan: Plan | Automatic | None = PLANNED,
 ) -> Comparison:
     r"""Measure shutters beside the baselines, in two readings.
 
@@ -216,8 +212,6 @@ def compare(
         free_paths: Whether free paths are compared too, also where the scene does not ask for them.
         step: Called with the name of each search once it has ended: a shutter's, or the first of a
             kind of rival.
-        plan: The parts to compute; by default a plan is made for each shutter and motion. None
-            computes everything.
 
     Returns:
         The table and the verdict.
@@ -235,8 +229,7 @@ def compare(
     loss = loss_of_decoder(scene) if loss is None else as_loss(loss, "compare(loss=...)")
     loss = loss if loss.sees_light else loss_of_decoder(scene)
     entries = _entries(shutters) if shutters else {}
-    plan = PLANNED if isinstance(plan, Plan) else plan
-    search = RivalSearch(scene, loss, motion, entries, free_paths=free_paths, plan=plan)
+    search = RivalSearch(scene, loss, motion, entries, free_paths=free_paths)
     rows = compared_rows(search, step or (lambda name: None))
     return with_verdict(rows, entries, scene, free_paths=search.free_paths)
 

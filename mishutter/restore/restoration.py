@@ -35,10 +35,7 @@ from mishutter.camera import (
     through_optics,
 )
 from mishutter.evaluation import (
-    PLANNED,
     SPEED_KNOWLEDGE,
-    Automatic,
-    Plan,
     SpeedKnowledge,
     sensor_view,
 )
@@ -134,7 +131,6 @@ def deconvolve(
     *,
     decoder: AbstractDecoder | None = None,
     model: BlurModel | None = None,
-    plan: Plan | Automatic | None = PLANNED,
 ) -> Float[Array, "..."]:
     """Restore captured pictures by the speeds that may occur in them.
 
@@ -146,7 +142,6 @@ def deconvolve(
         shutter: Transmittance over the exposure.
         decoder: The method, whatever the scene says of decoders; the ensemble filter by default.
         model: The result of `blur_model` for these, if it is at hand.
-        plan: The parts to compute: by default equal colours once; None for all.
 
     Returns:
         Light of the picture, white = 1; the shape of `captured`. A moving object stays
@@ -174,10 +169,10 @@ def deconvolve(
     chosen = EnsembleDecoder() if decoder is None else decoder
     is_decoder = isinstance(chosen, AbstractDecoder)
     require(is_decoder, "deconvolve(decoder=...)", "be a decoder", decoder)
-    blur = blur_model(scene, motion, shutter, plan=plan) if model is None else model
+    blur = blur_model(scene, motion, shutter) if model is None else model
     has_light, subject = blur.electrons > 0, "deconvolve(scene=...)"
     require(has_light, subject, "have a photon rate above 0 e-/s", blur.electrons)
-    distinct = distinct_colours(irradiance, plan)
+    distinct = distinct_colours(irradiance)
     restored = channels_last(chosen.restore(as_float(rows_last(distinct)), blur), irradiance)
     return as_float(turned(every_colour(restored, irradiance), scene.axis))
 
@@ -192,7 +187,6 @@ def restore_photograph(
     speeds: Sequence[float] | None = None,
     num_seeds: int = 8,
     key: Array | None = None,
-    plan: Plan | Automatic | None = PLANNED,
 ) -> RestoredPhotograph:
     """Capture a photograph at several speeds and restore it.
 
@@ -212,7 +206,6 @@ def restore_photograph(
         speeds: Speeds of the photograph, px/s; the scene's by default.
         num_seeds: Number of captures at each speed, each with its own noise.
         key: JAX key of the noise; a fixed one by default.
-        plan: The parts to compute: by default equal colours once; None for all.
 
     Raises:
         ValueError: if the picture is too narrow for its blur, or an argument is out of
@@ -238,7 +231,6 @@ def restore_photograph(
         speeds=speeds,
         num_seeds=num_seeds,
         key=key,
-        plan=plan,
     )
     return results[""]
 
@@ -254,7 +246,6 @@ def restore_by_each(
     speeds: Sequence[float] | None = None,
     num_seeds: int = 8,
     key: Array | None = None,
-    plan: Plan | Automatic | None = PLANNED,
     least_taps: int = 1,
     decoder_speed: DecoderSpeed | None = None,
 ) -> dict[str, RestoredPhotograph]:
@@ -269,7 +260,6 @@ def restore_by_each(
         speeds: Speeds of the photograph, px/s; the scene's by default.
         num_seeds: Number of captures at each speed, each with its own noise.
         key: JAX key of the noise; a fixed one by default.
-        plan: The parts to compute, as for `restore_photograph`.
         least_taps: Length of the kernels, where they do not need more: with one for several
             designs they see, and are judged on, equally many columns.
         decoder_speed: What the decoders know of the speed; by default what the scene says.
@@ -294,7 +284,7 @@ def restore_by_each(
     relative = chosen_speeds - float(velocity)
     window, inner = _common_columns(radiance.shape[-2], motion, relative, least_taps, axis)
     reference = _behind_optics(np.asarray(radiance), scene)[:, window]
-    model = blur_model(scene, motion, shutter, plan=plan, least_taps=least_taps)
+    model = blur_model(scene, motion, shutter, least_taps=least_taps)
     seeds = np.asarray(_seeds(key, len(chosen_speeds), num_seeds))
     knowledge = SPEED_KNOWLEDGE[scene.decoder_speed if decoder_speed is None else decoder_speed]
     models = [model.knowing(v) if knowledge.is_told else model for v in relative.tolist()]
@@ -313,12 +303,10 @@ def restore_by_each(
         for trial, words in enumerate(seeds[index]):
             seed = jax.random.wrap_key_data(words, impl=jax.random.key_impl(key))
             capture = noisy(blurred, scene, motion, seed)
-            planes = rows_last(distinct_colours(capture, plan))
+            planes = rows_last(distinct_colours(capture))
             knowing = informed(methods, planes, models[index])
             estimates = [
-                np.asarray(
-                    deconvolve(capture, scene, motion, shutter, decoder=each, model=blur, plan=plan)
-                )
+                np.asarray(deconvolve(capture, scene, motion, shutter, decoder=each, model=blur))
                 for each, blur, _ in knowing
             ]
             if trial == 0:
@@ -335,7 +323,7 @@ def restore_by_each(
         return _Errors(np.array(errors), np.array(codes))
 
     on_sensor = blurred_at_speeds(
-        radiance, scene, motion, shutter, relative.tolist(), plan=plan, least_taps=least_taps
+        radiance, scene, motion, shutter, relative.tolist(), least_taps=least_taps
     )
     count = min(num_processors(), _CAPTURES_AT_ONCE)
     trials = list(in_threads(tried, enumerate(on_sensor), count))

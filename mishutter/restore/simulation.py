@@ -19,7 +19,6 @@ from mishutter.camera import (
     rows_last,
     simulate_capture,
 )
-from mishutter.evaluation import PLANNED, Automatic, Plan
 from mishutter.model import AbstractMotion, AbstractShutter, Scene, require_scene
 from mishutter.pictures import Picture, turned
 from mishutter.restore.decoders import (
@@ -84,7 +83,6 @@ def capture_and_restore(
     adc_bits: int | None = None,
     rows_at_once: int = 128,
     progress: Progress | None = None,
-    plan: Plan | Automatic | None = PLANNED,
 ) -> Simulation:
     """Capture a subject and restore it, within memory of a few times its own size.
 
@@ -106,7 +104,6 @@ def capture_and_restore(
         adc_bits: Bits of the converter; None for no rounding.
         rows_at_once: Most rows of a portion, or columns if the scene's objects move along these.
         progress: Called with a sentence and the share done.
-        plan: The argument of `simulate_capture` and of `deconvolve`.
 
     Raises:
         ValueError: as `simulate_capture`.
@@ -126,7 +123,6 @@ def capture_and_restore(
         border=border,
         full_well=full_well,
         adc_bits=adc_bits,
-        plan=plan,
     )
     is_exposed = isinstance(subject, Layers | Frames)
     if isinstance(subject, Layers | Frames):
@@ -135,7 +131,7 @@ def capture_and_restore(
         image = np.asarray(capture(subject, key=key))
     else:
         image = turned(as_radiance(subject, "capture_and_restore(subject=...)"), axis)
-    model = blur_model(scene, motion, shutter, plan=plan)
+    model = blur_model(scene, motion, shutter)
     captured = restored = np.zeros((0, 0, 1))
     num_rows = image.shape[0]
     portions = range(0, num_rows, rows_at_once)
@@ -152,7 +148,7 @@ def capture_and_restore(
     estimate = None
     if isinstance(chosen, SpeedFindingDecoder):
         report("finding the speed", 0.5)
-        planes = rows_last(distinct_colours(captured, plan))
+        planes = rows_last(distinct_colours(captured))
         chosen, model, relative = informed([chosen], planes, model)[0]
         estimate = None if relative is None else relative.of(scene, motion)
     beyond = chosen.rows_beyond
@@ -160,7 +156,7 @@ def capture_and_restore(
         report("restoring", 0.5 + 0.5 * first / num_rows)
         above = min(first, beyond)
         part = captured[first - above : past + beyond]
-        rows = deconvolve(part, scene, motion, shutter, decoder=chosen, model=model, plan=plan)
+        rows = deconvolve(part, scene, motion, shutter, decoder=chosen, model=model)
         restored[first:past] = rows[above : above + past - first]
     report("done", 1.0)
     return Simulation.of(turned(captured, axis), turned(restored, axis), estimate)

@@ -1,5 +1,6 @@
 """The design search: space, objective, minimisation, rivals."""
 
+from mishutter.search.planning import SearchPlan as SearchPlan
 from mishutter.search.planning import plan as plan
 from mishutter.search.rivals import BEST_BURST as BEST_BURST
 from mishutter.search.rivals import BEST_CODED_STILL as BEST_CODED_STILL
@@ -35,6 +36,9 @@ from mishutter.search.search import MAX_STEPS as MAX_STEPS
 from mishutter.search.search import NUM_COEFFICIENTS as NUM_COEFFICIENTS
 from mishutter.search.search import Outcome as Outcome
 from mishutter.search.search import SearchFailedError as SearchFailedError
+from mishutter.search.search import SearchSettings as SearchSettings
+from mishutter.search.search import Start as Start
+from mishutter.search.search import best_design as best_design
 from mishutter.search.search import moved_by_default as moved_by_default
 from mishutter.search.search import optimise as optimise
 from mishutter.search.search import starting_shutter as starting_shutter

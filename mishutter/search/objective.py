@@ -103,8 +103,8 @@ class SpectralObjective(AbstractObjective):
         view = planned_view(
             self.scene, motion, shutter, self.plan, parts=ONLY_SPECTRA, nodes=self.nodes
         )
-        plan = _plan_of_spectra(self.plan)
-        value = self.loss.of_response(view.scene, view.motion, respond(view), plan)
+        count = self.plan.num_frequencies
+        value = self.loss.of_response(view.scene, view.motion, respond(view), count)
         return one_real_number(self.loss, value).astype(box.dtype)
 
     @property
@@ -120,6 +120,7 @@ class LinearObjective(AbstractObjective):
         basis: The response of a closed profile, through which a device may leak light, then the
             contribution of each coordinate, as rows of real numbers.
         layout: The places of the parts of a response in such a row.
+        num_frequencies: Frequencies of the grid that transfer functions stand on.
     """
 
     loss: AbstractResponseLoss
@@ -127,11 +128,11 @@ class LinearObjective(AbstractObjective):
     motion: AbstractMotion
     basis: Float[Array, "rows k"]
     layout: "Layout" = eqx.field(static=True)
-    plan: Plan = eqx.field(static=True)
+    num_frequencies: int = eqx.field(static=True)
 
     def __call__(self, box: Float[Array, "size"]) -> Float[Array, ""]:
         response = self.layout.response(self.basis[0] + box @ self.basis[1:])
-        return self.loss.of_response(self.scene, self.motion, response, self.plan)
+        return self.loss.of_response(self.scene, self.motion, response, self.num_frequencies)
 
     @property
     def batches(self) -> bool:
@@ -153,17 +154,15 @@ def objective_of(
         plan: The plan of the computation, which reduces the scene.
     """
     is_of_response = isinstance(loss, AbstractResponseLoss)
-    require_view_sizes(plan, loss.parts(plan) if is_of_response else ONLY_SPECTRA)
+    require_view_sizes(plan, loss.parts if is_of_response else ONLY_SPECTRA)
     scene = reduced(scene, plan)
     linear = isinstance(space.shutter, AbstractAdjustableShutter) and space.shutter.linear
     linear = linear and (scene.device is None or scene.device.is_linear)
     alone = plan.skips and space.free == ("shutter",) and linear
     if alone and isinstance(loss, AbstractResponseLoss):
-        parts = loss.parts(plan)
-        basis, layout = _basis(space, scene, plan, parts)
-        plan = _plan_of_spectra(plan) if parts == ONLY_SPECTRA else plan
-        return LinearObjective(loss, scene, space.motion, basis, layout, plan)
-    if plan.skips and isinstance(loss, AbstractResponseLoss) and loss.parts(plan) == ONLY_SPECTRA:
+        basis, layout = _basis(space, scene, plan, loss.parts)
+        return LinearObjective(loss, scene, space.motion, basis, layout, plan.num_frequencies)
+    if plan.skips and isinstance(loss, AbstractResponseLoss) and loss.parts == ONLY_SPECTRA:
         # Rounding to two numbers an octave lets scenes of other speeds share programs.
         plan, nodes = replace(plan, num_nodes=size_class(plan.num_nodes)), None
         if "shutter" not in space.free and not space.lags:
@@ -173,19 +172,6 @@ def objective_of(
             space = replace(space, shutter=RectShutter())
         return SpectralObjective(loss, scene, space, nodes, plan)
     return DesignObjective(loss, scene, space, plan)
-
-
-def _plan_of_spectra(plan: Plan) -> Plan:
-    """A plan without the sizes that a loss of transfer functions does not use: more are equal."""
-    return replace(
-        plan,
-        num_taps=1,
-        dft_length=1,
-        loss_dft_length=None,
-        num_nodes=1,
-        folds=False,
-        still=False,
-    )
 
 
 @dataclass(frozen=True)

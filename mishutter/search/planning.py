@@ -4,17 +4,16 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import reduce
 from itertools import product
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from mishutter._core import compiled, require_known
+from mishutter._core import compiled
 from mishutter.evaluation import (
-    SEARCHED_EFFECTIVE_SPEEDS,
     AbstractLoss,
     AbstractResponseLoss,
-    Item,
     LossFunction,
     Plan,
     WeightedSum,
@@ -50,38 +49,48 @@ class Needs:
         spectra: Whether they are made from transfer functions.
         only_error: Whether the transfer functions serve the expected error alone, to which a
             frequency without power adds nothing.
-        num_terms: Number of terms of the loss.
-        num_weighty: Number of terms that have a weight.
     """
 
-    kernels: bool = True
-    differences: bool = True
-    spectra: bool = True
-    only_error: bool = False
-    num_terms: int = 1
-    num_weighty: int = 1
+    kernels: bool
+    differences: bool
+    spectra: bool
+    only_error: bool
 
 
-def needs_of(loss: AbstractLoss | None) -> Needs:
-    """The needs of a loss; everything without a loss, or for one of a user's own."""
-    if loss is None:
-        return Needs()
-    every = loss.needed(skips=False) if isinstance(loss, WeightedSum) else [(loss, 1.0)]
-    weighty = loss.needed(skips=True) if isinstance(loss, WeightedSum) else every
-    terms = [term for term, _ in weighty if isinstance(term, AbstractResponseLoss)]
-    if len(terms) < len(weighty):
-        return Needs(num_terms=len(every), num_weighty=len(weighty))
-    skipping = Plan(1, 1, 1, 1, skips=True)
-    parts = [term.parts(skipping) for term in terms]
-    errors = [t.decoder_speed is not None for t, p in zip(terms, parts, strict=True) if p.spectra]
+def needs_of(loss: AbstractLoss) -> Needs:
+    """The needs of a loss; everything for one of a user's own."""
+    terms = [term for term, _ in loss.needed] if isinstance(loss, WeightedSum) else [loss]
+    of_response = [term for term in terms if isinstance(term, AbstractResponseLoss)]
+    if len(of_response) < len(terms):
+        return Needs(kernels=True, differences=True, spectra=True, only_error=False)
+    spectral = [term for term in of_response if term.parts.spectra]
     return Needs(
-        kernels=any(part.kernels for part in parts),
-        differences=any(part.differences for part in parts),
-        spectra=any(part.spectra for part in parts),
-        only_error=all(errors),
-        num_terms=len(every),
-        num_weighty=len(weighty),
+        kernels=any(term.parts.kernels for term in of_response),
+        differences=any(term.parts.differences for term in of_response),
+        spectra=bool(spectral),
+        only_error=all(term.decoder_speed is not None for term in spectral),
     )
+
+
+class SearchPlan(NamedTuple):
+    """The plan of a search, and what it is for.
+
+    Attributes:
+        sizes: The parts to compute.
+        scene: The scene, in the frame of the search.
+        needs: The numbers that the loss is made from.
+        space: The designs that may be searched; None where nothing moves.
+    """
+
+    sizes: Plan
+    scene: Scene
+    needs: Needs
+    space: DesignSpace | None
+
+    @property
+    def skips(self) -> list[str]:
+        """The parts that are left out and why, each a sentence."""
+        return [*_of_speeds(self), *_of_kernels(self), *_of_spectra(self), *_of_search(self)]
 
 
 def plan(
@@ -89,41 +98,26 @@ def plan(
     motion: AbstractMotion,
     shutter: AbstractShutter,
     *,
-    loss: LossFunction | None = None,
+    loss: LossFunction,
     free: str | Iterable[str] = (),
-) -> Plan:
-    """Plan the computation of a scene, with the reason for each part that is left out.
-
-    The plan leaves out only work that changes a result by no more than rounding.
+) -> SearchPlan:
+    """Plans the computation of a loss, and leaves out only what changes it by rounding at most.
 
     Args:
         scene: Speeds, light, noise, spectrum and limits; concrete.
         motion: Motion of the sensor; where it is free, the motion to start from.
         shutter: Transmittance over the exposure; where it is free, the profile to start from.
-        loss: The loss whose value is planned; by default all metrics that `evaluate` measures.
-        free: Parts that a search may move: `"shutter"`, `"path"`, `"half_exposure"`,
-            `"velocity"`, `"acceleration"`.
-
-    Returns:
-        The plan. It prints as a table, and every `plan=` takes it.
+        loss: The loss.
+        free: Parts that a search may move, of `FREE_NAMES`.
 
     Raises:
         ValueError: if `free` names what cannot move.
-
-    Examples:
-        >>> from mishutter import HannShutter, Limits, ParabolicMotion, Scene, plan
-        >>> limits = Limits(max_stroke=20, max_half_exposure=0.02)
-        >>> scene = Scene.uniform(max_speed=1500.0, photon_rate=1e5, read_noise=5, limits=limits)
-        >>> motion = ParabolicMotion(acceleration=2e5, half_exposure=0.01)
-        >>> print(" ".join(str(plan(scene, motion, HannShutter())).splitlines()[1].split()[:6]))
-        speeds 9 5 4 mirrored: a
     """
-    require_known("plan", motion=motion)
     names = (free,) if isinstance(free, str) else tuple(free)
     scene, motion = search_frame(scene, motion, names)
     space = design_space(scene, motion, shutter, names) if names else None
-    loss = None if loss is None else as_loss(loss, "plan(loss=...)")
-    return exact_plan(scene, motion, shutter, needs_of(loss), space)
+    needs = needs_of(as_loss(loss, "plan(loss=...)"))
+    return SearchPlan(_exact_sizes(scene, motion, shutter, needs, space), scene, needs, space)
 
 
 def full_sizes(scene: Scene, motion: AbstractMotion, space: DesignSpace | None) -> Plan:
@@ -185,7 +179,7 @@ def _corners(space: DesignSpace) -> list[Float[np.ndarray, "size"]]:
     return [np.concatenate(corner) for corner in product(shapes, product(*ends))]
 
 
-def exact_plan(
+def _exact_sizes(
     scene: Scene,
     motion: AbstractMotion,
     shutter: AbstractShutter,
@@ -216,9 +210,7 @@ def exact_plan(
         folds=folds,
         still=still,
     )
-    exact = exact if space is None else coarser(exact)
-    items = items_of(scene, shutter, full, exact, needs=needs, space=space)
-    return replace(exact, items=items)
+    return exact if space is None else coarser(exact)
 
 
 def _sizes_of_motion(scene: Scene, motion: AbstractMotion, share: float, alone: bool) -> Plan:
@@ -241,131 +233,48 @@ def _frequencies_with_power(scene: Scene, full: Plan) -> int:
     return min(full.num_frequencies, size_class(max(16, int(last))))
 
 
-def items_of(
-    scene: Scene,
-    shutter: AbstractShutter,
-    full: Plan,
-    exact: Plan,
-    *,
-    needs: Needs,
-    space: DesignSpace | None,
-) -> tuple[Item, ...]:
-    """The table of an exact plan, beside a full one."""
-    return (
-        _speeds_item(scene, exact.folds, exact.still),
-        _kernels_item(needs, exact.still),
-        _taps_item(full, exact, needs, space),
-        Item(
-            "DFT length",
-            *_pair(full.dft_length),
-            "four times the longest kernel; real taps, "
-            f"hence {full.dft_length // 2 + 1} frequencies",
-        ),
-        *_spectra_items(full, exact, needs, space),
-        *_layers_items(exact, needs),
-        *_terms_items(needs),
-        *_search_items(shutter, space),
-        _precision_item(scene),
-    )
-
-
-def _pair(count: int) -> tuple[str, str]:
-    return str(count), str(count)
-
-
-def _speeds_item(scene: Scene, folds: bool, still: bool) -> Item:
-    count, never = scene.speeds.size, int(np.sum(np.asarray(scene.weights) == 0))
+def _of_speeds(found: SearchPlan) -> list[str]:
+    scene, count = found.scene, found.scene.speeds.size
     num_distinct = distinct_speeds(scene, folds=False)[0].size
-    num_computed = distinct_speeds(scene, folds=folds)[0].size
-    why = []
-    if never:
-        why.append(f"{never} never occur")
-    if count - never > num_distinct:
-        why.append(f"{count - never - num_distinct} repeated")
-    if num_distinct > num_computed:
-        mirrored = num_distinct - num_computed
-        why.append(f"{mirrored} mirrored: a symmetric shutter does the same to +s and -s")
-    if still:
-        why.append("nothing moves")
-    return Item("speeds", str(count), str(num_computed), "; ".join(why) or "each occurs once")
+    num_computed = distinct_speeds(scene, folds=found.sizes.folds)[0].size
+    num_absent = int(np.sum(np.asarray(scene.weights) == 0))
+    reasons = {
+        "never occur": num_absent,
+        "occur twice": count - num_absent - num_distinct,
+        "mirror others, to which a symmetric shutter does the same": num_distinct - num_computed,
+    }
+    why = ", ".join(f"{number} {reason}" for reason, number in reasons.items() if number)
+    return [f"{num_computed} of {count} speeds are computed: {why}."] if why else []
 
 
-def _kernels_item(needs: Needs, still: bool) -> Item:
-    if not needs.kernels:
-        return Item("kernels", "all", "none", "the loss is made from transfer functions")
-    if still:
-        return Item("kernels", "all", "at rest", "nothing moves: no invariance to measure")
-    if not needs.differences:
-        return Item("kernels", "all", "at rest", "invariance has no weight")
-    return Item("kernels", "all", "all", "invariance is measured")
+def _of_kernels(found: SearchPlan) -> list[str]:
+    if not found.needs.kernels:
+        return ["No kernel is computed: the loss is made from transfer functions."]
+    if found.sizes.still:
+        return ["One kernel is computed: nothing moves."]
+    if not found.needs.differences:
+        return ["One kernel is computed: invariance has no weight."]
+    return []
 
 
-def _taps_item(full: Plan, exact: Plan, needs: Needs, space: DesignSpace | None) -> Item:
-    if not needs.kernels:
-        return Item("taps", str(full.num_taps), "0", "no kernel is computed")
-    return Item("taps", str(full.num_taps), str(exact.num_taps), _reach(space))
-
-
-def _reach(space: DesignSpace | None) -> str:
-    if space is None:
-        return "what the fastest object reaches on this motion"
-    if set(space.free) == {"shutter"}:
-        return "what any object reaches that this motion keeps up with"
-    return "the motion is free within the limits"
-
-
-def _spectra_items(full: Plan, exact: Plan, needs: Needs, space: DesignSpace | None) -> list[Item]:
-    if not needs.spectra:
-        return [
-            Item("frequencies", str(full.num_frequencies), "0", "no transfer function is needed"),
-            Item("nodes in time", str(full.num_nodes), "0", "no transfer function is needed"),
-        ]
-    if exact.num_kept is not None:
-        why = "the picture on the sensor holds no power above"
-    else:
-        why = "all hold power" if needs.only_error else "the bound's share needs all"
-    count = str(exact.num_kept or full.num_frequencies)
-    reach = _reach(space) if needs.only_error else "beside a zero the bound's share shows them"
-    return [
-        Item("frequencies", str(full.num_frequencies), count, why),
-        Item("nodes in time", str(full.num_nodes), str(exact.num_nodes), reach),
-    ]
-
-
-def _layers_items(exact: Plan, needs: Needs) -> list[Item]:
-    """The row on the background that edges of objects uncover; none for scenes without edges."""
-    count = exact.num_effective_speeds
-    if not count:
+def _of_spectra(found: SearchPlan) -> list[str]:
+    plan = found.sizes
+    if not found.needs.spectra:
+        return ["No transfer function is computed: the loss is made from kernels."]
+    if plan.num_kept is None:
         return []
-    if not needs.spectra:
-        return [Item("effective speeds", str(count), "0", "no transfer function is needed")]
-    beat = "background that edges uncover moves at speeds in between and beyond, by the exposure"
-    why = f"{beat}; {SEARCHED_EFFECTIVE_SPEEDS} are enough for a search"
-    return [Item("effective speeds", *_pair(count), why)]
+    of_all = f"{plan.num_kept:,} of {plan.num_frequencies:,} frequencies are computed"
+    return [f"{of_all}: the picture on the sensor holds no power above."]
 
 
-def _terms_items(needs: Needs) -> list[Item]:
-    count, weighty = needs.num_terms, needs.num_weighty
-    if count == weighty == 1:
+def _of_search(found: SearchPlan) -> list[str]:
+    if found.space is None:
         return []
-    why = "the others have weight 0" if weighty < count else "each has weight"
-    return [Item("terms of the loss", str(count), str(weighty), why)]
-
-
-def _search_items(shutter: AbstractShutter, space: DesignSpace | None) -> list[Item]:
-    if space is None:
-        return []
-    every = [name for name in FREE_NAMES if name != "path" or name in space.free]
-    fixed = [name for name in every if name not in space.free]
-    why = f"{', '.join(fixed)} not free" if fixed else "all are free"
-    items = [Item("free parameters", str(len(every)), str(len(space.free)), why)]
+    fixed = [name for name in FREE_NAMES if name not in found.space.free and name != "path"]
+    sentences = [f"These parts do not move: {', '.join(fixed)}."] if fixed else []
+    shutter = found.space.shutter
     linear = isinstance(shutter, AbstractAdjustableShutter) and shutter.linear
-    if linear and set(space.free) == {"shutter"}:
-        why = "each coordinate's response is computed once, before the search"
-        items.append(Item("a step of the search", "responses", "one product", why))
-    return items
-
-
-def _precision_item(scene: Scene) -> Item:
-    name = np.dtype(scene.speeds.dtype).name
-    return Item("precision", name, name, "as given")
+    if linear and found.space.free == ("shutter",):
+        why = "each coefficient's response is computed once, before the search"
+        sentences.append(f"A step of the search is one matrix product: {why}.")
+    return sentences

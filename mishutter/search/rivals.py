@@ -16,9 +16,7 @@ from jaxtyping import Float, PyTree
 from mishutter._core import as_they_end, num_processors, once
 from mishutter.evaluation import (
     KNOWN_SPEED,
-    PLANNED,
     AbstractLoss,
-    Automatic,
     Plan,
     best_burst,
     evaluate,
@@ -45,7 +43,14 @@ from mishutter.search.rows import (
     STAGE,
     Row,
 )
-from mishutter.search.search import free_by_default, on_free_path, optimise
+from mishutter.search.search import (
+    SearchSettings,
+    Start,
+    best_design,
+    free_by_default,
+    on_free_path,
+    optimise,
+)
 from mishutter.search.space import forbids_free_path, mirrors
 
 OPEN = "rect"
@@ -75,7 +80,6 @@ class RivalSearch:
         start: The motion that searches of a moving sensor begin with.
         entries: Profiles and designs of the user, by name.
         free_paths: Whether free paths are asked for, here or by the scene.
-        plan: The plan of the computation: one for each search, or None for everything.
         open_on_parabola: The best design of an open shutter, computed at the first call.
         shaped_on_parabola: The best design of a free profile, one of the entries if it can be.
     """
@@ -88,9 +92,8 @@ class RivalSearch:
         entries: Mapping[str, Entry] | None = None,
         *,
         free_paths: bool = False,
-        plan: Plan | Automatic | None = PLANNED,
     ) -> None:
-        self.scene, self.loss, self.plan = scene, loss, plan
+        self.scene, self.loss = scene, loss
         self.motion = scene.motion if motion is None else motion
         self.start = _searchable(self.motion, scene)
         self.entries = {} if entries is None else entries
@@ -103,11 +106,9 @@ class RivalSearch:
         start: AbstractMotion,
         shutter: AbstractShutter | None = None,
         free: Iterable[str] | None = None,
-        plan: Plan | None = None,
     ) -> Design:
         """The best design from a motion and a shutter, or from a free-form profile."""
-        own = self.plan if plan is None else plan
-        return optimise(self.scene, start, shutter, free=free, loss=self.loss, plan=own)
+        return optimise(self.scene, start, shutter, free=free, loss=self.loss)
 
     def shaped_entry(self) -> Design | None:
         """The best design of a free profile on a parabola, where it is one of the entries."""
@@ -171,7 +172,7 @@ def compared_rows(search: RivalSearch, step: Step) -> list[Row]:
     entries = {**search.entries, **windows}
     commands = {n: e.command if isinstance(e, Design) else e for n, e in entries.items()}
     shutters = {name: transmittance(scene, motion, each) for name, each in commands.items()}
-    measure, turns = partial(evaluate, scene, motion, plan=search.plan), _turns(scene)
+    measure, turns = partial(evaluate, scene, motion), _turns(scene)
     on_motion = [
         Row(SAME_MOTION, name, shutter, motion, None, measure(shutter), turns)
         for name, shutter in shutters.items()
@@ -238,20 +239,20 @@ def snapshots(search: RivalSearch) -> list[Row]:
 
 def _best_snapshot(search: RivalSearch) -> Row:
     """Searches for the exposure of a camera at rest with an ordinary shutter."""
-    still, is_planned = _camera_at_rest(search.scene), search.plan is PLANNED
-    plan = _roomy_plan(search.scene, still, search.loss) if is_planned else None
-    return _row(BEST_SNAPSHOT, search.best(still, RectShutter(), plan=plan))
+    scene, still = search.scene, _camera_at_rest(search.scene)
+    settings = SearchSettings(search.loss, _roomy_plan(scene, still, search.loss))
+    return _row(BEST_SNAPSHOT, best_design(Start(scene, still, RectShutter()), settings))
 
 
 def _roomy_plan(scene: Scene, still: AbstractMotion, loss: AbstractLoss) -> Plan:
     """The plan of a camera at rest, in the sizes of a moving one: one program serves both."""
     shutter = RectShutter()
-    plan = plan_of_scene(scene, still, shutter, loss=loss, free="half_exposure")
+    plan = plan_of_scene(scene, still, shutter, loss=loss, free="half_exposure").sizes
     start = scene.motion
     if start.is_straight:
         return plan
     free = free_by_default(scene, start, shutter)
-    moving = plan_of_scene(scene, start, shutter, loss=loss, free=free)
+    moving = plan_of_scene(scene, start, shutter, loss=loss, free=free).sizes
     finer = max(plan, moving, key=lambda each: each.num_frequencies)
     return replace(
         plan,
@@ -287,11 +288,11 @@ def _takes_free_path(search: RivalSearch) -> bool:
 
 def _on_free_paths(search: RivalSearch) -> list[Row]:
     """Free paths of an open and of a shaped shutter, which begin with one another's designs."""
-    loss, plan, start = search.loss, search.plan, search.start
+    loss, start = search.loss, search.start
     shaped, steady = search.shaped_on_parabola(), search.open_on_parabola()
-    on_path = on_free_path(steady, start, loss=loss, plan=plan)
+    on_path = on_free_path(steady, start, loss=loss)
     beside = [design for design in (steady, on_path) if not design.motion.is_straight]
-    best = on_free_path(shaped, start, loss=loss, shaped=True, beside=beside, plan=plan)
+    best = on_free_path(shaped, start, loss=loss, shaped=True, beside=beside)
     return [_row(OPEN_ON_FREE_PATH, on_path), _row(SHAPED_ON_FREE_PATH, best)]
 
 

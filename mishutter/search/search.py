@@ -23,9 +23,7 @@ from mishutter._core import (
     require_seed,
 )
 from mishutter.evaluation import (
-    PLANNED,
     AbstractLoss,
-    Automatic,
     LossFunction,
     Plan,
     as_loss,
@@ -52,7 +50,7 @@ from mishutter.model import (
 )
 from mishutter.search.cover import cover, lowest_of_valleys, screened
 from mishutter.search.objective import AbstractObjective, SearchedObjective, objective_of
-from mishutter.search.planning import design_at, full_sizes
+from mishutter.search.planning import design_at
 from mishutter.search.planning import plan as plan_of_scene
 from mishutter.search.slots import searched_slots
 from mishutter.search.solvers import (
@@ -135,7 +133,8 @@ class SearchSettings(NamedTuple):
 
     Attributes:
         loss: The loss to be minimised.
-        plan: The plan of the computation, as `optimise` takes it.
+        plan: The plan of the computation, by which searches share programs; by default each search
+            has its own, made for its whole space.
         num_coefficients: Coefficients of a free-form profile that is made here.
         num_starts: Number of starts; None for the default.
         seed: Seed of the random starts.
@@ -144,7 +143,7 @@ class SearchSettings(NamedTuple):
     """
 
     loss: AbstractLoss
-    plan: Plan | Automatic | None = PLANNED
+    plan: Plan | None = None
     num_coefficients: int = NUM_COEFFICIENTS
     num_starts: int | None = None
     seed: int = 0
@@ -171,7 +170,6 @@ def optimise(
     max_steps: int = MAX_STEPS,
     progress: Progress | None = None,
     throw: bool = False,
-    plan: Plan | Automatic | None = PLANNED,
 ) -> Design:
     r"""Search for the design of least loss within the scene's limits.
 
@@ -224,8 +222,6 @@ def optimise(
         max_steps: Steps of each minimisation, and of the polish, at most.
         progress: Called with the steps taken, `max_steps` at most, and the smallest loss so far.
         throw: Whether an end other than convergence raises.
-        plan: The plan of the computation, made for the whole space by default; None computes
-            everything.
 
     Returns:
         The best design, the end of the search in a sentence, and the projected-gradient norm as
@@ -258,18 +254,26 @@ def optimise(
     require_positive_int("optimise(max_steps=...)", max_steps)
     require_seed("optimise(seed=...)", seed)
     loss = as_loss(loss_of_decoder(scene) if loss is None else loss, "optimise(loss=...)")
-    settings = SearchSettings(loss, plan, num_coefficients, num_starts, seed, max_steps, progress)
+    settings = SearchSettings(loss, None, num_coefficients, num_starts, seed, max_steps, progress)
     names = (free,) if isinstance(free, str) else None if free is None else tuple(free)
-    device = scene.device
-    moves = shutter is None or is_adjustable(shutter) if names is None else "shutter" in names
-    if moves and device is not None and (device.lags or device.levels is not None):
-        best = _through_device(Start(scene, motion, shutter, names), settings)
-    else:
-        best = _optimised(Start(scene, motion, shutter, names), settings)
-    best = _without_needless_device(best, loss)
+    best = best_design(Start(scene, motion, shutter, names), settings)
     if throw and not best.converged:
         raise SearchFailedError(best.outcome)
     return best
+
+
+@alone_in_blas()
+@outside_trace()
+def best_design(start: "Start", settings: SearchSettings) -> Design:
+    """`optimise`, for callers that share a plan between searches."""
+    scene, _, shutter, names = start
+    device = scene.device
+    moves = shutter is None or is_adjustable(shutter) if names is None else "shutter" in names
+    if moves and device is not None and (device.lags or device.levels is not None):
+        best = _through_device(start, settings)
+    else:
+        best = _optimised(start, settings)
+    return _without_needless_device(best, settings.loss)
 
 
 @alone_in_blas()
@@ -280,7 +284,6 @@ def on_free_path(
     loss: AbstractLoss,
     shaped: bool = False,
     beside: Sequence[Design] = (),
-    plan: Plan | Automatic | None = PLANNED,
 ) -> Design:
     """The best design on a free path that begins at the motion of another.
 
@@ -293,18 +296,17 @@ def on_free_path(
         loss: The loss to minimise.
         shaped: Whether the profile moves too.
         beside: Designs of an open shutter to begin with as well.
-        plan: The plan of the computation.
     """
     scene, command = design.scene, design.command
     free = free_by_default(scene, start, None if shaped else command)
     names = tuple(name for name in (*free, "path") if shaped or name != "shutter")
     device = scene.device
     if shaped and device is not None and device.levels is not None:
-        best = optimise(scene, start, command, free=names, loss=loss, plan=plan)
+        best = optimise(scene, start, command, free=names, loss=loss)
     else:
         more = tuple(KnownDesign(open_like(command), each.motion) for each in beside)
         path = _path_after(design, start)
-        best = _beyond(design, path, names, SearchSettings(loss, plan), more)
+        best = _beyond(design, path, names, SearchSettings(loss), more)
         best = _without_needless_device(best, loss)
     return min((best, design, *beside), key=lambda each: each.loss)
 
@@ -319,7 +321,7 @@ def _without_needless_device(design: Design, loss: AbstractLoss) -> Design:
         design = replace(design, straight=_without_needless_device(design.straight, loss))
     if design.shutter is command or not stays_open(command):
         return design
-    value, outcome = float(value_of(loss, scene, motion, command, PLANNED)), design.outcome
+    value, outcome = float(value_of(loss, scene, motion, command)), design.outcome
     if beyond_limits(scene, motion, command) and _OUTSIDE not in outcome:
         outcome = f"{outcome} {_OUTSIDE}"
     history = np.append(design.history, value)
@@ -389,9 +391,8 @@ def _on_free_path(
     steady = motion if motion.accelerates_constantly else scene.fullest_motion
     num_free_pieces(scene, motion.as_free_path())
     steady_names = [name for name in (*names, "acceleration") if name != "path"]
-    plan = PLANNED if isinstance(settings.plan, Plan) else settings.plan
     steady_start = start._replace(motion=steady, free=tuple(steady_names))
-    design = _optimised(steady_start, settings._replace(plan=plan), more)
+    design = _optimised(steady_start, settings._replace(plan=None), more)
     path = _path_after(design, steady) if motion.accelerates_constantly else motion
     return _beyond(design, path, names, settings._replace(progress=None), more)
 
@@ -556,7 +557,6 @@ def _design(end: "_End", scene: Scene, settings: SearchSettings) -> Design:
         certificate=end.certificate,
         loss_name=repr(settings.loss),
         best_start_loss=end.best_start_loss,
-        plan=end.plan,
     )
 
 
@@ -631,7 +631,6 @@ class _End(NamedTuple):
     num_steps: int
     history: Float[np.ndarray, "n"]
     best_start_loss: float
-    plan: Plan
 
 
 def _best_of_space(
@@ -661,7 +660,7 @@ def _best_of_space(
     history.add(np.append(end.history, value))
     shutter, motion = design_at(space, box)
     if plan.num_effective_speeds:  # one design can afford more of them than all that are tried
-        value = float(value_of(settings.loss, scene, motion, shutter, PLANNED))
+        value = float(value_of(settings.loss, scene, motion, shutter))
     return _End(
         shutter=shutter,
         motion=motion,
@@ -670,7 +669,6 @@ def _best_of_space(
         num_steps=end.num_steps,
         history=history.losses,
         best_start_loss=float(losses[lowest]),
-        plan=plan,
     )
 
 
@@ -739,12 +737,11 @@ def _differing(losses: Sequence[float]) -> Int[np.ndarray, "k"]:
 
 
 def _plan(scene: Scene, space: DesignSpace, settings: SearchSettings) -> Plan:
-    """The plan that an argument `plan=` of a search stands for."""
-    if isinstance(settings.plan, Plan):
+    """The plan of the settings, or one that is made for a whole space."""
+    if settings.plan is not None:
         return settings.plan
-    if settings.plan is None:
-        return full_sizes(scene, space.motion, space)
-    return plan_of_scene(scene, space.motion, space.shutter, loss=settings.loss, free=space.free)
+    start = scene, space.motion, space.shutter
+    return plan_of_scene(*start, loss=settings.loss, free=space.free).sizes
 
 
 class _Starts(NamedTuple):

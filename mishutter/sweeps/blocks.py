@@ -73,7 +73,7 @@ class Engine:
         """Sizes of the points within limits; marks in `outside` those that are too large."""
         grid = self.grid
         rows, columns = np.nonzero(outside == 0)
-        sizes = Sizes.of(scene, self._motions(rows, columns), skips=grid.skips)
+        sizes = Sizes.of(scene, self._motions(rows, columns))
         is_too_long = too_long(
             sizes.num_taps,
             np.maximum(sizes.num_frequencies, sizes.num_frequencies_within),
@@ -92,7 +92,7 @@ class Engine:
         return eqx.tree_at(lambda m: (m.acceleration, m.half_exposure, m.velocity), one, numbers)
 
     def _kit(self, shutter: AbstractShutter, coordinates: Sequence[AbstractShutter]) -> Kit:
-        scenes = scenes_for(self.measured, shutter, skips=self.grid.skips)
+        scenes = scenes_for(self.measured, shutter)
         device = self.scenes[0].device
         lags = device is not None and device.lags
         rules = None if lags else self._rules(coordinates, self.grid.half_exposures[-1])
@@ -136,7 +136,7 @@ class Engine:
         metrics = [self._measured(kit, block.frame, motions, sizes) for kit in self.kits]
         if grid.search is not None:
             scene, profile = self.scenes[block.frame], grid.search.profiles[block.frame]
-            best = search(grid.search, scene, motions, profile, grid.skips)
+            best = search(grid.search, scene, motions, profile)
             coefficients = coefficients_of(best.boxes, profile)
             arrays |= {
                 name: _placed(x, inside)

@@ -136,7 +136,6 @@ class Grid:
         full_well: Most electrons of a pixel, e-; None for no limit.
         search: Settings of the search for the best profile; None for fixed shutters alone.
         named_scenes: Whether scenes are a dimension.
-        skips: Whether parts that cannot change a result are left out.
     """
 
     accelerations: Float[np.ndarray, "a"]
@@ -150,7 +149,6 @@ class Grid:
     full_well: float | None
     search: Search | None
     named_scenes: bool
-    skips: bool = True
 
     @property
     def dtype(self) -> np.dtype:
@@ -288,7 +286,6 @@ class Grid:
             "read_noises": _listed(self.read_noises),
             "full_well": self.full_well,
             "search": search,
-            "plan": "planned" if self.skips else "everything",
             "block_shape": list(self.block_shape),
         }
 
@@ -358,7 +355,12 @@ def checked_axis(
 
 
 def in_words_of_today(described: dict[str, object]) -> dict[str, object]:
-    """A sweep's description by `Grid.describe`, whose scenes may name decoders by older words."""
+    """A sweep's description by `Grid.describe`, of this or of an earlier version.
+
+    Scenes may name decoders by older words. Whether parts that change no result were left out was
+    part of a description once.
+    """
+    described = {key: value for key, value in described.items() if key != "plan"}
     scenes = described.get("scenes")
     if not isinstance(scenes, dict):
         return described

@@ -19,13 +19,9 @@ from mishutter._core import (
     require_positive_int,
     require_seed,
 )
-from mishutter.camera import skips
 from mishutter.evaluation import (
     METRICS,
-    PLANNED,
     AbstractLoss,
-    Automatic,
-    Plan,
     SpeedKnowledge,
     as_loss,
     metrics_of,
@@ -61,8 +57,6 @@ def sweep(
     metrics: str | Sequence[str] | None = None,
     photon_rates: RowLike | None = None,
     read_noises: RowLike | None = None,
-    full_well: float | None = None,
-    plan: Plan | Automatic | None = PLANNED,
     store: str | Path | None = None,
     scheduler: Any = None,
     progress: Progress | None = None,
@@ -94,10 +88,6 @@ def sweep(
         photon_rates: Light to measure under in place of the scene's, e-/s at white,
             ascending; a dimension of the expected PSNR.
         read_noises: Read noises to measure under in place of the scene's, e-; likewise.
-        full_well: Most electrons of a white pixel; by default as many as the scenes say.
-        plan: The parts to compute. By default those that change no result are left out: mirrored,
-            repeated and absent speeds, taps and nodes that a point does not reach. None
-            computes everything. A plan's sizes do not matter: every point has its own.
         store: Folder of a Zarr store, written block by block. The same sweep run again
             computes the missing blocks.
         scheduler: A `dask.distributed` client, or the address of a scheduler, whose
@@ -139,9 +129,7 @@ def sweep(
         axes,
         _shutters(shutters),
         metrics=metrics,
-        full_well=full_well,
         search=search,
-        plan=plan,
     )
     with connection(scheduler) as client:
         blocks: AbstractBlocks = MemoryBlocks(grid) if store is None else StoredBlocks(grid, store)
@@ -196,9 +184,7 @@ def _grid(
     shutters: dict[str, AbstractShutter],
     *,
     metrics: str | Sequence[str] | None,
-    full_well: float | None,
     search: _SearchOptions | None,
-    plan: Plan | Automatic | None,
 ) -> Grid:
     """The grid of a sweep, with a search for the best profiles if there are options for one."""
     noun = "scene, as `Scene.load(path)` reads one from a file,"
@@ -214,11 +200,6 @@ def _grid(
     if search is not None and device is not None:
         requirement = "be False where a device has levels, or falls otherwise than it rises"
         require(device.is_linear, "sweep(optimise=...)", requirement, True)
-    if full_well is None and first.full_well is not None:
-        full_well = float(first.full_well)
-    if full_well is not None:
-        is_positive = bool(np.isfinite(full_well)) and full_well > 0
-        require(is_positive, "sweep(full_well=...)", "be above 0 e-", full_well)
     grid = Grid(
         accelerations=axes.accelerations,
         half_exposures=axes.half_exposures,
@@ -228,10 +209,9 @@ def _grid(
         metrics=_metrics(metrics, named_scenes.values(), decoders),
         photon_rates=axes.photon_rates,
         read_noises=axes.read_noises,
-        full_well=full_well,
+        full_well=None if first.full_well is None else float(first.full_well),
         search=None,
         named_scenes=not isinstance(scenes, Scene),
-        skips=skips(plan),
     )
     if search is not None:
         is_one_light = axes.photon_rates is None and axes.read_noises is None

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 
 from mishutter.evaluation import automatic, coarser
 from mishutter.model import AbstractMotion, ParabolicMotion, Scene, SplineShutter, steady
-from mishutter.search import optimise
+from mishutter.search import SearchSettings, Start, best_design
 from mishutter.sweeps.grid import Search
 
 
@@ -34,7 +34,7 @@ def basis_of(profile: SplineShutter) -> list[SplineShutter]:
 
 
 def search(
-    settings: Search, scene: Scene, motions: AbstractMotion, profile: SplineShutter, skips: bool
+    settings: Search, scene: Scene, motions: AbstractMotion, profile: SplineShutter
 ) -> Profiles:
     """The best profiles of a kind on some motions of a scene."""
     accelerations = np.asarray(steady(motions).acceleration)
@@ -46,16 +46,13 @@ def search(
             acceleration=accelerations[index], half_exposure=half_exposures[index]
         )
         # A plan for every motion within the limits lets points share programs.
-        design = optimise(
-            scene,
-            motion,
-            profile,
-            loss=settings.loss,
-            free="shutter",
+        shared = SearchSettings(
+            settings.loss,
+            coarser(automatic(scene, motion, profile)),
             seed=settings.seed,
             max_steps=settings.max_steps,
-            plan=coarser(automatic(scene, motion, profile)) if skips else None,
         )
+        design = best_design(Start(scene, motion, profile, ("shutter",)), shared)
         boxes[index] = cast(SplineShutter, design.command).parameters
         losses[index], converged[index] = design.loss, design.converged
     return Profiles(boxes, losses, converged)

@@ -23,7 +23,6 @@ from mishutter import (
     compare,
     deconvolve,
     optimise,
-    plan,
     simulate_capture,
     starting_shutter,
     sweep,
@@ -198,7 +197,6 @@ ASKED = {
     "starting_shutter(scene=": lambda x: starting_shutter(_scene(speed=x)),
     "compare(scene=": lambda x: compare(_scene(x * 3e4), _motion(), WINDOW),
     "compare(motion=": lambda x: compare(_scene(), _motion(x), WINDOW),
-    "plan(motion=": lambda x: plan(_scene(), _motion(x), WINDOW),
     "simulate_capture(motion=": lambda x: simulate_capture(LIGHT, _scene(), _motion(x), WINDOW),
     "blur_model(scene=": lambda x: deconvolve(LIGHT, _scene(x * 3e4), _motion(), WINDOW),
     "sweep(scenes=": lambda x: sweep(

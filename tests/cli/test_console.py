@@ -133,16 +133,6 @@ def test_the_comparison_fits_a_terminal_of_80_columns(monkeypatch, capsys):
     assert [line.split()[-1] for line in lines if line.strip()[-1:].isdigit()] == [row[-1]] * 2
 
 
-def test_reasons_are_folded_under_one_another(monkeypatch):
-    """No line is wider than the terminal, nor is a word lost or cut."""
-    monkeypatch.setenv("COLUMNS", "44")
-    line = "taps  448  24  what any object reaches that this motion keeps up with"
-    lines = console.folded(line, 15).splitlines()
-    assert len(lines) == 2
-    assert all(len(each) <= 44 and each[:15].isspace() for each in lines[1:])
-    assert " ".join(" ".join(lines).split()) == " ".join(line.split())
-
-
 def test_work_in_a_pipe_says_now_and_then_how_long_it_takes(monkeypatch, capsys):
     """Lines on standard error, none while it is quick, with a time to go once one is known."""
 

@@ -156,7 +156,7 @@ def test_no_random_design_exceeds_the_ceiling(name):
     for index in range(80):
         motion = _random_motion(rng)
         shutter = RectShutter() if index % 5 == 0 else _random_shutter(rng)
-        assert _held(scene, evaluate(scene, motion, shutter, plan=PLAN), highest), motion
+        assert _held(scene, evaluate(scene, motion, shutter), highest), motion
 
 
 @pytest.mark.slow
@@ -243,7 +243,7 @@ def test_paths_of_the_test_are_measured_as_designs_are():
     scene, velocity = SCENES["dim"], np.full(7, 640.0)
     one, told = _errors(scene, velocity, np.ones(7), LONGEST)
     motion = LinearMotion(half_exposure=LONGEST, velocity=640.0)
-    found = evaluate(scene, motion, RectShutter(), plan=PLAN)
+    found = evaluate(scene, motion, RectShutter())
     np.testing.assert_allclose(-10 * np.log10(one), found.expected_psnr, rtol=1e-9)
     np.testing.assert_allclose(-10 * np.log10(told), found.known_speed_psnr, rtol=1e-9)
 
@@ -330,7 +330,7 @@ def test_the_continuous_ceiling_bounds_speeds_spread_finely(scene):
     rng = np.random.default_rng(11)
     crowd = _refined(scene, 8)
     for _ in range(15):
-        found = evaluate(crowd, _random_motion(rng), _random_shutter(rng), plan=PLAN)
+        found = evaluate(crowd, _random_motion(rng), _random_shutter(rng))
         assert _held(crowd, found, highest)
     _check_paths(crowd, 5, 20)
 
@@ -345,7 +345,7 @@ def test_without_light_the_ceiling_is_the_variance_of_the_picture():
                 dark = scene.bare(speeds=listed.speeds) if continuous else scene
                 found = ceiling(dark, max_half_exposure=half, continuous=continuous)
                 assert float(found) == pytest.approx(-20 * np.log10(0.17), rel=1e-12)
-        dark = evaluate(scene, StillCamera(half_exposure=LONGEST), HannShutter(), plan=PLAN)
+        dark = evaluate(scene, StillCamera(half_exposure=LONGEST), HannShutter())
         assert float(dark.known_speed_psnr) == pytest.approx(-20 * np.log10(0.17), rel=1e-12)
 
 

@@ -3,7 +3,7 @@
 import jax
 import numpy as np
 import pytest
-from support.designs import SCENE, SMALL
+from support.designs import SCENE
 from support.time_sampling import captured_row
 
 from mishutter import (
@@ -45,10 +45,10 @@ def test_a_path_that_does_not_bend_measures_as_a_camera_at_rest(accelerations, d
 
     def measured(accelerations):
         motion = FreeMotion(accelerations=accelerations, durations=durations, half_exposure=1e-3)
-        return _figures(evaluate(SCENE, motion, SHUTTER, plan=SMALL))
+        return _figures(evaluate(SCENE, motion, SHUTTER))
 
     row = np.array(accelerations)
-    expected = _figures(evaluate(SCENE, StillCamera(half_exposure=1e-3), SHUTTER, plan=SMALL))
+    expected = _figures(evaluate(SCENE, StillCamera(half_exposure=1e-3), SHUTTER))
     for found in (measured(row), jax.jit(measured)(row)):
         for name, value in expected.items():
             np.testing.assert_allclose(found[name], value, rtol=1e-10, err_msg=name)

@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from support.plan_check import metrics_by
 
 from mishutter import (
     ExpectedErrorLoss,
@@ -23,15 +24,14 @@ from mishutter import (
     blur_model,
     ceiling,
     evaluate,
-    plan,
 )
 from mishutter.evaluation import (
     KNOWN_SPEED,
-    PLANNED,
     UNKNOWN_SPEED,
     background_of,
     sizes,
     spectral_levels,
+    value_of,
     with_shares,
 )
 
@@ -39,6 +39,7 @@ from mishutter.evaluation import (
 from mishutter.evaluation.layers import Frequencies, LayerSampling
 from mishutter.evaluation.needs import effective_speeds
 from mishutter.restore import expected_squared_error
+from mishutter.search import plan
 
 REFERENCE = 1.5e-4
 """Difference from the reference's values, dB: these have four decimals, and are known to 1e-4."""
@@ -224,7 +225,7 @@ def test_a_picture_of_layers_has_no_power_above_the_cutoff():
 def test_folded_speeds_change_nothing(name):
     """Mirrored speeds of a symmetric shutter are computed once; without a plan, each."""
     planned = evaluate(LAYERS[name], SWEPT, HannShutter()).expected_psnr
-    every = evaluate(LAYERS[name], SWEPT, HannShutter(), plan=None).expected_psnr
+    every = metrics_by(None, LAYERS[name], SWEPT, HannShutter())["expected_psnr"]
     np.testing.assert_allclose(planned, every, rtol=0, atol=1e-4)
 
 
@@ -242,9 +243,10 @@ def test_a_search_knows_the_error_by_few_frequencies(name, cutoff, nearness):
     scene = eqx.tree_at(lambda s: s.cutoff_frequency, LAYERS[name], jnp.asarray(cutoff))
     for motion in (SNAPSHOT, SWEPT):
         loss, shutter = ExpectedErrorLoss(), HannShutter()
-        few = plan(scene, motion, SplineShutter.fit(shutter, 8), loss=loss, free="shutter")
+        start = SplineShutter.fit(shutter, 8)
+        few = plan(scene, motion, start, loss=loss, free="shutter").sizes
         assert (few.num_kept is None) == (cutoff == 0.5)
-        values = [float(loss(scene, motion, shutter, plan=each)) for each in (few, PLANNED)]
+        values = [float(value_of(loss, scene, motion, shutter, each)) for each in (few, None)]
         np.testing.assert_allclose(20 * np.log10(values[0] / values[1]), 0, atol=nearness)
 
 

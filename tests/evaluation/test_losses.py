@@ -21,7 +21,6 @@ from mishutter import (
     Limits,
     Occlusion,
     ParabolicMotion,
-    Plan,
     RectShutter,
     Scene,
     SplineShutter,
@@ -33,22 +32,24 @@ from mishutter import (
     condition_number,
     evaluate,
     optimise,
-    plan,
 )
 
 # Terms of a loss, each checked against its definition; a loss returns their weighted sum.
 from mishutter.evaluation import (
     ONLY_SPECTRA,
-    PLANNED,
+    Plan,
     losses,
     open_time,
     respond,
     sampled_view,
+    sizes,
     smear_difference,
+    value_of,
 )
 from mishutter.evaluation.errors import expected_squared_error, squared_errors_by_speed
 from mishutter.evaluation.losses import smooth_condition_number
 from mishutter.evaluation.response import folded
+from mishutter.search import plan
 
 LOSSES = {
     "design": DesignLoss(condition=0.1, invariance=0.7, efficiency=0.9),
@@ -176,13 +177,13 @@ def test_errors_of_speeds_have_the_expected_error_for_a_mean(tolerances):
 
 
 def test_the_worst_speed_is_one_that_occurs():
-    """A weight of 0 leaves a speed out, however bad, also where nothing is left out of a plan."""
+    """A weight of 0 leaves a speed out, however bad, also where nothing is left out."""
     light = {"photon_rate": 2e5, "read_noise": 4.0}
     never = Scene([-700.0, 250.0, 9000.0], [0.6, 0.4, 0.0], **light)
     scene = Scene([-700.0, 250.0], [0.6, 0.4], **light)
     loss, shutter = WorstSpeedLoss(), TukeyShutter(0.6)
-    for parts in (None, PLANNED):
-        values = [float(loss(each, MOTION, shutter, plan=parts)) for each in (never, scene)]
+    for by in (sizes(never, MOTION), None):
+        values = [float(value_of(loss, each, MOTION, shutter, by)) for each in (never, scene)]
         assert values[0] == pytest.approx(values[1], rel=1e-9)
     dark = Scene([-700.0, 250.0], [0.6, 0.4], photon_rate=0.0, read_noise=0.0)
     assert float(loss(dark, MOTION, shutter)) == pytest.approx(1.0, rel=1e-3)
@@ -203,8 +204,8 @@ def test_a_spectral_zero_counts_as_the_working_precision():
 def test_dimming_the_shutter_gains_nothing(slug, share):
     """A loss rises, or stays, when every transmittance is scaled down."""
     loss = LOSSES[slug]
-    bright = loss(SCENE, MOTION, ChippedShutter(PROFILE), plan=SMALL)
-    dim = loss(SCENE, MOTION, ChippedShutter(share * PROFILE), plan=SMALL)
+    bright = value_of(loss, SCENE, MOTION, ChippedShutter(PROFILE), SMALL)
+    dim = value_of(loss, SCENE, MOTION, ChippedShutter(share * PROFILE), SMALL)
     assert float(dim) > float(bright)
 
 
@@ -212,7 +213,7 @@ def test_condition_and_invariance_do_not_see_the_scale():
     """The first two terms are those of the open shutter, however dim it is made."""
     loss = DesignLoss(condition=0.3, invariance=1.0, efficiency=0.0)
     values = [
-        float(loss(SCENE, MOTION, ChippedShutter(share * PROFILE), plan=SMALL))
+        float(value_of(loss, SCENE, MOTION, ChippedShutter(share * PROFILE), SMALL))
         for share in (1.0, 1e-3)
     ]
     assert np.isclose(*values, rtol=1e-10)
@@ -228,7 +229,7 @@ def test_gradients_agree_with_differences(slug):
         motion = type(MOTION)(
             acceleration=MOTION.acceleration * x[0], half_exposure=MOTION.half_exposure * x[1]
         )
-        return loss(SCENE, motion, SplineShutter(x[2:]), plan=SMALL)
+        return value_of(loss, SCENE, motion, SplineShutter(x[2:]), SMALL)
 
     point = jnp.concatenate([jnp.array([1.03, 0.97]), jnp.asarray(PROFILE) * 0.9 + 0.03])
     of_both = jax.jit(jax.value_and_grad(value))
@@ -263,30 +264,28 @@ def test_losses_add_and_take_factors():
     first, second, *_ = LOSSES.values()
     combined = 0.25 * first + second * 3.0
     shutter = TukeyShutter(0.6)
-    expected = 0.25 * first(SCENE, MOTION, shutter, plan=SMALL) + 3.0 * second(
-        SCENE, MOTION, shutter, plan=SMALL
-    )
-    assert np.isclose(combined(SCENE, MOTION, shutter, plan=SMALL), expected, rtol=1e-14)
+    given = SCENE, MOTION, shutter, SMALL
+    expected = 0.25 * value_of(first, *given) + 3.0 * value_of(second, *given)
+    assert np.isclose(value_of(combined, *given), expected, rtol=1e-14)
     doubled = 2.0 * combined + second
-    expected = 2.0 * expected + second(SCENE, MOTION, shutter, plan=SMALL)
-    assert np.isclose(doubled(SCENE, MOTION, shutter, plan=SMALL), expected, rtol=1e-14)
+    expected = 2.0 * expected + value_of(second, *given)
+    assert np.isclose(value_of(doubled, *given), expected, rtol=1e-14)
     assert sum([0.25 * first, second * 3.0]) == combined
     with pytest.raises(TypeError, match="unsupported operand"):
         1 + first
 
 
-@pytest.mark.parametrize("plan", [SMALL, None])
-def test_a_sum_without_any_weight_is_nothing(plan):
-    """Whether or not terms that weigh nothing are left out."""
+def test_a_sum_without_any_weight_is_nothing():
+    """One of its terms is left."""
     first, second, *_ = LOSSES.values()
-    assert float((0.0 * first + second * 0.0)(SCENE, MOTION, RectShutter(), plan=plan)) == 0
+    assert float((0.0 * first + second * 0.0)(SCENE, MOTION, RectShutter())) == 0
 
 
 def test_a_weight_of_zero_leaves_its_term_out():
     """Efficiency alone is the light that is lost."""
     loss = DesignLoss(condition=0.0, invariance=0.0, efficiency=1.0)
     shutter = TukeyShutter(0.6)
-    assert np.isclose(loss(SCENE, MOTION, shutter, plan=SMALL), 1 - shutter.efficiency())
+    assert np.isclose(value_of(loss, SCENE, MOTION, shutter, SMALL), 1 - shutter.efficiency())
 
 
 def test_a_weight_may_be_a_scalar_array():
@@ -307,18 +306,18 @@ def test_a_closed_shutter_is_finite_and_bad():
     """A closed shutter is worse than any open one, with a finite gradient."""
     for loss in LOSSES.values():
         value, gradient = jax.value_and_grad(
-            lambda chips, loss=loss: loss(SCENE, MOTION, ChippedShutter(chips), plan=SMALL)
+            lambda chips, loss=loss: value_of(loss, SCENE, MOTION, ChippedShutter(chips), SMALL)
         )(jnp.zeros(4))
         assert np.isfinite(value)
         assert np.all(np.isfinite(gradient))
-        assert float(value) > float(loss(SCENE, MOTION, RectShutter(), plan=SMALL))
+        assert float(value) > float(value_of(loss, SCENE, MOTION, RectShutter(), SMALL))
 
 
 def test_a_loss_of_ones_own_is_one_small_class():
     """A class with a call composes with the package's losses."""
 
     class Darkness(AbstractLoss):
-        def __call__(self, scene, motion, shutter, *, plan=None):
+        def __call__(self, scene, motion, shutter):
             return 1 - shutter.efficiency()
 
     loss = Darkness() + 2.0 * Darkness()
@@ -329,9 +328,9 @@ def test_losses_subtract_and_are_divided():
     """As they add and take factors: each is a weighted sum."""
     error, design = LOSSES["expected_error"], LOSSES["design"]
     shutter = TukeyShutter(0.5)
-    x, y = (float(loss(SCENE, MOTION, shutter, plan=SMALL)) for loss in (error, design))
+    x, y = (float(value_of(loss, SCENE, MOTION, shutter, SMALL)) for loss in (error, design))
     for loss, value in ((-error, -x), (error - 0.3 * design, x - 0.3 * y), (design / 4, y / 4)):
-        assert np.isclose(loss(SCENE, MOTION, shutter, plan=SMALL), value, rtol=1e-14)
+        assert np.isclose(value_of(loss, SCENE, MOTION, shutter, SMALL), value, rtol=1e-14)
 
 
 @pytest.mark.parametrize(
@@ -350,27 +349,29 @@ def test_what_is_no_number_is_no_factor(wrong):
 
 
 @pytest.mark.slow
-def test_a_loss_of_ones_own_need_not_take_a_plan():
-    """A class of it, one of options, or a function; also in a sum and in a search."""
+def test_a_loss_of_ones_own_takes_a_scene_a_motion_and_a_shutter():
+    """A class of it, or a function; also in a sum and in a search, which hands out no plan."""
 
-    class Planless(AbstractLoss):
+    class Dark(AbstractLoss):
         def __call__(self, scene, motion, shutter):
             return 1 - shutter.efficiency()
 
-    class Indifferent(AbstractLoss):
-        def __call__(self, scene, motion, shutter, **options):
+    class WithOptions(AbstractLoss):
+        def __call__(self, scene, motion, shutter, *, plan=None, **options):
+            assert plan is None
+            assert not options
             return 1 - shutter.efficiency()
 
     def closed(scene, motion, shutter):
         return 1 - shutter.efficiency()
 
     given = SCENE, MOTION, TukeyShutter(0.5)
-    both = Planless() + Indifferent()
-    assert np.isclose(both(*given, plan=SMALL), 0.5)
+    both = Dark() + WithOptions()
+    assert np.isclose(value_of(both, *given, SMALL), 0.5)
     options = {"free": "shutter", "num_starts": 2, "max_steps": 20}
-    for loss in (Planless(), both, closed):
+    for loss in (Dark(), both, closed):
         assert optimise(*given, loss=loss, **options).loss < 1e-3
-    assert plan(*given, loss=closed).num_taps > 1
+    assert plan(*given, loss=closed).sizes.num_taps > 1
     with pytest.raises(ValueError, match=r"must be a loss or a function of scene, "):
         optimise(*given, loss=ExpectedErrorLoss)
 
@@ -379,7 +380,7 @@ def test_what_is_no_loss_is_named_wherever_it_is_computed():
     """Within a sum and by a plan too, by the class that gave it."""
 
     class Many(AbstractLoss):
-        def __call__(self, scene, motion, shutter, *, plan=None):
+        def __call__(self, scene, motion, shutter):
             return jnp.ones(3)
 
     line = "`Many.__call__` must give one real number; got 'float64 of shape "
@@ -389,12 +390,12 @@ def test_what_is_no_loss_is_named_wherever_it_is_computed():
         plan_error(SMALL, SCENE, MOTION, RectShutter(), loss=Many())
 
 
-def _by_motion(loss, scene, shutter, plan):
+def _by_motion(loss, scene, shutter, plan=None):
     """A loss of the acceleration and half exposure, as a function of an array of the two."""
 
     def value(point):
         motion = ParabolicMotion(acceleration=point[0], half_exposure=point[1])
-        return loss(scene, motion, shutter, plan=plan)
+        return value_of(loss, scene, motion, shutter, plan)
 
     return value
 
@@ -432,7 +433,9 @@ def test_a_traced_sensor_without_acceleration_is_a_still_camera(slug, shutter, d
     traced = _by_motion(LOSSES[slug], scene, shutter, SMALL)
 
     def known(half_exposure):
-        return LOSSES[slug](scene, StillCamera(half_exposure=half_exposure), shutter, plan=SMALL)
+        return value_of(
+            LOSSES[slug], scene, StillCamera(half_exposure=half_exposure), shutter, SMALL
+        )
 
     half = np.asarray(1.3e-2, dtype)
     expected = jax.jit(jax.value_and_grad(known))(half)
@@ -485,13 +488,13 @@ LIMITED = Scene(SCENE.speeds, photon_rate=1e5, read_noise=10.0, limits=Limits(ma
 def test_a_traced_motion_is_not_refused_for_taps_that_a_loss_does_not_use(loss, used):
     """Slower than its fastest object it has the value and slope of a motion that is known."""
     at = jnp.array([SLOW.acceleration, SLOW.half_exposure])
-    value = _by_motion(loss, LIMITED, TukeyShutter(0.4), PLANNED)
+    value = _by_motion(loss, LIMITED, TukeyShutter(0.4))
     for traced, known in zip(
         jax.jit(jax.value_and_grad(value))(at), jax.value_and_grad(value)(at), strict=True
     ):
         np.testing.assert_allclose(traced, known, rtol=1e-9)
     with pytest.raises(RuntimeError, match="must keep light within 20 px of where it is aligned"):
-        eqx.filter_jit(_by_motion(DesignLoss(), LIMITED, TukeyShutter(0.4), PLANNED))(at)
+        eqx.filter_jit(_by_motion(DesignLoss(), LIMITED, TukeyShutter(0.4)))(at)
 
 
 @pytest.mark.parametrize(
@@ -505,7 +508,7 @@ def test_a_traced_motion_is_refused_for_what_a_loss_uses(loss, factor, line):
     """In one line, when it is run."""
     at = jnp.array([SLOW.acceleration * factor, SLOW.half_exposure])
     with pytest.raises(RuntimeError, match=line):
-        eqx.filter_jit(_by_motion(loss, LIMITED, TukeyShutter(0.4), PLANNED))(at)
+        eqx.filter_jit(_by_motion(loss, LIMITED, TukeyShutter(0.4)))(at)
 
 
 @pytest.mark.slow
@@ -513,9 +516,7 @@ def test_a_traced_motion_is_refused_for_what_a_loss_uses(loss, factor, line):
 @pytest.mark.daily(1)
 def test_a_traced_motion_is_shared_out_over_devices(slug):
     """`jax.shard_map` of a loss and its slopes changes nothing, and is refused as well."""
-    batch = jax.vmap(
-        jax.value_and_grad(_by_motion(LOSSES[slug], SCENE, TukeyShutter(0.4), PLANNED))
-    )
+    batch = jax.vmap(jax.value_and_grad(_by_motion(LOSSES[slug], SCENE, TukeyShutter(0.4))))
     mesh = jax.make_mesh((1,), ("design",), axis_types=(jax.sharding.AxisType.Auto,))
     along = jax.sharding.PartitionSpec("design")
     shared = jax.jit(jax.shard_map(batch, mesh=mesh, in_specs=along, out_specs=along))
@@ -539,7 +540,7 @@ def test_the_expected_error_holds_in_any_light(photon_rate, read_noise):
 
         def error(of):
             motion = ParabolicMotion(acceleration=1e5 * of[0], half_exposure=1e-2 * of[1])
-            return ExpectedErrorLoss()(scene, motion, TukeyShutter(of[2]), plan=SMALL)
+            return value_of(ExpectedErrorLoss(), scene, motion, TukeyShutter(of[2]), SMALL)
 
         return jax.value_and_grad(error)(jnp.asarray([1.1, 0.9, 0.3], dtype))
 
@@ -573,8 +574,8 @@ def test_a_loss_has_one_value(seed):
     loss = DesignLoss(condition=random.uniform(0.1, 1))
     design = optimise(scene, motion, TukeyShutter(0.4), loss=loss, num_starts=2, max_steps=4)
     given = scene, design.motion, design.shutter
-    for plan_of_design in (PLANNED, None, plan(*given, loss=loss), design.plan):
-        value = float(loss(*given, plan=plan_of_design))
+    for by in (None, sizes(scene, design.motion), plan(*given, loss=loss).sizes):
+        value = float(value_of(loss, *given, by))
         assert value == pytest.approx(design.loss, rel=1e-12)
 
 

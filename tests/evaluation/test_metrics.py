@@ -30,7 +30,6 @@ from mishutter import (
 from mishutter.evaluation import (
     KNOWN_SPEED,
     ONLY_SPECTRA,
-    PLANNED,
     SPEED_KNOWLEDGE,
     UNKNOWN_SPEED,
     Plan,
@@ -175,9 +174,7 @@ def test_only_the_shutter_is_traced(motion):
     def found(taper):
         metrics = evaluate(SCENE, motion, TukeyShutter(taper))
         losses = [
-            loss(SCENE, motion, TukeyShutter(taper), plan=plan)
-            for loss in (ExpectedErrorLoss(), DesignLoss())
-            for plan in (PLANNED, None)
+            loss(SCENE, motion, TukeyShutter(taper)) for loss in (ExpectedErrorLoss(), DesignLoss())
         ]
         return metrics, losses
 
@@ -209,14 +206,13 @@ def test_a_traced_motion_is_measured_as_one_that_is_known():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("plan", [PLANNED, Plan(49, 256, 64, 256)])
-def test_a_traced_sensor_without_acceleration_is_measured_as_a_still_camera(plan):
+def test_a_traced_sensor_without_acceleration_is_measured_as_a_still_camera():
     """Every figure, at the phase that is reported."""
     scene = Scene([-1700.0, 0.0, 700.0], photon_rate=7e4, read_noise=6.0)
 
     def found(acceleration):
         motion = ParabolicMotion(acceleration=acceleration, half_exposure=HALF_EXPOSURE)
-        return evaluate(scene, motion, SHUTTER, plan=plan)
+        return evaluate(scene, motion, SHUTTER)
 
     known = found(0.0)
     for stroke in (0.0, 1e-200):
@@ -337,8 +333,7 @@ def test_no_design_exceeds_the_wedge_bound_everywhere():
         assert 0 < float(evaluate(scene, MOTION, shutter).bound_share) < 1
 
 
-@pytest.mark.parametrize("plan", [PLANNED, None])
-def test_the_share_of_the_bound_is_that_of_its_definition(plan):
+def test_the_share_of_the_bound_is_that_of_its_definition():
     """Least of |K|^2 over min((2T)^2, T/(Sf)) of what occurs; what never does bounds nothing."""
     scene = Scene([-900.0, 400.0, 5e4], [0.3, 0.7, 0.0], photon_rate=7e4, read_noise=6.0)
     frequency = frequencies(sizes(scene, MOTION).num_frequencies)
@@ -349,7 +344,7 @@ def test_the_share_of_the_bound_is_that_of_its_definition(plan):
         / bound
         for speed in (-900.0, 400.0)
     ]
-    found = evaluate(scene, MOTION, SHUTTER, plan=plan).bound_share
+    found = evaluate(scene, MOTION, SHUTTER).bound_share
     assert np.isclose(found, np.min(shares), rtol=1e-9)
 
 
@@ -357,7 +352,7 @@ def test_the_share_of_the_bound_is_that_of_its_definition(plan):
 def test_the_vertex_alignment_changes_no_power():
     """The response on the grid has the modulus of the public transfer function."""
     plan = Plan(64, 256, 64, 512)
-    response = respond(sampled_view(SCENE, MOTION, SHUTTER, plan, ONLY_SPECTRA))
+    response = respond(sampled_view(SCENE, MOTION, SHUTTER, ONLY_SPECTRA, plan))
     frequency = frequency_grid(64, np.dtype(np.float64))
     public = jax.vmap(lambda s: transfer_function(SHUTTER, MOTION, speed=s, frequency=frequency))(
         SCENE.speeds
@@ -373,7 +368,7 @@ def test_the_grid_resolves_a_long_flat_top(taper):
     scene = Scene([270 / HALF_EXPOSURE, 0.0], photon_rate=1e5, read_noise=1.0)
     shutter = TukeyShutter(taper)
     plan = sizes(scene, motion)
-    response = respond(sampled_view(scene, motion, shutter, plan, ONLY_SPECTRA))
+    response = respond(sampled_view(scene, motion, shutter, ONLY_SPECTRA, plan))
     frequency = frequency_grid(plan.num_frequencies, np.dtype(np.float64))
     public = [
         transfer_function(shutter, motion, speed=s, frequency=frequency) for s in scene.speeds
@@ -398,7 +393,7 @@ def test_extremes_of_light_and_noise_give_finite_errors(rate, noise, shutter):
     def error(half_exposure, read_noise):
         scene = Scene(SPEEDS, WEIGHTS, photon_rate=rate, read_noise=read_noise)
         motion = ParabolicMotion(acceleration=MOTION.acceleration, half_exposure=half_exposure)
-        view = sampled_view(scene, motion, shutter, Plan(64, 256, 64, 256), ONLY_SPECTRA)
+        view = sampled_view(scene, motion, shutter, ONLY_SPECTRA, Plan(64, 256, 64, 256))
         return expected_squared_error(scene, motion, respond(view))
 
     value, gradient = jax.value_and_grad(error, argnums=(0, 1))(HALF_EXPOSURE, noise)
@@ -559,10 +554,10 @@ def test_the_worst_speed_is_no_better_than_the_mean(speeds, weights, occlusion):
 
 
 def test_a_speed_that_never_occurs_changes_no_metric():
-    """Nor where a full computation has it, although it is far the worst."""
+    """Although it is far the worst."""
     light = {"photon_rate": 7e4, "read_noise": 6.0}
     never = Scene([*SPEEDS, 9000.0], [*WEIGHTS, 0.0], **light)
-    one, other = (evaluate(scene, MOTION, SHUTTER, plan=None) for scene in (never, SCENE))
+    one, other = (evaluate(scene, MOTION, SHUTTER) for scene in (never, SCENE))
     values = [np.array(jax.tree.leaves(metrics)) for metrics in (one, other)]
     np.testing.assert_allclose(*values, rtol=1e-9)
     alone = evaluate(Scene([9000.0], **light), MOTION, SHUTTER)

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from support.cases import daily
 from support.designs import LIMITS, SMALL
+from support.plan_check import metrics_by, plan_for
 
 from mishutter import (
     DesignLoss,
@@ -24,9 +25,8 @@ from mishutter import (
     StillCamera,
     TukeyShutter,
     evaluate,
-    plan,
 )
-from mishutter.evaluation import PLANNED
+from mishutter.evaluation import value_of
 
 # A search's loss at one point; a design holds only that of its minimum.
 from mishutter.search.objective import SpectralObjective
@@ -84,9 +84,9 @@ def test_metrics_and_losses_are_those_of_shifted_speeds(kind, velocity, precisio
     shutter = TukeyShutter(jnp.asarray(0.37, dtype))
     panning = in_precision(KINDS[kind](velocity=velocity), dtype)
     still = in_precision(KINDS[kind](), dtype)
-    for some in (PLANNED, None):
-        found = evaluate(scene(moved), panning, shutter, plan=some)
-        assert_alike(found, evaluate(scene(shifted), still, shutter, plan=some), dtype)
+    for measure in (evaluate, partial(metrics_by, None)):
+        found = measure(scene(moved), panning, shutter)
+        assert_alike(found, measure(scene(shifted), still, shutter), dtype)
     for loss in LOSSES.values():
         found = loss(scene(moved), panning, shutter)
         assert_alike(found, loss(scene(shifted), still, shutter), dtype)
@@ -113,7 +113,7 @@ def test_gradients_are_those_of_shifted_speeds(slug, kind):
         motion = make(velocity=velocity, half_exposure=HALF * x[0])
         if kind == "parabola":
             motion = eqx.tree_at(lambda m: m.acceleration, motion, motion.acceleration * x[1])
-        return loss(scene(speeds), motion, TukeyShutter(x[2]), plan=SMALL)
+        return value_of(loss, scene(speeds), motion, TukeyShutter(x[2]), SMALL)
 
     x, velocity = jnp.array([0.97, 1.04, 0.37]), jnp.asarray(413.0)
     of_all = jax.jit(jax.value_and_grad(value, argnums=(0, 1, 2)))
@@ -166,8 +166,8 @@ def test_velocities_in_a_batch():
 
     def both(velocity):
         given = scene(), PARABOLA(velocity=velocity), TukeyShutter(0.37)
-        losses = [loss(*given, plan=SMALL) for loss in LOSSES.values()]
-        return losses, evaluate(*given, plan=SMALL)
+        losses = [value_of(loss, *given, SMALL) for loss in LOSSES.values()]
+        return losses, evaluate(*given)
 
     batch = jax.vmap(both)(velocities)
     for index, velocity in enumerate(velocities):
@@ -189,8 +189,8 @@ def test_the_loss_of_a_search_is_that_of_shifted_speeds():
 def test_plans_are_those_of_shifted_speeds():
     """A plan is as large as the speeds over the sensor ask for, not those of the objects."""
     far = scene(SPEEDS + 2**20)
-    found = plan(far, PARABOLA(velocity=2.0**20), TukeyShutter(0.37))
-    assert found == plan(scene(), PARABOLA(), TukeyShutter(0.37))
+    found = plan_for(far, PARABOLA(velocity=2.0**20), TukeyShutter(0.37))
+    assert found == plan_for(scene(), PARABOLA(), TukeyShutter(0.37))
 
 
 @pytest.mark.parametrize("wrong", [float("nan"), float("inf"), -float("inf")])

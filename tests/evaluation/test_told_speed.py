@@ -17,7 +17,6 @@ from mishutter import (
     FoundSpeedLoss,
     KnownSpeedLoss,
     ParabolicMotion,
-    Plan,
     RectShutter,
     Scene,
     SplineShutter,
@@ -27,6 +26,7 @@ from mishutter import (
     example_scene,
     optimise,
 )
+from mishutter.evaluation import Plan, value_of
 
 LOSSES = {
     "told": (KnownSpeedLoss(), 1.0),
@@ -58,7 +58,7 @@ def by_loss(loss: AbstractLoss):
         motion = ParabolicMotion(
             acceleration=ACCELERATION * x[0], half_exposure=HALF_EXPOSURE * x[1]
         )
-        return loss(SCENE, motion, SplineShutter(x[2:]), plan=PLAN)
+        return value_of(loss, SCENE, motion, SplineShutter(x[2:]), PLAN)
 
     return value
 

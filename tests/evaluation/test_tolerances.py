@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm, qmc
 from support.designs import MOTION, SCENE, SMALL
+from support.plan_check import squared_error_within
 
 from mishutter import (
     Design,
@@ -31,7 +32,7 @@ from mishutter import (
     tolerance_costs,
 )
 from mishutter.blur import exposure_quadrature
-from mishutter.evaluation import spectra_of, squared_error_within
+from mishutter.evaluation import spectra_of, value_of
 
 # Members of an ensemble and their weights; metrics hold only means over them.
 from mishutter.evaluation.ensembles import drive_variance, ensemble_of, ensemble_weights
@@ -273,7 +274,7 @@ def test_the_loss_is_differentiable_and_compiles():
     @jax.jit
     def value(a):
         motion = ParabolicMotion(acceleration=a, half_exposure=MOTION.half_exposure)
-        return loss(scene, motion, SHUTTER, plan=SMALL)
+        return value_of(loss, scene, motion, SHUTTER, SMALL)
 
     a, step = MOTION.acceleration, 20.0
     difference = (value(a + step) - value(a - step)) / (2 * step)

@@ -26,11 +26,9 @@ from mishutter import (
     compare,
     evaluate,
     optimise,
-    plan,
 )
 from mishutter.evaluation import (
     ONLY_SPECTRA,
-    PLANNED,
     Plan,
     records,
     sampled_view,
@@ -40,6 +38,7 @@ from mishutter.evaluation import (
 
 # Metrics ask for all parts at once; no other folder does.
 from mishutter.evaluation.needs import EVERY_PART
+from mishutter.search import plan
 
 HALF = 0.017
 DEVICE = FirstOrderShutter(rise_time=1.3e-3, fall_time=2.9e-3, transmission=0.83)
@@ -96,7 +95,6 @@ def test_light_that_travels_too_far_is_refused_before_anything_is_made(name):
     losses = (ExpectedErrorLoss(), KnownSpeedLoss(), WorstSpeedLoss(), DesignLoss())
     calls = [
         lambda: evaluate(scene, motion, shutter),
-        lambda: evaluate(scene, motion, shutter, plan=None),
         lambda: spectral_levels(scene, motion, shutter),
         lambda: plan(scene, motion, shutter, loss=ExpectedErrorLoss()),
         lambda: compare(scene, motion, [shutter]),
@@ -122,8 +120,8 @@ def test_light_that_travels_too_far_is_refused_before_anything_is_made(name):
 def test_what_the_sensor_sees_is_seen_so_again():
     """What came through the door passes it unchanged: the response is the same to the last bit."""
     first = sensor_view(SCENE, PANNING, TukeyShutter(0.41))
-    once = sampled_view(SCENE, PANNING, TukeyShutter(0.41), SMALL, EVERY_PART)
-    twice = sampled_view(first.scene, first.motion, first.shutter, SMALL, EVERY_PART)
+    once = sampled_view(SCENE, PANNING, TukeyShutter(0.41), EVERY_PART, SMALL)
+    twice = sampled_view(first.scene, first.motion, first.shutter, EVERY_PART, SMALL)
     for one, other in zip(records(once), records(twice), strict=True):
         np.testing.assert_array_equal(one, other)
 
@@ -132,11 +130,11 @@ def test_a_plan_keeps_each_speed_once():
     """On a device that follows at once a symmetric shutter folds `+s` and `-s`; a plan is kept."""
     scene = Scene([-410.0, 410.0, 90.0], [0.2, 0.3, 0.5], photon_rate=4e4, read_noise=5.0)
     motion = ParabolicMotion(acceleration=52_000.0, half_exposure=HALF)
-    view = sampled_view(scene, motion, HannShutter(), PLANNED, ONLY_SPECTRA)
+    view = sampled_view(scene, motion, HannShutter(), ONLY_SPECTRA)
     np.testing.assert_allclose(view.scene.speeds, [90.0, 410.0])
     np.testing.assert_allclose(view.scene.weights, [0.5, 0.5])
     assert view.parts == ONLY_SPECTRA
-    assert sampled_view(scene, motion, HannShutter(), SMALL, ONLY_SPECTRA).plan is SMALL
+    assert sampled_view(scene, motion, HannShutter(), ONLY_SPECTRA, SMALL).plan is SMALL
 
 
 @pytest.mark.slow
@@ -145,7 +143,7 @@ def test_a_traced_motion_that_exceeds_its_sizes_is_refused():
 
     def kernels(acceleration):
         motion = ParabolicMotion(acceleration=acceleration, half_exposure=HALF)
-        return records(sampled_view(SCENE, motion, HannShutter(), PLANNED, EVERY_PART)).kernels
+        return records(sampled_view(SCENE, motion, HannShutter(), EVERY_PART)).kernels
 
     assert np.all(np.isfinite(jax.jit(kernels)(52_000.0)))
     with pytest.raises(Exception, match=r"keep light within .* px of where it is aligned"):

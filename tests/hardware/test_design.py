@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import numpy as np
 import pytest
-from support.designs import LIMITS, MOTION, SCENE, SMALL
+from support.designs import LIMITS, MOTION, SCENE
 
 from mishutter import (
     ChippedShutter,
@@ -35,10 +35,8 @@ from mishutter import (
     TukeyShutter,
     WorstSpeedLoss,
     drive_table,
-    plan,
 )
 from mishutter._core import strict_json
-from mishutter.evaluation import Item
 from mishutter.hardware import given_design, motion_to_dict, shutter_from_dict, shutter_to_dict
 
 SHUTTERS = {
@@ -146,21 +144,19 @@ def test_a_saved_design_has_its_device_and_tolerances(design, device, tmp_path):
 
 @pytest.mark.slow
 def test_a_saved_design_gives_back_what_hides_what(design, tmp_path):
-    """And with it the same expected errors, by a plan of as many effective speeds."""
+    """And with it the same expected errors."""
     layers = Occlusion(
         front_share=0.37, object_width=61.0, level_difference=0.04, background="moving"
     )
     scene = Scene([-310.0, 420.0], photon_rate=2e5, read_noise=3.0, occlusion=layers)
-    saved = replace(design, scene=scene, plan=plan(scene, MOTION, design.shutter))
+    saved = replace(design, scene=scene)
     path = tmp_path / "design.json"
     saved.save(path)
     read = Design.load(path)
     assert eqx.tree_equal(read.scene.occlusion, layers)
-    assert read.plan == saved.plan
-    assert read.plan.num_effective_speeds > 0
     assert float(read.metrics.expected_psnr) == float(saved.metrics.expected_psnr)
     document = json.loads(path.read_text("utf-8"))
-    del document["scene"]["occlusion"], document["plan"]["num_effective_speeds"]
+    del document["scene"]["occlusion"]
     path.write_text(json.dumps(document))
     assert Design.load(path).scene.occlusion is None
 
@@ -280,7 +276,6 @@ MISTAKES = {
     "light-by-another-name": (("scene", "photon"), 5, "perhaps `scene.photon_rate`; got 'photon'"),
     "loss-as-text": (("loss",), "abc", "`loss` must be a number; got 'abc'"),
     "history-as-text": (("history",), "x", "`history` must be a list; got 'x'"),
-    "plan-of-text": (("plan",), {"num_taps": "x"}, "`plan.num_taps` must be a whole number; got"),
 }
 """Slug to the key that is changed, its value, and the error."""
 
@@ -325,14 +320,14 @@ def test_every_shutter_on_every_motion_is_loaded(design, tmp_path, slug, motion)
     assert jax.tree.all(jax.tree.map(np.array_equal, saved, found))
 
 
-def test_a_design_with_a_plan_and_without_a_number_is_loaded(design, tmp_path):
-    """A search's plan, and a loss that JSON has no token for, come back."""
-    decision = Item("speeds", "9", "5", "they mirror one another")
-    plan = replace(SMALL, items=(decision,))
-    other = replace(design, plan=plan, best_start_loss=np.inf, certificate=np.nan)
-    other.save(tmp_path / "design.json")
-    loaded = Design.load(tmp_path / "design.json")
-    assert (loaded.plan, loaded.plan.items) == (plan, plan.items)
+def test_a_design_without_a_number_and_one_of_before_is_loaded(design, tmp_path):
+    """A loss that JSON has no token for comes back; the plan that files once had is passed by."""
+    other, path = replace(design, best_start_loss=np.inf, certificate=np.nan), tmp_path / "a.json"
+    other.save(path)
+    document = json.loads(path.read_text("utf-8"))
+    assert "plan" not in document
+    path.write_text(json.dumps(document | {"plan": {"num_taps": 64, "items": []}}))
+    loaded = Design.load(path)
     assert np.isposinf(loaded.best_start_loss)
     assert np.isnan(loaded.certificate)
 

@@ -21,6 +21,7 @@ from mishutter import (
     binned_exposure,
     transfer_function,
 )
+from mishutter.evaluation import value_of
 from mishutter.model import AbstractMotion
 
 HALF, PAN = 0.0021, -310.7
@@ -84,7 +85,7 @@ def _spectrum(motion):
 
 
 def _loss(motion):
-    return ExpectedErrorLoss()(SCENE, motion, TukeyShutter(0.43), plan=SMALL)
+    return value_of(ExpectedErrorLoss(), SCENE, motion, TukeyShutter(0.43), SMALL)
 
 
 def test_slopes_without_acceleration_are_those_beside_it():

@@ -18,7 +18,6 @@ from support.cases import daily
 from support.classes import final_classes
 
 import mishutter as ms
-from mishutter.evaluation import PLANNED
 from mishutter.restore import decoders, restore_by_each, richardson_lucy
 
 # The filters themselves; decoders apply them to rows whose borders are continued.
@@ -90,20 +89,19 @@ def test_a_model_knows_the_scene():
     known = ms.Scene(
         [-300.0, 700.0, 300.0], [0.2, 0.5, 0.3], photon_rate=3e5, read_noise=4.0, mean_level=0.3
     )
-    for plan, weights in ((PLANNED, [0.5, 0.5]), (None, [0.2, 0.5, 0.3])):
-        model = ms.blur_model(known, camera(), ms.HannShutter(), plan=plan)
-        electrons = 3e5 * 0.02
-        assert model.electrons == pytest.approx(electrons)
-        assert model.efficiency == pytest.approx(0.5)
-        assert model.read_variance == pytest.approx((4 / electrons) ** 2)
-        assert model.noise == pytest.approx(0.5 * 0.3 / electrons + model.read_variance)
-        assert np.mean(model.power) == pytest.approx(0.2**2)
-        np.testing.assert_allclose(model.weights, weights)
-        response, length = model.assumed_response(600), 600
-        frequency = np.arange(301) / length
-        exact = ms.transfer_function(ms.HannShutter(), camera(), speed=0.0, frequency=frequency)
-        wanted = np.asarray(exact) * np.sinc(frequency)
-        np.testing.assert_allclose(response, wanted, atol=1e-12)
+    model = ms.blur_model(known, camera(), ms.HannShutter())
+    electrons = 3e5 * 0.02
+    assert model.electrons == pytest.approx(electrons)
+    assert model.efficiency == pytest.approx(0.5)
+    assert model.read_variance == pytest.approx((4 / electrons) ** 2)
+    assert model.noise == pytest.approx(0.5 * 0.3 / electrons + model.read_variance)
+    assert np.mean(model.power) == pytest.approx(0.2**2)
+    np.testing.assert_allclose(model.weights, [0.5, 0.5])
+    response, length = model.assumed_response(600), 600
+    frequency = np.arange(301) / length
+    exact = ms.transfer_function(ms.HannShutter(), camera(), speed=0.0, frequency=frequency)
+    wanted = np.asarray(exact) * np.sinc(frequency)
+    np.testing.assert_allclose(response, wanted, atol=1e-12)
 
 
 def test_no_filter_leaves_less_than_the_ensemble_filter():

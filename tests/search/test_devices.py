@@ -5,7 +5,7 @@ from functools import cache
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from support.designs import LIMITS, MOTION, PARABOLAS, SCENE, SMALL
+from support.designs import LIMITS, MOTION, PARABOLAS, SCENE
 
 from mishutter import (
     Burst,
@@ -108,7 +108,7 @@ def test_a_design_through_a_device_is_saved(tmp_path):
     """Its command, its device and its full well come back, and the same numbers."""
     burst = Burst(frames_per_s=99.0, max_frames=2)
     scene = _scene(device=LEAKY, full_well=4e4, burst=burst)
-    found = optimise(scene, MOTION, HannShutter(), free="half_exposure", plan=SMALL)
+    found = optimise(scene, MOTION, HannShutter(), free="half_exposure")
     found.save(tmp_path / "design.json")
     read = Design.load(tmp_path / "design.json")
     assert isinstance(read.command, HannShutter)

@@ -56,7 +56,7 @@ def test_a_snapshot_pans_with_the_most_objects_of_a_range_about_rest():
         read_noise=4.0,
         limits=SCENE.limits,
     )
-    at_rest, panned = snapshots(RivalSearch(scene, ExpectedErrorLoss(), plan=None))
+    at_rest, panned = snapshots(RivalSearch(scene, ExpectedErrorLoss()))
     assert float(panned.motion.velocity) == pytest.approx(3000, abs=400)
     assert panned.level > at_rest.level + 0.2
 

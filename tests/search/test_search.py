@@ -34,8 +34,8 @@ from mishutter import (
     optimise,
     starting_shutter,
 )
-from mishutter.evaluation import needed_speeds, reduced
-from mishutter.search import beyond_limits
+from mishutter.evaluation import needed_speeds, reduced, value_of
+from mishutter.search import beyond_limits, plan
 
 # Steps of the search, checked one by one; its face returns only a finished design.
 from mishutter.search.objective import DesignObjective, LinearObjective, objective_of
@@ -76,9 +76,7 @@ def test_the_sum_of_responses_is_the_loss_itself(slug):
 @pytest.mark.parametrize("slug", LOSSES)
 def test_an_independent_solver_finds_the_same_minimum(slug):
     """The box-constrained solver of the polish, from its own starts, agrees to 1e-3 of the loss."""
-    design = optimise(
-        SCENE, MOTION, PROFILE, loss=LOSSES[slug], free="shutter", num_starts=12, plan=SMALL
-    )
+    design = optimise(SCENE, MOTION, PROFILE, loss=LOSSES[slug], free="shutter", num_starts=12)
     space, objective = _objective(LOSSES[slug], ("shutter",))
     rivals = [
         polish(objective, box, max_steps=400).loss for box in start_boxes(space, 12, seed=99)[1:]
@@ -92,9 +90,7 @@ def test_an_independent_solver_finds_the_same_minimum(slug):
 @pytest.mark.slow
 def test_a_joint_search_keeps_every_bound():
     """Stroke, top speed and exposure stay within their limits, and the best start is kept."""
-    design = optimise(
-        SCENE, MOTION, PROFILE, loss=ExpectedErrorLoss(), num_starts=4, max_steps=40, plan=SMALL
-    )
+    design = optimise(SCENE, MOTION, PROFILE, loss=ExpectedErrorLoss(), num_starts=4, max_steps=40)
     assert float(design.motion.stroke) <= float(LIMITS.max_stroke) * (1 + 1e-12)
     assert float(design.motion.top_speed) <= float(LIMITS.max_top_speed) * (1 + 1e-12)
     half = float(design.motion.half_exposure)
@@ -198,8 +194,9 @@ def test_a_grid_leads_to_the_lowest_of_its_minima(shutter, free):
     """Polished from every point of the grid by the whole loss, none ends lower."""
     loss = ExpectedErrorLoss()
     design = optimise(SCENE, MOTION, shutter, loss=loss, free=free)
+    found = plan(SCENE, MOTION, shutter, loss=loss, free=free_by_default(SCENE, MOTION, shutter))
     space = design_space(SCENE, MOTION, shutter, free or free_by_default(SCENE, MOTION, shutter))
-    objective = objective_of(loss, needed_speeds(SCENE, MOTION, shutter), space, design.plan)
+    objective = objective_of(loss, needed_speeds(SCENE, MOTION, shutter), space, found.sizes)
     ends = [polish(objective, box, max_steps=300).loss for box in start_boxes(space, 1, 0)]
     assert design.converged, design.outcome
     assert design.loss <= min(ends) * (1 + 1e-7)
@@ -254,8 +251,8 @@ def test_a_loss_without_an_eye_for_light_moves_the_profile_alone():
 def test_a_start_that_gives_up_an_outlier_is_not_made_worse(free):
     """Rare objects that a motion of less stroke leaves behind: the search may do as it does."""
     loss, shutter = ExpectedErrorLoss(), RectShutter()
-    design = optimise(OUTLIER, SLOW, shutter, loss=loss, free=free, plan=SMALL)
-    given = float(loss(OUTLIER, SLOW, shutter, plan=SMALL))
+    design = optimise(OUTLIER, SLOW, shutter, loss=loss, free=free)
+    given = float(value_of(loss, OUTLIER, SLOW, shutter, SMALL))
     assert design.best_start_loss <= given * (1 + ROUNDING)
     assert design.loss <= design.best_start_loss
 
@@ -265,9 +262,9 @@ def test_each_baseline_has_its_own_best_motion():
     """Tuned by one loss: free profile <= best Tukey <= Hann and rect."""
     loss = ExpectedErrorLoss()
     fixed = ("acceleration", "half_exposure")
-    hann = optimise(SCENE, MOTION, HannShutter(), loss=loss, free=fixed, plan=SMALL)
-    rect = optimise(SCENE, MOTION, RectShutter(), loss=loss, free=fixed, plan=SMALL)
-    tukey = optimise(SCENE, MOTION, TukeyShutter(0.5), loss=loss, plan=SMALL)
+    hann = optimise(SCENE, MOTION, HannShutter(), loss=loss, free=fixed)
+    rect = optimise(SCENE, MOTION, RectShutter(), loss=loss, free=fixed)
+    tukey = optimise(SCENE, MOTION, TukeyShutter(0.5), loss=loss)
     assert tukey.loss <= min(hann.loss, rect.loss) * (1 + 1e-9)
 
 
@@ -276,9 +273,7 @@ def test_the_best_snapshot_moves_about_a_pixel():
     """One known speed and bright light: 1.09 px of motion (Tendero et al. 2013)."""
     scene = type(SCENE)([1500.0], photon_rate=1e7, read_noise=0.0, limits=LIMITS)
     still = StillCamera(half_exposure=1e-3)
-    found = optimise(
-        scene, still, RectShutter(), loss=ExpectedErrorLoss(), free="half_exposure", plan=SMALL
-    )
+    found = optimise(scene, still, RectShutter(), loss=ExpectedErrorLoss(), free="half_exposure")
     assert 0.6 < 1500 * float(found.motion.exposure) < 1.6
 
 
@@ -300,9 +295,7 @@ def test_all_that_can_move(motion, shutter, names):
 @pytest.mark.parametrize("at_rest", [StillCamera, partial(ParabolicMotion, acceleration=0.0)])
 def test_a_camera_at_rest_stays_there(at_rest):
     """Without a word about what is free, by either way to say that it is still."""
-    design = optimise(
-        SCENE, at_rest(half_exposure=1e-3), RectShutter(), loss=ExpectedErrorLoss(), plan=SMALL
-    )
+    design = optimise(SCENE, at_rest(half_exposure=1e-3), RectShutter(), loss=ExpectedErrorLoss())
     assert design.motion.is_straight
     assert design.motion.velocity == 0
     assert design.converged
@@ -317,7 +310,7 @@ def test_a_held_motion_outside_the_limits_is_told_of(stroke, free, is_outside):
     """It is not moved into them, and the outcome says so."""
     motion = ParabolicMotion(acceleration=stroke / 1e-4, half_exposure=1e-2)
     shutter = TukeyShutter(0.45)
-    design = optimise(SCENE, motion, shutter, loss=ExpectedErrorLoss(), free=free, plan=SMALL)
+    design = optimise(SCENE, motion, shutter, loss=ExpectedErrorLoss(), free=free)
     assert ("outside the scene's limits" in design.outcome) == is_outside
     assert (float(design.motion.stroke) > float(LIMITS.max_stroke)) == is_outside
 
@@ -374,7 +367,7 @@ def test_responses_of_a_double_motion_are_double():
 class _NotFinite(AbstractLoss):
     """The root of a value that is exactly zero: finite, with an infinite derivative."""
 
-    def __call__(self, scene, motion, shutter, *, plan=None):
+    def __call__(self, scene, motion, shutter):
         return jnp.sqrt(jnp.maximum(shutter.efficiency() - 2, 0.0)) + motion.stroke * 0
 
 
@@ -382,7 +375,7 @@ class _NotFinite(AbstractLoss):
 def test_a_gradient_that_is_not_finite_is_an_error(shutter):
     """Never a silent stall: the search stops and names what is wrong."""
     with pytest.raises(NonFiniteLossError, match="must be finite; got a NaN or an infinity"):
-        optimise(SCENE, MOTION, shutter, loss=_NotFinite(), free="shutter", plan=SMALL)
+        optimise(SCENE, MOTION, shutter, loss=_NotFinite(), free="shutter")
 
 
 class _Returns(AbstractLoss):
@@ -390,7 +383,7 @@ class _Returns(AbstractLoss):
 
     what: str
 
-    def __call__(self, scene, motion, shutter, *, plan=None):
+    def __call__(self, scene, motion, shutter):
         light = shutter.efficiency()
         pair, wave = jnp.stack([light, motion.stroke]), jax.lax.complex(light, light)
         return {"pair": pair, "wave": wave, "none": None, "number": 0.75}[self.what]
@@ -404,13 +397,13 @@ def test_a_loss_that_is_not_one_number_is_named(what, got):
     """A mistake in a user's own loss is one line that names its class and what it gave."""
     line = f"`_Returns.__call__` must give one real number; got '{got}'."
     with pytest.raises(ValueError, match=re.escape(line)):
-        optimise(SCENE, MOTION, PROFILE, loss=_Returns(what), plan=SMALL)
+        optimise(SCENE, MOTION, PROFILE, loss=_Returns(what))
 
 
 @pytest.mark.parametrize("free", ["shutter", "half_exposure"])
 def test_a_loss_that_is_a_plain_number_is_flat(free):
     """A user's loss that depends on nothing converges where it began."""
-    options = {"num_starts": 2, "plan": SMALL}
+    options = {"num_starts": 2}
     design = optimise(SCENE, MOTION, PROFILE, loss=_Returns("number"), free=free, **options)
     assert design.loss == 0.75
     assert design.converged
@@ -445,7 +438,7 @@ motions: either number of them is good to 0.01 dB."""
 @pytest.mark.slow
 @pytest.mark.parametrize("slug", daily(OWN_LOSSES, "compiled"))
 @pytest.mark.daily(1)
-def test_a_loss_of_the_package_s_own_functions_needs_no_plan(slug):
+def test_a_loss_of_the_package_s_own_functions_is_searched(slug):
     """It is searched over all that can move, wherever light falls there, from scene to scene."""
     loss, scenes = OWN_LOSSES[slug]
     for searched in (scene or example_scene() for scene in scenes):
@@ -503,12 +496,12 @@ def test_a_search_that_is_cut_short_says_so(unit):
     """Steps used up, in a loss of any unit: `throw` raises, otherwise the outcome is a sentence."""
     loss = DesignLoss(condition=0.1 * unit, invariance=unit, efficiency=unit)
     arguments = {"loss": loss, "free": "shutter", "num_starts": 2, "max_steps": 1}
-    design = optimise(SCENE, MOTION, PROFILE, plan=SMALL, **arguments)
+    design = optimise(SCENE, MOTION, PROFILE, **arguments)
     assert not design.converged
     assert design.outcome in {Outcome.STEPS_USED.value, Outcome.STALLED.value}
     assert design.loss <= design.best_start_loss
     with pytest.raises(SearchFailedError, match="The search"):
-        optimise(SCENE, MOTION, PROFILE, plan=SMALL, throw=True, **arguments)
+        optimise(SCENE, MOTION, PROFILE, throw=True, **arguments)
 
 
 @pytest.mark.parametrize(
@@ -557,7 +550,7 @@ def test_the_certificate_is_that_of_the_design_returned(monkeypatch):
     # No polish of a scene is known to make things worse.
     monkeypatch.setattr(sys.modules["mishutter.search.search"], "polish", spoiled)
     loss = ExpectedErrorLoss()
-    design = optimise(SCENE, MOTION, TukeyShutter(0.5), loss=loss, free="shutter", plan=SMALL)
+    design = optimise(SCENE, MOTION, TukeyShutter(0.5), loss=loss, free="shutter")
     assert np.isfinite(design.loss)
     assert design.certificate > 0
 

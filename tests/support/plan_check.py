@@ -6,8 +6,22 @@ import jax
 import numpy as np
 
 from mishutter._core import common_dtype, require_known
-from mishutter.evaluation import AbstractLoss, Metrics, Plan, evaluate, sizes, value_of
+from mishutter.evaluation import (
+    ONLY_SPECTRA,
+    AbstractLoss,
+    Plan,
+    records,
+    respond,
+    sampled_view,
+    sizes,
+    value_of,
+    without_tolerances,
+)
+from mishutter.evaluation.errors import expected_squared_error
+from mishutter.evaluation.metrics import _as_designed
+from mishutter.evaluation.needs import EVERY_PART
 from mishutter.model import AbstractMotion, AbstractShutter, Scene
+from mishutter.search import plan
 
 _ROUNDING = {8: 1e-12, 4: 1e-5}
 """Relative change of a result that is put down to rounding, by the bytes of its numbers."""
@@ -22,6 +36,33 @@ _NAMES = (
 
 class WrongPlanError(ValueError):
     """A plan changed a result by more than it said it would."""
+
+
+def plan_for(
+    scene: Scene, motion: AbstractMotion, shutter: AbstractShutter, loss: AbstractLoss | None = None
+) -> Plan:
+    """The plan that a measurement of a loss makes, or one of all metrics."""
+    if loss is not None:
+        return plan(scene, motion, shutter, loss=loss).sizes
+    return sampled_view(scene, motion, shutter, EVERY_PART).plan
+
+
+def metrics_by(
+    plan: Plan | None, scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
+) -> dict[str, jax.Array]:
+    """The metrics of a camera without errors, by a plan; with everything computed without one."""
+    own = sizes(scene, motion) if plan is None else plan
+    view = sampled_view(without_tolerances(scene), motion, shutter, EVERY_PART, own)
+    return _as_designed(view.scene, view.motion, records(view), view.plan)[0]
+
+
+def squared_error_within(
+    scene: Scene, motion: AbstractMotion, shutter: AbstractShutter, *, plan: Plan
+) -> jax.Array:
+    """The `expected_squared_error` of a design within the scene's tolerances."""
+    view = sampled_view(scene, motion, shutter, ONLY_SPECTRA, plan)
+    response, count = respond(view), view.plan.num_frequencies
+    return expected_squared_error(view.scene, view.motion, response, count)
 
 
 def plan_error(
@@ -111,17 +152,17 @@ def results(
     """The loss, or all metrics, as a plan has them computed; shape `(n,)`."""
     if loss is not None:
         return np.array([float(value_of(loss, scene, motion, shutter, plan))])
-    return results_of(evaluate(scene, motion, shutter, plan=plan))
+    return results_of(metrics_by(plan, scene, motion, shutter))
 
 
-def results_of(metrics: Metrics) -> np.ndarray:
+def results_of(metrics: dict[str, jax.Array]) -> np.ndarray:
     """The metrics that are compared, as numbers that are never negative; shape `(n,)`.
 
     The share of the bound is a least response, which is known to the rounding of the largest: 1.
     """
-    squared = 10 ** (-float(metrics.expected_psnr) / 10)
-    least = 1 + np.sqrt(float(metrics.bound_share))
-    return np.array([squared, least, *(float(getattr(metrics, name)) for name in _NAMES)])
+    squared = 10 ** (-float(metrics["expected_psnr"]) / 10)
+    least = 1 + np.sqrt(float(metrics["bound_share"]))
+    return np.array([squared, least, *(float(metrics[name]) for name in _NAMES)])
 
 
 def relative_change(found: np.ndarray, before: np.ndarray, full: np.ndarray | None = None) -> float:

@@ -1,12 +1,11 @@
-"""What a sweep leaves out by default changes nothing, and what it was asked for is recorded."""
+"""What a sweep leaves out changes nothing."""
 
-import json
 from typing import Any
 
 import numpy as np
 import pytest
+from support.plan_check import metrics_by
 from support.random_scenes import random_scene
-from support.sweeps import SCENE, grid
 
 from mishutter import (
     RASKAR_CODE,
@@ -16,7 +15,6 @@ from mishutter import (
     Limits,
     Scene,
     SplineShutter,
-    plan,
     sweep,
 )
 from mishutter.evaluation import scenes_for
@@ -68,23 +66,30 @@ def random_scenes():
 
 
 def compare_sweeps(scenes, axes, shutters):
-    """Each metric at each point, against the same sweep with everything computed."""
-    left_out = sweep(scenes, shutters=shutters, **axes)
-    everything = sweep(scenes, shutters=shutters, plan=None, **axes)
-    inside = left_out.outside.values == 0
-    np.testing.assert_array_equal(left_out.outside, everything.outside)
-    for name in ("num_taps", "dft_length", "efficiency"):
-        np.testing.assert_array_equal(left_out[name], everything[name])
-    exact = "expected_psnr", "worst_speed_psnr", "kernel_difference", "relative_kernel_difference"
-    for name in exact:
-        np.testing.assert_allclose(
-            left_out[name], everything[name], rtol=RELATIVE, atol=ROUNDING * 1e-2, err_msg=name
+    """Each metric at each point, against the design measured with everything computed."""
+    grid = sweep(scenes, shutters=shutters, **axes)
+    places = np.argwhere(grid.outside.values == 0)
+    for scene_at, a_at, half_at in places:
+        at = {"scene": scene_at, "acceleration": a_at, "half_exposure": half_at}
+        scene = scenes[str(grid.scene.values[scene_at])]
+        motion = ParabolicMotion(
+            acceleration=axes["accelerations"][a_at],
+            half_exposure=axes["half_exposures"][half_at],
+            velocity=float(grid.velocity.values[scene_at]),
         )
-    least = [1 / x.condition_number.values[inside] for x in (left_out, everything)]
-    np.testing.assert_allclose(*least, rtol=RELATIVE, atol=ROUNDING)
-    roots = [np.sqrt(x.bound_share.values[inside]) for x in (left_out, everything)]
-    np.testing.assert_allclose(*roots, rtol=RELATIVE, atol=ROUNDING)
-    return np.count_nonzero(inside)
+        for name, shutter in shutters.items():
+            point = grid.isel(at).sel(shutter=name)
+            full = metrics_by(None, scene, motion, shutter)
+            exact = "expected_psnr", "worst_speed_psnr", "efficiency"
+            for each in (*exact, "kernel_difference", "relative_kernel_difference"):
+                np.testing.assert_allclose(
+                    point[each], full[each], rtol=RELATIVE, atol=ROUNDING * 1e-2, err_msg=each
+                )
+            least = 1 / point.condition_number.values, 1 / np.asarray(full["condition_number"])
+            np.testing.assert_allclose(*least, rtol=RELATIVE, atol=ROUNDING)
+            roots = np.sqrt(point.bound_share.values), np.sqrt(full["bound_share"])
+            np.testing.assert_allclose(*roots, rtol=RELATIVE, atol=ROUNDING)
+    return len(places)
 
 
 @pytest.mark.slow
@@ -104,32 +109,28 @@ def test_nothing_changes_on_many_scenes():
     assert compare_sweeps(scenes, axes, shutters) >= 24
 
 
-def speeds_under(shutter, scene, *, skips):
+def speeds_under(shutter, scene):
     """Speeds and weights that a sweep of one scene takes."""
-    needed = scenes_for([scene], shutter, skips=skips)[0]
+    needed = scenes_for([scene], shutter)[0]
     return np.asarray(needed.speeds), np.asarray(needed.weights)
 
 
 def test_what_is_folded():
-    """Mirrored, repeated and absent speeds go by default, and stay where all is computed."""
+    """Mirrored, repeated and absent speeds go."""
     scene = Scene([-350.0, 350.0, 350.0, 810.0], [0.2, 0.3, 0.5, 0.0], **LIGHT)
     symmetric, one_sided = HannShutter(), SPLINE
     for shutter, expected in (
         (symmetric, ([350.0], [1.0])),
         (one_sided, ([-350.0, 350.0], [0.2, 0.8])),
     ):
-        for found, right in zip(speeds_under(shutter, scene, skips=True), expected, strict=True):
+        for found, right in zip(speeds_under(shutter, scene), expected, strict=True):
             np.testing.assert_allclose(found, right)
-    for found, right in zip(
-        speeds_under(symmetric, scene, skips=False), (scene.speeds, scene.weights), strict=True
-    ):
-        np.testing.assert_array_equal(found, right)
 
 
 def test_scenes_have_as_many_speeds():
     """Those of the scene with fewer are filled up by speeds without weight."""
     scenes = [Scene([0.0, 90.0, 310.0], **LIGHT), Scene([350.0], **LIGHT)]
-    first, second = scenes_for(scenes, HannShutter(), skips=True)
+    first, second = scenes_for(scenes, HannShutter())
     np.testing.assert_array_equal(first.speeds, [0.0, 90.0, 310.0])
     np.testing.assert_array_equal(second.speeds, [350.0] * 3)
     np.testing.assert_array_equal(second.weights, [1.0, 0.0, 0.0])
@@ -139,19 +140,4 @@ def test_speeds_that_mirror_but_for_rounding():
     """They are one size."""
     speeds = np.linspace(-0.3, 0.3, 7) * 1000
     assert np.unique(np.abs(speeds)).size > 4
-    assert speeds_under(HannShutter(), Scene(speeds, **LIGHT), skips=True)[0].size == 4
-
-
-@pytest.mark.slow
-def test_it_is_recorded_and_a_store_of_another_plan_is_refused(tmp_path):
-    """As part of what was asked for; of a plan object it is whether it skips."""
-    few = grid(accelerations=[3e4, 9e4], half_exposures=[3.1e-3], metrics=["expected_psnr"])
-    planned = sweep(SCENE, **few)
-    assert json.loads(planned.attrs["sweep"])["plan"] == "planned"
-    everything = sweep(SCENE, plan=None, store=tmp_path / "a.zarr", **few)
-    assert json.loads(everything.attrs["sweep"])["plan"] == "everything"
-    with pytest.raises(ValueError, match=r"with plan: 'planned'; got 'everything"):
-        sweep(SCENE, store=tmp_path / "a.zarr", **few)
-    motion = ParabolicMotion(acceleration=3e4, half_exposure=3.1e-3)
-    own = plan(SCENE, motion, HannShutter())
-    assert sweep(SCENE, plan=own, **few).identical(planned)
+    assert speeds_under(HannShutter(), Scene(speeds, **LIGHT))[0].size == 4

@@ -206,12 +206,13 @@ def test_each_point_is_searched_from_the_seed_of_the_sweep(monkeypatch):
     """With the steps and the coefficients that were asked for, too."""
     asked = []
 
-    def searched(scene, motion, profile, *, seed, max_steps, **others):
-        asked.append((seed, max_steps, profile.num_coefficients))
-        return SimpleNamespace(command=profile, loss=0.3, converged=True)
+    def searched(start, settings):
+        size = start.shutter.num_coefficients
+        asked.append((settings.seed, settings.max_steps, size))
+        return SimpleNamespace(command=start.shutter, loss=0.3, converged=True)
 
     # The profiles of a search hardly depend on its seed, and take seconds.
-    monkeypatch.setattr("mishutter.sweeps.search.optimise", searched)
+    monkeypatch.setattr("mishutter.sweeps.search.best_design", searched)
     few = {"metrics": ["efficiency"], "shutters": {"rect": SHUTTERS["rect"]}}
     for seed in (5, 11):
         sweep(SCENE, **AXES | few, seed=seed, max_steps=seed + 2)

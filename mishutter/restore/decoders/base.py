@@ -19,12 +19,8 @@ from mishutter.camera import (
     captured_response,
     captured_responses_below,
     kernel_layout,
-    skips,
 )
 from mishutter.evaluation import (
-    PLANNED,
-    Automatic,
-    Plan,
     background_of,
     moments_on_dft,
     needed_speeds,
@@ -225,7 +221,6 @@ def blur_model(
     motion: AbstractMotion,
     shutter: AbstractShutter,
     *,
-    plan: Plan | Automatic | None = PLANNED,
     least_taps: int = 1,
 ) -> BlurModel:
     r"""The knowledge that a decoder may have of a scene, a motion and a shutter.
@@ -237,7 +232,6 @@ def blur_model(
         scene: Speeds, light, noise, spectrum; concrete.
         motion: Motion of the sensor; concrete.
         shutter: Transmittance over the exposure; concrete.
-        plan: The parts to compute: by default each speed that occurs once; None for all.
         least_taps: Pixels that light falls over, where it does not fall over more.
 
     Raises:
@@ -245,14 +239,13 @@ def blur_model(
     """
     require_known("blur_model", scene=scene, motion=motion)
     with outside_trace():  # numbers also where the capture is traced
-        return _known_blur(scene, motion, shutter, plan, least_taps)
+        return _known_blur(scene, motion, shutter, least_taps)
 
 
 def _known_blur(
     scene: Scene,
     motion: AbstractMotion,
     shutter: AbstractShutter,
-    plan: Plan | Automatic | None,
     least_taps: int,
 ) -> BlurModel:
     view = sensor_view(scene, motion, shutter)
@@ -261,11 +254,8 @@ def _known_blur(
     scene, motion, shutter, _ = view
     speeds = np.asarray(scene.speeds)
     num_taps, _ = kernel_layout(motion, *speeds.tolist(), 0.0, least_taps=least_taps)
-    weights = np.asarray(scene.weights, np.float64)
-    if skips(plan):
-        scene_of_needs = needed_speeds(scene, motion, shutter)
-        speeds = np.asarray(scene_of_needs.speeds)
-        weights = np.asarray(scene_of_needs.weights, np.float64)
+    needed = needed_speeds(scene, motion, shutter)
+    speeds, weights = np.asarray(needed.speeds), np.asarray(needed.weights, np.float64)
     electrons = float(white_electrons(scene.photon_rate, motion.exposure))
     # The speeds beside that of rest choose the nodes that the responses have too.
     *_, still = np.asarray(captured_response(motion, shutter, [*speeds.tolist(), 0.0], 2))

@@ -28,7 +28,7 @@ from mishutter._core import (
     shape_of,
 )
 from mishutter.camera import as_pixels, distinct_colours, rows_last
-from mishutter.evaluation import LEAST_DIFFERENCE, PLANNED
+from mishutter.evaluation import LEAST_DIFFERENCE
 from mishutter.model import AbstractMotion, AbstractShutter, Scene, require_scene, require_whole
 from mishutter.pictures import LUMINANCE, turned
 from mishutter.restore.decoders.base import BlurModel, blur_model
@@ -557,7 +557,7 @@ def estimate_speed(
     model = blur_model(scene, motion, shutter)
     has_light = model.electrons > 0 and model.efficiency > 0
     require(has_light, "estimate_speed(scene=...)", "have light that the shutter lets through", 0.0)
-    planes = rows_last(distinct_colours(irradiance, PLANNED))
+    planes = rows_last(distinct_colours(irradiance))
     return speed_in(planes, model).of(scene, motion)
 
 

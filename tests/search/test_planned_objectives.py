@@ -1,10 +1,8 @@
-"""What computes by a plan gives what it gives with everything computed, on random scenes.
+"""Objectives of the search by a plan are those with everything computed, on random scenes.
 
-Losses and metrics are in `test_plan`, layers in `test_occlusion`, grids in `test_sweep_plan`;
-here are the objectives of the search, captures and decoders.
+Losses and metrics are in `test_planning`, grids in `sweeps/test_plan`.
 """
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -34,28 +32,10 @@ def test_objectives_of_the_search():
         names = [n for n in FREE[seed % 3] if not (still and n == "acceleration")]
         loss = LOSSES[seed // 6 % 2]
         space = design_space(scene, motion, shutter, names)
-        planned = plan(scene, motion, shutter, loss=loss, free=names)
+        planned = plan(scene, motion, shutter, loss=loss, free=names).sizes
         short = objective_of(loss, reduced(scene, planned), space, planned)
         everything = full_sizes(scene, space.motion, space)
         full = objective_of(loss, reduced(scene, everything), space, everything)
         for box in np.random.default_rng(seed).uniform(0.1, 0.9, (2, space.size)):
             found, wanted = (float(value(jnp.asarray(box))) for value in (short, full))
             assert found == pytest.approx(wanted, rel=1e-12), seed
-
-
-@pytest.mark.slow
-def test_captures_and_decoders():
-    """A picture with equal colours, captured at a speed of the scene and restored."""
-    for seed in SEEDS:
-        scene, motion, shutter = random_scene(seed)
-        rows = 0.2 + 0.6 * np.random.default_rng(seed).random((3, 180, 1))
-        picture = np.repeat(rows, 3, axis=2) if seed % 2 else rows
-        options = {"speed": float(scene.speeds[seed % 5]), "key": jax.random.key(seed)}
-        given = scene, motion, shutter
-        captured = ms.simulate_capture(picture, *given, **options)
-        again = ms.simulate_capture(picture, *given, **options, plan=None)
-        np.testing.assert_allclose(captured, again, rtol=1e-12, err_msg=str(seed))
-        restored = ms.deconvolve(captured, *given)
-        in_full = ms.deconvolve(captured, *given, plan=None)
-        scale = float(np.max(np.abs(in_full)))
-        np.testing.assert_allclose(restored, in_full, atol=1e-12 * scale, err_msg=str(seed))
