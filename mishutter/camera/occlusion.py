@@ -21,6 +21,8 @@ _HALF_WIDTH = 8
 _SHARPNESS = 12.5
 _LEAST_NODES = 512
 """Fewest quadrature nodes, so that cameras of most exposures share one compiled program."""
+_INSTANTS_OF_PATH = 257
+"""Instants at which the path of the sensor is looked at, to tell how far it reaches."""
 _ROWS_AT_ONCE = 8
 """Rows whose images stay in a processor's cache from one instant to the next."""
 
@@ -296,8 +298,12 @@ def visible_layers(layers: Layers, motion: AbstractMotion) -> Layers:
 def _is_off(layers: Layers, layer: Layer, motion: AbstractMotion) -> bool:
     """Whether a layer is clear, or no displacement of the exposure brings it onto the sensor."""
     (rows, columns, _), (height, width) = layers.shape, layer.matte.shape
-    travel = MARGIN + abs(layer.speed - float(motion.velocity)) * float(motion.half_exposure)
+    half, velocity = float(motion.half_exposure), float(motion.velocity)
+    travel = MARGIN + abs(layer.speed - velocity) * half
+    # A path may bend to either side, and the margin is wide beside what it does between instants.
+    time = np.linspace(-half, half, _INSTANTS_OF_PATH)
+    path = np.asarray(motion.position(time)) - velocity * time
     below, above = layer.top >= rows, layer.top + height <= 0
-    right = layer.left - travel >= columns
-    left = layer.left + width + travel + float(motion.sag) <= 0
+    right = layer.left - travel + np.min(path) >= columns
+    left = layer.left + width + travel + np.max(path) <= 0
     return below or above or bool(right or left) or not layer.matte.any()

@@ -11,11 +11,13 @@ from support import time_sampling
 from support.time_sampling import captured_layers
 
 from mishutter import (
+    FreeMotion,
     HannShutter,
     Layer,
     Layers,
     ParabolicMotion,
     Picture,
+    RectShutter,
     Scene,
     StillCamera,
     blur_model,
@@ -161,6 +163,28 @@ def test_a_layer_that_crosses_the_sensor_comes_from_far_beyond_it(left):
     wanted = captured_layers(layers, MOVING, HannShutter(), count=960)
     assert np.max(np.abs(found - wanted)) < WAVES
     assert np.max(np.abs(found - without)) > 5 * WAVES
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("bend", [-1, 1])
+def test_a_free_path_brings_a_layer_in_from_the_side_to_which_it_bends(bend):
+    """By more than the margin, whichever side that is."""
+    accelerations = bend * np.array([90.0, 150.0, 110.0, 130.0]) / HALF**2
+    path = FreeMotion(accelerations=accelerations, half_exposure=HALF)
+    beside = Layer(picture(3, 17), left=61 + 72 if bend < 0 else -17 - 72, top=1)
+    layers = Layers((Layer(picture(4, 61)), beside))
+    found = simulate_capture(layers, SCENE, path, RectShutter())
+    wanted = captured_layers(layers, path, RectShutter(), count=960)
+    assert np.max(np.abs(found - wanted)) < WAVES
+
+
+def test_a_path_that_bends_to_both_sides_brings_a_layer_in_from_either():
+    """Its lowest and its highest position count, not where it ends."""
+    accelerations = np.array([-1800.0, 400.0, 410.0, -1790.0]) / HALF**2
+    path = FreeMotion(accelerations=accelerations, half_exposure=HALF)
+    layers = [Layer(picture(3, 17), left=left, top=1) for left in (61 + 70, -17 - 70)]
+    seen = occlusion.visible_layers(Layers((Layer(picture(4, 61)), *layers)), path)
+    assert len(seen.layers) == 3
 
 
 def test_the_lens_cuts_off_detail_of_the_composite():
