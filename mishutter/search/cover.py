@@ -97,16 +97,22 @@ def _openings(
     low, high = np.minimum(first, last), np.maximum(first, last)
     nearest = np.abs(share - low) <= np.min(np.abs(share - low), axis=1, keepdims=True)
     has_opening = ((share >= low) & (share <= high)) | nearest
+    # Every other profile opens for all speeds, which two numbers of the sequence hardly ever span.
     has_opening[::2] = True
     # A sensor at rest keeps up with no object, so its one opening may lie anywhere.
     moves = gain > 0
     times = np.where(moves, (speeds - velocity) / np.where(moves, gain, 1.0), 2 * first - 1)
     spacing = 2 / spline.num_coefficients
+    # For so long the sensor keeps up within the least blur: a shorter opening would only lose
+    # light.
     narrowest = np.clip(np.sqrt(_LEAST_BLUR / np.maximum(sag, _LEAST_BLUR)), spacing / 2, 1)
+    # The scale is logarithmic up to the whole exposure, and has more of narrow openings.
     half_width = narrowest * (2 / narrowest) ** (width**1.5)
+    # A spline does not rise within less than the distance of its knots.
     ramp = np.maximum(spacing, softness * half_width)
     middles = coefficient_times(spline.num_coefficients)[: space.num_profile_coordinates]
     profiles = np.zeros((len(boxes), middles.size))
+    # A symmetric profile that opens for a speed opens for the opposite one.
     for sign in (1, -1)[: 1 + spline.symmetric]:
         away = np.abs(sign * middles[None, :, None] - times[:, None, :])
         distance = np.min(np.where(has_opening[:, None, :], away, np.inf), axis=2)
@@ -128,6 +134,7 @@ def _codes(space: DesignSpace, numbers: Float[np.ndarray, "n 4"]) -> Float[np.nd
     middles = coefficient_times(spline.num_coefficients)[:count]
     share = np.abs(middles) if spline.symmetric else (middles + 1) / 2
     waves, place, open_share, softness = numbers.T[..., None]
+    # The wave is above $\cos(\pi p)$ for a share $p$ of the time.
     wave = np.cos(2 * np.pi * (waves * (count / _COEFFICIENTS_A_WAVE) * share + place))
     ramp = np.maximum(_SOFTEST * softness, np.finfo(float).tiny)
     return np.clip(0.5 + (wave - np.cos(np.pi * open_share)) / (2 * ramp), 0, 1)
@@ -162,6 +169,7 @@ def screened(
 ) -> Float[np.ndarray, "n"]:
     """Losses at many points, infinite where they are not finite."""
     num_parts = -(-len(boxes) // _AT_ONCE)
+    # The last part repeats points, so that one compiled program serves any number of them.
     parts = np.resize(boxes, (num_parts, _AT_ONCE, boxes.shape[1]))
     calls = in_threads(lambda part: np.asarray(_losses(objective, part)), parts, num_processors())
     losses = np.concatenate(list(calls))[: len(boxes)]

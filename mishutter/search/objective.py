@@ -74,6 +74,7 @@ class DesignObjective(AbstractObjective):
 
     def __call__(self, box: Float[Array, "size"]) -> Float[Array, ""]:
         shutter, motion = self.space.at(box)
+        # A loss of the user's may call `evaluate`, which cannot plan for numbers that are traced.
         with plan_of_traced_search(self.plan):
             value = value_of(self.loss, self.scene, motion, shutter, self.plan)
         return value.astype(box.dtype)
@@ -169,6 +170,7 @@ def objective_of(
             profile = space.transmittance(space.shutter, space.motion.half_exposure)
             ends = space.motion.piece_ends
             nodes = exposure_quadrature(profile, plan.num_nodes, space.dtype, ends)
+            # The nodes stand for the shutter, whose kind would make another program.
             space = replace(space, shutter=RectShutter())
         return SpectralObjective(loss, scene, space, nodes, plan)
     return DesignObjective(loss, scene, space, plan)
@@ -210,6 +212,7 @@ def _basis(
 ) -> tuple[Float[Array, "rows k"], Layout]:
     """Response of a closed profile, the contribution of each coordinate, and their layout."""
     responses = _responses_of_each(scene, space, plan, parts)
+    # Behind a device that leaks, a coordinate adds to what a closed profile records already.
     each = jax.tree.map(lambda x: np.concatenate([x[:1], x[1:] - x[:1]]), jax.device_get(responses))
     still, differences = _triangular(each.still_kernel), _triangular(each.differences)
     efficiency, waves = each.efficiency, (each.still_spectrum, each.spectra)

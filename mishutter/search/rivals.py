@@ -182,6 +182,7 @@ def compared_rows(search: RivalSearch, step: Step) -> list[Row]:
     calls = [partial(_named, *item) for item in searches(search).items()]
     for first_name, rows in as_they_end(calls, num_processors()):
         step(first_name)
+        # A burst keeps its own decoder, which is told the speed by the registration of its frames.
         at_best |= {row.name: judge(row) if row.is_of_one_exposure else row for row in rows}
     names = [name for name in dict.fromkeys((*shutters, *taken_names())) if name in at_best]
     return [*(at_best[name] for name in names), *map(judge, on_motion)]
@@ -232,6 +233,7 @@ def snapshots(search: RivalSearch) -> list[Row]:
     if float(scene.limits.max_pan) <= 0:
         return [at_rest]
     pan = _unaccelerated(scene)
+    # Where the speeds lie evenly about 0, no pan is better than none.
     if float(pan.velocity) == 0:
         return [at_rest, replace(at_rest, name=BEST_PANNED_SNAPSHOT)]
     return [at_rest, _row(BEST_PANNED_SNAPSHOT, search.best(pan, RectShutter()))]
@@ -291,6 +293,7 @@ def _on_free_paths(search: RivalSearch) -> list[Row]:
     loss, start = search.loss, search.start
     shaped, steady = search.shaped_on_parabola(), search.open_on_parabola()
     on_path = on_free_path(steady, start, loss=loss)
+    # What can do more starts from what can do less, so that it never ends lower.
     beside = [design for design in (steady, on_path) if not design.motion.is_straight]
     best = on_free_path(shaped, start, loss=loss, shaped=True, beside=beside)
     return [_row(OPEN_ON_FREE_PATH, on_path), _row(SHAPED_ON_FREE_PATH, best)]

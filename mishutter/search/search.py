@@ -425,6 +425,7 @@ def _beyond(
     more = (*more, KnownDesign(command, design.motion), KnownDesign(command, of_speeds))
     ends = _searched(Start(scene, path, command, tuple(names)), settings, more)
     on_path = _design(ends[0], scene, settings)
+    # A free path asks for more of a stage, and has to lower the loss by more than searches scatter.
     if on_path.loss >= design.loss * (1 - _SAME):
         return replace(design, outcome=f"{design.outcome} {_NO_PATH}")
     history = np.append(design.history, np.minimum(on_path.history, design.history[-1]))
@@ -474,6 +475,7 @@ def _of_levels(
     movable = set(all_that_can_move(scene, start.motion, None)) - {"shutter"}
     names = tuple(name for name in names if name in movable)
     relaxed = with_device(scene, scene.device.relaxed)  # type: ignore[union-attr]
+    # Levels have no slope along which they could move together with the motion.
     for _ in range(_ROUNDS_OF_LEVELS):
         command: ChippedShutter = best.command  # type: ignore[assignment]
         slots = _slot_by_slot(scene, command, best.motion, settings)
@@ -538,6 +540,7 @@ def _better(design: Design, straight: Design) -> Design:
     history = np.append(design.history, np.minimum(straight.history, design.history[-1]))
     start_loss = min(design.best_start_loss, straight.best_start_loss)
     better = design
+    # The design without acceleration needs no stage, and is better among equals.
     if straight.loss <= design.loss * (1 + _SAME):
         better = replace(straight, outcome=f"{straight.outcome} {_NO_ACCELERATION}")
     return replace(better, history=history, best_start_loss=start_loss)
@@ -608,11 +611,14 @@ def _searched(
     scene, motion = search_frame(start.scene, frame, names)
     if shutter is None:
         pans = "velocity" in names
+        # A velocity that is fixed cannot come to the middle of the speeds, about which a profile of
+        # a panning camera would be symmetric.
         at_rest = scene if pans else without_pan(scene)
         shutter = starting_shutter(at_rest, settings.num_coefficients)
     space = design_space(scene, motion, shutter, names)
     plan = _plan(scene, space, settings)
     ends = [_best_of_space(scene, space, plan, settings, more)]
+    # The logarithmic coordinate of the acceleration does not reach 0, where a camera may be best.
     if "acceleration" in space.free and "path" not in space.free:
         settings = settings._replace(progress=None)
         ends.append(_best_of_space(scene, space.without_acceleration(), plan, settings, more))
@@ -718,6 +724,7 @@ def _minima(
     max_steps = history.max_steps
     tried = _polished(objective, boxes, min(_FIRST_STEPS, max_steps), history)[:num_lasting]
     places = _differing([end.loss for end in tried])
+    # The tried points stay candidates: BFGS begins inside the bounds, and may end above them.
     points = [tried[place].box for place in places]
     losses = [tried[place].loss for place in places]
     call = partial(minimise, objective, max_steps=max_steps)
@@ -777,12 +784,14 @@ def _starts(
         boxes = path_boxes(space, np.concatenate([*before, starts[:1]]))
         num_polished = _NUM_POLISHED if space.path_mirrors else _NUM_PATHS
         return _Starts(boxes, num_polished, steps_to_tell=settings.max_steps)
+    # A grid covers few coordinates, and its lowest points are in the right valleys already.
     if space.size <= GRID_COORDINATES:
         if more:  # the best of the designs takes the place of the first
             designs = np.concatenate([*before, starts[:1]])
             starts[0] = designs[np.argmin(losses_at(objective, designs))]
         valleys = lowest_places(losses_at(objective, starts))[:_NUM_POLISHED]
         return _Starts(starts[np.union1d(0, valleys)])
+    # A step costs a matrix product here, so that all starts are polished and none has to be tried.
     if is_profile:
         profiles = cover(space, scene, _COVERED * num_starts, settings.seed)
         boxes = np.concatenate([*before, starts, profiles.astype(starts.dtype)])

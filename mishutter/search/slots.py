@@ -53,10 +53,13 @@ def searched_slots(
             break
         losses = losses_of(slots + changes)
         order = np.argsort(losses, kind="stable")
+        # The sign is that of the loss, which may be negative.
         order = order[losses[order] < best * (1 - np.sign(best) * _LEAST_FALL)]
         together = _together(changes[order])
         if not len(together):
             break
+        # Each lowers the loss by itself, but all together may overshoot: the first one, the first
+        # two and so on are measured.
         rows = slots + np.cumsum(together, axis=0)
         rows = rows[_allowed(rows, steps, device)]
         losses = losses_of(rows)
@@ -74,6 +77,7 @@ def _changes(
     for apart in range(1, _FURTHEST + 1):
         shift = unit[apart:] - unit[:-apart]
         changes += [shift, -shift]
+    # Where runs have a least length, a single slot may not change.
     for length in {device.min_open, device.min_closed} - {1}:
         run = np.stack([unit[i : i + length].sum(axis=0) for i in range(slots.size - length + 1)])
         changes += [run, -run]
@@ -100,6 +104,7 @@ def _together(changes: Int[np.ndarray, "k n"]) -> np.ndarray:
     is_touched, together = np.zeros(changes.shape[1], bool), []
     for change in changes:
         slots = np.flatnonzero(change)
+        # Two changes near one another may each lower the loss, and together raise it.
         near = slice(max(0, slots[0] - 2), slots[-1] + 3)
         if not is_touched[near].any():
             is_touched[slots[0] : slots[-1] + 1] = True

@@ -189,6 +189,8 @@ def polish(
         x: Float[np.ndarray, "size"],
     ) -> tuple[Float[np.ndarray, ""], Float[np.ndarray, "size"]]:
         loss, gradient = loss_and_gradient(objective, np.asarray(x, box.dtype))
+        # With a NaN the solver would stay where it is for every step that it has, and report
+        # nothing.
         if not (np.isfinite(loss) and np.all(np.isfinite(gradient))):
             raise NonFiniteLossError(
                 "The loss and its gradient must be finite; got a NaN or an infinity "

@@ -172,6 +172,7 @@ class DesignSpace(eqx.Module):
         half_exposure, velocity = self.motion.half_exposure, self.motion.velocity
         shape = self._shape(box[self.num_profile_coordinates : self.num_shape_coordinates])
         acceleration = self.motion.mean_acceleration
+        # The order matters: the bounds of each number depend on those before it.
         if "half_exposure" in share:
             bounds = self._half_exposure_bounds(shutter)
             half_exposure = self._half_exposure_at(bounds, shape, share["half_exposure"])
@@ -233,6 +234,8 @@ class DesignSpace(eqx.Module):
 
     def without_acceleration(self) -> "DesignSpace":
         """The same box for sensors that do not accelerate."""
+        # A bound of 0 leaves the coordinate where it is, so that both spaces share compiled
+        # programs.
         return eqx.tree_at(lambda s: s.strongest, self, device_constant(np.zeros((), self.dtype)))
 
     def holding(self, motions: Iterable[AbstractMotion]) -> "DesignSpace":
@@ -268,6 +271,7 @@ class DesignSpace(eqx.Module):
             return Bends(index, np.zeros(0))  # the exposures there are others for each profile
         low, high = (float(bound) for bound in self._half_exposure_bounds(self.shutter))
         demands = float(self.demand), float(self.motion.speed_gain)
+        # The stroke and a gain of speed $v$ allow the same acceleration at $T = 2\,$stroke$/v$.
         speeds = [float(self.limits.max_top_speed), *demands, *(v / _SLOWEST for v in demands)]
         times = np.array([2 * float(self.limits.max_stroke) / v for v in speeds if v > 0])
         if self.limits.has_stage or self.limits.frame_velocity is not None:
@@ -284,6 +288,7 @@ class DesignSpace(eqx.Module):
             each = [np.asarray(_courses(self.of_motion, row)) for row in rows]
             return np.concatenate(each)[: times.size]
 
+        # No formula tells where limits of a stage meet: a row of exposures brackets each place.
         times = np.geomspace(low, high, _NUM_TRIED)
         courses = courses_at(times)
         at = np.flatnonzero(np.diff(courses))
@@ -299,6 +304,7 @@ class DesignSpace(eqx.Module):
         limits, half = self.limits, half_exposure
         least, most = self._acceleration_bounds(half)
         rest = jnp.zeros_like(half)
+        # Any change of one of these facts changes the number.
         shares = [
             most / limits.acceleration_by_stroke(half),
             2 * most * half / limits.max_top_speed,
@@ -442,6 +448,7 @@ class DesignSpace(eqx.Module):
                     longest = filling / jnp.maximum(efficiency, filling / high)
             high = jnp.clip(longest, low, high)
         moves = "acceleration" in self.free
+        # An acceleration that moves makes room for any exposure.
         a = jnp.zeros((), self.dtype) if moves else self.motion.mean_acceleration
         longest = self.limits.half_exposure_by_stroke(a)
         safe = jnp.where(a > 0, a, 1.0)
@@ -536,6 +543,7 @@ def design_space(
     velocity = motion.velocity.astype(dtype)
     lags = scene.device is not None and scene.device.lags
     filling = _filling(scene, None if num_profile or lags else shutter)
+    # A sensor that pans at the middle of the speeds has half their range to keep up with.
     pans = "velocity" in ordered
     return DesignSpace(
         shutter=shutter,
@@ -590,6 +598,8 @@ def mirrors(scene: Scene, velocity: float) -> bool:
         if float(layers.background_speed) != velocity:
             return False
     speeds, weights = np.asarray(scene.speeds, np.float64) - velocity, np.asarray(scene.weights)
+    # The order is that of speeds and then of weights, so that a speed that is listed twice finds
+    # its mirror image.
     forward = np.lexsort((weights, speeds))
     backward = np.lexsort((weights, -speeds))
     equal = partial(np.allclose, atol=_SAME * float(np.max(np.abs(speeds))))

@@ -103,6 +103,7 @@ def path_boxes(
     """
     first = space.num_profile_coordinates
     outwards = np.linspace(-1, 1, space.num_path_coordinates, dtype=boxes.dtype)
+    # A path that mirrors itself has coordinates for one half alone.
     if not space.path_mirrors:
         outwards = 2 * np.abs(outwards) - 1
     path = slice(first, first + outwards.size)
@@ -192,5 +193,6 @@ def lowest_places(losses: Float[np.ndarray, "n"]) -> Int[np.ndarray, "n"]:
     on_grid, window = losses[1:].reshape(shape), (3,) * len(shape)
     around = sliding_window_view(np.pad(on_grid, 1, constant_values=np.inf), window)
     over_window = tuple(range(on_grid.ndim, around.ndim))
+    # Neighbours of a lowest point lie in its valley, and a polish of them would end where its does.
     in_valley = np.append(True, on_grid <= np.min(around, axis=over_window))
     return np.lexsort((losses, ~in_valley))
