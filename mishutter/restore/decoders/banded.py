@@ -73,6 +73,7 @@ def banded(kernel: Float[np.ndarray, "taps"]) -> BandedConvolution:
     for column in range(block):
         last = (blocks - 1) * block + column
         forward[last - taps.size + 1 : last + 1, column] = taps[::-1]
+    # All blocks share one matrix, so that its adjoint is the same one turned by half a turn.
     return BandedConvolution(forward, np.ascontiguousarray(forward[::-1, ::-1]))
 
 

@@ -184,6 +184,7 @@ class BlurModel(eqx.Module):
         """
         centres = frequencies(self.power.size)
         least = np.finfo(np.float64).tiny
+        # At low frequencies the power falls by a multiple from one centre to the next.
         logarithm = np.log(np.maximum(self.power, least))
         return np.exp(np.interp(np.fft.rfftfreq(length), centres, logarithm))
 
@@ -253,6 +254,7 @@ def _known_blur(
     blur_length(motion, *scene.speeds.tolist(), subject="scene")
     scene, motion, shutter, _ = view
     speeds = np.asarray(scene.speeds)
+    # The still object counts too: classical decoders take its kernel for all.
     num_taps, _ = kernel_layout(motion, *speeds.tolist(), 0.0, least_taps=least_taps)
     needed = needed_speeds(scene, motion, shutter)
     speeds, weights = np.asarray(needed.speeds), np.asarray(needed.weights, np.float64)

@@ -55,7 +55,10 @@ class Continuation(eqx.Module):
 def continuation(model: BlurModel, columns: int) -> Continuation:
     """The likeliest continuation of rows of `columns` pixels of captures with the blur `model`."""
     reach = model.num_taps
+    # Over three kernels the covariance of either end dies away, so that the ends do not meet in a
+    # jump.
     length = fast_length(columns + max(3 * reach, 128))
+    # Pixels further from the gap than a kernel hardly predict it, and equations cost their cube.
     context = min(columns // 2, max(reach, 64), _MAX_CONTEXT)
     covariance = np.fft.irfft(captured_spectrum(model, length), length)
     prediction = _prediction(covariance.tobytes(), length - columns, context)
@@ -76,6 +79,7 @@ def _prediction(periodic_covariance: bytes, gap: int, context: int) -> np.ndarra
     covariance = np.frombuffer(periodic_covariance)
     ends = np.concatenate([np.arange(-context, 0), gap + np.arange(context)])
     among = covariance[np.abs(ends[:, None] - ends) % covariance.size]
+    # Without noise neighbouring pixels are so alike that the matrix is singular to rounding.
     among[np.diag_indices_from(among)] += _RELATIVE_JITTER * covariance[0]
     across = covariance[np.abs(np.arange(gap)[:, None] - ends) % covariance.size]
     return cho_solve(cho_factor(among), across.T).T if context else np.zeros((gap, 0))

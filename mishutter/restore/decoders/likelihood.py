@@ -207,6 +207,7 @@ def _dark(
     data = jnp.pad(rows, outside)
     inside = np.arange(length) < columns
     first = jnp.asarray(start, rows.dtype) * along_rows(inside, data) * jnp.ones_like(data)
+    # Dividing by infinity keeps the picture dark beyond its ends.
     norm = jnp.asarray(np.where(inside, 1.0, np.inf)[None], rows.dtype)
     data = jnp.roll(data, origin, axis=-1)
     method = _Method(num_iterations, accelerated=False, least_blurred=0.0)
@@ -284,6 +285,7 @@ def _step(
         weight = jnp.maximum(norm + strength * adjoint_differences(flow), _LEAST_NORM * norm)
     total = data + dark
     blurred_again = jnp.maximum(operator(begin) + dark, jnp.maximum(least_blurred * total, 1e-12))
+    # Taps of a band-limited kernel are below 0 here and there, which must not make light negative.
     after = begin * jnp.maximum(operator.back(total / blurred_again), 0) / weight
     if state.before is None:
         return _State(after, None, None, None, flow)

@@ -92,6 +92,7 @@ def squared_error_of(
     """
     length = 2 * rows.shape[-1]
     deviation = rows - np.mean(rows, axis=-1, keepdims=True)
+    # A row that is repeated as it is would jump at its ends, and the jump would count as detail.
     spectrum = np.fft.rfft(np.concatenate([deviation, deviation[..., ::-1]], axis=-1))
     power = np.mean(np.abs(spectrum.reshape(-1, spectrum.shape[-1])) ** 2, axis=0) / length
     noise = model.noise_at(float(np.mean(rows)))
@@ -161,4 +162,5 @@ def _filtered(captured: Array, extension: Continuation, response: ArrayLike, gai
     spectrum = jnp.fft.rfft(rows, extension.length)
     spectrum = spectrum * along_rows(response, spectrum)
     estimate = jnp.fft.irfft(spectrum, extension.length)[..., : captured.shape[-1]]
+    # A filter would take the level of a row for detail in noise, and shrink it.
     return estimate + mean * jnp.asarray(gain, mean.dtype)

@@ -180,6 +180,8 @@ def log_power(tile: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "b k
     spectrum = _rfft2(deviation * window)[:, layout.along]
     power = np.abs(spectrum) ** 2 / np.sum(window**2)
     mean = np.stack([power[band].mean(axis=0) for band in layout.members])
+    # Powers at single frequencies are exponentially distributed, which makes the logarithm of the
+    # mean of so many too low by this.
     bias = digamma(layout.counts) - np.log(layout.counts)
     return np.log(mean.astype(np.float64) + 1e-30) - bias
 
@@ -189,6 +191,7 @@ def _power_through_window(
 ) -> Float[np.ndarray, "s k"]:
     """Power of each response, as the spectrum of a windowed row shows it."""
     leak = np.abs(np.fft.fft(_flat_window(columns))) ** 2
+    # The window moves power to few neighbours: six to either side have nearly all of it.
     leak = np.concatenate([leak[-6:], leak[:7]])
     power = np.abs(responses) ** 2
     power = np.concatenate([power[:, 6:0:-1], power, power[:, -2:-8:-1]], axis=1)
@@ -235,12 +238,14 @@ def _spectrum_energy(
     terms, num = layout.terms, len(statistics.mean)
     upper = np.triu_indices(num)
     pairs = terms[:, upper[0]] * terms[:, upper[1]]
+    # The logarithm of a mean of so many exponential powers has this variance.
     scatter = polygamma(1, layout.counts).astype(terms.dtype)
     target, power = observed.astype(terms.dtype), blur_power.astype(terms.dtype)[:, None]
     misfit, freedom = terms.dtype.type(statistics.misfit), terms.dtype.type(_FREEDOM)
 
     def fit(coefficients: np.ndarray, power: np.ndarray) -> tuple[np.ndarray, ...]:
         """Energies, curvatures and gradients at some coefficients."""
+        # On the way to a minimum coefficients may be such that single precision overflows.
         smooth = np.clip(coefficients.astype(terms.dtype) @ terms.T, -25, 15)
         signal = np.exp(smooth).reshape(-1, *target.shape) * power
         total = signal + terms.dtype.type(noise)
@@ -262,6 +267,7 @@ def _spectrum_energy(
             _, curvature, gradient = fit(coefficients, power)
             gradient = gradient - (coefficients - statistics.mean) @ statistics.precision
             step = np.linalg.solve(curvature, gradient[..., None])[..., 0]
+            # Far from the minimum the curvature says too little, and a whole step would overshoot.
             coefficients = coefficients + np.clip(step, -1.5, 1.5)
         return coefficients
 
@@ -270,6 +276,8 @@ def _spectrum_energy(
     energy, curvature, _ = fit(coefficients, power)
     deviation = coefficients - statistics.mean
     energy += np.einsum("si,ij,sj->s", deviation, statistics.precision, deviation) / 2
+    # Laplace's approximation integrates over the coefficients: a speed that a wide range of spectra
+    # explains is likelier.
     return energy + np.linalg.slogdet(curvature)[1] / 2, coefficients
 
 
@@ -290,6 +298,7 @@ def _phase_energy(
     octave = np.log2(np.maximum(np.fft.rfftfreq(columns), 1e-6))
     energy, counts = np.empty((len(_OCTAVES), len(phases))), np.empty(len(_OCTAVES))
     for index, (low, high) in enumerate(_OCTAVES):
+        # A sharp cut would ring about every edge.
         mask = 1 / (1 + np.exp(-8 * (octave - np.log2(low))))
         mask /= 1 + np.exp(8 * (octave - np.log2(high)))
         mask[0] = 0
@@ -300,6 +309,7 @@ def _phase_energy(
         if lines < rows:
             part = np.concatenate([part[: lines // 2], part[-(lines // 2) :]])
         power = np.abs(part) ** 2
+        # Their mean varies as that of so many equally strong waves.
         counts[index] = power.sum() ** 2 / max((power**2).sum(), 1e-300)
         for place, phase in enumerate(phases[:, :num_waves]):
             square = _irfft2(part * phase) ** 2
@@ -318,6 +328,7 @@ def energies(
     spectrum, coefficients = _spectrum_energy(observed, power, noise, layout, statistics)
     likeliest = coefficients[np.argmin(spectrum)]
     smooth = np.exp(np.clip(layout.terms @ likeliest, -25, 15)).reshape(observed.shape)
+    # One amplitude for all speeds: amplitudes of their own pick the speed worse.
     smooth = smooth * power.mean(axis=0)
     amplitude = np.zeros((rows, columns // 2 + 1), tile.dtype)
     for line, band in zip(np.sqrt(smooth) / (smooth + noise), layout.members, strict=True):
@@ -367,6 +378,7 @@ class Posterior(NamedTuple):
         least that of rounding to the steps.
         """
         distance = (self.speeds - self.speed) * np.where(self.near, self.width, 1.0)
+        # A speed anywhere within a step has this standard deviation.
         rounding = self.width * np.diff(self.speeds[:2]).sum() / np.sqrt(12)
         return max(float(np.sqrt(self.weights @ distance**2)), float(rounding))
 

@@ -56,6 +56,7 @@ def _regularised(
         transfer = along_rows(response, spectrum)
         power = transfer.real**2 + transfer.imag**2
         turns = np.fft.rfftfreq(extension.length)
+        # This is the squared response of the second difference.
         rough = along_rows(16 * np.sin(np.pi * turns) ** 4, rows)
         expected, scale = (jnp.asarray(v, rows.dtype) for v in (expected_power, gain))
         columns = extension.columns
@@ -66,6 +67,7 @@ def _regularised(
             total = power + penalty
             share = jnp.where(total > 0, penalty / jnp.where(total > 0, total, 1), 1)
             residual = jnp.fft.irfft(spectrum * share.astype(spectrum.dtype), extension.length)
+            # Continued pixels have no noise of their own, so that only recorded ones count.
             return jnp.mean(residual[:, :columns] ** 2) - expected
 
         total = power + jnp.exp(_root(excess, rows.dtype)) * rough

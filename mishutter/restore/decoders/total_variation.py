@@ -118,6 +118,8 @@ def _split(
         spectrum = _transformed(deviation + level - centre)
         filters = problem.data_filter, problem.curvature, problem.start
         data_filter, curvature, start = (along_rows(v, spectrum) for v in filters)
+        # Blur and differences are both diagonal in these transforms, which makes this half of a
+        # step exact.
         inverse = 1 / (curvature.real + jnp.asarray(turns + down[:, None], plane.dtype))
         data = spectrum * data_filter
 
