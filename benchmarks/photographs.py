@@ -17,6 +17,7 @@ from benchmarks import harness
 from benchmarks.scenes import scenes
 from mishutter.model import AbstractMotion, steady
 from mishutter.pictures.images import shipped_picture
+from mishutter.restore import restored_light
 
 PHOTOGRAPHS = {
     "astronaut.png": 100,
@@ -104,7 +105,7 @@ def levels(
         three = np.tile(light, 3)
         noise = random.normal(0, float(scene.read_noise), three.shape)
         captured = (random.poisson(three * electrons) + noise) / electrons
-        restored = np.asarray(ms.deconvolve(captured, seen, motion, shutter, model=model))
+        restored = np.asarray(restored_light(captured, ms.EnsembleDecoder(), model))
         errors.append(np.mean((restored[:, period : 2 * period] - truth) ** 2))
     promised = float(ms.evaluate(seen, motion, shutter).expected_psnr)
     return promised, float(-10 * np.log10(np.asarray(scene.weights) @ np.array(errors)))

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from mishutter.camera import read_frames as read_frames
     from mishutter.camera import read_layers as read_layers
     from mishutter.camera import simulate_capture as simulate_capture
+    from mishutter.design import Design as Design
     from mishutter.evaluation import AbstractLoss as AbstractLoss
     from mishutter.evaluation import DesignLoss as DesignLoss
     from mishutter.evaluation import ExpectedErrorLoss as ExpectedErrorLoss
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     from mishutter.evaluation import ceiling as ceiling
     from mishutter.evaluation import evaluate as evaluate
     from mishutter.evaluation import tolerance_costs as tolerance_costs
-    from mishutter.hardware import Design as Design
     from mishutter.hardware import Drive as Drive
     from mishutter.hardware import DriveTable as DriveTable
     from mishutter.hardware import FittedCamera as FittedCamera
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from mishutter.hardware import SensorLevels as SensorLevels
     from mishutter.hardware import TargetPicture as TargetPicture
     from mishutter.hardware import Trace as Trace
+    from mishutter.hardware import design_from_drive as design_from_drive
     from mishutter.hardware import drive_table as drive_table
     from mishutter.hardware import fit as fit
     from mishutter.hardware import measured_profile as measured_profile
@@ -140,6 +141,7 @@ _FOLDERS = (
     "model",
     "blur",
     "evaluation",
+    "design",
     "hardware",
     "search",
     "camera",
@@ -226,6 +228,7 @@ __all__ = [
     "compare",
     "condition_number",
     "deconvolve",
+    "design_from_drive",
     "drive_table",
     "estimate_speed",
     "evaluate",

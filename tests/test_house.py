@@ -17,8 +17,8 @@ FLOORS = [
     {"paper", "explore"},
     {"report"},
     {"sweeps", "restore"},
-    {"search"},
-    {"hardware", "camera"},
+    {"search", "hardware"},
+    {"design", "camera"},
     {"evaluation"},
     {"blur"},
     {"model"},
@@ -247,3 +247,12 @@ def test_public_names_are_documented():
             assert first.endswith((".", ":")), name
         else:
             assert any(f"\n{name} = " in text for text in TEXTS.values()), name
+
+
+def test_a_search_loads_no_laboratory():
+    """Drive formats, traces and calibration are for those who build, and a capture for pictures."""
+    loads = "import sys, mishutter.search; print(*sorted(sys.modules))"
+    run = subprocess.run([sys.executable, "-c", loads], capture_output=True, text=True, check=True)
+    loaded = [name for name in run.stdout.split() if name.startswith("mishutter.")]
+    assert "mishutter.design" in loaded
+    assert not [name for name in loaded if name.split(".")[1] in ("hardware", "camera", "restore")]

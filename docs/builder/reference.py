@@ -51,7 +51,8 @@ _FOLDERS = {
     "search": "Search",
     "camera": "Captures",
     "restore": "Restoration",
-    "hardware": "Designs as files, drive tables, traces and cameras as built",
+    "design": "Designs and their files",
+    "hardware": "Drive tables, traces and cameras as built",
     "sweeps": "Maps",
     "report": "Comparison and pictures",
 }

@@ -21,6 +21,7 @@ from mishutter.camera.layers import Layers as Layers
 from mishutter.camera.layers import is_layers_file as is_layers_file
 from mishutter.camera.layers import read_layers as read_layers
 from mishutter.camera.noise import fixed_key as fixed_key
+from mishutter.camera.rows import Planes as Planes
 from mishutter.camera.rows import along_rows as along_rows
 from mishutter.camera.rows import blur_length as blur_length
 from mishutter.camera.rows import blurred as blurred

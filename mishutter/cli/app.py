@@ -88,8 +88,8 @@ from mishutter.cli.plan_command import plan, plan_of_search, plan_text
 from mishutter.cli.sweep_command import sweep
 
 if TYPE_CHECKING:
+    from mishutter.design import Design
     from mishutter.evaluation import AbstractLoss
-    from mishutter.hardware import Design
     from mishutter.model import AbstractMotion, AbstractShutter, Scene
     from mishutter.report import Report
 
@@ -109,7 +109,7 @@ app = typer.Typer(
 
 def version_text() -> str:
     """The versions of the package, of JAX and its library, and of Python."""
-    from mishutter.hardware import package_version
+    from mishutter.design import package_version
 
     libraries = (f"{name} {version(name)}" for name in ("jax", "jaxlib"))
     return ", ".join((f"mishutter {package_version()}", *libraries, f"Python {python_version()}"))
@@ -273,7 +273,7 @@ def compare(
 ) -> None:
     """Compare shutters, saved designs, drive tables or traces with the baselines."""
     start_jax()
-    from mishutter.hardware import Design
+    from mishutter.design import Design
     from mishutter.model import named_shutter
     from mishutter.search import taken_names
 

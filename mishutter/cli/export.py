@@ -15,7 +15,8 @@ from mishutter.cli.laboratory import CeilingOption, FloorOption
 from mishutter.cli.options import JsonOption, OutOption, as_path
 
 if TYPE_CHECKING:
-    from mishutter.hardware import Design, DriveTable
+    from mishutter.design import Design
+    from mishutter.hardware import DriveTable
 
 
 class FormatName(Enum):
@@ -101,7 +102,8 @@ def export(
     if form in _BINARY and out is None and not json:
         raise ValueError(f"`--out` must be given for a binary file; got --format {form.value}.")
     start_jax()
-    from mishutter.hardware import Design, drive_bytes, drive_table
+    from mishutter.design import Design
+    from mishutter.hardware import drive_bytes, drive_table
 
     saved = Design.load(design)
     folder = None if out is None else writable_folder(out)

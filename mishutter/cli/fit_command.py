@@ -15,7 +15,8 @@ from mishutter.cli.laboratory import AS_DESIGNED, AS_DRIVEN
 from mishutter.cli.options import JsonOption, OutOption, as_path
 
 if TYPE_CHECKING:
-    from mishutter.hardware import Design, FittedCamera
+    from mishutter.design import Design
+    from mishutter.hardware import FittedCamera
     from mishutter.model import Scene
 
 AS_BUILT = "as built"
@@ -77,8 +78,9 @@ def fit(
 ) -> None:
     """Fit a camera as it was built, with error bars, and say what it is worth."""
     start_jax()
-    from mishutter.hardware import Design, for_a_fit, read_measurements
+    from mishutter.design import Design
     from mishutter.hardware import fit as fitted
+    from mishutter.hardware import for_a_fit, read_measurements
 
     saved = Design.load(design)
     records = read_measurements(measurements)
@@ -110,13 +112,14 @@ def _cameras(
     camera: "FittedCamera", saved: "Design", drive: Path | None, redesign: bool
 ) -> "dict[str, Design]":
     """The camera as designed, driven, built and re-designed, each behind the fitted lens."""
-    from mishutter.hardware import GIVEN, Design
+    from mishutter.design import GIVEN
+    from mishutter.hardware import design_from_drive
     from mishutter.search import optimise
 
     scene = camera.seen_through_lens(saved.scene)
     cameras = {AS_DESIGNED: replace(saved, scene=scene, loss_name=GIVEN)}
     if drive is not None:
-        cameras[AS_DRIVEN] = Design.from_drive(drive, scene, saved.motion)
+        cameras[AS_DRIVEN] = design_from_drive(drive, scene, saved.motion)
     cameras[AS_BUILT] = camera.design(saved.scene)
     if redesign:
         cameras[REDESIGNED] = optimise(scene, camera.motion, free="shutter")

@@ -12,7 +12,8 @@ from mishutter.cli.help import CAMERA
 from mishutter.cli.options import as_path
 
 if TYPE_CHECKING:
-    from mishutter.hardware import Design, MeasuredProfile, Trace
+    from mishutter.design import Design
+    from mishutter.hardware import MeasuredProfile, Trace
     from mishutter.model import AbstractMotion, Scene
 
 AS_DESIGNED = "as designed"
@@ -186,8 +187,9 @@ def note_other_device(path: Path, design: "Design", scene: "Scene") -> None:
 
 def cameras(scene: "Scene", files: CameraFiles) -> Cameras:
     """The camera as designed, as driven and as measured, each only if it has a file."""
+    from mishutter.design import GIVEN, Design, given_design
     from mishutter.evaluation import transmittance
-    from mishutter.hardware import GIVEN, Design, given_design
+    from mishutter.hardware import design_from_drive
 
     _require_table(files)
     designs: dict[str, Design] = {}
@@ -200,7 +202,7 @@ def cameras(scene: "Scene", files: CameraFiles) -> Cameras:
         designs[AS_DESIGNED] = replace(saved, scene=scene, shutter=profile, loss_name=GIVEN)
     half_exposure = None if files.half_exposure_ms is None else files.half_exposure_ms * 1e-3
     if files.drive is not None:
-        driven = Design.from_drive(
+        driven = design_from_drive(
             files.drive,
             scene,
             motion,

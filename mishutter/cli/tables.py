@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from mishutter.cli.console import print_table, print_text
 
 if TYPE_CHECKING:
-    from mishutter.hardware import Design
+    from mishutter.design import Design
     from mishutter.model import DecoderSpeed
     from mishutter.report import Report
     from mishutter.restore import RestoredPhotograph

@@ -8,6 +8,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import ArrayLike, Float, Shaped
 
+from mishutter.design import Design
 from mishutter.evaluation import (
     Metrics,
     SpectralLevels,
@@ -24,7 +25,6 @@ from mishutter.evaluation import (
     smear_difference_of,
     spectral_levels,
 )
-from mishutter.hardware import Design
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,

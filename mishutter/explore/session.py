@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from mishutter._core import Section, in_section, parsed, require, strict_json, validated
+from mishutter.design import Design
 from mishutter.evaluation import transmittance
 from mishutter.explore.answers import (
     OPTIMISED,
@@ -26,7 +27,6 @@ from mishutter.explore.answers import (
 )
 from mishutter.explore.fields import Tables, scene_text
 from mishutter.explore.pictures import Reader, reader, restored, uploaded
-from mishutter.hardware import Design
 from mishutter.model import (
     EXAMPLE_PICTURE,
     ChippedShutter,

@@ -1,4 +1,4 @@
-"""Designs in a laboratory: design files, drive tables, traces and calibration."""
+"""Designs in a laboratory: drive tables, traces and calibration."""
 
 from mishutter.hardware.calibration import Estimate as Estimate
 from mishutter.hardware.calibration import FittedCamera as FittedCamera
@@ -6,16 +6,8 @@ from mishutter.hardware.calibration import SensorLevels as SensorLevels
 from mishutter.hardware.calibration import TargetPicture as TargetPicture
 from mishutter.hardware.calibration import fit as fit
 from mishutter.hardware.calibration import read_measurements as read_measurements
-from mishutter.hardware.design import GIVEN as GIVEN
-from mishutter.hardware.design import Design as Design
-from mishutter.hardware.design import given_design as given_design
-from mishutter.hardware.design import metrics_to_dict as metrics_to_dict
-from mishutter.hardware.design import motion_to_dict as motion_to_dict
-from mishutter.hardware.design import package_version as package_version
-from mishutter.hardware.design import scene_to_dict as scene_to_dict
-from mishutter.hardware.design import shutter_from_dict as shutter_from_dict
-from mishutter.hardware.design import shutter_to_dict as shutter_to_dict
 from mishutter.hardware.drive import DriveTable as DriveTable
+from mishutter.hardware.drive import design_from_drive as design_from_drive
 from mishutter.hardware.drive import drive_table as drive_table
 from mishutter.hardware.drive_files import DRIVE_FORMATS as DRIVE_FORMATS
 from mishutter.hardware.drive_files import Drive as Drive

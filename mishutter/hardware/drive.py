@@ -20,6 +20,7 @@ from mishutter._core import (
     require_positive_int,
     write_bytes,
 )
+from mishutter.design import Design, given_design, metrics_to_dict, package_version
 from mishutter.evaluation import (
     Metrics,
     evaluate,
@@ -27,13 +28,15 @@ from mishutter.evaluation import (
     transmittance,
     without_tolerances,
 )
-from mishutter.hardware.design import Design, metrics_to_dict, package_version
-from mishutter.hardware.drive_files import MAX_STEPS, drive_bytes, require_levels
+from mishutter.hardware.drive_files import MAX_STEPS, drive_bytes, read_drive, require_levels
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
     ChippedShutter,
+    Scene,
     diffused,
+    is_known_zero,
+    require_scene,
     slot_means,
 )
 
@@ -277,7 +280,7 @@ def drive_table(
 
     Examples:
         >>> from mishutter import Design, HannShutter, drive_table, example_scene
-        >>> from mishutter.hardware import given_design
+        >>> from mishutter.design import given_design
         >>> scene = example_scene()
         >>> design = given_design(scene, scene.motion, HannShutter(), "Given.")
         >>> table = drive_table(design, num_steps=100)
@@ -311,3 +314,47 @@ def drive_table(
         transmittance=floor + (ceiling - floor) * level / (num_levels - 1),
         num_levels=num_levels,
     )
+
+
+def design_from_drive(
+    path: str | Path,
+    scene: Scene,
+    motion: AbstractMotion | None = None,
+    *,
+    half_exposure: float | None = None,
+    position_scale: float | None = None,
+    floor: float = 0.0,
+    ceiling: float = 1.0,
+    num_steps: int | None = None,
+) -> Design:
+    """The design that a drive table makes of a scene's camera; nothing is searched for.
+
+    Args:
+        path: A file of any of `DRIVE_FORMATS`.
+        scene: The scene that it is measured on.
+        motion: The motion that the table was made for; the scene's by default.
+        half_exposure: As in `read_drive`.
+        position_scale: As in `read_drive`.
+        floor: As in `read_drive`.
+        ceiling: As in `read_drive`.
+        num_steps: As in `read_drive`.
+
+    Raises:
+        ValueError: as `read_drive`.
+        OSError: if the file cannot be read.
+    """
+    require_scene(scene)
+    intended = scene.motion if motion is None else motion
+    drive = read_drive(
+        path,
+        scene.limits.of_stage(intended),
+        half_exposure=half_exposure,
+        position_scale=position_scale,
+        floor=floor,
+        ceiling=ceiling,
+        num_steps=num_steps,
+    )
+    actual = drive.motion
+    if scene.limits.pans == "camera" and not is_known_zero(intended.velocity):
+        actual = actual.panned(actual.velocity + intended.velocity)
+    return given_design(scene, actual, drive.shutter, f"Read from {Path(path).name}.")

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from mishutter._core import alone_in_blas, named, outside_trace, require, require_known
+from mishutter.design import Design, metrics_to_dict, motion_to_dict
 from mishutter.evaluation import (
     AbstractLoss,
     ToleranceCosts,
@@ -15,7 +16,6 @@ from mishutter.evaluation import (
     loss_of_decoder,
     tolerance_costs,
 )
-from mishutter.hardware import Design, metrics_to_dict, motion_to_dict
 from mishutter.model import AbstractMotion, AbstractShutter, Scene, require_scene
 from mishutter.report.tables import comparison_tables
 from mishutter.report.verdict import (

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mishutter._core import strict_json, write_text
-from mishutter.hardware import Design
+from mishutter.design import Design
 from mishutter.model import Scene, scene_picture
 from mishutter.report import plots
 from mishutter.report.backgrounds import (

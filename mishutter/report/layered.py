@@ -12,7 +12,7 @@ from mishutter.camera import Layer, Layers, fixed_key, simulate_capture
 from mishutter.model import AbstractMotion, AbstractShutter, Occlusion, Scene
 from mishutter.pictures import Axis, Picture, row_power_spectrum, turned
 from mishutter.report.restored import longest_kernel
-from mishutter.restore import blur_model, deconvolve, squared_error_in
+from mishutter.restore import EnsembleDecoder, blur_model, restored_light, squared_error_in
 from mishutter.search import Row
 
 _ROWS, _COLUMNS, _HEIGHT = 128, 336, 104
@@ -174,7 +174,7 @@ def _captured(
     recorded = np.asarray(
         simulate_capture(layers, scene, motion, shutter, key=fixed_key()), np.float64
     )
-    restored = np.asarray(deconvolve(recorded, scene, motion, shutter, model=model))
+    restored = np.asarray(restored_light(recorded, EnsembleDecoder(), model))
     speeds = np.array([layer.speed for layer in layers.layers], float)
     truth, matte = _placed(layers, np.asarray(motion.alignment(speeds)).tolist())
     time = np.linspace(-1, 1, _NUM_TIMES) * float(motion.half_exposure)

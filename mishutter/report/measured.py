@@ -3,13 +3,8 @@
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from mishutter.hardware import (
-    MeasuredProfile,
-    Trace,
-    given_design,
-    measured_profile,
-    span_of_shifts,
-)
+from mishutter.design import given_design
+from mishutter.hardware import MeasuredProfile, Trace, measured_profile, span_of_shifts
 from mishutter.model import Scene
 from mishutter.report.verdict import LEAST_SHOWN
 from mishutter.search import Row

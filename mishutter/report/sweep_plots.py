@@ -14,8 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mishutter._core import require, require_positive_int
-from mishutter.hardware import shutter_from_dict
-from mishutter.model import Scene, SplineShutter
+from mishutter.model import Scene, SplineShutter, shutter_from_dict
 from mishutter.report.plots import (
     MAP_COLOURS,
     Margins,

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-from mishutter.hardware import Design
+from mishutter.design import Design
 from mishutter.model import AbstractDevice, FirstOrderShutter, Scene, SplineShutter, command_of
 from mishutter.search import (
     BEST_SNAPSHOT,

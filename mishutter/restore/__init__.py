@@ -26,5 +26,6 @@ from mishutter.restore.restoration import deconvolve as deconvolve
 from mishutter.restore.restoration import least_columns as least_columns
 from mishutter.restore.restoration import restore_by_each as restore_by_each
 from mishutter.restore.restoration import restore_photograph as restore_photograph
+from mishutter.restore.restoration import restored_light as restored_light
 from mishutter.restore.simulation import Simulation as Simulation
 from mishutter.restore.simulation import capture_and_restore as capture_and_restore

@@ -22,6 +22,7 @@ from mishutter._core import (
     shape_of,
 )
 from mishutter.camera import (
+    Planes,
     as_pixels,
     as_radiance,
     blurred_at_speeds,
@@ -130,7 +131,6 @@ def deconvolve(
     shutter: AbstractShutter,
     *,
     decoder: AbstractDecoder | None = None,
-    model: BlurModel | None = None,
 ) -> Float[Array, "..."]:
     """Restore captured pictures by the speeds that may occur in them.
 
@@ -141,7 +141,6 @@ def deconvolve(
         motion: Motion of the sensor.
         shutter: Transmittance over the exposure.
         decoder: The method, whatever the scene says of decoders; the ensemble filter by default.
-        model: The result of `blur_model` for these, if it is at hand.
 
     Returns:
         Light of the picture, white = 1; the shape of `captured`. A moving object stays
@@ -169,12 +168,29 @@ def deconvolve(
     chosen = EnsembleDecoder() if decoder is None else decoder
     is_decoder = isinstance(chosen, AbstractDecoder)
     require(is_decoder, "deconvolve(decoder=...)", "be a decoder", decoder)
-    blur = blur_model(scene, motion, shutter) if model is None else model
-    has_light, subject = blur.electrons > 0, "deconvolve(scene=...)"
-    require(has_light, subject, "have a photon rate above 0 e-/s", blur.electrons)
-    distinct = distinct_colours(irradiance)
-    restored = channels_last(chosen.restore(as_float(rows_last(distinct)), blur), irradiance)
-    return as_float(turned(every_colour(restored, irradiance), scene.axis))
+    model = blur_model(scene, motion, shutter)
+    return as_float(turned(restored_light(irradiance, chosen, model), scene.axis))
+
+
+def restored_light(irradiance: Planes, decoder: AbstractDecoder, model: BlurModel) -> Planes:
+    """Light of a picture from its capture: the one road, by which every restoration goes.
+
+    Args:
+        irradiance: Captured light, which moved along its rows; shape `(rows, columns)` or
+            `(..., rows, columns, channels)`.
+        decoder: The method.
+        model: Blur, noise and the picture's statistics.
+
+    Returns:
+        Light of the picture, white = 1; the shape of `irradiance`.
+
+    Raises:
+        ValueError: if the model's scene has no light.
+    """
+    has_light, subject = model.electrons > 0, "deconvolve(scene=...)"
+    require(has_light, subject, "have a photon rate above 0 e-/s", model.electrons)
+    planes = as_float(rows_last(distinct_colours(irradiance)))
+    return every_colour(channels_last(decoder.restore(planes, model), irradiance), irradiance)
 
 
 def restore_photograph(
@@ -306,8 +322,7 @@ def restore_by_each(
             planes = rows_last(distinct_colours(capture))
             knowing = informed(methods, planes, models[index])
             estimates = [
-                np.asarray(deconvolve(capture, scene, motion, shutter, decoder=each, model=blur))
-                for each, blur, _ in knowing
+                np.asarray(restored_light(capture, each, blur)) for each, blur, _ in knowing
             ]
             if trial == 0:
                 of_speed = [each.estimate for each in knowing]

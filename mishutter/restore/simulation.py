@@ -29,7 +29,7 @@ from mishutter.restore.decoders import (
     blur_model,
 )
 from mishutter.restore.decoders.speed_finding import informed
-from mishutter.restore.restoration import deconvolve
+from mishutter.restore.restoration import restored_light
 
 Progress = Callable[[str, float], None]
 """Function that is called with a sentence about the work and the share of it that is done."""
@@ -156,7 +156,7 @@ def capture_and_restore(
         report("restoring", 0.5 + 0.5 * first / num_rows)
         above = min(first, beyond)
         part = captured[first - above : past + beyond]
-        rows = deconvolve(part, scene, motion, shutter, decoder=chosen, model=model)
+        rows = restored_light(part, chosen, model)
         restored[first:past] = rows[above : above + past - first]
     report("done", 1.0)
     return Simulation.of(turned(captured, axis), turned(restored, axis), estimate)

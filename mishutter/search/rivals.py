@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float, PyTree
 
 from mishutter._core import as_they_end, num_processors, once
+from mishutter.design import GIVEN, Design
 from mishutter.evaluation import (
     KNOWN_SPEED,
     AbstractLoss,
@@ -22,7 +23,6 @@ from mishutter.evaluation import (
     evaluate,
     transmittance,
 )
-from mishutter.hardware import GIVEN, Design
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,

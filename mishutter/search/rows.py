@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+from mishutter.design import Design
 from mishutter.evaluation import (
     KNOWN_SPEED,
     UNKNOWN_SPEED,
@@ -12,7 +13,6 @@ from mishutter.evaluation import (
     SpeedKnowledge,
     knowledge_of,
 )
-from mishutter.hardware import Design
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,

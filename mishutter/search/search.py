@@ -22,6 +22,7 @@ from mishutter._core import (
     require_positive_int,
     require_seed,
 )
+from mishutter.design import Design
 from mishutter.evaluation import (
     AbstractLoss,
     LossFunction,
@@ -32,7 +33,6 @@ from mishutter.evaluation import (
     transmittance,
     value_of,
 )
-from mishutter.hardware import Design
 from mishutter.model import (
     AbstractDevice,
     AbstractMotion,

@@ -14,7 +14,7 @@ import equinox as eqx
 import jax
 
 from mishutter._core import Unquoted, require
-from mishutter.hardware import package_version
+from mishutter.design import package_version
 from mishutter.sweeps.blocks import Arrays, Engine
 from mishutter.sweeps.grid import Block, Grid
 from mishutter.sweeps.store import AbstractBlocks, StoredBlocks

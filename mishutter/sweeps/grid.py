@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Float, UInt
 
 from mishutter._core import RowLike, common_dtype, describe, require, shape_of
+from mishutter.design import package_version, scene_to_dict
 from mishutter.evaluation import METRICS, AbstractLoss, SpeedKnowledge, knowledge_of
-from mishutter.hardware import package_version, scene_to_dict, shutter_to_dict
 from mishutter.model import (
     AbstractShutter,
     LinearMotion,
@@ -22,6 +22,7 @@ from mishutter.model import (
     SplineShutter,
     as_decoder_speed,
     seen_from,
+    shutter_to_dict,
 )
 from mishutter.search import without_pan
 

@@ -46,7 +46,7 @@ from mishutter.cli import app
 
 # The face is `main` alone, which never waits long enough without a bar to say so.
 from mishutter.cli.console import working
-from mishutter.hardware import Design
+from mishutter.design import Design
 from mishutter.pictures import write_picture
 
 

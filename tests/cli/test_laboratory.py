@@ -32,7 +32,7 @@ from mishutter import (
 # A comparison searches for minutes; the tests read what it would be given.
 from mishutter.cli import app
 from mishutter.cli.laboratory import note_other_device
-from mishutter.hardware import GIVEN, given_design
+from mishutter.design import GIVEN, given_design
 from mishutter.model import seen_from
 from mishutter.search import is_finished
 

@@ -22,7 +22,7 @@ from support.rows import verdict
 import mishutter as ms
 from mishutter import cli
 from mishutter.cli.app import app
-from mishutter.hardware import given_design
+from mishutter.design import given_design
 
 
 class ReachedError(Exception):
@@ -76,7 +76,7 @@ SEARCH, COMPARE = "mishutter.search.optimise", "mishutter.report.compare"
 SWEEP, PLAN = "mishutter.sweeps.sweep", "mishutter.search.plan"
 CAPTURE, EXPLORE = "mishutter.restore.capture_and_restore", "mishutter.explore.serve"
 TABLE, FIT = "mishutter.hardware.drive_table", "mishutter.hardware.fit"
-READ_DRIVE, READ_TRACE = "mishutter.hardware.Design.from_drive", "mishutter.hardware.read_trace"
+READ_DRIVE, READ_TRACE = "mishutter.hardware.design_from_drive", "mishutter.hardware.read_trace"
 PROFILE, READ_PICTURE = "mishutter.hardware.measured_profile", "mishutter.pictures.read_picture"
 PHOTOGRAPHS, BACKGROUNDS = "mishutter.report.photographs", "mishutter.report.background_gains"
 

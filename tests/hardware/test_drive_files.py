@@ -14,7 +14,6 @@ from support.drive import a_design
 
 from mishutter import (
     ChippedShutter,
-    Design,
     IdealShutter,
     ParabolicMotion,
     Scene,
@@ -23,7 +22,7 @@ from mishutter import (
     evaluate,
     read_drive,
 )
-from mishutter.hardware import DRIVE_FORMATS, DriveWarning
+from mishutter.hardware import DRIVE_FORMATS, DriveWarning, design_from_drive
 
 PANNING = MOTION.panned(-713.0)
 OTHER = ParabolicMotion(acceleration=3.7e4, half_exposure=MOTION.half_exposure, velocity=55.0)
@@ -181,7 +180,7 @@ def test_a_rigol_file_that_is_filled_up_is_read_by_its_steps(length, tmp_path):
         read_drive(path, MOTION)
     found = read_drive(path, MOTION, num_steps=6, **LEVELS).shutter.transmittances
     np.testing.assert_allclose(found, 0.02 + 0.83 * profile / 16383, rtol=1e-12)
-    design = Design.from_drive(path, SCENE, MOTION, num_steps=6)
+    design = design_from_drive(path, SCENE, MOTION, num_steps=6)
     np.testing.assert_allclose(design.shutter.transmittances, profile / 16383, rtol=1e-12)
     with pytest.raises(ValueError, match="hold zeros alone after 4 steps; got 1 other words"):
         read_drive(path, MOTION, num_steps=4)
@@ -225,7 +224,7 @@ def test_a_table_edited_by_hand_is_taken_as_it_is(tmp_path):
     """Columns that are not needed may go, and a transmittance that changed is what is sent."""
     path = tmp_path / "mine.csv"
     path.write_text("begin,transmittance\nms,1\n-15,0.25\n-5,1\n5,0.125\n")
-    found = Design.from_drive(path, SCENE, MOTION)
+    found = design_from_drive(path, SCENE, MOTION)
     assert np.asarray(found.command.transmittances).tolist() == [0.25, 1, 0.125]
     assert float(found.motion.half_exposure) == pytest.approx(0.015)
     assert float(found.motion.acceleration) == float(MOTION.acceleration)
@@ -286,7 +285,7 @@ def test_a_drive_that_never_closes_is_said(slug, tmp_path):
             found = read_drive(tmp_path / name, MOTION).shutter
         np.testing.assert_allclose(found.transmittances, (drives + 1) / 2, rtol=1e-12)
         with pytest.warns(DriveWarning, match=least):
-            Design.from_drive(tmp_path / name, SCENE, MOTION)
+            design_from_drive(tmp_path / name, SCENE, MOTION)
 
 
 def test_a_shutter_that_stays_open_or_closes_is_not_doubted(tmp_path):
@@ -302,7 +301,7 @@ def test_what_is_driven_through_a_device_loses_its_light(tmp_path):
     scene = replace_device(IdealShutter(transmission=0.4, leakage=0.03))
     path = tmp_path / "mine.csv"
     path.write_text("begin,transmittance\nms,1\n-10,0\n0,1\n")
-    found = Design.from_drive(path, scene, MOTION)
+    found = design_from_drive(path, scene, MOTION)
     assert float(found.shutter.efficiency()) == pytest.approx(0.4 * (0.03 + 0.97 * 0.5))
     assert np.asarray(found.command.transmittances).tolist() == [0, 1]
 

@@ -40,7 +40,7 @@ from mishutter import (
     evaluate,
     fit,
 )
-from mishutter.hardware import GIVEN
+from mishutter.design import GIVEN
 
 # The starts of a fit, of which it returns the end of the best.
 from mishutter.hardware.calibration.likelihood import Setting

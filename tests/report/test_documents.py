@@ -29,8 +29,8 @@ from mishutter import (
 # Tables of the terminal, whose folder's face is `main` alone; a command would search for minutes.
 from mishutter.cli import app
 from mishutter.cli.tables import print_comparison, print_photographs
+from mishutter.design import given_design
 from mishutter.evaluation import SPEED_KNOWLEDGE
-from mishutter.hardware import given_design
 from mishutter.pictures import write_picture
 from mishutter.report import (
     BackgroundGain,

@@ -5,7 +5,8 @@ import pytest
 from support.designs import MOTION, SCENE
 
 from mishutter import HannShutter, SplineShutter, Trace, evaluate, measured_profile
-from mishutter.hardware import given_design, span_of_shifts
+from mishutter.design import given_design
+from mishutter.hardware import span_of_shifts
 from mishutter.report import MeasuredCamera, measured_camera
 from mishutter.search import OWN_BEST_MOTION, Row
 

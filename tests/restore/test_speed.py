@@ -18,6 +18,7 @@ from mishutter import cli
 
 # Speeds that are tried and the model at one of them; a decoder returns only its estimate.
 from mishutter.evaluation import SPEED_KNOWLEDGE
+from mishutter.restore import restored_light
 from mishutter.restore.decoders.speed import Posterior, speeds_to_try
 from mishutter.restore.decoders.speed_finding import at_speed
 
@@ -217,7 +218,7 @@ def test_the_decoder_restores_by_the_speed():
     told = known.bare(speeds=np.array([found.speed]), weights=np.ones(1))
     num_taps = at_speed(ms.blur_model(*given), found).num_taps
     model = ms.blur_model(told, motion, OPEN, least_taps=num_taps)
-    again = ms.deconvolve(seen, told, motion, OPEN, decoder=inner, model=model)
+    again = restored_light(seen, inner, model)
     np.testing.assert_allclose(restored, again, atol=1e-9)
     untold = np.asarray(ms.deconvolve(seen, *given, decoder=inner))
     levels = [ms.psnr(picture[:, SEEN], light) for light in (restored, untold)]

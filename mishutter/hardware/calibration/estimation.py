@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mishutter._core import Unquoted, as_float, fields_text, require, require_positive_int
+from mishutter.design import Design, given_design
 from mishutter.hardware.calibration.likelihood import (
     Setting,
     Solution,
@@ -19,7 +20,6 @@ from mishutter.hardware.calibration.likelihood import (
 )
 from mishutter.hardware.calibration.measurements import Measurements, SensorLevels, TargetPicture
 from mishutter.hardware.calibration.uncertainty import WIDEST, ErrorBars, error_bars
-from mishutter.hardware.design import Design, given_design
 from mishutter.hardware.traces import TraceLike, as_trace
 from mishutter.model import (
     AbstractMotion,

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from mishutter._core import contents, parsed, require, shown, strict_json, validated, write_text
+from mishutter.design.schema import FORMAT, SAVED_SCENE, SavedDesign, SavedMotion
 from mishutter.evaluation import (
     KNOWN_SPEED,
     UNKNOWN_SPEED,
@@ -19,8 +20,6 @@ from mishutter.evaluation import (
     knowledge_of_saved,
     transmittance,
 )
-from mishutter.hardware.design_schema import FORMAT, SAVED_SCENE, SavedDesign, SavedMotion
-from mishutter.hardware.drive_files import read_drive
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
@@ -28,9 +27,7 @@ from mishutter.model import (
     ParabolicMotion,
     Scene,
     command_of,
-    is_known_zero,
     profile_of,
-    require_scene,
     shutter_from_dict,
     shutter_to_dict,
 )
@@ -175,50 +172,6 @@ class Design:
             return _built(file)
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from None
-
-    @staticmethod
-    def from_drive(
-        path: str | Path,
-        scene: Scene,
-        motion: AbstractMotion | None = None,
-        *,
-        half_exposure: float | None = None,
-        position_scale: float | None = None,
-        floor: float = 0.0,
-        ceiling: float = 1.0,
-        num_steps: int | None = None,
-    ) -> "Design":
-        """The design that a drive table makes of a scene's camera; nothing is searched for.
-
-        Args:
-            path: A file of any of `DRIVE_FORMATS`.
-            scene: The scene that it is measured on.
-            motion: The motion that the table was made for; the scene's by default.
-            half_exposure: As in `read_drive`.
-            position_scale: As in `read_drive`.
-            floor: As in `read_drive`.
-            ceiling: As in `read_drive`.
-            num_steps: As in `read_drive`.
-
-        Raises:
-            ValueError: as `read_drive`.
-            OSError: if the file cannot be read.
-        """
-        require_scene(scene)
-        intended = scene.motion if motion is None else motion
-        drive = read_drive(
-            path,
-            scene.limits.of_stage(intended),
-            half_exposure=half_exposure,
-            position_scale=position_scale,
-            floor=floor,
-            ceiling=ceiling,
-            num_steps=num_steps,
-        )
-        actual = drive.motion
-        if scene.limits.pans == "camera" and not is_known_zero(intended.velocity):
-            actual = actual.panned(actual.velocity + intended.velocity)
-        return given_design(scene, actual, drive.shutter, f"Read from {Path(path).name}.")
 
     def write_profile(self, path: str | Path) -> None:
         """Write the profile as CSV with a line of units: time, normalised time, transmittance.

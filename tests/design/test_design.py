@@ -37,7 +37,8 @@ from mishutter import (
     drive_table,
 )
 from mishutter._core import strict_json
-from mishutter.hardware import given_design, motion_to_dict, shutter_from_dict, shutter_to_dict
+from mishutter.design import given_design, motion_to_dict
+from mishutter.model import shutter_from_dict, shutter_to_dict
 
 SHUTTERS = {
     "rect": RectShutter(),
