@@ -10,14 +10,13 @@ between frames and to objects that are hidden in some frames do not count.
 import math
 from typing import Any, NamedTuple
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from mishutter._core import compiled, outside_trace, require_known
 from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.errors import known_speed_squared_error
+from mishutter.evaluation.frames import added_up
 from mishutter.evaluation.needs import ONLY_SPECTRA, Plan, sizes
 from mishutter.evaluation.response import Response, respond
 from mishutter.evaluation.views import sampled_view
@@ -75,7 +74,7 @@ def best_burst(scene: Scene) -> BurstOfFrames | None:
         longest_frame = min(most, longest - before_last)
         if longest_frame < shortest:
             break
-        added, velocity = _added_up(scene, count), _pan(scene, before_last + longest_frame)
+        added, velocity = added_up(scene, count), _pan(scene, before_last + longest_frame)
         plan = sizes(scene, LinearMotion(half_exposure=longest_frame / 2, velocity=velocity))
 
         def error(
@@ -115,16 +114,6 @@ def _pan(scene: Scene, duration: float) -> Float[np.ndarray, ""]:
         most = min(most, float(limits.max_stroke) / duration)
     middle = sum(float(speed) for speed in scene.speed_range) / 2
     return np.asarray(np.clip(middle, -most, most), scene.speeds.dtype)
-
-
-def _added_up(scene: Scene, num_frames: int) -> Scene:
-    """The scene with the light and the read noise of all frames together."""
-    levels = scene.photon_rate * num_frames, scene.read_noise * math.sqrt(num_frames)
-    return eqx.tree_at(
-        lambda s: (s.photon_rate, s.read_noise),
-        scene.bare(),
-        tuple(jnp.asarray(x, scene.speeds.dtype) for x in levels),
-    )
 
 
 def _error(scene: Scene, motion: AbstractMotion, plan: Plan) -> float:

@@ -3,6 +3,7 @@
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
 
+from collections.abc import Sequence
 from functools import cached_property
 from typing import NamedTuple, final
 
@@ -144,9 +145,14 @@ class LinearErrors:
         return self._every.lost
 
     @property
+    def lost_known_by_speed(self) -> Float[Array, "n k"]:
+        """Share of the power that the filter of each speed loses at each frequency."""
+        return self._each.lost
+
+    @property
     def lost_known(self) -> Float[Array, "k"]:
         """Share of the power that is lost at each frequency by filters that know the speed."""
-        each = self._each.lost
+        each = self.lost_known_by_speed
         return jnp.sum(self.scene.weights.astype(each.dtype)[:, None] * each, axis=0)
 
     @cached_property
@@ -167,7 +173,7 @@ class LinearErrors:
     @cached_property
     def known_by_speed(self) -> Float[Array, "n"]:
         """The squared error at each speed of the filter that knows it."""
-        return _squared_error(self._each.lost, self.power)
+        return _squared_error(self.lost_known_by_speed, self.power)
 
     def worst(self, errors: Float[Array, "n"]) -> Float[Array, ""]:
         """The largest of the errors at the speeds that occur."""
@@ -207,6 +213,31 @@ def known_speed_squared_error(
     this.
     """
     return LinearErrors(scene, motion, response, num_frequencies).known
+
+
+def known_speed_errors_of_frames(
+    frames: Sequence[LinearErrors], num_each: Float[Array | np.ndarray, "f"], num_speeds: int
+) -> Float[Array, "n"]:
+    r"""Squared error at each speed of the best linear decoder of several frames.
+
+    A decoder that knows the speed restores one picture from all frames, whose noise is independent.
+    Frame $k$ alone leaves $1/L_k = 1 + S|H_k|^2/N_k$ of the power, and all of them
+    $1/L = 1 + \sum_k (1/L_k - 1)$.
+
+    Args:
+        frames: Errors of single frames of the same picture, on the same grid of frequencies. Each
+            holds the speeds once or several times, one after the other: those relative to a sensor
+            at several velocities.
+        num_each: Number of frames of each kind.
+        num_speeds: Number of speeds.
+    """
+    power = frames[0].power
+    gained = jnp.zeros(())
+    for each, count in zip(frames, num_each, strict=True):
+        lost = each.lost_known_by_speed
+        of_each = (1 / lost - 1).reshape(-1, num_speeds, lost.shape[-1])
+        gained = gained + count * jnp.sum(of_each, axis=0)
+    return _squared_error(1 / (1 + gained), power)
 
 
 def squared_errors_by_speed(
