@@ -299,7 +299,7 @@ def _exposed(
         of_each = (sizes(own, each.motion) for own, each in zip(seen, frames, strict=True))
         plan = reduce(larger, of_each)
     views = [
-        sampled_view(own, each.motion, RectShutter(), plan, ONLY_SPECTRA)
+        sampled_view(own, each.motion, RectShutter(), ONLY_SPECTRA, plan)
         for own, each in zip(seen, frames, strict=True)
     ]
     num_each = np.array([each.num_each for each in frames], scene.speeds.dtype)
@@ -316,7 +316,9 @@ def _seen_by(scene: Scene, frames: Frames) -> Scene:
 
 @compiled
 def _mean_error(
-    weights: Float[Array, "n"], exposed: tuple[_Exposed, ...], num_each: Float[Array, "f"]
+    weights: Float[Array, "n"],
+    exposed: tuple[_Exposed, ...],
+    num_each: Float[Array | np.ndarray, "f"],
 ) -> Float[Array, ""]:
     """Mean over the speeds of the squared error of the decoder."""
     frames = [LinearErrors(*each) for each in exposed]
