@@ -17,7 +17,7 @@ from benchmarks import harness
 from benchmarks.scenes import scenes
 from mishutter.model import AbstractMotion, steady
 from mishutter.pictures.images import shipped_picture
-from mishutter.restore import restored_light
+from mishutter.restore import blur_model, restored_light
 
 PHOTOGRAPHS = {
     "astronaut.png": 100,
@@ -94,7 +94,7 @@ def levels(
 ) -> tuple[float, float]:
     """PSNR that is promised for pictures like this one, and that of `deconvolve`; dB."""
     seen, period = scene_of(rows, scene), rows.shape[1]
-    model = ms.blur_model(seen, motion, shutter)
+    model = blur_model(seen, motion, shutter)
     random, errors = np.random.default_rng(0), []
     electrons = float(scene.photon_rate) * float(motion.exposure)
     turns = np.arange(period // 2 + 1) / period

@@ -14,6 +14,7 @@ from skimage.restoration import richardson_lucy
 import mishutter as ms
 from benchmarks import harness
 from mishutter.camera.capture import captured_columns
+from mishutter.restore import blur_model
 
 SIDE, ITERATIONS, REPEATS = 1536, 30, 7
 HALF_EXPOSURE, STROKE, READ_NOISE = 0.01, 45.0, 4.0
@@ -92,7 +93,7 @@ def same_quality(photon_rate: float) -> list[dict]:
     key = jax.random.key(1)
     captured = ms.simulate_capture(whole, scene, motion, shutter, border="scene", key=key)
     truth = whole[:, captured_columns(motion, 0.0, whole.shape[1])]
-    model = ms.blur_model(scene, motion, shutter)
+    model = blur_model(scene, motion, shutter)
     taps = np.maximum(ms.centred_kernel(motion, shutter), 0)
     taps = (taps / taps.sum()).astype(np.float32)
     light = np.asarray(captured) / np.float32(model.efficiency)

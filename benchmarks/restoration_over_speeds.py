@@ -14,6 +14,7 @@ from benchmarks import harness
 from benchmarks.photographs import PHOTOGRAPHS
 from benchmarks.scenes import scenes
 from mishutter.pictures.images import shipped_picture
+from mishutter.restore import blur_model
 from mishutter.restore.decoders.base import BlurModel
 
 SCENES = {"built-in": 0, "night": 1, "daylight": 2, "slow": 4}
@@ -81,7 +82,7 @@ def measured(scene: ms.Scene, design: ms.Design, name: str) -> list[dict]:
         **own,
     )
     camera = design.motion, design.command
-    model, rows = ms.blur_model(known, *camera), []
+    model, rows = blur_model(known, *camera), []
     speeds = [float(speed) for speed in scene.speeds if speed >= 0]
     for speed in speeds if name == PORTRAIT else (speeds[0], speeds[-1]):
         captured = ms.simulate_capture(light, known, *camera, speed=speed, key=jax.random.key(3))

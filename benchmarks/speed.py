@@ -24,9 +24,11 @@ from scipy.special import polygamma
 import mishutter as ms
 from benchmarks import harness
 from mishutter.model import AbstractMotion
+from mishutter.restore import blur_model
 from mishutter.restore.decoders import speed as estimator
 from mishutter.restore.decoders.speed import Energies, Prior
 from mishutter.restore.decoders.speed_finding import at_speed
+from mishutter.sweeps import best_snapshots
 
 SHIPPED = {
     "skimage/data": (
@@ -129,7 +131,7 @@ def camera(name: str) -> Camera:
         )
     scene = ms.example_scene()
     if name == "best snapshot":
-        best = ms.best_snapshots(scene)
+        best = best_snapshots(scene)
         still = ms.StillCamera(half_exposure=float(best.half_exposure.item()))
         return Camera(still, ms.RectShutter())
     with jax.enable_x64(True):
@@ -189,7 +191,7 @@ class Trial(NamedTuple):
 
 def evidence(chosen: dict[str, np.ndarray], seen: Camera, known: Prior) -> list[Trial]:
     """The evidence of captures of some photographs at all speeds."""
-    model = ms.blur_model(ms.example_scene(), *seen)
+    model = blur_model(ms.example_scene(), *seen)
     tried, reach = estimator.speeds_to_try(model)
     found = []
     for name, speed, _, capture in captures(chosen, seen):
@@ -328,7 +330,7 @@ HALVES = ("report", "fit")
 def restored(name: str, seed: int, which: str) -> list[dict]:
     """Levels of each photograph of a half by one camera and every decoder; dB, linear light."""
     seen, scene, chosen = camera(name), ms.example_scene(), half(which)
-    model = ms.blur_model(scene, *seen)
+    model = blur_model(scene, *seen)
     expected = float(ms.evaluate(scene, *seen).found_speed_psnr)
     errors: dict[tuple[str, str, str], list[float]] = {}
     estimates = []

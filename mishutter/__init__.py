@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from mishutter.camera import read_layers as read_layers
     from mishutter.camera import simulate_capture as simulate_capture
     from mishutter.design import Design as Design
+    from mishutter.design import Outcome as Outcome
     from mishutter.evaluation import AbstractLoss as AbstractLoss
+    from mishutter.evaluation import AbstractResponseLoss as AbstractResponseLoss
     from mishutter.evaluation import DesignLoss as DesignLoss
     from mishutter.evaluation import ExpectedErrorLoss as ExpectedErrorLoss
     from mishutter.evaluation import FoundSpeedLoss as FoundSpeedLoss
     from mishutter.evaluation import KnownSpeedLoss as KnownSpeedLoss
     from mishutter.evaluation import Metrics as Metrics
-    from mishutter.evaluation import ToleranceCost as ToleranceCost
-    from mishutter.evaluation import ToleranceCosts as ToleranceCosts
     from mishutter.evaluation import WorstSpeedLoss as WorstSpeedLoss
     from mishutter.evaluation import ceiling as ceiling
     from mishutter.evaluation import evaluate as evaluate
@@ -34,10 +34,8 @@ if TYPE_CHECKING:
     from mishutter.hardware import Drive as Drive
     from mishutter.hardware import DriveTable as DriveTable
     from mishutter.hardware import FittedCamera as FittedCamera
-    from mishutter.hardware import MeasuredProfile as MeasuredProfile
     from mishutter.hardware import SensorLevels as SensorLevels
     from mishutter.hardware import TargetPicture as TargetPicture
-    from mishutter.hardware import Trace as Trace
     from mishutter.hardware import design_from_drive as design_from_drive
     from mishutter.hardware import drive_table as drive_table
     from mishutter.hardware import fit as fit
@@ -46,8 +44,6 @@ if TYPE_CHECKING:
     from mishutter.hardware import read_measurements as read_measurements
     from mishutter.hardware import read_trace as read_trace
     from mishutter.model import RASKAR_CODE as RASKAR_CODE
-    from mishutter.model import AbstractAdjustableShutter as AbstractAdjustableShutter
-    from mishutter.model import AbstractDevice as AbstractDevice
     from mishutter.model import AbstractPiecewiseShutter as AbstractPiecewiseShutter
     from mishutter.model import AbstractShutter as AbstractShutter
     from mishutter.model import Burst as Burst
@@ -65,7 +61,6 @@ if TYPE_CHECKING:
     from mishutter.model import Scene as Scene
     from mishutter.model import SecondOrderStage as SecondOrderStage
     from mishutter.model import SplineShutter as SplineShutter
-    from mishutter.model import StagePath as StagePath
     from mishutter.model import StillCamera as StillCamera
     from mishutter.model import SwitchedShutter as SwitchedShutter
     from mishutter.model import Tolerances as Tolerances
@@ -87,32 +82,23 @@ if TYPE_CHECKING:
     from mishutter.restore import BlurModel as BlurModel
     from mishutter.restore import EnsembleDecoder as EnsembleDecoder
     from mishutter.restore import PlugAndPlayDecoder as PlugAndPlayDecoder
-    from mishutter.restore import Quality as Quality
-    from mishutter.restore import RestoredPhotograph as RestoredPhotograph
     from mishutter.restore import RichardsonLucyDecoder as RichardsonLucyDecoder
-    from mishutter.restore import Simulation as Simulation
     from mishutter.restore import SpeedEstimate as SpeedEstimate
     from mishutter.restore import SpeedFindingDecoder as SpeedFindingDecoder
     from mishutter.restore import TikhonovDecoder as TikhonovDecoder
     from mishutter.restore import TotalVariationDecoder as TotalVariationDecoder
     from mishutter.restore import WienerDecoder as WienerDecoder
-    from mishutter.restore import blur_model as blur_model
     from mishutter.restore import capture_and_restore as capture_and_restore
     from mishutter.restore import deconvolve as deconvolve
     from mishutter.restore import estimate_speed as estimate_speed
-    from mishutter.restore import ghost_energy as ghost_energy
-    from mishutter.restore import measure_quality as measure_quality
     from mishutter.restore import psnr as psnr
     from mishutter.restore import restore_photograph as restore_photograph
     from mishutter.restore import richardson_lucy as richardson_lucy
-    from mishutter.restore import ssim as ssim
     from mishutter.search import NonFiniteLossError as NonFiniteLossError
-    from mishutter.search import Outcome as Outcome
     from mishutter.search import SearchFailedError as SearchFailedError
     from mishutter.search import optimise as optimise
     from mishutter.search import starting_shutter as starting_shutter
     from mishutter.sweeps import best_points as best_points
-    from mishutter.sweeps import best_snapshots as best_snapshots
     from mishutter.sweeps import gain_over as gain_over
     from mishutter.sweeps import gain_over_snapshot as gain_over_snapshot
     from mishutter.sweeps import light_map as light_map
@@ -153,11 +139,10 @@ _FOLDERS = (
 
 __all__ = [
     "RASKAR_CODE",
-    "AbstractAdjustableShutter",
     "AbstractDecoder",
-    "AbstractDevice",
     "AbstractLoss",
     "AbstractPiecewiseShutter",
+    "AbstractResponseLoss",
     "AbstractShutter",
     "BlurModel",
     "Burst",
@@ -182,7 +167,6 @@ __all__ = [
     "Layers",
     "Limits",
     "LinearMotion",
-    "MeasuredProfile",
     "Metrics",
     "NonFiniteLossError",
     "Occlusion",
@@ -190,38 +174,29 @@ __all__ = [
     "ParabolicMotion",
     "Picture",
     "PlugAndPlayDecoder",
-    "Quality",
     "RectShutter",
-    "RestoredPhotograph",
     "RichardsonLucyDecoder",
     "Scene",
     "SearchFailedError",
     "SecondOrderStage",
     "SensorLevels",
-    "Simulation",
     "SpeedEstimate",
     "SpeedFindingDecoder",
     "SplineShutter",
-    "StagePath",
     "StillCamera",
     "SwitchedShutter",
     "TargetPicture",
     "TikhonovDecoder",
-    "ToleranceCost",
-    "ToleranceCosts",
     "Tolerances",
     "TotalVariationDecoder",
-    "Trace",
     "TriangleShutter",
     "TukeyShutter",
     "WienerDecoder",
     "WorstSpeedLoss",
     "baselines",
     "best_points",
-    "best_snapshots",
     "binned_exposure",
     "blur_kernel",
-    "blur_model",
     "capture_and_restore",
     "ceiling",
     "centred_kernel",
@@ -237,9 +212,7 @@ __all__ = [
     "fit",
     "gain_over",
     "gain_over_snapshot",
-    "ghost_energy",
     "light_map",
-    "measure_quality",
     "measured_profile",
     "optimise",
     "pareto_front",
@@ -256,7 +229,6 @@ __all__ = [
     "richardson_lucy",
     "row_power_spectrum",
     "simulate_capture",
-    "ssim",
     "stage_path",
     "starting_shutter",
     "sweep",

@@ -256,3 +256,10 @@ def test_a_search_loads_no_laboratory():
     loaded = [name for name in run.stdout.split() if name.startswith("mishutter.")]
     assert "mishutter.design" in loaded
     assert not [name for name in loaded if name.split(".")[1] in ("hardware", "camera", "restore")]
+
+
+def test_the_help_of_the_main_function_fits_a_screen():
+    """60 lines hold the arguments of `optimise`, and what it does with them."""
+    run = "import mishutter; help(mishutter.optimise)"
+    page = subprocess.run([sys.executable, "-c", run], capture_output=True, text=True, check=True)
+    assert len(page.stdout.splitlines()) <= 60

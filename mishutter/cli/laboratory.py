@@ -217,8 +217,8 @@ def cameras(scene: "Scene", files: CameraFiles) -> Cameras:
     if files.measured is None:
         return Cameras(designs)
     trace, profile = _measured(motion, files, files.measured)
-    outcome = f"Measured by {files.measured.name}."
-    camera = given_design(scene, motion, profile.shutter, outcome, is_measured=True)
+    origin = f"Measured by {files.measured.name}."
+    camera = given_design(scene, motion, profile.shutter, origin, is_measured=True)
     return Cameras(designs | {AS_MEASURED: camera}, trace, profile)
 
 

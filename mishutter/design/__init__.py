@@ -2,6 +2,7 @@
 
 from mishutter.design.design import GIVEN as GIVEN
 from mishutter.design.design import Design as Design
+from mishutter.design.design import Outcome as Outcome
 from mishutter.design.design import given_design as given_design
 from mishutter.design.design import metrics_to_dict as metrics_to_dict
 from mishutter.design.design import motion_to_dict as motion_to_dict

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import dataclass, fields
+from enum import StrEnum
 from functools import cached_property
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -37,6 +38,15 @@ GIVEN = "none: the camera is given"
 """The name of the loss of a design that no search has found, and none tunes."""
 
 
+class Outcome(StrEnum):
+    """The end of a search: each is a sentence, and can be compared."""
+
+    CONVERGED = "The search converged: the projected gradient is below its tolerance."
+    STEPS_USED = "The search used up its steps before the projected gradient fell below tolerance."
+    STALLED = "The search stopped where no step lowered the loss, short of its tolerance."
+    GIVEN = "The camera is given, and was not searched for."
+
+
 @dataclass(frozen=True)
 class Design:
     """A shutter and a motion, their quality, and the search that led to them.
@@ -47,8 +57,8 @@ class Design:
         scene: The scene it was designed for.
         loss: Final loss.
         history: Smallest loss after each start, each minimisation, and each step of a polish.
-        converged: Whether the search met its tolerance.
-        outcome: A sentence about the end of the search.
+        outcome: The end of the search.
+        notes: Sentences on the search or on the origin of the camera.
         certificate: Projected-gradient norm in the unit box of designs; where limits of the
             motion meet, by the slopes that lead down on either side.
         loss_name: The loss that was minimised.
@@ -64,13 +74,23 @@ class Design:
     scene: Scene
     loss: float
     history: np.ndarray
-    converged: bool
-    outcome: str
+    outcome: Outcome
     certificate: float
     loss_name: str
     best_start_loss: float
+    notes: tuple[str, ...] = ()
     straight: "Design | None" = None
     blind_psnr: float | None = None
+
+    @property
+    def converged(self) -> bool:
+        """Whether the search met its tolerance."""
+        return self.outcome is Outcome.CONVERGED
+
+    @property
+    def ending(self) -> str:
+        """The end of the search and what else is to be known of it, in sentences."""
+        return " ".join((self.outcome, *self.notes))
 
     @property
     def command(self) -> AbstractShutter:
@@ -117,7 +137,7 @@ class Design:
             f"relative {float(m.relative_kernel_difference):.3g}",
             "loss": f"{self.loss:.6g} of {self.loss_name}; {self.best_start_loss:.6g} at the best "
             f"start, gradient {self.certificate:.1e}",
-            "search": self.outcome,
+            "search": self.ending,
             "scene": repr(self.scene),
         }
         return "\n".join(["Design", *(f"  {name:<9} {text}" for name, text in lines.items())])
@@ -133,6 +153,9 @@ class Design:
             "shutter": shutter_to_dict(self.command),
             "motion": motion_to_dict(self.motion),
             "metrics": metrics_to_dict(self.metrics),
+            "outcome": str(self.outcome),
+            "notes": list(self.notes),
+            "converged": self.converged,
         }
         own = {name: value for name, value in vars(self).items() if name != "straight"}
         saved = SavedDesign.model_validate(own | parts, from_attributes=True).model_dump()
@@ -196,7 +219,7 @@ def given_design(
     scene: Scene,
     motion: AbstractMotion,
     shutter: AbstractShutter,
-    outcome: str,
+    origin: str,
     *,
     is_measured: bool = False,
 ) -> Design:
@@ -206,7 +229,7 @@ def given_design(
         scene: The scene that it is measured on.
         motion: Its motion.
         shutter: The profile that it is sent.
-        outcome: A sentence about its origin.
+        origin: A sentence about its origin.
         is_measured: Whether the profile was measured behind the device: it has the device's lag
             already, and not its transmission and leakage.
     """
@@ -221,8 +244,8 @@ def given_design(
         scene=scene,
         loss=np.nan,
         history=np.zeros(0),
-        converged=False,
-        outcome=outcome,
+        outcome=Outcome.GIVEN,
+        notes=(origin,),
         certificate=np.nan,
         loss_name=GIVEN,
         best_start_loss=np.nan,
@@ -264,14 +287,26 @@ def scene_to_dict(scene: Scene) -> dict[str, object]:
 def _built(file: SavedDesign) -> Design:
     motion = _motion(file.motion)
     scene = file.scene.built(motion=motion)
+    outcome, earlier = _ended(file.outcome)
     parts = {
         "shutter": transmittance(scene, motion, shutter_from_dict(file.shutter.model_dump())),
         "motion": motion,
         "scene": scene,
         "history": np.array(file.history),
+        "outcome": outcome,
+        "notes": (*earlier, *file.notes),
     }
     names = [field.name for field in fields(Design) if field.name != "straight"]
     return Design(**{name: getattr(file, name) for name in names} | parts)
+
+
+def _ended(text: str) -> tuple[Outcome, tuple[str, ...]]:
+    """The outcome in a file, in those of earlier versions with its notes behind it."""
+    for outcome in Outcome:
+        if text.startswith(outcome):
+            rest = text.removeprefix(outcome).strip()
+            return outcome, (rest,) if rest else ()
+    return Outcome.GIVEN, (text,)
 
 
 def _motion(saved: SavedMotion) -> AbstractMotion:

@@ -74,6 +74,7 @@ class SavedDesign(Part):
     history: list[Result]
     converged: bool
     outcome: str
+    notes: list[str] = Field(default_factory=list)
     certificate: Result
     plan: Annotated[object, Field(exclude=True)] = None
     blind_psnr: Result | None = None

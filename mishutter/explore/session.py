@@ -293,7 +293,7 @@ class Session:
         if request.drawn is not None:
             drawn = transmittance(scene, design.motion, _chips(request.drawn))
             drawings[DRAWN] = curves(scene, design.motion, drawn, at_once=at_once)
-        return {"curves": drawings, "outcome": design.outcome}
+        return {"curves": drawings, "outcome": design.ending}
 
     def _key_of(self, tables: Tables) -> str:
         return json.dumps([tables, self._uploaded], sort_keys=True)

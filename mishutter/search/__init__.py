@@ -34,7 +34,6 @@ from mishutter.search.rows import best_row as best_row
 from mishutter.search.rows import simplest as simplest
 from mishutter.search.search import MAX_STEPS as MAX_STEPS
 from mishutter.search.search import NUM_COEFFICIENTS as NUM_COEFFICIENTS
-from mishutter.search.search import Outcome as Outcome
 from mishutter.search.search import SearchFailedError as SearchFailedError
 from mishutter.search.search import SearchSettings as SearchSettings
 from mishutter.search.search import Start as Start

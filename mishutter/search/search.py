@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from enum import Enum
 from functools import partial
 from typing import NamedTuple
 
@@ -22,7 +21,7 @@ from mishutter._core import (
     require_positive_int,
     require_seed,
 )
-from mishutter.design import Design
+from mishutter.design import Design, Outcome
 from mishutter.evaluation import (
     AbstractLoss,
     LossFunction,
@@ -113,15 +112,6 @@ _ROUNDS_OF_LEVELS = 3
 
 Progress = Callable[[int, float], None]
 
-
-class Outcome(Enum):
-    """The end of a search."""
-
-    CONVERGED = "The search converged: the projected gradient is below its tolerance."
-    STEPS_USED = "The search used up its steps before the projected gradient fell below tolerance."
-    STALLED = "The search stopped where no step lowered the loss, short of its tolerance."
-
-
 _NO_ACCELERATION = "Acceleration does not pay: at constant velocity the loss is no larger."
 _NO_PATH = "A free path does not pay: at constant acceleration the loss is no larger."
 _OF_SLOTS = "No other level of one slot, or of two near one another, lowers the loss."
@@ -175,30 +165,15 @@ def optimise(
 
     Where the acceleration may move, sensors that do not accelerate are searched as well, and the
     better of the two designs is returned; of equals, the one without acceleration. Where the speeds
-    are the same in both directions and the search starts without a pan, none is tried by default:
-    by symmetry the loss is stationary there. `free` can name the velocity all the same. By a loss
-    that ignores how much light an exposure brings, as `DesignLoss`, the profile alone moves unless
-    `free` says otherwise: on the `motion`, on the scene's, or on that of the best design by the
-    expected error.
+    are the same in both directions and the search starts without a pan, none is tried unless `free`
+    names the velocity: by symmetry the loss is stationary there. By a loss that ignores how much
+    light an exposure brings, as `DesignLoss`, the profile alone moves unless `free` says otherwise:
+    on the `motion`, on the scene's, or on that of the best design by the expected error.
 
-    Starts are the first design, baselines' profiles and, where a free-form profile moves, the
-    lowest points of valleys all over the space. The lowest third of them is tried for 60 steps of
-    SciPy's box-constrained L-BFGS-B. Optimistix BFGS minimises from the lowest of the ends, four or
-    an eighth of the starts, and L-BFGS-B polishes the three best minima that differ, and the best
-    of these to the end, on either side of a place where limits meet if it ends there.
-    Where the scene's device follows a command late, or at few levels, the loss is that of the
-    transmittance that it makes of the command. The best design for a device that follows every
-    command comes first, and is among the starts, sent to the real device (`Design.blind_psnr`).
-    Levels are rounded by error diffusion, and searched slot by slot.
-
-    A free path begins at the best design of constant acceleration, and at paths that turn faster
-    or slower than it towards their ends; this part of the search reports no `progress`.
-
-    Where a free-form profile moves alone, L-BFGS-B polishes as many profiles as there are starts:
-    the lowest of these and of many more all over the space.
-
-    Where at most four coordinates move, the starts are the first design and the best points of a
-    grid, and are polished directly. The result is never worse than the best start.
+    Starts are the first design, baselines' profiles and points all over the space. The lowest are
+    minimised and polished, and the result is never worse than the best of them. Behind a device
+    that is late, or has few levels, the best design for one that follows every command is among
+    the starts too (`Design.blind_psnr`).
 
     Where acceleration moves, a design keeps up ($2aT$) with every object that occurs or with those
     that `motion` keeps up with, whichever are fewer: a `motion` within the limits is always among
@@ -206,8 +181,8 @@ def optimise(
 
     Args:
         scene: Speeds, light, noise and limits.
-        motion: Motion to start from, the scene's by default; one of `StillCamera` stays at rest,
-            and one of `LinearMotion` does not accelerate.
+        motion: Motion to start from, the scene's by default; a `StillCamera` stays at rest, and a
+            `LinearMotion` does not accelerate.
         shutter: Profile to start from, as it is sent to the scene's device, of the kind to search;
             by default the free-form `starting_shutter` of the scene.
         loss: The loss to be minimised, or a function of scene, motion and shutter; the
@@ -224,9 +199,9 @@ def optimise(
         throw: Whether an end other than convergence raises.
 
     Returns:
-        The best design, the end of the search in a sentence, and the projected-gradient norm as
-        the certificate. A fixed part of the motion is not moved into the limits; where it lies
-        outside, a second sentence says so.
+        The best design, its `outcome`, which is the end of the search, and the projected-gradient
+        norm as the certificate. A fixed part of the motion is not moved into the limits; `notes`
+        say where it lies outside.
 
     Raises:
         ValueError: if `free` names nothing that can move, a count is not positive, `seed` is
@@ -258,7 +233,7 @@ def optimise(
     names = (free,) if isinstance(free, str) else None if free is None else tuple(free)
     best = best_design(Start(scene, motion, shutter, names), settings)
     if throw and not best.converged:
-        raise SearchFailedError(best.outcome)
+        raise SearchFailedError(best.ending)
     return best
 
 
@@ -321,11 +296,11 @@ def _without_needless_device(design: Design, loss: AbstractLoss) -> Design:
         design = replace(design, straight=_without_needless_device(design.straight, loss))
     if design.shutter is command or not stays_open(command):
         return design
-    value, outcome = float(value_of(loss, scene, motion, command)), design.outcome
-    if beyond_limits(scene, motion, command) and _OUTSIDE not in outcome:
-        outcome = f"{outcome} {_OUTSIDE}"
+    value, notes = float(value_of(loss, scene, motion, command)), design.notes
+    if beyond_limits(scene, motion, command) and _OUTSIDE not in notes:
+        notes = (*notes, _OUTSIDE)
     history = np.append(design.history, value)
-    return replace(design, shutter=command, loss=value, history=history, outcome=outcome)
+    return replace(design, shutter=command, loss=value, history=history, notes=notes)
 
 
 def open_like(shutter: AbstractShutter) -> AbstractShutter:
@@ -427,7 +402,7 @@ def _beyond(
     on_path = _design(ends[0], scene, settings)
     # A free path asks for more of a stage, and has to lower the loss by more than searches scatter.
     if on_path.loss >= design.loss * (1 - _SAME):
-        return replace(design, outcome=f"{design.outcome} {_NO_PATH}")
+        return replace(design, notes=(*design.notes, _NO_PATH))
     history = np.append(design.history, np.minimum(on_path.history, design.history[-1]))
     return replace(on_path, history=history, best_start_loss=design.best_start_loss)
 
@@ -488,7 +463,7 @@ def _of_levels(
         best = min(best, better, key=lambda each: each.loss)
         if not (worthwhile and names):
             break
-    return replace(best, outcome=f"{start.outcome} {_OF_SLOTS}", converged=start.converged)
+    return replace(best, outcome=start.outcome, notes=(*start.notes, _OF_SLOTS))
 
 
 def _slot_by_slot(
@@ -542,12 +517,11 @@ def _better(design: Design, straight: Design) -> Design:
     better = design
     # The design without acceleration needs no stage, and is better among equals.
     if straight.loss <= design.loss * (1 + _SAME):
-        better = replace(straight, outcome=f"{straight.outcome} {_NO_ACCELERATION}")
+        better = replace(straight, notes=(*straight.notes, _NO_ACCELERATION))
     return replace(better, history=history, best_start_loss=start_loss)
 
 
 def _design(end: "_End", scene: Scene, settings: SearchSettings) -> Design:
-    outcome = _outcome(end.certificate, end.loss, end.num_steps >= settings.max_steps)
     inside = not beyond_limits(scene, end.motion, end.shutter)
     return Design(
         shutter=end.shutter,
@@ -555,8 +529,8 @@ def _design(end: "_End", scene: Scene, settings: SearchSettings) -> Design:
         scene=scene,
         loss=end.loss,
         history=end.history,
-        converged=outcome is Outcome.CONVERGED,
-        outcome=outcome.value if inside else f"{outcome.value} {_OUTSIDE}",
+        outcome=_outcome(end.certificate, end.loss, end.num_steps >= settings.max_steps),
+        notes=() if inside else (_OUTSIDE,),
         certificate=end.certificate,
         loss_name=repr(settings.loss),
         best_start_loss=end.best_start_loss,

@@ -21,6 +21,7 @@ from support.videos import film
 import mishutter as ms
 from mishutter.model import noise_power
 from mishutter.pictures import shipped_picture
+from mishutter.restore import blur_model
 
 HALF = 0.011
 MOVING = ms.ParabolicMotion(acceleration=27.0 / HALF**2, half_exposure=HALF)
@@ -311,7 +312,7 @@ def test_a_parabola_of_no_acceleration_captures_as_a_camera_at_rest(speed):
     layers = ms.Layers((ms.Layer(ms.Picture(light.astype(np.float32)), speed),))
 
     def found(motion):
-        model = ms.blur_model(SCENE, motion, ms.HannShutter())
+        model = blur_model(SCENE, motion, ms.HannShutter())
         return [
             ms.simulate_capture(light, SCENE, motion, ms.HannShutter(), speed=speed),
             ms.simulate_capture(layers, SCENE, motion, ms.HannShutter()),
@@ -660,7 +661,7 @@ def test_light_that_travels_too_far_is_refused_before_anything_is_made(motion, s
         (told[0], lambda: ms.simulate_capture(picture, SCENE, motion, shutter, speed=speed)),
         (told[1], lambda: ms.simulate_capture(layers, SCENE, motion, shutter)),
         (told[2], lambda: ms.deconvolve(picture, scene, motion, shutter)),
-        (told[2], lambda: ms.blur_model(scene, motion, shutter)),
+        (told[2], lambda: blur_model(scene, motion, shutter)),
         (told[2], lambda: ms.estimate_speed(picture, scene, motion, shutter)),
     ]
     if subject == "motion":

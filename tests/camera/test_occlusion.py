@@ -20,13 +20,13 @@ from mishutter import (
     RectShutter,
     Scene,
     StillCamera,
-    blur_model,
     deconvolve,
     simulate_capture,
 )
 
 # `widen` changes the distance at which light ends, for which captures have no argument.
 from mishutter.camera import occlusion, rows
+from mishutter.restore import blur_model
 
 HALF = 0.009
 MOVING = ParabolicMotion(acceleration=13.0 / HALF**2, half_exposure=HALF)

@@ -38,10 +38,10 @@ from mishutter import (
     RectShutter,
     cli,
     example_scene,
-    hardware,
     optimise,
     read_scene,
 )
+from mishutter import design as finished
 from mishutter.cli import app
 
 # The face is `main` alone, which never waits long enough without a bar to say so.
@@ -540,7 +540,7 @@ def test_free_paths_and_backgrounds_are_asked_for(asked, small_scene, monkeypatc
 
 def given_design(scene):
     """A design that no search has to find."""
-    return hardware.given_design(scene, scene.motion, HannShutter(), "Given.")
+    return finished.given_design(scene, scene.motion, HannShutter(), "Given.")
 
 
 @pytest.fixture(scope="module")

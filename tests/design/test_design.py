@@ -37,7 +37,7 @@ from mishutter import (
     drive_table,
 )
 from mishutter._core import strict_json
-from mishutter.design import given_design, motion_to_dict
+from mishutter.design import Outcome, given_design, motion_to_dict
 from mishutter.model import shutter_from_dict, shutter_to_dict
 
 SHUTTERS = {
@@ -61,8 +61,7 @@ def design():
         scene=SCENE,
         loss=0.25,
         history=np.array([0.5, 0.25]),
-        converged=True,
-        outcome="The search converged.",
+        outcome=Outcome.CONVERGED,
         certificate=1e-9,
         loss_name="ExpectedErrorLoss()",
         best_start_loss=0.5,
@@ -424,3 +423,23 @@ def test_the_level_that_was_optimised_comes_first(slug, tmp_path):
     saved = json.loads((tmp_path / "design.json").read_text("utf-8"))
     assert list(saved.items())[:2] == [("level_db", level), ("level_of", words)]
     assert Design.load(tmp_path / "design.json").levels == design.levels
+
+
+def test_the_end_of_a_search_comes_back_and_is_compared(design, tmp_path):
+    """With its notes; files of earlier versions have one text for both."""
+    path = tmp_path / "design.json"
+    for outcome in Outcome:
+        replace(design, outcome=outcome, notes=("It was windy.", "Nobody came.")).save(path)
+        read = Design.load(path)
+        assert read.outcome is outcome
+        assert read.converged == (outcome is Outcome.CONVERGED)
+        assert read.ending == f"{outcome} It was windy. Nobody came."
+    document = json.loads(path.read_text("utf-8"))
+    del document["notes"]
+    for text, outcome in (
+        (f"{Outcome.STALLED} It was windy.", Outcome.STALLED),
+        ("x", Outcome.GIVEN),
+    ):
+        path.write_text(json.dumps(document | {"outcome": text}))
+        assert Design.load(path).outcome is outcome
+        assert len(Design.load(path).notes) == 1

@@ -21,7 +21,6 @@ from mishutter import (
     StillCamera,
     Tolerances,
     WorstSpeedLoss,
-    blur_model,
     ceiling,
     evaluate,
 )
@@ -38,7 +37,7 @@ from mishutter.evaluation import (
 # Sizes and shares of a search, which no argument asks for.
 from mishutter.evaluation.layers import Frequencies, LayerSampling
 from mishutter.evaluation.needs import effective_speeds
-from mishutter.restore import expected_squared_error
+from mishutter.restore import blur_model, expected_squared_error
 from mishutter.search import plan
 
 REFERENCE = 1.5e-4

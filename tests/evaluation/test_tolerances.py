@@ -23,8 +23,6 @@ from mishutter import (
     RectShutter,
     Scene,
     StillCamera,
-    ToleranceCost,
-    ToleranceCosts,
     Tolerances,
     TukeyShutter,
     evaluate,
@@ -32,7 +30,7 @@ from mishutter import (
     tolerance_costs,
 )
 from mishutter.blur import exposure_quadrature
-from mishutter.evaluation import spectra_of, value_of
+from mishutter.evaluation import ToleranceCost, ToleranceCosts, spectra_of, value_of
 
 # Members of an ensemble and their weights; metrics hold only means over them.
 from mishutter.evaluation.ensembles import drive_variance, ensemble_of, ensemble_weights

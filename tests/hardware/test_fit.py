@@ -36,11 +36,11 @@ from mishutter import (
     SplineShutter,
     StillCamera,
     TargetPicture,
-    Trace,
     evaluate,
     fit,
 )
 from mishutter.design import GIVEN
+from mishutter.hardware import Trace
 
 # The starts of a fit, of which it returns the end of the best.
 from mishutter.hardware.calibration.likelihood import Setting
@@ -310,7 +310,7 @@ def test_a_fit_whose_residuals_are_too_great_is_doubted():
     assert camera.reduced_chi_squared > 1.3
     assert camera.to_dict()["doubt"] == camera.doubt
     assert "# Implausible: residuals are implausibly large" in camera.scene_text(SCENE)
-    assert "which it does not explain" in camera.design(SCENE).outcome
+    assert "which it does not explain" in camera.design(SCENE).ending
 
 
 @pytest.mark.slow

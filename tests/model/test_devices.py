@@ -12,7 +12,6 @@ from support.plan_check import metrics_by
 
 import mishutter
 from mishutter import (
-    AbstractDevice,
     AbstractShutter,
     ChippedShutter,
     FirstOrderShutter,
@@ -27,12 +26,12 @@ from mishutter import (
     TriangleShutter,
     TukeyShutter,
     blur_kernel,
-    blur_model,
     evaluate,
     simulate_capture,
     transfer_function,
 )
-from mishutter.model import command_of, diffused, runs_are_long_enough, slot_means
+from mishutter.model import AbstractDevice, command_of, diffused, runs_are_long_enough, slot_means
+from mishutter.restore import blur_model
 
 T, LEAKAGE = 0.83, 0.07
 DEVICE = IdealShutter(transmission=T, leakage=LEAKAGE)

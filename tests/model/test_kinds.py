@@ -18,6 +18,7 @@ from mishutter import (
     baselines,
     register_shutter,
 )
+from mishutter.design import Outcome
 from mishutter.model import named_shutter, shutter_from_dict, shutter_to_dict
 
 # The registry itself, which each test leaves as it was.
@@ -86,7 +87,7 @@ def test_a_registered_shutter_is_saved_and_loaded(table, tmp_path):
     motion = ParabolicMotion(acceleration=3e5, half_exposure=0.01)
     scene = Scene([0.0, 300.0], photon_rate=1e5, read_noise=3.0, motion=motion)
     given = {"motion": motion, "scene": scene, "loss": 0.3, "history": np.array([0.3])}
-    given |= {"converged": True, "outcome": "Done.", "certificate": 0.0, "loss_name": "mine"}
+    given |= {"outcome": Outcome.STALLED, "certificate": 0.0, "loss_name": "mine"}
     design = Design(shutter=Ramp(jnp.asarray(0.31)), best_start_loss=0.3, **given)
     path = tmp_path / "design.json"
     with pytest.raises(ValueError, match=r"own or a registered one; got 'Ramp'"):

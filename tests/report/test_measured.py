@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from support.designs import MOTION, SCENE
 
-from mishutter import HannShutter, SplineShutter, Trace, evaluate, measured_profile
+from mishutter import HannShutter, SplineShutter, evaluate, measured_profile
 from mishutter.design import given_design
-from mishutter.hardware import span_of_shifts
+from mishutter.hardware import Trace, span_of_shifts
 from mishutter.report import MeasuredCamera, measured_camera
 from mishutter.search import OWN_BEST_MOTION, Row
 

@@ -18,7 +18,13 @@ from support.cases import daily
 from support.classes import final_classes
 
 import mishutter as ms
-from mishutter.restore import decoders, restore_by_each, richardson_lucy
+from mishutter.restore import (
+    blur_model,
+    decoders,
+    measure_quality,
+    restore_by_each,
+    richardson_lucy,
+)
 
 # The filters themselves; decoders apply them to rows whose borders are continued.
 from mishutter.restore.decoders.banded import banded
@@ -89,7 +95,7 @@ def test_a_model_knows_the_scene():
     known = ms.Scene(
         [-300.0, 700.0, 300.0], [0.2, 0.5, 0.3], photon_rate=3e5, read_noise=4.0, mean_level=0.3
     )
-    model = ms.blur_model(known, camera(), ms.HannShutter())
+    model = blur_model(known, camera(), ms.HannShutter())
     electrons = 3e5 * 0.02
     assert model.electrons == pytest.approx(electrons)
     assert model.efficiency == pytest.approx(0.5)
@@ -106,7 +112,7 @@ def test_a_model_knows_the_scene():
 
 def test_no_filter_leaves_less_than_the_ensemble_filter():
     """At any frequency; and what it leaves, over all of a DFT, is the error to expect."""
-    model, length = ms.blur_model(scene(), camera(), ms.RectShutter()), 600
+    model, length = blur_model(scene(), camera(), ms.RectShutter()), 600
     power, responses = model.picture_spectrum(length), model.responses(length)
 
     def left(gain):
@@ -123,7 +129,7 @@ def test_no_filter_leaves_less_than_the_ensemble_filter():
 def test_a_spectrum_between_its_steps():
     """It goes on by equal ratios, as those of photographs do more nearly than by differences."""
     steps, wanted = (np.arange(256) + 0.5) / 512, np.fft.rfftfreq(1000)[1:-1]
-    model = ms.blur_model(bright(), camera(), ms.HannShutter())
+    model = blur_model(bright(), camera(), ms.HannShutter())
     steep = replace(model, power=np.exp(-19 * steps))
     np.testing.assert_allclose(steep.picture_spectrum(1000)[1:-1], np.exp(-19 * wanted), rtol=1e-9)
 
@@ -171,7 +177,7 @@ def test_a_restoration_differentiates(name):
 @pytest.mark.slow
 def test_a_black_capture_in_single_precision_has_a_slope():
     """Steps that are too small to be squared are none: no NaN comes of their quotient."""
-    model = ms.blur_model(bright(), camera(), ms.HannShutter())
+    model = blur_model(bright(), camera(), ms.HannShutter())
     black = jnp.zeros((6, 80), jnp.float32)
     restored = ms.RichardsonLucyDecoder().restore
     slopes = jax.grad(lambda light: jnp.sum(restored(light, model)))(black)
@@ -215,7 +221,7 @@ def test_wiener_is_that_of_scikit_image():
     from skimage.restoration import wiener as reference
 
     known = bright()
-    model = ms.blur_model(known, camera(), ms.HannShutter())
+    model = blur_model(known, camera(), ms.HannShutter())
     length = 511  # odd: the highest frequency of an even one has no sign, which the two round apart
     rows = photograph()[:1, :length, 0]
     response = model.assumed_response(length)
@@ -242,7 +248,7 @@ def test_borders_are_nearly_as_good_as_the_middle(name):
         speeds=[0.0],
         num_seeds=1,
     )
-    figures = ms.measure_quality(found.reference, found.restored[0], border=34)
+    figures = measure_quality(found.reference, found.restored[0], border=34)
     assert figures.border_psnr > figures.inner_psnr - 3
 
 
@@ -276,7 +282,7 @@ def test_borders_are_far_better_than_wrapped(name):
 def test_planes_are_independent(name):
     """A picture in a batch is restored as it is alone, whatever stands beside it."""
     decoder = DECODERS[name]
-    model = ms.blur_model(bright(), camera(), ms.HannShutter())
+    model = blur_model(bright(), camera(), ms.HannShutter())
     batch = jnp.asarray(np.random.default_rng(4).random((2, 3, 90))) * 0.4 + 0.1
     together = decoder.restore(batch, model)
     alone = jnp.stack([decoder.restore(plane, model) for plane in batch])
@@ -306,7 +312,7 @@ def test_a_picture_turned_over_is_restored_as_it_is(name):
 @pytest.mark.parametrize("columns", daily([1, 7], 1))
 def test_pictures_narrower_than_the_kernel(name, columns):
     """Rows of any length come back finite, in the shape and precision they came in."""
-    model = ms.blur_model(bright(), camera(), ms.HannShutter())
+    model = blur_model(bright(), camera(), ms.HannShutter())
     rows = jnp.full((2, columns), 0.2, jnp.float32)
     found = DECODERS[name].restore(rows, model)
     assert found.shape == rows.shape
@@ -348,7 +354,7 @@ def test_tikhonov_rests_at_an_end_of_its_range(noise):
 @pytest.mark.slow
 def test_ten_accelerated_steps_go_as_far_as_twenty_five():
     """What they leave of a capture unexplained says how far: by plain steps it takes more."""
-    model = ms.blur_model(bright(), camera(), ms.HannShutter())
+    model = blur_model(bright(), camera(), ms.HannShutter())
     captured = ms.simulate_capture(photograph(100, 104), bright(), camera(), ms.HannShutter())
     planes = jnp.moveaxis(captured, -1, 0)
 
@@ -442,7 +448,7 @@ def test_a_denoiser_is_given_what_minimises_the_sum():
         seen.append((picture, noise))
         return 0.9 * picture + 0.01
 
-    model = ms.blur_model(scene(), camera(), ms.HannShutter())
+    model = blur_model(scene(), camera(), ms.HannShutter())
     captured = np.random.default_rng(5).uniform(0.1, 0.4, (1, 3, 160))
     decoder = ms.PlugAndPlayDecoder(
         spy, strength=0.7, first_noise=3.0, last_noise=0.4, num_iterations=4
@@ -498,7 +504,7 @@ def test_a_denoiser_brings_more_than_a_filter():
 
 def test_a_denoiser_that_returns_no_picture():
     """Another shape and numbers that are not finite are refused, and a capture that is traced."""
-    model = ms.blur_model(scene(), camera(), ms.HannShutter())
+    model = blur_model(scene(), camera(), ms.HannShutter())
     rows = jnp.ones((1, 2, 40)) * 0.2
     with pytest.raises(ValueError, match="return a picture of shape"):
         ms.PlugAndPlayDecoder(lambda picture, noise: picture[:-1]).restore(rows, model)

@@ -13,7 +13,7 @@ from support.programs import compiled_programs
 
 import mishutter as ms
 from mishutter.camera import kernel_layout, noisy
-from mishutter.restore import restore_by_each
+from mishutter.restore import blur_model, restore_by_each
 
 # Means over seeds and the columns that count are parts of a result that holds neither.
 from mishutter.restore.restoration import _common_columns, _Errors, _levels
@@ -60,7 +60,7 @@ def test_a_sensor_that_pans_restores_as_one_at_rest_at_shifted_speeds(kind, slug
         for speeds in (np.array([-1500.0, -900.0, 375.0]), np.array([-476.0, 124.0, 1399.0]))
     ]
     pairs = list(zip(known, (panning, still), strict=True))
-    models = [ms.blur_model(x, motion, shutter) for x, motion in pairs]
+    models = [blur_model(x, motion, shutter) for x, motion in pairs]
     jax.tree.map(np.testing.assert_array_equal, *(vars(x) for x in models))
     picture = gaussian_rows(6, 400)
     found = [

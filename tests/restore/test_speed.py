@@ -18,7 +18,7 @@ from mishutter import cli
 
 # Speeds that are tried and the model at one of them; a decoder returns only its estimate.
 from mishutter.evaluation import SPEED_KNOWLEDGE
-from mishutter.restore import restored_light
+from mishutter.restore import blur_model, restored_light
 from mishutter.restore.decoders.speed import Posterior, speeds_to_try
 from mishutter.restore.decoders.speed_finding import at_speed
 
@@ -199,7 +199,7 @@ def test_one_speed_needs_no_finding():
 def test_the_steps_follow_the_blur():
     """Speeds that are tried smear by 2 px more each, of the scene's range and a tenth more."""
     for half, expected in ((0.015, 1 / 0.015), (0.006, 4950 / 32)):
-        model = ms.blur_model(scene(), camera(half=half), OPEN)
+        model = blur_model(scene(), camera(half=half), OPEN)
         tried, reach = speeds_to_try(model)
         assert tried[0] == 0
         assert tried[-1] == pytest.approx(4950)
@@ -216,8 +216,8 @@ def test_the_decoder_restores_by_the_speed():
     restored = np.asarray(ms.deconvolve(seen, *given, decoder=decoder))
     found = ms.estimate_speed(seen, *given)
     told = known.bare(speeds=np.array([found.speed]), weights=np.ones(1))
-    num_taps = at_speed(ms.blur_model(*given), found).num_taps
-    model = ms.blur_model(told, motion, OPEN, least_taps=num_taps)
+    num_taps = at_speed(blur_model(*given), found).num_taps
+    model = blur_model(told, motion, OPEN, least_taps=num_taps)
     again = restored_light(seen, inner, model)
     np.testing.assert_allclose(restored, again, atol=1e-9)
     untold = np.asarray(ms.deconvolve(seen, *given, decoder=inner))
@@ -228,7 +228,7 @@ def test_the_decoder_restores_by_the_speed():
 def test_a_speed_in_doubt_keeps_all_speeds():
     """Not trusted, the scene's own speeds weigh half the square of those far from the mode."""
     given = scene(), camera(), ms.HannShutter()
-    model = ms.blur_model(*given)
+    model = blur_model(*given)
     seen = capture(grey(24), *given, 2960.0)
     found = ms.estimate_speed(seen, *given)
     assert not found.trusted
@@ -249,7 +249,7 @@ def test_a_speed_in_doubt_keeps_all_speeds():
 def test_a_picture_unlike_photographs_is_believed_less():
     """Out of focus, its spectrum is none of the prior's: probabilities count by a power."""
     given = scene(), camera(), OPEN
-    model = ms.blur_model(*given)
+    model = blur_model(*given)
     sharp = ms.estimate_speed(capture(grey(), *given, 2960.0), *given)
     soft = ms.estimate_speed(capture(gaussian_filter(grey(), 4.0), *given, 2960.0), *given)
     assert (sharp.trusted, sharp.is_unusual) == (True, False)

@@ -15,6 +15,7 @@ from support.cameras import camera, scene
 
 import mishutter as ms
 from mishutter.pictures import shipped_picture
+from mishutter.restore import blur_model
 
 # Filters and operators of a decoder, checked against their formulas; it returns only a picture.
 from mishutter.restore.decoders.borders import continuation
@@ -36,7 +37,7 @@ def dim():
 
 
 def model_of():
-    return ms.blur_model(dim(), camera(), ms.HannShutter())
+    return blur_model(dim(), camera(), ms.HannShutter())
 
 
 def captured_at(speed):

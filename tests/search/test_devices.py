@@ -21,7 +21,6 @@ from mishutter import (
     SplineShutter,
     StillCamera,
     SwitchedShutter,
-    best_snapshots,
     compare,
     drive_table,
     evaluate,
@@ -32,6 +31,7 @@ from mishutter.evaluation import automatic
 from mishutter.model import diffused, runs_are_long_enough, slot_means
 from mishutter.search.objective import objective_of
 from mishutter.search.space import design_space
+from mishutter.sweeps import best_snapshots
 
 LEAKY = IdealShutter(transmission=0.8, leakage=0.2)
 
@@ -147,10 +147,10 @@ def test_no_design_fills_a_pixel(full_well, name):
 
 @pytest.mark.slow
 def test_a_held_motion_that_fills_pixels_is_said():
-    """In the outcome, as one outside other limits is."""
+    """In its notes, as one outside other limits is."""
     scene = _scene(full_well=500.0)
     found = optimise(scene, MOTION, HannShutter(), free="acceleration")
-    assert "outside the scene's limits" in found.outcome
+    assert "outside the scene's limits" in found.ending
 
 
 def test_a_pixel_that_any_exposure_fills():

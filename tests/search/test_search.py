@@ -311,7 +311,7 @@ def test_a_held_motion_outside_the_limits_is_told_of(stroke, free, is_outside):
     motion = ParabolicMotion(acceleration=stroke / 1e-4, half_exposure=1e-2)
     shutter = TukeyShutter(0.45)
     design = optimise(SCENE, motion, shutter, loss=ExpectedErrorLoss(), free=free)
-    assert ("outside the scene's limits" in design.outcome) == is_outside
+    assert ("outside the scene's limits" in design.ending) == is_outside
     assert (float(design.motion.stroke) > float(LIMITS.max_stroke)) == is_outside
 
 
@@ -493,12 +493,12 @@ def test_a_search_for_a_profile_tells_how_far_it_is():
 @pytest.mark.slow
 @pytest.mark.parametrize("unit", [1.0, 1e-5])
 def test_a_search_that_is_cut_short_says_so(unit):
-    """Steps used up, in a loss of any unit: `throw` raises, otherwise the outcome is a sentence."""
+    """Steps used up, in a loss of any unit: `throw` raises, otherwise the outcome says how."""
     loss = DesignLoss(condition=0.1 * unit, invariance=unit, efficiency=unit)
     arguments = {"loss": loss, "free": "shutter", "num_starts": 2, "max_steps": 1}
     design = optimise(SCENE, MOTION, PROFILE, **arguments)
     assert not design.converged
-    assert design.outcome in {Outcome.STEPS_USED.value, Outcome.STALLED.value}
+    assert design.outcome in (Outcome.STEPS_USED, Outcome.STALLED)
     assert design.loss <= design.best_start_loss
     with pytest.raises(SearchFailedError, match="The search"):
         optimise(SCENE, MOTION, PROFILE, throw=True, **arguments)

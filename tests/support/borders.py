@@ -16,6 +16,7 @@ import numpy as np
 import mishutter as ms
 from benchmarks.photographs import PHOTOGRAPHS
 from mishutter.pictures import shipped_picture
+from mishutter.restore import blur_model, measure_quality
 
 # Periodic rows in place of continued ones, for which decoders have no argument.
 from mishutter.restore.decoders.borders import Continuation
@@ -75,7 +76,7 @@ def measured(name, decoder, photon_rate):
         wrapped = ms.deconvolve(captured, known, motion, shutter, decoder=decoder)
     reference = _by_scikit_image(captured[..., 0], known, decoder)[..., None]
     border = {
-        key: ms.measure_quality(truth, np.asarray(value), border=BORDER)
+        key: measure_quality(truth, np.asarray(value), border=BORDER)
         for key, value in (
             ("border", found),
             ("recorded", whole.restored[0][middle]),
@@ -105,7 +106,7 @@ def _by_scikit_image(captured, known, decoder):
     from skimage.restoration import richardson_lucy as iterate
     from skimage.restoration import wiener
 
-    model = ms.blur_model(known, camera(), ms.HannShutter())
+    model = blur_model(known, camera(), ms.HannShutter())
     if isinstance(decoder, ms.RichardsonLucyDecoder):
         light, taps = captured / model.efficiency, ms.centred_kernel(camera(), ms.HannShutter())
         taps = np.maximum(taps, 0)

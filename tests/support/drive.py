@@ -5,6 +5,7 @@ import numpy as np
 from mishutter import (
     Design,
 )
+from mishutter.design import Outcome
 from support.designs import MOTION, SCENE
 
 
@@ -15,8 +16,7 @@ def a_design(shutter):
         scene=SCENE,
         loss=0.3,
         history=np.array([0.3]),
-        converged=True,
-        outcome="The search converged.",
+        outcome=Outcome.CONVERGED,
         certificate=1e-9,
         loss_name="ExpectedErrorLoss()",
         best_start_loss=0.3,

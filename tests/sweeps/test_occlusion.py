@@ -15,11 +15,11 @@ from mishutter import (
     Scene,
     SplineShutter,
     TukeyShutter,
-    best_snapshots,
     evaluate,
     gain_over_snapshot,
     sweep,
 )
+from mishutter.sweeps import best_snapshots
 
 AGREEMENT = 1e-4
 """dB: to which a sweep and `evaluate` agree, which take the same sizes."""

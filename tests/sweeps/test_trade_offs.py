@@ -20,7 +20,6 @@ from mishutter import (
     StillCamera,
     TukeyShutter,
     best_points,
-    best_snapshots,
     evaluate,
     example_scene,
     gain_over,
@@ -30,6 +29,7 @@ from mishutter import (
     pareto_front,
     sweep,
 )
+from mishutter.sweeps import best_snapshots
 
 EXPOSURE_FOUND = 1e-3
 """Relative error of the best exposure where the error is flat."""

@@ -167,8 +167,8 @@ class FittedCamera:
             scene: The scene that the design is for.
         """
         scene = self.seen_through_lens(scene)
-        outcome = "Fitted to measurements" + ", which it does not explain" * bool(self.doubt) + "."
-        return given_design(scene, self.motion, self.shutter, outcome, is_measured=True)
+        origin = "Fitted to measurements" + ", which it does not explain" * bool(self.doubt) + "."
+        return given_design(scene, self.motion, self.shutter, origin, is_measured=True)
 
     def scene_text(self, scene: Scene) -> str:
         """The text of a scene file with the fitted motion and lens, ready for `optimise`.

@@ -98,7 +98,7 @@ class PlugAndPlayDecoder(AbstractDecoder):
         return jnp.asarray(np.reshape(restored, captured.shape), captured.dtype)
 
     def _denoised(self, picture: np.ndarray, sigma: float) -> np.ndarray:
-        """What the denoiser returns, if it is a picture of the same shape."""
+        """The denoised picture, if it is one of the same shape."""
         denoised = np.asarray(self.denoise(picture, sigma), np.float64)
         subject = "PlugAndPlayDecoder(denoise=...)"
         as_given = f"return a picture of shape {picture.shape}, as it was given"
