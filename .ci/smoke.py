@@ -5,7 +5,7 @@ from importlib import resources
 from pathlib import Path
 
 import mishutter
-from mishutter.restore.decoders.speed import prior
+from mishutter.decoding.decoders.speed import prior
 
 folder = Path(sys.argv[1])
 for name in mishutter.__all__:

@@ -15,9 +15,9 @@ import numpy as np
 import mishutter as ms
 from benchmarks import harness
 from benchmarks.scenes import scenes
+from mishutter.decoding import blur_model, restored_light
 from mishutter.model import AbstractMotion, steady
 from mishutter.pictures.images import shipped_picture
-from mishutter.restore import blur_model, restored_light
 
 PHOTOGRAPHS = {
     "astronaut.png": 100,

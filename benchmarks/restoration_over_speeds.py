@@ -13,9 +13,9 @@ import mishutter as ms
 from benchmarks import harness
 from benchmarks.photographs import PHOTOGRAPHS
 from benchmarks.scenes import scenes
+from mishutter.decoding import blur_model
+from mishutter.decoding.decoders.base import BlurModel
 from mishutter.pictures.images import shipped_picture
-from mishutter.restore import blur_model
-from mishutter.restore.decoders.base import BlurModel
 
 SCENES = {"built-in": 0, "night": 1, "daylight": 2, "slow": 4}
 SHOWN = ("built-in", "daylight")

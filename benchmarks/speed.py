@@ -23,11 +23,11 @@ from scipy.special import polygamma
 
 import mishutter as ms
 from benchmarks import harness
+from mishutter.decoding import blur_model
+from mishutter.decoding.decoders import speed as estimator
+from mishutter.decoding.decoders.speed import Energies, Prior
+from mishutter.decoding.decoders.speed_finding import at_speed
 from mishutter.model import AbstractMotion
-from mishutter.restore import blur_model
-from mishutter.restore.decoders import speed as estimator
-from mishutter.restore.decoders.speed import Energies, Prior
-from mishutter.restore.decoders.speed_finding import at_speed
 from mishutter.sweeps import best_snapshots
 
 SHIPPED = {

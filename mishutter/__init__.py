@@ -18,6 +18,23 @@ if TYPE_CHECKING:
     from mishutter.camera import read_frames as read_frames
     from mishutter.camera import read_layers as read_layers
     from mishutter.camera import simulate_capture as simulate_capture
+    from mishutter.decoding import AbstractDecoder as AbstractDecoder
+    from mishutter.decoding import BlurModel as BlurModel
+    from mishutter.decoding import EnsembleDecoder as EnsembleDecoder
+    from mishutter.decoding import PlugAndPlayDecoder as PlugAndPlayDecoder
+    from mishutter.decoding import RichardsonLucyDecoder as RichardsonLucyDecoder
+    from mishutter.decoding import SpeedEstimate as SpeedEstimate
+    from mishutter.decoding import SpeedFindingDecoder as SpeedFindingDecoder
+    from mishutter.decoding import TikhonovDecoder as TikhonovDecoder
+    from mishutter.decoding import TotalVariationDecoder as TotalVariationDecoder
+    from mishutter.decoding import WienerDecoder as WienerDecoder
+    from mishutter.decoding import capture_and_restore as capture_and_restore
+    from mishutter.decoding import deconvolve as deconvolve
+    from mishutter.decoding import estimate_speed as estimate_speed
+    from mishutter.decoding import psnr as psnr
+    from mishutter.decoding import restore as restore
+    from mishutter.decoding import restore_photograph as restore_photograph
+    from mishutter.decoding import richardson_lucy as richardson_lucy
     from mishutter.design import Design as Design
     from mishutter.design import Outcome as Outcome
     from mishutter.evaluation import AbstractLoss as AbstractLoss
@@ -78,22 +95,6 @@ if TYPE_CHECKING:
     from mishutter.pictures import write_picture as write_picture
     from mishutter.report import Comparison as Comparison
     from mishutter.report import compare as compare
-    from mishutter.restore import AbstractDecoder as AbstractDecoder
-    from mishutter.restore import BlurModel as BlurModel
-    from mishutter.restore import EnsembleDecoder as EnsembleDecoder
-    from mishutter.restore import PlugAndPlayDecoder as PlugAndPlayDecoder
-    from mishutter.restore import RichardsonLucyDecoder as RichardsonLucyDecoder
-    from mishutter.restore import SpeedEstimate as SpeedEstimate
-    from mishutter.restore import SpeedFindingDecoder as SpeedFindingDecoder
-    from mishutter.restore import TikhonovDecoder as TikhonovDecoder
-    from mishutter.restore import TotalVariationDecoder as TotalVariationDecoder
-    from mishutter.restore import WienerDecoder as WienerDecoder
-    from mishutter.restore import capture_and_restore as capture_and_restore
-    from mishutter.restore import deconvolve as deconvolve
-    from mishutter.restore import estimate_speed as estimate_speed
-    from mishutter.restore import psnr as psnr
-    from mishutter.restore import restore_photograph as restore_photograph
-    from mishutter.restore import richardson_lucy as richardson_lucy
     from mishutter.search import NonFiniteLossError as NonFiniteLossError
     from mishutter.search import SearchFailedError as SearchFailedError
     from mishutter.search import optimise as optimise
@@ -131,7 +132,7 @@ _FOLDERS = (
     "hardware",
     "search",
     "camera",
-    "restore",
+    "decoding",
     "sweeps",
     "report",
 )
@@ -225,6 +226,7 @@ __all__ = [
     "read_scene",
     "read_trace",
     "register_shutter",
+    "restore",
     "restore_photograph",
     "richardson_lucy",
     "row_power_spectrum",

@@ -16,7 +16,7 @@ FLOORS = [
     {"cli"},
     {"paper", "explore"},
     {"report"},
-    {"sweeps", "restore"},
+    {"sweeps", "decoding"},
     {"search", "hardware"},
     {"design", "camera"},
     {"evaluation"},
@@ -255,7 +255,7 @@ def test_a_search_loads_no_laboratory():
     run = subprocess.run([sys.executable, "-c", loads], capture_output=True, text=True, check=True)
     loaded = [name for name in run.stdout.split() if name.startswith("mishutter.")]
     assert "mishutter.design" in loaded
-    assert not [name for name in loaded if name.split(".")[1] in ("hardware", "camera", "restore")]
+    assert not [name for name in loaded if name.split(".")[1] in ("hardware", "camera", "decoding")]
 
 
 def test_the_help_of_the_main_function_fits_a_screen():

@@ -50,7 +50,7 @@ _FOLDERS = {
     "evaluation": "Metrics, losses and ceilings",
     "search": "Search",
     "camera": "Captures",
-    "restore": "Restoration",
+    "decoding": "Restoration",
     "design": "Designs and their files",
     "hardware": "Drive tables, traces and cameras as built",
     "sweeps": "Maps",

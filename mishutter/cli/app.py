@@ -85,6 +85,7 @@ from mishutter.cli.options import (
     scene_of,
 )
 from mishutter.cli.plan_command import plan, plan_of_search, plan_text
+from mishutter.cli.restore_command import restore
 from mishutter.cli.sweep_command import sweep
 
 if TYPE_CHECKING:
@@ -321,6 +322,7 @@ for _command, _group in (
     (sweep, TO_DESIGN),
     (plan, TO_DESIGN),
     (simulate, TO_SEE),
+    (restore, TO_SEE),
     (explore, TO_SEE),
     (reproduce, TO_SEE),
     (export, TO_BUILD),

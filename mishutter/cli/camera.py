@@ -38,9 +38,9 @@ if TYPE_CHECKING:
     import numpy as np
 
     from mishutter.camera import Frames, Layers
+    from mishutter.decoding import AbstractDecoder, SpeedEstimate
     from mishutter.model import Scene
     from mishutter.pictures import Picture
-    from mishutter.restore import AbstractDecoder, SpeedEstimate
 
 _NUM_TICKS = 100
 _LINEAR = "PSNR / dB, linear light"
@@ -193,10 +193,10 @@ def simulate(
     start_jax()
     import jax
 
+    from mishutter.decoding import capture_and_restore
     from mishutter.model import named_shutter, read_speed
     from mishutter.pictures import Picture, write_picture
     from mishutter.report import motion_text, plot_capture, save_figure, shown_name
-    from mishutter.restore import capture_and_restore
 
     scene = scene_of(scene_file)
     speed = read_speed(speed_text, scene_file, "--speed")
@@ -233,7 +233,7 @@ def simulate(
             motion,
             profile,
             speed=speed,
-            decoder=_decoder(decoder),
+            decoder=decoder_of(decoder),
             key=None if noiseless else jax.random.key(seed),
             full_well=full_well,
             adc_bits=adc_bits,
@@ -267,14 +267,14 @@ def simulate(
     if json:
         quality = {"quality": figures} if figures else {}
         expected = {"expected_psnr_db": levels} if levels else {}
-        speeds = {} if estimate is None else {"found": _estimate_document(estimate)}
+        speeds = {} if estimate is None else {"found": estimate_document(estimate)}
         write_json(quality | expected | {"decoder": decoder.value, "files": files} | speeds)
     else:
         if figures:
             rows = [[name, f"{value:.3f}"] for name, value in figures.items()]
             print_table(f"Restored by {decoder.value}", ["figure", "value"], rows)
         if estimate is not None:
-            value, trust = _speed_found(estimate)
+            value, trust = speed_found(estimate)
             print_table("Speed found", ["px/s", ""], [[value, trust]])
         if levels:
             rows = [[name, f"{value:.3f}"] for name, value in levels.items()]
@@ -345,8 +345,9 @@ def _subject(
     return read_picture(path, white=white, linear=linear)
 
 
-def _decoder(name: DecoderName) -> "AbstractDecoder":
-    from mishutter.restore import decoders
+def decoder_of(name: DecoderName) -> "AbstractDecoder":
+    """The decoder of a name, with the parameters that it has by default."""
+    from mishutter.decoding import decoders
 
     return {
         DecoderName.ENSEMBLE: decoders.EnsembleDecoder,
@@ -365,7 +366,7 @@ def _warn_beyond(scene: "Scene", speed: float) -> None:
         note(f"warning: --speed is {speed:g} px/s; the scene's are {slowest:g} to {fastest:g}")
 
 
-def _speed_found(estimate: "SpeedEstimate") -> tuple[str, str]:
+def speed_found(estimate: "SpeedEstimate") -> tuple[str, str]:
     """An estimated speed with its error, and whether it is trusted, in words."""
     if estimate.tells_nothing:
         return "none", "restored for all speeds of the scene"
@@ -373,7 +374,7 @@ def _speed_found(estimate: "SpeedEstimate") -> tuple[str, str]:
     return value, "trusted" if estimate.trusted else "not trusted: restored for all likely speeds"
 
 
-def _estimate_document(estimate: "SpeedEstimate") -> dict[str, object]:
+def estimate_document(estimate: "SpeedEstimate") -> dict[str, object]:
     """An estimated speed, as JSON has it: null where the capture tells nothing."""
     is_some = not estimate.tells_nothing
     return {
@@ -386,8 +387,8 @@ def _estimate_document(estimate: "SpeedEstimate") -> dict[str, object]:
 
 def _quality(photographed: "Picture | Layers | Frames", restored: "np.ndarray") -> dict[str, float]:
     """PSNR of a restored photograph; empty for layers and footage, which have no single truth."""
+    from mishutter.decoding import psnr
     from mishutter.pictures import Picture
-    from mishutter.restore import psnr
 
     if not isinstance(photographed, Picture):
         return {}

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 from mishutter.cli.console import print_table, print_text
 
 if TYPE_CHECKING:
+    from mishutter.decoding import RestoredPhotograph
     from mishutter.design import Design
     from mishutter.model import DecoderSpeed
     from mishutter.report import Report
-    from mishutter.restore import RestoredPhotograph
 
 
 def print_comparison(report: "Report") -> None:

@@ -15,6 +15,14 @@ from jaxtyping import Float
 
 from mishutter._core import require
 from mishutter.camera import kernel_layout
+from mishutter.decoding import (
+    ROWS_TO_FIND,
+    EnsembleDecoder,
+    SpeedEstimate,
+    estimate_speed,
+    least_columns,
+    restore_by_each,
+)
 from mishutter.evaluation import knowledge_of
 from mishutter.model import Scene, picture_arguments
 from mishutter.pictures import (
@@ -26,14 +34,6 @@ from mishutter.pictures import (
     read_picture,
     to_display,
     turned,
-)
-from mishutter.restore import (
-    ROWS_TO_FIND,
-    EnsembleDecoder,
-    SpeedEstimate,
-    estimate_speed,
-    least_columns,
-    restore_by_each,
 )
 from mishutter.search import Row
 

@@ -6,15 +6,15 @@
 import jax
 import numpy as np
 
-from mishutter.model import AbstractShutter, ParabolicMotion, Scene
-from mishutter.paper.numbers import PlainNumbers
-from mishutter.pictures import Picture, row_power_spectrum, shipped_picture
-from mishutter.restore import (
+from mishutter.decoding import (
     AbstractDecoder,
     RestoredPhotograph,
     RichardsonLucyDecoder,
     restore_photograph,
 )
+from mishutter.model import AbstractShutter, ParabolicMotion, Scene
+from mishutter.paper.numbers import PlainNumbers
+from mishutter.pictures import Picture, row_power_spectrum, shipped_picture
 
 HALF_EXPOSURE = 0.01
 STROKE = 34.0

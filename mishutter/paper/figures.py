@@ -10,9 +10,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from mishutter.decoding import RestoredPhotograph
 from mishutter.paper.numbers import KernelNumbers, SpectrumNumbers, SpeedNumbers
 from mishutter.pictures import to_display
-from mishutter.restore import RestoredPhotograph
 
 _STYLE = {
     "rect": {"color": "#000000", "linestyle": "-", "marker": "s"},

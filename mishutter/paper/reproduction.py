@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from mishutter._core import write_text
 from mishutter.blur import blur_kernel, condition_number
+from mishutter.decoding import RestoredPhotograph, ghost_energy
 from mishutter.evaluation import ExpectedErrorLoss
 from mishutter.model import (
     RASKAR_CODE,
@@ -56,7 +57,6 @@ from mishutter.paper.numbers import (
 from mishutter.paper.page import report_page, statements
 from mishutter.pictures import Picture
 from mishutter.report import save_figure
-from mishutter.restore import RestoredPhotograph, ghost_energy
 from mishutter.search import optimise
 
 TABLE_STROKE = 45.0

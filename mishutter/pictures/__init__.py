@@ -12,6 +12,7 @@ from mishutter.pictures.images import examined as examined
 from mishutter.pictures.images import example_picture as example_picture
 from mishutter.pictures.images import light_of as light_of
 from mishutter.pictures.images import pixels_along as pixels_along
+from mishutter.pictures.images import read_capture as read_capture
 from mishutter.pictures.images import read_opacity as read_opacity
 from mishutter.pictures.images import read_picture as read_picture
 from mishutter.pictures.images import row_power_spectrum as row_power_spectrum

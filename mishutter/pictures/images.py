@@ -163,6 +163,37 @@ def read_picture(
     return picture
 
 
+def read_capture(
+    path: str | Path, *, white: ArrayLike | None = None, linear: bool = False
+) -> Float[np.ndarray, "rows columns channels"]:
+    """Read what a camera has recorded, as `read_picture` does, whatever its values are.
+
+    A capture that a dark frame was taken from is below 0 by its noise, and a highlight may be above
+    white.
+
+    Args:
+        path: A file of any format that `read_picture` reads.
+        white: Value of white in the file, were the shutter open for the whole exposure.
+        linear: Whether the file's numbers are linear light.
+
+    Returns:
+        Light in units of a fully open exposure, float32.
+
+    Raises:
+        OSError: if there is no such file, or it cannot be read.
+        ValueError: if the file is no picture of these formats, is damaged, is larger than 150
+            megapixels, or holds a value that is not finite.
+
+    Warns:
+        PictureWarning: as `read_picture`.
+    """
+    path, white = Path(path), checked_white("read_capture(white=...)", white)
+    file = _file(path)
+    for doubt in _doubts(file, path, white, linear):
+        warnings.warn(doubt, PictureWarning, stacklevel=2)
+    return _as_light(file, np.ascontiguousarray(_shares(file, path, white, bounded=False)), linear)
+
+
 def examined(
     path: str | Path, white: ArrayLike | None, linear: bool
 ) -> tuple[Picture, tuple[str, ...]]:
@@ -190,7 +221,11 @@ def light_of(
     Raises:
         ValueError: if a value is not finite, below 0 or above white.
     """
-    shares = np.ascontiguousarray(_shares(file, path, white))
+    return _as_light(file, np.ascontiguousarray(_shares(file, path, white)), linear)
+
+
+def _as_light(file: Decoded, shares: np.ndarray, linear: bool) -> np.ndarray:
+    """Shares of white without the file's coding, if they have one."""
     is_light = linear or np.issubdtype(file.colour.dtype, np.floating)
     return shares if is_light else shares ** np.float32(file.exponent or GAMMA)
 
@@ -346,12 +381,21 @@ def _file(path: Path) -> Decoded:
         ) from error
 
 
-def _shares(file: Decoded, path: Path, white: float | None) -> np.ndarray:
-    """Values divided by that of white; shape `(rows, columns, channels)`, float32."""
+def _shares(file: Decoded, path: Path, white: float | None, *, bounded: bool = True) -> np.ndarray:
+    """Values divided by that of white; shape `(rows, columns, channels)`, float32.
+
+    Args:
+        file: The picture.
+        path: Where it came from.
+        white: The argument of `read_picture`.
+        bounded: Whether values below 0 and above white are refused.
+    """
     colour, full = file.colour, file.full if white is None else float(white)
     if np.issubdtype(colour.dtype, np.floating):
         finite = bool(np.all(np.isfinite(colour)))
         require(finite, _READ, "hold finite pixels", f"NaN or infinite pixels in {str(path)!r}")
+    if not bounded:
+        return colour.astype(np.float32) / np.float32(full)
     least, most = colour.min(), colour.max()
     worst = least if least < 0 else most
     requirement = f"hold values from 0 to white, {full:g}"

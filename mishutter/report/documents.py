@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mishutter._core import strict_json, write_text
+from mishutter.decoding import RestoredPhotograph
 from mishutter.design import Design
 from mishutter.model import Scene, scene_picture
 from mishutter.report import plots
@@ -26,7 +27,6 @@ from mishutter.report.restored import (
     pictured_speeds,
     shown_speeds,
 )
-from mishutter.restore import RestoredPhotograph
 from mishutter.search import (
     BEST_PANNED_SNAPSHOT,
     OWN_BEST_MOTION,

@@ -9,10 +9,10 @@ from jaxtyping import Bool, Float
 
 from mishutter._core import as_float
 from mishutter.camera import Layer, Layers, fixed_key, simulate_capture
+from mishutter.decoding import EnsembleDecoder, blur_model, restored_light, squared_error_in
 from mishutter.model import AbstractMotion, AbstractShutter, Occlusion, Scene
 from mishutter.pictures import Axis, Picture, row_power_spectrum, turned
 from mishutter.report.restored import longest_kernel
-from mishutter.restore import EnsembleDecoder, blur_model, restored_light, squared_error_in
 from mishutter.search import Row
 
 _ROWS, _COLUMNS, _HEIGHT = 128, 336, 104

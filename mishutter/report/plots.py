@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mishutter._core import require, write_bytes
+from mishutter.decoding import RestoredPhotograph
 from mishutter.evaluation import (
     SPEED_KNOWLEDGE,
     kernel_phase,
@@ -27,7 +28,6 @@ from mishutter.hardware import DriveTable
 from mishutter.model import AbstractMotion, AbstractShutter, DecoderSpeed, Scene, profile_of
 from mishutter.pictures import Axis, Picture, to_display, turned
 from mishutter.report.layered import LayeredCapture, LayeredScene
-from mishutter.restore import RestoredPhotograph
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

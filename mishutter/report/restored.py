@@ -6,9 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mishutter.camera import kernel_layout
-from mishutter.model import AbstractMotion, Scene, scene_picture
-from mishutter.pictures import Axis, Picture, pixels_along, turned
-from mishutter.restore import (
+from mishutter.decoding import (
     ROWS_TO_FIND,
     AbstractDecoder,
     EnsembleDecoder,
@@ -18,6 +16,8 @@ from mishutter.restore import (
     least_columns,
     restore_by_each,
 )
+from mishutter.model import AbstractMotion, Scene, scene_picture
+from mishutter.pictures import Axis, Picture, pixels_along, turned
 from mishutter.search import Row
 
 Update = Callable[[str], None]

@@ -19,9 +19,9 @@ from support.time_sampling import captured_footage, captured_layers, captured_pi
 from support.videos import film
 
 import mishutter as ms
+from mishutter.decoding import blur_model
 from mishutter.model import noise_power
 from mishutter.pictures import shipped_picture
-from mishutter.restore import blur_model
 
 HALF = 0.011
 MOVING = ms.ParabolicMotion(acceleration=27.0 / HALF**2, half_exposure=HALF)

@@ -8,7 +8,7 @@ import contextlib
 import inspect
 import pydoc
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -74,7 +74,7 @@ def _opens_a_browser(arguments: dict[str, Any]) -> bool:
 
 SEARCH, COMPARE = "mishutter.search.optimise", "mishutter.report.compare"
 SWEEP, PLAN = "mishutter.sweeps.sweep", "mishutter.search.plan"
-CAPTURE, EXPLORE = "mishutter.restore.capture_and_restore", "mishutter.explore.serve"
+CAPTURE, EXPLORE = "mishutter.decoding.capture_and_restore", "mishutter.explore.serve"
 TABLE, FIT = "mishutter.hardware.drive_table", "mishutter.hardware.fit"
 READ_DRIVE, READ_TRACE = "mishutter.hardware.design_from_drive", "mishutter.hardware.read_trace"
 PROFILE, READ_PICTURE = "mishutter.hardware.measured_profile", "mishutter.pictures.read_picture"
@@ -109,6 +109,8 @@ LABORATORY = [
         )
     ),
 ]
+READ_CAPTURE = "mishutter.pictures.read_capture"
+RESTORE, GIVEN = "mishutter.decoding.restored_capture", ("--design", "design.json")
 LOSS = (["--loss", "known-speed"], _type_of("loss"), "KnownSpeedLoss")
 OPTIONS = {
     "optimise": [
@@ -195,6 +197,33 @@ OPTIONS = {
         Option(["--adc-bits", "11"], CAPTURE, _named("adc_bits"), 11),
         Option(["--seed", "8"], CAPTURE, lambda a: a["key"] == jax.random.key(8), True),
     ],
+    "restore": [
+        Option(
+            ["--design", "other.json"],
+            RESTORE,
+            lambda a: float(a["design"].motion.half_exposure),
+            pytest.approx(8.1e-3),
+        ),
+        Option(
+            ["--scene", "scene.toml"],
+            RESTORE,
+            lambda a: float(a["design"].scene.limits.max_half_exposure),
+            pytest.approx(17e-3),
+            GIVEN,
+        ),
+        Option(
+            ["--shutter", "tukey:0.3"],
+            RESTORE,
+            lambda a: type(a["design"].shutter).__name__,
+            "TukeyShutter",
+            ("--scene", "scene.toml"),
+        ),
+        *(replace(each, beside=(*each.beside, *GIVEN)) for each in LABORATORY),
+        Option(["--white", "4095"], READ_CAPTURE, _named("white"), 4095.0, GIVEN),
+        Option(["--linear"], READ_CAPTURE, _named("linear"), True, GIVEN),
+        Option(["--decoder", "wiener"], RESTORE, _type_of("decoder"), "WienerDecoder", GIVEN),
+        Option(["--speed", "37"], RESTORE, _named("speed"), 37.0, GIVEN),
+    ],
     "explore": [
         Option(["--port", "8765"], EXPLORE, _named("port"), 8765),
         Option(["--host", "0.0.0.0"], EXPLORE, _named("host"), "0.0.0.0"),
@@ -226,6 +255,7 @@ OPTIONS = {
 HELD_ELSEWHERE = {"--out", "--json", "--help"}
 REQUIRED = {
     "reproduce": ["--out", "page"],
+    "restore": ["other.png"],
     "export": ["design.json"],
     "fit": ["measurements.toml", "--design", "design.json"],
 }

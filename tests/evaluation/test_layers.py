@@ -24,6 +24,7 @@ from mishutter import (
     ceiling,
     evaluate,
 )
+from mishutter.decoding import blur_model, expected_squared_error
 from mishutter.evaluation import (
     KNOWN_SPEED,
     UNKNOWN_SPEED,
@@ -37,7 +38,6 @@ from mishutter.evaluation import (
 # Sizes and shares of a search, which no argument asks for.
 from mishutter.evaluation.layers import Frequencies, LayerSampling
 from mishutter.evaluation.needs import effective_speeds
-from mishutter.restore import blur_model, expected_squared_error
 from mishutter.search import plan
 
 REFERENCE = 1.5e-4

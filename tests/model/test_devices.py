@@ -30,8 +30,8 @@ from mishutter import (
     simulate_capture,
     transfer_function,
 )
+from mishutter.decoding import blur_model
 from mishutter.model import AbstractDevice, command_of, diffused, runs_are_long_enough, slot_means
-from mishutter.restore import blur_model
 
 T, LEAKAGE = 0.83, 0.07
 DEVICE = IdealShutter(transmission=T, leakage=LEAKAGE)

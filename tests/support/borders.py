@@ -15,11 +15,11 @@ import numpy as np
 
 import mishutter as ms
 from benchmarks.photographs import PHOTOGRAPHS
-from mishutter.pictures import shipped_picture
-from mishutter.restore import blur_model, measure_quality
+from mishutter.decoding import blur_model, measure_quality
 
 # Periodic rows in place of continued ones, for which decoders have no argument.
-from mishutter.restore.decoders.borders import Continuation
+from mishutter.decoding.decoders.borders import Continuation
+from mishutter.pictures import shipped_picture
 
 NUM_ROWS, COLUMNS = 128, 336
 STROKE, HALF_EXPOSURE = 34.0, 0.01
@@ -96,7 +96,7 @@ def wrapped_borders():
 
     stack = ExitStack()
     for name in ("linear", "likelihood", "tikhonov", "total_variation"):
-        module = import_module(f"mishutter.restore.decoders.{name}")
+        module = import_module(f"mishutter.decoding.decoders.{name}")
         stack.enter_context(mock.patch.object(module, "continuation", periodic))
     return stack
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mishutter.restore import RestoredPhotograph
+from mishutter.decoding import RestoredPhotograph
 
 
 def photograph(level, num_seeds=3, columns=slice(None)):

@@ -28,10 +28,10 @@ from mishutter._core import (
     shape_of,
 )
 from mishutter.camera import as_pixels, distinct_colours, rows_last
+from mishutter.decoding.decoders.base import BlurModel, blur_model
 from mishutter.evaluation import LEAST_DIFFERENCE
 from mishutter.model import AbstractMotion, AbstractShutter, Scene, require_scene, require_whole
 from mishutter.pictures import LUMINANCE, turned
-from mishutter.restore.decoders.base import BlurModel, blur_model
 
 # In single precision, and typed, which SciPy's own are not.
 _rfft2: Callable[[np.ndarray], np.ndarray] = scipy.fft.rfft2  # type: ignore[assignment]
@@ -92,7 +92,7 @@ class Prior(NamedTuple):
 @lru_cache
 def prior() -> Prior:
     """The prior of photographs that the package ships."""
-    text = (resources.files("mishutter.restore.decoders") / "speed_prior.json").read_text("utf-8")
+    text = (resources.files("mishutter.decoding.decoders") / "speed_prior.json").read_text("utf-8")
     numbers = json.loads(text)
     covariance = np.array(numbers["covariance"])
     others = (numbers[name] for name in Prior._fields[2:])

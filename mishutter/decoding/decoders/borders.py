@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from mishutter.camera import fast_length
-from mishutter.restore.decoders.base import BlurModel
+from mishutter.decoding.decoders.base import BlurModel
 
 _MAX_CONTEXT = 320
 _RELATIVE_JITTER = 1e-10

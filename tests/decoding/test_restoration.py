@@ -13,10 +13,10 @@ from support.programs import compiled_programs
 
 import mishutter as ms
 from mishutter.camera import kernel_layout, noisy
-from mishutter.restore import blur_model, restore_by_each
+from mishutter.decoding import blur_model, restore_by_each
 
 # Means over seeds and the columns that count are parts of a result that holds neither.
-from mishutter.restore.restoration import _common_columns, _Errors, _levels
+from mishutter.decoding.restoration import _common_columns, _Errors, _levels
 
 
 def gaussian_rows(rows=96, columns=1200, seed=3):

@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Array
 
 from mishutter._core import require, require_known, require_positive_int
-from mishutter.restore.decoders.base import AbstractDecoder, BlurModel
-from mishutter.restore.decoders.borders import continuation
-from mishutter.restore.decoders.linear import ensemble_filter, expected_squared_error
+from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel
+from mishutter.decoding.decoders.borders import continuation
+from mishutter.decoding.decoders.linear import ensemble_filter, expected_squared_error
 
 _LEAST_POWER = 1e-14
 """Prevents a division by zero where there is neither detail nor noise."""

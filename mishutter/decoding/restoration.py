@@ -35,6 +35,10 @@ from mishutter.camera import (
     rows_last,
     through_optics,
 )
+from mishutter.decoding.decoders import AbstractDecoder, BlurModel, EnsembleDecoder, blur_model
+from mishutter.decoding.decoders.linear import expected_squared_error, squared_error_of
+from mishutter.decoding.decoders.speed_finding import decoder_of, informed
+from mishutter.decoding.image_quality import psnr
 from mishutter.evaluation import (
     SPEED_KNOWLEDGE,
     SpeedKnowledge,
@@ -42,10 +46,6 @@ from mishutter.evaluation import (
 )
 from mishutter.model import AbstractMotion, AbstractShutter, DecoderSpeed, Scene, require_scene
 from mishutter.pictures import Axis, Picture, pixels_along, turned
-from mishutter.restore.decoders import AbstractDecoder, BlurModel, EnsembleDecoder, blur_model
-from mishutter.restore.decoders.linear import expected_squared_error, squared_error_of
-from mishutter.restore.decoders.speed_finding import decoder_of, informed
-from mishutter.restore.image_quality import psnr
 
 _CAPTURES_AT_ONCE = 4
 """Most captures at a time, each of which holds a picture and its restorations."""

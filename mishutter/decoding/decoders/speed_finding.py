@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from mishutter.camera import kernel_layout
+from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel
+from mishutter.decoding.decoders.speed import SpeedEstimate, speed_in
+from mishutter.decoding.decoders.total_variation import TotalVariationDecoder
 from mishutter.evaluation import SpeedKnowledge
-from mishutter.restore.decoders.base import AbstractDecoder, BlurModel
-from mishutter.restore.decoders.speed import SpeedEstimate, speed_in
-from mishutter.restore.decoders.total_variation import TotalVariationDecoder
 
 ROWS_TO_FIND = 256
 """Rows of a photograph from which its speed is found: a few rows do not tell it."""

@@ -13,15 +13,15 @@ from jaxtyping import Array, ArrayLike, Complex, Float
 
 from mishutter._core import compiled, require, require_positive_int, shape_of
 from mishutter.camera import along_rows, blurred
-from mishutter.restore.decoders.banded import BandedConvolution, banded
-from mishutter.restore.decoders.base import AbstractDecoder, BlurModel
-from mishutter.restore.decoders.borders import Continuation, continuation
-from mishutter.restore.decoders.linear import (
+from mishutter.decoding.decoders.banded import BandedConvolution, banded
+from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel
+from mishutter.decoding.decoders.borders import Continuation, continuation
+from mishutter.decoding.decoders.linear import (
     ensemble_filter,
     expected_squared_error,
     wiener_filter,
 )
-from mishutter.restore.decoders.total_variation import (
+from mishutter.decoding.decoders.total_variation import (
     EDGES,
     LEAST_POWER,
     adjoint_differences,

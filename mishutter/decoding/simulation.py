@@ -1,4 +1,4 @@
-"""Capture and restoration of one subject, however large, a few rows at a time."""
+"""Capture and restoration of one picture, however large, a few rows at a time."""
 
 import itertools
 from collections.abc import Callable
@@ -10,29 +10,36 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from mishutter._core import require_key, require_positive_int
+from mishutter._core import require_finite, require_key, require_positive_int
 from mishutter.camera import (
     Frames,
     Layers,
+    as_pixels,
     as_radiance,
     distinct_colours,
     rows_last,
     simulate_capture,
 )
-from mishutter.model import AbstractMotion, AbstractShutter, Scene, require_scene
-from mishutter.pictures import Picture, turned
-from mishutter.restore.decoders import (
+from mishutter.decoding.decoders import (
     AbstractDecoder,
+    BlurModel,
     EnsembleDecoder,
     SpeedEstimate,
     SpeedFindingDecoder,
     blur_model,
 )
-from mishutter.restore.decoders.speed_finding import informed
-from mishutter.restore.restoration import restored_light
+from mishutter.decoding.decoders.speed_finding import informed
+from mishutter.decoding.restoration import restored_light
+from mishutter.design import Design
+from mishutter.evaluation import knowledge_of, sensor_view
+from mishutter.model import AbstractMotion, AbstractShutter, Scene, require_scene
+from mishutter.pictures import Picture, turned
 
 Progress = Callable[[str, float], None]
 """Function that is called with a sentence about the work and the share of it that is done."""
+
+_ROWS_AT_ONCE = 128
+"""Rows of a portion, which keep the memory of its work to some tens of megabytes."""
 
 
 class _Pictures(NamedTuple):
@@ -81,7 +88,7 @@ def capture_and_restore(
     border: str = "reflect",
     full_well: float | None = None,
     adc_bits: int | None = None,
-    rows_at_once: int = 128,
+    rows_at_once: int = _ROWS_AT_ONCE,
     progress: Progress | None = None,
 ) -> Simulation:
     """Capture a subject and restore it, within memory of a few times its own size.
@@ -131,35 +138,135 @@ def capture_and_restore(
         image = np.asarray(capture(subject, key=key))
     else:
         image = turned(as_radiance(subject, "capture_and_restore(subject=...)"), axis)
-    model = blur_model(scene, motion, shutter)
-    captured = restored = np.zeros((0, 0, 1))
+    captured = np.zeros((0, 0, 1))
     num_rows = image.shape[0]
-    portions = range(0, num_rows, rows_at_once)
-    for first in portions:
+    for first in range(0, num_rows, rows_at_once):
         report("capturing", 0.5 * first / num_rows)
         part = jnp.asarray(image[first : first + rows_at_once])
         if not is_exposed:
             own_key = None if key is None else jax.random.fold_in(key, first)
             part = capture(part, key=own_key)
         if first == 0:
-            shape = (num_rows, *part.shape[1:])
-            captured, restored = np.empty(shape, part.dtype), np.empty(shape, part.dtype)
+            captured = np.empty((num_rows, *part.shape[1:]), part.dtype)
         captured[first : first + rows_at_once] = part
-    estimate = None
+    model = blur_model(scene, motion, shutter)
+    work = _Work(chosen, model, rows_at_once, lambda text, share: report(text, 0.5 + 0.5 * share))
+    restored, estimate = _in_portions(captured, scene, motion, work)
+    report("done", 1.0)
+    return Simulation.of(turned(captured, axis), turned(restored, axis), estimate)
+
+
+class Restoration(NamedTuple):
+    """A restored capture.
+
+    Attributes:
+        light: Light of the picture, white = 1; the shape of the capture.
+        found: The speed that was found in it; None where none was looked for.
+    """
+
+    light: np.ndarray
+    found: SpeedEstimate | None
+
+
+def restore(
+    capture: ArrayLike,
+    design: Design,
+    *,
+    decoder: AbstractDecoder | None = None,
+    speed: float | None = None,
+) -> np.ndarray:
+    """Restore a capture that a camera has taken, within memory of a few times its own size.
+
+    The decoder knows of the speed what the design's scene says: it is for all speeds, finds the
+    speed in the capture, or knows it. One that knows it finds it where no `speed` is given.
+
+    Args:
+        capture: Light in units of a fully open exposure: 1 where white is recorded by a shutter
+            that is open throughout; shape `(rows, columns)` or `(rows, columns, channels)`.
+        design: The camera and its scene.
+        decoder: The method; the ensemble filter by default.
+        speed: The speed of all that is seen, where it is known; px/s.
+
+    Returns:
+        Light of the picture, white = 1; the shape of `capture`.
+
+    Raises:
+        ValueError: if `capture` is not finite or no picture, or the scene has no light.
+
+    Examples:
+        >>> from mishutter import HannShutter, ParabolicMotion, Scene, example_picture, optimise
+        >>> from mishutter import psnr, restore, simulate_capture
+        >>> scene = Scene.uniform(max_speed=1500.0, photon_rate=1e6, read_noise=5)
+        >>> motion = ParabolicMotion(acceleration=2e5, half_exposure=0.01)
+        >>> design = optimise(scene, motion, HannShutter(), free=())
+        >>> picture = example_picture().light[:64]
+        >>> capture = simulate_capture(picture, scene, motion, HannShutter(), speed=700.0)
+        >>> print(f"{psnr(picture, restore(capture, design)):.0f} dB")
+        31 dB
+    """
+    return restored_capture(capture, design, decoder=decoder, speed=speed).light
+
+
+def restored_capture(
+    capture: ArrayLike,
+    design: Design,
+    *,
+    decoder: AbstractDecoder | None = None,
+    speed: float | None = None,
+    progress: Progress | None = None,
+) -> Restoration:
+    """`restore`, with the speed that was found.
+
+    Args:
+        capture: As in `restore`.
+        design: As in `restore`.
+        decoder: As in `restore`.
+        speed: As in `restore`.
+        progress: Called with a sentence and the share done.
+
+    Raises:
+        ValueError: as `restore`.
+    """
+    scene, motion, shutter = design.scene.along_rows(), design.motion, design.shutter
+    pixels = turned(np.asarray(as_pixels(capture, "restore(capture=...)")), design.scene.axis)
+    chosen, model = decoder or EnsembleDecoder(), blur_model(scene, motion, shutter)
+    if speed is not None:
+        require_finite("restore(speed=...)", speed)
+        model = model.knowing(speed - float(sensor_view(scene, motion, shutter).velocity))
+    elif knowledge_of(scene).knows_speed and not isinstance(chosen, SpeedFindingDecoder):
+        chosen = SpeedFindingDecoder(chosen)
+    work = _Work(chosen, model, _ROWS_AT_ONCE, progress or (lambda text, share: None))
+    light, estimate = _in_portions(pixels, scene, motion, work)
+    return Restoration(turned(light, design.scene.axis), estimate)
+
+
+class _Work(NamedTuple):
+    """A decoder, its model, the most rows of a portion, and whom to tell."""
+
+    decoder: AbstractDecoder
+    model: BlurModel
+    rows_at_once: int
+    report: Progress
+
+
+def _in_portions(
+    captured: np.ndarray, scene: Scene, motion: AbstractMotion, work: _Work
+) -> Restoration:
+    """A capture restored a few rows at a time, with the speed found in all of them first."""
+    chosen, model, estimate = work.decoder, work.model, None
     if isinstance(chosen, SpeedFindingDecoder):
-        report("finding the speed", 0.5)
+        work.report("finding the speed", 0.0)
         planes = rows_last(distinct_colours(captured))
         chosen, model, relative = informed([chosen], planes, model)[0]
         estimate = None if relative is None else relative.of(scene, motion)
-    beyond = chosen.rows_beyond
-    for first, past in itertools.pairwise(_mirrored_portions(num_rows, rows_at_once)):
-        report("restoring", 0.5 + 0.5 * first / num_rows)
+    restored, beyond, num_rows = np.empty_like(captured), chosen.rows_beyond, len(captured)
+    for first, past in itertools.pairwise(_mirrored_portions(num_rows, work.rows_at_once)):
+        work.report("restoring", first / num_rows)
         above = min(first, beyond)
         part = captured[first - above : past + beyond]
         rows = restored_light(part, chosen, model)
         restored[first:past] = rows[above : above + past - first]
-    report("done", 1.0)
-    return Simulation.of(turned(captured, axis), turned(restored, axis), estimate)
+    return Restoration(restored, estimate)
 
 
 def _mirrored_portions(num_rows: int, at_once: int) -> list[int]:

@@ -14,17 +14,17 @@ from scipy.optimize import brentq, minimize
 from support.cameras import camera, scene
 
 import mishutter as ms
-from mishutter.pictures import shipped_picture
-from mishutter.restore import blur_model
+from mishutter.decoding import blur_model
 
 # Filters and operators of a decoder, checked against their formulas; it returns only a picture.
-from mishutter.restore.decoders.borders import continuation
-from mishutter.restore.decoders.linear import (
+from mishutter.decoding.decoders.borders import continuation
+from mishutter.decoding.decoders.linear import (
     ensemble_filter,
     expected_residual,
     expected_squared_error,
 )
-from mishutter.restore.decoders.total_variation import adjoint_differences, differences
+from mishutter.decoding.decoders.total_variation import adjoint_differences, differences
+from mishutter.pictures import shipped_picture
 
 
 def portrait(rows=64):

@@ -12,9 +12,9 @@ from jaxtyping import Array, Complex, Float
 
 from mishutter._core import compiled, require, require_positive_int
 from mishutter.camera import along_rows
-from mishutter.restore.decoders.base import AbstractDecoder, BlurModel
-from mishutter.restore.decoders.borders import Continuation, continuation
-from mishutter.restore.decoders.linear import (
+from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel
+from mishutter.decoding.decoders.borders import Continuation, continuation
+from mishutter.decoding.decoders.linear import (
     ensemble_filter,
     expected_squared_error,
 )

@@ -11,9 +11,9 @@ from jaxtyping import Array, ArrayLike, DTypeLike
 
 from mishutter._core import compiled
 from mishutter.camera import along_rows
-from mishutter.restore.decoders.base import AbstractDecoder, BlurModel
-from mishutter.restore.decoders.borders import Continuation, continuation
-from mishutter.restore.decoders.linear import expected_residual
+from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel
+from mishutter.decoding.decoders.borders import Continuation, continuation
+from mishutter.decoding.decoders.linear import expected_residual
 
 _RANGE = (1e-9, 1e9)
 _NUM_HALVINGS = 40

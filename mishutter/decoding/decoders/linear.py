@@ -11,9 +11,9 @@ from jaxtyping import Array, ArrayLike, Complex, Float
 
 from mishutter._core import compiled
 from mishutter.camera import along_rows
+from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel
+from mishutter.decoding.decoders.borders import Continuation, captured_spectrum, continuation
 from mishutter.evaluation import lost_share
-from mishutter.restore.decoders.base import AbstractDecoder, BlurModel
-from mishutter.restore.decoders.borders import Continuation, captured_spectrum, continuation
 
 
 @final

@@ -18,7 +18,7 @@ from support.cases import daily
 from support.classes import final_classes
 
 import mishutter as ms
-from mishutter.restore import (
+from mishutter.decoding import (
     blur_model,
     decoders,
     measure_quality,
@@ -27,16 +27,20 @@ from mishutter.restore import (
 )
 
 # The filters themselves; decoders apply them to rows whose borders are continued.
-from mishutter.restore.decoders.banded import banded
-from mishutter.restore.decoders.borders import Continuation, continuation
+from mishutter.decoding.decoders.banded import banded
+from mishutter.decoding.decoders.borders import Continuation, continuation
 
 # The minimisers alone: what they minimise is a short formula on periodic rows, which no camera's
 # rows are.
-from mishutter.restore.decoders.likelihood import _Blur, _Method, _Penalty, _restored
-from mishutter.restore.decoders.linear import ensemble_filter, expected_squared_error, wiener_filter
+from mishutter.decoding.decoders.likelihood import _Blur, _Method, _Penalty, _restored
+from mishutter.decoding.decoders.linear import (
+    ensemble_filter,
+    expected_squared_error,
+    wiener_filter,
+)
 
 # The minimiser alone, as above.
-from mishutter.restore.decoders.tikhonov import _regularised
+from mishutter.decoding.decoders.tikhonov import _regularised
 
 PLAIN = ms.RichardsonLucyDecoder(30, accelerated=False, until_noise=False, start="capture")
 

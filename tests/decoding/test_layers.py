@@ -6,7 +6,7 @@ from support.cameras import camera, scene
 
 import mishutter as ms
 from mishutter.camera import captured_response, captured_responses_below
-from mishutter.restore import blur_model, expected_squared_error, squared_error_in
+from mishutter.decoding import blur_model, expected_squared_error, squared_error_in
 
 LAYERS = {
     "whole": None,

@@ -1,0 +1,241 @@
+"""The command `restore`: captures that a real camera has taken."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from mishutter._core import require, writable_folder
+from mishutter.cli.camera import DecoderName, decoder_of, estimate_document, speed_found
+from mishutter.cli.console import (
+    AGAIN,
+    interruptible,
+    note,
+    print_table,
+    progress_bar,
+    start_jax,
+    write_json,
+)
+from mishutter.cli.help import DESIGN, OUTPUT, PICTURES
+from mishutter.cli.laboratory import (
+    CameraFiles,
+    CeilingOption,
+    ClosedOption,
+    ColumnOption,
+    DriveOption,
+    FloorOption,
+    HalfExposureOption,
+    MeasuredOption,
+    MiddleOption,
+    OpenOption,
+    PositionScaleOption,
+    StepsOption,
+    cameras,
+)
+from mishutter.cli.options import JsonOption, as_path, scene_of
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from mishutter.design import Design
+
+_TICKS = 100
+_MOST_ABOVE_WHITE = 0.01
+"""Share of a restored picture that may be brighter than white without a word."""
+
+
+def restore(
+    captures: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="CAPTURE...",
+            parser=as_path,
+            help="Captures: PNG, JPEG, TIFF, BMP, WebP, PGM or PPM.",
+            show_default=False,
+        ),
+    ],
+    *,
+    design: Annotated[
+        Path | None,
+        typer.Option(
+            "--design",
+            metavar="FILE",
+            parser=as_path,
+            rich_help_panel=DESIGN,
+            help="Saved design that the camera was built by; its scene is taken without --scene.",
+        ),
+    ] = None,
+    scene_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--scene",
+            metavar="SCENE.toml",
+            parser=as_path,
+            rich_help_panel=DESIGN,
+            help="Scene of the captures [default: the design's].",
+        ),
+    ] = None,
+    shutter: Annotated[
+        str | None,
+        typer.Option(
+            "--shutter",
+            metavar="NAME[:VALUE]",
+            rich_help_panel=DESIGN,
+            help="Shutter of the scene's own motion, without --design.",
+        ),
+    ] = None,
+    drive: DriveOption = None,
+    measured: MeasuredOption = None,
+    column: ColumnOption = None,
+    half_exposure_ms: HalfExposureOption = None,
+    position_scale_px: PositionScaleOption = None,
+    floor: FloorOption = 0.0,
+    ceiling: CeilingOption = 1.0,
+    drive_steps: StepsOption = None,
+    middle_ms: MiddleOption = 0.0,
+    closed: ClosedOption = None,
+    opened: OpenOption = None,
+    white: Annotated[
+        float | None,
+        typer.Option(
+            "--white",
+            metavar="VALUE",
+            rich_help_panel=PICTURES,
+            help="Number in the file of white, were the shutter open for the whole exposure "
+            "[default: the greatest number of its bit depth].",
+        ),
+    ] = None,
+    linear: Annotated[
+        bool,
+        typer.Option(
+            "--linear",
+            rich_help_panel=PICTURES,
+            help="Read the file's numbers as linear light, as of raw files, not as gamma-coded.",
+        ),
+    ] = False,
+    decoder: Annotated[
+        DecoderName,
+        typer.Option(
+            "--decoder",
+            metavar="NAME",
+            rich_help_panel=PICTURES,
+            help="Decoder: ensemble, wiener, richardson-lucy, tikhonov, total-variation or "
+            "speed-finding; where the scene's decoder finds or knows the speed, it is found first.",
+        ),
+    ] = DecoderName.ENSEMBLE,
+    speed_text: Annotated[
+        str | None,
+        typer.Option(
+            "--speed",
+            metavar="SPEED",
+            rich_help_panel=PICTURES,
+            help="Speed of all that is seen, where it is known: px/s, or with a unit of --scene, "
+            "such as 0.9m/s.",
+        ),
+    ] = None,
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out",
+            metavar="DIR",
+            parser=as_path,
+            rich_help_panel=OUTPUT,
+            help="Folder for the pictures.",
+        ),
+    ] = Path("restored"),
+    json: JsonOption = False,
+) -> None:
+    """Restore captures that a camera has taken, each by itself."""
+    files = CameraFiles(
+        design=design,
+        drive=drive,
+        measured=measured,
+        half_exposure_ms=half_exposure_ms,
+        position_scale_px=position_scale_px,
+        floor=floor,
+        ceiling=ceiling,
+        num_steps=drive_steps,
+        middle_ms=middle_ms,
+        closed=closed,
+        opened=opened,
+        column=column,
+    )
+    start_jax()
+    from mishutter.decoding import restored_capture
+    from mishutter.model import read_speed
+    from mishutter.pictures import read_capture, write_picture
+    from mishutter.report import motion_text, plot_capture, save_figure, shown_name
+
+    stems = [path.stem for path in captures]
+    require(len(set(stems)) == len(stems), "CAPTURE...", "be of different names", stems)
+    camera = _camera(scene_file, shutter, files)
+    speed = None if speed_text is None else read_speed(speed_text, scene_file, "--speed")
+    seen = {path: read_capture(path, white=white, linear=linear) for path in captures}
+    folder, method = writable_folder(out), decoder_of(decoder)
+    written, found = [], {}
+    for path, capture in seen.items():
+        with (
+            interruptible(lambda: AGAIN),
+            progress_bar(f"restoring {path.name}", _TICKS) as update,
+        ):
+            result = restored_capture(
+                capture,
+                camera,
+                decoder=method,
+                speed=speed,
+                progress=lambda text, share, update=update: update(int(share * _TICKS), text),
+            )
+        _note_brightness(path, result.light)
+        stem = "" if len(seen) == 1 else f"{path.stem}_"
+        write_picture(folder / f"{stem}restored.png", result.light)
+        figure = plot_capture(
+            None,
+            capture,
+            result.light,
+            camera=f"{shown_name(path.name)}: {motion_text(camera.motion)}",
+            decoder=f"by the {decoder.value} decoder",
+        )
+        save_figure(figure, folder / f"{stem}side_by_side.png")
+        written += [f"{stem}restored.png", f"{stem}side_by_side.png"]
+        found[path.name] = result.found
+        if result.found is not None and result.found.doubt:
+            note(f"warning: {path}: {result.found.doubt}")
+    if json:
+        speeds = {
+            name: None if each is None else estimate_document(each) for name, each in found.items()
+        }
+        write_json({"decoder": decoder.value, "files": written, "found": speeds})
+    else:
+        rows = [[name, *speed_found(each)] for name, each in found.items() if each is not None]
+        if rows:
+            print_table("Speed found", ["capture", "px/s", ""], rows)
+    note(f"{folder}: {', '.join(written)}")
+
+
+def _camera(scene_file: Path | None, shutter: str | None, files: CameraFiles) -> "Design":
+    """The camera as measured, driven or designed, whichever was last; or a named shutter."""
+    from mishutter.design import Design, given_design
+    from mishutter.model import named_shutter
+
+    if files.design is None:
+        require(scene_file is not None, "--design or --scene", "be given", None)
+    if scene_file is None and files.design is not None:
+        scene = Design.load(files.design).scene
+    else:
+        scene = scene_of(scene_file)
+    built = list(cameras(scene, files).designs.values())
+    if built:
+        require(shutter is None, "--shutter", "be left out where files give the shutter", shutter)
+        return built[-1]
+    require(shutter is not None, "--design, --drive, --measured or --shutter", "be given", None)
+    return given_design(scene, scene.motion, named_shutter(shutter or ""), f"Given: {shutter}.")
+
+
+def _note_brightness(path: Path, light: "np.ndarray") -> None:
+    """Notes a picture that is brighter than white: its file's white is that of another exposure."""
+    share = float((light > 1).mean())
+    if share > _MOST_ABOVE_WHITE:
+        note(
+            f"warning: {path}: {share:.0%} of the restored picture is brighter than white; "
+            "`--white` is the file's number of white in an exposure with the shutter open"
+        )

@@ -1,0 +1,34 @@
+"""Restoration of captures: decoders, borders and image quality."""
+
+from mishutter.decoding.decoders import ROWS_TO_FIND as ROWS_TO_FIND
+from mishutter.decoding.decoders import AbstractDecoder as AbstractDecoder
+from mishutter.decoding.decoders import BlurModel as BlurModel
+from mishutter.decoding.decoders import EnsembleDecoder as EnsembleDecoder
+from mishutter.decoding.decoders import PlugAndPlayDecoder as PlugAndPlayDecoder
+from mishutter.decoding.decoders import RichardsonLucyDecoder as RichardsonLucyDecoder
+from mishutter.decoding.decoders import SpeedEstimate as SpeedEstimate
+from mishutter.decoding.decoders import SpeedFindingDecoder as SpeedFindingDecoder
+from mishutter.decoding.decoders import TikhonovDecoder as TikhonovDecoder
+from mishutter.decoding.decoders import TotalVariationDecoder as TotalVariationDecoder
+from mishutter.decoding.decoders import WienerDecoder as WienerDecoder
+from mishutter.decoding.decoders import blur_model as blur_model
+from mishutter.decoding.decoders import estimate_speed as estimate_speed
+from mishutter.decoding.decoders import expected_squared_error as expected_squared_error
+from mishutter.decoding.decoders import richardson_lucy as richardson_lucy
+from mishutter.decoding.decoders import squared_error_in as squared_error_in
+from mishutter.decoding.image_quality import Quality as Quality
+from mishutter.decoding.image_quality import ghost_energy as ghost_energy
+from mishutter.decoding.image_quality import measure_quality as measure_quality
+from mishutter.decoding.image_quality import psnr as psnr
+from mishutter.decoding.image_quality import ssim as ssim
+from mishutter.decoding.restoration import RestoredPhotograph as RestoredPhotograph
+from mishutter.decoding.restoration import deconvolve as deconvolve
+from mishutter.decoding.restoration import least_columns as least_columns
+from mishutter.decoding.restoration import restore_by_each as restore_by_each
+from mishutter.decoding.restoration import restore_photograph as restore_photograph
+from mishutter.decoding.restoration import restored_light as restored_light
+from mishutter.decoding.simulation import Restoration as Restoration
+from mishutter.decoding.simulation import Simulation as Simulation
+from mishutter.decoding.simulation import capture_and_restore as capture_and_restore
+from mishutter.decoding.simulation import restore as restore
+from mishutter.decoding.simulation import restored_capture as restored_capture

@@ -1,0 +1,105 @@
+"""`restore` from the command line: captures that a camera has taken, in any file that is read."""
+
+import json
+
+import jax
+import numpy as np
+import pytest
+import tifffile
+from support.command_line import SMALL_SCENE, refused
+
+import mishutter as ms
+from mishutter import cli
+from mishutter.design import given_design
+from mishutter.pictures import read_capture
+
+SCENE = ms.Scene([0.0, 310.0, -190.0], photon_rate=2.3e6, read_noise=4.7)
+MOTION = ms.ParabolicMotion(acceleration=6e4, half_exposure=9.7e-3)
+SPEED = 310.0
+
+
+@pytest.fixture(scope="module")
+def picture():
+    return ms.example_picture().light[40:104, :200]
+
+
+@pytest.fixture
+def desk(tmp_path, monkeypatch, picture):
+    """A folder with a saved design and two captures, one of them of floating-point numbers."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scene.toml").write_text(SMALL_SCENE.partition("[picture]")[0], encoding="utf-8")
+    given_design(SCENE, MOTION, ms.HannShutter(), "Given.").save(tmp_path / "design.json")
+    for name, speed in (("a", SPEED), ("b", -190.0)):
+        seen = ms.simulate_capture(
+            picture, SCENE, MOTION, ms.HannShutter(), speed=speed, key=jax.random.key(2)
+        )
+        tifffile.imwrite(tmp_path / f"{name}.tif", np.asarray(seen, np.float32), photometric="rgb")
+        # A camera of 12 bits that states its numbers in linear light.
+        counts = np.clip(np.asarray(seen[..., 0]) * 4095, 0, 4095).round().astype(np.uint16)
+        tifffile.imwrite(tmp_path / f"{name}12.tif", counts)
+    return tmp_path
+
+
+def level(picture, path):
+    return float(ms.psnr(picture, ms.read_picture(path).light))
+
+
+def test_a_capture_becomes_a_picture(desk, picture, capsys):
+    """By what `deconvolve` makes of it, also of noise below black; the same in 12 linear bits."""
+    seen = read_capture("a.tif")
+    assert seen.min() < 0
+    assert cli.main(["restore", "a.tif", "--design", "design.json", "--out", "out"]) == 0
+    restored = ms.read_picture("out/restored.png").light
+    wanted = np.clip(ms.deconvolve(seen, SCENE, MOTION, ms.HannShutter()), 0, 1)
+    np.testing.assert_allclose(restored, wanted, atol=2e-3)
+    assert level(picture, "out/restored.png") > float(ms.psnr(picture, seen)) + 6
+    told = ["--white", "4095", "--linear", "--out", "bits"]
+    assert cli.main(["restore", "a12.tif", "--design", "design.json", *told]) == 0
+    grey = ms.read_picture("bits/restored.png").light[..., 0]
+    np.testing.assert_allclose(grey, restored[..., 0], atol=0.04)
+    assert (desk / "out" / "side_by_side.png").exists()
+
+
+def test_the_speed_is_found_or_told(desk, picture, capsys):
+    """Each capture has its own; a filter of the true speed is better than one for all."""
+    many = ["restore", "a.tif", "b.tif", "--design", "design.json"]
+    assert cli.main([*many, "--decoder", "speed-finding", "--out", "found", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["found"].keys() == {"a.tif", "b.tif"}
+    assert set(document["files"]) == {
+        f"{name}_{kind}.png" for name in "ab" for kind in ("restored", "side_by_side")
+    }
+    for told, out in ([], "all"), (["--speed", str(SPEED)], "told"):
+        assert cli.main(["restore", "a.tif", "--design", "design.json", *told, "--out", out]) == 0
+    assert level(picture, "told/restored.png") > level(picture, "all/restored.png") + 0.1
+
+
+def test_a_scene_and_a_shutter(desk, capsys):
+    """Without a design the scene's motion and a named shutter are the camera."""
+    given = ["restore", "a.tif", "--scene", "scene.toml", "--shutter", "rect", "--out", "out"]
+    assert cli.main(given) == 0
+    assert (desk / "out" / "restored.png").exists()
+
+
+def test_white_of_another_exposure(desk, capsys):
+    """A restored picture brighter than white is said to be."""
+    given = ["restore", "a12.tif", "--design", "design.json", "--out", "out"]
+    assert cli.main([*given, "--white", "1500", "--linear"]) in (0, 2)
+    assert cli.main([*given, "--white", "2100", "--linear"]) == 0
+    assert "brighter than white" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["a.tif"], "`--design or --scene` must be given"),
+        (["a.tif", "--scene", "scene.toml"], "`--design, --drive, --measured or --shutter` must"),
+        (["a.tif", "--design", "design.json", "--shutter", "hann"], "`--shutter` must be left out"),
+        (["a.tif", "a.tif", "--design", "design.json"], "must be of different names"),
+        (["c.tif", "--design", "design.json"], "c.tif"),
+    ],
+)
+def test_refusals(desk, capsys, words, message):
+    """What is missing, or one too many, is named in one line, and nothing is written."""
+    assert message in refused(capsys, "restore", *words, "--out", "out")
+    assert not (desk / "out").exists()

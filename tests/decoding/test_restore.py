@@ -1,0 +1,69 @@
+"""A plain array restored by a saved design: by the decoder of its scene."""
+
+import jax
+import numpy as np
+import pytest
+from support.cases import daily
+
+import mishutter as ms
+from mishutter.decoding import restored_capture
+from mishutter.design import given_design
+
+MOTION = ms.ParabolicMotion(acceleration=6e4, half_exposure=9.7e-3, velocity=70.0)
+SPEEDS = [0.0, 310.0, -190.0]
+
+
+def design(**others):
+    scene = ms.Scene(SPEEDS, photon_rate=2.3e6, read_noise=4.7, **others)
+    return given_design(scene, MOTION, ms.HannShutter(), "Given.")
+
+
+def capture(of, speed=310.0, rows=slice(20, 170)):
+    picture = ms.example_picture().light[rows, :200]
+    scene = of.scene
+    return picture, ms.simulate_capture(
+        picture, scene, MOTION, of.shutter, speed=speed, key=jax.random.key(4)
+    )
+
+
+@pytest.mark.parametrize("axis", daily(["rows", "columns"], "columns"))
+def test_it_is_what_deconvolve_makes_of_it(axis):
+    """In portions of rows, along either axis, of grey pictures and of coloured ones."""
+    camera = design(axis=axis)
+    _, seen = capture(camera)
+    whole = ms.deconvolve(seen, camera.scene, MOTION, camera.shutter)
+    np.testing.assert_allclose(ms.restore(seen, camera), whole, atol=1e-6)
+    grey = np.asarray(seen)[..., 0]
+    np.testing.assert_allclose(ms.restore(grey, camera), np.asarray(whole)[..., 0], atol=1e-6)
+
+
+def test_a_told_speed_is_that_of_the_pan_too():
+    """The filter of one speed, relative to the sensor, leaves less than that of another."""
+    camera = design()
+    picture, seen = capture(camera)
+    levels = {
+        speed: float(ms.psnr(picture, ms.restore(seen, camera, speed=speed)))
+        for speed in (310.0, 240.0, 380.0)
+    }
+    assert max(levels, key=levels.get) == 310.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("knowledge", ["found", "known"])
+def test_the_scenes_decoder_finds_the_speed(knowledge):
+    """Where the scene's decoder finds or knows the speed, it is found; otherwise none is."""
+    camera = design(decoder_speed=knowledge)
+    _, seen = capture(camera)
+    assert restored_capture(seen, camera).found is not None
+    assert restored_capture(seen, design()).found is None
+
+
+def test_refusals():
+    """What is no picture, or no finite speed, is refused in one line."""
+    camera = design()
+    with pytest.raises(ValueError, match=r"restore\(capture=...\)` must have rows and columns"):
+        ms.restore(np.ones(5), camera)
+    with pytest.raises(ValueError, match=r"restore\(capture=...\)` must be finite"):
+        ms.restore(np.full((5, 40), np.nan), camera)
+    with pytest.raises(ValueError, match=r"restore\(speed=...\)` must be finite"):
+        ms.restore(np.ones((5, 40)), camera, speed=np.inf)
