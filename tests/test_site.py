@@ -43,7 +43,8 @@ def test_every_scene_key_stands_on_its_page_with_unit_default_and_range():
 def test_every_public_name_is_on_a_page_of_the_reference():
     """A name that is added to the package is documented."""
     named = {name for names in public_names().values() for name in names}
-    assert set(mishutter.__all__) <= named
+    flat = {name for name in mishutter.__all__ if not inspect.ismodule(getattr(mishutter, name))}
+    assert flat <= named
 
 
 def parameters():

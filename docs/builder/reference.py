@@ -83,8 +83,8 @@ def write_reference(folder: Path) -> None:
 def public_names() -> dict[str, dict[str, str]]:
     """Names that a user may import, each with its dotted path, by the folder they are from."""
     names: dict[str, dict[str, str]] = {module: {} for module in _FOLDERS}
-    for module, name in _exported(ROOT / "mishutter" / "__init__.py"):
-        names[module.split(".")[1]][name] = f"mishutter.{name}"
+    for module, name in _exported(ROOT / "mishutter" / "__init__.pyi"):
+        names[module][name] = f"mishutter.{name}"
     for _, name in _exported(ROOT / "mishutter" / "report" / "__init__.py"):
         if name.startswith(_PICTURES):
             names["report"][name] = f"mishutter.report.{name}"
@@ -93,8 +93,8 @@ def public_names() -> dict[str, dict[str, str]]:
 
 def _exported(path: Path) -> Iterator[tuple[str, str]]:
     for node in ast.walk(ast.parse(path.read_text("utf-8"))):
-        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("mishutter."):
-            yield str(node.module), node.names[0].name
+        if isinstance(node, ast.ImportFrom) and node.module is not None:
+            yield node.module, node.names[0].name
 
 
 def scene_page() -> str:
