@@ -3,7 +3,6 @@
 import os
 import signal
 import sys
-from typing import Any
 
 
 def main() -> int:
@@ -14,16 +13,12 @@ def main() -> int:
     """
     before = signal.getsignal(signal.SIGINT)
     if before is signal.default_int_handler:
-        signal.signal(signal.SIGINT, _leave)
+        signal.signal(signal.SIGINT, lambda *_: os._exit(130))
     from mishutter.cli import main as command
 
     if before is signal.default_int_handler:
         signal.signal(signal.SIGINT, before)
     return command()
-
-
-def _leave(*_: Any) -> None:
-    os._exit(130)
 
 
 if __name__ == "__main__":

@@ -220,7 +220,9 @@ def _rates(from_vertex: Array, motion: Motion, primal: KernelPrimal, units: np.n
     """
     a, T, _ = motion
     # Stores both in memory, because every row of `units` reads them.
-    transmittance, rise = opaque_to_fusion(_transmittance_and_rise, primal)
+    transmittance, rise = opaque_to_fusion(
+        lambda p: (transmittance_at(p.profile, p.x), rise_over(p)), primal
+    )
     transmittance = jnp.where(primal.is_held, 0.0, transmittance)
     begin, end = (transmittance[k] for k in primal.parts)
     u, v = (primal.x.velocity[1:][k] for k in primal.parts)
@@ -268,10 +270,6 @@ def _crossing_time(
     """Moment and velocity of crossings, with derivatives of every order."""
     edge = edges[None, : x.moment.shape[1]] + shift
     return crossing_time(from_vertex, parabola_of(motion), edge, Passage(x.moment, x.velocity))
-
-
-def _transmittance_and_rise(primal: KernelPrimal) -> tuple[Array, Array]:
-    return transmittance_at(primal.profile, primal.x), rise_over(primal)
 
 
 def transmittance_at(profile: AbstractPiecewiseShutter, x: Crossings) -> Array:

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     import numpy as np
     import xarray
 
-    from mishutter.model import AbstractShutter, Scene
+    from mishutter.model import Scene
 
 _RANGES = "`--acceleration`, `--half-exposure` and `--velocity`"
 _NUM_VALUES = 40
@@ -124,7 +124,7 @@ def sweep(
     half_exposures = _values("--half-exposure", half_exposure, log, bound="above 0")
     velocities = _values("--velocity", velocity, log=False)
     start_jax()
-    from mishutter.model import named_shutter
+    from mishutter.model import baselines, named_shutter
     from mishutter.sweeps import frames_of, require_some_inside, require_within
     from mishutter.sweeps import sweep as run
 
@@ -152,14 +152,16 @@ def sweep(
 
         def progress(done: int, total: int) -> None:
             points.append(done)
-            update(done, _speed(done - points[0], time.perf_counter() - begin))
+            seconds, computed = time.perf_counter() - begin, done - points[0]
+            has_rate = computed and seconds > 0
+            update(done, f"{computed / seconds:.0f} points/s" if has_rate else "")
 
         dataset = run(
             scene,
             accelerations=accelerations,
             half_exposures=half_exposures,
             velocities=velocities,
-            shutters=_with_baselines(named),
+            shutters={**baselines(), **named} if named else None,
             optimise=optimise,
             loss=None if loss is None else loss_of(loss, scene),
             num_coefficients=num_coefficients,
@@ -169,10 +171,6 @@ def sweep(
         )
     require_some_inside(_RANGES, dataset.outside.values)
     _deliver(dataset, scene, folder, json)
-
-
-def _speed(done: int, seconds: float) -> str:
-    return f"{done / seconds:.0f} points/s" if done and seconds > 0 else ""
 
 
 def _after_points(points: list[int], total: int, store: Path | None) -> str:
@@ -246,12 +244,6 @@ def _accelerations_of(scene: "Scene", half_exposures: "np.ndarray", pan: float) 
     )
     largest = np.where(beside_pan > 0, beside_pan, alone)
     return np.geomspace(largest.min() / 10, largest.max(), _NUM_VALUES)
-
-
-def _with_baselines(named: "dict[str, AbstractShutter]") -> "dict[str, AbstractShutter] | None":
-    from mishutter.model import baselines
-
-    return {**baselines(), **named} if named else None
 
 
 @contextmanager

@@ -56,7 +56,8 @@ def _table(schema: Schema, key: str, entry: Schema, place: Place) -> Field:
         "begin": {
             field["key"]: field["begin"]
             for field in fields
-            if (*place, field["key"]) in _examples() or _is_required(field)
+            if (*place, field["key"]) in _examples()
+            or (not field["optional"] and field.get("default") is None)
         },
         "fields": fields,
     }
@@ -94,10 +95,6 @@ def _resolved(schema: Schema, entry: Schema) -> Schema:
     options = [o for o in entry.get("anyOf", [entry]) if o.get("type") != "null"]
     option = options[0]
     return schema["$defs"][option["$ref"].split("/")[-1]] if "$ref" in option else option
-
-
-def _is_required(field: Field) -> bool:
-    return not field["optional"] and field.get("default") is None
 
 
 def _is_optional(entry: Schema) -> bool:

@@ -8,7 +8,7 @@ import math
 import secrets
 import socket
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from importlib import resources
 from urllib.parse import urlsplit
@@ -398,7 +398,7 @@ class _Tab(tornado.websocket.WebSocketHandler):
         self.tell({"kind": "doing", "text": "searching"})
         parts = self.session.rest(request, check)
         while not self._asked.is_set():
-            part = loop.run_in_executor(explorer.slow, _next, parts)
+            part = loop.run_in_executor(explorer.slow, next, parts, None)
             if not await self._guarded(request, part):
                 return
 
@@ -441,10 +441,6 @@ class _Tab(tornado.websocket.WebSocketHandler):
             await self.write_message(json.dumps(_plain(message), separators=(",", ":")))
         except tornado.websocket.WebSocketClosedError:
             raise asyncio.CancelledError from None
-
-
-def _next(parts: Iterator[Answer]) -> Answer | None:
-    return next(parts, None)
 
 
 def _plain(value: object) -> object:

@@ -475,7 +475,7 @@ def _slot_by_slot(
     scene, motion = search_frame(with_device(scene, device.relaxed), motion, free)
     space = design_space(scene, motion, command, free)
     objective = objective_of(settings.loss, scene, space, _plan(scene, space, settings))
-    return searched_slots(objective, np.asarray(command.transmittances), device).levels
+    return searched_slots(objective, np.asarray(command.transmittances), device)
 
 
 def _sent(
@@ -522,6 +522,11 @@ def _better(design: Design, straight: Design) -> Design:
 
 
 def _design(end: "_End", scene: Scene, settings: SearchSettings) -> Design:
+    outcome = Outcome.STALLED
+    if is_minimum(end.certificate, end.loss):
+        outcome = Outcome.CONVERGED
+    elif end.num_steps >= settings.max_steps:
+        outcome = Outcome.STEPS_USED
     inside = not beyond_limits(scene, end.motion, end.shutter)
     return Design(
         shutter=end.shutter,
@@ -529,7 +534,7 @@ def _design(end: "_End", scene: Scene, settings: SearchSettings) -> Design:
         scene=scene,
         loss=end.loss,
         history=end.history,
-        outcome=_outcome(end.certificate, end.loss, end.num_steps >= settings.max_steps),
+        outcome=outcome,
         notes=() if inside else (_OUTSIDE,),
         certificate=end.certificate,
         loss_name=repr(settings.loss),
@@ -782,12 +787,6 @@ def _starts(
     num_tried = math.ceil(len(boxes) / _TRIED_SHARE)
     num_lasting = max(_NUM_LASTING, math.ceil(num_starts / _LASTING_SHARE))
     return _Starts(boxes, num_tried=num_tried, num_lasting=num_lasting)
-
-
-def _outcome(certificate: float, loss: float, steps_used: bool) -> Outcome:
-    if is_minimum(certificate, loss):
-        return Outcome.CONVERGED
-    return Outcome.STEPS_USED if steps_used else Outcome.STALLED
 
 
 @outside_trace()

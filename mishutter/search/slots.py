@@ -5,8 +5,6 @@ of two near one another, lowers the loss, until none does. All changes are measu
 many of the best are made as lower the loss together.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -22,17 +20,9 @@ _LEAST_FALL = 1e-7
 _AT_ONCE = 64
 
 
-class SearchedSlots(NamedTuple):
-    """Levels of the slots, their loss, and the loss that the search began with."""
-
-    levels: Float[np.ndarray, "n"]
-    loss: float
-    first_loss: float
-
-
 def searched_slots(
     objective: AbstractObjective, levels: Float[np.ndarray, "n"], device: AbstractDevice
-) -> SearchedSlots:
+) -> Float[np.ndarray, "n"]:
     """Levels of the slots at which no change of one or two lowers the loss.
 
     Args:
@@ -46,7 +36,7 @@ def searched_slots(
     def losses_of(rows: Int[np.ndarray, "k n"]) -> Float[np.ndarray, "k"]:
         return screened(objective, (rows / steps).astype(levels.dtype))
 
-    best = first = float(losses_of(slots[None])[0])
+    best = float(losses_of(slots[None])[0])
     for _ in range(_MAX_ROUNDS):
         changes = _changes(slots, steps, device)
         if not len(changes):
@@ -65,7 +55,7 @@ def searched_slots(
         losses = losses_of(rows)
         lowest = int(np.argmin(losses))
         slots, best = rows[lowest], float(losses[lowest])
-    return SearchedSlots((slots / steps).astype(levels.dtype), best, first)
+    return (slots / steps).astype(levels.dtype)
 
 
 def _changes(

@@ -47,7 +47,9 @@ def start_boxes(space: DesignSpace, num_starts: int, seed: int) -> Float[np.ndar
     if first.size <= GRID_COORDINATES:
         return np.concatenate([first[None], _grid(first.size).astype(first.dtype)])
     count = space.num_profile_coordinates
-    profiles = _baseline_boxes(space)
+    shutter, profiles = space.shutter, []
+    if count and isinstance(shutter, SplineShutter):
+        profiles = window_fits(shutter.num_coefficients, shutter.symmetric)
     random = np.random.default_rng(seed)
     boxes = np.tile(first, (num_starts, 1))
     for index in range(1, num_starts):
@@ -159,14 +161,6 @@ def _random_profile(random: np.random.Generator, count: int) -> Float[np.ndarray
     noise = random.standard_normal(count)
     walk = np.cumsum(noise) / np.sqrt(count)
     return np.clip(0.5 + roughness * noise / 2 + (1 - roughness) * walk, 0, 1)
-
-
-def _baseline_boxes(space: DesignSpace) -> list[Float[np.ndarray, "p"]]:
-    """Baselines' profiles where a free-form profile moves."""
-    shutter = space.shutter
-    if not ("shutter" in space.free and isinstance(shutter, SplineShutter)):
-        return []
-    return window_fits(shutter.num_coefficients, shutter.symmetric)
 
 
 @lru_cache

@@ -238,14 +238,6 @@ def _restored(
     return estimate[..., : extension.columns]
 
 
-def _first_state(start: Array, accelerated: bool, penalised: bool) -> _State:
-    nothing = jnp.zeros_like(start)
-    flow = differences(nothing) if penalised else None
-    if accelerated:
-        return _State(start, start, nothing, nothing, flow)
-    return _State(start, None, None, None, flow)
-
-
 def _extrapolated(state: _State) -> Array:
     """Prevents many small steps the same way, row by row."""
     estimate, before, change, change_before, _ = state
@@ -329,7 +321,9 @@ def _iterated(
             )
 
         # JAX differentiates a loop in reverse only if the number of its turns is known beforehand.
-        begin = _first_state(start, method.accelerated, penalty is not None)
+        nothing = jnp.zeros_like(start)
+        before = (start, nothing, nothing) if method.accelerated else (None, None, None)
+        begin = _State(start, *before, flow=None if penalty is None else differences(nothing))
         return jax.lax.fori_loop(0, method.num_iterations, step, begin).estimate
 
     estimates = jax.lax.map(iterated, (tiles(data), tiles(start), means))
