@@ -398,7 +398,7 @@ class BoundaryTimes(NamedTuple):
     path: tuple[Motion, Array, Array] | None = None
 
     def moments(self, from_vertex: Array | bool, x: Crossings, is_held: Array) -> Array:
-        """All moments in a row."""
+        """All moments in one row, whose places `CellBoundaries` names."""
         moment = jnp.zeros_like(x.moment)
         if self.path is not None:
             moment = jnp.where(is_held, 0.0, _crossing_time(*self.path, from_vertex, x).moment)

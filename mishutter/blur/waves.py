@@ -67,9 +67,9 @@ def waves_on_dft(
     num_low = math.isqrt(num_frequencies - 1) + 1
     num_high = -(-num_frequencies // num_low)
     dtype = np.result_type(position.dtype, np.complex64)
-    turns = position[:, None, :].astype(dtype) * np.asarray(-2j * np.pi / length, dtype)
+    phase = position[:, None, :].astype(dtype) * np.asarray(-2j * np.pi / length, dtype)
     low, high = (
-        space.exp(turns * (step * np.arange(count)).astype(dtype)[None, :, None])
+        space.exp(phase * (step * np.arange(count)).astype(dtype)[None, :, None])
         for count, step in ((num_low, 1), (num_high, num_low))
     )
     waves = space.matmul(high * weight[:, None, :].astype(dtype), space.swapaxes(low, 1, 2))

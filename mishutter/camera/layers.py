@@ -66,7 +66,7 @@ class Layer:
 
     @property
     def matte(self) -> Float[np.ndarray, "rows columns"]:
-        """Opacity of each pixel."""
+        """Opacity of each pixel, from 0 to 1; 1 for a picture without a matte."""
         matte = self.picture.matte
         return np.ones(self.picture.light.shape[:2], np.float32) if matte is None else matte
 

@@ -160,7 +160,7 @@ class Times(NamedTuple):
     bound: Float[np.ndarray, "k"]
 
     def at(self, frequency: Float[np.ndarray, "m"]) -> Float[np.ndarray, "m"]:
-        """The bound at other frequencies."""
+        """A bound at other frequencies, up to 0.5 cycles/px, which may be higher than the best."""
         # The bound of the next higher frequency holds too, because it never falls.
         return self.bound[np.searchsorted(self.frequency, frequency)]
 

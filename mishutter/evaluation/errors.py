@@ -59,7 +59,7 @@ class _Moments(NamedTuple):
 
     @property
     def total(self) -> Float[Array, "*n k"]:
-        """Power of a capture."""
+        """Power of a capture, noise included, over which the best filter divides."""
         return self.signal * (self.coherent + self.spread) + self.noise
 
     @property
@@ -422,25 +422,26 @@ def freely_aligned(
     gain = jnp.sum(weights * (spectra.real**2 + spectra.imag**2), axis=0) * aperture
     weight = jax.lax.stop_gradient(power * aperture * share(signal, signal * gain + noise))
     weight = weight[None]
-    turns = 2 * np.pi * frequency_grid(num_frequencies, np.dtype(dtype))[None, :num_kept]
+    omega = 2 * np.pi * frequency_grid(num_frequencies, np.dtype(dtype))[None, :num_kept]
 
     def displaced(
         spectra: Complex[Array, "n k"], displacement: Float[Array, "n"]
     ) -> Complex[Array, "n k"]:
-        angle = turns * displacement[:, None]
+        angle = omega * displacement[:, None]
         return spectra * jax.lax.complex(jnp.cos(angle), jnp.sin(angle))
 
     def step(_: object, displacement: Float[Array, "n"]) -> Float[Array, "n"]:
         each = displaced(spectra, displacement)
         mean = jnp.sum(weights.astype(each.dtype) * each, axis=0)
         overlap = weight.astype(each.dtype) * jnp.conj(mean)[None] * each
-        slope = -jnp.sum(turns * overlap.imag, axis=1)
-        bound = jnp.sum(turns**2 * jnp.abs(overlap), axis=1)
-        curvature = jnp.maximum(jnp.sum(turns**2 * overlap.real, axis=1), _LEAST_CURVATURE * bound)
+        slope = -jnp.sum(omega * overlap.imag, axis=1)
+        bound = jnp.sum(omega**2 * jnp.abs(overlap), axis=1)
+        curvature = jnp.maximum(jnp.sum(omega**2 * overlap.real, axis=1), _LEAST_CURVATURE * bound)
         curves = curvature > 0
         return displacement + jnp.where(curves, slope / jnp.where(curves, curvature, 1.0), 0.0)
 
     start = jnp.zeros(spectra.shape[0], dtype)
+    # The error is stationary in the displacements, so that its slope is that with these held fixed.
     displacement = jax.lax.stop_gradient(jax.lax.fori_loop(0, _ALIGNING_STEPS, step, start))
     return eqx.tree_at(lambda r: r.spectra, response, displaced(response.spectra, displacement))
 

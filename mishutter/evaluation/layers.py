@@ -621,8 +621,8 @@ class _Knots(NamedTuple):
         """
         dtype = np.dtype(distance.dtype)
         if self.shares is not None:
-            turns = -2 * np.pi * (shares.first + shares.step * self.places)
-            angle = distance[..., None] * turns.astype(dtype)[(None,) * distance.ndim]
+            omega = -2 * np.pi * (shares.first + shares.step * self.places)
+            angle = distance[..., None] * omega.astype(dtype)[(None,) * distance.ndim]
             return jnp.cos(angle), jnp.sin(angle)
         begin, step = (distance * (-2 * np.pi * f) for f in (shares.first, shares.step))
         c, s = jnp.cos(step), jnp.sin(step)

@@ -61,7 +61,13 @@ class AbstractLoss(eqx.Module):
     def __call__(
         self, scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
     ) -> Float[Array, ""]:
-        """The loss; a scalar."""
+        """A number to be made small: real, scalar, and differentiable by the design's numbers.
+
+        Args:
+            scene: Speeds, light, noise and limits.
+            motion: Motion of the sensor.
+            shutter: The profile, or the transmittance that the scene's device makes of it.
+        """
 
     def __add__(self, other: "AbstractLoss") -> "AbstractLoss":
         if not isinstance(other, AbstractLoss):
@@ -155,7 +161,9 @@ class AbstractResponseLoss(AbstractLoss):
     def of_response(
         self, scene: Scene, motion: AbstractMotion, response: Response, num_frequencies: int
     ) -> Float[Array, ""]:
-        """The loss of a response.
+        """A number to be made small, of one response: real, scalar and differentiable by it.
+
+        It is traced, so that it may not ask for the values of the response's numbers.
 
         Args:
             scene: Speeds, light and noise in the frame of the sensor: each speed once, and those

@@ -137,7 +137,7 @@ class Evaluation:
 
     @cached_property
     def errors(self) -> LinearErrors:
-        """Squared errors of linear decoders."""
+        """Squared errors of linear decoders, which share the moments of one response."""
         return LinearErrors(self.scene, self.motion, self.response, self._num_frequencies)
 
     @property

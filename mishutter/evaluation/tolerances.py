@@ -84,7 +84,7 @@ class ToleranceCosts:
         return {"expected_psnr_db": self.expected_psnr, "rows": rows, "largest": largest}
 
     def text(self) -> str:
-        """The table as text."""
+        """The table as lines of fixed width, and the verdict below it."""
         lines = [f"{'tolerance':<15}{'1 sigma':>24}{'costs dB':>10}{'unaware dB':>12}"]
         lines += [
             f"{row.name:<15}{row.size:>24}{row.cost:>z10.3f}{row.unaware_cost:>z12.3f}"

@@ -102,7 +102,7 @@ class Beginning:
     design: Design | None = None
 
     def scene(self) -> Scene:
-        """The scene of the file."""
+        """A new scene from the tables of the file, with its photographs."""
         return built(self.tables, self.photographs)
 
     @property

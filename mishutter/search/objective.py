@@ -50,7 +50,11 @@ class AbstractObjective(eqx.Module):
 
     @abstractmethod
     def __call__(self, box: Float[Array, "size"]) -> Float[Array, ""]:
-        """Loss at a point of the unit box."""
+        """Loss of the design at a point of the unit box, differentiable there.
+
+        Args:
+            box: Coordinates of the design, from 0 to 1, as `DesignSpace.at` reads them.
+        """
 
     @property
     @abstractmethod

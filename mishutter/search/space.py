@@ -155,7 +155,7 @@ class DesignSpace(eqx.Module):
 
     @property
     def size(self) -> int:
-        """Number of coordinates."""
+        """Number of coordinates of a point of the box."""
         return self.num_shape_coordinates + len(self.free_of_motion)
 
     @property

@@ -207,7 +207,7 @@ class Grid:
         return sizes
 
     def dimensions(self, name: str) -> tuple[str, ...]:
-        """Dimensions of a variable."""
+        """Names of the dimensions of a variable, in the order of its axes."""
         place = (*self.frame_sizes, "acceleration", "half_exposure")
         dimensions_of_light = tuple(d for d in ("photon_rate", "read_noise") if d in self.sizes)
         if name in ("num_taps", "dft_length", "loss", "converged"):
@@ -241,7 +241,7 @@ class Grid:
         return rows, int(np.clip(min(_BLOCK_BYTES // point, 4096) // rows, 1, columns))
 
     def blocks(self) -> list[Block]:
-        """Every block, in order."""
+        """Every block, frame by frame, and in each along the half exposures first."""
         rows, columns = self.block_shape
         frames = range(len(self.frames))
         accelerations = range(-(-self.accelerations.size // rows))
@@ -265,7 +265,7 @@ class Grid:
         return place + (slice(None),) * (len(dimensions) - len(place))
 
     def num_points(self, blocks: Iterable[Block]) -> int:
-        """Points of some blocks."""
+        """Number of points that some blocks hold, those outside the limits included."""
         places = map(self.place, blocks)
         return sum((a.stop - a.start) * (t.stop - t.start) for a, t in places)
 

@@ -57,20 +57,28 @@ class AbstractBlocks(ABC):
 
     @abstractmethod
     def missing(self) -> list[Block]:
-        """Blocks that are not there yet."""
+        """Blocks that the sweep has still to compute, in their order."""
 
     @abstractmethod
     def write(self, block: Block, arrays: Arrays) -> None:
-        """Store a block."""
+        """Keeps the results of a block.
+
+        Args:
+            block: The block.
+            arrays: Its part of each variable, by name; shapes are those of `Grid.region`.
+        """
 
     @abstractmethod
     def dataset(self) -> "xarray.Dataset":
-        """Everything, labelled."""
+        """All variables on the whole grid, with axes, units and attributes.
+
+        Those of a block that is still missing have the values with which arrays begin.
+        """
 
 
 @final
 class MemoryBlocks(AbstractBlocks):
-    """Blocks in memory."""
+    """Blocks in memory, for a sweep without a store, which computes them all."""
 
     def __init__(self, grid: Grid):
         self.grid = grid
