@@ -6,6 +6,8 @@ from mishutter.evaluation.batch import Shapes as Shapes
 from mishutter.evaluation.batch import Sizes as Sizes
 from mishutter.evaluation.batch import measure as measure
 from mishutter.evaluation.batch import scenes_for as scenes_for
+from mishutter.evaluation.bursts import StillBurst as StillBurst
+from mishutter.evaluation.bursts import StillBursts as StillBursts
 from mishutter.evaluation.bursts import best_burst as best_burst
 from mishutter.evaluation.ceilings import ceiling as ceiling
 from mishutter.evaluation.ensembles import without_tolerances as without_tolerances

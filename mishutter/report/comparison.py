@@ -21,6 +21,7 @@ from mishutter.report.tables import comparison_tables
 from mishutter.report.verdict import (
     Case,
     comparison_notes,
+    plain_stills,
     row_to_build,
     verdict_of,
 )
@@ -270,7 +271,8 @@ def with_verdict(
         most = float(ceiling(scene, continuous=False))
     own = best if best.name in entries else None
     choice = row_to_build(at_best, own, snapshot)
-    verdict = verdict_of(Case(at_best, choice, own, snapshot, most))
+    stills = plain_stills(scene, choice)
+    verdict = verdict_of(Case(at_best, choice, own, snapshot, most, stills))
     costs = None
     if best.within is not None:
         costs = tolerance_costs(scene, best.motion, best.shutter)

@@ -1,11 +1,13 @@
 """The verdict of a scene: which camera to build, in words, and the notes that stand below it."""
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 from mishutter.design import Design
+from mishutter.evaluation import StillBurst, StillBursts
 from mishutter.model import AbstractDevice, FirstOrderShutter, Scene, SplineShutter, command_of
 from mishutter.search import (
     BEST_SNAPSHOT,
@@ -26,6 +28,38 @@ WORTH_IT = 0.1
 """Gain over an ordinary snapshot below which a coded camera is not worth building; dB."""
 LEAST_SHOWN = 0.005
 """Least gain that two decimals show; dB."""
+PLAIN_RATE, MOST_RATE = 30.0, 1000.0
+"""Frame rate that every camera has, and the greatest that a verdict looks for; 1/s."""
+
+
+class PlainStills(NamedTuple):
+    """Registered frames of a camera at rest beside the camera of a verdict.
+
+    Attributes:
+        best: The best of them at the `PLAIN_RATE` within the longest exposure.
+        equal_rate: The least frame rate at which such frames have the level of the camera; 1/s.
+            None where no rate up to `MOST_RATE` has.
+    """
+
+    best: StillBurst
+    equal_rate: float | None
+
+
+def plain_stills(scene: Scene, choice: Row) -> PlainStills | None:
+    """The frames at rest that any camera could take in place of a row.
+
+    None for a scene with a `Burst`, whose rows they are among, and for one with a background:
+    frames that are aligned for its objects blur that.
+
+    Args:
+        scene: The scene.
+        choice: The row, whose level they are to equal.
+    """
+    if scene.burst is not None or scene.occlusion is not None:
+        return None
+    bursts = StillBursts(scene, at_worst=choice.at_worst)
+    rate = bursts.rate_that_equals(choice.level, most=MOST_RATE)
+    return PlainStills(bursts.best(PLAIN_RATE), rate)
 
 
 @dataclass(frozen=True)
@@ -38,6 +72,7 @@ class Case:
         own: The best row of the user's shutters and designs; None without any.
         snapshot: The best snapshot.
         most: The ceiling; dB.
+        stills: Frames at rest that could take its place; None where a verdict is silent on them.
     """
 
     rows: Sequence[Row]
@@ -45,6 +80,7 @@ class Case:
     own: Row | None
     snapshot: Row
     most: float
+    stills: PlainStills | None = None
 
     @property
     def is_coded(self) -> bool:
@@ -166,6 +202,34 @@ def _simpler(case: Case) -> str:
     return f"The nearest simpler camera, {nearest.name}, is {side}."
 
 
+def _stills_pay(case: Case) -> bool:
+    """Whether frames at rest may take the place of the camera, or gain on a snapshot."""
+    if case.stills is None:
+        return False
+    gains = case.stills.best.psnr - case.choice.level >= WORTH_IT
+    return case.is_coded or (gains and case.stills.best.num_frames > 1)
+
+
+def _stills(case: Case) -> str:
+    """The level of a plain burst, whose frames have to be registered, and the rate that is enough.
+
+    One filter for all speeds registers nothing: objects on their own would have to be, one by one.
+    """
+    stills: PlainStills = case.stills  # type: ignore[assignment]
+    count, level, rate = stills.best.num_frames, stills.best.psnr, stills.equal_rate
+    if case.choice.decoder.knows_speed:
+        frames = f"{count} registered stills at {PLAIN_RATE:.0f} frames/s"
+    else:
+        frames = f"{count} stills at {PLAIN_RATE:.0f} frames/s, registered by object,"
+    said = f"{frames} have {level:.2f} dB"
+    if count == 1:
+        said = f"Of {PLAIN_RATE:.0f} frames/s no more than one pays within the longest exposure"
+    elif not case.is_coded:
+        return f"{said}, {level - case.choice.level:.2f} above it."
+    equal = f"{MOST_RATE:.0f}/s do not" if rate is None else f"{math.ceil(rate)}/s"
+    return f"{said}; {equal} equal it."
+
+
 RULES = (
     Rule(lambda case: not case.is_coded, _do_not_build),
     Rule(lambda case: not case.is_coded and case.choice.pans, _pan),
@@ -180,6 +244,7 @@ RULES = (
     Rule(_own_is_no_simpler, _own),
     Rule(lambda case: case.top.margin_over(case.choice) >= LEAST_SHOWN, _more),
     Rule(lambda case: case.is_coded and case.nearest_simpler is not None, _simpler),
+    Rule(_stills_pay, _stills),
 )
 """The sentences of a verdict, in their order."""
 

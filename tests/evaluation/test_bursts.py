@@ -5,7 +5,8 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 from mishutter import Burst, Limits, RectShutter, Scene, evaluate
-from mishutter.evaluation import best_burst
+from mishutter.evaluation import StillBursts, best_burst
+from mishutter.evaluation.frames import burst_psnr, still_frames
 
 LIMITS = Limits(max_stroke=45.0, max_top_speed=2e4, min_half_exposure=2e-4, max_half_exposure=0.02)
 RATE, NOISE, SPEEDS = 1e5, 8.0, np.linspace(-3000.0, 3000.0, 7)
@@ -82,3 +83,34 @@ def test_a_burst_that_is_none(name, value, requirement):
     given = {"frames_per_s": 60.0, "max_frames": 3} | {name: value}
     with pytest.raises(ValueError, match=rf"`Burst\({name}=...\)` must {requirement}"):
         Burst(**given)
+
+
+@pytest.mark.parametrize("rate", [30.0, 85.0])
+def test_stills_have_the_level_of_the_formula_of_all_frames(rate):
+    """The closed form of a camera at rest is the response that every other frame has."""
+    scene = _scene(burst=None, full_well=90.0)
+    best = StillBursts(scene).best(rate)
+    level = burst_psnr(scene, [still_frames(best.num_frames, best.exposure / 2)])
+    assert best.psnr == pytest.approx(float(level), abs=1e-4)
+    assert best.num_frames == 1 + int(rate * 0.04)
+    assert RATE * best.exposure <= 90.0 * (1 + 1e-6)
+
+
+def test_the_rate_that_equals_a_level_is_the_least():
+    """At it a burst has the level, and just below it none has."""
+    bursts = StillBursts(_scene(burst=None))
+    for level in (28.6, 30.3):
+        rate = bursts.rate_that_equals(level, most=1000.0)
+        assert bursts.best(1.001 * rate).psnr >= level > bursts.best(0.995 * rate).psnr
+    assert bursts.rate_that_equals(30.3, most=40.0) is None
+    assert bursts.rate_that_equals(60.0, most=1000.0) is None
+
+
+def test_the_worst_speed_may_judge_stills():
+    """Its error is the largest of all, and an object at rest has the least."""
+    scene = _scene(burst=None)
+    mean, worst = (StillBursts(scene, at_worst=each) for each in (False, True))
+    still = StillBursts(Scene([0.0], photon_rate=RATE, read_noise=NOISE, limits=LIMITS))
+    errors = [each.error(3, 1.7e-3) for each in (still, mean, worst)]
+    assert errors == sorted(errors)
+    assert errors[2] > 1.1 * errors[1] > 1.1 * errors[0]

@@ -2,15 +2,23 @@
 
 from dataclasses import replace
 
+import equinox as eqx
 import jax.numpy as jnp
 import pytest
 from support.designs import SCENE, on_parabolas
 from support.rows import PANNED, made_up, verdict
 
-from mishutter import HannShutter, IdealShutter, SwitchedShutter, ceiling
+from mishutter import Burst, HannShutter, IdealShutter, Occlusion, SwitchedShutter, ceiling
 from mishutter.evaluation import SPEED_KNOWLEDGE
 from mishutter.report import with_verdict
-from mishutter.report.verdict import RULES, Case, device_notes, row_to_build, verdict_of
+from mishutter.report.verdict import (
+    RULES,
+    Case,
+    device_notes,
+    plain_stills,
+    row_to_build,
+    verdict_of,
+)
 from mishutter.search import (
     BEST_CODED_STILL,
     BEST_PANNED_SNAPSHOT,
@@ -41,12 +49,13 @@ def test_the_verdict_is_of_the_best_that_was_given():
     for still, text in verdicts.items():
         comparison = verdict(levels | {BEST_SNAPSHOT: still}, "a", "b")
         assert comparison.gain == 23.25 - still
-        assert comparison.verdict == text
+        assert comparison.verdict.rpartition("\n")[0] == text  # but for the line about stills
     comparison = verdict(levels | {BEST_SNAPSHOT: 21.0, "rect": 23.2}, "a", "b")
     assert comparison.verdict == (
         "Build rect: 23.20 dB, 2.20 dB above the best snapshot.\n"
         f"It takes a stage: 20 ms, pan -12345 px/s, stroke 247 px. Ceiling: {most}.\n"
-        "Hann has 23.30 dB with a shutter too: 0.10 more."
+        "Hann has 23.30 dB with a shutter too: 0.10 more.\n"
+        "2 stills at 30 frames/s, registered by object, have 28.54 dB; 17/s equal it."
     )
     without = verdict(levels | {BEST_SNAPSHOT: 22.3})
     assert without.gain == 1
@@ -68,7 +77,7 @@ def test_the_verdict_is_a_few_lines_of_eighty_columns(levels, given):
     """Whatever it says, with the package's own names and velocities of five digits."""
     comparison = verdict({given: 21.2} | levels, given)
     lines = comparison.verdict.splitlines()
-    assert 2 <= len(lines) <= 4
+    assert 3 <= len(lines) <= 5
     assert max(map(len, lines)) <= 80
     assert f"{comparison.ceiling:.2f} dB" in lines[1]
 
@@ -180,10 +189,11 @@ def test_each_rule_says_its_sentence_once():
         {"a": 24.0, BEST_SNAPSHOT: 23.0, "Hann": 24.4},
     ]
     found = [
-        Case(rows, row_to_build(rows, own, snapshot), own, snapshot, 27.0)
+        Case(rows, choice, own, snapshot, 27.0, plain_stills(SCENE, choice))
         for levels in cases
         for rows in [made_up(levels)]
         for own, snapshot in [(rows[0], best_row(row for row in rows if row.name in SNAPSHOTS))]
+        for choice in [row_to_build(rows, own, snapshot)]
     ]
     reached = {rule for case in found for rule in RULES if rule.applies(case)}
     assert len(set(RULES) - reached) == 2  # those of decoders that find or are told the speed
@@ -221,7 +231,7 @@ def test_the_simplest_of_equals_is_advised():
     assert lines[2] == "Open on a free path has 26.57 dB: 0.02 more."
     better = verdict(levels | {OPEN_ON_FREE_PATH: 26.66}, "a").verdict.splitlines()
     assert better[0] == "Build open on a free path: 26.66 dB, 2.66 dB above the best snapshot."
-    assert better[-1] == "The nearest simpler camera, rect, is 0.11 dB below it."
+    assert better[-2] == "The nearest simpler camera, rect, is 0.11 dB below it."
     other = verdict({CODED_AT_REST: 26.6, "rect": 26.55, BEST_SNAPSHOT: 24.0})
     assert other.verdict.startswith(f"Build {CODED_AT_REST}: 26.60 dB")  # no stage for a shutter
 
@@ -296,3 +306,57 @@ def test_what_leaks_is_a_share_of_what_passes():
         "0.30% when closed."
     )
     assert device_notes(IdealShutter()) == device_notes(None) == []
+
+
+def _said_of_stills(scene, levels, decoder="unknown"):
+    """The last line of a verdict on rows of these levels by this decoder."""
+    knows = SPEED_KNOWLEDGE[decoder]
+    rows = [replace(row, decoder=knows) for row in made_up(levels)]
+    metrics = {
+        row.name: replace(row.metrics, **{knows.level: jnp.asarray(levels[row.name])})
+        for row in rows
+    }
+    rows = [replace(row, metrics=metrics[row.name]) for row in rows]
+    return with_verdict(rows, {}, scene).verdict.splitlines()[-1]
+
+
+def test_no_headline_is_silent_about_a_plain_burst():
+    """Whatever the verdict is, its last line has what stills at 30 frames/s reach without it."""
+    builds = {"a": 23.0, BEST_SNAPSHOT: 21.0}
+    assert _said_of_stills(SCENE, builds) == (
+        "2 stills at 30 frames/s, registered by object, have 28.54 dB; 17/s equal it."
+    )
+    assert _said_of_stills(SCENE, builds, "known") == (
+        "2 registered stills at 30 frames/s have 28.54 dB; 17/s equal it."
+    )
+    assert _said_of_stills(SCENE, {"a": 29.75, BEST_SNAPSHOT: 21.0}, "found") == (
+        "2 registered stills at 30 frames/s have 28.54 dB; 69/s equal it."
+    )
+    none = _said_of_stills(SCENE, {"a": 23.0, BEST_SNAPSHOT: 24.1})
+    assert none == "2 stills at 30 frames/s, registered by object, have 28.54 dB, 4.44 above it."
+    far = _said_of_stills(SCENE, {"a": 45.0, BEST_SNAPSHOT: 21.0}, "known")
+    assert far == "2 registered stills at 30 frames/s have 28.54 dB; 1000/s do not equal it."
+
+
+def test_a_short_exposure_leaves_no_room_for_a_burst():
+    """Where one frame at 30/s is all of it, the verdict has the rate alone, or says nothing."""
+    longest = jnp.asarray(0.012)
+    scene = eqx.tree_at(lambda each: each.limits.max_half_exposure, SCENE, longest)
+    said = _said_of_stills(scene, {"a": 26.9, BEST_SNAPSHOT: 21.0}, "known")
+    assert said.startswith("Of 30 frames/s no more than one pays within the longest exposure; ")
+    assert said.endswith("/s equal it.")
+    assert "stills" not in _said_of_stills(scene, {"a": 23.0, BEST_SNAPSHOT: 24.1}, "known")
+
+
+def test_a_scene_with_a_burst_or_a_background_has_no_such_line():
+    """The first has the rows of its own bursts; frames aligned for objects blur a background."""
+    levels = {"a": 23.0, BEST_SNAPSHOT: 21.0}
+    burst = eqx.tree_at(
+        lambda each: each.burst,
+        SCENE,
+        Burst(frames_per_s=60.0, max_frames=3),
+        is_leaf=lambda x: x is None,
+    )
+    layered = SCENE.with_occlusion(Occlusion(front_share=0.6))
+    for scene in (burst, layered):
+        assert "stills" not in _said_of_stills(scene, levels)
