@@ -147,9 +147,9 @@ def _numbers(
     """Sag, px, gain of speed and velocity, px/s, of motions."""
 
     def one(
-        box: Float[Array, "size"],
+        point: Float[Array, "size"],
     ) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
-        _, motion = space.at(box)
+        _, motion = space.at(point)
         return motion.sag, motion.speed_gain, motion.velocity
 
     return jax.vmap(one)(jnp.asarray(boxes, space.dtype))

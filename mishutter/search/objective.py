@@ -49,11 +49,11 @@ class AbstractObjective(eqx.Module):
     """A scalar function of box coordinates."""
 
     @abstractmethod
-    def __call__(self, box: Float[Array, "size"]) -> Float[Array, ""]:
+    def __call__(self, point: Float[Array, "size"]) -> Float[Array, ""]:
         """Loss of the design at a point of the unit box, differentiable there.
 
         Args:
-            box: Coordinates of the design, from 0 to 1, as `DesignSpace.at` reads them.
+            point: Coordinates of the design, from 0 to 1, as `DesignSpace.at` reads them.
         """
 
     @property
@@ -76,12 +76,12 @@ class DesignObjective(AbstractObjective):
     space: DesignSpace
     plan: Plan = eqx.field(static=True)
 
-    def __call__(self, box: Float[Array, "size"]) -> Float[Array, ""]:
-        shutter, motion = self.space.at(box)
+    def __call__(self, point: Float[Array, "size"]) -> Float[Array, ""]:
+        shutter, motion = self.space.at(point)
         # A loss of the user's may call `evaluate`, which cannot plan for numbers that are traced.
         with plan_of_traced_search(self.plan):
             value = value_of(self.loss, self.scene, motion, shutter, self.plan)
-        return value.astype(box.dtype)
+        return value.astype(point.dtype)
 
     @property
     def batches(self) -> bool:
@@ -103,14 +103,14 @@ class SpectralObjective(AbstractObjective):
     nodes: ExposureQuadrature | None
     plan: Plan = eqx.field(static=True)
 
-    def __call__(self, box: Float[Array, "size"]) -> Float[Array, ""]:
-        shutter, motion = self.space.at(box)
+    def __call__(self, point: Float[Array, "size"]) -> Float[Array, ""]:
+        shutter, motion = self.space.at(point)
         view = planned_view(
             self.scene, motion, shutter, self.plan, parts=ONLY_SPECTRA, nodes=self.nodes
         )
         count = self.plan.num_frequencies
         value = self.loss.of_response(view.scene, view.motion, respond(view), count)
-        return one_real_number(self.loss, value).astype(box.dtype)
+        return one_real_number(self.loss, value).astype(point.dtype)
 
     @property
     def batches(self) -> bool:
@@ -135,8 +135,8 @@ class LinearObjective(AbstractObjective):
     layout: "Layout" = eqx.field(static=True)
     num_frequencies: int = eqx.field(static=True)
 
-    def __call__(self, box: Float[Array, "size"]) -> Float[Array, ""]:
-        response = self.layout.response(self.basis[0] + box @ self.basis[1:])
+    def __call__(self, point: Float[Array, "size"]) -> Float[Array, ""]:
+        response = self.layout.response(self.basis[0] + point @ self.basis[1:])
         return self.loss.of_response(self.scene, self.motion, response, self.num_frequencies)
 
     @property

@@ -134,33 +134,33 @@ def full_sizes(scene: Scene, motion: AbstractMotion, space: DesignSpace | None) 
 
 
 def design_at(
-    space: DesignSpace, box: Float[np.ndarray, "size"]
+    space: DesignSpace, point: Float[np.ndarray, "size"]
 ) -> tuple[AbstractShutter, AbstractMotion]:
     """The design at a point of the box."""
-    motion = _motion_at(space, box)
+    motion = _motion_at(space, point)
     if space.device is None and not space.num_profile_coordinates:
         return space.shutter, motion
-    return _shutter_at(space, box, motion.half_exposure), motion
+    return _shutter_at(space, point, motion.half_exposure), motion
 
 
-def _motion_at(space: DesignSpace, box: Float[np.ndarray, "size"]) -> AbstractMotion:
+def _motion_at(space: DesignSpace, point: Float[np.ndarray, "size"]) -> AbstractMotion:
     """The motion at a point of the box, of the kind that its numbers make it."""
     alone = space.of_motion
-    return simplified(_of_motion(alone, box[space.size - alone.size :]))
+    return simplified(_of_motion(alone, point[space.size - alone.size :]))
 
 
 @compiled
-def _of_motion(space: DesignSpace, box: Float[Array | np.ndarray, "size"]) -> AbstractMotion:
-    return space.at(jnp.asarray(box))[1]
+def _of_motion(space: DesignSpace, point: Float[Array | np.ndarray, "size"]) -> AbstractMotion:
+    return space.at(jnp.asarray(point))[1]
 
 
 @compiled
 def _shutter_at(
     space: DesignSpace,
-    box: Float[Array | np.ndarray, "size"],
+    point: Float[Array | np.ndarray, "size"],
     half_exposure: Float[Array, ""],
 ) -> AbstractShutter:
-    return space.shutter_at(jnp.asarray(box), half_exposure)
+    return space.shutter_at(jnp.asarray(point), half_exposure)
 
 
 def _corners(space: DesignSpace) -> list[Float[np.ndarray, "size"]]:

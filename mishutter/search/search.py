@@ -72,10 +72,10 @@ from mishutter.search.space import (
 )
 from mishutter.search.starts import (
     GRID_COORDINATES,
-    box_at,
     lowest_places,
     path_boxes,
     path_of_speeds,
+    point_at,
     start_boxes,
 )
 
@@ -637,13 +637,13 @@ def _best_of_space(
     steps = min(starts.steps_to_tell, max_steps)
     ends = _polished(objective, boxes[: starts.num_polished], steps, history)
     end = finished(objective, ends[0], space.bends, max_steps=max_steps)
-    box, value, certificate = end.box, end.loss, end.certificate
+    point, value, certificate = end.point, end.loss, end.certificate
     lowest = int(np.argmin(losses))
     if float(losses[lowest]) < value:
-        box, value = starts.boxes[lowest], float(losses[lowest])
-        certificate = certificate_at(objective, box, space.bends)
+        point, value = starts.boxes[lowest], float(losses[lowest])
+        certificate = certificate_at(objective, point, space.bends)
     history.add(np.append(end.history, value))
-    shutter, motion = design_at(space, box)
+    shutter, motion = design_at(space, point)
     if plan.num_effective_speeds:  # one design can afford more of them than all that are tried
         value = float(value_of(settings.loss, scene, motion, shutter))
     return _End(
@@ -704,7 +704,7 @@ def _minima(
     tried = _polished(objective, boxes, min(_FIRST_STEPS, max_steps), history)[:num_lasting]
     places = _differing([end.loss for end in tried])
     # The tried points stay candidates: BFGS begins inside the bounds, and may end above them.
-    points = [tried[place].box for place in places]
+    points = [tried[place].point for place in places]
     losses = [tried[place].loss for place in places]
     call = partial(minimise, objective, max_steps=max_steps)
     for point, num_steps in in_threads(call, list(points), num_processors()):
@@ -758,7 +758,7 @@ def _starts(
     by_default = _NUM_PROFILES if is_profile else _NUM_STARTS * max(1, _FEW_SPEEDS // num_speeds)
     num_starts = settings.num_starts or by_default
     starts = start_boxes(space, num_starts, settings.seed)
-    before = [box_at(space, each.command, each.motion)[None] for each in more]
+    before = [point_at(space, each.command, each.motion)[None] for each in more]
     if space.num_path_coordinates:
         boxes = path_boxes(space, np.concatenate([*before, starts[:1]]))
         num_polished = _NUM_POLISHED if space.path_mirrors else _NUM_PATHS

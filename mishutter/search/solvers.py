@@ -40,18 +40,18 @@ def check_finite(finite: Bool[np.ndarray, "n"]) -> None:
 
 
 def loss_and_gradient(
-    objective: AbstractObjective, box: Float[Array | np.ndarray, "size"]
+    objective: AbstractObjective, point: Float[Array | np.ndarray, "size"]
 ) -> tuple[Float[np.ndarray, ""], Float[np.ndarray, "size"]]:
     """Loss and gradient at a point of the box."""
-    loss, gradient = _loss_and_gradient(objective, box)
+    loss, gradient = _loss_and_gradient(objective, point)
     return np.asarray(loss), np.asarray(gradient)
 
 
 @compiled
 def _loss_and_gradient(
-    objective: AbstractObjective, box: Float[Array | np.ndarray, "size"]
+    objective: AbstractObjective, point: Float[Array | np.ndarray, "size"]
 ) -> tuple[Float[Array, ""], Float[Array, "size"]]:
-    return jax.value_and_grad(objective)(jnp.asarray(box))
+    return jax.value_and_grad(objective)(jnp.asarray(point))
 
 
 def losses_at(
@@ -62,54 +62,54 @@ def losses_at(
     Raises:
         NonFiniteLossError: if a loss or its gradient is not finite.
     """
-    each = [loss_and_gradient(objective, box) for box in boxes]
+    each = [loss_and_gradient(objective, point) for point in boxes]
     losses, gradients = (np.stack(part) for part in zip(*each, strict=True))
     check_finite(np.isfinite(losses) & np.all(np.isfinite(gradients), axis=1))
     return losses
 
 
 def projected_gradient_norm(
-    box: Float[np.ndarray, "size"], gradient: Float[np.ndarray, "size"]
+    point: Float[np.ndarray, "size"], gradient: Float[np.ndarray, "size"]
 ) -> float:
     r"""$\max|x - P(x - g)|$, which is 0 at a minimum in the box and certifies it."""
-    return float(np.max(np.abs(box - np.clip(box - gradient, 0, 1)), initial=0.0))
+    return float(np.max(np.abs(point - np.clip(point - gradient, 0, 1)), initial=0.0))
 
 
 def certificate_at(
-    objective: AbstractObjective, box: Float[np.ndarray, "size"], bends: Bends
+    objective: AbstractObjective, point: Float[np.ndarray, "size"], bends: Bends
 ) -> float:
     """The projected-gradient norm at a point of the box.
 
     At a bend only slopes count by which the loss falls on either side: a minimum has none, though
     the slopes differ and neither is 0.
     """
-    before, after = _beside(box, bends)
+    before, after = _beside(point, bends)
     slopes = [np.array(loss_and_gradient(objective, side)[1]) for side in (before, after)]
     if before is not after:
         for slope, clip in zip(slopes, (np.maximum, np.minimum), strict=True):
             slope[bends.coordinate] = clip(slope[bends.coordinate], 0)
-    return max(projected_gradient_norm(box, slope) for slope in slopes)
+    return max(projected_gradient_norm(point, slope) for slope in slopes)
 
 
 def _beside(
-    box: Float[np.ndarray, "size"], bends: Bends
+    point: Float[np.ndarray, "size"], bends: Bends
 ) -> tuple[Float[np.ndarray, "size"], Float[np.ndarray, "size"]]:
     """Points before and after the bend at a point, or the point twice where there is no bend.
 
     At the bend itself rounding would decide on the side.
     """
-    gap = _GAP * np.finfo(box.dtype).eps
+    gap = _GAP * np.finfo(point.dtype).eps
     for place in bends.places:
-        if abs(box[bends.coordinate] - place) <= 2 * gap:
-            before, after = box.copy(), box.copy()
+        if abs(point[bends.coordinate] - place) <= 2 * gap:
+            before, after = point.copy(), point.copy()
             before[bends.coordinate] = max(place - gap, 0)
             after[bends.coordinate] = min(place + gap, 1)
             return before, after
-    return box, box
+    return point, point
 
 
 def minimise(
-    objective: AbstractObjective, box: Float[np.ndarray, "size"], *, max_steps: int
+    objective: AbstractObjective, point: Float[np.ndarray, "size"], *, max_steps: int
 ) -> tuple[Float[np.ndarray, "size"], int]:
     r"""A minimum by Optimistix BFGS, and the number of steps.
 
@@ -119,32 +119,32 @@ def minimise(
 
     Args:
         objective: The function to be minimised.
-        box: Point to begin at.
+        point: Point to begin at.
         max_steps: Steps, at most.
     """
-    point, num_steps = _minimised(objective, box, max_steps)
-    return np.asarray(point), int(num_steps)
+    end, num_steps = _minimised(objective, point, max_steps)
+    return np.asarray(end), int(num_steps)
 
 
 @compiled
 def _minimised(
-    objective: AbstractObjective, box: Float[Array | np.ndarray, "size"], max_steps: int
+    objective: AbstractObjective, point: Float[Array | np.ndarray, "size"], max_steps: int
 ) -> tuple[Float[Array, "size"], Int[Array, ""]]:
-    box = jnp.asarray(box)
+    point = jnp.asarray(point)
 
     def loss(theta: Float[Array, "size"], _: None) -> Float[Array, ""]:
-        return objective(jnp.sin(theta).astype(box.dtype) ** 2).astype(theta.dtype)
+        return objective(jnp.sin(theta).astype(point.dtype) ** 2).astype(theta.dtype)
 
     # Optimistix takes JAX's default precision for its step size, whatever that of the angles.
-    theta = jnp.arcsin(jnp.sqrt(jnp.clip(box, _MARGIN, 1 - _MARGIN))).astype(float)
+    theta = jnp.arcsin(jnp.sqrt(jnp.clip(point, _MARGIN, 1 - _MARGIN))).astype(float)
     end = optx.minimise(loss, _SOLVER, theta, max_steps=max_steps, throw=False)
-    return jnp.sin(end.value).astype(box.dtype) ** 2, end.stats["num_steps"]
+    return jnp.sin(end.value).astype(point.dtype) ** 2, end.stats["num_steps"]
 
 
 class Polished(NamedTuple):
     """A point after the polish, its loss and certificate, and the loss after each step."""
 
-    box: Float[np.ndarray, "size"]
+    point: Float[np.ndarray, "size"]
     loss: float
     certificate: float
     history: Float[np.ndarray, "steps"]
@@ -162,7 +162,7 @@ def is_minimum(certificate: float, loss: float) -> bool:
 
 def polish(
     objective: AbstractObjective,
-    box: Float[np.ndarray, "size"],
+    point: Float[np.ndarray, "size"],
     *,
     max_steps: int,
     low: Float[np.ndarray, "size"] | None = None,
@@ -175,7 +175,7 @@ def polish(
 
     Args:
         objective: The function to be minimised.
-        box: Point to begin at.
+        point: Point to begin at.
         max_steps: Steps, at most.
         low: Lower bounds, inside the unit box; its own by default.
         high: Upper bounds, inside the unit box; its own by default.
@@ -188,7 +188,7 @@ def polish(
     def value_and_gradient(
         x: Float[np.ndarray, "size"],
     ) -> tuple[Float[np.ndarray, ""], Float[np.ndarray, "size"]]:
-        loss, gradient = loss_and_gradient(objective, np.asarray(x, box.dtype))
+        loss, gradient = loss_and_gradient(objective, np.asarray(x, point.dtype))
         # With a NaN the solver would stay where it is for every step that it has, and report
         # nothing.
         if not (np.isfinite(loss) and np.all(np.isfinite(gradient))):
@@ -206,22 +206,22 @@ def polish(
         unit = unit or abs(float(loss)) or 1.0
         return float(loss / unit), np.asarray(gradient / unit, np.float64)
 
-    low = np.zeros_like(box) if low is None else low
-    high = np.ones_like(box) if high is None else high
+    low = np.zeros_like(point) if low is None else low
+    high = np.ones_like(point) if high is None else high
     end = minimize(
         relative,
-        np.clip(box, low, high),
+        np.clip(point, low, high),
         jac=True,
         method="L-BFGS-B",
         bounds=np.stack([low, high], axis=1),
         tol=_TOLERANCE,
-        options={"maxiter": max_steps, "maxcor": min(_MEMORY, box.size)},
+        options={"maxiter": max_steps, "maxcor": min(_MEMORY, point.size)},
         callback=lambda intermediate_result: history.append(intermediate_result.fun * unit),
     )
-    point = np.clip(end.x.astype(box.dtype), low, high)
-    loss, gradient = value_and_gradient(point)
-    certificate = projected_gradient_norm(point, np.asarray(gradient))
-    return Polished(point, float(loss), certificate, np.array(history))
+    lowest = np.clip(end.x.astype(point.dtype), low, high)
+    loss, gradient = value_and_gradient(lowest)
+    certificate = projected_gradient_norm(lowest, np.asarray(gradient))
+    return Polished(lowest, float(loss), certificate, np.array(history))
 
 
 def finished(
@@ -235,30 +235,32 @@ def finished(
     Raises:
         NonFiniteLossError: if the loss or gradient is not finite on the way.
     """
-    end = end._replace(certificate=certificate_at(objective, end.box, bends))
-    for low, high in _sides(end.box, bends):
+    end = end._replace(certificate=certificate_at(objective, end.point, bends))
+    for low, high in _sides(end.point, bends):
         if is_minimum(end.certificate, end.loss) or end.num_steps >= max_steps:
             break
-        near_low, near_high = end.box - low < _NEAR, high - end.box < _NEAR
-        start = np.where((low > 0) & near_low, low, np.where((high < 1) & near_high, high, end.box))
+        near_low, near_high = end.point - low < _NEAR, high - end.point < _NEAR
+        start = np.where(
+            (low > 0) & near_low, low, np.where((high < 1) & near_high, high, end.point)
+        )
         num_steps = max_steps - end.num_steps
         after = polish(objective, start, max_steps=num_steps, low=low, high=high)
         if after.loss <= end.loss:
-            certificate = certificate_at(objective, after.box, bends)
+            certificate = certificate_at(objective, after.point, bends)
             history = np.concatenate([end.history, after.history])
-            end = Polished(after.box, after.loss, certificate, history)
+            end = Polished(after.point, after.loss, certificate, history)
     return end
 
 
 def _sides(
-    box: Float[np.ndarray, "size"], bends: Bends
+    point: Float[np.ndarray, "size"], bends: Bends
 ) -> list[tuple[Float[np.ndarray, "size"], Float[np.ndarray, "size"]]]:
     """Bounds of the whole box, and of its parts before and after the bend nearest to a point."""
-    low, high = np.zeros_like(box), np.ones_like(box)
+    low, high = np.zeros_like(point), np.ones_like(point)
     if not bends.places.size:
         return [(low, high)]
-    nearest = bends.places[np.argmin(np.abs(bends.places - box[bends.coordinate]))]
-    gap = _GAP * np.finfo(box.dtype).eps
+    nearest = bends.places[np.argmin(np.abs(bends.places - point[bends.coordinate]))]
+    gap = _GAP * np.finfo(point.dtype).eps
     to_bend, from_bend = high.copy(), low.copy()
     to_bend[bends.coordinate] = max(nearest - gap, 0)
     from_bend[bends.coordinate] = min(nearest + gap, 1)

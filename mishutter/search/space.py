@@ -163,14 +163,14 @@ class DesignSpace(eqx.Module):
         """Number of coordinates of profile and path, which come before the motion's numbers."""
         return self.num_profile_coordinates + self.num_path_coordinates
 
-    def at(self, box: Float[Array, "size"]) -> tuple[AbstractShutter, AbstractMotion]:
+    def at(self, point: Float[Array, "size"]) -> tuple[AbstractShutter, AbstractMotion]:
         """The design at a point of the box: the shutter behind the device, and the motion."""
-        shutter = self._profile_at(box)
-        share = dict(zip(self.free_of_motion, box[self.num_shape_coordinates :], strict=True))
+        shutter = self._profile_at(point)
+        share = dict(zip(self.free_of_motion, point[self.num_shape_coordinates :], strict=True))
         if not share:
             return self.transmittance(shutter, self.motion.half_exposure), self.motion
         half_exposure, velocity = self.motion.half_exposure, self.motion.velocity
-        shape = self._shape(box[self.num_profile_coordinates : self.num_shape_coordinates])
+        shape = self._shape(point[self.num_profile_coordinates : self.num_shape_coordinates])
         acceleration = self.motion.mean_acceleration
         # The order matters: the bounds of each number depend on those before it.
         if "half_exposure" in share:
@@ -186,21 +186,21 @@ class DesignSpace(eqx.Module):
         return self.transmittance(shutter, half_exposure), self.motion.with_numbers(numbers)
 
     def shutter_at(
-        self, box: Float[Array, "size"], half_exposure: Float[Array, ""]
+        self, point: Float[Array, "size"], half_exposure: Float[Array, ""]
     ) -> AbstractShutter:
         """The shutter behind the device at a point of the box, for a half exposure there, s."""
-        return self.transmittance(self._profile_at(box), half_exposure)
+        return self.transmittance(self._profile_at(point), half_exposure)
 
-    def _profile_at(self, box: Float[Array, "size"]) -> AbstractShutter:
+    def _profile_at(self, point: Float[Array, "size"]) -> AbstractShutter:
         """The profile that is sent to the device at a point of the box."""
         count = self.num_profile_coordinates
-        return at_coordinates(self.shutter, box[:count]) if count else self.shutter
+        return at_coordinates(self.shutter, point[:count]) if count else self.shutter
 
-    def _shape(self, box: Float[Array, "pieces"]) -> PathShape | None:
+    def _shape(self, point: Float[Array, "pieces"]) -> PathShape | None:
         """The shape of a free path at its coordinates; None without any."""
         if not self.num_path_coordinates:
             return None
-        shares = jnp.exp((2 * box - 1) * math.log(_MOST_PIECES_DIFFER))
+        shares = jnp.exp((2 * point - 1) * math.log(_MOST_PIECES_DIFFER))
         pieces = shares / jnp.mean(shares)
         if self.path_mirrors:
             pieces = jnp.concatenate([pieces[::-1], pieces])
@@ -317,7 +317,7 @@ class DesignSpace(eqx.Module):
         course += jnp.argmax(floors) * 4 + jnp.where(own < 1 - 1e-9, 2, 0)
         return course + jnp.where(least >= most, 1, 0)
 
-    def box(self, shutter: AbstractShutter, motion: AbstractMotion) -> Float[Array, "size"]:
+    def point_of(self, shutter: AbstractShutter, motion: AbstractMotion) -> Float[Array, "size"]:
         """The point of the box nearest to a design."""
         dtype = common_dtype(self.demand, motion.half_exposure)
         parts = []

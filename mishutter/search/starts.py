@@ -43,7 +43,7 @@ def start_boxes(space: DesignSpace, num_starts: int, seed: int) -> Float[np.ndar
     The design of the space comes first, then the baselines' profiles and random ones, at its
     motion and at random motions by turns.
     """
-    first = box_at(space, space.shutter, space.motion)
+    first = point_at(space, space.shutter, space.motion)
     if first.size <= GRID_COORDINATES:
         return np.concatenate([first[None], _grid(first.size).astype(first.dtype)])
     count = space.num_profile_coordinates
@@ -63,7 +63,7 @@ def start_boxes(space: DesignSpace, num_starts: int, seed: int) -> Float[np.ndar
     return boxes
 
 
-def box_at(
+def point_at(
     space: DesignSpace, shutter: AbstractShutter, motion: AbstractMotion
 ) -> Float[np.ndarray, "size"]:
     """The point of a box that is nearest to a design."""
@@ -73,8 +73,8 @@ def box_at(
             shutter = SplineShutter(shutter.coefficients)
     alone, motion = space.of_motion, simplified(motion)
     if alone is space:
-        return np.asarray(_box_at(space, shutter, motion))
-    of_motion = np.asarray(_box_at(alone, RectShutter(), motion))
+        return np.asarray(_point_at(space, shutter, motion))
+    of_motion = np.asarray(_point_at(alone, RectShutter(), motion))
     if "shutter" not in space.free:
         return of_motion
     profile = np.clip(np.asarray(_coordinates(shutter)), 0, 1).astype(of_motion.dtype)
@@ -82,10 +82,10 @@ def box_at(
 
 
 @compiled
-def _box_at(
+def _point_at(
     space: DesignSpace, shutter: AbstractShutter, motion: AbstractMotion
 ) -> Float[Array, "size"]:
-    return space.box(shutter, motion)
+    return space.point_of(shutter, motion)
 
 
 _coordinates = compiled(coordinates)

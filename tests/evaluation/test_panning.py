@@ -182,7 +182,7 @@ def test_the_loss_of_a_search_is_that_of_shifted_speeds():
         seen, motion = scene(speeds), PARABOLA(velocity=velocity)
         space = design_space(seen, motion, TukeyShutter(0.37), "half_exposure")
         objective = SpectralObjective(LOSSES["expected error"], seen, space, None, SMALL)
-        losses.append(np.asarray(objective(space.box(space.shutter, motion))))
+        losses.append(np.asarray(objective(space.point_of(space.shutter, motion))))
     np.testing.assert_allclose(*losses, rtol=1e-12)
 
 

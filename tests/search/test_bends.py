@@ -41,10 +41,10 @@ class _Kinked(AbstractObjective):
     left: float
     right: float
 
-    def __call__(self, box: Array) -> Array:
-        over = box[0] - 0.4
+    def __call__(self, point: Array) -> Array:
+        over = point[0] - 0.4
         slope = jnp.where(over < 0, self.left, self.right)
-        return 1 + slope * over + 40 * (box[1] - 0.5 * box[0] - 0.1) ** 2
+        return 1 + slope * over + 40 * (point[1] - 0.5 * point[0] - 0.1) ** 2
 
     @property
     def batches(self) -> bool:
@@ -80,7 +80,7 @@ def test_a_polish_that_a_kink_holds_up_is_finished(left, right, start):
     end = finished(objective, polish(objective, np.array(start), max_steps=50), KINK, max_steps=50)
     least = 1.0 if right > 0 else 1 + 0.6 * right
     assert end.loss == pytest.approx(least, rel=POLISHED)
-    assert end.loss == pytest.approx(float(objective(end.box)), rel=1e-14)
+    assert end.loss == pytest.approx(float(objective(end.point)), rel=1e-14)
     assert is_minimum(end.certificate, end.loss)
 
 
@@ -126,7 +126,7 @@ def test_bends_are_where_bounds_change_their_course(seed):
     @jax.vmap
     def bounds(share):
         boxes = [jnp.stack([share, *[0.5] * pans, end]) for end in (0.0, 1.0)]
-        ends = [space.at(box)[1].acceleration for box in boxes]
+        ends = [space.at(point)[1].acceleration for point in boxes]
         return jnp.log(jnp.stack(ends))
 
     edges = np.concatenate([[0.0], np.unique(space.bends.places), [1.0]])

@@ -89,8 +89,8 @@ def test_profiles_are_open_where_the_sensor_keeps_up(speeds):
     codes = boxes[-num_codes:, : space.num_profile_coordinates]
     assert np.mean(codes.max(axis=1) > 0.5) > 0.75
     assert np.mean(codes.min(axis=1) < 0.5) > 0.75
-    for index, box in enumerate(boxes[:-num_codes]):
-        shutter, motion = space.at(jax.device_put(box))
+    for index, point in enumerate(boxes[:-num_codes]):
+        shutter, motion = space.at(jax.device_put(point))
         times = (np.asarray(speeds) - float(motion.velocity)) / float(motion.speed_gain)
         inside = np.abs(times) <= 0.9
         lit = np.asarray(shutter.transmittance(np.clip(times, -1, 1))) > 0.2

@@ -76,7 +76,7 @@ def test_a_search_has_no_step_where_a_profile_comes_to_stay_open():
     for objective in objectives:
         size = wider.size if objective is objectives[-1] else 3
         boxes = [jnp.full(size, 0.4).at[:3].set(share) for share in (1.0, 1 - 1e-6)]
-        ends = [float(objective(box)) for box in boxes]
+        ends = [float(objective(point)) for point in boxes]
         assert ends[0] == pytest.approx(ends[1], rel=1e-5)
     assert float(objectives[0](jnp.ones(3))) == pytest.approx(0.2, rel=1e-6)
     found = optimise(scene, MOTION, start, loss=loss, free="shutter", num_starts=2, max_steps=20)

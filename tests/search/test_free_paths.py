@@ -66,8 +66,8 @@ def test_every_path_is_within_the_limits(case):
     assert space.num_path_coordinates == NUM_PIECES // (2 if mirrored else 1)
 
     @jax.jit
-    def numbers(box):
-        found = space.at(box)[1]
+    def numbers(point):
+        found = space.at(point)[1]
         assert isinstance(found, FreeMotion)
         return jnp.append(found.accelerations, jnp.stack([found.half_exposure, found.velocity]))
 
@@ -75,8 +75,8 @@ def test_every_path_is_within_the_limits(case):
     boxes = random.uniform(size=(16, space.size))
     boxes[:10] = np.round(boxes[:10])
     shares = []
-    for box in boxes:
-        *a, half, v = np.asarray(numbers(jnp.asarray(box)))
+    for point in boxes:
+        *a, half, v = np.asarray(numbers(jnp.asarray(point)))
         found = FreeMotion(accelerations=np.array(a), half_exposure=half, velocity=v)
         assert not beyond_limits(where, found, RectShutter())
         larger = max(np.mean(gained) for gained in np.split(np.array(a), 2))
@@ -100,14 +100,14 @@ def test_the_box_holds_what_it_gives(case):
     """A design's own place in the box is the place that it came from, path and all."""
     where, names = case
     space = design_space(where, PATH, TukeyShutter(0.4), ("shutter", *names))
-    box = np.random.default_rng(3).uniform(0.2, 0.8, space.size)
-    shutter, motion = space.at(jnp.asarray(box))
-    again = space.at(space.box(shutter, motion))[1]
+    point = np.random.default_rng(3).uniform(0.2, 0.8, space.size)
+    shutter, motion = space.at(jnp.asarray(point))
+    again = space.at(space.point_of(shutter, motion))[1]
     assert isinstance(motion, FreeMotion)
     assert isinstance(again, FreeMotion)
     np.testing.assert_allclose(again.accelerations, motion.accelerations, rtol=1e-10)
     np.testing.assert_allclose(again.half_exposure, motion.half_exposure, rtol=1e-12)
-    parabola = space.at(space.box(shutter, PARABOLA))[1]
+    parabola = space.at(space.point_of(shutter, PARABOLA))[1]
     assert isinstance(parabola, FreeMotion)
     if where.limits.max_travel is None:
         np.testing.assert_allclose(parabola.accelerations, PATH.accelerations, rtol=1e-12)

@@ -36,6 +36,6 @@ def test_objectives_of_the_search():
         short = objective_of(loss, reduced(scene, planned), space, planned)
         everything = full_sizes(scene, space.motion, space)
         full = objective_of(loss, reduced(scene, everything), space, everything)
-        for box in np.random.default_rng(seed).uniform(0.1, 0.9, (2, space.size)):
-            found, wanted = (float(value(jnp.asarray(box))) for value in (short, full))
+        for point in np.random.default_rng(seed).uniform(0.1, 0.9, (2, space.size)):
+            found, wanted = (float(value(jnp.asarray(point))) for value in (short, full))
             assert found == pytest.approx(wanted, rel=1e-12), seed

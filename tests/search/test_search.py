@@ -68,7 +68,7 @@ def test_the_sum_of_responses_is_the_loss_itself(slug):
     assert isinstance(linear, LinearObjective)
     direct = DesignObjective(LOSSES[slug], SCENE.bare(), space, SMALL)
     boxes = start_boxes(space, 4, seed=3)
-    values = [float(direct(jnp.asarray(box))) for box in boxes]
+    values = [float(direct(jnp.asarray(point))) for point in boxes]
     assert np.allclose(losses_at(linear, boxes), values, rtol=1e-11)
 
 
@@ -79,7 +79,8 @@ def test_an_independent_solver_finds_the_same_minimum(slug):
     design = optimise(SCENE, MOTION, PROFILE, loss=LOSSES[slug], free="shutter", num_starts=12)
     space, objective = _objective(LOSSES[slug], ("shutter",))
     rivals = [
-        polish(objective, box, max_steps=400).loss for box in start_boxes(space, 12, seed=99)[1:]
+        polish(objective, point, max_steps=400).loss
+        for point in start_boxes(space, 12, seed=99)[1:]
     ]
     assert abs(design.loss - min(rivals)) < 1e-3 * min(rivals)
     assert design.loss <= design.best_start_loss
@@ -107,7 +108,7 @@ def test_a_start_within_the_limits_is_a_point_of_the_box(stroke, half_exposure):
     """Also one that is slower than the fastest object, or than all but a shiver."""
     motion = ParabolicMotion(acceleration=stroke / half_exposure**2, half_exposure=half_exposure)
     space = design_space(SCENE, motion, PROFILE, ("acceleration", "half_exposure"))
-    _, found = space.at(space.box(PROFILE, motion))
+    _, found = space.at(space.point_of(PROFILE, motion))
     assert np.isclose(found.acceleration, motion.acceleration, rtol=1e-13)
     assert np.isclose(found.half_exposure, motion.half_exposure, rtol=1e-13)
 
@@ -118,7 +119,7 @@ def test_a_corner_of_the_box_uses_up_the_limits(free, acceleration):
     """All corners are within, and the farthest is at one: of exposure, stroke or top speed."""
     motion = ParabolicMotion(acceleration=acceleration, half_exposure=1e-3)
     space = design_space(SCENE, motion, HannShutter(), free)
-    corners = [space.at(jnp.asarray(box, float))[1] for box in np.ndindex(*[2] * space.size)]
+    corners = [space.at(jnp.asarray(point, float))[1] for point in np.ndindex(*[2] * space.size)]
     assert not any(beyond_limits(SCENE, corner, HannShutter()) for corner in corners)
     last = corners[-1]
     shares = last.stroke / 30.0, last.top_speed / 2e4, last.half_exposure / 0.03
@@ -133,15 +134,15 @@ def test_the_slope_at_a_corner_of_the_box_is_that_inside(free, half_exposure):
     motion = ParabolicMotion(acceleration=7e4, half_exposure=half_exposure)
     space = design_space(SCENE, motion, HannShutter(), free)
 
-    def logarithms(box):
-        _, found = space.at(box)
+    def logarithms(point):
+        _, found = space.at(point)
         return jnp.log(jnp.stack([found.half_exposure, found.acceleration]))
 
     slopes = jax.jacfwd(logarithms)
     for corner in np.ndindex(*[2] * space.size):
-        box = np.array(corner, float)
-        inside = np.clip(box, 1e-7, 1 - 1e-7)
-        np.testing.assert_allclose(slopes(box), slopes(inside), rtol=1e-5, atol=1e-5)
+        point = np.array(corner, float)
+        inside = np.clip(point, 1e-7, 1 - 1e-7)
+        np.testing.assert_allclose(slopes(point), slopes(inside), rtol=1e-5, atol=1e-5)
 
 
 @pytest.mark.parametrize("corner", [0.0, 1.0])
@@ -161,9 +162,9 @@ def test_a_polish_goes_as_far_in_any_unit():
     ends = []
     for each in (loss, unit * loss):
         space, objective = _objective(each, ("shutter", "half_exposure"))
-        box = start_boxes(space, 5, seed=3)[4]
-        ends.append(polish(objective, box, max_steps=80))
-    np.testing.assert_allclose(ends[1].box, ends[0].box, atol=1e-6)
+        point = start_boxes(space, 5, seed=3)[4]
+        ends.append(polish(objective, point, max_steps=80))
+    np.testing.assert_allclose(ends[1].point, ends[0].point, atol=1e-6)
     assert ends[1].loss == pytest.approx(unit * ends[0].loss, rel=1e-9)
 
 
@@ -197,7 +198,7 @@ def test_a_grid_leads_to_the_lowest_of_its_minima(shutter, free):
     found = plan(SCENE, MOTION, shutter, loss=loss, free=free_by_default(SCENE, MOTION, shutter))
     space = design_space(SCENE, MOTION, shutter, free or free_by_default(SCENE, MOTION, shutter))
     objective = objective_of(loss, needed_speeds(SCENE, MOTION, shutter), space, found.sizes)
-    ends = [polish(objective, box, max_steps=300).loss for box in start_boxes(space, 1, 0)]
+    ends = [polish(objective, point, max_steps=300).loss for point in start_boxes(space, 1, 0)]
     assert design.converged, design.outcome
     assert design.loss <= min(ends) * (1 + 1e-7)
 
@@ -544,8 +545,10 @@ def test_certificate_is_zero_at_a_corner_that_pushes_outwards():
 def test_the_certificate_is_that_of_the_design_returned(monkeypatch):
     """A polish that makes things worse is thrown away, and its certificate with it."""
 
-    def spoiled(objective, box, *, max_steps):
-        return Polished(box=box, loss=np.inf, certificate=0.0, history=np.full(max_steps, np.inf))
+    def spoiled(objective, point, *, max_steps):
+        return Polished(
+            point=point, loss=np.inf, certificate=0.0, history=np.full(max_steps, np.inf)
+        )
 
     # No polish of a scene is known to make things worse.
     monkeypatch.setattr(sys.modules["mishutter.search.search"], "polish", spoiled)

@@ -51,9 +51,9 @@ def _objectives(name):
 def test_a_gradient_by_spectra_is_that_of_the_loss(name):
     """Loss and gradient agree with those of the whole loss of each design, differentiated."""
     spectral, whole, size = _objectives(name)
-    box = np.random.default_rng(11).uniform(0.15, 0.85, size)
-    loss, gradient = loss_and_gradient(spectral, box)
-    expected_loss, expected = jax.jit(jax.value_and_grad(whole))(jnp.asarray(box))
+    point = np.random.default_rng(11).uniform(0.15, 0.85, size)
+    loss, gradient = loss_and_gradient(spectral, point)
+    expected_loss, expected = jax.jit(jax.value_and_grad(whole))(jnp.asarray(point))
     assert np.isclose(loss, expected_loss, rtol=1e-12)
     assert np.allclose(gradient, expected, rtol=1e-9, atol=1e-11 * np.max(np.abs(expected)))
 

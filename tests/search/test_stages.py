@@ -49,16 +49,16 @@ def test_every_design_is_within_the_stage(stage, free):
     space = design_space(frame, start, RectShutter(), names)
 
     @jax.jit
-    def numbers(box):
-        found = space.at(box)[1]
+    def numbers(point):
+        found = space.at(point)[1]
         return jnp.stack([found.acceleration, found.half_exposure, found.velocity])
 
     random = np.random.default_rng(7)
     corners = np.stack(np.meshgrid(*[[0.0, 1.0]] * space.size), axis=-1).reshape(-1, space.size)
     boxes = np.concatenate([corners, random.uniform(size=(40, space.size))])
     shares = []
-    for box in boxes:
-        a, half, v = numbers(jnp.asarray(box))
+    for point in boxes:
+        a, half, v = numbers(jnp.asarray(point))
         found = ParabolicMotion(acceleration=a, half_exposure=half, velocity=v)
         if "velocity" not in names:
             found = found.panned(velocity)
