@@ -53,3 +53,11 @@ def test_cancelling_sums_keep_their_digits(dtype):
     assert exact(nearly) == mp.mpf(float(third.low))
     whole = multiply(third, word(jnp.asarray(3, dtype)))
     assert abs(exact(whole) - 1) <= UNITS[dtype]
+
+
+@pytest.mark.parametrize(("dtype", "bits"), [(np.float64, 55), (np.float32, 26)])
+def test_a_sum_whose_upper_words_cancel_has_both_lower_words(dtype, bits):
+    """Down to the last bit, though the lower words are as unlike as upper and lower are."""
+    of = [(1.0, 2.0**-bits), (-1.0, 3 * 2.0 ** (-2 * bits))]
+    x, y = (DoubleWord(*(jnp.asarray(part, dtype) for part in parts)) for parts in of)
+    assert exact(add(x, y)) == exact(x) + exact(y)

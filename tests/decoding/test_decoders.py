@@ -36,6 +36,7 @@ from mishutter.decoding.decoders.likelihood import _Blur, _Method, _Penalty, _re
 from mishutter.decoding.decoders.linear import (
     ensemble_filter,
     expected_squared_error,
+    squared_error_of,
     wiener_filter,
 )
 
@@ -128,6 +129,23 @@ def test_no_filter_leaves_less_than_the_ensemble_filter():
         assert np.all(left(other) > left(best) * (1 - 1e-12))
     whole = np.concatenate([left(best), left(best)[1:-1][::-1]])
     assert expected_squared_error(model, length) == pytest.approx(np.mean(whole), rel=1e-12)
+
+
+def test_the_error_of_a_picture_has_the_noise_of_its_own_light():
+    """A brighter picture of the same detail has more shot noise, whatever the scene's mean."""
+    model = blur_model(scene(), camera(), ms.HannShutter())
+    detail = 0.1 * np.random.default_rng(5).uniform(-1, 1, (3, 270))
+    detail -= detail.mean()
+    dim, middle, bright = (
+        squared_error_of(model, mean + detail, np.array([430.0])).item() for mean in (0.2, 0.3, 0.7)
+    )
+    length = 2 * detail.shape[-1]
+    gain = np.abs(ensemble_filter(model, length)) ** 2
+    passed = (gain[0] + 2 * gain[1:-1].sum() + gain[-1]) / length
+    wanted = passed * (model.noise_at(0.3) - model.noise_at(0.2))
+    assert wanted > 0
+    assert middle - dim == pytest.approx(wanted, rel=1e-6)
+    assert bright - middle == pytest.approx(4 * wanted, rel=1e-6)
 
 
 def test_a_spectrum_between_its_steps():

@@ -114,3 +114,17 @@ def test_the_worst_speed_may_judge_stills():
     errors = [each.error(3, 1.7e-3) for each in (still, mean, worst)]
     assert errors == sorted(errors)
     assert errors[2] > 1.1 * errors[1] > 1.1 * errors[0]
+
+
+@pytest.mark.parametrize("pans", ["stage", "camera"])
+def test_a_burst_follows_either_way(pans):
+    """Of objects that all move one way, and of their mirror image, it is the same but for signs."""
+    limits = Limits(
+        max_stroke=45.0, max_top_speed=2e4, max_half_exposure=0.02, max_pan=900.0, pans=pans
+    )
+    given = {"photon_rate": RATE, "read_noise": NOISE, "limits": limits}
+    given["burst"] = Burst(frames_per_s=240.0, max_frames=1)
+    there, back = (best_burst(Scene(sign * np.array([610.0, 790.0]), **given)) for sign in (1, -1))
+    assert float(there.motion.velocity) == pytest.approx(700.0)
+    assert float(back.motion.velocity) == -float(there.motion.velocity)
+    assert float(back.motion.exposure) == pytest.approx(float(there.motion.exposure), rel=1e-6)

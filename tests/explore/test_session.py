@@ -10,13 +10,17 @@ import numpy as np
 import pytest
 from PIL import Image
 from support.command_line import ON_PARABOLAS
+from support.drive import a_design
 
 from mishutter import (
     ChippedShutter,
     HannShutter,
+    Limits,
     ParabolicMotion,
     RectShutter,
+    Scene,
     SecondOrderStage,
+    SplineShutter,
     StillCamera,
     compare,
     evaluate,
@@ -112,6 +116,22 @@ def test_first_answers_are_within_what_the_stage_reaches(started):
         found = first_answer(scene, before, turn)
         assert not beyond_limits(scene, found.motion, found.shutter)
     assert beyond_limits(scene, motion, before.shutter) == ("travel",)
+
+
+def test_a_first_answer_leaves_room_for_the_pan():
+    """Of the top speed and the stroke, what panning takes is no more there for the parabola."""
+    limits = Limits(max_stroke=60.0, max_top_speed=4e3, max_half_exposure=0.02)
+    scene = Scene([1900.0, 2300.0], photon_rate=2e5, read_noise=6.0, limits=limits)
+    pan = {"half_exposure": 6e-3, "velocity": 1800.0}
+    most = float(limits.largest_acceleration(np.asarray(6e-3), np.asarray(1800.0)))
+    motion = ParabolicMotion(acceleration=most, **pan)
+    before = replace(a_design(SplineShutter([0.3, 0.8, 1.0, 0.6])), scene=scene, motion=motion)
+    for turn in (0, 1):
+        answer = first_answer(scene, before, turn)
+        half, velocity = answer.motion.half_exposure, answer.motion.velocity
+        reach = float(limits.largest_acceleration(half, velocity))
+        assert abs(float(velocity)) > 1000
+        assert float(answer.motion.acceleration) == pytest.approx(reach, rel=1e-6)
 
 
 @pytest.mark.slow

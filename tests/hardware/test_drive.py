@@ -21,6 +21,7 @@ from mishutter import (
     HannShutter,
     Limits,
     LinearMotion,
+    ParabolicMotion,
     Scene,
     SecondOrderStage,
     SplineShutter,
@@ -196,6 +197,24 @@ def test_a_table_has_the_steps_and_levels_of_its_device():
     assert (table.begin.size, table.num_levels) == (48, 2)
     table = drive_table(design, num_steps=7, num_levels=5)
     assert (table.begin.size, table.num_levels) == (7, 5)
+
+
+def test_a_shutter_needs_no_drive_only_if_it_never_closes():
+    """One that is at its highest level for some steps alone needs one."""
+    open_for = {(1.0, 1.0, 1.0): True, (1.0, 0.3, 1.0): False, (0.0, 0.0, 0.6): False}
+    for levels, is_open in open_for.items():
+        table = drive_table(a_design(ChippedShutter(levels)), num_steps=3, num_levels=11)
+        assert table.is_open == is_open
+
+
+@pytest.mark.parametrize("velocity", [2300.0, -2300.0])
+def test_the_scale_of_positions_is_the_furthest_either_way(velocity):
+    """A stage that begins below its middle is furthest there."""
+    motion = ParabolicMotion(acceleration=900.0, half_exposure=7e-3, velocity=velocity)
+    table = drive_table(replace(a_design(HannShutter()), motion=motion), num_steps=9)
+    time = 7e-3 * (np.arange(9) / 4.5 - 1)
+    furthest = np.max(np.abs(900 * time**2 + velocity * time))
+    assert table.position_scale == pytest.approx(furthest, rel=1e-6)
 
 
 def test_levels_are_the_nearest_between_floor_and_ceiling():

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import mishutter as ms
-from mishutter.pictures import read_opacity
+from mishutter.pictures import read_opacity, to_display
 
 # The formula of the transfer curve and the limit of size, to which pictures are held.
 from mishutter.pictures.images import GAMMA, MAX_PIXELS
@@ -397,3 +397,9 @@ def test_luminance_of_a_colour():
     colour = ms.Picture(np.array([[[0.3, 0.5, 0.9]]]))
     assert colour.luminance[0, 0] == pytest.approx(0.2126 * 0.3 + 0.7152 * 0.5 + 0.0722 * 0.9)
     assert ms.Picture(np.full((1, 1, 1), 0.3)).luminance[0, 0] == 0.3
+
+
+def test_displayed_values_are_coded_by_one_gamma():
+    """Light is clipped to what a screen shows; the value between is its 2.2th root."""
+    light = np.array([-0.3, 0.0, 0.18, 0.7, 1.0, 1.6])
+    assert to_display(light) ** 2.2 == pytest.approx([0, 0, 0.18, 0.7, 1, 1], rel=1e-12)

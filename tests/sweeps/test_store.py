@@ -340,6 +340,21 @@ def test_a_store_of_another_sweep_is_refused(slug, tmp_path):
     assert message in str(caught.value)
 
 
+def test_every_argument_that_decides_the_numbers_is_part_of_a_store(tmp_path):
+    """Another value of any of them is another sweep, named by the argument."""
+    plain = grid(metrics=["expected_psnr"], accelerations=[3e4, 9e4], half_exposures=[1e-3, 3e-3])
+    sweep(SCENE, **plain, store=tmp_path / "a.zarr")
+    others = {
+        "half_exposures": [1e-3, 2e-3],
+        "velocities": [40.0],
+        "photon_rates": [1e5],
+        "read_noises": [2.0],
+    }
+    for name, value in others.items():
+        with pytest.raises(ValueError, match=f"with {name.replace('_', '.')}: "):
+            sweep(SCENE, **(plain | {name: value}), store=tmp_path / "a.zarr")
+
+
 def test_a_store_by_an_older_word_goes_on(tmp_path):
     """A decoder that earlier stores call `told` is the scene's own `known`: nothing is refused.
 

@@ -274,6 +274,16 @@ def test_nothing_is_gained_where_there_is_nothing_to_restore():
         assert np.all(np.isnan(gain.values[~inside]))
 
 
+def test_equal_levels_have_no_gain_infinite_too():
+    """The difference of two infinities is none, and that of an infinity and a number infinite."""
+    levels = [[np.inf, np.inf], [31.5, np.inf], [33.0, 30.25]]
+    found = xarray.Dataset(
+        {"expected_psnr": (("point", "shutter"), levels)}, {"shutter": ["rect", "Hann"]}
+    )
+    gain = gain_over(found, "Hann").sel(shutter="rect")
+    np.testing.assert_array_equal(gain, [0, -np.inf, 2.75])
+
+
 LIGHT_SCENE = Scene.uniform(
     max_speed=3000.0,
     num_speeds=5,
