@@ -282,24 +282,24 @@ class DesignSpace(eqx.Module):
     def _bends_of_stage(self, low: float, high: float) -> Float[np.ndarray, "n"]:
         """Half exposures at which another limit on the acceleration begins to hold; s."""
 
-        def courses_at(times: Float[np.ndarray, "k"]) -> Int[np.ndarray, "k"]:
+        def active_limits_at(times: Float[np.ndarray, "k"]) -> Int[np.ndarray, "k"]:
             padded = np.resize(times, -(-times.size // _TIMES_AT_ONCE) * _TIMES_AT_ONCE)
             rows = padded.astype(self.dtype).reshape(-1, _TIMES_AT_ONCE)
-            each = [np.asarray(_courses(self.of_motion, row)) for row in rows]
+            each = [np.asarray(_active_limits(self.of_motion, row)) for row in rows]
             return np.concatenate(each)[: times.size]
 
         # No formula tells where limits of a stage meet: a row of exposures brackets each place.
         times = np.geomspace(low, high, _NUM_TRIED)
-        courses = courses_at(times)
-        at = np.flatnonzero(np.diff(courses))
+        active = active_limits_at(times)
+        at = np.flatnonzero(np.diff(active))
         before, after = times[at], times[at + 1]
         for _ in range(_HALVINGS if at.size else 0):
             middle = np.sqrt(before * after)
-            same = courses_at(middle) == courses[at]
+            same = active_limits_at(middle) == active[at]
             before, after = np.where(same, middle, before), np.where(same, after, middle)
         return after
 
-    def course_at(self, half_exposure: Float[Array, ""]) -> Int[Array, ""]:
+    def active_limits(self, half_exposure: Float[Array, ""]) -> Int[Array, ""]:
         """A number for the limits that bound the acceleration over an exposure; scalar."""
         limits, half = self.limits, half_exposure
         least, most = self._acceleration_bounds(half)
@@ -313,9 +313,9 @@ class DesignSpace(eqx.Module):
         ]
         floors = jnp.stack([self.demand.astype(most.dtype), _SLOWEST * 2 * most * half])
         own = least * 2 * half / jnp.maximum(self.motion.speed_gain, 1e-30)
-        course = jnp.argmax(jnp.stack(shares)) * 8
-        course += jnp.argmax(floors) * 4 + jnp.where(own < 1 - 1e-9, 2, 0)
-        return course + jnp.where(least >= most, 1, 0)
+        number = jnp.argmax(jnp.stack(shares)) * 8
+        number += jnp.argmax(floors) * 4 + jnp.where(own < 1 - 1e-9, 2, 0)
+        return number + jnp.where(least >= most, 1, 0)
 
     def point_of(self, shutter: AbstractShutter, motion: AbstractMotion) -> Float[Array, "size"]:
         """The point of the box nearest to a design."""
@@ -473,8 +473,10 @@ class DesignSpace(eqx.Module):
 
 
 @compiled
-def _courses(space: DesignSpace, half_exposures: Float[Array | np.ndarray, "k"]) -> Int[Array, "k"]:
-    return jax.vmap(space.course_at)(jnp.asarray(half_exposures))
+def _active_limits(
+    space: DesignSpace, half_exposures: Float[Array | np.ndarray, "k"]
+) -> Int[Array, "k"]:
+    return jax.vmap(space.active_limits)(jnp.asarray(half_exposures))
 
 
 def _unit_path(pieces: Float[Array, "pieces"], velocity: Float[Array, ""]) -> FreeMotion:

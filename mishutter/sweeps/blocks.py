@@ -29,7 +29,7 @@ from mishutter.sweeps.search import basis_of, coefficients_of, search
 Arrays = dict[str, np.ndarray]
 
 
-class Kit(NamedTuple):
+class PreparedShutter(NamedTuple):
     """A shutter ready to be measured.
 
     Attributes:
@@ -64,10 +64,10 @@ class Engine:
         ]
         self.sizes = [*map(self._sizes, self.measured, self.outside)]
         self.shapes = Shapes.of(self.sizes)
-        self.kits = [self._kit(shutter, [shutter]) for shutter in grid.shutters.values()]
+        self.shutters = [self._prepared(shutter, [shutter]) for shutter in grid.shutters.values()]
         profiles = () if grid.search is None else grid.search.profiles
         kinds = {profile.symmetric: profile for profile in profiles}
-        self.bases = {kind: self._kit(each, basis_of(each)) for kind, each in kinds.items()}
+        self.bases = {kind: self._prepared(each, basis_of(each)) for kind, each in kinds.items()}
 
     def _sizes(self, scene: Scene, outside: np.ndarray) -> Sizes:
         """Sizes of the points within limits; marks in `outside` those that are too large."""
@@ -91,12 +91,14 @@ class Engine:
         numbers = accelerations, half_exposures, np.zeros_like(half_exposures)
         return eqx.tree_at(lambda m: (m.acceleration, m.half_exposure, m.velocity), one, numbers)
 
-    def _kit(self, shutter: AbstractShutter, coordinates: Sequence[AbstractShutter]) -> Kit:
+    def _prepared(
+        self, shutter: AbstractShutter, coordinates: Sequence[AbstractShutter]
+    ) -> PreparedShutter:
         scenes = scenes_for(self.measured, shutter)
         device = self.scenes[0].device
         lags = device is not None and device.lags
         rules = None if lags else self._rules(coordinates, self.grid.half_exposures[-1])
-        return Kit(shutter, coordinates, rules, scenes)
+        return PreparedShutter(shutter, coordinates, rules, scenes)
 
     def _rules(self, coordinates: Sequence[AbstractShutter], half_exposure: np.floating) -> Rules:
         """Rules of quadrature of some profiles behind the device."""
@@ -105,14 +107,14 @@ class Engine:
         return Rules.of(shutters, self.shapes, self.grid.dtype)
 
     def _rules_at(
-        self, kit: Kit, half_exposures: np.ndarray
+        self, prepared: PreparedShutter, half_exposures: np.ndarray
     ) -> Iterator[tuple[np.ndarray | slice, Rules]]:
         """Points that share rules of quadrature, and these."""
-        if kit.rules is not None:
-            yield slice(None), kit.rules
+        if prepared.rules is not None:
+            yield slice(None), prepared.rules
             return
         for half in np.unique(half_exposures):
-            yield np.flatnonzero(half_exposures == half), self._rules(kit.coordinates, half)
+            yield np.flatnonzero(half_exposures == half), self._rules(prepared.coordinates, half)
 
     def computed(self, blocks: Iterable[Block]) -> Iterator[Arrays]:
         """The variables of blocks, in order; with a search some blocks at a time."""
@@ -133,7 +135,9 @@ class Engine:
             name: _placed(getattr(sizes, name), inside) for name in ("num_taps", "dft_length")
         }
         arrays["outside"] = everywhere[at]
-        metrics = [self._measured(kit, block.frame, motions, sizes) for kit in self.kits]
+        metrics = [
+            self._measured(prepared, block.frame, motions, sizes) for prepared in self.shutters
+        ]
         if grid.search is not None:
             scene, profile = self.scenes[block.frame], grid.search.profiles[block.frame]
             best = search(grid.search, scene, motions, profile)
@@ -157,25 +161,25 @@ class Engine:
 
     def _measured(
         self,
-        kit: Kit,
+        prepared: PreparedShutter,
         frame: int,
         motions: ParabolicMotion,
         sizes: Sizes,
         boxes: np.ndarray | None = None,
     ) -> Arrays:
-        """Metrics of a kit's shutter at some points, by name."""
-        grid, scene = self.grid, kit.scenes[frame]
+        """Metrics of a prepared shutter at some points, by name."""
+        grid, scene = self.grid, prepared.scenes[frame]
         rates = scene.photon_rate if grid.photon_rates is None else grid.photon_rates
         noises = scene.read_noise if grid.read_noises is None else grid.read_noises
         levels = LightLevels(*(np.atleast_1d(np.asarray(level)) for level in (rates, noises)))
         metrics = dict.fromkeys(("efficiency", *grid.metrics), np.zeros(0))
         halves = np.asarray(motions.half_exposure)
-        for index, rules in self._rules_at(kit, halves) if halves.size else ():
+        for index, rules in self._rules_at(prepared, halves) if halves.size else ():
             some, own_sizes, own_boxes = jax.tree.map(itemgetter(index), (motions, sizes, boxes))
             part = measure(
                 scene,
                 some,
-                kit.shutter,
+                prepared.shutter,
                 rules,
                 shapes=self.shapes,
                 sizes=own_sizes,
