@@ -6,9 +6,11 @@ from mishutter.evaluation.batch import Shapes as Shapes
 from mishutter.evaluation.batch import Sizes as Sizes
 from mishutter.evaluation.batch import measure as measure
 from mishutter.evaluation.batch import scenes_for as scenes_for
+from mishutter.evaluation.bursts import MovingBurst as MovingBurst
 from mishutter.evaluation.bursts import StillBurst as StillBurst
 from mishutter.evaluation.bursts import StillBursts as StillBursts
-from mishutter.evaluation.bursts import best_burst as best_burst
+from mishutter.evaluation.bursts import best_moving_burst as best_moving_burst
+from mishutter.evaluation.bursts import best_still_burst as best_still_burst
 from mishutter.evaluation.ceilings import ceiling as ceiling
 from mishutter.evaluation.ensembles import without_tolerances as without_tolerances
 from mishutter.evaluation.errors import SpectralLevels as SpectralLevels
@@ -19,6 +21,7 @@ from mishutter.evaluation.found_speed import found_share as found_share
 from mishutter.evaluation.found_speed import open_time as open_time
 from mishutter.evaluation.found_speed import smear_difference as smear_difference
 from mishutter.evaluation.found_speed import smear_difference_of as smear_difference_of
+from mishutter.evaluation.frames import added_up as added_up
 from mishutter.evaluation.layers import SEARCHED_EFFECTIVE_SPEEDS as SEARCHED_EFFECTIVE_SPEEDS
 from mishutter.evaluation.layers import background_of as background_of
 from mishutter.evaluation.layers import moments_on_dft as moments_on_dft

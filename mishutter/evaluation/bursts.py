@@ -1,31 +1,32 @@
-r"""Bursts: many short frames in place of one exposure, aligned and added up.
+"""Searches for bursts: several frames of a picture in place of one exposure, registered.
 
-$n$ frames of the exposure $\tau$ make one picture of $n R\tau$ electrons of white, whose blur is
-that of one frame and whose read noise $\sqrt n\,\sigma$ is paid $n$ times. The alignment is taken
-to be perfect, at every speed and at no cost; a decoder that can align knows the speed, so that the
-error is that of `Metrics.known_speed_psnr`. The losses of a real burst to misalignment, to the time
-between frames and to objects that are hidden in some frames do not count.
+Registration is taken to be perfect, and to cost nothing. A decoder that registers frames knows the
+speed, so that their level is that of `burst_psnr`. Objects that are hidden in some frames, or
+outside of the picture, do not count.
 """
 
 import math
+from functools import reduce
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from mishutter._core import compiled, outside_trace, require_known
+from mishutter._core import outside_trace, require_known
 from mishutter.evaluation.ensembles import without_tolerances
-from mishutter.evaluation.errors import known_speed_squared_error
-from mishutter.evaluation.frames import added_up
+from mishutter.evaluation.frames import (
+    Frames,
+    alternating_frames,
+    burst_psnr,
+    seen_by,
+    sweep_frames,
+)
 from mishutter.evaluation.lengths import distinct_speeds
-from mishutter.evaluation.needs import ONLY_SPECTRA, Plan, sizes
+from mishutter.evaluation.needs import larger, sizes
 from mishutter.evaluation.power import lost_share, power_on_grid
-from mishutter.evaluation.response import Response, respond
-from mishutter.evaluation.views import sampled_view
 from mishutter.model import (
-    AbstractMotion,
     LinearMotion,
-    RectShutter,
     Scene,
     filling_half_exposure,
     frequencies,
@@ -35,79 +36,10 @@ from mishutter.model import (
     white_electrons,
 )
 
-_TOLERANCE = 1e-4
-"""Tolerance on the logarithm of the exposure."""
+_STEPS, _NUMBERS_TRIED = 5, 2
+"""Steps of exposure and acceleration that a search begins with, and numbers of frames tried."""
 _SATURATED = 1e-3
 """Gain of one more frame below which more frames are of no use; dB."""
-
-
-class BurstOfFrames(NamedTuple):
-    """The best burst for a scene.
-
-    Attributes:
-        num_frames: Number of frames.
-        motion: Motion of the sensor over one of them.
-        scene: The scene with the light and the read noise of all of them together, in which one
-            exposure of that motion is the burst.
-    """
-
-    num_frames: int
-    motion: AbstractMotion
-    scene: Scene
-
-
-@outside_trace()
-def best_burst(scene: Scene) -> BurstOfFrames | None:
-    """The burst of least error by a decoder that is told the speed; None without `scene.burst`.
-
-    The frames follow each other at the rate of the burst, all of it within the longest exposure of
-    the scene's limits; no frame fills a pixel. The sensor pans at the middle of the speeds as far
-    as it may, and where the stage pans as far as its stroke reaches over the whole burst. More
-    frames are tried as long as they lower the error.
-    """
-    require_known("best_burst", scene=scene)
-    scene = without_tolerances(scene)
-    if scene.burst is None:
-        return None
-    from scipy.optimize import minimize_scalar
-
-    shortest, longest = (
-        2 * float(x) for x in (scene.limits.min_half_exposure, scene.limits.max_half_exposure)
-    )
-    most = min(1 / float(scene.burst.frames_per_s), longest)
-    if scene.full_well is not None:
-        most = min(most, 2 * float(filling_half_exposure(scene.full_well, scene.photon_rate)))
-    best, least = None, math.inf
-    for count in range(1, scene.burst.max_frames + 1):
-        before_last = (count - 1) / float(scene.burst.frames_per_s)
-        longest_frame = min(most, longest - before_last)
-        if longest_frame < shortest:
-            break
-        added, velocity = added_up(scene, count), _pan(scene, before_last + longest_frame)
-        plan = sizes(scene, LinearMotion(half_exposure=longest_frame / 2, velocity=velocity))
-
-        def error(
-            log_exposure: float,
-            added: Scene = added,
-            velocity: Float[np.ndarray, ""] = velocity,
-            plan: Plan = plan,
-        ) -> float:
-            half = np.exp(log_exposure) / 2
-            return _error(added, LinearMotion(half_exposure=half, velocity=velocity), plan)
-
-        ends = math.log(shortest), math.log(longest_frame)
-        places = [*ends]
-        if longest_frame > shortest:
-            options = {"xatol": _TOLERANCE}
-            end: Any = minimize_scalar(error, bounds=ends, method="bounded", options=options)
-            places.append(float(end.x))
-        value, place = min((error(x), x) for x in places)
-        if value >= least:
-            break
-        pan = LinearMotion(half_exposure=np.exp(place) / 2, velocity=velocity)
-        motion = pan if velocity else pan.without_velocity()
-        best, least = BurstOfFrames(count, motion, added), value
-    return best
 
 
 class StillBurst(NamedTuple):
@@ -164,10 +96,11 @@ class StillBursts:
         errors = np.mean(self._power * lost, axis=1)
         return float(np.max(errors) if self._at_worst else self._weights @ errors)
 
-    def best(self, frames_per_s: float) -> StillBurst:
-        """The burst of the least error at a frame rate."""
+    def best(self, frames_per_s: float, *, max_frames: int | None = None) -> StillBurst:
+        """The burst of the least error at a frame rate, of any number of frames or at most some."""
         period, bursts = 1 / frames_per_s, []
-        for count in range(1, 2 + int(self._window / period)):
+        most = 1 + int(self._window / period)
+        for count in range(1, 1 + min(most, max_frames or most)):
             longest = min(period, self._window - (count - 1) * period)
             if count > 1 and longest < self._shortest:
                 break
@@ -227,33 +160,145 @@ class StillBursts:
         return StillBurst(num_frames, math.exp(place), _psnr(error))
 
 
+class MovingBurst(NamedTuple):
+    """The best burst of a sensor that moves while its frames are exposed.
+
+    Attributes:
+        num_frames: Number of frames.
+        frames: Their paths.
+        travel: Way of the stage, from the lowest to the highest position over the burst; px.
+        is_sweep: Whether one slow parabola is read out several times, and not one a frame.
+        psnr: PSNR of the best linear decoder, which knows the speed, in linear light; dB.
+    """
+
+    num_frames: int
+    frames: Frames
+    travel: float
+    is_sweep: bool
+    psnr: float
+
+
+def best_still_burst(scene: Scene) -> StillBurst | None:
+    """The burst of least error of a camera at rest; None without `scene.burst`.
+
+    The frames follow each other at the rate of the burst, all of it within the longest exposure of
+    the scene's limits; no frame fills a pixel.
+    """
+    require_known("best_still_burst", scene=scene)
+    if scene.burst is None:
+        return None
+    rate, most = float(scene.burst.frames_per_s), scene.burst.max_frames
+    return StillBursts(scene).best(rate, max_frames=most)
+
+
+@outside_trace()
+def best_moving_burst(scene: Scene) -> MovingBurst | None:
+    """The burst of least error of a sensor that moves; None where the camera takes no two frames.
+
+    The stage follows parabolas of alternating direction, between which it goes on at constant
+    velocity, or one slow parabola over the whole burst. Its limits hold over the burst. A camera
+    that turns pans at the middle of the speeds. The frames are as those of `best_still_burst`,
+    which are among them: of a sensor that may hardly move.
+    """
+    require_known("best_moving_burst", scene=scene)
+    if scene.burst is None:
+        return None
+    scene, space = without_tolerances(scene), _FramesInTime.of(scene)
+    bursts = [
+        _best_of_kind(scene, space, count, is_sweep=is_sweep)
+        for count in space.numbers_of_frames(scene.burst.max_frames)
+        for is_sweep in (False, True)
+    ]
+    return max(bursts, key=lambda burst: burst.psnr, default=None)
+
+
+class _FramesInTime(NamedTuple):
+    """When frames may be exposed.
+
+    Attributes:
+        period: Time from one frame to the next; s.
+        window: Longest time from first to last light; s.
+        shortest: Shortest exposure of a frame; s.
+        longest: Longest exposure of a frame; s.
+    """
+
+    period: float
+    window: float
+    shortest: float
+    longest: float
+
+    @staticmethod
+    def of(scene: Scene) -> "_FramesInTime":
+        """The times of a scene with a `Burst`."""
+        period, limits = 1 / float(scene.burst.frames_per_s), scene.limits  # type: ignore[union-attr]
+        window = 2 * float(limits.max_half_exposure)
+        longest = min(period, window)
+        if scene.full_well is not None:
+            filling = 2 * float(filling_half_exposure(scene.full_well, scene.photon_rate))
+            longest = min(longest, filling)
+        return _FramesInTime(period, window, 2 * float(limits.min_half_exposure), longest)
+
+    def longest_of(self, num_frames: int) -> float:
+        """Longest exposure of each of some frames; s."""
+        return min(self.longest, self.window - (num_frames - 1) * self.period)
+
+    def numbers_of_frames(self, most: int) -> list[int]:
+        """The greatest numbers of frames: one more never hurts, but may have to be short."""
+        fits = [n for n in range(2, most + 1) if self.longest_of(n) >= self.shortest]
+        return fits[-_NUMBERS_TRIED:]
+
+
+def _best_of_kind(
+    scene: Scene, space: _FramesInTime, num_frames: int, *, is_sweep: bool
+) -> MovingBurst:
+    """The best exposure and acceleration of some frames."""
+    from scipy.optimize import minimize
+
+    limits, period = scene.limits, space.period
+    longest = space.longest_of(num_frames)
+    pan = _pan(scene) if limits.pans == "camera" else 0.0
+
+    def frames_at(place: Float[np.ndarray, "2"]) -> tuple[Frames, float]:
+        """The frames of a point of the unit square, and the travel of the stage."""
+        half = space.shortest * (longest / space.shortest) ** float(place[0]) / 2
+        if is_sweep:
+            whole = ((num_frames - 1) * period + 2 * half) / 2
+            most = float(limits.largest_acceleration(jnp.asarray(whole), jnp.asarray(pan)))
+            a = float(place[1]) * most
+            frames = sweep_frames(num_frames, half, a, period)
+            travel = a * whole**2
+        else:
+            swing = 2 * half * (period - half)  # of the acceleration 1
+            most = float(limits.largest_acceleration(jnp.asarray(half), jnp.asarray(pan)))
+            room = float(limits.max_stroke)
+            if limits.max_travel is not None:
+                room = min(room, float(limits.max_travel))
+            a = float(place[1]) * min(most, room / swing)
+            frames, travel = alternating_frames(num_frames, half, a), a * swing
+        return frames._replace(velocities=np.asarray(frames.velocities) + pan), travel
+
+    ends = [frames_at(np.array([x, 1.0]))[0] for x in (0.0, 1.0)]
+    plan = reduce(larger, (sizes(seen_by(scene, each), each.motion) for each in ends))
+
+    def loss(place: Float[np.ndarray, "2"]) -> float:
+        return -float(burst_psnr(scene, [frames_at(place)[0]], plan=plan))
+
+    steps = np.linspace(0, 1, _STEPS)
+    places = [np.array([x, y]) for x in steps for y in steps]
+    start = min(places, key=loss)
+    options = {"xatol": 1e-3, "fatol": 1e-5}
+    end: Any = minimize(loss, start, method="Nelder-Mead", bounds=[(0, 1), (0, 1)], options=options)
+    frames, travel = frames_at(end.x)
+    return MovingBurst(num_frames, frames, travel, is_sweep, -float(end.fun))
+
+
 def _psnr(error: float) -> float:
     """The level of a squared error; dB. Without any error it is infinite."""
     return -10 * math.log10(error) if error > 0 else math.inf
 
 
-def _pan(scene: Scene, duration: float) -> Float[np.ndarray, ""]:
-    """The velocity in the middle of the speeds, or as near to it as the limits let a sensor pan.
-
-    Args:
-        scene: Speeds and limits.
-        duration: From the beginning of the first frame to the end of the last; s.
-    """
-    limits = scene.limits
-    most = min(float(limits.max_pan), float(limits.max_top_speed))
-    if limits.pans == "stage":
-        most = min(most, float(limits.max_stroke) / duration)
+def _pan(scene: Scene) -> float:
+    """The velocity in the middle of the speeds, or as near to it as a camera may turn; px/s."""
+    most = min(float(scene.limits.max_pan), float(scene.limits.max_top_speed))
     middle = sum(float(speed) for speed in scene.speed_range) / 2
-    return np.asarray(np.clip(middle, -most, most), scene.speeds.dtype)
-
-
-def _error(scene: Scene, motion: AbstractMotion, plan: Plan) -> float:
-    view = sampled_view(scene, motion, RectShutter(), ONLY_SPECTRA, plan)
-    return float(_known_speed_error(view.scene, view.motion, respond(view)))
-
-
-@compiled
-def _known_speed_error(
-    scene: Scene, motion: AbstractMotion, response: Response
-) -> Float[Array, ""]:
-    return known_speed_squared_error(scene, motion, response)
+    return min(max(middle, -most), most)

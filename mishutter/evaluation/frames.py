@@ -294,7 +294,7 @@ def _exposed(
     """The response of each path, and its number of frames at each velocity."""
     require_whole(scene, "a burst of frames")
     scene = without_tolerances(scene)
-    seen = [_seen_by(scene, each) for each in frames]
+    seen = [seen_by(scene, each) for each in frames]
     if plan is None:
         of_each = (sizes(own, each.motion) for own, each in zip(seen, frames, strict=True))
         plan = reduce(larger, of_each)
@@ -306,7 +306,7 @@ def _exposed(
     return tuple(_Exposed(view.scene, view.motion, respond(view)) for view in views), num_each
 
 
-def _seen_by(scene: Scene, frames: Frames) -> Scene:
+def seen_by(scene: Scene, frames: Frames) -> Scene:
     """The scene at its speeds relative to each of the velocities, one after the other."""
     speeds, velocities = as_numpy(scene.speeds, frames.velocities)
     relative = speeds[None] - velocities.astype(speeds.dtype)[:, None]

@@ -57,8 +57,7 @@ class Comparison:
         ceiling: Expected PSNR that no camera exceeds; dB. Speeds in equal steps stand for all
             speeds between them, unless a design exceeds that ceiling by dwelling at the listed
             speeds.
-        notes: Sentences for the foot of the tables: the light that the shutter loses, and the level
-            that a burst would reach.
+        notes: Sentences for the foot of the tables, such as the light that the shutter loses.
         costs: Cost of each tolerance to the best design; None for a scene without tolerances, and
             where a decoder that knows the speed, or the worst speed, judges.
         choice: The camera to build, or the snapshot to use instead; None where there is nothing to
@@ -195,7 +194,8 @@ def compare(
     These rivals stand beside the windows, and are tuned alike: the best Tukey, whose taper is tuned
     too; the best snapshot, which is an open shutter at rest, and where the sensor may pan the best
     panned snapshot; the best coded still, which is a free profile without acceleration, and where
-    that pans the best one at rest; and the best burst of a scene that has a `Burst`. An open
+    that pans the best one at rest; and the best still and the best moving burst of a scene that has
+    a `Burst` and no background. An open
     shutter and a free profile on the best free path, which take more than half of the time and a
     stage that follows any path, are searched for where they are asked for, unless the scene has
     tolerances or limits the jerk of its stage; the ceiling holds for them too.
@@ -260,7 +260,7 @@ def with_verdict(
     at_best = [row for row in rows if row.reading == OWN_BEST_MOTION]
     bursts = [row for row in at_best if not row.is_of_one_exposure]
     at_best = [row for row in at_best if row.is_of_one_exposure]
-    notes = comparison_notes(scene, entries, at_best, bursts, free_paths=free_paths)
+    notes = comparison_notes(scene, entries, at_best, free_paths=free_paths)
     snapshot = best_row(row for row in at_best if row.name in SNAPSHOTS)
     if np.isposinf(snapshot.level):
         return Comparison(tuple(rows), _NO_DETAIL, 0.0, np.inf, notes)
@@ -272,7 +272,7 @@ def with_verdict(
     own = best if best.name in entries else None
     choice = row_to_build(at_best, own, snapshot)
     stills = plain_stills(scene, choice)
-    verdict = verdict_of(Case(at_best, choice, own, snapshot, most, stills))
+    verdict = verdict_of(Case(at_best, choice, own, snapshot, most, stills, bursts))
     costs = None
     if best.within is not None:
         costs = tolerance_costs(scene, best.motion, best.shutter)

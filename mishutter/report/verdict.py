@@ -73,6 +73,7 @@ class Case:
         snapshot: The best snapshot.
         most: The ceiling; dB.
         stills: Frames at rest that could take its place; None where a verdict is silent on them.
+        bursts: The rows at their own best motions that are bursts.
     """
 
     rows: Sequence[Row]
@@ -81,6 +82,7 @@ class Case:
     snapshot: Row
     most: float
     stills: PlainStills | None = None
+    bursts: Sequence[Row] = ()
 
     @property
     def is_coded(self) -> bool:
@@ -230,6 +232,32 @@ def _stills(case: Case) -> str:
     return f"{said}; {equal} equal it."
 
 
+def _burst_pays(case: Case) -> bool:
+    """Whether a burst of the scene's camera is worth taking in place of one exposure."""
+    if not case.bursts:
+        return False
+    gain = best_row(case.bursts).margin_over(case.choice)
+    return gain >= WORTH_IT and best_row(case.bursts).num_frames > 1
+
+
+def _burst(case: Case) -> str:
+    """The burst to take: a sensor moves where that gains something over frames at rest."""
+    top = best_row(case.bursts)
+    still = next((row for row in case.bursts if not row.travel), top)
+    gain, count = top.margin_over(still), still.num_frames
+    exposure, still_exposure = (f"{float(x.motion.exposure) * 1e3:.3g}" for x in (top, still))
+    registers = case.choice.decoder.knows_speed
+    start = "Take" if registers else "If objects are registered, take"
+    if gain < WORTH_IT:
+        start = "Do not move:" if registers else "If objects are registered, do not move:"
+        return f"{start} {count} stills of {still_exposure} ms have {still.level:.2f} dB."
+    return (
+        f"{start} {top.num_frames} frames of {exposure} ms while the stage swings "
+        f"{top.travel:.3g} px:\n{top.level:.2f} dB, {gain:.2f} dB above the best still burst "
+        f"({count} of {still_exposure} ms)."
+    )
+
+
 RULES = (
     Rule(lambda case: not case.is_coded, _do_not_build),
     Rule(lambda case: not case.is_coded and case.choice.pans, _pan),
@@ -245,6 +273,7 @@ RULES = (
     Rule(lambda case: case.top.margin_over(case.choice) >= LEAST_SHOWN, _more),
     Rule(lambda case: case.is_coded and case.nearest_simpler is not None, _simpler),
     Rule(_stills_pay, _stills),
+    Rule(_burst_pays, _burst),
 )
 """The sentences of a verdict, in their order."""
 
@@ -295,7 +324,6 @@ def comparison_notes(
     scene: Scene,
     entries: Mapping[str, Entry],
     rows: Sequence[Row],
-    bursts: Iterable[Row],
     *,
     free_paths: bool = False,
 ) -> tuple[str, ...]:
@@ -305,17 +333,15 @@ def comparison_notes(
         scene: The scene, whose device loses light.
         entries: Shutters and designs of the user, by name.
         rows: The rows at their own best motions, without a burst.
-        bursts: The rows at their own best motions that are bursts.
         free_paths: Whether free paths were asked for.
     """
-    notes = [
+    return (
         *device_notes(scene.device),
         *_blind_drive_notes(scene, entries),
         *_limit_notes(scene, rows),
         *_tolerance_notes(scene, rows),
         *_path_notes(scene, free_paths),
-    ]
-    return (*notes, *map(_burst_note, bursts))
+    )
 
 
 def device_notes(device: AbstractDevice | None) -> list[str]:
@@ -379,11 +405,3 @@ def _path_notes(scene: Scene, free_paths: bool) -> list[str]:
     """The reason for which free paths that were asked for are not compared."""
     reason = forbids_free_path(scene)
     return [f"No free path is compared: {reason}."] if free_paths and reason else []
-
-
-def _burst_note(row: Row) -> str:
-    """The level of a burst whose frames are aligned without error."""
-    return (
-        f"A burst of {row.num_frames} frames of {float(row.motion.exposure) * 1e3:.3g} ms, "
-        f"aligned perfectly at no cost, reaches {row.level:.2f} dB."
-    )

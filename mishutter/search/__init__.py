@@ -2,10 +2,11 @@
 
 from mishutter.search.planning import SearchPlan as SearchPlan
 from mishutter.search.planning import plan as plan
-from mishutter.search.rivals import BEST_BURST as BEST_BURST
 from mishutter.search.rivals import BEST_CODED_STILL as BEST_CODED_STILL
+from mishutter.search.rivals import BEST_MOVING_BURST as BEST_MOVING_BURST
 from mishutter.search.rivals import BEST_PANNED_SNAPSHOT as BEST_PANNED_SNAPSHOT
 from mishutter.search.rivals import BEST_SNAPSHOT as BEST_SNAPSHOT
+from mishutter.search.rivals import BEST_STILL_BURST as BEST_STILL_BURST
 from mishutter.search.rivals import BEST_TUKEY as BEST_TUKEY
 from mishutter.search.rivals import CODED_AT_REST as CODED_AT_REST
 from mishutter.search.rivals import OPEN_ON_FREE_PATH as OPEN_ON_FREE_PATH

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, PyTree
 
@@ -18,10 +19,15 @@ from mishutter.design import GIVEN, Design
 from mishutter.evaluation import (
     KNOWN_SPEED,
     AbstractLoss,
+    MovingBurst,
     Plan,
-    best_burst,
+    StillBurst,
+    added_up,
+    best_moving_burst,
+    best_still_burst,
     evaluate,
     transmittance,
+    without_tolerances,
 )
 from mishutter.model import (
     AbstractMotion,
@@ -59,7 +65,8 @@ BEST_SNAPSHOT = "best snapshot"
 BEST_PANNED_SNAPSHOT = "best panned snapshot"
 BEST_CODED_STILL = "best coded still"
 CODED_AT_REST = "best coded at rest"
-BEST_BURST = "best burst"
+BEST_STILL_BURST = "best still burst"
+BEST_MOVING_BURST = "best moving burst"
 OPEN_ON_FREE_PATH = "open on a free path"
 SHAPED_ON_FREE_PATH = "shaped on a free path"
 SNAPSHOTS = (BEST_SNAPSHOT, BEST_PANNED_SNAPSHOT)
@@ -299,15 +306,30 @@ def _on_free_paths(search: RivalSearch) -> list[Row]:
     return [_row(OPEN_ON_FREE_PATH, on_path), _row(SHAPED_ON_FREE_PATH, best)]
 
 
-def _best_burst(search: RivalSearch) -> list[Row]:
-    """The best burst of a camera that takes any, by a decoder that knows the speed."""
-    scene, shutter = search.scene, RectShutter()
-    burst = best_burst(scene)
-    if burst is None:
-        return []
-    metrics = evaluate(burst.scene, burst.motion, shutter)
-    row = Row(OWN_BEST_MOTION, BEST_BURST, shutter, burst.motion, None, metrics)
-    return [replace(row, decoder=KNOWN_SPEED, turns=_turns(scene), num_frames=burst.num_frames)]
+def _bursts(search: RivalSearch) -> list[Row]:
+    """The best bursts of a camera that takes any, by a decoder that registers their frames."""
+    scene = search.scene
+    still, moving = best_still_burst(scene), best_moving_burst(scene)
+    rows = []
+    if still is not None:
+        motion = StillCamera(half_exposure=still.exposure / 2)
+        rows.append(_row_of_burst(BEST_STILL_BURST, scene, motion, still))
+    if moving is not None:
+        row = _row_of_burst(BEST_MOVING_BURST, scene, moving.frames.motion, moving)
+        rows.append(replace(row, travel=moving.travel))
+    return rows
+
+
+def _row_of_burst(
+    name: str, scene: Scene, motion: AbstractMotion, burst: StillBurst | MovingBurst
+) -> Row:
+    """A burst as a row: the metrics of one of its frames, and the level of all."""
+    shutter, count = RectShutter(), burst.num_frames
+    metrics = evaluate(without_tolerances(added_up(scene, count)), motion, shutter)
+    level = np.asarray(burst.psnr, scene.speeds.dtype)
+    metrics = eqx.tree_at(lambda m: m.known_speed_psnr, metrics, jnp.asarray(level))
+    row = Row(OWN_BEST_MOTION, name, shutter, motion, None, metrics, _turns(scene))
+    return replace(row, decoder=KNOWN_SPEED, num_frames=count)
 
 
 RIVALS = (
@@ -315,10 +337,10 @@ RIVALS = (
     Rival(SNAPSHOTS, frozenset({STAGE}), snapshots),
     Rival((BEST_CODED_STILL, CODED_AT_REST), ONE_EXPOSURE, _coded_stills),
     Rival(
-        (BEST_BURST,),
+        (BEST_STILL_BURST, BEST_MOVING_BURST),
         frozenset({STAGE, FRAMES}),
-        _best_burst,
-        is_asked=lambda search: search.scene.burst is not None,
+        _bursts,
+        is_asked=lambda search: search.scene.burst is not None and search.scene.occlusion is None,
     ),
     Rival(
         (OPEN_ON_FREE_PATH, SHAPED_ON_FREE_PATH),

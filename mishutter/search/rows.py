@@ -54,7 +54,8 @@ class Row:
         metrics: Its metrics.
         turns: Whether turning the camera makes the pan, and not the stage.
         decoder: Knowledge of the speed that the judging decoder has.
-        num_frames: Frames of the motion's exposure that are added up; 1 but for a burst.
+        num_frames: Frames of the motion's exposure that are registered; 1 but for a burst.
+        travel: Way of the stage over a burst; px.
         at_worst: Whether it is judged at the worst speed, and not by the mean over speeds.
         design: The design that a search found; None for the reading *same motion* and for a burst.
         hardware: Parts that cameras of its kind may require.
@@ -69,6 +70,7 @@ class Row:
     turns: bool = False
     decoder: SpeedKnowledge = UNKNOWN_SPEED
     num_frames: int = 1
+    travel: float = 0.0
     at_worst: bool = False
     design: Design | None = None
     hardware: frozenset[str] = ONE_EXPOSURE

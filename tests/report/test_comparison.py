@@ -26,9 +26,9 @@ from mishutter import (
 from mishutter.evaluation import SPEED_KNOWLEDGE
 from mishutter.report import comparison_tables, page_table, with_verdict
 from mishutter.search import (
-    BEST_BURST,
     BEST_PANNED_SNAPSHOT,
     BEST_SNAPSHOT,
+    BEST_STILL_BURST,
     CODED_AT_REST,
     OWN_BEST_MOTION,
     SAME_MOTION,
@@ -82,7 +82,7 @@ def test_nothing_to_restore_is_said_in_words():
 def test_what_each_purchase_brings():
     """The best of nothing, a stage, a shutter and both, given or not; a burst is none of them."""
     levels = {"a": 23.0, "Hann": 24.5, "rect": 22.25, BEST_SNAPSHOT: 21.5}
-    levels |= {BEST_PANNED_SNAPSHOT: 21.75, CODED_AT_REST: 21.625, BEST_BURST: 29.0}
+    levels |= {BEST_PANNED_SNAPSHOT: 21.75, CODED_AT_REST: 21.625, BEST_STILL_BURST: 29.0}
     comparison = verdict(levels, "a")
     names = {takes: row.name for takes, row in comparison.rivals.items()}
     assert names == {

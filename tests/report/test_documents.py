@@ -49,10 +49,10 @@ from mishutter.report.documents import _writers
 from mishutter.report.plots import new_figure
 from mishutter.report.restored import Photographs, _middle_rows, shown_speeds
 from mishutter.search import (
-    BEST_BURST,
     BEST_CODED_STILL,
     BEST_PANNED_SNAPSHOT,
     BEST_SNAPSHOT,
+    BEST_STILL_BURST,
     BEST_TUKEY,
     FRAMES,
     OWN_BEST_MOTION,
@@ -155,7 +155,7 @@ def test_tables_fit_eighty_columns(report, monkeypatch):
     rows = report.comparison.rows
     others = [
         replace(rows[0], name=BEST_PANNED_SNAPSHOT, motion=PANNED),
-        replace(rows[0], name=BEST_BURST, motion=PANNED, num_frames=8),
+        replace(rows[0], name=BEST_STILL_BURST, motion=PANNED, num_frames=8),
         replace(rows[1], name=BEST_CODED_STILL, motion=PANNED),
     ]
     notes = ("The shutter passes 30.0% of the light when open, 0.00% when closed.",)
@@ -217,7 +217,7 @@ def _rivals(report, levels, velocity=0.0):
         replace(report.comparison.row("Hann"), name="Gaussian"),
         replace(
             report.comparison.row("rect"),
-            name=BEST_BURST,
+            name=BEST_STILL_BURST,
             num_frames=3,
             hardware=frozenset({STAGE, FRAMES}),
         ),
@@ -238,7 +238,7 @@ def _rivals(report, levels, velocity=0.0):
             ["optimised", BEST_PANNED_SNAPSHOT, "Hann"],
         ),
         (
-            {"Gaussian": 27.0, BEST_BURST: 29.0, "optimised": 30.0, BEST_SNAPSHOT: 21.0},
+            {"Gaussian": 27.0, BEST_STILL_BURST: 29.0, "optimised": 30.0, BEST_SNAPSHOT: 21.0},
             400.0,
             ["optimised", BEST_SNAPSHOT, "Gaussian", "Hann"],
         ),

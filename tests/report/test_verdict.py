@@ -21,9 +21,12 @@ from mishutter.report.verdict import (
 )
 from mishutter.search import (
     BEST_CODED_STILL,
+    BEST_MOVING_BURST,
     BEST_PANNED_SNAPSHOT,
     BEST_SNAPSHOT,
+    BEST_STILL_BURST,
     CODED_AT_REST,
+    FRAMES,
     OPEN_ON_FREE_PATH,
     SHAPED_ON_FREE_PATH,
     SNAPSHOTS,
@@ -188,8 +191,9 @@ def test_each_rule_says_its_sentence_once():
         {"a": 24.9, BEST_SNAPSHOT: 24.0, "rect": 24.85},
         {"a": 24.0, BEST_SNAPSHOT: 23.0, "Hann": 24.4},
     ]
+    bursts = [replace(row, num_frames=6) for row in made_up({BEST_STILL_BURST: 30.0})]
     found = [
-        Case(rows, choice, own, snapshot, 27.0, plain_stills(SCENE, choice))
+        Case(rows, choice, own, snapshot, 27.0, plain_stills(SCENE, choice), bursts)
         for levels in cases
         for rows in [made_up(levels)]
         for own, snapshot in [(rows[0], best_row(row for row in rows if row.name in SNAPSHOTS))]
@@ -360,3 +364,49 @@ def test_a_scene_with_a_burst_or_a_background_has_no_such_line():
     layered = SCENE.with_occlusion(Occlusion(front_share=0.6))
     for scene in (burst, layered):
         assert "stills" not in _said_of_stills(scene, levels)
+
+
+def _said_of_bursts(still, moving, decoder="unknown"):
+    """What a verdict says of bursts of these levels, 6 stills and 4 frames that swing 45 px."""
+    knows = SPEED_KNOWLEDGE[decoder]
+    levels = {"a": 24.0, BEST_SNAPSHOT: 22.0, BEST_STILL_BURST: still, BEST_MOVING_BURST: moving}
+    rows = [
+        replace(
+            row,
+            decoder=knows,
+            metrics=replace(row.metrics, **{knows.level: jnp.asarray(levels[row.name])}),
+        )
+        for row in made_up(levels)
+    ]
+    of_burst = {
+        BEST_STILL_BURST: {"num_frames": 6},
+        BEST_MOVING_BURST: {"num_frames": 4, "travel": 45.0},
+    }
+    rows = [
+        replace(row, hardware=frozenset({FRAMES}), **of_burst[row.name])
+        if row.name in of_burst
+        else row
+        for row in rows
+    ]
+    scene = eqx.tree_at(
+        lambda each: each.burst,
+        SCENE,
+        Burst(frames_per_s=60.0, max_frames=6),
+        is_leaf=lambda x: x is None,
+    )
+    return with_verdict(rows, {}, scene).verdict
+
+
+def test_a_burst_that_pays_is_taken_and_moves_where_that_pays():
+    """The verdict says which frames, over what they gain, and what has to register them."""
+    said = _said_of_bursts(27.25, 29.5, "known")
+    assert said.endswith(
+        "Take 4 frames of 20 ms while the stage swings 45 px:\n"
+        "29.50 dB, 2.25 dB above the best still burst (6 of 20 ms)."
+    )
+    said = _said_of_bursts(27.25, 29.5)
+    assert "\nIf objects are registered, take 4 frames of 20 ms while" in said
+    assert max(map(len, said.splitlines())) <= 80
+    still = "Do not move: 6 stills of 20 ms have 27.25 dB."
+    assert _said_of_bursts(27.25, 27.3, "known").endswith(still)
+    assert "stills of" not in _said_of_bursts(23.0, 24.05, "known")

@@ -23,9 +23,10 @@ from mishutter import (
 from mishutter._core import as_they_end, once
 from mishutter.evaluation import KNOWN_SPEED
 from mishutter.search import (
-    BEST_BURST,
     BEST_CODED_STILL,
+    BEST_MOVING_BURST,
     BEST_SNAPSHOT,
+    BEST_STILL_BURST,
     BEST_TUKEY,
     CODED_AT_REST,
     FRAMES,
@@ -126,7 +127,7 @@ def test_rivals_are_searched_for_where_they_are_asked_for():
     assert _asked(SCENE) == always
     assert _asked(SCENE, free_paths=True) == _asked(by_scene) == free
     assert _asked(on_parabolas(SCENE), free_paths=True) == always
-    assert _asked(burst) == always | {BEST_BURST}
+    assert _asked(burst) == always | {BEST_STILL_BURST}
 
 
 def test_each_rival_has_names_of_its_own_and_parts_that_are_bought():
@@ -134,7 +135,7 @@ def test_each_rival_has_names_of_its_own_and_parts_that_are_bought():
     names = [name for rival in RIVALS for name in rival.names]
     assert len(set(names)) == len(names)
     beyond = {rival.names for rival in RIVALS if not rival.hardware <= ONE_EXPOSURE}
-    assert beyond == {(BEST_BURST,)}
+    assert beyond == {(BEST_STILL_BURST, BEST_MOVING_BURST)}
 
 
 def test_rows_know_the_parts_that_their_rival_may_require(monkeypatch):

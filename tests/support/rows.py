@@ -16,10 +16,10 @@ from mishutter import (
 )
 from mishutter.report import with_verdict
 from mishutter.search import (
-    BEST_BURST,
     BEST_CODED_STILL,
     BEST_PANNED_SNAPSHOT,
     BEST_SNAPSHOT,
+    BEST_STILL_BURST,
     CODED_AT_REST,
     FRAMES,
     ONE_EXPOSURE,
@@ -54,7 +54,7 @@ def made_up(levels: dict[str, float]) -> list[Row]:
             motion,
             0.25,
             replace(metrics, expected_psnr=jnp.asarray(level)),
-            hardware=ONE_EXPOSURE | {FRAMES} if name == BEST_BURST else ONE_EXPOSURE,
+            hardware=ONE_EXPOSURE | {FRAMES} if name == BEST_STILL_BURST else ONE_EXPOSURE,
         )
         for name, level in levels.items()
         for motion, shutter in [OF_THEIR_KIND.get(name, (MOTION, HannShutter()))]
