@@ -26,6 +26,7 @@ from mishutter.evaluation.lengths import distinct_speeds
 from mishutter.evaluation.needs import larger, sizes
 from mishutter.evaluation.power import lost_share, power_on_grid
 from mishutter.model import (
+    Burst,
     LinearMotion,
     Scene,
     filling_half_exposure,
@@ -196,17 +197,19 @@ def best_moving_burst(scene: Scene) -> MovingBurst | None:
     """The burst of least error of a sensor that moves; None where the camera takes no two frames.
 
     The stage follows parabolas of alternating direction, between which it goes on at constant
-    velocity, or one slow parabola over the whole burst. Its limits hold over the burst. A camera
-    that turns pans at the middle of the speeds. The frames are as those of `best_still_burst`,
-    which are among them: of a sensor that may hardly move.
+    velocity, or one slow parabola over the whole burst. Its limits hold over the burst. The
+    sensor pans at the middle of the speeds, as far as it may. The frames have the
+    times of those of `best_still_burst`.
     """
     require_known("best_moving_burst", scene=scene)
     if scene.burst is None:
         return None
-    scene, space = without_tolerances(scene), _FramesInTime.of(scene)
+    burst, space = scene.burst, _FramesInTime.of(scene, scene.burst)
+    scene = without_tolerances(scene)
     bursts = [
-        _best_of_kind(scene, space, count, is_sweep=is_sweep)
-        for count in space.numbers_of_frames(scene.burst.max_frames)
+        _best_of_kind(scene, space, count, pan, is_sweep=is_sweep)
+        for count in space.numbers_of_frames(burst.max_frames)
+        for pan in _pans(scene, space, count)
         for is_sweep in (False, True)
     ]
     return max(bursts, key=lambda burst: burst.psnr, default=None)
@@ -228,9 +231,9 @@ class _FramesInTime(NamedTuple):
     longest: float
 
     @staticmethod
-    def of(scene: Scene) -> "_FramesInTime":
-        """The times of a scene with a `Burst`."""
-        period, limits = 1 / float(scene.burst.frames_per_s), scene.limits  # type: ignore[union-attr]
+    def of(scene: Scene, burst: Burst) -> "_FramesInTime":
+        """The times of a scene for the frames that its camera takes."""
+        period, limits = 1 / float(burst.frames_per_s), scene.limits
         window = 2 * float(limits.max_half_exposure)
         longest = min(period, window)
         if scene.full_well is not None:
@@ -242,6 +245,10 @@ class _FramesInTime(NamedTuple):
         """Longest exposure of each of some frames; s."""
         return min(self.longest, self.window - (num_frames - 1) * self.period)
 
+    def duration(self, num_frames: int) -> float:
+        """Longest time from the first to the last light of some frames; s."""
+        return (num_frames - 1) * self.period + self.longest_of(num_frames)
+
     def numbers_of_frames(self, most: int) -> list[int]:
         """The greatest numbers of frames: one more never hurts, but may have to be short."""
         fits = [n for n in range(2, most + 1) if self.longest_of(n) >= self.shortest]
@@ -249,14 +256,14 @@ class _FramesInTime(NamedTuple):
 
 
 def _best_of_kind(
-    scene: Scene, space: _FramesInTime, num_frames: int, *, is_sweep: bool
+    scene: Scene, space: _FramesInTime, num_frames: int, pan: float, *, is_sweep: bool
 ) -> MovingBurst:
     """The best exposure and acceleration of some frames."""
     from scipy.optimize import minimize
 
     limits, period = scene.limits, space.period
     longest = space.longest_of(num_frames)
-    pan = _pan(scene) if limits.pans == "camera" else 0.0
+    panned = abs(pan) * space.duration(num_frames) if limits.pans == "stage" else 0.0
 
     def frames_at(place: Float[np.ndarray, "2"]) -> tuple[Frames, float]:
         """The frames of a point of the unit square, and the travel of the stage."""
@@ -264,17 +271,18 @@ def _best_of_kind(
         if is_sweep:
             whole = ((num_frames - 1) * period + 2 * half) / 2
             most = float(limits.largest_acceleration(jnp.asarray(whole), jnp.asarray(pan)))
-            a = float(place[1]) * most
+            room = max(float(limits.max_stroke) - panned, 0.0)
+            a = float(place[1]) * min(most, room / whole**2)
             frames = sweep_frames(num_frames, half, a, period)
-            travel = a * whole**2
+            travel = a * whole**2 + panned
         else:
             swing = 2 * half * (period - half)  # of the acceleration 1
             most = float(limits.largest_acceleration(jnp.asarray(half), jnp.asarray(pan)))
             room = float(limits.max_stroke)
             if limits.max_travel is not None:
                 room = min(room, float(limits.max_travel))
-            a = float(place[1]) * min(most, room / swing)
-            frames, travel = alternating_frames(num_frames, half, a), a * swing
+            a = float(place[1]) * min(most, max(room - panned, 0.0) / swing)
+            frames, travel = alternating_frames(num_frames, half, a), a * swing + panned
         return frames._replace(velocities=np.asarray(frames.velocities) + pan), travel
 
     ends = [frames_at(np.array([x, 1.0]))[0] for x in (0.0, 1.0)]
@@ -297,8 +305,15 @@ def _psnr(error: float) -> float:
     return -10 * math.log10(error) if error > 0 else math.inf
 
 
-def _pan(scene: Scene) -> float:
-    """The velocity in the middle of the speeds, or as near to it as a camera may turn; px/s."""
-    most = min(float(scene.limits.max_pan), float(scene.limits.max_top_speed))
+def _pans(scene: Scene, space: _FramesInTime, num_frames: int) -> list[float]:
+    """Velocities to pan at: the middle of the speeds, as near as a sensor may; of a stage none too.
+
+    The pan of a stage takes its stroke from the parabolas.
+    """
+    limits, on_stage = scene.limits, scene.limits.pans == "stage"
+    most = min(float(limits.max_pan), float(limits.max_top_speed))
+    if on_stage:
+        most = min(most, float(limits.max_stroke) / space.duration(num_frames))
     middle = sum(float(speed) for speed in scene.speed_range) / 2
-    return min(max(middle, -most), most)
+    pan = min(max(middle, -most), most)
+    return [0.0, pan] if on_stage and pan else [pan]
