@@ -228,7 +228,7 @@ def _stills(case: Case) -> str:
         said = f"Of {PLAIN_RATE:.0f} frames/s no more than one pays within the longest exposure"
     elif not case.is_coded:
         return f"{said}, {level - case.choice.level:.2f} above it."
-    equal = f"{MOST_RATE:.0f}/s do not" if rate is None else f"{math.ceil(rate)}/s"
+    equal = f"{MOST_RATE:.0f} frames/s do not" if rate is None else f"{math.ceil(rate)} frames/s"
     return f"{said}; {equal} equal it."
 
 
