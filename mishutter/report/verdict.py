@@ -222,8 +222,8 @@ def _stills(case: Case) -> str:
     if case.choice.decoder.knows_speed:
         frames = f"{count} registered stills at {PLAIN_RATE:.0f} frames/s"
     else:
-        frames = f"{count} stills at {PLAIN_RATE:.0f} frames/s, registered by object,"
-    said = f"{frames} have {level:.2f} dB"
+        frames = f"{count} stills at {PLAIN_RATE:.0f} frames/s, registered by object"
+    said = f"{frames}: {level:.2f} dB"
     if count == 1:
         said = f"Of {PLAIN_RATE:.0f} frames/s no more than one pays within the longest exposure"
     elif not case.is_coded:

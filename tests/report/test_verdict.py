@@ -58,7 +58,7 @@ def test_the_verdict_is_of_the_best_that_was_given():
         "Build rect: 23.20 dB, 2.20 dB above the best snapshot.\n"
         f"It takes a stage: 20 ms, pan -12345 px/s, stroke 247 px. Ceiling: {most}.\n"
         "Hann has 23.30 dB with a shutter too: 0.10 more.\n"
-        "2 stills at 30 frames/s, registered by object, have 28.54 dB; 17 frames/s equal it."
+        "2 stills at 30 frames/s, registered by object: 28.54 dB; 17 frames/s equal it."
     )
     without = verdict(levels | {BEST_SNAPSHOT: 22.3})
     assert without.gain == 1
@@ -328,18 +328,18 @@ def test_no_headline_is_silent_about_a_plain_burst():
     """Whatever the verdict is, its last line has what stills at 30 frames/s reach without it."""
     builds = {"a": 23.0, BEST_SNAPSHOT: 21.0}
     assert _said_of_stills(SCENE, builds) == (
-        "2 stills at 30 frames/s, registered by object, have 28.54 dB; 17 frames/s equal it."
+        "2 stills at 30 frames/s, registered by object: 28.54 dB; 17 frames/s equal it."
     )
     assert _said_of_stills(SCENE, builds, "known") == (
-        "2 registered stills at 30 frames/s have 28.54 dB; 17 frames/s equal it."
+        "2 registered stills at 30 frames/s: 28.54 dB; 17 frames/s equal it."
     )
     assert _said_of_stills(SCENE, {"a": 29.75, BEST_SNAPSHOT: 21.0}, "found") == (
-        "2 registered stills at 30 frames/s have 28.54 dB; 69 frames/s equal it."
+        "2 registered stills at 30 frames/s: 28.54 dB; 69 frames/s equal it."
     )
     none = _said_of_stills(SCENE, {"a": 23.0, BEST_SNAPSHOT: 24.1})
-    assert none == "2 stills at 30 frames/s, registered by object, have 28.54 dB, 4.44 above it."
+    assert none == "2 stills at 30 frames/s, registered by object: 28.54 dB, 4.44 above it."
     far = _said_of_stills(SCENE, {"a": 45.0, BEST_SNAPSHOT: 21.0}, "known")
-    assert far == "2 registered stills at 30 frames/s have 28.54 dB; 1000 frames/s do not equal it."
+    assert far == "2 registered stills at 30 frames/s: 28.54 dB; 1000 frames/s do not equal it."
 
 
 def test_a_short_exposure_leaves_no_room_for_a_burst():
