@@ -7,6 +7,7 @@ from support.cameras import camera, scene
 import mishutter as ms
 from mishutter.camera import captured_response, captured_responses_below
 from mishutter.decoding import blur_model, expected_squared_error, squared_error_in
+from mishutter.decoding.decoders.linear import ensemble_filter
 
 LAYERS = {
     "whole": None,
@@ -44,6 +45,20 @@ def test_a_filter_is_best_in_its_own_world(world):
     seen = model_of(world, shutter)
     own, other = squared_error_in(seen, seen), squared_error_in(model_of("whole", shutter), seen)
     assert decibels(other) < decibels(own) - 0.01
+
+
+def test_the_noise_of_the_world_counts():
+    """The filter of one scene leaves of another's pictures what a sum over all frequencies says."""
+    shutter, length = ms.HannShutter(), 512
+    filters = blur_model(scene(), camera(), shutter)
+    world = blur_model(scene(photon_rate=7e4, read_noise=9.0), camera(), shutter)
+    frequency = np.abs(np.fft.fftfreq(length) * length).round().astype(int)
+    gain = ensemble_filter(filters, length)[frequency]
+    power = world.picture_spectrum(length)[frequency]
+    responses = world.responses(length)[:, frequency]
+    each = power * np.abs(1 - gain * responses) ** 2 + world.noise * np.abs(gain) ** 2
+    wanted = np.mean(world.weights @ each)
+    assert squared_error_in(filters, world, length) == pytest.approx(wanted, rel=1e-6)
 
 
 def test_fast_speeds_are_computed_at_low_frequencies_alone():

@@ -5,7 +5,7 @@ import pytest
 from support.cases import MOTIONS
 
 from mishutter import FreeMotion, ParabolicMotion
-from mishutter.model import filling_half_exposure, noise_power
+from mishutter.model import filling_half_exposure, noise_power, reach_of_parabola
 
 SPEEDS = np.array([-61.0, 0.0, 23.0, 140.0])
 TAU = np.linspace(-1, 1, 41)
@@ -54,3 +54,15 @@ def test_white_fills_a_pixel_when_its_electrons_do():
     half = filling_half_exposure(900.0, np.array([2e4, 0.0]), 0.5)
     assert half[0] * 2 * 2e4 * 0.5 == pytest.approx(900.0, rel=1e-14)
     assert np.isinf(half[1])
+
+
+@pytest.mark.parametrize(("sag", "smear"), [(0.0, 7.3), (3.1, 7.3), (3.1, 2.2)])
+def test_light_reaches_as_far_as_the_fastest_object(sag, smear):
+    """Over the whole exposure: to both sides of a sensor at rest, from the vertex of a parabola."""
+    tau, speeds = np.linspace(-1, 1, 2001), np.linspace(-smear, smear, 201)[:, None]
+    path = sag * tau**2 - speeds * tau
+    places = path + (speeds**2 / (4 * sag) if sag else 0.0)
+    travelled = np.max(places) if sag else np.max(np.ptp(places, axis=1))
+    found = reach_of_parabola(np.asarray(sag), np.asarray(smear))
+    assert float(found.length) == pytest.approx(travelled, rel=1e-9)
+    assert float(found.velocity) == pytest.approx(np.max(np.abs(2 * sag * tau - speeds)))
