@@ -26,7 +26,7 @@ from mishutter import (
     example_scene,
     optimise,
 )
-from mishutter.evaluation import Plan, value_of
+from mishutter.evaluation import Plan, found_share, value_of
 
 LOSSES = {
     "told": (KnownSpeedLoss(), 1.0),
@@ -150,3 +150,10 @@ def test_levels_of_the_built_in_scene():
     assert {name: float(level) for name, level in told.items()} == pytest.approx(expected, abs=0.01)
     assert float(design.metrics.expected_psnr) == pytest.approx(26.87, abs=0.01)
     assert float(ceiling(scene)) == pytest.approx(28.755, abs=0.01)
+
+
+def test_the_share_that_a_found_speed_keeps():
+    """None up to 29 px, all of it from 36 px, between them a cubic whose slopes end in 0."""
+    differences = np.array([0.0, 29.0, 30.75, 32.5, 34.25, 36.0, 90.0])
+    wanted = 0.6 * np.array([0.0, 0.0, 0.15625, 0.5, 0.84375, 1.0, 1.0])
+    np.testing.assert_allclose(found_share(differences, 0.6), wanted, atol=1e-12)

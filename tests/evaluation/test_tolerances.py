@@ -349,3 +349,14 @@ def test_a_cost_of_nothing_has_no_sign():
     """Rounding leaves some costs a little below 0, which a table shows as 0."""
     row = ToleranceCost("delay", "4 us", -2e-16, -3e-16)
     assert "-0.000" not in ToleranceCosts(31.0, (row,)).text()
+
+
+def test_the_largest_cost_is_that_of_one_tolerance():
+    """Whatever their order, and never that of all together; none where there is none."""
+    delay, scale, every = (
+        ToleranceCost(name, "1 %", cost, cost + 0.1)
+        for name, cost in (("delay", 0.31), ("stage_scale", 0.07), ("all", 0.44))
+    )
+    for rows in ((delay, scale, every), (scale, delay, every)):
+        assert ToleranceCosts(31.0, rows).largest == delay
+    assert ToleranceCosts(31.0, ()).largest is None
