@@ -154,6 +154,7 @@ def test_levels_of_the_built_in_scene():
 
 def test_the_share_that_a_found_speed_keeps():
     """None up to 29 px, all of it from 36 px, between them a cubic whose slopes end in 0."""
-    differences = np.array([0.0, 29.0, 30.75, 32.5, 34.25, 36.0, 90.0])
-    wanted = 0.6 * np.array([0.0, 0.0, 0.15625, 0.5, 0.84375, 1.0, 1.0])
-    np.testing.assert_allclose(found_share(differences, 0.6), wanted, atol=1e-12)
+    places = {0.0: 0.0, 29.0: 0.0, 30.75: 0.15625, 32.5: 0.5, 34.25: 0.84375, 36.0: 1.0, 90.0: 1.0}
+    for difference, wanted in places.items():
+        found = found_share(np.asarray(difference), 0.6)
+        assert float(found) == pytest.approx(0.6 * wanted, abs=1e-12)
