@@ -58,7 +58,9 @@ class StillBurst(NamedTuple):
 
 
 class StillBursts:
-    """The bursts of a camera at rest within the longest exposure of a scene, by NumPy alone.
+    """The bursts of a camera at rest within the window of a scene's burst, by NumPy alone.
+
+    Without a burst the window is as long as the longest exposure.
 
     The verdict on every scene names one of them, so that they must not cost a compiled program:
     the response of a frame at rest has a closed form.
@@ -71,12 +73,9 @@ class StillBursts:
     def __init__(self, scene: Scene, *, at_worst: bool = False) -> None:
         require_whole(scene, "a burst of frames")
         self._scene, self._at_worst = scene, at_worst
-        limits = scene.limits
-        self._window = 2 * float(limits.max_half_exposure)
-        self._shortest, self._longest = 2 * float(limits.min_half_exposure), self._window
-        if scene.full_well is not None:
-            filling = 2 * float(filling_half_exposure(scene.full_well, scene.photon_rate))
-            self._longest = max(min(self._longest, filling), self._shortest)
+        self._window = _window(scene)
+        self._shortest, longest = _exposures(scene)
+        self._longest = max(longest, self._shortest)
         self._speeds, weights = (x.astype(np.float64) for x in distinct_speeds(scene, folds=True))
         self._weights = weights / weights.sum()
         motion = LinearMotion(half_exposure=self._longest / 2)
@@ -97,12 +96,20 @@ class StillBursts:
         errors = np.mean(self._power * lost, axis=1)
         return float(np.max(errors) if self._at_worst else self._weights @ errors)
 
-    def best(self, frames_per_s: float, *, max_frames: int | None = None) -> StillBurst:
-        """The burst of the least error at a frame rate, of any number of frames or at most some."""
+    def best(
+        self, frames_per_s: float, *, max_frames: int | None = None, dead_time: float = 0.0
+    ) -> StillBurst:
+        """The burst of the least error at a frame rate, of any number of frames or at most some.
+
+        Args:
+            frames_per_s: The rate.
+            max_frames: Most frames; None for any number.
+            dead_time: Least time from the end of a frame to the next; s.
+        """
         period, bursts = 1 / frames_per_s, []
         most = 1 + int(self._window / period)
         for count in range(1, 1 + min(most, max_frames or most)):
-            longest = min(period, self._window - (count - 1) * period)
+            longest = min(period - dead_time, self._window - (count - 1) * period)
             if count > 1 and longest < self._shortest:
                 break
             bursts.append(self._of(count, longest))
@@ -182,14 +189,18 @@ class MovingBurst(NamedTuple):
 def best_still_burst(scene: Scene) -> StillBurst | None:
     """The burst of least error of a camera at rest; None without `scene.burst`.
 
-    The frames follow each other at the rate of the burst, all of it within the longest exposure of
-    the scene's limits; no frame fills a pixel.
+    The frames follow each other at the rate of the burst, with its dead time between them, and all
+    of them within its window; no frame fills a pixel.
     """
     require_known("best_still_burst", scene=scene)
-    if scene.burst is None:
+    burst = scene.burst
+    if burst is None:
         return None
-    rate, most = float(scene.burst.frames_per_s), scene.burst.max_frames
-    return StillBursts(scene).best(rate, max_frames=most)
+    return StillBursts(scene).best(
+        float(burst.frames_per_s),
+        max_frames=burst.max_frames,
+        dead_time=float(burst.dead_time),
+    )
 
 
 @outside_trace()
@@ -233,13 +244,10 @@ class _FramesInTime(NamedTuple):
     @staticmethod
     def of(scene: Scene, burst: Burst) -> "_FramesInTime":
         """The times of a scene for the frames that its camera takes."""
-        period, limits = 1 / float(burst.frames_per_s), scene.limits
-        window = 2 * float(limits.max_half_exposure)
-        longest = min(period, window)
-        if scene.full_well is not None:
-            filling = 2 * float(filling_half_exposure(scene.full_well, scene.photon_rate))
-            longest = min(longest, filling)
-        return _FramesInTime(period, window, 2 * float(limits.min_half_exposure), longest)
+        period, window = 1 / float(burst.frames_per_s), _window(scene)
+        shortest, longest = _exposures(scene)
+        longest = min(longest, period - float(burst.dead_time), window)
+        return _FramesInTime(period, window, shortest, longest)
 
     def longest_of(self, num_frames: int) -> float:
         """Longest exposure of each of some frames; s."""
@@ -298,6 +306,23 @@ def _best_of_kind(
     end: Any = minimize(loss, start, method="Nelder-Mead", bounds=[(0, 1), (0, 1)], options=options)
     frames, travel = frames_at(end.x)
     return MovingBurst(num_frames, frames, travel, is_sweep, -float(end.fun))
+
+
+def _window(scene: Scene) -> float:
+    """Longest time from the first light of a burst to its last; s."""
+    if scene.burst is None or scene.burst.window is None:
+        return 2 * float(scene.limits.max_half_exposure)
+    return float(scene.burst.window)
+
+
+def _exposures(scene: Scene) -> tuple[float, float]:
+    """Shortest and longest exposure that limits and a full pixel leave one frame; s."""
+    limits = scene.limits
+    shortest, longest = 2 * float(limits.min_half_exposure), 2 * float(limits.max_half_exposure)
+    if scene.full_well is not None:
+        filling = 2 * float(filling_half_exposure(scene.full_well, scene.photon_rate))
+        longest = min(longest, filling)
+    return shortest, longest
 
 
 def _psnr(error: float) -> float:

@@ -124,6 +124,8 @@ class Limits(eqx.Module):
             px/s^3. None for any.
         pans: What pans: `"stage"`, whose stroke and travel then hold the pan, or `"camera"`, where
             turning the camera does, and the stage makes the rest of the motion.
+        free_paths: Whether the stage follows any path within these limits: comparisons then search
+            for rivals on paths that are no parabola, which takes more than half of their time.
 
     Attributes:
         frame_velocity: Velocity of the frame that motions are in, as `seen_from` sets it; px/s.
@@ -131,7 +133,7 @@ class Limits(eqx.Module):
 
     Raises:
         ValueError: if one is not a positive scalar (`max_pan` at least 0), the exposures are out
-            of order, or `pans` is neither.
+            of order, `pans` is neither, or `free_paths` is no truth value.
     """
 
     max_stroke: Array
@@ -144,6 +146,7 @@ class Limits(eqx.Module):
     max_jerk: Array | None
     frame_velocity: Array | None
     pans: Literal["stage", "camera"] = eqx.field(static=True)
+    free_paths: bool = eqx.field(static=True)
 
     def __init__(
         self,
@@ -157,6 +160,7 @@ class Limits(eqx.Module):
         max_acceleration: ArrayLike | None = None,
         max_jerk: ArrayLike | None = None,
         pans: Literal["stage", "camera"] = "stage",
+        free_paths: bool = False,
     ):
         self.max_stroke = as_float(max_stroke, "Limits(max_stroke=...)")
         self.max_top_speed = as_float(max_top_speed, "Limits(max_top_speed=...)")
@@ -171,7 +175,7 @@ class Limits(eqx.Module):
             self.max_acceleration = as_float(max_acceleration, "Limits(max_acceleration=...)")
         if max_jerk is not None:
             self.max_jerk = as_float(max_jerk, "Limits(max_jerk=...)")
-        self.pans = pans
+        self.pans, self.free_paths = pans, free_paths
 
     def __check_init__(self) -> None:
         stage = [name for name in _OF_STAGE if getattr(self, name) is not None]
@@ -183,6 +187,8 @@ class Limits(eqx.Module):
         require_at_least("Limits(max_pan=...)", self.max_pan, "at least 0")
         kinds = ("stage", "camera")
         require(self.pans in kinds, "Limits(pans=...)", "be 'stage' or 'camera'", self.pans)
+        are_asked = isinstance(self.free_paths, bool)
+        require(are_asked, "Limits(free_paths=...)", "be True or False", self.free_paths)
         if is_concrete(self.min_half_exposure) and is_concrete(self.max_half_exposure):
             require(
                 float(self.min_half_exposure) <= float(self.max_half_exposure),

@@ -68,16 +68,32 @@ class Burst(eqx.Module):
     Args:
         frames_per_s: Frames that the sensor reads out a second.
         max_frames: Most frames of a burst.
+        window: Longest time from the first light to the last; s. By default twice the longest half
+            exposure of the scene's limits, as long as one exposure may be.
+        dead_time: Time between the end of one frame and the beginning of the next in which the
+            sensor sees nothing, at least; s.
 
     Raises:
-        ValueError: if `frames_per_s` is not above 0, or `max_frames` not a whole number above 0.
+        ValueError: if `frames_per_s` or `window` is not above 0, `max_frames` is not a whole number
+            above 0, or `dead_time` is below 0 or not shorter than the time from frame to frame.
     """
 
     frames_per_s: Array
+    window: Array | None
+    dead_time: Array
     max_frames: int = eqx.field(static=True)
 
-    def __init__(self, *, frames_per_s: ArrayLike, max_frames: int):
+    def __init__(
+        self,
+        *,
+        frames_per_s: ArrayLike,
+        max_frames: int,
+        window: ArrayLike | None = None,
+        dead_time: ArrayLike = 0.0,
+    ):
         self.frames_per_s = as_float(frames_per_s, "Burst(frames_per_s=...)")
+        self.window = None if window is None else as_float(window, "Burst(window=...)")
+        self.dead_time = as_float(dead_time, "Burst(dead_time=...)")
         self.max_frames = require_positive_int("Burst(max_frames=...)", max_frames)
 
     def __repr__(self) -> str:
@@ -85,8 +101,18 @@ class Burst(eqx.Module):
         return fields_text(self)
 
     def __check_init__(self) -> None:
-        require_scalar("Burst(frames_per_s=...)", self.frames_per_s)
-        require_at_least("Burst(frames_per_s=...)", self.frames_per_s, "above 0", strict=True)
+        for name in ("frames_per_s", "window"):
+            value, subject = getattr(self, name), f"Burst({name}=...)"
+            if value is not None:
+                require_scalar(subject, value)
+                require_at_least(subject, value, "above 0", strict=True)
+        subject = "Burst(dead_time=...)"
+        require_scalar(subject, self.dead_time)
+        require_at_least(subject, self.dead_time, "at least 0")
+        if is_concrete(self.dead_time) and is_concrete(self.frames_per_s):
+            period = 1 / float(self.frames_per_s)
+            requirement = f"be shorter than the {period:g} s from frame to frame"
+            require(float(self.dead_time) < period, subject, requirement, self.dead_time)
 
 
 @final
@@ -115,8 +141,6 @@ class Scene(eqx.Module):
         full_well: Electrons at which a pixel is full: searches expose white to no more; no limit
             by default; e-.
         burst: Frames that a rival takes in place of one exposure; no such rival by default.
-        free_paths: Whether comparisons search for rivals on free paths too, which take a stage
-            that follows any path, and more than half of the time.
         stage: How the stage follows what it is sent, which says what to send; by default it is
             where it is sent at once.
         tolerances: How far a camera as it is built may be from its design; the expected error,
@@ -167,7 +191,6 @@ class Scene(eqx.Module):
     picture: str | None = eqx.field(static=True)
     picture_white: float | None = eqx.field(static=True)
     picture_linear: bool = eqx.field(static=True)
-    free_paths: bool = eqx.field(static=True)
 
     def __init__(
         self,
@@ -185,7 +208,6 @@ class Scene(eqx.Module):
         device: AbstractDevice | None = None,
         full_well: ArrayLike | None = None,
         burst: Burst | None = None,
-        free_paths: bool = False,
         stage: SecondOrderStage | None = None,
         tolerances: Tolerances | None = None,
         occlusion: Occlusion | None = None,
@@ -215,7 +237,6 @@ class Scene(eqx.Module):
         if full_well is not None:
             self.full_well = as_float(full_well, "Scene(full_well=...)")
         self.burst = burst
-        self.free_paths = free_paths
         self.stage = stage
         self.tolerances = tolerances
         self.occlusion = occlusion
@@ -254,7 +275,6 @@ class Scene(eqx.Module):
         for name, kind, requirement in (
             ("limits", Limits, "be `Limits`"),
             ("burst", Burst | None, "be a `Burst`"),
-            ("free_paths", bool, "be True or False"),
             ("stage", SecondOrderStage | None, "be a `SecondOrderStage`"),
             ("tolerances", Tolerances | None, "be `Tolerances`"),
             ("occlusion", Occlusion | None, "be an `Occlusion`"),

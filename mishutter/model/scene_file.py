@@ -35,6 +35,7 @@ from mishutter.model.motion import ParabolicMotion
 from mishutter.model.occlusion import Occlusion
 from mishutter.model.scene import Burst, Scene
 from mishutter.model.scene_schema import (
+    BurstSection,
     Light,
     LimitsSection,
     MotionSection,
@@ -42,7 +43,6 @@ from mishutter.model.scene_schema import (
     OcclusionSection,
     OpticsSection,
     PictureSection,
-    RivalsSection,
     SceneFile,
     Sensor,
     ShutterSection,
@@ -187,9 +187,7 @@ def _optional_tables(scene: Scene) -> dict[str, dict[str, object]]:
     if scene.stage is not None:
         tables["stage"] = table_of(scene.stage, StageSection)
     if scene.burst is not None:
-        tables["rivals"] = table_of(scene.burst, RivalsSection)
-    if scene.free_paths:
-        tables["rivals"] = tables.get("rivals", {}) | {"free_paths": True}
+        tables["burst"] = table_of(scene.burst, BurstSection)
     if scene.tolerances is not None:
         tables["tolerances"] = table_of(scene.tolerances, TolerancesSection)
         if float(scene.tolerances.drive_step) == 0:
@@ -249,7 +247,6 @@ def _built(file: SceneFile, folder: Path, photographs: Photographs | None) -> Sc
     is_whole = occlusion is None or file.decoder.speed != "found"
     requirement = "be 'unknown' or 'known' beside [occlusion], where no one speed is the picture's"
     require(is_whole, "[decoder] speed", requirement, file.decoder.speed)
-    rivals = file.rivals or RivalsSection()
     return Scene(
         speeds,
         weights,
@@ -261,8 +258,7 @@ def _built(file: SceneFile, folder: Path, photographs: Photographs | None) -> Sc
         limits=limits,
         device=None if file.shutter is None else _device(file.shutter, scales),
         stage=_of_kind(SecondOrderStage, file.stage, "[stage]", scales),
-        burst=_burst(rivals, scales),
-        free_paths=rivals.free_paths,
+        burst=_burst(file.burst, scales),
         tolerances=_tolerances(file.tolerances, scales),
         occlusion=occlusion,
         decoder_speed=file.decoder.speed,
@@ -342,14 +338,13 @@ def _of_kind(
     return None if section is None else kind(**arguments_in(section, kind, place, scales))
 
 
-def _burst(section: RivalsSection, scales: Scales) -> Burst | None:
-    """The frames that a rival takes; None where the section names none."""
-    keys = {"frames_per_s": section.frames_per_s, "max_frames": section.max_frames}
-    missing = [key for key, value in keys.items() if value is None]
-    if len(missing) == len(keys):
+def _burst(section: BurstSection | None, scales: Scales) -> Burst | None:
+    if section is None:
         return None
-    require(not missing, f"[rivals] {''.join(missing)}", "be given", Unquoted("nothing"))
-    return _of_kind(Burst, section, "[rivals]", scales)
+    period, place = 1e3 / section.frames_per_s, "[burst] dead_time_ms"
+    requirement = f"be shorter than the {period:g} ms from frame to frame"
+    require(section.dead_time_ms < period, place, requirement, section.dead_time_ms)
+    return _of_kind(Burst, section, "[burst]", scales)
 
 
 def _device(section: ShutterSection, scales: Scales) -> AbstractDevice:

@@ -1,6 +1,6 @@
 """The keys of a scene file, their units and ranges."""
 
-from typing import Annotated, Literal, final
+from typing import Annotated, ClassVar, Literal, final
 
 from pydantic import BeforeValidator, Field
 
@@ -146,12 +146,13 @@ class StageSection(Section):
 
 
 @final
-class RivalsSection(Section):
-    """Rivals that only some cameras can be: frames in place of one exposure, and free paths."""
+class BurstSection(Section):
+    """Frames that the camera may take in place of one exposure."""
 
-    frames_per_s: Annotated[float, Field(gt=0, le=1e6)] | None = None
-    max_frames: Annotated[int, Field(ge=1, le=1000)] | None = None
-    free_paths: bool = False
+    frames_per_s: Annotated[float, Field(gt=0, le=1e6)]
+    max_frames: Annotated[int, Field(ge=1, le=1000)]
+    window_ms: Annotated[float, Field(ge=1e-3, le=1e6)] | None = None
+    dead_time_ms: Annotated[float, Field(ge=0, le=1e5)] = 0.0
 
 
 @final
@@ -173,6 +174,7 @@ class LimitsSection(Section):
     max_jerk_px_per_s3: Annotated[float, Field(gt=0, le=1e18)] | None = None
     max_jerk_g_per_s: Annotated[float, Field(gt=0, le=1e9)] | None = None
     pans: Literal["stage", "camera"] = "stage"
+    free_paths: bool = False
 
 
 @final
@@ -231,6 +233,8 @@ class PictureSection(Section):
 class SceneFile(Section):
     """A whole scene file."""
 
+    renamed: ClassVar = {"rivals": "burst"}
+
     speeds: Speeds
     light: Light
     sensor: Sensor
@@ -240,7 +244,7 @@ class SceneFile(Section):
     optics: OpticsSection = OpticsSection()
     limits: LimitsSection = LimitsSection()
     stage: StageSection | None = None
-    rivals: RivalsSection | None = None
+    burst: BurstSection | None = None
     tolerances: TolerancesSection | None = None
     decoder: DecoderSection = DecoderSection()
     motion: MotionSection | None = None

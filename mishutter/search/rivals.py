@@ -104,7 +104,7 @@ class RivalSearch:
         self.motion = scene.motion if motion is None else motion
         self.start = _searchable(self.motion, scene)
         self.entries = {} if entries is None else entries
-        self.free_paths = free_paths or scene.free_paths
+        self.free_paths = free_paths or scene.limits.free_paths
         self.open_on_parabola = once(lambda: self.best(self.start, RectShutter()))
         self.shaped_on_parabola = once(lambda: self.shaped_entry() or self.best(self.start))
 

@@ -51,6 +51,45 @@ def test_a_burst_ends_with_the_longest_exposure():
     assert burst.num_frames == 3
 
 
+def test_a_window_of_its_own_bounds_the_burst_and_not_the_longest_exposure():
+    """Frames of 60 Hz go on to the end of it, and each is no longer than one exposure may be."""
+    for window, frames in ((0.0345, 3), (0.051, 4), (0.31, 19)):
+        given = Burst(frames_per_s=60.0, max_frames=50, window=window)
+        burst = best_still_burst(_scene(burst=given, read_noise=0.4))
+        assert burst.num_frames == frames
+        assert (frames - 1) / 60 + burst.exposure <= window * (1 + 1e-9)
+    shorter = Limits(max_stroke=45.0, min_half_exposure=1e-4, max_half_exposure=3e-4)
+    given = Burst(frames_per_s=60.0, max_frames=7, window=0.2)
+    burst = best_still_burst(_scene(limits=shorter, burst=given))
+    assert burst.num_frames == 7
+    assert burst.exposure == pytest.approx(6e-4)
+
+
+def test_frames_end_before_the_dead_time():
+    """Frames in a dim light would last from one to the next; they lose what they do not see."""
+    light = {"photon_rate": 3e3, "read_noise": 0.4}
+    dead = 0.0019
+    given = Burst(frames_per_s=240.0, max_frames=3, dead_time=dead)
+    burst, whole = (
+        best_still_burst(_scene(burst=each, **light))
+        for each in (given, Burst(frames_per_s=240.0, max_frames=3))
+    )
+    assert burst.exposure == pytest.approx(1 / 240 - dead, rel=1e-3)
+    assert whole.exposure > 1.2 * burst.exposure
+    assert whole.psnr > burst.psnr
+
+
+@pytest.mark.slow
+def test_moving_frames_have_the_times_of_still_ones():
+    """Window and dead time are of the camera, whatever its sensor does in a frame."""
+    given = Burst(frames_per_s=110.0, max_frames=9, window=0.022, dead_time=0.0031)
+    burst = best_moving_burst(_scene(burst=given))
+    exposure = float(burst.frames.motion.exposure)
+    assert burst.num_frames <= 3
+    assert exposure <= (1 / 110 - 0.0031) * (1 + 1e-9)
+    assert (burst.num_frames - 1) / 110 + exposure <= 0.022 * (1 + 1e-9)
+
+
 def test_no_frame_fills_a_pixel():
     """Of 60 electrons, half of what the best frame would take."""
     burst = best_still_burst(_scene(full_well=60.0))
@@ -127,7 +166,13 @@ def test_a_moving_burst_is_never_worse_than_stills():
 
 @pytest.mark.parametrize(
     ("name", "value", "requirement"),
-    [("frames_per_s", 0.0, "be above 0"), ("max_frames", 0, "be a positive integer")],
+    [
+        ("frames_per_s", 0.0, "be above 0"),
+        ("max_frames", 0, "be a positive integer"),
+        ("window", 0.0, "be above 0"),
+        ("dead_time", -1e-4, "be at least 0"),
+        ("dead_time", 0.017, "be shorter than the 0.0166667 s from frame to frame"),
+    ],
 )
 def test_a_burst_that_is_none(name, value, requirement):
     """One line says which number is out of its range."""

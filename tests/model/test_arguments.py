@@ -23,7 +23,7 @@ PARTS = {
     "ideal": IdealShutter(transmission=0.43, levels=5),
     "gradual": FirstOrderShutter(rise_time=7e-4, fall_time=1.3e-3, delay=2e-4, num_slots=24),
     "switched": SwitchedShutter(num_slots=24, min_open=2, min_closed=3),
-    "burst": Burst(frames_per_s=430.0, max_frames=7),
+    "burst": Burst(frames_per_s=430.0, max_frames=7, window=0.013, dead_time=2e-4),
     "stage": SecondOrderStage(bandwidth=130.0, damping=0.6),
     "tolerances": Tolerances(acceleration=0.03, transmittance=0.02, drive_step=3e-4),
     "occlusion": Occlusion(front_share=0.37, object_width=41.0, background="moving"),

@@ -452,11 +452,12 @@ def test_a_scene_written_is_the_scene_read(slug, tmp_path):
         deviation=0.17,
         cutoff_frequency=0.41,
         lens_blur=0.73,
-        limits=Limits(max_stroke=37.0, max_pan=250.0, max_travel=120.0, max_jerk=2e10),
+        limits=Limits(
+            max_stroke=37.0, max_pan=250.0, max_travel=120.0, max_jerk=2e10, free_paths=True
+        ),
         device=DEVICES[slug],
         full_well=7100.0,
-        burst=Burst(frames_per_s=240.0, max_frames=6),
-        free_paths=True,
+        burst=Burst(frames_per_s=240.0, max_frames=6, window=0.031, dead_time=3e-4),
         stage=SecondOrderStage(bandwidth=43.0, damping=0.35),
         tolerances=Tolerances(acceleration=0.02, delay=1.5e-4, transmittance=0.03, drive_step=5e-5),
         occlusion=Occlusion(front_share=0.4, object_width=83.0, level_difference=0.06),
@@ -487,25 +488,53 @@ def test_a_written_scene_names_its_photograph(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("keys", "asked", "frames"),
-    [("free_paths = true", True, None), ("frames_per_s = 130\nmax_frames = 3", False, 3)],
+    ("keys", "burst"),
+    [
+        ("frames_per_s = 130\nmax_frames = 3", Burst(frames_per_s=130.0, max_frames=3)),
+        (
+            "frames_per_s = 130\nmax_frames = 3\nwindow_ms = 17\ndead_time_ms = 0.7",
+            Burst(frames_per_s=130.0, max_frames=3, window=0.017, dead_time=7e-4),
+        ),
+    ],
 )
-def test_rivals_are_asked_for_one_by_one(keys, asked, frames, tmp_path):
-    """Free paths without frames, and frames without free paths."""
+def test_frames_have_a_section(keys, burst, tmp_path):
+    """Its window and its dead time may be left out."""
     path = tmp_path / "scene.toml"
-    path.write_text(example_scene_text() + f"\n[rivals]\n{keys}\n")
-    scene = Scene.load(path)
-    assert scene.free_paths == asked
-    assert (None if scene.burst is None else scene.burst.max_frames) == frames
+    path.write_text(example_scene_text() + f"\n[burst]\n{keys}\n")
+    assert eqx.tree_equal(Scene.load(path).burst, burst)
+
+
+def test_free_paths_are_a_word_on_the_stage(tmp_path):
+    """A file that says that the stage follows any path asks for rivals that do."""
+    path = tmp_path / "scene.toml"
+    text = example_scene_text()
+    for said in (False, True):
+        path.write_text(text.replace("# free_paths", "free_paths") if said else text)
+        assert Scene.load(path).limits.free_paths == said
 
 
 @pytest.mark.parametrize(
-    ("key", "missing"),
-    [("frames_per_s = 130", "max_frames"), ("max_frames = 3\nfree_paths = true", "frames_per_s")],
+    ("keys", "message"),
+    [
+        ("[burst]\nframes_per_s = 130", r"`\[burst\] max_frames` must be given; got nothing"),
+        ("[burst]\nmax_frames = 3", r"`\[burst\] frames_per_s` must be given; got nothing"),
+        (
+            "[burst]\nframes_per_s = 125\nmax_frames = 3\ndead_time_ms = 8",
+            r"`\[burst\] dead_time_ms` must be shorter than the 8 ms from frame to frame; got 8",
+        ),
+        (
+            "[rivals]\nframes_per_s = 130\nmax_frames = 3",
+            r"the file must hold known keys only, perhaps `\[burst\]`; got 'rivals'\.",
+        ),
+        (
+            "[burst]\nframes_per_s = 130\nmax_frames = 3\nfree_paths = true",
+            r"perhaps `\[limits\] free_paths`",
+        ),
+    ],
 )
-def test_frames_need_a_rate_and_a_number(key, missing, tmp_path):
-    """One without the other is refused by the name of the other."""
+def test_a_burst_that_a_file_cannot_have(keys, message, tmp_path):
+    """One line names the key, also of a section and a key that earlier versions had elsewhere."""
     path = tmp_path / "scene.toml"
-    path.write_text(example_scene_text() + f"\n[rivals]\n{key}\n")
-    with pytest.raises(ValueError, match=rf"`\[rivals\] {missing}` must be given; got nothing"):
+    path.write_text(example_scene_text() + f"\n{keys}\n")
+    with pytest.raises(ValueError, match=message):
         Scene.load(path)

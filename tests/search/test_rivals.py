@@ -122,7 +122,7 @@ def test_rivals_are_searched_for_where_they_are_asked_for():
     always = {BEST_TUKEY, BEST_SNAPSHOT, BEST_CODED_STILL}
     free = always | {OPEN_ON_FREE_PATH}
     light = {"photon_rate": 6e4, "read_noise": 4.0}
-    by_scene = Scene([-900.0, 900.0], free_paths=True, limits=Limits(max_stroke=17), **light)
+    by_scene = Scene([-900.0, 900.0], limits=Limits(max_stroke=17, free_paths=True), **light)
     burst = Scene([-900.0, 900.0], burst=Burst(frames_per_s=130.0, max_frames=3), **light)
     assert _asked(SCENE) == always
     assert _asked(SCENE, free_paths=True) == _asked(by_scene) == free
