@@ -472,6 +472,7 @@ def _run(words: Sequence[str]) -> int:
     try:
         with ends_when_asked(), doubts_as_notes():
             code = command.main(words, prog_name="mishutter", standalone_mode=False)
+            sys.stdout.flush()  # a disk may be too full for the last lines
         if code == _INTERRUPTED:  # no `interruptible` had begun
             note(f"mishutter: interrupted: {AGAIN}")
     except InterruptedWorkError as error:

@@ -254,7 +254,7 @@ def test_an_interrupt_is_130(monkeypatch, capsys):
     [
         ("search.optimise", ["optimise"], "the same command begins again"),
         ("report.compare", ["compare"], "the same command begins again"),
-        ("restore.capture_and_restore", ["simulate", "--out", "x"], "the same command begins"),
+        ("decoding.capture_and_restore", ["simulate", "--out", "x"], "the same command begins"),
         ("paper.reproduce", ["reproduce", "--out", "x"], "the same command begins again"),
         ("sweeps.sweep", ["sweep"], "with --store PATH a sweep goes on where it was interrupted"),
         (

@@ -136,7 +136,7 @@ def _random_motion(rng):
     velocity = rng.choice([0.0, *BOTH_WAYS, rng.uniform(-3000, 3000)])
     if rng.random() < 0.3:
         return LinearMotion(half_exposure=half, velocity=velocity)
-    stroke = 40 * rng.choice([0.0, rng.uniform(), rng.uniform() ** 4])
+    stroke = 40 * rng.choice([0.0, rng.uniform(0.01, 1), rng.uniform(0.25, 1) ** 4])
     return ParabolicMotion(acceleration=stroke / half**2, half_exposure=half, velocity=velocity)
 
 

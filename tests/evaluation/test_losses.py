@@ -162,7 +162,7 @@ def test_errors_of_speeds_have_the_expected_error_for_a_mean(tolerances):
     light = {"photon_rate": 2e5, "read_noise": 4.0, "deviation": 0.17}
     speeds, weights = [-700.0, 250.0, 1900.0, 9000.0], [3.0, 2.0, 1.0, 0.0]
     scene = Scene(speeds, weights, **light, tolerances=tolerances)
-    view = sampled_view(scene, MOTION, TukeyShutter(0.6), None, ONLY_SPECTRA)
+    view = sampled_view(scene, MOTION, TukeyShutter(0.6), ONLY_SPECTRA, sizes(scene, MOTION))
     parts = view.scene, view.motion, respond(view)
     errors = squared_errors_by_speed(*parts)
     mean = float(jnp.sum(view.scene.weights * errors))

@@ -168,10 +168,13 @@ for name in mishutter.__all__:
         if needed := takes_scene(thing):
             print(name, answer(thing, needed), sep=" -> ")
         continue
+    if inspect.isabstract(thing):
+        continue
     methods = inspect.getmembers(thing, inspect.isfunction) if inspect.isclass(thing) else ()
     for method, function in methods:
-        needed = takes_scene(function) if method == "__call__" or method[0] != "_" else None
-        if needed and not getattr(function, "__isabstractmethod__", False) and "plan" not in needed:
+        is_public = method == "__call__" or method[0] != "_"
+        needed = takes_scene(function) if is_public else None
+        if needed and "response" not in needed:  # what an implementer is handed has been looked at
             # Of no numbers: the scene is looked at first.
             itself = tuple.__new__(thing) if issubclass(thing, tuple) else object.__new__(thing)
             print(f"{name}.{method}", answer(function, needed, self=itself), sep=" -> ")
