@@ -9,7 +9,7 @@ import mishutter as ms
 from mishutter.report import BackgroundGain, Comparison, Report, plots
 from mishutter.report.backgrounds import before_still_background
 from mishutter.report.documents import _layered
-from mishutter.report.layered import _displaced, _swept, layered_captures, layered_scene
+from mishutter.report.layered import _displaced, _placed, _swept, layered_captures, layered_scene
 from mishutter.search import BEST_SNAPSHOT, OWN_BEST_MOTION, Row
 
 HALF = 0.009
@@ -147,3 +147,20 @@ def test_a_report_shows_the_camera_for_the_background():
     figure = _layered(Report(known, table, ("optimised",), backgrounds=gains), rows)
     titles = [axes.get_title().split(",")[0] for axes in figure.axes]
     assert titles[1:4] == ["optimised", BEST_SNAPSHOT, "snapshot for this"]
+
+
+def test_an_object_hides_what_is_behind_it_by_its_matte():
+    """The background shows through a soft matte, and not at all where that is 1."""
+    ground, front = np.full((6, 9, 1), 0.3), np.full((2, 3, 1), 0.8)
+    matte = np.array([[1.0, 0.25, 0.5], [0.75, 0.0, 1.0]])
+    layers = ms.Layers(
+        (
+            ms.Layer(ms.Picture(ground)),
+            ms.Layer(ms.Picture(front, matte=matte), 300.0, left=4, top=1),
+        )
+    )
+    picture, shown = _placed(layers, (0.0, 0.0))
+    np.testing.assert_allclose(shown[1:3, 4:7], matte, atol=1e-6)
+    wanted = ground.copy()
+    wanted[1:3, 4:7, 0] = 0.3 + 0.5 * matte
+    np.testing.assert_allclose(picture, wanted, atol=1e-6)

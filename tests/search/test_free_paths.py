@@ -213,3 +213,12 @@ def test_what_has_no_free_path_is_refused_by_name(case):
     where, motion, said = case
     with pytest.raises(ValueError, match=said):
         optimise(where, motion, HannShutter(), free="path", max_steps=3)
+
+
+def test_the_coordinate_of_an_exposure_comes_back():
+    """Below and above the one at which a path comes to its stroke and its top speed together."""
+    space = design_space(scene(), PATH, RectShutter(), NAMES)
+    for share in (0.2, 0.5, 0.7, 0.95):
+        point = jnp.full(space.size, 0.6).at[space.num_path_coordinates].set(share)
+        back = space.point_of(*space.at(point))
+        assert float(back[space.num_path_coordinates]) == pytest.approx(share, abs=1e-6)
