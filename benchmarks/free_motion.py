@@ -6,6 +6,7 @@ designed on.
 """
 
 import time
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -37,9 +38,10 @@ def with_stage(scene: Scene, stage: dict[str, float] | None) -> Scene:
     """The scene where the sensor is moved by such a stage."""
     if stage is None:
         return scene
-    names = ("max_stroke", "max_top_speed", "min_half_exposure", "max_half_exposure", "max_pan")
-    numbers = {name: getattr(scene.limits, name) for name in names} | stage
-    limits = Limits(pans=scene.limits.pans, **numbers)
+    exposures = ("min_half_exposure", "max_half_exposure")
+    names = ("max_stroke", "max_top_speed", *exposures, "max_pan", "pans", "free_paths")
+    numbers: dict[str, Any] = {name: getattr(scene.limits, name) for name in names} | stage
+    limits = Limits(**numbers)
     return eqx.tree_at(
         lambda s: (s.limits, s.given_motion), scene, (limits, None), is_leaf=_is_none
     )
