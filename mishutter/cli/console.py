@@ -334,7 +334,7 @@ def closable_output() -> Iterator[None]:
         for stream in streams:
             try:
                 stream.flush()
-            except BrokenPipeError:  # Python would try once more at its end
+            except OSError:  # a closed pipe or a full disk: Python would try once more at its end
                 os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
