@@ -1,7 +1,7 @@
 """The schema by which a design's file is written and checked."""
 
 import math
-from typing import Annotated, Literal, final
+from typing import Annotated, Any, Literal, final
 
 from pydantic import AllowInfNan, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
@@ -57,7 +57,8 @@ SAVED_SCENE = arguments_of(Scene, "motion")
 class SavedDesign(Part):
     """A whole design; its level and metrics are for whoever reads the file, and evaluated anew.
 
-    Files of earlier versions hold the plan of the search, which nothing reads.
+    Files of earlier versions hold the plan of the search, which nothing reads, and ask for free
+    paths beside the limits of the stage.
     """
 
     level_db: object = None
@@ -78,3 +79,15 @@ class SavedDesign(Part):
     certificate: Result
     plan: Annotated[object, Field(exclude=True)] = None
     blind_psnr: Result | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_free_paths_among_limits(cls, data: Any) -> Any:
+        scene = data.get("scene") if isinstance(data, dict) else None
+        if isinstance(scene, dict) and "free_paths" in scene:
+            others = {name: value for name, value in scene.items() if name != "free_paths"}
+            limits = scene.get("limits", {})
+            if isinstance(limits, dict):
+                limits = limits | {"free_paths": scene["free_paths"]}
+            return data | {"scene": others | {"limits": limits}}
+        return data

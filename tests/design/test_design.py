@@ -356,6 +356,20 @@ def test_a_design_from_before_sensors_panned_is_loaded(design, tmp_path):
     assert jax.tree.all(jax.tree.map(np.array_equal, design.metrics, loaded.metrics))
 
 
+@pytest.mark.parametrize("asked", [False, True])
+def test_a_design_from_before_free_paths_were_a_limit_is_loaded(design, tmp_path, asked):
+    """Its scene held the wish for them, and its limits did not."""
+    path = tmp_path / "design.json"
+    design.save(path)
+    document = json.loads(path.read_text(encoding="utf-8"))
+    del document["scene"]["limits"]["free_paths"]
+    document["scene"]["free_paths"] = asked
+    path.write_text(json.dumps(document), encoding="utf-8")
+    read = Design.load(path)
+    assert read.scene.limits.free_paths is asked
+    assert eqx.tree_equal(read.scene.limits.max_stroke, design.scene.limits.max_stroke)
+
+
 def test_a_design_by_an_older_word_for_its_decoder_is_loaded(design, tmp_path):
     """`told` was what `known` is today."""
     data = json.loads(strict_json(design.to_dict()))
