@@ -17,13 +17,13 @@ from mishutter.decoding.decoders.banded import BandedConvolution, banded
 from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel
 from mishutter.decoding.decoders.borders import Continuation, continuation
 from mishutter.decoding.decoders.linear import (
+    LEAST_POWER,
     ensemble_filter,
     expected_squared_error,
     wiener_filter,
 )
 from mishutter.decoding.decoders.total_variation import (
     EDGES,
-    LEAST_POWER,
     adjoint_differences,
     differences,
 )

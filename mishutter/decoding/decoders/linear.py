@@ -3,7 +3,7 @@
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
 
-from typing import final
+from typing import NamedTuple, final
 
 import jax.numpy as jnp
 import numpy as np
@@ -14,6 +14,9 @@ from mishutter.camera import along_rows
 from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel
 from mishutter.decoding.decoders.borders import Continuation, captured_spectrum, continuation
 from mishutter.evaluation import lost_share
+
+LEAST_POWER = 1e-14
+"""Prevents a division by zero where there is neither detail nor noise."""
 
 
 @final
@@ -45,6 +48,31 @@ def ensemble_filter(model: BlurModel, length: int) -> Complex[np.ndarray, "{leng
     """The ensemble filter on the grid of a DFT."""
     power, (mean, spread) = model.picture_spectrum(length), model.mean_and_spread(length)
     return power * np.conj(mean) / (power * (np.abs(mean) ** 2 + spread) + model.noise)
+
+
+class Misfit(NamedTuple):
+    r"""What weighs the misfit of a picture, $|g - m f|^2 / (N + S v)$, on the grid of a DFT.
+
+    Attributes:
+        mean: Mean response over the speeds, $m$.
+        power: Power of the picture, $S$.
+        disturbance: Noise, and power that the spread of the speeds leaves, $N + S v$.
+        error: Squared error that the ensemble filter is expected to leave.
+    """
+
+    mean: Complex[np.ndarray, "k"]
+    power: Float[np.ndarray, "k"]
+    disturbance: Float[np.ndarray, "k"]
+    error: float
+
+
+def misfit_of(model: BlurModel, length: int) -> Misfit:
+    """The misfit that decoders weigh with a prior, for all speeds; nowhere 0."""
+    mean, spread = model.mean_and_spread(length)
+    power = np.maximum(model.picture_spectrum(length), LEAST_POWER)
+    disturbance = np.maximum(model.noise, LEAST_POWER) + power * spread
+    error = max(expected_squared_error(model, length), LEAST_POWER)
+    return Misfit(mean, power, disturbance, error)
 
 
 def expected_residual(model: BlurModel, length: int) -> float:

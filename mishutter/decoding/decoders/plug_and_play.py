@@ -11,10 +11,7 @@ from jaxtyping import Array
 from mishutter._core import require, require_known, require_positive_int
 from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel
 from mishutter.decoding.decoders.borders import continuation
-from mishutter.decoding.decoders.linear import ensemble_filter, expected_squared_error
-
-_LEAST_POWER = 1e-14
-"""Prevents a division by zero where there is neither detail nor noise."""
+from mishutter.decoding.decoders.linear import ensemble_filter, misfit_of
 
 Denoiser = Callable[[np.ndarray, float], np.ndarray]
 
@@ -76,11 +73,9 @@ class PlugAndPlayDecoder(AbstractDecoder):
         rows, columns = captured.shape[-2:]
         extension = continuation(model, columns)
         length = extension.length
-        mean, spread = model.mean_and_spread(length)
-        power = np.maximum(model.picture_spectrum(length), _LEAST_POWER)
-        disturbance = np.maximum(model.noise, _LEAST_POWER) + power * spread
-        error = np.sqrt(max(expected_squared_error(model, length), _LEAST_POWER))
-        fall = np.geomspace(self.first_noise, self.last_noise, self.num_iterations) * error
+        mean, _, disturbance, error = misfit_of(model, length)
+        start = ensemble_filter(model, length)
+        fall = np.geomspace(self.first_noise, self.last_noise, self.num_iterations) * np.sqrt(error)
 
         restored = []
         for plane in np.asarray(captured, np.float64).reshape(-1, rows, columns):
@@ -88,7 +83,7 @@ class PlugAndPlayDecoder(AbstractDecoder):
             centre = np.mean(level)
             spectrum = np.fft.rfft(deviation + level - centre)
             bright = centre / model.efficiency
-            picture = np.fft.irfft(spectrum * ensemble_filter(model, length), length)
+            picture = np.fft.irfft(spectrum * start, length)
             for sigma in fall.tolist():
                 weight = self.strength / sigma**2
                 target = np.conj(mean) / disturbance * spectrum + weight * np.fft.rfft(picture)

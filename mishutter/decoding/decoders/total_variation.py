@@ -14,17 +14,12 @@ from mishutter._core import compiled, require, require_positive_int
 from mishutter.camera import along_rows
 from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel
 from mishutter.decoding.decoders.borders import Continuation, continuation
-from mishutter.decoding.decoders.linear import (
-    ensemble_filter,
-    expected_squared_error,
-)
+from mishutter.decoding.decoders.linear import ensemble_filter, misfit_of
 
 EDGES, _POWER = 0.3, 0.1
 """Weights of the two laws: the best in the mean over photographs and scenes from dim to bright."""
 _THRESHOLD = 0.7
 """Shrinkage of a step in units of the error; it changes the speed of convergence, not the limit."""
-LEAST_POWER = 1e-14
-"""Prevents a division by zero where there is neither detail nor noise."""
 
 
 @final
@@ -66,11 +61,9 @@ class TotalVariationDecoder(AbstractDecoder):
             return jnp.zeros_like(captured)
         extension = continuation(model, captured.shape[-1])
         length = extension.length
-        mean, spread = model.mean_and_spread(length)
-        power = np.maximum(model.picture_spectrum(length), LEAST_POWER)
-        error = max(expected_squared_error(model, length), LEAST_POWER)
+        mean, power, disturbance, error = misfit_of(model, length)
         coupling = EDGES * self.strength / _THRESHOLD
-        data = error / (np.maximum(model.noise, LEAST_POWER) + power * spread) / coupling
+        data = error / disturbance / coupling
         smooth = _POWER * error / power / coupling
         smooth[0] = 0.0  # a row's level is free
         threshold = _THRESHOLD * np.sqrt(error)
