@@ -233,7 +233,7 @@ def simulate(
             motion,
             profile,
             speed=speed,
-            decoder=decoder_of(decoder),
+            decoder=named_decoder(decoder),
             key=None if noiseless else jax.random.key(seed),
             full_well=full_well,
             adc_bits=adc_bits,
@@ -345,7 +345,7 @@ def _subject(
     return read_picture(path, white=white, linear=linear)
 
 
-def decoder_of(name: DecoderName) -> "AbstractDecoder":
+def named_decoder(name: DecoderName) -> "AbstractDecoder":
     """The decoder of a name, with the parameters that it has by default."""
     from mishutter.decoding import decoders
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mishutter._core import require, writable_folder
-from mishutter.cli.camera import DecoderName, decoder_of, estimate_document, speed_found
+from mishutter.cli.camera import DecoderName, estimate_document, named_decoder, speed_found
 from mishutter.cli.console import (
     AGAIN,
     interruptible,
@@ -171,7 +171,7 @@ def restore(
     camera = _camera(scene_file, shutter, files)
     speed = None if speed_text is None else read_speed(speed_text, scene_file, "--speed")
     seen = {path: read_capture(path, white=white, linear=linear) for path in captures}
-    folder, method = writable_folder(out), decoder_of(decoder)
+    folder, method = writable_folder(out), named_decoder(decoder)
     written, found = [], {}
     for path, capture in seen.items():
         with (

@@ -28,10 +28,10 @@ from mishutter.decoding.decoders import (
     SpeedFindingDecoder,
     blur_model,
 )
-from mishutter.decoding.decoders.speed_finding import informed
+from mishutter.decoding.decoders.speed_finding import decoder_of, informed
 from mishutter.decoding.restoration import restored_light
 from mishutter.design import Design
-from mishutter.evaluation import knowledge_of, sensor_view
+from mishutter.evaluation import SPEED_KNOWLEDGE, knowledge_of, sensor_view
 from mishutter.model import AbstractMotion, AbstractShutter, Scene, require_scene
 from mishutter.pictures import Picture, turned
 
@@ -150,8 +150,10 @@ def capture_and_restore(
             captured = np.empty((num_rows, *part.shape[1:]), part.dtype)
         captured[first : first + rows_at_once] = part
     model = blur_model(scene, motion, shutter)
-    work = _Work(chosen, model, rows_at_once, lambda text, share: report(text, 0.5 + 0.5 * share))
-    restored, estimate = _in_portions(captured, scene, motion, work)
+    restored, relative = _in_portions(
+        captured, chosen, model, rows_at_once, lambda text, share: report(text, 0.5 + 0.5 * share)
+    )
+    estimate = None if relative is None else relative.of(scene, motion)
     report("done", 1.0)
     return Simulation.of(turned(captured, axis), turned(restored, axis), estimate)
 
@@ -233,38 +235,35 @@ def restored_capture(
     if speed is not None:
         require_finite("restore(speed=...)", speed)
         model = model.knowing(speed - float(sensor_view(scene, motion, shutter).velocity))
-    elif knowledge_of(scene).knows_speed and not isinstance(chosen, SpeedFindingDecoder):
-        chosen = SpeedFindingDecoder(chosen)
-    work = _Work(chosen, model, _ROWS_AT_ONCE, progress or (lambda text, share: None))
-    light, estimate = _in_portions(pixels, scene, motion, work)
+    elif knowledge_of(scene).knows_speed:  # nobody tells it
+        chosen = decoder_of(SPEED_KNOWLEDGE["found"], chosen)
+    report = progress or (lambda text, share: None)
+    light, relative = _in_portions(pixels, chosen, model, _ROWS_AT_ONCE, report)
+    estimate = None if relative is None else relative.of(scene, motion)
     return Restoration(turned(light, design.scene.axis), estimate)
 
 
-class _Work(NamedTuple):
-    """A decoder, its model, the most rows of a portion, and whom to tell."""
-
-    decoder: AbstractDecoder
-    model: BlurModel
-    rows_at_once: int
-    report: Progress
-
-
 def _in_portions(
-    captured: np.ndarray, scene: Scene, motion: AbstractMotion, work: _Work
+    captured: np.ndarray,
+    decoder: AbstractDecoder,
+    model: BlurModel,
+    rows_at_once: int,
+    report: Progress,
 ) -> Restoration:
-    """A capture restored a few rows at a time, with the speed found in all of them first."""
-    chosen, model, estimate = work.decoder, work.model, None
-    if isinstance(chosen, SpeedFindingDecoder):
-        work.report("finding the speed", 0.0)
+    """A capture restored a few rows at a time, by the speed that is found in all of them first.
+
+    That speed is relative to the sensor.
+    """
+    estimate = None
+    if isinstance(decoder, SpeedFindingDecoder):
+        report("finding the speed", 0.0)
         planes = rows_last(distinct_colours(captured))
-        chosen, model, relative = informed([chosen], planes, model)[0]
-        estimate = None if relative is None else relative.of(scene, motion)
-    restored, beyond, num_rows = np.empty_like(captured), chosen.rows_beyond, len(captured)
-    for first, past in itertools.pairwise(_mirrored_portions(num_rows, work.rows_at_once)):
-        work.report("restoring", first / num_rows)
+        decoder, model, estimate = informed([decoder], planes, model)[0]
+    restored, beyond, num_rows = np.empty_like(captured), decoder.rows_beyond, len(captured)
+    for first, past in itertools.pairwise(_mirrored_portions(num_rows, rows_at_once)):
+        report("restoring", first / num_rows)
         above = min(first, beyond)
-        part = captured[first - above : past + beyond]
-        rows = restored_light(part, chosen, model)
+        rows = restored_light(captured[first - above : past + beyond], decoder, model)
         restored[first:past] = rows[above : above + past - first]
     return Restoration(restored, estimate)
 
