@@ -191,7 +191,7 @@ def read_capture(
     file = _file(path)
     for doubt in _doubts(file, path, white, linear):
         warnings.warn(doubt, PictureWarning, stacklevel=2)
-    return _as_light(file, np.ascontiguousarray(_shares(file, path, white, bounded=False)), linear)
+    return light_of(file, path, white, linear, bounded=False)
 
 
 def examined(
@@ -208,7 +208,7 @@ def examined(
 
 
 def light_of(
-    file: Decoded, path: Path, white: float | None, linear: bool
+    file: Decoded, path: Path, white: float | None, linear: bool, *, bounded: bool = True
 ) -> Float[np.ndarray, "rows columns channels"]:
     """Linear light of a picture's colours, white = 1; shape `(rows, columns, channels)`, float32.
 
@@ -217,15 +217,12 @@ def light_of(
         path: Where it came from.
         white: The argument of `read_picture`.
         linear: The argument of `read_picture`.
+        bounded: Whether values below 0 and above white are refused.
 
     Raises:
-        ValueError: if a value is not finite, below 0 or above white.
+        ValueError: if a value is not finite, or is refused.
     """
-    return _as_light(file, np.ascontiguousarray(_shares(file, path, white)), linear)
-
-
-def _as_light(file: Decoded, shares: np.ndarray, linear: bool) -> np.ndarray:
-    """Shares of white without the file's coding, if they have one."""
+    shares = np.ascontiguousarray(_shares(file, path, white, bounded=bounded))
     is_light = linear or np.issubdtype(file.colour.dtype, np.floating)
     return shares if is_light else shares ** np.float32(file.exponent or GAMMA)
 
@@ -382,25 +379,17 @@ def _file(path: Path) -> Decoded:
 
 
 def _shares(file: Decoded, path: Path, white: float | None, *, bounded: bool = True) -> np.ndarray:
-    """Values divided by that of white; shape `(rows, columns, channels)`, float32.
-
-    Args:
-        file: The picture.
-        path: Where it came from.
-        white: The argument of `read_picture`.
-        bounded: Whether values below 0 and above white are refused.
-    """
+    """Values divided by that of white; shape `(rows, columns, channels)`, float32."""
     colour, full = file.colour, file.full if white is None else float(white)
     if np.issubdtype(colour.dtype, np.floating):
         finite = bool(np.all(np.isfinite(colour)))
         require(finite, _READ, "hold finite pixels", f"NaN or infinite pixels in {str(path)!r}")
-    if not bounded:
-        return colour.astype(np.float32) / np.float32(full)
-    least, most = colour.min(), colour.max()
-    worst = least if least < 0 else most
-    requirement = f"hold values from 0 to white, {full:g}"
-    inside = bool(least >= 0 and most <= full)
-    require(inside, _READ, requirement, Unquoted(f"{worst} in {str(path)!r}"))
+    if bounded:
+        least, most = colour.min(), colour.max()
+        worst = least if least < 0 else most
+        requirement = f"hold values from 0 to white, {full:g}"
+        inside = bool(least >= 0 and most <= full)
+        require(inside, _READ, requirement, Unquoted(f"{worst} in {str(path)!r}"))
     return colour.astype(np.float32) / np.float32(full)
 
 
