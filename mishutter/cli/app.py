@@ -53,19 +53,9 @@ from mishutter.cli.laboratory import (
     AS_MEASURED,
     CameraFiles,
     Cameras,
-    CeilingOption,
-    ClosedOption,
-    ColumnOption,
-    DriveOption,
-    FloorOption,
-    HalfExposureOption,
-    MeasuredOption,
-    MiddleOption,
-    OpenOption,
-    PositionScaleOption,
-    StepsOption,
     cameras,
     note_other_device,
+    takes_camera_files,
 )
 from mishutter.cli.options import (
     BackgroundsOption,
@@ -239,6 +229,7 @@ def _after_search(scene_file: Path | None, folder: Path | None) -> str:
 
 
 @app.command(cls=GroupedCommand, rich_help_panel=TO_DESIGN)
+@takes_camera_files
 def compare(
     scene_file: SceneArgument = None,
     *,
@@ -253,17 +244,7 @@ def compare(
         ),
     ] = None,
     shutters: ShuttersOption = None,
-    drive: DriveOption = None,
-    measured: MeasuredOption = None,
-    column: ColumnOption = None,
-    half_exposure_ms: HalfExposureOption = None,
-    position_scale_px: PositionScaleOption = None,
-    floor: FloorOption = 0.0,
-    ceiling: CeilingOption = 1.0,
-    drive_steps: StepsOption = None,
-    middle_ms: MiddleOption = 0.0,
-    closed: ClosedOption = None,
-    opened: OpenOption = None,
+    files: CameraFiles,
     out: OutOption = None,
     json: JsonOption = False,
     loss: LossOption = None,
@@ -281,27 +262,13 @@ def compare(
     scene = scene_of(scene_file)
     windows = {name: named_shutter(name) for name in shutters or []}
     camera = Cameras({})
-    if drive is not None or measured is not None:
+    if files.drive is not None or files.measured is not None:
         if designs is not None and len(designs) > 1:
             raise ValueError(
                 "`--design` must be given at most once with --drive or --measured, which belong to "
                 f"one design; got {len(designs)}."
             )
-        files = CameraFiles(
-            design=designs[0] if designs else None,
-            drive=drive,
-            measured=measured,
-            half_exposure_ms=half_exposure_ms,
-            position_scale_px=position_scale_px,
-            floor=floor,
-            ceiling=ceiling,
-            num_steps=drive_steps,
-            middle_ms=middle_ms,
-            closed=closed,
-            opened=opened,
-            column=column,
-        )
-        camera = cameras(scene, files)
+        camera = cameras(scene, designs[0] if designs else None, files)
         saved = camera.designs
         motion = next(iter(saved.values())).motion
     else:
@@ -315,7 +282,7 @@ def compare(
     with interruptible(lambda: AGAIN):
         entries = saved | windows
         result = _compared(scene, motion, entries, loss_of(loss, scene), free_paths)
-        _deliver(_beside_design(result, camera, middle_ms * 1e-3), delivery)
+        _deliver(_beside_design(result, camera, files.middle_ms * 1e-3), delivery)
 
 
 for _command, _group in (

@@ -19,18 +19,8 @@ from mishutter.cli.console import (
 from mishutter.cli.help import DESIGN, OUTPUT, PICTURES, SENSOR
 from mishutter.cli.laboratory import (
     CameraFiles,
-    CeilingOption,
-    ClosedOption,
-    ColumnOption,
-    DriveOption,
-    FloorOption,
-    HalfExposureOption,
-    MeasuredOption,
-    MiddleOption,
-    OpenOption,
-    PositionScaleOption,
-    StepsOption,
     cameras,
+    takes_camera_files,
 )
 from mishutter.cli.options import JsonOption, SceneArgument, as_path, scene_of
 
@@ -57,6 +47,7 @@ class DecoderName(Enum):
     SPEED_FINDING = "speed-finding"
 
 
+@takes_camera_files
 def simulate(
     scene_file: SceneArgument = None,
     *,
@@ -108,17 +99,7 @@ def simulate(
             help="Shutter to use without --design [default: hann].",
         ),
     ] = None,
-    drive: DriveOption = None,
-    measured: MeasuredOption = None,
-    column: ColumnOption = None,
-    half_exposure_ms: HalfExposureOption = None,
-    position_scale_px: PositionScaleOption = None,
-    floor: FloorOption = 0.0,
-    ceiling: CeilingOption = 1.0,
-    drive_steps: StepsOption = None,
-    middle_ms: MiddleOption = 0.0,
-    closed: ClosedOption = None,
-    opened: OpenOption = None,
+    files: CameraFiles,
     speed_text: Annotated[
         str,
         typer.Option(
@@ -187,7 +168,7 @@ def simulate(
     json: JsonOption = False,
 ) -> None:
     """Capture a photograph, a layered scene or footage, and restore it."""
-    if shutter is not None and any((design, drive, measured)):
+    if shutter is not None and any((design, files.drive, files.measured)):
         which = "--design" if design is not None else "--drive or --measured"
         raise ValueError(f"`--shutter` must be left out with {which}; got '{shutter}'.")
     start_jax()
@@ -200,21 +181,7 @@ def simulate(
 
     scene = scene_of(scene_file)
     speed = read_speed(speed_text, scene_file, "--speed")
-    files_of_camera = CameraFiles(
-        design=design,
-        drive=drive,
-        measured=measured,
-        half_exposure_ms=half_exposure_ms,
-        position_scale_px=position_scale_px,
-        floor=floor,
-        ceiling=ceiling,
-        num_steps=drive_steps,
-        middle_ms=middle_ms,
-        closed=closed,
-        opened=opened,
-        column=column,
-    )
-    designs = cameras(scene, files_of_camera).designs
+    designs = cameras(scene, design, files).designs
     used = list(designs.values())[-1] if designs else None
     motion = scene.motion if used is None else used.motion
     window = "hann" if shutter is None else shutter
@@ -242,7 +209,7 @@ def simulate(
     write_picture(folder / "captured.png", result.captured)
     write_picture(folder / "restored.png", result.restored)
     figures = _quality(photographed, result.restored)
-    last = measured or drive or design
+    last = files.measured or files.drive or design
     name = f"{window} shutter" if last is None else shown_name(last.name)
     moving = f", object at {speed:g} px/s" if isinstance(photographed, Picture) else ""
     level = f", {figures[_LINEAR]:.2f} dB (linear light)" if figures else ""
@@ -254,7 +221,7 @@ def simulate(
         decoder=f"by the {decoder.value} decoder{level}",
     )
     save_figure(picture, folder / "side_by_side.png")
-    files = ["captured.png", "restored.png", "side_by_side.png"]
+    written = ["captured.png", "restored.png", "side_by_side.png"]
     if not figures:
         note("no PSNR: layers and frames move by themselves, so that no one picture is the truth")
     _warn_beyond(scene, speed)
@@ -262,13 +229,13 @@ def simulate(
     if estimate is not None and estimate.doubt:
         note(f"warning: {estimate.doubt}")
     levels = {}
-    if drive is not None or measured is not None:
+    if files.drive is not None or files.measured is not None:
         levels = {name: float(camera.metrics.expected_psnr) for name, camera in designs.items()}
     if json:
         quality = {"quality": figures} if figures else {}
         expected = {"expected_psnr_db": levels} if levels else {}
         speeds = {} if estimate is None else {"found": estimate_document(estimate)}
-        write_json(quality | expected | {"decoder": decoder.value, "files": files} | speeds)
+        write_json(quality | expected | {"decoder": decoder.value, "files": written} | speeds)
     else:
         if figures:
             rows = [[name, f"{value:.3f}"] for name, value in figures.items()]
@@ -279,7 +246,7 @@ def simulate(
         if levels:
             rows = [[name, f"{value:.3f}"] for name, value in levels.items()]
             print_table("Expected of the scene", ["camera", _LINEAR], rows)
-    note(f"{folder}: {', '.join(files)}")
+    note(f"{folder}: {', '.join(written)}")
 
 
 def reproduce(

@@ -1,8 +1,11 @@
 """Options of files that come back from a laboratory: drive tables and photodiodes' traces."""
 
+import functools
+import inspect
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -127,12 +130,12 @@ OpenOption = Annotated[
 
 
 class CameraFiles(NamedTuple):
-    """Files of one camera, and the numbers that these files lack.
+    """Files of one camera beside its design, and the numbers that these files lack.
 
     Attributes:
-        design: Saved design.
         drive: Drive table.
         measured: Trace.
+        column: Name of the trace's column of levels.
         half_exposure_ms: Half exposure of a table without times.
         position_scale_px: Position that 1 stands for, in a table with positions in [-1, 1].
         floor: Transmittance of the lowest level.
@@ -141,21 +144,43 @@ class CameraFiles(NamedTuple):
         middle_ms: Mid-exposure on the clock of the trace.
         closed: Level of the trace where the shutter is closed.
         opened: Level of the trace where the shutter is open.
-        column: Name of the trace's column of levels.
     """
 
-    design: Path | None
-    drive: Path | None
-    measured: Path | None
-    half_exposure_ms: float | None
-    position_scale_px: float | None
-    floor: float
-    ceiling: float
-    num_steps: int | None
-    middle_ms: float
-    closed: float | None
-    opened: float | None
-    column: str | None
+    drive: DriveOption = None
+    measured: MeasuredOption = None
+    column: ColumnOption = None
+    half_exposure_ms: HalfExposureOption = None
+    position_scale_px: PositionScaleOption = None
+    floor: FloorOption = 0.0
+    ceiling: CeilingOption = 1.0
+    num_steps: StepsOption = None
+    middle_ms: MiddleOption = 0.0
+    closed: ClosedOption = None
+    opened: OpenOption = None
+
+
+def takes_camera_files(command: Callable[..., None]) -> Callable[..., None]:
+    """Gives a command the options of `CameraFiles`, which reach it as its argument `files`.
+
+    Typer reads the options of a command from its signature, where those of the files take the
+    place of `files`.
+    """
+    own = inspect.signature(command)
+    options = [
+        option.replace(kind=inspect.Parameter.KEYWORD_ONLY)
+        for option in inspect.signature(CameraFiles).parameters.values()
+    ]
+    names = [option.name for option in options]
+
+    @functools.wraps(command)
+    def with_files(*args: object, **kwargs: Any) -> None:
+        files = CameraFiles(**{name: kwargs.pop(name) for name in names})
+        command(*args, files=files, **kwargs)
+
+    every = [[each] if each.name != "files" else options for each in own.parameters.values()]
+    parameters = [each for group in every for each in group]
+    with_files.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined]
+    return with_files
 
 
 class Cameras(NamedTuple):
@@ -185,21 +210,31 @@ def note_other_device(path: Path, design: "Design", scene: "Scene") -> None:
     note(f"{path}: the scene's shutter is taken, not the design's. Design: {own} Scene: {taken}")
 
 
-def cameras(scene: "Scene", files: CameraFiles) -> Cameras:
-    """The camera as designed, as driven and as measured, each only if it has a file."""
+def cameras(scene: "Scene | None", design: Path | None, files: CameraFiles) -> Cameras:
+    """The camera as designed, as driven and as measured, each only if it has a file.
+
+    Args:
+        scene: The scene; that of the design without one.
+        design: A saved design; None without one.
+        files: The other files.
+    """
     from mishutter.design import GIVEN, Design, given_design
     from mishutter.evaluation import transmittance
     from mishutter.hardware import design_from_drive
 
     _require_table(files)
     designs: dict[str, Design] = {}
-    motion = scene.motion
-    if files.design is not None:
-        saved = Design.load(files.design)
-        note_other_device(files.design, saved, scene)
+    motion = None
+    if design is not None:
+        saved = Design.load(design)
+        scene = saved.scene if scene is None else scene
+        note_other_device(design, saved, scene)
         motion = saved.motion
         profile = transmittance(scene, motion, saved.command)
         designs[AS_DESIGNED] = replace(saved, scene=scene, shutter=profile, loss_name=GIVEN)
+    if scene is None:
+        raise ValueError("`--design or --scene` must be given; got None.")
+    motion = scene.motion if motion is None else motion
     half_exposure = None if files.half_exposure_ms is None else files.half_exposure_ms * 1e-3
     if files.drive is not None:
         driven = design_from_drive(

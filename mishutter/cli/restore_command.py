@@ -19,18 +19,8 @@ from mishutter.cli.console import (
 from mishutter.cli.help import DESIGN, OUTPUT, PICTURES
 from mishutter.cli.laboratory import (
     CameraFiles,
-    CeilingOption,
-    ClosedOption,
-    ColumnOption,
-    DriveOption,
-    FloorOption,
-    HalfExposureOption,
-    MeasuredOption,
-    MiddleOption,
-    OpenOption,
-    PositionScaleOption,
-    StepsOption,
     cameras,
+    takes_camera_files,
 )
 from mishutter.cli.options import JsonOption, as_path, scene_of
 
@@ -44,6 +34,7 @@ _MOST_ABOVE_WHITE = 0.01
 """Share of a restored picture that may be brighter than white without a word."""
 
 
+@takes_camera_files
 def restore(
     captures: Annotated[
         list[Path],
@@ -84,17 +75,7 @@ def restore(
             help="Shutter of the scene's own motion, without --design.",
         ),
     ] = None,
-    drive: DriveOption = None,
-    measured: MeasuredOption = None,
-    column: ColumnOption = None,
-    half_exposure_ms: HalfExposureOption = None,
-    position_scale_px: PositionScaleOption = None,
-    floor: FloorOption = 0.0,
-    ceiling: CeilingOption = 1.0,
-    drive_steps: StepsOption = None,
-    middle_ms: MiddleOption = 0.0,
-    closed: ClosedOption = None,
-    opened: OpenOption = None,
+    files: CameraFiles,
     white: Annotated[
         float | None,
         typer.Option(
@@ -146,20 +127,6 @@ def restore(
     json: JsonOption = False,
 ) -> None:
     """Restore captures that a camera has taken, each by itself."""
-    files = CameraFiles(
-        design=design,
-        drive=drive,
-        measured=measured,
-        half_exposure_ms=half_exposure_ms,
-        position_scale_px=position_scale_px,
-        floor=floor,
-        ceiling=ceiling,
-        num_steps=drive_steps,
-        middle_ms=middle_ms,
-        closed=closed,
-        opened=opened,
-        column=column,
-    )
     start_jax()
     from mishutter.decoding import restored_capture
     from mishutter.model import read_speed
@@ -168,7 +135,7 @@ def restore(
 
     stems = [path.stem for path in captures]
     require(len(set(stems)) == len(stems), "CAPTURE...", "be of different names", stems)
-    camera = _camera(scene_file, shutter, files)
+    camera = _camera(scene_file, design, files, shutter)
     speed = None if speed_text is None else read_speed(speed_text, scene_file, "--speed")
     seen = {path: read_capture(path, white=white, linear=linear) for path in captures}
     folder, method = writable_folder(out), named_decoder(decoder)
@@ -212,23 +179,21 @@ def restore(
     note(f"{folder}: {', '.join(written)}")
 
 
-def _camera(scene_file: Path | None, shutter: str | None, files: CameraFiles) -> "Design":
+def _camera(
+    scene_file: Path | None, design: Path | None, files: CameraFiles, shutter: str | None
+) -> "Design":
     """The camera as measured, driven or designed, whichever was last; or a named shutter."""
-    from mishutter.design import Design, given_design
+    from mishutter.design import given_design
     from mishutter.model import named_shutter
 
-    if files.design is None:
-        require(scene_file is not None, "--design or --scene", "be given", None)
-    if scene_file is None and files.design is not None:
-        scene = Design.load(files.design).scene
-    else:
-        scene = scene_of(scene_file)
-    built = list(cameras(scene, files).designs.values())
+    scene = None if scene_file is None else scene_of(scene_file)
+    built = [*cameras(scene, design, files).designs.values()]
     if built:
         require(shutter is None, "--shutter", "be left out where files give the shutter", shutter)
         return built[-1]
-    require(shutter is not None, "--design, --drive, --measured or --shutter", "be given", None)
-    return given_design(scene, scene.motion, named_shutter(shutter or ""), f"Given: {shutter}.")
+    if scene is None or shutter is None:
+        raise ValueError("`--design, --drive, --measured or --shutter` must be given; got None.")
+    return given_design(scene, scene.motion, named_shutter(shutter), f"Given: {shutter}.")
 
 
 def _note_brightness(path: Path, light: "np.ndarray") -> None:
