@@ -109,7 +109,8 @@ def sine_frames(
 
     The path $A(1 - \cos(\pi t/P))$ is followed by 32 pieces of constant acceleration, which meet on
     it: their trapezoids add up to a sine that is $(\theta/2)/\tan(\theta/2)$ as high, with
-    $\theta = \pi h/P$ for pieces of length $h$. Levels differ by less than 1e-5 dB from the sine's.
+    $\theta = \pi h/P$ for pieces of length $h$. Levels differ from the sine's by less
+    than 1e-5 dB at 8 e- of read noise, and by 3e-5 dB at 1e6 e-/s and 2 e-.
 
     Args:
         num_frames: Number of frames.
@@ -196,10 +197,12 @@ def registration(
     lost, power = errors.lost_known_by_speed, errors.power
     density = frames.num_each * (1 / lost - 1)
     spread = jnp.asarray(period) ** 2 * (frames.num_each**2 - 1) / 12
-    turns = (2 * np.pi * frequency_grid(power.size, np.dtype(power.dtype))[None]) ** 2 * spread
+    omega = 2 * np.pi * frequency_grid(power.size, np.dtype(power.dtype))[None]
+    # $(2\pi f\tau)^2$, by which a wave of frequency $f$ tells the speed.
+    sharpness = omega**2 * spread
     power = power[None]
-    information = jnp.mean(turns * density**2 / (1 + density), axis=1)
-    excess = jnp.mean(turns * power * density / (1 + density) ** 2, axis=1)
+    information = jnp.mean(sharpness * density**2 / (1 + density), axis=1)
+    excess = jnp.mean(sharpness * power * density / (1 + density) ** 2, axis=1)
     error = jnp.mean(power / (1 + density), axis=1)
     variance = 1 / (jnp.asarray(num_samples) * information)
     return Registration(jnp.sqrt(variance), 10 * jnp.log10(1 + variance * excess / error))

@@ -51,7 +51,7 @@ def ensemble_filter(model: BlurModel, length: int) -> Complex[np.ndarray, "{leng
 
 
 class Misfit(NamedTuple):
-    r"""What weighs the misfit of a picture, $|g - m f|^2 / (N + S v)$, on the grid of a DFT.
+    r"""The parts of a picture's misfit, $|g - m f|^2 / (N + S v)$, on the grid of a DFT.
 
     Attributes:
         mean: Mean response over the speeds, $m$.
