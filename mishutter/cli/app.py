@@ -387,7 +387,8 @@ def _deliver(result: "Report", delivery: Delivery) -> None:
             with closable_output():
                 print_text(f"\n{background_line(result.backgrounds)}")
         if folder is not None:
-            files += write_background(result, folder, wrote=wrote)
+            draws = delivery.backgrounds or result.scene.occlusion is not None
+            files += write_background(result, folder, draws=draws, wrote=wrote)
     if delivery.as_json:
         write_json(document(result) | {"files": files})
 

@@ -116,7 +116,7 @@ BackgroundsOption = Annotated[
         "--backgrounds",
         rich_help_panel=OUTPUT,
         help="Compute the gain that is left where part of the picture stands still, and draw it; "
-        "without this option only where the verdict is to build.",
+        "without this option it is computed where the verdict is to build, and not drawn.",
     ),
 ]
 SeedsOption = Annotated[

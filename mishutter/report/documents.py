@@ -185,13 +185,18 @@ def _writers(report: Report) -> dict[str, Callable[[Path], None]]:
 
 
 def write_background(
-    report: Report, folder: Path, *, wrote: Callable[[str], None] = lambda name: None
+    report: Report,
+    folder: Path,
+    *,
+    draws: bool = True,
+    wrote: Callable[[str], None] = lambda name: None,
 ) -> list[str]:
     """Writes the document again, with the gains before a background, and draws such a picture.
 
     Args:
         report: The report, whose other files are written.
         folder: Where the files go.
+        draws: Whether to draw the picture, which takes longer than all others together.
         wrote: Called with the name of each new file that is written.
 
     Returns:
@@ -201,7 +206,7 @@ def write_background(
         OSError: if a file cannot be written.
     """
     _write_document(report, folder / _DOCUMENT)
-    if report.design is None or report.photographs is None:
+    if not draws or report.design is None or report.photographs is None:
         return []
     rows = pictured_rows(report.comparison, report.names)
     _save_drawn(lambda: _layered(report, rows), folder / _LAYERS)

@@ -302,12 +302,15 @@ def test_a_background_comes_last_or_not_at_all(report, choice, asked, is_compute
     monkeypatch.setattr("mishutter.report.background_gains", gains)
     monkeypatch.setattr(
         "mishutter.report.write_background",
-        lambda result, folder, wrote: order.append("its files") or [],
+        lambda result, folder, draws, wrote: (
+            order.append("a picture" if draws else "document") or []
+        ),
     )
     row = report.comparison.row(choice)
     judged = replace(report, comparison=replace(report.comparison, choice=row))
     app._deliver(judged, app.Delivery(Path("unused"), False, 1, False, backgrounds=asked))
-    assert order == ["files", *(["background", "its files"] if is_computed else [])]
+    its_files = "a picture" if asked else "document"
+    assert order == ["files", *(["background", its_files] if is_computed else [])]
 
 
 def test_a_background_is_drawn_beside_a_document_of_its_gains(report, monkeypatch, tmp_path):
@@ -324,6 +327,7 @@ def test_a_background_is_drawn_beside_a_document_of_its_gains(report, monkeypatc
         design=given_design(SCENE, MOTION, HannShutter(), ""),
         photographs=Photographs({}, {}),
     )
+    assert write_background(whole, tmp_path, draws=False) == []
     told: list[str] = []
     assert write_background(whole, tmp_path, wrote=told.append) == told == ["layers.png"]
     assert (tmp_path / "layers.png").read_bytes().startswith(b"\x89PNG")
