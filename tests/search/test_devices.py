@@ -29,6 +29,7 @@ from mishutter import (
 )
 from mishutter.evaluation import automatic
 from mishutter.model import diffused, runs_are_long_enough, slot_means
+from mishutter.search import beyond_limits
 from mishutter.search.objective import objective_of
 from mishutter.search.space import design_space
 from mishutter.sweeps import best_snapshots
@@ -143,6 +144,15 @@ def test_no_design_fills_a_pixel(full_well, name):
     assert found.loss >= unlimited.loss * (1 - 1e-4)
     if wanted <= full_well:
         assert found.loss == pytest.approx(unlimited.loss, rel=1e-4)
+
+
+@pytest.mark.parametrize("share", [0.97, 1.03, 1.9])
+def test_a_full_pixel_is_told_from_one_that_is_nearly_full(share):
+    """White brings so much of what a pixel holds: through Hann, half of the light."""
+    white = 1e5 * float(MOTION.exposure) / 2
+    scene = _scene(full_well=white / share)
+    said = beyond_limits(scene, MOTION, HannShutter())
+    assert said == (("full_well",) if share > 1 else ())
 
 
 @pytest.mark.slow
