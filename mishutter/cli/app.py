@@ -39,7 +39,6 @@ from mishutter.cli.export import export
 from mishutter.cli.fit_command import fit
 from mishutter.cli.help import (
     DESIGN,
-    OUTPUT,
     SEARCH,
     TO_BEGIN,
     TO_BUILD,
@@ -69,6 +68,7 @@ from mishutter.cli.options import (
     SceneArgument,
     SeedsOption,
     ShuttersOption,
+    VerboseOption,
     as_path,
     loss_of,
     names_of,
@@ -181,14 +181,7 @@ def optimise(
     noise_seeds: SeedsOption = 1,
     every_photograph: EveryPhotographOption = False,
     backgrounds: BackgroundsOption = False,
-    verbose: Annotated[
-        bool,
-        typer.Option(
-            "--verbose",
-            rich_help_panel=OUTPUT,
-            help="Show which parts are computed and which are skipped.",
-        ),
-    ] = False,
+    verbose: VerboseOption = False,
 ) -> None:
     """Design a shutter for a scene, and compare it with ordinary shutters and windows."""
     start_jax()
@@ -210,7 +203,7 @@ def optimise(
             max_steps=max_steps,
             progress=lambda step, value: update(step, f"loss {value:.6g}"),
         )
-    delivery = Delivery(folder, json, noise_seeds, every_photograph, backgrounds)
+    delivery = Delivery(folder, json, noise_seeds, every_photograph, backgrounds, verbose)
     with interruptible(lambda: _after_search(scene_file, folder)):
         if folder is not None:
             design.save(folder / "design.json")
@@ -252,6 +245,7 @@ def compare(
     noise_seeds: SeedsOption = 1,
     every_photograph: EveryPhotographOption = False,
     backgrounds: BackgroundsOption = False,
+    verbose: VerboseOption = False,
 ) -> None:
     """Compare shutters, saved designs, drive tables or traces with the baselines."""
     start_jax()
@@ -278,7 +272,7 @@ def compare(
             note_other_device(path, saved[name], scene)
         motion = next(iter(saved.values())).motion if len(saved) == 1 else scene.motion
     folder = None if out is None else writable_folder(out)
-    delivery = Delivery(folder, json, noise_seeds, every_photograph, backgrounds)
+    delivery = Delivery(folder, json, noise_seeds, every_photograph, backgrounds, verbose)
     with interruptible(lambda: AGAIN):
         entries = saved | windows
         result = _compared(scene, motion, entries, loss_of(loss, scene), free_paths)
@@ -349,6 +343,7 @@ class Delivery(NamedTuple):
         num_seeds: Captures of the photograph at each speed; 0 takes none.
         every_photograph: Whether the photograph is restored at every speed, by three decoders.
         backgrounds: Whether the gain before a background is computed whatever the verdict is.
+        verbose: Whether every table is printed whatever the verdict is.
     """
 
     folder: Path | None
@@ -356,6 +351,7 @@ class Delivery(NamedTuple):
     num_seeds: int
     every_photograph: bool
     backgrounds: bool
+    verbose: bool
 
 
 def _deliver(result: "Report", delivery: Delivery) -> None:
@@ -373,9 +369,13 @@ def _deliver(result: "Report", delivery: Delivery) -> None:
 
     if not delivery.as_json:
         with closable_output():  # a reader who has read enough still gets the files
-            print_comparison(result)
-    result = _photographed(result, delivery)
-    if result.photographs is not None and not delivery.as_json:
+            print_comparison(result, verbose=delivery.verbose)
+    # The pictures of a camera that is not worth building are for those who ask for them.
+    asked = delivery.verbose or delivery.every_photograph or delivery.num_seeds > 1
+    shows = asked or result.comparison.is_to_build
+    if shows or delivery.as_json or folder is not None:
+        result = _photographed(result, delivery)
+    if result.photographs is not None and shows and not delivery.as_json:
         with closable_output():
             print_photographs(result.photographs.levels, result.comparison.rows[0].decoder.name)
     files = []

@@ -170,7 +170,10 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]
     number is cut. The first column is wrapped at half the width of the terminal then.
     """
     console = _console()
-    cells = [[str(row[index]) for row in rows] for index in range(len(columns))]
+    cells = [
+        [line for row in rows for line in str(row[index]).splitlines()]
+        for index in range(len(columns))
+    ]
     full = [max(map(cell_len, (name, *texts))) for name, texts in zip(columns, cells, strict=True)]
     least = [
         max(map(cell_len, ("", *name.split(), *texts)))

@@ -119,6 +119,15 @@ BackgroundsOption = Annotated[
         "without this option it is computed where the verdict is to build, and not drawn.",
     ),
 ]
+VerboseOption = Annotated[
+    bool,
+    typer.Option(
+        "--verbose",
+        rich_help_panel=OUTPUT,
+        help="Show every table where the verdict is not to build, and before a search which parts "
+        "are computed and which are skipped.",
+    ),
+]
 SeedsOption = Annotated[
     int,
     typer.Option(

@@ -12,8 +12,11 @@ if TYPE_CHECKING:
     from mishutter.report import Report
 
 
-def print_comparison(report: "Report") -> None:
-    """Prints the verdict, its tables and the outcome of the search."""
+def print_comparison(report: "Report", *, verbose: bool = False) -> None:
+    """Prints the verdict, its tables and the outcome of the search.
+
+    After a verdict that is not to build, one small table stands for all, unless it is `verbose`.
+    """
     from mishutter.report import comparison_tables
     from mishutter.search import SAME_MOTION, fills
 
@@ -22,9 +25,11 @@ def print_comparison(report: "Report") -> None:
     if report.measured is not None:
         print_text("\n".join(report.measured.lines()))
     print_text()
-    for table in comparison_tables(comparison):
+    for table in comparison_tables(comparison, verbose=verbose):
         print_table(table.title, table.columns, table.rows)
         print_text("\n".join([*table.notes, ""]))
+    if not (comparison.is_to_build or verbose):
+        return
     same = [row for row in comparison.rows if row.reading == SAME_MOTION]
     full = [row.name for row in same if fills(report.scene, row.motion, row.shutter)]
     if full:

@@ -35,5 +35,6 @@ from mishutter.report.sweep_plots import plot_map as plot_map
 from mishutter.report.sweep_plots import write_pictures as write_pictures
 from mishutter.report.tables import Table as Table
 from mishutter.report.tables import comparison_tables as comparison_tables
+from mishutter.report.tables import joined_name as joined_name
 from mishutter.report.tables import page_table as page_table
 from mishutter.report.verdict import device_notes as device_notes

@@ -159,9 +159,15 @@ class Comparison:
         costs = {} if self.costs is None else {"tolerance_costs": self.costs.to_dict()}
         return {"rows": rows, "rivals": rivals, **words, **numbers, **costs}
 
-    def text(self) -> str:
-        """The verdict and the tables, as the command prints them, as text."""
-        return "\n\n".join([self.verdict, *(table.text() for table in comparison_tables(self))])
+    def text(self, *, verbose: bool = False) -> str:
+        """The verdict and the tables, as the command prints them, as text.
+
+        Args:
+            verbose: Whether all tables follow a verdict that is not to build, and not one of a few
+                rows.
+        """
+        tables = comparison_tables(self, verbose=verbose)
+        return "\n\n".join([self.verdict, *(table.text() for table in tables)])
 
 
 def _gain(level: float, other: float) -> float:

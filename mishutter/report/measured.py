@@ -6,8 +6,7 @@ from typing import Any, NamedTuple
 from mishutter.design import given_design
 from mishutter.hardware import MeasuredProfile, Trace, measured_profile, span_of_shifts
 from mishutter.model import Scene
-from mishutter.report.verdict import LEAST_SHOWN
-from mishutter.search import Row
+from mishutter.search import LEAST_SHOWN, Row
 
 _PRECISION = 1e-3
 """Precision of a shift, in half exposures."""

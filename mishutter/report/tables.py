@@ -1,16 +1,19 @@
 """Rows and columns of a comparison, which Python, the command and the page draw."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from mishutter.evaluation import METRICS
-from mishutter.search import OWN_BEST_MOTION, Row
+from mishutter.search import OWN_BEST_MOTION, Row, best_row, cameras_of, taken_names
 
 if TYPE_CHECKING:
     from mishutter.report.comparison import Comparison
 
 _GAP = "  "
 """Space between the columns of a table as text."""
+_NAMES = 30
+"""Most letters of several names in one line of a table."""
+_REST = "All rows and tables: `--verbose`, in Python `text(verbose=True)`."
 
 
 class Column(NamedTuple):
@@ -44,13 +47,20 @@ class Table(NamedTuple):
 
     def text(self) -> str:
         """The table in lines of one width, its title above and its notes below."""
-        every = (self.columns, *self.rows)
+        every = [line for row in (self.columns, *self.rows) for line in _lines(row)]
         widths = [max(map(len, column)) for column in zip(*every, strict=True)]
         lines = [
             _GAP.join([name.ljust(widths[0]), *map(str.rjust, numbers, widths[1:])]).rstrip()
             for name, *numbers in every
         ]
         return "\n".join([self.title, *lines, *self.notes])
+
+
+def _lines(row: Sequence[str]) -> list[tuple[str, ...]]:
+    """A row as lines: several names of one camera may need more than one."""
+    name, *numbers = row
+    first, *others = name.splitlines() or [""]
+    return [(first, *numbers), *((other, *[""] * len(numbers)) for other in others)]
 
 
 def _or_dash(level: float | None) -> str:
@@ -106,29 +116,71 @@ _OF_KERNELS = tuple(
 """The metrics that no light changes, but for the share of it that the shutter passes."""
 
 
-def comparison_tables(comparison: "Comparison") -> list[Table]:
+def joined_name(camera: Iterable[Row]) -> str:
+    """The names of rows that are one camera, in as many lines as they need.
+
+    Args:
+        camera: The rows.
+    """
+    first, *others = (row.name for row in camera)
+    lines = [first]
+    for name in others:
+        if len(f"{lines[-1]} = {name}") <= _NAMES:
+            lines[-1] += f" = {name}"
+        else:
+            lines.append(f"= {name}")
+    return "\n".join(lines)
+
+
+def comparison_tables(comparison: "Comparison", *, verbose: bool = False) -> list[Table]:
     """Every table of a comparison, in the order in which they are read.
+
+    Rows that are the same camera are one, with all of its names. Where no camera is worth building
+    a single table has the snapshot to use, the user's cameras and the best of all.
 
     Args:
         comparison: The comparison.
+        verbose: Whether every table is wanted there too.
     """
     within = () if comparison.costs is None else (_WITHIN,)
+    columns = (*_OF_ROWS, *within)
     tables = []
     for reading in dict.fromkeys(row.reading for row in comparison.rows):
-        rows, title = [row for row in comparison.rows if row.reading == reading], reading
-        columns = (*_OF_ROWS, *within)
-        cells = tuple(row_cells(comparison, row, columns) for row in rows)
+        cameras = cameras_of(row for row in comparison.rows if row.reading == reading)
         if reading == OWN_BEST_MOTION:
-            cells = (*cells, _ceiling(comparison, columns))
-            tables += [_table(title, columns, cells, _notes(rows[0], columns))]
+            if not (comparison.is_to_build or verbose):
+                cameras, notes = _few(comparison, cameras), (*comparison.notes, _REST)
+                return [_table(reading, columns, _cells(comparison, cameras, columns), notes)]
+            notes = _notes(cameras[0][0], columns)
+            tables += [_table(reading, columns, _cells(comparison, cameras, columns), notes)]
             tables += [_purchases(comparison, within)]
             tables += [] if comparison.costs is None else [_costs(comparison)]
         else:
-            kernels = tuple(row_cells(comparison, row, _OF_KERNELS) for row in rows)
-            note = _condition_note(rows)
-            tables += [_table(title, columns, cells)]
-            tables += [_table(f"kernels, {title}", _OF_KERNELS, kernels, (note,))]
+            tables += [_table(reading, columns, _cells(comparison, cameras, columns))]
+            kernels = _cells(comparison, cameras, _OF_KERNELS)
+            note = _condition_note(cameras)
+            tables += [_table(f"kernels, {reading}", _OF_KERNELS, kernels, (note,))]
     return tables
+
+
+def _few(comparison: "Comparison", cameras: Sequence[list[Row]]) -> list[list[Row]]:
+    """The cameras that a reader of "do not build" looks for."""
+    every = [row for camera in cameras for row in camera]
+    best = best_row(every), best_row(row for row in every if row.is_of_one_exposure)
+    names = {row.name for row in every} - {*taken_names()}
+    names |= {row.name for row in (comparison.choice or comparison.snapshot, *best)}
+    return [camera for camera in cameras if names & {row.name for row in camera}]
+
+
+def _cells(
+    comparison: "Comparison", cameras: Sequence[list[Row]], columns: Sequence[Column]
+) -> tuple[tuple[str, ...], ...]:
+    """The rows of a table of cameras, and the ceiling where the table has levels at their best."""
+    rows = [
+        row_cells(comparison, camera[0], columns, name=joined_name(camera)) for camera in cameras
+    ]
+    has_ceiling = columns is not _OF_KERNELS and cameras[0][0].reading == OWN_BEST_MOTION
+    return (*rows, *([_ceiling(comparison, columns)] if has_ceiling else []))
 
 
 def page_table(comparison: "Comparison", rows: Sequence[Row]) -> Table:
@@ -154,7 +206,12 @@ def _table(
 
 
 def row_cells(
-    comparison: "Comparison", row: Row, columns: Sequence[Column], gain: float | None = None
+    comparison: "Comparison",
+    row: Row,
+    columns: Sequence[Column],
+    *,
+    gain: float | None = None,
+    name: str | None = None,
 ) -> tuple[str, ...]:
     """The name of a row, then its cells; the gain is over the best snapshot by default.
 
@@ -163,9 +220,11 @@ def row_cells(
         row: A row of it.
         columns: The columns of the cells.
         gain: Another gain; dB.
+        name: Names of its camera; that of the row by default.
     """
     gain = comparison.over_snapshot(row.level) if gain is None else gain
-    name = row.name if row.num_frames == 1 else f"{row.name}, {row.num_frames} frames"
+    name = row.name if name is None else name
+    name = name if row.num_frames == 1 else f"{name}, {row.num_frames} frames"
     return (name, *(column.cell(row, gain) for column in columns))
 
 
@@ -193,7 +252,7 @@ def _purchases(comparison: "Comparison", within: tuple[Column, ...]) -> Table:
     rows = []
     for purchase, row in comparison.rivals.items():
         gain = comparison.over_nothing(row.level)
-        name, *numbers = row_cells(comparison, row, columns, gain)
+        name, *numbers = row_cells(comparison, row, columns, gain=gain)
         rows.append((f"{purchase}: {name}", *numbers))
     heads = ("purchase: its best", *(column.heading for column in columns))
     title = "The gain of each purchase over buying nothing"
@@ -213,12 +272,13 @@ def _costs(comparison: "Comparison") -> Table:
     return Table("Cost of each tolerance to the best design", heads, tuple(cells), notes)
 
 
-def _condition_note(rows: Sequence[Row]) -> str:
+def _condition_note(cameras: Sequence[list[Row]]) -> str:
     """The phase and the length over which condition numbers are taken."""
     places: dict[str, list[str]] = {}
-    for row in rows:
-        place = f"phase {float(row.metrics.phase):g} px over {row.metrics.dft_length} DFT points"
-        places.setdefault(place, []).append(row.name)
+    for camera in cameras:
+        metrics = camera[0].metrics
+        place = f"phase {float(metrics.phase):g} px over {metrics.dft_length} DFT points"
+        places.setdefault(place, []).append(camera[0].name)
     most = max(places, key=lambda place: len(places[place]))
     others = [f", of {' and '.join(places[p])} at {p}" for p in places if p != most]
     return f"{METRICS['condition_number'].heading.capitalize()} at {most}{''.join(others)}."

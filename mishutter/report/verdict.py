@@ -11,6 +11,7 @@ from mishutter.evaluation import StillBurst, StillBursts
 from mishutter.model import AbstractDevice, FirstOrderShutter, Scene, SplineShutter, command_of
 from mishutter.search import (
     BEST_SNAPSHOT,
+    LEAST_SHOWN,
     SHAPED_ON_FREE_PATH,
     SHUTTER,
     SNAPSHOTS,
@@ -26,8 +27,6 @@ from mishutter.search import (
 
 WORTH_IT = 0.1
 """Gain over an ordinary snapshot below which a coded camera is not worth building; dB."""
-LEAST_SHOWN = 0.005
-"""Least gain that two decimals show; dB."""
 PLAIN_RATE, MOST_RATE = 30.0, 1000.0
 """Frame rate that every camera has, and the greatest that a verdict looks for; 1/s."""
 

@@ -24,6 +24,7 @@ from mishutter.search.rivals import searches as searches
 from mishutter.search.rivals import snapshots as snapshots
 from mishutter.search.rivals import taken_names as taken_names
 from mishutter.search.rows import FRAMES as FRAMES
+from mishutter.search.rows import LEAST_SHOWN as LEAST_SHOWN
 from mishutter.search.rows import ONE_EXPOSURE as ONE_EXPOSURE
 from mishutter.search.rows import OWN_BEST_MOTION as OWN_BEST_MOTION
 from mishutter.search.rows import SAME_MOTION as SAME_MOTION
@@ -32,6 +33,7 @@ from mishutter.search.rows import STAGE as STAGE
 from mishutter.search.rows import Row as Row
 from mishutter.search.rows import best_of_each_purchase as best_of_each_purchase
 from mishutter.search.rows import best_row as best_row
+from mishutter.search.rows import cameras_of as cameras_of
 from mishutter.search.rows import simplest as simplest
 from mishutter.search.search import MAX_STEPS as MAX_STEPS
 from mishutter.search.search import NUM_COEFFICIENTS as NUM_COEFFICIENTS

@@ -4,6 +4,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import numpy as np
+from jaxtyping import Float
+
 from mishutter.design import Design
 from mishutter.evaluation import (
     KNOWN_SPEED,
@@ -18,6 +21,7 @@ from mishutter.model import (
     AbstractShutter,
     RectShutter,
     Scene,
+    profile_of,
     stays_open,
 )
 
@@ -39,6 +43,12 @@ _SAME_LEVEL = 1e-4
 """Difference of levels up to which two searches ended in one place; dB."""
 _STANDS_STILL = 0.05
 """Travel during the exposure below which a sensor counts as standing still; px."""
+LEAST_SHOWN = 0.005
+"""Least difference of levels that two decimals show; dB."""
+_SAME_SHARE = 0.005
+"""Share by which exposures, and the light over them, of one camera may differ in two searches."""
+_NUM_TIMES = 512
+"""Times of an exposure at which two cameras are compared."""
 
 
 @dataclass(frozen=True)
@@ -121,6 +131,30 @@ class Row:
         own, others = self.required_hardware, other.required_hardware
         return self.kind < other.kind if own == others else own < others
 
+    @cached_property
+    def _course(self) -> "tuple[Float[np.ndarray, 'times'], Float[np.ndarray, 'times']]":
+        """Transmittance, and position of the sensor in px, over the exposure.
+
+        The times lie inside: windows that jump at their ends may have either value there.
+        """
+        half = self.motion.half_exposure
+        tau = ((np.arange(_NUM_TIMES) + 0.5) * 2 / _NUM_TIMES - 1).astype(half.dtype)
+        return profile_of(self.shutter, tau)[0], np.asarray(self.motion.position(tau * half))
+
+    def is_same_camera_as(self, other: "Row") -> bool:
+        """Whether another row is this camera: two searches may end in one place.
+
+        It passes the same light on the same path, and has the same level by the same decoder.
+        """
+        own, others = float(self.motion.exposure), float(other.motion.exposure)
+        if self.num_frames != other.num_frames or abs(own - others) > _SAME_SHARE * own:
+            return False
+        if abs(self.margin_over(other)) >= LEAST_SHOWN:
+            return False
+        (light, path), (other_light, other_path) = self._course, other._course
+        is_light_alike = np.abs(light - other_light).sum() <= _SAME_SHARE * light.sum()
+        return bool(is_light_alike and np.abs(path - other_path).max() < _STANDS_STILL)
+
     @property
     def level(self) -> float:
         """Expected PSNR that judges it, within the tolerances of a scene that has any; dB."""
@@ -172,6 +206,18 @@ class Row:
     def margin_over(self, other: "Row") -> float:
         """Level above that of another row; 0 over itself, also where it is infinite; dB."""
         return 0.0 if self is other else self.level - other.level
+
+
+def cameras_of(rows: Iterable[Row]) -> list[list[Row]]:
+    """Rows of one reading, those that are the same camera together, in the order of their first."""
+    cameras: list[list[Row]] = []
+    for row in rows:
+        same = next((each for each in cameras if each[0].is_same_camera_as(row)), None)
+        if same is None:
+            cameras.append([row])
+        else:
+            same.append(row)
+    return cameras
 
 
 def best_row(rows: Iterable[Row]) -> Row:

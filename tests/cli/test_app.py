@@ -623,18 +623,23 @@ def test_compare_reads_designs_back(optimised, small_scene, capsys):
     design = Design.load(folder / "design.json")
     options = ["--design", str(folder / "design.json"), "--design", str(other)]
     options += ["--noise-seeds", "0"]
-    assert cli.main(["compare", str(small_scene), *options]) == 0
+    assert cli.main(["compare", str(small_scene), *options, "--verbose"]) == 0
     out, err = capsys.readouterr()
     assert not messages(err)
     verdict, tables = out.split("Own best motion")
     own_best, _ = tables.split("Same motion")
     lines = {line.split()[0]: line for line in own_best.splitlines() if line.split()}
     assert "Hann" in lines
-    for name in ("design", "made/Hann"):
-        assert f"{float(design.metrics.expected_psnr):.2f}" in lines[name]
+    assert "design = made/Hann" in lines["design"]
+    assert f"{float(design.metrics.expected_psnr):.2f}" in lines["design"]
     first, second, *_ = verdict.splitlines()
-    assert "uild " in first
+    assert first.startswith("Do not build")
     assert " dB" in second
+    assert cli.main(["compare", str(small_scene), *options]) == 0
+    short = capsys.readouterr().out
+    assert short.startswith(verdict)
+    assert short.count("shutter ") == 1
+    assert "condition" not in short
 
 
 @pytest.mark.nightly

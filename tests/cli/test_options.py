@@ -78,6 +78,7 @@ CAPTURE, EXPLORE = "mishutter.decoding.capture_and_restore", "mishutter.explore.
 TABLE, FIT = "mishutter.hardware.drive_table", "mishutter.hardware.fit"
 READ_DRIVE, READ_TRACE = "mishutter.hardware.design_from_drive", "mishutter.hardware.read_trace"
 PROFILE, READ_PICTURE = "mishutter.hardware.measured_profile", "mishutter.pictures.read_picture"
+TABLES = "mishutter.report.comparison_tables"
 PHOTOGRAPHS, BACKGROUNDS = "mishutter.report.photographs", "mishutter.report.background_gains"
 
 LABORATORY = [
@@ -139,6 +140,7 @@ OPTIONS = {
         Option(
             ["--backgrounds"], BACKGROUNDS, lambda a: "scene" in a, True, ("--noise-seeds", "0")
         ),
+        Option(["--verbose"], TABLES, _named("verbose"), True),
     ],
     "sweep": [
         Option(["--acceleration", "1e4:4e4:3"], SWEEP, _row("accelerations"), [1e4, 2.5e4, 4e4]),

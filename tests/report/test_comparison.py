@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from support.designs import MOST_JERK, MOTION, OUTLIER, SCENE, SLOW, on_parabolas
-from support.rows import verdict
+from support.rows import made_up, verdict
 
 from mishutter import (
     GaussianShutter,
@@ -29,6 +29,7 @@ from mishutter.search import (
     BEST_PANNED_SNAPSHOT,
     BEST_SNAPSHOT,
     BEST_STILL_BURST,
+    BEST_TUKEY,
     CODED_AT_REST,
     OWN_BEST_MOTION,
     SAME_MOTION,
@@ -155,6 +156,60 @@ def test_gains_are_over_the_best_snapshot_that_is_allowed():
     assert table.over_snapshot(21.0) == -2.0
 
 
+def table_lines(comparison, **how):
+    """The lines of its first table as text, split into cells, without its notes."""
+    lines = comparison.text(**how).removeprefix(comparison.verdict).strip().splitlines()
+    end = next(i for i, line in enumerate(lines) if line.startswith("ceiling"))
+    return [re.split(r"\s{2,}", line) for line in lines[2 : end + 1]]
+
+
+def test_a_camera_is_one_row_by_all_of_its_names():
+    """Two searches that end in one place are one row; each name still finds its own."""
+    rows = made_up({"mine": 25.5, "rect": 26.75, BEST_TUKEY: 26.75, BEST_SNAPSHOT: 24.0})
+    mine, opened, tapered, snapshot = rows
+    tapered = replace(tapered, motion=opened.motion, shutter=TukeyShutter(1e-6))
+    panned = replace(snapshot, name=BEST_PANNED_SNAPSHOT)
+    rows = [mine, opened, tapered, snapshot, panned]
+    comparison = with_verdict(rows, {"mine": HannShutter()}, SCENE)
+    names = [cells[0] for cells in table_lines(comparison)]
+    assert names == [
+        "mine",
+        "rect = best Tukey",
+        BEST_SNAPSHOT,
+        f"= {BEST_PANNED_SNAPSHOT}",
+        "ceiling",
+    ]
+    assert [comparison.row(row.name) for row in rows] == rows
+    document = comparison.to_dict()["rows"]
+    assert [each["name"] for each in document] == [row.name for row in rows]
+
+
+def test_nothing_to_build_is_one_small_table():
+    """The snapshot, the user's cameras and the best of all; the rest is asked for."""
+    levels = {"mine": 24.03, "Hann": 23.5, "triangle": 23.25, BEST_TUKEY: 24.05}
+    comparison = verdict(levels | {BEST_SNAPSHOT: 24.0}, "mine")
+    assert not comparison.is_to_build
+    names = [cells[0] for cells in table_lines(comparison)]
+    assert names == ["mine", BEST_TUKEY, BEST_SNAPSHOT, "ceiling"]
+    assert len(comparison_tables(comparison)) == 1
+    short, whole = comparison.text(), comparison.text(verbose=True)
+    assert "purchase" not in short
+    assert "--verbose" in short
+    assert {*levels, BEST_SNAPSHOT, "ceiling"} == {
+        cells[0] for cells in table_lines(comparison, verbose=True)
+    }
+    assert "purchase" in whole
+    assert str(comparison) == short
+
+
+def test_a_camera_to_build_has_every_table():
+    """There a table says what each part brings, without being asked."""
+    comparison = verdict({"mine": 24.53, "Hann": 23.5, BEST_SNAPSHOT: 24.0}, "mine")
+    assert comparison.is_to_build
+    assert comparison.text() == comparison.text(verbose=True)
+    assert "purchase" in comparison.text()
+
+
 @pytest.mark.slow
 def test_no_row_exceeds_the_ceiling(table):
     """At its own best motion or at the same."""
@@ -182,7 +237,7 @@ def test_a_scene_of_one_speed_is_panned():
 def test_the_table_as_text():
     """Each number stands under its name, in the units that are named; all lines end alike."""
     comparison = verdict({"a": 21.5, BEST_SNAPSHOT: 24.0}, "a")
-    table = comparison.text().removeprefix(comparison.verdict).strip()
+    table = comparison.text(verbose=True).removeprefix(comparison.verdict).strip()
     title, header, line, other, ceiling, note, *_ = table.splitlines()
     m = comparison.row("a").metrics
     assert title == OWN_BEST_MOTION.capitalize()
@@ -199,7 +254,7 @@ def test_the_table_as_text():
 
 def test_everybody_sees_one_table():
     """The command's and the page's cells are those of the text, and each column has its note."""
-    comparison = verdict({"a": 21.5, BEST_SNAPSHOT: 24.0}, "a")
+    comparison = verdict({"a": 24.5, BEST_SNAPSHOT: 24.0}, "a")
     first, *others = comparison_tables(comparison)
     assert comparison.text().split("\n\n")[1:] == [each.text() for each in (first, *others)]
     wide = page_table(comparison, comparison.rows)
