@@ -84,7 +84,7 @@ def report():
 @pytest.mark.slow
 def test_a_condition_says_of_which_row_it_is(report, capsys):
     """Where phases differ, the few rows that have another are named."""
-    print_comparison(report)
+    print_comparison(report, verbose=True)
     lines = capsys.readouterr().out.splitlines()
     (note,) = (line for line in lines if line.startswith("Condition at"))
     assert note.count("phase") == 2
@@ -94,7 +94,7 @@ def test_a_condition_says_of_which_row_it_is(report, capsys):
 def test_numbers_stand_under_their_columns(report, capsys, monkeypatch):
     """The gain is over the snapshot's row, and the exposure is the whole of it."""
     monkeypatch.setenv("COLUMNS", "100")
-    print_comparison(report)
+    print_comparison(report, verbose=True)
     lines = [re.split(r"\s{2,}", line.strip()) for line in capsys.readouterr().out.splitlines()]
     names = [cells for cells in lines if cells[0] == "shutter"]
     numbers = [cells for cells in lines if cells[0] == "Hann"]
@@ -135,7 +135,8 @@ def test_the_worst_speed_is_explained_by_the_decoder(report, capsys):
     }
     for knows, text in words.items():
         rows = tuple(replace(row, decoder=SPEED_KNOWLEDGE[knows]) for row in report.comparison.rows)
-        print_comparison(replace(report, comparison=replace(report.comparison, rows=rows)))
+        judged = replace(report, comparison=replace(report.comparison, rows=rows))
+        print_comparison(judged, verbose=True)
         lines = capsys.readouterr().out.splitlines()
         (note,) = (line for line in lines if line.startswith("worst speed "))
         assert note.endswith(f"PSNR dB {text}")
@@ -164,7 +165,7 @@ def test_tables_fit_eighty_columns(report, monkeypatch):
     monkeypatch.setattr(sys, "stdout", terminal)
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.setenv("TERM", "dumb")
-    print_comparison(replace(report, comparison=table))
+    print_comparison(replace(report, comparison=table), verbose=True)
     lines = [line.strip() for line in terminal.getvalue().splitlines()]
     tables = [line for line in lines if not line.startswith("Condition")]
     assert max(map(len, tables)) <= 80
@@ -308,7 +309,8 @@ def test_a_background_comes_last_or_not_at_all(report, choice, asked, is_compute
     )
     row = report.comparison.row(choice)
     judged = replace(report, comparison=replace(report.comparison, choice=row))
-    app._deliver(judged, app.Delivery(Path("unused"), False, 1, False, backgrounds=asked))
+    asked_for = app.Delivery(Path("unused"), False, 1, False, backgrounds=asked, verbose=False)
+    app._deliver(judged, asked_for)
     its_files = "a picture" if asked else "document"
     assert order == ["files", *(["background", its_files] if is_computed else [])]
 
