@@ -20,7 +20,7 @@ FULL_SWEEP = 110
 DTYPES = {"float64": np.float64, "float32": np.float32}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("slug", QUICK)
 def test_transfer_function(slug):
     """The transfer function at any frequency, of either sign, zero included."""

@@ -55,9 +55,8 @@ def test_taps_are_those_of_the_dense_evaluation(slug):
         assert np.all(np.abs(taps - expected) <= 2 * allowed), point
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("slug", ["tukey", "chips"])
-@pytest.mark.daily(1)
 def test_forward_and_reverse_mode_agree(slug):
     """By motion, speed, velocity, edges and the shutter's parameters, batched over directions."""
     edges = jnp.linspace(-9.0, 60.0, 23)

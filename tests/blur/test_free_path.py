@@ -70,9 +70,8 @@ def test_taps_and_derivatives_over_the_domain(slug, dtype):
         assert max(errors(point)) <= 1, point
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(("slug", "dtype"), [("hann", np.float64), ("chips", np.float32)])
-@pytest.mark.daily(1)
 def test_transfer_function(slug, dtype):
     """And its derivatives, at frequencies from far below to far above a cycle a path."""
     rng = np.random.default_rng(5)
@@ -103,7 +102,7 @@ def test_forwards_and_backwards():
     np.testing.assert_allclose(forwards[3], (around[0] - around[1]) / (2 * step), atol=1e-8)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_equal_accelerations_are_a_parabola():
     """Kernels of objects that the sensor keeps up with, exposures and responses of any."""
     shutter = TukeyShutter(0.3)

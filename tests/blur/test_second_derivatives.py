@@ -76,7 +76,7 @@ POINTS = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("slug", "frame"),
     [
@@ -88,7 +88,6 @@ POINTS = {
         ("chips", "sensor"),
     ],
 )
-@pytest.mark.daily(2)
 def test_hessians_are_differences_of_gradients(slug, frame):
     """By motion, speed, edges and the shutter, at any speed of either sign and any stroke."""
     slope = jax.jit(jax.grad(partial(weighed, slug, frame), 1))
@@ -173,7 +172,7 @@ def test_modes_agree_under_vmap():
         np.testing.assert_allclose(other, first, atol=1e-11 * np.max(np.abs(first)))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_third_derivative_goes_on():
     """Rates carry those of formulae that hold for themselves, whatever the order."""
 
@@ -236,7 +235,7 @@ def test_a_second_derivative_by_a_free_path_is_refused(inner, outer):
         jax.grad(jax.grad(on_free_path, inner), outer)(0.1, 0.43)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_second_derivative_that_jax_forgets_is_no_number():
     """In reverse mode within a scan JAX forgets rules within a rule: NaN, and never a silent 0."""
 

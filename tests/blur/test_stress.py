@@ -5,7 +5,7 @@ import pytest
 from benchmarks import stress
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_random_scenes_and_designs_are_finite_and_right():
     """No value or slope is missing, and those computed by other means agree."""
     for row in stress.measure(count=2000, sample=20):

@@ -99,9 +99,8 @@ def widen(monkeypatch):
     monkeypatch.setattr("support.time_sampling.BEYOND", WIDE)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(("name", "seeds"), [("moving", range(10)), ("at_rest", range(10, 15))])
-@pytest.mark.daily(1)
 def test_occlusion_is_that_of_composites_at_each_instant(name, seeds):
     """Random layered scenes of noise: on, partly on and beside the sensor, clear and opaque."""
     for seed in seeds:

@@ -285,7 +285,7 @@ def test_an_interrupt_says_what_was_kept_and_how_to_go_on(
     assert re.fullmatch(rf"mishutter: interrupted: .*{re.escape(told)}.*", line)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_an_interrupt_after_the_search_keeps_the_design(small_scene, monkeypatch, capsys, tmp_path):
     """What took longest is in the folder, and the line holds the command that goes on from it."""
     compared = []

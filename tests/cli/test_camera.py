@@ -296,7 +296,7 @@ def photograph(path, rows):
     small.resize((2000, rows), Image.Resampling.BICUBIC).save(path)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("when", "sent", "code"),
     [
@@ -305,7 +305,6 @@ def photograph(path, rows):
         ("writing", signal.SIGTERM, 143),
     ],
 )
-@pytest.mark.daily(1)
 def test_an_interrupt_leaves_no_half_written_file(when, sent, code, tmp_path, scene):
     """A signal ends it with its code and no traceback; what is in the folder, if any, is whole."""
     photograph(tmp_path / "a.jpg", 3500)

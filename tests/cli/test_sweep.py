@@ -206,7 +206,7 @@ def test_points_that_are_too_long_to_compute_are_left_out(capsys):
     assert err.splitlines()[-1].endswith("got 4 outside them, 4 by blur too long")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_pictures_and_optimised_profiles(scene_file, tmp_path):
     """`--optimise --out` writes the announced pictures, and the search is at least as good."""
     out = tmp_path / "made"

@@ -317,9 +317,8 @@ def _refined(scene, num_parts):
     return scene.bare(speeds=fine, weights=np.repeat(np.asarray(scene.weights), num_parts))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("scene", [UNIFORM, UNIFORM.bare(weights=BELL)], ids=["uniform", "bell"])
-@pytest.mark.daily(1)
 def test_the_continuous_ceiling_bounds_speeds_spread_finely(scene):
     """Of 72 and 144 speeds: their own ceiling comes near from below, and designs stay under it."""
     highest = float(ceiling(scene, continuous=True))

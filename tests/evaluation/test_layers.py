@@ -64,6 +64,7 @@ LAYERS = {
 }
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("motion", "shutter", "layers", "mean_level", "psnr"),
     [
@@ -80,7 +81,6 @@ LAYERS = {
     ],
     ids=["snapshot", "Hann", "levels apart", "no edges"],
 )
-@pytest.mark.daily(2)
 def test_the_reference(motion, shutter, layers, mean_level, psnr):
     """Plain sums over time and over the frequencies of the matte give the same expected PSNR."""
     metrics = evaluate(scene_of(layers, mean_level=mean_level), motion, shutter)
@@ -127,7 +127,7 @@ def test_wide_objects_have_hardly_any_edges():
     np.testing.assert_allclose(levels[-1], 27.36155, rtol=0, atol=REFERENCE)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_layers_of_one_speed_are_one_picture():
     """Where both layers move alike nothing is uncovered: the error is of the picture's spectrum."""
     layers = Occlusion(front_share=0.4, object_width=50.0, background="moving")
@@ -141,7 +141,7 @@ def test_layers_of_one_speed_are_one_picture():
     np.testing.assert_allclose(one.expected_psnr, twice.expected_psnr, rtol=0, atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", LAYERS)
 def test_a_short_snapshot_sees_no_edges(name):
     """Over a short exposure nothing moves: little but noise is lost, as of one speed."""
@@ -219,7 +219,7 @@ def test_a_picture_of_layers_has_no_power_above_the_cutoff():
         assert power[index] == pytest.approx(expected, rel=5e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", LAYERS)
 def test_folded_speeds_change_nothing(name):
     """Mirrored speeds of a symmetric shutter are computed once; without a plan, each."""
@@ -228,12 +228,11 @@ def test_folded_speeds_change_nothing(name):
     np.testing.assert_allclose(planned, every, rtol=0, atol=1e-4)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("name", "cutoff", "nearness"),
     [*((name, 0.5, 0.12) for name in LAYERS), ("narrow", 0.12, 0.3), ("moving", 0.12, 0.3)],
 )
-@pytest.mark.daily(2)
 def test_a_search_knows_the_error_by_few_frequencies(name, cutoff, nearness):
     """A search computes the beat at few speeds and frequencies, and knows the error to 0.1 dB.
 
@@ -249,9 +248,8 @@ def test_a_search_knows_the_error_by_few_frequencies(name, cutoff, nearness):
         np.testing.assert_allclose(20 * np.log10(values[0] / values[1]), 0, atol=nearness)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", ["still", "moving"])
-@pytest.mark.daily(1)
 def test_the_decoder_leaves_what_is_expected(name):
     """The ensemble filter of a scene of two layers is the filter whose error is expected."""
     expected = evaluate(LAYERS[name], SWEPT, HannShutter()).expected_psnr
@@ -259,7 +257,7 @@ def test_the_decoder_leaves_what_is_expected(name):
     np.testing.assert_allclose(-10 * np.log10(error), expected, rtol=0, atol=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", LAYERS)
 def test_a_pan_is_a_change_of_all_speeds(name):
     """A sensor that pans meets the objects and a still background less its velocity."""
@@ -291,9 +289,8 @@ def test_losses_are_the_metrics(loss):
     np.testing.assert_allclose(level, getattr(metrics, f"{of[type(loss)]}_psnr"), rtol=0, atol=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", ["still", "moving"])
-@pytest.mark.daily(1)
 def test_derivatives_follow_the_loss(name):
     """By motion, profile, light, speeds and layers they agree with central differences."""
     scene, loss = LAYERS[name], ExpectedErrorLoss()
@@ -343,7 +340,7 @@ def test_the_hessian_is_the_slope_of_the_slope():
     np.testing.assert_allclose(hessian, np.array(differences), rtol=1e-3, atol=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_single_precision_is_near():
     """In float32 the expected PSNR is that of float64 to 1e-3 dB."""
     scene = LAYERS["still"]
@@ -355,7 +352,7 @@ def test_single_precision_is_near():
     np.testing.assert_allclose(level, expected, rtol=0, atol=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_free_path_of_one_acceleration_is_a_parabola():
     """A free path has its own alignment, and the same error where it is the same path."""
     path = FreeMotion.fit(SWEPT, num_pieces=4)
@@ -363,7 +360,7 @@ def test_a_free_path_of_one_acceleration_is_a_parabola():
     np.testing.assert_allclose(levels[0].expected_psnr, levels[1].expected_psnr, rtol=0, atol=1e-4)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_errors_of_no_size_cost_nothing():
     """Within tolerances each error is another camera; of errors near 0 all are the same."""
     tiny = scene_of(STILL, tolerances=Tolerances(acceleration=1e-9, delay=1e-12, speed=1e-6))

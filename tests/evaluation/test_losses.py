@@ -82,7 +82,7 @@ def test_smoothed_condition_number_keeps_its_bound(stroke, shutter):
     assert true * (1 - 1e-12) <= smooth <= true * 321 ** (1 / 200)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_expected_error_is_in_units_of_the_contrast():
     """20 dB are a factor of 10, over the picture's deviation; without one there is no error."""
     shutter = TukeyShutter(0.6)
@@ -95,7 +95,7 @@ def test_the_expected_error_is_in_units_of_the_contrast():
     assert float(ExpectedErrorLoss()(grey, MOTION, shutter)) == 0
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_decoder_that_is_told_the_speed_leaves_less():
     """Its loss is that of the metric, and below that of one filter; so it is within tolerances."""
     shutter, light = TukeyShutter(0.6), {"photon_rate": 2e5, "read_noise": 4.0, "deviation": 0.17}
@@ -155,7 +155,7 @@ def test_losses_of_pictures_that_move_as_a_whole_refuse_a_background(loss):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("tolerances", [None, Tolerances(acceleration=0.04, speed=60.0)])
 def test_errors_of_speeds_have_the_expected_error_for_a_mean(tolerances):
     """By the scene's weights; the worst of those that occur is the loss, smoothed from above."""
@@ -244,7 +244,7 @@ KINDS = ["design", "expected_error", "found_speed"]
 """A loss of kernels, one of spectra, and one of spectra and smear."""
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("slug", KINDS)
 def test_a_profile_alone_may_be_traced(slug):
     """Of a scene and a motion that are known a loss makes its own plan under `jit` as well."""
@@ -301,7 +301,7 @@ def test_weights_out_of_range_are_refused(weight):
         DesignLoss(condition=weight)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_closed_shutter_is_finite_and_bad():
     """A closed shutter is worse than any open one, with a finite gradient."""
     for loss in LOSSES.values():
@@ -423,9 +423,8 @@ every_loss_and_shutter = pytest.mark.parametrize(
 """Every loss by one shutter; one of kernels and one of spectra by the others and in float32."""
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @every_loss_and_shutter
-@pytest.mark.daily(2)
 def test_a_traced_sensor_without_acceleration_is_a_still_camera(slug, shutter, dtype):
     """Aligned at mid-exposure, with the slope by exposure of one that is known to be still."""
     scene = Scene(np.array([-1900.0, 0.0, 700.0], dtype), photon_rate=1e5, read_noise=10.0)
@@ -511,9 +510,8 @@ def test_a_traced_motion_is_refused_for_what_a_loss_uses(loss, factor, line):
         eqx.filter_jit(_by_motion(loss, LIMITED, TukeyShutter(0.4)))(at)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("slug", KINDS)
-@pytest.mark.daily(1)
 def test_a_traced_motion_is_shared_out_over_devices(slug):
     """`jax.shard_map` of a loss and its slopes changes nothing, and is refused as well."""
     batch = jax.vmap(jax.value_and_grad(_by_motion(LOSSES[slug], SCENE, TukeyShutter(0.4))))
@@ -527,7 +525,7 @@ def test_a_traced_motion_is_shared_out_over_devices(slug):
         jax.block_until_ready(shared(points.at[1, 0].mul(100.0)))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("read_noise", [0.0, 2.0, 1e20])
 @pytest.mark.parametrize("photon_rate", [1e-30, 1e12, 1e25])
 def test_the_expected_error_holds_in_any_light(photon_rate, read_noise):
@@ -551,9 +549,8 @@ def test_the_expected_error_holds_in_any_light(photon_rate, read_noise):
     np.testing.assert_allclose(single_slopes, slopes, rtol=1e-4, atol=1e-6 * value)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("seed", range(2))
-@pytest.mark.daily(1)
 def test_a_loss_has_one_value(seed):
     """That of a design is the loss called on it, planned or in full, whatever the motion.
 
@@ -610,7 +607,7 @@ def test_memory_of_many_designs():
     assert memory(lambda x: jax.jvp(jax.vmap(loss), (x,), (x,)), 1000) < 1000 * 2**21
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("shutter", [RectShutter(), TukeyShutter(0.4)], ids=["rect", "tukey"])
 def test_the_expected_error_has_second_derivatives_by_the_motion(shutter):
     """In either mode, to what central differences of the gradient hold."""

@@ -166,7 +166,7 @@ def test_a_lens_blurs_what_is_restored():
     assert float(found.known_speed_psnr) == pytest.approx(-10 * np.log10(error), abs=5e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("motion", [MOTION, StillCamera(half_exposure=HALF_EXPOSURE)])
 def test_only_the_shutter_is_traced(motion):
     """A scene and a motion that a compiled function closes over are known to it."""
@@ -192,7 +192,7 @@ def _by_acceleration(scene):
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_traced_motion_is_measured_as_one_that_is_known():
     """Within its scene's limits, long strokes included."""
     limits = Limits(max_stroke=500.0)
@@ -230,7 +230,7 @@ def test_a_traced_sensor_without_acceleration_is_measured_as_a_still_camera():
             assert np.isclose(getattr(traced, name), getattr(known, name), rtol=1e-9), name
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_derivative_is_that_of_the_figure_reported():
     """Of an object much faster than the sensor too, whose kernel no limit foresees."""
     found = _by_acceleration(

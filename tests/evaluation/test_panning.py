@@ -100,11 +100,10 @@ def test_a_line_without_velocity_is_a_camera_at_rest():
     assert_alike(found, evaluate(scene(), still, TukeyShutter(0.37)), np.float64)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("slug", "kind"), [("design", "parabola"), ("design", "line"), ("expected error", "parabola")]
 )
-@pytest.mark.daily(1)
 def test_gradients_are_those_of_shifted_speeds(slug, kind):
     """By acceleration, exposure, shutter, speeds and velocity, with all of them traced."""
     loss, make = LOSSES[slug], KINDS[kind]
@@ -159,7 +158,7 @@ def test_a_gradient_by_velocity_alone_with_a_plan_of_its_own(slug):
         assert np.all(np.isfinite(traced))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_velocities_in_a_batch():
     """Metrics and losses `vmap` over velocities, of zero, far and all but equal to a speed."""
     velocities = jnp.array([0.0, 413.0, -2600.0, 700.0, 700.0 * (1 + 1e-15)])

@@ -166,6 +166,7 @@ def test_a_section_is_put_in_and_taken_out(page):
     assert numbers(answer)["psnr"] == pytest.approx(behind, rel=1e-12)
 
 
+@pytest.mark.nightly
 def test_a_drawn_profile_is_measured(page):
     """Strokes of the mouse make a profile, whose cost on the same motion is the library's."""
     from selenium.webdriver.common.action_chains import ActionChains

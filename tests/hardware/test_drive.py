@@ -108,9 +108,8 @@ def test_the_path_of_the_stage_leads_from_rest_through_the_exposure_to_rest(moti
     np.testing.assert_allclose(position[1:] - position[0], moved, atol=2 * greatest * step**2)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", ["parabola", "free"])
-@pytest.mark.daily(1)
 def test_a_stage_is_sent_what_brings_it_onto_the_path(name, tmp_path):
     """The last column is that, and a saved design knows what comes of sending the path itself.
 

@@ -131,7 +131,7 @@ def test_points_at_known_speeds_show_the_camera(camera):
     assert np.isfinite(float(built.metrics.expected_psnr))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_one_speed_at_rest_sees_only_the_sum_of_both_branches():
     """What a single picture of an object that the sensor does not pan with leaves open is named."""
     light = expected(0.0, "point", position=40.0, motion=SENT, shutter=COMMAND)
@@ -211,9 +211,8 @@ ELSEWHERE = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("slug", ELSEWHERE)
-@pytest.mark.daily(1)
 def test_no_fit_ends_in_a_minimum_beside_the_right_one(slug):
     """A camera is found whose pictures, but for a step in some, are those of other cameras.
 
@@ -323,7 +322,7 @@ def test_a_fit_whose_residuals_are_too_small_is_doubted():
     assert camera.chance > 0.999
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_scene_file_of_what_was_built_is_ready(camera, tmp_path):
     """It loads with the fitted motion, within limits that were too narrow, and is evaluated."""
     limits = Limits(
@@ -401,7 +400,7 @@ def test_arguments_of_a_fit_are_checked():
         TargetPicture(np.zeros(99), "line")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_trace_and_one_speed_show_what_the_speed_alone_does_not():
     """With a photodiode's trace a single picture at rest leaves nothing of the profile open."""
     light = expected(0.0, "point", position=40.0)

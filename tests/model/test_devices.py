@@ -375,7 +375,7 @@ def _number(times, half, levels):
     return light.efficiency() + kernel @ jnp.asarray(np.cos(np.arange(32)), kernel.dtype)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_gradients_of_a_first_order_device():
     """By its times, the exposure and each level, against central differences."""
     wide = jnp.zeros(()).dtype == jnp.float64
@@ -395,7 +395,7 @@ def test_gradients_of_a_first_order_device():
             assert found == pytest.approx(difference, abs=(2e-6 if wide else 5e-2) * scale)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_symmetric_command_is_no_symmetric_light():
     """Speeds of either sign are told apart, as by a plan that folds none."""
     device = FirstOrderShutter(rise_time=3e-3, fall_time=8e-3)

@@ -49,7 +49,7 @@ def captures(photon_rate, *names, before=None):
     return layered_captures(layers, known, rows)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_one_filter_restores_what_stands_and_what_moves():
     """In plenty of light both come back; of an open shutter at rest only what stands does."""
     found = captures(3e8, "Hann", OPEN_SHUTTER)
@@ -79,7 +79,7 @@ def test_layers_come_back_as_well_as_is_expected(background_speed):
         assert each.psnr == pytest.approx(each.expected_psnr, abs=0.4)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_picture_without_detail_is_restored_to_its_noise():
     """Of layers without texture nothing but noise is left, as is expected."""
     flat = layered_scene(ms.Picture(np.full((40, 320, 1), 0.3)), 0.0, SPEED)
@@ -133,7 +133,7 @@ def test_the_picture_of_layers_names_speeds_and_levels():
         plots.plot_layers(seen(), {})
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_report_shows_the_camera_for_the_background():
     """The design of the verdict and its snapshot stand beside the best camera for this world."""
     known = ms.Scene([0.0, SPEED], photon_rate=2e5, read_noise=2.0, picture="example")

@@ -102,7 +102,7 @@ def test_room_is_in_inches(num_rows, num_columns):
     np.testing.assert_allclose(y0[:-1] - y1[1:], 0.45)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", FIGURES)
 def test_axes_are_labelled(name, figures):
     """Every panel, or its neighbour, says what is up; the lowest what is across, with its unit."""

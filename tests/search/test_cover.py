@@ -75,9 +75,8 @@ def test_a_seed_draws_the_candidates():
         assert np.all(np.any(one != other, axis=0)), name
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("speeds", [[-310.0, 2700.0], [-1900.0, 1900.0], [420.0, 800.0, 3100.0]])
-@pytest.mark.daily(1)
 def test_profiles_are_open_where_the_sensor_keeps_up(speeds):
     """Every other candidate is open at s/(2a) for each of the speeds, the rest for one at least.
 

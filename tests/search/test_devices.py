@@ -42,7 +42,7 @@ def _scene(**others):
     return Scene(SCENE.speeds, **(given | others))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("loss", "free"),
     [
@@ -50,7 +50,6 @@ def _scene(**others):
         (DesignLoss(), "shutter"),
     ],
 )
-@pytest.mark.daily(1)
 def test_a_design_knows_what_its_device_does(loss, free):
     """The loss that the search reports is that of the light, however it was computed."""
     scene = _scene(device=LEAKY)
@@ -87,7 +86,7 @@ def test_a_search_has_no_step_where_a_profile_comes_to_stay_open():
     assert found.loss == pytest.approx(0, abs=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_sweep_measures_an_open_profile_without_the_device():
     """As `evaluate` does, in every metric; one that is not open pays for it."""
     scene, loss = _scene(device=LEAKY), DesignLoss(condition=0, invariance=0, efficiency=1)
@@ -179,7 +178,7 @@ def test_the_best_snapshot_of_a_sweep_fills_no_pixel():
     assert 1e5 * 2 * known.half_exposure.item() <= 130.0 * (1 + 1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("optimised", [False, True])
 def test_a_sweep_sends_its_shutters_to_the_device(optimised):
     """Its numbers are those of `evaluate` at each point, also of profiles that it found."""
@@ -205,7 +204,7 @@ def test_a_sweep_over_scenes_of_different_devices():
         sweep(scenes, accelerations=[0.0], half_exposures=[1e-3])
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_shutter_that_loses_light_is_not_built():
     """The verdict names the camera without one, the notes what device and burst do."""
     scene = _scene(
@@ -233,9 +232,8 @@ SLOW = FirstOrderShutter(rise_time=4e-3, fall_time=7e-3, transmission=0.9, num_s
 FEW = {"num_starts": 2, "max_steps": 30}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("loss", [ExpectedErrorLoss(), DesignLoss()])
-@pytest.mark.daily(1)
 def test_a_design_through_a_lag_beats_one_that_is_sent_blindly(loss, tmp_path):
     """By the loss of its light, at the same motion, and it comes back from its file."""
     scene = _scene(device=SLOW)
@@ -256,7 +254,7 @@ def test_a_design_through_a_lag_beats_one_that_is_sent_blindly(loss, tmp_path):
         assert read.scene.device.num_slots == 24
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_free_exposure_knows_how_much_a_device_can_follow():
     """The loss that the search reports is that of the light at the exposure that it found."""
     scene = _scene(device=SLOW, full_well=900.0)

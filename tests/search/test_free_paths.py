@@ -175,7 +175,7 @@ def test_a_comparison_has_an_open_shutter_on_a_free_path(found):
     assert max(each.level for each in table.rows) <= table.ceiling
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_search_goes_on_from_a_given_path(found):
     """It is no worse than the path it was given, whose number of pieces it keeps."""
     given = FreeMotion.fit(found[1].motion, num_pieces=4)

@@ -6,9 +6,8 @@ from benchmarks import independent
 from mishutter import optimise
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("start", ["slow, one way", "no pan"])
-@pytest.mark.daily(1)
 def test_an_independent_search_finds_nothing_better(start):
     """With a few starts; more, and snapshots, are in `python -m benchmarks.independent`."""
     (scene,) = (scene for name, scene in independent.scenes().items() if name.startswith(start))

@@ -47,7 +47,7 @@ from mishutter.search import (
 )
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_snapshot_pans_with_the_most_objects_of_a_range_about_rest():
     """The range is as wide to either side, and more of the objects move to one."""
     scene = Scene(

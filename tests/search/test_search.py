@@ -60,7 +60,7 @@ def _objective(loss, free, shutter=PROFILE):
     return space, objective_of(loss, needed_speeds(SCENE, MOTION, shutter), space, SMALL)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("slug", LOSSES)
 def test_the_sum_of_responses_is_the_loss_itself(slug):
     """The precomputed form of a profile search agrees with the loss of each design."""
@@ -156,7 +156,7 @@ def test_a_polish_leaves_the_bound_that_it_began_at(corner):
     assert found.loss == pytest.approx(inside.loss, rel=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_polish_goes_as_far_in_any_unit():
     """A loss of another unit ends at the same point: 1/8192 of it has the same digits."""
     loss, unit = ExpectedErrorLoss(), 2.0**-13
@@ -259,7 +259,7 @@ def test_a_start_that_gives_up_an_outlier_is_not_made_worse(free):
     assert design.loss <= design.best_start_loss
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_each_baseline_has_its_own_best_motion():
     """Tuned by one loss: free profile <= best Tukey <= Hann and rect."""
     loss = ExpectedErrorLoss()
@@ -465,7 +465,7 @@ def test_a_search_is_the_same_on_any_number_of_processors(monkeypatch):
     np.testing.assert_array_equal(several.history, one.history)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_minimum_in_the_angles_is_that_of_the_polish():
     """From the middle of the box, and from a corner, that the bounded solver leaves too."""
     space, objective = _objective(ExpectedErrorLoss(), ("shutter", "half_exposure"))

@@ -45,9 +45,8 @@ def _objectives(name):
     return spectral, DesignObjective(loss, scene, space, SMALL), space.size
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", DESIGNS)
-@pytest.mark.daily(2)
 def test_a_gradient_by_spectra_is_that_of_the_loss(name):
     """Loss and gradient agree with those of the whole loss of each design, differentiated."""
     spectral, whole, size = _objectives(name)

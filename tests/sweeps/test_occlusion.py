@@ -79,9 +79,8 @@ SWEPT = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", SWEPT)
-@pytest.mark.daily(1)
 def test_a_sweep_is_what_evaluate_measures(name):
     """Whether or not speeds fold, with edges or without, of symmetric shutters and of others."""
     shutter, accelerations, halves = SWEPT[name]

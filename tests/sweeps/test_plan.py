@@ -92,9 +92,8 @@ def compare_sweeps(scenes, axes, shutters):
     return len(places)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("family", ["symmetric", "any"])
-@pytest.mark.daily(1)
 def test_nothing_changes(family):
     """80 points of scenes of ten kinds, by a shutter for which speeds fold and by another."""
     assert compare_sweeps(random_scenes(), AXES, FAMILIES[family]) >= 50

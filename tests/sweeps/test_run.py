@@ -129,9 +129,8 @@ def test_shutters_without_symmetry():
     assert differences(found, SCENE, shutters, inside_points(found)[::3]) == []
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("fall_time", [1.1e-3, 3e-3])
-@pytest.mark.daily(1)
 def test_what_lags_is_measured_at_its_own_exposure(fall_time):
     """A device's time is another share of each exposure, and so is the light of one profile."""
     device = FirstOrderShutter(rise_time=1.1e-3, fall_time=fall_time, num_slots=16, leakage=0.02)
@@ -166,7 +165,7 @@ class Ramp(AbstractShutter):
         return jnp.where(jnp.abs(tau) <= 1, 0.5 + 0.3 * tau**3, 0.0)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_shutter_of_ones_own():
     """It is interpolated as `evaluate` does it."""
     shutters = {"ramp": Ramp()}
@@ -189,7 +188,7 @@ def test_light_and_noise_are_dimensions():
             assert differences(part, scene, SHUTTERS, inside_points(found)[5:7]) == []
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_scenes_of_different_speeds():
     """Scenes are a dimension, and fewer speeds in one of them change nothing."""
     scenes = {"all": SCENE, "slow": Scene([0.0, 90.0], photon_rate=1e4, read_noise=1.0)}
@@ -258,7 +257,7 @@ def test_velocities_are_a_dimension():
         np.testing.assert_array_equal(one[name], found[name].sel(scene="all"))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_velocity_in_single_precision():
     """Leaves numbers in the precision of the scene, beside limits of 64 bits."""
     speeds = np.array([400.0, 1200.0], np.float32)
@@ -331,9 +330,8 @@ TOO_LONG = {
 """Speeds, accelerations, metrics, and the points whose light falls too far to compute these."""
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("slug", TOO_LONG)
-@pytest.mark.daily(1)
 def test_a_point_that_is_too_long_to_compute_is_left_out(slug):
     """Light of one speed falls over at most 65,536 px, of all over 93,600; others are computed."""
     speeds, accelerations, metrics, too_long = TOO_LONG[slug]
@@ -532,7 +530,7 @@ def test_by_default_the_levels_are_those_of_the_scenes_decoder(name):
     assert {"condition_number", "efficiency", "bound_share"} <= set(found.data_vars)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_profiles_and_the_numbers_are_of_one_decoder():
     """What the loss of an optimised point says is the level that the data set has there."""
     scene = decoded("known")

@@ -52,7 +52,7 @@ AXES: dict[str, Any] = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_profile_is_symmetric_where_the_speeds_of_its_frame_are():
     """Speeds mirror each other about the pan in their middle, and about no other."""
     few = {"accelerations": [2e5], "half_exposures": [3.1e-3], "metrics": ["expected_psnr"]}
@@ -64,9 +64,8 @@ def test_a_profile_is_symmetric_where_the_speeds_of_its_frame_are():
         assert mirrors == symmetric
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("slug", SCENES)
-@pytest.mark.daily(1)
 def test_losses_are_those_of_optimise(slug):
     """At points with and without neighbours; metrics and loss are of the coefficients kept."""
     (scene, points), loss = SCENES[slug], ExpectedErrorLoss()
@@ -103,9 +102,8 @@ VALLEYS = {
 """Scenes, accelerations and half exposures whose losses have many minima, and the lowest known."""
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("slug", VALLEYS)
-@pytest.mark.daily(1)
 def test_the_lowest_of_many_minima_is_found_in_a_sweep_too(slug):
     """To 0.2 % of the loss, whether or not neighbours are swept with a point."""
     scene, acceleration, half_exposure, lowest = VALLEYS[slug]
@@ -136,9 +134,8 @@ def test_a_point_that_did_not_converge_is_marked():
 NUM_RANDOM = 4
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("number", range(NUM_RANDOM))
-@pytest.mark.daily(1)
 def test_random_points_are_as_low_as_a_search_from_many_more_starts(number):
     """Both ways within 0.2 % of the loss: of random speeds, light, strokes and exposures."""
     random = np.random.default_rng([37, number])
@@ -219,7 +216,7 @@ def test_each_point_is_searched_from_the_seed_of_the_sweep(monkeypatch):
     assert asked == [(5, 7, 12)] * 6 + [(11, 13, 12)] * 6
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_seed_draws_the_starts_of_a_search():
     """After one step the best design and profile are those of other starts; equal seeds agree."""
     motion = ParabolicMotion(acceleration=4e4, half_exposure=3.1e-3)
@@ -235,7 +232,7 @@ def test_a_seed_draws_the_starts_of_a_search():
         assert abs(one - other) > 1e-4 * one, name
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_blocks_at_a_time_change_nothing(monkeypatch):
     """Bit for bit what they are one after the other."""
     few: dict[str, Any] = AXES | {"metrics": ["expected_psnr"], "max_steps": 5}

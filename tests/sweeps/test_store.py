@@ -37,7 +37,7 @@ def test_a_store_holds_what_memory_holds(whole, tmp_path):
     assert stored.load().identical(whole)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_store_of_velocities(tmp_path):
     """Also of those that scenes have of their own; it is refused to a sweep of others."""
     slow = Scene([90.0, 350.0], photon_rate=1e4, read_noise=1.0, limits=SCENE.limits)
@@ -450,9 +450,8 @@ def started(store):
     )
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", ["SIGINT", "SIGKILL"])
-@pytest.mark.daily(1)
 def test_a_killed_sweep_goes_on(name, whole, tmp_path, caplog):
     """A signal after the first block; the next run computes the others only."""
     store = tmp_path / "a.zarr"

@@ -45,7 +45,7 @@ def swept():
     return sweep(SCENE, **grid())
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_best_points_are_the_extremes(swept):
     """The best point of a metric is its largest or smallest value of all shutters."""
     best = best_points(swept)
@@ -262,7 +262,7 @@ def test_gain_over_the_best_snapshot(swept):
     assert gain.attrs == {"long_name": "gain over best snapshot", "units": "dB"}  # read by pictures
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_nothing_is_gained_where_there_is_nothing_to_restore():
     """Of a picture without detail every PSNR is infinite, and every gain within limits 0."""
     plain = Scene([0.0, 310.0], photon_rate=2e5, read_noise=6.0, deviation=0.0, limits=LIMITS)
@@ -342,7 +342,7 @@ def panned():
     return sweep(ONE_WAY, **grid(velocities=PANS, metrics=metrics, **lights))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_points_and_fronts_of_velocities(panned):
     """The best of all velocities, each with its own."""
     part = panned.isel(photon_rate=0, read_noise=0)
@@ -442,9 +442,8 @@ def test_the_best_snapshot_of_a_known_speed_is_one_pixel_long():
     assert found == pytest.approx(length[np.argmin(cost)], rel=3e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", ["found", "known"])
-@pytest.mark.daily(1)
 def test_gains_are_by_the_sweeps_own_decoder(name):
     """The best snapshot is tuned and judged by the decoder that judges the points."""
     limits = Limits(max_stroke=40.0, max_half_exposure=0.025)
