@@ -360,7 +360,13 @@ def _deliver(result: "Report", delivery: Delivery) -> None:
     A background comes last, when all that was asked for is there.
     """
     from mishutter.cli.tables import print_comparison, print_photographs
-    from mishutter.report import background_line, document, write_background, write_report
+    from mishutter.report import (
+        background_line,
+        document,
+        photograph_levels,
+        write_background,
+        write_report,
+    )
 
     folder = delivery.folder
 
@@ -377,7 +383,8 @@ def _deliver(result: "Report", delivery: Delivery) -> None:
         result = _photographed(result, delivery)
     if result.photographs is not None and shows and not delivery.as_json:
         with closable_output():
-            print_photographs(result.photographs.levels, result.comparison.rows[0].decoder.name)
+            decoder = result.comparison.rows[0].decoder
+            print_photographs(photograph_levels(result), decoder.name)
     files = []
     if folder is not None:
         files = write_report(result, folder, wrote=wrote)

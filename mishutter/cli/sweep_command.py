@@ -268,7 +268,7 @@ _COLUMNS = (
     "shutter",
     "v px/s",
     "a px/s²",
-    "T ms",
+    "open ms",
     "stroke px",
     "PSNR dB",
     "- snap.",
@@ -316,7 +316,7 @@ def _deliver(dataset: "xarray.Dataset", scene: "Scene", folder: Path | None, as_
     else:
         others = [METRICS[name] for name in _OTHER_METRICS]
         forms = [metric.form for metric in others]
-        rows = [[name, *_cells(point, forms)] for name, point in best.items()]
+        rows = _rows(best, forms)
         columns = [*_COLUMNS, *(metric.heading for metric in others)]
         is_ended = any(point["at_end_of"] for point in best.values())
         print_table(f"Best points of the sweep{_AT_END if is_ended else ''}", columns, rows)
@@ -344,12 +344,24 @@ def _point_of(point: "xarray.Dataset", scene: "Scene", level: str) -> dict[str, 
     return numbers | {name: float(point[name]) for name in names}
 
 
+def _rows(best: dict[str, dict[str, str | float]], others: list[str]) -> list[list[str]]:
+    """The rows of a table of best points; one that is the best by several metrics is one row."""
+    places: dict[tuple[str, ...], list[str]] = {}
+    for name, point in best.items():
+        places.setdefault(tuple(_cells(point, others)), []).append(name)
+    return [["\n".join(names), *cells] for cells, names in places.items()]
+
+
 def _cells(point: dict[str, str | float], others: list[str]) -> list[str]:
-    """The cells of a point under the names of `_COLUMNS`, then others in their formats."""
+    """The cells of a point under the names of `_COLUMNS`, then others in their formats.
+
+    A table speaks of the whole exposure.
+    """
     formats = (".1f", ".3g", ".4g", ".3f", ".2f", "+.2f", "+.2f", *others)
     ends = tuple(filter(None, str(point["at_end_of"]).split(", ")))
     left_out = ("shutter", "top_speed_px_per_s", "at_end_of")
     numbers = {name: value for name, value in point.items() if name not in left_out}
+    numbers["half_exposure_ms"] = 2 * float(numbers["half_exposure_ms"])
     cells = [
         format(value, form) + "*" * name.startswith(ends)
         for (name, value), form in zip(numbers.items(), formats, strict=True)

@@ -87,5 +87,5 @@ def _design_line(design: "Design") -> str:
         f"{len(design.history)} in history), gradient {design.certificate:.1e}.\n"
         f"a = {at_most}{float(design.motion.greatest_acceleration) / 2:.6g} px/s^2, "
         f"v = {float(design.motion.velocity) + 0.0:.6g} px/s, "
-        f"T = {float(design.motion.half_exposure) * 1e3:.4g} ms."
+        f"open for {float(design.motion.exposure) * 1e3:.4g} ms."
     )

@@ -12,6 +12,7 @@ from mishutter.report.comparison import compare as compare
 from mishutter.report.comparison import with_verdict as with_verdict
 from mishutter.report.documents import Report as Report
 from mishutter.report.documents import document as document
+from mishutter.report.documents import photograph_levels as photograph_levels
 from mishutter.report.documents import pictured_rows as pictured_rows
 from mishutter.report.documents import write_background as write_background
 from mishutter.report.documents import write_report as write_report

@@ -32,6 +32,7 @@ from mishutter.search import (
     OWN_BEST_MOTION,
     SNAPSHOTS,
     Row,
+    cameras_of,
 )
 
 if TYPE_CHECKING:
@@ -77,11 +78,28 @@ def pictured_rows(comparison: Comparison, names: tuple[str, ...]) -> dict[str, R
     """
     rows = _at_best(comparison)
     rivals = [name for name, row in rows.items() if name not in names and row.is_of_one_exposure]
-    level = {name: row.level for name, row in rows.items()}.__getitem__
+    # Searches that end in one place differ by rounding; the first of them is the one to picture.
+    level = {name: round(row.level, 3) for name, row in rows.items()}.__getitem__
     snapshot = max((name for name in SNAPSHOTS if name in rows), key=level)
     best = max(rivals, key=level)
     order = dict.fromkeys((*names[:1], snapshot, best, *names[1:], "Hann"))
     return {name: rows[name] for name in order}
+
+
+def pictured_cameras(comparison: Comparison, names: tuple[str, ...]) -> dict[str, Row]:
+    """The pictured rows, those that are the same camera once, by all of its names."""
+    cameras = cameras_of(pictured_rows(comparison, names).values())
+    return {" = ".join(row.name for row in camera): camera[0] for camera in cameras}
+
+
+def photograph_levels(report: Report) -> dict[str, dict[str, RestoredPhotograph]]:
+    """How well the photograph was restored, by decoder, then by all names of a pictured camera."""
+    levels = {} if report.photographs is None else report.photographs.levels
+    cameras = pictured_cameras(report.comparison, report.names)
+    return {
+        decoder: {name: results[row.name] for name, row in cameras.items()}
+        for decoder, results in levels.items()
+    }
 
 
 def _at_best(comparison: Comparison) -> dict[str, Row]:
@@ -225,7 +243,7 @@ def _save_drawn(drawn: "Callable[[], Figure]", path: Path) -> None:
 def _drawings(report: Report) -> "dict[str, Callable[[], Figure]]":
     """A function for each picture that draws it, by the name of its file."""
     scene, shown = report.scene, report.photographs
-    rows = pictured_rows(report.comparison, report.names)
+    rows = pictured_cameras(report.comparison, report.names)
     designs = {name: (row.motion, row.shutter) for name, row in rows.items()}
     speed = next(iter(rows.values())).decoder.name
     few = dict(itertools.islice(designs.items(), _MOST_ROWS))
@@ -236,9 +254,9 @@ def _drawings(report: Report) -> "dict[str, Callable[[], Figure]]":
     }
     if shown is None:
         return drawings
-    restored = {name: shown.shown[name] for name in few}
+    restored = {name: shown.shown[rows[name].name] for name in few}
     return drawings | {
-        "psnr.png": lambda: plots.plot_psnr(shown.levels[ENSEMBLE]),
+        "psnr.png": lambda: plots.plot_psnr(photograph_levels(report)[ENSEMBLE]),
         "photograph.png": lambda: plots.plot_photograph(
             restored,
             pictured_speeds(scene),

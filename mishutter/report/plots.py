@@ -25,7 +25,15 @@ from mishutter.evaluation import (
     spectral_levels,
 )
 from mishutter.hardware import DriveTable
-from mishutter.model import AbstractMotion, AbstractShutter, DecoderSpeed, Scene, profile_of
+from mishutter.model import (
+    AbstractMotion,
+    AbstractShutter,
+    DecoderSpeed,
+    Scene,
+    SplineShutter,
+    command_of,
+    profile_of,
+)
 from mishutter.pictures import Axis, Picture, to_display, turned
 from mishutter.report.layered import LayeredCapture, LayeredScene
 
@@ -59,10 +67,21 @@ _ONE_FILTER = (
 _OTHER_WORLD = ": the verdict is about a picture that moves as a whole; this one does not"
 _CELL, _TITLE = 2.2, 0.4
 """Width of a magnified detail, and height of its title; inches."""
+_COVERED = 0.01
+"""Share of an axis up to which a curve lies on another: about the width of its line."""
+_EAR = 0.02
+"""Least rise of transmittance towards an end of the exposure that is an ear."""
+_OF_EARS = (
+    "Ears: light at the ends makes the blur of fast objects more like that of slow ones,\n"
+    "for a decoder that does not know the speed. The worst speed gains most by them."
+)
 _LINE = 0.21
 """Height of a line of a legend; inches."""
-MAP_COLOURS = "cividis"
-"""Colours of maps, which rise from dark to light in a grey printout and to every eye."""
+MAP_COLOURS = "viridis"
+"""Colours of maps, which rise from dark to light in a grey printout and to every eye.
+
+None is grey, as the place of what is not computed is.
+"""
 _BRIGHTEST_SHARE = 99
 """Percentile of the errors of a map that is drawn brightest."""
 _DOTS_PER_INCH = 130
@@ -162,11 +181,14 @@ def _png(figure: "Figure") -> bytes:
 def plot_profiles(designs: Named) -> "Figure":
     """Draws transmittance over the exposure, each design over its own time in ms.
 
+    Where a free profile rises again towards an end of the exposure, a note says why.
+
     Args:
         designs: Motions and shutters by name.
     """
     figure, (axes,) = _new(1)
     tau = np.linspace(-1, 1, _NUM_POINTS)
+    ears: list[tuple[float, float]] = []
     for (name, (motion, shutter)), style in zip(designs.items(), line_styles(), strict=False):
         half = float(motion.half_exposure) * 1e3
         dtype = np.dtype(motion.half_exposure.dtype)
@@ -174,9 +196,42 @@ def plot_profiles(designs: Named) -> "Figure":
         time, w = np.pad(tau * half, 1, "edge"), np.pad(w, 1)
         label = f"{shown_name(name)}, passes {efficiency:.0%}"
         axes.plot(time, w, label=label, **style)
+        if isinstance(command_of(shutter), SplineShutter):
+            ears += [(time[1 + end], w[1 + end]) for end in _ears(w[1:-1])]
     axes.set(xlabel="time from mid-exposure / ms", ylabel="transmittance", ylim=(-0.02, 1.05))
     _legend(figure, axes)
+    if ears:
+        axes.plot(*zip(*ears, strict=True), "o", markersize=13, fillstyle="none", color="0.4")
+        _note_below(figure, _OF_EARS)
     return figure
+
+
+def _ears(transmittance: Float[np.ndarray, "times"]) -> list[int]:
+    """Indices of the ends of an exposure towards which a profile rises again."""
+    ends = {0: transmittance, len(transmittance) - 1: transmittance[::-1]}
+    rising = []
+    for index, inwards in ends.items():
+        falls = np.diff(inwards[: len(inwards) // 2]) <= 0
+        dip = len(falls) if np.all(falls) else int(np.argmin(falls))
+        rises_behind = np.max(inwards[dip:]) - inwards[dip] > _EAR
+        if rises_behind and inwards[0] - inwards[dip] > _EAR:
+            rising.append(index)
+    return rising
+
+
+def _note_below(figure: "Figure", text: str) -> None:
+    """Writes lines below all panels; the figure grows by their height."""
+    width, before = figure.get_size_inches()
+    added = _LINE * (1 + text.count("\n"))
+    height, room = before + added, figure.subplotpars
+    # A legend above the panels keeps its distance from the upper edge.
+    for legend in figure.legends:
+        legend.set_bbox_to_anchor((0.5, 1 - 0.05 / height))
+    figure.set_size_inches(width, height)
+    figure.subplots_adjust(
+        bottom=(room.bottom * before + added) / height, top=1 - (1 - room.top) * before / height
+    )
+    figure.text(0.5, 0.06 / height, text, ha="center", va="bottom", fontsize="small")
 
 
 def plot_drive(table: DriveTable) -> "Figure":
@@ -210,8 +265,9 @@ def plot_drive(table: DriveTable) -> "Figure":
 def plot_kernels(designs: Named, speeds: Sequence[float]) -> "Figure":
     """Draws blur kernels aligned at the vertex, less the kernel at the sensor's velocity.
 
-    Each design has a row with its own axes, and each speed a line. The legend gives the root mean
-    square of a difference as a share of that of the kernel at the sensor's velocity.
+    Each design has a row with its own axes, and each speed a line, unless it lies on another, which
+    has both names then. The legend gives the root mean square of a difference as a share of that of
+    the kernel at the sensor's velocity.
 
     Args:
         designs: Motions and shutters by name.
@@ -227,22 +283,40 @@ def plot_kernels(designs: Named, speeds: Sequence[float]) -> "Figure":
         edges = np.arange(num_taps + 1) + float(kernel_phase(motion, num_taps))
         row = np.asarray([velocity, *speeds], motion.half_exposure.dtype)
         same, *kernels = np.asarray(kernels_at_speeds(shutter, motion, row, num_taps))
-        for speed, taps, style in zip(speeds, kernels, line_styles(), strict=False):
-            left.stairs(taps, edges, label=f"{speed:g} px/s", **style)
-            share = np.linalg.norm(taps - same) / np.linalg.norm(same)
-            if share > 0:
-                right.stairs(taps - same, edges, label=f"{speed:g} px/s: {share:.0%}", **style)
+        taps = {f"{speed:g} px/s": each for speed, each in zip(speeds, kernels, strict=True)}
+        style_of = dict(zip(taps, line_styles(), strict=False))
+        for first, label in _uncovered(taps).items():
+            left.stairs(taps[first], edges, label=label, **style_of[first])
+        shares = {n: np.linalg.norm(each - same) / np.linalg.norm(same) for n, each in taps.items()}
+        differences = {
+            f"{n}: {shares[n]:.0%}": each - same for n, each in taps.items() if shares[n] > 0
+        }
+        for first, label in _uncovered(differences).items():
+            style = style_of[first.partition(":")[0]]
+            right.stairs(differences[first], edges, label=label, **style)
         left.set_title(f"{shown_name(name, 26)}, {motion_text(motion)}", fontsize="medium")
         right.set_title(f"difference from the kernel at {velocity:.4g} px/s", fontsize="medium")
         right.axhline(0, color="0.4", linewidth=0.6)
         for axes, corner in ((left, "upper right"), (right, "lower right")):
             draw_grid(axes)
-            axes.legend(fontsize="small", loc=corner)
+            if axes.patches:
+                axes.legend(fontsize="small", loc=corner)
             axes.set_ylabel("light per px")
     place = "position from the point of alignment / px"
     panels[-1, 0].set_xlabel(place)
     panels[-1, 1].set_xlabel(place)
     return figure
+
+
+def _uncovered(curves: Mapping[str, Float[np.ndarray, "n"]]) -> dict[str, str]:
+    """The names of curves that lie on no earlier one, each with all names of what lies on it."""
+    extent = float(np.ptp([*curves.values()])) if curves else 0.0
+    labels: dict[str, str] = {}
+    for name, curve in curves.items():
+        gaps = {first: np.abs(curve - curves[first]).max() for first in labels}
+        first = next((each for each, gap in gaps.items() if gap <= _COVERED * extent), None)
+        labels[first or name] = name if first is None else f"{labels[first]} = {name}"
+    return labels
 
 
 def _kernel_reach(motion: AbstractMotion, speeds: Sequence[float]) -> float:
@@ -313,14 +387,17 @@ def plot_transfer(
 def plot_psnr(results: Mapping[str, RestoredPhotograph], *, linear: bool = True) -> "Figure":
     """Draws PSNR of the restored photograph against object speed, with its standard error.
 
+    A curve that lies on another is left out, and that one has both names.
+
     Args:
         results: Results of `restore_photograph` by the name of the design.
         linear: Whether the PSNR is of linear light, not with gamma put back.
     """
     figure, (axes,) = _new(1)
-    drawn = zip(results.items(), line_styles(), cycle(_MARKERS), strict=False)
-    for (name, result), style, marker in drawn:
-        level = result.linear_psnr if linear else result.psnr
+    levels = {name: each.linear_psnr if linear else each.psnr for name, each in results.items()}
+    drawn = zip(_uncovered(levels).items(), line_styles(), cycle(_MARKERS), strict=False)
+    for (name, label), style, marker in drawn:
+        result, level = results[name], levels[name]
         error = result.linear_standard_error if linear else result.standard_error
         order = np.argsort(result.speeds)
         error = None if np.any(np.isnan(error)) else error[order]
@@ -332,7 +409,7 @@ def plot_psnr(results: Mapping[str, RestoredPhotograph], *, linear: bool = True)
             markersize=6,
             fillstyle="none",
             capsize=2,
-            label=shown_name(name),
+            label=shown_name(label),
             **style,
         )
     label = f"PSNR of one photograph, restored / dB ({_kind(linear)})"

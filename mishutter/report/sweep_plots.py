@@ -51,7 +51,7 @@ _LEAST_LINE = 0.35
 """Least length of a line that has a label; widths of the axes."""
 _DECADES = 3
 """Number of decades of sags and of gains in speed that have lines."""
-_EXPOSURE = "half exposure $T$ / ms"
+_EXPOSURE = "exposure $2T$ / ms"
 _ACCELERATION = "acceleration $a$ / (px/s²)"
 _LETTERS = 20
 """Most letters of a name."""
@@ -60,10 +60,10 @@ _APART = 0.07
 
 
 class _Map(NamedTuple):
-    """Values over half exposure and acceleration, and their names.
+    """Values over exposure and acceleration, and their names.
 
     Attributes:
-        half: Half exposures; ms.
+        exposure: Exposures, from first to last light; ms.
         a: Accelerations; px/s^2.
         values: The metric; NaN outside the limits.
         label: Name and unit of the metric.
@@ -71,7 +71,7 @@ class _Map(NamedTuple):
         pans: Whether any design pans: its stroke is then more than its sag.
     """
 
-    half: Float[np.ndarray, "t"]
+    exposure: Float[np.ndarray, "t"]
     a: Float[np.ndarray, "a"]
     values: Float[np.ndarray, "a t"]
     label: str
@@ -111,12 +111,12 @@ def plot_map(
 ) -> "Figure":
     """Draws a metric over acceleration and exposure, with the optimum marked.
 
-    Dashed lines join points of equal sag, $aT^2$, and dotted lines points of equal gain in speed,
-    $2aT$, within some decades below the largest: stroke and top speed of a sensor that does not
-    pan. On a map of a gain the middle colour and a line mark 0 dB. Each point has the best of all
-    velocities. Hatched points are outside the limits. The map omits a sensor that does not
-    accelerate, and rows and columns wholly outside the limits. A single row or column becomes a
-    line of points.
+    The title says where the best is. Dashed lines join points of equal sag, $aT^2$, and dotted
+    lines points of equal gain in speed, $2aT$, within some decades below the largest: stroke and
+    top speed of a sensor that does not pan. On a map of a gain the middle colour and a line mark
+    0 dB. Each point has the best of all velocities. Hatched points are outside the limits. The map
+    omits a sensor that does not accelerate, and rows and columns wholly outside the limits. A
+    single row or column becomes a line of points.
 
     Args:
         dataset: The result of `sweep`, of one scene and light.
@@ -134,7 +134,7 @@ def plot_map(
     reached = bool(np.any(within))
     require(reached, "plot_map(dataset=...)", "reach a point within the limits", "none")
     rows, columns = np.any(within, axis=1), np.any(within, axis=0)
-    a, half = dataset.acceleration.values[rows], dataset.half_exposure.values[columns] * 1e3
+    a, half = dataset.acceleration.values[rows], dataset.half_exposure.values[columns]
     values = values[rows][:, columns]
     if min(values.shape) > 1:
         a, values = a[a > 0], values[a > 0]
@@ -143,10 +143,10 @@ def plot_map(
     axes = figure.subplots()
     draw = _draw_map if min(values.shape) > 1 else _draw_line
     rival = _text(dataset, metric).partition(_GAIN)[2]
-    x, y = draw(axes, _Map(half, a, values, _label(dataset, metric), rival, _pans(dataset)))
+    x, y = draw(axes, _Map(2e3 * half, a, values, _label(dataset, metric), rival, _pans(dataset)))
     if figure.legends:  # below the map
         leave_room(figure, _OF_MAP._replace(bottom=0.85))
-    best = np.nanargmin(values) if smaller else np.nanargmax(values)
+    best = int(np.nanargmin(values) if smaller else np.nanargmax(values))
     axes.plot(
         x.flat[best],
         y.flat[best],
@@ -160,9 +160,34 @@ def plot_map(
     unit = _unit(dataset, metric)
     title = f"{_text(dataset, metric)}, {shutter or _OF_ALL}"
     title += " at its best velocity" if "velocity" in dataset[metric].dims else ""
-    title += f"\n☆ best: {values.flat[best]:.3g} {'' if unit == '1' else unit}"
+    of_best = dataset[metric].sel(
+        acceleration=a[best // half.size], half_exposure=half[best % half.size]
+    )
+    title += f"\n☆ best: {values.flat[best]:.3g}{'' if unit == '1' else f' {unit}'}"
+    title += f", {_place(of_best, shutter, smaller)}"
     axes.set_title(title, fontsize="medium", pad=10)
     return figure
+
+
+def _place(values: "xarray.DataArray", shutter: str | None, smaller: bool) -> str:
+    """The shutter, pan, exposure, acceleration and sag of the best of some values, in words.
+
+    Args:
+        values: A metric at one acceleration and half exposure.
+        shutter: The shutter of a map that shows one.
+        smaller: Whether less is better.
+    """
+    if shutter is not None and "shutter" in values.dims:
+        values = values.sel(shutter=shutter)
+    best = values[values.argmin(...) if smaller else values.argmax(...)]
+    a, half = float(best.acceleration), float(best.half_exposure)
+    velocity = float(best.velocity) if "velocity" in best.coords else 0.0
+    words = [f"{2e3 * half:.3g} ms", f"{a:.3g} px/s²"]
+    words += [f"pan {velocity:.4g} px/s"] if velocity else []
+    words += [f"{'sag' if velocity else 'stroke'} {a * half**2:.3g} px"]
+    is_one = shutter is not None or "shutter" not in best.coords
+    name = [] if is_one else [shown_name(str(best.shutter.values), _LETTERS)]
+    return ", ".join([*name, *words])
 
 
 def _values(
@@ -185,20 +210,20 @@ def _values(
 
 def _draw_map(axes: "Axes", drawn: _Map) -> tuple[np.ndarray, np.ndarray]:
     """Draws a map in colours; returns the places of its values on the axes."""
-    half, a, values, label, rival, pans = drawn
-    _scale(axes.set_xscale, axes.xaxis, half)
+    exposure, a, values, label, rival, pans = drawn
+    _scale(axes.set_xscale, axes.xaxis, exposure)
     _scale(axes.set_yscale, axes.yaxis, a)
-    x, y = _edges(half, axes.get_xscale()), _edges(a, axes.get_yscale())
+    x, y = _edges(exposure, axes.get_xscale()), _edges(a, axes.get_yscale())
     shown = np.ma.masked_invalid(values)
     norm = _about_zero(shown) if rival else None
     picture = axes.pcolormesh(x, y, shown, cmap=MAP_COLOURS, norm=norm, rasterized=True)
     axes.patch.set(hatch="///", edgecolor="0.6", facecolor="0.95")
-    _contours(axes, half, a, ~np.isnan(values), pans)
+    _contours(axes, exposure, a, ~np.isnan(values), pans)
     if rival:
         _draw_zero(axes, drawn)
     axes.figure.colorbar(picture, ax=axes, label=label, ticks=_ticks(norm))
     axes.set(xlabel=_EXPOSURE, ylabel=_ACCELERATION)
-    x, y = np.meshgrid(half, a)
+    x, y = np.meshgrid(exposure, a)
     return x, y
 
 
@@ -230,7 +255,7 @@ def _draw_zero(axes: "Axes", drawn: _Map) -> None:
         return
     limits = axes.axis()
     for colour, width in (("white", 4.0), ("black", 2.2)):
-        axes.contour(drawn.half, drawn.a, gain, [0.0], colors=colour, linewidths=width)
+        axes.contour(drawn.exposure, drawn.a, gain, [0.0], colors=colour, linewidths=width)
     axes.plot([], [], color="black", linewidth=2.2, label=_as_good(drawn.rival))
     axes.axis(limits)
     axes.figure.legend(loc="lower center", fontsize="small")
@@ -251,17 +276,17 @@ def _edges(values: np.ndarray, scale: str) -> np.ndarray:
 
 def _draw_line(axes: "Axes", drawn: _Map) -> tuple[np.ndarray, np.ndarray]:
     """Draws a single row or column as a line; returns the places of its points on the axes."""
-    half, a, values, label, rival, _ = drawn
+    exposure, a, values, label, rival, _ = drawn
     row = a.size == 1
-    x, y = half if row else a, values.ravel()
+    x, y = exposure if row else a, values.ravel()
     axes.plot(x, y, marker="o", markersize=4, color="black")
     if rival:
-        axes.axhline(0, color="0.3", linestyle="dashed", label=_as_good(rival))
+        axes.axhline(0, color="black", linestyle="dashed", label=_as_good(rival))
         axes.legend(fontsize="small")
     draw_grid(axes)
     _scale(axes.set_xscale, axes.xaxis, x)
     at = f"{_EXPOSURE}, at $a$ = {a[0]:.4g} px/s²"
-    axes.set(xlabel=at if row else f"{_ACCELERATION}, at $T$ = {half[0]:.4g} ms", ylabel=label)
+    axes.set(xlabel=at if row else f"{_ACCELERATION}, at $2T$ = {exposure[0]:.4g} ms", ylabel=label)
     return x, y
 
 
@@ -289,11 +314,12 @@ def _pans(dataset: "xarray.Dataset") -> bool:
 
 
 def _contours(
-    axes: "Axes", half: np.ndarray, a: np.ndarray, within: np.ndarray, pans: bool
+    axes: "Axes", exposure: np.ndarray, a: np.ndarray, within: np.ndarray, pans: bool
 ) -> None:
     """Draws labelled lines of equal sag and of equal gain in speed in the largest decades."""
     limits = axes.axis()
-    x, y = (np.geomspace(values[0], values[-1], 200) for values in (half, a))
+    x, y = (np.geomspace(values[0], values[-1], 200) for values in (exposure, a))
+    half, halves = exposure * 5e-4, x * 5e-4
     for name, style, unit, along, powers in (
         ("sag" if pans else "stroke", "dashed", "px", 0.25, lambda t, a: a + 2 * t),
         (
@@ -304,7 +330,7 @@ def _contours(
             lambda t, a: np.log10(2) + a + t,
         ),
     ):
-        reached = powers(np.log10(half * 1e-3), np.log10(a)[:, None])[within]
+        reached = powers(np.log10(half), np.log10(a)[:, None])[within]
         last = int(np.floor(reached.max()))
         first = max(last - _DECADES + 1, int(np.floor(reached.min())))
         texts = {
@@ -312,7 +338,7 @@ def _contours(
             for decade in range(first, last + 1)
             for share in ((1, 2, 5) if last - first < _DECADES - 1 else (1,))
         }
-        values = powers(np.log10(x * 1e-3), np.log10(y)[:, None])
+        values = powers(np.log10(halves), np.log10(y)[:, None])
         levels = [level for level in texts if values.min() < level < values.max()]
         if not levels:
             continue

@@ -12,7 +12,7 @@ import xarray
 from support.command_line import SMALL_SCENE, environment, no_constant, refused
 
 from mishutter import Limits, Scene, cli
-from mishutter.cli.sweep_command import _point_of
+from mishutter.cli.sweep_command import _COLUMNS, _OTHER_METRICS, _point_of, _rows
 from mishutter.evaluation import METRICS
 
 RANGES = ["--acceleration", "3e4:1.2e5:2", "--half-exposure", "3:9:2"]
@@ -80,6 +80,27 @@ def test_the_stroke_of_a_point_holds_its_pan():
     assert shown["top_speed_px_per_s"] == pytest.approx(2900 + 2 * 2.1e5 * 9.7e-3, rel=1e-12)
 
 
+def test_a_table_of_points_speaks_of_whole_exposures():
+    """And says once what is the best by several metrics, unless at other ends of its ranges."""
+    scene = Scene([410.0], photon_rate=1e5, read_noise=3.0, limits=Limits(max_stroke=90.0))
+    numbers = dict.fromkeys((*METRICS, "over_snapshot", "over_hann"), 0.5)
+    place = {"shutter": "rect", "acceleration": 2.1e5, "half_exposure": 9.75e-3, "velocity": 0.0}
+    ends = {"expected_psnr": "", "bound_share": "", "condition_number": "half_exposure"}
+    best = {
+        name: _point_of(
+            xarray.Dataset(numbers, place).assign_coords(at_end_of=end), scene, "expected_psnr"
+        )
+        for name, end in ends.items()
+    }
+    forms = [METRICS[name].form for name in _OTHER_METRICS]
+    rows = _rows(best, forms)
+    assert [row[0] for row in rows] == ["expected_psnr\nbound_share", "condition_number"]
+    exposure = _COLUMNS.index("open ms")
+    assert [row[exposure] for row in rows] == ["19.5", "19.5*"]
+    assert len(rows[0]) == len(_COLUMNS) + len(_OTHER_METRICS)
+    assert best["bound_share"]["half_exposure_ms"] == pytest.approx(9.75)
+
+
 @pytest.mark.slow
 def test_json_and_a_store(scene_file, tmp_path, capsys):
     """One strict document; run again, everything is found in the store."""
@@ -134,7 +155,7 @@ def test_a_range_with_zero_and_one_point(scene_file, tmp_path, capsys):
     out = capsys.readouterr().out
     best = next(line for line in out.splitlines() if line.startswith(" expected_psnr"))
     # Of two accelerations both are ends; the exposure is the only one.
-    assert best.split()[3:5] == ["9e+04*", "3"]
+    assert best.split()[3:5] == ["9e+04*", "6"]
     assert "Best points of the sweep (* at an end of its range)" in out
 
 

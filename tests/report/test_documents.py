@@ -37,6 +37,7 @@ from mishutter.report import (
     Report,
     background_line,
     document,
+    photograph_levels,
     photograph_of,
     photographs,
     pictured_rows,
@@ -45,7 +46,7 @@ from mishutter.report import (
 )
 
 # The names of the files alone: to write the pictures takes seconds.
-from mishutter.report.documents import _writers
+from mishutter.report.documents import _drawings, _writers
 from mishutter.report.plots import new_figure
 from mishutter.report.restored import Photographs, _middle_rows, shown_speeds
 from mishutter.search import (
@@ -259,6 +260,29 @@ def test_rivals_are_pictured_beside_many_designs(report):
     assert set(names) < set(rows)
 
 
+def test_a_camera_is_pictured_once_by_all_of_its_names(report, capsys):
+    """In every picture and in the table of the photograph; a document keeps each name."""
+    rows = {row.name: row for row in report.comparison.rows if row.reading == OWN_BEST_MOTION}
+    mine = replace(rows[BEST_TUKEY], name="mine")
+    level = replace(rows["Hann"].metrics, expected_psnr=mine.metrics.expected_psnr - 1)
+    others = [replace(rows["Hann"], metrics=level), rows[BEST_SNAPSHOT]]
+    comparison = Comparison((mine, rows[BEST_TUKEY], *others), "A verdict.", 0.1, 31.0)
+    names = [*pictured_rows(comparison, ("mine",))]
+    assert names == ["mine", BEST_SNAPSHOT, BEST_TUKEY, "Hann"]
+    seen = {name: photograph(21 + index) for index, name in enumerate(names)}
+    shown = Report(SCENE, comparison, ("mine",), Photographs({"ensemble": seen}, seen))
+    levels = photograph_levels(shown)
+    assert [*levels["ensemble"]] == [f"mine = {BEST_TUKEY}", BEST_SNAPSHOT, "Hann"]
+    assert levels["ensemble"]["Hann"] is seen["Hann"]
+    print_photographs(levels)
+    lines = [re.split(r"\s{2,}", line.strip()) for line in capsys.readouterr().out.splitlines()]
+    assert [cells[0] for cells in lines if cells[0] in levels["ensemble"]] == [*levels["ensemble"]]
+    legend = _drawings(shown)["profile.png"]().legends[0]
+    words = [text.get_text().split(", passes")[0] for text in legend.get_texts()]
+    assert words == [*levels["ensemble"]]
+    assert [*document(shown)["photographs"]["ensemble"]] == names
+
+
 @pytest.mark.slow
 def test_the_verdict_is_printed_before_anything_is_photographed(report, capsys, monkeypatch):
     """What is known is on standard output when the first capture begins; a document is whole."""
@@ -272,7 +296,7 @@ def test_the_verdict_is_printed_before_anything_is_photographed(report, capsys, 
     monkeypatch.setattr(app, "_photographed", photographed)
     monkeypatch.setattr("mishutter.report.background_gains", lambda scene, step: (HALF_STILL,))
     spoken = app.Delivery(
-        None, as_json=False, num_seeds=1, every_photograph=False, backgrounds=True
+        None, as_json=False, num_seeds=1, every_photograph=False, backgrounds=True, verbose=True
     )
     app._deliver(report, spoken)
     app._deliver(report, spoken._replace(as_json=True))
