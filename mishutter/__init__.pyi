@@ -86,8 +86,10 @@ from .model import SwitchedShutter as SwitchedShutter
 from .model import Tolerances as Tolerances
 from .model import TriangleShutter as TriangleShutter
 from .model import TukeyShutter as TukeyShutter
+from .model import View as View
 from .model import baselines as baselines
 from .model import example_scene as example_scene
+from .model import read_noise as read_noise
 from .model import read_scene as read_scene
 from .model import register_shutter as register_shutter
 from .model import stage_path as stage_path

@@ -24,6 +24,7 @@ UNITS = {
     "_px_per_s": "px/s",
     "_mm_per_s": "mm/s",
     "_m_per_s": "m/s",
+    "_km_per_h": "km/h",
     "_deg_per_s": "°/s",
     "px_per_mm": "px/mm",
     "_g_per_s": "g/s",

@@ -107,7 +107,7 @@ def simulate(
             metavar="SPEED",
             rich_help_panel=PICTURES,
             help="Speed of the object in the photograph: px/s, or with a unit, such as 0.9m/s, "
-            "0.9mm/s or 3deg/s.",
+            "'90 km/h' or 3deg/s.",
         ),
     ] = "0",
     decoder: Annotated[

@@ -23,7 +23,7 @@ Tables = dict[str, Any]
 """The tables of a scene file as a TOML parser reads them."""
 Place = tuple[str, ...]
 """The names that lead to a key of a scene file, section first."""
-_OWN_UNITS = {*_UNITS, "px", "s", "ms", "m", "mm", "cycles", "deg", "g", "lux"}
+_OWN_UNITS = {*_UNITS, "px", "s", "ms", "h", "m", "mm", "km", "cycles", "deg", "g", "lux"}
 _SECTION = re.compile(r"^(?:# )?\[(\w+)\]", re.MULTILINE)
 _KEY = re.compile(r"^(?:#\s*)?(\w+) = (\{.*?\}|\[.*?\]|\S+)", re.MULTILINE)
 

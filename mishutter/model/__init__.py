@@ -55,6 +55,8 @@ from mishutter.model.scene_file import scene_text as scene_text
 from mishutter.model.scene_schema import SceneFile as SceneFile
 from mishutter.model.scene_schema import Speed as Speed
 from mishutter.model.scene_schema import White as White
+from mishutter.model.scene_units import View as View
+from mishutter.model.scene_units import read_noise as read_noise
 from mishutter.model.servos import SecondOrderStage as SecondOrderStage
 from mishutter.model.shutters import RASKAR_CODE as RASKAR_CODE
 from mishutter.model.shutters import AbstractAdjustableShutter as AbstractAdjustableShutter

@@ -57,7 +57,7 @@ from mishutter.model.scene_units import (
     Scales,
     arguments_in,
     photon_rate,
-    read_noise,
+    read_noise_in,
     speed_of,
     table_of,
     told_in,
@@ -105,7 +105,7 @@ def read_speed(text: str, path: str | Path | None, subject: str) -> float:
     """The speed of a thing in a scene, which a text gives in px/s or in a unit of its file; px/s.
 
     Args:
-        text: As `2400`, `0.9 m/s`, `0.9 mm/s` or `3 deg/s`.
+        text: As `2400`, `0.9 m/s`, `90 km/h`, `0.9 mm/s` or `3 deg/s`.
         path: The file; None for the built-in scene.
         subject: What the speed is of, in an error.
 
@@ -251,7 +251,7 @@ def _built(file: SceneFile, folder: Path, photographs: Photographs | None) -> Sc
         speeds,
         weights,
         photon_rate=photon_rate(file.light, scales),
-        read_noise=read_noise(file.sensor),
+        read_noise=read_noise_in(file.sensor),
         full_well=file.sensor.full_well_e,
         axis=file.sensor.axis,
         **arguments_in(file.optics, Scene, "[optics]", scales),

@@ -35,6 +35,8 @@ class Uniform(Section):
     max_mm_per_s: Speed | None = None
     min_m_per_s: Speed | None = None
     max_m_per_s: Speed | None = None
+    min_km_per_h: Speed | None = None
+    max_km_per_h: Speed | None = None
     min_deg_per_s: Speed | None = None
     max_deg_per_s: Speed | None = None
     count: Count
@@ -50,6 +52,8 @@ class Normal(Section):
     deviation_mm_per_s: PositiveSpeed | None = None
     mean_m_per_s: Speed | None = None
     deviation_m_per_s: PositiveSpeed | None = None
+    mean_km_per_h: Speed | None = None
+    deviation_km_per_h: PositiveSpeed | None = None
     mean_deg_per_s: Speed | None = None
     deviation_deg_per_s: PositiveSpeed | None = None
     count: Count
@@ -64,6 +68,7 @@ class Speeds(Section):
     list_px_per_s: ListOfSpeeds | None = None
     list_mm_per_s: ListOfSpeeds | None = None
     list_m_per_s: ListOfSpeeds | None = None
+    list_km_per_h: ListOfSpeeds | None = None
     list_deg_per_s: ListOfSpeeds | None = None
     weights: list[Share] | None = None
 
@@ -83,7 +88,7 @@ class Light(Section):
 
 @final
 class ViewSection(Section):
-    """Size of things in the picture, for speeds in mm, m or degrees a second."""
+    """Size of things in the picture, for speeds in mm/s, m/s, km/h or degrees a second."""
 
     magnification: Annotated[float, Field(ge=1e-9, le=1e4)] | None = None
     distance_m: Annotated[float, Field(gt=0, le=1e9)] | None = None
@@ -188,6 +193,7 @@ class TolerancesSection(Section):
     object_speed_px_per_s: SizeOfSpeed = 0.0
     object_speed_mm_per_s: SizeOfSpeed | None = None
     object_speed_m_per_s: SizeOfSpeed | None = None
+    object_speed_km_per_h: SizeOfSpeed | None = None
     object_speed_deg_per_s: SizeOfSpeed | None = None
     transmittance: Annotated[float, Field(ge=0, le=0.5)] = 0.0
     drive_step_us: Annotated[float, Field(gt=0, le=1e6)] | None = None

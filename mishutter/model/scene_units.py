@@ -14,9 +14,21 @@ it, high-pressure sodium lamps 82, incandescent lamps 50.
 
 import math
 import re
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, final
 
-from mishutter._core import Section, Unquoted, require
+import numpy as np
+
+from mishutter._core import (
+    RowLike,
+    Section,
+    Unquoted,
+    as_numpy,
+    fields_text,
+    require,
+    require_finite,
+)
 from mishutter.model.arguments import argument_names
 from mishutter.model.scene_schema import (
     Light,
@@ -24,20 +36,241 @@ from mishutter.model.scene_schema import (
     ViewSection,
 )
 
-_GRAVITY = 9.80665e6
-"""Standard gravity; um/s^2."""
-_MICROMETRES = {"mm": 1e3, "mm_per_s": 1e3, "g": _GRAVITY, "g_per_s": _GRAVITY}
-"""Units of the stage, in um and seconds."""
-_MILLIMETRES = {"mm": 1.0, "m": 1e3, "mm_per_s": 1.0, "m_per_s": 1e3}
-"""Units of things, in mm and seconds."""
-_PHOTONS_PER_LUX = 6.02214076e23 * 1e-6 / 54 * 1e-12
-"""Photons of sunlight between 400 and 700 nm by lux, second and square micrometre: 1.1e4."""
+_GRAVITY = 9.80665
+"""Standard gravity; m/s^2."""
+_METRES = {
+    "mm": 1e-3,
+    "m": 1.0,
+    "mm_per_s": 1e-3,
+    "m_per_s": 1.0,
+    "km_per_h": 1 / 3.6,
+    "g": _GRAVITY,
+    "g_per_s": _GRAVITY,
+}
+"""Units in metres and seconds, as the names of keys end in them."""
+_PHOTONS_PER_LUX = 6.02214076e23 * 1e-6 / 54
+"""Photons of sunlight between 400 and 700 nm by lux, second and square metre: 1.1e16."""
 _NOTHING = Unquoted("nothing")
-SPEED_UNITS = ("px_per_s", "mm_per_s", "m_per_s", "deg_per_s")
+SPEED_UNITS = ("px_per_s", "mm_per_s", "m_per_s", "km_per_h", "deg_per_s")
 """Units of the speeds of things, as the names of keys end in them."""
-_SPEED = re.compile(r"\s*(\S+?)\s*(px|mm|m|deg)/s\s*")
+_LENGTH_UNITS = ("px", "mm", "m")
+_STAGE_UNITS = ("px", "px_per_s", *_METRES)
 FASTEST = 1e7
 """Greatest speed of a thing, px/s."""
+_KEYS = {
+    "magnification": "[view] magnification",
+    "px_per_mm": "[view] px_per_mm",
+    "distance": "[view] distance_m",
+    "focal_length": "[view] focal_length_mm",
+    "pixel_pitch": "[sensor] pixel_pitch_um",
+}
+"""Arguments of `View` as a scene file calls them."""
+
+
+def _text(unit: str) -> str:
+    """A unit as people write it, of the end of a key's name."""
+    return unit.replace("_per_", "/")
+
+
+_SPEED = re.compile(rf"\s*(\S+?)\s*({'|'.join(map(_text, SPEED_UNITS))})\s*")
+
+
+@final
+@dataclass(frozen=True, kw_only=True, repr=False)
+class View:
+    """Size of things in the picture, which turns speeds and widths in their own units into pixels.
+
+    One of `magnification`, `px_per_mm`, and `distance` with `focal_length` says how large things
+    are; degrees a second need `focal_length` alone, and a stage `pixel_pitch` alone. It is the
+    `[view]` of a scene file.
+
+    Args:
+        magnification: Size on the sensor over that of things; 1.
+        px_per_mm: Pixels of a millimetre of things, by a ruler in the picture; px/mm.
+        distance: From a thin lens to things; m.
+        focal_length: Of the lens; m.
+        pixel_pitch: Distance of the sensor's pixels; m.
+        keys: Names of the arguments in errors, where they come from a file.
+
+    Raises:
+        ValueError: if a number is not above 0, the size is given in several ways, or in half of
+            one, or the distance is within the focal length.
+    """
+
+    magnification: float | int | None = None
+    px_per_mm: float | int | None = None
+    distance: float | int | None = None
+    focal_length: float | int | None = None
+    pixel_pitch: float | int | None = None
+    keys: Mapping[str, str] | None = field(default=None, compare=False)
+
+    def __post_init__(self) -> None:
+        for name in _KEYS:
+            value = getattr(self, name)
+            if value is not None:
+                require_finite(self._subject(name), value)
+                is_above = np.ndim(value) == 0 and value > 0
+                require(is_above, self._subject(name), "be a number above 0", value)
+        ways = ("magnification", "px_per_mm", "distance")
+        told = [self._bare(name) for name in ways if getattr(self, name) is not None]
+        requirement = f"hold one of magnification, px_per_mm and {self._bare('distance')}"
+        require(len(told) <= 1, self._whole, requirement, Unquoted(" and ".join(told)))
+        f, d = self.focal_length, self.distance
+        if d is not None:
+            beside = f"be given where {self._bare('distance')} is"
+            require(f is not None, self._subject("focal_length"), beside, _NOTHING)
+            beyond = f"be beyond the focal length, {f:g} m"
+            require(d > f, self._subject("distance"), beyond, d)  # type: ignore[operator]
+
+    def __repr__(self) -> str:
+        """The arguments that were given."""
+        return fields_text(self)
+
+    def speed(self, value: RowLike, unit: str) -> Any:
+        """Speeds of things on the sensor; px/s, in the shape of `value`.
+
+        Args:
+            value: Speeds in the unit.
+            unit: `"px/s"`, `"mm/s"`, `"m/s"`, `"km/h"`, or `"deg/s"` of a camera that turns and of
+                what is far away.
+
+        Raises:
+            ValueError: if the view lacks what the unit needs.
+        """
+        key = _unit("View.speed", unit, SPEED_UNITS)
+        return _numbers("View.speed", value) * self._of_things(key, f"a speed in {unit}")
+
+    def length(self, value: RowLike, unit: str) -> Any:
+        """Lengths of things on the sensor; px, in the shape of `value`.
+
+        Args:
+            value: Lengths in the unit.
+            unit: `"px"`, `"mm"` or `"m"`.
+
+        Raises:
+            ValueError: if the view lacks what the unit needs.
+        """
+        key = _unit("View.length", unit, _LENGTH_UNITS)
+        return _numbers("View.length", value) * self._of_things(key, f"a length in {unit}")
+
+    def stage(self, value: RowLike, unit: str) -> Any:
+        """Lengths, speeds or accelerations of the sensor's own way; in px and seconds.
+
+        Args:
+            value: Numbers in the unit, in any shape.
+            unit: `"mm"`, `"mm/s"`, `"g"` or `"g/s"`, whatever the sensor looks at; also `"px"`,
+                `"px/s"`, `"m"`, `"m/s"` and `"km/h"`.
+
+        Raises:
+            ValueError: if the unit needs the pixel pitch and there is none.
+        """
+        key = _unit("View.stage", unit, _STAGE_UNITS)
+        return _numbers("View.stage", value) * self._of_stage(key, f"a stage in {unit}")
+
+    def photon_rate(
+        self,
+        *,
+        illuminance: RowLike,
+        f_number: float | int,
+        quantum_efficiency: float | int,
+        lens_transmission: float | int = 1.0,
+    ) -> Any:
+        """Photo-electrons a second at white, diffuse things, in sunlight; e-/s.
+
+        Args:
+            illuminance: On the things; lx, in any shape.
+            f_number: Of the lens; 1.
+            quantum_efficiency: Mean from 400 to 700 nm, behind the pixels' filter; 1.
+            lens_transmission: Share of light that the lens passes; 1.
+
+        Raises:
+            ValueError: if a number is not above 0, a share is above 1, or the view has no pixel
+                pitch.
+        """
+        shares = {"quantum_efficiency": quantum_efficiency, "lens_transmission": lens_transmission}
+        for name, value in ({"f_number": f_number} | shares).items():
+            most = 1.0 if name in shares else math.inf
+            words = "above 0 and at most 1" if name in shares else "above 0"
+            is_fit = math.isfinite(value) and 0 < value <= most
+            require(is_fit, f"View.photon_rate({name}=...)", f"be {words}", value)
+        lux = _numbers("View.photon_rate", illuminance, "illuminance")
+        per_lux = self._rate_of_lux("an illuminance", f_number, lens_transmission)
+        return lux * per_lux * quantum_efficiency
+
+    @property
+    def _whole(self) -> str:
+        return "View(...)" if self.keys is None else "[view]"
+
+    def _subject(self, name: str) -> str:
+        return f"View({name}=...)" if self.keys is None else self.keys[name]
+
+    def _bare(self, name: str) -> str:
+        return name if self.keys is None else self.keys[name].split()[-1]
+
+    def _of_stage(self, unit: str, key: str) -> float:
+        """Pixels in a unit of the sensor's own way; errors name the `key` that is in it."""
+        return 1.0 if unit.startswith("px") else _METRES[unit] / self._pitch_for(key)
+
+    def _of_things(self, unit: str, key: str) -> float:
+        """Pixels in a unit of the size or the way of things; errors name the `key` in it."""
+        if unit.startswith("px"):
+            return 1.0
+        if unit == "deg_per_s":
+            subject, requirement = self._subject("focal_length"), f"be given where {key} is"
+            require(self.focal_length is not None, subject, requirement, _NOTHING)
+            return math.radians(1) * self.focal_length / self._pitch_for(key)  # type: ignore[operator]
+        if self.px_per_mm is not None:
+            return _METRES[unit] * 1e3 * self.px_per_mm
+        distance, focal_length = self._bare("distance"), self._bare("focal_length")
+        ways = f"magnification, px_per_mm, or {distance} and {focal_length}"
+        magnification, requirement = self._magnification, f"hold {ways}, where {key} is given"
+        require(magnification is not None, self._whole, requirement, _NOTHING)
+        return _METRES[unit] * magnification / self._pitch_for(key)  # type: ignore[operator]
+
+    @property
+    def _magnification(self) -> float | int | None:
+        """Size on the sensor over that of things; None where nothing says it."""
+        f, d = self.focal_length, self.distance
+        if d is not None:
+            return f / (d - f)  # type: ignore[operator]
+        if self.px_per_mm is not None:
+            return None if self.pixel_pitch is None else self.px_per_mm * 1e3 * self.pixel_pitch
+        return self.magnification
+
+    def _pitch_for(self, key: str) -> float | int:
+        """The pitch, m, which a key needs."""
+        requirement, pitch = f"be given where {key} is", self.pixel_pitch
+        require(pitch is not None, self._subject("pixel_pitch"), requirement, _NOTHING)
+        return pitch  # type: ignore[return-value]
+
+    def _rate_of_lux(
+        self, key: str, f_number: float | int, lens_transmission: float | int
+    ) -> float:
+        """Photons a second at a pixel by the lux on white things, which a key tells."""
+        cone = 2 * f_number * (1 + (self._magnification or 0.0))
+        return lens_transmission / cone**2 * _PHOTONS_PER_LUX * self._pitch_for(key) ** 2
+
+
+def _unit(function: str, unit: str, units: tuple[str, ...]) -> str:
+    """A unit as keys end in it."""
+    texts = {_text(key): key for key in units}
+    require(unit in texts, f"{function}(unit=...)", f"be one of {', '.join(texts)}", unit)
+    return texts[unit]
+
+
+def _numbers(function: str, value: RowLike, name: str = "value") -> Any:
+    require_finite(f"{function}({name}=...)", value)
+    return as_numpy(value)[0]
+
+
+def read_noise(*, dynamic_range: float | int, full_well: float | int) -> float:
+    r"""Standard deviation of the read noise that a data sheet's dynamic range stands for; e-.
+
+    Args:
+        dynamic_range: $20\log_{10}$ of the full well over the read noise; dB.
+        full_well: Electrons at which a pixel is full; e-.
+    """
+    return full_well / 10 ** (dynamic_range / 20)
 
 
 class Scales(NamedTuple):
@@ -45,77 +278,39 @@ class Scales(NamedTuple):
 
     Attributes:
         pitch: Distance of pixels; um; None where the file does not say it.
-        view: How large things are in the picture.
+        section: How large things are in the picture.
     """
 
     pitch: float | None
-    view: ViewSection
+    section: ViewSection
+
+    @property
+    def view(self) -> View:
+        """The sections as a view, whose errors name their keys."""
+        section, pitch = self.section, self.pitch
+        return View(
+            magnification=section.magnification,
+            px_per_mm=section.px_per_mm,
+            distance=section.distance_m,
+            focal_length=None if section.focal_length_mm is None else section.focal_length_mm / 1e3,
+            pixel_pitch=None if pitch is None else pitch / 1e6,
+            keys=_KEYS,
+        )
 
     def of_stage(self, unit: str, key: str) -> float:
         """Pixels in a unit of the sensor's own way; the key that is in it is named in errors."""
-        if unit.startswith("px"):
-            return 1.0
-        return _MICROMETRES[unit] / self.pitch_for(key)
+        return self.view._of_stage(unit, key)
 
     def of_things(self, unit: str, key: str) -> float:
         """Pixels in a unit of the size or the way of things, as the picture shows them."""
-        if unit.startswith("px"):
-            return 1.0
-        if unit == "deg_per_s":
-            focal = self.view.focal_length_mm
-            requirement = f"be given where {key} is"
-            require(focal is not None, "[view] focal_length_mm", requirement, _NOTHING)
-            return math.radians(1) * 1e3 * focal / self.pitch_for(key)  # type: ignore[operator]
-        return _MILLIMETRES[unit] * self._px_per_mm(key)
-
-    def _px_per_mm(self, key: str) -> float:
-        magnification = self.magnification
-        if self.view.px_per_mm is not None:
-            return self.view.px_per_mm
-        ways = "magnification, px_per_mm, or distance_m and focal_length_mm"
-        requirement = f"hold {ways}, where {key} is given"
-        require(magnification is not None, "[view]", requirement, _NOTHING)
-        return magnification * 1e3 / self.pitch_for(key)  # type: ignore[operator]
-
-    @property
-    def magnification(self) -> float | None:
-        """Size on the sensor over that of things; None where the file does not say it.
-
-        Raises:
-            ValueError: if it says it in several ways, or half of it.
-        """
-        view = self.view
-        ways = {
-            "magnification": view.magnification,
-            "px_per_mm": view.px_per_mm,
-            "distance_m": view.distance_m,
-        }
-        told = [name for name, value in ways.items() if value is not None]
-        requirement = "hold one of magnification, px_per_mm and distance_m"
-        require(len(told) <= 1, "[view]", requirement, Unquoted(" and ".join(told)))
-        if view.distance_m is not None:
-            f, d = view.focal_length_mm, 1e3 * view.distance_m
-            beside = "be given where distance_m is"
-            require(f is not None, "[view] focal_length_mm", beside, _NOTHING)
-            beyond = f"be beyond the focal length, {f:g} mm"
-            require(d > f, "[view] distance_m", beyond, view.distance_m)  # type: ignore[operator]
-            return f / (d - f)  # type: ignore[operator]
-        if view.px_per_mm is not None:
-            return None if self.pitch is None else view.px_per_mm * self.pitch / 1e3
-        return view.magnification
-
-    def pitch_for(self, key: str) -> float:
-        """The pitch, um, which a key needs."""
-        requirement = f"be given where {key} is"
-        require(self.pitch is not None, "[sensor] pixel_pitch_um", requirement, _NOTHING)
-        return self.pitch  # type: ignore[return-value]
+        return self.view._of_things(unit, key)
 
 
 def speed_of(text: str, scales: Scales, subject: str) -> float:
     """The speed of a thing that a text gives in px/s, or with its unit; px/s.
 
     Args:
-        text: As `2400`, `0.9 m/s`, `0.9 mm/s` or `3 deg/s`.
+        text: As `2400`, `0.9 m/s`, `90 km/h`, `0.9 mm/s` or `3 deg/s`.
         scales: Of the scene that it moves in.
         subject: What the speed is of, in an error.
 
@@ -124,14 +319,17 @@ def speed_of(text: str, scales: Scales, subject: str) -> float:
             does not say what the unit needs.
     """
     match = _SPEED.fullmatch(text)
-    number, unit = match.groups() if match else (text, "px")
+    number, unit = match.groups() if match else (text, "px/s")
     try:
         value = float(number)
     except ValueError:
         value = math.nan
-    requirement = "be a number of px/s, or one with its unit, as 0.9m/s: px/s, mm/s, m/s or deg/s"
+    *units, last = map(_text, SPEED_UNITS)
+    units_text = f"{', '.join(units)} or {last}"
+    requirement = f"be a number of px/s, or one with its unit, as 0.9m/s: {units_text}"
     require(math.isfinite(value), subject, requirement, text)
-    speed = value * scales.of_things(f"{unit}_per_s", f"{subject} in {unit}/s")
+    key = _unit(subject, unit, SPEED_UNITS)
+    speed = value * scales.of_things(key, f"{subject} in {unit}")
     require(abs(speed) <= FASTEST, subject, f"be at most {FASTEST:g} px/s", speed)
     return speed
 
@@ -267,16 +465,14 @@ def photon_rate(light: Light, scales: Scales) -> float:
         return light.photon_rate_per_s
     if light.white_e is not None:
         return light.white_e / (light.white_ms * 1e-3)  # type: ignore[operator]
-    area = scales.pitch_for("[light] illuminance_lux") ** 2
-    cone = 2 * light.f_number * (1 + (scales.magnification or 0.0))  # type: ignore[operator]
-    on_sensor = light.illuminance_lux * light.lens_transmission / cone**2  # type: ignore[operator]
-    return on_sensor * _PHOTONS_PER_LUX * area * light.quantum_efficiency  # type: ignore[operator]
+    per_lux = scales.view._rate_of_lux(
+        "[light] illuminance_lux", light.f_number, light.lens_transmission
+    )
+    return light.illuminance_lux * per_lux * light.quantum_efficiency  # type: ignore[operator]
 
 
-def read_noise(sensor: Sensor) -> float:
-    r"""Standard deviation of the read noise; e-.
-
-    A dynamic range of $D$ dB is $20\log_{10}$ of the full well over it.
+def read_noise_in(sensor: Sensor) -> float:
+    """Standard deviation of the read noise that a section gives; e-.
 
     Raises:
         ValueError: if the section says it in both ways, in none, or half of it.
@@ -289,4 +485,4 @@ def read_noise(sensor: Sensor) -> float:
     require(sensor.read_noise_e is None, subject, "not stand beside read_noise_e", range_db)
     requirement = "be given where dynamic_range_db is"
     require(well is not None, "[sensor] full_well_e", requirement, _NOTHING)
-    return well / 10 ** (range_db / 20)  # type: ignore[operator]
+    return read_noise(dynamic_range=range_db, full_well=well)  # type: ignore[arg-type]

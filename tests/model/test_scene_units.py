@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mishutter.model import read_scene, read_speed
+from mishutter.model import View, read_noise, read_scene, read_speed
 
 WHOLE = """
 [speeds]
@@ -40,6 +40,8 @@ def scene_of(folder, **parts):
         ("magnification = 20", "0.9 mm_per_s", 3600.0),
         # A belt at 1.2 m/s, 0.8 m from a lens of 16 mm, which shows it 16/784 times as large.
         ("distance_m = 0.8\nfocal_length_mm = 16", "1.2 m_per_s", 1200 * 16 / 784 / 5e-3),
+        # A car at 90 km/h, 40 m away, goes 25 m/s.
+        ("distance_m = 40\nfocal_length_mm = 16", "90 km_per_h", 25e3 * 16 / 39984 / 5e-3),
         # A ruler in the picture needs no pitch.
         ("px_per_mm = 2.5", "1.2 m_per_s", 3000.0),
         # A camera that turns by 3 degrees a second behind 50 mm.
@@ -102,7 +104,7 @@ sag_mm = 0.2
 velocity_mm_per_s = 3
 [tolerances]
 velocity_mm_per_s = 0.05
-object_speed_m_per_s = 0.03
+object_speed_km_per_h = 0.108
 [view]
 magnification = 0.02"""
     scene = scene_of(tmp_path, view=sections, limits="max_stroke_px = 80")
@@ -122,7 +124,13 @@ focal_length_mm = 50"""
 
 @pytest.mark.parametrize(
     ("text", "expected"),
-    [("-77", -77.0), ("1.5e2 px/s", 150.0), ("0.9mm/s", 3600.0), ("-0.9e-3 m/s", -3600.0)],
+    [
+        ("-77", -77.0),
+        ("1.5e2 px/s", 150.0),
+        ("0.9mm/s", 3600.0),
+        ("-0.9e-3 m/s", -3600.0),
+        ("0.0036 km/h", 4000.0),
+    ],
 )
 def test_a_speed_as_text(tmp_path, text, expected):
     """A number is in px/s, and one with a unit is converted as the scene's own speeds are."""
@@ -136,8 +144,8 @@ def test_a_speed_as_text(tmp_path, text, expected):
     [
         (
             "0.9 furlongs",
-            "`--speed` must be a number of px/s, or one with its unit, as 0.9m/s: px/s, mm/s, m/s "
-            "or deg/s; got '0.9 furlongs'.",
+            "`--speed` must be a number of px/s, or one with its unit, as 0.9m/s: px/s, mm/s, m/s, "
+            "km/h or deg/s; got '0.9 furlongs'.",
         ),
         (
             "2 deg/s",
@@ -202,7 +210,7 @@ def test_read_noise_of_a_dynamic_range(tmp_path):
                 "speeds": "list_m_per_s = [1]",
                 "view": "[view]\ndistance_m = 0.02\nfocal_length_mm = 25",
             },
-            "[view] distance_m` must be beyond the focal length, 25 mm; got 0.02.",
+            "[view] distance_m` must be beyond the focal length, 0.025 m; got 0.02.",
         ),
         (
             {
@@ -233,8 +241,8 @@ def test_read_noise_of_a_dynamic_range(tmp_path):
             "[speeds] uniform.min_px_per_s` must be given; got nothing.",
         ),
         (
-            {"speeds": "list_m_per_s = [1e6]", "view": "[view]\nmagnification = 2"},
-            "[speeds]` must be at most 1e+07 px/s; got 400000000000.0.",
+            {"speeds": "list_m_per_s = [1e6]", "view": "[view]\npx_per_mm = 4"},
+            "[speeds]` must be at most 1e+07 px/s; got 4000000000.0.",
         ),
         (
             {"light": "photon_rate_per_s = 1e5\nwhite_e = 3"},
@@ -283,3 +291,102 @@ def test_wrong_combinations_are_named(tmp_path, parts, line):
     with pytest.raises(ValueError, match="must") as caught:
         scene_of(tmp_path, **parts)
     assert str(caught.value).partition(": `")[2] == line
+
+
+@pytest.mark.parametrize(
+    ("view", "value", "unit", "expected"),
+    [
+        # As a file has it, above: 16/784 of 1.2 m/s on pixels of 5 um.
+        (
+            View(distance=0.8, focal_length=0.016, pixel_pitch=5e-6),
+            1.2,
+            "m/s",
+            1200 * 16 / 784 / 5e-3,
+        ),
+        (
+            View(distance=40, focal_length=0.016, pixel_pitch=5e-6),
+            [90.0, -45.0],
+            "km/h",
+            np.array([1, -0.5]) * 25e3 * 16 / 39984 / 5e-3,
+        ),
+        (View(magnification=20, pixel_pitch=6.45e-6), 0.9, "mm/s", 0.9 * 20 / 6.45e-3),
+        (View(px_per_mm=2.5), 1.2, "m/s", 3000.0),
+        (View(focal_length=0.05, pixel_pitch=5e-6), 3, "deg/s", np.deg2rad(3) * 50 / 5e-3),
+        (View(), 77, "px/s", 77.0),
+    ],
+)
+def test_speeds_in_python(view, value, unit, expected):
+    """The figures of a file with the same view, of one speed or several."""
+    assert view.speed(value, unit) == pytest.approx(expected, rel=1e-14)
+
+
+def test_lengths_in_python():
+    """An object of 40 mm at a hundredth, and a stage of 0.25 mm at 0.8 g, whatever it looks at."""
+    view = View(magnification=0.01, pixel_pitch=5e-6)
+    assert view.length(40, "mm") == pytest.approx(80, rel=1e-14)
+    assert view.stage(0.25, "mm") == pytest.approx(50, rel=1e-14)
+    assert view.stage(30, "mm/s") == pytest.approx(6000, rel=1e-14)
+    assert view.stage(0.8, "g") == pytest.approx(0.8 * 9.80665 / 5e-6, rel=1e-14)
+
+
+def test_light_and_noise_in_python():
+    """100 lx behind f/2.8 as in a file, nearer by a magnification of 1; 72 dB below 40,000 e-."""
+    expected = 100 / (4 * 2.8**2) / 54 * 6.02214076e17 * 25e-12 * 0.6
+    light = {"illuminance": 100, "f_number": 2.8, "quantum_efficiency": 0.6}
+    far, near = View(pixel_pitch=5e-6), View(magnification=1, pixel_pitch=5e-6)
+    assert far.photon_rate(**light) == pytest.approx(expected, rel=1e-9)
+    dim = near.photon_rate(**light, lens_transmission=0.9)
+    assert dim == pytest.approx(0.9 * expected / 4, rel=1e-9)
+    assert read_noise(dynamic_range=72, full_well=4e4) == pytest.approx(10.0475, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("call", "line"),
+    [
+        (
+            lambda: View(magnification=2, distance=3),
+            "`View(...)` must hold one of magnification, px_per_mm and distance; got magnification "
+            "and distance.",
+        ),
+        (
+            lambda: View(distance=3),
+            "`View(focal_length=...)` must be given where distance is; got nothing.",
+        ),
+        (
+            lambda: View(distance=0.02, focal_length=0.025),
+            "`View(distance=...)` must be beyond the focal length, 0.025 m; got 0.02.",
+        ),
+        (
+            lambda: View(pixel_pitch=-5e-6),
+            "`View(pixel_pitch=...)` must be a number above 0; got -5e-06.",
+        ),
+        (
+            lambda: View(magnification=20).speed(0.9, "mm/s"),
+            "`View(pixel_pitch=...)` must be given where a speed in mm/s is; got nothing.",
+        ),
+        (
+            lambda: View(pixel_pitch=5e-6).length(0.9, "mm"),
+            "`View(...)` must hold magnification, px_per_mm, or distance and focal_length, where a "
+            "length in mm is given; got nothing.",
+        ),
+        (
+            lambda: View(px_per_mm=3).speed(0.9, "mph"),
+            "`View.speed(unit=...)` must be one of px/s, mm/s, m/s, km/h, deg/s; got 'mph'.",
+        ),
+        (
+            lambda: View(px_per_mm=3).speed(float("nan"), "m/s"),
+            "`View.speed(value=...)` must be finite; got nan.",
+        ),
+        (
+            lambda: View(pixel_pitch=5e-6).photon_rate(
+                illuminance=300, f_number=2.8, quantum_efficiency=60
+            ),
+            "`View.photon_rate(quantum_efficiency=...)` must be above 0 and at most 1; got 60.",
+        ),
+    ],
+)
+def test_a_view_without_a_meaning_is_named(call, line):
+    """By the argument of Python, what must hold, and what came."""
+    with pytest.raises(ValueError, match="must") as caught:
+        call()
+    assert str(caught.value) == line
