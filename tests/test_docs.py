@@ -82,6 +82,46 @@ def test_blocks_are_of_a_kind_that_is_checked():
                 assert all(line.startswith("$ ") for line in block.text.splitlines()), page
 
 
+OUTPUT = """Build optimised: 24.93 dB.
+It is 2.37 dB below.
+
+ shutter     PSNR dB
+ ───────────────────
+ optimised     24.93
+ rect          24.56
+
+Loss 0.28352.
+"""
+SHOWN = {
+    "whole": OUTPUT,
+    "without rules and empty lines": "\n".join(OUTPUT.replace("─", "").split("\n\n")),
+    "a cut at the end": "Build optimised: 24.93 dB.\n…",
+    "a cut at the beginning": "…\nrect  24.56\nLoss 0.28352.",
+    "cuts on all sides": "…\nshutter PSNR dB\n…\nrect 24.56\n…",
+}
+NOT_SHOWN = {
+    "another last digit": OUTPUT.replace("24.56", "24.55"),
+    "a digit less": OUTPUT.replace("0.28352", "0.2835"),
+    "an end that is not said to be cut": "Build optimised: 24.93 dB.\nIt is 2.37 dB below.",
+    "a beginning that is not": "Loss 0.28352.",
+    "a line that is left out between": OUTPUT.replace("It is 2.37 dB below.\n", ""),
+    "another order": "…\nrect 24.56\noptimised 24.93\n…",
+    "a line too many": OUTPUT + "And more.",
+}
+
+
+@pytest.mark.parametrize("slug", SHOWN)
+def test_a_page_may_leave_out_what_it_says_it_does(slug):
+    """Lines of output that a page leaves out are a line of their own, `…`."""
+    assert is_shown(SHOWN[slug], OUTPUT)
+
+
+@pytest.mark.parametrize("slug", NOT_SHOWN)
+def test_a_page_shows_every_line_and_digit(slug):
+    """A page that shows another digit, or stops without a word, is found."""
+    assert not is_shown(NOT_SHOWN[slug], OUTPUT)
+
+
 @pytest.fixture(scope="module")
 def desk(tmp_path_factory):
     """The folder that the pages' commands work in, and what those that ran there wrote."""
