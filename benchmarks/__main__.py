@@ -22,6 +22,7 @@ ALL = (
     "monte_carlo",
     "occlusion",
     "gains",
+    "bursts",
     "layered_loss",
     "layered_photographs",
     "restoration",

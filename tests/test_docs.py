@@ -215,6 +215,16 @@ def test_the_verdict_has_the_gains_that_were_measured():
     assert set(rows) <= set(measured)
 
 
+def test_the_page_of_bursts_has_the_figures_that_were_measured():
+    """Each row of its tables is one of the benchmark's."""
+    results = ROOT / "benchmarks" / "results" / "bursts.md"
+    measured = results.read_text(encoding="utf-8").splitlines()
+    page = (ROOT / "docs" / "bursts.md").read_text(encoding="utf-8").splitlines()
+    rows = [line for line in page if line.startswith("| ")]
+    assert len(rows) > 30
+    assert set(rows) <= set(measured)
+
+
 def test_six_scenes_have_the_figures_that_were_measured():
     """The page quotes the benchmark digit by digit; a row over two rivals is over the better."""
     measured = json.loads(

@@ -1,0 +1,114 @@
+"""Draw `bursts.png`: a detail by one snapshot, by stills, and by frames of a sensor that moves.
+
+Frames that are alike and registered are restored as one exposure with the light and the read
+noise of all of them. Run it as `python docs/figures/bursts.py`.
+"""
+
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import matplotlib.pyplot as plt
+import numpy as np
+
+jax.config.update("jax_enable_x64", True)
+
+from mishutter import (  # noqa: E402
+    Burst,
+    LinearMotion,
+    RectShutter,
+    TotalVariationDecoder,
+    example_picture,
+    example_scene,
+)
+from mishutter.decoding import restore_by_each  # noqa: E402
+from mishutter.evaluation import added_up, best_moving_burst, best_still_burst  # noqa: E402
+
+ROWS, COLUMNS = slice(80, 400), slice(305, 425)
+"""Rows of the photograph that are captured, and columns of the detail."""
+DETAIL = slice(146, 216)
+"""Rows of the detail, within those that are captured."""
+SPEED, RATE, MOST = 3000.0, 60.0, 4
+"""Of the picture, px/s; of the camera's frames, 1/s; of frames in a burst."""
+
+
+def main():
+    """Draw the figure and save it beside this script."""
+    plt.rcParams.update({"font.size": 10.5})
+    light, scene = example_picture().light[ROWS], example_scene()
+    figure, axes = plt.subplots(2, 4, figsize=(8.4, 3.1), layout="constrained")
+    show(axes[0, 0], light, "the scene")
+    axes[1, 0].axis("off")
+    axes[1, 0].text(
+        0.5,
+        0.5,
+        f"It moves at {SPEED:,.0f} px/s\nin dim light. Decoders\nregister the frames,\n"
+        "and know the speed.",
+        ha="center",
+        va="center",
+        transform=axes[1, 0].transAxes,
+    )
+    for (above, below), (name, (count, motion)) in zip(
+        axes.T[1:], bursts(scene).items(), strict=True
+    ):
+        camera = motion, RectShutter()
+        decoders = {name: TotalVariationDecoder()}
+        given = {"speeds": [SPEED], "num_seeds": 1}
+        frame = restore_by_each(light, scene, *camera, decoders, **given)[name]
+        together = added_up(scene, count)
+        result = restore_by_each(light, together, *camera, decoders, decoder_speed="known", **given)
+        first = recorded_from(light, np.asarray(frame.reference))
+        show(above, frame.captured[0], name, first)
+        level = result[name].linear_psnr[0]
+        show(below, result[name].restored[0], f"restored: {level:.1f} dB", first)
+        print(f"{name}: {level:.2f} dB, expected {result[name].expected_psnr:.2f}")
+    figure.savefig(Path(__file__).with_suffix(".png"), dpi=125)
+
+
+def bursts(scene):
+    """Number of frames and motion of each burst, by the text above the first of its frames."""
+    snapshot, stills = (best_still_burst(with_frames(scene, count)) for count in (1, MOST))
+    moving = best_moving_burst(with_frames(scene, MOST))
+    exposure = 1e3 * float(moving.frames.motion.exposure)
+    return {
+        f"snapshot, {1e3 * snapshot.exposure:.1f} ms": (1, at_rest(snapshot)),
+        f"1 of {stills.num_frames} stills, {1e3 * stills.exposure:.1f} ms": (
+            stills.num_frames,
+            at_rest(stills),
+        ),
+        f"1 of {moving.num_frames} moving, {exposure:.0f} ms": (
+            moving.num_frames,
+            moving.frames.motion,
+        ),
+    }
+
+
+def with_frames(scene, count):
+    """The scene of a camera that takes so many frames."""
+    burst = Burst(frames_per_s=RATE, max_frames=count)
+    return eqx.tree_at(lambda s: s.burst, scene, burst, is_leaf=lambda x: x is None)
+
+
+def at_rest(burst):
+    """The motion of a frame at rest."""
+    return LinearMotion(half_exposure=burst.exposure / 2)
+
+
+def recorded_from(light, part):
+    """The column of the photograph that a camera records first."""
+    width = part.shape[1]
+    offsets = range(light.shape[1] - width + 1)
+    return next(o for o in offsets if np.array_equal(light[:, o : o + width], part))
+
+
+def show(axes, light, title, first=0):
+    """The detail of a picture that begins at some column, as an eye sees it."""
+    columns = slice(COLUMNS.start - first, COLUMNS.stop - first)
+    seen = np.clip(np.asarray(light)[DETAIL, columns], 0, 1) ** (1 / 2.2)
+    axes.imshow(seen, interpolation="nearest")
+    axes.set_title(title, fontsize=10.5)
+    axes.axis("off")
+
+
+if __name__ == "__main__":
+    main()
