@@ -137,6 +137,20 @@ def test_every_control_moves_the_design(page):
         assert scene_of(page) == before
 
 
+def test_frames_of_a_burst_have_sliders_and_rows(page):
+    """Their rate and their number slide, the number in whole steps, and the table has bursts."""
+    tick = "fieldset[data-place=burst] > legend input"
+    chromium.after(page, "first", lambda: page.find_element("css selector", tick).click())
+    chromium.after(page, "first", lambda: chromium.slide(page, "burst.frames_per_s", 420))
+    answer = chromium.after(page, "table", lambda: chromium.slide(page, "burst.max_frames", 317))
+    burst = scene_of(page)["burst"]
+    assert burst["frames_per_s"] != pytest.approx(240)
+    assert isinstance(burst["max_frames"], int)
+    assert 1 < burst["max_frames"] < 8
+    names = {row["name"] for row in answer["rows"]}
+    assert {"best still burst", "best moving burst"} <= names
+
+
 def test_a_bad_number_is_said_and_the_design_stays(page):
     """What the library refuses is shown in its words; a good number takes it away."""
     chromium.wait(page, TABLE)

@@ -390,41 +390,42 @@ function numberControls(row, field, place, value, id) {
   box.title = range;
   row.append(box, unitOf(field));
   const isWhole = field.kind === "integer";
-  let slider = null, scale = null;
-  if (!isWhole) {
-    slider = document.createElement("input");
-    Object.assign(slider, { type: "range", min: 0, max: 1000, step: 1, title: range });
-    slider.setAttribute("aria-label", place.join(" "));
-    scale = scaleOf(field, value);
-    slider.value = scale.place(value);
-    slider.addEventListener("input", () => {
-      const to = scale.value(Number(slider.value));
-      box.value = to; put(place, to); ask();
-    });
-    slider.addEventListener("change", commit);
-    row.append(slider);
-  }
+  const slider = document.createElement("input");
+  Object.assign(slider, { type: "range", min: 0, max: 1000, step: 1, title: range });
+  slider.setAttribute("aria-label", place.join(" "));
+  let scale = scaleOf(field, value);
+  slider.value = scale.place(value);
+  slider.addEventListener("input", () => {
+    const to = scale.value(Number(slider.value));
+    box.value = to; put(place, to);
+    if (!isWhole) ask();
+  });
+  // Whole numbers set the sizes of programs, which are not compiled for numbers that are passed by.
+  slider.addEventListener("change", () => { commit(); if (isWhole) ask(); });
+  row.append(slider);
   box.addEventListener("input", () => {
     const to = Number(box.value);
     if (box.value === "" || !Number.isFinite(to) || (isWhole && !Number.isInteger(to))) { problem(`[${place[0]}] ${place.slice(1).join(".")} must be a ${isWhole ? "whole " : ""}number; got ${box.value || "nothing"}.`); return; }
     put(place, to);
-    if (slider) { scale = scaleOf(field, to, scale); slider.value = scale.place(to); }
+    scale = scaleOf(field, to, scale); slider.value = scale.place(to);
     ask();
   });
   box.addEventListener("change", commit);
 }
 
 const tidy = (x) => Number(x.toPrecision(3));
+const whole = (x) => Math.round(tidy(x));
 
 // How a slider runs: evenly where the range is narrow, by ratios where a number is above 0, and
 // from 0 on ever faster where it may be 0.
 function scaleOf(field, value, before) {
   const low = field.minimum ?? -Infinity, high = field.maximum ?? Infinity;
   if (before && before.holds(value)) return before;
+  const rounded = field.kind === "integer" ? whole : tidy;
   const made = (from, to, forward, back) => ({
     holds: (v) => v >= from && v <= to,
     place: (v) => Math.round(1000 * forward(Math.max(from, Math.min(to, v)))),
-    value: (p) => Math.max(field.above ? Number.MIN_VALUE : low, Math.min(high, tidy(back(p / 1000)))),
+    value: (p) => Math.max(field.above ? Number.MIN_VALUE : low, Math.min(high, rounded(back(p / 1000)))),
   });
   if (high - low <= 1) {
     const from = field.above ? low + 0.01 * (high - low) : low, to = field.below ? high - 0.01 * (high - low) : high;
