@@ -179,7 +179,8 @@ def picture(rows: Sequence[dict[str, Any]]) -> None:
 
     figure, panels = plt.subplots(2, 2, figsize=(10, 7.6), sharex=True, layout="constrained")
     shades = plt.get_cmap("Greys")(np.linspace(0.0, 0.55, len(LINES) + 2))
-    levels = [-1e-9, WORTH_IT, *LINES]
+    levels: list[float] = [-1e-9, WORTH_IT, *LINES]
+    drawn: Any = None
     for line, window in zip(panels, WINDOWS, strict=True):
         rates = np.array(COUNTS) / window
         for axes, noise in zip(line, NOISES, strict=True):
