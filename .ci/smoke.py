@@ -8,7 +8,7 @@ import mishutter
 from mishutter.decoding.decoders.speed import prior
 
 folder = Path(sys.argv[1])
-for name in mishutter.__all__:
+for name in dir(mishutter):
     getattr(mishutter, name)
 prior()
 for name in ("py.typed", "example_scene.toml", "explore/page/explore.js"):

@@ -16,7 +16,7 @@ import mishutter as ms
 PACKAGE = Path(ms.__file__).parent
 
 # Imported before calls are followed.
-PUBLIC = [getattr(ms, name) for name in ms.__all__]
+PUBLIC = [getattr(ms, name) for name in dir(ms)]
 SCENE = ms.example_scene()
 MOTION = SCENE.motion
 GRID: dict[str, Any] = {"accelerations": [1e5, 4e5], "half_exposures": [0.005, 0.01]}

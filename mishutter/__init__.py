@@ -1,10 +1,148 @@
 """Design of shutters for motion-invariant photography.
 
-Begin with `optimise(example_scene())`; `python -m mishutter` is the command line.
+Begin with `optimise(example_scene())`; `python -m mishutter` is the command line. `help(name)` says
+all of a name; these are all names, by what they are for.
+
+Scenes
+    Scene                     speeds, light, noise and limits; `Scene.load(path)` reads a file
+    example_scene             the built-in scene
+    read_scene                a scene from a TOML file
+    View                      size of things in the picture: speeds in m/s, mm/s or degrees
+    read_noise                read noise from a data sheet's dynamic range
+    Limits                    the furthest that the mechanism and the exposure may reach
+    Tolerances                errors of a camera that is not built exactly
+    Occlusion                 objects that hide part of a background
+    Burst                     frames that a camera may take in place of one exposure
+
+Designs and their rivals
+    optimise                  searches for the best design of a scene
+    compare                   designs beside snapshots, windows and coded stills; the verdict
+    Design                    a shutter and a motion, their quality and their file
+    Comparison                what `compare` returns: rows, verdict and gain
+    evaluate                  metrics of a design
+    Metrics                   what `evaluate` returns
+    ceiling                   the PSNR that no path, shutter or linear decoder exceeds
+    tolerance_costs           the cost of each tolerance to a design
+    starting_shutter          the free-form profile that a search starts from
+    Outcome                   how a search ended
+    SearchFailedError         a search with `throw=True` did not converge
+    NonFiniteLossError        a loss was not finite where a search had to know it
+
+Losses
+    ExpectedErrorLoss         error of the restored picture, by one filter for all speeds
+    WorstSpeedLoss            the same at the worst of the speeds
+    KnownSpeedLoss            by a filter that knows the speed
+    FoundSpeedLoss            by a decoder that finds the speed in the picture
+    DesignLoss                condition number, kernel difference and lost light
+    AbstractLoss              a loss of your own
+    AbstractResponseLoss      one that sees the shutter through its response alone, and is fast
+
+Shutters
+    RectShutter               open for the whole exposure
+    HannShutter               a squared cosine
+    TriangleShutter           rises and falls in straight lines
+    GaussianShutter           a Gaussian, cut off at the ends
+    TukeyShutter              open with cosine ramps
+    ChippedShutter            equal chips of constant transmittance
+    RASKAR_CODE               the 52 chips of a flutter shutter
+    SplineShutter             the free-form profile that is optimised
+    AbstractShutter           a shutter of your own
+    AbstractPiecewiseShutter  one that is analytic between breakpoints
+    register_shutter          lets designs with a shutter of your own be saved
+    baselines                 the windows that every design stands beside
+
+Devices, from the command to the transmittance
+    IdealShutter              follows every command, and may lose light
+    FirstOrderShutter         opens and closes gradually, as liquid crystals do
+    SwitchedShutter           open or closed in each of equal slots
+
+Motions
+    ParabolicMotion           constant acceleration: the motion-invariant camera
+    LinearMotion              constant velocity: a camera that pans
+    StillCamera               a camera at rest
+    FreeMotion                a path of piecewise constant acceleration
+    stage_path                the whole path of a stage, from rest to rest
+    SecondOrderStage          a stage whose servo follows as a damped oscillator
+
+Kernels
+    blur_kernel               blur of a moving point, from the vertex of its path
+    centred_kernel            the same as other libraries take it
+    binned_exposure           exposure between positions on the sensor
+    transfer_function         response to a spatial frequency
+    condition_number          largest over smallest response of a kernel
+
+Maps
+    sweep                     designs at every acceleration and exposure of a grid
+    best_points               the best point under each metric
+    pareto_front              points that nothing betters under several metrics
+    gain_over                 gain over another shutter at the same point
+    gain_over_snapshot        gain over the best snapshot
+    light_map                 the best of a sweep over light and read noise
+
+Pictures
+    Picture                   a picture in linear light
+    example_picture           the built-in photograph
+    read_picture              reads a picture into linear light
+    write_picture             writes linear light as a 16-bit PNG
+    row_power_spectrum        mean power spectrum of a picture's rows
+    Layer                     a picture that moves, and where it is opaque
+    Layers                    layers from back to front
+    read_layers               reads a layered scene
+    Frames                    frames of a video, as a subject
+    read_frames               reads them from a folder or a video
+
+Captures and their restoration
+    simulate_capture          the capture of a moving picture
+    restore                   restores a capture by a design
+    deconvolve                restores captures by a camera in parts
+    capture_and_restore       both, of any subject
+    restore_photograph        both, of a photograph at several speeds
+    estimate_speed            the speed of a picture, from one capture of it
+    SpeedEstimate             what it returns
+    psnr                      peak signal-to-noise ratio
+    EnsembleDecoder           the best linear filter for all speeds of a scene
+    WienerDecoder             Wiener's filter for a still object
+    TikhonovDecoder           regularised deconvolution
+    TotalVariationDecoder     the likeliest picture of few edges
+    RichardsonLucyDecoder     the same in counts of photons
+    PlugAndPlayDecoder        a denoiser of your own in place of a prior
+    SpeedFindingDecoder       finds the speed, and restores for it
+    richardson_lucy           plain Richardson-Lucy along rows
+    AbstractDecoder           a decoder of your own
+    BlurModel                 what a decoder knows of blur, noise and pictures
+
+In the laboratory
+    drive_table               levels that come nearest to a design's profile
+    DriveTable                what it returns
+    read_drive                reads a drive table of any format
+    Drive                     a drive table as it was read
+    design_from_drive         the design that a drive table makes
+    read_trace                reads an oscilloscope's trace of a shutter
+    measured_profile          the profile that a trace shows
+    fit                       the camera as built, from pictures and a trace
+    FittedCamera              what it returns
+    read_measurements         reads the file that lists them
+    TargetPicture             a picture of a point light or an edge
+    SensorLevels              the conversion of electrons to levels
+
+Folders, whose further names are for those who extend the package
+    blur, camera, decoding, design, evaluation, hardware, model, pictures, report, search, sweeps
 """
+
+import difflib
 
 import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+# There is no `__all__`: with it, `help` would write out all of every class and function.
+_get, __dir__, _names = lazy_loader.attach_stub(__name__, __file__)
 
 __version__ = "0.2.0"
+
+
+def __getattr__(name: str) -> object:
+    """A public name, whose folder is imported at its first use."""
+    if name in _names:
+        return _get(name)
+    near = difflib.get_close_matches(name, _names, n=1)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}{hint}")

@@ -111,5 +111,4 @@ from .sweeps import light_map as light_map
 from .sweeps import pareto_front as pareto_front
 from .sweeps import sweep as sweep
 
-__all__: list[str]
 __version__: str

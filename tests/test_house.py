@@ -2,6 +2,8 @@
 
 import ast
 import importlib
+import pydoc
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -206,14 +208,41 @@ def test_fields_sit_in_the_final_class():
 
 
 def test_public_names_are_re_exported_one_a_line():
-    """`__init__.pyi` holds imports of the form `X as X`, and `__all__` has their names."""
+    """`__init__.pyi` holds imports of the form `X as X`, and `dir` has their names."""
     for node in public_imports():
         assert len(node.names) == 1
         assert node.names[0].name == node.names[0].asname
     folders = {node.names[0].name for node in public_imports() if node.module is None}
     assert folders < FOLDERS
-    assert sorted(mishutter.__all__) == sorted([*public_names(), *folders])
-    assert set(mishutter.__all__) <= set(dir(mishutter))
+    assert sorted(dir(mishutter)) == sorted([*public_names(), *folders])
+
+
+def test_help_has_every_name_once_in_a_line_of_its_own():
+    """By what it is for; the text of `help(mishutter)` holds no more of a class or function."""
+    page = mishutter.__doc__ or ""
+    *groups, folders = page.split("\n\n")[2:]
+    lines = [line for group in groups for line in group.splitlines()[1:]]
+    names = [line.split()[0] for line in lines]
+    assert sorted(names) == sorted(public_names())
+    assert all(len(line.split()) > 2 for line in lines)
+    assert max(map(len, page.splitlines())) <= 100
+    assert {*folders.splitlines()[1].strip().split(", ")} == {
+        node.names[0].name for node in public_imports() if node.module is None
+    }
+    text = pydoc.plain(pydoc.render_doc(mishutter))
+    assert len(text.splitlines()) < 300
+    assert "optimise(scene" not in text.replace("`optimise(example_scene())`", "")
+
+
+@pytest.mark.parametrize(
+    ("asked", "near"),
+    [("optimize", "optimise"), ("Optimise", "optimise"), ("HanShutter", "HannShutter")],
+)
+def test_a_name_that_is_not_there_is_answered_with_the_nearest(asked, near):
+    """In American spelling, or with a letter that is wrong."""
+    message = f"module 'mishutter' has no attribute '{asked}'; did you mean '{near}'?"
+    with pytest.raises(AttributeError, match=re.escape(message)):
+        getattr(mishutter, asked)
 
 
 def test_public_names_are_those_that_a_type_checker_reads():
@@ -230,7 +259,7 @@ def test_importing_the_package_imports_none_of_its_folders():
     own = "[name for name in sys.modules if name.startswith('mishutter.')]"
     code = f"import sys, mishutter; assert not {own}; mishutter.model.Scene; mishutter.Scene"
     subprocess.run([sys.executable, "-c", code], check=True)
-    with pytest.raises(AttributeError, match="No mishutter attribute shutters"):
+    with pytest.raises(AttributeError, match="has no attribute 'shutters'"):
         mishutter.shutters  # type: ignore[attr-defined]  # noqa: B018
 
 

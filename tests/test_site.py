@@ -43,13 +43,13 @@ def test_every_scene_key_stands_on_its_page_with_unit_default_and_range():
 def test_every_public_name_is_on_a_page_of_the_reference():
     """A name that is added to the package is documented."""
     named = {name for names in public_names().values() for name in names}
-    flat = {name for name in mishutter.__all__ if not inspect.ismodule(getattr(mishutter, name))}
+    flat = {name for name in dir(mishutter) if not inspect.ismodule(getattr(mishutter, name))}
     assert flat <= named
 
 
 def parameters():
     """Public functions and methods that have a docstring of their own, with their parameters."""
-    for name in mishutter.__all__:
+    for name in dir(mishutter):
         public = getattr(mishutter, name)
         members = vars(public) if inspect.isclass(public) else {}
         methods = {f"{name}.{m}": getattr(f, "__func__", f) for m, f in members.items()}

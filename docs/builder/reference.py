@@ -67,18 +67,42 @@ def write_reference(folder: Path) -> None:
     (place / "scene.md").write_text(scene_page())
     (place / "commands.md").write_text(commands_page())
     names = public_names()
-    lists = []
     for module, title in _FOLDERS.items():
         text = "".join(f"::: {path}\n\n" for path in names[module].values())
         (place / f"{module}.md").write_text(f"# {title}\n\n{text}")
-        links = (f"[`{name}`]({module}.md#{path})" for name, path in names[module].items())
-        lists.append(f"**[{title}]({module}.md)**: {', '.join(links)}\n")
     head = (
         "# Functions and classes\n\nEverything is imported from `mishutter`, and the pictures "
         "from `mishutter.report`. Functions take and return JAX arrays, work under `jax.jit`, "
         "`jax.vmap` and `jax.grad`, and follow the precision of their inputs.\n\n"
     )
-    (place / "index.md").write_text(head + "\n".join(lists))
+    (place / "index.md").write_text(head + "\n".join(_index(names)))
+
+
+def _index(names: dict[str, dict[str, str]]) -> Iterator[str]:
+    """A line for each name, by what it is for, as `help(mishutter)` has them, then the pictures."""
+    links = {
+        name: f"[`{name}`]({module}.md#{path})"
+        for module, paths in names.items()
+        for name, path in paths.items()
+    }
+    for title, lines in grouped_names().items():
+        yield f"## {title}\n"
+        yield from (f"- {links[name]}: {words}" for name, words in lines.items())
+        yield ""
+    drawn = (links[name] for name in names["report"] if name.startswith(_PICTURES))
+    yield f"## Pictures of results\n\n{', '.join(drawn)}\n"
+
+
+def grouped_names() -> dict[str, dict[str, str]]:
+    """What each public name is, in words, by its group in the docstring of the package."""
+    tree = ast.parse((ROOT / "mishutter" / "__init__.py").read_text("utf-8"))
+    paragraphs = (ast.get_docstring(tree) or "").split("\n\n")
+    groups = {}
+    for title, *lines in map(str.splitlines, paragraphs):
+        if lines and all(line.startswith("    ") for line in lines):
+            pairs = (re.split(r"\s{2,}", line.strip(), maxsplit=1) for line in lines)
+            groups[title] = {pair[0]: pair[-1] for pair in pairs}
+    return {title: each for title, each in groups.items() if not title.startswith("Folders")}
 
 
 def public_names() -> dict[str, dict[str, str]]:

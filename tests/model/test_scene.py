@@ -162,7 +162,7 @@ def takes_scene(function):
     return needed if {"scene", "scenes"} & set(needed) else None
 
 
-for name in mishutter.__all__:
+for name in dir(mishutter):
     thing = getattr(mishutter, name)
     if inspect.isfunction(thing):
         if needed := takes_scene(thing):
