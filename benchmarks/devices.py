@@ -94,9 +94,9 @@ def _expected_psnr(
     a, v = float(steady(motion).acceleration), float(motion.velocity)
     speeds, shares = np.asarray(scene.speeds) - v, np.asarray(scene.weights)
     frequencies = (np.arange(_NUM_FREQUENCIES) + 0.5) * (0.5 / _NUM_FREQUENCIES)
-    given = np.asarray(scene.power_spectrum)
+    given = np.asarray(scene.picture.power_spectrum)
     power = np.repeat(given, _NUM_FREQUENCIES // given.size)
-    power = power / power.mean() * float(scene.deviation) ** 2
+    power = power / power.mean() * float(scene.picture.deviation) ** 2
     responses = []
     for speed in speeds:
         path = a * times**2 - speed * times + (speed**2 / (4 * a) if a > 0 else 0.0)
@@ -106,7 +106,7 @@ def _expected_psnr(
     mean = shares @ responses
     spread = shares @ np.abs(responses - mean) ** 2
     electrons = float(scene.photon_rate) * (times[-1] - times[0])
-    noise = light.sum() * float(scene.mean_level) / electrons
+    noise = light.sum() * float(scene.picture.mean_level) / electrons
     noise += (float(scene.read_noise) / electrons) ** 2
     left = (power * spread + noise) / (power * (np.abs(mean) ** 2 + spread) + noise)
     return -10 * np.log10(np.mean(power * left))

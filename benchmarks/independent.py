@@ -213,15 +213,15 @@ def numbers_of(scene: Scene, fineness: int = 1) -> Numbers:
     """The numbers of a scene, with so many times as many nodes and frequencies."""
     limits, count = scene.limits, NUM_FREQUENCIES * fineness
     frequency = (np.arange(count) + 0.5) / (2 * count)
-    if scene.power_spectrum is None:
+    if scene.picture.power_spectrum is None:
         power = 1 / (frequency**2 + 0.01**2)
     else:
-        given = np.asarray(scene.power_spectrum)
+        given = np.asarray(scene.picture.power_spectrum)
         power = given[(2 * frequency * given.size).astype(int)]
-    power = np.where(frequency <= float(scene.cutoff_frequency), power, 0)
-    power = power / power.mean() * float(scene.deviation) ** 2
+    power = np.where(frequency <= float(scene.optics.cutoff_frequency), power, 0)
+    power = power / power.mean() * float(scene.picture.deviation) ** 2
     tau, basis = _nodes(NODES_PER_PIECE * fineness)
-    light = scene.photon_rate, scene.read_noise, scene.mean_level
+    light = scene.photon_rate, scene.read_noise, scene.picture.mean_level
     furthest = limits.max_stroke, limits.max_top_speed, limits.max_pan
     exposures = limits.min_half_exposure, limits.max_half_exposure
     stage = [
@@ -569,7 +569,7 @@ def file_of(scene: Scene, *, of_photograph: bool) -> str:
         f"weights = {np.asarray(scene.weights).tolist()}",
         f"[light]\nphoton_rate_per_s = {float(scene.photon_rate)}",
         f"[sensor]\nread_noise_e = {float(scene.read_noise)}",
-        f"[optics]\ncutoff_cycles_per_px = {float(scene.cutoff_frequency)}",
+        f"[optics]\ncutoff_cycles_per_px = {float(scene.optics.cutoff_frequency)}",
         f"[limits]\npans = '{limits.pans}'",
         f"min_half_exposure_ms = {1e3 * float(limits.min_half_exposure)}",
         f"max_half_exposure_ms = {1e3 * float(limits.max_half_exposure)}",
@@ -610,7 +610,7 @@ def measured(name: str, scene: Scene) -> dict[str, Any]:
         "best dB": f"{best:.3f} / {anew:.3f}",
         "of a limit": max(most_used(scene, row.motion) for row in table.rows),
         "rises": purchases_rise(table),
-        "command": command_agrees(scene, of_photograph=scene.power_spectrum is not None),
+        "command": command_agrees(scene, of_photograph=scene.picture.power_spectrum is not None),
     }
     return {"scene": name, **facts, **_summary(figures), "figures": figures}
 

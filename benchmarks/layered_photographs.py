@@ -262,9 +262,11 @@ def scene_of(layers: Layered, background: str) -> ms.Scene:
         SPEEDS,
         photon_rate=PHOTON_RATE,
         read_noise=READ_NOISE,
-        mean_level=(1 - p) * levels[0] + p * levels[1],
-        deviation=np.sqrt(variance),
-        power_spectrum=in_steps(power),
+        picture=ms.Texture(
+            mean_level=(1 - p) * levels[0] + p * levels[1],
+            deviation=np.sqrt(variance),
+            power_spectrum=in_steps(power),
+        ),
         occlusion=ms.Occlusion(
             front_share=p,
             object_width=layers.width,
@@ -294,7 +296,7 @@ def levels(layers: Layered, background: str, camera: str) -> dict:
     motion, shutter = CAMERAS[camera]
     exposure = layered_rows.camera(motion, shutter, max(SPEEDS))
     scene, pairs = scene_of(layers, background), pairs_of(background)
-    noise = exposure.noise(PHOTON_RATE, READ_NOISE, float(scene.mean_level))
+    noise = exposure.noise(PHOTON_RATE, READ_NOISE, float(scene.picture.mean_level))
     known = layered_rows.best_filter(spectra_of(layers), exposure, pairs, noise)
     own = layered_rows.best_filter(spectra_of(layers, own_matte=True), exposure, pairs, noise)
     errors_of_pairs = [error_of(layers, exposure, known, pair, noise) for pair in pairs]

@@ -43,7 +43,7 @@ def case(seed: int) -> dict:
     scene = ms.Scene(speeds, photon_rate=rate, read_noise=noise, limits=limits)
     motion = ms.ParabolicMotion(acceleration=stroke / half**2, half_exposure=half)
     relative = float(ms.ExpectedErrorLoss()(scene, motion, shutter))
-    found = -20 * np.log10(relative * float(scene.deviation))
+    found = -20 * np.log10(relative * float(scene.picture.deviation))
     exact = closed_form.expected_psnr(window, stroke, half, speeds, rate, noise)
     return {
         "seed": seed,

@@ -43,8 +43,7 @@ def measure() -> list[dict]:
             num_speeds=5,
             photon_rate=rate,
             read_noise=4.0,
-            mean_level=MEAN,
-            deviation=DEVIATION,
+            picture=ms.Texture(mean_level=MEAN, deviation=DEVIATION),
         )
         expected = ms.restore_photograph(rows_of(0), scene, motion, shutter, num_seeds=1)
         closed = harness.timed(lambda: ms.evaluate(scene, motion, shutter).expected_psnr)  # noqa: B023

@@ -56,7 +56,7 @@ def scene_of(rows: np.ndarray, scene: ms.Scene) -> ms.Scene:
     """The scene with pictures of the spectrum, the mean and the deviation of periodic rows."""
     spectrum = np.fft.rfft(rows - np.mean(rows))
     numbers = np.mean(rows), np.std(rows), in_steps(np.mean(np.abs(spectrum) ** 2, axis=0))
-    leaves = lambda s: (s.mean_level, s.deviation, s.power_spectrum)  # noqa: E731
+    leaves = lambda s: (s.picture.mean_level, s.picture.deviation, s.picture.power_spectrum)  # noqa: E731
     values = tuple(jax.device_put(np.asarray(x, scene.speeds.dtype)) for x in numbers)
     return eqx.tree_at(leaves, scene, values, is_leaf=lambda x: x is None)
 

@@ -24,6 +24,7 @@ from mishutter import (
     ParabolicMotion,
     Picture,
     Scene,
+    Texture,
     example_picture,
     example_scene,
     optimise,
@@ -152,7 +153,9 @@ def ten_scenes() -> list[float]:
             speeds,
             photon_rate=10 ** random.uniform(4, 7),
             read_noise=random.uniform(2, 9),
-            power_spectrum=random.uniform(0.2, 1, 256) / np.linspace(0.01, 0.5, 256) ** 2,
+            picture=Texture(
+                power_spectrum=random.uniform(0.2, 1, 256) / np.linspace(0.01, 0.5, 256) ** 2
+            ),
             limits=first.limits,
             motion=first.motion,
         )

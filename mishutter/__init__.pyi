@@ -76,13 +76,16 @@ from .model import IdealShutter as IdealShutter
 from .model import Limits as Limits
 from .model import LinearMotion as LinearMotion
 from .model import Occlusion as Occlusion
+from .model import Optics as Optics
 from .model import ParabolicMotion as ParabolicMotion
 from .model import RectShutter as RectShutter
 from .model import Scene as Scene
 from .model import SecondOrderStage as SecondOrderStage
+from .model import Sensor as Sensor
 from .model import SplineShutter as SplineShutter
 from .model import StillCamera as StillCamera
 from .model import SwitchedShutter as SwitchedShutter
+from .model import Texture as Texture
 from .model import Tolerances as Tolerances
 from .model import TriangleShutter as TriangleShutter
 from .model import TukeyShutter as TukeyShutter

@@ -142,12 +142,12 @@ def simulate_capture(
         subject = "simulate_capture(speed=..., displacement=..., border=...)"
         got = f"{speed!r}, {displacement!r}, {border!r}"
         require(are_defaults, subject, "be left to layers and frames", got)
-        along = picture if scene.axis == "rows" else picture.turned()
+        along = picture if scene.sensor.axis == "rows" else picture.turned()
         expose = expose_layers if isinstance(picture, Layers) else expose_frames
         irradiance = expose(along, motion, shutter, scene.optics)  # type: ignore[arg-type]
         levels = _recorded(irradiance, scene, motion, key, full_well=full_well, adc_bits=adc_bits)
-        return as_float(turned(levels, scene.axis))
-    radiance = turned(as_radiance(picture, "simulate_capture(picture=...)"), scene.axis)
+        return as_float(turned(levels, scene.sensor.axis))
+    radiance = turned(as_radiance(picture, "simulate_capture(picture=...)"), scene.sensor.axis)
     require_known("simulate_capture", motion=motion, speed=speed, displacement=displacement)
     for name, value in (("speed", speed), ("displacement", displacement)):
         require_scalar(f"simulate_capture({name}=...)", value)
@@ -160,7 +160,7 @@ def simulate_capture(
     window = slice(0, columns)
     if border == "scene":
         subject = "simulate_capture(border='scene')"
-        requirement = f"have a picture of at least {num_taps} {pixels_along(scene.axis)}"
+        requirement = f"have a picture of at least {num_taps} {pixels_along(scene.sensor.axis)}"
         require(columns >= num_taps, subject, requirement, columns)
         window = captured_columns(motion, speed, columns)
     period = period_of(columns, num_taps + math.ceil(abs(displacement)), border)
@@ -171,7 +171,7 @@ def simulate_capture(
     irradiance = channels_last(_exposed(planes, response, period, border)[..., window], radiance)
     irradiance = every_colour(irradiance, radiance)
     levels = _recorded(irradiance, scene, motion, key, full_well=full_well, adc_bits=adc_bits)
-    return as_float(turned(levels, scene.axis))
+    return as_float(turned(levels, scene.sensor.axis))
 
 
 def blurred_at_speeds(
@@ -213,7 +213,7 @@ def through_optics(
     columns = rows.shape[-1]
     period = period_of(columns, 0, "reflect")
     spectrum = np.fft.rfft(continued(rows, period, "reflect"))
-    image = np.fft.irfft(spectrum * Optics(cutoff).response(period), period)
+    image = np.fft.irfft(spectrum * Optics(cutoff_frequency=cutoff).response(period), period)
     return image[..., :columns].astype(rows.dtype)
 
 
@@ -370,8 +370,8 @@ def _recorded(
     full_well: float | None = None,
     adc_bits: int | None = None,
 ) -> Array:
-    if full_well is None and scene.full_well is not None:
-        full_well = float(scene.full_well)
+    if full_well is None and scene.sensor.full_well is not None:
+        full_well = float(scene.sensor.full_well)
     return recorded(
         irradiance,
         white_electrons(scene.photon_rate, motion.exposure),

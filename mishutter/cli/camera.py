@@ -288,7 +288,6 @@ def _subject(
     path: Path | None, scene: "Scene", white: float | None, linear: bool
 ) -> "Picture | Layers | Frames":
     from mishutter.camera import VIDEO_SUFFIXES, is_layers_file, read_frames, read_layers
-    from mishutter.model import scene_picture
     from mishutter.pictures import read_picture
 
     if path is None or is_layers_file(path):
@@ -300,11 +299,11 @@ def _subject(
                     "got an option."
                 )
     if path is None:
-        if scene.picture is None:
+        if scene.picture.path is None:
             raise ValueError(
                 "`--subject` must be given where the scene has no picture; got nothing."
             )
-        return scene_picture(scene)
+        return scene.picture.photograph()
     if is_layers_file(path):
         return read_layers(path)
     if path.is_dir() or path.suffix.lower() in VIDEO_SUFFIXES:

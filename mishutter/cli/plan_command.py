@@ -64,13 +64,13 @@ def understood(scene: "Scene") -> dict[str, object]:
         "speeds_px_per_s": scene.speeds.tolist(),
         "photon_rate_per_s": float(scene.photon_rate),
         "read_noise_e": float(scene.read_noise),
-        "axis": scene.axis,
+        "axis": scene.sensor.axis,
         "max_stroke_px": float(limits.max_stroke),
         "max_top_speed_px_per_s": float(limits.max_top_speed),
         "max_pan_px_per_s": float(limits.max_pan),
     }
     others = {
-        "full_well_e": scene.full_well,
+        "full_well_e": scene.sensor.full_well,
         "max_travel_px": limits.max_travel,
         "max_acceleration_px_per_s2": limits.max_acceleration,
         "max_jerk_px_per_s3": limits.max_jerk,

@@ -164,12 +164,12 @@ def deconvolve(
         15.7 dB, 30.0 dB
     """
     require_scene(scene)
-    irradiance = turned(as_pixels(captured, "deconvolve(captured=...)"), scene.axis)
+    irradiance = turned(as_pixels(captured, "deconvolve(captured=...)"), scene.sensor.axis)
     chosen = EnsembleDecoder() if decoder is None else decoder
     is_decoder = isinstance(chosen, AbstractDecoder)
     require(is_decoder, "deconvolve(decoder=...)", "be a decoder", decoder)
     model = blur_model(scene, motion, shutter)
-    return as_float(turned(restored_light(irradiance, chosen, model), scene.axis))
+    return as_float(turned(restored_light(irradiance, chosen, model), scene.sensor.axis))
 
 
 def restored_light(irradiance: Planes, decoder: AbstractDecoder, model: BlurModel) -> Planes:
@@ -287,8 +287,8 @@ def restore_by_each(
     require_positive_int("restore_photograph(num_seeds=...)", num_seeds)
     require_key("restore_photograph(key=...)", key)
     radiance = as_radiance(picture, "restore_photograph(picture=...)")
-    radiance = turned(radiance[..., None] if radiance.ndim == 2 else radiance, scene.axis)
-    axis, scene = scene.axis, scene.along_rows()
+    radiance = turned(radiance[..., None] if radiance.ndim == 2 else radiance, scene.sensor.axis)
+    axis, scene = scene.sensor.axis, scene.along_rows()
     chosen_speeds = np.asarray(scene.speeds if speeds is None else speeds, np.float64)
     require_finite("restore_photograph(speeds=...)", chosen_speeds)
     is_row = chosen_speeds.ndim == 1 and chosen_speeds.size > 0
@@ -389,7 +389,7 @@ def _behind_optics(
 ) -> Float[np.ndarray, "rows columns channels"]:
     """The picture behind the scene's optics, as a perfect decoder would restore it."""
     rows = np.moveaxis(radiance, 1, 2)
-    return np.moveaxis(through_optics(rows, float(scene.cutoff_frequency)), 2, 1)
+    return np.moveaxis(through_optics(rows, float(scene.optics.cutoff_frequency)), 2, 1)
 
 
 @compiled

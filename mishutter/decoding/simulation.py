@@ -118,7 +118,7 @@ def capture_and_restore(
     require_scene(scene)
     require_positive_int("capture_and_restore(rows_at_once=...)", rows_at_once)
     require_key("capture_and_restore(key=...)", key)
-    axis, scene = scene.axis, scene.along_rows()
+    axis, scene = scene.sensor.axis, scene.along_rows()
     chosen = EnsembleDecoder() if decoder is None else decoder
     report = progress if progress is not None else lambda text, share: None
     capture = partial(
@@ -230,7 +230,8 @@ def restored_capture(
         ValueError: as `restore`.
     """
     scene, motion, shutter = design.scene.along_rows(), design.motion, design.shutter
-    pixels = turned(np.asarray(as_pixels(capture, "restore(capture=...)")), design.scene.axis)
+    axis = design.scene.sensor.axis
+    pixels = turned(np.asarray(as_pixels(capture, "restore(capture=...)")), axis)
     chosen, model = decoder or EnsembleDecoder(), blur_model(scene, motion, shutter)
     if speed is not None:
         require_finite("restore(speed=...)", speed)
@@ -240,7 +241,7 @@ def restored_capture(
     report = progress or (lambda text, share: None)
     light, relative = _in_portions(pixels, chosen, model, _ROWS_AT_ONCE, report)
     estimate = None if relative is None else relative.of(scene, motion)
-    return Restoration(turned(light, design.scene.axis), estimate)
+    return Restoration(turned(light, axis), estimate)
 
 
 def _in_portions(

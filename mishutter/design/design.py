@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from mishutter._core import contents, parsed, require, shown, strict_json, validated, write_text
-from mishutter.design.schema import FORMAT, SAVED_SCENE, SavedDesign, SavedMotion
+from mishutter.design.schema import FORMATS, SAVED_SCENE, SavedDesign, SavedMotion
 from mishutter.evaluation import (
     KNOWN_SPEED,
     UNKNOWN_SPEED,
@@ -148,7 +148,7 @@ class Design:
         parts = {
             "level_db": level,
             "level_of": level_of,
-            "format": FORMAT,
+            "format": FORMATS[-1],
             "mishutter": package_version(),
             "shutter": shutter_to_dict(self.command),
             "motion": motion_to_dict(self.motion),
@@ -189,7 +189,8 @@ class Design:
         data = parsed(json.loads, contents(path), name, "JSON")
         is_design = isinstance(data, dict) and "format" in data
         require(is_design, name, "be a design saved by mishutter", type(data).__name__)
-        require(data["format"] == FORMAT, name, f"be of design format {FORMAT}", data["format"])
+        requirement = f"be of design format {FORMATS[0]} to {FORMATS[-1]}"
+        require(data["format"] in FORMATS, name, requirement, data["format"])
         file = validated(SavedDesign, data, name)
         try:
             return _built(file)

@@ -81,13 +81,14 @@ class StillBursts:
         motion = LinearMotion(half_exposure=self._longest / 2)
         count = sizes(without_tolerances(scene), motion).num_frequencies
         self._frequency, self._power = frequencies(count), power_on_grid(scene, count)
-        self._aperture = np.asarray(pixel_response(self._frequency, float(scene.lens_blur))) ** 2
+        blur = float(scene.optics.lens_blur)
+        self._aperture = np.asarray(pixel_response(self._frequency, blur)) ** 2
 
     def error(self, num_frames: int, exposure: float) -> float:
         """Squared error that is left by some frames of an exposure, s; white = 1."""
         scene = self._scene
         rate, mean, read = (
-            float(x) for x in (scene.photon_rate, scene.mean_level, scene.read_noise)
+            float(x) for x in (scene.photon_rate, scene.picture.mean_level, scene.read_noise)
         )
         electrons = white_electrons(rate, exposure)
         noise = noise_power(1.0, mean, electrons, read) / num_frames
@@ -319,8 +320,8 @@ def _exposures(scene: Scene) -> tuple[float, float]:
     """Shortest and longest exposure that limits and a full pixel leave one frame; s."""
     limits = scene.limits
     shortest, longest = 2 * float(limits.min_half_exposure), 2 * float(limits.max_half_exposure)
-    if scene.full_well is not None:
-        filling = 2 * float(filling_half_exposure(scene.full_well, scene.photon_rate))
+    if scene.sensor.full_well is not None:
+        filling = 2 * float(filling_half_exposure(scene.sensor.full_well, scene.photon_rate))
         longest = min(longest, filling)
     return shortest, longest
 

@@ -190,7 +190,7 @@ def _least_error(scene: Scene, half: float, times: Times, picture: _Power) -> fl
     """
     frequency, power, num_frequencies = picture
     rate, read_noise, mean_level = (
-        np.float64(x) for x in (scene.photon_rate, scene.read_noise, scene.mean_level)
+        np.float64(x) for x in (scene.photon_rate, scene.read_noise, scene.picture.mean_level)
     )
     if not power.size:
         return 0.0
@@ -199,7 +199,7 @@ def _least_error(scene: Scene, half: float, times: Times, picture: _Power) -> fl
     time = np.minimum(half, times.at(frequency) / frequency)
     with np.errstate(divide="ignore", over="ignore"):
         signal = 2 * rate * time / (mean_level + read_noise * (read_noise / (2 * rate * half)))
-        aperture = np.asarray(pixel_response(frequency, float(scene.lens_blur))) ** 2
+        aperture = np.asarray(pixel_response(frequency, float(scene.optics.lens_blur))) ** 2
         share = 1 / (1 + power * aperture * signal)
     return float(np.sum(power * share) / num_frequencies)
 

@@ -451,7 +451,7 @@ def _aperture(
 ) -> Float[Array, "{num_frequencies}"]:
     """Share of the power that lens and pixel pass, on the frequency grid."""
     frequency = frequency_grid(num_frequencies, dtype)
-    return jnp.asarray(pixel_response(frequency, scene.lens_blur.astype(dtype))) ** 2
+    return jnp.asarray(pixel_response(frequency, scene.optics.lens_blur.astype(dtype))) ** 2
 
 
 def _signal_and_noise(
@@ -469,6 +469,6 @@ def _signal_and_noise(
     read_noise = scene.read_noise.astype(dtype)
     largest = jnp.maximum(jnp.maximum(electrons, jnp.sqrt(electrons)), read_noise)
     unit = jax.lax.stop_gradient(jnp.where(largest > 0, largest, 1.0))
-    mean_level = scene.mean_level.astype(dtype)
+    mean_level = scene.picture.mean_level.astype(dtype)
     noise = noise_power(efficiency, mean_level, electrons, read_noise, unit=unit)
     return power * (electrons / unit) ** 2, noise

@@ -211,7 +211,7 @@ def _shares(
     frequency = jnp.asarray(grid.values(dtype))
     power = picture_power(scene, grid.num_known, dtype)
     # Rounding must not cut off a frequency that lies at the cutoff.
-    passes = frequency <= scene.cutoff_frequency.astype(dtype) * (1 + 1e-6)
+    passes = frequency <= scene.optics.cutoff_frequency.astype(dtype) * (1 + 1e-6)
     texture = jnp.where(passes, _texture_at(power, frequency), 0)
     front = occlusion.front_share.astype(dtype)
     behind = 1 - front
@@ -234,7 +234,7 @@ def _shares(
             """Power spectrum of the matte."""
             return front * behind * 2 * length / (1 + (2 * jnp.pi * frequency * length) ** 2)
 
-        rule = _matte_rule(frequency, 1 / (2 * jnp.pi * length), scene.cutoff_frequency)
+        rule = _matte_rule(frequency, 1 / (2 * jnp.pi * length), scene.optics.cutoff_frequency)
         beside = _texture_at(power, frequency[:, None] - rule.matte)
         mass = beside * matte(rule.matte) * rule.step
         same = jnp.sum(mass, axis=1)

@@ -392,7 +392,7 @@ def _smooth_maximum(values: Float[Array, "n"]) -> Float[Array, ""]:
 
 def _over_contrast(scene: Scene, squared: Float[Array, ""]) -> Float[Array, ""]:
     """Root of a squared error over the picture's deviation; 0 for a picture without any."""
-    variance = scene.deviation.astype(squared.dtype) ** 2
+    variance = scene.picture.deviation.astype(squared.dtype) ** 2
     textured = (variance > 0) & (squared > 0)
     ratio = jnp.where(textured, squared, 1.0) / jnp.where(textured, variance, 1.0)
     return jnp.where(textured, jnp.sqrt(ratio), 0.0)

@@ -224,7 +224,7 @@ def reduced(scene: Scene, plan: Plan) -> Scene:
 
     Scenes that differ only in their numbers get the same shapes, and share programs.
     """
-    power = scene.power_spectrum
+    power = scene.picture.power_spectrum
     if is_concrete(power):
         power = spectrum_on_grid(scene, plan.num_frequencies, np.dtype(scene.speeds.dtype))
     speeds = weights = None

@@ -20,8 +20,7 @@ def picture_power(
     scene: Scene, num_frequencies: int, dtype: np.dtype
 ) -> Float[Array, "{num_frequencies}"]:
     """The `power_on_grid` of a scene that may be traced."""
-    numbers = scene.power_spectrum, scene.cutoff_frequency, scene.deviation, scene.occlusion
-    if all_concrete(numbers):
+    if all_concrete((_numbers(scene), scene.occlusion)):
         return device_constant(power_on_grid(scene, num_frequencies, dtype))
     return jnp.asarray(_power(scene, num_frequencies, dtype))
 
@@ -42,7 +41,7 @@ def _power(
 ) -> Float[Array | np.ndarray, "{num_frequencies}"]:
     if scene.occlusion is not None and scene.occlusion.shares is not None:
         return scene.occlusion.shares.power.astype(dtype)
-    numbers = scene.power_spectrum, scene.cutoff_frequency, scene.deviation
+    numbers = _numbers(scene)
     space = np if all_concrete(numbers) else jnp
     spectrum = spectrum_on_grid(scene, num_frequencies, dtype)
     cutoff, deviation = (space.asarray(x, dtype) for x in numbers[1:])
@@ -52,11 +51,17 @@ def _power(
     return power / space.where(total > 0, total, 1.0) * deviation**2
 
 
+def _numbers(scene: Scene) -> tuple[Array | None, Array, Array]:
+    """The numbers that the spectrum is made of."""
+    picture = scene.picture
+    return picture.power_spectrum, scene.optics.cutoff_frequency, picture.deviation
+
+
 def spectrum_on_grid(
     scene: Scene, num_frequencies: int, dtype: np.dtype
 ) -> Float[Array | np.ndarray, "{num_frequencies}"]:
     """The scene's power spectrum, on any scale, or $1/(f^2 + 0.01^2)$; by NumPy if concrete."""
-    spectrum = scene.power_spectrum
+    spectrum = scene.picture.power_spectrum
     if spectrum is None:
         return 1 / (frequencies(num_frequencies).astype(dtype) ** 2 + CORNER_FREQUENCY**2)
     space = np if is_concrete(spectrum) else jnp

@@ -179,11 +179,11 @@ def curves(
 
 def _sent(scene: Scene, motion: AbstractMotion, time: Float[np.ndarray, "t"]) -> Numbers:
     """Positions to send to the stage of the scene; empty without a stage."""
-    path = None if scene.stage is None else scene.limits.stage_path(motion)
-    if scene.stage is None or path is None:
+    path = None if scene.limits.stage is None else scene.limits.stage_path(motion)
+    if scene.limits.stage is None or path is None:
         return {}
     before_the_end = np.minimum(time, time[-1] * (1 - 1e-9))
-    return {"sent": _short(scene.stage.sent_for(path, before_the_end))}
+    return {"sent": _short(scene.limits.stage.sent_for(path, before_the_end))}
 
 
 def _kernels(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> Numbers:

@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -24,7 +23,7 @@ from mishutter.decoding import (
     restore_by_each,
 )
 from mishutter.evaluation import knowledge_of
-from mishutter.model import Scene, picture_arguments
+from mishutter.model import Scene, Texture
 from mishutter.pictures import (
     PICTURE_FORMATS,
     PICTURE_SUFFIXES,
@@ -49,11 +48,11 @@ class Photograph:
 
     Attributes:
         part: Rows from the middle, along which things move.
-        arguments: Arguments of `Scene` that follow from the spectrum of the whole.
+        texture: Statistics of the whole.
     """
 
     part: Picture
-    arguments: Mapping[str, Any]
+    texture: Texture
 
 
 Reader = Callable[[float | None, bool, Axis], Photograph]
@@ -73,7 +72,8 @@ def reader(place: str, read: Callable[[float | None, bool], Picture]) -> Reader:
         picture = read(white, linear)
         along = turned(picture.light, axis)
         part = Picture(light=_middle(along, ROWS_TO_FIND).copy(), name=picture.name)
-        return Photograph(part, picture_arguments(place, picture, white, linear, axis))
+        texture = Texture.of_photograph(picture, place, white=white, linear=linear, axis=axis)
+        return Photograph(part, texture)
 
     return part_of
 
@@ -161,7 +161,7 @@ def restored(
     speeds = [*np.asarray(scene.speeds).tolist(), speed]
     longest = max(kernel_layout(row.motion, *speeds, 0.0)[0] for row in rows.values())
     least, columns = least_columns(longest), photograph.part.light.shape[1]
-    pixels = pixels_along(scene.axis)
+    pixels = pixels_along(scene.sensor.axis)
     requirement = f"have at least {least} {pixels}, to be restored from this blur"
     require(columns >= least, "the photograph", requirement, columns)
     width = min(columns, max(least, _COLUMNS + longest))
@@ -185,10 +185,10 @@ def restored(
         )[name]
         captured = result.captured[0]
         gain = np.mean(result.reference) / max(float(np.mean(captured)), 1e-12)
-        reference = turned(result.reference, scene.axis)
+        reference = turned(result.reference, scene.sensor.axis)
         level = float(result.linear_psnr[0])
         pictures = {"captured": captured * gain, "restored": result.restored[0]}
-        pair = {name: _png(turned(picture, scene.axis)) for name, picture in pictures.items()}
+        pair = {name: _png(turned(light, scene.sensor.axis)) for name, light in pictures.items()}
         estimate = estimate_speed(captured, along, row.motion, row.shutter) if finds else None
         speed_of_decoder = {"aside": knowledge.aside, "found": _plain(estimate)}
         designs.append({"name": name, "psnr": level, **pair, **speed_of_decoder})

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, final
+from typing import TYPE_CHECKING, Annotated, final
 
 import numpy as np
 from pydantic import Field
@@ -33,6 +33,7 @@ from mishutter.model import (
     Scene,
     SceneFile,
     Speed,
+    Texture,
     example_scene_text,
     scene_of_tables,
 )
@@ -157,12 +158,12 @@ def built(tables: Tables, photographs: Mapping[str, Reader]) -> Scene:
         ValueError: if it is no scene, or names another photograph.
     """
 
-    def arguments(place: str, white: float | None, linear: bool, axis: Axis) -> Mapping[str, Any]:
+    def texture(place: str, white: float | None, linear: bool, axis: Axis) -> Texture:
         names = ", ".join(photographs)
         require(place in photographs, "[picture] path", f"be one of {names}, or uploaded", place)
-        return photographs[place](white, linear, axis).arguments
+        return photographs[place](white, linear, axis).texture
 
-    return scene_of_tables(tables, _SCENE, Path(), arguments)
+    return scene_of_tables(tables, _SCENE, Path(), texture)
 
 
 class Session:
@@ -238,13 +239,13 @@ class Session:
             if name != OPTIMISED
         }
         pictured = {name: row for name, row in chosen.items() if can_be_pictured(row)}
-        follows = scene.picture is not None and bool(pictured)
+        follows = scene.picture.path is not None and bool(pictured)
         shown = {"curves": others, "pins": self.pins, "pictured": follows}
         yield {"kind": "table", **table(comparison), **shown}
-        if scene.picture is not None and follows:
+        if scene.picture.path is not None and follows:
             check()
-            read = self._photographs[scene.picture]
-            photograph = read(scene.picture_white, scene.picture_linear, scene.axis)
+            read = self._photographs[scene.picture.path]
+            photograph = read(scene.picture.white, scene.picture.linear, scene.sensor.axis)
             yield {
                 "kind": "photograph",
                 **restored(photograph, scene, pictured, request.speed, check),

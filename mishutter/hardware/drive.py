@@ -129,9 +129,9 @@ class DriveTable:
         """
         scene = self.design.scene
         path = scene.limits.stage_path(self.design.motion)
-        if scene.stage is None or path is None:
+        if scene.limits.stage is None or path is None:
             return None
-        actual = scene.stage.made_of(path)
+        actual = scene.limits.stage.made_of(path)
         if scene.limits.pans == "camera":
             actual = actual.panned(actual.velocity + self.design.motion.velocity)
         return evaluate(without_tolerances(scene), actual, self.design.shutter)
@@ -187,7 +187,7 @@ class DriveTable:
             "rest",
         )
         columns = {"sensor_position,px": position, "sensor_velocity,px/s": velocity}
-        stage = self.design.scene.stage
+        stage = self.design.scene.limits.stage
         if stage is not None:
             columns["sent_position,px"] = stage.sent_for(path, times)
         names, units = zip(*(name.split(",") for name in columns), strict=True)

@@ -44,6 +44,7 @@ from mishutter.model.motion import (
     steady,
     stroke_of_parabola,
 )
+from mishutter.model.servos import SecondOrderStage
 from mishutter.model.stages import (
     StagePath,
     StageUse,
@@ -126,6 +127,8 @@ class Limits(eqx.Module):
             turning the camera does, and the stage makes the rest of the motion.
         free_paths: Whether the stage follows any path within these limits: comparisons then search
             for rivals on paths that are no parabola, which takes more than half of their time.
+        stage: How the stage follows what it is sent, which says what to send; by default it is
+            where it is sent at once.
 
     Attributes:
         frame_velocity: Velocity of the frame that motions are in, as `seen_from` sets it; px/s.
@@ -133,7 +136,7 @@ class Limits(eqx.Module):
 
     Raises:
         ValueError: if one is not a positive scalar (`max_pan` at least 0), the exposures are out
-            of order, `pans` is neither, or `free_paths` is no truth value.
+            of order, `pans` is neither, `free_paths` is no truth value, or `stage` is no stage.
     """
 
     max_stroke: Array
@@ -145,6 +148,7 @@ class Limits(eqx.Module):
     max_acceleration: Array | None
     max_jerk: Array | None
     frame_velocity: Array | None
+    stage: SecondOrderStage | None
     pans: Literal["stage", "camera"] = eqx.field(static=True)
     free_paths: bool = eqx.field(static=True)
 
@@ -161,6 +165,7 @@ class Limits(eqx.Module):
         max_jerk: ArrayLike | None = None,
         pans: Literal["stage", "camera"] = "stage",
         free_paths: bool = False,
+        stage: SecondOrderStage | None = None,
     ):
         self.max_stroke = as_float(max_stroke, "Limits(max_stroke=...)")
         self.max_top_speed = as_float(max_top_speed, "Limits(max_top_speed=...)")
@@ -175,7 +180,7 @@ class Limits(eqx.Module):
             self.max_acceleration = as_float(max_acceleration, "Limits(max_acceleration=...)")
         if max_jerk is not None:
             self.max_jerk = as_float(max_jerk, "Limits(max_jerk=...)")
-        self.pans, self.free_paths = pans, free_paths
+        self.pans, self.free_paths, self.stage = pans, free_paths, stage
 
     def __check_init__(self) -> None:
         stage = [name for name in _OF_STAGE if getattr(self, name) is not None]
@@ -189,6 +194,8 @@ class Limits(eqx.Module):
         require(self.pans in kinds, "Limits(pans=...)", "be 'stage' or 'camera'", self.pans)
         are_asked = isinstance(self.free_paths, bool)
         require(are_asked, "Limits(free_paths=...)", "be True or False", self.free_paths)
+        is_stage = isinstance(self.stage, SecondOrderStage | None)
+        require(is_stage, "Limits(stage=...)", "be a `SecondOrderStage`", self.stage)
         if is_concrete(self.min_half_exposure) and is_concrete(self.max_half_exposure):
             require(
                 float(self.min_half_exposure) <= float(self.max_half_exposure),
@@ -200,6 +207,10 @@ class Limits(eqx.Module):
     def __repr__(self) -> str:
         """The numbers, of which a module shows no more than their type."""
         return fields_text(self)
+
+    def without_servo(self) -> "Limits":
+        """The limits without the answer of the stage, which no integral sees."""
+        return eqx.tree_at(lambda each: each.stage, self, None, is_leaf=lambda x: x is self.stage)
 
     @property
     def has_stage(self) -> bool:

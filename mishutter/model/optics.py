@@ -3,15 +3,29 @@
 The frequencies are the centres of equal steps of (0, 0.5) cycles/px.
 """
 
-from typing import Any, NamedTuple
+from typing import Any, final
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from mishutter._core import namespace_of
+from mishutter._core import (
+    as_float,
+    fields_text,
+    is_concrete,
+    namespace_of,
+    require,
+    require_at_least,
+    require_finite,
+    require_scalar,
+)
 
+NYQUIST_FREQUENCY = 0.5
+"""The highest frequency that a sensor records; cycles/px."""
+NUM_FREQUENCIES = 256
+"""Equal steps up to it that a spectrum is looked at in, at least."""
 WIDEST_BLUR = 16.0
 """Widest blur of a lens, px: four of it fit into the margin that captures leave."""
 
@@ -61,25 +75,60 @@ def on_steps(
     return np.maximum(np.bincount(target, pieces, count), 0).astype(power.dtype)
 
 
-class Optics(NamedTuple):
+@final
+class Optics(eqx.Module):
     r"""A lens that blurs by a Gaussian and passes nothing above a cutoff.
 
     The cutoff belongs to the picture: nothing above it is there to be restored. The blur belongs
     to the camera: a decoder restores the picture without it.
 
-    Attributes:
-        cutoff_frequency: Highest frequency that passes; cycles/px.
-        lens_blur: Standard deviation $\sigma$ of the Gaussian along the rows; px.
+    Args:
+        cutoff_frequency: Highest frequency that passes: the picture on the sensor holds none above
+            it, and below it some; cycles/px, at most 0.5.
+        lens_blur: Standard deviation $\sigma$ of the Gaussian that the lens spreads a point over,
+            along the rows; px, at most 16.
+
+    Raises:
+        ValueError: if a number is out of its range.
     """
 
-    cutoff_frequency: float
-    lens_blur: float = 0.0
+    cutoff_frequency: Array
+    lens_blur: Array
+
+    def __init__(
+        self, *, cutoff_frequency: ArrayLike = NYQUIST_FREQUENCY, lens_blur: ArrayLike = 0.0
+    ):
+        self.cutoff_frequency = as_float(cutoff_frequency, "Optics(cutoff_frequency=...)")
+        self.lens_blur = as_float(lens_blur, "Optics(lens_blur=...)")
+
+    def __check_init__(self) -> None:
+        subject, cutoff = "Optics(cutoff_frequency=...)", self.cutoff_frequency
+        require_scalar(subject, cutoff)
+        require_finite(subject, cutoff)
+        if is_concrete(cutoff):
+            passes = 0 < float(cutoff) <= NYQUIST_FREQUENCY
+            require(passes, subject, "be above 0 and at most 0.5 cycles/px", cutoff)
+        subject, blur = "Optics(lens_blur=...)", self.lens_blur
+        require_scalar(subject, blur)
+        require_at_least(subject, blur, "at least 0")
+        if is_concrete(blur):
+            is_within = float(blur) <= WIDEST_BLUR
+            require(is_within, subject, f"be at most {WIDEST_BLUR:g} px", blur)
+
+    def __repr__(self) -> str:
+        """The numbers, of which a module shows no more than their type."""
+        return fields_text(self)
 
     def response(self, period: int) -> Float[np.ndarray, "{period}//2+1"]:
-        """Response on the grid of the DFT of so many pixels; shape `(period // 2 + 1,)`."""
+        """Response on the grid of the DFT of so many pixels; shape `(period // 2 + 1,)`.
+
+        Args:
+            period: Number of pixels; the lens is concrete.
+        """
         number = np.arange(period // 2 + 1)
-        passes = number <= self.cutoff_frequency * period * (1 + 1e-12)
-        return np.where(passes, lens_response(number / period, self.lens_blur), 0.0)
+        cutoff, blur = float(self.cutoff_frequency), float(self.lens_blur)
+        passes = number <= cutoff * period * (1 + 1e-12)
+        return np.where(passes, lens_response(number / period, blur), 0.0)
 
 
 def lens_response(

@@ -1,8 +1,11 @@
 """A scene: the speeds that occur, the light, the noise and the limits of the sensor."""
 
 import os
+import tomllib
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from typing import Any, Literal, final, get_args
+from pathlib import Path
+from typing import Any, final, get_args
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -15,8 +18,10 @@ from mishutter._core import (
     all_concrete,
     as_float,
     common_dtype,
-    fields_text,
+    contents,
+    in_section,
     is_concrete,
+    parsed,
     require,
     require_at_least,
     require_finite,
@@ -24,7 +29,10 @@ from mishutter._core import (
     require_scalar,
     shape_of,
     shown,
+    validated,
 )
+from mishutter.model.arguments import argument_names
+from mishutter.model.decoder_speeds import DecoderSpeed, DecoderWord, as_decoder_speed
 from mishutter.model.devices import AbstractDevice
 from mishutter.model.limits import Limits
 from mishutter.model.motion import (
@@ -33,86 +41,31 @@ from mishutter.model.motion import (
     is_known_zero,
 )
 from mishutter.model.occlusion import Occlusion
-from mishutter.model.optics import WIDEST_BLUR, Optics, frequencies, on_steps
-from mishutter.model.servos import SecondOrderStage
+from mishutter.model.optics import NUM_FREQUENCIES, Optics, frequencies, on_steps
+from mishutter.model.scene_file import (
+    Textures,
+    device_table,
+    example_scene_text,
+    file_text,
+    in_file,
+    scene_arguments,
+)
+from mishutter.model.scene_schema import (
+    BurstSection,
+    LimitsSection,
+    MotionSection,
+    OcclusionSection,
+    OpticsSection,
+    SceneFile,
+    SensorSection,
+    StageSection,
+    TolerancesSection,
+)
+from mishutter.model.scene_units import table_of
+from mishutter.model.sensor import Burst, Sensor
 from mishutter.model.shutters import AbstractShutter
+from mishutter.model.texture import Texture
 from mishutter.model.tolerances import Tolerances
-from mishutter.pictures import Axis, checked_white
-
-DEFAULT_MEAN = 0.25
-DEFAULT_DEVIATION = 0.2
-CORNER_FREQUENCY = 0.01
-NYQUIST_FREQUENCY = 0.5
-NUM_FREQUENCIES = 256
-"""Mean, standard deviation (linear light, white = 1) and corner (cycles/px) of the
-spectrum that stands for a photograph where a scene brings none, the highest frequency
-that a sensor records (cycles/px), and how many equal steps up to it are looked at, at least."""
-
-
-DecoderSpeed = Literal["unknown", "found", "known"]
-"""The knowledge that a decoder has of the speed of a picture."""
-DecoderWord = Literal[DecoderSpeed, "told"]
-"""The same in files and scripts, which may hold the older word for the last."""
-_OLDER_WORDS: dict[object, DecoderSpeed] = {"told": "known"}
-
-
-def as_decoder_speed(word: Any) -> Any:
-    """The word of today for a decoder's knowledge; files and stores may hold an older one."""
-    return _OLDER_WORDS.get(word, word) if isinstance(word, str) else word
-
-
-@final
-class Burst(eqx.Module):
-    """Frames that a camera may take in place of one exposure, as a rival.
-
-    Args:
-        frames_per_s: Frames that the sensor reads out a second.
-        max_frames: Most frames of a burst.
-        window: Longest time from the first light to the last; s. By default twice the longest half
-            exposure of the scene's limits, as long as one exposure may be.
-        dead_time: Time between the end of one frame and the beginning of the next in which the
-            sensor sees nothing, at least; s.
-
-    Raises:
-        ValueError: if `frames_per_s` or `window` is not above 0, `max_frames` is not a whole number
-            above 0, or `dead_time` is below 0 or not shorter than the time from frame to frame.
-    """
-
-    frames_per_s: Array
-    window: Array | None
-    dead_time: Array
-    max_frames: int = eqx.field(static=True)
-
-    def __init__(
-        self,
-        *,
-        frames_per_s: ArrayLike,
-        max_frames: int,
-        window: ArrayLike | None = None,
-        dead_time: ArrayLike = 0.0,
-    ):
-        self.frames_per_s = as_float(frames_per_s, "Burst(frames_per_s=...)")
-        self.window = None if window is None else as_float(window, "Burst(window=...)")
-        self.dead_time = as_float(dead_time, "Burst(dead_time=...)")
-        self.max_frames = require_positive_int("Burst(max_frames=...)", max_frames)
-
-    def __repr__(self) -> str:
-        """The numbers, of which a module shows no more than their type."""
-        return fields_text(self)
-
-    def __check_init__(self) -> None:
-        for name in ("frames_per_s", "window"):
-            value, subject = getattr(self, name), f"Burst({name}=...)"
-            if value is not None:
-                require_scalar(subject, value)
-                require_at_least(subject, value, "above 0", strict=True)
-        subject = "Burst(dead_time=...)"
-        require_scalar(subject, self.dead_time)
-        require_at_least(subject, self.dead_time, "at least 0")
-        if is_concrete(self.dead_time) and is_concrete(self.frames_per_s):
-            period = 1 / float(self.frames_per_s)
-            requirement = f"be shorter than the {period:g} s from frame to frame"
-            require(float(self.dead_time) < period, subject, requirement, self.dead_time)
 
 
 @final
@@ -125,24 +78,13 @@ class Scene(eqx.Module):
             by their sum.
         photon_rate: Photo-electrons a second at a white pixel; e-/s.
         read_noise: Standard deviation of the read noise $\sigma$; e-.
-        mean_level: Mean of the picture in linear light, white = 1.
-        deviation: Standard deviation of the picture in linear light.
-        power_spectrum: Power of the picture's rows at the centres of $m$ equal steps of
-            (0, 0.5) cycles/px, on any scale, none only without deviation; the spectrum
-            $1/(f^2 + 0.01^2)$ by default. It is looked at in 256 steps, or more
-            where light spreads further, which share its power. Shape `(m,)`.
-        cutoff_frequency: Highest frequency that the optics pass: the picture on the
-            sensor holds none above it, and below it some; cycles/px, at most 0.5.
-        lens_blur: Standard deviation of the Gaussian that the lens spreads a point over, along the
-            rows, which a decoder restores with the rest of the blur; px, at most 16.
+        picture: Statistics of what is seen, and the photograph to show results on.
+        optics: What the lens passes, and how it blurs.
+        sensor: What a pixel holds, and which way the sensor is turned.
         limits: The furthest that the mechanism and the exposure may reach.
         device: What shutters other than an open one are made with: it makes of a command the light
             that is seen; by default one that follows every command and loses no light.
-        full_well: Electrons at which a pixel is full: searches expose white to no more; no limit
-            by default; e-.
         burst: Frames that a rival takes in place of one exposure; no such rival by default.
-        stage: How the stage follows what it is sent, which says what to send; by default it is
-            where it is sent at once.
         tolerances: How far a camera as it is built may be from its design; the expected error,
             and a search by it, are over these. None by default.
         occlusion: Objects that hide part of a background; by default the picture moves as a whole.
@@ -150,13 +92,8 @@ class Scene(eqx.Module):
             speeds; `"found"`, which a `SpeedFindingDecoder` finds in the picture, where that moves
             as a whole; or `"known"`, as something measures it. The loss of searches and comparisons
             is by default the expected error of that decoder.
-        axis: Axis of pictures along which things and the sensor move: `"rows"`, across, or
-            `"columns"`, a positive speed down. Captures, decoders and photographs know it.
         motion: Motion to start from or to compare at; by default the `fullest_motion` of the
             limits about the middle of the speeds.
-        picture: Path of the photograph to show results on; None for none.
-        picture_white: The argument `white` of `read_picture`, which reads the photograph.
-        picture_linear: The argument `linear` of `read_picture`.
 
     Raises:
         ValueError: if a value is not finite, out of its range or of another kind, no
@@ -173,24 +110,16 @@ class Scene(eqx.Module):
     weights: Array
     photon_rate: Array
     read_noise: Array
-    mean_level: Array
-    deviation: Array
-    power_spectrum: Array | None
-    cutoff_frequency: Array
-    lens_blur: Array
+    picture: Texture
+    optics: Optics
+    sensor: Sensor
     limits: Limits
     device: AbstractDevice | None
-    full_well: Array | None
     burst: Burst | None
-    stage: SecondOrderStage | None
     tolerances: Tolerances | None
     occlusion: Occlusion | None
     given_motion: AbstractMotion | None
     decoder_speed: DecoderSpeed = eqx.field(static=True)
-    axis: Axis = eqx.field(static=True)
-    picture: str | None = eqx.field(static=True)
-    picture_white: float | None = eqx.field(static=True)
-    picture_linear: bool = eqx.field(static=True)
 
     def __init__(
         self,
@@ -199,24 +128,16 @@ class Scene(eqx.Module):
         *,
         photon_rate: ArrayLike,
         read_noise: ArrayLike,
-        mean_level: ArrayLike = DEFAULT_MEAN,
-        deviation: ArrayLike = DEFAULT_DEVIATION,
-        power_spectrum: RowLike | None = None,
-        cutoff_frequency: ArrayLike = NYQUIST_FREQUENCY,
-        lens_blur: ArrayLike = 0.0,
+        picture: Texture | None = None,
+        optics: Optics | None = None,
+        sensor: Sensor | None = None,
         limits: Limits | None = None,
         device: AbstractDevice | None = None,
-        full_well: ArrayLike | None = None,
         burst: Burst | None = None,
-        stage: SecondOrderStage | None = None,
         tolerances: Tolerances | None = None,
         occlusion: Occlusion | None = None,
         decoder_speed: DecoderWord = "unknown",
-        axis: Axis = "rows",
         motion: AbstractMotion | None = None,
-        picture: str | os.PathLike[str] | None = None,
-        picture_white: ArrayLike | None = None,
-        picture_linear: bool = False,
     ):
         self.speeds = as_float(speeds, "Scene(speeds=...)")
         count = max(self.speeds.size, 1)
@@ -224,28 +145,16 @@ class Scene(eqx.Module):
         self.weights = _normalised(equal if weights is None else weights)
         self.photon_rate = as_float(photon_rate, "Scene(photon_rate=...)")
         self.read_noise = as_float(read_noise, "Scene(read_noise=...)")
-        self.mean_level = as_float(mean_level, "Scene(mean_level=...)")
-        self.deviation = as_float(deviation, "Scene(deviation=...)")
-        self.power_spectrum = None
-        if power_spectrum is not None:
-            self.power_spectrum = as_float(power_spectrum, "Scene(power_spectrum=...)")
-        self.cutoff_frequency = as_float(cutoff_frequency, "Scene(cutoff_frequency=...)")
-        self.lens_blur = as_float(lens_blur, "Scene(lens_blur=...)")
+        self.picture = Texture() if picture is None else picture
+        self.optics = Optics() if optics is None else optics
+        self.sensor = Sensor() if sensor is None else sensor
         self.limits = Limits() if limits is None else limits
         self.device = device
-        self.full_well = None
-        if full_well is not None:
-            self.full_well = as_float(full_well, "Scene(full_well=...)")
         self.burst = burst
-        self.stage = stage
         self.tolerances = tolerances
         self.occlusion = occlusion
         self.decoder_speed = as_decoder_speed(decoder_speed)
-        self.axis = axis
         self.given_motion = motion
-        self.picture = os.fspath(picture) if isinstance(picture, os.PathLike) else picture
-        self.picture_white = checked_white("Scene(picture_white=...)", picture_white)
-        self.picture_linear = picture_linear
 
     def __check_init__(self) -> None:
         shape = self.speeds.shape
@@ -262,30 +171,23 @@ class Scene(eqx.Module):
         if is_concrete(self.weights):
             some = bool(np.any(np.asarray(self.weights) > 0))
             require(some, "Scene(weights=...)", "hold one above 0", self.weights)
-        for name in ("photon_rate", "read_noise", "mean_level", "deviation", "lens_blur"):
+        for name in ("photon_rate", "read_noise"):
             value = getattr(self, name)
             require_scalar(f"Scene({name}=...)", value)
             require_at_least(f"Scene({name}=...)", value, "at least 0")
-        self._check_spectrum()
-        self._check_cutoff()
-        if is_concrete(self.lens_blur):
-            requirement = f"be at most {WIDEST_BLUR:g} px"
-            within = float(self.lens_blur) <= WIDEST_BLUR
-            require(within, "Scene(lens_blur=...)", requirement, self.lens_blur)
         for name, kind, requirement in (
+            ("picture", Texture, "be a `Texture`"),
+            ("optics", Optics, "be `Optics`"),
+            ("sensor", Sensor, "be a `Sensor`"),
             ("limits", Limits, "be `Limits`"),
             ("burst", Burst | None, "be a `Burst`"),
-            ("stage", SecondOrderStage | None, "be a `SecondOrderStage`"),
             ("tolerances", Tolerances | None, "be `Tolerances`"),
             ("occlusion", Occlusion | None, "be an `Occlusion`"),
             ("device", AbstractDevice | None, "be a device, as an `IdealShutter`"),
-            ("picture", str | None, "be a path"),
         ):
             value = getattr(self, name)
             require(isinstance(value, kind), f"Scene({name}=...)", requirement, value)
-        if self.full_well is not None:
-            require_scalar("Scene(full_well=...)", self.full_well)
-            require_at_least("Scene(full_well=...)", self.full_well, "above 0", strict=True)
+        self._check_power_below()
         *words, last = map(repr, get_args(DecoderSpeed))
         requirement = f"be {', '.join(words)} or {last}"
         is_valid = self.decoder_speed in get_args(DecoderSpeed)
@@ -293,8 +195,6 @@ class Scene(eqx.Module):
         whole = self.occlusion is None or self.decoder_speed != "found"
         requirement = "be 'unknown' or 'known' before a background: one speed is no picture's there"
         require(whole, "Scene(decoder_speed=...)", requirement, self.decoder_speed)
-        is_valid = self.axis in get_args(Axis)
-        require(is_valid, "Scene(axis=...)", "be 'rows' or 'columns'", self.axis)
         is_valid = isinstance(self.given_motion, AbstractMotion | None)
         require(is_valid, "Scene(motion=...)", "be a motion", self.given_motion)
 
@@ -309,35 +209,21 @@ class Scene(eqx.Module):
         lines = (f"  {name:<17} {shown(x)}" for name, x in parts.items() if x is not None)
         return "\n".join(["Scene", *lines])
 
-    def _check_spectrum(self) -> None:
-        subject, power = "Scene(power_spectrum=...)", self.power_spectrum
-        if power is None:
-            return
-        one_row = power.ndim == 1 and power.size >= 1
-        require(one_row, subject, "be one row of at least one value", shape_of(power))
-        require_at_least(subject, power, "at least 0")
-        if is_concrete(power) and is_concrete(self.deviation):
-            some = bool(np.any(np.asarray(power) > 0)) or float(self.deviation) == 0
-            require(some, subject, "hold some power where the deviation is not 0", 0.0)
-
-    def _check_cutoff(self) -> None:
-        subject, cutoff = "Scene(cutoff_frequency=...)", self.cutoff_frequency
-        require_scalar(subject, cutoff)
-        require_finite(subject, cutoff)
-        if is_concrete(cutoff):
-            passes = 0 < float(np.asarray(cutoff)) <= NYQUIST_FREQUENCY
-            require(passes, subject, "be above 0 and at most 0.5 cycles/px", cutoff)
-            self._check_power_below(float(np.asarray(cutoff)))
-
-    def _check_power_below(self, cutoff: float) -> None:
-        power, deviation = self.power_spectrum, self.deviation
-        if not (is_concrete(power) and is_concrete(deviation)) or float(deviation) == 0:
+    def _check_power_below(self) -> None:
+        """Refuses a lens that passes nothing of the picture."""
+        power, deviation, cutoff = (
+            self.picture.power_spectrum,
+            self.picture.deviation,
+            self.optics.cutoff_frequency,
+        )
+        if not all_concrete((power, deviation, cutoff)) or float(deviation) == 0:
             return
         spectrum = np.ones(1) if power is None else np.asarray(power)
         has_power = on_steps(spectrum, NUM_FREQUENCIES) > 0
         first = float(np.min(frequencies(NUM_FREQUENCIES), where=has_power, initial=np.inf))
         requirement = f"pass some of the picture, whose power begins at {first:.3g} cycles/px"
-        require(first <= cutoff, "Scene(cutoff_frequency=...)", requirement, cutoff)
+        got = Unquoted(f"a cutoff of {float(cutoff):g}")
+        require(first <= float(cutoff), "Scene(optics=...)", requirement, got)
 
     @staticmethod
     def uniform(
@@ -377,17 +263,11 @@ class Scene(eqx.Module):
             ValueError: if the file is not a scene; the line says which key and why.
             OSError: if it cannot be read.
         """
-        from mishutter.model.scene_file import read_scene
-
         return read_scene(os.fspath(path))
 
     def along_rows(self) -> "Scene":
         """The scene of pictures that are `turned` so that things move along their rows."""
-        if self.axis == "rows":
-            return self
-        parts = {field.name: getattr(self, field.name) for field in fields(self)}
-        motion = parts.pop("given_motion")
-        return Scene(**parts | {"axis": "rows", "motion": motion})
+        return self._with(sensor=Sensor(full_well=self.sensor.full_well))
 
     def bare(
         self,
@@ -402,22 +282,23 @@ class Scene(eqx.Module):
             weights: How often each occurs.
             power_spectrum: Power in place of the scene's own.
         """
-        return Scene(
-            self.speeds if speeds is None else speeds,
-            self.weights if weights is None else weights,
-            photon_rate=self.photon_rate,
-            read_noise=self.read_noise,
-            mean_level=self.mean_level,
-            deviation=self.deviation,
-            power_spectrum=self.power_spectrum if power_spectrum is None else power_spectrum,
-            cutoff_frequency=self.cutoff_frequency,
-            lens_blur=self.lens_blur,
-            limits=self.limits,
-            device=self.device,
-            full_well=self.full_well,
-            tolerances=self.tolerances,
-            occlusion=self.occlusion,
+        return self._with(
+            speeds=self.speeds if speeds is None else speeds,
+            weights=self.weights if weights is None else weights,
+            picture=self.picture.bare(power_spectrum),
+            sensor=Sensor(full_well=self.sensor.full_well),
+            limits=self.limits.without_servo(),
+            burst=None,
+            decoder_speed="unknown",
+            motion=None,
         )
+
+    def _with(self, **others: Any) -> "Scene":
+        """The scene with other arguments, which are checked."""
+        names = [name for name in argument_names(Scene) if name != "motion"]
+        own: dict[str, Any] = {name: getattr(self, name) for name in names}
+        own["motion"] = self.given_motion
+        return Scene(**own | others)
 
     def light(
         self, shutter: AbstractShutter, motion: AbstractMotion | ArrayLike
@@ -445,11 +326,6 @@ class Scene(eqx.Module):
             occlusion: The layers; None without any.
         """
         return eqx.tree_at(lambda s: s.occlusion, self, occlusion, is_leaf=_is_occlusion)
-
-    @property
-    def optics(self) -> Optics:
-        """The lens, of a scene that is concrete."""
-        return Optics(float(self.cutoff_frequency), float(self.lens_blur))
 
     @property
     def motion(self) -> AbstractMotion:
@@ -560,3 +436,98 @@ def _normalised(weights: RowLike) -> Array:
     if not total > 0 or not np.isfinite(total) or abs(total - 1) <= rounding:
         return row
     return as_float(np.asarray(row) / np.asarray(total, row.dtype), "Scene(weights=...)")
+
+
+def read_scene(path: str | Path) -> Scene:
+    """Read a scene from a TOML file.
+
+    Args:
+        path: The file; relative paths in it are taken from its folder.
+
+    Raises:
+        ValueError: if the file is not a scene; the line names the key, what must hold
+            and what came.
+        OSError: if the file or its picture cannot be read.
+    """
+    place = Path(path)
+    return _scene(contents(place), str(path), place.parent)
+
+
+def example_scene() -> Scene:
+    """The built-in scene: fast objects in both directions, in dim light, one photograph."""
+    return _scene(example_scene_text().encode(), "example_scene.toml", Path())
+
+
+def _scene(data: bytes, name: str, folder: Path) -> Scene:
+    return scene_of_tables(parsed(tomllib.loads, data, name, "TOML"), name, folder)
+
+
+def scene_of_tables(
+    tables: object, name: str, folder: Path, textures: Textures | None = None
+) -> Scene:
+    """The scene of a file's tables.
+
+    Args:
+        tables: The contents of the file.
+        name: The file's name in an error.
+        folder: Relative paths are taken from it.
+        textures: Textures of photographs by what a file says of them, in place of their files.
+
+    Raises:
+        ValueError: as `read_scene`.
+        OSError: as `read_scene`.
+    """
+    file = validated(SceneFile, tables, name, in_section)
+    with in_file(name):
+        return Scene(**scene_arguments(file, folder, textures))
+
+
+def scene_text(scene: Scene, notes: Mapping[str, Sequence[str]] | None = None) -> str:
+    """A scene as the text of a file that `read_scene` reads.
+
+    A photograph is told by its path, and read again with the scene. Without one a power spectrum,
+    and a motion that is no parabola, have no keys, and are left out.
+
+    Args:
+        scene: The scene.
+        notes: Comments by the name of the section that they begin; those of "" begin the file.
+
+    Raises:
+        ValueError: if a number is out of the range of its key.
+    """
+    parts = {
+        "optics": (scene.optics, OpticsSection),
+        "limits": (scene.limits, LimitsSection),
+        "occlusion": (scene.occlusion, OcclusionSection),
+        "stage": (scene.limits.stage, StageSection),
+        "burst": (scene.burst, BurstSection),
+        "tolerances": (scene.tolerances, TolerancesSection),
+    }
+    tables = {
+        name: table_of(part, section) for name, (part, section) in parts.items() if part is not None
+    }
+    tables["speeds"] = {
+        "list_px_per_s": scene.speeds.tolist(),
+        "weights": scene.weights.tolist(),
+    }
+    tables["light"] = {"photon_rate_per_s": float(scene.photon_rate)}
+    tables["sensor"] = {"read_noise_e": float(scene.read_noise)} | table_of(
+        scene.sensor, SensorSection
+    )
+    tables["decoder"] = {"speed": scene.decoder_speed}
+    if scene.device is not None:
+        tables["shutter"] = device_table(scene.device)
+    if isinstance(scene.given_motion, ParabolicMotion):
+        tables["motion"] = table_of(scene.given_motion, MotionSection)
+    picture = scene.picture
+    tables["picture"] = (
+        {"mean_level": float(picture.mean_level), "deviation": float(picture.deviation)}
+        if picture.path is None
+        else {"path": picture.path, "white": picture.white, "linear": picture.linear or None}
+    )
+    # Numbers that their sections hold only beside others.
+    if scene.occlusion is not None and not scene.occlusion.has_edges:
+        del tables["occlusion"]["level_difference"]
+    if scene.tolerances is not None and float(scene.tolerances.drive_step) == 0:
+        del tables["tolerances"]["drive_step_us"]
+    return file_text(tables, "scene_text(scene=...)", notes or {})

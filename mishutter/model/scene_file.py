@@ -6,7 +6,8 @@ is one line that names the key as `[section] key`.
 
 import json
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar
@@ -33,18 +34,15 @@ from mishutter.model.devices import (
 from mishutter.model.limits import Demand, Limits
 from mishutter.model.motion import ParabolicMotion
 from mishutter.model.occlusion import Occlusion
-from mishutter.model.scene import Burst, Scene
+from mishutter.model.optics import Optics
 from mishutter.model.scene_schema import (
     BurstSection,
-    Light,
     LimitsSection,
     MotionSection,
     Normal,
     OcclusionSection,
-    OpticsSection,
     PictureSection,
     SceneFile,
-    Sensor,
     ShutterSection,
     Speeds,
     StageSection,
@@ -62,43 +60,20 @@ from mishutter.model.scene_units import (
     table_of,
     told_in,
 )
+from mishutter.model.sensor import Burst, Sensor
 from mishutter.model.servos import SecondOrderStage
+from mishutter.model.texture import EXAMPLE_PICTURE, Texture, photograph_at
 from mishutter.model.tolerances import Tolerances
-from mishutter.pictures import (
-    Axis,
-    Picture,
-    example_picture,
-    read_picture,
-    row_power_spectrum,
-)
+from mishutter.pictures import Axis
 
 _Kind = TypeVar("_Kind")
-Photographs = Callable[[str, float | None, bool, Axis], Mapping[str, Any]]
-"""The `picture_arguments` of a photograph, by `path`, `white`, `linear` and `axis` of a file."""
-EXAMPLE_PICTURE = "example"
-"""The `[picture] path` of the photograph that scikit-image ships."""
-
-_NUM_FREQUENCIES = 256
+Textures = Callable[[str, float | None, bool, Axis], Texture]
+"""The texture of a photograph, by `path`, `white`, `linear` and `axis` of a file."""
 _DEVIATIONS = 3.0
 _MAX_TRAVEL = 1e4
 _STROKES = 1e-3, 1e4
 _MARGIN = 1e-9
 """Share of a limit by which rounding may exceed it."""
-
-
-def read_scene(path: str | Path) -> Scene:
-    """Read a scene from a TOML file.
-
-    Args:
-        path: The file; relative paths in it are taken from its folder.
-
-    Raises:
-        ValueError: if the file is not a scene; the line names the key, what must hold
-            and what came.
-        OSError: if the file or its picture cannot be read.
-    """
-    place = Path(path)
-    return _scene(contents(place), str(path), place.parent)
 
 
 def read_speed(text: str, path: str | Path | None, subject: str) -> float:
@@ -123,79 +98,35 @@ def _scales(file: SceneFile) -> Scales:
     return Scales(file.sensor.pixel_pitch_um, file.view)
 
 
-def example_scene() -> Scene:
-    """The built-in scene: fast objects in both directions, in dim light, one photograph."""
-    return _scene(example_scene_text().encode(), "example_scene.toml", Path())
-
-
 def example_scene_text() -> str:
     """The annotated file of the built-in scene."""
     return (resources.files("mishutter") / "example_scene.toml").read_text("utf-8")
 
 
-def scene_text(scene: Scene, notes: Mapping[str, Sequence[str]] | None = None) -> str:
-    """A scene as the text of a file that `read_scene` reads.
-
-    A photograph is told by its path, and read again with the scene. Without one a power spectrum,
-    and a motion that is no parabola, have no keys, and are left out.
+def file_text(
+    tables: Mapping[str, Mapping[str, object]], subject: str, notes: Mapping[str, Sequence[str]]
+) -> str:
+    """The text of a scene file.
 
     Args:
-        scene: The scene.
+        tables: Keys and values of each section.
+        subject: What the tables are of, in an error.
         notes: Comments by the name of the section that they begin; those of "" begin the file.
 
     Raises:
         ValueError: if a number is out of the range of its key.
     """
-    tables: dict[str, dict[str, object]] = {
-        "speeds": {"list_px_per_s": scene.speeds.tolist(), "weights": scene.weights.tolist()},
-        "light": table_of(scene, Light),
-        "sensor": table_of(scene, Sensor),
-        "optics": table_of(scene, OpticsSection),
-        "limits": table_of(scene.limits, LimitsSection),
-        "picture": {
-            "path": scene.picture,
-            "white": scene.picture_white,
-            "linear": scene.picture_linear or None,
-        },
-    }
-    if scene.picture is None:
-        tables["picture"] = table_of(scene, PictureSection)
-    tables |= _optional_tables(scene)
-    if scene.decoder_speed != "unknown":
-        tables["decoder"] = {"speed": scene.decoder_speed}
-    if isinstance(scene.given_motion, ParabolicMotion):
-        tables["motion"] = table_of(scene.given_motion, MotionSection)
-    file = validated(SceneFile, tables, "scene_text(scene=...)", in_section)
-    said = notes or {}
-    lines = [f"# {line}" for line in said.get("", ())]
+    file = validated(SceneFile, tables, subject, in_section)
+    lines = [f"# {line}" for line in notes.get("", ())]
     for name, section in file.model_dump(exclude_none=True).items():
-        lines += ["", *(f"# {line}" for line in said.get(name, ())), f"[{name}]"]
+        lines += ["", *(f"# {line}" for line in notes.get(name, ())), f"[{name}]"]
         # Finite numbers and text of JSON are those of TOML.
         lines += [f"{key} = {json.dumps(value)}" for key, value in section.items()]
     return "\n".join(lines).lstrip("\n") + "\n"
 
 
-def _optional_tables(scene: Scene) -> dict[str, dict[str, object]]:
-    """Tables of what a scene may do without."""
-    tables: dict[str, dict[str, object]] = {}
-    if scene.occlusion is not None:
-        tables["occlusion"] = table_of(scene.occlusion, OcclusionSection)
-        if not scene.occlusion.has_edges:
-            del tables["occlusion"]["level_difference"]
-    if scene.device is not None:
-        tables["shutter"] = _device_table(scene.device)
-    if scene.stage is not None:
-        tables["stage"] = table_of(scene.stage, StageSection)
-    if scene.burst is not None:
-        tables["burst"] = table_of(scene.burst, BurstSection)
-    if scene.tolerances is not None:
-        tables["tolerances"] = table_of(scene.tolerances, TolerancesSection)
-        if float(scene.tolerances.drive_step) == 0:
-            del tables["tolerances"]["drive_step_us"]
-    return tables
-
-
-def _device_table(device: AbstractDevice) -> dict[str, object]:
+def device_table(device: AbstractDevice) -> dict[str, object]:
+    """The keys of `[shutter]` that stand for a device."""
     table = table_of(device, ShutterSection)
     if isinstance(device, IdealShutter) and device.levels is None and device.num_slots is not None:
         # Slots without levels and times are of a device that is open or closed.
@@ -203,38 +134,31 @@ def _device_table(device: AbstractDevice) -> dict[str, object]:
     return table
 
 
-def _scene(data: bytes, name: str, folder: Path) -> Scene:
-    return scene_of_tables(parsed(tomllib.loads, data, name, "TOML"), name, folder)
-
-
-def scene_of_tables(
-    tables: object, name: str, folder: Path, photographs: Photographs | None = None
-) -> Scene:
-    """The scene of a file's tables.
-
-    Args:
-        tables: The contents of the file.
-        name: The file's name in an error.
-        folder: Relative paths are taken from it.
-        photographs: `picture_arguments` of photographs by what a file says of them, in place of
-            their files.
-
-    Raises:
-        ValueError: as `read_scene`.
-        OSError: as `read_scene`.
-    """
-    file = validated(SceneFile, tables, name, in_section)
+@contextmanager
+def in_file(name: str) -> Iterator[None]:
+    """Names the file in the errors of what is built from it."""
     try:
-        return _built(file, folder, photographs)
+        yield
     except (ValueError, OSError) as error:
         kind = ValueError if isinstance(error, ValueError) else type(error)
         raise kind(f"{name}: {error}") from None
 
 
-def _built(file: SceneFile, folder: Path, photographs: Photographs | None) -> Scene:
+def scene_arguments(file: SceneFile, folder: Path, textures: Textures | None) -> dict[str, Any]:
+    """Arguments of `Scene` that a file gives.
+
+    Args:
+        file: The file.
+        folder: Relative paths are taken from it.
+        textures: Textures of photographs by what a file says of them, in place of their files.
+
+    Raises:
+        ValueError: if keys do not go together, or a photograph is no picture.
+        OSError: if a photograph cannot be read.
+    """
     scales = _scales(file)
     speeds, weights = _speeds(file.speeds, scales)
-    limits = _limits(file.limits, scales)
+    limits = _limits(file.limits, file.stage, scales)
     travel = float(np.max(np.abs(speeds))) * 2 * file.limits.max_half_exposure_ms / 1000
     requirement = f"let the fastest object travel at most {_MAX_TRAVEL:g} px"
     require(
@@ -247,24 +171,22 @@ def _built(file: SceneFile, folder: Path, photographs: Photographs | None) -> Sc
     is_whole = occlusion is None or file.decoder.speed != "found"
     requirement = "be 'unknown' or 'known' beside [occlusion], where no one speed is the picture's"
     require(is_whole, "[decoder] speed", requirement, file.decoder.speed)
-    return Scene(
-        speeds,
-        weights,
-        photon_rate=photon_rate(file.light, scales),
-        read_noise=read_noise_in(file.sensor),
-        full_well=file.sensor.full_well_e,
-        axis=file.sensor.axis,
-        **arguments_in(file.optics, Scene, "[optics]", scales),
-        limits=limits,
-        device=None if file.shutter is None else _device(file.shutter, scales),
-        stage=_of_kind(SecondOrderStage, file.stage, "[stage]", scales),
-        burst=_burst(file.burst, scales),
-        tolerances=_tolerances(file.tolerances, scales),
-        occlusion=occlusion,
-        decoder_speed=file.decoder.speed,
-        motion=_motion(file.motion, file.limits, limits, scales),
-        **_picture(file.picture, file.sensor.axis, folder, photographs),
-    )
+    return {
+        "speeds": speeds,
+        "weights": weights,
+        "photon_rate": photon_rate(file.light, scales),
+        "read_noise": read_noise_in(file.sensor),
+        "picture": _picture(file.picture, file.sensor.axis, folder, textures),
+        "optics": _of_kind(Optics, file.optics, "[optics]", scales),
+        "sensor": _of_kind(Sensor, file.sensor, "[sensor]", scales),
+        "limits": limits,
+        "device": None if file.shutter is None else _device(file.shutter, scales),
+        "burst": _burst(file.burst, scales),
+        "tolerances": _tolerances(file.tolerances, scales),
+        "occlusion": occlusion,
+        "decoder_speed": file.decoder.speed,
+        "motion": _motion(file.motion, file.limits, limits, scales),
+    }
 
 
 def _speeds(section: Speeds, scales: Scales) -> tuple[np.ndarray, np.ndarray]:
@@ -373,7 +295,7 @@ def _device(section: ShutterSection, scales: Scales) -> AbstractDevice:
     return device_of(**arguments)
 
 
-def _limits(section: LimitsSection, scales: Scales) -> Limits:
+def _limits(section: LimitsSection, stage: StageSection | None, scales: Scales) -> Limits:
     shortest, longest = section.min_half_exposure_ms, section.max_half_exposure_ms
     requirement = f"be at least min_half_exposure_ms = {shortest:g}"
     require(longest >= shortest, "[limits] max_half_exposure_ms", requirement, longest)
@@ -384,7 +306,7 @@ def _limits(section: LimitsSection, scales: Scales) -> Limits:
     stroke = arguments["max_stroke"]
     subject, requirement = "[limits] max_stroke_mm", f"lie in {_STROKES[0]:g} to {_STROKES[1]:g} px"
     require(_STROKES[0] <= stroke <= _STROKES[1], subject, requirement, stroke)
-    return Limits(**arguments)
+    return Limits(stage=_of_kind(SecondOrderStage, stage, "[stage]", scales), **arguments)
 
 
 def _occlusion(section: OcclusionSection | None, scales: Scales) -> Occlusion | None:
@@ -484,10 +406,10 @@ def _require_met(name: str, demand: Demand, key: str, velocity: float) -> None:
 
 
 def _picture(
-    section: PictureSection, axis: Axis, folder: Path, photographs: Photographs | None
-) -> Mapping[str, Any]:
-    """Arguments of `Scene` that a photograph, or what stands for one, gives."""
-    levels = {"mean_level": section.mean_level, "deviation": section.deviation}
+    section: PictureSection, axis: Axis, folder: Path, textures: Textures | None
+) -> Texture:
+    """The texture of a photograph, or of what stands for one."""
+    levels: dict[str, Any] = {"mean_level": section.mean_level, "deviation": section.deviation}
     levels_in_file = {name: value for name, value in levels.items() if value is not None}
     own = section.path not in (None, EXAMPLE_PICTURE)
     for key in ("white", "linear"):
@@ -495,7 +417,7 @@ def _picture(
         got = Unquoted("no path" if section.path is None else section.path)
         require(own or getattr(section, key) is None, f"[picture] {key}", requirement, got)
     if section.path is None:
-        return levels_in_file
+        return Texture(**levels_in_file)
     require(
         not levels_in_file,
         f"[picture] {next(iter(levels_in_file), '')}",
@@ -503,45 +425,8 @@ def _picture(
         section.path,
     )
     white, linear = section.white, bool(section.linear)
-    if photographs is not None:
-        return photographs(section.path, white, linear, axis)
+    if textures is not None:
+        return textures(section.path, white, linear, axis)
     place = str((folder / section.path).absolute()) if own else EXAMPLE_PICTURE
-    return picture_arguments(place, _picture_at(place, white, linear), white, linear, axis)
-
-
-def scene_picture(scene: Scene) -> Picture:
-    """The photograph that a scene names.
-
-    Raises:
-        OSError: if it cannot be read.
-        ValueError: if there is none, or it is no picture.
-    """
-    require(scene.picture is not None, "Scene(picture=...)", "name a photograph", scene.picture)
-    return _picture_at(str(scene.picture), scene.picture_white, scene.picture_linear)
-
-
-def _picture_at(place: str, white: float | None, linear: bool) -> Picture:
-    if place == EXAMPLE_PICTURE:
-        return example_picture()
-    return read_picture(place, white=white, linear=linear)
-
-
-def picture_arguments(
-    place: str,
-    picture: Picture,
-    white: float | None = None,
-    linear: bool = False,
-    axis: Axis = "rows",
-) -> dict[str, Any]:
-    """Arguments of `Scene` that a photograph gives.
-
-    Args:
-        place: The place that it came from.
-        picture: The photograph.
-        white: The argument of `read_picture` that it was read with.
-        linear: The argument of `read_picture` that it was read with.
-        axis: The axis of the scene, along which its spectrum is.
-    """
-    along = picture.turned() if axis == "columns" else picture
-    spectrum = row_power_spectrum(along, _NUM_FREQUENCIES)._asdict()
-    return {"picture": place, "picture_white": white, "picture_linear": linear, **spectrum}
+    picture = photograph_at(place, white, linear)
+    return Texture.of_photograph(picture, place, white=white, linear=linear, axis=axis)

@@ -5,9 +5,9 @@ from typing import Annotated, ClassVar, Literal, final
 from pydantic import BeforeValidator, Field
 
 from mishutter._core import Section
+from mishutter.model.decoder_speeds import DecoderSpeed, as_decoder_speed
 from mishutter.model.occlusion import Background
 from mishutter.model.optics import WIDEST_BLUR
-from mishutter.model.scene import DecoderSpeed, as_decoder_speed
 from mishutter.pictures import Axis
 
 Speed = Annotated[float, Field(ge=-1e7, le=1e7)]
@@ -109,7 +109,7 @@ class OcclusionSection(Section):
 
 
 @final
-class Sensor(Section):
+class SensorSection(Section):
     """Noise of the sensor, how many electrons a pixel holds, and which way things move."""
 
     read_noise_e: Annotated[float, Field(ge=0, le=1e6)] | None = None
@@ -243,7 +243,7 @@ class SceneFile(Section):
 
     speeds: Speeds
     light: Light
-    sensor: Sensor
+    sensor: SensorSection
     view: ViewSection = ViewSection()
     occlusion: OcclusionSection | None = None
     shutter: ShutterSection | None = None

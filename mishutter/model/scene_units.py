@@ -32,7 +32,7 @@ from mishutter._core import (
 from mishutter.model.arguments import argument_names
 from mishutter.model.scene_schema import (
     Light,
-    Sensor,
+    SensorSection,
     ViewSection,
 )
 
@@ -471,7 +471,7 @@ def photon_rate(light: Light, scales: Scales) -> float:
     return light.illuminance_lux * per_lux * light.quantum_efficiency  # type: ignore[operator]
 
 
-def read_noise_in(sensor: Sensor) -> float:
+def read_noise_in(sensor: SensorSection) -> float:
     """Standard deviation of the read noise that a section gives; e-.
 
     Raises:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from mishutter._core import strict_json, write_text
 from mishutter.decoding import RestoredPhotograph
 from mishutter.design import Design
-from mishutter.model import Scene, scene_picture
+from mishutter.model import Scene
 from mishutter.report import plots
 from mishutter.report.backgrounds import (
     DESIGNED,
@@ -139,14 +139,14 @@ def _layered(report: Report, rows: dict[str, Row]) -> "Figure":
     moves = layers is not None and layers.background == "moving"
     behind = shown_speeds(scene)[0] if moves else 0.0
     front = pictured_speeds(scene)[0]
-    subject = layered_scene(scene_picture(scene), behind, front, scene.axis)
+    subject = layered_scene(scene.picture.photograph(), behind, front, scene.sensor.axis)
     few = {name: row for name, row in rows.items() if name in (*report.names[:1], *SNAPSHOTS)}
     if backgrounds and backgrounds[-1].camera is not None:
         camera = backgrounds[-1].camera
         few["designed for this" if camera.name == DESIGNED else "snapshot for this"] = camera
     world = before_still_background(scene, STILL_SHARES[-1]) if layers is None else scene
     captures = layered_captures(subject, world.along_rows(), few)
-    return plots.plot_layers(subject, captures, whole=layers is None, axis=scene.axis)
+    return plots.plot_layers(subject, captures, whole=layers is None, axis=scene.sensor.axis)
 
 
 def _photograph_document(result: RestoredPhotograph) -> dict[str, object]:
@@ -260,7 +260,7 @@ def _drawings(report: Report) -> "dict[str, Callable[[], Figure]]":
         "photograph.png": lambda: plots.plot_photograph(
             restored,
             pictured_speeds(scene),
-            axis=scene.axis,
+            axis=scene.sensor.axis,
             decoder_speed=speed,
         ),
     }

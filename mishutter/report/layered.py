@@ -150,7 +150,12 @@ def _world(subject: LayeredScene, scene: Scene, judged: slice) -> Scene:
     ).seen_from(as_float(-back.speed))
     numbers = np.mean(subject.truth[:, judged]), np.sqrt(np.mean(power)), power
     return eqx.tree_at(
-        lambda s: (s.mean_level, s.deviation, s.power_spectrum, s.occlusion),
+        lambda s: (
+            s.picture.mean_level,
+            s.picture.deviation,
+            s.picture.power_spectrum,
+            s.occlusion,
+        ),
         scene.bare(np.array([front.speed], float), np.ones(1)),
         (*(as_float(x) for x in numbers), occlusion),
         is_leaf=lambda part: part is None or isinstance(part, Occlusion),

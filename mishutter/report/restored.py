@@ -16,7 +16,7 @@ from mishutter.decoding import (
     least_columns,
     restore_by_each,
 )
-from mishutter.model import AbstractMotion, Scene, scene_picture
+from mishutter.model import AbstractMotion, Scene
 from mishutter.pictures import Axis, Picture, pixels_along, turned
 from mishutter.search import Row
 
@@ -67,19 +67,19 @@ def photograph_of(
 
     One that is too narrow for the kernels of some designs is left out, with a `note` that says so.
     """
-    if scene.picture is None:
+    if scene.picture.path is None:
         return None
     finds = any(row.decoder.finds_speed for row in rows.values())
     count = ROWS_TO_FIND if finds else _MAX_ROWS
-    picture = _middle_rows(scene_picture(scene), scene.axis, count)
+    picture = _middle_rows(scene.picture.photograph(), scene.sensor.axis, count)
     motions = [row.motion for row in rows.values()]
-    width = turned(picture.light, scene.axis).shape[1]
+    width = turned(picture.light, scene.sensor.axis).shape[1]
     enough = least_columns(longest_kernel(scene, motions))
     if width >= enough:
         return picture
-    pixels = pixels_along(scene.axis)
+    pixels = pixels_along(scene.sensor.axis)
     blur = f"{width} {pixels} are too few to be restored from this blur; {enough} would do"
-    note(f"{scene.picture}: {blur}.")
+    note(f"{scene.picture.path}: {blur}.")
     return None
 
 

@@ -618,14 +618,14 @@ def _filling(scene: Scene, shutter: AbstractShutter | None) -> float | None:
     Raises:
         ValueError: if an open shutter fills it within the shortest exposure.
     """
-    if scene.full_well is None:
+    if scene.sensor.full_well is None:
         return None
-    rate, full_well = float(scene.photon_rate), float(scene.full_well)
+    rate, full_well = float(scene.photon_rate), float(scene.sensor.full_well)
     shortest = float(white_electrons(rate, 2 * float(scene.limits.min_half_exposure)))
     requirement = (
         f"hold what an open shutter lets through in the shortest exposure, {shortest:g} e-"
     )
-    require(shortest <= full_well, "Scene(full_well=...)", requirement, full_well)
+    require(shortest <= full_well, "Sensor(full_well=...)", requirement, full_well)
     efficiency, most = 1.0, scene.limits.max_half_exposure
     if shutter is not None:
         efficiency = float(transmittance(scene, most, shutter).efficiency())
@@ -663,11 +663,11 @@ def beyond_limits(
 
 def fills(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> bool:
     r"""Whether white, $2RT\eta$ electrons, is more than a pixel holds, to rounding."""
-    if scene.full_well is None:
+    if scene.sensor.full_well is None:
         return False
     efficiency = float(transmittance(scene, motion, shutter).efficiency())
     electrons = white_electrons(float(scene.photon_rate), float(motion.exposure), efficiency)
-    return bool(electrons > float(scene.full_well) * (1 + _ROUNDING))
+    return bool(electrons > float(scene.sensor.full_well) * (1 + _ROUNDING))
 
 
 def require_adjustable(shutter: AbstractShutter) -> None:

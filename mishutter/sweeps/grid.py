@@ -13,14 +13,13 @@ import numpy as np
 from jaxtyping import Float, UInt
 
 from mishutter._core import RowLike, common_dtype, describe, require, shape_of
-from mishutter.design import package_version, scene_to_dict
+from mishutter.design import package_version, scene_of_today, scene_to_dict
 from mishutter.evaluation import METRICS, AbstractLoss, SpeedKnowledge, knowledge_of
 from mishutter.model import (
     AbstractShutter,
     LinearMotion,
     Scene,
     SplineShutter,
-    as_decoder_speed,
     seen_from,
     shutter_to_dict,
 )
@@ -358,18 +357,13 @@ def checked_axis(
 def in_words_of_today(described: dict[str, object]) -> dict[str, object]:
     """A sweep's description by `Grid.describe`, of this or of an earlier version.
 
-    Scenes may name decoders by older words. Whether parts that change no result were left out was
-    part of a description once.
+    Whether parts that change no result were left out was part of a description once.
     """
     described = {key: value for key, value in described.items() if key != "plan"}
     scenes = described.get("scenes")
     if not isinstance(scenes, dict):
         return described
-    name = "decoder_speed"
-    renamed = {
-        key: scene | {name: as_decoder_speed(scene.get(name))} if name in scene else scene
-        for key, scene in scenes.items()
-    }
+    renamed = {key: scene_of_today(scene) for key, scene in scenes.items()}
     return described | {"scenes": renamed}
 
 

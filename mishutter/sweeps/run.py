@@ -193,8 +193,8 @@ def _grid(
     loss = None if search is None or search.loss is None else as_loss(search.loss, _LOSS)
     decoders = decoders_of(named_scenes.values(), loss)
     first, *others = named_scenes.values()
-    shared = first.device, first.full_well
-    is_shared = all(bool(eqx.tree_equal(shared, (s.device, s.full_well))) for s in others)
+    shared = first.device, first.sensor.full_well
+    is_shared = all(bool(eqx.tree_equal(shared, (s.device, s.sensor.full_well))) for s in others)
     require(is_shared, "sweep(scenes=...)", "share one device and full well", list(named_scenes))
     device = first.device
     if search is not None and device is not None:
@@ -209,7 +209,7 @@ def _grid(
         metrics=_metrics(metrics, named_scenes.values(), decoders),
         photon_rates=axes.photon_rates,
         read_noises=axes.read_noises,
-        full_well=None if first.full_well is None else float(first.full_well),
+        full_well=None if first.sensor.full_well is None else float(first.sensor.full_well),
         search=None,
         named_scenes=not isinstance(scenes, Scene),
     )

@@ -118,8 +118,8 @@ def test_a_capture_beyond_borders_that_do_not_repeat(motion, border):
 def test_a_capture_through_optics():
     """A picture, layers and footage are blurred by the lens, and above its cutoff left out."""
     optics, picture = {"cutoff": 0.29, "lens": 0.83}, rows(2, 80, 1)
-    light = {"photon_rate": 4e5, "read_noise": 6.0, "cutoff_frequency": 0.29, "lens_blur": 0.83}
-    scene = ms.Scene([0.0], **light)
+    lens = ms.Optics(cutoff_frequency=0.29, lens_blur=0.83)
+    scene = ms.Scene([0.0], photon_rate=4e5, read_noise=6.0, optics=lens)
     wanted = captured_picture(picture, MOVING, SHUTTERS["hann"], **optics)
     for subject in (
         picture,
@@ -181,7 +181,7 @@ def test_the_kernel_for_other_libraries_behind_a_lens(blur):
     column = np.arange(230)
     picture = np.sin(np.pi * column / 229) ** 4 * (1 + np.cos(0.9 * column[None] + 0.3))
     kernel = ms.centred_kernel(MOVING, ms.HannShutter(), speed=310.0, lens_blur=blur)
-    scene = ms.Scene([0.0], photon_rate=4e5, read_noise=6.0, lens_blur=blur)
+    scene = ms.Scene([0.0], photon_rate=4e5, read_noise=6.0, optics=ms.Optics(lens_blur=blur))
     wanted = capture(picture, MOVING, scene=scene, speed=310.0, border="zero")
     np.testing.assert_allclose(convolve(picture, kernel, mode="same"), wanted, atol=WAVES)
     with pytest.raises(ValueError, match=r"`centred_kernel\(lens_blur=...\)` must be at least 0"):

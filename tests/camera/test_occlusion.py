@@ -15,6 +15,7 @@ from mishutter import (
     HannShutter,
     Layer,
     Layers,
+    Optics,
     ParabolicMotion,
     Picture,
     RectShutter,
@@ -190,7 +191,7 @@ def test_the_lens_cuts_off_detail_of_the_composite():
     """Of layers and what they hide alike: nothing finer than its cutoff is recorded."""
     front = Layer(picture(5, 17, matte=disc(5, 17)), speed=-350.0, left=22, top=1)
     layers = Layers((Layer(picture(7, 96), speed=120.0), front), border="wrap")
-    soft = Scene([0.0], photon_rate=3e5, read_noise=4.0, cutoff_frequency=0.21)
+    soft = Scene([0.0], photon_rate=3e5, read_noise=4.0, optics=Optics(cutoff_frequency=0.21))
     sharp, found = (
         np.asarray(simulate_capture(layers, scene, MOVING, HannShutter()))
         for scene in (SCENE, soft)

@@ -54,8 +54,8 @@ def test_a_camera_is_fitted_and_kept(folder, tmp_path, capsys):
     scene = Scene.load(tmp_path / "as_built.toml")
     assert float(scene.motion.acceleration) == pytest.approx(float(built.motion.acceleration))
     np.testing.assert_array_equal(scene.speeds, built.scene.speeds)
-    assert float(scene.lens_blur) == pytest.approx(value, rel=1e-12)
-    assert float(built.scene.lens_blur) == pytest.approx(value, rel=1e-12)
+    assert float(scene.optics.lens_blur) == pytest.approx(value, rel=1e-12)
+    assert float(built.scene.optics.lens_blur) == pytest.approx(value, rel=1e-12)
     assert float(built.metrics.expected_psnr) == pytest.approx(
         document["expected_psnr_db"]["as built"], abs=1e-6
     )

@@ -16,6 +16,7 @@ from mishutter import (
     Limits,
     Picture,
     Scene,
+    Sensor,
     TotalVariationDecoder,
     TukeyShutter,
     capture_and_restore,
@@ -33,7 +34,9 @@ from mishutter.pictures import turned
 from mishutter.report import plot_photograph
 
 GIVEN = {"photon_rate": 1e5, "read_noise": 4.0, "limits": Limits(max_stroke=30.0)}
-ACROSS, DOWN = (Scene([-700.0, 0.0, 450.0], **GIVEN, axis=axis) for axis in ("rows", "columns"))
+ACROSS, DOWN = (
+    Scene([-700.0, 0.0, 450.0], **GIVEN, sensor=Sensor(axis=axis)) for axis in ("rows", "columns")
+)
 CAMERA = MOTION, TukeyShutter(0.5)
 LIGHT = example_picture().light[100:150, 200:310]
 
@@ -131,7 +134,9 @@ def test_its_speed_is_found_alike():
     """The posterior is the same to the last digit."""
     wide = Picture(example_picture().light).luminance[:128, :512]
     speeds = np.linspace(-3000, 3000, 9)
-    across, down = (Scene(speeds, **GIVEN, axis=axis) for axis in ("rows", "columns"))
+    across, down = (
+        Scene(speeds, **GIVEN, sensor=Sensor(axis=axis)) for axis in ("rows", "columns")
+    )
     captured = simulate_capture(wide, across, *CAMERA, speed=1100.0, key=jax.random.key(3))
     found = estimate_speed(captured, across, *CAMERA)
     same = estimate_speed(exchanged(captured), down, *CAMERA)
@@ -150,20 +155,20 @@ def test_a_file_says_the_axis_and_its_photograph_is_read_along_it(tmp_path):
     """
     (tmp_path / "scene.toml").write_text(text)
     scene = read_scene(tmp_path / "scene.toml")
-    assert scene.axis == "columns"
+    assert scene.sensor.axis == "columns"
     write_picture(tmp_path / "wide.png", LIGHT)
     (tmp_path / "scene.toml").write_text(text.replace("tall", "wide").replace("columns", "rows"))
     wide = read_scene(tmp_path / "scene.toml")
-    np.testing.assert_array_equal(scene.power_spectrum, wide.power_spectrum)
+    np.testing.assert_array_equal(scene.picture.power_spectrum, wide.picture.power_spectrum)
     own = row_power_spectrum(Picture(exchanged(LIGHT))).power_spectrum
-    assert not np.allclose(scene.power_spectrum, own, rtol=0.1)
+    assert not np.allclose(scene.picture.power_spectrum, own, rtol=0.1)
     (tmp_path / "again.toml").write_text(scene_text(scene))
-    assert read_scene(tmp_path / "again.toml").axis == "columns"
+    assert read_scene(tmp_path / "again.toml").sensor.axis == "columns"
     (tmp_path / "scene.toml").write_text(text.replace("columns", "diagonal"))
     with pytest.raises(ValueError, match=r"axis` must be 'rows' or 'columns'; got 'diagonal'"):
         read_scene(tmp_path / "scene.toml")
     with pytest.raises((ValueError, TypeError), match=r"'rows'.*'columns'"):
-        Scene([1.0], **GIVEN, axis="up")
+        Scene([1.0], **GIVEN, sensor=Sensor(axis="up"))
 
 
 def test_targets_of_a_fit_move_along_it_too(tmp_path):

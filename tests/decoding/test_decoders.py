@@ -92,13 +92,17 @@ def recaptured(restored, known):
 
 
 def bright():
-    return scene(photon_rate=1e6, mean_level=0.21, deviation=0.2)
+    return scene(photon_rate=1e6, picture=ms.Texture(mean_level=0.21, deviation=0.2))
 
 
 def test_a_model_knows_the_scene():
     """Light, noise and its part in the dark, and the picture's spectrum, in units of white."""
     known = ms.Scene(
-        [-300.0, 700.0, 300.0], [0.2, 0.5, 0.3], photon_rate=3e5, read_noise=4.0, mean_level=0.3
+        [-300.0, 700.0, 300.0],
+        [0.2, 0.5, 0.3],
+        photon_rate=3e5,
+        read_noise=4.0,
+        picture=ms.Texture(mean_level=0.3),
     )
     model = blur_model(known, camera(), ms.HannShutter())
     electrons = 3e5 * 0.02
@@ -260,7 +264,7 @@ def test_wiener_is_that_of_scikit_image():
 @pytest.mark.daily(3)
 def test_borders_are_nearly_as_good_as_the_middle(name):
     """The outermost kernel length is within 3 dB of the rest where the scene goes on beyond."""
-    decoder, known = DECODERS[name], scene(mean_level=0.21, deviation=0.2)
+    decoder, known = DECODERS[name], scene(picture=ms.Texture(mean_level=0.21, deviation=0.2))
     found = ms.restore_photograph(
         portrait(),
         known,
@@ -395,7 +399,7 @@ def test_ten_accelerated_steps_go_as_far_as_twenty_five():
 def test_a_likely_picture_keeps_the_noise_out(photon_rate, read_noise):
     """In little light, or much noise of reading, it is better than thirty steps of it."""
     light = {"photon_rate": photon_rate, "read_noise": read_noise}
-    dim = scene(**light, mean_level=0.21, deviation=0.2)
+    dim = scene(**light, picture=ms.Texture(mean_level=0.21, deviation=0.2))
     results = [
         ms.restore_photograph(
             photograph(), dim, camera(), ms.HannShutter(), decoder=d, speeds=[0.0], num_seeds=1
@@ -409,7 +413,7 @@ def test_a_likely_picture_keeps_the_noise_out(photon_rate, read_noise):
 @pytest.mark.parametrize("photon_rate", [3e4, 1e6])
 def test_from_an_estimate_it_goes_further(photon_rate):
     """Over all speeds, from a filter's estimate, it ends above thirty steps from the capture."""
-    known = scene(photon_rate=photon_rate, mean_level=0.21, deviation=0.2)
+    known = scene(photon_rate=photon_rate, picture=ms.Texture(mean_level=0.21, deviation=0.2))
     results = [
         ms.restore_photograph(
             photograph(), known, camera(), ms.HannShutter(), decoder=d, num_seeds=1
@@ -453,7 +457,7 @@ def test_richardson_lucy_ends_at_the_likeliest_picture_of_few_edges():
 @pytest.mark.parametrize(("photon_rate", "gain"), [(3e4, 0.3), (2e7, -1.0)])
 def test_richardson_lucy_settles_at_every_speed(photon_rate, gain):
     """In dim light above the ensemble filter, in bright near it; more steps change little."""
-    known = scene(photon_rate=photon_rate, mean_level=0.21, deviation=0.2)
+    known = scene(photon_rate=photon_rate, picture=ms.Texture(mean_level=0.21, deviation=0.2))
     picture = photograph(100, 164)[..., :1]
     decoders = {"": DECODERS["ensemble"]} | {n: ms.RichardsonLucyDecoder(n) for n in (15, 60)}
     given = picture, known, camera(), ms.HannShutter(), decoders

@@ -56,7 +56,13 @@ def test_a_sensor_that_pans_restores_as_one_at_rest_at_shifted_speeds(kind, slug
     panning = still.panned(-1024.0)
     shutter = CHIPPED
     known = [
-        ms.Scene(speeds, [0.2, 0.5, 0.3], photon_rate=3e5, read_noise=4.0, mean_level=0.5)
+        ms.Scene(
+            speeds,
+            [0.2, 0.5, 0.3],
+            photon_rate=3e5,
+            read_noise=4.0,
+            picture=ms.Texture(mean_level=0.5),
+        )
         for speeds in (np.array([-1500.0, -900.0, 375.0]), np.array([-476.0, 124.0, 1399.0]))
     ]
     pairs = list(zip(known, (panning, still), strict=True))
@@ -131,7 +137,7 @@ def textbook_filter(known, shutter, columns):
     grid = (np.arange(256) + 0.5) / 512
     power = 0.1**2 / (f**2 + 0.01**2) / np.mean(1 / (grid**2 + 0.01**2))
     p = float(known.photon_rate) * float(camera().exposure)
-    noise = (float(shutter.efficiency()) * float(known.mean_level) * p + 4.0**2) / p**2
+    noise = (float(shutter.efficiency()) * float(known.picture.mean_level) * p + 4.0**2) / p**2
     shares = np.asarray(known.weights)[:, None]
     mean = np.sum(shares * np.conj(responses), axis=0)
     return power * mean / (power * np.sum(shares * np.abs(responses) ** 2, axis=0) + noise)
@@ -266,7 +272,7 @@ def test_no_noise_without_a_key():
 )
 def test_every_decoder_finds_the_photograph(decoder, motion):
     """In good light every decoder brings a still photograph back, on either kind of motion."""
-    bright = scene(photon_rate=1e8, mean_level=0.21)
+    bright = scene(photon_rate=1e8, picture=ms.Texture(mean_level=0.21, deviation=0.1))
     picture = ms.example_picture().light[100:140]
     found = ms.restore_photograph(
         picture, bright, motion, ms.HannShutter(), decoder=decoder, speeds=[0.0], num_seeds=1
@@ -298,7 +304,7 @@ def test_no_picture_is_restored_without_light():
 @pytest.mark.slow
 def test_of_a_picture_without_detail_nothing_is_expected_to_be_wrong():
     """As in the table of a comparison, not what the smallest of numbers would leave."""
-    white, known = np.ones((8, 300, 1)), scene(mean_level=1.0, deviation=0.0)
+    white, known = np.ones((8, 300, 1)), scene(picture=ms.Texture(mean_level=1.0, deviation=0.0))
     result = ms.restore_photograph(white, known, camera(), ms.HannShutter(), num_seeds=1)
     assert np.isposinf(result.expected_psnr)
     assert np.isposinf(ms.evaluate(known, camera(), ms.HannShutter()).expected_psnr)

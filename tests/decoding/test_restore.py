@@ -29,7 +29,7 @@ def capture(of, speed=310.0, rows=slice(20, 170)):
 @pytest.mark.parametrize("axis", daily(["rows", "columns"], "columns"))
 def test_it_is_what_deconvolve_makes_of_it(axis):
     """In portions of rows, along either axis, of grey pictures and of coloured ones."""
-    camera = design(axis=axis)
+    camera = design(sensor=ms.Sensor(axis=axis))
     _, seen = capture(camera)
     whole = ms.deconvolve(seen, camera.scene, MOTION, camera.shutter)
     np.testing.assert_allclose(ms.restore(seen, camera), whole, atol=1e-6)

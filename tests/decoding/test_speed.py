@@ -32,8 +32,11 @@ def camera(velocity=0.0, half=HALF):
     return ms.ParabolicMotion(acceleration=45 / half**2, half_exposure=half, velocity=velocity)
 
 
+PICTURE = ms.Texture(mean_level=0.21, deviation=0.2)
+
+
 def scene(low=-4500.0, high=4500.0, **others):
-    numbers = {"photon_rate": 1e5, "read_noise": 8.0, "mean_level": 0.21, "deviation": 0.2}
+    numbers = {"photon_rate": 1e5, "read_noise": 8.0, "picture": PICTURE}
     return ms.Scene.uniform(min_speed=low, max_speed=high, num_speeds=9, **{**numbers, **others})
 
 
@@ -112,7 +115,7 @@ def test_colour_bits_lens_and_device():
     for picture, known, shutter, options in (
         (photograph(), scene(), OPEN, {}),
         (grey(), scene(), OPEN, {"adc_bits": 8}),
-        (grey(), scene(lens_blur=1.5), OPEN, {}),
+        (grey(), scene(optics=ms.Optics(lens_blur=1.5)), OPEN, {}),
         (grey(), scene(device=slow), OPEN, {}),
     ):
         given = known, camera(), shutter

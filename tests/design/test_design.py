@@ -24,12 +24,16 @@ from mishutter import (
     Limits,
     LinearMotion,
     Occlusion,
+    Optics,
     ParabolicMotion,
     RectShutter,
     Scene,
+    SecondOrderStage,
+    Sensor,
     SplineShutter,
     StillCamera,
     SwitchedShutter,
+    Texture,
     Tolerances,
     TriangleShutter,
     TukeyShutter,
@@ -163,17 +167,17 @@ def test_a_saved_design_gives_back_what_hides_what(design, tmp_path):
 
 def test_a_saved_design_knows_how_its_photograph_is_read(design, tmp_path):
     """White and whether numbers are light come back; a file from before has the depth's white."""
-    given = {"picture": "a.tif", "picture_white": 4095, "picture_linear": True}
-    scene = Scene([31.0, -420.0], photon_rate=2e5, read_noise=3.0, **given)
+    given = {"path": "a.tif", "white": 4095, "linear": True}
+    scene = Scene([31.0, -420.0], photon_rate=2e5, read_noise=3.0, picture=Texture(**given))
     path = tmp_path / "design.json"
     replace(design, scene=scene).save(path)
-    read = Design.load(path).scene
+    read = Design.load(path).scene.picture
     assert {name: getattr(read, name) for name in given} == given
     document = json.loads(path.read_text("utf-8"))
-    del document["scene"]["picture_white"], document["scene"]["picture_linear"]
+    del document["scene"]["picture"]["white"], document["scene"]["picture"]["linear"]
     path.write_text(json.dumps(document))
-    read = Design.load(path).scene
-    assert (read.picture_white, read.picture_linear) == (None, False)
+    read = Design.load(path).scene.picture
+    assert (read.white, read.linear) == (None, False)
 
 
 @pytest.mark.slow
@@ -238,7 +242,7 @@ def test_the_profile_is_a_table_with_units(design, tmp_path):
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        (lambda data: data | {"format": 99}, "be of design format 1; got"),
+        (lambda data: data | {"format": 99}, "be of design format 1 to 2; got"),
         (lambda data: [1, 2], "be a design saved by mishutter; got"),
         (lambda data: data | {"shutter": {"kind": "Iris"}}, "be one of"),
     ],
@@ -270,9 +274,13 @@ MISTAKES = {
     "symmetry-as-text": (("shutter", "symmetric"), "no", "must be true or false; got 'no'"),
     "width-of-a-spline": (("shutter", "sigma"), 0.3, "must be left out of a SplineShutter; got"),
     "ragged-speeds": (("scene", "speeds"), [[1], [2, 3]], "`scene.speeds[0]` must be a number"),
-    "spectrum-as-text": (("scene", "power_spectrum"), "x", "must be a list; got 'x'"),
+    "spectrum-as-text": (("scene", "picture", "power_spectrum"), "x", "must be a list; got 'x'"),
     "two-strokes": (("scene", "limits", "max_stroke"), [1, 2], "must be a number; got [1, 2]"),
-    "picture-as-number": (("scene", "picture"), 5, "`scene.picture` must be text; got 5"),
+    "picture-as-number": (
+        ("scene", "picture", "path"),
+        5,
+        "`scene.picture.path` must be text; got 5",
+    ),
     "light-by-another-name": (("scene", "photon"), 5, "perhaps `scene.photon_rate`; got 'photon'"),
     "loss-as-text": (("loss",), "abc", "`loss` must be a number; got 'abc'"),
     "history-as-text": (("history",), "x", "`history` must be a list; got 'x'"),
@@ -368,6 +376,60 @@ def test_a_design_from_before_free_paths_were_a_limit_is_loaded(design, tmp_path
     read = Design.load(path)
     assert read.scene.limits.free_paths is asked
     assert eqx.tree_equal(read.scene.limits.max_stroke, design.scene.limits.max_stroke)
+
+
+FLAT = {
+    "mean_level": 0.31,
+    "deviation": 0.17,
+    "power_spectrum": [0.4, 0.0, 1.3],
+    "picture": "a.tif",
+    "picture_white": 4095.0,
+    "picture_linear": True,
+    "cutoff_frequency": 0.43,
+    "lens_blur": 0.7,
+    "full_well": 7100.0,
+    "axis": "columns",
+    "stage": {"bandwidth": 43.0, "damping": 0.35},
+}
+"""Arguments of scenes before these had parts."""
+
+
+@pytest.mark.parametrize("left_out", [(), ("picture", "power_spectrum", "stage", "full_well")])
+def test_a_design_from_before_scenes_had_parts_is_loaded(design, tmp_path, left_out):
+    """Each argument is that of its part, with the limits of its own; one without it has none."""
+    flat = FLAT | dict.fromkeys(left_out)
+    data = json.loads(strict_json(design.to_dict())) | {"format": 1}
+    for part in ("picture", "optics", "sensor"):
+        del data["scene"][part]
+    del data["scene"]["limits"]["stage"]
+    data["scene"] |= flat
+    (tmp_path / "design.json").write_text(json.dumps(data))
+    scene = Design.load(tmp_path / "design.json").scene
+    stage = flat["stage"]
+    wanted = Scene(
+        SCENE.speeds,
+        SCENE.weights,
+        photon_rate=SCENE.photon_rate,
+        read_noise=SCENE.read_noise,
+        picture=Texture(
+            mean_level=0.31,
+            deviation=0.17,
+            power_spectrum=flat["power_spectrum"],
+            path=flat["picture"],
+            white=4095.0,
+            linear=True,
+        ),
+        optics=Optics(cutoff_frequency=0.43, lens_blur=0.7),
+        sensor=Sensor(full_well=flat["full_well"], axis="columns"),
+        limits=eqx.tree_at(
+            lambda limits: limits.stage,
+            LIMITS,
+            None if stage is None else SecondOrderStage(**stage),
+            is_leaf=lambda part: part is None,
+        ),
+        motion=scene.given_motion,
+    )
+    assert eqx.tree_equal(scene, wanted)
 
 
 def test_a_design_by_an_older_word_for_its_decoder_is_loaded(design, tmp_path):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from mishutter import Burst, Limits, Scene
+from mishutter import Burst, Limits, Scene, Sensor
 from mishutter.evaluation import StillBursts, best_moving_burst, best_still_burst
 from mishutter.evaluation.frames import burst_psnr, still_frames
 
@@ -92,9 +92,11 @@ def test_moving_frames_have_the_times_of_still_ones():
 
 def test_no_frame_fills_a_pixel():
     """Of 60 electrons, half of what the best frame would take."""
-    burst = best_still_burst(_scene(full_well=60.0))
+    burst = best_still_burst(_scene(sensor=Sensor(full_well=60.0)))
     assert RATE * burst.exposure <= 60.0 * (1 + 1e-6)
-    moving = best_moving_burst(_scene(full_well=60.0, burst=Burst(frames_per_s=90, max_frames=2)))
+    moving = best_moving_burst(
+        _scene(sensor=Sensor(full_well=60.0), burst=Burst(frames_per_s=90, max_frames=2))
+    )
     assert RATE * float(moving.frames.motion.exposure) <= 60.0 * (1 + 1e-6)
 
 
@@ -184,7 +186,7 @@ def test_a_burst_that_is_none(name, value, requirement):
 @pytest.mark.parametrize("rate", [30.0, 85.0])
 def test_stills_have_the_level_of_the_formula_of_all_frames(rate):
     """The closed form of a camera at rest is the response that every other frame has."""
-    scene = _scene(burst=None, full_well=90.0)
+    scene = _scene(burst=None, sensor=Sensor(full_well=90.0))
     best = StillBursts(scene).best(rate)
     level = burst_psnr(scene, [still_frames(best.num_frames, best.exposure / 2)])
     assert best.psnr == pytest.approx(float(level), abs=1e-4)

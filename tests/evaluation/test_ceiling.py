@@ -12,11 +12,13 @@ from mishutter import (
     HannShutter,
     Limits,
     LinearMotion,
+    Optics,
     ParabolicMotion,
     RectShutter,
     Scene,
     SplineShutter,
     StillCamera,
+    Texture,
     ceiling,
     evaluate,
 )
@@ -53,14 +55,14 @@ def _known(scene, num_frequencies):
     """Frequencies and picture power of the default spectrum; shapes `(m,)`."""
     frequency = (np.arange(num_frequencies) + 0.5) / (2 * num_frequencies)
     power = 1 / (frequency**2 + 0.01**2)
-    return frequency, power * float(scene.deviation) ** 2 / np.mean(power)
+    return frequency, power * float(scene.picture.deviation) ** 2 / np.mean(power)
 
 
 def _written_out(scene, most, half, num_frequencies=4096):
     """The ceiling of an eigenvalue `most(f)`, written out as section by section of its proof."""
     frequency, power = _known(scene, num_frequencies)
     electrons = float(scene.photon_rate) * 2 * half
-    noise = float(scene.mean_level) / electrons + (float(scene.read_noise) / electrons) ** 2
+    noise = float(scene.picture.mean_level) / electrons + (float(scene.read_noise) / electrons) ** 2
     signal = power * np.sinc(frequency) ** 2 * most(frequency)
     return -10 * np.log10(np.mean(power * noise / (signal + noise)))
 
@@ -143,7 +145,12 @@ def _random_motion(rng):
 def _held(scene, metrics, ceilings):
     """Whether the metrics are in the order of what their decoders know, below the ceiling."""
     found = float(metrics.expected_psnr), float(metrics.known_speed_psnr)
-    return -10 * np.log10(float(scene.deviation) ** 2) <= found[0] <= found[1] + 1e-9 <= ceilings
+    return (
+        -10 * np.log10(float(scene.picture.deviation) ** 2)
+        <= found[0]
+        <= found[1] + 1e-9
+        <= ceilings
+    )
 
 
 @pytest.mark.slow
@@ -203,7 +210,7 @@ def _errors(scene, velocity, light, half, num_frequencies=256):
     response = np.mean(light * np.sinc(f * seen * step) * np.exp(-2j * np.pi * f * place), axis=2)
     passed = (np.abs(response) * np.sinc(frequency)[:, None]) ** 2
     electrons = float(scene.photon_rate) * 2 * half
-    noise = np.mean(light) * float(scene.mean_level) / electrons
+    noise = np.mean(light) * float(scene.picture.mean_level) / electrons
     noise += (float(scene.read_noise) / electrons) ** 2
     signal = power[:, None] * passed
     weights = np.asarray(scene.weights)
@@ -337,7 +344,13 @@ def test_the_continuous_ceiling_bounds_speeds_spread_finely(scene):
 def test_without_light_the_ceiling_is_the_variance_of_the_picture():
     """As is the error of every design, with and without read noise."""
     for noise in (0.0, 5.0):
-        scene = Scene(BOTH_WAYS, photon_rate=0.0, read_noise=noise, deviation=0.17, limits=LIMITS)
+        scene = Scene(
+            BOTH_WAYS,
+            photon_rate=0.0,
+            read_noise=noise,
+            picture=Texture(deviation=0.17),
+            limits=LIMITS,
+        )
         for half in (LONGEST, np.inf):
             for continuous in (False, True):
                 listed = UNIFORM.bare(speeds=np.linspace(-7, 9, 5), weights=np.ones(5))
@@ -351,8 +364,8 @@ def test_without_light_the_ceiling_is_the_variance_of_the_picture():
 def test_what_loses_nothing_has_no_ceiling():
     """A grey picture, and one recorded without any noise."""
     light = {"photon_rate": 1e5, "limits": LIMITS}
-    grey = Scene(BOTH_WAYS, read_noise=4.0, deviation=0.0, **light)
-    silent = Scene(BOTH_WAYS, read_noise=0.0, mean_level=0.0, **light)
+    grey = Scene(BOTH_WAYS, read_noise=4.0, picture=Texture(deviation=0.0), **light)
+    silent = Scene(BOTH_WAYS, read_noise=0.0, picture=Texture(mean_level=0.0), **light)
     for scene in (grey, silent):
         assert np.isposinf(ceiling(scene))
         assert np.isposinf(ceiling(scene, max_half_exposure=np.inf))
@@ -363,10 +376,22 @@ def test_what_the_optics_cut_off_counts_nowhere():
     steps = (np.arange(256) + 0.5) / 512
     passed = (steps <= 0.125) / (steps**2 + 0.01**2)
     by_optics = ceiling(
-        Scene(BOTH_WAYS, photon_rate=1e5, read_noise=4.0, limits=LIMITS, cutoff_frequency=0.125)
+        Scene(
+            BOTH_WAYS,
+            photon_rate=1e5,
+            read_noise=4.0,
+            limits=LIMITS,
+            optics=Optics(cutoff_frequency=0.125),
+        )
     )
     by_picture = ceiling(
-        Scene(BOTH_WAYS, photon_rate=1e5, read_noise=4.0, limits=LIMITS, power_spectrum=passed)
+        Scene(
+            BOTH_WAYS,
+            photon_rate=1e5,
+            read_noise=4.0,
+            limits=LIMITS,
+            picture=Texture(power_spectrum=passed),
+        )
     )
     assert float(by_optics) == pytest.approx(float(by_picture), abs=0.02)
 

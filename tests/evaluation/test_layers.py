@@ -14,11 +14,13 @@ from mishutter import (
     KnownSpeedLoss,
     Limits,
     Occlusion,
+    Optics,
     ParabolicMotion,
     RectShutter,
     Scene,
     SplineShutter,
     StillCamera,
+    Texture,
     Tolerances,
     WorstSpeedLoss,
     ceiling,
@@ -83,7 +85,7 @@ LAYERS = {
 )
 def test_the_reference(motion, shutter, layers, mean_level, psnr):
     """Plain sums over time and over the frequencies of the matte give the same expected PSNR."""
-    metrics = evaluate(scene_of(layers, mean_level=mean_level), motion, shutter)
+    metrics = evaluate(scene_of(layers, picture=Texture(mean_level=mean_level)), motion, shutter)
     np.testing.assert_allclose(metrics.expected_psnr, psnr, rtol=0, atol=REFERENCE)
 
 
@@ -201,7 +203,7 @@ def test_a_picture_of_layers_has_no_power_above_the_cutoff():
     cutoff, grid = 0.21, Frequencies.of_grid(256)
     front, width, frequency = 0.55, 23.0, (np.arange(256) + 0.5) / 512
     occlusion = Occlusion(front_share=front, object_width=width)
-    scene = scene_of(occlusion, [-900.0, 700.0], cutoff_frequency=cutoff)
+    scene = scene_of(occlusion, [-900.0, 700.0], optics=Optics(cutoff_frequency=cutoff))
     shares = with_shares(scene, background_of(scene), LayerSampling(grid)).occlusion.shares
     power = np.asarray(shares.power)
     assert np.all(power[frequency > cutoff] == 0)
@@ -238,7 +240,7 @@ def test_a_search_knows_the_error_by_few_frequencies(name, cutoff, nearness):
 
     Behind soft optics, of fewer frequencies still, to 0.3 dB.
     """
-    scene = eqx.tree_at(lambda s: s.cutoff_frequency, LAYERS[name], jnp.asarray(cutoff))
+    scene = eqx.tree_at(lambda s: s.optics.cutoff_frequency, LAYERS[name], jnp.asarray(cutoff))
     for motion in (SNAPSHOT, SWEPT):
         loss, shutter = ExpectedErrorLoss(), HannShutter()
         start = SplineShutter.fit(shutter, 8)
@@ -280,7 +282,9 @@ def test_losses_are_the_metrics(loss):
     """The loss over the picture's deviation is the PSNR that `evaluate` measures."""
     scene = LAYERS["narrow"]
     metrics = evaluate(scene, SWEPT, HannShutter())
-    level = -20 * np.log10(float(loss(scene, SWEPT, HannShutter())) * float(scene.deviation))
+    level = -20 * np.log10(
+        float(loss(scene, SWEPT, HannShutter())) * float(scene.picture.deviation)
+    )
     of = {
         ExpectedErrorLoss: "expected",
         KnownSpeedLoss: "known_speed",

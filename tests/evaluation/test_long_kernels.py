@@ -33,7 +33,7 @@ LIGHT = {"photon_rate": 3e4, "read_noise": 8.0}
 
 def psnr(scene, motion, shutter):
     loss = float(ExpectedErrorLoss()(scene, motion, shutter))
-    return -20 * np.log10(loss * float(scene.deviation))
+    return -20 * np.log10(loss * float(scene.picture.deviation))
 
 
 @pytest.mark.slow

@@ -25,6 +25,7 @@ from mishutter import (
     Scene,
     SplineShutter,
     StillCamera,
+    Texture,
     Tolerances,
     TukeyShutter,
     WorstSpeedLoss,
@@ -87,18 +88,21 @@ def test_the_expected_error_is_in_units_of_the_contrast():
     """20 dB are a factor of 10, over the picture's deviation; without one there is no error."""
     shutter = TukeyShutter(0.6)
     for deviation in (0.13, 0.31):
-        scene = Scene([-700.0, 250.0], photon_rate=2e5, read_noise=4.0, deviation=deviation)
+        scene = Scene(
+            [-700.0, 250.0], photon_rate=2e5, read_noise=4.0, picture=Texture(deviation=deviation)
+        )
         psnr = float(evaluate(scene, MOTION, shutter).expected_psnr)
         found = float(ExpectedErrorLoss()(scene, MOTION, shutter))
         assert np.isclose(found, 10 ** (-psnr / 20) / deviation, rtol=1e-12)
-    grey = Scene([-700.0, 250.0], photon_rate=2e5, read_noise=4.0, deviation=0.0)
+    grey = Scene([-700.0, 250.0], photon_rate=2e5, read_noise=4.0, picture=Texture(deviation=0.0))
     assert float(ExpectedErrorLoss()(grey, MOTION, shutter)) == 0
 
 
 @pytest.mark.nightly
 def test_a_decoder_that_is_told_the_speed_leaves_less():
     """Its loss is that of the metric, and below that of one filter; so it is within tolerances."""
-    shutter, light = TukeyShutter(0.6), {"photon_rate": 2e5, "read_noise": 4.0, "deviation": 0.17}
+    shutter, picture = TukeyShutter(0.6), Texture(deviation=0.17)
+    light = {"photon_rate": 2e5, "read_noise": 4.0, "picture": picture}
     scene = Scene([-700.0, 250.0], **light)
     told, untold = KnownSpeedLoss(), ExpectedErrorLoss()
     level = float(evaluate(scene, MOTION, shutter).known_speed_psnr)
@@ -117,7 +121,7 @@ def test_a_decoder_that_finds_the_speed_keeps_a_share_of_what_being_told_brings(
 
     Where the blur differs by less than a photograph's own softness, it keeps nothing of it.
     """
-    light = {"photon_rate": 2e5, "read_noise": 4.0, "deviation": 0.17}
+    light = {"photon_rate": 2e5, "read_noise": 4.0, "picture": Texture(deviation=0.17)}
     near = evaluate(Scene([-700.0, 250.0], **light), MOTION, TukeyShutter(0.6))
     assert float(near.found_speed_psnr) == float(near.expected_psnr) < float(near.known_speed_psnr)
     scene = Scene([-700.0 - 60.0 / float(MOTION.exposure), 250.0], **light)
@@ -159,7 +163,7 @@ def test_losses_of_pictures_that_move_as_a_whole_refuse_a_background(loss):
 @pytest.mark.parametrize("tolerances", [None, Tolerances(acceleration=0.04, speed=60.0)])
 def test_errors_of_speeds_have_the_expected_error_for_a_mean(tolerances):
     """By the scene's weights; the worst of those that occur is the loss, smoothed from above."""
-    light = {"photon_rate": 2e5, "read_noise": 4.0, "deviation": 0.17}
+    light = {"photon_rate": 2e5, "read_noise": 4.0, "picture": Texture(deviation=0.17)}
     speeds, weights = [-700.0, 250.0, 1900.0, 9000.0], [3.0, 2.0, 1.0, 0.0]
     scene = Scene(speeds, weights, **light, tolerances=tolerances)
     view = sampled_view(scene, MOTION, TukeyShutter(0.6), ONLY_SPECTRA, sizes(scene, MOTION))

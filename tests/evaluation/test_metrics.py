@@ -15,10 +15,12 @@ from mishutter import (
     HannShutter,
     Limits,
     Occlusion,
+    Optics,
     ParabolicMotion,
     RectShutter,
     Scene,
     StillCamera,
+    Texture,
     Tolerances,
     TukeyShutter,
     binned_exposure,
@@ -128,7 +130,13 @@ def test_a_spectrum_in_narrow_steps_loses_none_of_its_power():
     broad = lines.reshape(256, 5).mean(axis=1)
     narrow, wide = (
         evaluate(
-            Scene(SPEEDS, photon_rate=7e4, read_noise=6.0, power_spectrum=x, limits=FEW),
+            Scene(
+                SPEEDS,
+                photon_rate=7e4,
+                read_noise=6.0,
+                picture=Texture(power_spectrum=x),
+                limits=FEW,
+            ),
             MOTION,
             SHUTTER,
         )
@@ -142,8 +150,12 @@ def test_what_the_optics_do_not_pass_is_no_part_of_the_picture():
     frequency = (np.arange(256) + 0.5) / 512
     passed = (frequency <= 0.13) / (frequency**2 + 0.01**2)
     light: dict[str, Any] = {"photon_rate": 7e4, "read_noise": 6.0, "limits": FEW}
-    by_optics = evaluate(Scene(SPEEDS, **light, cutoff_frequency=0.13), MOTION, SHUTTER)
-    by_picture = evaluate(Scene(SPEEDS, **light, power_spectrum=passed), MOTION, SHUTTER)
+    by_optics = evaluate(
+        Scene(SPEEDS, **light, optics=Optics(cutoff_frequency=0.13)), MOTION, SHUTTER
+    )
+    by_picture = evaluate(
+        Scene(SPEEDS, **light, picture=Texture(power_spectrum=passed)), MOTION, SHUTTER
+    )
     assert np.isclose(by_optics.expected_psnr, by_picture.expected_psnr, rtol=1e-12)
 
 
@@ -151,15 +163,15 @@ def test_a_lens_blurs_what_is_restored():
     """Of a still object the error is that of a Wiener filter behind pixel, lens and noise."""
     rate, noise, blur, half = 7e4, 6.0, 0.77, 0.0021
     light: dict[str, Any] = {"photon_rate": rate, "read_noise": noise, "limits": FEW}
-    scene = Scene([0.0], **light, lens_blur=blur)
+    scene = Scene([0.0], **light, optics=Optics(lens_blur=blur))
     frequency = (np.arange(4096) + 0.5) / 8192
     power = 1 / (frequency**2 + 0.01**2)
-    power *= float(scene.deviation) ** 2 / np.mean(power)
+    power *= float(scene.picture.deviation) ** 2 / np.mean(power)
     places, weights = np.polynomial.hermite_e.hermegauss(40)
     spread = np.cos(2 * np.pi * blur * np.outer(frequency, places)) @ weights / weights.sum()
     electrons = rate * 2 * half
     passed = power * (electrons * np.sinc(frequency) * spread) ** 2
-    variance = float(scene.mean_level) * electrons + noise**2
+    variance = float(scene.picture.mean_level) * electrons + noise**2
     error = np.mean(power * variance / (passed + variance))
     found = evaluate(scene, StillCamera(half_exposure=half), RectShutter())
     assert float(found.expected_psnr) == pytest.approx(-10 * np.log10(error), abs=5e-6)
@@ -422,8 +434,7 @@ def test_single_precision_is_kept():
         WEIGHTS.astype(np.float32),
         photon_rate=np.float32(7e4),
         read_noise=np.float32(6),
-        mean_level=np.float32(0.25),
-        deviation=np.float32(0.2),
+        picture=Texture(mean_level=np.float32(0.25), deviation=np.float32(0.2)),
     )
     single = evaluate(scene, motion, HannShutter())
     double = evaluate(SCENE, MOTION, HannShutter())
@@ -517,7 +528,9 @@ def test_the_mean_error_over_speeds_is_the_expected_one(speeds, velocity):
 def test_no_light_and_no_noise_leave_the_variance_at_every_speed():
     """The worst speed is as bad as the mean, and as a decoder that is told it; so by frequency."""
     for rate, noise in [(0.0, 0.0), (0.0, 6.0)]:
-        scene = Scene(SPEEDS, WEIGHTS, photon_rate=rate, read_noise=noise, deviation=0.17)
+        scene = Scene(
+            SPEEDS, WEIGHTS, photon_rate=rate, read_noise=noise, picture=Texture(deviation=0.17)
+        )
         found = evaluate(scene, MOTION, SHUTTER)
         levels = [decoder.psnr(found) for decoder in SPEED_KNOWLEDGE.values()]
         levels += [decoder.worst_psnr(found) for decoder in (UNKNOWN_SPEED, KNOWN_SPEED)]
@@ -591,7 +604,7 @@ def test_the_error_at_a_speed_is_that_of_the_filter_written_out():
     power = np.asarray(picture_power(SCENE, num, np.dtype(float)))
     electrons = 7e4 * 2 * HALF_EXPOSURE
     light = float(SHUTTER.efficiency())
-    noise = light * float(SCENE.mean_level) / electrons + (6.0 / electrons) ** 2
+    noise = light * float(SCENE.picture.mean_level) / electrons + (6.0 / electrons) ** 2
     mean = sum(p * h for p, h in zip(WEIGHTS, response, strict=True))
     square = sum(p * abs(h) ** 2 for p, h in zip(WEIGHTS, response, strict=True))
     gain = power * np.conj(mean) / (power * square + noise)

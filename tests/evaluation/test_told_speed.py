@@ -21,6 +21,7 @@ from mishutter import (
     Scene,
     SplineShutter,
     StillCamera,
+    Texture,
     ceiling,
     evaluate,
     example_scene,
@@ -41,8 +42,7 @@ SCENE = Scene(
     WEIGHTS,
     photon_rate=RATE,
     read_noise=READ_NOISE,
-    deviation=DEVIATION,
-    mean_level=MEAN_LEVEL,
+    picture=Texture(deviation=DEVIATION, mean_level=MEAN_LEVEL),
 )
 ACCELERATION, HALF_EXPOSURE = 2.3e5, 9e-3
 POINT = np.array([1.03, 0.97, 0.1, 0.55, 0.95, 0.9, 0.35])

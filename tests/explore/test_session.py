@@ -382,10 +382,10 @@ def test_numbers_of_an_upload_may_be_told(started):
         scene = TABLES | {"picture": {"path": "mine.png", **told}}
         # A search of the whole scene takes long; what it would read is what matters.
         found.append(sessions.built(scene, session._photographs))
-    plain, whiter, linear = (float(scene.mean_level) for scene in found)
+    plain, whiter, linear = (float(scene.picture.mean_level) for scene in found)
     assert whiter == pytest.approx(plain * (255 / 300) ** 2.2, rel=1e-5)
     assert linear > 1.2 * plain
-    assert (found[1].picture_white, found[2].picture_linear) == (300.0, True)
+    assert (found[1].picture.white, found[2].picture.linear) == (300.0, True)
     with pytest.raises(ValueError, match=r"`\[picture\] white` must stand beside the path"):
         sessions.built(TABLES | {"picture": {"path": "example", "white": 3.0}}, {})
 

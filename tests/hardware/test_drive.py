@@ -117,7 +117,9 @@ def test_a_stage_is_sent_what_brings_it_onto_the_path(name, tmp_path):
     """
     motion = STAGED[name]
     stage = SecondOrderStage(bandwidth=45.0, damping=0.6)
-    design = replace(a_design(HannShutter()), motion=motion, scene=_scene(stage=stage))
+    design = replace(
+        a_design(HannShutter()), motion=motion, scene=_scene(limits=Limits(stage=stage))
+    )
     design.save(tmp_path / "design.json")
     table = drive_table(Design.load(tmp_path / "design.json"), num_steps=64)
     names, units, *rows = csv.reader(io.StringIO(table.stage_csv()))
@@ -140,7 +142,7 @@ def test_a_stage_is_sent_what_brings_it_onto_the_path(name, tmp_path):
 def test_a_stage_beside_a_shutter_of_few_slots_is_sent_enough_to_stay_on_its_path(motion):
     """An oscillator that is sent the rows, joined by straight lines, is within 0.1 px of 15."""
     stage = SecondOrderStage(bandwidth=60.0, damping=0.5)
-    scene = _scene(stage=stage, device=SwitchedShutter(num_slots=12))
+    scene = _scene(limits=Limits(stage=stage), device=SwitchedShutter(num_slots=12))
     table = drive_table(replace(a_design(HannShutter()), motion=motion, scene=scene))
     assert table.begin.size == 12
     _, _, *rows = csv.reader(io.StringIO(table.stage_csv()))

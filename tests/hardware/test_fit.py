@@ -127,7 +127,7 @@ def test_points_at_known_speeds_show_the_camera(camera):
     assert "only v - 2 a d is seen" in camera.not_identifiable[1]
     built = camera.design(SCENE)
     assert built.loss_name == GIVEN
-    assert float(built.scene.lens_blur) == camera.lens_blur
+    assert float(built.scene.optics.lens_blur) == camera.lens_blur
     assert np.isfinite(float(built.metrics.expected_psnr))
 
 
@@ -346,7 +346,7 @@ def test_a_scene_file_of_what_was_built_is_ready(camera, tmp_path):
         assert float(getattr(built.motion, name)) == pytest.approx(value, rel=1e-12)
     assert eqx.tree_equal(built.device, scene.device, rtol=1e-12)
     assert "# lens_blur_px = 0.6" in text
-    assert float(built.lens_blur) == pytest.approx(camera.lens_blur, rel=1e-12)
+    assert float(built.optics.lens_blur) == pytest.approx(camera.lens_blur, rel=1e-12)
     assert "# Wider than the scene's, as the camera was: max_stroke, max_top_speed, max_pan" in text
     assert "# Not identifiable: gain and transmittance apart" in text
     found = evaluate(built, built.motion, camera.shutter)

@@ -20,6 +20,7 @@ from mishutter import (
     ParabolicMotion,
     RectShutter,
     Scene,
+    Sensor,
     SplineShutter,
     StillCamera,
     SwitchedShutter,
@@ -192,8 +193,8 @@ def test_a_device_that_is_none(name, value):
 
 def test_a_pixel_holds_some_electrons():
     """None at all is refused by name."""
-    with pytest.raises(ValueError, match=r"`Scene\(full_well=...\)` must be above 0"):
-        Scene([0.0], **LIGHT, full_well=0.0)
+    with pytest.raises(ValueError, match=r"`Sensor\(full_well=...\)` must be above 0"):
+        Scene([0.0], **LIGHT, sensor=Sensor(full_well=0.0))
 
 
 class Ramp(AbstractShutter):

@@ -15,17 +15,19 @@ from mishutter import (
     IdealShutter,
     Limits,
     Occlusion,
+    Optics,
     ParabolicMotion,
     Scene,
     SecondOrderStage,
+    Sensor,
     SwitchedShutter,
+    Texture,
     Tolerances,
 )
 from mishutter.model import (
     example_scene,
     example_scene_text,
     read_scene,
-    scene_picture,
     scene_text,
 )
 from mishutter.pictures import example_picture, row_power_spectrum, write_picture
@@ -54,10 +56,10 @@ def test_a_picture_gives_the_spectrum(tmp_path):
     """The photograph's own rows replace the assumed spectrum, mean and deviation."""
     scene = Scene.load(str(written(tmp_path, EXAMPLE)))
     spectrum = row_power_spectrum(example_picture(), 256)
-    assert scene.picture == "example"
-    assert scene.mean_level == pytest.approx(spectrum.mean_level, rel=1e-12)
-    assert scene.deviation == pytest.approx(spectrum.deviation, rel=1e-12)
-    np.testing.assert_allclose(scene.power_spectrum, spectrum.power_spectrum, rtol=1e-12)
+    assert scene.picture.path == "example"
+    assert scene.picture.mean_level == pytest.approx(spectrum.mean_level, rel=1e-12)
+    assert scene.picture.deviation == pytest.approx(spectrum.deviation, rel=1e-12)
+    np.testing.assert_allclose(scene.picture.power_spectrum, spectrum.power_spectrum, rtol=1e-12)
 
 
 @pytest.mark.parametrize("speed", ["found", "known"])
@@ -92,10 +94,10 @@ def test_picture_paths_start_at_the_file(tmp_path, monkeypatch):
     path = written(folder, edited("path", 'path = "photo.png"'))
     monkeypatch.chdir("/")
     scene = read_scene(path)
-    assert scene.picture == str(folder / "photo.png")
-    assert scene.mean_level == pytest.approx(light.mean(), abs=1e-4)
+    assert scene.picture.path == str(folder / "photo.png")
+    assert scene.picture.mean_level == pytest.approx(light.mean(), abs=1e-4)
     monkeypatch.chdir(folder)
-    assert read_scene("scene.toml").picture == str(folder / "photo.png")
+    assert read_scene("scene.toml").picture.path == str(folder / "photo.png")
 
 
 @pytest.mark.parametrize(
@@ -106,24 +108,24 @@ def test_a_picture_is_read_as_its_keys_say(told, coded, tmp_path):
     levels = np.random.default_rng(6).integers(90, 4000, (13, 37)).astype(np.uint16)
     (tmp_path / "photo.png").write_bytes(imagecodecs.png_encode(levels))
     scene = Scene.load(written(tmp_path, edited("path", f'path = "photo.png"\n{told}')))
-    light = (levels / scene.picture_white) ** coded
-    assert scene.mean_level == pytest.approx(light.mean(), rel=1e-5)
-    assert scene.deviation == pytest.approx(light.std(), rel=1e-5)
-    np.testing.assert_allclose(scene_picture(scene).light[..., 0], light, rtol=1e-5)
+    light = (levels / scene.picture.white) ** coded
+    assert scene.picture.mean_level == pytest.approx(light.mean(), rel=1e-5)
+    assert scene.picture.deviation == pytest.approx(light.std(), rel=1e-5)
+    np.testing.assert_allclose(scene.picture.photograph().light[..., 0], light, rtol=1e-5)
     again = read_scene(written(tmp_path, scene_text(scene), "again.toml"))
-    assert eqx.tree_equal(again.mean_level, scene.mean_level)
-    assert (again.picture_white, again.picture_linear) == (
-        scene.picture_white,
-        scene.picture_linear,
+    assert eqx.tree_equal(again.picture.mean_level, scene.picture.mean_level)
+    assert (again.picture.white, again.picture.linear) == (
+        scene.picture.white,
+        scene.picture.linear,
     )
 
 
 def test_without_a_picture_levels_may_be_given(tmp_path):
     """A scene without a photograph states its mean and deviation, or takes the defaults."""
     plain = EXAMPLE.replace('path = "example"', "")
-    assert read_scene(written(tmp_path, plain)).power_spectrum is None
+    assert read_scene(written(tmp_path, plain)).picture.power_spectrum is None
     stated = read_scene(written(tmp_path, edited("path", "mean_level = 0.31\ndeviation = 0.17")))
-    assert (float(stated.mean_level), float(stated.deviation)) == (0.31, 0.17)
+    assert (float(stated.picture.mean_level), float(stated.picture.deviation)) == (0.31, 0.17)
 
 
 def test_a_normal_distribution_has_its_moments(tmp_path):
@@ -181,7 +183,7 @@ def test_without_a_motion_an_exposure_may_be_the_limit(limit, stroke, top_speed,
 def test_the_optics_cut_off_where_they_say(tmp_path):
     """In cycles a pixel."""
     path = written(tmp_path, edited("cutoff", "cutoff_cycles_per_px = 0.31"))
-    assert float(read_scene(path).cutoff_frequency) == 0.31
+    assert float(read_scene(path).optics.cutoff_frequency) == 0.31
 
 
 def test_an_acceleration_may_be_given(tmp_path):
@@ -448,17 +450,19 @@ def test_a_scene_written_is_the_scene_read(slug, tmp_path):
         [0.5, 0.2, 0.3],
         photon_rate=3.1e5,
         read_noise=4.3,
-        mean_level=0.31,
-        deviation=0.17,
-        cutoff_frequency=0.41,
-        lens_blur=0.73,
+        picture=Texture(mean_level=0.31, deviation=0.17),
+        optics=Optics(cutoff_frequency=0.41, lens_blur=0.73),
         limits=Limits(
-            max_stroke=37.0, max_pan=250.0, max_travel=120.0, max_jerk=2e10, free_paths=True
+            max_stroke=37.0,
+            max_pan=250.0,
+            max_travel=120.0,
+            max_jerk=2e10,
+            free_paths=True,
+            stage=SecondOrderStage(bandwidth=43.0, damping=0.35),
         ),
         device=DEVICES[slug],
-        full_well=7100.0,
+        sensor=Sensor(full_well=7100.0),
         burst=Burst(frames_per_s=240.0, max_frames=6, window=0.031, dead_time=3e-4),
-        stage=SecondOrderStage(bandwidth=43.0, damping=0.35),
         tolerances=Tolerances(acceleration=0.02, delay=1.5e-4, transmittance=0.03, drive_step=5e-5),
         occlusion=Occlusion(front_share=0.4, object_width=83.0, level_difference=0.06),
         motion=ParabolicMotion(acceleration=2.9e5, half_exposure=0.0105, velocity=-210.0),

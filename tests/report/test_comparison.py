@@ -72,7 +72,9 @@ def test_its_own_best_motion_is_never_below_the_same_motion(table):
 @pytest.mark.nightly
 def test_nothing_to_restore_is_said_in_words():
     """A scene without detail: no decibels of infinity, and no gain; a list has numbers as names."""
-    grey = eqx.tree_at(lambda scene: scene.deviation, SMALL, jnp.zeros_like(SMALL.deviation))
+    grey = eqx.tree_at(
+        lambda scene: scene.picture.deviation, SMALL, jnp.zeros_like(SMALL.picture.deviation)
+    )
     table = compare(grey, MOTION, [HannShutter()])
     assert "there is nothing to restore" in table.verdict
     assert table.gain == 0

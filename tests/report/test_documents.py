@@ -22,6 +22,7 @@ from mishutter import (
     RectShutter,
     Scene,
     StillCamera,
+    Texture,
     TukeyShutter,
     evaluate,
 )
@@ -390,7 +391,13 @@ def test_a_narrow_photograph_is_left_out_with_a_note(report, tmp_path):
     """What was computed is not lost to it: one line names the file and how wide it should be."""
     path = tmp_path / "narrow.png"
     write_picture(path, np.random.default_rng(3).uniform(0.2, 0.8, (9, 41)))
-    scene = Scene([0.0, 310.0], photon_rate=1e5, read_noise=4.0, limits=LIMITS, picture=str(path))
+    scene = Scene(
+        [0.0, 310.0],
+        photon_rate=1e5,
+        read_noise=4.0,
+        limits=LIMITS,
+        picture=Texture(path=str(path)),
+    )
     rows = {row.name: row for row in report.comparison.rows}
     notes: list[str] = []
     assert photograph_of(scene, rows, note=notes.append) is None

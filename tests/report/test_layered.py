@@ -19,7 +19,11 @@ SPEED = 1500.0
 
 def scene(photon_rate):
     return ms.Scene.uniform(
-        max_speed=SPEED, num_speeds=5, photon_rate=photon_rate, read_noise=2.0, mean_level=0.3
+        max_speed=SPEED,
+        num_speeds=5,
+        photon_rate=photon_rate,
+        read_noise=2.0,
+        picture=ms.Texture(mean_level=0.3),
     )
 
 
@@ -136,7 +140,9 @@ def test_the_picture_of_layers_names_speeds_and_levels():
 @pytest.mark.nightly
 def test_a_report_shows_the_camera_for_the_background():
     """The design of the verdict and its snapshot stand beside the best camera for this world."""
-    known = ms.Scene([0.0, SPEED], photon_rate=2e5, read_noise=2.0, picture="example")
+    known = ms.Scene(
+        [0.0, SPEED], photon_rate=2e5, read_noise=2.0, picture=ms.Texture(path="example")
+    )
     cameras = {"optimised": CAMERAS["Hann"], BEST_SNAPSHOT: CAMERAS["snapshot"]}
     rows = {
         name: Row(OWN_BEST_MOTION, name, shutter, motion, None, ms.evaluate(known, motion, shutter))

@@ -18,6 +18,7 @@ from mishutter import (
     IdealShutter,
     RectShutter,
     Scene,
+    Sensor,
     SplineShutter,
     StillCamera,
     SwitchedShutter,
@@ -107,14 +108,14 @@ def test_a_sweep_measures_an_open_profile_without_the_device():
 def test_a_design_through_a_device_is_saved(tmp_path):
     """Its command, its device and its full well come back, and the same numbers."""
     burst = Burst(frames_per_s=99.0, max_frames=2)
-    scene = _scene(device=LEAKY, full_well=4e4, burst=burst)
+    scene = _scene(device=LEAKY, sensor=Sensor(full_well=4e4), burst=burst)
     found = optimise(scene, MOTION, HannShutter(), free="half_exposure")
     found.save(tmp_path / "design.json")
     read = Design.load(tmp_path / "design.json")
     assert isinstance(read.command, HannShutter)
     assert str(read.metrics) == str(found.metrics)
     assert read.scene.burst.max_frames == 2
-    assert float(read.scene.full_well) == 4e4
+    assert float(read.scene.sensor.full_well) == 4e4
     levels = drive_table(read, num_steps=16)
     np.testing.assert_allclose(levels.wanted.mean(), 0.5, atol=1e-6)
     assert float(levels.metrics().efficiency) == pytest.approx(0.8 * (0.2 + 0.8 / 2), abs=1e-2)
@@ -126,7 +127,7 @@ SHUTTERS = {"free": None, "Hann": HannShutter(), "rect": RectShutter()}
 @cache
 def _design_of_pixels(name, full_well):
     """A design of a shutter for pixels that hold so many electrons, or any number."""
-    scene = _scene(full_well=full_well, photon_rate=5e4)
+    scene = _scene(sensor=Sensor(full_well=full_well), photon_rate=5e4)
     return optimise(scene, MOTION, SHUTTERS[name], num_starts=4, max_steps=60)
 
 
@@ -157,21 +158,21 @@ def test_a_full_pixel_is_told_from_one_that_is_nearly_full(share):
 @pytest.mark.slow
 def test_a_held_motion_that_fills_pixels_is_said():
     """In its notes, as one outside other limits is."""
-    scene = _scene(full_well=500.0)
+    scene = _scene(sensor=Sensor(full_well=500.0))
     found = optimise(scene, MOTION, HannShutter(), free="acceleration")
     assert "outside the scene's limits" in found.ending
 
 
 def test_a_pixel_that_any_exposure_fills():
     """Is refused, with the electrons of the shortest."""
-    with pytest.raises(ValueError, match=r"`Scene\(full_well=...\)` must hold .* 100 e-; got 99"):
-        optimise(_scene(full_well=99.0), MOTION)
+    with pytest.raises(ValueError, match=r"`Sensor\(full_well=...\)` must hold .* 100 e-; got 99"):
+        optimise(_scene(sensor=Sensor(full_well=99.0)), MOTION)
 
 
 @pytest.mark.slow
 def test_the_best_snapshot_of_a_sweep_fills_no_pixel():
     """The same as a search finds."""
-    scene = _scene(full_well=130.0)
+    scene = _scene(sensor=Sensor(full_well=130.0))
     found = optimise(scene, StillCamera(half_exposure=1e-3), RectShutter())
     known = best_snapshots(scene)
     assert float(found.metrics.expected_psnr) == pytest.approx(known.expected_psnr.item(), abs=1e-4)
@@ -182,7 +183,7 @@ def test_the_best_snapshot_of_a_sweep_fills_no_pixel():
 @pytest.mark.parametrize("optimised", [False, True])
 def test_a_sweep_sends_its_shutters_to_the_device(optimised):
     """Its numbers are those of `evaluate` at each point, also of profiles that it found."""
-    scene = _scene(device=LEAKY, full_well=2e3)
+    scene = _scene(device=LEAKY, sensor=Sensor(full_well=2e3))
     axes = {"accelerations": [0.0, 1.5e5], "half_exposures": [4e-3, 9e-3]}
     found = sweep(scene, **axes, shutters={"Hann": HannShutter()}, optimise=optimised, max_steps=8)
     point = found.sel(acceleration=1.5e5, half_exposure=9e-3, shutter="Hann")
@@ -257,7 +258,7 @@ def test_a_design_through_a_lag_beats_one_that_is_sent_blindly(loss, tmp_path):
 @pytest.mark.nightly
 def test_a_free_exposure_knows_how_much_a_device_can_follow():
     """The loss that the search reports is that of the light at the exposure that it found."""
-    scene = _scene(device=SLOW, full_well=900.0)
+    scene = _scene(device=SLOW, sensor=Sensor(full_well=900.0))
     found = optimise(scene, MOTION, HannShutter(), free=("half_exposure", "acceleration"))
     light = scene.light(HannShutter(), found.motion)
     level = float(ExpectedErrorLoss()(scene, found.motion, light))

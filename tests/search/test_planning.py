@@ -24,10 +24,12 @@ from mishutter import (
     GaussianShutter,
     HannShutter,
     Occlusion,
+    Optics,
     ParabolicMotion,
     RectShutter,
     Scene,
     StillCamera,
+    Texture,
     TukeyShutter,
     cli,
     evaluate,
@@ -103,7 +105,9 @@ def test_a_still_scene_needs_one_kernel():
 
 def test_frequencies_stop_where_the_optics_do():
     """Only frequencies with power are computed, for a loss that sees no others."""
-    scene = Scene([0.0, 900.0], photon_rate=1e5, read_noise=3.0, cutoff_frequency=0.1)
+    scene = Scene(
+        [0.0, 900.0], photon_rate=1e5, read_noise=3.0, optics=Optics(cutoff_frequency=0.1)
+    )
     found = plan(scene, MOTION, HannShutter(), loss=ExpectedErrorLoss())
     assert found.sizes.num_kept == found.sizes.num_frequencies // 4 == 384
     above = "384 of 1,536 frequencies are computed: the picture on the sensor holds no power above."
@@ -121,7 +125,7 @@ def test_the_last_frequency_with_power_is_kept(share):
     motion = ParabolicMotion(acceleration=190.0 / 1e-4, half_exposure=1e-2)
     count = sizes(Scene(speeds, **light), motion).num_frequencies
     full_size = count // share
-    scene = Scene(speeds, **light, cutoff_frequency=frequencies(count)[full_size])
+    scene = Scene(speeds, **light, optics=Optics(cutoff_frequency=frequencies(count)[full_size]))
     for shutter in (RectShutter(), TukeyShutter(0.3)):
         found = plan_for(scene, motion, shutter, ExpectedErrorLoss())
         assert full_size < found.num_kept < count
@@ -200,7 +204,12 @@ def test_a_stroke_that_is_hardly_one_has_sizes():
 def test_optics_that_cannot_be_are_refused(cutoff, text):
     """The cut-off lies between no light and what pixels record."""
     with pytest.raises(ValueError, match=text):
-        Scene([0.0], photon_rate=1e5, read_noise=1.0, cutoff_frequency=np.asarray(cutoff))
+        Scene(
+            [0.0],
+            photon_rate=1e5,
+            read_noise=1.0,
+            optics=Optics(cutoff_frequency=np.asarray(cutoff)),
+        )
 
 
 def test_the_command_prints_the_plan(capsys):
@@ -243,7 +252,7 @@ def scene_of_numbers(seed):
         speeds,
         photon_rate=10 ** random.uniform(4, 7),
         read_noise=random.uniform(1, 9),
-        power_spectrum=random.uniform(0.2, 1, 256),
+        picture=Texture(power_spectrum=random.uniform(0.2, 1, 256)),
         limits=LIMITS,
     )
 

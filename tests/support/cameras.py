@@ -12,5 +12,9 @@ def camera(stroke=STROKE):
 
 def scene(**others):
     top = 2 * STROKE / HALF_EXPOSURE
-    values = {"photon_rate": 3e5, "read_noise": 4.0, "mean_level": 0.5, "deviation": 0.1}
+    values = {
+        "photon_rate": 3e5,
+        "read_noise": 4.0,
+        "picture": ms.Texture(mean_level=0.5, deviation=0.1),
+    }
     return ms.Scene.uniform(max_speed=0.3 * top, num_speeds=5, **{**values, **others})

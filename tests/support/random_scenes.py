@@ -6,10 +6,12 @@ from mishutter import (
     ChippedShutter,
     GaussianShutter,
     Limits,
+    Optics,
     ParabolicMotion,
     Scene,
     SplineShutter,
     StillCamera,
+    Texture,
     TukeyShutter,
 )
 
@@ -43,9 +45,8 @@ def random_scene(seed):
         weights / weights.sum(),
         photon_rate=10 ** random.uniform(3, 7),
         read_noise=random.uniform(0, 12) * random.integers(2),
-        cutoff_frequency=cutoff,
-        lens_blur=0.4 * (seed % 5),
-        power_spectrum=random.uniform(0, 1, 256) if seed % 2 else None,
+        optics=Optics(cutoff_frequency=cutoff, lens_blur=0.4 * (seed % 5)),
+        picture=Texture(power_spectrum=random.uniform(0, 1, 256) if seed % 2 else None),
         limits=LIMITS,
     )
     half = 0.01 * random.uniform(0.8, 1.1)

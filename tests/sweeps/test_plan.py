@@ -13,8 +13,10 @@ from mishutter import (
     GaussianShutter,
     HannShutter,
     Limits,
+    Optics,
     Scene,
     SplineShutter,
+    Texture,
     sweep,
 )
 from mishutter.evaluation import scenes_for
@@ -59,8 +61,10 @@ def random_scenes():
         "still": scene([0.0]),
         "still-twice": scene([0.0, 0.0, 440.0], [0.3, 0.7, 0.0]),
         "unlike": scene(rng.uniform(-800, 800, 5), rng.dirichlet(np.ones(5))),
-        "pictured": scene(rng.uniform(-300, 300, 3), power_spectrum=rng.uniform(0.1, 2, 64)),
-        "blurred": scene(rng.uniform(-300, 300, 3), cutoff_frequency=0.2),
+        "pictured": scene(
+            rng.uniform(-300, 300, 3), picture=Texture(power_spectrum=rng.uniform(0.1, 2, 64))
+        ),
+        "blurred": scene(rng.uniform(-300, 300, 3), optics=Optics(cutoff_frequency=0.2)),
         "noiseless": scene([-120.0, 120.0, 240.0], read_noise=0.0),
     }
 

@@ -273,7 +273,7 @@ def test_a_velocity_in_single_precision():
 def filling(scene, full_well):
     """A scene of pixels that hold no more than some electrons."""
     well = np.asarray(full_well)
-    return eqx.tree_at(lambda s: s.full_well, scene, well, is_leaf=lambda x: x is None)
+    return eqx.tree_at(lambda s: s.sensor.full_well, scene, well, is_leaf=lambda x: x is None)
 
 
 def test_full_well():
@@ -539,6 +539,6 @@ def test_the_profiles_and_the_numbers_are_of_one_decoder():
         found = sweep(scene, **axes, optimise=True, loss=loss, num_coefficients=8)
         assert found.attrs["level"] == name
         own = found.sel(shutter="optimised")
-        error = float(own.loss.item() * scene.deviation)
+        error = float(own.loss.item() * scene.picture.deviation)
         assert -20 * np.log10(error) == pytest.approx(own[name].item(), abs=1e-3)
         assert own[name].item() >= found.sel(shutter="Hann")[name].item()

@@ -17,7 +17,9 @@ from mishutter import (
     ParabolicMotion,
     RectShutter,
     Scene,
+    Sensor,
     StillCamera,
+    Texture,
     TukeyShutter,
     best_points,
     evaluate,
@@ -190,8 +192,8 @@ def limited(speeds, weights=None, light=(2e5, 4.0), full_well=None, **limits):
     given = {"max_stroke": 45.0, "max_top_speed": 2e4, "min_half_exposure": 2e-4}
     rate, noise = light
     most = Limits(**given | limits, max_half_exposure=0.04)
-    given = {"photon_rate": rate, "read_noise": noise, "full_well": full_well, "limits": most}
-    return Scene(speeds, weights, **given)
+    light = {"photon_rate": rate, "read_noise": noise, "sensor": Sensor(full_well=full_well)}
+    return Scene(speeds, weights, **light, limits=most)
 
 
 UNLIKE = [-3000.0, -400.0, 0.0, 300.0, 350.0, 2800.0], [0.05, 0.1, 0.1, 0.3, 0.4, 0.05]
@@ -265,7 +267,9 @@ def test_gain_over_the_best_snapshot(swept):
 @pytest.mark.nightly
 def test_nothing_is_gained_where_there_is_nothing_to_restore():
     """Of a picture without detail every PSNR is infinite, and every gain within limits 0."""
-    plain = Scene([0.0, 310.0], photon_rate=2e5, read_noise=6.0, deviation=0.0, limits=LIMITS)
+    plain = Scene(
+        [0.0, 310.0], photon_rate=2e5, read_noise=6.0, picture=Texture(deviation=0.0), limits=LIMITS
+    )
     found = sweep(plain, **grid(metrics=["expected_psnr"]))
     inside = found.outside.values == 0
     assert np.all(np.isinf(found.expected_psnr.values[inside]))
@@ -393,7 +397,7 @@ KNOWN_SPEED = Scene(
     [1500.0],
     photon_rate=1e7,
     read_noise=0.0,
-    deviation=0.01,
+    picture=Texture(deviation=0.01),
     limits=Limits(
         max_stroke=1e3,
         max_top_speed=1e6,

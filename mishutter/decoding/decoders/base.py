@@ -77,7 +77,7 @@ class BlurModel(eqx.Module):
     electrons: float = eqx.field(static=True)
     power: Float[np.ndarray, "m"]
     mean_level: float = eqx.field(static=True)
-    optics: Optics = eqx.field(static=True)
+    optics: Optics
     open_time: float = eqx.field(static=True)
     layers: Scene | None = None
 
@@ -277,7 +277,7 @@ def _known_blur(
         read_noise=float(scene.read_noise),
         electrons=electrons,
         power=np.asarray(power, np.float64),
-        mean_level=float(scene.mean_level),
+        mean_level=float(scene.picture.mean_level),
         optics=scene.optics,
         open_time=float(open_time(scene, motion.half_exposure, np.asarray(efficiency))),
         layers=layers,

@@ -564,7 +564,7 @@ def estimate_speed(
     """
     require_scene(scene)
     subject = "estimate_speed(capture=...)"
-    irradiance = turned(as_pixels(capture, subject), scene.axis)
+    irradiance = turned(as_pixels(capture, subject), scene.sensor.axis)
     require(np.ndim(irradiance) <= 3, subject, "be one picture", shape_of(irradiance))
     model = blur_model(scene, motion, shutter)
     has_light = model.electrons > 0 and model.efficiency > 0

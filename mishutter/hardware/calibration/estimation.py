@@ -158,7 +158,7 @@ class FittedCamera:
         """
         require_scene(scene)
         blur = as_float(np.asarray(self.lens_blur, scene.speeds.dtype))
-        return eqx.tree_at(lambda s: s.lens_blur, scene, blur)
+        return eqx.tree_at(lambda s: s.optics.lens_blur, scene, blur)
 
     def design(self, scene: Scene) -> Design:
         """The camera as built, as a design like any other, on a scene behind its lens.

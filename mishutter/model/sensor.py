@@ -1,0 +1,106 @@
+"""The sensor: what a pixel holds, how pictures are turned, and the frames that it reads out."""
+
+from typing import final, get_args
+
+import equinox as eqx
+from jaxtyping import Array, ArrayLike
+
+from mishutter._core import (
+    as_float,
+    fields_text,
+    is_concrete,
+    require,
+    require_at_least,
+    require_positive_int,
+    require_scalar,
+)
+from mishutter.pictures import Axis
+
+
+@final
+class Sensor(eqx.Module):
+    """The electrons that a pixel holds, and the axis of pictures that things move along.
+
+    Args:
+        full_well: Electrons at which a pixel is full: searches expose white to no more; no limit
+            by default; e-.
+        axis: Axis of pictures along which things and the sensor move: `"rows"`, across, or
+            `"columns"`, a positive speed down. Captures, decoders and photographs know it.
+
+    Raises:
+        ValueError: if `full_well` is no scalar above 0, or `axis` is neither.
+    """
+
+    full_well: Array | None
+    axis: Axis = eqx.field(static=True)
+
+    def __init__(self, *, full_well: ArrayLike | None = None, axis: Axis = "rows"):
+        self.full_well = None
+        if full_well is not None:
+            self.full_well = as_float(full_well, "Sensor(full_well=...)")
+        self.axis = axis
+
+    def __check_init__(self) -> None:
+        if self.full_well is not None:
+            require_scalar("Sensor(full_well=...)", self.full_well)
+            require_at_least("Sensor(full_well=...)", self.full_well, "above 0", strict=True)
+        is_axis = self.axis in get_args(Axis)
+        require(is_axis, "Sensor(axis=...)", "be 'rows' or 'columns'", self.axis)
+
+    def __repr__(self) -> str:
+        """The numbers, of which a module shows no more than their type."""
+        return fields_text(self)
+
+
+@final
+class Burst(eqx.Module):
+    """Frames that a camera may take in place of one exposure, as a rival.
+
+    Args:
+        frames_per_s: Frames that the sensor reads out a second.
+        max_frames: Most frames of a burst.
+        window: Longest time from the first light to the last; s. By default twice the longest half
+            exposure of the scene's limits, as long as one exposure may be.
+        dead_time: Time between the end of one frame and the beginning of the next in which the
+            sensor sees nothing, at least; s.
+
+    Raises:
+        ValueError: if `frames_per_s` or `window` is not above 0, `max_frames` is not a whole number
+            above 0, or `dead_time` is below 0 or not shorter than the time from frame to frame.
+    """
+
+    frames_per_s: Array
+    window: Array | None
+    dead_time: Array
+    max_frames: int = eqx.field(static=True)
+
+    def __init__(
+        self,
+        *,
+        frames_per_s: ArrayLike,
+        max_frames: int,
+        window: ArrayLike | None = None,
+        dead_time: ArrayLike = 0.0,
+    ):
+        self.frames_per_s = as_float(frames_per_s, "Burst(frames_per_s=...)")
+        self.window = None if window is None else as_float(window, "Burst(window=...)")
+        self.dead_time = as_float(dead_time, "Burst(dead_time=...)")
+        self.max_frames = require_positive_int("Burst(max_frames=...)", max_frames)
+
+    def __repr__(self) -> str:
+        """The numbers, of which a module shows no more than their type."""
+        return fields_text(self)
+
+    def __check_init__(self) -> None:
+        for name in ("frames_per_s", "window"):
+            value, subject = getattr(self, name), f"Burst({name}=...)"
+            if value is not None:
+                require_scalar(subject, value)
+                require_at_least(subject, value, "above 0", strict=True)
+        subject = "Burst(dead_time=...)"
+        require_scalar(subject, self.dead_time)
+        require_at_least(subject, self.dead_time, "at least 0")
+        if is_concrete(self.dead_time) and is_concrete(self.frames_per_s):
+            period = 1 / float(self.frames_per_s)
+            requirement = f"be shorter than the {period:g} s from frame to frame"
+            require(float(self.dead_time) < period, subject, requirement, self.dead_time)

@@ -1,0 +1,162 @@
+"""The statistics of pictures, and the photograph that they may be of."""
+
+import os
+from typing import final
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Array, ArrayLike
+
+from mishutter._core import (
+    RowLike,
+    as_float,
+    fields_text,
+    is_concrete,
+    require,
+    require_at_least,
+    require_scalar,
+    shape_of,
+)
+from mishutter.pictures import (
+    Axis,
+    Picture,
+    checked_white,
+    example_picture,
+    read_picture,
+    row_power_spectrum,
+)
+
+DEFAULT_MEAN = 0.25
+DEFAULT_DEVIATION = 0.2
+CORNER_FREQUENCY = 0.01
+"""Mean, standard deviation (linear light, white = 1) and corner (cycles/px) of the spectrum that
+stands for a photograph where a scene brings none."""
+EXAMPLE_PICTURE = "example"
+"""The path of the photograph that scikit-image ships."""
+_NUM_FREQUENCIES = 256
+
+
+@final
+class Texture(eqx.Module):
+    r"""Statistics of pictures in linear light, white = 1, and the photograph that they are of.
+
+    Args:
+        mean_level: Mean of the picture.
+        deviation: Standard deviation of the picture.
+        power_spectrum: Power of the picture's rows at the centres of $m$ equal steps of
+            (0, 0.5) cycles/px, on any scale, none only without deviation; the spectrum
+            $1/(f^2 + 0.01^2)$ by default. It is looked at in 256 steps, or more
+            where light spreads further, which share its power. Shape `(m,)`.
+        path: Path of the photograph to show results on; None for none.
+        white: The argument `white` of `read_picture`, which reads the photograph.
+        linear: The argument `linear` of `read_picture`.
+
+    Raises:
+        ValueError: if a number is below 0 or not finite, the spectrum is no row with a value above
+            0, or `path` or `linear` is of another kind.
+    """
+
+    mean_level: Array
+    deviation: Array
+    power_spectrum: Array | None
+    path: str | None = eqx.field(static=True)
+    white: float | None = eqx.field(static=True)
+    linear: bool = eqx.field(static=True)
+
+    def __init__(
+        self,
+        *,
+        mean_level: ArrayLike = DEFAULT_MEAN,
+        deviation: ArrayLike = DEFAULT_DEVIATION,
+        power_spectrum: RowLike | None = None,
+        path: str | os.PathLike[str] | None = None,
+        white: ArrayLike | None = None,
+        linear: bool = False,
+    ):
+        self.mean_level = as_float(mean_level, "Texture(mean_level=...)")
+        self.deviation = as_float(deviation, "Texture(deviation=...)")
+        self.power_spectrum = None
+        if power_spectrum is not None:
+            self.power_spectrum = as_float(power_spectrum, "Texture(power_spectrum=...)")
+        self.path = os.fspath(path) if isinstance(path, os.PathLike) else path
+        self.white = checked_white("Texture(white=...)", white)
+        self.linear = linear
+
+    def __check_init__(self) -> None:
+        for name in ("mean_level", "deviation"):
+            value = getattr(self, name)
+            require_scalar(f"Texture({name}=...)", value)
+            require_at_least(f"Texture({name}=...)", value, "at least 0")
+        require(isinstance(self.path, str | None), "Texture(path=...)", "be a path", self.path)
+        is_known = isinstance(self.linear, bool)
+        require(is_known, "Texture(linear=...)", "be True or False", self.linear)
+        subject, power = "Texture(power_spectrum=...)", self.power_spectrum
+        if power is None:
+            return
+        one_row = power.ndim == 1 and power.size >= 1
+        require(one_row, subject, "be one row of at least one value", shape_of(power))
+        require_at_least(subject, power, "at least 0")
+        if is_concrete(power) and is_concrete(self.deviation):
+            some = bool(np.any(np.asarray(power) > 0)) or float(self.deviation) == 0
+            require(some, subject, "hold some power where the deviation is not 0", 0.0)
+
+    def __repr__(self) -> str:
+        """The numbers, of which a module shows no more than their type."""
+        return fields_text(self)
+
+    @staticmethod
+    def of_photograph(
+        picture: Picture,
+        path: str | None = None,
+        *,
+        white: float | None = None,
+        linear: bool = False,
+        axis: Axis = "rows",
+    ) -> "Texture":
+        """The statistics of a photograph.
+
+        Args:
+            picture: The photograph.
+            path: The place that it came from.
+            white: The argument of `read_picture` that it was read with.
+            linear: The argument of `read_picture` that it was read with.
+            axis: The axis that things move along, along which its spectrum is.
+        """
+        along = picture.turned() if axis == "columns" else picture
+        spectrum = row_power_spectrum(along, _NUM_FREQUENCIES)._asdict()
+        return Texture(path=path, white=white, linear=linear, **spectrum)
+
+    def photograph(self) -> Picture:
+        """The photograph, read from its file.
+
+        Raises:
+            OSError: if it cannot be read.
+            ValueError: if there is none, or it is no picture.
+        """
+        require(self.path is not None, "Texture(path=...)", "name a photograph", self.path)
+        return photograph_at(str(self.path), self.white, self.linear)
+
+    def bare(self, power_spectrum: RowLike | None = None) -> "Texture":
+        """The statistics without the photograph.
+
+        Args:
+            power_spectrum: Power in place of the texture's own.
+        """
+        return Texture(
+            mean_level=self.mean_level,
+            deviation=self.deviation,
+            power_spectrum=self.power_spectrum if power_spectrum is None else power_spectrum,
+        )
+
+
+def photograph_at(path: str, white: float | None, linear: bool) -> Picture:
+    """The photograph of a path, or that which scikit-image ships.
+
+    Args:
+        path: The place.
+        white: The argument of `read_picture`.
+        linear: The argument of `read_picture`.
+    """
+    if path == EXAMPLE_PICTURE:
+        return example_picture()
+    return read_picture(path, white=white, linear=linear)
