@@ -32,11 +32,11 @@ from mishutter import (
     Limits,
     Scene,
     SplineShutter,
+    Texture,
     compare,
     example_picture,
     example_scene,
     optimise,
-    row_power_spectrum,
 )
 from mishutter.model import AbstractMotion, steady
 
@@ -130,7 +130,7 @@ class Best:
 def scenes() -> dict[str, Scene]:
     """Two of the six scenes of `benchmarks.scenes`, and ten of other speeds, light and stages."""
     known = six_scenes()
-    photograph = row_power_spectrum(example_picture(), 256)._asdict()
+    photograph = {"picture": Texture.of_photograph(example_picture())}
     camera = {"max_stroke": 45, "max_top_speed": 2e4, "max_half_exposure": 0.04}
     usual = Limits(**camera, min_half_exposure=5e-4)
     quick = Limits(**camera, min_half_exposure=5e-5)

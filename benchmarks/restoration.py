@@ -88,8 +88,8 @@ def same_quality(photon_rate: float) -> list[dict]:
     """A row for scikit-image and for each of ours: time and PSNR at one light."""
     motion, shutter = camera(), ms.HannShutter()
     whole = picture(SIDE + 46)
-    spectrum = ms.row_power_spectrum(ms.Picture(whole[..., None]))._asdict()
-    scene = ms.Scene([0.0], photon_rate=photon_rate, read_noise=READ_NOISE, **spectrum)
+    texture = ms.Texture.of_photograph(ms.Picture(whole[..., None]))
+    scene = ms.Scene([0.0], photon_rate=photon_rate, read_noise=READ_NOISE, picture=texture)
     key = jax.random.key(1)
     captured = ms.simulate_capture(whole, scene, motion, shutter, border="scene", key=key)
     truth = whole[:, captured_columns(motion, 0.0, whole.shape[1])]

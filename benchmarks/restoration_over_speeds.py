@@ -71,7 +71,6 @@ def measured(scene: ms.Scene, design: ms.Design, name: str) -> list[dict]:
     """A row for each speed: PSNR of each decoder."""
     first = PHOTOGRAPHS[name]
     light = shipped_picture(name).luminance[first : first + ROWS, :COLUMNS].astype(np.float64)
-    own = ms.row_power_spectrum(ms.Picture(light[..., None]), 256)._asdict()
     known = ms.Scene(
         scene.speeds,
         scene.weights,
@@ -79,7 +78,7 @@ def measured(scene: ms.Scene, design: ms.Design, name: str) -> list[dict]:
         read_noise=scene.read_noise,
         limits=scene.limits,
         device=scene.device,
-        **own,
+        picture=ms.Texture.of_photograph(ms.Picture(light[..., None])),
     )
     camera = design.motion, design.command
     model, rows = blur_model(known, *camera), []

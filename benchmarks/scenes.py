@@ -20,11 +20,11 @@ from mishutter import (
     Limits,
     Occlusion,
     Scene,
+    Texture,
     compare,
     example_picture,
     example_scene,
     optimise,
-    row_power_spectrum,
 )
 
 RIVALS = (
@@ -68,14 +68,14 @@ def _on_stage(limits: Limits, *, travel_um: float, resonance_hz: float, pixel_um
 def scenes() -> dict[str, Scene]:
     """The built-in scene, four others with the same photograph's spectrum, and the slides."""
     given = example_scene()
-    picture = row_power_spectrum(example_picture(), 256)._asdict()
+    picture = Texture.of_photograph(example_picture())
     both_ways = np.linspace(-1, 1, 9)
     wide = Limits(max_stroke=120, max_top_speed=3e4, min_half_exposure=5e-4, max_half_exposure=0.1)
     p622 = {"travel_um": 250.0, "resonance_hz": 400.0}
     p629 = {"travel_um": 1500.0, "resonance_hz": 125.0}
 
     def common(limits: Limits, pixel_um: float, stage: dict[str, float]) -> dict[str, Any]:
-        return {**picture, "limits": _on_stage(limits, pixel_um=pixel_um, **stage)}
+        return {"picture": picture, "limits": _on_stage(limits, pixel_um=pixel_um, **stage)}
 
     return {
         "built-in: dim, both ways to 4,500 px/s": given,

@@ -16,10 +16,10 @@ from benchmarks.scenes import scenes
 from mishutter import (
     Limits,
     Scene,
+    Texture,
     Tolerances,
     example_picture,
     optimise,
-    row_power_spectrum,
     tolerance_costs,
 )
 
@@ -64,8 +64,8 @@ def few_speeds(speeds: list[float], photon_rate: float) -> Scene:
     limits = Limits(
         max_stroke=60, max_top_speed=2e4, min_half_exposure=1e-4, max_half_exposure=0.03
     )
-    picture = row_power_spectrum(example_picture())._asdict()
-    return Scene(speeds, photon_rate=photon_rate, read_noise=6.0, limits=limits, **picture)
+    picture = Texture.of_photograph(example_picture())
+    return Scene(speeds, photon_rate=photon_rate, read_noise=6.0, limits=limits, picture=picture)
 
 
 def loose(scene: Scene) -> Tolerances:

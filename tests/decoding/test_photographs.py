@@ -64,6 +64,6 @@ def test_the_scene_of_rows_has_their_spectrum():
     """A wave of one frequency has all its power in the step that holds it."""
     rows = 0.5 + 0.1 * np.cos(2 * np.pi * 0.2 * np.arange(2 * photographs.COLUMNS))[None]
     seen = photographs.scene_of(rows, ms.Scene([0.0], photon_rate=1e5, read_noise=1.0))
-    power = np.asarray(seen.power_spectrum)
+    power = np.asarray(seen.picture.power_spectrum)
     assert abs((np.argmax(power) + 0.5) / (2 * power.size) - 0.2) < 1 / photographs.COLUMNS
-    assert float(jnp.abs(seen.deviation - 0.1 / np.sqrt(2))) < 1e-4
+    assert float(jnp.abs(seen.picture.deviation - 0.1 / np.sqrt(2))) < 1e-4

@@ -33,7 +33,7 @@ def portrait(rows=64):
 
 def dim():
     """Speeds that differ much, in little light, for pictures like the portrait."""
-    return scene(**ms.row_power_spectrum(ms.Picture(portrait()[..., None]), 256)._asdict())
+    return scene(picture=ms.Texture.of_photograph(ms.Picture(portrait()[..., None])))
 
 
 def model_of():

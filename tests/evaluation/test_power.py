@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from support.helpers import ROUNDING
 
-from mishutter import Scene, Texture
+from mishutter import Optics, Scene, Texture
 from mishutter.evaluation import lost_share, picture_power, power_on_grid
 
 

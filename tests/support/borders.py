@@ -63,7 +63,7 @@ def measured(name, decoder, photon_rate):
         num_speeds=5,
         photon_rate=photon_rate,
         read_noise=READ_NOISE,
-        **ms.row_power_spectrum(ms.Picture(light))._asdict(),
+        picture=ms.Texture.of_photograph(ms.Picture(light)),
     )
     whole = ms.restore_photograph(
         light, known, motion, shutter, decoder=decoder, speeds=[0.0], num_seeds=1
