@@ -130,7 +130,7 @@ class Best:
 def scenes() -> dict[str, Scene]:
     """Two of the six scenes of `benchmarks.scenes`, and ten of other speeds, light and stages."""
     known = six_scenes()
-    photograph = {"picture": Texture.of_photograph(example_picture())}
+    photograph = Texture.of_photograph(example_picture())
     camera = {"max_stroke": 45, "max_top_speed": 2e4, "max_half_exposure": 0.04}
     usual = Limits(**camera, min_half_exposure=5e-4)
     quick = Limits(**camera, min_half_exposure=5e-5)
@@ -144,7 +144,11 @@ def scenes() -> dict[str, Scene]:
     both_ways = np.linspace(-1, 1, 7)
     return {name: scene for name, scene in known.items() if name[:6] in ("street", "daylig")} | {
         "slow, one way: 100 to 600 px/s": Scene(
-            np.linspace(100, 600, 5), photon_rate=5e4, read_noise=6.0, limits=usual, **photograph
+            np.linspace(100, 600, 5),
+            photon_rate=5e4,
+            read_noise=6.0,
+            limits=usual,
+            picture=photograph,
         ),
         "fast and dim, one way: 2,000 to 8,000 px/s": Scene(
             np.linspace(2000, 8000, 7), photon_rate=2e4, read_noise=3.0, limits=usual
@@ -155,16 +159,20 @@ def scenes() -> dict[str, Scene]:
             photon_rate=1e5,
             read_noise=5.0,
             limits=usual,
-            **photograph,
+            picture=photograph,
         ),
         "bright: both ways to 3,000 px/s, exposures from 0.1 ms": Scene(
             3000 * both_ways, photon_rate=5e6, read_noise=4.0, limits=quick
         ),
         "dim: both ways to 2,000 px/s, 5e3 e-/s": Scene(
-            2000 * both_ways, photon_rate=5e3, read_noise=2.0, limits=usual, **photograph
+            2000 * both_ways, photon_rate=5e3, read_noise=2.0, limits=usual, picture=photograph
         ),
         "no pan, top speed 5,000 px/s: one way, 1,000 to 4,000 px/s": Scene(
-            np.linspace(1000, 4000, 7), photon_rate=1e5, read_noise=8.0, limits=held, **photograph
+            np.linspace(1000, 4000, 7),
+            photon_rate=1e5,
+            read_noise=8.0,
+            limits=held,
+            picture=photograph,
         ),
         "two ways: 2,500 to 4,000 px/s either way, three in four of them to the right": Scene(
             [-4000.0, -3250.0, -2500.0, 2500.0, 3250.0, 4000.0],
@@ -172,7 +180,7 @@ def scenes() -> dict[str, Scene]:
             photon_rate=6e4,
             read_noise=4.0,
             limits=usual,
-            **photograph,
+            picture=photograph,
         ),
         "short stroke: one way, 4,500 to 5,100 px/s, the stage of 2 px pans": Scene(
             np.linspace(4500, 5100, 5),
@@ -204,7 +212,7 @@ def scenes() -> dict[str, Scene]:
                 max_travel=39,
                 max_acceleration=2.4e6,
             ),
-            **photograph,
+            picture=photograph,
         ),
     }
 
