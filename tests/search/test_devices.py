@@ -150,7 +150,7 @@ def test_no_design_fills_a_pixel(full_well, name):
 def test_a_full_pixel_is_told_from_one_that_is_nearly_full(share):
     """White brings so much of what a pixel holds: through Hann, half of the light."""
     white = 1e5 * float(MOTION.exposure) / 2
-    scene = _scene(full_well=white / share)
+    scene = _scene(sensor=Sensor(full_well=white / share))
     said = beyond_limits(scene, MOTION, HannShutter())
     assert said == (("full_well",) if share > 1 else ())
 
