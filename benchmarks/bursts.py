@@ -98,6 +98,11 @@ from 4,096 independent samples, at {speed:,.0f} px/s, and what it costs.
 
 {registered}
 
+Gain, dB, of four parabolas of 20 ms over four stills, both the best for nine speeds, where the speeds
+are these and where they are 65 in the same range:
+
+{speeds}
+
 The level, dB, on a sensor that objects enter and leave, by its width, at 1e5 e-/s and 8 e-:
 
 {widths}
@@ -110,24 +115,22 @@ stills:
 """
 
 
-def scene_of(light: float, noise: float, window: float = WINDOW, count: int | None = None) -> Scene:
-    """The scene of a camera that takes some frames within a window, or takes no burst."""
+def scene_of(light: float, noise: float, burst: Burst | None = None, num_speeds: int = 9) -> Scene:
+    """The scene of a camera that may take a burst."""
     limits = Limits(
         max_stroke=TRAVEL,
         max_top_speed=1e5,
         min_half_exposure=5e-5,
         max_half_exposure=WINDOW / 2,
     )
-    burst = None
-    if count is not None:
-        burst = Burst(frames_per_s=count / window, max_frames=count, window=window)
     given = {"photon_rate": light, "read_noise": noise, "limits": limits, "burst": burst}
-    return Scene.uniform(max_speed=TOP_SPEED, **given)
+    return Scene.uniform(max_speed=TOP_SPEED, num_speeds=num_speeds, **given)
 
 
 def cell(window: float, count: int, light: float, noise: float) -> dict[str, Any]:
     """The best bursts of a camera that takes so many frames within a window."""
-    scene = scene_of(light, noise, window, count)
+    burst = Burst(frames_per_s=count / window, max_frames=count, window=window)
+    scene = scene_of(light, noise, burst)
     still: Any = best_still_burst(scene)
     moving: Any = best_moving_burst(scene)
     return {
@@ -423,6 +426,17 @@ def registered(light: float, noise: float) -> list[dict[str, Any]]:
     return rows
 
 
+def over_speeds(light: float, noise: float) -> dict[str, Any]:
+    """The gain of a sensor that moves where speeds are few and where they are many."""
+    bursts = pair(light, noise).values()
+    scenes = [scene_of(light, noise, num_speeds=number) for number in (9, 65)]
+    stills, moving = np.array(
+        [[float(burst_psnr(scene, [frames])) for scene in scenes] for frames in bursts]
+    )
+    few, many = moving - stills
+    return {"light, read noise": case(light, noise), "9 speeds": few, "65 speeds": many}
+
+
 def over_widths(light: float, noise: float) -> list[dict[str, Any]]:
     """Levels on sensors that objects enter and leave."""
     scene, rows = scene_of(light, noise), []
@@ -470,6 +484,22 @@ def table_of_paths(rows: Sequence[dict[str, Any]]) -> str:
     return harness.table(texts, list(texts[0]))
 
 
+def text_of(rows: Sequence[dict[str, Any]], others: dict[str, list[dict[str, Any]]]) -> str:
+    """The section of the results."""
+    return TEXT.format(
+        maps="\n\n".join(table_of_map(rows, window) for window in WINDOWS),
+        cells=len(rows),
+        rule=table_of_rule(rows),
+        equals=table_of_equals(rows),
+        paths=table_of_paths(others["paths"]),
+        speed=SPEED,
+        registered=with_digits(others["registered"], 4),
+        speeds=with_digits(others["speeds"]),
+        widths=with_digits(others["widths"]),
+        backgrounds=table_of_backgrounds(others["backgrounds"]),
+    )
+
+
 def main() -> None:
     """Measure, store, draw and print."""
     jax.config.update("jax_enable_x64", True)
@@ -483,22 +513,12 @@ def main() -> None:
     others = {
         "paths": paths(1e5, 8.0),
         "registered": [*registered(1e5, 8.0), *registered(1e4, 8.0)],
+        "speeds": [over_speeds(*each) for each in CASES],
         "widths": over_widths(1e5, 8.0),
         "backgrounds": backgrounds(1e5, 8.0),
     }
     harness.write("bursts", rows, processor_s=time.process_time() - start, **others)
-    text = TEXT.format(
-        maps="\n\n".join(table_of_map(rows, window) for window in WINDOWS),
-        cells=len(rows),
-        rule=table_of_rule(rows),
-        equals=table_of_equals(rows),
-        paths=table_of_paths(others["paths"]),
-        speed=SPEED,
-        registered=with_digits(others["registered"], 4),
-        widths=with_digits(others["widths"]),
-        backgrounds=table_of_backgrounds(others["backgrounds"]),
-    )
-    harness.section("bursts", text)
+    harness.section("bursts", text_of(rows, others))
 
 
 if __name__ == "__main__":
