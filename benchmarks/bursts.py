@@ -98,8 +98,8 @@ from 4,096 independent samples, at {speed:,.0f} px/s, and what it costs.
 
 {registered}
 
-Gain, dB, of four parabolas of 20 ms over four stills, both the best for nine speeds, where the speeds
-are these and where they are 65 in the same range:
+Gain, dB, of four parabolas of 20 ms over four stills, both the best for nine speeds, over these and
+over 65 speeds of the same range:
 
 {speeds}
 
