@@ -18,7 +18,7 @@ from typing import Any
 import jax
 import numpy as np
 from jaxtyping import Float
-from scipy.interpolate import RectBivariateSpline
+from scipy.interpolate import PchipInterpolator
 from scipy.optimize import minimize, minimize_scalar
 
 from benchmarks import harness
@@ -179,6 +179,7 @@ def gains(
 def picture(rows: Sequence[dict[str, Any]]) -> None:
     """The map: light by frame rate, a column for each read noise, in shades of grey."""
     import matplotlib.pyplot as plt
+    from matplotlib.patches import Patch
 
     figure, panels = plt.subplots(2, 2, figsize=(10, 7.6), sharex=True, layout="constrained")
     shades = plt.get_cmap("Greys")(np.linspace(0.0, 0.55, len(LINES) + 2))
@@ -208,6 +209,9 @@ def picture(rows: Sequence[dict[str, Any]]) -> None:
         axes.set_xlabel("photo-electrons a second at a white pixel")
     bar = figure.colorbar(drawn, ax=panels, ticks=[WORTH_IT, *LINES], shrink=0.7)
     bar.set_label("gain of a sensor that moves over one that stands still, dB")
+    enough = Patch(facecolor="white", edgecolor="black", hatch="///", linewidth=2.6)
+    words = f"a still burst is enough: less than {WORTH_IT:g} dB"
+    figure.legend([enough], [words], loc="outside upper center", frameon=False)
     harness.save_picture(figure, "bursts")
     plt.close(figure)
 
@@ -215,10 +219,12 @@ def picture(rows: Sequence[dict[str, Any]]) -> None:
 def finer(
     rates: Float[np.ndarray, "counts"], gain: Float[np.ndarray, "counts lights"]
 ) -> tuple[Float[np.ndarray, "x"], Float[np.ndarray, "y"], Float[np.ndarray, "y x"]]:
-    """Lights, rates and gains between the cells, by a cubic spline over logarithms."""
-    spline = RectBivariateSpline(np.log(rates), np.log(LIGHTS), gain)
-    between, lights = (np.linspace(np.log(x[0]), np.log(x[-1]), 97) for x in (rates, LIGHTS))
-    return np.exp(lights), np.exp(between), np.maximum(spline(between, lights), 0.0)
+    """Lights, rates and gains between the cells, by cubics that do not overshoot them."""
+    places = np.log(rates), np.log(LIGHTS)
+    between, lights = (np.linspace(x[0], x[-1], 97) for x in places)
+    smooth = PchipInterpolator(places[0], gain)(between)
+    smooth = PchipInterpolator(places[1], smooth, axis=1)(lights)
+    return np.exp(lights), np.exp(between), smooth
 
 
 def table_of_map(rows: Sequence[dict[str, Any]], window: float) -> str:
