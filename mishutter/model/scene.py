@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, final, get_args
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
@@ -30,6 +31,7 @@ from mishutter._core import (
     shape_of,
     shown,
     validated,
+    write_text,
 )
 from mishutter.model.arguments import argument_names
 from mishutter.model.decoder_speeds import DecoderSpeed, DecoderWord, as_decoder_speed
@@ -64,7 +66,7 @@ from mishutter.model.scene_schema import (
 from mishutter.model.scene_units import table_of
 from mishutter.model.sensor import Burst, Sensor
 from mishutter.model.shutters import AbstractShutter
-from mishutter.model.texture import Texture
+from mishutter.model.texture import EXAMPLE_PICTURE, Texture
 from mishutter.model.tolerances import Tolerances
 
 
@@ -265,6 +267,29 @@ class Scene(eqx.Module):
         """
         return read_scene(os.fspath(path))
 
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the scene to a TOML file, whole or not at all; `Scene.load` reads it.
+
+        A photograph is told by its path, and read again with the scene.
+
+        Args:
+            path: The file.
+
+        Raises:
+            ValueError: if a file cannot hold a part, as a motion that is no parabola, or a power
+                spectrum that is no photograph's, or a number is out of the range of its key.
+            OSError: if the file cannot be written.
+        """
+        text, name = scene_text(self), os.fspath(path)
+        read = scene_of_tables(tomllib.loads(text), name, Path(), lambda *_: self.picture)
+        for part in argument_names(Scene):
+            field = "given_motion" if part == "motion" else part
+            own, other = getattr(self, field), getattr(read, field)
+            # Every device has keys, though some are of another class that shows the same light.
+            is_held = part == "device" or _are_near(own, other)
+            require(is_held, f"Scene({part}=...)", "be one that a scene file holds", own)
+        write_text(name, text)
+
     def along_rows(self) -> "Scene":
         """The scene of pictures that are `turned` so that things move along their rows."""
         return self._with(sensor=Sensor(full_well=self.sensor.full_well))
@@ -426,6 +451,13 @@ def seen_from(scene: Scene, motion: AbstractMotion) -> tuple[Scene, AbstractMoti
     return scene, motion.without_velocity()
 
 
+def _are_near(first: object, second: object) -> bool:
+    """Whether two parts of scenes are the same but for rounding."""
+    double = lambda x: np.asarray(x, np.float64) if eqx.is_array(x) else x  # noqa: E731
+    pair = (jax.tree.map(double, part) for part in (first, second))
+    return bool(eqx.tree_equal(*pair, rtol=1e-6))
+
+
 def _normalised(weights: RowLike) -> Array:
     """Weights over their sum; those that sum to 1 to rounding keep their bits."""
     row = as_float(weights, "Scene(weights=...)")
@@ -485,8 +517,8 @@ def scene_of_tables(
 def scene_text(scene: Scene, notes: Mapping[str, Sequence[str]] | None = None) -> str:
     """A scene as the text of a file that `read_scene` reads.
 
-    A photograph is told by its path, and read again with the scene. Without one a power spectrum,
-    and a motion that is no parabola, have no keys, and are left out.
+    A photograph is told by its whole path, and read again with the scene. Without one a power
+    spectrum, and a motion that is no parabola, have no keys, and are left out.
 
     Args:
         scene: The scene.
@@ -520,14 +552,21 @@ def scene_text(scene: Scene, notes: Mapping[str, Sequence[str]] | None = None) -
     if isinstance(scene.given_motion, ParabolicMotion):
         tables["motion"] = table_of(scene.given_motion, MotionSection)
     picture = scene.picture
-    tables["picture"] = (
-        {"mean_level": float(picture.mean_level), "deviation": float(picture.deviation)}
-        if picture.path is None
-        else {"path": picture.path, "white": picture.white, "linear": picture.linear or None}
-    )
+    if picture.path is None:
+        levels = {"mean_level": float(picture.mean_level), "deviation": float(picture.deviation)}
+        tables["picture"] = levels
+    else:
+        is_linear = picture.linear or None
+        path = _whole_path(picture.path)
+        tables["picture"] = {"path": path, "white": picture.white, "linear": is_linear}
     # Numbers that their sections hold only beside others.
     if scene.occlusion is not None and not scene.occlusion.has_edges:
         del tables["occlusion"]["level_difference"]
     if scene.tolerances is not None and float(scene.tolerances.drive_step) == 0:
         del tables["tolerances"]["drive_step_us"]
     return file_text(tables, "scene_text(scene=...)", notes or {})
+
+
+def _whole_path(path: str) -> str:
+    """A photograph's path from the root, which a file in any folder may hold."""
+    return path if path == EXAMPLE_PICTURE else str(Path(path).absolute())

@@ -11,6 +11,7 @@ from support.bad_scenes import EXAMPLE, LINES, edited
 from mishutter import (
     Burst,
     FirstOrderShutter,
+    FreeMotion,
     HannShutter,
     IdealShutter,
     Limits,
@@ -30,7 +31,7 @@ from mishutter.model import (
     read_scene,
     scene_text,
 )
-from mishutter.pictures import example_picture, row_power_spectrum, write_picture
+from mishutter.pictures import example_picture, read_picture, row_power_spectrum, write_picture
 
 
 def written(folder, text, name="scene.toml"):
@@ -542,3 +543,76 @@ def test_a_burst_that_a_file_cannot_have(keys, message, tmp_path):
     path.write_text(example_scene_text() + f"\n{keys}\n")
     with pytest.raises(ValueError, match=message):
         Scene.load(path)
+
+
+ONE_OF_EACH = Scene(
+    [0.0, 1700.0, -900.0],
+    [0.5, 0.2, 0.3],
+    photon_rate=3.1e5,
+    read_noise=4.3,
+    picture=Texture(mean_level=0.31, deviation=0.17),
+    optics=Optics(cutoff_frequency=0.41, lens_blur=0.73),
+    sensor=Sensor(full_well=7100.0, axis="columns"),
+    limits=Limits(max_stroke=37.0, max_pan=250.0, stage=SecondOrderStage(bandwidth=43.0)),
+    device=IdealShutter(transmission=0.7, num_slots=33),
+    burst=Burst(frames_per_s=240.0, max_frames=6),
+    tolerances=Tolerances(acceleration=0.02),
+    occlusion=Occlusion(front_share=0.4, object_width=83.0),
+    motion=ParabolicMotion(acceleration=2.9e5, half_exposure=0.0105, velocity=-210.0),
+)
+"""A scene with a part of every kind."""
+
+
+@pytest.mark.parametrize("made", [lambda: ONE_OF_EACH, example_scene], ids=["parts", "photograph"])
+def test_a_saved_scene_is_loaded(made, tmp_path):
+    """`Scene.load` reads every part that `Scene.save` wrote, over a file that was there."""
+    scene = made()
+    (tmp_path / "scene.toml").write_text("An older file.")
+    scene.save(tmp_path / "scene.toml")
+    read = Scene.load(tmp_path / "scene.toml")
+    parts = ("speeds", "weights", "picture", "optics", "sensor", "limits", "burst", "tolerances")
+    for part in (*parts, "occlusion", "given_motion"):
+        assert eqx.tree_equal(getattr(read, part), getattr(scene, part), rtol=1e-12), part
+    tau = np.linspace(-0.97, 0.95, 53)
+    wanted, light = (s.light(HannShutter(), 0.01).transmittance(tau) for s in (scene, read))
+    np.testing.assert_allclose(light, wanted, atol=1e-12)
+
+
+def test_a_photograph_is_found_from_a_saved_scene_in_another_folder(tmp_path, monkeypatch):
+    """Its path is taken from where one stands, in Python, and is whole in the file."""
+    (tmp_path / "here").mkdir()
+    light = np.random.default_rng(3).uniform(0.1, 0.7, (13, 37))
+    write_picture(tmp_path / "here" / "photo.png", light)
+    monkeypatch.chdir(tmp_path / "here")
+    texture = Texture.of_photograph(read_picture("photo.png"), "photo.png")
+    Scene([310.0], photon_rate=2e5, read_noise=3.0, picture=texture).save("../scene.toml")
+    read = Scene.load(tmp_path / "scene.toml").picture
+    assert read.path == str(tmp_path / "here" / "photo.png")
+    np.testing.assert_allclose(read.power_spectrum, texture.power_spectrum, rtol=1e-12)
+
+
+FREE = FreeMotion(accelerations=[3e5, 1e5, 2e5], half_exposure=0.008, velocity=-90.0)
+NOT_HELD = {
+    "free-motion": ({"motion": FREE}, r"`Scene\(motion=...\)` must be one that .* holds; got Free"),
+    "spectrum": (
+        {"picture": Texture(power_spectrum=[0.4, 0.0, 1.3])},
+        r"`Scene\(picture=...\)` must be one that a scene file holds; got Texture\(",
+    ),
+    "nodes": (
+        {"tolerances": Tolerances(speed=30.0, num_speeds=7)},
+        r"`Scene\(tolerances=...\)` must be one that a scene file holds; got Tolerances\(",
+    ),
+    "dark": ({"photon_rate": 0.0}, "photon_rate_per_s` must be above 0; got 0.0"),
+    "fast": ({"speeds": [3e7]}, "must be at most .*; got"),
+}
+
+
+@pytest.mark.parametrize("slug", NOT_HELD)
+def test_a_scene_that_a_file_does_not_hold_is_not_saved(slug, tmp_path):
+    """The part is named in one line, and nothing is written."""
+    parts, message = NOT_HELD[slug]
+    scene = Scene(**{"speeds": [310.0, -40.0], "photon_rate": 2e5, "read_noise": 3.0} | parts)
+    with pytest.raises(ValueError, match=message) as raised:
+        scene.save(tmp_path / "scene.toml")
+    assert "\n" not in str(raised.value)
+    assert not any(tmp_path.iterdir())
