@@ -35,6 +35,7 @@ ALL = (
     "stages",
     "independent",
     "told",
+    "cross_motion",
     "long_kernels",
     "fit",
     "plan",

@@ -10,6 +10,7 @@ from . import pictures as pictures
 from . import report as report
 from . import search as search
 from . import sweeps as sweeps
+from ._core import keep_compiled_programs as keep_compiled_programs
 from .blur import binned_exposure as binned_exposure
 from .blur import blur_kernel as blur_kernel
 from .blur import condition_number as condition_number

@@ -56,6 +56,7 @@ _FOLDERS = {
     "hardware": "Drive tables, traces and cameras as built",
     "sweeps": "Maps",
     "report": "Comparison and pictures",
+    "_core": "Compiled programs",
 }
 _PICTURES = ("plot_", "save_figure")
 

@@ -32,6 +32,7 @@ from mishutter._core.columns import text_of as text_of
 from mishutter._core.columns import unit_columns as unit_columns
 from mishutter._core.compiling import compiled as compiled
 from mishutter._core.compiling import is_tracing as is_tracing
+from mishutter._core.compiling import keep_compiled_programs as keep_compiled_programs
 from mishutter._core.compiling import mend_compilation_cache as mend_compilation_cache
 from mishutter._core.compiling import outside_trace as outside_trace
 from mishutter._core.double_double import DoubleWord as DoubleWord

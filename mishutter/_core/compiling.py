@@ -1,6 +1,8 @@
 """Compilation of the package's functions: lightly optimised, and by one thread at a time."""
 
 import glob
+import logging
+import os
 import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping
@@ -12,8 +14,11 @@ from typing import Any, ParamSpec, TypeVar
 import equinox as eqx
 import jax
 import numpy as np
+from jax.experimental.compilation_cache import compilation_cache
+from platformdirs import user_cache_path
 
 from mishutter._core.checks import all_concrete, is_concrete
+from mishutter._core.files import is_own_folder
 from mishutter._core.parallel import num_processors
 
 _Arguments = ParamSpec("_Arguments")
@@ -97,6 +102,39 @@ def outside_trace() -> Iterator[None]:
 def _zero() -> jax.Array:
     with jax.ensure_compile_time_eval():
         return jax.device_put(np.zeros(()))
+
+
+def keep_compiled_programs() -> Path | None:
+    """Keeps compiled programs in the user's cache folder, for later sessions, as the command does.
+
+    A folder that the user chose for JAX, by `JAX_COMPILATION_CACHE_DIR` or its configuration, is
+    used in its place. An entry that cannot be read is written anew.
+
+    Returns:
+        The folder; None where the user has none to which nobody else can write, since its programs
+        are run: nothing is kept then.
+    """
+    # XLA takes the preferences of some processors for missing instructions, and writes an error
+    # of 4,000 letters for each program that it reads. Messages of JAX itself stay, and so does
+    # a level that the user set; JAX itself sets 1.
+    has_level = os.environ.get("TF_CPP_MIN_LOG_LEVEL", "1") != "1"
+    if not has_level and getattr(jax.config, "jax_logging_level", None) == "NOTSET":
+        jax.config.update("jax_logging_level", "CRITICAL")
+        for name in ("jax", "jaxlib"):
+            logging.getLogger(name).setLevel(logging.NOTSET)
+    mend_compilation_cache()
+    chosen = getattr(jax.config, "jax_compilation_cache_dir", None)
+    if chosen is not None:
+        return Path(chosen)
+    folder = user_cache_path("mishutter", appauthor=False)
+    if not all(is_own_folder(path) for path in (folder, folder / "jax")):
+        return None
+    jax.config.update("jax_compilation_cache_dir", str(folder / "jax"))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+    # JAX decides at its first program whether it keeps any.
+    compilation_cache.reset_cache()
+    return folder / "jax"
 
 
 def mend_compilation_cache() -> None:

@@ -2,7 +2,6 @@
 
 import gc
 import io
-import logging
 import os
 import re
 import shutil
@@ -26,8 +25,7 @@ from rich.table import Table
 
 from mishutter._core import (
     describe,
-    is_own_folder,
-    mend_compilation_cache,
+    keep_compiled_programs,
     requirement,
     strict_json,
 )
@@ -404,13 +402,8 @@ def ends_when_asked() -> Iterator[None]:
 
 
 def start_jax() -> None:
-    """Sets 64-bit numbers, and JAX's cache of compiled programs unless the user chose one.
-
-    The cache lies in the user's cache folder if nobody else can write there: its programs are
-    run.
-    """
+    """Sets 64-bit numbers, and keeps compiled programs for later runs."""
     import jax
-    from platformdirs import user_cache_path
 
     _require_devices()
     # What JAX traces lives on: collections that look through it at Python's usual pace take a
@@ -418,22 +411,7 @@ def start_jax() -> None:
     gc.set_threshold(*_COLLECTIONS)
 
     jax.config.update("jax_enable_x64", True)
-    # XLA takes the preferences of some processors for missing instructions, and writes an error
-    # of 4,000 letters for each program that it reads. Messages of JAX itself stay, and so does
-    # a level that the user set; JAX itself sets 1.
-    has_level = os.environ.get("TF_CPP_MIN_LOG_LEVEL", "1") != "1"
-    if not has_level and getattr(jax.config, "jax_logging_level", None) == "NOTSET":
-        jax.config.update("jax_logging_level", "CRITICAL")
-        for name in ("jax", "jaxlib"):
-            logging.getLogger(name).setLevel(logging.NOTSET)
-    mend_compilation_cache()
-    if getattr(jax.config, "jax_compilation_cache_dir", None) is not None:
-        return
-    folder = user_cache_path("mishutter", appauthor=False)
-    if all(is_own_folder(path) for path in (folder, folder / "jax")):
-        jax.config.update("jax_compilation_cache_dir", str(folder / "jax"))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-        jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+    keep_compiled_programs()
 
 
 def _require_devices() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from jax.experimental.compilation_cache import compilation_cache
 
-from mishutter._core import mend_compilation_cache
+from mishutter._core import keep_compiled_programs, mend_compilation_cache
 
 
 @pytest.fixture
@@ -101,3 +101,42 @@ def test_other_warnings_are_left_alone():
     """Only that of an unreadable entry is taken."""
     with pytest.warns(UserWarning, match="of something else"):
         while_mending(lambda: warnings.warn("of something else", stacklevel=1))
+
+
+@pytest.fixture
+def unset(cache, monkeypatch, tmp_path):
+    """JAX without a folder for programs, and a user's cache folder of this test's own."""
+    names = "persistent_cache_min_compile_time_secs", "persistent_cache_min_entry_size_bytes"
+    before = {f"jax_{name}": getattr(jax.config, f"jax_{name}") for name in names}
+    jax.config.update("jax_compilation_cache_dir", None)
+    compilation_cache.reset_cache()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "users"))
+    yield tmp_path / "users" / "mishutter" / "jax"
+    for name, value in before.items():
+        jax.config.update(name, value)
+
+
+def test_a_session_of_python_keeps_its_programs(unset):
+    """Also where one was compiled before, when JAX had nowhere to keep it."""
+    computed(SIZE)
+    assert keep_compiled_programs() == unset
+    assert not entries(unset)
+    computed(SIZE)
+    (path,) = entries(unset)
+    assert is_whole(path)
+
+
+def test_a_folder_that_the_user_chose_stays(unset, tmp_path):
+    """It is named, and the user's cache folder takes nothing."""
+    jax.config.update("jax_compilation_cache_dir", str(tmp_path / "chosen"))
+    assert keep_compiled_programs() == tmp_path / "chosen"
+    computed(SIZE)
+    assert not unset.exists()
+
+
+def test_nothing_is_kept_where_others_may_write(unset, tmp_path):
+    """A file is in the way of the user's cache folder."""
+    (tmp_path / "users").write_text("in the way")
+    assert keep_compiled_programs() is None
+    assert jax.config.jax_compilation_cache_dir is None
+    computed(SIZE)
