@@ -1,5 +1,8 @@
 """The closed form of motion across the axis, against the model of one axis and a quadrature."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -52,3 +55,20 @@ def test_motion_across_costs_a_snapshot_less_than_a_parabola():
         for camera in (snapshot, CAMERA)
     )
     assert 0.02 < lost < 0.1 < 0.5 < lost_by_parabola
+
+
+def test_pages_say_what_the_benchmark_found():
+    """The table of questions, whole, and the gains that README names."""
+    root = Path(__file__).parents[2]
+    stored = (root / "benchmarks" / "results" / "cross_motion.json").read_text("utf-8")
+    page, readme = ((root / name).read_text("utf-8") for name in ("docs/questions.md", "README.md"))
+    words = {"0 %": "none", "10 %": "a tenth", "20 %": "a fifth", "30 %": "three tenths"}
+    for row in json.loads(stored)["rows"]:
+        gains = row["designed for none"], row["designed for it"]
+        cells = (
+            words[row["across"]],
+            *(f"{gain} dB" for gain in gains),
+            f"{row['exposure ms']} ms",
+        )
+        assert f"| {' | '.join(cells)} |" in page
+        assert gains[1].lstrip("+") in readme.partition("## Five lines")[0]
