@@ -24,6 +24,7 @@ Designs and their rivals
     ceiling                   the PSNR that no path, shutter or linear decoder exceeds
     tolerance_costs           the cost of each tolerance to a design
     starting_shutter          the free-form profile that a search starts from
+    keep_compiled_programs    keeps what is compiled for later sessions
     Outcome                   how a search ended
     SearchFailedError         a search with `throw=True` did not converge
     NonFiniteLossError        a loss was not finite where a search had to know it
