@@ -9,6 +9,9 @@ Scenes
     read_scene                a scene from a TOML file
     View                      size of things in the picture: speeds in m/s, mm/s or degrees
     read_noise                read noise from a data sheet's dynamic range
+    Texture                   statistics of what is seen, and the photograph to show results on
+    Optics                    what the lens passes, and how it blurs
+    Sensor                    what a pixel holds, and which way the sensor is turned
     Limits                    the furthest that the mechanism and the exposure may reach
     Tolerances                errors of a camera that is not built exactly
     Occlusion                 objects that hide part of a background
