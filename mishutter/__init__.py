@@ -7,9 +7,6 @@ Scenes
     Scene                     speeds, light, noise and limits; its `load` and `save` are of a file
     example_scene             the built-in scene
     read_scene                a scene from a TOML file
-    Texture                   mean, deviation and power spectrum of what is seen
-    Optics                    blur of the lens, and the highest frequency that it passes
-    Sensor                    electrons that a pixel holds, and the axis of motion
     View                      size of things in the picture: speeds in m/s, mm/s or degrees
     read_noise                read noise from a data sheet's dynamic range
     Texture                   statistics of what is seen, and the photograph to show results on
