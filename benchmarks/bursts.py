@@ -11,7 +11,7 @@ import math
 import sys
 import time
 from collections.abc import Callable, Sequence
-from functools import reduce
+from functools import partial, reduce
 from itertools import pairwise
 from typing import Any
 
@@ -25,8 +25,6 @@ from benchmarks import harness
 from mishutter import Burst, Limits, Scene
 from mishutter.evaluation import (
     StillBursts,
-    best_moving_burst,
-    best_still_burst,
     larger,
     sizes,
 )
@@ -69,9 +67,10 @@ SPEED, WIDTHS = 3000.0, (512.0, 1024.0, 2048.0)
 """Of an object that is registered, px/s; of sensors, px."""
 TEXT = """## One exposure or many
 
-Gain, dB, of the best burst of a sensor that moves over the best of one at rest, both registered
-without error: nine speeds to 4,500 px/s either way, a stage that travels 110 px over the burst. A
-camera may run slower than it can. `0` is less than 0.005 dB.
+Gain, dB, of the best frames on parabolas, of alternating direction or one slow one, over the best
+frames of a camera at rest, both registered without error: nine speeds to 4,500 px/s either way, a
+stage that travels 110 px over the burst. A camera may run slower than it can. `0` is less than
+0.005 dB.
 
 ![Gain of a moving burst by light and frame rate](results/bursts.png)
 
@@ -129,10 +128,16 @@ def scene_of(light: float, noise: float, burst: Burst | None = None, num_speeds:
 
 def cell(window: float, count: int, light: float, noise: float) -> dict[str, Any]:
     """The best bursts of a camera that takes so many frames within a window."""
-    burst = Burst(frames_per_s=count / window, max_frames=count, window=window)
-    scene = scene_of(light, noise, burst)
-    still: Any = best_still_burst(scene)
-    moving: Any = best_moving_burst(scene)
+    rate = count / window
+    scene = scene_of(light, noise, Burst(frames_per_s=rate, max_frames=count, window=window))
+    stills = StillBursts(scene)
+    still = stills.best(rate, max_frames=count)
+    kinds = {
+        "alternating parabolas": partial(alternating, count, window / count),
+        "one slow parabola": partial(one_parabola, count, window / count),
+    }
+    found = {name: best_moving(scene, frames, 1 / rate) for name, frames in kinds.items()}
+    kind = max(found, key=lambda name: found[name]["moving dB"])
     return {
         "window ms": 1e3 * window,
         "most frames": count,
@@ -141,14 +146,46 @@ def cell(window: float, count: int, light: float, noise: float) -> dict[str, Any
         "still frames": still.num_frames,
         "still ms": 1e3 * still.exposure,
         "still dB": still.psnr,
-        "moving frames": moving.num_frames,
-        "moving ms": 1e3 * float(moving.frames.motion.exposure),
-        "travel px": moving.travel,
-        "is sweep": moving.is_sweep,
-        "moving dB": moving.psnr,
-        "duty": unlimited_exposure(scene, count) * count / window,
-        "equal frames/s": StillBursts(scene).rate_that_equals(moving.psnr, most=1e4),
+        "path": kind,
+        **found[kind],
+        "duty": unlimited_exposure(scene, count) * rate,
+        "equal frames/s": stills.rate_that_equals(found[kind]["moving dB"], most=1e4),
     }
+
+
+def alternating(count: int, period: float, half: float, speed: float) -> Frames:
+    """Parabolas of some top speed, as far as the stage travels while it coasts between them."""
+    speed = min(speed, TRAVEL / (period - half))
+    return alternating_frames(count, half, speed / (2 * half))
+
+
+def one_parabola(count: int, period: float, half: float, speed: float) -> Frames:
+    """Frames of one parabola of some top speed, as far as the stage travels."""
+    whole = (count - 1) * period / 2 + half
+    return sweep_frames(count, half, min(speed, 2 * TRAVEL / whole) / (2 * whole), period)
+
+
+def best_moving(
+    scene: Scene, frames: Callable[[float, float], Frames], period: float
+) -> dict[str, Any]:
+    """The best frames of a kind, by half exposure and top speed."""
+
+    def frames_at(place: Float[np.ndarray, "2"]) -> Frames:
+        return frames(period / 2 * math.exp(-float(place[0])), float(place[1]) * TOP_SPEED)
+
+    bounds = [(0.0, 4.0), (0.3, MOST_SHARE)]
+    ends = [frames_at(np.array([x, MOST_SHARE])) for x in bounds[0]]
+    plan = reduce(larger, (sizes(seen_by(scene, each), each.motion) for each in ends))
+
+    def loss(place: Float[np.ndarray, "2"]) -> float:
+        return -float(burst_psnr(scene, [frames_at(place)], plan=plan))
+
+    start = min((np.array([x, 1.2]) for x in (0.02, 0.5, 1.2)), key=loss)
+    options = {"xatol": 3e-3, "fatol": 1e-4}
+    end: Any = minimize(loss, start, method="Nelder-Mead", bounds=bounds, options=options)
+    best = frames_at(end.x)
+    exposure = float(best.motion.exposure)
+    return {"moving ms": 1e3 * exposure, "top speed": float(end.x[1]), "moving dB": -float(end.fun)}
 
 
 def unlimited_exposure(scene: Scene, num_frames: int) -> float:
