@@ -57,6 +57,12 @@ from mishutter._core.parallel import in_threads as in_threads
 from mishutter._core.parallel import num_processors as num_processors
 from mishutter._core.parallel import num_threads as num_threads
 from mishutter._core.parallel import once as once
+from mishutter._core.progress import Counter as Counter
+from mishutter._core.progress import counts as counts
+from mishutter._core.progress import note as note
+from mishutter._core.progress import progress_bar as progress_bar
+from mishutter._core.progress import reports as reports
+from mishutter._core.progress import working as working
 from mishutter._core.roots import largest_within_one as largest_within_one
 from mishutter._core.validation import Section as Section
 from mishutter._core.validation import in_section as in_section

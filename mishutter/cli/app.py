@@ -3,10 +3,9 @@
 Modules that take seconds to import are imported inside the commands.
 """
 
-import itertools
 import shlex
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -15,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from mishutter._core import short_names, writable_folder
+from mishutter._core import note, progress_bar, short_names, working, writable_folder
 from mishutter.cli.camera import reproduce, simulate
 from mishutter.cli.console import (
     AGAIN,
@@ -25,12 +24,9 @@ from mishutter.cli.console import (
     ends_when_asked,
     error_line,
     interruptible,
-    note,
     print_text,
-    progress_bar,
     start_jax,
     take_any_text,
-    working,
     write_error,
     write_json,
 )
@@ -84,6 +80,8 @@ if TYPE_CHECKING:
     from mishutter.model import AbstractMotion, AbstractShutter, Scene
     from mishutter.report import Report
 
+_WHY_NO_STEP = "programs are compiled, or each takes longer than that"
+"""Why a step of what follows the verdict takes a while."""
 _INTERRUPTED = 130
 """The exit code of an interrupt, which the parser of the command line returns too."""
 
@@ -192,7 +190,7 @@ def optimise(
     folder = None if out is None else writable_folder(out)
     if verbose:
         note(plan_text(plan_of_search(scene, chosen, free, num_coefficients)))
-    with interruptible(lambda: AGAIN), progress_bar("searching", max_steps) as update:
+    with interruptible(lambda: AGAIN):
         design = search(
             scene,
             loss=chosen,
@@ -201,7 +199,7 @@ def optimise(
             num_starts=num_starts,
             seed=seed,
             max_steps=max_steps,
-            progress=lambda step, value: update(step, f"loss {value:.6g}"),
+            progress=True,
         )
     delivery = Delivery(folder, json, noise_seeds, every_photograph, backgrounds, verbose)
     with interruptible(lambda: _after_search(scene_file, folder)):
@@ -301,14 +299,10 @@ def _compared(
 ) -> "Report":
     from mishutter.report import Report
     from mishutter.report import compare as beside_baselines
-    from mishutter.search import RivalSearch, searches
 
-    asked = RivalSearch(scene, loss, motion, entries, free_paths=free_paths)
-    with progress_bar("comparing", len(searches(asked))) as update:
-        step = _counting(update)
-        comparison = beside_baselines(
-            scene, motion, entries, loss=loss, free_paths=free_paths, step=step
-        )
+    comparison = beside_baselines(
+        scene, motion, entries, loss=loss, free_paths=free_paths, progress=True
+    )
     return Report(scene, comparison, tuple(entries))
 
 
@@ -407,8 +401,8 @@ def _before_backgrounds(result: "Report") -> "Report":
     row = result.comparison.rows[0]
     if row.at_worst or row.decoder.knows_speed:
         return result
-    with progress_bar("before a background", len(STILL_SHARES)) as update:
-        gains = background_gains(result.scene, step=_counting(update))
+    with progress_bar("before a background", len(STILL_SHARES), _WHY_NO_STEP) as counter:
+        gains = background_gains(result.scene, begin=counter.next)
     return replace(result, backgrounds=gains)
 
 
@@ -421,16 +415,9 @@ def _photographed(result: "Report", delivery: Delivery) -> "Report":
     picture = photograph_of(result.scene, rows, note=note) if num_seeds > 0 else None
     if picture is None:
         return result
-    with progress_bar("photograph", len(rows)) as update:
-        step = _counting(update)
-        shown = photographs(picture, result.scene, rows, num_seeds, every=every, update=step)
+    with progress_bar("photograph", len(rows), _WHY_NO_STEP) as counter:
+        shown = photographs(picture, result.scene, rows, num_seeds, every=every, begin=counter.next)
     return replace(result, photographs=shown)
-
-
-def _counting(update: Callable[[int, str], None]) -> Callable[[str], None]:
-    """A callback that advances a bar by one step, and shows the name that it is called with."""
-    count = itertools.count(1)
-    return lambda name: update(next(count), name)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

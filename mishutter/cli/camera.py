@@ -6,16 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mishutter._core import writable_folder
-from mishutter.cli.console import (
-    AGAIN,
-    interruptible,
-    note,
-    print_table,
-    progress_bar,
-    start_jax,
-    write_json,
-)
+from mishutter._core import note, progress_bar, writable_folder
+from mishutter.cli.console import AGAIN, interruptible, print_table, start_jax, write_json
 from mishutter.cli.help import DESIGN, OUTPUT, PICTURES, SENSOR
 from mishutter.cli.laboratory import (
     CameraFiles,

@@ -1,4 +1,4 @@
-"""Output of the terminal: one line for an error, a progress bar, strict JSON, a table."""
+"""Output of the terminal: one line for an error, strict JSON, a table."""
 
 import gc
 import io
@@ -8,10 +8,9 @@ import shutil
 import signal
 import sys
 import threading
-import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any
 
@@ -20,12 +19,12 @@ from pydantic import ValidationError
 from rich import box
 from rich.cells import cell_len
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
 from mishutter._core import (
     describe,
     keep_compiled_programs,
+    note,
     requirement,
     strict_json,
 )
@@ -41,12 +40,6 @@ _LEAST_TEXT = 16
 """Least width of a table's first column."""
 _MOMENT = 0.05
 """Time for garbage to be collected; s."""
-_PATIENCE = 2.0
-"""Time until work first reports its progress where standard error is no terminal; s."""
-_PAUSE = 10.0
-"""Time between two such reports; s."""
-_MANY = 20
-"""Fewest steps whose remaining time is shown: the lengths of a few steps differ too much."""
 _NOT_KEPT = re.compile(r"Error writing persistent compilation cache .*?(?:\[Errno \d+\] )([^:]+)")
 """JAX's warning that it could not write an entry of its cache, with the reason."""
 _COLLECTIONS = 50_000, 20, 100
@@ -122,12 +115,6 @@ def _innermost(message: str) -> str:
 def write_error(line: str) -> None:
     """The one line of an error, on standard error."""
     note(f"mishutter: error: {line}")
-
-
-def note(text: str) -> None:
-    """Writes a message about the run to standard error; a closed pipe does not end the work."""
-    with suppress(BrokenPipeError):
-        sys.stderr.write(text + "\n")
 
 
 @contextmanager
@@ -229,80 +216,6 @@ def _console() -> Console:
     )
 
 
-@contextmanager
-def progress_bar(label: str, total: int) -> Iterator[Callable[[int, str], None]]:
-    """Shows progress on standard error; yields `update(done, message)`.
-
-    A terminal shows a bar with the elapsed time, and with the remaining time of many steps; a file
-    gets a line now and then.
-    """
-    console = Console(file=sys.stderr)
-    if console.is_terminal:
-        with Progress(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            TextColumn("{task.completed:.0f}/{task.total:.0f}"),
-            TextColumn("{task.fields[message]}"),
-            TimeElapsedColumn(),
-            TextColumn("gone"),
-            *([TimeRemainingColumn(), TextColumn("to go")] if total >= _MANY else []),
-            console=console,
-            transient=True,
-        ) as progress:
-            task = progress.add_task(label, total=total, message="")
-            yield lambda done, message="": progress.update(task, completed=done, message=message)
-        return
-    state = _State(total)
-    with _lines(lambda: f"{label}: {state}"):
-        yield state.update
-
-
-class _State:
-    """The progress of some work, in words."""
-
-    def __init__(self, total: int):
-        self._total = total
-        self._done = 0
-        self._first: tuple[int, float] | None = None
-        self._begin = time.monotonic()
-
-    def update(self, done: int, message: str = "") -> None:
-        """Records the progress; the first call counts what an earlier run did."""
-        del message
-        self._done = done
-        if self._first is None:
-            self._first = done, time.monotonic()
-
-    def __str__(self) -> str:
-        now = time.monotonic()
-        words = f"{self._done} of {self._total} after {now - self._begin:.0f} s"
-        done, since = self._first or (0, now)
-        if done < self._done < self._total and self._total >= _MANY:
-            remaining = (self._total - self._done) * (now - since) / (self._done - done)
-            words += f", about {remaining:.0f} s to go"
-        return words
-
-
-@contextmanager
-def _lines(text: Callable[[], str]) -> Iterator[None]:
-    """Writes a line to standard error after a while, and again at intervals."""
-    ended = threading.Event()
-
-    def write() -> None:
-        pause = _PATIENCE
-        while not ended.wait(pause):
-            note(text())
-            pause = _PAUSE
-
-    writer = threading.Thread(target=write, daemon=True)
-    writer.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        writer.join()
-
-
 def take_any_text() -> None:
     """Makes standard output and error accept every character, or drop all where they are closed.
 
@@ -337,14 +250,6 @@ def closable_output() -> Iterator[None]:
                 stream.flush()
             except OSError:  # a closed pipe or a full disk: Python would try once more at its end
                 os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
-
-
-@contextmanager
-def working(label: str) -> Iterator[None]:
-    """Shows on standard error that work without countable steps goes on."""
-    console = Console(file=sys.stderr)
-    with console.status(label) if console.is_terminal else _lines(lambda: f"{label} ..."):
-        yield
 
 
 class InterruptedWorkError(Exception):

@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from mishutter.cli.console import note, print_text, start_jax
+from mishutter._core import note
+from mishutter.cli.console import print_text, start_jax
 from mishutter.cli.options import SceneArgument
 
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mishutter._core import writable_folder, write_text
-from mishutter.cli.console import note, print_table, start_jax, working, write_json
+from mishutter._core import note, working, writable_folder, write_text
+from mishutter.cli.console import print_table, start_jax, write_json
 from mishutter.cli.help import TABLE
 from mishutter.cli.laboratory import CeilingOption, FloorOption
 from mishutter.cli.options import JsonOption, OutOption, as_path

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mishutter._core import writable_folder, write_text
-from mishutter.cli.console import note, print_table, print_text, start_jax, working, write_json
+from mishutter._core import note, working, writable_folder, write_text
+from mishutter.cli.console import print_table, print_text, start_jax, write_json
 from mishutter.cli.help import CAMERA, SEARCH
 from mishutter.cli.laboratory import AS_DESIGNED, AS_DRIVEN
 from mishutter.cli.options import JsonOption, OutOption, as_path
@@ -91,9 +91,15 @@ def fit(
         for sentence in sentences:
             note(f"{measurements}: trace: {sentence}")
     folder = None if out is None else writable_folder(out)
-    with working("fitting"), warnings.catch_warnings():
+    with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "fit: ")  # printed below, without a line of code
-        camera = fitted(records, saved.motion, saved.shutter, num_coefficients=num_coefficients)
+        camera = fitted(
+            records,
+            saved.motion,
+            saved.shutter,
+            num_coefficients=num_coefficients,
+            progress=True,
+        )
     with working("measuring each camera"):
         cameras = _cameras(camera, saved, drive, redesign)
         levels = {name: float(each.metrics.expected_psnr) for name, each in cameras.items()}

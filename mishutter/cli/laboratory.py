@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from mishutter._core import require
-from mishutter.cli.console import note
+from mishutter._core import note, require
 from mishutter.cli.help import CAMERA
 from mishutter.cli.options import as_path
 

@@ -4,7 +4,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mishutter.cli.console import print_table, print_text, start_jax, working, write_json
+from mishutter._core import working
+from mishutter.cli.console import print_table, print_text, start_jax, write_json
 from mishutter.cli.help import MOVES
 from mishutter.cli.options import (
     CoefficientsOption,

@@ -5,17 +5,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mishutter._core import require, writable_folder
+from mishutter._core import note, progress_bar, require, writable_folder
 from mishutter.cli.camera import DecoderName, estimate_document, named_decoder, speed_found
-from mishutter.cli.console import (
-    AGAIN,
-    interruptible,
-    note,
-    print_table,
-    progress_bar,
-    start_jax,
-    write_json,
-)
+from mishutter.cli.console import AGAIN, interruptible, print_table, start_jax, write_json
 from mishutter.cli.help import DESIGN, OUTPUT, PICTURES
 from mishutter.cli.laboratory import (
     CameraFiles,

@@ -9,14 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mishutter._core import writable_folder
+from mishutter._core import note, progress_bar, writable_folder
 from mishutter.cli.console import (
     AGAIN,
     interruptible,
-    note,
     print_table,
     print_text,
-    progress_bar,
     start_jax,
     write_json,
 )
@@ -125,7 +123,7 @@ def sweep(
     velocities = _values("--velocity", velocity, log=False)
     start_jax()
     from mishutter.model import baselines, named_shutter
-    from mishutter.sweeps import frames_of, require_some_inside, require_within
+    from mishutter.sweeps import WHY_NO_POINT, frames_of, require_some_inside, require_within
     from mishutter.sweeps import sweep as run
 
     scene = scene_of(scene_file)
@@ -146,7 +144,7 @@ def sweep(
     with (
         interruptible(lambda: _after_points(points, total, store)),
         _notes(),
-        progress_bar("sweeping", total) as update,
+        progress_bar("sweeping", total, WHY_NO_POINT) as update,
     ):
         begin = time.perf_counter()
 
@@ -290,7 +288,7 @@ def _deliver(dataset: "xarray.Dataset", scene: "Scene", folder: Path | None, as_
 
     values = dataset.load()
     level = level_of(_RANGES, values)
-    snapshot = best_snapshots(scene, level=level)
+    snapshot = best_snapshots(scene, level=level, progress=True)
     gains = values.assign(
         over_snapshot=gain_over_snapshot(values, scene), over_hann=gain_over(values, "Hann")
     )

@@ -276,7 +276,7 @@ class Session:
             entries: dict[str, Design | ChippedShutter] = {OPTIMISED: self._current, **self._pins}
             if request.drawn is not None:
                 entries[DRAWN] = _chips(request.drawn)
-            result = compare(scene, self._current.motion, entries, step=lambda name: check())
+            result = compare(scene, self._current.motion, entries, progress=lambda name: check())
             self._compared = asked, result
         return self._compared[1]
 

@@ -40,7 +40,7 @@ class BackgroundGain:
 def background_gains(
     scene: Scene,
     *,
-    step: Callable[[str], None] = lambda name: None,
+    begin: Callable[[str], None] = lambda name: None,
 ) -> tuple[BackgroundGain, ...]:
     """Gains of the best cameras where half of the picture stands still, and where 70 % do.
 
@@ -50,7 +50,7 @@ def background_gains(
 
     Args:
         scene: Speeds, light, noise and limits.
-        step: Called with the name of each search when it has ended.
+        begin: Called with the name of each search before it begins.
 
     Raises:
         ValueError: if the scene is none or is traced.
@@ -62,6 +62,7 @@ def background_gains(
         return ()
     gains, loss = [], ExpectedErrorLoss()
     for share in STILL_SHARES:
+        begin(f"{share:.0%} still")
         layered = before_still_background(scene, share)
         snapshot = best_row(snapshots(RivalSearch(layered, loss)))
         start = scene.fullest_motion if scene.motion.is_straight else scene.motion
@@ -75,7 +76,6 @@ def background_gains(
         )
         gain = max(camera.level - snapshot.level, 0.0)
         gains.append(BackgroundGain(share, gain, camera if gain >= _NAMED else snapshot))
-        step(f"{share:.0%} still")
     return tuple(gains)
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from mishutter._core import alone_in_blas, named, outside_trace, require, require_known
+from mishutter._core import alone_in_blas, counts, named, outside_trace, require, require_known
 from mishutter.design import Design, metrics_to_dict, motion_to_dict
 from mishutter.evaluation import (
     AbstractLoss,
@@ -36,9 +36,12 @@ from mishutter.search import (
     best_row,
     compared_rows,
     may_be_named,
+    searches,
     taken_names,
 )
 
+_WHY_NO_STEP = "programs are compiled, or it takes longer than others"
+"""Why a search of a comparison takes a while."""
 _NO_DETAIL = "This scene's picture holds no detail: there is nothing to restore or to gain."
 
 
@@ -184,7 +187,7 @@ def compare(
     *,
     loss: AbstractLoss | Callable[..., Any] | None = None,
     free_paths: bool = False,
-    step: Step | None = None,
+    progress: Step | bool | None = None,
 ) -> Comparison:
     r"""Measure shutters beside the baselines, in two readings.
 
@@ -217,8 +220,9 @@ def compare(
             of the scene's decoder is the default, and replaces a loss that ignores the number of
             photons.
         free_paths: Whether free paths are compared too, also where the scene does not ask for them.
-        step: Called with the name of each search once it has ended: a shutter's, or the first of a
-            kind of rival.
+        progress: Whether a bar is shown, in a terminal or a notebook; or a function that is called
+            with the name of each search once it has ended: a shutter's, or the first of a kind of
+            rival.
 
     Returns:
         The table and the verdict.
@@ -237,7 +241,14 @@ def compare(
     loss = loss if loss.sees_light else loss_of_decoder(scene)
     entries = _entries(shutters) if shutters else {}
     search = RivalSearch(scene, loss, motion, entries, free_paths=free_paths)
-    rows = compared_rows(search, step or (lambda name: None))
+    with counts(progress is True, "comparing", len(searches(search)), _WHY_NO_STEP) as counter:
+
+        def ended(name: str) -> None:
+            counter.ended(name)
+            if callable(progress):
+                progress(name)
+
+        rows = compared_rows(search, ended, counter.began)
     return with_verdict(rows, entries, scene, free_paths=search.free_paths)
 
 

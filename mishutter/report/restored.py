@@ -90,7 +90,7 @@ def photographs(
     num_seeds: int,
     *,
     every: bool = False,
-    update: Update,
+    begin: Update,
 ) -> Photographs:
     """A photograph captured and restored by every row's design.
 
@@ -103,7 +103,7 @@ def photographs(
         num_seeds: Captures at each speed.
         every: Whether at every speed of the scene and by three decoders, or at the slowest, a
             middling and the fastest by the ensemble filter.
-        update: Called with the name of each design that is done.
+        begin: Called with the name of each design before its captures.
     """
     chosen: dict[str, AbstractDecoder] = {ENSEMBLE: EnsembleDecoder()}
     if every:
@@ -113,6 +113,7 @@ def photographs(
     levels: dict[str, dict[str, RestoredPhotograph]] = {name: {} for name in chosen}
     shown: dict[str, RestoredPhotograph] = {}
     for name, row in rows.items():
+        begin(name)
         results = restore_by_each(
             picture,
             scene,
@@ -124,7 +125,6 @@ def photographs(
             least_taps=longest,
             decoder_speed=row.decoder.name,
         )
-        update(name)
         tried = results[ENSEMBLE].speeds
         places = (int(np.argmin(np.abs(tried - speed))) for speed in pictured_speeds(scene))
         shown[name] = results[ENSEMBLE].at(*places)

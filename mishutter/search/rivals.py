@@ -164,12 +164,13 @@ def searches(search: RivalSearch) -> dict[str, Callable[[], list[Row]]]:
     return of_rivals | {name: partial(_own_best, search, name) for name in entries}
 
 
-def compared_rows(search: RivalSearch, step: Step) -> list[Row]:
+def compared_rows(search: RivalSearch, step: Step, begin: Step = lambda name: None) -> list[Row]:
     """Measures shutters, baselines and rivals at their own best motions, and on one motion.
 
     Args:
         search: The searches of the comparison.
         step: Called with the name of each search when it has ended.
+        begin: Called with it before.
 
     Returns:
         The rows at their own best motion, then those on the same motion.
@@ -186,7 +187,7 @@ def compared_rows(search: RivalSearch, step: Step) -> list[Row]:
     ]
     judge = partial(Row.judged_by, loss=search.loss, scene=scene)
     at_best = {}
-    calls = [partial(_named, *item) for item in searches(search).items()]
+    calls = [partial(_named, *item, begin) for item in searches(search).items()]
     for first_name, rows in as_they_end(calls, num_processors()):
         step(first_name)
         # A burst keeps its own decoder, which is told the speed by the registration of its frames.
@@ -195,7 +196,8 @@ def compared_rows(search: RivalSearch, step: Step) -> list[Row]:
     return [*(at_best[name] for name in names), *map(judge, on_motion)]
 
 
-def _named(name: str, call: Callable[[], list[Row]]) -> tuple[str, list[Row]]:
+def _named(name: str, call: Callable[[], list[Row]], begin: Step) -> tuple[str, list[Row]]:
+    begin(name)
     return name, call()
 
 

@@ -16,6 +16,7 @@ from mishutter._core import (
     in_threads,
     num_processors,
     outside_trace,
+    reports,
     require,
     require_known,
     require_positive_int,
@@ -141,6 +142,15 @@ class SearchSettings(NamedTuple):
     progress: Progress | None = None
 
 
+_WHY_NO_STEP = "programs are compiled, or a minimisation goes on, which tells its steps at its end"
+"""Why a search tells no step for a while."""
+
+
+def _in_words(step: int, loss: float) -> tuple[int, str]:
+    """The news of a search as a bar shows them."""
+    return step, f"loss {loss:.6g}"
+
+
 class SearchFailedError(RuntimeError):
     """A search with `throw=True` did not converge."""
 
@@ -158,7 +168,7 @@ def optimise(
     num_starts: int | None = None,
     seed: int = 0,
     max_steps: int = MAX_STEPS,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
     throw: bool = False,
 ) -> Design:
     r"""Search for the design of least loss within the scene's limits.
@@ -195,7 +205,7 @@ def optimise(
             for few speeds.
         seed: Seed of the random starts.
         max_steps: Steps of each minimisation, and of the polish, at most.
-        progress: Called with the steps taken, `max_steps` at most, and the smallest loss so far.
+        progress: True shows a bar; a function is called with the steps taken and the least loss.
         throw: Whether an end other than convergence raises.
 
     Returns:
@@ -229,9 +239,10 @@ def optimise(
     require_positive_int("optimise(max_steps=...)", max_steps)
     require_seed("optimise(seed=...)", seed)
     loss = as_loss(loss_of_decoder(scene) if loss is None else loss, "optimise(loss=...)")
-    settings = SearchSettings(loss, None, num_coefficients, num_starts, seed, max_steps, progress)
     names = (free,) if isinstance(free, str) else None if free is None else tuple(free)
-    best = best_design(Start(scene, motion, shutter, names), settings)
+    with reports(progress, "searching", max_steps, _in_words, _WHY_NO_STEP) as news:
+        settings = SearchSettings(loss, None, num_coefficients, num_starts, seed, max_steps, news)
+        best = best_design(Start(scene, motion, shutter, names), settings)
     if throw and not best.converged:
         raise SearchFailedError(best.ending)
     return best

@@ -4,6 +4,7 @@ from mishutter.sweeps.grid import OPTIMISED as OPTIMISED
 from mishutter.sweeps.grid import frames_of as frames_of
 from mishutter.sweeps.grid import require_some_inside as require_some_inside
 from mishutter.sweeps.grid import require_within as require_within
+from mishutter.sweeps.run import WHY_NO_POINT as WHY_NO_POINT
 from mishutter.sweeps.run import sweep as sweep
 from mishutter.sweeps.trade_offs import best_points as best_points
 from mishutter.sweeps.trade_offs import best_snapshots as best_snapshots

@@ -14,6 +14,7 @@ from mishutter._core import (
     RowLike,
     named,
     outside_trace,
+    reports,
     require,
     require_known,
     require_positive_int,
@@ -59,7 +60,7 @@ def sweep(
     read_noises: RowLike | None = None,
     store: str | Path | None = None,
     scheduler: Any = None,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
 ) -> "xarray.Dataset":
     r"""Measure shutters at every acceleration and exposure of a grid.
 
@@ -92,7 +93,8 @@ def sweep(
             computes the missing blocks.
         scheduler: A `dask.distributed` client, or the address of a scheduler, whose
             workers compute the blocks.
-        progress: Called with the points that are done and that there are.
+        progress: Whether a bar is shown, in a terminal or a notebook; or a function that is called
+            with the points that are done and that there are.
 
     Returns:
         One variable for each metric over `acceleration`, `half_exposure` and `shutter`, with
@@ -137,19 +139,29 @@ def sweep(
         _LOG.info("%d of %d blocks found, %d to compute", total - len(missing), total, len(missing))
         num_points = grid.num_points(grid.blocks())
         done = num_points - grid.num_points(missing)
-        if progress is not None:
-            progress(done, num_points)
-        if client is None:
-            computed = _computed_here(grid, missing, blocks)
-        else:
-            place = None if store is None else str(Path(store).absolute())
-            computed = compute_remotely(grid, missing, blocks, client, place)
-        for block in computed:
-            done += grid.num_points([block])
-            if progress is not None:
-                progress(done, num_points)
+        with reports(progress, "sweeping", num_points, _in_words, WHY_NO_POINT) as news:
+            tell = news or (lambda done, total: None)
+            tell(done, num_points)
+            if client is None:
+                computed = _computed_here(grid, missing, blocks)
+            else:
+                place = None if store is None else str(Path(store).absolute())
+                computed = compute_remotely(grid, missing, blocks, client, place)
+            for block in computed:
+                done += grid.num_points([block])
+                tell(done, num_points)
     _LOG.info("%d block%s computed", len(missing), "" if len(missing) == 1 else "s")
     return blocks.dataset()
+
+
+WHY_NO_POINT = "programs are compiled, or a block is computed, whose points end together"
+"""Why a sweep tells no point for a while."""
+
+
+def _in_words(done: int, total: int) -> tuple[int, str]:
+    """The news of a sweep as a bar shows them."""
+    del total
+    return done, ""
 
 
 def _computed_here(grid: Grid, missing: list, blocks: AbstractBlocks):

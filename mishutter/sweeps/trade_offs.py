@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING
 import equinox as eqx
 import numpy as np
 
-from mishutter._core import RowLike, as_float, in_threads, num_processors, outside_trace, require
+from mishutter._core import (
+    RowLike,
+    as_float,
+    counts,
+    in_threads,
+    num_processors,
+    outside_trace,
+    require,
+)
 from mishutter.evaluation import METRICS, knowledge_of, loss_of_level, without_tolerances
 from mishutter.model import Scene, require_scene
 from mishutter.search import RivalSearch, best_row, snapshots
@@ -17,6 +25,8 @@ if TYPE_CHECKING:
 
 _UNNAMED_LEVEL = "expected_psnr"
 """Metric that judges a sweep that names none."""
+_WHY_NO_STEP = "programs are compiled, or snapshots at rest and panned are searched for"
+"""Why the search for a snapshot takes a while."""
 _RANGES = ("velocity", "acceleration", "half_exposure")
 _PLACE = (*_RANGES, "shutter")
 
@@ -172,6 +182,7 @@ def best_snapshots(
     read_noises: RowLike | None = None,
     *,
     level: str | None = None,
+    progress: bool = False,
 ) -> "xarray.Dataset":
     """The best exposure of an open shutter, and pan, under each light and read noise.
 
@@ -184,6 +195,7 @@ def best_snapshots(
         read_noises: Read noises, e-; the scene's by default.
         level: Name of the metric that judges them, the expected PSNR of a decoder; that of the
             scene's decoder by default, within the scene's tolerances if these count for it.
+        progress: Whether a bar is shown, in a terminal or a notebook.
 
     Returns:
         The level in dB under its name, `half_exposure` in s and `velocity` in px/s over both.
@@ -202,13 +214,19 @@ def best_snapshots(
         scene = without_tolerances(scene)
 
     def best(light: tuple[np.floating, np.floating]) -> tuple[float, float, float]:
+        counter.began(name_of(light))
         in_light = eqx.tree_at(lambda s: (s.photon_rate, s.read_noise), scene, light)
         rows = [row.judged_by(loss, scene) for row in snapshots(RivalSearch(in_light, loss))]
         row = best_row(rows)
+        counter.ended(name_of(light))
         return row.level, float(row.motion.half_exposure), float(row.motion.velocity)
 
+    def name_of(light: tuple[np.floating, np.floating]) -> str:
+        return "{:.3g} e-/s with {:.3g} e-".format(*light)
+
     lights = list(product(rates, noises))
-    rows = np.array(list(in_threads(best, lights, num_processors())))
+    with counts(progress, "best snapshots", len(lights), _WHY_NO_STEP) as counter:
+        rows = np.array(list(in_threads(best, lights, num_processors())))
     psnr, half_exposure, velocity = rows.reshape(rates.size, noises.size, 3).transpose(2, 0, 1)
     dimensions = ("photon_rate", "read_noise")
     return xarray.Dataset(

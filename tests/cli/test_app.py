@@ -42,10 +42,10 @@ from mishutter import (
     read_scene,
 )
 from mishutter import design as finished
+from mishutter._core import working
 from mishutter.cli import app
 
 # The face is `main` alone, which never waits long enough without a bar to say so.
-from mishutter.cli.console import working
 from mishutter.design import Design
 from mishutter.pictures import write_picture
 

@@ -14,14 +14,11 @@ import warnings
 import pytest
 
 # The face is `main` alone, and no command prints names and widths as awkward as these.
-from mishutter.cli import console
 from mishutter.cli.console import (
     doubts_as_notes,
     ends_when_asked,
     print_table,
-    progress_bar,
     take_any_text,
-    working,
     write_error,
 )
 from mishutter.hardware import DriveWarning
@@ -131,45 +128,6 @@ def test_the_comparison_fits_a_terminal_of_80_columns(monkeypatch, capsys):
     lines = capsys.readouterr().out.splitlines()
     assert max(map(len, lines)) <= 80
     assert [line.split()[-1] for line in lines if line.strip()[-1:].isdigit()] == [row[-1]] * 2
-
-
-def test_work_in_a_pipe_says_now_and_then_how_long_it_takes(monkeypatch, capsys):
-    """Lines on standard error, none while it is quick, with a time to go once one is known."""
-
-    def line_once(others, wanted):
-        """Waits for a line; before it come those that match `others`."""
-        end = time.monotonic() + 240
-        while time.monotonic() < end:
-            out, err = capsys.readouterr()
-            assert out == ""
-            for line in err.splitlines():
-                if re.fullmatch(wanted, line):
-                    return
-                assert re.fullmatch(others, line), line
-            time.sleep(0.01)
-        raise AssertionError(wanted)
-
-    # No work of this test is quick at a patience of 0.05 s, and all is at one of an hour.
-    monkeypatch.setattr(console, "_PAUSE", 0.05)
-    monkeypatch.setattr(console, "_PATIENCE", 3600)
-    with progress_bar("searching", 40) as update:
-        update(7, "loss 1")
-    assert capsys.readouterr().err == ""
-    monkeypatch.setattr(console, "_PATIENCE", 0.05)
-    with progress_bar("searching", 40) as update:
-        update(7, "loss 1")
-        line_once(r"searching: 0 of 40 after \d+ s", r"searching: 7 of 40 after \d+ s")
-        update(9, "loss 0.9")
-        told = r"searching: 9 of 40 after \d+ s, about \d+ s to go"
-        line_once(r"searching: 7 of 40 after \d+ s", told)
-    capsys.readouterr()
-    with progress_bar("comparing", 8) as update:
-        update(2, "")
-        update(6, "")
-        line_once(r"comparing: [02] of 8 after \d+ s", r"comparing: 6 of 8 after \d+ s")
-    capsys.readouterr()
-    with working("planning"):
-        line_once(r"planning \.\.\.", r"planning \.\.\.")
 
 
 @pytest.mark.filterwarnings("default")

@@ -13,7 +13,7 @@ DIM = Scene([-2300.0, 0.0, 2300.0], photon_rate=2e4, read_noise=9.0, limits=LIMI
 def test_a_still_background_takes_of_the_gain():
     """The more of the picture stands still, the less a moving camera gains; never less than 0."""
     names = []
-    half, most = background_gains(DIM, step=names.append)
+    half, most = background_gains(DIM, begin=names.append)
     assert names == ["50% still", "70% still"]
     assert half.still_share == 0.5
     assert half.gain >= most.gain >= 0

@@ -295,7 +295,7 @@ def test_the_verdict_is_printed_before_anything_is_photographed(report, capsys, 
 
     # Only what is printed before it matters, and both take long.
     monkeypatch.setattr(app, "_photographed", photographed)
-    monkeypatch.setattr("mishutter.report.background_gains", lambda scene, step: (HALF_STILL,))
+    monkeypatch.setattr("mishutter.report.background_gains", lambda scene, begin: (HALF_STILL,))
     spoken = app.Delivery(
         None, as_json=False, num_seeds=1, every_photograph=False, backgrounds=True, verbose=True
     )
@@ -319,7 +319,7 @@ def test_a_background_comes_last_or_not_at_all(report, choice, asked, is_compute
         order.append("files")
         return ["design.json"]
 
-    def gains(scene, step):
+    def gains(scene, begin):
         order.append("background")
         return (HALF_STILL,)
 
@@ -442,7 +442,7 @@ def test_a_photograph_at_some_speeds_or_all(report, capsys, every):
     scene = Scene([-310.0, -90.0, 0.0, 310.0], photon_rate=1e6, read_noise=3.0, limits=LIMITS)
     picture = Picture(np.random.default_rng(5).uniform(0.2, 0.8, (7, 400, 1)))
     rows = {"Hann": report.comparison.row("Hann")}
-    found = photographs(picture, scene, rows, 1, every=every, update=lambda name: None)
+    found = photographs(picture, scene, rows, 1, every=every, begin=lambda name: None)
     speeds = [-310.0, -90.0, 0.0, 310.0] if every else [0.0, -90.0, 310.0]
     assert list(found.levels) == ["ensemble", "Wiener", "Richardson-Lucy"][: 3 if every else 1]
     for level in found.levels.values():
@@ -472,7 +472,7 @@ def test_a_photograph_is_restored_by_the_decoder_of_the_verdict(report, capsys):
     levels = {}
     for knows in ("unknown", "known"):
         rows = {"Hann": replace(row, decoder=SPEED_KNOWLEDGE[knows])}
-        found = photographs(picture, scene, rows, 1, update=lambda name: None)
+        found = photographs(picture, scene, rows, 1, begin=lambda name: None)
         levels[knows] = found.levels["ensemble"]["Hann"]
         print_photographs(found.levels, knows)
     known, unknown = levels["known"], levels["unknown"]

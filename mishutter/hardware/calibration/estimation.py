@@ -10,12 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from mishutter._core import Unquoted, as_float, fields_text, require, require_positive_int
+from mishutter._core import Unquoted, as_float, counts, fields_text, require, require_positive_int
 from mishutter.design import Design, given_design
 from mishutter.hardware.calibration.likelihood import (
     Setting,
     Solution,
     likeliest_start,
+    num_first_rounds,
     solved,
 )
 from mishutter.hardware.calibration.measurements import Measurements, SensorLevels, TargetPicture
@@ -33,6 +34,8 @@ from mishutter.model import (
     spline_basis,
 )
 
+_WHY_NO_STEP = "programs are compiled, or pictures are fitted, which takes a while"
+"""Why a round of a fit takes a while."""
 _SPEEDS = tuple(0.1 * k for k in range(-6, 7))
 """Normalised speeds from which a fit of an unknown one starts."""
 _LEAST_SAG = 1.0
@@ -257,6 +260,7 @@ def fit(
     sensor: SensorLevels | None = None,
     trace: TraceLike | None = None,
     num_coefficients: int = 12,
+    progress: bool = False,
 ) -> FittedCamera:
     r"""The camera as built, from pictures of points or edges and a trace of its shutter.
 
@@ -275,6 +279,7 @@ def fit(
             read noise.
         trace: A photodiode's levels, on the camera's clock.
         num_coefficients: Number of B-spline coefficients of the profile; at least 4.
+        progress: Whether a bar is shown, in a terminal or a notebook.
 
     Returns:
         The camera, its error bars and residuals, and sentences about parameters that are not
@@ -293,9 +298,14 @@ def fit(
     require(sag >= _LEAST_SAG, "fit(motion=...)", requirement, Unquoted(f"{sag:g} px"))
     setting = Setting.of(data, motion, shutter, num_coefficients)
     is_unknown = any(picture.speed is None for picture in data.pictures)
-    best = likeliest_start(setting, _SPEEDS if is_unknown else (0.0,))
-    best = solved(setting, best.values, setting.noise(best.expected), setting.near_sent())
-    best, bars = error_bars(setting, best)
+    shares = _SPEEDS if is_unknown else (0.0,)
+    num_rounds = num_first_rounds(setting, shares) + 2
+    with counts(progress, "fitting", num_rounds, _WHY_NO_STEP) as counter:
+        best = likeliest_start(setting, shares, counter.next)
+        counter.next("the likeliest camera")
+        best = solved(setting, best.values, setting.noise(best.expected), setting.near_sent())
+        counter.next("error bars")
+        best, bars = error_bars(setting, best)
     share = float(best.values[0])
     requirement = "show a camera like the one that was sent"
     got = Unquoted(f"{share:.3g} times its acceleration")

@@ -5,7 +5,7 @@ takes several rounds, each with the variances of the levels that the round befor
 (iterated reweighting). Optimistix's Levenberg-Marquardt minimises.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -533,7 +533,21 @@ def solved(
     return Solution(loss, values, residual, matrix, expected, noise)
 
 
-def likeliest_start(setting: Setting, shares: Sequence[float]) -> Solution:
+def num_first_rounds(setting: Setting, shares: Sequence[float]) -> int:
+    """The fits that `likeliest_start` makes.
+
+    Args:
+        setting: The problem.
+        shares: Its argument.
+    """
+    num_others = len(setting.likely_profiles()) - 1
+    num_rough = len(shares) + num_others * min(_NUM_SPEEDS, len(shares))
+    return num_rough + min(_NUM_ENDS, num_rough)
+
+
+def likeliest_start(
+    setting: Setting, shares: Sequence[float], begin: Callable[[str], None]
+) -> Solution:
     """The end of the likeliest of several first rounds.
 
     A picture shows a jump of the profile as a step at a place of its own. A camera whose steps
@@ -547,10 +561,12 @@ def likeliest_start(setting: Setting, shares: Sequence[float]) -> Solution:
         setting: The problem.
         shares: Speeds from which a fit of an unknown one starts, in the greatest speed of the
             sensor. The best three with the profile that was sent are tried with the others.
+        begin: Called with the name of each fit before it begins.
     """
     noise, smooth = setting.noise(np.asarray(setting.arrays.levels)), setting.smoothed(_WIDTH)
 
     def rough(profile: np.ndarray, share: float) -> Solution:
+        begin("smoothed pictures")
         start = _with_blur(setting.start(profile, share), _WIDTH**2)
         return solved(smooth, start, noise, setting.near(profile, _HOLD))
 
@@ -560,10 +576,11 @@ def likeliest_start(setting: Setting, shares: Sequence[float]) -> Solution:
     roughs = [as_sent[share] for share in best_shares]
     roughs += [rough(profile, share) for profile in others for share in best_shares]
     roughs = sorted(roughs, key=lambda end: end.loss)[:_NUM_ENDS]
-    ends = [
-        solved(setting, _with_blur(end.values, -(_WIDTH**2)), noise, setting.near_sent())
-        for end in roughs
-    ]
+    ends = []
+    for end in roughs:
+        begin("the pictures themselves")
+        start = _with_blur(end.values, -(_WIDTH**2))
+        ends.append(solved(setting, start, noise, setting.near_sent()))
     return min(ends, key=lambda end: end.loss)
 
 

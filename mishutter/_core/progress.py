@@ -1,0 +1,223 @@
+"""Signs of life of long work on standard error: a bar for those who watch, lines for a file.
+
+The command and the functions that take `progress=True` share them.
+"""
+
+import importlib.util
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Task
+
+_PATIENCE = 2.0
+"""Time until work first reports its progress where standard error is no terminal; s."""
+_PAUSE = 10.0
+"""Time between two such reports, and without a step from which on work says why; s."""
+_WIDTH = 16
+"""Letters of a bar, beside which the name of a part has room on a terminal of 80 columns."""
+_MANY = 20
+"""Fewest steps whose remaining time is shown: the lengths of a few steps differ too much."""
+
+
+def note(text: str) -> None:
+    """Writes a message about the run to standard error; a closed pipe does not end the work."""
+    with suppress(BrokenPipeError):
+        sys.stderr.write(text + "\n")
+
+
+class Counter:
+    """The progress of some work: how much is done, and what it is at.
+
+    Work in threads begins and ends parts by their names; other work says what is done.
+    """
+
+    def __init__(self, total: int, why: str = "") -> None:
+        self.total, self.done = total, 0
+        self._why, self._message = why, ""
+        self._running: list[str] = []
+        self._lock = threading.Lock()
+        self._first: tuple[int, float] | None = None
+        self._begin = self._last = time.monotonic()
+
+    def __call__(self, done: int, message: str = "") -> None:
+        """Records what is done; the first call counts what an earlier run did."""
+        with self._lock:
+            self._moved(done)
+            self._message = message
+
+    def began(self, name: str) -> None:
+        """Records that a part has begun."""
+        with self._lock:
+            self._running.append(name)
+
+    def ended(self, name: str) -> None:
+        """Records that a part has ended."""
+        with self._lock:
+            self._running.remove(name)
+            self._moved(self.done + 1)
+
+    def next(self, name: str) -> None:
+        """Records that a part has begun, and the one before it has ended."""
+        with self._lock:
+            self._moved(self.done + len(self._running))
+            self._running = [name]
+
+    def _moved(self, done: int) -> None:
+        now = time.monotonic()
+        if done != self.done or self._first is None:
+            self._last = now
+        self._first = self._first or (done, now)
+        self.done = done
+
+    @property
+    def place(self) -> str:
+        """The part that the work is at, as "best Tukey, 3 of 8", and why it stays there."""
+        with self._lock:
+            count = f"{min(self.done + bool(self._running), self.total)} of {self.total}"
+            name = self._running[0] if self._running else self._message
+            is_stuck = time.monotonic() - self._last >= _PAUSE and self.done < self.total
+        words = f"{name}, {count}" if name else count
+        return f"{words} ({self._why})" if is_stuck and self._why else words
+
+    def __str__(self) -> str:
+        now = time.monotonic()
+        words = f"{self.place} after {now - self._begin:.0f} s"
+        done, since = self._first or (0, now)
+        if done < self.done < self.total and self.total >= _MANY:
+            remaining = (self.total - self.done) * (now - since) / (self.done - done)
+            words += f", about {remaining:.0f} s to go"
+        return words
+
+
+@contextmanager
+def progress_bar(label: str, total: int, why: str = "") -> Iterator[Counter]:
+    """Shows progress on standard error; yields the counter to move.
+
+    A terminal shows a bar with the elapsed time, and with the remaining time of many steps, and so
+    does a notebook that has widgets; a file gets a line now and then.
+
+    Args:
+        label: The work.
+        total: Its steps.
+        why: The reason for which a step may take longer than some seconds.
+    """
+    counter = Counter(total, why)
+    console = _console()
+    if console is None:
+        with _lines(lambda: f"{label}: {counter}"):
+            yield counter
+        return
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        ProgressColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+    from rich.text import Text
+
+    class Place(ProgressColumn):
+        """The part that the work is at, asked for whenever the bar is drawn."""
+
+        def render(self, task: "Task") -> Text:
+            bar.update(task.id, completed=counter.done)
+            return Text(counter.place)
+
+    bar = Progress(
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=_WIDTH),
+        Place(),
+        TimeElapsedColumn(),
+        TextColumn("gone"),
+        *([TimeRemainingColumn(), TextColumn("to go")] if total >= _MANY else []),
+        console=console,
+        transient=True,
+    )
+    with bar:
+        bar.add_task(label, total=total)
+        yield counter
+
+
+@contextmanager
+def reports(
+    progress: "bool | Callable[..., object] | None",
+    label: str,
+    total: int,
+    words: Callable[..., tuple[int, str]],
+    why: str = "",
+) -> "Iterator[Callable[..., object] | None]":
+    """The function that work calls with its news: the caller's, one that moves a bar, or none.
+
+    Args:
+        progress: A function of the caller's, or whether a bar is shown.
+        label: The work.
+        total: Its steps.
+        words: What is done, and a message, by the news.
+        why: The reason for which a step may take longer than some seconds.
+    """
+    if progress is True:
+        with progress_bar(label, total, why) as counter:
+            yield lambda *news: counter(*words(*news))
+    else:
+        yield progress or None
+
+
+@contextmanager
+def counts(progress: bool, label: str, total: int, why: str = "") -> Iterator[Counter]:
+    """A counter of named parts, which is shown if it is asked for.
+
+    Args:
+        progress: Whether it is shown.
+        label: The work.
+        total: Its parts.
+        why: The reason for which a part may take longer than some seconds.
+    """
+    if progress:
+        with progress_bar(label, total, why) as counter:
+            yield counter
+    else:
+        yield Counter(total)
+
+
+@contextmanager
+def working(label: str) -> Iterator[None]:
+    """Shows on standard error that work without countable steps goes on."""
+    console = _console()
+    with _lines(lambda: f"{label} ...") if console is None else console.status(label):
+        yield
+
+
+def _console() -> "Console | None":
+    """A console that can draw over what it drew: of a terminal, or of a notebook with widgets."""
+    from rich.console import Console
+
+    console = Console(file=sys.stderr)
+    has_widgets = console.is_jupyter and importlib.util.find_spec("ipywidgets") is not None
+    return console if console.is_terminal or has_widgets else None
+
+
+@contextmanager
+def _lines(text: Callable[[], str]) -> Iterator[None]:
+    """Writes a line to standard error after a while, and again at intervals."""
+    ended = threading.Event()
+
+    def write() -> None:
+        pause = _PATIENCE
+        while not ended.wait(pause):
+            note(text())
+            pause = _PAUSE
+
+    writer = threading.Thread(target=write, daemon=True)
+    writer.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        writer.join()
