@@ -6,10 +6,13 @@ import sys
 import threading
 import time
 
+import jax
 import pytest
 from rich.console import Console
 
+import mishutter as ms
 from mishutter._core import Counter, counts, progress, progress_bar, reports, working
+from mishutter.sweeps import best_snapshots
 
 
 def line_once(capsys, others, wanted):
@@ -176,3 +179,26 @@ def test_news_go_to_the_caller_the_bar_or_nobody(impatient, capsys):
     with counts(True, "comparing", 4) as counter:
         counter.next("rect")
         line_once(capsys, r".*", r"comparing: rect, 1 of 4 after \d+ s")
+
+
+@pytest.mark.slow
+def test_functions_show_what_they_are_at(impatient, capsys):
+    """Each that takes `progress=True`, in its own words; none says a word without."""
+    limits = ms.Limits(max_stroke=21, max_half_exposure=0.013)
+    scene = ms.Scene.uniform(max_speed=900.0, photon_rate=7e4, read_noise=7, limits=limits)
+    grid = {"accelerations": [3e4, 9e4], "half_exposures": [3e-3, 7e-3]}
+    calls = {
+        "searching": lambda shown: ms.optimise(scene, num_starts=2, max_steps=9, progress=shown),
+        "sweeping": lambda shown: ms.sweep(scene, **grid, progress=shown),
+        "best snapshots": lambda shown: best_snapshots(scene, [3e4, 7e4], progress=shown),
+        "comparing": lambda shown: ms.compare(scene, scene.motion, progress=shown),
+    }
+    for label, call in calls.items():
+        jax.clear_caches()  # a program that is compiled once more takes its time
+        call(False)
+        assert capsys.readouterr().err == ""
+        jax.clear_caches()
+        call(True)
+        lines = capsys.readouterr().err.splitlines()
+        assert lines
+        assert all(re.match(rf"{label}: .*\d+ of \d+.* after \d+ s", line) for line in lines)

@@ -86,12 +86,13 @@ def test_designs_keep_or_start_from_their_own_motions():
     elsewhere = scene.bare(weights=np.array([0.2, 0.3, 0.2, 0.2, 0.1]))
     other = optimise(elsewhere, MOTION, HannShutter(), loss=loss, free="half_exposure")
     names: list[str] = []
+    begun: list[str] = []
     search = RivalSearch(scene, loss, MOTION, {"found": finished, "other": other})
-    rows = compared_rows(search, names.append)
+    rows = compared_rows(search, names.append, begun.append)
     row = {(row.name, row.reading): row for row in rows}
     same, tuned = row["found", OWN_BEST_MOTION], row["other", OWN_BEST_MOTION]
     assert {"found", "other", BEST_SNAPSHOT} <= set(names)
-    assert sorted(names) == sorted(searches(search))
+    assert sorted(names) == sorted(begun) == sorted(searches(search))
     assert is_finished(finished, scene, loss)
     assert not is_finished(finished, scene, DesignLoss())
     assert same.motion is finished.motion
