@@ -147,12 +147,12 @@ def progress_bar(label: str, total: int, why: str = "") -> Iterator[Counter]:
 
 @contextmanager
 def reports(
-    progress: "bool | Callable[..., object] | None",
+    progress: "bool | Callable[..., None] | None",
     label: str,
     total: int,
     words: Callable[..., tuple[int, str]],
     why: str = "",
-) -> "Iterator[Callable[..., object] | None]":
+) -> "Iterator[Callable[..., None] | None]":
     """The function that work calls with its news: the caller's, one that moves a bar, or none.
 
     Args:
@@ -166,7 +166,7 @@ def reports(
         with progress_bar(label, total, why) as counter:
             yield lambda *news: counter(*words(*news))
     else:
-        yield progress or None
+        yield progress if callable(progress) else None
 
 
 @contextmanager
