@@ -60,23 +60,12 @@ def plan(
 
 def understood(scene: "Scene") -> dict[str, object]:
     """A scene in pixels, seconds and electrons, whatever the units of its file."""
-    limits = scene.limits
-    numbers: dict[str, object] = {
-        "speeds_px_per_s": scene.speeds.tolist(),
-        "photon_rate_per_s": float(scene.photon_rate),
-        "read_noise_e": float(scene.read_noise),
-        "axis": scene.sensor.axis,
-        "max_stroke_px": float(limits.max_stroke),
-        "max_top_speed_px_per_s": float(limits.max_top_speed),
-        "max_pan_px_per_s": float(limits.max_pan),
-    }
-    others = {
-        "full_well_e": scene.sensor.full_well,
-        "max_travel_px": limits.max_travel,
-        "max_acceleration_px_per_s2": limits.max_acceleration,
-        "max_jerk_px_per_s3": limits.max_jerk,
-    }
-    return numbers | {key: float(value) for key, value in others.items() if value is not None}
+    from mishutter.model import scene_tables
+
+    tables = scene_tables(scene)
+    sections = (tables[name] for name in ("light", "sensor", "limits"))
+    speeds = {"speeds_px_per_s": scene.speeds.tolist()}
+    return speeds | {key: value for section in sections for key, value in section.items()}
 
 
 def understood_rows(scene: "Scene") -> list[list[str]]:

@@ -12,6 +12,7 @@ from mishutter.model.devices import IdealShutter as IdealShutter
 from mishutter.model.devices import SwitchedShutter as SwitchedShutter
 from mishutter.model.devices import command_of as command_of
 from mishutter.model.devices import stays_open as stays_open
+from mishutter.model.limits import LIMITS as LIMITS
 from mishutter.model.limits import Limits as Limits
 from mishutter.model.limits import PathShape as PathShape
 from mishutter.model.motion import AbstractMotion as AbstractMotion
@@ -43,6 +44,7 @@ from mishutter.model.scene import read_scene as read_scene
 from mishutter.model.scene import require_scene as require_scene
 from mishutter.model.scene import require_whole as require_whole
 from mishutter.model.scene import scene_of_tables as scene_of_tables
+from mishutter.model.scene import scene_tables as scene_tables
 from mishutter.model.scene import scene_text as scene_text
 from mishutter.model.scene import seen_from as seen_from
 from mishutter.model.scene_file import example_scene_text as example_scene_text

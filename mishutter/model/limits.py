@@ -55,6 +55,7 @@ from mishutter.model.stages import (
 
 Number = Float[Array | np.ndarray | np.floating, ""]
 _OF_STAGE = ("max_travel", "max_acceleration", "max_jerk")
+"""Limits that a scene may do without, and that the search bounds motions by."""
 
 
 class Demand(NamedTuple):
@@ -71,6 +72,115 @@ class Demand(NamedTuple):
     def is_met(self, slack: float) -> np.ndarray | np.bool_:
         """Whether no more is taken than there is, by a share of it."""
         return self.taken <= self.there * (1 + slack)
+
+
+class Uses(NamedTuple):
+    """The numbers of motions that limits bound; of any shape.
+
+    Attributes:
+        stroke: Distance from the lowest to the highest position of the stage; px.
+        top_speed: Greatest speed of the sensor; px/s.
+        half_exposure: $T$; s.
+        velocity: Velocity at mid-exposure; px/s.
+        acceleration: Greatest acceleration; px/s^2.
+        travel_share: Share of the stage's travel and top speed that a run-up and a run-out take
+            with the exposure; None where the stage has no such limit.
+    """
+
+    stroke: Positions
+    top_speed: Positions
+    half_exposure: Positions
+    velocity: Positions
+    acceleration: Positions
+    travel_share: Positions | None = None
+
+
+class Limit(NamedTuple):
+    """One limit of a motion: its name, its measure, and the words of errors.
+
+    Attributes:
+        name: Its name in `Limits.demands`, in notes of designs and in maps.
+        bit: Its bit among the reasons in a sweep's store, which no other takes later.
+        demand: The use of it and the limit itself, of some `Limits` and `Uses`; either may be None.
+        requirement: Words for what a motion must do, of the numbers `taken` and `there`.
+        got: Words for what a motion does, of the same numbers.
+        scale: Factor from the unit of the numbers to that of the words.
+        is_solved: Whether the search has a formula for the motions within it. Otherwise it looks
+            for them, where the use never falls with acceleration, half exposure and speed.
+    """
+
+    name: str
+    bit: int
+    demand: Callable[["Limits", Uses], tuple[Positions | None, Positions | None]]
+    requirement: str
+    got: str
+    scale: float = 1.0
+    is_solved: bool = True
+
+    def words(self, demand: Demand) -> tuple[str, str]:
+        """The requirement of an error, and what it got, of one motion.
+
+        Args:
+            demand: The use of the limit by the motion; scalar.
+        """
+        numbers = {name: float(x) * self.scale for name, x in demand._asdict().items()}
+        return self.requirement.format(**numbers), self.got.format(**numbers)
+
+
+LIMITS = (
+    Limit(
+        "exposure_too_short",
+        2,
+        lambda limits, use: (limits.min_half_exposure, use.half_exposure),
+        "leave an exposure of at least {taken:g} ms",
+        "{there:g} ms",
+        scale=2e3,
+    ),
+    Limit(
+        "exposure_too_long",
+        3,
+        lambda limits, use: (use.half_exposure, limits.max_half_exposure),
+        "leave an exposure of at most {there:g} ms",
+        "{taken:g} ms",
+        scale=2e3,
+    ),
+    Limit(
+        "pan",
+        5,
+        lambda limits, use: (abs(use.velocity), limits.max_pan),
+        "keep the pan within max_pan_px_per_s = {there:g}",
+        "{taken:g} px/s",
+    ),
+    Limit(
+        "top_speed",
+        1,
+        lambda limits, use: (use.top_speed, limits.max_top_speed),
+        "keep the top speed within max_top_speed_px_per_s = {there:g}",
+        "{taken:g} px/s",
+    ),
+    Limit(
+        "stroke",
+        0,
+        lambda limits, use: (use.stroke, limits.max_stroke),
+        "keep the stroke within max_stroke_px = {there:g}",
+        "{taken:g} px, the pan included",
+    ),
+    Limit(
+        "acceleration",
+        7,
+        lambda limits, use: (use.acceleration, limits.max_acceleration),
+        "keep within max_acceleration, {there:g} px/s^2",
+        "{taken:g} px/s^2",
+    ),
+    Limit(
+        "travel",
+        6,
+        lambda limits, use: (use.travel_share, np.ones(())),
+        "leave the stage room to run up and out within its travel and top speed",
+        "{taken:.3g} times as much",
+    ),
+)
+"""All limits of a motion, in the order in which errors name them."""
 
 
 class PathShape(NamedTuple):
@@ -225,14 +335,10 @@ class Limits(eqx.Module):
         Args:
             motion: Motion of the sensor.
         """
-        demands = self._demands(
-            stroke=self.of_stage(motion).stroke,
-            top_speed=motion.top_speed,
-            half_exposure=motion.half_exposure,
-            velocity=motion.velocity,
-            acceleration=motion.greatest_acceleration,
-        )
-        return demands | self._demand_of_travel(lambda: _stage_share_of(self, motion))
+        uses = self._uses(motion)
+        if self.has_stage:
+            uses = uses._replace(travel_share=_travel_share_of(self, motion))
+        return self._demands(uses)
 
     def demands_of_parabolas(
         self,
@@ -248,44 +354,38 @@ class Limits(eqx.Module):
             velocity: $v$; px/s.
         """
         of_stage = np.asarray(velocity * (self.pans == "stage"))
-        demands = self._demands(
-            stroke=stroke_of_parabola(acceleration, half_exposure, of_stage),
-            top_speed=2 * acceleration * half_exposure + np.abs(velocity),
-            half_exposure=half_exposure,
-            velocity=velocity,
-            acceleration=2 * acceleration,
-        )
-        numbers = np.broadcast_arrays(acceleration, half_exposure, velocity)
-        a, half, pan = (jnp.asarray(x) for x in numbers)
-        return demands | self._demand_of_travel(lambda: self.stage_share(a, half, pan))
+        uses = _uses_of_parabolas(acceleration, half_exposure, velocity, of_stage)
+        if self.has_stage:
+            numbers = np.broadcast_arrays(acceleration, half_exposure, velocity)
+            share = self._travel_share(*(jnp.asarray(x) for x in numbers))
+            uses = uses._replace(travel_share=share)
+        return self._demands(uses)
 
-    def _demands(
-        self,
-        *,
-        stroke: Positions,
-        top_speed: Positions,
-        half_exposure: Positions,
-        velocity: Positions,
-        acceleration: Positions,
-    ) -> dict[str, Demand]:
-        demands = {
-            "exposure_too_short": (self.min_half_exposure, half_exposure),
-            "exposure_too_long": (half_exposure, self.max_half_exposure),
-            "pan": (abs(velocity), self.max_pan),
-            "top_speed": (top_speed, self.max_top_speed),
-            "stroke": (stroke, self.max_stroke),
-        }
-        if self.max_acceleration is not None:
-            demands["acceleration"] = (acceleration, self.max_acceleration)
+    def _uses(self, motion: AbstractMotion) -> Uses:
+        return Uses(
+            stroke=self.of_stage(motion).stroke,
+            top_speed=motion.top_speed,
+            half_exposure=motion.half_exposure,
+            velocity=motion.velocity,
+            acceleration=motion.greatest_acceleration,
+        )
+
+    def _demands(self, uses: Uses) -> dict[str, Demand]:
+        pairs = {limit.name: limit.demand(self, uses) for limit in LIMITS}
         return {
             name: Demand(*(np.asarray(number, np.float64) for number in pair))
-            for name, pair in demands.items()
+            for name, pair in pairs.items()
+            if pair[0] is not None and pair[1] is not None
         }
 
-    def _demand_of_travel(self, share: Callable[[], Array]) -> dict[str, Demand]:
-        if not self.has_stage:
-            return {}
-        return {"travel": Demand(np.asarray(share(), np.float64), np.ones(()))}
+    def _beside_unsolved(self, share: Array, uses: Callable[[], Uses]) -> Array:
+        """A share, or that of a limit that the search has no formula for where it is greater."""
+        for limit in LIMITS:
+            if not limit.is_solved:
+                taken, there = limit.demand(self, uses())
+                if taken is not None and there is not None:
+                    share = jnp.maximum(share, taken / there)
+        return share
 
     def of_stage(self, motion: AbstractMotion) -> AbstractMotion:
         """The part of a motion that the stage makes, seen from where it is mounted.
@@ -390,9 +490,10 @@ class Limits(eqx.Module):
         velocity: Float[Array, "*shape"],
         shape: PathShape | None = None,
     ) -> Float[Array, "*shape"]:
-        """Share of the stage's travel, and of its top speed where its jerk is limited, in use.
+        """Share in use of what the stage reaches: the greatest of all limits without a formula.
 
-        It never falls with the acceleration, px/s^2, the half exposure, s, or the size of the
+        Those are its travel, its top speed where its jerk is limited, and what `LIMITS` says. It
+        never falls with the acceleration, px/s^2, the half exposure, s, or the size of the
         velocity, px/s, in the frame of the stage. Of any shape.
 
         With the `shape` of a free path it is that of the path, whose velocity is counted from the
@@ -407,9 +508,19 @@ class Limits(eqx.Module):
         """
         if shape is not None:
             path = shape.path(acceleration, half_exposure, velocity, self.max_pan)
-            by_speed = path.top_speed / self.max_top_speed
-            by_stroke = self.of_stage(path).stroke / self.max_stroke
-            return jnp.maximum(self.stage_share_of(path), jnp.maximum(by_speed, by_stroke))
+            uses = self._uses(path)
+            parabolas = jnp.maximum(
+                uses.top_speed / self.max_top_speed, uses.stroke / self.max_stroke
+            )
+            return jnp.maximum(self.stage_share_of(path), parabolas)
+        of_stage = velocity + self._frame(velocity) - self._pan_of_camera(velocity)
+        return self._beside_unsolved(
+            self._travel_share(acceleration, half_exposure, velocity),
+            lambda: _uses_of_parabolas(acceleration, half_exposure, velocity, of_stage),
+        )
+
+    def _travel_share(self, acceleration: Array, half_exposure: Array, velocity: Array) -> Array:
+        """The `stage_share` of the run-up and the run-out of parabolas."""
         frame, pan = self._frame(velocity), self._pan_of_camera(velocity)
         of_stage = velocity + frame - pan
         use = stage_use(acceleration, half_exposure, of_stage, self.max_acceleration, self.max_jerk)
@@ -421,13 +532,7 @@ class Limits(eqx.Module):
         Args:
             motion: Motion of the sensor.
         """
-        velocity = jnp.asarray(motion.velocity)
-        if isinstance(motion, FreeMotion):
-            path = cast(FreeMotion, self.of_stage(motion))
-            speed = jnp.abs(self._pan_of_camera(velocity)) - jnp.abs(self._frame(velocity))
-            return self._share_of(stage_use_of_path(path, self.max_acceleration), speed)
-        acceleration, half = steady(motion).acceleration, motion.half_exposure
-        return self.stage_share(jnp.asarray(acceleration), jnp.asarray(half), velocity)
+        return self._beside_unsolved(_travel_share(self, motion), lambda: self._uses(motion))
 
     def stage_path(self, motion: AbstractMotion) -> StagePath | None:
         """The path of the stage from rest through an exposure to rest.
@@ -565,9 +670,31 @@ class Limits(eqx.Module):
         return self.largest("acceleration", rest, most, numbers, shape)
 
 
-@compiled
-def _stage_share_of(limits: Limits, motion: AbstractMotion) -> Array:
-    return limits.stage_share_of(motion)
+def _uses_of_parabolas(
+    acceleration: Positions, half_exposure: Positions, velocity: Positions, of_stage: Positions
+) -> Uses:
+    """The uses of parabolas, of which the stage itself makes a velocity; px/s."""
+    return Uses(
+        stroke=stroke_of_parabola(acceleration, half_exposure, of_stage),
+        top_speed=2 * acceleration * half_exposure + abs(velocity),
+        half_exposure=half_exposure,
+        velocity=velocity,
+        acceleration=2 * acceleration,
+    )
+
+
+def _travel_share(limits: Limits, motion: AbstractMotion) -> Array:
+    """The share of travel and top speed that a motion takes with its run-up and its run-out."""
+    velocity = jnp.asarray(motion.velocity)
+    if isinstance(motion, FreeMotion):
+        path = cast(FreeMotion, limits.of_stage(motion))
+        speed = jnp.abs(limits._pan_of_camera(velocity)) - jnp.abs(limits._frame(velocity))
+        return limits._share_of(stage_use_of_path(path, limits.max_acceleration), speed)
+    acceleration, half = steady(motion).acceleration, motion.half_exposure
+    return limits._travel_share(jnp.asarray(acceleration), jnp.asarray(half), velocity)
+
+
+_travel_share_of = compiled(_travel_share)
 
 
 @compiled

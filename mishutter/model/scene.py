@@ -527,6 +527,15 @@ def scene_text(scene: Scene, notes: Mapping[str, Sequence[str]] | None = None) -
     Raises:
         ValueError: if a number is out of the range of its key.
     """
+    return file_text(scene_tables(scene), "scene_text(scene=...)", notes or {})
+
+
+def scene_tables(scene: Scene) -> dict[str, dict[str, object]]:
+    """The tables of the file of a scene, in pixels, electrons and parts of a second.
+
+    Args:
+        scene: The scene.
+    """
     parts = {
         "optics": (scene.optics, OpticsSection),
         "limits": (scene.limits, LimitsSection),
@@ -535,7 +544,7 @@ def scene_text(scene: Scene, notes: Mapping[str, Sequence[str]] | None = None) -
         "burst": (scene.burst, BurstSection),
         "tolerances": (scene.tolerances, TolerancesSection),
     }
-    tables = {
+    tables: dict[str, dict[str, object]] = {
         name: table_of(part, section) for name, (part, section) in parts.items() if part is not None
     }
     tables["speeds"] = {
@@ -553,8 +562,10 @@ def scene_text(scene: Scene, notes: Mapping[str, Sequence[str]] | None = None) -
         tables["motion"] = table_of(scene.given_motion, MotionSection)
     picture = scene.picture
     if picture.path is None:
-        levels = {"mean_level": float(picture.mean_level), "deviation": float(picture.deviation)}
-        tables["picture"] = levels
+        tables["picture"] = {
+            "mean_level": float(picture.mean_level),
+            "deviation": float(picture.deviation),
+        }
     else:
         is_linear = picture.linear or None
         path = _whole_path(picture.path)
@@ -564,7 +575,7 @@ def scene_text(scene: Scene, notes: Mapping[str, Sequence[str]] | None = None) -
         del tables["occlusion"]["level_difference"]
     if scene.tolerances is not None and float(scene.tolerances.drive_step) == 0:
         del tables["tolerances"]["drive_step_us"]
-    return file_text(tables, "scene_text(scene=...)", notes or {})
+    return tables
 
 
 def _whole_path(path: str) -> str:

@@ -31,7 +31,7 @@ from mishutter.model.devices import (
     SwitchedShutter,
     device_of,
 )
-from mishutter.model.limits import Demand, Limits
+from mishutter.model.limits import LIMITS, Limits
 from mishutter.model.motion import ParabolicMotion
 from mishutter.model.occlusion import Occlusion
 from mishutter.model.optics import Optics
@@ -356,8 +356,12 @@ def _motion(
         motion = ParabolicMotion.from_sag(depth, half_exposure=T, velocity=v)
     else:
         motion = ParabolicMotion(acceleration=number, half_exposure=T, velocity=v)
-    for name, demand in reach.demands(motion).items():
-        _require_met(name, demand, subject, v)
+    demands = reach.demands(motion)
+    for limit in LIMITS:
+        if limit.name in demands:
+            place = "[motion] velocity_px_per_s" if limit.name == "pan" else subject
+            requirement, got = limit.words(demands[limit.name])
+            require(bool(demands[limit.name].is_met(_MARGIN)), place, requirement, Unquoted(got))
     return motion
 
 
@@ -372,37 +376,6 @@ def _velocity(section: MotionSection, limits: LimitsSection, scales: Scales) -> 
     if unit == "deg_per_s":
         return velocity * scales.of_things(unit, subject)
     return velocity * scales.of_stage(unit, f"[motion] velocity_{unit}")
-
-
-def _require_met(name: str, demand: Demand, key: str, velocity: float) -> None:
-    """Refuse a motion that takes more of a limit than there is."""
-    taken, there = float(demand.taken), float(demand.there)
-    requirement, got = {
-        "stroke": (
-            f"keep the stroke within max_stroke_px = {there:g}",
-            f"{taken:g} px{', the pan included' if velocity else ''}",
-        ),
-        "top_speed": (
-            f"keep the top speed within max_top_speed_px_per_s = {there:g}",
-            f"{taken:g} px/s",
-        ),
-        "pan": (f"keep within max_pan_px_per_s = {there:g}", repr(velocity)),
-        "travel": (
-            "leave the stage room to run up and out within its travel and top speed",
-            f"{taken:.3g} times as much",
-        ),
-        "acceleration": (f"keep within max_acceleration, {there:g} px/s^2", f"{taken:g} px/s^2"),
-        "exposure_too_short": (
-            f"leave an exposure of at least {2e3 * taken:g} ms",
-            f"{2e3 * there:g} ms",
-        ),
-        "exposure_too_long": (
-            f"leave an exposure of at most {2e3 * there:g} ms",
-            f"{2e3 * taken:g} ms",
-        ),
-    }[name]
-    subject = "[motion] velocity_px_per_s" if name == "pan" else key
-    require(bool(demand.is_met(_MARGIN)), subject, requirement, Unquoted(got))
 
 
 def _picture(

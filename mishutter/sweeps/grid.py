@@ -16,6 +16,7 @@ from mishutter._core import RowLike, common_dtype, describe, require, shape_of
 from mishutter.design import package_version, scene_of_today, scene_to_dict
 from mishutter.evaluation import METRICS, AbstractLoss, SpeedKnowledge, knowledge_of
 from mishutter.model import (
+    LIMITS,
     AbstractShutter,
     LinearMotion,
     Scene,
@@ -25,17 +26,8 @@ from mishutter.model import (
 )
 from mishutter.search import without_pan
 
-REASONS = (
-    "stroke",
-    "top_speed",
-    "exposure_too_short",
-    "exposure_too_long",
-    "full_well",
-    "pan",
-    "travel",
-    "acceleration",
-    "blur_too_long",
-)
+_BITS = {limit.name: limit.bit for limit in LIMITS} | {"full_well": 4, "blur_too_long": 8}
+REASONS = tuple(sorted(_BITS, key=_BITS.__getitem__))
 """Reasons to leave a point out, in the order of the bits of `outside`."""
 MARKS = np.dtype(np.uint16)
 """Precision of `outside`: it has as many bits as there are reasons, at least."""

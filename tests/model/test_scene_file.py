@@ -250,8 +250,9 @@ def test_the_largest_pan_may_be_given(tmp_path):
         assert float(read_scene(written(tmp_path, text)).limits.max_pan) == most
     for velocity in (-301.0, 300.01):
         pans = text.replace("\nstroke_px", f"\nvelocity_px_per_s = {velocity}\nsag_px")
+        subject = "`[motion] velocity_px_per_s`"
         message = (
-            f"`[motion] velocity_px_per_s` must keep within max_pan_px_per_s = 300; got {velocity}"
+            f"{subject} must keep the pan within max_pan_px_per_s = 300; got {abs(velocity):g}"
         )
         with pytest.raises(ValueError, match=re.escape(message)):
             read_scene(written(tmp_path, pans))

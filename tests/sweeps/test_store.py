@@ -537,3 +537,24 @@ def test_a_store_made_read_only_half_way(tmp_path, capsys):
     assert cli.main([*command, "--store", str(other)]) == 0
     found, right = (xarray.open_zarr(x, chunks=None, consolidated=False) for x in (store, other))
     assert found.load().identical(right.load())
+
+
+def test_a_store_from_before_scenes_had_parts_goes_on(tmp_path):
+    """Its scene holds each argument by itself; another one of them is refused as before."""
+    scene = Scene(SCENE.speeds, photon_rate=2e5, read_noise=6.0)
+    asked = grid(store=tmp_path / "a.zarr", metrics=["expected_psnr"], accelerations=[3e4])
+    level = sweep(scene, **asked).expected_psnr.values
+    file = tmp_path / "a.zarr" / "zarr.json"
+    document = json.loads(file.read_text(encoding="utf-8"))
+    described = json.loads(document["attributes"]["sweep"])
+    (flat,) = described["scenes"].values()
+    names = {"path": "picture", "white": "picture_white", "linear": "picture_linear"}
+    for part in ("picture", "optics", "sensor"):
+        flat |= {names.get(name, name): value for name, value in flat.pop(part).items()}
+    flat["stage"] = flat["limits"].pop("stage")
+    document["attributes"]["sweep"] = json.dumps(described)
+    file.write_text(json.dumps(document), encoding="utf-8")
+    np.testing.assert_array_equal(sweep(scene, **asked).expected_psnr, level)
+    softer = Scene(scene.speeds, photon_rate=2e5, read_noise=6.0, optics=Optics(lens_blur=0.7))
+    with pytest.raises(ValueError, match=r"lens_blur.*0\.7.*got.*0\.0"):
+        sweep(softer, **asked)
