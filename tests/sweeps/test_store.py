@@ -18,7 +18,7 @@ from support.command_line import ON_PARABOLAS
 from support.sweeps import SCENE, asked_for, grid, many
 
 import mishutter
-from mishutter import GaussianShutter, Scene, cli, sweep
+from mishutter import GaussianShutter, Optics, Scene, cli, sweep
 
 # Writes that fail, which no argument of `sweep` brings about.
 from mishutter.sweeps.store import StoredBlocks
