@@ -70,6 +70,7 @@ from .model import AbstractShutter as AbstractShutter
 from .model import Burst as Burst
 from .model import ChippedShutter as ChippedShutter
 from .model import FirstOrderShutter as FirstOrderShutter
+from .model import FrameSequence as FrameSequence
 from .model import FreeMotion as FreeMotion
 from .model import GaussianShutter as GaussianShutter
 from .model import HannShutter as HannShutter
@@ -87,6 +88,7 @@ from .model import SplineShutter as SplineShutter
 from .model import StillCamera as StillCamera
 from .model import SwitchedShutter as SwitchedShutter
 from .model import Texture as Texture
+from .model import TimedFrame as TimedFrame
 from .model import Tolerances as Tolerances
 from .model import TriangleShutter as TriangleShutter
 from .model import TukeyShutter as TukeyShutter
@@ -106,6 +108,7 @@ from .report import Comparison as Comparison
 from .report import compare as compare
 from .search import NonFiniteLossError as NonFiniteLossError
 from .search import SearchFailedError as SearchFailedError
+from .search import best_sequence as best_sequence
 from .search import optimise as optimise
 from .search import starting_shutter as starting_shutter
 from .sweeps import best_points as best_points

@@ -6,7 +6,12 @@ from mishutter.evaluation.batch import Shapes as Shapes
 from mishutter.evaluation.batch import Sizes as Sizes
 from mishutter.evaluation.batch import measure as measure
 from mishutter.evaluation.batch import scenes_for as scenes_for
-from mishutter.evaluation.bursts import MovingBurst as MovingBurst
+from mishutter.evaluation.bursts import ALTERNATING as ALTERNATING
+from mishutter.evaluation.bursts import FAN as FAN
+from mishutter.evaluation.bursts import ONE_PARABOLA as ONE_PARABOLA
+from mishutter.evaluation.bursts import SINE as SINE
+from mishutter.evaluation.bursts import SWEEP as SWEEP
+from mishutter.evaluation.bursts import FrameTimes as FrameTimes
 from mishutter.evaluation.bursts import StillBurst as StillBurst
 from mishutter.evaluation.bursts import StillBursts as StillBursts
 from mishutter.evaluation.bursts import best_moving_burst as best_moving_burst

@@ -7,7 +7,9 @@ $$E(s) = 2\int_0^{1/2}\frac{S}{1 + S\,\mathrm{sinc}^2(f)\,\sum_k |H_k(f, s)|^2/N
 N_k = \frac{\bar f}{2RT_k} + \Bigl(\frac{\sigma}{2RT_k}\Bigr)^2 .$$
 
 Frames of any path and length may be mixed. Only $|H_k|$ counts: the direction of a parabola, its
-place and the gaps between frames do not matter.
+place and the gaps between frames do not matter. Of a picture before a background the decoder knows
+the speed of both layers and which part is which, and each part is restored by the filter of its
+speed: the error is the mean over the parts. Edges, where one hides the other, do not count.
 """
 
 import math
@@ -20,10 +22,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from mishutter._core import as_numpy, compiled
+from mishutter._core import all_concrete, as_numpy, compiled
 from mishutter.evaluation.ceilings import ceiling
 from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.errors import LinearErrors, known_speed_errors_of_frames
+from mishutter.evaluation.layers import background_of
 from mishutter.evaluation.needs import ONLY_SPECTRA, Plan, larger, sizes
 from mishutter.evaluation.response import Response, respond
 from mishutter.evaluation.views import sampled_view
@@ -35,14 +38,13 @@ from mishutter.model import (
     Scene,
     StillCamera,
     frequency_grid,
-    require_whole,
 )
 
 _PIECES_OF_SINE = 32
 """Pieces of constant acceleration that stand for a sine within a frame."""
 
 
-class Frames(NamedTuple):
+class FrameGroup(NamedTuple):
     """Frames on one path of the sensor, each with an open shutter and a velocity of its own.
 
     Attributes:
@@ -53,22 +55,22 @@ class Frames(NamedTuple):
 
     motion: AbstractMotion
     velocities: Float[Array | np.ndarray, "k"] = np.zeros(1)
-    num_each: int = 1
+    num_each: int | Float[Array | np.ndarray, ""] = 1
 
 
-def still_frames(num_frames: int, half_exposure: ArrayLike) -> Frames:
+def still_frames(num_frames: int, half_exposure: ArrayLike) -> FrameGroup:
     """Frames of a sensor at rest.
 
     Args:
         num_frames: Number of frames.
         half_exposure: Half the exposure of each, $T$; s.
     """
-    return Frames(StillCamera(half_exposure=half_exposure), num_each=num_frames)
+    return FrameGroup(StillCamera(half_exposure=half_exposure), num_each=num_frames)
 
 
 def alternating_frames(
     num_frames: int, half_exposure: ArrayLike, acceleration: ArrayLike
-) -> Frames:
+) -> FrameGroup:
     r"""Frames of a stage on parabolas $(-1)^k a t^2$, whose velocity has no jump.
 
     The direction of a parabola does not change $|H|$ at speeds of either sign: $H_{-a}(f, s)$ is
@@ -80,12 +82,12 @@ def alternating_frames(
         acceleration: $a$; px/s^2.
     """
     motion = ParabolicMotion(acceleration=acceleration, half_exposure=half_exposure)
-    return Frames(motion, num_each=num_frames)
+    return FrameGroup(motion, num_each=num_frames)
 
 
 def sweep_frames(
     num_frames: int, half_exposure: ArrayLike, acceleration: ArrayLike, period: ArrayLike
-) -> Frames:
+) -> FrameGroup:
     r"""Frames of one slow parabola $a t^2$ over the whole burst.
 
     Frame $k$, at $t_k$ from the middle of the burst, is on a parabola with the velocity
@@ -98,13 +100,13 @@ def sweep_frames(
         period: Time from one frame to the next; s.
     """
     motion = ParabolicMotion(acceleration=acceleration, half_exposure=half_exposure)
-    velocities = 2 * motion.acceleration * jnp.asarray(period) * _steps(num_frames)
-    return Frames(motion, velocities)
+    velocities = 2 * motion.acceleration * jnp.asarray(period) * steps_of(num_frames)
+    return FrameGroup(motion, velocities)
 
 
 def sine_frames(
     num_frames: int, half_exposure: ArrayLike, stroke: ArrayLike, period: ArrayLike
-) -> Frames:
+) -> FrameGroup:
     r"""Frames about the turning points of a stage on a sine of half the frame rate.
 
     The path $A(1 - \cos(\pi t/P))$ is followed by 32 pieces of constant acceleration, which meet on
@@ -125,10 +127,10 @@ def sine_frames(
     turn = np.pi * half / period / _PIECES_OF_SINE
     accelerations = jnp.diff(velocity) / (4 * half / _PIECES_OF_SINE) * jnp.tan(turn) / turn
     motion = FreeMotion(accelerations=accelerations, half_exposure=half)
-    return Frames(motion, num_each=num_frames)
+    return FrameGroup(motion, num_each=num_frames)
 
 
-def panned_frames(num_frames: int, half_exposure: ArrayLike, top_speed: ArrayLike) -> Frames:
+def panned_frames(num_frames: int, half_exposure: ArrayLike, top_speed: ArrayLike) -> FrameGroup:
     """A fan of pans: frames at constant velocities in equal steps from one direction to the other.
 
     Args:
@@ -136,17 +138,37 @@ def panned_frames(num_frames: int, half_exposure: ArrayLike, top_speed: ArrayLik
         half_exposure: Half the exposure of each, $T$; s.
         top_speed: The greatest of the velocities; px/s.
     """
-    steps = 2 * _steps(num_frames) / max(num_frames - 1, 1)
-    return Frames(StillCamera(half_exposure=half_exposure), jnp.asarray(top_speed) * steps)
+    steps = 2 * steps_of(num_frames) / max(num_frames - 1, 1)
+    return FrameGroup(StillCamera(half_exposure=half_exposure), jnp.asarray(top_speed) * steps)
 
 
-def _steps(num_frames: int) -> Float[np.ndarray, "{num_frames}"]:
+def steps_of(num_frames: int) -> Float[np.ndarray, "{num_frames}"]:
     """Places of the frames from the middle of the burst, in periods."""
     return np.arange(num_frames) - (num_frames - 1) / 2
 
 
+def in_parts(scene: Scene) -> Scene:
+    """The scene as parts that move on their own, a background among them, without its tolerances.
+
+    Args:
+        scene: A scene with a background, or one that moves as a whole.
+    """
+    layers, scene = scene.occlusion, without_tolerances(scene)
+    if layers is None:
+        return scene
+    space = np if all_concrete((scene.speeds, scene.weights, layers)) else jnp
+    speeds, weights, share, *behind = (
+        space.asarray(x)
+        for x in (scene.speeds, scene.weights, layers.front_share, *background_of(scene))
+    )
+    return scene.with_occlusion(None).bare(
+        speeds=space.concatenate([speeds, behind[0]]),
+        weights=space.concatenate([share * weights, (1 - share) * behind[1]]),
+    )
+
+
 def burst_psnr(
-    scene: Scene, frames: Sequence[Frames], *, plan: Plan | None = None
+    scene: Scene, frames: Sequence[FrameGroup], *, plan: Plan | None = None
 ) -> Float[Array, ""]:
     """PSNR of the best linear decoder that registers frames, in linear light; dB.
 
@@ -154,11 +176,24 @@ def burst_psnr(
         scene: Speeds, light and noise; its tolerances do not count.
         frames: The frames, by their paths.
         plan: Sizes of the computation; by default those that hold every motion.
-
-    Raises:
-        ValueError: if the scene has a background.
     """
-    return -10 * jnp.log10(_mean_error(scene.weights, *_exposed(scene, frames, plan)))
+    scene = in_parts(scene)
+    errors = errors_by_speed(scene, frames, plan=plan)
+    return -10 * jnp.log10(jnp.sum(scene.weights.astype(errors.dtype) * errors))
+
+
+def errors_by_speed(
+    scene: Scene, frames: Sequence[FrameGroup], *, plan: Plan | None = None
+) -> Float[Array, "n"]:
+    """Squared error of that decoder at each speed of a scene that moves as a whole; white = 1.
+
+    Args:
+        scene: Speeds, light and noise; its tolerances do not count.
+        frames: The frames, by their paths.
+        plan: Sizes of the computation; by default those that hold every motion.
+    """
+    exposed, num_each = _exposed(scene, frames, plan)
+    return _errors(exposed, num_each, scene.speeds.size)
 
 
 class Registration(NamedTuple):
@@ -174,7 +209,7 @@ class Registration(NamedTuple):
 
 
 def registration(
-    scene: Scene, frames: Frames, *, period: ArrayLike, num_samples: ArrayLike
+    scene: Scene, frames: FrameGroup, *, period: ArrayLike, num_samples: ArrayLike
 ) -> Registration:
     r"""The Cramer-Rao bound of the speed, from the places of an object in frames that are alike.
 
@@ -192,11 +227,11 @@ def registration(
         period: Time from one frame to the next, $P$; s.
         num_samples: Independent samples that show the object; 4096 of a region of 64 x 64 px.
     """
-    (exposed,), _ = _exposed(scene, [frames], None)
+    (exposed,), (num_frames,) = _exposed(scene, [frames], None)
     errors = LinearErrors(*exposed)
     lost, power = errors.lost_known_by_speed, errors.power
-    density = frames.num_each * (1 / lost - 1)
-    spread = jnp.asarray(period) ** 2 * (frames.num_each**2 - 1) / 12
+    density = num_frames * (1 / lost - 1)
+    spread = jnp.asarray(period) ** 2 * (num_frames**2 - 1) / 12
     omega = 2 * np.pi * frequency_grid(power.size, np.dtype(power.dtype))[None]
     # $(2\pi f\tau)^2$, by which a wave of frequency $f$ tells the speed.
     sharpness = omega**2 * spread
@@ -208,7 +243,9 @@ def registration(
     return Registration(jnp.sqrt(variance), 10 * jnp.log10(1 + variance * excess / error))
 
 
-def psnr_of_width(scene: Scene, frames: Frames, *, period: float, width: float) -> Float[Array, ""]:
+def psnr_of_width(
+    scene: Scene, frames: FrameGroup, *, period: float, width: float
+) -> Float[Array, ""]:
     """PSNR of equal frames on a sensor that objects enter and leave, over the middle frame; dB.
 
     Each point of an object is restored from those frames that see it.
@@ -219,13 +256,13 @@ def psnr_of_width(scene: Scene, frames: Frames, *, period: float, width: float) 
         period: Time from one frame to the next; s.
         width: Width of the sensor along the rows; px.
     """
-    num_frames = int(frames.num_each)
+    scene, num_frames = in_parts(scene), int(np.asarray(frames.num_each))
     (exposed,), _ = _exposed(scene, [frames], None)
     speeds = np.abs(np.asarray(exposed.scene.speeds, np.float64))
     shares = np.stack([shares_seen(num_frames, speed * period / width) for speed in speeds])
     errors = [LinearErrors(*exposed)]
     by_number = [
-        known_speed_errors_of_frames(errors, np.array([float(n)]), speeds.size)
+        known_speed_errors_of_frames(errors, jnp.full(1, float(n)), speeds.size)
         for n in range(1, num_frames + 1)
     ]
     of_each = jnp.sum(jnp.asarray(shares.T) * jnp.stack(by_number), axis=0)
@@ -292,24 +329,28 @@ class _Exposed(NamedTuple):
 
 
 def _exposed(
-    scene: Scene, frames: Sequence[Frames], plan: Plan | None
-) -> tuple[tuple[_Exposed, ...], Float[np.ndarray, "f"]]:
+    scene: Scene, frames: Sequence[FrameGroup], plan: Plan | None
+) -> tuple[tuple[_Exposed, ...], Float[Array, "f"]]:
     """The response of each path, and its number of frames at each velocity."""
-    require_whole(scene, "a burst of frames")
-    scene = without_tolerances(scene)
+    scene = in_parts(scene)
     seen = [seen_by(scene, each) for each in frames]
     if plan is None:
-        of_each = (sizes(own, each.motion) for own, each in zip(seen, frames, strict=True))
-        plan = reduce(larger, of_each)
+        plan = plan_of_frames(scene, frames)
     views = [
         sampled_view(own, each.motion, RectShutter(), ONLY_SPECTRA, plan)
         for own, each in zip(seen, frames, strict=True)
     ]
-    num_each = np.array([each.num_each for each in frames], scene.speeds.dtype)
+    num_each = jnp.stack([jnp.asarray(each.num_each, scene.speeds.dtype) for each in frames])
     return tuple(_Exposed(view.scene, view.motion, respond(view)) for view in views), num_each
 
 
-def seen_by(scene: Scene, frames: Frames) -> Scene:
+def plan_of_frames(scene: Scene, frames: Sequence[FrameGroup]) -> Plan:
+    """Sizes that hold the motions of some frames, and all within the scene's limits."""
+    scene = in_parts(scene)
+    return reduce(larger, (sizes(seen_by(scene, each), each.motion) for each in frames))
+
+
+def seen_by(scene: Scene, frames: FrameGroup) -> Scene:
     """The scene at its speeds relative to each of the velocities, one after the other."""
     speeds, velocities = as_numpy(scene.speeds, frames.velocities)
     relative = speeds[None] - velocities.astype(speeds.dtype)[:, None]
@@ -318,12 +359,8 @@ def seen_by(scene: Scene, frames: Frames) -> Scene:
 
 
 @compiled
-def _mean_error(
-    weights: Float[Array, "n"],
-    exposed: tuple[_Exposed, ...],
-    num_each: Float[Array | np.ndarray, "f"],
-) -> Float[Array, ""]:
-    """Mean over the speeds of the squared error of the decoder."""
+def _errors(
+    exposed: tuple[_Exposed, ...], num_each: Float[Array, "f"], num_speeds: int
+) -> Float[Array, "n"]:
     frames = [LinearErrors(*each) for each in exposed]
-    errors = known_speed_errors_of_frames(frames, num_each, weights.size)
-    return jnp.sum(weights.astype(errors.dtype) * errors)
+    return known_speed_errors_of_frames(frames, num_each, num_speeds)

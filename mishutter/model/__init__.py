@@ -56,6 +56,8 @@ from mishutter.model.scene_units import View as View
 from mishutter.model.scene_units import read_noise as read_noise
 from mishutter.model.sensor import Burst as Burst
 from mishutter.model.sensor import Sensor as Sensor
+from mishutter.model.sequences import FrameSequence as FrameSequence
+from mishutter.model.sequences import TimedFrame as TimedFrame
 from mishutter.model.servos import SecondOrderStage as SecondOrderStage
 from mishutter.model.shutters import RASKAR_CODE as RASKAR_CODE
 from mishutter.model.shutters import AbstractAdjustableShutter as AbstractAdjustableShutter

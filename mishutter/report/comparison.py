@@ -16,16 +16,24 @@ from mishutter.evaluation import (
     loss_of_decoder,
     tolerance_costs,
 )
-from mishutter.model import AbstractMotion, AbstractShutter, Scene, require_scene
+from mishutter.model import (
+    AbstractMotion,
+    AbstractShutter,
+    FrameSequence,
+    Scene,
+    require_scene,
+)
 from mishutter.report.tables import comparison_tables
 from mishutter.report.verdict import (
     Case,
+    bursts_of,
     comparison_notes,
     plain_stills,
     row_to_build,
     verdict_of,
 )
 from mishutter.search import (
+    BEST_STILL_BURST,
     OWN_BEST_MOTION,
     SNAPSHOTS,
     Entry,
@@ -63,8 +71,8 @@ class Comparison:
         notes: Sentences for the foot of the tables, such as the light that the shutter loses.
         costs: Cost of each tolerance to the best design; None for a scene without tolerances, and
             where a decoder that knows the speed, or the worst speed, judges.
-        choice: The camera to build, or the snapshot to use instead; None where there is nothing to
-            restore.
+        choice: The camera to build, the burst to take, or the snapshot to use instead; None where
+            there is nothing to restore.
     """
 
     rows: tuple[Row, ...]
@@ -98,8 +106,21 @@ class Comparison:
 
     @property
     def is_to_build(self) -> bool:
-        """Whether the verdict is to build a camera, and not to use a snapshot."""
-        return self.choice is not None and self.choice.name not in SNAPSHOTS
+        """Whether the verdict is to build a camera, and not to use one at rest as it is."""
+        as_they_are = (*SNAPSHOTS, BEST_STILL_BURST)
+        return self.choice is not None and self.choice.name not in as_they_are
+
+    @property
+    def sequence(self) -> FrameSequence | None:
+        """The frames that the verdict advises a camera with a `Burst` to take; None without any.
+
+        Where it advises one exposure, since nothing is said to register objects, they are those
+        that are best if something does.
+        """
+        bursts = [row for row in self.rows if row.sequence is not None]
+        if self.choice in bursts:
+            return self.choice.sequence  # type: ignore[union-attr]
+        return best_row(bursts).sequence if bursts else None
 
     def over_snapshot(self, level: float) -> float:
         """Gain of an expected PSNR over that of the best snapshot that the scene allows; dB.
@@ -275,7 +296,7 @@ def with_verdict(
         free_paths: Whether free paths were asked for.
     """
     at_best = [row for row in rows if row.reading == OWN_BEST_MOTION]
-    bursts = [row for row in at_best if not row.is_of_one_exposure]
+    bursts = bursts_of(scene, at_best)
     at_best = [row for row in at_best if row.is_of_one_exposure]
     notes = comparison_notes(scene, entries, at_best, free_paths=free_paths)
     snapshot = best_row(row for row in at_best if row.name in SNAPSHOTS)
@@ -289,7 +310,10 @@ def with_verdict(
     own = best if best.name in entries else None
     choice = row_to_build(at_best, own, snapshot)
     stills = plain_stills(scene, choice)
-    verdict = verdict_of(Case(at_best, choice, own, snapshot, most, stills, bursts))
+    case = Case(at_best, choice, own, snapshot, most, stills, bursts)
+    verdict = verdict_of(case)
+    if bursts is not None and case.takes_burst:
+        choice = bursts.top
     costs = None
     if best.within is not None:
         costs = tolerance_costs(scene, best.motion, best.shutter)

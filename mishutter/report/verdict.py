@@ -1,21 +1,32 @@
 """The verdict of a scene: which camera to build, in words, and the notes that stand below it."""
 
 import math
+import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 from mishutter.design import Design
-from mishutter.evaluation import StillBurst, StillBursts
-from mishutter.model import AbstractDevice, FirstOrderShutter, Scene, SplineShutter, command_of
+from mishutter.evaluation import FAN, SINE, SWEEP, StillBurst, StillBursts
+from mishutter.model import (
+    AbstractDevice,
+    FirstOrderShutter,
+    FrameSequence,
+    Scene,
+    SplineShutter,
+    command_of,
+)
 from mishutter.search import (
+    BEST_MOVING_BURST,
     BEST_SNAPSHOT,
+    BEST_STILL_BURST,
     LEAST_SHOWN,
     SHAPED_ON_FREE_PATH,
     SHUTTER,
     SNAPSHOTS,
     STAGE,
+    WORTH_IT,
     Entry,
     Row,
     best_row,
@@ -25,8 +36,8 @@ from mishutter.search import (
     taken_names,
 )
 
-WORTH_IT = 0.1
-"""Gain over an ordinary snapshot below which a coded camera is not worth building; dB."""
+_WIDTH = 80
+"""Columns of a line of a verdict."""
 PLAIN_RATE, MOST_RATE = 30.0, 1000.0
 """Frame rate that every camera has, and the greatest that a verdict looks for; 1/s."""
 
@@ -61,6 +72,43 @@ def plain_stills(scene: Scene, choice: Row) -> PlainStills | None:
     return PlainStills(bursts.best(PLAIN_RATE), rate)
 
 
+class Bursts(NamedTuple):
+    """The bursts of a scene's camera, of which one may be worth taking.
+
+    Attributes:
+        still: The best of a sensor at rest.
+        top: The one to take if any is: the best, or that at rest where moving gains little.
+        equal_stills: The least number of stills in the time of that burst which have its level;
+            None where none has, or it is at rest.
+        in_parts: Whether the picture has a background, whose edges do not count for bursts.
+    """
+
+    still: Row
+    top: Row
+    equal_stills: int | None = None
+    in_parts: bool = False
+
+
+def bursts_of(scene: Scene, rows: Sequence[Row]) -> Bursts | None:
+    """The bursts among the rows of a scene; None without any.
+
+    Args:
+        scene: The scene.
+        rows: The rows at their own best motions.
+    """
+    by_name = {row.name: row for row in rows}
+    still, moving = by_name.get(BEST_STILL_BURST), by_name.get(BEST_MOVING_BURST)
+    if still is None or moving is None or moving.sequence is None:
+        return None
+    in_parts = scene.occlusion is not None
+    if moving.margin_over(still) < WORTH_IT:
+        return Bursts(still, still, in_parts=in_parts)
+    window = moving.sequence.duration
+    stills = StillBursts(scene, at_worst=moving.at_worst, window=window)
+    count = stills.number_that_equals(moving.level, most=math.ceil(MOST_RATE * window))
+    return Bursts(still, moving, count, in_parts)
+
+
 @dataclass(frozen=True)
 class Case:
     """The rows of a scene that a verdict is about.
@@ -72,7 +120,7 @@ class Case:
         snapshot: The best snapshot.
         most: The ceiling; dB.
         stills: Frames at rest that could take its place; None where a verdict is silent on them.
-        bursts: The rows at their own best motions that are bursts.
+        bursts: The bursts that could take its place; None without any.
     """
 
     rows: Sequence[Row]
@@ -81,7 +129,7 @@ class Case:
     snapshot: Row
     most: float
     stills: PlainStills | None = None
-    bursts: Sequence[Row] = ()
+    bursts: Bursts | None = None
 
     @property
     def is_coded(self) -> bool:
@@ -108,6 +156,32 @@ class Case:
         is_free = isinstance(command_of(self.choice.shutter), SplineShutter)
         is_fixed = not isinstance(command_of(row.shutter), SplineShutter)
         return row.required_hardware == parts and SHUTTER in parts and is_free and is_fixed
+
+    @property
+    def burst_pays(self) -> bool:
+        """Whether a burst is worth taking in place of the choice.
+
+        One at rest takes nothing to build, and needs to be no better than what does. Before a
+        background bursts are told more than a single exposure, with which they do not compare.
+        """
+        if self.bursts is None or self.bursts.top.num_frames == 1:
+            return False
+        is_simpler = self.is_coded and not self.bursts.top.required_hardware & {STAGE}
+        gain = self.bursts.top.margin_over(self.choice)
+        return self.bursts.in_parts or gain >= (-WORTH_IT if is_simpler else WORTH_IT)
+
+    @property
+    def takes_burst(self) -> bool:
+        """Whether the verdict is to take a burst: its decoder knows the speed anyway."""
+        return self.burst_pays and self.choice.decoder.knows_speed
+
+    @property
+    def is_below_stills(self) -> bool:
+        """Whether plain stills are better than the camera to build."""
+        stills = self.stills
+        if stills is None or not self.is_coded or stills.best.num_frames == 1:
+            return False
+        return stills.best.psnr > self.choice.level
 
     @property
     def level(self) -> str:
@@ -144,7 +218,13 @@ def _pan(case: Case) -> str:
 
 def _build(case: Case) -> str:
     gain = case.choice.margin_over(case.snapshot)
-    return f"Build {case.choice.name}: {case.level}, {gain:.2f} dB above the {case.snapshot.name}."
+    headline = (
+        f"Build {case.choice.name}: {case.level}, {gain:.2f} dB above the {case.snapshot.name}"
+    )
+    # Whoever reads one sentence learns that an ordinary camera does more.
+    if case.is_below_stills:
+        return textwrap.fill(f"{headline}, but below {_stills(case)}", _WIDTH)
+    return f"{headline}."
 
 
 def _requires_less(case: Case) -> bool:
@@ -205,7 +285,7 @@ def _simpler(case: Case) -> str:
 
 def _stills_pay(case: Case) -> bool:
     """Whether frames at rest may take the place of the camera, or gain on a snapshot."""
-    if case.stills is None:
+    if case.stills is None or case.is_below_stills:
         return False
     gains = case.stills.best.psnr - case.choice.level >= WORTH_IT
     return case.is_coded or (gains and case.stills.best.num_frames > 1)
@@ -231,32 +311,60 @@ def _stills(case: Case) -> str:
     return f"{said}; {equal} equal it."
 
 
-def _burst_pays(case: Case) -> bool:
-    """Whether a burst of the scene's camera is worth taking in place of one exposure."""
-    if not case.bursts:
-        return False
-    gain = best_row(case.bursts).margin_over(case.choice)
-    return gain >= WORTH_IT and best_row(case.bursts).num_frames > 1
-
-
 def _burst(case: Case) -> str:
     """The burst to take: a sensor moves where that gains something over frames at rest."""
-    top = best_row(case.bursts)
-    still = next((row for row in case.bursts if not row.travel), top)
-    gain, count = top.margin_over(still), still.num_frames
-    exposure, still_exposure = (f"{float(x.motion.exposure) * 1e3:.3g}" for x in (top, still))
-    registers = case.choice.decoder.knows_speed
-    start = "Take" if registers else "If objects are registered, take"
-    if gain < WORTH_IT:
-        start = "Do not move:" if registers else "If objects are registered, do not move:"
-        return f"{start} {count} stills of {still_exposure} ms have {still.level:.2f} dB."
-    return (
-        f"{start} {top.num_frames} frames of {exposure} ms while the stage swings "
-        f"{top.travel:.3g} px:\n{top.level:.2f} dB, {gain:.2f} dB above the best still burst "
-        f"({count} of {still_exposure} ms)."
+    bursts: Bursts = case.bursts  # type: ignore[assignment]
+    top, still = bursts.top, bursts.still
+    prefix = "" if case.choice.decoder.knows_speed else "If objects are registered, "
+    if top is still:
+        stills = top.sequence.setting.replace(" of ", " stills of ", 1)  # type: ignore[union-attr]
+        sentence = f"{prefix}do not move: {stills} have {top.level:.2f} dB"
+        if not bursts.in_parts:
+            above = top.margin_over(case.choice)
+            side = "above" if above >= 0 else "below"
+            sentence += f", {abs(above):.2f} dB {side} the best of one exposure"
+        return _paragraph(f"{sentence}.")
+    count = bursts.equal_stills
+    many = f"as much as {count}" if count is not None else "more than any number of"
+    return _paragraph(
+        f"{prefix}take {_frames_in_words(top)}: {top.level:.2f} dB, "
+        f"{top.margin_over(still):.2f} dB above the best still burst "
+        f"({still.sequence.setting}), {many} stills in the same time."  # type: ignore[union-attr]
     )
 
 
+def _frames_in_words(row: Row) -> str:
+    """The frames of a burst and what the stage does, in words."""
+    sequence: FrameSequence = row.sequence  # type: ignore[assignment]
+    number = "frame" if sequence.setting.startswith("1 ") else "frames"
+    setting = sequence.setting.replace(" of ", f" {number} of ", 1)
+    way = f"{sequence.travel:.3g} px"
+    verbs = {
+        SINE: f"swings {way} on a sine",
+        SWEEP: f"sweeps {way} once",
+        FAN: f"goes {way} at a constant speed in each",
+    }
+    return f"{setting} while the stage {verbs.get(sequence.kind, f'swings {way}')}"
+
+
+def _of_one_exposure(case: Case) -> str:
+    """The best of one exposure, beside a burst to take."""
+    best = _capitalised(case.choice.name)
+    return f"{best}, of one exposure, has {case.level}: {case.choice.setting}."
+
+
+def _paragraph(sentence: str) -> str:
+    return textwrap.fill(f"{sentence[0].upper()}{sentence[1:]}", _WIDTH)
+
+
+_OF_BURSTS = (
+    Rule(lambda case: case.takes_burst, _burst),
+    Rule(lambda case: case.takes_burst, _of_one_exposure),
+    Rule(
+        lambda case: case.burst_pays and case.bursts.in_parts,  # type: ignore[union-attr]
+        lambda case: "Bursts are told both speeds and which part is which: edges do not count.",
+    ),
+)
 RULES = (
     Rule(lambda case: not case.is_coded, _do_not_build),
     Rule(lambda case: not case.is_coded and case.choice.pans, _pan),
@@ -272,14 +380,16 @@ RULES = (
     Rule(lambda case: case.top.margin_over(case.choice) >= LEAST_SHOWN, _more),
     Rule(lambda case: case.is_coded and case.nearest_simpler is not None, _simpler),
     Rule(_stills_pay, _stills),
-    Rule(_burst_pays, _burst),
+    Rule(lambda case: case.burst_pays, _burst),
+    _OF_BURSTS[-1],
 )
 """The sentences of a verdict, in their order."""
 
 
 def verdict_of(case: Case) -> str:
     """The verdict in a few lines: each rule that applies to the case says its sentence."""
-    return "\n".join(rule.sentence(case) for rule in RULES if rule.applies(case))
+    rules = _OF_BURSTS if case.takes_burst else RULES
+    return "\n".join(rule.sentence(case) for rule in rules if rule.applies(case))
 
 
 def row_to_build(rows: Sequence[Row], own: Row | None, snapshot: Row) -> Row:

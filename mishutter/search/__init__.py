@@ -17,6 +17,7 @@ from mishutter.search.rivals import Entry as Entry
 from mishutter.search.rivals import Rival as Rival
 from mishutter.search.rivals import RivalSearch as RivalSearch
 from mishutter.search.rivals import Step as Step
+from mishutter.search.rivals import best_sequence as best_sequence
 from mishutter.search.rivals import compared_rows as compared_rows
 from mishutter.search.rivals import is_finished as is_finished
 from mishutter.search.rivals import may_be_named as may_be_named
@@ -30,6 +31,7 @@ from mishutter.search.rows import OWN_BEST_MOTION as OWN_BEST_MOTION
 from mishutter.search.rows import SAME_MOTION as SAME_MOTION
 from mishutter.search.rows import SHUTTER as SHUTTER
 from mishutter.search.rows import STAGE as STAGE
+from mishutter.search.rows import WORTH_IT as WORTH_IT
 from mishutter.search.rows import Row as Row
 from mishutter.search.rows import best_of_each_purchase as best_of_each_purchase
 from mishutter.search.rows import best_row as best_row

@@ -18,10 +18,9 @@ from mishutter._core import as_they_end, num_processors, once
 from mishutter.design import GIVEN, Design
 from mishutter.evaluation import (
     KNOWN_SPEED,
+    ONE_PARABOLA,
     AbstractLoss,
-    MovingBurst,
     Plan,
-    StillBurst,
     added_up,
     best_moving_burst,
     best_still_burst,
@@ -32,13 +31,16 @@ from mishutter.evaluation import (
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
+    FrameSequence,
     LinearMotion,
     RectShutter,
     Scene,
     SplineShutter,
     StillCamera,
+    TimedFrame,
     TukeyShutter,
     baselines,
+    require_scene,
 )
 from mishutter.search.planning import plan as plan_of_scene
 from mishutter.search.rows import (
@@ -47,6 +49,7 @@ from mishutter.search.rows import (
     OWN_BEST_MOTION,
     SAME_MOTION,
     STAGE,
+    WORTH_IT,
     Row,
 )
 from mishutter.search.search import (
@@ -191,7 +194,12 @@ def compared_rows(search: RivalSearch, step: Step, begin: Step = lambda name: No
     for first_name, rows in as_they_end(calls, num_processors()):
         step(first_name)
         # A burst keeps its own decoder, which is told the speed by the registration of its frames.
-        at_best |= {row.name: judge(row) if row.is_of_one_exposure else row for row in rows}
+        at_best |= {
+            row.name: judge(row)
+            if row.is_of_one_exposure
+            else replace(row, at_worst=search.loss.of_worst_speed)
+            for row in rows
+        }
     names = [name for name in dict.fromkeys((*shutters, *taken_names())) if name in at_best]
     return [*(at_best[name] for name in names), *map(judge, on_motion)]
 
@@ -308,30 +316,60 @@ def _on_free_paths(search: RivalSearch) -> list[Row]:
     return [_row(OPEN_ON_FREE_PATH, on_path), _row(SHAPED_ON_FREE_PATH, best)]
 
 
+def best_sequence(scene: Scene) -> FrameSequence | None:
+    """The frames to take of a camera with a `Burst`, by a decoder that registers them.
+
+    They are those of the best burst of a sensor that moves, or those of one at rest where moving
+    gains less than 0.1 dB.
+
+    Args:
+        scene: Speeds, light, noise, limits and burst.
+
+    Returns:
+        Motion and time of each frame, and their level; None of a scene without a burst.
+    """
+    require_scene(scene)
+    still, moving = best_still_burst(scene), best_moving_burst(scene)
+    if still is None or moving is None:
+        return None
+    return moving if moving.psnr >= still.psnr + WORTH_IT else still
+
+
 def _bursts(search: RivalSearch) -> list[Row]:
     """The best bursts of a camera that takes any, by a decoder that registers their frames."""
     scene = search.scene
-    still, moving = best_still_burst(scene), best_moving_burst(scene)
-    rows = []
-    if still is not None:
-        motion = StillCamera(half_exposure=still.exposure / 2)
-        rows.append(_row_of_burst(BEST_STILL_BURST, scene, motion, still))
-    if moving is not None:
-        row = _row_of_burst(BEST_MOVING_BURST, scene, moving.frames.motion, moving)
-        rows.append(replace(row, travel=moving.travel))
-    return rows
+    found = [(BEST_STILL_BURST, best_still_burst(scene))]
+    moving = [best_moving_burst(scene)]
+    if scene.occlusion is None:
+        moving.append(_as_sequence(search.open_on_parabola()))
+    best = max((each for each in moving if each is not None), key=lambda each: each.psnr)
+    found.append((BEST_MOVING_BURST, best))
+    return [_row_of_burst(name, scene, each) for name, each in found if each is not None]
 
 
-def _row_of_burst(
-    name: str, scene: Scene, motion: AbstractMotion, burst: StillBurst | MovingBurst
-) -> Row:
+def _as_sequence(design: Design) -> FrameSequence:
+    """An exposure of an open shutter as a burst of one frame: a burst may be no more than that."""
+    levels = design.metrics.known_speed_psnr, design.metrics.worst_known_speed_psnr
+    travel = float(design.scene.limits.of_stage(design.motion).stroke)
+    frames = (TimedFrame(design.motion, 0.0),)
+    return FrameSequence(ONE_PARABOLA, frames, travel, *map(float, levels))
+
+
+def _row_of_burst(name: str, scene: Scene, sequence: FrameSequence) -> Row:
     """A burst as a row: the metrics of one of its frames, and the level of all."""
-    shutter, count = RectShutter(), burst.num_frames
-    metrics = evaluate(without_tolerances(added_up(scene, count)), motion, shutter)
-    level = np.asarray(burst.psnr, scene.speeds.dtype)
-    metrics = eqx.tree_at(lambda m: m.known_speed_psnr, metrics, jnp.asarray(level))
+    moving = [frame for frame in sequence.frames if not frame.is_still]
+    shutter, motion = RectShutter(), (moving or sequence.frames)[-1].motion
+    together = without_tolerances(added_up(scene, sequence.num_frames))
+    levels = (
+        jnp.asarray(level, scene.speeds.dtype) for level in (sequence.psnr, sequence.worst_psnr)
+    )
+    metrics = eqx.tree_at(
+        lambda m: (m.known_speed_psnr, m.worst_known_speed_psnr),
+        evaluate(together, motion, shutter),
+        tuple(levels),
+    )
     row = Row(OWN_BEST_MOTION, name, shutter, motion, None, metrics, _turns(scene))
-    return replace(row, decoder=KNOWN_SPEED, num_frames=count)
+    return replace(row, decoder=KNOWN_SPEED, sequence=sequence)
 
 
 RIVALS = (
@@ -342,7 +380,7 @@ RIVALS = (
         (BEST_STILL_BURST, BEST_MOVING_BURST),
         frozenset({STAGE, FRAMES}),
         _bursts,
-        is_asked=lambda search: search.scene.burst is not None and search.scene.occlusion is None,
+        is_asked=lambda search: search.scene.burst is not None,
     ),
     Rival(
         (OPEN_ON_FREE_PATH, SHAPED_ON_FREE_PATH),

@@ -19,6 +19,7 @@ from mishutter.evaluation import (
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
+    FrameSequence,
     RectShutter,
     Scene,
     profile_of,
@@ -47,6 +48,8 @@ LEAST_SHOWN = 0.005
 """Least difference of levels that two decimals show; dB."""
 _SAME_SHARE = 0.005
 """Share by which exposures, and the light over them, of one camera may differ in two searches."""
+WORTH_IT = 0.1
+"""Gain over an ordinary camera below which another is not worth building; dB."""
 _NUM_TIMES = 512
 """Times of an exposure at which two cameras are compared."""
 
@@ -64,8 +67,7 @@ class Row:
         metrics: Its metrics.
         turns: Whether turning the camera makes the pan, and not the stage.
         decoder: Knowledge of the speed that the judging decoder has.
-        num_frames: Frames of the motion's exposure that are registered; 1 but for a burst.
-        travel: Way of the stage over a burst; px.
+        sequence: The frames of a burst, of which the motion is that of one; None of one exposure.
         at_worst: Whether it is judged at the worst speed, and not by the mean over speeds.
         design: The design that a search found; None for the reading *same motion* and for a burst.
         hardware: Parts that cameras of its kind may require.
@@ -79,8 +81,7 @@ class Row:
     metrics: Metrics
     turns: bool = False
     decoder: SpeedKnowledge = UNKNOWN_SPEED
-    num_frames: int = 1
-    travel: float = 0.0
+    sequence: FrameSequence | None = None
     at_worst: bool = False
     design: Design | None = None
     hardware: frozenset[str] = ONE_EXPOSURE
@@ -91,10 +92,13 @@ class Row:
 
     @cached_property
     def stroke(self) -> float:
-        """Distance from the lowest to the highest position of the stage over the exposure; px.
+        """Distance from the lowest to the highest position of the stage; px.
 
-        It includes the pan, unless turning the camera makes the pan.
+        It is that over the exposure or over a burst, with the pan, unless turning the camera makes
+        that.
         """
+        if self.sequence is not None:
+            return self.sequence.travel
         of_stage = self.motion.without_velocity() if self.turns else self.motion
         return float(of_stage.stroke)
 
@@ -107,6 +111,11 @@ class Row:
         is_open = stays_open(self.shutter) or float(self.metrics.efficiency) > _OPEN
         idle = {STAGE: self.stroke < _STANDS_STILL, SHUTTER: is_open}
         return frozenset(part for part in self.hardware if not idle.get(part, False))
+
+    @property
+    def num_frames(self) -> int:
+        """Number of frames, which are registered."""
+        return 1 if self.sequence is None else self.sequence.num_frames
 
     @property
     def is_of_one_exposure(self) -> bool:

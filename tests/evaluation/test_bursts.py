@@ -1,12 +1,21 @@
 """Bursts: frames that are aligned and added up, against an error written out anew."""
 
+import itertools
+
+import equinox as eqx
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from mishutter import Burst, Limits, Scene, Sensor
-from mishutter.evaluation import StillBursts, best_moving_burst, best_still_burst
-from mishutter.evaluation.frames import burst_psnr, still_frames
+from mishutter import Burst, Limits, Occlusion, RectShutter, Scene, Sensor, evaluate
+from mishutter.evaluation import (
+    ONE_PARABOLA,
+    StillBursts,
+    best_moving_burst,
+    best_still_burst,
+)
+from mishutter.evaluation.bursts import FrameTimes, _Room, _Try
+from mishutter.evaluation.frames import FrameGroup, burst_psnr, still_frames
 
 LIMITS = Limits(max_stroke=45.0, max_top_speed=2e4, min_half_exposure=2e-4, max_half_exposure=0.02)
 RATE, NOISE, SPEEDS = 1e5, 8.0, np.linspace(-3000.0, 3000.0, 7)
@@ -32,11 +41,15 @@ def _error(num_frames, exposure, num_frequencies=2048):
 
 @pytest.mark.parametrize("max_frames", [1, 2, 6])
 def test_the_best_still_burst_is_the_best(max_frames):
-    """Its frames, its exposure and its level, within those that its rate leaves."""
-    burst = best_still_burst(_scene(burst=Burst(frames_per_s=240.0, max_frames=max_frames)))
-    ends = 2 * 2e-4, 1 / 240
+    """Its frames, its exposure and its level; one frame alone need not wait for the next."""
+    scene = _scene(burst=Burst(frames_per_s=240.0, max_frames=max_frames))
+    burst = StillBursts(scene).best(240.0, max_frames=max_frames)
     found = [
-        minimize_scalar(lambda x, n=n: _error(n, x), bounds=ends, method="bounded")
+        minimize_scalar(
+            lambda x, n=n: _error(n, x),
+            bounds=(4e-4, 1 / 240 if n > 1 else 0.04),
+            method="bounded",
+        )
         for n in range(1, max_frames + 1)
     ]
     best = int(np.argmin([f.fun for f in found]))
@@ -57,12 +70,12 @@ def test_a_window_of_its_own_bounds_the_burst_and_not_the_longest_exposure():
         given = Burst(frames_per_s=60.0, max_frames=50, window=window)
         burst = best_still_burst(_scene(burst=given, read_noise=0.4))
         assert burst.num_frames == frames
-        assert (frames - 1) / 60 + burst.exposure <= window * (1 + 1e-9)
+        assert burst.duration <= window * (1 + 1e-6)
     shorter = Limits(max_stroke=45.0, min_half_exposure=1e-4, max_half_exposure=3e-4)
     given = Burst(frames_per_s=60.0, max_frames=7, window=0.2)
     burst = best_still_burst(_scene(limits=shorter, burst=given))
     assert burst.num_frames == 7
-    assert burst.exposure == pytest.approx(6e-4)
+    assert max(frame.exposure for frame in burst.frames) == pytest.approx(6e-4)
 
 
 def test_frames_end_before_the_dead_time():
@@ -74,8 +87,9 @@ def test_frames_end_before_the_dead_time():
         best_still_burst(_scene(burst=each, **light))
         for each in (given, Burst(frames_per_s=240.0, max_frames=3))
     )
-    assert burst.exposure == pytest.approx(1 / 240 - dead, rel=1e-3)
-    assert whole.exposure > 1.2 * burst.exposure
+    longest, other = (max(frame.exposure for frame in x.frames) for x in (burst, whole))
+    assert longest == pytest.approx(1 / 240 - dead, rel=1e-3)
+    assert other > 1.2 * longest
     assert whole.psnr > burst.psnr
 
 
@@ -84,26 +98,29 @@ def test_moving_frames_have_the_times_of_still_ones():
     """Window and dead time are of the camera, whatever its sensor does in a frame."""
     given = Burst(frames_per_s=110.0, max_frames=9, window=0.022, dead_time=0.0031)
     burst = best_moving_burst(_scene(burst=given))
-    exposure = float(burst.frames.motion.exposure)
     assert burst.num_frames <= 3
-    assert exposure <= (1 / 110 - 0.0031) * (1 + 1e-9)
-    assert (burst.num_frames - 1) / 110 + exposure <= 0.022 * (1 + 1e-9)
+    assert max(frame.exposure for frame in burst.frames) <= (1 / 110 - 0.0031) * (1 + 1e-6)
+    assert burst.duration <= 0.022 * (1 + 1e-6)
 
 
 def test_no_frame_fills_a_pixel():
     """Of 60 electrons, half of what the best frame would take."""
-    burst = best_still_burst(_scene(sensor=Sensor(full_well=60.0)))
-    assert RATE * burst.exposure <= 60.0 * (1 + 1e-6)
-    moving = best_moving_burst(
-        _scene(sensor=Sensor(full_well=60.0), burst=Burst(frames_per_s=90, max_frames=2))
-    )
-    assert RATE * float(moving.frames.motion.exposure) <= 60.0 * (1 + 1e-6)
+    scene = _scene(sensor=Sensor(full_well=60.0), burst=Burst(frames_per_s=90, max_frames=2))
+    for burst in (best_still_burst(scene), best_moving_burst(scene)):
+        assert RATE * max(frame.exposure for frame in burst.frames) <= 60.0 * (1 + 1e-6)
+    full = _scene(sensor=Sensor(full_well=30.0))
+    for search in (best_still_burst, best_moving_burst):
+        with pytest.raises(ValueError, match=r"must not be full within the shortest exposure"):
+            search(full)
 
 
 def test_a_camera_without_bursts():
-    """Has none, and of one frame only none that moves from frame to frame."""
+    """Has none, and of one frame the single exposure."""
     assert best_still_burst(_scene(burst=None)) is best_moving_burst(_scene(burst=None)) is None
-    assert best_moving_burst(_scene(burst=Burst(frames_per_s=90.0, max_frames=1))) is None
+    one = best_moving_burst(_scene(burst=Burst(frames_per_s=90.0, max_frames=1)))
+    level = evaluate(_scene(), one.frames[0].motion, RectShutter()).known_speed_psnr
+    assert (one.num_frames, one.kind) == (1, ONE_PARABOLA)
+    assert one.psnr == pytest.approx(float(level), abs=1e-4)
 
 
 def _of_window(rate, read_noise, num_frames, *, stroke=45.0, **others):
@@ -118,6 +135,14 @@ def _of_window(rate, read_noise, num_frames, *, stroke=45.0, **others):
     )
 
 
+def _groups(burst):
+    """The frames of a sequence, one by one, as their level takes them."""
+    return [
+        FrameGroup(frame.motion.without_velocity(), np.array([float(frame.motion.velocity)]))
+        for frame in burst.frames
+    ]
+
+
 @pytest.mark.slow
 def test_the_best_moving_burst_is_that_of_an_independent_search():
     """A search in NumPy found 33.3268 dB and 25.6958 dB of alternating parabolas, 16 frames."""
@@ -125,9 +150,11 @@ def test_the_best_moving_burst_is_that_of_an_independent_search():
         burst = best_moving_burst(_of_window(rate, 8.0, 16))
         assert burst.psnr >= level - 0.005
         assert burst.num_frames == 16
-    assert float(burst_psnr(_of_window(rate, 8.0, 16), [burst.frames])) == pytest.approx(
-        burst.psnr, abs=1e-4
-    )
+    frames = [
+        FrameGroup(x.motion.without_velocity(), np.array([x.motion.velocity])) for x in burst.frames
+    ]
+    level = float(burst_psnr(_of_window(rate, 8.0, 16), frames))
+    assert level == pytest.approx(burst.psnr, abs=1e-4)
 
 
 @pytest.mark.slow
@@ -138,12 +165,10 @@ def test_limits_hold_over_the_whole_burst(limits):
     """The way of the stage from frame to frame, and what it does in each; one of them binds."""
     scene = _of_window(1e5, 8.0, 4, stroke=37.0, **limits)
     burst = best_moving_burst(scene)
-    motion = burst.frames.motion
-    speeds = np.abs(np.asarray(burst.frames.velocities)) + float(motion.top_speed)
     used = {
         "max_stroke": burst.travel,
-        "max_top_speed": float(np.max(speeds)),
-        "max_acceleration": 2 * float(motion.acceleration),
+        "max_top_speed": max(float(frame.motion.top_speed) for frame in burst.frames),
+        "max_acceleration": max(float(x.motion.greatest_acceleration) for x in burst.frames),
         "max_travel": burst.travel,
     }
     shares = [used[name] / bound for name, bound in ({"max_stroke": 37.0} | limits).items()]
@@ -225,7 +250,71 @@ def test_a_burst_follows_either_way(pans):
     there, back = (
         best_moving_burst(Scene(sign * np.array([610.0, 790.0]), **given)) for sign in (1, -1)
     )
-    assert np.mean(there.frames.velocities) == pytest.approx(700.0)
-    np.testing.assert_allclose(np.sort(-back.frames.velocities), np.sort(there.frames.velocities))
+    velocities = [[float(frame.motion.velocity) for frame in x.frames] for x in (there, back)]
+    assert np.mean(velocities[0]) == pytest.approx(700.0)
+    np.testing.assert_allclose(np.sort(-np.array(velocities[1])), np.sort(velocities[0]), rtol=1e-4)
     assert back.psnr == pytest.approx(there.psnr, abs=1e-4)
     assert there.travel <= 45.0
+
+
+def test_a_second_exposure_never_hurts():
+    """Of frames at rest: a bracketed burst is at least as good, and better before a background."""
+    gains = []
+    for layers in (None, Occlusion(front_share=0.37)):
+        scene = _scene(burst=Burst(frames_per_s=110.0, max_frames=4), occlusion=layers)
+        equal = StillBursts(scene).best(110.0, max_frames=4)
+        burst = best_still_burst(scene)
+        gains.append(burst.psnr - equal.psnr)
+        groups = [still_frames(1, frame.exposure / 2) for frame in burst.frames]
+        assert burst.psnr == pytest.approx(float(burst_psnr(scene, groups)), abs=1e-4)
+    assert gains[0] >= 0
+    assert gains[1] > 0.3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["alternating parabolas", "sine", "sweep", "fan of pans"])
+def test_the_frames_of_a_path_fit_together(kind):
+    """From frame to frame the stage is where its velocity takes it, within its travel."""
+    scene = _of_window(1e5, 8.0, 4)
+    times = FrameTimes.of(scene, scene.burst)
+    each = _Try(kind, _Room(scene.limits, times, 4, 0.0), False)
+    place = each.at(np.array([0.93, 0.8]))
+    found = each.sequence(place, np.ones(9), 1.0)
+    ends = []
+    for frame in found.frames:
+        half = frame.exposure / 2
+        tau = np.linspace(-half, half, 101)
+        path = frame.position + np.asarray(frame.motion.position(tau))
+        speeds = np.asarray(frame.motion.velocity_at(tau[[0, -1]]))
+        ends.append((path, speeds))
+    assert np.ptp([path for path, _ in ends]) <= found.travel * (1 + 1e-4)
+    gap = times.period - found.frames[0].exposure
+    for (path, before), (after, speeds) in itertools.pairwise(ends):
+        # A stage that coasts, or accelerates evenly, or nearly so, travels by its mean speed.
+        way = gap * (before[1] + speeds[0]) / 2
+        assert after[0] - path[-1] == pytest.approx(way, abs=0.03 * found.travel)
+
+
+@pytest.mark.slow
+def test_one_frame_at_rest_pays_before_a_background():
+    """Where 37 % of the picture moves, the frames that move beside it beat any stills."""
+    scene = eqx.tree_at(
+        lambda s: s.occlusion,
+        _of_window(1e5, 8.0, 4),
+        Occlusion(front_share=0.37),
+        is_leaf=lambda x: x is None,
+    )
+    still, moving = best_still_burst(scene), best_moving_burst(scene)
+    rests = [frame.is_still for frame in moving.frames]
+    assert rests == [True, False, False, False]
+    assert moving.psnr > still.psnr + 0.5
+    assert moving.psnr == pytest.approx(float(burst_psnr(scene, _groups(moving))), abs=1e-3)
+
+
+def test_stills_without_a_gap_equal_a_level_in_some_number():
+    """The least that does; none equals a level that shorter frames do not come to."""
+    bursts = StillBursts(_scene(burst=None), window=0.031)
+    count = bursts.number_that_equals(29.7, most=100)
+    levels = [bursts.best(n / 0.031 * (1 - 1e-9), max_frames=n).psnr for n in (count - 1, count)]
+    assert levels[0] < 29.7 <= levels[1] + 1e-6
+    assert bursts.number_that_equals(60.0, most=100) is None

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from support.designs import LIMITS, MOTION, SCENE
 from support.photographs import photograph
+from support.rows import sequence
 
 from mishutter import (
     Comparison,
@@ -158,7 +159,7 @@ def test_tables_fit_eighty_columns(report, monkeypatch):
     rows = report.comparison.rows
     others = [
         replace(rows[0], name=BEST_PANNED_SNAPSHOT, motion=PANNED),
-        replace(rows[0], name=BEST_STILL_BURST, motion=PANNED, num_frames=8),
+        replace(rows[0], name=BEST_STILL_BURST, motion=PANNED, sequence=sequence(PANNED, 8)),
         replace(rows[1], name=BEST_CODED_STILL, motion=PANNED),
     ]
     notes = ("The shutter passes 30.0% of the light when open, 0.00% when closed.",)
@@ -221,7 +222,7 @@ def _rivals(report, levels, velocity=0.0):
         replace(
             report.comparison.row("rect"),
             name=BEST_STILL_BURST,
-            num_frames=3,
+            sequence=sequence(report.comparison.row("rect").motion, 3),
             hardware=frozenset({STAGE, FRAMES}),
         ),
     ]

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import jax.numpy as jnp
 import pytest
-from support.rows import FREE, made_up
+from support.rows import FREE, made_up, sequence
 
 from mishutter import (
     ChippedShutter,
@@ -35,7 +35,7 @@ OTHERS = {
     "another level": lambda row: {
         "metrics": replace(row.metrics, expected_psnr=jnp.asarray(26.375))
     },
-    "several frames": lambda row: {"num_frames": 3},
+    "several frames": lambda row: {"sequence": sequence(row.motion, 3)},
 }
 
 

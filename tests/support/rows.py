@@ -2,18 +2,24 @@
 
 from dataclasses import replace
 
+import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 
 from mishutter import (
     Comparison,
+    FrameSequence,
     FreeMotion,
     HannShutter,
     LinearMotion,
     ParabolicMotion,
     RectShutter,
+    Scene,
     StillCamera,
+    TimedFrame,
     evaluate,
 )
+from mishutter.model import AbstractMotion
 from mishutter.report import with_verdict
 from mishutter.search import (
     BEST_CODED_STILL,
@@ -29,6 +35,8 @@ from mishutter.search import (
 )
 from support.designs import MOTION, SCENE
 
+SHORT = eqx.tree_at(lambda each: each.limits.max_half_exposure, SCENE, np.asarray(0.012))
+"""A scene whose longest exposure has room for one plain still alone."""
 STILL = StillCamera(half_exposure=1.3e-3)
 PANNED = LinearMotion(half_exposure=2e-3, velocity=-1500.0)
 MOVING = ParabolicMotion(acceleration=21.875 / 1e-4, half_exposure=1e-2, velocity=-12345.0)
@@ -61,6 +69,12 @@ def made_up(levels: dict[str, float]) -> list[Row]:
     ]
 
 
-def verdict(levels: dict[str, float], *names: str) -> Comparison:
+def verdict(levels: dict[str, float], *names: str, scene: Scene = SCENE) -> Comparison:
     """The comparison of such rows, of which these are the user's own."""
-    return with_verdict(made_up(levels), dict.fromkeys(names, RectShutter()), SCENE)
+    return with_verdict(made_up(levels), dict.fromkeys(names, RectShutter()), scene)
+
+
+def sequence(motion: AbstractMotion, num_frames: int, travel: float = 0.0) -> FrameSequence:
+    """Frames that are alike, 30 ms from one to the next, of a level that no test reads."""
+    frames = tuple(TimedFrame(motion, 0.03 * k) for k in range(num_frames))
+    return FrameSequence("made up", frames, travel, 30.0, 29.0)

@@ -1,0 +1,86 @@
+"""Frames that a camera takes one after the other of the same picture, and what its sensor does."""
+
+from collections import Counter
+from dataclasses import dataclass
+
+from mishutter.model.motion import AbstractMotion
+
+_AT_REST = 0.05
+"""Travel over a frame below which its sensor counts as standing still; px."""
+
+
+@dataclass(frozen=True)
+class TimedFrame:
+    """An exposure of an open shutter, one of a sequence.
+
+    Attributes:
+        motion: Motion of the sensor, from its mid-exposure.
+        time: Mid-exposure, from the middle of the sequence; s.
+        position: Place of the sensor at mid-exposure; px.
+    """
+
+    motion: AbstractMotion
+    time: float
+    position: float = 0.0
+
+    @property
+    def exposure(self) -> float:
+        """Time from its first to its last light; s."""
+        return float(self.motion.exposure)
+
+    @property
+    def is_still(self) -> bool:
+        """Whether its sensor stands still."""
+        return float(self.motion.stroke) < _AT_REST
+
+
+@dataclass(frozen=True)
+class FrameSequence:
+    """Frames of one picture in the order in which they are exposed, for a decoder that aligns them.
+
+    Attributes:
+        kind: The path of the sensor over the sequence, in words.
+        frames: The frames.
+        travel: Way of the stage, from its lowest to its highest position; px.
+        psnr: PSNR of the best linear decoder, which knows the speed from the frames, in the scene
+            that they were found for; in linear light, dB.
+        worst_psnr: The same at the worst of the scene's speeds; dB.
+    """
+
+    kind: str
+    frames: tuple[TimedFrame, ...]
+    travel: float
+    psnr: float
+    worst_psnr: float
+
+    def __repr__(self) -> str:
+        """The frames in words, and their level."""
+        return f"FrameSequence({self.kind}, {self.setting}: {self.psnr:.2f} dB)"
+
+    @property
+    def num_frames(self) -> int:
+        """Number of frames."""
+        return len(self.frames)
+
+    @property
+    def duration(self) -> float:
+        """Time from the first light to the last; s."""
+        first, last = self.frames[0], self.frames[-1]
+        return last.time - first.time + (first.exposure + last.exposure) / 2
+
+    @property
+    def moves(self) -> bool:
+        """Whether the sensor moves during some frame."""
+        return not all(frame.is_still for frame in self.frames)
+
+    @property
+    def setting(self) -> str:
+        """Numbers of frames and their exposures, those at rest among moving ones called so."""
+        moves = self.moves
+        kinds = Counter(
+            (f"{frame.exposure * 1e3:.3g} ms", moves and frame.is_still) for frame in self.frames
+        )
+        return " and ".join(
+            f"{count} of {exposure}{' at rest' if is_still else ''}"
+            for (exposure, is_still), count in kinds.items()
+        )
