@@ -29,7 +29,7 @@ from mishutter.evaluation import (
     sizes,
 )
 from mishutter.evaluation.frames import (
-    Frames,
+    FrameGroup,
     alternating_frames,
     burst_psnr,
     panned_frames,
@@ -153,24 +153,24 @@ def cell(window: float, count: int, light: float, noise: float) -> dict[str, Any
     }
 
 
-def alternating(count: int, period: float, half: float, speed: float) -> Frames:
+def alternating(count: int, period: float, half: float, speed: float) -> FrameGroup:
     """Parabolas of some top speed, as far as the stage travels while it coasts between them."""
     speed = min(speed, TRAVEL / (period - half))
     return alternating_frames(count, half, speed / (2 * half))
 
 
-def one_parabola(count: int, period: float, half: float, speed: float) -> Frames:
+def one_parabola(count: int, period: float, half: float, speed: float) -> FrameGroup:
     """Frames of one parabola of some top speed, as far as the stage travels."""
     whole = (count - 1) * period / 2 + half
     return sweep_frames(count, half, min(speed, 2 * TRAVEL / whole) / (2 * whole), period)
 
 
 def best_moving(
-    scene: Scene, frames: Callable[[float, float], Frames], period: float
+    scene: Scene, frames: Callable[[float, float], FrameGroup], period: float
 ) -> dict[str, Any]:
     """The best frames of a kind, by half exposure and top speed."""
 
-    def frames_at(place: Float[np.ndarray, "2"]) -> Frames:
+    def frames_at(place: Float[np.ndarray, "2"]) -> FrameGroup:
         return frames(period / 2 * math.exp(-float(place[0])), float(place[1]) * TOP_SPEED)
 
     bounds = [(0.0, 4.0), (0.3, MOST_SHARE)]
@@ -325,7 +325,7 @@ def paths(light: float, noise: float) -> list[dict[str, Any]]:
         period = WINDOW / count
         half = period / 2
         # The frames by their top speed, with acceleration and travel as multiples of it.
-        kinds: dict[str, tuple[Callable[[float], Frames], float, float]] = {
+        kinds: dict[str, tuple[Callable[[float], FrameGroup], float, float]] = {
             "alternating parabolas": (
                 lambda v, n=count, t=half: alternating_frames(n, t, v / (2 * t)),
                 1 / half,
@@ -363,7 +363,7 @@ def paths(light: float, noise: float) -> list[dict[str, Any]]:
     return rows
 
 
-def best_share(scene: Scene, frames: Callable[[float], Frames]) -> tuple[float, float]:
+def best_share(scene: Scene, frames: Callable[[float], FrameGroup]) -> tuple[float, float]:
     """The best top speed of the frames, as a share of the objects', and its level, dB."""
     most = frames(MOST_SHARE * TOP_SPEED)
     plan = sizes(seen_by(scene, most), most.motion)
@@ -384,7 +384,7 @@ def fan_travel(num_frames: int) -> float:
 
 def backgrounds(light: float, noise: float) -> list[dict[str, Any]]:
     """Bursts before a background at rest: equal frames, and one long still frame among them."""
-    kinds: dict[str, Callable[[float, float, float], list[Frames]]] = {
+    kinds: dict[str, Callable[[float, float, float], list[FrameGroup]]] = {
         "equal stills": lambda long, half, speed: [still_frames(4, half)],
         "one long still, short stills": lambda long, half, speed: [
             still_frames(1, long),
@@ -412,14 +412,14 @@ def mixed(light: float, noise: float, share: float) -> Scene:
     return Scene(speeds, weights, photon_rate=light, read_noise=noise, limits=scene.limits)
 
 
-def best_level(scene: Scene, frames: Callable[[float, float, float], list[Frames]]) -> float:
+def best_level(scene: Scene, frames: Callable[[float, float, float], list[FrameGroup]]) -> float:
     """The best level of four frames, dB.
 
     It is over the half exposure of the long one, that of the others, and the sensor's top speed.
     """
     longest = WINDOW / 8
 
-    def frames_at(place: Float[np.ndarray, "3"]) -> list[Frames]:
+    def frames_at(place: Float[np.ndarray, "3"]) -> list[FrameGroup]:
         x, y, z = (float(p) for p in place)
         return frames(longest * 0.01**x, longest * 0.01**y, z * TOP_SPEED)
 
@@ -438,7 +438,7 @@ def best_level(scene: Scene, frames: Callable[[float, float, float], list[Frames
     return max(-float(end.fun) for end in found)
 
 
-def pair(light: float, noise: float) -> dict[str, Frames]:
+def pair(light: float, noise: float) -> dict[str, FrameGroup]:
     """Four frames at rest and four that fill the window, at their best."""
     scene, half = scene_of(light, noise), WINDOW / 8
     share, _ = best_share(scene, lambda v: alternating_frames(4, half, v / (2 * half)))
@@ -448,7 +448,7 @@ def pair(light: float, noise: float) -> dict[str, Frames]:
     }
 
 
-def period_of(frames: Frames) -> float:
+def period_of(frames: FrameGroup) -> float:
     """Time from one of four frames to the next, over the whole window; s."""
     return (WINDOW - float(frames.motion.exposure)) / 3
 

@@ -15,7 +15,6 @@ jax.config.update("jax_enable_x64", True)
 
 from mishutter import (  # noqa: E402
     Burst,
-    LinearMotion,
     RectShutter,
     TotalVariationDecoder,
     example_picture,
@@ -69,17 +68,15 @@ def bursts(scene):
     """Number of frames and motion of each burst, by the text above the first of its frames."""
     snapshot, stills = (best_still_burst(with_frames(scene, count)) for count in (1, MOST))
     moving = best_moving_burst(with_frames(scene, MOST))
-    exposure = 1e3 * float(moving.frames.motion.exposure)
+    kinds = {"snapshot": snapshot, f"1 of {stills.num_frames} stills": stills}
+    kinds[f"1 of {moving.num_frames} moving"] = moving
+    # The last of bracketed stills is of the exposure that most of them have.
     return {
-        f"snapshot, {1e3 * snapshot.exposure:.1f} ms": (1, at_rest(snapshot)),
-        f"1 of {stills.num_frames} stills, {1e3 * stills.exposure:.1f} ms": (
-            stills.num_frames,
-            at_rest(stills),
-        ),
-        f"1 of {moving.num_frames} moving, {exposure:.0f} ms": (
-            moving.num_frames,
-            moving.frames.motion,
-        ),
+        f"{words}, {1e3 * burst.frames[-1].exposure:.1f} ms": (
+            burst.num_frames,
+            burst.frames[-1].motion,
+        )
+        for words, burst in kinds.items()
     }
 
 
@@ -87,11 +84,6 @@ def with_frames(scene, count):
     """The scene of a camera that takes so many frames."""
     burst = Burst(frames_per_s=RATE, max_frames=count)
     return eqx.tree_at(lambda s: s.burst, scene, burst, is_leaf=lambda x: x is None)
-
-
-def at_rest(burst):
-    """The motion of a frame at rest."""
-    return LinearMotion(half_exposure=burst.exposure / 2)
 
 
 def recorded_from(light, part):

@@ -358,7 +358,7 @@ def _as_sequence(design: Design) -> FrameSequence:
 def _row_of_burst(name: str, scene: Scene, sequence: FrameSequence) -> Row:
     """A burst as a row: the metrics of one of its frames, and the level of all."""
     moving = [frame for frame in sequence.frames if not frame.is_still]
-    shutter, motion = RectShutter(), (moving or sequence.frames)[-1].motion
+    shutter, motion = RectShutter(), (moving or sequence.frames[-1:])[0].motion
     together = without_tolerances(added_up(scene, sequence.num_frames))
     levels = (
         jnp.asarray(level, scene.speeds.dtype) for level in (sequence.psnr, sequence.worst_psnr)
