@@ -151,7 +151,7 @@ def comparison_tables(comparison: "Comparison", *, verbose: bool = False) -> lis
             if not (comparison.is_to_build or verbose):
                 cameras, notes = _few(comparison, cameras), (*comparison.notes, _REST)
                 return [_table(reading, columns, _cells(comparison, cameras, columns), notes)]
-            notes = _notes(cameras[0][0], columns)
+            notes = _notes([camera[0] for camera in cameras], columns)
             tables += [_table(reading, columns, _cells(comparison, cameras, columns), notes)]
             tables += [_purchases(comparison, within)]
             tables += [] if comparison.costs is None else [_costs(comparison)]
@@ -234,15 +234,18 @@ def _ceiling(comparison: "Comparison", columns: Sequence[Column]) -> tuple[str, 
     return ("ceiling", *numbers, *[""] * (len(columns) - len(numbers)))
 
 
-def _notes(row: Row, columns: Sequence[Column]) -> tuple[str, ...]:
-    """The meaning of the columns; that of the levels is by the decoder, which all rows share."""
+def _notes(rows: Sequence[Row], columns: Sequence[Column]) -> tuple[str, ...]:
+    """The meaning of the columns; that of the levels is by the decoder of the first row."""
     level, _, worst, *_ = columns
+    row, bounded = rows[0], "nothing exceeds it"
+    if any(each.num_frames > 1 for each in rows):
+        bounded = "no single exposure exceeds it"
     decoder = row.decoder
     of_level = decoder.worst_words if row.at_worst else f"of {decoder.level_words}"
     meanings = {column.heading: column.note for column in columns}
     meanings |= {level.heading: f"expected {of_level}"}
     meanings |= {worst.heading: f"{level.heading} {decoder.worst_words}"}
-    meanings |= {"ceiling": "nothing exceeds it", "PSNR": "of linear light, white = 1"}
+    meanings |= {"ceiling": bounded, "PSNR": "of linear light, white = 1"}
     return tuple(f"{heading:<11}{_GAP}{meaning}" for heading, meaning in meanings.items())
 
 
