@@ -26,6 +26,9 @@ Designs and their rivals
     Metrics                   what `evaluate` returns
     ceiling                   the PSNR that no path, shutter or linear decoder exceeds
     tolerance_costs           the cost of each tolerance to a design
+    best_sequence             the frames to take of a camera with a `Burst`
+    FrameSequence             what `best_sequence` returns: frames, their kind and their level
+    TimedFrame                one of its frames: motion, time and place
     starting_shutter          the free-form profile that a search starts from
     keep_compiled_programs    keeps what is compiled for later sessions
     Outcome                   how a search ended

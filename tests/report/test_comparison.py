@@ -153,7 +153,7 @@ def test_gains_are_over_the_best_snapshot_that_is_allowed():
     """One that pans, where that is better: in the verdict, the table and the document alike."""
     levels = {"a": 24.0, BEST_SNAPSHOT: 21.0, BEST_PANNED_SNAPSHOT: 23.0}
     table = verdict(levels, "a")
-    assert table.verdict.startswith("Build a: 24.00 dB, 1.00 dB above the best panned snapshot.")
+    assert table.verdict.startswith("Build a: 24.00 dB, 1.00 dB above the best panned snapshot")
     assert table.gain == table.over_snapshot(24.0) == table.to_dict()["gain_db"] == 1.0
     assert table.over_snapshot(21.0) == -2.0
 
