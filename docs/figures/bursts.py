@@ -15,13 +15,14 @@ jax.config.update("jax_enable_x64", True)
 
 from mishutter import (  # noqa: E402
     Burst,
+    LinearMotion,
     RectShutter,
     TotalVariationDecoder,
     example_picture,
     example_scene,
 )
 from mishutter.decoding import restore_by_each  # noqa: E402
-from mishutter.evaluation import added_up, best_moving_burst, best_still_burst  # noqa: E402
+from mishutter.evaluation import StillBursts, added_up, best_moving_burst  # noqa: E402
 
 ROWS, COLUMNS = slice(80, 400), slice(305, 425)
 """Rows of the photograph that are captured, and columns of the detail."""
@@ -66,17 +67,22 @@ def main():
 
 def bursts(scene):
     """Number of frames and motion of each burst, by the text above the first of its frames."""
-    snapshot, stills = (best_still_burst(with_frames(scene, count)) for count in (1, MOST))
+    at_rest = StillBursts(scene)
+    snapshot, stills = (at_rest.best(RATE, max_frames=count) for count in (1, MOST))
     moving = best_moving_burst(with_frames(scene, MOST))
-    kinds = {"snapshot": snapshot, f"1 of {stills.num_frames} stills": stills}
-    kinds[f"1 of {moving.num_frames} moving"] = moving
-    # The last of bracketed stills is of the exposure that most of them have.
     return {
-        f"{words}, {1e3 * burst.frames[-1].exposure:.1f} ms": (
-            burst.num_frames,
-            burst.frames[-1].motion,
-        )
-        for words, burst in kinds.items()
+        f"snapshot, {1e3 * snapshot.exposure:.1f} ms": (
+            1,
+            LinearMotion(half_exposure=snapshot.exposure / 2),
+        ),
+        f"1 of {stills.num_frames} stills, {1e3 * stills.exposure:.1f} ms": (
+            stills.num_frames,
+            LinearMotion(half_exposure=stills.exposure / 2),
+        ),
+        f"1 of {moving.num_frames} moving, {1e3 * moving.frames[0].exposure:.0f} ms": (
+            moving.num_frames,
+            moving.frames[0].motion,
+        ),
     }
 
 
