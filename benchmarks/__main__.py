@@ -18,6 +18,7 @@ ALL = (
     "stress",
     "capture",
     "photographs",
+    "by_decoder",
     "borders",
     "monte_carlo",
     "occlusion",

@@ -1,12 +1,14 @@
 """Designs beside their rivals: rows of a table, their ceiling and the verdict of a scene."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from jaxtyping import ArrayLike
 
 from mishutter._core import alone_in_blas, counts, named, outside_trace, require, require_known
+from mishutter.decoding import AbstractDecoder
 from mishutter.design import Design, metrics_to_dict, motion_to_dict
 from mishutter.evaluation import (
     AbstractLoss,
@@ -23,6 +25,8 @@ from mishutter.model import (
     Scene,
     require_scene,
 )
+from mishutter.pictures import Picture
+from mishutter.report.by_decoder import Judgement, judged_by, require_judge
 from mishutter.report.tables import comparison_tables
 from mishutter.report.verdict import (
     Case,
@@ -42,6 +46,7 @@ from mishutter.search import (
     Step,
     best_of_each_purchase,
     best_row,
+    cameras_of,
     compared_rows,
     may_be_named,
     searches,
@@ -73,6 +78,7 @@ class Comparison:
             where a decoder that knows the speed, or the worst speed, judges.
         choice: The camera to build, the burst to take, or the snapshot to use instead; None where
             there is nothing to restore.
+        judgement: The rows of one exposure by a decoder on photographs; None without those.
     """
 
     rows: tuple[Row, ...]
@@ -82,6 +88,7 @@ class Comparison:
     notes: tuple[str, ...] = ()
     costs: ToleranceCosts | None = None
     choice: Row | None = None
+    judgement: Judgement | None = None
 
     def __repr__(self) -> str:
         """The number of rows and the first line of the verdict; `str` is the `text`."""
@@ -181,7 +188,8 @@ class Comparison:
         numbers = {"gain_db": self.gain, "ceiling_db": self.ceiling}
         words = {"verdict": self.verdict, "notes": list(self.notes)}
         costs = {} if self.costs is None else {"tolerance_costs": self.costs.to_dict()}
-        return {"rows": rows, "rivals": rivals, **words, **numbers, **costs}
+        judged = {} if self.judgement is None else {"on_pictures": self.judgement.to_dict()}
+        return {"rows": rows, "rivals": rivals, **words, **numbers, **costs, **judged}
 
     def text(self, *, verbose: bool = False) -> str:
         """The verdict and the tables, as the command prints them, as text.
@@ -208,6 +216,8 @@ def compare(
     *,
     loss: AbstractLoss | Callable[..., Any] | None = None,
     free_paths: bool = False,
+    decoder: AbstractDecoder | None = None,
+    pictures: Sequence[Picture | ArrayLike] = (),
     progress: Step | bool | None = None,
 ) -> Comparison:
     r"""Measure shutters beside the baselines, in two readings.
@@ -230,6 +240,11 @@ def compare(
     stage that follows any path, are searched for where they are asked for, unless the scene has
     tolerances or limits the jerk of its stage; the ceiling holds for them too.
 
+    A `decoder` and `pictures` add a column, a line of the verdict and a `judgement`: each camera of
+    one exposure captures the photographs at every speed of the scene, with an exposure that is
+    tuned for that decoder, and the differences of its levels to those of the best snapshot are
+    averaged. The choice of the camera stays that of the expected error.
+
     Args:
         scene: Speeds, light, noise and limits.
         motion: The motion of the reading *same motion*, from which *own best motion* starts; or a
@@ -241,6 +256,8 @@ def compare(
             of the scene's decoder is the default, and replaces a loss that ignores the number of
             photons.
         free_paths: Whether free paths are compared too, also where the scene does not ask for them.
+        decoder: A decoder of yours, or one of the package's.
+        pictures: Photographs of yours that it restores, two or more; `read_picture` reads one.
         progress: Whether a bar is shown, in a terminal or a notebook; or a function that is called
             with the name of each search once it has ended: a shutter's, or the first of a kind of
             rival.
@@ -250,7 +267,8 @@ def compare(
 
     Raises:
         ValueError: if a shutter has the name of a baseline that it is not, if something is
-            neither a shutter nor a design, or if JAX traces the scene or the motion.
+            neither a shutter nor a design, if a decoder stands without two pictures or they without
+            it, or if JAX traces the scene or the motion.
     """
     require_scene(scene)
     if isinstance(motion, Design):
@@ -258,6 +276,7 @@ def compare(
         motion = motion.motion
     require(isinstance(motion, AbstractMotion), "motion", "be a motion", motion)
     require_known("compare", scene=scene, motion=motion)
+    require_judge(decoder, pictures)
     loss = loss_of_decoder(scene) if loss is None else as_loss(loss, "compare(loss=...)")
     loss = loss if loss.sees_light else loss_of_decoder(scene)
     entries = _entries(shutters) if shutters else {}
@@ -270,7 +289,15 @@ def compare(
                 progress(name)
 
         rows = compared_rows(search, ended, counter.began)
-    return with_verdict(rows, entries, scene, free_paths=search.free_paths)
+    table = with_verdict(rows, entries, scene, free_paths=search.free_paths)
+    if decoder is None:
+        return table
+    at_best = [row for row in rows if row.reading == OWN_BEST_MOTION and row.is_of_one_exposure]
+    with counts(progress is True, "restoring", len(cameras_of(at_best))) as counter:
+        judgement = judged_by(decoder, pictures, scene, at_best, table.snapshot, counter.ended)
+    built = table.choice.name if table.choice is not None and table.is_to_build else None
+    verdict = f"{table.verdict}\n{judgement.sentence(built)}"
+    return replace(table, verdict=verdict, judgement=judgement)
 
 
 def _entries(shutters: object) -> dict[str, Entry]:

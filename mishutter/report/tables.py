@@ -7,6 +7,7 @@ from mishutter.evaluation import METRICS
 from mishutter.search import OWN_BEST_MOTION, Row, best_row, cameras_of, taken_names
 
 if TYPE_CHECKING:
+    from mishutter.report.by_decoder import Judgement
     from mishutter.report.comparison import Comparison
 
 _GAP = "  "
@@ -143,10 +144,11 @@ def comparison_tables(comparison: "Comparison", *, verbose: bool = False) -> lis
         verbose: Whether every table is wanted there too.
     """
     within = () if comparison.costs is None else (_WITHIN,)
-    columns = (*_OF_ROWS, *within)
+    judged = () if comparison.judgement is None else _on_pictures(comparison.judgement)
     tables = []
     for reading in dict.fromkeys(row.reading for row in comparison.rows):
         cameras = cameras_of(row for row in comparison.rows if row.reading == reading)
+        columns = (*_OF_ROWS, *within, *(judged if reading == OWN_BEST_MOTION else ()))
         if reading == OWN_BEST_MOTION:
             if not (comparison.is_to_build or verbose):
                 cameras, notes = _few(comparison, cameras), (*comparison.notes, _REST)
@@ -161,6 +163,26 @@ def comparison_tables(comparison: "Comparison", *, verbose: bool = False) -> lis
             note = _condition_note(cameras)
             tables += [_table(f"kernels, {reading}", _OF_KERNELS, kernels, (note,))]
     return tables
+
+
+def _on_pictures(judgement: "Judgement") -> tuple[Column, ...]:
+    """Gains on photographs, and the exposures that are tuned for their decoder."""
+    cameras = judgement.cameras
+
+    def gain(row: Row, _: float) -> str:
+        camera = cameras.get(row.name)
+        return "–" if camera is None else f"{camera.gain:+.2f} ±{camera.standard_error:.2f}"
+
+    def exposure(row: Row, _: float) -> str:
+        camera = cameras.get(row.name)
+        return "–" if camera is None else f"{float(camera.motion.exposure) * 1e3:.2f}"
+
+    of = f"on {judgement.num_pictures} pictures by {judgement.decoder}"
+    note = f"gain over the best snapshot {of}, and its standard error"
+    return (
+        Column("on pictures", gain, note),
+        Column("there ms", exposure, "exposure that is best for that decoder"),
+    )
 
 
 def _few(comparison: "Comparison", cameras: Sequence[list[Row]]) -> list[list[Row]]:

@@ -1,0 +1,166 @@
+"""Cameras judged by a decoder of one's own, on photographs that each of them captures."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import ArrayLike, Float
+
+from mishutter._core import require
+from mishutter.decoding import AbstractDecoder, restore_by_each
+from mishutter.design import motion_to_dict
+from mishutter.model import AbstractMotion, Scene
+from mishutter.pictures import Picture
+from mishutter.report.restored import longest_kernel
+from mishutter.search import Row, beyond_limits, cameras_of
+
+_LONGER, _SHORTER = (1.18,), (0.85, 0.72, 0.61, 0.52, 0.44)
+"""Shares of an exposure that are tried in turn, as long as they gain something."""
+
+
+class OnPictures(NamedTuple):
+    """A camera on photographs, its exposure tuned for the decoder that restores them.
+
+    Attributes:
+        levels: PSNR of each photograph over the scene's speeds, linear light; dB.
+        motion: The motion with the tuned exposure.
+        exposure_share: Its exposure over that which the loss prefers.
+        gain: Mean difference of the levels to those of the best snapshot; dB.
+        standard_error: Standard error of that mean over the photographs; dB.
+    """
+
+    levels: Float[np.ndarray, "pictures"]
+    motion: AbstractMotion
+    exposure_share: float
+    gain: float = 0.0
+    standard_error: float = 0.0
+
+    def over(self, snapshot: "OnPictures") -> "OnPictures":
+        """The same with the paired differences to a snapshot."""
+        differences = self.levels - snapshot.levels
+        error = float(np.std(differences, ddof=1) / np.sqrt(differences.size))
+        return self._replace(gain=float(np.mean(differences)), standard_error=error)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers, plain."""
+        return {
+            "gain_db": self.gain,
+            "standard_error_db": self.standard_error,
+            "psnr_db": self.levels.tolist(),
+            "exposure_share": self.exposure_share,
+            "motion": motion_to_dict(self.motion),
+        }
+
+
+class Judgement(NamedTuple):
+    """Cameras by the names of their rows, as a decoder restores their photographs.
+
+    Attributes:
+        decoder: Name of the decoder's class.
+        num_pictures: Number of photographs.
+        cameras: The cameras.
+    """
+
+    decoder: str
+    num_pictures: int
+    cameras: Mapping[str, OnPictures]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The decoder, and the numbers of each camera."""
+        cameras = {name: camera.to_dict() for name, camera in self.cameras.items()}
+        return {"decoder": self.decoder, "num_pictures": self.num_pictures, "cameras": cameras}
+
+    def sentence(self, name: str | None) -> str:
+        """A line of the verdict.
+
+        Args:
+            name: The camera to build; None where none is, for the best of all but snapshots.
+        """
+        told = f"By {self.decoder} on {self.num_pictures} pictures"
+        best = max(self.cameras, key=lambda each: self.cameras[each].gain)
+        camera = self.cameras[name or best]
+        side = "above" if camera.gain >= 0 else "below"
+        return (
+            f"{told} {name or f'the best camera, {best},'} is {abs(camera.gain):.2f} ± "
+            f"{camera.standard_error:.2f} dB {side} the best snapshot."
+        )
+
+
+def require_judge(decoder: AbstractDecoder | None, pictures: Sequence[object]) -> None:
+    """Refuses one of the two without the other, and what `judged_by` cannot use."""
+    subject, requirement = "compare(decoder=...)", "stand beside compare(pictures=...)"
+    require(decoder is not None or len(pictures) == 0, subject, requirement, decoder)
+    if decoder is not None:
+        require(isinstance(decoder, AbstractDecoder), subject, "be a decoder", decoder)
+        requirement = "be two or more beside a decoder, for a standard error"
+        require(len(pictures) > 1, "compare(pictures=...)", requirement, len(pictures))
+
+
+def judged_by(
+    decoder: AbstractDecoder,
+    pictures: Sequence[Picture | ArrayLike],
+    scene: Scene,
+    rows: Sequence[Row],
+    snapshot: Row,
+    ended: Callable[[str], None] = lambda name: None,
+) -> Judgement:
+    """Captures and restores photographs by each camera, at the exposure that is best for a decoder.
+
+    The exposure is a share of the row's own, at the same acceleration: the one of the highest mean
+    level over the photographs, each at every speed of the scene. All cameras have the same noise
+    and are judged on the same columns. The decoder knows as much of the speed as the one that
+    judges the row.
+
+    Args:
+        decoder: The method.
+        pictures: The photographs, two or more.
+        scene: Speeds, light, noise and limits.
+        rows: The cameras, each of one exposure.
+        snapshot: The one of them whose levels the others are compared with.
+        ended: Called with the name of each camera that is done.
+
+    Raises:
+        ValueError: if a photograph is too narrow for the longest blur.
+    """
+    longest = longest_kernel(scene, [_exposed(row.motion, max(_LONGER)) for row in rows])
+
+    def tried(row: Row, share: float) -> OnPictures:
+        motion = _exposed(row.motion, share)
+        levels = [
+            restore_by_each(
+                picture,
+                scene,
+                motion,
+                row.shutter,
+                {"": decoder},
+                num_seeds=1,
+                least_taps=longest,
+                decoder_speed=row.decoder.name,
+            )[""].mean_psnr
+            for picture in pictures
+        ]
+        return OnPictures(np.array(levels), motion, share)
+
+    def tuned(row: Row) -> OnPictures:
+        best = tried(row, 1.0)
+        for shares in (_SHORTER, _LONGER):
+            for share in shares:
+                if beyond_limits(scene, _exposed(row.motion, share), row.shutter):
+                    break
+                other = tried(row, share)
+                if other.levels.mean() <= best.levels.mean():
+                    break
+                best = other
+        ended(row.name)
+        return best
+
+    by_camera = [(camera, tuned(camera[0])) for camera in cameras_of(rows)]
+    by_name = {row.name: best for camera, best in by_camera for row in camera}
+    cameras = {row.name: by_name[row.name].over(by_name[snapshot.name]) for row in rows}
+    return Judgement(type(decoder).__name__, len(pictures), cameras)
+
+
+def _exposed(motion: AbstractMotion, share: float) -> AbstractMotion:
+    """The motion of a share of the exposure, at the same acceleration."""
+    return eqx.tree_at(lambda m: m.half_exposure, motion, motion.half_exposure * share)
