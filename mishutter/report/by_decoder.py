@@ -1,13 +1,13 @@
 """Cameras judged by a decoder of one's own, on photographs that each of them captures."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from mishutter._core import require
+from mishutter._core import counts, require
 from mishutter.decoding import AbstractDecoder, restore_by_each
 from mishutter.design import motion_to_dict
 from mishutter.model import AbstractMotion, Scene
@@ -103,7 +103,8 @@ def judged_by(
     scene: Scene,
     rows: Sequence[Row],
     snapshot: Row,
-    ended: Callable[[str], None] = lambda name: None,
+    *,
+    progress: bool = False,
 ) -> Judgement:
     """Captures and restores photographs by each camera, at the exposure that is best for a decoder.
 
@@ -118,7 +119,7 @@ def judged_by(
         scene: Speeds, light, noise and limits.
         rows: The cameras, each of one exposure.
         snapshot: The one of them whose levels the others are compared with.
-        ended: Called with the name of each camera that is done.
+        progress: Whether a bar is shown.
 
     Raises:
         ValueError: if a photograph is too narrow for the longest blur.
@@ -143,6 +144,7 @@ def judged_by(
         return OnPictures(np.array(levels), motion, share)
 
     def tuned(row: Row) -> OnPictures:
+        counter.began(row.name)
         best = tried(row, 1.0)
         for shares in (_SHORTER, _LONGER):
             for share in shares:
@@ -152,13 +154,15 @@ def judged_by(
                 if other.levels.mean() <= best.levels.mean():
                     break
                 best = other
-        ended(row.name)
+        counter.ended(row.name)
         return best
 
-    by_camera = [(camera, tuned(camera[0])) for camera in cameras_of(rows)]
+    cameras = cameras_of(rows)
+    with counts(progress, "restoring", len(cameras)) as counter:
+        by_camera = [(camera, tuned(camera[0])) for camera in cameras]
     by_name = {row.name: best for camera, best in by_camera for row in camera}
-    cameras = {row.name: by_name[row.name].over(by_name[snapshot.name]) for row in rows}
-    return Judgement(type(decoder).__name__, len(pictures), cameras)
+    judged = {row.name: by_name[row.name].over(by_name[snapshot.name]) for row in rows}
+    return Judgement(type(decoder).__name__, len(pictures), judged)
 
 
 def _exposed(motion: AbstractMotion, share: float) -> AbstractMotion:

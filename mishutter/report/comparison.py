@@ -46,7 +46,6 @@ from mishutter.search import (
     Step,
     best_of_each_purchase,
     best_row,
-    cameras_of,
     compared_rows,
     may_be_named,
     searches,
@@ -293,8 +292,9 @@ def compare(
     if decoder is None:
         return table
     at_best = [row for row in rows if row.reading == OWN_BEST_MOTION and row.is_of_one_exposure]
-    with counts(progress is True, "restoring", len(cameras_of(at_best))) as counter:
-        judgement = judged_by(decoder, pictures, scene, at_best, table.snapshot, counter.ended)
+    judgement = judged_by(
+        decoder, pictures, scene, at_best, table.snapshot, progress=progress is True
+    )
     built = table.choice.name if table.choice is not None and table.is_to_build else None
     verdict = f"{table.verdict}\n{judgement.sentence(built)}"
     return replace(table, verdict=verdict, judgement=judgement)
