@@ -295,8 +295,9 @@ def compare(
     judgement = judged_by(
         decoder, pictures, scene, at_best, table.snapshot, progress=progress is True
     )
-    built = table.choice.name if table.choice is not None and table.is_to_build else None
-    verdict = f"{table.verdict}\n{judgement.sentence(built)}"
+    choice = table.choice.name if table.choice is not None and table.is_to_build else None
+    is_judged = choice in judgement.cameras  # a burst is not
+    verdict = f"{table.verdict}\n{judgement.sentence(choice if is_judged else None)}"
     return replace(table, verdict=verdict, judgement=judgement)
 
 
