@@ -24,6 +24,7 @@ from mishutter.evaluation import (
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
+    FrameSequence,
     FreeMotion,
     ParabolicMotion,
     Scene,
@@ -278,6 +279,20 @@ def motion_to_dict(motion: AbstractMotion) -> dict[str, Any]:
         "half_exposure": float(motion.half_exposure),
         "velocity": float(motion.velocity),
     }
+
+
+def sequence_to_dict(sequence: FrameSequence) -> dict[str, Any]:
+    """Kind, level and frames of a sequence, whose places are of the stage."""
+    frames = [
+        {
+            "time_s": frame.time,
+            "position_px": frame.position,
+            "motion": motion_to_dict(frame.motion),
+        }
+        for frame in sequence.frames
+    ]
+    levels = {"psnr_db": sequence.psnr, "worst_speed_psnr_db": sequence.worst_psnr}
+    return {"kind": sequence.kind, "travel_px": sequence.travel, **levels, "frames": frames}
 
 
 def scene_to_dict(scene: Scene) -> dict[str, object]:

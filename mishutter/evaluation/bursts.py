@@ -199,20 +199,21 @@ class StillBursts:
 
         found = []
         for count in times.best_numbers:
-            equal = self._of(count, times.longest_of(count))
-            ends = math.log(self._shortest), math.log(times.longest_of(count))
+            longest = times.longest_of(count)
+            equal = self._of(count, longest)
+            ends = math.log(self._shortest), math.log(longest)
+            found.append((10 ** (-equal.psnr / 10), (count,), (equal.exposure,)))
             for num_long in _some_numbers(count - 1):
                 numbers = num_long, count - num_long
 
-                def error(places: Float[np.ndarray, "2"], *numbers: int) -> float:
-                    pairs = zip(numbers, np.exp(places), strict=True)
-                    return self._error(sum(self._gained(n, float(x)) for n, x in pairs))
+                def left(places: Float[np.ndarray, "2"], first: int, second: int) -> float:
+                    exposures = [float(x) for x in np.exp(places)]
+                    gained = self._gained(first, exposures[0]) + self._gained(second, exposures[1])
+                    return self._error(gained)
 
                 start = np.clip([ends[1], math.log(equal.exposure)], *ends)
-                end: Any = minimize(error, start, numbers, method="Nelder-Mead", bounds=[ends] * 2)
+                end: Any = minimize(left, start, numbers, method="Nelder-Mead", bounds=[ends] * 2)
                 found.append((float(end.fun), numbers, tuple(np.exp(end.x))))
-        if not found:
-            return [equal], equal.psnr
         error, numbers, exposures = min(found)
         level = _psnr(error)
         pairs = sorted(zip(exposures, numbers, strict=True), reverse=True)

@@ -9,7 +9,7 @@ from jaxtyping import ArrayLike
 
 from mishutter._core import alone_in_blas, counts, named, outside_trace, require, require_known
 from mishutter.decoding import AbstractDecoder
-from mishutter.design import Design, metrics_to_dict, motion_to_dict
+from mishutter.design import Design, metrics_to_dict, motion_to_dict, sequence_to_dict
 from mishutter.evaluation import (
     AbstractLoss,
     ToleranceCosts,
@@ -188,7 +188,8 @@ class Comparison:
         words = {"verdict": self.verdict, "notes": list(self.notes)}
         costs = {} if self.costs is None else {"tolerance_costs": self.costs.to_dict()}
         judged = {} if self.judgement is None else {"on_pictures": self.judgement.to_dict()}
-        return {"rows": rows, "rivals": rivals, **words, **numbers, **costs, **judged}
+        frames = {} if self.sequence is None else {"sequence": sequence_to_dict(self.sequence)}
+        return {"rows": rows, "rivals": rivals, **words, **numbers, **costs, **judged, **frames}
 
     def text(self, *, verbose: bool = False) -> str:
         """The verdict and the tables, as the command prints them, as text.

@@ -416,6 +416,10 @@ def test_a_burst_that_pays_is_taken_and_moves_where_that_pays():
     assert last == BEST_MOVING_BURST
     assert taken.is_to_build
     assert taken.sequence.travel == 45.0
+    saved = taken.to_dict()["sequence"]
+    assert (saved["travel_px"], len(saved["frames"])) == (45.0, 4)
+    assert saved["frames"][2]["time_s"] == pytest.approx(0.06)
+    assert saved["frames"][2]["motion"]["half_exposure"] == pytest.approx(1e-2)
     said = _said_of_bursts(27.25, 29.5).verdict
     assert "\nIf objects are registered, take 4 frames of 20 ms while" in said
     assert said.startswith("Build a: ")
