@@ -465,9 +465,9 @@ def photon_rate(light: Light, scales: Scales) -> float:
         return light.photon_rate_per_s
     if light.white_e is not None:
         return light.white_e / (light.white_ms * 1e-3)  # type: ignore[operator]
-    per_lux = scales.view._rate_of_lux(
-        "[light] illuminance_lux", light.f_number, light.lens_transmission
-    )
+    f_number, transmission = light.f_number, light.lens_transmission
+    key = "[light] illuminance_lux"
+    per_lux = scales.view._rate_of_lux(key, f_number, transmission)  # type: ignore[arg-type]
     return light.illuminance_lux * per_lux * light.quantum_efficiency  # type: ignore[operator]
 
 
