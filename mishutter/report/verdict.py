@@ -101,7 +101,8 @@ def bursts_of(scene: Scene, rows: Sequence[Row]) -> Bursts | None:
     if still is None or moving is None or moving.sequence is None:
         return None
     in_parts = scene.occlusion is not None
-    if moving.margin_over(still) < WORTH_IT:
+    # A single exposure needs nothing to register, and has rows of its own.
+    if moving.num_frames == 1 or moving.margin_over(still) < WORTH_IT:
         return Bursts(still, still, in_parts=in_parts)
     window = moving.sequence.duration
     stills = StillBursts(scene, at_worst=moving.at_worst, window=window)
@@ -317,7 +318,9 @@ def _burst(case: Case) -> str:
     top, still = bursts.top, bursts.still
     prefix = "" if case.choice.decoder.knows_speed else "If objects are registered, "
     if top is still:
-        stills = top.sequence.setting.replace(" of ", " stills of ", 1)  # type: ignore[union-attr]
+        setting = top.sequence.setting  # type: ignore[union-attr]
+        number = "still" if setting.startswith("1 ") else "stills"
+        stills = setting.replace(" of ", f" {number} of ", 1)
         sentence = f"{prefix}do not move: {stills} have {top.level:.2f} dB"
         if not bursts.in_parts:
             above = top.margin_over(case.choice)

@@ -15,6 +15,7 @@ from mishutter.report.verdict import (
     RULES,
     Bursts,
     Case,
+    bursts_of,
     device_notes,
     plain_stills,
     row_to_build,
@@ -443,3 +444,17 @@ def test_no_number_of_stills_equals_a_burst_that_none_does():
     """The sentence says so, and names no number."""
     said = _said_of_bursts(27.25, 39.5, "known").verdict.replace("\n", " ")
     assert "more than any number of stills in the same time." in said
+
+
+def test_stills_are_named_beside_a_single_exposure_that_a_told_speed_makes_better():
+    """Where the best of the moving bursts is one exposure, nothing registers it."""
+    rows = {
+        name: row
+        for name, row in zip("sm", made_up({BEST_STILL_BURST: 25.0, "m": 26.6}), strict=True)
+    }
+    still = replace(rows["s"], sequence=sequence(STILL, 2))
+    moving = replace(rows["m"], name=BEST_MOVING_BURST, sequence=sequence(MOVING, 1, 38.0))
+    found = bursts_of(SCENE, [still, moving])
+    assert found.top is found.still is still
+    several = replace(moving, sequence=sequence(MOVING, 3, 38.0))
+    assert bursts_of(SCENE, [still, several]).top is several
