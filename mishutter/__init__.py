@@ -104,6 +104,9 @@ Captures and their restoration
     deconvolve                restores captures by a camera in parts
     capture_and_restore       both, of any subject
     restore_photograph        both, of a photograph at several speeds
+    simulate_frames           the frames of a burst, of a moving picture
+    restore_frames            one picture from all of them, and its speed
+    RestoredFrames            what it returns
     estimate_speed            the speed of a picture, from one capture of it
     SpeedEstimate             what it returns
     psnr                      peak signal-to-noise ratio

@@ -22,10 +22,12 @@ from .camera import centred_kernel as centred_kernel
 from .camera import read_frames as read_frames
 from .camera import read_layers as read_layers
 from .camera import simulate_capture as simulate_capture
+from .camera import simulate_frames as simulate_frames
 from .decoding import AbstractDecoder as AbstractDecoder
 from .decoding import BlurModel as BlurModel
 from .decoding import EnsembleDecoder as EnsembleDecoder
 from .decoding import PlugAndPlayDecoder as PlugAndPlayDecoder
+from .decoding import RestoredFrames as RestoredFrames
 from .decoding import RichardsonLucyDecoder as RichardsonLucyDecoder
 from .decoding import SpeedEstimate as SpeedEstimate
 from .decoding import SpeedFindingDecoder as SpeedFindingDecoder
@@ -37,6 +39,7 @@ from .decoding import deconvolve as deconvolve
 from .decoding import estimate_speed as estimate_speed
 from .decoding import psnr as psnr
 from .decoding import restore as restore
+from .decoding import restore_frames as restore_frames
 from .decoding import restore_photograph as restore_photograph
 from .decoding import richardson_lucy as richardson_lucy
 from .design import Design as Design

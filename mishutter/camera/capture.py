@@ -100,7 +100,7 @@ def simulate_capture(
         scene: Light, noise, optics and axis; its speeds are not used.
         motion: Motion of the sensor; concrete.
         shutter: Transmittance over the exposure; concrete with layers and frames.
-        speed: Speed of the picture, px/s, right or down; 0 for layers and frames; concrete.
+        speed: Speed of the picture, px/s, to the left or up; 0 for layers and frames; concrete.
         displacement: Distance of the picture's pixels from the sensor's, px; 0 for layers and
             frames; concrete.
         key: JAX key of the noise; None for none.

@@ -27,6 +27,8 @@ from mishutter.decoding.restoration import least_columns as least_columns
 from mishutter.decoding.restoration import restore_by_each as restore_by_each
 from mishutter.decoding.restoration import restore_photograph as restore_photograph
 from mishutter.decoding.restoration import restored_light as restored_light
+from mishutter.decoding.sequences import RestoredFrames as RestoredFrames
+from mishutter.decoding.sequences import restore_frames as restore_frames
 from mishutter.decoding.simulation import Restoration as Restoration
 from mishutter.decoding.simulation import Simulation as Simulation
 from mishutter.decoding.simulation import capture_and_restore as capture_and_restore

@@ -25,7 +25,7 @@ class Sensor(eqx.Module):
         full_well: Electrons at which a pixel is full: searches expose white to no more; no limit
             by default; e-.
         axis: Axis of pictures along which things and the sensor move: `"rows"`, across, or
-            `"columns"`, a positive speed down. Captures, decoders and photographs know it.
+            `"columns"`, a positive speed up. Captures, decoders and photographs know it.
 
     Raises:
         ValueError: if `full_well` is no scalar above 0, or `axis` is neither.

@@ -5,7 +5,7 @@
 
 import math
 from abc import abstractmethod
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import final
 
@@ -19,6 +19,8 @@ from mishutter.camera import (
     captured_response,
     captured_responses_below,
     kernel_layout,
+    nodes_of_frames,
+    responses_of_frames,
 )
 from mishutter.evaluation import (
     background_of,
@@ -36,10 +38,50 @@ from mishutter.model import (
     AbstractShutter,
     Optics,
     Scene,
+    TimedFrame,
     frequencies,
     noise_power,
     white_electrons,
 )
+
+
+@dataclass(frozen=True)
+class CompleteFrames:
+    """Frames of a sequence that go on beyond their borders, and so are as good as one capture.
+
+    Attributes:
+        frames: The frames.
+        speed: Speed of the picture; px/s.
+        noises: Variance of the noise in each, white = 1.
+    """
+
+    frames: tuple[TimedFrame, ...]
+    speed: float
+    noises: tuple[float, ...]
+
+    def response(self, optics: Optics, length: int) -> Float[np.ndarray, "{length}//2+1"]:
+        r"""Response of that capture, $\sqrt{\sum_k |A_k|^2/N_k}$ over its value at 0.
+
+        Args:
+            optics: The lens.
+            length: Pixels of the DFT.
+        """
+        nodes = nodes_of_frames(self.frames, abs(self.speed))
+        responses = responses_of_frames(nodes, np.array([self.speed]), optics, length)[0]
+        density = density_of(responses, np.array(self.noises))
+        return np.sqrt(density / density[0])
+
+
+def density_of(
+    responses: Complex[np.ndarray, "*s frames k"], noises: Float[np.ndarray, "frames"]
+) -> Float[np.ndarray, "*s k"]:
+    r"""Signal by noise of frames together, $\sum_k |A_k|^2/N_k$.
+
+    Args:
+        responses: Response of each, $A_k$.
+        noises: Variance of the noise in each, $N_k$.
+    """
+    return np.sum(np.abs(responses) ** 2 / noises[:, None], axis=-2)
 
 
 @final
@@ -65,6 +107,7 @@ class BlurModel(eqx.Module):
         open_time: Time in which an open shutter would pass as much light; s.
         layers: The scene, seen from the motion, where objects hide part of a background; None
             where the picture moves as a whole.
+        complete: The frames of a sequence that the capture stands for; None of a capture alone.
     """
 
     motion: AbstractMotion
@@ -80,6 +123,7 @@ class BlurModel(eqx.Module):
     optics: Optics
     open_time: float = eqx.field(static=True)
     layers: Scene | None = None
+    complete: CompleteFrames | None = eqx.field(static=True, default=None)
 
     @property
     def smear_difference(self) -> float:
@@ -146,6 +190,9 @@ class BlurModel(eqx.Module):
             speeds: Speeds of the objects; px/s.
             length: Pixels of the DFT.
         """
+        if self.complete is not None:
+            response = self.complete.response(self.optics, length)
+            return np.broadcast_to(response.astype(complex), (speeds.size, response.size))
         with outside_trace():
             responses = captured_response(self.motion, self.shutter, speeds.tolist(), length)
         return np.asarray(responses) * self.optics.response(length)

@@ -1,0 +1,187 @@
+r"""The frames of a sequence: what a moving picture leaves in each, where the sensor then is.
+
+A thing that is at the column $u$ of the sensor at the middle of the sequence is displaced by
+$c_k(t) - s\,t$ at the time $t$ of the sequence, where $c_k$ is the place of the sensor. All frames
+share that frame of reference, and so do the pictures that are restored from them.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Array, ArrayLike, Complex, Float
+
+from mishutter._core import (
+    RowLike,
+    alone_in_blas,
+    as_float,
+    outside_trace,
+    require,
+    require_finite,
+    require_key,
+    require_known,
+    require_positive_int,
+    require_scalar,
+)
+from mishutter.blur import waves_on_dft
+from mishutter.camera.capture import as_radiance, distinct_colours, every_colour
+from mishutter.camera.noise import recorded
+from mishutter.camera.occlusion import nodes_for
+from mishutter.camera.rows import MAX_REACH, channels_last, continued, period_of, rows_last
+from mishutter.evaluation import nodes_in_time
+from mishutter.model import (
+    AbstractMotion,
+    Optics,
+    RectShutter,
+    Scene,
+    TimedFrame,
+    require_scene,
+    require_whole,
+    white_electrons,
+)
+from mishutter.pictures import Picture, pixels_along, turned
+
+
+class FrameNodes(NamedTuple):
+    """Instants of one frame, and where its sensor is then.
+
+    Attributes:
+        time: Time from the middle of the sequence; s.
+        place: Place of the sensor; px.
+        weight: Share of the exposure, of an open shutter.
+    """
+
+    time: Float[np.ndarray, "q"]
+    place: Float[np.ndarray, "q"]
+    weight: Float[np.ndarray, "q"]
+
+
+def nodes_of_frames(frames: Sequence[TimedFrame], fastest: float) -> list[FrameNodes]:
+    """Quadrature nodes of each frame, for things up to a speed.
+
+    Args:
+        frames: The frames.
+        fastest: Greatest speed of a thing, of either sign; px/s.
+    """
+    with outside_trace():
+        return [_nodes_of(frame, fastest) for frame in frames]
+
+
+def _nodes_of(frame: TimedFrame, fastest: float) -> FrameNodes:
+    motion: AbstractMotion = frame.motion
+    half = float(motion.half_exposure)
+    count = nodes_for((float(motion.top_speed) + fastest) * half)
+    tau, weight = nodes_in_time(RectShutter(), motion, count)
+    time = half * np.asarray(tau, np.float64)[0]
+    place = frame.position + np.asarray(motion.position(time), np.float64)
+    return FrameNodes(frame.time + time, place, np.asarray(weight, np.float64)[0])
+
+
+def responses_of_frames(
+    nodes: Sequence[FrameNodes], speeds: RowLike, optics: Optics, period: int
+) -> Complex[np.ndarray, "s frames k"]:
+    r"""Responses of the frames at some speeds, on the grid of a DFT, displacements included.
+
+    $\operatorname{sinc}(f)\,O(f)\,\frac{1}{2T_k}\int e^{-2\pi i f (c_k(t) - s t)}\,dt$ over the
+    exposure of frame $k$.
+
+    Args:
+        nodes: Instants of each frame.
+        speeds: Speeds of the picture; px/s.
+        optics: The lens, $O$.
+        period: Pixels of the DFT.
+    """
+    each = np.asarray(speeds, np.float64)[:, None]
+    count = period // 2 + 1
+    waves = [
+        waves_on_dft(some.place - each * some.time, some.weight[None], period, count)
+        for some in nodes
+    ]
+    aperture = np.sinc(np.arange(count) / period) * optics.response(period)
+    return np.stack([np.asarray(one) for one in waves], axis=1) * aperture
+
+
+def furthest(nodes: Sequence[FrameNodes], speeds: RowLike) -> float:
+    """Greatest displacement of a picture at some speeds, over all frames; px.
+
+    Args:
+        nodes: Instants of each frame.
+        speeds: Speeds of the picture; px/s.
+    """
+    each = np.asarray(speeds, np.float64)[:, None]
+    return max(float(np.max(np.abs(some.place - each * some.time))) for some in nodes)
+
+
+@alone_in_blas()
+def simulate_frames(
+    picture: Picture | ArrayLike,
+    scene: Scene,
+    frames: Sequence[TimedFrame],
+    *,
+    speed: float,
+    num_columns: int | None = None,
+    key: Array | None = None,
+) -> Float[Array, "frames ..."]:
+    r"""Simulate the frames that a camera takes of a picture that moves as a whole.
+
+    The sensor lies over the middle of the picture at the middle of the sequence. Where the picture
+    is wider than the sensor, light enters and leaves at real borders; beyond the picture it goes on
+    mirrored. The noise is that of the paper's equation (4) in each frame.
+
+    Args:
+        picture: Light, white = 1, shape `(rows, columns)` or with channels last.
+        scene: Light, noise, optics and axis; its speeds are not used.
+        frames: The frames, with open shutters, as `best_moving_burst` finds them.
+        speed: Speed of the picture; px/s, as that of `simulate_capture`.
+        num_columns: Pixels of the sensor along the motion; those of the picture by default.
+        key: JAX key of the noise; None for none.
+
+    Returns:
+        Light of each frame in units of its exposure of white; shape `(frames, rows, num_columns)`,
+        channels last where the picture has some.
+
+    Raises:
+        ValueError: if the scene has a background, the sensor is wider than the picture, or light is
+            displaced by more than 8,192 px.
+    """
+    require_scene(scene)
+    require_whole(scene, "simulate_frames")
+    require_known("simulate_frames", speed=speed)
+    require_scalar("simulate_frames(speed=...)", speed)
+    require_finite("simulate_frames(speed=...)", speed)
+    require_key("simulate_frames(key=...)", key)
+    require(len(frames) > 0, "simulate_frames(frames=...)", "hold one frame at least", 0)
+    radiance = turned(as_radiance(picture, "simulate_frames(picture=...)"), scene.sensor.axis)
+    columns = radiance.shape[-1 if radiance.ndim == 2 else -2]
+    width = columns if num_columns is None else num_columns
+    subject = "simulate_frames(num_columns=...)"
+    require_positive_int(subject, width)
+    requirement = f"be at most the picture's {columns} {pixels_along(scene.sensor.axis)}"
+    require(width <= columns, subject, requirement, width)
+    nodes = nodes_of_frames(frames, abs(speed))
+    reach = furthest(nodes, [speed])
+    requirement = f"displace light by at most {MAX_REACH} px"
+    require(reach <= MAX_REACH, "simulate_frames(frames=...)", requirement, reach)
+    planes = np.asarray(rows_last(distinct_colours(radiance)))
+    period = period_of(columns, math.ceil(reach), "reflect")
+    responses = responses_of_frames(nodes, [speed], scene.optics, period)[0]
+    spectrum = np.fft.rfft(np.asarray(continued(planes, period, "reflect")))
+    start = (columns - width) // 2
+    window = slice(start, start + width)
+    keys = [None] * len(frames) if key is None else list(jax.random.split(key, len(frames)))
+    full_well = scene.sensor.full_well
+    levels = []
+    for frame, response, one in zip(frames, responses, keys, strict=True):
+        irradiance = np.fft.irfft(spectrum * response, period)[..., window].astype(planes.dtype)
+        irradiance = every_colour(channels_last(irradiance, radiance), radiance)
+        level = recorded(
+            irradiance,
+            white_electrons(scene.photon_rate, frame.exposure),
+            scene.read_noise,
+            key=one,
+            full_well=None if full_well is None else float(full_well),
+        )
+        levels.append(np.asarray(turned(level, scene.sensor.axis)))
+    return as_float(np.stack(levels))

@@ -1,0 +1,119 @@
+"""Frames of a sequence, against single captures of a displaced picture."""
+
+import re
+
+import jax
+import numpy as np
+import pytest
+
+from mishutter import (
+    ChippedShutter,
+    FreeMotion,
+    Occlusion,
+    ParabolicMotion,
+    RectShutter,
+    Scene,
+    Sensor,
+    StillCamera,
+    TimedFrame,
+    simulate_capture,
+    simulate_frames,
+)
+
+SCENE = Scene.uniform(max_speed=2600.0, photon_rate=7e4, read_noise=6)
+RNG = np.random.default_rng(5)
+PICTURE = np.clip(0.3 + 0.2 * RNG.standard_normal((6, 300)).cumsum(axis=1) / 8, 0, 1)
+SPEED, A, HALF = -1730.0, 9e4, 7e-3
+
+
+def test_a_positive_speed_is_to_the_left():
+    """In the frames of a sequence, and within one exposure of a shutter that opens late."""
+    spot = np.exp(-((np.arange(200) - 100) ** 2) / 18)[None]
+    still = StillCamera(half_exposure=2e-3)
+    frames = [TimedFrame(still, time) for time in (-0.03, 0.03)]
+    early, late = (int(np.argmax(one)) for one in simulate_frames(spot, SCENE, frames, speed=700.0))
+    assert (early, late) == (121, 79)
+    slow, late_light = StillCamera(half_exposure=0.03), ChippedShutter(np.r_[np.zeros(9), 1.0])
+    capture = simulate_capture(spot, SCENE, slow, late_light, speed=700.0)
+    assert int(np.argmax(capture)) == 81
+
+
+@pytest.mark.parametrize("time", [-0.021, 0.0, 0.034])
+def test_a_frame_at_rest_is_a_capture_of_the_displaced_picture(time):
+    """By the way of the picture since the middle of the sequence."""
+    still = StillCamera(half_exposure=2e-3)
+    (found,) = simulate_frames(PICTURE, SCENE, [TimedFrame(still, time)], speed=SPEED)
+    alone = simulate_capture(
+        PICTURE, SCENE, still, RectShutter(), speed=SPEED, displacement=-SPEED * time
+    )
+    np.testing.assert_allclose(found, alone, atol=1e-10)
+
+
+def test_a_parabola_is_seen_from_its_mid_exposure():
+    """A single capture is aligned at the vertex, a frame where the sensor is at mid-exposure."""
+    motion = ParabolicMotion(acceleration=A, half_exposure=HALF)
+    (found,) = simulate_frames(PICTURE, SCENE, [TimedFrame(motion, 0.013, 8.3)], speed=SPEED)
+    displacement = 8.3 - SPEED * 0.013 - SPEED**2 / (4 * A)
+    alone = simulate_capture(
+        PICTURE, SCENE, motion, RectShutter(), speed=SPEED, displacement=displacement
+    )
+    np.testing.assert_allclose(found, alone, atol=1e-9)
+
+
+def test_a_parabola_of_the_other_direction_is_the_mirrored_one():
+    """Of the mirrored picture at the opposite speed, from the mirrored place."""
+    up = ParabolicMotion(acceleration=A, half_exposure=HALF)
+    down = FreeMotion(accelerations=[-A], half_exposure=HALF)
+    there = simulate_frames(PICTURE, SCENE, [TimedFrame(up, 0.01, 3.7)], speed=SPEED)
+    back = simulate_frames(PICTURE[:, ::-1], SCENE, [TimedFrame(down, 0.01, -3.7)], speed=-SPEED)
+    np.testing.assert_allclose(back[..., ::-1], there, atol=1e-9)
+
+
+def test_a_sensor_sees_the_middle_of_a_wider_picture():
+    """Light enters from the picture beside it."""
+    frames = [TimedFrame(StillCamera(half_exposure=1e-3), time) for time in (-0.01, 0.02)]
+    whole = simulate_frames(PICTURE, SCENE, frames, speed=900.0)
+    found = simulate_frames(PICTURE, SCENE, frames, speed=900.0, num_columns=180)
+    assert found.shape == (2, 6, 180)
+    np.testing.assert_array_equal(found, whole[..., 60:240])
+
+
+def test_each_frame_has_noise_of_its_own_exposure():
+    """Of its light and of reading, and no two frames alike."""
+    flat = np.full((40, 400), 0.37)
+    frames = [TimedFrame(StillCamera(half_exposure=half), 0.0) for half in (4e-4, 4e-4, 3e-3)]
+    found = simulate_frames(flat, SCENE, frames, speed=0.0, key=jax.random.key(2))
+    for capture, half in zip(found, (4e-4, 4e-4, 3e-3), strict=True):
+        p = 7e4 * 2 * half
+        assert np.var(np.asarray(capture)) == pytest.approx(0.37 / p + (6 / p) ** 2, rel=0.05)
+    assert not np.array_equal(found[0], found[1])
+
+
+def test_a_picture_that_moves_along_its_columns():
+    """Is that of exchanged rows and columns."""
+    frames = [TimedFrame(StillCamera(half_exposure=1e-3), time) for time in (-0.01, 0.02)]
+    along = simulate_frames(PICTURE, SCENE, frames, speed=900.0, num_columns=180)
+    down = Scene.uniform(
+        max_speed=2600.0, photon_rate=7e4, read_noise=6, sensor=Sensor(axis="columns")
+    )
+    found = simulate_frames(PICTURE.T, down, frames, speed=900.0, num_columns=180)
+    np.testing.assert_array_equal(found, np.swapaxes(along, 1, 2))
+
+
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        ({"frames": []}, "frames=...)` must hold one frame at least; got 0"),
+        ({"num_columns": 301}, "num_columns=...)` must be at most the picture's 300 columns"),
+        ({"num_columns": 0}, "num_columns=...)` must be a positive integer"),
+        ({"speed": np.nan}, "speed=...)` must be finite"),
+        ({"speed": 9e5}, "frames=...)` must displace light by at most 8192 px"),
+        ({"scene": SCENE.with_occlusion(Occlusion(front_share=0.4))}, "must move as a whole"),
+    ],
+)
+def test_what_cannot_be_simulated(change, line):
+    """Is refused in one line."""
+    frames = [TimedFrame(StillCamera(half_exposure=1e-3), 0.02)]
+    given = {"scene": SCENE, "frames": frames, "speed": 40.0} | change
+    with pytest.raises(ValueError, match=re.escape(line)):
+        simulate_frames(PICTURE, given.pop("scene"), given.pop("frames"), **given)

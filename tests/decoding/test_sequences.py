@@ -1,0 +1,211 @@
+"""One picture from several frames: its level against the formula, and the speed that they tell."""
+
+import re
+
+import jax
+import numpy as np
+import pytest
+
+from mishutter import (
+    EnsembleDecoder,
+    FreeMotion,
+    Occlusion,
+    RectShutter,
+    Scene,
+    Sensor,
+    StillCamera,
+    TimedFrame,
+    TotalVariationDecoder,
+    deconvolve,
+    example_picture,
+    restore_frames,
+    simulate_capture,
+    simulate_frames,
+)
+from mishutter.evaluation.frames import alternating_frames, burst_psnr, still_frames
+
+PERIOD, EXPOSURE, SWING = 1 / 60, 0.0164, 24.0
+SCENE = Scene.uniform(max_speed=4500.0, photon_rate=1e5, read_noise=8)
+
+
+def stills(count, exposure=1.5e-3):
+    """Frames of a sensor at rest."""
+    still = StillCamera(half_exposure=exposure / 2)
+    return [TimedFrame(still, (k - (count - 1) / 2) * PERIOD) for k in range(count)]
+
+
+def swings(count):
+    """Parabolas of alternating direction, between which the sensor goes on at its velocity."""
+    half = EXPOSURE / 2
+    a = SWING / half**2
+    far = 2 * SWING + (PERIOD - EXPOSURE) * 2 * a * half
+    return [
+        TimedFrame(
+            FreeMotion(accelerations=[(-1) ** k * a], half_exposure=half),
+            (k - (count - 1) / 2) * PERIOD,
+            far * (k % 2),
+        )
+        for k in range(count)
+    ]
+
+
+def gaussian_rows(count, columns, seed):
+    """Rows of the spectrum that the scene stands for, about its mean; not clipped."""
+    frequency = np.fft.rfftfreq(columns)
+    power = 1 / (frequency**2 + 0.01**2)
+    grid = (np.arange(256) + 0.5) / 512
+    power *= 0.2**2 / np.mean(1 / (grid**2 + 0.01**2))
+    noise = np.random.default_rng(seed).standard_normal((count, columns))
+    return 0.25 + np.fft.irfft(np.fft.rfft(noise) * np.sqrt(power), columns)
+
+
+def squared_error(found, truth, beside=0):
+    """Of the columns that all frames see."""
+    inner = slice(beside, truth.shape[-1] - beside)
+    return float(np.mean((np.asarray(found) - truth)[:, inner] ** 2))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("speed", [1900.0, -4300.0])
+@pytest.mark.parametrize("moves", [False, True], ids=["still", "moving"])
+def test_rows_are_restored_as_well_as_the_formula_says(moves, speed):
+    """Of the scene's spectrum, from four frames, in the columns that all of them see."""
+    frames = swings(4) if moves else stills(4)
+    half = EXPOSURE / 2
+    groups = alternating_frames(4, half, SWING / half**2) if moves else still_frames(4, 7.5e-4)
+    told = Scene([speed], photon_rate=1e5, read_noise=8)
+    rows = gaussian_rows(96, 1440, seed=int(speed) % 97)
+    start = rows.min()  # a capture takes no light below 0
+    lifted = np.clip(rows - start, 0, None)
+    bright = simulate_frames(lifted, told, frames, speed=speed, num_columns=960)
+    rng = np.random.default_rng(4)
+    captures = np.asarray(bright) + start
+    for capture, frame in zip(captures, frames, strict=True):
+        p = 1e5 * frame.exposure
+        capture += rng.standard_normal(capture.shape) * np.sqrt(0.25 / p + (8 / p) ** 2)
+    found = restore_frames(captures, told, frames, speed=speed)
+    error = squared_error(found.light, rows[:, 240:1200], beside=200)
+    assert -10 * np.log10(error) == pytest.approx(float(burst_psnr(told, [groups])), abs=0.15)
+    # A level that sees no borders is not below the mean over the whole sensor.
+    assert squared_error(found.light, rows[:, 240:1200]) >= error
+
+
+def shown(speed, frames, rows=slice(120, 168), seed=3, **others):
+    """Frames of a photograph that is wider than the sensor, and the part that the sensor shows."""
+    picture = np.asarray(example_picture().light)[rows, :, 1]
+    options = {"num_columns": 480, "key": jax.random.key(seed)} | others
+    return simulate_frames(picture, SCENE, frames, speed=speed, **options), picture[:, 130:610]
+
+
+@pytest.mark.parametrize(("speed", "moves"), [(2710.0, True), (-3900.0, False)])
+def test_frames_tell_the_speed_and_its_sign(speed, moves):
+    """To within its error, and without a doubt; light enters and leaves at the ends of the rows."""
+    frames = swings(4) if moves else stills(4)
+    captures, _ = shown(speed, frames)
+    estimate = restore_frames(captures, SCENE, frames).estimate
+    assert estimate is not None
+    assert estimate.trusted
+    assert not estimate.doubt
+    assert 0 < estimate.error < 10
+    assert abs(estimate.speed - speed) < 5 * estimate.error
+    assert np.sum(estimate.weights) == pytest.approx(1)
+    assert np.all(np.diff(estimate.speeds) > 0)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("speed", [-4400.0, -1300.0, 0.0, 560.0, 4450.0])
+@pytest.mark.parametrize("count", [2, 8])
+def test_few_and_many_frames_tell_the_speed(speed, count):
+    """Two are enough, and eight are no trap."""
+    for frames in (stills(count), swings(count)):
+        captures, _ = shown(speed, frames, seed=count)
+        estimate = restore_frames(captures, SCENE, frames).estimate
+        assert estimate is not None
+        assert abs(estimate.speed - speed) < max(5 * estimate.error, 3.0)
+
+
+def test_what_shows_nothing_is_doubted():
+    """A flat picture, whose frames are noise, and one that is faster than anything expected."""
+    frames = stills(3)
+    flat = simulate_frames(np.full((12, 300), 0.3), SCENE, frames, speed=0.0, key=jax.random.key(5))
+    estimate = restore_frames(flat, SCENE, frames).estimate
+    assert estimate is not None
+    assert not estimate.trusted
+    assert estimate.doubt
+    slow = Scene.uniform(max_speed=300.0, photon_rate=1e5, read_noise=8)
+    captures, _ = shown(900.0, frames)
+    estimate = restore_frames(captures, slow, frames).estimate
+    assert estimate is not None
+    assert not estimate.trusted
+    assert estimate.doubt
+
+
+def test_more_frames_and_moving_ones_are_better():
+    """On a photograph with real borders, by the speed that is found."""
+    errors = {}
+    for name, frames in (("2", stills(2)), ("4", stills(4)), ("4 moving", swings(4))):
+        captures, truth = shown(3300.0, frames)
+        errors[name] = squared_error(restore_frames(captures, SCENE, frames).light, truth)
+    assert errors["4 moving"] < 10**-0.1 * errors["4"]
+    assert errors["4"] < 10**-0.05 * errors["2"]
+
+
+@pytest.mark.slow
+def test_a_decoder_with_a_prior_restores_frames_better():
+    """Any decoder takes complete frames for one capture."""
+    captures, truth = shown(3300.0, swings(4))
+    linear, edges = (
+        restore_frames(captures, SCENE, swings(4), decoder=decoder, speed=3300.0).light
+        for decoder in (EnsembleDecoder(), TotalVariationDecoder())
+    )
+    assert squared_error(edges, truth) < 10**-0.1 * squared_error(linear, truth)
+
+
+def test_one_frame_is_a_single_capture():
+    """Restored as by the road of single captures, to the continuation of its ends."""
+    still = StillCamera(half_exposure=1e-3)
+    told = Scene([1700.0], photon_rate=1e5, read_noise=8)
+    picture = np.asarray(example_picture().light)[120:140, :400, 1]
+    capture = simulate_capture(
+        picture, told, still, RectShutter(), speed=1700.0, key=jax.random.key(1)
+    )
+    alone = deconvolve(capture, told, still, RectShutter())
+    found = restore_frames(capture[None], told, [TimedFrame(still, 0.0)], speed=1700.0)
+    assert found.estimate is None
+    assert np.sqrt(squared_error(found.light, np.asarray(alone))) < 2e-3
+
+
+def test_a_picture_that_moves_along_its_columns():
+    """Is restored as that of exchanged rows and columns, and keeps its channels."""
+    captures, _ = shown(-1200.0, stills(3), rows=slice(120, 136))
+    down = Scene.uniform(
+        max_speed=4500.0, photon_rate=1e5, read_noise=8, sensor=Sensor(axis="columns")
+    )
+    along = restore_frames(captures, SCENE, stills(3), speed=-1200.0).light
+    turned = np.swapaxes(np.asarray(captures), 1, 2)[..., None]
+    found = restore_frames(turned, down, stills(3), speed=-1200.0).light
+    np.testing.assert_allclose(np.asarray(found)[..., 0].T, along, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("captures", "scene", "line"),
+    [
+        (np.ones((2, 4, 30)), SCENE, "captures=...)` must be 3 frames, of rows and columns"),
+        (np.ones((3, 30)), SCENE, "captures=...)` must be 3 frames, of rows and columns"),
+        (np.full((3, 4, 30), np.inf), SCENE, "captures=...)` must be finite"),
+        (
+            np.ones((3, 4, 30)),
+            SCENE.with_occlusion(Occlusion(front_share=0.4)),
+            "must move as a whole for restore_frames",
+        ),
+        (
+            np.ones((3, 4, 30)),
+            Scene([5.0], photon_rate=0.0, read_noise=8),
+            "must have a photon rate above 0 e-/s",
+        ),
+    ],
+)
+def test_what_cannot_be_restored(captures, scene, line):
+    """Is refused in one line."""
+    with pytest.raises(ValueError, match=re.escape(line)):
+        restore_frames(captures, scene, stills(3))
