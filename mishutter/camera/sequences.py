@@ -3,6 +3,8 @@ r"""The frames of a sequence: what a moving picture leaves in each, where the se
 A thing that is at the column $u$ of the sensor at the middle of the sequence is displaced by
 $c_k(t) - s\,t$ at the time $t$ of the sequence, where $c_k$ is the place of the sensor. All frames
 share that frame of reference, and so do the pictures that are restored from them.
+
+"The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
 
 import math
