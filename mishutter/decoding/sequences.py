@@ -66,7 +66,7 @@ _TOLERANCE, _TOLERANCE_OF_SPEED, _MOST_STEPS = 1e-3, 1e-2, 200
 """Residuals at which conjugate gradients end, as shares of the first one, and most steps. At the
 first the level is within 0.01 dB of its limit; likelihoods of speeds differ less by the second than
 by the picture's own statistics."""
-_ROWS = 16
+_ROWS = 32
 """Rows of a picture from which its speed is found."""
 _PX_A_STEP = 0.7
 """Displacement over the sequence between neighbouring speeds that are tried."""
@@ -79,6 +79,8 @@ _SURE = 12.0
 _WORTH = 0.1
 """Share of the likelihood that counts: photographs are no Gaussian rows, and alike from row to row.
 """
+_LEAST_DETAIL = 1e-4
+"""Least detail of a picture, over that which the scene expects."""
 _REACH = 3.0
 """Steps about a peak of the first likelihood in which that of the second is looked for."""
 _MOST_MOVES = 6
@@ -230,6 +232,23 @@ class _Taken:
         noises = noise_power(1.0, model.mean_level, p, model.read_noise, unit=p)
         return _Taken(frames, model, p, noises)
 
+    def like(self, rows: Float[np.ndarray, "rows frames columns"]) -> "_Taken":
+        """The same of pictures as bright, and as rich in detail, as that of some rows of frames.
+
+        A picture of less detail than expected would else seem to be one that is fast.
+        """
+        model = self.model
+        level = max(float(np.mean(rows)), 0.0)
+        noises = noise_power(1.0, level, self.electrons, model.read_noise, unit=self.electrons)
+        detail = float(np.mean(np.var(rows, axis=-1)) - np.mean(noises))
+        expected = float(np.mean(model.power))
+        if expected <= 0:
+            return self
+        scale = max(detail / expected, _LEAST_DETAIL)
+        return _Taken(
+            self.frames, replace(model, power=scale * model.power), self.electrons, noises
+        )
+
     def as_one(self, speed: float) -> BlurModel:
         """The blur and noise of the one capture that the complete frames are as good as."""
         noise = 1 / float(np.sum(1 / self.noises))
@@ -335,7 +354,7 @@ def _speed_of(
     grey = np.tensordot(share / np.sum(share), planes, 1)
     some = np.unique(np.linspace(0, len(grey) - 1, min(_ROWS, len(grey))).astype(int))
     speeds = _speeds_to_try(scene, taken.frames)
-    stack, _ = _stacked(grey[some], taken, speeds)
+    stack, _ = _stacked(grey[some], taken.like(grey[some]), speeds)
     first = _likelihoods_of_windows(stack, speeds)
     beside = np.concatenate([[-np.inf], first, [-np.inf]])
     peaks = np.flatnonzero((first >= beside[:-2]) & (first > beside[2:]))

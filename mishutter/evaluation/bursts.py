@@ -56,6 +56,8 @@ ALTERNATING, SINE, SWEEP, FAN = "alternating parabolas", "sine", "sweep", "fan o
 """Paths of a sensor over a burst."""
 _STEPS = 4
 """Steps of exposure and acceleration that a search begins with."""
+_TOP_SPEEDS = (0.7, 1.2)
+"""Top speeds of a sensor, over that of the fastest thing, that a search begins with too."""
 _MOST_VELOCITIES = 64
 """Most frames on paths that give each a velocity of its own, whose transfer functions are many."""
 _LEAST_GAIN = 0.005
@@ -584,9 +586,16 @@ def _best_of(scene: Scene, each: _Try, plan: Plan) -> FrameSequence:
             return math.inf
         return float(weights @ errors(place))
 
-    steps = np.linspace(0, 1, _STEPS)
-    points = itertools.product(steps, steps, *[(0.5, 1.0)] * each.rests)
-    start = min((np.array(point) for point in points), key=loss)
+    rests, steps = [(0.5, 1.0)] * each.rests, np.linspace(0, 1, _STEPS)
+    grid = [np.array(point) for point in itertools.product(steps, steps, *rests)]
+    # Where the limits leave room for far more than pays, every step of the grid is too much.
+    fastest = float(np.max(np.abs(np.asarray(scene.speeds) - each.room.pan)))
+    for exposure, *rest in itertools.product(steps[1:], *rests):
+        most = each.at(np.array([exposure, 1.0, *rest])).moving.start_speed
+        for speed in (top * fastest for top in _TOP_SPEEDS):
+            if 0 < speed < most:
+                grid.append(np.array([exposure, speed / most, *rest]))
+    start = min(grid, key=loss)
     bounds, options = [(0, 1)] * start.size, {"xatol": 1e-3, "fatol": 1e-9}
     end: Any = minimize(loss, start, method="Nelder-Mead", bounds=bounds, options=options)
     place = each.at(end.x)

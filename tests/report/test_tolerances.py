@@ -52,7 +52,7 @@ def test_rows_are_judged_within_tolerances(comparison):
 @pytest.mark.slow
 def test_the_text_holds_both_levels_and_the_costs(comparison):
     """And so does the document for programs."""
-    row, text = comparison.row("own"), comparison.text()
+    row, text = comparison.row("own"), comparison.text(verbose=True)
     for level in (row.level, float(row.metrics.expected_psnr)):
         assert f"{level:.2f}" in text
     assert comparison.costs.verdict in text
@@ -64,7 +64,7 @@ def test_the_text_holds_both_levels_and_the_costs(comparison):
 @pytest.mark.slow
 def test_the_terminal_shows_the_table(comparison, capsys):
     """The costs are a table of their own, and each row has its level within tolerances."""
-    print_comparison(Report(_within(), comparison, ("own",)))
+    print_comparison(Report(_within(), comparison, ("own",)), verbose=True)
     shown = capsys.readouterr().out
     assert "within dB" in shown
     assert "Cost of each tolerance to the best design" in shown

@@ -31,7 +31,7 @@ ON_PARABOLAS = SMALL_SCENE.replace("[motion]", "max_jerk_px_per_s3 = 1e15\n[moti
 """The same for a stage that takes no free path, whose rivals take most of a comparison's time."""
 
 
-_SIGN_OF_LIFE = re.compile(r"[a-z ]+( \.\.\.|: \d+ of \d+ after \d+ s.*)")
+_SIGN_OF_LIFE = re.compile(r"[a-z ]+( \.\.\.|: (.+, )?\d+ of \d+ after \d+ s.*)")
 
 SMALL_SEARCH = ["--starts", "2", "--steps", "3", "--coefficients", "6", "--noise-seeds", "1"]
 
