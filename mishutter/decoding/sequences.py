@@ -53,6 +53,7 @@ from mishutter.model import (
     RectShutter,
     Scene,
     TimedFrame,
+    frequencies,
     noise_power,
     require_scene,
     require_whole,
@@ -76,13 +77,21 @@ _CANDIDATES = 3
 """Peaks of the first likelihood that the second one judges."""
 _SURE = 12.0
 """Logarithm of the likelihood by which the speed that is found must lead, to be trusted."""
+_DARK = 1e-12
+"""Least variance of the noise, for pictures without light or noise; white = 1."""
+_REGISTERED = 1.0
+"""Error of a picture's way over the sequence above which no speed is trusted; px."""
 _WORTH = 0.1
 """Share of the likelihood that counts: photographs are no Gaussian rows, and alike from row to row.
 """
 _LEAST_DETAIL = 1e-4
 """Least detail of a picture, over that which the scene expects."""
+_BANDS, _FEW_SPEEDS = 6, 17
+"""Bands of frequencies in which a picture's power is estimated, at the mean of so many speeds."""
 _REACH = 3.0
 """Steps about a peak of the first likelihood in which that of the second is looked for."""
+_SPREAD = 9
+"""Speeds, all over those that are tried, which the one that is found must lead too."""
 _MOST_MOVES = 6
 """Times that it is looked for beyond the end of these steps."""
 _SPEEDS_AT_ONCE = 64
@@ -229,25 +238,41 @@ class _Taken:
         """The frames of a scene."""
         model = blur_model(scene, frames[0].motion, RectShutter())
         p = np.array([float(white_electrons(scene.photon_rate, one.exposure)) for one in frames])
-        noises = noise_power(1.0, model.mean_level, p, model.read_noise, unit=p)
+        noises = np.maximum(noise_power(1.0, model.mean_level, p, model.read_noise, unit=p), _DARK)
         return _Taken(frames, model, p, noises)
 
-    def like(self, rows: Float[np.ndarray, "rows frames columns"]) -> "_Taken":
-        """The same of pictures as bright, and as rich in detail, as that of some rows of frames.
+    def like(
+        self, rows: Float[np.ndarray, "rows frames columns"], speeds: Float[np.ndarray, "s"]
+    ) -> "_Taken":
+        r"""The same of pictures as bright, and as rich in detail, as that of some rows of frames.
 
-        A picture of less detail than expected would else seem to be one that is fast.
+        A picture of less detail than expected, or of finer, would else seem to move at a speed that
+        explains it. In each band of frequencies its power is that of the frames beyond their noise
+        over $\sum_k |A_k|^2$, of which the speeds that are tried have the mean.
         """
-        model = self.model
+        model, columns = self.model, rows.shape[-1]
         level = max(float(np.mean(rows)), 0.0)
-        noises = noise_power(1.0, level, self.electrons, model.read_noise, unit=self.electrons)
-        detail = float(np.mean(np.var(rows, axis=-1)) - np.mean(noises))
-        expected = float(np.mean(model.power))
-        if expected <= 0:
-            return self
-        scale = max(detail / expected, _LEAST_DETAIL)
-        return _Taken(
-            self.frames, replace(model, power=scale * model.power), self.electrons, noises
+        p = self.electrons
+        noises = np.maximum(noise_power(1.0, level, p, model.read_noise, unit=p), _DARK)
+        fading = np.hanning(columns + 2)[1:-1]
+        length = fast_length(columns)
+        about = rows - np.mean(rows, axis=(-2, -1), keepdims=True)
+        spectra = np.fft.rfft(about * fading, length)
+        recorded = np.mean(np.abs(spectra) ** 2, axis=0) / (np.mean(fading**2) * columns)
+        few = np.linspace(speeds[0], speeds[-1], _FEW_SPEEDS)
+        responses = responses_of_frames(
+            nodes_of_frames(self.frames, float(np.max(np.abs(few)))), few, model.optics, length
         )
+        detail = np.sum(recorded / noises[:, None] - 1, axis=0)
+        expected = np.mean(density_of(responses, noises), axis=0) * model.picture_spectrum(length)
+        place = np.fft.rfftfreq(length)
+        ends = np.geomspace(2 / columns, 0.5, _BANDS + 1)
+        bands = [(place >= low) & (place <= high) for low, high in itertools.pairwise(ends)]
+        sums = [(float(np.sum(detail[x])), float(np.sum(expected[x]))) for x in bands]
+        scales = [max(x / y, _LEAST_DETAIL) if y > 0 else 1.0 for x, y in sums]
+        middles = np.sqrt(ends[:-1] * ends[1:])
+        each = np.interp(np.log(frequencies(model.power.size)), np.log(middles), np.log(scales))
+        return _Taken(self.frames, replace(model, power=np.exp(each) * model.power), p, noises)
 
     def as_one(self, speed: float) -> BlurModel:
         """The blur and noise of the one capture that the complete frames are as good as."""
@@ -350,28 +375,33 @@ def _speed_of(
     A first likelihood is that of the spectra of windows, of many speeds; a second, of the frames as
     they are, judges its highest peaks.
     """
+    slowest, fastest = (float(speed) for speed in scene.speed_range)
+    if slowest == fastest:
+        return SpeedEstimate(slowest, 0.0, True, np.array([slowest]), np.ones(1), "")
     share = np.array(LUMINANCE) if len(planes) == len(LUMINANCE) else np.ones(1)
     grey = np.tensordot(share / np.sum(share), planes, 1)
     some = np.unique(np.linspace(0, len(grey) - 1, min(_ROWS, len(grey))).astype(int))
     speeds = _speeds_to_try(scene, taken.frames)
-    stack, _ = _stacked(grey[some], taken.like(grey[some]), speeds)
+    stack, _ = _stacked(grey[some], taken.like(grey[some], speeds), speeds)
     first = _likelihoods_of_windows(stack, speeds)
     beside = np.concatenate([[-np.inf], first, [-np.inf]])
     peaks = np.flatnonzero((first >= beside[:-2]) & (first > beside[2:]))
     peaks = peaks[np.argsort(-first[peaks])][:_CANDIDATES]
-    if speeds.size == 1:
-        return SpeedEstimate(float(speeds[0]), 0.0, True, speeds, np.ones(1), "")
     spacing = float(speeds[1] - speeds[0])
     ends = [_highest(stack, float(speeds[place]), spacing) for place in peaks]
     ends.sort(key=lambda end: -end.value)
     best = ends[0]
-    others = [end.value for end in ends if abs(end.speed - best.speed) > _REACH * spacing]
+    # A likelihood that is as high all over has one peak too.
+    spread = np.linspace(speeds[0], speeds[-1], _SPREAD).tolist()
+    rivals = [(end.speed, end.value) for end in ends]
+    rivals += [(speed, _logarithm(stack, speed)) for speed in spread]
+    others = [value for speed, value in rivals if abs(speed - best.speed) > _REACH * spacing]
     lead = _WORTH * (best.value - max(others, default=-math.inf))
     is_at_end = best.speed <= speeds[0] or best.speed >= speeds[-1]
     doubt = ""
     if is_at_end:
         doubt = "The speed may lie beyond those of the scene."
-    elif lead < _SURE:
+    elif lead < _SURE or not best.error * _duration(taken.frames) < _REGISTERED:
         doubt = LITTLE
     known = sorted(ends, key=lambda end: end.speed)
     weights = np.exp(_WORTH * np.array([end.value - best.value for end in known]))
@@ -388,11 +418,16 @@ def _speed_of(
 def _speeds_to_try(scene: Scene, frames: Sequence[TimedFrame]) -> Float[np.ndarray, "s"]:
     """Speeds between which the picture moves on by less than a pixel over the sequence."""
     slowest, fastest = (float(speed) for speed in scene.speed_range)
-    times = [frame.time for frame in frames]
-    duration = max(max(times) - min(times), max(frame.exposure for frame in frames))
+    duration = _duration(frames)
     beyond = _BEYOND * max(fastest - slowest, abs(fastest), abs(slowest))
     low, high = slowest - beyond, fastest + beyond
     return np.linspace(low, high, 2 + int((high - low) * duration / _PX_A_STEP))
+
+
+def _duration(frames: Sequence[TimedFrame]) -> float:
+    """Time from the first mid-exposure to the last, or that of one frame; s."""
+    times = [frame.time for frame in frames]
+    return max(max(times) - min(times), max(frame.exposure for frame in frames))
 
 
 def _likelihoods_of_windows(
@@ -437,7 +472,7 @@ def _highest(stack: _Stack, speed: float, spacing: float) -> _Peak:
     from scipy.optimize import minimize_scalar
 
     def loss(value: float) -> float:
-        return _volume(stack, value) - _likeliest(stack, value, _TOLERANCE_OF_SPEED).gain
+        return -_logarithm(stack, value)
 
     reach, peak, least = _REACH * spacing, speed, math.inf
     for _ in range(_MOST_MOVES):
@@ -456,6 +491,11 @@ def _highest(stack: _Stack, speed: float, spacing: float) -> _Peak:
     curvature = (loss(peak - side) + loss(peak + side) - 2 * least) / side**2
     error = 1 / math.sqrt(_WORTH * curvature) if curvature > 0 else math.inf
     return _Peak(peak, -least, error)
+
+
+def _logarithm(stack: _Stack, speed: float) -> float:
+    """Logarithm of the likelihood of the frames as they are, but for a constant."""
+    return _likeliest(stack, speed, _TOLERANCE_OF_SPEED).gain - _volume(stack, speed)
 
 
 def _volume(stack: _Stack, speed: float) -> float:

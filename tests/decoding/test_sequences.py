@@ -150,6 +150,28 @@ def test_more_frames_and_moving_ones_are_better():
     assert errors["4"] < 10**-0.05 * errors["2"]
 
 
+@pytest.mark.parametrize("speeds", [[0.0], [640.0], [639.9, 640.1]])
+def test_a_scene_of_one_speed_or_nearly_one(speeds):
+    """Has no other to choose from, and the speed is in its range."""
+    frames = stills(2)
+    captures, _ = shown(speeds[0], frames, rows=slice(120, 124))
+    one = Scene(speeds, photon_rate=1e5, read_noise=8)
+    estimate = restore_frames(captures, one, frames).estimate
+    assert estimate is not None
+    assert estimate.speed == pytest.approx(speeds[0], abs=30)
+    assert np.isfinite(estimate.weights).all()
+
+
+@pytest.mark.parametrize("light", [0.0, 0.4])
+def test_pictures_without_noise_or_light(light):
+    """Black ones, and flat ones of a sensor that reads without noise, are restored as they are."""
+    quiet = Scene.uniform(max_speed=900.0, photon_rate=1e5, read_noise=0)
+    found = restore_frames(np.full((2, 3, 90), light), quiet, stills(2))
+    np.testing.assert_allclose(found.light, light, atol=1e-6)
+    assert found.estimate is not None
+    assert not found.estimate.trusted
+
+
 @pytest.mark.slow
 def test_a_decoder_with_a_prior_restores_frames_better():
     """Any decoder takes complete frames for one capture."""
