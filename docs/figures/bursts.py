@@ -13,6 +13,8 @@ import numpy as np
 
 jax.config.update("jax_enable_x64", True)
 
+from opening import ROWS, recorded_from, show  # noqa: E402
+
 from mishutter import (  # noqa: E402
     Burst,
     LinearMotion,
@@ -24,10 +26,6 @@ from mishutter import (  # noqa: E402
 from mishutter.decoding import restore_by_each  # noqa: E402
 from mishutter.evaluation import StillBursts, added_up, best_moving_burst  # noqa: E402
 
-ROWS, COLUMNS = slice(80, 400), slice(305, 425)
-"""Rows of the photograph that are captured, and columns of the detail."""
-DETAIL = slice(146, 216)
-"""Rows of the detail, within those that are captured."""
 SPEED, RATE, MOST = 3000.0, 60.0, 4
 """Of the picture, px/s; of the camera's frames, 1/s; of frames in a burst."""
 
@@ -90,22 +88,6 @@ def with_frames(scene, count):
     """The scene of a camera that takes so many frames."""
     burst = Burst(frames_per_s=RATE, max_frames=count)
     return eqx.tree_at(lambda s: s.burst, scene, burst, is_leaf=lambda x: x is None)
-
-
-def recorded_from(light, part):
-    """The column of the photograph that a camera records first."""
-    width = part.shape[1]
-    offsets = range(light.shape[1] - width + 1)
-    return next(o for o in offsets if np.array_equal(light[:, o : o + width], part))
-
-
-def show(axes, light, title, first=0):
-    """The detail of a picture that begins at some column, as an eye sees it."""
-    columns = slice(COLUMNS.start - first, COLUMNS.stop - first)
-    seen = np.clip(np.asarray(light)[DETAIL, columns], 0, 1) ** (1 / 2.2)
-    axes.imshow(seen, interpolation="nearest")
-    axes.set_title(title, fontsize=10.5)
-    axes.axis("off")
 
 
 if __name__ == "__main__":

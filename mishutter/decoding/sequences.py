@@ -46,8 +46,8 @@ from mishutter.decoding.decoders import (
     blur_model,
 )
 from mishutter.decoding.decoders.base import CompleteFrames, density_of
-from mishutter.decoding.decoders.linear import LEAST_POWER
-from mishutter.decoding.decoders.speed import LITTLE
+from mishutter.decoding.decoders.linear import LEAST_POWER, mean_over_dft
+from mishutter.decoding.decoders.speed import BEYOND, LITTLE, luminance_shares
 from mishutter.decoding.restoration import restored_light
 from mishutter.model import (
     RectShutter,
@@ -59,7 +59,7 @@ from mishutter.model import (
     require_whole,
     white_electrons,
 )
-from mishutter.pictures import LUMINANCE, turned
+from mishutter.pictures import turned
 
 _MARGIN = 64
 """Pixels beyond the furthest displacement in which the waves of the sensor's ends die away."""
@@ -194,13 +194,10 @@ def restore_frames(
     is_stack = light.ndim in (3, 4) and light.shape[0] == len(frames) > 0
     requirement = f"be {len(frames)} frames, of rows and columns"
     require(is_stack, subject, requirement, shape_of(light))
-    electrons = [float(white_electrons(scene.photon_rate, frame.exposure)) for frame in frames]
-    has_light = min(electrons) > 0
-    require(has_light, "restore_frames(scene=...)", "have a photon rate above 0 e-/s", 0.0)
+    taken = _Taken.of(scene, frames)
     colours = light[..., None] if light.ndim == 3 else light
     along = np.stack([np.asarray(turned(one, scene.sensor.axis)) for one in colours])
     planes = np.moveaxis(np.asarray(rows_last(distinct_colours(along))), 0, -2).astype(np.float64)
-    taken = _Taken.of(scene, frames)
     estimate = None
     if speed is None:
         estimate = _speed_of(planes, scene, taken)
@@ -235,11 +232,16 @@ class _Taken:
 
     @staticmethod
     def of(scene: Scene, frames: Sequence[TimedFrame]) -> "_Taken":
-        """The frames of a scene."""
-        model = blur_model(scene, frames[0].motion, RectShutter())
+        """The frames of a scene.
+
+        Raises:
+            ValueError: if it has no light.
+        """
         p = np.array([float(white_electrons(scene.photon_rate, one.exposure)) for one in frames])
-        noises = np.maximum(noise_power(1.0, model.mean_level, p, model.read_noise, unit=p), _DARK)
-        return _Taken(frames, model, p, noises)
+        has_light, requirement = float(np.min(p)) > 0, "have a photon rate above 0 e-/s"
+        require(has_light, "restore_frames(scene=...)", requirement, 0.0)
+        model = blur_model(scene, frames[0].motion, RectShutter())
+        return _Taken(frames, model, p, _noises_at(model.mean_level, p, model))
 
     def like(
         self, rows: Float[np.ndarray, "rows frames columns"], speeds: Float[np.ndarray, "s"]
@@ -251,14 +253,10 @@ class _Taken:
         over $\sum_k |A_k|^2$, of which the speeds that are tried have the mean.
         """
         model, columns = self.model, rows.shape[-1]
-        level = max(float(np.mean(rows)), 0.0)
-        p = self.electrons
-        noises = np.maximum(noise_power(1.0, level, p, model.read_noise, unit=p), _DARK)
-        fading = np.hanning(columns + 2)[1:-1]
+        noises = _noises_at(max(float(np.mean(rows)), 0.0), self.electrons, model)
         length = fast_length(columns)
         about = rows - np.mean(rows, axis=(-2, -1), keepdims=True)
-        spectra = np.fft.rfft(about * fading, length)
-        recorded = np.mean(np.abs(spectra) ** 2, axis=0) / (np.mean(fading**2) * columns)
+        recorded = np.mean(np.abs(_spectra_of_windows(about, length)) ** 2, axis=0)
         few = np.linspace(speeds[0], speeds[-1], _FEW_SPEEDS)
         responses = responses_of_frames(
             nodes_of_frames(self.frames, float(np.max(np.abs(few)))), few, model.optics, length
@@ -272,7 +270,8 @@ class _Taken:
         scales = [max(x / y, _LEAST_DETAIL) if y > 0 else 1.0 for x, y in sums]
         middles = np.sqrt(ends[:-1] * ends[1:])
         each = np.interp(np.log(frequencies(model.power.size)), np.log(middles), np.log(scales))
-        return _Taken(self.frames, replace(model, power=np.exp(each) * model.power), p, noises)
+        model = replace(model, power=np.exp(each) * model.power)
+        return replace(self, model=model, noises=noises)
 
     def as_one(self, speed: float) -> BlurModel:
         """The blur and noise of the one capture that the complete frames are as good as."""
@@ -290,6 +289,23 @@ class _Taken:
             read_noise=electrons * math.sqrt(read_variance),
             complete=CompleteFrames(tuple(self.frames), speed, tuple(self.noises.tolist())),
         )
+
+
+def _noises_at(
+    level: float, electrons: Float[np.ndarray, "frames"], model: BlurModel
+) -> Float[np.ndarray, "frames"]:
+    """Variance of the noise in each frame of a picture of some mean level; white = 1."""
+    noises = noise_power(1.0, level, electrons, model.read_noise, unit=electrons)
+    return np.maximum(noises, _DARK)
+
+
+def _spectra_of_windows(
+    rows: Float[np.ndarray, "rows frames columns"], length: int
+) -> Complex[np.ndarray, "rows frames k"]:
+    """Spectra of rows that fade at their ends, as large as those of rows that do not."""
+    columns = rows.shape[-1]
+    fading = np.hanning(columns + 2)[1:-1]
+    return np.fft.rfft(rows * fading / math.sqrt(float(np.mean(fading**2)) * columns), length)
 
 
 def _stacked(
@@ -349,9 +365,7 @@ def _product(
     first: Complex[np.ndarray, "rows k"], second: Complex[np.ndarray, "rows k"], length: int
 ) -> Float[np.ndarray, "rows"]:
     """Inner products of rows, from half of their spectra."""
-    both = np.real(first.conj() * second)
-    ends = both[:, 0] + (both[:, -1] if length % 2 == 0 else 0.0)
-    return (2 * np.sum(both, axis=1) - ends) / length
+    return mean_over_dft(np.real(first.conj() * second), length)
 
 
 def _complete(stack: _Stack, found: _Likeliest) -> Float[np.ndarray, "rows length"]:
@@ -378,10 +392,9 @@ def _speed_of(
     slowest, fastest = (float(speed) for speed in scene.speed_range)
     if slowest == fastest:
         return SpeedEstimate(slowest, 0.0, True, np.array([slowest]), np.ones(1), "")
-    share = np.array(LUMINANCE) if len(planes) == len(LUMINANCE) else np.ones(1)
-    grey = np.tensordot(share / np.sum(share), planes, 1)
+    grey = np.tensordot(luminance_shares(len(planes)), planes, 1)
     some = np.unique(np.linspace(0, len(grey) - 1, min(_ROWS, len(grey))).astype(int))
-    speeds = _speeds_to_try(scene, taken.frames)
+    speeds = _speeds_to_try(slowest, fastest, taken.frames)
     stack, _ = _stacked(grey[some], taken.like(grey[some], speeds), speeds)
     first = _likelihoods_of_windows(stack, speeds)
     beside = np.concatenate([[-np.inf], first, [-np.inf]])
@@ -400,7 +413,7 @@ def _speed_of(
     is_at_end = best.speed <= speeds[0] or best.speed >= speeds[-1]
     doubt = ""
     if is_at_end:
-        doubt = "The speed may lie beyond those of the scene."
+        doubt = BEYOND
     elif lead < _SURE or not best.error * _duration(taken.frames) < _REGISTERED:
         doubt = LITTLE
     known = sorted(ends, key=lambda end: end.speed)
@@ -415,9 +428,10 @@ def _speed_of(
     )
 
 
-def _speeds_to_try(scene: Scene, frames: Sequence[TimedFrame]) -> Float[np.ndarray, "s"]:
+def _speeds_to_try(
+    slowest: float, fastest: float, frames: Sequence[TimedFrame]
+) -> Float[np.ndarray, "s"]:
     """Speeds between which the picture moves on by less than a pixel over the sequence."""
-    slowest, fastest = (float(speed) for speed in scene.speed_range)
     duration = _duration(frames)
     beyond = _BEYOND * max(fastest - slowest, abs(fastest), abs(slowest))
     low, high = slowest - beyond, fastest + beyond
@@ -439,14 +453,11 @@ def _likelihoods_of_windows(
     $Q = \sum_k |A_k|^2/N_k$, halved, of each frame and the next: of frames that are further apart
     the same windows may show different parts of the picture.
     """
-    columns = stack.rows.shape[-1]
-    fading = np.hanning(columns + 2)[1:-1]
-    rows = stack.rows * fading / math.sqrt(float(np.mean(fading**2)) * columns)
+    number, num_frames, columns = stack.rows.shape
     length = fast_length(columns)
-    spectra = np.fft.rfft(rows, length) / stack.noises[:, None]
-    power = stack.model.picture_spectrum(length)
-    number, result = len(rows), np.zeros(speeds.size)
-    pairs = list(itertools.pairwise(range(rows.shape[1]))) or [(0,)]
+    spectra = _spectra_of_windows(stack.rows, length) / stack.noises[:, None]
+    power, result = stack.model.picture_spectrum(length), np.zeros(speeds.size)
+    pairs = list(itertools.pairwise(range(num_frames))) or [(0,)]
     for begin in range(0, speeds.size, _SPEEDS_AT_ONCE):
         some = slice(begin, begin + _SPEEDS_AT_ONCE)
         responses = responses_of_frames(stack.nodes, speeds[some], stack.model.optics, length)
@@ -514,5 +525,5 @@ def _volume(stack: _Stack, speed: float) -> float:
     for begin, end in itertools.pairwise(ends):
         sees = [m <= (begin + end) / 2 <= m + columns for m in middles]
         each = np.log1p(power * np.sum(density[sees], axis=0))
-        total += (end - begin) / columns * float(each[0] + each[-1] + 2 * np.sum(each[1:-1])) / 2
+        total += (end - begin) / columns * length * float(mean_over_dft(each, length)) / 2
     return len(stack.rows) * total / 2

@@ -162,6 +162,17 @@ def test_a_scene_of_one_speed_or_nearly_one(speeds):
     assert np.isfinite(estimate.weights).all()
 
 
+@pytest.mark.parametrize("count", [2, 4])
+def test_any_number_of_colours_tells_the_speed(count):
+    """Those of a picture that is not red, green and blue count equally."""
+    captures, _ = shown(1450.0, stills(2), rows=slice(120, 136))
+    colours = np.stack([np.asarray(captures) * (1 - 0.1 * k) for k in range(count)], axis=-1)
+    found = restore_frames(colours, SCENE, stills(2))
+    assert found.light.shape == colours.shape[1:]
+    assert found.estimate is not None
+    assert found.estimate.speed == pytest.approx(1450.0, abs=20)
+
+
 @pytest.mark.parametrize("light", [0.0, 0.4])
 def test_pictures_without_noise_or_light(light):
     """Black ones, and flat ones of a sensor that reads without noise, are restored as they are."""

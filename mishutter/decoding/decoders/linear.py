@@ -83,7 +83,7 @@ def expected_residual(model: BlurModel, length: int) -> float:
     """
     _, spread = model.mean_and_spread(length)
     error = model.noise + model.picture_spectrum(length) * spread
-    return float(_mean_over_dft(error**2 / captured_spectrum(model, length), length))
+    return float(mean_over_dft(error**2 / captured_spectrum(model, length), length))
 
 
 def wiener_filter(model: BlurModel, length: int) -> Complex[np.ndarray, "{length}//2+1"]:
@@ -102,7 +102,7 @@ def expected_squared_error(model: BlurModel, length: int = 4096) -> float:
         return 0.0
     power, (mean, spread) = model.picture_spectrum(length), model.mean_and_spread(length)
     share = lost_share(power, np.abs(mean) ** 2, spread, model.noise)
-    return float(_mean_over_dft(power * share, length))
+    return float(mean_over_dft(power * share, length))
 
 
 def squared_error_of(
@@ -163,11 +163,16 @@ def _error_of_filter(
     """
     response = ensemble_filter(model, length)
     lost = power * np.abs(1 - response * recorded) ** 2
-    return _mean_over_dft(lost + disturbance * np.abs(response) ** 2, length)
+    return mean_over_dft(lost + disturbance * np.abs(response) ** 2, length)
 
 
-def _mean_over_dft(spectrum: np.ndarray, length: int) -> np.ndarray:
-    """Mean over the last axis, all frequencies of a DFT of even length, by those from 0 up."""
+def mean_over_dft(spectrum: np.ndarray, length: int) -> np.ndarray:
+    """Mean over the last axis, all frequencies of a DFT of even length, by those from 0 up.
+
+    Args:
+        spectrum: Values at the frequencies from 0 to 1/2.
+        length: Pixels of the DFT.
+    """
     ends = spectrum[..., 0] + spectrum[..., -1]
     return np.asarray((ends + 2 * np.sum(spectrum[..., 1:-1], axis=-1)) / length)
 

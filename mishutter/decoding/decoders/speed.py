@@ -56,6 +56,7 @@ _OCTAVES = ((0.008, 0.018), (0.018, 0.04), (0.04, 0.09), (0.09, 0.2))
 _LEAST_POWER = 1e-14
 """Least variance of the noise: prevents a logarithm of 0 for a camera without noise."""
 LITTLE = "Little in the picture tells the speed."
+BEYOND = "The speed may lie beyond those of the scene."
 _DENIED = 0.01
 """A band of rows has another speed if it gives the speed of all rows less than this probability."""
 _UNUSUAL = 0.01
@@ -636,7 +637,7 @@ def judged(
     weights, doubt, second = whole.weights, "", None
     is_sure = whole.trusted(statistics.trust)
     if whole.at_end:
-        doubt = "The speed may lie beyond those of the scene."
+        doubt = BEYOND
     elif not is_sure:
         doubt = LITTLE
     denials = [p for p in each if p.around(whole.speed) < _DENIED]
@@ -651,13 +652,21 @@ def judged(
     return Verdict(whole, weights, doubt, second, is_unusual)
 
 
+def luminance_shares(count: int) -> Float[np.ndarray, "{count}"]:
+    """Weights of so many colours in the luminance: those of red, green and blue, or equal ones.
+
+    Args:
+        count: Number of colours.
+    """
+    return np.array(LUMINANCE) if count == len(LUMINANCE) else np.full(count, 1 / count)
+
+
 def luminance(
     planes: Float[np.ndarray, "*colours rows columns"], model: BlurModel
 ) -> tuple[Float[np.ndarray, "rows columns"], float]:
     """Luminance of the planes of a picture, and the variance of its noise."""
     planes = planes.reshape(-1, *planes.shape[-2:])
-    equal = np.full(len(planes), 1 / len(planes))
-    share = np.array(LUMINANCE) if len(planes) == len(LUMINANCE) else equal
+    share = luminance_shares(len(planes))
     levels = np.maximum(planes.mean(axis=(1, 2), dtype=np.float64), 0)
     noise = share**2 @ (levels / model.electrons + model.read_variance)
     irradiance = np.zeros(planes.shape[1:], np.float32)
