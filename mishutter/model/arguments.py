@@ -47,6 +47,7 @@ class Arguments(Part):
         return self.made(**{name: _built(value) for name, value in self} | others)
 
 
+@cache
 def argument_names(kind: type) -> tuple[str, ...]:
     """Names of the arguments of a class."""
     return tuple(_parameters(kind))
