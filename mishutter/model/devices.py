@@ -17,6 +17,7 @@ and only the design that it ends with is looked at again.
 """
 
 from abc import abstractmethod
+from collections.abc import Collection
 from typing import Any, ClassVar, final
 
 import equinox as eqx
@@ -80,6 +81,20 @@ class AbstractDevice(eqx.Module):
     def __repr__(self) -> str:
         """The numbers, of which a module shows no more than their type."""
         return fields_text(self)
+
+    @staticmethod
+    @abstractmethod
+    def has(arguments: Collection[str]) -> bool:
+        """Whether arguments, by their names, are those of a device of this kind and no other.
+
+        Args:
+            arguments: Names of the arguments that a file gives.
+        """
+
+    @property
+    @abstractmethod
+    def lag_words(self) -> str:
+        """A sentence on how late the device follows; empty where it follows at once."""
 
     @property
     @abstractmethod
@@ -234,6 +249,14 @@ class IdealShutter(AbstractDevice):
     def __check_init__(self) -> None:
         _check_losses(self)
 
+    @staticmethod
+    def has(arguments: Collection[str]) -> bool:
+        return True
+
+    @property
+    def lag_words(self) -> str:
+        return ""
+
     @property
     def is_linear(self) -> bool:
         return self.levels is None
@@ -322,6 +345,16 @@ class FirstOrderShutter(AbstractDevice):
                 if is_concrete(value):
                     require(float(value) >= 0, subject, "be at least 0", value)
 
+    @staticmethod
+    def has(arguments: Collection[str]) -> bool:
+        return not {"rise_time", "fall_time"}.isdisjoint(arguments)
+
+    @property
+    def lag_words(self) -> str:
+        rise, fall = (float(x) * 1e3 for x in (self.rise_time, self.fall_time))
+        late = "" if self.delay is None else f", {float(self.delay) * 1e3:.3g} ms late"
+        return f"It rises from 10 to 90 % in {rise:.3g} ms and falls in {fall:.3g} ms{late}."
+
     @property
     def is_linear(self) -> bool:
         times = self.rise_time, self.fall_time
@@ -403,6 +436,15 @@ class SwitchedShutter(AbstractDevice):
     def __check_init__(self) -> None:
         _check_losses(self)
 
+    @staticmethod
+    def has(arguments: Collection[str]) -> bool:
+        switches = not {"num_slots", "min_open", "min_closed"}.isdisjoint(arguments)
+        return switches and "levels" not in arguments
+
+    @property
+    def lag_words(self) -> str:
+        return ""
+
     @property
     def is_linear(self) -> bool:
         return False
@@ -421,23 +463,13 @@ class SwitchedShutter(AbstractDevice):
         return self.passed(ChippedShutter(self.slots(command, dtype)), dtype, None)
 
 
-def device_of(**numbers: ArrayLike | None) -> AbstractDevice:
-    """The device whose arguments these are, those that are None left out.
+DEVICES: tuple[type[AbstractDevice], ...] = (FirstOrderShutter, SwitchedShutter, IdealShutter)
+"""All devices; the first that `has` the arguments of a file is the one that it describes."""
 
-    One with times follows gradually; one with slots but without levels switches.
-    """
-    arguments: dict[str, Any] = {
-        name: value for name, value in numbers.items() if value is not None
-    }
-    if {"rise_time", "fall_time"} & arguments.keys():
-        at_once: dict[str, Any] = {"rise_time": 0.0, "fall_time": 0.0}
-        return FirstOrderShutter(**(at_once | arguments))
-    switches = {
-        "num_slots",
-        "min_open",
-        "min_closed",
-    } & arguments.keys() and "levels" not in arguments
-    return SwitchedShutter(**arguments) if switches else IdealShutter(**arguments)
+
+def device_of(**arguments: Any) -> AbstractDevice:
+    """The device whose arguments these are."""
+    return next(kind for kind in DEVICES if kind.has(arguments))(**arguments)
 
 
 def _check_losses(device: AbstractDevice) -> None:

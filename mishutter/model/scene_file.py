@@ -24,11 +24,10 @@ from mishutter._core import (
     validated,
 )
 from mishutter.model.devices import (
+    DEVICES,
     NUM_SLOTS,
     AbstractDevice,
-    FirstOrderShutter,
     IdealShutter,
-    SwitchedShutter,
     device_of,
 )
 from mishutter.model.limits import LIMITS, Limits
@@ -286,7 +285,7 @@ def _device(section: ShutterSection, scales: Scales) -> AbstractDevice:
         require(fits, f"[shutter] {key}", f"be at most num_slots = {most}", value)
     arguments = {
         name: value
-        for kind in (FirstOrderShutter, SwitchedShutter)
+        for kind in DEVICES
         for name, value in arguments_in(section, kind, "[shutter]", scales).items()
     }
     times = [arguments[name] for name in ("rise_time", "fall_time") if name in arguments]

@@ -11,7 +11,6 @@ from mishutter.design import Design
 from mishutter.evaluation import FAN, SINE, SWEEP, StillBurst, StillBursts
 from mishutter.model import (
     AbstractDevice,
-    FirstOrderShutter,
     FrameSequence,
     Scene,
     SplineShutter,
@@ -471,10 +470,8 @@ def device_notes(device: AbstractDevice | None) -> list[str]:
         notes.append(
             f"The shutter passes {t:.1%} of the light when open, {closed:.2%} when closed."
         )
-    if isinstance(device, FirstOrderShutter):
-        rise, fall = (float(x) * 1e3 for x in (device.rise_time, device.fall_time))
-        late = "" if device.delay is None else f", {float(device.delay) * 1e3:.3g} ms late"
-        notes.append(f"It rises from 10 to 90 % in {rise:.3g} ms and falls in {fall:.3g} ms{late}.")
+    if device.lag_words:
+        notes.append(device.lag_words)
     if device.num_slots is not None:
         levels = "any level" if device.levels is None else f"one of {device.levels} levels"
         notes.append(f"It holds {levels} over each of {device.num_slots} slots.")

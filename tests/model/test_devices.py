@@ -32,7 +32,14 @@ from mishutter import (
     transfer_function,
 )
 from mishutter.decoding import blur_model
-from mishutter.model import AbstractDevice, command_of, diffused, runs_are_long_enough, slot_means
+from mishutter.model import (
+    AbstractDevice,
+    command_of,
+    devices,
+    diffused,
+    runs_are_long_enough,
+    slot_means,
+)
 
 T, LEAKAGE = 0.83, 0.07
 DEVICE = IdealShutter(transmission=T, leakage=LEAKAGE)
@@ -279,6 +286,22 @@ def test_every_device_is_a_case():
     """No final class of a device is left out of the contract tests."""
     classes = final_classes(mishutter, AbstractDevice)
     assert classes == {type(make()) for make in DEVICES.values()}
+    assert classes == set(devices.DEVICES)
+
+
+def test_a_file_finds_a_device_by_its_arguments():
+    """The first in the list that has them: times are gradual, slots without levels switch."""
+    for names, kind in (
+        ("transmission leakage", IdealShutter),
+        ("levels", IdealShutter),
+        ("levels num_slots", IdealShutter),
+        ("rise_time fall_time levels num_slots", FirstOrderShutter),
+        ("fall_time", FirstOrderShutter),
+        ("num_slots leakage", SwitchedShutter),
+        ("min_open", SwitchedShutter),
+        ("min_closed transmission", SwitchedShutter),
+    ):
+        assert next(each for each in devices.DEVICES if each.has(names.split())) is kind, names
 
 
 @pytest.mark.parametrize("slug", DEVICES)

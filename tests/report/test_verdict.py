@@ -8,7 +8,15 @@ import pytest
 from support.designs import SCENE, on_parabolas
 from support.rows import MOVING, PANNED, SHORT, STILL, made_up, sequence, verdict
 
-from mishutter import Burst, HannShutter, IdealShutter, Occlusion, SwitchedShutter, ceiling
+from mishutter import (
+    Burst,
+    FirstOrderShutter,
+    HannShutter,
+    IdealShutter,
+    Occlusion,
+    SwitchedShutter,
+    ceiling,
+)
 from mishutter.evaluation import SPEED_KNOWLEDGE
 from mishutter.report import with_verdict
 from mishutter.report.verdict import (
@@ -320,6 +328,15 @@ def test_what_leaks_is_a_share_of_what_passes():
         "0.30% when closed."
     )
     assert device_notes(IdealShutter()) == device_notes(None) == []
+
+
+def test_a_device_says_itself_how_late_it_is():
+    """The notes ask the device, so that one more kind needs no line here."""
+    late = FirstOrderShutter(rise_time=2e-3, fall_time=7e-3, delay=3e-4, num_slots=11)
+    words = "It rises from 10 to 90 % in 2 ms and falls in 7 ms, 0.3 ms late."
+    assert late.lag_words == words
+    assert device_notes(late) == [words, "It holds any level over each of 11 slots."]
+    assert IdealShutter(levels=5).lag_words == SwitchedShutter().lag_words == ""
 
 
 def _said_of_stills(scene, levels, decoder="unknown"):
