@@ -93,7 +93,7 @@ _REACH = 3.0
 _SPREAD = 9
 """Speeds, all over those that are tried, which the one that is found must lead too."""
 _MOST_MOVES = 6
-"""Times that it is looked for beyond the end of these steps."""
+"""Times that it is looked for beyond the end of these steps, each time twice as far."""
 _SPEEDS_AT_ONCE = 64
 
 
@@ -487,7 +487,8 @@ def _highest(stack: _Stack, speed: float, spacing: float) -> _Peak:
 
     reach, peak, least = _REACH * spacing, speed, math.inf
     for _ in range(_MOST_MOVES):
-        # Windows of fast pictures show too little of the same for a better start.
+        # Windows of fast pictures show too little of the same for a better start, and those of
+        # smooth ones hardly more than their own fading.
         middle = peak
         end: Any = minimize_scalar(
             loss,
@@ -498,6 +499,7 @@ def _highest(stack: _Stack, speed: float, spacing: float) -> _Peak:
         peak, least = float(end.x), float(end.fun)
         if abs(peak - middle) < 0.9 * reach:
             break
+        reach *= 2
     side = 0.2 * spacing
     curvature = (loss(peak - side) + loss(peak + side) - 2 * least) / side**2
     error = 1 / math.sqrt(_WORTH * curvature) if curvature > 0 else math.inf

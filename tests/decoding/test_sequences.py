@@ -5,6 +5,7 @@ import re
 import jax
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 
 from mishutter import (
     EnsembleDecoder,
@@ -22,6 +23,7 @@ from mishutter import (
     simulate_capture,
     simulate_frames,
 )
+from mishutter.decoding import sequences
 from mishutter.evaluation.frames import alternating_frames, burst_psnr, still_frames
 
 PERIOD, EXPOSURE, SWING = 1 / 60, 0.0164, 24.0
@@ -122,6 +124,39 @@ def test_few_and_many_frames_tell_the_speed(speed, count):
         estimate = restore_frames(captures, SCENE, frames).estimate
         assert estimate is not None
         assert abs(estimate.speed - speed) < max(5 * estimate.error, 3.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("blur", "speed", "rows", "columns"),
+    [
+        (12.0, -3700.0, slice(120, 124), 256),
+        (8.0, -3900.0, slice(120, 124), 200),
+        (16.0, 3900.0, slice(120, 136), 320),
+    ],
+)
+def test_smooth_pictures_on_narrow_sensors_tell_the_speed(blur, speed, rows, columns):
+    """Their windows show mostly how these fade, so that the search begins far from the speed."""
+    picture = np.asarray(example_picture().light)[rows, :, 1]
+    picture = gaussian_filter1d(picture, blur, axis=1, mode="nearest")
+    options = {"num_columns": columns, "key": jax.random.key(3)}
+    captures = simulate_frames(picture, SCENE, swings(4), speed=speed, **options)
+    estimate = restore_frames(captures, SCENE, swings(4)).estimate
+    assert estimate is not None
+    assert abs(estimate.speed - speed) < 2 * estimate.error
+
+
+@pytest.mark.parametrize(("top", "start"), [(913.0, -35.0), (-2207.0, 15.0), (23.0, 18.0)])
+def test_a_likelihood_is_climbed_to_its_top(monkeypatch, top, start):
+    """From a start near the top, and from one that is a hundred steps away."""
+    loss = lambda _, speed: -(((speed - top) / 40) ** 2)  # noqa: E731
+    monkeypatch.setattr(sequences, "_logarithm", loss)
+    stack, _ = sequences._stacked(
+        np.zeros((3, 2, 64)), sequences._Taken.of(SCENE, stills(2)), [0.0]
+    )
+    peak = sequences._highest(stack, start, 14.0)
+    assert peak.speed == pytest.approx(top, abs=0.7)
+    assert peak.error == pytest.approx(40 / np.sqrt(0.2), rel=1e-3)
 
 
 def test_what_shows_nothing_is_doubted():
