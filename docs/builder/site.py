@@ -25,12 +25,13 @@ _QUICK = {
 """Settings of the build where the user chose no others."""
 
 
-def build(*, quick: bool = False) -> None:
+def build(*, notebooks: int | None = None, scenes: int | None = None) -> None:
     """Write all pages, make the site of them and check its links.
 
     Args:
-        quick: Run the first notebook alone and show the first scene alone in the gallery. The other
-            notebooks become pages without outputs, so that every link is there to be checked.
+        notebooks: Number of notebooks, from the first, that are run; all by default. The others
+            become pages without outputs, so that every link is there to be checked.
+        scenes: Number of scenes in the gallery, from the first; all by default.
 
     Raises:
         SystemExit: with 1 if a page or a link is wrong.
@@ -45,11 +46,9 @@ def build(*, quick: bool = False) -> None:
         os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", programs)  # of all kernels and the rest
         with ThreadPoolExecutor(2) as pool:
             names = sorted(path.name for path in FOLDER.glob("*.ipynb"))
-            runs = [
-                pool.submit(write_notebook, name, PAGES, run=not quick or name == names[0])
-                for name in names
-            ]
-            _write_generated(num_scenes=1 if quick else None)
+            chosen = names[:notebooks]
+            runs = [pool.submit(write_notebook, name, PAGES, run=name in chosen) for name in names]
+            _write_generated(scenes)
             for run in runs:
                 run.result()
     print(f"pages written after {time.perf_counter() - begin:.0f} s", flush=True)

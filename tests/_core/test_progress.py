@@ -195,10 +195,9 @@ def test_functions_show_what_they_are_at(impatient, capsys):
     }
     for label, call in calls.items():
         jax.clear_caches()  # a program that is compiled once more takes its time
-        call(False)
-        assert capsys.readouterr().err == ""
-        jax.clear_caches()
         call(True)
         lines = capsys.readouterr().err.splitlines()
         assert lines
+        call(False)
+        assert capsys.readouterr().err == ""
         assert all(re.match(rf"{label}: .*\d+ of \d+.* after \d+ s", line) for line in lines)

@@ -155,6 +155,7 @@ def _held(scene, metrics, ceilings):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
+@pytest.mark.daily(2)
 def test_no_random_design_exceeds_the_ceiling(name):
     """Splines and windows, moving, panning and at rest: 80 designs a scene."""
     rng = np.random.default_rng(len(name))

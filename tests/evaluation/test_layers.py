@@ -174,6 +174,7 @@ def test_the_errors_at_each_speed_have_the_expected_mean(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LAYERS)
 @pytest.mark.parametrize("motion", [SNAPSHOT, SWEPT], ids=["snapshot", "swept"])
+@pytest.mark.daily(4)
 def test_no_camera_exceeds_the_ceiling(name, motion):
     """The ceiling of two layers bounds a decoder that is told the speed, too."""
     metrics = evaluate(LAYERS[name], motion, HannShutter())

@@ -284,7 +284,7 @@ STEEP = ["decays", "ramps", "opens half-way", "leaks", "lags", "is held"]
 @pytest.mark.slow
 @pytest.mark.parametrize("target", ["point", "edge"])
 @pytest.mark.parametrize("kind", STEEP)
-@pytest.mark.daily(4)
+@pytest.mark.daily(2)
 def test_a_steep_profile_is_found_where_a_symmetric_one_was_sent(kind, target):
     """The stage is off too, and the profile of the light sent explains it with another stage."""
     rng = np.random.default_rng([STEEP.index(kind), target == "edge"])

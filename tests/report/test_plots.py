@@ -247,7 +247,7 @@ def test_no_ears_are_explained_where_there_are_none(slug):
     assert not notes_of(plot_profiles({"mine": (MOTION, WITHOUT_EARS[slug])}))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_what_is_said_of_ears_is_so():
     """Without them one filter for all speeds loses, the worst speed most; a known one gains."""
     limits = Limits(max_stroke=38, max_half_exposure=0.04)
