@@ -11,7 +11,13 @@ from typing import Any
 import numpy as np
 
 from mishutter._core import contents, parsed, require, shown, strict_json, validated, write_text
-from mishutter.design.schema import FORMATS, SAVED_SCENE, SavedDesign, SavedMotion
+from mishutter.design.schema import (
+    FORMATS,
+    SAVED_SCENE,
+    SavedDesign,
+    SavedMotion,
+    SavedSequence,
+)
 from mishutter.evaluation import (
     KNOWN_SPEED,
     UNKNOWN_SPEED,
@@ -28,6 +34,7 @@ from mishutter.model import (
     FreeMotion,
     ParabolicMotion,
     Scene,
+    TimedFrame,
     command_of,
     profile_of,
     shutter_from_dict,
@@ -35,6 +42,10 @@ from mishutter.model import (
 )
 
 _PROFILE_POINTS = 1001
+_UNSAVED = ("straight", "bursts")
+"""Parts of a design that lead a comparison, and are found anew without it."""
+REGISTERS = "registers the frames"
+"""What the decoder of a sequence of frames does."""
 GIVEN = "none: the camera is given"
 """The name of the loss of a design that no search has found, and none tunes."""
 
@@ -66,6 +77,11 @@ class Design:
         best_start_loss: Smallest loss among the starts.
         straight: The best design without acceleration, where the search has set one beside
             this; it is not written to a file.
+        sequence: The frames of a burst to take in place of the one exposure; None where that is as
+            good, or the camera takes none. Without them, by `dataclasses.replace`, the design is of
+            the exposure.
+        bursts: The best bursts of a sensor at rest and of one that moves, where the search has
+            found them; they are not written to a file.
         blind_psnr: Expected PSNR where the best design of a device that follows every command is
             sent to the scene's; dB. None where these are the same.
     """
@@ -81,6 +97,8 @@ class Design:
     best_start_loss: float
     notes: tuple[str, ...] = ()
     straight: "Design | None" = None
+    sequence: FrameSequence | None = None
+    bursts: tuple[FrameSequence, ...] = ()
     blind_psnr: float | None = None
 
     @property
@@ -105,7 +123,7 @@ class Design:
 
     @property
     def levels(self) -> dict[str, float]:
-        """Expected PSNR by the decoders that it may have, in words; dB.
+        """Expected PSNR of the one exposure by the decoders that it may have, in words; dB.
 
         The first is the level that the search maximised, or that of the scene's decoder.
         """
@@ -133,6 +151,7 @@ class Design:
             "expected": levels,
             "shutter": f"{self.shutter!r}, light {float(m.efficiency):.3f}",
             "motion": f"{motion!r}, stroke {float(stroke):.4g} px",
+            **({} if self.sequence is None else {"frames": f"better: {self.sequence.text}"}),
             "kernel": f"condition {float(m.condition_number):.3g} at phase {float(m.phase):.3g} px "
             f"over {m.dft_length} points, difference {float(m.kernel_difference):.3g}, "
             f"relative {float(m.relative_kernel_difference):.3g}",
@@ -146,6 +165,8 @@ class Design:
     def to_dict(self) -> dict[str, object]:
         """Everything in the design as plain numbers, lists and text."""
         level_of, level = next(iter(self.levels.items()))
+        if self.sequence is not None:
+            level_of, level = f"by a decoder that {REGISTERS}", self.sequence.psnr
         parts = {
             "level_db": level,
             "level_of": level_of,
@@ -158,10 +179,13 @@ class Design:
             "notes": list(self.notes),
             "converged": self.converged,
         }
-        own = {name: value for name, value in vars(self).items() if name != "straight"}
+        own = {name: value for name, value in vars(self).items() if name not in _UNSAVED}
+        if self.sequence is not None:
+            own["sequence"] = parts["sequence"] = sequence_to_dict(self.sequence)
         saved = SavedDesign.model_validate(own | parts, from_attributes=True).model_dump()
         # Without the numbers of other kinds of motion.
-        return saved | {"motion": parts["motion"]}
+        whole = {name: parts[name] for name in ("motion", "sequence") if name in parts}
+        return saved | whole
 
     def save(self, path: str | Path) -> None:
         """Write the design to one JSON file, whole or not at all.
@@ -292,7 +316,8 @@ def sequence_to_dict(sequence: FrameSequence) -> dict[str, Any]:
         for frame in sequence.frames
     ]
     levels = {"psnr_db": sequence.psnr, "worst_speed_psnr_db": sequence.worst_psnr}
-    return {"kind": sequence.kind, "travel_px": sequence.travel, **levels, "frames": frames}
+    ways = {"travel_px": sequence.travel, "pan_px_per_s": sequence.pan}
+    return {"kind": sequence.kind, **ways, **levels, "frames": frames}
 
 
 def scene_to_dict(scene: Scene) -> dict[str, object]:
@@ -312,7 +337,9 @@ def _built(file: SavedDesign) -> Design:
         "outcome": outcome,
         "notes": (*earlier, *file.notes),
     }
-    names = [field.name for field in fields(Design) if field.name != "straight"]
+    if file.sequence is not None:
+        parts["sequence"] = _sequence(file.sequence)
+    names = [field.name for field in fields(Design) if field.name not in _UNSAVED]
     return Design(**{name: getattr(file, name) for name in names} | parts)
 
 
@@ -323,6 +350,17 @@ def _ended(text: str) -> tuple[Outcome, tuple[str, ...]]:
             rest = text.removeprefix(outcome).strip()
             return outcome, (rest,) if rest else ()
     return Outcome.GIVEN, (text,)
+
+
+def _sequence(saved: SavedSequence) -> FrameSequence:
+    return FrameSequence(
+        saved.kind,
+        tuple(TimedFrame(_motion(one.motion), one.time_s, one.position_px) for one in saved.frames),
+        saved.travel_px,
+        saved.psnr_db,
+        saved.worst_speed_psnr_db,
+        saved.pan_px_per_s,
+    )
 
 
 def _motion(saved: SavedMotion) -> AbstractMotion:

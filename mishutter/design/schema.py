@@ -50,6 +50,27 @@ class SavedMotion(Part):
         return self
 
 
+@final
+class SavedFrame(Part):
+    """A frame of a sequence: its mid-exposure, and place and motion of the sensor."""
+
+    time_s: float
+    position_px: float
+    motion: SavedMotion
+
+
+@final
+class SavedSequence(Part):
+    """Frames of a burst, and their level."""
+
+    kind: str
+    travel_px: float
+    pan_px_per_s: float = 0.0
+    psnr_db: Result
+    worst_speed_psnr_db: Result
+    frames: Annotated[list[SavedFrame], Field(min_length=1)]
+
+
 SAVED_SCENE = arguments_of(Scene, "motion")
 """The arguments of `Scene`, but for the motion, which has a table of its own."""
 
@@ -108,6 +129,7 @@ class SavedDesign(Part):
     mishutter: str = "unknown"
     shutter: SavedShutter
     motion: SavedMotion
+    sequence: SavedSequence | None = None
     scene: SAVED_SCENE  # type: ignore[valid-type]
     loss: Result
     loss_name: str

@@ -552,7 +552,7 @@ class _Try(NamedTuple):
         room, moving, pan = self.room, place.moving, place.pan
         motions = [motion.panned(motion.velocity + pan) for motion in moving.motions()]
         times = steps_of(self.num_frames) * room.times.period
-        positions = moving.positions + (pan * times[self.rests :] if room.panned else 0.0)
+        positions = moving.positions + pan * times[self.rests :]
         if self.rests:
             half = np.asarray(-motions[0].half_exposure)
             start = float(motions[0].velocity_at(half))
@@ -568,6 +568,7 @@ class _Try(NamedTuple):
             moving.travel + room.panned,
             _psnr(mean),
             _psnr(float(np.max(errors))),
+            pan if room.limits.pans == "camera" else 0.0,
         )
 
 

@@ -44,11 +44,13 @@ from mishutter.model.motion import (
     steady,
     stroke_of_parabola,
 )
+from mishutter.model.sequences import FrameSequence
 from mishutter.model.servos import SecondOrderStage
 from mishutter.model.stages import (
     StagePath,
     StageUse,
     stage_path,
+    stage_path_of_frames,
     stage_use,
     stage_use_of_path,
 )
@@ -552,6 +554,18 @@ class Limits(eqx.Module):
             return None
         most = motion.greatest_acceleration if runs_up_at_once else most
         return stage_path(motion, max_acceleration=most, max_jerk=jerk)
+
+    def stage_path_of_frames(self, sequence: FrameSequence) -> StagePath | None:
+        """The path of the stage from rest through the frames of a sequence to rest.
+
+        The run-up and the run-out take the greatest acceleration, or that of the rest of the path
+        where it is not limited; jerk is not. None where the stage stays at rest, or keeps its
+        velocity and no limit says how it gets there.
+
+        Args:
+            sequence: The frames, within these limits.
+        """
+        return stage_path_of_frames(sequence, max_acceleration=self.max_acceleration)
 
     def _frame(self, velocity: Array) -> Array:
         """Velocity of the frame that motions are in; px/s, the shape and precision given."""

@@ -16,7 +16,7 @@ class TimedFrame:
     Attributes:
         motion: Motion of the sensor, from its mid-exposure.
         time: Mid-exposure, from the middle of the sequence; s.
-        position: Place of the sensor at mid-exposure; px.
+        position: Place of the sensor at mid-exposure, on the way of a camera that pans; px.
     """
 
     motion: AbstractMotion
@@ -45,6 +45,7 @@ class FrameSequence:
         psnr: PSNR of the best linear decoder, which knows the speed from the frames, in the scene
             that they were found for; in linear light, dB.
         worst_psnr: The same at the worst of the scene's speeds; dB.
+        pan: Velocity at which the camera turns meanwhile, which the stage does not follow; px/s.
     """
 
     kind: str
@@ -52,10 +53,15 @@ class FrameSequence:
     travel: float
     psnr: float
     worst_psnr: float
+    pan: float = 0.0
 
     def __repr__(self) -> str:
+        return f"FrameSequence({self.text})"
+
+    @property
+    def text(self) -> str:
         """The frames in words, and their level."""
-        return f"FrameSequence({self.kind}, {self.setting}: {self.psnr:.2f} dB)"
+        return f"{self.kind}, {self.setting}: {self.psnr:.2f} dB"
 
     @property
     def num_frames(self) -> int:
@@ -67,6 +73,12 @@ class FrameSequence:
         """Time from the first light to the last; s."""
         first, last = self.frames[0], self.frames[-1]
         return last.time - first.time + (first.exposure + last.exposure) / 2
+
+    @property
+    def lights(self) -> tuple[float, ...]:
+        """Light of each frame over that of the longest, as a sensor of one gain records them."""
+        longest = max(frame.exposure for frame in self.frames)
+        return tuple(frame.exposure / longest for frame in self.frames)
 
     @property
     def moves(self) -> bool:

@@ -26,6 +26,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core import require, require_finite, require_known, require_scalar
 from mishutter.model.motion import AbstractMotion, FreeMotion, largest_of, safe_root
+from mishutter.model.sequences import FrameSequence, TimedFrame
 
 
 class StageUse(NamedTuple):
@@ -111,15 +112,16 @@ def _stopping(
 
 
 class StagePath(NamedTuple):
-    """A stage from rest through an exposure to rest: pieces of constant jerk.
+    """A stage from rest through one exposure or more to rest: pieces of constant jerk.
 
     Attributes:
-        times: Beginnings of the pieces and the end of the last, from mid-exposure; s, `(n + 1,)`.
+        times: Beginnings of the pieces and the end of the last, from mid-exposure, or the middle of
+            a sequence of frames; s, `(n + 1,)`.
         positions: Positions there; px, `(n + 1,)`.
         velocities: Velocities there; px/s, `(n + 1,)`.
         accelerations: Accelerations at the beginnings of the pieces; px/s^2, `(n,)`.
         jerks: Jerks; px/s^3, `(n,)`.
-        exposure: Beginning and end of the exposure; s.
+        exposure: Beginning and end of the exposure, or of all; s.
     """
 
     times: Float[np.ndarray, "n+1"]
@@ -218,16 +220,106 @@ def stage_path(
     fall = [(ramp, own, -jerk)] if jerk is not None and ramp else []
     before = [*_between_rest_and(begin, most, jerk), *rise]
     pieces = [*before, *exposure, *fall, *_between_rest_and(-end, most, jerk)]
-    durations, accelerations, jerks = (np.array(x) for x in zip(*pieces, strict=True))
+    place = float(np.asarray(motion.position(ends))[0])
+    return _joined(pieces, len(before), place, (-half, half))
+
+
+def stage_path_of_frames(
+    sequence: FrameSequence, *, max_acceleration: ArrayLike | None = None
+) -> StagePath | None:
+    r"""The whole path of a stage over a sequence of frames: rest, run-up, frames, run-out, rest.
+
+    From the end of a frame at the place $p$ and the velocity $v$ to the beginning of the next, at
+    $q$ and $u$ after the time $g$, the stage takes the least acceleration that leads there: $A$ and
+    then $-A$, with $A^2 g^2 - 4dA - (u - v)^2 = 0$ and $d = q - p - g(u + v)/2$. From a frame at
+    rest it starts as late as a constant acceleration lets it.
+
+    Args:
+        sequence: The frames.
+        max_acceleration: Greatest acceleration of the run-up and the run-out; px/s^2. None for the
+            greatest of the rest of the path.
+
+    Returns:
+        The path; None where the stage stays at rest, or where no `max_acceleration` says how it
+        gets to a velocity that it keeps, or starts from rest between two frames.
+
+    Raises:
+        ValueError: if `max_acceleration` is not a finite scalar above 0.
+    """
+    subject = "stage_path_of_frames(max_acceleration=...)"
+    frames = [(frame.time, *_of_stage(frame, sequence.pan)) for frame in sequence.frames]
+    pieces: list[_Piece] = []
+    ends: tuple[float, float, float] | None = None
+    for time, motion, place in frames:
+        half = float(motion.half_exposure)
+        sides = np.array([-half, half])
+        places, velocities = (np.asarray(f(sides)) for f in (motion.position, motion.velocity_at))
+        begin, end = zip(time + sides, place + places, velocities, strict=True)
+        if ends is not None:
+            pieces += _between(ends, begin)
+        pieces += [(length, rate, 0.0) for length, rate in zip(*motion.phases, strict=True)]
+        ends = end
+    (first, motion, place), (last, last_motion, _) = frames[0], frames[-1]
+    start, stop = -float(motion.half_exposure), float(last_motion.half_exposure)
+    begin = float(motion.velocity_at(np.asarray(start)))
+    end = float(last_motion.velocity_at(np.asarray(stop)))
+    own = max(abs(rate) for _, rate, _ in pieces)
+    most = own if max_acceleration is None else _above_zero(subject, max_acceleration)
+    starts_between = sequence.moves and any(frame.is_still for frame in sequence.frames)
+    if most == 0 or begin == own == 0 or (max_acceleration is None and starts_between):
+        return None
+    before, after = _between_rest_and(begin, most, None), _between_rest_and(-end, most, None)
+    place += float(motion.position(np.asarray(start)))
+    lit = first + start, last + stop
+    return _joined([*before, *pieces, *after], len(before), place, lit)
+
+
+def _of_stage(frame: TimedFrame, pan: float) -> tuple[AbstractMotion, float]:
+    """The motion of the stage over a frame, and its place, beside a camera that turns."""
+    motion = frame.motion.panned(frame.motion.velocity - pan) if pan else frame.motion
+    return motion, frame.position - pan * frame.time
+
+
+_Piece = tuple[float, float, float]
+"""Duration, first acceleration and jerk of a piece of a path."""
+_At = tuple[float, float, float]
+"""Time, place and velocity of a stage."""
+_ROUNDING = 1e-9
+"""Share of a time, or of a velocity, below which it is one of rounding."""
+
+
+def _between(start: _At, end: _At) -> list[_Piece]:
+    """The pieces from the end of a frame to the beginning of the next."""
+    (before, p, v), (after, q, u) = start, end
+    time, gain = after - before, u - v
+    if time <= _ROUNDING * max(abs(before), abs(after)):
+        return []
+    if v == 0 and u * (q - p) > 0 and 2 * (q - p) / u <= time:
+        rise = 2 * (q - p) / u
+        return [(time - rise, 0.0, 0.0), (rise, u / rise, 0.0)]
+    aside = 2 * (q - p - time * (u + v) / 2)
+    root = np.hypot(aside, time * gain)
+    # The difference of two like numbers is avoided by the root of the sign of `aside`.
+    rate = (aside + (root if aside >= 0 else -root)) / time**2
+    if abs(rate) * time <= _ROUNDING * max(abs(u), abs(v)):
+        return [(time, 0.0, 0.0)]
+    first = np.clip((time + gain / rate) / 2, 0.0, time)
+    return [(first, rate, 0.0), (time - first, -rate, 0.0)]
+
+
+def _joined(
+    pieces: list[_Piece], num_before: int, place: float, exposure: tuple[float, float]
+) -> StagePath:
+    """Pieces one after the other from rest, so many of them before the exposure at a place."""
+    durations, accelerations, jerks = (np.array(x, float) for x in zip(*pieces, strict=True))
     gains = accelerations * durations + jerks * durations**2 / 2
     velocities = np.concatenate([[0.0], np.cumsum(gains)])
     each = durations * (velocities[:-1] + durations * (accelerations / 2 + durations * jerks / 6))
     positions, times = (np.concatenate([[0.0], np.cumsum(x)]) for x in (each, durations))
-    first = len(before)
-    times = times - times[first] - half
-    positions = positions - positions[first] + float(np.asarray(motion.position(ends))[0])
+    times = times - times[num_before] + exposure[0]
+    positions = positions - positions[num_before] + place
     velocities = np.append(velocities[:-1], 0.0)
-    return StagePath(times, positions, velocities, accelerations, jerks, (-half, half))
+    return StagePath(times, positions, velocities, accelerations, jerks, exposure)
 
 
 def _above_zero(subject: str, value: ArrayLike) -> float:

@@ -17,7 +17,6 @@ from mishutter.search.rivals import Entry as Entry
 from mishutter.search.rivals import Rival as Rival
 from mishutter.search.rivals import RivalSearch as RivalSearch
 from mishutter.search.rivals import Step as Step
-from mishutter.search.rivals import best_sequence as best_sequence
 from mishutter.search.rivals import compared_rows as compared_rows
 from mishutter.search.rivals import is_finished as is_finished
 from mishutter.search.rivals import may_be_named as may_be_named
@@ -48,6 +47,7 @@ from mishutter.search.search import optimise as optimise
 from mishutter.search.search import starting_shutter as starting_shutter
 from mishutter.search.search import with_device as with_device
 from mishutter.search.search import without_pan as without_pan
+from mishutter.search.sequences import best_sequence as best_sequence
 from mishutter.search.solvers import NonFiniteLossError as NonFiniteLossError
 from mishutter.search.space import beyond_limits as beyond_limits
 from mishutter.search.space import fills as fills

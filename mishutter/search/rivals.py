@@ -3,7 +3,7 @@
 A new rival is a function that searches for it, and a line of `RIVALS`.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -22,8 +22,6 @@ from mishutter.evaluation import (
     AbstractLoss,
     Plan,
     added_up,
-    best_moving_burst,
-    best_still_burst,
     evaluate,
     transmittance,
     without_tolerances,
@@ -40,7 +38,6 @@ from mishutter.model import (
     TimedFrame,
     TukeyShutter,
     baselines,
-    require_scene,
 )
 from mishutter.search.planning import plan as plan_of_scene
 from mishutter.search.rows import (
@@ -49,7 +46,6 @@ from mishutter.search.rows import (
     OWN_BEST_MOTION,
     SAME_MOTION,
     STAGE,
-    WORTH_IT,
     Row,
 )
 from mishutter.search.search import (
@@ -58,8 +54,8 @@ from mishutter.search.search import (
     best_design,
     free_by_default,
     on_free_path,
-    optimise,
 )
+from mishutter.search.sequences import best_bursts
 from mishutter.search.space import forbids_free_path, mirrors
 
 OPEN = "rect"
@@ -118,15 +114,26 @@ class RivalSearch:
         free: Iterable[str] | None = None,
     ) -> Design:
         """The best design from a motion and a shutter, or from a free-form profile."""
-        return optimise(self.scene, start, shutter, free=free, loss=self.loss)
+        names = None if free is None else tuple(free)
+        return best_design(Start(self.scene, start, shutter, names), SearchSettings(self.loss))
 
     def shaped_entry(self) -> Design | None:
         """The best design of a free profile on a parabola, where it is one of the entries."""
+        for entry in self._finished_entries():
+            if isinstance(entry.command, SplineShutter) and entry.straight is not None:
+                return entry
+        return None
+
+    def bursts(self) -> tuple[FrameSequence, ...]:
+        """The best bursts, which a search of an entry may have found."""
+        known = (entry.bursts for entry in self._finished_entries() if entry.bursts)
+        return next(known, ()) or best_bursts(self.scene)
+
+    def _finished_entries(self) -> Iterator[Design]:
+        """The entries that are results of searches of this scene."""
         for entry in self.entries.values():
             if isinstance(entry, Design) and is_finished(entry, self.scene, self.loss):
-                if isinstance(entry.command, SplineShutter) and entry.straight is not None:
-                    return entry
-        return None
+                yield entry
 
 
 class Rival(NamedTuple):
@@ -316,35 +323,15 @@ def _on_free_paths(search: RivalSearch) -> list[Row]:
     return [_row(OPEN_ON_FREE_PATH, on_path), _row(SHAPED_ON_FREE_PATH, best)]
 
 
-def best_sequence(scene: Scene) -> FrameSequence | None:
-    """The frames to take of a camera with a `Burst`, by a decoder that registers them.
-
-    They are those of the best burst of a sensor that moves, or those of one at rest where moving
-    gains less than 0.1 dB.
-
-    Args:
-        scene: Speeds, light, noise, limits and burst.
-
-    Returns:
-        Motion and time of each frame, and their level; None of a scene without a burst.
-    """
-    require_scene(scene)
-    still, moving = best_still_burst(scene), best_moving_burst(scene)
-    if still is None or moving is None:
-        return None
-    return moving if moving.psnr >= still.psnr + WORTH_IT else still
-
-
 def _bursts(search: RivalSearch) -> list[Row]:
     """The best bursts of a camera that takes any, by a decoder that registers their frames."""
     scene = search.scene
-    found = [(BEST_STILL_BURST, best_still_burst(scene))]
-    moving = [best_moving_burst(scene)]
+    still, *moving = search.bursts()
     if scene.occlusion is None:
         moving.append(_as_sequence(search.open_on_parabola()))
-    best = max((each for each in moving if each is not None), key=lambda each: each.psnr)
-    found.append((BEST_MOVING_BURST, best))
-    return [_row_of_burst(name, scene, each) for name, each in found if each is not None]
+    best = max(moving, key=lambda each: each.psnr)
+    found = {BEST_STILL_BURST: still, BEST_MOVING_BURST: best}
+    return [_row_of_burst(name, scene, each) for name, each in found.items()]
 
 
 def _as_sequence(design: Design) -> FrameSequence:

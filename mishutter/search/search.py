@@ -24,6 +24,7 @@ from mishutter._core import (
 )
 from mishutter.design import Design, Outcome
 from mishutter.evaluation import (
+    SPEED_KNOWLEDGE,
     AbstractLoss,
     LossFunction,
     Plan,
@@ -52,6 +53,7 @@ from mishutter.search.cover import cover, lowest_of_valleys, screened
 from mishutter.search.objective import AbstractObjective, SearchedObjective, objective_of
 from mishutter.search.planning import design_at
 from mishutter.search.planning import plan as plan_of_scene
+from mishutter.search.sequences import best_bursts, instead_of
 from mishutter.search.slots import searched_slots
 from mishutter.search.solvers import (
     Polished,
@@ -189,6 +191,9 @@ def optimise(
     that `motion` keeps up with, whichever are fewer: a `motion` within the limits is always among
     the starts, and one that gives up rare fast objects lets the search give them up too.
 
+    A camera with a `Burst`, whose decoder knows the speed, may take several frames: unless `free`
+    names parts of one exposure, the best ones are `Design.sequence`, where they are better than it.
+
     Args:
         scene: Speeds, light, noise and limits.
         motion: Motion to start from, the scene's by default; a `StillCamera` stays at rest, and a
@@ -243,9 +248,22 @@ def optimise(
     with reports(progress, "searching", max_steps, _in_words, _WHY_NO_STEP) as news:
         settings = SearchSettings(loss, None, num_coefficients, num_starts, seed, max_steps, news)
         best = best_design(Start(scene, motion, shutter, names), settings)
+        decoder = loss.decoder_speed
+        if names is None and decoder is not None and SPEED_KNOWLEDGE[decoder].knows_speed:
+            best = _with_bursts(best, loss)
     if throw and not best.converged:
         raise SearchFailedError(best.ending)
     return best
+
+
+def _with_bursts(design: Design, loss: AbstractLoss) -> Design:
+    """A design, and the frames to take in its place where these are better."""
+    bursts = best_bursts(design.scene)
+    # Before a background bursts are told more than one exposure, with which they do not compare.
+    in_parts = design.scene.occlusion is not None
+    level = -math.inf if in_parts else next(iter(design.levels.values()))
+    instead = instead_of(bursts, level, at_worst=loss.of_worst_speed)
+    return replace(design, bursts=bursts, sequence=instead)
 
 
 @alone_in_blas()
@@ -569,7 +587,8 @@ def moved_by_default(
     if loss.sees_light or "shutter" not in names:
         return start, names
     if motion is None and scene.given_motion is None:
-        start = optimise(scene, start, shutter).motion
+        best = best_design(Start(scene, start, shutter), SearchSettings(loss_of_decoder(scene)))
+        start = best.motion
     return start, ("shutter",)
 
 
