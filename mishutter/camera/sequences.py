@@ -125,6 +125,8 @@ def simulate_frames(
     speed: float,
     num_columns: int | None = None,
     key: Array | None = None,
+    full_well: float | None = None,
+    adc_bits: int | None = None,
 ) -> Float[Array, "frames ..."]:
     r"""Simulate the frames that a camera takes of a picture that moves as a whole.
 
@@ -139,6 +141,8 @@ def simulate_frames(
         speed: Speed of the picture; px/s, as that of `simulate_capture`.
         num_columns: Pixels of the sensor along the motion; those of the picture by default.
         key: JAX key of the noise; None for none.
+        full_well: Most electrons a pixel holds, e-; by default as many as the scene says.
+        adc_bits: Bits of the converter; None for no rounding.
 
     Returns:
         Light of each frame in units of its exposure of white; shape `(frames, rows, num_columns)`,
@@ -173,7 +177,7 @@ def simulate_frames(
     start = (columns - width) // 2
     window = slice(start, start + width)
     keys = [None] * len(frames) if key is None else list(jax.random.split(key, len(frames)))
-    full_well = scene.sensor.full_well
+    full_well = scene.sensor.full_well if full_well is None else full_well
     levels = []
     for frame, response, one in zip(frames, responses, keys, strict=True):
         irradiance = np.fft.irfft(spectrum * response, period)[..., window].astype(planes.dtype)
@@ -184,6 +188,7 @@ def simulate_frames(
             scene.read_noise,
             key=one,
             full_well=None if full_well is None else float(full_well),
+            adc_bits=adc_bits,
         )
         levels.append(np.asarray(turned(level, scene.sensor.axis)))
     return as_float(np.stack(levels))

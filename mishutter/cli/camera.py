@@ -2,7 +2,7 @@
 
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from mishutter.camera import Frames, Layers
     from mishutter.decoding import AbstractDecoder, SpeedEstimate
-    from mishutter.model import Scene
+    from mishutter.model import FrameSequence, Scene
     from mishutter.pictures import Picture
 
 _NUM_TICKS = 100
@@ -159,14 +159,17 @@ def simulate(
     ] = Path("simulation"),
     json: JsonOption = False,
 ) -> None:
-    """Capture a photograph, a layered scene or footage, and restore it."""
+    """Capture a photograph, a layered scene or footage, and restore it.
+
+    A design that takes a burst takes its frames of a photograph.
+    """
     if shutter is not None and any((design, files.drive, files.measured)):
         which = "--design" if design is not None else "--drive or --measured"
         raise ValueError(f"`--shutter` must be left out with {which}; got '{shutter}'.")
     start_jax()
     import jax
 
-    from mishutter.decoding import capture_and_restore
+    from mishutter.decoding import burst_and_restore, capture_and_restore
     from mishutter.model import named_shutter, read_speed
     from mishutter.pictures import Picture, write_picture
     from mishutter.report import motion_text, plot_capture, save_figure, shown_name
@@ -181,39 +184,46 @@ def simulate(
     photographed = _subject(subject, scene, white, linear)
     if speed and not isinstance(photographed, Picture):
         raise ValueError(f"`--speed` must stand beside a photograph alone; got {speed:g}.")
+    sequence = None if used is None else used.sequence
+    if sequence is not None and not isinstance(photographed, Picture):
+        raise ValueError("`--subject` must be a photograph for a burst; got layers or footage.")
     folder = writable_folder(out)
     with (
         interruptible(lambda: AGAIN),
         progress_bar("capturing and restoring", _NUM_TICKS) as update,
     ):
-        result = capture_and_restore(
-            photographed,
-            scene,
-            motion,
-            profile,
-            speed=speed,
-            decoder=named_decoder(decoder),
-            key=None if noiseless else jax.random.key(seed),
-            full_well=full_well,
-            adc_bits=adc_bits,
-            progress=lambda text, share: update(int(share * _NUM_TICKS), text),
-        )
-    write_picture(folder / "captured.png", result.captured)
+        settings: dict[str, Any] = {
+            "speed": speed,
+            "decoder": named_decoder(decoder),
+            "key": None if noiseless else jax.random.key(seed),
+            "full_well": full_well,
+            "adc_bits": adc_bits,
+            "progress": lambda text, share: update(int(share * _NUM_TICKS), text),
+        }
+        if sequence is None:
+            result = capture_and_restore(photographed, scene, motion, profile, **settings)
+            taken = {"captured": result.captured}
+        else:
+            result = burst_and_restore(photographed, scene, sequence, **settings)
+            taken = frames_of(sequence, result.captured)
+    for each, light in taken.items():
+        write_picture(folder / f"{each}.png", light)
     write_picture(folder / "restored.png", result.restored)
     figures = _quality(photographed, result.restored)
     last = files.measured or files.drive or design
     name = f"{window} shutter" if last is None else shown_name(last.name)
     moving = f", object at {speed:g} px/s" if isinstance(photographed, Picture) else ""
     level = f", {figures[_LINEAR]:.2f} dB (linear light)" if figures else ""
+    how = motion_text(motion) if sequence is None else f"{sequence.setting}, {sequence.kind}"
     picture = plot_capture(
         photographed,
-        result.captured,
+        taken,
         result.restored,
-        camera=f"by {name}: {motion_text(motion)}{moving}",
+        camera=f"by {name}: {how}{moving}",
         decoder=f"by the {decoder.value} decoder{level}",
     )
     save_figure(picture, folder / "side_by_side.png")
-    written = ["captured.png", "restored.png", "side_by_side.png"]
+    written = [*(f"{each}.png" for each in taken), "restored.png", "side_by_side.png"]
     if not figures:
         note("no PSNR: layers and frames move by themselves, so that no one picture is the truth")
     _warn_beyond(scene, speed)
@@ -233,7 +243,7 @@ def simulate(
             rows = [[name, f"{value:.3f}"] for name, value in figures.items()]
             print_table(f"Restored by {decoder.value}", ["figure", "value"], rows)
         if estimate is not None:
-            value, trust = speed_found(estimate)
+            value, trust = speed_found(estimate, sequence)
             print_table("Speed found", ["px/s", ""], [[value, trust]])
         if levels:
             rows = [[name, f"{value:.3f}"] for name, value in levels.items()]
@@ -324,12 +334,21 @@ def _warn_beyond(scene: "Scene", speed: float) -> None:
         note(f"warning: --speed is {speed:g} px/s; the scene's are {slowest:g} to {fastest:g}")
 
 
-def speed_found(estimate: "SpeedEstimate") -> tuple[str, str]:
-    """An estimated speed with its error, and whether it is trusted, in words."""
+def frames_of(sequence: "FrameSequence", captured: "np.ndarray") -> "dict[str, np.ndarray]":
+    """Frames of a burst by the names of their files, as a camera of one gain records them."""
+    lights = zip(sequence.lights, captured, strict=True)
+    return {f"frame_{k}": light * one for k, (light, one) in enumerate(lights, 1)}
+
+
+def speed_found(
+    estimate: "SpeedEstimate", sequence: "FrameSequence | None" = None
+) -> tuple[str, str]:
+    """A speed that was found in a capture or a burst with its error, and its trust, in words."""
     if estimate.tells_nothing:
         return "none", "restored for all speeds of the scene"
     value = f"{estimate.speed:,.0f} +- {estimate.error:,.0f}"
-    return value, "trusted" if estimate.trusted else "not trusted: restored for all likely speeds"
+    instead = "for all likely speeds" if sequence is None else "for this speed all the same"
+    return value, "trusted" if estimate.trusted else f"not trusted: restored {instead}"
 
 
 def estimate_document(estimate: "SpeedEstimate") -> dict[str, object]:

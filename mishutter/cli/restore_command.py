@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mishutter._core import note, progress_bar, require, writable_folder
+from mishutter._core import Unquoted, note, progress_bar, require, writable_folder
 from mishutter.cli.camera import DecoderName, estimate_document, named_decoder, speed_found
 from mishutter.cli.console import AGAIN, interruptible, print_table, start_jax, write_json
 from mishutter.cli.help import DESIGN, OUTPUT, PICTURES
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from mishutter.design import Design
+    from mishutter.model import FrameSequence
 
 _TICKS = 100
 _MOST_ABOVE_WHITE = 0.01
@@ -74,8 +75,8 @@ def restore(
             "--white",
             metavar="VALUE",
             rich_help_panel=PICTURES,
-            help="Number in the file of white, were the shutter open for the whole exposure "
-            "[default: the greatest number of its bit depth].",
+            help="Number in the file of white, were the shutter open for the whole exposure, of a "
+            "burst in its longest frame [default: the greatest number of its bit depth].",
         ),
     ] = None,
     linear: Annotated[
@@ -118,7 +119,11 @@ def restore(
     ] = Path("restored"),
     json: JsonOption = False,
 ) -> None:
-    """Restore captures that a camera has taken, each by itself."""
+    """Restore captures that a camera has taken, each by itself.
+
+    Of a design that takes a burst, the captures are its frames, in their order, which together
+    become one picture.
+    """
     start_jax()
     from mishutter.decoding import restored_capture
     from mishutter.model import read_speed
@@ -132,7 +137,7 @@ def restore(
     seen = {path: read_capture(path, white=white, linear=linear) for path in captures}
     folder, method = writable_folder(out), named_decoder(decoder)
     written, found = [], {}
-    for path, capture in seen.items():
+    for path, capture in _together(seen, camera.sequence).items():
         with (
             interruptible(lambda: AGAIN),
             progress_bar(f"restoring {path.name}", _TICKS) as update,
@@ -145,13 +150,17 @@ def restore(
                 progress=lambda text, share, update=update: update(int(share * _TICKS), text),
             )
         _note_brightness(path, result.light)
-        stem = "" if len(seen) == 1 else f"{path.stem}_"
+        is_one = len(seen) == 1 or camera.sequence is not None
+        stem = "" if is_one else f"{path.stem}_"
         write_picture(folder / f"{stem}restored.png", result.light)
+        how = motion_text(camera.motion)
+        if camera.sequence is not None:
+            how = f"{camera.sequence.setting}, {camera.sequence.kind}"
         figure = plot_capture(
             None,
-            capture,
+            {each.stem: seen[each] for each in (seen if is_one else [path])},
             result.light,
-            camera=f"{shown_name(path.name)}: {motion_text(camera.motion)}",
+            camera=f"{shown_name(path.name)}: {how}",
             decoder=f"by the {decoder.value} decoder",
         )
         save_figure(figure, folder / f"{stem}side_by_side.png")
@@ -165,10 +174,35 @@ def restore(
         }
         write_json({"decoder": decoder.value, "files": written, "found": speeds})
     else:
-        rows = [[name, *speed_found(each)] for name, each in found.items() if each is not None]
+        rows = [
+            [name, *speed_found(each, camera.sequence)]
+            for name, each in found.items()
+            if each is not None
+        ]
         if rows:
             print_table("Speed found", ["capture", "px/s", ""], rows)
     note(f"{folder}: {', '.join(written)}")
+
+
+def _together(
+    seen: "dict[Path, np.ndarray]", sequence: "FrameSequence | None"
+) -> "dict[Path, np.ndarray]":
+    """Captures by themselves, or the frames of a burst as one, by the name of the first.
+
+    A camera of one gain records a frame in the units of white in the longest.
+    """
+    import numpy as np
+
+    if sequence is None:
+        return seen
+    got = Unquoted(f"{len(seen)}")
+    is_whole = len(seen) == sequence.num_frames
+    require(is_whole, "CAPTURE...", f"be the {sequence.num_frames} frames of the burst", got)
+    first, sizes = next(iter(seen)), {path: each.shape for path, each in seen.items()}
+    for path, size in sizes.items():
+        require(size == sizes[first], str(path), f"be as large as {first.name}", size)
+    lights = zip(sequence.lights, seen.values(), strict=True)
+    return {first: np.stack([capture / one for one, capture in lights])}
 
 
 def _camera(

@@ -67,7 +67,7 @@ _TOLERANCE, _TOLERANCE_OF_SPEED, _MOST_STEPS = 1e-3, 1e-2, 200
 """Residuals at which conjugate gradients end, as shares of the first one, and most steps. At the
 first the level is within 0.01 dB of its limit; likelihoods of speeds differ less by the second than
 by the picture's own statistics."""
-_ROWS = 32
+ROWS_OF_SPEED = 32
 """Rows of a picture from which its speed is found."""
 _PX_A_STEP = 0.7
 """Displacement over the sequence between neighbouring speeds that are tried."""
@@ -393,7 +393,7 @@ def _speed_of(
     if slowest == fastest:
         return SpeedEstimate(slowest, 0.0, True, np.array([slowest]), np.ones(1), "")
     grey = np.tensordot(luminance_shares(len(planes)), planes, 1)
-    some = np.unique(np.linspace(0, len(grey) - 1, min(_ROWS, len(grey))).astype(int))
+    some = np.unique(np.linspace(0, len(grey) - 1, min(ROWS_OF_SPEED, len(grey))).astype(int))
     speeds = _speeds_to_try(slowest, fastest, taken.frames)
     stack, _ = _stacked(grey[some], taken.like(grey[some], speeds), speeds)
     first = _likelihoods_of_windows(stack, speeds)

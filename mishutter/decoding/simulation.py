@@ -1,7 +1,7 @@
 """Capture and restoration of one picture, however large, a few rows at a time."""
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -10,7 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from mishutter._core import require_finite, require_key, require_positive_int
+from mishutter._core import (
+    require,
+    require_finite,
+    require_key,
+    require_positive_int,
+    shape_of,
+)
 from mishutter.camera import (
     Frames,
     Layers,
@@ -19,6 +25,7 @@ from mishutter.camera import (
     distinct_colours,
     rows_last,
     simulate_capture,
+    simulate_frames,
 )
 from mishutter.decoding.decoders import (
     AbstractDecoder,
@@ -30,10 +37,18 @@ from mishutter.decoding.decoders import (
 )
 from mishutter.decoding.decoders.speed_finding import decoder_of, informed
 from mishutter.decoding.restoration import restored_light
+from mishutter.decoding.sequences import ROWS_OF_SPEED, restore_frames
 from mishutter.design import Design
 from mishutter.evaluation import SPEED_KNOWLEDGE, knowledge_of, sensor_view
-from mishutter.model import AbstractMotion, AbstractShutter, Scene, require_scene
-from mishutter.pictures import Picture, turned
+from mishutter.model import (
+    AbstractMotion,
+    AbstractShutter,
+    FrameSequence,
+    Scene,
+    TimedFrame,
+    require_scene,
+)
+from mishutter.pictures import Axis, Picture, turned
 
 Progress = Callable[[str, float], None]
 """Function that is called with a sentence about the work and the share of it that is done."""
@@ -158,6 +173,73 @@ def capture_and_restore(
     return Simulation.of(turned(captured, axis), turned(restored, axis), estimate)
 
 
+def burst_and_restore(
+    subject: Picture | ArrayLike,
+    scene: Scene,
+    sequence: FrameSequence,
+    *,
+    speed: float = 0.0,
+    decoder: AbstractDecoder | None = None,
+    key: Array | None = None,
+    full_well: float | None = None,
+    adc_bits: int | None = None,
+    rows_at_once: int = _ROWS_AT_ONCE,
+    progress: Progress | None = None,
+) -> Simulation:
+    """`capture_and_restore` of the frames of a burst, whose speed the decoder finds in them.
+
+    Args:
+        subject: A photograph, which goes on mirrored beyond its borders.
+        scene: Light and noise.
+        sequence: The frames.
+        speed: Speed of the photograph; px/s.
+        decoder: As in `capture_and_restore`.
+        key: As in `capture_and_restore`.
+        full_well: As in `capture_and_restore`.
+        adc_bits: As in `capture_and_restore`.
+        rows_at_once: As in `capture_and_restore`.
+        progress: As in `capture_and_restore`.
+
+    Returns:
+        The frames, shape `(frames, rows, columns, channels)`, and the picture from all of them.
+
+    Raises:
+        ValueError: as `simulate_frames`.
+    """
+    require_positive_int("burst_and_restore(rows_at_once=...)", rows_at_once)
+    report = progress if progress is not None else lambda text, share: None
+    axis, along = scene.sensor.axis, scene.along_rows()
+    image = turned(as_radiance(subject, "burst_and_restore(subject=...)"), axis)
+    frames, num_rows = sequence.frames, image.shape[0]
+    taken = []
+    for first in range(0, num_rows, rows_at_once):
+        report("capturing", 0.5 * first / num_rows)
+        taken.append(
+            simulate_frames(
+                np.asarray(image[first : first + rows_at_once]),
+                along,
+                frames,
+                speed=speed,
+                key=None if key is None else jax.random.fold_in(key, first),
+                full_well=full_well,
+                adc_bits=adc_bits,
+            )
+        )
+    captured = np.concatenate(taken, axis=1)
+    restored, estimate = _frames_in_portions(
+        captured,
+        along,
+        frames,
+        EnsembleDecoder() if decoder is None else decoder,
+        None,
+        rows_at_once,
+        lambda text, share: report(text, 0.5 + 0.5 * share),
+    )
+    report("done", 1.0)
+    pictures = np.stack([np.asarray(turned(one, axis)) for one in captured])
+    return Simulation.of(pictures, turned(restored, axis), estimate)
+
+
 class Restoration(NamedTuple):
     """A restored capture.
 
@@ -177,23 +259,27 @@ def restore(
     decoder: AbstractDecoder | None = None,
     speed: float | None = None,
 ) -> np.ndarray:
-    """Restore a capture that a camera has taken, within memory of a few times its own size.
+    """Restore what a camera has taken, within memory of a few times its own size.
 
-    The decoder knows of the speed what the design's scene says: it is for all speeds, finds the
+    It is one capture, or the frames of a burst, which all together become one picture. The decoder knows of the speed what the design's scene says: it is for all speeds, finds the
     speed in the capture, or knows it. One that knows it finds it where no `speed` is given.
 
     Args:
         capture: Light in units of a fully open exposure: 1 where white is recorded by a shutter
-            that is open throughout; shape `(rows, columns)` or `(rows, columns, channels)`.
+            that is open throughout; shape `(rows, columns)` or `(rows, columns, channels)`. Of a
+            design that has a `sequence`, all its frames, each in units of its own exposure; shape
+            `(frames, rows, columns)`, or channels last.
         design: The camera and its scene.
         decoder: The method; the ensemble filter by default.
         speed: The speed of all that is seen, where it is known; px/s.
 
     Returns:
-        Light of the picture, white = 1; the shape of `capture`.
+        Light of the picture, white = 1; the shape of `capture`, or of one of its frames, whose
+        place is that of the picture at the middle of the burst.
 
     Raises:
-        ValueError: if `capture` is not finite or no picture, or the scene has no light.
+        ValueError: if `capture` is not finite or no picture, or not the frames of the design, or the
+            scene has no light.
 
     Examples:
         >>> from mishutter import HannShutter, ParabolicMotion, Scene, example_picture, optimise
@@ -230,18 +316,34 @@ def restored_capture(
         ValueError: as `restore`.
     """
     scene, motion, shutter = design.scene.along_rows(), design.motion, design.shutter
-    axis = design.scene.sensor.axis
-    pixels = turned(np.asarray(as_pixels(capture, "restore(capture=...)")), axis)
-    chosen, model = decoder or EnsembleDecoder(), blur_model(scene, motion, shutter)
+    axis, chosen = design.scene.sensor.axis, decoder or EnsembleDecoder()
+    report = progress or (lambda text, share: None)
     if speed is not None:
         require_finite("restore(speed=...)", speed)
+    if design.sequence is not None:
+        frames = design.sequence.frames
+        stack = _stack_of(capture, len(frames), axis)
+        found = _frames_in_portions(stack, scene, frames, chosen, speed, _ROWS_AT_ONCE, report)
+        return found._replace(light=turned(found.light, axis))
+    pixels = turned(np.asarray(as_pixels(capture, "restore(capture=...)")), axis)
+    model = blur_model(scene, motion, shutter)
+    if speed is not None:
         model = model.knowing(speed - float(sensor_view(scene, motion, shutter).velocity))
     elif knowledge_of(scene).knows_speed:  # nobody tells it
         chosen = decoder_of(SPEED_KNOWLEDGE["found"], chosen)
-    report = progress or (lambda text, share: None)
     light, relative = _in_portions(pixels, chosen, model, _ROWS_AT_ONCE, report)
     estimate = None if relative is None else relative.of(scene, motion)
     return Restoration(turned(light, axis), estimate)
+
+
+def _stack_of(captures: ArrayLike, num_frames: int, axis: Axis) -> np.ndarray:
+    """The frames of a burst, whose things move along their rows once they are turned."""
+    subject = "restore(capture=...)"
+    light = np.asarray(as_pixels(captures, subject))
+    is_stack = light.ndim in (3, 4) and light.shape[0] == num_frames
+    requirement = f"be the {num_frames} frames of the design's burst, of rows and columns"
+    require(is_stack, subject, requirement, shape_of(light))
+    return np.stack([np.asarray(turned(one, axis)) for one in light])
 
 
 def _in_portions(
@@ -261,12 +363,52 @@ def _in_portions(
         planes = rows_last(distinct_colours(captured))
         decoder, model, estimate = informed([decoder], planes, model)[0]
     restored, beyond, num_rows = np.empty_like(captured), decoder.rows_beyond, len(captured)
-    for first, past in itertools.pairwise(_mirrored_portions(num_rows, rows_at_once)):
+    for here, around, inner in _portions(num_rows, rows_at_once, beyond, report):
+        restored[here] = restored_light(captured[around], decoder, model)[inner]
+    return Restoration(restored, estimate)
+
+
+def _frames_in_portions(
+    captured: np.ndarray,
+    scene: Scene,
+    frames: Sequence[TimedFrame],
+    decoder: AbstractDecoder,
+    speed: float | None,
+    rows_at_once: int,
+    report: Progress,
+) -> Restoration:
+    """The same of the frames of a burst, whose decoder knows the speed that is found in them."""
+    estimate, num_rows = None, captured.shape[1]
+    chosen = decoder.inner if isinstance(decoder, SpeedFindingDecoder) else decoder
+    if speed is None:
+        report("finding the speed", 0.0)
+        some = np.unique(np.linspace(0, num_rows - 1, min(ROWS_OF_SPEED, num_rows)).astype(int))
+        estimate = restore_frames(captured[:, some], scene, frames).estimate
+        speed = None if estimate is None else estimate.speed
+    restored = np.empty_like(captured[0])
+    for here, around, inner in _portions(num_rows, rows_at_once, chosen.rows_beyond, report):
+        few = captured[:, around]
+        light = restore_frames(few, scene, frames, decoder=chosen, speed=speed).light
+        restored[here] = light[inner]
+    return Restoration(restored, estimate)
+
+
+def _portions(
+    num_rows: int, at_once: int, beyond: int, report: Progress
+) -> Iterator[tuple[slice, slice, slice]]:
+    """Rows of each portion, those with more around them, and the place of the first in the second.
+
+    Args:
+        num_rows: Rows of the picture.
+        at_once: Most rows of a portion.
+        beyond: Rows above and below that a decoder looks at.
+        report: Called with the share that is done before each.
+    """
+    for first, past in itertools.pairwise(_mirrored_portions(num_rows, at_once)):
         report("restoring", first / num_rows)
         above = min(first, beyond)
-        rows = restored_light(captured[first - above : past + beyond], decoder, model)
-        restored[first:past] = rows[above : above + past - first]
-    return Restoration(restored, estimate)
+        around = slice(first - above, past + beyond)
+        yield slice(first, past), around, slice(above, above + past - first)
 
 
 def _mirrored_portions(num_rows: int, at_once: int) -> list[int]:

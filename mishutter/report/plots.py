@@ -599,7 +599,7 @@ def _draw_key(axes: "Axes", brightest: float, linear: bool) -> None:
 
 def plot_capture(
     subject: object,
-    captured: Float[np.ndarray, "rows columns channels"],
+    captured: Float[np.ndarray, "rows columns channels"] | Mapping[str, np.ndarray],
     restored: Float[np.ndarray, "rows columns channels"],
     *,
     camera: str = "",
@@ -609,15 +609,23 @@ def plot_capture(
 
     Args:
         subject: The `Picture`, `Layers` or `Frames` that was captured.
-        captured: Irradiance in units of a white pixel in a fully open exposure.
+        captured: Irradiance in units of a white pixel in a fully open exposure; or the frames of a
+            burst by name, of which the first, the middle and the last are shown.
         restored: Irradiance of the picture, white = 1.
         camera: The shutter, its motion and the speed of the subject, in words.
         decoder: The decoder and its PSNR, in words.
     """
-    shown = {f"captured\n{camera}": captured, f"restored\n{decoder}": restored}
+    frames = captured if isinstance(captured, Mapping) else {"captured": captured}
+    some = {round(share * (len(frames) - 1)): share for share in (0.0, 0.5, 1.0)}
+    names = list(frames)
+    shown = {
+        f"{names[k].replace('_', ' ')}\n{'' if share else camera}": frames[names[k]]
+        for k, share in sorted(some.items())
+    }
     if isinstance(subject, Picture):
         shown = {"the scene, at rest\n": subject.light} | shown
-    rows, columns = captured.shape[:2]
+    shown[f"restored\n{decoder}"] = restored
+    rows, columns = restored.shape[:2]
     width = 4.0
     height = float(np.clip(rows / columns, _LEAST_HEIGHT, _MOST_HEIGHT))
     stretched = max(rows / columns, columns / rows) > _MOST_ELONGATED
