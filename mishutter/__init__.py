@@ -124,6 +124,8 @@ Captures and their restoration
 In the laboratory
     drive_table               levels that come nearest to a design's profile
     DriveTable                what it returns
+    frame_table               triggers of a burst's frames, and the path of the stage through them
+    FrameTable                what it returns
     read_drive                reads a drive table of any format
     Drive                     a drive table as it was read
     design_from_drive         the design that a drive table makes

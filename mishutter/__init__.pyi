@@ -58,11 +58,13 @@ from .evaluation import tolerance_costs as tolerance_costs
 from .hardware import Drive as Drive
 from .hardware import DriveTable as DriveTable
 from .hardware import FittedCamera as FittedCamera
+from .hardware import FrameTable as FrameTable
 from .hardware import SensorLevels as SensorLevels
 from .hardware import TargetPicture as TargetPicture
 from .hardware import design_from_drive as design_from_drive
 from .hardware import drive_table as drive_table
 from .hardware import fit as fit
+from .hardware import frame_table as frame_table
 from .hardware import measured_profile as measured_profile
 from .hardware import read_drive as read_drive
 from .hardware import read_measurements as read_measurements

@@ -177,7 +177,7 @@ def simulate_frames(
     start = (columns - width) // 2
     window = slice(start, start + width)
     keys = [None] * len(frames) if key is None else list(jax.random.split(key, len(frames)))
-    full_well = scene.sensor.full_well if full_well is None else full_well
+    most = scene.sensor.full_well if full_well is None else full_well
     levels = []
     for frame, response, one in zip(frames, responses, keys, strict=True):
         irradiance = np.fft.irfft(spectrum * response, period)[..., window].astype(planes.dtype)
@@ -187,7 +187,7 @@ def simulate_frames(
             white_electrons(scene.photon_rate, frame.exposure),
             scene.read_noise,
             key=one,
-            full_well=None if full_well is None else float(full_well),
+            full_well=None if most is None else float(most),
             adc_bits=adc_bits,
         )
         levels.append(np.asarray(turned(level, scene.sensor.axis)))

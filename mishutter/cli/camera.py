@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     import numpy as np
 
     from mishutter.camera import Frames, Layers
-    from mishutter.decoding import AbstractDecoder, SpeedEstimate
+    from mishutter.decoding import AbstractDecoder, Simulation, SpeedEstimate
+    from mishutter.design import Design
     from mishutter.model import FrameSequence, Scene
     from mishutter.pictures import Picture
 
@@ -169,24 +170,21 @@ def simulate(
     start_jax()
     import jax
 
-    from mishutter.decoding import burst_and_restore, capture_and_restore
+    from mishutter.design import given_design
     from mishutter.model import named_shutter, read_speed
     from mishutter.pictures import Picture, write_picture
-    from mishutter.report import motion_text, plot_capture, save_figure, shown_name
+    from mishutter.report import camera_text, plot_capture, save_figure, shown_name
 
     scene = scene_of(scene_file)
     speed = read_speed(speed_text, scene_file, "--speed")
     designs = cameras(scene, design, files).designs
-    used = list(designs.values())[-1] if designs else None
-    motion = scene.motion if used is None else used.motion
     window = "hann" if shutter is None else shutter
-    profile = named_shutter(window) if used is None else used.shutter
+    used = [*designs.values()] or [
+        given_design(scene, scene.motion, named_shutter(window), f"Given: {window}.")
+    ]
     photographed = _subject(subject, scene, white, linear)
     if speed and not isinstance(photographed, Picture):
         raise ValueError(f"`--speed` must stand beside a photograph alone; got {speed:g}.")
-    sequence = None if used is None else used.sequence
-    if sequence is not None and not isinstance(photographed, Picture):
-        raise ValueError("`--subject` must be a photograph for a burst; got layers or footage.")
     folder = writable_folder(out)
     with (
         interruptible(lambda: AGAIN),
@@ -200,12 +198,7 @@ def simulate(
             "adc_bits": adc_bits,
             "progress": lambda text, share: update(int(share * _NUM_TICKS), text),
         }
-        if sequence is None:
-            result = capture_and_restore(photographed, scene, motion, profile, **settings)
-            taken = {"captured": result.captured}
-        else:
-            result = burst_and_restore(photographed, scene, sequence, **settings)
-            taken = frames_of(sequence, result.captured)
+        taken, result = _simulated(photographed, scene, used[-1], settings)
     for each, light in taken.items():
         write_picture(folder / f"{each}.png", light)
     write_picture(folder / "restored.png", result.restored)
@@ -214,12 +207,11 @@ def simulate(
     name = f"{window} shutter" if last is None else shown_name(last.name)
     moving = f", object at {speed:g} px/s" if isinstance(photographed, Picture) else ""
     level = f", {figures[_LINEAR]:.2f} dB (linear light)" if figures else ""
-    how = motion_text(motion) if sequence is None else f"{sequence.setting}, {sequence.kind}"
     picture = plot_capture(
         photographed,
         taken,
         result.restored,
-        camera=f"by {name}: {how}{moving}",
+        camera=f"by {name}: {camera_text(used[-1])}{moving}",
         decoder=f"by the {decoder.value} decoder{level}",
     )
     save_figure(picture, folder / "side_by_side.png")
@@ -239,16 +231,39 @@ def simulate(
         speeds = {} if estimate is None else {"found": estimate_document(estimate)}
         write_json(quality | expected | {"decoder": decoder.value, "files": written} | speeds)
     else:
-        if figures:
-            rows = [[name, f"{value:.3f}"] for name, value in figures.items()]
-            print_table(f"Restored by {decoder.value}", ["figure", "value"], rows)
+        _print_numbers(f"Restored by {decoder.value}", "figure", "value", figures)
         if estimate is not None:
-            value, trust = speed_found(estimate, sequence)
+            value, trust = speed_found(estimate, used[-1].sequence)
             print_table("Speed found", ["px/s", ""], [[value, trust]])
-        if levels:
-            rows = [[name, f"{value:.3f}"] for name, value in levels.items()]
-            print_table("Expected of the scene", ["camera", _LINEAR], rows)
+        _print_numbers("Expected of the scene", "camera", _LINEAR, levels)
     note(f"{folder}: {', '.join(written)}")
+
+
+def _simulated(
+    subject: "Picture | Layers | Frames",
+    scene: "Scene",
+    camera: "Design",
+    settings: dict[str, Any],
+) -> "tuple[dict[str, np.ndarray], Simulation]":
+    """What a camera records of a subject, by the names of the files, and what becomes of it."""
+    from mishutter.decoding import burst_and_restore, capture_and_restore
+    from mishutter.pictures import Picture
+
+    if camera.sequence is None:
+        result = capture_and_restore(subject, scene, camera.motion, camera.shutter, **settings)
+        return {"captured": result.captured}, result
+    if not isinstance(subject, Picture):
+        raise ValueError("`--subject` must be a photograph for a burst; got layers or footage.")
+    result = burst_and_restore(subject, scene, camera.sequence, **settings)
+    lights = zip(camera.sequence.lights, result.captured, strict=True)
+    # A camera of one gain records each frame in the units of white in the longest.
+    return {f"frame_{k}": share * one for k, (share, one) in enumerate(lights, 1)}, result
+
+
+def _print_numbers(title: str, names: str, unit: str, numbers: dict[str, float]) -> None:
+    """Prints a table of numbers by their names, if there are any."""
+    if numbers:
+        print_table(title, [names, unit], [[name, f"{x:.3f}"] for name, x in numbers.items()])
 
 
 def reproduce(
@@ -332,12 +347,6 @@ def _warn_beyond(scene: "Scene", speed: float) -> None:
     slowest, fastest = float(scene.speeds.min()), float(scene.speeds.max())
     if not min(slowest, 0) <= speed <= max(fastest, 0):
         note(f"warning: --speed is {speed:g} px/s; the scene's are {slowest:g} to {fastest:g}")
-
-
-def frames_of(sequence: "FrameSequence", captured: "np.ndarray") -> "dict[str, np.ndarray]":
-    """Frames of a burst by the names of their files, as a camera of one gain records them."""
-    lights = zip(sequence.lights, captured, strict=True)
-    return {f"frame_{k}": light * one for k, (light, one) in enumerate(lights, 1)}
 
 
 def speed_found(

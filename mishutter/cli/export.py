@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mishutter._core import note, working, writable_folder, write_text
+from mishutter._core import Unquoted, note, require, working, writable_folder, write_text
 from mishutter.cli.console import print_table, start_jax, write_json
 from mishutter.cli.help import TABLE
 from mishutter.cli.laboratory import CeilingOption, FloorOption
@@ -16,7 +16,7 @@ from mishutter.cli.options import JsonOption, OutOption, as_path
 
 if TYPE_CHECKING:
     from mishutter.design import Design
-    from mishutter.hardware import DriveTable
+    from mishutter.hardware import DriveTable, FrameTable
 
 
 class FormatName(Enum):
@@ -92,7 +92,8 @@ def export(
 ) -> None:
     """Write the drive table of a saved design, the level of each step, and say what it costs.
 
-    --out also writes the path of the stage, from rest to rest.
+    Of a design that takes a burst it is open in each frame, and closed between them. --out also
+    writes the path of the stage, from rest to rest, and the triggers of a burst.
     """
     pulses = form is FormatName.PULSES
     levels = 2 if pulses and num_levels is None else num_levels
@@ -103,10 +104,17 @@ def export(
         raise ValueError(f"`--out` must be given for a binary file; got --format {form.value}.")
     start_jax()
     from mishutter.design import Design
-    from mishutter.hardware import drive_bytes, drive_table
+    from mishutter.hardware import drive_bytes, drive_table, frame_table
 
     saved = Design.load(design)
     folder = None if out is None else writable_folder(out)
+    if saved.sequence is not None:
+        told = {"--levels": num_levels is None, "--floor": floor == 0, "--ceiling": ceiling == 1}
+        for option, is_default in told.items():
+            requirement = "be left out for a burst, whose shutter is open or closed"
+            require(is_default, option, requirement, Unquoted("an option"))
+        _export_frames(frame_table(saved, num_steps=num_steps), folder, form, as_json=json)
+        return
     table = drive_table(
         saved,
         num_steps=num_steps,
@@ -132,6 +140,58 @@ def export(
         _print_losses(document)
     if files:
         note(f"{folder}: {', '.join(files)}")
+
+
+def _export_frames(
+    table: "FrameTable", folder: Path | None, form: FormatName, *, as_json: bool
+) -> None:
+    """Writes the triggers of a burst and the path of its stage, and prints its frames."""
+    from mishutter.hardware import DRIVE_FORMATS, drive_bytes
+    from mishutter.report import plot_frames, save_figure
+
+    if folder is None and not as_json:
+        sys.stdout.write(drive_bytes(table, form.value).decode())
+        return
+    files = []
+    if folder is not None:
+        name = f"drive{DRIVE_FORMATS[form.value]}"
+        table.save(folder / name, form=form.value)
+        write_text(folder / "frames.csv", table.frames_csv())
+        save_figure(plot_frames(table), folder / "drive.png")
+        files = [name, "frames.csv", "drive.png"]
+        path = table.stage_csv()
+        if path is not None:
+            write_text(folder / "stage.csv", path)
+            files.append("stage.csv")
+            _note_travel(table.travel_beyond_limit)
+        elif table.sequence.moves:
+            note(
+                "no stage.csv: no limit says how the stage gets to its velocity: set "
+                "max_acceleration_g or max_acceleration_px_per_s2 in [limits] of the scene"
+            )
+    if table.design.scene.limits.max_jerk is not None:
+        note("the limit on the jerk is of one exposure: the path over a burst does not keep it")
+    if as_json:
+        write_json(table.to_dict() | {"files": files})
+    else:
+        sequence = table.sequence
+        rows = [
+            [str(k), f"{one.time * 1e3:.2f}", f"{one.exposure * 1e3:.3g}", f"{one.position:.2f}"]
+            for k, one in enumerate(sequence.frames, 1)
+        ]
+        columns = ["frame", "mid-exposure / ms", "exposure / ms", "sensor there / px"]
+        print_table(f"Frames: {sequence.text}", columns, rows)
+    if files:
+        note(f"{folder}: {', '.join(files)}")
+
+
+def _note_travel(beyond: float | None) -> None:
+    """Notes that a path leads further than the limits allow."""
+    if beyond is not None:
+        note(
+            f"stage.csv travels {beyond:.4g} px, beyond the limit on travel: limit the "
+            "acceleration too, or the search assumes that the stage runs up at once"
+        )
 
 
 def _note_what_to_set(table: "DriveTable", form: FormatName) -> None:
@@ -164,12 +224,7 @@ def _write(table: "DriveTable", folder: Path, form: FormatName) -> list[str]:
         note(f"no stage.csv: {_without_path(table.design)}")
         return [name, "drive.png"]
     write_text(folder / "stage.csv", path)
-    beyond = table.travel_beyond_limit
-    if beyond is not None:
-        note(
-            f"stage.csv travels {beyond:.4g} px, beyond the limit on travel: limit the "
-            "acceleration too, or the search assumes that the stage runs up at once"
-        )
+    _note_travel(table.travel_beyond_limit)
     return [name, "drive.png", "stage.csv"]
 
 

@@ -128,7 +128,7 @@ def restore(
     from mishutter.decoding import restored_capture
     from mishutter.model import read_speed
     from mishutter.pictures import read_capture, write_picture
-    from mishutter.report import motion_text, plot_capture, save_figure, shown_name
+    from mishutter.report import camera_text, plot_capture, save_figure, shown_name
 
     stems = [path.stem for path in captures]
     require(len(set(stems)) == len(stems), "CAPTURE...", "be of different names", stems)
@@ -153,14 +153,11 @@ def restore(
         is_one = len(seen) == 1 or camera.sequence is not None
         stem = "" if is_one else f"{path.stem}_"
         write_picture(folder / f"{stem}restored.png", result.light)
-        how = motion_text(camera.motion)
-        if camera.sequence is not None:
-            how = f"{camera.sequence.setting}, {camera.sequence.kind}"
         figure = plot_capture(
             None,
             {each.stem: seen[each] for each in (seen if is_one else [path])},
             result.light,
-            camera=f"{shown_name(path.name)}: {how}",
+            camera=f"{shown_name(path.name)}: {camera_text(camera)}",
             decoder=f"by the {decoder.value} decoder",
         )
         save_figure(figure, folder / f"{stem}side_by_side.png")

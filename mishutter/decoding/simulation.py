@@ -261,8 +261,9 @@ def restore(
 ) -> np.ndarray:
     """Restore what a camera has taken, within memory of a few times its own size.
 
-    It is one capture, or the frames of a burst, which all together become one picture. The decoder knows of the speed what the design's scene says: it is for all speeds, finds the
-    speed in the capture, or knows it. One that knows it finds it where no `speed` is given.
+    It is one capture, or the frames of a burst, which all together become one picture. The decoder
+    knows of the speed what the design's scene says: it is for all speeds, finds the speed in the
+    capture, or knows it. One that knows it finds it where no `speed` is given.
 
     Args:
         capture: Light in units of a fully open exposure: 1 where white is recorded by a shutter
@@ -278,8 +279,8 @@ def restore(
         place is that of the picture at the middle of the burst.
 
     Raises:
-        ValueError: if `capture` is not finite or no picture, or not the frames of the design, or the
-            scene has no light.
+        ValueError: if `capture` is not finite or no picture, or not the frames of the design, or
+            the scene has no light.
 
     Examples:
         >>> from mishutter import HannShutter, ParabolicMotion, Scene, example_picture, optimise

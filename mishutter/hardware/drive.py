@@ -11,7 +11,7 @@ from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from mishutter._core import (
     common_dtype,
@@ -29,6 +29,7 @@ from mishutter.evaluation import (
     without_tolerances,
 )
 from mishutter.hardware.drive_files import MAX_STEPS, drive_bytes, read_drive, require_levels
+from mishutter.hardware.stage_files import path_csv
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
@@ -114,6 +115,11 @@ class DriveTable:
         return 0.0 if device is None else float(device.settling_time)
 
     @property
+    def gate(self) -> Bool[np.ndarray, "n"]:
+        """Whether light is recorded in each step, which it is in all."""
+        return np.ones(self.level.size, bool)
+
+    @property
     def is_open(self) -> bool:
         """Whether every step has the highest level: a shutter that is open needs no drive."""
         return int(self.level.min()) == self.num_levels - 1
@@ -178,7 +184,6 @@ class DriveTable:
         requirement = f"have a run-up and a run-out of at most {MAX_STEPS} steps"
         require(max(before, after) <= MAX_STEPS, "design", requirement, max(before, after))
         times = self.begin[0] + step * np.arange(-before, count + after + 1)
-        position, velocity = path.at(times)
         index = np.arange(times.size) - before
         is_begun, is_over = times > path.times[0], times >= path.times[-1]
         parts = np.select(
@@ -186,15 +191,7 @@ class DriveTable:
             ["rest", "run-up", "exposure", "run-out"],
             "rest",
         )
-        columns = {"sensor_position,px": position, "sensor_velocity,px/s": velocity}
-        stage = self.design.scene.limits.stage
-        if stage is not None:
-            columns["sent_position,px"] = stage.sent_for(path, times)
-        names, units = zip(*(name.split(",") for name in columns), strict=True)
-        lines = [",".join(["time", "part", *names]), ",".join(["ms", "", *units])]
-        for time, part, *numbers in zip(times * 1e3, parts, *columns.values(), strict=True):
-            lines.append(",".join([f"{time:.9g}", part, *(f"{x:.9g}" for x in numbers)]))
-        return "\n".join(lines) + "\n"
+        return path_csv(path, times, parts, self.design.scene.limits.stage)
 
     @property
     def travel_beyond_limit(self) -> float | None:
@@ -203,10 +200,7 @@ class DriveTable:
         That may be where they let a stage run up at once. None elsewhere.
         """
         limits = self.design.scene.limits
-        path = limits.stage_path(self.design.motion)
-        if path is None or limits.max_travel is None:
-            return None
-        return path.travel if path.travel > float(limits.max_travel) * (1 + 1e-6) else None
+        return limits.travel_beyond(limits.stage_path(self.design.motion))
 
     def save(self, path: str | Path, *, form: str = "csv") -> None:
         """Write the table in a format that a laboratory loads, whole or not at all.
@@ -267,7 +261,7 @@ def drive_table(
     error diffusion makes them: two levels then make a profile of the right light.
 
     Args:
-        design: The design to be driven.
+        design: The design to be driven, of its one exposure: `frame_table` is of a burst.
         num_steps: Steps of the exposure, at most 100,000; by default the slots of the scene's
             device, or 256.
         num_levels: Drive levels, at least 2; by default those of the device, or 256.

@@ -109,7 +109,7 @@ class _Samples(NamedTuple):
 
 @runtime_checkable
 class Table(Protocol):
-    """The parts of a drive table that are written, which `DriveTable` describes."""
+    """The parts of a table that are written, which `DriveTable` and `FrameTable` describe."""
 
     @property
     def exposure(self) -> float: ...
@@ -123,6 +123,8 @@ class Table(Protocol):
     def position(self) -> np.ndarray: ...
     @property
     def position_scale(self) -> float: ...
+    @property
+    def gate(self) -> np.ndarray: ...
 
     def to_csv(self) -> str: ...
 
@@ -207,7 +209,7 @@ def _channels(table: Table) -> np.ndarray:
     """Drive, position over its scale, and gate; the last sample closes; shape `(3, n + 1)`."""
     position = table.position / table.position_scale
     rows = [[*_drive(table), -1.0], [*position, position[-1]]]
-    return np.array([*rows, [1.0] * table.level.size + [0.0]])
+    return np.array([*rows, [*table.gate.astype(float), 0.0]])
 
 
 # Reading

@@ -567,6 +567,19 @@ class Limits(eqx.Module):
         """
         return stage_path_of_frames(sequence, max_acceleration=self.max_acceleration)
 
+    def travel_beyond(self, path: StagePath | None) -> float | None:
+        """Travel of a path of the stage where it is more than is allowed; px. None elsewhere.
+
+        It may be more where no limit says how a stage runs up, so that the search takes it to do so
+        at once.
+
+        Args:
+            path: From rest to rest; None of a stage that stays at rest.
+        """
+        if path is None or self.max_travel is None:
+            return None
+        return path.travel if path.travel > float(self.max_travel) * (1 + 1e-6) else None
+
     def _frame(self, velocity: Array) -> Array:
         """Velocity of the frame that motions are in; px/s, the shape and precision given."""
         frame = jnp.zeros_like(velocity)

@@ -19,9 +19,11 @@ from mishutter.report.documents import write_report as write_report
 from mishutter.report.fit_plots import plot_fit as plot_fit
 from mishutter.report.measured import MeasuredCamera as MeasuredCamera
 from mishutter.report.measured import measured_camera as measured_camera
+from mishutter.report.plots import camera_text as camera_text
 from mishutter.report.plots import motion_text as motion_text
 from mishutter.report.plots import plot_capture as plot_capture
 from mishutter.report.plots import plot_drive as plot_drive
+from mishutter.report.plots import plot_frames as plot_frames
 from mishutter.report.plots import plot_kernels as plot_kernels
 from mishutter.report.plots import plot_photograph as plot_photograph
 from mishutter.report.plots import plot_profiles as plot_profiles

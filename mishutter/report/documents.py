@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -193,13 +193,22 @@ def _writers(report: Report) -> dict[str, Callable[[Path], None]]:
     writers: dict[str, Callable[[Path], None]] = {}
     if report.design is not None:
         writers |= {"design.json": report.design.save, "profile.csv": report.design.write_profile}
-        choice = report.comparison.choice
-        if choice is not None and choice.design is not None and choice.name not in report.names:
-            writers[_TO_BUILD] = choice.design.save
+        to_build = _to_build(report.design, report.comparison.choice, report.names)
+        if to_build is not None:
+            writers[_TO_BUILD] = to_build.save
     writers[_DOCUMENT] = partial(_write_document, report)
     return writers | {
         name: partial(_save_drawn, drawn) for name, drawn in _drawings(report).items()
     }
+
+
+def _to_build(design: Design, choice: Row | None, names: tuple[str, ...]) -> Design | None:
+    """The camera that a verdict names, where it is not the design, or not in its file."""
+    if choice is None or choice.name in names:
+        return None
+    if choice.sequence is not None and design.sequence is None:
+        return replace(design, sequence=choice.sequence)
+    return choice.design
 
 
 def write_background(

@@ -17,6 +17,7 @@ from jaxtyping import Float
 
 from mishutter._core import require, write_bytes
 from mishutter.decoding import RestoredPhotograph
+from mishutter.design import Design
 from mishutter.evaluation import (
     SPEED_KNOWLEDGE,
     kernel_phase,
@@ -24,7 +25,7 @@ from mishutter.evaluation import (
     picture_power,
     spectral_levels,
 )
-from mishutter.hardware import DriveTable
+from mishutter.hardware import DriveTable, FrameTable
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
@@ -262,6 +263,31 @@ def plot_drive(table: DriveTable) -> "Figure":
     return figure
 
 
+def plot_frames(table: FrameTable) -> "Figure":
+    """Draws a burst: when its frames are exposed, and the path of the stage through them.
+
+    Args:
+        table: The table of its frames.
+    """
+    figure, (axes,) = _new(1, height=3.0)
+    first, second = itertools.islice(line_styles(), 2)
+    for index, lit in enumerate(table.lights):
+        grey = "0.82" if index % 2 else "0.9"
+        axes.axvspan(*(time * 1e3 for time in lit), color=grey, label=None if index else "frames")
+    path = table.path
+    whole = table.begin if path is None else path.times
+    time = np.linspace(whole[0], whole[-1], _NUM_POINTS)
+    place = np.zeros_like(time) if path is None else path.at(time)[0]
+    axes.plot(time * 1e3, place, label="stage", **first)
+    stage = table.design.scene.limits.stage
+    if stage is not None and path is not None:
+        axes.plot(time * 1e3, stage.sent_for(path, time), label="sent to it", **second)
+    axes.set(xlabel="time from the middle of the burst / ms", ylabel="stage position / px")
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+    leave_room(figure, Margins(top=0.4), num_rows=1)
+    return figure
+
+
 def plot_kernels(designs: Named, speeds: Sequence[float]) -> "Figure":
     """Draws blur kernels aligned at the vertex, less the kernel at the sensor's velocity.
 
@@ -340,6 +366,16 @@ def motion_text(motion: AbstractMotion) -> str:
     if pan == 0:
         return f"{exposure}, stroke {sag:.3g} px"
     return f"{exposure}, sag {sag:.3g} px beside a pan of {pan:.4g} px/s"
+
+
+def camera_text(design: Design) -> str:
+    """What a design exposes in words: one exposure with its motion, or the frames of a burst.
+
+    Args:
+        design: The design.
+    """
+    frames = design.sequence
+    return motion_text(design.motion) if frames is None else f"{frames.setting}, {frames.kind}"
 
 
 def plot_transfer(

@@ -6,12 +6,13 @@ import jax
 import numpy as np
 import pytest
 import tifffile
+from support.bursts import a_burst_design
 from support.command_line import SMALL_SCENE, refused
 
 import mishutter as ms
 from mishutter import cli
 from mishutter.design import given_design
-from mishutter.pictures import read_capture
+from mishutter.pictures import read_capture, write_picture
 
 SCENE = ms.Scene([0.0, 310.0, -190.0], photon_rate=2.3e6, read_noise=4.7)
 MOTION = ms.ParabolicMotion(acceleration=6e4, half_exposure=9.7e-3)
@@ -103,3 +104,54 @@ def test_refusals(desk, capsys, words, message):
     """What is missing, or one too many, is named in one line, and nothing is written."""
     assert message in refused(capsys, "restore", *words, "--out", "out")
     assert not (desk / "out").exists()
+
+
+@pytest.fixture
+def burst_desk(tmp_path, monkeypatch, capsys, picture):
+    """A folder with the design of a burst and its frames, and what `simulate` said of them."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scene.toml").write_text(
+        "[speeds]\nlist_px_per_s = [-700, 0, 900]\n[light]\nphoton_rate_per_s = 1.3e6\n"
+        "[sensor]\nread_noise_e = 3.1\n",
+        encoding="utf-8",
+    )
+    a_burst_design().save(tmp_path / "design.json")
+    write_picture(tmp_path / "subject.png", picture)
+    told = ["--subject", "subject.png", "--speed", "640", "--design", "design.json"]
+    assert cli.main(["simulate", "scene.toml", *told, "--out", "taken", "--json"]) == 0
+    return tmp_path, json.loads(capsys.readouterr().out)
+
+
+def test_a_burst_is_simulated_and_restored(burst_desk, picture, capsys):
+    """Frames as a camera of one gain records them, of unlike exposures, become one picture."""
+    _, document = burst_desk
+    names = ["frame_1.png", "frame_2.png", "restored.png", "side_by_side.png"]
+    assert document["files"] == names
+    assert document["found"]["speed_px_per_s"] == pytest.approx(640, abs=5)
+    first, second = (read_capture(f"taken/frame_{k}.png") for k in (1, 2))
+    design = a_burst_design()
+    light = ms.simulate_frames(picture, design.scene, design.sequence.frames, speed=640.0)
+    own = float(np.mean(light[0]) / np.mean(light[1]))
+    assert float(np.mean(first) / np.mean(second)) == pytest.approx(own * 4.2 / 13.6, rel=0.02)
+    captures = ["taken/frame_1.png", "taken/frame_2.png", "--design", "design.json"]
+    assert cli.main(["restore", *captures, "--out", "back", "--json"]) == 0
+    again = json.loads(capsys.readouterr().out)
+    assert again["files"] == ["restored.png", "side_by_side.png"]
+    assert again["found"]["frame_1.png"]["speed_px_per_s"] == pytest.approx(640, abs=5)
+    simulated = document["quality"]["PSNR / dB, linear light"]
+    assert level(picture, "back/restored.png") == pytest.approx(simulated, abs=0.5)
+
+
+def test_frames_of_a_burst_come_together(burst_desk, capsys):
+    """One too few is refused, and frames of another size; layers are no photograph."""
+    folder, _ = burst_desk
+    alone = ["restore", "taken/frame_1.png", "--design", "design.json", "--out", "no"]
+    assert "the 2 frames of the burst; got 1" in refused(capsys, *alone)
+    write_picture("small.png", np.full((5, 7, 3), 0.5))
+    other = ["restore", "taken/frame_1.png", "small.png", "--design", "design.json", "--out", "no"]
+    assert "be as large as frame_1.png" in refused(capsys, *other)
+    (folder / "footage").mkdir()
+    for k in (0, 1):
+        write_picture(f"footage/{k}.png", np.full((5, 7, 3), 0.5))
+    moving = ["simulate", "--subject", "footage", "--design", "design.json"]
+    assert "be a photograph for a burst" in refused(capsys, *moving)

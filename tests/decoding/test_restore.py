@@ -1,8 +1,11 @@
 """A plain array restored by a saved design: by the decoder of its scene."""
 
+import dataclasses
+
 import jax
 import numpy as np
 import pytest
+from support.bursts import a_burst_design
 from support.cases import daily
 
 import mishutter as ms
@@ -67,3 +70,39 @@ def test_refusals():
         ms.restore(np.full((5, 40), np.nan), camera)
     with pytest.raises(ValueError, match=r"restore\(speed=...\)` must be finite"):
         ms.restore(np.ones((5, 40)), camera, speed=np.inf)
+
+
+def burst_frames(camera, speed=640.0, rows=slice(20, 170)):
+    picture = ms.example_picture().light[rows, :240]
+    frames = camera.sequence.frames
+    return picture, np.asarray(
+        ms.simulate_frames(picture, camera.scene, frames, speed=speed, key=jax.random.key(3))
+    )
+
+
+@pytest.mark.parametrize("axis", daily(["rows", "columns"], "columns"))
+def test_frames_of_a_burst_become_one_picture(axis):
+    """By the speed that all rows tell, a few rows at a time, along either axis."""
+    camera = a_burst_design(sensor=ms.Sensor(axis=axis))
+    picture, seen = burst_frames(camera)
+    found = restored_capture(seen, camera)
+    assert found.found.trusted
+    assert found.found.speed == pytest.approx(640.0, abs=5.0)
+    told = ms.restore_frames(seen, camera.scene, camera.sequence.frames, speed=found.found.speed)
+    np.testing.assert_allclose(found.light, told.light, atol=2e-3)
+    of_told = ms.restore(seen, camera, speed=640.0)
+    assert found.light.shape == picture.shape
+    levels = [float(ms.psnr(picture, light)) for light in (of_told, found.light, seen[0])]
+    assert levels[0] == pytest.approx(levels[1], abs=0.1)
+    assert levels[1] > levels[2] + 2
+
+
+def test_a_burst_is_whole():
+    """One picture too few, or one alone, is refused in a line that says how many there are."""
+    camera = a_burst_design()
+    _, seen = burst_frames(camera, rows=slice(0, 20))
+    for some in (seen[:1], seen[0], np.concatenate([seen, seen])):
+        with pytest.raises(ValueError, match="be the 2 frames of the design's burst"):
+            ms.restore(some, camera)
+    alone = dataclasses.replace(camera, sequence=None)
+    assert ms.restore(seen[0], alone).shape == seen[0].shape

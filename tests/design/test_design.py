@@ -8,6 +8,7 @@ import equinox as eqx
 import jax
 import numpy as np
 import pytest
+from support.bursts import SEQUENCE, a_burst_design
 from support.designs import LIMITS, MOTION, SCENE
 
 from mishutter import (
@@ -519,3 +520,33 @@ def test_the_end_of_a_search_comes_back_and_is_compared(design, tmp_path):
         path.write_text(json.dumps(document | {"outcome": text}))
         assert Design.load(path).outcome is outcome
         assert len(Design.load(path).notes) == 1
+
+
+def test_frames_of_a_burst_travel_with_the_design(tmp_path):
+    """Each with its motion, time and place; their level is the file's first number."""
+    design = a_burst_design()
+    design.save(tmp_path / "design.json")
+    read = Design.load(tmp_path / "design.json")
+    assert strict_json(read.to_dict()) == strict_json(design.to_dict())
+    assert repr(read.sequence) == repr(SEQUENCE)
+    for one, other in zip(read.sequence.frames, SEQUENCE.frames, strict=True):
+        assert (one.time, one.position) == (other.time, other.position)
+        elapsed = np.array([-0.7, 0.3]) * one.exposure / 2
+        np.testing.assert_allclose(one.motion.position(elapsed), other.motion.position(elapsed))
+    saved = json.loads((tmp_path / "design.json").read_text(encoding="utf-8"))
+    assert (saved["level_db"], saved["level_of"]) == (
+        31.25,
+        "by a decoder that registers the frames",
+    )
+    assert "1 of 4.2 ms at rest and 1 of 13.6 ms: 31.25 dB" in str(read)
+    assert replace(read, sequence=None).to_dict()["level_db"] != 31.25
+
+
+def test_a_file_with_a_frame_that_is_none_is_refused(tmp_path):
+    """The line names the file and the key."""
+    whole = a_burst_design().to_dict()
+    for frames, key in (([], "frames"), ([{"time_s": 0.0}], "position_px")):
+        saved = whole | {"sequence": whole["sequence"] | {"frames": frames}}
+        (tmp_path / "cut.json").write_text(strict_json(saved), encoding="utf-8")
+        with pytest.raises(ValueError, match=rf"cut\.json.*{key}"):
+            Design.load(tmp_path / "cut.json")

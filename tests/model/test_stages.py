@@ -3,8 +3,18 @@
 import numpy as np
 import pytest
 
-from mishutter import Limits, LinearMotion, ParabolicMotion, StillCamera, stage_path
+from mishutter import (
+    FrameSequence,
+    FreeMotion,
+    Limits,
+    LinearMotion,
+    ParabolicMotion,
+    StillCamera,
+    TimedFrame,
+    stage_path,
+)
 from mishutter.model import stage_use
+from mishutter.model.stages import stage_path_of_frames
 
 CASES = {
     "turns": (4.1e5, 0.01, 700.0, 1.1e6, None),
@@ -140,3 +150,78 @@ def test_limits_of_nothing(name):
     """They are above 0."""
     with pytest.raises(ValueError, match=rf"`Limits\({name}=...\)` must be above 0"):
         Limits(**{name: 0.0})
+
+
+def burst(*frames, pan=0.0):
+    """Frames of a stage, of times, places and motions."""
+    return FrameSequence(
+        "own", tuple(TimedFrame(m, t, x) for t, x, m in frames), 0.0, 0.0, 0.0, pan
+    )
+
+
+def swing(direction, half=0.006, acceleration=3e5):
+    return FreeMotion(accelerations=[direction * acceleration], half_exposure=half)
+
+
+BURSTS = {
+    "swings": burst((-0.008, 0.0, swing(1)), (0.008, 2 * 3e5 * 0.006 * 0.01, swing(-1))),
+    "sweep": burst(
+        *((t, 2e5 * t * t, swing(1, acceleration=2e5).panned(4e5 * t)) for t in (-0.02, 0.0, 0.02))
+    ),
+    "fan": burst(
+        (-0.01, 3.0, LinearMotion(half_exposure=0.004, velocity=-900.0)),
+        (0.01, 3.5, LinearMotion(half_exposure=0.004, velocity=900.0)),
+    ),
+    "one at rest": burst((-0.01, 0.0, StillCamera(half_exposure=0.003)), (0.01, -20.0, swing(1))),
+}
+
+
+@pytest.mark.parametrize("pan", [0.0, 1700.0], ids=["stage", "camera turns"])
+@pytest.mark.parametrize("name", BURSTS)
+def test_a_path_leads_through_all_frames(name, pan):
+    """Within each it is the frame's own, less the pan of a camera; its velocity never jumps."""
+    most = 1.2e6
+    frames = [
+        (one.time, one.position + pan * one.time, one.motion.panned(one.motion.velocity + pan))
+        for one in BURSTS[name].frames
+    ]
+    path = stage_path_of_frames(burst(*frames, pan=pan), max_acceleration=most)
+    for one in BURSTS[name].frames:
+        elapsed = np.linspace(-0.999, 0.999, 9) * float(one.motion.half_exposure)
+        place, velocity = path.at(one.time + elapsed)
+        np.testing.assert_allclose(place, one.position + one.motion.position(elapsed), atol=2e-5)
+        np.testing.assert_allclose(velocity, one.motion.velocity_at(elapsed), atol=2e-2)
+    times = np.linspace(path.times[0], path.times[-1], 20_001)
+    place, velocity = path.at(times)
+    steps = np.abs(np.diff(velocity)) / np.diff(times)
+    # The first and the last frame's run-ups take all that is allowed.
+    assert steps.max() == pytest.approx(most, rel=2e-3)
+    np.testing.assert_allclose(np.gradient(place, times)[1:-1], velocity[1:-1], atol=1.5)
+    assert velocity[0] == velocity[-1] == 0
+
+
+def test_between_frames_a_stage_takes_the_least_acceleration():
+    """Swings that meet at one velocity need none, and a sweep goes on along its parabola."""
+    swings = stage_path_of_frames(BURSTS["swings"])
+    between = (swings.times[:-1] >= -0.002 - 1e-9) & (swings.times[:-1] < 0.002 - 1e-9)
+    np.testing.assert_allclose(swings.accelerations[between], 0.0, atol=1e-3)
+    sweep = stage_path_of_frames(BURSTS["sweep"])
+    np.testing.assert_allclose(np.abs(sweep.accelerations), 4e5, rtol=1e-5)
+
+
+def test_a_path_without_a_limit_ends_where_it_is_told():
+    """From rest between two frames, and to a velocity that it keeps, nothing says how fast."""
+    still, moving = (
+        StillCamera(half_exposure=0.003),
+        LinearMotion(half_exposure=0.003, velocity=80.0),
+    )
+    at_rest = burst((-0.01, 1.0, still), (0.01, 1.0, still))
+    steady = burst((-0.01, -0.8, moving), (0.01, 0.8, moving))
+    assert stage_path_of_frames(BURSTS["one at rest"]) is None
+    assert stage_path_of_frames(steady) is None
+    assert stage_path_of_frames(at_rest) is stage_path_of_frames(at_rest, max_acceleration=9e5)
+    limits = Limits(max_acceleration=9e5, max_travel=2.0)
+    path = limits.stage_path_of_frames(steady)
+    assert path.travel == pytest.approx(80 * 0.026 + 80**2 / 9e5, rel=1e-4)
+    assert limits.travel_beyond(path) == path.travel
+    assert Limits(max_acceleration=9e5, max_travel=2.2).travel_beyond(path) is None

@@ -10,6 +10,7 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from support.bursts import SEQUENCE, a_burst_design
 from support.designs import LIMITS, MOTION, SCENE
 from support.photographs import photograph
 from support.rows import sequence
@@ -386,6 +387,19 @@ def test_the_camera_to_build_is_saved_where_it_is_not_the_design(report, tmp_pat
         assert saved == ["design.json", *files, "report.json"]
     writers["build.json"](tmp_path / "build.json")
     assert isinstance(Design.load(tmp_path / "build.json").shutter, RectShutter)
+
+
+def test_the_frames_that_a_verdict_names_are_saved(report, tmp_path):
+    """Beside a search of one exposure alone; in the design's own file where it has found them."""
+    rows = {row.name: row for row in report.comparison.rows}
+    burst = replace(rows["rect"], name="best moving burst", sequence=SEQUENCE)
+    comparison = replace(report.comparison, choice=burst)
+    for design, wanted in ((a_burst_design(None), True), (a_burst_design(), False)):
+        writers = _writers(replace(report, comparison=comparison, design=design))
+        assert ("build.json" in writers) == wanted
+        file = tmp_path / "saved.json"
+        writers["build.json" if wanted else "design.json"](file)
+        assert Design.load(file).sequence.text == SEQUENCE.text
 
 
 def test_a_narrow_photograph_is_left_out_with_a_note(report, tmp_path):

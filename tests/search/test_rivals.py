@@ -14,9 +14,14 @@ from mishutter import (
     Burst,
     DesignLoss,
     ExpectedErrorLoss,
+    FrameSequence,
     HannShutter,
+    KnownSpeedLoss,
     Limits,
+    RectShutter,
     Scene,
+    StillCamera,
+    TimedFrame,
     baselines,
     optimise,
 )
@@ -45,6 +50,7 @@ from mishutter.search import (
     searches,
     snapshots,
 )
+from mishutter.search.sequences import instead_of
 
 
 @pytest.mark.nightly
@@ -163,3 +169,80 @@ def test_a_shared_design_is_searched_for_once():
     found = list(as_they_end([shared] * 5, 5))
     assert len(calls) == 1
     assert all(each is found[0] for each in found)
+
+
+STILL = StillCamera(half_exposure=1e-3)
+BURSTS = (
+    FrameSequence(
+        "stills", (TimedFrame(StillCamera(half_exposure=1e-3), 0.0),) * 3, 0.0, 30.0, 29.0
+    ),
+    FrameSequence("sweep", (TimedFrame(MOTION, 0.0),) * 2, 25.0, 31.0, 28.0),
+)
+
+
+@pytest.mark.parametrize(
+    ("levels", "one_exposure", "wanted"),
+    [
+        ((30.0, 31.0), 29.0, "sweep"),
+        ((30.0, 31.0), 30.95, None),
+        ((30.95, 31.0), 29.0, "stills"),
+        ((30.95, 31.0), 31.04, "stills"),  # which take nothing to build
+        ((30.95, 31.0), 31.06, None),
+    ],
+)
+def test_frames_are_taken_where_they_are_worth_it(levels, one_exposure, wanted):
+    """A stage is worth a tenth of a decibel; where the worst speed counts, that of its own."""
+    some = tuple(replace(each, psnr=x) for each, x in zip(BURSTS, levels, strict=True))
+    found = instead_of(some, one_exposure)
+    assert (found and found.kind) == wanted
+    assert instead_of(some, one_exposure - 5, at_worst=True) is not None
+    assert instead_of(some, 31.2, at_worst=True) is None
+    assert instead_of((), one_exposure) is None
+
+
+def test_a_burst_of_one_frame_is_one_exposure():
+    """Which the design is, with a shutter of its own."""
+    one = replace(BURSTS[1], frames=BURSTS[1].frames[:1])
+    assert instead_of((BURSTS[0], one), 20.0) is None
+
+
+_OF_SWIFT = {
+    "speeds": [-3500.0, 0.0, 3500.0],
+    "photon_rate": 1e5,
+    "read_noise": 8.0,
+    "limits": Limits(max_stroke=80, max_half_exposure=0.017),
+    "burst": Burst(frames_per_s=60, max_frames=2),
+    "decoder_speed": "known",
+}
+SWIFT = Scene(**_OF_SWIFT)
+
+
+@pytest.mark.slow
+def test_a_search_for_a_decoder_that_registers_finds_frames():
+    """Two frames that move are better than one exposure; a comparison does not look again."""
+    design = optimise(SWIFT, shutter=RectShutter(), num_starts=4)
+    still, moving = design.bursts
+    assert design.sequence is moving
+    assert moving.num_frames == 2
+    assert moving.psnr > max(still.psnr, float(design.metrics.known_speed_psnr)) + 0.1
+    rivals = RivalSearch(SWIFT, KnownSpeedLoss(), entries={"own": design})
+    assert rivals.bursts() is design.bursts
+
+
+@pytest.mark.parametrize(
+    ("scene", "arguments"),
+    [
+        (SWIFT, {"free": ("half_exposure",)}),
+        (SWIFT, {"loss": ExpectedErrorLoss()}),
+        (Scene(**{**_OF_SWIFT, "decoder_speed": "unknown"}), {}),
+    ],
+    ids=["one exposure is named", "one filter for all by loss", "one filter for all"],
+)
+def test_no_frames_are_looked_for_elsewhere(scene, arguments, monkeypatch):
+    """Where a part of one exposure is to move, or one filter restores all speeds."""
+    monkeypatch.setattr(
+        "mishutter.search.search.best_bursts", lambda scene: pytest.fail("searched")
+    )
+    start = {"shutter": RectShutter(), "num_starts": 1, "max_steps": 3}
+    design = optimise(scene, **start, **arguments)
+    assert (design.sequence, design.bursts) == (None, ())
