@@ -245,7 +245,7 @@ def _simulated(
     camera: "Design",
     settings: dict[str, Any],
 ) -> "tuple[dict[str, np.ndarray], Simulation]":
-    """What a camera records of a subject, by the names of the files, and what becomes of it."""
+    """The records of a subject, by the names of their files, and the picture restored from them."""
     from mishutter.decoding import burst_and_restore, capture_and_restore
     from mishutter.pictures import Picture
 

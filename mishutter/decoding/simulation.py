@@ -231,9 +231,9 @@ def burst_and_restore(
         along,
         frames,
         EnsembleDecoder() if decoder is None else decoder,
-        None,
-        rows_at_once,
-        lambda text, share: report(text, 0.5 + 0.5 * share),
+        speed=None,
+        rows_at_once=rows_at_once,
+        report=lambda text, share: report(text, 0.5 + 0.5 * share),
     )
     report("done", 1.0)
     pictures = np.stack([np.asarray(turned(one, axis)) for one in captured])
@@ -324,7 +324,9 @@ def restored_capture(
     if design.sequence is not None:
         frames = design.sequence.frames
         stack = _stack_of(capture, len(frames), axis)
-        found = _frames_in_portions(stack, scene, frames, chosen, speed, _ROWS_AT_ONCE, report)
+        found = _frames_in_portions(
+            stack, scene, frames, chosen, speed=speed, rows_at_once=_ROWS_AT_ONCE, report=report
+        )
         return found._replace(light=turned(found.light, axis))
     pixels = turned(np.asarray(as_pixels(capture, "restore(capture=...)")), axis)
     model = blur_model(scene, motion, shutter)
@@ -374,6 +376,7 @@ def _frames_in_portions(
     scene: Scene,
     frames: Sequence[TimedFrame],
     decoder: AbstractDecoder,
+    *,
     speed: float | None,
     rows_at_once: int,
     report: Progress,

@@ -45,7 +45,7 @@ _PROFILE_POINTS = 1001
 _UNSAVED = ("straight", "bursts")
 """Parts of a design that lead a comparison, and are found anew without it."""
 REGISTERS = "registers the frames"
-"""What the decoder of a sequence of frames does."""
+"""The decoder of a sequence of frames, by what it does."""
 GIVEN = "none: the camera is given"
 """The name of the loss of a design that no search has found, and none tunes."""
 

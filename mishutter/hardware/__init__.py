@@ -14,11 +14,11 @@ from mishutter.hardware.drive_files import Drive as Drive
 from mishutter.hardware.drive_files import DriveWarning as DriveWarning
 from mishutter.hardware.drive_files import drive_bytes as drive_bytes
 from mishutter.hardware.drive_files import read_drive as read_drive
-from mishutter.hardware.frame_table import FrameTable as FrameTable
-from mishutter.hardware.frame_table import frame_table as frame_table
 from mishutter.hardware.trace_files import read_trace as read_trace
 from mishutter.hardware.traces import MeasuredProfile as MeasuredProfile
 from mishutter.hardware.traces import Trace as Trace
 from mishutter.hardware.traces import for_a_fit as for_a_fit
 from mishutter.hardware.traces import measured_profile as measured_profile
 from mishutter.hardware.traces import span_of_shifts as span_of_shifts
+from mishutter.hardware.triggers import FrameTable as FrameTable
+from mishutter.hardware.triggers import frame_table as frame_table

@@ -369,7 +369,7 @@ def motion_text(motion: AbstractMotion) -> str:
 
 
 def camera_text(design: Design) -> str:
-    """What a design exposes in words: one exposure with its motion, or the frames of a burst.
+    """The exposure of a design with its motion, or the frames of its burst, in words.
 
     Args:
         design: The design.
@@ -652,11 +652,10 @@ def plot_capture(
         decoder: The decoder and its PSNR, in words.
     """
     frames = captured if isinstance(captured, Mapping) else {"captured": captured}
-    some = {round(share * (len(frames) - 1)): share for share in (0.0, 0.5, 1.0)}
-    names = list(frames)
+    names, last = list(frames), len(frames) - 1
     shown = {
-        f"{names[k].replace('_', ' ')}\n{'' if share else camera}": frames[names[k]]
-        for k, share in sorted(some.items())
+        f"{names[k].replace('_', ' ')}\n{'' if k else camera}": frames[names[k]]
+        for k in sorted({0, (last + 1) // 2, last})
     }
     if isinstance(subject, Picture):
         shown = {"the scene, at rest\n": subject.light} | shown

@@ -182,17 +182,15 @@ def optimise(
     light an exposure brings, as `DesignLoss`, the profile alone moves unless `free` says otherwise:
     on the `motion`, on the scene's, or on that of the best design by the expected error.
 
-    Starts are the first design, baselines' profiles and points all over the space. The lowest are
-    minimised and polished, and the result is never worse than the best of them. Behind a device
-    that is late, or has few levels, the best design for one that follows every command is among
-    the starts too (`Design.blind_psnr`).
+    Starts are the first design, baselines' profiles and points all over the space, and behind a
+    device that is late, or has few levels, the best design for one that follows every command. The
+    lowest are minimised and polished; the result is never worse than the best of them.
 
     Where acceleration moves, a design keeps up ($2aT$) with every object that occurs or with those
-    that `motion` keeps up with, whichever are fewer: a `motion` within the limits is always among
-    the starts, and one that gives up rare fast objects lets the search give them up too.
-
-    A camera with a `Burst`, whose decoder knows the speed, may take several frames: unless `free`
-    names parts of one exposure, the best ones are `Design.sequence`, where they are better than it.
+    that `motion` keeps up with, whichever are fewer: a `motion` within the limits is always a
+    start, and one that gives up rare fast objects lets the search give them up too.
+    Where the decoder knows the speed of a camera with a `Burst`, the best frames are
+    `Design.sequence`, if they are better than the exposure and `free` names none of its parts.
 
     Args:
         scene: Speeds, light, noise and limits.
@@ -214,9 +212,8 @@ def optimise(
         throw: Whether an end other than convergence raises.
 
     Returns:
-        The best design, its `outcome`, which is the end of the search, and the projected-gradient
-        norm as the certificate. A fixed part of the motion is not moved into the limits; `notes`
-        say where it lies outside.
+        The best design, its `outcome`, which is the end of the search, and as a certificate the
+        norm of the projected gradient; `notes` say where a fixed part is outside the limits.
 
     Raises:
         ValueError: if `free` names nothing that can move, a count is not positive, `seed` is
