@@ -51,7 +51,7 @@ class FrameNodes(NamedTuple):
 
     Attributes:
         time: Time from the middle of the sequence; s.
-        place: Place of the sensor; px.
+        place: Place of the sensor, from that at the middle of the sequence; px.
         weight: Share of the exposure, of an open shutter.
     """
 
@@ -68,16 +68,28 @@ def nodes_of_frames(frames: Sequence[TimedFrame], fastest: float) -> list[FrameN
         fastest: Greatest speed of a thing, of either sign; px/s.
     """
     with outside_trace():
-        return [_nodes_of(frame, fastest) for frame in frames]
+        middle = _place_at_middle(frames)
+        return [_nodes_of(frame, fastest, middle) for frame in frames]
 
 
-def _nodes_of(frame: TimedFrame, fastest: float) -> FrameNodes:
+def _place_at_middle(frames: Sequence[TimedFrame]) -> float:
+    """Place of the sensor at the middle of the sequence, be a frame exposed then or not; px."""
+    near = []
+    for frame in frames:
+        half = float(frame.motion.half_exposure)
+        time = np.clip(-frame.time, -half, half)
+        near.append((frame.time + time, frame.position + float(frame.motion.position(time))))
+    times, places = zip(*sorted(near), strict=True)
+    return float(np.interp(0.0, times, places))
+
+
+def _nodes_of(frame: TimedFrame, fastest: float, middle: float) -> FrameNodes:
     motion: AbstractMotion = frame.motion
     half = float(motion.half_exposure)
     count = nodes_for((float(motion.top_speed) + fastest) * half)
     tau, weight = nodes_in_time(RectShutter(), motion, count)
     time = half * np.asarray(tau, np.float64)[0]
-    place = frame.position + np.asarray(motion.position(time), np.float64)
+    place = frame.position + np.asarray(motion.position(time), np.float64) - middle
     return FrameNodes(frame.time + time, place, np.asarray(weight, np.float64)[0])
 
 

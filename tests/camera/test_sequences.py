@@ -49,11 +49,11 @@ def test_a_frame_at_rest_is_a_capture_of_the_displaced_picture(time):
     np.testing.assert_allclose(found, alone, atol=1e-10)
 
 
-def test_a_parabola_is_seen_from_its_mid_exposure():
-    """A single capture is aligned at the vertex, a frame where the sensor is at mid-exposure."""
+def test_a_parabola_is_seen_from_the_middle_of_the_sequence():
+    """A single capture is aligned at the vertex, a frame where the sensor is at the middle."""
     motion = ParabolicMotion(acceleration=A, half_exposure=HALF)
-    (found,) = simulate_frames(PICTURE, SCENE, [TimedFrame(motion, 0.013, 8.3)], speed=SPEED)
-    displacement = 8.3 - SPEED * 0.013 - SPEED**2 / (4 * A)
+    (found,) = simulate_frames(PICTURE, SCENE, [TimedFrame(motion, 0.0043, 8.3)], speed=SPEED)
+    displacement = -A * 0.0043**2 - SPEED * 0.0043 - SPEED**2 / (4 * A)
     alone = simulate_capture(
         PICTURE, SCENE, motion, RectShutter(), speed=SPEED, displacement=displacement
     )
@@ -67,6 +67,28 @@ def test_a_parabola_of_the_other_direction_is_the_mirrored_one():
     there = simulate_frames(PICTURE, SCENE, [TimedFrame(up, 0.01, 3.7)], speed=SPEED)
     back = simulate_frames(PICTURE[:, ::-1], SCENE, [TimedFrame(down, 0.01, -3.7)], speed=-SPEED)
     np.testing.assert_allclose(back[..., ::-1], there, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("times", "places", "middle"),
+    [
+        ((-0.013, 0.029), (-4.2, 31.5), 6.85),
+        ((0.029, -0.017), (8.1, 8.1), 8.1),
+        ((-0.02, 0.0, 0.02), (3.0, 17.4, 9.0), 17.4),
+    ],
+    ids=["on its way", "at rest", "exposed"],
+)
+def test_all_is_seen_from_where_the_sensor_is_at_the_middle(times, places, middle):
+    """Be it exposed then or between frames, as which it goes on evenly."""
+    still = StillCamera(half_exposure=1e-9)
+    frames = [TimedFrame(still, *each) for each in zip(times, places, strict=True)]
+    found = simulate_frames(PICTURE, SCENE, frames, speed=SPEED)
+    for capture, time, place in zip(found, times, places, strict=True):
+        way = place - middle - SPEED * time
+        alone = simulate_capture(
+            PICTURE, SCENE, still, RectShutter(), speed=SPEED, displacement=way
+        )
+        np.testing.assert_allclose(capture, alone, atol=1e-4)
 
 
 def test_a_sensor_sees_the_middle_of_a_wider_picture():

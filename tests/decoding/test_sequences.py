@@ -127,6 +127,17 @@ def test_few_and_many_frames_tell_the_speed(speed, count):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("rows", "speed"), [(slice(120, 132), 1000.0), (slice(30, 42), 900.0)])
+def test_a_moving_sensor_shows_all_that_it_restores(rows, speed):
+    """It is then half a swing away from either turning point."""
+    frames = swings(2)
+    captures, truth = shown(speed, frames, rows=rows)
+    light = restore_frames(captures, SCENE, frames, speed=speed).light
+    error = np.mean((np.asarray(light) - truth) ** 2, axis=0)
+    assert max(np.mean(error[:20]), np.mean(error[-20:])) < np.mean(error[60:-60])
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("blur", "speed", "rows", "columns"),
     [
