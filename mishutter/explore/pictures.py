@@ -169,13 +169,14 @@ def restored(
     knowledge = knowledge_of(scene)
     finds = knowledge.finds_speed
     num_rows = ROWS_TO_FIND if finds else _ROWS
-    part = Picture(light=_middle(photograph.part.light, num_rows)[:, first : first + width].copy())
-    along, designs, reference = scene.along_rows(), [], None
+    window = _middle(photograph.part.light, num_rows)[:, first : first + width]
+    part = Picture(light=turned(window, scene.sensor.axis).copy())
+    designs, reference = [], None
     for name, row in rows.items():
         check()
         result = restore_by_each(
             part,
-            along,
+            scene,
             row.motion,
             row.shutter,
             {name: EnsembleDecoder()},
@@ -185,11 +186,11 @@ def restored(
         )[name]
         captured = result.captured[0]
         gain = np.mean(result.reference) / max(float(np.mean(captured)), 1e-12)
-        reference = turned(result.reference, scene.sensor.axis)
+        reference = result.reference
         level = float(result.linear_psnr[0])
         pictures = {"captured": captured * gain, "restored": result.restored[0]}
-        pair = {name: _png(turned(light, scene.sensor.axis)) for name, light in pictures.items()}
-        estimate = estimate_speed(captured, along, row.motion, row.shutter) if finds else None
+        pair = {name: _png(light) for name, light in pictures.items()}
+        estimate = estimate_speed(captured, scene, row.motion, row.shutter) if finds else None
         speed_of_decoder = {"aside": knowledge.aside, "found": _plain(estimate)}
         designs.append({"name": name, "psnr": level, **pair, **speed_of_decoder})
     return {
