@@ -24,6 +24,7 @@ ALL = (
     "occlusion",
     "gains",
     "bursts",
+    "bursts_search",
     "bursts_photographs",
     "layered_loss",
     "layered_photographs",

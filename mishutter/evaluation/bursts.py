@@ -41,6 +41,7 @@ from mishutter.model import (
     FreeMotion,
     Limits,
     LinearMotion,
+    ParabolicMotion,
     Scene,
     StillCamera,
     TimedFrame,
@@ -54,9 +55,21 @@ from mishutter.model import (
 STILLS, ONE_PARABOLA = "stills", "one parabola"
 ALTERNATING, SINE, SWEEP, FAN = "alternating parabolas", "sine", "sweep", "fan of pans"
 """Paths of a sensor over a burst."""
-_STEPS = 4
-"""Steps of exposure and acceleration that a search begins with."""
-_TOP_SPEEDS = (0.7, 1.2)
+_STEPS = 3
+"""Steps of exposure and top speed that a search begins with."""
+_STEP = 0.15
+"""Step of a simplex."""
+_FIRST_STEPS, _MOST_STEPS = 12, 60
+"""Steps of a simplex on every path, for each of its numbers, and more of them on the best paths."""
+_NUM_PANS, _NUM_PATHS = 2, 3
+"""Pans of each path, and paths of all, that are searched further."""
+_FEW = 3
+"""Most frames that may gain by following one direction where both are alike."""
+_SAME_LOSS, _SAME_SHARE = 1e-7, 1e-6
+"""Shares within which an error and a top speed are found."""
+_PIECES_OF_PERIOD = 32
+"""Pieces of constant acceleration of the way of a sine from frame to frame."""
+_TOP_SPEEDS = (0.7, 1.0, 1.2)
 """Top speeds of a sensor, over that of the fastest thing, that a search begins with too."""
 _MOST_VELOCITIES = 64
 """Most frames on paths that give each a velocity of its own, whose transfer functions are many."""
@@ -292,44 +305,130 @@ def _some_numbers(most: int) -> list[int]:
     return np.unique(np.geomspace(1, most, 12).round().astype(int)).tolist() if most else []
 
 
+class _Way(NamedTuple):
+    """The way of a sensor over a burst, as its velocity, which is linear between knots.
+
+    Attributes:
+        knots: Times; s, ascending.
+        velocity: Velocity at each over the top speed.
+        frames: Makes its frames of the top speed, px/s.
+        half_of_parabola: Half the exposure of the parabola that it is, or its frames are; s. None
+            where they are none.
+        back: Makes the motion of every other frame, which goes the other way, of that of the first;
+            None where none does.
+    """
+
+    knots: Float[np.ndarray, "k"]
+    velocity: Float[np.ndarray, "k"]
+    frames: Callable[[float], FrameGroup]
+    half_of_parabola: float | None = None
+    back: Callable[[Any], AbstractMotion] | None = None
+
+    @property
+    def steepest(self) -> float:
+        """Greatest acceleration at the top speed 1; 1/s."""
+        steps, changes = np.diff(self.knots), np.abs(np.diff(self.velocity))
+        with np.errstate(divide="ignore"):
+            return float(np.max(changes[changes > 0] / steps[changes > 0]))
+
+    def places(self, top_speed: float, pan: float) -> Float[np.ndarray, "k"]:
+        """Place at each knot; px."""
+        velocity = pan + top_speed * self.velocity
+        ways = np.diff(self.knots) * (velocity[1:] + velocity[:-1]) / 2
+        return np.r_[0.0, np.cumsum(ways)]
+
+    def velocity_at(self, time: float, top_speed: float, pan: float) -> float:
+        """Velocity at a time, s; px/s."""
+        return pan + top_speed * float(np.interp(time, self.knots, self.velocity))
+
+    def travel(self, top_speed: float, pan: float) -> float:
+        """Distance from the lowest place to the highest; px."""
+        velocity, places = pan + top_speed * self.velocity, self.places(top_speed, pan)
+        first, last, steps = velocity[:-1], velocity[1:], np.diff(self.knots)
+        # Where the velocity changes its sign between two knots, the stage turns back.
+        turns = first * last < 0
+        first, last, steps = first[turns], last[turns], steps[turns]
+        turned = places[:-1][turns] + first**2 / (first - last) * steps / 2
+        return float(np.ptp(np.r_[places, turned]))
+
+
+def _alternating(count: int, half: float, period: float) -> _Way:
+    """Parabolas of alternating direction, between which the stage coasts at constant velocity."""
+    velocity = np.outer((-1.0) ** np.arange(count), [-1, 0, 1]).ravel()
+
+    def frames(top_speed: float) -> FrameGroup:
+        return alternating_frames(count, half, top_speed / (2 * half))
+
+    def back(motion: ParabolicMotion) -> FreeMotion:
+        return FreeMotion(accelerations=-motion.acceleration[None], half_exposure=half)
+
+    return _Way(_knots(count, half, period), velocity, frames, half, back)
+
+
+def _sine(count: int, half: float, period: float) -> _Way:
+    """A sine of half the frame rate, whose turning points are at the middles of the frames."""
+    turn = np.pi / _PIECES_OF_PERIOD
+    phases = turn * np.arange(-_PIECES_OF_PERIOD // 2, (2 * count - 1) * _PIECES_OF_PERIOD // 2 + 1)
+    knots = steps_of(count)[0] * period + phases * period / np.pi
+    # With this factor the trapezoids of the velocity add up to the way of the sine.
+    velocity = np.sin(phases) * (turn / 2) / math.tan(turn / 2)
+
+    def frames(top_speed: float) -> FrameGroup:
+        stroke = top_speed * period / np.pi * (1 - math.cos(np.pi * half / period))
+        return sine_frames(count, half, stroke, period)
+
+    def back(motion: FreeMotion) -> FreeMotion:
+        return eqx.tree_at(lambda path: path.accelerations, motion, replace_fn=jnp.negative)
+
+    return _Way(knots, velocity, frames, back=back)
+
+
+def _sweep(count: int, half: float, period: float) -> _Way:
+    """One slow parabola over the whole burst."""
+    knots, whole = _knots(count, half, period), (count - 1) * period / 2 + half
+
+    def frames(top_speed: float) -> FrameGroup:
+        return sweep_frames(count, half, top_speed / (2 * whole), period)
+
+    return _Way(knots, knots / whole, frames, whole)
+
+
+def _fan(count: int, half: float, period: float) -> _Way:
+    """Frames at constant velocities in equal steps, between which the stage accelerates evenly."""
+    velocity = np.repeat(np.linspace(-1, 1, count), 3)
+
+    def frames(top_speed: float) -> FrameGroup:
+        return panned_frames(count, half, top_speed)
+
+    return _Way(_knots(count, half, period), velocity, frames)
+
+
+def _knots(count: int, half: float, period: float) -> Float[np.ndarray, "k"]:
+    """Beginning, middle and end of each frame; s."""
+    return (steps_of(count)[:, None] * period + half * np.array([-1, 0, 1])).ravel()
+
+
+_KINDS: dict[str, Callable[[int, float, float], _Way]] = {
+    ALTERNATING: _alternating,
+    SINE: _sine,
+    SWEEP: _sweep,
+    FAN: _fan,
+}
+"""Ways of a sensor over a burst, by their names."""
+
+
 class _Room(NamedTuple):
-    """The room of a stage for the motion of some frames beside a pan of the sensor.
+    """The room that limits leave for the motion of some frames.
 
     Attributes:
         limits: The scene's limits.
         times: When frames may be exposed.
         num_frames: Number of frames that move.
-        pan: Velocity that all frames have; px/s.
     """
 
     limits: Limits
     times: FrameTimes
     num_frames: int
-    pan: float
-
-    @property
-    def panned(self) -> float:
-        """Travel that the pan takes from the stage; px."""
-        return 0.0 if self.limits.pans == "camera" else abs(self.pan) * self.duration
-
-    @property
-    def duration(self) -> float:
-        """Longest time from first to last light; s."""
-        longest = self.times.longest_of(self.num_frames)
-        return (self.num_frames - 1) * self.times.period + longest
-
-    @property
-    def stroke(self) -> float:
-        """Travel from the lowest to the highest position that is left; px."""
-        travel = self.limits.max_travel
-        most = float(self.limits.max_stroke)
-        most = most if travel is None else min(most, float(travel))
-        return max(most - self.panned, 0.0)
-
-    @property
-    def top_speed(self) -> float:
-        """Speed that is left; px/s."""
-        return max(float(self.limits.max_top_speed) - abs(self.pan), 0.0)
 
     @property
     def acceleration(self) -> float:
@@ -337,104 +436,49 @@ class _Room(NamedTuple):
         most = self.limits.max_acceleration
         return math.inf if most is None else float(most)
 
-    def largest_acceleration(self, half_exposure: float) -> float:
-        """The largest $a$ of a parabola of this half exposure, s; px/s^2."""
-        numbers = jnp.asarray(half_exposure), jnp.asarray(self.pan)
-        return float(self.limits.largest_acceleration(*numbers))
+    @property
+    def stroke(self) -> float:
+        """Travel from the lowest to the highest position; px."""
+        travel = self.limits.max_travel
+        most = float(self.limits.max_stroke)
+        return most if travel is None else min(most, float(travel))
 
+    def first_light(self, half: float) -> float:
+        """Beginning of the first frame of a half exposure, s, from the middle of all; s."""
+        return float(steps_of(self.num_frames)[0]) * self.times.period - half
 
-class _Moving(NamedTuple):
-    """Frames of a sensor that moves, and what they ask of its stage.
+    def panned(self, pan: float) -> float:
+        """Velocity of a stage for a pan, px/s: 0 where the camera turns."""
+        return 0.0 if self.limits.pans == "camera" else pan
 
-    Attributes:
-        group: The frames.
-        motions: Makes the motion of each without the pan, its direction right.
-        positions: Places of the stage at their mid-exposures, without the pan; px.
-        travel: From its lowest to its highest position, without the pan; px.
-        start_speed: Speed of the stage at first light; px/s.
-    """
+    def nearest_pan(self, pan: float, half: float) -> float:
+        """The velocity nearest to one, at which all frames of a half exposure may pan; px/s."""
+        most = min(float(self.limits.max_pan), float(self.limits.max_top_speed))
+        if self.limits.pans == "stage":
+            most = min(most, self.stroke / ((self.num_frames - 1) * self.times.period + 2 * half))
+        return min(max(pan, -most), most)
 
-    group: FrameGroup
-    motions: Callable[[], list[AbstractMotion]]
-    positions: Float[np.ndarray, "n"]
-    travel: float
-    start_speed: float
-
-
-def _alternating(room: _Room, half: float, share: float) -> _Moving:
-    """Parabolas of alternating direction, between which the stage coasts at constant velocity."""
-    count = room.num_frames
-    swing = 2 * half * (room.times.period - half) if count > 1 else half**2  # of acceleration 1
-    a = share * min(room.largest_acceleration(half), room.stroke / swing)
-    group = alternating_frames(count, half, a)
-    odd = np.arange(count) % 2
-
-    def motions() -> list[AbstractMotion]:
-        back = FreeMotion(accelerations=[-a], half_exposure=half)
-        return [back if k else group.motion for k in odd]
-
-    return _Moving(group, motions, a * swing * odd, a * swing, 2 * a * half)
-
-
-def _sine(room: _Room, half: float, share: float) -> _Moving:
-    """A sine of half the frame rate, whose turning points are at the middles of the frames."""
-    count, turn = room.num_frames, np.pi / room.times.period
-    room_for = room.stroke / 2, room.top_speed / turn, room.acceleration / turn**2
-    amplitude = share * min(room_for)
-    stroke = amplitude * (1 - math.cos(turn * half))
-    group = sine_frames(count, half, stroke, room.times.period)
-    odd, start = np.arange(count) % 2, amplitude * turn * math.sin(turn * half)
-
-    def motions() -> list[AbstractMotion]:
-        back = eqx.tree_at(lambda path: path.accelerations, group.motion, replace_fn=jnp.negative)
-        return [back if k else group.motion for k in odd]
-
-    return _Moving(group, motions, 2 * amplitude * odd, 2 * amplitude, start)
-
-
-def _sweep(room: _Room, half: float, share: float) -> _Moving:
-    """One slow parabola over the whole burst."""
-    count, period = room.num_frames, room.times.period
-    whole = ((count - 1) * period + 2 * half) / 2
-    a = share * min(room.largest_acceleration(whole), room.stroke / whole**2)
-    group = sweep_frames(count, half, a, period)
-    times = steps_of(count) * period
-
-    def motions() -> list[AbstractMotion]:
-        return [group.motion.panned(2 * a * time) for time in times]
-
-    return _Moving(group, motions, a * times**2, a * whole**2, 2 * a * whole)
-
-
-def _fan(room: _Room, half: float, share: float) -> _Moving:
-    """Frames at constant velocities in equal steps, between which the stage accelerates evenly."""
-    count, period = room.num_frames, room.times.period
-    steps = 2 * steps_of(count) / (count - 1)
-    times = steps_of(count) * period
-    knots = np.sort(np.r_[times - half, 0.0, times + half])
-    velocity = np.interp(knots, np.c_[times - half, times + half].ravel(), np.repeat(steps, 2))
-    ways = np.diff(knots) * (velocity[1:] + velocity[:-1]) / 2
-    places = np.r_[0.0, np.cumsum(ways)]
-    travel = float(np.ptp(places))  # of the top speed 1
-    top = min(room.top_speed, room.stroke / travel)
-    if room.acceleration < math.inf:
-        top = min(top, room.acceleration * (period - 2 * half) * (count - 1) / 2)
-    top = share * top
-    group = panned_frames(count, half, top)
-
-    def motions() -> list[AbstractMotion]:
-        return [group.motion.panned(velocity) for velocity in top * steps]
-
-    return _Moving(group, motions, top * np.interp(times, knots, places), top * travel, top)
-
-
-_KINDS: dict[str, Callable[[_Room, float, float], _Moving]] = {
-    ALTERNATING: _alternating,
-    SINE: _sine,
-    SWEEP: _sweep,
-    FAN: _fan,
-}
-"""Paths of a sensor over a burst, by their names."""
+    def largest_top_speed(self, way: _Way, pan: float) -> float:
+        """The largest top speed of a way beside a pan, px/s."""
+        most = max(float(self.limits.max_top_speed) - abs(pan), 0.0)
+        if self.limits.has_stage and way.half_of_parabola is not None:
+            numbers = jnp.asarray(way.half_of_parabola), jnp.asarray(pan)
+            largest = float(self.limits.largest_acceleration(*numbers))
+            most = min(most, 2 * largest * way.half_of_parabola)
+        if self.acceleration < math.inf:
+            most = min(most, self.acceleration / way.steepest)
+        pan = self.panned(pan)
+        if way.travel(most, pan) <= self.stroke:
+            return most
+        if pan == 0:
+            return self.stroke / way.travel(1.0, pan)
+        # The travel is convex in the top speed, and that of the pan alone is within the stroke.
+        low, high = 0.0, most
+        while high - low > _SAME_SHARE * most:
+            middle = (low + high) / 2
+            fits = way.travel(middle, pan) <= self.stroke
+            low, high = (middle, high) if fits else (low, middle)
+        return low
 
 
 def best_still_burst(scene: Scene) -> FrameSequence | None:
@@ -466,141 +510,283 @@ def best_moving_burst(scene: Scene) -> FrameSequence | None:
 
     The stage follows parabolas of alternating direction, a sine of half the frame rate, one slow
     parabola over the whole burst or a fan of pans, of at most 64 frames, or makes one exposure
-    alone. Before the first of the frames that move there may be one at rest. The limits hold over
-    the burst, and the sensor pans at the middle of the speeds, as far as it may. The frames have
-    the times of those of `best_still_burst`.
+    alone. Before the frames that move there may be one at rest, or as many as leave the others the
+    travel that they want. The limits hold over the burst, and the sensor may pan beside all that.
+    The frames have the times of those of `best_still_burst`.
     """
     require_known("best_moving_burst", scene=scene)
     if scene.burst is None:
         return None
     times, whole = FrameTimes.of(scene, scene.burst), in_parts(scene).bare()
+    pans = not (_is_mirrored(whole) and max(times.best_numbers) > _FEW)
+    if not pans:
+        # Without a pan a burst leaves as much at opposite speeds.
+        speeds, weights = distinct_speeds(whole, folds=True)
+        whole = whole.bare(speeds=speeds, weights=weights)
+    slowest, fastest = (float(x) for x in whole.speed_range)
+    farthest = max(abs(slowest), abs(fastest))
     tries = [
-        _Try(kind, _Room(scene.limits, times, count - rests, pan), rests)
+        _Try(kind, room, rests, pans, slowest, fastest)
         for count in sorted({*times.best_numbers, 1})
-        for pan in _pans(scene, times, count)
-        for rests in ((False, True) if pan == 0 or scene.limits.pans == "stage" else (False,))
-        for kind in _kinds_of(count - rests)
+        for kind in _KINDS
+        for moving in _moving_numbers(kind, count, _Room(scene.limits, times, count), farthest)
+        for room in [_Room(scene.limits, times, moving)]
+        # A stage that has to run up may have no time for frames at rest.
+        for rests in sorted({count - moving, 0 if room.acceleration < math.inf else count - moving})
     ]
-    ends = [each.at(np.array([x, 1.0, 1.0])).groups for each in tries for x in (0.0, 1.0)]
-    plan = plan_of_frames(whole, [group for groups in ends for group in groups])
-    return max((_best_of(whole, each, plan) for each in tries), key=lambda found: found.psnr)
+    return _best_of(whole, tries)
 
 
-def _kinds_of(num_moving: int) -> list[str]:
-    """The paths that some frames may follow: one alone is on a parabola."""
-    if num_moving > _MOST_VELOCITIES:
-        return [ALTERNATING, SINE]
-    return [*_KINDS] if num_moving > 1 else [ALTERNATING] * num_moving
+def _is_mirrored(scene: Scene) -> bool:
+    """Whether every speed is as likely as its opposite."""
+    one, other = (
+        np.concatenate(distinct_speeds(x, folds=False))
+        for x in (scene, scene.bare(speeds=-scene.speeds))
+    )
+    return one.shape == other.shape and np.allclose(one, other)
+
+
+def _moving_numbers(kind: str, count: int, room: _Room, farthest: float) -> list[int]:
+    """Numbers of frames that may move, of some: all, all but one, or few.
+
+    Of a sweep and a fan fewer frames are faster where the travel is limited, and one parabola needs
+    less travel than several that alternate.
+    """
+    if kind == ALTERNATING:
+        return sorted({count, count - 1, 1} - {0})
+    if kind == SINE:
+        return [number for number in (count - 1, count) if number > 1]
+    way = max(_TOP_SPEEDS) * farthest * room.times.period / 4
+    as_fast = math.ceil(room.stroke / way) if room.stroke < count * way else count
+    numbers = {count, count - 1, count // 2, as_fast}
+    return sorted(number for number in numbers if 1 < number <= _MOST_VELOCITIES)
 
 
 class _Place(NamedTuple):
     """The frames at a point of the unit box of a search.
 
     Attributes:
-        moving: Those that move.
-        rest: Exposure of the one before them, which is at rest; s. 0 without one.
+        way: The way of those that move.
+        top_speed: Its top speed; px/s.
+        half: Half the exposure of each of them; s.
+        rest: Exposure of those before them, which are at rest; s.
         pan: Velocity of those that move; px/s.
+        num_rests: Number of those at rest.
     """
 
-    moving: _Moving
+    way: _Way
+    top_speed: float
+    half: float
     rest: float
     pan: float
+    num_rests: int = 0
 
     @property
     def groups(self) -> tuple[FrameGroup, FrameGroup]:
-        """The frames that move, and the one that does not."""
-        group = self.moving.group
-        velocities = np.asarray(group.velocities) + self.pan
-        rest = still_frames(1, (self.rest or float(group.motion.exposure)) / 2)
+        """The frames that move, and those that do not."""
+        group = self.way.frames(self.top_speed)
+        rest = still_frames(1, self.rest / 2)
         return (
-            group._replace(velocities=velocities, num_each=np.asarray(float(group.num_each))),
-            rest._replace(num_each=np.asarray(float(self.rest > 0))),
+            group._replace(
+                velocities=np.asarray(group.velocities) + self.pan,
+                num_each=np.asarray(float(group.num_each)),
+            ),
+            rest._replace(num_each=np.asarray(float(self.num_rests))),
         )
 
 
 class _Try(NamedTuple):
-    """A search: a kind of path, for frames that may be preceded by one at rest."""
+    """A search: a kind of path, for frames that may be preceded by some at rest.
+
+    Attributes:
+        kind: The path.
+        room: The room of the frames that move.
+        num_rests: Number of frames at rest.
+        pans: Whether those that move may pan.
+        slowest: Least of the speeds; px/s, either sign.
+        fastest: Greatest of the speeds; px/s.
+    """
 
     kind: str
     room: _Room
-    rests: bool
+    num_rests: int
+    pans: bool
+    slowest: float
+    fastest: float
 
     @property
     def num_frames(self) -> int:
-        """Number of frames, that at rest included."""
-        return self.room.num_frames + self.rests
+        """Number of frames, those at rest included."""
+        return self.room.num_frames + self.num_rests
 
-    def at(self, place: Float[np.ndarray, "d"]) -> _Place:
-        """The frames at a point: exposure, share of the largest acceleration, exposure at rest.
+    @property
+    def may_pan(self) -> bool:
+        """Whether frames may pan: a camera that turns does not rest for one of them."""
+        limits = self.room.limits
+        is_held = self.num_rests > 0 and limits.pans == "camera"
+        return self.pans and float(limits.max_pan) > 0 and not is_held
+
+    @property
+    def slowest_pan(self) -> float:
+        """Least velocity that is worth a pan; px/s."""
+        return min(0.0, self.slowest)
+
+    @property
+    def pan_range(self) -> float:
+        """Range of the velocities that are; px/s."""
+        return max(0.0, self.fastest) - self.slowest_pan if self.may_pan else 0.0
+
+    def at(self, point: Float[np.ndarray, "4"]) -> _Place:
+        """The frames at a point: exposure, share of the top speed, exposure at rest, pan.
 
         There is no time for a frame at rest, which then lasts below the shortest exposure, where
         the stage takes all of it to run up.
         """
         room, times = self.room, self.room.times
         shortest, longest = times.shortest, times.longest_of(self.num_frames)
-        half = shortest * (longest / shortest) ** float(place[0]) / 2
-        moving = _KINDS[self.kind](room, half, float(place[1]))
-        if not self.rests:
-            return _Place(moving, 0.0, room.pan)
-        run_up = (moving.start_speed + abs(room.pan)) / room.acceleration
-        left = min(longest, 2 * (times.period - half - times.dead_time - run_up))
-        rest = shortest * max(left / shortest, 1e-9) ** float(place[2])
-        return _Place(moving, rest, room.pan)
+        half = shortest * (longest / shortest) ** float(point[0]) / 2
+        pan = 0.0
+        if self.may_pan:
+            pan = room.nearest_pan(self.slowest_pan + float(point[3]) * self.pan_range, half)
+        way = _KINDS[self.kind](room.num_frames, half, times.period)
+        place = _Place(way, float(point[1]) * room.largest_top_speed(way, pan), half, 2 * half, pan)
+        if not self.num_rests:
+            return place
+        start = way.velocity_at(room.first_light(half), place.top_speed, pan)
+        left = 2 * (times.period - half - times.dead_time - abs(start) / room.acceleration)
+        rest = shortest * max(min(left, longest) / shortest, 1e-9) ** float(point[2])
+        return place._replace(rest=rest, num_rests=self.num_rests)
+
+    @property
+    def grids(self) -> list[list[Float[np.ndarray, "4"]]]:
+        """Points that a search begins with, by pan."""
+        pans = {0.0}
+        if self.may_pan:
+            pans |= {*np.linspace(self.slowest, self.fastest, 2 + _STEPS)[1:-1].tolist()}
+        return [self._grid(pan) for pan in sorted(pans)]
+
+    def _grid(self, pan: float) -> list[Float[np.ndarray, "4"]]:
+        steps = np.arange(1, 1 + _STEPS) / _STEPS
+        place = (pan - self.slowest_pan) / self.pan_range if self.may_pan else 0.0
+        farthest = max(abs(self.fastest - pan), abs(self.slowest - pan))
+        # One kind alone has to try frames that stand still.
+        still = [0.0] if self.kind == ALTERNATING and not self.num_rests else []
+        points = []
+        for exposure, rest in itertools.product(steps, (0.5, 1.0) if self.num_rests else (1.0,)):
+            most = self.at(np.array([exposure, 1.0, rest, place])).top_speed
+            # Where the limits leave room for far more than pays, every step of it is too much.
+            tops = [top * farthest / most for top in _TOP_SPEEDS if top * farthest < most]
+            points += [np.array([exposure, x, rest, place]) for x in (*still, *steps, *tops)]
+        return points
+
+    @property
+    def counts(self) -> list[bool]:
+        """Whether each coordinate of a point makes a difference."""
+        return [True, True, self.num_rests > 0, self.may_pan]
+
+    @property
+    def corners(self) -> list[Float[np.ndarray, "4"]]:
+        """Points of the largest frames."""
+        pans = (0.0, 1.0) if self.may_pan else (0.0,)
+        return [np.array([x, 1.0, 1.0, pan]) for x, pan in itertools.product((0.0, 1.0), pans)]
 
     def sequence(self, place: _Place, errors: Float[np.ndarray, "n"], mean: float) -> FrameSequence:
         """The frames in their order."""
-        room, moving, pan = self.room, place.moving, place.pan
-        motions = [motion.panned(motion.velocity + pan) for motion in moving.motions()]
+        room, way, count, half = self.room, place.way, self.room.num_frames, place.half
+        group, pan = way.frames(place.top_speed), room.panned(place.pan)
+        velocities = np.broadcast_to(np.asarray(group.velocities, np.float64) + place.pan, count)
+        paths = [group.motion] * count
+        if way.back is not None and count > 1:
+            paths[1::2] = [way.back(group.motion)] * (count // 2)
+        motions = [path.panned(velocity) for path, velocity in zip(paths, velocities, strict=True)]
+        moments = steps_of(count) * room.times.period
+        places = way.places(place.top_speed, place.pan)
+        positions = np.interp(moments, way.knots, places)
+        if self.num_rests:
+            first = room.first_light(half)
+            start = way.velocity_at(first, place.top_speed, pan)
+            before = (
+                np.interp(first, way.knots, places) - start * abs(start) / 2 / room.acceleration
+            )
+            motions = [StillCamera(half_exposure=place.rest / 2)] * self.num_rests + motions
+            positions = np.r_[np.full(self.num_rests, before), positions]
         times = steps_of(self.num_frames) * room.times.period
-        positions = moving.positions + pan * times[self.rests :]
-        if self.rests:
-            half = np.asarray(-motions[0].half_exposure)
-            start = float(motions[0].velocity_at(half))
-            run_up = start * abs(start) / (2 * room.acceleration)
-            before = positions[0] + float(motions[0].position(half)) - run_up
-            motions = [StillCamera(half_exposure=place.rest / 2), *motions]
-            positions = np.r_[before, positions]
+        positions = positions - positions[self.num_rests]
         frames = zip(motions, times.tolist(), positions.tolist(), strict=True)
-        kind = self.kind if self.num_frames > 1 else ONE_PARABOLA
         return FrameSequence(
-            kind,
+            self.kind if self.num_frames > 1 else ONE_PARABOLA,
             tuple(TimedFrame(*each) for each in frames),
-            moving.travel + room.panned,
+            way.travel(place.top_speed, pan),
             _psnr(mean),
             _psnr(float(np.max(errors))),
-            pan if room.limits.pans == "camera" else 0.0,
+            place.pan - pan,
         )
 
 
-def _best_of(scene: Scene, each: _Try, plan: Plan) -> FrameSequence:
-    """The best exposures and acceleration of some frames, by a grid and a simplex from its best."""
+def _best_of(scene: Scene, tries: list[_Try]) -> FrameSequence:
+    """The best exposures, top speed and pan: grids, and simplexes from the best of all of these."""
     from scipy.optimize import minimize
 
     weights = np.asarray(scene.weights, np.float64)
+    groups = [group for each in tries for point in each.corners for group in each.at(point).groups]
+    plan = plan_of_frames(scene, groups)
 
     def errors(place: _Place) -> Float[np.ndarray, "n"]:
         return np.asarray(_errors_of(scene, place.groups, plan), np.float64)
 
-    def loss(point: Float[np.ndarray, "d"]) -> float:
+    def found(each: _Try, point: Float[np.ndarray, "4"]) -> _Found:
         place = each.at(point)
-        if each.rests and place.rest < each.room.times.shortest:
-            return math.inf
-        return float(weights @ errors(place))
+        is_possible = place.rest >= each.room.times.shortest
+        error = float(weights @ errors(place)) if is_possible else math.inf
+        return _Found(error, each, point)
 
-    rests, steps = [(0.5, 1.0)] * each.rests, np.linspace(0, 1, _STEPS)
-    grid = [np.array(point) for point in itertools.product(steps, steps, *rests)]
-    # Where the limits leave room for far more than pays, every step of the grid is too much.
-    fastest = float(np.max(np.abs(np.asarray(scene.speeds) - each.room.pan)))
-    for exposure, *rest in itertools.product(steps[1:], *rests):
-        most = each.at(np.array([exposure, 1.0, *rest])).moving.start_speed
-        for speed in (top * fastest for top in _TOP_SPEEDS):
-            if 0 < speed < most:
-                grid.append(np.array([exposure, speed / most, *rest]))
-    start = min(grid, key=loss)
-    bounds, options = [(0, 1)] * start.size, {"xatol": 1e-3, "fatol": 1e-9}
-    end: Any = minimize(loss, start, method="Nelder-Mead", bounds=bounds, options=options)
-    place = each.at(end.x)
-    return each.sequence(place, errors(place), float(end.fun))
+    def improved(first: _Found, most: int) -> _Found:
+        each, free = first.each, np.flatnonzero(first.each.counts)
+
+        def whole(part: Float[np.ndarray, "d"]) -> Float[np.ndarray, "4"]:
+            point = first.point.copy()
+            point[free] = part
+            return point
+
+        inwards = np.diag(np.where(first.point > 0.5, -_STEP, _STEP))
+        simplex = first.point + np.concatenate([np.zeros((1, 4)), inwards[free]])
+        options = {
+            "initial_simplex": simplex[:, free],
+            "xatol": 1e-3,
+            "fatol": _SAME_LOSS * first.error,
+            "maxfev": most * free.size,
+        }
+        end: Any = minimize(
+            lambda part: found(each, whole(part)).error,
+            first.point[free],
+            method="Nelder-Mead",
+            bounds=[(0, 1)] * free.size,
+            options=options,
+        )
+        return _Found(float(end.fun), each, whole(end.x))
+
+    # Most paths and pans are seen to be worse before they are at their best.
+    starts = []
+    for each in tries:
+        by_pan = [min((found(each, x) for x in points), key=_error) for points in each.grids]
+        starts += sorted(by_pan, key=_error)[:_NUM_PANS]
+    firsts = sorted((improved(start, _FIRST_STEPS) for start in starts), key=_error)
+    ends = [improved(first, _MOST_STEPS) for first in firsts[:_NUM_PATHS]]
+    error, each, point = min(ends, key=_error)
+    place = each.at(point)
+    return each.sequence(place, errors(place), error)
+
+
+class _Found(NamedTuple):
+    """A point of a search, and its error."""
+
+    error: float
+    each: _Try
+    point: Float[np.ndarray, "4"]
+
+
+def _error(found: _Found) -> float:
+    return found.error
 
 
 @compiled
@@ -638,17 +824,3 @@ def _exposures(scene: Scene) -> tuple[float, float]:
 def _psnr(error: float) -> float:
     """The level of a squared error; dB. Without any error it is infinite."""
     return -10 * math.log10(error) if error > 0 else math.inf
-
-
-def _pans(scene: Scene, times: FrameTimes, num_frames: int) -> list[float]:
-    """Velocities to pan at: the middle of the speeds, as near as a sensor may; of a stage none too.
-
-    The pan of a stage takes its stroke from the parabolas.
-    """
-    limits, on_stage = scene.limits, scene.limits.pans == "stage"
-    most = min(float(limits.max_pan), float(limits.max_top_speed))
-    if on_stage:
-        most = min(most, float(limits.max_stroke) / _Room(limits, times, num_frames, 0.0).duration)
-    middle = sum(float(speed) for speed in scene.speed_range) / 2
-    pan = min(max(middle, -most), most)
-    return [0.0, pan] if on_stage and pan else [pan]
