@@ -302,7 +302,8 @@ def test_the_frames_of_a_path_fit_together(kind, num_rests):
     """From frame to frame the stage is where its velocity takes it, within its travel."""
     scene = _of_window(1e5, 8.0, 4)
     times = FrameTimes.of(scene, scene.burst)
-    each = _Try(kind, _Room(scene.limits, times, 4), num_rests, True, -4500.0, 4500.0)
+    room = _Room(scene.limits, times, 4 - num_rests)
+    each = _Try(kind, room, num_rests, True, -4500.0, 4500.0)
     place = each.at(np.array([0.93, 0.8, 0.6, 0.53]))
     found = each.sequence(place, np.ones(9), 1.0)
     assert place.pan == pytest.approx(270.0)
