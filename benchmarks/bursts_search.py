@@ -60,6 +60,7 @@ class Camera(NamedTuple):
     """The numbers of a scene."""
 
     scene: Scene
+    burst: Any
     speeds: Float[np.ndarray, "n"]
     weights: Float[np.ndarray, "n"]
     period: float
@@ -70,7 +71,8 @@ class Camera(NamedTuple):
     @staticmethod
     def of(scene: Scene) -> "Camera":
         """Those of a scene whose background, if any, is at rest."""
-        limits, burst, layers = scene.limits, scene.burst, scene.occlusion
+        limits, layers = scene.limits, scene.occlusion
+        burst: Any = scene.burst
         speeds, weights = np.array(scene.speeds, float), np.array(scene.weights, float)
         weights = weights / weights.sum()
         if layers is not None:
@@ -81,6 +83,7 @@ class Camera(NamedTuple):
         bounds = limits.max_stroke, limits.max_travel
         return Camera(
             scene,
+            burst,
             speeds,
             weights,
             1 / float(burst.frames_per_s),
@@ -94,7 +97,7 @@ class Camera(NamedTuple):
         alone = 2 * float(self.scene.limits.max_half_exposure)
         if count == 1:
             return min(alone, self.window)
-        dead = float(self.scene.burst.dead_time)
+        dead = float(self.burst.dead_time)
         return min(alone, self.period - dead, self.window - (count - 1) * self.period)
 
     @property
@@ -220,7 +223,7 @@ class Try(NamedTuple):
 
     camera: Camera
     kind: str
-    count: int
+    num_moving: int
     rests: int = 0
 
     @property
@@ -234,7 +237,7 @@ class Try(NamedTuple):
 
     def frames(self, point: Float[np.ndarray, "4"]) -> list[Frames] | None:
         """Exposure, share of the top speed, pan, exposure at rest; None outside the limits."""
-        camera, count = self.camera, self.count
+        camera, count = self.camera, self.num_moving
         if np.any((point < 0) | (point > 1)):
             return None
         shortest, longest = camera.shortest, camera.longest(count + self.rests)
@@ -250,7 +253,7 @@ class Try(NamedTuple):
         frames = [path.frames(speed, pan, count, half, camera.period)]
         if self.rests:
             run_up = (speed + abs(pan)) / camera.acceleration
-            left = 2 * (camera.period - half - float(camera.scene.burst.dead_time) - run_up)
+            left = 2 * (camera.period - half - float(camera.burst.dead_time) - run_up)
             left = min(left, longest)
             if left < shortest:
                 return None
@@ -299,12 +302,12 @@ class Try(NamedTuple):
         )
         pan = float(np.mean(first.velocities))
         panned = f", panned at {pan:.0f} px/s" if abs(pan) > 1 else ""
-        return f"{self.kind}, {self.count} of {2e3 * first.half:.3g} ms{rest}{panned}"
+        return f"{self.kind}, {self.num_moving} of {2e3 * first.half:.3g} ms{rest}{panned}"
 
 
 def moving(camera: Camera, draw: np.random.Generator) -> tuple[float, str]:
     """The best of all kinds."""
-    most = camera.scene.burst.max_frames
+    most = camera.burst.max_frames
     counts = [n for n in {1, 2, most // 2, most - 1, most} if n and camera.longest(n) > 0]
     tries = [
         Try(camera, kind, count - rests, rests)
@@ -319,7 +322,7 @@ def moving(camera: Camera, draw: np.random.Generator) -> tuple[float, str]:
 def still(camera: Camera) -> tuple[float, str]:
     """The best of a sensor at rest: every number of frames, and every division in two exposures."""
     found = []
-    for count in range(1, camera.scene.burst.max_frames + 1):
+    for count in range(1, camera.burst.max_frames + 1):
         longest = camera.longest(count)
         if longest < camera.shortest:
             continue
@@ -330,7 +333,7 @@ def still(camera: Camera) -> tuple[float, str]:
                 halves = np.exp(np.clip(point, *most)) / 2
                 return [Frames(h, number=m) for h, m in zip(halves, numbers, strict=True) if m]
 
-            for start in itertools.combinations(np.linspace(*ends, 4), 2):
+            for start in itertools.combinations(np.linspace(ends[0], ends[1], 4), 2):
                 for each in (start, start[::-1]):
                     end: Any = minimize(
                         lambda x, frames=frames: np.log(camera.error(frames(x))),
@@ -355,8 +358,11 @@ def scenes() -> dict[str, Scene]:
         weights: Any = None,
         **limits: Any,
     ) -> Scene:
-        given = {"max_stroke": 60.0, "min_half_exposure": 1e-4, "max_half_exposure": 0.04}
-        speeds = np.linspace(*speeds) if isinstance(speeds, tuple) else np.array(speeds)
+        given: dict[str, Any] = {"max_stroke": 60.0, "min_half_exposure": 1e-4}
+        given["max_half_exposure"] = 0.04
+        if isinstance(speeds, tuple):
+            low, high, number = speeds
+            speeds = np.linspace(low, high, number)
         return Scene(
             speeds,
             weights=weights,
