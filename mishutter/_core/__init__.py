@@ -31,6 +31,7 @@ from mishutter._core.columns import text_lines as text_lines
 from mishutter._core.columns import text_of as text_of
 from mishutter._core.columns import unit_columns as unit_columns
 from mishutter._core.compiling import compiled as compiled
+from mishutter._core.compiling import in_full_precision as in_full_precision
 from mishutter._core.compiling import is_tracing as is_tracing
 from mishutter._core.compiling import keep_compiled_programs as keep_compiled_programs
 from mishutter._core.compiling import mend_compilation_cache as mend_compilation_cache

@@ -53,6 +53,7 @@ def compiled(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _R
 
     One thread traces at a time: JAX fails where two threads trace the same derivative rule.
     """
+    function = in_full_precision(function)
 
     @wraps(function)
     def alone(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
@@ -76,6 +77,20 @@ def compiled(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _R
             return within(*args, **kwargs)
         with outside_trace():
             return program()(*args, **kwargs)
+
+    return call
+
+
+def in_full_precision(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
+    """A function whose products of matrices have the precision of their operands.
+
+    Accelerators round operands of single precision to some three digits by default.
+    """
+
+    @wraps(function)
+    def call(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
+        with jax.default_matmul_precision("highest"):
+            return function(*args, **kwargs)
 
     return call
 

@@ -17,7 +17,7 @@ import numpy as np
 from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Complex, Float, Int
 
-from mishutter._core import namespace_of
+from mishutter._core import in_full_precision, namespace_of
 from mishutter.model import frequency_grid
 
 BLOCK = 64
@@ -46,6 +46,7 @@ class _Window(NamedTuple):
         return np.exp(2.3 * self.width * (np.sqrt(1 - place**2) - 1))
 
 
+@in_full_precision
 def waves_on_dft(
     position: Float[Array | np.ndarray, "#s q"],
     weight: Float[Array | np.ndarray, "#s q"],

@@ -25,6 +25,20 @@ def test_a_program_is_the_function():
     assert np.allclose(slope, 6 * np.sin(x) ** 2 * np.cos(x), rtol=1e-14)
 
 
+def test_products_of_matrices_keep_their_precision():
+    """In single precision a GPU rounds to three digits unless a program says otherwise."""
+    program = compiled(lambda matrix, x: matrix @ x)
+    matrix, x = jnp.ones((3, 3), jnp.float32), jnp.ones(3, jnp.float32)
+    slope = jax.grad(lambda m, y: jnp.sum(program(m, y)))
+    for function, operand in (
+        (program, x),
+        (jax.vmap(program, (None, 0)), jnp.ones((2, 3), jnp.float32)),
+        (slope, x),
+    ):
+        assert "HIGHEST" in str(jax.make_jaxpr(function)(matrix, operand))
+    assert "HIGHEST" not in str(jax.make_jaxpr(lambda m, y: m @ y)(matrix, x))
+
+
 def test_what_is_known_in_a_trace_is_a_number():
     """A function of known numbers may decide what a program that is being traced looks like."""
     program, known = compiled(_doubled_cube), jnp.array(0.4)

@@ -112,3 +112,10 @@ def test_a_smooth_spectrum_stays_smooth():
     steep = 1 / (frequencies(4096) ** 2 + 0.03**2)
     found = on_steps(steep.reshape(256, 16).mean(axis=1), 4096)
     assert np.max(np.abs(found / steep - 1)[16:-16]) < 6e-3
+
+
+def test_a_program_asks_for_full_precision():
+    """Products of matrices in single precision would else be of three digits on a GPU."""
+    position, weight = (jnp.asarray(x) for x in _points(180.0, np.float32))
+    program = jax.make_jaxpr(lambda x, w: waves_on_dft(x, w, 97, 49))(position, weight)
+    assert "HIGHEST" in str(program)
