@@ -4,8 +4,9 @@ Registration is taken to be perfect, and to cost nothing. A decoder that registe
 speed, so that their level is that of `burst_psnr`. Objects that are hidden in some frames, or
 outside of the picture, do not count.
 
-One more frame never hurts, so that the greatest numbers of frames alone are tried. What can do more
-is never worse: frames that move may stand still, and a burst may be one exposure.
+One more frame never hurts, so that a burst has as many as there is time for. Fewer of them may
+move, where the travel of a stage is short: those before them stand still. What can do more is never
+worse: frames that move may stand still, and a burst may be one exposure.
 """
 
 import itertools
