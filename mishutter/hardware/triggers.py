@@ -1,6 +1,7 @@
 """The frames of a burst as a laboratory needs them: their triggers, and the path of the stage."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +68,7 @@ class FrameTable:
         """Transmittance at that level."""
         return self.gate.astype(float)
 
-    @property
+    @cached_property
     def path(self) -> StagePath | None:
         """The path of the stage from rest to rest; None where no limit says how it moves."""
         return self.design.scene.limits.stage_path_of_frames(self.sequence)
