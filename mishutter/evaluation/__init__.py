@@ -39,12 +39,8 @@ from mishutter.evaluation.lengths import too_long as too_long
 from mishutter.evaluation.losses import AbstractLoss as AbstractLoss
 from mishutter.evaluation.losses import AbstractResponseLoss as AbstractResponseLoss
 from mishutter.evaluation.losses import DesignLoss as DesignLoss
-from mishutter.evaluation.losses import ExpectedErrorLoss as ExpectedErrorLoss
-from mishutter.evaluation.losses import FoundSpeedLoss as FoundSpeedLoss
-from mishutter.evaluation.losses import KnownSpeedLoss as KnownSpeedLoss
 from mishutter.evaluation.losses import LossFunction as LossFunction
 from mishutter.evaluation.losses import WeightedSum as WeightedSum
-from mishutter.evaluation.losses import WorstSpeedLoss as WorstSpeedLoss
 from mishutter.evaluation.losses import as_loss as as_loss
 from mishutter.evaluation.losses import one_real_number as one_real_number
 from mishutter.evaluation.losses import value_of as value_of
@@ -80,7 +76,11 @@ from mishutter.evaluation.response import spectra_of as spectra_of
 from mishutter.evaluation.speed_knowledge import KNOWN_SPEED as KNOWN_SPEED
 from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE as SPEED_KNOWLEDGE
 from mishutter.evaluation.speed_knowledge import UNKNOWN_SPEED as UNKNOWN_SPEED
+from mishutter.evaluation.speed_knowledge import ExpectedErrorLoss as ExpectedErrorLoss
+from mishutter.evaluation.speed_knowledge import FoundSpeedLoss as FoundSpeedLoss
+from mishutter.evaluation.speed_knowledge import KnownSpeedLoss as KnownSpeedLoss
 from mishutter.evaluation.speed_knowledge import SpeedKnowledge as SpeedKnowledge
+from mishutter.evaluation.speed_knowledge import WorstSpeedLoss as WorstSpeedLoss
 from mishutter.evaluation.speed_knowledge import is_of_worst_speed as is_of_worst_speed
 from mishutter.evaluation.speed_knowledge import knowledge_of as knowledge_of
 from mishutter.evaluation.speed_knowledge import knowledge_of_saved as knowledge_of_saved

@@ -1,4 +1,7 @@
-"""Losses that a search minimises: their interface, their sums, and the losses of the package."""
+"""Losses that a search minimises: their interface, their sums, and `DesignLoss`.
+
+The expected errors of decoders stand beside what those know of the speed, in `speed_knowledge`.
+"""
 
 from abc import abstractmethod
 from collections.abc import Callable
@@ -11,26 +14,17 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from mishutter._core import compiled, is_concrete, require
-from mishutter.evaluation.errors import (
-    expected_squared_error,
-    freely_aligned,
-    known_speed_squared_error,
-    squared_errors_by_speed,
-)
-from mishutter.evaluation.found_speed import FOUND_SHARE, found_share_of
 from mishutter.evaluation.metrics import kernel_differences
-from mishutter.evaluation.needs import ONLY_SPECTRA, Parts, Plan
+from mishutter.evaluation.needs import Parts, Plan
 from mishutter.evaluation.response import Response, respond
 from mishutter.evaluation.views import sampled_view
-from mishutter.model import AbstractMotion, AbstractShutter, DecoderSpeed, Scene, require_whole
+from mishutter.model import AbstractMotion, AbstractShutter, DecoderSpeed, Scene
 
-ALIGNMENTS = ("vertex", "free")
 Factor = int | float | np.number | jax.Array
 """A number that a loss may be multiplied by; an array is a scalar."""
 LossFunction = Callable[[Scene, AbstractMotion, AbstractShutter], object]
 """A loss, or a function of scene, motion and shutter that gives one real number."""
 _SHARPNESS = 200
-_SHARPNESS_OF_SPEEDS = 1000
 
 
 class AbstractLoss(eqx.Module):
@@ -248,154 +242,6 @@ def _terms(loss: AbstractLoss) -> list[tuple[AbstractLoss, Factor]]:
     if isinstance(loss, WeightedSum):
         return list(zip(loss.losses, loss.weights, strict=True))
     return [(loss, 1.0)]
-
-
-@final
-class ExpectedErrorLoss(AbstractResponseLoss):
-    r"""Expected RMS error of the restored picture over the picture's standard deviation.
-
-    The square root of `expected_squared_error` (the best single linear decoder for the
-    scene's speeds) over $\sigma_f$: 0 for a perfect picture, 1 where nothing is gained
-    over a grey one. 20 dB of PSNR are a factor of 10.
-
-    Args:
-        alignment: Place that the decoder gives the object of each speed: `"vertex"`, as kernels are
-            aligned, or `"free"`, the place of least error. Free places gain most at speeds that the
-            sensor does not keep up with; where it keeps up with all, they gain up to 0.01 dB.
-
-    Raises:
-        ValueError: if `alignment` is neither, or, when it is called, `"free"` before a background.
-    """
-
-    alignment: str = eqx.field(default="vertex", static=True)
-    decoder_speed: ClassVar[DecoderSpeed | None] = "unknown"
-
-    def __check_init__(self) -> None:
-        requirement = f"be one of {', '.join(ALIGNMENTS)}"
-        is_one = self.alignment in ALIGNMENTS
-        require(is_one, "ExpectedErrorLoss(alignment=...)", requirement, self.alignment)
-
-    @property
-    def parts(self) -> Parts:
-        return ONLY_SPECTRA
-
-    def of_response(
-        self, scene: Scene, motion: AbstractMotion, response: Response, num_frequencies: int
-    ) -> Float[Array, ""]:
-        if self.alignment == "free":
-            response = freely_aligned(scene, motion, response, num_frequencies)
-        squared = expected_squared_error(scene, motion, response, num_frequencies)
-        return _over_contrast(scene, squared)
-
-
-@final
-class KnownSpeedLoss(AbstractResponseLoss):
-    r"""Expected RMS error over the picture's deviation, of a decoder that knows the speed.
-
-    The square root of `known_speed_squared_error` over $\sigma_f$, in the units of
-    `ExpectedErrorLoss`, which it never exceeds: each speed has a linear filter of its own.
-    `Metrics.known_speed_psnr` measures the same error.
-    """
-
-    decoder_speed: ClassVar[DecoderSpeed | None] = "known"
-
-    @property
-    def parts(self) -> Parts:
-        return ONLY_SPECTRA
-
-    def of_response(
-        self, scene: Scene, motion: AbstractMotion, response: Response, num_frequencies: int
-    ) -> Float[Array, ""]:
-        squared = known_speed_squared_error(scene, motion, response, num_frequencies)
-        return _over_contrast(scene, squared)
-
-
-@final
-class FoundSpeedLoss(AbstractResponseLoss):
-    r"""Expected RMS error over the picture's deviation, of a decoder that finds the speed.
-
-    $E_k^{s/2}E^{(1-s)/2}/\sigma_f$ of the squared errors $E_k$ of a decoder that knows the speed
-    (`KnownSpeedLoss`) and $E$ of one filter for all speeds (`ExpectedErrorLoss`): in decibels, a
-    share $s$ of the gain from knowing the speed. This `found_share` is 0 where the blur differs
-    too little between speeds to tell them apart. On photographs an open shutter on a parabola keeps
-    0.85 of the gain by total variation and 0.93 by the ensemble filter. A profile that tapers hides
-    the speed and keeps some 0.43. As the share is the same for all profiles, it favours those that
-    taper: the true lead of an open shutter over them is rather larger.
-
-    Args:
-        share: $s$ where the blur differs by enough, from 0 to 1; static.
-
-    Raises:
-        ValueError: if `share` is not within 0 and 1, or, when it is called, if the scene has a
-            background, before which no one speed is the picture's.
-    """
-
-    share: float = eqx.field(default=FOUND_SHARE, static=True)
-    decoder_speed: ClassVar[DecoderSpeed | None] = "found"
-
-    def __check_init__(self) -> None:
-        within = isinstance(self.share, float | int) and 0 <= self.share <= 1
-        require(within, "FoundSpeedLoss(share=...)", "be from 0 to 1", self.share)
-
-    @property
-    def parts(self) -> Parts:
-        return ONLY_SPECTRA
-
-    def of_response(
-        self, scene: Scene, motion: AbstractMotion, response: Response, num_frequencies: int
-    ) -> Float[Array, ""]:
-        require_whole(scene, "FoundSpeedLoss")
-        known = known_speed_squared_error(scene, motion, response, num_frequencies)
-        unknown = expected_squared_error(scene, motion, response, num_frequencies)
-        known, unknown = _over_contrast(scene, known), _over_contrast(scene, unknown)
-        share = found_share_of(scene, motion, response.efficiency, self.share).astype(known.dtype)
-        some = known > 0
-        mixed = jnp.where(some, known, 1.0) ** share * jnp.where(some, unknown, 1.0) ** (1 - share)
-        return jnp.where(some, mixed, 0.0)
-
-
-@final
-class WorstSpeedLoss(AbstractResponseLoss):
-    r"""Expected RMS error over the picture's deviation at the scene's worst speed.
-
-    $(\sum_i E_i^\beta)^{1/2\beta}/\sigma_f$ over the squared errors $E_i$ of one filter for all
-    speeds at each speed that occurs (`squared_errors_by_speed`), in the units of
-    `ExpectedErrorLoss`, which it never falls below: a smooth maximum, which exceeds the largest of
-    $n$ by at most a factor of $n^{1/2\beta}$, 0.01 dB for nine speeds. The filter is that of the
-    least mean error, by the scene's weights. `Metrics.worst_speed_psnr` measures the maximum
-    itself.
-    """
-
-    decoder_speed: ClassVar[DecoderSpeed | None] = "unknown"
-    of_worst_speed: ClassVar[bool] = True
-
-    @property
-    def parts(self) -> Parts:
-        return ONLY_SPECTRA
-
-    def of_response(
-        self, scene: Scene, motion: AbstractMotion, response: Response, num_frequencies: int
-    ) -> Float[Array, ""]:
-        errors = squared_errors_by_speed(scene, motion, response, num_frequencies)
-        occurring = jnp.where(scene.weights > 0, errors, 0.0)
-        return _over_contrast(scene, _smooth_maximum(occurring))
-
-
-def _smooth_maximum(values: Float[Array, "n"]) -> Float[Array, ""]:
-    """Maximum of values of at least 0, and up to a factor of $n^{1/1000}$ more."""
-    largest = jax.lax.stop_gradient(jnp.max(values))
-    some = largest > 0
-    share = jnp.where(some, values / jnp.where(some, largest, 1.0), 1.0)
-    total = jnp.sum(share**_SHARPNESS_OF_SPEEDS) ** (1 / _SHARPNESS_OF_SPEEDS)
-    return jnp.where(some, largest * total, 0.0)
-
-
-def _over_contrast(scene: Scene, squared: Float[Array, ""]) -> Float[Array, ""]:
-    """Root of a squared error over the picture's deviation; 0 for a picture without any."""
-    variance = scene.picture.deviation.astype(squared.dtype) ** 2
-    textured = (variance > 0) & (squared > 0)
-    ratio = jnp.where(textured, squared, 1.0) / jnp.where(textured, variance, 1.0)
-    return jnp.where(textured, jnp.sqrt(ratio), 0.0)
 
 
 def _plain(weight: object) -> Any:

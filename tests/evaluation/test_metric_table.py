@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from mishutter import HannShutter, Metrics, Scene, TukeyShutter, best_points, sweep
-from mishutter.evaluation import METRICS, SPEED_KNOWLEDGE, Metric, knowledge_of, metrics_of
+from mishutter.evaluation import (
+    METRICS,
+    SPEED_KNOWLEDGE,
+    Metric,
+    knowledge_of,
+    metrics_of,
+    speed_knowledge,
+)
 from mishutter.evaluation.needs import ONLY_SPECTRA
 
 SCENE = Scene([0.0, 410.0, -730.0], [0.3, 0.5, 0.2], photon_rate=2e5, read_noise=6.0)
@@ -75,3 +82,11 @@ def test_a_loss_names_the_decoder_before_the_scene(name):
     assert knowledge_of(SCENE, knowledge.loss()) is knowledge
     assert knowledge_of(scene) is knowledge
     assert knowledge_of(scene, SPEED_KNOWLEDGE["unknown"].loss()).name == "unknown"
+
+
+@pytest.mark.parametrize("knowledge", SPEED_KNOWLEDGE.values(), ids=lambda each: each.name)
+def test_the_losses_of_a_knowledge_of_the_speed_stand_beside_its_row(knowledge):
+    """A decoder's formula, loss, filter and words are one place to add or to read."""
+    losses = [loss for loss in (knowledge.loss, knowledge.worst_loss) if loss is not None]
+    assert {loss.__module__ for loss in losses} == {speed_knowledge.__name__}
+    assert {loss.decoder_speed for loss in losses} == {knowledge.name}
