@@ -3,6 +3,7 @@
 Inline formulae stand between single dollars, others in a fence named `math`, as forges show them.
 """
 
+import re
 from typing import Any
 
 from latex2mathml.converter import convert
@@ -10,7 +11,9 @@ from markdown import Markdown
 from markdown.extensions import Extension
 from markdown.inlinepatterns import InlineProcessor
 
-_INLINE = r"(?<![\\$\w])\$(?=\S)([^$]+?)(?<=\S)\$(?![\w$])"
+INLINE = r"(?<![\\$\w])\$(?=\S)([^$]+?)(?<=\S)\$(?![\w$])"
+_BAR = re.compile('<mo(?: stretchy="false")?>&#x0007C;</mo>')
+"""A bar of an absolute value. By itself it counts as a relation, with room on both sides."""
 _BEFORE_BACKTICKS = 189
 """Code is found first (190), escapes later (180): a backslash of TeX is no escape."""
 
@@ -22,7 +25,7 @@ class _Inline(InlineProcessor):
 
 class _Mathematics(Extension):
     def extendMarkdown(self, md: Markdown) -> None:
-        md.inlinePatterns.register(_Inline(_INLINE, md), "mathematics", _BEFORE_BACKTICKS)
+        md.inlinePatterns.register(_Inline(INLINE, md), "mathematics", _BEFORE_BACKTICKS)
 
 
 def fence(source: str, *_: Any, **__: Any) -> str:
@@ -36,4 +39,7 @@ def makeExtension(**_: Any) -> Extension:
 
 
 def _mathml(source: str, display: str) -> str:
-    return convert(" ".join(source.split()), display=display)
+    text = convert(" ".join(source.split()), display=display)
+    if "\\" in text:
+        raise ValueError(f"a formula must hold commands that can be converted; got `{source}`.")
+    return _BAR.sub(r'<mo form="prefix" stretchy="false">&#x0007C;</mo>', text)

@@ -23,8 +23,8 @@ LEAST_POWER = 1e-14
 class EnsembleDecoder(AbstractDecoder):
     r"""The best single linear filter for all speeds of a scene.
 
-    $G = S \sum p_i \bar H_i / (S \sum p_i |H_i|^2 + N)$ (section 2 of the project's
-    physics), on kernels as they are, with rows continued by their likeliest course.
+    $G = S \sum p_i \bar H_i / (S \sum p_i |H_i|^2 + N)$, where the speed $s_i$ has the weight
+    $p_i$ and the response $H_i$, on rows that are continued by their likeliest course.
     """
 
     def restore(self, captured: Array, model: BlurModel) -> Array:

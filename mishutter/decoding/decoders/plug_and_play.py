@@ -20,13 +20,13 @@ Denoiser = Callable[[np.ndarray, float], np.ndarray]
 class PlugAndPlayDecoder(AbstractDecoder):
     r"""A denoiser of one's own takes the place of a prior: half-quadratic splitting.
 
-    From the picture $z$ that the ensemble filter restores, it alternates between
-    $x = \arg\min_f \sum_k |g_k - m_k f_k|^2 / (N + S v)_k + \lambda \sum_k |f_k - z_k|^2 /
-    \sigma^2$, with $k$ over the frequencies of rows, and $z = \mathtt{denoise}(x, \sigma)$, while
-    $\sigma$ falls geometrically (Zhang et al., "Plug-and-play image restoration with deep denoiser
-    prior", 2022).
-    The mean response $m$ and the spread $v$ over the speeds are those of
-    `BlurModel.mean_and_spread`. The last $z$ is the picture.
+    From the picture $z$ that the ensemble filter restores, it alternates between the picture $x$
+    of least misfit $\sum_k |g_k - m_k x_k|^2 / (N + S v)_k$ plus
+    $\lambda \sum_k |x_k - z_k|^2 / \sigma^2$, with $k$ over the frequencies of rows, and
+    $z = \mathtt{denoise}(x, \sigma)$, while $\sigma$ falls geometrically (Zhang et al.,
+    "Plug-and-play image restoration with deep denoiser prior", 2022). The mean response $m$ and the
+    spread $v$ over the speeds are those of `BlurModel.mean_and_spread`. The last $z$ is the
+    picture.
 
     Args:
         denoise: Called with a picture of shape `(rows, columns)`, white = 1, longer than the
