@@ -22,6 +22,7 @@ UNITS = {
     "_px_per_s3": "px/s³",
     "_px_per_s2": "px/s²",
     "_px_per_s": "px/s",
+    "_um_per_s": "µm/s",
     "_mm_per_s": "mm/s",
     "_m_per_s": "m/s",
     "_km_per_h": "km/h",

@@ -79,7 +79,7 @@ def read_speed(text: str, path: str | Path | None, subject: str) -> float:
     """The speed of a thing in a scene, which a text gives in px/s or in a unit of its file; px/s.
 
     Args:
-        text: As `2400`, `0.9 m/s`, `90 km/h`, `0.9 mm/s` or `3 deg/s`.
+        text: As `2400`, `0.9 m/s`, `90 km/h`, `300 um/s` or `3 deg/s`.
         path: The file; None for the built-in scene.
         subject: What the speed is of, in an error.
 

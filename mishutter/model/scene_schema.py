@@ -31,6 +31,8 @@ class Uniform(Section):
 
     min_px_per_s: Speed | None = None
     max_px_per_s: Speed | None = None
+    min_um_per_s: Speed | None = None
+    max_um_per_s: Speed | None = None
     min_mm_per_s: Speed | None = None
     max_mm_per_s: Speed | None = None
     min_m_per_s: Speed | None = None
@@ -48,6 +50,8 @@ class Normal(Section):
 
     mean_px_per_s: Speed | None = None
     deviation_px_per_s: PositiveSpeed | None = None
+    mean_um_per_s: Speed | None = None
+    deviation_um_per_s: PositiveSpeed | None = None
     mean_mm_per_s: Speed | None = None
     deviation_mm_per_s: PositiveSpeed | None = None
     mean_m_per_s: Speed | None = None
@@ -66,6 +70,7 @@ class Speeds(Section):
     uniform: Uniform | None = None
     normal: Normal | None = None
     list_px_per_s: ListOfSpeeds | None = None
+    list_um_per_s: ListOfSpeeds | None = None
     list_mm_per_s: ListOfSpeeds | None = None
     list_m_per_s: ListOfSpeeds | None = None
     list_km_per_h: ListOfSpeeds | None = None
@@ -88,7 +93,7 @@ class Light(Section):
 
 @final
 class ViewSection(Section):
-    """Size of things in the picture, for speeds in mm/s, m/s, km/h or degrees a second."""
+    """Size of things in the picture, for speeds in um/s, mm/s, m/s, km/h or degrees a second."""
 
     magnification: Annotated[float, Field(ge=1e-9, le=1e4)] | None = None
     distance_m: Annotated[float, Field(gt=0, le=1e9)] | None = None
@@ -102,6 +107,7 @@ class OcclusionSection(Section):
 
     front_share: Share
     object_width_px: Annotated[float, Field(gt=0, le=1e7)] | None = None
+    object_width_um: Annotated[float, Field(gt=0, le=1e12)] | None = None
     object_width_mm: Annotated[float, Field(gt=0, le=1e9)] | None = None
     object_width_m: Annotated[float, Field(gt=0, le=1e6)] | None = None
     level_difference: Annotated[float, Field(ge=-1, le=1)] = 0.0
@@ -191,6 +197,7 @@ class TolerancesSection(Section):
     velocity_mm_per_s: SizeOfSpeed | None = None
     delay_us: Annotated[float, Field(ge=0, le=1e6)] = 0.0
     object_speed_px_per_s: SizeOfSpeed = 0.0
+    object_speed_um_per_s: SizeOfSpeed | None = None
     object_speed_mm_per_s: SizeOfSpeed | None = None
     object_speed_m_per_s: SizeOfSpeed | None = None
     object_speed_km_per_h: SizeOfSpeed | None = None

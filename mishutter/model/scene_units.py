@@ -39,8 +39,10 @@ from mishutter.model.scene_schema import (
 _GRAVITY = 9.80665
 """Standard gravity; m/s^2."""
 _METRES = {
+    "um": 1e-6,
     "mm": 1e-3,
     "m": 1.0,
+    "um_per_s": 1e-6,
     "mm_per_s": 1e-3,
     "m_per_s": 1.0,
     "km_per_h": 1 / 3.6,
@@ -51,9 +53,9 @@ _METRES = {
 _PHOTONS_PER_LUX = 6.02214076e23 * 1e-6 / 54
 """Photons of sunlight between 400 and 700 nm by lux, second and square metre: 1.1e16."""
 _NOTHING = Unquoted("nothing")
-SPEED_UNITS = ("px_per_s", "mm_per_s", "m_per_s", "km_per_h", "deg_per_s")
+SPEED_UNITS = ("px_per_s", "um_per_s", "mm_per_s", "m_per_s", "km_per_h", "deg_per_s")
 """Units of the speeds of things, as the names of keys end in them."""
-_LENGTH_UNITS = ("px", "mm", "m")
+_LENGTH_UNITS = ("px", "um", "mm", "m")
 _STAGE_UNITS = ("px", "px_per_s", *_METRES)
 FASTEST = 1e7
 """Greatest speed of a thing, px/s."""
@@ -72,6 +74,8 @@ def _text(unit: str) -> str:
     return unit.replace("_per_", "/")
 
 
+_MICRO = str.maketrans("\u00b5\u03bc", "uu")
+"""Both micro signs, as what stands for them in names of units."""
 _SPEED = re.compile(rf"\s*(\S+?)\s*({'|'.join(map(_text, SPEED_UNITS))})\s*")
 
 
@@ -131,8 +135,8 @@ class View:
 
         Args:
             value: Speeds in the unit.
-            unit: `"px/s"`, `"mm/s"`, `"m/s"`, `"km/h"`, or `"deg/s"` of a camera that turns and of
-                what is far away.
+            unit: `"px/s"`, `"um/s"`, `"mm/s"`, `"m/s"`, `"km/h"`, or `"deg/s"` of a camera that
+                turns and of what is far away.
 
         Raises:
             ValueError: if the view lacks what the unit needs.
@@ -145,7 +149,7 @@ class View:
 
         Args:
             value: Lengths in the unit.
-            unit: `"px"`, `"mm"` or `"m"`.
+            unit: `"px"`, `"um"`, `"mm"` or `"m"`.
 
         Raises:
             ValueError: if the view lacks what the unit needs.
@@ -158,8 +162,8 @@ class View:
 
         Args:
             value: Numbers in the unit, in any shape.
-            unit: `"mm"`, `"mm/s"`, `"g"` or `"g/s"`, whatever the sensor looks at; also `"px"`,
-                `"px/s"`, `"m"`, `"m/s"` and `"km/h"`.
+            unit: `"um"`, `"mm"`, `"mm/s"`, `"g"` or `"g/s"`, whatever the sensor looks at; also
+                `"px"`, `"px/s"`, `"m"`, `"um/s"`, `"m/s"` and `"km/h"`.
 
         Raises:
             ValueError: if the unit needs the pixel pitch and there is none.
@@ -254,8 +258,9 @@ class View:
 def _unit(function: str, unit: str, units: tuple[str, ...]) -> str:
     """A unit as keys end in it."""
     texts = {_text(key): key for key in units}
-    require(unit in texts, f"{function}(unit=...)", f"be one of {', '.join(texts)}", unit)
-    return texts[unit]
+    plain = unit.translate(_MICRO)
+    require(plain in texts, f"{function}(unit=...)", f"be one of {', '.join(texts)}", unit)
+    return texts[plain]
 
 
 def _numbers(function: str, value: RowLike, name: str = "value") -> Any:
@@ -310,7 +315,7 @@ def speed_of(text: str, scales: Scales, subject: str) -> float:
     """The speed of a thing that a text gives in px/s, or with its unit; px/s.
 
     Args:
-        text: As `2400`, `0.9 m/s`, `90 km/h`, `0.9 mm/s` or `3 deg/s`.
+        text: As `2400`, `0.9 m/s`, `90 km/h`, `300 um/s` or `3 deg/s`.
         scales: Of the scene that it moves in.
         subject: What the speed is of, in an error.
 
@@ -318,7 +323,7 @@ def speed_of(text: str, scales: Scales, subject: str) -> float:
         ValueError: if it is no number, one of another unit, or faster than anything, or the scene
             does not say what the unit needs.
     """
-    match = _SPEED.fullmatch(text)
+    match = _SPEED.fullmatch(text.translate(_MICRO))
     number, unit = match.groups() if match else (text, "px/s")
     try:
         value = float(number)
@@ -360,7 +365,7 @@ _DIVISORS = {"ms": 1e3, "us": 1e6}
 """Units of time, in a second."""
 _OF_CLASSES = ("", "cycles_per_px", "e", "hz", "per_s", "share", "slots")
 """Units that classes have too."""
-_OF_LENGTH = ("px", "mm", "m", "px_per_s2", "px_per_s3", "g", "g_per_s", *SPEED_UNITS)
+_OF_LENGTH = ("px", "um", "mm", "m", "px_per_s2", "px_per_s3", "g", "g_per_s", *SPEED_UNITS)
 _UNITS = (*_OF_CLASSES, *_DIVISORS, *_OF_LENGTH)
 _OF_THINGS = ("max_pan", "object_speed", "object_width")
 """Quantities whose units are those of things; lengths of all others are of the stage."""

@@ -38,6 +38,7 @@ def scene_of(folder, **parts):
     [
         # 0.9 mm/s at 20 times are 18 mm/s on the sensor: 3,600 px/s of 5 um.
         ("magnification = 20", "0.9 mm_per_s", 3600.0),
+        ("magnification = 20", "300 um_per_s", 1200.0),
         # A belt at 1.2 m/s, 0.8 m from a lens of 16 mm, which shows it 16/784 times as large.
         ("distance_m = 0.8\nfocal_length_mm = 16", "1.2 m_per_s", 1200 * 16 / 784 / 5e-3),
         # A car at 90 km/h, 40 m away, goes 25 m/s.
@@ -71,6 +72,7 @@ def test_speeds_are_those_of_things(tmp_path, view, speed, expected, form):
     [
         # 40 mm at a hundredth are 0.4 mm on the sensor: 80 px of 5 um.
         ("magnification = 0.01", "object_width_mm = 40", 80.0),
+        ("magnification = 20", "object_width_um = 7.3", 29.2),
         ("distance_m = 0.8\nfocal_length_mm = 16", "object_width_m = 0.05", 50 * 16 / 784 / 5e-3),
         ("px_per_mm = 2.5", "object_width_mm = 40", 100.0),
         ("px_per_mm = 2.5", "object_width_px = 40", 40.0),
@@ -128,6 +130,9 @@ focal_length_mm = 50"""
         ("-77", -77.0),
         ("1.5e2 px/s", 150.0),
         ("0.9mm/s", 3600.0),
+        ("-730 um/s", -2920.0),
+        ("730 \u00b5m/s", 2920.0),
+        ("730\u03bcm/s", 2920.0),
         ("-0.9e-3 m/s", -3600.0),
         ("0.0036 km/h", 4000.0),
     ],
@@ -144,8 +149,8 @@ def test_a_speed_as_text(tmp_path, text, expected):
     [
         (
             "0.9 furlongs",
-            "`--speed` must be a number of px/s, or one with its unit, as 0.9m/s: px/s, mm/s, m/s, "
-            "km/h or deg/s; got '0.9 furlongs'.",
+            "`--speed` must be a number of px/s, or one with its unit, as 0.9m/s: px/s, um/s, "
+            "mm/s, m/s, km/h or deg/s; got '0.9 furlongs'.",
         ),
         (
             "2 deg/s",
@@ -310,6 +315,8 @@ def test_wrong_combinations_are_named(tmp_path, parts, line):
             np.array([1, -0.5]) * 25e3 * 16 / 39984 / 5e-3,
         ),
         (View(magnification=20, pixel_pitch=6.45e-6), 0.9, "mm/s", 0.9 * 20 / 6.45e-3),
+        (View(magnification=20, pixel_pitch=6.5e-6), 730, "um/s", 0.73 * 20 / 6.5e-3),
+        (View(px_per_mm=2.5), 730, "\u00b5m/s", 1.825),
         (View(px_per_mm=2.5), 1.2, "m/s", 3000.0),
         (View(focal_length=0.05, pixel_pitch=5e-6), 3, "deg/s", np.deg2rad(3) * 50 / 5e-3),
         (View(), 77, "px/s", 77.0),
@@ -321,9 +328,11 @@ def test_speeds_in_python(view, value, unit, expected):
 
 
 def test_lengths_in_python():
-    """An object of 40 mm at a hundredth, and a stage of 0.25 mm at 0.8 g, whatever it looks at."""
+    """An object of 40 mm at a hundredth, and a stage of 250 um at 0.8 g, whatever it looks at."""
     view = View(magnification=0.01, pixel_pitch=5e-6)
     assert view.length(40, "mm") == pytest.approx(80, rel=1e-14)
+    assert view.length(730, "um") == pytest.approx(1.46, rel=1e-14)
+    assert view.stage(250, "um") == pytest.approx(50, rel=1e-14)
     assert view.stage(0.25, "mm") == pytest.approx(50, rel=1e-14)
     assert view.stage(30, "mm/s") == pytest.approx(6000, rel=1e-14)
     assert view.stage(0.8, "g") == pytest.approx(0.8 * 9.80665 / 5e-6, rel=1e-14)
@@ -371,7 +380,7 @@ def test_light_and_noise_in_python():
         ),
         (
             lambda: View(px_per_mm=3).speed(0.9, "mph"),
-            "`View.speed(unit=...)` must be one of px/s, mm/s, m/s, km/h, deg/s; got 'mph'.",
+            "`View.speed(unit=...)` must be one of px/s, um/s, mm/s, m/s, km/h, deg/s; got 'mph'.",
         ),
         (
             lambda: View(px_per_mm=3).speed(float("nan"), "m/s"),
