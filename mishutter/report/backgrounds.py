@@ -1,19 +1,19 @@
 """The gain of a coded camera where part of the picture stands still behind moving objects."""
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from mishutter._core import alone_in_blas, outside_trace, require_known
+from mishutter.design import Design
 from mishutter.evaluation import ExpectedErrorLoss, knowledge_of
 from mishutter.model import Occlusion, Scene, require_scene
-from mishutter.search import RivalSearch, Row, best_row, optimise, snapshots
+from mishutter.search import RivalSearch, optimise, snapshot_designs
 
 STILL_SHARES = (0.5, 0.7)
 """Shares of a picture that stand still, in the gains that stand beside a verdict."""
 OBJECT_WIDTH = 100.0
 """Width of the objects before it; px."""
-DESIGNED = "designed"
-"""Name of a camera that was designed for a picture with a background."""
 _NUM_STARTS = 2
 """Starts of a search, which on the built-in scene and the slides finds what four and eight do."""
 _NAMED = 0.05
@@ -32,7 +32,12 @@ class BackgroundGain:
 
     still_share: float
     gain: float
-    camera: Row | None = field(default=None, repr=False)
+    camera: Design | None = field(default=None, repr=False)
+
+    @property
+    def is_named(self) -> bool:
+        """Whether the gain is one that the sentence names, of a camera that is no snapshot."""
+        return self.gain >= _NAMED
 
 
 @alone_in_blas()
@@ -64,18 +69,13 @@ def background_gains(
     for share in STILL_SHARES:
         begin(f"{share:.0%} still")
         layered = before_still_background(scene, share)
-        snapshot = best_row(snapshots(RivalSearch(layered, loss)))
+        # The loss is the root of a squared error, and tells the gain without any other metric.
+        own = snapshot_designs(RivalSearch(layered, loss))
+        snapshot = min(own.values(), key=lambda design: design.loss)
         start = scene.fullest_motion if scene.motion.is_straight else scene.motion
         design = optimise(layered, start, loss=loss, num_starts=_NUM_STARTS)
-        camera = replace(
-            snapshot,
-            name=DESIGNED,
-            shutter=design.shutter,
-            motion=design.motion,
-            metrics=design.metrics,
-        )
-        gain = max(camera.level - snapshot.level, 0.0)
-        gains.append(BackgroundGain(share, gain, camera if gain >= _NAMED else snapshot))
+        gain = max(20 * math.log10(snapshot.loss / design.loss), 0.0)
+        gains.append(BackgroundGain(share, gain, design if gain >= _NAMED else snapshot))
     return tuple(gains)
 
 
@@ -97,7 +97,7 @@ def background_line(gains: tuple[BackgroundGain, ...]) -> str:
     parts = []
     for each in gains:
         of_picture = "half of the picture" if each.still_share == 0.5 else f"{each.still_share:.0%}"
-        gain = f"{each.gain:+.2f} dB" if each.gain >= _NAMED else "none"
+        gain = f"{each.gain:+.2f} dB" if each.is_named else "none"
         parts.append(f"{gain} where {of_picture} stands still")
     return (
         "This is of a picture that moves as a whole. Objects that move before a background leave "

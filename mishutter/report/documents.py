@@ -13,7 +13,6 @@ from mishutter.design import Design
 from mishutter.model import Scene
 from mishutter.report import plots
 from mishutter.report.backgrounds import (
-    DESIGNED,
     STILL_SHARES,
     BackgroundGain,
     before_still_background,
@@ -140,10 +139,12 @@ def _layered(report: Report, rows: dict[str, Row]) -> "Figure":
     behind = shown_speeds(scene)[0] if moves else 0.0
     front = pictured_speeds(scene)[0]
     subject = layered_scene(scene.picture.photograph(), behind, front, scene.sensor.axis)
-    few = {name: row for name, row in rows.items() if name in (*report.names[:1], *SNAPSHOTS)}
+    few: dict[str, Row | Design] = {
+        name: row for name, row in rows.items() if name in (*report.names[:1], *SNAPSHOTS)
+    }
     if backgrounds and backgrounds[-1].camera is not None:
-        camera = backgrounds[-1].camera
-        few["designed for this" if camera.name == DESIGNED else "snapshot for this"] = camera
+        name = "designed for this" if backgrounds[-1].is_named else "snapshot for this"
+        few |= {name: backgrounds[-1].camera}
     world = before_still_background(scene, STILL_SHARES[-1]) if layers is None else scene
     captures = layered_captures(subject, world.along_rows(), few)
     return plots.plot_layers(subject, captures, whole=layers is None, axis=scene.sensor.axis)

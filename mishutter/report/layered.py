@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 from mishutter._core import as_float
 from mishutter.camera import Layer, Layers, fixed_key, simulate_capture
 from mishutter.decoding import EnsembleDecoder, blur_model, restored_light, squared_error_in
+from mishutter.design import Design
 from mishutter.model import AbstractMotion, AbstractShutter, Occlusion, Scene
 from mishutter.pictures import Axis, Picture, row_power_spectrum, turned
 from mishutter.report.restored import longest_kernel
@@ -113,24 +114,24 @@ def layered_scene(
 
 
 def layered_captures(
-    subject: LayeredScene, scene: Scene, rows: Mapping[str, Row]
+    subject: LayeredScene, scene: Scene, cameras: Mapping[str, Row | Design]
 ) -> dict[str, LayeredCapture]:
     """Captures a layered scene by each design, and restores it by the filter for a scene.
 
     Args:
         subject: Background and object.
         scene: The scene that the filters are made for, with its photons and noise.
-        rows: The designs, by name.
+        cameras: The designs, by name.
     """
-    motions = [row.motion for row in rows.values()]
+    motions = [each.motion for each in cameras.values()]
     least_taps = longest_kernel(scene, motions)
     columns = subject.truth.shape[1]
     border = min(least_taps // 4, columns // _MOST_OF_BORDERS)
     judged = slice(border, columns - border)
     filters = _Filters(scene, _world(subject, scene, judged), least_taps, judged)
     return {
-        name: _captured(subject.layers, filters, row.motion, row.shutter)
-        for name, row in rows.items()
+        name: _captured(subject.layers, filters, each.motion, each.shutter)
+        for name, each in cameras.items()
     }
 
 

@@ -21,6 +21,7 @@ from mishutter.search.rivals import compared_rows as compared_rows
 from mishutter.search.rivals import is_finished as is_finished
 from mishutter.search.rivals import may_be_named as may_be_named
 from mishutter.search.rivals import searches as searches
+from mishutter.search.rivals import snapshot_designs as snapshot_designs
 from mishutter.search.rivals import snapshots as snapshots
 from mishutter.search.rivals import taken_names as taken_names
 from mishutter.search.rows import FRAMES as FRAMES

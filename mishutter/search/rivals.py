@@ -252,22 +252,27 @@ def _best_tukey(search: RivalSearch) -> list[Row]:
 
 def snapshots(search: RivalSearch) -> list[Row]:
     """Searches for the best snapshots: at rest and, where the limits allow a pan, panned."""
+    return [_row(name, design) for name, design in snapshot_designs(search).items()]
+
+
+def snapshot_designs(search: RivalSearch) -> dict[str, Design]:
+    """The best snapshots by their names, of which no metric is computed."""
     scene = search.scene
-    at_rest = _best_snapshot(search)
+    at_rest = {BEST_SNAPSHOT: _snapshot_at_rest(search)}
     if float(scene.limits.max_pan) <= 0:
-        return [at_rest]
+        return at_rest
     pan = _unaccelerated(scene)
     # Where the speeds lie evenly about 0, no pan is better than none.
     if float(pan.velocity) == 0:
-        return [at_rest, replace(at_rest, name=BEST_PANNED_SNAPSHOT)]
-    return [at_rest, _row(BEST_PANNED_SNAPSHOT, search.best(pan, RectShutter()))]
+        return at_rest | {BEST_PANNED_SNAPSHOT: at_rest[BEST_SNAPSHOT]}
+    return at_rest | {BEST_PANNED_SNAPSHOT: search.best(pan, RectShutter())}
 
 
-def _best_snapshot(search: RivalSearch) -> Row:
+def _snapshot_at_rest(search: RivalSearch) -> Design:
     """Searches for the exposure of a camera at rest with an ordinary shutter."""
     scene, still = search.scene, _camera_at_rest(search.scene)
     settings = SearchSettings(search.loss, _roomy_plan(scene, still, search.loss))
-    return _row(BEST_SNAPSHOT, best_design(Start(scene, still, RectShutter()), settings))
+    return best_design(Start(scene, still, RectShutter()), settings)
 
 
 def _roomy_plan(scene: Scene, still: AbstractMotion, loss: AbstractLoss) -> Plan:

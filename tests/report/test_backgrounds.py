@@ -2,11 +2,13 @@
 
 import pytest
 
-from mishutter import Limits, Occlusion, Scene
+from mishutter import ExpectedErrorLoss, Limits, Occlusion, Scene
 from mishutter.report import BackgroundGain, background_gains, background_line
+from mishutter.report.backgrounds import before_still_background
+from mishutter.search import RivalSearch, snapshots
 
 LIMITS = Limits(max_stroke=14, max_half_exposure=0.006, min_half_exposure=0.0005)
-DIM = Scene([-2300.0, 0.0, 2300.0], photon_rate=2e4, read_noise=9.0, limits=LIMITS)
+DIM = Scene([-2300.0, 0.0, 2300.0], photon_rate=7e4, read_noise=9.0, limits=LIMITS)
 
 
 @pytest.mark.slow
@@ -17,6 +19,10 @@ def test_a_still_background_takes_of_the_gain():
     assert names == ["50% still", "70% still"]
     assert half.still_share == 0.5
     assert half.gain >= most.gain >= 0
+    rows = snapshots(RivalSearch(before_still_background(DIM, 0.5), ExpectedErrorLoss()))
+    snapshot = max(row.level for row in rows)
+    own = float(half.camera.metrics.expected_psnr)
+    assert half.gain == pytest.approx(max(own - snapshot, 0), abs=1e-6)
 
 
 @pytest.mark.parametrize(
