@@ -14,12 +14,20 @@ def explore(
     scene_file: SceneArgument = None,
     port: Annotated[
         int,
-        typer.Option("--port", min=0, max=65535, help="Port to listen at; 0 takes any free port."),
+        typer.Option(
+            "--port",
+            metavar="PORT",
+            min=0,
+            max=65535,
+            help="Port to listen at; 0 takes any free port.",
+        ),
     ] = 0,
     host: Annotated[
         str,
         typer.Option(
-            "--host", help="Address to listen at; only this machine can reach the default."
+            "--host",
+            metavar="ADDRESS",
+            help="Address to listen at; only this machine can reach the default.",
         ),
     ] = "127.0.0.1",
     no_browser: Annotated[

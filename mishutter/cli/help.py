@@ -41,6 +41,7 @@ class GroupedCommand(TyperCommand):
         for parameter in self.get_params(ctx):
             record = parameter.get_help_record(ctx)
             if record is not None:
+                record = record[0].partition(" <")[0], record[1]  # without a name of Python's type
                 kind = "Arguments" if parameter.param_type_name == "argument" else "Options"
                 groups[getattr(parameter, "rich_help_panel", None) or kind].append(record)
         _write(formatter, groups)
@@ -52,7 +53,7 @@ class GroupedCommands(TyperGroup):
 
     def format_commands(self, ctx: Any, formatter: "HelpFormatter") -> None:
         """Writes the commands, each with its first sentence."""
-        groups: Groups = {name: [] for name in (TO_DESIGN, TO_SEE, TO_BUILD, TO_BEGIN)}
+        groups: Groups = {name: [] for name in (TO_BEGIN, TO_DESIGN, TO_SEE, TO_BUILD)}
         for name in self.list_commands(ctx):
             command = self.get_command(ctx, name)
             if isinstance(command, GroupedCommand) and command.help:

@@ -43,7 +43,7 @@ def as_path(text: str | Path) -> Path:
 SceneArgument = Annotated[
     Path | None,
     typer.Argument(
-        metavar="[SCENE.toml]",
+        metavar="SCENE.toml",
         parser=as_path,
         help="Scene file: speeds, noise and limits of the camera [default: the built-in scene].",
     ),
@@ -55,7 +55,7 @@ OutOption = Annotated[
         metavar="DIR",
         parser=as_path,
         rich_help_panel=OUTPUT,
-        help="Folder for designs and pictures; created if it does not exist.",
+        help="Folder for files; created if it does not exist.",
     ),
 ]
 JsonOption = Annotated[
@@ -145,7 +145,7 @@ EveryPhotographOption = Annotated[
         "--every-photograph",
         rich_help_panel=PICTURES,
         help="Restore the photograph at every speed and by three decoders [default: at the "
-        "slowest, a middling and the fastest speed, by one decoder].",
+        "slowest, a middle and the fastest speed, by one decoder].",
     ),
 ]
 ShuttersOption = Annotated[

@@ -32,7 +32,7 @@ def restore(
     captures: Annotated[
         list[Path],
         typer.Argument(
-            metavar="CAPTURE...",
+            metavar="CAPTURE",
             parser=as_path,
             help="Captures: PNG, JPEG, TIFF, BMP, WebP, PGM or PPM.",
             show_default=False,
@@ -131,7 +131,7 @@ def restore(
     from mishutter.report import camera_text, plot_capture, save_figure, shown_name
 
     stems = [path.stem for path in captures]
-    require(len(set(stems)) == len(stems), "CAPTURE...", "be of different names", stems)
+    require(len(set(stems)) == len(stems), "CAPTURE", "be of different names", stems)
     camera = _camera(scene_file, design, files, shutter)
     speed = None if speed_text is None else read_speed(speed_text, scene_file, "--speed")
     seen = {path: read_capture(path, white=white, linear=linear) for path in captures}
@@ -194,7 +194,7 @@ def _together(
         return seen
     got = Unquoted(f"{len(seen)}")
     is_whole = len(seen) == sequence.num_frames
-    require(is_whole, "CAPTURE...", f"be the {sequence.num_frames} frames of the burst", got)
+    require(is_whole, "CAPTURE", f"be the {sequence.num_frames} frames of the burst", got)
     first, sizes = next(iter(seen)), {path: each.shape for path, each in seen.items()}
     for path, size in sizes.items():
         require(size == sizes[first], str(path), f"be as large as {first.name}", size)

@@ -187,7 +187,7 @@ def _sent(scene: Scene, motion: AbstractMotion, time: Float[np.ndarray, "t"]) ->
 
 
 def _kernels(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> Numbers:
-    """Kernels of the slowest, a middling and the fastest object, without their dark ends."""
+    """Kernels of the slowest, a middle and the fastest object, without their dark ends."""
     by_size = np.unique(np.abs(np.asarray(scene.speeds)))
     speeds = np.unique(by_size[[0, by_size.size // 2, -1]])
     num_taps = sizes(scene, motion).num_taps

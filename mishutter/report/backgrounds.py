@@ -8,6 +8,7 @@ from mishutter._core import alone_in_blas, outside_trace, require_known
 from mishutter.design import Design
 from mishutter.evaluation import ExpectedErrorLoss, knowledge_of
 from mishutter.model import Occlusion, Scene, require_scene
+from mishutter.report.verdict import paragraph
 from mishutter.search import RivalSearch, optimise, snapshot_designs
 
 STILL_SHARES = (0.5, 0.7)
@@ -99,7 +100,7 @@ def background_line(gains: tuple[BackgroundGain, ...]) -> str:
         of_picture = "half of the picture" if each.still_share == 0.5 else f"{each.still_share:.0%}"
         gain = f"{each.gain:+.2f} dB" if each.is_named else "none"
         parts.append(f"{gain} where {of_picture} stands still")
-    return (
+    return paragraph(
         "This is of a picture that moves as a whole. Objects that move before a background leave "
         f"another gain: {', '.join(parts)}, by a camera designed for it."
     )

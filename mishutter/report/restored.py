@@ -102,7 +102,7 @@ def photographs(
         rows: The designs, by name.
         num_seeds: Captures at each speed.
         every: Whether at every speed of the scene and by three decoders, or at the slowest, a
-            middling and the fastest by the ensemble filter.
+            middle and the fastest by the ensemble filter.
         begin: Called with the name of each design before its captures.
     """
     chosen: dict[str, AbstractDecoder] = {ENSEMBLE: EnsembleDecoder()}

@@ -325,10 +325,10 @@ def _burst(case: Case) -> str:
             above = top.margin_over(case.choice)
             side = "above" if above >= 0 else "below"
             sentence += f", {abs(above):.2f} dB {side} the best of one exposure"
-        return _paragraph(f"{sentence}.")
+        return paragraph(f"{sentence}.")
     count = bursts.equal_stills
     many = f"as much as {count}" if count is not None else "more than any number of"
-    return _paragraph(
+    return paragraph(
         f"{prefix}take {_frames_in_words(top)}: {top.level:.2f} dB, "
         f"{top.margin_over(still):.2f} dB above the best still burst "
         f"({still.sequence.setting}), {many} stills in the same time."  # type: ignore[union-attr]
@@ -355,7 +355,8 @@ def _of_one_exposure(case: Case) -> str:
     return f"{best}, of one exposure, has {case.level}: {case.choice.setting}."
 
 
-def _paragraph(sentence: str) -> str:
+def paragraph(sentence: str) -> str:
+    """Sentences in lines of a verdict's width, the first with a capital."""
     return textwrap.fill(f"{sentence[0].upper()}{sentence[1:]}", _WIDTH)
 
 

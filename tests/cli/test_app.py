@@ -125,7 +125,7 @@ USAGE = {
     "shutter-no-value": (["compare", "--shutter", "hann:0.5"], "must give hann no parameter"),
     "missing-design": (["compare", "--design", "no.json"], "must exist; got: file not found"),
     "out-unnamed": (["optimise", "--out", ""], "`--out` must be a path of at least one character"),
-    "scene-unnamed": (["plan", ""], "`[SCENE.toml]` must be a path of at least one character; got"),
+    "scene-unnamed": (["plan", ""], "`SCENE.toml` must be a path of at least one character; got"),
     "free-and-fixed": (
         ["plan", "--fixed", "--free", "shutter"],
         "`--free` must be left out with --fixed; got 'shutter'",
@@ -468,7 +468,17 @@ def test_help_lists_options_by_what_they_are_for(command, capsys):
     assert [word for word in ungrouped if word.startswith("--")] == ["--help"]
     assert cli.main(["--help"]) == 0
     groups = re.findall(r"^(\w+):$", capsys.readouterr().out, re.MULTILINE)
-    assert groups == ["Options", "Design", "See", "Build", "Begin"]
+    assert groups == ["Options", "Begin", "Design", "See", "Build"]
+
+
+def test_help_names_arguments_as_a_reader_writes_them(capsys):
+    """One that may be left out is in one pair of brackets; none has the name of a Python type."""
+    usages = {"plan": "[SCENE.toml]", "restore": "{CAPTURE}...", "export": "{DESIGN.json}"}
+    for command, argument in {**usages, "explore": "[SCENE.toml]"}.items():
+        assert cli.main([command, "--help"]) == 0
+        shown = capsys.readouterr().out
+        assert shown.startswith(f"Usage: mishutter {command} [OPTIONS] {argument}\n")
+        assert "<" not in shown.replace("<=", "")
 
 
 @pytest.mark.parametrize(
