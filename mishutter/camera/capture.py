@@ -142,7 +142,7 @@ def simulate_capture(
         subject = "simulate_capture(speed=..., displacement=..., border=...)"
         got = f"{speed!r}, {displacement!r}, {border!r}"
         require(are_defaults, subject, "be left to layers and frames", got)
-        along = picture if scene.sensor.axis == "rows" else picture.turned()
+        along = picture.turned(scene.sensor.axis)
         expose = expose_layers if isinstance(picture, Layers) else expose_frames
         irradiance = expose(along, motion, shutter, scene.optics)  # type: ignore[arg-type]
         levels = _recorded(irradiance, scene, motion, key, full_well=full_well, adc_bits=adc_bits)

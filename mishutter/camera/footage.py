@@ -25,6 +25,7 @@ from mishutter.camera.rows import PAD_MODES, blur_length, continued, period_of
 from mishutter.model import AbstractMotion, AbstractShutter, Optics, piecewise
 from mishutter.pictures import (
     PICTURE_SUFFIXES,
+    Axis,
     Decoded,
     Picture,
     PictureWarning,
@@ -85,10 +86,10 @@ class Frames:
         times = np.concatenate([[0.0], np.cumsum(np.asarray(self.durations, np.float64))])
         return 2 * (times / times[-1]) - 1
 
-    def turned(self) -> "Frames":
-        """The footage with rows and columns exchanged."""
+    def turned(self, axis: Axis) -> "Frames":
+        """The footage with rows and columns exchanged, unless things move along its rows."""
         radiances = (f.light if isinstance(f, Picture) else np.asarray(f) for f in self.frames)
-        return replace(self, frames=(turned(radiance, "columns") for radiance in radiances))
+        return replace(self, frames=(turned(radiance, axis) for radiance in radiances))
 
     @staticmethod
     def of(frames: np.ndarray | list, border: str = "reflect") -> "Frames":

@@ -24,7 +24,7 @@ from mishutter._core import (
 )
 from mishutter.camera.rows import PAD_MODES
 from mishutter.model import Speed, White
-from mishutter.pictures import Picture, read_opacity, read_picture
+from mishutter.pictures import Axis, Picture, read_opacity, read_picture
 
 _FARTHEST = 10**9
 """Columns or rows that a layer's corner may lie from the sensor's."""
@@ -60,9 +60,10 @@ class Layer:
             is_near = -_FARTHEST <= place <= _FARTHEST
             require(is_near, f"Layer({name}=...)", f"lie within {_FARTHEST:g} px", place)
 
-    def turned(self) -> "Layer":
-        """The layer with rows and columns exchanged."""
-        return Layer(self.picture.turned(), self.speed, left=self.top, top=self.left)
+    def turned(self, axis: Axis) -> "Layer":
+        """The layer with rows and columns exchanged, unless things move along its rows."""
+        left, top = (self.left, self.top) if axis == "rows" else (self.top, self.left)
+        return Layer(self.picture.turned(axis), self.speed, left=left, top=top)
 
     @property
     def matte(self) -> Float[np.ndarray, "rows columns"]:
@@ -108,9 +109,9 @@ class Layers:
         """
         return read_layers(path)
 
-    def turned(self) -> "Layers":
-        """The layers with rows and columns exchanged."""
-        return Layers(tuple(layer.turned() for layer in self.layers), self.border)
+    def turned(self, axis: Axis) -> "Layers":
+        """The layers with rows and columns exchanged, unless things move along their rows."""
+        return Layers(tuple(layer.turned(axis) for layer in self.layers), self.border)
 
     @property
     def shape(self) -> tuple[int, int, int]:

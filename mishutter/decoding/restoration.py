@@ -105,6 +105,15 @@ class RestoredPhotograph(NamedTuple):
         names = ("reference", "captured", "restored")
         return self._replace(**{name: turned(getattr(self, name), axis) for name in names})
 
+    def brightened(self, index: int) -> Float[np.ndarray, "rows columns channels"]:
+        """The capture at a speed, as bright as the picture itself, however much light it cost.
+
+        Args:
+            index: Number of the speed.
+        """
+        captured = self.captured[index]
+        return captured * (np.mean(self.reference) / max(float(np.mean(captured)), 1e-12))
+
     def without_pictures(self) -> "RestoredPhotograph":
         """The levels at all speeds, and pictures at none."""
         return self._replace(captured=self.captured[:0].copy(), restored=self.restored[:0].copy())

@@ -196,7 +196,7 @@ def restore_frames(
     require(is_stack, subject, requirement, shape_of(light))
     taken = _Taken.of(scene, frames)
     colours = light[..., None] if light.ndim == 3 else light
-    along = np.stack([np.asarray(turned(one, scene.sensor.axis)) for one in colours])
+    along = np.asarray(turned(colours, scene.sensor.axis))
     planes = np.moveaxis(np.asarray(rows_last(distinct_colours(along))), 0, -2).astype(np.float64)
     estimate = None
     if speed is None:

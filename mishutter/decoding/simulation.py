@@ -148,9 +148,8 @@ def capture_and_restore(
     )
     is_exposed = isinstance(subject, Layers | Frames)
     if isinstance(subject, Layers | Frames):
-        subject = subject if axis == "rows" else subject.turned()
         report("exposing", 0.0)
-        image = np.asarray(capture(subject, key=key))
+        image = np.asarray(capture(subject.turned(axis), key=key))
     else:
         image = turned(as_radiance(subject, "capture_and_restore(subject=...)"), axis)
     captured = np.zeros((0, 0, 1))
@@ -236,8 +235,7 @@ def burst_and_restore(
         report=lambda text, share: report(text, 0.5 + 0.5 * share),
     )
     report("done", 1.0)
-    pictures = np.stack([np.asarray(turned(one, axis)) for one in captured])
-    return Simulation.of(pictures, turned(restored, axis), estimate)
+    return Simulation.of(turned(captured, axis), turned(restored, axis), estimate)
 
 
 class Restoration(NamedTuple):

@@ -29,6 +29,7 @@ from mishutter.pictures import (
     PICTURE_SUFFIXES,
     Axis,
     Picture,
+    middle_rows,
     pixels_along,
     read_picture,
     to_display,
@@ -71,19 +72,11 @@ def reader(place: str, read: Callable[[float | None, bool], Picture]) -> Reader:
     def part_of(white: float | None, linear: bool, axis: Axis) -> Photograph:
         picture = read(white, linear)
         along = turned(picture.light, axis)
-        part = Picture(light=_middle(along, ROWS_TO_FIND).copy(), name=picture.name)
+        part = Picture(light=middle_rows(along, ROWS_TO_FIND).copy(), name=picture.name)
         texture = Texture.of_photograph(picture, place, white=white, linear=linear, axis=axis)
         return Photograph(part, texture)
 
     return part_of
-
-
-def _middle(
-    picture: Float[np.ndarray, "rows columns channels"], count: int
-) -> Float[np.ndarray, "some columns channels"]:
-    """The middle rows of a picture, at most `count`."""
-    first = max(0, (picture.shape[0] - count) // 2)
-    return picture[first : first + count]
 
 
 def uploaded(name: str, content: bytes) -> Reader:
@@ -169,7 +162,7 @@ def restored(
     knowledge = knowledge_of(scene)
     finds = knowledge.finds_speed
     num_rows = ROWS_TO_FIND if finds else _ROWS
-    window = _middle(photograph.part.light, num_rows)[:, first : first + width]
+    window = middle_rows(photograph.part.light, num_rows)[:, first : first + width]
     part = Picture(light=turned(window, scene.sensor.axis).copy())
     designs, reference = [], None
     for name, row in rows.items():
@@ -184,11 +177,9 @@ def restored(
             num_seeds=1,
             least_taps=longest,
         )[name]
-        captured = result.captured[0]
-        gain = np.mean(result.reference) / max(float(np.mean(captured)), 1e-12)
-        reference = result.reference
+        captured, reference = result.captured[0], result.reference
         level = float(result.linear_psnr[0])
-        pictures = {"captured": captured * gain, "restored": result.restored[0]}
+        pictures = {"captured": result.brightened(0), "restored": result.restored[0]}
         pair = {name: _png(light) for name, light in pictures.items()}
         estimate = estimate_speed(captured, scene, row.motion, row.shutter) if finds else None
         speed_of_decoder = {"aside": knowledge.aside, "found": _plain(estimate)}

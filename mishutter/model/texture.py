@@ -122,8 +122,7 @@ class Texture(eqx.Module):
             linear: The argument of `read_picture` that it was read with.
             axis: The axis that things move along, along which its spectrum is.
         """
-        along = picture.turned() if axis == "columns" else picture
-        spectrum = row_power_spectrum(along, _NUM_FREQUENCIES)._asdict()
+        spectrum = row_power_spectrum(picture.turned(axis), _NUM_FREQUENCIES)._asdict()
         return Texture(path=path, white=white, linear=linear, **spectrum)
 
     def photograph(self) -> Picture:

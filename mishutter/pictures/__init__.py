@@ -11,6 +11,7 @@ from mishutter.pictures.images import checked_white as checked_white
 from mishutter.pictures.images import examined as examined
 from mishutter.pictures.images import example_picture as example_picture
 from mishutter.pictures.images import light_of as light_of
+from mishutter.pictures.images import middle_rows as middle_rows
 from mishutter.pictures.images import pixels_along as pixels_along
 from mishutter.pictures.images import read_capture as read_capture
 from mishutter.pictures.images import read_opacity as read_opacity

@@ -82,10 +82,10 @@ class Picture:
             return self.light[..., 0]
         return self.light @ np.asarray(LUMINANCE, self.light.dtype)
 
-    def turned(self) -> "Picture":
-        """The picture with rows and columns exchanged."""
-        matte = None if self.matte is None else np.ascontiguousarray(self.matte.T)
-        return Picture(turned(self.light, "columns"), matte, self.name)
+    def turned(self, axis: Axis = "columns") -> "Picture":
+        """The picture with rows and columns exchanged, unless things move along its rows."""
+        matte = None if self.matte is None else turned(self.matte, axis)
+        return Picture(turned(self.light, axis), matte, self.name)
 
 
 def turned(light: Any, axis: Axis) -> Any:
@@ -103,6 +103,14 @@ def turned(light: Any, axis: Axis) -> Any:
         return light.swapaxes(*_axes_of(light))
     array = np.asarray(light)
     return np.ascontiguousarray(array.swapaxes(*_axes_of(array)))
+
+
+def middle_rows(
+    light: Float[np.ndarray, "rows columns channels"], count: int
+) -> Float[np.ndarray, "some columns channels"]:
+    """The middle rows of a picture, at most `count`."""
+    first = max(0, (light.shape[0] - count) // 2)
+    return light[first : first + count]
 
 
 def pixels_along(axis: Axis) -> str:

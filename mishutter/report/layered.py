@@ -48,6 +48,11 @@ class LayeredCapture(NamedTuple):
     background_psnr: float
     object_psnr: float
 
+    def turned(self, axis: Axis) -> "LayeredCapture":
+        """The same with pictures whose rows and columns are exchanged, unless `axis` is rows."""
+        captured, restored = turned(self.captured, axis), turned(self.restored, axis)
+        return self._replace(captured=captured, restored=restored)
+
 
 class LayeredScene(NamedTuple):
     """A background and an object in front of it, and their speeds.
@@ -61,6 +66,11 @@ class LayeredScene(NamedTuple):
     layers: Layers
     truth: Float[np.ndarray, "rows columns channels"]
     matte: Float[np.ndarray, "rows columns"]
+
+    def turned(self, axis: Axis) -> "LayeredScene":
+        """The same with rows and columns exchanged, unless things move along its rows."""
+        truth, matte = turned(self.truth, axis), turned(self.matte, axis)
+        return LayeredScene(self.layers.turned(axis), truth, matte)
 
 
 class _Filters(NamedTuple):
@@ -79,20 +89,17 @@ class _Filters(NamedTuple):
     judged: slice
 
 
-def layered_scene(
-    picture: Picture, background_speed: float, object_speed: float, axis: Axis = "rows"
-) -> LayeredScene:
+def layered_scene(picture: Picture, background_speed: float, object_speed: float) -> LayeredScene:
     """A photograph, and an oval cut from its middle that moves upside down in front of it.
 
     Both layers have one spectrum, as the layers of a scene have.
 
     Args:
-        picture: The background; only its middle is used.
+        picture: The background, which moves along its rows; only its middle is used.
         background_speed: Speed of the background; px/s.
         object_speed: Speed of the object; px/s.
-        axis: The axis of the motion; the layers are `turned` to move along their rows.
     """
-    whole = turned(picture.light, axis)
+    whole = picture.light
     height, width = whole.shape[:2]
     first_row, first_column = max(0, (height - _ROWS) // 2), max(0, (width - _COLUMNS) // 2)
     back = whole[first_row : first_row + _ROWS, first_column : first_column + _COLUMNS]

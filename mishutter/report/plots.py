@@ -463,22 +463,19 @@ def plot_layers(
     captures: Mapping[str, LayeredCapture],
     *,
     whole: bool = False,
-    axis: Axis = "rows",
 ) -> "Figure":
     """Draws a background and an object in front of it, captured and restored by several cameras.
 
     Args:
-        subject: The layers, which move along their rows.
+        subject: The layers.
         captures: The results of `layered_captures`.
         whole: Whether the verdict is about a picture that moves as a whole; the title says so.
-        axis: The axis of the motion in the picture.
 
     Raises:
         ValueError: if there is nothing to show.
     """
     require(len(captures) > 0, "plot_layers(captures=...)", "hold a capture", 0)
-    truth = turned(subject.truth, axis)
-    rows, columns = truth.shape[:2]
+    rows, columns = subject.truth.shape[:2]
     height = _LAYERED_WIDTH * rows / columns + 1.4 * _TITLE
     across = 1 + len(captures)
     figure = new_figure(across * _LAYERED_WIDTH, 2 * height + _TITLE)
@@ -490,21 +487,20 @@ def plot_layers(
     title = f"An object before a {kind} background{_OTHER_WORLD if whole else ''}"
     figure.suptitle(title, fontsize="medium")
     title = f"the scene: {back:g} px/s behind,\n{front:g} px/s in front, outlined"
-    _show(panels[0, 0], truth, title)
+    _show(panels[0, 0], subject.truth, title)
     for colour, style in (("black", "-"), ("white", "--")):
-        panels[0, 0].contour(
-            turned(subject.matte, axis), [0.5], colors=colour, linestyles=style, linewidths=1.2
-        )
+        outline = {"colors": colour, "linestyles": style, "linewidths": 1.2}
+        panels[0, 0].contour(subject.matte, [0.5], **outline)
     panels[1, 0].axis("off")
     panels[1, 0].text(0.5, 0.5, _ONE_FILTER, ha="center", va="center", fontsize="small")
     for (name, capture), (top, bottom) in zip(captures.items(), panels.T[1:], strict=True):
         title = f"{shown_name(name, 30)}, {capture.exposure * 1e3:.3g} ms,\ncaptured"
-        _show(top, turned(capture.captured, axis), title)
+        _show(top, capture.captured, title)
         levels = (
             f"expected {capture.expected_psnr:.1f} dB, restored {capture.psnr:.1f} dB\n"
             f"behind {capture.background_psnr:.1f} dB, in front {capture.object_psnr:.1f} dB"
         )
-        _show(bottom, turned(capture.restored, axis), levels)
+        _show(bottom, capture.restored, levels)
     return figure
 
 
@@ -538,51 +534,62 @@ def plot_photograph(
 
     require(len(results) > 0, "plot_photograph(results=...)", "hold a result", 0)
     require(len(speeds) > 0, "plot_photograph(speeds=...)", "hold a speed", 0)
-    results = {name: result.turned(axis) for name, result in results.items()}
     restoration = f"restored{SPEED_KNOWLEDGE[decoder_speed].aside}"
     scene = next(iter(results.values())).reference
-    offsets = [_offset(scene, result.reference) for result in results.values()]
-    place = _busiest(scene, list(results.values()), offsets, detail)
-    down, right = place if axis == "rows" else place[::-1]
+    places = _details([result.reference for result in results.values()], detail, axis)
+    down, right = places[0]
     size = right.stop - right.start, down.stop - down.start
     height = _CELL * min(1.0, size[1] / size[0])
     across = 3 * len(speeds)
-    shown = turned(scene, axis)
-    top = min(2 * height, _CELL * (across - 2) * shown.shape[0] / shown.shape[1])
+    top = min(2 * height, _CELL * (across - 2) * scene.shape[0] / scene.shape[1])
     heights = [top, *(height for _ in results)]
     figure = new_figure(across * _CELL, sum(heights) + len(heights) * (_TITLE + 0.1))
     margins = Margins(0.05, 0.05, 0.05, _TITLE + 0.05, columns=0.1, rows=_TITLE + 0.1)
     leave_room(figure, margins, num_rows=len(heights), num_columns=across)
     grid = figure.add_gridspec(len(heights), across, height_ratios=heights)
     whole = figure.add_subplot(grid[0, : across - 2])
-    _show(whole, shown, "the scene, at rest; the box is magnified")
+    _show(whole, scene, "the scene, at rest; the box is magnified")
     corner = right.start - 0.5, down.start - 0.5
     for colour, line in (("black", 3.0), ("white", 1.2)):
         box = Rectangle(corner, size[0], size[1], fill=False, edgecolor=colour, linewidth=line)
         whole.add_patch(box)
-    _show(figure.add_subplot(grid[0, -2]), shown[down, right], "the detail, at rest")
+    _show(figure.add_subplot(grid[0, -2]), scene[down, right], "the detail, at rest")
     maps = []
-    for row, ((name, result), offset) in enumerate(zip(results.items(), offsets, strict=True), 1):
-        own = place[0], slice(place[1].start - offset, place[1].stop - offset)
+    for row, ((name, result), own) in enumerate(zip(results.items(), places, strict=True), 1):
         levels = result.linear_psnr if linear else result.psnr
         for number, speed in enumerate(speeds):
             index = int(np.argmin(np.abs(result.speeds - speed)))
-            captured, restored = result.captured[index], result.restored[index][own]
-            gain = np.mean(result.reference) / max(float(np.mean(captured)), 1e-12)
+            restored = result.restored[index][own]
             panels = [figure.add_subplot(grid[row, 3 * number + i]) for i in range(3)]
             title = f"{shown_name(name, 26)}, captured\nat {result.speeds[index]:g} px/s"
-            _show(panels[0], turned(captured[own], axis) * gain, title)
+            _show(panels[0], result.brightened(index)[own], title)
             heading = _IN_DOUBT if result.doubts[index] else restoration
-            _show(panels[1], turned(restored, axis), f"{heading},\n{levels[index]:.2f} dB")
+            _show(panels[1], restored, f"{heading},\n{levels[index]:.2f} dB")
             panels[2].set_title("error", fontsize="small", y=1.0)
-            error = _error(result.reference[own], restored, linear)
-            maps.append((panels[2], turned(error, axis)))
+            maps.append((panels[2], _error(result.reference[own], restored, linear)))
     brightest = float(np.percentile([error for _, error in maps], _BRIGHTEST_SHARE)) or 1.0
     for axes, error in maps:
         axes.imshow(error, cmap=MAP_COLOURS, vmin=0, vmax=brightest)
         axes.axis("off")
     _draw_key(figure.add_subplot(grid[0, -1]), brightest, linear)
     return figure
+
+
+def _details(
+    references: Sequence[np.ndarray], size: tuple[int, int], axis: Axis
+) -> list[tuple[slice, slice]]:
+    """Rows and columns of one detail in each part of a photograph: where that varies most.
+
+    Args:
+        references: Parts of one photograph.
+        size: Extent of the detail across and along the axis; px.
+        axis: The axis along which the photograph moves.
+    """
+    along = [turned(reference, axis) for reference in references]
+    offsets = [_offset(along[0], part) for part in along]
+    rows, columns = _busiest(along, offsets, size)
+    places = [(rows, slice(columns.start - k, columns.stop - k)) for k in offsets]
+    return places if axis == "rows" else [place[::-1] for place in places]
 
 
 def _offset(reference: np.ndarray, other: np.ndarray) -> int:
@@ -596,16 +603,16 @@ def _offset(reference: np.ndarray, other: np.ndarray) -> int:
 
 
 def _busiest(
-    scene: np.ndarray,
-    results: Sequence[RestoredPhotograph],
-    offsets: Sequence[int],
-    size: tuple[int, int],
+    parts: Sequence[np.ndarray], offsets: Sequence[int], size: tuple[int, int]
 ) -> tuple[slice, slice]:
-    """Rows and columns where a photograph varies most along its rows, among those of all parts."""
-    ends = (offset + each.reference.shape[1] for offset, each in zip(offsets, results, strict=True))
+    """Rows and columns where a photograph varies most along its rows, among those of all parts.
+
+    They are those of the first part.
+    """
+    ends = (offset + part.shape[1] for offset, part in zip(offsets, parts, strict=True))
     first, last = max(offsets), min(ends)
     aside = min((last - first) // 4, max(0, (last - first - size[1]) // 2))
-    grey = to_display(scene)[:, first + aside : last - aside].mean(axis=2)
+    grey = to_display(parts[0])[:, first + aside : last - aside].mean(axis=2)
     rows, columns = (min(pair) for pair in zip(size, grey.shape, strict=True))
     steps = np.diff(grey, axis=1, append=grey[:, -1:]) ** 2
     above = np.pad(steps, ((1, 0), (1, 0))).cumsum(axis=0).cumsum(axis=1)

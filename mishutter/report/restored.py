@@ -17,7 +17,7 @@ from mishutter.decoding import (
     restore_by_each,
 )
 from mishutter.model import AbstractMotion, Scene
-from mishutter.pictures import Axis, Picture, pixels_along, turned
+from mishutter.pictures import Picture, middle_rows, pixels_along, turned
 from mishutter.search import Row
 
 Update = Callable[[str], None]
@@ -71,14 +71,15 @@ def photograph_of(
         return None
     finds = any(row.decoder.finds_speed for row in rows.values())
     count = ROWS_TO_FIND if finds else _MAX_ROWS
-    picture = _middle_rows(scene.picture.photograph(), scene.sensor.axis, count)
-    motions = [row.motion for row in rows.values()]
-    width = turned(picture.light, scene.sensor.axis).shape[1]
-    enough = least_columns(longest_kernel(scene, motions))
+    picture, axis = scene.picture.photograph(), scene.sensor.axis
+    light = middle_rows(turned(picture.light, axis), count)
+    width = light.shape[1]
+    enough = least_columns(longest_kernel(scene, [row.motion for row in rows.values()]))
     if width >= enough:
-        return picture
-    pixels = pixels_along(scene.sensor.axis)
-    blur = f"{width} {pixels} are too few to be restored from this blur; {enough} would do"
+        return Picture(light=turned(light, axis), name=picture.name)
+    blur = (
+        f"{width} {pixels_along(axis)} are too few to be restored from this blur; {enough} would do"
+    )
     note(f"{scene.picture.path}: {blur}.")
     return None
 
@@ -147,10 +148,3 @@ def longest_kernel(scene: Scene, motions: Iterable[AbstractMotion]) -> int:
     """
     speeds = np.asarray(scene.speeds).tolist()
     return max(kernel_layout(motion, *speeds, 0.0)[0] for motion in motions)
-
-
-def _middle_rows(picture: Picture, axis: Axis, count: int) -> Picture:
-    """The middle rows of a picture, or the middle columns of one that moves along its columns."""
-    along = turned(picture.light, axis)
-    first = max(0, (along.shape[0] - count) // 2)
-    return Picture(light=turned(along[first : first + count], axis), name=picture.name)

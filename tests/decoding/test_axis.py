@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from support.designs import MOTION
+from support.photographs import photograph
 
 from mishutter import (
     Frames,
@@ -187,6 +188,52 @@ def test_targets_of_a_fit_move_along_it_too(tmp_path):
         TargetPicture(levels, axis="columns")
     with pytest.raises((ValueError, TypeError), match=r"'rows'.*'columns'"):
         TargetPicture(levels, axis="up")
+
+
+def test_a_detail_of_a_photograph_that_moves_down_is_that_across_turned():
+    """Parts of one photograph that begin at several places show one detail, whichever way it moves.
+
+    The panels of the detail are exchanged; the scene stands as the photograph does.
+    """
+    across = {"Hann": photograph(21), "still": photograph(17, columns=slice(4, 29))}
+    down = {name: each.turned("columns") for name, each in across.items()}
+    pictures = [
+        [axes.images[0].get_array() for axes in figure.axes if axes.images]
+        for figure in (
+            plot_photograph(across, [450.0], detail=(7, 9)),
+            plot_photograph(down, [450.0], detail=(7, 9), axis="columns"),
+        )
+    ]
+    for one, other in zip(*(each[:-1] for each in pictures), strict=True):
+        np.testing.assert_allclose(other, np.swapaxes(one, 0, 1), rtol=1e-12)
+    assert pictures[1][1].shape == (9, 7)
+
+
+def lights_of(subject):
+    """The arrays of a photograph with its matte, of layers with their corners, or of footage."""
+    if isinstance(subject, Frames):
+        return list(subject.frames)
+    if isinstance(subject, Layers):
+        corners = [np.array([[layer.left], [layer.top]]) for layer in subject.layers]
+        return [*corners, *(layer.matte for layer in subject.layers)]
+    return [subject.light, subject.matte]
+
+
+@pytest.mark.parametrize("kind", ["picture", "layers", "frames"])
+def test_a_subject_is_turned_by_the_axis_of_a_scene(kind):
+    """One that moves along its rows stays as it is; of another all that it has is exchanged."""
+
+    def made():
+        matte = np.linspace(0.2, 0.9, 50 * 110).reshape(50, 110)
+        return Picture(LIGHT, matte) if kind == "picture" else subject(kind, LIGHT)
+
+    whole, along, down = (
+        lights_of(each) for each in (made(), made().turned("rows"), made().turned("columns"))
+    )
+    for one, same, other in zip(whole, along, down, strict=True):
+        np.testing.assert_array_equal(same, one)
+        is_corner = one.shape == (2, 1)
+        np.testing.assert_array_equal(other, one[::-1] if is_corner else exchanged(one))
 
 
 def test_turning_twice_is_not_turning():

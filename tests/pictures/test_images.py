@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import mishutter as ms
-from mishutter.pictures import read_opacity, to_display
+from mishutter.pictures import middle_rows, read_opacity, to_display
 
 # The formula of the transfer curve and the limit of size, to which pictures are held.
 from mishutter.pictures.images import GAMMA, MAX_PIXELS
@@ -403,3 +403,10 @@ def test_displayed_values_are_coded_by_one_gamma():
     """Light is clipped to what a screen shows; the value between is its 2.2th root."""
     light = np.array([-0.3, 0.0, 0.18, 0.7, 1.0, 1.6])
     assert to_display(light) ** 2.2 == pytest.approx([0, 0, 0.18, 0.7, 1, 1], rel=1e-12)
+
+
+def test_a_high_picture_is_cut_to_its_middle():
+    """As many rows above as below are left out."""
+    light = np.tile(np.arange(200.0)[:, None, None] / 200, (1, 9, 1))
+    assert np.array_equal(middle_rows(light, 160), light[20:180])
+    assert np.array_equal(middle_rows(light[:7], 160), light[:7])

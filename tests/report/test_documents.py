@@ -51,7 +51,7 @@ from mishutter.report import (
 # The names of the files alone: to write the pictures takes seconds.
 from mishutter.report.documents import _drawings, _writers
 from mishutter.report.plots import new_figure
-from mishutter.report.restored import Photographs, _middle_rows, shown_speeds
+from mishutter.report.restored import Photographs, shown_speeds
 from mishutter.search import (
     BEST_CODED_STILL,
     BEST_PANNED_SNAPSHOT,
@@ -201,15 +201,6 @@ def test_what_a_photograph_showed(report):
     assert found["expected_of_ensemble_filter_db"] == pytest.approx(21.2)
     np.testing.assert_allclose(found["psnr_db"], [21.3, 22.1, 21.7])
     np.testing.assert_allclose(found["linear_psnr_db"], [23.3, 24.1, 23.7])
-
-
-def test_a_high_photograph_is_cut_to_its_middle():
-    """As many rows above as below are left out."""
-    light = np.tile(np.arange(200.0)[:, None, None] / 200, (1, 9, 1))
-    assert np.array_equal(_middle_rows(Picture(light), "rows", 160).light, light[20:180])
-    assert np.array_equal(_middle_rows(Picture(light[:7]), "rows", 160).light, light[:7])
-    turned = Picture(light).turned()
-    assert np.array_equal(_middle_rows(turned, "columns", 160).light, turned.light[:, 20:180])
 
 
 def _rivals(report, levels, velocity=0.0):
