@@ -141,12 +141,11 @@ Folders, whose further names are for those who extend the package
     blur, camera, decoding, design, evaluation, hardware, model, pictures, report, search, sweeps
 """
 
-import difflib
+import difflib as _difflib
 
-import lazy_loader
+import lazy_loader as _lazy
 
-# There is no `__all__`: with it, `help` would write out all of every class and function.
-_get, __dir__, _names = lazy_loader.attach_stub(__name__, __file__)
+_get, __dir__, _names = _lazy.attach_stub(__name__, __file__)
 
 __version__ = "0.2.0"
 
@@ -155,6 +154,11 @@ def __getattr__(name: str) -> object:
     """A public name, whose folder is imported at its first use."""
     if name in _names:
         return _get(name)
-    near = difflib.get_close_matches(name, _names, n=1)
+    if name == "__all__":
+        # With a list, `help` would write out all of every class and function. Without one,
+        # `from mishutter import *`, which asks for it first, takes the names that are imported.
+        for each in _names:
+            _get(each)
+    near = _difflib.get_close_matches(name, _names, n=1)
     hint = f"; did you mean {near[0]!r}?" if near else ""
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}{hint}")

@@ -217,6 +217,22 @@ def test_public_names_are_re_exported_one_a_line():
     assert sorted(dir(mishutter)) == sorted([*public_names(), *folders])
 
 
+def test_a_star_imports_the_public_names():
+    """All that `dir` lists and that type checkers expect of the stub, each the same object."""
+    names: dict[str, object] = {}
+    exec("from mishutter import *", names)
+    assert set(names) >= set(public_names())
+    assert all(names[name] is getattr(mishutter, name) for name in dir(mishutter))
+
+
+def test_a_star_imports_nothing_else():
+    """Not what the package needs itself, where no name was used before it."""
+    lines = "from mishutter import *; n = {*dir()}; import mishutter; print(*n - {*dir(mishutter)})"
+    found = subprocess.run([sys.executable, "-c", lines], capture_output=True, text=True)
+    assert all(re.fullmatch("__.*__", name) for name in found.stdout.split()), found.stdout
+    assert found.returncode == 0, found.stderr
+
+
 def test_help_has_every_name_once_in_a_line_of_its_own():
     """By what it is for; the text of `help(mishutter)` holds no more of a class or function."""
     page = mishutter.__doc__ or ""
