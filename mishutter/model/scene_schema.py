@@ -161,7 +161,7 @@ class BurstSection(Section):
     """Frames that the camera may take in place of one exposure."""
 
     frames_per_s: Annotated[float, Field(gt=0, le=1e6)]
-    max_frames: Annotated[int, Field(ge=1, le=1000)]
+    max_frames: Annotated[int, Field(ge=1, le=1000)] | None = None
     window_ms: Annotated[float, Field(ge=1e-3, le=1e6)] | None = None
     dead_time_ms: Annotated[float, Field(ge=0, le=1e5)] = 0.0
 

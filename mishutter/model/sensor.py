@@ -58,7 +58,8 @@ class Burst(eqx.Module):
 
     Args:
         frames_per_s: Frames that the sensor reads out a second.
-        max_frames: Most frames of a burst.
+        max_frames: Most frames of a burst; by default as many as the window holds, up
+            to 1000.
         window: Longest time from the first light to the last; s. By default twice the longest half
             exposure of the scene's limits, as long as one exposure may be.
         dead_time: Time between the end of one frame and the beginning of the next in which the
@@ -72,20 +73,22 @@ class Burst(eqx.Module):
     frames_per_s: Array
     window: Array | None
     dead_time: Array
-    max_frames: int = eqx.field(static=True)
+    max_frames: int | None = eqx.field(static=True)
 
     def __init__(
         self,
         *,
         frames_per_s: ArrayLike,
-        max_frames: int,
+        max_frames: int | None = None,
         window: ArrayLike | None = None,
         dead_time: ArrayLike = 0.0,
     ):
         self.frames_per_s = as_float(frames_per_s, "Burst(frames_per_s=...)")
         self.window = None if window is None else as_float(window, "Burst(window=...)")
         self.dead_time = as_float(dead_time, "Burst(dead_time=...)")
-        self.max_frames = require_positive_int("Burst(max_frames=...)", max_frames)
+        if max_frames is not None:
+            max_frames = require_positive_int("Burst(max_frames=...)", max_frames)
+        self.max_frames = max_frames
 
     def __repr__(self) -> str:
         """The numbers, of which a module shows no more than their type."""

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from dataclasses import dataclass
+from itertools import takewhile
 
 from mishutter.model.motion import AbstractMotion
 
@@ -86,11 +87,17 @@ class FrameSequence:
         return not all(frame.is_still for frame in self.frames)
 
     @property
+    def num_rests(self) -> int:
+        """Number of frames at rest before those that move, of which one may happen to be slow."""
+        return len([*takewhile(lambda frame: frame.is_still, self.frames)])
+
+    @property
     def setting(self) -> str:
-        """Numbers of frames and their exposures, those at rest among moving ones called so."""
-        moves = self.moves
+        """Numbers of frames and their exposures, those at rest before moving ones called so."""
+        num_rests = self.num_rests if self.moves else 0
         kinds = Counter(
-            (f"{frame.exposure * 1e3:.3g} ms", moves and frame.is_still) for frame in self.frames
+            (f"{frame.exposure * 1e3:.3g} ms", index < num_rests)
+            for index, frame in enumerate(self.frames)
         )
         return " and ".join(
             f"{count} of {exposure}{' at rest' if is_still else ''}"

@@ -265,7 +265,7 @@ def stage_path_of_frames(
     end = float(last_motion.velocity_at(np.asarray(stop)))
     own = max(abs(rate) for _, rate, _ in pieces)
     most = own if max_acceleration is None else _above_zero(subject, max_acceleration)
-    starts_between = sequence.moves and any(frame.is_still for frame in sequence.frames)
+    starts_between = sequence.moves and sequence.num_rests > 0
     if most == 0 or begin == own == 0 or (max_acceleration is None and starts_between):
         return None
     before, after = _between_rest_and(begin, most, None), _between_rest_and(-end, most, None)

@@ -1,8 +1,5 @@
 """Bursts: frames that are aligned and added up, against an error written out anew."""
 
-import itertools
-
-import equinox as eqx
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
@@ -11,7 +8,6 @@ from mishutter import (
     Burst,
     Limits,
     Occlusion,
-    ParabolicMotion,
     RectShutter,
     Scene,
     Sensor,
@@ -23,8 +19,7 @@ from mishutter.evaluation import (
     best_moving_burst,
     best_still_burst,
 )
-from mishutter.evaluation.bursts import FrameTimes, _moving_numbers, _Room, _Try
-from mishutter.evaluation.frames import FrameGroup, burst_psnr, still_frames
+from mishutter.evaluation.frames import burst_psnr, still_frames
 
 LIMITS = Limits(max_stroke=45.0, max_top_speed=2e4, min_half_exposure=2e-4, max_half_exposure=0.02)
 RATE, NOISE, SPEEDS = 1e5, 8.0, np.linspace(-3000.0, 3000.0, 7)
@@ -102,16 +97,6 @@ def test_frames_end_before_the_dead_time():
     assert whole.psnr > burst.psnr
 
 
-@pytest.mark.slow
-def test_moving_frames_have_the_times_of_still_ones():
-    """Window and dead time are of the camera, whatever its sensor does in a frame."""
-    given = Burst(frames_per_s=110.0, max_frames=9, window=0.022, dead_time=0.0031)
-    burst = best_moving_burst(_scene(burst=given))
-    assert burst.num_frames <= 3
-    assert max(frame.exposure for frame in burst.frames) <= (1 / 110 - 0.0031) * (1 + 1e-6)
-    assert burst.duration <= 0.022 * (1 + 1e-6)
-
-
 def test_no_frame_fills_a_pixel():
     """Of 60 electrons, half of what the best frame would take."""
     scene = _scene(sensor=Sensor(full_well=60.0), burst=Burst(frames_per_s=90, max_frames=2))
@@ -130,88 +115,6 @@ def test_a_camera_without_bursts():
     level = evaluate(_scene(), one.frames[0].motion, RectShutter()).known_speed_psnr
     assert (one.num_frames, one.kind) == (1, ONE_PARABOLA)
     assert one.psnr == pytest.approx(float(level), abs=1e-4)
-
-
-def _of_window(rate, read_noise, num_frames, *, stroke=45.0, **others):
-    """The camera of a window of 80 ms that takes some frames without a gap."""
-    limits = Limits(max_stroke=stroke, min_half_exposure=1e-4, max_half_exposure=0.04, **others)
-    return Scene(
-        np.linspace(-4500.0, 4500.0, 9),
-        photon_rate=rate,
-        read_noise=read_noise,
-        limits=limits,
-        burst=Burst(frames_per_s=num_frames / 0.08, max_frames=num_frames),
-    )
-
-
-def _groups(burst):
-    """The frames of a sequence, one by one, as their level takes them."""
-    return [
-        FrameGroup(frame.motion.without_velocity(), np.array([float(frame.motion.velocity)]))
-        for frame in burst.frames
-    ]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("rate", "level"), [(1e5, 33.3268), (1e4, 25.6958)])
-@pytest.mark.daily(1)
-def test_the_best_moving_burst_is_that_of_an_independent_search(rate, level):
-    """A search in NumPy found these levels of alternating parabolas, 16 frames."""
-    burst = best_moving_burst(_of_window(rate, 8.0, 16))
-    assert burst.psnr >= level - 0.005
-    assert burst.num_frames == 16
-    frames = [
-        FrameGroup(x.motion.without_velocity(), np.array([x.motion.velocity])) for x in burst.frames
-    ]
-    level = float(burst_psnr(_of_window(rate, 8.0, 16), frames))
-    assert level == pytest.approx(burst.psnr, abs=1e-4)
-
-
-def _accelerations(burst):
-    """Those within frames, and those between frames that move."""
-    moving = [frame for frame in burst.frames if frame is burst.frames[-1] or not frame.is_still]
-    within = [float(frame.motion.greatest_acceleration) for frame in moving]
-    pairs = itertools.pairwise(burst.frames[1:] if burst.frames[0].is_still else burst.frames)
-    for first, second in pairs:
-        half = np.array(first.exposure / 2)
-        change = float(second.motion.velocity_at(-half)) - float(first.motion.velocity_at(half))
-        within.append(abs(change) / (second.time - first.time - first.exposure + 1e-12))
-    return within
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "limits", [{"max_acceleration": 1.5e5}, {"max_travel": 31.0}, {"max_top_speed": 3000.0}, {}]
-)
-@pytest.mark.daily(2)
-def test_limits_hold_over_the_whole_burst(limits):
-    """The way of the stage from frame to frame, and what it does in each; one of them binds."""
-    scene = _of_window(1e5, 8.0, 4, stroke=37.0, **limits)
-    burst = best_moving_burst(scene)
-    used = {
-        "max_stroke": burst.travel,
-        "max_top_speed": max(float(frame.motion.top_speed) for frame in burst.frames),
-        "max_acceleration": max(_accelerations(burst)),
-        "max_travel": burst.travel,
-    }
-    shares = [used[name] / bound for name, bound in ({"max_stroke": 37.0} | limits).items()]
-    assert max(shares) == pytest.approx(1, abs=0.02)
-    assert max(shares) <= 1 + 1e-6
-
-
-@pytest.mark.slow
-def test_a_moving_burst_is_never_worse_than_stills():
-    """It may hardly move: of objects at rest, in a light in which moving loses."""
-    scene = _of_window(3e3, 20.0, 4)
-    slow = Scene(
-        [0.0, 40.0],
-        photon_rate=1e5,
-        read_noise=8.0,
-        limits=scene.limits,
-        burst=scene.burst,
-    )
-    for each in (scene, slow):
-        assert best_moving_burst(each).psnr >= best_still_burst(each).psnr - 1e-3
 
 
 @pytest.mark.parametrize(
@@ -262,25 +165,6 @@ def test_the_worst_speed_may_judge_stills():
     assert errors[2] > 1.1 * errors[1] > 1.1 * errors[0]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("pans", ["stage", "camera"])
-def test_a_burst_follows_either_way(pans):
-    """Of objects that all move one way, and of their mirror image, it is the same but for signs."""
-    limits = Limits(
-        max_stroke=45.0, max_top_speed=2e4, max_half_exposure=0.02, max_pan=900.0, pans=pans
-    )
-    given = {"photon_rate": RATE, "read_noise": NOISE, "limits": limits}
-    given["burst"] = Burst(frames_per_s=240.0, max_frames=2)
-    there, back = (
-        best_moving_burst(Scene(sign * np.array([610.0, 790.0]), **given)) for sign in (1, -1)
-    )
-    velocities = [[float(frame.motion.velocity) for frame in x.frames] for x in (there, back)]
-    assert np.mean(velocities[0]) == pytest.approx(700.0, rel=0.01)
-    np.testing.assert_allclose(np.sort(-np.array(velocities[1])), np.sort(velocities[0]), rtol=1e-4)
-    assert back.psnr == pytest.approx(there.psnr, abs=1e-4)
-    assert there.travel <= 45.0
-
-
 def test_a_second_exposure_never_hurts():
     """Of frames at rest: a bracketed burst is at least as good, and better before a background."""
     gains = []
@@ -295,51 +179,6 @@ def test_a_second_exposure_never_hurts():
     assert gains[1] > 0.3
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("num_rests", [0, 2])
-@pytest.mark.parametrize("kind", ["alternating parabolas", "sine", "sweep", "fan of pans"])
-def test_the_frames_of_a_path_fit_together(kind, num_rests):
-    """From frame to frame the stage is where its velocity takes it, within its travel."""
-    scene = _of_window(1e5, 8.0, 4)
-    times = FrameTimes.of(scene, scene.burst)
-    room = _Room(scene.limits, times, 4 - num_rests)
-    each = _Try(kind, room, num_rests, True, -4500.0, 4500.0)
-    place = each.at(np.array([0.93, 0.8, 0.6, 0.53]))
-    found = each.sequence(place, np.ones(9), 1.0)
-    assert place.pan == pytest.approx(270.0)
-    ends = []
-    for frame in found.frames[num_rests:]:
-        half = frame.exposure / 2
-        tau = np.linspace(-half, half, 101)
-        path = frame.position + np.asarray(frame.motion.position(tau))
-        speeds = np.asarray(frame.motion.velocity_at(tau[[0, -1]]))
-        ends.append((path, speeds))
-    assert np.ptp([path for path, _ in ends]) <= found.travel * (1 + 1e-4)
-    gap = times.period - found.frames[-1].exposure
-    for (path, before), (after, speeds) in itertools.pairwise(ends):
-        # A stage that coasts, or accelerates evenly, or nearly so, travels by its mean speed.
-        way = gap * (before[1] + speeds[0]) / 2
-        assert after[0] - path[-1] == pytest.approx(way, abs=0.03 * found.travel)
-
-
-@pytest.mark.slow
-def test_frames_at_rest_pay_before_a_background():
-    """Where 37 % of the picture moves, one of them at least among those that move."""
-    scene = eqx.tree_at(
-        lambda s: s.occlusion,
-        _of_window(1e5, 8.0, 4),
-        Occlusion(front_share=0.37),
-        is_leaf=lambda x: x is None,
-    )
-    still, moving = best_still_burst(scene), best_moving_burst(scene)
-    rests = [frame.is_still for frame in moving.frames]
-    assert rests[0]
-    assert rests == sorted(rests, reverse=True)
-    assert not rests[-1]
-    assert moving.psnr > still.psnr + 0.5
-    assert moving.psnr == pytest.approx(float(burst_psnr(scene, _groups(moving))), abs=1e-3)
-
-
 def test_stills_without_a_gap_equal_a_level_in_some_number():
     """The least that does; none equals a level that shorter frames do not come to."""
     bursts = StillBursts(_scene(burst=None), window=0.031)
@@ -347,105 +186,3 @@ def test_stills_without_a_gap_equal_a_level_in_some_number():
     levels = [bursts.best(n / 0.031 * (1 - 1e-9), max_frames=n).psnr for n in (count - 1, count)]
     assert levels[0] < 29.7 <= levels[1] + 1e-6
     assert bursts.number_that_equals(60.0, most=100) is None
-
-
-def _in_window(speeds, num_frames, *, rate=None, dead_time=0.0, weights=None, **limits):
-    """The camera of a window of 80 ms whose limits or speeds hold a plain path back."""
-    given = {"max_stroke": 60.0, "min_half_exposure": 1e-4, "max_half_exposure": 0.04} | limits
-    rate = num_frames / 0.08 if rate is None else rate
-    frames = {"max_frames": num_frames, "window": 0.08, "dead_time": dead_time}
-    return Scene(
-        speeds,
-        weights=weights,
-        photon_rate=1e5,
-        read_noise=8.0,
-        limits=Limits(**given),
-        burst=Burst(frames_per_s=rate, **frames),
-    )
-
-
-BOTH_WAYS = np.linspace(-4500.0, 4500.0, 9)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("scene", "level"),
-    [
-        # The pan of a stage and a sweep overlap: their travels do not add up.
-        (_in_window(np.linspace(300.0, 1200.0, 7), 4, max_pan=900.0), 36.472),
-        # A sweep of fewer frames is faster, where there is no time to run up after one at rest.
-        (_in_window(BOTH_WAYS, 8, max_acceleration=1.6e5), 31.447),
-        # One parabola among stills needs the least travel.
-        (_in_window(BOTH_WAYS, 4, max_stroke=11.0), 29.257),
-        # Nothing is at the middle of the speeds.
-        (
-            _in_window(
-                [-900.0, 0.0, 210.0, 380.0, 3700.0],
-                4,
-                weights=[0.3, 0.1, 0.3, 0.2, 0.1],
-                max_pan=1500.0,
-            ),
-            33.093,
-        ),
-        # Each end of a fan is for one of the speeds.
-        (
-            _in_window(
-                [100.0, 300.0, 4000.0], 4, weights=[0.6, 0.3, 0.1], max_pan=3e3, pans="camera"
-            ),
-            34.993,
-        ),
-    ],
-)
-def test_no_burst_of_an_independent_search_is_better(scene, level):
-    """The levels are those of `benchmarks.bursts_search`, which shares no code with the package."""
-    assert best_moving_burst(scene).psnr >= level - 0.02
-
-
-@pytest.mark.slow
-def test_two_frames_may_follow_one_direction():
-    """Where the stroke lets them follow only one of two that are alike."""
-    scene = _in_window(BOTH_WAYS, 2, rate=30.0, dead_time=6e-3)
-    half, stroke = (1 / 30 - 6e-3) / 2, 60.0
-    period, pan = 1 / 30, -973.0
-    levels = []
-    for acceleration in np.linspace(0.3, 1.0, 15) * stroke / (2 * half * (period - half)):
-        t = np.linspace(-half, half, 201)
-        first = acceleration * t**2
-        second = 2 * acceleration * half * (period - half) - first
-        places = np.r_[first + pan * t, second + pan * (t + period)]
-        if np.ptp(places) <= stroke:
-            motion = ParabolicMotion(acceleration=acceleration, half_exposure=half)
-            group = FrameGroup(motion, np.array([pan]), 2)
-            levels.append(float(burst_psnr(scene, [group])))
-    assert best_moving_burst(scene).psnr >= max(levels) - 0.01
-
-
-@pytest.mark.parametrize("kind", ["alternating parabolas", "sine", "sweep", "fan of pans"])
-def test_a_pan_takes_the_travel_that_it_adds(kind):
-    """With its largest top speed a path beside a pan fills the stroke, sampled, and no more."""
-    scene = _in_window(BOTH_WAYS, 4)
-    times = FrameTimes.of(scene, scene.burst)
-    each = _Try(kind, _Room(scene.limits, times, 4), 0, True, -4500.0, 4500.0)
-    place = each.at(np.array([0.97, 1.0, 1.0, 0.547]))
-    assert place.pan == pytest.approx(423.0)
-    frames = each.sequence(place, np.ones(9), 1.0).frames
-    t = np.linspace(frames[0].time - place.half, frames[-1].time + place.half, 20_001)
-    velocity = place.pan + place.top_speed * np.interp(t, place.way.knots, place.way.velocity)
-    ways = np.r_[0.0, np.cumsum((velocity[1:] + velocity[:-1]) / 2 * np.diff(t))]
-    assert np.ptp(ways) == pytest.approx(60.0, rel=2e-3)
-    # A sum of both travels would have left no more than this.
-    assert place.top_speed > each.at(np.array([0.97, 1.0, 1.0, 0.5])).top_speed * (1 - 33.8 / 60)
-
-
-def test_fewer_frames_move_where_the_travel_is_short():
-    """A sweep of all of them would be too slow; with room for it, it is of half of them or more."""
-    scene = _in_window(BOTH_WAYS, 16)
-    times = FrameTimes.of(scene, scene.burst)
-    few, many = (
-        _moving_numbers("sweep", 16, _Room(limits, times, 16), 4500.0)
-        for limits in (Limits(max_stroke=33.0), Limits(max_stroke=190.0))
-    )
-    assert many == [8, 15, 16]
-    assert few[1:] == many
-    # The travel of the few is that of a top speed which pays.
-    assert 33.0 / (few[0] * times.period / 4) == pytest.approx(1.2 * 4500.0, rel=0.15)

@@ -497,6 +497,7 @@ def test_a_written_scene_names_its_photograph(tmp_path):
     ("keys", "burst"),
     [
         ("frames_per_s = 130\nmax_frames = 3", Burst(frames_per_s=130.0, max_frames=3)),
+        ("frames_per_s = 130", Burst(frames_per_s=130.0)),
         (
             "frames_per_s = 130\nmax_frames = 3\nwindow_ms = 17\ndead_time_ms = 0.7",
             Burst(frames_per_s=130.0, max_frames=3, window=0.017, dead_time=7e-4),
@@ -522,7 +523,7 @@ def test_free_paths_are_a_word_on_the_stage(tmp_path):
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ("[burst]\nframes_per_s = 130", r"`\[burst\] max_frames` must be given; got nothing"),
+        ("[burst]\nmax_frames = 0\nframes_per_s = 9", r"`\[burst\] max_frames` must be at least 1"),
         ("[burst]\nmax_frames = 3", r"`\[burst\] frames_per_s` must be given; got nothing"),
         (
             "[burst]\nframes_per_s = 125\nmax_frames = 3\ndead_time_ms = 8",

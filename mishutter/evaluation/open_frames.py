@@ -1,0 +1,174 @@
+r"""Errors that frames behind an open shutter leave, by NumPy alone.
+
+They are those of `mishutter.evaluation.frames`, which has the formula, its derivatives and every
+shutter. A search over bursts asks for hundreds, and a verdict on a scene for some: they must not
+cost a compiled program. An open frame needs none of it: at rest its response is a sinc, and on any
+path it is the mean of waves over the exposure.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from mishutter.evaluation.frames import in_parts
+from mishutter.evaluation.lengths import distinct_speeds
+from mishutter.evaluation.needs import sizes
+from mishutter.evaluation.power import lost_share, power_on_grid
+from mishutter.model import (
+    LinearMotion,
+    Scene,
+    frequencies,
+    noise_power,
+    pixel_response,
+    white_electrons,
+)
+
+Places = Callable[[Float[np.ndarray, "q"]], Float[np.ndarray, "k q"]]
+"""Places of the sensor in some frames at times from their mid-exposures; px, s."""
+_NODES = np.polynomial.legendre.leggauss(32)
+_PHASE = 40.0
+"""Half the phase, rad, that these nodes hold to 1e-8."""
+_FEW, _PARTS = 96, 3
+"""Frequencies that are enough to tell bursts apart, and parts of them with nodes of their own."""
+
+
+@dataclass(frozen=True)
+class OpenFrames:
+    """What frames of open shutters leave of a picture, whose speed a decoder knows.
+
+    Attributes:
+        scene: Light and noise.
+        speeds: Speeds that occur, ascending; px/s.
+        weights: How often each occurs; their sum is 1.
+        frequency: Frequencies; cycles/px.
+        power: Power of the picture at them.
+        steps: Share of the frequencies in (0, 0.5) that each stands for.
+        precision: Type of the numbers that waves are computed in.
+    """
+
+    scene: Scene
+    speeds: Float[np.ndarray, "n"]
+    weights: Float[np.ndarray, "n"]
+    frequency: Float[np.ndarray, "m"]
+    power: Float[np.ndarray, "m"]
+    steps: Float[np.ndarray, "m"]
+    precision: type = np.float64
+
+    @staticmethod
+    def of(scene: Scene, longest: float, *, folds: bool) -> "OpenFrames":
+        """The frames of a scene.
+
+        Args:
+            scene: Speeds, light and noise; concrete. A background counts as a part that moves on
+                its own.
+            longest: Longest exposure of a frame; s.
+            folds: Whether `+s` and `-s` count as one speed, as without a pan.
+        """
+        scene = in_parts(scene)
+        speeds, weights = (x.astype(np.float64) for x in distinct_speeds(scene, folds=folds))
+        count = sizes(scene, LinearMotion(half_exposure=longest / 2)).num_frequencies
+        grid = frequencies(count), power_on_grid(scene, count), np.full(count, 1 / count)
+        return OpenFrames(scene, speeds, weights / weights.sum(), *grid)
+
+    def coarser(self) -> "OpenFrames":
+        """The same at few frequencies, most of them low, in single precision."""
+        count = self.frequency.size
+        ends = np.unique(np.round(count * np.linspace(0, 1, 1 + _FEW) ** 2).astype(int))
+        widths = np.diff(ends)
+        frequency, power = (
+            np.add.reduceat(x, ends[:-1]) / widths for x in (self.frequency, self.power)
+        )
+        few = {"frequency": frequency, "power": power, "steps": widths / count}
+        return replace(self, **few, precision=np.float32)
+
+    @cached_property
+    def _aperture(self) -> Float[np.ndarray, "m"]:
+        blur = float(self.scene.optics.lens_blur)
+        return np.asarray(pixel_response(self.frequency, blur)) ** 2
+
+    @cached_property
+    def _light(self) -> tuple[float, float, float]:
+        """Photo-electrons a second at white, mean level and read noise."""
+        scene = self.scene
+        rate, mean, read = scene.photon_rate, scene.picture.mean_level, scene.read_noise
+        return float(rate), float(mean), float(read)
+
+    def at_rest(self, exposure: float) -> Float[np.ndarray, "n m"]:
+        """Power that passes one frame at rest, by speed and frequency.
+
+        Args:
+            exposure: Its exposure; s.
+        """
+        smear = self.frequency * exposure * self.speeds[:, None]
+        return np.sinc(smear) ** 2 * self._aperture
+
+    def on_paths(self, places: Places, exposure: float, fastest: float) -> Float[np.ndarray, "n m"]:
+        """Power that passes some frames together, by speed and frequency.
+
+        Args:
+            places: Places of the sensor.
+            exposure: Exposure of each frame; s.
+            fastest: Greatest speed of an object relative to the sensor; px/s.
+        """
+        # Low frequencies, which are most of a search's, need fewer nodes.
+        parts = [
+            self._passed(places, exposure / 2, fastest, frequency)
+            for frequency in np.array_split(self.frequency, _PARTS)
+        ]
+        return np.concatenate(parts, axis=1) * self._aperture
+
+    def _passed(
+        self, places: Places, half: float, fastest: float, frequency: Float[np.ndarray, "m"]
+    ) -> Float[np.ndarray, "n m"]:
+        """Power that passes at some frequencies, without the pixels' aperture."""
+        turns = 2 * np.pi * frequency
+        count = 1 + int(float(turns[-1]) * fastest * half / _PHASE)
+        x, weights = _NODES
+        middles = (2 * np.arange(count) + 1) / count - 1
+        times = half * (middles[:, None] + x / count).ravel()
+        weights = np.tile(weights / (2 * count), count).astype(self.precision)
+        position = places(times)[:, None] - self.speeds[:, None] * times
+        phase = turns.astype(self.precision)[:, None] * position.astype(self.precision)[:, :, None]
+        passed = (np.cos(phase) @ weights) ** 2 + (np.sin(phase) @ weights) ** 2
+        return np.sum(passed, axis=0)
+
+    def gained(self, passed: Float[np.ndarray, "n m"], exposure: float) -> Float[np.ndarray, "n m"]:
+        """Power of the picture over that of the noise in frames of an exposure.
+
+        Args:
+            passed: Power that passes them, as `at_rest` and `on_paths` have it.
+            exposure: Exposure of each; s.
+        """
+        rate, mean, read = self._light
+        electrons = white_electrons(rate, exposure)
+        noise = noise_power(1.0, mean, electrons, read)
+        lost = lost_share(self.power * electrons**2, passed, 0.0 * passed, noise)
+        with np.errstate(divide="ignore"):
+            return 1 / lost - 1
+
+    def errors(self, gained: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "n"]:
+        """Squared error that is left at each speed; white = 1.
+
+        Args:
+            gained: The sum over all frames.
+        """
+        return (self.power / (1 + gained)) @ self.steps
+
+    def error(self, gained: Float[np.ndarray, "n m"], *, at_worst: bool = False) -> float:
+        """Squared error that is left in the mean over the speeds, or at the worst of them.
+
+        Args:
+            gained: The sum over all frames.
+            at_worst: Whether it is that at the worst.
+        """
+        errors = self.errors(gained)
+        return float(np.max(errors) if at_worst else self.weights @ errors)
+
+
+def psnr_of_error(error: float) -> float:
+    """The level of a squared error; dB. Without any error it is infinite."""
+    return -10 * math.log10(error) if error > 0 else math.inf
