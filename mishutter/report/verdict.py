@@ -31,6 +31,7 @@ from mishutter.search import (
     best_row,
     beyond_limits,
     forbids_free_path,
+    pays,
     simplest,
     taken_names,
 )
@@ -161,14 +162,14 @@ class Case:
     def burst_pays(self) -> bool:
         """Whether a burst is worth taking in place of the choice.
 
-        One at rest takes nothing to build, and needs to be no better than what does. Before a
-        background bursts are told more than a single exposure, with which they do not compare.
+        Before a background bursts are told more than a single exposure, with which they do not
+        compare.
         """
-        if self.bursts is None or self.bursts.top.num_frames == 1:
+        if self.bursts is None or self.bursts.top.sequence is None:
             return False
-        is_simpler = self.is_coded and not self.bursts.top.required_hardware & {STAGE}
-        gain = self.bursts.top.margin_over(self.choice)
-        return self.bursts.in_parts or gain >= (-WORTH_IT if is_simpler else WORTH_IT)
+        top = self.bursts.top
+        gain = math.inf if self.bursts.in_parts else top.margin_over(self.choice)
+        return pays(top.sequence, gain, builds=self.is_coded)
 
     @property
     def takes_burst(self) -> bool:

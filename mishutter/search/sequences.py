@@ -32,22 +32,36 @@ def best_bursts(scene: Scene) -> tuple[FrameSequence, ...]:
     return tuple(each for each in found if each is not None)
 
 
-def to_take(bursts: tuple[FrameSequence, ...]) -> FrameSequence:
+def to_take(bursts: tuple[FrameSequence, ...], *, at_worst: bool = False) -> FrameSequence:
     """The burst that moves, or that at rest where moving gains less than is worth a stage.
 
     Args:
         bursts: As `best_bursts` returns them, of which there are two.
+        at_worst: Whether levels are those at the worst of the speeds.
     """
     still, moving = bursts
-    return moving if moving.psnr >= still.psnr + WORTH_IT else still
+    gain = _level(moving, at_worst=at_worst) - _level(still, at_worst=at_worst)
+    return moving if gain >= WORTH_IT else still
+
+
+def pays(burst: FrameSequence, gain: float, *, builds: bool = True) -> bool:
+    """Whether a burst is worth taking in place of one exposure.
+
+    One at rest takes nothing to build, and needs to be no better than what does.
+
+    Args:
+        burst: The burst.
+        gain: Its level above that of the exposure, by a decoder that knows the speed; dB.
+        builds: Whether the exposure takes something to build.
+    """
+    is_simpler = builds and not burst.moves
+    return burst.num_frames > 1 and gain >= (-WORTH_IT if is_simpler else WORTH_IT)
 
 
 def instead_of(
     bursts: tuple[FrameSequence, ...], level: float, *, at_worst: bool = False
 ) -> FrameSequence | None:
     """The burst to take in place of a design of one exposure; None where that is as good.
-
-    One at rest takes nothing to build, and needs to be no better than what does.
 
     Args:
         bursts: As `best_bursts` returns them.
@@ -56,7 +70,9 @@ def instead_of(
     """
     if not bursts:
         return None
-    burst = to_take(bursts)
-    own = burst.worst_psnr if at_worst else burst.psnr
-    is_worth_it = own >= level + (WORTH_IT if burst.moves else -WORTH_IT)
-    return burst if burst.num_frames > 1 and is_worth_it else None
+    burst = to_take(bursts, at_worst=at_worst)
+    return burst if pays(burst, _level(burst, at_worst=at_worst) - level) else None
+
+
+def _level(burst: FrameSequence, *, at_worst: bool) -> float:
+    return burst.worst_psnr if at_worst else burst.psnr
