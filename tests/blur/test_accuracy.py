@@ -199,6 +199,7 @@ def test_objects_at_rest(slug, precision):
 @pytest.mark.slow
 @pytest.mark.parametrize("precision", DTYPES)
 @pytest.mark.parametrize("slug", ["hann", "spline-symmetric"])
+@pytest.mark.daily(2)
 def test_slow_objects_under_a_symmetric_profile(slug, precision):
     """By speed, where the branches all but cancel: relative to their sum, not to one branch."""
     dtype, rng = DTYPES[precision], np.random.default_rng(3)
@@ -222,6 +223,7 @@ def test_slow_objects_under_a_symmetric_profile(slug, precision):
 @pytest.mark.slow
 @pytest.mark.parametrize("precision", DTYPES)
 @pytest.mark.parametrize("slug", ["gaussian", "spline-symmetric"])
+@pytest.mark.daily(2)
 def test_slow_objects_half_way_between_breakpoints(slug, precision):
     """By speed, where the crossings of an edge are timed from breakpoints that do not mirror."""
     dtype, rng = DTYPES[precision], np.random.default_rng(5)
@@ -244,6 +246,7 @@ def test_slow_objects_half_way_between_breakpoints(slug, precision):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("precision", DTYPES)
+@pytest.mark.daily(1)
 def test_gaussians_about_as_narrow_as_the_drift(precision):
     """Taps and derivatives, from the middle of the profile out into its tail."""
     dtype, rng = DTYPES[precision], np.random.default_rng(4)

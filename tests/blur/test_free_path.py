@@ -40,6 +40,7 @@ LARGEST = {np.float64: 8.0, np.float32: 6.0}
     ("slug", "dtype", "seed"),
     [("flutter", np.float32, 12), ("tukey", np.float64, 3)],
 )
+@pytest.mark.daily(1)
 def test_taps_and_derivatives(slug, dtype, seed):
     """By every acceleration, the exposure, speed, velocity and position, at 5 points."""
     rng = np.random.default_rng(seed)
@@ -61,7 +62,7 @@ def test_taps_and_derivatives(slug, dtype, seed):
         ("spline", np.float64),
     ],
 )
-@pytest.mark.daily(2)
+@pytest.mark.daily(1)
 def test_taps_and_derivatives_over_the_domain(slug, dtype):
     """A longer sweep, of 10 points each."""
     rng = np.random.default_rng(17)

@@ -146,6 +146,7 @@ def test_a_moving_sensor_shows_all_that_it_restores(rows, speed):
         (16.0, 3900.0, slice(120, 136), 320),
     ],
 )
+@pytest.mark.daily(1)
 def test_smooth_pictures_on_narrow_sensors_tell_the_speed(blur, speed, rows, columns):
     """Their windows show mostly how these fade, so that the search begins far from the speed."""
     picture = np.asarray(example_picture().light)[rows, :, 1]

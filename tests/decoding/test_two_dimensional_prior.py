@@ -209,6 +209,7 @@ def test_tikhonov_is_nearly_the_best_filter(speed):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("rows", [1, 2, 5])
+@pytest.mark.daily(1)
 def test_total_variation_of_few_rows(rows):
     """As many as there are, and in single precision as in double."""
     captured = jnp.asarray(captured_at(400.0)[:rows], jnp.float32)

@@ -240,6 +240,7 @@ def test_no_random_path_exceeds_the_ceiling(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
+@pytest.mark.daily(1)
 def test_none_of_two_thousand_paths_exceeds_the_ceiling(name):
     """A quarter of them on each scene: a bound that 0.6 % of the paths exceed is found out."""
     _check_paths(SCENES[name], 7 * len(name), 500)

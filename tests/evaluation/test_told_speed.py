@@ -117,6 +117,7 @@ def test_gradients_are_right_to_rounding(slug):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("slug", LOSSES)
+@pytest.mark.daily(1)
 def test_hessians_are_right(slug):
     """By the same, to 1e-6 of the largest."""
     loss, share = LOSSES[slug]

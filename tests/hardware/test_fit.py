@@ -185,6 +185,7 @@ def test_edges_show_the_camera():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [4, 19])
+@pytest.mark.daily(1)
 def test_error_bars_of_edges_are_those_of_the_likelihood(seed):
     """Noise that hides a jump of the profile tells of too good a view; error bars see through it.
 
@@ -284,7 +285,7 @@ STEEP = ["decays", "ramps", "opens half-way", "leaks", "lags", "is held"]
 @pytest.mark.slow
 @pytest.mark.parametrize("target", ["point", "edge"])
 @pytest.mark.parametrize("kind", STEEP)
-@pytest.mark.daily(2)
+@pytest.mark.daily(1)
 def test_a_steep_profile_is_found_where_a_symmetric_one_was_sent(kind, target):
     """The stage is off too, and the profile of the light sent explains it with another stage."""
     rng = np.random.default_rng([STEEP.index(kind), target == "edge"])

@@ -98,6 +98,7 @@ def by_slit(kind, half_width):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("half_width", [0.51, 0.7345, 0.05018, 0.5, 1.0, 0.5 + 1e-9, 0.5 - 1e-16])
+@pytest.mark.daily(3)
 def test_a_declared_jump_is_exact(half_width):
     """As the shorter exposure that it is, value and slope; also where pieces meet anyway."""
     width = jnp.array(half_width)

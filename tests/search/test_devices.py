@@ -134,7 +134,7 @@ def _design_of_pixels(name, full_well):
 @pytest.mark.slow
 @pytest.mark.parametrize("full_well", [60.0, 600.0])
 @pytest.mark.parametrize("name", SHUTTERS)
-@pytest.mark.daily(2)
+@pytest.mark.daily(1)
 def test_no_design_fills_a_pixel(full_well, name):
     """The exposure ends where white fills it, and is no shorter than it need be."""
     found, unlimited = _design_of_pixels(name, full_well), _design_of_pixels(name, None)
