@@ -38,7 +38,7 @@ _FEW, _PARTS = 96, 3
 
 @dataclass(frozen=True)
 class OpenFrames:
-    """What frames of open shutters leave of a picture, whose speed a decoder knows.
+    """Frames of open shutters, and their errors for a decoder that knows the speed.
 
     Attributes:
         scene: Light and noise.
