@@ -22,10 +22,12 @@ from scipy.interpolate import PchipInterpolator
 from scipy.optimize import minimize, minimize_scalar
 
 from benchmarks import harness
-from mishutter import Burst, Limits, Scene
+from mishutter import Burst, FreeMotion, Limits, Scene, TimedFrame
 from mishutter.evaluation import (
     StillBursts,
     larger,
+    loss_of_width,
+    registration,
     sizes,
 )
 from mishutter.evaluation.frames import (
@@ -33,8 +35,6 @@ from mishutter.evaluation.frames import (
     alternating_frames,
     burst_psnr,
     panned_frames,
-    psnr_of_width,
-    registration,
     seen_by,
     sine_frames,
     still_frames,
@@ -448,17 +448,22 @@ def pair(light: float, noise: float) -> dict[str, FrameGroup]:
     }
 
 
-def period_of(frames: FrameGroup) -> float:
-    """Time from one of four frames to the next, over the whole window; s."""
-    return (WINDOW - float(frames.motion.exposure)) / 3
+def in_time(frames: FrameGroup) -> list[TimedFrame]:
+    """Four frames over the whole window, of which every other one goes the other way."""
+    half, acceleration = (float(x) for x in (frames.motion.half_exposure, frames.motion.bend))
+    period = WINDOW / 3 - 2 * half / 3
+    back = FreeMotion(accelerations=np.array([-acceleration]), half_exposure=half)
+    swing = 2 * acceleration * half * (period - half)
+    ways = ((frames.motion, 0.0), (back if acceleration else frames.motion, swing)) * 2
+    return [TimedFrame(motion, (k - 1.5) * period, place) for k, (motion, place) in enumerate(ways)]
 
 
 def registered(light: float, noise: float) -> list[dict[str, Any]]:
-    """The least error of the speed of an object from the places at which frames show it."""
+    """The least error of the speed of an object in four frames."""
     scene = Scene([SPEED], photon_rate=light, read_noise=noise)
     rows = []
     for name, frames in pair(light, noise).items():
-        bound = registration(scene, frames, period=period_of(frames), num_samples=4096)
+        bound = registration(scene, in_time(frames))
         rows.append(
             {
                 "frames": f"{case(light, noise)}, {name}",
@@ -484,10 +489,9 @@ def over_widths(light: float, noise: float) -> list[dict[str, Any]]:
     """Levels on sensors that objects enter and leave."""
     scene, rows = scene_of(light, noise), []
     for name, frames in pair(light, noise).items():
-        period = period_of(frames)
+        endless, timed = float(burst_psnr(scene, [frames])), in_time(frames)
         levels = {
-            f"{width:g} px": float(psnr_of_width(scene, frames, period=period, width=width))
-            for width in WIDTHS
+            f"{width:g} px": endless - loss_of_width(scene, timed, width=width) for width in WIDTHS
         }
         rows.append({"frames": name} | levels)
     rows.append({"frames": "gain"} | {k: rows[1][k] - rows[0][k] for k in rows[0] if "px" in k})

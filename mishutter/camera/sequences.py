@@ -9,7 +9,6 @@ share that frame of reference, and so do the pictures that are restored from the
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -19,7 +18,6 @@ from mishutter._core import (
     RowLike,
     alone_in_blas,
     as_float,
-    outside_trace,
     require,
     require_finite,
     require_key,
@@ -30,13 +28,10 @@ from mishutter._core import (
 from mishutter.blur import waves_on_dft
 from mishutter.camera.capture import as_radiance, distinct_colours, every_colour
 from mishutter.camera.noise import recorded
-from mishutter.camera.occlusion import nodes_for
 from mishutter.camera.rows import MAX_REACH, channels_last, continued, period_of, rows_last
-from mishutter.evaluation import nodes_in_time
+from mishutter.evaluation import FrameNodes, nodes_of_frames
 from mishutter.model import (
-    AbstractMotion,
     Optics,
-    RectShutter,
     Scene,
     TimedFrame,
     require_scene,
@@ -44,53 +39,6 @@ from mishutter.model import (
     white_electrons,
 )
 from mishutter.pictures import Picture, pixels_along, turned
-
-
-class FrameNodes(NamedTuple):
-    """Instants of one frame, and where its sensor is then.
-
-    Attributes:
-        time: Time from the middle of the sequence; s.
-        place: Place of the sensor, from that at the middle of the sequence; px.
-        weight: Share of the exposure, of an open shutter.
-    """
-
-    time: Float[np.ndarray, "q"]
-    place: Float[np.ndarray, "q"]
-    weight: Float[np.ndarray, "q"]
-
-
-def nodes_of_frames(frames: Sequence[TimedFrame], fastest: float) -> list[FrameNodes]:
-    """Quadrature nodes of each frame, for things up to a speed.
-
-    Args:
-        frames: The frames.
-        fastest: Greatest speed of a thing, of either sign; px/s.
-    """
-    with outside_trace():
-        middle = _place_at_middle(frames)
-        return [_nodes_of(frame, fastest, middle) for frame in frames]
-
-
-def _place_at_middle(frames: Sequence[TimedFrame]) -> float:
-    """Place of the sensor at the middle of the sequence, be a frame exposed then or not; px."""
-    near = []
-    for frame in frames:
-        half = float(frame.motion.half_exposure)
-        time = np.clip(-frame.time, -half, half)
-        near.append((frame.time + time, frame.position + float(frame.motion.position(time))))
-    times, places = zip(*sorted(near), strict=True)
-    return float(np.interp(0.0, times, places))
-
-
-def _nodes_of(frame: TimedFrame, fastest: float, middle: float) -> FrameNodes:
-    motion: AbstractMotion = frame.motion
-    half = float(motion.half_exposure)
-    count = nodes_for((float(motion.top_speed) + fastest) * half)
-    tau, weight = nodes_in_time(RectShutter(), motion, count)
-    time = half * np.asarray(tau, np.float64)[0]
-    place = frame.position + np.asarray(motion.position(time), np.float64) - middle
-    return FrameNodes(frame.time + time, place, np.asarray(weight, np.float64)[0])
 
 
 def responses_of_frames(

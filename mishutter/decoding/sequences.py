@@ -26,7 +26,6 @@ from jaxtyping import ArrayLike, Complex, Float
 
 from mishutter._core import RowLike, alone_in_blas, as_float, require, require_scalar, shape_of
 from mishutter.camera import (
-    FrameNodes,
     Planes,
     as_pixels,
     distinct_colours,
@@ -34,7 +33,6 @@ from mishutter.camera import (
     fast_length,
     furthest,
     kernel_layout,
-    nodes_of_frames,
     responses_of_frames,
     rows_last,
 )
@@ -49,6 +47,7 @@ from mishutter.decoding.decoders.base import CompleteFrames, density_of
 from mishutter.decoding.decoders.linear import LEAST_POWER, mean_over_dft
 from mishutter.decoding.decoders.speed import BEYOND, LITTLE, luminance_shares
 from mishutter.decoding.restoration import restored_light
+from mishutter.evaluation import FrameNodes, nodes_of_frames
 from mishutter.model import (
     RectShutter,
     Scene,

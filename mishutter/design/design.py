@@ -316,8 +316,13 @@ def sequence_to_dict(sequence: FrameSequence) -> dict[str, Any]:
         for frame in sequence.frames
     ]
     levels = {"psnr_db": sequence.psnr, "worst_speed_psnr_db": sequence.worst_psnr}
+    losses = {
+        "registration_loss_db": sequence.registration_loss,
+        "width_loss_db": sequence.width_loss,
+    }
+    known = {name: loss for name, loss in losses.items() if loss is not None}
     ways = {"travel_px": sequence.travel, "pan_px_per_s": sequence.pan}
-    return {"kind": sequence.kind, **ways, **levels, "frames": frames}
+    return {"kind": sequence.kind, **ways, **levels, **known, "frames": frames}
 
 
 def scene_to_dict(scene: Scene) -> dict[str, object]:
@@ -360,6 +365,8 @@ def _sequence(saved: SavedSequence) -> FrameSequence:
         saved.psnr_db,
         saved.worst_speed_psnr_db,
         saved.pan_px_per_s,
+        saved.registration_loss_db,
+        saved.width_loss_db,
     )
 
 

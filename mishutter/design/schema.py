@@ -68,6 +68,8 @@ class SavedSequence(Part):
     pan_px_per_s: float = 0.0
     psnr_db: Result
     worst_speed_psnr_db: Result
+    registration_loss_db: float | None = None
+    width_loss_db: float | None = None
     frames: Annotated[list[SavedFrame], Field(min_length=1)]
 
 

@@ -1,4 +1,4 @@
-r"""Several frames of one picture: their level, and the price of registering them.
+r"""Several frames of one picture: their level.
 
 A decoder that registers the frames of a burst knows the speed $s$, and restores one picture from
 $g_k = h_k * r + \text{noise}$ with independent noise. It leaves
@@ -37,7 +37,6 @@ from mishutter.model import (
     RectShutter,
     Scene,
     StillCamera,
-    frequency_grid,
 )
 
 _PIECES_OF_SINE = 32
@@ -194,99 +193,6 @@ def errors_by_speed(
     """
     exposed, num_each = _exposed(scene, frames, plan)
     return _errors(exposed, num_each, scene.speeds.size)
-
-
-class Registration(NamedTuple):
-    """The least error to which frames can be registered, and its cost.
-
-    Attributes:
-        deviation: Standard deviation of the speed, at each speed of the scene; px/s, shape `(n,)`.
-        loss: Decibels that the level at that speed loses by it; shape `(n,)`.
-    """
-
-    deviation: Float[Array, "n"]
-    loss: Float[Array, "n"]
-
-
-def registration(
-    scene: Scene, frames: FrameGroup, *, period: ArrayLike, num_samples: ArrayLike
-) -> Registration:
-    r"""The Cramer-Rao bound of the speed, from the places of an object in frames that are alike.
-
-    A sample of a row holds the information
-    $J = 2\int_0^{1/2} (2\pi f\tau)^2 \frac{\rho^2}{1+\rho}\,df$ about the speed, where
-    $\rho = nS|H|^2/N$ and $\tau^2 = P^2(n^2 - 1)/12$ is the variance of the mid-exposures. A speed
-    that is off by $\delta$ costs
-    $\delta^2\,2\int_0^{1/2}(2\pi f\tau)^2\frac{S\rho}{(1+\rho)^2}\,df$. The blur, which tells the
-    speed too, does not count. A parabola sees an object when it keeps up with it: in parabolas of
-    alternating direction that is not at equal intervals, which changes $\tau$.
-
-    Args:
-        scene: Speeds, light and noise.
-        frames: Two or more frames at one velocity.
-        period: Time from one frame to the next, $P$; s.
-        num_samples: Independent samples that show the object; 4096 of a region of 64 x 64 px.
-    """
-    (exposed,), (num_frames,) = _exposed(scene, [frames], None)
-    errors = LinearErrors(*exposed)
-    lost, power = errors.lost_known_by_speed, errors.power
-    density = num_frames * (1 / lost - 1)
-    spread = jnp.asarray(period) ** 2 * (num_frames**2 - 1) / 12
-    omega = 2 * np.pi * frequency_grid(power.size, np.dtype(power.dtype))[None]
-    # $(2\pi f\tau)^2$, by which a wave of frequency $f$ tells the speed.
-    sharpness = omega**2 * spread
-    power = power[None]
-    information = jnp.mean(sharpness * density**2 / (1 + density), axis=1)
-    excess = jnp.mean(sharpness * power * density / (1 + density) ** 2, axis=1)
-    error = jnp.mean(power / (1 + density), axis=1)
-    variance = 1 / (jnp.asarray(num_samples) * information)
-    return Registration(jnp.sqrt(variance), 10 * jnp.log10(1 + variance * excess / error))
-
-
-def psnr_of_width(
-    scene: Scene, frames: FrameGroup, *, period: float, width: float
-) -> Float[Array, ""]:
-    """PSNR of equal frames on a sensor that objects enter and leave, over the middle frame; dB.
-
-    Each point of an object is restored from those frames that see it.
-
-    Args:
-        scene: Speeds, light and noise; its speeds concrete.
-        frames: Frames at one velocity.
-        period: Time from one frame to the next; s.
-        width: Width of the sensor along the rows; px.
-    """
-    scene, num_frames = in_parts(scene), int(np.asarray(frames.num_each))
-    (exposed,), _ = _exposed(scene, [frames], None)
-    speeds = np.abs(np.asarray(exposed.scene.speeds, np.float64))
-    shares = np.stack([shares_seen(num_frames, speed * period / width) for speed in speeds])
-    errors = [LinearErrors(*exposed)]
-    by_number = [
-        known_speed_errors_of_frames(errors, jnp.full(1, float(n)), speeds.size)
-        for n in range(1, num_frames + 1)
-    ]
-    of_each = jnp.sum(jnp.asarray(shares.T) * jnp.stack(by_number), axis=0)
-    return -10 * jnp.log10(jnp.sum(scene.weights * of_each))
-
-
-def shares_seen(num_frames: int, step: float) -> Float[np.ndarray, "{num_frames}"]:
-    r"""Shares of the middle frame's picture that 1, 2, ... frames see.
-
-    A point at $u$ of the width is in $1 + \min(q_l, \lfloor u/d\rfloor) +
-    \min(q_r, \lfloor (1-u)/d\rfloor)$ frames, of which $q_l$ and $q_r$ are before and after.
-
-    Args:
-        num_frames: Number of frames.
-        step: Way of an object from one frame to the next, as a share of the width, $d$.
-    """
-    if step == 0:
-        return np.eye(num_frames)[-1]
-    before, after = (num_frames - 1) // 2, num_frames // 2
-    ends = np.r_[0, 1, np.arange(1, before + 1) * step, 1 - np.arange(1, after + 1) * step]
-    ends = np.unique(np.clip(ends, 0, 1))
-    middles = (ends[1:] + ends[:-1]) / 2
-    seen = np.minimum(before, middles // step) + np.minimum(after, (1 - middles) // step)
-    return np.bincount(seen.astype(int), weights=np.diff(ends), minlength=num_frames)
 
 
 def ceiling_of_frames(scene: Scene, num_frames: int, *, window: float) -> Float[Array, ""]:

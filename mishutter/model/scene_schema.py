@@ -116,13 +116,14 @@ class OcclusionSection(Section):
 
 @final
 class SensorSection(Section):
-    """Noise of the sensor, how many electrons a pixel holds, and which way things move."""
+    """Noise of the sensor, what a pixel holds, which way things move, and how far it reaches."""
 
     read_noise_e: Annotated[float, Field(ge=0, le=1e6)] | None = None
     dynamic_range_db: Annotated[float, Field(ge=1, le=200)] | None = None
     full_well_e: Annotated[float, Field(gt=0, le=1e9)] | None = None
     pixel_pitch_um: Annotated[float, Field(ge=0.1, le=1000)] | None = None
     axis: Axis = "rows"
+    width_px: Annotated[float, Field(gt=0, le=1e6)] | None = None
 
 
 @final

@@ -1,4 +1,4 @@
-"""The sensor: what a pixel holds, how pictures are turned, and the frames that it reads out."""
+"""The sensor: what a pixel holds, which way things move, its width, and the frames it reads out."""
 
 from typing import final, get_args
 
@@ -19,31 +19,44 @@ from mishutter.pictures import Axis
 
 @final
 class Sensor(eqx.Module):
-    """The electrons that a pixel holds, and the axis of pictures that things move along.
+    """The electrons that a pixel holds, the axis that things move along, and its length.
 
     Args:
         full_well: Electrons at which a pixel is full: searches expose white to no more; no limit
             by default; e-.
         axis: Axis of pictures along which things and the sensor move: `"rows"`, across, or
             `"columns"`, a positive speed up. Captures, decoders and photographs know it.
+        width: Length of the sensor along that axis: bursts are told what objects that enter and
+            leave cost; without end by default; px.
 
     Raises:
-        ValueError: if `full_well` is no scalar above 0, or `axis` is neither.
+        ValueError: if `full_well` or `width` is no scalar above 0, or `axis` is neither.
     """
 
     full_well: Array | None
+    width: Array | None
     axis: Axis = eqx.field(static=True)
 
-    def __init__(self, *, full_well: ArrayLike | None = None, axis: Axis = "rows"):
-        self.full_well = None
+    def __init__(
+        self,
+        *,
+        full_well: ArrayLike | None = None,
+        axis: Axis = "rows",
+        width: ArrayLike | None = None,
+    ):
+        self.full_well = self.width = None
         if full_well is not None:
             self.full_well = as_float(full_well, "Sensor(full_well=...)")
+        if width is not None:
+            self.width = as_float(width, "Sensor(width=...)")
         self.axis = axis
 
     def __check_init__(self) -> None:
-        if self.full_well is not None:
-            require_scalar("Sensor(full_well=...)", self.full_well)
-            require_at_least("Sensor(full_well=...)", self.full_well, "above 0", strict=True)
+        for name in ("full_well", "width"):
+            value, subject = getattr(self, name), f"Sensor({name}=...)"
+            if value is not None:
+                require_scalar(subject, value)
+                require_at_least(subject, value, "above 0", strict=True)
         is_axis = self.axis in get_args(Axis)
         require(is_axis, "Sensor(axis=...)", "be 'rows' or 'columns'", self.axis)
 

@@ -154,6 +154,8 @@ def comparison_tables(comparison: "Comparison", *, verbose: bool = False) -> lis
                 cameras, notes = _few(comparison, cameras), (*comparison.notes, _REST)
                 return [_table(reading, columns, _cells(comparison, cameras, columns), notes)]
             notes = _notes([camera[0] for camera in cameras], columns)
+            if verbose and comparison.sequence is not None:
+                notes += (f"{'frames':<11}{_GAP}{comparison.sequence.text}",)
             tables += [_table(reading, columns, _cells(comparison, cameras, columns), notes)]
             tables += [_purchases(comparison, within)]
             tables += [] if comparison.costs is None else [_costs(comparison)]

@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 from mishutter.design import Design
-from mishutter.evaluation import FAN, SINE, SWEEP, StillBurst, StillBursts
+from mishutter.evaluation import FAN, REGION, SINE, SWEEP, StillBurst, StillBursts
 from mishutter.model import (
     AbstractDevice,
     FrameSequence,
@@ -38,6 +38,8 @@ from mishutter.search import (
 
 _WIDTH = 80
 """Columns of a line of a verdict."""
+_SAID_LOSS = 0.05
+"""Loss of a burst on a real sensor from which on a verdict says it; dB."""
 PLAIN_RATE, MOST_RATE = 30.0, 1000.0
 """Frame rate that every camera has, and the greatest that a verdict looks for; 1/s."""
 
@@ -81,12 +83,24 @@ class Bursts(NamedTuple):
         equal_stills: The least number of stills in the time of that burst which have its level;
             None where none has, or it is at rest.
         in_parts: Whether the picture has a background, whose edges do not count for bursts.
+        width: Width of the sensor; px. None where the scene does not say it.
     """
 
     still: Row
     top: Row
     equal_stills: int | None = None
     in_parts: bool = False
+    width: float | None = None
+
+    @property
+    def width_loss(self) -> float:
+        """Loss of the burst to take by things that leave the sensor; dB."""
+        return self.top.sequence.width_loss or 0.0  # type: ignore[union-attr]
+
+    @property
+    def registration_loss(self) -> float:
+        """Its loss by the error of the speed that its frames tell; dB."""
+        return self.top.sequence.registration_loss or 0.0  # type: ignore[union-attr]
 
 
 def bursts_of(scene: Scene, rows: Sequence[Row]) -> Bursts | None:
@@ -100,14 +114,15 @@ def bursts_of(scene: Scene, rows: Sequence[Row]) -> Bursts | None:
     still, moving = by_name.get(BEST_STILL_BURST), by_name.get(BEST_MOVING_BURST)
     if still is None or moving is None or moving.sequence is None:
         return None
-    in_parts = scene.occlusion is not None
+    in_parts, width = scene.occlusion is not None, scene.sensor.width
+    width = None if width is None else float(width)
     # A single exposure needs nothing to register, and has rows of its own.
     if moving.num_frames == 1 or moving.margin_over(still) < WORTH_IT:
-        return Bursts(still, still, in_parts=in_parts)
+        return Bursts(still, still, in_parts=in_parts, width=width)
     window = moving.sequence.duration
     stills = StillBursts(scene, at_worst=moving.at_worst, window=window)
     count = stills.number_that_equals(moving.level, most=math.ceil(MOST_RATE * window))
-    return Bursts(still, moving, count, in_parts)
+    return Bursts(still, moving, count, in_parts, width)
 
 
 @dataclass(frozen=True)
@@ -356,13 +371,45 @@ def _of_one_exposure(case: Case) -> str:
     return f"{best}, of one exposure, has {case.level}: {case.choice.setting}."
 
 
+def _leaves(case: Case) -> str:
+    """The cost of things that leave the sensor, also to the frames at rest that are compared."""
+    bursts: Bursts = case.bursts  # type: ignore[assignment]
+    sentence = (
+        f"On a sensor of {bursts.width:,.6g} px, points that leave it cost "
+        f"{bursts.width_loss:.2f} dB"
+    )
+    if bursts.top is not bursts.still:
+        still: FrameSequence = bursts.still.sequence  # type: ignore[assignment]
+        sentence += f", and the best still burst {still.width_loss or 0.0:.2f} dB"
+    return paragraph(f"{sentence}.")
+
+
+def _registers(case: Case) -> str:
+    bursts: Bursts = case.bursts  # type: ignore[assignment]
+    return (
+        f"Registration by {REGION} x {REGION} px costs {bursts.registration_loss:.2f} dB at the "
+        "worst speed."
+    )
+
+
 def paragraph(sentence: str) -> str:
     """Sentences in lines of a verdict's width, the first with a capital."""
     return textwrap.fill(f"{sentence[0].upper()}{sentence[1:]}", _WIDTH)
 
 
+_OF_FRAMES = (
+    Rule(lambda case: case.burst_pays, _burst),
+    Rule(
+        lambda case: case.burst_pays and case.bursts.width_loss >= _SAID_LOSS,  # type: ignore[union-attr]
+        _leaves,
+    ),
+    Rule(
+        lambda case: case.burst_pays and case.bursts.registration_loss >= _SAID_LOSS,  # type: ignore[union-attr]
+        _registers,
+    ),
+)
 _OF_BURSTS = (
-    Rule(lambda case: case.takes_burst, _burst),
+    *_OF_FRAMES,
     Rule(lambda case: case.takes_burst, _of_one_exposure),
     Rule(
         lambda case: case.burst_pays and case.bursts.in_parts,  # type: ignore[union-attr]
@@ -384,7 +431,7 @@ RULES = (
     Rule(lambda case: case.top.margin_over(case.choice) >= LEAST_SHOWN, _more),
     Rule(lambda case: case.is_coded and case.nearest_simpler is not None, _simpler),
     Rule(_stills_pay, _stills),
-    Rule(lambda case: case.burst_pays, _burst),
+    *_OF_FRAMES,
     _OF_BURSTS[-1],
 )
 """The sentences of a verdict, in their order."""

@@ -1,6 +1,6 @@
 """The frames that a camera with a burst is to take, if it is to take more than one exposure."""
 
-from mishutter.evaluation import best_moving_burst, best_still_burst
+from mishutter.evaluation import best_moving_burst, best_still_burst, with_losses
 from mishutter.model import FrameSequence, Scene, require_scene
 from mishutter.search.rows import WORTH_IT
 
@@ -29,7 +29,7 @@ def best_bursts(scene: Scene) -> tuple[FrameSequence, ...]:
         scene: Speeds, light, noise, limits and burst.
     """
     found = best_still_burst(scene), best_moving_burst(scene)
-    return tuple(each for each in found if each is not None)
+    return tuple(with_losses(scene, each) for each in found if each is not None)
 
 
 def to_take(bursts: tuple[FrameSequence, ...], *, at_worst: bool = False) -> FrameSequence:

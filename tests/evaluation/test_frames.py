@@ -19,9 +19,6 @@ from mishutter.evaluation.frames import (
     burst_psnr,
     ceiling_of_frames,
     panned_frames,
-    psnr_of_width,
-    registration,
-    shares_seen,
     sine_frames,
     still_frames,
     sweep_frames,
@@ -185,82 +182,6 @@ def test_the_ceiling_of_frames_is_that_of_their_light():
     assert most - 0.5 < level < most
     one = float(ceiling_of_frames(scene, 1, window=WINDOW))
     assert one == pytest.approx(float(ceiling(scene)), abs=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("frames", "period", "levels"),
-    [
-        (
-            lambda: still_frames(4, 0.75e-3),
-            (WINDOW - 1.5e-3) / 3,
-            {512.0: 27.9830, 2048.0: 28.1852},
-        ),
-        (lambda: alternating_frames(4, 1e-2, 27e4), WINDOW / 4, {512.0: 30.7466, 2048.0: 30.9682}),
-    ],
-    ids=["stills", "parabolas"],
-)
-def test_points_that_leave_the_sensor_are_seen_in_fewer_frames(frames, period, levels):
-    """Levels of narrow and wide sensors, which rise to that of one without an end."""
-    scene, frames = _scene(), frames()
-    for width, level in levels.items():
-        computed = float(psnr_of_width(scene, frames, period=period, width=width))
-        assert computed == pytest.approx(level, abs=1e-3)
-    endless = float(psnr_of_width(scene, frames, period=period, width=1e9))
-    assert endless == pytest.approx(float(burst_psnr(scene, [frames])), abs=1e-5)
-
-
-def test_shares_of_a_picture_are_counted_point_by_point():
-    """Each point of the middle frame, moved on frame by frame, is in as many as it is seen in."""
-    points = (np.arange(40_000) + 0.5) / 40_000
-    for num_frames, step in ((4, 0.13), (5, 0.31), (2, 0.77), (3, 1.6)):
-        middle = (num_frames - 1) // 2
-        places = points[:, None] + (np.arange(num_frames) - middle) * -step
-        seen = np.sum((places >= 0) & (places <= 1), axis=1)
-        counted = np.bincount(seen - 1, minlength=num_frames) / points.size
-        np.testing.assert_allclose(shares_seen(num_frames, step), counted, atol=1e-4)
-
-
-def _brute_registration(scene, half, path, num_frames, period, speed, step=1.0):
-    """Deviation and loss by the whole covariance of the frames, with the blur that moves too."""
-    at = (np.arange(num_frames) - (num_frames - 1) / 2) * period
-    here, above, below = (
-        np.stack([_response(half, path, s, t) for t in at], axis=1) * np.sinc(F)[:, None]
-        for s in (speed, speed + step, speed - step)
-    )
-    noise, slope = _noise(scene, half), (above - below) / (2 * step)
-
-    def outer(a, b):
-        return POWER[:, None, None] * a[:, :, None] * b[:, None, :].conj()
-
-    covariance = outer(here, here) + noise * np.eye(num_frames)
-    change = np.linalg.solve(covariance, outer(slope, here) + outer(here, slope))
-    return 1 / np.sqrt(4096 * (DF @ np.einsum("fij,fji->f", change, change).real) / 2)
-
-
-@pytest.mark.slow
-def test_registration_is_the_bound_of_the_whole_covariance():
-    """Of frames at rest and of parabolas in one direction: their blur tells hardly any more."""
-    scene, speed = _scene(speeds=[3000.0]), 3000.0
-    half, period = 0.75e-3, (WINDOW - 1.5e-3) / 3
-    stills = still_frames(4, half)
-    deviation, loss = registration(scene, stills, period=period, num_samples=4096)
-    brute = _brute_registration(scene, half, _still, 4, period, speed)
-    assert float(deviation[0]) == pytest.approx(brute, rel=1e-3)
-    assert float(deviation[0]) == pytest.approx(0.6498, abs=1e-3)
-    assert float(loss[0]) == pytest.approx(0.00025, abs=1e-5)
-    moving = alternating_frames(4, 1e-2, 27e4)
-    deviation, _ = registration(scene, moving, period=0.02, num_samples=4096)
-    brute = _brute_registration(scene, 1e-2, _parabola(27e4), 4, 0.02, speed)
-    assert float(deviation[0]) == pytest.approx(brute, rel=1e-3)
-
-
-def test_more_samples_register_better():
-    """The variance falls with their number, and with it the loss."""
-    scene, frames = _scene(speeds=[1200.0, 2700.0]), still_frames(3, 0.9e-3)
-    few, many = (registration(scene, frames, period=0.02, num_samples=n) for n in (50, 200))
-    np.testing.assert_allclose(few.deviation, 2 * many.deviation, rtol=1e-12)
-    np.testing.assert_allclose(few.loss, 4 * many.loss, rtol=0.05)
-    assert np.all(np.asarray(many.loss) > 0)
 
 
 @pytest.mark.parametrize(

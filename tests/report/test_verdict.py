@@ -14,6 +14,7 @@ from mishutter import (
     HannShutter,
     IdealShutter,
     Occlusion,
+    Sensor,
     SwitchedShutter,
     ceiling,
 )
@@ -208,8 +209,11 @@ def test_each_rule_says_its_sentence_once():
         {"a": 24.0, BEST_SNAPSHOT: 23.0, "Hann": 24.4},
     ]
     still, moving = made_up({BEST_STILL_BURST: 30.0, BEST_MOVING_BURST: 30.5})
-    still, moving = (replace(x, sequence=sequence(x.motion, 6, 31.0)) for x in (still, moving))
-    bursts = Bursts(still, moving, 9)
+    losses = {"width_loss": 0.21, "registration_loss": 0.06}
+    still, moving = (
+        replace(x, sequence=replace(sequence(x.motion, 6, 31.0), **losses)) for x in (still, moving)
+    )
+    bursts = Bursts(still, moving, 9, width=1300.0)
     found = [
         Case(rows, choice, own, snapshot, 27.0, plain_stills(SCENE, choice), bursts)
         for levels in cases
@@ -396,7 +400,7 @@ def test_a_scene_with_a_burst_or_a_background_has_no_such_line():
         assert "stills" not in _said_of_stills(scene, levels)
 
 
-def _said_of_bursts(still, moving, decoder="unknown"):
+def _said_of_bursts(still, moving, decoder="unknown", width=None, still_losses=(), losses=()):
     """What a verdict says of bursts of these levels, 6 stills and 4 frames that swing 45 px."""
     knows = SPEED_KNOWLEDGE[decoder]
     levels = {"a": 24.0, BEST_SNAPSHOT: 22.0, BEST_STILL_BURST: still, BEST_MOVING_BURST: moving}
@@ -409,8 +413,8 @@ def _said_of_bursts(still, moving, decoder="unknown"):
         for row in made_up(levels)
     ]
     of_burst = {
-        BEST_STILL_BURST: {"sequence": sequence(STILL, 6)},
-        BEST_MOVING_BURST: {"sequence": sequence(MOVING, 4, 45.0)},
+        BEST_STILL_BURST: {"sequence": replace(sequence(STILL, 6), **dict(still_losses))},
+        BEST_MOVING_BURST: {"sequence": replace(sequence(MOVING, 4, 45.0), **dict(losses))},
     }
     rows = [
         replace(row, hardware=frozenset({STAGE, FRAMES}), **of_burst[row.name])
@@ -419,9 +423,9 @@ def _said_of_bursts(still, moving, decoder="unknown"):
         for row in rows
     ]
     scene = eqx.tree_at(
-        lambda each: each.burst,
+        lambda each: (each.burst, each.sensor),
         SCENE,
-        Burst(frames_per_s=60.0, max_frames=6),
+        (Burst(frames_per_s=60.0, max_frames=6), Sensor(width=width)),
         is_leaf=lambda x: x is None,
     )
     return with_verdict(rows, {}, scene)
@@ -460,6 +464,43 @@ def test_stills_are_taken_where_moving_gains_nothing():
     assert single.verdict.startswith("Build a: ")
     assert "stills of" not in single.verdict
     assert single.choice.name == "a"
+
+
+@pytest.mark.parametrize("decoder", ["known", "unknown"])
+def test_a_verdict_says_what_leaves_the_sensor_where_it_matters(decoder):
+    """With the loss of the still burst, and the price of registration where that matters too."""
+    own = {"width_loss": 0.4812, "registration_loss": 0.0731}
+    said = _said_of_bursts(27.25, 29.5, decoder, 517.0, {"width_loss": 0.274}, own).verdict
+    assert max(map(len, said.splitlines())) <= 80
+    assert (
+        "in the same time. On a sensor of 517 px, points that leave it cost 0.48 dB, and the best "
+        "still burst 0.27 dB. Registration by 64 x 64 px costs 0.07 dB at the worst speed."
+    ) in said.replace("\n", " ")
+    little = {"width_loss": 0.049, "registration_loss": 0.049}
+    said = _said_of_bursts(27.25, 29.5, decoder, 5170.0, {"width_loss": 0.3}, little).verdict
+    assert "sensor of" not in said
+    assert "Registration" not in said
+
+
+def test_a_verdict_says_what_leaves_the_sensor_of_a_still_burst():
+    """Of that burst alone, where it is the one to take."""
+    rests = {"width_loss": 0.163, "registration_loss": 0.002}
+    said = _said_of_bursts(27.25, 27.3, "known", 800.0, rests, {"width_loss": 0.31}).verdict
+    assert "\nOn a sensor of 800 px, points that leave it cost 0.16 dB.\n" in said
+    single = _said_of_bursts(23.8, 23.85, "known", 800.0, rests).verdict
+    assert "sensor of" not in single
+
+
+def test_losses_of_a_burst_stand_in_the_tables_and_in_the_file():
+    """Whether they matter or not."""
+    own = {"width_loss": 0.0413, "registration_loss": 0.00031}
+    taken = _said_of_bursts(27.25, 29.5, "known", 5170.0, {}, own)
+    less = "30.00 dB, less 0.00031 by registration and 0.041 by the width of the sensor"
+    assert less in taken.text(verbose=True)
+    assert less not in taken.text()
+    saved = taken.to_dict()["sequence"]
+    assert (saved["width_loss_db"], saved["registration_loss_db"]) == (0.0413, 0.00031)
+    assert "width_loss_db" not in _said_of_bursts(27.25, 29.5, "known").to_dict()["sequence"]
 
 
 def test_no_number_of_stills_equals_a_burst_that_none_does():

@@ -21,7 +21,9 @@ FRAMES = (
     TimedFrame(StillCamera(half_exposure=0.0021), -0.009, 1.5),
     TimedFrame(FreeMotion(accelerations=[-2.3e5], half_exposure=0.0068), 0.009, 2.5),
 )
-SEQUENCE = FrameSequence("own", FRAMES, 13.7, 31.25, 30.75)
+SEQUENCE = FrameSequence(
+    "own", FRAMES, 13.7, 31.25, 30.75, registration_loss=0.0023, width_loss=0.17
+)
 
 
 def a_burst_design(

@@ -19,13 +19,13 @@ from mishutter.camera import (
     captured_response,
     captured_responses_below,
     kernel_layout,
-    nodes_of_frames,
     responses_of_frames,
 )
 from mishutter.evaluation import (
     background_of,
     moments_on_dft,
     needed_speeds,
+    nodes_of_frames,
     open_time,
     picture_power,
     sensor_view,
