@@ -138,7 +138,7 @@ def picture(rows: list[dict], name: str) -> None:
     columns = list(dict.fromkeys(row["problem"] for row in rows))
     labels = [label for label in dict.fromkeys(r["method"] for r in rows) if label != PASSING_TIMES]
     figure, panels = plt.subplots(
-        2, len(columns), figsize=(15, 6.4), sharex=True, sharey=True, layout="constrained"
+        2, len(columns), figsize=(10.5, 6), sharex=True, sharey=True, layout="constrained"
     )
     for (line, what), (column, problem) in (
         (i, j) for i in enumerate(("value", "gradient")) for j in enumerate(columns)
@@ -159,7 +159,7 @@ def picture(rows: list[dict], name: str) -> None:
                 markerfacecolor="black" if mine else "white",
                 markersize=9 if mine else 6,
             )
-        panel.set_title(problem if line == 0 else "")
+        panel.set_title(problem if line == 0 else "", fontsize="medium")
         panel.grid(alpha=0.3)
     for line, what in enumerate(("value", "gradient")):
         panels[line, 0].set_ylabel(f"run time of the {what}, ms")

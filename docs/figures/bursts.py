@@ -13,7 +13,7 @@ import numpy as np
 
 jax.config.update("jax_enable_x64", True)
 
-from opening import ROWS, recorded_from, show  # noqa: E402
+from opening import LETTERS, ROWS, recorded_from, show  # noqa: E402
 
 from mishutter import (  # noqa: E402
     Burst,
@@ -32,16 +32,15 @@ SPEED, RATE, MOST = 3000.0, 60.0, 4
 
 def main():
     """Draw the figure and save it beside this script."""
-    plt.rcParams.update({"font.size": 10.5})
+    plt.rcParams.update({"font.size": LETTERS})
     light, scene = example_picture().light[ROWS], example_scene()
-    figure, axes = plt.subplots(2, 4, figsize=(8.4, 3.1), layout="constrained")
+    figure, axes = plt.subplots(2, 4, figsize=(8.4, 3.6), layout="constrained")
     show(axes[0, 0], light, "the scene")
     axes[1, 0].axis("off")
     axes[1, 0].text(
         0.5,
         0.5,
-        f"It moves at {SPEED:,.0f} px/s\nin dim light. Decoders\nregister the frames,\n"
-        "and know the speed.",
+        f"{SPEED:,.0f} px/s, dim;\ndecoders register\nthe frames, and\nknow the speed.",
         ha="center",
         va="center",
         transform=axes[1, 0].transAxes,
@@ -69,15 +68,15 @@ def bursts(scene):
     snapshot, stills = (at_rest.best(RATE, max_frames=count) for count in (1, MOST))
     moving = best_moving_burst(with_frames(scene, MOST))
     return {
-        f"snapshot, {1e3 * snapshot.exposure:.1f} ms": (
+        f"snapshot,\n{1e3 * snapshot.exposure:.1f} ms": (
             1,
             LinearMotion(half_exposure=snapshot.exposure / 2),
         ),
-        f"1 of {stills.num_frames} stills, {1e3 * stills.exposure:.1f} ms": (
+        f"1 of {stills.num_frames} stills,\n{1e3 * stills.exposure:.1f} ms": (
             stills.num_frames,
             LinearMotion(half_exposure=stills.exposure / 2),
         ),
-        f"1 of {moving.num_frames} moving, {1e3 * moving.frames[0].exposure:.0f} ms": (
+        f"1 of {moving.num_frames} moving,\n{1e3 * moving.frames[0].exposure:.0f} ms": (
             moving.num_frames,
             moving.frames[0].motion,
         ),

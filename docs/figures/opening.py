@@ -28,6 +28,8 @@ ROWS, COLUMNS = slice(80, 400), slice(305, 425)
 """Rows of the photograph that are captured, and columns of the detail."""
 DETAIL = slice(146, 216)
 """Rows of the detail, within those that are captured."""
+LETTERS = 14
+"""Size of letters, which a telephone shows at a quarter of it; points."""
 HALF_EXPOSURE = 0.015
 """Of the open shutter, s."""
 
@@ -41,25 +43,25 @@ def cameras(scene):
     )
     untold, finding = TotalVariationDecoder(), SpeedFindingDecoder()
     return {
-        f"best snapshot, {1e3 * float(snapshot.motion.exposure):.1f} ms": (
+        f"best snapshot,\n{1e3 * float(snapshot.motion.exposure):.1f} ms": (
             (snapshot.motion, snapshot.shutter),
             untold,
         ),
-        f"designed shutter, {1e3 * float(design.motion.exposure):.0f} ms": (
+        f"designed shutter,\n{1e3 * float(design.motion.exposure):.0f} ms": (
             (design.motion, design.shutter),
             untold,
         ),
-        f"open shutter, {2e3 * HALF_EXPOSURE:.0f} ms": ((parabola, RectShutter()), finding),
+        f"open shutter,\n{2e3 * HALF_EXPOSURE:.0f} ms": ((parabola, RectShutter()), finding),
     }
 
 
 def main():
     """Draw the figure and save it beside this script."""
-    plt.rcParams.update({"font.size": 10.5})
+    plt.rcParams.update({"font.size": LETTERS})
     scene = example_scene()
     fastest = float(scene.max_speed)
     light = example_picture().light[ROWS]
-    figure, axes = plt.subplots(2, 4, figsize=(8.4, 3.1), layout="constrained")
+    figure, axes = plt.subplots(2, 4, figsize=(8.4, 3.6), layout="constrained")
     show(axes[0, 0], light, "the scene")
     axes[1, 0].axis("off")
     for (above, below), (name, (camera, decoder)) in zip(
@@ -77,8 +79,8 @@ def main():
     axes[1, 0].text(
         0.5,
         0.5,
-        f"The whole picture moves\nat {fastest:,.0f} px/s in dim light.\nNo decoder is told that;\n"
-        f"the last finds {estimate.speed:,.0f} $\\pm$ {estimate.error:.0f}.",
+        f"{fastest:,.0f} px/s, dim;\nno decoder is told.\nThe last finds\n"
+        f"{estimate.speed:,.0f} $\\pm$ {estimate.error:.0f} px/s.",
         ha="center",
         va="center",
         transform=axes[1, 0].transAxes,
@@ -98,7 +100,7 @@ def show(axes, light, title, first=0):
     columns = slice(COLUMNS.start - first, COLUMNS.stop - first)
     seen = np.clip(np.asarray(light)[DETAIL, columns], 0, 1) ** (1 / 2.2)
     axes.imshow(seen, interpolation="nearest")
-    axes.set_title(title, fontsize=10.5)
+    axes.set_title(title, fontsize=LETTERS)
     axes.axis("off")
 
 

@@ -57,8 +57,8 @@ _DETAIL = (48, 64)
 """Extent of a magnified detail across and along the axis of motion; px."""
 _IN_DOUBT = "restored, speed in doubt"
 """Title of a detail that is restored for all likely speeds, as none that was found is trusted."""
-_LAYERED_WIDTH = 3.3
-"""Width of a panel of a layered scene; inches."""
+_LAYERED_WIDTH = 2.5
+"""Width of a panel of a layered scene; inches. Wider ones leave small letters on a page."""
 _ONE_FILTER = (
     "Each is restored by one filter, the best\nfor objects before a background, which\n"
     "is told no speed and no place.\n\n"
@@ -66,7 +66,7 @@ _ONE_FILTER = (
     "that the object never covers. In front:\npixels that it alone covers."
 )
 _OTHER_WORLD = ": the verdict is about a picture that moves as a whole; this one does not"
-_CELL, _TITLE = 2.2, 0.4
+_CELL, _TITLE = 1.6, 0.4
 """Width of a magnified detail, and height of its title; inches."""
 _COVERED = 0.01
 """Share of an axis up to which a curve lies on another: about the width of its line."""
@@ -561,7 +561,7 @@ def plot_photograph(
             index = int(np.argmin(np.abs(result.speeds - speed)))
             restored = result.restored[index][own]
             panels = [figure.add_subplot(grid[row, 3 * number + i]) for i in range(3)]
-            title = f"{shown_name(name, 26)}, captured\nat {result.speeds[index]:g} px/s"
+            title = f"{shown_name(name, 26)},\ncaptured at {result.speeds[index]:g} px/s"
             _show(panels[0], result.brightened(index)[own], title)
             heading = _IN_DOUBT if result.doubts[index] else restoration
             _show(panels[1], restored, f"{heading},\n{levels[index]:.2f} dB")

@@ -731,10 +731,10 @@ def test_photograph_of_several_designs(tmp_path):
     figure = plot_photograph(results, [0.0, 400.0], detail=(11, 17))
     titles = [[axes.get_title() for axes in row] for row in _rows(figure, 6)]
     assert titles[1] == [
-        "best snapshot, captured\nat 0 px/s",
+        "best snapshot,\ncaptured at 0 px/s",
         "restored,\n27.10 dB",
         "error",
-        "best snapshot, captured\nat 450 px/s",
+        "best snapshot,\ncaptured at 450 px/s",
         "restored,\n26.70 dB",
         "error",
     ]
