@@ -1,5 +1,7 @@
 """The command `restore`: captures that a real camera has taken."""
 
+import itertools
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -21,10 +23,14 @@ if TYPE_CHECKING:
 
     from mishutter.design import Design
     from mishutter.model import FrameSequence
+    from mishutter.pictures import Capture
 
 _TICKS = 100
 _MOST_ABOVE_WHITE = 0.01
 """Share of a restored picture that may be brighter than white without a word."""
+_MOST_UNLIKE = 1.6
+"""Brightest over darkest of the frames of a burst, which what enters and leaves may bring."""
+_LEAST_MEAN = 1e-6
 
 
 @takes_camera_files
@@ -34,7 +40,7 @@ def restore(
         typer.Argument(
             metavar="CAPTURE",
             parser=as_path,
-            help="Captures: PNG, JPEG, TIFF, BMP, WebP, PGM or PPM.",
+            help="Captures: PNG, JPEG, TIFF, BMP, WebP, PGM or PPM; each page of a TIFF is one.",
             show_default=False,
         ),
     ],
@@ -69,6 +75,15 @@ def restore(
         ),
     ] = None,
     files: CameraFiles,
+    black: Annotated[
+        float,
+        typer.Option(
+            "--black",
+            metavar="VALUE",
+            rich_help_panel=PICTURES,
+            help="Number in the file of black, which a camera adds to all others.",
+        ),
+    ] = 0.0,
     white: Annotated[
         float | None,
         typer.Option(
@@ -127,44 +142,49 @@ def restore(
     start_jax()
     from mishutter.decoding import restored_capture
     from mishutter.model import read_speed
-    from mishutter.pictures import read_capture, write_picture
+    from mishutter.pictures import read_captures, write_picture
     from mishutter.report import camera_text, plot_capture, save_figure, shown_name
 
-    stems = [path.stem for path in captures]
-    require(len(set(stems)) == len(stems), "CAPTURE", "be of different names", stems)
     camera = _camera(scene_file, design, files, shutter)
     speed = None if speed_text is None else read_speed(speed_text, scene_file, "--speed")
-    seen = {path: read_capture(path, white=white, linear=linear) for path in captures}
+    read = (read_captures(path, black=black, white=white, linear=linear) for path in captures)
+    seen = list(itertools.chain(*read))
+    stems = [capture.stem for capture in seen]
+    require(len(set(stems)) == len(stems), "CAPTURE", "be of different names", stems)
     folder, method = writable_folder(out), named_decoder(decoder)
     written, found = [], {}
-    for path, capture in _together(seen, camera.sequence).items():
+    for capture, light in _together(seen, camera.sequence):
         with (
             interruptible(lambda: AGAIN),
-            progress_bar(f"restoring {path.name}", _TICKS) as update,
+            progress_bar(f"restoring {capture.name}", _TICKS) as update,
         ):
             result = restored_capture(
-                capture,
+                light,
                 camera,
                 decoder=method,
                 speed=speed,
                 progress=lambda text, share, update=update: update(int(share * _TICKS), text),
             )
-        _note_brightness(path, result.light)
+        _note_brightness(capture.name, result.light)
         is_one = len(seen) == 1 or camera.sequence is not None
-        stem = "" if is_one else f"{path.stem}_"
+        stem = "" if is_one else f"{capture.stem}_"
         write_picture(folder / f"{stem}restored.png", result.light)
+        written.append(f"{stem}restored.png")
+        if capture.is_tiff:
+            capture.write_like(folder / f"{stem}restored.tif", result.light)
+            written.append(f"{stem}restored.tif")
         figure = plot_capture(
             None,
-            {each.stem: seen[each] for each in (seen if is_one else [path])},
+            {each.stem: each.light for each in (seen if is_one else [capture])},
             result.light,
-            camera=f"{shown_name(path.name)}: {camera_text(camera)}",
+            camera=f"{shown_name(capture.name)}: {camera_text(camera)}",
             decoder=f"by the {decoder.value} decoder",
         )
         save_figure(figure, folder / f"{stem}side_by_side.png")
-        written += [f"{stem}restored.png", f"{stem}side_by_side.png"]
-        found[path.name] = result.found
+        written.append(f"{stem}side_by_side.png")
+        found[capture.name] = result.found
         if result.found is not None and result.found.doubt:
-            note(f"warning: {path}: {result.found.doubt}")
+            note(f"warning: {capture.name}: {result.found.doubt}")
     if json:
         speeds = {
             name: None if each is None else estimate_document(each) for name, each in found.items()
@@ -182,24 +202,50 @@ def restore(
 
 
 def _together(
-    seen: "dict[Path, np.ndarray]", sequence: "FrameSequence | None"
-) -> "dict[Path, np.ndarray]":
-    """Captures by themselves, or the frames of a burst as one, by the name of the first.
+    seen: "list[Capture]", sequence: "FrameSequence | None"
+) -> "list[tuple[Capture, np.ndarray]]":
+    """Light of captures by themselves, or of the frames of a burst beside the first of them.
 
     A camera of one gain records a frame in the units of white in the longest.
     """
     import numpy as np
 
     if sequence is None:
-        return seen
+        return [(capture, capture.light) for capture in seen]
     got = Unquoted(f"{len(seen)}")
     is_whole = len(seen) == sequence.num_frames
     require(is_whole, "CAPTURE", f"be the {sequence.num_frames} frames of the burst", got)
-    first, sizes = next(iter(seen)), {path: each.shape for path, each in seen.items()}
-    for path, size in sizes.items():
-        require(size == sizes[first], str(path), f"be as large as {first.name}", size)
-    lights = zip(sequence.lights, seen.values(), strict=True)
-    return {first: np.stack([capture / one for one, capture in lights])}
+    first = seen[0]
+    for each in seen:
+        size = each.light.shape
+        require(size == first.light.shape, each.name, f"be as large as {first.name}", size)
+    light = np.stack([each.light / one for one, each in zip(sequence.lights, seen, strict=True)])
+    _note_frames(seen, light)
+    return [(first, light)]
+
+
+def _note_frames(seen: "list[Capture]", light: "np.ndarray") -> None:
+    """Notes what shows that frames are not those of the burst, or are not read as they are meant.
+
+    Args:
+        seen: The frames, in the order in which they were given.
+        light: Their light, each by its own exposure; `(frames, rows, columns, channels)`.
+    """
+    import numpy as np
+
+    numbers = [[*map(int, re.findall(r"\d+", each.stem))] for each in seen]
+    if len({*map(len, numbers)}) == 1 and numbers != sorted(numbers):
+        names = ", ".join(each.stem for each in seen)
+        note(f"warning: frames are taken in the order in which they are given: {names}")
+    means = np.maximum(light.mean(axis=(1, 2, 3)), _LEAST_MEAN)
+    dark, bright = int(np.argmin(means)), int(np.argmax(means))
+    ratio = float(means[bright] / means[dark])
+    if ratio > _MOST_UNLIKE:
+        note(
+            f"warning: by their exposures {seen[bright].name} is {ratio:.2g} times as bright as "
+            f"{seen[dark].name}: the order or an exposure is another, or `--black`, `--white` or "
+            "`--linear` is to be given"
+        )
 
 
 def _camera(
@@ -219,11 +265,11 @@ def _camera(
     return given_design(scene, scene.motion, named_shutter(shutter), f"Given: {shutter}.")
 
 
-def _note_brightness(path: Path, light: "np.ndarray") -> None:
+def _note_brightness(name: str, light: "np.ndarray") -> None:
     """Notes a picture that is brighter than white: its file's white is that of another exposure."""
     share = float((light > 1).mean())
     if share > _MOST_ABOVE_WHITE:
         note(
-            f"warning: {path}: {share:.0%} of the restored picture is brighter than white; "
+            f"warning: {name}: {share:.0%} of the restored picture is brighter than white; "
             "`--white` is the file's number of white in an exposure with the shutter open"
         )

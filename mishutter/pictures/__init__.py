@@ -5,6 +5,7 @@ from mishutter.pictures.files import PICTURE_SUFFIXES as PICTURE_SUFFIXES
 from mishutter.pictures.files import Decoded as Decoded
 from mishutter.pictures.images import LUMINANCE as LUMINANCE
 from mishutter.pictures.images import Axis as Axis
+from mishutter.pictures.images import Capture as Capture
 from mishutter.pictures.images import Picture as Picture
 from mishutter.pictures.images import PictureWarning as PictureWarning
 from mishutter.pictures.images import checked_white as checked_white
@@ -13,7 +14,7 @@ from mishutter.pictures.images import example_picture as example_picture
 from mishutter.pictures.images import light_of as light_of
 from mishutter.pictures.images import middle_rows as middle_rows
 from mishutter.pictures.images import pixels_along as pixels_along
-from mishutter.pictures.images import read_capture as read_capture
+from mishutter.pictures.images import read_captures as read_captures
 from mishutter.pictures.images import read_opacity as read_opacity
 from mishutter.pictures.images import read_picture as read_picture
 from mishutter.pictures.images import row_power_spectrum as row_power_spectrum

@@ -1,6 +1,7 @@
-"""Reads the pixels of a picture file at its full depth, and encodes a 16-bit PNG."""
+"""Reads the pixels of a picture file at its full depth, and encodes PNGs and TIFFs."""
 
 import io
+import itertools
 import logging
 import math
 import re
@@ -87,8 +88,18 @@ class Decoded(NamedTuple):
     doubt: str = ""
 
 
-def decoded(path: Path) -> Decoded:
+def is_tiff(path: Path) -> bool:
+    """Whether a file begins as a TIFF does."""
+    with path.open("rb") as file:
+        return file.read(8).startswith(_TIFF_SIGNATURES)
+
+
+def decoded(path: Path, number: int = 0) -> Decoded:
     """A picture as its file holds it.
+
+    Args:
+        path: The file.
+        number: Place of the picture among those of a TIFF.
 
     Raises:
         OSError: if the file cannot be read.
@@ -100,7 +111,7 @@ def decoded(path: Path) -> Decoded:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         if head.startswith(_TIFF_SIGNATURES):
-            return _decoded_tiff(path)
+            return _decoded_tiff(path, number)
         if head.startswith(_PNG_SIGNATURE):
             return _decoded_png(path)
         return _decoded_by_pillow(path)
@@ -119,6 +130,32 @@ def deep_png(pixels: UInt16[np.ndarray, "rows columns channels"]) -> bytes:
         pixels, png.COMPRESSION.SPEED, strategy=png.STRATEGY.RLE, filter=png.FILTER.SUB
     )
     return bytes(encoded)
+
+
+def tiff_like(pixels: np.ndarray, path: Path) -> bytes:
+    """A TIFF of pixels, with the size of a pixel that another TIFF states.
+
+    Args:
+        pixels: Shape `(rows, columns, 1 or 3)`.
+        path: The other file. ImageJ writes the unit of its resolution into the description.
+    """
+    import tifffile
+
+    with tifffile.TiffFile(path) as file:
+        page: Any = file.pages[0]
+        unit = (file.imagej_metadata or {}).get("unit")
+    content = io.BytesIO()
+    is_grey = pixels.shape[2] == 1
+    tifffile.imwrite(
+        content,
+        pixels[..., 0] if is_grey else pixels,
+        photometric="minisblack" if is_grey else "rgb",
+        resolution=page.resolution,
+        resolutionunit=page.resolutionunit,
+        description=None if unit is None else f"ImageJ=\nunit={unit}\n",
+        metadata=None,
+    )
+    return content.getvalue()
 
 
 def _decoded_png(path: Path) -> Decoded:
@@ -213,15 +250,15 @@ def _share(alpha: np.ndarray, full: float) -> np.ndarray:
     return np.clip(alpha.astype(np.float32) / np.float32(full), 0, 1)
 
 
-def _decoded_tiff(path: Path) -> Decoded:
-    """The first picture of a TIFF that is neither of reduced size nor a mask.
+def _decoded_tiff(path: Path, number: int) -> Decoded:
+    """A picture of a TIFF, counted without those of reduced size and masks.
 
     In the result black is 0 and colours are not multiplied by opacity, whatever the file holds.
     """
     import tifffile
 
     with tifffile.TiffFile(path) as file:
-        pages = _whole_pages(file)
+        pages = itertools.islice(_whole_pages(file), number, None)
         index, page = next(pages, (None, None))
         if page is None:
             raise ValueError("a TIFF of reduced pictures alone")

@@ -1,4 +1,4 @@
-"""Pictures in and out: files of many formats to linear light, and back to a 16-bit PNG.
+"""Pictures in and out: files of many formats to linear light, and back to PNG and TIFF.
 
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
@@ -23,7 +23,15 @@ from mishutter._core import (
     shape_of,
     write_bytes,
 )
-from mishutter.pictures.files import MAX_PIXELS, PICTURE_FORMATS, Decoded, decoded, deep_png
+from mishutter.pictures.files import (
+    MAX_PIXELS,
+    PICTURE_FORMATS,
+    Decoded,
+    decoded,
+    deep_png,
+    is_tiff,
+    tiff_like,
+)
 
 GAMMA = 2.2
 """Exponent of the coding of pictures (the paper's section 4.2)."""
@@ -171,35 +179,108 @@ def read_picture(
     return picture
 
 
-def read_capture(
-    path: str | Path, *, white: ArrayLike | None = None, linear: bool = False
-) -> Float[np.ndarray, "rows columns channels"]:
+class Capture(NamedTuple):
+    """A record of a camera, and how its file's numbers stand for light.
+
+    Attributes:
+        light: Light in units of a fully open exposure; shape `(rows, columns, channels)`, float32.
+        path: The file.
+        page: Number of its page, of a file that holds several; else `""`.
+        black: Number of black.
+        white: Number of white, were the shutter open for the whole exposure.
+        exponent: Power by which light follows from the numbers.
+        is_whole: Whether the numbers are whole ones, of up to 16 bits.
+    """
+
+    light: np.ndarray
+    path: Path
+    page: str
+    black: float
+    white: float
+    exponent: float
+    is_whole: bool
+
+    def write_like(self, path: Path, light: np.ndarray) -> None:
+        """Write light as a TIFF in the numbers of this capture, whole or not at all.
+
+        Numbers below black and above white are kept, as a mean over noise needs them. The size of
+        a pixel is that of the capture, if it says one.
+
+        Args:
+            path: File to write.
+            light: Shape `(rows, columns, channels)`, white = 1.
+        """
+        shares = np.copysign(np.abs(light) ** (1 / self.exponent), light)
+        numbers = self.black + shares * (self.white - self.black)
+        if self.is_whole:
+            pixels = np.rint(np.clip(numbers, 0, 65535)).astype(np.uint16)
+        else:
+            pixels = numbers.astype(np.float32)
+        write_bytes(path, tiff_like(pixels, self.path))
+
+    @property
+    def is_tiff(self) -> bool:
+        """Whether its file is a TIFF."""
+        return is_tiff(self.path)
+
+    @property
+    def name(self) -> str:
+        """Name of its file, and the page."""
+        return f"{self.path.name} {self.page}".rstrip()
+
+    @property
+    def stem(self) -> str:
+        """Name of its file without the suffix, and the page, as part of another file's name."""
+        return f"{self.path.stem}_{self.page}" if self.page else self.path.stem
+
+
+def read_captures(
+    path: str | Path, *, black: float = 0.0, white: float | None = None, linear: bool = False
+) -> tuple[Capture, ...]:
     """Read what a camera has recorded, as `read_picture` does, whatever its values are.
 
     A capture that a dark frame was taken from is below 0 by its noise, and a highlight may be above
-    white.
+    white. A TIFF holds as many captures as it has pages of full size.
 
     Args:
         path: A file of any format that `read_picture` reads.
-        white: Value of white in the file, were the shutter open for the whole exposure.
+        black: Number of black in the file.
+        white: Number of white in the file, were the shutter open for the whole exposure.
         linear: Whether the file's numbers are linear light.
-
-    Returns:
-        Light in units of a fully open exposure, float32.
 
     Raises:
         OSError: if there is no such file, or it cannot be read.
-        ValueError: if the file is no picture of these formats, is damaged, is larger than 150
-            megapixels, or holds a value that is not finite.
+        ValueError: if the file is no picture of these formats, is damaged, has a picture larger
+            than 150 megapixels, or holds a value that is not finite, or white is not above black.
 
     Warns:
         PictureWarning: as `read_picture`.
     """
-    path, white = Path(path), checked_white("read_capture(white=...)", white)
+    path, white = Path(path), checked_white("read_captures(white=...)", white)
+    require_scalar("read_captures(black=...)", black)
+    require_finite("read_captures(black=...)", black)
     file = _file(path)
-    for doubt in _doubts(file, path, white, linear):
+    full = file.full if white is None else white
+    require(full > black, "read_captures(white=...)", f"be above black, {black:g}", full)
+    files = [file]
+    while files[-1].has_more and is_tiff(path):
+        files.append(_file(path, len(files)))
+    is_all = len(files) > 1
+    for doubt in _doubts(file._replace(has_more=not is_all and file.has_more), path, white, linear):
         warnings.warn(doubt, PictureWarning, stacklevel=2)
-    return light_of(file, path, white, linear, bounded=False)
+    digits = len(str(len(files)))
+    return tuple(
+        Capture(
+            light=light_of(each, path, white, linear, black=black, bounded=False),
+            path=path,
+            page=f"{number:0{digits}d}" if is_all else "",
+            black=float(black),
+            white=float(full),
+            exponent=_exponent(each, linear),
+            is_whole=each.colour.dtype.kind == "u",
+        )
+        for number, each in enumerate(files, 1)
+    )
 
 
 def examined(
@@ -216,7 +297,13 @@ def examined(
 
 
 def light_of(
-    file: Decoded, path: Path, white: float | None, linear: bool, *, bounded: bool = True
+    file: Decoded,
+    path: Path,
+    white: float | None,
+    linear: bool,
+    *,
+    black: float = 0.0,
+    bounded: bool = True,
 ) -> Float[np.ndarray, "rows columns channels"]:
     """Linear light of a picture's colours, white = 1; shape `(rows, columns, channels)`, float32.
 
@@ -225,14 +312,24 @@ def light_of(
         path: Where it came from.
         white: The argument of `read_picture`.
         linear: The argument of `read_picture`.
+        black: Number of black.
         bounded: Whether values below 0 and above white are refused.
 
     Raises:
         ValueError: if a value is not finite, or is refused.
     """
-    shares = np.ascontiguousarray(_shares(file, path, white, bounded=bounded))
+    shares = np.ascontiguousarray(_shares(file, path, white, black, bounded=bounded))
+    exponent = _exponent(file, linear)
+    if exponent == 1:
+        return shares
+    # Numbers below black are light below 0, by the noise of the sensor.
+    return np.copysign(np.abs(shares) ** np.float32(exponent), shares)
+
+
+def _exponent(file: Decoded, linear: bool) -> float:
+    """Power by which light follows from a file's numbers."""
     is_light = linear or np.issubdtype(file.colour.dtype, np.floating)
-    return shares if is_light else shares ** np.float32(file.exponent or GAMMA)
+    return 1.0 if is_light else file.exponent or GAMMA
 
 
 def checked_white(subject: str, white: ArrayLike | None) -> float | None:
@@ -364,14 +461,14 @@ def row_power_spectrum(picture: Picture, num_frequencies: int = 256) -> RowSpect
     return RowSpectrum(binned * scale, mean, deviation)
 
 
-def _file(path: Path) -> Decoded:
-    """Decodes a picture file; a failure becomes an error of one line with the reason."""
+def _file(path: Path, number: int = 0) -> Decoded:
+    """Decodes a picture of a file; a failure becomes an error of one line with the reason."""
     if not path.exists():
         raise FileNotFoundError(f"`{_READ}` must name a file; got {str(path)!r}, not found.")
     if path.is_dir():
         raise IsADirectoryError(f"`{_READ}` must name a file; got the folder {str(path)!r}.")
     try:
-        return decoded(path)
+        return decoded(path, number)
     except PermissionError as error:
         raise PermissionError(
             f"`{_READ}` must name a readable file; got {str(path)!r}, permission denied."
@@ -386,8 +483,10 @@ def _file(path: Path) -> Decoded:
         ) from error
 
 
-def _shares(file: Decoded, path: Path, white: float | None, *, bounded: bool = True) -> np.ndarray:
-    """Values divided by that of white; shape `(rows, columns, channels)`, float32."""
+def _shares(
+    file: Decoded, path: Path, white: float | None, black: float = 0.0, *, bounded: bool = True
+) -> np.ndarray:
+    """Values above black divided by that of white; shape `(rows, columns, channels)`, float32."""
     colour, full = file.colour, file.full if white is None else float(white)
     if np.issubdtype(colour.dtype, np.floating):
         finite = bool(np.all(np.isfinite(colour)))
@@ -398,7 +497,7 @@ def _shares(file: Decoded, path: Path, white: float | None, *, bounded: bool = T
         requirement = f"hold values from 0 to white, {full:g}"
         inside = bool(least >= 0 and most <= full)
         require(inside, _READ, requirement, Unquoted(f"{worst} in {str(path)!r}"))
-    return colour.astype(np.float32) / np.float32(full)
+    return (colour.astype(np.float32) - np.float32(black)) / np.float32(full - black)
 
 
 def _doubts(file: Decoded, path: Path, white: float | None, linear: bool) -> tuple[str, ...]:
@@ -409,7 +508,8 @@ def _doubts(file: Decoded, path: Path, white: float | None, linear: bool) -> tup
         depth = next(bits for bits in _DEPTHS if most < 1 << bits)
         doubts.append(
             f"{path}: its greatest value is {most} of 65535, as of {depth} bits in 16; "
-            f"they are read right with `white` {(1 << depth) - 1}"
+            f"they are read right with `white` {(1 << depth) - 1}, and with `linear` if a camera "
+            "recorded them without gamma"
         )
     if file.doubt and not linear:
         doubts.append(f"{path}: {file.doubt}")

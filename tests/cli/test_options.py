@@ -110,7 +110,7 @@ LABORATORY = [
         )
     ),
 ]
-READ_CAPTURE = "mishutter.pictures.read_capture"
+READ_CAPTURES = "mishutter.pictures.read_captures"
 RESTORE, GIVEN = "mishutter.decoding.restored_capture", ("--design", "design.json")
 LOSS = (["--loss", "known-speed"], _type_of("loss"), "KnownSpeedLoss")
 OPTIONS = {
@@ -221,8 +221,9 @@ OPTIONS = {
             ("--scene", "scene.toml"),
         ),
         *(replace(each, beside=(*each.beside, *GIVEN)) for each in LABORATORY),
-        Option(["--white", "4095"], READ_CAPTURE, _named("white"), 4095.0, GIVEN),
-        Option(["--linear"], READ_CAPTURE, _named("linear"), True, GIVEN),
+        Option(["--black", "103"], READ_CAPTURES, _named("black"), 103.0, GIVEN),
+        Option(["--white", "4095"], READ_CAPTURES, _named("white"), 4095.0, GIVEN),
+        Option(["--linear"], READ_CAPTURES, _named("linear"), True, GIVEN),
         Option(["--decoder", "wiener"], RESTORE, _type_of("decoder"), "WienerDecoder", GIVEN),
         Option(["--speed", "37"], RESTORE, _named("speed"), 37.0, GIVEN),
     ],

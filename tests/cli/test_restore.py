@@ -12,7 +12,7 @@ from support.command_line import SMALL_SCENE, refused
 import mishutter as ms
 from mishutter import cli
 from mishutter.design import given_design
-from mishutter.pictures import read_capture, write_picture
+from mishutter.pictures import read_captures, write_picture
 
 SCENE = ms.Scene([0.0, 310.0, -190.0], photon_rate=2.3e6, read_noise=4.7)
 MOTION = ms.ParabolicMotion(acceleration=6e4, half_exposure=9.7e-3)
@@ -47,7 +47,7 @@ def level(picture, path):
 
 def test_a_capture_becomes_a_picture(desk, picture, capsys):
     """By what `deconvolve` makes of it, also of noise below black; the same in 12 linear bits."""
-    seen = read_capture("a.tif")
+    (seen,) = (each.light for each in read_captures("a.tif"))
     assert seen.min() < 0
     assert cli.main(["restore", "a.tif", "--design", "design.json", "--out", "out"]) == 0
     restored = ms.read_picture("out/restored.png").light
@@ -68,11 +68,71 @@ def test_the_speed_is_found_or_told(desk, picture, capsys):
     document = json.loads(capsys.readouterr().out)
     assert document["found"].keys() == {"a.tif", "b.tif"}
     assert set(document["files"]) == {
-        f"{name}_{kind}.png" for name in "ab" for kind in ("restored", "side_by_side")
+        f"{name}_{kind}"
+        for name in "ab"
+        for kind in ("restored.png", "restored.tif", "side_by_side.png")
     }
     for told, out in ([], "all"), (["--speed", str(SPEED)], "told"):
         assert cli.main(["restore", "a.tif", "--design", "design.json", *told, "--out", out]) == 0
     assert level(picture, "told/restored.png") > level(picture, "all/restored.png") + 0.1
+
+
+@pytest.mark.parametrize("is_linear", [True, False])
+def test_black_of_a_camera(desk, picture, is_linear):
+    """What a camera adds to its numbers is taken off, and noise below it stays below black."""
+    seen = np.asarray(read_captures("a.tif")[0].light)
+    coded = seen if is_linear else np.copysign(np.abs(seen) ** (1 / 2.2), seen)
+    counts = np.rint(103 + coded * (3721 - 103)).astype(np.uint16)
+    assert counts.min() < 103
+    tifffile.imwrite("c.tif", counts, photometric="rgb")
+    told = ["--white", "3721", *(["--linear"] if is_linear else [])]
+    for black in ("103", "0"):
+        given = ["restore", "c.tif", "--design", "design.json", *told, "--black", black]
+        assert cli.main([*given, "--out", black]) == 0
+    assert cli.main(["restore", "a.tif", "--design", "design.json", "--out", "light"]) == 0
+    wanted = level(picture, "light/restored.png")
+    assert level(picture, "103/restored.png") == pytest.approx(wanted, abs=0.05)
+    assert level(picture, "0/restored.png") < wanted - 0.2
+
+
+@pytest.mark.parametrize("kind", ["whole", "floating"])
+def test_a_tiff_in_the_numbers_of_the_capture(desk, kind):
+    """Of 16 bits or floating-point, unclipped, with black, white and the size of a pixel kept."""
+    seen = np.asarray(read_captures("a.tif")[0].light)[..., :1]
+    numbers, black, white = {
+        "whole": (np.rint(103 + seen * 1618).astype(np.uint16), 103.0, 1721.0),
+        "floating": ((seen * 0.37 - 0.02).astype(np.float32), -0.02, 0.35),
+    }[kind]
+    scale = {"resolution": (3.07, 3.07), "metadata": {"unit": "um"}}
+    tifffile.imwrite("c.tif", numbers[..., 0], imagej=True, **scale)
+    levels = ["--black", str(black), "--white", str(white)]
+    told = [*levels, "--linear", "--design", "design.json", "--out", "out"]
+    assert cli.main(["restore", "c.tif", *told]) == 0
+    light = ms.deconvolve((numbers - black) / (white - black), SCENE, MOTION, ms.HannShutter())
+    with tifffile.TiffFile("out/restored.tif") as file:
+        found = file.asarray()
+        assert file.imagej_metadata["unit"] == "um"
+        assert file.pages[0].resolution == pytest.approx((3.07, 3.07), rel=1e-6)
+    assert found.dtype == numbers.dtype
+    wanted = black + np.asarray(light)[..., 0] * (white - black)
+    assert wanted.min() < black
+    np.testing.assert_allclose(found, wanted, atol=0.51 if kind == "whole" else 1e-5)
+
+
+def test_each_page_of_a_stack_is_a_capture(desk, capsys):
+    """Pages of any count come back, each as it does alone, under numbers that sort."""
+    pages = np.stack([tifffile.imread(f"{name}12.tif") for name in "ab"] * 5)
+    tifffile.imwrite("stack.tif", pages, photometric="minisblack")
+    told = ["--white", "4095", "--linear", "--design", "design.json", "--json"]
+    assert cli.main(["restore", "stack.tif", *told, "--out", "out"]) == 0
+    streams = capsys.readouterr()
+    document = json.loads(streams.out)
+    assert "several pictures" not in streams.err
+    assert list(document["found"])[:2] == ["stack.tif 01", "stack.tif 02"]
+    assert len(document["files"]) == 30
+    assert cli.main(["restore", "b12.tif", *told, "--out", "alone"]) == 0
+    alone = tifffile.imread("alone/restored.tif")
+    np.testing.assert_array_equal(tifffile.imread("out/stack_10_restored.tif"), alone)
 
 
 def test_a_scene_and_a_shutter(desk, capsys):
@@ -98,6 +158,7 @@ def test_white_of_another_exposure(desk, capsys):
         (["a.tif", "--design", "design.json", "--shutter", "hann"], "`--shutter` must be left out"),
         (["a.tif", "a.tif", "--design", "design.json"], "must be of different names"),
         (["c.tif", "--design", "design.json"], "c.tif"),
+        (["a12.tif", "--design", "design.json", "--black", "7e4"], "be above black, 70000"),
     ],
 )
 def test_refusals(desk, capsys, words, message):
@@ -128,7 +189,7 @@ def test_a_burst_is_simulated_and_restored(burst_desk, picture, capsys):
     names = ["frame_1.png", "frame_2.png", "restored.png", "side_by_side.png"]
     assert document["files"] == names
     assert document["found"]["speed_px_per_s"] == pytest.approx(640, abs=5)
-    first, second = (read_capture(f"taken/frame_{k}.png") for k in (1, 2))
+    first, second = (read_captures(f"taken/frame_{k}.png")[0].light for k in (1, 2))
     design = a_burst_design()
     light = ms.simulate_frames(picture, design.scene, design.sequence.frames, speed=640.0)
     own = float(np.mean(light[0]) / np.mean(light[1]))
@@ -155,3 +216,36 @@ def test_frames_of_a_burst_come_together(burst_desk, capsys):
         write_picture(f"footage/{k}.png", np.full((5, 7, 3), 0.5))
     moving = ["simulate", "--subject", "footage", "--design", "design.json"]
     assert "be a photograph for a burst" in refused(capsys, *moving)
+
+
+def test_frames_of_one_stack(burst_desk, capsys):
+    """A burst may come as the pages of one TIFF, and its picture goes back as one."""
+    frames = [np.asarray(read_captures(f"taken/frame_{k}.png")[0].light) for k in (1, 2)]
+    stack = np.rint(np.stack(frames) * 50000 + 211).astype(np.uint16)
+    tifffile.imwrite("burst.tif", stack, photometric="rgb")
+    told = ["--black", "211", "--white", "50211", "--linear", "--design", "design.json", "--json"]
+    assert cli.main(["restore", "burst.tif", *told, "--out", "back"]) == 0
+    streams = capsys.readouterr()
+    assert "warning" not in streams.err
+    document = json.loads(streams.out)
+    assert document["files"] == ["restored.png", "restored.tif", "side_by_side.png"]
+    assert document["found"]["burst.tif 1"]["speed_px_per_s"] == pytest.approx(640, abs=5)
+
+
+@pytest.mark.parametrize(
+    ("names", "options", "words"),
+    [
+        (["frame_2", "frame_1"], [], "in the order in which they are given: frame_2, frame_1"),
+        (["frame_2", "frame_1"], [], "times as bright as frame_1.png"),
+        (["dim_1", "frame_2"], [], "frame_2.png is"),
+        (["frame_1", "frame_2"], ["--black", "9000"], "times as bright as frame_1.png"),
+    ],
+)
+def test_frames_that_are_not_those_of_the_burst(burst_desk, capsys, names, options, words):
+    """Another order, exposure or black shows in the order of names, or in brightness."""
+    (first,) = read_captures("taken/frame_1.png")
+    write_picture("taken/dim_1.png", first.light * 0.57)
+    given = [f"taken/{name}.png" for name in names]
+    told = ["--design", "design.json", "--out", "back", *options]
+    assert cli.main(["restore", *given, *told]) == 0
+    assert words in capsys.readouterr().err
