@@ -255,12 +255,10 @@ def _simulated(
     if not isinstance(subject, Picture):
         raise ValueError("`--subject` must be a photograph for a burst; got layers or footage.")
     result = burst_and_restore(subject, scene, camera.sequence, **settings)
-    lights = zip(camera.sequence.lights, result.captured, strict=True)
-    # A camera of one gain records each frame in the units of white in the longest. A shell lists
-    # names of equal length in the order of their numbers.
+    frames = camera.sequence.of_one_gain(result.captured)
+    # A shell lists names of equal length in the order of their numbers.
     digits = len(str(camera.sequence.num_frames))
-    taken = {f"frame_{k:0{digits}d}": share * one for k, (share, one) in enumerate(lights, 1)}
-    return taken, result
+    return {f"frame_{k:0{digits}d}": frame for k, frame in enumerate(frames, 1)}, result
 
 
 def _print_numbers(title: str, names: str, unit: str, numbers: dict[str, float]) -> None:

@@ -204,10 +204,7 @@ def restore(
 def _together(
     seen: "list[Capture]", sequence: "FrameSequence | None"
 ) -> "list[tuple[Capture, np.ndarray]]":
-    """Light of captures by themselves, or of the frames of a burst beside the first of them.
-
-    A camera of one gain records a frame in the units of white in the longest.
-    """
+    """Light of captures by themselves, or of the frames of a burst beside the first of them."""
     import numpy as np
 
     if sequence is None:
@@ -219,7 +216,7 @@ def _together(
     for each in seen:
         size = each.light.shape
         require(size == first.light.shape, each.name, f"be as large as {first.name}", size)
-    light = np.stack([each.light / one for one, each in zip(sequence.lights, seen, strict=True)])
+    light = np.stack(sequence.of_own_whites([each.light for each in seen]))
     _note_frames(seen, light)
     return [(first, light)]
 

@@ -42,6 +42,7 @@ from mishutter.model import (
     Scene,
     Tolerances,
     aligned,
+    least_efficiency,
     piecewise,
     reach_of_parabola,
     steady,
@@ -53,8 +54,6 @@ _DESIGNS_A_CALL = 64
 """Fixed batch size: one compiled program for any number of devices."""
 _FURTHEST = float(1 << 17)
 """Length beyond which every kernel is refused; px."""
-_ROUNDINGS = 64
-"""Roundings that the efficiency of a profile that stays open may lack."""
 
 
 class Sizes(NamedTuple):
@@ -371,7 +370,7 @@ def measure(
     efficiency, brightness = shares.astype(float) @ np.asarray(rules.efficiency, float), np.ones(1)
     if boxes is not None and scene.device is not None:  # a profile that stays open needs none
         most = float(scene.device.transmission)
-        is_open = efficiency >= most * (1 - _ROUNDINGS * np.finfo(dtype).eps)
+        is_open = efficiency >= most * least_efficiency(dtype)
         brightness = np.where(is_open, 1 / most, 1.0)
     efficiency = efficiency * brightness
     values = {"efficiency": efficiency}

@@ -29,7 +29,7 @@ from mishutter.evaluation import (
     without_tolerances,
 )
 from mishutter.hardware.drive_files import MAX_STEPS, drive_bytes, read_drive, require_levels
-from mishutter.hardware.stage_files import path_csv
+from mishutter.hardware.stage_files import path_csv, path_steps
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
@@ -177,17 +177,11 @@ class DriveTable:
             return None
         count = self.begin.size * -(-_NUM_STEPS // self.begin.size)
         step = self.exposure / count
-        before, after = (
-            int(np.ceil(length / step * (1 - 1e-9)))
-            for length in (self.begin[0] - path.times[0], path.times[-1] + self.begin[0])
-        )
-        requirement = f"have a run-up and a run-out of at most {MAX_STEPS} steps"
-        require(max(before, after) <= MAX_STEPS, "design", requirement, max(before, after))
-        times = self.begin[0] + step * np.arange(-before, count + after + 1)
-        index = np.arange(times.size) - before
+        steps = path_steps(path, self.begin[0], step, count)
+        times = self.begin[0] + step * steps
         is_begun, is_over = times > path.times[0], times >= path.times[-1]
         parts = np.select(
-            [~is_begun, index < 0, index < count, ~is_over],
+            [~is_begun, steps < 0, steps < count, ~is_over],
             ["rest", "run-up", "exposure", "run-out"],
             "rest",
         )

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 from mishutter._core import fields_text, require, require_positive_int, write_bytes
 from mishutter.design import Design, package_version, sequence_to_dict
 from mishutter.hardware.drive_files import MAX_STEPS, drive_bytes
-from mishutter.hardware.stage_files import path_csv
+from mishutter.hardware.stage_files import path_csv, path_steps
 from mishutter.model import FrameSequence, StagePath
 
 _STEPS_OF_A_FRAME = 256
@@ -109,13 +109,7 @@ class FrameTable:
         if path is None:
             return None
         step = self.exposure / self.begin.size
-        before, after = (
-            int(np.ceil(length / step * (1 - 1e-9)))
-            for length in (self.begin[0] - path.times[0], path.times[-1] - self.begin[0])
-        )
-        requirement = f"have a path of at most {MAX_STEPS} steps"
-        require(before + after <= MAX_STEPS, "design", requirement, before + after)
-        times = self.begin[0] + step * np.arange(-before, after + 1)
+        times = self.begin[0] + step * path_steps(path, self.begin[0], step, self.begin.size)
         parts = np.full(times.size, "between frames", object)
         parts[times < path.exposure[0] - step / 2] = "run-up"
         parts[times > path.exposure[1] - step / 2] = "run-out"

@@ -11,6 +11,7 @@ from mishutter.model.devices import FirstOrderShutter as FirstOrderShutter
 from mishutter.model.devices import IdealShutter as IdealShutter
 from mishutter.model.devices import SwitchedShutter as SwitchedShutter
 from mishutter.model.devices import command_of as command_of
+from mishutter.model.devices import least_efficiency as least_efficiency
 from mishutter.model.devices import stays_open as stays_open
 from mishutter.model.limits import LIMITS as LIMITS
 from mishutter.model.limits import Limits as Limits

@@ -205,7 +205,12 @@ def stays_open(shutter: AbstractShutter) -> Bool[Array, ""] | bool:
 
 def _passes_all(shutter: AbstractShutter) -> Bool[Array, ""]:
     efficiency = jax.lax.stop_gradient(shutter.efficiency())
-    return efficiency >= 1 - _ROUNDINGS * jnp.finfo(efficiency.dtype).eps
+    return efficiency >= least_efficiency(efficiency.dtype)
+
+
+def least_efficiency(dtype: np.dtype) -> np.floating:
+    """Throughput of a shutter that stays open, computed in a precision: 1 to rounding."""
+    return 1 - _ROUNDINGS * np.finfo(dtype).eps
 
 
 @final

@@ -1,8 +1,11 @@
 """Frames that a camera takes one after the other of the same picture, and what its sensor does."""
 
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import takewhile
+
+import numpy as np
 
 from mishutter.model.motion import AbstractMotion
 
@@ -92,6 +95,22 @@ class FrameSequence:
         """Light of each frame over that of the longest, as a sensor of one gain records them."""
         longest = max(frame.exposure for frame in self.frames)
         return tuple(frame.exposure / longest for frame in self.frames)
+
+    def of_one_gain(self, frames: Iterable[np.ndarray]) -> list[np.ndarray]:
+        """Frames as a sensor of one gain records them: white is that of the longest.
+
+        Args:
+            frames: Each in units of its own white.
+        """
+        return [share * frame for share, frame in zip(self.lights, frames, strict=True)]
+
+    def of_own_whites(self, frames: Iterable[np.ndarray]) -> list[np.ndarray]:
+        """What a sensor of one gain has recorded, each frame in units of its own white.
+
+        Args:
+            frames: Each in units of the white of the longest.
+        """
+        return [frame / share for share, frame in zip(self.lights, frames, strict=True)]
 
     @property
     def moves(self) -> bool:

@@ -34,3 +34,27 @@ def test_frames_that_all_stand_still_are_not_called_so():
     """A still burst has a sentence of its own."""
     frames = tuple(TimedFrame(StillCamera(half_exposure=x), 0.01 * x) for x in (0.003, 0.0012))
     assert FrameSequence("stills", frames, 0.0, 30.0, 29.0).setting == "1 of 6 ms and 1 of 2.4 ms"
+
+
+LENGTHS = 3e-3, 8e-3, 5e-3
+BRACKET = FrameSequence(
+    "three stills",
+    tuple(TimedFrame(StillCamera(half_exposure=x / 2), 4 * x) for x in LENGTHS),
+    0.0,
+    27.0,
+    26.0,
+)
+LIGHTS = np.random.default_rng(5).uniform(0.1, 0.9, (3, 4, 6))
+
+
+def test_a_sensor_of_one_gain_records_a_frame_by_its_exposure():
+    """The longest as it is, and the others as much darker as they are shorter."""
+    recorded = BRACKET.of_one_gain(LIGHTS)
+    np.testing.assert_allclose(recorded, LIGHTS * np.reshape(LENGTHS, (3, 1, 1)) / 8e-3)
+    np.testing.assert_array_equal(recorded[1], LIGHTS[1])
+
+
+def test_the_frames_of_one_gain_go_back_to_their_own_whites():
+    """What `mishutter simulate` writes is what `mishutter restore` reads."""
+    recorded = BRACKET.of_one_gain(LIGHTS)
+    np.testing.assert_allclose(BRACKET.of_own_whites(recorded), LIGHTS, rtol=1e-15)
