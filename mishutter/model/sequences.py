@@ -105,7 +105,7 @@ class FrameSequence:
         return [share * frame for share, frame in zip(self.lights, frames, strict=True)]
 
     def of_own_whites(self, frames: Iterable[np.ndarray]) -> list[np.ndarray]:
-        """What a sensor of one gain has recorded, each frame in units of its own white.
+        """The frames that a sensor of one gain has recorded, each in units of its own white.
 
         Args:
             frames: Each in units of the white of the longest.

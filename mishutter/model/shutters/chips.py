@@ -19,11 +19,8 @@ from mishutter._core import (
 )
 from mishutter.model.shutters.base import AbstractAdjustableShutter, uniform_breakpoints
 
-RASKAR_CODE = np.array(
-    [int(c) for c in "1010000111000001010000110011110111010111001001100111"], dtype=np.float64
-)
+RASKAR_CODE = tuple(map(float, "1010000111000001010000110011110111010111001001100111"))
 """The 52 chips of Raskar, Agrawal and Tumblin's coded exposure (2006), 26 of them open."""
-RASKAR_CODE.setflags(write=False)
 
 
 @final
