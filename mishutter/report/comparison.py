@@ -274,7 +274,7 @@ def compare(
     if isinstance(motion, Design):
         shutters = {"optimised": motion} if shutters is None else shutters
         motion = motion.motion
-    require(isinstance(motion, AbstractMotion), "motion", "be a motion", motion)
+    require(isinstance(motion, AbstractMotion), "compare(motion=...)", "be a motion", motion)
     require_known("compare", scene=scene, motion=motion)
     require_judge(decoder, pictures)
     loss = loss_of_decoder(scene) if loss is None else as_loss(loss, "compare(loss=...)")

@@ -232,7 +232,8 @@ def optimise(
     """
     require_scene(scene)
     require_known("optimise", scene=scene, motion=motion, shutter=shutter)
-    require(isinstance(motion, AbstractMotion | None), "motion", "be a motion", motion)
+    is_motion = isinstance(motion, AbstractMotion | None)
+    require(is_motion, "optimise(motion=...)", "be a motion", motion)
     is_shutter = isinstance(shutter, AbstractShutter | None)
     require(is_shutter, "optimise(shutter=...)", "be a shutter, as `HannShutter()`", shutter)
     shutter = None if shutter is None else command_of(shutter)

@@ -22,6 +22,7 @@ from mishutter import (
     blur_kernel,
     compare,
     deconvolve,
+    example_scene,
     optimise,
     simulate_capture,
     starting_shutter,
@@ -132,6 +133,10 @@ def test_a_class_or_nothing_in_the_place_of_a_thing():
         inspect.unwrap(simplified)(None)
     with pytest.raises(ValueError, match="`shutter` must be a shutter; got <class"):
         inspect.unwrap(piecewise)(HannShutter)
+    for call in (optimise, compare):
+        subject = rf"`{call.__name__}\(motion=\.\.\.\)` must be a motion; got 'left'"
+        with pytest.raises(ValueError, match=subject):
+            inspect.unwrap(call)(example_scene(), "left")
 
 
 def test_an_error_is_one_line():
