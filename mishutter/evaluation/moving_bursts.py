@@ -32,6 +32,7 @@ from mishutter.evaluation.frames import (
 )
 from mishutter.evaluation.lengths import distinct_speeds
 from mishutter.evaluation.open_frames import OpenFrames, Places, psnr_of_error
+from mishutter.evaluation.sequences import loss_of_width
 from mishutter.model import (
     AbstractMotion,
     FrameSequence,
@@ -305,7 +306,8 @@ def best_moving_burst(scene: Scene) -> FrameSequence | None:
     parabola over the whole burst or a fan of pans, of at most 64 frames, or makes one exposure
     alone. Before the frames that move there may be one at rest, or as many as leave the others the
     travel that they want. The limits hold over the burst, and the sensor may pan beside all that.
-    The frames have the times of those of `best_still_burst`.
+    The frames have the times of those of `best_still_burst`. On a sensor of a known width the kind
+    of path is the one that leaves least error there.
     """
     require_known("best_moving_burst", scene=scene)
     if scene.burst is None:
@@ -324,7 +326,8 @@ def best_moving_burst(scene: Scene) -> FrameSequence | None:
         # A stage that has to run up may have no time for frames at rest.
         for rests in sorted({count - moving, 0 if room.acceleration < math.inf else count - moving})
     ]
-    return _best_of(OpenFrames.of(whole, times.longest, folds=not pans), tries)
+    frames, width = OpenFrames.of(whole, times.longest, folds=not pans), scene.sensor.width
+    return _best_of(frames, tries, None if width is None else float(width))
 
 
 def _is_mirrored(scene: Scene) -> bool:
@@ -480,7 +483,7 @@ class _Try(NamedTuple):
         """Whether each coordinate of a point makes a difference."""
         return [True, True, self.num_rests > 0, self.may_pan]
 
-    def sequence(self, place: _Place, errors: Float[np.ndarray, "n"], mean: float) -> FrameSequence:
+    def frames(self, place: _Place) -> tuple[TimedFrame, ...]:
         """The frames in their order."""
         room, way, count = self.room, place.way, self.room.num_frames
         group, pan = way.frames(place.top_speed), room.panned(place.pan)
@@ -500,18 +503,27 @@ class _Try(NamedTuple):
         times = steps_of(self.num_frames) * room.times.period
         positions = positions - positions[self.num_rests]
         frames = zip(motions, times.tolist(), positions.tolist(), strict=True)
+        return tuple(TimedFrame(*each) for each in frames)
+
+    def sequence(self, place: _Place, errors: Float[np.ndarray, "n"], mean: float) -> FrameSequence:
+        """The frames with the stage's way and their levels."""
+        room, pan = self.room, self.room.panned(place.pan)
         return FrameSequence(
             self.kind if self.num_frames > 1 else ONE_PARABOLA,
-            tuple(TimedFrame(*each) for each in frames),
-            way.travels(place.top_speed, pan, room.acceleration)[0],
+            self.frames(place),
+            place.way.travels(place.top_speed, pan, room.acceleration)[0],
             psnr_of_error(mean),
             psnr_of_error(float(np.max(errors))),
             place.pan - pan,
         )
 
 
-def _best_of(frames: OpenFrames, tries: list[_Try]) -> FrameSequence:
-    """The best exposures, top speed and pan: grids, and simplexes from the best of all of these."""
+def _best_of(frames: OpenFrames, tries: list[_Try], width: float | None) -> FrameSequence:
+    """The best exposures, top speed and pan: grids, and simplexes from the best of all of these.
+
+    Kinds of paths differ by what they lose on a sensor of a width, which then chooses the path. The
+    exposures and the top speed of each are those of an endless sensor.
+    """
     from scipy.optimize import minimize
 
     few = frames.coarser()
@@ -547,17 +559,28 @@ def _best_of(frames: OpenFrames, tries: list[_Try]) -> FrameSequence:
         )
         return _Found(float(end.fun), each, whole(end.x))
 
+    def on_sensor(end: _Found) -> _Found:
+        if width is None:
+            return end
+        loss = loss_of_width(frames.scene, end.each.frames(end.each.at(end.point)), width=width)
+        return end._replace(error=end.error * 10 ** (loss / 10))
+
     # Most paths and pans are seen to be worse before they are at their best.
     starts = []
     for each in tries:
         by_pan = [min((found(each, x) for x in points), key=_error) for points in each.grids]
         starts += sorted(by_pan, key=_error)[:_NUM_PANS]
     firsts = sorted((improved(start, _FIRST_STEPS) for start in starts), key=_error)
-    ends = [improved(first, _MOST_STEPS) for first in firsts[:_NUM_PATHS]]
+    tops, others = firsts[:_NUM_PATHS], firsts[_NUM_PATHS:]
+    if width is not None:
+        best_of_kinds = {first.each.kind: first for first in reversed(firsts)}
+        tops = [*best_of_kinds.values()]
+        others = [first for first in firsts if all(first is not top for top in tops)]
+    ends = [on_sensor(improved(first, _MOST_STEPS)) for first in tops]
     best = min(ends, key=_error)
     simpler = [
-        improved(first, _MOST_STEPS)
-        for first in firsts[_NUM_PATHS:]
+        on_sensor(improved(first, _MOST_STEPS))
+        for first in others
         if first.each.simplicity < best.each.simplicity and first.is_as_good(best, _MAY_BE_AS_GOOD)
     ]
     as_good = [end for end in (*ends, *simpler) if end.is_as_good(best, _AS_GOOD)]

@@ -49,6 +49,7 @@ from mishutter.search.search import starting_shutter as starting_shutter
 from mishutter.search.search import with_device as with_device
 from mishutter.search.search import without_pan as without_pan
 from mishutter.search.sequences import best_sequence as best_sequence
+from mishutter.search.sequences import moves_rather as moves_rather
 from mishutter.search.sequences import pays as pays
 from mishutter.search.solvers import NonFiniteLossError as NonFiniteLossError
 from mishutter.search.space import beyond_limits as beyond_limits

@@ -35,13 +35,28 @@ def best_bursts(scene: Scene) -> tuple[FrameSequence, ...]:
 def to_take(bursts: tuple[FrameSequence, ...], *, at_worst: bool = False) -> FrameSequence:
     """The burst that moves, or that at rest where moving gains less than is worth a stage.
 
+    On a sensor of a known width each is judged by what it leaves there.
+
     Args:
         bursts: As `best_bursts` returns them, of which there are two.
         at_worst: Whether levels are those at the worst of the speeds.
     """
     still, moving = bursts
     gain = _level(moving, at_worst=at_worst) - _level(still, at_worst=at_worst)
-    return moving if gain >= WORTH_IT else still
+    return moving if moves_rather(moving, still, gain) else still
+
+
+def moves_rather(moving: FrameSequence, still: FrameSequence, gain: float) -> bool:
+    """Whether a burst that moves is worth a stage, beside one at rest.
+
+    Args:
+        moving: The burst that moves.
+        still: That at rest.
+        gain: Level of the first above that of the second, on an endless sensor; dB.
+    """
+    losses = moving.width_loss, still.width_loss
+    more = 0.0 if None in losses else losses[0] - losses[1]  # type: ignore[operator]
+    return gain - more >= WORTH_IT
 
 
 def pays(burst: FrameSequence, gain: float, *, builds: bool = True) -> bool:

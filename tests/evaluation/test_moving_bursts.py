@@ -6,8 +6,8 @@ import equinox as eqx
 import numpy as np
 import pytest
 
-from mishutter import Burst, Limits, Occlusion, ParabolicMotion, Scene
-from mishutter.evaluation import FrameTimes, best_moving_burst, best_still_burst
+from mishutter import Burst, Limits, Occlusion, ParabolicMotion, Scene, Sensor
+from mishutter.evaluation import FrameTimes, best_moving_burst, best_still_burst, loss_of_width
 from mishutter.evaluation.frames import FrameGroup, burst_psnr
 from mishutter.evaluation.moving_bursts import _moving_numbers, _Room, _Try
 
@@ -68,6 +68,23 @@ def test_the_best_moving_burst_is_that_of_an_independent_search(rate, level):
     ]
     level = float(burst_psnr(_of_window(rate, 8.0, 16), frames))
     assert level == pytest.approx(burst.psnr, abs=1e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("width", "gain"), [(512.0, 0.5), (900.0, 0.2)])
+@pytest.mark.daily(1)
+def test_a_sensor_chooses_the_path_that_leaves_most_on_it(width, gain):
+    """Four frames of a sweep are best without an end, and look beside a narrow sensor."""
+    scene = _of_window(1e5, 8.0, 4, stroke=120.0)
+    endless = best_moving_burst(scene)
+    narrow = eqx.tree_at(
+        lambda each: each.sensor, scene, Sensor(width=width), is_leaf=lambda x: x is None
+    )
+    burst = best_moving_burst(narrow)
+    assert endless.kind == "sweep"
+    assert burst.psnr > endless.psnr - 0.1
+    lost, less = (loss_of_width(scene, x.frames, width=width) for x in (endless, burst))
+    assert burst.psnr - less > endless.psnr - lost + gain
 
 
 def _accelerations(burst):

@@ -487,6 +487,9 @@ def test_a_verdict_says_what_leaves_the_sensor_of_a_still_burst():
     rests = {"width_loss": 0.163, "registration_loss": 0.002}
     said = _said_of_bursts(27.25, 27.3, "known", 800.0, rests, {"width_loss": 0.31}).verdict
     assert "\nOn a sensor of 800 px, points that leave it cost 0.16 dB.\n" in said
+    leaves = {"width_loss": 2.5}
+    said = _said_of_bursts(27.25, 29.5, "known", 300.0, rests, leaves).verdict
+    assert said.startswith("Do not move: ")
     single = _said_of_bursts(23.8, 23.85, "known", 800.0, rests).verdict
     assert "sensor of" not in single
 

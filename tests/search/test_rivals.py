@@ -200,6 +200,17 @@ def test_frames_are_taken_where_they_are_worth_it(levels, one_exposure, wanted):
     assert instead_of((), one_exposure) is None
 
 
+@pytest.mark.parametrize(
+    ("losses", "wanted"),
+    [((0.31, 1.19), "sweep"), ((0.31, 1.23), "stills"), ((None, 1.9), "sweep")],
+)
+def test_frames_move_where_that_pays_on_the_sensor(losses, wanted):
+    """A gain of 1 dB is none on a sensor from which as much more leaves; unknown ones are alike."""
+    some = tuple(replace(each, width_loss=x) for each, x in zip(BURSTS, losses, strict=True))
+    found = instead_of(some, 25.0)
+    assert found.kind == wanted
+
+
 def test_a_burst_of_one_frame_is_one_exposure():
     """Which the design is, with a shutter of its own."""
     one = replace(BURSTS[1], frames=BURSTS[1].frames[:1])
