@@ -23,7 +23,6 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core import all_concrete, as_numpy, compiled
-from mishutter.evaluation.ceilings import ceiling
 from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.errors import LinearErrors, known_speed_errors_of_frames
 from mishutter.evaluation.layers import background_of
@@ -193,20 +192,6 @@ def errors_by_speed(
     """
     exposed, num_each = _exposed(scene, frames, plan)
     return _errors(exposed, num_each, scene.speeds.size)
-
-
-def ceiling_of_frames(scene: Scene, num_frames: int, *, window: float) -> Float[Array, ""]:
-    r"""The expected PSNR that no equal frames exceed, whatever the sensor does in each; dB.
-
-    It is the `ceiling` at the exposure $W/n$ with the light and the read noise of all frames.
-
-    Args:
-        scene: Speeds, light, noise and picture; concrete.
-        num_frames: Number of frames, $n$.
-        window: Time from first to last light, $W$; s.
-    """
-    half = window / num_frames / 2
-    return ceiling(added_up(without_tolerances(scene), num_frames), max_half_exposure=half)
 
 
 def added_up(scene: Scene, num_frames: int) -> Scene:

@@ -322,7 +322,7 @@ class Limits(eqx.Module):
 
     def without_servo(self) -> "Limits":
         """The limits without the answer of the stage, which no integral sees."""
-        return eqx.tree_at(lambda each: each.stage, self, None, is_leaf=lambda x: x is self.stage)
+        return eqx.tree_at(lambda each: each.stage, self, None, is_leaf=lambda part: part is None)
 
     @property
     def has_stage(self) -> bool:

@@ -156,11 +156,7 @@ class Occlusion(eqx.Module):
         Args:
             shares: What `LayerShares` holds; None for layers without.
         """
-        return eqx.tree_at(lambda o: o.shares, self, shares, is_leaf=_is_shares)
-
-
-def _is_shares(part: object) -> bool:
-    return part is None or isinstance(part, LayerShares)
+        return eqx.tree_at(lambda o: o.shares, self, shares, is_leaf=lambda part: part is None)
 
 
 def _shifted(speed: Array, velocity: Array | np.ndarray) -> Array:

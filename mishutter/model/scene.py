@@ -351,7 +351,9 @@ class Scene(eqx.Module):
         Args:
             occlusion: The layers; None without any.
         """
-        return eqx.tree_at(lambda s: s.occlusion, self, occlusion, is_leaf=_is_occlusion)
+        return eqx.tree_at(
+            lambda s: s.occlusion, self, occlusion, is_leaf=lambda part: part is None
+        )
 
     @property
     def motion(self) -> AbstractMotion:
@@ -408,10 +410,6 @@ def require_whole(scene: Scene | None, user: str) -> None:
     whole = scene is None or scene.occlusion is None
     requirement = f"move as a whole for {user}, without an occlusion"
     require(whole, "scene", requirement, Unquoted("objects in front of a background"))
-
-
-def _is_occlusion(part: object) -> bool:
-    return part is None or isinstance(part, Occlusion)
 
 
 def seen_from(scene: Scene, motion: AbstractMotion) -> tuple[Scene, AbstractMotion]:

@@ -530,11 +530,7 @@ def _sent(
 
 def with_device(scene: Scene, device: AbstractDevice | None) -> Scene:
     """A scene with another device."""
-    return eqx.tree_at(lambda s: s.device, scene, device, is_leaf=_is_device)
-
-
-def _is_device(part: object) -> bool:
-    return part is None or isinstance(part, AbstractDevice)
+    return eqx.tree_at(lambda s: s.device, scene, device, is_leaf=lambda part: part is None)
 
 
 def _better(design: Design, straight: Design) -> Design:

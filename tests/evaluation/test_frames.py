@@ -10,14 +10,12 @@ from mishutter import (
     ParabolicMotion,
     RectShutter,
     Scene,
-    ceiling,
     evaluate,
 )
 from mishutter.evaluation.frames import (
     FrameGroup,
     alternating_frames,
     burst_psnr,
-    ceiling_of_frames,
     panned_frames,
     sine_frames,
     still_frames,
@@ -167,21 +165,6 @@ def test_derivatives_are_those_of_differences(level):
     fourth = [(4 * difference[k] - difference[k + 1]) / 3 for k in range(2)]
     sixth = (16 * fourth[0] - fourth[1]) / 15
     assert float(jax.grad(level)(1.0)) == pytest.approx(sixth, rel=SAME_DERIVATIVE)
-
-
-def test_the_ceiling_of_frames_is_that_of_their_light():
-    """The closed form for speeds spread evenly; a burst comes near it and not above."""
-    scene, half = _scene(), WINDOW / 4 / 2
-    share = np.minimum(1, 1 / (4 * TOP * half * F))
-    density = 4 * share / _noise(scene, half)
-    most = -10 * np.log10(DF @ (POWER / (1 + POWER * np.sinc(F) ** 2 * density)))
-    computed = float(ceiling_of_frames(scene, 4, window=WINDOW))
-    assert computed == pytest.approx(most, abs=1e-3)
-    assert computed == pytest.approx(31.5058, abs=1e-3)
-    level = float(burst_psnr(scene, [alternating_frames(4, half, 27.4 / half**2)]))
-    assert most - 0.5 < level < most
-    one = float(ceiling_of_frames(scene, 1, window=WINDOW))
-    assert one == pytest.approx(float(ceiling(scene)), abs=1e-9)
 
 
 @pytest.mark.parametrize(
