@@ -121,6 +121,8 @@ def _is_real(value: object) -> bool:
     """Whether `value` is a real number, an array of them, or a list of rows of one length."""
     if isinstance(value, list | tuple):
         return all(map(_is_real, value)) and len(set(map(np.shape, value))) <= 1
+    if not isinstance(value, np.ndarray | np.generic | Array) and hasattr(value, "__array__"):
+        value = np.asarray(value)  # a tensor of another library has types of its own
     dtype = getattr(value, "dtype", None)
     if dtype is None:
         return isinstance(value, int | float)

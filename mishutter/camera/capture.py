@@ -4,6 +4,7 @@
 """
 
 import math
+import os
 from collections.abc import Iterator, Sequence
 
 import jax.numpy as jnp
@@ -344,18 +345,21 @@ def kernel_layout(
 
 def as_radiance(picture: Picture | ArrayLike, subject: str) -> Planes:
     """The radiance of a picture, linear, as an array: `(rows, columns)` or with channels last."""
-    if isinstance(picture, Picture):
-        return floating_light(picture.light, subject)
     radiance = as_pixels(picture, subject)
+    if isinstance(picture, Picture):  # is checked where it is made
+        return radiance
     least = float(np.min(np.asarray(radiance))) if is_concrete(radiance) else 0.0
     require(least >= 0, subject, "be at least 0", least)
     return radiance
 
 
-def as_pixels(picture: ArrayLike, subject: str) -> Planes:
+def as_pixels(picture: Picture | ArrayLike, subject: str) -> Planes:
     """Pixels as an array of 32 or 64 bits: `(rows, columns)` or with channels last."""
+    if isinstance(picture, Picture):  # a capture that `read_picture` has read from a file
+        return floating_light(picture.light, subject)
     shape = np.shape(picture)
-    require(len(shape) >= 2, subject, "have rows and columns", shape)
+    got = picture if isinstance(picture, str | os.PathLike) else shape
+    require(len(shape) >= 2, subject, "have rows and columns", got)
     require(0 not in shape, subject, "hold at least one pixel", shape)
     require_finite(subject, picture)
     return floating_light(picture, subject)

@@ -35,8 +35,12 @@ from mishutter.camera import (
     rows_last,
     through_optics,
 )
-from mishutter.decoding.decoders import AbstractDecoder, BlurModel, EnsembleDecoder, blur_model
-from mishutter.decoding.decoders.linear import expected_squared_error, squared_error_of
+from mishutter.decoding.decoders import AbstractDecoder, BlurModel, blur_model
+from mishutter.decoding.decoders.linear import (
+    decoder_or_ensemble,
+    expected_squared_error,
+    squared_error_of,
+)
 from mishutter.decoding.decoders.speed_finding import decoder_of, informed
 from mishutter.decoding.image_quality import psnr
 from mishutter.evaluation import (
@@ -134,7 +138,7 @@ _AT_EACH_SPEED = (
 
 @alone_in_blas()
 def deconvolve(
-    captured: ArrayLike,
+    captured: Picture | ArrayLike,
     scene: Scene,
     motion: AbstractMotion,
     shutter: AbstractShutter,
@@ -145,7 +149,8 @@ def deconvolve(
 
     Args:
         captured: Light in units of a fully open exposure, as `simulate_capture` gives
-            it; shape `(rows, columns)` or `(..., rows, columns, channels)`.
+            it; a `Picture`, or an array of shape `(rows, columns)` or
+            `(..., rows, columns, channels)`.
         scene: Speeds that may occur, light, noise, spectrum of pictures.
         motion: Motion of the sensor.
         shutter: Transmittance over the exposure.
@@ -174,9 +179,7 @@ def deconvolve(
     """
     require_scene(scene)
     irradiance = turned(as_pixels(captured, "deconvolve(captured=...)"), scene.sensor.axis)
-    chosen = EnsembleDecoder() if decoder is None else decoder
-    is_decoder = isinstance(chosen, AbstractDecoder)
-    require(is_decoder, "deconvolve(decoder=...)", "be a decoder", decoder)
+    chosen = decoder_or_ensemble(decoder, "deconvolve")
     model = blur_model(scene, motion, shutter)
     return as_float(turned(restored_light(irradiance, chosen, model), scene.sensor.axis))
 
@@ -199,7 +202,10 @@ def restored_light(irradiance: Planes, decoder: AbstractDecoder, model: BlurMode
     has_light, subject = model.electrons > 0, "deconvolve(scene=...)"
     require(has_light, subject, "have a photon rate above 0 e-/s", model.electrons)
     planes = as_float(rows_last(distinct_colours(irradiance)))
-    return every_colour(channels_last(decoder.restore(planes, model), irradiance), irradiance)
+    restored = decoder.restore(planes, model)
+    shape, method = np.shape(restored), f"{type(decoder).__name__}.restore"
+    require(shape == planes.shape, method, f"return planes of shape {planes.shape}", shape)
+    return every_colour(channels_last(restored, irradiance), irradiance)
 
 
 def restore_photograph(
@@ -246,7 +252,7 @@ def restore_photograph(
         >>> print([f"{level:.0f} dB" for level in found.linear_psnr])
         ['29 dB', '27 dB']
     """
-    chosen = EnsembleDecoder() if decoder is None else decoder
+    chosen = decoder_or_ensemble(decoder, "restore_photograph")
     results = restore_by_each(
         picture,
         scene,

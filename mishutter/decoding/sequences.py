@@ -39,12 +39,11 @@ from mishutter.camera import (
 from mishutter.decoding.decoders import (
     AbstractDecoder,
     BlurModel,
-    EnsembleDecoder,
     SpeedEstimate,
     blur_model,
 )
 from mishutter.decoding.decoders.base import CompleteFrames, density_of
-from mishutter.decoding.decoders.linear import LEAST_POWER, mean_over_dft
+from mishutter.decoding.decoders.linear import LEAST_POWER, decoder_or_ensemble, mean_over_dft
 from mishutter.decoding.decoders.speed import BEYOND, LITTLE, luminance_shares
 from mishutter.decoding.restoration import restored_light
 from mishutter.evaluation import FrameNodes, nodes_of_frames
@@ -206,7 +205,7 @@ def restore_frames(
     found = _likeliest(stack, float(speed))
     equal = _complete(stack, found).reshape(*level.shape, found.length) + level[..., None]
     capture = as_float(np.moveaxis(equal, 0, -1))
-    chosen = EnsembleDecoder() if decoder is None else decoder
+    chosen = decoder_or_ensemble(decoder, "restore_frames")
     restored = np.asarray(restored_light(capture, chosen, taken.as_one(float(speed))))
     restored = restored[:, found.margin : found.margin + planes.shape[-1]]
     result = restored[..., 0] if light.ndim == 3 else every_colour(restored, colours[0])

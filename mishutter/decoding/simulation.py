@@ -30,11 +30,11 @@ from mishutter.camera import (
 from mishutter.decoding.decoders import (
     AbstractDecoder,
     BlurModel,
-    EnsembleDecoder,
     SpeedEstimate,
     SpeedFindingDecoder,
     blur_model,
 )
+from mishutter.decoding.decoders.linear import decoder_or_ensemble
 from mishutter.decoding.decoders.speed_finding import decoder_of, informed
 from mishutter.decoding.restoration import restored_light
 from mishutter.decoding.sequences import ROWS_OF_SPEED, restore_frames
@@ -134,7 +134,7 @@ def capture_and_restore(
     require_positive_int("capture_and_restore(rows_at_once=...)", rows_at_once)
     require_key("capture_and_restore(key=...)", key)
     axis, scene = scene.sensor.axis, scene.along_rows()
-    chosen = EnsembleDecoder() if decoder is None else decoder
+    chosen = decoder_or_ensemble(decoder, "capture_and_restore")
     report = progress if progress is not None else lambda text, share: None
     capture = partial(
         simulate_capture,
@@ -229,7 +229,7 @@ def burst_and_restore(
         captured,
         along,
         frames,
-        EnsembleDecoder() if decoder is None else decoder,
+        decoder_or_ensemble(decoder, "burst_and_restore"),
         speed=None,
         rows_at_once=rows_at_once,
         report=lambda text, share: report(text, 0.5 + 0.5 * share),
@@ -251,7 +251,7 @@ class Restoration(NamedTuple):
 
 
 def restore(
-    capture: ArrayLike,
+    capture: Picture | ArrayLike,
     design: Design,
     *,
     decoder: AbstractDecoder | None = None,
@@ -265,9 +265,9 @@ def restore(
 
     Args:
         capture: Light in units of a fully open exposure: 1 where white is recorded by a shutter
-            that is open throughout; shape `(rows, columns)` or `(rows, columns, channels)`. Of a
-            design that has a `sequence`, all its frames, each in units of its own exposure; shape
-            `(frames, rows, columns)`, or channels last.
+            that is open throughout; a `Picture`, or an array of shape `(rows, columns)` or
+            `(rows, columns, channels)`. Of a design that has a `sequence`, all its frames, each in
+            units of its own exposure; shape `(frames, rows, columns)`, or channels last.
         design: The camera and its scene.
         decoder: The method; the ensemble filter by default.
         speed: The speed of all that is seen, where it is known; px/s.
@@ -295,7 +295,7 @@ def restore(
 
 
 def restored_capture(
-    capture: ArrayLike,
+    capture: Picture | ArrayLike,
     design: Design,
     *,
     decoder: AbstractDecoder | None = None,
@@ -315,7 +315,7 @@ def restored_capture(
         ValueError: as `restore`.
     """
     scene, motion, shutter = design.scene.along_rows(), design.motion, design.shutter
-    axis, chosen = design.scene.sensor.axis, decoder or EnsembleDecoder()
+    axis, chosen = design.scene.sensor.axis, decoder_or_ensemble(decoder, "restore")
     report = progress or (lambda text, share: None)
     if speed is not None:
         require_finite("restore(speed=...)", speed)
@@ -337,7 +337,7 @@ def restored_capture(
     return Restoration(turned(light, axis), estimate)
 
 
-def _stack_of(captures: ArrayLike, num_frames: int, axis: Axis) -> np.ndarray:
+def _stack_of(captures: Picture | ArrayLike, num_frames: int, axis: Axis) -> np.ndarray:
     """The frames of a burst, whose things move along their rows once they are turned."""
     subject = "restore(capture=...)"
     light = np.asarray(as_pixels(captures, subject))

@@ -1,6 +1,6 @@
 """Cameras judged by a decoder of one's own, on photographs that each of them captures."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import ArrayLike, Float
 
 from mishutter._core import counts, require
+from mishutter.camera import Planes, as_radiance
 from mishutter.decoding import AbstractDecoder, restore_by_each
 from mishutter.design import motion_to_dict
 from mishutter.model import AbstractMotion, Scene
@@ -87,14 +88,21 @@ class Judgement(NamedTuple):
         )
 
 
-def require_judge(decoder: AbstractDecoder | None, pictures: Sequence[object]) -> None:
-    """Refuses one of the two without the other, and what `judged_by` cannot use."""
+def pictures_to_judge(
+    decoder: AbstractDecoder | None, pictures: Iterable[Picture | ArrayLike]
+) -> list[Planes]:
+    """The light of photographs for a decoder; refuses one without the other.
+
+    What no photograph is, is told here, before minutes of search.
+    """
+    lights = [as_radiance(picture, "compare(pictures=...)") for picture in pictures]
     subject, requirement = "compare(decoder=...)", "stand beside compare(pictures=...)"
-    require(decoder is not None or len(pictures) == 0, subject, requirement, decoder)
+    require(decoder is not None or len(lights) == 0, subject, requirement, decoder)
     if decoder is not None:
         require(isinstance(decoder, AbstractDecoder), subject, "be a decoder", decoder)
         requirement = "be two or more beside a decoder, for a standard error"
-        require(len(pictures) > 1, "compare(pictures=...)", requirement, len(pictures))
+        require(len(lights) > 1, "compare(pictures=...)", requirement, len(lights))
+    return lights
 
 
 def judged_by(

@@ -1,6 +1,6 @@
 """Designs beside their rivals: rows of a table, their ceiling and the verdict of a scene."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -26,7 +26,7 @@ from mishutter.model import (
     require_scene,
 )
 from mishutter.pictures import Picture
-from mishutter.report.by_decoder import Judgement, judged_by, require_judge
+from mishutter.report.by_decoder import Judgement, judged_by, pictures_to_judge
 from mishutter.report.tables import comparison_tables
 from mishutter.report.verdict import (
     Case,
@@ -217,7 +217,7 @@ def compare(
     loss: AbstractLoss | Callable[..., Any] | None = None,
     free_paths: bool = False,
     decoder: AbstractDecoder | None = None,
-    pictures: Sequence[Picture | ArrayLike] = (),
+    pictures: Iterable[Picture | ArrayLike] = (),
     progress: Step | bool | None = None,
 ) -> Comparison:
     r"""Measure shutters beside the baselines, in two readings.
@@ -276,7 +276,7 @@ def compare(
         motion = motion.motion
     require(isinstance(motion, AbstractMotion), "compare(motion=...)", "be a motion", motion)
     require_known("compare", scene=scene, motion=motion)
-    require_judge(decoder, pictures)
+    lights = pictures_to_judge(decoder, pictures)
     loss = loss_of_decoder(scene) if loss is None else as_loss(loss, "compare(loss=...)")
     loss = loss if loss.sees_light else loss_of_decoder(scene)
     entries = _entries(shutters) if shutters else {}
@@ -294,7 +294,7 @@ def compare(
         return table
     at_best = [row for row in rows if row.reading == OWN_BEST_MOTION and row.is_of_one_exposure]
     judgement = judged_by(
-        decoder, pictures, scene, at_best, table.snapshot, progress=progress is True
+        decoder, lights, scene, at_best, table.snapshot, progress=progress is True
     )
     choice = table.choice.name if table.choice is not None and table.is_to_build else None
     is_judged = choice in judgement.cameras  # a burst is not

@@ -32,6 +32,7 @@ from mishutter._core import (
     as_float,
     common_dtype,
     describe,
+    floating_light,
     require_finite,
     require_key,
     require_positive_int,
@@ -71,6 +72,24 @@ def test_what_is_too_long_is_not_shown():
         deep = [deep]
     assert describe(deep) == "list too long to show"
     assert describe(10**5000) == "int too long to show"
+
+
+class Tensor:
+    """An array of another library: NumPy reads it, and its types are not NumPy's."""
+
+    dtype, shape = "single", (2, 3)
+
+    def __array__(self, dtype=None, copy=None):
+        """The numbers, as NumPy asks for them."""
+        return np.asarray([[0.1, 0.7, 0.4], [0.9, 0.2, 0.3]], dtype or np.float32)
+
+
+def test_tensors_of_other_libraries_are_arrays():
+    """They are light, and real numbers."""
+    light = floating_light(Tensor(), "f(light=...)")
+    assert light.dtype == np.float32
+    np.testing.assert_array_equal(light, np.asarray(Tensor()))
+    inspect.unwrap(require_finite)("f(x=...)", Tensor())
 
 
 NO_NUMBERS = ["3", None, 1j, [1.0, "2"], [[1.0], [1.0, 2.0]], [3.0, None], {"a": 1.0}]

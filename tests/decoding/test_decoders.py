@@ -528,6 +528,82 @@ def test_a_denoiser_brings_more_than_a_filter():
     assert level["found"] > level["filter"] + 0.33
 
 
+class OfAnotherLibrary:
+    """A tensor: an array for NumPy, with a data type of its own."""
+
+    dtype = "single"
+
+    def __init__(self, values, error=None):
+        self.values, self.error = values, error
+        self.shape = np.shape(values)
+
+    def __array__(self, dtype=None, copy=None):
+        if self.error is not None:
+            raise RuntimeError(self.error)
+        return np.asarray(self.values, dtype)
+
+
+NOT_PICTURES = {
+    "nothing": (lambda picture, noise: None, "must return real numbers; got None"),
+    "text": (lambda picture, noise: "done", "must return real numbers; got 'done'"),
+    "complex": (lambda picture, noise: picture + 0.1j, "must return real numbers; got"),
+    "pair": (lambda picture, noise: (picture, noise), r"of shape \(2, 240\); got a tuple: "),
+    "gradients": (
+        lambda picture, noise: OfAnotherLibrary(picture, "Use tensor.detach().numpy()"),
+        "got a OfAnotherLibrary: Use tensor.detach",
+    ),
+    "batch": (lambda picture, noise: picture[None], r"of shape \(2, 240\), as it was given; got"),
+    "bytes": (lambda picture, noise: 255 * picture, "as bright as it was given.* got a mean of 51"),
+    "noise": (lambda picture, noise: picture - picture.mean(), "as bright .*0.2, white = 1; got"),
+}
+
+
+@pytest.mark.parametrize(("denoise", "message"), NOT_PICTURES.values(), ids=NOT_PICTURES)
+def test_a_denoiser_of_other_conventions(denoise, message):
+    """Networks return tensors, batches, other units and the noise: one line says which."""
+    model = blur_model(scene(), camera(), ms.HannShutter())
+    rows = jnp.full((1, 2, 40), 0.1)  # Hann passes half of the light
+    with pytest.raises(ValueError, match=message) as raised:
+        ms.PlugAndPlayDecoder(denoise).restore(rows, model)
+    assert "\n" not in str(raised.value)
+
+
+def test_a_denoiser_may_return_what_numpy_reads():
+    """A tensor, lists, single precision, and its own argument, overwritten, are as an array."""
+    model = blur_model(scene(), camera(), ms.HannShutter())
+    rows = jnp.asarray(np.random.default_rng(8).uniform(0.1, 0.2, (1, 2, 40)))
+
+    def in_place(picture, noise):
+        picture[...] = 0.9 * picture + 0.02
+        return picture
+
+    restored = [
+        ms.PlugAndPlayDecoder(denoise).restore(rows, model)
+        for denoise in (
+            lambda picture, noise: 0.9 * picture + 0.02,
+            lambda picture, noise: OfAnotherLibrary(0.9 * picture + 0.02),
+            lambda picture, noise: (0.9 * picture + 0.02).tolist(),
+            lambda picture, noise: (0.9 * picture + 0.02).astype(np.float32),
+            in_place,
+        )
+    ]
+    for other in restored[1:]:
+        np.testing.assert_allclose(other, restored[0], atol=1e-6)
+
+
+def test_an_error_within_a_denoiser_says_how_it_was_called():
+    """The error stays the denoiser's own; a note has the type that a network does not take."""
+
+    def network(picture, noise):
+        raise TypeError("conv2d(): argument 'input' must be Tensor, not numpy.ndarray")
+
+    model = blur_model(scene(), camera(), ms.HannShutter())
+    with pytest.raises(TypeError, match="conv2d") as raised:
+        ms.PlugAndPlayDecoder(network).restore(jnp.full((1, 2, 40), 0.1), model)
+    (note,) = raised.value.__notes__
+    assert "was called with a NumPy array of shape (2, 240), float64, and a float" in note
+
+
 def test_a_denoiser_that_returns_no_picture():
     """Another shape and numbers that are not finite are refused, and a capture that is traced."""
     model = blur_model(scene(), camera(), ms.HannShutter())

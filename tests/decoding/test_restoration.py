@@ -14,6 +14,7 @@ from support.programs import compiled_programs
 import mishutter as ms
 from mishutter.camera import kernel_layout, noisy
 from mishutter.decoding import blur_model, restore_by_each
+from mishutter.decoding.decoders.linear import decoder_or_ensemble
 
 # Means over seeds and the columns that count are parts of a result that holds neither.
 from mishutter.decoding.restoration import _common_columns, _Errors, _levels
@@ -292,6 +293,29 @@ def test_speeds_that_are_none(speeds, message):
     """They are refused by their name."""
     with pytest.raises(ValueError, match=message):
         ms.restore_photograph(np.ones((4, 300)), scene(), camera(), ms.HannShutter(), speeds=speeds)
+
+
+class Cropping(ms.AbstractDecoder):
+    """One that loses columns."""
+
+    def restore(self, captured, model):
+        return captured[..., :-3]
+
+
+def test_a_decoder_of_ones_own_returns_what_it_was_given():
+    """Planes of another shape are refused by the decoder's name."""
+    message = r"`Cropping.restore` must return planes of shape \(1, 5, 70\); got \(1, 5, 67\)"
+    given = scene(), camera(), ms.HannShutter()
+    with pytest.raises(ValueError, match=message):
+        ms.deconvolve(np.full((5, 70), 0.2), *given, decoder=Cropping())
+
+
+@pytest.mark.parametrize("wrong", [Cropping, lambda captured, model: captured, "ensemble"])
+def test_what_is_no_decoder(wrong):
+    """A class, a function and a name are refused; without any it is the ensemble filter."""
+    with pytest.raises(ValueError, match=r"`restore\(decoder=...\)` must be an instance of a dec"):
+        decoder_or_ensemble(wrong, "restore")
+    assert isinstance(decoder_or_ensemble(None, "restore"), ms.EnsembleDecoder)
 
 
 def test_no_picture_is_restored_without_light():

@@ -40,6 +40,18 @@ def test_it_is_what_deconvolve_makes_of_it(axis):
     np.testing.assert_allclose(ms.restore(grey, camera), np.asarray(whole)[..., 0], atol=1e-6)
 
 
+def test_a_capture_that_was_read_from_a_file_is_an_array():
+    """`read_picture` returns a `Picture`: it is restored as its light is."""
+    camera = design()
+    _, seen = capture(camera, rows=slice(20, 27))
+    light = np.maximum(np.asarray(seen), 0)
+    np.testing.assert_array_equal(ms.restore(ms.Picture(light), camera), ms.restore(light, camera))
+    given = camera.scene, MOTION, camera.shutter
+    np.testing.assert_array_equal(
+        ms.deconvolve(ms.Picture(light), *given), ms.deconvolve(light, *given)
+    )
+
+
 def test_a_told_speed_is_that_of_the_pan_too():
     """The filter of one speed, relative to the sensor, leaves less than that of another."""
     camera = design()

@@ -18,7 +18,7 @@ from mishutter import (
     example_picture,
 )
 from mishutter.decoding import restore_by_each
-from mishutter.report.by_decoder import Judgement, OnPictures, judged_by
+from mishutter.report.by_decoder import Judgement, OnPictures, judged_by, pictures_to_judge
 from mishutter.report.restored import longest_kernel
 from mishutter.report.tables import comparison_tables
 from mishutter.search import BEST_SNAPSHOT, BEST_STILL_BURST
@@ -77,6 +77,21 @@ def test_a_camera_may_be_below_the_snapshot():
     below = SNAPSHOT._replace(levels=SNAPSHOT.levels - 0.25).over(SNAPSHOT)
     judgement = JUDGEMENT._replace(cameras={"mine": below})
     assert "mine is 0.25 ± 0.00 dB below" in judgement.sentence("mine")
+
+
+@pytest.mark.parametrize(
+    ("picture", "message"),
+    [
+        (np.full((20, 300), 130, np.uint8), "must hold light, white = 1.* got uint8"),
+        (np.full((20, 300), -0.3), "must be at least 0; got -0.3"),
+        (np.full(300, 0.3), r"must have rows and columns; got \(300,\)"),
+    ],
+)
+def test_what_is_no_photograph_is_told_before_the_search(picture, message):
+    """By the name that its user knows, also out of a generator."""
+    each = (light for light in (PICTURES[0], picture))
+    with pytest.raises(ValueError, match=rf"^`compare\(pictures=...\)` {message}"):
+        pictures_to_judge(WienerDecoder(), each)
 
 
 def exposed(row, share):

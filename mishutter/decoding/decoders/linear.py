@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Complex, Float
 
-from mishutter._core import compiled
+from mishutter._core import compiled, require
 from mishutter.camera import along_rows
 from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel
 from mishutter.decoding.decoders.borders import Continuation, captured_spectrum, continuation
@@ -30,6 +30,14 @@ class EnsembleDecoder(AbstractDecoder):
     def restore(self, captured: Array, model: BlurModel) -> Array:
         extension = continuation(model, captured.shape[-1])
         return filtered(captured, model, extension, ensemble_filter(model, extension.length))
+
+
+def decoder_or_ensemble(decoder: object, function: str) -> AbstractDecoder:
+    """The decoder of a function's argument, which is the ensemble filter where there is none."""
+    chosen = EnsembleDecoder() if decoder is None else decoder
+    is_decoder = isinstance(chosen, AbstractDecoder)
+    require(is_decoder, f"{function}(decoder=...)", "be an instance of a decoder", decoder)
+    return chosen  # type: ignore[return-value]
 
 
 @final

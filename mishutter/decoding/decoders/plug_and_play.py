@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import require, require_known, require_positive_int
+from mishutter._core import Unquoted, require, require_known, require_positive_int
 from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel
 from mishutter.decoding.decoders.borders import continuation
 from mishutter.decoding.decoders.linear import ensemble_filter, misfit_of
@@ -32,8 +32,10 @@ class PlugAndPlayDecoder(AbstractDecoder):
         denoise: Called with a picture of shape `(rows, columns)`, white = 1, longer than the
             capture by the continuation of its rows, and with the standard deviation of the noise
             to remove, white = 1. It returns the picture without noise, of the same shape.
-        strength: $\lambda$, the weight of the denoised picture against the capture; above 0. One
-            that is too small leaves ghosts and noise, one that is too large leaves the blur.
+        strength: $\lambda$, the weight of the denoised picture against the capture; above 0. The
+            noise that a frequency of $x$ has from the capture is at most $\sigma/2\sqrt\lambda$, so
+            that below 0.25 it exceeds what the denoiser is told of. One that is too small leaves
+            ghosts and noise, one that is too large leaves the blur.
         last_noise: The last $\sigma$ in units of the error that the ensemble filter is expected to
             leave; above 0. One that is too small leaves noise, one that is too large takes
             texture away.
@@ -42,7 +44,8 @@ class PlugAndPlayDecoder(AbstractDecoder):
 
     Raises:
         ValueError: if a weight is not positive, if the noise does not fall, or where it restores,
-            if a capture is traced or the denoiser returns another shape or what is not finite.
+            if a capture is traced, or the denoiser returns no real and finite numbers, another
+            shape, or a picture of another brightness.
     """
 
     denoise: Denoiser = eqx.field(static=True)
@@ -93,11 +96,28 @@ class PlugAndPlayDecoder(AbstractDecoder):
         return jnp.asarray(np.reshape(restored, captured.shape), captured.dtype)
 
     def _denoised(self, picture: np.ndarray, sigma: float) -> np.ndarray:
-        """The denoised picture, if it is one of the same shape."""
-        denoised = np.asarray(self.denoise(picture, sigma), np.float64)
-        subject = "PlugAndPlayDecoder(denoise=...)"
-        as_given = f"return a picture of shape {picture.shape}, as it was given"
+        """The denoised picture, if it is one of the same shape and about the same brightness."""
+        subject, given = "PlugAndPlayDecoder(denoise=...)", f"shape {picture.shape}"
+        try:
+            returned = self.denoise(picture, sigma)
+        except Exception as error:
+            called = f"a NumPy array of {given}, {picture.dtype}, and a float"
+            error.add_note(f"`{subject}` was called with {called}.")
+            raise
+        try:
+            denoised = np.asarray(returned)
+        except (RuntimeError, TypeError, ValueError) as error:  # a tensor with gradients; a tuple
+            got = Unquoted(f"a {type(returned).__name__}: {error}")
+            require(False, subject, f"return a NumPy array of {given}", got)
+            raise  # not reached: `require` has raised
+        require(denoised.dtype.kind in "fiub", subject, "return real numbers", returned)
+        as_given = f"return a picture of {given}, as it was given"
         require(denoised.shape == picture.shape, subject, as_given, denoised.shape)
         is_finite = bool(np.all(np.isfinite(denoised)))
-        require(is_finite, subject, "return finite numbers", "what is not finite")
-        return denoised
+        require(is_finite, subject, "return finite numbers", Unquoted("some that are not"))
+        # Networks in other units change the mean, and those that return the noise; none else does.
+        before, mean = float(np.mean(picture)), float(np.mean(denoised))
+        is_as_bright = abs(mean - before) <= max(abs(before) / 2, 2 * sigma)
+        as_bright = f"return a picture as bright as it was given, of mean {before:.3g}, white = 1"
+        require(is_as_bright, subject, as_bright, Unquoted(f"a mean of {mean:.3g}"))
+        return denoised.astype(np.float64)
