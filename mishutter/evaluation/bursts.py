@@ -1,8 +1,8 @@
 """Bursts of a camera at rest: several frames of a picture in place of one exposure, registered.
 
-Registration is taken to be perfect, and to cost nothing. A decoder that registers frames knows the
-speed, so that their level is that of `burst_psnr`. Objects that are hidden in some frames, or
-outside of the picture, do not count.
+Levels take registration to be perfect, and to cost nothing. A decoder that registers frames knows
+the speed, so that their level is that of `burst_psnr`. Objects that are hidden in some frames do
+not count. `with_losses` adds the cost of registration, and of objects that leave the sensor.
 """
 
 import math
