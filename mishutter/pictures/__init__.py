@@ -15,6 +15,7 @@ from mishutter.pictures.images import light_of as light_of
 from mishutter.pictures.images import middle_rows as middle_rows
 from mishutter.pictures.images import pixels_along as pixels_along
 from mishutter.pictures.images import read_captures as read_captures
+from mishutter.pictures.images import read_levels as read_levels
 from mishutter.pictures.images import read_opacity as read_opacity
 from mishutter.pictures.images import read_picture as read_picture
 from mishutter.pictures.images import row_power_spectrum as row_power_spectrum

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from jaxtyping import ArrayLike, Float
+from jaxtyping import ArrayLike, Float, Shaped
 
 from mishutter._core import (
     Unquoted,
@@ -344,6 +344,22 @@ def checked_white(subject: str, white: ArrayLike | None) -> float | None:
     require_finite(subject, white)
     require(bool(np.asarray(white) > 0), subject, "be above 0", white)
     return float(np.asarray(white))
+
+
+def read_levels(path: str | Path) -> Shaped[np.ndarray, "rows columns"]:
+    """Read the numbers of a grey picture as the file holds them.
+
+    Args:
+        path: A file that `read_picture` reads.
+
+    Raises:
+        OSError: as `read_picture`.
+        ValueError: as `read_picture`, and of a picture in colour.
+    """
+    colour = _file(Path(path)).colour
+    got = Unquoted(f"colours in {str(path)!r}")
+    require(colour.shape[2] == 1, "read_levels(path=...)", "be a grey picture", got)
+    return colour[..., 0]
 
 
 def read_opacity(path: str | Path) -> Float[np.ndarray, "rows columns"]:

@@ -8,9 +8,11 @@ from dataclasses import replace
 from functools import cache
 
 import equinox as eqx
+import imagecodecs
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import tifffile
 from support.designs import SCENE
 from support.laboratory import (
     BLUR,
@@ -40,7 +42,7 @@ from mishutter import (
     fit,
 )
 from mishutter.design import GIVEN
-from mishutter.hardware import Trace
+from mishutter.hardware import Trace, read_measurements
 
 # The starts of a fit, of which it returns the end of the best.
 from mishutter.hardware.calibration.likelihood import Setting
@@ -414,3 +416,28 @@ def test_a_trace_and_one_speed_show_what_the_speed_alone_does_not():
     assert len(camera.not_identifiable) == 2
     assert np.all(np.abs(scores(camera)) < 4)
     assert np.max(camera.coefficient_errors) < 0.03
+
+
+@pytest.mark.parametrize("suffix", ["tif", "png", "pgm"])
+def test_pictures_are_files_of_a_camera(tmp_path, suffix):
+    """Their numbers are the levels: neither a gamma nor the depth of the file counts."""
+    levels = np.random.default_rng(8).integers(90, 4000, (7, 33), np.uint16)
+    path = tmp_path / f"left.{suffix}"
+    {
+        "tif": lambda: tifffile.imwrite(path, levels),
+        "png": lambda: path.write_bytes(imagecodecs.png_encode(levels)),
+        "pgm": lambda: path.write_bytes(b"P5 33 7 65535\n" + levels.astype(">u2").tobytes()),
+    }[suffix]()
+    bench = tmp_path / "bench.toml"
+    bench.write_text(f'[[picture]]\npath = "left.{suffix}"\nspeed_px_per_s = -2400\n')
+    (found,) = read_measurements(bench).pictures
+    np.testing.assert_array_equal(found.levels, levels)
+    assert found.is_rounded
+
+
+def test_a_picture_in_colour_has_no_levels(tmp_path):
+    """It is refused, and not read as a mean of its colours."""
+    tifffile.imwrite(tmp_path / "c.tif", np.ones((7, 33, 3), np.uint16), photometric="rgb")
+    (tmp_path / "bench.toml").write_text('[[picture]]\npath = "c.tif"\n')
+    with pytest.raises(ValueError, match="be a grey picture; got colours in "):
+        read_measurements(tmp_path / "bench.toml")

@@ -24,7 +24,7 @@ from mishutter._core import (
 )
 from mishutter.hardware.trace_files import read_trace
 from mishutter.hardware.traces import Trace
-from mishutter.pictures import Axis, pixels_along, turned
+from mishutter.pictures import PICTURE_SUFFIXES, Axis, pixels_along, read_levels, turned
 
 TARGETS = ("point", "edge")
 END = 4
@@ -189,8 +189,9 @@ class _File(Section):
 def read_measurements(path: str | Path) -> Measurements:
     """Read a TOML file that lists pictures, the figures of the sensor, and perhaps a trace.
 
-    A picture is CSV, one line a row, or `.npy` of rows and columns; `[sensor] axis` says along
-    which of them targets move. All pictures without a speed share an unknown one.
+    A picture is CSV, one line a row, `.npy` of rows and columns, or a grey picture's file;
+    `[sensor] axis` says along which of them targets move. All pictures without a speed share an
+    unknown one.
 
     Args:
         path: The file.
@@ -227,6 +228,8 @@ def _levels(path: Path) -> np.ndarray:
     content, name = contents(path), str(path)
     if not content.startswith(b"\x93NUMPY"):
         is_text = b"\0" not in content or content.startswith((b"\xff\xfe", b"\xfe\xff"))
+        if path.suffix.lower() in PICTURE_SUFFIXES:
+            return read_levels(path)
         got = Unquoted("a file that is neither")
         require(is_text, name, "hold the levels of a picture as CSV or .npy", got)
         lines = text_lines(content, name)
