@@ -49,30 +49,30 @@ class PlainStills(NamedTuple):
     """Registered frames of a camera at rest beside the camera of a verdict.
 
     Attributes:
-        best: The best of them at the `PLAIN_RATE` within the longest exposure.
+        best: The best of them at the `PLAIN_RATE` within the longest exposure; None of a camera
+            that states its own rate, whose bursts are among the rows.
         equal_rate: The least frame rate at which such frames have the level of the camera; 1/s.
             None where no rate up to `MOST_RATE` has.
     """
 
-    best: StillBurst
+    best: StillBurst | None
     equal_rate: float | None
 
 
 def plain_stills(scene: Scene, choice: Row) -> PlainStills | None:
     """The frames at rest that any camera could take in place of a row.
 
-    None for a scene with a `Burst`, whose rows they are among, and for one with a background:
-    frames that are aligned for its objects blur that.
+    None for a scene with a background: frames that are aligned for its objects blur that.
 
     Args:
         scene: The scene.
         choice: The row, whose level they are to equal.
     """
-    if scene.burst is not None or scene.occlusion is not None:
+    if scene.occlusion is not None:
         return None
     bursts = StillBursts(scene, at_worst=choice.at_worst)
     rate = bursts.rate_that_equals(choice.level, most=MOST_RATE)
-    return PlainStills(bursts.best(PLAIN_RATE), rate)
+    return PlainStills(bursts.best(PLAIN_RATE) if scene.burst is None else None, rate)
 
 
 class Bursts(NamedTuple):
@@ -196,10 +196,18 @@ class Case:
     @property
     def is_below_stills(self) -> bool:
         """Whether plain stills are better than the camera to build."""
-        stills = self.stills
-        if stills is None or not self.is_coded or stills.best.num_frames == 1:
+        best = self.stills.best if self.stills is not None else None
+        if best is None or not self.is_coded or best.num_frames == 1:
             return False
-        return stills.best.psnr > self.choice.level
+        return best.psnr > self.choice.level
+
+    @property
+    def is_below_burst(self) -> bool:
+        """Whether a burst that is told no more is better than the camera to build."""
+        bursts = self.bursts
+        if bursts is None or bursts.in_parts or not self.burst_pays:
+            return False
+        return bursts.top.level > self.choice.level
 
     @property
     def level(self) -> str:
@@ -242,6 +250,10 @@ def _build(case: Case) -> str:
     # Whoever reads one sentence learns that an ordinary camera does more.
     if case.is_below_stills:
         return textwrap.fill(f"{headline}, but below {_stills(case)}", _WIDTH)
+    if case.is_below_burst:
+        top: Row = case.bursts.top  # type: ignore[union-attr]
+        frames = f"{top.num_frames} frames, registered by object: {top.level:.2f} dB"
+        return textwrap.fill(f"{headline}, but below {frames}.", _WIDTH)
     return f"{headline}."
 
 
@@ -303,7 +315,7 @@ def _simpler(case: Case) -> str:
 
 def _stills_pay(case: Case) -> bool:
     """Whether frames at rest may take the place of the camera, or gain on a snapshot."""
-    if case.stills is None or case.is_below_stills:
+    if case.stills is None or case.stills.best is None or case.is_below_stills:
         return False
     gains = case.stills.best.psnr - case.choice.level >= WORTH_IT
     return case.is_coded or (gains and case.stills.best.num_frames > 1)
@@ -315,7 +327,8 @@ def _stills(case: Case) -> str:
     One filter for all speeds registers nothing: objects on their own would have to be, one by one.
     """
     stills: PlainStills = case.stills  # type: ignore[assignment]
-    count, level, rate = stills.best.num_frames, stills.best.psnr, stills.equal_rate
+    best: StillBurst = stills.best  # type: ignore[assignment]
+    count, level, rate = best.num_frames, best.psnr, stills.equal_rate
     if case.choice.decoder.knows_speed:
         frames = f"{count} registered stills at {PLAIN_RATE:.0f} frames/s"
     else:
@@ -327,6 +340,20 @@ def _stills(case: Case) -> str:
         return f"{said}, {level - case.choice.level:.2f} above it."
     equal = f"{MOST_RATE:.0f} frames/s do not" if rate is None else f"{math.ceil(rate)} frames/s"
     return f"{said}; {equal} equal it."
+
+
+def _are_outrun(case: Case) -> bool:
+    """Whether stills of a camera that is faster than the scene's equal the one to build."""
+    if case.stills is None or case.bursts is None or not case.is_coded:
+        return False
+    is_fast_enough = case.bursts.still.level >= case.choice.level
+    return case.stills.equal_rate is not None and not is_fast_enough
+
+
+def _rate(case: Case) -> str:
+    """The frame rate at which frames at rest equal the camera to build."""
+    rate: float = case.stills.equal_rate  # type: ignore[union-attr, assignment]
+    return f"Registered stills at {math.ceil(rate)} frames/s equal {case.choice.name}."
 
 
 def _burst(case: Case) -> str:
@@ -435,6 +462,7 @@ RULES = (
     Rule(_stills_pay, _stills),
     *_OF_FRAMES,
     _OF_BURSTS[-1],
+    Rule(_are_outrun, _rate),
 )
 """The sentences of a verdict, in their order."""
 

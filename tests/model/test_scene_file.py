@@ -493,6 +493,16 @@ def test_a_written_scene_names_its_photograph(tmp_path):
     assert eqx.tree_equal(Scene.load(tmp_path / "scene.toml"), example_scene(), rtol=1e-12)
 
 
+WITHOUT_BURST = example_scene_text().replace("[burst]\nframes_per_s = 15\n", "")
+
+
+def test_the_built_in_camera_states_the_rate_of_its_data_sheet():
+    """Its frames are as many as the window of one exposure holds."""
+    burst = example_scene().burst
+    assert float(burst.frames_per_s) == 15
+    assert burst.max_frames is burst.window is None
+
+
 @pytest.mark.parametrize(
     ("keys", "burst"),
     [
@@ -507,7 +517,7 @@ def test_a_written_scene_names_its_photograph(tmp_path):
 def test_frames_have_a_section(keys, burst, tmp_path):
     """Its window and its dead time may be left out."""
     path = tmp_path / "scene.toml"
-    path.write_text(example_scene_text() + f"\n[burst]\n{keys}\n")
+    path.write_text(WITHOUT_BURST + f"\n[burst]\n{keys}\n")
     assert eqx.tree_equal(Scene.load(path).burst, burst)
 
 
@@ -542,7 +552,7 @@ def test_free_paths_are_a_word_on_the_stage(tmp_path):
 def test_a_burst_that_a_file_cannot_have(keys, message, tmp_path):
     """One line names the key, also of a section and a key that earlier versions had elsewhere."""
     path = tmp_path / "scene.toml"
-    path.write_text(example_scene_text() + f"\n{keys}\n")
+    path.write_text(WITHOUT_BURST + f"\n{keys}\n")
     with pytest.raises(ValueError, match=message):
         Scene.load(path)
 

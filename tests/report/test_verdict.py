@@ -1,5 +1,6 @@
 """The verdict of a scene: which camera it names, in which words."""
 
+import math
 from dataclasses import replace
 
 import equinox as eqx
@@ -18,7 +19,7 @@ from mishutter import (
     SwitchedShutter,
     ceiling,
 )
-from mishutter.evaluation import SPEED_KNOWLEDGE
+from mishutter.evaluation import SPEED_KNOWLEDGE, StillBursts
 from mishutter.report import with_verdict
 from mishutter.report.verdict import (
     RULES,
@@ -213,10 +214,11 @@ def test_each_rule_says_its_sentence_once():
     still, moving = (
         replace(x, sequence=replace(sequence(x.motion, 6, 31.0), **losses)) for x in (still, moving)
     )
-    bursts = Bursts(still, moving, 9, width=1300.0)
+    dim = replace(made_up({"dim": 20.0})[0], sequence=still.sequence)
     found = [
         Case(rows, choice, own, snapshot, 27.0, plain_stills(SCENE, choice), bursts)
-        for levels in cases
+        for levels, rest in zip(cases, (still, still, dim, still), strict=True)
+        for bursts in [Bursts(rest, moving, 9, width=1300.0)]
         for rows in [made_up(levels)]
         for own, snapshot in [(rows[0], best_row(row for row in rows if row.name in SNAPSHOTS))]
         for choice in [row_to_build(rows, own, snapshot)]
@@ -504,6 +506,27 @@ def test_losses_of_a_burst_stand_in_the_tables_and_in_the_file():
     saved = taken.to_dict()["sequence"]
     assert (saved["width_loss_db"], saved["registration_loss_db"]) == (0.0413, 0.00031)
     assert "width_loss_db" not in _said_of_bursts(27.25, 29.5, "known").to_dict()["sequence"]
+
+
+def test_a_camera_that_takes_frames_keeps_the_design_and_says_what_frames_do():
+    """One filter serves all speeds: the design stands, and a reader of one sentence learns more."""
+    said = _said_of_bursts(23.25, 26.5)
+    first, *_ = said.verdict.split(".\n")
+    assert first.replace("\n", " ") == (
+        "Build a: 24.00 dB, 2.00 dB above the best snapshot, "
+        "but below 4 frames, registered by object: 26.50 dB"
+    )
+    assert (said.choice.name, said.is_to_build) == ("a", True)
+    text = said.verdict.replace("\n", " ")
+    assert "If objects are registered, take 4 frames of 20 ms" in text
+    rate = StillBursts(SCENE).rate_that_equals(24.0, most=1000.0)
+    assert text.endswith(f"Registered stills at {math.ceil(rate)} frames/s equal a.")
+
+
+def test_no_rate_is_named_where_the_frames_of_the_camera_are_enough():
+    """Its own still burst equals the design, or the verdict is not to build one."""
+    assert "Registered stills at" not in _said_of_bursts(24.1, 26.5).verdict
+    assert "Registered stills at" not in _said_of_bursts(23.25, 26.5, "known").verdict
 
 
 def test_no_number_of_stills_equals_a_burst_that_none_does():
