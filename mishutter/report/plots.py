@@ -323,10 +323,13 @@ def plot_kernels(designs: Named, speeds: Sequence[float]) -> "Figure":
         left.set_title(f"{shown_name(name, 26)}, {motion_text(motion)}", fontsize="medium")
         right.set_title(f"difference from the kernel at {velocity:.4g} px/s", fontsize="medium")
         right.axhline(0, color="0.4", linewidth=0.6)
-        for axes, corner in ((left, "upper right"), (right, "lower right")):
+        for axes, corner, title in (
+            (left, "upper right", None),
+            (right, "lower right", "RMS over the kernel's"),
+        ):
             draw_grid(axes)
             if axes.patches:
-                axes.legend(fontsize="small", loc=corner)
+                axes.legend(fontsize="small", loc=corner, title=title, title_fontsize="small")
             axes.set_ylabel("light per px")
     place = "position from the point of alignment / px"
     panels[-1, 0].set_xlabel(place)

@@ -332,6 +332,7 @@ def test_kernels_of_a_panning_sensor_differ_from_that_of_what_it_keeps_up_with()
         np.testing.assert_allclose(*pair, atol=1e-12)
     assert [patch.get_label()[:8] for patch in right.patches] == ["300 px/s"]
     assert right.get_title() == "difference from the kernel at 700 px/s"
+    assert right.get_legend().get_title().get_text() == "RMS over the kernel's"
 
 
 @pytest.mark.parametrize("name", FIGURES)
