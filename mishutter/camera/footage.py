@@ -87,7 +87,11 @@ class Frames:
         return 2 * (times / times[-1]) - 1
 
     def turned(self, axis: Axis) -> "Frames":
-        """The footage with rows and columns exchanged, unless things move along its rows."""
+        """The footage with rows and columns exchanged, unless things move along its rows.
+
+        Args:
+            axis: The axis along which things move.
+        """
         radiances = (f.light if isinstance(f, Picture) else np.asarray(f) for f in self.frames)
         return replace(self, frames=(turned(radiance, axis) for radiance in radiances))
 

@@ -61,7 +61,11 @@ class Layer:
             require(is_near, f"Layer({name}=...)", f"lie within {_FARTHEST:g} px", place)
 
     def turned(self, axis: Axis) -> "Layer":
-        """The layer with rows and columns exchanged, unless things move along its rows."""
+        """The layer with rows and columns exchanged, unless things move along its rows.
+
+        Args:
+            axis: The axis along which things move.
+        """
         left, top = (self.left, self.top) if axis == "rows" else (self.top, self.left)
         return Layer(self.picture.turned(axis), self.speed, left=left, top=top)
 
@@ -110,7 +114,11 @@ class Layers:
         return read_layers(path)
 
     def turned(self, axis: Axis) -> "Layers":
-        """The layers with rows and columns exchanged, unless things move along their rows."""
+        """The layers with rows and columns exchanged, unless things move along their rows.
+
+        Args:
+            axis: The axis along which things move.
+        """
         return Layers(tuple(layer.turned(axis) for layer in self.layers), self.border)
 
     @property

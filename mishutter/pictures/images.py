@@ -91,7 +91,11 @@ class Picture:
         return self.light @ np.asarray(LUMINANCE, self.light.dtype)
 
     def turned(self, axis: Axis = "columns") -> "Picture":
-        """The picture with rows and columns exchanged, unless things move along its rows."""
+        """The picture with rows and columns exchanged, unless things move along its rows.
+
+        Args:
+            axis: The axis along which things move.
+        """
         matte = None if self.matte is None else turned(self.matte, axis)
         return Picture(turned(self.light, axis), matte, self.name)
 
