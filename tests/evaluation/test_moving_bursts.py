@@ -9,7 +9,8 @@ import pytest
 from mishutter import Burst, Limits, Occlusion, ParabolicMotion, Scene, Sensor
 from mishutter.evaluation import FrameTimes, best_moving_burst, best_still_burst, loss_of_width
 from mishutter.evaluation.frames import FrameGroup, burst_psnr
-from mishutter.evaluation.moving_bursts import _moving_numbers, _Room, _Try
+from mishutter.evaluation.moving_bursts import _best_of, _moving_numbers, _Room, _Try
+from mishutter.evaluation.open_frames import OpenFrames
 
 LIMITS = Limits(max_stroke=45.0, max_top_speed=2e4, min_half_exposure=2e-4, max_half_exposure=0.02)
 RATE, NOISE, SPEEDS = 1e5, 8.0, np.linspace(-3000.0, 3000.0, 7)
@@ -68,6 +69,18 @@ def test_the_best_moving_burst_is_that_of_an_independent_search(rate, level):
     ]
     level = float(burst_psnr(_of_window(rate, 8.0, 16), frames))
     assert level == pytest.approx(burst.psnr, abs=1e-4)
+
+
+@pytest.mark.parametrize(("width", "wanted"), [(None, "sweep"), (512.0, "alternating parabolas")])
+def test_the_width_decides_between_two_paths(width, wanted):
+    """Without one the best is taken."""
+    scene = _of_window(1e5, 8.0, 4, stroke=120.0)
+    times = FrameTimes.of(scene, scene.burst)
+    tries = [
+        _Try(kind, _Room(scene.limits, times, 4), 0, False, -4500.0, 4500.0)
+        for kind in ("alternating parabolas", "sweep")
+    ]
+    assert _best_of(OpenFrames.of(scene, times.longest, folds=True), tries, width).kind == wanted
 
 
 @pytest.mark.slow
