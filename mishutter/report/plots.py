@@ -592,7 +592,7 @@ def _details(
     offsets = [_offset(along[0], part) for part in along]
     rows, columns = _busiest(along, offsets, size)
     places = [(rows, slice(columns.start - k, columns.stop - k)) for k in offsets]
-    return places if axis == "rows" else [place[::-1] for place in places]
+    return places if axis == "rows" else [(right, down) for down, right in places]
 
 
 def _offset(reference: np.ndarray, other: np.ndarray) -> int:

@@ -182,11 +182,11 @@ class Case:
         Before a background bursts are told more than a single exposure, with which they do not
         compare.
         """
-        if self.bursts is None or self.bursts.top.sequence is None:
+        if self.bursts is None or (burst := self.bursts.top.sequence) is None:
             return False
         top = self.bursts.top
         gain = math.inf if self.bursts.in_parts else top.margin_over(self.choice)
-        return pays(top.sequence, gain, builds=self.is_coded)
+        return pays(burst, gain, builds=self.is_coded)
 
     @property
     def takes_burst(self) -> bool:
