@@ -327,7 +327,9 @@ def light_of(
     if exponent == 1:
         return shares
     # Numbers below black are light below 0, by the noise of the sensor.
-    return np.copysign(np.abs(shares) ** np.float32(exponent), shares)
+    powers = np.abs(shares)
+    powers **= np.float32(exponent)
+    return np.copysign(powers, shares, out=powers)
 
 
 def _exponent(file: Decoded, linear: bool) -> float:
@@ -517,7 +519,11 @@ def _shares(
         requirement = f"hold values from 0 to white, {full:g}"
         inside = bool(least >= 0 and most <= full)
         require(inside, _READ, requirement, Unquoted(f"{worst} in {str(path)!r}"))
-    return (colour.astype(np.float32) - np.float32(black)) / np.float32(full - black)
+    # In place: a picture of many megapixels should be in memory no more often than it must.
+    shares = colour.astype(np.float32)
+    shares -= np.float32(black)
+    shares /= np.float32(full - black)
+    return shares
 
 
 def _doubts(file: Decoded, path: Path, white: float | None, linear: bool) -> tuple[str, ...]:
