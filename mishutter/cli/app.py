@@ -59,13 +59,16 @@ from mishutter.cli.options import (
     FreeOption,
     FreePathsOption,
     JsonOption,
+    JudgeOption,
     LossOption,
     OutOption,
+    PicturesOption,
     SceneArgument,
     SeedsOption,
     ShuttersOption,
     VerboseOption,
     as_path,
+    judge_of,
     loss_of,
     names_of,
     scene_of,
@@ -75,9 +78,11 @@ from mishutter.cli.restore_command import restore
 from mishutter.cli.sweep_command import sweep
 
 if TYPE_CHECKING:
+    from mishutter.decoding import AbstractDecoder
     from mishutter.design import Design
     from mishutter.evaluation import AbstractLoss
     from mishutter.model import AbstractMotion, AbstractShutter, Scene
+    from mishutter.pictures import Picture
     from mishutter.report import Report
 
 _WHY_NO_STEP = "programs are compiled, or each takes longer than that"
@@ -178,6 +183,8 @@ def optimise(
     ] = 0,
     noise_seeds: SeedsOption = 1,
     every_photograph: EveryPhotographOption = False,
+    pictures: PicturesOption = None,
+    decoder: JudgeOption = None,
     backgrounds: BackgroundsOption = False,
     verbose: VerboseOption = False,
 ) -> None:
@@ -187,6 +194,7 @@ def optimise(
 
     scene = scene_of(scene_file)
     chosen = loss_of(loss, scene)
+    judge = judge_of(decoder, pictures)
     folder = None if out is None else writable_folder(out)
     if verbose:
         note(plan_text(plan_of_search(scene, chosen, free, num_coefficients)))
@@ -206,7 +214,7 @@ def optimise(
         if folder is not None:
             design.save(folder / "design.json")
         entries = {"optimised": design}
-        result = _compared(scene, design.motion, entries, chosen, free_paths)
+        result = _compared(scene, design.motion, entries, chosen, free_paths, judge)
         _deliver(replace(result, design=design), delivery)
 
 
@@ -242,6 +250,8 @@ def compare(
     free_paths: FreePathsOption = False,
     noise_seeds: SeedsOption = 1,
     every_photograph: EveryPhotographOption = False,
+    pictures: PicturesOption = None,
+    decoder: JudgeOption = None,
     backgrounds: BackgroundsOption = False,
     verbose: VerboseOption = False,
 ) -> None:
@@ -269,11 +279,12 @@ def compare(
         for name, path in paths.items():
             note_other_device(path, saved[name], scene)
         motion = next(iter(saved.values())).motion if len(saved) == 1 else scene.motion
+    judge = judge_of(decoder, pictures)
     folder = None if out is None else writable_folder(out)
     delivery = Delivery(folder, json, noise_seeds, every_photograph, backgrounds, verbose)
     with interruptible(lambda: AGAIN):
         entries = saved | windows
-        result = _compared(scene, motion, entries, loss_of(loss, scene), free_paths)
+        result = _compared(scene, motion, entries, loss_of(loss, scene), free_paths, judge)
         _deliver(_beside_design(result, camera, files.middle_ms * 1e-3), delivery)
 
 
@@ -296,12 +307,21 @@ def _compared(
     entries: "Mapping[str, AbstractShutter | Design]",
     loss: "AbstractLoss",
     free_paths: bool,
+    judge: "tuple[AbstractDecoder | None, list[Picture]]",
 ) -> "Report":
     from mishutter.report import Report
     from mishutter.report import compare as beside_baselines
 
+    decoder, pictures = judge
     comparison = beside_baselines(
-        scene, motion, entries, loss=loss, free_paths=free_paths, progress=True
+        scene,
+        motion,
+        entries,
+        loss=loss,
+        free_paths=free_paths,
+        decoder=decoder,
+        pictures=pictures,
+        progress=True,
     )
     return Report(scene, comparison, tuple(entries))
 

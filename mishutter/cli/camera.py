@@ -1,6 +1,5 @@
 """Commands that take pictures: `simulate` and `reproduce`."""
 
-from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,30 +13,26 @@ from mishutter.cli.laboratory import (
     cameras,
     takes_camera_files,
 )
-from mishutter.cli.options import JsonOption, SceneArgument, as_path, scene_of
+from mishutter.cli.options import (
+    DecoderName,
+    JsonOption,
+    SceneArgument,
+    as_path,
+    named_decoder,
+    scene_of,
+)
 
 if TYPE_CHECKING:
     import numpy as np
 
     from mishutter.camera import Frames, Layers
-    from mishutter.decoding import AbstractDecoder, Simulation, SpeedEstimate
+    from mishutter.decoding import Simulation, SpeedEstimate
     from mishutter.design import Design
     from mishutter.model import FrameSequence, Scene
     from mishutter.pictures import Picture
 
 _NUM_TICKS = 100
 _LINEAR = "PSNR / dB, linear light"
-
-
-class DecoderName(Enum):
-    """The decoders of `--decoder`."""
-
-    ENSEMBLE = "ensemble"
-    WIENER = "wiener"
-    RICHARDSON_LUCY = "richardson-lucy"
-    TIKHONOV = "tikhonov"
-    TOTAL_VARIATION = "total-variation"
-    SPEED_FINDING = "speed-finding"
 
 
 @takes_camera_files
@@ -327,20 +322,6 @@ def _subject(
     if path.is_dir() or path.suffix.lower() in VIDEO_SUFFIXES:
         return read_frames(path, white=white, linear=linear)
     return read_picture(path, white=white, linear=linear)
-
-
-def named_decoder(name: DecoderName) -> "AbstractDecoder":
-    """The decoder of a name, with the parameters that it has by default."""
-    from mishutter.decoding import decoders
-
-    return {
-        DecoderName.ENSEMBLE: decoders.EnsembleDecoder,
-        DecoderName.WIENER: decoders.WienerDecoder,
-        DecoderName.RICHARDSON_LUCY: decoders.RichardsonLucyDecoder,
-        DecoderName.TIKHONOV: decoders.TikhonovDecoder,
-        DecoderName.TOTAL_VARIATION: decoders.TotalVariationDecoder,
-        DecoderName.SPEED_FINDING: decoders.SpeedFindingDecoder,
-    }[name]()
 
 
 def _warn_beyond(scene: "Scene", speed: float) -> None:

@@ -6,11 +6,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from mishutter._core import require
 from mishutter.cli.help import DESIGN, MOVES, OUTPUT, PICTURES
 
 if TYPE_CHECKING:
+    from mishutter.decoding import AbstractDecoder
     from mishutter.evaluation import AbstractLoss
     from mishutter.model import Scene
+    from mishutter.pictures import Picture
 
 
 class LossName(Enum):
@@ -31,6 +34,17 @@ class FreeName(Enum):
     HALF_EXPOSURE = "half_exposure"
     VELOCITY = "velocity"
     PATH = "path"
+
+
+class DecoderName(Enum):
+    """The decoders of `--decoder`."""
+
+    ENSEMBLE = "ensemble"
+    WIENER = "wiener"
+    RICHARDSON_LUCY = "richardson-lucy"
+    TIKHONOV = "tikhonov"
+    TOTAL_VARIATION = "total-variation"
+    SPEED_FINDING = "speed-finding"
 
 
 def as_path(text: str | Path) -> Path:
@@ -148,6 +162,29 @@ EveryPhotographOption = Annotated[
         "slowest, a middle and the fastest speed, by one decoder].",
     ),
 ]
+PicturesOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--pictures",
+        metavar="PATH",
+        parser=as_path,
+        rich_help_panel=PICTURES,
+        help="Photograph of yours, or a folder of them, by which each camera is judged too, with "
+        "an exposure that is tuned for --decoder; repeat for more. Two or more are needed, and "
+        "crops of some hundred rows do.",
+    ),
+]
+JudgeOption = Annotated[
+    DecoderName | None,
+    typer.Option(
+        "--decoder",
+        metavar="NAME",
+        show_default=False,
+        rich_help_panel=PICTURES,
+        help="Decoder that restores --pictures: ensemble, wiener, richardson-lucy, tikhonov, "
+        "total-variation or speed-finding [default: ensemble].",
+    ),
+]
 ShuttersOption = Annotated[
     list[str] | None,
     typer.Option(
@@ -170,6 +207,42 @@ def scene_of(path: Path | None) -> "Scene":
 def names_of(free: list[FreeName] | None) -> tuple[str, ...] | None:
     """The names of `--free`; None lets the default parts move."""
     return tuple(name.value for name in free) if free else None
+
+
+def named_decoder(name: DecoderName) -> "AbstractDecoder":
+    """The decoder of a name, with the parameters that it has by default."""
+    from mishutter.decoding import decoders
+
+    return {
+        DecoderName.ENSEMBLE: decoders.EnsembleDecoder,
+        DecoderName.WIENER: decoders.WienerDecoder,
+        DecoderName.RICHARDSON_LUCY: decoders.RichardsonLucyDecoder,
+        DecoderName.TIKHONOV: decoders.TikhonovDecoder,
+        DecoderName.TOTAL_VARIATION: decoders.TotalVariationDecoder,
+        DecoderName.SPEED_FINDING: decoders.SpeedFindingDecoder,
+    }[name]()
+
+
+def judge_of(
+    name: DecoderName | None, paths: list[Path] | None
+) -> "tuple[AbstractDecoder | None, list[Picture]]":
+    """The decoder and the photographs of `--decoder` and `--pictures`; none of both without these.
+
+    They are read before a search begins, which no wrong file then follows.
+    """
+    from mishutter.pictures import read_picture
+
+    if not paths:
+        require(name is None, "--decoder", "stand beside --pictures", name and name.value)
+        return None, []
+    files = [
+        file
+        for path in paths
+        for file in (sorted(path.iterdir()) if path.is_dir() else [path])
+        if not file.name.startswith(".")
+    ]
+    require(len(files) > 1, "--pictures", "be two or more, for a standard error", len(files))
+    return named_decoder(name or DecoderName.ENSEMBLE), [read_picture(file) for file in files]
 
 
 def loss_of(name: LossName | None, scene: "Scene") -> "AbstractLoss":

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mishutter._core import Unquoted, note, progress_bar, require, writable_folder
-from mishutter.cli.camera import DecoderName, estimate_document, named_decoder, speed_found
+from mishutter.cli.camera import estimate_document, speed_found
 from mishutter.cli.console import AGAIN, interruptible, print_table, start_jax, write_json
 from mishutter.cli.help import DESIGN, OUTPUT, PICTURES
 from mishutter.cli.laboratory import (
@@ -16,7 +16,7 @@ from mishutter.cli.laboratory import (
     cameras,
     takes_camera_files,
 )
-from mishutter.cli.options import JsonOption, as_path, scene_of
+from mishutter.cli.options import DecoderName, JsonOption, as_path, named_decoder, scene_of
 
 if TYPE_CHECKING:
     import numpy as np

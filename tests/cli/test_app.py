@@ -37,6 +37,7 @@ from mishutter import (
     HannShutter,
     RectShutter,
     cli,
+    example_picture,
     example_scene,
     optimise,
     read_scene,
@@ -407,6 +408,26 @@ def test_nothing_else_reaches_the_terminal(arguments):
     assert done.stdout == ""
     (line,) = messages(done.stderr)
     assert line.startswith("mishutter: error: ")
+
+
+@pytest.mark.nightly
+@pytest.mark.slow
+def test_cameras_are_judged_on_photographs(small_scene, tmp_path, capsys):
+    """`--pictures` adds a line to the verdict, and the levels of each photograph to the numbers."""
+    crops = tmp_path / "crops"
+    crops.mkdir()
+    for name, first in (("a.png", 100), ("b.png", 300)):
+        write_picture(crops / name, example_picture().light[first : first + 6, :240])
+    chosen = ["--shutter", "tukey:0.3", "--noise-seeds", "0", "--decoder", "wiener"]
+    assert cli.main(["compare", str(small_scene), *chosen, "--pictures", str(crops), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["comparison"]
+    assert "\nBy WienerDecoder on 2 pictures" in told["verdict"]
+    judged = told["on_pictures"]["cameras"]
+    snapshots = [each for name, each in judged.items() if "snapshot" in name]
+    snapshot = next(each for each in snapshots if each["gain_db"] == 0)
+    levels = [np.array(each["psnr_db"]) for each in (judged["tukey:0.3"], snapshot)]
+    assert levels[0].shape == (2,)
+    assert judged["tukey:0.3"]["gain_db"] == pytest.approx(np.mean(levels[0] - levels[1]))
 
 
 @pytest.mark.slow

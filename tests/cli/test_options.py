@@ -112,6 +112,17 @@ LABORATORY = [
 ]
 READ_CAPTURES = "mishutter.pictures.read_captures"
 RESTORE, GIVEN = "mishutter.decoding.restored_capture", ("--design", "design.json")
+ON_PICTURES = ("--pictures", "photo.png", "--pictures", "other.png")
+JUDGED = [
+    Option(["--pictures", "photos"], COMPARE, lambda a: len(a["pictures"]), 3),
+    Option(
+        ["--decoder", "total-variation"],
+        COMPARE,
+        _type_of("decoder"),
+        "TotalVariationDecoder",
+        ON_PICTURES,
+    ),
+]
 LOSS = (["--loss", "known-speed"], _type_of("loss"), "KnownSpeedLoss")
 OPTIONS = {
     "optimise": [
@@ -124,6 +135,7 @@ OPTIONS = {
         Option(["--free-paths"], COMPARE, _named("free_paths"), True),
         Option(["--noise-seeds", "3"], PHOTOGRAPHS, _named("num_seeds"), 3),
         Option(["--every-photograph"], PHOTOGRAPHS, _named("every"), True),
+        *JUDGED,
         Option(
             ["--backgrounds"], BACKGROUNDS, lambda a: "scene" in a, True, ("--noise-seeds", "0")
         ),
@@ -137,6 +149,7 @@ OPTIONS = {
         Option(["--free-paths"], COMPARE, _named("free_paths"), True),
         Option(["--noise-seeds", "3"], PHOTOGRAPHS, _named("num_seeds"), 3),
         Option(["--every-photograph"], PHOTOGRAPHS, _named("every"), True),
+        *JUDGED,
         Option(
             ["--backgrounds"], BACKGROUNDS, lambda a: "scene" in a, True, ("--noise-seeds", "0")
         ),
@@ -280,6 +293,9 @@ def desk(tmp_path, monkeypatch, designs):
     (tmp_path / "scene.toml").write_text(SMALL_SCENE, encoding="utf-8")
     for name in ("photo.png", "other.png"):
         ms.write_picture(tmp_path / name, ms.example_picture().light[:90, :120])
+    (tmp_path / "photos").mkdir()
+    for name in ("c.png", "a.jpg", "b.png", ".hidden"):  # the last is no picture
+        (tmp_path / "photos" / name).write_bytes((tmp_path / "photo.png").read_bytes())
     designs[0].save(tmp_path / "design.json")
     designs[1].save(tmp_path / "other.json")
     times = np.linspace(-0.018, 0.018, 301)
@@ -345,6 +361,27 @@ def test_an_option_reaches_its_function(command, option, desk, designs, monkeypa
     assert option.look(with_it) == option.value
     without = arguments_of(monkeypatch, option.target, words)
     assert without is None or option.look(without) != option.value
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["--decoder", "wiener"], "`--decoder` must stand beside --pictures; got 'wiener'"),
+        (["--pictures", "photo.png"], "must be two or more, for a standard error; got 1"),
+        (["--pictures", "photo.png", "--pictures", "nowhere.png"], "nowhere.png"),
+        (["--pictures", "photos", "--pictures", "scene.toml"], "scene.toml"),
+    ],
+)
+@pytest.mark.parametrize("command", ["optimise", "compare"])
+def test_what_cannot_judge_is_told_before_a_search(command, words, line, desk, monkeypatch, capsys):
+    """One line on standard error, and nothing is searched."""
+    called = []
+    for address in (SEARCH, COMPARE):
+        monkeypatch.setattr(address, lambda *_, **__: called.append(1))
+    assert cli.main([command, "scene.toml", *words]) == 2
+    (told,) = capsys.readouterr().err.strip().splitlines()
+    assert line in told
+    assert not called
 
 
 def test_every_option_has_a_case():
