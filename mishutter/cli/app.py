@@ -214,7 +214,9 @@ def optimise(
         if folder is not None:
             design.save(folder / "design.json")
         entries = {"optimised": design}
-        result = _compared(scene, design.motion, entries, chosen, free_paths, judge)
+        result = _compared(
+            scene, design.motion, entries, chosen, free_paths=free_paths, judge=judge
+        )
         _deliver(replace(result, design=design), delivery)
 
 
@@ -284,7 +286,9 @@ def compare(
     delivery = Delivery(folder, json, noise_seeds, every_photograph, backgrounds, verbose)
     with interruptible(lambda: AGAIN):
         entries = saved | windows
-        result = _compared(scene, motion, entries, loss_of(loss, scene), free_paths, judge)
+        result = _compared(
+            scene, motion, entries, loss_of(loss, scene), free_paths=free_paths, judge=judge
+        )
         _deliver(_beside_design(result, camera, files.middle_ms * 1e-3), delivery)
 
 
@@ -306,6 +310,7 @@ def _compared(
     motion: "AbstractMotion",
     entries: "Mapping[str, AbstractShutter | Design]",
     loss: "AbstractLoss",
+    *,
     free_paths: bool,
     judge: "tuple[AbstractDecoder | None, list[Picture]]",
 ) -> "Report":
