@@ -314,11 +314,12 @@ def best_moving_burst(scene: Scene) -> FrameSequence | None:
         return None
     times, whole = FrameTimes.of(scene, scene.burst), in_parts(scene)
     # Without a pan a burst leaves as much at opposite speeds.
-    pans = not (_is_mirrored(whole) and max(times.best_numbers) > _FEW)
+    is_mirrored = _is_mirrored(whole)
+    pans = not (is_mirrored and max(times.best_numbers) > _FEW)
     slowest, fastest = (float(x) for x in whole.speed_range)
     farthest = max(abs(slowest), abs(fastest))
     tries = [
-        _Try(kind, room, rests, pans, slowest, fastest)
+        _Try(kind, room, rests, pans, slowest, fastest, is_mirrored)
         for count in sorted({*times.best_numbers, 1})
         for kind in _KINDS
         for moving in _moving_numbers(kind, count, _Room(scene.limits, times, count), farthest)
@@ -398,6 +399,7 @@ class _Try(NamedTuple):
         pans: Whether those that move may pan.
         slowest: Least of the speeds; px/s, either sign.
         fastest: Greatest of the speeds; px/s.
+        is_mirrored: Whether every speed is as likely as its opposite.
     """
 
     kind: str
@@ -406,6 +408,7 @@ class _Try(NamedTuple):
     pans: bool
     slowest: float
     fastest: float
+    is_mirrored: bool = False
 
     @property
     def num_frames(self) -> int:
@@ -462,6 +465,8 @@ class _Try(NamedTuple):
         pans = {0.0}
         if self.may_pan:
             pans |= {*np.linspace(self.slowest, self.fastest, 2 + _STEPS)[1:-1].tolist()}
+        # A pan is then as good as its opposite.
+        pans = {abs(pan) for pan in pans} if self.is_mirrored else pans
         return [self._grid(pan) for pan in sorted(pans)]
 
     def _grid(self, pan: float) -> list[Float[np.ndarray, "4"]]:
