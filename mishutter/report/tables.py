@@ -262,14 +262,16 @@ def _notes(rows: Sequence[Row], columns: Sequence[Column]) -> tuple[str, ...]:
     """The meaning of the columns; that of the levels is by the decoder of the first row."""
     level, _, worst, *_ = columns
     row, bounded = rows[0], "nothing exceeds it"
+    bursts: dict[str, str] = {}
     if any(each.num_frames > 1 for each in rows):
         bounded = "no single exposure exceeds it"
+        bursts = {"bursts": "of frames that are registered, so that each speed is known"}
     decoder = row.decoder
     of_level = decoder.worst_words if row.at_worst else f"of {decoder.level_words}"
     meanings = {column.heading: column.note for column in columns}
     meanings |= {level.heading: f"expected {of_level}"}
     meanings |= {worst.heading: f"{level.heading} {decoder.worst_words}"}
-    meanings |= {"ceiling": bounded, "PSNR": "of linear light, white = 1"}
+    meanings |= bursts | {"ceiling": bounded, "PSNR": "of linear light, white = 1"}
     return tuple(f"{heading:<11}{_GAP}{meaning}" for heading, meaning in meanings.items())
 
 

@@ -508,6 +508,13 @@ def test_losses_of_a_burst_stand_in_the_tables_and_in_the_file():
     assert "width_loss_db" not in _said_of_bursts(27.25, 29.5, "known").to_dict()["sequence"]
 
 
+def test_notes_say_that_rows_of_bursts_are_of_another_decoder():
+    """Their levels stand in one column with those of one filter for all speeds."""
+    note = "bursts       of frames that are registered, so that each speed is known"
+    assert note in _said_of_bursts(27.25, 29.5).text()
+    assert "bursts" not in verdict({"a": 24.5, BEST_SNAPSHOT: 22.0}).text()
+
+
 def test_a_camera_that_takes_frames_keeps_the_design_and_says_what_frames_do():
     """One filter serves all speeds: the design stands, and a reader of one sentence learns more."""
     said = _said_of_bursts(23.25, 26.5)
