@@ -33,6 +33,7 @@ from mishutter.evaluation.frames import (
 from mishutter.evaluation.lengths import distinct_speeds
 from mishutter.evaluation.open_frames import OpenFrames, Places, psnr_of_error
 from mishutter.evaluation.sequences import loss_of_width
+from mishutter.evaluation.speed_knowledge import knowledge_of
 from mishutter.model import (
     AbstractMotion,
     FrameSequence,
@@ -303,11 +304,12 @@ def best_moving_burst(scene: Scene) -> FrameSequence | None:
     """The burst of least error of a sensor that moves; None without `scene.burst`.
 
     The stage follows parabolas of alternating direction, a sine of half the frame rate, one slow
-    parabola over the whole burst or a fan of pans, of at most 64 frames, or makes one exposure
-    alone. Before the frames that move there may be one at rest, or as many as leave the others the
-    travel that they want. The limits hold over the burst, and the sensor may pan beside all that.
-    The frames have the times of those of `best_still_burst`. On a sensor of a known width the kind
-    of path is the one that leaves least error there.
+    parabola over the whole burst or a fan of pans, of at most 64 frames. Before the frames that
+    move there may be one at rest, or as many as leave the others the travel that they want. The
+    limits hold over the burst, and the sensor may pan beside all that. The frames have the times of
+    those of `best_still_burst`. One exposure alone, which nothing registers, is among them where
+    the scene's decoder is told the speed, or where there is no time for more. On a sensor of a
+    known width the kind of path is the one that leaves least error there.
     """
     require_known("best_moving_burst", scene=scene)
     if scene.burst is None:
@@ -318,9 +320,11 @@ def best_moving_burst(scene: Scene) -> FrameSequence | None:
     pans = not (is_mirrored and max(times.best_numbers) > _FEW)
     slowest, fastest = (float(x) for x in whole.speed_range)
     farthest = max(abs(slowest), abs(fastest))
+    several = {number for number in times.best_numbers if number > 1}
+    alone = {1} if knowledge_of(scene).is_told or not several else set()
     tries = [
         _Try(kind, room, rests, pans, slowest, fastest, is_mirrored)
-        for count in sorted({*times.best_numbers, 1})
+        for count in sorted(several | alone)
         for kind in _KINDS
         for moving in _moving_numbers(kind, count, _Room(scene.limits, times, count), farthest)
         for room in [_Room(scene.limits, times, moving)]

@@ -23,6 +23,7 @@ from mishutter.evaluation import (
     Plan,
     added_up,
     evaluate,
+    knowledge_of,
     transmittance,
     without_tolerances,
 )
@@ -329,11 +330,16 @@ def _on_free_paths(search: RivalSearch) -> list[Row]:
 
 
 def _bursts(search: RivalSearch) -> list[Row]:
-    """The best bursts of a camera that takes any, by a decoder that registers their frames."""
-    scene = search.scene
+    """The best bursts of a camera that takes any, by a decoder that registers their frames.
+
+    Nothing registers one frame: where there is no time for more, it is a row of single exposures.
+    """
+    scene, is_told = search.scene, knowledge_of(search.scene, search.loss).is_told
     still, *moving = search.bursts()
-    if scene.occlusion is None:
+    if scene.occlusion is None and is_told:
         moving.append(_as_sequence(search.open_on_parabola()))
+    if not is_told and all(each.num_frames == 1 for each in (still, *moving)):
+        return []
     best = max(moving, key=lambda each: each.psnr)
     found = {BEST_STILL_BURST: still, BEST_MOVING_BURST: best}
     return [_row_of_burst(name, scene, each) for name, each in found.items()]

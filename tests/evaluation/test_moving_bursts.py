@@ -226,6 +226,20 @@ def _in_window(speeds, num_frames, *, rate=None, dead_time=0.0, weights=None, **
     )
 
 
+@pytest.mark.parametrize(("decoder", "num_frames"), [("unknown", 2), ("found", 2), ("known", 1)])
+def test_one_exposure_is_a_burst_where_its_speed_is_told(decoder, num_frames):
+    """In dim light one exposure of 80 ms has more light than two of 13 ms, but tells no speed."""
+    scene = Scene(
+        np.linspace(-2300.0, 2300.0, 5),
+        photon_rate=3e3,
+        read_noise=8.0,
+        decoder_speed=decoder,
+        limits=Limits(max_stroke=45.0, min_half_exposure=2e-4, max_half_exposure=0.04),
+        burst=Burst(frames_per_s=15, max_frames=2),
+    )
+    assert best_moving_burst(scene).num_frames == num_frames
+
+
 BOTH_WAYS = np.linspace(-4500.0, 4500.0, 9)
 
 

@@ -211,6 +211,19 @@ def test_frames_move_where_that_pays_on_the_sensor(losses, wanted):
     assert found.kind == wanted
 
 
+@pytest.mark.parametrize("decoder", ["unknown", "found"])
+def test_one_frame_is_no_burst(decoder):
+    """Nothing registers it, so that it must not be judged as if its speed were known."""
+    bursts = next(rival for rival in RIVALS if BEST_STILL_BURST in rival.names)
+    limits = {"max_stroke": 31.0, "min_half_exposure": 2e-4}
+    found = {}
+    for half in (0.007, 0.019):
+        own = {"limits": Limits(max_half_exposure=half, **limits), "decoder_speed": decoder}
+        found[half] = bursts.rows(RivalSearch(Scene(**{**_OF_SWIFT, **own}), ExpectedErrorLoss()))
+    assert found[0.007] == []
+    assert [row.num_frames for row in found[0.019]] == [2, 2]
+
+
 def test_a_burst_of_one_frame_is_one_exposure():
     """Which the design is, with a shutter of its own."""
     one = replace(BURSTS[1], frames=BURSTS[1].frames[:1])
