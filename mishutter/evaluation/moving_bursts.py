@@ -2,9 +2,10 @@
 
 One more frame never hurts, so that a burst has as many as there is time for. Fewer of them may
 move, where the travel of a stage is short: those before them stand still. What can do more is never
-worse: frames that move may stand still, and a burst may be one exposure. Of bursts within 0.05 dB
-of the best the simplest is taken: one exposure, then frames that all move, on one sweep rather than
-a sine, alternating parabolas or a fan, then those before which some are at rest.
+worse: frames that move may stand still, and where the speed is told a burst may be one exposure. Of
+bursts within 0.05 dB of the best the simplest is taken: one exposure, then frames that all move, on
+one sweep rather than a sine, alternating parabolas or a fan, then those before which some are at
+rest.
 """
 
 import itertools
