@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 from mishutter.design import Design
-from mishutter.evaluation import FAN, REGION, SINE, SWEEP, StillBurst, StillBursts
+from mishutter.evaluation import FAN, REGION, SINE, SWEEP, FrameTimes, StillBurst, StillBursts
 from mishutter.model import (
     AbstractDevice,
     FrameSequence,
@@ -531,6 +531,7 @@ def comparison_notes(
         *_limit_notes(scene, rows),
         *_tolerance_notes(scene, rows),
         *_path_notes(scene, free_paths),
+        *_burst_notes(scene),
     )
 
 
@@ -593,3 +594,11 @@ def _path_notes(scene: Scene, free_paths: bool) -> list[str]:
     """The reason for which free paths that were asked for are not compared."""
     reason = forbids_free_path(scene)
     return [f"No free path is compared: {reason}."] if free_paths and reason else []
+
+
+def _burst_notes(scene: Scene) -> list[str]:
+    """The sentence on a camera that is too slow for a burst."""
+    if scene.burst is None or max(FrameTimes.of(scene, scene.burst).numbers_of_frames) > 1:
+        return []
+    rate = float(scene.burst.frames_per_s)
+    return [f"No burst is compared: of {rate:.3g} frames/s only one has its time in the window."]

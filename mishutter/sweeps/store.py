@@ -338,7 +338,7 @@ def _stored_attributes(path: Path) -> dict[str, Any]:
 def _check_same(stored: dict[str, object], current: dict[str, object], path: Path) -> None:
     """Refuse a store of another sweep, by the first part that differs."""
     for name in current:
-        if stored.get(name) != current[name]:
+        if not _are_same(stored.get(name), current[name]):
             got, want = (_short(x) for x in _first_difference(stored.get(name), current[name]))
             words = name.replace("_", " ")
             raise ValueError(
@@ -347,11 +347,21 @@ def _check_same(stored: dict[str, object], current: dict[str, object], path: Pat
             )
 
 
+def _are_same(stored: object, current: object) -> bool:
+    """Whether two descriptions say the same.
+
+    An argument that an earlier version did not have is one that is not given.
+    """
+    if isinstance(stored, dict) and isinstance(current, dict):
+        return all(_are_same(stored.get(x), current.get(x)) for x in {**current, **stored})
+    return stored == current
+
+
 def _first_difference(stored: object, current: object) -> tuple[object, object]:
     """The innermost parts in which two descriptions differ."""
     if isinstance(stored, dict) and isinstance(current, dict):
         for key in {**current, **stored}:
-            if stored.get(key) != current.get(key):
+            if not _are_same(stored.get(key), current.get(key)):
                 inner = _first_difference(stored.get(key), current.get(key))
                 return tuple(f"{key}: {x}" if isinstance(x, str) else {key: x} for x in inner)  # type: ignore[return-value]
     return stored, current

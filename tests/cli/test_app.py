@@ -559,7 +559,7 @@ def test_free_paths_and_backgrounds_are_asked_for(asked, small_scene, monkeypatc
     for command in ("optimise", "compare"):
         assert cli.main([command, str(small_scene), *options]) == 2
     assert seen == [asked] * 2
-    monkeypatch.setattr(app, "_compared", lambda *given: None)
+    monkeypatch.setattr(app, "_compared", lambda *given, **others: None)
     monkeypatch.setattr(app, "_deliver", lambda result, delivery: seen.append(delivery.backgrounds))
     monkeypatch.setattr(app, "_beside_design", lambda *given: None)
     monkeypatch.setattr(app, "replace", lambda *given, **others: None)

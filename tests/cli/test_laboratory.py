@@ -237,7 +237,7 @@ def test_compare_takes_designed_driven_and_measured(folder, tmp_path, capsys, mo
     (tmp_path / "trace.csv").write_text(trace())
     seen = []
     # The cameras are whole before the comparison, which searches for minutes.
-    monkeypatch.setattr(app, "_compared", lambda *given: seen.append(given))
+    monkeypatch.setattr(app, "_compared", lambda *given, **others: seen.append(given))
     monkeypatch.setattr(app, "_beside_design", lambda *given: None)
     monkeypatch.setattr(app, "_deliver", lambda *given: None)
     files = ["--drive", tmp_path / "drive.csv", "--measured", tmp_path / "trace.csv"]
@@ -266,7 +266,7 @@ def test_an_export_of_several_channels_is_read_by_options(folder, tmp_path, caps
     (tmp_path / "scope.csv").write_text(tektronix_mso(time, np.minimum(level, 1.1), channels=2))
     seen = []
     # The cameras are whole before the comparison, which searches for minutes.
-    monkeypatch.setattr(app, "_compared", lambda *given: seen.append(given))
+    monkeypatch.setattr(app, "_compared", lambda *given, **others: seen.append(given))
     monkeypatch.setattr(app, "_beside_design", lambda *given: None)
     monkeypatch.setattr(app, "_deliver", lambda *given: None)
     files = ["compare", folder / "scene.toml", "--measured", tmp_path / "scope.csv"]

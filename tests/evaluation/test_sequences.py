@@ -280,7 +280,7 @@ BURST = Burst(frames_per_s=58.0, max_frames=3, window=0.046)
 
 
 @pytest.mark.parametrize(
-    "best", [best_still_burst, pytest.param(best_moving_burst, marks=pytest.mark.slow)]
+    "best", [best_still_burst, pytest.param(best_moving_burst, marks=pytest.mark.nightly)]
 )
 def test_a_burst_that_is_found_holds_its_losses(best):
     """That by the width where the scene says it; a single exposure has neither."""

@@ -141,7 +141,7 @@ def test_frames_of_a_burst_have_sliders_and_rows(page):
     """Their rate and their number slide, the number in whole steps, and the table has bursts."""
     tick = "fieldset[data-place=burst] > legend input"
     chromium.after(page, "first", lambda: page.find_element("css selector", tick).click())
-    chromium.after(page, "first", lambda: chromium.slide(page, "burst.frames_per_s", 420))
+    chromium.after(page, "first", lambda: chromium.slide(page, "burst.frames_per_s", 650))
     answer = chromium.after(page, "table", lambda: chromium.slide(page, "burst.max_frames", 317))
     burst = scene_of(page)["burst"]
     assert burst["frames_per_s"] != pytest.approx(240)

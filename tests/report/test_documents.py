@@ -187,7 +187,7 @@ def test_tables_fit_eighty_columns(report, monkeypatch):
     for titles in (range(own_best, purchases), range(purchases, same), range(same, kernels)):
         assert sum(lines[index].startswith("───") for index in titles) == 1
     columns = ["PSNR dB", "gain dB", "worst speed", "light"]
-    columns += ["stroke px", "pan px/s", "open ms", "ceiling"]
+    columns += ["stroke px", "pan px/s", "open ms", "bursts", "ceiling"]
     first_words = [line.split("  ")[0] for line in lines[own_best:purchases]]
     after = len(first_words) - first_words[::-1].index("ceiling")
     assert first_words[after - len(columns) : after] == columns

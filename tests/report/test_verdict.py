@@ -231,6 +231,17 @@ def test_each_rule_says_its_sentence_once():
         assert len(set(sentences)) == len(sentences)
 
 
+@pytest.mark.parametrize(("rate", "holds_one"), [(11.7, True), (130.0, False)])
+def test_a_note_says_that_a_camera_is_too_slow_for_a_burst(rate, holds_one):
+    """Where no second frame has its time in the window; otherwise its bursts are rows."""
+    scene = eqx.tree_at(
+        lambda x: x.burst, SCENE, Burst(frames_per_s=rate), is_leaf=lambda x: x is None
+    )
+    notes = with_verdict(made_up({"a": 24.0, BEST_SNAPSHOT: 23.0}), {}, scene).notes
+    words = "No burst is compared: of 11.7 frames/s only one has its time in the window."
+    assert notes == ((words,) if holds_one else ())
+
+
 def test_a_note_says_why_free_paths_that_were_asked_for_are_missing():
     """Of a stage whose jerk is limited, and of tolerances; nothing of what was not asked for."""
     rows = made_up({"a": 24.0, BEST_SNAPSHOT: 23.0})

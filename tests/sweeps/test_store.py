@@ -18,7 +18,7 @@ from support.command_line import ON_PARABOLAS
 from support.sweeps import SCENE, asked_for, grid, many
 
 import mishutter
-from mishutter import GaussianShutter, Optics, Scene, cli, sweep
+from mishutter import GaussianShutter, Limits, Optics, Scene, Sensor, cli, sweep
 
 # Writes that fail, which no argument of `sweep` brings about.
 from mishutter.sweeps.store import StoredBlocks
@@ -539,6 +539,27 @@ def test_a_store_made_read_only_half_way(tmp_path, capsys):
     assert found.load().identical(right.load())
 
 
+@pytest.mark.parametrize(("part", "argument"), [("sensor", "width"), ("limits", "max_jerk")])
+def test_arguments_of_later_versions_are_not_given_in_a_store(part, argument, tmp_path):
+    """Which goes on, but not with one that is given: this decides what a sweep computes."""
+    scene = Scene(SCENE.speeds, photon_rate=2e5, read_noise=6.0)
+    asked = grid(store=tmp_path / "a.zarr", metrics=["efficiency"], accelerations=[3e4])
+    share = sweep(scene, **asked).efficiency.values
+    file = tmp_path / "a.zarr" / "zarr.json"
+    document = json.loads(file.read_text(encoding="utf-8"))
+    described = json.loads(document["attributes"]["sweep"])
+    (held,) = described["scenes"].values()
+    assert held[part].pop(argument) is None
+    document["attributes"]["sweep"] = json.dumps(described)
+    file.write_text(json.dumps(document), encoding="utf-8")
+    np.testing.assert_array_equal(sweep(scene, **asked).efficiency, share)
+    given = (
+        {"sensor": Sensor(width=700.0)} if part == "sensor" else {"limits": Limits(max_jerk=9e9)}
+    )
+    with pytest.raises(ValueError, match=rf"{argument}.*[79]00.*got.*None"):
+        sweep(Scene(scene.speeds, photon_rate=2e5, read_noise=6.0, **given), **asked)
+
+
 def test_a_store_from_before_scenes_had_parts_goes_on(tmp_path):
     """Its scene holds each argument by itself; another one of them is refused as before."""
     scene = Scene(SCENE.speeds, photon_rate=2e5, read_noise=6.0)
@@ -549,6 +570,7 @@ def test_a_store_from_before_scenes_had_parts_goes_on(tmp_path):
     described = json.loads(document["attributes"]["sweep"])
     (flat,) = described["scenes"].values()
     names = {"path": "picture", "white": "picture_white", "linear": "picture_linear"}
+    del flat["sensor"]["width"]
     for part in ("picture", "optics", "sensor"):
         flat |= {names.get(name, name): value for name, value in flat.pop(part).items()}
     flat["stage"] = flat["limits"].pop("stage")
