@@ -272,6 +272,7 @@ BOTH_WAYS = np.linspace(-4500.0, 4500.0, 9)
         ),
     ],
 )
+@pytest.mark.daily(2)
 def test_no_burst_of_an_independent_search_is_better(scene, level):
     """The levels are those of `benchmarks.bursts_search`, which shares no code with the package."""
     assert best_moving_burst(scene).psnr >= level - SIMPLER
