@@ -87,6 +87,11 @@ class FrameTimes(NamedTuple):
         return [1, *(n for n in several if self.longest_of(n) >= self.shortest)]
 
     @property
+    def holds_several(self) -> bool:
+        """Whether there is time for more than one frame, which alone nothing registers."""
+        return self.numbers_of_frames[-1] > 1
+
+    @property
     def best_numbers(self) -> list[int]:
         """The numbers that may be best: the greatest, and the next if that leaves more time."""
         *fewer, most = self.numbers_of_frames

@@ -321,11 +321,12 @@ def best_moving_burst(scene: Scene) -> FrameSequence | None:
     pans = not (is_mirrored and max(times.best_numbers) > _FEW)
     slowest, fastest = (float(x) for x in whole.speed_range)
     farthest = max(abs(slowest), abs(fastest))
-    several = {number for number in times.best_numbers if number > 1}
-    alone = {1} if knowledge_of(scene).is_told or not several else set()
+    numbers = {*times.best_numbers, 1}
+    if times.holds_several and not knowledge_of(scene).is_told:
+        numbers.discard(1)
     tries = [
         _Try(kind, room, rests, pans, slowest, fastest, is_mirrored)
-        for count in sorted(several | alone)
+        for count in sorted(numbers)
         for kind in _KINDS
         for moving in _moving_numbers(kind, count, _Room(scene.limits, times, count), farthest)
         for room in [_Room(scene.limits, times, moving)]

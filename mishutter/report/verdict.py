@@ -598,7 +598,7 @@ def _path_notes(scene: Scene, free_paths: bool) -> list[str]:
 
 def _burst_notes(scene: Scene) -> list[str]:
     """The sentence on a camera that is too slow for a burst."""
-    if scene.burst is None or max(FrameTimes.of(scene, scene.burst).numbers_of_frames) > 1:
+    if scene.burst is None or FrameTimes.of(scene, scene.burst).holds_several:
         return []
     rate = float(scene.burst.frames_per_s)
     return [f"No burst is compared: of {rate:.3g} frames/s only one has its time in the window."]

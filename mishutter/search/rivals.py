@@ -20,6 +20,7 @@ from mishutter.evaluation import (
     KNOWN_SPEED,
     ONE_PARABOLA,
     AbstractLoss,
+    FrameTimes,
     Plan,
     added_up,
     evaluate,
@@ -30,6 +31,7 @@ from mishutter.evaluation import (
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
+    Burst,
     FrameSequence,
     LinearMotion,
     RectShutter,
@@ -335,11 +337,12 @@ def _bursts(search: RivalSearch) -> list[Row]:
     Nothing registers one frame: where there is no time for more, it is a row of single exposures.
     """
     scene, is_told = search.scene, knowledge_of(search.scene, search.loss).is_told
+    burst: Burst = scene.burst  # type: ignore[assignment]
+    if not (is_told or FrameTimes.of(scene, burst).holds_several):
+        return []
     still, *moving = search.bursts()
     if scene.occlusion is None and is_told:
         moving.append(_as_sequence(search.open_on_parabola()))
-    if not is_told and all(each.num_frames == 1 for each in (still, *moving)):
-        return []
     best = max(moving, key=lambda each: each.psnr)
     found = {BEST_STILL_BURST: still, BEST_MOVING_BURST: best}
     return [_row_of_burst(name, scene, each) for name, each in found.items()]

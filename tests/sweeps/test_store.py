@@ -8,6 +8,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -539,19 +540,26 @@ def test_a_store_made_read_only_half_way(tmp_path, capsys):
     assert found.load().identical(right.load())
 
 
+@contextmanager
+def described_scene(store):
+    """The scene that a store was begun with, as its file holds it; changes are written there."""
+    file = store / "zarr.json"
+    document = json.loads(file.read_text(encoding="utf-8"))
+    described = json.loads(document["attributes"]["sweep"])
+    (scene,) = described["scenes"].values()
+    yield scene
+    document["attributes"]["sweep"] = json.dumps(described)
+    file.write_text(json.dumps(document), encoding="utf-8")
+
+
 @pytest.mark.parametrize(("part", "argument"), [("sensor", "width"), ("limits", "max_jerk")])
 def test_arguments_of_later_versions_are_not_given_in_a_store(part, argument, tmp_path):
     """Which goes on, but not with one that is given: this decides what a sweep computes."""
     scene = Scene(SCENE.speeds, photon_rate=2e5, read_noise=6.0)
     asked = grid(store=tmp_path / "a.zarr", metrics=["efficiency"], accelerations=[3e4])
     share = sweep(scene, **asked).efficiency.values
-    file = tmp_path / "a.zarr" / "zarr.json"
-    document = json.loads(file.read_text(encoding="utf-8"))
-    described = json.loads(document["attributes"]["sweep"])
-    (held,) = described["scenes"].values()
-    assert held[part].pop(argument) is None
-    document["attributes"]["sweep"] = json.dumps(described)
-    file.write_text(json.dumps(document), encoding="utf-8")
+    with described_scene(tmp_path / "a.zarr") as held:
+        assert held[part].pop(argument) is None
     np.testing.assert_array_equal(sweep(scene, **asked).efficiency, share)
     given = (
         {"sensor": Sensor(width=700.0)} if part == "sensor" else {"limits": Limits(max_jerk=9e9)}
@@ -565,17 +573,12 @@ def test_a_store_from_before_scenes_had_parts_goes_on(tmp_path):
     scene = Scene(SCENE.speeds, photon_rate=2e5, read_noise=6.0)
     asked = grid(store=tmp_path / "a.zarr", metrics=["expected_psnr"], accelerations=[3e4])
     level = sweep(scene, **asked).expected_psnr.values
-    file = tmp_path / "a.zarr" / "zarr.json"
-    document = json.loads(file.read_text(encoding="utf-8"))
-    described = json.loads(document["attributes"]["sweep"])
-    (flat,) = described["scenes"].values()
     names = {"path": "picture", "white": "picture_white", "linear": "picture_linear"}
-    del flat["sensor"]["width"]
-    for part in ("picture", "optics", "sensor"):
-        flat |= {names.get(name, name): value for name, value in flat.pop(part).items()}
-    flat["stage"] = flat["limits"].pop("stage")
-    document["attributes"]["sweep"] = json.dumps(described)
-    file.write_text(json.dumps(document), encoding="utf-8")
+    with described_scene(tmp_path / "a.zarr") as flat:
+        del flat["sensor"]["width"]
+        for part in ("picture", "optics", "sensor"):
+            flat |= {names.get(name, name): value for name, value in flat.pop(part).items()}
+        flat["stage"] = flat["limits"].pop("stage")
     np.testing.assert_array_equal(sweep(scene, **asked).expected_psnr, level)
     softer = Scene(scene.speeds, photon_rate=2e5, read_noise=6.0, optics=Optics(lens_blur=0.7))
     with pytest.raises(ValueError, match=r"lens_blur.*0\.7.*got.*0\.0"):
