@@ -1,4 +1,4 @@
-"""Argument checks, compilation, threads, double words, roots, validation and files."""
+"""Argument checks, compilation, threads, double words, validation and files."""
 
 from mishutter._core.checks import RowLike as RowLike
 from mishutter._core.checks import Unquoted as Unquoted
@@ -64,7 +64,6 @@ from mishutter._core.progress import note as note
 from mishutter._core.progress import progress_bar as progress_bar
 from mishutter._core.progress import reports as reports
 from mishutter._core.progress import working as working
-from mishutter._core.roots import largest_within_one as largest_within_one
 from mishutter._core.validation import Section as Section
 from mishutter._core.validation import in_section as in_section
 from mishutter._core.validation import parsed as parsed
