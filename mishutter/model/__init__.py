@@ -36,9 +36,6 @@ from mishutter.model.optics import frequency_grid as frequency_grid
 from mishutter.model.optics import lens_response as lens_response
 from mishutter.model.optics import on_steps as on_steps
 from mishutter.model.optics import pixel_response as pixel_response
-from mishutter.model.photons import filling_half_exposure as filling_half_exposure
-from mishutter.model.photons import noise_power as noise_power
-from mishutter.model.photons import white_electrons as white_electrons
 from mishutter.model.scene import Scene as Scene
 from mishutter.model.scene import example_scene as example_scene
 from mishutter.model.scene import read_scene as read_scene
@@ -57,6 +54,9 @@ from mishutter.model.scene_units import View as View
 from mishutter.model.scene_units import read_noise as read_noise
 from mishutter.model.sensor import Burst as Burst
 from mishutter.model.sensor import Sensor as Sensor
+from mishutter.model.sensor import filling_half_exposure as filling_half_exposure
+from mishutter.model.sensor import noise_power as noise_power
+from mishutter.model.sensor import white_electrons as white_electrons
 from mishutter.model.sequences import FrameSequence as FrameSequence
 from mishutter.model.sequences import TimedFrame as TimedFrame
 from mishutter.model.servos import SecondOrderStage as SecondOrderStage

@@ -5,7 +5,7 @@ import pytest
 from support.cases import MOTIONS
 
 from mishutter import FreeMotion, ParabolicMotion
-from mishutter.model import filling_half_exposure, noise_power, reach_of_parabola
+from mishutter.model import reach_of_parabola
 
 SPEEDS = np.array([-61.0, 0.0, 23.0, 140.0])
 TAU = np.linspace(-1, 1, 41)
@@ -39,21 +39,6 @@ def test_a_path_of_one_acceleration_reaches_as_far_as_the_parabola():
     assert parabola.mirrors
     assert path.mirrors
     assert float(path.bend) == pytest.approx(float(parabola.bend), rel=1e-14)
-
-
-def test_noise_is_that_of_equation_four_in_every_unit():
-    r"""$\eta f p + \sigma^2$ electrons squared, over the square of the unit."""
-    wanted = 0.43 * 0.27 * 8.1e3 + 5.5**2
-    numbers = 0.43, 0.27, 8.1e3, 5.5
-    assert noise_power(*numbers) == pytest.approx(wanted, rel=1e-14)
-    assert noise_power(*numbers, unit=8.1e3) == pytest.approx(wanted / 8.1e3**2, rel=1e-14)
-
-
-def test_white_fills_a_pixel_when_its_electrons_do():
-    """After $2T$ at half the transmittance half the electrons are there; without light, never."""
-    half = filling_half_exposure(900.0, np.array([2e4, 0.0]), 0.5)
-    assert half[0] * 2 * 2e4 * 0.5 == pytest.approx(900.0, rel=1e-14)
-    assert np.isinf(half[1])
 
 
 @pytest.mark.parametrize(("sag", "smear"), [(0.0, 7.3), (3.1, 7.3), (3.1, 2.2)])

@@ -1,4 +1,7 @@
-"""One list says what the limits of a motion are called, how much of them is used, and in words."""
+"""One list says what the limits of a motion are called, how much of them is used, and in words.
+
+The largest number within a limit has the value and the derivatives of the closed form.
+"""
 
 import re
 

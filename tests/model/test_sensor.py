@@ -1,10 +1,10 @@
-"""The sensor: its width, in Python and in files."""
+"""The sensor: its width, in Python and in files, its noise, and when its pixels are full."""
 
 import numpy as np
 import pytest
 
 from mishutter import Scene, Sensor
-from mishutter.model import scene_text
+from mishutter.model import filling_half_exposure, noise_power, scene_text
 
 LIGHT = {"photon_rate": 4e4, "read_noise": 3.0}
 
@@ -34,3 +34,18 @@ def test_the_width_of_a_sensor_is_that_along_the_motion():
     assert scene.bare().sensor.width is None
     assert "width=1944" in repr(scene.sensor)
     assert Sensor().width is None
+
+
+def test_noise_is_that_of_equation_four_in_every_unit():
+    r"""$\eta f p + \sigma^2$ electrons squared, over the square of the unit."""
+    wanted = 0.43 * 0.27 * 8.1e3 + 5.5**2
+    numbers = 0.43, 0.27, 8.1e3, 5.5
+    assert noise_power(*numbers) == pytest.approx(wanted, rel=1e-14)
+    assert noise_power(*numbers, unit=8.1e3) == pytest.approx(wanted / 8.1e3**2, rel=1e-14)
+
+
+def test_white_fills_a_pixel_when_its_electrons_do():
+    """After $2T$ at half the transmittance half the electrons are there; without light, never."""
+    half = filling_half_exposure(900.0, np.array([2e4, 0.0]), 0.5)
+    assert half[0] * 2 * 2e4 * 0.5 == pytest.approx(900.0, rel=1e-14)
+    assert np.isinf(half[1])
