@@ -1,9 +1,14 @@
-"""The interface of a shutter, the one that the integrals take, and how any shutter gets there."""
+"""The interface of a shutter, the one that the integrals take, and how any shutter gets there.
 
+A shutter of one's own is interpolated by polynomials, in Bernstein form, as splines are too.
+"""
+
+import itertools
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from functools import lru_cache
+from math import comb
 from typing import Any, ClassVar, final
 
 import equinox as eqx
@@ -25,18 +30,11 @@ from mishutter._core import (
     require_finite,
     shape_of,
 )
-from mishutter.model.shutters.bernstein import (
-    bernstein_from_values,
-    bernstein_mean,
-    bernstein_value,
-    expand,
-    power_matrix,
-    split_control,
-)
+
+Numbers = Array | np.ndarray
 
 _NUM_PIECES, _DEGREE = 64, 5
 _UNIFORM = np.linspace(-1, 1, _NUM_PIECES + 1)
-_interpolation = lru_cache(bernstein_from_values)
 
 _PROBES = np.linspace(0, 1, 25)
 """Shares of a piece at which an interpolant is held against its shutter."""
@@ -325,7 +323,7 @@ class SampledShutter(AbstractPiecewiseShutter):
         return jnp.where(some, 1 / jnp.where(some, length, 1.0), 0.0)
 
     def _control(self, dtype: np.dtype) -> Array:
-        nodes, to_control = _interpolation(_DEGREE)
+        nodes, to_control = bernstein_from_values(_DEGREE)
         ends = self.breakpoints(dtype).high
         tau = ends[:-1, None] + jnp.diff(ends)[:, None] * jnp.asarray(nodes, dtype)[None]
         values = self.shutter.transmittance(tau)
@@ -381,7 +379,7 @@ def _check_discontinuities(shutter: AbstractShutter, subject: str) -> None:
     declared = np.clip(np.array(places, dtype), -1, 1)
     ends = np.sort(np.concatenate([_UNIFORM.astype(dtype), declared]))
     length = np.diff(ends)[:, None]
-    nodes, to_control = _interpolation(_DEGREE)
+    nodes, to_control = bernstein_from_values(_DEGREE)
     share = np.concatenate([nodes, _PROBES]).astype(dtype)[None]
     beside = 64 * np.finfo(dtype).eps  # of a jump, where its own rounding does not reach
     tau = np.clip(
@@ -408,3 +406,99 @@ def _check_discontinuities(shutter: AbstractShutter, subject: str) -> None:
             requirement,
             Unquoted(f"a jump at tau = {at:.4g}"),
         )
+
+
+def polynomial(coefficients: Sequence[ArrayLike], x: Array | np.ndarray) -> Array:
+    """A polynomial by its coefficients, the highest first."""
+    total = jnp.asarray(coefficients[0], x.dtype)
+    for coefficient in coefficients[1:]:
+        total = total * x + coefficient
+    return total
+
+
+def polynomial_means(
+    powers: Float[Array, "pieces degrees"],
+    piece: Int[Array, "*cells"],
+    centre: Float[Array, "*cells"],
+    width: Float[Array, "*cells"],
+) -> Float[Array, "*cells"]:
+    """Means of some polynomials over intervals, by the Gauss-Legendre rule that is exact.
+
+    Args:
+        powers: Coefficients of each polynomial, the highest first; shape `(n, degree + 1)`.
+        piece: Which polynomial, from 0; integers of any shape, that of the others.
+        centre: Middle of the interval.
+        width: Its length.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss((powers.shape[1] + 1) // 2)
+    each = (-1,) + (1,) * centre.ndim
+    n, w = (x.astype(centre.dtype).reshape(each) / 2 for x in (nodes, weights))
+    coefficients = [looked_up(power, piece[None]) for power in powers.T]
+    return jnp.sum(w * polynomial(coefficients, centre[None] + n * width[None]), axis=0)
+
+
+def bernstein_value(control: list[Numbers], u: Numbers) -> Numbers:
+    """Value at `u`, the share of the piece passed, by de Casteljau's rule."""
+    points = control
+    while len(points) > 1:
+        points = [a + u * (b - a) for a, b in itertools.pairwise(points)]
+    return points[0]
+
+
+def bernstein_mean(
+    control: Float[Array, "..."],
+    piece: Int[Array, "*cells"],
+    from_left: Bool[Array, "*cells"],
+    distance: Float[Array, "*cells"],
+    width: Float[Array, "*cells"],
+) -> Float[Array, "*cells"]:
+    """Means of some pieces over intervals, in shares of the piece.
+
+    By powers of the distance from the end of the piece that is nearer. Up to the middle they
+    cancel by little where control points are of one sign: a profile that vanishes at an end
+    keeps its relative accuracy.
+
+    Args:
+        control: Control points of each piece; shape `(n, degree + 1)`.
+        piece: Which piece, from 0; integers of any shape, that of the others.
+        from_left: Whether `distance` is from the left end, or from the right one.
+        distance: Distance of the interval's centre from an end of its piece.
+        width: Length of the interval.
+    """
+    degree = control.shape[1] - 1
+    from_ends = jnp.concatenate([control, control[:, ::-1]]) @ power_matrix(degree).astype(
+        control.dtype
+    )
+    row = jnp.where(from_left, piece, piece + control.shape[0])
+    return polynomial_means(from_ends[:, ::-1], row, distance, width)
+
+
+def looked_up(values: Array, index: Array) -> Array:
+    """Values at indices that are known to be in range."""
+    return values.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
+
+
+def power_matrix(degree: int) -> Float[np.ndarray, "{degree}+1 {degree}+1"]:
+    """Matrix from control points, a row, to coefficients of powers of the share passed."""
+    k = range(degree + 1)
+    rows = [[comb(degree, j) * comb(j, i) * (-1) ** (j - i) for j in k] for i in k]
+    return np.array(rows, float)
+
+
+@lru_cache
+def bernstein_from_values(degree: int) -> tuple[np.ndarray, np.ndarray]:
+    """Chebyshev nodes in [0, 1] and the matrix from values there to control points."""
+    k = np.arange(degree + 1)
+    nodes = (1 - np.cos((2 * k + 1) * np.pi / (2 * degree + 2))) / 2
+    basis = np.array([[comb(degree, j) * x**j * (1 - x) ** (degree - j) for j in k] for x in nodes])
+    return nodes, np.linalg.inv(basis)
+
+
+def split_control(control: Numbers) -> list[Numbers]:
+    """Control points on the last axis of an array, as a list."""
+    return [control[..., i] for i in range(control.shape[-1])]
+
+
+def expand(points: list[Numbers], like: Numbers) -> list[Numbers]:
+    """Control points of shape `(n,)` made to broadcast against `(n, ...)`."""
+    return [p.reshape(p.shape + (1,) * (like.ndim - 1)).astype(like.dtype) for p in points]

@@ -19,8 +19,14 @@ from mishutter._core import (
     namespace_of,
     outside_trace,
 )
-from mishutter.model.shutters.base import AbstractPiecewiseShutter, AbstractShutter, piecewise
-from mishutter.model.shutters.bernstein import looked_up, polynomial, polynomial_means
+from mishutter.model.shutters.base import (
+    AbstractPiecewiseShutter,
+    AbstractShutter,
+    looked_up,
+    piecewise,
+    polynomial,
+    polynomial_means,
+)
 
 _NUM_PIECES, _DEGREE = 24, 9
 _LAST_TERM = 100

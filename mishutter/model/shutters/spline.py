@@ -25,15 +25,13 @@ from mishutter._core import (
 from mishutter.model.shutters.base import (
     AbstractAdjustableShutter,
     AbstractShutter,
-    piecewise,
-    uniform_breakpoints,
-    within_unit,
-)
-from mishutter.model.shutters.bernstein import (
     bernstein_mean,
     bernstein_value,
     expand,
+    piecewise,
     split_control,
+    uniform_breakpoints,
+    within_unit,
 )
 from mishutter.model.shutters.polynomials import profile_of
 

@@ -1,6 +1,7 @@
 """The fixed windows of the field: rect, Hann, triangle, Gaussian, Tukey."""
 
 import math
+from collections.abc import Sequence
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any, ClassVar, final
@@ -25,9 +26,9 @@ from mishutter._core import (
 from mishutter.model.shutters.base import (
     AbstractAdjustableShutter,
     AbstractPiecewiseShutter,
+    polynomial,
     uniform_breakpoints,
 )
-from mishutter.model.shutters.bernstein import economised, polynomial
 
 _MIN_SIGMA, _MAX_SIGMA = 0.05, 5.0
 
@@ -322,8 +323,32 @@ def _sine_and_deficit() -> tuple[list[float], list[float]]:
     To a rounding, up to an eighth and a half of a turn. Their sums of fractions take a tenth of a
     second, which an import need not wait for.
     """
-    sine = economised(_alternating(0), Fraction(5, 8), 6)
-    return sine, economised([-c for c in _alternating(1)], Fraction(10), 9)
+    sine = _economised(_alternating(0), Fraction(5, 8), 6)
+    return sine, _economised([-c for c in _alternating(1)], Fraction(10), 9)
+
+
+def _economised(taylor: Sequence[Fraction], reach: Fraction, degree: int) -> list[float]:
+    """A Taylor polynomial with fewer terms on `[0, reach]`, the highest first.
+
+    Its last term is made up for, as well as can be, by those before it: a multiple of
+    Chebyshev's polynomial is taken off, again and again (Lanczos).
+
+    Args:
+        taylor: Coefficients, the lowest first.
+        reach: Where the series is to be good up to.
+        degree: Degree that is left.
+    """
+    series = list(taylor)
+    chebyshev = [[Fraction(1)], [Fraction(-1), 2 / reach]]
+    while len(chebyshev) < len(series):
+        before, last = [*chebyshev[-2], 0, 0], chebyshev[-1]
+        longer = zip([0, *last], [*last, 0], before, strict=True)
+        chebyshev.append([4 / reach * c - 2 * d - e for c, d, e in longer])
+    while len(series) - 1 > degree:
+        highest = chebyshev[len(series) - 1]
+        share = series[-1] / highest[-1]
+        series = [x - share * y for x, y in zip(series, highest, strict=True)][:-1]
+    return [float(x) for x in reversed(series)]
 
 
 def _cosine_ramp_mean(centre: Array, from_top: Array, width: Array) -> Array:
