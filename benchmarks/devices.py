@@ -27,7 +27,7 @@ from mishutter.model import (
     ChippedShutter,
     steady,
 )
-from mishutter.search import with_device, without_pan
+from mishutter.search import with_device
 
 BANDWIDTHS = (30, 100, 1000)
 """Hz, at which a first-order device passes half the power: 10 to 90 % takes 0.35 over it."""
@@ -153,7 +153,7 @@ def main() -> None:
     every = scenes()
     chosen = {name: scene for name, scene in every.items() if name.startswith(_SCENES)}
     street = next(scene for name, scene in every.items() if name.startswith("street"))
-    chosen["street, from a sensor that may not pan"] = without_pan(street)
+    chosen["street, from a sensor that may not pan"] = street.without_pan()
     ideal = {name: optimise(scene) for name, scene in chosen.items()}
     rows = []
     for name, scene in chosen.items():

@@ -321,9 +321,8 @@ class Scene(eqx.Module):
 
     def _with(self, **others: Any) -> "Scene":
         """The scene with other arguments, which are checked."""
-        names = [name for name in argument_names(Scene) if name != "motion"]
-        own: dict[str, Any] = {name: getattr(self, name) for name in names}
-        own["motion"] = self.given_motion
+        own: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
+        own["motion"] = own.pop("given_motion")
         return Scene(**own | others)
 
     def light(
@@ -354,6 +353,10 @@ class Scene(eqx.Module):
         return eqx.tree_at(
             lambda s: s.occlusion, self, occlusion, is_leaf=lambda part: part is None
         )
+
+    def without_pan(self) -> "Scene":
+        """The scene with a sensor that may not pan."""
+        return eqx.tree_at(lambda s: s.limits.max_pan, self, jnp.zeros_like(self.limits.max_pan))
 
     @property
     def motion(self) -> AbstractMotion:

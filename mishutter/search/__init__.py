@@ -47,7 +47,6 @@ from mishutter.search.search import moved_by_default as moved_by_default
 from mishutter.search.search import optimise as optimise
 from mishutter.search.search import starting_shutter as starting_shutter
 from mishutter.search.search import with_device as with_device
-from mishutter.search.search import without_pan as without_pan
 from mishutter.search.sequences import best_sequence as best_sequence
 from mishutter.search.sequences import moves_rather as moves_rather
 from mishutter.search.sequences import pays as pays

@@ -7,7 +7,6 @@ from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -318,6 +317,8 @@ def _without_needless_device(design: Design, loss: AbstractLoss) -> Design:
 
     A search compares profiles behind the device, where nothing jumps, so that this is for its end.
     """
+    if design.scene.device is None:
+        return design
     scene, motion, command = design.scene, design.motion, design.command
     if design.straight is not None:
         design = replace(design, straight=_without_needless_device(design.straight, loss))
@@ -616,7 +617,7 @@ def _searched(
         pans = "velocity" in names
         # A velocity that is fixed cannot come to the middle of the speeds, about which a profile of
         # a panning camera would be symmetric.
-        at_rest = scene if pans else without_pan(scene)
+        at_rest = scene if pans else scene.without_pan()
         shutter = starting_shutter(at_rest, settings.num_coefficients)
     space = design_space(scene, motion, shutter, names)
     plan = _plan(scene, space, settings)
@@ -835,8 +836,3 @@ def starting_shutter(scene: Scene, num_coefficients: int = NUM_COEFFICIENTS) -> 
     symmetric &= scene.device is None or not scene.device.lags
     taper = np.asarray(0.5, scene.speeds.dtype)
     return SplineShutter.fit(TukeyShutter(taper), num_coefficients, symmetric=symmetric)
-
-
-def without_pan(scene: Scene) -> Scene:
-    """The scene with a sensor that may not pan."""
-    return eqx.tree_at(lambda s: s.limits.max_pan, scene, jnp.zeros_like(scene.limits.max_pan))

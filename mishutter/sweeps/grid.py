@@ -24,7 +24,6 @@ from mishutter.model import (
     seen_from,
     shutter_to_dict,
 )
-from mishutter.search import without_pan
 
 _BITS = {limit.name: limit.bit for limit in LIMITS} | {"full_well": 4, "blur_too_long": 8}
 REASONS = tuple(sorted(_BITS, key=_BITS.__getitem__))
@@ -86,7 +85,7 @@ class Frame(NamedTuple):
         """The scene in the frame of the sensor, which may pan no further."""
         velocity = np.asarray(self.velocity, self.scene.speeds.dtype)
         motion = LinearMotion(half_exposure=1.0, velocity=velocity)
-        return without_pan(seen_from(self.scene, motion)[0])
+        return seen_from(self.scene, motion)[0].without_pan()
 
 
 def frames_of(scenes: Iterable[Scene], velocities: np.ndarray | None) -> list[Frame]:
