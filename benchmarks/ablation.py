@@ -37,7 +37,7 @@ from mishutter import (
     example_scene,
     optimise,
 )
-from mishutter.search.cover import cover
+from mishutter.search.starts import cover
 
 LIMITS = Limits(max_stroke=50.0, max_top_speed=1e5, max_half_exposure=1 / 30)
 SMALL = Limits(max_stroke=30.0, max_top_speed=2e4, min_half_exposure=5e-4, max_half_exposure=0.03)

@@ -48,7 +48,6 @@ from mishutter.model import (
     require_scene,
     stays_open,
 )
-from mishutter.search.cover import cover, lowest_of_valleys, screened
 from mishutter.search.objective import AbstractObjective, SearchedObjective, objective_of
 from mishutter.search.planning import design_at
 from mishutter.search.planning import plan as plan_of_scene
@@ -74,10 +73,13 @@ from mishutter.search.space import (
 )
 from mishutter.search.starts import (
     GRID_COORDINATES,
+    cover,
+    lowest_of_valleys,
     lowest_places,
     path_boxes,
     path_of_speeds,
     point_at,
+    screened,
     start_boxes,
 )
 

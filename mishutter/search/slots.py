@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from mishutter.model import AbstractDevice, runs_are_long_enough
-from mishutter.search.cover import screened
 from mishutter.search.objective import AbstractObjective
+from mishutter.search.starts import screened
 
 _FURTHEST = 3
 """Distance, in slots, of the two between which a change moves an opening."""

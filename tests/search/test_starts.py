@@ -19,10 +19,9 @@ from mishutter import (
 from mishutter.model import coefficient_times
 
 # Steps of the search, checked one by one; its face returns only a finished design.
-from mishutter.search.cover import cover, lowest_of_valleys, quantiles
 from mishutter.search.search import free_by_default
 from mishutter.search.space import design_space
-from mishutter.search.starts import start_boxes
+from mishutter.search.starts import cover, lowest_of_valleys, quantiles, start_boxes
 
 LIMITS = Limits(max_stroke=50.0, max_top_speed=1e5, max_half_exposure=1 / 30)
 MOTION = ParabolicMotion(acceleration=3e5, half_exposure=5e-3)
