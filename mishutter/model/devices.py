@@ -79,7 +79,7 @@ class AbstractDevice(eqx.Module):
     """Whether the light depends on how long the exposure is."""
 
     def __repr__(self) -> str:
-        """The numbers, of which a module shows no more than their type."""
+        """One line with the numbers, in place of an Equinox module's types."""
         return fields_text(self)
 
     @staticmethod

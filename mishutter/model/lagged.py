@@ -15,9 +15,11 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
 from mishutter._core import DoubleWord, compiled, two_sum
 from mishutter.model.shutters import AbstractPiecewiseShutter
 from mishutter.model.shutters.base import polynomial, uniform_breakpoints
+from mishutter.model.shutters.windows import above_zero
 
 _TRANSIENT = 28.0
 """Time constants after which a slot is taken to be at its level: 7e-13 of the way is left."""
+# Of the mean of 1 - exp(-y) over [0, y] divided by y, the highest power first.
 _SERIES = [(-1.0) ** (k + 1) / float(np.prod(np.arange(1.0, k + 2))) for k in range(16, 0, -1)]
 
 
@@ -25,8 +27,8 @@ _SERIES = [(-1.0) ** (k + 1) / float(np.prod(np.arange(1.0, k + 2))) for k in ra
 class LaggedShutter(AbstractPiecewiseShutter):
     r"""State of a first-order device over an exposure.
 
-    Each slot is two pieces, the transient and the rest at its level, of which either may have no
-    length: the 7e-13 of a step that remain after 28 time constants are left out.
+    Each slot is two pieces, the transient and then the rest at its level; either may have no
+    length. The rest leaves out the 7e-13 of a step that remain after 28 time constants.
 
     Args:
         begins: Ends of the slots, ascending from -1 to 1; shape `(n + 1,)`.
@@ -135,6 +137,8 @@ def lagged(
     dtype, count = np.dtype(levels.dtype), levels.size
     begins = uniform_breakpoints(count, dtype)
     if delay is not None:
+        # All slots are late by whole slots and a part of one. The exposure then sees `count + 1`
+        # slots, of which those before the first level that was sent hold that level too.
         slot = 2 / count
         late = jnp.floor(jax.lax.stop_gradient(delay) / slot)
         past = jnp.clip(delay - late * slot, 0, slot)
@@ -148,7 +152,7 @@ def lagged(
         )
         levels = levels[jnp.clip(sent, 0, count - 1)]
     lengths = jnp.diff(begins.high) + jnp.diff(begins.low)
-    rise, fall = _above_zero(rise), _above_zero(fall)
+    rise, fall = above_zero(rise), above_zero(fall)
 
     def step(state: Array, slot: tuple[Array, Array]):
         level, length = slot
@@ -158,9 +162,3 @@ def lagged(
 
     _, (starts, constants) = jax.lax.scan(step, levels[0], (levels, lengths))
     return LaggedShutter(begins, levels, starts, constants)
-
-
-def _above_zero(constant: Array) -> Array:
-    """A time constant held above 0, so that times over it are finite; its derivative stays."""
-    least = float(np.finfo(np.dtype(constant.dtype)).tiny) ** 0.25
-    return constant + jax.lax.stop_gradient(jnp.maximum(constant, least) - constant)

@@ -128,7 +128,7 @@ class Occlusion(eqx.Module):
         require(is_valid, "Occlusion(background=...)", requirement, self.background)
 
     def __repr__(self) -> str:
-        """The numbers, of which a module shows no more than their type."""
+        """One line with the numbers, in place of an Equinox module's types."""
         names = "front_share", "object_width", "level_difference"
         numbers = (f"{n}={shown(x)}" for n in names if (x := getattr(self, n)) is not None)
         return f"Occlusion({', '.join(numbers)}, background={self.background!r})"

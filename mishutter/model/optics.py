@@ -1,4 +1,4 @@
-"""Waves of a picture: the frequencies that they are looked at on, and what lens and pixel leave.
+"""Frequencies at which pictures are looked at, and the response of lens and pixel to them.
 
 The frequencies are the centres of equal steps of (0, 0.5) cycles/px.
 """
@@ -25,13 +25,13 @@ from mishutter._core import (
 NYQUIST_FREQUENCY = 0.5
 """The highest frequency that a sensor records; cycles/px."""
 NUM_FREQUENCIES = 256
-"""Equal steps up to it that a spectrum is looked at in, at least."""
+"""Least number of equal steps up to it in which a spectrum is looked at."""
 WIDEST_BLUR = 16.0
 """Widest blur of a lens, px: four of it fit into the margin that captures leave."""
 
 
 def frequency_grid(num_frequencies: int, dtype: np.dtype) -> Float[Array, "{num_frequencies}"]:
-    """The `frequencies` in a program, which counts them itself; cycles/px, shape `(m,)`."""
+    """The `frequencies` as a compiled program counts them; cycles/px, shape `(m,)`."""
     return _centres(jnp.arange(num_frequencies, dtype=dtype))
 
 
@@ -49,8 +49,8 @@ def on_steps(
 ) -> Float[Array | np.ndarray, "{count}"]:
     """Power of a spectrum known on other equal steps of (0, 0.5); shape `(count,)`.
 
-    Within a step it is the parabola that holds the step's power and is the harmonic mean of two
-    steps where these meet: no power is lost, and none is below 0.
+    Within a step the power follows the parabola that holds the step's power and passes through the
+    harmonic mean of two steps where these meet: no power is lost, and none is below 0.
     """
     if power.size == count:
         return power
@@ -116,7 +116,7 @@ class Optics(eqx.Module):
             require(is_within, subject, f"be at most {WIDEST_BLUR:g} px", blur)
 
     def __repr__(self) -> str:
-        """The numbers, of which a module shows no more than their type."""
+        """One line with the numbers, in place of an Equinox module's types."""
         return fields_text(self)
 
     def response(self, period: int) -> Float[np.ndarray, "{period}//2+1"]:

@@ -69,8 +69,11 @@ _Kind = TypeVar("_Kind")
 Textures = Callable[[str, float | None, bool, Axis], Texture]
 """The texture of a photograph, by `path`, `white`, `linear` and `axis` of a file."""
 _DEVIATIONS = 3.0
+"""Standard deviations from the mean to either end of normally distributed speeds."""
 _MAX_TRAVEL = 1e4
+"""Longest way of an object over an exposure; px."""
 _STROKES = 1e-3, 1e4
+"""Least and greatest `max_stroke_mm`, which the schema cannot check before it is in pixels; px."""
 _MARGIN = 1e-9
 """Share of a limit by which rounding may exceed it."""
 
@@ -216,6 +219,7 @@ def _speeds(section: Speeds, scales: Scales) -> tuple[np.ndarray, np.ndarray]:
 def _pair(form: Uniform | Normal, place: str, names: tuple[str, str]) -> tuple[str, float, float]:
     """The unit of a form of speeds, and its two numbers in that unit."""
     (unit, first), (other, second) = (told_in(form, name, SPEED_UNITS, place) for name in names)
+    # A number that is missing is asked for in the unit of the one that is there.
     unit, other = (other if first is None else unit), (unit if second is None else other)
     for name, value, own in ((names[0], first, unit), (names[1], second, other)):
         require(value is not None, f"{place}.{name}_{own}", "be given", Unquoted("nothing"))
@@ -273,9 +277,8 @@ def _device(section: ShutterSection, scales: Scales) -> AbstractDevice:
     rise, fall = section.rise_ms, section.fall_ms
     lags = rise is not None or fall is not None
     runs = {"min_open_slots": section.min_open_slots, "min_closed_slots": section.min_closed_slots}
-    for key, value in ({"delay_ms": section.delay_ms} if not lags else {}).items():
-        requirement = "stand beside rise_ms or fall_ms"
-        require(value is None, f"[shutter] {key}", requirement, value)
+    delay, requirement = section.delay_ms, "stand beside rise_ms or fall_ms"
+    require(lags or delay is None, "[shutter] delay_ms", requirement, delay)
     for key, value in runs.items():
         requirement = "be left to shutters that are open or closed, without times and levels"
         is_switched = not lags and section.levels is None
@@ -343,7 +346,8 @@ def _motion(
     requirement = f"hold one of {', '.join(forms[:-1])} and {forms[-1]}"
     got = Unquoted(" and ".join(forms_in_file) or "neither")
     require(len(forms_in_file) == 1, place, requirement, got)
-    T, v, form = half / 1000, _velocity(section, limits, scales), forms_in_file[0]
+    T, form = half / 1000, forms_in_file[0]
+    v, velocity_key = _velocity(section, limits, scales)
     number, subject = getattr(section, form), f"{place} {form}"
     # The stroke of a stage that pans is more than a T^2, as which earlier versions read it.
     is_sag = not form.startswith("stroke") or v == 0 or limits.pans == "camera"
@@ -358,23 +362,24 @@ def _motion(
     demands = reach.demands(motion)
     for limit in LIMITS:
         if limit.name in demands:
-            place = "[motion] velocity_px_per_s" if limit.name == "pan" else subject
+            place = velocity_key if limit.name == "pan" else subject
             requirement, got = limit.words(demands[limit.name])
             require(bool(demands[limit.name].is_met(_MARGIN)), place, requirement, Unquoted(got))
     return motion
 
 
-def _velocity(section: MotionSection, limits: LimitsSection, scales: Scales) -> float:
-    """The velocity of the sensor; px/s. Degrees a second are of a camera that turns."""
-    subject, turned = "[motion] velocity_deg_per_s", section.velocity_deg_per_s
+def _velocity(section: MotionSection, limits: LimitsSection, scales: Scales) -> tuple[float, str]:
+    """The velocity of the sensor, px/s, and its key. Only a camera turns, by degrees a second."""
+    turned = section.velocity_deg_per_s
     turns = turned is None or limits.pans == "camera"
     requirement = 'stand beside [limits] pans = "camera": a stage does not turn'
-    require(turns, subject, requirement, turned)
+    require(turns, "[motion] velocity_deg_per_s", requirement, turned)
     units = ("px_per_s", "mm_per_s", "deg_per_s")
     unit, velocity = told_in(section, "velocity", units, "[motion]")
+    key, of_unit = f"[motion] velocity_{unit}", scales.of_stage
     if unit == "deg_per_s":
-        return velocity * scales.of_things(unit, subject)
-    return velocity * scales.of_stage(unit, f"[motion] velocity_{unit}")
+        of_unit = scales.of_things
+    return velocity * of_unit(unit, key), key
 
 
 def _picture(

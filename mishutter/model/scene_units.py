@@ -26,6 +26,7 @@ from mishutter._core import (
     Unquoted,
     as_numpy,
     fields_text,
+    is_concrete,
     require,
     require_finite,
 )
@@ -195,9 +196,12 @@ class View:
         for name, value in ({"f_number": f_number} | shares).items():
             most = 1.0 if name in shares else math.inf
             words = "above 0 and at most 1" if name in shares else "above 0"
-            is_fit = math.isfinite(value) and 0 < value <= most
-            require(is_fit, f"View.photon_rate({name}=...)", f"be {words}", value)
+            subject = f"View.photon_rate({name}=...)"
+            require_finite(subject, value)
+            require(0 < value <= most, subject, f"be {words}", value)
         lux = _numbers("View.photon_rate", illuminance, "illuminance")
+        is_lit = not is_concrete(lux) or bool(np.all(lux > 0))
+        require(is_lit, "View.photon_rate(illuminance=...)", "be above 0", illuminance)
         per_lux = self._rate_of_lux("an illuminance", f_number, lens_transmission)
         return lux * per_lux * quantum_efficiency
 
@@ -274,7 +278,13 @@ def read_noise(*, dynamic_range: float | int, full_well: float | int) -> float:
     Args:
         dynamic_range: $20\log_{10}$ of the full well over the read noise; dB.
         full_well: Electrons at which a pixel is full; e-.
+
+    Raises:
+        ValueError: if a number is not finite, or `full_well` is not above 0.
     """
+    require_finite("read_noise(dynamic_range=...)", dynamic_range)
+    require_finite("read_noise(full_well=...)", full_well)
+    require(full_well > 0, "read_noise(full_well=...)", "be above 0", full_well)
     return full_well / 10 ** (dynamic_range / 20)
 
 
@@ -340,7 +350,7 @@ def speed_of(text: str, scales: Scales, subject: str) -> float:
 
 
 def told_in(section: Section, name: str, units: tuple[str, ...], place: str) -> tuple[str, Any]:
-    """The one unit that a quantity of a section is given in, and its value there; None of none.
+    """The one unit in which a section gives a quantity, and its value; None if it gives none.
 
     A default, of a key that the file does not have, gives way to another unit.
 
@@ -466,6 +476,10 @@ def photon_rate(light: Light, scales: Scales) -> float:
                 require(value is not None, subject, f"be given where {way} is", _NOTHING)
             else:
                 require(value is None, subject, f"stand beside {way}", value)
+    # Files that a scene is saved to hold every default, so that 1 stands beside any light.
+    lens, requirement = light.lens_transmission, "stand beside illuminance_lux"
+    is_of_lux = light.illuminance_lux is not None or lens == 1
+    require(is_of_lux, "[light] lens_transmission", requirement, lens)
     if light.photon_rate_per_s is not None:
         return light.photon_rate_per_s
     if light.white_e is not None:

@@ -119,12 +119,15 @@ class FrameSequence:
 
     @property
     def num_rests(self) -> int:
-        """Number of frames at rest before those that move, of which one may happen to be slow."""
+        """Number of frames at rest before the first that moves.
+
+        A later one does not count: the middle frame of a fan may be so slow that it seems at rest.
+        """
         return len([*takewhile(lambda frame: frame.is_still, self.frames)])
 
     @property
     def setting(self) -> str:
-        """Numbers of frames and their exposures, those at rest before moving ones called so."""
+        """Numbers of frames and their exposures; frames at rest before moving ones say so."""
         num_rests = self.num_rests if self.moves else 0
         kinds = Counter(
             (f"{frame.exposure * 1e3:.3g} ms", index < num_rests)

@@ -69,7 +69,7 @@ class SecondOrderStage(eqx.Module):
                 require(float(value) > 0, subject, "be above 0", value)
 
     def __repr__(self) -> str:
-        """The numbers, of which a module shows no more than their type."""
+        """One line with the numbers, in place of an Equinox module's types."""
         return fields_text(self)
 
     @property
@@ -78,6 +78,7 @@ class SecondOrderStage(eqx.Module):
         damping = float(self.damping)
         slack = 1 - 2 * damping**2
         root = np.hypot(slack, 1.0)
+        # Each of the two forms of one number has no cancellation on its side.
         square = root + slack if slack > 0 else 1 / (root - slack)
         return 2 * np.pi * float(self.bandwidth) / float(np.sqrt(square))
 
@@ -106,7 +107,7 @@ class SecondOrderStage(eqx.Module):
 
         Args:
             path: What is sent, from rest to rest.
-            ahead: Time by which it is sent early, for which `delay` is what a parabola asks; s.
+            ahead: Time by which it is sent early; s. `delay` makes up for the lag on a parabola.
         """
         times = np.linspace(*path.exposure, _PIECES + 1)
         _, velocity = self.followed(path, times + ahead)

@@ -18,6 +18,7 @@ _TIE = 1e-5
 """Share of a level by which the upper of two equally near ones is preferred, so that no rounding
 decides."""
 _LONG = 1 << 30
+"""Slots of a run that begins before the exposure, and is long enough for any device."""
 
 
 def slot_means(
@@ -82,7 +83,7 @@ def diffused(
 def runs_are_long_enough(
     slots: Shaped[np.ndarray, "k n"], min_open: int, min_closed: int
 ) -> Bool[np.ndarray, "k"]:
-    """Whether rows of 0 and 1 have no run that is too short, ends aside; `(k, n)` to `(k,)`."""
+    """Whether each row of 0 and 1 has no run too short, but at its ends; `(k, n)` to `(k,)`."""
     holds = np.ones(len(slots), bool)
     for level, shortest in ((1, min_open), (0, min_closed)):
         for length in range(1, shortest):

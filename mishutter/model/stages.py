@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike, Float, Int
 
 from mishutter._core import require, require_finite, require_known, require_scalar
 from mishutter.model.motion import AbstractMotion, FreeMotion, largest_of, safe_root
@@ -152,8 +152,7 @@ class StagePath(NamedTuple):
         Args:
             times: Times from mid-exposure; s.
         """
-        count = self.jerks.size
-        piece = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, count - 1)
+        piece = self._piece_at(times)
         elapsed = np.clip(times, self.times[0], self.times[-1]) - self.times[piece]
         start = self.positions[piece], self.velocities[piece], self.accelerations[piece]
         jerk = self.jerks[piece]
@@ -162,15 +161,18 @@ class StagePath(NamedTuple):
         rests = (times <= self.times[0]) | (times >= self.times[-1])
         return position, np.where(rests, 0.0, velocity)
 
+    def _piece_at(self, times: Float[np.ndarray, "*times"]) -> Int[np.ndarray, "*times"]:
+        """The piece that each time falls in: the first before the path, the last after it."""
+        piece = np.searchsorted(self.times, times, side="right") - 1
+        return np.clip(piece, 0, self.jerks.size - 1)
+
     def acceleration_at(self, times: Float[np.ndarray, "*times"]) -> Float[np.ndarray, "*times"]:
         """Accelerations, px/s^2, at some times, s, of any shape: where they jump, those after.
 
         Args:
             times: Times from mid-exposure; s.
         """
-        piece = np.clip(
-            np.searchsorted(self.times, times, side="right") - 1, 0, self.jerks.size - 1
-        )
+        piece = self._piece_at(times)
         acceleration = self.accelerations[piece] + self.jerks[piece] * (times - self.times[piece])
         rests = (times < self.times[0]) | (times >= self.times[-1])
         return np.where(rests, 0.0, acceleration)
@@ -240,8 +242,9 @@ def stage_path_of_frames(
             greatest of the rest of the path.
 
     Returns:
-        The path; None where the stage stays at rest, or where no `max_acceleration` says how it
-        gets to a velocity that it keeps, or starts from rest between two frames.
+        The path; None where the stage stays at rest. None also where `max_acceleration` is missing
+        and needed: the frames do not say how fast a stage reaches a velocity that it keeps, or
+        starts from rest between two of them.
 
     Raises:
         ValueError: if `max_acceleration` is not a finite scalar above 0.
@@ -270,8 +273,8 @@ def stage_path_of_frames(
         return None
     before, after = _between_rest_and(begin, most, None), _between_rest_and(-end, most, None)
     place += float(motion.position(np.asarray(start)))
-    lit = first + start, last + stop
-    return _joined([*before, *pieces, *after], len(before), place, lit)
+    exposure = first + start, last + stop
+    return _joined([*before, *pieces, *after], len(before), place, exposure)
 
 
 def _of_stage(frame: TimedFrame, pan: float) -> tuple[AbstractMotion, float]:
@@ -330,10 +333,8 @@ def _above_zero(subject: str, value: ArrayLike) -> float:
     return number
 
 
-def _between_rest_and(
-    change: float, most: float, jerk: float | None
-) -> list[tuple[float, float, float]]:
-    """Durations, first accelerations and jerks of pieces that change the velocity; none for 0."""
+def _between_rest_and(change: float, most: float, jerk: float | None) -> list[_Piece]:
+    """Pieces that change the velocity from rest, or to it; none for a change of 0."""
     sign, speed = np.sign(change), abs(change)
     if speed == 0:
         return []

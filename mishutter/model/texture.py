@@ -17,6 +17,7 @@ from mishutter._core import (
     require_scalar,
     shape_of,
 )
+from mishutter.model.optics import NUM_FREQUENCIES
 from mishutter.pictures import (
     Axis,
     Picture,
@@ -33,7 +34,6 @@ CORNER_FREQUENCY = 0.01
 stands for a photograph where a scene brings none."""
 EXAMPLE_PICTURE = "example"
 """The path of the photograph that scikit-image ships."""
-_NUM_FREQUENCIES = 256
 
 
 @final
@@ -44,9 +44,9 @@ class Texture(eqx.Module):
         mean_level: Mean of the picture.
         deviation: Standard deviation of the picture.
         power_spectrum: Power of the picture's rows at the centres of $m$ equal steps of
-            (0, 0.5) cycles/px, on any scale, none only without deviation; the spectrum
-            $1/(f^2 + 0.01^2)$ by default. It is looked at in 256 steps, or more
-            where light spreads further, which share its power. Shape `(m,)`.
+            (0, 0.5) cycles/px, on any scale, above 0 somewhere unless the deviation is 0; the
+            spectrum $1/(f^2 + 0.01^2)$ by default. Integrals take it in 256 steps, or in more
+            where light spreads further, without a loss of power. Shape `(m,)`.
         path: Path of the photograph to show results on; None for none.
         white: The argument `white` of `read_picture`, which reads the photograph.
         linear: The argument `linear` of `read_picture`.
@@ -101,7 +101,7 @@ class Texture(eqx.Module):
             require(some, subject, "hold some power where the deviation is not 0", 0.0)
 
     def __repr__(self) -> str:
-        """The numbers, of which a module shows no more than their type."""
+        """One line with the numbers, in place of an Equinox module's types."""
         return fields_text(self)
 
     @staticmethod
@@ -122,7 +122,7 @@ class Texture(eqx.Module):
             linear: The argument of `read_picture` that it was read with.
             axis: The axis that things move along, along which its spectrum is.
         """
-        spectrum = row_power_spectrum(picture.turned(axis), _NUM_FREQUENCIES)._asdict()
+        spectrum = row_power_spectrum(picture.turned(axis), NUM_FREQUENCIES)._asdict()
         return Texture(path=path, white=white, linear=linear, **spectrum)
 
     def photograph(self) -> Picture:

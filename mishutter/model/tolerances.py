@@ -1,10 +1,11 @@
 r"""Deviations of a camera as it is built from its design, and of objects from their speeds.
 
-On the parabola $x(t) = v t + a t^2$ most errors are one. A stage that is late by $d$ beside the
-shutter is at $x(t - d) = x(t) - 2 a d\,t + (a d^2 - v d)$: that is a velocity of $v - 2ad$, and a
-displacement, which is no error of a restored picture. An error of the velocity is one of all
-speeds. So acceleration, velocity, delay and speeds off the prior are errors of the acceleration
-and of the speed alone. Errors of the transmittance add noise to the response.
+On the parabola $x(t) = v t + a t^2$ most errors have the same effect. A stage that is late by $d$
+beside the shutter is at $x(t - d) = x(t) - 2 a d\,t + (a d^2 - v d)$: it has the velocity
+$v - 2ad$, and a displacement, which is no error of a restored picture. An error of the velocity
+adds to the speeds of all objects. Errors of acceleration, velocity, delay and speed are therefore
+errors of the acceleration and of the speed alone. Errors of the transmittance add noise to the
+response.
 """
 
 from dataclasses import fields
@@ -25,6 +26,7 @@ from mishutter._core import (
     require_positive_int,
     require_scalar,
 )
+from mishutter.model.motion import is_known_zero
 
 _NUM_SPEEDS, _NUM_ACCELERATIONS = 5, 3
 """Gauss-Hermite nodes for errors of the speed and of the acceleration."""
@@ -106,7 +108,7 @@ class Tolerances(eqx.Module):
             require(lasts, "Tolerances(drive_step=...)", requirement, self.drive_step)
 
     def __repr__(self) -> str:
-        """The numbers, of which a module shows no more than their type."""
+        """One line with the numbers, in place of an Equinox module's types."""
         return fields_text(self)
 
     def seen_from(self, velocity: Array | np.ndarray) -> "Tolerances":
@@ -142,15 +144,10 @@ TOLERANCE_NAMES = ("acceleration", "velocity", "delay", "speed", "transmittance"
 
 def _num_nodes(name: str, given: int | None, default: int, errors: tuple[Array, ...]) -> int:
     """Nodes over some errors; a single one, the mean, only where there are none."""
-    varies = any(map(_may_be, errors))
+    varies = not all(map(is_known_zero, errors))
     if given is None:
         return default if varies else 1
     subject = f"Tolerances({name}=...)"
     number = require_positive_int(subject, given)
     require(number > 1 or not varies, subject, "be at least 2, for errors above 0", number)
     return number
-
-
-def _may_be(value: Array) -> bool:
-    """Whether a number is not known to be 0."""
-    return not is_concrete(value) or bool(np.any(np.asarray(value)))

@@ -263,6 +263,31 @@ def test_read_noise_of_a_dynamic_range(tmp_path):
             "[light] f_number` must stand beside illuminance_lux; got 2.0.",
         ),
         (
+            {"light": "photon_rate_per_s = 3\nlens_transmission = 0.8"},
+            "[light] lens_transmission` must stand beside illuminance_lux; got 0.8.",
+        ),
+        (
+            {"light": "white_e = 9000\nwhite_ms = 5\nlens_transmission = 0.8"},
+            "[light] lens_transmission` must stand beside illuminance_lux; got 0.8.",
+        ),
+        (
+            {
+                "limits": "max_pan_px_per_s = 11\n[motion]\nhalf_exposure_ms = 3\nsag_px = 2\n"
+                "velocity_mm_per_s = 3"
+            },
+            "[motion] velocity_mm_per_s` must keep the pan within max_pan_px_per_s = 11; got 600 "
+            "px/s.",
+        ),
+        (
+            {
+                "limits": 'pans = "camera"\nmax_pan_px_per_s = 11\n[motion]\n'
+                "half_exposure_ms = 3\nsag_px = 2\nvelocity_deg_per_s = 2\n",
+                "view": "[view]\nfocal_length_mm = 50",
+            },
+            "[motion] velocity_deg_per_s` must keep the pan within max_pan_px_per_s = 11; got "
+            "349.066 px/s.",
+        ),
+        (
             {"sensor": "read_noise_e = 4\ndynamic_range_db = 60"},
             "[sensor] dynamic_range_db` must not stand beside read_noise_e; got 60.0.",
         ),
@@ -391,6 +416,26 @@ def test_light_and_noise_in_python():
                 illuminance=300, f_number=2.8, quantum_efficiency=60
             ),
             "`View.photon_rate(quantum_efficiency=...)` must be above 0 and at most 1; got 60.",
+        ),
+        (
+            lambda: View(pixel_pitch=5e-6).photon_rate(
+                illuminance=[300.0, -20.0], f_number=2.8, quantum_efficiency=0.6
+            ),
+            "`View.photon_rate(illuminance=...)` must be above 0; got [300.0, -20.0].",
+        ),
+        (
+            lambda: View(pixel_pitch=5e-6).photon_rate(
+                illuminance=300, f_number="2.8", quantum_efficiency=0.6
+            ),
+            "`View.photon_rate(f_number=...)` must be real numbers; got '2.8'.",
+        ),
+        (
+            lambda: read_noise(dynamic_range=72, full_well=-4e4),
+            "`read_noise(full_well=...)` must be above 0; got -40000.0.",
+        ),
+        (
+            lambda: read_noise(dynamic_range=float("nan"), full_well=4e4),
+            "`read_noise(dynamic_range=...)` must be finite; got nan.",
         ),
     ],
 )

@@ -108,8 +108,8 @@ class PolynomialShutter(AbstractPiecewiseShutter):
 def in_one_form(shutter: AbstractShutter, dtype: np.dtype) -> AbstractPiecewiseShutter:
     """The profile of a known shutter as polynomials, to rounding in a given precision.
 
-    The shutter itself where 24 polynomials do not hold it, as a flutter code or a narrow Gaussian,
-    and in a program of the package while that is traced: nothing is computed at once there.
+    It returns the profile itself where 24 polynomials do not hold it, as of a flutter code or a
+    narrow Gaussian, and while JAX traces a program of the package, where no number is known yet.
     """
     if isinstance(shutter, PolynomialShutter):
         return shutter
@@ -156,7 +156,7 @@ def _interpolated(
     Args:
         profile: The shutter; its numbers are of NumPy where its breakpoints and parameters are.
         high: Its breakpoints.
-        low: What they have beyond a word.
+        low: The low words of the breakpoints.
     """
     space, num_pieces, dtype = namespace_of(high, low), high.size - 1, np.dtype(high.dtype)
     if num_pieces > _NUM_PIECES:

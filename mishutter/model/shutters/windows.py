@@ -143,9 +143,9 @@ class TriangleShutter(AbstractPiecewiseShutter):
 class GaussianShutter(AbstractAdjustableShutter):
     r"""$w(\tau) = \exp(-\tau^2 / 2\sigma^2)$, cut off at $\pm 1$.
 
-    Far out on a narrow profile a tap is as exact as time is: a rounding of time is worth
-    $(\tau/\sigma)^2$ of them, and its relative error up to $3 (\tau/\sigma)^2$ units of the
-    last place. That is of no matter in float64.
+    Far out on a narrow profile a tap is as exact as its time is: a rounding of time changes the
+    profile by $(\tau/\sigma)^2$ roundings, and the relative error of a tap is up to
+    $3 (\tau/\sigma)^2$ units of the last place, which does not matter in float64.
 
     Args:
         sigma: $\sigma$, in units of $\tau$; from 0.05 to 5.
@@ -245,7 +245,7 @@ class TukeyShutter(AbstractAdjustableShutter):
         tau = jnp.asarray(tau, common_dtype(self.taper, tau))
         depth = jnp.maximum(1 - jnp.abs(tau), 0)
         taper = self.taper.astype(tau.dtype)
-        ramp = jnp.sin((jnp.pi / 2) * jnp.minimum(depth / _above_zero(taper), 1)) ** 2
+        ramp = jnp.sin((jnp.pi / 2) * jnp.minimum(depth / above_zero(taper), 1)) ** 2
         return _inside(tau, jnp.where(depth >= taper, 1.0, ramp))
 
     @property
@@ -257,7 +257,7 @@ class TukeyShutter(AbstractAdjustableShutter):
 
     def breakpoints(self, dtype: np.dtype) -> DoubleWord:
         (taper,) = as_numpy(self.taper)
-        space, taper = namespace_of(taper), _above_zero(taper.astype(dtype))
+        space, taper = namespace_of(taper), above_zero(taper.astype(dtype))
         # Not a constant: XLA would take (1 - taper) - 1 for -taper, rounding and all.
         one, zero = space.where(taper >= 0, space.ones_like(taper), taper), space.zeros_like(taper)
         high, low = two_sum(one, -taper)
@@ -268,7 +268,7 @@ class TukeyShutter(AbstractAdjustableShutter):
         self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
     ) -> Num[Array | np.ndarray, "pieces *offsets"]:
         taper = as_array_like(offset, self.taper).astype(np.finfo(offset.dtype).dtype)
-        space, taper = namespace_of(offset, taper), _above_zero(taper).astype(offset.dtype)
+        space, taper = namespace_of(offset, taper), above_zero(taper).astype(offset.dtype)
         quarter_turn = np.pi / (2 * taper)
         rising, falling = (quarter_turn * offset[piece] for piece in (0, 2))
         flat = space.ones_like(offset[1])
@@ -281,7 +281,7 @@ class TukeyShutter(AbstractAdjustableShutter):
         distance: Float[Array, "*cells"],
         width: Float[Array, "*cells"],
     ) -> Float[Array, "*cells"]:
-        taper = _above_zero(self.taper.astype(width.dtype))
+        taper = above_zero(self.taper.astype(width.dtype))
         flat = piece == 1
         rising, rest = (piece == 0) == from_left, taper - distance
         height, depth = jnp.where(rising, distance, rest), jnp.where(rising, rest, distance)
@@ -300,19 +300,19 @@ def _inside(tau: Array, value: Array) -> Array:
     return jnp.where(jnp.abs(tau) <= 1, value, jnp.zeros_like(value))
 
 
-def _above_zero(taper: Array | np.ndarray) -> Array | np.ndarray | np.floating:
-    """A taper held above 0, so that offsets over it are finite; the bound is too small for any sum.
+def above_zero(length: Array | np.ndarray) -> Array | np.ndarray | np.floating:
+    """A length of time held above 0, so that offsets over it are finite; no sum feels the bound.
 
-    The derivative is that of the taper itself: at 0, that of the ramp that begins there.
+    The derivative is that of the length itself: at a taper of 0, of the ramp that begins there.
     """
-    least = float(np.finfo(np.dtype(taper.dtype)).tiny) ** 0.25
-    if isinstance(taper, np.ndarray):
-        return np.maximum(taper, np.asarray(least, taper.dtype))
-    return taper + jax.lax.stop_gradient(jnp.maximum(taper, least) - taper)
+    least = float(np.finfo(np.dtype(length.dtype)).tiny) ** 0.25
+    if isinstance(length, np.ndarray):
+        return np.maximum(length, np.asarray(least, length.dtype))
+    return length + jax.lax.stop_gradient(jnp.maximum(length, least) - length)
 
 
-def _alternating(first: int) -> list[Fraction]:
-    """Coefficients of sin(x)/x as a series in its square, from one of them on, to 50 digits."""
+def _sinc_series(first: int) -> list[Fraction]:
+    """Coefficients of sin(x)/x by powers of x squared, from the power `first` on, to 50 digits."""
     return [Fraction((-1) ** k, math.factorial(2 * k + 1)) for k in range(first, first + 24)]
 
 
@@ -323,19 +323,19 @@ def _sine_and_deficit() -> tuple[list[float], list[float]]:
     To a rounding, up to an eighth and a half of a turn. Their sums of fractions take a tenth of a
     second, which an import need not wait for.
     """
-    sine = _economised(_alternating(0), Fraction(5, 8), 6)
-    return sine, _economised([-c for c in _alternating(1)], Fraction(10), 9)
+    sine = _economised(_sinc_series(0), Fraction(5, 8), 6)
+    return sine, _economised([-c for c in _sinc_series(1)], Fraction(10), 9)
 
 
 def _economised(taylor: Sequence[Fraction], reach: Fraction, degree: int) -> list[float]:
     """A Taylor polynomial with fewer terms on `[0, reach]`, the highest first.
 
-    Its last term is made up for, as well as can be, by those before it: a multiple of
-    Chebyshev's polynomial is taken off, again and again (Lanczos).
+    Each step removes the last term by a multiple of Chebyshev's polynomial, so that the terms
+    before it make up for it as well as they can (Lanczos).
 
     Args:
         taylor: Coefficients, the lowest first.
-        reach: Where the series is to be good up to.
+        reach: End of the interval on which the series is to be good.
         degree: Degree that is left.
     """
     series = list(taylor)
@@ -371,6 +371,7 @@ def _cosine_ramp_mean(centre: Array, from_top: Array, width: Array) -> Array:
 
 
 _NARROW = 0.4
+"""Half width below which a Gaussian's mean is a series: $d(1 + c)$, in standard deviations."""
 _NUM_TERMS = 9
 """Powers of either number that a term of the narrow mean may have, 0 among them."""
 _LEAST_TERM = 2e-17
