@@ -424,12 +424,6 @@ def test_light_and_noise_in_python():
             "`View.photon_rate(illuminance=...)` must be above 0; got [300.0, -20.0].",
         ),
         (
-            lambda: View(pixel_pitch=5e-6).photon_rate(
-                illuminance=300, f_number="2.8", quantum_efficiency=0.6
-            ),
-            "`View.photon_rate(f_number=...)` must be real numbers; got '2.8'.",
-        ),
-        (
             lambda: read_noise(dynamic_range=72, full_well=-4e4),
             "`read_noise(full_well=...)` must be above 0; got -40000.0.",
         ),
