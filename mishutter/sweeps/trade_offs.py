@@ -9,6 +9,7 @@ import numpy as np
 
 from mishutter._core import (
     RowLike,
+    Unquoted,
     as_float,
     counts,
     in_threads,
@@ -29,6 +30,7 @@ _WHY_NO_STEP = "programs are compiled, or snapshots at rest and panned are searc
 """Why the search for a snapshot takes a while."""
 _RANGES = ("velocity", "acceleration", "half_exposure")
 _PLACE = (*_RANGES, "shutter")
+_LIGHT = ("photon_rate", "read_noise")
 
 
 def best_points(
@@ -42,9 +44,9 @@ def best_points(
             those of which less is better last.
 
     Returns:
-        The data set at each point. Its coordinate `at_end_of` names the ranges, of velocity,
-        acceleration or half exposure, of which only points at that end are as good: a wider range
-        may hold a better one, where the limits allow it.
+        The data set at each point. Its coordinate `at_end_of` names the ranges (velocity,
+        acceleration or half exposure) whose best points all lie at one end: a wider range may
+        hold a better one, where the limits allow it.
 
     Raises:
         ValueError: if an objective is not a metric of the sweep.
@@ -121,28 +123,28 @@ def gain_over_snapshot(dataset: "xarray.Dataset", scene: Scene) -> "xarray.DataA
     exposure and velocity tuned within the scene's limits for each light and each read noise.
 
     Args:
-        dataset: The result of `sweep`.
-        scene: The scene, or the one of the sweep's that the dataset was reduced to.
+        dataset: The result of `sweep` for one scene, of which single lights may be selected.
+        scene: The scene. Its own light counts where the dataset has no coordinate of the light.
 
     Raises:
-        ValueError: if the sweep holds no level.
+        ValueError: if the sweep holds no level, or is of several scenes.
     """
     require_scene(scene)
-    name = level_of("gain_over_snapshot(dataset=...)", dataset)
+    subject = "gain_over_snapshot(dataset=...)"
+    name = level_of(subject, dataset)
+    num_scenes = dataset.sizes.get("scene", 1)
+    require(num_scenes == 1, subject, "be of one scene", Unquoted(f"{num_scenes} scenes"))
     psnr = dataset[name]
-    present = [n for n in ("photon_rate", "read_noise") if n in psnr.dims]
-    levels = {name: np.asarray(dataset[name]) for name in present}
-    best = best_snapshots(scene, levels.get("photon_rate"), levels.get("read_noise"), level=name)
-    level = best[name]
-    for axis in ("photon_rate", "read_noise"):
-        if axis not in levels:
-            level = level.isel({axis: 0}, drop=True)
+    # A light that was selected is a coordinate without a dimension.
+    lights = {axis: np.asarray(psnr[axis]) for axis in _LIGHT if axis in psnr.coords}
+    best = best_snapshots(scene, lights.get("photon_rate"), lights.get("read_noise"), level=name)
+    level = best[name].isel({axis: 0 for axis in _LIGHT if axis not in psnr.dims}, drop=True)
     gain = _gain(psnr, level)
     return gain.assign_attrs(long_name="gain over best snapshot", units="dB")
 
 
 def _gain(psnr: "xarray.DataArray", level: "xarray.DataArray") -> "xarray.DataArray":
-    """Difference of two levels; none where both are infinite, with nothing to restore."""
+    """Difference of two levels; 0 where both are infinite, as there is nothing to restore."""
     with np.errstate(invalid="ignore"):
         return (psnr - level).where(psnr != level, 0.0)
 
@@ -164,7 +166,7 @@ def light_map(dataset: "xarray.Dataset", scene: Scene) -> "xarray.Dataset":
     require_scene(scene)
     subject = "light_map(dataset=...)"
     psnr = dataset[level_of(subject, dataset)]
-    is_map = all(name in psnr.dims for name in ("photon_rate", "read_noise"))
+    is_map = all(name in psnr.dims for name in _LIGHT)
     require(is_map, subject, "have photon rates and read noises", dict(dataset.sizes))
     stacked = gain_over_snapshot(dataset, scene)
     stacked = stacked.stack(point=[name for name in _PLACE if name in stacked.dims])
@@ -189,8 +191,8 @@ def best_snapshots(
     Each is the better of the snapshots that a comparison searches for, at rest and panned.
 
     Args:
-        scene: Speeds, picture and the limits of the exposure, which ends where white fills a
-            pixel that holds so many electrons and no more, and of the pan.
+        scene: Speeds, picture, and the limits of the pan and of the exposure, which also ends
+            where white fills the scene's full well.
         photon_rates: Photon rates at white, e-/s; the scene's by default.
         read_noises: Read noises, e-; the scene's by default.
         level: Name of the metric that judges them, the expected PSNR of a decoder; that of the
@@ -228,12 +230,11 @@ def best_snapshots(
     with counts(progress, "best snapshots", len(lights), _WHY_NO_STEP) as counter:
         rows = np.array(list(in_threads(best, lights, num_processors())))
     psnr, half_exposure, velocity = rows.reshape(rates.size, noises.size, 3).transpose(2, 0, 1)
-    dimensions = ("photon_rate", "read_noise")
     return xarray.Dataset(
         {
-            name: (dimensions, psnr, {"units": "dB"}),
-            "half_exposure": (dimensions, half_exposure, {"units": "s"}),
-            "velocity": (dimensions, velocity, {"units": "px/s"}),
+            name: (_LIGHT, psnr, {"units": "dB"}),
+            "half_exposure": (_LIGHT, half_exposure, {"units": "s"}),
+            "velocity": (_LIGHT, velocity, {"units": "px/s"}),
         },
         {"photon_rate": rates, "read_noise": noises},
     )
@@ -248,7 +249,7 @@ def _levels(name: str, values: RowLike) -> np.ndarray:
 
 
 def _ends(dataset: "xarray.Dataset", name: str, values: np.ndarray) -> list[str]:
-    """Ranges at one of whose ends alone a metric is best; a single value has been chosen."""
+    """Ranges at one end of which alone a metric is best; a range of a single value has no end."""
     places = np.nonzero(values == np.nanmax(values))
     ends = []
     for dimension, indices in zip(dataset[name].dims, places, strict=True):
@@ -300,7 +301,8 @@ def _oriented(dataset: "xarray.Dataset", name: str, sense: str = "") -> np.ndarr
 
 
 def _undominated(values: np.ndarray) -> np.ndarray:
-    """Columns that no other column equals or betters everywhere and betters somewhere."""
+    """Columns that no other column betters, one of each set of equal columns."""
+    # From the greatest down: what betters a column comes before it.
     order = np.lexsort(values[::-1])[::-1]
     front: list[int] = []
     for index in order:

@@ -383,6 +383,33 @@ def test_gains_of_velocities(panned):
     np.testing.assert_array_equal(gain.sel(label), worth.gain)
 
 
+LIT = {"photon_rate": [1.1e4, 3e6], "read_noise": [2.0, 21.0]}
+
+
+@pytest.mark.parametrize(
+    "selected",
+    [{"photon_rate": 0}, pytest.param({"photon_rate": 1, "read_noise": 1}, marks=pytest.mark.slow)],
+)
+def test_gains_of_a_light_that_was_selected_are_over_the_snapshot_in_that_light(selected):
+    """Not over one in the scene's own light, whatever that is."""
+    names = ("acceleration", "shutter", *LIT)
+    values = np.random.default_rng(3).uniform(10, 30, (3, 2, 2, 2))
+    dataset = xarray.Dataset({"expected_psnr": (names, values)}, LIT)
+    whole = gain_over_snapshot(dataset, ONE_WAY)
+    part = gain_over_snapshot(dataset.isel(selected), ONE_WAY)
+    assert part.dims == dataset.expected_psnr.isel(selected).dims
+    np.testing.assert_allclose(part, whole.isel(selected), rtol=1e-12)
+
+
+@pytest.mark.parametrize("function", [gain_over_snapshot, light_map])
+def test_gains_of_several_scenes_are_not_over_a_snapshot_of_one(function):
+    """The scenes have snapshots of their own: a scene is selected first."""
+    names = ("scene", "acceleration", "shutter", *LIT)
+    dataset = xarray.Dataset({"expected_psnr": (names, np.full((2, 3, 2, 2, 2), 17.0))}, LIT)
+    with pytest.raises(ValueError, match=r"\(dataset=...\)` must be of one scene; got 2 scenes\."):
+        function(dataset, ONE_WAY)
+
+
 @pytest.mark.slow
 def test_a_pan_that_a_snapshot_may_do_is_no_gain():
     """Of a one-way scene at rest the snapshot that pans is ahead of the one that may not."""
