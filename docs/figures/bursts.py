@@ -24,7 +24,7 @@ from mishutter import (  # noqa: E402
     example_scene,
 )
 from mishutter.decoding import restore_by_each  # noqa: E402
-from mishutter.evaluation import StillBursts, added_up, best_moving_burst  # noqa: E402
+from mishutter.evaluation import StillBursts, best_moving_burst  # noqa: E402
 
 SPEED, RATE, MOST = 3000.0, 60.0, 4
 """Of the picture, px/s; of the camera's frames, 1/s; of frames in a burst."""
@@ -60,6 +60,12 @@ def main():
         show(below, result[name].restored[0], f"restored: {level:.1f} dB", first)
         print(f"{name}: {level:.2f} dB, expected {result[name].expected_psnr:.2f}")
     figure.savefig(Path(__file__).with_suffix(".png"), dpi=125)
+
+
+def added_up(scene, num_frames):
+    """The scene of one exposure that is as good as equal frames together: their |H|^2/N adds up."""
+    levels = scene.photon_rate * num_frames, scene.read_noise * np.sqrt(num_frames)
+    return eqx.tree_at(lambda s: (s.photon_rate, s.read_noise), scene.bare(), levels)
 
 
 def bursts(scene):

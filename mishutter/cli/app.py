@@ -407,7 +407,9 @@ def _deliver(result: "Report", delivery: Delivery) -> None:
     files = []
     if folder is not None:
         files = write_report(result, folder, wrote=wrote)
-    if delivery.backgrounds or result.comparison.is_to_build:
+    # Whoever is told that frames are better asks nothing more of the single exposure.
+    is_best = result.comparison.is_to_build and not result.comparison.is_below_frames
+    if delivery.backgrounds or is_best:
         result = _before_backgrounds(result)
         if result.backgrounds and not delivery.as_json:
             with closable_output():

@@ -130,7 +130,8 @@ BackgroundsOption = Annotated[
         "--backgrounds",
         rich_help_panel=OUTPUT,
         help="Compute the gain that is left where part of the picture stands still, and draw it; "
-        "without this option it is computed where the verdict is to build, and not drawn.",
+        "without this option it is computed where the verdict is to build and no frames are better "
+        "than that, and not drawn.",
     ),
 ]
 VerboseOption = Annotated[

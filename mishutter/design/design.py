@@ -22,6 +22,7 @@ from mishutter.evaluation import (
     KNOWN_SPEED,
     UNKNOWN_SPEED,
     Metrics,
+    SequenceMetrics,
     evaluate,
     is_of_worst_speed,
     knowledge_of_saved,
@@ -286,7 +287,7 @@ def package_version() -> str:
         return "unknown"
 
 
-def metrics_to_dict(metrics: Metrics) -> dict[str, float | int]:
+def metrics_to_dict(metrics: Metrics | SequenceMetrics) -> dict[str, float | int]:
     """Metrics as plain numbers."""
     return {
         name: value if isinstance(value, int) else float(value)

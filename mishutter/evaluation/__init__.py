@@ -20,7 +20,6 @@ from mishutter.evaluation.found_speed import found_share as found_share
 from mishutter.evaluation.found_speed import open_time as open_time
 from mishutter.evaluation.found_speed import smear_difference as smear_difference
 from mishutter.evaluation.found_speed import smear_difference_of as smear_difference_of
-from mishutter.evaluation.frames import added_up as added_up
 from mishutter.evaluation.layers import SEARCHED_EFFECTIVE_SPEEDS as SEARCHED_EFFECTIVE_SPEEDS
 from mishutter.evaluation.layers import background_of as background_of
 from mishutter.evaluation.layers import moments_on_dft as moments_on_dft
@@ -41,6 +40,7 @@ from mishutter.evaluation.losses import value_of as value_of
 from mishutter.evaluation.metrics import METRICS as METRICS
 from mishutter.evaluation.metrics import Metric as Metric
 from mishutter.evaluation.metrics import Metrics as Metrics
+from mishutter.evaluation.metrics import SequenceMetrics as SequenceMetrics
 from mishutter.evaluation.metrics import evaluate as evaluate
 from mishutter.evaluation.metrics import named_metrics as named_metrics
 from mishutter.evaluation.moving_bursts import ALTERNATING as ALTERNATING

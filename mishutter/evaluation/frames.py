@@ -12,12 +12,10 @@ the speed of both layers and which part is which, and each part is restored by t
 speed: the error is the mean over the parts. Edges, where one hides the other, do not count.
 """
 
-import math
 from collections.abc import Sequence
 from functools import reduce
 from typing import NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
@@ -192,23 +190,6 @@ def errors_by_speed(
     """
     exposed, num_each = _exposed(scene, frames, plan)
     return _errors(exposed, num_each, scene.speeds.size)
-
-
-def added_up(scene: Scene, num_frames: int) -> Scene:
-    """The scene with the light and the read noise of equal frames together.
-
-    One exposure in it is as good as that many frames: their $|H|^2/N$ adds up.
-
-    Args:
-        scene: The scene of one frame.
-        num_frames: Number of frames.
-    """
-    levels = scene.photon_rate * num_frames, scene.read_noise * math.sqrt(num_frames)
-    return eqx.tree_at(
-        lambda s: (s.photon_rate, s.read_noise),
-        scene.bare(),
-        tuple(jnp.asarray(x, scene.speeds.dtype) for x in levels),
-    )
 
 
 class _Exposed(NamedTuple):

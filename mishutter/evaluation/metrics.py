@@ -85,6 +85,21 @@ class Metrics(eqx.Module):
         return "\n".join(["Metrics(", *lines, ")"])
 
 
+@dataclass(frozen=True)
+class SequenceMetrics:
+    """The metrics of frames that a decoder registers, of which no single kernel is the blur.
+
+    Attributes:
+        efficiency: Throughput of each exposure.
+        known_speed_psnr: PSNR of the best linear decoder, which knows the speed; dB.
+        worst_known_speed_psnr: The same at the worst of the scene's speeds; dB.
+    """
+
+    efficiency: float
+    known_speed_psnr: float
+    worst_known_speed_psnr: float
+
+
 class KernelSums(NamedTuple):
     """Numbers of a design's kernels.
 

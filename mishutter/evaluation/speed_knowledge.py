@@ -24,7 +24,7 @@ from mishutter.evaluation.errors import (
 )
 from mishutter.evaluation.found_speed import FOUND_SHARE, Number, found_share, found_share_of
 from mishutter.evaluation.losses import AbstractLoss, AbstractResponseLoss
-from mishutter.evaluation.metrics import METRICS, Metrics
+from mishutter.evaluation.metrics import METRICS, Metrics, SequenceMetrics
 from mishutter.evaluation.needs import ONLY_SPECTRA, Parts
 from mishutter.evaluation.response import Response
 from mishutter.model import AbstractMotion, DecoderSpeed, Scene, require_whole
@@ -98,15 +98,15 @@ class SpeedKnowledge:
         }
         return {name: words for name, words in every.items() if name is not None}
 
-    def psnr(self, metrics: Metrics) -> Float[Array, ""]:
+    def psnr(self, metrics: Metrics | SequenceMetrics) -> Float[Array, ""]:
         """PSNR expected of the decoder for a camera as designed; dB."""
         return getattr(metrics, self.level)
 
-    def worst_psnr(self, metrics: Metrics) -> Float[Array, ""] | None:
+    def worst_psnr(self, metrics: Metrics | SequenceMetrics) -> Float[Array, ""] | None:
         """PSNR at the worst of the speeds; dB. None where it is not known."""
         return None if self.worst_level is None else getattr(metrics, self.worst_level)
 
-    def toleranced_psnr(self, metrics: Metrics) -> Float[Array, ""] | None:
+    def toleranced_psnr(self, metrics: Metrics | SequenceMetrics) -> Float[Array, ""] | None:
         """PSNR within the scene's tolerances; dB. None where it is not computed, or without any."""
         return None if self.toleranced_level is None else getattr(metrics, self.toleranced_level)
 

@@ -78,6 +78,8 @@ class Comparison:
         choice: The camera to build, the burst to take, or the snapshot to use instead; None where
             there is nothing to restore.
         judgement: The rows of one exposure by a decoder on photographs; None without those.
+        is_below_frames: Whether the camera to build is below frames of an ordinary one, or of the
+            scene's, once their objects are registered.
     """
 
     rows: tuple[Row, ...]
@@ -88,6 +90,7 @@ class Comparison:
     costs: ToleranceCosts | None = None
     choice: Row | None = None
     judgement: Judgement | None = None
+    is_below_frames: bool = False
 
     def __repr__(self) -> str:
         """The number of rows and the first line of the verdict; `str` is the `text`."""
@@ -347,4 +350,5 @@ def with_verdict(
     if best.within is not None:
         costs = tolerance_costs(scene, best.motion, best.shutter)
     gain = best.level - snapshot.level
-    return Comparison(tuple(rows), verdict, gain, most, notes, costs, choice)
+    below = case.is_below_stills or case.is_below_burst
+    return Comparison(tuple(rows), verdict, gain, most, notes, costs, choice, is_below_frames=below)

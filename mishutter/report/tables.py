@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from mishutter.evaluation import METRICS
+from mishutter.evaluation import METRICS, Metrics
 from mishutter.search import OWN_BEST_MOTION, Row, best_row, cameras_of, taken_names
 
 if TYPE_CHECKING:
@@ -70,9 +70,12 @@ def _or_dash(level: float | None) -> str:
 
 def _of_metric(name: str) -> Column:
     metric = METRICS[name]
-    return Column(
-        metric.heading, lambda row, _: format(float(getattr(row.metrics, name)), metric.form)
-    )
+
+    def cell(row: Row, _: float) -> str:
+        value = getattr(row.metrics, name, None)  # a burst has few of them
+        return "–" if value is None else format(float(value), metric.form)
+
+    return Column(metric.heading, cell)
 
 
 _LEVELS = (
@@ -306,6 +309,8 @@ def _condition_note(cameras: Sequence[list[Row]]) -> str:
     places: dict[str, list[str]] = {}
     for camera in cameras:
         metrics = camera[0].metrics
+        if not isinstance(metrics, Metrics):  # a burst, which has no kernel
+            continue
         place = f"phase {float(metrics.phase):g} px over {metrics.dft_length} DFT points"
         places.setdefault(place, []).append(camera[0].name)
     most = max(places, key=lambda place: len(places[place]))

@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, PyTree
 
@@ -22,11 +21,10 @@ from mishutter.evaluation import (
     AbstractLoss,
     FrameTimes,
     Plan,
-    added_up,
+    SequenceMetrics,
     evaluate,
     knowledge_of,
     transmittance,
-    without_tolerances,
 )
 from mishutter.model import (
     AbstractMotion,
@@ -357,19 +355,11 @@ def _as_sequence(design: Design) -> FrameSequence:
 
 
 def _row_of_burst(name: str, scene: Scene, sequence: FrameSequence) -> Row:
-    """A burst as a row: the metrics of one of its frames, and the level of all."""
+    """A burst as a row: the motion of one of its frames, and the level of all."""
     moving = [frame for frame in sequence.frames if not frame.is_still]
-    shutter, motion = RectShutter(), (moving or sequence.frames[-1:])[0].motion
-    together = without_tolerances(added_up(scene, sequence.num_frames))
-    levels = (
-        jnp.asarray(level, scene.speeds.dtype) for level in (sequence.psnr, sequence.worst_psnr)
-    )
-    metrics = eqx.tree_at(
-        lambda m: (m.known_speed_psnr, m.worst_known_speed_psnr),
-        evaluate(together, motion, shutter),
-        tuple(levels),
-    )
-    row = Row(OWN_BEST_MOTION, name, shutter, motion, None, metrics, _turns(scene))
+    motion = (moving or sequence.frames[-1:])[0].motion
+    metrics = SequenceMetrics(1.0, sequence.psnr, sequence.worst_psnr)
+    row = Row(OWN_BEST_MOTION, name, RectShutter(), motion, None, metrics, _turns(scene))
     return replace(row, decoder=KNOWN_SPEED, sequence=sequence)
 
 

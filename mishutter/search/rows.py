@@ -13,6 +13,7 @@ from mishutter.evaluation import (
     UNKNOWN_SPEED,
     AbstractLoss,
     Metrics,
+    SequenceMetrics,
     SpeedKnowledge,
     knowledge_of,
 )
@@ -22,8 +23,8 @@ from mishutter.model import (
     FrameSequence,
     RectShutter,
     Scene,
+    least_efficiency,
     profile_of,
-    stays_open,
 )
 
 SAME_MOTION = "same motion"
@@ -64,7 +65,7 @@ class Row:
         shutter: The profile.
         motion: The motion it is measured on.
         loss: Value of the loss that tuned it; None on the same motion.
-        metrics: Its metrics.
+        metrics: Its metrics; of a burst those that a decoder has which registers its frames.
         turns: Whether turning the camera makes the pan, and not the stage.
         decoder: Knowledge of the speed that the judging decoder has.
         sequence: The frames of a burst, of which the motion is that of one; None of one exposure.
@@ -78,7 +79,7 @@ class Row:
     shutter: AbstractShutter
     motion: AbstractMotion
     loss: float | None
-    metrics: Metrics
+    metrics: Metrics | SequenceMetrics
     turns: bool = False
     decoder: SpeedKnowledge = UNKNOWN_SPEED
     sequence: FrameSequence | None = None
@@ -108,7 +109,8 @@ class Row:
 
         A stage that stands still and a shutter that stays open are not needed.
         """
-        is_open = stays_open(self.shutter) or float(self.metrics.efficiency) > _OPEN
+        efficiency = np.asarray(self.metrics.efficiency)
+        is_open = efficiency >= min(_OPEN, least_efficiency(efficiency.dtype))
         idle = {STAGE: self.stroke < _STANDS_STILL, SHUTTER: is_open}
         return frozenset(part for part in self.hardware if not idle.get(part, False))
 
@@ -188,8 +190,10 @@ class Row:
     @property
     def hides_speed(self) -> bool:
         """Whether the decoder looks for a speed that would gain something, and gains nothing."""
+        if not self.decoder.finds_speed:
+            return False
         unknown, known = (float(x.psnr(self.metrics)) for x in (UNKNOWN_SPEED, KNOWN_SPEED))
-        return self.decoder.finds_speed and self.psnr <= unknown < known
+        return self.psnr <= unknown < known
 
     @property
     def worst_psnr(self) -> float | None:

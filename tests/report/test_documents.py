@@ -301,11 +301,19 @@ def test_the_verdict_is_printed_before_anything_is_photographed(report, capsys, 
 
 
 @pytest.mark.parametrize(
-    ("choice", "asked", "is_computed"),
-    [("Hann", False, True), (BEST_SNAPSHOT, False, False), (BEST_SNAPSHOT, True, True)],
+    ("choice", "is_below_frames", "asked", "is_computed"),
+    [
+        ("Hann", False, False, True),
+        ("Hann", True, False, False),
+        ("Hann", True, True, True),
+        (BEST_SNAPSHOT, False, False, False),
+        (BEST_SNAPSHOT, False, True, True),
+    ],
 )
-def test_a_background_comes_last_or_not_at_all(report, choice, asked, is_computed, monkeypatch):
-    """After every file, where the verdict is to build or an option asks for it."""
+def test_a_background_comes_last_or_not_at_all(
+    report, choice, is_below_frames, asked, is_computed, monkeypatch
+):
+    """After every file, where the verdict is to build and no frames are better, or if asked for."""
     order: list[str] = []
 
     def files(result, folder, wrote):
@@ -326,7 +334,10 @@ def test_a_background_comes_last_or_not_at_all(report, choice, asked, is_compute
         ),
     )
     row = report.comparison.row(choice)
-    judged = replace(report, comparison=replace(report.comparison, choice=row))
+    judged = replace(
+        report,
+        comparison=replace(report.comparison, choice=row, is_below_frames=is_below_frames),
+    )
     asked_for = app.Delivery(Path("unused"), False, 1, False, backgrounds=asked, verbose=False)
     app._deliver(judged, asked_for)
     its_files = "a picture" if asked else "document"

@@ -534,7 +534,8 @@ def test_a_camera_that_takes_frames_keeps_the_design_and_says_what_frames_do():
         "Build a: 24.00 dB, 2.00 dB above the best snapshot, "
         "but below 4 frames, registered by object: 26.50 dB"
     )
-    assert (said.choice.name, said.is_to_build) == ("a", True)
+    assert (said.choice.name, said.is_to_build, said.is_below_frames) == ("a", True, True)
+    assert not _said_of_bursts(23.25, 23.5).is_below_frames
     text = said.verdict.replace("\n", " ")
     assert "If objects are registered, take 4 frames of 20 ms" in text
     rate = StillBursts(SCENE).rate_that_equals(24.0, most=1000.0)

@@ -61,7 +61,7 @@ def made_up(levels: dict[str, float]) -> list[Row]:
             shutter,
             motion,
             0.25,
-            replace(metrics, expected_psnr=jnp.asarray(level)),
+            replace(metrics, expected_psnr=jnp.asarray(level), efficiency=shutter.efficiency()),
             hardware=ONE_EXPOSURE | {FRAMES} if name == BEST_STILL_BURST else ONE_EXPOSURE,
         )
         for name, level in levels.items()
