@@ -102,11 +102,11 @@ def compared(scene: Scene) -> dict[str, str]:
     """Expected PSNR of the design and of the ceiling, its motion and its gains; dB."""
     design = optimise(scene)
     table = compare(scene, design)
-    level = float(table.row("optimised").metrics.expected_psnr)
+    level = table.row("optimised").psnr
     lossy = eqx.tree_at(lambda s: s.device, scene, _POLARISED, is_leaf=_is_device)
     dim = float(optimise(lossy).metrics.expected_psnr)
-    snapshot = max(float(table.row(r).metrics.expected_psnr) for r in RIVALS[3:5])
-    over = {r: level - float(table.row(r).metrics.expected_psnr) for r in RIVALS}
+    snapshot = max(table.row(r).psnr for r in RIVALS[3:5])
+    over = {r: level - table.row(r).psnr for r in RIVALS}
     return {
         "optimised dB": f"{level:.2f}",
         "sag px": f"{float(design.motion.sag):.1f}",

@@ -98,15 +98,17 @@ class SpeedKnowledge:
         }
         return {name: words for name, words in every.items() if name is not None}
 
-    def psnr(self, metrics: Metrics | SequenceMetrics) -> Float[Array, ""]:
+    def psnr(self, metrics: Metrics | SequenceMetrics) -> Float[Array, ""] | float:
         """PSNR expected of the decoder for a camera as designed; dB."""
         return getattr(metrics, self.level)
 
-    def worst_psnr(self, metrics: Metrics | SequenceMetrics) -> Float[Array, ""] | None:
+    def worst_psnr(self, metrics: Metrics | SequenceMetrics) -> Float[Array, ""] | float | None:
         """PSNR at the worst of the speeds; dB. None where it is not known."""
         return None if self.worst_level is None else getattr(metrics, self.worst_level)
 
-    def toleranced_psnr(self, metrics: Metrics | SequenceMetrics) -> Float[Array, ""] | None:
+    def toleranced_psnr(
+        self, metrics: Metrics | SequenceMetrics
+    ) -> Float[Array, ""] | float | None:
         """PSNR within the scene's tolerances; dB. None where it is not computed, or without any."""
         return None if self.toleranced_level is None else getattr(metrics, self.toleranced_level)
 

@@ -2,19 +2,25 @@
 
 from dataclasses import replace
 
+import equinox as eqx
 import jax.numpy as jnp
 import pytest
+from support.designs import MOTION, SCENE
 from support.rows import FREE, made_up, sequence
 
 from mishutter import (
     ChippedShutter,
     FreeMotion,
+    IdealShutter,
     ParabolicMotion,
     RectShutter,
     SplineShutter,
     TukeyShutter,
 )
+from mishutter.evaluation import SequenceMetrics, evaluate, transmittance
 from mishutter.search import cameras_of
+from mishutter.search.rivals import _row_of_burst
+from mishutter.search.rows import SHUTTER
 
 OPENING = ChippedShutter([0.25, 0.75, 1.0])
 """A shutter that opens in three steps."""
@@ -80,3 +86,41 @@ def test_a_profile_in_reverse_is_another_camera(opened):
     rising = replace(opened, shutter=OPENING)
     falling = replace(opened, shutter=ChippedShutter(OPENING.transmittances[::-1]))
     assert not rising.is_same_camera_as(falling)
+
+
+@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+def test_a_shutter_that_stays_open_is_not_required(dtype, opened):
+    """A few roundings below 1 are open in either precision; a taper that closes is a shutter."""
+    for shortfall, is_required in ((5 * jnp.finfo(dtype).eps, False), (1e-3, True)):
+        efficiency = jnp.asarray(1 - shortfall, dtype)
+        row = replace(opened, metrics=replace(opened.metrics, efficiency=efficiency))
+        assert (SHUTTER in row.required_hardware) == is_required
+
+
+def test_a_device_that_loses_light_is_required():
+    """What passes 0.4 of the light when open is no ordinary shutter, but for one never closed."""
+    scene = eqx.tree_at(
+        lambda scene: scene.device,
+        SCENE,
+        IdealShutter(transmission=0.4),
+        is_leaf=lambda part: part is None,
+    )
+    for command, is_required in (
+        (TukeyShutter(0.25), True),
+        (TukeyShutter(0.0), False),
+    ):
+        shutter = transmittance(scene, MOTION, command)
+        row = replace(
+            made_up({"a": 24.0})[0], shutter=shutter, metrics=evaluate(scene, MOTION, shutter)
+        )
+        assert (SHUTTER in row.required_hardware) == is_required
+
+
+def test_a_burst_has_the_metrics_of_its_decoder():
+    """Its levels and its light: no kernel of one frame is the blur of all."""
+    frames = sequence(MOTION, 3)
+    row = _row_of_burst("best moving burst", SCENE, frames)
+    assert row.metrics == SequenceMetrics(1.0, frames.psnr, frames.worst_psnr)
+    assert (row.psnr, row.worst_psnr, row.within) == (frames.psnr, frames.worst_psnr, None)
+    assert SHUTTER not in row.required_hardware
+    assert not row.hides_speed
