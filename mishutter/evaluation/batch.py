@@ -17,17 +17,21 @@ from jaxtyping import Array, Float, Int
 from mishutter._core import compiled, in_threads, num_threads
 from mishutter.blur import BLOCK, ExposureQuadrature, condition_number, exposure_quadrature
 from mishutter.evaluation.ensembles import ensemble_of, without_tolerances
-from mishutter.evaluation.lengths import (
-    longest_within_limits,
-    num_frequencies,
-    occurring_speeds,
-)
 from mishutter.evaluation.metrics import (
     Evaluation,
     KernelSums,
     named_metrics,
 )
-from mishutter.evaluation.needs import Plan, effective_speeds, folds_speeds, reduced, sized_for
+from mishutter.evaluation.needs import (
+    Plan,
+    effective_speeds,
+    folds_speeds,
+    longest_within_limits,
+    num_frequencies,
+    occurring_speeds,
+    reduced,
+    sized_for,
+)
 from mishutter.evaluation.response import (
     Records,
     Response,

@@ -48,7 +48,7 @@ from mishutter.evaluation.layers import (
     background_of,
     with_shares,
 )
-from mishutter.evaluation.lengths import distinct_speeds, frequency_counts
+from mishutter.evaluation.needs import distinct_speeds, frequency_counts
 from mishutter.evaluation.power import power_on_grid
 from mishutter.model import (
     NUM_FREQUENCIES,

@@ -31,7 +31,7 @@ from mishutter.evaluation.frames import (
     steps_of,
     sweep_frames,
 )
-from mishutter.evaluation.lengths import distinct_speeds
+from mishutter.evaluation.needs import distinct_speeds
 from mishutter.evaluation.open_frames import OpenFrames, Places, psnr_of_error
 from mishutter.evaluation.sequences import loss_of_width
 from mishutter.evaluation.speed_knowledge import knowledge_of

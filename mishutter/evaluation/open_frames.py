@@ -15,8 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mishutter.evaluation.frames import in_parts
-from mishutter.evaluation.lengths import distinct_speeds
-from mishutter.evaluation.needs import sizes
+from mishutter.evaluation.needs import distinct_speeds, sizes
 from mishutter.evaluation.power import lost_share, power_on_grid
 from mishutter.model import (
     LinearMotion,

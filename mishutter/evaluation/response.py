@@ -31,8 +31,7 @@ from mishutter.blur import (
 )
 from mishutter.evaluation.ensembles import at_each_error
 from mishutter.evaluation.layers import ComputedSpeeds, computed_speeds
-from mishutter.evaluation.lengths import size_class
-from mishutter.evaluation.needs import Plan
+from mishutter.evaluation.needs import Plan, size_class
 from mishutter.evaluation.views import SampledView
 from mishutter.model import (
     AbstractMotion,

@@ -17,8 +17,7 @@ from jaxtyping import Complex, Float
 
 from mishutter._core import alone_in_blas, outside_trace
 from mishutter.evaluation.frames import in_parts
-from mishutter.evaluation.lengths import distinct_speeds
-from mishutter.evaluation.needs import sized_for
+from mishutter.evaluation.needs import distinct_speeds, sized_for
 from mishutter.evaluation.power import power_on_grid
 from mishutter.evaluation.response import nodes_in_time
 from mishutter.model import (

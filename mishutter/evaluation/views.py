@@ -14,13 +14,15 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 
 from mishutter._core import all_concrete, primal_values
 from mishutter.blur import ExposureQuadrature
-from mishutter.evaluation.lengths import most_spread, require_sizes, spread_of_traced
 from mishutter.evaluation.needs import (
     Parts,
     Plan,
     automatic,
+    most_spread,
     plan_of_traced_search,
     reduced,
+    require_sizes,
+    spread_of_traced,
     velocity_held,
 )
 from mishutter.model import (
