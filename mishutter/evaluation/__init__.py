@@ -13,6 +13,7 @@ from mishutter.evaluation.bursts import best_still_burst as best_still_burst
 from mishutter.evaluation.ceilings import ceiling as ceiling
 from mishutter.evaluation.ensembles import without_tolerances as without_tolerances
 from mishutter.evaluation.errors import SpectralLevels as SpectralLevels
+from mishutter.evaluation.errors import lost_share as lost_share
 from mishutter.evaluation.errors import spectral_levels as spectral_levels
 from mishutter.evaluation.found_speed import LEAST_DIFFERENCE as LEAST_DIFFERENCE
 from mishutter.evaluation.found_speed import found_psnr as found_psnr
@@ -61,9 +62,6 @@ from mishutter.evaluation.needs import size_class as size_class
 from mishutter.evaluation.needs import sized_for as sized_for
 from mishutter.evaluation.needs import sizes as sizes
 from mishutter.evaluation.needs import too_long as too_long
-from mishutter.evaluation.power import lost_share as lost_share
-from mishutter.evaluation.power import picture_power as picture_power
-from mishutter.evaluation.power import power_on_grid as power_on_grid
 from mishutter.evaluation.response import Response as Response
 from mishutter.evaluation.response import assembled as assembled
 from mishutter.evaluation.response import kernel_phase as kernel_phase

@@ -49,7 +49,6 @@ from mishutter.evaluation.layers import (
     with_shares,
 )
 from mishutter.evaluation.needs import distinct_speeds, frequency_counts
-from mishutter.evaluation.power import power_on_grid
 from mishutter.model import (
     NUM_FREQUENCIES,
     NYQUIST_FREQUENCY,
@@ -57,6 +56,7 @@ from mishutter.model import (
     Scene,
     frequencies,
     pixel_response,
+    power_on_grid,
     require_scene,
 )
 

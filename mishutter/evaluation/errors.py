@@ -5,7 +5,7 @@
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import NamedTuple, final
+from typing import NamedTuple, TypeVar, final
 
 import equinox as eqx
 import jax
@@ -22,7 +22,6 @@ from mishutter.evaluation.ensembles import (
 )
 from mishutter.evaluation.layers import layer_moments
 from mishutter.evaluation.needs import ONLY_SPECTRA, Plan
-from mishutter.evaluation.power import lost_share, picture_power, share
 from mishutter.evaluation.response import Records, Response, assembled, records
 from mishutter.evaluation.views import sampled_view
 from mishutter.model import (
@@ -32,10 +31,13 @@ from mishutter.model import (
     frequencies,
     frequency_grid,
     noise_power,
+    picture_power,
     pixel_response,
     require_whole,
     white_electrons,
 )
+
+Powers = TypeVar("Powers", Array, np.ndarray)
 
 
 class _Moments(NamedTuple):
@@ -472,3 +474,35 @@ def _signal_and_noise(
     mean_level = scene.picture.mean_level.astype(dtype)
     noise = noise_power(efficiency, mean_level, electrons, read_noise, unit=unit)
     return power * (electrons / unit) ** 2, noise
+
+
+def lost_share(
+    signal: Float[Powers, "*#shape"],
+    coherent: Float[Powers, "*#shape"],
+    spread: Float[Powers, "*#shape"],
+    noise: Float[Powers, "*#shape"] | float,
+) -> Float[Powers, "*#shape"]:
+    r"""Share of the picture's power that the best single linear filter loses; of any shape.
+
+    $(Sv + N)/(S(|m|^2 + v) + N)$, which the filter $G = S\bar m/(S(|m|^2 + v) + N)$ leaves. No
+    term of this form cancels another. All is lost where there is neither signal nor noise.
+
+    Args:
+        signal: Power of the picture, $S$.
+        coherent: Power of the mean response over speeds, $|m|^2$.
+        spread: Variance of the response over speeds, $v$.
+        noise: Power of the noise, $N$.
+    """
+    return share(signal * spread + noise, signal * (coherent + spread) + noise)
+
+
+def share(
+    part: Float[Powers, "*#shape"], total: Float[Powers, "*#shape"], *, of_nothing: float = 1.0
+) -> Float[Powers, "*#shape"]:
+    """`part / total`, and the share `of_nothing` where both are 0."""
+    dark = total <= 0
+    if isinstance(total, np.ndarray):
+        return np.divide(part, total, where=~dark, out=np.full_like(total, of_nothing))
+    # The derivative of a quotient squares its divisor, so the divisor is scaled to nearly 1.
+    scale = jax.lax.stop_gradient(1 / jnp.where(dark, 1.0, total))
+    return jnp.where(dark, of_nothing, (part * scale) / jnp.where(dark, 1.0, total * scale))

@@ -33,7 +33,6 @@ from jaxtyping import Array, Complex, Float
 
 from mishutter._core import compiled
 from mishutter.evaluation.ensembles import at_each_error, error_weights, without_tolerances
-from mishutter.evaluation.power import picture_power
 from mishutter.model import (
     CORNER_FREQUENCY,
     NUM_FREQUENCIES,
@@ -41,6 +40,7 @@ from mishutter.model import (
     LayerShares,
     Occlusion,
     Scene,
+    picture_power,
 )
 
 LEAST_EFFECTIVE_SPEEDS, _MOST_EFFECTIVE_SPEEDS = 129, 513

@@ -28,7 +28,6 @@ from mishutter.evaluation.layers import (
     num_effective_speeds,
     with_shares,
 )
-from mishutter.evaluation.power import spectrum_on_grid
 from mishutter.model import (
     NUM_FREQUENCIES,
     AbstractMotion,
@@ -385,7 +384,8 @@ def reduced(scene: Scene, plan: Plan) -> Scene:
     """
     power = scene.picture.power_spectrum
     if is_concrete(power):
-        power = spectrum_on_grid(scene, plan.num_frequencies, np.dtype(scene.speeds.dtype))
+        dtype = np.dtype(scene.speeds.dtype)
+        power = scene.picture.spectrum_on_grid(plan.num_frequencies, dtype)
     speeds = weights = None
     if plan.skips and scene.speeds_known:
         speeds, weights = padded(*distinct_speeds(scene, folds=plan.folds))

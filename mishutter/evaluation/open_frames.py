@@ -14,15 +14,16 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
+from mishutter.evaluation.errors import lost_share
 from mishutter.evaluation.frames import in_parts
 from mishutter.evaluation.needs import distinct_speeds, sizes
-from mishutter.evaluation.power import lost_share, power_on_grid
 from mishutter.model import (
     LinearMotion,
     Scene,
     frequencies,
     noise_power,
     pixel_response,
+    power_on_grid,
     white_electrons,
 )
 

@@ -18,7 +18,6 @@ from jaxtyping import Complex, Float
 from mishutter._core import alone_in_blas, outside_trace
 from mishutter.evaluation.frames import in_parts
 from mishutter.evaluation.needs import distinct_speeds, sized_for
-from mishutter.evaluation.power import power_on_grid
 from mishutter.evaluation.response import nodes_in_time
 from mishutter.model import (
     AbstractMotion,
@@ -29,6 +28,7 @@ from mishutter.model import (
     frequencies,
     noise_power,
     pixel_response,
+    power_on_grid,
     white_electrons,
 )
 

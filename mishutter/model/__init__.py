@@ -38,6 +38,8 @@ from mishutter.model.optics import on_steps as on_steps
 from mishutter.model.optics import pixel_response as pixel_response
 from mishutter.model.scene import Scene as Scene
 from mishutter.model.scene import example_scene as example_scene
+from mishutter.model.scene import picture_power as picture_power
+from mishutter.model.scene import power_on_grid as power_on_grid
 from mishutter.model.scene import read_scene as read_scene
 from mishutter.model.scene import require_scene as require_scene
 from mishutter.model.scene import require_whole as require_whole

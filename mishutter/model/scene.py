@@ -20,6 +20,7 @@ from mishutter._core import (
     as_float,
     common_dtype,
     contents,
+    device_constant,
     in_section,
     is_concrete,
     parsed,
@@ -68,6 +69,8 @@ from mishutter.model.sensor import Burst, Sensor
 from mishutter.model.shutters import AbstractShutter
 from mishutter.model.texture import EXAMPLE_PICTURE, Texture
 from mishutter.model.tolerances import Tolerances
+
+_DOUBLE = np.dtype(np.float64)
 
 
 @final
@@ -213,12 +216,8 @@ class Scene(eqx.Module):
 
     def _check_power_below(self) -> None:
         """Refuses a lens that passes nothing of the picture."""
-        power, deviation, cutoff = (
-            self.picture.power_spectrum,
-            self.picture.deviation,
-            self.optics.cutoff_frequency,
-        )
-        if not all_concrete((power, deviation, cutoff)) or float(deviation) == 0:
+        power, cutoff, deviation = _numbers_of_power(self)
+        if not all_concrete((power, cutoff, deviation)) or float(deviation) == 0:
             return
         spectrum = np.ones(1) if power is None else np.asarray(power)
         has_power = on_steps(spectrum, NUM_FREQUENCIES) > 0
@@ -451,6 +450,46 @@ def seen_from(scene: Scene, motion: AbstractMotion) -> tuple[Scene, AbstractMoti
     if scene.occlusion is not None:
         scene = scene.with_occlusion(scene.occlusion.seen_from(velocity))
     return scene, motion.without_velocity()
+
+
+def picture_power(
+    scene: Scene, num_frequencies: int, dtype: np.dtype
+) -> Float[Array, "{num_frequencies}"]:
+    """The `power_on_grid` of a scene that may be traced."""
+    if all_concrete((_numbers_of_power(scene), scene.occlusion)):
+        return device_constant(power_on_grid(scene, num_frequencies, dtype))
+    return jnp.asarray(_power(scene, num_frequencies, dtype))
+
+
+def power_on_grid(
+    scene: Scene, num_frequencies: int, dtype: np.dtype = _DOUBLE
+) -> Float[np.ndarray, "{num_frequencies}"]:
+    r"""Power spectrum of the picture's rows at `frequencies`, none above the cutoff of the optics.
+
+    It is scaled so that $2\int_0^{1/2} S\,df$, its mean over the frequencies, is the variance.
+    """
+    return np.asarray(_power(scene, num_frequencies, dtype))
+
+
+def _power(
+    scene: Scene, num_frequencies: int, dtype: np.dtype
+) -> Float[Array | np.ndarray, "{num_frequencies}"]:
+    if scene.occlusion is not None and scene.occlusion.shares is not None:
+        return scene.occlusion.shares.power.astype(dtype)
+    numbers = _numbers_of_power(scene)
+    space = np if all_concrete(numbers) else jnp
+    spectrum = scene.picture.spectrum_on_grid(num_frequencies, dtype)
+    cutoff, deviation = (space.asarray(x, dtype) for x in numbers[1:])
+    frequency = frequencies(num_frequencies).astype(dtype)
+    power = space.where(frequency <= cutoff, spectrum, 0)
+    total = space.mean(power)
+    return power / space.where(total > 0, total, 1.0) * deviation**2
+
+
+def _numbers_of_power(scene: Scene) -> tuple[Array | None, Array, Array]:
+    """The numbers that the power follows from."""
+    picture = scene.picture
+    return picture.power_spectrum, scene.optics.cutoff_frequency, picture.deviation
 
 
 def _are_near(first: object, second: object) -> bool:

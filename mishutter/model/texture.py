@@ -4,8 +4,9 @@ import os
 from typing import final
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core import (
     RowLike,
@@ -17,7 +18,7 @@ from mishutter._core import (
     require_scalar,
     shape_of,
 )
-from mishutter.model.optics import NUM_FREQUENCIES
+from mishutter.model.optics import NUM_FREQUENCIES, frequencies, on_steps
 from mishutter.pictures import (
     Axis,
     Picture,
@@ -134,6 +135,21 @@ class Texture(eqx.Module):
         """
         require(self.path is not None, "Texture(path=...)", "name a photograph", self.path)
         return photograph_at(str(self.path), self.white, self.linear)
+
+    def spectrum_on_grid(
+        self, num_frequencies: int, dtype: np.dtype
+    ) -> Float[Array | np.ndarray, "{num_frequencies}"]:
+        """The power spectrum at `frequencies`, on any scale; by NumPy if concrete.
+
+        Args:
+            num_frequencies: Number of frequencies.
+            dtype: Precision.
+        """
+        spectrum = self.power_spectrum
+        if spectrum is None:
+            return 1 / (frequencies(num_frequencies).astype(dtype) ** 2 + CORNER_FREQUENCY**2)
+        space = np if is_concrete(spectrum) else jnp
+        return on_steps(space.asarray(spectrum, dtype), num_frequencies)
 
     def bare(self, power_spectrum: RowLike | None = None) -> "Texture":
         """The statistics without the photograph.

@@ -22,7 +22,6 @@ from mishutter.evaluation import (
     SPEED_KNOWLEDGE,
     kernel_phase,
     kernels_at_speeds,
-    picture_power,
     spectral_levels,
 )
 from mishutter.hardware import DriveTable, FrameTable
@@ -33,6 +32,7 @@ from mishutter.model import (
     Scene,
     SplineShutter,
     command_of,
+    picture_power,
     profile_of,
 )
 from mishutter.pictures import Axis, Picture, to_display, turned

@@ -23,7 +23,6 @@ from mishutter.evaluation import (
     extent,
     folds_speeds,
     larger,
-    power_on_grid,
     require_sizes,
     size_class,
     sized_for,
@@ -34,6 +33,7 @@ from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
     Scene,
+    power_on_grid,
     simplified,
 )
 from mishutter.search.space import FREE_NAMES, DesignSpace, design_space, search_frame

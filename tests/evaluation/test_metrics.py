@@ -35,7 +35,6 @@ from mishutter.evaluation import (
     SPEED_KNOWLEDGE,
     UNKNOWN_SPEED,
     Plan,
-    picture_power,
     respond,
     sampled_view,
     sizes,
@@ -44,7 +43,7 @@ from mishutter.evaluation import (
 
 # The error as a share of 1, to its last digits; metrics hold it in decibels.
 from mishutter.evaluation.errors import expected_squared_error
-from mishutter.model import frequencies, frequency_grid
+from mishutter.model import frequencies, frequency_grid, picture_power
 
 HALF_EXPOSURE = 0.013
 MOTION = ParabolicMotion(acceleration=31.0 / HALF_EXPOSURE**2, half_exposure=HALF_EXPOSURE)

@@ -10,8 +10,10 @@ import jax
 import numpy as np
 import pytest
 from support.command_line import environment
+from support.helpers import ROUNDING
 
 from mishutter import Limits, Optics, Scene, Texture, compare, evaluate, optimise
+from mishutter.model import picture_power, power_on_grid
 
 LIGHT = {"photon_rate": 1e5, "read_noise": 3.0}
 
@@ -284,3 +286,15 @@ def test_a_range_of_speeds(given, speeds):
     scene = Scene.uniform(**given, **LIGHT)
     np.testing.assert_allclose(scene.speeds, speeds, rtol=1e-14)
     np.testing.assert_allclose(scene.weights, np.full(len(speeds), 1 / len(speeds)), rtol=1e-14)
+
+
+def test_the_mean_power_is_the_variance():
+    """Of a scene's own spectrum through a cutoff, by NumPy and where it is traced."""
+    power = 1 / np.linspace(0.02, 0.5, 48) ** 1.3
+    light = {"photon_rate": 1e5, "read_noise": 3.0, "optics": Optics(cutoff_frequency=0.31)}
+    scene = Scene([0.0, 40.0], picture=Texture(power_spectrum=power, deviation=0.17), **light)
+    known = power_on_grid(scene, 96)
+    assert np.isclose(np.mean(known), 0.17**2, rtol=ROUNDING)
+    assert not np.any(known[np.arange(96) + 0.5 > 0.31 * 192])
+    traced = jax.jit(lambda s: picture_power(s, 96, np.dtype(np.float64)))(scene)
+    np.testing.assert_allclose(traced, known, rtol=1e-13)

@@ -27,7 +27,6 @@ from mishutter.evaluation import (
     needed_speeds,
     nodes_of_frames,
     open_time,
-    picture_power,
     sensor_view,
     smear_difference,
     with_shares,
@@ -41,6 +40,7 @@ from mishutter.model import (
     TimedFrame,
     frequencies,
     noise_power,
+    picture_power,
     white_electrons,
 )
 

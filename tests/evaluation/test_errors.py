@@ -3,10 +3,8 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-from support.helpers import ROUNDING
 
-from mishutter import Optics, Scene, Texture
-from mishutter.evaluation import lost_share, picture_power, power_on_grid
+from mishutter.evaluation import lost_share
 
 
 def test_the_lost_share_is_that_of_the_best_filter():
@@ -34,15 +32,3 @@ def test_all_is_lost_in_the_dark_without_noise():
         return jnp.sum(lost_share(signal, jnp.asarray(lit), jnp.asarray(0.1 * lit), 0.0))
 
     assert np.all(np.isfinite(jax.grad(total)(jnp.asarray(dark))))
-
-
-def test_the_mean_power_is_the_variance():
-    """Of a scene's own spectrum through a cutoff, by NumPy and where it is traced."""
-    power = 1 / np.linspace(0.02, 0.5, 48) ** 1.3
-    light = {"photon_rate": 1e5, "read_noise": 3.0, "optics": Optics(cutoff_frequency=0.31)}
-    scene = Scene([0.0, 40.0], picture=Texture(power_spectrum=power, deviation=0.17), **light)
-    known = power_on_grid(scene, 96)
-    assert np.isclose(np.mean(known), 0.17**2, rtol=ROUNDING)
-    assert not np.any(known[np.arange(96) + 0.5 > 0.31 * 192])
-    traced = jax.jit(lambda s: picture_power(s, 96, np.dtype(np.float64)))(scene)
-    np.testing.assert_allclose(traced, known, rtol=1e-13)
