@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from mishutter._core import RowLike, Unquoted, require, require_finite
+from mishutter._core import RowLike, Unquoted, require, require_finite, require_scalar
 from mishutter.model import SplineShutter, bounded_coefficients, spline_basis
 
 _COUNTS = (8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
@@ -71,13 +71,13 @@ class MeasuredProfile(NamedTuple):
 
 
 def as_trace(trace: TraceLike, name: str) -> Trace:
-    """A trace as arrays; any two rows of as many finite numbers, of times and levels, are one.
+    """A trace as arrays; any row of finite times and one of as many finite levels are one.
 
     Raises:
         ValueError: if it is anything else.
     """
     rows: Any = trace
-    is_pair = isinstance(rows, Sequence | np.ndarray) and len(rows) == 2
+    is_pair = (isinstance(rows, Sequence) or np.ndim(rows) > 0) and len(rows) == 2
     require(is_pair, name, "be a `Trace`, or times and levels", trace)
     time, level = rows
     for row in (time, level):
@@ -215,7 +215,13 @@ def measured_profile(
             levels do not tell open from closed, or they are a list of transitions.
     """
     trace = as_trace(trace, name)
-    require_finite(name, middle)
+    numbers = {"half_exposure": half_exposure, "middle": middle, "closed": closed, "opened": opened}
+    for argument, number in numbers.items():
+        if number is not None:
+            require_scalar(f"measured_profile({argument}=...)", number)
+            require_finite(f"measured_profile({argument}=...)", number)
+    subject = "measured_profile(half_exposure=...)"
+    require(half_exposure > 0, subject, "be above 0 s", half_exposure)
     require_ascending(trace, name)
     if has_two_levels(np.asarray(trace.level)):
         require_samples(np.asarray(trace.level)[:, None], name)
@@ -312,9 +318,10 @@ def _smoothed(tau: np.ndarray, level: np.ndarray, white: float | None) -> _Smoot
 def _smooth(tau: np.ndarray, level: np.ndarray, count: int, white: float | None) -> _Smooth:
     """The spline of `count` coefficients, of levels above that of the closed shutter.
 
-    Normal equations give it, which take four numbers a sample where the whole basis takes
-    `count`. Those of B-splines that samples cover are well conditioned. Their triangle makes the
-    bounded problem one of `count` rows, whose squares add to those of the free spline.
+    Normal equations need the four B-splines at each sample, where the dense basis has `count`
+    numbers a sample. They are well conditioned as long as samples cover each B-spline. With their
+    Cholesky factor the bounded problem has `count` rows, whose squared residuals are what the
+    bounds add to those of the free spline.
     """
     from scipy.linalg import cholesky, solve_triangular
 
@@ -342,9 +349,9 @@ def _smooth(tau: np.ndarray, level: np.ndarray, count: int, white: float | None)
 def _clipping(level: np.ndarray) -> tuple[str, ...]:
     """A sentence for each end at which a trace is cut off.
 
-    Samples of a noisy signal do not stay at one level, its greatest or its least, for long: by
-    chance, at even odds for each, no run is as long as twice the binary logarithm of their number.
-    Where noise is less than a step of the converter the function adds no sentence.
+    Samples of a noisy signal do not stay at one level, its greatest or its least, for long: if each
+    sample were there at even odds, hardly any run would be as long as twice the binary logarithm of
+    their number. Where the noise is less than a step of the converter, no sentence is added.
     """
     noise = _noise_between_rails(level)
     sentences = []

@@ -42,6 +42,7 @@ _READ = "read_picture(path=...)"
 _WRITE = "write_picture(path=...)"
 _DEPTHS = (8, 10, 12, 14)
 """Depths of cameras, bits, whose software stores values in 16 bits without scaling them."""
+_SEVERAL = "it holds several pictures, of which the first is read"
 
 
 Axis = Literal["rows", "columns"]
@@ -111,10 +112,10 @@ def turned(light: Any, axis: Axis) -> Any:
     """
     if axis == "rows":
         return light
+    axes = (-2, -1) if np.ndim(light) == 2 else (-3, -2)
     if not is_concrete(light):
-        return light.swapaxes(*_axes_of(light))
-    array = np.asarray(light)
-    return np.ascontiguousarray(array.swapaxes(*_axes_of(array)))
+        return light.swapaxes(*axes)
+    return np.ascontiguousarray(np.asarray(light).swapaxes(*axes))
 
 
 def middle_rows(
@@ -130,12 +131,8 @@ def pixels_along(axis: Axis) -> str:
     return "columns" if axis == "rows" else "rows"
 
 
-def _axes_of(irradiance: Any) -> tuple[int, int]:
-    return (-2, -1) if irradiance.ndim == 2 else (-3, -2)
-
-
 class RowSpectrum(NamedTuple):
-    """The fields of a scene that follow from a picture, for `Scene(..., **spectrum._asdict())`.
+    """The statistics of a picture, as `Texture(**spectrum._asdict())` takes them.
 
     Attributes:
         power_spectrum: Mean power of the rows in equal steps of (0, 0.5) cycles/px.
@@ -293,11 +290,10 @@ def examined(
     """A picture as `read_picture` reads it, and a sentence for each doubt about it."""
     path, white = Path(path), checked_white("read_picture(white=...)", white)
     file = _file(path)
-    irradiance = light_of(file, path, white, linear)
+    light = light_of(file, path, white, linear)
     matte = None if file.alpha is None else np.ascontiguousarray(file.alpha)
-    return Picture(light=irradiance, matte=matte, name=path.stem), _doubts(
-        file, path, white, linear
-    )
+    picture = Picture(light=light, matte=matte, name=path.stem)
+    return picture, _doubts(file, path, white, linear)
 
 
 def light_of(
@@ -361,8 +357,14 @@ def read_levels(path: str | Path) -> Shaped[np.ndarray, "rows columns"]:
     Raises:
         OSError: as `read_picture`.
         ValueError: as `read_picture`, and of a picture in colour.
+
+    Warns:
+        PictureWarning: if the file holds more pictures.
     """
-    colour = _file(Path(path)).colour
+    file = _file(Path(path))
+    colour = file.colour
+    if file.has_more:
+        warnings.warn(f"{path}: {_SEVERAL}", PictureWarning, stacklevel=2)
     got = Unquoted(f"colours in {str(path)!r}")
     require(colour.shape[2] == 1, "read_levels(path=...)", "be a grey picture", got)
     return colour[..., 0]
@@ -540,5 +542,5 @@ def _doubts(file: Decoded, path: Path, white: float | None, linear: bool) -> tup
     if file.doubt and not linear:
         doubts.append(f"{path}: {file.doubt}")
     if file.has_more:
-        doubts.append(f"{path}: it holds several pictures, of which the first is read")
+        doubts.append(f"{path}: {_SEVERAL}")
     return tuple(doubts)

@@ -30,6 +30,8 @@ from support.laboratory import (
 
 from mishutter import (
     FirstOrderShutter,
+    FittedCamera,
+    FreeMotion,
     HannShutter,
     Limits,
     ParabolicMotion,
@@ -45,11 +47,13 @@ from mishutter.design import GIVEN
 from mishutter.hardware import Trace, read_measurements
 
 # The starts of a fit, of which it returns the end of the best.
+from mishutter.hardware.calibration.estimation import Estimate
 from mishutter.hardware.calibration.likelihood import Setting
 from mishutter.hardware.calibration.measurements import Measurements
 
 # The model of a recording; a fit returns only the numbers that minimise its misfit.
 from mishutter.hardware.calibration.response import FINE, MOVED, collected, kernels
+from mishutter.pictures import PictureWarning
 
 ELECTRONS = 1e5
 SENSOR = SensorLevels(read_noise=3.0)
@@ -395,12 +399,69 @@ def test_arguments_of_a_fit_are_checked():
     picture = pictures(2, SPEEDS[:1])
     with pytest.raises(ValueError, match=r"fit\(motion=...\)` must have a sag of at least 1 px"):
         fit(picture, StillCamera(half_exposure=HALF), COMMAND, sensor=SENSOR)
+    path = FreeMotion(accelerations=[3e4, 5e5], half_exposure=HALF)
+    with pytest.raises(ValueError, match=r"fit\(motion=...\)` must be a parabola; got Free"):
+        fit(picture, path, COMMAND, sensor=SENSOR)
     with pytest.raises(ValueError, match=r"fit\(num_coefficients=...\)` must be at least 4; got 3"):
         fit(picture, SENT, COMMAND, sensor=SENSOR, num_coefficients=3)
     with pytest.raises(ValueError, match=r"must hold at least one `TargetPicture`; got \[\]"):
         fit([], SENT, COMMAND)
     with pytest.raises(ValueError, match=r"TargetPicture\(target=...\)` must be point or edge"):
         TargetPicture(np.zeros(99), "line")
+
+
+@pytest.mark.parametrize("argument", ["sensor", "trace"])
+def test_measurements_have_a_sensor_and_a_trace_of_their_own(argument):
+    """One beside them would not count, and is refused."""
+    measurements = Measurements(tuple(pictures(2, SPEEDS[:1])), SENSOR)
+    beside = {"sensor": SensorLevels(read_noise=7.0), "trace": (np.arange(9.0), np.ones(9))}
+    line = rf"fit\({argument}=...\)` must be left out beside `Measurements`, which have their own"
+    with pytest.raises(ValueError, match=line):
+        fit(measurements, SENT, COMMAND, **{argument: beside[argument]})
+
+
+@pytest.mark.parametrize(("shortest", "longest"), [(0.3, 0.7), (1.6, 2.9)])
+def test_limits_of_a_fitted_scene_hold_its_exposure(shortest, longest, tmp_path):
+    """Of a scene whose exposures are all shorter, or all longer, than that of the camera."""
+    limits = Limits(
+        max_stroke=300.0, min_half_exposure=shortest * HALF, max_half_exposure=longest * HALF
+    )
+    row = np.full(40, 3.0)
+    camera = FittedCamera(
+        motion=SENT,
+        shutter=PROFILE,
+        coefficients=np.full(9, 0.5),
+        coefficient_errors=np.full(9, 0.1),
+        estimates={"lens_blur_px": Estimate(0.62, 0.03)},
+        not_identifiable=(),
+        names=("row",),
+        levels=(row,),
+        expected=(row + 1,),
+        noise=(np.ones(40),),
+        chi_squared=40.0,
+        num_free=9,
+    )
+    place = tmp_path / "built.toml"
+    place.write_text(camera.scene_text(eqx.tree_at(lambda s: s.limits, SCENE, limits)))
+    assert float(Scene.load(place).motion.half_exposure) == pytest.approx(HALF, rel=1e-6)
+    name = "max_half_exposure" if longest < 1 else "min_half_exposure"
+    assert f"# Wider than the scene's, as the camera was: {name}" in place.read_text("utf-8")
+
+
+@pytest.mark.parametrize("suffix", ["tif", "pgm"])
+def test_further_pictures_of_a_file_are_said(tmp_path, suffix):
+    """Only the first is a picture of the target: a stack is to be averaged before."""
+    levels = np.random.default_rng(8).integers(90, 4000, (3, 7, 33), np.uint16)
+    path = tmp_path / f"stack.{suffix}"
+    if suffix == "tif":
+        tifffile.imwrite(path, levels, photometric="minisblack")
+    else:
+        maps = [b"P5 33 7 65535\n" + each.astype(">u2").tobytes() for each in levels]
+        path.write_bytes(b"".join(maps))
+    (tmp_path / "bench.toml").write_text(f'[[picture]]\npath = "{path.name}"\n')
+    with pytest.warns(PictureWarning, match="holds several pictures, of which the first is read"):
+        (found,) = read_measurements(tmp_path / "bench.toml").pictures
+    np.testing.assert_array_equal(found.levels, levels[0])
 
 
 @pytest.mark.nightly

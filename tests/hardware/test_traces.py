@@ -243,6 +243,7 @@ def test_a_trace_is_any_two_rows():
         [time, level],
         Trace(list(time), list(level)),
         np.stack([time, level]),
+        jnp.stack([time, level]),
         (jnp.asarray(time), tuple(level)),
     ):
         found = measured_profile(rows, **given)
@@ -254,6 +255,7 @@ def test_a_trace_is_any_two_rows():
     ("trace", "line"),
     [
         (3.2, "be a `Trace`, or times and levels; got 3.2"),
+        (np.array(3.2), "be a `Trace`, or times and levels; got 3.2"),
         ((TAU, TAU, TAU), "be a `Trace`, or times and levels; got"),
         (np.stack([TAU, 1j * TAU]), "be real numbers; got"),
         ((TAU, TAU[1:]), "as many levels; got shapes (401,) and (400,)"),
@@ -268,3 +270,18 @@ def test_what_is_no_trace(trace, line):
         measured_profile(trace, half_exposure=HALF)
     with pytest.raises(ValueError, match=re.escape(line)):
         for_a_fit(trace, HALF, "fit(trace=...)")
+
+
+@pytest.mark.parametrize(
+    ("numbers", "line"),
+    [
+        ({"half_exposure": -HALF}, f"half_exposure=...)` must be above 0 s; got {-HALF}."),
+        ({"closed": float("nan")}, "closed=...)` must be finite; got nan."),
+        ({"opened": float("inf")}, "opened=...)` must be finite; got inf."),
+        ({"middle": float("nan")}, "middle=...)` must be finite; got nan."),
+    ],
+)
+def test_numbers_that_no_trace_can_have_are_refused_by_name(numbers, line):
+    """An exposure lasts for a while, and levels and times are numbers."""
+    with pytest.raises(ValueError, match=re.escape(f"`measured_profile({line}")):
+        measured_profile(noisy_trace(0.02), **{"half_exposure": HALF} | numbers)

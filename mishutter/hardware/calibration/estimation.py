@@ -142,7 +142,7 @@ class FittedCamera:
     def band(
         self, tau: Float[np.ndarray, "n"]
     ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
-        """The profile less and plus two error bars, which count as 1 at most.
+        """The profile less two error bars and plus two; an error bar counts as at most 1.
 
         Args:
             tau: Normalised times, from -1 to 1.
@@ -240,8 +240,15 @@ def _limits_with(limits: Limits, motion: ParabolicMotion) -> tuple[Limits, list[
     pan, top = jnp.abs(v), motion.top_speed
     stroke = limits.demands(motion)["stroke"].taken
     wide = widened(
-        values, max_stroke=stroke, max_top_speed=top, max_pan=pan, max_acceleration=2 * a
+        values,
+        max_stroke=stroke,
+        max_top_speed=top,
+        max_pan=pan,
+        max_acceleration=2 * a,
+        max_half_exposure=half,
     )
+    if float(half) < float(limits.min_half_exposure):
+        wide["min_half_exposure"] = half / margin
     if limits.has_stage:
         share = float(Limits(**wide).stage_share(a, half, v))
         bounds = {"max_travel": limits.max_travel}
@@ -272,8 +279,8 @@ def fit(
 
     Args:
         measurements: Pictures, or the result of `read_measurements`, which has a sensor and a
-            trace of its own.
-        motion: The motion as sent, from which the fit starts, of a sag of 1 px at least.
+            trace of its own: neither is then given beside it.
+        motion: The motion as sent, a parabola of a sag of 1 px at least, from which the fit starts.
         shutter: The transmittance as sent, one of several from which the fit starts.
         sensor: The conversion of electrons to levels; by default a level is an electron, without
             read noise.
@@ -290,6 +297,8 @@ def fit(
         ValueError: if a picture is saturated or shows no target, the fitted acceleration is less
             than half or more than twice that sent, or an argument is out of its range.
     """
+    is_parabola = isinstance(motion, ParabolicMotion)
+    require(is_parabola, "fit(motion=...)", "be a parabola", motion)
     data = _measurements(measurements, sensor, trace)
     require_positive_int("fit(num_coefficients=...)", num_coefficients)
     require(num_coefficients >= 4, "fit(num_coefficients=...)", "be at least 4", num_coefficients)
@@ -321,14 +330,17 @@ def _measurements(
     sensor: SensorLevels | None,
     trace: TraceLike | None,
 ) -> Measurements:
-    if not isinstance(measurements, Measurements):
+    if isinstance(measurements, Measurements):
+        for argument, value in {"sensor": sensor, "trace": trace}.items():
+            requirement = "be left out beside `Measurements`, which have their own"
+            require(value is None, f"fit({argument}=...)", requirement, value)
+        trace = measurements.trace
+    else:
         pictures = tuple(measurements)
         are_pictures = bool(pictures) and all(isinstance(p, TargetPicture) for p in pictures)
         requirement = "hold at least one `TargetPicture`"
         require(are_pictures, "fit(measurements=...)", requirement, measurements)
         measurements = Measurements(pictures, sensor or SensorLevels())
-    else:
-        trace = measurements.trace
     if trace is None:
         return measurements
     return measurements._replace(trace=as_trace(trace, "fit(trace=...)"))

@@ -40,8 +40,8 @@ _HOLD = 0.1
 RANGE = 12**-0.5
 """Standard deviation of a number anywhere from 0 to 1.
 
-The pictures' own rounds hold the coefficients so near those that were sent, and the last round
-what is not seen.
+Rounds on the pictures themselves hold each coefficient this near the one that was sent; the last
+round holds only the combinations that no picture shows.
 """
 _BELOW = 0.01
 """Standard deviation by which coefficients stray below 0, where no transmittance is.
@@ -357,9 +357,9 @@ def _moments(coefficients: np.ndarray) -> np.ndarray:
 def _trace_samples(
     trace: Trace | None, half: float, count: int
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Levels of a trace, within the exposure and then outside, the B-splines there, and noise.
+    """Levels of a trace, B-splines at their times, and the standard deviation of a level.
 
-    B-splines are 0 outside; the noise is a standard deviation.
+    Levels within the exposure come first, then those outside, where B-splines are 0.
     """
     if trace is None:
         return np.zeros(0), np.zeros((0, count)), 1.0
@@ -534,7 +534,7 @@ def solved(
 
 
 def num_first_rounds(setting: Setting, shares: Sequence[float]) -> int:
-    """The fits that `likeliest_start` makes.
+    """Number of fits that `likeliest_start` makes.
 
     Args:
         setting: The problem.

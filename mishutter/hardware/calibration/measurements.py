@@ -76,7 +76,7 @@ class TargetPicture:
 
     Attributes:
         levels: Rows of the picture, which show the same; `(rows, columns)` or `(columns,)`.
-            Where it moves along the columns, these are exchanged for the rows.
+            Of a target that moves along columns, the columns become the rows.
         target: `"point"` or `"edge"`.
         speed: Speed of the target, px/s; None for an unknown one, which all such pictures share.
         name: Name in errors and pictures.
@@ -225,11 +225,13 @@ def read_measurements(path: str | Path) -> Measurements:
 
 
 def _levels(path: Path) -> np.ndarray:
+    """Levels of a picture's file, in the format that its contents or its suffix say."""
     content, name = contents(path), str(path)
     if not content.startswith(b"\x93NUMPY"):
-        is_text = b"\0" not in content or content.startswith((b"\xff\xfe", b"\xfe\xff"))
         if path.suffix.lower() in PICTURE_SUFFIXES:
             return read_levels(path)
+        # Text in UTF-16, which begins with a mark of its byte order, holds zeros.
+        is_text = b"\0" not in content or content.startswith((b"\xff\xfe", b"\xfe\xff"))
         got = Unquoted("a file that is neither")
         require(is_text, name, "hold the levels of a picture as CSV or .npy", got)
         lines = text_lines(content, name)

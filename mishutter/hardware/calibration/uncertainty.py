@@ -22,7 +22,7 @@ It moves an error bar by a quarter at most, and by far less where it is spread o
 _SAME = 0.01
 """Fall of chi squared from which one end of the minimiser is better than another."""
 _LEAST_SEEN = 1 / 3
-"""Least singular value of the Jacobian in error bars, which keeps those of directions below 3."""
+"""Least singular value that counts, which keeps the error bar of any direction below 3."""
 WIDEST = 1 / 3
 """Greatest error bar of an identifiable parameter, in its own scale."""
 
@@ -80,11 +80,12 @@ def error_bars(setting: Setting, solution: Solution) -> tuple[Solution, ErrorBar
 
 
 def _pulled(setting: Setting, best: Solution, ties: Ties) -> list[Solution]:
-    """Ends of pulls by 4 error bars on each parameter of the camera, against its own bar.
+    """Ends of pulls on each parameter of the camera, whose residuals are not linear.
 
-    A pull ends half-way, two error bars off, where the residuals are linear. Fisher's error bar
-    then stands without a pull. Where they are not, a pull starts half-way, or at the best fit
-    if that has the lower sum of squares, the pull's included.
+    A pull is a tie, one error bar wide, to a value 4 error bars off. With linear residuals it would
+    end half-way, 2 error bars off: Fisher's error bar then stands, and there is no pull. Other
+    pulls start half-way, or at the best fit if the sum of squares, the tie's included, is lower
+    there.
     """
     untied, _ = _information(best.matrix)
     covariance, _ = _information(np.concatenate([best.matrix, ties.rows]))
