@@ -3,9 +3,10 @@ r"""Irradiance that a point or an edge leaves on each pixel of a camera, by the 
 The kernel is aligned at the vertex of the path, where it is a smooth function of the motion, and
 has taps of 1/8 px. Its irradiance is uniform over a tap, blurred by the lens, a Gaussian, and
 integrated over pixels, all in closed form. Points and edges are not band-limited, so that the
-responses of a capture, which stand on the grid of a DFT, do not serve here. With $q'' = $ the Gaussian, a point's tap of
-width $\delta$ gives a pixel $[q(x + 1) - q(x) - q(x + 1 - \delta) + q(x - \delta)]/\delta$ at
-distance $x$ from the tap's beginning to the pixel's; an edge gives the same of $r$, $r' = q$.
+responses of a capture, which stand on the grid of a DFT, do not serve here. With $q'' = $ the
+Gaussian, a point's tap of width $\delta$ gives a pixel
+$[q(x + 1) - q(x) - q(x + 1 - \delta) + q(x - \delta)]/\delta$ at distance $x$ from the tap's
+beginning to the pixel's; an edge gives the same of $r$, $r' = q$.
 """
 
 from typing import Any
