@@ -27,13 +27,11 @@ _engines: dict[str, Engine] = {}
 
 
 def connection(scheduler: Any) -> AbstractContextManager:
-    """A client of a scheduler, for as long as it is used; None where there is none.
+    """A client of a scheduler, for as long as it is used.
 
     Raises:
         ValueError: if `distributed` is not installed or no scheduler answers.
     """
-    if scheduler is None:
-        return nullcontext()
     try:
         from distributed import Client
     except ImportError:

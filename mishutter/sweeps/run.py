@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -133,7 +134,7 @@ def sweep(
         metrics=metrics,
         search=search,
     )
-    with connection(scheduler) as client:
+    with nullcontext() if scheduler is None else connection(scheduler) as client:
         blocks: AbstractBlocks = MemoryBlocks(grid) if store is None else StoredBlocks(grid, store)
         missing, total = blocks.missing(), len(grid.blocks())
         _LOG.info("%d of %d blocks found, %d to compute", total - len(missing), total, len(missing))
