@@ -2,11 +2,12 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from operator import itemgetter
-from typing import NamedTuple, final
+from typing import NamedTuple, cast, final
 
 import equinox as eqx
 import jax
 import numpy as np
+from jaxtyping import Bool, Float
 
 from mishutter._core import in_threads, num_threads
 from mishutter.evaluation import (
@@ -15,6 +16,8 @@ from mishutter.evaluation import (
     Rules,
     Shapes,
     Sizes,
+    automatic,
+    coarser,
     measure,
     named_metrics,
     scenes_for,
@@ -22,9 +25,15 @@ from mishutter.evaluation import (
     transmittance,
     without_tolerances,
 )
-from mishutter.model import AbstractShutter, ParabolicMotion, Scene, white_electrons
-from mishutter.sweeps.grid import MARKS, REASONS, Block, Grid, outside_limits
-from mishutter.sweeps.search import basis_of, coefficients_of, search
+from mishutter.model import (
+    AbstractShutter,
+    ParabolicMotion,
+    Scene,
+    SplineShutter,
+    white_electrons,
+)
+from mishutter.search import SearchSettings, Start, best_design
+from mishutter.sweeps.grid import MARKS, REASONS, Block, Grid, Search, outside_limits
 
 Arrays = dict[str, np.ndarray]
 
@@ -43,6 +52,20 @@ class PreparedShutter(NamedTuple):
     coordinates: Sequence[AbstractShutter]
     rules: Rules | None
     scenes: list[Scene]
+
+
+class Profiles(NamedTuple):
+    """The best profiles of `n` points.
+
+    Attributes:
+        boxes: Coordinates of each profile.
+        losses: Loss of each.
+        converged: Whether each search converged.
+    """
+
+    boxes: Float[np.ndarray, "n c"]
+    losses: Float[np.ndarray, "n"]
+    converged: Bool[np.ndarray, "n"]
 
 
 @final
@@ -67,7 +90,7 @@ class Engine:
         self.shutters = [self._prepared(shutter, [shutter]) for shutter in grid.shutters.values()]
         profiles = () if grid.search is None else grid.search.profiles
         kinds = {profile.symmetric: profile for profile in profiles}
-        self.bases = {kind: self._prepared(each, basis_of(each)) for kind, each in kinds.items()}
+        self.bases = {kind: self._prepared(each, _basis_of(each)) for kind, each in kinds.items()}
 
     def _sizes(self, scene: Scene, outside: np.ndarray) -> Sizes:
         """Sizes of the points within limits; marks in `outside` those that are too large."""
@@ -140,8 +163,8 @@ class Engine:
         ]
         if grid.search is not None:
             scene, profile = self.scenes[block.frame], grid.search.profiles[block.frame]
-            best = search(grid.search, scene, motions, profile)
-            coefficients = coefficients_of(best.boxes, profile)
+            best = _best_profiles(grid.search, scene, motions, profile)
+            coefficients = _coefficients_of(best.boxes, profile)
             arrays |= {
                 name: _placed(x, inside)
                 for name, x in (
@@ -215,6 +238,48 @@ class Engine:
                 arrays[name][full] = np.nan
             else:
                 arrays[name][np.all(full, axis=3)] = np.nan
+
+
+def _basis_of(profile: SplineShutter) -> list[SplineShutter]:
+    """The basis of a kind of profile: a closed one, then each coordinate alone open."""
+    size = profile.parameters.size
+    corners = np.eye(size + 1, size, -1, dtype=profile.parameters.dtype)
+    return [profile.at(jax.device_put(corner)) for corner in corners]
+
+
+def _best_profiles(
+    settings: Search, scene: Scene, motions: ParabolicMotion, profile: SplineShutter
+) -> Profiles:
+    """The best profiles of a kind on some motions of a scene."""
+    accelerations = np.asarray(motions.acceleration)
+    half_exposures = np.asarray(motions.half_exposure)
+    boxes = np.zeros((accelerations.size, profile.parameters.size))
+    losses, converged = np.zeros(len(boxes)), np.zeros(len(boxes), bool)
+    for index in range(len(boxes)):
+        motion = ParabolicMotion(
+            acceleration=accelerations[index], half_exposure=half_exposures[index]
+        )
+        # A plan for every motion within the limits lets points share programs.
+        shared = SearchSettings(
+            settings.loss,
+            coarser(automatic(scene, motion, profile)),
+            seed=settings.seed,
+            max_steps=settings.max_steps,
+        )
+        design = best_design(Start(scene, motion, profile, ("shutter",)), shared)
+        boxes[index] = cast(SplineShutter, design.command).parameters
+        losses[index], converged[index] = design.loss, design.converged
+    return Profiles(boxes, losses, converged)
+
+
+def _coefficients_of(
+    boxes: Float[np.ndarray, "*points c"], profile: SplineShutter
+) -> Float[np.ndarray, "*points n"]:
+    """B-spline coefficients of profiles of a kind."""
+    if not profile.symmetric:
+        return boxes
+    mirrored = boxes[..., : profile.num_coefficients // 2]
+    return np.concatenate([boxes, mirrored[..., ::-1]], axis=-1)
 
 
 def _mark(reason: str) -> np.unsignedinteger:

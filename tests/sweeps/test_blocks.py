@@ -209,7 +209,7 @@ def test_each_point_is_searched_from_the_seed_of_the_sweep(monkeypatch):
         return SimpleNamespace(command=start.shutter, loss=0.3, converged=True)
 
     # The profiles of a search hardly depend on its seed, and take seconds.
-    monkeypatch.setattr("mishutter.sweeps.search.best_design", searched)
+    monkeypatch.setattr("mishutter.sweeps.blocks.best_design", searched)
     few = {"metrics": ["efficiency"], "shutters": {"rect": SHUTTERS["rect"]}}
     for seed in (5, 11):
         sweep(SCENE, **AXES | few, seed=seed, max_steps=seed + 2)
