@@ -339,7 +339,7 @@ class Limits(eqx.Module):
         """
         uses = self._uses(motion)
         if self.has_stage:
-            uses = uses._replace(travel_share=_travel_share_of(self, motion))
+            uses = uses._replace(travel_share=_compiled_travel_share(self, motion))
         return self._demands(uses)
 
     def demands_of_parabolas(
@@ -359,7 +359,7 @@ class Limits(eqx.Module):
         uses = _uses_of_parabolas(acceleration, half_exposure, velocity, of_stage)
         if self.has_stage:
             numbers = np.broadcast_arrays(acceleration, half_exposure, velocity)
-            share = self._travel_share(*(jnp.asarray(x) for x in numbers))
+            share = self._travel_share_of_parabolas(*(jnp.asarray(x) for x in numbers))
             uses = uses._replace(travel_share=share)
         return self._demands(uses)
 
@@ -517,11 +517,13 @@ class Limits(eqx.Module):
             return jnp.maximum(self.stage_share_of(path), parabolas)
         of_stage = velocity + self._frame(velocity) - self._pan_of_camera(velocity)
         return self._beside_unsolved(
-            self._travel_share(acceleration, half_exposure, velocity),
+            self._travel_share_of_parabolas(acceleration, half_exposure, velocity),
             lambda: _uses_of_parabolas(acceleration, half_exposure, velocity, of_stage),
         )
 
-    def _travel_share(self, acceleration: Array, half_exposure: Array, velocity: Array) -> Array:
+    def _travel_share_of_parabolas(
+        self, acceleration: Array, half_exposure: Array, velocity: Array
+    ) -> Array:
         """The `stage_share` of the run-up and the run-out of parabolas."""
         frame, pan = self._frame(velocity), self._pan_of_camera(velocity)
         of_stage = velocity + frame - pan
@@ -718,10 +720,10 @@ def _travel_share(limits: Limits, motion: AbstractMotion) -> Array:
         speed = jnp.abs(limits._pan_of_camera(velocity)) - jnp.abs(limits._frame(velocity))
         return limits._share_of(stage_use_of_path(path, limits.max_acceleration), speed)
     acceleration, half = steady(motion).acceleration, motion.half_exposure
-    return limits._travel_share(jnp.asarray(acceleration), jnp.asarray(half), velocity)
+    return limits._travel_share_of_parabolas(jnp.asarray(acceleration), jnp.asarray(half), velocity)
 
 
-_travel_share_of = compiled(_travel_share)
+_compiled_travel_share = compiled(_travel_share)
 
 
 @compiled

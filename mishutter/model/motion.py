@@ -35,7 +35,7 @@ from mishutter._core import (
 from mishutter.model.alignment import Alignment, Reach, aligned, reach_of_parabola, turns
 
 Positions = Array | np.ndarray | np.floating
-"""Numbers of NumPy where everything is known and NumPy asks, and of JAX elsewhere."""
+"""Numbers of NumPy where all are known and the caller's are of NumPy; of JAX elsewhere."""
 
 
 class MotionNumbers(NamedTuple):
@@ -698,9 +698,8 @@ class FreeMotion(AbstractMotion):
     @property
     def phases(self) -> Phases:
         """The pieces that take time."""
-        ends = np.array(exact_ends(self.durations, self.accelerations.size), float)
         rates = 2 * np.asarray(self.accelerations, float)
-        lengths = float(self.half_exposure) * np.diff(ends)
+        lengths = float(self.half_exposure) * np.diff(self._ends)
         return Phases(lengths[self.lasting], rates[self.lasting])
 
     @property
@@ -815,7 +814,7 @@ class FreeMotion(AbstractMotion):
     def _passed(self, tau: Positions) -> tuple[Positions, Positions]:
         r"""Between which times, in units of $T$, each piece is passed from 0 to `tau`."""
         space = namespace_of(tau)
-        ends = np.array(exact_ends(self.durations, self.accelerations.size), float)
+        ends = self._ends
         ends[[0, -1]] = -np.inf, np.inf
         row = ends.astype(tau.dtype).reshape((1,) * tau.ndim + (-1,))
         first, last = space.minimum(tau, 0)[..., None], space.maximum(tau, 0)[..., None]
@@ -854,7 +853,7 @@ class FreeMotion(AbstractMotion):
         s, a, T, _ = _together(speed, self.accelerations, self.half_exposure, self.velocity)
         space = namespace_of(s)
         across = (1,) * s.ndim + (-1,)
-        ends = np.array(exact_ends(self.durations, a.size), float).astype(s.dtype)
+        ends = self._ends.astype(s.dtype)
         x, u = (at(ends).reshape(across) for at in (self.position_at, self._velocity_at))
         times, a = (ends * T).reshape(across), a.reshape(across)
         position, velocity = sign * (x - s[..., None] * times), sign * (u - s[..., None])
@@ -902,8 +901,7 @@ class FreeMotion(AbstractMotion):
     @property
     def bend(self) -> Float[Array | np.ndarray, "..."]:
         r"""Mean of $|a(t)|$ over the exposure; px/s^2."""
-        ends = np.array(exact_ends(self.durations, self.accelerations.size), float)
-        shares = (np.diff(ends) / 2).astype(self.accelerations.dtype)
+        shares = (np.diff(self._ends) / 2).astype(self.accelerations.dtype)
         return _number(lambda a: (abs(a) * shares).sum(), self.accelerations)
 
     @property
@@ -916,10 +914,14 @@ class FreeMotion(AbstractMotion):
         same = lengths is None or np.array_equal(lengths, lengths[::-1])
         return same and np.array_equal(a, a[::-1])
 
+    @property
+    def _ends(self) -> Float[np.ndarray, "ends"]:
+        r"""Times at which pieces begin and end, $\tau$ from -1 to 1; shape `(K + 1,)`."""
+        return np.array(exact_ends(self.durations, self.accelerations.size), float)
+
     def _velocities(self) -> Positions:
         """Velocity where pieces begin and end; px/s, shape `(K + 1,)`."""
-        ends = np.array(exact_ends(self.durations, self.accelerations.size), float)
-        return self._velocity_at(ends.astype(self.half_exposure.dtype))
+        return self._velocity_at(self._ends.astype(self.half_exposure.dtype))
 
 
 def _of_pieces(accelerations: Positions, passed: Positions) -> Positions:
