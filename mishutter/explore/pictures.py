@@ -29,6 +29,7 @@ from mishutter.pictures import (
     PICTURE_SUFFIXES,
     Axis,
     Picture,
+    header_size,
     middle_rows,
     pixels_along,
     read_picture,
@@ -112,17 +113,15 @@ def uploaded(name: str, content: bytes) -> Reader:
 
 def _require_few_pixels(name: str, content: bytes) -> None:
     """Raises `ValueError` for a large picture by its header, before it is decoded."""
-    from PIL import Image
-
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            with Image.open(io.BytesIO(content)) as file:
-                count = file.width * file.height
-        except Exception as error:  # Pillow raises many kinds
+            columns, rows = header_size(content)
+        except Exception as error:  # decoders raise many kinds
             raise ValueError(
                 f"{name} must be a {PICTURE_FORMATS} picture; got: {type(error).__name__}."
             ) from None
+    count = columns * rows
     require(count <= MOST_PIXELS, name, f"have at most {MOST_PIXELS:,} pixels", count)
 
 
@@ -144,9 +143,9 @@ def restored(
 
     Returns:
         The `reference`, and for each design the pictures `captured` and `restored`, as PNG in base
-        64, and the `psnr` in linear light, dB. `aside` says in words what the scene's decoder knows
-        of the speed; if it finds the speed, `found` has the fields of the `SpeedEstimate` that are
-        no arrays, otherwise it is None.
+        64, and the `psnr` in linear light, dB. `aside` says what the scene's decoder knows of the
+        speed. `found` has the fields of the `SpeedEstimate` that are no arrays, if the decoder
+        finds the speed; otherwise it is None.
 
     Raises:
         ValueError: if the photograph is too narrow for the blur.

@@ -13,7 +13,15 @@ from typing import TYPE_CHECKING, Annotated, final
 import numpy as np
 from pydantic import Field
 
-from mishutter._core import Section, in_section, parsed, require, strict_json, validated
+from mishutter._core import (
+    Section,
+    contents,
+    in_section,
+    parsed,
+    require,
+    strict_json,
+    validated,
+)
 from mishutter.design import Design
 from mishutter.evaluation import transmittance
 from mishutter.explore.answers import (
@@ -122,8 +130,8 @@ def beginning(path: Path | None) -> Beginning:
         ValueError: if it is not a scene file.
         OSError: if it or its picture cannot be read.
     """
-    text = example_scene_text() if path is None else path.read_text("utf-8")
-    tables = _tables(text, "example_scene.toml" if path is None else str(path))
+    content = example_scene_text().encode() if path is None else contents(path)
+    tables = _tables(content, "example_scene.toml" if path is None else str(path))
     photographs = {EXAMPLE_PICTURE: reader(EXAMPLE_PICTURE, lambda *_: example_picture())}
     section = tables.get("picture", {})
     place = section.get("path") if isinstance(section, Mapping) else None
@@ -137,12 +145,12 @@ def beginning(path: Path | None) -> Beginning:
     return started
 
 
-def _tables(text: str, name: str) -> Tables:
+def _tables(content: bytes, name: str) -> Tables:
     """The tables of a scene file, without the motion to start from.
 
-    That motion would have to stay within the limits while sliders move these.
+    Sliders move the limits, out of which that motion would come to lie.
     """
-    tables = parsed(tomllib.loads, text.encode(), name, "TOML")
+    tables = parsed(tomllib.loads, content, name, "TOML")
     validated(SceneFile, tables, name, in_section)
     return {key: table for key, table in tables.items() if key != "motion"}
 
@@ -336,7 +344,7 @@ class Session:
         return {"pins": self.pins}
 
     def _load_scene(self, order: Order) -> Answer:
-        tables = _tables(order.text, order.name)
+        tables = _tables(order.text.encode("utf-8", "replace"), order.name)
         built(tables, self._photographs)
         return {"scene": tables}
 
@@ -391,13 +399,14 @@ class Session:
 
 
 def _around(tables: Tables) -> Iterator[Tables]:
-    """Changed tables that may need programs of other sizes than the given ones."""
+    """Tables changed as by a slider, whose programs may have other sizes than those of `tables`."""
 
     def changed(section: str, key: str, factor: float) -> Tables:
         table = tables.get(section, {})
         return {**tables, section: {**table, key: table[key] * factor}} if key in table else {}
 
-    # A scene has these keys in one of several units; tables without the key are empty here.
+    # A scene has each of these in one of several units. Empty tables stand for the keys that it
+    # lacks, and are no scene: whoever compiles leaves them out.
     for key in ("photon_rate_per_s", "white_e", "illuminance_lux"):
         yield changed("light", key, 1.02)
     for key in ("max_stroke_px", "max_stroke_mm"):
@@ -450,7 +459,8 @@ def _python(text: str, drawn: list[float] | None) -> str:
         "from pathlib import Path\n\nimport jax\n\n"
         'jax.config.update("jax_enable_x64", True)\n\n'
         f"from mishutter import {names}\n\n"
-        f'Path("scene.toml").write_text("""\\\n{text}""")\n\n'
+        # Raw, for the backslashes of TOML, which holds no three quotes here.
+        f'Path("scene.toml").write_text(r"""\n{text}""", "utf-8")\n\n'
         'scene = Scene.load("scene.toml")\ndesign = optimise(scene)\n'
         f"print(design.metrics.expected_psnr)\n{own}"
         f'print(compare(scene, design.motion, {{"optimised": design{more}}}).text())\n'

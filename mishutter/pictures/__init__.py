@@ -3,6 +3,7 @@
 from mishutter.pictures.files import PICTURE_FORMATS as PICTURE_FORMATS
 from mishutter.pictures.files import PICTURE_SUFFIXES as PICTURE_SUFFIXES
 from mishutter.pictures.files import Decoded as Decoded
+from mishutter.pictures.files import header_size as header_size
 from mishutter.pictures.images import LUMINANCE as LUMINANCE
 from mishutter.pictures.images import Axis as Axis
 from mishutter.pictures.images import Capture as Capture

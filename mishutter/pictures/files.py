@@ -55,9 +55,9 @@ _TRANSFERS = {
     **dict.fromkeys((1, 4, 6, 7, 11, 12, 13, 14, 15), 2.2),
     **{5: 2.8, 8: 1.0, 16: "PQ", 18: "HLG"},
 }
-"""Exponents of transfer functions of H.273 that are powers, or near the one of 2.2; else names."""
+"""Transfer functions by their numbers in H.273: the exponent of a power, or near it, or a name."""
 _PIECE = 1 << 16
-"""Bytes of compressed pixels that are checked at a time."""
+"""Number of bytes of compressed pixels that are checked at a time."""
 
 _JPEG_SCAN, _JPEG_END = 0xDA, 0xD9
 """Markers that begin a JPEG's pixels and end the file."""
@@ -77,7 +77,7 @@ class Decoded(NamedTuple):
         full: Value of white at the depth that the file states.
         has_more: Whether the file holds further pictures, which are not read.
         exponent: Power by which light follows from the values, if the file states one.
-        doubt: What the values mean by the file and are not read as; `""` for nothing.
+        doubt: A meaning of the values that the file states and that is not read; `""` for none.
     """
 
     colour: np.ndarray
@@ -92,6 +92,28 @@ def is_tiff(path: Path) -> bool:
     """Whether a file begins as a TIFF does."""
     with path.open("rb") as file:
         return file.read(8).startswith(_TIFF_SIGNATURES)
+
+
+def header_size(content: bytes) -> tuple[int, int]:
+    """Columns and rows of the first whole picture of a file by its header, without decoding it.
+
+    Args:
+        content: Bytes of the file.
+
+    Raises:
+        Exception: with the reason, if the file is no picture.
+    """
+    if content.startswith(_TIFF_SIGNATURES):
+        # Pillow knows no TIFF of colours in floating-point numbers.
+        import tifffile
+
+        with tifffile.TiffFile(io.BytesIO(content)) as file:
+            _, page = next(_whole_pages(file))
+            return page.imagewidth, page.imagelength
+    from PIL import Image
+
+    with Image.open(io.BytesIO(content)) as picture:
+        return picture.size
 
 
 def decoded(path: Path, number: int = 0) -> Decoded:
@@ -176,9 +198,9 @@ def _decoded_png(path: Path) -> Decoded:
 
 
 def _png_chunks(content: bytes) -> dict[bytes, bytes]:
-    """The chunks of a PNG by their names, but for its pixels, which are checked to be all there.
+    """The chunks of a PNG by their names, without its pixels, none of which may be missing.
 
-    Pillow leaves rows that are missing black.
+    The check is made here because Pillow would leave missing rows black.
 
     Raises:
         ValueError: if the file ends early, contradicts a check sum or lacks pixels.
@@ -251,7 +273,7 @@ def _share(alpha: np.ndarray, full: float) -> np.ndarray:
 
 
 def _decoded_tiff(path: Path, number: int) -> Decoded:
-    """A picture of a TIFF, counted without those of reduced size and masks.
+    """A picture of a TIFF by its number, which does not count masks and those of reduced size.
 
     In the result black is 0 and colours are not multiplied by opacity, whatever the file holds.
     """
@@ -387,8 +409,9 @@ def _decoded_by_pillow(path: Path, page: int = 0) -> Decoded:
 def _require_whole_jpeg(file: "Image.Image", content: bytes) -> None:
     """Refuses a JPEG whose pixels end before its end marker.
 
-    Its decoder fills up what is missing with grey and keeps the warning for itself. But it reads
-    what stands before that marker only if pixels are missing: other bytes there change them.
+    The decoder fills missing pixels with grey, and its warning does not reach Python. It reads on
+    up to the end marker only if pixels are missing, so that bytes put there change the picture then
+    and only then.
     """
     from PIL import Image
 

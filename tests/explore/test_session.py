@@ -3,11 +3,14 @@
 import base64
 import io
 import json
+import re
 import tomllib
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+import tifffile
 from PIL import Image
 from support.command_line import ON_PARABOLAS
 from support.drive import a_design
@@ -33,6 +36,7 @@ from mishutter.explore import pictures
 from mishutter.explore import session as sessions
 from mishutter.explore.answers import curves, first_answer
 from mishutter.explore.session import Order, Request, Session, SupersededError
+from mishutter.pictures import LUMINANCE
 from mishutter.search import Row, beyond_limits
 
 TABLES = tomllib.loads(ON_PARABOLAS.replace('path = "photo.png"', "mean_level = 0.23"))
@@ -319,6 +323,50 @@ def test_a_scene_is_saved_loaded_and_written_as_commands(started):
     assert recipe["command"].endswith("mishutter optimise scene.toml\n")
     compile(recipe["python"], "recipe", "exec")
     assert f"ChippedShutter({DRAWN})" in recipe["python"]
+
+
+NAMES = ['my "own".png', r"C:\new\u0041.png", "\u00e9t\u00e9.png"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_recipe_writes_the_scene_with_any_name_of_a_photograph(name, tmp_path, monkeypatch):
+    """Quotes and backslashes of TOML reach the file through the Python program."""
+    scene = TABLES | {"picture": {"path": name}}
+    program = sessions._python(sessions.scene_text(scene), None)
+    monkeypatch.chdir(tmp_path)
+    # The part that searches takes seconds, and reads the file as any scene.
+    writes = program[program.index("Path(") : program.index("scene = Scene")]
+    exec(writes, {"Path": Path})
+    assert tomllib.loads((tmp_path / "scene.toml").read_text("utf-8")) == scene
+
+
+@pytest.mark.parametrize(
+    ("content", "line"),
+    [
+        (b"[speeds]\n# \xff", "must be UTF-8 text; got byte 11 of it"),
+        (b"[speeds]\nlist = ", "must be a TOML file; got"),
+    ],
+)
+def test_a_file_that_is_no_scene_is_refused_by_its_name(content, line, tmp_path):
+    """The page begins with none that a command refuses."""
+    place = tmp_path / "mine.toml"
+    place.write_bytes(content)
+    with pytest.raises(ValueError, match=re.escape(f"{place} {line}")):
+        sessions.beginning(place)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.uint16])
+def test_a_photograph_of_any_depth_that_files_have_is_taken(started, dtype):
+    """A TIFF in colour, of floating-point numbers or of 16 bits, is read as `read_picture` does."""
+    light = np.random.default_rng(3).uniform(0.1, 0.9, (20, 80, 3))
+    pixels = light.astype(dtype) if dtype == np.float32 else (light * 65535).astype(dtype)
+    content = io.BytesIO()
+    tifffile.imwrite(content, pixels, photometric="rgb")
+    session = Session(started)
+    session.upload("mine.tif", content.getvalue())
+    scene = sessions.built(TABLES | {"picture": {"path": "mine.tif"}}, session._photographs)
+    expected = light if dtype == np.float32 else light**2.2
+    assert float(scene.picture.mean_level) == pytest.approx(np.mean(expected @ LUMINANCE), rel=1e-3)
 
 
 @pytest.mark.parametrize(
