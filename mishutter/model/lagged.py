@@ -14,8 +14,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
 
 from mishutter._core import DoubleWord, compiled, two_sum
 from mishutter.model.shutters import AbstractPiecewiseShutter
-from mishutter.model.shutters.base import polynomial, uniform_breakpoints
-from mishutter.model.shutters.windows import above_zero
+from mishutter.model.shutters.base import above_zero, polynomial, uniform_breakpoints
 
 _TRANSIENT = 28.0
 """Time constants after which a slot is taken to be at its level: 7e-13 of the way is left."""

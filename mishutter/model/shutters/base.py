@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from functools import lru_cache
 from math import comb
-from typing import Any, ClassVar, final
+from typing import Any, ClassVar, TypeVar, final
 
 import equinox as eqx
 import jax
@@ -32,6 +32,7 @@ from mishutter._core import (
 )
 
 Numbers = Array | np.ndarray
+Length = TypeVar("Length", Array, np.ndarray)
 
 _NUM_PIECES, _DEGREE = 64, 5
 _UNIFORM = np.linspace(-1, 1, _NUM_PIECES + 1)
@@ -406,6 +407,17 @@ def _check_discontinuities(shutter: AbstractShutter, subject: str) -> None:
             requirement,
             Unquoted(f"a jump at tau = {at:.4g}"),
         )
+
+
+def above_zero(length: Length) -> Length:
+    """A length of time held above 0, so that offsets over it are finite; no sum feels the bound.
+
+    The derivative is that of the length itself: at a taper of 0, of the ramp that begins there.
+    """
+    least = float(np.finfo(np.dtype(length.dtype)).tiny) ** 0.25
+    if isinstance(length, np.ndarray):
+        return np.asarray(np.maximum(length, np.asarray(least, length.dtype)))
+    return length + jax.lax.stop_gradient(jnp.maximum(length, least) - length)
 
 
 def polynomial(coefficients: Sequence[ArrayLike], x: Array | np.ndarray) -> Array:

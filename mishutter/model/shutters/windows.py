@@ -26,6 +26,7 @@ from mishutter._core import (
 from mishutter.model.shutters.base import (
     AbstractAdjustableShutter,
     AbstractPiecewiseShutter,
+    above_zero,
     polynomial,
     uniform_breakpoints,
 )
@@ -298,17 +299,6 @@ class TukeyShutter(AbstractAdjustableShutter):
 
 def _inside(tau: Array, value: Array) -> Array:
     return jnp.where(jnp.abs(tau) <= 1, value, jnp.zeros_like(value))
-
-
-def above_zero(length: Array | np.ndarray) -> Array | np.ndarray | np.floating:
-    """A length of time held above 0, so that offsets over it are finite; no sum feels the bound.
-
-    The derivative is that of the length itself: at a taper of 0, of the ramp that begins there.
-    """
-    least = float(np.finfo(np.dtype(length.dtype)).tiny) ** 0.25
-    if isinstance(length, np.ndarray):
-        return np.maximum(length, np.asarray(least, length.dtype))
-    return length + jax.lax.stop_gradient(jnp.maximum(length, least) - length)
 
 
 def _sinc_series(first: int) -> list[Fraction]:
