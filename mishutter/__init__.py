@@ -11,7 +11,7 @@ Scenes
     read_noise                read noise from a data sheet's dynamic range
     Texture                   statistics of what is seen, and the photograph to show results on
     Optics                    what the lens passes, and how it blurs
-    Sensor                    what a pixel holds, and which way the sensor is turned
+    Sensor                    what a pixel holds, and the width and the axis of the sensor
     Limits                    the furthest that the mechanism and the exposure may reach
     Tolerances                errors of a camera that is not built exactly
     Occlusion                 objects that hide part of a background
@@ -133,7 +133,7 @@ In the laboratory
     measured_profile          the profile that a trace shows
     fit                       the camera as built, from pictures and a trace
     FittedCamera              what it returns
-    read_measurements         reads the file that lists them
+    read_measurements         reads the file that lists the pictures and the trace
     TargetPicture             a picture of a point light or an edge
     SensorLevels              the conversion of electrons to levels
 

@@ -44,11 +44,11 @@ from mishutter.model import (
 
 _PROFILE_POINTS = 1001
 _UNSAVED = ("straight", "bursts")
-"""Parts of a design that lead a comparison, and are found anew without it."""
+"""Parts of a design that spare a comparison a search; no file holds them."""
 REGISTERS = "registers the frames"
 """The decoder of a sequence of frames, by what it does."""
 GIVEN = "none: the camera is given"
-"""The name of the loss of a design that no search has found, and none tunes."""
+"""The name of the loss of a design that no search has found."""
 
 
 class Outcome(StrEnum):
@@ -124,7 +124,7 @@ class Design:
 
     @property
     def levels(self) -> dict[str, float]:
-        """Expected PSNR of the one exposure by the decoders that it may have, in words; dB.
+        """Expected PSNR of the one exposure by each decoder that may restore it, in words; dB.
 
         The first is the level that the search maximised, or that of the scene's decoder.
         """
@@ -257,8 +257,8 @@ def given_design(
         motion: Its motion.
         shutter: The profile that it is sent.
         origin: A sentence about its origin.
-        is_measured: Whether the profile was measured behind the device: it has the device's lag
-            already, and not its transmission and leakage.
+        is_measured: Whether the profile was measured behind the device. It then has the device's
+            lag already, but not its transmission and leakage, as a trace is scaled to 0 and 1.
     """
     if is_measured and scene.device is not None:
         dtype = np.dtype(scene.speeds.dtype)
@@ -350,7 +350,7 @@ def _built(file: SavedDesign) -> Design:
 
 
 def _ended(text: str) -> tuple[Outcome, tuple[str, ...]]:
-    """The outcome in a file, in those of earlier versions with its notes behind it."""
+    """The outcome in a file, and the notes that earlier versions wrote behind it."""
     for outcome in Outcome:
         if text.startswith(outcome):
             rest = text.removeprefix(outcome).strip()

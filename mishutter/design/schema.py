@@ -20,6 +20,7 @@ def _read_back(value: object) -> object:
 
 
 Result = Annotated[float, AllowInfNan(), BeforeValidator(_read_back)]
+"""A computed number, which may be infinite, or NaN of a camera that was not searched for."""
 
 
 @final

@@ -50,6 +50,7 @@ OPTIMISED = "optimised"
 Numbers = dict[str, object]
 """Numbers, and lists of them, by the names under which the page reads them."""
 _SHORTER = 0.8
+"""Ratio of a shorter exposure to the one before."""
 _EXPOSURES = (_SHORTER, 1 / _SHORTER)
 """Ratios to the exposure so far that first answers try by turns."""
 _NUM_STARTS = 2
@@ -150,8 +151,8 @@ def curves(
         `profile` over `time` in ms; `path` in px over `path_time`, and the path that is `sent` to
         a stage that follows with a lag; `kernels`, shares of the exposure per px, at
         `kernel_speeds` in px/s from `offset` px on; `signal` in dB over `frequency` in
-        cycles/px; `psnr` in dB over `speeds`; the filter that both are of, `of_decoder`, in
-        words; and `numbers`.
+        cycles/px; `psnr` in dB over `speeds`; `of_decoder`, the words for the filter of these two;
+        and `numbers`.
     """
     half = float(motion.half_exposure)
     tau = np.linspace(-1, 1, _PROFILE_POINTS)

@@ -117,7 +117,7 @@ def label_and_unit(key: str) -> tuple[str, str]:
 
 
 def _begin(place: Place, kind: str, default: object, bounds: Schema) -> object:
-    """First value of a key: that of the example, the default, or a value in range."""
+    """First value of a key: that of the example, else the default, else a value in range."""
     if place in _examples():
         return _examples()[place]
     if default is not None:

@@ -85,10 +85,10 @@ class Scene(eqx.Module):
         read_noise: Standard deviation of the read noise $\sigma$; e-.
         picture: Statistics of what is seen, and the photograph to show results on.
         optics: What the lens passes, and how it blurs.
-        sensor: What a pixel holds, and which way the sensor is turned.
+        sensor: What a pixel holds, how wide the sensor is, and which way it is turned.
         limits: The furthest that the mechanism and the exposure may reach.
-        device: What shutters other than an open one are made with: it makes of a command the light
-            that is seen; by default one that follows every command and loses no light.
+        device: The device that makes the transmittance of every shutter but an open one from its
+            command; by default one that follows every command and loses no light.
         burst: Frames that a rival takes in place of one exposure; no such rival by default.
         tolerances: How far a camera as it is built may be from its design; the expected error,
             and a search by it, are over these. None by default.
@@ -300,7 +300,7 @@ class Scene(eqx.Module):
         weights: ArrayLike | None = None,
         power_spectrum: RowLike | None = None,
     ) -> "Scene":
-        """The numbers without what no integral sees: those of pictures, motion, rivals and stage.
+        """The scene without the parts that no integral sees: photograph, motion, burst and stage.
 
         Args:
             speeds: Speeds in place of the scene's own, with their `weights`.
@@ -417,8 +417,8 @@ def require_whole(scene: Scene | None, user: str) -> None:
 def seen_from(scene: Scene, motion: AbstractMotion) -> tuple[Scene, AbstractMotion]:
     """A scene and a motion in the frame that pans with the sensor, where the exposure is the same.
 
-    The velocity of the sensor is taken from all speeds. The motion has none left, and may gain
-    as much less of the top speed.
+    The velocity of the sensor is subtracted from all speeds. The motion has none left, and the
+    limit on its top speed falls by as much.
 
     Raises:
         ValueError: if the scene is none.
@@ -611,7 +611,7 @@ def scene_tables(scene: Scene) -> dict[str, dict[str, object]]:
         is_linear = picture.linear or None
         path = _whole_path(picture.path)
         tables["picture"] = {"path": path, "white": picture.white, "linear": is_linear}
-    # Numbers that their sections hold only beside others.
+    # A section refuses each of these numbers without the one that it goes with.
     if scene.occlusion is not None and not scene.occlusion.has_edges:
         del tables["occlusion"]["level_difference"]
     if scene.tolerances is not None and float(scene.tolerances.drive_step) == 0:
