@@ -237,6 +237,9 @@ def shape_of(value: object) -> Unquoted:
 
 def describe(value: object) -> str:
     """A short text of a value, for an error message."""
+    is_key = isinstance(value, Array) and jnp.issubdtype(value.dtype, jax.dtypes.prng_key)
+    if isinstance(value, Array) and (is_key or not is_concrete(value)):
+        return f"{value.dtype} of shape {value.shape}"  # without numbers that NumPy could show
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)
     if hasattr(value, "shape") and getattr(value, "size", 0) == 1:

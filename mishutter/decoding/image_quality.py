@@ -156,9 +156,10 @@ def ghost_energy(
         Energy of the copy, as a share of the picture's own.
 
     Raises:
-        ValueError: if the shapes differ, a value is not finite, or the picture is narrower
-            than twice the distance, which is at least 0, and a few `width`.
+        ValueError: if the shapes differ, a value is not finite, `distance` or `width` is below 0,
+            or the picture is narrower than twice the distance and a few `width`.
     """
+    require(width >= 0, "ghost_energy(width=...)", "be at least 0 px", width)
     truth, restored = _pair("ghost_energy", reference, estimate)
     truth, restored = (x[..., None] if x.ndim == 2 else x for x in (truth, restored))
     subject = "ghost_energy(distance=...)"
@@ -206,5 +207,8 @@ def _alike(
 def _pair(
     name: str, reference: ArrayLike, estimate: ArrayLike
 ) -> tuple[Float[np.ndarray, "*shape"], Float[np.ndarray, "*shape"]]:
+    """Two pictures of one shape, in double precision."""
     truth, restored = _alike(name, reference, estimate)
+    requirement = "have rows and columns, or channels after them"
+    require(truth.ndim in (2, 3), f"{name}(reference=...)", requirement, shape_of(truth))
     return truth.astype(np.float64), restored.astype(np.float64)

@@ -465,14 +465,17 @@ def _levels(
     coded = np.stack([trial.coded[:, decoder] for trial in trials])
     count = squared.shape[1]
     mean = np.mean(squared, axis=1)
-    spread = np.std(squared, axis=1, ddof=1) if count > 1 else np.full(len(mean), np.nan)
-    coded_spread = np.std(coded, axis=1, ddof=1) if count > 1 else np.full(len(mean), np.nan)
     share = np.full(len(mean), 1 / len(mean)) if weights is None else weights
-    return _Levels(
-        speeds=speeds,
-        psnr=np.mean(coded, axis=1),
-        linear_psnr=-10 * np.log10(mean),
-        standard_error=coded_spread / np.sqrt(count),
-        linear_standard_error=10 / np.log(10) * spread / mean / np.sqrt(count),
-        mean_psnr=float(-10 * np.log10(share @ mean)),
-    )
+    # A picture without an error, as a black one without noise, has an infinite level, whose
+    # standard error is no number.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        spread = np.std(squared, axis=1, ddof=1) if count > 1 else np.full(len(mean), np.nan)
+        coded_spread = np.std(coded, axis=1, ddof=1) if count > 1 else np.full(len(mean), np.nan)
+        return _Levels(
+            speeds=speeds,
+            psnr=np.mean(coded, axis=1),
+            linear_psnr=-10 * np.log10(mean),
+            standard_error=coded_spread / np.sqrt(count),
+            linear_standard_error=10 / np.log(10) * spread / mean / np.sqrt(count),
+            mean_psnr=float(-10 * np.log10(share @ mean)),
+        )

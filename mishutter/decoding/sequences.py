@@ -24,7 +24,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import ArrayLike, Complex, Float
 
-from mishutter._core import RowLike, alone_in_blas, as_float, require, require_scalar, shape_of
+from mishutter._core import (
+    RowLike,
+    alone_in_blas,
+    as_float,
+    require,
+    require_finite,
+    require_scalar,
+    shape_of,
+)
 from mishutter.camera import (
     Planes,
     as_pixels,
@@ -167,8 +175,8 @@ def restore_frames(
         speed: The speed of the picture, px/s; by default it is found in the frames.
 
     Raises:
-        ValueError: if the scene has a background or no light, or the captures are not of so many
-            frames.
+        ValueError: if the scene has a background or no light, the captures are not of so many
+            frames, or `speed` is not a finite scalar.
 
     Examples:
         >>> import jax
@@ -187,6 +195,9 @@ def restore_frames(
     """
     require_scene(scene)
     require_whole(scene, "restore_frames")
+    if speed is not None:
+        require_scalar("restore_frames(speed=...)", speed)
+        require_finite("restore_frames(speed=...)", speed)
     subject = "restore_frames(captures=...)"
     light = as_pixels(captures, subject)
     is_stack = light.ndim in (3, 4) and light.shape[0] == len(frames) > 0
@@ -200,7 +211,6 @@ def restore_frames(
     if speed is None:
         estimate = _speed_of(planes, scene, taken)
         speed = estimate.speed
-    require_scalar("restore_frames(speed=...)", speed)
     stack, level = _stacked(planes, taken, [speed])
     found = _likeliest(stack, float(speed))
     equal = _complete(stack, found).reshape(*level.shape, found.length) + level[..., None]

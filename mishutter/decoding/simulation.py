@@ -205,7 +205,10 @@ def burst_and_restore(
     Raises:
         ValueError: as `simulate_frames`.
     """
+    require_scene(scene)
     require_positive_int("burst_and_restore(rows_at_once=...)", rows_at_once)
+    require_key("burst_and_restore(key=...)", key)
+    chosen = decoder_or_ensemble(decoder, "burst_and_restore")
     report = progress if progress is not None else lambda text, share: None
     axis, along = scene.sensor.axis, scene.along_rows()
     image = turned(as_radiance(subject, "burst_and_restore(subject=...)"), axis)
@@ -229,7 +232,7 @@ def burst_and_restore(
         captured,
         along,
         frames,
-        decoder_or_ensemble(decoder, "burst_and_restore"),
+        chosen,
         speed=None,
         rows_at_once=rows_at_once,
         report=lambda text, share: report(text, 0.5 + 0.5 * share),

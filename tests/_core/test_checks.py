@@ -21,6 +21,7 @@ from mishutter import (
     TukeyShutter,
     blur_kernel,
     compare,
+    condition_number,
     deconvolve,
     example_scene,
     optimise,
@@ -236,3 +237,15 @@ def test_what_decides_a_computation_is_known(name, transform):
     """Within a function that JAX transforms it is named, in one line."""
     with pytest.raises(ValueError, match=rf"{re.escape(name)}.*must be of known numbers; got some"):
         transform(ASKED[name])(1.0)
+
+
+def test_what_has_no_numbers_to_show_is_named():
+    """A traced array and a random key have none: an error names their kind, and is the house's."""
+
+    def traced(kernel):
+        with pytest.raises(ValueError, match=r"be real numbers; got complex128 of shape \(3,\)"):
+            condition_number(kernel)
+        return kernel
+
+    jax.jit(traced)(np.array([0.3, 0.5j, 0.2]))
+    assert describe(jax.random.key(3)) == "key<fry> of shape ()"

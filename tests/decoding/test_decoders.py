@@ -636,3 +636,24 @@ def test_refusals():
         ms.TotalVariationDecoder(num_iterations=0)
     with pytest.raises(ValueError, match="must be one row of taps"):
         richardson_lucy(np.ones((3, 4)), np.ones((2, 2)))
+
+
+@pytest.mark.parametrize(
+    ("captured", "requirement"),
+    [
+        (np.arange(3, 43).reshape(4, 10), "hold light, white = 1, as floating-point numbers"),
+        (np.linspace(0.2, 0.7, 10), "have rows and columns"),
+        (np.array([[0.3, np.nan, 0.4]]), "be finite"),
+    ],
+    ids=["levels", "one row", "not finite"],
+)
+def test_richardson_lucy_takes_light_alone(captured, requirement):
+    """A flat start of 0.5 among whole numbers would be 0, from which no step leads away."""
+    with pytest.raises(ValueError, match=rf"`richardson_lucy\(captured=...\)` must {requirement}"):
+        richardson_lucy(captured, np.array([0.2, 0.5, 0.3]))
+
+
+def test_richardson_lucy_takes_finite_taps():
+    """A tap that is not a number would make every pixel none."""
+    with pytest.raises(ValueError, match=r"`richardson_lucy\(kernel=...\)` must be finite"):
+        richardson_lucy(np.full((3, 9), 0.4), np.array([0.2, np.nan, 0.3]))

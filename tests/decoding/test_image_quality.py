@@ -87,3 +87,21 @@ def test_refusals():
     for distance, requirement in ((np.nan, "finite; got nan"), (-9.0, "at least 0 px; got -9.0")):
         with pytest.raises(ValueError, match=rf"distance=...\)` must be {requirement}"):
             ghost_energy(PICTURE, PICTURE, distance=distance)
+
+
+@pytest.mark.parametrize("measure", [ssim, measure_quality, ghost_energy])
+@pytest.mark.parametrize("shape", [(220,), (2, 40, 220, 3)])
+def test_figures_of_a_picture_refuse_what_is_none(measure, shape):
+    """A single row has no second side, and a stack of pictures would be taken for its channels."""
+    options = {measure_quality: {"border": 9}, ghost_energy: {"distance": 46.0}}.get(measure, {})
+    light = RNG.random(shape)
+    named = rf"`{measure.__name__}\(reference=...\)` must have rows and columns, or channels after"
+    with pytest.raises(ValueError, match=named):
+        measure(light, light, **options)
+
+
+@pytest.mark.parametrize("width", [-2, -1])
+def test_a_ghost_is_looked_for_somewhere(width):
+    """A width below 0 leaves no displacement to look at, and is refused."""
+    with pytest.raises(ValueError, match=r"width=...\)` must be at least 0 px; got"):
+        ghost_energy(PICTURE, PICTURE, distance=46.0, width=width)

@@ -333,3 +333,15 @@ def test_of_a_picture_without_detail_nothing_is_expected_to_be_wrong():
     assert np.isposinf(result.expected_psnr)
     assert np.isposinf(ms.evaluate(known, camera(), ms.HannShutter()).expected_psnr)
     assert np.all(np.isfinite(result.psnr))
+
+
+@pytest.mark.parametrize("num_seeds", [1, 3])
+def test_a_picture_without_an_error_has_an_infinite_level(num_seeds):
+    """A black picture without noise is restored exactly: no warning, and an error bar of none."""
+    exact = _Errors(np.zeros((num_seeds, 1)), np.full((num_seeds, 1), np.inf))
+    wrong = _Errors(np.full((num_seeds, 1), 2e-3), np.full((num_seeds, 1), 27.0))
+    levels = _levels(np.array([0.0, 300.0]), np.array([0.3, 0.7]), [exact, wrong], 0)
+    assert levels.psnr.tolist() == [np.inf, 27.0]
+    assert levels.linear_psnr[0] == np.inf
+    assert np.isnan(levels.linear_standard_error[0])
+    assert levels.mean_psnr == pytest.approx(-10 * np.log10(0.7 * 2e-3))

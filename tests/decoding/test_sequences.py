@@ -23,8 +23,9 @@ from mishutter import (
     simulate_capture,
     simulate_frames,
 )
-from mishutter.decoding import sequences
+from mishutter.decoding import burst_and_restore, sequences
 from mishutter.evaluation.frames import alternating_frames, burst_psnr, still_frames
+from mishutter.model import FrameSequence
 
 PERIOD, EXPOSURE, SWING = 1 / 60, 0.0164, 24.0
 SCENE = Scene.uniform(max_speed=4500.0, photon_rate=1e5, read_noise=8)
@@ -289,3 +290,26 @@ def test_what_cannot_be_restored(captures, scene, line):
     """Is refused in one line."""
     with pytest.raises(ValueError, match=re.escape(line)):
         restore_frames(captures, scene, stills(3))
+
+
+@pytest.mark.parametrize("speed", [np.nan, np.inf])
+def test_a_speed_that_is_told_is_finite(speed):
+    """No canvas holds a picture that is displaced without bound."""
+    captures = np.full((3, 4, 90), 0.4)
+    with pytest.raises(ValueError, match=r"`restore_frames\(speed=...\)` must be finite; got"):
+        restore_frames(captures, SCENE, stills(3), speed=speed)
+
+
+@pytest.mark.parametrize("shape", [(3,), (2, 2)])
+def test_a_burst_is_refused_before_it_is_captured(shape):
+    """Numbers that are no key are named at once, as by `capture_and_restore`."""
+    sequence, news = FrameSequence("stills", tuple(stills(3)), 0.0, 30.0, 29.0), []
+    with pytest.raises(ValueError, match=r"`burst_and_restore\(key=...\)` must be one key"):
+        burst_and_restore(
+            np.full((3, 90), 0.4),
+            SCENE,
+            sequence,
+            key=jax.numpy.full(shape, 0.4),
+            progress=lambda text, share: news.append(text),
+        )
+    assert not news

@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Complex, Float
 
-from mishutter._core import compiled, require, require_positive_int, shape_of
-from mishutter.camera import along_rows, blurred
+from mishutter._core import compiled, require, require_finite, require_positive_int, shape_of
+from mishutter.camera import along_rows, as_pixels, blurred
 from mishutter.decoding.decoders.banded import BandedConvolution, banded
 from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel
 from mishutter.decoding.decoders.borders import Continuation, continuation
@@ -124,7 +124,7 @@ def richardson_lucy(
     photographs use `RichardsonLucyDecoder`, which knows better about borders.
 
     Args:
-        captured: Shape `(..., rows, columns)`.
+        captured: Light, as floating-point numbers; shape `(..., rows, columns)`.
         kernel: Taps; shape `(n,)`.
         num_iterations: Number of steps.
         start: Value of the first estimate.
@@ -133,12 +133,14 @@ def richardson_lucy(
         Shape and dtype of `captured`.
 
     Raises:
-        ValueError: if `num_iterations` is not a positive integer or `kernel` not a row.
+        ValueError: if `num_iterations` is not a positive integer, `captured` not finite light in
+            rows and columns, or `kernel` not a row of finite taps.
     """
     require_positive_int("richardson_lucy(num_iterations=...)", num_iterations)
-    taps, rows = np.asarray(kernel), jnp.asarray(captured)
-    is_row = taps.ndim == 1 and taps.size >= 1
-    require(is_row, "richardson_lucy(kernel=...)", "be one row of taps", shape_of(taps))
+    rows = jnp.asarray(as_pixels(captured, "richardson_lucy(captured=...)"))
+    taps, subject = np.asarray(kernel), "richardson_lucy(kernel=...)"
+    require(taps.ndim == 1 and taps.size >= 1, subject, "be one row of taps", shape_of(taps))
+    require_finite(subject, taps)
     columns, middle = rows.shape[-1], (taps.size - 1) // 2
     operator = banded(taps)
     length = -(-(columns + taps.size) // operator.block) * operator.block
