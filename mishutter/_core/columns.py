@@ -127,7 +127,7 @@ def unit_columns(
         require(is_allowed, name, requirement, unit)
         factors.append(1.0 if allowed is None else allowed[unit])
     numbers = number_rows(lines[2:], len(names), name, least_rows=least_rows)
-    # Divides by the reciprocal where that is whole: 1e-3 is not exact, 1000 is.
+    # A factor below 1 is one over a whole number, which is exact where the factor is not: 1e-3.
     return {
         column: numbers[:, k] / round(1 / factor) if factor < 1 else numbers[:, k] * factor
         for k, (column, factor) in enumerate(zip(names, factors, strict=True))

@@ -81,7 +81,7 @@ from mishutter.model import (
 )
 
 _MOST_TAPS = 1 << 22
-"""Most taps of one kernel; some 2 GiB are at work on as many."""
+"""Most taps of one kernel: the computation of as many takes some 2 GiB."""
 _FEW_TAPS = 512
 """Number of taps up to which comparing with every edge is as quick as a binary search."""
 
@@ -168,9 +168,9 @@ def aligned_kernel(
     first = jnp.asarray(phase, dtype)
     # An even number of edges, which XLA can share out among threads.
     index = jnp.arange(num_taps + 1 + (num_taps + 1) % 2, dtype=dtype)
-    # One float would round away low digits of the phase, which decide on a tap where a step falls
-    # in. The derivative by the phase goes by the common shift instead: summed over edges it would
-    # cancel.
+    # One float would round away the low digits of the phase, which decide how much of a tap is
+    # exposed where a step of the shutter falls into it. The derivative by the phase goes by the
+    # common shift instead: summed over edges it would cancel.
     edges = two_sum(index, jnp.broadcast_to(jax.lax.stop_gradient(first), index.shape))
     profile = piecewise(shutter)
     taps = _Taps(num_taps, edges, first, from_vertex)

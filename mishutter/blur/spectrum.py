@@ -41,6 +41,7 @@ _MIN_FREQUENCIES = 1024
 _MOST_FREQUENCIES = 1 << 26
 """Longest transform; it takes a GiB."""
 _ZERO_RESPONSE_ULP = 8
+"""Roundings of the sum of the taps up to which a response counts as zero."""
 _BLOCK_SIZE = 1 << 14
 """Frequencies times panels in one block; it bounds the memory."""
 

@@ -230,7 +230,7 @@ def _powers_of_window(window: _Window) -> np.ndarray:
     """Polynomials that interpolate a window in each of its cells; shape `(d, width)`.
 
     Coefficients are of descending powers of the place in the cell, from -1/2 to 1/2. They are as
-    exact as the window, and many times quicker than an exponential of a root.
+    exact as the window, and their evaluation is many times quicker than an exponential of a root.
     """
     width, count = window.width, window.degree + 1
     places = np.cos(np.pi * (np.arange(count) + 0.5) / count) / 2

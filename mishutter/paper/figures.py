@@ -111,9 +111,7 @@ def figure_6(numbers: SpeedNumbers, readings: Iterable[str]) -> Figure:
             cell.set_title(f"{name}, against speed", fontsize=_TITLE_SIZE)
         for window, values in numbers["psnr_over_noise"][name].items():
             line[2].plot(numbers["electrons"], values, **_line(window))
-        line[2].set(
-            xlabel="photo-electrons at white / e-", ylabel="PSNR / dB, gamma 2.2", xscale="log"
-        )
+        line[2].set(xlabel="photo-electrons at white / e-", ylabel=_LEVEL, xscale="log")
         title = f"{name}, against light, s/(2aT) = {numbers['noise_nu']:g}"
         line[2].set_title(title, fontsize=_TITLE_SIZE)
     _finish(axes)

@@ -68,7 +68,7 @@ def banded(kernel: Float[np.ndarray, "taps"]) -> BandedConvolution:
     taps = np.trim_zeros(np.asarray(kernel), "b")
     taps = taps if taps.size else np.zeros(1)
     block = min(_BLOCKS, key=lambda size: (_cost(taps.size, size), -size))
-    blocks = 1 + -(-(taps.size - 1) // block)
+    blocks = _num_blocks(taps.size, block)
     forward = np.zeros((blocks * block, block))
     for column in range(block):
         last = (blocks - 1) * block + column
@@ -79,4 +79,9 @@ def banded(kernel: Float[np.ndarray, "taps"]) -> BandedConvolution:
 
 def _cost(num_taps: int, block: int) -> int:
     """Cost of one pixel, in units of a multiplication."""
-    return (1 - (-(num_taps - 1) // block)) * (block + _COST_OF_COPY)
+    return _num_blocks(num_taps, block) * (block + _COST_OF_COPY)
+
+
+def _num_blocks(num_taps: int, block: int) -> int:
+    """Blocks on which a block of the result depends, itself included: $J + 1$."""
+    return 1 + -(-(num_taps - 1) // block)
