@@ -88,7 +88,7 @@ class Light(Section):
     illuminance_lux: Annotated[float, Field(gt=0, le=1e6)] | None = None
     f_number: Annotated[float, Field(ge=0.5, le=1000)] | None = None
     quantum_efficiency: Annotated[float, Field(gt=0, le=1)] | None = None
-    lens_transmission: Annotated[float, Field(gt=0, le=1)] = 1.0
+    lens_transmission: Annotated[float, Field(gt=0, le=1)] | None = None
 
 
 @final

@@ -476,17 +476,16 @@ def photon_rate(light: Light, scales: Scales) -> float:
                 require(value is not None, subject, f"be given where {way} is", _NOTHING)
             else:
                 require(value is None, subject, f"stand beside {way}", value)
-    # Files that a scene is saved to hold every default, so that 1 stands beside any light.
-    lens, requirement = light.lens_transmission, "stand beside illuminance_lux"
-    is_of_lux = light.illuminance_lux is not None or lens == 1
-    require(is_of_lux, "[light] lens_transmission", requirement, lens)
+    # Older files of a scene hold a default of 1, which may stand beside any light.
+    lens = 1.0 if light.lens_transmission is None else light.lens_transmission
+    is_of_lux, requirement = light.illuminance_lux is not None, "stand beside illuminance_lux"
+    require(is_of_lux or lens == 1, "[light] lens_transmission", requirement, lens)
     if light.photon_rate_per_s is not None:
         return light.photon_rate_per_s
     if light.white_e is not None:
         return light.white_e / (light.white_ms * 1e-3)  # type: ignore[operator]
-    f_number, transmission = light.f_number, light.lens_transmission
     key = "[light] illuminance_lux"
-    per_lux = scales.view._rate_of_lux(key, f_number, transmission)  # type: ignore[arg-type]
+    per_lux = scales.view._rate_of_lux(key, light.f_number, lens)  # type: ignore[arg-type]
     return light.illuminance_lux * per_lux * light.quantum_efficiency  # type: ignore[operator]
 
 
