@@ -200,7 +200,7 @@ def test_a_drawn_profile_is_measured(page):
     chromium.wait(page, "document.getElementById('commands').open")
     program = page.find_element("id", "python").text
     page.find_element("css selector", "#commands form button").click()
-    text = program.split('"""\\\n')[1].split('"""')[0]
+    text = program.split('r"""\n')[1].split('"""')[0]
     assert tomllib.loads(text) == scene_of(page)
     (design,) = [optimise(scene_at(text))]
     assert float(design.motion.exposure) * 1e3 == pytest.approx(motion_numbers["open_ms"], rel=1e-6)
