@@ -11,7 +11,7 @@ from mishutter._core import in_threads, num_processors
 from mishutter.blur import waves_on_dft
 from mishutter.camera.layers import Layer, Layers
 from mishutter.camera.rows import MARGIN, blur_length, continued, fast_length, period_of
-from mishutter.evaluation import nodes_in_time, sized_for
+from mishutter.evaluation import FrameNodes, nodes_in_time, sized_for
 from mishutter.model import AbstractMotion, AbstractShutter, Optics
 
 _STEP = 0.5
@@ -31,9 +31,9 @@ class _Exposure(NamedTuple):
     """Quadrature nodes over an exposure, and the optics that its light passes through.
 
     Attributes:
-        time: Time from mid-exposure; s.
+        time: Time since the layers were at their own places; s.
         weight: Quadrature weight times transmittance, as a share of a fully open exposure.
-        path: Position of the sensor; px.
+        path: Position of the sensor since then; px.
         optics: The lens.
     """
 
@@ -100,23 +100,42 @@ def expose_layers(
     Raises:
         ValueError: if light of a layer would be displaced by more than 8,192 px.
     """
-    shape, dtype = layers.shape, layers.layers[0].picture.light.dtype
-    layers = visible_layers(_in_one_colour(layers) if _is_grey(layers) else layers, motion)
-    exposure = _exposure_of(layers, motion, shutter, optics)
-    rows, columns, channels = layers.shape
+    grey = _in_fewest_colours(layers)
+    visible = visible_layers(grey, motion)
+    return _exposed(visible, _exposure_of(visible, motion, shutter, optics), layers)
+
+
+def expose_layers_in_frame(layers: Layers, frame: FrameNodes, optics: Optics) -> np.ndarray:
+    """Irradiance of the sensor in a frame of a sequence, by where layers are in its middle.
+
+    Args:
+        layers: The scene, in linear light.
+        frame: Instants of the frame.
+        optics: The lens.
+
+    Returns:
+        Irradiance in units of the frame's exposure; shape `layers.shape`.
+    """
+    visible = _visible(_in_fewest_colours(layers), frame.time, frame.place)
+    return _exposed(visible, _Exposure(frame.time, frame.weight, frame.place, optics), layers)
+
+
+def _exposed(visible: Layers, exposure: _Exposure, layers: Layers) -> np.ndarray:
+    """The light of visible layers, in the colours of all."""
+    rows, columns, channels = visible.shape
     total = np.zeros((channels, rows, columns))
-    for index in range(len(layers.layers)):
-        image = _image(layers, index, exposure)
+    for index in range(len(visible.layers)):
+        image = _image(visible, index, exposure)
         period = image.radiance.shape[-1]
         response = _responses(image, exposure, exposure.weight[None], period)
         irradiance = np.fft.irfft(np.fft.rfft(image.radiance) * response, period)
         _add(total[:, image.rows], irradiance, image, image.left)
-        front = [m for m in layers.layers[index + 1 :] if _overlaps(m, image.rows)]
+        front = [m for m in visible.layers[index + 1 :] if _overlaps(m, image.rows)]
         # The sum of all light is exact without instants; only columns near hidden parts take them.
         if front:
             _hide(total, image, front, exposure)
-    picture = np.moveaxis(total, 0, -1).astype(dtype)
-    return np.ascontiguousarray(np.broadcast_to(picture, shape))
+    picture = np.moveaxis(total, 0, -1).astype(layers.layers[0].picture.light.dtype)
+    return np.ascontiguousarray(np.broadcast_to(picture, layers.shape))
 
 
 def nodes_for(velocity: float) -> int:
@@ -233,8 +252,9 @@ def _instants(
     longest = np.max(np.abs(exposure.time))
     if longest < step / _HALF_WIDTH / 1e3:  # nothing moves
         return np.zeros(1), exposure.weight[None]
-    count = int(np.ceil(longest / step)) + _HALF_WIDTH
-    times = step * np.arange(-count, count + 1)
+    first = int(np.floor(np.min(exposure.time) / step)) - _HALF_WIDTH
+    last = int(np.ceil(np.max(exposure.time) / step)) + _HALF_WIDTH
+    times = step * np.arange(first, last + 1)
     apart = (exposure.time[None] - times[:, None]) / step
     # A Kaiser-Bessel window makes the interpolation by a sinc short.
     inside = np.sqrt(np.maximum(1 - (apart / _HALF_WIDTH) ** 2, 0))
@@ -272,6 +292,17 @@ def _overlaps(layer: Layer, rows: slice) -> bool:
     return layer.top < rows.stop and layer.top + _height(layer) > rows.start
 
 
+def _in_fewest_colours(layers: Layers) -> Layers:
+    """The layers in one colour, where all of their colours are equal."""
+    if not _is_grey(layers):
+        return layers
+    one = [
+        replace(layer, picture=replace(layer.picture, light=layer.picture.light[..., :1]))
+        for layer in layers.layers
+    ]
+    return replace(layers, layers=tuple(one))
+
+
 def _is_grey(layers: Layers) -> bool:
     return all(
         np.array_equal(radiance[..., :1], radiance[..., channel : channel + 1])
@@ -280,30 +311,25 @@ def _is_grey(layers: Layers) -> bool:
     )
 
 
-def _in_one_colour(layers: Layers) -> Layers:
-    one = [
-        replace(layer, picture=replace(layer.picture, light=layer.picture.light[..., :1]))
-        for layer in layers.layers
-    ]
-    return replace(layers, layers=tuple(one))
-
-
 def visible_layers(layers: Layers, motion: AbstractMotion) -> Layers:
     """Layers without those that are clear, or too far off the sensor."""
-    first, *others = layers.layers
-    visible = [layer for layer in others if not _is_off(layers, layer, motion)]
-    return replace(layers, layers=(first, *visible))
-
-
-def _is_off(layers: Layers, layer: Layer, motion: AbstractMotion) -> bool:
-    """Whether a layer is clear, or no displacement of the exposure brings it onto the sensor."""
-    (rows, columns, _), (height, width) = layers.shape, layer.matte.shape
-    half, velocity = float(motion.half_exposure), float(motion.velocity)
-    travel = MARGIN + abs(layer.speed - velocity) * half
-    # A path may bend to either side, and the margin is wide beside what it does between instants.
+    half = float(motion.half_exposure)
     time = np.linspace(-half, half, _INSTANTS_OF_PATH)
-    path = np.asarray(motion.position(time)) - velocity * time
+    return _visible(layers, time, np.asarray(motion.position(time)))
+
+
+def _visible(layers: Layers, time: Float[np.ndarray, "q"], path: Float[np.ndarray, "q"]) -> Layers:
+    """Layers that the sensor sees at some instants on its path, but for those that are clear."""
+    first, *others = layers.layers
+    seen = [layer for layer in others if not _is_off(layers, layer, path - layer.speed * time)]
+    return replace(layers, layers=(first, *seen))
+
+
+def _is_off(layers: Layers, layer: Layer, displacement: Float[np.ndarray, "q"]) -> bool:
+    """Whether a layer is clear, or no displacement brings it onto the sensor."""
+    (rows, columns, _), (height, width) = layers.shape, layer.matte.shape
     below, above = layer.top >= rows, layer.top + height <= 0
-    right = layer.left - travel + np.min(path) >= columns
-    left = layer.left + width + travel + np.max(path) <= 0
+    # The margin is wide beside what the path does between instants.
+    right = layer.left + np.min(displacement) - MARGIN >= columns
+    left = layer.left + width + np.max(displacement) + MARGIN <= 0
     return below or above or bool(right or left) or not layer.matte.any()

@@ -8,7 +8,7 @@ share that frame of reference, and so do the pictures that are restored from the
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import jax
 import numpy as np
@@ -27,15 +27,23 @@ from mishutter._core import (
 )
 from mishutter.blur import waves_on_dft
 from mishutter.camera.capture import as_radiance, distinct_colours, every_colour
+from mishutter.camera.layers import Layers
 from mishutter.camera.noise import recorded
-from mishutter.camera.rows import MAX_REACH, channels_last, continued, period_of, rows_last
+from mishutter.camera.occlusion import expose_layers_in_frame
+from mishutter.camera.rows import (
+    MAX_REACH,
+    Planes,
+    channels_last,
+    continued,
+    period_of,
+    rows_last,
+)
 from mishutter.evaluation import FrameNodes, nodes_of_frames
 from mishutter.model import (
     Optics,
     Scene,
     TimedFrame,
     require_scene,
-    require_whole,
     white_electrons,
 )
 from mishutter.pictures import Picture, pixels_along, turned
@@ -78,27 +86,29 @@ def furthest(nodes: Sequence[FrameNodes], speeds: RowLike) -> float:
 
 @alone_in_blas()
 def simulate_frames(
-    picture: Picture | ArrayLike,
+    picture: Picture | Layers | ArrayLike,
     scene: Scene,
     frames: Sequence[TimedFrame],
     *,
-    speed: float,
+    speed: float = 0.0,
     num_columns: int | None = None,
     key: Array | None = None,
     full_well: float | None = None,
     adc_bits: int | None = None,
 ) -> Float[Array, "frames ..."]:
-    r"""Simulate the frames that a camera takes of a picture that moves as a whole.
+    r"""Simulate the frames that a camera takes of a picture that moves as a whole, or of layers.
 
-    The sensor lies over the middle of the picture at the middle of the sequence. Where the picture
-    is wider than the sensor, light enters and leaves at real borders; beyond the picture it goes on
-    mirrored. The noise is that of the paper's equation (4) in each frame.
+    The sensor lies over the middle of the picture at the middle of the sequence, when layers are at
+    their own places. Where the picture is wider than the sensor, light enters and leaves at real
+    borders; beyond the picture it goes on mirrored. Layers hide one another at every instant of
+    each frame. The noise is that of the paper's equation (4) in each frame.
 
     Args:
-        picture: Light, white = 1, shape `(rows, columns)` or with channels last.
+        picture: Light, white = 1, shape `(rows, columns)` or with channels last. Or `Layers`, which
+            bring their own speeds and borders.
         scene: Light, noise, optics and axis; its speeds are not used.
         frames: The frames, with open shutters, as `best_moving_burst` finds them.
-        speed: Speed of the picture; px/s, as that of `simulate_capture`.
+        speed: Speed of the picture; px/s, as that of `simulate_capture`; 0 for layers.
         num_columns: Pixels of the sensor along the motion; those of the picture by default.
         key: JAX key of the noise; None for none.
         full_well: Most electrons a pixel holds, e-; by default as many as the scene says.
@@ -109,39 +119,25 @@ def simulate_frames(
         channels last where the picture has some.
 
     Raises:
-        ValueError: if the scene has a background, the sensor is wider than the picture, or light is
-            displaced by more than 8,192 px.
+        ValueError: if a speed stands beside layers, the sensor is wider than the picture, or light
+            is displaced by more than 8,192 px.
     """
     require_scene(scene)
-    require_whole(scene, "simulate_frames")
     require_known("simulate_frames", speed=speed)
     require_scalar("simulate_frames(speed=...)", speed)
     require_finite("simulate_frames(speed=...)", speed)
     require_key("simulate_frames(key=...)", key)
     require(len(frames) > 0, "simulate_frames(frames=...)", "hold one frame at least", 0)
-    radiance = turned(as_radiance(picture, "simulate_frames(picture=...)"), scene.sensor.axis)
-    columns = radiance.shape[-1 if radiance.ndim == 2 else -2]
-    width = columns if num_columns is None else num_columns
-    subject = "simulate_frames(num_columns=...)"
-    require_positive_int(subject, width)
-    requirement = f"be at most the picture's {columns} {pixels_along(scene.sensor.axis)}"
-    require(width <= columns, subject, requirement, width)
-    nodes = nodes_of_frames(frames, abs(speed))
-    reach = furthest(nodes, [speed])
-    requirement = f"displace light by at most {MAX_REACH} px"
-    require(reach <= MAX_REACH, "simulate_frames(frames=...)", requirement, reach)
-    planes = np.asarray(rows_last(distinct_colours(radiance)))
-    period = period_of(columns, math.ceil(reach), "reflect")
-    responses = responses_of_frames(nodes, [speed], scene.optics, period)[0]
-    spectrum = np.fft.rfft(np.asarray(continued(planes, period, "reflect")))
-    start = (columns - width) // 2
-    window = slice(start, start + width)
+    if isinstance(picture, Layers):
+        require(speed == 0, "simulate_frames(speed=...)", "be left to layers", speed)
+        exposed = _layers_in_frames(picture, scene, frames, num_columns)
+    else:
+        radiance = as_radiance(picture, "simulate_frames(picture=...)")
+        exposed = _picture_in_frames(radiance, scene, frames, speed, num_columns)
     keys = [None] * len(frames) if key is None else list(jax.random.split(key, len(frames)))
     most = scene.sensor.full_well if full_well is None else full_well
     levels = []
-    for frame, response, one in zip(frames, responses, keys, strict=True):
-        irradiance = np.fft.irfft(spectrum * response, period)[..., window].astype(planes.dtype)
-        irradiance = every_colour(channels_last(irradiance, radiance), radiance)
+    for frame, irradiance, one in zip(frames, exposed, keys, strict=True):
         level = recorded(
             irradiance,
             white_electrons(scene.photon_rate, frame.exposure),
@@ -152,3 +148,61 @@ def simulate_frames(
         )
         levels.append(np.asarray(turned(level, scene.sensor.axis)))
     return as_float(np.stack(levels))
+
+
+def _picture_in_frames(
+    radiance: Planes,
+    scene: Scene,
+    frames: Sequence[TimedFrame],
+    speed: float,
+    num_columns: int | None,
+) -> Iterator[Planes]:
+    """Irradiance of the sensor in each frame of a picture that moves as a whole."""
+    radiance = turned(radiance, scene.sensor.axis)
+    window = _window(radiance.shape[-1 if radiance.ndim == 2 else -2], num_columns, scene)
+    nodes = nodes_of_frames(frames, abs(speed))
+    reach = _require_reach(nodes, [speed])
+    planes = np.asarray(rows_last(distinct_colours(radiance)))
+    period = period_of(planes.shape[-1], math.ceil(reach), "reflect")
+    spectrum = np.fft.rfft(np.asarray(continued(planes, period, "reflect")))
+    for response in responses_of_frames(nodes, [speed], scene.optics, period)[0]:
+        irradiance = np.fft.irfft(spectrum * response, period)[..., window].astype(planes.dtype)
+        yield every_colour(channels_last(irradiance, radiance), radiance)
+
+
+def _layers_in_frames(
+    layers: Layers, scene: Scene, frames: Sequence[TimedFrame], num_columns: int | None
+) -> Iterator[Planes]:
+    """Irradiance of the sensor in each frame of layers, which hide one another."""
+    layers = layers.turned(scene.sensor.axis)
+    window = _window(layers.shape[1], num_columns, scene)
+    speeds = [layer.speed for layer in layers.layers]
+    # Images that change while they are displaced ask for nodes for both.
+    swiftest = max(float(frame.motion.top_speed) for frame in frames)
+    nodes = nodes_of_frames(frames, 2 * max(map(abs, speeds)) + swiftest)
+    _require_reach(nodes, speeds)
+    for one in nodes:
+        yield expose_layers_in_frame(layers, one, scene.optics)[:, window]
+
+
+def _window(num_columns: int, of_sensor: int | None, scene: Scene) -> slice:
+    """Columns of a picture that the sensor lies over at the middle of the sequence."""
+    width = num_columns if of_sensor is None else of_sensor
+    subject = "simulate_frames(num_columns=...)"
+    require_positive_int(subject, width)
+    requirement = f"be at most the picture's {num_columns} {pixels_along(scene.sensor.axis)}"
+    require(width <= num_columns, subject, requirement, width)
+    start = (num_columns - width) // 2
+    return slice(start, start + width)
+
+
+def _require_reach(nodes: Sequence[FrameNodes], speeds: RowLike) -> float:
+    """The `furthest` displacement; px.
+
+    Raises:
+        ValueError: if it is beyond 8,192 px.
+    """
+    reach = furthest(nodes, speeds)
+    requirement = f"displace light by at most {MAX_REACH} px"
+    require(reach <= MAX_REACH, "simulate_frames(frames=...)", requirement, reach)
+    return reach

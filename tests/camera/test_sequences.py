@@ -9,8 +9,10 @@ import pytest
 from mishutter import (
     ChippedShutter,
     FreeMotion,
-    Occlusion,
+    Layer,
+    Layers,
     ParabolicMotion,
+    Picture,
     RectShutter,
     Scene,
     Sensor,
@@ -24,6 +26,7 @@ SCENE = Scene.uniform(max_speed=2600.0, photon_rate=7e4, read_noise=6)
 RNG = np.random.default_rng(5)
 PICTURE = np.clip(0.3 + 0.2 * RNG.standard_normal((6, 300)).cumsum(axis=1) / 8, 0, 1)
 SPEED, A, HALF = -1730.0, 9e4, 7e-3
+RESTING = StillCamera(half_exposure=2e-3)
 
 
 def test_a_positive_speed_is_to_the_left():
@@ -122,6 +125,49 @@ def test_a_picture_that_moves_along_its_columns():
     np.testing.assert_array_equal(found, np.swapaxes(along, 1, 2))
 
 
+def layers_at(columns, *, roll=0):
+    """A textured background and an object whose edges are soft, displaced by whole pixels."""
+    place = np.arange(160) * 2 * np.pi / 160
+    ground = (
+        0.4
+        + 0.2 * np.sin([3 * place + k for k in range(7)])[..., None] * np.cos(11 * place)[:, None]
+    )
+    own = np.linspace(-3, 3, 61)
+    light = 0.5 + 0.3 * np.sin([5 * own - k for k in range(4)])[..., None]
+    front = Layer(Picture(light, matte=np.exp(-(own**2)) * np.ones((4, 1))), 700.0, columns, 2)
+    return Layers((Layer(Picture(np.roll(ground, roll, axis=1))), front), border="wrap")
+
+
+def test_layers_in_a_frame_are_a_capture_of_displaced_layers():
+    """Each by its own way since the middle of the sequence, behind a sensor that moves or not."""
+    still = RESTING
+    bend = ParabolicMotion(acceleration=A, half_exposure=HALF)
+    frames = [TimedFrame(still, 0.0), TimedFrame(still, -0.03), TimedFrame(bend, 0.02, 5.0)]
+    found = simulate_frames(layers_at(60), SCENE, frames)
+    for one, motion, shifted in (
+        (found[0], still, layers_at(60)),
+        (found[1], still, layers_at(60 + 21)),
+        (found[2], bend, layers_at(60 - 14 + 5, roll=5)),
+    ):
+        alone = simulate_capture(shifted, SCENE, motion, RectShutter())
+        np.testing.assert_allclose(one, alone, atol=2e-6)
+
+
+def test_a_background_alone_is_a_picture_that_moves_as_a_whole():
+    """On part of it that a narrower sensor sees, in every frame."""
+    frames = [TimedFrame(StillCamera(half_exposure=3e-3), time) for time in (-0.04, 0.01)]
+    layers = Layers((Layer(Picture(PICTURE[..., None]), SPEED),))
+    found = simulate_frames(layers, SCENE, frames, num_columns=130)
+    whole = simulate_frames(PICTURE[..., None], SCENE, frames, speed=SPEED, num_columns=130)
+    np.testing.assert_allclose(found, whole, atol=1e-10)
+
+
+def test_layers_bring_their_own_speeds():
+    """A speed beside them is refused."""
+    with pytest.raises(ValueError, match=re.escape("speed=...)` must be left to layers; got 30.0")):
+        simulate_frames(layers_at(60), SCENE, [TimedFrame(RESTING, 0.0)], speed=30.0)
+
+
 @pytest.mark.parametrize(
     ("change", "line"),
     [
@@ -130,7 +176,6 @@ def test_a_picture_that_moves_along_its_columns():
         ({"num_columns": 0}, "num_columns=...)` must be a positive integer"),
         ({"speed": np.nan}, "speed=...)` must be finite"),
         ({"speed": 9e5}, "frames=...)` must displace light by at most 8192 px"),
-        ({"scene": SCENE.with_occlusion(Occlusion(front_share=0.4))}, "must move as a whole"),
     ],
 )
 def test_what_cannot_be_simulated(change, line):
