@@ -157,7 +157,7 @@ def simulate(
 ) -> None:
     """Capture a photograph, a layered scene or footage, and restore it.
 
-    A design that takes a burst takes its frames of a photograph.
+    A design that takes a burst takes its frames of a photograph or a layered scene.
     """
     if shutter is not None and any((design, files.drive, files.measured)):
         which = "--design" if design is not None else "--drive or --measured"
@@ -241,14 +241,14 @@ def _simulated(
     settings: dict[str, Any],
 ) -> "tuple[dict[str, np.ndarray], Simulation]":
     """The records of a subject, by the names of their files, and the picture restored from them."""
+    from mishutter.camera import Frames
     from mishutter.decoding import burst_and_restore, capture_and_restore
-    from mishutter.pictures import Picture
 
     if camera.sequence is None:
         result = capture_and_restore(subject, scene, camera.motion, camera.shutter, **settings)
         return {"captured": result.captured}, result
-    if not isinstance(subject, Picture):
-        raise ValueError("`--subject` must be a photograph for a burst; got layers or footage.")
+    if isinstance(subject, Frames):
+        raise ValueError("`--subject` must be a photograph or layers for a burst; got footage.")
     result = burst_and_restore(subject, scene, camera.sequence, **settings)
     frames = camera.sequence.of_one_gain(result.captured)
     # A shell lists names of equal length in the order of their numbers.

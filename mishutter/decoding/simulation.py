@@ -173,7 +173,7 @@ def capture_and_restore(
 
 
 def burst_and_restore(
-    subject: Picture | ArrayLike,
+    subject: Picture | Layers | ArrayLike,
     scene: Scene,
     sequence: FrameSequence,
     *,
@@ -188,10 +188,10 @@ def burst_and_restore(
     """`capture_and_restore` of the frames of a burst, whose speed the decoder finds in them.
 
     Args:
-        subject: A photograph, which goes on mirrored beyond its borders.
+        subject: A photograph, which goes on mirrored beyond its borders, or a layered scene.
         scene: Light and noise.
         sequence: The frames.
-        speed: Speed of the photograph; px/s.
+        speed: Speed of the photograph, px/s; 0 for layers.
         decoder: As in `capture_and_restore`.
         key: As in `capture_and_restore`.
         full_well: As in `capture_and_restore`.
@@ -211,23 +211,26 @@ def burst_and_restore(
     chosen = decoder_or_ensemble(decoder, "burst_and_restore")
     report = progress if progress is not None else lambda text, share: None
     axis, along = scene.sensor.axis, scene.along_rows()
-    image = turned(as_radiance(subject, "burst_and_restore(subject=...)"), axis)
-    frames, num_rows = sequence.frames, image.shape[0]
-    taken = []
-    for first in range(0, num_rows, rows_at_once):
-        report("capturing", 0.5 * first / num_rows)
-        taken.append(
-            simulate_frames(
-                np.asarray(image[first : first + rows_at_once]),
-                along,
-                frames,
-                speed=speed,
-                key=None if key is None else jax.random.fold_in(key, first),
-                full_well=full_well,
-                adc_bits=adc_bits,
-            )
-        )
-    captured = np.concatenate(taken, axis=1)
+    frames = sequence.frames
+    take = partial(
+        simulate_frames,
+        scene=along,
+        frames=frames,
+        speed=speed,
+        full_well=full_well,
+        adc_bits=adc_bits,
+    )
+    if isinstance(subject, Layers):
+        report("exposing", 0.0)
+        captured = np.asarray(take(subject.turned(axis), key=key))
+    else:
+        image = turned(as_radiance(subject, "burst_and_restore(subject=...)"), axis)
+        num_rows, taken = image.shape[0], []
+        for first in range(0, num_rows, rows_at_once):
+            report("capturing", 0.5 * first / num_rows)
+            own_key = None if key is None else jax.random.fold_in(key, first)
+            taken.append(take(np.asarray(image[first : first + rows_at_once]), key=own_key))
+        captured = np.concatenate(taken, axis=1)
     restored, estimate = _frames_in_portions(
         captured,
         along,

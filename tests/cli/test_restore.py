@@ -204,7 +204,7 @@ def test_a_burst_is_simulated_and_restored(burst_desk, picture, capsys):
 
 
 def test_frames_of_a_burst_come_together(burst_desk, capsys):
-    """One too few is refused, and frames of another size; layers are no photograph."""
+    """One too few is refused, and frames of another size; footage is no photograph."""
     folder, _ = burst_desk
     alone = ["restore", "taken/frame_1.png", "--design", "design.json", "--out", "no"]
     assert "the 2 frames of the burst; got 1" in refused(capsys, *alone)
@@ -215,7 +215,24 @@ def test_frames_of_a_burst_come_together(burst_desk, capsys):
     for k in (0, 1):
         write_picture(f"footage/{k}.png", np.full((5, 7, 3), 0.5))
     moving = ["simulate", "--subject", "footage", "--design", "design.json"]
-    assert "be a photograph for a burst" in refused(capsys, *moving)
+    assert "be a photograph or layers for a burst" in refused(capsys, *moving)
+
+
+def test_a_burst_of_layers(burst_desk, picture, capsys):
+    """The frames show each layer by its own speed, and all are restored by what speed they tell."""
+    folder, _ = burst_desk
+    write_picture(folder / "object.png", picture[:20, :50])
+    (folder / "street.toml").write_text(
+        '[[layers]]\npicture = "subject.png"\n'
+        '[[layers]]\npicture = "object.png"\nspeed_px_per_s = 900.0\nleft = 70\ntop = 13\n'
+    )
+    told = ["--subject", "street.toml", "--design", "design.json", "--noiseless", "--json"]
+    assert cli.main(["simulate", "scene.toml", *told, "--out", "street"]) == 0
+    assert json.loads(capsys.readouterr().out)["files"][0] == "frame_1.png"
+    design, layers = a_burst_design(), ms.Layers.load("street.toml")
+    light = ms.simulate_frames(layers, design.scene, design.sequence.frames)
+    seen = read_captures("street/frame_1.png")[0].light
+    np.testing.assert_allclose(seen, np.clip(light[0] * 4.2 / 13.6, 0, 1), atol=4e-3)
 
 
 def test_frames_of_one_stack(burst_desk, capsys):
