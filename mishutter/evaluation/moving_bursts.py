@@ -333,8 +333,8 @@ def best_moving_burst(scene: Scene) -> FrameSequence | None:
         # A stage that has to run up may have no time for frames at rest.
         for rests in sorted({count - moving, 0 if room.acceleration < math.inf else count - moving})
     ]
-    frames, width = OpenFrames.of(whole, times.longest, folds=not pans), scene.sensor.width
-    return _best_of(frames, tries, None if width is None else float(width))
+    frames = OpenFrames.of(whole, times.longest, folds=not pans)
+    return _best_of(frames, tries, scene.registered_width)
 
 
 def _is_mirrored(scene: Scene) -> bool:

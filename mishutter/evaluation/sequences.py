@@ -282,8 +282,8 @@ def with_losses(scene: Scene, sequence: FrameSequence) -> FrameSequence:
     """
     if sequence.num_frames == 1:
         return sequence
-    frames, width = sequence.frames, scene.sensor.width
-    ends = None if width is None else loss_of_width(scene, frames, width=float(width))
+    frames, width = sequence.frames, scene.registered_width
+    ends = None if width is None else loss_of_width(scene, frames, width=width)
     worst = float(np.max(registration(scene, frames).loss))
     return replace(sequence, registration_loss=worst, width_loss=ends)
 

@@ -43,6 +43,7 @@ from mishutter.model.motion import (
     ParabolicMotion,
     is_known_zero,
 )
+from mishutter.model.objects import Objects
 from mishutter.model.occlusion import Occlusion
 from mishutter.model.optics import NUM_FREQUENCIES, Optics, frequencies, on_steps
 from mishutter.model.scene_file import (
@@ -57,6 +58,7 @@ from mishutter.model.scene_schema import (
     BurstSection,
     LimitsSection,
     MotionSection,
+    ObjectsSection,
     OcclusionSection,
     OpticsSection,
     SceneFile,
@@ -93,6 +95,8 @@ class Scene(eqx.Module):
         tolerances: How far a camera as it is built may be from its design; the expected error,
             and a search by it, are over these. None by default.
         occlusion: Objects that hide part of a background; by default the picture moves as a whole.
+        objects: Things that a decoder of several frames registers one by one; by default it
+            registers all that the sensor sees.
         decoder_speed: What the decoder knows of a picture's speed: `"unknown"`, one filter for all
             speeds; `"found"`, which a `SpeedFindingDecoder` finds in the picture, where that moves
             as a whole; or `"known"`, as something measures it. The loss of searches and comparisons
@@ -123,6 +127,7 @@ class Scene(eqx.Module):
     burst: Burst | None
     tolerances: Tolerances | None
     occlusion: Occlusion | None
+    objects: Objects | None
     given_motion: AbstractMotion | None
     decoder_speed: DecoderSpeed = eqx.field(static=True)
 
@@ -141,6 +146,7 @@ class Scene(eqx.Module):
         burst: Burst | None = None,
         tolerances: Tolerances | None = None,
         occlusion: Occlusion | None = None,
+        objects: Objects | None = None,
         decoder_speed: DecoderWord = "unknown",
         motion: AbstractMotion | None = None,
     ):
@@ -158,6 +164,7 @@ class Scene(eqx.Module):
         self.burst = burst
         self.tolerances = tolerances
         self.occlusion = occlusion
+        self.objects = objects
         self.decoder_speed = as_decoder_speed(decoder_speed)
         self.given_motion = motion
 
@@ -188,6 +195,7 @@ class Scene(eqx.Module):
             ("burst", Burst | None, "be a `Burst`"),
             ("tolerances", Tolerances | None, "be `Tolerances`"),
             ("occlusion", Occlusion | None, "be an `Occlusion`"),
+            ("objects", Objects | None, "be `Objects`"),
             ("device", AbstractDevice | None, "be a device, as an `IdealShutter`"),
         ):
             value = getattr(self, name)
@@ -314,6 +322,7 @@ class Scene(eqx.Module):
             sensor=Sensor(full_well=self.sensor.full_well),
             limits=self.limits.without_servo(),
             burst=None,
+            objects=None,
             decoder_speed="unknown",
             motion=None,
         )
@@ -381,6 +390,12 @@ class Scene(eqx.Module):
         if not self.speeds_known:
             return False
         return not np.any(np.asarray(self.speeds)[np.asarray(self.weights) > 0])
+
+    @property
+    def registered_width(self) -> float | None:
+        """Width within which frames are registered, of the sensor or an object; px. None: any."""
+        widths = [part.width for part in (self.sensor, self.objects) if part is not None]
+        return min((float(width) for width in widths if width is not None), default=None)
 
     @property
     def max_speed(self) -> Float[Array, ""]:
@@ -581,6 +596,7 @@ def scene_tables(scene: Scene) -> dict[str, dict[str, object]]:
         "optics": (scene.optics, OpticsSection),
         "limits": (scene.limits, LimitsSection),
         "occlusion": (scene.occlusion, OcclusionSection),
+        "objects": (scene.objects, ObjectsSection),
         "stage": (scene.limits.stage, StageSection),
         "burst": (scene.burst, BurstSection),
         "tolerances": (scene.tolerances, TolerancesSection),

@@ -32,6 +32,7 @@ from mishutter.model.devices import (
 )
 from mishutter.model.limits import LIMITS, Limits
 from mishutter.model.motion import ParabolicMotion
+from mishutter.model.objects import Objects
 from mishutter.model.occlusion import Occlusion
 from mishutter.model.optics import Optics
 from mishutter.model.scene_schema import (
@@ -39,6 +40,7 @@ from mishutter.model.scene_schema import (
     LimitsSection,
     MotionSection,
     Normal,
+    ObjectsSection,
     OcclusionSection,
     PictureSection,
     SceneFile,
@@ -186,6 +188,7 @@ def scene_arguments(file: SceneFile, folder: Path, textures: Textures | None) ->
         "burst": _burst(file.burst, scales),
         "tolerances": _tolerances(file.tolerances, scales),
         "occlusion": occlusion,
+        "objects": _objects(file.objects, scales),
         "decoder_speed": file.decoder.speed,
         "motion": _motion(file.motion, file.limits, limits, scales),
     }
@@ -319,6 +322,14 @@ def _occlusion(section: OcclusionSection | None, scales: Scales) -> Occlusion | 
     requirement = "stand beside object_width_px: it shows at the edges of objects alone"
     require(is_shown, "[occlusion] level_difference", requirement, section.level_difference)
     return Occlusion(**arguments)
+
+
+def _objects(section: ObjectsSection | None, scales: Scales) -> Objects | None:
+    if section is None:
+        return None
+    arguments = arguments_in(section, Objects, "[objects]", scales)
+    require("width" in arguments, "[objects] width_px", "be given", Unquoted("nothing"))
+    return Objects(**arguments)
 
 
 def _tolerances(section: TolerancesSection | None, scales: Scales) -> Tolerances | None:

@@ -115,6 +115,16 @@ class OcclusionSection(Section):
 
 
 @final
+class ObjectsSection(Section):
+    """Objects that are registered one by one: the width of the narrowest, along the motion."""
+
+    width_px: Annotated[float, Field(gt=0, le=1e7)] | None = None
+    width_um: Annotated[float, Field(gt=0, le=1e12)] | None = None
+    width_mm: Annotated[float, Field(gt=0, le=1e9)] | None = None
+    width_m: Annotated[float, Field(gt=0, le=1e6)] | None = None
+
+
+@final
 class SensorSection(Section):
     """Noise of the sensor, what a pixel holds, which way things move, and how far it reaches."""
 
@@ -254,6 +264,7 @@ class SceneFile(Section):
     sensor: SensorSection
     view: ViewSection = ViewSection()
     occlusion: OcclusionSection | None = None
+    objects: ObjectsSection | None = None
     shutter: ShutterSection | None = None
     optics: OpticsSection = OpticsSection()
     limits: LimitsSection = LimitsSection()

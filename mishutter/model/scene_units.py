@@ -377,7 +377,7 @@ _OF_CLASSES = ("", "cycles_per_px", "e", "hz", "per_s", "share", "slots")
 """Units that classes have too."""
 _OF_LENGTH = ("px", "um", "mm", "m", "px_per_s2", "px_per_s3", "g", "g_per_s", *SPEED_UNITS)
 _UNITS = (*_OF_CLASSES, *_DIVISORS, *_OF_LENGTH)
-_OF_THINGS = ("max_pan", "object_speed", "object_width")
+_OF_THINGS = ("max_pan", "object_speed", "object_width", "width")
 """Quantities whose units are those of things; lengths of all others are of the stage."""
 _OTHER_NAMES = {
     "cutoff": "cutoff_frequency",

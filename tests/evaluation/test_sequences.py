@@ -9,6 +9,7 @@ from mishutter import (
     Burst,
     FreeMotion,
     Limits,
+    Objects,
     Occlusion,
     ParabolicMotion,
     Scene,
@@ -291,6 +292,17 @@ def test_a_burst_that_is_found_holds_its_losses(best):
     assert burst.registration_loss == pytest.approx(np.max(bound.loss))
     assert burst.width_loss == loss_of_width(scene, burst.frames, width=430.0)
     assert f"{burst.width_loss:.2g} by the width of the sensor" in burst.text
+    objects = scene_of(
+        -1900.0,
+        0.0,
+        2600.0,
+        burst=BURST,
+        limits=limits,
+        sensor=Sensor(width=430),
+        objects=Objects(width=97.0),
+    )
+    found = with_losses(objects, best(objects))
+    assert found.width_loss == loss_of_width(scene, found.frames, width=97.0)
     endless = scene_of(-1900.0, 0.0, 2600.0, burst=BURST, limits=limits)
     assert with_losses(endless, best(endless)).width_loss is None
     single = Burst(frames_per_s=58.0, max_frames=1)

@@ -15,6 +15,7 @@ from mishutter import (
     HannShutter,
     IdealShutter,
     Limits,
+    Objects,
     Occlusion,
     Optics,
     ParabolicMotion,
@@ -310,6 +311,20 @@ def test_a_file_says_what_hides_what(tmp_path):
     assert example_scene().occlusion is None
 
 
+def test_the_narrower_of_sensor_and_object_counts(tmp_path):
+    """Frames are registered within it; a scene without widths has none, and no width is refused."""
+    bare = read_scene(written(tmp_path, EXAMPLE))
+    assert bare.registered_width is None
+    told = read_scene(written(tmp_path, f"{EXAMPLE}\n[objects]\nwidth_px = 71\n"))
+    assert told.registered_width == 71
+    for width, least in ((430.0, 71.0), (33.0, 33.0)):
+        sensor = Sensor(width=width)
+        scene = eqx.tree_at(lambda s: s.sensor, told, sensor, is_leaf=lambda x: x is None)
+        assert scene.registered_width == least
+    with pytest.raises(ValueError, match=r"`\[objects\] width_px` must be given; got nothing"):
+        read_scene(written(tmp_path, f"{EXAMPLE}\n[objects]\n"))
+
+
 @pytest.mark.parametrize("width", [None, 57.0])
 @pytest.mark.parametrize("background", ["still", "moving"])
 def test_a_scene_with_a_background_is_written_as_it_was_read(width, background, tmp_path):
@@ -570,6 +585,7 @@ ONE_OF_EACH = Scene(
     burst=Burst(frames_per_s=240.0, max_frames=6),
     tolerances=Tolerances(acceleration=0.02),
     occlusion=Occlusion(front_share=0.4, object_width=83.0),
+    objects=Objects(width=71.0),
     motion=ParabolicMotion(acceleration=2.9e5, half_exposure=0.0105, velocity=-210.0),
 )
 """A scene with a part of every kind."""
@@ -583,7 +599,7 @@ def test_a_saved_scene_is_loaded(made, tmp_path):
     scene.save(tmp_path / "scene.toml")
     read = Scene.load(tmp_path / "scene.toml")
     parts = ("speeds", "weights", "picture", "optics", "sensor", "limits", "burst", "tolerances")
-    for part in (*parts, "occlusion", "given_motion"):
+    for part in (*parts, "occlusion", "objects", "given_motion"):
         assert eqx.tree_equal(getattr(read, part), getattr(scene, part), rtol=1e-12), part
     tau = np.linspace(-0.97, 0.95, 53)
     wanted, light = (s.light(HannShutter(), 0.01).transmittance(tau) for s in (scene, read))

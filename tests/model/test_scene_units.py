@@ -83,6 +83,8 @@ def test_widths_are_those_of_objects(tmp_path, view, width, expected):
     section = f"[view]\n{view}\n[occlusion]\nfront_share = 0.4\n{width}"
     layers = scene_of(tmp_path, view=section).occlusion
     assert float(layers.object_width) == pytest.approx(expected, rel=1e-12)
+    own = f"[view]\n{view}\n[objects]\n{width.removeprefix('object_')}"
+    assert float(scene_of(tmp_path, view=own).objects.width) == pytest.approx(expected, rel=1e-12)
 
 
 def test_limits_of_the_stage_are_by_the_pitch(tmp_path):

@@ -1,0 +1,37 @@
+"""Objects that are registered one by one, each in a region of its own."""
+
+from typing import final
+
+import equinox as eqx
+from jaxtyping import Array, ArrayLike
+
+from mishutter._core import as_float, fields_text, require_at_least, require_scalar
+
+
+@final
+class Objects(eqx.Module):
+    """Things that move on their own, of which a decoder registers each within its own outline.
+
+    A point near the outline is seen by fewer frames, or by part of an exposure, as one near the
+    border of a sensor that is as wide as the object. Bursts lose by that, and the path of the
+    sensor and the number of frames at rest are chosen by what is left.
+
+    Args:
+        width: Width of the narrowest object that is to be restored, along the motion; px.
+
+    Raises:
+        ValueError: if `width` is no scalar above 0.
+    """
+
+    width: Array
+
+    def __init__(self, *, width: ArrayLike):
+        self.width = as_float(width, "Objects(width=...)")
+
+    def __check_init__(self) -> None:
+        require_scalar("Objects(width=...)", self.width)
+        require_at_least("Objects(width=...)", self.width, "above 0 px", strict=True)
+
+    def __repr__(self) -> str:
+        """The numbers, of which a module shows no more than their type."""
+        return fields_text(self)
