@@ -9,4 +9,3 @@ from mishutter.design.design import motion_to_dict as motion_to_dict
 from mishutter.design.design import package_version as package_version
 from mishutter.design.design import scene_to_dict as scene_to_dict
 from mishutter.design.design import sequence_to_dict as sequence_to_dict
-from mishutter.design.schema import scene_of_today as scene_of_today

@@ -12,7 +12,7 @@ import numpy as np
 
 from mishutter._core import contents, parsed, require, shown, strict_json, validated, write_text
 from mishutter.design.schema import (
-    FORMATS,
+    FORMAT,
     SAVED_SCENE,
     SavedDesign,
     SavedMotion,
@@ -171,7 +171,7 @@ class Design:
         parts = {
             "level_db": level,
             "level_of": level_of,
-            "format": FORMATS[-1],
+            "format": FORMAT,
             "mishutter": package_version(),
             "shutter": shutter_to_dict(self.command),
             "motion": motion_to_dict(self.motion),
@@ -215,8 +215,8 @@ class Design:
         data = parsed(json.loads, contents(path), name, "JSON")
         is_design = isinstance(data, dict) and "format" in data
         require(is_design, name, "be a design saved by mishutter", type(data).__name__)
-        requirement = f"be of design format {FORMATS[0]} to {FORMATS[-1]}"
-        require(data["format"] in FORMATS, name, requirement, data["format"])
+        is_current = data["format"] == FORMAT
+        require(is_current, name, f"be of design format {FORMAT}", data["format"])
         file = validated(SavedDesign, data, name)
         try:
             return _built(file)
@@ -334,28 +334,20 @@ def scene_to_dict(scene: Scene) -> dict[str, object]:
 def _built(file: SavedDesign) -> Design:
     motion = _motion(file.motion)
     scene = file.scene.built(motion=motion)
-    outcome, earlier = _ended(file.outcome)
+    is_end, ends = file.outcome in set(Outcome), "be the end of a search in a sentence"
+    require(is_end, "outcome", ends, file.outcome)
     parts = {
         "shutter": transmittance(scene, motion, shutter_from_dict(file.shutter.model_dump())),
         "motion": motion,
         "scene": scene,
         "history": np.array(file.history),
-        "outcome": outcome,
-        "notes": (*earlier, *file.notes),
+        "outcome": Outcome(file.outcome),
+        "notes": tuple(file.notes),
     }
     if file.sequence is not None:
         parts["sequence"] = _sequence(file.sequence)
     names = [field.name for field in fields(Design) if field.name not in _UNSAVED]
     return Design(**{name: getattr(file, name) for name in names} | parts)
-
-
-def _ended(text: str) -> tuple[Outcome, tuple[str, ...]]:
-    """The outcome in a file, and the notes that earlier versions wrote behind it."""
-    for outcome in Outcome:
-        if text.startswith(outcome):
-            rest = text.removeprefix(outcome).strip()
-            return outcome, (rest,) if rest else ()
-    return Outcome.GIVEN, (text,)
 
 
 def _sequence(saved: SavedSequence) -> FrameSequence:

@@ -1,15 +1,14 @@
 """The schema by which a design's file is written and checked."""
 
 import math
-from collections.abc import Mapping
-from typing import Annotated, Any, Literal, final
+from typing import Annotated, Literal, final
 
 from pydantic import AllowInfNan, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from mishutter.model import Part, Scene, arguments_of, as_decoder_speed
+from mishutter.model import Part, Scene, arguments_of
 
-FORMATS = (1, 2)
-"""Versions of the file format that are read; the last is written."""
+FORMAT = 2
+"""Version of the file format."""
 
 _UNWRITTEN: dict[str | None, float] = {"Infinity": math.inf, "-Infinity": -math.inf, None: math.nan}
 
@@ -34,9 +33,9 @@ class SavedShutter(BaseModel):
 
 @final
 class SavedMotion(Part):
-    """A motion; earlier versions wrote parabolas without acceleration as two kinds of their own."""
+    """A motion and its numbers."""
 
-    kind: Literal["ParabolicMotion", "FreeMotion", "LinearMotion", "StillCamera"]
+    kind: Literal["ParabolicMotion", "FreeMotion"]
     acceleration: float | None = None
     accelerations: list[float] | None = None
     durations: list[float] | None = None
@@ -77,54 +76,10 @@ class SavedSequence(Part):
 SAVED_SCENE = arguments_of(Scene, "motion")
 """The arguments of `Scene`, but for the motion, which has a table of its own."""
 
-_PLACES = {
-    "mean_level": ("picture", "mean_level"),
-    "deviation": ("picture", "deviation"),
-    "power_spectrum": ("picture", "power_spectrum"),
-    "picture": ("picture", "path"),
-    "picture_white": ("picture", "white"),
-    "picture_linear": ("picture", "linear"),
-    "cutoff_frequency": ("optics", "cutoff_frequency"),
-    "lens_blur": ("optics", "lens_blur"),
-    "full_well": ("sensor", "full_well"),
-    "axis": ("sensor", "axis"),
-    "stage": ("limits", "stage"),
-    "free_paths": ("limits", "free_paths"),
-}
-"""The part of a scene, and the argument of it, that each argument of earlier scenes is today."""
-
-
-def scene_of_today(scene: Mapping[str, Any]) -> dict[str, Any]:
-    """A saved scene, of this or of an earlier version, as this version saves it.
-
-    Scenes of earlier versions had no parts, and may name decoders by older words.
-
-    Args:
-        scene: The arguments of the scene.
-    """
-    parts = {name: value for name, value in scene.items() if not _is_earlier(name, value)}
-    for name, value in scene.items():
-        if _is_earlier(name, value):
-            part, argument = _PLACES[name]
-            own = parts.get(part) or {}
-            if isinstance(own, dict):
-                parts[part] = own | {argument: value}
-    if "decoder_speed" in parts:
-        parts["decoder_speed"] = as_decoder_speed(parts["decoder_speed"])
-    return parts
-
-
-def _is_earlier(name: str, value: object) -> bool:
-    """Whether an argument is one of earlier scenes, whose picture was a path."""
-    return name in _PLACES and not (name == "picture" and isinstance(value, dict))
-
 
 @final
 class SavedDesign(Part):
-    """A whole design; its level and metrics are for whoever reads the file, and evaluated anew.
-
-    Files of earlier versions hold the plan of the search, which nothing reads.
-    """
+    """A whole design; its level and metrics are for whoever reads the file, and evaluated anew."""
 
     level_db: object = None
     level_of: object = None
@@ -143,12 +98,4 @@ class SavedDesign(Part):
     outcome: str
     notes: list[str] = Field(default_factory=list)
     certificate: Result
-    plan: Annotated[object, Field(exclude=True)] = None
     blind_psnr: Result | None = None
-
-    @model_validator(mode="before")
-    @classmethod
-    def _of_today(cls, data: Any) -> Any:
-        if isinstance(data, dict) and isinstance(data.get("scene"), dict):
-            return data | {"scene": scene_of_today(data["scene"])}
-        return data

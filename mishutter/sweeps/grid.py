@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, UInt
 
 from mishutter._core import RowLike, common_dtype, describe, require, shape_of
-from mishutter.design import package_version, scene_of_today, scene_to_dict
+from mishutter.design import package_version, scene_to_dict
 from mishutter.evaluation import METRICS, AbstractLoss, SpeedKnowledge, knowledge_of
 from mishutter.model import (
     LIMITS,
@@ -343,19 +343,6 @@ def checked_axis(
     require(not bound or bool(np.all(is_inside)), subject, f"be {bound}", axis)
     require(bool(np.all(np.diff(axis) > 0)), subject, "ascend without repeats", axis)
     return axis
-
-
-def in_words_of_today(described: dict[str, object]) -> dict[str, object]:
-    """A sweep's description by `Grid.describe`, of this or of an earlier version.
-
-    Whether parts that change no result were left out was part of a description once.
-    """
-    described = {key: value for key, value in described.items() if key != "plan"}
-    scenes = described.get("scenes")
-    if not isinstance(scenes, dict):
-        return described
-    renamed = {key: scene_of_today(scene) for key, scene in scenes.items()}
-    return described | {"scenes": renamed}
 
 
 def _listed(values: np.ndarray | None) -> list[float] | None:

@@ -21,7 +21,7 @@ import numpy as np
 
 from mishutter._core import Unquoted, describe, require, write_bytes
 from mishutter.evaluation import METRICS
-from mishutter.sweeps.grid import REASONS, Block, Grid, in_words_of_today
+from mishutter.sweeps.grid import REASONS, Block, Grid
 
 if TYPE_CHECKING:
     import xarray
@@ -131,8 +131,7 @@ class StoredBlocks(AbstractBlocks):
                     f"`{_SUBJECT}` must be a folder that can be written; got {got}."
                 ) from None
         stored = _stored_attributes(self.path)
-        held = in_words_of_today(stored["sweep"])
-        _check_same(held, json.loads(json.dumps(grid.describe())), self.path)
+        _check_same(stored["sweep"], json.loads(json.dumps(grid.describe())), self.path)
         if make:
             # Versions are those of the run that began the store, and need not be those of this one.
             versions = {"versions": stored.get("versions", attributes["versions"])}

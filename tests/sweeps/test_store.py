@@ -19,7 +19,7 @@ from support.command_line import ON_PARABOLAS
 from support.sweeps import SCENE, asked_for, grid, many
 
 import mishutter
-from mishutter import GaussianShutter, Limits, Optics, Scene, Sensor, cli, sweep
+from mishutter import GaussianShutter, Limits, Scene, Sensor, cli, sweep
 
 # Writes that fail, which no argument of `sweep` brings about.
 from mishutter.sweeps.store import StoredBlocks
@@ -356,29 +356,6 @@ def test_every_argument_that_decides_the_numbers_is_part_of_a_store(tmp_path):
             sweep(SCENE, **(plain | {name: value}), store=tmp_path / "a.zarr")
 
 
-def test_a_store_by_an_older_word_goes_on(tmp_path):
-    """A decoder that earlier stores call `told` is the scene's own `known`: nothing is refused.
-
-    Nor is a store that says that nothing but what changes no result was left out.
-    """
-    scene = Scene(SCENE.speeds, photon_rate=2e5, read_noise=6.0, decoder_speed="known")
-    asked = grid(store=tmp_path / "a.zarr", metrics=["known_speed_psnr"], accelerations=[3e4])
-    level = sweep(scene, **asked).known_speed_psnr.values
-    file = tmp_path / "a.zarr" / "zarr.json"
-    today, older = (rf"\"decoder_speed\": \"{word}\"" for word in ("known", "told"))
-    text = file.read_text(encoding="utf-8")
-    assert text.count(today) == 1
-    text = text.replace(today, older).replace(
-        r"\"search\": null", r"\"search\": null, \"plan\": \"planned\""
-    )
-    assert "planned" in text
-    file.write_text(text, encoding="utf-8")
-    np.testing.assert_array_equal(sweep(scene, **asked).known_speed_psnr, level)
-    unknown = Scene(SCENE.speeds, photon_rate=2e5, read_noise=6.0)
-    with pytest.raises(ValueError, match="decoder_speed"):
-        sweep(unknown, **asked)
-
-
 def test_a_store_of_another_scene_is_refused(tmp_path):
     """The number that differs is named."""
     sweep(SCENE, **grid(store=tmp_path / "a.zarr", metrics=["expected_psnr"]))
@@ -566,20 +543,3 @@ def test_arguments_of_later_versions_are_not_given_in_a_store(part, argument, tm
     )
     with pytest.raises(ValueError, match=rf"{argument}.*[79]00.*got.*None"):
         sweep(Scene(scene.speeds, photon_rate=2e5, read_noise=6.0, **given), **asked)
-
-
-def test_a_store_from_before_scenes_had_parts_goes_on(tmp_path):
-    """Its scene holds each argument by itself; another one of them is refused as before."""
-    scene = Scene(SCENE.speeds, photon_rate=2e5, read_noise=6.0)
-    asked = grid(store=tmp_path / "a.zarr", metrics=["expected_psnr"], accelerations=[3e4])
-    level = sweep(scene, **asked).expected_psnr.values
-    names = {"path": "picture", "white": "picture_white", "linear": "picture_linear"}
-    with described_scene(tmp_path / "a.zarr") as flat:
-        del flat["sensor"]["width"]
-        for part in ("picture", "optics", "sensor"):
-            flat |= {names.get(name, name): value for name, value in flat.pop(part).items()}
-        flat["stage"] = flat["limits"].pop("stage")
-    np.testing.assert_array_equal(sweep(scene, **asked).expected_psnr, level)
-    softer = Scene(scene.speeds, photon_rate=2e5, read_noise=6.0, optics=Optics(lens_blur=0.7))
-    with pytest.raises(ValueError, match=r"lens_blur.*0\.7.*got.*0\.0"):
-        sweep(softer, **asked)
