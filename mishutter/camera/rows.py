@@ -9,6 +9,7 @@ from typing import Any, Literal, get_args
 
 import jax.numpy as jnp
 import numpy as np
+import scipy.fft
 from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core import is_concrete, namespace_of, require
@@ -101,17 +102,7 @@ def along_rows(vector: ArrayLike, like: Array) -> Array:
 
 def fast_length(least: int) -> int:
     """Smallest length of at least `least` whose only factors are 2, 3 and 5, and even."""
-    length = least + least % 2
-    while not _is_smooth(length):
-        length += 2
-    return length
-
-
-def _is_smooth(number: int) -> bool:
-    for factor in (2, 3, 5):
-        while number % factor == 0:
-            number //= factor
-    return number == 1
+    return 2 * int(scipy.fft.next_fast_len(-(-least // 2), real=True))  # type: ignore[arg-type]
 
 
 def rows_last(image: ArrayLike) -> Planes:
