@@ -53,7 +53,7 @@ def captures(photon_rate, *names, before=None):
     return layered_captures(layers, known, rows)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_one_filter_restores_what_stands_and_what_moves():
     """In plenty of light both come back; of an open shutter at rest only what stands does."""
     found = captures(3e8, "Hann", OPEN_SHUTTER)
@@ -75,7 +75,6 @@ def test_small_and_grey_pictures_make_a_scene(shape):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("background_speed", [0.0, -700.0])
-@pytest.mark.nightly
 def test_layers_come_back_as_well_as_is_expected(background_speed):
     """By the same filter, of two layers with these speeds: a moving camera's, and a snapshot's."""
     layers = seen(128, background_speed)
@@ -83,7 +82,7 @@ def test_layers_come_back_as_well_as_is_expected(background_speed):
         assert each.psnr == pytest.approx(each.expected_psnr, abs=0.4)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_picture_without_detail_is_restored_to_its_noise():
     """Of layers without texture nothing but noise is left, as is expected."""
     flat = layered_scene(ms.Picture(np.full((40, 320, 1), 0.3)), 0.0, SPEED)
@@ -137,7 +136,7 @@ def test_the_picture_of_layers_names_speeds_and_levels():
         plots.plot_layers(seen(), {})
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_report_shows_the_camera_for_the_background():
     """The design of the verdict and its snapshot stand beside the best camera for this world."""
     known = ms.Scene(
