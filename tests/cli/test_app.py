@@ -291,7 +291,7 @@ def test_an_interrupt_after_the_search_keeps_the_design(small_scene, monkeypatch
     """What took longest is in the folder, and the line holds the command that goes on from it."""
     compared = []
 
-    def interrupt(_, motion, entries, *others):
+    def interrupt(_, motion, entries, *others, **judged):
         compared.append((motion, entries))
         raise KeyboardInterrupt
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import mishutter as ms
+from mishutter.design import given_design
 
 # Steps of one picture: a report that shows it compares cameras for minutes first.
 from mishutter.report import BackgroundGain, Comparison, Report, plots
@@ -147,7 +148,8 @@ def test_a_report_shows_the_camera_for_the_background():
         name: Row(OWN_BEST_MOTION, name, shutter, motion, None, ms.evaluate(known, motion, shutter))
         for name, (motion, shutter) in cameras.items()
     }
-    gains = (BackgroundGain(0.5, 0.3), BackgroundGain(0.7, 0.0, rows[BEST_SNAPSHOT]))
+    snapshot = given_design(known, *CAMERAS["snapshot"], origin="the best snapshot")
+    gains = (BackgroundGain(0.5, 0.3), BackgroundGain(0.7, 0.0, snapshot))
     table = Comparison(tuple(rows.values()), "A verdict.", 0.1, 31.0)
     figure = _layered(Report(known, table, ("optimised",), backgrounds=gains), rows)
     titles = [axes.get_title().split(",")[0] for axes in figure.axes]
