@@ -82,17 +82,6 @@ def pytest_runtest_setup():
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Cases beyond a test's daily ones are nightly, and nightly tests are slow.
-
-    Modules with most slow tests come first: workers end together.
-    """
-    case = Counter()
-    for item in items:
-        few = item.get_closest_marker("daily")
-        case[item.originalname, item.path] += 1
-        if few and case[item.originalname, item.path] > few.args[0]:
-            item.add_marker("nightly")
-        if item.get_closest_marker("nightly"):
-            item.add_marker("slow")
+    """Modules with most slow tests come first: workers end together."""
     slow = Counter(item.path for item in items if item.get_closest_marker("slow"))
     items.sort(key=lambda item: -slow[item.path])

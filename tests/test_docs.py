@@ -146,14 +146,8 @@ def read_through(page, packages, desk, monkeypatch):
             assert is_shown(block.text, reader.output), f"{block.text}\n\n{reader.output}"
 
 
-def read(page):
-    """A page as a case; all but two are left out where no page changed."""
-    first = page in (ROOT / "README.md", TUTORIAL)
-    return pytest.param(page, id=page.stem, marks=() if first else pytest.mark.pages)
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("page", [read(page) for page in CODE if blocks(page)])
+@pytest.mark.parametrize("page", [pytest.param(p, id=p.stem) for p in CODE if blocks(p)])
 def test_code_runs_and_shows_what_the_page_says(page, desk, monkeypatch):
     """A reader who types a page's blocks in turn sees what it shows."""
     read_through(page, frozenset(), desk, monkeypatch)

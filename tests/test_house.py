@@ -121,6 +121,20 @@ def test_no_assert_and_no_super():
     assert not [f"{module_name(p)}:{node.lineno}" for p, node in nodes if is_forbidden(node)]
 
 
+def test_no_dictionary_is_spread_into_a_public_constructor():
+    """A type checker sees which arguments are given; files are read by `made_of` alone."""
+    doors = [importlib.import_module(f"mishutter.{folder}") for folder in sorted(FOLDERS)]
+    classes = {name for door in (mishutter, *doors) for name in dir(door) if name[0].isupper()}
+    assert {"Scene", "Limits", "RestoredPhotograph"} <= classes
+    spread = [
+        (path.name, ast.unparse(node.func))
+        for path, tree in TREES.items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call) and any(each.arg is None for each in node.keywords)
+    ]
+    assert [(path, name) for path, name in spread if name.split(".")[-1] in classes] == []
+
+
 def num_positional(node: ast.FunctionDef) -> int:
     """Positional parameters of a function beside `self` and `cls`."""
     names = [argument.arg for argument in (*node.args.posonlyargs, *node.args.args)]

@@ -28,12 +28,12 @@ the fastest speed and at the fastest, and restored by one filter that does not k
 """
 
 
-def write_gallery(folder: Path, num_scenes: int | None = None) -> None:
-    """Search designs for the first scenes, or for all, and write the page with its pictures."""
+def write_gallery(folder: Path) -> None:
+    """Search a design for each scene, and write the page with its pictures."""
     (folder / "gallery").mkdir(parents=True, exist_ok=True)
     parts = [
         _entry(name, scene, f"gallery/{number}", folder)
-        for number, (name, scene) in enumerate(list(scenes().items())[:num_scenes], 1)
+        for number, (name, scene) in enumerate(scenes().items(), 1)
     ]
     (folder / "gallery.md").write_text("\n".join([_HEAD, *parts]))
 

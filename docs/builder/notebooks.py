@@ -56,15 +56,14 @@ def _shown(notebook: NotebookNode) -> list[NotebookNode]:
     return [output.data for cell in cells for output in cell.outputs if "data" in output]
 
 
-def write_notebook(name: str, pages: Path, *, run: bool = True) -> None:
-    """Write a notebook as a page of the site: run, with its pictures, or without its outputs."""
+def write_notebook(name: str, pages: Path) -> None:
+    """Write a notebook as a page of the site: run, with its pictures."""
     folder = pages / "notebooks"
     folder.mkdir(parents=True, exist_ok=True)
     stem = Path(name).stem
     parts = []
     pictures = 0
-    notebook = executed(name) if run else nbformat.read(FOLDER / name, as_version=4)
-    for cell in notebook.cells:
+    for cell in executed(name).cells:
         if cell.cell_type == "markdown":
             text = with_links(cell.source, f"notebooks/{name}", pages)
             parts.append(_with_blank_lines(text))
@@ -81,8 +80,7 @@ def write_notebook(name: str, pages: Path, *, run: bool = True) -> None:
                 parts.append(f"![A picture drawn by the cell above]({picture})")
             elif "text/plain" in data:
                 parts.append(_text(data["text/plain"]))
-    when = "Run" if run else "Not run"
-    note = f"*{when} when this page was built; the notebook is `notebooks/{name}`.*"
+    note = f"*Run when this page was built; the notebook is `notebooks/{name}`.*"
     title, *rest = parts[0].split("\n", 1)
     (folder / f"{stem}.md").write_text("\n\n".join([title, note, *rest, *parts[1:]]) + "\n")
 

@@ -25,13 +25,8 @@ _QUICK = {
 """Settings of the build where the user chose no others."""
 
 
-def build(*, notebooks: int | None = None, scenes: int | None = None) -> None:
+def build() -> None:
     """Write all pages, make the site of them and check its links.
-
-    Args:
-        notebooks: Number of notebooks, from the first, that are run; all by default. The others
-            become pages without outputs, so that every link is there to be checked.
-        scenes: Number of scenes in the gallery, from the first; all by default.
 
     Raises:
         SystemExit: with 1 if a page or a link is wrong.
@@ -46,9 +41,8 @@ def build(*, notebooks: int | None = None, scenes: int | None = None) -> None:
         os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", programs)  # of all kernels and the rest
         with ThreadPoolExecutor(2) as pool:
             names = sorted(path.name for path in FOLDER.glob("*.ipynb"))
-            chosen = names[:notebooks]
-            runs = [pool.submit(write_notebook, name, PAGES, run=name in chosen) for name in names]
-            _write_generated(scenes)
+            runs = [pool.submit(write_notebook, name, PAGES) for name in names]
+            _write_generated()
             for run in runs:
                 run.result()
     print(f"pages written after {time.perf_counter() - begin:.0f} s", flush=True)
@@ -70,7 +64,7 @@ def as_shown(text: str) -> str:
     return _PICTURE.sub(r"[\g<0>](\1)", text)
 
 
-def _write_generated(num_scenes: int | None) -> None:
+def _write_generated() -> None:
     import jax
 
     jax.config.update("jax_enable_x64", True)
@@ -81,4 +75,4 @@ def _write_generated(num_scenes: int | None) -> None:
 
     (PAGES / "citing.md").write_text(citing_page())
     write_reference(PAGES)
-    write_gallery(PAGES, num_scenes)
+    write_gallery(PAGES)

@@ -361,7 +361,7 @@ def restore_by_each(
     expected, own_expected = _expected_levels(model, knowledge, rows, relative)
     return {
         name: RestoredPhotograph(
-            **_levels(chosen_speeds, weights, trials, index)._asdict(),
+            *_levels(chosen_speeds, weights, trials, index),
             expected_psnr=expected,
             own_expected_psnr=own_expected,
             reference=reference,
@@ -447,7 +447,7 @@ def _common_columns(
 
 
 class _Levels(NamedTuple):
-    """The fields of a `RestoredPhotograph` of these names."""
+    """The first fields of a `RestoredPhotograph`."""
 
     speeds: Float[np.ndarray, "s"]
     psnr: Float[np.ndarray, "s"]

@@ -180,15 +180,14 @@ def restore_frames(
 
     Examples:
         >>> import jax
-        >>> from mishutter import Scene, StillCamera, TimedFrame, example_picture, psnr
+        >>> from mishutter import Scene, StillCamera, TimedFrame, example_picture
         >>> from mishutter import restore_frames, simulate_frames
-        >>> scene = Scene.uniform(max_speed=1500.0, photon_rate=3e4, read_noise=8)
+        >>> scene = Scene.uniform(max_speed=1500.0, photon_rate=1e5, read_noise=8)
         >>> still = StillCamera(half_exposure=1e-3)
         >>> frames = [TimedFrame(still, time) for time in (-0.02, 0.0, 0.02)]
         >>> picture = example_picture().light[200:232]
-        >>> captures = simulate_frames(
-        ...     picture, scene, frames, speed=700.0, num_columns=480, key=jax.random.key(0)
-        ... )
+        >>> key = jax.random.key(0)
+        >>> captures = simulate_frames(picture, scene, frames, speed=700.0, key=key)
         >>> found = restore_frames(captures, scene, frames)
         >>> print(f"{found.estimate.speed:.0f} px/s, {found.estimate.trusted}")
         700 px/s, True

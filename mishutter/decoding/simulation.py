@@ -287,15 +287,15 @@ def restore(
             the scene has no light.
 
     Examples:
-        >>> from mishutter import HannShutter, ParabolicMotion, Scene, example_picture, optimise
+        >>> from mishutter import ParabolicMotion, Scene, TukeyShutter, example_picture, optimise
         >>> from mishutter import psnr, restore, simulate_capture
         >>> scene = Scene.uniform(max_speed=1500.0, photon_rate=1e6, read_noise=5)
         >>> motion = ParabolicMotion(acceleration=2e5, half_exposure=0.01)
-        >>> design = optimise(scene, motion, HannShutter(), free=())
-        >>> picture = example_picture().light[:64]
-        >>> capture = simulate_capture(picture, scene, motion, HannShutter(), speed=700.0)
+        >>> design = optimise(scene, motion, TukeyShutter(0.5), free=["shutter"])
+        >>> picture = example_picture().light[200:264]
+        >>> capture = simulate_capture(picture, scene, motion, design.shutter, speed=700.0)
         >>> print(f"{psnr(picture, restore(capture, design)):.0f} dB")
-        31 dB
+        38 dB
     """
     return restored_capture(capture, design, decoder=decoder, speed=speed).light
 

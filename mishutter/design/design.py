@@ -1,7 +1,7 @@
 """A finished design, and the file that it is written to and read back from exactly."""
 
 import json
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
 from importlib.metadata import PackageNotFoundError, version
@@ -336,18 +336,20 @@ def _built(file: SavedDesign) -> Design:
     scene = file.scene.built(motion=motion)
     is_end, ends = file.outcome in set(Outcome), "be the end of a search in a sentence"
     require(is_end, "outcome", ends, file.outcome)
-    parts = {
-        "shutter": transmittance(scene, motion, shutter_from_dict(file.shutter.model_dump())),
-        "motion": motion,
-        "scene": scene,
-        "history": np.array(file.history),
-        "outcome": Outcome(file.outcome),
-        "notes": tuple(file.notes),
-    }
-    if file.sequence is not None:
-        parts["sequence"] = _sequence(file.sequence)
-    names = [field.name for field in fields(Design) if field.name not in _UNSAVED]
-    return Design(**{name: getattr(file, name) for name in names} | parts)
+    return Design(
+        shutter=transmittance(scene, motion, shutter_from_dict(file.shutter.model_dump())),
+        motion=motion,
+        scene=scene,
+        loss=file.loss,
+        history=np.array(file.history),
+        outcome=Outcome(file.outcome),
+        certificate=file.certificate,
+        loss_name=file.loss_name,
+        best_start_loss=file.best_start_loss,
+        notes=tuple(file.notes),
+        sequence=None if file.sequence is None else _sequence(file.sequence),
+        blind_psnr=file.blind_psnr,
+    )
 
 
 def _sequence(saved: SavedSequence) -> FrameSequence:

@@ -229,9 +229,11 @@ class StillBursts:
             return psnr_of_error(self.error(count, exposure)) - psnr
 
         # The shortest frames that are enough leave the longest time for the gaps between them.
-        exposure = self._shortest
+        exposure, best = self._shortest, self._of(count, self._window / count)
+        if best.psnr < psnr:
+            return None  # one long exposure has the level, and read noise takes it from two
         if above(exposure) < 0:
-            root: Any = brentq(above, exposure, self._of(count, self._window / count).exposure)
+            root: Any = brentq(above, exposure, best.exposure)
             exposure = float(root)
         rate = (count - 1) / (self._window - exposure)
         return rate if rate <= most else None

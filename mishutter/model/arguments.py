@@ -30,6 +30,11 @@ class Part(Section):
         return list(value) if isinstance(value, tuple) else value
 
 
+def made_of(kind: type[_Class], arguments: Mapping[str, Any]) -> _Class:
+    """An object of the arguments that a file gives, by names that no type checker knows."""
+    return kind(**arguments)
+
+
 class Arguments(Part):
     """A table of the arguments of a class; `arguments_of` makes a schema of one."""
 

@@ -5,7 +5,7 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, final, get_args
+from typing import final, get_args
 
 import equinox as eqx
 import jax
@@ -34,7 +34,7 @@ from mishutter._core import (
     validated,
     write_text,
 )
-from mishutter.model.arguments import argument_names
+from mishutter.model.arguments import argument_names, made_of
 from mishutter.model.decoder_speeds import DecoderSpeed, DecoderWord, as_decoder_speed
 from mishutter.model.devices import AbstractDevice
 from mishutter.model.limits import Limits
@@ -236,7 +236,24 @@ class Scene(eqx.Module):
 
     @staticmethod
     def uniform(
-        *, max_speed: float, num_speeds: int = 9, min_speed: float | None = None, **others: object
+        *,
+        max_speed: float,
+        num_speeds: int = 9,
+        min_speed: float | None = None,
+        weights: RowLike | None = None,
+        photon_rate: ArrayLike,
+        read_noise: ArrayLike,
+        picture: Texture | None = None,
+        optics: Optics | None = None,
+        sensor: Sensor | None = None,
+        limits: Limits | None = None,
+        device: AbstractDevice | None = None,
+        burst: Burst | None = None,
+        tolerances: Tolerances | None = None,
+        occlusion: Occlusion | None = None,
+        objects: Objects | None = None,
+        decoder_speed: DecoderWord = "unknown",
+        motion: AbstractMotion | None = None,
     ) -> "Scene":
         """Equally likely speeds, evenly spaced from `min_speed` (`-max_speed`) to `max_speed`.
 
@@ -244,7 +261,20 @@ class Scene(eqx.Module):
             max_speed: Largest speed, px/s.
             num_speeds: How many; at least 2 where the range has two ends.
             min_speed: Smallest speed, px/s; `-max_speed` by default.
-            others: The arguments of `Scene`.
+            weights: As `Scene` takes it, and so every argument below.
+            photon_rate: e-/s.
+            read_noise: e-.
+            picture: What is seen.
+            optics: The lens.
+            sensor: The sensor.
+            limits: The furthest that the mechanism and the exposure may reach.
+            device: The device that makes the transmittance.
+            burst: Frames that a rival takes.
+            tolerances: Errors of the camera as it is built.
+            occlusion: Objects that hide part of a background.
+            objects: Things that are registered one by one.
+            decoder_speed: What the decoder knows of the speed.
+            motion: Motion to start from or to compare at.
 
         Raises:
             ValueError: as `Scene`, or if the range is reversed, or has two ends and one speed.
@@ -259,7 +289,23 @@ class Scene(eqx.Module):
         has_both_ends = num_speeds > 1 or low == max_speed
         requirement = f"be at least 2, for speeds from {low:g} to {max_speed:g} px/s"
         require(has_both_ends, "Scene.uniform(num_speeds=...)", requirement, num_speeds)
-        return Scene(np.linspace(low, max_speed, num_speeds), **others)  # type: ignore[arg-type]
+        return Scene(
+            np.linspace(low, max_speed, num_speeds),
+            weights,
+            photon_rate=photon_rate,
+            read_noise=read_noise,
+            picture=picture,
+            optics=optics,
+            sensor=sensor,
+            limits=limits,
+            device=device,
+            burst=burst,
+            tolerances=tolerances,
+            occlusion=occlusion,
+            objects=objects,
+            decoder_speed=decoder_speed,
+            motion=motion,
+        )
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> "Scene":
@@ -299,8 +345,8 @@ class Scene(eqx.Module):
 
     def along_rows(self) -> "Scene":
         """The scene of pictures that are `turned` so that things move along their rows."""
-        own = self.sensor
-        return self._with(sensor=Sensor(full_well=own.full_well, width=own.width))
+        along = Sensor(full_well=self.sensor.full_well, width=self.sensor.width)
+        return eqx.tree_at(lambda scene: scene.sensor, self, along)
 
     def bare(
         self,
@@ -315,23 +361,19 @@ class Scene(eqx.Module):
             weights: How often each occurs.
             power_spectrum: Power in place of the scene's own.
         """
-        return self._with(
-            speeds=self.speeds if speeds is None else speeds,
-            weights=self.weights if weights is None else weights,
+        return Scene(
+            self.speeds if speeds is None else speeds,
+            self.weights if weights is None else weights,
+            photon_rate=self.photon_rate,
+            read_noise=self.read_noise,
             picture=self.picture.bare(power_spectrum),
+            optics=self.optics,
             sensor=Sensor(full_well=self.sensor.full_well),
             limits=self.limits.without_servo(),
-            burst=None,
-            objects=None,
-            decoder_speed="unknown",
-            motion=None,
+            device=self.device,
+            tolerances=self.tolerances,
+            occlusion=self.occlusion,
         )
-
-    def _with(self, **others: Any) -> "Scene":
-        """The scene with other arguments, which are checked."""
-        own: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
-        own["motion"] = own.pop("given_motion")
-        return Scene(**own | others)
 
     def light(
         self, shutter: AbstractShutter, motion: AbstractMotion | ArrayLike
@@ -567,7 +609,7 @@ def scene_of_tables(
     """
     file = validated(SceneFile, tables, name, in_section)
     with in_file(name):
-        return Scene(**scene_arguments(file, folder, textures))
+        return made_of(Scene, scene_arguments(file, folder, textures))
 
 
 def scene_text(scene: Scene, notes: Mapping[str, Sequence[str]] | None = None) -> str:

@@ -23,6 +23,7 @@ from mishutter._core import (
     require,
     validated,
 )
+from mishutter.model.arguments import made_of
 from mishutter.model.devices import (
     DEVICES,
     NUM_SLOTS,
@@ -263,7 +264,7 @@ def _of_kind(
     kind: type[_Kind], section: Section | None, place: str, scales: Scales
 ) -> _Kind | None:
     """The object whose arguments a section holds; None without the section."""
-    return None if section is None else kind(**arguments_in(section, kind, place, scales))
+    return None if section is None else made_of(kind, arguments_in(section, kind, place, scales))
 
 
 def _burst(section: BurstSection | None, scales: Scales) -> Burst | None:
@@ -311,7 +312,8 @@ def _limits(section: LimitsSection, stage: StageSection | None, scales: Scales) 
     stroke = arguments["max_stroke"]
     subject, requirement = "[limits] max_stroke_mm", f"lie in {_STROKES[0]:g} to {_STROKES[1]:g} px"
     require(_STROKES[0] <= stroke <= _STROKES[1], subject, requirement, stroke)
-    return Limits(stage=_of_kind(SecondOrderStage, stage, "[stage]", scales), **arguments)
+    servo = _of_kind(SecondOrderStage, stage, "[stage]", scales)
+    return made_of(Limits, arguments | {"stage": servo})
 
 
 def _occlusion(section: OcclusionSection | None, scales: Scales) -> Occlusion | None:
@@ -321,7 +323,7 @@ def _occlusion(section: OcclusionSection | None, scales: Scales) -> Occlusion | 
     is_shown = section.level_difference == 0 or "object_width" in arguments
     requirement = "stand beside object_width_px: it shows at the edges of objects alone"
     require(is_shown, "[occlusion] level_difference", requirement, section.level_difference)
-    return Occlusion(**arguments)
+    return made_of(Occlusion, arguments)
 
 
 def _objects(section: ObjectsSection | None, scales: Scales) -> Objects | None:
@@ -339,7 +341,7 @@ def _tolerances(section: TolerancesSection | None, scales: Scales) -> Tolerances
     requirement = "be given where transmittance has an error"
     lasts = section.transmittance == 0 or step is not None
     require(lasts, f"{place} drive_step_us", requirement, Unquoted("nothing"))
-    return Tolerances(**arguments_in(section, Tolerances, place, scales))
+    return _of_kind(Tolerances, section, place, scales)
 
 
 def _motion(
@@ -405,7 +407,7 @@ def _picture(
         got = Unquoted("no path" if section.path is None else section.path)
         require(own or getattr(section, key) is None, f"[picture] {key}", requirement, got)
     if section.path is None:
-        return Texture(**levels_in_file)
+        return made_of(Texture, levels_in_file)
     require(
         not levels_in_file,
         f"[picture] {next(iter(levels_in_file), '')}",

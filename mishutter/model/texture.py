@@ -123,8 +123,15 @@ class Texture(eqx.Module):
             linear: The argument of `read_picture` that it was read with.
             axis: The axis that things move along, along which its spectrum is.
         """
-        spectrum = row_power_spectrum(picture.turned(axis), NUM_FREQUENCIES)._asdict()
-        return Texture(path=path, white=white, linear=linear, **spectrum)
+        spectrum = row_power_spectrum(picture.turned(axis), NUM_FREQUENCIES)
+        return Texture(
+            mean_level=spectrum.mean_level,
+            deviation=spectrum.deviation,
+            power_spectrum=spectrum.power_spectrum,
+            path=path,
+            white=white,
+            linear=linear,
+        )
 
     def photograph(self) -> Picture:
         """The photograph, read from its file.

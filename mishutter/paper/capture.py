@@ -12,9 +12,9 @@ from mishutter.decoding import (
     RichardsonLucyDecoder,
     restore_photograph,
 )
-from mishutter.model import AbstractShutter, ParabolicMotion, Scene
+from mishutter.model import AbstractShutter, ParabolicMotion, Scene, Texture
 from mishutter.paper.numbers import PlainNumbers
-from mishutter.pictures import Picture, row_power_spectrum, shipped_picture
+from mishutter.pictures import Picture, shipped_picture
 
 HALF_EXPOSURE = 0.01
 STROKE = 34.0
@@ -77,13 +77,12 @@ def restored(
             Richardson-Lucy by default.
     """
     motion = camera()
-    spectrum = row_power_spectrum(picture)._asdict()
     top = float(motion.top_speed)
     scene = Scene(
         [0.0],
         photon_rate=electrons / (2 * HALF_EXPOSURE),
         read_noise=READ_NOISE,
-        **spectrum,
+        picture=Texture.of_photograph(picture),
     )
     speeds = [nu * top for nu in normalised_speeds]
     key = jax.random.key(20)

@@ -132,7 +132,7 @@ def pixels_along(axis: Axis) -> str:
 
 
 class RowSpectrum(NamedTuple):
-    """The statistics of a picture, as `Texture(**spectrum._asdict())` takes them.
+    """The statistics of a picture, by the names of the arguments of `Texture`.
 
     Attributes:
         power_spectrum: Mean power of the rows in equal steps of (0, 0.5) cycles/px.

@@ -10,7 +10,7 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
-from support.cases import SHUTTERS, SOME_SHUTTERS, daily
+from support.cases import SHUTTERS
 from support.helpers import (
     ARGUMENTS,
     DERIVATIVE_OF_LARGEST,
@@ -151,8 +151,7 @@ def test_taps_and_derivatives(slug):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", daily(CORPUS, *list(CORPUS)[::3]))
-@pytest.mark.daily(2)
+@pytest.mark.parametrize("name", CORPUS)
 def test_points_that_missed_once(name):
     """Taps and their derivatives by every argument, where long times all but cancel."""
     kind, motion, taps = CORPUS[name]
@@ -163,16 +162,10 @@ def test_points_that_missed_once(name):
     check(Point(slug, stroke, a, T, s, np.array(taps.split(), dtype), frame))
 
 
-REST_DAILY = ["hann", "gaussian", "flutter", "spline-symmetric"]
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("slug", "precision"),
-    [
-        pytest.param(slug, precision, marks=() if slug in REST_DAILY else pytest.mark.nightly)
-        for slug, precision in zip(SHUTTERS, itertools.cycle(DTYPES), strict=False)
-    ],
+    list(zip(SHUTTERS, itertools.cycle(DTYPES), strict=False)),
 )
 def test_objects_at_rest(slug, precision):
     """All light on the tap that holds position 0, with no derivative but the shutter's."""
@@ -199,7 +192,6 @@ def test_objects_at_rest(slug, precision):
 @pytest.mark.slow
 @pytest.mark.parametrize("precision", DTYPES)
 @pytest.mark.parametrize("slug", ["hann", "spline-symmetric"])
-@pytest.mark.daily(2)
 def test_slow_objects_under_a_symmetric_profile(slug, precision):
     """By speed, where the branches all but cancel: relative to their sum, not to one branch."""
     dtype, rng = DTYPES[precision], np.random.default_rng(3)
@@ -223,7 +215,6 @@ def test_slow_objects_under_a_symmetric_profile(slug, precision):
 @pytest.mark.slow
 @pytest.mark.parametrize("precision", DTYPES)
 @pytest.mark.parametrize("slug", ["gaussian", "spline-symmetric"])
-@pytest.mark.daily(2)
 def test_slow_objects_half_way_between_breakpoints(slug, precision):
     """By speed, where the crossings of an edge are timed from breakpoints that do not mirror."""
     dtype, rng = DTYPES[precision], np.random.default_rng(5)
@@ -246,7 +237,6 @@ def test_slow_objects_half_way_between_breakpoints(slug, precision):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("precision", DTYPES)
-@pytest.mark.daily(1)
 def test_gaussians_about_as_narrow_as_the_drift(precision):
     """Taps and derivatives, from the middle of the profile out into its tail."""
     dtype, rng = DTYPES[precision], np.random.default_rng(4)
@@ -271,8 +261,7 @@ def test_gaussians_about_as_narrow_as_the_drift(precision):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("precision", DTYPES)
-@pytest.mark.parametrize("slug", SOME_SHUTTERS)
-@pytest.mark.daily(4)
+@pytest.mark.parametrize("slug", SHUTTERS)
 def test_taps_and_derivatives_over_the_domain(slug, precision):
     """The full sweep: every tap, and on each tenth point every derivative."""
     rng = np.random.default_rng(2)

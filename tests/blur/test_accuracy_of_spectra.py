@@ -5,7 +5,7 @@ The short sweep runs always; the full one of 110 points a precision is marked sl
 
 import numpy as np
 import pytest
-from support.cases import EVERY_SHUTTER, QUICK, SHUTTERS, SOME_SHUTTERS
+from support.cases import QUICK, SHUTTERS
 from support.helpers import (
     random_frequencies,
     random_point,
@@ -20,7 +20,7 @@ FULL_SWEEP = 110
 DTYPES = {"float64": np.float64, "float32": np.float32}
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("slug", QUICK)
 def test_transfer_function(slug):
     """The transfer function at any frequency, of either sign, zero included."""
@@ -31,8 +31,7 @@ def test_transfer_function(slug):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("slug", EVERY_SHUTTER)
-@pytest.mark.daily(1)
+@pytest.mark.parametrize("slug", SHUTTERS)
 def test_transfer_function_of_a_path_that_turns(slug):
     """Values and derivatives where a panel turns far and holds the stationary point, and at 0."""
     rng = np.random.default_rng(8)
@@ -45,8 +44,7 @@ def test_transfer_function_of_a_path_that_turns(slug):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("precision", DTYPES)
-@pytest.mark.parametrize("slug", SOME_SHUTTERS)
-@pytest.mark.daily(4)
+@pytest.mark.parametrize("slug", SHUTTERS)
 def test_transfer_function_over_the_domain(slug, precision):
     """The full sweep: six frequencies a point, strokes to 1e4 px; derivatives on each tenth."""
     rng, dtype = np.random.default_rng(7), DTYPES[precision]

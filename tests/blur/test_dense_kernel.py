@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from support.cases import EVERY_SHUTTER, SHUTTERS
+from support.cases import SHUTTERS
 from support.dense_kernel import exposure, unit_edges
 from support.helpers import (
     FORWARD_AGAINST_REVERSE,
@@ -39,7 +39,7 @@ def both(make, frame, parameters, a, T, s, v, positions):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("slug", EVERY_SHUTTER)
+@pytest.mark.parametrize("slug", SHUTTERS)
 def test_taps_are_those_of_the_dense_evaluation(slug):
     """Within the tolerances of either, over the domain."""
     rng = np.random.default_rng(29)
@@ -55,7 +55,7 @@ def test_taps_are_those_of_the_dense_evaluation(slug):
         assert np.all(np.abs(taps - expected) <= 2 * allowed), point
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("slug", ["tukey", "chips"])
 def test_forward_and_reverse_mode_agree(slug):
     """By motion, speed, velocity, edges and the shutter's parameters, batched over directions."""

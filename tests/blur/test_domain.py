@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from support.cases import daily
 
 import mishutter as ms
 from mishutter.search import NonFiniteLossError
@@ -101,8 +100,7 @@ def holds(given_case) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", daily(CORPUS, *list(CORPUS)[::3]))
-@pytest.mark.daily(8)
+@pytest.mark.parametrize("name", CORPUS)
 def test_cases_that_failed_once(name):
     """Each is finite now, or refused by name."""
     holds(CORPUS[name])
@@ -129,7 +127,6 @@ cases = st.fixed_dictionaries(
 @settings(max_examples=8, deadline=None)
 @given(cases)
 @example(CORPUS["a short taper on a long stroke"])
-@pytest.mark.nightly
 def test_losses_are_finite_wherever_they_are_asked_for(chosen):
     """Any scene, motion, profile and precision of the domain."""
     holds(chosen)

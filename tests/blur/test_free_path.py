@@ -40,7 +40,6 @@ LARGEST = {np.float64: 8.0, np.float32: 6.0}
     ("slug", "dtype", "seed"),
     [("flutter", np.float32, 12), ("tukey", np.float64, 3)],
 )
-@pytest.mark.daily(1)
 def test_taps_and_derivatives(slug, dtype, seed):
     """By every acceleration, the exposure, speed, velocity and position, at 5 points."""
     rng = np.random.default_rng(seed)
@@ -62,7 +61,6 @@ def test_taps_and_derivatives(slug, dtype, seed):
         ("spline", np.float64),
     ],
 )
-@pytest.mark.daily(1)
 def test_taps_and_derivatives_over_the_domain(slug, dtype):
     """A longer sweep, of 10 points each."""
     rng = np.random.default_rng(17)
@@ -71,7 +69,7 @@ def test_taps_and_derivatives_over_the_domain(slug, dtype):
         assert max(errors(point)) <= 1, point
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize(("slug", "dtype"), [("hann", np.float64), ("chips", np.float32)])
 def test_transfer_function(slug, dtype):
     """And its derivatives, at frequencies from far below to far above a cycle a path."""
@@ -84,7 +82,7 @@ def test_transfer_function(slug, dtype):
         assert of_slopes <= 1, point
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_forwards_and_backwards():
     """Reverse mode gives the derivatives of forward mode."""
     accelerations, parameters = np.array([3.0, -2.0, 0.0, 4.0]), np.array(0.4)
@@ -103,7 +101,7 @@ def test_forwards_and_backwards():
     np.testing.assert_allclose(forwards[3], (around[0] - around[1]) / (2 * step), atol=1e-8)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_equal_accelerations_are_a_parabola():
     """Kernels of objects that the sensor keeps up with, exposures and responses of any."""
     shutter = TukeyShutter(0.3)

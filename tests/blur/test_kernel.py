@@ -306,7 +306,7 @@ def _weighed(taper, speed, phase):
     return jnp.cos(1.3 * jnp.arange(23.0)) @ blur_kernel(TukeyShutter(taper), motion, **options)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_second_derivatives_by_what_moves_a_crossing_or_a_breakpoint():
     """By taper, speed and phase, in any order, are differences of first ones."""
     slope, point = jax.jit(jax.grad(_weighed, (0, 1, 2))), jnp.array([0.43, 310.0, -0.2])
@@ -319,7 +319,7 @@ def test_second_derivatives_by_what_moves_a_crossing_or_a_breakpoint():
     np.testing.assert_allclose(found * np.outer(unit, unit), differences, atol=1e-6 * largest)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_second_derivative_by_a_profile():
     """One that moves no breakpoint has it."""
     motion = ParabolicMotion(acceleration=1.1e5, half_exposure=9.3e-3)

@@ -76,7 +76,7 @@ POINTS = {
 }
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("slug", "frame"),
     [
@@ -155,7 +155,7 @@ def test_second_derivatives_of_taps_are_exact(stroke, share, first):
     np.testing.assert_allclose(found, exact, atol=EXACT_OF_LARGEST * np.max(np.abs(exact)))
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_modes_agree_under_vmap():
     """Forward over reverse, reverse over reverse and forward over forward, to rounding."""
     points = jnp.array(POINTS["vertex"][:3])
@@ -172,7 +172,7 @@ def test_modes_agree_under_vmap():
         np.testing.assert_allclose(other, first, atol=1e-11 * np.max(np.abs(first)))
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_third_derivative_goes_on():
     """Rates carry those of formulae that hold for themselves, whatever the order."""
 
@@ -219,7 +219,7 @@ def on_free_path(change, taper):
     return numbers(blur_kernel(TukeyShutter(taper), motion, speed=13.0, num_taps=NUM_TAPS))
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_free_path_has_second_derivatives_by_the_shutter():
     """Its breakpoints included."""
     slope, step = jax.jit(jax.grad(lambda taper: on_free_path(0.0, taper))), 1e-4
@@ -235,7 +235,7 @@ def test_a_second_derivative_by_a_free_path_is_refused(inner, outer):
         jax.grad(jax.grad(on_free_path, inner), outer)(0.1, 0.43)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_second_derivative_that_jax_forgets_is_no_number():
     """In reverse mode within a scan JAX forgets rules within a rule: NaN, and never a silent 0."""
 

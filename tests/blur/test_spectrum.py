@@ -56,7 +56,6 @@ def test_it_is_the_transform_of_the_kernel():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("slug", ["tukey", "spline-symmetric"])
-@pytest.mark.daily(1)
 def test_forward_and_reverse_mode_agree(slug):
     """By motion, speed, frequency and shutter, on both sides of every regime."""
     case = SHUTTERS[slug]

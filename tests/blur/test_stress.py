@@ -5,7 +5,7 @@ import pytest
 from benchmarks import stress
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_random_scenes_and_designs_are_finite_and_right():
     """No value or slope is missing, and those computed by other means agree."""
     for row in stress.measure(count=2000, sample=20):
@@ -15,7 +15,7 @@ def test_random_scenes_and_designs_are_finite_and_right():
         assert row["worst slope / bound"] < 1
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_random_integrals_are_finite_and_right():
     """The transfer function of a path that turns, and narrow Gaussians in single precision."""
     for row in stress.integrals(count=2000, sample=12):

@@ -188,7 +188,7 @@ def test_the_kernel_for_other_libraries_behind_a_lens(blur):
         ms.centred_kernel(MOVING, ms.HannShutter(), lens_blur=-blur)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_capture_differentiates_by_the_shutter():
     """Forward and reverse mode, against a difference; motion and speed are numbers."""
     picture = rows(3, 40, 1)

@@ -100,7 +100,7 @@ def widen(monkeypatch):
     monkeypatch.setattr("support.time_sampling.BEYOND", WIDE)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "seeds"), [("moving", range(10)), ("at_rest", range(10, 15))])
 def test_occlusion_is_that_of_composites_at_each_instant(name, seeds):
     """Random layered scenes of noise: on, partly on and beside the sensor, clear and opaque."""
@@ -150,7 +150,6 @@ def test_a_layer_just_beside_the_sensor_sends_waves_onto_it(left):
 
 
 @pytest.mark.parametrize("left", [-140, pytest.param(130, marks=pytest.mark.slow)])
-@pytest.mark.daily(1)
 def test_a_layer_that_crosses_the_sensor_comes_from_far_beyond_it(left):
     """By more than the margin from its place at mid-exposure, behind one that hides it there."""
     object_ = Layer(picture(3, 60), speed=-np.sign(left) * 150.0 / HALF, left=left, top=1)

@@ -286,12 +286,12 @@ def test_an_interrupt_says_what_was_kept_and_how_to_go_on(
     assert re.fullmatch(rf"mishutter: interrupted: .*{re.escape(told)}.*", line)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_an_interrupt_after_the_search_keeps_the_design(small_scene, monkeypatch, capsys, tmp_path):
     """What took longest is in the folder, and the line holds the command that goes on from it."""
     compared = []
 
-    def interrupt(_, motion, entries, *others):
+    def interrupt(_, motion, entries, *others, **judged):
         compared.append((motion, entries))
         raise KeyboardInterrupt
 
@@ -373,7 +373,7 @@ def test_a_process_whose_reader_leaves_says_nothing_of_it():
     assert done.stderr == b""
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_design_whose_reader_leaves_is_kept(small_scene, tmp_path):
     """`mishutter optimise --out DIR 2>&1 | head -1` ends with 0 and all files.
 
@@ -410,7 +410,6 @@ def test_nothing_else_reaches_the_terminal(arguments):
     assert line.startswith("mishutter: error: ")
 
 
-@pytest.mark.nightly
 @pytest.mark.slow
 def test_cameras_are_judged_on_photographs(small_scene, tmp_path, capsys):
     """`--pictures` adds a line to the verdict, and the levels of each photograph to the numbers."""
@@ -444,7 +443,6 @@ def test_without_a_cache_folder(small_scene, tmp_path):
 
 @pytest.mark.parametrize("named", [False, True])
 @pytest.mark.slow
-@pytest.mark.daily(1)
 def test_programs_are_found_again(small_scene, tmp_path, named):
     """In the user's cache folder or where the user says, without a word; when cut, made anew."""
     command = [sys.executable, "-m", "mishutter", "plan", str(small_scene), "--json"]
@@ -673,7 +671,7 @@ def test_compare_reads_designs_back(optimised, small_scene, capsys):
     assert "condition" not in short
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_search_makes_no_nan(optimised, small_scene):
     """With `jax_debug_nans`, which ends with the operation that makes one, it runs to its end.
 

@@ -296,7 +296,7 @@ def photograph(path, rows):
     small.resize((2000, rows), Image.Resampling.BICUBIC).save(path)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("when", "sent", "code"),
     [
@@ -327,7 +327,7 @@ def test_an_interrupt_leaves_no_half_written_file(when, sent, code, tmp_path, sc
     assert {ms.read_picture(path).light.shape for path in out.iterdir()} <= {(3500, 2000, 3)}
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_memory_grows_with_the_picture_alone(tmp_path, scene):
     """A pixel more takes at most 100 bytes: 24 megapixels of RGB stay within 4 GiB."""
     peaks = []

@@ -105,7 +105,7 @@ def test_output_that_finds_no_room(command):
     ]
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="files have no greatest size there")
 def test_a_file_that_finds_no_room(tmp_path):
     """The file is named that was to be written, and no part of it is left."""

@@ -61,7 +61,7 @@ def test_a_camera_is_fitted_and_kept(folder, tmp_path, capsys):
     )
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_all_cameras_stand_side_by_side(folder, tmp_path, capsys):
     """As designed, as driven by a table of two levels, as built, and designed again for that."""
     design = folder / "design.json"

@@ -154,7 +154,7 @@ def test_export_of_an_open_shutter_says_so(tmp_path, capsys):
     assert said == ["the shutter is open all the time: it needs no drive"]
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_export_names_the_level_before_the_exposure(tmp_path, capsys):
     """A device that lags is taken to have settled at its first level."""
     device = FirstOrderShutter(rise_time=1e-3, fall_time=2e-3, delay=3e-4)
@@ -212,7 +212,7 @@ def test_text_goes_to_the_terminal(folder, capsys):
     assert "T = 10.0 ms" in err
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_simulate_tells_designed_driven_and_measured(folder, tmp_path, capsys):
     """The trace's camera is captured and restored; the PSNR of all three stands beside it."""
     cli.main(["export", str(folder / "design.json"), "--out", str(tmp_path), "--levels", "2"])

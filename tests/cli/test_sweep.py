@@ -141,7 +141,7 @@ def test_a_damaged_store(scene_file, tmp_path, capsys):
     assert f"must be a sweep's store; got '{place}', whose zarr.json is damaged" in line
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_range_with_zero_and_one_point(scene_file, tmp_path, capsys):
     """A camera at rest is in the table; so is a grid of a single point, pictures and all."""
     options = ["--acceleration", "0:0:1", "--half-exposure", "3:3:1", "--out", str(tmp_path / "d")]
@@ -159,7 +159,7 @@ def test_a_range_with_zero_and_one_point(scene_file, tmp_path, capsys):
     assert "Best points of the sweep (* at an end of its range)" in out
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_velocities(scene_file, capsys):
     """The table and the document say the velocity of each best point, and of the best snapshot."""
     command = ["sweep", scene_file, *RANGES]
@@ -213,7 +213,7 @@ def test_nothing_within_limits(slug, also, scene_file, tmp_path, capsys):
     assert not place.exists()
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_points_that_are_too_long_to_compute_are_left_out(capsys):
     """The others of a grid of the built-in scene are mapped; a grid of none other is refused."""
     ranges = ["--acceleration", "20:2000:2", "--half-exposure", "0.05:1:2", "--log"]
@@ -227,7 +227,7 @@ def test_points_that_are_too_long_to_compute_are_left_out(capsys):
     assert err.splitlines()[-1].endswith("got 4 outside them, 4 by blur too long")
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_pictures_and_optimised_profiles(scene_file, tmp_path):
     """`--optimise --out` writes the announced pictures, and the search is at least as good."""
     out = tmp_path / "made"
@@ -239,7 +239,7 @@ def test_pictures_and_optimised_profiles(scene_file, tmp_path):
     assert sorted(document["files"]) == sorted(path.name for path in out.iterdir())
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_points_are_judged_by_the_scenes_decoder(scene_file, tmp_path, capsys):
     """Levels, gains and pictures are its own, and a line says of which decoder they are."""
     with open(scene_file, "a") as file:

@@ -14,7 +14,6 @@ import pytest
 from skimage.restoration import denoise_tv_chambolle
 from support import borders
 from support.cameras import camera, scene
-from support.cases import daily
 from support.classes import final_classes
 
 import mishutter as ms
@@ -63,8 +62,6 @@ DECODERS = {
     "plug and play": ms.PlugAndPlayDecoder(of_few_edges, num_iterations=3),
     "speed finding": ms.SpeedFindingDecoder(ms.EnsembleDecoder()),
 }
-A_KIND_EACH = ["ensemble", "tikhonov", "total variation", "accelerated"]
-"""One that is a filter, one that weighs it, and one of each iteration."""
 OF_ROWS = [name for name in DECODERS if name not in ("plug and play", "speed finding")]
 """Those that need no numbers: a capture may be traced, and turned over."""
 
@@ -161,7 +158,7 @@ def test_a_spectrum_between_its_steps():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", daily(OF_ROWS, *A_KIND_EACH))
+@pytest.mark.parametrize("name", OF_ROWS)
 def test_a_capture_alone_may_be_traced(name):
     """What is known of the blur is worked out once, and the rest compiles."""
     known = bright(), camera(), ms.HannShutter()
@@ -174,8 +171,7 @@ def test_a_capture_alone_may_be_traced(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", daily([*OF_ROWS, "until_noise"], *A_KIND_EACH, "until_noise"))
-@pytest.mark.daily(2)
+@pytest.mark.parametrize("name", [*OF_ROWS, "until_noise"])
 def test_a_restoration_differentiates(name):
     """In reverse mode as in forward mode, and along a direction as a difference does.
 
@@ -261,7 +257,6 @@ def test_wiener_is_that_of_scikit_image():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", DECODERS)
-@pytest.mark.daily(3)
 def test_borders_are_nearly_as_good_as_the_middle(name):
     """The outermost kernel length is within 3 dB of the rest where the scene goes on beyond."""
     decoder, known = DECODERS[name], scene(picture=ms.Texture(mean_level=0.21, deviation=0.2))
@@ -279,10 +274,7 @@ def test_borders_are_nearly_as_good_as_the_middle(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", daily(["ensemble", "total variation", "accelerated"], "total variation")
-)
-@pytest.mark.daily(1)
+@pytest.mark.parametrize("name", ["ensemble", "total variation", "accelerated"])
 def test_borders_are_far_better_than_wrapped(name):
     """Over photographs borders are within 3 dB of the middle, 6 dB above wrapped ones.
 
@@ -304,7 +296,7 @@ def test_borders_are_far_better_than_wrapped(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", daily(OF_ROWS, *A_KIND_EACH))
+@pytest.mark.parametrize("name", OF_ROWS)
 def test_planes_are_independent(name):
     """A picture in a batch is restored as it is alone, whatever stands beside it."""
     decoder = DECODERS[name]
@@ -316,7 +308,7 @@ def test_planes_are_independent(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", daily(OF_ROWS, *A_KIND_EACH))
+@pytest.mark.parametrize("name", OF_ROWS)
 def test_a_picture_turned_over_is_restored_as_it_is(name):
     """Upside down of any camera; left to right of one that sees both directions alike."""
     key = jax.random.key(9)
@@ -335,7 +327,7 @@ def test_a_picture_turned_over_is_restored_as_it_is(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", DECODERS)
-@pytest.mark.parametrize("columns", daily([1, 7], 1))
+@pytest.mark.parametrize("columns", [1, 7])
 def test_pictures_narrower_than_the_kernel(name, columns):
     """Rows of any length come back finite, in the shape and precision they came in."""
     model = blur_model(bright(), camera(), ms.HannShutter())

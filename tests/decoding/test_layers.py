@@ -26,7 +26,6 @@ def decibels(error):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LAYERS)
-@pytest.mark.daily(1)
 def test_of_its_own_scene_it_is_the_expected_error(name):
     """The filter's error on pictures of its scene is what `evaluate` expects of them."""
     shutter = ms.HannShutter()

@@ -44,7 +44,6 @@ NUM_SCENES = 5
 
 @pytest.mark.slow
 @pytest.mark.parametrize("index", range(NUM_SCENES))
-@pytest.mark.daily(1)
 def test_twelve_photographs_come_back_as_the_table_promises(index):
     """Each in one of five scenes, by the Hann window that is best there and by a snapshot.
 

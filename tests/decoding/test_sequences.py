@@ -115,7 +115,7 @@ def test_frames_tell_the_speed_and_its_sign(speed, moves):
     assert np.all(np.diff(estimate.speeds) > 0)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [-4400.0, -1300.0, 0.0, 560.0, 4450.0])
 @pytest.mark.parametrize("count", [2, 8])
 def test_few_and_many_frames_tell_the_speed(speed, count):
@@ -147,7 +147,6 @@ def test_a_moving_sensor_shows_all_that_it_restores(rows, speed):
         (16.0, 3900.0, slice(120, 136), 320),
     ],
 )
-@pytest.mark.daily(1)
 def test_smooth_pictures_on_narrow_sensors_tell_the_speed(blur, speed, rows, columns):
     """Their windows show mostly how these fade, so that the search begins far from the speed."""
     picture = np.asarray(example_picture().light)[rows, :, 1]

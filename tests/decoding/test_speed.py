@@ -344,7 +344,7 @@ def test_photographs_are_restored_by_the_decoder_of_the_scene(knows):
     np.testing.assert_allclose(result.linear_psnr, at_once.linear_psnr, atol=0.1)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_knowing_decoder_of_two_layers_knows_the_speed_of_the_front_one():
     """The level expected over the scene's speeds is that of the metric."""
     layers = scene(

@@ -209,7 +209,6 @@ def test_tikhonov_is_nearly_the_best_filter(speed):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("rows", [1, 2, 5])
-@pytest.mark.daily(1)
 def test_total_variation_of_few_rows(rows):
     """As many as there are, and in single precision as in double."""
     captured = jnp.asarray(captured_at(400.0)[:rows], jnp.float32)
@@ -236,7 +235,6 @@ def test_total_variation_without_detail():
     [(ms.TotalVariationDecoder(), 10), (ms.RichardsonLucyDecoder(), 5)],
     ids=["total variation", "Richardson-Lucy"],
 )
-@pytest.mark.daily(1)
 def test_portions_know_the_rows_beside_them(decoder, nearer):
     """A picture restored a few rows at a time is what it is at once, but for far rows' part.
 
@@ -272,7 +270,6 @@ def test_portions_know_the_rows_beside_them(decoder, nearer):
     ],
     ids=["total variation, even", "total variation, odd", "Richardson-Lucy", "Tikhonov"],
 )
-@pytest.mark.daily(1)
 def test_portions_of_a_picture_turned_over_are_the_same(decoder, rows):
     """Of an even and an odd number of rows, which the portions do not divide."""
     noise = 0.03 * np.random.default_rng(8).standard_normal((rows, 400, 1))

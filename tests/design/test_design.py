@@ -126,7 +126,6 @@ def test_a_scene_is_printed_with_its_numbers():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("device", DEVICES.values(), ids=DEVICES)
-@pytest.mark.daily(2)
 def test_a_saved_design_has_its_device_and_tolerances(design, device, tmp_path):
     """The device is of its own kind, and makes the same light of the same command.
 

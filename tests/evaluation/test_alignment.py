@@ -92,7 +92,7 @@ def test_derivatives_follow_the_least_error():
             assert float(slopes[index]) == pytest.approx(float(difference), rel=2e-3, abs=1e-5)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_search_may_use_it():
     """Its design is at least as good by that loss as that of the vertex."""
     search = {"num_starts": 4, "max_steps": 40}

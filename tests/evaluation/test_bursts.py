@@ -155,6 +155,18 @@ def test_the_rate_that_equals_a_level_is_the_least():
     assert bursts.rate_that_equals(60.0, most=1000.0) is None
 
 
+def test_two_frames_may_be_too_dark_for_the_level_of_one():
+    """Where nothing moves one long exposure has a level to which read noise lets no burst come."""
+    limits = Limits(min_half_exposure=2e-4, max_half_exposure=0.017)
+    still = Scene([0.0], photon_rate=3e3, read_noise=8.0, limits=limits)
+    bursts = StillBursts(still)
+    one, two = (bursts.best(1.0, max_frames=1).psnr, bursts.error(2, 0.017))
+    level = (one - 10 * np.log10(two)) / 2
+    assert one > level + 0.1 > -10 * np.log10(two) + 0.2
+    assert bursts.number_that_equals(level, most=100) == 1
+    assert bursts.rate_that_equals(level, most=1000.0) is None
+
+
 def test_the_worst_speed_may_judge_stills():
     """Its error is the largest of all, and an object at rest has the least."""
     scene = _scene(burst=None)

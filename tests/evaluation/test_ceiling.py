@@ -155,7 +155,6 @@ def _held(scene, metrics, ceilings):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
-@pytest.mark.daily(2)
 def test_no_random_design_exceeds_the_ceiling(name):
     """Splines and windows, moving, panning and at rest: 80 designs a scene."""
     rng = np.random.default_rng(len(name))
@@ -240,7 +239,6 @@ def test_no_random_path_exceeds_the_ceiling(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
-@pytest.mark.daily(1)
 def test_none_of_two_thousand_paths_exceeds_the_ceiling(name):
     """A quarter of them on each scene: a bound that 0.6 % of the paths exceed is found out."""
     _check_paths(SCENES[name], 7 * len(name), 500)
@@ -326,7 +324,7 @@ def _refined(scene, num_parts):
     return scene.bare(speeds=fine, weights=np.repeat(np.asarray(scene.weights), num_parts))
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", [UNIFORM, UNIFORM.bare(weights=BELL)], ids=["uniform", "bell"])
 def test_the_continuous_ceiling_bounds_speeds_spread_finely(scene):
     """Of 72 and 144 speeds: their own ceiling comes near from below, and designs stay under it."""

@@ -25,7 +25,7 @@ BENT = FreeMotion(
 )
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_fitted_path_measures_as_its_parabola():
     """Every metric, to rounding, and the sizes that they are taken at."""
     found = evaluate(SCENE, FreeMotion.fit(PARABOLA, num_pieces=5), SHUTTER)
@@ -34,7 +34,7 @@ def test_a_fitted_path_measures_as_its_parabola():
         np.testing.assert_allclose(getattr(found, name), value, rtol=1e-10, err_msg=name)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("accelerations", "durations"),
     [([0.0, 5000.0, 0.0], (1.0, 0.0, 2.0)), ([1e-30, 1e-30], None)],
@@ -70,7 +70,7 @@ def test_the_response_is_that_of_small_steps_in_time():
         np.testing.assert_allclose(found, exact, atol=1e-12)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_traced_path_has_the_metrics_of_a_known_one():
     """Under `jit` the signs of the accelerations are unknown, and the metrics the same."""
 

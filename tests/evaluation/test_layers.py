@@ -66,7 +66,7 @@ LAYERS = {
 }
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("motion", "shutter", "layers", "mean_level", "psnr"),
     [
@@ -129,7 +129,7 @@ def test_wide_objects_have_hardly_any_edges():
     np.testing.assert_allclose(levels[-1], 27.36155, rtol=0, atol=REFERENCE)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_layers_of_one_speed_are_one_picture():
     """Where both layers move alike nothing is uncovered: the error is of the picture's spectrum."""
     layers = Occlusion(front_share=0.4, object_width=50.0, background="moving")
@@ -143,7 +143,7 @@ def test_layers_of_one_speed_are_one_picture():
     np.testing.assert_allclose(one.expected_psnr, twice.expected_psnr, rtol=0, atol=1e-9)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LAYERS)
 def test_a_short_snapshot_sees_no_edges(name):
     """Over a short exposure nothing moves: little but noise is lost, as of one speed."""
@@ -154,7 +154,6 @@ def test_a_short_snapshot_sees_no_edges(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LAYERS)
-@pytest.mark.daily(2)
 def test_the_errors_at_each_speed_have_the_expected_mean(name):
     """By the weights of the objects, told and not; the worst of them is what the metrics say."""
     layers = LAYERS[name]
@@ -174,7 +173,6 @@ def test_the_errors_at_each_speed_have_the_expected_mean(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LAYERS)
 @pytest.mark.parametrize("motion", [SNAPSHOT, SWEPT], ids=["snapshot", "swept"])
-@pytest.mark.daily(4)
 def test_no_camera_exceeds_the_ceiling(name, motion):
     """The ceiling of two layers bounds a decoder that is told the speed, too."""
     metrics = evaluate(LAYERS[name], motion, HannShutter())
@@ -222,7 +220,7 @@ def test_a_picture_of_layers_has_no_power_above_the_cutoff():
         assert power[index] == pytest.approx(expected, rel=5e-3)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LAYERS)
 def test_folded_speeds_change_nothing(name):
     """Mirrored speeds of a symmetric shutter are computed once; without a plan, each."""
@@ -231,7 +229,7 @@ def test_folded_speeds_change_nothing(name):
     np.testing.assert_allclose(planned, every, rtol=0, atol=1e-4)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "cutoff", "nearness"),
     [*((name, 0.5, 0.12) for name in LAYERS), ("narrow", 0.12, 0.3), ("moving", 0.12, 0.3)],
@@ -251,7 +249,7 @@ def test_a_search_knows_the_error_by_few_frequencies(name, cutoff, nearness):
         np.testing.assert_allclose(20 * np.log10(values[0] / values[1]), 0, atol=nearness)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["still", "moving"])
 def test_the_decoder_leaves_what_is_expected(name):
     """The ensemble filter of a scene of two layers is the filter whose error is expected."""
@@ -260,7 +258,7 @@ def test_the_decoder_leaves_what_is_expected(name):
     np.testing.assert_allclose(-10 * np.log10(error), expected, rtol=0, atol=0.01)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LAYERS)
 def test_a_pan_is_a_change_of_all_speeds(name):
     """A sensor that pans meets the objects and a still background less its velocity."""
@@ -294,7 +292,7 @@ def test_losses_are_the_metrics(loss):
     np.testing.assert_allclose(level, getattr(metrics, f"{of[type(loss)]}_psnr"), rtol=0, atol=0.02)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["still", "moving"])
 def test_derivatives_follow_the_loss(name):
     """By motion, profile, light, speeds and layers they agree with central differences."""
@@ -325,7 +323,7 @@ def test_derivatives_follow_the_loss(name):
     np.testing.assert_allclose(slope, differences, rtol=2e-4, atol=1e-7)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_the_hessian_is_the_slope_of_the_slope():
     """Forward over reverse gives second derivatives by the profile and the motion."""
     scene, profile = LAYERS["still"], SplineShutter.fit(HannShutter(), num_coefficients=4)
@@ -345,7 +343,7 @@ def test_the_hessian_is_the_slope_of_the_slope():
     np.testing.assert_allclose(hessian, np.array(differences), rtol=1e-3, atol=1e-6)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_single_precision_is_near():
     """In float32 the expected PSNR is that of float64 to 1e-3 dB."""
     scene = LAYERS["still"]
@@ -357,7 +355,7 @@ def test_single_precision_is_near():
     np.testing.assert_allclose(level, expected, rtol=0, atol=1e-3)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_free_path_of_one_acceleration_is_a_parabola():
     """A free path has its own alignment, and the same error where it is the same path."""
     path = FreeMotion.fit(SWEPT, num_pieces=4)
@@ -365,7 +363,7 @@ def test_a_free_path_of_one_acceleration_is_a_parabola():
     np.testing.assert_allclose(levels[0].expected_psnr, levels[1].expected_psnr, rtol=0, atol=1e-4)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_errors_of_no_size_cost_nothing():
     """Within tolerances each error is another camera; of errors near 0 all are the same."""
     tiny = scene_of(STILL, tolerances=Tolerances(acceleration=1e-9, delay=1e-12, speed=1e-6))

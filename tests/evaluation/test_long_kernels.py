@@ -43,7 +43,7 @@ def test_random_scenes(seed):
     assert abs(long_kernels.case(seed)["less exact dB"]) < PSNR_ERROR
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_many_random_scenes():
     """Six more; three hundred are `python -m benchmarks.long_kernels`."""
     worst = max(abs(long_kernels.case(seed)["less exact dB"]) for seed in range(4, 10))

@@ -5,7 +5,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from support.cases import daily
 from support.classes import final_classes
 from support.designs import MOTION, SCENE, SMALL
 from support.plan_check import plan_error
@@ -85,7 +84,7 @@ def test_smoothed_condition_number_keeps_its_bound(stroke, shutter):
     assert true * (1 - 1e-12) <= smooth <= true * 321 ** (1 / 200)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_the_expected_error_is_in_units_of_the_contrast():
     """20 dB are a factor of 10, over the picture's deviation; without one there is no error."""
     shutter = TukeyShutter(0.6)
@@ -100,7 +99,7 @@ def test_the_expected_error_is_in_units_of_the_contrast():
     assert float(ExpectedErrorLoss()(grey, MOTION, shutter)) == 0
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_decoder_that_is_told_the_speed_leaves_less():
     """Its loss is that of the metric, and below that of one filter; so it is within tolerances."""
     shutter, picture = TukeyShutter(0.6), Texture(deviation=0.17)
@@ -161,7 +160,7 @@ def test_losses_of_pictures_that_move_as_a_whole_refuse_a_background(loss):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("tolerances", [None, Tolerances(acceleration=0.04, speed=60.0)])
 def test_errors_of_speeds_have_the_expected_error_for_a_mean(tolerances):
     """By the scene's weights; the worst of those that occur is the loss, smoothed from above."""
@@ -205,7 +204,7 @@ def test_a_spectral_zero_counts_as_the_working_precision():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("share", daily([0.5, 0.01, 1e-6], 0.01))
+@pytest.mark.parametrize("share", [0.5, 0.01, 1e-6])
 @pytest.mark.parametrize("slug", LOSSES)
 def test_dimming_the_shutter_gains_nothing(slug, share):
     """A loss rises, or stays, when every transmittance is scaled down."""
@@ -226,7 +225,6 @@ def test_condition_and_invariance_do_not_see_the_scale():
 
 
 @pytest.mark.parametrize("slug", LOSSES)
-@pytest.mark.daily(2)
 def test_gradients_agree_with_differences(slug):
     """By profile, acceleration and half exposure, against central differences."""
     loss = LOSSES[slug]
@@ -250,7 +248,7 @@ KINDS = ["design", "expected_error", "found_speed"]
 """A loss of kernels, one of spectra, and one of spectra and smear."""
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("slug", KINDS)
 def test_a_profile_alone_may_be_traced(slug):
     """Of a scene and a motion that are known a loss makes its own plan under `jit` as well."""
@@ -307,7 +305,7 @@ def test_weights_out_of_range_are_refused(weight):
         DesignLoss(condition=weight)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_closed_shutter_is_finite_and_bad():
     """A closed shutter is worse than any open one, with a finite gradient."""
     for loss in LOSSES.values():
@@ -407,7 +405,6 @@ def _by_motion(loss, scene, shutter, plan=None):
 
 
 _TUKEY = TukeyShutter(0.4)
-nightly = pytest.mark.nightly
 _OTHERS = {
     "rect": (RectShutter(), np.float64),
     "spline": (SplineShutter(PROFILE), np.float64),
@@ -418,9 +415,7 @@ every_loss_and_shutter = pytest.mark.parametrize(
     [
         *(pytest.param(slug, _TUKEY, np.float64, id=slug) for slug in LOSSES),
         *(
-            pytest.param(
-                slug, *others, id=f"{slug}, {name}", marks=() if name == "float32" else nightly
-            )
+            pytest.param(slug, *others, id=f"{slug}, {name}")
             for slug in ("design", "expected_error")
             for name, others in _OTHERS.items()
         ),
@@ -429,7 +424,7 @@ every_loss_and_shutter = pytest.mark.parametrize(
 """Every loss by one shutter; one of kernels and one of spectra by the others and in float32."""
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @every_loss_and_shutter
 def test_a_traced_sensor_without_acceleration_is_a_still_camera(slug, shutter, dtype):
     """Aligned at mid-exposure, with the slope by exposure of one that is known to be still."""
@@ -458,7 +453,6 @@ def test_a_traced_sensor_without_acceleration_is_a_still_camera(slug, shutter, d
 
 @pytest.mark.slow
 @every_loss_and_shutter
-@pytest.mark.daily(3)
 def test_a_scene_at_rest_does_not_see_a_short_stroke(slug, shutter, dtype):
     """Its loss is one for all strokes from 0 on, with no slope, whoever traces the motion."""
     scene = Scene(np.zeros(2, dtype), photon_rate=1e5, read_noise=10.0)
@@ -489,7 +483,6 @@ LIMITED = Scene(SCENE.speeds, photon_rate=1e5, read_noise=10.0, limits=Limits(ma
         (DesignLoss(condition=0.0, invariance=0.0), "light"),
     ],
 )
-@pytest.mark.nightly
 def test_a_traced_motion_is_not_refused_for_taps_that_a_loss_does_not_use(loss, used):
     """Slower than its fastest object it has the value and slope of a motion that is known."""
     at = jnp.array([SLOW.acceleration, SLOW.half_exposure])
@@ -516,7 +509,7 @@ def test_a_traced_motion_is_refused_for_what_a_loss_uses(loss, factor, line):
         eqx.filter_jit(_by_motion(loss, LIMITED, TukeyShutter(0.4)))(at)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("slug", KINDS)
 def test_a_traced_motion_is_shared_out_over_devices(slug):
     """`jax.shard_map` of a loss and its slopes changes nothing, and is refused as well."""
@@ -531,7 +524,7 @@ def test_a_traced_motion_is_shared_out_over_devices(slug):
         jax.block_until_ready(shared(points.at[1, 0].mul(100.0)))
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("read_noise", [0.0, 2.0, 1e20])
 @pytest.mark.parametrize("photon_rate", [1e-30, 1e12, 1e25])
 def test_the_expected_error_holds_in_any_light(photon_rate, read_noise):
@@ -555,7 +548,7 @@ def test_the_expected_error_holds_in_any_light(photon_rate, read_noise):
     np.testing.assert_allclose(single_slopes, slopes, rtol=1e-4, atol=1e-6 * value)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_a_loss_has_one_value(seed):
     """That of a design is the loss called on it, planned or in full, whatever the motion.
@@ -613,7 +606,7 @@ def test_memory_of_many_designs():
     assert memory(lambda x: jax.jvp(jax.vmap(loss), (x,), (x,)), 1000) < 1000 * 2**21
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("shutter", [RectShutter(), TukeyShutter(0.4)], ids=["rect", "tukey"])
 def test_the_expected_error_has_second_derivatives_by_the_motion(shutter):
     """In either mode, to what central differences of the gradient hold."""
@@ -629,7 +622,7 @@ def test_the_expected_error_has_second_derivatives_by_the_motion(shutter):
         np.testing.assert_allclose(second(point), differences, rtol=1e-6, atol=1e-8)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_the_hessian_of_a_loss_of_kernels_and_spectra_by_the_motion():
     """Symmetric in either mode, and what differences of the gradient give, in natural units."""
     loss = DesignLoss() + 0.3 * ExpectedErrorLoss()

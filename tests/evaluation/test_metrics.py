@@ -177,7 +177,7 @@ def test_a_lens_blurs_what_is_restored():
     assert float(found.known_speed_psnr) == pytest.approx(-10 * np.log10(error), abs=5e-6)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("motion", [MOTION, StillCamera(half_exposure=HALF_EXPOSURE)])
 def test_only_the_shutter_is_traced(motion):
     """A scene and a motion that a compiled function closes over are known to it."""
@@ -203,7 +203,7 @@ def _by_acceleration(scene):
     return found
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_traced_motion_is_measured_as_one_that_is_known():
     """Within its scene's limits, long strokes included."""
     limits = Limits(max_stroke=500.0)
@@ -241,7 +241,7 @@ def test_a_traced_sensor_without_acceleration_is_measured_as_a_still_camera():
             assert np.isclose(getattr(traced, name), getattr(known, name), rtol=1e-9), name
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_derivative_is_that_of_the_figure_reported():
     """Of an object much faster than the sensor too, whose kernel no limit foresees."""
     found = _by_acceleration(
@@ -550,7 +550,6 @@ def test_no_light_and_no_noise_leave_the_variance_at_every_speed():
         ([640.0] * 2, [0.2, 0.8], None),
     ],
 )
-@pytest.mark.daily(2)
 def test_the_worst_speed_is_no_better_than_the_mean(speeds, weights, occlusion):
     """In any light and noise, of any shutter; one speed is its own worst."""
     for rate, noise in [(0.0, 0.0), (0.0, 6.0), (7e4, 0.0), (7e4, 6.0), (1e-30, 0.0), (1e12, 0.0)]:

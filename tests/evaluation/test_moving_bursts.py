@@ -58,7 +58,6 @@ def _groups(burst):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("rate", "level"), [(1e5, 33.3268), (1e4, 25.6958)])
-@pytest.mark.daily(1)
 def test_the_best_moving_burst_is_that_of_an_independent_search(rate, level):
     """A search in NumPy found these levels of alternating parabolas, 16 frames."""
     burst = best_moving_burst(_of_window(rate, 8.0, 16))
@@ -85,7 +84,6 @@ def test_the_width_decides_between_two_paths(width, wanted):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("width", "gain"), [(512.0, 0.5), (900.0, 0.2)])
-@pytest.mark.daily(1)
 def test_a_sensor_chooses_the_path_that_leaves_most_on_it(width, gain):
     """Four frames of a sweep are best without an end, and look beside a narrow sensor."""
     scene = _of_window(1e5, 8.0, 4, stroke=120.0)
@@ -116,7 +114,6 @@ def _accelerations(burst):
 @pytest.mark.parametrize(
     "limits", [{"max_acceleration": 1.5e5}, {"max_travel": 31.0}, {"max_top_speed": 3000.0}, {}]
 )
-@pytest.mark.daily(2)
 def test_limits_hold_over_the_whole_burst(limits):
     """The way of the stage from frame to frame, and what it does in each; one of them binds."""
     scene = _of_window(1e5, 8.0, 4, stroke=37.0, **limits)
@@ -272,7 +269,6 @@ BOTH_WAYS = np.linspace(-4500.0, 4500.0, 9)
         ),
     ],
 )
-@pytest.mark.daily(2)
 def test_no_burst_of_an_independent_search_is_better(scene, level):
     """The levels are those of `benchmarks.bursts_search`, which shares no code with the package."""
     assert best_moving_burst(scene).psnr >= level - SIMPLER

@@ -76,7 +76,7 @@ def test_rows_are_restored_as_well_as_expected(name):
     assert found.standard_error < 0.2
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @every_case
 def test_the_expected_error_is_that_of_the_sums(name):
     """`evaluate` says of the scene what the filter for random rows is expected to leave."""

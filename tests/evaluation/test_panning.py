@@ -11,7 +11,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from support.cases import daily
 from support.designs import LIMITS, SMALL
 from support.plan_check import metrics_by, plan_for
 
@@ -73,8 +72,8 @@ def assert_alike(first, second, dtype):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("precision", DTYPES)
-@pytest.mark.parametrize("velocity", daily(VELOCITIES, -2600.0))
-@pytest.mark.parametrize("kind", daily(KINDS, "parabola", "line"))
+@pytest.mark.parametrize("velocity", VELOCITIES)
+@pytest.mark.parametrize("kind", KINDS)
 def test_metrics_and_losses_are_those_of_shifted_speeds(kind, velocity, precision):
     """Of every kind of motion, with velocities of either sign and beyond any limit."""
     dtype = DTYPES[precision]
@@ -100,7 +99,7 @@ def test_a_line_without_velocity_is_a_camera_at_rest():
     assert_alike(found, evaluate(scene(), still, TukeyShutter(0.37)), np.float64)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("slug", "kind"), [("design", "parabola"), ("design", "line"), ("expected error", "parabola")]
 )
@@ -135,7 +134,6 @@ def test_gradients_are_those_of_shifted_speeds(slug, kind):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("slug", LOSSES)
-@pytest.mark.nightly
 def test_a_gradient_by_velocity_alone_with_a_plan_of_its_own(slug):
     """Of a known scene, plain and under `jit`, against a difference; in both precisions."""
     loss = LOSSES[slug]
@@ -158,7 +156,7 @@ def test_a_gradient_by_velocity_alone_with_a_plan_of_its_own(slug):
         assert np.all(np.isfinite(traced))
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_velocities_in_a_batch():
     """Metrics and losses `vmap` over velocities, of zero, far and all but equal to a speed."""
     velocities = jnp.array([0.0, 413.0, -2600.0, 700.0, 700.0 * (1 + 1e-15)])

@@ -117,7 +117,6 @@ def test_gradients_are_right_to_rounding(slug):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("slug", LOSSES)
-@pytest.mark.daily(1)
 def test_hessians_are_right(slug):
     """By the same, to 1e-6 of the largest."""
     loss, share = LOSSES[slug]
@@ -131,7 +130,7 @@ def test_hessians_are_right(slug):
     np.testing.assert_allclose(hessian, expected, atol=1e-6 * np.max(np.abs(expected)))
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_levels_of_the_built_in_scene():
     """Told, an open parabola of 38 ms is 1 dB above the design for one filter, 0.3 below all.
 

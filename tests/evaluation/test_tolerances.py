@@ -289,7 +289,7 @@ def test_single_precision():
     assert float(error) == pytest.approx(float(double), rel=2e-4)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_design_for_its_tolerances():
     """Within them it is better than the design without, whose own loss it cannot beat."""
     loose = Tolerances(velocity=500.0)

@@ -180,7 +180,7 @@ def test_a_section_is_put_in_and_taken_out(page):
     assert numbers(answer)["psnr"] == pytest.approx(behind, rel=1e-12)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_drawn_profile_is_measured(page):
     """Strokes of the mouse make a profile, whose cost on the same motion is the library's."""
     from selenium.webdriver.common.action_chains import ActionChains
@@ -328,7 +328,7 @@ def test_a_server_that_began_anew_is_said(page, place):
     assert not page.find_element("id", "problem").is_displayed()
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_nothing_is_loaded_from_elsewhere(page):
     """All that the page loads comes from its own server."""
     chromium.wait(page, TABLE)

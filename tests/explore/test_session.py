@@ -100,7 +100,7 @@ def test_a_scene_may_be_in_units_of_ones_own():
     assert (strokes, rates, fastest) == ({20, 40, 10}, {1.8e5, 1.836e5}, {800, 720})
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_the_first_answer_is_a_design_for_the_new_scene(started):
     """It is no worse than the design before it, measured on the new scene."""
     answer = Session(started).first(request(light=1.1e5))
@@ -149,7 +149,7 @@ def test_tolerances_are_drawn_beside(started):
     assert min(answer["psnr"]) < answer["numbers"]["psnr"] < max(answer["psnr"])
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_numbers_of_the_page_are_of_the_scene_with_its_background():
     """What is drawn at once, and what stands in the table, are what `evaluate` measures."""
     section = {"front_share": 0.41, "object_width_px": 37.0, "background": "moving"}
@@ -194,7 +194,7 @@ def test_what_to_send_to_the_stage_is_drawn_beside_the_motion():
     assert "sent" not in curves(library_scene(), motion, HannShutter(), at_once=True)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_the_finished_design_and_the_table_are_the_librarys(started):
     """`optimise` and `compare` give the numbers of the page, to the last digit."""
     session = Session(started)
@@ -218,7 +218,7 @@ def test_the_finished_design_and_the_table_are_the_librarys(started):
     assert set(found["table"]["curves"]) == {"best snapshot"}
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_photograph_is_captured_and_restored(started):
     """Every chosen row has a capture and a restored picture of one size, with the PSNR."""
     session = Session(started)
@@ -291,7 +291,7 @@ def test_work_that_nobody_waits_for_ends(started):
     assert len(calls) == 1
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_pins_are_bounded_and_are_rows_of_the_table(started):
     """A pin is a design as it was; one too many is refused, and a name is taken once."""
     session = Session(started)

@@ -50,7 +50,7 @@ def test_step_means_are_the_integral_of_the_profile():
     assert np.allclose(chips.wanted, [0.1, 0.7, 0.4], rtol=1e-12)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_long_table_of_many_pieces_holds_means():
     """Of 100,000 steps and 97 chips on another grid: time and memory go by their sum."""
     levels = np.random.default_rng(4).uniform(size=97)
@@ -108,7 +108,7 @@ def test_the_path_of_the_stage_leads_from_rest_through_the_exposure_to_rest(moti
     np.testing.assert_allclose(position[1:] - position[0], moved, atol=2 * greatest * step**2)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["parabola", "free"])
 def test_a_stage_is_sent_what_brings_it_onto_the_path(name, tmp_path):
     """The last column is that, and a saved design knows what comes of sending the path itself.

@@ -137,7 +137,7 @@ def test_points_at_known_speeds_show_the_camera(camera):
     assert np.isfinite(float(built.metrics.expected_psnr))
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_one_speed_at_rest_sees_only_the_sum_of_both_branches():
     """What a single picture of an object that the sensor does not pan with leaves open is named."""
     light = expected(0.0, "point", position=40.0, motion=SENT, shutter=COMMAND)
@@ -151,7 +151,7 @@ def test_one_speed_at_rest_sees_only_the_sum_of_both_branches():
     assert np.isfinite(camera.estimates["lens_blur_px"].error)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_points_of_one_unknown_speed_join_those_of_known_ones():
     """The speed that pictures share is found too, and the camera as if it had been told."""
     told = pictures(4, (-2500.0, 0.0, 2700.0))
@@ -164,7 +164,7 @@ def test_points_of_one_unknown_speed_join_those_of_known_ones():
     assert len(camera.not_identifiable) == 2
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_one_unknown_speed_shows_a_camera_or_its_mirror():
     """Where no speed is told, the speed over the sensor and the profile are, or both mirrored."""
     given = pictures(5, (1300.0,) * 3, told=False)
@@ -191,7 +191,6 @@ def test_edges_show_the_camera():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [4, 19])
-@pytest.mark.daily(1)
 def test_error_bars_of_edges_are_those_of_the_likelihood(seed):
     """Noise that hides a jump of the profile tells of too good a view; error bars see through it.
 
@@ -218,7 +217,7 @@ ELSEWHERE = {
 }
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("slug", ELSEWHERE)
 def test_no_fit_ends_in_a_minimum_beside_the_right_one(slug):
     """A camera is found whose pictures, but for a step in some, are those of other cameras.
@@ -291,7 +290,6 @@ STEEP = ["decays", "ramps", "opens half-way", "leaks", "lags", "is held"]
 @pytest.mark.slow
 @pytest.mark.parametrize("target", ["point", "edge"])
 @pytest.mark.parametrize("kind", STEEP)
-@pytest.mark.daily(1)
 def test_a_steep_profile_is_found_where_a_symmetric_one_was_sent(kind, target):
     """The stage is off too, and the profile of the light sent explains it with another stage."""
     rng = np.random.default_rng([STEEP.index(kind), target == "edge"])
@@ -329,7 +327,7 @@ def test_a_fit_whose_residuals_are_too_small_is_doubted():
     assert camera.chance > 0.999
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_scene_file_of_what_was_built_is_ready(camera, tmp_path):
     """It loads with the fitted motion, within limits that were too narrow, and is evaluated."""
     limits = Limits(
@@ -464,7 +462,7 @@ def test_further_pictures_of_a_file_are_said(tmp_path, suffix):
     np.testing.assert_array_equal(found.levels, levels[0])
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_trace_and_one_speed_show_what_the_speed_alone_does_not():
     """With a photodiode's trace a single picture at rest leaves nothing of the profile open."""
     light = expected(0.0, "point", position=40.0)

@@ -190,7 +190,7 @@ def test_levels_of_the_wrong_order_are_said():
     assert np.sqrt(np.mean(error**2)) < 0.006
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_million_samples_are_the_shutter():
     """As many samples as an oscilloscope has fit in its noise, over the root of their number."""
     found = measured_profile(of_levels(0.1, 1.3, noise=0.3, count=1_000_000), half_exposure=HALF)

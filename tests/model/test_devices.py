@@ -69,7 +69,6 @@ def test_transmittance_is_that_of_the_formula(slug):
 @pytest.mark.slow
 @pytest.mark.parametrize("speed", [0.0, 810.0])
 @pytest.mark.parametrize("slug", ["hann", "spline", "flutter"])
-@pytest.mark.daily(3)
 def test_kernels_are_a_mixture(slug, speed):
     """Of the kernels of the profile and of an open shutter; so are transfer functions."""
     command = SHUTTERS[slug].shutter()
@@ -135,7 +134,6 @@ def test_open_shutters_are_as_good_as_one_another():
 
 
 @pytest.mark.parametrize("slug", ["lossy", *DEVICES])
-@pytest.mark.daily(3)
 def test_the_value_of_a_traced_profile_decides_for_a_device(slug):
     """Under `jit` and `vmap` as outside; the slope at an open profile is finite."""
     device = DEVICE if slug == "lossy" else DEVICES[slug]()
@@ -399,7 +397,7 @@ def _number(times, half, levels):
     return light.efficiency() + kernel @ jnp.asarray(np.cos(np.arange(32)), kernel.dtype)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_gradients_of_a_first_order_device():
     """By its times, the exposure and each level, against central differences."""
     wide = jnp.zeros(()).dtype == jnp.float64
@@ -419,7 +417,7 @@ def test_gradients_of_a_first_order_device():
             assert found == pytest.approx(difference, abs=(2e-6 if wide else 5e-2) * scale)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_symmetric_command_is_no_symmetric_light():
     """Speeds of either sign are told apart, as by a plan that folds none."""
     device = FirstOrderShutter(rise_time=3e-3, fall_time=8e-3)

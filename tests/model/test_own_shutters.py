@@ -98,7 +98,6 @@ def by_slit(kind, half_width):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("half_width", [0.51, 0.7345, 0.05018, 0.5, 1.0, 0.5 + 1e-9, 0.5 - 1e-16])
-@pytest.mark.daily(3)
 def test_a_declared_jump_is_exact(half_width):
     """As the shorter exposure that it is, value and slope; also where pieces meet anyway."""
     width = jnp.array(half_width)
@@ -236,7 +235,7 @@ def test_wrong_bounds_are_named(bounds, message):
         optimise(example_scene(), shutter=Wrong(jnp.array(0.3)), max_steps=2)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_one_with_parameters_is_designed_saved_and_compared(tmp_path):
     """The best slit is a shorter open exposure, so it ends where the best rect does."""
     before = list(kinds.KINDS)

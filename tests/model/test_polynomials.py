@@ -5,7 +5,7 @@ from typing import ClassVar, final
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from support.cases import SHUTTERS, SOME_SHUTTERS
+from support.cases import SHUTTERS
 from support.programs import compiled_programs
 
 from mishutter import (
@@ -40,7 +40,7 @@ MOTIONS = [
 
 @pytest.mark.slow
 @pytest.mark.parametrize("dtype", ROUNDING)
-@pytest.mark.parametrize("slug", SOME_SHUTTERS)
+@pytest.mark.parametrize("slug", SHUTTERS)
 def test_the_form_is_the_shutter(slug, dtype):
     """Transmittance and efficiency are the same, in the same precision."""
     shutter = SHUTTERS[slug].shutter(dtype)
@@ -104,10 +104,8 @@ def test_a_piecewise_shutter_of_ones_own_has_the_form_too():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("slug", SOME_SHUTTERS)
-@pytest.mark.parametrize(
-    "motion", [MOTIONS[0], pytest.param(MOTIONS[1], marks=pytest.mark.nightly)]
-)
+@pytest.mark.parametrize("slug", SHUTTERS)
+@pytest.mark.parametrize("motion", MOTIONS)
 def test_kernels_of_known_speeds_are_those_of_the_shutter(slug, motion):
     """Those by the shared program, against `blur_kernel`, which takes the shutter as it is."""
     shutter, speeds = SHUTTERS[slug].shutter(), np.array([0.0, 310.0, -1700.0, 4100.0])

@@ -35,7 +35,7 @@ def test_kernel_difference_of_figure_3():
     assert below == {"s/(aT)": True, "s/(2aT)": False}
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_the_page(tmp_path):
     """Figures, numbers and page are written; by the likelier reading Hann gains 3 dB and more."""
     seen = []

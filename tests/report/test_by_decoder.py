@@ -150,7 +150,7 @@ def test_a_prior_wants_a_shorter_snapshot(few):
     assert found[BEST_SNAPSHOT].exposure_share < 1
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_comparison_ends_with_the_decoder(few):
     """The verdict's last line is of the camera to build; every row of one exposure is judged."""
     scene, rows = few

@@ -58,7 +58,7 @@ def table():
     return compare(RARE, SLOW, {"Hann": hann, "Gaussian": gaussian, "mine": hann})
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_its_own_best_motion_is_never_below_the_same_motion(table):
     """Also where the motion at hand gives up what the fastest object would ask for."""
     for row in table.rows:
@@ -69,7 +69,7 @@ def test_its_own_best_motion_is_never_below_the_same_motion(table):
             assert np.isfinite(same)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_nothing_to_restore_is_said_in_words():
     """A scene without detail: no decibels of infinity, and no gain; a list has numbers as names."""
     grey = eqx.tree_at(
@@ -112,7 +112,7 @@ def test_what_each_purchase_brings():
     assert better.rivals["both"].name == "a"
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_scene_names_the_decoder_that_all_are_judged_by():
     """Design, rivals, gain and ceiling are of it, as by the loss of that decoder.
 
@@ -134,7 +134,7 @@ def test_a_scene_names_the_decoder_that_all_are_judged_by():
     assert comparison.text() == of_loss.text()
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_search_for_the_worst_speed_is_better_there_and_worse_in_the_mean():
     """Than one for the mean; a comparison judges every row by it, below the ceiling."""
     loss = WorstSpeedLoss()
@@ -218,7 +218,7 @@ def test_no_row_exceeds_the_ceiling(table):
     assert all(float(row.metrics.expected_psnr) <= table.ceiling for row in table.rows)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_scene_of_one_speed_is_panned():
     """An open shutter on a camera that keeps up with it is as good as anything."""
     turned = Limits(

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import mishutter as ms
+from mishutter.design import given_design
 
 # Steps of one picture: a report that shows it compares cameras for minutes first.
 from mishutter.report import BackgroundGain, Comparison, Report, plots
@@ -53,7 +54,7 @@ def captures(photon_rate, *names, before=None):
     return layered_captures(layers, known, rows)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_one_filter_restores_what_stands_and_what_moves():
     """In plenty of light both come back; of an open shutter at rest only what stands does."""
     found = captures(3e8, "Hann", OPEN_SHUTTER)
@@ -75,7 +76,6 @@ def test_small_and_grey_pictures_make_a_scene(shape):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("background_speed", [0.0, -700.0])
-@pytest.mark.nightly
 def test_layers_come_back_as_well_as_is_expected(background_speed):
     """By the same filter, of two layers with these speeds: a moving camera's, and a snapshot's."""
     layers = seen(128, background_speed)
@@ -83,7 +83,7 @@ def test_layers_come_back_as_well_as_is_expected(background_speed):
         assert each.psnr == pytest.approx(each.expected_psnr, abs=0.4)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_picture_without_detail_is_restored_to_its_noise():
     """Of layers without texture nothing but noise is left, as is expected."""
     flat = layered_scene(ms.Picture(np.full((40, 320, 1), 0.3)), 0.0, SPEED)
@@ -137,7 +137,7 @@ def test_the_picture_of_layers_names_speeds_and_levels():
         plots.plot_layers(seen(), {})
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_report_shows_the_camera_for_the_background():
     """The design of the verdict and its snapshot stand beside the best camera for this world."""
     known = ms.Scene(
@@ -148,7 +148,8 @@ def test_a_report_shows_the_camera_for_the_background():
         name: Row(OWN_BEST_MOTION, name, shutter, motion, None, ms.evaluate(known, motion, shutter))
         for name, (motion, shutter) in cameras.items()
     }
-    gains = (BackgroundGain(0.5, 0.3), BackgroundGain(0.7, 0.0, rows[BEST_SNAPSHOT]))
+    snapshot = given_design(known, *CAMERAS["snapshot"], origin="the best snapshot")
+    gains = (BackgroundGain(0.5, 0.3), BackgroundGain(0.7, 0.0, snapshot))
     table = Comparison(tuple(rows.values()), "A verdict.", 0.1, 31.0)
     figure = _layered(Report(known, table, ("optimised",), backgrounds=gains), rows)
     titles = [axes.get_title().split(",")[0] for axes in figure.axes]

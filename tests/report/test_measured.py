@@ -33,7 +33,7 @@ def measured(late):
     return measured_camera(SCENE, rows, trace, profile, middle=0.0, **names)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_late_shutter_is_to_be_sent_earlier():
     """At the shift that is found a fit of the trace has the level that is told, and no less."""
     found = measured(LATE)

@@ -105,7 +105,7 @@ def test_room_is_in_inches(num_rows, num_columns):
     np.testing.assert_allclose(y0[:-1] - y1[1:], 0.45)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FIGURES)
 def test_axes_are_labelled(name, figures):
     """Every panel, or its neighbour, says what is up; the lowest what is across, with its unit."""
@@ -247,7 +247,7 @@ def test_no_ears_are_explained_where_there_are_none(slug):
     assert not notes_of(plot_profiles({"mine": (MOTION, WITHOUT_EARS[slug])}))
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_what_is_said_of_ears_is_so():
     """Without them one filter for all speeds loses, the worst speed most; a known one gains."""
     limits = Limits(max_stroke=38, max_half_exposure=0.04)

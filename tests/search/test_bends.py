@@ -94,7 +94,7 @@ def test_a_polish_that_gave_up_is_begun_anew():
     assert finished(objective, given_up, NO_BENDS, max_steps=7).loss == given_up.loss
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_motion_that_uses_up_stroke_and_top_speed_is_a_minimum():
     """Objects that ask for all of the mechanism: both limits hold at once, and the search ends."""
     loss = ExpectedErrorLoss()

@@ -43,7 +43,7 @@ def _scene(**others):
     return Scene(SCENE.speeds, **(given | others))
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("loss", "free"),
     [
@@ -87,7 +87,7 @@ def test_a_search_has_no_step_where_a_profile_comes_to_stay_open():
     assert found.loss == pytest.approx(0, abs=1e-6)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_sweep_measures_an_open_profile_without_the_device():
     """As `evaluate` does, in every metric; one that is not open pays for it."""
     scene, loss = _scene(device=LEAKY), DesignLoss(condition=0, invariance=0, efficiency=1)
@@ -134,7 +134,6 @@ def _design_of_pixels(name, full_well):
 @pytest.mark.slow
 @pytest.mark.parametrize("full_well", [60.0, 600.0])
 @pytest.mark.parametrize("name", SHUTTERS)
-@pytest.mark.daily(1)
 def test_no_design_fills_a_pixel(full_well, name):
     """The exposure ends where white fills it, and is no shorter than it need be."""
     found, unlimited = _design_of_pixels(name, full_well), _design_of_pixels(name, None)
@@ -179,7 +178,7 @@ def test_the_best_snapshot_of_a_sweep_fills_no_pixel():
     assert 1e5 * 2 * known.half_exposure.item() <= 130.0 * (1 + 1e-9)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("optimised", [False, True])
 def test_a_sweep_sends_its_shutters_to_the_device(optimised):
     """Its numbers are those of `evaluate` at each point, also of profiles that it found."""
@@ -205,7 +204,7 @@ def test_a_sweep_over_scenes_of_different_devices():
         sweep(scenes, accelerations=[0.0], half_exposures=[1e-3])
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_shutter_that_loses_light_is_not_built():
     """The verdict names the camera without one, the notes what device and burst do."""
     scene = _scene(
@@ -233,7 +232,7 @@ SLOW = FirstOrderShutter(rise_time=4e-3, fall_time=7e-3, transmission=0.9, num_s
 FEW = {"num_starts": 2, "max_steps": 30}
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", [ExpectedErrorLoss(), DesignLoss()])
 def test_a_design_through_a_lag_beats_one_that_is_sent_blindly(loss, tmp_path):
     """By the loss of its light, at the same motion, and it comes back from its file."""
@@ -255,7 +254,7 @@ def test_a_design_through_a_lag_beats_one_that_is_sent_blindly(loss, tmp_path):
         assert read.scene.device.num_slots == 24
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_free_exposure_knows_how_much_a_device_can_follow():
     """The loss that the search reports is that of the light at the exposure that it found."""
     scene = _scene(device=SLOW, sensor=Sensor(full_well=900.0))
@@ -276,7 +275,6 @@ DISCRETE = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", DISCRETE)
-@pytest.mark.daily(1)
 def test_levels_are_part_of_the_search(name, tmp_path):
     """Only those of the device, better than rounding blindly, and no change of one slot helps."""
     device = DISCRETE[name]
@@ -313,7 +311,7 @@ def test_a_sweep_searches_no_levels():
             sweep(_scene(device=device), optimise=True, **axes)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_comparison_is_of_light_and_names_the_blind_drive():
     """Windows go through the device, the open shutter does not, and the notes say what it does."""
     scene = _scene(device=SLOW, limits=PARABOLAS)

@@ -43,7 +43,6 @@ def _designs(scene, loss):
     ("loss", "slug"),
     [*(("expected_error", slug) for slug in SCENES), ("design", "fast")],
 )
-@pytest.mark.daily(1)
 def test_free_profile_beats_tukey_beats_hann(slug, loss):
     """In the loss that tuned them; for the expected error, in the measured picture too."""
     speeds, rate, noise = SCENES[slug]

@@ -57,7 +57,6 @@ SPACES = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", SPACES.values(), ids=SPACES)
-@pytest.mark.daily(2)
 def test_every_path_is_within_the_limits(case):
     """At corners and inside; some come to the stroke, and slopes are those of differences."""
     where, names = case
@@ -164,7 +163,7 @@ def test_a_free_path_is_better_than_a_parabola(found):
     assert not beyond_limits(scene(), path.motion, path.shutter)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_comparison_has_an_open_shutter_on_a_free_path(found):
     """It is what a search for it alone finds, and what a stage alone brings."""
     own = {"own": TukeyShutter(0.6)}
@@ -175,7 +174,7 @@ def test_a_comparison_has_an_open_shutter_on_a_free_path(found):
     assert max(each.level for each in table.rows) <= table.ceiling
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_search_goes_on_from_a_given_path(found):
     """It is no worse than the path it was given, whose number of pieces it keeps."""
     given = FreeMotion.fit(found[1].motion, num_pieces=4)

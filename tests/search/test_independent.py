@@ -6,7 +6,7 @@ from benchmarks import independent
 from mishutter import optimise
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("start", ["slow, one way", "no pan"])
 def test_an_independent_search_finds_nothing_better(start):
     """With a few starts; more, and snapshots, are in `python -m benchmarks.independent`."""

@@ -23,7 +23,7 @@ SEEDS = range(3, 15)
 """Random scenes are of twelve kinds, and these one of each."""
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_objectives_of_the_search():
     """At two points of each space the planned objective is the full one to 1e-12."""
     for seed in SEEDS:

@@ -50,7 +50,7 @@ LOSSES = {
 FREE = ("acceleration", "half_exposure")
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("seeds", [range(6), range(6, 12)], ids=["six kinds", "six others"])
 def test_exact_skips_change_nothing(seeds):
     """Losses and metrics of the twelve kinds of random scenes agree to 1e-12 with all computed."""

@@ -53,7 +53,7 @@ from mishutter.search import (
 from mishutter.search.sequences import instead_of
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_snapshot_pans_with_the_most_objects_of_a_range_about_rest():
     """The range is as wide to either side, and more of the objects move to one."""
     scene = Scene(
@@ -84,7 +84,7 @@ def test_a_level_within_tolerances_is_of_one_filter_and_the_mean_of_speeds():
     assert (known.within, known.level) == (None, pytest.approx(25.3))
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_designs_keep_or_start_from_their_own_motions():
     """A design that this loss found for this scene stays as it is; another is tuned."""
     loss, scene = ExpectedErrorLoss(), on_parabolas(SCENE)

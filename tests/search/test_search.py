@@ -10,7 +10,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from support.cases import daily
 from support.designs import FREE_NAMES, LIMITS, MOTION, OUTLIER, SCENE, SLOW, SMALL
 from support.helpers import ROUNDING
 
@@ -60,7 +59,7 @@ def _objective(loss, free, shutter=PROFILE):
     return space, objective_of(loss, needed_speeds(SCENE, MOTION, shutter), space, SMALL)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("slug", LOSSES)
 def test_the_sum_of_responses_is_the_loss_itself(slug):
     """The precomputed form of a profile search agrees with the loss of each design."""
@@ -156,7 +155,7 @@ def test_a_polish_leaves_the_bound_that_it_began_at(corner):
     assert found.loss == pytest.approx(inside.loss, rel=1e-6)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_polish_goes_as_far_in_any_unit():
     """A loss of another unit ends at the same point: 1/8192 of it has the same digits."""
     loss, unit = ExpectedErrorLoss(), 2.0**-13
@@ -191,7 +190,6 @@ def test_what_is_within_the_limits(slug):
     ("shutter", "free"),
     [(HannShutter(), ("acceleration", "half_exposure")), (TukeyShutter(0.5), None)],
 )
-@pytest.mark.daily(1)
 def test_a_grid_leads_to_the_lowest_of_its_minima(shutter, free):
     """Polished from every point of the grid by the whole loss, none ends lower."""
     loss = ExpectedErrorLoss()
@@ -218,7 +216,7 @@ def test_places_of_a_grid_are_tried_valley_by_valley():
     assert {0.0, 1.0} <= set(ends.ravel().tolist())
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_the_best_tukey_is_found_where_the_loss_is_jagged():
     """A condition number rises and falls with every pixel of stroke: no rect is better."""
     loss, scene = (
@@ -233,7 +231,7 @@ def test_the_best_tukey_is_found_where_the_loss_is_jagged():
     assert tukey.loss <= rect.loss * (1 + 1e-9)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_loss_without_an_eye_for_light_moves_the_profile_alone():
     """On the motion given, the scene's, or that of the best design by the expected error."""
     loss, search = DesignLoss(), {"num_starts": 2, "max_steps": 20}
@@ -259,7 +257,7 @@ def test_a_start_that_gives_up_an_outlier_is_not_made_worse(free):
     assert design.loss <= design.best_start_loss
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_each_baseline_has_its_own_best_motion():
     """Tuned by one loss: free profile <= best Tukey <= Hann and rect."""
     loss = ExpectedErrorLoss()
@@ -334,13 +332,12 @@ _SHUTTERS = {"spline": SplineShutter.fit(TukeyShutter(0.45), 10), "tukey": Tukey
 @pytest.mark.parametrize(
     ("slug", "free"),
     [
-        pytest.param("spline", ("shutter",), marks=pytest.mark.nightly),
+        ("spline", ("shutter",)),
         ("spline", FREE_NAMES),
-        pytest.param("tukey", ("half_exposure",), marks=pytest.mark.nightly),
+        ("tukey", ("half_exposure",)),
         ("tukey", FREE_NAMES),
     ],
 )
-@pytest.mark.daily(2)
 def test_a_search_is_as_precise_as_the_scene_and_the_motion(slug, free):
     """Single precision stays so where JAX's default is double, whatever the shutter's is."""
     speeds, single = np.array([-310.0, 0.0, 520.0], np.float32), np.float32
@@ -438,8 +435,7 @@ motions: either number of them is good to 0.01 dB."""
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("slug", daily(OWN_LOSSES, "compiled"))
-@pytest.mark.daily(1)
+@pytest.mark.parametrize("slug", OWN_LOSSES)
 def test_a_loss_of_the_package_s_own_functions_is_searched(slug):
     """It is searched over all that can move, wherever light falls there, from scene to scene."""
     loss, scenes = OWN_LOSSES[slug]
@@ -450,7 +446,7 @@ def test_a_loss_of_the_package_s_own_functions_is_searched(slug):
         assert design.loss <= design.best_start_loss
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_search_is_the_same_on_any_number_of_processors(monkeypatch):
     """Points are minimised from one by one, so that threads do not change their roundings."""
     designs = []
@@ -465,7 +461,7 @@ def test_a_search_is_the_same_on_any_number_of_processors(monkeypatch):
     np.testing.assert_array_equal(several.history, one.history)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_minimum_in_the_angles_is_that_of_the_polish():
     """From the middle of the box, and from a corner, that the bounded solver leaves too."""
     space, objective = _objective(ExpectedErrorLoss(), ("shutter", "half_exposure"))

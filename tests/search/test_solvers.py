@@ -45,7 +45,7 @@ def _objectives(name):
     return spectral, DesignObjective(loss, scene, space, SMALL), space.size
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("name", DESIGNS)
 def test_a_gradient_by_spectra_is_that_of_the_loss(name):
     """Loss and gradient agree with those of the whole loss of each design, differentiated."""

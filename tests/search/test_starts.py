@@ -74,7 +74,7 @@ def test_a_seed_draws_the_candidates():
         assert np.all(np.any(one != other, axis=0)), name
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("speeds", [[-310.0, 2700.0], [-1900.0, 1900.0], [420.0, 800.0, 3100.0]])
 def test_profiles_are_open_where_the_sensor_keeps_up(speeds):
     """Every other candidate is open at s/(2a) for each of the speeds, the rest for one at least.
@@ -116,7 +116,7 @@ BRIGHT = {
 """Speeds, irradiance and read noise of scenes, and the best expected error known."""
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_few_speeds_in_bright_light_are_not_ended_short():
     """Searches end within 0.05 dB of the best known on average, and within 0.1 dB each.
 

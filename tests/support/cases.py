@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import pytest
 
 from mishutter import (
     RASKAR_CODE,
@@ -100,20 +99,6 @@ SHUTTERS = {
 
 QUICK = ["hann", "flutter", "spline"]
 """A smooth one, one of jumps and one of coefficients, which quick tests of digits are of."""
-
-
-def daily(cases, *names):
-    """Cases of one claim: those named run daily, and the others, of the same kinds, nightly."""
-    assert set(names) <= set(cases)
-    return [
-        case if case in names else pytest.param(case, marks=pytest.mark.nightly) for case in cases
-    ]
-
-
-SOME_SHUTTERS = daily(SHUTTERS, "hann", "gaussian-narrow", "one-open-chip", "spline")
-"""All of them; daily a window, one that counts time in its own unit, jumps and coefficients."""
-EVERY_SHUTTER = daily(SHUTTERS, *QUICK)
-"""All of them, for tests that compile a program for each."""
 
 DEVICES = {
     "ideal": lambda: IdealShutter(transmission=0.83, leakage=0.07),

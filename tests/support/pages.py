@@ -23,7 +23,6 @@ NOT_RUN = {
     "python": "it makes an environment, the site or all benchmarks",
     ".": "it enters an environment",
     ".ci/run": "it would run itself",
-    ".ci/all": "it would run itself",
 }
 """Programs on pages that tests do not run, nor what stands behind them in a line, and why."""
 

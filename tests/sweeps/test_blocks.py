@@ -52,7 +52,7 @@ AXES: dict[str, Any] = {
 }
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_profile_is_symmetric_where_the_speeds_of_its_frame_are():
     """Speeds mirror each other about the pan in their middle, and about no other."""
     few = {"accelerations": [2e5], "half_exposures": [3.1e-3], "metrics": ["expected_psnr"]}
@@ -64,7 +64,7 @@ def test_a_profile_is_symmetric_where_the_speeds_of_its_frame_are():
         assert mirrors == symmetric
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("slug", SCENES)
 def test_losses_are_those_of_optimise(slug):
     """At points with and without neighbours; metrics and loss are of the coefficients kept."""
@@ -102,7 +102,7 @@ VALLEYS = {
 """Scenes, accelerations and half exposures whose losses have many minima, and the lowest known."""
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("slug", VALLEYS)
 def test_the_lowest_of_many_minima_is_found_in_a_sweep_too(slug):
     """To 0.2 % of the loss, whether or not neighbours are swept with a point."""
@@ -134,7 +134,7 @@ def test_a_point_that_did_not_converge_is_marked():
 NUM_RANDOM = 4
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("number", range(NUM_RANDOM))
 def test_random_points_are_as_low_as_a_search_from_many_more_starts(number):
     """Both ways within 0.2 % of the loss: of random speeds, light, strokes and exposures."""
@@ -174,7 +174,6 @@ LOSSES = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("slug", LOSSES)
-@pytest.mark.daily(1)
 def test_every_loss_is_searched(slug):
     """Losses of kernels, sums and plain functions too; of what is no sum at rest as well.
 
@@ -216,7 +215,7 @@ def test_each_point_is_searched_from_the_seed_of_the_sweep(monkeypatch):
     assert asked == [(5, 7, 12)] * 6 + [(11, 13, 12)] * 6
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_seed_draws_the_starts_of_a_search():
     """After one step the best design and profile are those of other starts; equal seeds agree."""
     motion = ParabolicMotion(acceleration=4e4, half_exposure=3.1e-3)
@@ -232,7 +231,7 @@ def test_a_seed_draws_the_starts_of_a_search():
         assert abs(one - other) > 1e-4 * one, name
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_blocks_at_a_time_change_nothing(monkeypatch):
     """Bit for bit what they are one after the other."""
     few: dict[str, Any] = AXES | {"metrics": ["expected_psnr"], "max_steps": 5}

@@ -50,7 +50,7 @@ def worker():
         yield made
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_two_workers_give_the_same(cluster, tmp_path, monkeypatch):
     """As arrays sent back to an address's caller, and in a store that they write to.
 
@@ -66,7 +66,7 @@ def test_two_workers_give_the_same(cluster, tmp_path, monkeypatch):
         assert stored.load().identical(alone)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_dead_worker_is_survived(cluster, tmp_path):
     """One of the two is killed after the first block; the other ends the sweep."""
     from distributed import Client
@@ -174,7 +174,7 @@ class _Parabola(AbstractShutter):
         return jnp.where(jnp.abs(tau) <= 1, 1 - self.depth * tau**2, 0.0)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_shutters_of_a_script_cannot_be_sent(worker, monkeypatch):
     """A worker makes their class anew and Equinox then loses its fields; of a module they go."""
     shutters = {"mine": _Parabola(0.7)}

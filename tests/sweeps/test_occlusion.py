@@ -79,7 +79,7 @@ SWEPT = {
 }
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SWEPT)
 def test_a_sweep_is_what_evaluate_measures(name):
     """Whether or not speeds fold, with edges or without, of symmetric shutters and of others."""
@@ -91,7 +91,7 @@ def test_a_sweep_is_what_evaluate_measures(name):
     np.testing.assert_allclose(differences, 0, atol=AGREEMENT)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_sweep_that_pans_is_what_evaluate_measures():
     """A still background moves for a sensor that pans, and folds no speeds there."""
     scene = scene_before("still", speeds=(-700.0, 1100.0, 2900.0))
@@ -103,7 +103,7 @@ def test_a_sweep_that_pans_is_what_evaluate_measures():
         np.testing.assert_allclose(differences, 0, atol=AGREEMENT)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_scenes_of_one_sweep_may_differ_in_their_layers():
     """Scenes with a background, and one that moves as a whole, keep their own levels."""
     scenes = {name: scene_before(name) for name in ("still", "moving")}
@@ -117,7 +117,6 @@ def test_scenes_of_one_sweep_may_differ_in_their_layers():
 
 @pytest.mark.parametrize(("name", "rate"), [("still", 1.3e5), ("moving", 1.1e6)])
 @pytest.mark.slow
-@pytest.mark.daily(1)
 def test_the_best_snapshot_before_a_background_is_what_evaluate_measures(name, rate):
     """Its level is that of its exposure and pan, and no exposure near it is better."""
     scene = scene_before(name, speeds=(-900.0, 700.0, 2300.0))
@@ -135,7 +134,7 @@ def test_the_best_snapshot_before_a_background_is_what_evaluate_measures(name, r
         assert level(half * factor, velocity + step) < own + AGREEMENT
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_the_best_profiles_of_a_sweep_are_measured_before_the_background():
     """The search of a sweep knows of it: losses and levels are those of the profiles."""
     scene, loss = scene_before("moving", speeds=(-2300.0, 2300.0)), ExpectedErrorLoss()
@@ -150,7 +149,7 @@ def test_the_best_profiles_of_a_sweep_are_measured_before_the_background():
     assert float(at.loss) == pytest.approx(float(loss(scene, motion, profile)), rel=1e-5)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_gains_of_a_sweep_are_over_the_best_snapshot_before_the_background():
     """Both levels are of the same scene."""
     scene = scene_before("still")

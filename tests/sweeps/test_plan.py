@@ -96,14 +96,14 @@ def compare_sweeps(scenes, axes, shutters):
     return len(places)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("family", ["symmetric", "any"])
 def test_nothing_changes(family):
     """80 points of scenes of ten kinds, by a shutter for which speeds fold and by another."""
     assert compare_sweeps(random_scenes(), AXES, FAMILIES[family]) >= 50
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_nothing_changes_on_many_scenes():
     """Twelve scenes, moving and at rest."""
     scenes = {str(seed): random_scene(seed)[0] for seed in range(12)}

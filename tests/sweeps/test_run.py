@@ -116,7 +116,7 @@ def test_labels_and_units(swept):
     assert all(name in swept.attrs["sweep"] for name in ("photon_rate", "max_stroke", "Hann"))
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_shutters_without_symmetry():
     """A flutter code, a one-sided profile and a narrow window are as exact as the rest."""
     profile = 0.5 + 0.45 * np.sin(1.7 * np.arange(9) + 0.3)
@@ -129,7 +129,7 @@ def test_shutters_without_symmetry():
     assert differences(found, SCENE, shutters, inside_points(found)[::3]) == []
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("fall_time", [1.1e-3, 3e-3])
 def test_what_lags_is_measured_at_its_own_exposure(fall_time):
     """A device's time is another share of each exposure, and so is the light of one profile."""
@@ -141,7 +141,7 @@ def test_what_lags_is_measured_at_its_own_exposure(fall_time):
     assert differences(found, scene, SHUTTERS, points[1::3]) == []
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_profiles_are_found_through_a_lag():
     """The best profile at a point is of what is sent, and its numbers are of the light."""
     device = FirstOrderShutter(rise_time=1.1e-3, fall_time=1.1e-3, num_slots=16)
@@ -165,7 +165,7 @@ class Ramp(AbstractShutter):
         return jnp.where(jnp.abs(tau) <= 1, 0.5 + 0.3 * tau**3, 0.0)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_shutter_of_ones_own():
     """It is interpolated as `evaluate` does it."""
     shutters = {"ramp": Ramp()}
@@ -188,7 +188,7 @@ def test_light_and_noise_are_dimensions():
             assert differences(part, scene, SHUTTERS, inside_points(found)[5:7]) == []
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_scenes_of_different_speeds():
     """Scenes are a dimension, and fewer speeds in one of them change nothing."""
     scenes = {"all": SCENE, "slow": Scene([0.0, 90.0], photon_rate=1e4, read_noise=1.0)}
@@ -215,7 +215,7 @@ MIDDLES = {
 }
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_each_scene_is_measured_from_the_middle_of_its_speeds():
     """As far as its sensor may pan; the velocity is a coordinate of it."""
     scenes = {name: scene for name, (scene, _) in MIDDLES.items()}
@@ -231,7 +231,7 @@ def test_each_scene_is_measured_from_the_middle_of_its_speeds():
         assert len(inside_points(part)) == 1
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_velocities_are_a_dimension():
     """Between scene and acceleration, of numbers that `evaluate` gives of each pan."""
     velocities = [-420.0, 0.0, 260.0, 3300.0]
@@ -257,7 +257,7 @@ def test_velocities_are_a_dimension():
         np.testing.assert_array_equal(one[name], found[name].sel(scene="all"))
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_velocity_in_single_precision():
     """Leaves numbers in the precision of the scene, beside limits of 64 bits."""
     speeds = np.array([400.0, 1200.0], np.float32)
@@ -330,7 +330,7 @@ TOO_LONG = {
 """Speeds, accelerations, metrics, and the points whose light falls too far to compute these."""
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("slug", TOO_LONG)
 def test_a_point_that_is_too_long_to_compute_is_left_out(slug):
     """Light of one speed falls over at most 65,536 px, of all over 93,600; others are computed."""
@@ -457,7 +457,7 @@ print(len(jax.devices()))
 """
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_four_devices_give_the_same(tmp_path):
     """Designs shared out over four devices give the bits that one device gives."""
     asked = {"folder": str(Path(__file__).parents[1]), "path": str(tmp_path / "4.npz")}
@@ -530,7 +530,7 @@ def test_by_default_the_levels_are_those_of_the_scenes_decoder(name):
     assert {"condition_number", "efficiency", "bound_share"} <= set(found.data_vars)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_the_profiles_and_the_numbers_are_of_one_decoder():
     """What the loss of an optimised point says is the level that the data set has there."""
     scene = decoded("known")

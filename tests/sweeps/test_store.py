@@ -38,7 +38,7 @@ def test_a_store_holds_what_memory_holds(whole, tmp_path):
     assert stored.load().identical(whole)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_store_of_velocities(tmp_path):
     """Also of those that scenes have of their own; it is refused to a sweep of others."""
     slow = Scene([90.0, 350.0], photon_rate=1e4, read_noise=1.0, limits=SCENE.limits)
@@ -428,7 +428,7 @@ def started(store):
     )
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["SIGINT", "SIGKILL"])
 def test_a_killed_sweep_goes_on(name, whole, tmp_path, caplog):
     """A signal after the first block; the next run computes the others only."""
@@ -484,7 +484,6 @@ sys.exit(cli.main({command!r}))
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="drops a right that only Linux has apart")
-@pytest.mark.nightly
 def test_a_store_made_read_only_half_way(tmp_path, capsys):
     """One line and exit code 2; made writable again, the rest is computed, bit for bit."""
     store, other = tmp_path / "a.zarr", tmp_path / "whole.zarr"

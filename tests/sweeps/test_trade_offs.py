@@ -4,7 +4,6 @@ import jax
 import numpy as np
 import pytest
 import xarray
-from support.cases import daily
 from support.sweeps import LIMITS, SCENE, SHUTTERS, grid
 
 from mishutter import (
@@ -47,7 +46,7 @@ def swept():
     return sweep(SCENE, **grid())
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_best_points_are_the_extremes(swept):
     """The best point of a metric is its largest or smallest value of all shutters."""
     best = best_points(swept)
@@ -124,7 +123,7 @@ def test_a_front_of_ones_own_senses(swept):
     assert np.all(np.diff(front.expected_psnr) <= 0)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_the_best_snapshot_of_what_is_known_in_a_trace():
     """A function that JAX compiles may ask for it where the scene is not traced."""
     alone = best_snapshots(SCENE, [3e3, 4e4])
@@ -209,8 +208,7 @@ SNAPSHOTS = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("slug", daily(SNAPSHOTS, "slow-pan", "full-well"))
-@pytest.mark.daily(2)
+@pytest.mark.parametrize("slug", SNAPSHOTS)
 def test_the_best_snapshot_is_that_of_optimise(slug):
     """What a search over exposure and velocity finds, and `evaluate` measures."""
     scene = SNAPSHOTS[slug] or example_scene()
@@ -230,7 +228,7 @@ def test_the_best_snapshot_is_that_of_optimise(slug):
     assert half == pytest.approx(float(found.motion.half_exposure), rel=EXPOSURE_FOUND)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_best_snapshots_under_each_light():
     """Are those of a scene of that light, of velocities of their own."""
     rates, noises = [2e3, 6e5], [0.0, 90.0]
@@ -244,7 +242,7 @@ def test_best_snapshots_under_each_light():
     assert np.unique(best.velocity).size > 1
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_snapshot_that_pans_at_one_of_two_speeds():
     """Of two speeds without a common path the frequent one is followed, not their middle."""
     scene = limited([-900.0, 2100.0], [0.1, 0.9], light=(1e3, 6.0), pans="camera")
@@ -264,7 +262,7 @@ def test_gain_over_the_best_snapshot(swept):
     assert gain.attrs == {"long_name": "gain over best snapshot", "units": "dB"}  # read by pictures
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_nothing_is_gained_where_there_is_nothing_to_restore():
     """Of a picture without detail every PSNR is infinite, and every gain within limits 0."""
     plain = Scene(
@@ -315,7 +313,7 @@ def lit():
     return light_map(found, LIGHT_SCENE)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_coding_pays_where_read_noise_dominates(lit):
     """The gain over the best snapshot rises with read noise and falls with light, to a loss."""
     gain = lit.gain.transpose("photon_rate", "read_noise").values
@@ -346,7 +344,7 @@ def panned():
     return sweep(ONE_WAY, **grid(velocities=PANS, metrics=metrics, **lights))
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_points_and_fronts_of_velocities(panned):
     """The best of all velocities, each with its own."""
     part = panned.isel(photon_rate=0, read_noise=0)
@@ -367,7 +365,7 @@ def test_points_and_fronts_of_velocities(panned):
         assert not np.any((values[0] > float(psnr)) & (values[1] < float(difference)))
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_gains_of_velocities(panned):
     """Each is over the one snapshot that may pan too; a map takes the best of them."""
     gain = gain_over_snapshot(panned, ONE_WAY)
@@ -435,7 +433,7 @@ KNOWN_SPEED = Scene(
 )
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_no_flutter_beats_the_best_snapshot_by_more_than_the_bound():
     """A camera at rest, one known speed, shot noise alone: at most 1.1717 in RMSE."""
     random = np.random.default_rng(4)
@@ -473,7 +471,7 @@ def test_the_best_snapshot_of_a_known_speed_is_one_pixel_long():
     assert found == pytest.approx(length[np.argmin(cost)], rel=3e-3)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["found", "known"])
 def test_gains_are_by_the_sweeps_own_decoder(name):
     """The best snapshot is tuned and judged by the decoder that judges the points."""

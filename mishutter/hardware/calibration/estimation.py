@@ -226,21 +226,23 @@ def _limits_with(limits: Limits, motion: ParabolicMotion) -> tuple[Limits, list[
     """Limits that hold a motion, and the names of those that are widened for it."""
     a, half, v = motion.acceleration, motion.half_exposure, motion.velocity
     margin = 1 + 8 * float(np.finfo(a.dtype).eps)
-    values = {field.name: getattr(limits, field.name) for field in fields(limits)}
-    values.pop("frame_velocity")
+    names: list[str] = []
 
-    def widened(values: dict[str, Any], **least: Any) -> dict[str, Any]:
-        bounds = {name: value for name, value in least.items() if values[name] is not None}
-        return values | {
-            name: bound * margin
-            for name, bound in bounds.items()
-            if float(bound) > float(values[name])
-        }
+    def replaced(limits: Limits, name: str, value: Any) -> Limits:
+        names.append(name)
+        return eqx.tree_at(lambda each: getattr(each, name), limits, value)
+
+    def widened(limits: Limits, **least: Any) -> Limits:
+        for name, bound in least.items():
+            own = getattr(limits, name)
+            if own is not None and float(bound) > float(own):
+                limits = replaced(limits, name, bound * margin)
+        return limits
 
     pan, top = jnp.abs(v), motion.top_speed
     stroke = limits.demands(motion)["stroke"].taken
     wide = widened(
-        values,
+        limits,
         max_stroke=stroke,
         max_top_speed=top,
         max_pan=pan,
@@ -248,15 +250,15 @@ def _limits_with(limits: Limits, motion: ParabolicMotion) -> tuple[Limits, list[
         max_half_exposure=half,
     )
     if float(half) < float(limits.min_half_exposure):
-        wide["min_half_exposure"] = half / margin
+        wide = replaced(wide, "min_half_exposure", half / margin)
     if limits.has_stage:
-        share = float(Limits(**wide).stage_share(a, half, v))
+        share = float(wide.stage_share(a, half, v))
         bounds = {"max_travel": limits.max_travel}
         if limits.max_jerk is not None:
-            bounds["max_top_speed"] = wide["max_top_speed"]
+            bounds["max_top_speed"] = wide.max_top_speed
         least = {name: value * share for name, value in bounds.items() if value is not None}
         wide = widened(wide, **least)
-    return Limits(**wide), [name for name in values if wide[name] is not values[name]]
+    return wide, [field.name for field in fields(limits) if field.name in names]
 
 
 def fit(
@@ -391,8 +393,8 @@ def _camera(setting: Setting, solution: Solution, bars: ErrorBars) -> FittedCame
     )
 
 
-_LEAST_PART = 0.05
-"""Component of a blind direction along a coefficient above which the profile is part of it."""
+_NEARLY_NONE = 0.2
+"""Part of a blind direction below which it does without what it is a part of."""
 
 
 def _sentences(
@@ -404,13 +406,16 @@ def _sentences(
     sentences = [f"{name}: not told by what was recorded" for name in others]
     if is_coefficient_blind.any():
         which = ", ".join(str(k) for k in np.flatnonzero(is_coefficient_blind))
-        parts = blind[:, 4 : 4 + count]
-        parts = parts[np.any(np.abs(parts) > _LEAST_PART, axis=1)]
+        # Blind directions of the profile alone: a longer stroke and a profile that it stretches, of
+        # which only both together are seen, are none.
+        turn, size, _ = np.linalg.svd(np.delete(blind, np.s_[4 : 4 + count], axis=1))
+        is_alone = np.pad(size, (0, len(blind) - size.size)) < _NEARLY_NONE
+        parts = (turn[:, is_alone].T @ blind)[:, 4 : 4 + count]
         even_part = np.linalg.norm(parts + parts[:, ::-1])
         sentences.append(
             f"transmittance: {f'{len(parts)} combinations of ' * bool(len(parts))}the coefficients "
             f"{which}"
             + ", only w(t) + w(-t) is seen"
-            * bool(even_part < 0.2 * np.linalg.norm(parts))
+            * bool(even_part < _NEARLY_NONE * np.linalg.norm(parts))
         )
     return sentences
