@@ -331,7 +331,7 @@ def _objects(section: ObjectsSection | None, scales: Scales) -> Objects | None:
         return None
     arguments = arguments_in(section, Objects, "[objects]", scales)
     require("width" in arguments, "[objects] width_px", "be given", Unquoted("nothing"))
-    return Objects(**arguments)
+    return made_of(Objects, arguments)
 
 
 def _tolerances(section: TolerancesSection | None, scales: Scales) -> Tolerances | None:
