@@ -292,7 +292,8 @@ class Scene(eqx.Module):
     def along_rows(self) -> "Scene":
         """The scene of pictures that are `turned` so that things move along their rows."""
         own = self.sensor
-        return self._with(sensor=Sensor(full_well=own.full_well, width=own.width))
+        along = Sensor(full_well=own.full_well, width=own.width, pixel_pitch=own.pixel_pitch)
+        return self._with(sensor=along)
 
     def bare(
         self,
