@@ -74,8 +74,10 @@ from mishutter.evaluation.response import spectra_of as spectra_of
 from mishutter.evaluation.sequences import REGION as REGION
 from mishutter.evaluation.sequences import FrameNodes as FrameNodes
 from mishutter.evaluation.sequences import Registration as Registration
+from mishutter.evaluation.sequences import lights_of as lights_of
 from mishutter.evaluation.sequences import loss_of_width as loss_of_width
 from mishutter.evaluation.sequences import nodes_of_frames as nodes_of_frames
+from mishutter.evaluation.sequences import psnr_of_frames as psnr_of_frames
 from mishutter.evaluation.sequences import registration as registration
 from mishutter.evaluation.sequences import with_losses as with_losses
 from mishutter.evaluation.speed_knowledge import KNOWN_SPEED as KNOWN_SPEED

@@ -6,14 +6,13 @@ not count. `with_losses` adds the cost of registration, and of objects that leav
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from mishutter._core import require, require_known
-from mishutter.evaluation.frames import steps_of
 from mishutter.evaluation.open_frames import OpenFrames, psnr_of_error
 from mishutter.model import (
     Burst,
@@ -29,8 +28,8 @@ _MOST_FRAMES = 1000
 """Most frames of a camera that does not say how many it takes."""
 _LEAST_GAIN = 0.005
 """Gain of a second exposure below which frames at rest have one; dB."""
-_SATURATED = 1e-3
-"""Gain of one more frame below which more frames are of no use; dB."""
+_ROUNDING = 1e-9
+"""Share of a number of frames that is one of rounding."""
 
 
 class StillBurst(NamedTuple):
@@ -50,8 +49,11 @@ class StillBurst(NamedTuple):
 class FrameTimes(NamedTuple):
     """When a camera may expose frames; all in s.
 
+    A frame ends no sooner than the frame rate allows after the one before, and begins no sooner
+    than the dead time after that has ended.
+
     Attributes:
-        period: From one frame to the next.
+        period: Least time from the end of one frame to that of the next, of the frame rate.
         window: Longest time from the first light to the last of several frames.
         shortest: Shortest exposure.
         longest: Longest exposure that limits and a full pixel leave.
@@ -72,17 +74,29 @@ class FrameTimes(NamedTuple):
         period, others = 1 / float(burst.frames_per_s), (float(burst.dead_time), burst.max_frames)
         return FrameTimes(period, _window(scene), *_exposures(scene), *others)
 
-    def longest_of(self, num_frames: int) -> float:
-        """Longest exposure of each of some frames: one alone waits for no other."""
-        if num_frames == 1:
+    def period_of(self, exposure: float) -> float:
+        """Least time from the end of a frame to that of one of some exposure."""
+        return max(self.period, exposure + self.dead_time)
+
+    def longest_of(self, num_frames: int, beside: float = 0.0) -> float:
+        """Longest exposure of each of some frames, where others beside them take their time."""
+        if num_frames == 1 and not beside:
             return self.longest
-        rest = self.window - (num_frames - 1) * self.period
-        return min(self.longest, self.period - self.dead_time, rest)
+        each = (self.window - beside + self.dead_time) / num_frames
+        if each < self.period:
+            rest = self.window - beside - (num_frames - 1) * self.period
+            return min(self.longest, self.period - self.dead_time, rest)
+        return min(self.longest, each - self.dead_time)
+
+    def moments(self, exposures: Sequence[float]) -> Float[np.ndarray, "n"]:
+        """Mid-exposures of frames that follow each other at once, from the middle of them all."""
+        steps = [self.period_of(exposure) for exposure in exposures[1:]]
+        return moments_of(exposures, steps)
 
     @property
     def numbers_of_frames(self) -> list[int]:
         """The numbers of frames that there is time for, ascending."""
-        most = 1 + int(self.window / self.period)
+        most = 1 + int(self.window / self.period * (1 + _ROUNDING))
         several = range(2, 1 + min(most, self.max_frames or _MOST_FRAMES))
         return [1, *(n for n in several if self.longest_of(n) >= self.shortest)]
 
@@ -91,11 +105,12 @@ class FrameTimes(NamedTuple):
         """Whether there is time for more than one frame, which alone nothing registers."""
         return self.numbers_of_frames[-1] > 1
 
-    @property
-    def best_numbers(self) -> list[int]:
-        """The numbers that may be best: the greatest, and the next if that leaves more time."""
-        *fewer, most = self.numbers_of_frames
-        return [most, *(n for n in fewer[-1:] if self.longest_of(n) > 1.01 * self.longest_of(most))]
+
+def moments_of(exposures: Sequence[float], steps: Sequence[float]) -> Float[np.ndarray, "n"]:
+    """Mid-exposures of frames by the times from end to end, from the middle of them all; s."""
+    lasting = np.asarray(exposures, np.float64)
+    ends = lasting[0] + np.append(0.0, np.cumsum(steps))
+    return ends - lasting / 2 - ends[-1] / 2
 
 
 class StillBursts:
@@ -114,6 +129,8 @@ class StillBursts:
     ) -> None:
         self._window = _window(scene) if window is None else window
         self._at_worst = at_worst
+        most = None if scene.burst is None else scene.burst.max_frames
+        self._max_frames = _MOST_FRAMES if most is None else most
         self._shortest, self._longest = _exposures(scene)
         self._frames = OpenFrames.of(scene, self._longest, folds=True)
 
@@ -134,13 +151,12 @@ class StillBursts:
             kinds: The frames of each exposure.
             times: When they may be exposed.
         """
-        every = [
-            StillCamera(half_exposure=kind.exposure / 2)
-            for kind in kinds
-            for _ in range(kind.num_frames)
-        ]
-        moments = steps_of(len(every)) * times.period
-        frames = tuple(TimedFrame(*each) for each in zip(every, moments.tolist(), strict=True))
+        exposures = [kind.exposure for kind in kinds for _ in range(kind.num_frames)]
+        moments = times.moments(exposures).tolist()
+        frames = tuple(
+            TimedFrame(StillCamera(half_exposure=exposure / 2), moment)
+            for exposure, moment in zip(exposures, moments, strict=True)
+        )
         worst = psnr_of_error(self._error([kind[:2] for kind in kinds], at_worst=True))
         return FrameSequence(STILLS, frames, 0.0, kinds[0].psnr, worst)
 
@@ -157,33 +173,46 @@ class StillBursts:
         ends = self._window, self._shortest, self._longest
         return self.best_within(FrameTimes(1 / frames_per_s, *ends, dead_time, max_frames))
 
-    def best_within(self, times: FrameTimes) -> StillBurst:
-        """The burst of the least error of frames at these times."""
-        # One more frame that lasts as long never hurts, but one alone may last longer.
-        numbers = sorted({1, *times.best_numbers})
-        bursts = [self._of(count, times.longest_of(count)) for count in numbers]
-        return max(bursts, key=lambda burst: burst.psnr)
+    def best_within(self, times: FrameTimes, *, of_several: bool = False) -> StillBurst:
+        """The burst of the least error of frames at these times.
+
+        Args:
+            times: When frames may be exposed.
+            of_several: Whether it has to be of more than one, as only those can be registered.
+        """
+        # One more frame that lasts as long never hurts, but fewer may last longer.
+        every = times.numbers_of_frames[1 if of_several else 0 :]
+        tried: dict[int, StillBurst] = {}
+
+        def level(number: int) -> float:
+            count = every[-number]
+            if count not in tried:
+                tried[count] = self._of(count, times.longest_of(count))
+            return tried[count].psnr
+
+        _first_best(level, len(every))
+        level(len(every))  # one alone waits for no other
+        return max(tried.values(), key=lambda burst: burst.psnr)
 
     def best_bracketed(self, times: FrameTimes) -> tuple[list[StillBurst], float]:
         """Frames of two exposures, the longer first, and their level together; dB."""
         from scipy.optimize import minimize
 
         found, at_worst = [], self._at_worst
-        for count in times.best_numbers:
-            longest = times.longest_of(count)
-            equal = self._of(count, longest)
-            ends = math.log(self._shortest), math.log(longest)
-            found.append((10 ** (-equal.psnr / 10), (count,), (equal.exposure,)))
-            for num_long in _some_numbers(count - 1):
-                numbers = num_long, count - num_long
+        equal = self.best_within(times, of_several=times.holds_several)
+        for count in sorted({times.numbers_of_frames[-1], equal.num_frames}):
+            alike = self._of(count, times.longest_of(count))
+            found.append((10 ** (-alike.psnr / 10), (count,), (alike.exposure,)))
+            for num_long in some_numbers(count - 1):
+                pair = _Pair(times, num_long, count - num_long)
 
-                def left(places: Float[np.ndarray, "2"], first: int, second: int) -> float:
-                    pairs = zip((first, second), np.exp(places).tolist(), strict=True)
-                    return self._error([*pairs], at_worst=at_worst)
+                def left(place: Float[np.ndarray, "2"], pair: _Pair) -> float:
+                    return self._error(pair.at(place), at_worst=at_worst)
 
-                start = np.clip([ends[1], math.log(equal.exposure)], *ends)
-                end: Any = minimize(left, start, numbers, method="Nelder-Mead", bounds=[ends] * 2)
-                found.append((float(end.fun), numbers, tuple(np.exp(end.x))))
+                start, bounds = pair.start(alike.exposure), [(0, 1)] * 2
+                end: Any = minimize(left, start, (pair,), method="Nelder-Mead", bounds=bounds)
+                numbers, exposures = zip(*pair.at(end.x), strict=True)
+                found.append((float(end.fun), numbers, exposures))
         error, numbers, exposures = min(found)
         level = psnr_of_error(error)
         pairs = sorted(zip(exposures, numbers, strict=True), reverse=True)
@@ -199,20 +228,24 @@ class StillBursts:
             psnr: The level; dB.
             most: The greatest number.
         """
-        before = -math.inf
-        for count in range(1, 1 + most):
-            level = self._of(count, self._window / count).psnr
-            if level >= psnr:
-                return count
-            if count > 1 and level < before + _SATURATED:
-                return None
-            before = level
-        return None
+
+        def level(count: int) -> float:
+            return self._of(count, self._window / count).psnr
+
+        # Levels rise up to a number from which on frames are too short for their light.
+        high = _first_best(level, most, until=psnr)
+        if level(high) < psnr:
+            return None
+        low = 0
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (low, middle) if level(middle) >= psnr else (middle, high)
+        return high
 
     def rate_that_equals(self, psnr: float, *, most: float) -> float | None:
         """The least frame rate at which a burst has a level; 1/s.
 
-        None where no rate up to some has it.
+        None where no rate up to some has it, by as many frames as the camera takes.
 
         Args:
             psnr: The level; dB.
@@ -220,10 +253,13 @@ class StillBursts:
         """
         from scipy.optimize import brentq
 
-        count = self.number_that_equals(psnr, most=1 + int(most * self._window))
+        most_frames = min(1 + int(most * self._window), self._max_frames)
+        count = self.number_that_equals(psnr, most=most_frames)
         if count is None:
             return None
         count = max(count, 2)
+        if count > most_frames:
+            return None
 
         def above(exposure: float) -> float:
             return psnr_of_error(self.error(count, exposure)) - psnr
@@ -257,23 +293,89 @@ class StillBursts:
         return StillBurst(num_frames, math.exp(place), psnr_of_error(error))
 
 
-def _some_numbers(most: int) -> list[int]:
+class _Pair(NamedTuple):
+    """Frames of two exposures.
+
+    Attributes:
+        times: When frames may be exposed.
+        num_long: Number of those that come first, and may be longer than all alike could be.
+        num_short: Number of the others.
+    """
+
+    times: FrameTimes
+    num_long: int
+    num_short: int
+
+    @property
+    def _most(self) -> float:
+        """Longest exposure of the others; s."""
+        return self.times.longest_of(self.num_long + self.num_short)
+
+    def _longest(self, exposure: float) -> float:
+        """Longest exposure of the first beside others of some exposure; s."""
+        beside = self.num_short * self.times.period_of(exposure)
+        return max(self.times.longest_of(self.num_long, beside), exposure)
+
+    def at(self, place: Float[np.ndarray, "2"]) -> list[tuple[int, float]]:
+        """Numbers and exposures, s, at shares of the exposures of the others and of the first."""
+        short = _between(self.times.shortest, self._most, place[0])
+        long = _between(short, self._longest(short), place[1])
+        return [(self.num_long, long), (self.num_short, short)]
+
+    def start(self, exposure: float) -> Float[np.ndarray, "2"]:
+        """Shares at which the others have an exposure, s, and the first are as long as can be."""
+        return np.array([_share(self.times.shortest, self._most, exposure), 1.0])
+
+
+def _between(low: float, high: float, share: float) -> float:
+    """A number between two, on a scale of ratios."""
+    return low * (high / low) ** float(share)
+
+
+def _share(low: float, high: float, value: float) -> float:
+    """The place of a number between two on that scale, from 0 to 1."""
+    return min(max(math.log(value / low) / math.log(high / low), 0.0), 1.0) if high > low else 0.0
+
+
+def _first_best(level: Callable[[int], float], most: int, *, until: float = math.inf) -> int:
+    """A number from 1 to some at which a level is highest, or high enough, where it falls after it.
+
+    Args:
+        level: The level at a number.
+        most: The greatest number.
+        until: The level that is high enough.
+    """
+    best, step = 1, 1
+    top = level(best)
+    while top < until and best + step <= most and (after := level(best + step)) > top:
+        best, step, top = best + step, 2 * step, after
+    while top < until and step >= 1:
+        near = [n for n in (best - step, best + step) if 1 <= n <= most]
+        after, number = max(((level(n), n) for n in near), default=(-math.inf, best))
+        if after > top:
+            top, best = after, number
+        else:
+            step //= 2
+    return best
+
+
+def some_numbers(most: int, num: int = 12) -> list[int]:
     """Numbers from 1 to a greatest: all of few, and ever fewer of many."""
-    return np.unique(np.geomspace(1, most, 12).round().astype(int)).tolist() if most else []
+    return np.unique(np.geomspace(1, most, num).round().astype(int)).tolist() if most else []
 
 
 def best_still_burst(scene: Scene) -> FrameSequence | None:
     """The burst of least error of a camera at rest; None without `scene.burst`.
 
-    The frames follow each other at the rate of the burst, with its dead time between them, and all
-    of them within its window; no frame fills a pixel. They have one exposure, or two where that
-    gains more than two decimals hide.
+    The frames follow each other at the rate of the burst at most, with its dead time between them,
+    and all of them within its window; no frame fills a pixel. They have one exposure, or two where
+    that gains more than two decimals hide.
     """
     require_known("best_still_burst", scene=scene)
     if scene.burst is None:
         return None
     bursts, times = StillBursts(scene), FrameTimes.of(scene, scene.burst)
-    equal = bursts.best_within(times)
+    equal = bursts.best_within(times, of_several=times.holds_several)
     kinds, level = bursts.best_bracketed(times)
     if level < equal.psnr + _LEAST_GAIN:
         kinds = [equal]

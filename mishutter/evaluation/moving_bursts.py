@@ -1,210 +1,230 @@
 """Searches for bursts of a sensor that moves: its path, exposures, top speed and pan.
 
-One more frame never hurts, so that a burst has as many as there is time for. Fewer of them may
-move, where the travel of a stage is short: those before them stand still. What can do more is never
-worse: frames that move may stand still, and where the speed is told a burst may be one exposure. Of
-bursts within 0.05 dB of the best the simplest is taken: one exposure, then frames that all move, on
-one sweep rather than a sine, alternating parabolas or a fan, then those before which some are at
-rest.
+Any number of the frames may move, and those before them stand still. What can do more is never
+worse: frames that move may stand still or wait for each other, and where the speed is told a burst
+may be one exposure. Of bursts within 0.05 dB of the best the simplest is taken: one exposure, then
+frames that all move, on one sweep rather than a sine, alternating parabolas or a fan, then those
+before which some are at rest.
 """
 
 import itertools
 import math
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from mishutter._core import alone_in_blas, outside_trace, require_known
-from mishutter.evaluation.bursts import FrameTimes
-from mishutter.evaluation.frames import (
-    FrameGroup,
-    alternating_frames,
-    in_parts,
-    panned_frames,
-    sine_frames,
-    steps_of,
-    sweep_frames,
-)
+from mishutter.evaluation.bursts import FrameTimes, moments_of, some_numbers
+from mishutter.evaluation.frames import in_parts, steps_of
 from mishutter.evaluation.needs import distinct_speeds
 from mishutter.evaluation.open_frames import OpenFrames, Places, psnr_of_error
 from mishutter.evaluation.sequences import loss_of_width
 from mishutter.evaluation.speed_knowledge import knowledge_of
 from mishutter.model import (
+    SINE,
     AbstractMotion,
     FrameSequence,
     FreeMotion,
+    Knots,
     Limits,
+    LinearMotion,
     ParabolicMotion,
     Scene,
+    StageUse,
     StillCamera,
     TimedFrame,
+    from_rest_to_rest,
+    knots_of,
+    place_at_begin,
+    run_up,
+    sine_between,
+    use_of_knots,
 )
 
-ONE_PARABOLA, SWEEP, SINE = "one parabola", "sweep", "sine"
-ALTERNATING, FAN = "alternating parabolas", "fan of pans"
-"""Paths of a sensor over a burst."""
+ONE_PARABOLA, SWEEP, ALTERNATING, FAN = (
+    "one parabola",
+    "sweep",
+    "alternating parabolas",
+    "fan of pans",
+)
+"""Paths of a sensor over a burst, beside a sine."""
 _STEPS = 3
 """Steps of exposure and top speed that a search begins with."""
 _STEP = 0.15
 """Step of a simplex."""
 _FIRST_STEPS, _MOST_STEPS = 12, 60
 """Steps of a simplex on every path, for each of its numbers, and more of them on the best paths."""
-_NUM_PANS, _NUM_PATHS = 2, 3
-"""Pans of each path, and paths of all, that are searched further."""
-_AS_GOOD, _MAY_BE_AS_GOOD = 0.05, 0.15
-"""Decibels below the best at which a simpler burst is preferred, and at which one may come to
-that."""
+_NUM_PANS = 2
+"""Pans of each path that are searched further."""
+_NUM_NUMBERS = 5
+"""Numbers of frames that move, from one to all, with which a search begins."""
+_AS_GOOD, _MAY_BE_BEST, _MAY_CLIMB = 0.05, 0.3, 1.0
+"""Decibels below the best at which a simpler burst is preferred, at which one may come to that, and
+at which other numbers of its frames may."""
 _FEW = 3
 """Most frames that may gain by following one direction where both are alike."""
-_SAME_LOSS, _ROUNDING = 1e-7, 1e-9
-"""Shares within which an error is found, and of a velocity that are rounding."""
-_PIECES_OF_PERIOD = 32
-"""Pieces of constant acceleration of the way of a sine from frame to frame."""
+_SAME_LEVEL, _SAME_LOSS, _ROUNDING = 1e-4, 1e-7, 1e-9
+"""Shares of an error that a further simplex gains, and within which one ends, and of a velocity
+that are rounding."""
+_PIECES_OF_SINE = 32
+"""Pieces of constant acceleration that stand for a sine within a frame."""
 _TOP_SPEEDS = (0.7, 1.0, 1.2)
 """Top speeds of a sensor, over that of the fastest thing, that a search begins with too."""
+_HALVES = np.array([0.0, 0.5, 1.0])
+_Numbers = np.ndarray
 _MOST_VELOCITIES = 64
 """Most frames on paths that give each a velocity of its own, whose transfer functions are many."""
 
 
 @dataclass(frozen=True)
 class _Way:
-    """The way of a sensor over a burst, as its velocity, which is linear between knots.
+    """The way of a sensor over frames that follow each other at equal times.
 
     Attributes:
-        knots: Times from the first light to the last; s, ascending.
-        velocity: Velocity at each over the top speed.
-        moments: Mid-exposures of the frames that see the picture differently; s.
-        frames: Makes its frames of the top speed, px/s.
-        half_of_parabola: Half the exposure of the parabola that it is, or its frames are; s. None
-            where they are none.
-        back: Makes the motion of every other frame, which goes the other way, of that of the first;
-            None where none does.
+        velocity: Velocities over the top speed at the ends of equal pieces within each frame, and
+            then between those from it to the next, those after the last frame included.
+        num_within: Number of pieces within a frame.
+        half: Half the exposure of a frame; s.
+        period: Time from one frame to the next; s.
+        differ: Whether the frames see the picture differently, and not only mirrored.
+        jerk: Greatest jerk at the top speed 1; 1/s^2.
     """
 
-    knots: Float[np.ndarray, "k"]
-    velocity: Float[np.ndarray, "k"]
-    moments: Float[np.ndarray, "n"]
-    frames: Callable[[float], FrameGroup]
-    half_of_parabola: float | None = None
-    back: Callable[[Any], AbstractMotion] | None = None
-
-    @property
-    def steepest(self) -> float:
-        """Greatest acceleration at the top speed 1; 1/s."""
-        steps, changes = np.diff(self.knots), np.abs(np.diff(self.velocity))
-        with np.errstate(divide="ignore"):
-            return float(np.max(changes[changes > 0] / steps[changes > 0]))
+    velocity: Float[np.ndarray, "count k"]
+    num_within: int
+    half: float
+    period: float
+    differ: bool
+    jerk: float = math.inf
 
     @cached_property
-    def _places(self) -> Float[np.ndarray, "k"]:
-        """Place at each knot, from that at the first, at the top speed 1; s."""
-        ways = np.diff(self.knots) * (self.velocity[1:] + self.velocity[:-1]) / 2
-        return np.append(0.0, np.cumsum(ways))
+    def durations(self) -> Float[np.ndarray, "n"]:
+        """Durations of the pieces from the first light to the last; s."""
+        count, ends = self.velocity.shape
+        between = ends - self.num_within
+        gap = max(self.period - 2 * self.half, 0.0)
+        own = np.repeat(
+            [2 * self.half / self.num_within, gap / between], [self.num_within, between]
+        )
+        return np.tile(own, count)[:-between]
 
-    def places(self, top_speed: float, pan: float) -> Float[np.ndarray, "k"]:
-        """Place at each knot; px."""
-        return top_speed * self._places + pan * (self.knots - self.knots[0])
+    @cached_property
+    def velocities(self) -> Float[np.ndarray, "m"]:
+        """Velocities at their ends over the top speed."""
+        between = self.velocity.shape[1] - self.num_within - 1
+        return self.velocity.ravel()[: self.velocity.size - between]
 
-    def in_frames(self, top_speed: float, pan: float) -> Places:
-        """Makes the places of the sensor in the frames that differ, at times within them; px."""
-        velocity, places = pan + top_speed * self.velocity, self.places(top_speed, pan)
+    @cached_property
+    def rates(self) -> Float[np.ndarray, "n"]:
+        """Accelerations in them at the top speed 1, infinite where a velocity jumps; 1/s."""
+        gains, d = np.diff(self.velocities), self.durations
+        jumps = np.where(abs(gains) > _ROUNDING, np.copysign(np.inf, gains), 0.0)
+        return np.where(d > _ROUNDING * self.period, gains / np.where(d > 0, d, 1.0), jumps)
 
-        def at(times: Float[np.ndarray, "q"]) -> Float[np.ndarray, "n q"]:
-            moments = self.moments[:, None] + times
-            piece = np.searchsorted(self.knots, moments, side="right") - 1
-            piece = np.clip(piece, 0, self.knots.size - 2)
-            length, start = self.knots[piece + 1] - self.knots[piece], velocity[piece]
-            share = (moments - self.knots[piece]) / length
-            gain = velocity[piece + 1] - start
-            place = places[piece] + share * length * (start + share * gain / 2)
-            return place - np.mean(place, axis=1)[:, None]
+    @cached_property
+    def steepest(self) -> float:
+        """Greatest acceleration at the top speed 1; 1/s."""
+        return float(np.max(abs(self.rates)))
 
-        return at
-
-    def travels(self, top_speed: float, pan: float, acceleration: float) -> tuple[float, float]:
-        """Distances from the lowest to the highest place in the light, and from rest to rest; px.
+    def knots(
+        self,
+        top_speed: Float[np.ndarray, "*shape"],
+        pan: float,
+        acceleration: float | None,
+        jerk: float | None,
+    ) -> Knots:
+        """The way from rest to rest.
 
         Args:
             top_speed: The top speed; px/s.
             pan: Velocity beside it; px/s.
-            acceleration: Acceleration of the run-up and the run-out; px/s^2.
+            acceleration: Greatest acceleration of the run-up and the run-out; px/s^2. None for any.
+            jerk: Greatest jerk of these; px/s^3. None for any.
         """
-        velocity, places = pan + top_speed * self.velocity, self.places(top_speed, pan)
-        first, last, steps = velocity[:-1], velocity[1:], np.diff(self.knots)
-        # Where the velocity changes its sign between two knots, the stage turns back.
-        turns = first * last < 0
-        first, last, steps = first[turns], last[turns], steps[turns]
-        turned = places[:-1][turns] + first**2 / (first - last) * steps / 2
-        lit = np.concatenate([places, turned])
-        low, high = float(np.min(lit)), float(np.max(lit))
-        begin, end = (v * abs(v) / (2 * acceleration) for v in velocity[[0, -1]].tolist())
-        rests = places[0] - begin, places[-1] + end
-        return high - low, max(high, *rests) - min(low, *rests)
+        velocities = pan + top_speed[..., None] * self.velocities
+        within = Knots(self.durations, velocities, None, 0, self.durations.size)
+        # Without a limit on the jerk the run-up need not lead to an acceleration.
+        ends = (0.0, 0.0) if jerk is None else self.rates[[0, -1]].tolist()
+        accelerations = top_speed * ends[0], top_speed * ends[1]
+        return from_rest_to_rest(within, accelerations, acceleration, jerk)
+
+    def in_frames(self, top_speed: float, pan: float) -> Places:
+        """Makes the places of the sensor in the frames that differ, at times within them; px."""
+        rows = self.velocity if self.differ else self.velocity[:1]
+        velocity = pan + top_speed * rows[:, : self.num_within + 1]
+        step = 2 * self.half / self.num_within
+        ways = (velocity[:, 1:] + velocity[:, :-1]) * (step / 2)
+        places = np.cumsum(ways, axis=1) - ways
+
+        def at(times: _Numbers) -> _Numbers:
+            share = (times + self.half) / step
+            piece = np.clip(share.astype(int), 0, self.num_within - 1)
+            share, start = share - piece, velocity[:, piece]
+            gain = velocity[:, piece + 1] - start
+            place = places[:, piece] + share * step * (start + share * gain / 2)
+            return place - np.mean(place, axis=1)[:, None]
+
+        return at
+
+    def motions(self, top_speed: float, pan: float) -> list[AbstractMotion]:
+        """The motion of each frame, from its mid-exposure."""
+        velocity = pan + top_speed * self.velocity[:, : self.num_within + 1]
+        return [_motion(each, self.half) for each in velocity]
+
+
+def _motion(velocities: Float[np.ndarray, "k"], half: float) -> AbstractMotion:
+    """The motion of an exposure by its velocities at the ends of equal pieces, px/s."""
+    count = velocities.size - 1
+    middle = float(np.interp(count / 2, np.arange(count + 1), velocities))
+    rates = np.diff(velocities) / (4 * half / count)
+    if not np.any(rates):
+        still = StillCamera(half_exposure=half)
+        return LinearMotion(half_exposure=half, velocity=middle) if middle else still
+    if count == 1 and rates[0] > 0:
+        return ParabolicMotion(acceleration=float(rates[0]), half_exposure=half, velocity=middle)
+    return FreeMotion(accelerations=rates, half_exposure=half, velocity=middle)
 
 
 def _alternating(count: int, half: float, period: float) -> _Way:
     """Parabolas of alternating direction, between which the stage coasts at constant velocity."""
-    velocity = np.outer((-1.0) ** np.arange(count), [-1, 0, 1]).ravel()
-
-    def frames(top_speed: float) -> FrameGroup:
-        return alternating_frames(count, half, top_speed / (2 * half))
-
-    def back(motion: ParabolicMotion) -> FreeMotion:
-        return FreeMotion(accelerations=-motion.acceleration[None], half_exposure=half)
-
-    moments = steps_of(count)[:1] * period
-    return _Way(_knots(count, half, period), velocity, moments, frames, half, back)
+    velocity = np.outer((-1.0) ** np.arange(count), [-1, 1])
+    return _Way(velocity, 1, half, period, False, 0.0 if count == 1 else math.inf)
 
 
 def _sine(count: int, half: float, period: float) -> _Way:
     """A sine of half the frame rate, whose turning points are at the middles of the frames."""
-    moments = steps_of(count) * period
-    ends = moments[0] - half, moments[-1] + half
-    num_pieces = math.ceil(_PIECES_OF_PERIOD * (ends[1] - ends[0]) / period)
-    knots, step = np.linspace(*ends, num_pieces + 1, retstep=True)
-    turn = np.pi * step / period / 2
-    # With this factor the trapezoids of the velocity add up to the way of the sine.
-    velocity = np.sin(np.pi * (knots - moments[0]) / period) * np.tan(turn) / turn
-
-    def frames(top_speed: float) -> FrameGroup:
-        stroke = top_speed * period / np.pi * (1 - math.cos(np.pi * half / period))
-        return sine_frames(count, half, stroke, period)
-
-    def back(motion: FreeMotion) -> FreeMotion:
-        return eqx.tree_at(lambda path: path.accelerations, motion, replace_fn=jnp.negative)
-
-    return _Way(knots, velocity, moments[:1], frames, back=back)
+    turn = np.pi * half / period
+    steps = np.linspace(-turn, turn, _PIECES_OF_SINE + 1)
+    # By this factor the trapezoids of the velocity add up to the way of the sine.
+    within = np.sin(steps) * np.tan(turn / _PIECES_OF_SINE) / (turn / _PIECES_OF_SINE)
+    gap = period - 2 * half
+    between = np.zeros(0)
+    if gap > _ROUNDING * period:
+        between = sine_between(half, gap)
+        step = gap / (between.size + 1)
+        way = 2 * period / np.pi * math.cos(turn)
+        between = between * ((way - step * within[-1]) / (step * np.sum(between)))
+    row = np.append(within, between)
+    velocity = np.outer((-1.0) ** np.arange(count), row / np.max(row))
+    return _Way(velocity, _PIECES_OF_SINE, half, period, False, (np.pi / period) ** 2)
 
 
 def _sweep(count: int, half: float, period: float) -> _Way:
     """One slow parabola over the whole burst."""
-    knots, whole = _knots(count, half, period), (count - 1) * period / 2 + half
-
-    def frames(top_speed: float) -> FrameGroup:
-        return sweep_frames(count, half, top_speed / (2 * whole), period)
-
-    return _Way(knots, knots / whole, steps_of(count) * period, frames, whole)
+    whole = (count - 1) * period / 2 + half
+    velocity = (steps_of(count)[:, None] * period + half * np.array([-1, 1])) / whole
+    return _Way(velocity, 1, half, period, True, 0.0)
 
 
 def _fan(count: int, half: float, period: float) -> _Way:
     """Frames at constant velocities in equal steps, between which the stage accelerates evenly."""
-    velocity = np.repeat(np.linspace(-1, 1, count), 3)
-
-    def frames(top_speed: float) -> FrameGroup:
-        return panned_frames(count, half, top_speed)
-
-    return _Way(_knots(count, half, period), velocity, steps_of(count) * period, frames)
-
-
-def _knots(count: int, half: float, period: float) -> Float[np.ndarray, "k"]:
-    """Beginning, middle and end of each frame; s."""
-    return (steps_of(count)[:, None] * period + half * np.array([-1, 0, 1])).ravel()
+    velocity = np.repeat(np.linspace(-1, 1, count)[:, None], 2, axis=1)
+    return _Way(velocity, 1, half, period, True)
 
 
 _KINDS: dict[str, Callable[[int, float, float], _Way]] = {
@@ -217,86 +237,103 @@ _KINDS: dict[str, Callable[[int, float, float], _Way]] = {
 motion of one frequency, and motions of ever more turns."""
 
 
-@dataclass(frozen=True)
 class _Room:
-    """The room that limits leave for the motion of some frames.
+    """The room that limits leave for the motion of frames.
 
-    Attributes:
+    Args:
         limits: The scene's limits.
-        times: When frames may be exposed.
-        num_frames: Number of frames that move.
     """
 
-    limits: Limits
-    times: FrameTimes
-    num_frames: int
-
-    @cached_property
-    def acceleration(self) -> float:
-        """Greatest mechanical acceleration; px/s^2."""
-        most = self.limits.max_acceleration
-        return math.inf if most is None else float(most)
+    def __init__(self, limits: Limits) -> None:
+        self.pans = limits.pans
+        self.max_pan, self._most_speed = float(limits.max_pan), float(limits.max_top_speed)
+        self._stroke = float(limits.max_stroke)
+        self._travel, self.acceleration, self.jerk = (
+            None if x is None else float(x)
+            for x in (limits.max_travel, limits.max_acceleration, limits.max_jerk)
+        )
 
     def panned(self, pan: float) -> float:
         """Velocity of a stage for a pan, px/s: 0 where the camera turns."""
-        return 0.0 if self.limits.pans == "camera" else pan
+        return 0.0 if self.pans == "camera" else pan
 
-    @cached_property
-    def _speeds(self) -> tuple[float, float]:
-        """Greatest velocity of a pan, and of the sensor; px/s."""
-        most = float(self.limits.max_top_speed)
-        return min(float(self.limits.max_pan), most), most
+    def _share(self, use: StageUse, beside: float) -> Float[np.ndarray, "*shape"]:
+        """Share of the limits that a way takes beside a speed of the camera, px/s."""
+        share = np.maximum(use.stroke / self._stroke, (use.top_speed + beside) / self._most_speed)
+        return share if self._travel is None else np.maximum(share, use.travel / self._travel)
 
-    @cached_property
-    def _lengths(self) -> tuple[float, float]:
-        """Longest travel in the light, and from rest to rest; px."""
-        travel = self.limits.max_travel
-        return float(self.limits.max_stroke), math.inf if travel is None else float(travel)
+    def nearest_pan(self, pan: float, duration: float) -> float:
+        """The velocity nearest to one at which frames may pan for some time, s; px/s."""
+        most = min(self.max_pan, self._most_speed)
+        if self.pans == "stage" and pan:
 
-    @property
-    def stroke(self) -> float:
-        """Travel from the lowest to the highest position, without a run-up; px."""
-        return min(self._lengths)
+            def share(velocity: _Numbers) -> _Numbers:
+                velocities = np.repeat(velocity[:, None], 2, axis=1)
+                within = Knots(np.array([duration]), velocities, None, 0, 1)
+                none = np.zeros(velocity.shape)
+                knots = from_rest_to_rest(within, (none, none), self.acceleration, self.jerk)
+                return self._share(use_of_knots(knots), 0.0)
 
-    def nearest_pan(self, pan: float, half: float) -> float:
-        """The velocity nearest to one, at which all frames of a half exposure may pan; px/s."""
-        most, _ = self._speeds
-        if self.limits.pans == "stage":
-            duration = (self.num_frames - 1) * self.times.period + 2 * half
-            lit, whole = self._lengths
-            most = min(most, lit / duration)
-            if whole < math.inf:
-                # From rest to rest a pan v takes v times the duration, and v^2/A to run up and out.
-                root = math.sqrt(duration**2 + 4 * whole / self.acceleration)
-                most = min(most, 2 * whole / (duration + root))
+            most = _largest_within(share, min(most, abs(pan)))
         return min(max(pan, -most), most)
 
-    def largest_top_speed(self, way: _Way, pan: float) -> float:
-        """The largest top speed of a way beside a pan, px/s."""
-        most = max(self._speeds[1] - abs(pan), 0.0)
-        if self.limits.max_jerk is not None and way.half_of_parabola is not None:
-            numbers = jnp.asarray(way.half_of_parabola), jnp.asarray(pan)
-            largest = float(self.limits.largest_acceleration(*numbers))
-            most = min(most, 2 * largest * way.half_of_parabola)
-        if self.acceleration < math.inf:
+    def largest_top_speed(self, way: _Way, pan: float, num_rests: int = 0) -> float:
+        """The largest top speed of a way beside a pan, px/s.
+
+        Args:
+            way: The way.
+            pan: The pan; px/s.
+            num_rests: Frames at rest before it, from which the stage runs up.
+        """
+        most = max(self._most_speed - abs(pan), 0.0)
+        if self.acceleration is not None:
             most = min(most, self.acceleration / way.steepest)
-        pan = self.panned(pan)
-        if self._share(way, most, pan) <= 1:
-            return most
-        if self._share(way, 0.0, pan) >= 1 - _ROUNDING:
-            return 0.0
-        from scipy.optimize import brentq
+        if self.jerk is not None and way.jerk > 0:
+            most = min(most, self.jerk / way.jerk)
+        of_stage = self.panned(pan)
+        beside = abs(pan - of_stage)
 
-        # Travels are convex in the top speed.
-        root: Any = brentq(
-            lambda top: self._share(way, top, pan) - 1, 0.0, most, xtol=_ROUNDING * most
-        )
-        return float(root)
+        def share(top: _Numbers) -> _Numbers:
+            knots = way.knots(top, of_stage, self.acceleration, self.jerk)
+            # From a frame at rest on, the run-up is one of the burst.
+            knots = knots._replace(first=0) if num_rests else knots
+            return self._share(use_of_knots(knots), beside)
 
-    def _share(self, way: _Way, top_speed: float, pan: float) -> float:
-        """Share of the travel that a way takes."""
-        travels = way.travels(top_speed, pan, self.acceleration)
-        return max(x / most for x, most in zip(travels, self._lengths, strict=True))
+        return _largest_within(share, most)
+
+
+def _largest_within(share: Callable[[_Numbers], _Numbers], most: float) -> float:
+    """The largest number up to some whose share of the limits is at most 1.
+
+    Travels are convex in a speed, so that a chord is never below them.
+
+    Args:
+        share: The shares of numbers, one after the other.
+        most: The greatest number.
+    """
+    if most <= 0:
+        return 0.0
+    none, half, all_of_it = share(most * _HALVES)
+    if all_of_it <= 1:
+        return most
+    if none >= 1 - _ROUNDING:
+        return 0.0
+    if none == 0 and abs(all_of_it - 2 * half) <= _ROUNDING * half:
+        return most / float(all_of_it)
+    low = most * (1 - none) / (all_of_it - none)
+    low, high, _, _ = _around_one(share, np.geomspace(low, most, 16))
+    low, high, under, over = _around_one(share, np.linspace(low, high, 16))
+    return low + (high - low) * max(1 - under, 0.0) / (over - under) if over > 1 else low
+
+
+def _around_one(
+    share: Callable[[_Numbers], _Numbers], places: _Numbers
+) -> tuple[float, float, float, float]:
+    """The neighbours of some places between which shares exceed 1, and the shares there."""
+    shares = share(places)
+    after = max(int(np.argmax(shares > 1)), 1)
+    low, high, under, over = *places[after - 1 : after + 1], *shares[after - 1 : after + 1]
+    return float(low), float(high), float(under), float(over)
 
 
 @outside_trace()
@@ -304,13 +341,14 @@ class _Room:
 def best_moving_burst(scene: Scene) -> FrameSequence | None:
     """The burst of least error of a sensor that moves; None without `scene.burst`.
 
-    The stage follows parabolas of alternating direction, a sine of half the frame rate, one slow
-    parabola over the whole burst or a fan of pans, of at most 64 frames. Before the frames that
-    move there may be one at rest, or as many as leave the others the travel that they want. The
-    limits hold over the burst, and the sensor may pan beside all that. The frames have the times of
-    those of `best_still_burst`. One exposure alone, which nothing registers, is among them where
-    the scene's decoder is told the speed, or where there is no time for more. On a sensor of a
-    known width the kind of path is the one that leaves least error there.
+    The stage follows parabolas of alternating direction, a sine of half the rate of its frames, one
+    slow parabola over the whole burst or a fan of pans, of at most 64 frames. Before the frames
+    that move there may be some at rest. Limits on stroke, travel, top speed, acceleration and jerk
+    hold for the path that `FrameSequence.stage_path` has, and the sensor may pan beside all that.
+    The frames have times as those of `best_still_burst`. One exposure alone, which nothing
+    registers, is among them where the scene's decoder is told the speed, or where there is no time
+    for more. On a sensor of a known width the kind of path is the one that leaves least error
+    there.
     """
     require_known("best_moving_burst", scene=scene)
     if scene.burst is None:
@@ -318,23 +356,22 @@ def best_moving_burst(scene: Scene) -> FrameSequence | None:
     times, whole = FrameTimes.of(scene, scene.burst), in_parts(scene)
     # Without a pan a burst leaves as much at opposite speeds.
     is_mirrored = _is_mirrored(whole)
-    pans = not (is_mirrored and max(times.best_numbers) > _FEW)
+    most = times.numbers_of_frames[-1]
+    pans = not (is_mirrored and most > _FEW)
     slowest, fastest = (float(x) for x in whole.speed_range)
-    farthest = max(abs(slowest), abs(fastest))
-    numbers = {*times.best_numbers, 1}
-    if times.holds_several and not knowledge_of(scene).is_told:
-        numbers.discard(1)
-    tries = [
-        _Try(kind, room, rests, pans, slowest, fastest, is_mirrored)
-        for count in sorted(numbers)
-        for kind in _KINDS
-        for moving in _moving_numbers(kind, count, _Room(scene.limits, times, count), farthest)
-        for room in [_Room(scene.limits, times, moving)]
-        # A stage that has to run up may have no time for frames at rest.
-        for rests in sorted({count - moving, 0 if room.acceleration < math.inf else count - moving})
-    ]
+    told = knowledge_of(scene).is_told
+    search = _Search(
+        _Room(scene.limits),
+        times,
+        pans,
+        slowest,
+        fastest,
+        is_mirrored,
+        least=2 if times.holds_several and not told else 1,
+    )
     frames = OpenFrames.of(whole, times.longest, folds=not pans)
-    return _best_of(frames, tries, scene.registered_width)
+    found = _best_of(frames, search.tries, scene.registered_width)
+    return scene.limits.with_travel(found)
 
 
 def _is_mirrored(scene: Scene) -> bool:
@@ -346,187 +383,342 @@ def _is_mirrored(scene: Scene) -> bool:
     return one.shape == other.shape and np.allclose(one, other)
 
 
-def _moving_numbers(kind: str, count: int, room: _Room, farthest: float) -> list[int]:
-    """Numbers of frames that may move, of some: all, all but one, or few.
-
-    Of a sweep and a fan fewer frames are faster where the travel is limited, and one parabola needs
-    less travel than several that alternate.
-    """
-    if kind == ALTERNATING:
-        return sorted({count, count - 1, 1} - {0})
-    if kind == SINE:
-        return [number for number in (count - 1, count) if number > 1]
-    way = max(_TOP_SPEEDS) * farthest * room.times.period / 4
-    as_fast = math.ceil(room.stroke / way) if room.stroke < count * way else count
-    numbers = {count, count - 1, count // 2, as_fast}
-    return sorted(number for number in numbers if 1 < number <= _MOST_VELOCITIES)
-
-
 class _Place(NamedTuple):
     """The frames at a point of the unit box of a search.
 
     Attributes:
         way: The way of those that move.
         top_speed: Its top speed; px/s.
-        half: Half the exposure of each of them; s.
         rest: Exposure of those before them, which are at rest; s.
         pan: Velocity of those that move; px/s.
-        num_moving: Number of frames that move.
         num_rests: Number of those at rest.
     """
 
     way: _Way
     top_speed: float
-    half: float
     rest: float
     pan: float
-    num_moving: int
     num_rests: int = 0
+
+    @property
+    def num_moving(self) -> int:
+        """Number of frames that move."""
+        return self.way.velocity.shape[0]
 
     def errors(self, frames: OpenFrames) -> Float[np.ndarray, "n"]:
         """Squared error that they leave at each speed; white = 1."""
-        way, exposure = self.way, 2 * self.half
+        way, exposure = self.way, 2 * self.way.half
         places = way.in_frames(self.top_speed, self.pan)
         fastest = abs(self.pan) + self.top_speed + float(np.max(np.abs(frames.speeds)))
         passed = frames.on_paths(places, exposure, fastest)
-        gained = self.num_moving // way.moments.size * frames.gained(passed, exposure)
+        alike = 1 if way.differ else self.num_moving
+        gained = alike * frames.gained(passed, exposure)
         if self.num_rests:
             gained += self.num_rests * frames.gained(frames.at_rest(self.rest), self.rest)
         return frames.errors(gained)
 
 
-class _Try(NamedTuple):
-    """A search: a kind of path, for frames that may be preceded by some at rest.
+class _Search(NamedTuple):
+    """What is the same of all kinds and numbers of frames.
 
     Attributes:
-        kind: The path.
-        room: The room of the frames that move.
-        num_rests: Number of frames at rest.
+        room: The room that the limits leave.
+        times: When frames may be exposed.
         pans: Whether those that move may pan.
         slowest: Least of the speeds; px/s, either sign.
         fastest: Greatest of the speeds; px/s.
         is_mirrored: Whether every speed is as likely as its opposite.
+        least: Least number of frames.
     """
 
-    kind: str
     room: _Room
-    num_rests: int
+    times: FrameTimes
     pans: bool
     slowest: float
     fastest: float
     is_mirrored: bool = False
+    least: int = 1
+
+    def allows(self, kind: str, num_moving: int, num_rests: int) -> bool:
+        """Whether there is such a burst."""
+        least = 1 if kind == ALTERNATING else 2
+        most = _MOST_VELOCITIES if kind in (SWEEP, FAN) else math.inf
+        count = num_moving + num_rests
+        is_one = least <= num_moving <= most and num_rests >= 0 and count >= self.least
+        return is_one and count in self.times.numbers_of_frames
+
+    @property
+    def tries(self) -> "list[_Try]":
+        """The kinds and the numbers of frames that a search begins with."""
+        most = self.times.numbers_of_frames[-1]
+        numbers = {
+            (moving, rests)
+            for moving in some_numbers(most, _NUM_NUMBERS)
+            for rests in {0, most - moving}
+        }
+        return [
+            _Try(self, kind, *each)
+            for kind in _KINDS
+            for each in sorted(numbers)
+            if self.allows(kind, *each)
+        ]
+
+
+class _Try(NamedTuple):
+    """A kind of path, for some frames that may be preceded by some at rest.
+
+    Attributes:
+        search: What it is one of.
+        kind: The path.
+        num_moving: Number of frames that move.
+        num_rests: Number of frames at rest.
+    """
+
+    search: _Search
+    kind: str
+    num_moving: int
+    num_rests: int = 0
 
     @property
     def num_frames(self) -> int:
         """Number of frames, those at rest included."""
-        return self.room.num_frames + self.num_rests
+        return self.num_moving + self.num_rests
+
+    @property
+    def family(self) -> tuple[str, bool]:
+        """The path, and whether some frames are at rest."""
+        return self.kind, self.num_rests > 0
 
     @property
     def simplicity(self) -> tuple[bool, bool, int]:
         """The simplest comes first: one exposure, frames that all move, those of simple paths."""
         return self.num_frames > 1, self.num_rests > 0, [*_KINDS].index(self.kind)
 
+    def neighbours(self, step: int) -> "list[_Try]":
+        """The same path for other numbers of frames, some more or fewer of either."""
+        changes = ((1, 0), (-1, 0), (1, -1), (-1, 1), (0, 1), (0, -1))
+        numbers = [(self.num_moving + a * step, self.num_rests + b * step) for a, b in changes]
+        # A burst without frames at rest is of another family.
+        return [
+            self._replace(num_moving=moving, num_rests=rests)
+            for moving, rests in numbers
+            if self.search.allows(self.kind, moving, rests) and (rests > 0) == (self.num_rests > 0)
+        ]
+
     @property
     def may_pan(self) -> bool:
         """Whether frames may pan: a camera that turns does not rest for one of them."""
-        limits = self.room.limits
-        is_held = self.num_rests > 0 and limits.pans == "camera"
-        return self.pans and float(limits.max_pan) > 0 and not is_held
+        room = self.search.room
+        is_held = self.num_rests > 0 and room.pans == "camera"
+        return self.search.pans and room.max_pan > 0 and not is_held
 
     @property
     def slowest_pan(self) -> float:
         """Least velocity that is worth a pan; px/s."""
-        return min(0.0, self.slowest)
+        return min(0.0, self.search.slowest)
 
     @property
     def pan_range(self) -> float:
         """Range of the velocities that are; px/s."""
-        return max(0.0, self.fastest) - self.slowest_pan if self.may_pan else 0.0
+        return max(0.0, self.search.fastest) - self.slowest_pan if self.may_pan else 0.0
 
-    def at(self, point: Float[np.ndarray, "4"]) -> _Place:
-        """The frames at a point: exposure, share of the top speed, exposure at rest, pan.
+    @property
+    def _taken(self) -> float:
+        """Time that the frames at rest take at least; s."""
+        times, count = self.search.times, self.num_rests
+        return times.shortest + (count - 1) * times.period_of(times.shortest) if count else 0.0
+
+    @property
+    def longest(self) -> float:
+        """Longest exposure of the frames that move; s."""
+        return self.search.times.longest_of(self.num_moving, self._taken)
+
+    def at(self, point: Float[np.ndarray, "5"]) -> _Place:
+        """The frames at a point: exposure, share of the top speed, exposure at rest, pan, period.
 
         There is no time for a frame at rest, which then lasts below the shortest exposure, where
         the stage takes all of it to run up.
         """
-        room, times = self.room, self.room.times
-        shortest, longest = times.shortest, times.longest_of(self.num_frames)
-        half = shortest * (longest / shortest) ** float(point[0]) / 2
+        room, times, count = self.search.room, self.search.times, self.num_moving
+        exposure = times.shortest * (self.longest / times.shortest) ** float(point[0])
+        period = times.period_of(exposure)
+        if count > 1:
+            first = times.period_of(exposure) if self.num_rests else exposure
+            most = max((times.window - self._taken - first) / (count - 1), period)
+            period *= (most / period) ** float(point[4])
+        way = _KINDS[self.kind](count, exposure / 2, period)
         pan = 0.0
         if self.may_pan:
-            pan = room.nearest_pan(self.slowest_pan + float(point[3]) * self.pan_range, half)
-        way = _KINDS[self.kind](room.num_frames, half, times.period)
-        top_speed = float(point[1]) * room.largest_top_speed(way, pan)
-        place = _Place(way, top_speed, half, 2 * half, pan, room.num_frames)
+            wanted = self.slowest_pan + float(point[3]) * self.pan_range
+            pan = room.nearest_pan(wanted, (count - 1) * period + exposure)
+        top_speed = float(point[1]) * room.largest_top_speed(way, pan, self.num_rests)
+        place = _Place(way, top_speed, exposure, pan, self.num_rests)
         if not self.num_rests:
             return place
-        start = pan + place.top_speed * float(way.velocity[0])
-        left = 2 * (times.period - half - times.dead_time - abs(start) / room.acceleration)
-        rest = shortest * max(min(left, longest) / shortest, 1e-9) ** float(point[2])
-        return place._replace(rest=rest, num_rests=self.num_rests)
+        beside = self._gap(place) + exposure + (count - 1) * period
+        left = max(times.longest_of(self.num_rests, beside), 1e-9 * times.shortest)
+        return place._replace(rest=times.shortest * (left / times.shortest) ** float(point[2]))
+
+    def _ups(self, place: _Place) -> Knots:
+        """The run-up of a stage from a frame at rest."""
+        room, way = self.search.room, place.way
+        velocity = room.panned(place.pan) + place.top_speed * float(way.velocities[0])
+        rate = place.top_speed * float(way.rates[0]) if room.jerk is not None else 0.0
+        return knots_of(0.0, run_up(velocity, rate, room.acceleration, room.jerk))
+
+    def _gap(self, place: _Place) -> float:
+        """Time from the last frame at rest to the first that moves; s."""
+        times, exposure = self.search.times, 2 * place.way.half
+        up = float(np.sum(self._ups(place).durations))
+        return max(times.period - exposure, times.dead_time, up)
 
     @property
-    def grids(self) -> list[list[Float[np.ndarray, "4"]]]:
+    def grids(self) -> "list[list[Float[np.ndarray, '5']]]":
         """Points that a search begins with, by pan."""
+        slowest, fastest = self.search.slowest, self.search.fastest
         pans = {0.0}
         if self.may_pan:
-            pans |= {*np.linspace(self.slowest, self.fastest, 2 + _STEPS)[1:-1].tolist()}
+            pans |= {*np.linspace(slowest, fastest, 2 + _STEPS)[1:-1].tolist()}
         # A pan is then as good as its opposite.
-        pans = {abs(pan) for pan in pans} if self.is_mirrored else pans
+        pans = {abs(pan) for pan in pans} if self.search.is_mirrored else pans
         return [self._grid(pan) for pan in sorted(pans)]
 
-    def _grid(self, pan: float) -> list[Float[np.ndarray, "4"]]:
-        steps = np.arange(1, 1 + _STEPS) / _STEPS
+    def _grid(self, pan: float) -> "list[Float[np.ndarray, '5']]":
+        times, steps = self.search.times, np.arange(1, 1 + _STEPS) / _STEPS
         place = (pan - self.slowest_pan) / self.pan_range if self.may_pan else 0.0
-        farthest = max(abs(self.fastest - pan), abs(self.slowest - pan))
+        farthest = max(abs(self.search.fastest - pan), abs(self.search.slowest - pan))
         # One kind alone has to try frames that stand still.
         still = [0.0] if self.kind == ALTERNATING and not self.num_rests else []
         points = []
-        for exposure, rest in itertools.product(steps, (0.5, 1.0) if self.num_rests else (1.0,)):
-            most = self.at(np.array([exposure, 1.0, rest, place])).top_speed
+        alike = math.log(max(times.longest_of(self.num_frames) / times.shortest, 1.0))
+        alike /= max(math.log(self.longest / times.shortest), 1e-9)
+        exposures = min(alike, 1.0) * steps
+        for exposure, rest in itertools.product(
+            exposures, (0.5, 1.0) if self.num_rests else (1.0,)
+        ):
+            most = self.at(np.array([exposure, 1.0, rest, place, 0.0])).top_speed
             # Where the limits leave room for far more than pays, every step of it is too much.
             tops = [top * farthest / most for top in _TOP_SPEEDS if top * farthest < most]
-            points += [np.array([exposure, x, rest, place]) for x in (*still, *steps, *tops)]
+            points += [np.array([exposure, x, rest, place, 0.0]) for x in (*still, *steps, *tops)]
         return points
 
     @property
     def counts(self) -> list[bool]:
         """Whether each coordinate of a point makes a difference."""
-        return [True, True, self.num_rests > 0, self.may_pan]
+        times, most = self.search.times, (self.num_frames - 1) * self.search.times.period
+        waits = self.num_moving > 1 and times.window - times.shortest > 1.02 * most
+        return [True, True, self.num_rests > 0, self.may_pan, waits]
 
     def frames(self, place: _Place) -> tuple[TimedFrame, ...]:
         """The frames in their order."""
-        room, way, count = self.room, place.way, self.room.num_frames
-        group, pan = way.frames(place.top_speed), room.panned(place.pan)
-        velocities = np.broadcast_to(np.asarray(group.velocities, np.float64) + place.pan, count)
-        paths = [group.motion] * count
-        if way.back is not None and count > 1:
-            paths[1::2] = [way.back(group.motion)] * (count // 2)
-        motions = [path.panned(velocity) for path, velocity in zip(paths, velocities, strict=True)]
-        moments = steps_of(count) * room.times.period
-        places = way.places(place.top_speed, place.pan)
-        positions = np.interp(moments, way.knots, places)
+        way, count, exposure = place.way, self.num_moving, 2 * place.way.half
+        motions = way.motions(place.top_speed, place.pan)
+        within = Knots(
+            way.durations, place.pan + place.top_speed * way.velocities, None, 0, 0
+        ).positions
+        begins = within[:: way.velocity.shape[1]]
+        positions = np.array(
+            [begin - place_at_begin(each) for begin, each in zip(begins, motions, strict=True)]
+        )
+        exposures = [place.rest] * self.num_rests + [exposure] * count
+        rests = [self.search.times.period_of(place.rest)] * (self.num_rests - 1)
+        starts = [self._gap(place) + exposure] if self.num_rests else []
+        times = moments_of(exposures, [*rests, *starts, *[way.period] * (count - 1)])
         if self.num_rests:
-            start = pan + place.top_speed * float(way.velocity[0])
-            before = places[0] - start * abs(start) / 2 / room.acceleration
+            before = -float(self._ups(place).positions[-1])
             motions = [StillCamera(half_exposure=place.rest / 2)] * self.num_rests + motions
             positions = np.r_[np.full(self.num_rests, before), positions]
-        times = steps_of(self.num_frames) * room.times.period
         positions = positions - positions[self.num_rests]
         frames = zip(motions, times.tolist(), positions.tolist(), strict=True)
         return tuple(TimedFrame(*each) for each in frames)
 
     def sequence(self, place: _Place, errors: Float[np.ndarray, "n"], mean: float) -> FrameSequence:
-        """The frames with the stage's way and their levels."""
-        room, pan = self.room, self.room.panned(place.pan)
+        """The frames with their levels."""
         return FrameSequence(
             self.kind if self.num_frames > 1 else ONE_PARABOLA,
             self.frames(place),
-            place.way.travels(place.top_speed, pan, room.acceleration)[0],
+            0.0,
             psnr_of_error(mean),
             psnr_of_error(float(np.max(errors))),
-            place.pan - pan,
+            place.pan - self.search.room.panned(place.pan),
         )
+
+
+class _Finder:
+    """Finds points of low error, and judges them on the sensor.
+
+    Args:
+        frames: The errors of frames.
+        width: Width of the sensor; px. None for one that sees all.
+    """
+
+    def __init__(self, frames: OpenFrames, width: float | None) -> None:
+        self._frames, self._few, self._width = frames, frames.coarser(), width
+
+    def found(self, each: _Try, point: Float[np.ndarray, "5"]) -> "_Found":
+        """A point with its error, which is infinite where there is no time for a frame at rest."""
+        place, few = each.at(point), self._few
+        is_possible = place.rest >= each.search.times.shortest * (1 - _ROUNDING)
+        error = float(few.weights @ place.errors(few)) if is_possible else math.inf
+        return _Found(error, each, point)
+
+    def improved(self, first: "_Found", most: int, *, waits: bool = False) -> "_Found":
+        """The end of a simplex from a point, of at most some steps for each number.
+
+        Args:
+            first: The point.
+            most: The steps.
+            waits: Whether frames may wait for each other for longer than they have to.
+        """
+        from scipy.optimize import minimize
+
+        each = first.each
+        free = np.flatnonzero([*each.counts[:-1], each.counts[-1] and waits])
+
+        def whole(part: Float[np.ndarray, "d"]) -> Float[np.ndarray, "5"]:
+            point = first.point.copy()
+            point[free] = part
+            return point
+
+        inwards = np.diag(np.where(first.point > 0.5, -_STEP, _STEP))
+        simplex = first.point + np.concatenate([np.zeros((1, 5)), inwards[free]])
+        options = {
+            "initial_simplex": simplex[:, free],
+            "xatol": 1e-3,
+            "fatol": _SAME_LOSS * first.error,
+            "maxfev": most * free.size,
+        }
+        end: Any = minimize(
+            lambda part: self.found(each, whole(part)).error,
+            first.point[free],
+            method="Nelder-Mead",
+            bounds=[(0, 1)] * free.size,
+            options=options,
+        )
+        return _Found(float(end.fun), each, whole(end.x))
+
+    def climbed(self, first: "_Found") -> "_Found":
+        """The best numbers of frames near those of a point, by ever smaller steps."""
+        step, tried = max(first.each.num_moving // 2, 1), {first.each}
+        while step:
+            near = [each for each in first.each.neighbours(step) if each not in tried]
+            tried |= {*near}
+            ends = [self.improved(self.found(each, first.point), _FIRST_STEPS) for each in near]
+            best = min((first, *ends), key=_error)
+            step, first = (step // 2 if best is first else step), best
+        return first
+
+    def at_best(self, first: "_Found") -> "_Found":
+        """The end of a long simplex from a point, with the error that it leaves on the sensor."""
+        # A simplex that has shrunk short of a minimum goes on from its end.
+        end, before = self.improved(first, _MOST_STEPS, waits=True), math.inf
+        while end.error < before * (1 - _SAME_LEVEL):
+            end, before = self.improved(end, _MOST_STEPS, waits=True), end.error
+        if self._width is None:
+            return end
+        frames = end.each.frames(end.each.at(end.point))
+        loss = loss_of_width(self._frames.scene, frames, width=self._width)
+        return end._replace(error=end.error * 10 ** (loss / 10))
 
 
 def _best_of(frames: OpenFrames, tries: list[_Try], width: float | None) -> FrameSequence:
@@ -535,70 +727,37 @@ def _best_of(frames: OpenFrames, tries: list[_Try], width: float | None) -> Fram
     Kinds of paths differ by what they lose on a sensor of a width, which then chooses the path. The
     exposures and the top speed of each are those of an endless sensor.
     """
-    from scipy.optimize import minimize
-
-    few = frames.coarser()
-
-    def found(each: _Try, point: Float[np.ndarray, "4"]) -> _Found:
-        place = each.at(point)
-        is_possible = place.rest >= each.room.times.shortest
-        error = float(few.weights @ place.errors(few)) if is_possible else math.inf
-        return _Found(error, each, point)
-
-    def improved(first: _Found, most: int) -> _Found:
-        each, free = first.each, np.flatnonzero(first.each.counts)
-
-        def whole(part: Float[np.ndarray, "d"]) -> Float[np.ndarray, "4"]:
-            point = first.point.copy()
-            point[free] = part
-            return point
-
-        inwards = np.diag(np.where(first.point > 0.5, -_STEP, _STEP))
-        simplex = first.point + np.concatenate([np.zeros((1, 4)), inwards[free]])
-        options = {
-            "initial_simplex": simplex[:, free],
-            "xatol": 1e-3,
-            "fatol": _SAME_LOSS * first.error,
-            "maxfev": most * free.size,
-        }
-        end: Any = minimize(
-            lambda part: found(each, whole(part)).error,
-            first.point[free],
-            method="Nelder-Mead",
-            bounds=[(0, 1)] * free.size,
-            options=options,
-        )
-        return _Found(float(end.fun), each, whole(end.x))
-
-    def on_sensor(end: _Found) -> _Found:
-        if width is None:
-            return end
-        loss = loss_of_width(frames.scene, end.each.frames(end.each.at(end.point)), width=width)
-        return end._replace(error=end.error * 10 ** (loss / 10))
-
+    finder = _Finder(frames, width)
     # Most paths and pans are seen to be worse before they are at their best.
     starts = []
     for each in tries:
-        by_pan = [min((found(each, x) for x in points), key=_error) for points in each.grids]
+        by_pan = [min((finder.found(each, x) for x in grid), key=_error) for grid in each.grids]
         starts += sorted(by_pan, key=_error)[:_NUM_PANS]
-    firsts = sorted((improved(start, _FIRST_STEPS) for start in starts), key=_error)
-    tops, others = firsts[:_NUM_PATHS], firsts[_NUM_PATHS:]
-    if width is not None:
-        best_of_kinds = {first.each.kind: first for first in reversed(firsts)}
-        tops = [*best_of_kinds.values()]
-        others = [first for first in firsts if all(first is not top for top in tops)]
-    ends = [on_sensor(improved(first, _MOST_STEPS)) for first in tops]
+    firsts = sorted((finder.improved(start, _FIRST_STEPS) for start in starts), key=_error)
+    near = [x for x in _families(firsts, 1) if x.is_as_good(firsts[0], _MAY_CLIMB)]
+    others = [x for x in firsts if all(x is not each for each in near)]
+    firsts = sorted((*map(finder.climbed, near), *others), key=_error)
+    # A narrow sensor may turn their order round.
+    within = _MAY_BE_BEST if width is None else math.inf
+    tops = [x for x in _families(firsts, 2) if x.is_as_good(firsts[0], within)]
+    ends = [finder.at_best(first) for first in tops]
     best = min(ends, key=_error)
-    simpler = [
-        on_sensor(improved(first, _MOST_STEPS))
-        for first in others
-        if first.each.simplicity < best.each.simplicity and first.is_as_good(best, _MAY_BE_AS_GOOD)
-    ]
-    as_good = [end for end in (*ends, *simpler) if end.is_as_good(best, _AS_GOOD)]
+    as_good = [end for end in ends if end.is_as_good(best, _AS_GOOD)]
     _, each, point = min(as_good, key=lambda end: (end.each.simplicity, end.error))
     place = each.at(point)
     errors = place.errors(frames)
     return each.sequence(place, errors, float(frames.weights @ errors))
+
+
+def _families(found: "list[_Found]", num_each: int) -> "list[_Found]":
+    """Some of each family, the best of points in the order of their errors."""
+    counts = Counter[tuple[str, bool]]()
+    firsts = []
+    for each in found:
+        counts[each.each.family] += 1
+        if counts[each.each.family] <= num_each:
+            firsts.append(each)
+    return firsts
 
 
 class _Found(NamedTuple):
@@ -606,7 +765,7 @@ class _Found(NamedTuple):
 
     error: float
     each: _Try
-    point: Float[np.ndarray, "4"]
+    point: Float[np.ndarray, "5"]
 
     def is_as_good(self, other: "_Found", within: float) -> bool:
         """Whether it is no more than some decibels below another."""

@@ -18,6 +18,7 @@ from jaxtyping import Complex, Float
 from mishutter._core import alone_in_blas, outside_trace
 from mishutter.evaluation.frames import in_parts
 from mishutter.evaluation.needs import distinct_speeds, sized_for
+from mishutter.evaluation.open_frames import psnr_of_error
 from mishutter.evaluation.response import nodes_in_time
 from mishutter.model import (
     AbstractMotion,
@@ -64,16 +65,31 @@ class FrameNodes(NamedTuple):
         return self.place - speed * self.time
 
 
-def nodes_of_frames(frames: Sequence[TimedFrame], fastest: float) -> list[FrameNodes]:
+Lights = Sequence[tuple[float, float]]
+"""First and last light of frames; s."""
+
+
+def nodes_of_frames(
+    frames: Sequence[TimedFrame], fastest: float, lights: Lights | None = None
+) -> list[FrameNodes]:
     """Quadrature nodes of each frame, for things up to a speed.
 
     Args:
         frames: The frames.
         fastest: Greatest speed of a thing, of either sign; px/s.
+        lights: First and last light of each, within its exposure; by default that.
     """
     with outside_trace():
         middle = _place_at_middle(frames)
-        return [_nodes_of(frame, fastest, middle) for frame in frames]
+        lights = lights_of(frames) if lights is None else lights
+        pairs = zip(frames, lights, strict=True)
+        return [_nodes_of(frame, fastest, middle, lit) for frame, lit in pairs]
+
+
+def lights_of(frames: Sequence[TimedFrame]) -> list[tuple[float, float]]:
+    """First and last light of frames; s."""
+    halves = [(each.time, each.exposure / 2) for each in frames]
+    return [(time - half, time + half) for time, half in halves]
 
 
 def _place_at_middle(frames: Sequence[TimedFrame]) -> float:
@@ -87,14 +103,16 @@ def _place_at_middle(frames: Sequence[TimedFrame]) -> float:
     return float(np.interp(0.0, times, places))
 
 
-def _nodes_of(frame: TimedFrame, fastest: float, middle: float) -> FrameNodes:
+def _nodes_of(
+    frame: TimedFrame, fastest: float, middle: float, lit: tuple[float, float]
+) -> FrameNodes:
     motion: AbstractMotion = frame.motion
-    half = float(motion.half_exposure)
+    half = (lit[1] - lit[0]) / 2
     count = sized_for(0.0, (float(motion.top_speed) + fastest) * half).num_nodes
     tau, weight = nodes_in_time(RectShutter(), motion, count)
-    time = half * np.asarray(tau, np.float64)[0]
-    place = frame.position + np.asarray(motion.position(time), np.float64) - middle
-    return FrameNodes(frame.time + time, place, np.asarray(weight, np.float64)[0])
+    time = (lit[0] + lit[1]) / 2 + half * np.asarray(tau, np.float64)[0]
+    place = frame.position + np.asarray(motion.position(time - frame.time), np.float64) - middle
+    return FrameNodes(time, place, np.asarray(weight, np.float64)[0])
 
 
 class Registration(NamedTuple):
@@ -158,15 +176,19 @@ class _Waves(NamedTuple):
 
 
 def _waves_at(
-    scene: Scene, frames: Sequence[TimedFrame], speeds: Float[np.ndarray, "n"]
+    scene: Scene,
+    frames: Sequence[TimedFrame],
+    speeds: Float[np.ndarray, "n"],
+    lights: Lights | None = None,
 ) -> Iterator[_Waves]:
-    """The frames at each of some speeds."""
-    nodes = nodes_of_frames(frames, float(np.max(np.abs(speeds))))
+    """The frames at each of some speeds, in whole or as long as they are lit."""
+    lights = lights_of(frames) if lights is None else lights
+    nodes = nodes_of_frames(frames, float(np.max(np.abs(speeds))), lights)
     reach = max(float(np.ptp(x.displacement(float(s)))) for x in nodes for s in speeds[[0, -1]])
     count = _DIGIT * math.ceil(max(_LEAST_FREQUENCIES, 2 * reach) / _DIGIT)
     frequency, power = frequencies(count), power_on_grid(scene, count)
     blur, rate = float(scene.optics.lens_blur), float(scene.photon_rate)
-    electrons = np.array([white_electrons(rate, frame.exposure) for frame in frames])
+    electrons = np.array([white_electrons(rate, end - begin) for begin, end in lights])
     mean, read = float(scene.picture.mean_level), float(scene.read_noise)
     noise = np.maximum(noise_power(1.0, mean, electrons, read), _DARK * electrons.clip(1.0) ** 2)
     aperture = np.asarray(pixel_response(frequency, blur)) * np.sqrt(power)
@@ -223,6 +245,33 @@ def _registered(waves: _Waves, num_samples: int) -> tuple[float, float]:
     variance = float(1 / (num_samples * information))
     # Whoever knows that little of the speed had better restore nothing.
     return math.sqrt(variance), _decibels(min(error + variance * excess, nothing), error)
+
+
+def psnr_of_frames(
+    scene: Scene, frames: Sequence[TimedFrame], *, lights: Lights | None = None
+) -> float:
+    """PSNR of the best linear decoder, which knows the speed from the frames; dB.
+
+    Args:
+        scene: Speeds, light and noise.
+        frames: The frames.
+        lights: First and last light of each, s, where a shutter is open in less than its exposure.
+    """
+    parts = in_parts(scene)
+    speeds, weights = distinct_speeds(parts, folds=False)
+    errors = [_error_of(waves) for waves in _waves_at(parts, frames, speeds, lights)]
+    weights = np.asarray(weights, np.float64)
+    return psnr_of_error(float(weights @ errors / weights.sum()))
+
+
+@alone_in_blas()
+def _error_of(waves: _Waves) -> float:
+    """Error at one speed; white = 1."""
+    density = np.zeros_like(waves.power)
+    for way, some, scale in zip(waves.ways, waves.nodes, waves.scale, strict=True):
+        passed = np.sum(_on_grid(way, some.weight, waves.power.size), axis=0)
+        density += scale**2 * np.abs(passed) ** 2
+    return float(np.mean(waves.power / (1 + density)))
 
 
 def loss_of_width(scene: Scene, frames: Sequence[TimedFrame], *, width: float | int) -> float:

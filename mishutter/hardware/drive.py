@@ -29,7 +29,7 @@ from mishutter.evaluation import (
     without_tolerances,
 )
 from mishutter.hardware.drive_files import MAX_STEPS, drive_bytes, read_drive, require_levels
-from mishutter.hardware.stage_files import path_csv, path_steps
+from mishutter.hardware.stage_files import path_csv, path_steps, pitch_of
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
@@ -185,7 +185,8 @@ class DriveTable:
             ["rest", "run-up", "exposure", "run-out"],
             "rest",
         )
-        return path_csv(path, times, parts, self.design.scene.limits.stage)
+        scene = self.design.scene
+        return path_csv(path, times, parts, scene.limits.stage, pitch_of(scene))
 
     @property
     def travel_beyond_limit(self) -> float | None:

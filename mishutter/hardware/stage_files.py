@@ -5,7 +5,12 @@ from jaxtyping import Float, Int
 
 from mishutter._core import require
 from mishutter.hardware.drive_files import MAX_STEPS
-from mishutter.model import SecondOrderStage, StagePath
+from mishutter.model import Scene, SecondOrderStage, StagePath
+
+
+def pitch_of(scene: Scene) -> float | None:
+    """Distance of the pixels of a scene's sensor; m. None where it does not say it."""
+    return None if scene.sensor.pixel_pitch is None else float(scene.sensor.pixel_pitch)
 
 
 def path_steps(path: StagePath, first: float, step: float, count: int) -> Int[np.ndarray, "n"]:
@@ -35,19 +40,31 @@ def path_csv(
     times: Float[np.ndarray, "n"],
     parts: np.ndarray,
     stage: SecondOrderStage | None,
+    pixel_pitch: float | None,
 ) -> str:
     """A line of names, a line of units, then a time, its part of the path, place and velocity.
+
+    Places are in px, and in um, as piezo stages take them, where the pitch of the pixels is known.
 
     Args:
         path: From rest to rest.
         times: Times on its clock; s.
         parts: The part of the path that begins at each, in words.
-        stage: How the stage follows; where it is known, the last column is the command for it.
+        stage: How the stage follows; where it is known, the last column of each unit is the command
+            for it.
+        pixel_pitch: Distance of the sensor's pixels; m.
     """
     position, velocity = path.at(times)
     columns = {"sensor_position,px": position, "sensor_velocity,px/s": velocity}
     if stage is not None:
         columns["sent_position,px"] = stage.sent_for(path, times)
+    if pixel_pitch is not None:
+        columns |= {
+            name.replace("_position,px", "_position_um,um").replace(
+                "_velocity,px/s", "_velocity_mm_per_s,mm/s"
+            ): column * pixel_pitch * (1e3 if "velocity" in name else 1e6)
+            for name, column in columns.items()
+        }
     names, units = zip(*(name.split(",") for name in columns), strict=True)
     lines = [",".join(["time", "part", *names]), ",".join(["ms", "", *units])]
     for time, part, *numbers in zip(times * 1e3, parts, *columns.values(), strict=True):

@@ -10,8 +10,9 @@ from jaxtyping import Bool, Float, Int
 
 from mishutter._core import fields_text, require, require_positive_int, write_bytes
 from mishutter.design import Design, package_version, sequence_to_dict
+from mishutter.evaluation import lights_of, psnr_of_frames
 from mishutter.hardware.drive_files import MAX_STEPS, drive_bytes
-from mishutter.hardware.stage_files import path_csv, path_steps
+from mishutter.hardware.stage_files import path_csv, path_steps, pitch_of
 from mishutter.model import FrameSequence, StagePath
 
 _STEPS_OF_A_FRAME = 256
@@ -24,7 +25,9 @@ class FrameTable:
     Attributes:
         design: The design, which has a `sequence`.
         begin: Beginning of each step; s.
-        frame: The frame that is exposed in each step, counted from 1; 0 between frames.
+        frame: The frame that is exposed in each step, counted from 1; 0 between frames, where the
+            gate is closed for at least one step: a camera that is exposed for as long as its
+            trigger is high would take frames that touch for one.
     """
 
     design: Design
@@ -46,7 +49,21 @@ class FrameTable:
     @property
     def lights(self) -> list[tuple[float, float]]:
         """First and last light of each frame, exactly; s."""
-        return _lights(self.sequence)
+        return lights_of(self.sequence.frames)
+
+    @property
+    def gated_lights(self) -> list[tuple[float, float]]:
+        """First and last light of each frame by the gate; s."""
+        step = self.exposure / self.begin.size
+        numbers = range(1, self.sequence.num_frames + 1)
+        own = (self.begin[self.frame == number] for number in numbers)
+        return [(float(each[0]), float(each[-1] + step)) for each in own]
+
+    @property
+    def gated_psnr(self) -> float:
+        """PSNR of the frames by the gate, whose closed steps are dead time; dB."""
+        lights = self.gated_lights
+        return psnr_of_frames(self.design.scene, self.sequence.frames, lights=lights)
 
     @property
     def exposure(self) -> float:
@@ -117,7 +134,8 @@ class FrameTable:
             parts[(times > begin - step / 2) & (times < end - step / 2)] = f"frame {number}"
         near = 1e-6 * step
         parts[(times <= path.times[0] + near) | (times >= path.times[-1] - near)] = "rest"
-        return path_csv(path, times, parts, self.design.scene.limits.stage)
+        scene = self.design.scene
+        return path_csv(path, times, parts, scene.limits.stage, pitch_of(scene))
 
     @property
     def travel_beyond_limit(self) -> float | None:
@@ -146,6 +164,7 @@ class FrameTable:
             "position_scale_px": self.position_scale,
             "begin_ms": (self.begin * 1e3).tolist(),
             "frame": self.frame.tolist(),
+            "gated_psnr_db": self.gated_psnr,
             "sensor_position_px": self.position.tolist(),
             "sequence": sequence_to_dict(self.sequence),
         }
@@ -157,10 +176,12 @@ def frame_table(design: Design, *, num_steps: int | None = None) -> FrameTable:
     Args:
         design: The design, which has a `sequence`.
         num_steps: Steps from the first light to the last, at most 100,000; by default 256 for each
-            frame. Triggers are rounded to them; `FrameTable.frames_csv` has them exactly.
+            frame. Triggers are rounded to them, and frames that touch end a step early;
+            `FrameTable.frames_csv` has them exactly.
 
     Raises:
-        ValueError: if the design has no `sequence`, or a count is out of its range.
+        ValueError: if the design has no `sequence`, or a count is out of its range or leaves a
+            frame without a step.
     """
     subject = "frame_table(design=...)"
     require(isinstance(design, Design), subject, "be a `Design`", design)
@@ -170,15 +191,14 @@ def frame_table(design: Design, *, num_steps: int | None = None) -> FrameTable:
     count = _STEPS_OF_A_FRAME * sequence.num_frames if num_steps is None else num_steps
     require_positive_int("frame_table(num_steps=...)", count)
     require(count <= MAX_STEPS, "frame_table(num_steps=...)", f"be at most {MAX_STEPS}", count)
-    lights = _lights(sequence)
+    lights = lights_of(sequence.frames)
     begin = lights[0][0] + sequence.duration / count * np.arange(count)
     middles, frame = begin + sequence.duration / count / 2, np.zeros(count, int)
     for number, (first, last) in enumerate(lights, 1):
         frame[(middles > first) & (middles < last)] = number
+    touches = (frame[:-1] > 0) & (frame[1:] > 0) & (frame[1:] != frame[:-1])
+    frame[:-1][touches] = 0
+    lasting = np.unique(frame[frame > 0]).size
+    requirement = f"leave each of {sequence.num_frames} frames a step, and one between two"
+    require(lasting == sequence.num_frames, "frame_table(num_steps=...)", requirement, count)
     return FrameTable(design, begin, frame)
-
-
-def _lights(sequence: FrameSequence) -> list[tuple[float, float]]:
-    """First and last light of each frame; s."""
-    halves = [(each.time, each.exposure / 2) for each in sequence.frames]
-    return [(time - half, time + half) for time, half in halves]

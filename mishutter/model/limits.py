@@ -12,6 +12,7 @@ T \le \begin{cases} \sqrt{S/a} - |v|/2a & |v| < \sqrt{Sa}\\ S/2|v| & \text{else.
 
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
+from dataclasses import replace
 from typing import Any, Literal, NamedTuple, cast, final
 
 import equinox as eqx
@@ -49,7 +50,6 @@ from mishutter.model.stages import (
     StagePath,
     StageUse,
     stage_path,
-    stage_path_of_frames,
     stage_use,
     stage_use_of_path,
 )
@@ -560,14 +560,29 @@ class Limits(eqx.Module):
     def stage_path_of_frames(self, sequence: FrameSequence) -> StagePath | None:
         """The path of the stage from rest through the frames of a sequence to rest.
 
-        The run-up and the run-out take the greatest acceleration, or that of the rest of the path
-        where it is not limited; jerk is not. None where the stage stays at rest, or keeps its
-        velocity and no limit says how it gets there.
+        The run-up and the run-out take the greatest acceleration and jerk, or the acceleration of
+        the rest of the path where it is not limited. None where the stage stays at rest, or no
+        limit says how it gets to a velocity.
 
         Args:
             sequence: The frames, within these limits.
         """
-        return stage_path_of_frames(sequence, max_acceleration=self.max_acceleration)
+        return sequence.stage_path(**self._of_run_up)
+
+    def with_travel(self, sequence: FrameSequence) -> FrameSequence:
+        """A sequence that says the travel of its `stage_path_of_frames`.
+
+        Args:
+            sequence: The frames, within these limits.
+        """
+        use = sequence.stage_use(**self._of_run_up)
+        return replace(sequence, travel=float(use.travel))
+
+    @property
+    def _of_run_up(self) -> dict[str, float | None]:
+        """The limits of a run-up."""
+        limits = {"max_acceleration": self.max_acceleration, "max_jerk": self.max_jerk}
+        return {name: None if x is None else float(x) for name, x in limits.items()}
 
     def travel_beyond(self, path: StagePath | None) -> float | None:
         """Travel of a path of the stage where it is more than is allowed; px. None elsewhere.

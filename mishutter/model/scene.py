@@ -345,7 +345,8 @@ class Scene(eqx.Module):
 
     def along_rows(self) -> "Scene":
         """The scene of pictures that are `turned` so that things move along their rows."""
-        along = Sensor(full_well=self.sensor.full_well, width=self.sensor.width)
+        own = self.sensor
+        along = Sensor(full_well=own.full_well, width=own.width, pixel_pitch=own.pixel_pitch)
         return eqx.tree_at(lambda scene: scene.sensor, self, along)
 
     def bare(

@@ -377,6 +377,8 @@ _OF_CLASSES = ("", "cycles_per_px", "e", "hz", "per_s", "share", "slots")
 """Units that classes have too."""
 _OF_LENGTH = ("px", "um", "mm", "m", "px_per_s2", "px_per_s3", "g", "g_per_s", *SPEED_UNITS)
 _UNITS = (*_OF_CLASSES, *_DIVISORS, *_OF_LENGTH)
+_PITCH, _MICROMETRE = "pixel_pitch", 1e-6
+"""The length by which others are pixels, itself in m, and m in the unit of its key."""
 _OF_THINGS = ("max_pan", "object_speed", "object_width", "width")
 """Quantities whose units are those of things; lengths of all others are of the stage."""
 _OTHER_NAMES = {
@@ -404,7 +406,9 @@ def arguments_in(section: Section, kind: type, place: str, scales: Scales) -> di
     values = {}
     for name, units in _quantities(type(section), kind).items():
         unit, value = told_in(section, name, units, place)
-        if value is not None and unit in _OF_LENGTH:
+        if value is not None and name == _PITCH:
+            value = value * _MICROMETRE
+        elif value is not None and unit in _OF_LENGTH:
             of_unit = scales.of_things if name in _OF_THINGS else scales.of_stage
             value = value * of_unit(unit, f"{place} {name}_{unit}")
         elif value is not None and unit in _DIVISORS:
@@ -425,6 +429,7 @@ def table_of(instance: object, section: type[Section]) -> dict[str, object]:
         value = getattr(instance, _OTHER_NAMES.get(name, name))
         if hasattr(value, "dtype"):
             value = float(value) * _DIVISORS.get(unit, 1.0)
+            value = value / _MICROMETRE if name == _PITCH else value
         table[_key(name, unit)] = value
     return {key: value for key, value in table.items() if value is not None}
 

@@ -32,13 +32,16 @@ class Sensor(eqx.Module):
             `"columns"`, a positive speed up. Captures, decoders and photographs know it.
         width: Length of the sensor along that axis: bursts are told what objects that enter and
             leave cost; without end by default; px.
+        pixel_pitch: Distance of its pixels, by which the path of a stage is written in um too; m.
 
     Raises:
-        ValueError: if `full_well` or `width` is no scalar above 0, or `axis` is neither.
+        ValueError: if `full_well`, `width` or `pixel_pitch` is no scalar above 0, or `axis` is
+            neither.
     """
 
     full_well: Array | None
     width: Array | None
+    pixel_pitch: Array | None
     axis: Axis = eqx.field(static=True)
 
     def __init__(
@@ -47,16 +50,19 @@ class Sensor(eqx.Module):
         full_well: ArrayLike | None = None,
         axis: Axis = "rows",
         width: ArrayLike | None = None,
+        pixel_pitch: ArrayLike | None = None,
     ):
-        self.full_well = self.width = None
+        self.full_well = self.width = self.pixel_pitch = None
         if full_well is not None:
             self.full_well = as_float(full_well, "Sensor(full_well=...)")
         if width is not None:
             self.width = as_float(width, "Sensor(width=...)")
+        if pixel_pitch is not None:
+            self.pixel_pitch = as_float(pixel_pitch, "Sensor(pixel_pitch=...)")
         self.axis = axis
 
     def __check_init__(self) -> None:
-        for name in ("full_well", "width"):
+        for name in ("full_well", "width", "pixel_pitch"):
             value, subject = getattr(self, name), f"Sensor({name}=...)"
             if value is not None:
                 require_scalar(subject, value)

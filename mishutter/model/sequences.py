@@ -3,14 +3,37 @@
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
-from itertools import takewhile
+from itertools import pairwise, takewhile
 
 import numpy as np
+from jaxtyping import Float
 
 from mishutter.model.motion import AbstractMotion
+from mishutter.model.stages import (
+    Knots,
+    Piece,
+    StagePath,
+    StageUse,
+    accelerations_of,
+    from_rest_to_rest,
+    knots_of,
+    knots_of_exposure,
+    path_of_knots,
+    place_at_begin,
+    run_up,
+    use_of_knots,
+)
 
+SINE = "sine"
+"""Kind of a sequence whose stage follows a sine between its frames too."""
 _AT_REST = 0.05
 """Travel over a frame below which its sensor counts as standing still; px."""
+_PIECES_OF_SINE = 32
+"""Pieces of constant acceleration that stand for a sine within a frame, and between two."""
+_ROUNDING = 1e-9
+"""Share of a time, or of a velocity, below which it is one of rounding."""
+_SINGLE = 1e-5
+"""The same of numbers of single precision."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +68,8 @@ class FrameSequence:
     Attributes:
         kind: The path of the sensor over the sequence, in words.
         frames: The frames.
-        travel: Way of the stage, from its lowest to its highest position; px.
+        travel: Way of the stage, from its lowest to its highest position between rest and rest, as
+            `stage_path` has it; px.
         psnr: PSNR of the best linear decoder, which knows the speed from the frames, in the scene
             that they were found for; in linear light, dB.
         worst_psnr: The same at the worst of the scene's speeds; dB.
@@ -137,3 +161,161 @@ class FrameSequence:
             f"{count} of {exposure}{' at rest' if is_still else ''}"
             for (exposure, is_still), count in kinds.items()
         )
+
+    @property
+    def stroke(self) -> float:
+        """Way of the stage from the first light to the last, whatever leads to it; px."""
+        return float(use_of_knots(self._knots(None, None)).stroke)
+
+    def stage_use(self, *, max_acceleration: float | None, max_jerk: float | None) -> StageUse:
+        """What the frames ask of a stage that runs up to them from rest.
+
+        Where no path can be written, since no limit says how the stage reaches a velocity, it does
+        so at once.
+
+        Args:
+            max_acceleration: As `stage_path` takes it.
+            max_jerk: As `stage_path` takes it.
+        """
+        path = self.stage_path(max_acceleration=max_acceleration, max_jerk=max_jerk)
+        return use_of_knots(self._knots(None, None)) if path is None else path.use
+
+    def stage_path(
+        self, *, max_acceleration: float | None = None, max_jerk: float | None = None
+    ) -> StagePath | None:
+        r"""The whole path of the stage: rest, run-up, frames, run-out, rest.
+
+        From the end of a frame at the place $p$ and the velocity $v$ to the beginning of the next,
+        at $q$ and $u$ after the time $g$, the stage takes the least acceleration that leads there:
+        $A$ and then $-A$, with $A^2 g^2 - 4dA - (u - v)^2 = 0$ and $d = q - p - g(u + v)/2$.
+        Between frames on a sine it follows that, and to one that moves it runs up from one at rest
+        as late as it can.
+
+        Args:
+            max_acceleration: Greatest acceleration of the run-up and the run-out; px/s^2. None for
+                the greatest of the rest of the path.
+            max_jerk: Greatest jerk of the run-up and the run-out; px/s^3.
+
+        Returns:
+            The path; None where the stage stays at rest. None also where `max_acceleration` is
+            missing and needed: the frames do not say how fast a stage reaches a velocity that it
+            keeps, or from one to the next.
+        """
+        most = max_acceleration
+        if most is None:
+            at_once = self._knots(None, None)
+            if (self.moves and self.num_rests > 0) or _jumps(at_once):
+                return None
+            most = float(use_of_knots(at_once).acceleration)
+        knots = self._knots(most, max_jerk) if most > 0 else None
+        if knots is None or not np.any(knots.velocities):
+            return None
+        first = self.frames[0]
+        return path_of_knots(knots, first.time - first.exposure / 2, self._ends(first)[0])
+
+    def _of_stage(self, frame: TimedFrame) -> AbstractMotion:
+        """The motion of the stage over a frame, beside a camera that turns."""
+        return frame.motion.panned(frame.motion.velocity - self.pan) if self.pan else frame.motion
+
+    def _ends(self, frame: TimedFrame) -> tuple[float, float]:
+        """Places of the stage at the ends of a frame; px."""
+        motion, place = self._of_stage(frame), frame.position - self.pan * frame.time
+        end = np.asarray(motion.position(np.array([float(motion.half_exposure)])))
+        return place + place_at_begin(motion), place + float(end[0])
+
+    def _knots(self, most: float | None, jerk: float | None) -> Knots:
+        """The way of the stage from rest to rest at a greatest acceleration and jerk."""
+        lit = [knots_of_exposure(self._of_stage(frame)) for frame in self.frames]
+        pieces = _pieces_of(lit[0])
+        for (frame, own), (after, other) in pairwise(zip(self.frames, lit, strict=True)):
+            gap = after.time - frame.time - (after.exposure + frame.exposure) / 2
+            way = self._ends(after)[0] - self._ends(frame)[1]
+            start, end = float(own.velocities[-1]), float(other.velocities[0])
+            if gap <= _ROUNDING * (after.time - frame.time):
+                pieces.append(Piece(0.0, end))
+            elif not np.any(own.velocities):
+                rate = float(accelerations_of(other)[0])
+                pieces += _from_rest(way, gap, end, run_up(end, rate, most, jerk))
+            elif self.kind == SINE:
+                pan = float(self._of_stage(frame).velocity)
+                pieces += _along_sine(way, gap, start - pan, frame.exposure / 2, pan, end)
+            else:
+                scale = sum(float(np.ptp(each.positions)) for each in (own, other))
+                pieces += _with_least_acceleration(way, gap, start, end, scale)
+            pieces += _pieces_of(other)
+        ends = float(accelerations_of(lit[0])[0]), float(accelerations_of(lit[-1])[-1])
+        return from_rest_to_rest(knots_of(lit[0].velocities[0], pieces), ends, most, jerk)
+
+
+def _pieces_of(knots: Knots) -> list[Piece]:
+    return [Piece(*each) for each in zip(knots.durations, knots.velocities[1:], strict=True)]
+
+
+def _jumps(knots: Knots) -> bool:
+    """Whether a velocity jumps between the first light and the last."""
+    within = slice(knots.first, knots.last)
+    gains = np.abs(np.diff(knots.velocities)[within])[knots.durations[within] == 0]
+    return bool(np.any(gains > _SINGLE * np.max(np.abs(knots.velocities))))
+
+
+def _from_rest(way: float, gap: float, end: float, ups: list[Piece]) -> list[Piece]:
+    """From a frame at rest, as late as a run-up or a constant acceleration lets the stage start."""
+    if not way and not end:
+        return [Piece(gap, 0.0)]
+    knots = knots_of(0.0, ups)
+    duration, place = float(np.sum(knots.durations)), float(knots.positions[-1])
+    # Numbers of frames may be those of single precision.
+    if abs(place - way) <= _SINGLE * abs(way) and duration <= gap * (1 + _SINGLE):
+        return [Piece(max(gap - duration, 0.0), 0.0), *ups]
+    if end * way > 0 and 2 * way / end <= gap:
+        rise = 2 * way / end
+        return [Piece(gap - rise, 0.0), Piece(rise, end)]
+    return _with_least_acceleration(way, gap, 0.0, end, abs(way))
+
+
+def _along_sine(
+    way: float, gap: float, speed: float, half: float, pan: float, end: float
+) -> list[Piece]:
+    """On from a frame along the sine about whose turning points the frames are."""
+    # The frames end at the same speed on both sides of the fastest point.
+    steps = sine_between(half, gap) * speed
+    step = gap / (steps.size + 1)
+    share = ((way - pan * gap) - step * speed) / (step * np.sum(steps))
+    return [*(Piece(step, pan + share * each) for each in steps), Piece(step, end)]
+
+
+def sine_between(half: float, gap: float) -> Float[np.ndarray, "n"]:
+    """Velocities at equal steps between two frames about the turning points of a sine.
+
+    They are over the velocity at the ends of the frames.
+
+    Args:
+        half: Half the exposure of each frame; s.
+        gap: Time between them; s.
+    """
+    period = gap + 2 * half
+    times = half + gap * np.arange(1, _PIECES_OF_SINE) / _PIECES_OF_SINE
+    return np.sin(np.pi * times / period) / np.sin(np.pi * half / period)
+
+
+def _with_least_acceleration(
+    way: float, gap: float, start: float, end: float, scale: float
+) -> list[Piece]:
+    """By an acceleration and then its opposite, or one where that errs by less than rounding does.
+
+    Args:
+        way: Way to go; px.
+        gap: Time for it; s.
+        start: Velocity before it; px/s.
+        end: Velocity after it; px/s.
+        scale: Ways beside it, whose rounding is in it; px.
+    """
+    gain = end - start
+    aside = 2 * (way - gap * (end + start) / 2)
+    if abs(aside) <= _SINGLE * scale:
+        return [Piece(gap, end)]
+    root = np.hypot(aside, gap * gain)
+    # The difference of two like numbers is avoided by the root of the sign of `aside`.
+    rate = (aside + (root if aside >= 0 else -root)) / gap**2
+    first = float(np.clip((gap + gain / rate) / 2, 0.0, gap))
+    return [Piece(first, start + rate * first), Piece(gap - first, end)]

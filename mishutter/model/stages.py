@@ -1,44 +1,257 @@
-r"""Paths of a stage from rest to the parabola of an exposure, and back to rest.
+r"""The way of a stage: from rest to the velocity of an exposure, through it, and back to rest.
 
-The sensor's own acceleration is $2a$ (px/s^2) on $x(t) = v t + a t^2$. At the ends of the exposure
-its velocities are $u_0 = v - 2aT$ and $u_1 = v + 2aT$. Reached from rest at the greatest
-acceleration $A$, the first takes $u_0^2/2A$ of travel, and a stop from the second $u_1^2/2A$.
-Above the vertex the sensor is at $u^2/4a$, so that a path that turns within the exposure,
-$|v| \le 2aT$, travels
+A way is cut at knots. Between two of them the jerk is constant: over the duration $d$ the velocity
+goes from $u_0$ to $u_1$ by
 
-$$(2aT + |v|)^2 \left(\frac1{4a} + \frac1{2A}\right)$$
+$$u(\sigma) = u_0 + (u_1 - u_0 - \kappa)\,\sigma + \kappa\,\sigma^2, \qquad \kappa = jd^2/2,$$
 
-in all: twice the sag, $2aT^2$, where $v = 0$ and $A = 2a$. One that does not turn travels
-$2|v|T + (v^2 + (2aT)^2)/A$.
+with $\sigma$ from 0 to 1, and the stage travels $d\,(u_0 + u_1)/2 - jd^3/12$. `use_of_knots` has
+what such a way asks of a stage, of one exposure or many; whatever says it, searches within it or
+writes it to a file asks there.
 
-Where the jerk is at most $J$ the acceleration must rise to $2a$ before the exposure, over the time
-$t_2 = 2a/J$, in which the velocity changes by $2a^2/J$: the sensor has $U_0 = u_0 - 2a^2/J$ without
-any acceleration before that, and after the exposure $U_1 = u_1 + 2a^2/J$. To such a velocity from
-rest, and from it, takes $t_1 = |U|/A + A/J$, or $2\sqrt{|U|/J}$ where $A$ is not reached
-($|U| J < A^2$), and half as far as at $|U|$ throughout.
+From rest at the greatest acceleration $A$ a velocity $u$ takes the time $|u|/A$. Where the jerk is
+at most $J$ the acceleration must rise to that of the exposure, $2a$, before it begins, over the
+time $2a/J$, in which the velocity changes by $2a^2/J$. The velocity $U$ before that is reached from
+rest in the time $|U|/A + A/J$, or $2\sqrt{|U|/J}$ where $A$ is not reached ($|U| J < A^2$), without
+any acceleration at either end. A run-out is such a run-up backwards.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from mishutter._core import require, require_finite, require_known, require_scalar
-from mishutter.model.motion import AbstractMotion, FreeMotion, largest_of, safe_root
-from mishutter.model.sequences import FrameSequence, TimedFrame
+from mishutter.model.motion import AbstractMotion, FreeMotion
 
 
 class StageUse(NamedTuple):
-    """Travel and speed that an exposure asks of a stage that begins and ends at rest.
+    """What a way from rest to rest asks of a stage; of any shape.
 
     Attributes:
-        travel: From the lowest to the highest position; px.
+        travel: From the lowest to the highest position, run-up and run-out included; px.
+        stroke: The same from the first light to the last; px.
         top_speed: Greatest speed, of the run-up and the run-out too; px/s.
+        acceleration: Greatest acceleration; px/s^2. A velocity that is reached at once takes none.
+        jerk: Greatest jerk, but for accelerations that jump; px/s^3.
     """
 
-    travel: Float[Array, "..."]
-    top_speed: Float[Array, "..."]
+    travel: Float[Array | np.ndarray, "..."]
+    stroke: Float[Array | np.ndarray, "..."]
+    top_speed: Float[Array | np.ndarray, "..."]
+    acceleration: Float[Array | np.ndarray, "..."]
+    jerk: Float[Array | np.ndarray, "..."]
+
+
+class Piece(NamedTuple):
+    """A piece of constant jerk, of any shape.
+
+    Attributes:
+        duration: s.
+        end: Velocity at its end; px/s.
+        jerk: px/s^3.
+    """
+
+    duration: Any
+    end: Any
+    jerk: Any = 0.0
+
+
+class Knots(NamedTuple):
+    """A way of a stage, of any shape but for the last axis, which holds its pieces.
+
+    Attributes:
+        durations: Durations of the pieces; s, `(..., n)`.
+        velocities: Velocities at their beginnings and at the end of the last; px/s, `(..., n + 1)`.
+        jerks: Jerks; px/s^3, `(..., n)`. None where the velocity is linear in each piece.
+        first: Number of the knot at the first light.
+        last: Number of the knot at the last light.
+    """
+
+    durations: Any
+    velocities: Any
+    jerks: Any | None
+    first: int
+    last: int
+
+    @property
+    def positions(self) -> Any:
+        """Positions from that at the first knot; px."""
+        space, d = _space(self.durations, self.velocities), self.durations
+        ways = d * (self.velocities[..., :-1] + self.velocities[..., 1:]) / 2
+        if self.jerks is not None:
+            ways = ways - self.jerks * d**3 / 12
+        return space.concatenate([0 * ways[..., :1], space.cumsum(ways, -1)], -1)
+
+
+def use_of_knots(knots: Knots) -> StageUse:
+    """What a way asks of a stage, turning points within its pieces included.
+
+    Args:
+        knots: The way.
+    """
+    d, v, jerks, first, last = knots
+    space, begin, end = _space(d, v), v[..., :-1], v[..., 1:]
+    places, gain = knots.positions, end - begin
+    if jerks is None:
+        bend = jerk = 0 * gain
+        shares, fastest = [_share(begin, begin - end)], abs(v)
+    else:
+        bend = jerks * d * d / 2
+        jerk = space.where(_lasts(d), abs(jerks), 0.0)
+        shares = _roots(bend, gain - bend, begin)
+        crest = _share(bend - gain, 2 * bend)
+        fastest = space.concatenate(
+            [abs(v), abs(begin + crest * (gain - bend + crest * bend))], axis=-1
+        )
+    extremes = [
+        (places[..., :-1] + d * s * (begin + s * ((gain - bend) / 2 + s * bend / 3)))
+        for s in shares
+    ]
+
+    def span(start: int, stop: int) -> Any:
+        every = space.concatenate(
+            [places[..., start : stop + 1], *(x[..., start:stop] for x in extremes)], axis=-1
+        )
+        return space.max(every, axis=-1) - space.min(every, axis=-1)
+
+    lasting = space.where(_lasts(d), d, np.inf)
+    steepest = space.maximum(abs(gain - bend), abs(gain + bend)) / lasting
+    return StageUse(
+        span(0, d.shape[-1]),
+        span(first, last),
+        space.max(fastest, axis=-1),
+        space.max(steepest, axis=-1),
+        space.max(jerk, axis=-1),
+    )
+
+
+def _lasts(durations: Any) -> Any:
+    """Whether each piece is longer than one that rounding makes, whose velocities say nothing."""
+    least = 64 * np.finfo(durations.dtype).eps
+    return durations > least * _space(durations).sum(durations, axis=-1, keepdims=True)
+
+
+def _share(part: Any, whole: Any) -> Any:
+    """A quotient where it is between 0 and 1; 0 elsewhere."""
+    space = _space(part, whole)
+    is_within = ((part > 0) == (whole > 0)) & (part != 0) & (abs(part) < abs(whole))
+    return space.where(is_within, part / space.where(is_within, whole, 1.0), 0.0)
+
+
+def _roots(square: Any, linear: Any, constant: Any) -> list[Any]:
+    """The shares of a piece at which a velocity is 0, without a difference of like numbers."""
+    space = _space(square, linear, constant)
+    left = linear * linear - 4 * square * constant
+    root = space.where(left > 0, space.sqrt(space.where(left > 0, left, 1.0)), 0.0)
+    half = -(linear + space.where(linear < 0, -root, root)) / 2
+    exists = left >= 0
+    return [
+        space.where(exists, _share(half, square), 0.0),
+        space.where(exists, _share(constant, half), 0.0),
+    ]
+
+
+def run_up(
+    velocity: Any, acceleration: Any, max_acceleration: Any = None, max_jerk: Any = None
+) -> list[Piece]:
+    """The quickest pieces from rest to a velocity and, where the jerk is limited, an acceleration.
+
+    Args:
+        velocity: At the end; px/s, any shape.
+        acceleration: At the end; px/s^2.
+        max_acceleration: Greatest acceleration; px/s^2. None for any: without a limit on the jerk
+            the velocity is then reached at once.
+        max_jerk: Greatest jerk; px/s^3. None for any.
+    """
+    if max_jerk is None:
+        most = np.inf if max_acceleration is None else max_acceleration
+        return [Piece(abs(velocity) / most, velocity)]
+    space = _space(velocity, acceleration)
+    ramp = abs(acceleration) / max_jerk
+    before = velocity - acceleration * ramp / 2
+    speed, sign = abs(before), space.sign(before)
+    square = speed * max_jerk
+    reached = space.where(square > 0, space.sqrt(space.where(square > 0, square, 1.0)), 0.0)
+    if max_acceleration is not None:
+        reached = space.minimum(reached, max_acceleration)
+    rise = reached / max_jerk
+    hold = space.maximum(speed / space.where(reached > 0, reached, 1.0) - rise, 0.0)
+    gain = sign * reached * rise / 2
+    return [
+        Piece(rise, gain, sign * max_jerk),
+        Piece(hold, before - gain),
+        Piece(rise, before, -sign * max_jerk),
+        Piece(ramp, velocity, space.sign(acceleration) * max_jerk),
+    ]
+
+
+def from_rest_to_rest(
+    within: Knots,
+    accelerations: tuple[Any, Any],
+    max_acceleration: Any = None,
+    max_jerk: Any = None,
+) -> Knots:
+    """The way from rest through one that is lit from its first knot to its last, to rest.
+
+    Args:
+        within: The way that is lit.
+        accelerations: Accelerations with which it begins and ends; px/s^2, of its shape.
+        max_acceleration: Greatest acceleration of the run-up and the run-out; px/s^2.
+        max_jerk: Greatest jerk; px/s^3.
+    """
+    begin, end = accelerations
+    start, stop = within.velocities[..., 0], within.velocities[..., -1]
+    before = run_up(start, begin, max_acceleration, max_jerk)
+    # Backwards in time a run-out is a run-up to the opposite velocity.
+    after = run_up(-stop, end, max_acceleration, max_jerk)[::-1]
+    nothing, space = 0 * start, _space(start)
+
+    def joined(first: list[Any], middle: Any, last: list[Any]) -> Any:
+        columns = [[(nothing + x)[..., None] for x in each] for each in (first, last)]
+        return space.concatenate([*columns[0], nothing[..., None] + middle, *columns[1]], axis=-1)
+
+    is_linear = within.jerks is None and max_jerk is None
+    first = len(before)
+    return Knots(
+        joined([x.duration for x in before], within.durations, [x.duration for x in after]),
+        joined(
+            [0.0, *(x.end for x in before[:-1])],
+            within.velocities,
+            [*(-x.end for x in after[1:]), 0.0],
+        ),
+        None
+        if is_linear
+        else joined(
+            [x.jerk for x in before],
+            0 * within.durations if within.jerks is None else within.jerks,
+            [-x.jerk for x in after],
+        ),
+        first,
+        first + within.durations.shape[-1],
+    )
+
+
+def knots_of(start: Any, pieces: list[Piece]) -> Knots:
+    """The way of some pieces from a velocity, px/s, all of which are lit."""
+    durations, ends, jerks = zip(*pieces, strict=True)
+    is_linear = all(isinstance(jerk, float) and jerk == 0 for jerk in jerks)
+    # Every number takes part, so that all arrays have the shape and the type of all.
+    nothing = sum(0 * (duration + end + jerk) for duration, end, jerk in pieces)
+    space = _space(nothing)
+
+    def joined(values: Any) -> Any:
+        return space.stack([nothing + x for x in values], axis=-1)
+
+    jerk = None if is_linear else joined(jerks)
+    return Knots(joined(durations), joined((start, *ends)), jerk, 0, len(pieces))
+
+
+def _space(*values: Any) -> Any:
+    """JAX's NumPy where a value is an array of JAX."""
+    return jnp if any(isinstance(value, jax.Array) for value in values) else np
 
 
 def stage_use(
@@ -48,7 +261,7 @@ def stage_use(
     max_acceleration: ArrayLike | None = None,
     max_jerk: ArrayLike | None = None,
 ) -> StageUse:
-    r"""Travel and top speed of $x(t) = v t + a t^2$, $t \in [-T, T]$, from rest to rest.
+    r"""What $x(t) = v t + a t^2$, $t \in [-T, T]$, asks of a stage, from rest to rest.
 
     Args:
         acceleration: $a$; px/s^2, any shape.
@@ -58,57 +271,21 @@ def stage_use(
             that reaches any velocity at once.
         max_jerk: Greatest jerk, $J$; px/s^3. None for any.
     """
-    a, half, v = (jnp.asarray(x) for x in (acceleration, half_exposure, velocity))
-    v = jnp.abs(v)  # the path that is run backwards
-    gain = 2 * a * half
-    before, after = v - gain, v + gain
-    begin, end = a * half * half - v * half, a * half * half + v * half
-    vertex = -v * v / (4 * jnp.where(a > 0, a, 1.0))
-    lowest = jnp.where(gain > 0, vertex, 0.0)
-    if max_jerk is not None:
-        ramp = 2 * a / max_jerk
-        before, after = before - a * ramp, after + a * ramp
-        # Along the ramp the velocity is the mean of its ends, but for a third of the ramp's own
-        # share.
-        aside = a * ramp * ramp / 3
-        begin, end = begin - (before * ramp + aside), end + (after * ramp - aside)
-        early = jnp.maximum(-before, 0)
-        share = jnp.where(a > 0, a * ramp, 1.0)
-        in_ramp = begin - (2 / 3) * early * ramp * safe_root(early / share)
-        lowest = jnp.where(v <= gain, lowest, in_ramp)
-    begin = begin + _stopping(-before, max_acceleration, max_jerk)
-    end = end + _stopping(after, max_acceleration, max_jerk)
-    turning = (before < 0) & (gain > 0)
-    travel = jnp.where(turning, jnp.maximum(begin, end) - lowest, end - begin)
-    return StageUse(travel, after)
+    numbers = acceleration, half_exposure, velocity
+    a, half, v = jnp.broadcast_arrays(*(jnp.asarray(x) for x in numbers))
+    velocities = jnp.stack([v - 2 * a * half, v + 2 * a * half], axis=-1)
+    within = Knots((2 * half)[..., None], velocities, None, 0, 1)
+    return use_of_knots(from_rest_to_rest(within, (2 * a, 2 * a), max_acceleration, max_jerk))
 
 
 def stage_use_of_path(path: FreeMotion, max_acceleration: ArrayLike | None = None) -> StageUse:
-    """Travel and top speed of a free path, from rest to rest, as `stage_use` has them."""
+    """What a free path asks of a stage, from rest to rest, as `stage_use` has it."""
     half = jnp.asarray(path.half_exposure)
-    ends = jnp.stack([-half, half])
-    outwards = jnp.asarray(path.velocity_at(ends)) * np.array([-1, 1], ends.dtype)
-    rests = jnp.asarray(path.position(ends)) + _stopping(outwards, max_acceleration, None)
-    at_rest = jnp.zeros_like(half)
-    highest = jnp.maximum(largest_of(rests), jnp.asarray(path.highest(at_rest)))
-    lowest = jnp.minimum(-largest_of(-rests), jnp.asarray(path.lowest(at_rest)))
-    return StageUse(highest - lowest, path.top_speed)
-
-
-def _stopping(
-    velocity: Array, max_acceleration: ArrayLike | None, max_jerk: ArrayLike | None
-) -> Array:
-    """Displacement from a velocity to rest, without acceleration at either end; px."""
-    speed = jnp.abs(velocity)
-    if max_jerk is None:
-        if max_acceleration is None:
-            return jnp.zeros_like(velocity)
-        return velocity * speed / (2 * max_acceleration)
-    time = 2 * safe_root(speed / max_jerk)
-    if max_acceleration is not None:
-        full = speed * max_jerk >= jnp.square(max_acceleration)
-        time = jnp.where(full, speed / max_acceleration + max_acceleration / max_jerk, time)
-    return velocity * time / 2
+    ends = np.array(path.piece_ends, float)
+    velocities = jnp.asarray(path.velocity_at(half * ends.astype(half.dtype)))
+    within = Knots(half * np.diff(ends).astype(half.dtype), velocities, None, 0, ends.size - 1)
+    none = jnp.zeros_like(half)
+    return use_of_knots(from_rest_to_rest(within, (none, none), max_acceleration))
 
 
 class StagePath(NamedTuple):
@@ -132,17 +309,16 @@ class StagePath(NamedTuple):
     exposure: tuple[float, float]
 
     @property
+    def use(self) -> StageUse:
+        """What it asks of a stage."""
+        first, last = (int(np.argmin(abs(self.times - time))) for time in self.exposure)
+        jerks = self.jerks if np.any(self.jerks) else None
+        return use_of_knots(Knots(np.diff(self.times), self.velocities, jerks, first, last))
+
+    @property
     def travel(self) -> float:
         """Distance from the lowest to the highest position, turning points included; px."""
-        times = np.concatenate([self.times, *map(self._turns, range(self.jerks.size))])
-        return float(np.ptp(self.at(times)[0]))
-
-    def _turns(self, piece: int) -> np.ndarray:
-        """Times within a piece at which the stage turns; s."""
-        powers = self.jerks[piece] / 2, self.accelerations[piece], self.velocities[piece]
-        roots = np.roots(powers)
-        length = self.times[piece + 1] - self.times[piece]
-        return self.times[piece] + np.clip(np.real(roots), 0, length)
+        return float(self.use.travel)
 
     def at(
         self, times: Float[np.ndarray, "*times"]
@@ -210,119 +386,50 @@ def stage_path(
     half, own = float(motion.half_exposure), float(motion.greatest_acceleration)
     requirement = f"be at least the {own:g} px/s^2 of the exposure"
     require(most >= own * (1 - 1e-9), subject, requirement, most)
-    ends = np.array([-half, half])
-    begin, end = (float(x) for x in np.asarray(motion.velocity_at(ends)))
     is_smooth = jerk is None or motion.accelerates_constantly
     requirement = "be left out for a free path, whose acceleration jumps between pieces"
     require(is_smooth, "stage_path(max_jerk=...)", requirement, max_jerk)
-    exposure = [(length, rate, 0.0) for length, rate in zip(*motion.phases, strict=True)]
-    ramp = 0.0 if jerk is None else own / jerk
-    begin, end = begin - own / 2 * ramp, end + own / 2 * ramp
-    rise = [(ramp, 0.0, jerk)] if jerk is not None and ramp else []
-    fall = [(ramp, own, -jerk)] if jerk is not None and ramp else []
-    before = [*_between_rest_and(begin, most, jerk), *rise]
-    pieces = [*before, *exposure, *fall, *_between_rest_and(-end, most, jerk)]
-    place = float(np.asarray(motion.position(ends))[0])
-    return _joined(pieces, len(before), place, (-half, half))
+    within = knots_of_exposure(motion)
+    ends = accelerations_of(within)[[0, -1]]
+    knots = from_rest_to_rest(within, (ends[0], ends[1]), most, jerk)
+    return path_of_knots(knots, -half, place_at_begin(motion))
 
 
-def stage_path_of_frames(
-    sequence: FrameSequence, *, max_acceleration: ArrayLike | None = None
-) -> StagePath | None:
-    r"""The whole path of a stage over a sequence of frames: rest, run-up, frames, run-out, rest.
-
-    From the end of a frame at the place $p$ and the velocity $v$ to the beginning of the next, at
-    $q$ and $u$ after the time $g$, the stage takes the least acceleration that leads there: $A$ and
-    then $-A$, with $A^2 g^2 - 4dA - (u - v)^2 = 0$ and $d = q - p - g(u + v)/2$. From a frame at
-    rest it starts as late as a constant acceleration lets it.
-
-    Args:
-        sequence: The frames.
-        max_acceleration: Greatest acceleration of the run-up and the run-out; px/s^2. None for the
-            greatest of the rest of the path.
-
-    Returns:
-        The path; None where the stage stays at rest. None also where `max_acceleration` is missing
-        and needed: the frames do not say how fast a stage reaches a velocity that it keeps, or
-        starts from rest between two of them.
-
-    Raises:
-        ValueError: if `max_acceleration` is not a finite scalar above 0.
-    """
-    subject = "stage_path_of_frames(max_acceleration=...)"
-    frames = [(frame.time, *_of_stage(frame, sequence.pan)) for frame in sequence.frames]
-    pieces: list[_Piece] = []
-    ends: tuple[float, float, float] | None = None
-    for time, motion, place in frames:
-        half = float(motion.half_exposure)
-        sides = np.array([-half, half])
-        places, velocities = (np.asarray(f(sides)) for f in (motion.position, motion.velocity_at))
-        begin, end = zip(time + sides, place + places, velocities, strict=True)
-        if ends is not None:
-            pieces += _between(ends, begin)
-        pieces += [(length, rate, 0.0) for length, rate in zip(*motion.phases, strict=True)]
-        ends = end
-    (first, motion, place), (last, last_motion, _) = frames[0], frames[-1]
-    start, stop = -float(motion.half_exposure), float(last_motion.half_exposure)
-    begin = float(motion.velocity_at(np.asarray(start)))
-    end = float(last_motion.velocity_at(np.asarray(stop)))
-    own = max(abs(rate) for _, rate, _ in pieces)
-    most = own if max_acceleration is None else _above_zero(subject, max_acceleration)
-    starts_between = sequence.moves and sequence.num_rests > 0
-    if most == 0 or begin == own == 0 or (max_acceleration is None and starts_between):
-        return None
-    before, after = _between_rest_and(begin, most, None), _between_rest_and(-end, most, None)
-    place += float(motion.position(np.asarray(start)))
-    exposure = first + start, last + stop
-    return _joined([*before, *pieces, *after], len(before), place, exposure)
+def knots_of_exposure(motion: AbstractMotion) -> Knots:
+    """The way of the stage over an exposure; concrete."""
+    durations, half = motion.phases.durations, float(motion.half_exposure)
+    ends = np.r_[-half, np.cumsum(durations) - half]
+    velocities = np.asarray(motion.velocity_at(ends), np.float64)
+    return Knots(durations, velocities, None, 0, durations.size)
 
 
-def _of_stage(frame: TimedFrame, pan: float) -> tuple[AbstractMotion, float]:
-    """The motion of the stage over a frame, and its place, beside a camera that turns."""
-    motion = frame.motion.panned(frame.motion.velocity - pan) if pan else frame.motion
-    return motion, frame.position - pan * frame.time
+def place_at_begin(motion: AbstractMotion) -> float:
+    """Place at the beginning of an exposure, from that at mid-exposure; px."""
+    begin = np.array([-float(motion.half_exposure)])
+    return float(np.asarray(motion.position(begin))[0])
 
 
-_Piece = tuple[float, float, float]
-"""Duration, first acceleration and jerk of a piece of a path."""
-_At = tuple[float, float, float]
-"""Time, place and velocity of a stage."""
-_ROUNDING = 1e-9
-"""Share of a time, or of a velocity, below which it is one of rounding."""
+def accelerations_of(knots: Knots) -> Float[np.ndarray, "n"]:
+    """Accelerations with which the pieces of a concrete way begin; px/s^2."""
+    d = knots.durations
+    bends = 0.0 if knots.jerks is None else knots.jerks * d * d / 2
+    return (np.diff(knots.velocities) - bends) / np.where(_lasts(d), d, np.inf)
 
 
-def _between(start: _At, end: _At) -> list[_Piece]:
-    """The pieces from the end of a frame to the beginning of the next."""
-    (before, p, v), (after, q, u) = start, end
-    time, gain = after - before, u - v
-    if time <= _ROUNDING * max(abs(before), abs(after)):
-        return []
-    if v == 0 and u * (q - p) > 0 and 2 * (q - p) / u <= time:
-        rise = 2 * (q - p) / u
-        return [(time - rise, 0.0, 0.0), (rise, u / rise, 0.0)]
-    aside = 2 * (q - p - time * (u + v) / 2)
-    root = np.hypot(aside, time * gain)
-    # The difference of two like numbers is avoided by the root of the sign of `aside`.
-    rate = (aside + (root if aside >= 0 else -root)) / time**2
-    if abs(rate) * time <= _ROUNDING * max(abs(u), abs(v)):
-        return [(time, 0.0, 0.0)]
-    first = np.clip((time + gain / rate) / 2, 0.0, time)
-    return [(first, rate, 0.0), (time - first, -rate, 0.0)]
-
-
-def _joined(
-    pieces: list[_Piece], num_before: int, place: float, exposure: tuple[float, float]
-) -> StagePath:
-    """Pieces one after the other from rest, so many of them before the exposure at a place."""
-    durations, accelerations, jerks = (np.array(x, float) for x in zip(*pieces, strict=True))
-    gains = accelerations * durations + jerks * durations**2 / 2
-    velocities = np.concatenate([[0.0], np.cumsum(gains)])
-    each = durations * (velocities[:-1] + durations * (accelerations / 2 + durations * jerks / 6))
-    positions, times = (np.concatenate([[0.0], np.cumsum(x)]) for x in (each, durations))
-    times = times - times[num_before] + exposure[0]
-    positions = positions - positions[num_before] + place
-    velocities = np.append(velocities[:-1], 0.0)
-    return StagePath(times, positions, velocities, accelerations, jerks, exposure)
+def path_of_knots(knots: Knots, time: float, place: float) -> StagePath:
+    """A way as a path whose first light is at a time, s, and a place, px."""
+    lasts = np.append(_lasts(knots.durations), True)
+    times = np.append(0.0, np.cumsum(knots.durations))
+    times, positions = (
+        x - x[knots.first] + start for x, start in ((times, time), (knots.positions, place))
+    )
+    exposure = float(times[knots.first]), float(times[knots.last])
+    kept = lasts[:-1]
+    jerks = np.zeros(kept.size) if knots.jerks is None else knots.jerks
+    rates = accelerations_of(knots)
+    return StagePath(
+        times[lasts], positions[lasts], knots.velocities[lasts], rates[kept], jerks[kept], exposure
+    )
 
 
 def _above_zero(subject: str, value: ArrayLike) -> float:
@@ -331,16 +438,3 @@ def _above_zero(subject: str, value: ArrayLike) -> float:
     number = float(np.asarray(value))
     require(number > 0, subject, "be above 0", value)
     return number
-
-
-def _between_rest_and(change: float, most: float, jerk: float | None) -> list[_Piece]:
-    """Pieces that change the velocity from rest, or to it; none for a change of 0."""
-    sign, speed = np.sign(change), abs(change)
-    if speed == 0:
-        return []
-    if jerk is None:
-        return [(speed / most, sign * most, 0.0)]
-    reached = min(most, float(np.sqrt(speed * jerk)))
-    rise, hold = reached / jerk, max(speed / reached - reached / jerk, 0.0)
-    held = [(hold, sign * reached, 0.0)] if hold else []
-    return [(rise, 0.0, sign * jerk), *held, (rise, sign * reached, -sign * jerk)]

@@ -113,13 +113,15 @@ def bursts_of(scene: Scene, rows: Sequence[Row]) -> Bursts | None:
     """
     by_name = {row.name: row for row in rows}
     still, moving = by_name.get(BEST_STILL_BURST), by_name.get(BEST_MOVING_BURST)
-    if still is None or moving is None or still.sequence is None or moving.sequence is None:
+    if still is None or still.sequence is None:
         return None
     in_parts, width = scene.occlusion is not None, scene.sensor.width
     width = None if width is None else float(width)
-    # A single exposure needs nothing to register, and has rows of its own.
-    gain = moving.margin_over(still)
-    if moving.num_frames == 1 or not moves_rather(moving.sequence, still.sequence, gain):
+    if (
+        moving is None
+        or moving.sequence is None
+        or not moves_rather(moving.sequence, still.sequence, moving.margin_over(still))
+    ):
         return Bursts(still, still, in_parts=in_parts, width=width)
     window = moving.sequence.duration
     stills = StillBursts(scene, at_worst=moving.at_worst, window=window)

@@ -343,15 +343,17 @@ def _bursts(search: RivalSearch) -> list[Row]:
         moving.append(_as_sequence(search.open_on_parabola()))
     best = max(moving, key=lambda each: each.psnr)
     found = {BEST_STILL_BURST: still, BEST_MOVING_BURST: best}
-    return [_row_of_burst(name, scene, each) for name, each in found.items()]
+    # One frame is no burst: it has rows of its own.
+    return [_row_of_burst(name, scene, each) for name, each in found.items() if each.num_frames > 1]
 
 
 def _as_sequence(design: Design) -> FrameSequence:
     """An exposure of an open shutter as a burst of one frame: a burst may be no more than that."""
     levels = design.metrics.known_speed_psnr, design.metrics.worst_known_speed_psnr
-    travel = float(design.scene.limits.of_stage(design.motion).stroke)
-    frames = (TimedFrame(design.motion, 0.0),)
-    return FrameSequence(ONE_PARABOLA, frames, travel, *map(float, levels))
+    limits, frames = design.scene.limits, (TimedFrame(design.motion, 0.0),)
+    pan = float(design.motion.velocity) if limits.pans == "camera" else 0.0
+    one = FrameSequence(ONE_PARABOLA, frames, 0.0, *map(float, levels), pan=pan)
+    return limits.with_travel(one)
 
 
 def _row_of_burst(name: str, scene: Scene, sequence: FrameSequence) -> Row:

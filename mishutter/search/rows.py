@@ -99,7 +99,7 @@ class Row:
         that.
         """
         if self.sequence is not None:
-            return self.sequence.travel
+            return self.sequence.stroke
         of_stage = self.motion.without_velocity() if self.turns else self.motion
         return float(of_stage.stroke)
 

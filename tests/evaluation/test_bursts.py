@@ -198,3 +198,52 @@ def test_stills_without_a_gap_equal_a_level_in_some_number():
     levels = [bursts.best(n / 0.031 * (1 - 1e-9), max_frames=n).psnr for n in (count - 1, count)]
     assert levels[0] < 29.7 <= levels[1] + 1e-6
     assert bursts.number_that_equals(60.0, most=100) is None
+
+
+def test_a_rate_that_equals_a_level_is_one_of_the_camera():
+    """Which takes no more frames than it can."""
+    scene = _scene(burst=Burst(frames_per_s=240.0, max_frames=4))
+    free, bound = StillBursts(_scene(burst=None)), StillBursts(scene)
+    count = free.number_that_equals(30.3, most=1000)
+    assert count > 4
+    assert bound.rate_that_equals(30.3, most=1000.0) is None
+    assert bound.rate_that_equals(28.0, most=1000.0) == free.rate_that_equals(28.0, most=1000.0)
+
+
+@pytest.mark.parametrize("share", [1.0, 0.37])
+def test_stills_of_a_faster_camera_are_no_worse(share):
+    """Four of them in dim light wait for each other; the best number is no greater than pays."""
+    levels, dim = [], {"photon_rate": 4e3, "read_noise": 5.0}
+    for rate in (52.0, 107.0, 230.0, 451.0):
+        layers = None if share == 1 else Occlusion(front_share=share)
+        burst = Burst(frames_per_s=rate, max_frames=4)
+        found = best_still_burst(_scene(burst=burst, occlusion=layers, **dim))
+        levels.append(found.psnr)
+        assert found.duration <= 0.04 * (1 + 1e-9)
+        ends = [frame.time + frame.exposure / 2 for frame in found.frames]
+        starts = [frame.time - frame.exposure / 2 for frame in found.frames]
+        assert np.min(np.diff(ends)) >= (1 - 1e-9) / rate
+        assert np.min(np.array(starts[1:]) - ends[:-1]) >= -1e-12
+    assert np.all(np.diff(levels) > -1e-3)
+    assert levels[-1] > levels[0] - 1e-3
+
+
+def test_frames_of_two_lengths_end_no_sooner_than_the_rate_allows():
+    """A short one that follows a long one ends a whole period after it."""
+    burst = Burst(frames_per_s=110.0, max_frames=4)
+    found = best_still_burst(_scene(burst=burst, occlusion=Occlusion(front_share=0.37)))
+    exposures = [frame.exposure for frame in found.frames]
+    assert max(exposures) > 1.5 * min(exposures)
+    ends = [frame.time + frame.exposure / 2 for frame in found.frames]
+    assert np.min(np.diff(ends)) >= (1 - 1e-9) / 110.0
+
+
+def test_fewer_and_longer_stills_are_best_in_the_dark():
+    """As many as the camera takes would be too short to see anything beside their noise."""
+    light = {"photon_rate": 2e3, "read_noise": 6.0}
+    scene = _scene(burst=Burst(frames_per_s=900.0), **light)
+    bursts = StillBursts(scene)
+    found = bursts.best(900.0)
+    levels = {n: bursts.best(n / 0.04 * (1 - 1e-9), max_frames=n).psnr for n in range(1, 37)}
+    assert found.num_frames < 36
+    assert found.psnr == pytest.approx(max(levels.values()), abs=1e-4)

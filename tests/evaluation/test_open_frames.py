@@ -6,7 +6,7 @@ import pytest
 from mishutter import Limits, Occlusion, Scene, Sensor
 from mishutter.evaluation.bursts import FrameTimes
 from mishutter.evaluation.frames import FrameGroup, burst_psnr
-from mishutter.evaluation.moving_bursts import _Room, _Try
+from mishutter.evaluation.moving_bursts import _Room, _Search, _Try
 from mishutter.evaluation.open_frames import OpenFrames, psnr_of_error
 
 SPEEDS = np.linspace(-3100.0, 3700.0, 6)
@@ -23,8 +23,9 @@ def _scene(**others):
 def _place(kind, num_moving, num_rests, scene):
     """Frames of a path beside a pan."""
     times = FrameTimes(PERIOD, 0.2, 2e-4, PERIOD)
-    each = _Try(kind, _Room(scene.limits, times, num_moving), num_rests, True, -3100.0, 3700.0)
-    return each, each.at(np.array([0.97, 0.83, 0.6, 0.52]))
+    search = _Search(_Room(scene.limits), times, True, -3100.0, 3700.0)
+    each = _Try(search, kind, num_moving, num_rests)
+    return each, each.at(np.array([0.97, 0.83, 0.6, 0.52, 0.1]))
 
 
 @pytest.mark.slow

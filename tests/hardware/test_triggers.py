@@ -11,7 +11,9 @@ import pytest
 from support.bursts import SEQUENCE, a_burst_design
 from support.command_line import refused
 
-from mishutter import Limits, SecondOrderStage, cli, frame_table
+from mishutter import Limits, SecondOrderStage, Sensor, cli, frame_table
+from mishutter.evaluation import psnr_of_frames
+from mishutter.evaluation.frames import burst_psnr, still_frames
 from mishutter.hardware import DRIVE_FORMATS, drive_bytes
 from mishutter.model import StillCamera, TimedFrame
 
@@ -103,3 +105,78 @@ def test_a_design_without_frames_has_no_table():
     still = [TimedFrame(StillCamera(half_exposure=0.002), time) for time in (-0.01, 0.01)]
     stills = replace(SEQUENCE, frames=tuple(still), travel=0.0)
     assert frame_table(a_burst_design(stills)).stage_csv() is None
+
+
+def _touching(**others):
+    """Three frames that touch, of two lengths."""
+    halves = (0.0031, 0.0031, 0.0052)
+    times = (-0.0083, -0.0021, 0.0062)
+    frames = [
+        TimedFrame(StillCamera(half_exposure=half), time)
+        for half, time in zip(halves, times, strict=True)
+    ]
+    return a_burst_design(replace(SEQUENCE, frames=tuple(frames), travel=0.0), **others)
+
+
+@pytest.mark.parametrize("num_steps", [None, 23, 114])
+def test_frames_that_touch_have_a_pulse_each(num_steps):
+    """The gate closes for a step between them, in the table, its list of pulses and its file."""
+    table = frame_table(_touching(), num_steps=num_steps)
+    gate = table.gate.astype(int)
+    assert np.sum(np.diff(np.r_[0, gate, 0]) > 0) == 3
+    assert np.sum(gate == 0) == 2
+    assert len(rows_of(drive_bytes(table, "pulses").decode())) == 3
+    lit = [end - begin for begin, end in table.gated_lights]
+    step = table.exposure / gate.size
+    wanted = np.array([0.0062, 0.0062, 0.0104]) - [step, step, 0.0]
+    np.testing.assert_allclose(lit, wanted, atol=1e-9 if num_steps == 114 else 1.01 * step)
+    triggers = [float(row["exposure"]) for row in rows_of(table.frames_csv())]
+    np.testing.assert_allclose(triggers, [6.2, 6.2, 10.4])
+
+
+def test_the_level_counts_a_gate_that_closes():
+    """By the formula of all frames, at the exposures that the gate leaves."""
+    design = _touching()
+    table = frame_table(design, num_steps=57)
+    groups = [still_frames(1, (end - begin) / 2) for begin, end in table.gated_lights]
+    assert table.gated_psnr == pytest.approx(float(burst_psnr(design.scene, groups)), abs=1e-3)
+    groups = [still_frames(1, half) for half in (0.0031, 0.0031, 0.0052)]
+    whole = psnr_of_frames(design.scene, design.sequence.frames)
+    assert whole == pytest.approx(float(burst_psnr(design.scene, groups)), abs=1e-3)
+    assert abs(whole - table.gated_psnr) > 0.02
+    assert table.to_dict()["gated_psnr_db"] == table.gated_psnr
+
+
+def test_export_says_what_a_gate_costs(tmp_path, capsys):
+    """And which file has exact times, for a camera that needs no gate."""
+    _touching().save(tmp_path / "design.json")
+    assert cli.main(["export", str(tmp_path / "design.json"), "--out", str(tmp_path / "out")]) == 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert "the gate closes for a step of 0.0297 ms at the end of 2 frames" in said
+    assert "frames.csv has the exact times" in said
+
+
+def test_a_frame_needs_a_step():
+    """Fewer steps than leave each frame one are refused."""
+    with pytest.raises(ValueError, match=r"leave each of 3 frames a step, and one between two"):
+        frame_table(_touching(), num_steps=3)
+
+
+def test_the_stage_has_micrometres_where_the_pitch_is_known():
+    """Beside the pixels: the path and what is sent, um, and the velocity, mm/s."""
+    stage = SecondOrderStage(bandwidth=90, damping=0.7)
+    limits = Limits(max_stroke=40, max_half_exposure=0.012, max_acceleration=1.4e6, stage=stage)
+    sensor = Sensor(pixel_pitch=3.45e-6)
+    text = frame_table(a_burst_design(limits=limits, sensor=sensor)).stage_csv()
+    units = dict(zip(*(line.split(",") for line in text.splitlines()[:2]), strict=True))
+    assert units["sensor_position_um"] == units["sent_position_um"] == "um"
+    assert units["sensor_velocity_mm_per_s"] == "mm/s"
+    rows = rows_of(text)
+    for name, other, scale in (
+        ("sensor_position", "sensor_position_um", 3.45),
+        ("sent_position", "sent_position_um", 3.45),
+        ("sensor_velocity", "sensor_velocity_mm_per_s", 3.45e-3),
+    ):
+        px, metric = ([float(row[key]) for row in rows] for key in (name, other))
+        np.testing.assert_allclose(metric, scale * np.array(px), rtol=1e-7, atol=1e-9)
+    assert "um" not in frame_table(a_burst_design(limits=limits)).stage_csv().splitlines()[1]

@@ -13,8 +13,7 @@ from mishutter import (
     TimedFrame,
     stage_path,
 )
-from mishutter.model import stage_use
-from mishutter.model.stages import stage_path_of_frames
+from mishutter.model import knots_of, run_up, stage_use
 
 CASES = {
     "turns": (4.1e5, 0.01, 700.0, 1.1e6, None),
@@ -96,7 +95,8 @@ def test_more_motion_never_takes_less():
             (2e5, 1e-4 + 0.02 * rising, 1500.0),
             (2e5, 0.01, 2e4 * rising),
         ):
-            for values in map(np.asarray, stage_use(*numbers, most, jerk)):
+            use = stage_use(*numbers, most, jerk)
+            for values in map(np.asarray, (use.travel, use.stroke, use.top_speed)):
                 assert np.all(np.diff(values) >= -1e-12 * values.max())
 
 
@@ -185,7 +185,7 @@ def test_a_path_leads_through_all_frames(name, pan):
         (one.time, one.position + pan * one.time, one.motion.panned(one.motion.velocity + pan))
         for one in BURSTS[name].frames
     ]
-    path = stage_path_of_frames(burst(*frames, pan=pan), max_acceleration=most)
+    path = burst(*frames, pan=pan).stage_path(max_acceleration=most)
     for one in BURSTS[name].frames:
         elapsed = np.linspace(-0.999, 0.999, 9) * float(one.motion.half_exposure)
         place, velocity = path.at(one.time + elapsed)
@@ -202,10 +202,10 @@ def test_a_path_leads_through_all_frames(name, pan):
 
 def test_between_frames_a_stage_takes_the_least_acceleration():
     """Swings that meet at one velocity need none, and a sweep goes on along its parabola."""
-    swings = stage_path_of_frames(BURSTS["swings"])
+    swings = BURSTS["swings"].stage_path()
     between = (swings.times[:-1] >= -0.002 - 1e-9) & (swings.times[:-1] < 0.002 - 1e-9)
     np.testing.assert_allclose(swings.accelerations[between], 0.0, atol=1e-3)
-    sweep = stage_path_of_frames(BURSTS["sweep"])
+    sweep = BURSTS["sweep"].stage_path()
     np.testing.assert_allclose(np.abs(sweep.accelerations), 4e5, rtol=1e-5)
 
 
@@ -217,11 +217,73 @@ def test_a_path_without_a_limit_ends_where_it_is_told():
     )
     at_rest = burst((-0.01, 1.0, still), (0.01, 1.0, still))
     steady = burst((-0.01, -0.8, moving), (0.01, 0.8, moving))
-    assert stage_path_of_frames(BURSTS["one at rest"]) is None
-    assert stage_path_of_frames(steady) is None
-    assert stage_path_of_frames(at_rest) is stage_path_of_frames(at_rest, max_acceleration=9e5)
+    assert BURSTS["one at rest"].stage_path() is None
+    assert steady.stage_path() is None
+    assert at_rest.stage_path() is at_rest.stage_path(max_acceleration=9e5) is None
     limits = Limits(max_acceleration=9e5, max_travel=2.0)
     path = limits.stage_path_of_frames(steady)
     assert path.travel == pytest.approx(80 * 0.026 + 80**2 / 9e5, rel=1e-4)
     assert limits.travel_beyond(path) == path.travel
     assert Limits(max_acceleration=9e5, max_travel=2.2).travel_beyond(path) is None
+
+
+def _sampled(path):
+    """Range of the whole way and of that from the first light to the last, and the top speed."""
+    times = np.linspace(path.times[0], path.times[-1], 400_001)
+    place, velocity = path.at(times)
+    lit = place[(times >= path.exposure[0]) & (times <= path.exposure[1])]
+    return np.ptp(place), np.ptp(lit), np.max(np.abs(velocity))
+
+
+@pytest.mark.parametrize("jerk", [None, 9e7], ids=["any jerk", "jerk"])
+@pytest.mark.parametrize("name", BURSTS)
+def test_a_burst_asks_of_its_stage_what_its_path_does(name, jerk):
+    """Travel, stroke and top speed are those of the path at many times, run-ups included."""
+    path = BURSTS[name].stage_path(max_acceleration=1.2e6, max_jerk=jerk)
+    use = path.use
+    np.testing.assert_allclose((use.travel, use.stroke, use.top_speed), _sampled(path), rtol=1e-4)
+    assert use.acceleration == pytest.approx(np.max(np.abs(path.accelerations)), rel=1e-9)
+    assert BURSTS[name].stroke <= float(use.stroke) * (1 + 1e-9)
+
+
+def test_a_stage_that_runs_up_between_frames_takes_its_way_in_the_burst():
+    """From a frame at rest, u^2/2A before the first that moves, to the far end of that."""
+    acceleration, speed, half = 2.4e5, 1800.0, 0.006
+    moving = ParabolicMotion(acceleration=speed / 2 / half, half_exposure=half)
+    run_up = speed**2 / 2 / acceleration
+    at_rest = float(moving.stroke) + run_up
+    frames = burst(
+        (-0.013, at_rest, StillCamera(half_exposure=0.0004)),
+        (0.009, 0.0, moving.panned(0.0)),
+    )
+    use = frames.stage_path(max_acceleration=acceleration).use
+    assert float(use.stroke) == pytest.approx(at_rest, rel=1e-9)
+    assert frames.stroke == pytest.approx(at_rest, rel=1e-9)
+    assert float(use.acceleration) == pytest.approx(speed / half, rel=1e-9)
+
+
+def test_a_run_up_of_limited_jerk_leads_to_a_burst():
+    """Out of a frame at rest, and to the acceleration with which the next frame begins."""
+    acceleration, jerk, half = 3.1e5, 6e8, 0.004
+    own = 1.7e5
+    within = knots_of(0.0, run_up(-own * half, own, acceleration, jerk))
+    duration, way = float(np.sum(within.durations)), float(within.positions[-1])
+    motion = ParabolicMotion(acceleration=own / 2, half_exposure=half)
+    place = way - float(motion.position(half))
+    frames = burst(
+        (-duration - 0.001, 0.0, StillCamera(half_exposure=0.0005)), (half, place, motion)
+    )
+    path = frames.stage_path(max_acceleration=acceleration, max_jerk=jerk)
+    assert float(path.use.jerk) == pytest.approx(jerk, rel=1e-9)
+    ends = path.accelerations + path.jerks * np.diff(path.times)
+    # No acceleration jumps, from rest to rest.
+    np.testing.assert_allclose(path.accelerations[1:], ends[:-1], atol=1e-5 * acceleration)
+    assert float(path.use.acceleration) <= acceleration * (1 + 1e-9)
+
+
+def test_a_velocity_that_jumps_has_no_path():
+    """Frames at two velocities that touch: no limit says how, and no stage can."""
+    first, second = (LinearMotion(half_exposure=0.004, velocity=v) for v in (-300.0, 500.0))
+    touching = burst((-0.004, 0.0, first), (0.004, 0.8, second))
+    assert touching.stage_path() is None
+    assert touching.stroke == pytest.approx(4.0)
