@@ -30,6 +30,7 @@ Designs and their rivals
     FrameSequence             what `best_sequence` returns: frames, their kind and their level
     TimedFrame                one of its frames: motion, time and place
     starting_shutter          the free-form profile that a search starts from
+    DesignParameters          designs within the limits, for optimisers of your own
     keep_compiled_programs    keeps what is compiled for later sessions
     Outcome                   how a search ended
     SearchFailedError         a search with `throw=True` did not converge
