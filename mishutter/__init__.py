@@ -86,6 +86,8 @@ Maps
     gain_over                 gain over another shutter at the same point
     gain_over_snapshot        gain over the best snapshot
     light_map                 the best of a sweep over light and read noise
+    plot_map                  draws a metric of a sweep over acceleration and exposure
+    plot_front                draws two metrics of a sweep that exclude one another
 
 Pictures
     Picture                   a picture in linear light
