@@ -3,12 +3,19 @@
 from collections.abc import Callable, Iterable
 from typing import final
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from mishutter._core import RowLike, as_float, require, require_finite, require_known, shape_of
+from mishutter._core import (
+    AbstractModule,
+    RowLike,
+    as_float,
+    require,
+    require_finite,
+    require_known,
+    shape_of,
+)
 from mishutter.evaluation import LossFunction, as_loss, loss_of_decoder
 from mishutter.model import (
     AbstractMotion,
@@ -31,7 +38,7 @@ steps of 0.1 in a number lead away from there in some fifty."""
 
 
 @final
-class DesignParameters(eqx.Module):
+class DesignParameters(AbstractModule):
     r"""Designs within a scene's limits, as a function of real numbers without bounds.
 
     They are the search's unit box of designs, each coordinate of which is $1/(1 + e^{-z})$ of one
