@@ -31,6 +31,7 @@ Designs and their rivals
     FrameSequence             what `best_sequence` returns: frames, their kind and their level
     TimedFrame                one of its frames: motion, time and place
     starting_shutter          the free-form profile that a search starts from
+    DesignParameters          designs within the limits, for optimisers of your own
     keep_compiled_programs    keeps what is compiled for later sessions
     Outcome                   how a search ended
     SearchFailedError         a search with `throw=True` did not converge
@@ -86,6 +87,8 @@ Maps
     gain_over                 gain over another shutter at the same point
     gain_over_snapshot        gain over the best snapshot
     light_map                 the best of a sweep over light and read noise
+    plot_map                  draws a metric of a sweep over acceleration and exposure
+    plot_front                draws two metrics of a sweep that exclude one another
 
 Pictures
     Picture                   a picture in linear light

@@ -112,6 +112,9 @@ from .pictures import row_power_spectrum as row_power_spectrum
 from .pictures import write_picture as write_picture
 from .report import Comparison as Comparison
 from .report import compare as compare
+from .report import plot_front as plot_front
+from .report import plot_map as plot_map
+from .search import DesignParameters as DesignParameters
 from .search import NonFiniteLossError as NonFiniteLossError
 from .search import SearchFailedError as SearchFailedError
 from .search import best_sequence as best_sequence

@@ -8,6 +8,7 @@ import pytest
 from pydantic import BaseModel
 
 import mishutter
+from docs.builder.citing import citing_page
 from docs.builder.links import broken_links
 from docs.builder.pages import ROOT, generated, with_links, write_pages, written
 from docs.builder.reference import public_names, scene_page, section_of, unit
@@ -92,6 +93,19 @@ def test_links_lead_to_the_site_s_pages(tmp_path):
     cell = "[kernels](../docs/researchers/kernels.md#deepinv)"
     page = with_links(cell, "notebooks/04_capture_and_restore.ipynb", tmp_path)
     assert page == "[kernels](../researchers/kernels.md#deepinv)"
+
+
+def test_every_work_has_an_entry_of_bibtex():
+    """Each work of `CITATION.cff`, by what is known of it and no more."""
+    (text,) = re.findall(r"^```bibtex\n(.*?)^```$", citing_page(), re.MULTILINE | re.DOTALL)
+    own, paper, levin = text.strip().split("\n\n")
+    assert own.startswith("@misc{mishutter,\n  author = {{The mishutter developers}},")
+    assert "version" in own
+    assert "doi = " not in paper
+    assert "year = " not in paper
+    assert "names neither authors" in paper
+    assert levin.startswith("@article{levin2008,\n  author = {Levin, Anat and Sand, Peter and ")
+    assert "\n  year = {2008},\n  doi = {10.1145/1399504.1360670},\n}" in levin
 
 
 PAGE = '<html><body><h1 id="a">A</h1>{}</body></html>'

@@ -31,6 +31,7 @@ def generated() -> dict[str, str]:
         "mishutter/example_scene.toml": "reference/scene.md",
         "mishutter/cli/app.py": "reference/commands.md",
         "mishutter/__init__.py": "reference/index.md",
+        "mishutter/torch.py": "reference/torch.md",
         "benchmarks/scenes.py": "gallery.md",
         "CITATION.cff": "citing.md",
     } | {f"notebooks/{name}.ipynb": f"notebooks/{name}.md" for name in names}

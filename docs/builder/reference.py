@@ -60,6 +60,8 @@ _FOLDERS = {
     "_core": "Compiled programs",
 }
 _PICTURES = ("plot_", "save_figure")
+_OF_TORCH = ("Blur", "blurred", "differentiable", "physics")
+"""What `mishutter.torch` is imported for."""
 
 
 def write_reference(folder: Path) -> None:
@@ -72,6 +74,8 @@ def write_reference(folder: Path) -> None:
     for module, title in _FOLDERS.items():
         text = "".join(f"::: {path}\n\n" for path in names[module].values())
         (place / f"{module}.md").write_text(f"# {title}\n\n{text}")
+    text = "".join(f"::: mishutter.torch.{name}\n\n" for name in _OF_TORCH)
+    (place / "torch.md").write_text(f"# PyTorch and deepinv\n\n{text}")
     head = (
         "# Functions and classes\n\nEverything is imported from `mishutter`, and the pictures "
         "from `mishutter.report`. Functions take and return JAX arrays, work under `jax.jit`, "
@@ -93,6 +97,8 @@ def _index(names: dict[str, dict[str, str]]) -> Iterator[str]:
         yield ""
     drawn = (links[name] for name in names["report"] if name.startswith(_PICTURES))
     yield f"## Pictures of results\n\n{', '.join(drawn)}\n"
+    of_torch = (f"[`{name}`](torch.md#mishutter.torch.{name})" for name in _OF_TORCH)
+    yield f"## `mishutter.torch`\n\n{', '.join(of_torch)}\n"
 
 
 def grouped_names() -> dict[str, dict[str, str]]:

@@ -52,6 +52,8 @@ from mishutter._core.files import strict_json as strict_json
 from mishutter._core.files import writable_folder as writable_folder
 from mishutter._core.files import write_bytes as write_bytes
 from mishutter._core.files import write_text as write_text
+from mishutter._core.modules import AbstractModule as AbstractModule
+from mishutter._core.modules import require_arguments as require_arguments
 from mishutter._core.parallel import alone_in_blas as alone_in_blas
 from mishutter._core.parallel import as_they_end as as_they_end
 from mishutter._core.parallel import in_threads as in_threads

@@ -10,6 +10,7 @@ from mishutter.camera.capture import centred_kernel as centred_kernel
 from mishutter.camera.capture import distinct_colours as distinct_colours
 from mishutter.camera.capture import every_colour as every_colour
 from mishutter.camera.capture import kernel_layout as kernel_layout
+from mishutter.camera.capture import nodes_of_capture as nodes_of_capture
 from mishutter.camera.capture import noisy as noisy
 from mishutter.camera.capture import simulate_capture as simulate_capture
 from mishutter.camera.capture import through_optics as through_optics
@@ -26,7 +27,10 @@ from mishutter.camera.rows import along_rows as along_rows
 from mishutter.camera.rows import blur_length as blur_length
 from mishutter.camera.rows import blurred as blurred
 from mishutter.camera.rows import channels_last as channels_last
+from mishutter.camera.rows import edge_shares as edge_shares
 from mishutter.camera.rows import fast_length as fast_length
+from mishutter.camera.rows import period_of as period_of
+from mishutter.camera.rows import require_border as require_border
 from mishutter.camera.rows import rows_last as rows_last
 from mishutter.camera.sequences import furthest as furthest
 from mishutter.camera.sequences import responses_of_frames as responses_of_frames

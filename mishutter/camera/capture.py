@@ -232,12 +232,18 @@ def captured_response(
 ) -> Complex[Array | np.ndarray, "speeds frequencies"]:
     """Responses at some speeds as a capture has them, on the grid of a DFT."""
     relative = np.asarray(speeds, np.float64) - float(motion.velocity)
+    num_nodes = nodes_of_capture(motion, relative)
+    return pixel_responses(
+        shutter, motion.without_velocity(), relative, period, num_nodes=num_nodes
+    )
+
+
+def nodes_of_capture(motion: AbstractMotion, relative: Float[np.ndarray, "s"]) -> int:
+    """Quadrature nodes of a capture at speeds from which the sensor's velocity is taken; px/s."""
     fastest = float(np.max(np.abs(relative), initial=0.0))
     with outside_trace():
         speed_gain = float(motion.speed_gain)
-    velocity = (speed_gain + fastest) * float(motion.half_exposure)
-    still, num_nodes = motion.without_velocity(), nodes_for(velocity)
-    return pixel_responses(shutter, still, relative, period, num_nodes=num_nodes)
+    return nodes_for((speed_gain + fastest) * float(motion.half_exposure))
 
 
 def captured_responses_below(

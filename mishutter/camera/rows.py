@@ -79,12 +79,17 @@ def continued(rows: Any, period: int, border: str) -> Any:
     if border in ("reflect", "scene"):
         return space.concatenate([rows, rows[..., ::-1]], axis=-1)
     if border == "edge":
-        third = (period - columns) // 3
-        share = np.clip((np.arange(period - columns) + 0.5 - third) / third, 0, 1)
+        share = edge_shares(columns, period)
         share = share.reshape((1,) * (rows.ndim - 1) + (-1,)).astype(rows.dtype)
         gap = rows[..., -1:] * (1 - share) + rows[..., :1] * share
         return space.concatenate([rows, gap], axis=-1)
     return space.pad(rows, [(0, 0)] * (rows.ndim - 1) + [(0, period - columns)])
+
+
+def edge_shares(columns: int, period: int) -> Float[np.ndarray, "gap"]:
+    """Shares of the first pixel in the slope that leads back to it from the last one."""
+    third = (period - columns) // 3
+    return np.clip((np.arange(period - columns) + 0.5 - third) / third, 0, 1)
 
 
 def blurred(

@@ -4,9 +4,10 @@ import json
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -41,6 +42,9 @@ from mishutter.model import (
     shutter_from_dict,
     shutter_to_dict,
 )
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _PROFILE_POINTS = 1001
 _UNSAVED = ("straight", "bursts")
@@ -162,6 +166,11 @@ class Design:
             "scene": repr(self.scene),
         }
         return "\n".join(["Design", *(f"  {name:<9} {text}" for name, text in lines.items())])
+
+    def plot(self) -> "Figure":
+        """A figure of the shutter and the sensor's path in time, or of the burst's frames."""
+        # Figures stand on a floor above, which imports designs.
+        return import_module("mishutter.report").plot_design(self)
 
     def to_dict(self) -> dict[str, object]:
         """Everything in the design as plain numbers, lists and text."""

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from mishutter._core import compiled, is_concrete, require
+from mishutter._core import AbstractModule, compiled, is_concrete, require
 from mishutter.evaluation.metrics import kernel_differences
 from mishutter.evaluation.needs import Parts, Plan
 from mishutter.evaluation.response import Response, respond
@@ -27,7 +27,7 @@ LossFunction = Callable[[Scene, AbstractMotion, AbstractShutter], object]
 _SHARPNESS = 200
 
 
-class AbstractLoss(eqx.Module):
+class AbstractLoss(AbstractModule):
     """A scalar to minimise: `loss(scene, motion, shutter)`.
 
     A loss of your own is a function of scene, motion and shutter, or a small class with such

@@ -236,7 +236,7 @@ def kernels_and_efficiency(
 def pixel_responses(
     shutter: AbstractShutter,
     motion: AbstractMotion,
-    speeds: Float[np.ndarray, "every"],
+    speeds: Float[Array | np.ndarray, "every"],
     length: int,
     *,
     num_nodes: int,
@@ -251,8 +251,8 @@ def pixel_responses(
 
     Args:
         shutter: Transmittance over the exposure.
-        motion: Motion of the sensor, without velocity; concrete.
-        speeds: Speeds of the objects, px/s; concrete.
+        motion: Motion of the sensor, without velocity.
+        speeds: Speeds of the objects, px/s.
         length: Pixels of the DFT, $L$.
         num_nodes: Quadrature nodes over the exposure, about.
         num_frequencies: Number of frequencies to compute, the lowest; all `length // 2 + 1` by
@@ -262,7 +262,7 @@ def pixel_responses(
     tau, weight = nodes_in_time(shutter, motion, num_nodes)
     count = length // 2 + 1 if num_frequencies is None else num_frequencies
     aperture = np.sinc(np.arange(count) / length)[None]
-    each = np.asarray(speeds)[:, None].astype(tau.dtype)
+    each = speeds[:, None].astype(tau.dtype)
     waves = waves_on_dft(motion.aligned_position(tau, each)[some], weight, length, count)
     return waves * aperture.astype(waves.dtype)
 

@@ -27,6 +27,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
 
 from mishutter._core import (
+    AbstractModule,
     DoubleWord,
     all_concrete,
     as_float,
@@ -57,7 +58,7 @@ _ROUNDINGS = 64
 """Roundings of 1 that the mean transmittance of an open shutter may lack."""
 
 
-class AbstractDevice(eqx.Module):
+class AbstractDevice(AbstractModule):
     """A device that turns a command into a transmittance."""
 
     transmission: eqx.AbstractVar[Array]

@@ -22,6 +22,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core import (
+    AbstractModule,
     all_concrete,
     as_array_like,
     as_float,
@@ -219,7 +220,7 @@ class PathShape(NamedTuple):
 
 
 @final
-class Limits(eqx.Module):
+class Limits(AbstractModule):
     """The furthest that the mechanism and the exposure may reach.
 
     Args:

@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int, Shaped
 
 from mishutter._core import (
+    AbstractModule,
     RowLike,
     all_concrete,
     as_float,
@@ -80,7 +81,7 @@ _FIXED_AT_REST = FixedParts(
 )
 
 
-class AbstractMotion(eqx.Module):
+class AbstractMotion(AbstractModule):
     r"""A sensor on a path $x(t)$, $t \in [-T, T]$, which counts from mid-exposure.
 
     $v$ is its velocity at mid-exposure, by which it pans. A point that moves at speed $s$ then

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core import (
+    AbstractModule,
     all_concrete,
     as_float,
     common_dtype,
@@ -67,7 +68,7 @@ class LayerShares(eqx.Module):
 
 
 @final
-class Occlusion(eqx.Module):
+class Occlusion(AbstractModule):
     r"""Objects that hide part of a background, which stands still or moves.
 
     The objects have the scene's speeds, and both layers its spectrum and mean level. The widths of

@@ -5,13 +5,13 @@ The frequencies are the centres of equal steps of (0, 0.5) cycles/px.
 
 from typing import Any, final
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core import (
+    AbstractModule,
     as_float,
     fields_text,
     is_concrete,
@@ -76,7 +76,7 @@ def on_steps(
 
 
 @final
-class Optics(eqx.Module):
+class Optics(AbstractModule):
     r"""A lens that blurs by a Gaussian and passes nothing above a cutoff.
 
     The cutoff belongs to the picture: nothing above it is there to be restored. The blur belongs

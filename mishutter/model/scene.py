@@ -1,5 +1,6 @@
 """A scene: the speeds that occur, the light, the noise and the limits of the sensor."""
 
+import inspect
 import os
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -14,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core import (
+    AbstractModule,
     RowLike,
     Unquoted,
     all_concrete,
@@ -25,6 +27,7 @@ from mishutter._core import (
     is_concrete,
     parsed,
     require,
+    require_arguments,
     require_at_least,
     require_finite,
     require_positive_int,
@@ -76,7 +79,7 @@ _DOUBLE = np.dtype(np.float64)
 
 
 @final
-class Scene(eqx.Module):
+class Scene(AbstractModule):
     r"""Speeds with their weights, light, noise, and the power spectrum of what is seen.
 
     Args:
@@ -279,6 +282,9 @@ class Scene(eqx.Module):
         Raises:
             ValueError: as `Scene`, or if the range is reversed, or has two ends and one speed.
         """
+        own = tuple(inspect.signature(Scene.uniform).parameters)[:-1]
+        known = (*own, *argument_names(Scene)[1:])
+        require_arguments("Scene.uniform", others, known)
         require_positive_int("Scene.uniform(num_speeds=...)", num_speeds)
         for name, value in (("max_speed", max_speed), ("min_speed", min_speed)):
             if value is not None:

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core import (
+    AbstractModule,
     as_float,
     as_numpy,
     fields_text,
@@ -22,7 +23,7 @@ Numbers = Array | np.ndarray | np.floating | float
 
 
 @final
-class Sensor(eqx.Module):
+class Sensor(AbstractModule):
     """The electrons that a pixel holds, the axis that things move along, and its length.
 
     Args:
@@ -76,7 +77,7 @@ class Sensor(eqx.Module):
 
 
 @final
-class Burst(eqx.Module):
+class Burst(AbstractModule):
     """Frames that a camera may take in place of one exposure, as a rival.
 
     Args:

@@ -19,11 +19,11 @@ the delay is left, which pans by $-2ad$.
 from collections.abc import Sequence
 from typing import final
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core import (
+    AbstractModule,
     as_float,
     fields_text,
     is_concrete,
@@ -39,7 +39,7 @@ _PIECES = 256
 
 
 @final
-class SecondOrderStage(eqx.Module):
+class SecondOrderStage(AbstractModule):
     r"""A stage whose servo follows as a damped oscillator of natural frequency $\omega$.
 
     Of a sine of frequency $f$ it passes $|1 - r^2 + 2i\zeta r|^{-1}$, $r = 2\pi f/\omega$; its

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core import (
+    AbstractModule,
     RowLike,
     as_float,
     fields_text,
@@ -38,7 +39,7 @@ EXAMPLE_PICTURE = "example"
 
 
 @final
-class Texture(eqx.Module):
+class Texture(AbstractModule):
     r"""Statistics of pictures in linear light, white = 1, and the photograph that they are of.
 
     Args:

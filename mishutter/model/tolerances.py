@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from mishutter._core import (
+    AbstractModule,
     all_concrete,
     as_float,
     fields_text,
@@ -33,7 +34,7 @@ _NUM_SPEEDS, _NUM_ACCELERATIONS = 5, 3
 
 
 @final
-class Tolerances(eqx.Module):
+class Tolerances(AbstractModule):
     r"""Standard deviations of independent, normally distributed errors, each of mean 0.
 
     A decoder knows how they are distributed, and not what they are in a capture.

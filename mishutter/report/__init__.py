@@ -22,9 +22,11 @@ from mishutter.report.measured import measured_camera as measured_camera
 from mishutter.report.plots import camera_text as camera_text
 from mishutter.report.plots import motion_text as motion_text
 from mishutter.report.plots import plot_capture as plot_capture
+from mishutter.report.plots import plot_design as plot_design
 from mishutter.report.plots import plot_drive as plot_drive
 from mishutter.report.plots import plot_frames as plot_frames
 from mishutter.report.plots import plot_kernels as plot_kernels
+from mishutter.report.plots import plot_levels as plot_levels
 from mishutter.report.plots import plot_photograph as plot_photograph
 from mishutter.report.plots import plot_profiles as plot_profiles
 from mishutter.report.plots import plot_psnr as plot_psnr

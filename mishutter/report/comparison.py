@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import ArrayLike
@@ -27,6 +27,7 @@ from mishutter.model import (
 )
 from mishutter.pictures import Picture
 from mishutter.report.by_decoder import Judgement, judged_by, pictures_to_judge
+from mishutter.report.plots import plot_levels
 from mishutter.report.tables import comparison_tables
 from mishutter.report.verdict import (
     Case,
@@ -51,6 +52,9 @@ from mishutter.search import (
     searches,
     taken_names,
 )
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _WHY_NO_STEP = "programs are compiled, or it takes longer than others"
 """Why a search of a comparison takes a while."""
@@ -193,6 +197,12 @@ class Comparison:
         judged = {} if self.judgement is None else {"on_pictures": self.judgement.to_dict()}
         frames = {} if self.sequence is None else {"sequence": sequence_to_dict(self.sequence)}
         return {"rows": rows, "rivals": rivals, **words, **numbers, **costs, **judged, **frames}
+
+    def plot(self) -> "Figure":
+        """A figure of the levels of all rows at their own best motion, and of the ceiling."""
+        rows = [row for row in self.rows if row.reading == OWN_BEST_MOTION]
+        chosen = None if self.choice is None else self.choice.name
+        return plot_levels({row.name: row.level for row in rows}, self.ceiling, chosen)
 
     def text(self, *, verbose: bool = False) -> str:
         """The verdict and the tables, as the command prints them, as text.

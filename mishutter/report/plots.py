@@ -24,7 +24,7 @@ from mishutter.evaluation import (
     kernels_at_speeds,
     spectral_levels,
 )
-from mishutter.hardware import DriveTable, FrameTable
+from mishutter.hardware import DriveTable, FrameTable, frame_table
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
@@ -233,6 +233,70 @@ def _note_below(figure: "Figure", text: str) -> None:
         bottom=(room.bottom * before + added) / height, top=1 - (1 - room.top) * before / height
     )
     figure.text(0.5, 0.06 / height, text, ha="center", va="bottom", fontsize="small")
+
+
+def plot_design(design: Design) -> "Figure":
+    """Draws a design in time: the transmittance of its shutter and the path of its sensor.
+
+    Where frames of a burst are better, these are drawn, with the path of the stage through them.
+
+    Args:
+        design: The design.
+    """
+    if design.sequence is not None:
+        return plot_frames(frame_table(design))
+    motion = design.motion
+    figure, (top, bottom) = _new(2, height=2.4, share=True)
+    leave_room(figure, Margins(top=0.4), num_rows=2)
+    half = float(motion.half_exposure) * 1e3
+    tau = np.linspace(-1, 1, _NUM_POINTS, dtype=np.dtype(motion.half_exposure.dtype))
+    drawn = {"sent to the device": design.command} if design.scene.device is not None else {}
+    for (name, shutter), style in zip(
+        ({"transmittance": design.shutter} | drawn).items(), line_styles(), strict=False
+    ):
+        time, values = np.pad(tau * half, 1, "edge"), np.pad(profile_of(shutter, tau)[0], 1)
+        top.plot(time, values, label=name, **style)
+    level = next(iter(design.levels.values()))
+    top.set_title(f"{motion_text(motion)}, {level:.2f} dB", fontsize="medium")
+    top.set(ylabel="transmittance", ylim=(-0.02, 1.05))
+    if drawn:
+        top.legend(loc="lower center", fontsize="small")
+    path = np.asarray(motion.position(tau * half * 1e-3))
+    bottom.plot(tau * half, path, **next(line_styles()))
+    bottom.set(xlabel="time from mid-exposure / ms", ylabel="sensor position / px")
+    return figure
+
+
+def plot_levels(levels: Mapping[str, float], most: float, chosen: str | None = None) -> "Figure":
+    """Draws the levels of cameras, the best at the top, and the level that none exceeds.
+
+    Args:
+        levels: Expected PSNR by the name of the camera; dB.
+        most: The level that no camera exceeds; dB.
+        chosen: The camera that is advised, whose mark is filled.
+    """
+    order = sorted(levels, key=lambda name: levels[name])
+    figure = new_figure(7.0, 0.27 * len(order) + 1.1)
+    leave_room(figure, Margins(left=2.6, top=0.4))
+    axes = figure.subplots()
+    for place, name in enumerate(order):
+        face = _COLOURS[0] if name == chosen else "white"
+        axes.plot(levels[name], place, "o", color=_COLOURS[0], markerfacecolor=face)
+        axes.annotate(
+            f"{levels[name]:.2f}",
+            (levels[name], place),
+            (7, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize="small",
+        )
+    axes.axvline(most, color="black", linestyle="--", label=f"no camera exceeds {most:.2f} dB")
+    axes.set_yticks(range(len(order)), [shown_name(name, 30) for name in order], fontsize="small")
+    axes.set(xlabel="expected PSNR / dB", ylabel="camera at its best motion")
+    axes.margins(x=0.1)
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize="small")
+    draw_grid(axes)
+    return figure
 
 
 def plot_drive(table: DriveTable) -> "Figure":

@@ -1,5 +1,6 @@
 """The design search: space, objective, minimisation, rivals."""
 
+from mishutter.search.parameters import DesignParameters as DesignParameters
 from mishutter.search.planning import SearchPlan as SearchPlan
 from mishutter.search.planning import plan as plan
 from mishutter.search.rivals import BEST_CODED_STILL as BEST_CODED_STILL

@@ -513,22 +513,27 @@ def search_frame(scene: Scene, motion: AbstractMotion, free: Iterable[str]) -> S
 
 
 def design_space(
-    scene: Scene, motion: AbstractMotion, shutter: AbstractShutter, free: str | Iterable[str]
+    scene: Scene,
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    free: str | Iterable[str],
+    *,
+    function: str = "optimise",
 ) -> DesignSpace:
     """The space of what `free` names, within the scene's limits.
 
     The scene and the motion are those of the `search_frame`. A free path has a free acceleration,
-    and begins as the path of the motion.
+    and begins as the path of the motion. Errors name the `function`.
 
     Raises:
         ValueError: if `free` is empty or names something that cannot move.
     """
     names = (free,) if isinstance(free, str) else tuple(free)
-    subject = "optimise(free=...)"
+    subject = f"{function}(free=...)"
     are_parts = bool(names) and all(name in FREE_NAMES for name in names)
     require(are_parts, subject, f"name some of {', '.join(FREE_NAMES)}", free)
     if "shutter" in names:
-        require_adjustable(shutter)
+        require_adjustable(shutter, function)
     frees_path = "path" in names
     fixed = set() if frees_path and not motion.accelerates_constantly else motion.fixed.names
     require(not fixed & set(names), subject, motion.fixed.request, free)
@@ -670,11 +675,11 @@ def fills(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> boo
     return bool(electrons > float(scene.sensor.full_well) * (1 + _ROUNDING))
 
 
-def require_adjustable(shutter: AbstractShutter) -> None:
+def require_adjustable(shutter: AbstractShutter, function: str = "optimise") -> None:
     """Refuses a shutter with nothing to move."""
     require(
         is_adjustable(shutter),
-        "optimise(shutter=...)",
+        f"{function}(shutter=...)",
         "have parameters with bounds, as a SplineShutter or TukeyShutter has, for free to name it",
         type(shutter).__name__,
     )

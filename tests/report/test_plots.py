@@ -5,17 +5,20 @@ from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 
+import equinox as eqx
 import numpy as np
 import pytest
 import xarray
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
+from support.bursts import a_burst_design
 from support.drive import a_design
 from support.photographs import photograph
 from support.sweeps import SCENE, grid
 
 from mishutter import (
     ChippedShutter,
+    Comparison,
     FirstOrderShutter,
     HannShutter,
     Limits,
@@ -40,6 +43,7 @@ from mishutter.report import (
     plot_drive,
     plot_front,
     plot_kernels,
+    plot_levels,
     plot_map,
     plot_photograph,
     plot_profiles,
@@ -49,6 +53,7 @@ from mishutter.report import (
     sweep_plots,
 )
 from mishutter.report.plots import MAP_COLOURS, Margins, leave_room, new_figure
+from mishutter.search import Row
 
 MOTION = ParabolicMotion(acceleration=2.3e5, half_exposure=0.0061)
 DESIGNS = {
@@ -72,6 +77,8 @@ FIGURES = {
     "kernels": lambda: plot_kernels(DESIGNS, [0.0, 700.0]),
     "transfer": lambda: plot_transfer(SCENE, DESIGNS),
     "psnr": lambda: plot_psnr({"rect": photograph(21), "Hann": photograph(24)}),
+    "design": lambda: a_design(HannShutter()).plot(),
+    "levels": lambda: plot_levels({"rect": 21.3, "Hann": 22.7, "own": 24.1}, 27.9, "own"),
     "drive": lambda: plot_drive(drive_table(a_design(HannShutter()), num_levels=5)),
     "map": lambda: plot_map(swept(), "gain"),
     "row": lambda: plot_map(swept().isel(acceleration=[2])),
@@ -89,6 +96,50 @@ def test_no_solver_of_layouts_draws_a_figure():
     """Room for labels is told: a solver takes longer than all of the drawing."""
     figure = plot_profiles(DESIGNS)
     assert figure.get_layout_engine() is None
+
+
+def test_a_design_draws_its_shutter_and_its_path():
+    """Over its own exposure: the transmittance, the command of a device, and the sensor's place."""
+    device = FirstOrderShutter(rise_time=7e-4, fall_time=1.3e-3)
+    scene = Scene([-310.0, 420.0], photon_rate=2e5, read_noise=3.0, device=device)
+    seen = scene.light(HannShutter(), MOTION)
+    top, bottom = replace(a_design(seen), scene=scene, motion=MOTION).plot().axes
+    (path,) = bottom.get_lines()
+    time, place = path.get_data()
+    np.testing.assert_allclose(time[[0, -1]], [-6.1, 6.1])
+    np.testing.assert_allclose(place, MOTION.position(time * 1e-3), rtol=1e-6, atol=1e-9)
+    passed, sent = (line.get_data()[1][1:-1] for line in top.get_lines())
+    tau = np.linspace(-1, 1, passed.size)
+    np.testing.assert_allclose(passed, seen.transmittance(tau), atol=1e-6)
+    np.testing.assert_allclose(sent, HannShutter().transmittance(tau), atol=1e-6)
+
+
+def test_a_design_of_a_burst_draws_its_frames():
+    """The frames are what is to be taken, and the path is the stage's through them."""
+    design = a_burst_design()
+    (axes,) = design.plot().axes
+    frames = [patch for patch in axes.patches if patch.get_alpha() is None]
+    assert len(frames) == len(design.sequence.frames)
+    assert axes.get_ylabel() == "stage position / px"
+
+
+def test_a_comparison_draws_its_levels():
+    """One mark for each camera at its own best motion, the advised one filled, and the ceiling."""
+    of_row = {"shutter": HannShutter(), "motion": MOTION, "loss": 0.2}
+    metrics = evaluate(SCENE, MOTION, HannShutter())
+    better = eqx.tree_at(lambda each: each.expected_psnr, metrics, metrics.expected_psnr + 1.3)
+    best, other, same = (
+        Row("own best motion", "own", metrics=better, **of_row),
+        Row("own best motion", "hann", metrics=metrics, **of_row),
+        Row("same motion", "rect", metrics=metrics, **of_row),
+    )
+    (axes,) = Comparison((best, other, same), "V.", 0.1, 31.0, choice=best).plot().axes
+    *marks, most = axes.get_lines()
+    assert [text.get_text() for text in axes.get_yticklabels()] == ["hann", "own"]
+    levels = [float(mark.get_xdata()[0]) for mark in marks]
+    np.testing.assert_allclose(levels, [other.level, best.level])
+    assert [mark.get_markerfacecolor() == "white" for mark in marks] == [True, False]
+    assert set(most.get_xdata()) == {31.0}
 
 
 @pytest.mark.parametrize(("num_rows", "num_columns"), [(1, 1), (3, 2)])

@@ -14,7 +14,7 @@ from mishutter import cli
 
 _FENCE = re.compile(r"^```([\w.]*)[^\n]*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _HERE = re.compile(r"^cat > (\S+) <<'END'\n(.*?)^END\n", re.MULTILINE | re.DOTALL)
-_IMPORT = re.compile(r"^(?:from|import) (torch|deepinv|scico)\b", re.MULTILINE)
+_IMPORT = re.compile(r"^(?:from|import) (?:mishutter\.)?(torch|deepinv|scico)\b", re.MULTILINE)
 
 NOT_RUN = {
     "pip": "what it installs is here already",

@@ -13,7 +13,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from mishutter._core import alone_in_blas, outside_trace, require_known
+from mishutter._core import AbstractModule, alone_in_blas, outside_trace, require_known
 from mishutter.camera import (
     blur_length,
     captured_response,
@@ -236,7 +236,7 @@ class BlurModel(eqx.Module):
         return np.exp(np.interp(np.fft.rfftfreq(length), centres, logarithm))
 
 
-class AbstractDecoder(eqx.Module):
+class AbstractDecoder(AbstractModule):
     """Turns captured rows into rows of the picture by a `BlurModel`.
 
     A decoder is a function of its parameters and the capture: it draws no numbers and

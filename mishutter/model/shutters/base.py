@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
 
 from mishutter._core import (
+    AbstractModule,
     DoubleWord,
     Unquoted,
     all_concrete,
@@ -45,7 +46,7 @@ _SHORT = 1e-7
 """Length of a piece that holds too little light for its misfit to matter."""
 
 
-class AbstractShutter(eqx.Module):
+class AbstractShutter(AbstractModule):
     r"""A transmittance $w(\tau)$ in $[0, 1]$ on $\tau = t/T \in [-1, 1]$, 0 outside.
 
     A shutter of one's own needs `transmittance`, `discontinuities` if it jumps or bends

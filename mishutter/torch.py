@@ -1,0 +1,376 @@
+r"""Blur as an operator of PyTorch, with gradients, and as a physics of deepinv.
+
+Pictures are tensors of light, white = 1, whose last two axes are rows and columns; a batch and its
+colours come before them. What comes back has their precision and lies on their device.
+"""
+
+from collections.abc import Callable
+from functools import partial, reduce
+from typing import Any, NamedTuple, final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import torch  # pyright: ignore[reportMissingImports]
+from jaxtyping import Array, ArrayLike, Float
+from torch import Tensor  # pyright: ignore[reportMissingImports]
+
+from mishutter._core import require, require_finite, require_scalar, shape_of
+from mishutter.camera import (
+    captured_columns,
+    captured_response,
+    edge_shares,
+    kernel_layout,
+    nodes_of_capture,
+    period_of,
+    require_border,
+)
+from mishutter.evaluation import pixel_responses
+from mishutter.model import (
+    AbstractDevice,
+    AbstractMotion,
+    AbstractShutter,
+    Scene,
+    require_scene,
+    white_electrons,
+)
+
+Camera = Callable[..., tuple[AbstractMotion, AbstractShutter]]
+"""A motion and a shutter as a function of arrays."""
+
+
+def differentiable(function: Callable[..., Array]) -> Callable[..., Tensor]:
+    """A function of JAX as one that PyTorch differentiates, once.
+
+    Kernels, losses and metrics of the package are such functions.
+
+    Args:
+        function: Function of arrays that returns one array, both of real numbers. `jax.jit` or
+            `equinox.filter_jit` of it is as fast as in JAX.
+
+    Returns:
+        The function of tensors. Its result has their precision, the widest if they differ, and
+        lies on the device of the first; without JAX's 64-bit mode it is computed in 32 bits.
+
+    Raises:
+        ValueError: by the function, where an argument is no tensor of floating-point numbers.
+
+    Examples:
+        >>> import torch
+        >>> from mishutter import ParabolicMotion, TukeyShutter, blur_kernel
+        >>> from mishutter.torch import differentiable
+        >>> motion = ParabolicMotion(acceleration=2e5, half_exposure=0.01)
+        >>> def light(taper):
+        ...     return blur_kernel(TukeyShutter(taper), motion, num_taps=64).sum()
+        >>> taper = torch.tensor(0.4, requires_grad=True)
+        >>> differentiable(light)(taper).backward()
+        >>> print(f"{taper.grad:.2f}")
+        -0.50
+    """
+
+    def of_tensors(*tensors: Tensor) -> Tensor:
+        for index, tensor in enumerate(tensors):
+            subject, requirement = f"differentiable(...)[{index}]", "be a tensor of floating point"
+            is_tensor = isinstance(tensor, Tensor) and tensor.is_floating_point()
+            require(is_tensor, subject, requirement, getattr(tensor, "dtype", tensor))
+        require(bool(tensors), "differentiable(...)", "be called with a tensor", 0)
+        return _OfJax.apply(function, *tensors)
+
+    return of_tensors
+
+
+class _OfJax(torch.autograd.Function):
+    """The value of a function of JAX, and what its derivatives pull back."""
+
+    @staticmethod
+    def forward(ctx: Any, function: Callable[..., Array], *tensors: Tensor) -> Tensor:
+        value, ctx.pull = jax.vjp(function, *map(_as_array, tensors))
+        ctx.kind, ctx.like = value.dtype, [(each.dtype, each.device) for each in tensors]
+        widest = reduce(torch.promote_types, [each.dtype for each in tensors])
+        return _as_tensor(value, widest, tensors[0].device)
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx: Any, change: Tensor) -> tuple[Tensor | None, ...]:
+        slopes = ctx.pull(_as_array(change).astype(ctx.kind))
+        pairs = zip(slopes, ctx.like, strict=True)
+        return None, *(_as_tensor(slope, *like) for slope, like in pairs)
+
+
+def _as_array(tensor: Tensor) -> Array:
+    return jnp.asarray(tensor.detach().cpu().numpy())
+
+
+def _as_tensor(array: ArrayLike, dtype: Any, device: Any) -> Tensor:
+    # A copy: arrays of JAX may not be written to.
+    return torch.from_numpy(np.array(array)).to(device=device, dtype=dtype)
+
+
+class _Layout(NamedTuple):
+    """Sizes of a capture that depend on the numbers of its motion.
+
+    Attributes:
+        columns: Pixels along the picture's motion.
+        period: Pixels of its rows as they are continued.
+        window: Pixels of these that the sensor records.
+        num_nodes: Quadrature nodes over the exposure.
+        border: The rule by which rows go on.
+    """
+
+    columns: int
+    period: int
+    window: slice
+    num_nodes: int
+    border: str
+
+
+def _layout(motion: AbstractMotion, speed: float, columns: int, border: str) -> _Layout:
+    num_taps, _ = kernel_layout(motion, speed, subject="speed")
+    window = slice(0, columns)
+    if border == "scene":
+        requirement = f"have at least {num_taps} pixels along the motion"
+        require(columns >= num_taps, "pictures", requirement, columns)
+        window = captured_columns(motion, speed, columns)
+    num_nodes = nodes_of_capture(motion, np.asarray([speed]) - float(motion.velocity))
+    return _Layout(columns, period_of(columns, num_taps, border), window, num_nodes, border)
+
+
+@final
+class Blur(torch.nn.Module):
+    r"""The capture of a moving picture, without noise, as a linear operator on tensors.
+
+    It computes what `simulate_capture` does, with a gradient by the picture: rows are continued,
+    their spectrum is multiplied by $H_s(f)\operatorname{sinc}(f)$ and the lens, and what the sensor
+    records is cut out. `blurred` also has gradients by the numbers of the camera.
+
+    Args:
+        scene: Lens, device and axis; its speeds are not used.
+        motion: Motion of the sensor.
+        shutter: Transmittance over the exposure.
+        speed: Speed of the picture, px/s, to the left or up.
+        border: Where light from beyond the picture comes from, as in `simulate_capture`: with
+            `"scene"` the capture has fewer pixels along the motion than the picture.
+
+    Raises:
+        ValueError: if an argument is out of its range; when it is called, if pictures are no
+            tensors with rows and columns of 32 or 64 bits.
+
+    Examples:
+        >>> import torch
+        >>> from mishutter import HannShutter, ParabolicMotion, example_scene
+        >>> from mishutter.torch import Blur
+        >>> motion = ParabolicMotion(acceleration=2e5, half_exposure=0.01)
+        >>> blur = Blur(example_scene(), motion, HannShutter(), speed=700.0)
+        >>> captures = blur(torch.ones(8, 3, 64, 96))
+        >>> print(tuple(captures.shape), f"{captures.mean():.3f}")
+        (8, 3, 64, 96) 0.500
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        motion: AbstractMotion,
+        shutter: AbstractShutter,
+        *,
+        speed: float = 0.0,
+        border: str = "reflect",
+    ):
+        torch.nn.Module.__init__(self)
+        require_scene(scene)
+        require_border("Blur(border=...)", border)
+        require_scalar("Blur(speed=...)", speed)
+        require_finite("Blur(speed=...)", speed)
+        self._speed, self._border, self._motion = float(speed), border, motion
+        self._num_taps, _ = kernel_layout(motion, self._speed, subject="Blur(speed=...)")
+        self._shutter, self._scene = scene.light(shutter, motion), scene
+        self._known: dict[int, tuple[_Layout, Tensor]] = {}
+
+    def extra_repr(self) -> str:
+        """The camera and the speed, as `print` shows them."""
+        return f"{self._motion!r}, {self._shutter!r}, speed={self._speed:g}"
+
+    def forward(self, pictures: Tensor) -> Tensor:
+        """The captures of pictures, in units of a fully open exposure.
+
+        Args:
+            pictures: Light; shape `(..., rows, columns)`.
+        """
+        rows = _along(pictures, self._scene, "Blur(...)(pictures=...)")
+        layout, response = self._response(rows.shape[-1], rows)
+        return _along(_captured(rows, response, layout), self._scene, "Blur")
+
+    def adjoint(self, captures: Tensor) -> Tensor:
+        r"""The adjoint $A^\top y$: $\langle A x, y \rangle = \langle x, A^\top y \rangle$.
+
+        Args:
+            captures: Shape `(..., rows, columns)`, as the operator returns them.
+        """
+        rows = _along(captures, self._scene, "Blur.adjoint(captures=...)")
+        beyond = self._num_taps - 1 if self._border == "scene" else 0
+        layout, response = self._response(rows.shape[-1] + beyond, rows)
+        around = layout.window.start, layout.period - layout.window.stop
+        wide = _filtered(torch.nn.functional.pad(rows, around), response.conj())
+        like = wide[..., : layout.columns]
+        _, pull = torch.func.vjp(partial(_continued, layout=layout), torch.zeros_like(like))
+        return _along(pull(wide)[0], self._scene, "Blur")
+
+    def _response(self, columns: int, like: Tensor) -> tuple[_Layout, Tensor]:
+        """The sizes of captures of so many columns, and the response on the grid of their DFT."""
+        if columns not in self._known:
+            layout = _layout(self._motion, self._speed, columns, self._border)
+            motion, shutter, period = self._motion, self._shutter, layout.period
+            response = np.array(captured_response(motion, shutter, [self._speed], period)[0])
+            response = torch.from_numpy(response * self._scene.optics.response(period))
+            self._known = {columns: (layout, response)}
+        layout, response = self._known[columns]
+        return layout, response.to(device=like.device, dtype=_complex_of(like))
+
+
+def blurred(
+    pictures: Tensor,
+    scene: Scene,
+    camera: Camera,
+    *numbers: Tensor,
+    speed: Tensor | float = 0.0,
+    border: str = "reflect",
+) -> Tensor:
+    """Captures of pictures by a camera that is learnt, with gradients by its numbers.
+
+    `Blur` with gradients by pictures, numbers and speed: of a shutter that is learnt together with
+    the network that restores, or of a speed that is fitted.
+
+    Args:
+        pictures: Light; shape `(..., rows, columns)`.
+        scene: Lens, device and axis; its speeds are not used.
+        camera: Function of the numbers, as arrays of JAX, which returns the motion and the shutter.
+            `DesignParameters.design` keeps them within the limits of a scene. One function for
+            all calls is traced once.
+        numbers: Tensors of any shape.
+        speed: Speed of the pictures, px/s, to the left or up; scalar.
+        border: Where light from beyond the picture comes from, as in `simulate_capture`.
+
+    Returns:
+        The captures, in units of a fully open exposure.
+
+    Raises:
+        ValueError: as `Blur`, or if the numbers are those of no motion or shutter.
+    """
+    require_scene(scene)
+    require_border("blurred(border=...)", border)
+    rows = _along(pictures, scene, "blurred(pictures=...)")
+    told = speed if isinstance(speed, Tensor) else torch.tensor(speed, dtype=torch.float64)
+    number = told.detach().cpu().numpy()
+    require_scalar("blurred(speed=...)", number)
+    require_finite("blurred(speed=...)", number)
+    motion, _ = camera(*map(_as_array, numbers))
+    require(isinstance(motion, AbstractMotion), "blurred(camera=...)", "return a motion", motion)
+    layout = _layout(motion, float(number), rows.shape[-1], border)
+    sizes = layout.period, layout.num_nodes
+    parts = partial(_parts_of_response, scene.device, camera, sizes)
+    real, imaginary = differentiable(parts)(told, *numbers).to(rows.device)
+    lens = _as_tensor(scene.optics.response(layout.period), rows.dtype, rows.device)
+    response = torch.complex(real, imaginary).to(_complex_of(rows)) * lens
+    return _along(_captured(rows, response, layout), scene, "blurred")
+
+
+@eqx.filter_jit
+def _parts_of_response(
+    device: AbstractDevice | None,
+    camera: Camera,
+    sizes: tuple[int, int],
+    speed: Array,
+    *numbers: Array,
+) -> Float[Array, "2 k"]:
+    """Real and imaginary part of the response of a camera, without the lens."""
+    motion, shutter = camera(*numbers)
+    period, num_nodes = sizes
+    dtype = motion.velocity.dtype
+    if device is not None:
+        shutter = device.light(shutter, motion.half_exposure, np.dtype(dtype))
+    relative = jnp.reshape(speed.astype(dtype) - motion.velocity, 1)
+    still = motion.without_velocity()
+    response = pixel_responses(shutter, still, relative, period, num_nodes=num_nodes)[0]
+    return jnp.stack([response.real, response.imag])
+
+
+def physics(
+    scene: Scene,
+    motion: AbstractMotion,
+    shutter: AbstractShutter,
+    *,
+    speed: float = 0.0,
+    border: str = "reflect",
+) -> Any:
+    r"""The capture of a moving picture as a `deepinv.physics.LinearPhysics`, with its noise.
+
+    `A` and `A_adjoint` are those of `Blur`, and the noise is that of `simulate_capture`, Poisson of
+    the scene's light and Gaussian of its read noise; `A_dagger`, `prox_l2` and deepinv's solvers
+    follow. deepinv is not installed with this package (`pip install deepinv`).
+
+    Args:
+        scene: Light, read noise, lens, device and axis; its speeds are not used.
+        motion: Motion of the sensor.
+        shutter: Transmittance over the exposure.
+        speed: Speed of the picture, px/s, to the left or up.
+        border: Where light from beyond the picture comes from, as in `simulate_capture`.
+
+    Raises:
+        ValueError: as `Blur`, or if the scene has no light.
+        ImportError: if deepinv is not installed.
+    """
+    from deepinv.physics import (  # pyright: ignore[reportMissingImports]
+        LinearPhysics,
+        PoissonGaussianNoise,
+    )
+
+    blur = Blur(scene, motion, shutter, speed=speed, border=border)
+    rate = float(scene.photon_rate)
+    require(rate > 0, "physics(scene=...)", "have a photon rate above 0 e-/s", rate)
+    white = float(white_electrons(rate, float(motion.exposure)))
+    noise = PoissonGaussianNoise(
+        gain=1 / white,
+        sigma=float(scene.read_noise) / white,
+        clip_positive=True,  # waves beside an edge pass below 0
+    )
+    # deepinv hands parameters of the noise to the operator too.
+    return LinearPhysics(
+        A=lambda pictures, **_: blur(pictures),
+        A_adjoint=lambda captures, **_: blur.adjoint(captures),
+        noise_model=noise,
+    )
+
+
+def _along(pictures: Tensor, scene: Scene, subject: str) -> Tensor:
+    """Pictures whose rows lie along the motion; a second call turns them back."""
+    kinds = torch.float32, torch.float64
+    is_light = isinstance(pictures, Tensor) and pictures.dtype in kinds
+    requirement = "be a tensor of 32 or 64 bits"
+    require(is_light, subject, requirement, getattr(pictures, "dtype", pictures))
+    has_pixels = pictures.ndim >= 2 and 0 not in pictures.shape
+    require(has_pixels, subject, "have rows and columns", shape_of(pictures))
+    return pictures if scene.sensor.axis == "rows" else pictures.mT
+
+
+def _captured(rows: Tensor, response: Tensor, layout: _Layout) -> Tensor:
+    return _filtered(_continued(rows, layout), response)[..., layout.window]
+
+
+def _filtered(rows: Tensor, response: Tensor) -> Tensor:
+    """Periodic rows through a response on the grid of their DFT."""
+    return torch.fft.irfft(torch.fft.rfft(rows) * response, rows.shape[-1])
+
+
+def _continued(rows: Tensor, layout: _Layout) -> Tensor:
+    """Rows continued to one period, as `mishutter.camera.rows.continued` does those of NumPy."""
+    columns, period, border = layout.columns, layout.period, layout.border
+    if border in ("reflect", "scene"):
+        return torch.cat([rows, rows.flip(-1)], -1)
+    if border == "edge":
+        share = _as_tensor(edge_shares(columns, period), rows.dtype, rows.device)
+        return torch.cat([rows, rows[..., -1:] * (1 - share) + rows[..., :1] * share], -1)
+    return torch.nn.functional.pad(rows, (0, period - columns))
+
+
+def _complex_of(like: Tensor) -> Any:
+    return torch.complex64 if like.dtype == torch.float32 else torch.complex128
