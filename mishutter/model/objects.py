@@ -2,14 +2,13 @@
 
 from typing import final
 
-import equinox as eqx
 from jaxtyping import Array, ArrayLike
 
-from mishutter._core import as_float, fields_text, require_at_least, require_scalar
+from mishutter._core import AbstractModule, as_float, fields_text, require_at_least, require_scalar
 
 
 @final
-class Objects(eqx.Module):
+class Objects(AbstractModule):
     """Things that move on their own, of which a decoder registers each within its own outline.
 
     A point near the outline is seen by fewer frames, or by part of an exposure, as one near the
