@@ -239,24 +239,7 @@ class Scene(AbstractModule):
 
     @staticmethod
     def uniform(
-        *,
-        max_speed: float,
-        num_speeds: int = 9,
-        min_speed: float | None = None,
-        weights: RowLike | None = None,
-        photon_rate: ArrayLike,
-        read_noise: ArrayLike,
-        picture: Texture | None = None,
-        optics: Optics | None = None,
-        sensor: Sensor | None = None,
-        limits: Limits | None = None,
-        device: AbstractDevice | None = None,
-        burst: Burst | None = None,
-        tolerances: Tolerances | None = None,
-        occlusion: Occlusion | None = None,
-        objects: Objects | None = None,
-        decoder_speed: DecoderWord = "unknown",
-        motion: AbstractMotion | None = None,
+        *, max_speed: float, num_speeds: int = 9, min_speed: float | None = None, **others: object
     ) -> "Scene":
         """Equally likely speeds, evenly spaced from `min_speed` (`-max_speed`) to `max_speed`.
 
@@ -264,20 +247,7 @@ class Scene(AbstractModule):
             max_speed: Largest speed, px/s.
             num_speeds: How many; at least 2 where the range has two ends.
             min_speed: Smallest speed, px/s; `-max_speed` by default.
-            weights: As `Scene` takes it, and so every argument below.
-            photon_rate: e-/s.
-            read_noise: e-.
-            picture: What is seen.
-            optics: The lens.
-            sensor: The sensor.
-            limits: The furthest that the mechanism and the exposure may reach.
-            device: The device that makes the transmittance.
-            burst: Frames that a rival takes.
-            tolerances: Errors of the camera as it is built.
-            occlusion: Objects that hide part of a background.
-            objects: Things that are registered one by one.
-            decoder_speed: What the decoder knows of the speed.
-            motion: Motion to start from or to compare at.
+            others: The other arguments of `Scene`.
 
         Raises:
             ValueError: as `Scene`, or if the range is reversed, or has two ends and one speed.
@@ -295,23 +265,7 @@ class Scene(AbstractModule):
         has_both_ends = num_speeds > 1 or low == max_speed
         requirement = f"be at least 2, for speeds from {low:g} to {max_speed:g} px/s"
         require(has_both_ends, "Scene.uniform(num_speeds=...)", requirement, num_speeds)
-        return Scene(
-            np.linspace(low, max_speed, num_speeds),
-            weights,
-            photon_rate=photon_rate,
-            read_noise=read_noise,
-            picture=picture,
-            optics=optics,
-            sensor=sensor,
-            limits=limits,
-            device=device,
-            burst=burst,
-            tolerances=tolerances,
-            occlusion=occlusion,
-            objects=objects,
-            decoder_speed=decoder_speed,
-            motion=motion,
-        )
+        return made_of(Scene, {"speeds": np.linspace(low, max_speed, num_speeds)} | others)
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> "Scene":
