@@ -36,7 +36,12 @@ def test_moving_frames_have_the_times_of_still_ones():
     given = Burst(frames_per_s=110.0, max_frames=9, window=0.022, dead_time=0.0031)
     burst = best_moving_burst(_scene(burst=given))
     assert burst.num_frames <= 3
-    assert max(frame.exposure for frame in burst.frames) <= (1 / 110 - 0.0031) * (1 + 1e-6)
+    ends, begins = (
+        np.array([frame.time + side * frame.exposure / 2 for frame in burst.frames])
+        for side in (1, -1)
+    )
+    assert np.min(np.diff(ends)) >= (1 - 1e-9) / 110
+    assert np.min(begins[1:] - ends[:-1]) >= 0.0031 * (1 - 1e-9)
     assert burst.duration <= 0.022 * (1 + 1e-6)
 
 
