@@ -453,7 +453,7 @@ class _Search(NamedTuple):
         most = self.times.numbers_of_frames[-1]
         numbers = {
             (moving, rests)
-            for moving in some_numbers(most, _NUM_NUMBERS)
+            for moving in {*some_numbers(most, _NUM_NUMBERS), max(most - 1, 1)}
             for rests in {0, most - moving}
         }
         return [
