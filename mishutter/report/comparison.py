@@ -347,7 +347,7 @@ def with_verdict(
     coded = [row for row in at_best if row.name not in SNAPSHOTS]
     best = best_row([row for row in coded if row.name in entries] or coded)
     most = float(ceiling(scene))
-    if most < best_row(coded).level:  # a design that dwells at the listed speeds
+    if most < max(row.level for row in coded):  # a design that dwells at the listed speeds
         most = float(ceiling(scene, continuous=False))
     own = best if best.name in entries else None
     choice = row_to_build(at_best, own, snapshot)

@@ -234,8 +234,11 @@ def cameras_of(rows: Iterable[Row]) -> list[list[Row]]:
 
 
 def best_row(rows: Iterable[Row]) -> Row:
-    """The row of the highest level, the first of equals."""
-    return max(rows, key=lambda row: row.level)
+    """The row of the highest level: the simplest of equals, which no rounding tells apart."""
+    every = list(rows)
+    most = max(row.level for row in every)
+    best = [row for row in every if row.level == most or most - row.level < _SAME_LEVEL]
+    return min(best, key=lambda row: (len(row.required_hardware), row.kind))
 
 
 def simplest(rows: Iterable[Row], top: Row, *, within: float) -> Row:
@@ -264,7 +267,7 @@ def best_of_each_purchase(rows: Iterable[Row]) -> dict[str, Row]:
     """
     rows = [row for row in rows if row.reading == OWN_BEST_MOTION]
     return {
-        name: simplest(enough, best_row(enough), within=_SAME_LEVEL)
+        name: best_row(enough)
         for parts, name in _PURCHASES.items()
         for enough in [[row for row in rows if row.required_hardware <= parts]]
         if any(row.required_hardware == parts for row in enough)

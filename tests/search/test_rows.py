@@ -1,4 +1,4 @@
-"""Rows of a comparison: which of them are the same camera."""
+"""Rows of a comparison: which of them are the same camera, and which is the best."""
 
 from dataclasses import replace
 
@@ -18,7 +18,8 @@ from mishutter import (
     TukeyShutter,
 )
 from mishutter.evaluation import SequenceMetrics, evaluate, transmittance
-from mishutter.search import cameras_of
+from mishutter.report import with_verdict
+from mishutter.search import BEST_PANNED_SNAPSHOT, BEST_SNAPSHOT, best_row, cameras_of
 from mishutter.search.rivals import _row_of_burst
 from mishutter.search.rows import SHUTTER
 
@@ -95,6 +96,38 @@ def test_a_shutter_that_stays_open_is_not_required(dtype, opened):
         efficiency = jnp.asarray(1 - shortfall, dtype)
         row = replace(opened, metrics=replace(opened.metrics, efficiency=efficiency))
         assert (SHUTTER in row.required_hardware) == is_required
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_the_best_of_equals_is_the_simplest(opened, order):
+    """A rounding prefers no window that stays open, and no pan that stands still; 0.2 mdB do."""
+    window = replace(opened, name="best Tukey", shutter=TukeyShutter(0.0))
+    hann = made_up({"Hann": 26.25})[0]
+    still, panned = made_up({BEST_SNAPSHOT: 26.25, BEST_PANNED_SNAPSHOT: 26.25})
+    at_rest = replace(panned, motion=still.motion)
+    for simple, other in ((opened, window), (opened, hann), (still, panned), (still, opened)):
+        for above, best in ((4e-15, simple), (2e-4, other)):
+            level = jnp.asarray(26.25 + above)
+            better = replace(other, metrics=replace(other.metrics, expected_psnr=level))
+            found = best_row([simple, better][::order])
+            assert found.name == best.name
+    better = replace(
+        at_rest, metrics=replace(panned.metrics, expected_psnr=jnp.asarray(26.25 + 4e-15))
+    )
+    assert best_row([still, better]) is still
+
+
+def test_a_verdict_names_the_simplest_of_equals():
+    """The nearest simpler camera is the open shutter, and not the window that ends in it."""
+    rows = made_up({BEST_SNAPSHOT: 23.0, "rect": 24.5, "optimised": 25.0})
+    window = replace(rows[1], name="best Tukey", shutter=TukeyShutter(0.0))
+    metrics = replace(window.metrics, expected_psnr=jnp.asarray(24.5 + 4e-15))
+    case = with_verdict(
+        [*rows, replace(window, metrics=metrics)], {"optimised": RectShutter()}, SCENE
+    )
+    assert "The nearest simpler camera, rect, is 0.50 dB below it." in " ".join(
+        case.verdict.split()
+    )
 
 
 def test_a_device_that_loses_light_is_required():
