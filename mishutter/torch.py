@@ -12,9 +12,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import torch  # pyright: ignore[reportMissingImports]
+import torch
 from jaxtyping import Array, ArrayLike, Float
-from torch import Tensor  # pyright: ignore[reportMissingImports]
+from torch import Tensor
 
 from mishutter._core import require, require_finite, require_scalar, shape_of
 from mishutter.camera import (
@@ -92,7 +92,9 @@ class _OfJax(torch.autograd.Function):
 
     @staticmethod
     @torch.autograd.function.once_differentiable
-    def backward(ctx: Any, change: Tensor) -> tuple[Tensor | None, ...]:
+    def backward(  # pyright: ignore[reportIncompatibleMethodOverride] - as the decorator makes it
+        ctx: Any, change: Tensor
+    ) -> tuple[Tensor | None, ...]:
         slopes = ctx.pull(_as_array(change).astype(ctx.kind))
         pairs = zip(slopes, ctx.like, strict=True)
         return None, *(_as_tensor(slope, *like) for slope, like in pairs)
@@ -212,7 +214,7 @@ class Blur(torch.nn.Module):
         around = layout.window.start, layout.period - layout.window.stop
         wide = _filtered(torch.nn.functional.pad(rows, around), response.conj())
         like = wide[..., : layout.columns]
-        _, pull = torch.func.vjp(partial(_continued, layout=layout), torch.zeros_like(like))
+        pull = torch.func.vjp(partial(_continued, layout=layout), torch.zeros_like(like))[1]
         return _along(pull(wide)[0], self._scene, "Blur")
 
     def _response(self, columns: int, like: Tensor) -> tuple[_Layout, Tensor]:

@@ -131,18 +131,19 @@ def desk(tmp_path_factory):
 
 
 def read_through(page, packages, desk, monkeypatch):
-    """Run the blocks of a page in turn, without those that need other packages."""
+    """Run the blocks of a page in turn, without those that need other packages and their output."""
     folder, remembered = desk
     monkeypatch.chdir(folder)
     # A shutter that a page registers leaves with it.
     monkeypatch.setattr(kinds, "KINDS", list(kinds.KINDS))
     reader = Reader(remembered)
+    is_read = True
     for block in blocks(page):
-        if block.needs - packages:
-            continue
         if block.language in RUNNABLE:
-            reader.run(block)
-        elif block.language == "text":
+            is_read = not block.needs - packages
+            if is_read:
+                reader.run(block)
+        elif block.language == "text" and is_read:
             assert is_shown(block.text, reader.output), f"{block.text}\n\n{reader.output}"
 
 

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import equinox as eqx
 
-_Kind = TypeVar("_Kind")
+_Kind = TypeVar("_Kind", bound=eqx.Module)
 
 
 class AbstractModule(eqx.Module):

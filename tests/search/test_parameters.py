@@ -23,7 +23,7 @@ from mishutter import (
 )
 from mishutter.search import beyond_limits
 
-LIMITS = Limits(max_stroke=37.3, max_top_speed=5200.0, max_half_exposure=0.091, max_pan=910.0)
+LIMITS = Limits(max_stroke=37.3, max_top_speed=5200.0, max_half_exposure=0.021, max_pan=910.0)
 STAGE = Limits(
     max_stroke=37.3, max_half_exposure=0.021, max_travel=71.9, max_acceleration=7.1e5, max_pan=0.0
 )
@@ -101,16 +101,18 @@ def test_numbers_are_differentiable():
 @pytest.mark.slow
 def test_a_loss_holds_every_design_of_the_box():
     """It is the loss of every design, of one that spreads light too far for a traced loss too."""
+    limits = Limits(max_stroke=37.3, max_half_exposure=0.31)
+    scene = Scene(SPEEDS, photon_rate=1.3e5, read_noise=4.1, limits=limits)
     free = ("half_exposure", "acceleration")
-    parameters = DesignParameters(PLAIN, MOTION, HannShutter(), free=free)
+    parameters = DesignParameters(scene, MOTION, HannShutter(), free=free)
     compiled = jax.jit(parameters.loss())
     for numbers in ([-0.7, 0.4], [9.0, -9.0]):
-        expected = ExpectedErrorLoss()(PLAIN, *parameters.design(numbers))
+        expected = ExpectedErrorLoss()(scene, *parameters.design(numbers))
         assert float(compiled(jnp.asarray(numbers))) == pytest.approx(float(expected), rel=1e-5)
 
     @jax.jit
     def by_itself(numbers):
-        return ExpectedErrorLoss()(PLAIN, *parameters.design(numbers))
+        return ExpectedErrorLoss()(scene, *parameters.design(numbers))
 
     with pytest.raises(Exception, match="must spread light over at most"):
         by_itself(jnp.asarray([9.0, -9.0])).block_until_ready()
