@@ -38,6 +38,7 @@ ALL = (
     "stages",
     "independent",
     "told",
+    "alignment",
     "cross_motion",
     "long_kernels",
     "fit",

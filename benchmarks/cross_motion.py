@@ -104,12 +104,13 @@ def piece(camera: Camera, along: np.ndarray, q: np.ndarray, low: float, high: fl
 
 
 def psnr(camera: Camera, velocities: np.ndarray, frequencies: Plane) -> float:
-    """Expected PSNR of one filter for all velocities, aligned at the vertex; dB."""
+    """Expected PSNR of one filter for all velocities, from the lowest place of each; dB."""
     along, across, power, weights = frequencies
     v, w, share = velocities.T
     response = transfer(camera, along, np.outer(along, v) + np.outer(across, w))
     if camera.acceleration > 0:
-        place = -(v**2) / (4 * camera.acceleration)
+        turn = np.clip(v / (2 * camera.acceleration), -camera.half_exposure, camera.half_exposure)
+        place = (camera.acceleration * turn - v) * turn
         response = response * np.exp(2j * np.pi * np.outer(along, place))
     light = PHOTON_RATE * np.sqrt(power) * np.sinc(along) * np.sinc(across)
     throughput = 2 * camera.half_exposure * (1 - camera.taper / 2)

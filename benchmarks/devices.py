@@ -99,7 +99,8 @@ def _expected_psnr(
     power = power / power.mean() * float(scene.picture.deviation) ** 2
     responses = []
     for speed in speeds:
-        path = a * times**2 - speed * times + (speed**2 / (4 * a) if a > 0 else 0.0)
+        turn = np.clip(speed / (2 * a), times[0], times[-1]) if a > 0 else 0.0
+        path = a * times**2 - speed * times - (a * turn - speed) * turn
         waves = [light @ np.exp(-2j * np.pi * np.outer(path, f)) for f in np.split(frequencies, 16)]
         responses.append(np.concatenate(waves) * np.sinc(frequencies))
     responses = np.array(responses)

@@ -344,7 +344,8 @@ def error_of(profile, track: Track, numbers: Numbers, mode: Mode) -> jax.Array:
         seen, a = speeds - track.velocity, track.accelerations[0]
         position = a * (half * tau) ** 2 - (half * seen)[:, None] * tau
         if mode.accelerates:
-            position = position + (seen**2 / (4 * a))[:, None]
+            turn = jnp.clip(seen / (2 * a), -half, half)
+            position = position - ((a * turn - seen) * turn)[:, None]
     light = numbers.basis @ profile
     response = _transfer(position, light, numbers.power.size)
     electrons = 2 * half * rate

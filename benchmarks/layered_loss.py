@@ -42,7 +42,7 @@ def objective(occlusion: ms.Occlusion | None) -> tuple[AbstractObjective, int]:
     space = design_space(scene, motion, shutter, FREE)
     plan = plan_of_scene(scene, motion, shutter, loss=loss, free=FREE).sizes
     few = reduced(scene, plan)
-    return objective_of(loss, few, space, plan), computed_speeds(few).speeds.size
+    return objective_of(loss, few, space, plan), computed_speeds(few).size
 
 
 def row(picture: str, occlusion: ms.Occlusion | None) -> dict:

@@ -74,12 +74,16 @@ def sampled_responses(
 ) -> np.ndarray:
     """Mean of the waves of one period at each instant, through a pixel; `(speeds, k)`, complex."""
     tau = (np.arange(num_instants) + 0.5) / num_instants * 2 - 1
-    time, light = tau * float(motion.half_exposure), np.asarray(shutter.transmittance(tau))
+    half, light = float(motion.half_exposure), np.asarray(shutter.transmittance(tau))
+    time = tau * half
     a, v = float(steady(motion).acceleration), float(motion.velocity)
     turns = np.arange(COLUMNS + 1) / (2 * COLUMNS)
     found = []
     for speed in np.asarray(scene.speeds, float):
-        place = (a * time + v - speed) * time + ((speed - v) ** 2 / (4 * a) if a > 0 else 0)
+        place = (a * time + v - speed) * time
+        if a > 0:
+            turn = np.clip((speed - v) / (2 * a), -half, half)
+            place -= (a * turn + v - speed) * turn
         waves = [np.mean(light * np.exp(-2j * np.pi * f * place)) for f in turns]
         found.append(np.array(waves) * np.sinc(turns))
     return np.array(found)

@@ -133,7 +133,7 @@ def _unknown_key(model: type[Section], place: Place, key_name: Callable[[Place],
         or [p for p in siblings if key and p[-1].startswith(key)]
         or _close(key, siblings, cutoff=0.9)
         or _close(key, places, cutoff=0.9)
-        or _close(key, siblings, cutoff=0.5)
+        or _close(key, siblings, cutoff=0.6)
     )
     of_table = ", ".join(p[-1] for p in siblings) if 1 < len(siblings) <= _FEW_KEYS else ""
     every = f" ({of_table})" if of_table else ""

@@ -89,9 +89,9 @@ def simulate_capture(
     $F(f)$ becomes $F(f)\,H_s(f)\,\operatorname{sinc}(f)$: the exact transfer function of the
     picture's speed, then a pixel's width; the scene's lens comes before both. The noise is that of
     the paper's equation (4) at $p = \text{rate}\cdot 2T$, in linear light and in units of a fully
-    open exposure of white. Pixel $k$ of an accelerated sensor is centred $k$ px from the vertex of
-    the path, so that the displacement $-s^2/4a$, which no decoder can know, is left out; that of
-    any other is centred $k$ px from mid-exposure.
+    open exposure of white. Pixel $k$ of an accelerated sensor is centred $k$ px from where objects
+    are aligned (`alignment` of the motion), so that a displacement that no decoder can know, of
+    $-s^2/4a$ at a vertex, is left out; that of any other is centred $k$ px from mid-exposure.
 
     Args:
         picture: Light, white = 1; a `Picture`, or an array of shape `(rows, columns)` or
@@ -346,7 +346,9 @@ def kernel_layout(
     """
     longest = blur_length(motion, *speeds, subject=subject)
     num_taps = max(least_taps, sized_for(longest - 1, 0.0).num_taps)
-    return num_taps, num_taps // 2 if motion.is_straight else 0
+    if motion.is_straight:
+        return num_taps, num_taps // 2
+    return num_taps, 0 if motion.turn > 0 else num_taps - 1
 
 
 def as_radiance(picture: Picture | ArrayLike, subject: str) -> Planes:

@@ -45,8 +45,8 @@ from mishutter.model import (
     AbstractShutter,
     Scene,
     Tolerances,
-    aligned,
     least_efficiency,
+    length_on_parabola,
     piecewise,
     reach_of_parabola,
     steady,
@@ -112,8 +112,7 @@ class Sizes(NamedTuple):
         reach_of_plan = np.minimum(np.maximum(reach, longest), _FURTHEST)
         plans = _by_whole(reach_of_plan, lambda x: sized_for(x, 0.0))
         num_taps, dft_length = (plans.each(name) for name in ("num_taps", "dft_length"))
-        speeds = occurring_speeds(scene).reshape(-1, *(1,) * np.ndim(sag))
-        spread = np.asarray(aligned(sag[None], speeds * half).extent)[0]
+        spread = np.asarray(length_on_parabola(sag, np.max(abs(occurring_speeds(scene))) * half))
         aside = np.minimum(np.ceil(float(scene.max_speed) * half), num_taps // 2)
         aside = np.where(turns, 0, aside).astype(int)
         num_reached = np.where(turns, np.ceil(reach) + 1, 2 * aside + 1)
@@ -154,8 +153,8 @@ def _travel_within(
     half = np.asarray(motions.half_exposure, np.float64)[:, None]
     sag, smear = accelerations * half**2, np.moveaxis(shifted, -1, 0) * half
     _, velocity = reach_of_parabola(sag, np.max(np.abs(smear), axis=0))
-    spread = np.asarray(aligned(sag[None], smear).extent)[0]
-    return spread.max(axis=1), np.asarray(velocity).max(axis=1)
+    spread = length_on_parabola(sag, np.max(np.abs(smear), axis=0))
+    return np.asarray(spread).max(axis=1), np.asarray(velocity).max(axis=1)
 
 
 class Shapes(NamedTuple):

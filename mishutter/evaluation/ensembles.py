@@ -76,7 +76,7 @@ def ensemble_of(
     )
     # No sensor runs backwards: an error beyond the acceleration itself leaves it at rest.
     accelerations = a * jnp.maximum(1 + acceleration * epsilon, 0)
-    of_sensor = jnp.where(a > 0, tolerances.velocity.astype(dtype), 0.0)
+    of_sensor = jnp.where(a != 0, tolerances.velocity.astype(dtype), 0.0)
     constant = tolerances.speed.astype(dtype) ** 2 + of_sensor**2
     deviation = safe_sqrt(constant + (2 * accelerations * delay) ** 2)
     offsets = deviation[:, None] * error[None]

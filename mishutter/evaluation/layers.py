@@ -390,24 +390,18 @@ def _texture_at(texture: Array, frequency: Array) -> Array:
     return jnp.maximum(reduce(jnp.add, values), 0)
 
 
-class ComputedSpeeds(NamedTuple):
-    """Speeds that transfer functions are computed at, px/s, and which occur; shape `(r,)` each."""
+def computed_speeds(scene: Scene) -> Array:
+    """Speeds that transfer functions are computed at, px/s; shape `(r,)`.
 
-    speeds: Array
-    occurs: Array
-
-
-def computed_speeds(scene: Scene) -> ComputedSpeeds:
-    """The speeds of a scene; of two layers, then that of a still background, then the effective."""
+    They are the scene's; of two layers, then that of a still background, then the effective.
+    """
     shares = None if scene.occlusion is None else scene.occlusion.shares
     if shares is None:
-        return ComputedSpeeds(scene.speeds, scene.weights > 0)
+        return scene.speeds
     more = shares.speeds[shares.speeds.size // 2 :] if shares.folds else shares.speeds
     if not _background_is_prior(scene):
         more = jnp.concatenate([shares.background_speeds, more])
-    speeds = jnp.concatenate([scene.speeds, more.astype(scene.speeds.dtype)])
-    occurs = jnp.concatenate([scene.weights > 0, np.ones(more.size, bool)])
-    return ComputedSpeeds(speeds, occurs)
+    return jnp.concatenate([scene.speeds, more.astype(scene.speeds.dtype)])
 
 
 def _background_is_prior(scene: Scene) -> bool:
@@ -487,7 +481,7 @@ def moments_on_dft(
     scene, grid = without_tolerances(scene), Frequencies.of_dft(length)
     sampling = LayerSampling(grid, _EFFECTIVE_SPEEDS_OF_DECODERS)
     scene = with_shares(scene, background_of(scene), sampling)
-    speeds = np.asarray(computed_speeds(scene).speeds)
+    speeds = np.asarray(computed_speeds(scene))
     spectra = responses(speeds, _num_occurring(scene, speeds.size))
     return jax.tree.map(np.asarray, _moments_on_dft(scene, motion, jnp.asarray(spectra)))
 
@@ -677,7 +671,7 @@ def _displacements(scene: Scene, motion: AbstractMotion, speeds: Array) -> Array
     """Distances by which objects of some speeds are displaced, at each error; px, `(e, s)`."""
 
     def on(motion: AbstractMotion, speeds: Array) -> Array:
-        return jnp.asarray(motion.side_by_side(speeds).displacement)
+        return -jnp.asarray(motion.alignment(speeds))
 
     if scene.tolerances is None:
         return on(motion, speeds)[None]

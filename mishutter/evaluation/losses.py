@@ -17,7 +17,7 @@ from mishutter._core import AbstractModule, compiled, is_concrete, require
 from mishutter.evaluation.metrics import kernel_differences
 from mishutter.evaluation.needs import Parts, Plan
 from mishutter.evaluation.response import Response, respond
-from mishutter.evaluation.views import sampled_view
+from mishutter.evaluation.views import nan_unless_defined, sampled_view
 from mishutter.model import AbstractMotion, AbstractShutter, DecoderSpeed, Scene
 
 Factor = int | float | np.number | jax.Array
@@ -117,6 +117,7 @@ def value_of(
         view = sampled_view(scene, motion, shutter, loss.parts, plan)
         count = view.plan.num_frequencies
         value = _of_response(loss, view.scene, view.motion, respond(view), count)
+        value = nan_unless_defined(value, motion, shutter)
     else:
         value = loss(scene, motion, shutter)
     return one_real_number(loss, value)

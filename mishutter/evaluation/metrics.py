@@ -24,7 +24,7 @@ from mishutter.evaluation.errors import LinearErrors
 from mishutter.evaluation.found_speed import found_psnr, found_share_of
 from mishutter.evaluation.needs import EVERY_PART, ONLY_SPECTRA, Parts, Plan
 from mishutter.evaluation.response import Records, Response, assembled, kernel_phase, records
-from mishutter.evaluation.views import sampled_view
+from mishutter.evaluation.views import nan_unless_defined, sampled_view
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
@@ -358,7 +358,7 @@ def evaluate(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> 
 
     Raises:
         ValueError: if kernels are longer than 65,535 px, or the light of all speeds falls
-            over more than 93,600 px.
+            over more than 93,600 px, or a number of motion or shutter is not finite.
         RuntimeError: if a traced motion or scene has longer kernels or faster objects; under
             `jax.jit` it becomes an error of JAX's own.
 
@@ -380,6 +380,7 @@ def evaluate(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> 
         scene = without_tolerances(scene)
     view = sampled_view(scene, motion, shutter, EVERY_PART)
     values, phase = _as_designed(view.scene, view.motion, records(view), view.plan)
+    values, within = nan_unless_defined((values, within), motion, shutter)
     return Metrics(
         condition_number=values["condition_number"],
         kernel_difference=values["kernel_difference"],

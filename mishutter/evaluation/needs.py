@@ -128,7 +128,7 @@ class Extent(NamedTuple):
     Attributes:
         reach: Length of the longest kernel; px.
         velocity: Its greatest velocity; px per half exposure.
-        spread: Length over which light of all speeds falls beside one another; px.
+        spread: Length over which light of the speeds that occur falls; px.
     """
 
     reach: float
@@ -139,8 +139,9 @@ class Extent(NamedTuple):
 def extent(scene: Scene, motion: AbstractMotion) -> Extent:
     """Travel of the light of a concrete scene on a motion."""
     reach = motion.reach(float(scene.max_speed))
-    spread = np.asarray(motion.side_by_side(occurring_speeds(scene)).extent)
-    return Extent(float(reach.length), float(reach.velocity), float(spread[0]))
+    speeds = occurring_speeds(scene)
+    spread = np.max(motion.highest(speeds) - motion.lowest(speeds))
+    return Extent(float(reach.length), float(reach.velocity), float(spread))
 
 
 def occurring_speeds(scene: Scene) -> Float[np.ndarray, "n"]:
@@ -235,7 +236,7 @@ def require_sizes(
 def spread_of_traced(scene: Scene, motion: AbstractMotion) -> Float[Array, ""]:
     """Length over which light of all speeds falls, for traced speeds or a traced motion; px."""
     speeds = jnp.where(scene.weights > 0, scene.speeds, 0)
-    return jnp.asarray(motion.side_by_side(speeds).extent)[0]
+    return jnp.max(jnp.asarray(motion.highest(speeds) - motion.lowest(speeds)))
 
 
 def most_spread(num_frequencies: int) -> float:

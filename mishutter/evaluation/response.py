@@ -30,9 +30,9 @@ from mishutter.blur import (
     waves_on_dft,
 )
 from mishutter.evaluation.ensembles import at_each_error
-from mishutter.evaluation.layers import ComputedSpeeds, computed_speeds
+from mishutter.evaluation.layers import computed_speeds
 from mishutter.evaluation.needs import Plan, size_class
-from mishutter.evaluation.views import SampledView
+from mishutter.evaluation.views import SampledView, require_numbers
 from mishutter.model import (
     AbstractMotion,
     AbstractPiecewiseShutter,
@@ -57,8 +57,8 @@ class Response(eqx.Module):
         still_kernel: Blur kernel of a still object, $h_0$; shape `(n,)`.
         still_spectrum: Its DFT of `dft_length` points; complex, `(dft_length // 2 + 1,)`.
         differences: $\sqrt{p_i}\,(h_{s_i} - h_0)$ at the scene's speeds; shape `(s, n)`.
-        spectra: Transfer functions at these speeds, in the vertex frame, without the pixel
-            aperture; complex, shape `(s, m)`.
+        spectra: Transfer functions at these speeds, from where objects are aligned, without the
+            pixel aperture; complex, shape `(s, m)`.
         efficiency: Mean transmittance over the exposure; scalar.
     """
 
@@ -153,8 +153,8 @@ def _efficiency(profile: AbstractPiecewiseShutter, dtype: np.dtype) -> Float[Arr
 def kernel_phase(motion: AbstractMotion, num_taps: int) -> float | Float[Array, ""]:
     """Offset of the first tap's edge from the point of alignment; px, scalar.
 
-    A moving sensor is aligned at the vertex, a camera at rest at mid-exposure, in the
-    middle of its middle tap.
+    Kernels of a moving sensor rise from where objects are aligned. A camera at rest is aligned at
+    mid-exposure, in the middle of its middle tap.
     """
     turns, middle = motion.has_vertex, -0.5 - num_taps // 2
     if is_concrete(turns):
@@ -221,11 +221,18 @@ def kernels_and_efficiency(
     They are computed one after the other if `in_turn`: the taps of one kernel fill the vectors of a
     CPU, and a program for many speeds takes twice as long to trace.
     """
+    # A path that loses velocity is aligned at its highest, from which its mirror image rises.
+    sign = jnp.asarray(motion.turn, speeds.dtype)
+    rising = motion.mirrored(sign)
 
     def one(speed: Float[Array, ""]) -> Float[Array, "n"]:
-        turns = jnp.asarray(motion.has_vertex)
+        relative = sign * speed
+        # Next to a vertex positions are exact if they count from it.
+        from_vertex = jnp.asarray(rising.is_at_vertex(relative))
+        begin = jnp.asarray(rising.alignment(relative), speeds.dtype)
+        begin = first + jnp.where(from_vertex, 0.0, begin)
         return aligned_kernel(
-            shutter, motion, speed, num_taps, first, from_vertex=turns, count=num_runs
+            shutter, rising, relative, num_taps, begin, from_vertex=from_vertex, count=num_runs
         )
 
     efficiency = mean_transmittance(piecewise(shutter), np.dtype(speeds.dtype))
@@ -246,8 +253,8 @@ def pixel_responses(
     r"""Responses of the pixels to a continuous picture on the grid of a DFT; complex, `(s, k)`.
 
     $H_s(f)\operatorname{sinc}(f)$ at $f = k/L \le 1/2$, in units of a fully open exposure. An
-    accelerated sensor is aligned at the vertices of the paths, any other at mid-exposure. The
-    response of a concrete shutter is a NumPy array.
+    accelerated sensor is aligned by its path, any other at mid-exposure (`alignment`). The response
+    of a concrete shutter is a NumPy array.
 
     Args:
         shutter: Transmittance over the exposure.
@@ -257,8 +264,10 @@ def pixel_responses(
         num_nodes: Quadrature nodes over the exposure, about.
         num_frequencies: Number of frequencies to compute, the lowest; all `length // 2 + 1` by
             default.
-        some: Indices of the speeds whose responses are computed; all are aligned together.
+        some: Indices of the speeds whose responses are computed.
     """
+    for part in (motion, shutter):
+        require_numbers(part)
     tau, weight = nodes_in_time(shutter, motion, num_nodes)
     count = length // 2 + 1 if num_frequencies is None else num_frequencies
     aperture = np.sinc(np.arange(count) / length)[None]
@@ -286,7 +295,7 @@ def nodes_in_time(
 def aligned_spectra(
     nodes: ExposureQuadrature,
     motion: AbstractMotion,
-    computed: ComputedSpeeds,
+    speeds: Float[Array, "s"],
     *,
     num_frequencies: int,
     num_kept: int | None = None,
@@ -297,13 +306,13 @@ def aligned_spectra(
     Args:
         nodes: Quadrature nodes over the exposure.
         motion: Motion of the sensor, without velocity.
-        computed: Speeds; those that occur are aligned `side_by_side`.
+        speeds: Speeds; px/s, shape `(s,)`.
         num_frequencies: Frequencies of the grid.
         num_kept: Number of frequencies to compute, the lowest; None for all.
         num_blocks: Number of blocks of nodes to add up, the first; the sums then have no
             derivative. None for all.
     """
-    position = _positions(nodes.tau, motion, computed.speeds, computed.occurs)
+    position = _positions(nodes.tau, motion, speeds)
     return _waves(position, nodes, num_frequencies, num_kept, num_blocks)
 
 
@@ -322,16 +331,10 @@ def _waves(
 
 
 def _positions(
-    tau: Float[Array, "q"],
-    motion: AbstractMotion,
-    speeds: Float[Array, "s"],
-    occurs: Bool[Array, "s"],
+    tau: Float[Array, "q"], motion: AbstractMotion, speeds: Float[Array, "s"]
 ) -> Float[Array, "s q"]:
-    """Positions of objects at some times, those that occur aligned; px."""
-    speeds = speeds.astype(tau.dtype)
-    displacement = motion.side_by_side(jnp.where(occurs, speeds, 0)).displacement
-    position = motion.position_of(tau[None], speeds[:, None])
-    return jnp.asarray(position) + jnp.asarray(displacement)[:, None]
+    """Positions of objects at some times, from where they are aligned; px."""
+    return jnp.asarray(motion.aligned_position(tau[None], speeds.astype(tau.dtype)[:, None]))
 
 
 def spectra_of(
@@ -344,12 +347,12 @@ def spectra_of(
     num_blocks: Int[Array, ""] | None = None,
 ) -> Complex[Array, "s m"]:
     """The `aligned_spectra` of a scene; within its tolerances, in order of `ensemble_weights`."""
-    computed, tolerances = computed_speeds(scene), scene.tolerances
+    speeds, tolerances = computed_speeds(scene), scene.tolerances
     if tolerances is None:
         return aligned_spectra(
             nodes,
             motion,
-            computed,
+            speeds,
             num_frequencies=num_frequencies,
             num_kept=num_kept,
             num_blocks=num_blocks,
@@ -357,7 +360,7 @@ def spectra_of(
     return _scattered_spectra(
         nodes,
         motion,
-        computed,
+        speeds,
         tolerances,
         num_frequencies=num_frequencies,
         num_kept=num_kept,
@@ -369,20 +372,19 @@ def spectra_of(
 def _scattered_spectra(
     nodes: ExposureQuadrature,
     motion: AbstractMotion,
-    computed: ComputedSpeeds,
+    speeds: Float[Array, "s"],
     tolerances: Tolerances,
     *,
     num_frequencies: int,
     num_kept: int | None,
     num_blocks: Int[Array, ""] | None,
-) -> Complex[Array, "s m"]:
+) -> Complex[Array, "n m"]:
     """Transfer functions of an ensemble, each acceleration aligned by itself."""
-    occurs = jnp.tile(computed.occurs, tolerances.num_speeds)
 
     def positions(motion: AbstractMotion, speeds: Float[Array, "n"]) -> Float[Array, "n q"]:
-        return _positions(nodes.tau, motion, speeds, occurs)
+        return _positions(nodes.tau, motion, speeds)
 
-    speeds = computed.speeds.astype(nodes.tau.dtype)
+    speeds = speeds.astype(nodes.tau.dtype)
     position = at_each_error(positions, speeds, tolerances, motion)
     rows = position.reshape(-1, position.shape[-1])
     return _waves(rows, nodes, num_frequencies, num_kept, num_blocks)

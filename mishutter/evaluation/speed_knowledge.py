@@ -147,9 +147,10 @@ class ExpectedErrorLoss(AbstractSpectralLoss):
     over a grey one. 20 dB of PSNR are a factor of 10.
 
     Args:
-        alignment: Place that the decoder gives the object of each speed: `"vertex"`, as kernels are
-            aligned, or `"free"`, the place of least error. Free places gain most at speeds that the
-            sensor does not keep up with; where it keeps up with all, they gain up to 0.01 dB.
+        alignment: Place that the decoder gives the object of each speed: `"vertex"`, the vertex of
+            its path or the end of the exposure nearest to one beyond, as the `alignment` of the
+            motion is, or `"free"`, the place of least error. Free places gain most at speeds that
+            the sensor does not keep up with; where it keeps up with all, they gain up to 0.01 dB.
 
     Raises:
         ValueError: if `alignment` is neither, or, when it is called, `"free"` before a background.

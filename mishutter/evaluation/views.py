@@ -4,7 +4,8 @@ Metrics, losses, decoders and captures begin here. Nothing behind the door asks 
 frame speeds are, whether a motion bends, or whether a profile has been through the device.
 """
 
-from typing import NamedTuple
+from dataclasses import fields
+from typing import NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
@@ -12,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from mishutter._core import all_concrete, primal_values
+from mishutter._core import all_concrete, is_concrete, primal_values, require_finite
 from mishutter.blur import ExposureQuadrature
 from mishutter.evaluation.needs import (
     Parts,
@@ -34,6 +35,8 @@ from mishutter.model import (
     seen_from,
     simplified,
 )
+
+_Values = TypeVar("_Values")
 
 
 class SensorView(NamedTuple):
@@ -78,8 +81,9 @@ def sensor_view(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) 
     """A scene and a design as the sensor sees them.
 
     Raises:
-        ValueError: if the scene is none, or the motion.
+        ValueError: if the scene is none, or the motion, or a number of the design is not finite.
     """
+    require_numbers(motion)
     simple = simplified(motion)
     panned_scene, without_pan = seen_from(scene, simple)
     shutter = transmittance(scene, motion, shutter)
@@ -95,7 +99,11 @@ def transmittance(
         scene: The scene.
         motion: Motion of the sensor, or its half exposure, s.
         shutter: The profile; a transmittance that a device has made of one stays as it is.
+
+    Raises:
+        ValueError: if a number of the profile is not finite.
     """
+    require_numbers(shutter)
     return scene.light(shutter, motion)
 
 
@@ -199,3 +207,35 @@ def _refused(
     # differ in how they vary over the devices of a mesh.
     nothing = eqx.error_if(jnp.zeros(()), exceeds, message)
     return jax.tree.map(lambda x: x + nothing.astype(x.dtype), motion)
+
+
+def require_numbers(part: AbstractMotion | AbstractShutter) -> None:
+    """Refuses known numbers of a motion or shutter that no constructor has seen.
+
+    Functions as `eqx.tree_at` and `jax.tree.map` put them into a module as they are.
+    """
+    if not isinstance(part, eqx.Module):
+        return
+    for field in fields(part):
+        value = getattr(part, field.name)
+        if isinstance(value, AbstractMotion | AbstractShutter):
+            require_numbers(value)
+        for leaf in filter(eqx.is_inexact_array, jax.tree.leaves(value)):
+            require_finite(f"{type(part).__name__}({field.name}=...)", leaf)
+
+
+def nan_unless_defined(
+    values: _Values, motion: AbstractMotion, shutter: AbstractShutter
+) -> _Values:
+    """Values of a design, or NaN where one of its traced numbers is none, or no time is exposed.
+
+    A branch that a comparison with NaN chooses would else give a level, and the best of all. Known
+    numbers are checked where the design enters.
+    """
+    numbers = [x for x in jax.tree.leaves((motion, shutter)) if not is_concrete(x)]
+    if not numbers:
+        return values
+    defined = motion.half_exposure > 0
+    for number in filter(eqx.is_inexact_array, numbers):
+        defined = defined & jnp.all(jnp.isfinite(number))
+    return jax.tree.map(lambda x: jnp.where(defined, x, jnp.nan), values)

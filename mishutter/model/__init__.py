@@ -1,6 +1,6 @@
 """The problem of a design: motions, scenes and their files, images, shutters."""
 
-from mishutter.model.alignment import aligned as aligned
+from mishutter.model.alignment import length_on_parabola as length_on_parabola
 from mishutter.model.alignment import reach_of_parabola as reach_of_parabola
 from mishutter.model.arguments import Part as Part
 from mishutter.model.arguments import arguments_of as arguments_of

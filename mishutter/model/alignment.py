@@ -1,10 +1,13 @@
-r"""Positions of objects of several speeds beside one another on the sensor, and their reach.
+r"""Places of objects on the sensor of a parabola, and the reach of their light.
 
-On a sensor that turns, light of an object at speed $s$ falls between
-$aT^2\max(|\nu| - 1, 0)^2$ and $aT^2(1 + |\nu|)^2$ from the vertex of its path. Objects that
-the sensor does not keep up with are displaced by $s^2/4a$ against one another, more than any
-camera could record. A single filter gains nothing from two objects so far apart that no
-detail reaches from one to the other; there the distance does not matter, and is cut.
+Beside the pan an object that smears by $m = sT$ in half the exposure lies at $B\tau^2 - m\tau$,
+$B = aT^2$. Where $|m| < 2|B|$ the path turns within the exposure, at its vertex; elsewhere it is
+lowest and highest at the ends.
+
+A decoder that knows no speed places every object where the sensor is nearest to keeping pace with
+it: at the vertex, or at the end of the exposure that is nearest to one beyond. Kernels of objects
+that the sensor does not keep up with then begin where those of all others do. Of one place for each
+speed this is the best that follows from the path alone: `benchmarks/alignment.py` weighs others.
 """
 
 from typing import NamedTuple
@@ -14,25 +17,11 @@ from jaxtyping import Array
 
 from mishutter._core import namespace_of
 
-FURTHEST_GAP = 1024.0
-"""Distance between the light of two objects from which on pictures do not correlate; px."""
 _LEAST_SAG = 1e-15
 """Sag down to which a sensor is said to turn, px: powers of less leave the range of 32 bits, and
 64 do not tell it from none beside a pixel. It is one number, so that no precision decides."""
 
 Lengths = Array | np.ndarray | np.floating
-
-
-class Alignment(NamedTuple):
-    """Light of objects of several speeds, beside that of the slowest.
-
-    Attributes:
-        displacement: Distance added to positions from mid-exposure; px, shape `(s, ...)`.
-        extent: Length over which the light of all of them falls; px, shape `(1, ...)`.
-    """
-
-    displacement: Lengths
-    extent: Lengths
 
 
 class Reach(NamedTuple):
@@ -52,34 +41,56 @@ def turns(sag: Lengths) -> Array | np.ndarray | np.bool_:
     return sag > _LEAST_SAG
 
 
-def aligned(sag: Lengths, smear: Lengths) -> Alignment:
-    """Alignment of objects at the vertices of their paths, gaps cut to 1,024 px.
+def _turned(sag: Lengths, size: Lengths) -> Array | np.ndarray | np.bool_:
+    """Whether a path turns within the exposure, by a sag whose square, in slopes, is no 0."""
+    return turns(sag) & (size < 2 * sag)
 
-    A camera at rest is aligned at mid-exposure.
+
+def lowest_on_parabola(sag: Lengths, smear: Lengths) -> Lengths:
+    """Lowest place of objects during the exposure, from that at mid-exposure; px.
 
     Args:
-        sag: Travel of the sensor to either end, $aT^2$; px, shape `(1, ...)`.
-        smear: Travel of each object in half the exposure, $sT$; px, shape `(s, ...)`.
+        sag: Travel of the sensor to either end, $aT^2$, below 0 on a mirrored path; px.
+        smear: Travel of each object in half the exposure, $sT$; px.
     """
-    space = namespace_of(smear, sag)
-    moves = turns(sag)
-    quarter = 4 * space.where(moves, sag, 1.0)
-    order = space.argsort(space.abs(smear), axis=0)
-    fast = space.take_along_axis(space.abs(smear), order, axis=0)
-    # Differences of squares as products: of long displacements the squares leave no digits.
-    near, far = space.maximum(fast - 2 * sag, 0), fast + 2 * sag
-    length = space.where(near > 0, 2 * fast, far * far / quarter)
-    before = space.concatenate([space.zeros_like(far[:1]), far[:-1]])
-    gap = space.minimum((near - before) * (near + before) / quarter, FURTHEST_GAP)
-    begin = space.cumsum(gap + space.concatenate([space.zeros_like(gap[:1]), length[:-1]]), axis=0)
-    at_end = begin + fast - sag
-    sorted_displacement = space.where(near > 0, at_end, fast * fast / quarter)
-    back = space.argsort(order, axis=0)
-    displacement = space.take_along_axis(sorted_displacement, back, axis=0)
-    extent = begin[-1:] + length[-1:] - begin[:1]
-    return Alignment(
-        space.where(moves, displacement, 0.0), space.where(moves, extent, 2 * fast[-1:])
-    )
+    space, size = namespace_of(sag, smear), abs(smear)
+    turned = _turned(sag, size)
+    safe = space.where(turned, sag, 1.0)
+    return space.where(turned, -size * (size / (4 * safe)), sag - size)
+
+
+def above_alignment(sag: Lengths, smear: Lengths, tau: Lengths) -> Lengths:
+    r"""Place of objects on a parabola, from its lowest, or its highest if mirrored; px.
+
+    $B(\tau - m/2B)^2$ from a vertex within the exposure, and
+    $(1 \mp \tau)(|m| - |B|(1 \pm \tau))$, of the sign of $B$, from an end: no difference cancels.
+
+    Args:
+        sag: Travel of the sensor to either end, $B$; px.
+        smear: Travel of each object in half the exposure, $m$; px.
+        tau: Normalised times.
+    """
+    space, size, depth = namespace_of(sag, smear, tau), abs(smear), abs(sag)
+    turned = _turned(depth, size)
+    safe = space.where(turned, sag, 1.0)
+    side = space.where((smear < 0) == (sag < 0), tau, -tau)
+    beyond = (1 - side) * (size - depth * (1 + side))
+    beyond = space.where(sag < 0, -beyond, beyond)
+    return space.where(turned, safe * (tau - smear / (2 * safe)) ** 2, beyond)
+
+
+def length_on_parabola(sag: Lengths, smear: Lengths) -> Lengths:
+    """Distance from the lowest to the highest place of objects; px.
+
+    Args:
+        sag: Travel of the sensor to either end, $aT^2$; px.
+        smear: Travel of each object in half the exposure, $sT$; px.
+    """
+    space, size, depth = namespace_of(sag, smear), abs(smear), abs(sag)
+    turned = _turned(depth, size)
+    safe = space.where(turned, depth, 1.0)
+    far = size + 2 * safe
+    return space.where(turned, far * (far / (4 * safe)), 2 * size)
 
 
 def reach_of_parabola(sag: Lengths, smear: Lengths) -> Reach:
@@ -89,7 +100,4 @@ def reach_of_parabola(sag: Lengths, smear: Lengths) -> Reach:
         sag: Travel of the sensor to either end, $aT^2$; px, any shape.
         smear: Travel of the fastest object in half the exposure, $sT$; px, any shape.
     """
-    moving, velocity = sag > 0, np.asarray(2 * sag + smear)
-    with np.errstate(over="ignore"):  # a sag that is hardly one: longer than any kernel
-        length = velocity**2 / (4 * np.where(moving, sag, 1.0))
-    return Reach(np.maximum(np.where(moving, length, 0.0), 2 * smear), velocity)
+    return Reach(length_on_parabola(sag, smear), 2 * abs(sag) + smear)

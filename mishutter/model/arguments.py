@@ -79,8 +79,13 @@ def arguments_of(kind: type, *omitted: str) -> type[Arguments]:
 
 
 def _parameters(kind: type) -> Mapping[str, inspect.Parameter]:
+    """Arguments that say what an object is, without those by which `dataclasses.replace` keeps it.
+
+    These a class names `handed_on`: no file holds them.
+    """
     _, *parameters = inspect.signature(kind.__init__).parameters.values()
-    return {parameter.name: parameter for parameter in parameters}
+    handed_on = getattr(kind, "handed_on", ())
+    return {each.name: each for each in parameters if each.name not in handed_on}
 
 
 def _default(parameter: inspect.Parameter) -> Any:

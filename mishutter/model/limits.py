@@ -13,7 +13,7 @@ T \le \begin{cases} \sqrt{S/a} - |v|/2a & |v| < \sqrt{Sa}\\ S/2|v| & \text{else.
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import replace
-from typing import Any, Literal, NamedTuple, cast, final
+from typing import Any, ClassVar, Literal, NamedTuple, cast, final
 
 import equinox as eqx
 import jax
@@ -242,9 +242,7 @@ class Limits(AbstractModule):
             for rivals on paths that are no parabola, which takes more than half of their time.
         stage: How the stage follows what it is sent, which says what to send; by default it is
             where it is sent at once.
-
-    Attributes:
-        frame_velocity: Velocity of the frame that motions are in, as `seen_from` sets it; px/s.
+        frame_velocity: Velocity of the frame that motions are in, which `seen_from` sets; px/s.
             None for a frame at rest, or where the camera pans.
 
     Raises:
@@ -264,6 +262,7 @@ class Limits(AbstractModule):
     stage: SecondOrderStage | None
     pans: Literal["stage", "camera"] = eqx.field(static=True)
     free_paths: bool = eqx.field(static=True)
+    handed_on: ClassVar = ("frame_velocity",)
 
     def __init__(
         self,
@@ -279,6 +278,7 @@ class Limits(AbstractModule):
         pans: Literal["stage", "camera"] = "stage",
         free_paths: bool = False,
         stage: SecondOrderStage | None = None,
+        frame_velocity: ArrayLike | None = None,
     ):
         self.max_stroke = as_float(max_stroke, "Limits(max_stroke=...)")
         self.max_top_speed = as_float(max_top_speed, "Limits(max_top_speed=...)")
@@ -287,6 +287,8 @@ class Limits(AbstractModule):
         max_pan = self.max_top_speed if max_pan is None else max_pan
         self.max_pan = as_float(max_pan, "Limits(max_pan=...)")
         self.max_travel = self.max_acceleration = self.max_jerk = self.frame_velocity = None
+        if frame_velocity is not None:
+            self.frame_velocity = as_float(frame_velocity, "Limits(frame_velocity=...)")
         if max_travel is not None:
             self.max_travel = as_float(max_travel, "Limits(max_travel=...)")
         if max_acceleration is not None:

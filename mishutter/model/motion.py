@@ -33,10 +33,21 @@ from mishutter._core import (
     require_scalar,
     shape_of,
 )
-from mishutter.model.alignment import Alignment, Reach, aligned, reach_of_parabola, turns
+from mishutter.model.alignment import (
+    Reach,
+    above_alignment,
+    length_on_parabola,
+    lowest_on_parabola,
+    reach_of_parabola,
+    turns,
+)
 
 Positions = Array | np.ndarray | np.floating
 """Numbers of NumPy where all are known and the caller's are of NumPy; of JAX elsewhere."""
+
+
+_BALANCED = 1e-6
+"""Share of the velocity gained and lost beside which a path's ends are equally fast."""
 
 
 class MotionNumbers(NamedTuple):
@@ -100,7 +111,7 @@ class AbstractMotion(AbstractModule):
 
     @property
     def has_vertex(self) -> Array | np.ndarray | np.bool_:
-        """Whether objects are aligned at the vertex of their path; by NumPy if concrete.
+        """Whether the path bends, so that objects are aligned by it; by NumPy if concrete.
 
         On a sensor without a sag to speak of they are aligned at mid-exposure. That of a free
         path is the sag of a parabola that accelerates as much in the mean over the exposure.
@@ -145,12 +156,56 @@ class AbstractMotion(AbstractModule):
             time: Times from mid-exposure; s.
         """
 
-    @abstractmethod
     def alignment(self, speed: RowLike) -> Positions:
-        """Position on the sensor that objects of a speed are aligned at; px, shape of `speed`.
+        r"""Position on the sensor that objects of a speed are aligned at; px, shape of `speed`.
 
-        It counts from where they are at mid-exposure. A NumPy array gives one, where the motion
-        is known.
+        It counts from where they are at mid-exposure. On a path that gains velocity over the
+        exposure it is the lowest position that they reach, $\min_t x(t) - s t$: where the sensor
+        keeps pace with the object, or the end of the exposure at which it all but does. On the
+        mirror image of such a path it is the highest, and on a straight one 0. A NumPy array gives
+        one, where the motion is known.
+
+        Args:
+            speed: Speed of the object; px/s.
+        """
+        bends, gains = self.has_vertex, self.turn > 0
+        if all_concrete((bends, gains)):
+            at_rest = self.lowest(speed) if gains else self.highest(speed)
+            return at_rest if bends else 0 * at_rest
+        return jnp.where(bends, jnp.where(gains, self.lowest(speed), self.highest(speed)), 0.0)
+
+    @abstractmethod
+    def is_at_vertex(self, speed: RowLike) -> Any:
+        """Whether the origin of `blur_kernel` is where objects are aligned; shape of `speed`.
+
+        Args:
+            speed: Speed of the object; px/s.
+        """
+
+    @property
+    @abstractmethod
+    def turn(self) -> Positions:
+        """-1 of a path that loses velocity over the exposure, and 1 of any other; scalar."""
+
+    @abstractmethod
+    def mirrored(self, sign: ArrayLike) -> "AbstractMotion":
+        """The motion, or its mirror image where a sign is -1.
+
+        Args:
+            sign: 1 or -1; scalar.
+        """
+
+    @abstractmethod
+    def lowest(self, speed: RowLike) -> Positions:
+        r"""Lowest position of objects on the sensor, $\min_t x(t) - s t$; px, shape of `speed`.
+
+        Args:
+            speed: Speed of the object; px/s.
+        """
+
+    @abstractmethod
+    def highest(self, speed: RowLike) -> Positions:
+        r"""Highest position of objects on the sensor, $\max_t x(t) - s t$; px, shape of `speed`.
 
         Args:
             speed: Speed of the object; px/s.
@@ -172,14 +227,6 @@ class AbstractMotion(AbstractModule):
         Args:
             tau: Normalised times, from -1 to 1.
             speed: Speed of the object; px/s.
-        """
-
-    @abstractmethod
-    def side_by_side(self, speeds: RowLike) -> Alignment:
-        """The `Alignment` of objects of several speeds, px/s; shape `(s,)`.
-
-        Args:
-            speeds: Speeds of the objects; px/s.
         """
 
     @abstractmethod
@@ -396,19 +443,15 @@ class ParabolicMotion(AbstractMotion):
         return FreeMotion.fit(self)
 
     def kernel_length(self, speed: RowLike) -> Shaped[Array | np.ndarray, "..."]:
-        r"""$aT^2 (1 + |\nu|)^2$ from the vertex; $2|s|T$ about mid-exposure at rest; px.
+        r"""$aT^2 (1 + |\nu|)^2$ where the path turns within the exposure, $2|s|T$ elsewhere; px.
 
         Args:
             speed: Speed of the object; px/s.
         """
-        speed, v, T, a, gain = as_numpy(
-            speed, self.velocity, self.half_exposure, self.acceleration, self.speed_gain
-        )
-        space = namespace_of(speed)
+        (speed,) = as_numpy(speed)
         with np.errstate(over="ignore", invalid="ignore"):
-            fastest, turns_within = abs(space.asarray(speed) - v), self.has_vertex
-            far = (gain + fastest) ** 2 / (4 * space.where(turns_within, a, 1.0))
-            return space.asarray(space.where(turns_within, far, 2 * fastest * T))
+            _, sag, smear = self._sag_and_smear(speed, speed)
+            return namespace_of(sag).asarray(length_on_parabola(sag, smear))
 
     @property
     def path_numbers(self) -> dict[str, Any]:
@@ -462,16 +505,46 @@ class ParabolicMotion(AbstractMotion):
         time, v, a = _together(time, self.velocity, self.acceleration)
         return v + 2 * a * time
 
-    def alignment(self, speed: RowLike) -> Positions:
-        """The vertex, $-(s - v)^2/4a$, or where the object is at mid-exposure; px.
+    def is_at_vertex(self, speed: RowLike) -> Any:
+        """Whether the sensor keeps pace with the object at a time of the exposure.
 
         Args:
             speed: Speed of the object; px/s.
         """
-        moves = self.has_vertex
-        speed, v, a = _together(speed, self.velocity, self.acceleration)
-        space = namespace_of(speed)
-        return space.where(moves, -((speed - v) ** 2) / (4 * space.where(moves, a, 1.0)), 0.0)
+        _, sag, smear = self._sag_and_smear(speed, speed)
+        return turns(sag) & (abs(smear) < 2 * sag)
+
+    @property
+    def turn(self) -> Positions:
+        """The sign of the acceleration, which only a traced one has; 1 of a straight path."""
+        (a,) = as_numpy(self.acceleration)
+        return namespace_of(a).where(a < 0, -1.0, 1.0).astype(a.dtype)
+
+    def mirrored(self, sign: ArrayLike) -> "ParabolicMotion":
+        """The parabola, or its mirror image.
+
+        Args:
+            sign: 1 or -1; scalar.
+        """
+        return replace(self, acceleration=self.acceleration * sign, velocity=self.velocity * sign)
+
+    def lowest(self, speed: RowLike) -> Positions:
+        """The vertex, or the lower end where that lies beyond the exposure; px.
+
+        Args:
+            speed: Speed of the object; px/s.
+        """
+        _, sag, smear = self._sag_and_smear(speed, speed)
+        return lowest_on_parabola(sag, smear)
+
+    def highest(self, speed: RowLike) -> Positions:
+        """The higher end, or the vertex of a mirrored path; px.
+
+        Args:
+            speed: Speed of the object; px/s.
+        """
+        _, sag, smear = self._sag_and_smear(speed, speed)
+        return -lowest_on_parabola(-sag, smear)
 
     def position_of(self, tau: RowLike, speed: RowLike) -> Positions:
         r"""$aT^2\tau^2 - (s - v)T\tau$; px.
@@ -484,26 +557,15 @@ class ParabolicMotion(AbstractMotion):
         return tau * (sag * tau - smear)
 
     def aligned_position(self, tau: RowLike, speed: RowLike) -> Any:
-        r"""$aT^2(\tau - \nu)^2$ from the vertex; $-(s - v)T\tau$ of a sensor at rest; px.
+        r"""The `position_of` objects, from where they are aligned; px.
 
         Args:
             tau: Normalised times, from -1 to 1.
             speed: Speed of the object; px/s.
         """
-        tau, sag, smear = self._sag_and_smear(tau, speed)
-        space, moves = namespace_of(tau), turns(sag)
-        safe = space.where(moves, sag, 1.0)
-        return space.where(moves, safe * (tau - smear / (2 * safe)) ** 2, -smear * tau)
-
-    def side_by_side(self, speeds: RowLike) -> Alignment:
-        """Alignment at the vertices, or at mid-exposure of a sensor at rest, gaps cut.
-
-        Args:
-            speeds: Speeds of the objects; px/s.
-        """
-        _, sag, smear = self._sag_and_smear(speeds, speeds)
-        with np.errstate(over="ignore"):  # a sag that is hardly one
-            return aligned(sag[None], smear)
+        times, sag, smear = self._sag_and_smear(tau, speed)
+        space = namespace_of(times)
+        return space.where(turns(abs(sag)), above_alignment(sag, smear, times), -smear * times)
 
     def reach(self, max_speed: float) -> Reach:
         """The `reach_of_parabola`.
@@ -519,7 +581,8 @@ class ParabolicMotion(AbstractMotion):
         tau, s, v, a, T = _together(
             tau, speed, self.velocity, self.acceleration, self.half_exposure
         )
-        return tau, (a * T) * T, (s - v) * T
+        space = namespace_of(tau)
+        return tau, space.asarray((a * T) * T), space.asarray((s - v) * T)
 
     @property
     def mirrors(self) -> bool:
@@ -528,23 +591,23 @@ class ParabolicMotion(AbstractMotion):
 
     @property
     def bend(self) -> Float[Array | np.ndarray, "..."]:
-        """The acceleration $a$; px/s^2."""
-        return self.acceleration
+        """$|a|$; px/s^2."""
+        return _number(_size, self.acceleration)
 
     @property
     def sag(self) -> Float[Array, "..."]:
         """Distance from mid-exposure to either end beside the pan, $aT^2$; px."""
-        return _number(lambda a, half: (a * half) * half, self.acceleration, self.half_exposure)
+        return _number(lambda a, half: (a * half) * half, self.bend, self.half_exposure)
 
     @property
     def stroke(self) -> Float[Array, "..."]:
         """`stroke_of_parabola`; px."""
-        return _number(stroke_of_parabola, self.acceleration, self.half_exposure, self.velocity)
+        return _number(stroke_of_parabola, self.bend, self.half_exposure, self.velocity)
 
     @property
     def speed_gain(self) -> Float[Array, "..."]:
         """Speed gained from mid-exposure to either end, $2aT$; px/s."""
-        return _number(lambda a, half: 2 * a * half, self.acceleration, self.half_exposure)
+        return _number(lambda a, half: 2 * a * half, self.bend, self.half_exposure)
 
     @property
     def top_speed(self) -> Float[Array, "..."]:
@@ -554,7 +617,7 @@ class ParabolicMotion(AbstractMotion):
     @property
     def greatest_acceleration(self) -> Float[Array, "..."]:
         """Rate at which the velocity changes, $2a$; px/s^2."""
-        return _number(lambda a: 2 * a, self.acceleration)
+        return _number(lambda a: 2 * a, self.bend)
 
 
 @final
@@ -564,10 +627,8 @@ class FreeMotion(AbstractMotion):
     $x(t) = v t + 2\int_0^t (t - t')\,a(t')\,dt'$, where $a(t)$ is `accelerations[j]` on the
     $j$-th of $K$ pieces of $[-T, T]$. With all of them equal it is the path of a `ParabolicMotion`.
 
-    Objects are aligned at the lowest position that they reach on the sensor during the exposure,
-    $\min_t x(t) - s t$. On a path whose accelerations are at least 0 that is where the sensor keeps
-    pace with the object, or the end of the exposure at which it all but does; of several turning
-    points it is the lowest. A path without any acceleration is aligned at mid-exposure.
+    Objects are aligned as on any path (`alignment`): of several turning points at the lowest, and
+    on a path that loses velocity over the exposure at the highest.
 
     Args:
         accelerations: The parameter $a$ of each piece, half the mechanical acceleration; px/s^2,
@@ -762,7 +823,7 @@ class FreeMotion(AbstractMotion):
         return self.position_at(tau) - (s * T) * tau
 
     def aligned_position(self, tau: RowLike, speed: RowLike) -> Any:
-        """The `position_of` objects, from the lowest of it; px.
+        """The `position_of` objects, from where they are aligned; px.
 
         Args:
             tau: Normalised times, from -1 to 1.
@@ -770,16 +831,6 @@ class FreeMotion(AbstractMotion):
         """
         tau, s = _together(tau, speed)
         return self.position_of(tau, s) - self.alignment(s)
-
-    def side_by_side(self, speeds: RowLike) -> Alignment:
-        """Alignment at the lowest positions, whose distances are not cut.
-
-        Args:
-            speeds: Speeds of the objects; px/s.
-        """
-        (s,) = _together(speeds)
-        extent = (self.highest(s) - self.lowest(s)).max(keepdims=True)
-        return Alignment(-self.alignment(s), extent)
 
     def reach(self, max_speed: float) -> Reach:
         """The distance between the lowest and the highest position of objects in either direction.
@@ -822,16 +873,30 @@ class FreeMotion(AbstractMotion):
         places = space.minimum(space.maximum(row, first), last)
         return places[..., :-1], places[..., 1:]
 
-    def alignment(self, speed: RowLike) -> Positions:
-        """The lowest position, or where the object is at mid-exposure on a straight path; px.
+    def is_at_vertex(self, speed: RowLike) -> Any:
+        """Whether the path bends: kernels of free paths count from the lowest position.
 
         Args:
             speed: Speed of the object; px/s.
         """
-        moves, lowest = self.has_vertex, self.lowest(speed)
-        if isinstance(lowest, Array):
-            return jnp.where(moves, lowest, 0.0)
-        return lowest if moves else np.zeros_like(lowest)
+        return self.has_vertex
+
+    @property
+    def turn(self) -> Positions:
+        """-1 of a path that loses velocity from end to end, by more than rounding; else 1."""
+        (a,) = as_numpy(self.accelerations)
+        gained = a * np.diff(self._ends).astype(a.dtype)
+        loses = gained.sum() < -_BALANCED * abs(gained).sum()
+        return namespace_of(a).where(loses, -1.0, 1.0).astype(a.dtype)
+
+    def mirrored(self, sign: ArrayLike) -> "FreeMotion":
+        """The path, or its mirror image.
+
+        Args:
+            sign: 1 or -1; scalar.
+        """
+        accelerations, velocity = self.accelerations * sign, self.velocity * sign
+        return replace(self, accelerations=accelerations, velocity=velocity)
 
     def lowest(self, speed: RowLike) -> Positions:
         r"""Lowest position of objects on the sensor, $\min_t x(t) - s t$; px, shape of `speed`.
@@ -1021,6 +1086,11 @@ def largest_of(values: Array | np.ndarray) -> Positions:
     them again and rounds otherwise, and the slope is then 0 / 0.
     """
     return values[values.argmax()]
+
+
+def _size(value: Positions) -> Positions:
+    """$|x|$, whose derivative at 0 is 1."""
+    return namespace_of(value).where(value < 0, -value, value)
 
 
 def _number(formula: Callable[..., Positions], *numbers: Positions) -> Array:

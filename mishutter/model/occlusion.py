@@ -1,6 +1,6 @@
 """Objects in front of a background: how much of a picture they cover, and how wide they are."""
 
-from typing import Literal, final, get_args
+from typing import ClassVar, Literal, final, get_args
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -82,6 +82,8 @@ class Occlusion(AbstractModule):
         level_difference: Mean of the objects less that of the background, white = 1. The scene's
             mean level is that of the whole picture.
         background: `"still"`, or `"moving"`: at one of the scene's speeds, whatever the objects'.
+        background_speed: Speed of a still background in the frame, which `seen_from` sets; px/s.
+        shares: Shares that have been computed of these numbers.
 
     Raises:
         ValueError: if a number is out of its range, or `background` neither.
@@ -93,6 +95,7 @@ class Occlusion(AbstractModule):
     background_speed: Array
     background: Background = eqx.field(static=True)
     shares: LayerShares | None
+    handed_on: ClassVar = ("background_speed", "shares")
 
     def __init__(
         self,
@@ -101,15 +104,18 @@ class Occlusion(AbstractModule):
         object_width: ArrayLike | None = None,
         level_difference: ArrayLike = 0.0,
         background: Background = "still",
+        background_speed: ArrayLike | None = None,
+        shares: LayerShares | None = None,
     ):
         self.front_share = as_float(front_share, "Occlusion(front_share=...)")
         self.object_width = None
         if object_width is not None:
             self.object_width = as_float(object_width, "Occlusion(object_width=...)")
         self.level_difference = as_float(level_difference, "Occlusion(level_difference=...)")
-        self.background_speed = as_float(np.zeros((), self.front_share.dtype))
-        self.background = background
-        self.shares = None
+        rest = np.zeros((), self.front_share.dtype)
+        speed = rest if background_speed is None else background_speed
+        self.background_speed = as_float(speed, "Occlusion(background_speed=...)")
+        self.background, self.shares = background, shares
 
     def __check_init__(self) -> None:
         subject = "Occlusion(front_share=...)"

@@ -3,10 +3,11 @@
 import inspect
 import os
 import tomllib
-from collections.abc import Mapping, Sequence
-from dataclasses import fields
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import final, get_args
+from typing import ClassVar, final, get_args
 
 import equinox as eqx
 import jax
@@ -69,13 +70,15 @@ from mishutter.model.scene_schema import (
     StageSection,
     TolerancesSection,
 )
-from mishutter.model.scene_units import table_of
+from mishutter.model.scene_units import SceneWarning, table_of
 from mishutter.model.sensor import Burst, Sensor
 from mishutter.model.shutters import AbstractShutter
 from mishutter.model.texture import EXAMPLE_PICTURE, Texture
 from mishutter.model.tolerances import Tolerances
 
 _DOUBLE = np.dtype(np.float64)
+_NARROWEST = 16
+"""Pixels of a row that every sensor has."""
 
 
 @final
@@ -106,6 +109,7 @@ class Scene(AbstractModule):
             is by default the expected error of that decoder.
         motion: Motion to start from or to compare at; by default the `fullest_motion` of the
             limits about the middle of the speeds.
+        given_motion: The `motion` of another scene, as `dataclasses.replace` hands it on.
 
     Raises:
         ValueError: if a value is not finite, out of its range or of another kind, no
@@ -133,6 +137,7 @@ class Scene(AbstractModule):
     objects: Objects | None
     given_motion: AbstractMotion | None
     decoder_speed: DecoderSpeed = eqx.field(static=True)
+    handed_on: ClassVar = ("given_motion",)
 
     def __init__(
         self,
@@ -152,6 +157,7 @@ class Scene(AbstractModule):
         objects: Objects | None = None,
         decoder_speed: DecoderWord = "unknown",
         motion: AbstractMotion | None = None,
+        given_motion: AbstractMotion | None = None,
     ):
         self.speeds = as_float(speeds, "Scene(speeds=...)")
         count = max(self.speeds.size, 1)
@@ -169,7 +175,7 @@ class Scene(AbstractModule):
         self.occlusion = occlusion
         self.objects = objects
         self.decoder_speed = as_decoder_speed(decoder_speed)
-        self.given_motion = motion
+        self.given_motion = given_motion if motion is None else motion
 
     def __check_init__(self) -> None:
         shape = self.speeds.shape
@@ -213,6 +219,8 @@ class Scene(AbstractModule):
         require(whole, "Scene(decoder_speed=...)", requirement, self.decoder_speed)
         is_valid = isinstance(self.given_motion, AbstractMotion | None)
         require(is_valid, "Scene(motion=...)", "be a motion", self.given_motion)
+        for doubt in self._doubts():
+            warnings.warn(doubt, SceneWarning, stacklevel=3)
 
     def __repr__(self) -> str:
         """The speeds and the light in one line; `str` has everything."""
@@ -224,6 +232,14 @@ class Scene(AbstractModule):
         parts = {field.name: getattr(self, field.name) for field in fields(self)}
         lines = (f"  {name:<17} {shown(x)}" for name, x in parts.items() if x is not None)
         return "\n".join(["Scene", *lines])
+
+    def _doubts(self) -> Iterator[str]:
+        """Numbers that no camera has."""
+        well, width, noise = self.sensor.full_well, self.sensor.width, self.read_noise
+        if well is not None and all_concrete((well, noise)) and float(well) < float(noise):
+            yield f"a pixel is full at {float(well):g} e-, below {float(noise):g} e- of read noise"
+        if width is not None and is_concrete(width) and float(width) < _NARROWEST:
+            yield f"the sensor is {float(width):g} px wide"
 
     def _check_power_below(self) -> None:
         """Refuses a lens that passes nothing of the picture."""
@@ -295,9 +311,9 @@ class Scene(AbstractModule):
         """
         text, name = scene_text(self), os.fspath(path)
         read = scene_of_tables(tomllib.loads(text), name, Path(), lambda *_: self.picture)
-        for part in argument_names(Scene):
-            field = "given_motion" if part == "motion" else part
-            own, other = getattr(self, field), getattr(read, field)
+        for field in fields(Scene):
+            part = "motion" if field.name == "given_motion" else field.name
+            own, other = getattr(self, field.name), getattr(read, field.name)
             # Every device has keys, though some are of another class that shows the same light.
             is_held = part == "device" or _are_near(own, other)
             require(is_held, f"Scene({part}=...)", "be one that a scene file holds", own)
@@ -305,9 +321,7 @@ class Scene(AbstractModule):
 
     def along_rows(self) -> "Scene":
         """The scene of pictures that are `turned` so that things move along their rows."""
-        own = self.sensor
-        along = Sensor(full_well=own.full_well, width=own.width, pixel_pitch=own.pixel_pitch)
-        return eqx.tree_at(lambda scene: scene.sensor, self, along)
+        return replace(self, sensor=replace(self.sensor, axis="rows"))
 
     def bare(
         self,
@@ -322,18 +336,17 @@ class Scene(AbstractModule):
             weights: How often each occurs.
             power_spectrum: Power in place of the scene's own.
         """
-        return Scene(
-            self.speeds if speeds is None else speeds,
-            self.weights if weights is None else weights,
-            photon_rate=self.photon_rate,
-            read_noise=self.read_noise,
+        return replace(
+            self,
+            speeds=self.speeds if speeds is None else speeds,
+            weights=self.weights if weights is None else weights,
             picture=self.picture.bare(power_spectrum),
-            optics=self.optics,
             sensor=Sensor(full_well=self.sensor.full_well),
             limits=self.limits.without_servo(),
-            device=self.device,
-            tolerances=self.tolerances,
-            occlusion=self.occlusion,
+            burst=None,
+            objects=None,
+            decoder_speed="unknown",
+            given_motion=None,
         )
 
     def light(

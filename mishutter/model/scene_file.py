@@ -161,6 +161,7 @@ def scene_arguments(file: SceneFile, folder: Path, textures: Textures | None) ->
         ValueError: if keys do not go together, or a photograph is no picture.
         OSError: if a photograph cannot be read.
     """
+    file = file.model_copy(update={"limits": _with_halves(file.limits)})
     scales = _scales(file)
     speeds, weights = _speeds(file.speeds, scales)
     limits = _limits(file.limits, file.stage, scales)
@@ -299,6 +300,18 @@ def _device(section: ShutterSection, scales: Scales) -> AbstractDevice:
     if times:
         arguments |= {"rise_time": times[0], "fall_time": times[-1]}
     return device_of(**arguments)
+
+
+def _with_halves(section: LimitsSection) -> LimitsSection:
+    """The limits of half exposures, where the file gives them or those of whole ones."""
+    halves = {}
+    for end in ("min", "max"):
+        half, whole = f"{end}_half_exposure_ms", getattr(section, f"{end}_exposure_ms")
+        if whole is not None:
+            is_alone = half not in section.model_fields_set
+            require(is_alone, f"[limits] {end}_exposure_ms", f"not stand beside {half}", whole)
+            halves[half] = whole / 2
+    return section.model_copy(update=halves)
 
 
 def _limits(section: LimitsSection, stage: StageSection | None, scales: Scales) -> Limits:

@@ -17,6 +17,8 @@ SizeOfSpeed = Annotated[float, Field(ge=0, le=1e7)]
 PhotonRate = Annotated[float, Field(gt=0, le=1e12)]
 Count = Annotated[int, Field(ge=1, le=1000)]
 Milliseconds = Annotated[float, Field(ge=1e-3, le=1e5)]
+Exposure = Annotated[float, Field(ge=2e-3, le=2e5)]
+"""A whole exposure, of which `Milliseconds` are half."""
 LongestStroke = Annotated[float, Field(ge=1e-3, le=1e4)]
 """A sensor that may move by less than a thousandth of a pixel stands still."""
 TopSpeed = Annotated[float, Field(ge=1e-3, le=1e7)]
@@ -186,7 +188,9 @@ class LimitsSection(Section):
     max_top_speed_px_per_s: TopSpeed = 1e5
     max_top_speed_mm_per_s: Annotated[float, Field(gt=0, le=1e6)] | None = None
     min_half_exposure_ms: Milliseconds = 0.1
+    min_exposure_ms: Exposure | None = None
     max_half_exposure_ms: Milliseconds = 500.0
+    max_exposure_ms: Exposure | None = None
     max_pan_px_per_s: Annotated[float, Field(ge=0, le=1e7)] | None = None
     max_pan_deg_per_s: Annotated[float, Field(ge=0, le=1e6)] | None = None
     max_travel_px: Annotated[float, Field(ge=1e-3, le=1e6)] | None = None

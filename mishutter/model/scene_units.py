@@ -14,6 +14,7 @@ it, high-pressure sodium lamps 82, incandescent lamps 50.
 
 import math
 import re
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, final
@@ -54,6 +55,8 @@ _METRES = {
 _PHOTONS_PER_LUX = 6.02214076e23 * 1e-6 / 54
 """Photons of sunlight between 400 and 700 nm by lux, second and square metre: 1.1e16."""
 _NOTHING = Unquoted("nothing")
+_COARSEST = 0.05
+"""Length of things on a pixel of a lens at a distance beyond which that may be in mm; m."""
 SPEED_UNITS = ("px_per_s", "um_per_s", "mm_per_s", "m_per_s", "km_per_h", "deg_per_s")
 """Units of the speeds of things, as the names of keys end in them."""
 _LENGTH_UNITS = ("px", "um", "mm", "m")
@@ -68,6 +71,10 @@ _KEYS = {
     "pixel_pitch": "[sensor] pixel_pitch_um",
 }
 """Arguments of `View` as a scene file calls them."""
+
+
+class SceneWarning(UserWarning):
+    """A scene is read, but has a number that no camera has."""
 
 
 def _text(unit: str) -> str:
@@ -126,6 +133,11 @@ class View:
             require(f is not None, self._subject("focal_length"), beside, _NOTHING)
             beyond = f"be beyond the focal length, {f:g} m"
             require(d > f, self._subject("distance"), beyond, d)  # type: ignore[operator]
+        pitch, magnification = self.pixel_pitch, self._magnification
+        covered = pitch / magnification if d and pitch and magnification else 0.0
+        if covered > _COARSEST:
+            doubt = f"at {self._bare('distance')} = {d:g} a pixel covers {covered * 1e3:.3g} mm"
+            warnings.warn(f"{doubt} of things; distances are in m", SceneWarning, stacklevel=3)
 
     def __repr__(self) -> str:
         """The arguments that were given."""

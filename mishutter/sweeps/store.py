@@ -1,10 +1,11 @@
 """Storage for the blocks of a sweep: in memory, or in a Zarr store that can be resumed.
 
 A store is a Zarr group that xarray opens. Its attribute `sweep` describes the sweep; a store of
-another sweep is refused. A block's arrays are chunks of their own. Its mark in `done`, their
-checksum, is written last: a block whose arrays do not have that checksum is computed again. All
-other files follow from the sweep, and are written anew where they differ from what they should be.
-Each chunk has a checksum of its own besides, so that a damaged one is an error to whoever reads it.
+another sweep is refused. A block's arrays are chunks of their own. Its mark in `progress/done`,
+their checksum, is written last: a block whose arrays do not have that checksum is computed again.
+The marks are in a group of their own, so that xarray shows the variables alone. All other files
+follow from the sweep, and are written anew where they differ from what they should be. Each chunk
+has a checksum of its own besides, so that a damaged one is an error to whoever reads it.
 """
 
 import errno
@@ -12,6 +13,7 @@ import json
 import logging
 import os
 import tempfile
+import warnings
 import zlib
 from abc import ABC, abstractmethod
 from pathlib import Path
@@ -28,7 +30,7 @@ if TYPE_CHECKING:
 
 Arrays = dict[str, np.ndarray]
 _LOG = logging.getLogger("mishutter.sweep")
-_DONE = "done"
+_DONE = "progress/done"
 _ROOT = "zarr.json"
 _SUBJECT = "sweep(store=...)"
 _OCCUPIED = (errno.ENOTEMPTY, errno.EEXIST)
@@ -299,6 +301,10 @@ def _files(grid: Grid, attributes: dict[str, object]) -> dict[str, bytes]:
         dimension_names=("block_frame", "block_acceleration", "block_half_exposure"),
         compressors=codecs,
     )
+    with warnings.catch_warnings():
+        # Zarr has consolidated metadata, which xarray looks for, and its specification not yet.
+        warnings.filterwarnings("ignore", "Consolidated metadata")
+        zarr.consolidate_metadata(store)
     return {name: content.to_bytes() for name, content in files.items()}
 
 

@@ -796,3 +796,17 @@ def test_a_grey_picture_stays_one_plane():
     for found, with_axis in zip(plane, channel, strict=True):
         assert found.shape == flat.shape
         np.testing.assert_array_equal(found, with_axis[..., 0])
+
+
+@pytest.mark.parametrize("border", ["scene", "wrap", "reflect"])
+def test_a_mirrored_path_records_the_mirrored_picture(border):
+    """A path that loses velocity is aligned at its highest, and its light falls to the left."""
+    rising = ms.FreeMotion(accelerations=[4e4, 9e4, 7e4], half_exposure=0.012, velocity=90.0)
+    falling = ms.FreeMotion(accelerations=[-4e4, -9e4, -7e4], half_exposure=0.012, velocity=-90.0)
+    picture, shutter = rows(3, 151, 1), ms.SplineShutter([0.2, 0.9, 0.7, 0.4, 0.6, 0.3])
+    scene = ms.Scene([700.0], photon_rate=1e5, read_noise=5)
+    shown = ms.simulate_capture(picture, scene, rising, shutter, speed=700.0, border=border)
+    mirrored = ms.simulate_capture(
+        picture[:, ::-1], scene, falling, shutter, speed=-700.0, border=border
+    )
+    np.testing.assert_allclose(mirrored[:, ::-1], shown, atol=1e-9)

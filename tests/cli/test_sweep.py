@@ -126,13 +126,13 @@ def test_a_damaged_store(scene_file, tmp_path, capsys):
     command = ["sweep", scene_file, *RANGES, "--json", "--store", str(place)]
     assert cli.main(command) == 0
     right = capsys.readouterr().out
-    for name in ("expected_psnr/c/0/0/0", "done/c/0/0/0"):
+    for name in ("expected_psnr/c/0/0/0", "progress/done/c/0/0/0"):
         os.truncate(place / name, 5)
         assert cli.main(command) == 0
         again = capsys.readouterr()
         assert again.out == right
         assert f"blocks damaged in '{place}' are computed again: (0, 0, 0)\n" in again.err
-    for name in ("done", "expected_psnr", "acceleration"):
+    for name in ("progress/done", "expected_psnr", "acceleration"):
         shutil.rmtree(place / name)
         assert cli.main(command) == 0
         assert capsys.readouterr().out == right

@@ -21,10 +21,6 @@ from mishutter import (
     optimise,
     sweep,
 )
-from mishutter.model import aligned
-
-# Longer gaps are cut to this, which changes no kernel and so shows in none.
-from mishutter.model.alignment import FURTHEST_GAP
 
 PSNR_ERROR = 0.02
 """Difference from 65,536 frequencies, dB: promised of any scene."""
@@ -52,8 +48,8 @@ def test_many_random_scenes():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("further", [0.0, 512.0, 1024.0, 4096.0])
-def test_objects_that_one_period_lies_between(further):
-    """Two kernels that far apart once looked alike at 256 frequencies."""
+def test_objects_that_the_sensor_falls_far_behind(further):
+    """Kernels of hundreds of px, which 256 frequencies repeat within the light of one object."""
     stroke, half = 20.0, 0.02
     smear = np.sqrt(4 * stroke * (200.0 + further))
     scene = Scene([0.0, smear / half], **LIGHT, limits=Limits(max_stroke=stroke))
@@ -64,33 +60,10 @@ def test_objects_that_one_period_lies_between(further):
     assert abs(psnr(scene, motion, RectShutter()) - exact) < PSNR_ERROR
 
 
-def test_gaps_that_no_detail_spans_are_cut():
-    """Displacements are those of the vertex up to there, and nothing overtakes anything."""
-    stroke, smear = np.array([45.0]), np.array([30.0, -700.0, 0.0, 3000.0, 700.0])
-    found = aligned(stroke, smear)
-    exact = smear**2 / 180
-    near = np.maximum(np.abs(smear) - 90, 0) ** 2 / 180
-    assert np.allclose(found.displacement[[0, 2]], exact[[0, 2]], rtol=1e-14)
-    begin = found.displacement + stroke - np.abs(smear)
-    assert near[1] - 120.0**2 / 180 > FURTHEST_GAP
-    assert np.allclose(begin[[1, 4]], 120.0**2 / 180 + FURTHEST_GAP, rtol=1e-12)
-    assert np.allclose(begin[3], begin[1] + 1400 + FURTHEST_GAP, rtol=1e-12)
-    assert np.allclose(found.extent, begin[3] + 6000, rtol=1e-12)
-    traced = jax.jit(aligned)(jnp.asarray(stroke), jnp.asarray(smear))
-    np.testing.assert_allclose(traced.displacement, found.displacement, rtol=1e-12)
-
-
-def test_a_camera_at_rest_displaces_nothing():
-    """Light of every object is centred at mid-exposure, as far as the fastest goes."""
-    found = aligned(np.zeros(1), np.array([-40.0, 7.0]))
-    assert not np.any(found.displacement)
-    assert found.extent == 80
-
-
 @pytest.mark.slow
 def test_what_travels_too_far_is_refused():
     """By a call and a search, and left out of a sweep: no tap is cut, no wave repeats."""
-    scene = Scene([0.0, 20000.0], **LIGHT, limits=Limits(max_stroke=45.0, max_top_speed=4500.0))
+    scene = Scene([0.0, 70000.0], **LIGHT, limits=Limits(max_stroke=45.0, max_top_speed=4500.0))
     slow = ParabolicMotion(acceleration=180.0, half_exposure=0.5)
     line = r"^`motion` must blur over fewer than 65536 px at the scene's speeds, wherever .*; got"
     with pytest.raises(ValueError, match=line):
@@ -115,10 +88,10 @@ def test_a_traced_motion_is_refused_when_it_runs():
     """One that spreads light further than the limits let one that keeps up."""
     scene = Scene([0.0, 900.0, -400.0, 700.0], **LIGHT, limits=Limits(max_stroke=20.0))
     loss = jax.jit(
-        lambda a: ExpectedErrorLoss()(
-            scene, ParabolicMotion(acceleration=a, half_exposure=0.02), HannShutter()
+        lambda half: ExpectedErrorLoss()(
+            scene, ParabolicMotion(acceleration=40.0, half_exposure=half), HannShutter()
         )
     )
-    assert np.isfinite(loss(jnp.asarray(4e4)))
+    assert np.isfinite(loss(jnp.asarray(0.02)))
     with pytest.raises(Exception, match=r"must (spread light|blur) over at most"):
-        loss(jnp.asarray(40.0)).block_until_ready()
+        loss(jnp.asarray(0.11)).block_until_ready()

@@ -1,5 +1,7 @@
 """Where objects lie on the sensor, by motions of every kind and by light beside it."""
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from support.cases import MOTIONS
@@ -25,17 +27,17 @@ def test_objects_move_against_the_path_of_the_sensor(motion):
     np.testing.assert_allclose(aligned, wanted, atol=1e-13 * np.max(np.abs(wanted)))
 
 
-def test_a_path_of_one_acceleration_reaches_as_far_as_the_parabola():
-    """Kernels, velocities, alignment and extent of speeds that the sensor keeps up with agree."""
-    parabola = ParabolicMotion(acceleration=310.0, half_exposure=HALF)
-    path = FreeMotion(accelerations=[310.0] * 3, half_exposure=HALF)
-    slow = SPEEDS[:3]
-    for one, other in (
-        (parabola.reach(140.0), path.reach(140.0)),
-        (parabola.side_by_side(slow), path.side_by_side(slow)),
-    ):
-        for number, wanted in zip(other, one, strict=True):
-            np.testing.assert_allclose(number, wanted, rtol=1e-12, atol=1e-12)
+def test_a_path_of_one_acceleration_is_the_parabola():
+    """Alignment and kernels of all speeds, those that the sensor falls behind among them, agree."""
+    parabola = ParabolicMotion(acceleration=310.0, half_exposure=HALF, velocity=17.0)
+    path = FreeMotion(accelerations=[310.0] * 3, half_exposure=HALF, velocity=17.0)
+    speeds = np.array([-330.0, -61.0, 0.0, 23.0, 140.0, 209.2, 460.0])
+    close = {"rtol": 1e-12, "atol": 1e-12}
+    for name in ("alignment", "lowest", "highest", "kernel_length"):
+        one, other = getattr(parabola, name)(speeds), getattr(path, name)(speeds)
+        np.testing.assert_allclose(other, one, **close, err_msg=name)
+    still = parabola.without_velocity(), path.without_velocity()
+    np.testing.assert_allclose(*(motion.reach(340.0) for motion in still), **close)
     assert parabola.mirrors
     assert path.mirrors
     assert float(path.bend) == pytest.approx(float(parabola.bend), rel=1e-14)
@@ -43,11 +45,62 @@ def test_a_path_of_one_acceleration_reaches_as_far_as_the_parabola():
 
 @pytest.mark.parametrize(("sag", "smear"), [(0.0, 7.3), (3.1, 7.3), (3.1, 2.2)])
 def test_light_reaches_as_far_as_the_fastest_object(sag, smear):
-    """Over the whole exposure: to both sides of a sensor at rest, from the vertex of a parabola."""
+    """Over the whole exposure: to both sides of a sensor at rest, from the lowest place on."""
     tau, speeds = np.linspace(-1, 1, 2001), np.linspace(-smear, smear, 201)[:, None]
-    path = sag * tau**2 - speeds * tau
-    places = path + (speeds**2 / (4 * sag) if sag else 0.0)
-    travelled = np.max(places) if sag else np.max(np.ptp(places, axis=1))
+    travelled = np.max(np.ptp(sag * tau**2 - speeds * tau, axis=1))
     found = reach_of_parabola(np.asarray(sag), np.asarray(smear))
-    assert float(found.length) == pytest.approx(travelled, rel=1e-9)
+    assert float(found.length) == pytest.approx(travelled, rel=1e-6)
     assert float(found.velocity) == pytest.approx(np.max(np.abs(2 * sag * tau - speeds)))
+
+
+MIRRORED = {
+    "parabolic": lambda: ParabolicMotion(acceleration=310.0, half_exposure=HALF, velocity=17.0),
+    "free": MOTIONS["free"],
+}
+
+
+@pytest.mark.parametrize("motion", MIRRORED.values(), ids=MIRRORED)
+def test_a_mirrored_path_is_aligned_at_the_mirror_image(motion):
+    """Objects of the opposite speed lie opposite, by known numbers and by traced ones.
+
+    Known numbers make no mirrored parabola.
+    """
+    motion = motion()
+    rising = motion.aligned_position(TAU[None], SPEEDS[:, None])
+    falling = jax.jit(lambda m, s: m.mirrored(-1.0).aligned_position(TAU[None], -s[:, None]))
+    np.testing.assert_allclose(falling(motion, SPEEDS), -rising, atol=1e-10)
+    assert -1e-10 < np.min(rising) < 1e-4 * np.max(rising)
+    lengths = jax.jit(lambda m, s: m.mirrored(-1.0).kernel_length(s))(motion, -SPEEDS)
+    np.testing.assert_allclose(lengths, motion.kernel_length(SPEEDS), rtol=1e-12)
+    for name in ("sag", "stroke", "speed_gain", "top_speed", "greatest_acceleration", "bend"):
+        number = jax.jit(lambda m, name=name: getattr(m.mirrored(-1.0), name))(motion)
+        assert number == pytest.approx(float(getattr(motion, name)), rel=1e-12), name
+
+
+def test_a_path_that_is_as_fast_at_both_ends_is_aligned_at_its_lowest():
+    """Whatever rounding makes of the sum of its accelerations."""
+    path = FreeMotion(accelerations=[0.1, 0.2, -0.3], half_exposure=3.1)
+    assert sum([0.1, 0.2, -0.3]) != 0
+    for sign in (1.0, -1.0):
+        own = path.mirrored(sign)
+        np.testing.assert_array_equal(own.alignment(SPEEDS), own.lowest(SPEEDS))
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("speed", [-1e7, -81.0, 0.0, 12.0, 1e-30, 3e9])
+def test_alignment_loses_no_digits(dtype, speed):
+    """Where the sensor falls behind by far as well, and its derivative has no gap in between."""
+    half, a = dtype(0.01), dtype(4e3)
+    motion = ParabolicMotion(acceleration=a, half_exposure=half)
+    tau = np.array([[-1.0, -0.75, -0.125, 0.5, 1.0]], dtype)
+    sag, smear = a.astype(float) * float(half) ** 2, float(dtype(speed)) * float(half)
+    turn = np.clip(smear / (2 * sag), -1, 1)
+    wanted = (tau - turn) * (sag * (tau + turn) - smear)
+    found = motion.aligned_position(tau, np.array([[speed]], dtype))
+    assert found.dtype == dtype
+    np.testing.assert_allclose(found, wanted, rtol=8 * np.finfo(dtype).eps, atol=sag * 4e-7)
+    end = 2 * float(a) * float(half)
+    slope = jax.grad(lambda s: motion.alignment(s))
+    before, after = (float(slope(jnp.asarray(end * x, dtype))) for x in (1 - 1e-6, 1 + 1e-6))
+    assert before == pytest.approx(after, rel=1e-5)
+    assert after == pytest.approx(-float(half), rel=1e-6)

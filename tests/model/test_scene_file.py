@@ -32,6 +32,7 @@ from mishutter.model import (
     read_scene,
     scene_text,
 )
+from mishutter.model.scene_units import SceneWarning
 from mishutter.pictures import example_picture, read_picture, row_power_spectrum, write_picture
 
 
@@ -644,3 +645,41 @@ def test_a_scene_that_a_file_does_not_hold_is_not_saved(slug, tmp_path):
         scene.save(tmp_path / "scene.toml")
     assert "\n" not in str(raised.value)
     assert not any(tmp_path.iterdir())
+
+
+def test_whole_exposures_are_twice_the_half(tmp_path):
+    """`max_exposure_ms` and `min_exposure_ms` stand in place of the halves, not beside them."""
+    text = edited("max_half_exposure_ms", "max_exposure_ms = 34")
+    text = re.sub(r"^min_half_exposure_ms.*", "min_exposure_ms = 3", text, flags=re.MULTILINE)
+    limits = read_scene(written(tmp_path, text)).limits
+    assert float(limits.max_half_exposure) == pytest.approx(0.017, rel=1e-15)
+    assert float(limits.min_half_exposure) == pytest.approx(0.0015, rel=1e-15)
+    both = edited("max_half_exposure_ms", "max_half_exposure_ms = 17\nmax_exposure_ms = 34")
+    line = r"`\[limits\] max_exposure_ms` must not stand beside max_half_exposure_ms; got 34"
+    with pytest.raises(ValueError, match=line):
+        read_scene(written(tmp_path, both))
+
+
+def test_a_key_of_a_photographer_is_answered_with_the_table(tmp_path):
+    """`iso` is near to no key, and to `axis` least of all."""
+    with pytest.raises(ValueError, match=r"known keys only \(read_noise_e, .*\); got 'iso'"):
+        read_scene(written(tmp_path, edited("read_noise_e", "read_noise_e = 3\niso = 400")))
+
+
+@pytest.mark.parametrize(
+    ("key", "line", "doubt"),
+    [
+        ("read_noise_e", "read_noise_e = 5\nwidth_px = 0.5", "the sensor is 0.5 px wide"),
+        (
+            "read_noise_e",
+            "read_noise_e = 5\nfull_well_e = 3",
+            "a pixel is full at 3 e-, below 5 e- of read noise",
+        ),
+    ],
+)
+def test_numbers_that_no_camera_has_are_doubted(key, line, doubt, tmp_path):
+    """The scene is read with them, and one line says so."""
+    others = re.sub(r"^full_well_e.*\n", "", EXAMPLE, flags=re.MULTILINE)
+    text = re.sub(rf"^{key}.*", line, others, flags=re.MULTILINE)
+    with pytest.warns(SceneWarning, match=doubt):
+        read_scene(written(tmp_path, text))

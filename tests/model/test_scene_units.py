@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from mishutter.model import View, read_noise, read_scene, read_speed
+from mishutter.model.scene_units import SceneWarning
 
 WHOLE = """
 [speeds]
@@ -440,3 +441,11 @@ def test_a_view_without_a_meaning_is_named(call, line):
     with pytest.raises(ValueError, match="must") as caught:
         call()
     assert str(caught.value) == line
+
+
+def test_a_distance_in_millimetres_is_doubted():
+    """Of 800 m a pixel behind a lens of 16 mm covers 275 mm, of 0.8 m a quarter of one."""
+    camera = {"focal_length": 16e-3, "pixel_pitch": 5.5e-6}
+    with pytest.warns(SceneWarning, match=r"at distance = 800 a pixel covers 275 mm of things"):
+        View(distance=800.0, **camera)
+    assert View(distance=0.8, **camera).speed(1.0, "mm/s") == pytest.approx(3.71, rel=1e-3)

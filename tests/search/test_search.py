@@ -149,7 +149,8 @@ def test_the_slope_at_a_corner_of_the_box_is_that_inside(free, half_exposure):
 def test_a_polish_leaves_the_bound_that_it_began_at(corner):
     """The shortest and the longest exposure are no minima, and are not certified as such."""
     space, objective = _objective(ExpectedErrorLoss(), ("half_exposure",), RectShutter())
-    inside = polish(objective, np.array([0.5]), max_steps=100)
+    # At shorter exposures, where the sensor keeps up with less, lies another and worse minimum.
+    inside = polish(objective, np.array([0.85]), max_steps=100)
     found = polish(objective, np.array([corner]), max_steps=100)
     assert certificate_at(objective, np.array([corner]), space.bends) > 0.01
     assert found.loss == pytest.approx(inside.loss, rel=1e-6)

@@ -43,7 +43,8 @@ def _integral_to(u):
 
 
 def transfer(window, stroke, smear, frequency):
-    """Transfer function, aligned at the vertex or, without a stroke, at mid-exposure."""
+    """Transfer function, from the lowest place or, without a stroke, from that at mid-exposure."""
+    beyond = max(abs(smear) - 2 * stroke, 0) ** 2 / (4 * stroke) if stroke > 0 else 0.0
     total = np.zeros(frequency.size, complex)
     for start, end, terms in window:
         for c, k, p in terms:
@@ -66,7 +67,7 @@ def transfer(window, stroke, smear, frequency):
                     wave = np.exp(1j * (sign * p + omega * (start + end) / 2))
                     width = end - start
                     total += share * wave * width * np.sinc(omega * width / (2 * np.pi))
-    return total / 2
+    return total / 2 * np.exp(2j * np.pi * frequency * beyond)
 
 
 def expected_psnr(window, stroke, half_exposure, speeds, rate, noise, num_frequencies=65536):

@@ -67,12 +67,14 @@ def captured_row(
     count=2_000,
     breaks=(),
 ):
-    """Light on the sensor from periodic rows `(..., period)`; aligned at a vertex, if there is."""
+    """Light on the sensor from periodic rows `(..., period)`; from the lowest place on a bend."""
     time, light = instants(motion, shutter, count, breaks=breaks)
     place = position(motion, time) - speed * time + displacement
     if hasattr(motion, "acceleration"):
-        a, relative = float(motion.acceleration), speed - float(motion.velocity)
-        place += relative**2 / (4 * a) if a > 0 else 0.0
+        a, half = float(motion.acceleration), float(motion.half_exposure)
+        relative = speed - float(motion.velocity)
+        turn = np.clip(relative / (2 * a), -half, half) if a > 0 else 0.0
+        place -= (a * turn - relative) * turn
     else:
         steps = np.linspace(-1, 1, 200_001) * float(motion.half_exposure)
         place -= np.min(position(motion, steps) - speed * steps)

@@ -39,6 +39,15 @@ def test_a_store_holds_what_memory_holds(whole, tmp_path):
 
 
 @pytest.mark.slow
+def test_a_store_is_opened_as_what_the_sweep_returned(whole, tmp_path):
+    """By xarray alone, without a warning, and without the marks of blocks beside the variables."""
+    stored = sweep(SCENE, **many(store=tmp_path / "a.zarr"))
+    opened = xarray.open_zarr(tmp_path / "a.zarr").load()
+    assert opened.identical(stored.load())
+    assert opened.identical(whole)
+
+
+@pytest.mark.slow
 def test_a_store_of_velocities(tmp_path):
     """Also of those that scenes have of their own; it is refused to a sweep of others."""
     slow = Scene([90.0, 350.0], photon_rate=1e4, read_noise=1.0, limits=SCENE.limits)
@@ -156,10 +165,10 @@ DAMAGE = [
     (CHUNK, flipped, [(0, 1, 0)]),
     (CHUNK, cut, [(0, 1, 0)]),
     (CHUNK, lost, [(0, 1, 0)]),
-    ("done/c/1/0/0", flipped, [(1, 0, 0)]),
+    ("progress/done/c/1/0/0", flipped, [(1, 0, 0)]),
     ("expected_psnr/zarr.json", cut, []),
     ("velocity/c/0", flipped, []),
-    ("done/zarr.json", lost, []),
+    ("progress/done/zarr.json", lost, []),
 ]
 """Files of that store, and the blocks that are computed again where one is damaged."""
 
@@ -184,7 +193,7 @@ def test_folders_that_are_lost_are_made_good(tmp_path):
     """A variable, its chunks, a coordinate or every mark; a chunk of another block is no better."""
     place = tmp_path / "a.zarr"
     _, whole = filled(place)
-    for name, computed in {"expected_psnr": ALL[:2], "shutter": [], "done": ALL}.items():
+    for name, computed in {"expected_psnr": ALL[:2], "shutter": [], "progress/done": ALL}.items():
         lost(place / name)
         missing, again = filled(place)
         assert again.identical(whole), name
@@ -439,7 +448,7 @@ def test_a_killed_sweep_goes_on(name, whole, tmp_path, caplog):
     assert int(process.stdout.readline()) > 0
     process.send_signal(getattr(signal, name))
     process.communicate(timeout=600)
-    before = sum(1 for _ in store.glob("done/c/**/*") if _.is_file())
+    before = sum(1 for _ in store.glob("progress/done/c/**/*") if _.is_file())
     assert before >= 1
     with caplog.at_level(logging.INFO, logger="mishutter.sweep"):
         again = sweep(SCENE, **many(store=store))
