@@ -66,6 +66,8 @@ _SAME_LOSS, _ROUNDING = 1e-7, 1e-9
 """Shares within which an error is found, and of a velocity that are rounding."""
 _PIECES_OF_PERIOD = 32
 """Pieces of constant acceleration of the way of a sine from frame to frame."""
+_OF_STARTS = 0.6
+"""Share of a search's time until all starts are measured."""
 _TOP_SPEEDS = (0.7, 1.0, 1.2)
 """Top speeds of a sensor, over that of the fastest thing, that a search begins with too."""
 _MOST_VELOCITIES = 64
@@ -301,7 +303,9 @@ class _Room:
 
 @outside_trace()
 @alone_in_blas()
-def best_moving_burst(scene: Scene) -> FrameSequence | None:
+def best_moving_burst(
+    scene: Scene, *, progress: Callable[[float], None] = lambda share: None
+) -> FrameSequence | None:
     """The burst of least error of a sensor that moves; None without `scene.burst`.
 
     The stage follows parabolas of alternating direction, a sine of half the frame rate, one slow
@@ -311,6 +315,10 @@ def best_moving_burst(scene: Scene) -> FrameSequence | None:
     those of `best_still_burst`. One exposure alone, which nothing registers, is among them where
     the scene's decoder is told the speed, or where there is no time for more. On a sensor of a
     known width the kind of path is the one that leaves least error there.
+
+    Args:
+        scene: Speeds, light, noise, limits and burst.
+        progress: Called with the share of the search that is done.
     """
     require_known("best_moving_burst", scene=scene)
     if scene.burst is None:
@@ -334,7 +342,7 @@ def best_moving_burst(scene: Scene) -> FrameSequence | None:
         for rests in sorted({count - moving, 0 if room.acceleration < math.inf else count - moving})
     ]
     frames, width = OpenFrames.of(whole, times.longest, folds=not pans), scene.sensor.width
-    return _best_of(frames, tries, None if width is None else float(width))
+    return _best_of(frames, tries, None if width is None else float(width), progress)
 
 
 def _is_mirrored(scene: Scene) -> bool:
@@ -529,7 +537,12 @@ class _Try(NamedTuple):
         )
 
 
-def _best_of(frames: OpenFrames, tries: list[_Try], width: float | None) -> FrameSequence:
+def _best_of(
+    frames: OpenFrames,
+    tries: list[_Try],
+    width: float | None,
+    progress: Callable[[float], None],
+) -> FrameSequence:
     """The best exposures, top speed and pan: grids, and simplexes from the best of all of these.
 
     Kinds of paths differ by what they lose on a sensor of a width, which then chooses the path. The
@@ -578,10 +591,15 @@ def _best_of(frames: OpenFrames, tries: list[_Try], width: float | None) -> Fram
 
     # Most paths and pans are seen to be worse before they are at their best.
     starts = []
-    for each in tries:
+    for number, each in enumerate(tries):
+        progress(_OF_STARTS * number / len(tries))
         by_pan = [min((found(each, x) for x in points), key=_error) for points in each.grids]
         starts += sorted(by_pan, key=_error)[:_NUM_PANS]
-    firsts = sorted((improved(start, _FIRST_STEPS) for start in starts), key=_error)
+    firsts = []
+    for number, start in enumerate(starts):
+        progress(_OF_STARTS + (1 - _OF_STARTS) * number / len(starts))
+        firsts.append(improved(start, _FIRST_STEPS))
+    firsts.sort(key=_error)
     tops, others = firsts[:_NUM_PATHS], firsts[_NUM_PATHS:]
     if width is not None:
         best_of_kinds = {first.each.kind: first for first in reversed(firsts)}
