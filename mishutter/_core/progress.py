@@ -79,7 +79,7 @@ class Counter:
     def share(self) -> float:
         """What is done, with the shares of the parts that are under way."""
         with self._lock:
-            return self.done + sum(self._shares.get(name, 0.0) for name in self._running)
+            return self.done + sum((self._shares.get(name, 0.0) for name in self._running), 0.0)
 
     def _moved(self, done: int) -> None:
         now = time.monotonic()

@@ -115,7 +115,8 @@ def plot_map(
     lines points of equal gain in speed, $2aT$, within some decades below the largest: stroke and
     top speed of a sensor that does not pan. On a map of a gain a line marks 0 dB, and losses
     greater than the greatest gain have the darkest colour. Each point has the best of all
-    velocities. Hatched points are outside the limits. The map omits a sensor that does not accelerate, and rows and columns wholly outside the limits. A
+    velocities. Hatched points are outside the limits. The map omits a sensor that does not
+    accelerate, and rows and columns wholly outside the limits. A
     single row or column becomes a line of points.
 
     Args:
