@@ -340,6 +340,8 @@ def best_moving_burst(
         for room in [_Room(scene.limits, times, moving)]
         # A stage that has to run up may have no time for frames at rest.
         for rests in sorted({count - moving, 0 if room.acceleration < math.inf else count - moving})
+        # Nothing registers what is then a single frame.
+        if moving + rests > 1 or 1 in numbers
     ]
     frames, width = OpenFrames.of(whole, times.longest, folds=not pans), scene.sensor.width
     return _best_of(frames, tries, None if width is None else float(width), progress)

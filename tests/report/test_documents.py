@@ -401,7 +401,8 @@ def test_the_camera_to_build_is_saved_where_it_is_not_the_design(report, tmp_pat
 def test_the_frames_that_a_verdict_names_are_saved(report, tmp_path):
     """Beside a search of one exposure alone; in the design's own file where it has found them."""
     rows = {row.name: row for row in report.comparison.rows}
-    burst = replace(rows["rect"], name="best moving burst", sequence=SEQUENCE)
+    parts = frozenset({STAGE, FRAMES})
+    burst = replace(rows["rect"], name="best moving burst", sequence=SEQUENCE, hardware=parts)
     comparison = replace(report.comparison, choice=burst)
     for design, wanted in ((a_burst_design(None), True), (a_burst_design(), False)):
         writers = _writers(replace(report, comparison=comparison, design=design))
