@@ -41,6 +41,7 @@ class Counter:
         self.total, self.done = total, 0
         self._why, self._message = why, ""
         self._running: list[str] = []
+        self._shares: dict[str, float] = {}
         self._lock = threading.Lock()
         self._first: tuple[int, float] | None = None
         self._begin = self._last = time.monotonic()
@@ -56,6 +57,12 @@ class Counter:
         with self._lock:
             self._running.append(name)
 
+    def within(self, name: str, share: float) -> None:
+        """Records the share of a part that is done."""
+        with self._lock:
+            self._shares[name] = share
+            self._last = time.monotonic()
+
     def ended(self, name: str) -> None:
         """Records that a part has ended."""
         with self._lock:
@@ -67,6 +74,12 @@ class Counter:
         with self._lock:
             self._moved(self.done + len(self._running))
             self._running = [name]
+
+    @property
+    def share(self) -> float:
+        """What is done, with the shares of the parts that are under way."""
+        with self._lock:
+            return self.done + sum((self._shares.get(name, 0.0) for name in self._running), 0.0)
 
     def _moved(self, done: int) -> None:
         now = time.monotonic()
@@ -81,6 +94,7 @@ class Counter:
         with self._lock:
             count = f"{min(self.done + bool(self._running), self.total)} of {self.total}"
             name = self._running[0] if self._running else self._message
+            name += f" {self._shares[name]:.0%}" if name in self._shares else ""
             is_stuck = time.monotonic() - self._last >= _PAUSE and self.done < self.total
         words = f"{name}, {count}" if name else count
         return f"{words} ({self._why})" if is_stuck and self._why else words
@@ -127,7 +141,7 @@ def progress_bar(label: str, total: int, why: str = "") -> Iterator[Counter]:
         """The part that the work is at, asked for whenever the bar is drawn."""
 
         def render(self, task: "Task") -> Text:
-            bar.update(task.id, completed=counter.done)
+            bar.update(task.id, completed=counter.share)
             return Text(counter.place)
 
     bar = Progress(

@@ -85,7 +85,7 @@ if TYPE_CHECKING:
     from mishutter.pictures import Picture
     from mishutter.report import Report
 
-_WHY_NO_STEP = "programs are compiled, or each takes longer than that"
+_WHY_NO_STEP = "compiling (first run only)"
 """Why a step of what follows the verdict takes a while."""
 _INTERRUPTED = 130
 """The exit code of an interrupt, which the parser of the command line returns too."""
@@ -215,9 +215,27 @@ def optimise(
             design.save(folder / "design.json")
         entries = {"optimised": design}
         result = _compared(
-            scene, design.motion, entries, chosen, free_paths=free_paths, judge=judge
+            scene,
+            design.motion,
+            entries,
+            chosen,
+            free_paths=free_paths,
+            every=verbose or json,
+            judge=judge,
         )
-        _deliver(replace(result, design=design), delivery)
+        result = replace(result, design=design)
+        _deliver(result, delivery, _next_step(result, scene_file, folder))
+
+
+def _next_step(result: "Report", scene_file: Path | None, folder: Path | None) -> str:
+    """The command that goes on from an answer: to a folder of files, or from its design."""
+    from mishutter.report import file_to_build
+
+    if folder is not None:
+        design = folder / file_to_build(result)
+        return shlex.join(["mishutter", "export", str(design), "--out", str(folder / "lab")])
+    scene, name = ([], "design") if scene_file is None else ([str(scene_file)], scene_file.stem)
+    return shlex.join(["mishutter", "optimise", *scene, "--out", name])
 
 
 def _after_search(scene_file: Path | None, folder: Path | None) -> str:
@@ -287,9 +305,16 @@ def compare(
     with interruptible(lambda: AGAIN):
         entries = saved | windows
         result = _compared(
-            scene, motion, entries, loss_of(loss, scene), free_paths=free_paths, judge=judge
+            scene,
+            motion,
+            entries,
+            loss_of(loss, scene),
+            free_paths=free_paths,
+            every=verbose or json or not entries,
+            judge=judge,
         )
-        _deliver(_beside_design(result, camera, files.middle_ms * 1e-3), delivery)
+        result = _beside_design(result, camera, files.middle_ms * 1e-3)
+        _deliver(result, delivery, _next_step(result, scene_file, None))
 
 
 for _command, _group in (
@@ -312,6 +337,7 @@ def _compared(
     loss: "AbstractLoss",
     *,
     free_paths: bool,
+    every: bool,
     judge: "tuple[AbstractDecoder | None, list[Picture]]",
 ) -> "Report":
     from mishutter.report import Report
@@ -324,6 +350,7 @@ def _compared(
         entries,
         loss=loss,
         free_paths=free_paths,
+        every=every,
         decoder=decoder,
         pictures=pictures,
         progress=True,
@@ -361,8 +388,8 @@ class Delivery(NamedTuple):
         as_json: Whether standard output is one JSON document, and not tables.
         num_seeds: Captures of the photograph at each speed; 0 takes none.
         every_photograph: Whether the photograph is restored at every speed, by three decoders.
-        backgrounds: Whether the gain before a background is computed whatever the verdict is.
-        verbose: Whether every table is printed whatever the verdict is.
+        backgrounds: Whether the gain before a background is computed.
+        verbose: Whether every table is printed.
     """
 
     folder: Path | None
@@ -373,8 +400,8 @@ class Delivery(NamedTuple):
     verbose: bool
 
 
-def _deliver(result: "Report", delivery: Delivery) -> None:
-    """Prints the verdict and its tables at once, then adds photographs, then writes files.
+def _deliver(result: "Report", delivery: Delivery, next_step: str = "") -> None:
+    """Prints the answer at once, then adds photographs, then writes files.
 
     A background comes last, when all that was asked for is there.
     """
@@ -394,10 +421,9 @@ def _deliver(result: "Report", delivery: Delivery) -> None:
 
     if not delivery.as_json:
         with closable_output():  # a reader who has read enough still gets the files
-            print_comparison(result, verbose=delivery.verbose)
-    # The pictures of a camera that is not worth building are for those who ask for them.
-    asked = delivery.verbose or delivery.every_photograph or delivery.num_seeds > 1
-    shows = asked or result.comparison.is_to_build
+            print_comparison(result, verbose=delivery.verbose, next_step=next_step)
+    shows = delivery.verbose or delivery.every_photograph or delivery.num_seeds > 1
+    result = replace(result, every=shows)
     if shows or delivery.as_json or folder is not None:
         result = _photographed(result, delivery)
     if result.photographs is not None and shows and not delivery.as_json:
@@ -407,16 +433,13 @@ def _deliver(result: "Report", delivery: Delivery) -> None:
     files = []
     if folder is not None:
         files = write_report(result, folder, wrote=wrote)
-    # Whoever is told that frames are better asks nothing more of the single exposure.
-    is_best = result.comparison.is_to_build and not result.comparison.is_below_frames
-    if delivery.backgrounds or is_best:
+    if delivery.backgrounds:
         result = _before_backgrounds(result)
         if result.backgrounds and not delivery.as_json:
             with closable_output():
                 print_text(f"\n{background_line(result.backgrounds)}")
         if folder is not None:
-            draws = delivery.backgrounds or result.scene.occlusion is not None
-            files += write_background(result, folder, draws=draws, wrote=wrote)
+            files += write_background(result, folder, wrote=wrote)
     if delivery.as_json:
         write_json(document(result) | {"files": files})
 
@@ -437,7 +460,7 @@ def _photographed(result: "Report", delivery: Delivery) -> "Report":
     """Adds the scene's photograph, captured and restored by each design."""
     from mishutter.report import photograph_of, photographs, pictured_rows
 
-    rows = pictured_rows(result.comparison, result.names)
+    rows = pictured_rows(result.comparison, result.names, every=result.every)
     num_seeds, every = delivery.num_seeds, delivery.every_photograph
     picture = photograph_of(result.scene, rows, note=note) if num_seeds > 0 else None
     if picture is None:

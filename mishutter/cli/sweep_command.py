@@ -115,7 +115,7 @@ def sweep(
     out: OutOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Map acceleration and exposure: the best points, and which qualities exclude each other."""
+    """Map acceleration and exposure: the best points, and trade-offs between metrics."""
     if loss is not None and not optimise:
         raise ValueError(f"`--loss` must stand beside --optimise; got '{loss.value}' alone.")
     accelerations = _values("--acceleration", acceleration, log, bound="at least 0")

@@ -12,24 +12,29 @@ if TYPE_CHECKING:
     from mishutter.report import Report
 
 
-def print_comparison(report: "Report", *, verbose: bool = False) -> None:
-    """Prints the verdict, its tables and the outcome of the search.
+def print_comparison(report: "Report", *, verbose: bool = False, next_step: str = "") -> None:
+    """Prints the answer, and where it is `verbose` every table and the outcome of the search.
 
-    After a verdict that is not to build, one small table stands for all, unless it is `verbose`.
+    Args:
+        report: The report.
+        verbose: Whether tables follow the answer.
+        next_step: A command that goes on from it.
     """
     from mishutter.report import comparison_tables
     from mishutter.search import SAME_MOTION, fills
 
     comparison = report.comparison
-    print_text(comparison.verdict)
+    print_text(comparison.text())
     if report.measured is not None:
         print_text("\n".join(report.measured.lines()))
-    print_text()
-    for table in comparison_tables(comparison, verbose=verbose):
+    if next_step:
+        print_text(f"Next: {next_step}")
+    if not verbose:
+        return
+    print_text("\n".join(["", *comparison.details, ""] if comparison.details else [""]))
+    for table in comparison_tables(comparison):
         print_table(table.title, table.columns, table.rows)
         print_text("\n".join([*table.notes, ""]))
-    if not (comparison.is_to_build or verbose):
-        return
     same = [row for row in comparison.rows if row.reading == SAME_MOTION]
     full = [row.name for row in same if fills(report.scene, row.motion, row.shutter)]
     if full:

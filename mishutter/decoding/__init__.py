@@ -33,5 +33,6 @@ from mishutter.decoding.simulation import Restoration as Restoration
 from mishutter.decoding.simulation import Simulation as Simulation
 from mishutter.decoding.simulation import burst_and_restore as burst_and_restore
 from mishutter.decoding.simulation import capture_and_restore as capture_and_restore
+from mishutter.decoding.simulation import photograph_by_frames as photograph_by_frames
 from mishutter.decoding.simulation import restore as restore
 from mishutter.decoding.simulation import restored_capture as restored_capture

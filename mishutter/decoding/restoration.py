@@ -314,7 +314,7 @@ def restore_by_each(
     scene, motion, shutter, velocity = sensor_view(scene, motion, shutter)
     relative = chosen_speeds - float(velocity)
     window, inner = _common_columns(radiance.shape[-2], motion, relative, least_taps, axis)
-    reference = _behind_optics(np.asarray(radiance), scene)[:, window]
+    reference = behind_optics(np.asarray(radiance), scene)[:, window]
     model = blur_model(scene, motion, shutter, least_taps=least_taps)
     seeds = np.asarray(_seeds(key, len(chosen_speeds), num_seeds))
     knowledge = SPEED_KNOWLEDGE[scene.decoder_speed if decoder_speed is None else decoder_speed]
@@ -347,9 +347,9 @@ def restore_by_each(
                 results = zip((captured, *restored), (capture, *estimates), strict=True)
                 for store, result in results:
                     store[index] = result
-            pairs = [(reference[:, inner], estimate[:, inner]) for estimate in estimates]
-            errors.append([np.mean(np.square(b - a, dtype=np.float64)) for a, b in pairs])
-            codes.append([psnr(truth, estimate, gamma=True) for truth, estimate in pairs])
+            judged = errors_of(reference[:, inner], [each[:, inner] for each in estimates])
+            errors += [*judged.squared]
+            codes += [*judged.coded]
         return _Errors(np.array(errors), np.array(codes))
 
     on_sensor = blurred_at_speeds(
@@ -361,7 +361,7 @@ def restore_by_each(
     expected, own_expected = _expected_levels(model, knowledge, rows, relative)
     return {
         name: RestoredPhotograph(
-            *_levels(chosen_speeds, weights, trials, index),
+            *levels_of(chosen_speeds, weights, trials, index),
             expected_psnr=expected,
             own_expected_psnr=own_expected,
             reference=reference,
@@ -399,7 +399,7 @@ def _expected_levels(
     return float(levels[-1]), levels[:-1]
 
 
-def _behind_optics(
+def behind_optics(
     radiance: Float[np.ndarray, "rows columns channels"], scene: Scene
 ) -> Float[np.ndarray, "rows columns channels"]:
     """The picture behind the scene's optics, as a perfect decoder would restore it."""
@@ -419,6 +419,18 @@ class _Errors(NamedTuple):
 
     squared: Float[np.ndarray, "seeds decoders"]
     coded: Float[np.ndarray, "seeds decoders"]
+
+
+def errors_of(truth: np.ndarray, estimates: Sequence[np.ndarray]) -> _Errors:
+    """The errors of a capture by several decoders.
+
+    Args:
+        truth: Light of the picture.
+        estimates: What each of them restores.
+    """
+    squared = [np.mean(np.square(each - truth, dtype=np.float64)) for each in estimates]
+    coded = [float(psnr(truth, each, gamma=True)) for each in estimates]
+    return _Errors(np.array([squared]), np.array([coded]))
 
 
 def least_columns(num_taps: int) -> int:
@@ -457,7 +469,7 @@ class _Levels(NamedTuple):
     mean_psnr: float
 
 
-def _levels(
+def levels_of(
     speeds: np.ndarray, weights: np.ndarray | None, trials: Sequence[_Errors], decoder: int
 ) -> _Levels:
     """The levels of a `RestoredPhotograph` by one of the decoders."""

@@ -36,7 +36,13 @@ from mishutter.decoding.decoders import (
 )
 from mishutter.decoding.decoders.linear import decoder_or_ensemble
 from mishutter.decoding.decoders.speed_finding import decoder_of, informed
-from mishutter.decoding.restoration import restored_light
+from mishutter.decoding.restoration import (
+    RestoredPhotograph,
+    behind_optics,
+    errors_of,
+    levels_of,
+    restored_light,
+)
 from mishutter.decoding.sequences import ROWS_OF_SPEED, restore_frames
 from mishutter.design import Design
 from mishutter.evaluation import SPEED_KNOWLEDGE, knowledge_of, sensor_view
@@ -242,6 +248,52 @@ def burst_and_restore(
     )
     report("done", 1.0)
     return Simulation.of(turned(captured, axis), turned(restored, axis), estimate)
+
+
+def photograph_by_frames(
+    picture: Picture | ArrayLike,
+    scene: Scene,
+    sequence: FrameSequence,
+    *,
+    speeds: Sequence[float],
+    key: Array,
+) -> RestoredPhotograph:
+    """`restore_photograph` by the frames of a burst, whose speed the decoder finds in them.
+
+    It holds the middle frame as the capture, moved to where the picture stands, and no level that
+    is expected of one photograph.
+
+    Args:
+        picture: The photograph, which goes on mirrored beyond its borders.
+        scene: Light and noise.
+        sequence: The frames.
+        speeds: Speeds of the photograph; px/s.
+        key: JAX key of the noise.
+    """
+    axis, radiance = scene.sensor.axis, as_radiance(picture, "photograph_by_frames(picture=...)")
+    radiance = turned(radiance[..., None] if radiance.ndim == 2 else radiance, axis)
+    reference = behind_optics(np.asarray(radiance), scene)
+    captured, restored, doubts, trials = [], [], [], []
+    middle = sequence.num_frames // 2
+    for index, speed in enumerate(speeds):
+        own_key = jax.random.fold_in(key, index)
+        result = burst_and_restore(picture, scene, sequence, speed=speed, key=own_key)
+        taken = sequence.frames[middle]
+        frame, light = (turned(x, axis) for x in (result.captured[middle], result.restored))
+        moved = round(speed * taken.time - taken.position)
+        captured.append(np.roll(frame, moved, axis=1))
+        restored.append(light)
+        doubts.append("" if result.found is None else result.found.doubt)
+        trials.append(errors_of(reference, [light]))
+    return RestoredPhotograph(
+        **levels_of(np.asarray(speeds, np.float64), None, trials, 0)._asdict(),
+        expected_psnr=sequence.psnr,
+        own_expected_psnr=np.full(len(speeds), np.nan),
+        reference=reference,
+        captured=np.stack(captured),
+        restored=np.stack(restored),
+        doubts=np.array(doubts, object),
+    ).turned(axis)
 
 
 class Restoration(NamedTuple):

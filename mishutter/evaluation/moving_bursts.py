@@ -73,6 +73,8 @@ _SAME_LEVEL, _SAME_LOSS, _ROUNDING = 1e-4, 1e-7, 1e-9
 that are rounding."""
 _PIECES_OF_SINE = 32
 """Pieces of constant acceleration that stand for a sine within a frame."""
+_OF_STARTS = 0.6
+"""Share of a search's time until all starts are measured."""
 _TOP_SPEEDS = (0.7, 1.0, 1.2)
 """Top speeds of a sensor, over that of the fastest thing, that a search begins with too."""
 _HALVES = np.array([0.0, 0.5, 1.0])
@@ -338,7 +340,9 @@ def _around_one(
 
 @outside_trace()
 @alone_in_blas()
-def best_moving_burst(scene: Scene) -> FrameSequence | None:
+def best_moving_burst(
+    scene: Scene, *, progress: Callable[[float], None] = lambda share: None
+) -> FrameSequence | None:
     """The burst of least error of a sensor that moves; None without `scene.burst`.
 
     The stage follows parabolas of alternating direction, a sine of half the rate of its frames, one
@@ -349,6 +353,10 @@ def best_moving_burst(scene: Scene) -> FrameSequence | None:
     registers, is among them where the scene's decoder is told the speed, or where there is no time
     for more. On a sensor of a known width the kind of path is the one that leaves least error
     there.
+
+    Args:
+        scene: Speeds, light, noise, limits and burst.
+        progress: Called with the share of the search that is done.
     """
     require_known("best_moving_burst", scene=scene)
     if scene.burst is None:
@@ -370,7 +378,7 @@ def best_moving_burst(scene: Scene) -> FrameSequence | None:
         least=2 if times.holds_several and not told else 1,
     )
     frames = OpenFrames.of(whole, times.longest, folds=not pans)
-    found = _best_of(frames, search.tries, scene.registered_width)
+    found = _best_of(frames, search.tries, scene.registered_width, progress)
     return scene.limits.with_travel(found)
 
 
@@ -721,7 +729,12 @@ class _Finder:
         return end._replace(error=end.error * 10 ** (loss / 10))
 
 
-def _best_of(frames: OpenFrames, tries: list[_Try], width: float | None) -> FrameSequence:
+def _best_of(
+    frames: OpenFrames,
+    tries: list[_Try],
+    width: float | None,
+    progress: Callable[[float], None],
+) -> FrameSequence:
     """The best exposures, top speed and pan: grids, and simplexes from the best of all of these.
 
     Kinds of paths differ by what they lose on a sensor of a width, which then chooses the path. The
@@ -730,10 +743,15 @@ def _best_of(frames: OpenFrames, tries: list[_Try], width: float | None) -> Fram
     finder = _Finder(frames, width)
     # Most paths and pans are seen to be worse before they are at their best.
     starts = []
-    for each in tries:
+    for number, each in enumerate(tries):
+        progress(_OF_STARTS * number / len(tries))
         by_pan = [min((finder.found(each, x) for x in grid), key=_error) for grid in each.grids]
         starts += sorted(by_pan, key=_error)[:_NUM_PANS]
-    firsts = sorted((finder.improved(start, _FIRST_STEPS) for start in starts), key=_error)
+    firsts = []
+    for number, start in enumerate(starts):
+        progress(_OF_STARTS + (1 - _OF_STARTS) * number / len(starts))
+        firsts.append(finder.improved(start, _FIRST_STEPS))
+    firsts.sort(key=_error)
     near = [x for x in _families(firsts, 1) if x.is_as_good(firsts[0], _MAY_CLIMB)]
     others = [x for x in firsts if all(x is not each for each in near)]
     firsts = sorted((*map(finder.climbed, near), *others), key=_error)

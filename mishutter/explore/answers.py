@@ -256,7 +256,7 @@ def _numbers(
 
 
 def table(comparison: "Comparison") -> Numbers:
-    """The rows of a comparison, each at its own best motion, the verdict and the ceiling.
+    """The answer of a comparison, and its rows, each at its own best motion, with the ceiling.
 
     Args:
         comparison: The comparison.
@@ -267,7 +267,8 @@ def table(comparison: "Comparison") -> Numbers:
     wide = page_table(comparison, list(shown.values()))
     cells = zip(shown, wide.rows, strict=True)
     rows = [{"name": name, "cells": list(each)} for name, each in cells]
-    words = {"verdict": comparison.verdict, "notes": list(comparison.notes)}
+    first, _, answer = comparison.text().partition("\n")
+    words = {"verdict": first, "answer": answer.strip("\n"), "notes": list(comparison.notes)}
     return {"columns": list(wide.columns), "rows": rows, "ceiling": comparison.ceiling, **words}
 
 

@@ -215,7 +215,9 @@ class Scene(AbstractModule):
         is_valid = self.decoder_speed in get_args(DecoderSpeed)
         require(is_valid, "Scene(decoder_speed=...)", requirement, self.decoder_speed)
         whole = self.occlusion is None or self.decoder_speed != "found"
-        requirement = "be 'unknown' or 'known' before a background: one speed is no picture's there"
+        requirement = (
+            "be 'unknown' or 'known': no single speed describes a picture with a background"
+        )
         require(whole, "Scene(decoder_speed=...)", requirement, self.decoder_speed)
         is_valid = isinstance(self.given_motion, AbstractMotion | None)
         require(is_valid, "Scene(motion=...)", "be a motion", self.given_motion)

@@ -12,6 +12,7 @@ from mishutter.report.comparison import compare as compare
 from mishutter.report.comparison import with_verdict as with_verdict
 from mishutter.report.documents import Report as Report
 from mishutter.report.documents import document as document
+from mishutter.report.documents import file_to_build as file_to_build
 from mishutter.report.documents import photograph_levels as photograph_levels
 from mishutter.report.documents import pictured_rows as pictured_rows
 from mishutter.report.documents import write_background as write_background
@@ -27,6 +28,7 @@ from mishutter.report.plots import plot_drive as plot_drive
 from mishutter.report.plots import plot_frames as plot_frames
 from mishutter.report.plots import plot_kernels as plot_kernels
 from mishutter.report.plots import plot_levels as plot_levels
+from mishutter.report.plots import plot_option as plot_option
 from mishutter.report.plots import plot_photograph as plot_photograph
 from mishutter.report.plots import plot_profiles as plot_profiles
 from mishutter.report.plots import plot_psnr as plot_psnr
@@ -43,3 +45,4 @@ from mishutter.report.tables import comparison_tables as comparison_tables
 from mishutter.report.tables import joined_name as joined_name
 from mishutter.report.tables import page_table as page_table
 from mishutter.report.verdict import device_notes as device_notes
+from mishutter.report.verdict import option_name as option_name

@@ -30,14 +30,16 @@ from mishutter.report.by_decoder import Judgement, judged_by, pictures_to_judge
 from mishutter.report.plots import plot_levels
 from mishutter.report.tables import comparison_tables
 from mishutter.report.verdict import (
-    Case,
-    bursts_of,
     comparison_notes,
-    plain_stills,
-    row_to_build,
-    verdict_of,
+    details_of,
+    headline,
+    option_name,
+    options_of,
+    options_table,
+    sentences_of,
 )
 from mishutter.search import (
+    BEST_SNAPSHOT,
     BEST_STILL_BURST,
     OWN_BEST_MOTION,
     SNAPSHOTS,
@@ -47,6 +49,7 @@ from mishutter.search import (
     Step,
     best_of_each_purchase,
     best_row,
+    choice_of,
     compared_rows,
     may_be_named,
     searches,
@@ -56,7 +59,7 @@ from mishutter.search import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_WHY_NO_STEP = "programs are compiled, or it takes longer than others"
+_WHY_NO_STEP = "compiling (first run only), or a long search"
 """Why a search of a comparison takes a while."""
 _NO_DETAIL = "This scene's picture holds no detail: there is nothing to restore or to gain."
 
@@ -67,23 +70,24 @@ class Comparison:
 
     Attributes:
         rows: One row for each shutter and reading.
-        verdict: Lines of text: the camera to build for this scene, or the snapshot to use instead;
-            the level that no camera exceeds; a better camera than the one to build, if there is
-            one; and the nearest simpler camera.
+        verdict: The answer in lines of text, without its table: the best option that the scene
+            allows, where nothing simpler is within 0.2 dB of it; what a shaped shutter adds; and
+            what the answer assumes.
         gain: Gain of the best of the user's designs, or else of the best coded camera, over the
             best snapshot, panned where that is allowed, both within the scene's tolerances; dB,
             negative where the snapshot is better.
-        ceiling: Expected PSNR that no camera exceeds; dB. Speeds in equal steps stand for all
-            speeds between them, unless a design exceeds that ceiling by dwelling at the listed
-            speeds.
-        notes: Sentences for the foot of the tables, such as the light that the shutter loses.
+        ceiling: Expected PSNR that no camera of one exposure exceeds; dB. Speeds in equal steps
+            stand for all speeds between them, unless a design exceeds that ceiling by dwelling at
+            the listed speeds.
+        notes: Further sentences, such as the light that the shutter loses.
         costs: Cost of each tolerance to the best design; None for a scene without tolerances, and
             where a decoder that knows the speed, or the worst speed, judges.
-        choice: The camera to build, the burst to take, or the snapshot to use instead; None where
-            there is nothing to restore.
+        choice: The row of the best option; None where there is nothing to restore.
         judgement: The rows of one exposure by a decoder on photographs; None without those.
-        is_below_frames: Whether the camera to build is below frames of an ordinary one, or of the
-            scene's, once their objects are registered.
+        options: The options by what they need, the worst first; gains are over the best snapshot
+            at rest, which is one of them.
+        details: Sentences that stand beside all tables: the stills that match the choice, and what
+            a real sensor takes from it.
     """
 
     rows: tuple[Row, ...]
@@ -94,7 +98,8 @@ class Comparison:
     costs: ToleranceCosts | None = None
     choice: Row | None = None
     judgement: Judgement | None = None
-    is_below_frames: bool = False
+    options: tuple[Row, ...] = ()
+    details: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         """The number of rows and the first line of the verdict; `str` is the `text`."""
@@ -113,26 +118,26 @@ class Comparison:
 
     @property
     def snapshot(self) -> Row:
-        """The best snapshot that the scene allows; gains are relative to it."""
+        """The best snapshot that the scene allows; gains in tables of rows are relative to it."""
         rows = (row for row in self.rows if row.reading == OWN_BEST_MOTION)
         return best_row(row for row in rows if row.name in SNAPSHOTS)
 
     @property
-    def is_to_build(self) -> bool:
-        """Whether the verdict is to build a camera, and not to use one at rest as it is."""
-        as_they_are = (*SNAPSHOTS, BEST_STILL_BURST)
-        return self.choice is not None and self.choice.name not in as_they_are
+    def is_coded(self) -> bool:
+        """Whether the choice is one exposure of a sensor that accelerates or a shaped shutter."""
+        choice = self.choice
+        return choice is not None and choice.is_of_one_exposure and choice.name not in SNAPSHOTS
 
     @property
     def sequence(self) -> FrameSequence | None:
-        """The frames that the verdict advises a camera with a `Burst` to take; None without any.
+        """The frames of the best option; None without any.
 
-        Where it advises one exposure, since nothing is said to register objects, they are those
-        that are best if something does.
+        Where that is one exposure, since nothing is said to register objects, they are those that
+        are best if something does.
         """
         bursts = [row for row in self.rows if row.sequence is not None]
-        if self.choice in bursts:
-            return self.choice.sequence  # type: ignore[union-attr]
+        if self.choice is not None and self.choice.sequence is not None:
+            return self.choice.sequence
         return best_row(bursts).sequence if bursts else None
 
     def over_snapshot(self, level: float) -> float:
@@ -191,8 +196,20 @@ class Comparison:
             }
             for purchase, row in self.rivals.items()
         }
+        options = [
+            {
+                "name": option_name(row),
+                "row": row.name,
+                "psnr_db": row.level,
+                "gain_db": row.margin_over(self.options_baseline),
+                "needs": list(row.needs),
+            }
+            for row in self.options
+        ]
+        choice = None if self.choice is None else self.choice.name
         numbers = {"gain_db": self.gain, "ceiling_db": self.ceiling}
-        words = {"verdict": self.verdict, "notes": list(self.notes)}
+        words = {"verdict": self.verdict, "notes": list(self.notes), "details": list(self.details)}
+        words |= {"choice": choice, "options": options}
         costs = {} if self.costs is None else {"tolerance_costs": self.costs.to_dict()}
         judged = {} if self.judgement is None else {"on_pictures": self.judgement.to_dict()}
         frames = {} if self.sequence is None else {"sequence": sequence_to_dict(self.sequence)}
@@ -204,15 +221,26 @@ class Comparison:
         chosen = None if self.choice is None else self.choice.name
         return plot_levels({row.name: row.level for row in rows}, self.ceiling, chosen)
 
+    @property
+    def options_baseline(self) -> Row:
+        """The best snapshot at rest, over which the gains of options are."""
+        return self.row(BEST_SNAPSHOT)
+
     def text(self, *, verbose: bool = False) -> str:
-        """The verdict and the tables, as the command prints them, as text.
+        """The answer with its table of options, as the command and the page show it.
 
         Args:
-            verbose: Whether all tables follow a verdict that is not to build, and not one of a few
-                rows.
+            verbose: Whether the details and the tables of all rows follow.
         """
-        tables = comparison_tables(self, verbose=verbose)
-        return "\n\n".join([self.verdict, *(table.text() for table in tables)])
+        first, *others = self.verdict.split("\n", 1)
+        parts = [first, *others]
+        if self.options:
+            table = options_table(self.options, self.options_baseline, self.ceiling)
+            parts = [first, table, *others]
+        if verbose:
+            details = ["\n".join(self.details)] if self.details else []
+            parts += [*details, *(table.text() for table in comparison_tables(self))]
+        return "\n\n".join(parts)
 
 
 def _gain(level: float, other: float) -> float:
@@ -229,6 +257,7 @@ def compare(
     *,
     loss: AbstractLoss | Callable[..., Any] | None = None,
     free_paths: bool = False,
+    every: bool = True,
     decoder: AbstractDecoder | None = None,
     pictures: Iterable[Picture | ArrayLike] = (),
     progress: Step | bool | None = None,
@@ -247,8 +276,8 @@ def compare(
     These rivals stand beside the windows, and are tuned alike: the best Tukey, whose taper is tuned
     too; the best snapshot, which is an open shutter at rest, and where the sensor may pan the best
     panned snapshot; the best coded still, which is a free profile without acceleration, and where
-    that pans the best one at rest; and the best still and the best moving burst of a scene that has
-    a `Burst` and no background. An open
+    that pans the best one at rest; the best still burst of a scene that has a `Burst`, and the best
+    moving one where there is no background; and without either stills at 30 frames/s. An open
     shutter and a free profile on the best free path, which take more than half of the time and a
     stage that follows any path, are searched for where they are asked for, unless the scene has
     tolerances or limits the jerk of its stage; the ceiling holds for them too.
@@ -269,6 +298,8 @@ def compare(
             of the scene's decoder is the default, and replaces a loss that ignores the number of
             photons.
         free_paths: Whether free paths are compared too, also where the scene does not ask for them.
+        every: Whether every row is computed, or only those of the answer: your own, an open
+            shutter, snapshots, coded stills and bursts at their own best motions.
         decoder: A decoder of yours, or one of the package's.
         pictures: Photographs of yours that it restores, two or more; `read_picture` reads one.
         progress: Whether a bar is shown, in a terminal or a notebook; or a function that is called
@@ -293,7 +324,7 @@ def compare(
     loss = loss_of_decoder(scene) if loss is None else as_loss(loss, "compare(loss=...)")
     loss = loss if loss.sees_light else loss_of_decoder(scene)
     entries = _entries(shutters) if shutters else {}
-    search = RivalSearch(scene, loss, motion, entries, free_paths=free_paths)
+    search = RivalSearch(scene, loss, motion, entries, free_paths=free_paths, every=every)
     with counts(progress is True, "comparing", len(searches(search)), _WHY_NO_STEP) as counter:
 
         def ended(name: str) -> None:
@@ -301,15 +332,16 @@ def compare(
             if callable(progress):
                 progress(name)
 
+        search.burst_progress = lambda share: counter.within(BEST_STILL_BURST, share)
         rows = compared_rows(search, ended, counter.began)
-    table = with_verdict(rows, entries, scene, free_paths=search.free_paths)
+    table = with_verdict(rows, entries, scene, free_paths=search.free_paths, details=every)
     if decoder is None:
         return table
     at_best = [row for row in rows if row.reading == OWN_BEST_MOTION and row.is_of_one_exposure]
     judgement = judged_by(
         decoder, lights, scene, at_best, table.snapshot, progress=progress is True
     )
-    choice = table.choice.name if table.choice is not None and table.is_to_build else None
+    choice = table.choice.name if table.choice is not None and table.is_coded else None
     is_judged = choice in judgement.cameras  # a burst is not
     verdict = f"{table.verdict}\n{judgement.sentence(choice if is_judged else None)}"
     return replace(table, verdict=verdict, judgement=judgement)
@@ -326,9 +358,14 @@ def _entries(shutters: object) -> dict[str, Entry]:
 
 
 def with_verdict(
-    rows: Sequence[Row], entries: Mapping[str, Entry], scene: Scene, *, free_paths: bool = False
+    rows: Sequence[Row],
+    entries: Mapping[str, Entry],
+    scene: Scene,
+    *,
+    free_paths: bool = False,
+    details: bool = True,
 ) -> Comparison:
-    """Adds the verdict, the gain and the ceiling to the rows of a scene.
+    """Adds the answer, the gain and the ceiling to the rows of a scene.
 
     Args:
         rows: One row for each shutter and reading, with a snapshot at its own best motion.
@@ -336,29 +373,34 @@ def with_verdict(
             best coded camera is judged.
         scene: The scene that the rows were measured for.
         free_paths: Whether free paths were asked for.
+        details: Whether the sentences are wanted that stand beside all tables.
     """
     at_best = [row for row in rows if row.reading == OWN_BEST_MOTION]
-    bursts = bursts_of(scene, at_best)
-    at_best = [row for row in at_best if row.is_of_one_exposure]
-    notes = comparison_notes(scene, entries, at_best, free_paths=free_paths)
-    snapshot = best_row(row for row in at_best if row.name in SNAPSHOTS)
+    single = [row for row in at_best if row.is_of_one_exposure]
+    notes = comparison_notes(scene, entries, single, free_paths=free_paths)
+    snapshot = best_row(row for row in single if row.name in SNAPSHOTS)
     if np.isposinf(snapshot.level):
         return Comparison(tuple(rows), _NO_DETAIL, 0.0, np.inf, notes)
-    coded = [row for row in at_best if row.name not in SNAPSHOTS]
+    coded = [row for row in single if row.name not in SNAPSHOTS]
     best = best_row([row for row in coded if row.name in entries] or coded)
     most = float(ceiling(scene))
     if most < max(row.level for row in coded):  # a design that dwells at the listed speeds
         most = float(ceiling(scene, continuous=False))
-    own = best if best.name in entries else None
-    choice = row_to_build(at_best, own, snapshot)
-    stills = plain_stills(scene, choice)
-    case = Case(at_best, choice, own, snapshot, most, stills, bursts)
-    verdict = verdict_of(case)
-    if bursts is not None and case.takes_burst:
-        choice = bursts.top
+    at_rest = next(row for row in single if row.name == BEST_SNAPSHOT)
+    # Nothing registers a single frame: that is one of the single exposures.
+    choice = choice_of([*single, *(row for row in at_best if row.num_frames > 1)], entries)
+    lines = [headline(choice, at_rest), *sentences_of(scene, at_best, choice, notes)]
     costs = None
     if best.within is not None:
         costs = tolerance_costs(scene, best.motion, best.shutter)
-    gain = best.level - snapshot.level
-    below = case.is_below_stills or case.is_below_burst
-    return Comparison(tuple(rows), verdict, gain, most, notes, costs, choice, is_below_frames=below)
+    return Comparison(
+        tuple(rows),
+        "\n".join(lines),
+        best.level - snapshot.level,
+        most,
+        notes,
+        costs,
+        choice,
+        options=tuple(options_of(at_best, choice, entries)),
+        details=tuple(details_of(scene, choice)) if details else (),
+    )

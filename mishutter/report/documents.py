@@ -26,8 +26,9 @@ from mishutter.report.restored import (
     pictured_speeds,
     shown_speeds,
 )
+from mishutter.report.verdict import option_name
 from mishutter.search import (
-    BEST_PANNED_SNAPSHOT,
+    BEST_SNAPSHOT,
     OWN_BEST_MOTION,
     SNAPSHOTS,
     Row,
@@ -37,11 +38,13 @@ from mishutter.search import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_DOCUMENT, _LAYERS = "report.json", "layers.png"
+_DESIGN, _DOCUMENT, _LAYERS = "design.json", "report.json", "layers.png"
 _TO_BUILD = "build.json"
 """File of the camera to build, if the verdict names another one than the design."""
-_OF_PHOTOGRAPH = frozenset({"psnr.png", "photograph.png", _LAYERS})
-"""Pictures of the scene's photograph."""
+_OF_DESIGNS = frozenset({"profile.png", "kernels.png", "transfer.png", "psnr.png"})
+"""Pictures of designs of one exposure."""
+_PICTURES = _OF_DESIGNS | {"answer.png", "photograph.png", _LAYERS}
+"""Pictures of which a run may write fewer than an earlier one."""
 _MOST_ROWS = 3
 """Most rows of a picture that has one for each design."""
 
@@ -58,6 +61,7 @@ class Report:
         design: The result of a search; None without one.
         backgrounds: Gains of the best cameras where part of the picture stands still.
         measured: A measured shutter beside its design; None without a trace.
+        every: Whether pictures show designs that the answer does not recommend.
     """
 
     scene: Scene
@@ -67,46 +71,55 @@ class Report:
     design: Design | None = None
     backgrounds: tuple[BackgroundGain, ...] = ()
     measured: MeasuredCamera | None = None
+    every: bool = False
 
 
-def pictured_rows(comparison: Comparison, names: tuple[str, ...]) -> dict[str, Row]:
+def pictured_rows(
+    comparison: Comparison, names: tuple[str, ...], *, every: bool = False
+) -> dict[str, Row]:
     """Rows that pictures show; a picture without room for all shows the first of them.
 
-    The order is: the first of the user's shutters; its rivals, which are the better snapshot and
-    the best of all; the user's other shutters; Hann.
+    They are the best option and the best snapshot at rest. Where that option is one exposure that
+    is designed, or where every one is wanted, the user's shutters and the best of the others
+    follow.
+
+    Args:
+        comparison: The comparison.
+        names: The user's shutters among its rows.
+        every: Whether designs are wanted that the answer does not recommend.
     """
-    rows = _at_best(comparison)
-    rivals = [name for name, row in rows.items() if name not in names and row.is_of_one_exposure]
-    # Searches that end in one place differ by rounding; the first of them is the one to picture.
-    level = {name: round(row.level, 3) for name, row in rows.items()}.__getitem__
-    snapshot = max((name for name in SNAPSHOTS if name in rows), key=level)
-    best = max(rivals, key=level)
-    order = dict.fromkeys((*names[:1], snapshot, best, *names[1:], "Hann"))
-    return {name: rows[name] for name in order}
+    rows = {row.name: row for row in comparison.rows if row.reading == OWN_BEST_MOTION}
+    choice = [] if comparison.choice is None else [comparison.choice.name]
+    order = [*choice, BEST_SNAPSHOT]
+    if every or comparison.is_coded:
+        coded = {
+            name: row
+            for name, row in rows.items()
+            if row.is_of_one_exposure and name not in (*names, *SNAPSHOTS)
+        }
+        # Searches that end in one place differ by rounding; the first of them is pictured.
+        best = [max(coded, key=lambda name: round(coded[name].level, 3))] if coded else []
+        order += [*names, *best]
+    return {name: rows[name] for name in dict.fromkeys(order)}
 
 
-def pictured_cameras(comparison: Comparison, names: tuple[str, ...]) -> dict[str, Row]:
-    """The pictured rows, those that are the same camera once, by all of its names."""
-    cameras = cameras_of(pictured_rows(comparison, names).values())
+def pictured_cameras(
+    comparison: Comparison, names: tuple[str, ...], *, every: bool = False
+) -> dict[str, Row]:
+    """The pictured rows of one exposure, those that are the same camera once, by all its names."""
+    rows = pictured_rows(comparison, names, every=every).values()
+    cameras = cameras_of(row for row in rows if row.is_of_one_exposure)
     return {" = ".join(row.name for row in camera): camera[0] for camera in cameras}
 
 
 def photograph_levels(report: Report) -> dict[str, dict[str, RestoredPhotograph]]:
     """How well the photograph was restored, by decoder, then by all names of a pictured camera."""
     levels = {} if report.photographs is None else report.photographs.levels
-    cameras = pictured_cameras(report.comparison, report.names)
+    cameras = pictured_cameras(report.comparison, report.names, every=report.every)
     return {
         decoder: {name: results[row.name] for name, row in cameras.items()}
         for decoder, results in levels.items()
     }
-
-
-def _at_best(comparison: Comparison) -> dict[str, Row]:
-    """Rows at their own best motions, without a panned snapshot that does not pan."""
-    rows = {row.name: row for row in comparison.rows if row.reading == OWN_BEST_MOTION}
-    if BEST_PANNED_SNAPSHOT in rows and float(rows[BEST_PANNED_SNAPSHOT].motion.velocity) == 0:
-        del rows[BEST_PANNED_SNAPSHOT]
-    return rows
 
 
 def document(report: Report) -> dict[str, object]:
@@ -171,7 +184,7 @@ def write_report(
 ) -> list[str]:
     """Writes designs, profiles and pictures to a folder; returns the names of the files.
 
-    Pictures of a photograph that an earlier run wrote are deleted if this report has none.
+    Pictures that an earlier run wrote are deleted if this report has none of their name.
 
     Args:
         report: The comparison.
@@ -185,7 +198,7 @@ def write_report(
     for name, write in writers.items():
         write(folder / name)
         wrote(name)
-    older = _OF_PHOTOGRAPH if report.design is None else {*_OF_PHOTOGRAPH, _TO_BUILD}
+    older = _PICTURES if report.design is None else {*_PICTURES, _TO_BUILD}
     for name in older - set(writers):
         (folder / name).unlink(missing_ok=True)
     return list(writers)
@@ -195,22 +208,30 @@ def _writers(report: Report) -> dict[str, Callable[[Path], None]]:
     """A function for each file that writes it, by the file's name, in the order of writing."""
     writers: dict[str, Callable[[Path], None]] = {}
     if report.design is not None:
-        writers |= {"design.json": report.design.save, "profile.csv": report.design.write_profile}
-        to_build = _to_build(report.design, report.comparison.choice, report.names)
-        if to_build is not None:
-            writers[_TO_BUILD] = to_build.save
+        writers |= {_DESIGN: report.design.save, "profile.csv": report.design.write_profile}
+        recommended = _recommended(report.design, report.comparison.choice, report.names)
+        if recommended is not None:
+            writers[_TO_BUILD] = recommended.save
     writers[_DOCUMENT] = partial(_write_document, report)
     return writers | {
         name: partial(_save_drawn, drawn) for name, drawn in _drawings(report).items()
     }
 
 
-def _to_build(design: Design, choice: Row | None, names: tuple[str, ...]) -> Design | None:
-    """The camera that a verdict names, where it is not the design, or not in its file."""
+def file_to_build(report: Report) -> str:
+    """Name of the file that holds the best option, once a report with a design is written."""
+    design, choice = report.design, report.comparison.choice
+    is_other = design is not None and _recommended(design, choice, report.names) is not None
+    return _TO_BUILD if is_other else _DESIGN
+
+
+def _recommended(design: Design, choice: Row | None, names: tuple[str, ...]) -> Design | None:
+    """The best option as a design, where it is not the one of the search, or not in its file."""
     if choice is None or choice.name in names:
         return None
-    if choice.sequence is not None and design.sequence is None:
-        return replace(design, sequence=choice.sequence)
+    if choice.sequence is not None:
+        is_there = design.sequence is not None and design.sequence.text == choice.sequence.text
+        return None if is_there else replace(design, sequence=choice.sequence)
     return choice.design
 
 
@@ -238,7 +259,7 @@ def write_background(
     _write_document(report, folder / _DOCUMENT)
     if not draws or report.design is None or report.photographs is None:
         return []
-    rows = pictured_rows(report.comparison, report.names)
+    rows = pictured_cameras(report.comparison, report.names, every=True)
     _save_drawn(lambda: _layered(report, rows), folder / _LAYERS)
     wrote(_LAYERS)
     return [_LAYERS]
@@ -254,25 +275,36 @@ def _save_drawn(drawn: "Callable[[], Figure]", path: Path) -> None:
 
 def _drawings(report: Report) -> "dict[str, Callable[[], Figure]]":
     """A function for each picture that draws it, by the name of its file."""
-    scene, shown = report.scene, report.photographs
-    rows = pictured_cameras(report.comparison, report.names)
-    designs = {name: (row.motion, row.shutter) for name, row in rows.items()}
-    speed = next(iter(rows.values())).decoder.name
-    few = dict(itertools.islice(designs.items(), _MOST_ROWS))
-    drawings: dict[str, Callable[[], Figure]] = {
-        "profile.png": lambda: plots.plot_profiles(designs),
-        "kernels.png": lambda: plots.plot_kernels(few, shown_speeds(scene)),
-        "transfer.png": lambda: plots.plot_transfer(scene, designs, speed),
-    }
-    if shown is None:
+    scene, comparison, names = report.scene, report.comparison, report.names
+    drawings: dict[str, Callable[[], Figure]] = {}
+    choice = comparison.choice
+    if choice is not None:
+        title = comparison.verdict.splitlines()[0]
+        drawings["answer.png"] = lambda: plots.plot_option(scene, choice, title)
+    if report.photographs is not None:
+        shown = report.photographs.shown
+        chosen = pictured_rows(comparison, names, every=report.every)
+        few = dict(itertools.islice(chosen.items(), _MOST_ROWS))
+        restored = {option_name(row): shown[name] for name, row in few.items()}
+        asides = {
+            option_name(row): ", registered" if row.num_frames > 1 else row.decoder.aside
+            for row in few.values()
+        }
+        drawings["photograph.png"] = lambda: plots.plot_photograph(
+            restored, pictured_speeds(scene), axis=scene.sensor.axis, asides=asides
+        )
+    if not (report.every or comparison.is_coded):
         return drawings
-    restored = {name: shown.shown[rows[name].name] for name in few}
-    return drawings | {
-        "psnr.png": lambda: plots.plot_psnr(photograph_levels(report)[ENSEMBLE]),
-        "photograph.png": lambda: plots.plot_photograph(
-            restored,
-            pictured_speeds(scene),
-            axis=scene.sensor.axis,
-            decoder_speed=speed,
-        ),
+    rows = pictured_cameras(comparison, names, every=report.every)
+    designs = {name: (row.motion, row.shutter) for name, row in rows.items()}
+    knowledge = next(iter(rows.values())).decoder.name
+    some = dict(itertools.islice(designs.items(), _MOST_ROWS))
+    drawings |= {
+        "profile.png": lambda: plots.plot_profiles(designs),
+        "kernels.png": lambda: plots.plot_kernels(some, shown_speeds(scene)),
+        "transfer.png": lambda: plots.plot_transfer(scene, designs, knowledge),
     }
+    if report.photographs is not None:
+        levels = photograph_levels(report)
+        drawings["psnr.png"] = lambda: plots.plot_psnr(levels[ENSEMBLE])
+    return drawings

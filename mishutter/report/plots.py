@@ -6,6 +6,7 @@ is touched. Lines differ in style as well as colour, so that they survive a grey
 
 import io
 import itertools
+import textwrap
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import count, cycle
@@ -31,12 +32,15 @@ from mishutter.model import (
     DecoderSpeed,
     Scene,
     SplineShutter,
+    StagePath,
+    TimedFrame,
     command_of,
     picture_power,
     profile_of,
 )
 from mishutter.pictures import Axis, Picture, to_display, turned
 from mishutter.report.layered import LayeredCapture, LayeredScene
+from mishutter.search import SHUTTER, Row
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -70,6 +74,8 @@ _CELL, _TITLE = 1.6, 0.4
 """Width of a magnified detail, and height of its title; inches."""
 _COVERED = 0.01
 """Share of an axis up to which a curve lies on another: about the width of its line."""
+_AT_REST = 0.05
+"""Travel below which a stage is drawn at rest; px."""
 _EAR = 0.02
 """Least rise of transmittance towards an end of the exposure that is an ear."""
 _OF_EARS = (
@@ -88,6 +94,8 @@ _BRIGHTEST_SHARE = 99
 _DOTS_PER_INCH = 130
 _PNG = {"compress_level": 4}
 """Compression in half of the time of the usual level, for files that are 1 % larger."""
+_LETTERS_OF_A_LINE, _LETTERS_OF_A_CELL = 92, 25
+"""Most letters of a line above a picture, and above a magnified detail, in small letters."""
 _LETTERS_OF_A_COLUMN = 34
 """Most letters of a name in a legend of two columns."""
 _MOST_COLUMNS = 1000
@@ -334,21 +342,79 @@ def plot_frames(table: FrameTable) -> "Figure":
         table: The table of its frames.
     """
     figure, (axes,) = _new(1, height=3.0)
-    first, second = itertools.islice(line_styles(), 2)
-    for index, lit in enumerate(table.lights):
-        grey = "0.82" if index % 2 else "0.9"
-        axes.axvspan(*(time * 1e3 for time in lit), color=grey, label=None if index else "frames")
-    path = table.path
-    whole = table.begin if path is None else path.times
-    time = np.linspace(whole[0], whole[-1], _NUM_POINTS)
-    place = np.zeros_like(time) if path is None else path.at(time)[0]
-    axes.plot(time * 1e3, place, label="stage", **first)
+    path, lights = table.path, table.lights
+    _draw_exposures(axes, lights, path)
     stage = table.design.scene.limits.stage
     if stage is not None and path is not None:
-        axes.plot(time * 1e3, stage.sent_for(path, time), label="sent to it", **second)
-    axes.set(xlabel="time from the middle of the burst / ms", ylabel="stage position / px")
+        time = np.linspace(path.times[0], path.times[-1], _NUM_POINTS)
+        _, style = itertools.islice(line_styles(), 2)
+        axes.plot(time * 1e3, stage.sent_for(path, time), label="sent to it", **style)
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
     leave_room(figure, Margins(top=0.4), num_rows=1)
+    return figure
+
+
+def _draw_exposures(
+    axes: "Axes", lights: Sequence[tuple[float, float]], path: StagePath | None
+) -> None:
+    """Draws exposures as shades, and a path of a stage, or one at rest, as a line."""
+    for index, lit in enumerate(lights):
+        grey = "0.82" if index % 2 else "0.9"
+        label = None if index else "exposed"
+        axes.axvspan(*(time * 1e3 for time in lit), color=grey, label=label)
+    ends = (lights[0][0], lights[-1][1]) if path is None else (path.times[0], path.times[-1])
+    time = np.linspace(*ends, _NUM_POINTS)
+    place = np.zeros_like(time) if path is None else path.at(time)[0]
+    axes.plot(time * 1e3, place, label="stage", **next(line_styles()))
+    axes.set(xlabel="time from the middle / ms", ylabel="stage position / px")
+
+
+def plot_option(scene: Scene, row: Row, title: str = "") -> "Figure":
+    """Draws an option of an answer: its exposures in time, and the path of the stage.
+
+    Behind a shaped shutter a second panel has the transmittance.
+
+    Args:
+        scene: The scene, whose limits say how the stage runs up.
+        row: The option.
+        title: A line above it.
+    """
+    motion, frames, limits = row.motion, row.sequence, scene.limits
+    half = float(motion.half_exposure)
+    if frames is None:
+        lights = [(-half, half)]
+        is_still = row.stroke < _AT_REST
+        path = None if is_still else limits.stage_path(motion)
+    else:
+        lights = [
+            (frame.time - frame.exposure / 2, frame.time + frame.exposure / 2)
+            for frame in frames.frames
+        ]
+        path = limits.stage_path_of_frames(frames)
+    is_shaped = SHUTTER in row.required_hardware
+    figure, (axes, *others) = _new(1 + is_shaped, height=2.6, share=True)
+    _draw_exposures(axes, lights, path)
+    if path is None and row.stroke >= _AT_REST:  # no limit says how the stage gets there
+        axes.lines[0].remove()
+        for frame in [TimedFrame(motion, 0.0)] if frames is None else frames.frames:
+            time = np.linspace(-frame.exposure / 2, frame.exposure / 2, _NUM_POINTS)
+            place = np.asarray(frame.motion.position(time)) + frame.position
+            label = None if len(axes.lines) else "stage"
+            axes.plot((time + frame.time) * 1e3, place, label=label, **next(line_styles()))
+    for below in others:
+        axes.set_xlabel("")
+        tau = np.linspace(-1, 1, _NUM_POINTS)
+        transmittance, _ = profile_of(row.shutter, tau.astype(np.dtype(motion.half_exposure.dtype)))
+        below.plot(tau * half * 1e3, transmittance, **next(line_styles()))
+        below.set(xlabel="time from the middle / ms", ylabel="transmittance", ylim=(-0.02, 1.05))
+    travel = f", {row.stroke:.3g} px in the light" if row.stroke >= _AT_REST else ", at rest"
+    axes.lines[0].set_label(f"stage{travel}")
+    if np.ptp(np.concatenate([line.get_ydata() for line in axes.lines])) < _AT_REST:
+        axes.set_ylim(-1, 1)
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+    lines = textwrap.wrap(shown_name(title, len(title)), _LETTERS_OF_A_LINE)
+    figure.suptitle("\n".join(lines), fontsize="small", y=1 - 0.06 / figure.get_size_inches()[1])
+    leave_room(figure, Margins(top=0.45 + _LINE * len(lines)), num_rows=1 + is_shaped)
     return figure
 
 
@@ -363,8 +429,9 @@ def plot_kernels(designs: Named, speeds: Sequence[float]) -> "Figure":
         designs: Motions and shutters by name.
         speeds: Object speeds; px/s.
     """
-    figure = new_figure(9.0, 1.9 * len(designs) + 0.7)
-    margins = Margins(top=0.35, columns=1.0, rows=0.65)
+    figure = new_figure(12.4, 2.1 * len(designs) + 0.7)
+    # Names stand beside the panels, where they cover no curve.
+    margins = Margins(top=0.5, right=2.3, columns=2.7, rows=0.85)
     leave_room(figure, margins, num_rows=len(designs), num_columns=2)
     panels = figure.subplots(len(designs), 2, squeeze=False, sharex="row")
     for (left, right), (name, (motion, shutter)) in zip(panels, designs.items(), strict=True):
@@ -373,7 +440,7 @@ def plot_kernels(designs: Named, speeds: Sequence[float]) -> "Figure":
         edges = np.arange(num_taps + 1) + float(kernel_phase(motion, num_taps))
         row = np.asarray([velocity, *speeds], motion.half_exposure.dtype)
         same, *kernels = np.asarray(kernels_at_speeds(shutter, motion, row, num_taps))
-        taps = {f"{speed:g} px/s": each for speed, each in zip(speeds, kernels, strict=True)}
+        taps = {f"{speed:.4g} px/s": each for speed, each in zip(speeds, kernels, strict=True)}
         style_of = dict(zip(taps, line_styles(), strict=False))
         for first, label in _uncovered(taps).items():
             left.stairs(taps[first], edges, label=label, **style_of[first])
@@ -384,16 +451,14 @@ def plot_kernels(designs: Named, speeds: Sequence[float]) -> "Figure":
         for first, label in _uncovered(differences).items():
             style = style_of[first.partition(":")[0]]
             right.stairs(differences[first], edges, label=label, **style)
-        left.set_title(f"{shown_name(name, 26)}, {motion_text(motion)}", fontsize="medium")
+        left.set_title(f"{shown_name(name)},\n{motion_text(motion)}", fontsize="medium")
         right.set_title(f"difference from the kernel at {velocity:.4g} px/s", fontsize="medium")
         right.axhline(0, color="0.4", linewidth=0.6)
-        for axes, corner, title in (
-            (left, "upper right", None),
-            (right, "lower right", "RMS over the kernel's"),
-        ):
+        for axes, title in ((left, None), (right, "RMS over the kernel's")):
             draw_grid(axes)
             if axes.patches:
-                axes.legend(fontsize="small", loc=corner, title=title, title_fontsize="small")
+                beside = {"loc": "upper left", "bbox_to_anchor": (1.02, 1.0), "borderaxespad": 0.0}
+                axes.legend(fontsize="small", title=title, title_fontsize="small", **beside)
             axes.set_ylabel("light per px")
     place = "position from the point of alignment / px"
     panels[-1, 0].set_xlabel(place)
@@ -579,6 +644,7 @@ def plot_photograph(
     linear: bool = True,
     axis: Axis = "rows",
     decoder_speed: DecoderSpeed = "unknown",
+    asides: Mapping[str, str] | None = None,
 ) -> "Figure":
     """Draws a magnified detail of a photograph, captured and restored, and its error.
 
@@ -593,6 +659,7 @@ def plot_photograph(
         linear: Whether the PSNR and the errors are of linear light, not with gamma put back.
         axis: The axis along which the photograph moves.
         decoder_speed: What the decoder knew of the speed, as the scene says.
+        asides: What stands behind "restored" of some results, in place of that.
 
     Raises:
         ValueError: if there is nothing to show, or the photographs are not parts of one.
@@ -601,7 +668,13 @@ def plot_photograph(
 
     require(len(results) > 0, "plot_photograph(results=...)", "hold a result", 0)
     require(len(speeds) > 0, "plot_photograph(speeds=...)", "hold a speed", 0)
-    restoration = f"restored{SPEED_KNOWLEDGE[decoder_speed].aside}"
+    aside = SPEED_KNOWLEDGE[decoder_speed].aside
+    titles = {
+        n: textwrap.wrap(shown_name(n, 48).replace(" ms", "\u00a0ms"), _LETTERS_OF_A_CELL)
+        for n in results
+    }
+    lines = 1 + max(map(len, titles.values()))
+    above = _TITLE + 0.17 * (lines - 2)
     scene = next(iter(results.values())).reference
     places = _details([result.reference for result in results.values()], detail, axis)
     down, right = places[0]
@@ -610,8 +683,8 @@ def plot_photograph(
     across = 3 * len(speeds)
     top = min(2 * height, _CELL * (across - 2) * scene.shape[0] / scene.shape[1])
     heights = [top, *(height for _ in results)]
-    figure = new_figure(across * _CELL, sum(heights) + len(heights) * (_TITLE + 0.1))
-    margins = Margins(0.05, 0.05, 0.05, _TITLE + 0.05, columns=0.1, rows=_TITLE + 0.1)
+    figure = new_figure(across * _CELL, sum(heights) + len(heights) * (above + 0.1))
+    margins = Margins(0.05, 0.05, 0.05, above + 0.05, columns=0.1, rows=above + 0.1)
     leave_room(figure, margins, num_rows=len(heights), num_columns=across)
     grid = figure.add_gridspec(len(heights), across, height_ratios=heights)
     whole = figure.add_subplot(grid[0, : across - 2])
@@ -628,8 +701,9 @@ def plot_photograph(
             index = int(np.argmin(np.abs(result.speeds - speed)))
             restored = result.restored[index][own]
             panels = [figure.add_subplot(grid[row, 3 * number + i]) for i in range(3)]
-            title = f"{shown_name(name, 26)},\ncaptured at {result.speeds[index]:g} px/s"
+            title = "\n".join([*titles[name], f"captured at {result.speeds[index]:.4g} px/s"])
             _show(panels[0], result.brightened(index)[own], title)
+            restoration = f"restored{(asides or {}).get(name, aside)}"
             heading = _IN_DOUBT if result.doubts[index] else restoration
             _show(panels[1], restored, f"{heading},\n{levels[index]:.2f} dB")
             panels[2].set_title("error", fontsize="small", y=1.0)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mishutter.camera import kernel_layout
+from mishutter.camera import fixed_key, kernel_layout
 from mishutter.decoding import (
     ROWS_TO_FIND,
     AbstractDecoder,
@@ -14,6 +14,7 @@ from mishutter.decoding import (
     RichardsonLucyDecoder,
     WienerDecoder,
     least_columns,
+    photograph_by_frames,
     restore_by_each,
 )
 from mishutter.model import AbstractMotion, Scene
@@ -34,8 +35,10 @@ class Photographs(NamedTuple):
     """Results of restoring a photograph with several shutters.
 
     Attributes:
-        levels: How well each was restored, without the pictures; by decoder, then by shutter.
-        shown: By shutter what the ensemble filter restored, at a typical speed and the fastest.
+        levels: How well each of one exposure was restored, without the pictures; by decoder, then
+            by shutter.
+        shown: By shutter what the ensemble filter restored, at a typical speed and the fastest;
+            frames too, by the speed that they tell.
     """
 
     levels: Mapping[str, Mapping[str, RestoredPhotograph]]
@@ -69,7 +72,7 @@ def photograph_of(
     """
     if scene.picture.path is None:
         return None
-    finds = any(row.decoder.finds_speed for row in rows.values())
+    finds = any(row.decoder.finds_speed or row.num_frames > 1 for row in rows.values())
     count = ROWS_TO_FIND if finds else _MAX_ROWS
     picture, axis = scene.picture.photograph(), scene.sensor.axis
     light = middle_rows(turned(picture.light, axis), count)
@@ -115,6 +118,12 @@ def photographs(
     shown: dict[str, RestoredPhotograph] = {}
     for name, row in rows.items():
         begin(name)
+        if row.sequence is not None:
+            moving = pictured_speeds(scene)
+            shown[name] = photograph_by_frames(
+                picture, scene, row.sequence, speeds=moving, key=fixed_key()
+            )
+            continue
         results = restore_by_each(
             picture,
             scene,

@@ -6,7 +6,7 @@ survive a grey printout.
 
 import json
 from collections.abc import Callable
-from itertools import cycle, pairwise
+from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -113,9 +113,10 @@ def plot_map(
 
     The title says where the best is. Dashed lines join points of equal sag, $aT^2$, and dotted
     lines points of equal gain in speed, $2aT$, within some decades below the largest: stroke and
-    top speed of a sensor that does not pan. On a map of a gain the middle colour and a line mark
-    0 dB. Each point has the best of all velocities. Hatched points are outside the limits. The map
-    omits a sensor that does not accelerate, and rows and columns wholly outside the limits. A
+    top speed of a sensor that does not pan. On a map of a gain a line marks 0 dB, and losses
+    greater than the greatest gain have the darkest colour. Each point has the best of all
+    velocities. Hatched points are outside the limits. The map omits a sensor that does not
+    accelerate, and rows and columns wholly outside the limits. A
     single row or column becomes a line of points.
 
     Args:
@@ -215,37 +216,25 @@ def _draw_map(axes: "Axes", drawn: _Map) -> tuple[np.ndarray, np.ndarray]:
     _scale(axes.set_yscale, axes.yaxis, a)
     x, y = _edges(exposure, axes.get_xscale()), _edges(a, axes.get_yscale())
     shown = np.ma.masked_invalid(values)
-    norm = _about_zero(shown) if rival else None
+    norm = _of_gains(shown) if rival else None
     picture = axes.pcolormesh(x, y, shown, cmap=MAP_COLOURS, norm=norm, rasterized=True)
     axes.patch.set(hatch="///", edgecolor="0.6", facecolor="0.95")
     _contours(axes, exposure, a, ~np.isnan(values), pans)
     if rival:
         _draw_zero(axes, drawn)
-    axes.figure.colorbar(picture, ax=axes, label=label, ticks=_ticks(norm))
+    is_cut = norm is not None and norm.vmin is not None and float(shown.min()) < norm.vmin
+    axes.figure.colorbar(picture, ax=axes, label=label, extend="min" if is_cut else "neither")
     axes.set(xlabel=_EXPOSURE, ylabel=_ACCELERATION)
     x, y = np.meshgrid(exposure, a)
     return x, y
 
 
-def _about_zero(values: np.ma.MaskedArray) -> "Normalize":
-    """A scale of colours with 0 in the middle, whose halves end at the least and largest value."""
-    from matplotlib.colors import Normalize, TwoSlopeNorm
+def _of_gains(values: np.ma.MaskedArray) -> "Normalize":
+    """One scale of colours for gains: from the highest down to its opposite, or to the lowest."""
+    from matplotlib.colors import Normalize
 
-    low, high = min(float(values.min()), 0.0), max(float(values.max()), 0.0)
-    both = low < 0 < high
-    return TwoSlopeNorm(0, low, high) if both else Normalize(low, high)
-
-
-def _ticks(norm: "Normalize | None") -> list[float] | None:
-    """Round numbers on both sides of a scale about 0; None for any other scale."""
-    from matplotlib.colors import TwoSlopeNorm
-    from matplotlib.ticker import MaxNLocator
-
-    if not isinstance(norm, TwoSlopeNorm) or norm.vmin is None or norm.vmax is None:
-        return None
-    ends = norm.vmin, 0.0, norm.vmax
-    ticks = np.concatenate([MaxNLocator(5).tick_values(*half) for half in pairwise(ends)])
-    return sorted({tick for tick in ticks.tolist() if ends[0] <= tick <= ends[2]})
+    low, high = float(values.min()), float(values.max())
+    return Normalize(max(low, -high) if high > 0 else low, high)
 
 
 def _draw_zero(axes: "Axes", drawn: _Map) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from mishutter.evaluation import METRICS, Metrics
-from mishutter.search import OWN_BEST_MOTION, Row, best_row, cameras_of, taken_names
+from mishutter.search import OWN_BEST_MOTION, Row, cameras_of
 
 if TYPE_CHECKING:
     from mishutter.report.by_decoder import Judgement
@@ -14,7 +14,6 @@ _GAP = "  "
 """Space between the columns of a table as text."""
 _NAMES = 30
 """Most letters of several names in one line of a table."""
-_REST = "All rows and tables: `--verbose`, in Python `text(verbose=True)`."
 
 
 class Column(NamedTuple):
@@ -136,15 +135,13 @@ def joined_name(camera: Iterable[Row]) -> str:
     return "\n".join(lines)
 
 
-def comparison_tables(comparison: "Comparison", *, verbose: bool = False) -> list[Table]:
-    """Every table of a comparison, in the order in which they are read.
+def comparison_tables(comparison: "Comparison") -> list[Table]:
+    """Every table of the rows of a comparison, in the order in which they are read.
 
-    Rows that are the same camera are one, with all of its names. Where no camera is worth building
-    a single table has the snapshot to use, the user's cameras and the best of all.
+    Rows that are the same camera are one, with all of its names.
 
     Args:
         comparison: The comparison.
-        verbose: Whether every table is wanted there too.
     """
     within = () if comparison.costs is None else (_WITHIN,)
     judged = () if comparison.judgement is None else _on_pictures(comparison.judgement)
@@ -153,11 +150,8 @@ def comparison_tables(comparison: "Comparison", *, verbose: bool = False) -> lis
         cameras = cameras_of(row for row in comparison.rows if row.reading == reading)
         columns = (*_OF_ROWS, *within, *(judged if reading == OWN_BEST_MOTION else ()))
         if reading == OWN_BEST_MOTION:
-            if not (comparison.is_to_build or verbose):
-                cameras, notes = _few(comparison, cameras), (*comparison.notes, _REST)
-                return [_table(reading, columns, _cells(comparison, cameras, columns), notes)]
             notes = _notes([camera[0] for camera in cameras], columns)
-            if verbose and comparison.sequence is not None:
+            if comparison.sequence is not None:
                 notes += (f"{'frames':<11}{_GAP}{comparison.sequence.text}",)
             tables += [_table(reading, columns, _cells(comparison, cameras, columns), notes)]
             tables += [_purchases(comparison, within)]
@@ -188,15 +182,6 @@ def _on_pictures(judgement: "Judgement") -> tuple[Column, ...]:
         Column("on pictures", gain, note),
         Column("there ms", exposure, "exposure that is best for that decoder"),
     )
-
-
-def _few(comparison: "Comparison", cameras: Sequence[list[Row]]) -> list[list[Row]]:
-    """The cameras that a reader of "do not build" looks for."""
-    every = [row for camera in cameras for row in camera]
-    best = best_row(every), best_row(row for row in every if row.is_of_one_exposure)
-    names = {row.name for row in every} - {*taken_names()}
-    names |= {row.name for row in (comparison.choice or comparison.snapshot, *best)}
-    return [camera for camera in cameras if names & {row.name for row in camera}]
 
 
 def _cells(
@@ -279,7 +264,7 @@ def _notes(rows: Sequence[Row], columns: Sequence[Column]) -> tuple[str, ...]:
 
 
 def _purchases(comparison: "Comparison", within: tuple[Column, ...]) -> Table:
-    """The best row of each purchase, and the notes of the comparison."""
+    """The best row of each purchase."""
     columns = (*_OF_PURCHASES, *within)
     rows = []
     for purchase, row in comparison.rivals.items():
@@ -288,7 +273,7 @@ def _purchases(comparison: "Comparison", within: tuple[Column, ...]) -> Table:
         rows.append((f"{purchase}: {name}", *numbers))
     heads = ("purchase: its best", *(column.heading for column in columns))
     title = "The gain of each purchase over buying nothing"
-    return Table(title, heads, tuple(rows), comparison.notes)
+    return Table(title, heads, tuple(rows))
 
 
 def _costs(comparison: "Comparison") -> Table:

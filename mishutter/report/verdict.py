@@ -1,515 +1,332 @@
-"""The verdict of a scene: which camera to build, in words, and the notes that stand below it."""
+"""The answer of a comparison: which option to take, what the others need, and what it assumes."""
 
 import math
 import textwrap
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
-from typing import NamedTuple
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from mishutter.design import Design
-from mishutter.evaluation import FAN, REGION, SINE, SWEEP, FrameTimes, StillBurst, StillBursts
-from mishutter.model import (
-    AbstractDevice,
-    FrameSequence,
-    Scene,
-    SplineShutter,
-    command_of,
+from mishutter.evaluation import (
+    ALTERNATING,
+    FAN,
+    REGION,
+    SINE,
+    SWEEP,
+    FrameTimes,
+    StillBursts,
 )
+from mishutter.model import AbstractDevice, FrameSequence, Scene
 from mishutter.search import (
-    BEST_MOVING_BURST,
     BEST_SNAPSHOT,
-    BEST_STILL_BURST,
-    LEAST_SHOWN,
-    SHAPED_ON_FREE_PATH,
+    PLAIN_RATE,
+    PLAIN_STILLS,
     SHUTTER,
-    SNAPSHOTS,
-    STAGE,
-    WORTH_IT,
     Entry,
     Row,
     best_row,
     beyond_limits,
     forbids_free_path,
-    moves_rather,
-    pays,
-    simplest,
     taken_names,
 )
 
 _WIDTH = 80
-"""Columns of a line of a verdict."""
-_SAID_LOSS = 0.05
-"""Loss of a burst on a real sensor from which on a verdict says it; dB."""
-PLAIN_RATE, MOST_RATE = 30.0, 1000.0
-"""Frame rate that every camera has, and the greatest that a verdict looks for; 1/s."""
+"""Columns of a line of an answer."""
+_OPTIMISED = "optimised"
+"""Name of the design of a search, which an answer calls by what it is."""
+_ADDS = 0.1
+"""Gain of a shaped shutter below which it adds nothing; dB."""
+_SHOWN = 0.05
+"""Least difference of levels that one decimal shows, and loss that is said; dB."""
+_MOST_RATE = 1000.0
+"""The greatest frame rate at which stills are looked for that match a camera; 1/s."""
+_BEHIND_OBJECTS = (
+    "Frames during which the sensor moves are left out: before a background they were 1.2 to "
+    "1.5 dB worse than stills in simulations, for what objects hide and uncover, which levels of "
+    "frames do not count."
+)
+_HIDDEN = "No speed can be found: the blur differs too little over the speeds."
 
 
-class PlainStills(NamedTuple):
-    """Registered frames of a camera at rest beside the camera of a verdict.
+def options_of(rows: Iterable[Row], choice: Row, own: Collection[str] = ()) -> list[Row]:
+    """The options by what they need, each the best of its kind, in the order of their levels.
 
-    Attributes:
-        best: The best of them at the `PLAIN_RATE` within the longest exposure; None of a camera
-            that states its own rate, whose bursts are among the rows.
-        equal_rate: The least frame rate at which such frames have the level of the camera; 1/s.
-            None where no rate up to `MOST_RATE` has.
-    """
-
-    best: StillBurst | None
-    equal_rate: float | None
-
-
-def plain_stills(scene: Scene, choice: Row) -> PlainStills | None:
-    """The frames at rest that any camera could take in place of a row.
-
-    None for a scene with a background: frames that are aligned for its objects blur that.
+    An option is left out where another needs no more and is as good. The best snapshot at rest,
+    the choice and what has a name of the user's always stand.
 
     Args:
-        scene: The scene.
-        choice: The row, whose level they are to equal.
+        rows: The rows at their own best motions.
+        choice: The row to take.
+        own: Names of the user's rows.
     """
-    if scene.occlusion is not None:
-        return None
-    bursts = StillBursts(scene, at_worst=choice.at_worst)
-    rate = bursts.rate_that_equals(choice.level, most=MOST_RATE)
-    return PlainStills(bursts.best(PLAIN_RATE) if scene.burst is None else None, rate)
+    several = [row for row in rows if row.is_of_one_exposure or row.num_frames > 1]
+    kept = {BEST_SNAPSHOT, choice.name, *(name for name in own if name != _OPTIMISED)}
+    groups: dict[object, list[Row]] = {}
+    for row in several:
+        groups.setdefault((row.needs, row.motion.accelerates_constantly), []).append(row)
+    best = []
+    for group in groups.values():
+        top = best_row(group)
+        near = [row for row in group if top.margin_over(row) < _SHOWN]
+        best.append(min(near, key=lambda row: (row.rank, -row.level)))
+    shown = {row.name: row for row in (*(row for row in several if row.name in kept), *best)}
+
+    def is_needless(row: Row) -> bool:
+        return any(
+            {*other.needs} <= {*row.needs} and row.margin_over(other) < _SHOWN
+            for other in shown.values()
+            if other is not row and other.rank <= row.rank
+        )
+
+    options = [row for row in shown.values() if row.name in kept or not is_needless(row)]
+    return sorted(options, key=lambda row: (row.level, row.rank))
 
 
-class Bursts(NamedTuple):
-    """The bursts of a scene's camera, of which one may be worth taking.
+def option_name(row: Row) -> str:
+    """A row in the words of a table of options: what is exposed, on which path, for how long.
 
-    Attributes:
-        still: The best of a sensor at rest.
-        top: The one to take if any is: the best, or that at rest where moving gains little.
-        equal_stills: The least number of stills in the time of that burst which have its level;
-            None where none has, or it is at rest.
-        in_parts: Whether the picture has a background, whose edges do not count for bursts.
-        width: Width of the sensor; px. None where the scene does not say it.
+    Args:
+        row: The row.
     """
-
-    still: Row
-    top: Row
-    equal_stills: int | None = None
-    in_parts: bool = False
-    width: float | None = None
-
-    @property
-    def width_loss(self) -> float:
-        """Loss of the burst to take by things that leave the sensor; dB."""
-        return self.top.sequence.width_loss or 0.0  # type: ignore[union-attr]
-
-    @property
-    def registration_loss(self) -> float:
-        """Its loss by the error of the speed that its frames tell; dB."""
-        return self.top.sequence.registration_loss or 0.0  # type: ignore[union-attr]
+    name = f"{_what(row)}, {_exposures(row)}{_aside(row)}"
+    is_named = row.name not in (*taken_names(), _OPTIMISED)
+    return f"{row.name}: {name}" if is_named else name
 
 
-def bursts_of(scene: Scene, rows: Sequence[Row]) -> Bursts | None:
-    """The bursts among the rows of a scene; None without any.
+def _aside(row: Row) -> str:
+    """What a decoder is told, or the frame rate of a scene that states none."""
+    if row.name == PLAIN_STILLS:
+        return f", at {PLAIN_RATE:.0f} frames/s"
+    if row.num_frames > 1 or not row.decoder.knows_speed:
+        return ""
+    return f", speed {'found' if row.decoder.finds_speed else 'told'}"
+
+
+def _what(row: Row) -> str:
+    frames = row.sequence
+    if frames is not None and row.num_frames > 1:
+        return f"{row.num_frames} frames{_way_of_frames(frames, short=True)}"
+    return f"{'snapshot' if _is_snapshot(row) else 'one exposure'} {_path(row)}"
+
+
+def _is_snapshot(row: Row) -> bool:
+    """Whether a row is an ordinary exposure without acceleration, whatever search found it."""
+    is_open = SHUTTER not in row.required_hardware
+    return row.is_of_one_exposure and is_open and row.motion.is_straight
+
+
+def _path(row: Row) -> str:
+    """The path of a single exposure."""
+    if row.motion.is_straight:
+        return f"on a pan of {float(row.motion.velocity):.0f} px/s" if row.pans else "at rest"
+    return "on a parabola" if row.motion.accelerates_constantly else "on a free path"
+
+
+def _way_of_frames(frames: FrameSequence, *, short: bool = False) -> str:
+    """What the sensor does over several frames."""
+    if not frames.moves:
+        return " while the camera turns" if frames.pan else " at rest"
+    rests, moving = frames.num_rests, frames.num_frames - frames.num_rests
+    if rests:
+        which = "second" if frames.num_frames == 2 else "last" if moving == 1 else f"last {moving}"
+        return f", the {which} moving" if short else f", the stage moving during the {which}"
+    way = f"{frames.travel:.3g} px"
+    verbs = {
+        SINE: f"swings {way} on a sine",
+        SWEEP: f"sweeps {way}",
+        ALTERNATING: f"swings {way}",
+        FAN: f"takes a constant speed in each, over {way}",
+    }
+    return f" while the stage {verbs.get(frames.kind, f'swings {way}')}"
+
+
+def _exposures(row: Row) -> str:
+    """The exposure, or the exposures of frames and how many frames have each."""
+    frames = row.sequence
+    if frames is None:
+        return f"{float(row.motion.exposure) * 1e3:.3g} ms"
+    kinds: dict[str, int] = {}
+    for frame in frames.frames:
+        exposure = f"{frame.exposure * 1e3:.3g}"
+        kinds[exposure] = kinds.get(exposure, 0) + 1
+    if len(kinds) == 1 or frames.moves or set(kinds.values()) == {1}:
+        return f"{' and '.join(kinds)} ms"
+    return f"{' and '.join(f'{count} of {exposure}' for exposure, count in kinds.items())} ms"
+
+
+def headline(choice: Row, snapshot: Row) -> str:
+    """The first line of an answer: what to take, its level and its gain.
+
+    Args:
+        choice: The row to take.
+        snapshot: The best snapshot at rest.
+    """
+    level = f"{choice.level:.1f} dB{' at the worst speed' if choice.at_worst else ''}"
+    if choice.name == BEST_SNAPSHOT:
+        exposure = _exposures(choice)
+        return f"Take a snapshot of {exposure} at rest: {level}; nothing here is worth more."
+    gain = f"{choice.margin_over(snapshot):.1f} dB better than a snapshot"
+    gain = f"{gain} at rest" if _is_snapshot(choice) else gain
+    return f"Take {_order(choice)}: {level}, {gain}."
+
+
+def _order(row: Row) -> str:
+    """A row in the words of somebody who is to take it."""
+    named = row.name not in (*taken_names(), _OPTIMISED)
+    name = f"{row.name}, " if named else ""
+    frames = row.sequence
+    if frames is not None:
+        way = _way_of_frames(frames)
+        rate = f" at {PLAIN_RATE:.0f} frames/s" if row.name == PLAIN_STILLS else ""
+        if way == " at rest":
+            way = f" of {_exposures(row)}{rate} and keep the stage still"
+        return f"{row.num_frames} frames{way}"
+    if _is_snapshot(row):
+        return f"{name}a {_what(row)}"
+    size = "" if row.motion.is_straight else f" of {row.stroke:.3g} px"
+    if SHUTTER not in row.required_hardware:
+        path = f" while the stage follows {_path(row)[3:]}" if size else f" {_path(row)}"
+        return f"{name}one exposure{path}{size}"
+    path = f", the stage {_path(row)}" if size else f", {_path(row)}"
+    return f"{name}one exposure behind a shaped shutter{path}{size}"
+
+
+def sentences_of(
+    scene: Scene, rows: Iterable[Row], choice: Row, notes: Iterable[str] = ()
+) -> list[str]:
+    """The lines below the table of options: the shutter, notes, and what is assumed.
 
     Args:
         scene: The scene.
         rows: The rows at their own best motions.
+        choice: The row to take.
+        notes: Notes of the comparison.
     """
-    by_name = {row.name: row for row in rows}
-    still, moving = by_name.get(BEST_STILL_BURST), by_name.get(BEST_MOVING_BURST)
-    if still is None or still.sequence is None:
-        return None
-    in_parts, width = scene.occlusion is not None, scene.sensor.width
-    width = None if width is None else float(width)
-    if (
-        moving is None
-        or moving.sequence is None
-        or not moves_rather(moving.sequence, still.sequence, moving.margin_over(still))
-    ):
-        return Bursts(still, still, in_parts=in_parts, width=width)
-    window = moving.sequence.duration
-    stills = StillBursts(scene, at_worst=moving.at_worst, window=window)
-    count = stills.number_that_equals(moving.level, most=math.ceil(MOST_RATE * window))
-    return Bursts(still, moving, count, in_parts, width)
+    is_before_background = scene.burst is not None and scene.occlusion is not None
+    said = [
+        _on_shaped_shutters([row for row in rows if row.is_of_one_exposure], choice),
+        _BEHIND_OBJECTS if is_before_background else "",
+        _HIDDEN if choice.hides_speed else "",
+        *notes,
+        _assumptions(scene, choice),
+    ]
+    return [paragraph(sentence) for sentence in said if sentence]
 
 
-@dataclass(frozen=True)
-class Case:
-    """The rows of a scene that a verdict is about.
-
-    Attributes:
-        rows: The rows at their own best motions, without a burst.
-        choice: The `row_to_build`.
-        own: The best row of the user's shutters and designs; None without any.
-        snapshot: The best snapshot.
-        most: The ceiling; dB.
-        stills: Frames at rest that could take its place; None where a verdict is silent on them.
-        bursts: The bursts that could take its place; None without any.
-    """
-
-    rows: Sequence[Row]
-    choice: Row
-    own: Row | None
-    snapshot: Row
-    most: float
-    stills: PlainStills | None = None
-    bursts: Bursts | None = None
-
-    @property
-    def is_coded(self) -> bool:
-        """Whether a camera is to be built, and not a snapshot to be used."""
-        return self.choice.name not in SNAPSHOTS
-
-    @cached_property
-    def top(self) -> Row:
-        """The best of all rows."""
-        return best_row(self.rows)
-
-    @cached_property
-    def nearest_simpler(self) -> Row | None:
-        """The best of the rows that are simpler than the choice; None without one that is coded."""
-        simpler = [row for row in self.rows if row is not self.own and self._is_simpler(row)]
-        nearest = best_row(simpler) if simpler else self.choice
-        return None if nearest is self.choice or nearest.name in SNAPSHOTS else nearest
-
-    def _is_simpler(self, row: Row) -> bool:
-        """Whether a row is simpler, or as simple with a fixed profile in place of a free one."""
-        if row.is_simpler_than(self.choice):
-            return True
-        parts = self.choice.required_hardware
-        is_free = isinstance(command_of(self.choice.shutter), SplineShutter)
-        is_fixed = not isinstance(command_of(row.shutter), SplineShutter)
-        return row.required_hardware == parts and SHUTTER in parts and is_free and is_fixed
-
-    @property
-    def burst_pays(self) -> bool:
-        """Whether a burst is worth taking in place of the choice.
-
-        Before a background bursts are told more than a single exposure, with which they do not
-        compare.
-        """
-        if self.bursts is None or (burst := self.bursts.top.sequence) is None:
-            return False
-        top = self.bursts.top
-        gain = math.inf if self.bursts.in_parts else top.margin_over(self.choice)
-        return pays(burst, gain, builds=self.is_coded)
-
-    @property
-    def takes_burst(self) -> bool:
-        """Whether the verdict is to take a burst: its decoder knows the speed anyway."""
-        return self.burst_pays and self.choice.decoder.knows_speed
-
-    @property
-    def is_below_stills(self) -> bool:
-        """Whether plain stills are better than the camera to build."""
-        best = self.stills.best if self.stills is not None else None
-        if best is None or not self.is_coded or best.num_frames == 1:
-            return False
-        return best.psnr > self.choice.level
-
-    @property
-    def is_below_burst(self) -> bool:
-        """Whether a burst that is told no more is better than the camera to build."""
-        bursts = self.bursts
-        if bursts is None or bursts.in_parts or not self.burst_pays:
-            return False
-        return bursts.top.level > self.choice.level
-
-    @property
-    def level(self) -> str:
-        """The level of the choice, in words."""
-        at_worst = " at the worst speed" if self.choice.at_worst else ""
-        return f"{self.choice.level:.2f} dB{at_worst}"
+def _on_shaped_shutters(rows: Sequence[Row], choice: Row) -> str:
+    """What a shaped shutter adds to one exposure."""
+    shaped = [row for row in rows if SHUTTER in row.required_hardware]
+    steady = best_row(row for row in rows if row not in shaped)
+    best = best_row(shaped) if shaped else steady
+    gain = best.margin_over(steady)
+    if gain < _ADDS:
+        return f"A shaped shutter adds nothing here (below {_ADDS} dB)."
+    if SHUTTER in choice.required_hardware:
+        return f"The shaped shutter adds {gain:.1f} dB to an open one."
+    below = choice.margin_over(best)
+    stays = f"which stays {below:.1f} dB below this" if below >= _SHOWN else "which is not worth it"
+    return f"A shaped shutter adds {gain:.1f} dB to one exposure, {stays}."
 
 
-class Rule(NamedTuple):
-    """A sentence of the verdict, and the cases in which it stands there."""
-
-    applies: Callable[[Case], bool]
-    sentence: Callable[[Case], str]
-
-
-def _do_not_build(case: Case) -> str:
-    return (
-        "Do not build a coded camera for this scene: nothing beats a snapshot by "
-        f"{WORTH_IT} dB.\n"
-        f"Use an ordinary shutter: {case.choice.setting}, {case.level}. "
-        f"Ceiling: {case.most:.2f} dB."
-    )
-
-
-def _pan(case: Case) -> str:
-    """The gain of a pan over a snapshot at rest, and the part that makes it."""
-    at_rest = next(row for row in case.rows if row.name == BEST_SNAPSHOT)
-    part = "a camera that turns" if case.choice.turns else STAGE
-    return (
-        f"The pan brings {case.choice.margin_over(at_rest):.2f} dB and takes {part}: "
-        f"at rest it has {at_rest.level:.2f} dB."
-    )
-
-
-def _build(case: Case) -> str:
-    gain = case.choice.margin_over(case.snapshot)
-    headline = (
-        f"Build {case.choice.name}: {case.level}, {gain:.2f} dB above the {case.snapshot.name}"
-    )
-    # Whoever reads one sentence learns that an ordinary camera does more.
-    if case.is_below_stills:
-        return textwrap.fill(f"{headline}, but below {_stills(case)}", _WIDTH)
-    if case.is_below_burst:
-        top: Row = case.bursts.top  # type: ignore[union-attr]
-        frames = f"{top.num_frames} frames, registered by object: {top.level:.2f} dB"
-        return textwrap.fill(f"{headline}, but below {frames}.", _WIDTH)
-    return f"{headline}."
-
-
-def _requires_less(case: Case) -> bool:
-    own = case.own
-    return own is not None and case.choice.required_hardware < own.required_hardware
-
-
-def _parts(case: Case) -> str:
-    parts = _in_words(case.choice.required_hardware)
-    return f"It takes {parts}: {case.choice.setting}. Ceiling: {case.most:.2f} dB."
-
-
-def _room(case: Case) -> str:
-    room = max(case.most - case.choice.level, 0.0)
-    return (
-        f"It is {room:.2f} dB below what any path and any shutter could reach ({case.most:.2f} dB)."
-    )
-
-
-def _needs_no_shutter(case: Case) -> bool:
-    needs_stage_alone = case.is_coded and case.choice.required_hardware == {STAGE}
-    return needs_stage_alone and case.choice.decoder.knows_speed and not case.choice.hides_speed
-
-
-def _no_shutter(case: Case) -> str:
-    verb = case.choice.decoder.verb
-    return f"A stage and a decoder that {verb} the speed: no shutter is needed."
-
-
-def _own_is_no_simpler(case: Case) -> bool:
-    own, choice = case.own, case.choice
-    if own is None or own is choice or not case.is_coded:
-        return False
-    return own.required_hardware == choice.required_hardware
-
-
-def _own(case: Case) -> str:
-    own: Row = case.own  # type: ignore[assignment]
-    return f"{_capitalised(own.name)} takes as much and has {own.level:.2f} dB."
-
-
-def _more(case: Case) -> str:
-    """The best of all rows, where that is not the choice, and what it takes too."""
-    more = case.top.required_hardware - case.choice.required_hardware
-    with_more = f" with {_in_words(more)} too" if more else ""
-    return (
-        f"{_capitalised(case.top.name)} has {case.top.level:.2f} dB{with_more}: "
-        f"{case.top.margin_over(case.choice):.2f} more."
-    )
-
-
-def _simpler(case: Case) -> str:
-    nearest: Row = case.nearest_simpler  # type: ignore[assignment]
-    below = case.choice.margin_over(nearest)
-    side = f"{abs(below):.2f} dB {'below' if below >= 0 else 'above'} it"
-    return f"The nearest simpler camera, {nearest.name}, is {side}."
-
-
-def _stills_pay(case: Case) -> bool:
-    """Whether frames at rest may take the place of the camera, or gain on a snapshot."""
-    if case.stills is None or case.stills.best is None or case.is_below_stills:
-        return False
-    gains = case.stills.best.psnr - case.choice.level >= WORTH_IT
-    return case.is_coded or (gains and case.stills.best.num_frames > 1)
-
-
-def _stills(case: Case) -> str:
-    """The level of a plain burst, whose frames have to be registered, and the rate that is enough.
-
-    One filter for all speeds registers nothing: objects on their own would have to be, one by one.
-    """
-    stills: PlainStills = case.stills  # type: ignore[assignment]
-    best: StillBurst = stills.best  # type: ignore[assignment]
-    count, level, rate = best.num_frames, best.psnr, stills.equal_rate
-    if case.choice.decoder.knows_speed:
-        frames = f"{count} registered stills at {PLAIN_RATE:.0f} frames/s"
+def _assumptions(scene: Scene, choice: Row) -> str:
+    """What a level takes for granted: of the motion, of the objects, of the decoder."""
+    layers, frames = scene.occlusion, choice.sequence
+    time = float(choice.motion.exposure) if frames is None else frames.duration
+    way = math.ceil(float(scene.max_speed) * time)
+    if layers is None and scene.objects is not None:
+        moves = f"objects at least {float(scene.objects.width):,.4g} px wide, each registered"
+    elif layers is None:
+        moves = f"the picture moves as a whole, or its objects are much wider than {way:,} px"
     else:
-        frames = f"{count} stills at {PLAIN_RATE:.0f} frames/s, registered by object"
-    said = f"{frames}: {level:.2f} dB"
-    if count == 1:
-        said = f"Of {PLAIN_RATE:.0f} frames/s no more than one pays within the longest exposure"
-    elif not case.is_coded:
-        return f"{said}, {level - case.choice.level:.2f} above it."
-    equal = f"{MOST_RATE:.0f} frames/s do not" if rate is None else f"{math.ceil(rate)} frames/s"
-    return f"{said}; {equal} equal it."
+        width = (
+            "" if layers.object_width is None else f", {float(layers.object_width):,.4g} px wide,"
+        )
+        moves = (
+            f"objects over {float(layers.front_share):.0%} of the picture{width} before a "
+            f"{'background at rest' if layers.background == 'still' else 'moving background'}"
+        )
+    if frames is not None:
+        decoder = "frames are registered without error"
+        if choice.name == PLAIN_STILLS:
+            decoder = f"a camera that takes {PLAIN_RATE:.0f} frames/s; {decoder}"
+    elif not choice.decoder.knows_speed:
+        decoder = "one filter restores all speeds"
+    else:
+        decoder = f"the decoder {'finds' if choice.decoder.finds_speed else 'is told'} the speed"
+    width = scene.sensor.width
+    sensor = [] if width is None else [f"a sensor of {float(width):,.6g} px"]
+    said = [f"all motion along the {scene.sensor.axis}", moves, decoder, *sensor, "global shutter"]
+    return f"Assumes: {'; '.join(said)}."
 
 
-def _are_outrun(case: Case) -> bool:
-    """Whether stills of a camera that is faster than the scene's equal the one to build."""
-    if case.stills is None or case.bursts is None or not case.is_coded:
-        return False
-    is_fast_enough = case.bursts.still.level >= case.choice.level
-    return case.stills.equal_rate is not None and not is_fast_enough
+def details_of(scene: Scene, choice: Row) -> list[str]:
+    """What stills it takes to match the choice, and what a real sensor takes from it.
+
+    Args:
+        scene: The scene.
+        choice: The row to take.
+    """
+    frames, said = choice.sequence, []
+    is_still = not choice.needs or choice.needs == ("registration",)
+    if scene.occlusion is None and not is_still:
+        rate = StillBursts(scene, at_worst=choice.at_worst).rate_that_equals(
+            choice.level, most=_MOST_RATE
+        )
+        said.append(
+            f"No camera at rest matches this at up to {_MOST_RATE:.0f} frames/s."
+            if rate is None
+            else f"A camera at rest matches this at {math.ceil(rate)} frames/s."
+        )
+        if frames is not None:
+            said.append(_equal_stills(scene, choice, frames))
+    if frames is not None and (frames.width_loss or 0.0) >= _SHOWN:
+        said.append(f"Points that leave the sensor cost {frames.width_loss:.2f} dB of the level.")
+    if frames is not None and (frames.registration_loss or 0.0) >= _SHOWN:
+        said.append(
+            f"Registration by {REGION} x {REGION} px costs {frames.registration_loss:.2f} dB at "
+            "the worst speed, which the level does not count."
+        )
+    return [paragraph(sentence) for sentence in said]
 
 
-def _rate(case: Case) -> str:
-    """The frame rate at which frames at rest equal the camera to build."""
-    rate: float = case.stills.equal_rate  # type: ignore[union-attr, assignment]
-    return f"Registered stills at {math.ceil(rate)} frames/s equal {case.choice.name}."
-
-
-def _burst(case: Case) -> str:
-    """The burst to take: a sensor moves where that gains something over frames at rest."""
-    bursts: Bursts = case.bursts  # type: ignore[assignment]
-    top, still = bursts.top, bursts.still
-    prefix = "" if case.choice.decoder.knows_speed else "If objects are registered, "
-    if top is still:
-        setting = top.sequence.setting  # type: ignore[union-attr]
-        number = "still" if setting.startswith("1 ") else "stills"
-        stills = setting.replace(" of ", f" {number} of ", 1)
-        sentence = f"{prefix}do not move: {stills} have {top.level:.2f} dB"
-        if not bursts.in_parts:
-            above = top.margin_over(case.choice)
-            side = "above" if above >= 0 else "below"
-            sentence += f", {abs(above):.2f} dB {side} the best of one exposure"
-        return paragraph(f"{sentence}.")
-    count = bursts.equal_stills
-    many = f"as much as {count}" if count is not None else "more than any number of"
-    return paragraph(
-        f"{prefix}take {_frames_in_words(top)}: {top.level:.2f} dB, "
-        f"{top.margin_over(still):.2f} dB above the best still burst "
-        f"({still.sequence.setting}), {many} stills in the same time."  # type: ignore[union-attr]
+def _equal_stills(scene: Scene, choice: Row, frames: FrameSequence) -> str:
+    """The number of stills that have the level of moving frames in the same time."""
+    time = frames.duration
+    level = frames.worst_psnr if choice.at_worst else frames.psnr
+    count = StillBursts(scene, at_worst=choice.at_worst, window=time).number_that_equals(
+        level, most=math.ceil(_MOST_RATE * time)
     )
+    equal = "better than any number of" if count is None else f"equal to {count}"
+    return f"Its {choice.num_frames} frames are {equal} stills in the same time."
 
 
-def _frames_in_words(row: Row) -> str:
-    """The frames of a burst and what the stage does, in words."""
-    sequence: FrameSequence = row.sequence  # type: ignore[assignment]
-    number = "frame" if sequence.setting.startswith("1 ") else "frames"
-    setting = sequence.setting.replace(" of ", f" {number} of ", 1)
-    way = f"{sequence.travel:.3g} px"
-    verbs = {
-        SINE: f"swings {way} on a sine",
-        SWEEP: f"sweeps {way} once",
-        FAN: f"goes {way} at a constant speed in each",
-    }
-    return f"{setting} while the stage {verbs.get(sequence.kind, f'swings {way}')}"
+def options_table(options: Sequence[Row], snapshot: Row, most: float) -> str:
+    """The table of options, under a line that says of what the decibels are.
 
-
-def _of_one_exposure(case: Case) -> str:
-    """The best of one exposure, beside a burst to take."""
-    best = _capitalised(case.choice.name)
-    return f"{best}, of one exposure, has {case.level}: {case.choice.setting}."
-
-
-def _leaves(case: Case) -> str:
-    """The cost of things that leave the sensor, also to the frames at rest that are compared."""
-    bursts: Bursts = case.bursts  # type: ignore[assignment]
-    sentence = (
-        f"On a sensor of {bursts.width:,.6g} px, points that leave it cost "
-        f"{bursts.width_loss:.2f} dB"
-    )
-    if bursts.top is not bursts.still:
-        still: FrameSequence = bursts.still.sequence  # type: ignore[assignment]
-        sentence += f", and the best still burst {still.width_loss or 0.0:.2f} dB"
-    return paragraph(f"{sentence}.")
-
-
-def _registers(case: Case) -> str:
-    bursts: Bursts = case.bursts  # type: ignore[assignment]
-    return (
-        f"Registration by {REGION} x {REGION} px costs {bursts.registration_loss:.2f} dB at the "
-        "worst speed."
-    )
+    Args:
+        options: The options in their order.
+        snapshot: The best snapshot at rest, over which gains are.
+        most: Level that no single exposure exceeds; dB.
+    """
+    where = "at the worst speed" if snapshot.at_worst else "over the scene's speeds"
+    lines = [("option", "dB", "gain", "needs")]
+    for row in options:
+        gain = "-" if row is snapshot else f"{row.margin_over(snapshot):+.1f}"
+        lines.append(
+            (option_name(row), f"{row.level:.1f}", gain, ", ".join(row.needs) or "nothing")
+        )
+    gain = most - snapshot.level if most != snapshot.level else 0.0
+    lines.append(("ceiling of one exposure", f"{most:.1f}", f"{gain:+.1f}", "-"))
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    table = [
+        f" {name.ljust(widths[0])}  {level.rjust(widths[1])}  {over.rjust(widths[2])}  {needs}"
+        for name, level, over, needs in lines
+    ]
+    title = f"Expected PSNR of the restored picture, {where}, in linear light:"
+    return "\n".join([title, "", *table])
 
 
 def paragraph(sentence: str) -> str:
-    """Sentences in lines of a verdict's width, the first with a capital."""
-    return textwrap.fill(f"{sentence[0].upper()}{sentence[1:]}", _WIDTH)
-
-
-_OF_FRAMES = (
-    Rule(lambda case: case.burst_pays, _burst),
-    Rule(
-        lambda case: case.burst_pays and case.bursts.width_loss >= _SAID_LOSS,  # type: ignore[union-attr]
-        _leaves,
-    ),
-    Rule(
-        lambda case: case.burst_pays and case.bursts.registration_loss >= _SAID_LOSS,  # type: ignore[union-attr]
-        _registers,
-    ),
-)
-_OF_BURSTS = (
-    *_OF_FRAMES,
-    Rule(lambda case: case.takes_burst, _of_one_exposure),
-    Rule(
-        lambda case: case.burst_pays and case.bursts.in_parts,  # type: ignore[union-attr]
-        lambda case: "Bursts are told both speeds and which part is which: edges do not count.",
-    ),
-)
-RULES = (
-    Rule(lambda case: not case.is_coded, _do_not_build),
-    Rule(lambda case: not case.is_coded and case.choice.pans, _pan),
-    Rule(lambda case: case.is_coded, _build),
-    Rule(lambda case: case.is_coded and _requires_less(case), _parts),
-    Rule(lambda case: case.is_coded and not _requires_less(case), _room),
-    Rule(
-        lambda case: case.choice.hides_speed,
-        lambda case: "No speed can be found: the blur differs too little over the speeds.",
-    ),
-    Rule(_needs_no_shutter, _no_shutter),
-    Rule(_own_is_no_simpler, _own),
-    Rule(lambda case: case.top.margin_over(case.choice) >= LEAST_SHOWN, _more),
-    Rule(lambda case: case.is_coded and case.nearest_simpler is not None, _simpler),
-    Rule(_stills_pay, _stills),
-    *_OF_FRAMES,
-    _OF_BURSTS[-1],
-    Rule(_are_outrun, _rate),
-)
-"""The sentences of a verdict, in their order."""
-
-
-def verdict_of(case: Case) -> str:
-    """The verdict in a few lines: each rule that applies to the case says its sentence."""
-    rules = _OF_BURSTS if case.takes_burst else RULES
-    return "\n".join(rule.sentence(case) for rule in rules if rule.applies(case))
-
-
-def row_to_build(rows: Sequence[Row], own: Row | None, snapshot: Row) -> Row:
-    """The row to build: the simplest of all that are about as good as the best.
-
-    Rows within `WORTH_IT` of the best are about as good, and a coded camera must exceed the best
-    snapshot by that much; of snapshots the one at rest is preferred to a pan that buys a stage for
-    a gain that nobody sees. Among equally good and simple rows the best of the user's is preferred.
-    If that one is worth building, it is also preferred to a profile on a free path, which asks more
-    of a stage.
-
-    Args:
-        rows: The rows at their own best motions, without a burst.
-        own: The best row of the user's shutters and designs; None without any.
-        snapshot: The best snapshot.
-    """
-    top = best_row(rows)
-    if own is not None and own.margin_over(snapshot) >= WORTH_IT:
-        top = best_row(row for row in rows if row.name != SHAPED_ON_FREE_PATH)
-    if top.margin_over(snapshot) < WORTH_IT:
-        at_rest = [row for row in rows if row.name == BEST_SNAPSHOT]
-        return simplest(at_rest, snapshot, within=LEAST_SHOWN)
-    if own is not None and own.required_hardware <= top.required_hardware:
-        if top.margin_over(own) < WORTH_IT <= own.margin_over(snapshot):
-            top = own
-    worth = [row for row in rows if row.margin_over(snapshot) >= WORTH_IT]
-    return simplest(worth, top, within=WORTH_IT)
-
-
-def _in_words(parts: frozenset[str]) -> str:
-    """Parts of a camera, in words."""
-    return " and ".join(sorted(parts, reverse=True)) or "neither stage nor shutter"
-
-
-def _capitalised(name: str) -> str:
-    """A name at the beginning of a sentence; the user's own names stay as they are."""
-    return f"{name[0].upper()}{name[1:]}" if name in (*taken_names(), "optimised") else name
+    """Sentences in lines of an answer's width."""
+    return textwrap.fill(sentence, _WIDTH)
 
 
 def comparison_notes(

@@ -22,6 +22,7 @@ from mishutter.evaluation import (
     FrameTimes,
     Plan,
     SequenceMetrics,
+    StillBursts,
     evaluate,
     knowledge_of,
     transmittance,
@@ -42,10 +43,13 @@ from mishutter.model import (
 )
 from mishutter.search.planning import plan as plan_of_scene
 from mishutter.search.rows import (
+    BEST_PANNED_SNAPSHOT,
+    BEST_SNAPSHOT,
     FRAMES,
     ONE_EXPOSURE,
     OWN_BEST_MOTION,
     SAME_MOTION,
+    SNAPSHOTS,
     STAGE,
     Row,
 )
@@ -56,20 +60,21 @@ from mishutter.search.search import (
     free_by_default,
     on_free_path,
 )
-from mishutter.search.sequences import best_bursts
+from mishutter.search.sequences import best_bursts, level_on_sensor
 from mishutter.search.space import forbids_free_path, mirrors
 
 OPEN = "rect"
 BEST_TUKEY = "best Tukey"
-BEST_SNAPSHOT = "best snapshot"
-BEST_PANNED_SNAPSHOT = "best panned snapshot"
 BEST_CODED_STILL = "best coded still"
 CODED_AT_REST = "best coded at rest"
 BEST_STILL_BURST = "best still burst"
 BEST_MOVING_BURST = "best moving burst"
 OPEN_ON_FREE_PATH = "open on a free path"
 SHAPED_ON_FREE_PATH = "shaped on a free path"
-SNAPSHOTS = (BEST_SNAPSHOT, BEST_PANNED_SNAPSHOT)
+PLAIN_RATE = 30.0
+"""Frame rate that every camera has; 1/s."""
+PLAIN_STILLS = f"stills at {PLAIN_RATE:.0f} frames/s"
+"""Frames at rest that any camera could take, of a scene that states no frame rate."""
 _SLOW_PAN = 0.01
 """Share of the fastest object's speed with which a search for a pan begins."""
 
@@ -86,7 +91,10 @@ class RivalSearch:
         motion: Motion of the reading *same motion*; the scene's by default.
         start: The motion that searches of a moving sensor begin with.
         entries: Profiles and designs of the user, by name.
+        every: Whether every window and reading is asked for, or the rows of an answer alone.
         free_paths: Whether free paths are asked for, here or by the scene.
+        windows: The baselines that are compared, by name, without those among the entries.
+        burst_progress: Called with the share of the search for bursts that is done.
         open_on_parabola: The best design of an open shutter, computed at the first call.
         shaped_on_parabola: The best design of a free profile, one of the entries if it can be.
     """
@@ -99,12 +107,16 @@ class RivalSearch:
         entries: Mapping[str, Entry] | None = None,
         *,
         free_paths: bool = False,
+        every: bool = True,
     ) -> None:
-        self.scene, self.loss = scene, loss
+        self.scene, self.loss, self.every = scene, loss, every
         self.motion = scene.motion if motion is None else motion
         self.start = _searchable(self.motion, scene)
         self.entries = {} if entries is None else entries
         self.free_paths = free_paths or scene.limits.free_paths
+        self.burst_progress: Callable[[float], None] = lambda share: None
+        windows = baselines() if every else {OPEN: RectShutter()}
+        self.windows = {n: window for n, window in windows.items() if n not in self.entries}
         self.open_on_parabola = once(lambda: self.best(self.start, RectShutter()))
         self.shaped_on_parabola = once(lambda: self.shaped_entry() or self.best(self.start))
 
@@ -128,7 +140,7 @@ class RivalSearch:
     def bursts(self) -> tuple[FrameSequence, ...]:
         """The best bursts, which a search of an entry may have found."""
         known = (entry.bursts for entry in self._finished_entries() if entry.bursts)
-        return next(known, ()) or best_bursts(self.scene)
+        return next(known, ()) or best_bursts(self.scene, progress=self.burst_progress)
 
     def _finished_entries(self) -> Iterator[Design]:
         """The entries that are results of searches of this scene."""
@@ -171,7 +183,7 @@ def searches(search: RivalSearch) -> dict[str, Callable[[], list[Row]]]:
     """The searches of a comparison by the names of their first rows, the longest first."""
     rivals = [rival for rival in RIVALS if rival.is_asked(search)]
     of_rivals = {rival.names[0]: partial(rival.rows, search) for rival in reversed(rivals)}
-    entries = {**search.entries, **baselines()}
+    entries = {**search.entries, **search.windows}
     return of_rivals | {name: partial(_own_best, search, name) for name in entries}
 
 
@@ -184,11 +196,10 @@ def compared_rows(search: RivalSearch, step: Step, begin: Step = lambda name: No
         begin: Called with it before.
 
     Returns:
-        The rows at their own best motion, then those on the same motion.
+        The rows at their own best motion, then those on the same motion where every row is wanted.
     """
     scene, motion = search.scene, search.motion
-    windows = {name: window for name, window in baselines().items() if name not in search.entries}
-    entries = {**search.entries, **windows}
+    entries = {**search.entries, **search.windows} if search.every else {}
     commands = {n: e.command if isinstance(e, Design) else e for n, e in entries.items()}
     shutters = {name: transmittance(scene, motion, each) for name, each in commands.items()}
     measure, turns = partial(evaluate, scene, motion), _turns(scene)
@@ -208,7 +219,8 @@ def compared_rows(search: RivalSearch, step: Step, begin: Step = lambda name: No
             else replace(row, at_worst=search.loss.of_worst_speed)
             for row in rows
         }
-    names = [name for name in dict.fromkeys((*shutters, *taken_names())) if name in at_best]
+    order = dict.fromkeys((*search.entries, *taken_names()))
+    names = [name for name in order if name in at_best]
     return [*(at_best[name] for name in names), *map(judge, on_motion)]
 
 
@@ -339,12 +351,24 @@ def _bursts(search: RivalSearch) -> list[Row]:
     if not (is_told or FrameTimes.of(scene, burst).holds_several):
         return []
     still, *moving = search.bursts()
-    if scene.occlusion is None and is_told:
+    if moving and is_told:
         moving.append(_as_sequence(search.open_on_parabola()))
-    best = max(moving, key=lambda each: each.psnr)
-    found = {BEST_STILL_BURST: still, BEST_MOVING_BURST: best}
+    found = {BEST_STILL_BURST: still}
+    if moving:
+        found[BEST_MOVING_BURST] = max(moving, key=level_on_sensor)
     # One frame is no burst: it has rows of its own.
     return [_row_of_burst(name, scene, each) for name, each in found.items() if each.num_frames > 1]
+
+
+def _plain_stills(search: RivalSearch) -> list[Row]:
+    """The best frames at rest at a rate that any camera has, if there is time for several."""
+    burst = Burst(frames_per_s=PLAIN_RATE)
+    times = FrameTimes.of(search.scene, burst)
+    stills = StillBursts(search.scene)
+    best = stills.best_within(times)
+    if best.num_frames == 1:
+        return []
+    return [_row_of_burst(PLAIN_STILLS, search.scene, stills.sequence([best], times))]
 
 
 def _as_sequence(design: Design) -> FrameSequence:
@@ -360,13 +384,14 @@ def _row_of_burst(name: str, scene: Scene, sequence: FrameSequence) -> Row:
     """A burst as a row: the motion of one of its frames, and the level of all."""
     moving = [frame for frame in sequence.frames if not frame.is_still]
     motion = (moving or sequence.frames[-1:])[0].motion
-    metrics = SequenceMetrics(1.0, sequence.psnr, sequence.worst_psnr)
+    levels = (level_on_sensor(sequence, at_worst=at_worst) for at_worst in (False, True))
+    metrics = SequenceMetrics(1.0, *levels)
     row = Row(OWN_BEST_MOTION, name, RectShutter(), motion, None, metrics, _turns(scene))
     return replace(row, decoder=KNOWN_SPEED, sequence=sequence)
 
 
 RIVALS = (
-    Rival((BEST_TUKEY,), ONE_EXPOSURE, _best_tukey),
+    Rival((BEST_TUKEY,), ONE_EXPOSURE, _best_tukey, is_asked=lambda search: search.every),
     Rival(SNAPSHOTS, frozenset({STAGE}), snapshots),
     Rival((BEST_CODED_STILL, CODED_AT_REST), ONE_EXPOSURE, _coded_stills),
     Rival(
@@ -374,6 +399,12 @@ RIVALS = (
         frozenset({STAGE, FRAMES}),
         _bursts,
         is_asked=lambda search: search.scene.burst is not None,
+    ),
+    Rival(
+        (PLAIN_STILLS,),
+        frozenset({FRAMES}),
+        _plain_stills,
+        is_asked=lambda search: search.scene.burst is None and search.scene.occlusion is None,
     ),
     Rival(
         (OPEN_ON_FREE_PATH, SHAPED_ON_FREE_PATH),
@@ -388,7 +419,7 @@ RIVALS = (
 def _own_best(search: RivalSearch, name: str) -> list[Row]:
     """Searches for an entry's own best motion, unless it is a design that has it."""
     scene, loss, start = search.scene, search.loss, search.start
-    entry = search.entries[name] if name in search.entries else baselines()[name]
+    entry = search.entries[name] if name in search.entries else search.windows[name]
     if isinstance(entry, Design) and is_finished(entry, scene, loss):
         return [_row(name, entry)]
     if name == OPEN:

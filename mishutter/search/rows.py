@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -27,10 +28,18 @@ from mishutter.model import (
     profile_of,
 )
 
+Choice = TypeVar("Choice")
+
+BEST_SNAPSHOT = "best snapshot"
+BEST_PANNED_SNAPSHOT = "best panned snapshot"
+SNAPSHOTS = (BEST_SNAPSHOT, BEST_PANNED_SNAPSHOT)
 SAME_MOTION = "same motion"
 OWN_BEST_MOTION = "own best motion"
 STAGE, SHUTTER, FRAMES = "a stage", "a shutter", "a burst of frames"
 """Parts that a camera may require beside a sensor at rest with an ordinary shutter."""
+_NEEDS = {FRAMES: "registration", STAGE: "stage", SHUTTER: "shaped shutter"}
+"""What these parts need, in words of an answer: any camera takes frames, and software registers."""
+_TURNS = "turning camera"
 ONE_EXPOSURE = frozenset({STAGE, SHUTTER})
 """Parts that a camera of one exposure may require."""
 _PURCHASES = {
@@ -49,8 +58,8 @@ LEAST_SHOWN = 0.005
 """Least difference of levels that two decimals show; dB."""
 _SAME_SHARE = 0.005
 """Share by which exposures, and the light over them, of one camera may differ in two searches."""
-WORTH_IT = 0.1
-"""Gain over an ordinary camera below which another is not worth building; dB."""
+WORTH_IT = 0.2
+"""Gain over a simpler camera below which another is not worth what it needs; dB."""
 _NUM_TIMES = 512
 """Times of an exposure at which two cameras are compared."""
 
@@ -113,6 +122,20 @@ class Row:
         is_open = efficiency >= min(_OPEN, least_efficiency(efficiency.dtype))
         idle = {STAGE: self.stroke < _STANDS_STILL, SHUTTER: is_open}
         return frozenset(part for part in self.hardware if not idle.get(part, False))
+
+    @cached_property
+    def needs(self) -> tuple[str, ...]:
+        """The same in words, with a camera that turns where that makes the pan."""
+        parts = [words for part, words in _NEEDS.items() if part in self.required_hardware]
+        turns = self.sequence.pan != 0 if self.sequence is not None else self.turns and self.pans
+        return (*parts, _TURNS) if turns else tuple(parts)
+
+    @property
+    def rank(self) -> tuple[int, int, int]:
+        """Rows in the order of what they need: software before hardware, then simple paths."""
+        num_hardware = sum(need != _NEEDS[FRAMES] for need in self.needs)
+        path = 1 if self.motion.accelerates_constantly else 2
+        return num_hardware, len(self.needs), 0 if self.motion.is_straight else path
 
     @property
     def num_frames(self) -> int:
@@ -254,6 +277,37 @@ def simplest(rows: Iterable[Row], top: Row, *, within: float) -> Row:
     """
     simpler = [row for row in rows if row.is_simpler_than(top) and top.margin_over(row) < within]
     return min([*simpler, top], key=lambda row: (len(row.required_hardware), row.kind, -row.level))
+
+
+def choice_of(rows: Iterable[Row], own: Iterable[str] = ()) -> Row:
+    """The row to take, by `simplest_of`.
+
+    Of rows that are equally simple an ordinary snapshot comes first, then one of the user's.
+
+    Args:
+        rows: The rows.
+        own: Names of those of the user's.
+    """
+    order = {name: 1 for name in own} | dict.fromkeys(SNAPSHOTS, 0)
+    return simplest_of((row.level, (*row.rank, order.get(row.name, 2)), row) for row in rows)
+
+
+def simplest_of(options: "Iterable[tuple[float, tuple[int, ...], Choice]]") -> "Choice":
+    """The best of some options, or what is simpler and less than `WORTH_IT` below it.
+
+    A simpler option that is that close replaces the one before until there is none: whatever is
+    taken is worth what it needs beside each simpler one.
+
+    Args:
+        options: Level in dB, rank and the option itself, of which the lesser rank is the simpler.
+    """
+    options = list(options)
+    level, rank, top = max(options, key=lambda each: each[0])
+    while True:
+        near = [each for each in options if each[1] < rank and level - each[0] < WORTH_IT]
+        if not near:
+            return top
+        level, rank, top = min(near, key=lambda each: (each[1], -each[0]))
 
 
 def best_of_each_purchase(rows: Iterable[Row]) -> dict[str, Row]:

@@ -51,7 +51,8 @@ from mishutter.model import (
 from mishutter.search.objective import AbstractObjective, SearchedObjective, objective_of
 from mishutter.search.planning import design_at
 from mishutter.search.planning import plan as plan_of_scene
-from mishutter.search.sequences import best_bursts, instead_of
+from mishutter.search.rows import OWN_BEST_MOTION, Row
+from mishutter.search.sequences import best_bursts, choose_burst
 from mishutter.search.slots import searched_slots
 from mishutter.search.solvers import (
     Polished,
@@ -145,7 +146,7 @@ class SearchSettings(NamedTuple):
     progress: Progress | None = None
 
 
-_WHY_NO_STEP = "programs are compiled, or a minimisation goes on, which tells its steps at its end"
+_WHY_NO_STEP = "compiling (first run only), or a long minimisation"
 """Why a search tells no step for a while."""
 
 
@@ -257,11 +258,13 @@ def optimise(
 
 def _with_bursts(design: Design, loss: AbstractLoss) -> Design:
     """A design, and the frames to take in its place where these are better."""
-    bursts = best_bursts(design.scene)
+    scene, bursts = design.scene, best_bursts(design.scene)
     # Before a background bursts are told more than one exposure, with which they do not compare.
-    in_parts = design.scene.occlusion is not None
-    level = -math.inf if in_parts else next(iter(design.levels.values()))
-    instead = instead_of(bursts, level, at_worst=loss.of_worst_speed)
+    level = -math.inf if scene.occlusion is not None else next(iter(design.levels.values()))
+    motion, metrics = design.motion, design.metrics
+    turns = scene.limits.pans == "camera"
+    row = Row(OWN_BEST_MOTION, "", design.shutter, motion, None, metrics, turns)
+    instead = choose_burst(bursts, level, row.rank, at_worst=loss.of_worst_speed)
     return replace(design, bursts=bursts, sequence=instead)
 
 

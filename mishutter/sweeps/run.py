@@ -155,7 +155,7 @@ def sweep(
     return blocks.dataset()
 
 
-WHY_NO_POINT = "programs are compiled, or a block is computed, whose points end together"
+WHY_NO_POINT = "compiling (first run only), or a block is computed, whose points end together"
 """Why a sweep tells no point for a while."""
 
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 _UNNAMED_LEVEL = "expected_psnr"
 """Metric that judges a sweep that names none."""
-_WHY_NO_STEP = "programs are compiled, or snapshots at rest and panned are searched for"
+_WHY_NO_STEP = "compiling (first run only), or snapshots at rest and panned are searched for"
 """Why the search for a snapshot takes a while."""
 _RANGES = ("velocity", "acceleration", "half_exposure")
 _PLACE = (*_RANGES, "shutter")

@@ -100,6 +100,23 @@ def test_a_counter_that_stays_says_why(monkeypatch):
     assert counter.place == "loss 0.25, 4 of 4"
 
 
+def test_a_counter_moves_within_a_part(monkeypatch):
+    """A long part says its share, and is not said to be stuck while that grows."""
+    now = [1000.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    counter = Counter(4, "compiling (first run only)")
+    counter.began("best still burst")
+    counter.began("rect")
+    counter.ended("rect")
+    now[0] += 9.75
+    counter.within("best still burst", 0.37)
+    now[0] += 9.75
+    assert counter.place == "best still burst 37%, 2 of 4"
+    assert counter.share == pytest.approx(1.37)
+    counter.ended("best still burst")
+    assert counter.share == 2.0
+
+
 def test_a_counter_is_moved_by_threads():
     """No part of many is lost."""
     counter = Counter(400)

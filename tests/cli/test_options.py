@@ -153,7 +153,7 @@ OPTIONS = {
         Option(
             ["--backgrounds"], BACKGROUNDS, lambda a: "scene" in a, True, ("--noise-seeds", "0")
         ),
-        Option(["--verbose"], TABLES, _named("verbose"), True),
+        Option(["--verbose"], TABLES, lambda a: "comparison" in a, True),
     ],
     "sweep": [
         Option(["--acceleration", "1e4:4e4:3"], SWEEP, _row("accelerations"), [1e4, 2.5e4, 4e4]),

@@ -392,5 +392,5 @@ def test_what_layers_must_be(arguments, line):
 
 def test_a_speed_that_is_found_is_a_whole_picture_s():
     """Before a background one speed is no picture's, so that no decoder finds it."""
-    with pytest.raises(ValueError, match="one speed is no picture's there"):
+    with pytest.raises(ValueError, match="no single speed describes a picture with a background"):
         scene_of(STILL, decoder_speed="found")

@@ -86,7 +86,7 @@ def test_the_width_decides_between_two_paths(width, wanted):
     search = _search(scene)
     tries = [_Try(search, kind, 4) for kind in ("alternating parabolas", "sweep")]
     frames = OpenFrames.of(scene, search.times.longest, folds=True)
-    assert _best_of(frames, tries, width).kind == wanted
+    assert _best_of(frames, tries, width, lambda share: None).kind == wanted
 
 
 @pytest.mark.slow

@@ -114,6 +114,7 @@ def test_the_page_shows_the_librarys_numbers(page, place):
     design = optimise(Scene.load(place / "moved.toml"))
     assert numbers(finished)["psnr"] == pytest.approx(float(design.metrics.expected_psnr), rel=1e-9)
     assert page.find_element("id", "verdict").text == answer["verdict"]
+    assert page.find_element("id", "answer").text == answer["answer"].strip()
     cells = page.find_elements("css selector", "tr[data-name='optimised'] td")
     assert cells[1].text == f"{float(design.metrics.expected_psnr):.2f}"
     click(page, "save-design")

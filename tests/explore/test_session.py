@@ -210,7 +210,7 @@ def test_the_finished_design_and_the_table_are_the_librarys(started):
     assert drawn != level  # on the motion of the first answer
     rows = compare(scene, design.motion, {"optimised": design, "drawn": own})
     shown = {row["name"]: row for row in found["table"]["rows"]}
-    assert found["table"]["verdict"] == rows.verdict
+    assert f"{found['table']['verdict']}\n\n{found['table']['answer']}" == rows.text()
     assert found["table"]["ceiling"] == rows.ceiling
     for name in ("optimised", "drawn", "Hann", "best snapshot"):
         level = float(rows.row(name).metrics.expected_psnr)

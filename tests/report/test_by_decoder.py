@@ -152,15 +152,15 @@ def test_a_prior_wants_a_shorter_snapshot(few):
 
 @pytest.mark.slow
 def test_a_comparison_ends_with_the_decoder(few):
-    """The verdict's last line is of the camera to build; every row of one exposure is judged."""
+    """The answer's last line is of the best option; every row of one exposure is judged."""
     scene, rows = few
     table = compare(scene, rows[1].motion, decoder=WienerDecoder(), pictures=PICTURES[:2])
-    built = table.choice.name if table.is_to_build else None
+    built = table.choice.name if table.is_coded else None
     assert table.verdict.splitlines()[-1] == table.judgement.sentence(built)
     assert table.judgement.num_pictures == 2
     names = {row.name for row in table.rows if row.is_of_one_exposure}
     assert set(table.judgement.cameras) == names
-    assert "on pictures" in table.text()
+    assert "on pictures" in table.text(verbose=True)
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 import io
 import json
 import re
+import shlex
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -163,8 +164,7 @@ def test_tables_fit_eighty_columns(report, monkeypatch):
         replace(rows[0], name=BEST_STILL_BURST, motion=PANNED, sequence=sequence(PANNED, 8)),
         replace(rows[1], name=BEST_CODED_STILL, motion=PANNED),
     ]
-    notes = ("The shutter passes 30.0% of the light when open, 0.00% when closed.",)
-    table = replace(report.comparison, rows=(*rows[:4], *others, *rows[4:]), notes=notes)
+    table = replace(report.comparison, rows=(*rows[:4], *others, *rows[4:]))
     terminal = Terminal()
     monkeypatch.setattr(sys, "stdout", terminal)
     monkeypatch.setenv("COLUMNS", "80")
@@ -183,7 +183,6 @@ def test_tables_fit_eighty_columns(report, monkeypatch):
         )
     )
     assert own_best < purchases < same < kernels
-    assert lines.index(notes[0]) in range(purchases, same)
     for titles in (range(own_best, purchases), range(purchases, same), range(same, kernels)):
         assert sum(lines[index].startswith("───") for index in titles) == 1
     columns = ["PSNR dB", "gain dB", "worst speed", "light"]
@@ -224,34 +223,37 @@ def _rivals(report, levels, velocity=0.0):
     return Comparison(changed, "A verdict.", 0.1, 31.0)
 
 
-@pytest.mark.parametrize(
-    ("levels", "velocity", "pictured"),
-    [
-        ({BEST_TUKEY: 26.0}, 0.0, ["optimised", BEST_SNAPSHOT, BEST_TUKEY, "Hann"]),
-        (
-            {BEST_PANNED_SNAPSHOT: 27.0},
-            400.0,
-            ["optimised", BEST_PANNED_SNAPSHOT, "Hann"],
-        ),
-        (
-            {"Gaussian": 27.0, BEST_STILL_BURST: 29.0, "optimised": 30.0, BEST_SNAPSHOT: 21.0},
-            400.0,
-            ["optimised", BEST_SNAPSHOT, "Gaussian", "Hann"],
-        ),
-    ],
-)
-def test_rows_that_are_pictured(report, levels, velocity, pictured):
-    """The design, the better of the snapshots and the nearest rival come first; no burst."""
-    comparison = _rivals(report, levels, velocity)
-    assert list(pictured_rows(comparison, ("optimised",))) == pictured
+PICTURED = {
+    "frames": (BEST_STILL_BURST, False, [BEST_STILL_BURST, BEST_SNAPSHOT]),
+    "a snapshot": (BEST_SNAPSHOT, False, [BEST_SNAPSHOT]),
+    "a design": ("optimised", False, ["optimised", BEST_SNAPSHOT, BEST_TUKEY]),
+    "a rival": ("Gaussian", False, ["Gaussian", BEST_SNAPSHOT, "optimised", BEST_TUKEY]),
+    "all for who asks": (
+        BEST_STILL_BURST,
+        True,
+        [BEST_STILL_BURST, BEST_SNAPSHOT, "optimised", BEST_TUKEY],
+    ),
+}
 
 
-def test_rivals_are_pictured_beside_many_designs(report):
-    """However many are given, all stand, and the rivals after the first."""
-    names = ("optimised", "Gaussian", "Hann")
-    rows = list(pictured_rows(_rivals(report, {BEST_TUKEY: 26.5}), names))
-    assert rows[:3] == ["optimised", BEST_SNAPSHOT, BEST_TUKEY]
-    assert set(names) < set(rows)
+@pytest.mark.parametrize("slug", PICTURED)
+def test_rows_that_are_pictured(report, slug):
+    """What is recommended beside the snapshot at rest; designs where one of them is."""
+    name, every, pictured = PICTURED[slug]
+    comparison = _rivals(report, {BEST_TUKEY: 26.0, BEST_PANNED_SNAPSHOT: 27.0}, 400.0)
+    comparison = replace(comparison, choice=comparison.row(name))
+    assert list(pictured_rows(comparison, ("optimised",), every=every)) == pictured
+
+
+def test_pictures_are_of_what_is_recommended(report):
+    """Profiles and kernels of designs are drawn where one of them is; the answer always is."""
+    comparison = _rivals(report, {})
+    of_designs = {"profile.png", "kernels.png", "transfer.png"}
+    for name, is_drawn in (("optimised", True), (BEST_STILL_BURST, False), (BEST_SNAPSHOT, False)):
+        judged = replace(comparison, choice=comparison.row(name))
+        drawn = {*_drawings(Report(SCENE, judged, ("optimised",)))}
+        assert drawn == {"answer.png"} | (of_designs if is_drawn else set())
+        assert {*_drawings(Report(SCENE, judged, (), every=True))} == {"answer.png"} | of_designs
 
 
 def test_a_camera_is_pictured_once_by_all_of_its_names(report, capsys):
@@ -261,13 +263,14 @@ def test_a_camera_is_pictured_once_by_all_of_its_names(report, capsys):
     level = replace(rows["Hann"].metrics, expected_psnr=mine.metrics.expected_psnr - 1)
     others = [replace(rows["Hann"], metrics=level), rows[BEST_SNAPSHOT]]
     comparison = Comparison((mine, rows[BEST_TUKEY], *others), "A verdict.", 0.1, 31.0)
+    comparison = replace(comparison, choice=mine)
     names = [*pictured_rows(comparison, ("mine",))]
-    assert names == ["mine", BEST_SNAPSHOT, BEST_TUKEY, "Hann"]
+    assert names == ["mine", BEST_SNAPSHOT, BEST_TUKEY]
     seen = {name: photograph(21 + index) for index, name in enumerate(names)}
     shown = Report(SCENE, comparison, ("mine",), Photographs({"ensemble": seen}, seen))
     levels = photograph_levels(shown)
-    assert [*levels["ensemble"]] == [f"mine = {BEST_TUKEY}", BEST_SNAPSHOT, "Hann"]
-    assert levels["ensemble"]["Hann"] is seen["Hann"]
+    assert [*levels["ensemble"]] == [f"mine = {BEST_TUKEY}", BEST_SNAPSHOT]
+    assert levels["ensemble"][BEST_SNAPSHOT] is seen[BEST_SNAPSHOT]
     print_photographs(levels)
     lines = [re.split(r"\s{2,}", line.strip()) for line in capsys.readouterr().out.splitlines()]
     assert [cells[0] for cells in lines if cells[0] in levels["ensemble"]] == [*levels["ensemble"]]
@@ -300,20 +303,9 @@ def test_the_verdict_is_printed_before_anything_is_photographed(report, capsys, 
     assert json.loads(capsys.readouterr().out)["files"] == []
 
 
-@pytest.mark.parametrize(
-    ("choice", "is_below_frames", "asked", "is_computed"),
-    [
-        ("Hann", False, False, True),
-        ("Hann", True, False, False),
-        ("Hann", True, True, True),
-        (BEST_SNAPSHOT, False, False, False),
-        (BEST_SNAPSHOT, False, True, True),
-    ],
-)
-def test_a_background_comes_last_or_not_at_all(
-    report, choice, is_below_frames, asked, is_computed, monkeypatch
-):
-    """After every file, where the verdict is to build and no frames are better, or if asked for."""
+@pytest.mark.parametrize("asked", [False, True])
+def test_a_background_comes_last_or_not_at_all(report, asked, monkeypatch):
+    """After every file, where it is asked for: nobody waits for what is not shown."""
     order: list[str] = []
 
     def files(result, folder, wrote):
@@ -329,19 +321,34 @@ def test_a_background_comes_last_or_not_at_all(
     monkeypatch.setattr("mishutter.report.background_gains", gains)
     monkeypatch.setattr(
         "mishutter.report.write_background",
-        lambda result, folder, draws, wrote: (
-            order.append("a picture" if draws else "document") or []
-        ),
+        lambda result, folder, wrote: order.append("a picture") or [],
     )
-    row = report.comparison.row(choice)
-    judged = replace(
-        report,
-        comparison=replace(report.comparison, choice=row, is_below_frames=is_below_frames),
-    )
+    row = report.comparison.row("Hann")
+    judged = replace(report, comparison=replace(report.comparison, choice=row))
     asked_for = app.Delivery(Path("unused"), False, 1, False, backgrounds=asked, verbose=False)
     app._deliver(judged, asked_for)
-    its_files = "a picture" if asked else "document"
-    assert order == ["files", *(["background", its_files] if is_computed else [])]
+    assert order == ["files", *(["background", "a picture"] if asked else [])]
+
+
+def test_an_answer_ends_with_a_command_that_goes_on(report, tmp_path):
+    """The file of what is recommended, once there is a folder; before that the folder."""
+    design = given_design(SCENE, MOTION, HannShutter(), "")
+    rows = {row.name: row for row in report.comparison.rows}
+    for name, file in (("Hann", "design.json"), ("rect", "build.json")):
+        row = replace(rows[name], design=design)
+        judged = replace(
+            report,
+            comparison=replace(report.comparison, choice=row),
+            names=("Hann",),
+            design=design,
+        )
+        folder = tmp_path / "a folder"
+        command = shlex.split(app._next_step(judged, None, folder))
+        assert command[:3] == ["mishutter", "export", str(folder / file)]
+        assert command[3:] == ["--out", str(folder / "lab")]
+    assert app._next_step(judged, None, None) == "mishutter optimise --out design"
+    own = app._next_step(judged, Path("my own/belt.toml"), None)
+    assert own == "mishutter optimise 'my own/belt.toml' --out belt"
 
 
 def test_a_background_is_drawn_beside_a_document_of_its_gains(report, monkeypatch, tmp_path):
@@ -394,7 +401,8 @@ def test_the_camera_to_build_is_saved_where_it_is_not_the_design(report, tmp_pat
 def test_the_frames_that_a_verdict_names_are_saved(report, tmp_path):
     """Beside a search of one exposure alone; in the design's own file where it has found them."""
     rows = {row.name: row for row in report.comparison.rows}
-    burst = replace(rows["rect"], name="best moving burst", sequence=SEQUENCE)
+    parts = frozenset({STAGE, FRAMES})
+    burst = replace(rows["rect"], name="best moving burst", sequence=SEQUENCE, hardware=parts)
     comparison = replace(report.comparison, choice=burst)
     for design, wanted in ((a_burst_design(None), True), (a_burst_design(), False)):
         writers = _writers(replace(report, comparison=comparison, design=design))

@@ -18,6 +18,7 @@ from mishutter import (
     HannShutter,
     KnownSpeedLoss,
     Limits,
+    Occlusion,
     RectShutter,
     Scene,
     StillCamera,
@@ -38,6 +39,7 @@ from mishutter.search import (
     ONE_EXPOSURE,
     OPEN_ON_FREE_PATH,
     OWN_BEST_MOTION,
+    PLAIN_STILLS,
     RIVALS,
     SAME_MOTION,
     SHUTTER,
@@ -50,7 +52,7 @@ from mishutter.search import (
     searches,
     snapshots,
 )
-from mishutter.search.sequences import instead_of
+from mishutter.search.sequences import best_bursts, choose_burst
 
 
 @pytest.mark.slow
@@ -117,10 +119,9 @@ def test_more_never_brings_less():
     assert best["both"].name == "rect"
 
 
-def _asked(scene, *, free_paths=False):
+def _asked(scene, **how):
     """Names of the searches of a comparison that are of rivals, and not of windows."""
-    loss = ExpectedErrorLoss()
-    names = searches(RivalSearch(scene, loss, free_paths=free_paths))
+    names = searches(RivalSearch(scene, ExpectedErrorLoss(), **how))
     return {name for name in names if name not in baselines()}
 
 
@@ -131,10 +132,19 @@ def test_rivals_are_searched_for_where_they_are_asked_for():
     light = {"photon_rate": 6e4, "read_noise": 4.0}
     by_scene = Scene([-900.0, 900.0], limits=Limits(max_stroke=17, free_paths=True), **light)
     burst = Scene([-900.0, 900.0], burst=Burst(frames_per_s=130.0, max_frames=3), **light)
-    assert _asked(SCENE) == always
-    assert _asked(SCENE, free_paths=True) == _asked(by_scene) == free
-    assert _asked(on_parabolas(SCENE), free_paths=True) == always
+    layered = SCENE.with_occlusion(Occlusion(front_share=0.6))
+    plain = always | {PLAIN_STILLS}
+    assert _asked(SCENE) == plain
+    assert _asked(SCENE, free_paths=True) == _asked(by_scene) == free | {PLAIN_STILLS}
+    assert _asked(on_parabolas(SCENE), free_paths=True) == plain
     assert _asked(burst) == always | {BEST_STILL_BURST}
+    assert _asked(layered) == always  # frames that are aligned for objects blur what is behind
+
+
+def test_an_answer_needs_fewer_searches():
+    """No window and no Tukey: its rows are an open shutter, the user's, and the rivals."""
+    search = RivalSearch(SCENE, ExpectedErrorLoss(), every=False)
+    assert {*searches(search)} == {"rect", BEST_SNAPSHOT, BEST_CODED_STILL, PLAIN_STILLS}
 
 
 def test_each_rival_has_names_of_its_own_and_parts_that_are_bought():
@@ -142,7 +152,7 @@ def test_each_rival_has_names_of_its_own_and_parts_that_are_bought():
     names = [name for rival in RIVALS for name in rival.names]
     assert len(set(names)) == len(names)
     beyond = {rival.names for rival in RIVALS if not rival.hardware <= ONE_EXPOSURE}
-    assert beyond == {(BEST_STILL_BURST, BEST_MOVING_BURST)}
+    assert beyond == {(BEST_STILL_BURST, BEST_MOVING_BURST), (PLAIN_STILLS,)}
 
 
 def test_rows_know_the_parts_that_their_rival_may_require(monkeypatch):
@@ -180,35 +190,49 @@ BURSTS = (
 )
 
 
+NOTHING, A_STAGE, BOTH = (0, 0, 0), (1, 1, 1), (2, 2, 1)
+"""Ranks of a snapshot at rest, of a parabola, and of one behind a shaped shutter."""
+
+
 @pytest.mark.parametrize(
-    ("levels", "one_exposure", "wanted"),
+    ("levels", "one_exposure", "rank", "wanted"),
     [
-        ((30.0, 31.0), 29.0, "sweep"),
-        ((30.0, 31.0), 30.95, None),
-        ((30.95, 31.0), 29.0, "stills"),
-        ((30.95, 31.0), 31.04, "stills"),  # which take nothing to build
-        ((30.95, 31.0), 31.06, None),
+        ((30.0, 31.0), 29.0, A_STAGE, "sweep"),
+        ((30.0, 31.0), 30.79, A_STAGE, "sweep"),
+        ((30.0, 31.0), 30.81, A_STAGE, None),  # which needs no registration
+        ((30.85, 31.0), 29.0, A_STAGE, "stills"),
+        ((30.85, 31.0), 31.04, BOTH, "stills"),  # which take nothing to build
+        ((30.85, 31.0), 31.04, NOTHING, None),
+        ((30.85, 31.0), 31.21, BOTH, None),
     ],
 )
-def test_frames_are_taken_where_they_are_worth_it(levels, one_exposure, wanted):
-    """A stage is worth a tenth of a decibel; where the worst speed counts, that of its own."""
+def test_frames_are_taken_where_they_are_worth_it(levels, one_exposure, rank, wanted):
+    """What is simpler by less than two tenths is taken; where the worst speed counts, by that."""
     some = tuple(replace(each, psnr=x) for each, x in zip(BURSTS, levels, strict=True))
-    found = instead_of(some, one_exposure)
+    found = choose_burst(some, one_exposure, rank)
     assert (found and found.kind) == wanted
-    assert instead_of(some, one_exposure - 5, at_worst=True) is not None
-    assert instead_of(some, 31.2, at_worst=True) is None
-    assert instead_of((), one_exposure) is None
+    assert choose_burst(some, one_exposure - 5, rank, at_worst=True) is some[0]
+    assert choose_burst(some, 31.3, rank, at_worst=True) is None
+    assert choose_burst((), one_exposure, rank) is None
 
 
 @pytest.mark.parametrize(
     ("losses", "wanted"),
-    [((0.31, 1.19), "sweep"), ((0.31, 1.23), "stills"), ((None, 1.9), "sweep")],
+    [((0.31, 1.09), "sweep"), ((0.31, 1.13), "stills"), ((None, 0.7), "sweep")],
 )
 def test_frames_move_where_that_pays_on_the_sensor(losses, wanted):
-    """A gain of 1 dB is none on a sensor from which as much more leaves; unknown ones are alike."""
+    """A gain of 1 dB is none on a sensor from which as much more leaves; unknown ones are none."""
     some = tuple(replace(each, width_loss=x) for each, x in zip(BURSTS, losses, strict=True))
-    found = instead_of(some, 25.0)
-    assert found.kind == wanted
+    assert choose_burst(some).kind == wanted
+    assert choose_burst(some, 25.0, A_STAGE).kind == wanted
+
+
+def test_before_a_background_frames_are_at_rest():
+    """Moving ones lose more there by what objects uncover than levels say that they gain."""
+    layered = Scene(**_OF_SWIFT, occlusion=Occlusion(front_share=0.3))
+    (still,) = best_bursts(layered)
+    assert not still.moves
+    assert len(best_bursts(SWIFT)) == 2
 
 
 @pytest.mark.parametrize("decoder", ["unknown", "found"])
@@ -225,9 +249,10 @@ def test_one_frame_is_no_burst(decoder):
 
 
 def test_a_burst_of_one_frame_is_one_exposure():
-    """Which the design is, with a shutter of its own."""
+    """Which the design is, with a shutter of its own: it is never taken in place of one."""
     one = replace(BURSTS[1], frames=BURSTS[1].frames[:1])
-    assert instead_of((BURSTS[0], one), 20.0) is None
+    assert choose_burst((BURSTS[0], one), 20.0, A_STAGE) is BURSTS[0]
+    assert choose_burst((BURSTS[0], one), 31.0, A_STAGE) is None
 
 
 _OF_SWIFT = {

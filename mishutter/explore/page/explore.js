@@ -492,7 +492,8 @@ function showTable() {
     for (const text of row.cells.slice(1)) { const cell = document.createElement("td"); cell.textContent = text; line.append(cell); }
     return line;
   }));
-  $("ceiling").textContent = `Nothing exceeds ${decibel(comparison.ceiling)}: no path, shutter or linear decoder. Gain is over the best snapshot, at rest or panned.`;
+  $("answer").textContent = comparison.answer;
+  $("ceiling").textContent = `No single exposure exceeds ${decibel(comparison.ceiling)}, whatever its path, shutter and linear decoder. Gain is over the best snapshot, at rest or panned.`;
   $("notes").replaceChildren(...comparison.notes.map((note) => { const item = document.createElement("li"); item.textContent = note; return item; }));
 }
 

@@ -34,7 +34,7 @@ from mishutter.model import (
     spline_basis,
 )
 
-_WHY_NO_STEP = "programs are compiled, or pictures are fitted, which takes a while"
+_WHY_NO_STEP = "compiling (first run only), or pictures are fitted, which takes a while"
 """Why a round of a fit takes a while."""
 _SPEEDS = tuple(0.1 * k for k in range(-6, 7))
 """Normalised speeds from which a fit of an unknown one starts."""
