@@ -85,6 +85,11 @@ _NARROWEST = 16
 class Scene(AbstractModule):
     r"""Speeds with their weights, light, noise, and the power spectrum of what is seen.
 
+    It assumes that all motion is along one axis of the picture; that the picture moves as a whole,
+    or its objects are much wider than their way while it is taken, unless `occlusion` describes
+    them; that one filter restores all speeds, unless `decoder_speed` or registered frames tell
+    more; and a global shutter.
+
     Args:
         speeds: Speeds $s_i$ that occur, px/s, either sign; shape `(n,)`.
         weights: How often each occurs, on any scale; equal by default. They are divided

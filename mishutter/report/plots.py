@@ -701,7 +701,13 @@ def plot_photograph(
             index = int(np.argmin(np.abs(result.speeds - speed)))
             restored = result.restored[index][own]
             panels = [figure.add_subplot(grid[row, 3 * number + i]) for i in range(3)]
-            title = "\n".join([*titles[name], f"captured at {result.speeds[index]:.4g} px/s"])
+            title = "\n".join(
+                [
+                    *titles[name][:-1],
+                    f"{titles[name][-1]},",
+                    f"captured at {result.speeds[index]:.4g} px/s",
+                ]
+            )
             _show(panels[0], result.brightened(index)[own], title)
             restoration = f"restored{(asides or {}).get(name, aside)}"
             heading = _IN_DOUBT if result.doubts[index] else restoration
