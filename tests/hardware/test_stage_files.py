@@ -34,3 +34,9 @@ def test_a_run_up_of_too_many_steps_is_refused():
     """A stage that runs up slowly for a short exposure would fill a disk with its path."""
     with pytest.raises(ValueError, match=r"run-up and a run-out of at most 100000 steps; got \d+"):
         path_steps(PATH, PATH.exposure[0], 1e-9, 2)
+
+
+def test_a_run_out_of_too_many_steps_is_refused():
+    """So it is where a path begins at the first light and takes long to come to rest behind it."""
+    with pytest.raises(ValueError, match=r"run-up and a run-out of at most 100000 steps; got \d+"):
+        path_steps(PATH, PATH.times[0], 1e-9, 2)

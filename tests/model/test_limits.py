@@ -146,3 +146,15 @@ def test_of_a_function_that_ignores_its_parameters():
 
     np.testing.assert_array_equal(jax.grad(largest)(numbers), [0, 1, 0])
     np.testing.assert_array_equal(jax.jacfwd(largest)(numbers), [0, 1, 0])
+
+
+def test_the_steepest_piece_of_a_free_path_keeps_the_limit_on_acceleration():
+    """The mean acceleration is below that of a parabola by the steepest piece's share, 1.75."""
+    wide = Limits(max_stroke=1e6, max_top_speed=1e7, max_half_exposure=0.013, max_acceleration=9e5)
+    shape = PathShape(jnp.array([0.5, 1.75, 0.75]), jnp.array(0.0))
+    numbers = jnp.array(1e9), jnp.array(7e-3), jnp.array(0.0)
+    most = wide.acceleration_of_stage(*numbers, shape)
+    assert float(most) == pytest.approx(9e5 / 2 / 1.75, rel=1e-9)
+    assert float(wide.acceleration_of_stage(*numbers)) == pytest.approx(9e5 / 2, rel=1e-9)
+    path = shape.path(most, numbers[1], numbers[2], wide.max_pan)
+    assert float(path.greatest_acceleration) == pytest.approx(9e5, rel=1e-9)

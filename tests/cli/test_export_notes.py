@@ -1,0 +1,27 @@
+"""What `export` tells to set by hand, in the units that it names."""
+
+from support.drive import a_design
+
+from mishutter import FirstOrderShutter, TukeyShutter, drive_table
+from mishutter.cli.export import FormatName, _note_what_to_set
+from mishutter.design import given_design
+
+
+def test_a_shutter_stands_at_its_first_level_for_its_settling_time(capsys):
+    """The delay and the time to a thousandth of a step, in ms, before the exposure."""
+    device = FirstOrderShutter(rise_time=1.7e-3, fall_time=4.1e-3, num_slots=16, delay=0.6e-3)
+    plain = a_design(TukeyShutter(0.4))
+    scene = type(plain.scene)(
+        plain.scene.speeds,
+        photon_rate=1e5,
+        read_noise=10.0,
+        limits=plain.scene.limits,
+        device=device,
+    )
+    design = given_design(scene, plain.motion, TukeyShutter(0.4), "Given.")
+    table = drive_table(design)
+    _note_what_to_set(table, FormatName("npy"))
+    said = " ".join(capsys.readouterr().err.split())
+    assert f"from {float(device.settling_time) * 1e3:.3g} ms before the exposure" in said
+    assert 5 < float(device.settling_time) * 1e3 < 50
+    assert f"samples in {table.exposure * 1e3:.5g} ms" in said
