@@ -41,6 +41,7 @@ ALL = (
     "cross_motion",
     "long_kernels",
     "fit",
+    "measure",
     "plan",
     "sweep",
     "explore",

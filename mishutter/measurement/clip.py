@@ -30,7 +30,8 @@ _PILE = 1.5
 
 Noise spreads a level that is met over those beside it; a converter that ends there does not.
 """
-_PILE_SHARE = 1e-4
+_PILE_SHARE, _FEW = 1e-4, 10
+"""Share of the pixels, and their number, that a tail of noise may leave at the end by chance."""
 
 
 class Levels(NamedTuple):
@@ -40,13 +41,15 @@ class Levels(NamedTuple):
         frames: Levels; shape `(frames, rows, columns)`, float32.
         full: Greatest level of the file's depth.
         is_whole: Whether levels are whole numbers.
-        words: What was read otherwise than one would expect.
+        words: Sentences on what was read otherwise than one would expect.
+        guess: A sentence on how white follows from the levels; `""` where the file states it.
     """
 
     frames: Float[np.ndarray, "frames rows columns"]
     full: float
     is_whole: bool
     words: tuple[str, ...] = ()
+    guess: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +63,7 @@ class Clip:
         white: Level of white.
         step: Step between neighbouring levels; 0 for levels that are no whole numbers.
         ends: Levels at and beyond which the file cuts off, below and above.
-        words: What was read otherwise than one would expect.
+        words: Sentences on what was read otherwise than one would expect.
     """
 
     frames: Float[np.ndarray, "frames rows columns"]
@@ -130,7 +133,7 @@ def clip_of(
         white=levels.full if white is None else float(white),
         step=step,
         ends=cut_off(frames, step),
-        words=levels.words,
+        words=(*levels.words, *([levels.guess] if levels.guess and white is None else [])),
     )
 
 
@@ -169,8 +172,8 @@ def read_levels_of(source: Source, subject: str, most: int | None = None) -> Lev
     if len(files) > len(parts):
         words.append(_first(most))
     is_whole = all(part.is_whole for part in parts)
-    full, word = _depth(frames, full) if is_whole else (full, "")
-    return Levels(frames, full, is_whole, (*dict.fromkeys(words), *([word] if word else [])))
+    full, guess = _depth(frames, full) if is_whole else (full, "")
+    return Levels(frames, full, is_whole, tuple(dict.fromkeys(words)), guess)
 
 
 def cut_off(frames: Shaped[np.ndarray, "frames rows columns"], step: float) -> tuple[float, float]:
@@ -181,7 +184,7 @@ def cut_off(frames: Shaped[np.ndarray, "frames rows columns"], step: float) -> t
     ends = []
     for end, beside in ((0, 1), (-1, -2)):
         few = counts[beside] if counts.size > 1 else 0
-        ends.append(counts[end] > max(_PILE * few, _PILE_SHARE * frames.size))
+        ends.append(counts[end] > max(_PILE * few, _PILE_SHARE * frames.size, _FEW))
     low, high = float(frames.min()), float(frames.max())
     # Where black is above level 0, dark parts lie on few levels and are not cut off.
     return low if ends[0] and low <= 0 else -np.inf, high if ends[1] else np.inf
@@ -247,10 +250,8 @@ def _of_array(array: np.ndarray, subject: str, most: int | None, name: str = "")
     in_range = greatest < 1 << most_bits and int(array.min()) >= 0
     require(in_range, subject, requirement, Unquoted(f"{greatest}{place}"))
     full = 255.0 if array.dtype.itemsize == 1 else 65535.0
-    if name == "":
-        full, word = _depth(frames, full)
-        words += (word,) if word else ()
-    return Levels(frames, full, True, words)
+    full, guess = _depth(frames, full) if name == "" else (full, "")
+    return Levels(frames, full, True, words, guess)
 
 
 def _of_file(path: Path, subject: str, most: int | None) -> Levels:

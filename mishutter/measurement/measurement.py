@@ -22,12 +22,13 @@ from mishutter.measurement.scene import (
     missing_keys,
     scene_text,
 )
-from mishutter.measurement.signs import gamma_doubt
+from mishutter.measurement.signs import shot_gamma
 from mishutter.measurement.texture import averaged, light_of_texture
 from mishutter.model import Scene, Texture, View, scene_of_tables
 from mishutter.pictures import Picture, write_picture
 
 _STEADY_WORD = "the exposure drifts by {share:.1%} from frame to frame, which was divided out"
+_GAMMA_WORD = "a gamma of {gamma:.2g} and little read noise explain the noise as well as this"
 _BLOCK = 32
 """Side of the squares whose means say how far a mean level is known; px."""
 VELOCITIES = "velocities.csv"
@@ -261,35 +262,57 @@ def measure(
     name = clip.name if isinstance(clip, Path) else clip if isinstance(clip, str) else ""
     if not isinstance(clip, str | Path | np.ndarray):
         name = f"{Path(next(iter(clip), '')).name} and others"
-    with counts(progress, "measuring", 3) as counter:
-        counter.next("reading")
-        frames = clip_of(clip, frames_per_s, exposure, white)
-        others = {"dark": dark, "flats": flats}
-        read = {
-            key: None if source is None else read_levels_of(source, f"measure({key}=...)").frames
-            for key, source in others.items()
-        }
+    with counts(progress, "measuring", 2) as counter:
         counter.next("noise")
-        steady, drift = photon_transfer.steady(frames.frames, frames.step)
-        noise = noise_of(frames, steady, read["dark"], read["flats"], black)
-        if drift:
-            frames = frames.with_frames(steady, _STEADY_WORD.format(share=drift))
-        law = noise.law
-        doubt = "" if noise.transfer is None else gamma_doubt(noise.transfer, frames.step)
-        if doubt and noise.electrons_at_white is not None and dark is None:
-            frames = frames.with_frames(frames.frames, doubt)
+        frames, noise = noise_from(
+            clip,
+            frames_per_s=frames_per_s,
+            exposure=exposure,
+            dark=dark,
+            flats=flats,
+            black=black,
+            white=white,
+        )
         counter.next("velocities")
-        unit = law.of_unit_noise(frames.frames)
+        unit = noise.law.of_unit_noise(frames.frames)
         motion = motion_of(unit, frames.frames_per_s)
         picture = averaged(frames.frames, unit, motion, frames.frames_per_s)
         along = along_axis(motion.objects)
         axis = "rows" if along is None else along.axis
         black_level = noise.black_level
-        light = light_of_texture(picture, law, black_level, frames.white, axis)
+        light = light_of_texture(picture, noise.law, black_level, frames.white, axis)
         levels = (picture.levels - black_level) / (frames.white - black_level)
     difference = _level_difference(levels, motion)
     name = Path(name).name if name else "an array"
     return Measurement(name, frames, noise, motion, light, difference, pixel_pitch, px_per_mm)
+
+
+def noise_from(
+    clip: Source,
+    *,
+    frames_per_s: float,
+    exposure: float | None = None,
+    dark: Source | None = None,
+    flats: Source | None = None,
+    black: float | None = None,
+    white: float | None = None,
+) -> tuple[Clip, Noise]:
+    """The frames of a clip, divided by an exposure that drifts, and their noise; see `measure`."""
+    frames = clip_of(clip, frames_per_s, exposure, white)
+    others = {"dark": dark, "flats": flats}
+    read = {
+        key: None if source is None else read_levels_of(source, f"measure({key}=...)").frames
+        for key, source in others.items()
+    }
+    steady, drift = photon_transfer.steady(frames.frames, frames.step)
+    noise = noise_of(frames, steady, read["dark"], read["flats"], black)
+    if drift:
+        frames = frames.with_frames(steady, _STEADY_WORD.format(share=drift))
+    if noise.transfer is not None and noise.electrons_at_white is not None and dark is None:
+        gamma = shot_gamma(noise.transfer, frames.step)
+        if gamma is not None:
+            frames = frames.with_frames(frames.frames, _GAMMA_WORD.format(gamma=gamma))
+    return frames, noise
 
 
 def _level_difference(levels: np.ndarray, motion: Motion) -> Estimate:

@@ -300,7 +300,7 @@ def _object(
     inner = ndimage.binary_erosion(mask, iterations=_EDGE)
     inner = inner if inner.sum() >= _LEAST_AREA // 2 else mask
     farthest = max(reference, count - 1 - reference)
-    reach, residual, covariance = 1, np.inf, np.eye(2)
+    reach, used, residual, covariance = 1, 1, np.inf, np.eye(2)
     while reach < farthest or residual == np.inf:
         reach = min(2 * reach, farthest)
         numbers = range(max(0, reference - reach), min(count, reference + reach + 1))

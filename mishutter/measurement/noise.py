@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,10 +11,20 @@ from mishutter.measurement import photon_transfer
 from mishutter.measurement.clip import Clip
 from mishutter.measurement.estimates import Estimate, Refusal
 from mishutter.measurement.photon_transfer import Blocks, Law, Transfer
-from mishutter.measurement.signs import NOISE, signs_of, too_few, too_narrow
+from mishutter.measurement.signs import (
+    BELOW_STEPS,
+    MORE_BITS,
+    NOISE,
+    shot_gamma,
+    signs_of,
+    too_few,
+    too_narrow,
+)
 
 _MODEL = 0.007
 """Error of a gain that no resampling shows, as a share, on clips of photographs of known truth."""
+_READ_MODEL = 0.02
+"""The same of the read noise, to which few blocks at rest are dark."""
 _NO_ENDS = -np.inf, np.inf
 READ = "the read noise"
 _LEAST_OF_A_STEP = 0.5
@@ -87,100 +98,148 @@ def noise_of(
         ValueError: if dark frames or flat fields have another size, or flat fields are no pairs.
     """
     _check_others(clip, dark, flats, black)
-    refusals = []
-    known, source = (None, "") if black is None else (Estimate(black, 0.0), "as told")
-    if dark is not None:
-        if np.mean(dark <= 0) > _MOST_CUT and clip.step > 0:
-            reason = "dark frames are cut off at their lowest level"
-            remedy = "Raise the camera's black level (offset) until dark frames show all noise"
-            refusals.append(Refusal("the level of black", reason, remedy))
-            dark = None
-        elif known is None:
-            each = dark.mean(axis=(1, 2), dtype=np.float64)
-            # Rounding alone decides the level of frames whose noise is below the steps.
-            doubt = clip.step / (100 if dark[0].std() > _LEAST_OF_A_STEP * clip.step else 3)
-            error = float(np.hypot(each.std() / np.sqrt(each.size), doubt))
-            known, source = Estimate(float(each.mean()), error), _frames_text(len(dark), "dark")
+    told = _black_of(clip, dark, black)
+    known, dark = told.black, told.dark
+    refusals = [] if told.refusal is None else [told.refusal]
     blocks = photon_transfer.blocks_of(photon_transfer.pairs_of(steady), clip.ends)
-    others = _others(clip, dark, flats)
-    transfer = photon_transfer.transfer_of(blocks, others, clip.step)
-    low, at = _darkest(blocks), None if known is None else known.value
-    if transfer is None or transfer.share < _LEAST_AT_REST:
-        refusals.append(too_few(clip, float(blocks.is_whole.mean())))
-        span, law = (min(0.0, low), low), photon_transfer.rough_law(blocks, clip.step)
-        return Noise(
-            None, None, None, known, span, None, law, None, tuple(refusals), ("", "", source)
-        )
-    signs = signs_of(clip, transfer, at)
-    narrow = too_narrow(transfer, at, has_others=others is not None)
-    signs += [narrow] if narrow else []
-    brightest = float(transfer.law(np.quantile(transfer.blocks.mean, 0.99)))
-    if not signs and brightest - clip.step**2 / 12 < (_LEAST_AT_WHITE * clip.step) ** 2:
-        reason = "the noise is smaller than the steps of the file"
-        signs.append(Refusal(NOISE, reason, _MORE_BITS))
-    gains, darks = transfer.lines[:, 1], transfer.lines[:, 0]
-    gain = Estimate(transfer.law.gain, float(np.hypot(gains.std(), _MODEL * transfer.law.gain)))
-    if not signs and not gain.error < _MOST_ERROR * gain.value:
-        reason = "the variance does not rise measurably with the level"
-        remedy = "Film longer, with brighter and darker parts at rest, or add flat fields (--flat)"
-        signs.append(Refusal(NOISE, reason, remedy))
-    lowest = max(min(0.0, low), -transfer.law.dark / gain.value) if gain.value > 0 else 0.0
-    span = (min(lowest, low), low) if known is None else (known.value, known.value)
-    if signs:
-        refusals += signs
-        return Noise(
-            *(None, None, None, known, span, None),
-            *(transfer.law, transfer, tuple(refusals), ("", "", source)),
-        )
+    transfer = photon_transfer.transfer_of(blocks, _others(clip, dark, flats), clip.step)
+    low = _darkest(blocks)
+    span = (min(0.0, low), low) if known is None else (known.value, known.value)
+    law = photon_transfer.rough_law(blocks, clip.step) if transfer is None else transfer.law
+    is_still = transfer is not None and transfer.share >= _LEAST_AT_REST
+    if transfer is None or not (is_still or flats is not None):
+        transfer, signs = None, [_too_few(clip, blocks)]
+    else:
+        signs = signs_of(clip, steady, transfer, None if known is None else known.value)
+        signs = signs or _doubts(clip, transfer, known, dark is not None or flats is not None)
+    if transfer is None or signs:
+        unknown = None, None, None, known, span, None
+        return Noise(*unknown, law, transfer, (*refusals, *signs), ("", "", told.source))
+    gain = _gain_of(transfer)
+    if known is None:  # no noise has a square below 0
+        span = min(max(span[0], -law.dark / gain.value), low), low
     middle = sum(span) / 2
     errors = gain.error / gain.value, _deviation(known, span) / (clip.white - middle)
     electrons = (clip.white - middle) / gain.value
-    at_white = Estimate(electrons, electrons * float(np.hypot(*errors)))
-    frames = _frames_text(clip.num_frames, "")
-    texts = [frames, *([_frames_text(len(flats), "flat")] if flats is not None else [])]
-    of_electrons = f"photon transfer over {' and '.join(texts)}"
-    rounding = clip.step**2 / 12
-    squares = np.array([transfer.law.dark + gain.value * b - rounding for b in span])
-    if known is None:
-        ends = tuple(float(np.sqrt(max(s, 0.0)) / gain.value) for s in squares)
-        read = Estimate(sum(ends) / 2, (ends[1] - ends[0]) / 4)
-        text = "an interval: black is not known (add two dark frames, --dark)"
-        limit = float(np.sqrt(max(squares[1], 0.0)))
-        numbers = read, (ends[0], ends[1]), text
-    else:
-        samples = np.maximum(darks + gains * known.value - rounding, 0.0)
-        read = _root(float(squares[0]), float(samples.std()), gain)
-        text = of_electrons if dark is None or len(dark) < 2 else _frames_text(len(dark), "dark")
-        if dark is not None and len(dark) == 1:
-            read, text = _of_one_dark(dark[0], read, clip.step, gain, text)
-        limit = read.value * gain.value
-        numbers = read, None, text
-    if limit < _LEAST_OF_A_STEP * clip.step:
-        most = _LEAST_OF_A_STEP * clip.step / gain.value
-        reason = f"it is below half a step of the file, {most:.3g} e-"
-        refusals.append(Refusal(READ, reason, _MORE_BITS))
-        numbers = None, None, ""
-    elif known is not None and read.error > _MOST_READ_ERROR * read.value:
-        reason = (
-            f"what stands still is too bright to show it ({read.value:.2g} +- {read.error:.2g} e-)"
-        )
-        refusals.append(Refusal(READ, reason, "Add two dark frames (--dark)"))
-        numbers = None, None, ""
+    texts = [_frames_text(clip.num_frames, "")]
+    texts += [_frames_text(len(flats), "flat")] if flats is not None else []
+    source = f"photon transfer over {' and '.join(texts)}"
+    read = _read_of(clip, transfer, span, known, dark)
     return Noise(
-        at_white,
-        numbers[0],
-        numbers[1],
-        known,
-        span,
-        gain,
-        transfer.law,
-        transfer,
-        tuple(refusals),
-        (of_electrons, numbers[2], source),
+        electrons_at_white=Estimate(electrons, electrons * float(np.hypot(*errors))),
+        read_noise=read.value,
+        read_noise_range=read.ends,
+        black=known,
+        black_range=span,
+        gain=gain,
+        law=law,
+        transfer=transfer,
+        refusals=(*refusals, *([] if read.refusal is None else [read.refusal])),
+        sources=(source, read.source or source, told.source),
     )
 
 
-_MORE_BITS = "Record more bits, or raise the camera's gain until noise spans some levels"
+class _Black(NamedTuple):
+    """Black and its source, the dark frames that show noise, and why they may not."""
+
+    black: Estimate | None
+    source: str
+    dark: np.ndarray | None
+    refusal: Refusal | None = None
+
+
+def _black_of(clip: Clip, dark: np.ndarray | None, black: float | None) -> _Black:
+    told = None if black is None else Estimate(black, 0.0)
+    source = "" if black is None else "as told"
+    if dark is None:
+        return _Black(told, source, None)
+    if np.mean(dark <= 0) > _MOST_CUT and clip.step > 0:
+        reason = "dark frames are cut off at their lowest level"
+        remedy = "Raise the camera's black level (offset) until dark frames show all noise"
+        return _Black(told, source, None, Refusal("the level of black", reason, remedy))
+    if told is not None:
+        return _Black(told, source, dark)
+    each = dark.mean(axis=(1, 2), dtype=np.float64)
+    # Rounding alone decides the level of frames whose noise is below the steps.
+    doubt = clip.step / (100 if dark[0].std() > _LEAST_OF_A_STEP * clip.step else 3)
+    error = float(np.hypot(each.std() / np.sqrt(each.size), doubt))
+    return _Black(Estimate(float(each.mean()), error), _frames_text(len(dark), "dark"), dark)
+
+
+def _too_few(clip: Clip, blocks: Blocks) -> Refusal:
+    whole = blocks.where(blocks.is_whole)
+    usual = float(np.median(whole.variance)) if whole.variance.size else 0.0
+    return too_few(clip, float(blocks.is_whole.mean()), usual)
+
+
+def _gain_of(transfer: Transfer) -> Estimate:
+    """System gain; levels per electron."""
+    spread, value = transfer.lines[:, 1].std(), transfer.law.gain
+    return Estimate(value, float(np.hypot(spread, _MODEL * value)))
+
+
+def _doubts(
+    clip: Clip, transfer: Transfer, known: Estimate | None, has_others: bool
+) -> list[Refusal]:
+    """The refusal of a clip whose levels are as a sensor gave them, and do not tell its gain."""
+    narrow = too_narrow(transfer, None if known is None else known.value, has_others=has_others)
+    if narrow is not None:
+        return [narrow]
+    brightest = float(transfer.law(np.quantile(transfer.blocks.mean, 0.99)))
+    if brightest - clip.step**2 / 12 < (_LEAST_AT_WHITE * clip.step) ** 2:
+        return [Refusal(NOISE, BELOW_STEPS, MORE_BITS)]
+    gain = _gain_of(transfer)
+    if gain.error < _MOST_ERROR * gain.value:
+        return []
+    gamma = shot_gamma(transfer, clip.step)
+    coded = f", as under a gamma of {gamma:.2g}" if gamma is not None and gamma > 1 else ""
+    reason = f"the variance does not rise measurably with the level{coded}"
+    remedy = (
+        "Switch gamma off, and film brighter and darker parts at rest, or add flat fields (--flat)"
+    )
+    return [Refusal(NOISE, reason, remedy)]
+
+
+class _Read(NamedTuple):
+    """Read noise, its range where black is not known, its source, and why there may be none."""
+
+    value: Estimate | None
+    ends: tuple[float, float] | None
+    source: str
+    refusal: Refusal | None = None
+
+
+def _read_of(
+    clip: Clip,
+    transfer: Transfer,
+    span: tuple[float, float],
+    known: Estimate | None,
+    dark: np.ndarray | None,
+) -> _Read:
+    """The read noise: the root of the variance at black, less that of rounding."""
+    gain, rounding = _gain_of(transfer), clip.step**2 / 12
+    squares = [transfer.law.dark + gain.value * b - rounding for b in span]
+    if known is None:
+        low, high = (float(np.sqrt(max(s, 0.0)) / gain.value) for s in squares)
+        text = "an interval: black is not known (add two dark frames, --dark)"
+        read = _Read(Estimate((low + high) / 2, (high - low) / 4), (low, high), text)
+        greatest = high
+    else:
+        samples = transfer.lines[:, 0] + transfer.lines[:, 1] * known.value - rounding
+        value = _root(squares[0], float(np.maximum(samples, 0).std()), gain)
+        text = _frames_text(len(dark), "dark") if dark is not None and len(dark) > 1 else ""
+        if dark is not None and len(dark) == 1:
+            value, text = _of_one_dark(dark[0], value, clip.step, gain, text)
+        read, greatest = _Read(value, None, text), value.value
+    least = _LEAST_OF_A_STEP * clip.step / gain.value
+    if greatest < least:
+        reason = f"it is below half a step of the file, {least:.3g} e-"
+        return _Read(None, None, "", Refusal(READ, reason, MORE_BITS))
+    value, error = read.value  # type: ignore[misc]
+    if known is not None and error > _MOST_READ_ERROR * value:
+        reason = f"what stands still is too bright to show it ({value:.2g} +- {error:.2g} e-)"
+        return _Read(None, None, "", Refusal(READ, reason, "Add two dark frames (--dark)"))
+    return read
 
 
 def _check_others(
@@ -235,7 +294,8 @@ def _root(square: float, error: float, gain: Estimate) -> Estimate:
     level = float(np.sqrt(max(square, 0.0)))
     spread = error / (2 * level) if level**2 > error else float(np.sqrt(error))
     value = level / gain.value
-    return Estimate(value, float(np.hypot(spread / gain.value, value * gain.error / gain.value)))
+    share = float(np.hypot(gain.error / gain.value, _READ_MODEL))
+    return Estimate(value, float(np.hypot(spread / gain.value, value * share)))
 
 
 def _of_one_dark(

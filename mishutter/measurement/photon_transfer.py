@@ -10,6 +10,7 @@ which something moves strongly rejects those around it.
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -84,12 +85,13 @@ class Blocks:
         own, others = ([getattr(x, name) for name in _COLUMNS] for x in (self, other))
         others[-1] = others[-1] + 1 + (self.cluster.max() if self.cluster.size else 0)
         joined = map(np.concatenate, zip(own, others, strict=True))
-        return Blocks(*joined, shape=(1, 1, self.mean.size + other.mean.size))
+        columns = dict(zip(_COLUMNS, joined, strict=True))
+        return Blocks(**columns, shape=(1, 1, self.mean.size + other.mean.size))
 
     def where(self, chosen: np.ndarray) -> "Blocks":
         """The chosen ones."""
-        parts = (getattr(self, name)[chosen] for name in _COLUMNS)
-        return Blocks(*parts, shape=(1, 1, int(np.sum(chosen))))
+        columns = {name: getattr(self, name)[chosen] for name in _COLUMNS}
+        return Blocks(**columns, shape=(1, 1, int(np.sum(chosen))))
 
 
 @dataclass(frozen=True)
@@ -100,9 +102,9 @@ class Law:
     gain: float
     floor: float
 
-    def __call__(self, level: np.ndarray) -> np.ndarray:
+    def __call__(self, level: np.ndarray | np.floating | float) -> np.ndarray:
         """Variance of a level."""
-        return np.maximum(self.dark + self.gain * level, self.floor)
+        return np.asarray(np.maximum(self.dark + self.gain * np.asarray(level), self.floor))
 
     def of_unit_noise(self, frames: np.ndarray) -> Float[np.ndarray, "frames rows columns"]:
         r"""Levels of unit noise: $\int dm/\sqrt{d + k m}$, the variance-stabilising transform."""
@@ -148,7 +150,7 @@ class Transfer:
 
 def pairs_of(frames: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Frames beside those that follow them."""
-    return zip(frames[:-1], frames[1:], strict=True)
+    return pairwise(frames)
 
 
 def blocks_of(pairs: Iterable[tuple[np.ndarray, np.ndarray]], ends: tuple[float, float]) -> Blocks:
@@ -177,8 +179,9 @@ def blocks_of(pairs: Iterable[tuple[np.ndarray, np.ndarray]], ends: tuple[float,
     rows, cols = np.indices(shape)
     across = -(-shape[1] // _CLUSTER)
     cluster = (rows // _CLUSTER * across + cols // _CLUSTER).ravel()
-    joined = [np.concatenate(column) for column in zip(*columns, strict=True)]
-    return Blocks(*joined, np.tile(cluster, len(columns)), (len(columns), *shape))
+    joined = dict(zip(_COLUMNS, map(np.concatenate, zip(*columns, strict=True)), strict=False))
+    joined["cluster"] = np.tile(cluster, len(columns))
+    return Blocks(**joined, shape=(len(columns), *shape))
 
 
 def _means(pixels: np.ndarray, side: int) -> np.ndarray:
@@ -201,14 +204,14 @@ def transfer_of(clip: Blocks, others: Blocks | None, step: float, seed: int = 0)
     law = _first_law(clip, floor)
     if law is None:
         return None
-    chosen = clip.is_whole
+    chosen, blocks = clip.is_whole, clip
     for _ in range(_ROUNDS):
         chosen = clip.is_whole & ~clip.moves(law)
         blocks = clip.where(chosen & law.exceeds_steps(clip.mean, step))
-        if np.sum(chosen) < LEAST_BLOCKS or not blocks.mean.size:
-            return None
         if others is not None:
             blocks = blocks + others.where(others.is_whole & law.exceeds_steps(others.mean, step))
+        if blocks.mean.size < LEAST_BLOCKS:
+            return None
         law = replace(law, **dict(zip(("dark", "gain"), _line(_sums(blocks, law)), strict=True)))
     sums = _sums(blocks, law)
     rng = np.random.default_rng(seed)

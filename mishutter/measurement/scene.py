@@ -130,7 +130,7 @@ def across_sentences(along: AlongAxis) -> list[str]:
         designed = float(np.interp(along.across, _ACROSS, _COSTS_DESIGNED))
         first = (
             f"{words[0].upper() + words[1:]}: in the light of the built-in scene that costs "
-            f"{cost:.1f} dB of a moving sensor's gain, or {designed:.1f} dB after a shorter exposure."
+            f"{cost:.1f} dB of a moving sensor's gain, or {designed:.1f} dB by a design for it."
         )
     sentences = [first]
     if along.across_turned < 0.7 * along.across:
@@ -240,8 +240,7 @@ def _speeds(parts: SceneParts) -> list[str]:
 def _light(parts: SceneParts) -> list[str]:
     electrons = parts.noise.electrons_at_white
     if electrons is None:
-        lines = ["[light]", f"# photon_rate_per_s = 1.0e5  # {_reason(parts.noise.refusals)}"]
-        return lines
+        return ["[light]", f"# photon_rate_per_s = 1.0e5  # {_reason(parts.noise.refusals)}"]
     time = parts.clip.longest_exposure
     rate, error = electrons.value / time, electrons.error / time
     told = f"{electrons.value:.4g} +- {electrons.error:.2g} e- at white"
@@ -365,7 +364,7 @@ def _limits(parts: SceneParts) -> list[str]:
 
 def _decoder() -> list[str]:
     return [
-        "# Assumed: one filter restores all speeds. Frames that a decoder registers know the speed.",
+        "# Assumed: one filter restores all speeds. A decoder that registers frames knows them.",
         "# [decoder]",
         '# speed = "known"',
     ]

@@ -15,6 +15,10 @@ from mishutter.measurement.photon_transfer import Transfer
 
 NOISE = "the noise"
 UNCOMPRESSED = "Record frames as the sensor gives them: PNG or TIFF, no compression, no denoising"
+BELOW_STEPS = "it is smaller than the steps of the file"
+MORE_BITS = "Record more bits, or raise the camera's gain until noise spans some levels"
+_LEAST_NOISE = 0.3
+"""Noise without that of rounding below which steps hide it; steps."""
 _SIDE = 8
 """Side of a block of `photon_transfer`, and of a JPEG's; px."""
 _MOST_REPEATS = 1.3, 0.03
@@ -27,32 +31,38 @@ _PAIRS_LOOKED_AT, _BLOCKS_LOOKED_AT = 3, 400
 _GAMMAS = np.arange(0.3, 3.51, 0.05)
 _LEAST_GAMMA, _GAMMA_CERTAIN = 0.15, 25.0
 """Distance of gamma from 1 that is looked at, and the fall of chi squared that proves it."""
+_LEAST_RISE = 0.2
+"""Rise of the variance over the levels, as a share, below which it counts as flat."""
+_LEAST_BEND = 0.06
+"""Distance from a line below which a gamma would change no number by much."""
 _BENT, _BENT_CERTAIN = 0.2, 8.0
 """Distance from a line, as a share of the variance and in errors, that is no straight curve's."""
 _LEAST_RANGE = 2.0
 _MOST_CUT = 0.9
 
 
-def signs_of(clip: Clip, transfer: Transfer, black: float | None) -> list[Refusal]:
+def signs_of(
+    clip: Clip, steady: np.ndarray, transfer: Transfer, black: float | None
+) -> list[Refusal]:
     """The signs that a clip has, each with its reason and remedy.
 
     Args:
         clip: The clip.
+        steady: Its frames, divided by an exposure that drifts.
         transfer: Its law of the noise.
         black: Level of black, if it is known.
     """
-    rest = transfer.at_rest
     signs = (
         _repeats(clip, transfer),
-        _correlates(clip, rest),
+        _correlates(steady, transfer.at_rest),
         _steps_of_eight(clip),
         _bends(transfer, black, clip.step),
     )
     return [sign for sign in signs if sign is not None]
 
 
-def gamma_doubt(transfer: Transfer, step: float) -> str:
-    """A sentence where a curve without read noise is as straight by a gamma; `""` elsewhere.
+def shot_gamma(transfer: Transfer, step: float) -> float | None:
+    """The gamma that explains the curve without read noise as well as a line; None for none.
 
     Args:
         transfer: The law of the noise.
@@ -69,8 +79,8 @@ def gamma_doubt(transfer: Transfer, step: float) -> str:
     best = int(np.argmin(misfit))
     gamma = float(_GAMMAS[best])
     if abs(gamma - 1) < _LEAST_GAMMA or misfit[best] > straight + _GAMMA_CERTAIN:
-        return ""
-    return f"a gamma of {gamma:.2g} and little read noise explain the noise as well as this"
+        return None
+    return gamma
 
 
 def too_narrow(transfer: Transfer, black: float | None, has_others: bool) -> Refusal | None:
@@ -89,13 +99,16 @@ def too_narrow(transfer: Transfer, black: float | None, has_others: bool) -> Ref
     return Refusal(NOISE, reason, remedy)
 
 
-def too_few(clip: Clip, whole_share: float) -> Refusal:
+def too_few(clip: Clip, whole_share: float, variance: float) -> Refusal:
     """The refusal of a clip with too few blocks at rest.
 
     Args:
         clip: The clip.
         whole_share: Share of the blocks that are not cut off.
+        variance: Median variance of those.
     """
+    if whole_share >= 1 - _MOST_CUT and variance < (_LEAST_NOISE**2 + 1 / 12) * clip.step**2:
+        return Refusal(NOISE, BELOW_STEPS, MORE_BITS)
     if whole_share < 1 - _MOST_CUT:
         ends = "black" if np.isfinite(clip.ends[0]) else "white"
         if all(np.isfinite(clip.ends)):
@@ -109,9 +122,9 @@ def too_few(clip: Clip, whole_share: float) -> Refusal:
 
 
 def _repeats(clip: Clip, transfer: Transfer) -> Refusal | None:
-    """Pixels that keep their level from frame to frame more often than noise lets them.
+    r"""Pixels that keep their level from frame to frame more often than noise lets them.
 
-    Two levels that were rounded are equal with the chance $E\\max(0, 1 - |x|)$, of a difference
+    Two levels that were rounded are equal with the chance $E\max(0, 1 - |x|)$, of a difference
     $x$ in steps before rounding.
     """
     if clip.step == 0:
@@ -126,6 +139,8 @@ def _repeats(clip: Clip, transfer: Transfer) -> Refusal | None:
         deviation = np.sqrt(2 * np.maximum(variance / clip.step**2 - 1 / 12, 1e-4))
         tail = deviation * np.sqrt(2 / np.pi) * (1 - np.exp(-1 / (2 * deviation**2)))
         expected.append(special.erf(1 / deviation / np.sqrt(2)) - tail)
+    if not equal:
+        return None
     share, usual = np.concatenate(equal).mean(), np.concatenate(expected).mean()
     if share <= _MOST_REPEATS[0] * usual + _MOST_REPEATS[1]:
         return None
@@ -135,13 +150,13 @@ def _repeats(clip: Clip, transfer: Transfer) -> Refusal | None:
     return Refusal(NOISE, reason, UNCOMPRESSED)
 
 
-def _correlates(clip: Clip, at_rest: np.ndarray) -> Refusal | None:
+def _correlates(frames: np.ndarray, at_rest: np.ndarray) -> Refusal | None:
     """Noise that neighbours share, as after compression, demosaicing, resizing or denoising."""
     products = power = 0.0
     for k, rest in enumerate(at_rest):
         if not rest.any():
             continue
-        noise = _blocks(clip.frames[k + 1] - clip.frames[k])[rest].astype(np.float64)
+        noise = _blocks(frames[k + 1] - frames[k])[rest].astype(np.float64)
         noise = (noise - noise.mean(axis=1, keepdims=True)).reshape(-1, _SIDE, _SIDE)
         products += np.sum(noise[:, :, 1:] * noise[:, :, :-1])
         products += np.sum(noise[:, 1:] * noise[:, :-1])
@@ -156,9 +171,9 @@ def _correlates(clip: Clip, at_rest: np.ndarray) -> Refusal | None:
 
 
 def _steps_of_eight(clip: Clip) -> Refusal | None:
-    """Coefficients of 8 x 8 blocks that lie on steps, on one of the 64 grids alone: a JPEG's.
+    r"""Coefficients of 8 x 8 blocks that lie on steps, on one of the 64 grids alone: a JPEG's.
 
-    The mean of $\\cos(2\\pi c/q)$ over coefficients $c$ of a cosine transform is 1 where all are
+    The mean of $\cos(2\pi c/q)$ over coefficients $c$ of a cosine transform is 1 where all are
     multiples of $q$; on other grids it is that of the noise.
     """
     if clip.step == 0:
@@ -178,7 +193,8 @@ def _comb(differences: np.ndarray, down: int, across: int) -> float:
     """The strongest comb of each coefficient on the grid of an offset, averaged."""
     blocks = np.concatenate([_blocks(d[down:, across:]).reshape(-1, 64) for d in differences])
     blocks = blocks[:: max(1, len(blocks) // _BLOCKS_LOOKED_AT)]
-    coefficients = fft.dctn(blocks.reshape(-1, _SIDE, _SIDE), axes=(1, 2), norm="ortho")
+    squares = blocks.reshape(-1, _SIDE, _SIDE)
+    coefficients = np.asarray(fft.dctn(squares, axes=(1, 2), norm="ortho"))
     angles = coefficients.reshape(len(blocks), -1, 1) * (2 * np.pi / _QUANTA)
     return float(np.cos(angles).mean(axis=0).max(axis=-1).mean())
 
@@ -203,7 +219,6 @@ def _bends(transfer: Transfer, black: float | None, step: float) -> Refusal | No
     level, light, variance, error = (x[usable] for x in (level, light, variance, error))
     misfit = (variance - transfer.law(level)) / error
     straight = float(np.sum(misfit**2))
-    scale = max(1.0, float(np.median(misfit**2)) / 0.455)
     target = (variance - step**2 / 12) / error
     unit = light / light.max()
     fits = []
@@ -213,11 +228,13 @@ def _bends(transfer: Transfer, black: float | None, step: float) -> Refusal | No
     best = int(np.argmin(fits))
     gamma, gain = float(_GAMMAS[best]), straight - fits[best]
     remedy = "Switch gamma off, or record raw frames: levels must be proportional to light"
-    if abs(gamma - 1) >= _LEAST_GAMMA and gain > _GAMMA_CERTAIN * max(1.0, fits[best] / unit.size):
+    bend = np.abs(variance / transfer.law(level) - 1)
+    is_flat = transfer.law.gain * np.ptp(level) < _LEAST_RISE * variance.max()
+    is_bent = abs(gamma - 1) >= _LEAST_GAMMA and (is_flat or bend.max() > _LEAST_BEND)
+    if is_bent and gain > _GAMMA_CERTAIN * max(1.0, fits[best] / unit.size):
         reason = f"the variance over the mean is bent as by a gamma of {gamma:.2g}"
         return Refusal(NOISE, reason, remedy)
-    bend = np.abs(variance / transfer.law(level) - 1)
-    if np.any((bend > _BENT) & (np.abs(misfit) > _BENT_CERTAIN * np.sqrt(scale))):
+    if np.any((bend > _BENT) & (np.abs(misfit) > _BENT_CERTAIN)):
         reason = f"the variance over the mean is {bend.max():.0%} from a straight line"
         return Refusal(NOISE, reason, remedy)
     return None

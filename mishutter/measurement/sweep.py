@@ -46,7 +46,8 @@ class Box(NamedTuple):
     def around(mask: Bool[np.ndarray, "rows columns"]) -> "Box":
         """The least box around a mask."""
         rows, columns = np.nonzero(mask)
-        return Box(rows.min(), rows.max() + 1, columns.min(), columns.max() + 1)
+        ends = rows.min(), rows.max() + 1, columns.min(), columns.max() + 1
+        return Box(*map(int, ends))
 
     def of(self, picture: np.ndarray) -> np.ndarray:
         """The part of a picture."""
@@ -292,17 +293,18 @@ class Region(NamedTuple):
             seen &= box.of(self.mask)
             seen &= seen.sum(axis=0) > 1
             mean = _weighted(values, seen.astype(float))
+            weights = seen.astype(float)
             for _ in range(2):
                 squares = (values - mean) ** 2
                 scale = max(_ROBUST * noise, 3 * float(np.median(squares[seen])))
                 weights = np.where(seen, 1 / (1 + (squares / scale) ** 2), 0)
                 mean = _weighted(values, weights)
             away = times - _weighted(np.broadcast_to(times, values.shape), weights)
-            slopes = np.stack(np.gradient(mean))
+            slopes = np.stack([np.gradient(mean, axis=axis) for axis in (0, 1)])
             pull = (weights * away * (values - mean)).sum(axis=0)
             normal = np.einsum("iyx,jyx,yx->ij", slopes, slopes, (weights * away**2).sum(axis=0))
             normal += 1e-6 * np.trace(normal) * np.eye(2)
-            if not np.all(np.isfinite(normal)) or np.trace(normal) <= 0:
+            if np.trace(normal) <= 0:  # nothing to hold on to
                 break
             inverse = np.linalg.inv(normal)
             move = -inverse @ np.einsum("iyx,yx->i", slopes, pull)

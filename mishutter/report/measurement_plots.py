@@ -67,7 +67,7 @@ def plot_motion(measurement: Measurement) -> "Figure":
     clip, motion = measurement.clip, measurement.motion
     rows, columns = motion.labels.shape
     width = 4.6
-    figure = new_figure(2 * width, width * min(max(rows / columns, 0.3), 3) + 0.7)
+    figure = new_figure(2 * width, (width - 0.45) * min(max(rows / columns, 0.3), 3) + 0.5)
     leave_room(
         figure, Margins(left=0.1, right=0.6, bottom=0.1, top=0.4, columns=0.2), num_columns=2
     )
@@ -79,7 +79,7 @@ def plot_motion(measurement: Measurement) -> "Figure":
     for number in range(1, int(motion.labels.max()) + 1):
         mask = motion.labels == number
         colour = _rgb(_COLOURS[(number - 1) % len(_COLOURS)])
-        edge = mask & ~ndimage.binary_erosion(mask, iterations=2)
+        edge = mask & (np.asarray(ndimage.binary_erosion(mask, iterations=2)) == 0)
         shown[mask] = (1 - _PALE) * shown[mask] + _PALE * colour
         shown[edge] = colour
     shown[motion.labels < 0] = 0.5 * shown[motion.labels < 0] + 0.25

@@ -69,6 +69,7 @@ class ClipOf:
         black: Level of black, as a share of the full range.
         flicker: Standard deviation of the frames' exposures, as a share.
         seed: Of the noise, and of the pieces of photographs.
+        has_pixels: Whether photographs are light that pixels average along rows.
     """
 
     things: tuple[Thing, ...] = ()
@@ -83,6 +84,7 @@ class ClipOf:
     black: float = 1 / 64
     flicker: float = 0.0
     seed: int = 0
+    has_pixels: bool = False
     num_instants: int = field(default=5)
 
     @property
@@ -147,10 +149,15 @@ class ClipOf:
 
     def exposed(self, time: float) -> np.ndarray:
         """Mean light of an exposure about a time."""
-        if not self.things:
-            return self._background
         steps = (np.arange(self.num_instants) + 0.5) / self.num_instants - 0.5
-        return np.mean([self.light(time + s * self.exposure) for s in steps], axis=0)
+        steps = steps if self.things else [0.0]
+        light = np.mean([self.light(time + s * self.exposure) for s in steps], axis=0)
+        if not self.has_pixels:
+            return light
+        mirrored = np.concatenate([light, light[:, ::-1]], axis=1)
+        aperture = np.sinc(np.fft.rfftfreq(mirrored.shape[1]))
+        seen = np.fft.irfft(np.fft.rfft(mirrored) * aperture, mirrored.shape[1])
+        return np.clip(seen[:, : light.shape[1]], 0, 1)
 
     def levels(self) -> np.ndarray:
         """The frames as the file holds them; shape `(frames, rows, columns)`, whole numbers."""
