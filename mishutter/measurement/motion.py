@@ -28,7 +28,7 @@ _AROUND = 2
 _FINE, _ROUGH = 1.0, 2.0
 """Gaussians under which velocities are refined; px."""
 _MOST_OBJECTS, _MOST_MISSES = 12, 4
-_LEAST_GAIN = 0.1, 1.0
+_LEAST_GAIN = 0.1, 0.4
 """Gain of a tile that counts, in logarithms of its residual, and of all tiles that is followed."""
 _OWN_TILE = 0.3
 _LEAST_AREA = 500
@@ -44,6 +44,8 @@ _SMOOTHING = 2.5
 _FAR, _MOST_SQUARE = 50.0, 50.0
 _EDGE = 4
 """Pixels from an object's edge within which another's light may be seen; px."""
+_SMOOTH_EDGE = 6.0
+"""Gaussian under which the outlines of objects count for their widths; px."""
 _SEPARATE = 0.5
 """Distance of velocities over the labelled frames within which they are one; px."""
 _SHIFT = 0.05
@@ -151,8 +153,11 @@ def motion_of(
     numbers = [_place(each, objects) + 1 for each in middle.objects]
     labels = np.array([0, *numbers, -1])[middle.labels]
     enlarged = [_enlarged(each, scale, size) for each in (labels, middle.trust)]
-    # Specks that noise leaves out of an object end no run.
-    masks = [ndimage.binary_closing(view.labels != 0, iterations=_EDGE) for view in views]
+    # Specks, and parts without texture that are left out of an object, end no run.
+    masks = [
+        ndimage.gaussian_filter((view.labels != 0).astype(float), _SMOOTH_EDGE) > 0.5
+        for view in views
+    ]
     return Motion(
         objects=tuple(_in_seconds(each, unit, scale, first) for each in objects),
         labels=enlarged[0],

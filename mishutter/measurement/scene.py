@@ -321,7 +321,7 @@ def _occlusion(parts: SceneParts) -> list[str]:
     difference = parts.level_difference
     key = f"level_difference = {difference.value:.3f}"
     note = f"+- {difference.error:.2g}; mean light of what moves less that of the rest"
-    is_known = abs(difference.value) > 2 * difference.error
+    is_known = np.isfinite(difference.error)
     return [
         "[occlusion]",
         f"front_share = {share:.3f}  # +- 0.05; share that moves",

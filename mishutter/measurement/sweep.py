@@ -24,7 +24,7 @@ _STEP = 4.8
 """Step of the velocities that are swept, in px over the frames."""
 _REACH = 0.375
 """Furthest that anything moves over the swept frames, as a share of the shorter side."""
-_MOST_RESIDUAL = 200.0
+_MOST_RESIDUAL = 5000.0
 _LEAST_SEEN = 0.6
 """Share of a tile that must be seen in two frames."""
 _MARGIN = 2

@@ -117,7 +117,7 @@ def test_splines_shift_as_scipys_do():
     places = np.meshgrid(np.arange(17, 40) - 3.3, np.arange(30, 57) + 4.7, indexing="ij")
     plain = ndimage.gaussian_filter(frames[1], 1.2).astype(float)
     expected = ndimage.map_coordinates(plain, places, order=3, mode="nearest")
-    np.testing.assert_allclose(values[0][:, :18], expected[:, :18], atol=2e-5)
+    np.testing.assert_allclose(values[0][:, :18], expected[:, :18], atol=1e-4)
     assert not seen[0][:, -5:].any()
     assert seen[0][:, :18].all()
 

@@ -89,7 +89,8 @@ def test_what_is_not_known_is_a_commented_key():
 
 
 def an_object(right, down, area, error=1.0):
-    return MovingObject((down, right), (error, error), (50.0, 60.0), area, 9.0, 1.0, 2)
+    velocity = float(down), float(right)
+    return MovingObject(velocity, (error, error), (50.0, 60.0), area, 9.0, 1.0, 2)
 
 
 def test_speeds_end_at_the_fast_quantile_by_area():
@@ -134,7 +135,9 @@ def test_the_picture_has_the_power_of_the_light():
     seen = np.fft.irfft(np.fft.rfft(light) * np.sinc(frequency), columns)
     law = Law(dark=400.0, gain=0.0, floor=1.0)
     levels = 40 + 1000 * seen + 20 / np.sqrt(3) * rng.normal(size=light.shape)
-    picture = light_of_texture(Averaged(levels, np.full(light.shape, 3.0)), law, 40, 1040, "rows")
+    picture = light_of_texture(
+        Averaged(levels, np.full(light.shape, 3.0)), law, 40.0, 1040.0, "rows"
+    )
     found, truth = (
         row_power_spectrum(ms.Picture(np.asarray(x)), 16).power_spectrum
         for x in (picture, light[..., None].astype(np.float32))
