@@ -42,6 +42,7 @@ ALL = (
     "cross_motion",
     "long_kernels",
     "fit",
+    "measure",
     "plan",
     "sweep",
     "explore",

@@ -135,6 +135,8 @@ In the laboratory
     design_from_drive         the design that a drive table makes
     read_trace                reads an oscilloscope's trace of a shutter
     measured_profile          the profile that a trace shows
+    measure                   a scene from a clip of one's own camera: noise, velocities, texture
+    Measurement               what it returns; `scene`, and `save` for its file
     fit                       the camera as built, from pictures and a trace
     FittedCamera              what it returns
     read_measurements         reads the file that lists the pictures and the trace
@@ -142,7 +144,8 @@ In the laboratory
     SensorLevels              the conversion of electrons to levels
 
 Folders, whose further names are for those who extend the package
-    blur, camera, decoding, design, evaluation, hardware, model, pictures, report, search, sweeps
+    blur, camera, decoding, design, evaluation, hardware, measurement, model, pictures, report,
+    search, sweeps
 """
 
 import difflib as _difflib

@@ -5,6 +5,7 @@ from . import decoding as decoding
 from . import design as design
 from . import evaluation as evaluation
 from . import hardware as hardware
+from . import measurement as measurement
 from . import model as model
 from . import pictures as pictures
 from . import report as report
@@ -69,6 +70,8 @@ from .hardware import measured_profile as measured_profile
 from .hardware import read_drive as read_drive
 from .hardware import read_measurements as read_measurements
 from .hardware import read_trace as read_trace
+from .measurement import Measurement as Measurement
+from .measurement import measure as measure
 from .model import RASKAR_CODE as RASKAR_CODE
 from .model import AbstractPiecewiseShutter as AbstractPiecewiseShutter
 from .model import AbstractShutter as AbstractShutter

@@ -55,6 +55,7 @@ _FOLDERS = {
     "decoding": "Restoration",
     "design": "Designs and their files",
     "hardware": "Drive tables, traces and cameras as built",
+    "measurement": "Scenes from clips",
     "sweeps": "Maps",
     "report": "Comparison and pictures",
     "_core": "Compiled programs",

@@ -52,6 +52,7 @@ from mishutter.cli.laboratory import (
     note_other_device,
     takes_camera_files,
 )
+from mishutter.cli.measure_command import measure
 from mishutter.cli.options import (
     BackgroundsOption,
     CoefficientsOption,
@@ -318,6 +319,7 @@ def compare(
 
 
 for _command, _group in (
+    (measure, TO_BEGIN),
     (sweep, TO_DESIGN),
     (plan, TO_DESIGN),
     (simulate, TO_SEE),

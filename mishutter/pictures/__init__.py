@@ -10,6 +10,7 @@ from mishutter.pictures.images import Capture as Capture
 from mishutter.pictures.images import Picture as Picture
 from mishutter.pictures.images import PictureWarning as PictureWarning
 from mishutter.pictures.images import checked_white as checked_white
+from mishutter.pictures.images import decoded_pages as decoded_pages
 from mishutter.pictures.images import examined as examined
 from mishutter.pictures.images import example_picture as example_picture
 from mishutter.pictures.images import light_of as light_of

@@ -260,12 +260,10 @@ def read_captures(
     path, white = Path(path), checked_white("read_captures(white=...)", white)
     require_scalar("read_captures(black=...)", black)
     require_finite("read_captures(black=...)", black)
-    file = _file(path)
+    files = decoded_pages(path)
+    file = files[0]
     full = file.full if white is None else white
     require(full > black, "read_captures(white=...)", f"be above black, {black:g}", full)
-    files = [file]
-    while files[-1].has_more and is_tiff(path):
-        files.append(_file(path, len(files)))
     is_all = len(files) > 1
     for doubt in _doubts(file._replace(has_more=not is_all and file.has_more), path, white, linear):
         warnings.warn(doubt, PictureWarning, stacklevel=2)
@@ -282,6 +280,24 @@ def read_captures(
         )
         for number, each in enumerate(files, 1)
     )
+
+
+def decoded_pages(path: str | Path, most: int | None = None) -> tuple[Decoded, ...]:
+    """The pictures of a file as it holds them: a TIFF has one for each page of full size.
+
+    Args:
+        path: A file that `read_picture` reads.
+        most: Most pages that are read; all by default.
+
+    Raises:
+        OSError: as `read_picture`.
+        ValueError: as `read_picture`.
+    """
+    path = Path(path)
+    files = [_file(path)]
+    while files[-1].has_more and is_tiff(path) and (most is None or len(files) < most):
+        files.append(_file(path, len(files)))
+    return tuple(files)
 
 
 def examined(

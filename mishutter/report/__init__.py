@@ -20,6 +20,8 @@ from mishutter.report.documents import write_report as write_report
 from mishutter.report.fit_plots import plot_fit as plot_fit
 from mishutter.report.measured import MeasuredCamera as MeasuredCamera
 from mishutter.report.measured import measured_camera as measured_camera
+from mishutter.report.measurement_plots import plot_motion as plot_motion
+from mishutter.report.measurement_plots import plot_noise as plot_noise
 from mishutter.report.plots import camera_text as camera_text
 from mishutter.report.plots import motion_text as motion_text
 from mishutter.report.plots import plot_capture as plot_capture

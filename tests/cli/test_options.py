@@ -9,6 +9,7 @@ import inspect
 import pydoc
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -110,6 +111,7 @@ LABORATORY = [
         )
     ),
 ]
+MEASURE = "mishutter.measurement.measure"
 READ_CAPTURES = "mishutter.pictures.read_captures"
 RESTORE, GIVEN = "mishutter.decoding.restored_capture", ("--design", "design.json")
 ON_PICTURES = ("--pictures", "photo.png", "--pictures", "other.png")
@@ -253,6 +255,16 @@ OPTIONS = {
         Option(["--ceiling", "0.83"], TABLE, _named("ceiling"), 0.83),
         Option(["--format", "pulses"], TABLE, _named("carries_error"), True),
     ],
+    "measure": [
+        Option(["--frames-per-s", "61"], MEASURE, _named("frames_per_s"), 61.0),
+        Option(["--exposure-ms", "3"], MEASURE, _named("exposure"), pytest.approx(3e-3)),
+        Option(["--dark", "dark.tif"], MEASURE, _named("dark"), [Path("dark.tif")]),
+        Option(["--flat", "flat.tif"], MEASURE, _named("flats"), [Path("flat.tif")]),
+        Option(["--black", "63"], MEASURE, _named("black"), 63.0),
+        Option(["--white", "4095"], MEASURE, _named("white"), 4095.0),
+        Option(["--pixel-pitch-um", "3.5"], MEASURE, _named("pixel_pitch"), pytest.approx(3.5e-6)),
+        Option(["--px-per-mm", "7"], MEASURE, _named("px_per_mm"), 7.0),
+    ],
     "fit": [
         Option(
             ["--design", "other.json"],
@@ -274,6 +286,7 @@ REQUIRED = {
     "restore": ["other.png"],
     "export": ["design.json"],
     "fit": ["measurements.toml", "--design", "design.json"],
+    "measure": ["clip.tif", "--frames-per-s", "50", "--out", "found.toml"],
 }
 """Arguments without which a command does not begin."""
 

@@ -1,0 +1,393 @@
+"""Does `measure` find the noise, the objects and the scene of clips whose truth is known?
+
+Clips are simulated from photographs by `tests/support/clips.py`. A typical printout stands in
+`RESULTS.md`.
+"""
+
+import io
+import sys
+import time
+from dataclasses import replace
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from PIL import Image
+
+jax.config.update("jax_enable_x64", True)
+
+from support.clips import PHOTOGRAPHS, ClipOf, Thing  # noqa: E402
+
+import mishutter as ms  # noqa: E402
+from benchmarks import harness  # noqa: E402
+from mishutter.measurement import Noise, noise_from  # noqa: E402
+
+NOISES = ((300, 2.0), (1000, 8.0), (1000, 4.0), (3000, 4.0), (10_000, 4.0))
+"""Photo-electrons at white, and read noise; e-."""
+DEPTHS = (8, 12, 16)
+NUM_CLIPS = 48
+"""Clips of two objects each."""
+QUALITIES = (95, 90, 80, 60)
+GAMMAS = (1.8, 2.2)
+TEXT = """## A scene measured from a clip
+
+**Noise.** Eight frames of 256 x 256 of ten photographs before which two objects move, five noises
+and three depths: {num_noise} clips, each with two dark frames, or with black told where level 0
+cuts dark frames off. `electrons` is the share within 10 % of the truth and the farthest, `read`
+the share within 20 % and the farthest; `within two` the share of errors that hold the truth.
+A read noise below half a step of the file is refused.
+
+{noise}
+
+All together: electrons within two errors {electron_cover:.0%}, read noise {read_cover:.0%}.
+
+**Clips that are refused.** The same clips of 8 bits after a JPEG, or coded by a gamma: share in
+which no number is written.
+
+{refused}
+
+**Objects.** {num_clips} clips of 4 to 16 frames, 300 to 10,000 e-, of two objects of 72 to 120 px
+at up to 10 px a frame in random directions: {found} of {objects} within 1.5 px over the clip
+({visible} of those that show at least 2,000 px in the reference frame), {false} others. The median
+error is {median:.2f} px over the clip, and {cover:.0%} of the errors of either axis hold the truth
+within two. The share at rest is off by {share_median:.3f} in the median and {share_worst:.3f} at
+most.
+
+**There and back.** Clips simulated from a scene, measured, and answered:
+
+{back}
+
+A clip of 16 frames of 512 x 512 takes {seconds:.0f} s of one core at the load of the run."""
+
+
+def thing(rng: np.random.Generator, centre: tuple[float, float], name: str) -> Thing:
+    """An object of a random size and velocity."""
+    axes = tuple(rng.uniform(36, 60, 2))
+    return Thing(centre, axes, tuple(rng.uniform(-500, 500, 2)), name)
+
+
+def two_things(seed: int) -> tuple[Thing, Thing]:
+    """Two objects at random velocities."""
+    rng = np.random.default_rng([seed, 3])
+    names = PHOTOGRAPHS[(seed + 3) % 10], PHOTOGRAPHS[(seed + 7) % 10]
+    return thing(rng, (85, 85), names[0]), thing(rng, (170, 165), names[1])
+
+
+def measured(clip: ClipOf, levels: np.ndarray, **others: object) -> ms.Measurement:
+    """The measurement of a clip."""
+    return ms.measure(
+        levels,
+        frames_per_s=clip.frames_per_s,
+        exposure=clip.exposure,
+        white=float(clip.full),
+        **others,
+    )
+
+
+def noise_rows() -> list[dict]:
+    """One row for each clip of the noises."""
+    rows = []
+    for seed, name in enumerate(PHOTOGRAPHS):
+        base = ClipOf(two_things(seed), background=name, seed=seed)
+        lights = [base.exposed(t) for t in base.times]
+        for electrons, read in NOISES:
+            for bits in DEPTHS:
+                clip = replace(base, electrons=electrons, read_noise=read, bits=bits)
+                rng = np.random.default_rng([seed, bits, electrons])
+                levels = np.stack([clip.recorded(light, rng) for light in lights])
+                dark = clip.dark()
+                told = (
+                    {"black": float(clip.black_level)}
+                    if np.mean(dark == 0) > 0.01
+                    else {"dark": dark}
+                )
+                noise = measured_noise(clip, levels, **told)
+                row = {"photograph": name, "electrons": electrons, "read": read, "bits": bits}
+                row["steps"] = read * clip.per_electron
+                for key, truth, found in (
+                    ("electrons", electrons, noise.electrons_at_white),
+                    ("read", read, noise.read_noise),
+                ):
+                    if found is not None:
+                        row[f"{key} ratio"] = found.value / truth
+                        row[f"{key} score"] = (found.value - truth) / found.error
+                row["refusals"] = [each.text for each in noise.refusals]
+                rows.append(row)
+    return rows
+
+
+def measured_noise(clip: ClipOf, levels: np.ndarray, **told: object) -> Noise:
+    """The noise alone."""
+    return noise_from(levels, frames_per_s=clip.frames_per_s, white=float(clip.full), **told)[1]
+
+
+def refused_rows() -> list[dict]:
+    """Whether clips after a JPEG, or coded by a gamma, are refused."""
+    rows = []
+    for seed, name in enumerate(PHOTOGRAPHS):
+        for electrons in (300, 1000, 10_000):
+            clip = ClipOf(two_things(seed), background=name, seed=seed, electrons=electrons, bits=8)
+            levels = clip.levels()
+            coded = {f"JPEG {q}": np.stack([jpeg(f, q) for f in levels]) for q in QUALITIES}
+            deep = replace(clip, bits=16, black=0.0).levels() / 65535
+            for gamma in GAMMAS:
+                coded[f"gamma {gamma:g}"] = np.rint(255 * deep ** (1 / gamma)).astype(np.uint8)
+            coded["none"] = levels
+            for kind, frames in coded.items():
+                noise = measured_noise(clip, frames)
+                is_refused = noise.electrons_at_white is None
+                rows.append({"kind": kind, "electrons": electrons, "refused": is_refused})
+    return rows
+
+
+def jpeg(frame: np.ndarray, quality: int) -> np.ndarray:
+    """A frame after a JPEG of a quality."""
+    content = io.BytesIO()
+    Image.fromarray(frame).save(content, "JPEG", quality=quality)
+    return np.asarray(Image.open(content))
+
+
+def object_rows(count: int) -> list[dict]:
+    """One row for each clip of two objects."""
+    rows = []
+    for seed in range(count):
+        clip = ClipOf(
+            two_things(seed),
+            background=PHOTOGRAPHS[seed % 10],
+            num_frames=(4, 6, 8, 16)[seed % 4],
+            electrons=(300, 1000, 3000, 10_000)[(seed // 4) % 4],
+            seed=seed,
+        )
+        found = measured(clip, clip.levels(), black=float(clip.black_level))
+        labels = clip.labels(clip.times[found.motion.frame])
+        span = (clip.num_frames - 1) / clip.frames_per_s
+        each = [np.array(o.velocity) for o in found.motion.objects]
+        row = {"seed": seed, "share": found.motion.share_at_rest - np.mean(labels == 0)}
+        row |= {"off": [], "visible": [], "scores": []}
+        for number, thing in enumerate(clip.things, 1):
+            truth = np.array(thing.velocity)
+            away = [float(np.hypot(*(v - truth)) * span) for v in each]
+            best = int(np.argmin(away)) if away else None
+            row["off"].append(away[best] if away else 99.0)
+            row["visible"].append(int(np.sum(labels == number)))
+            if away and away[best] < 1.5:
+                error = found.motion.objects[best].error
+                row["scores"] += list((each[best] - truth) / np.array(error))
+        truths = [np.array(t.velocity) for t in clip.things]
+        row["false"] = sum(min(np.hypot(*(v - t)) * span for t in truths) > 1.5 for v in each)
+        rows.append(row)
+    return rows
+
+
+class Place(NamedTuple):
+    """A scene to film: light, noise, and the objects before a photograph."""
+
+    photograph: str
+    photon_rate: float
+    read_noise: float
+    frames_per_s: float
+    exposure: float
+    things: tuple[Thing, ...]
+
+
+PLACES = {
+    "one object": Place(
+        "brick.png", 1e5, 8.0, 60.0, 2e-3, (Thing((128, 200), (70, 90), (0, 900.0), "brick.png"),)
+    ),
+    "two objects, both ways": Place(
+        "astronaut.png",
+        3e5,
+        6.0,
+        60.0,
+        2e-3,
+        (
+            Thing((75, 140), (55, 70), (0, 760.0), "astronaut.png"),
+            Thing((185, 260), (50, 60), (0, -760.0), "astronaut.png"),
+        ),
+    ),
+    "three objects, both ways": Place(
+        "camera.png",
+        2e5,
+        3.0,
+        50.0,
+        4e-3,
+        (
+            Thing((55, 130), (42, 55), (0, 480.0), "camera.png"),
+            Thing((135, 250), (36, 60), (0, -480.0), "camera.png"),
+            Thing((210, 150), (38, 60), (0, 240.0), "camera.png"),
+        ),
+    ),
+}
+SIZE = 256, 384
+
+
+def back_rows() -> list[dict]:
+    """Scenes, the clips that they give, and the answers of both."""
+    return [there_and_back(name, place) for name, place in PLACES.items()]
+
+
+def there_and_back(name: str, place: Place) -> dict:
+    """A scene and the one that is measured from its clip, answered."""
+    clip = ClipOf(
+        place.things,
+        size=SIZE,
+        background=place.photograph,
+        num_frames=8,
+        frames_per_s=place.frames_per_s,
+        exposure=place.exposure,
+        electrons=place.photon_rate * place.exposure,
+        read_noise=place.read_noise,
+        black=1 / 8,
+        has_pixels=True,
+    )
+    found = measured(clip, clip.levels(), dark=clip.dark())
+    truth = true_scene(place, clip, found.scene)
+    answers = [answer(scene) for scene in (truth, found.scene)]
+    sequences = [best_frames(scene) for scene in (truth, found.scene)]
+    row = {"scene": name}
+    for kind, (option, level, gain) in zip(("true", "measured"), answers, strict=True):
+        row |= {f"{kind}: take": option, f"{kind} dB": level, f"{kind} gain dB": gain}
+    for kind, (option, level) in zip(("true", "measured"), sequences, strict=True):
+        row |= {f"{kind}: frames": option, f"{kind} frames dB": level}
+    return row
+
+
+def true_scene(place: Place, clip: ClipOf, like: ms.Scene) -> ms.Scene:
+    """The scene that a clip was simulated from, with the limits of another."""
+    time = float(clip.times[clip.num_frames // 2])
+    labels, light = clip.labels(time) > 0, clip.light(time)
+    begins = np.sum(labels[:, 1:] & ~labels[:, :-1]) + labels[:, 0].sum()
+    speeds = [-t.velocity[1] for t in place.things]
+    fast = max(map(abs, speeds))
+    both = min(speeds) < 0 < max(speeds)
+    return ms.Scene(
+        np.linspace(-fast, fast, 9) if both else speeds,
+        photon_rate=place.photon_rate,
+        read_noise=place.read_noise,
+        picture=ms.Texture.of_photograph(ms.Picture(light[..., None])),
+        sensor=like.sensor,
+        limits=like.limits,
+        burst=like.burst,
+        occlusion=ms.Occlusion(
+            front_share=labels.mean(),
+            object_width=labels.sum() / begins,
+            level_difference=light[labels].mean() - light[~labels].mean(),
+        ),
+    )
+
+
+def answer(scene: ms.Scene) -> tuple[str, float, float]:
+    """The option that is recommended, its level, and the gain of the best coded camera."""
+    design = ms.optimise(scene)
+    comparison = ms.compare(scene, design)
+    choice = comparison.choice
+    return choice.name, float(choice.level), float(comparison.gain)
+
+
+def best_frames(scene: ms.Scene) -> tuple[str, float]:
+    """The frames to take where objects are registered, and their level."""
+    known = scene._with(decoder_speed="known")
+    sequence = ms.best_sequence(known)
+    losses = sequence.registration_loss or 0.0, sequence.width_loss or 0.0
+    return f"{len(sequence.frames)}, {sequence.kind}", float(sequence.psnr - sum(losses))
+
+
+def noise_table(rows: list[dict]) -> list[dict]:
+    """Shares and worst cases by noise and depth."""
+    table = []
+    for electrons, read in NOISES:
+        for bits in DEPTHS:
+            mine = [
+                r for r in rows if (r["electrons"], r["read"], r["bits"]) == (electrons, read, bits)
+            ]
+            row = {"e-": f"{electrons:,}", "read e-": f"{read:g}", "bits": str(bits)}
+            row["noise in steps"] = f"{mine[0]['steps']:.2g}"
+            for key, most in (("electrons", 0.1), ("read", 0.2)):
+                ratios = np.array([r[f"{key} ratio"] for r in mine if f"{key} ratio" in r])
+                scores = np.array([r[f"{key} score"] for r in mine if f"{key} score" in r])
+                row[f"{key} written"] = f"{ratios.size} of {len(mine)}"
+                far = np.abs(ratios - 1)
+                some = ratios.size > 0
+                row[f"{key} within {most:.0%}"] = f"{np.mean(far < most):.0%}" if some else "-"
+                row[f"{key} farthest"] = f"{far.max():.1%}" if some else "-"
+                row[f"{key} within two"] = f"{np.mean(np.abs(scores) < 2):.0%}" if some else "-"
+            table.append(row)
+    return table
+
+
+def refused_table(rows: list[dict]) -> list[dict]:
+    """Share that is refused by kind and light."""
+    table = []
+    for kind in dict.fromkeys(row["kind"] for row in rows):
+        row = {"coded by": kind}
+        for electrons in (300, 1000, 10_000):
+            mine = [r["refused"] for r in rows if (r["kind"], r["electrons"]) == (kind, electrons)]
+            row[f"{electrons:,} e-"] = f"{np.mean(mine):.0%}"
+        table.append(row)
+    return table
+
+
+def seconds_of_a_large_clip() -> float:
+    """Processor time of 16 frames of 512 x 512."""
+    things = tuple(replace(t, centre=(2 * t.centre[0], 2 * t.centre[1])) for t in two_things(1))
+    clip = ClipOf(things, size=(512, 512), background="camera.png", num_frames=16)
+    levels = clip.levels()
+    start = time.process_time()
+    measured(clip, levels, black=float(clip.black_level))
+    return time.process_time() - start
+
+
+def report(parts: dict[str, list[dict]], seconds: float) -> None:
+    """Store and print."""
+    harness.write("measure", [{"part": k, **row} for k, rows in parts.items() for row in rows])
+    noise, objects = parts["noise"], parts["objects"]
+    covers = [
+        np.mean([abs(r[f"{key} score"]) < 2 for r in noise if f"{key} score" in r])
+        for key in ("electrons", "read")
+    ]
+    off = np.array([x for row in objects for x in row["off"]])
+    visible = np.array([x for row in objects for x in row["visible"]]) >= 2000
+    scores = np.array([x for row in objects for x in row["scores"]])
+    shares = np.abs([row["share"] for row in objects])
+    is_found = off < 1.5
+    tables = noise_table(noise), refused_table(parts["refused"]), parts["back"]
+    noise_text, refused, back = (harness.table(t, list(t[0])) for t in tables)
+    text = TEXT.format(
+        num_noise=len(noise),
+        noise=noise_text,
+        electron_cover=covers[0],
+        read_cover=covers[1],
+        refused=refused,
+        num_clips=len(objects),
+        found=int(is_found.sum()),
+        objects=off.size,
+        visible=f"{int((is_found & visible).sum())} of {int(visible.sum())}",
+        false=sum(row["false"] for row in objects),
+        median=float(np.median(off[is_found])),
+        cover=float(np.mean(np.abs(scores) < 2)),
+        share_median=float(np.median(shares)),
+        share_worst=float(shares.max()),
+        back=back,
+        seconds=seconds,
+    )
+    harness.section("measure", text)
+
+
+def main(count: int = NUM_CLIPS) -> None:
+    """Measure, store and print."""
+    seconds = seconds_of_a_large_clip()
+    parts = {}
+    for name, rows in (
+        ("noise", noise_rows),
+        ("refused", refused_rows),
+        ("objects", lambda: object_rows(count)),
+        ("back", back_rows),
+    ):
+        start = time.perf_counter()
+        parts[name] = rows()
+        print(name, f"{time.perf_counter() - start:.0f} s", file=sys.stderr, flush=True)
+    report(parts, seconds)
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:]))

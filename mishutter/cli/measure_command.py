@@ -1,0 +1,178 @@
+"""The command that makes a scene file from a clip: `measure`."""
+
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from mishutter._core import note, require, writable_folder
+from mishutter.cli.console import print_table, print_text, write_json
+from mishutter.cli.help import CAMERA, OUTPUT, PICTURES
+from mishutter.cli.options import JsonOption, as_path
+
+if TYPE_CHECKING:
+    from mishutter.measurement import Measurement
+
+
+def measure(
+    clip: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="CLIP",
+            parser=as_path,
+            help="Frames of a camera at rest: uncompressed PNG, TIFF (each page), PGM or .npy "
+            "files, or a folder of them.",
+            show_default=False,
+        ),
+    ],
+    *,
+    frames_per_s: Annotated[
+        float,
+        typer.Option(
+            "--frames-per-s",
+            metavar="F",
+            rich_help_panel=CAMERA,
+            help="Frames that the camera took a second.",
+        ),
+    ],
+    exposure_ms: Annotated[
+        float | None,
+        typer.Option(
+            "--exposure-ms",
+            metavar="T",
+            rich_help_panel=CAMERA,
+            help="Exposure of each frame. Without it the rate of photons is a lower limit.",
+        ),
+    ] = None,
+    dark: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--dark",
+            metavar="DARK",
+            parser=as_path,
+            rich_help_panel=CAMERA,
+            help="Frame with the lens covered and the same settings; repeat for more: two or more "
+            "tell the read noise. Without one it is an interval.",
+        ),
+    ] = None,
+    flat: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--flat",
+            metavar="FLAT",
+            parser=as_path,
+            rich_help_panel=CAMERA,
+            help="Flat fields in pairs of one exposure, as EMVA 1288 takes them; repeat.",
+        ),
+    ] = None,
+    black: Annotated[
+        float | None,
+        typer.Option(
+            "--black",
+            metavar="LEVEL",
+            rich_help_panel=PICTURES,
+            help="Level of black, if it is known without --dark.",
+        ),
+    ] = None,
+    white: Annotated[
+        float | None,
+        typer.Option(
+            "--white",
+            metavar="LEVEL",
+            rich_help_panel=PICTURES,
+            help="Level of white [default: the greatest of the files' depth].",
+        ),
+    ] = None,
+    pixel_pitch_um: Annotated[
+        float | None,
+        typer.Option(
+            "--pixel-pitch-um",
+            metavar="P",
+            rich_help_panel=CAMERA,
+            help="Distance of the sensor's pixels.",
+        ),
+    ] = None,
+    px_per_mm: Annotated[
+        float | None,
+        typer.Option(
+            "--px-per-mm",
+            metavar="M",
+            rich_help_panel=CAMERA,
+            help="Pixels of a millimetre of things, by a ruler in the picture.",
+        ),
+    ] = None,
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out",
+            metavar="SCENE.toml",
+            parser=as_path,
+            rich_help_panel=OUTPUT,
+            help="Scene file to write; its picture, the velocities and two plots go beside it.",
+        ),
+    ],
+    json: JsonOption = False,
+) -> None:
+    """Measure noise, velocities and texture from a clip, and write a scene file.
+
+    The camera stands still, and its levels are proportional to light. Each number has its error;
+    one that the clip does not tell is left out, with the reason and a remedy.
+    """
+    from mishutter.measurement import measure as measured
+
+    require(out.suffix.lower() == ".toml", "--out", "end in `.toml`", str(out))
+    folder = writable_folder(out.parent)
+    measurement = measured(
+        clip,
+        frames_per_s=frames_per_s,
+        exposure=None if exposure_ms is None else exposure_ms * 1e-3,
+        dark=dark or None,
+        flats=flat or None,
+        black=black,
+        white=white,
+        pixel_pitch=None if pixel_pitch_um is None else pixel_pitch_um * 1e-6,
+        px_per_mm=px_per_mm,
+        progress=True,
+    )
+    files = _write(measurement, folder / out.name)
+    if json:
+        write_json(measurement.to_dict() | {"files": files})
+    else:
+        _print(measurement, out)
+    note(f"{folder}: {', '.join(files)}")
+
+
+def _write(measurement: "Measurement", path: Path) -> list[str]:
+    from mishutter.report import plot_motion, plot_noise, save_figure
+
+    files = measurement.save(path)
+    save_figure(plot_noise(measurement), path.with_name("noise.png"))
+    save_figure(plot_motion(measurement), path.with_name("motion.png"))
+    return [*files, "noise.png", "motion.png"]
+
+
+def _print(measurement: "Measurement", out: Path) -> None:
+    for sentence in measurement.sentences:
+        print_text(sentence)
+    columns = ["object", "right px/s", "+-", "down px/s", "+-", "area px", "residual"]
+    rows = [
+        [
+            str(number),
+            f"{each.velocity[1]:.1f}",
+            f"{each.error[1]:.2g}",
+            f"{each.velocity[0]:.1f}",
+            f"{each.error[0]:.2g}",
+            str(each.area),
+            f"{each.residual:.2f}",
+        ]
+        for number, each in enumerate(measurement.motion.objects, 1)
+    ]
+    if rows:
+        print_table("Moving objects", columns, rows)
+    command = f"mishutter optimise {shlex.quote(str(out))}"
+    if measurement.missing:
+        keys = " and ".join(measurement.missing)
+        print_text(f"{out} needs {keys}, which the clip does not tell. Then: {command}")
+    else:
+        print_text(f"Next, with the limits of your stage in {out}: {command}")

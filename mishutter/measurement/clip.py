@@ -1,0 +1,317 @@
+"""Clips: frames of a camera at rest as its files hold them, and files that hold no clip."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from jaxtyping import Float, Shaped
+
+from mishutter._core import Unquoted, require, shape_of
+from mishutter.pictures import PICTURE_SUFFIXES, Decoded, decoded_pages
+
+Source: TypeAlias = str | Path | np.ndarray | Sequence[str | Path]
+"""Files, a folder of them, or an array of `(frames, rows, columns)`."""
+
+MOST_FRAMES = 64
+"""Frames of a clip that are read; further ones would make no number better that matters."""
+LEAST_SIDE = 48
+"""Rows and columns of the least frame: a tile, of which one velocity is found."""
+_LOSSLESS = (1, 5, 8, 32773, 32946, 34925, 50000)
+"""Numbers of the compressions of TIFFs that keep every level."""
+_VIDEO = (
+    *(".3gp", ".asf", ".avi", ".flv", ".gif", ".m2ts", ".m4v", ".mkv", ".mov", ".mp4"),
+    *(".mpeg", ".mpg", ".mts", ".ogv", ".ts", ".webm", ".wmv"),
+)
+_NEEDS = "be uncompressed frames, as PNG, TIFF, PGM or .npy"
+_PILE = 1.5
+"""Ratio of the pixels at the least or greatest level to those at the next, above which it cuts off.
+
+Noise spreads a level that is met over those beside it; a converter that ends there does not.
+"""
+_PILE_SHARE, _FEW = 1e-4, 10
+"""Share of the pixels, and their number, that a tail of noise may leave at the end by chance."""
+
+
+class Levels(NamedTuple):
+    """Frames as files hold them.
+
+    Attributes:
+        frames: Levels; shape `(frames, rows, columns)`, float32.
+        full: Greatest level of the file's depth.
+        is_whole: Whether levels are whole numbers.
+        words: Sentences on what was read otherwise than one would expect.
+        guess: A sentence on how white follows from the levels; `""` where the file states it.
+    """
+
+    frames: Float[np.ndarray, "frames rows columns"]
+    full: float
+    is_whole: bool
+    words: tuple[str, ...] = ()
+    guess: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Clip:
+    """Frames of a camera at rest, at equal times.
+
+    Attributes:
+        frames: Levels; shape `(frames, rows, columns)`, float32.
+        frames_per_s: Frames a second.
+        exposure: Exposure of a frame, s; None if it is not known.
+        white: Level of white.
+        step: Step between neighbouring levels; 0 for levels that are no whole numbers.
+        ends: Levels at and beyond which the file cuts off, below and above.
+        words: Sentences on what was read otherwise than one would expect.
+    """
+
+    frames: Float[np.ndarray, "frames rows columns"]
+    frames_per_s: float
+    exposure: float | None
+    white: float
+    step: float
+    ends: tuple[float, float]
+    words: tuple[str, ...] = ()
+
+    @property
+    def num_frames(self) -> int:
+        """Number of frames."""
+        return self.frames.shape[0]
+
+    @property
+    def longest_exposure(self) -> float:
+        """The exposure, or the longest that the frame rate allows; s."""
+        return 1 / self.frames_per_s if self.exposure is None else self.exposure
+
+    def with_frames(self, frames: np.ndarray, word: str) -> "Clip":
+        """The clip with frames that were corrected, and a sentence that says so."""
+        return replace(self, frames=frames, words=(*self.words, word))
+
+
+def clip_of(
+    source: Source, frames_per_s: float, exposure: float | None, white: float | None
+) -> Clip:
+    """A clip from files or an array.
+
+    Args:
+        source: The frames.
+        frames_per_s: Frames a second.
+        exposure: Exposure of a frame; s.
+        white: Level of white; by default the greatest of the file's depth.
+
+    Raises:
+        ValueError: if a number is out of its range, or the frames are no clip.
+        OSError: if a file cannot be read.
+    """
+    requirement, subject = "be a number above 0", "measure(frames_per_s=...)"
+    require(_is_above_zero(frames_per_s), subject, requirement, frames_per_s)
+    if exposure is not None:
+        subject, period = "measure(exposure=...)", 1 / frames_per_s
+        requirement = f"be above 0 and at most the {period:g} s from frame to frame"
+        # A period that was rounded in milliseconds may exceed the frame's by little.
+        fits = _is_above_zero(exposure) and exposure <= 1.01 * period
+        require(fits, subject, requirement, exposure)
+    if white is not None:
+        require(_is_above_zero(white), "measure(white=...)", "be a number above 0", white)
+    levels = read_levels_of(source, "measure(clip=...)", most=MOST_FRAMES)
+    frames, subject = levels.frames, "measure(clip=...)"
+    count, *size = frames.shape
+    requirement = "hold at least 2 frames, of which the differences are the noise"
+    require(count >= 2, subject, requirement, count)
+    requirement = f"have at least {LEAST_SIDE} rows and columns"
+    require(min(size) >= LEAST_SIDE, subject, requirement, f"{size[0]} x {size[1]}")
+    same = [k for k in range(1, count) if np.array_equal(frames[k], frames[k - 1])]
+    requirement = "hold frames that each were exposed: record at the camera's own frame rate"
+    got = Unquoted(f"frame {same[0] + 1} equal to the one before it" if same else "")
+    require(not same, subject, requirement, got)
+    step = _step(frames) if levels.is_whole else 0.0
+    return Clip(
+        frames=frames,
+        frames_per_s=float(frames_per_s),
+        exposure=None if exposure is None else float(exposure),
+        white=levels.full if white is None else float(white),
+        step=step,
+        ends=cut_off(frames, step),
+        words=(*levels.words, *([levels.guess] if levels.guess and white is None else [])),
+    )
+
+
+def read_levels_of(source: Source, subject: str, most: int | None = None) -> Levels:
+    """Levels of files, of a folder's pictures in the order of their names, or of an array.
+
+    Args:
+        source: The frames.
+        subject: The argument, in an error.
+        most: Most frames that are read.
+
+    Raises:
+        ValueError: if they are compressed with loss, or no pictures of one size and finite levels.
+        OSError: if a file cannot be read.
+    """
+    if isinstance(source, np.ndarray):
+        return _of_array(source, subject, most)
+    paths = [source] if isinstance(source, str | Path) else list(source)
+    files = [file for path in paths for file in _files(Path(path), subject)]
+    require(len(files) > 0, subject, "name a file", Unquoted("none"))
+    parts, words, count = [], [], 0
+    for file in files:
+        if most is not None and count >= most:
+            break
+        part = _of_file(file, subject, None if most is None else most - count)
+        parts.append(part)
+        count += len(part.frames)
+        words += part.words
+    sizes = [part.frames.shape[1:] for part in parts]
+    odd = next((k for k, size in enumerate(sizes) if size != sizes[0]), 0)
+    requirement = f"hold frames of one size, {sizes[0][0]} x {sizes[0][1]}"
+    got = Unquoted(f"{sizes[odd][0]} x {sizes[odd][1]} in {str(files[odd])!r}")
+    require(odd == 0, subject, requirement, got)
+    full = max(part.full for part in parts)
+    frames = np.concatenate([part.frames for part in parts])
+    if len(files) > len(parts):
+        words.append(_first(most))
+    is_whole = all(part.is_whole for part in parts)
+    full, guess = _depth(frames, full) if is_whole else (full, "")
+    return Levels(frames, full, is_whole, tuple(dict.fromkeys(words)), guess)
+
+
+def cut_off(frames: Shaped[np.ndarray, "frames rows columns"], step: float) -> tuple[float, float]:
+    """Levels at and beyond which a file cuts off; infinite where it does not."""
+    if step == 0:
+        return -np.inf, np.inf
+    counts = np.bincount(np.rint(frames.ravel() / step).astype(np.int64) - _least(frames, step))
+    ends = []
+    for end, beside in ((0, 1), (-1, -2)):
+        few = counts[beside] if counts.size > 1 else 0
+        ends.append(counts[end] > max(_PILE * few, _PILE_SHARE * frames.size, _FEW))
+    low, high = float(frames.min()), float(frames.max())
+    # Where black is above level 0, dark parts lie on few levels and are not cut off.
+    return low if ends[0] and low <= 0 else -np.inf, high if ends[1] else np.inf
+
+
+def _least(frames: np.ndarray, step: float) -> int:
+    return int(np.rint(float(frames.min()) / step))
+
+
+def _step(frames: np.ndarray) -> float:
+    """Greatest common step of levels: 16 where 12 bits are stored in the upper ones of 16."""
+    levels = np.unique(frames.astype(np.int64))
+    return float(np.gcd.reduce(np.diff(levels))) if levels.size > 1 else 1.0
+
+
+def _depth(frames: np.ndarray, full: float) -> tuple[float, str]:
+    """White of levels that fill fewer bits than their file has, and a sentence that says so."""
+    most = float(frames.max())
+    depth = next((bits for bits in (8, 10, 12, 14) if most < 1 << bits), 16)
+    if full != np.iinfo(np.uint16).max or depth == 16:
+        return full, ""
+    white = float((1 << depth) - 1)
+    text = f"no level exceeds {most:g} of 65535: white is taken for {white:g}, as of {depth} bits"
+    return white, f"{text} (say --white otherwise)"
+
+
+def _is_above_zero(value: object) -> bool:
+    is_number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    return is_number and bool(np.isfinite(value)) and value > 0  # type: ignore[operator]
+
+
+def _files(path: Path, subject: str) -> list[Path]:
+    if not path.exists():
+        raise FileNotFoundError(f"`{subject}` must name files; got {str(path)!r}, not found.")
+    if not path.is_dir():
+        return [path]
+    names = (*PICTURE_SUFFIXES, ".npy")
+    files = sorted(p for p in path.iterdir() if p.suffix.lower() in names)
+    require(len(files) > 0, subject, "name a folder of frames", str(path))
+    return files
+
+
+def _of_array(array: np.ndarray, subject: str, most: int | None, name: str = "") -> Levels:
+    place = f" in {name!r}" if name else ""
+    is_number = array.dtype.kind in "uif"
+    got = Unquoted(f"{array.dtype}{place}")
+    require(is_number, subject, "hold whole or floating-point levels", got)
+    array = array[None] if array.ndim == 2 else array
+    is_stack = array.ndim == 3 and min(array.shape) > 0
+    requirement = "be of shape (frames, rows, columns)"
+    require(is_stack, subject, requirement, Unquoted(f"{shape_of(array)}{place}"))
+    words = () if most is None or len(array) <= most else (_first(most),)
+    array = array[:most]
+    is_whole = array.dtype.kind in "ui"
+    frames = array.astype(np.float32)
+    finite = np.isfinite(frames).all(axis=(1, 2))
+    got = Unquoted(f"NaN or an infinity in frame {int(np.argmin(finite)) + 1}{place}")
+    require(bool(finite.all()), subject, "hold finite levels", got)
+    if not is_whole:
+        return Levels(frames, float(frames.max()), False, words)
+    most_bits, greatest = 16, int(array.max())
+    requirement = f"hold levels of 8 to {most_bits} bits"
+    in_range = greatest < 1 << most_bits and int(array.min()) >= 0
+    require(in_range, subject, requirement, Unquoted(f"{greatest}{place}"))
+    full = 255.0 if array.dtype.itemsize == 1 else 65535.0
+    full, guess = _depth(frames, full) if name == "" else (full, "")
+    return Levels(frames, full, True, words, guess)
+
+
+def _of_file(path: Path, subject: str, most: int | None) -> Levels:
+    """Levels of the frames of a file, if it holds every one as the camera gave it."""
+    kind = _lossy_kind(path)
+    got = Unquoted(f"{kind}, {str(path)!r}, which changes the noise: record without compression")
+    require(not kind, subject, _NEEDS, got)
+    if path.suffix.lower() == ".npy":
+        try:
+            array = np.load(path, mmap_mode="r", allow_pickle=False)
+        except ValueError as error:
+            reason = Unquoted(f"{str(path)!r}: {error}")
+            require(False, subject, "hold an array of numbers", reason)
+            raise
+        return _of_array(np.asarray(array), subject, most, str(path))
+    pages = decoded_pages(path, most)
+    words = []
+    frames = np.stack([_grey(page, path, words) for page in pages])
+    finite = bool(np.isfinite(frames).all())
+    got = Unquoted(f"NaN or an infinity in {str(path)!r}")
+    require(finite, subject, "hold finite levels", got)
+    if pages[0].exponent not in (None, 1.0):
+        words.append(
+            f"files say that light is the power {pages[0].exponent:g} of their levels: the curve "
+            "of the noise decides"
+        )
+    if len(pages) == most and pages[-1].has_more:
+        words.append(_first(most))
+    is_whole = pages[0].colour.dtype.kind == "u"
+    return Levels(frames, pages[0].full, is_whole, tuple(words))
+
+
+def _first(most: int | None) -> str:
+    return f"the first {most} frames are read"
+
+
+def _grey(page: Decoded, path: Path, words: list[str]) -> Float[np.ndarray, "rows columns"]:
+    """Levels of a page; the green ones of colours, which are interpolated no more than others."""
+    colour = page.colour
+    if colour.shape[2] == 1 or np.array_equal(colour[..., 0], colour[..., 1]):
+        return colour[..., 0].astype(np.float32)
+    words.append("frames are in colour: their green is measured")
+    return colour[..., 1].astype(np.float32)
+
+
+def _lossy_kind(path: Path) -> str:
+    """The kind of a file that does not hold every level; `""` of others."""
+    with path.open("rb") as file:
+        head = file.read(12)
+    if head.startswith(b"\xff\xd8"):
+        return "a JPEG"
+    if head[:4] == b"RIFF" and head[8:] == b"WEBP":
+        return "a WebP"
+    if path.suffix.lower() in _VIDEO or head[4:8] == b"ftyp":
+        return "a video"
+    if head[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
+        import tifffile
+
+        with tifffile.TiffFile(path) as file:
+            scheme = getattr(file.pages[0], "compression", 1)
+        if int(scheme) not in _LOSSLESS:
+            return f"a TIFF compressed by {getattr(scheme, 'name', scheme)}"
+    return ""

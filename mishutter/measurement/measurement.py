@@ -1,0 +1,331 @@
+"""A camera and what it sees, measured from a clip: from frames to a scene."""
+
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from mishutter._core import Unquoted, counts, require, write_text
+from mishutter.measurement import photon_transfer
+from mishutter.measurement.clip import Clip, Source, clip_of, read_levels_of
+from mishutter.measurement.estimates import Estimate
+from mishutter.measurement.motion import Motion, motion_of
+from mishutter.measurement.noise import Noise, noise_of
+from mishutter.measurement.scene import (
+    PICTURE,
+    AlongAxis,
+    SceneParts,
+    across_sentences,
+    along_axis,
+    missing_keys,
+    scene_text,
+)
+from mishutter.measurement.signs import shot_gamma
+from mishutter.measurement.texture import averaged, light_of_texture
+from mishutter.model import Scene, Texture, View, scene_of_tables
+from mishutter.pictures import Picture, write_picture
+
+_STEADY_WORD = "the exposure drifts by {share:.1%} from frame to frame, which was divided out"
+_GAMMA_WORD = "a gamma of {gamma:.2g} and little read noise explain the noise as well as this"
+_BLOCK = 32
+"""Side of the squares whose means say how far a mean level is known; px."""
+VELOCITIES = "velocities.csv"
+VELOCITY_COLUMNS = (
+    *("object", "right_px_per_s", "right_error_px_per_s", "down_px_per_s", "down_error_px_per_s"),
+    *("area_px", "lead", "residual", "frame", "column_px", "row_px"),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """A camera and what it sees, as a clip tells them.
+
+    Attributes:
+        name: Name of the clip.
+        clip: The frames.
+        noise: Noise, as far as it is known, and why not.
+        motion: Objects, and what stands still.
+        light: The still parts, averaged, before the pixels; linear light, white = 1.
+        level_difference: Mean light of what moves less that of the rest.
+        pixel_pitch: Distance of the pixels, m; None if it was not told.
+        px_per_mm: Pixels of a millimetre of things; None if it was not told.
+    """
+
+    name: str
+    clip: Clip
+    noise: Noise
+    motion: Motion
+    light: Float[np.ndarray, "rows columns 1"]
+    level_difference: Estimate
+    pixel_pitch: float | None
+    px_per_mm: float | None
+
+    @property
+    def along(self) -> AlongAxis | None:
+        """The motion along one axis of the picture; None if nothing moves."""
+        return along_axis(self.motion.objects)
+
+    @property
+    def scene_text(self) -> str:
+        """The scene file: each number with its error and source, or the reason for none."""
+        return scene_text(
+            SceneParts(
+                self.name,
+                self.clip,
+                self.noise,
+                self.motion,
+                self.level_difference,
+                self.pixel_pitch,
+                self.px_per_mm,
+            )
+        )
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Keys of the scene file that its user has to write: the clip does not tell them."""
+        return missing_keys(self.scene_text)
+
+    @property
+    def scene(self) -> Scene:
+        """The scene that the file holds.
+
+        Raises:
+            ValueError: if the clip does not tell the light or the read noise; the reason why.
+        """
+        reasons = "; ".join(each.text for each in self.noise.refusals)
+        got = Unquoted(reasons or "nothing")
+        require(not self.missing, "Measurement.scene", "have light and noise", got)
+
+        def texture(*_: object) -> Texture:
+            axis = "rows" if self.along is None else self.along.axis
+            return Texture.of_photograph(Picture(self.light), PICTURE, axis=axis)
+
+        return scene_of_tables(tomllib.loads(self.scene_text), self.name, Path(), texture)
+
+    def save(self, path: str | Path) -> list[str]:
+        """Write the scene file, and beside it its picture and the velocities.
+
+        Args:
+            path: The scene file, `.toml`.
+
+        Returns:
+            Names of the files.
+
+        Raises:
+            ValueError: if the name ends otherwise.
+            OSError: if a file cannot be written.
+        """
+        path = Path(path)
+        is_toml = path.suffix.lower() == ".toml"
+        require(is_toml, "Measurement.save(path=...)", "end in `.toml`", str(path))
+        write_picture(path.with_name(PICTURE), self.light)
+        write_text(path.with_name(VELOCITIES), self.velocities_text)
+        write_text(path, self.scene_text)
+        return [path.name, PICTURE, VELOCITIES]
+
+    @property
+    def velocities_text(self) -> str:
+        """The objects as CSV: velocity to the right and down, errors, area, lead and residual."""
+        lines = [",".join(VELOCITY_COLUMNS)]
+        for number, each in enumerate(self.motion.objects, 1):
+            (down, right), (down_error, right_error) = each.velocity, each.error
+            values = (right, right_error, down, down_error)
+            row, column = each.centre
+            lines.append(
+                f"{number},{','.join(f'{value:.6g}' for value in values)},{each.area},"
+                f"{each.lead:.4g},{each.residual:.4g},{each.frame},{column:.1f},{row:.1f}"
+            )
+        return "\n".join(lines) + "\n"
+
+    def to_dict(self) -> dict[str, object]:
+        """The numbers, as strict JSON holds them."""
+        noise, motion, along = self.noise, self.motion, self.along
+        numbers = {
+            "electrons_at_white": noise.electrons_at_white,
+            "read_noise_e": noise.read_noise,
+            "black_level": noise.black,
+            "gain_levels_per_e": noise.gain,
+        }
+        return {
+            "frames": self.clip.num_frames,
+            "words": list(self.clip.words),
+            "noise": {name: value and value._asdict() for name, value in numbers.items()},
+            "read_noise_range_e": noise.read_noise_range and list(noise.read_noise_range),
+            "refusals": [each._asdict() for each in noise.refusals],
+            "missing": list(self.missing),
+            "objects": [
+                {
+                    "right_px_per_s": each.velocity[1],
+                    "right_error_px_per_s": each.error[1],
+                    "down_px_per_s": each.velocity[0],
+                    "down_error_px_per_s": each.error[0],
+                    "area_px": each.area,
+                    "lead": each.lead,
+                    "residual": each.residual,
+                }
+                for each in motion.objects
+            ],
+            "share_at_rest": motion.share_at_rest,
+            "share_without_velocity": motion.share_unexplained,
+            "axis": None if along is None else along.axis,
+            "speeds_px_per_s": None if along is None else list(along.speeds),
+            "share_across": None if along is None else along.across,
+        }
+
+    @property
+    def sentences(self) -> list[str]:
+        """Findings in words: light, noise, motion, and what is not known."""
+        noise, motion = self.noise, self.motion
+        lines = []
+        if noise.electrons_at_white is not None:
+            value, error = noise.electrons_at_white
+            lines.append(f"White holds {value:.4g} +- {error:.2g} photo-electrons.")
+        if noise.read_noise_range is not None and noise.read_noise is not None:
+            low, high = noise.read_noise_range
+            lines.append(
+                f"The read noise lies from {low:.2g} to {high:.2g} e-: black is not known."
+            )
+        elif noise.read_noise is not None:
+            value, error = noise.read_noise
+            lines.append(f"The read noise is {value:.3g} +- {error:.2g} e-.")
+        lines += [each.text[0].upper() + each.text[1:] for each in noise.refusals]
+        lines += [f"{word[0].upper() + word[1:]}." for word in self.clip.words]
+        count = len(motion.objects)
+        lines.append(
+            f"{motion.share_at_rest:.0%} of the picture stands still, and {count} "
+            f"object{'s' * (count != 1)} move{'s' * (count == 1)}."
+            if count
+            else "Nothing was seen to move."
+        )
+        if motion.share_unexplained > 0.005:
+            share = f"{motion.share_unexplained:.1%} of the picture"
+            lines.append(f"{share} changes without a velocity: it deforms, diffuses or flickers.")
+        if self.along is not None:
+            lines += across_sentences(self.along)
+        return lines
+
+
+def measure(
+    clip: Source,
+    *,
+    frames_per_s: float,
+    exposure: float | None = None,
+    dark: Source | None = None,
+    flats: Source | None = None,
+    black: float | None = None,
+    white: float | None = None,
+    pixel_pitch: float | None = None,
+    px_per_mm: float | None = None,
+    progress: bool = False,
+) -> Measurement:
+    r"""Measure noise, velocities and texture from a clip of a camera at rest.
+
+    Noise is by photon transfer over frames: the variance of what stands still is a line in its
+    level, $k(m - b) + s^2$, of the system gain $k$ and the temporal dark noise $s$ (EMVA 1288).
+    Velocities are those along which successive frames differ by noise alone.
+
+    Args:
+        clip: Frames at equal times of one exposure, uncompressed and linear: PNG, TIFF (each
+            page), PGM or `.npy` files, a folder of them, or levels of shape
+            `(frames, rows, columns)`, 8 to 16 bits.
+        frames_per_s: Frames a second.
+        exposure: Exposure of a frame, s. Without it the rate of photons is a lower limit.
+        dark: Frames of a covered lens with the same settings; two or more tell the read noise.
+        flats: Pairs of flat fields, two frames at each exposure, one pair after the other.
+        black: Level of black, if it is known without dark frames.
+        white: Level of white [default: the greatest of the file's depth].
+        pixel_pitch: Distance of the sensor's pixels; m.
+        px_per_mm: Pixels of a millimetre of things.
+        progress: Whether progress is shown on standard error.
+
+    Returns:
+        The measurement; `.scene` is the scene, `.save("scene.toml")` its file.
+
+    Raises:
+        ValueError: if the frames are no clip: compressed with loss, fewer than two, of several
+            sizes, repeated, not finite; or a number is out of its range.
+        OSError: if a file cannot be read.
+
+    Examples:
+        >>> import numpy as np
+        >>> from mishutter import measure
+        >>> rng = np.random.default_rng(0)
+        >>> light = np.linspace(100, 2000, 96)  # electrons
+        >>> frames = rng.poisson(np.tile(light, (6, 96, 1))) + rng.normal(64, 5, (6, 96, 96))
+        >>> found = measure(np.rint(frames).astype(np.uint16), frames_per_s=50, black=64)
+        >>> round(found.noise.gain.value, 1)
+        1.0
+    """
+    View(pixel_pitch=pixel_pitch, px_per_mm=px_per_mm)
+    name = clip.name if isinstance(clip, Path) else clip if isinstance(clip, str) else ""
+    if not isinstance(clip, str | Path | np.ndarray):
+        name = f"{Path(next(iter(clip), '')).name} and others"
+    with counts(progress, "measuring", 2) as counter:
+        counter.next("noise")
+        frames, noise = noise_from(
+            clip,
+            frames_per_s=frames_per_s,
+            exposure=exposure,
+            dark=dark,
+            flats=flats,
+            black=black,
+            white=white,
+        )
+        counter.next("velocities")
+        unit = noise.law.of_unit_noise(frames.frames)
+        motion = motion_of(unit, frames.frames_per_s)
+        picture = averaged(frames.frames, unit, motion, frames.frames_per_s)
+        along = along_axis(motion.objects)
+        axis = "rows" if along is None else along.axis
+        black_level = noise.black_level
+        light = light_of_texture(picture, noise.law, black_level, frames.white, axis)
+        levels = (picture.levels - black_level) / (frames.white - black_level)
+    difference = _level_difference(levels, motion)
+    name = Path(name).name if name else "an array"
+    return Measurement(name, frames, noise, motion, light, difference, pixel_pitch, px_per_mm)
+
+
+def noise_from(
+    clip: Source,
+    *,
+    frames_per_s: float,
+    exposure: float | None = None,
+    dark: Source | None = None,
+    flats: Source | None = None,
+    black: float | None = None,
+    white: float | None = None,
+) -> tuple[Clip, Noise]:
+    """The frames of a clip, divided by an exposure that drifts, and their noise; see `measure`."""
+    frames = clip_of(clip, frames_per_s, exposure, white)
+    others = {"dark": dark, "flats": flats}
+    read = {
+        key: None if source is None else read_levels_of(source, f"measure({key}=...)").frames
+        for key, source in others.items()
+    }
+    steady, drift = photon_transfer.steady(frames.frames, frames.step)
+    noise = noise_of(frames, steady, read["dark"], read["flats"], black)
+    if drift:
+        frames = frames.with_frames(steady, _STEADY_WORD.format(share=drift))
+    if noise.transfer is not None and noise.electrons_at_white is not None and dark is None:
+        gamma = shot_gamma(noise.transfer, frames.step)
+        if gamma is not None:
+            frames = frames.with_frames(frames.frames, _GAMMA_WORD.format(gamma=gamma))
+    return frames, noise
+
+
+def _level_difference(levels: np.ndarray, motion: Motion) -> Estimate:
+    """Mean of what moves less that of the rest, whose errors are those of means over squares."""
+    each = []
+    for mask in (motion.labels > 0, motion.labels == 0):
+        if not mask.any():
+            return Estimate(0.0, np.inf)
+        rows, columns = np.indices(levels.shape) // _BLOCK
+        number = (rows * (columns.max() + 1) + columns)[mask]
+        total = np.bincount(number, levels[mask])
+        count = np.bincount(number)
+        means = total[count > 0] / count[count > 0]
+        each.append((float(levels[mask].mean()), float(means.var() / means.size)))
+    (front, front_error), (back, back_error) = each
+    return Estimate(front - back, float(np.sqrt(front_error + back_error)))

@@ -1,0 +1,400 @@
+"""Objects of a clip: their velocities, where they are, and what stands still.
+
+Beginning with rest, the velocity is taken that explains most of the tiles better than those before
+it, until none does. Every pixel of a reference frame then belongs to the velocity along which the
+frames about it differ least, and connected pixels are an object, whose velocity is refined over
+more and more frames.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy import ndimage
+
+from mishutter.measurement.estimates import Estimate
+from mishutter.measurement.sweep import TILE, Box, Region, Smoothed, Sweep, swept
+
+MOST_FRAMES = 16
+"""Frames about the middle of a clip in which motion is looked for."""
+MOST_PIXELS = 1_200_000
+"""Pixels of a frame above which it is averaged first."""
+_WINDOW = 4
+"""Frames that are swept at once."""
+_AROUND = 2
+"""Frames to either side of the reference by which pixels are labelled."""
+_FINE, _ROUGH = 1.0, 2.0
+"""Gaussians under which velocities are refined; px."""
+_MOST_OBJECTS, _MOST_MISSES = 12, 4
+_LEAST_GAIN = 0.1, 0.4
+"""Gain of a tile that counts, in logarithms of its residual, and of all tiles that is followed."""
+_OWN_TILE = 0.3
+_LEAST_AREA = 500
+"""Pixels of the least object."""
+_EXPLAINED = 4.0
+"""Residual over noise along the best velocity beyond which none explains a pixel."""
+_BETTER = 0.7
+"""Residual over that of the velocities before beyond which a velocity wins no pixel."""
+_AT_REST = 0.15
+"""Residual by which rest may be worse where nothing tells."""
+_SMOOTHING = 2.5
+"""Gaussian that the residuals of pixels are averaged under; px."""
+_FAR, _MOST_SQUARE = 50.0, 50.0
+_EDGE = 4
+"""Pixels from an object's edge within which another's light may be seen; px."""
+_SMOOTH_EDGE = 6.0
+"""Gaussian under which the outlines of objects count for their widths; px."""
+_SEPARATE = 0.5
+"""Distance of velocities over the labelled frames within which they are one; px."""
+_SHIFT = 0.05
+"""Error of a shift that splines and exposures leave; px."""
+_WIDE = 5
+"""Half the width of an area without a velocity that is no object's edge; px."""
+
+
+@dataclass(frozen=True, eq=False)
+class MovingObject:
+    """A part of the picture that moves as a whole.
+
+    Attributes:
+        velocity: Rows down and columns to the right a second; px/s.
+        error: Standard deviation of each; px/s.
+        centre: Row and column of its middle in the reference frame; px.
+        area: Pixels in that frame.
+        lead: Logarithm of the likelihood over that of the best other velocity, a tenth of it.
+        residual: Residual over noise along the velocity.
+        frame: Number of the reference frame, from 0.
+    """
+
+    velocity: tuple[float, float]
+    error: tuple[float, float]
+    centre: tuple[float, float]
+    area: int
+    lead: float
+    residual: float
+    frame: int
+
+    @property
+    def speed(self) -> Estimate:
+        """Size of the velocity; px/s."""
+        size = float(np.hypot(*self.velocity))
+        share = np.array(self.velocity) / max(size, 1e-12)
+        return Estimate(size, float(np.hypot(*(share * self.error))))
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Motion of a clip.
+
+    Attributes:
+        objects: Objects, the largest first.
+        labels: Number of the object that is seen in the reference frame, from 1 on; 0 at rest, -1
+            where no velocity explains the frames; shape of a frame.
+        trust: Trust in the labels, from 0 to 1, as far as the best velocity explains the frames.
+        frame: Number of the reference frame.
+        share_at_rest: Share of the picture that stands still, over the reference frames.
+        share_unexplained: Share that moves without a velocity.
+        width: Mean length of runs of what moves, along rows and along columns; px.
+        num_frames: Frames that were looked at.
+    """
+
+    objects: tuple[MovingObject, ...]
+    labels: Int[np.ndarray, "rows columns"]
+    trust: Float[np.ndarray, "rows columns"]
+    frame: int
+    share_at_rest: float
+    share_unexplained: float
+    width: tuple[float, float]
+    num_frames: int
+
+
+class _View(NamedTuple):
+    """A reference frame with its labels and objects."""
+
+    objects: list[MovingObject]
+    labels: np.ndarray
+    trust: np.ndarray
+
+
+def motion_of(
+    frames: Float[np.ndarray, "frames rows columns"],
+    frames_per_s: float,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Motion:
+    """The motion of frames of unit noise.
+
+    Args:
+        frames: The frames.
+        frames_per_s: Frames a second.
+        progress: Called with the name of each part of the work.
+    """
+    first = max(0, (len(frames) - MOST_FRAMES) // 2)
+    frames = frames[first : first + MOST_FRAMES]
+    size, scale = frames.shape[1:], 1
+    while size[0] * size[1] / scale**2 > MOST_PIXELS:
+        scale += 1
+    if scale > 1:
+        rows, columns = (n // scale for n in size)
+        cut = frames[:, : rows * scale, : columns * scale]
+        frames = cut.reshape(-1, rows, scale, columns, scale).mean(axis=(2, 4)) * scale
+    fine, rough = Smoothed.of(frames, _FINE), Smoothed.of(frames, _ROUGH)
+    count = len(frames)
+    references = _references(count)
+    views = []
+    for number, reference in enumerate(references, 1):
+        progress(f"velocities, reference frame {number} of {len(references)}")
+        views.append(_view(frames, fine, rough, reference))
+    unit = scale * frames_per_s
+    objects = _joined([view.objects for view in views])
+    middle = views[len(views) // 2]
+    # The objects of the frame that is shown have the numbers of the list.
+    numbers = [_place(each, objects) + 1 for each in middle.objects]
+    labels = np.array([0, *numbers, -1])[middle.labels]
+    enlarged = [_enlarged(each, scale, size) for each in (labels, middle.trust)]
+    # Specks, and parts without texture that are left out of an object, end no run.
+    masks = [
+        ndimage.gaussian_filter((view.labels != 0).astype(float), _SMOOTH_EDGE) > 0.5
+        for view in views
+    ]
+    return Motion(
+        objects=tuple(_in_seconds(each, unit, scale, first) for each in objects),
+        labels=enlarged[0],
+        trust=enlarged[1],
+        frame=first + references[len(views) // 2],
+        share_at_rest=float(np.mean([np.mean(view.labels == 0) for view in views])),
+        share_unexplained=float(np.mean([np.mean(view.labels < 0) for view in views])),
+        width=(scale * _run(masks, 1), scale * _run(masks, 0)),
+        num_frames=count,
+    )
+
+
+def _references(count: int) -> list[int]:
+    """Frames in whose places objects are looked for, spread over a clip."""
+    parts = min(3, max(1, count // 5))
+    return [int((i + 0.5) * count / parts) for i in range(parts)]
+
+
+def _view(frames: np.ndarray, fine: Smoothed, rough: Smoothed, reference: int) -> _View:
+    count = len(frames)
+    around = range(max(0, reference - _AROUND), min(count, reference + _AROUND + 1))
+    everywhere = np.ones(frames.shape[1:], bool)
+    velocities, sweeps = [np.zeros(2)], []
+    costs = [_costs(fine, velocities[0], reference, around)]
+    for stride in _strides(count, reference):
+        numbers = _window(count, reference, stride)
+        sweep = swept(frames[numbers], list(numbers).index(reference), stride)
+        sweeps.append(sweep)
+        current = sweep.logarithms[np.all(sweep.velocities == 0, axis=1)][0]
+        for velocity in velocities[1:]:
+            near = sweep.near(velocity, 1.1)
+            if near.any():
+                current = np.minimum(current, sweep.logarithms[near].min(axis=0))
+        tried, misses = sweep.near(np.zeros(2), 0.9), 0
+        while len(velocities) <= _MOST_OBJECTS and misses < _MOST_MISSES:
+            gain = _gain(sweep, current)
+            gain[tried] = 0
+            best = int(gain.argmax())
+            if gain[best] < _LEAST_GAIN[1]:
+                break
+            tried |= sweep.near(sweep.velocities[best], 0.9)
+            tiles = current - sweep.logarithms[best] > _OWN_TILE
+            mask = sweep.mask(tiles, frames.shape[1:]) if tiles.any() else everywhere
+            velocity = sweep.velocities[best]
+            region = Region(rough, reference, around, mask)
+            velocity = region.best_of_grid(velocity, sweep.step)
+            velocity = region.descended(velocity, 0.25 * sweep.step, 0.1)
+            region = region._replace(frames=fine)
+            velocity = region.descended(velocity, 0.1, 0.025)
+            cost = _costs(fine, velocity, reference, around) + _AT_REST
+            before = np.min(costs, axis=0)
+            won = (cost < _BETTER * before) & (cost < _EXPLAINED)
+            area = ndimage.binary_opening(won, iterations=3).sum()
+            apart = min(np.hypot(*(velocity - other)) for other in velocities) * _AROUND
+            if area < _LEAST_AREA or apart < _SEPARATE:
+                misses += 1
+                continue
+            velocities.append(velocity)
+            costs.append(cost)
+            near = sweep.near(velocity, 1.1)
+            if near.any():
+                current = np.minimum(current, sweep.logarithms[near].min(axis=0))
+    return _labelled(fine, reference, np.array(velocities), np.array(costs), sweeps[0])
+
+
+def _strides(count: int, reference: int) -> list[int]:
+    """Frames from one that is swept to the next: one, and for what is slow as many as fit."""
+    longest = max(1, (count - 1) // (_WINDOW - 1))
+    return [1, longest] if longest > 2 else [1]
+
+
+def _window(count: int, reference: int, stride: int) -> np.ndarray:
+    """Numbers of the frames that are swept, the reference among them."""
+    length = min(_WINDOW, 1 + (count - 1) // stride)
+    before = min(length // 2, reference // stride)
+    before = max(before, length - 1 - (count - 1 - reference) // stride)
+    return reference + stride * (np.arange(length) - before)
+
+
+def _gain(sweep: Sweep, current: np.ndarray) -> Float[np.ndarray, "velocities"]:
+    """Logarithms of residuals by which each velocity is better, over all tiles."""
+    logarithms = sweep.logarithms
+    gains = np.where(np.isfinite(logarithms), current - logarithms - _LEAST_GAIN[0], 0)
+    return np.maximum(gains, 0).sum(axis=(1, 2), where=np.isfinite(gains))
+
+
+def _costs(
+    fine: Smoothed, velocity: np.ndarray, reference: int, around: Sequence[int]
+) -> Float[np.ndarray, "rows columns"]:
+    """Residual over noise of each pixel along a velocity, by all frames or those of one side.
+
+    What hides a pixel, or is hidden by it, is often on one side alone.
+    """
+    rows, columns = fine.coefficients.shape[1:]
+    values, seen = fine.along(velocity, reference, around, Box(0, rows, 0, columns))
+    numbers = np.array(around)
+    sides = {
+        tuple(numbers),
+        tuple(numbers[numbers <= reference]),
+        tuple(numbers[numbers >= reference]),
+    }
+    least = np.full((rows, columns), _FAR)
+    for side in sides:
+        if len(side) < 2:
+            continue
+        chosen = np.isin(numbers, side)
+        count = seen[chosen].sum(axis=0)
+        mean = np.where(seen[chosen], values[chosen], 0).sum(axis=0) / np.maximum(count, 1)
+        squares = np.where(seen[chosen], (values[chosen] - mean) ** 2, 0).sum(axis=0)
+        residual = np.minimum(squares / np.maximum(count - 1, 1) / fine.variance, _MOST_SQUARE)
+        known = (count > 1).astype(float)
+        total = ndimage.gaussian_filter(residual * known, _SMOOTHING)
+        weight = ndimage.gaussian_filter(known, _SMOOTHING)
+        least = np.minimum(least, np.where(weight > 0.3, total / np.maximum(weight, 1e-3), _FAR))
+    return least
+
+
+def _labelled(
+    fine: Smoothed, reference: int, velocities: np.ndarray, costs: np.ndarray, sweep: Sweep
+) -> _View:
+    """The objects: connected pixels of one velocity, each with a velocity of its own."""
+    best, least = costs.argmin(axis=0), costs.min(axis=0)
+    labels = np.zeros(best.shape, int)
+    objects: list[MovingObject] = []
+    for number in range(1, len(velocities)):
+        parts, count = ndimage.label(ndimage.binary_opening(best == number, iterations=2))
+        for part in range(1, count + 1):
+            mask = ndimage.binary_fill_holes(parts == part)
+            if mask.sum() < _LEAST_AREA:
+                continue
+            each = _object(fine, reference, velocities[number], mask, sweep)
+            objects.append(each)
+            labels[mask & (labels == 0)] = len(objects)
+    near = ndimage.binary_dilation(labels > 0, iterations=_WIDE)
+    unexplained = (least > _EXPLAINED) & ~near
+    labels[ndimage.binary_opening(unexplained, iterations=_WIDE)] = -1
+    return _View(objects, labels, 1 / (1 + np.maximum(least - 1, 0) ** 4))
+
+
+def _object(
+    fine: Smoothed, reference: int, velocity: np.ndarray, mask: np.ndarray, sweep: Sweep
+) -> MovingObject:
+    """An object, its velocity refined over more and more frames."""
+    count = len(fine.coefficients)
+    inner = ndimage.binary_erosion(mask, iterations=_EDGE)
+    inner = inner if inner.sum() >= _LEAST_AREA // 2 else mask
+    farthest = max(reference, count - 1 - reference)
+    reach, used, residual, covariance = 1, 1, np.inf, np.eye(2)
+    while reach < farthest or residual == np.inf:
+        reach = min(2 * reach, farthest)
+        numbers = range(max(0, reference - reach), min(count, reference + reach + 1))
+        region = Region(fine, reference, numbers, inner)
+        other = region.descended(velocity, 0.25 / reach, 0.03 / reach)
+        other, spread, left = region.polished(other)
+        # An object that turns, or goes behind another, is measured while it does not.
+        if residual < np.inf and left > _EXPLAINED * max(residual, 1.0):
+            break
+        velocity, covariance, residual, used = other, spread, left, reach
+    error = np.sqrt(np.diag(covariance) + (_SHIFT / used) ** 2)
+    rows, columns = np.nonzero(mask)
+    return MovingObject(
+        velocity=(float(velocity[0]), float(velocity[1])),
+        error=(float(error[0]), float(error[1])),
+        centre=(float(rows.mean()), float(columns.mean())),
+        area=int(mask.sum()),
+        lead=_lead(sweep, velocity, mask),
+        residual=residual,
+        frame=reference,
+    )
+
+
+def _lead(sweep: Sweep, velocity: np.ndarray, mask: np.ndarray) -> float:
+    """Lead of a velocity over those farther away, by the tiles about the middle of an object."""
+    rows, columns = np.nonzero(mask)
+    down, across = sweep.logarithms.shape[1:]
+    middle = rows.mean(), columns.mean()
+    i, j = (
+        int(np.clip(round((at - TILE / 2) / (TILE / 2)), 0, most - 1))
+        for at, most in zip(middle, (down, across), strict=True)
+    )
+    logarithms = sweep.logarithms[:, i, j]
+    near = sweep.near(velocity, 1.6)
+    if not near.any() or near.all():
+        return 0.0
+    gap = logarithms[~near].min() - logarithms[near].min()
+    pixels = (TILE // 4) ** 2
+    return float(0.1 * gap * pixels * (_WINDOW - 1) / 2) if np.isfinite(gap) else 0.0
+
+
+def _joined(views: list[list[MovingObject]]) -> list[MovingObject]:
+    """Objects of several reference frames, each once: as the best known of its appearances."""
+    kept: list[MovingObject] = []
+    for each in sorted((o for objects in views for o in objects), key=lambda o: sum(o.error)):
+        if not any(_is_same(each, other) for other in kept):
+            kept.append(each)
+    return sorted(kept, key=lambda o: -o.area)
+
+
+def _place(each: MovingObject, objects: Sequence[MovingObject]) -> int:
+    """Place of an object, or of its better known appearance, in a list."""
+    return next(i for i, other in enumerate(objects) if other is each or _is_same(each, other))
+
+
+def _is_same(one: MovingObject, other: MovingObject) -> bool:
+    """Whether two appearances have one velocity, and places that it joins."""
+    v, w = np.array(one.velocity), np.array(other.velocity)
+    apart = np.hypot(*(v - w)) * _AROUND
+    time = other.frame - one.frame
+    way = np.array(one.centre) + v * time - np.array(other.centre)
+    size = np.sqrt(max(one.area, other.area))
+    return time != 0 and apart < 2 * _SEPARATE and bool(np.hypot(*way) < size)
+
+
+def _in_seconds(each: MovingObject, unit: float, scale: int, first: int) -> MovingObject:
+    return MovingObject(
+        velocity=(each.velocity[0] * unit, each.velocity[1] * unit),
+        error=(each.error[0] * unit, each.error[1] * unit),
+        centre=(each.centre[0] * scale, each.centre[1] * scale),
+        area=each.area * scale**2,
+        lead=each.lead,
+        residual=each.residual,
+        frame=each.frame + first,
+    )
+
+
+def _enlarged(picture: np.ndarray, scale: int, size: tuple[int, int]) -> np.ndarray:
+    """A picture in the size of the frames; edges that were left out go on."""
+    large = picture.repeat(scale, axis=0).repeat(scale, axis=1)
+    pads = [(0, full - have) for full, have in zip(size, large.shape, strict=True)]
+    return np.pad(large, pads, mode="edge")
+
+
+def _run(masks: Sequence[Bool[np.ndarray, "rows columns"]], axis: int) -> float:
+    """Mean length of runs along an axis; 0 without any."""
+    pixels = sum(int(mask.sum()) for mask in masks)
+    begins = 0
+    for mask in masks:
+        rows = mask if axis == 1 else mask.T
+        begins += int(rows[:, 0].sum() + np.sum(rows[:, 1:] & ~rows[:, :-1]))
+    return pixels / begins if begins else 0.0

@@ -1,0 +1,311 @@
+r"""Noise by photon transfer: the variance of a level against its mean.
+
+A level $m$ of $e$ electrons and black $b$ is $m = b + k e$, where the system gain $k$ is the levels
+of an electron, and its temporal variance is $k(m - b) + s^2$ with the temporal dark noise $s$, read
+noise and rounding, in levels (EMVA 1288). Both are taken from differences of frames of the same
+scene, over blocks of pixels, without those in which something moves: those whose differences are
+not those of independent pixels, or beyond what noise makes of a block in a thousand. A block in
+which something moves strongly rejects those around it.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy import ndimage, stats
+
+_SIDE, _PART = 8, 4
+"""Sides of a block and of its quarters, whose means show what moves; px."""
+_CLUSTER = 4
+"""Blocks along a side of what is resampled together."""
+_FREEDOM = (_SIDE // _PART) ** 2 * (_PART**2 - 1)
+"""Degrees of freedom of a block's variance about the means of its quarters."""
+_RARE, _NEVER = 1e-3, 1e-6
+"""Chances of noise beyond which a block is left out, and beyond which its neighbours are too."""
+_ROUNDS, _RESAMPLES = 8, 400
+_BINS = 16
+_SHARED = 1.5
+"""Variance of a mean over pairs of successive frames, each frame in two, over that of others."""
+_STEADY = 0.003
+"""Deviation of the frames' exposures, as a share, that needs no correction."""
+_FLAT = 0.02
+"""Rise of the variance over all levels, as a share, that counts as none."""
+_LEAST_NOISE = 0.4
+"""Noise without that of rounding, in steps, below which the place between steps decides it."""
+LEAST_BLOCKS = 60
+"""Fewest blocks at rest from which a law is taken."""
+
+
+_COLUMNS = ("mean", "variance", "parts", "texture", "is_whole", "cluster")
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """Blocks of pixels in pairs of frames.
+
+    Attributes:
+        mean: Mean level.
+        variance: Temporal variance of a level.
+        parts: Squares of the differences of the quarters' means, added up.
+        texture: Variance of the level over the block.
+        is_whole: Whether no pixel is cut off.
+        cluster: Number of what is resampled together.
+        shape: Pairs, and rows and columns of blocks.
+    """
+
+    mean: Float[np.ndarray, "blocks"]
+    variance: Float[np.ndarray, "blocks"]
+    parts: Float[np.ndarray, "blocks"]
+    texture: Float[np.ndarray, "blocks"]
+    is_whole: Bool[np.ndarray, "blocks"]
+    cluster: Int[np.ndarray, "blocks"]
+    shape: tuple[int, int, int]
+
+    def moves(self, law: "Law") -> Bool[np.ndarray, "blocks"]:
+        """Whether something moves in a block, by a law of the noise."""
+        expected = law(self.mean)
+        # Where noise differs over a block, fewer pixels make its sums, which spread more.
+        few = 1 + law.gain**2 * self.texture / expected**2
+        quarters = (_SIDE // _PART) ** 2
+        shift = self.parts / (2 * expected / _PART**2)
+        spread = self.variance / expected * _FREEDOM
+        chances = (
+            stats.chi2.sf(shift / few, quarters / few),
+            stats.chi2.sf(spread / few, _FREEDOM / few),
+        )
+        least = np.minimum(*chances)
+        is_strong = (least < _NEVER).reshape(self.shape)
+        grown = ndimage.binary_dilation(is_strong, np.ones((1, 3, 3)))
+        return grown.ravel() | (least < _RARE)
+
+    def __add__(self, other: "Blocks") -> "Blocks":
+        """The blocks of both; their pairs are counted as one shape that nothing is asked of."""
+        own, others = ([getattr(x, name) for name in _COLUMNS] for x in (self, other))
+        others[-1] = others[-1] + 1 + (self.cluster.max() if self.cluster.size else 0)
+        joined = map(np.concatenate, zip(own, others, strict=True))
+        columns = dict(zip(_COLUMNS, joined, strict=True))
+        return Blocks(**columns, shape=(1, 1, self.mean.size + other.mean.size))
+
+    def where(self, chosen: np.ndarray) -> "Blocks":
+        """The chosen ones."""
+        columns = {name: getattr(self, name)[chosen] for name in _COLUMNS}
+        return Blocks(**columns, shape=(1, 1, int(np.sum(chosen))))
+
+
+@dataclass(frozen=True)
+class Law:
+    """The line `dark + gain * level` of the variance, which is at least `floor`."""
+
+    dark: float
+    gain: float
+    floor: float
+
+    def __call__(self, level: np.ndarray | np.floating | float) -> np.ndarray:
+        """Variance of a level."""
+        return np.asarray(np.maximum(self.dark + self.gain * np.asarray(level), self.floor))
+
+    def of_unit_noise(self, frames: np.ndarray) -> Float[np.ndarray, "frames rows columns"]:
+        r"""Levels of unit noise: $\int dm/\sqrt{d + k m}$, the variance-stabilising transform."""
+        middle = float(np.mean(frames))
+        rise = self.gain * float(np.ptp(frames))
+        if abs(rise) < _FLAT * float(self(np.array(middle))):
+            return (frames / np.sqrt(self(np.array(middle)))).astype(np.float32)
+        return (2 / self.gain * np.sqrt(self(frames))).astype(np.float32)
+
+    def exceeds_steps(self, level: np.ndarray, step: float) -> Bool[np.ndarray, "..."]:
+        """Whether noise spreads a level over several steps, whose rounding adds its own."""
+        return self(level) >= (_LEAST_NOISE**2 + 1 / 12) * step**2
+
+
+@dataclass(frozen=True, eq=False)
+class Transfer:
+    """A law of the noise that was fitted to blocks at rest.
+
+    Attributes:
+        law: The line.
+        blocks: The blocks at rest.
+        share: Share of the clip's whole blocks that is at rest.
+        lines: Lines of resampled blocks, `dark` and `gain`; shape `(resamples, 2)`.
+        at_rest: Whether a block of the clip is at rest and whole; shape `(pairs, rows, columns)`.
+    """
+
+    law: Law
+    blocks: Blocks
+    share: float
+    lines: Float[np.ndarray, "resamples 2"]
+    at_rest: Bool[np.ndarray, "pairs rows columns"]
+
+    def curve(self, num_bins: int = _BINS) -> Float[np.ndarray, "4 bins"]:
+        """Mean level, variance, its error, and number of blocks, in bins of equally many blocks."""
+        order = np.argsort(self.blocks.mean)
+        bins = [part for part in np.array_split(order, num_bins) if part.size]
+        level = np.array([self.blocks.mean[part].mean() for part in bins])
+        variance = np.array([self.blocks.variance[part].mean() for part in bins])
+        count = np.array([part.size for part in bins])
+        error = self.law(level) * np.sqrt(2 / _FREEDOM * _SHARED / count)
+        return np.stack([level, variance, error, count.astype(float)])
+
+
+def pairs_of(frames: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Frames beside those that follow them."""
+    return pairwise(frames)
+
+
+def blocks_of(pairs: Iterable[tuple[np.ndarray, np.ndarray]], ends: tuple[float, float]) -> Blocks:
+    """The blocks of pairs of frames.
+
+    Args:
+        pairs: Two frames each, of the same scene.
+        ends: Levels at and beyond which the file cuts off.
+    """
+    columns: list[tuple[np.ndarray, ...]] = []
+    shape = (0, 0)
+    for first, second in pairs:
+        difference, middle = second - first, (first + second) / 2
+        mean = _means(middle, _SIDE)
+        parts = _means(difference, _PART)
+        within = _means(difference * difference, _PART) - parts * parts
+        variance = _means(within, _SIDE // _PART) * (_PART**2 / (_PART**2 - 1) / 2)
+        is_cut = (np.minimum(first, second) <= ends[0]) | (np.maximum(first, second) >= ends[1])
+        shape = mean.shape
+        count = (_SIDE // _PART) ** 2
+        squares = _means(parts * parts, _SIDE // _PART) * count
+        texture = np.maximum(_means(middle.astype(np.float64) ** 2, _SIDE) - mean**2, 0)
+        is_whole = _means(is_cut.astype(np.float32), _SIDE) == 0
+        each = (mean, variance, squares, texture, is_whole)
+        columns.append(tuple(map(np.ravel, each)))
+    rows, cols = np.indices(shape)
+    across = -(-shape[1] // _CLUSTER)
+    cluster = (rows // _CLUSTER * across + cols // _CLUSTER).ravel()
+    joined = dict(zip(_COLUMNS, map(np.concatenate, zip(*columns, strict=True)), strict=False))
+    joined["cluster"] = np.tile(cluster, len(columns))
+    return Blocks(**joined, shape=(len(columns), *shape))
+
+
+def _means(pixels: np.ndarray, side: int) -> np.ndarray:
+    """Means over squares; what remains at the edges is left out."""
+    rows, columns = (n // side for n in pixels.shape)
+    cut = pixels[: rows * side, : columns * side]
+    return cut.reshape(rows, side, columns, side).mean(axis=(1, 3), dtype=np.float64)
+
+
+def transfer_of(clip: Blocks, others: Blocks | None, step: float, seed: int = 0) -> Transfer | None:
+    """The law of the noise, by blocks at rest; None if too few are.
+
+    Args:
+        clip: Blocks of the clip.
+        others: Further blocks, of dark frames and flat fields, which nothing moves in.
+        step: Step between levels.
+        seed: Seed of the resampling.
+    """
+    floor = max(step**2 / 24, 1e-12)
+    law = _first_law(clip, floor)
+    if law is None:
+        return None
+    chosen, blocks = clip.is_whole, clip
+    for _ in range(_ROUNDS):
+        chosen = clip.is_whole & ~clip.moves(law)
+        blocks = clip.where(chosen & law.exceeds_steps(clip.mean, step))
+        if others is not None:
+            blocks = blocks + others.where(others.is_whole & law.exceeds_steps(others.mean, step))
+        if blocks.mean.size < LEAST_BLOCKS:
+            return None
+        law = replace(law, **dict(zip(("dark", "gain"), _line(_sums(blocks, law)), strict=True)))
+    sums = _sums(blocks, law)
+    rng = np.random.default_rng(seed)
+    count = len(sums)
+    times = rng.multinomial(count, np.full(count, 1 / count), size=_RESAMPLES)
+    lines = np.array([_line(each) for each in times @ sums.reshape(count, -1)])
+    share = float(np.sum(chosen) / max(np.sum(clip.is_whole), 1))
+    return Transfer(law, blocks, share, lines, chosen.reshape(clip.shape))
+
+
+def rough_law(clip: Blocks, step: float) -> Law:
+    """A law by the quietest blocks, where too little stands still: enough to weigh residuals.
+
+    Args:
+        clip: Blocks of the clip.
+        step: Step between levels.
+    """
+    floor = max(step**2 / 24, 1e-12)
+    law = _first_law(clip, floor)
+    if law is not None and law.gain >= 0:
+        return law
+    return Law(max(float(np.quantile(clip.variance, 0.25)), floor), 0.0, floor)
+
+
+def _first_law(clip: Blocks, floor: float) -> Law | None:
+    """The line through the lower quartiles of the variance at some levels."""
+    blocks = clip.where(clip.is_whole)
+    if blocks.mean.size < LEAST_BLOCKS:
+        return None
+    order = np.argsort(blocks.mean)
+    bins = np.array_split(order, 12)
+    level = np.array([np.median(blocks.mean[part]) for part in bins])
+    variance = np.array([np.quantile(blocks.variance[part], 0.25) for part in bins])
+    if np.ptp(level) <= 1e-6 * abs(level).max():
+        return Law(float(variance.mean()), 0.0, floor)
+    weights = 1 / np.maximum(variance, floor)
+    gain, dark = np.polyfit(level, variance, 1, w=weights)
+    return Law(float(dark), float(gain), floor)
+
+
+def _sums(blocks: Blocks, law: Law) -> Float[np.ndarray, "clusters 5"]:
+    """Sums of weighted least squares over each cluster."""
+    weight, m, v = 1 / law(blocks.mean) ** 2, blocks.mean, blocks.variance
+    count = int(blocks.cluster.max()) + 1
+    columns = (weight, weight * m, weight * m * m, weight * v, weight * m * v)
+    return np.stack([np.bincount(blocks.cluster, c, count) for c in columns], axis=1)
+
+
+def _line(sums: np.ndarray) -> tuple[float, float]:
+    """Intercept and slope by least squares; a level alone has no slope."""
+    w, wm, wmm, wv, wmv = sums.reshape(-1, 5).sum(axis=0)
+    mean, level = wv / w, wm / w
+    spread = wmm / w - level**2
+    gain = (wmv / w - level * mean) / spread if spread > 1e-12 * level**2 else 0.0
+    return float(mean - gain * level), float(gain)
+
+
+def steady(frames: np.ndarray, step: float) -> tuple[np.ndarray, float]:
+    """Frames whose exposure drifts, divided by it, and the standard deviation of the exposures.
+
+    Each frame is a line in the median of all, over blocks of which the tenth that is farthest from
+    it does not count. Frames that do not drift are returned as they are.
+
+    Args:
+        frames: The levels.
+        step: Step between them.
+    """
+    means = np.stack([_means(frame, _SIDE) for frame in frames]).reshape(len(frames), -1)
+    usual = np.median(means, axis=0)
+    if np.ptp(usual) <= step:
+        return frames, 0.0
+    lines = np.array([_robust_line(usual, each) for each in means])
+    offsets, gains, errors = lines.T
+    gains = gains / np.median(gains)
+    deviation = float(np.std(gains))
+    if deviation < max(_STEADY, 3 * float(np.median(errors))):
+        return frames, 0.0
+    corrected = (frames - offsets[:, None, None]) / lines[:, 1, None, None]
+    return corrected.astype(np.float32), deviation
+
+
+def _robust_line(x: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
+    """Offset, slope and the slope's error of the line from which most points deviate least."""
+    kept = np.ones(x.size, bool)
+    offset, slope, error = 0.0, 1.0, np.inf
+    for _ in range(12):
+        mean = x[kept].mean()
+        spread = np.sum((x[kept] - mean) ** 2)
+        if spread <= 0:
+            break
+        slope = float(np.sum((x[kept] - mean) * y[kept]) / spread)
+        offset = float(y[kept].mean() - slope * mean)
+        residual = y - offset - slope * x
+        scale = 1.4826 * float(np.median(np.abs(residual)))
+        error = scale / float(np.sqrt(spread))
+        kept = np.abs(residual) <= 3 * max(scale, 1e-9)
+    return offset, slope, error

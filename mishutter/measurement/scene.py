@@ -1,0 +1,384 @@
+"""The scene file of a measured clip: every number with its error and its source."""
+
+import tomllib
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from mishutter.measurement.clip import Clip
+from mishutter.measurement.estimates import Estimate, Refusal
+from mishutter.measurement.motion import Motion, MovingObject
+from mishutter.measurement.noise import Noise
+from mishutter.pictures import Axis
+
+PICTURE = "picture.png"
+"""Name of the picture beside the scene file."""
+_FAST = 0.98
+"""Quantile of the speeds, by area, that the scene reaches."""
+_TWO_WAY = 0.05
+"""Share of the moving area in the rarer direction from which on speeds have either sign."""
+_NUM_SPEEDS = 9
+_ONE_AXIS = 0.05
+"""Speed across over that along up to which one axis explains the motion."""
+_ACROSS = (0.0, 0.1, 0.2, 0.3)
+_COSTS = (0.0, 0.26, 0.91, 1.67)
+_COSTS_DESIGNED = (0.0, 0.20, 0.42, 0.55)
+"""Loss of gain, dB, of a design for none and of one for it (`benchmarks/cross_motion.py`)."""
+_WHOLE = 0.9
+"""Share that moves from which on the picture moves as a whole."""
+_STROKE_PX, _STROKE_UM = 45.0, 155.0
+_TOP_SPEED_PX, _TOP_SPEED_MM = 2.0e4, 69.0
+_LONGEST_MS, _SHORTEST_MS = 40.0, 0.5
+"""Limits of the built-in scene, which are assumed."""
+_FARTHEST = 1e4
+"""Longest way of an object over an exposure that a scene file may have; px."""
+
+
+class AlongAxis(NamedTuple):
+    """The motion along one axis of the picture.
+
+    Attributes:
+        axis: The axis.
+        speeds: Least and greatest; px/s, of the sign that scenes have.
+        error: Standard deviation of the faster; px/s.
+        across: Fast speed across over the fast speed along.
+        turn: Degrees by which turning the camera clockwise brings the motion onto the axis.
+        across_turned: Speed across over that along after that.
+        is_two_way: Whether objects move both ways.
+    """
+
+    axis: Axis
+    speeds: tuple[float, float]
+    error: float
+    across: float
+    turn: float
+    across_turned: float
+    is_two_way: bool
+
+
+def along_axis(objects: Sequence[MovingObject]) -> AlongAxis | None:
+    """The axis of the picture along which most moves, and how fast; None if nothing does.
+
+    A positive speed is to the left, or up.
+
+    Args:
+        objects: The objects.
+    """
+    if not objects:
+        return None
+    area = np.array([float(each.area) for each in objects])
+    velocities = np.array([each.velocity for each in objects])
+    moments = np.einsum("n,ni,nj->ij", area, velocities, velocities)
+    axis: Axis = "rows" if moments[1, 1] >= moments[0, 0] else "columns"
+    index = 1 if axis == "rows" else 0
+    along, across = -velocities[:, index], velocities[:, 1 - index]
+    fast = _quantile(np.abs(along), area, _FAST)
+    ways = np.array([area[along > 0].sum(), area[along < 0].sum()]) / area.sum()
+    is_two_way = bool(ways.min() >= _TWO_WAY)
+    if is_two_way:
+        speeds = -fast, fast
+    else:
+        sign = 1.0 if ways[0] >= ways[1] else -1.0
+        ends = [sign * _quantile(sign * along, area, q) for q in (1 - _FAST, _FAST)]
+        speeds = min(ends), max(ends)
+    errors = np.array([each.error[index] for each in objects])
+    error = float(errors[int(np.argmin(np.abs(np.abs(along) - fast)))])
+    direction = np.linalg.eigh(moments)[1][:, 1]
+    main = np.abs(velocities @ direction)
+    beside = np.abs(velocities @ np.array([-direction[1], direction[0]]))
+    angle = float(np.degrees(np.arctan2(direction[0], direction[1])))
+    turn = angle if axis == "rows" else angle - 90
+    return AlongAxis(
+        axis,
+        (float(speeds[0]), float(speeds[1])),
+        error,
+        _ratio(_quantile(np.abs(across), area, _FAST), fast),
+        (turn + 90) % 180 - 90,
+        _ratio(_quantile(beside, area, _FAST), _quantile(main, area, _FAST)),
+        is_two_way,
+    )
+
+
+def _ratio(part: float, whole: float) -> float:
+    return part / whole if whole > 0 else 0.0
+
+
+def _quantile(values: np.ndarray, weights: np.ndarray, share: float) -> float:
+    """The least value that at least a share of the weights does not exceed."""
+    order = np.argsort(values)
+    below = np.cumsum(weights[order]) / weights.sum()
+    return float(values[order][int(np.searchsorted(below, min(share, below[-1])))])
+
+
+def across_sentences(along: AlongAxis) -> list[str]:
+    """The share of the motion that goes across the axis, its cost, and a remedy.
+
+    Args:
+        along: The motion.
+    """
+    if along.across <= _ONE_AXIS:
+        return [f"One axis explains the motion: {along.across:.0%} of the speed goes across it."]
+    words = f"{along.across:.0%} of the speed goes across the {along.axis}, which smears"
+    if along.across > _ACROSS[-1]:
+        first = (
+            f"No one axis explains the motion: {words}. From 30 % on that costs a moving sensor "
+            "all of its gain: trust the rows of stills alone."
+        )
+    else:
+        cost = float(np.interp(along.across, _ACROSS, _COSTS))
+        designed = float(np.interp(along.across, _ACROSS, _COSTS_DESIGNED))
+        first = (
+            f"{words[0].upper() + words[1:]}: in the light of the built-in scene that costs "
+            f"{cost:.1f} dB of a moving sensor's gain, or {designed:.1f} dB by a design for it."
+        )
+    sentences = [first]
+    if along.across_turned < 0.7 * along.across:
+        way = "clockwise" if along.turn > 0 else "anticlockwise"
+        sentences.append(
+            f"A camera turned by {abs(along.turn):.0f} degrees {way} has "
+            f"{along.across_turned:.0%} across."
+        )
+    return sentences
+
+
+class SceneParts(NamedTuple):
+    """Everything that a scene file says."""
+
+    name: str
+    clip: Clip
+    noise: Noise
+    motion: Motion
+    level_difference: Estimate
+    pixel_pitch: float | None
+    px_per_mm: float | None
+
+
+def scene_text(parts: SceneParts) -> str:
+    """The text of the scene file.
+
+    Args:
+        parts: The measurement.
+    """
+    sections = (
+        _head(parts),
+        _speeds(parts),
+        _light(parts),
+        _sensor(parts),
+        _view(parts),
+        _occlusion(parts),
+        _burst(parts),
+        _limits(parts),
+        _decoder(),
+        _picture(parts),
+    )
+    return "\n\n".join("\n".join(lines) for lines in sections if lines) + "\n"
+
+
+def missing_keys(text: str) -> tuple[str, ...]:
+    """Keys without which a scene file does not run, that a text leaves to its user.
+
+    Args:
+        text: The scene file.
+    """
+    tables = tomllib.loads(text)
+    keys = (("light", "photon_rate_per_s"), ("sensor", "read_noise_e"))
+    return tuple(f"[{s}] {key}" for s, key in keys if key not in tables.get(s, {}))
+
+
+def _head(parts: SceneParts) -> list[str]:
+    clip, (count, rows, columns) = parts.clip, parts.clip.frames.shape
+    exposure = (
+        "exposures of unknown length"
+        if clip.exposure is None
+        else f"exposures of {clip.exposure * 1e3:g} ms"
+    )
+    lines = [
+        f"A scene measured by `mishutter measure` from {parts.name}: {count} frames of {rows} x "
+        f"{columns} at {clip.frames_per_s:g} frames/s, {exposure}.",
+        "A number after +- is a standard deviation.",
+    ]
+    lines += [f"{word[0].upper() + word[1:]}." for word in clip.words]
+    lines += [refusal.text[0].upper() + refusal.text[1:] for refusal in parts.noise.refusals]
+    lines.append(
+        "Assumed, not measured: [limits] (the stage), [decoder], a lens that passes all that is "
+        "seen, and that the clip shows what the camera will see."
+    )
+    return [f"# {line}" for line in lines]
+
+
+def _speeds(parts: SceneParts) -> list[str]:
+    along = along_axis(parts.motion.objects)
+    lines = ["[speeds]"]
+    for number, each in enumerate(parts.motion.objects, 1):
+        down, right = each.velocity
+        lines.append(
+            f"# object {number}: {right:.1f} +- {each.error[1]:.1g} px/s to the right, {down:.1f} "
+            f"+- {each.error[0]:.1g} px/s down, {each.area} px"
+        )
+    if parts.motion.share_unexplained > 0.005:
+        lines.append(
+            f"# {parts.motion.share_unexplained:.1%} of the picture changes without a velocity: it "
+            "deforms, diffuses, flickers or is too small."
+        )
+    if along is None:
+        return [*lines, "# Nothing was seen to move.", "list_px_per_s = [0.0]"]
+    lines += [f"# {sentence}" for sentence in across_sentences(along)]
+    low, high = along.speeds
+    sign = "left" if along.axis == "rows" else "up"
+    lines.append(
+        f"# Along the {along.axis}, positive to the {sign}; the fast end is the 98 % quantile by "
+        f"area, +- {along.error:.2g} px/s."
+    )
+    if high - low <= 4 * along.error:
+        lines.append("# One speed was seen: widen this where others occur.")
+        return [*lines, f"list_px_per_s = [{_digits((low + high) / 2)}]"]
+    ends = f"min_px_per_s = {_digits(low)}, max_px_per_s = {_digits(high)}"
+    return [*lines, f"uniform = {{ {ends}, count = {_NUM_SPEEDS} }}"]
+
+
+def _light(parts: SceneParts) -> list[str]:
+    electrons = parts.noise.electrons_at_white
+    if electrons is None:
+        return ["[light]", f"# photon_rate_per_s = 1.0e5  # {_reason(parts.noise.refusals)}"]
+    time = parts.clip.longest_exposure
+    rate, error = electrons.value / time, electrons.error / time
+    told = f"{electrons.value:.4g} +- {electrons.error:.2g} e- at white"
+    limit = ""
+    if parts.clip.exposure is None:
+        limit = (
+            f" A LOWER LIMIT: exposures are taken for the whole {time * 1e3:g} ms between frames "
+            "(say --exposure-ms)."
+        )
+    line = f"photon_rate_per_s = {rate:.4g}"
+    note = f"# +- {error:.2g}; {told} in {time * 1e3:g} ms, {parts.noise.sources[0]}.{limit}"
+    return ["[light]", f"# White is level {parts.clip.white:g} of the file.", f"{line}  {note}"]
+
+
+def _reason(refusals: Sequence[Refusal]) -> str:
+    """The first reason for which a number of the noise is not known."""
+    reasons = [each for each in refusals if each.number != "the level of black"]
+    return f"not known: {(reasons or list(refusals))[0].reason}"
+
+
+def _sensor(parts: SceneParts) -> list[str]:
+    noise, lines = parts.noise, ["[sensor]"]
+    if noise.read_noise is None:
+        lines.append(f"# read_noise_e = 4.0  # {_reason(noise.refusals)}")
+    else:
+        value, error = noise.read_noise
+        source = noise.sources[1]
+        if noise.read_noise_range is not None:
+            low, high = noise.read_noise_range
+            source = f"anywhere from {low:.2g} to {high:.2g}: {source}"
+        lines.append(f"read_noise_e = {value:.3g}  # +- {error:.2g}; {source}.")
+    if noise.black is not None:
+        told = f"level {noise.black.value:.5g} +- {noise.black.error:.2g}, {noise.sources[2]}"
+        lines.append(f"# Black is {told}.")
+    else:
+        lines.append(
+            f"# Black lies from level {noise.black_range[0]:.4g} to {noise.black_range[1]:.4g}."
+        )
+    if noise.gain is not None:
+        lines.append(
+            f"# System gain {noise.gain.value:.4g} +- {noise.gain.error:.2g} levels per electron."
+        )
+    along = along_axis(parts.motion.objects)
+    axis = "rows" if along is None else along.axis
+    rows, columns = parts.clip.frames.shape[1:]
+    width = columns if axis == "rows" else rows
+    lines += [f'axis = "{axis}"', f"width_px = {width}  # of the frames, along the axis"]
+    if parts.pixel_pitch is not None:
+        lines.append(f"pixel_pitch_um = {parts.pixel_pitch * 1e6:.6g}  # as told")
+    else:
+        lines.append("# pixel_pitch_um = 3.45  # not told (--pixel-pitch-um)")
+    lines.append("# full_well_e = 10000  # of the data sheet")
+    return lines
+
+
+def _view(parts: SceneParts) -> list[str]:
+    if parts.px_per_mm is None:
+        return []
+    along = along_axis(parts.motion.objects)
+    fast = 0.0 if along is None else max(map(abs, along.speeds))
+    return [
+        "[view]",
+        f"px_per_mm = {parts.px_per_mm:.6g}  # as told; the fastest moves at "
+        f"{fast / parts.px_per_mm:.4g} mm/s",
+    ]
+
+
+def _occlusion(parts: SceneParts) -> list[str]:
+    motion = parts.motion
+    share = 1 - motion.share_at_rest
+    along = along_axis(motion.objects)
+    if along is None:
+        return []
+    if share >= _WHOLE:
+        text = f"{share:.0%} of the picture moves: it is taken to move as a whole."
+        return [f"# [occlusion]  # {text}"]
+    width = motion.width[0 if along.axis == "rows" else 1]
+    difference = parts.level_difference
+    key = f"level_difference = {difference.value:.3f}"
+    note = f"+- {difference.error:.2g}; mean light of what moves less that of the rest"
+    is_known = np.isfinite(difference.error)
+    return [
+        "[occlusion]",
+        f"front_share = {share:.3f}  # +- 0.05; share that moves",
+        f"object_width_px = {width:.1f}  # mean length along the {along.axis} of what moves",
+        f"{key}  # {note}" if is_known else f"# {key}  # {note}",
+        'background = "still"  # the camera stood still',
+    ]
+
+
+def _burst(parts: SceneParts) -> list[str]:
+    return [
+        "[burst]",
+        f"frames_per_s = {parts.clip.frames_per_s:g}  # as told",
+        "# dead_time_ms = 0.1  # of the data sheet",
+    ]
+
+
+def _limits(parts: SceneParts) -> list[str]:
+    along = along_axis(parts.motion.objects)
+    fast = 0.0 if along is None else max(map(abs, along.speeds))
+    longest = min(_LONGEST_MS, _FARTHEST / max(fast, 1e-9) / 2 * 1e3)
+    if parts.pixel_pitch is None:
+        reach = [
+            f"max_stroke_px = {_STROKE_PX:g}",
+            f"max_top_speed_px_per_s = {_TOP_SPEED_PX:g}",
+        ]
+    else:
+        reach = [
+            f"max_stroke_mm = {_STROKE_UM / 1e3:g}",
+            f"max_top_speed_mm_per_s = {_TOP_SPEED_MM:g}",
+        ]
+    return [
+        "# Assumed: the piezo stage of the built-in scene. Write what yours does.",
+        "[limits]",
+        *reach,
+        f"min_half_exposure_ms = {_SHORTEST_MS:g}",
+        f"max_half_exposure_ms = {_digits(longest)}",
+    ]
+
+
+def _decoder() -> list[str]:
+    return [
+        "# Assumed: one filter restores all speeds. A decoder that registers frames knows them.",
+        "# [decoder]",
+        '# speed = "known"',
+    ]
+
+
+def _picture(parts: SceneParts) -> list[str]:
+    return [
+        "# The still parts, averaged over frames; the power of their lines is that of the clip, "
+        "less the noise, before the pixels.",
+        "[picture]",
+        f'path = "{PICTURE}"',
+    ]
+
+
+def _digits(value: float) -> str:
+    """Four digits of a number, as TOML writes it."""
+    return f"{float(f'{value:.4g}')}"

@@ -1,0 +1,134 @@
+"""Objects of clips of photographs: their velocities, their places, and what has none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import ndimage
+from support.clips import ClipOf, Thing
+
+from mishutter.measurement import noise_from
+from mishutter.measurement.motion import motion_of
+from mishutter.measurement.sweep import Box, Smoothed, swept
+
+CLIP = ClipOf(
+    (
+        Thing((70, 80), (38, 46), (190.0, 310.0)),
+        Thing((125, 160), (40, 36), (-120.0, -265.0), "chelsea.png"),
+    ),
+    size=(192, 240),
+    background="astronaut.png",
+    num_frames=5,
+)
+
+
+def found(clip, levels=None):
+    levels = clip.levels() if levels is None else levels
+    black = float(clip.black_level)
+    frames, noise = noise_from(levels, frames_per_s=50.0, white=float(clip.full), black=black)
+    return motion_of(noise.law.of_unit_noise(frames.frames), 50.0)
+
+
+@pytest.fixture(scope="module")
+def motion():
+    return found(CLIP)
+
+
+def test_objects_are_found_with_their_velocities(motion):
+    """Within a pixel over the clip, and four of their errors; nothing else moves."""
+    span = 4 / 50
+    assert len(motion.objects) == 2
+    for thing in CLIP.things:
+        away = [np.array(o.velocity) - thing.velocity for o in motion.objects]
+        best = int(np.argmin(np.hypot(*np.transpose(away))))
+        assert np.hypot(*away[best]) * span < 1
+        assert np.all(np.abs(away[best]) < 4 * np.array(motion.objects[best].error))
+        assert motion.objects[best].lead > 2
+
+
+def test_labels_are_where_objects_are(motion):
+    """By the numbers of the list; the share at rest and the lengths of runs are those of these."""
+    truth = CLIP.labels(CLIP.times[motion.frame])
+    for number, each in enumerate(motion.objects, 1):
+        mine = motion.labels == number
+        own = np.bincount(truth[mine], minlength=3)
+        assert own.max() > 0.85 * own.sum()
+        speeds = [np.hypot(*(np.array(t.velocity) - each.velocity)) for t in CLIP.things]
+        assert own.argmax() == 1 + int(np.argmin(speeds))
+    assert abs(motion.share_at_rest - np.mean(truth == 0)) < 0.06
+    begins = np.sum((truth[:, 1:] > 0) & (truth[:, :-1] == 0))
+    assert motion.width[0] == pytest.approx(np.sum(truth > 0) / begins, rel=0.25)
+
+
+def test_trust_is_low_at_edges_alone(motion):
+    """Where an object hides another, no velocity explains all frames."""
+    truth = CLIP.labels(CLIP.times[motion.frame])
+    edge = ndimage.maximum_filter(truth, 5) != ndimage.minimum_filter(truth, 5)
+    far = ~ndimage.binary_dilation(edge, iterations=12)
+    assert np.mean(motion.trust[far] > 0.5) > 0.97
+    assert np.mean(motion.trust[edge]) < 0.6
+
+
+def test_nothing_moves_in_a_clip_at_rest():
+    """No object is made up, and all is at rest."""
+    still = found(replace(CLIP, things=()))
+    assert still.objects == ()
+    assert still.share_at_rest == 1
+
+
+def test_two_frames_are_enough():
+    """For the velocity of a large object, whose error is that of two frames."""
+    clip = replace(CLIP, num_frames=2, things=CLIP.things[1:])
+    (each,) = found(clip).objects
+    away = np.array(each.velocity) - clip.things[0].velocity
+    assert np.hypot(*away) / 50 < 0.5
+
+
+@pytest.mark.slow
+def test_a_picture_that_moves_as_a_whole_has_one_velocity():
+    """It leaves nothing at rest but what enters, and is one object."""
+    clip = replace(CLIP, things=(Thing((96, 120), (300, 400), (90.0, -210.0), "gravel.png"),))
+    motion = found(clip)
+    assert motion.objects[0].velocity == pytest.approx((90.0, -210.0), abs=5)
+    assert motion.share_at_rest < 0.15
+
+
+@pytest.mark.slow
+def test_a_patch_that_changes_has_no_velocity():
+    """Texture that is another one in each frame moves in no direction, which is said."""
+    levels = replace(CLIP, things=()).levels()
+    rng = np.random.default_rng(9)
+    for frame in levels:
+        patch = ndimage.gaussian_filter(rng.normal(size=(90, 100)), 2.5)
+        frame[40:130, 60:160] = 900 + 400 * patch / patch.std() * 0.7
+    motion = found(replace(CLIP, things=()), levels)
+    patch = motion.labels[48:122, 68:152]
+    assert np.mean(patch < 0) > 0.8
+    assert motion.share_unexplained > 0.1
+    assert sum(each.area for each in motion.objects) < 900
+
+
+def test_splines_shift_as_scipys_do():
+    """Rows and columns, in and out of the picture."""
+    frames = np.random.default_rng(1).normal(size=(2, 61, 57)).astype(np.float32)
+    smoothed = Smoothed.of(frames, 1.2)
+    box, move = Box(17, 40, 30, 57), np.array([-3.3, 4.7])
+    values, seen = smoothed.along(move, 0, [1], box)
+    places = np.meshgrid(np.arange(17, 40) - 3.3, np.arange(30, 57) + 4.7, indexing="ij")
+    plain = ndimage.gaussian_filter(frames[1], 1.2).astype(float)
+    expected = ndimage.map_coordinates(plain, places, order=3, mode="nearest")
+    np.testing.assert_allclose(values[0][:, :18], expected[:, :18], atol=1e-4)
+    assert not seen[0][:, -5:].any()
+    assert seen[0][:, :18].all()
+
+
+def test_the_right_velocity_leaves_noise_alone():
+    """A picture that is rolled by whole pixels has the residual 1 along its velocity."""
+    rng = np.random.default_rng(2)
+    texture = 9 * ndimage.gaussian_filter(rng.normal(size=(96, 128)), 1.5)
+    frames = np.stack([np.roll(texture, (4 * k, -8 * k), (0, 1)) for k in range(3)])
+    frames = (frames + rng.normal(size=frames.shape)).astype(np.float32)
+    sweep = swept(frames, 1, 1)
+    near = sweep.near(np.array([4.0, -8.0]), 0.9)
+    assert np.nanmedian(sweep.residuals[near].min(axis=0)) < 1.5
+    assert np.nanmedian(sweep.residuals[sweep.near(np.array([-6.0, 6.0]), 0.9)]) > 3

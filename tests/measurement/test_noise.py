@@ -1,0 +1,203 @@
+"""Noise by photon transfer, against clips of photographs whose noise is known."""
+
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PIL import Image
+from support.clips import ClipOf, Thing
+
+from mishutter.measurement import noise_from
+
+THINGS = (
+    Thing((70, 80), (38, 46), (190.0, 310.0)),
+    Thing((120, 150), (40, 36), (-150.0, 240.0), "chelsea.png"),
+)
+CLIP = ClipOf(THINGS, size=(192, 224), background="camera.png", electrons=3100.0, read_noise=4.3)
+LEVELS = CLIP.levels()
+UNCOMPRESSED = "no compression"
+
+
+def found(levels=LEVELS, clip=CLIP, **told):
+    """The clip and its noise."""
+    return noise_from(levels, frames_per_s=50.0, exposure=4e-3, white=float(clip.full), **told)
+
+
+def holds(estimate, truth, share):
+    """Whether a number is within a share of the truth, and within three of its errors."""
+    near = abs(estimate.value - truth) < min(share * truth, 3 * estimate.error)
+    return near and estimate.error < share * truth
+
+
+@pytest.mark.parametrize("told", [{"dark": CLIP.dark()}, {"dark": CLIP.dark(1)}, {"black": 64.0}])
+def test_electrons_and_read_noise_are_found(told):
+    """Though objects move over a third of the picture; black from dark frames, or told."""
+    _, noise = found(**told)
+    assert holds(noise.electrons_at_white, 3100, 0.05)
+    assert holds(noise.read_noise, 4.3, 0.15)
+    assert abs(noise.black.value - 64) < 0.2
+    assert not noise.refusals
+
+
+def test_without_black_the_read_noise_is_an_interval():
+    """Which holds the truth, and whose ends are those of black."""
+    _, noise = found()
+    low, high = noise.read_noise_range
+    assert low < 4.3 < high + 0.3
+    assert noise.black is None
+    assert noise.black_range[0] <= 64 <= noise.black_range[1] + 1
+    assert "--dark" in noise.sources[1]
+
+
+def test_eight_bits_tell_the_electrons_and_not_the_read_noise():
+    """Which is below half a step: the limit is said, and what to do."""
+    clip = replace(CLIP, bits=8, electrons=9000.0)
+    _, noise = found(clip.levels(), clip, black=float(clip.black_level))
+    assert holds(noise.electrons_at_white, 9000, 0.1)
+    assert noise.read_noise is None
+    assert "below half a step of the file, 17." in noise.refusals[0].text
+    assert "more bits" in noise.refusals[0].remedy
+
+
+def test_pairs_of_flat_fields_are_better_than_the_clip():
+    """As EMVA 1288 takes them; a pattern of the pixels is in both frames and counts nothing."""
+    _, alone = found(dark=CLIP.dark())
+    _, noise = found(dark=CLIP.dark(), flats=CLIP.flats())
+    assert holds(noise.electrons_at_white, 3100, 0.05)
+    assert noise.electrons_at_white.error < alone.electrons_at_white.error
+    assert "8 flat frames" in noise.sources[0]
+
+
+def test_flat_fields_tell_the_noise_of_a_clip_in_which_all_moves():
+    """Which alone is refused: nothing of it shows noise."""
+    rng = np.random.default_rng(5)
+    moving = np.stack([np.roll(LEVELS[k], rng.integers(20, 60, 2), (0, 1)) for k in range(5)])
+    (refusal,) = found(moving)[1].refusals
+    assert "hardly anything in the clip stands still" in refusal.text
+    _, noise = found(moving, dark=CLIP.dark(), flats=CLIP.flats())
+    assert holds(noise.electrons_at_white, 3100, 0.05)
+    assert holds(noise.read_noise, 4.3, 0.15)
+
+
+def test_an_exposure_that_drifts_is_divided_out():
+    """And said; the electrons are those of the usual exposure."""
+    clip = replace(CLIP, flicker=0.04)
+    frames, noise = found(clip.levels(), clip, dark=clip.dark())
+    assert holds(noise.electrons_at_white, 3100, 0.1)
+    (word,) = (word for word in frames.words if "drifts" in word)
+    assert "divided out" in word
+    assert not any("drifts" in word for word in found()[0].words)
+
+
+def jpeg(frame, quality):
+    content = io.BytesIO()
+    Image.fromarray(frame).save(content, "JPEG", quality=quality)
+    return np.asarray(Image.open(content))
+
+
+EIGHT = replace(CLIP, bits=8, electrons=1000.0)
+LIGHT = replace(CLIP, bits=16, black=0.0).levels() / 65535
+
+
+def compressed(quality):
+    return np.stack([jpeg(frame, quality) for frame in EIGHT.levels()])
+
+
+def repeating():
+    """Half of the pixels keep their level, as those that a video does not send again."""
+    levels = EIGHT.levels()
+    rng = np.random.default_rng(8)
+    for k in range(1, len(levels)):
+        skipped = rng.random(levels[k].shape) < 0.5
+        levels[k][skipped] = levels[k - 1][skipped]
+    return levels
+
+
+def smoothed():
+    levels = EIGHT.levels().astype(float)
+    return np.rint((levels + np.roll(levels, 1, -1)) / 2).astype(np.uint8)
+
+
+def bent():
+    """A sensor that saturates softly above a third of white, as no gamma does."""
+    light = np.broadcast_to(np.linspace(60, 3600, 224), (8, 192, 224))
+    electrons = np.random.default_rng(6).poisson(light)
+    return np.rint(electrons - 0.3 * np.maximum(electrons - 1300, 0)).astype(np.uint16)
+
+
+def flat_scene():
+    rng = np.random.default_rng(3)
+    light = rng.uniform(900, 1100, (192, 224))
+    return np.stack([rng.poisson(light) for _ in range(6)]).astype(np.uint16)
+
+
+def dark_scene():
+    levels = LEVELS.astype(int) - 4000
+    return np.clip(levels, 0, None).astype(np.uint16)
+
+
+def bright_scene():
+    levels = np.clip(LEVELS.astype(int) * 90, 0, CLIP.full).astype(np.uint16)
+    levels[:, :9, :9] = LEVELS[:, :9, :9]  # no two frames are equal
+    return levels
+
+
+def still_levels():
+    """Noise of a tenth of a step at white."""
+    clip = replace(CLIP, bits=8, electrons=3e6, things=())
+    levels = clip.levels()
+    levels[::2, 0, 0] += 1  # no two frames are equal
+    return levels
+
+
+SIGNS = {
+    "JPEG 95": (lambda: compressed(95), "steps of 8 x 8 px", UNCOMPRESSED),
+    "JPEG 80": (lambda: compressed(80), "correlates by", "Record raw frames"),
+    "repeats": (repeating, "of the pixels at rest repeat from frame to frame", UNCOMPRESSED),
+    "neighbours": (smoothed, "noise of neighbouring pixels correlates by 0.", "raw frames"),
+    "gamma 2.2": (
+        lambda: np.rint(255 * LIGHT ** (1 / 2.2)).astype(np.uint8),
+        "gamma of 2.",
+        "Switch gamma off",
+    ),
+    "a bend": (bent, "the variance over the mean is ", "proportional to light"),
+    "one level": (flat_scene, "lie within a factor of 1", "bright and dark parts"),
+    "black": (dark_scene, "of the picture is cut off at black", "Expose so that"),
+    "white": (bright_scene, "of the picture is cut off at white", "Expose so that"),
+    "steps": (still_levels, "smaller than the steps of the file", "more bits"),
+}
+
+
+@pytest.mark.parametrize("slug", SIGNS)
+def test_a_sign_forbids_the_number(slug):
+    """No number is given, but the reason and the remedy."""
+    levels, reason, remedy = SIGNS[slug]
+    _, noise = found(levels(), replace(CLIP, bits=8 if levels().dtype == np.uint8 else 12))
+    assert noise.electrons_at_white is None
+    assert noise.read_noise is None
+    assert any(reason in r.reason and remedy in r.remedy for r in noise.refusals), noise.refusals
+
+
+def test_a_whole_clip_has_no_sign():
+    """Neither at 8 bits, nor where nothing moves."""
+    assert not found(EIGHT.levels(), EIGHT)[1].refusals
+    still = replace(CLIP, things=())
+    assert not found(still.levels(), still)[1].refusals
+
+
+def test_dark_frames_that_are_cut_off_tell_no_black():
+    """The camera's offset is too low for its noise, which the reason says."""
+    clip = replace(CLIP, black=0.0)
+    _, noise = found(clip.levels(), clip, dark=clip.dark())
+    assert noise.black is None
+    assert "dark frames are cut off at their lowest level" in noise.refusals[0].text
+    assert noise.read_noise_range is not None
+
+
+def test_a_gamma_without_read_noise_is_doubted():
+    """A gamma of 1.5 is as straight as a line of much read noise: the clip's words say so."""
+    coded = np.rint(255 * LIGHT ** (1 / 1.5)).astype(np.uint8)
+    frames, noise = found(coded, replace(CLIP, bits=8))
+    assert noise.electrons_at_white is None or "a gamma of 1." in frames.words[-1]
+    assert not any("gamma" in word for word in found()[0].words)

@@ -1,0 +1,145 @@
+"""The scene file of a clip: numbers with errors and sources, and what a clip does not tell."""
+
+import tomllib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.clips import ClipOf, Thing
+
+import mishutter as ms
+from mishutter.measurement import MovingObject
+from mishutter.measurement.photon_transfer import Law
+from mishutter.measurement.scene import across_sentences, along_axis
+from mishutter.measurement.texture import Averaged, light_of_texture
+from mishutter.pictures import row_power_spectrum
+
+CLIP = ClipOf(
+    (
+        Thing((70, 90), (38, 46), (12.0, 310.0)),
+        Thing((125, 160), (40, 36), (-9.0, -265.0), "chelsea.png"),
+    ),
+    size=(192, 240),
+    background="astronaut.png",
+    num_frames=5,
+)
+TOLD = {"frames_per_s": 50.0, "exposure": 4e-3, "white": float(CLIP.full)}
+
+
+@pytest.fixture(scope="module")
+def measurement():
+    return ms.measure(CLIP.levels(), dark=CLIP.dark(), pixel_pitch=3.2e-6, px_per_mm=6.0, **TOLD)
+
+
+def test_the_file_is_the_scene(measurement, tmp_path):
+    """Written and read again, it is that of `scene`, with its picture beside it."""
+    files = measurement.save(tmp_path / "found.toml")
+    assert files == ["found.toml", "picture.png", "velocities.csv"]
+    read, held = ms.Scene.load(tmp_path / "found.toml"), measurement.scene
+    for name in ("speeds", "photon_rate", "read_noise"):
+        np.testing.assert_array_equal(getattr(read, name), getattr(held, name))
+    assert float(read.picture.deviation) == pytest.approx(float(held.picture.deviation), rel=1e-3)
+    assert float(read.photon_rate) == pytest.approx(3000 / 4e-3, rel=0.05)
+    assert float(read.read_noise) == pytest.approx(4, rel=0.1)
+    assert float(np.max(read.speeds)) == pytest.approx(310, abs=4)
+    assert float(read.occlusion.front_share) == pytest.approx(0.22, abs=0.06)
+    lines = (tmp_path / "velocities.csv").read_text(encoding="utf-8").splitlines()
+    assert len(lines) == 1 + len(measurement.motion.objects) == 3
+    assert lines[0].startswith("object,right_px_per_s,right_error_px_per_s,down_px_per_s")
+
+
+def test_each_number_has_its_error_and_source(measurement):
+    """In the line of the file that has it; the head lists what is assumed."""
+    lines = measurement.scene_text.splitlines()
+    for key, words in (
+        ("photon_rate_per_s", ("+-", "e- at white in 4 ms", "photon transfer over 5 frames")),
+        ("read_noise_e", ("+-", "2 dark frames")),
+        ("front_share", ("+-",)),
+        ("frames_per_s", ("as told",)),
+        ("pixel_pitch_um = 3.2", ("as told",)),
+        ("px_per_mm = 6", ("mm/s",)),
+    ):
+        (line,) = (line for line in lines if line.startswith(key))
+        assert all(word in line for word in words), line
+    assert any("Assumed, not measured: [limits]" in line for line in lines)
+    assert sum(line.startswith("# object ") for line in lines) == 2
+
+
+def test_without_an_exposure_the_light_is_a_lower_limit():
+    """Of the whole time between frames, which the file says."""
+    still = replace(CLIP, things=())
+    told = TOLD | {"exposure": None}
+    found = ms.measure(still.levels(), black=float(still.black_level), **told)
+    assert float(found.scene.photon_rate) == pytest.approx(3000 * 50, rel=0.06)
+    assert "A LOWER LIMIT" in found.scene_text
+    assert tomllib.loads(found.scene_text)["speeds"] == {"list_px_per_s": [0.0]}
+
+
+def test_what_is_not_known_is_a_commented_key():
+    """With an example and the reason; the scene is refused in a line that says why."""
+    eight = replace(CLIP, bits=8)
+    coded = np.rint(255 * (eight.levels() / 255.0) ** (1 / 2.2)).astype(np.uint8)
+    found = ms.measure(coded, frames_per_s=50.0)
+    assert "# photon_rate_per_s = 1.0e5  # not known: " in found.scene_text
+    assert "# read_noise_e = 4.0  # not known: " in found.scene_text
+    assert found.missing == ("[light] photon_rate_per_s", "[sensor] read_noise_e")
+    with pytest.raises(ValueError, match=r"have light and noise; got the noise is not known"):
+        _ = found.scene
+    assert found.to_dict()["noise"]["electrons_at_white"] is None
+
+
+def an_object(right, down, area, error=1.0):
+    velocity = float(down), float(right)
+    return MovingObject(velocity, (error, error), (50.0, 60.0), area, 9.0, 1.0, 2)
+
+
+def test_speeds_end_at_the_fast_quantile_by_area():
+    """A speck that is faster does not count; both ways make speeds of either sign."""
+    objects = [an_object(-700, 5, 9000), an_object(410, -8, 3000), an_object(-3000, 0, 90)]
+    along = along_axis(objects)
+    assert (along.axis, along.speeds) == ("rows", (-700, 700))
+    assert along.is_two_way
+    one_way = along_axis([an_object(-700, 5, 9000), an_object(-410, -8, 3000)])
+    assert one_way.speeds == (410, 700)
+    assert along_axis([]) is None
+
+
+def test_things_that_go_up_have_a_positive_speed():
+    """Along the columns, as scenes have it."""
+    along = along_axis([an_object(8, -350, 5000), an_object(-3, -120, 4000)])
+    assert (along.axis, along.speeds) == ("columns", (120, 350))
+
+
+def test_motion_across_the_axis_is_told_with_its_cost():
+    """And the turn of the camera that leaves less; beyond 30 % no one axis explains it."""
+    slanted = along_axis([an_object(300, 60, 5000), an_object(-250, -50, 4000)])
+    first, second = across_sentences(slanted)
+    assert "20% of the speed goes across the rows" in first
+    assert "costs 0.9 dB" in first
+    assert second == "A camera turned by 11 degrees clockwise has 0% across."
+    crossed = along_axis([an_object(300, 20, 5000), an_object(-10, 280, 4000)])
+    (only,) = across_sentences(crossed)
+    assert only.startswith("No one axis explains the motion: 93% of the speed goes across")
+    straight = along_axis([an_object(300, 3, 5000)])
+    assert across_sentences(straight)[0].startswith("One axis explains the motion: 1%")
+
+
+def test_the_picture_has_the_power_of_the_light():
+    """Without the noise, and before the pixels that averaged it."""
+    rng = np.random.default_rng(3)
+    columns = 256
+    frequency = np.fft.rfftfreq(columns)
+    shape = 1 / (frequency + 0.03)
+    rows = np.fft.irfft(np.fft.rfft(rng.normal(size=(200, columns))) * shape, columns)
+    light = 0.5 + 0.09 * rows / rows.std()
+    seen = np.fft.irfft(np.fft.rfft(light) * np.sinc(frequency), columns)
+    law = Law(dark=400.0, gain=0.0, floor=1.0)
+    levels = 40 + 1000 * seen + 20 / np.sqrt(3) * rng.normal(size=light.shape)
+    picture = light_of_texture(
+        Averaged(levels, np.full(light.shape, 3.0)), law, 40.0, 1040.0, "rows"
+    )
+    found, truth = (
+        row_power_spectrum(ms.Picture(np.asarray(x)), 16).power_spectrum
+        for x in (picture, light[..., None].astype(np.float32))
+    )
+    np.testing.assert_allclose(found[:14], truth[:14], rtol=0.15)
