@@ -29,5 +29,6 @@ from mishutter.camera.rows import channels_last as channels_last
 from mishutter.camera.rows import fast_length as fast_length
 from mishutter.camera.rows import rows_last as rows_last
 from mishutter.camera.sequences import furthest as furthest
+from mishutter.camera.sequences import require_reach as require_reach
 from mishutter.camera.sequences import responses_of_frames as responses_of_frames
 from mishutter.camera.sequences import simulate_frames as simulate_frames

@@ -76,6 +76,22 @@ def furthest(nodes: Sequence[FrameNodes], speeds: RowLike) -> float:
     return max(float(np.max(np.abs(some.place - each * some.time))) for some in nodes)
 
 
+def require_reach(subject: str, frames: Sequence[TimedFrame], speed: float) -> None:
+    """Refuses a speed at which light is displaced by more than `MAX_REACH`.
+
+    Args:
+        subject: The argument's name in an error.
+        frames: The frames.
+        speed: Speed of the picture; px/s.
+    """
+    latest = max(abs(frame.time) + frame.exposure / 2 for frame in frames)
+    requirement = f"displace light by at most {MAX_REACH} px"
+    # Before there are as many nodes as such a way would need.
+    require(abs(speed) * latest <= 2 * MAX_REACH, subject, requirement, abs(speed) * latest)
+    reach = furthest(nodes_of_frames(frames, abs(speed)), [speed])
+    require(reach <= MAX_REACH, subject, requirement, reach)
+
+
 @alone_in_blas()
 def simulate_frames(
     picture: Picture | ArrayLike,
@@ -126,10 +142,9 @@ def simulate_frames(
     require_positive_int(subject, width)
     requirement = f"be at most the picture's {columns} {pixels_along(scene.sensor.axis)}"
     require(width <= columns, subject, requirement, width)
+    require_reach("simulate_frames(speed=..., frames=...)", frames, speed)
     nodes = nodes_of_frames(frames, abs(speed))
     reach = furthest(nodes, [speed])
-    requirement = f"displace light by at most {MAX_REACH} px"
-    require(reach <= MAX_REACH, "simulate_frames(frames=...)", requirement, reach)
     planes = np.asarray(rows_last(distinct_colours(radiance)))
     period = period_of(columns, math.ceil(reach), "reflect")
     responses = responses_of_frames(nodes, [speed], scene.optics, period)[0]
