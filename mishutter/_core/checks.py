@@ -27,6 +27,8 @@ _Tree = TypeVar("_Tree")
 _Kind = TypeVar("_Kind")
 RowLike = ArrayLike | Sequence[float]
 """An array, or a plain list of numbers."""
+_MOST_SHOWN = 8
+"""Numbers of an array up to which an error shows them all, not the first that is at fault."""
 
 
 def all_concrete(tree: PyTree) -> bool:
@@ -146,7 +148,12 @@ def require_finite(subject: str, value: RowLike) -> None:
     """Refuses a concrete value that holds a NaN, an infinity or something other than numbers."""
     if is_concrete(value):
         require(_is_real(value), subject, "be real numbers", value)
-        require(bool(np.all(np.isfinite(np.asarray(value)))), subject, "be finite", value)
+        array = np.asarray(value)
+        finite, got = np.isfinite(array), value
+        if not np.all(finite) and array.size > _MOST_SHOWN:
+            first = tuple(np.argwhere(~finite)[0].tolist())
+            got = Unquoted(f"{array[first]} at {list(first)}")
+        require(bool(np.all(finite)), subject, "be finite", got)
 
 
 def require_at_least(subject: str, value: Array, bound: str, *, strict: bool = False) -> None:

@@ -33,5 +33,6 @@ from mishutter.camera.rows import period_of as period_of
 from mishutter.camera.rows import require_border as require_border
 from mishutter.camera.rows import rows_last as rows_last
 from mishutter.camera.sequences import furthest as furthest
+from mishutter.camera.sequences import require_reach as require_reach
 from mishutter.camera.sequences import responses_of_frames as responses_of_frames
 from mishutter.camera.sequences import simulate_frames as simulate_frames

@@ -84,6 +84,22 @@ def furthest(nodes: Sequence[FrameNodes], speeds: RowLike) -> float:
     return max(float(np.max(np.abs(some.place - each * some.time))) for some in nodes)
 
 
+def require_reach(subject: str, frames: Sequence[TimedFrame], speed: float) -> None:
+    """Refuses a speed at which light is displaced by more than `MAX_REACH`.
+
+    Args:
+        subject: The argument's name in an error.
+        frames: The frames.
+        speed: Speed of the picture; px/s.
+    """
+    latest = max(abs(frame.time) + frame.exposure / 2 for frame in frames)
+    requirement = f"displace light by at most {MAX_REACH} px"
+    # Before there are as many nodes as such a way would need.
+    require(abs(speed) * latest <= 2 * MAX_REACH, subject, requirement, abs(speed) * latest)
+    reach = furthest(nodes_of_frames(frames, abs(speed)), [speed])
+    require(reach <= MAX_REACH, subject, requirement, reach)
+
+
 @alone_in_blas()
 def simulate_frames(
     picture: Picture | Layers | ArrayLike,
@@ -160,8 +176,9 @@ def _picture_in_frames(
     """Irradiance of the sensor in each frame of a picture that moves as a whole."""
     radiance = turned(radiance, scene.sensor.axis)
     window = _window(radiance.shape[-1 if radiance.ndim == 2 else -2], num_columns, scene)
+    require_reach("simulate_frames(speed=..., frames=...)", frames, speed)
     nodes = nodes_of_frames(frames, abs(speed))
-    reach = _require_reach(nodes, [speed])
+    reach = furthest(nodes, [speed])
     planes = np.asarray(rows_last(distinct_colours(radiance)))
     period = period_of(planes.shape[-1], math.ceil(reach), "reflect")
     spectrum = np.fft.rfft(np.asarray(continued(planes, period, "reflect")))
@@ -177,10 +194,11 @@ def _layers_in_frames(
     layers = layers.turned(scene.sensor.axis)
     window = _window(layers.shape[1], num_columns, scene)
     speeds = [layer.speed for layer in layers.layers]
+    for speed in speeds:
+        require_reach("Layer(speed=...)", frames, speed)
     # Images that change while they are displaced ask for nodes for both.
     swiftest = max(float(frame.motion.top_speed) for frame in frames)
     nodes = nodes_of_frames(frames, 2 * max(map(abs, speeds)) + swiftest)
-    _require_reach(nodes, speeds)
     for one in nodes:
         yield expose_layers_in_frame(layers, one, scene.optics)[:, window]
 
@@ -194,15 +212,3 @@ def _window(num_columns: int, of_sensor: int | None, scene: Scene) -> slice:
     require(width <= num_columns, subject, requirement, width)
     start = (num_columns - width) // 2
     return slice(start, start + width)
-
-
-def _require_reach(nodes: Sequence[FrameNodes], speeds: RowLike) -> float:
-    """The `furthest` displacement; px.
-
-    Raises:
-        ValueError: if it is beyond 8,192 px.
-    """
-    reach = furthest(nodes, speeds)
-    requirement = f"displace light by at most {MAX_REACH} px"
-    require(reach <= MAX_REACH, "simulate_frames(frames=...)", requirement, reach)
-    return reach

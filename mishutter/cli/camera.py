@@ -350,6 +350,7 @@ def estimate_document(estimate: "SpeedEstimate") -> dict[str, object]:
         "error_px_per_s": estimate.error if is_some else None,
         "trusted": estimate.trusted,
         "doubt": estimate.doubt,
+        "misfit": estimate.misfit,
     }
 
 

@@ -3,7 +3,7 @@
 import itertools
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
@@ -149,14 +149,14 @@ def restore(
     speed = None if speed_text is None else read_speed(speed_text, scene_file, "--speed")
     read = (read_captures(path, black=black, white=white, linear=linear) for path in captures)
     seen = list(itertools.chain(*read))
-    stems = [capture.stem for capture in seen]
-    require(len(set(stems)) == len(stems), "CAPTURE", "be of different names", stems)
+    labels = _labels_of(seen)
     folder, method = writable_folder(out), named_decoder(decoder)
     written, found = [], {}
-    for capture, light in _together(seen, camera.sequence):
+    is_one = len(seen) == 1 or camera.sequence is not None
+    for capture, label, light in _together(seen, labels, camera.sequence):
         with (
             interruptible(lambda: AGAIN),
-            progress_bar(f"restoring {capture.name}", _TICKS) as update,
+            progress_bar(f"restoring {label.name}", _TICKS) as update,
         ):
             result = restored_capture(
                 light,
@@ -165,9 +165,8 @@ def restore(
                 speed=speed,
                 progress=lambda text, share, update=update: update(int(share * _TICKS), text),
             )
-        _note_brightness(capture.name, result.light)
-        is_one = len(seen) == 1 or camera.sequence is not None
-        stem = "" if is_one else f"{capture.stem}_"
+        _note_brightness(label.name, result.light)
+        stem = "" if is_one else f"{label.stem}_"
         write_picture(folder / f"{stem}restored.png", result.light)
         written.append(f"{stem}restored.png")
         if capture.is_tiff:
@@ -175,16 +174,19 @@ def restore(
             written.append(f"{stem}restored.tif")
         figure = plot_capture(
             None,
-            {each.stem: each.light for each in (seen if is_one else [capture])},
+            {
+                each.stem: one.light
+                for each, one in (zip(labels, seen, strict=True) if is_one else [(label, capture)])
+            },
             result.light,
-            camera=f"{shown_name(capture.name)}: {camera_text(camera)}",
+            camera=f"{shown_name(label.name)}: {camera_text(camera)}",
             decoder=f"by the {decoder.value} decoder",
         )
         save_figure(figure, folder / f"{stem}side_by_side.png")
         written.append(f"{stem}side_by_side.png")
-        found[capture.name] = result.found
+        found[label.name] = result.found
         if result.found is not None and result.found.doubt:
-            note(f"warning: {capture.name}: {result.found.doubt}")
+            note(f"warning: {label.name}: {result.found.doubt}")
     if json:
         speeds = {
             name: None if each is None else estimate_document(each) for name, each in found.items()
@@ -201,46 +203,70 @@ def restore(
     note(f"{folder}: {', '.join(written)}")
 
 
+class _Label(NamedTuple):
+    """What a capture is called in messages, and in names of files."""
+
+    name: str
+    stem: str
+
+
+def _labels_of(seen: "list[Capture]") -> list[_Label]:
+    """Labels of captures, with those of their folders where files have the same name."""
+    stems = [capture.stem for capture in seen]
+    if len(set(stems)) == len(stems):
+        return [_Label(capture.name, capture.stem) for capture in seen]
+    folders = [capture.path.resolve().parent.name for capture in seen]
+    labels = [
+        _Label(f"{folder}/{capture.name}", f"{folder}_{capture.stem}")
+        for folder, capture in zip(folders, seen, strict=True)
+    ]
+    names = [label.name for label in labels]
+    require(len(set(labels)) == len(labels), "CAPTURE", "be of different names", names)
+    return labels
+
+
 def _together(
-    seen: "list[Capture]", sequence: "FrameSequence | None"
-) -> "list[tuple[Capture, np.ndarray]]":
+    seen: "list[Capture]", labels: list[_Label], sequence: "FrameSequence | None"
+) -> "list[tuple[Capture, _Label, np.ndarray]]":
     """Light of captures by themselves, or of the frames of a burst beside the first of them."""
     import numpy as np
 
     if sequence is None:
-        return [(capture, capture.light) for capture in seen]
+        return [(one, label, one.light) for one, label in zip(seen, labels, strict=True)]
     got = Unquoted(f"{len(seen)}")
     is_whole = len(seen) == sequence.num_frames
     require(is_whole, "CAPTURE", f"be the {sequence.num_frames} frames of the burst", got)
-    first = seen[0]
-    for each in seen:
-        size = each.light.shape
-        require(size == first.light.shape, each.name, f"be as large as {first.name}", size)
+    first, size = labels[0].name, seen[0].light.shape
+    for each, label in zip(seen, labels, strict=True):
+        shape = each.light.shape
+        require(shape[:2] == size[:2], label.name, f"be as large as {first}", shape[:2])
+        colours = Unquoted(f"{shape[2]} beside {size[2]}")
+        require(shape == size, label.name, f"have as many colours as {first}", colours)
     light = np.stack(sequence.of_own_whites([each.light for each in seen]))
-    _note_frames(seen, light)
-    return [(first, light)]
+    _note_frames(labels, light)
+    return [(seen[0], labels[0], light)]
 
 
-def _note_frames(seen: "list[Capture]", light: "np.ndarray") -> None:
+def _note_frames(labels: list[_Label], light: "np.ndarray") -> None:
     """Notes what shows that frames are not those of the burst, or are not read as they are meant.
 
     Args:
-        seen: The frames, in the order in which they were given.
+        labels: Those of the frames, in the order in which they were given.
         light: Their light, each by its own exposure; `(frames, rows, columns, channels)`.
     """
     import numpy as np
 
-    numbers = [[*map(int, re.findall(r"\d+", each.stem))] for each in seen]
+    numbers = [[*map(int, re.findall(r"\d+", each.stem))] for each in labels]
     if len({*map(len, numbers)}) == 1 and numbers != sorted(numbers):
-        names = ", ".join(each.stem for each in seen)
+        names = ", ".join(each.stem for each in labels)
         note(f"warning: frames are taken in the order in which they are given: {names}")
     means = np.maximum(light.mean(axis=(1, 2, 3)), _LEAST_MEAN)
     dark, bright = int(np.argmin(means)), int(np.argmax(means))
     ratio = float(means[bright] / means[dark])
     if ratio > _MOST_UNLIKE:
         note(
-            f"warning: by their exposures {seen[bright].name} is {ratio:.2g} times as bright as "
-            f"{seen[dark].name}: the order or an exposure is another, or `--black`, `--white` or "
+            f"warning: by their exposures {labels[bright].name} is {ratio:.2g} times as bright as "
+            f"{labels[dark].name}: the order or an exposure is another, or `--black`, `--white` or "
             "`--linear` is to be given"
         )
 

@@ -12,17 +12,22 @@ beyond its borders. With that the frames are complete, and as good as one captur
 $\sqrt{\sum_k |A_k|^2/N_k}$ with white noise, $\sum_k \bar A_k \hat g_k / N_k$ over that response.
 Any decoder restores it, and the ensemble filter restores it to the likeliest picture.
 
-The same minimum, and the volume of the Gaussian around it, is the likelihood of a speed.
+The same minimum, and the volume of the Gaussian around it, is the likelihood of a speed. Frames of
+a wrong model have a likeliest speed too, so that one is trusted only where the frames fit: what the
+picture leaves of frame $k$ has the expected square
+$1 - \frac{S|A_k|^2/N_k}{1 + S\sum_j |A_j|^2/N_j}$ at each frequency, over the noise, with the sums
+over the frames that see the same part of the picture.
 """
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import ArrayLike, Complex, Float
+import scipy.fft
+from jaxtyping import ArrayLike, Complex, Float, Int
 
 from mishutter._core import (
     RowLike,
@@ -30,6 +35,7 @@ from mishutter._core import (
     as_float,
     require,
     require_finite,
+    require_known,
     require_scalar,
     shape_of,
 )
@@ -41,6 +47,7 @@ from mishutter.camera import (
     fast_length,
     furthest,
     kernel_layout,
+    require_reach,
     responses_of_frames,
     rows_last,
 )
@@ -67,40 +74,73 @@ from mishutter.model import (
 )
 from mishutter.pictures import turned
 
+_rfft: Callable[..., np.ndarray] = scipy.fft.rfft  # type: ignore[assignment]
+_irfft: Callable[..., np.ndarray] = scipy.fft.irfft  # type: ignore[assignment]
 _MARGIN = 64
 """Pixels beyond the furthest displacement in which the waves of the sensor's ends die away."""
 _TOLERANCE, _TOLERANCE_OF_SPEED, _MOST_STEPS = 1e-3, 1e-2, 200
 """Residuals at which conjugate gradients end, as shares of the first one, and most steps. At the
 first the level is within 0.01 dB of its limit; likelihoods of speeds differ less by the second than
 by the picture's own statistics."""
-ROWS_OF_SPEED = 32
-"""Rows of a picture from which its speed is found."""
+_ROWS_OF_SPEED, _ROWS_OF_SEARCH = 32, 4
+"""Rows that tell a picture's speed, and those of most detail, one a band, in which it is sought."""
 _PX_A_STEP = 0.7
 """Displacement over the sequence between neighbouring speeds that are tried."""
+_MOST_SPEEDS, _MOST_RESPONSES = 4096, 3000
+"""Most speeds that are tried, and the speeds times frames above which fewer frames tell where to
+look."""
+_AT_ONCE = 2**16
+"""Pixels of canvas for which likelihoods are computed together."""
 _BEYOND = 0.03
 """Share of the range of the scene's speeds that is tried beyond either end."""
-_CANDIDATES = 3
-"""Peaks of the first likelihood that the second one judges."""
-_SURE = 12.0
-"""Logarithm of the likelihood by which the speed that is found must lead, to be trusted."""
+_CANDIDATES = 4
+"""Peaks of the likelihood of some rows that all rows judge."""
 _DARK = 1e-12
 """Least variance of the noise, for pictures without light or noise; white = 1."""
-_REGISTERED = 1.0
-"""Error of a picture's way over the sequence above which no speed is trusted; px."""
-_WORTH = 0.1
-"""Share of the likelihood that counts: photographs are no Gaussian rows, and alike from row to row.
-"""
 _LEAST_DETAIL = 1e-4
 """Least detail of a picture, over that which the scene expects."""
 _BANDS, _FEW_SPEEDS = 6, 17
 """Bands of frequencies in which a picture's power is estimated, at the mean of so many speeds."""
+_MOST_MOVES = 4
+"""Times that a peak is looked for within a step."""
 _REACH = 3.0
-"""Steps about a peak of the first likelihood in which that of the second is looked for."""
-_SPREAD = 9
-"""Speeds, all over those that are tried, which the one that is found must lead too."""
-_MOST_MOVES = 6
-"""Times that it is looked for beyond the end of these steps, each time twice as far."""
-_SPEEDS_AT_ONCE = 64
+"""Steps about the speed that is found within which no other is a rival."""
+
+# What is trusted: `python -m benchmarks.trust` shows what these numbers keep and catch.
+_LEAD, _LEAD_OF_ROW, _OTHER_ROWS = 100.0, 30.0, 0.1
+"""Logarithm of likelihood by which the speed that is found must lead, that by which a row prefers
+another, and the share of such rows that is doubted."""
+_WORTH = 0.1
+"""Share of the likelihood that counts in weights: photographs are no Gaussian rows, and alike from
+row to row."""
+_REGISTERED = 1.0
+"""Error of a picture's way over the sequence above which no speed is trusted; px."""
+_WIDER, _FLOOR = 1.1, 0.03
+"""Error bars in units of the likelihood's width, for the same reason, and the least error of a
+picture's way over the sequence, px."""
+_MISFITS, _UNEXPLAINED = (1.25, 1.8), (0.45, 0.25)
+"""Misfits from which frames are doubted, and their least share of the misfit of frames that are
+registered elsewhere: bright frames show all that a camera does besides."""
+_AS_WELL = 0.25
+"""Part of the way to that misfit within which another speed fits as well."""
+_ELSEWHERE = (-8.0, 5.0)
+"""Displacements from frame to frame by which these are off; px."""
+_REASONS = (
+    "their order, a lost or repeated frame, another design, two objects, motion across the axis, a "
+    "speed beyond the scene's"
+)
+_SHIFT, _SURE_SHIFT = 0.35, 4.0
+"""Shift of one frame from where its time puts it that is doubted, px, and in its own errors."""
+_OTHER, _OTHER_SHARE = 0.4, 0.5
+"""Misfit of one frame above the middle one of all that is doubted, over the misfit of all, and as a
+share of that of frames registered elsewhere."""
+_FLICKER, _LARGEST_SHIFT = 0.2, 10.0
+"""Gain and shift, px, by which a frame may differ from the others, as standard deviations."""
+_SHARED = 0.2
+"""Least share of a frame that a neighbouring one must see."""
+_BLACK, _SATURATED = 0.1, 0.5
+"""Level of a black frame over that of the brightest, and share of equal pixels of a saturated one.
+"""
 
 
 class RestoredFrames(NamedTuple):
@@ -131,6 +171,11 @@ class _Stack(NamedTuple):
     noises: Float[np.ndarray, "frames"]
     model: BlurModel
 
+    def of(self, some: Int[np.ndarray, "f"]) -> "_Stack":
+        """The same of some of the frames."""
+        nodes = [self.nodes[k] for k in some]
+        return _Stack(self.rows[:, some], nodes, self.noises[some], self.model)
+
     def canvas(self, speeds: RowLike) -> tuple[int, int]:
         """Pixels beyond either end of the sensor, and of the whole period, at some speeds."""
         margin = math.ceil(furthest(self.nodes, speeds)) + _MARGIN
@@ -138,21 +183,31 @@ class _Stack(NamedTuple):
 
 
 class _Likeliest(NamedTuple):
-    """The likeliest picture at a speed.
+    """The likeliest pictures at some speeds.
 
     Attributes:
-        spectrum: Its DFT over the canvas; shape `(rows, k)`.
-        responses: Responses of the frames on that grid; shape `(frames, k)`.
-        gain: How much better than no picture it explains the frames, as a logarithm of likelihood.
+        speeds: The speeds; px/s.
+        spectrum: Their DFTs over the canvas; shape `(s, rows, k)`.
+        responses: Responses of the frames on that grid; shape `(s, frames, k)`.
+        gains: How much better than no picture each explains each row of the frames, as a logarithm
+            of likelihood; shape `(s, rows)`.
         margin: Pixels of the canvas before the sensor.
         length: Pixels of the canvas.
     """
 
-    spectrum: Complex[np.ndarray, "rows k"]
-    responses: Complex[np.ndarray, "frames k"]
-    gain: float
+    speeds: Float[np.ndarray, "s"]
+    spectrum: Complex[np.ndarray, "s rows k"]
+    responses: Complex[np.ndarray, "s frames k"]
+    gains: Float[np.ndarray, "s rows"]
     margin: int
     length: int
+
+    def seen(
+        self, responses: Complex[np.ndarray, "s frames k"], columns: int
+    ) -> Float[np.ndarray, "s rows frames columns"]:
+        """Rows of the pictures through some responses, as far as the sensor reaches."""
+        rows = _irfft(self.spectrum[:, :, None] * responses[:, None], self.length)
+        return rows[..., self.margin : self.margin + columns]
 
 
 @alone_in_blas()
@@ -168,15 +223,17 @@ def restore_frames(
 
     Args:
         captures: Light of each frame in units of its exposure of white, as `simulate_frames` gives
-            it; shape `(frames, rows, columns)`, or channels last.
+            it; shape `(frames, rows, columns)`, or channels last; concrete.
         scene: Speeds that may occur, light, noise, and spectrum of pictures.
         frames: The frames, with open shutters.
         decoder: The method; the ensemble filter by default, which is then the best linear one.
-        speed: The speed of the picture, px/s; by default it is found in the frames.
+        speed: The speed of the picture, px/s; by default it is found in the frames, and trusted
+            where they fit one picture at that speed, and at no other as well.
 
     Raises:
-        ValueError: if the scene has a background or no light, the captures are not of so many
-            frames, or `speed` is not a finite scalar.
+        ValueError: if the scene has a background, no light, or more speeds than frames can tell
+            apart; the captures are traced, not finite, or not of so many frames; or `speed` is not
+            a finite scalar, or displaces light by more than 8,192 px.
 
     Examples:
         >>> import jax
@@ -189,36 +246,64 @@ def restore_frames(
         >>> key = jax.random.key(0)
         >>> captures = simulate_frames(picture, scene, frames, speed=700.0, key=key)
         >>> found = restore_frames(captures, scene, frames)
-        >>> print(f"{found.estimate.speed:.0f} px/s, {found.estimate.trusted}")
-        700 px/s, True
+        >>> print(f"{found.estimate.speed:.1e} px/s, {found.estimate.trusted}")
+        7.0e+02 px/s, True
     """
     require_scene(scene)
     require_whole(scene, "restore_frames")
+    require_known("restore_frames", captures=captures, speed=speed)
     if speed is not None:
         require_scalar("restore_frames(speed=...)", speed)
         require_finite("restore_frames(speed=...)", speed)
-    subject = "restore_frames(captures=...)"
-    light = as_pixels(captures, subject)
-    is_stack = light.ndim in (3, 4) and light.shape[0] == len(frames) > 0
-    requirement = f"be {len(frames)} frames, of rows and columns"
-    require(is_stack, subject, requirement, shape_of(light))
+        require_reach("restore_frames(speed=...)", frames, float(speed))
+    light, planes = _planes_of(captures, scene, frames)
     taken = _Taken.of(scene, frames)
-    colours = light[..., None] if light.ndim == 3 else light
-    along = np.asarray(turned(colours, scene.sensor.axis))
-    planes = np.moveaxis(np.asarray(rows_last(distinct_colours(along))), 0, -2).astype(np.float64)
     estimate = None
     if speed is None:
-        estimate = _speed_of(planes, scene, taken)
+        estimate = _judged(planes, scene, taken)
         speed = estimate.speed
     stack, level = _stacked(planes, taken, [speed])
-    found = _likeliest(stack, float(speed))
+    found = _likeliest(stack, [float(speed)])
     equal = _complete(stack, found).reshape(*level.shape, found.length) + level[..., None]
     capture = as_float(np.moveaxis(equal, 0, -1))
     chosen = decoder_or_ensemble(decoder, "restore_frames")
     restored = np.asarray(restored_light(capture, chosen, taken.as_one(float(speed))))
     restored = restored[:, found.margin : found.margin + planes.shape[-1]]
-    result = restored[..., 0] if light.ndim == 3 else every_colour(restored, colours[0])
+    has_colours = light.ndim == 4
+    result = every_colour(restored, light[0]) if has_colours else restored[..., 0]
     return RestoredFrames(as_float(turned(result, scene.sensor.axis)), estimate)
+
+
+@alone_in_blas()
+def speed_of_frames(
+    captures: ArrayLike, scene: Scene, frames: Sequence[TimedFrame]
+) -> SpeedEstimate:
+    """The speed that `restore_frames` finds, without the picture.
+
+    Args:
+        captures: As there.
+        scene: As there.
+        frames: As there.
+    """
+    return _judged(_planes_of(captures, scene, frames)[1], scene, _Taken.of(scene, frames))
+
+
+def _planes_of(
+    captures: ArrayLike, scene: Scene, frames: Sequence[TimedFrame]
+) -> tuple[Planes, Float[np.ndarray, "colours rows frames columns"]]:
+    """Frames as arrays, turned so that things move along their rows, and their distinct colours."""
+    subject = "restore_frames(captures=...)"
+    if isinstance(captures, list | tuple):
+        shapes = [np.shape(one) for one in captures]
+        require(len(set(shapes)) <= 1, subject, "be frames of one size and as many colours", shapes)
+    light = as_pixels(captures, subject)
+    is_stack = light.ndim in (3, 4) and light.shape[0] == len(frames) > 0
+    requirement = f"be {len(frames)} frames, of rows and columns"
+    require(is_stack, subject, requirement, shape_of(light))
+    light = turned(light[..., None] if light.ndim == 3 else light, scene.sensor.axis)
+    planes = np.asarray(rows_last(distinct_colours(light)), np.float64)
+    original = light if np.ndim(captures) == 4 else light[..., 0]
+    return original, np.moveaxis(planes, 0, -2)
 
 
 @dataclass(frozen=True)
@@ -251,20 +336,31 @@ class _Taken:
         return _Taken(frames, model, p, _noises_at(model.mean_level, p, model))
 
     def like(
-        self, rows: Float[np.ndarray, "rows frames columns"], speeds: Float[np.ndarray, "s"]
+        self,
+        rows: Float[np.ndarray, "rows frames columns"],
+        slowest: float,
+        fastest: float,
+        noise_share: float,
     ) -> "_Taken":
         r"""The same of pictures as bright, and as rich in detail, as that of some rows of frames.
 
         A picture of less detail than expected, or of finer, would else seem to move at a speed that
         explains it. In each band of frequencies its power is that of the frames beyond their noise
         over $\sum_k |A_k|^2$, of which the speeds that are tried have the mean.
+
+        Args:
+            rows: Rows of the frames.
+            slowest: Least speed that is tried; px/s.
+            fastest: Greatest one.
+            noise_share: Variance of the rows' noise over that of a colour.
         """
         model, columns = self.model, rows.shape[-1]
-        noises = _noises_at(max(float(np.mean(rows)), 0.0), self.electrons, model)
+        level = max(float(np.mean(rows)), 0.0)
+        noises = np.maximum(noise_share * _noises_at(level, self.electrons, model), _DARK)
         length = fast_length(columns)
         about = rows - np.mean(rows, axis=(-2, -1), keepdims=True)
         recorded = np.mean(np.abs(_spectra_of_windows(about, length)) ** 2, axis=0)
-        few = np.linspace(speeds[0], speeds[-1], _FEW_SPEEDS)
+        few = np.linspace(slowest, fastest, _FEW_SPEEDS)
         responses = responses_of_frames(
             nodes_of_frames(self.frames, float(np.max(np.abs(few)))), few, model.optics, length
         )
@@ -325,52 +421,54 @@ def _stacked(
     return _Stack(rows, nodes, taken.noises, taken.model), level
 
 
-def _likeliest(stack: _Stack, speed: float, tolerance: float = _TOLERANCE) -> _Likeliest:
-    """The likeliest picture at a speed, by conjugate gradients on all rows at once."""
+def _likeliest(
+    stack: _Stack, speeds: RowLike, tolerance: float = _TOLERANCE, most_steps: int = _MOST_STEPS
+) -> _Likeliest:
+    """The likeliest pictures at some speeds, by conjugate gradients on all rows at once."""
     columns = stack.rows.shape[-1]
-    margin, length = stack.canvas([speed])
-    responses = responses_of_frames(stack.nodes, [speed], stack.model.optics, length)[0]
+    margin, length = stack.canvas(speeds)
+    responses = responses_of_frames(stack.nodes, speeds, stack.model.optics, length)
     power = np.maximum(stack.model.picture_spectrum(length), LEAST_POWER)
-    window = slice(margin, margin + columns)
+    density = density_of(responses, stack.noises)
+    # The sensor sees a share of the canvas; elsewhere the prior alone holds the picture.
+    inverse = (1 / (columns / length * density + 1 / power))[:, None]
     shares = responses.conj() / stack.noises[:, None]
+    window = slice(margin, margin + columns)
 
     def gathered(rows: np.ndarray) -> np.ndarray:
-        """Spectrum of the picture that frames on the sensor would be made of."""
+        """Spectra of the pictures that frames on the sensor would be made of."""
         whole = np.zeros((*rows.shape[:-1], length))
         whole[..., window] = rows
-        return np.sum(shares * np.fft.rfft(whole), axis=1)
+        return np.einsum("skf,srkf->srf", shares, _rfft(whole))
 
-    def recorded(picture: np.ndarray) -> np.ndarray:
-        """Rows that the frames record of the spectrum of a picture."""
-        return np.fft.irfft(picture[:, None] * responses, length)[..., window]
+    def recorded(pictures: np.ndarray) -> np.ndarray:
+        """Rows that the frames record of the spectra of pictures."""
+        return _irfft(pictures[:, :, None] * responses[:, None], length)[..., window]
 
-    # The sensor sees a share of the canvas; elsewhere the prior alone holds the picture.
-    share = columns / length
-    inverse = 1 / (share * density_of(responses, stack.noises) + 1 / power)
-    target = gathered(stack.rows)
+    target = gathered(stack.rows[None])
     picture = np.zeros_like(target)
     residual, step = target, target * inverse
     size = _product(residual, step, length)
     least = tolerance**2 * size
-    for _ in range(_MOST_STEPS):
+    for _ in range(most_steps):
         active = size > least
         if not np.any(active):
             break
         image = gathered(recorded(step)) + step / power
         stride = np.where(active, size / np.maximum(_product(step, image, length), 1e-300), 0.0)
-        picture = picture + stride[:, None] * step
-        residual = residual - stride[:, None] * image
+        picture = picture + stride[..., None] * step
+        residual = residual - stride[..., None] * image
         turned_residual = residual * inverse
         following = _product(residual, turned_residual, length)
-        step = turned_residual + (following / np.maximum(size, 1e-300))[:, None] * step
+        step = turned_residual + (following / np.maximum(size, 1e-300))[..., None] * step
         size = following
-    gain = float(np.sum(_product(target, picture, length))) / 2
-    return _Likeliest(picture, responses, gain, margin, length)
+    gains = _product(target, picture, length) / 2
+    return _Likeliest(np.asarray(speeds, np.float64), picture, responses, gains, margin, length)
 
 
 def _product(
-    first: Complex[np.ndarray, "rows k"], second: Complex[np.ndarray, "rows k"], length: int
-) -> Float[np.ndarray, "rows"]:
+    first: Complex[np.ndarray, "s rows k"], second: Complex[np.ndarray, "s rows k"], length: int
+) -> Float[np.ndarray, "s rows"]:
     """Inner products of rows, from half of their spectra."""
     return mean_over_dft(np.real(first.conj() * second), length)
 
@@ -378,71 +476,244 @@ def _product(
 def _complete(stack: _Stack, found: _Likeliest) -> Float[np.ndarray, "rows length"]:
     r"""The one capture that the frames are as good as, once each goes on beyond its borders."""
     columns, begin = stack.rows.shape[-1], found.margin
-    density = density_of(found.responses, stack.noises)
-    spectrum = np.zeros_like(found.spectrum)
-    for frame, (response, noise) in enumerate(zip(found.responses, stack.noises, strict=True)):
-        rows = np.fft.irfft(found.spectrum * response, found.length)
+    responses, picture = found.responses[0], found.spectrum[0]
+    density = density_of(responses, stack.noises)
+    spectrum = np.zeros_like(picture)
+    for frame, (response, noise) in enumerate(zip(responses, stack.noises, strict=True)):
+        rows = _irfft(picture * response, found.length)
         rows[:, begin : begin + columns] = stack.rows[:, frame]
-        spectrum += response.conj() / noise * np.fft.rfft(rows)
+        spectrum += response.conj() / noise * _rfft(rows)
     equal = spectrum / np.sqrt(np.maximum(density, LEAST_POWER) * density[0])
-    return np.fft.irfft(equal, found.length)
+    return _irfft(equal, found.length)
+
+
+class _Search(NamedTuple):
+    """Where the likelihood of some rows is high, of all speeds that are tried.
+
+    Attributes:
+        low: Least speed that is tried; px/s.
+        high: Greatest one.
+        step: Step between speeds for all frames; px/s.
+        peaks: Speeds at which it is highest nearby, the highest first; px/s.
+        middle: Median of the likelihood's logarithm over all speeds, below its top.
+    """
+
+    low: float
+    high: float
+    step: float
+    peaks: list[float]
+    middle: float
+
+
+class _Peak(NamedTuple):
+    """A speed at which the likelihood is highest nearby, its logarithm there, and its width."""
+
+    speed: float
+    value: float
+    width: float
+
+
+class _Fit(NamedTuple):
+    """How the frames fit the likeliest picture at a speed.
+
+    Attributes:
+        misfit: Mean square of what the picture leaves of the frames, over their noise, with the
+            picture's own freedom counted, and without gains and black levels that change.
+        misfits: The same of each frame.
+        drift: Rows that these changes add to each frame.
+        values: Logarithm of the likelihood of each row.
+        shifts: Displacement of each frame from its place; px.
+        shift_errors: Standard errors of these; px.
+    """
+
+    misfit: float
+    misfits: Float[np.ndarray, "frames"]
+    drift: Float[np.ndarray, "rows frames columns"]
+    values: Float[np.ndarray, "rows"]
+    shifts: Float[np.ndarray, "frames"]
+    shift_errors: Float[np.ndarray, "frames"]
+
+
+class _Found(NamedTuple):
+    """The speed that was found, and what speaks for and against it.
+
+    Attributes:
+        rows: Rows of the frames.
+        stack: The same about their mean, without changes of gain and black level.
+        search: The speeds that were tried.
+        ends: Peaks of the likelihood, the highest first.
+        best: The speed.
+        fit: How the frames fit there.
+        elsewhere: Misfit of frames that are registered some pixels off.
+        rivals: The other peaks, which are no part of the highest, and how the frames fit there.
+    """
+
+    rows: Float[np.ndarray, "rows frames columns"]
+    stack: _Stack
+    search: _Search
+    ends: list[_Peak]
+    best: _Peak
+    fit: _Fit
+    elsewhere: float
+    rivals: list[tuple[_Peak, _Fit]]
+
+
+def _judged(
+    planes: Float[np.ndarray, "colours rows frames columns"], scene: Scene, taken: _Taken
+) -> SpeedEstimate:
+    """The speed at which the frames show one picture, and whether they do."""
+    estimate = _speed_of(planes, scene, taken)
+    if estimate.trusted or min(planes.shape[1], planes.shape[-1]) <= _ROWS_OF_SPEED:
+        return estimate
+    # The frames may be turned, or their motion be along the other axis.
+    across = _speed_of(np.swapaxes(planes, 1, 3), scene, taken)
+    if not across.trusted:
+        return estimate
+    axis = "rows" if scene.sensor.axis == "columns" else "columns"
+    return estimate._replace(
+        doubt=f"The frames fit a picture that moves along its {axis}, at {across.speed:,.0f} px/s."
+    )
 
 
 def _speed_of(
-    planes: Float[np.ndarray, "*planes frames columns"], scene: Scene, taken: _Taken
+    planes: Float[np.ndarray, "colours rows frames columns"], scene: Scene, taken: _Taken
 ) -> SpeedEstimate:
-    """The speed at which the frames show one picture.
-
-    A first likelihood is that of the spectra of windows, of many speeds; a second, of the frames as
-    they are, judges its highest peaks.
-    """
-    slowest, fastest = (float(speed) for speed in scene.speed_range)
-    if slowest == fastest:
-        return SpeedEstimate(slowest, 0.0, True, np.array([slowest]), np.ones(1), "")
-    grey = np.tensordot(luminance_shares(len(planes)), planes, 1)
-    some = np.unique(np.linspace(0, len(grey) - 1, min(ROWS_OF_SPEED, len(grey))).astype(int))
-    speeds = _speeds_to_try(slowest, fastest, taken.frames)
-    stack, _ = _stacked(grey[some], taken.like(grey[some], speeds), speeds)
-    first = _likelihoods_of_windows(stack, speeds)
-    beside = np.concatenate([[-np.inf], first, [-np.inf]])
-    peaks = np.flatnonzero((first >= beside[:-2]) & (first > beside[2:]))
-    peaks = peaks[np.argsort(-first[peaks])][:_CANDIDATES]
-    spacing = float(speeds[1] - speeds[0])
-    ends = [_highest(stack, float(speeds[place]), spacing) for place in peaks]
+    """The same, of pictures that move along their rows."""
+    shares = luminance_shares(len(planes))
+    grey = np.tensordot(shares, planes, 1)
+    some = np.unique(np.linspace(0, len(grey) - 1, min(_ROWS_OF_SPEED, len(grey))).astype(int))
+    grey, (low, high) = grey[some], _range_to_try(scene)
+    taken = taken.like(grey, low, high, float(shares @ shares))
+    stack, level = _stacked(grey, taken, [low, high])
+    search = _searched(stack, taken.frames, low, high)
+    values = np.sum(_logarithms(stack, np.array(search.peaks)), axis=1)
+    ends = [_Peak(*each, 0.0) for each in zip(search.peaks, values.tolist(), strict=True)]
     ends.sort(key=lambda end: -end.value)
-    best = ends[0]
-    # A likelihood that is as high all over has one peak too.
-    spread = np.linspace(speeds[0], speeds[-1], _SPREAD).tolist()
-    rivals = [(end.speed, end.value) for end in ends]
-    rivals += [(speed, _logarithm(stack, speed)) for speed in spread]
-    others = [value for speed, value in rivals if abs(speed - best.speed) > _REACH * spacing]
-    lead = _WORTH * (best.value - max(others, default=-math.inf))
-    is_at_end = best.speed <= speeds[0] or best.speed >= speeds[-1]
-    doubt = ""
-    if is_at_end:
-        doubt = BEYOND
-    elif lead < _SURE or not best.error * _duration(taken.frames) < _REGISTERED:
-        doubt = LITTLE
-    known = sorted(ends, key=lambda end: end.speed)
-    weights = np.exp(_WORTH * np.array([end.value - best.value for end in known]))
+    first = _fit(stack, level, ends[0].speed)
+    # Gains and black levels that change from frame to frame tell no speed.
+    stack = stack._replace(rows=stack.rows - first.drift)
+    best = _highest(stack, ends[0].speed, search, 0.01)
+    fit, duration = _fit(stack, level, best.speed), _duration(taken.frames)
+    a_frame = duration / max(len(taken.frames) - 1, 1)
+    others = [_fit(stack, level, best.speed + px / a_frame).misfit for px in _ELSEWHERE]
+    beside = [end for end in ends if abs(end.speed - best.speed) > _REACH * search.step]
+    rivals = [(end, _fit(stack, level, end.speed)) for end in beside]
+    spread = max(1.0, fit.misfit)
+    error = math.hypot(_WIDER * math.sqrt(spread) * best.width, _FLOOR / duration)
+    error = min(error, (high - low) / math.sqrt(12))
+    found = _Found(grey, stack, search, ends, best, fit, float(np.mean(others)), rivals)
+    doubt = _doubt(found, error * duration)
+    known = sorted([best, *beside], key=lambda end: end.speed)
+    values = np.array([end.value for end in known])
+    weights = np.exp(_WORTH / spread * (values - np.max(values)))
     return SpeedEstimate(
         best.speed,
-        best.error,
+        error,
         doubt == "",
         np.array([end.speed for end in known]),
         weights / np.sum(weights),
         doubt,
+        misfit=fit.misfit if len(taken.frames) > 1 else None,
     )
 
 
-def _speeds_to_try(
-    slowest: float, fastest: float, frames: Sequence[TimedFrame]
-) -> Float[np.ndarray, "s"]:
-    """Speeds between which the picture moves on by less than a pixel over the sequence."""
-    duration = _duration(frames)
-    beyond = _BEYOND * max(fastest - slowest, abs(fastest), abs(slowest))
-    low, high = slowest - beyond, fastest + beyond
-    return np.linspace(low, high, 2 + int((high - low) * duration / _PX_A_STEP))
+def _doubt(found: "_Found", error: float) -> str:
+    """Why a speed is not trusted, in a sentence; empty if it is.
+
+    Args:
+        found: The speed, and what speaks against it.
+        error: Its error as the picture's way over the sequence; px.
+    """
+    best, fit, search, spread = found.best, found.fit, found.search, max(1.0, found.fit.misfit)
+    odd = _odd_frame(found.rows, found.stack.noises)
+    if odd:
+        return odd
+    middles = [float(np.mean(some.place - best.speed * some.time)) for some in found.stack.nodes]
+    same = _equal_frames(found.rows, middles)
+    expected = max(found.elsewhere - 1, 1e-9)
+    limits = zip(_MISFITS, _UNEXPLAINED, strict=True)
+    if any(fit.misfit > least and fit.misfit - 1 > share * expected for least, share in limits):
+        because = same or f"{_REASONS}, or more noise than the scene says"
+        return (
+            "The frames do not fit one picture at one speed "
+            f"(misfit {fit.misfit:.3g}, 1 if they do): {because}."
+        )
+    if same:
+        return f"{same[0].upper()}{same[1:]}, though the picture moves between them."
+    sure = np.maximum(_SHIFT, _SURE_SHIFT * math.sqrt(spread) * fit.shift_errors)
+    far, others = np.abs(fit.shifts) / sure, fit.misfits - np.median(fit.misfits)
+    if np.max(far) > 1:
+        which = int(np.argmax(far))
+        frame = f"Frame {which + 1} of {far.size} is {fit.shifts[which]:+.1f} px off its place"
+        return f"{frame}: {_REASONS}."
+    if np.max(others) > max(_OTHER * spread, _OTHER_SHARE * expected):
+        which = int(np.argmax(others))
+        frame = f"Frame {which + 1} of {far.size} does not fit the picture of the others"
+        return f"{frame} (misfit {fit.misfits[which]:.3g}): {_REASONS}."
+    columns = found.rows.shape[-1]
+    furthest_apart = float(np.max(np.abs(np.diff(middles)), initial=0.0))
+    if furthest_apart > (1 - _SHARED) * columns:
+        return (
+            f"The picture moves by {furthest_apart:.0f} px from frame to frame, of which the "
+            f"sensor sees {columns}."
+        )
+    if search.low < search.high:
+        return _doubt_of_rivals(found, error, spread)
+    return ""
+
+
+def _doubt_of_rivals(found: _Found, error: float, spread: float) -> str:
+    """The doubt of a speed that others equal, or that is none of those of the scene."""
+    best, fit, search, top = found.best, found.fit, found.search, found.ends[0].value
+    if not search.low + 0.1 * search.step < best.speed < search.high - 0.1 * search.step:
+        return BEYOND
+    if top < _LEAD * spread or not error < _REGISTERED or len(found.stack.nodes) == 1:
+        return LITTLE
+    as_well = fit.misfit + _AS_WELL * max(found.elsewhere - fit.misfit, 0.0)
+    for end, rival in found.rivals:
+        prefers = rival.values - fit.values > _LEAD_OF_ROW * spread
+        if np.mean(prefers) > _OTHER_ROWS:
+            share = f"{np.mean(prefers):.0%} of the rows"
+            return f"At {end.speed:,.0f} px/s {share} fit better: there may be two objects."
+        if top - end.value < _LEAD * spread or rival.misfit <= as_well:
+            if search.middle < _LEAD * spread:
+                return LITTLE
+            as_another = f"The frames fit {end.speed:,.0f} px/s as well"
+            return f"{as_another}, as those of a regular pattern or of two objects do."
+    return ""
+
+
+def _odd_frame(
+    rows: Float[np.ndarray, "rows frames columns"], noises: Float[np.ndarray, "frames"]
+) -> str:
+    """A sentence that says which frame is black or saturated, if one is."""
+    levels, count = np.mean(rows, axis=(0, 2)), rows.shape[0] * rows.shape[2]
+    errors = np.sqrt(noises / count)
+    brightest = float(np.max(levels))
+    is_black = (levels < _BLACK * brightest) & (levels < brightest - _SURE_SHIFT * errors)
+    is_top = np.mean(rows == np.max(rows, axis=(0, 2), keepdims=True), axis=(0, 2)) > _SATURATED
+    is_top &= levels >= np.median(levels)
+    for is_odd, word in ((is_top, "saturated"), (is_black, "black")):
+        if np.any(is_odd) and not np.all(is_odd):
+            return f"Frame {int(np.argmax(is_odd)) + 1} of {len(levels)} is {word}."
+    return ""
+
+
+def _equal_frames(rows: Float[np.ndarray, "rows frames columns"], places: list[float]) -> str:
+    """Words for two frames that are the same, though at places that are not, if two are."""
+    for first, second in itertools.combinations(range(len(places)), 2):
+        is_apart = abs(places[first] - places[second]) > 1
+        if is_apart and np.array_equal(rows[:, first], rows[:, second]):
+            return f"frames {first + 1} and {second + 1} are the same"
+    return ""
+
+
+def _range_to_try(scene: Scene) -> tuple[float, float]:
+    """Least and greatest speed that are tried; px/s."""
+    slowest, fastest = (float(speed) for speed in scene.speed_range)
+    is_one = slowest == fastest
+    beyond = 0.0 if is_one else _BEYOND * max(fastest - slowest, abs(fastest), abs(slowest))
+    return slowest - beyond, fastest + beyond
 
 
 def _duration(frames: Sequence[TimedFrame]) -> float:
@@ -451,88 +722,138 @@ def _duration(frames: Sequence[TimedFrame]) -> float:
     return max(max(times) - min(times), max(frame.exposure for frame in frames))
 
 
-def _likelihoods_of_windows(
-    stack: _Stack, speeds: Float[np.ndarray, "s"]
-) -> Float[np.ndarray, "s"]:
-    r"""Logarithms of the likelihood of speeds, from the spectra of frames that fade at their ends.
+def _searched(stack: _Stack, frames: Sequence[TimedFrame], low: float, high: float) -> _Search:
+    """The likelihood of some rows, at speeds between which the picture moves by less than a pixel.
 
-    $\sum_f \frac{S\,|\sum_k \bar A_k \hat g_k/N_k|^2}{1 + S Q} - \log(1 + S Q)$ with
-    $Q = \sum_k |A_k|^2/N_k$, halved, of each frame and the next: of frames that are further apart
-    the same windows may show different parts of the picture.
+    Of many frames those in the middle tell where to look with all of them.
     """
-    number, num_frames, columns = stack.rows.shape
-    length = fast_length(columns)
-    spectra = _spectra_of_windows(stack.rows, length) / stack.noises[:, None]
-    power, result = stack.model.picture_spectrum(length), np.zeros(speeds.size)
-    pairs = list(itertools.pairwise(range(num_frames))) or [(0,)]
-    for begin in range(0, speeds.size, _SPEEDS_AT_ONCE):
-        some = slice(begin, begin + _SPEEDS_AT_ONCE)
-        responses = responses_of_frames(stack.nodes, speeds[some], stack.model.optics, length)
-        for pair in map(list, pairs):
-            both, noises = responses[:, pair], stack.noises[pair]
-            density = power * density_of(both, noises)
-            together = np.einsum("snf,rnf->srf", both.conj(), spectra[:, pair], optimize=True)
-            match = np.sum(np.abs(together) ** 2, axis=1) * power / (1 + density)
-            result[some] += np.sum(match - number * np.log1p(density), axis=1) / 2
-    return result
+    order = np.argsort([frame.time for frame in frames])
+    size = len(frames)
+    while True:
+        start = (len(frames) - size) // 2
+        few = order[start : start + size]
+        coarse = _PX_A_STEP / _duration([frames[k] for k in few])
+        count = 2 + int((high - low) / coarse)
+        if size <= 2 or size * count <= _MOST_RESPONSES:
+            break
+        size -= 1
+    step, most = _PX_A_STEP / _duration(frames), coarse * (_MOST_SPEEDS - 2)
+    requirement = f"have speeds within {most:,.0f} px/s of each other, for frames to tell which"
+    require(count <= _MOST_SPEEDS, "restore_frames(scene=...)", requirement, high - low)
+    detail = np.sum(np.diff(stack.rows, axis=-1) ** 2, axis=(1, 2))
+    bands = np.array_split(np.arange(detail.size), min(_ROWS_OF_SEARCH, detail.size))
+    some = [band[np.argmax(detail[band])] for band in bands]
+    all_frames = stack._replace(rows=stack.rows[some])
+    speeds = np.linspace(low, high, count) if low < high else np.array([low])
+    of_rows = _logarithms(all_frames.of(few), speeds)
+    values = np.sum(of_rows, axis=1)
+    beside = np.concatenate([[-np.inf], values, [-np.inf]])
+    places = np.flatnonzero((values >= beside[:-2]) & (values > beside[2:]))
+    places = places[np.argsort(-values[places])][:_CANDIDATES].tolist()
+    # Rows of a second object may be too dim to show among all.
+    for place in np.argmax(of_rows, axis=0).tolist():
+        if min(abs(place - other) for other in places) > _REACH:
+            places.append(place)
+    peaks, middle = speeds[places], float(np.max(values) - np.median(values))
+    if size < len(frames):
+        fine = step * np.arange(-math.ceil(coarse / step), math.ceil(coarse / step) + 1)
+        near = np.clip(peaks[:, None] + fine, low, high)
+        tops = [np.argmax(np.sum(_logarithms(all_frames, some), axis=1)) for some in near]
+        peaks = near[np.arange(len(near)), tops]
+    search = _Search(low, high, step, [], middle)
+    tops = [_highest(all_frames, speed, search).speed for speed in peaks.tolist()]
+    return search._replace(peaks=tops)
 
 
-class _Peak(NamedTuple):
-    """A speed at which the likelihood is highest nearby, its logarithm there, and its width."""
-
-    speed: float
-    value: float
-    error: float
-
-
-def _highest(stack: _Stack, speed: float, spacing: float) -> _Peak:
-    """The peak of the likelihood of the frames as they are, near a speed."""
+def _highest(stack: _Stack, speed: float, search: _Search, steps: float = 0.1) -> _Peak:
+    """The peak of the likelihood near a speed, within those that are tried, to so many steps."""
     from scipy.optimize import minimize_scalar
 
     def loss(value: float) -> float:
-        return -_logarithm(stack, value)
+        return -float(np.sum(_logarithms(stack, np.array([value]))))
 
-    reach, peak, least = _REACH * spacing, speed, math.inf
+    if search.low == search.high:
+        return _Peak(speed, -loss(speed), 0.0)
+    peak, least = speed, math.inf
     for _ in range(_MOST_MOVES):
-        # Windows of fast pictures show too little of the same for a better start, and those of
-        # smooth ones hardly more than their own fading.
-        middle = peak
-        end: Any = minimize_scalar(
-            loss,
-            bounds=(middle - reach, middle + reach),
-            method="bounded",
-            options={"xatol": 0.05 * spacing},
-        )
+        low, high = max(search.low, peak - search.step), min(search.high, peak + search.step)
+        options = {"xatol": steps * search.step}
+        end: Any = minimize_scalar(loss, bounds=(low, high), method="bounded", options=options)
         peak, least = float(end.x), float(end.fun)
-        if abs(peak - middle) < 0.9 * reach:
+        beyond_low = low > search.low and peak < low + 0.1 * search.step
+        if not beyond_low and not (high < search.high and peak > high - 0.1 * search.step):
             break
-        reach *= 2
-    side = 0.2 * spacing
+    side = 0.2 * search.step
     curvature = (loss(peak - side) + loss(peak + side) - 2 * least) / side**2
-    error = 1 / math.sqrt(_WORTH * curvature) if curvature > 0 else math.inf
-    return _Peak(peak, -least, error)
+    widest = (search.high - search.low) / math.sqrt(12)
+    return _Peak(peak, -least, min(widest, 1 / math.sqrt(max(curvature, 1e-300))))
 
 
-def _logarithm(stack: _Stack, speed: float) -> float:
-    """Logarithm of the likelihood of the frames as they are, but for a constant."""
-    return _likeliest(stack, speed, _TOLERANCE_OF_SPEED).gain - _volume(stack, speed)
+def _fit(stack: _Stack, level: Float[np.ndarray, "rows"], speed: float) -> _Fit:
+    """How the frames fit the likeliest picture at a speed."""
+    found = _likeliest(stack, [speed])
+    columns, num_frames = stack.rows.shape[-1], stack.rows.shape[1]
+    seen = found.seen(found.responses, columns)[0]
+    turns = -2j * np.pi * np.fft.rfftfreq(found.length)
+    slopes = found.seen(found.responses * turns, columns)[0]
+    residual = stack.rows - seen
+    # The picture follows each frame by about one part in as many as there are.
+    follows = num_frames / max(num_frames - 1, 1)
+    drift, shifts, errors = np.zeros_like(residual), np.zeros(num_frames), np.zeros(num_frames)
+    for k, noise in enumerate(stack.noises if num_frames > 1 else []):
+        changes = [seen[:, k] + level[:, None], np.ones_like(seen[:, k]), slopes[:, k]]
+        design = np.stack([one.ravel() for one in changes], axis=1)
+        expected = np.array([_FLICKER, _FLICKER, _LARGEST_SHIFT])
+        inverse = np.linalg.inv(design.T @ design / noise + np.diag(expected**-2.0))
+        change = inverse @ (design.T @ residual[:, k].ravel()) / noise
+        drift[:, k] = (design[:, :2] @ change[:2]).reshape(drift[:, k].shape)
+        shifts[k], errors[k] = change[2] * follows, math.sqrt(inverse[2, 2]) * follows
+    squares = np.sum((residual - drift) ** 2 / stack.noises[:, None], axis=(0, 2))
+    volume = _volumes(stack, found)[0]
+    freedoms = volume.freedoms - len(residual) / num_frames - 2
+    misfit = float(np.sum(squares) / max(np.sum(freedoms), 1.0))
+    misfits = squares / np.maximum(freedoms, 1.0)
+    values = found.gains[0] - volume.logarithm / len(residual)
+    return _Fit(misfit, misfits, drift * follows, values, shifts, errors)
 
 
-def _volume(stack: _Stack, speed: float) -> float:
+def _logarithms(stack: _Stack, speeds: Float[np.ndarray, "s"]) -> Float[np.ndarray, "s rows"]:
+    """Logarithms of the likelihood of each row of the frames, over that of no picture."""
+    rows, frames, columns = stack.rows.shape
+    at_once = max(1, _AT_ONCE // (rows * frames * fast_length(columns)))
+    values = []
+    for begin in range(0, speeds.size, at_once):
+        found = _likeliest(stack, speeds[begin : begin + at_once], _TOLERANCE_OF_SPEED)
+        volumes = np.array([one.logarithm for one in _volumes(stack, found)])
+        values.append(found.gains - volumes[:, None] / rows)
+    return np.concatenate(values)
+
+
+class _Volume(NamedTuple):
     """Half the logarithm of the determinant of the frames' covariance, over that of their noise.
 
-    It is that of rows without ends, in each part of the picture for as many frames as see it.
+    And how many numbers of each frame the likeliest picture leaves to the noise.
     """
-    columns = stack.rows.shape[-1]
-    length = fast_length(columns)
-    responses = responses_of_frames(stack.nodes, [speed], stack.model.optics, length)[0]
-    power = stack.model.picture_spectrum(length)
-    density = np.abs(responses) ** 2 / stack.noises[:, None]
-    middles = [float(np.mean(some.place - speed * some.time)) for some in stack.nodes]
-    ends = np.unique(np.concatenate([middles, np.array(middles) + columns]))
-    total = 0.0
-    for begin, end in itertools.pairwise(ends):
-        sees = [m <= (begin + end) / 2 <= m + columns for m in middles]
-        each = np.log1p(power * np.sum(density[sees], axis=0))
-        total += (end - begin) / columns * length * float(mean_over_dft(each, length)) / 2
-    return len(stack.rows) * total / 2
+
+    logarithm: float
+    freedoms: Float[np.ndarray, "frames"]
+
+
+def _volumes(stack: _Stack, found: _Likeliest) -> list[_Volume]:
+    """Those of rows without ends, in each part of the picture for as many frames as see it."""
+    rows, _, columns = stack.rows.shape
+    power = stack.model.picture_spectrum(found.length)
+    volumes = []
+    for speed, responses in zip(found.speeds, found.responses, strict=True):
+        density = np.abs(responses) ** 2 * power / stack.noises[:, None]
+        middles = [float(np.mean(some.place - speed * some.time)) for some in stack.nodes]
+        ends = np.unique(np.concatenate([middles, np.array(middles) + columns]))
+        logarithm, freedoms = 0.0, np.zeros(len(middles))
+        for begin, end in itertools.pairwise(ends):
+            sees = np.array([m <= (begin + end) / 2 <= m + columns for m in middles])
+            each = np.sum(density[sees], axis=0)
+            logarithm += (end - begin) * float(mean_over_dft(np.log1p(each), found.length)) / 2
+            held = mean_over_dft(density[sees] / (1 + each), found.length)
+            freedoms[sees] += (end - begin) * (1 - held)
+        volumes.append(_Volume(rows * logarithm, rows * freedoms))
+    return volumes

@@ -43,7 +43,7 @@ from mishutter.decoding.restoration import (
     levels_of,
     restored_light,
 )
-from mishutter.decoding.sequences import ROWS_OF_SPEED, restore_frames
+from mishutter.decoding.sequences import restore_frames, speed_of_frames
 from mishutter.design import Design
 from mishutter.evaluation import SPEED_KNOWLEDGE, knowledge_of, sensor_view
 from mishutter.model import (
@@ -442,9 +442,8 @@ def _frames_in_portions(
     chosen = decoder.inner if isinstance(decoder, SpeedFindingDecoder) else decoder
     if speed is None:
         report("finding the speed", 0.0)
-        some = np.unique(np.linspace(0, num_rows - 1, min(ROWS_OF_SPEED, num_rows)).astype(int))
-        estimate = restore_frames(captured[:, some], scene, frames).estimate
-        speed = None if estimate is None else estimate.speed
+        estimate = speed_of_frames(captured, scene, frames)
+        speed = estimate.speed
     restored = np.empty_like(captured[0])
     for here, around, inner in _portions(num_rows, rows_at_once, chosen.rows_beyond, report):
         few = captured[:, around]

@@ -235,6 +235,37 @@ def test_a_burst_of_layers(burst_desk, picture, capsys):
     np.testing.assert_allclose(seen, np.clip(light[0] * 4.2 / 13.6, 0, 1), atol=4e-3)
 
 
+def test_frames_of_one_name_in_folders(burst_desk, capsys):
+    """Are told apart by their folders, in files that hold one each; the same file twice is not."""
+    folder, _ = burst_desk
+    for k in (1, 2):
+        (folder / f"{k}").mkdir()
+        (folder / "taken" / f"frame_{k}.png").rename(folder / f"{k}" / "img.png")
+    told = ["--design", "design.json", "--out", "back", "--json"]
+    assert cli.main(["restore", "1/img.png", "2/img.png", *told]) == 0
+    found = json.loads(capsys.readouterr().out)["found"]
+    assert found["1/img.png"]["speed_px_per_s"] == pytest.approx(640, abs=5)
+    assert found["1/img.png"]["misfit"] > 0
+    twice = refused(capsys, "restore", "1/img.png", "1/img.png", *told[:-1])
+    assert "must be of different names" in twice
+
+
+def test_frames_that_do_not_fit_are_warned_of(burst_desk, capsys):
+    """Frames of two pictures have no speed to trust; a grey one beside colour is refused."""
+    folder, _ = burst_desk
+    (first,) = read_captures("taken/frame_1.png")
+    write_picture("taken/frame_2.png", np.roll(first.light[::-1], 31, axis=1) * 13.6 / 4.2)
+    told = ["--design", "design.json", "--out", "back"]
+    assert cli.main(["restore", "taken/frame_1.png", "taken/frame_2.png", *told]) == 0
+    streams = capsys.readouterr()
+    assert "do not fit one picture at one speed (misfit" in streams.err
+    assert "not trusted" in streams.out
+    grey = np.asarray(first.light, np.float32)[..., 0]
+    tifffile.imwrite(folder / "grey.tif", grey)
+    line = refused(capsys, "restore", "taken/frame_1.png", "grey.tif", *told)
+    assert "`grey.tif` must have as many colours as frame_1.png; got 1 beside 3" in line
+
+
 def test_frames_of_one_stack(burst_desk, capsys):
     """A burst may come as the pages of one TIFF, and its picture goes back as one."""
     frames = [np.asarray(read_captures(f"taken/frame_{k}.png")[0].light) for k in (1, 2)]

@@ -472,6 +472,9 @@ class SpeedEstimate(NamedTuple):
             seem to move at `speed`.
         is_unusual: Whether fewer than one in a hundred pictures of the prior would have a spectrum
             as far from its mean; the evidence is then worth less.
+        misfit: Of the frames of a sequence, mean square of what the restored picture leaves of
+            them over their noise: about 1 where they fit one picture at one speed. None of a single
+            capture, which any speed fits.
     """
 
     speed: float
@@ -482,6 +485,7 @@ class SpeedEstimate(NamedTuple):
     doubt: str
     second_speed: float | None = None
     is_unusual: bool = False
+    misfit: float | None = None
 
     @property
     def tells_nothing(self) -> bool:
