@@ -283,17 +283,19 @@ def _labelled(
     labels = np.zeros(best.shape, int)
     objects: list[MovingObject] = []
     for number in range(1, len(velocities)):
-        parts, count = ndimage.label(ndimage.binary_opening(best == number, iterations=2))
-        for part in range(1, count + 1):
-            mask = ndimage.binary_fill_holes(parts == part)
+        parts = np.empty(best.shape, np.int32)
+        ndimage.label(ndimage.binary_opening(best == number, iterations=2), output=parts)
+        for part in range(1, int(parts.max()) + 1):
+            mask = np.asarray(ndimage.binary_fill_holes(parts == part))
             if mask.sum() < _LEAST_AREA:
                 continue
             each = _object(fine, reference, velocities[number], mask, sweep)
             objects.append(each)
             labels[mask & (labels == 0)] = len(objects)
-    near = ndimage.binary_dilation(labels > 0, iterations=_WIDE)
-    unexplained = (least > _EXPLAINED) & ~near
-    labels[ndimage.binary_opening(unexplained, iterations=_WIDE)] = -1
+    near = np.asarray(ndimage.binary_dilation(labels > 0, iterations=_WIDE))
+    unexplained = (least > _EXPLAINED) & (near == 0)
+    is_wide = np.asarray(ndimage.binary_opening(unexplained, iterations=_WIDE), bool)
+    labels[is_wide] = -1
     return _View(objects, labels, 1 / (1 + np.maximum(least - 1, 0) ** 4))
 
 

@@ -77,7 +77,7 @@ class Blocks:
         )
         least = np.minimum(*chances)
         is_strong = (least < _NEVER).reshape(self.shape)
-        grown = ndimage.binary_dilation(is_strong, np.ones((1, 3, 3)))
+        grown = np.asarray(ndimage.binary_dilation(is_strong, np.ones((1, 3, 3))), bool)
         return grown.ravel() | (least < _RARE)
 
     def __add__(self, other: "Blocks") -> "Blocks":
@@ -181,7 +181,7 @@ def blocks_of(pairs: Iterable[tuple[np.ndarray, np.ndarray]], ends: tuple[float,
     cluster = (rows // _CLUSTER * across + cols // _CLUSTER).ravel()
     joined = dict(zip(_COLUMNS, map(np.concatenate, zip(*columns, strict=True)), strict=False))
     joined["cluster"] = np.tile(cluster, len(columns))
-    return Blocks(**joined, shape=(len(columns), *shape))
+    return Blocks(**joined, shape=(len(columns), shape[0], shape[1]))
 
 
 def _means(pixels: np.ndarray, side: int) -> np.ndarray:
