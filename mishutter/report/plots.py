@@ -284,7 +284,7 @@ def plot_levels(levels: Mapping[str, float], most: float, chosen: str | None = N
         chosen: The camera that is advised, whose mark is filled.
     """
     order = sorted(levels, key=lambda name: levels[name])
-    figure = new_figure(7.0, 0.27 * len(order) + 1.1)
+    figure = new_figure(7.0, max(0.27 * len(order) + 1.1, 2.6))
     leave_room(figure, Margins(left=2.6, top=0.4))
     axes = figure.subplots()
     for place, name in enumerate(order):

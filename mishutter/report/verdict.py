@@ -66,7 +66,8 @@ def options_of(rows: Iterable[Row], choice: Row, own: Collection[str] = ()) -> l
     for group in groups.values():
         top = best_row(group)
         near = [row for row in group if top.margin_over(row) < _SHOWN]
-        best.append(min(near, key=lambda row: (row.rank, -row.level)))
+        least = min(row.rank for row in near)
+        best.append(best_row(row for row in near if row.rank == least))
     shown = {row.name: row for row in (*(row for row in several if row.name in kept), *best)}
 
     def is_needless(row: Row) -> bool:

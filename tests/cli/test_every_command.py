@@ -9,6 +9,7 @@ import urllib.request
 
 import numpy as np
 import pytest
+from support.clips import ClipOf, Thing
 from support.command_line import ON_PARABOLAS, SMALL_SEARCH, environment
 from support.drive import a_design
 from support.laboratory import COMMAND, expected, recorded
@@ -24,7 +25,7 @@ COMMANDS = {
     "optimise": (
         f"optimise still.toml {SMALL} --out designs",
         "dB",
-        ("designs/design.json", "designs/report.json", "designs/profile.png"),
+        ("designs/design.json", "designs/report.json", "designs/answer.png"),
     ),
     "compare": ("compare still.toml --design camera.json --noise-seeds 0", "dB", ()),
     "sweep": (
@@ -53,6 +54,11 @@ COMMANDS = {
         "16 levels",
         ("drive/drive.csv", "drive/stage.csv"),
     ),
+    "measure": (
+        "measure clip.npy --frames-per-s 50 --exposure-ms 4 --white 4095 --out found.toml",
+        "mishutter optimise",
+        ("found.toml", "noise.png", "motion.png"),
+    ),
     "fit": (
         "fit bench.toml --design camera.json --coefficients 9 --out built",
         "as built",
@@ -70,6 +76,9 @@ def desk(tmp_path_factory):
     assert "list_px_per_s" in speeds
     (place / "still.toml").write_text(f"[speeds]\nlist_px_per_s = [0]\n[light]{others}")
     write_picture(place / "photo.png", example_picture().light[100:109, :150])
+    things = (Thing((61, 75), (21, 27), (5.0, 170.0)),)
+    clip = ClipOf(things, size=(128, 160), background="coins.png", num_frames=4)
+    np.save(place / "clip.npy", clip.levels())
     a_design(COMMAND).save(place / "camera.json")
     motion = Design.load(place / "camera.json").motion
     rng, listed = np.random.default_rng(5), ["[sensor]\nread_noise_e = 3\n"]
