@@ -16,7 +16,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from mishutter._core import Unquoted, all_concrete, is_concrete, primal_values, require
+from mishutter._core import (
+    Unquoted,
+    all_concrete,
+    is_concrete,
+    outside_trace,
+    primal_values,
+    require,
+)
 from mishutter.blur import default_num_frequencies
 from mishutter.evaluation.ensembles import ensemble_of
 from mishutter.evaluation.layers import (
@@ -138,9 +145,10 @@ class Extent(NamedTuple):
 
 def extent(scene: Scene, motion: AbstractMotion) -> Extent:
     """Travel of the light of a concrete scene on a motion."""
-    reach = motion.reach(float(scene.max_speed))
     speeds = occurring_speeds(scene)
-    spread = np.max(motion.highest(speeds) - motion.lowest(speeds))
+    with outside_trace():
+        reach = motion.reach(float(scene.max_speed))
+        spread = np.max(np.asarray(motion.highest(speeds) - motion.lowest(speeds)))
     return Extent(float(reach.length), float(reach.velocity), float(spread))
 
 
