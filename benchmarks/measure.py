@@ -279,7 +279,7 @@ def true_scene(place: Place, clip: ClipOf, like: ms.Scene) -> ms.Scene:
 
 def best_frames(scene: ms.Scene) -> tuple[str, float]:
     """The frames to take where objects are registered, and their level."""
-    known = scene._with(decoder_speed="known")
+    known = replace(scene, decoder_speed="known")
     sequence = ms.best_sequence(known)
     if sequence is None:
         return "none", float("nan")
