@@ -4,6 +4,7 @@ import contextlib
 import io
 import re
 import shlex
+import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -82,8 +83,12 @@ class Reader:
                     self._run_command(words)
 
     def _run_command(self, words: list[str]) -> None:
-        assert words[0] == "mishutter", words
         arguments, target = (words[1:-2], words[-1]) if words[-2:-1] == [">"] else (words[1:], None)
+        if words[0] == "sed":
+            edited = subprocess.run(["sed", *arguments], capture_output=True, text=True, check=True)
+            Path(str(target)).write_text(edited.stdout, encoding="utf-8")
+            return
+        assert words[0] == "mishutter", words
         command = shlex.join(arguments)
         if command not in self._remembered:
             stream = io.StringIO()
