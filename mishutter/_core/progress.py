@@ -77,7 +77,7 @@ class Counter:
 
     @property
     def share(self) -> float:
-        """What is done, with the shares of the parts that are under way."""
+        """The work that is done, with the shares of the parts that are under way."""
         with self._lock:
             return self.done + sum((self._shares.get(name, 0.0) for name in self._running), 0.0)
 

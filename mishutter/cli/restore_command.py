@@ -204,7 +204,7 @@ def restore(
 
 
 class _Label(NamedTuple):
-    """What a capture is called in messages, and in names of files."""
+    """The name of a capture in messages, and in names of files."""
 
     name: str
     stem: str

@@ -212,7 +212,7 @@ class _Likeliest(NamedTuple):
 
 @alone_in_blas()
 def restore_frames(
-    captures: ArrayLike,
+    captures: ArrayLike | Sequence[ArrayLike],
     scene: Scene,
     frames: Sequence[TimedFrame],
     *,
@@ -276,7 +276,7 @@ def restore_frames(
 
 @alone_in_blas()
 def speed_of_frames(
-    captures: ArrayLike, scene: Scene, frames: Sequence[TimedFrame]
+    captures: ArrayLike | Sequence[ArrayLike], scene: Scene, frames: Sequence[TimedFrame]
 ) -> SpeedEstimate:
     """The speed that `restore_frames` finds, without the picture.
 
@@ -289,7 +289,7 @@ def speed_of_frames(
 
 
 def _planes_of(
-    captures: ArrayLike, scene: Scene, frames: Sequence[TimedFrame]
+    captures: ArrayLike | Sequence[ArrayLike], scene: Scene, frames: Sequence[TimedFrame]
 ) -> tuple[Planes, Float[np.ndarray, "colours rows frames columns"]]:
     """Frames as arrays, turned so that things move along their rows, and their distinct colours."""
     subject = "restore_frames(captures=...)"
@@ -488,7 +488,7 @@ def _complete(stack: _Stack, found: _Likeliest) -> Float[np.ndarray, "rows lengt
 
 
 class _Search(NamedTuple):
-    """Where the likelihood of some rows is high, of all speeds that are tried.
+    """Speeds at which the likelihood of some rows is high, of all speeds that are tried.
 
     Attributes:
         low: Least speed that is tried; px/s.

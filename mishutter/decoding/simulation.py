@@ -286,7 +286,7 @@ def photograph_by_frames(
         doubts.append("" if result.found is None else result.found.doubt)
         trials.append(errors_of(reference, [light]))
     return RestoredPhotograph(
-        **levels_of(np.asarray(speeds, np.float64), None, trials, 0)._asdict(),
+        *levels_of(np.asarray(speeds, np.float64), None, trials, 0),
         expected_psnr=sequence.psnr,
         own_expected_psnr=np.full(len(speeds), np.nan),
         reference=reference,

@@ -427,7 +427,7 @@ class _Place(NamedTuple):
 
 
 class _Search(NamedTuple):
-    """What is the same of all kinds and numbers of frames.
+    """The part that is the same of all kinds and numbers of frames.
 
     Attributes:
         room: The room that the limits leave.

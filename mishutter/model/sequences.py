@@ -168,7 +168,7 @@ class FrameSequence:
         return float(use_of_knots(self._knots(None, None)).stroke)
 
     def stage_use(self, *, max_acceleration: float | None, max_jerk: float | None) -> StageUse:
-        """What the frames ask of a stage that runs up to them from rest.
+        """The demands of the frames on a stage that runs up to them from rest.
 
         Where no path can be written, since no limit says how the stage reaches a velocity, it does
         so at once.
@@ -238,7 +238,7 @@ class FrameSequence:
                 pieces += _from_rest(way, gap, end, run_up(end, rate, most, jerk))
             elif self.kind == SINE:
                 pan = float(self._of_stage(frame).velocity)
-                pieces += _along_sine(way, gap, start - pan, frame.exposure / 2, pan, end)
+                pieces += _along_sine(way, gap, start - pan, frame.exposure / 2, pan=pan, end=end)
             else:
                 scale = sum(float(np.ptp(each.positions)) for each in (own, other))
                 pieces += _with_least_acceleration(way, gap, start, end, scale)
@@ -274,7 +274,7 @@ def _from_rest(way: float, gap: float, end: float, ups: list[Piece]) -> list[Pie
 
 
 def _along_sine(
-    way: float, gap: float, speed: float, half: float, pan: float, end: float
+    way: float, gap: float, speed: float, half: float, *, pan: float, end: float
 ) -> list[Piece]:
     """On from a frame along the sine about whose turning points the frames are."""
     # The frames end at the same speed on both sides of the fastest point.

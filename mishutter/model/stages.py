@@ -28,7 +28,7 @@ from mishutter.model.motion import AbstractMotion, FreeMotion
 
 
 class StageUse(NamedTuple):
-    """What a way from rest to rest asks of a stage; of any shape.
+    """The demands of a way from rest to rest on a stage; of any shape.
 
     Attributes:
         travel: From the lowest to the highest position, run-up and run-out included; px.
@@ -87,7 +87,7 @@ class Knots(NamedTuple):
 
 
 def use_of_knots(knots: Knots) -> StageUse:
-    """What a way asks of a stage, turning points within its pieces included.
+    """The demands of a way on a stage, turning points within its pieces included.
 
     Args:
         knots: The way.
@@ -261,7 +261,7 @@ def stage_use(
     max_acceleration: ArrayLike | None = None,
     max_jerk: ArrayLike | None = None,
 ) -> StageUse:
-    r"""What $x(t) = v t + a t^2$, $t \in [-T, T]$, asks of a stage, from rest to rest.
+    r"""The demands of $x(t) = v t + a t^2$, $t \in [-T, T]$, on a stage, from rest to rest.
 
     Args:
         acceleration: $a$; px/s^2, any shape.
@@ -279,7 +279,7 @@ def stage_use(
 
 
 def stage_use_of_path(path: FreeMotion, max_acceleration: ArrayLike | None = None) -> StageUse:
-    """What a free path asks of a stage, from rest to rest, as `stage_use` has it."""
+    """The demands of a free path on a stage, from rest to rest, as `stage_use` has it."""
     half = jnp.asarray(path.half_exposure)
     ends = np.array(path.piece_ends, float)
     velocities = jnp.asarray(path.velocity_at(half * ends.astype(half.dtype)))
@@ -310,7 +310,7 @@ class StagePath(NamedTuple):
 
     @property
     def use(self) -> StageUse:
-        """What it asks of a stage."""
+        """Its demands on a stage."""
         first, last = (int(np.argmin(abs(self.times - time))) for time in self.exposure)
         jerks = self.jerks if np.any(self.jerks) else None
         return use_of_knots(Knots(np.diff(self.times), self.velocities, jerks, first, last))

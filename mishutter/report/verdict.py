@@ -93,7 +93,7 @@ def option_name(row: Row) -> str:
 
 
 def _aside(row: Row) -> str:
-    """What a decoder is told, or the frame rate of a scene that states none."""
+    """The knowledge of a decoder, or the frame rate of a scene that states none."""
     if row.name == PLAIN_STILLS:
         return f", at {PLAIN_RATE:.0f} frames/s"
     if row.num_frames > 1 or not row.decoder.knows_speed:
@@ -122,7 +122,7 @@ def _path(row: Row) -> str:
 
 
 def _way_of_frames(frames: FrameSequence, *, short: bool = False) -> str:
-    """What the sensor does over several frames."""
+    """The way of the sensor over several frames."""
     if not frames.moves:
         return " while the camera turns" if frames.pan else " at rest"
     rests, moving = frames.num_rests, frames.num_frames - frames.num_rests
@@ -213,7 +213,7 @@ def sentences_of(
 
 
 def _on_shaped_shutters(rows: Sequence[Row], choice: Row) -> str:
-    """What a shaped shutter adds to one exposure."""
+    """The gain of a shaped shutter over an open one, of one exposure."""
     shaped = [row for row in rows if SHUTTER in row.required_hardware]
     steady = best_row(row for row in rows if row not in shaped)
     best = best_row(shaped) if shaped else steady
@@ -228,7 +228,7 @@ def _on_shaped_shutters(rows: Sequence[Row], choice: Row) -> str:
 
 
 def _assumptions(scene: Scene, choice: Row) -> str:
-    """What a level takes for granted: of the motion, of the objects, of the decoder."""
+    """The assumptions of a level: of the motion, of the objects, of the decoder."""
     layers, frames = scene.occlusion, choice.sequence
     time = float(choice.motion.exposure) if frames is None else frames.duration
     way = math.ceil(float(scene.max_speed) * time)
@@ -259,7 +259,7 @@ def _assumptions(scene: Scene, choice: Row) -> str:
 
 
 def details_of(scene: Scene, choice: Row) -> list[str]:
-    """What stills it takes to match the choice, and what a real sensor takes from it.
+    """Stills that match the choice, and the losses of a real sensor.
 
     Args:
         scene: The scene.

@@ -38,7 +38,7 @@ OWN_BEST_MOTION = "own best motion"
 STAGE, SHUTTER, FRAMES = "a stage", "a shutter", "a burst of frames"
 """Parts that a camera may require beside a sensor at rest with an ordinary shutter."""
 _NEEDS = {FRAMES: "registration", STAGE: "stage", SHUTTER: "shaped shutter"}
-"""What these parts need, in words of an answer: any camera takes frames, and software registers."""
+"""The needs of these parts in words: any camera takes frames, and software registers."""
 _TURNS = "turning camera"
 ONE_EXPOSURE = frozenset({STAGE, SHUTTER})
 """Parts that a camera of one exposure may require."""

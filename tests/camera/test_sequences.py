@@ -56,7 +56,8 @@ def test_a_parabola_is_seen_from_the_middle_of_the_sequence():
     """A single capture is aligned at the vertex, a frame where the sensor is at the middle."""
     motion = ParabolicMotion(acceleration=A, half_exposure=HALF)
     (found,) = simulate_frames(PICTURE, SCENE, [TimedFrame(motion, 0.0043, 8.3)], speed=SPEED)
-    displacement = -A * 0.0043**2 - SPEED * 0.0043 - SPEED**2 / (4 * A)
+    # So fast a thing is aligned where it is lowest, at an end of the exposure.
+    displacement = -A * 0.0043**2 - SPEED * 0.0043 + A * HALF**2 - abs(SPEED) * HALF
     alone = simulate_capture(
         PICTURE, SCENE, motion, RectShutter(), speed=SPEED, displacement=displacement
     )

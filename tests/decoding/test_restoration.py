@@ -17,7 +17,7 @@ from mishutter.decoding import blur_model, restore_by_each
 from mishutter.decoding.decoders.linear import decoder_or_ensemble
 
 # Means over seeds and the columns that count are parts of a result that holds neither.
-from mishutter.decoding.restoration import _common_columns, _Errors, _levels
+from mishutter.decoding.restoration import _common_columns, _Errors, levels_of
 
 
 def gaussian_rows(rows=96, columns=1200, seed=3):
@@ -189,14 +189,14 @@ def test_levels_and_their_standard_errors():
     coded = np.array([[30.0, 27.0, 24.0], [34.0, 33.0, 35.0]])
     trials = [_Errors(s[:, None], c[:, None]) for s, c in zip(squared, coded, strict=True)]
     speeds = np.array([0.0, 310.0])
-    found = _levels(speeds, np.array([0.7, 0.3]), trials, 0)
+    found = levels_of(speeds, np.array([0.7, 0.3]), trials, 0)
     np.testing.assert_allclose(found.psnr, [27, 34])
     np.testing.assert_allclose(found.linear_psnr, -10 * np.log10([3e-3, 4e-4]))
     np.testing.assert_allclose(found.standard_error, np.array([3, 1]) / np.sqrt(3))
     spread = np.array([np.sqrt(7) * 1e-3 / 3e-3, 1e-4 / 4e-4]) / np.sqrt(3)
     np.testing.assert_allclose(found.linear_standard_error, 10 / np.log(10) * spread)
     assert found.mean_psnr == pytest.approx(-10 * np.log10(0.7 * 3e-3 + 0.3 * 4e-4))
-    equal = _levels(speeds, None, trials, 0)
+    equal = levels_of(speeds, None, trials, 0)
     assert equal.mean_psnr == pytest.approx(-10 * np.log10(1.7e-3))
 
 
@@ -340,7 +340,7 @@ def test_a_picture_without_an_error_has_an_infinite_level(num_seeds):
     """A black picture without noise is restored exactly: no warning, and an error bar of none."""
     exact = _Errors(np.zeros((num_seeds, 1)), np.full((num_seeds, 1), np.inf))
     wrong = _Errors(np.full((num_seeds, 1), 2e-3), np.full((num_seeds, 1), 27.0))
-    levels = _levels(np.array([0.0, 300.0]), np.array([0.3, 0.7]), [exact, wrong], 0)
+    levels = levels_of(np.array([0.0, 300.0]), np.array([0.3, 0.7]), [exact, wrong], 0)
     assert levels.psnr.tolist() == [np.inf, 27.0]
     assert levels.linear_psnr[0] == np.inf
     assert np.isnan(levels.linear_standard_error[0])

@@ -389,7 +389,7 @@ SPOILT_ORDERS = {
         ("two objects", "two objects"),
         ("down", "motion across the axis"),
         ("stage stood still", "another design"),
-        ("stroke", "px off its place: their order, a lost or repeated frame, another design"),
+        ("stroke", "do not fit one picture at one speed"),
         ("narrow", "Little in the picture tells the speed."),
         ("black", "Frame 3 of 4 is black."),
         ("saturated", "Frame 3 of 4 is saturated."),

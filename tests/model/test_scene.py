@@ -6,7 +6,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import equinox as eqx
 import jax
 import numpy as np
 import pytest
@@ -14,16 +13,10 @@ from support.command_line import environment
 from support.helpers import ROUNDING
 
 from mishutter import (
-    Burst,
-    IdealShutter,
     Limits,
-    Occlusion,
     Optics,
-    ParabolicMotion,
     Scene,
-    Sensor,
     Texture,
-    Tolerances,
     compare,
     evaluate,
     optimise,
@@ -313,30 +306,3 @@ def test_the_mean_power_is_the_variance():
     assert not np.any(known[np.arange(96) + 0.5 > 0.31 * 192])
     traced = jax.jit(lambda s: picture_power(s, 96, np.dtype(np.float64)))(scene)
     np.testing.assert_allclose(traced, known, rtol=1e-13)
-
-
-def test_uniform_speeds_have_every_argument_of_a_scene():
-    """With its default, and what it is given reaches the scene."""
-    own, of_scene = (inspect.signature(each).parameters for each in (Scene.uniform, Scene))
-    assert {name: own[name].default for name in of_scene if name != "speeds"} == {
-        name: each.default for name, each in of_scene.items() if name != "speeds"
-    }
-    assert own.keys() - of_scene.keys() == {"max_speed", "num_speeds", "min_speed"}
-    given = {
-        "weights": [1.0, 3.0, 2.0],
-        "photon_rate": 3e4,
-        "read_noise": 2.5,
-        "picture": Texture(mean_level=0.3),
-        "optics": Optics(lens_blur=0.7),
-        "sensor": Sensor(full_well=9e3),
-        "limits": Limits(max_stroke=17.0),
-        "device": IdealShutter(leakage=0.02),
-        "burst": Burst(frames_per_s=90.0),
-        "tolerances": Tolerances(acceleration=0.03),
-        "occlusion": Occlusion(front_share=0.4),
-        "decoder_speed": "known",
-        "motion": ParabolicMotion(acceleration=2e4, half_exposure=0.013),
-    }
-    assert given.keys() == own.keys() - {"max_speed", "num_speeds", "min_speed"}
-    scene = Scene.uniform(max_speed=700.0, min_speed=-200.0, num_speeds=3, **given)
-    assert eqx.tree_equal(scene, Scene(np.linspace(-200.0, 700.0, 3), **given))
