@@ -23,7 +23,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import scipy.fft
@@ -292,17 +292,18 @@ def _planes_of(
     captures: ArrayLike | Sequence[ArrayLike], scene: Scene, frames: Sequence[TimedFrame]
 ) -> tuple[Planes, Float[np.ndarray, "colours rows frames columns"]]:
     """Frames as arrays, turned so that things move along their rows, and their distinct colours."""
-    subject = "restore_frames(captures=...)"
+    subject, stack = "restore_frames(captures=...)", cast(Any, captures)
     if isinstance(captures, list | tuple):
         shapes = [np.shape(one) for one in captures]
         require(len(set(shapes)) <= 1, subject, "be frames of one size and as many colours", shapes)
-    light = as_pixels(captures, subject)
+        stack = np.stack([np.asarray(one) for one in captures]) if captures else np.zeros(0)
+    light = as_pixels(stack, subject)
     is_stack = light.ndim in (3, 4) and light.shape[0] == len(frames) > 0
     requirement = f"be {len(frames)} frames, of rows and columns"
     require(is_stack, subject, requirement, shape_of(light))
     light = turned(light[..., None] if light.ndim == 3 else light, scene.sensor.axis)
     planes = np.asarray(rows_last(distinct_colours(light)), np.float64)
-    original = light if np.ndim(captures) == 4 else light[..., 0]
+    original = light if np.ndim(stack) == 4 else light[..., 0]
     return original, np.moveaxis(planes, 0, -2)
 
 
