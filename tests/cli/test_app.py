@@ -393,7 +393,7 @@ def test_a_design_whose_reader_leaves_is_kept(small_scene, tmp_path):
             check=False,
         )
     assert done.returncode == 0
-    assert {file.name for file in (tmp_path / "kept").iterdir()} > {"design.json", "profile.png"}
+    assert {file.name for file in (tmp_path / "kept").iterdir()} > {"design.json", "answer.png"}
 
 
 @pytest.mark.slow
@@ -597,7 +597,7 @@ def test_json_is_one_strict_document(optimised):
     names = {row["name"] for row in document["comparison"]["rows"]}
     assert {"optimised", "rect", "Hann", "best Tukey", "best snapshot"} <= names
     assert np.isfinite(document["comparison"]["gain_db"])
-    assert set(document["photographs"]["ensemble"]) >= {"optimised", "Hann"}
+    assert "best snapshot" in document["photographs"]["ensemble"]
 
 
 @pytest.mark.slow
