@@ -323,7 +323,7 @@ def test_numbers_that_overflow_are_outside():
 
 
 TOO_LONG = {
-    "kernels": ([-2500.0, 900.0, 2500.0], [20.0, 60.0, 3e4], None, []),
+    "kernels": ([-2e7, 900.0, 2e7], [20.0, 3e4], None, [(0, 1), (1, 1)]),
     "spectra": ([-3e6, 1e5, 3e6], [0.0], ["expected_psnr"], [(0, 1)]),
     "neither": ([-2500.0, 900.0, 2500.0], [20.0], ["efficiency"], []),
 }
