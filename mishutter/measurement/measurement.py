@@ -28,7 +28,7 @@ from mishutter.model import Scene, Texture, View, scene_of_tables
 from mishutter.pictures import Picture, write_picture
 
 _STEADY_WORD = "the exposure drifts by {share:.1%} from frame to frame, which was divided out"
-_GAMMA_WORD = "a gamma of {gamma:.2g} and little read noise explain the noise as well as this"
+_GAMMA_WORD = "a gamma of {gamma:.2g} with little read noise would explain the noise as well"
 _BLOCK = 32
 """Side of the squares whose means say how far a mean level is known; px."""
 VELOCITIES = "velocities.csv"
