@@ -220,7 +220,7 @@ def test_points_that_are_too_long_to_compute_are_left_out(capsys):
     assert cli.main(["sweep", *ranges, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert 0 < document["num_within_limits"] < document["num_points"] == 4
-    few = ["--acceleration", "1:2:2", "--half-exposure", "0.6:0.7:2"]
+    few = ["--acceleration", "2000:3000:2", "--half-exposure", "6:7:2"]
     assert cli.main(["sweep", *few]) == 2
     out, err = capsys.readouterr()
     assert out == ""
