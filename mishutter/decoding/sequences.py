@@ -149,7 +149,7 @@ class RestoredFrames(NamedTuple):
     Attributes:
         light: Light of the picture where the sensor is at the middle of the sequence, white = 1;
             the shape of a frame.
-        estimate: The speed that was found, and its doubt; None where it was told.
+        estimate: The speed that was found, and its doubt; None where it was given.
     """
 
     light: Planes

@@ -225,7 +225,7 @@ def read_drive(
     ceiling: float = 1.0,
     num_steps: int | None = None,
 ) -> Drive:
-    """Read a drive table of any of `DRIVE_FORMATS`, also one that was edited, as it is.
+    """Read a drive table in any of `DRIVE_FORMATS`, unchanged, also one that was edited.
 
     The contents say which format it is.
 

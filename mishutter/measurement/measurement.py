@@ -40,7 +40,7 @@ VELOCITY_COLUMNS = (
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """A camera and what it sees, as a clip tells them.
+    """A camera and its scene, as measured from a clip.
 
     Attributes:
         name: Name of the clip.
@@ -49,8 +49,8 @@ class Measurement:
         motion: Objects, and what stands still.
         light: The still parts, averaged, before the pixels; linear light, white = 1.
         level_difference: Mean light of what moves less that of the rest.
-        pixel_pitch: Distance of the pixels, m; None if it was not told.
-        px_per_mm: Pixels of a millimetre of things; None if it was not told.
+        pixel_pitch: Pixel pitch, m; None if it was not given.
+        px_per_mm: Pixels per millimetre of the scene; None if it was not given.
     """
 
     name: str
