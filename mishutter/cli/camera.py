@@ -278,7 +278,7 @@ def reproduce(
     ] = False,
     json: JsonOption = False,
 ) -> None:
-    """Compute the published Figures 3 to 6 again, and check each statement of the paper."""
+    """Compute the published Figures 3 to 6 again, and check each published statement."""
     folder = writable_folder(out)
     start_jax()
     from mishutter.paper import reproduce as redo
