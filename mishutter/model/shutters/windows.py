@@ -12,7 +12,6 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
 
 from mishutter._core import (
-    DoubleWord,
     as_array_like,
     as_float,
     as_numpy,
@@ -21,7 +20,6 @@ from mishutter._core import (
     namespace_of,
     require,
     require_scalar,
-    two_sum,
 )
 from mishutter.model.shutters.base import (
     AbstractAdjustableShutter,
@@ -39,9 +37,7 @@ class RectShutter(AbstractPiecewiseShutter):
     r"""An ordinary shutter: $w(\tau) = 1$ on $[-1, 1]$."""
 
     panels_per_piece: ClassVar[int] = 1
-    smooth_length: ClassVar[float] = 2.0
     equal_pieces: ClassVar[bool] = True
-    symmetric: ClassVar[bool] = True
     evaluates_by_numpy: ClassVar[bool] = True
 
     def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
@@ -51,7 +47,7 @@ class RectShutter(AbstractPiecewiseShutter):
     def dtype(self) -> np.dtype | None:
         return None
 
-    def breakpoints(self, dtype: np.dtype) -> DoubleWord:
+    def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         return uniform_breakpoints(1, dtype)
 
     def piece_transmittance(
@@ -74,9 +70,7 @@ class HannShutter(AbstractPiecewiseShutter):
     r"""$w(\tau) = \cos^2(\pi\tau/2)$."""
 
     panels_per_piece: ClassVar[int] = 2
-    smooth_length: ClassVar[float] = 2.0
     equal_pieces: ClassVar[bool] = True
-    symmetric: ClassVar[bool] = True
     evaluates_by_numpy: ClassVar[bool] = True
 
     def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
@@ -86,7 +80,7 @@ class HannShutter(AbstractPiecewiseShutter):
     def dtype(self) -> np.dtype | None:
         return None
 
-    def breakpoints(self, dtype: np.dtype) -> DoubleWord:
+    def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         return uniform_breakpoints(1, dtype)
 
     def piece_transmittance(
@@ -110,9 +104,7 @@ class TriangleShutter(AbstractPiecewiseShutter):
     r"""$w(\tau) = 1 - |\tau|$."""
 
     panels_per_piece: ClassVar[int] = 1
-    smooth_length: ClassVar[float] = 2.0
     equal_pieces: ClassVar[bool] = True
-    symmetric: ClassVar[bool] = True
     evaluates_by_numpy: ClassVar[bool] = True
 
     def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
@@ -122,7 +114,7 @@ class TriangleShutter(AbstractPiecewiseShutter):
     def dtype(self) -> np.dtype | None:
         return None
 
-    def breakpoints(self, dtype: np.dtype) -> DoubleWord:
+    def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         return uniform_breakpoints(2, dtype)
 
     def piece_transmittance(
@@ -144,10 +136,6 @@ class TriangleShutter(AbstractPiecewiseShutter):
 class GaussianShutter(AbstractAdjustableShutter):
     r"""$w(\tau) = \exp(-\tau^2 / 2\sigma^2)$, cut off at $\pm 1$.
 
-    Far out on a narrow profile a tap is as exact as its time is: a rounding of time changes the
-    profile by $(\tau/\sigma)^2$ roundings, and the relative error of a tap is up to
-    $3 (\tau/\sigma)^2$ units of the last place, which does not matter in float64.
-
     Args:
         sigma: $\sigma$, in units of $\tau$; from 0.05 to 5.
 
@@ -158,7 +146,6 @@ class GaussianShutter(AbstractAdjustableShutter):
     sigma: Array
     panels_per_piece: ClassVar[int] = 8
     equal_pieces: ClassVar[bool] = True
-    symmetric: ClassVar[bool] = True
     evaluates_by_numpy: ClassVar[bool] = True
     linear: ClassVar[bool] = False
 
@@ -180,14 +167,10 @@ class GaussianShutter(AbstractAdjustableShutter):
         sigma = as_array_like(tau, self.sigma)
         return namespace_of(tau, sigma).exp(-((tau / sigma.astype(tau.dtype)) ** 2) / 2)
 
-    @property
-    def smooth_length(self) -> Array:
-        return 3 * self.sigma
-
     def dtype(self) -> np.dtype | None:
         return np.dtype(self.sigma.dtype)
 
-    def breakpoints(self, dtype: np.dtype) -> DoubleWord:
+    def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         return uniform_breakpoints(2, dtype)
 
     def piece_transmittance(
@@ -229,7 +212,6 @@ class TukeyShutter(AbstractAdjustableShutter):
     taper: Array
     panels_per_piece: ClassVar[int] = 1
     equal_pieces: ClassVar[bool] = False
-    symmetric: ClassVar[bool] = True
     evaluates_by_numpy: ClassVar[bool] = True
     linear: ClassVar[bool] = False
 
@@ -249,21 +231,14 @@ class TukeyShutter(AbstractAdjustableShutter):
         ramp = jnp.sin((jnp.pi / 2) * jnp.minimum(depth / above_zero(taper), 1)) ** 2
         return _inside(tau, jnp.where(depth >= taper, 1.0, ramp))
 
-    @property
-    def smooth_length(self) -> Array:
-        return self.taper
-
     def dtype(self) -> np.dtype | None:
         return np.dtype(self.taper.dtype)
 
-    def breakpoints(self, dtype: np.dtype) -> DoubleWord:
+    def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         (taper,) = as_numpy(self.taper)
         space, taper = namespace_of(taper), above_zero(taper.astype(dtype))
-        # Not a constant: XLA would take (1 - taper) - 1 for -taper, rounding and all.
-        one, zero = space.where(taper >= 0, space.ones_like(taper), taper), space.zeros_like(taper)
-        high, low = two_sum(one, -taper)
-        ends = [-one, -high, high, one], [zero, -low, low, zero]
-        return DoubleWord(*(as_float(space.stack(part)) for part in ends))
+        one = space.ones_like(taper)
+        return as_float(space.stack([-one, taper - one, one - taper, one]))
 
     def piece_transmittance(
         self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
