@@ -67,9 +67,9 @@ def path_pieces(motion: AbstractMotion, speed: Float[Array, ""]) -> PathPieces:
         jnp.sum(matrix.astype(dtype) * sag[None], axis=1) - smear * share.astype(dtype)
         for matrix, share in ((gain, np.ones_like(base)), (rise, base))
     )
-    travel = jnp.sum(rise.astype(dtype) * abs(sag)[None], axis=1) + abs(smear) * abs(base)
     base, begin, end = (x.astype(dtype) for x in (base, begin, end))
-    return PathPieces(sag, velocity, position, base, begin, end, travel.astype(dtype))
+    travel = jnp.sum(rise.astype(dtype) * abs(sag)[None], axis=1) + abs(smear) * abs(base)
+    return PathPieces(sag, velocity, position, base, begin, end, travel)
 
 
 def lowest_position(pieces: PathPieces) -> Float[Array, ""]:
