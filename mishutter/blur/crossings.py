@@ -72,8 +72,8 @@ def path_pieces(motion: AbstractMotion, speed: Float[Array, ""]) -> PathPieces:
     return PathPieces(sag, velocity, position, base, begin, end, travel)
 
 
-def lowest_position(pieces: PathPieces) -> Float[Array, ""]:
-    """The lowest position of a point on its path; px."""
+def lowest_position(pieces: PathPieces) -> tuple[Float[Array, ""], Bool[Array, "pieces"]]:
+    """The lowest position of a point on its path, px, and the piece whose vertex it is, if any."""
     from_base = [time - pieces.base for time in (pieces.begin, pieces.end)]
     at_begin, at_end = (pieces.position + h * (pieces.velocity + h * pieces.sag) for h in from_base)
     rises = pieces.sag > 0
@@ -81,15 +81,20 @@ def lowest_position(pieces: PathPieces) -> Float[Array, ""]:
     turns = rises & (from_base[0] < time) & (time < from_base[1])
     # By its index: the derivative of a minimum divides by the number of equal ones.
     places = jnp.concatenate([jnp.where(turns, vertex, at_begin), at_end])
-    return places[jnp.argmin(places)]
+    lowest = jnp.argmin(places)
+    return places[lowest], turns & (jnp.arange(turns.size) == lowest)
 
 
 def branch_times(
-    pieces: PathPieces, edges: Float[Array, "edges"], origin: Float[Array, ""]
+    pieces: PathPieces,
+    edges: Float[Array, "edges"],
+    origin: Float[Array, ""],
+    is_own: Bool[Array, "pieces"],
 ) -> Float[Array, "pieces 2 edges"]:
     """Times at which a point that falls, and one that rises, crosses edges on each piece.
 
-    An edge that a branch does not reach is held at an end of the piece or at the vertex.
+    Edges count from the origin, which is the vertex of the pieces whose own it is. An edge that a
+    branch does not reach is held at an end of the piece or at the vertex.
     """
     A, U, X, base, begin, end = (jnp.asarray(x)[:, None, None] for x in pieces[:6])
     edges = edges[None, None]
@@ -100,9 +105,10 @@ def branch_times(
     # Edges out of reach are moved nearer, so that no quotient overflows, nor its derivatives.
     length = end - begin
     to_vertex, vertex = (x[:, None, None] for x in pieces.vertex(is_near[:, 0, 0]))
-    # From the vertex, where edges may count from: their difference is then exactly 0.
+    # A vertex that is the origin is exactly there: the root of a rounding would be much larger.
+    aside = jnp.where(is_own[:, None, None], 0.0, origin - vertex)
     reach = (_NEAR * length) ** 2 * abs(A)
-    height = _held((origin - vertex) + edges, -reach, reach) / jnp.where(is_near, A, 1.0)
+    height = _held(aside + edges, -reach, reach) / jnp.where(is_near, A, 1.0)
     height = jnp.where(is_near, height, 1.0)  # away from 0, where a root has no derivatives
     near = base + to_vertex + sign * jnp.sign(A) * safe_sqrt(height)
 

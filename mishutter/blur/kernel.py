@@ -179,10 +179,11 @@ def _exposure(
     """Share of a full exposure in each tap; `edges` count from the vertex or mid-exposure."""
     pieces = path_pieces(motion, speed)
     if motion.accelerates_constantly:
-        pieces, origin, exists = _turned(pieces, from_vertex)
+        pieces, origin, is_own, exists = _turned(pieces, from_vertex)
     else:
-        origin, exists = lowest_position(pieces), jnp.asarray(True)
-    time = branch_times(pieces, edges, jnp.where(from_vertex, origin, 0.0))
+        (origin, is_own), exists = lowest_position(pieces), jnp.asarray(True)
+    origin, is_own = jnp.where(from_vertex, origin, 0.0), is_own & from_vertex
+    time = branch_times(pieces, edges, origin, is_own)
     falls = np.array([[[True], [False]]])
     first, last = time[..., :-1], time[..., 1:]
     begin, end = jnp.where(falls, last, first), jnp.where(falls, first, last)
@@ -192,8 +193,8 @@ def _exposure(
 
 def _turned(
     pieces: PathPieces, from_vertex: Bool[Array, ""]
-) -> tuple[PathPieces, Float[Array, ""], Bool[Array, ""]]:
-    """A parabola with its vertex below, the position of that, and whether it has one.
+) -> tuple[PathPieces, Float[Array, ""], Bool[Array, "1"], Bool[Array, ""]]:
+    """A parabola with its vertex below, the position of that, and whether it turns and has one.
 
     Edges count upwards from the vertex: a parabola that opens downwards is mirrored.
     """
@@ -204,4 +205,4 @@ def _turned(
     turns = ~pieces.is_at_rest & ~(far > pieces.sag)
     _, vertex = pieces.vertex(turns)
     origin = jnp.where(turns, vertex, 0.0)
-    return pieces, origin[0], (turns | pieces.is_at_rest)[0]
+    return pieces, origin[0], turns, (turns | pieces.is_at_rest)[0]
