@@ -117,7 +117,8 @@ def _exact_design(point: dict, box, a, half):
     edges = [k + first for k in range(PLAN.num_taps + 1)]
 
     def kernel(speed):
-        taps = reference.exposures(window, a, half, float(speed), edges, from_vertex=turns)
+        begin = [edge + _lowest_above_vertex(a, half, float(speed)) for edge in edges]
+        taps = reference.exposures(window, a, half, float(speed), begin, from_vertex=turns)
         return np.array([np.longdouble(mp.nstr(tap, 25)) for tap in taps])
 
     still = kernel(0.0)
@@ -154,8 +155,8 @@ def _exact_error(point: dict, box, a, half):
     power *= 0.04 / np.mean(power)
     spectra = []
     for speed in point["speeds"]:
-        vertex = speed**2 / (4 * a) if a > 0 else 0.0
-        position = a * half * half * tau**2 - speed * half * tau + vertex
+        lowest = _lowest_above_vertex(a, half, speed) - (speed**2 / (4 * a) if a > 0 else 0.0)
+        position = a * half * half * tau**2 - speed * half * tau - lowest
         angle = 2 * np.longdouble(np.pi) * frequency[:, None] * position
         aperture = np.sinc(frequency)
         spectra.append((aperture * (np.cos(angle) @ light), aperture * (np.sin(angle) @ light)))
@@ -171,6 +172,12 @@ def _exact_error(point: dict, box, a, half):
     dark = total <= 0
     left = np.where(dark, 1, (signal * spread + noise) / np.where(dark, 1, total))
     return np.sqrt(np.mean(power * left) / 0.04)
+
+
+def _lowest_above_vertex(a, half, speed):
+    """Height over its vertex of the lowest position of a point, at which it is aligned; px."""
+    beyond = abs(speed) / 2 - a * half
+    return beyond**2 / a if a > 0 and beyond > 0 else 0.0
 
 
 def checked(name: str, point: dict, value: float, slopes: np.ndarray, rng) -> dict:

@@ -557,6 +557,10 @@ class TransmittedShutter(AbstractPiecewiseShutter):
     def equal_pieces(self) -> bool:
         return self.profile.equal_pieces
 
+    @property
+    def symmetric(self) -> bool:
+        return self.profile.symmetric
+
     def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
         transmittance = self._passed(self.profile.transmittance(tau))
         return jnp.where(

@@ -42,6 +42,7 @@ class LaggedShutter(AbstractPiecewiseShutter):
     constants: Array
     panels_per_piece: ClassVar[int] = 1
     equal_pieces: ClassVar[bool] = False
+    symmetric: ClassVar[bool] = False
 
     def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
         tau = jnp.asarray(tau, self.levels.dtype)

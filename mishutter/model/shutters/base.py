@@ -105,6 +105,9 @@ class AbstractPiecewiseShutter(AbstractShutter):
     """Whether the pieces are equally long. One of a few that are not may be all of the exposure;
     of more than `FEW_PIECES` none is longer than twice their mean."""
 
+    symmetric: eqx.AbstractVar[bool]
+    r"""Whether $w(-\tau) = w(\tau)$, whatever the parameters."""
+
     evaluates_by_numpy: ClassVar[bool] = False
     """Whether `breakpoints` of known parameters compiles nothing, and `piece_transmittance` takes
     and gives NumPy's arrays where its offsets are such. The default is False."""
@@ -307,6 +310,7 @@ class SampledShutter(AbstractPiecewiseShutter):
     shutter: AbstractShutter
     panels_per_piece: ClassVar[int] = 1
     equal_pieces: ClassVar[bool] = False
+    symmetric: ClassVar[bool] = False
 
     def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
         return self.shutter.transmittance(tau)

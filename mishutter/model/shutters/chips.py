@@ -36,6 +36,7 @@ class ChippedShutter(AbstractAdjustableShutter):
     transmittances: Array
     panels_per_piece: ClassVar[int] = 1
     equal_pieces: ClassVar[bool] = True
+    symmetric: ClassVar[bool] = False
     evaluates_by_numpy: ClassVar[bool] = True
     linear: ClassVar[bool] = True
 

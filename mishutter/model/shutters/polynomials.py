@@ -48,6 +48,7 @@ class PolynomialShutter(AbstractPiecewiseShutter):
     powers: Array
     panels_per_piece: ClassVar[int] = 1
     equal_pieces: ClassVar[bool] = False
+    symmetric: ClassVar[bool] = False
 
     def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
         ends, tau = self.ends, jnp.asarray(tau, self.powers.dtype)

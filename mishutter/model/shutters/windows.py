@@ -38,6 +38,7 @@ class RectShutter(AbstractPiecewiseShutter):
 
     panels_per_piece: ClassVar[int] = 1
     equal_pieces: ClassVar[bool] = True
+    symmetric: ClassVar[bool] = True
     evaluates_by_numpy: ClassVar[bool] = True
 
     def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
@@ -71,6 +72,7 @@ class HannShutter(AbstractPiecewiseShutter):
 
     panels_per_piece: ClassVar[int] = 2
     equal_pieces: ClassVar[bool] = True
+    symmetric: ClassVar[bool] = True
     evaluates_by_numpy: ClassVar[bool] = True
 
     def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
@@ -105,6 +107,7 @@ class TriangleShutter(AbstractPiecewiseShutter):
 
     panels_per_piece: ClassVar[int] = 1
     equal_pieces: ClassVar[bool] = True
+    symmetric: ClassVar[bool] = True
     evaluates_by_numpy: ClassVar[bool] = True
 
     def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
@@ -146,6 +149,7 @@ class GaussianShutter(AbstractAdjustableShutter):
     sigma: Array
     panels_per_piece: ClassVar[int] = 8
     equal_pieces: ClassVar[bool] = True
+    symmetric: ClassVar[bool] = True
     evaluates_by_numpy: ClassVar[bool] = True
     linear: ClassVar[bool] = False
 
@@ -212,6 +216,7 @@ class TukeyShutter(AbstractAdjustableShutter):
     taper: Array
     panels_per_piece: ClassVar[int] = 1
     equal_pieces: ClassVar[bool] = False
+    symmetric: ClassVar[bool] = True
     evaluates_by_numpy: ClassVar[bool] = True
     linear: ClassVar[bool] = False
 
