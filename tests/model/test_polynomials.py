@@ -74,6 +74,7 @@ class Ramps(AbstractPiecewiseShutter):
 
     panels_per_piece: ClassVar[int] = 1
     equal_pieces: ClassVar[bool] = True
+    symmetric: ClassVar[bool] = True
 
     def transmittance(self, tau):
         return TriangleShutter().transmittance(tau)
