@@ -117,8 +117,11 @@ def _exact_design(point: dict, box, a, half):
     edges = [k + first for k in range(PLAN.num_taps + 1)]
 
     def kernel(speed):
-        begin = [edge + _lowest_above_vertex(a, half, float(speed)) for edge in edges]
-        taps = reference.exposures(window, a, half, float(speed), begin, from_vertex=turns)
+        # Past the end of the exposure the vertex is as far below the lowest place as this.
+        sag, smear = a * half**2, abs(mp.mpf(float(speed))) * half
+        below = (smear - 2 * sag) ** 2 / (4 * sag) if turns and smear > 2 * sag else 0
+        places = [edge + below for edge in edges]
+        taps = reference.exposures(window, a, half, float(speed), places, from_vertex=turns)
         return np.array([np.longdouble(mp.nstr(tap, 25)) for tap in taps])
 
     still = kernel(0.0)
@@ -155,8 +158,9 @@ def _exact_error(point: dict, box, a, half):
     power *= 0.04 / np.mean(power)
     spectra = []
     for speed in point["speeds"]:
-        lowest = _lowest_above_vertex(a, half, speed) - (speed**2 / (4 * a) if a > 0 else 0.0)
-        position = a * half * half * tau**2 - speed * half * tau - lowest
+        sag, smear = a * half * half, abs(np.longdouble(speed)) * half
+        lowest = -(smear**2) / (4 * sag) if smear < 2 * sag else sag - smear
+        position = sag * tau**2 - speed * half * tau - (lowest if a > 0 else 0)
         angle = 2 * np.longdouble(np.pi) * frequency[:, None] * position
         aperture = np.sinc(frequency)
         spectra.append((aperture * (np.cos(angle) @ light), aperture * (np.sin(angle) @ light)))
@@ -172,12 +176,6 @@ def _exact_error(point: dict, box, a, half):
     dark = total <= 0
     left = np.where(dark, 1, (signal * spread + noise) / np.where(dark, 1, total))
     return np.sqrt(np.mean(power * left) / 0.04)
-
-
-def _lowest_above_vertex(a, half, speed):
-    """Height over its vertex of the lowest position of a point, at which it is aligned; px."""
-    beyond = abs(speed) / 2 - a * half
-    return beyond**2 / a if a > 0 and beyond > 0 else 0.0
 
 
 def checked(name: str, point: dict, value: float, slopes: np.ndarray, rng) -> dict:

@@ -41,7 +41,8 @@ def write_gallery(folder: Path) -> None:
 def _entry(name: str, scene: Scene, stem: str, folder: Path) -> str:
     design = optimise(scene)
     comparison = compare(scene, design)
-    rows = dict(list(pictured_rows(comparison, (_OWN,)).items())[:_SHOWN])
+    shown = pictured_rows(comparison, (_OWN,), every=True).items()
+    rows = dict([(name, row) for name, row in shown if row.is_of_one_exposure][:_SHOWN])
     designs = {name: (row.motion, row.shutter) for name, row in rows.items()}
     fastest = float(scene.max_speed)
     light = example_picture().light[_ROWS]
@@ -50,12 +51,14 @@ def _entry(name: str, scene: Scene, stem: str, folder: Path) -> str:
         for name, of in designs.items()
     }
     figures = {
+        "levels": comparison.plot(),
         "photograph": plot_photograph(restored, [fastest / 2, fastest]),
         "profile": plot_profiles(designs),
         "kernels": plot_kernels({_OWN: designs[_OWN]}, [0.0, fastest / 2, fastest]),
     }
     names = ", ".join(designs)
     words = {
+        "levels": "The level of each option, and the ceiling of one exposure",
         "photograph": f"A part of a photograph, captured, restored, and its error, by: {names}",
         "profile": f"Transmittance over the exposure of: {names}",
         "kernels": "Blur kernels of the design at three speeds",

@@ -210,7 +210,7 @@ BAD = {
     "empty": (PICTURE, b"", "must hold at least one line; got an empty file"),
     "complex": (PICTURE, npy(np.zeros((2, 40), complex)), "must hold real numbers; got complex128"),
     "a-cube": (PICTURE, npy(np.zeros((2, 3, 40))), "must have rows; got shape (2, 3, 40)"),
-    "nan": (PICTURE, npy(np.full((2, 40), np.nan)), "must be finite; got [[nan"),
+    "nan": (PICTURE, npy(np.full((2, 40), np.nan)), "must be finite; got nan at [0, 0]"),
     "speed-of-light": (
         PICTURE + "speed_px_per_s = 3e8\n",
         b"1",

@@ -79,7 +79,7 @@ def test_nothing_to_restore_is_said_in_words():
     assert "there is nothing to restore" in table.verdict
     assert table.gain == 0
     assert table.row("shutter 0").metrics == table.row("Hann").metrics
-    assert "shutter 0" in table.text()
+    assert "shutter 0" in table.text(verbose=True)
 
 
 def test_what_each_purchase_brings():
@@ -145,8 +145,9 @@ def test_a_search_for_the_worst_speed_is_better_there_and_worse_in_the_mean():
     assert float(worst.worst_speed_psnr) > float(mean.worst_speed_psnr)
     assert float(worst.expected_psnr) < float(mean.expected_psnr)
     comparison = compare(SMALL, for_worst, loss=loss)
-    levels = [float(row.metrics.worst_speed_psnr) for row in comparison.rows]
-    assert [row.level for row in comparison.rows] == levels
+    rows = [row for row in comparison.rows if row.is_of_one_exposure]
+    levels = [float(row.metrics.worst_speed_psnr) for row in rows]
+    assert [row.level for row in rows] == levels
     assert max(levels) <= comparison.ceiling
     assert comparison.row("optimised").level >= max(row.level for row in comparison.rows[:3]) - 1e-3
 
@@ -205,7 +206,9 @@ def test_tables_of_rows_are_asked_for():
 @pytest.mark.slow
 def test_no_row_exceeds_the_ceiling(table):
     """At its own best motion or at the same."""
-    assert all(float(row.metrics.expected_psnr) <= table.ceiling for row in table.rows)
+    rows = [row for row in table.rows if row.is_of_one_exposure]
+    assert len(rows) > 3
+    assert all(float(row.metrics.expected_psnr) <= table.ceiling for row in rows)
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from support.rows import made_up
 from mishutter import Burst, Limits, Scene, WienerDecoder
 from mishutter.evaluation import KNOWN_SPEED, StillBursts
 from mishutter.report.by_decoder import judged_by
-from mishutter.report.verdict import bursts_of
+from mishutter.report.verdict import details_of
 from mishutter.search import BEST_MOVING_BURST, BEST_SNAPSHOT, BEST_STILL_BURST
 
 SCENE = Scene(
@@ -23,6 +23,11 @@ SCENE = Scene(
 )
 
 
+def _said_of(row):
+    """The details of an answer that takes a row, in one line."""
+    return " ".join(" ".join(details_of(SCENE, row)).split())
+
+
 def test_equal_stills_last_as_long_as_the_burst():
     """The stills that equal a burst that moves are counted in its own time, not in the scene's."""
     window, whole = StillBursts(SCENE, window=SEQUENCE.duration), StillBursts(SCENE)
@@ -31,8 +36,9 @@ def test_equal_stills_last_as_long_as_the_burst():
     assert counts[0] != counts[1]
     still, moving = made_up({BEST_STILL_BURST: level - 3, BEST_MOVING_BURST: level})
     stills = replace(SEQUENCE, frames=SEQUENCE.frames[:1] * 2)
-    rows = [replace(still, sequence=stills), replace(moving, sequence=SEQUENCE)]
-    assert bursts_of(SCENE, rows).equal_stills == counts[0]
+    frames = replace(SEQUENCE, psnr=level, worst_psnr=level - 9)
+    rows = [replace(still, sequence=stills), replace(moving, sequence=frames)]
+    assert f"are equal to {counts[0]} stills in the same time." in _said_of(rows[1])
 
 
 def test_photographs_are_restored_with_the_knowledge_of_the_row(monkeypatch):
@@ -67,5 +73,7 @@ def test_equal_stills_are_judged_as_the_burst_is(at_worst):
     stills = replace(SEQUENCE, frames=SEQUENCE.frames[:1] * 2)
     metrics = replace(moving.metrics, worst_speed_psnr=jnp.asarray(level))
     moving = replace(moving, metrics=metrics, at_worst=at_worst)
-    rows = [replace(still, sequence=stills), replace(moving, sequence=SEQUENCE)]
-    assert bursts_of(SCENE, rows).equal_stills == count
+    levels = {"worst_psnr" if at_worst else "psnr": level}
+    frames = replace(SEQUENCE, **{"psnr": level + 9, "worst_psnr": level - 9} | levels)
+    rows = [replace(still, sequence=stills), replace(moving, sequence=frames)]
+    assert f"are equal to {count} stills in the same time." in _said_of(rows[1])

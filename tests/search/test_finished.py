@@ -13,7 +13,7 @@ from mishutter.design import GIVEN as NO_LOSS
 # Of the search of a whole comparison these are single steps.
 from mishutter.search.rivals import is_finished
 from mishutter.search.search import _with_bursts
-from mishutter.search.sequences import instead_of, to_take
+from mishutter.search.sequences import choose_burst
 
 GIVEN = replace(a_design(HannShutter()), loss_name=NO_LOSS)
 SEARCHED = replace(GIVEN, loss_name=repr(ExpectedErrorLoss()))
@@ -45,13 +45,14 @@ MOVING = replace(SEQUENCE, psnr=31.2, worst_psnr=26.25, width_loss=None)
 
 def test_a_burst_is_taken_by_the_level_that_is_asked_for():
     """One that is better in the mean is worse at the worst speed, where that is asked for."""
-    assert to_take((STILL, MOVING)) is MOVING
-    assert to_take((STILL, MOVING), at_worst=True) is STILL
-    assert instead_of((STILL, MOVING), 30.5) is MOVING
-    assert instead_of((STILL, MOVING), 31.15) is None
-    assert instead_of((STILL, MOVING), 27.0, at_worst=True) is STILL
-    assert instead_of((STILL, MOVING), 28.5, at_worst=True) is None
-    assert instead_of((), 0.0) is None
+    bursts, exposure = (STILL, MOVING), (1, 1)
+    assert choose_burst(bursts) is MOVING
+    assert choose_burst(bursts, at_worst=True) is STILL
+    assert choose_burst(bursts, 30.5, exposure) is MOVING
+    assert choose_burst(bursts, 31.15, exposure) is None
+    assert choose_burst(bursts, 27.2, exposure, at_worst=True) is STILL
+    assert choose_burst(bursts, 28.5, exposure, at_worst=True) is None
+    assert choose_burst((), 0.0, exposure) is None
 
 
 @pytest.mark.parametrize(("loss", "best"), [(KnownSpeedLoss(), MOVING), (WorstSpeedLoss(), STILL)])
