@@ -183,6 +183,8 @@ def _exposure(
     else:
         (origin, is_own), exists = lowest_position(pieces), jnp.asarray(True)
     origin, is_own = jnp.where(from_vertex, origin, 0.0), is_own & from_vertex
+    # Rounding may put light below its lowest position, where an edge must not cut it off.
+    edges = jnp.where(from_vertex & (edges <= 0), -jnp.inf, edges)
     time = branch_times(pieces, edges, origin, is_own)
     falls = np.array([[[True], [False]]])
     first, last = time[..., :-1], time[..., 1:]

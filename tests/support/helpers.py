@@ -438,7 +438,7 @@ def turning_point(rng, dtype, slug):
 
 def turning_frequencies(rng, point, count=6):
     """Frequencies at which the phase turns up to some hundreds of times, and 0."""
-    cycles = 10 ** rng.uniform(-1, 2.3, count) * rng.choice([-1, 1], count)
+    cycles = 10 ** rng.uniform(-1, 2.0, count) * rng.choice([-1, 1], count)
     cycles[0] = 0
     return (cycles / point.stroke).astype(point.taps.dtype)
 

@@ -241,6 +241,11 @@ def integral_between(
     """
     ends = jnp.asarray(profile.breakpoints(np.dtype(begin.dtype)))
     length = jnp.diff(ends)
+    # What reaches an end of the exposure moves with it: a shutter may jump there.
+    begin, end = (
+        jnp.where(x <= ends[0], ends[0], jnp.where(x >= ends[-1], ends[-1], x))
+        for x in (begin, end)
+    )
 
     def of_one_piece(piece: Array, begin: Array, end: Array) -> Array:
         middle, width = (begin + end) / 2, end - begin

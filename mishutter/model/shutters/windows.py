@@ -24,6 +24,7 @@ from mishutter._core import (
 from mishutter.model.shutters.base import (
     AbstractAdjustableShutter,
     AbstractPiecewiseShutter,
+    Length,
     above_zero,
     polynomial,
     uniform_breakpoints,
@@ -241,7 +242,7 @@ class TukeyShutter(AbstractAdjustableShutter):
 
     def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         (taper,) = as_numpy(self.taper)
-        space, taper = namespace_of(taper), above_zero(taper.astype(dtype))
+        space, taper = namespace_of(taper), _whole_roundings(taper.astype(dtype))
         one = space.ones_like(taper)
         return as_float(space.stack([-one, taper - one, one - taper, one]))
 
@@ -249,7 +250,7 @@ class TukeyShutter(AbstractAdjustableShutter):
         self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
     ) -> Num[Array | np.ndarray, "pieces *offsets"]:
         taper = as_array_like(offset, self.taper).astype(np.finfo(offset.dtype).dtype)
-        space, taper = namespace_of(offset, taper), above_zero(taper).astype(offset.dtype)
+        space, taper = namespace_of(offset, taper), _whole_roundings(taper).astype(offset.dtype)
         quarter_turn = np.pi / (2 * taper)
         rising, falling = (quarter_turn * offset[piece] for piece in (0, 2))
         flat = space.ones_like(offset[1])
@@ -262,7 +263,7 @@ class TukeyShutter(AbstractAdjustableShutter):
         distance: Float[Array, "*cells"],
         width: Float[Array, "*cells"],
     ) -> Float[Array, "*cells"]:
-        taper = above_zero(self.taper.astype(width.dtype))
+        taper = _whole_roundings(self.taper.astype(width.dtype))
         flat = piece == 1
         rising, rest = (piece == 0) == from_left, taper - distance
         height, depth = jnp.where(rising, distance, rest), jnp.where(rising, rest, distance)
@@ -275,6 +276,18 @@ class TukeyShutter(AbstractAdjustableShutter):
 
     def at(self, box: Float[Array, "p"]) -> "TukeyShutter":
         return TukeyShutter(box[0])
+
+
+def _whole_roundings(length: Length) -> Length:
+    """A length of time of whole roundings of 1, one at least, with the derivative of the length.
+
+    Its distance from an end of the exposure is exact: a ramp is as long as its breakpoints say.
+    """
+    space, rounding = namespace_of(length), np.finfo(np.dtype(length.dtype)).eps
+    whole = space.maximum(space.round(length / rounding), space.ones_like(length)) * rounding
+    if isinstance(whole, np.ndarray | np.generic):
+        return np.asarray(whole)
+    return length + jax.lax.stop_gradient(whole - length)
 
 
 def _inside(tau: Array, value: Array) -> Array:
