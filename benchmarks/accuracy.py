@@ -14,8 +14,6 @@ from support import helpers  # noqa: E402
 from benchmarks import harness  # noqa: E402
 
 SLUGS = ("hann", "flutter", "spline", "tukey", "gaussian-narrow")
-TRANSFER_STROKE = 1e4
-"""Longest stroke, px, for which the accuracy of the transfer function is promised."""
 TRANSFER = {
     "transfer function": helpers.transfer_error,
     "its derivatives": helpers.transfer_derivative_error,
@@ -37,16 +35,13 @@ def measure() -> list[dict]:
             truth = helpers.exact_taps(point)
             entry["points"] += 1
             entry["taps"] = max(entry["taps"], helpers.tap_error(taps, point, truth))
-            if point.stroke <= TRANSFER_STROKE:
-                frequencies = helpers.random_frequencies(rng, dtype)
-                for column, error_of in TRANSFER.items():
-                    entry[column] = max(entry[column] or 0.0, error_of(point, frequencies))
+            frequencies = helpers.random_frequencies(rng, point)
+            for column, error_of in TRANSFER.items():
+                entry[column] = max(entry[column] or 0.0, error_of(point, frequencies))
             for column, argument in enumerate(helpers.ARGUMENTS):
                 if index % 5 or (argument == "position" and helpers.edge_at_vertex(point)):
                     continue
-                error = helpers.derivative_error(
-                    derivatives[:, column], point, argument, max(truth)
-                )
+                error = helpers.derivative_error(derivatives[:, column], point, argument, truth)
                 entry["derivatives"] = max(entry["derivatives"], error)
         rows += [{"precision": precision, "regime": k, **v} for k, v in sorted(worst.items())]
     return rows

@@ -72,7 +72,7 @@ def _intervals(problem: Problem, a, T, s, edges=None):
 def gauss_legendre(problem: Problem, count: int) -> Method:
     """Fixed rule on each chip's part of each tap."""
     nodes, weights = np.polynomial.legendre.leggauss(count)
-    ends = np.asarray(piecewise(problem.shutter).breakpoints(np.dtype(np.float64)).high)
+    ends = np.asarray(piecewise(problem.shutter).breakpoints(np.dtype(np.float64)))
 
     def taps(a, T, s):
         lower, upper = _intervals(problem, a, T, s)
@@ -172,7 +172,7 @@ def adaptive(problem: Problem, tolerance: float) -> Method:
 
 def scipy_quad(problem: Problem, tolerance: float) -> Method:
     """SciPy's `quad` on each tap, told where the breakpoints are."""
-    ends = np.asarray(piecewise(problem.shutter).breakpoints(np.dtype(np.float64)).high)
+    ends = np.asarray(piecewise(problem.shutter).breakpoints(np.dtype(np.float64)))
     light = jax.jit(lambda tau: problem.shutter.transmittance(tau))
     values = partial(_interpolated, light)
 

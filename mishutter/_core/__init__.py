@@ -1,4 +1,4 @@
-"""Argument checks, compilation, threads, double words, validation and files."""
+"""Argument checks, compilation, threads, validation and files."""
 
 from mishutter._core.checks import RowLike as RowLike
 from mishutter._core.checks import Unquoted as Unquoted
@@ -36,15 +36,6 @@ from mishutter._core.compiling import is_tracing as is_tracing
 from mishutter._core.compiling import keep_compiled_programs as keep_compiled_programs
 from mishutter._core.compiling import mend_compilation_cache as mend_compilation_cache
 from mishutter._core.compiling import outside_trace as outside_trace
-from mishutter._core.double_double import DoubleWord as DoubleWord
-from mishutter._core.double_double import add as add
-from mishutter._core.double_double import fractions_as_words as fractions_as_words
-from mishutter._core.double_double import multiply as multiply
-from mishutter._core.double_double import negate as negate
-from mishutter._core.double_double import reciprocal as reciprocal
-from mishutter._core.double_double import two_product as two_product
-from mishutter._core.double_double import two_sum as two_sum
-from mishutter._core.double_double import word as word
 from mishutter._core.files import contents as contents
 from mishutter._core.files import is_own_folder as is_own_folder
 from mishutter._core.files import short_names as short_names

@@ -10,8 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from mishutter._core import DoubleWord, all_concrete, compiled, device_constant
-from mishutter.blur.free_path import RefinedShutter, refined
+from mishutter._core import all_concrete, compiled, device_constant
 from mishutter.model import (
     FEW_PIECES,
     AbstractPiecewiseShutter,
@@ -67,7 +66,7 @@ def _nodes_of_polynomials(
     shutter: PolynomialShutter, num_nodes: int, path_ends: tuple[Fraction, ...]
 ) -> ExposureQuadrature:
     """Nodes of panels that end where polynomials or pieces of a path end."""
-    ends = np.union1d(shutter.ends.high, np.array(path_ends[1:-1], np.float64))
+    ends = np.union1d(shutter.ends, np.array(path_ends[1:-1], np.float64))
     panels = []
     for begin, width in zip(ends[:-1], np.diff(ends), strict=True):
         nodes, weights = _panel_rule(1, math.ceil(num_nodes * width / 2) + _SPARE_NODES)
@@ -92,13 +91,14 @@ def _nodes_of_pieces(
     shutter: AbstractShutter, num_nodes: int, dtype: np.dtype, path_ends: tuple[Fraction, ...]
 ) -> ExposureQuadrature:
     profile = piecewise(shutter)
-    profile = refined(profile, path_ends, dtype)[0] if path_ends else profile
-    ends = profile.breakpoints(dtype)
+    ends = jnp.asarray(profile.breakpoints(dtype))
     # A few unequal pieces may have any lengths, and panels of their own would be as many for the
     # shortest as for the longest.
-    few = ends.high.size <= FEW_PIECES + 1 and not profile.equal_pieces and not path_ends
-    rule = _shared_panels if few else _own_panels
-    tau, weight = rule(profile, ends, num_nodes)
+    few = ends.size <= FEW_PIECES + 1 and not profile.equal_pieces
+    if path_ends:
+        tau, weight = _panels_of_path(profile, ends, num_nodes, path_ends)
+    else:
+        tau, weight = (_shared_panels if few else _own_panels)(profile, ends, num_nodes)
     padding = (0, _padded_length(num_nodes, tau.size) - tau.size)
     efficiency = mean_transmittance(profile, dtype)
     return ExposureQuadrature(jnp.pad(tau, padding), jnp.pad(weight, padding), efficiency)
@@ -110,35 +110,61 @@ def mean_transmittance(profile: AbstractPiecewiseShutter, dtype: np.dtype) -> Fl
 
 
 def _own_panels(
-    profile: AbstractPiecewiseShutter, exact_ends: DoubleWord, num_nodes: int
+    profile: AbstractPiecewiseShutter, ends: Float[Array, "ends"], num_nodes: int
 ) -> tuple[Float[Array, "q"], Float[Array, "q"]]:
     """Nodes of panels; every piece has as many as the longest one needs."""
-    ends = exact_ends.high
     num_panels = profile.panels_per_piece
     # Of many unequal pieces none is longer than twice their mean, as their class promises.
     longest = (1 if profile.equal_pieces else 2) / (ends.size - 1)
-    longest = profile.longest / 2 if isinstance(profile, RefinedShutter) else longest
-    per_panel = math.ceil(num_nodes * longest / num_panels)
-    nodes, weights = _panel_rule(num_panels, per_panel)
-    length = jnp.diff(ends)[:, None]
-    offset = length * jnp.asarray(nodes, ends.dtype)[None]
-    shares = length / 2 * jnp.asarray(weights, ends.dtype)[None]
+    offset, shares = _panels(ends, num_panels, math.ceil(num_nodes * longest / num_panels))
     weight = shares * profile.piece_transmittance(offset)
     return (ends[:-1, None] + offset).ravel(), weight.ravel()
 
 
+def _panels_of_path(
+    profile: AbstractPiecewiseShutter,
+    ends: Float[Array, "ends"],
+    num_nodes: int,
+    path_ends: tuple[Fraction, ...],
+) -> tuple[Float[Array, "q"], Float[Array, "q"]]:
+    """Nodes of panels that end where pieces of the shutter or of a path do."""
+    cuts = np.array(path_ends, np.float64)
+    longest, num_panels = float(np.max(np.diff(cuts))), profile.panels_per_piece
+    if profile.equal_pieces:
+        count = ends.size - 1
+        equal = 2 / count
+        longest = min(longest, equal)
+        # Where the path cuts pieces short, fewer panels are as fine.
+        num_panels = math.ceil(num_panels * longest / equal)
+        ends = jnp.asarray(np.union1d(np.arange(-count, count + 1, 2) / count, cuts), ends.dtype)
+    else:
+        ends = jnp.sort(jnp.concatenate([ends, jnp.asarray(cuts[1:-1], ends.dtype)]))
+    offset, shares = _panels(ends, num_panels, math.ceil(num_nodes * longest / 2 / num_panels))
+    tau = (ends[:-1, None] + offset).ravel()
+    return tau, shares.ravel() * profile.transmittance(tau)
+
+
+def _panels(
+    ends: Float[Array, "ends"], num_panels: int, per_panel: int
+) -> tuple[Float[Array, "n q"], Float[Array, "n q"]]:
+    """Offsets of nodes from the beginnings of intervals, and weights, of half their integrals."""
+    rule = _panel_rule(num_panels, per_panel)
+    nodes, weights = (jnp.asarray(x, ends.dtype)[None] for x in rule)
+    length = jnp.diff(ends)[:, None]
+    return length * nodes, length / 2 * weights
+
+
 def _shared_panels(
-    profile: AbstractPiecewiseShutter, exact_ends: DoubleWord, num_nodes: int
+    profile: AbstractPiecewiseShutter, ends: Float[Array, "ends"], num_nodes: int
 ) -> tuple[Float[Array, "q"], Float[Array, "q"]]:
     """Nodes of panels that are distributed over the pieces by length, which parameters may change.
 
     No panel is longer than one of `num_equal` equal panels, and unused panels have no weight.
     """
-    ends = exact_ends.high
     num_equal = math.ceil(num_nodes / _SHARED_PANEL_NODES)
     rule = _panel_rule(1, math.ceil(num_nodes / num_equal))
     nodes, weights = (x.astype(ends.dtype)[None] for x in rule)
-    length, least = jnp.diff(ends) + jnp.diff(exact_ends.low), profile.panels_per_piece
+    length, least = jnp.diff(ends), profile.panels_per_piece
     panel = np.arange(num_equal + length.size * least - 1, dtype=ends.dtype)[:, None]
     # Prevents the sum of the counts, which are rounded up, from exceeding the number of panels.
     count = jnp.ceil(jax.lax.stop_gradient(length) * (num_equal / 2 * (1 - 1e-6)))

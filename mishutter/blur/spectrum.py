@@ -3,6 +3,9 @@
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
 
+import math
+
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,40 +13,30 @@ from jaxtyping import Array, Complex, Float
 
 from mishutter._core import (
     RowLike,
+    all_concrete,
     as_float,
     common_dtype,
     compiled,
+    primal_values,
     require,
     require_finite,
     require_positive_int,
     shape_of,
 )
-from mishutter.blur.free_path import refined
-from mishutter.blur.steepest_descent import (
-    Panels,
-    along_panel,
-    along_rays,
-    free_panels,
-    panels,
-    turns_far,
-)
-from mishutter.blur.trajectory import speed_on_sensor
-from mishutter.model import (
-    AbstractMotion,
-    AbstractPiecewiseShutter,
-    AbstractShutter,
-    FreeMotion,
-    piecewise,
-    steady,
-)
+from mishutter.blur.quadrature import ExposureQuadrature, exposure_quadrature
+from mishutter.model import AbstractMotion, AbstractShutter
 
 _MIN_FREQUENCIES = 1024
 _MOST_FREQUENCIES = 1 << 26
 """Longest transform; it takes a GiB."""
 _ZERO_RESPONSE_ULP = 8
 """Roundings of the sum of the taps up to which a response counts as zero."""
-_BLOCK_SIZE = 1 << 14
-"""Frequencies times panels in one block; it bounds the memory."""
+_BLOCK_SIZE = 1 << 18
+"""Frequencies times nodes in one block; it bounds the memory."""
+_CYCLES_PER_NODE, _SPARE_NODES = 0.25, 64
+"""Periods of the fastest wave for each node, and nodes beyond their share."""
+_TRACED_NODES, _MOST_NODES = 1 << 12, 1 << 20
+"""Nodes where the numbers that decide them are traced, and the most where they are known."""
 
 
 def condition_number(kernel: RowLike, *, num_frequencies: int | None = None) -> Float[Array, ""]:
@@ -106,11 +99,11 @@ def transfer_function(
     r"""Response to a spatial frequency, in the sensor frame, without the pixel aperture.
 
     $H(f) = \frac{1}{2T}\int_{-T}^{T} w(t/T)\,e^{-2\pi i f x(t)}\,dt$ with
-    $x(t) = a t^2 - (s - v) t$, the path (5) of the paper on a sensor that pans. Accurate to
-    1e-12 in float64 and 1e-6 in float32 at every frequency, speed and acceleration, zero
-    included. First derivatives, each times the size of its argument (for speed and velocity
-    that of $s - v$, at least $2aT$), are exact to 1e-9 (1e-4) of the largest at their
-    frequency or to 1e-12 (1e-5).
+    $x(t) = a t^2 - (s - v) t$, the path (5) of the paper on a sensor that pans, or any other. By
+    quadrature, with as many nodes as the fastest wave has turns: exact to 1e-12 in float64, and in
+    float32 to 1e-6 and the rounding of the phase, 2e-7 of its turns. Under `jit` and `vmap`, where
+    speed, frequency or motion is traced, 4,096 nodes hold 1,000 turns over the exposure, and more
+    are an error at run time.
 
     Args:
         shutter: Transmittance over the exposure.
@@ -123,7 +116,8 @@ def transfer_function(
         $H(f)$; the shape of `frequency`, broadcast with `speed`.
 
     Raises:
-        ValueError: if `speed` or `frequency` is not finite, or their shapes do not broadcast.
+        ValueError: if `speed` or `frequency` is not finite, their shapes do not broadcast, or the
+            phase turns more than 262,128 times over the exposure.
 
     Examples:
         >>> import numpy as np
@@ -140,7 +134,28 @@ def transfer_function(
     shape = _common_shape(np.shape(speed), np.shape(frequency))
     s = jnp.broadcast_to(jnp.asarray(speed, dtype), shape).reshape(-1)
     f = jnp.broadcast_to(jnp.asarray(frequency, dtype), shape).reshape(-1)
-    return _transfer(piecewise(shutter), motion, s, f).reshape(shape)
+    num_nodes, f = _num_nodes(motion, s, f)
+    nodes = exposure_quadrature(shutter, num_nodes, dtype, motion.piece_ends)
+    return _transfer(nodes, motion, s, f).reshape(shape)
+
+
+def _num_nodes(motion: AbstractMotion, s: Array, f: Array) -> tuple[int, Array]:
+    """Nodes that hold the phase at every point, and frequencies, refused at run time if traced."""
+    subject = "transfer_function(frequency=...)"
+    motion, speeds, frequencies = primal_values((motion, s, f))
+    # Whole turns that the phase takes over the exposure, at most.
+    fastest = (motion.speed_gain + abs(speeds - motion.velocity)) * motion.half_exposure
+    turns = jnp.max(2 * abs(frequencies) * fastest, initial=0.0)
+    if not all_concrete(turns):
+        most = int(_CYCLES_PER_NODE * (_TRACED_NODES - _SPARE_NODES))
+        message = f"`{subject}` must turn the phase at most {most} times where numbers are traced."
+        return _TRACED_NODES, eqx.error_if(f, turns > most, message)
+    most = int(_CYCLES_PER_NODE * (_MOST_NODES - _SPARE_NODES))
+    holds = float(turns) <= most
+    require(holds, subject, f"turn the phase at most {most} times over the exposure", float(turns))
+    # Powers of two, so that other speeds and frequencies share a program.
+    least = math.ceil(float(turns) / _CYCLES_PER_NODE) + _SPARE_NODES
+    return 1 << (least - 1).bit_length(), f
 
 
 def _common_shape(speed: tuple[int, ...], frequency: tuple[int, ...]) -> tuple[int, ...]:
@@ -153,54 +168,21 @@ def _common_shape(speed: tuple[int, ...], frequency: tuple[int, ...]) -> tuple[i
 
 @compiled
 def _transfer(
-    profile: AbstractPiecewiseShutter,
+    nodes: ExposureQuadrature,
     motion: AbstractMotion,
     s: Float[Array, "points"],
     f: Float[Array, "points"],
 ) -> Complex[Array, "points"]:
-    # Not `abs`, whose derivative at 0 is 0: that of the response at 0 is not.
-    response = _at_positive(profile, motion, s, jnp.where(f < 0, -f, f))
-    return jnp.where(f < 0, jnp.conj(response), response)
-
-
-def _at_positive(
-    profile: AbstractPiecewiseShutter,
-    motion: AbstractMotion,
-    s: Float[Array, "points"],
-    f: Float[Array, "points"],
-) -> Complex[Array, "points"]:
-    """The transfer function at frequencies of at least 0."""
-    dtype = np.dtype(f.dtype)
-    T, v = (x.astype(dtype) for x in (motion.half_exposure, motion.velocity))
-    if isinstance(motion, FreeMotion):
-        profile, place = refined(profile, motion.piece_ends, dtype)
-
-        def panels_at(s: Array, f: Array) -> tuple[Panels, Array | None]:
-            return free_panels(profile, place, motion, speed_on_sensor(s, v), f)
-    else:
-        a = steady(motion).acceleration.astype(dtype)
-
-        def panels_at(s: Array, f: Array) -> tuple[Panels, Array | None]:
-            return panels(profile, a, T, speed_on_sensor(s, v), f), None
+    tau, weight = nodes.tau[None], nodes.weight[None]
 
     def block(points: tuple[Array, Array]) -> Array:
-        panel, is_mirrored = jax.vmap(panels_at)(*points)
-        direct = jax.vmap(lambda p: along_panel(profile, p))(panel)
-        far = turns_far(panel)
-        # Short or slow exposures have no far panel, and are spared the rays.
-        descent = jax.lax.cond(
-            jnp.any(far),
-            jax.vmap(lambda p: along_rays(profile, p)),
-            lambda _: jnp.zeros_like(direct),
-            panel,
-        )
-        integral = jnp.where(far, descent, direct)
-        if is_mirrored is not None:
-            integral = jnp.where(is_mirrored, jnp.conj(integral), integral)
-        return jnp.sum(integral, axis=(1, 2)) / 2
+        speed, frequency = (x[:, None] for x in points)
+        turns = frequency * motion.position_of(tau, speed)
+        angle = (-2 * jnp.pi) * (turns - jnp.round(turns))
+        real, imaginary = (jnp.sum(weight * wave(angle), axis=1) for wave in (jnp.cos, jnp.sin))
+        return jax.lax.complex(real, imaginary)
 
-    num_pieces = profile.breakpoints(dtype).high.size - 1
-    length = max(1, _BLOCK_SIZE // (num_pieces * profile.panels_per_piece))
+    length = max(1, _BLOCK_SIZE // nodes.tau.size)
     if f.size <= length:
         return block((s, f))
     index = np.minimum(np.arange(-(-f.size // length) * length), f.size - 1).reshape(-1, length)

@@ -244,7 +244,7 @@ def _nodes(
     half = float(motion.half_exposure)
     profile = piecewise(shutter)
     dtype = np.dtype(profile.dtype() or common_dtype())
-    breaks = np.asarray(profile.breakpoints(dtype).high, np.float64)
+    breaks = np.asarray(profile.breakpoints(dtype), np.float64)
     breaks = np.append(breaks, np.array(motion.piece_ends, float))
     fastest = float(motion.top_speed) * half
     count = _NUM_PANELS + int(np.ceil(2 * fastest / _PX_A_PANEL))

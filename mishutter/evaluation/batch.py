@@ -503,7 +503,7 @@ def _kernel_numbers(
         def add(block: Int[Array, ""], sums: _BlockSums) -> _BlockSums:
             first = need.first + (block * _TAPS).astype(box.dtype)
             kernels, efficiency = kernels_and_efficiency(
-                profile, motion, speeds, first, num_taps=_TAPS, num_runs=1
+                profile, motion, speeds, first, num_taps=_TAPS
             )
             some = assembled(scene, Records(kernels, jnp.zeros(0), efficiency), plan)
             # A block without light of an object at rest goes to the room behind its kernel.

@@ -187,16 +187,13 @@ def _kernels_and_efficiency(
     first = kernel_phase(motion, num_taps)
     if not all_concrete((shutter, motion, speeds)):
         speeds, first = (jnp.asarray(x, dtype) for x in (speeds, first))
-        return kernels_and_efficiency(
-            shutter, motion, speeds, first, num_taps=num_taps, num_runs=motion.num_runs
-        )
+        return kernels_and_efficiency(shutter, motion, speeds, first, num_taps=num_taps)
     shutter = in_one_form(shutter, dtype)
     count, length = len(speeds), max(_LEAST_TAPS, size_class(num_taps))
     padded = np.pad(np.asarray(speeds, dtype), (0, -count % _SPEEDS_AT_ONCE))
     of_part = partial(
         kernels_and_efficiency,
         num_taps=length,
-        num_runs=motion.num_runs,
         in_turn=jax.default_backend() == "cpu",
     )
     first = np.asarray(first, dtype)
@@ -213,7 +210,6 @@ def kernels_and_efficiency(
     first: Float[Array | np.ndarray, ""],
     *,
     num_taps: int,
-    num_runs: int,
     in_turn: bool = False,
 ) -> tuple[Float[Array, "s {num_taps}"], Float[Array, ""]]:
     """Kernels whose first tap begins at `first`, px from the point of alignment; efficiency.
@@ -231,9 +227,7 @@ def kernels_and_efficiency(
         from_vertex = jnp.asarray(rising.is_at_vertex(relative))
         begin = jnp.asarray(rising.alignment(relative), speeds.dtype)
         begin = first + jnp.where(from_vertex, 0.0, begin)
-        return aligned_kernel(
-            shutter, rising, relative, num_taps, begin, from_vertex=from_vertex, count=num_runs
-        )
+        return aligned_kernel(shutter, rising, relative, num_taps, begin, from_vertex=from_vertex)
 
     efficiency = mean_transmittance(piecewise(shutter), np.dtype(speeds.dtype))
     of_each = partial(jax.lax.map, one) if in_turn else jax.vmap(one)

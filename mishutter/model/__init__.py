@@ -84,11 +84,11 @@ from mishutter.model.shutters import shutter_to_dict as shutter_to_dict
 from mishutter.model.shutters.base import FEW_PIECES as FEW_PIECES
 from mishutter.model.shutters.base import at_coordinates as at_coordinates
 from mishutter.model.shutters.base import coordinates as coordinates
+from mishutter.model.shutters.base import integral_between as integral_between
 from mishutter.model.shutters.base import integrated_transmittance as integrated_transmittance
 from mishutter.model.shutters.base import is_adjustable as is_adjustable
 from mishutter.model.shutters.base import num_coordinates as num_coordinates
 from mishutter.model.shutters.base import piecewise as piecewise
-from mishutter.model.shutters.base import uniform_fractions as uniform_fractions
 from mishutter.model.shutters.base import within_unit as within_unit
 from mishutter.model.shutters.polynomials import PolynomialShutter as PolynomialShutter
 from mishutter.model.shutters.polynomials import in_one_form as in_one_form

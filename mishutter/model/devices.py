@@ -28,7 +28,6 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
 
 from mishutter._core import (
     AbstractModule,
-    DoubleWord,
     all_concrete,
     as_float,
     fields_text,
@@ -555,10 +554,6 @@ class TransmittedShutter(AbstractPiecewiseShutter):
         return self.profile.panels_per_piece
 
     @property
-    def smooth_length(self) -> float | Array:
-        return self.profile.smooth_length
-
-    @property
     def equal_pieces(self) -> bool:
         return self.profile.equal_pieces
 
@@ -576,7 +571,7 @@ class TransmittedShutter(AbstractPiecewiseShutter):
         own = self.profile.dtype()
         return np.dtype(self.leakage.dtype) if own is None else own
 
-    def breakpoints(self, dtype: np.dtype) -> DoubleWord:
+    def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         return self.profile.breakpoints(dtype)
 
     def piece_transmittance(

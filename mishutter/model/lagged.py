@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
 
-from mishutter._core import DoubleWord, compiled, two_sum
+from mishutter._core import compiled
 from mishutter.model.shutters import AbstractPiecewiseShutter
 from mishutter.model.shutters.base import above_zero, polynomial, uniform_breakpoints
 
@@ -36,18 +36,17 @@ class LaggedShutter(AbstractPiecewiseShutter):
         constants: Time constant of each slot, $\sigma$; shape `(n,)`.
     """
 
-    begins: DoubleWord
+    begins: Array
     levels: Array
     starts: Array
     constants: Array
     panels_per_piece: ClassVar[int] = 1
-    smooth_length: ClassVar[float] = 2.0
     equal_pieces: ClassVar[bool] = False
     symmetric: ClassVar[bool] = False
 
     def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
         tau = jnp.asarray(tau, self.levels.dtype)
-        begins = self.begins.high
+        begins = self.begins
         slot = jnp.clip(jnp.searchsorted(begins, tau, side="right") - 1, 0, self.levels.size - 1)
         share = jnp.maximum(tau - begins[slot], 0) / self.constants[slot]
         decay, growth = jnp.exp(-share), -jnp.expm1(-share)
@@ -57,18 +56,11 @@ class LaggedShutter(AbstractPiecewiseShutter):
     def dtype(self) -> np.dtype | None:
         return np.dtype(self.levels.dtype)
 
-    def breakpoints(self, dtype: np.dtype) -> DoubleWord:
-        high, low = (x.astype(dtype) for x in self.begins)
-        length = jnp.diff(high) + jnp.diff(low)
-        transient = _TRANSIENT * self.constants.astype(dtype)
-        short = transient < length
-        cut = two_sum(high[:-1], jnp.where(short, transient, 0.0))
-        cut = (jnp.where(short, cut.high, high[1:]), jnp.where(short, cut.low + low[:-1], low[1:]))
-        pairs = (
-            jnp.stack([begin[:-1], middle], axis=1).ravel()
-            for begin, middle in zip((high, low), cut, strict=True)
-        )
-        return DoubleWord(*(jnp.append(x, y[-1]) for x, y in zip(pairs, (high, low), strict=True)))
+    def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
+        begins = self.begins.astype(dtype)
+        settled = begins[:-1] + _TRANSIENT * self.constants.astype(dtype)
+        cut = jnp.where(settled < begins[1:], settled, begins[1:])
+        return jnp.append(jnp.stack([begins[:-1], cut], axis=1).ravel(), begins[-1])
 
     def piece_transmittance(
         self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
@@ -91,8 +83,7 @@ class LaggedShutter(AbstractPiecewiseShutter):
         width: Float[Array, "*cells"],
     ) -> Float[Array, "*cells"]:
         dtype = np.dtype(width.dtype)
-        ends = self.breakpoints(dtype)
-        length = (jnp.diff(ends.high) + jnp.diff(ends.low))[piece]
+        length = jnp.diff(self.breakpoints(dtype))[piece]
         levels, starts, constants = (
             x.astype(dtype)[piece // 2] for x in (self.levels, self.starts, self.constants)
         )
@@ -141,16 +132,12 @@ def lagged(
         slot = 2 / count
         late = jnp.floor(jax.lax.stop_gradient(delay) / slot)
         past = jnp.clip(delay - late * slot, 0, slot)
-        inner = two_sum(begins.high[:-1], jnp.broadcast_to(past, (count,)))
-        begins = DoubleWord(
-            jnp.concatenate([begins.high[:1], inner.high, begins.high[-1:]]),
-            jnp.concatenate([begins.low[:1], inner.low + begins.low[:-1], begins.low[-1:]]),
-        )
+        begins = jnp.concatenate([begins[:1], begins[:-1] + past, begins[-1:]])
         sent = (
             jnp.arange(count + 1, dtype=jnp.int32) - 1 - jnp.minimum(late, count).astype(jnp.int32)
         )
         levels = levels[jnp.clip(sent, 0, count - 1)]
-    lengths = jnp.diff(begins.high) + jnp.diff(begins.low)
+    lengths = jnp.diff(begins)
     rise, fall = above_zero(rise), above_zero(fall)
 
     def step(state: Array, slot: tuple[Array, Array]):

@@ -26,7 +26,6 @@ from mishutter._core import (
     common_dtype,
     is_concrete,
     namespace_of,
-    primal_values,
     require,
     require_finite,
     require_positive_int,
@@ -294,8 +293,8 @@ class AbstractMotion(AbstractModule):
 
     @property
     @abstractmethod
-    def num_runs(self) -> int:
-        """Number of stretches on which the acceleration keeps its sign; at most, if traced."""
+    def piece_accelerations(self) -> Array:
+        """$a$ of each piece that has a length; px/s^2, shape `(K,)`."""
 
     @property
     @abstractmethod
@@ -470,9 +469,9 @@ class ParabolicMotion(AbstractMotion):
         return ()
 
     @property
-    def num_runs(self) -> int:
-        """One: the acceleration keeps its sign."""
-        return 1
+    def piece_accelerations(self) -> Array:
+        """$a$ of the one piece; px/s^2."""
+        return jnp.reshape(self.acceleration, 1)
 
     def acceleration_shares(self, num_pieces: int) -> Array:
         """Ones, of a path that accelerates alike everywhere.
@@ -770,14 +769,9 @@ class FreeMotion(AbstractMotion):
         return tuple(dict.fromkeys(exact_ends(self.durations, self.accelerations.size)))
 
     @property
-    def num_runs(self) -> int:
-        """Number of stretches of one sign; that of the pieces if the accelerations are traced."""
-        a, lasting = primal_values(self.accelerations), self.lasting
-        if not is_concrete(a):
-            return lasting.size
-        signs = np.sign(np.asarray(a)[lasting])
-        signs = signs[signs != 0]
-        return 1 + int(np.sum(signs[1:] != signs[:-1]))
+    def piece_accelerations(self) -> Array:
+        """$a$ of each piece that has a length; px/s^2."""
+        return self.accelerations[self.lasting]
 
     def acceleration_shares(self, num_pieces: int) -> Array:
         """Accelerations over their mean, those below 0 as 0; shape `(K,)`.

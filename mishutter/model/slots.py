@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float, Shaped
 
 from mishutter._core import compiled
 from mishutter.model.shutters import AbstractPiecewiseShutter, AbstractShutter, piecewise
-from mishutter.model.shutters.base import uniform_breakpoints, within_unit
+from mishutter.model.shutters.base import integral_between, uniform_breakpoints, within_unit
 
 _TIE = 1e-5
 """Share of a level by which the upper of two equally near ones is preferred, so that no rounding
@@ -32,22 +32,8 @@ def slot_means(
 def _slot_means(
     profile: AbstractPiecewiseShutter, num_slots: int, dtype: np.dtype
 ) -> Float[Array, "{num_slots}"]:
-    slots, ends = (
-        x.high for x in (uniform_breakpoints(num_slots, dtype), profile.breakpoints(dtype))
-    )
-    # Pieces and slots cut one another into as many cells as they are together.
-    edges = jnp.sort(jnp.concatenate([slots, ends[1:-1]]))
-    slot, piece = (jnp.searchsorted(x[1:-1], edges[:-1], side="right") for x in (slots, ends))
-    width = jnp.diff(edges)
-    middle = edges[:-1] + width / 2
-    before, after = middle - ends[piece], ends[piece + 1] - middle
-    from_left = before <= after
-    mean = profile.piece_mean(piece, from_left, jnp.where(from_left, before, after), width)
-    transmittance, time = (
-        jax.ops.segment_sum(jnp.where(width > 0, x, 0.0), slot, num_slots)
-        for x in (width * mean, width)
-    )
-    return within_unit(transmittance / time)
+    ends = uniform_breakpoints(num_slots, dtype)
+    return within_unit(integral_between(profile, ends[:-1], ends[1:]) / jnp.diff(ends))
 
 
 @compiled

@@ -67,7 +67,7 @@ def test_nodes_of_a_known_shutter_are_as_exact(slug, num_nodes, ends):
         return np.exp(1j * turn[:, None] * (tau + 1) ** 2 / 4) @ light
 
     nodes = exposure_quadrature(shutter, num_nodes, dtype, ends)
-    cuts = np.asarray(shutter.breakpoints(dtype).high)
+    cuts = np.asarray(shutter.breakpoints(dtype))
     cuts = np.unique([np.linspace(*pair, 101) for pair in itertools.pairwise(cuts)])
     place, weight = np.polynomial.legendre.leggauss(24)
     half = np.diff(cuts)[:, None] / 2

@@ -21,13 +21,13 @@ from mishutter import (
 
 IDENTITY = 1e-13
 """Two routes to the same number of modulus below one."""
-ALIASES = 2e-5
-"""What is left out beyond the 400th alias."""
+ALIASES = 8e-5
+"""What is left out beyond the 100th alias."""
 PUBLISHED = 5e-3
 """Figures printed to two decimals."""
 
 MOTION = ParabolicMotion(acceleration=310.0, half_exposure=0.31)
-FREQUENCY = np.array([0.0, 0.013, -0.21, 0.47, 3.1, 77.0])
+FREQUENCY = np.array([0.0, 0.013, -0.21, 0.47, 3.1, 4.1])
 
 
 @pytest.mark.slow
@@ -46,7 +46,7 @@ def test_it_is_the_transform_of_the_kernel():
     """The Fourier series of the exact taps is the transfer function times the aperture."""
     edges = np.arange(-41.0, 60.0)
     taps = np.asarray(binned_exposure(HannShutter(), MOTION, speed=71.0, edges=edges))
-    orders = np.arange(-400, 401)
+    orders = np.arange(-100, 101)
     aliases = FREQUENCY[:4, None] + orders
     others = np.asarray(transfer_function(HannShutter(), MOTION, speed=71.0, frequency=aliases))
     folded = np.sum(others * np.sinc(aliases) * (-1.0) ** orders, axis=1)

@@ -33,15 +33,13 @@ from support import reference
 class ShutterCase:
     """A shutter of given parameters, and the reference window of the same ones.
 
-    Random points take its parameters from those `drawn`, where there is such a range. Where it
-    `scales`, its parameter is the unit that it counts time in.
+    Random points take its parameters from those `drawn`, where there is such a range.
     """
 
     parameters: np.ndarray
     make: Callable[[np.ndarray], AbstractShutter]
     window: Callable[[np.ndarray], reference.Window]
     drawn: tuple[float, float] | None = None
-    scales: bool = False
 
     def shutter(self, dtype=np.float64):
         return self.make(self.parameters.astype(dtype))
@@ -75,11 +73,9 @@ SHUTTERS = {
     "rect": _fixed(RectShutter, reference.rect),
     "hann": _fixed(HannShutter, reference.hann),
     "triangle": _fixed(TriangleShutter, reference.triangle),
-    "gaussian": _single(0.37, GaussianShutter, reference.gaussian, scales=True),
+    "gaussian": _single(0.37, GaussianShutter, reference.gaussian),
     # From narrower ones than may be asked for, so that there is something in hand.
-    "gaussian-narrow": _single(
-        0.0521, GaussianShutter, reference.gaussian, drawn=(0.03, 0.15), scales=True
-    ),
+    "gaussian-narrow": _single(0.0521, GaussianShutter, reference.gaussian, drawn=(0.03, 0.15)),
     "tukey": _single(0.43, TukeyShutter, reference.tukey),
     "tukey-steep": _single(0.0023, TukeyShutter, reference.tukey),
     "flutter": _row(RASKAR_CODE, ChippedShutter, reference.chips),

@@ -12,17 +12,15 @@ from mishutter import ParabolicMotion, binned_exposure, blur_kernel, transfer_fu
 from support import reference
 from support.cases import SHUTTERS
 
-TAP_RELATIVE = {np.float64: 1e-12, np.float32: 2e-6}
-"""Error of a tap relative to itself, or"""
-TAP_OF_LARGEST = {np.float64: 1e-15, np.float32: 1e-7}
-"""to the largest tap, whichever is looser: a few units in the last place of either."""
-DERIVATIVE_OF_LARGEST = {np.float64: 1e-9, np.float32: 1e-4}
+TAP_OF_LARGEST = {np.float64: 1e-12, np.float32: 5e-6}
+"""Error of a tap relative to the largest of its kernel, where light travels over so many taps:"""
+TAPS_OF_TRAVEL = {np.float64: 1e3, np.float32: 50.0}
+"""and in proportion to their number beyond, as a rounding of time is one of a narrower tap."""
+DERIVATIVE_OF_LARGEST = {np.float64: 1e-11, np.float32: 1e-4}
 """Error of a derivative relative to the largest, or"""
 DERIVATIVE_OF_TAP = {np.float64: 1e-12, np.float32: 1e-5}
 """to the largest tap, or response, per natural unit of the argument: one that is zero in exact
 arithmetic, because all light falls on one tap, is a difference of equal numbers."""
-TIME_ROUNDINGS = 3
-"""Units in the last place by which time may be off, where it counts in the unit of a parameter."""
 TRANSFER_ABSOLUTE = {np.float64: 1e-12, np.float32: 2e-6}
 """Error of a transfer function, of modulus at most 1."""
 FORWARD_AGAINST_REVERSE = 1e-12
@@ -30,11 +28,10 @@ FORWARD_AGAINST_REVERSE = 1e-12
 ROUNDING = 1e-14
 """Two compilations of the same formula."""
 
-MAX_STROKE = {np.float64: 8, np.float32: 6}
-"""Decades of px. Twice the bits of float32 hold a position on a longer path to 1e-6 px and
-more, which is the bound itself where a profile vanishes at the far end of the path."""
+MAX_TRAVEL = 1e4
+"""Longest travel of light over the sensor, px, that digits are promised for."""
 
-REST_STROKES = (0.0, 1e-310, 1e-200, 1e-131, 1e-40, 1e-20)
+REST_STROKES = (0.0, 1e-310, 1e-200, 1e-131, 1e-78)
 """Strokes, px, that are no different from none to an object without speed."""
 
 NUM_TAPS = 16
@@ -82,6 +79,15 @@ class Point:
         return SHUTTERS[self.slug].window(self.parameters)
 
     @property
+    def travel(self):
+        """The greatest distance of light from where its positions count from; px."""
+        smear = abs(float(self.relative_speed)) * float(self.half_exposure)
+        if self.frame == "sensor":
+            return self.stroke + smear
+        share = smear / (2 * self.stroke) if smear else 0.0
+        return self.stroke * (1 + share) ** 2
+
+    @property
     def is_at_rest(self):
         """Whether the object does not move to speak of."""
         return self.stroke <= max(REST_STROKES) and self.speed == self.velocity
@@ -102,10 +108,20 @@ class Point:
 
 def random_point(rng, dtype=np.float64, slug=None):
     """A point of the domain, log-uniform, with the special places drawn often."""
+    while (point := _random_point(rng, dtype, slug)).travel > MAX_TRAVEL:
+        pass
+    return point
+
+
+def _random_point(rng, dtype, slug):
     slug = slug or str(rng.choice(list(SHUTTERS)))
     frame = str(rng.choice(["vertex", "sensor"]))
     still = frame == "sensor" and rng.random() < 0.1
-    stroke = 0.0 if still else 10 ** rng.uniform(-12, MAX_STROKE[dtype])
+    stroke = (
+        0.0
+        if still
+        else 10 ** rng.uniform(-9 if dtype is np.float32 else -12, np.log10(MAX_TRAVEL))
+    )
     T = dtype(10 ** rng.uniform(-9, 5))
     # Drawn apart, so that all other points stay as they are.
     apart = rng.spawn(1)[0]
@@ -113,8 +129,8 @@ def random_point(rng, dtype=np.float64, slug=None):
     stroke = apart.choice(REST_STROKES) if at_rest else stroke
     a = dtype(stroke / float(T) / float(T))
     special = [0.0, 1.0, 0.5, 1 / 26, 3 / 7, 1 - 2 / 21]
-    nu = rng.choice([rng.choice(special), 10 ** rng.uniform(-6, 3)]) * rng.choice([-1, 1])
-    smear = 10 ** rng.uniform(-12, 8) if still else 2 * stroke * nu
+    nu = rng.choice([rng.choice(special), 10 ** rng.uniform(-6, 2)]) * rng.choice([-1, 1])
+    smear = 10 ** rng.uniform(-9, 4) if still else 2 * stroke * nu
     smear = 0.0 if at_rest else smear
     s, v = dtype(smear / float(T)), dtype(0)
     pan = apart.spawn(1)[0]
@@ -275,39 +291,41 @@ def _along(point, direction, row):
     return reference.derivative(moved, 0, 1)
 
 
-def _change_with_time(point):
-    """By how much each tap changes as time does that a parameter is the unit of, by its share."""
-    if not SHUTTERS[point.slug].scales:
-        return [mp.mpf(0)] * NUM_TAPS
-    return _along(point, point.parameters, lambda window: exact_taps(point, window=window))
+def allowance(point, exact):
+    """The factor by which errors may exceed their tolerances, and the largest tap of the kernel.
+
+    The taps of a point may be narrow, or in the dark: the kernel's mean tap of their width counts
+    too.
+    """
+    dtype = point.taps.dtype.type
+    width = 1.0 if point.frame == "vertex" else float(np.ptp(point.taps)) / NUM_TAPS
+    count = point.travel / width
+    light = float(point.window.integral(1) - point.window.integral(-1)) / 2
+    largest = max(float(max(exact)), light / max(count, 1.0))
+    return max(1.0, count / TAPS_OF_TRAVEL[dtype]), largest
 
 
 def tap_error(taps, point, exact):
     """Largest error of a tap, in units of what is allowed; nan where a tap is not finite."""
-    dtype, largest = point.taps.dtype.type, max(exact)
-    if largest == 0:
+    if max(exact) == 0:
         return 0.0 if not np.any(taps) else np.inf
     if not np.all(np.isfinite(taps)):
         return np.nan
-    relative, of_largest = TAP_RELATIVE[dtype], TAP_OF_LARGEST[dtype]
-    floor, rounding = mp.mpf(float(np.finfo(dtype).tiny)), float(np.finfo(dtype).eps)
-    late = [TIME_ROUNDINGS * rounding * abs(c) for c in _change_with_time(point)]
-    return max(
-        float(abs(mp.mpf(float(h)) - r) / max(relative * r + t, of_largest * largest, floor))
-        for h, r, t in zip(taps, exact, late, strict=True)
-    )
+    factor, largest = allowance(point, exact)
+    errors = [abs(mp.mpf(float(h)) - r) for h, r in zip(taps, exact, strict=True)]
+    return float(max(errors)) / (factor * TAP_OF_LARGEST[point.taps.dtype.type] * largest)
 
 
-def derivative_error(derivatives, point, argument, largest_tap):
-    """Largest error of a derivative, in units of what is allowed."""
+def derivative_error(derivatives, point, argument, exact):
+    """Largest error of a derivative, in units of what is allowed; `exact` are the taps."""
     dtype = point.taps.dtype.type
     if not np.all(np.isfinite(derivatives)):
         return np.nan
-    exact = exact_derivative(point, argument)
-    floor = DERIVATIVE_OF_TAP[dtype] * largest_tap / mp.mpf(natural_scale(point, argument))
-    allowed = max(DERIVATIVE_OF_LARGEST[dtype] * max(abs(r) for r in exact), floor)
+    slopes, (factor, largest) = exact_derivative(point, argument), allowance(point, exact)
+    floor = DERIVATIVE_OF_TAP[dtype] * largest / mp.mpf(natural_scale(point, argument))
+    allowed = factor * max(DERIVATIVE_OF_LARGEST[dtype] * max(abs(r) for r in slopes), floor)
     allowed = max(allowed, mp.mpf(float(np.finfo(dtype).tiny)))
-    errors = [abs(mp.mpf(float(h)) - r) for h, r in zip(derivatives, exact, strict=True)]
+    errors = [abs(mp.mpf(float(h)) - r) for h, r in zip(derivatives, slopes, strict=True)]
     return float(max(errors) / allowed)
 
 
@@ -387,6 +405,9 @@ def transfer_derivative_error(point, frequencies):
     own = np.where(frequencies == 0, 1 / length, np.abs(frequencies).astype(float))
     units = np.column_stack([np.tile(size, (frequencies.size, 1)), own])
     relative, floor = DERIVATIVE_OF_LARGEST[dtype], DERIVATIVE_OF_TAP[dtype]
+    # A rounding of the phase changes each term of a sum that is as large as the phase.
+    phase = 2 * np.pi * np.abs(frequencies).astype(float)[:, None] * length
+    floor = floor + phase**2 * np.finfo(dtype).eps
     largest = np.max(np.abs(exact * units), axis=1, keepdims=True)
     errors = [np.abs(found[:, :-1] - exact) * units / np.maximum(relative * largest, floor)]
     if point.parameters.size:
@@ -397,14 +418,14 @@ def transfer_derivative_error(point, frequencies):
             lambda window: [_exact_response(point, f, window) for f in frequencies],
         )
         exact = np.array([complex(x) for x in row])
-        allowed = max(relative * np.max(np.abs(exact)), floor)
+        allowed = max(relative * np.max(np.abs(exact)), np.max(floor))
         errors.append(np.abs(found[:, -1] - exact) / allowed)
     return max(float(np.max(error)) for error in errors)
 
 
 def turning_point(rng, dtype, slug):
     """A point that turns on or near the sensor within the exposure, as long ones do."""
-    stroke, T = 10 ** rng.uniform(-1, 4), dtype(10 ** rng.uniform(-3, 1))
+    stroke, T = 10 ** rng.uniform(-1, 3), dtype(10 ** rng.uniform(-3, 1))
     a = dtype(stroke / float(T) ** 2)
     gain = 2 * float(a) * float(T)
     s, v = dtype(gain * rng.choice([0.0, rng.uniform(-1.1, 1.1)])), dtype(0)
@@ -416,13 +437,15 @@ def turning_point(rng, dtype, slug):
 
 
 def turning_frequencies(rng, point, count=6):
-    """Frequencies at which the phase turns up to some thousands of times, and 0."""
-    cycles = 10 ** rng.uniform(-1, 3.5, count) * rng.choice([-1, 1], count)
+    """Frequencies at which the phase turns up to some hundreds of times, and 0."""
+    cycles = 10 ** rng.uniform(-1, 2.0, count) * rng.choice([-1, 1], count)
     cycles[0] = 0
     return (cycles / point.stroke).astype(point.taps.dtype)
 
 
-def random_frequencies(rng, dtype=np.float64, count=6):
-    """Frequencies of either sign, log-uniform, zero among them."""
-    sizes = 10 ** rng.uniform(-6, 3, count) * rng.choice([-1, 1], count)
-    return np.where(rng.random(count) < 0.1, 0.0, sizes).astype(dtype)
+def random_frequencies(rng, point, count=6):
+    """Frequencies of either sign, log-uniform, zero among them, that turn up to 900 times."""
+    path = 2 * point.stroke + abs(float(point.relative_speed)) * float(point.half_exposure)
+    highest = min(3.0, float(np.log10(450 / max(path, 1e-3))))
+    sizes = 10 ** rng.uniform(highest - 9, highest, count) * rng.choice([-1, 1], count)
+    return np.where(rng.random(count) < 0.1, 0.0, sizes).astype(point.taps.dtype)

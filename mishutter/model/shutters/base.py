@@ -6,7 +6,6 @@ A shutter of one's own is interpolated by polynomials, in Bernstein form, as spl
 import itertools
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from fractions import Fraction
 from functools import lru_cache
 from math import comb
 from typing import Any, ClassVar, TypeVar, final
@@ -19,13 +18,12 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
 
 from mishutter._core import (
     AbstractModule,
-    DoubleWord,
     Unquoted,
     all_concrete,
     as_float,
     common_dtype,
+    device_constant,
     fields_text,
-    fractions_as_words,
     outside_trace,
     require,
     require_finite,
@@ -42,6 +40,8 @@ _PROBES = np.linspace(0, 1, 25)
 """Shares of a piece at which an interpolant is held against its shutter."""
 _MISFIT = 1e-6
 """Misfit of a smooth profile; a bend by a slope of 1 half way through a piece leaves 3e-3."""
+_FEW_BREAKPOINTS = 64
+"""Number of breakpoints up to which comparing with each is as quick as a binary search."""
 _SHORT = 1e-7
 """Length of a piece that holds too little light for its misfit to matter."""
 
@@ -101,9 +101,6 @@ class AbstractPiecewiseShutter(AbstractShutter):
     panels_per_piece: eqx.AbstractVar[int]
     """Equal parts of a piece on each of which `w` is all but a low polynomial."""
 
-    smooth_length: eqx.AbstractVar[float | Array]
-    r"""Time, in units of $\tau$, over which each piece's function is all but a low polynomial."""
-
     equal_pieces: eqx.AbstractVar[bool]
     """Whether the pieces are equally long. One of a few that are not may be all of the exposure;
     of more than `FEW_PIECES` none is longer than twice their mean."""
@@ -120,7 +117,7 @@ class AbstractPiecewiseShutter(AbstractShutter):
         """Precision of the parameters; None for a shutter without any."""
 
     @abstractmethod
-    def breakpoints(self, dtype: np.dtype) -> DoubleWord:
+    def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         """Ends of the pieces, ascending from -1 to 1; shape `(n + 1,)`.
 
         Args:
@@ -229,21 +226,67 @@ def _bounded(shutter: AbstractShutter) -> dict[str, tuple[Array, float, float]]:
 def integrated_transmittance(shutter: AbstractPiecewiseShutter) -> Float[Array, ""]:
     """Integral of the transmittance over its whole domain; scalar."""
     dtype = shutter.dtype() or common_dtype()
-    ends = shutter.breakpoints(np.dtype(dtype))
-    width = jnp.diff(ends.high) + jnp.diff(ends.low)
+    width = jnp.diff(shutter.breakpoints(np.dtype(dtype)))
     piece = jnp.arange(width.size)
     return jnp.sum(width * shutter.piece_mean(piece, piece >= 0, width / 2, width))
 
 
-@lru_cache
-def uniform_fractions(num_pieces: int) -> tuple[Fraction, ...]:
+def integral_between(
+    profile: AbstractPiecewiseShutter, begin: Float[Array, "*shape"], end: Float[Array, "*shape"]
+) -> Float[Array, "*shape"]:
+    r"""Integrals of the transmittance between times $-1 \le$ `begin` $\le$ `end` $\le 1$.
+
+    Each is made of the parts of the first and of the last piece that it meets, and of the whole
+    pieces between, whatever their number: the cost is that of two means an interval.
+    """
+    ends = jnp.asarray(profile.breakpoints(np.dtype(begin.dtype)))
+    length = jnp.diff(ends)
+    # What reaches an end of the exposure moves with it: a shutter may jump there.
+    begin, end = (
+        jnp.where(x <= ends[0], ends[0], jnp.where(x >= ends[-1], ends[-1], x))
+        for x in (begin, end)
+    )
+
+    def of_one_piece(piece: Array, begin: Array, end: Array) -> Array:
+        middle, width = (begin + end) / 2, end - begin
+        before = middle - looked_up(ends, piece)
+        after = looked_up(length, piece) - before
+        # Prevents XLA from computing the lookups again in each loop that reads them, which would
+        # take twice as long to compile.
+        piece, before, after, width = jax.lax.optimization_barrier((piece, before, after, width))
+        from_left = before <= after
+        nearer = jnp.where(from_left, before, after)
+        return width * profile.piece_mean(piece, from_left, nearer, width)
+
+    if length.size == 1:
+        return of_one_piece(jnp.zeros(begin.shape, jnp.int32), begin, end)
+    first, last = (_piece_at(time, ends) for time in (begin, end))
+    leaves = last > first
+    stop = jnp.where(leaves, looked_up(ends, first + 1), end)
+    start = jnp.where(leaves, looked_up(ends, last), end)
+    whole = jnp.arange(length.size, dtype=jnp.int32)
+    # One evaluation for all compiles once.
+    rows = (first, last, whole), (begin, start, ends[:-1]), (stop, end, ends[1:])
+    every = of_one_piece(*(jnp.concatenate([x.ravel() for x in row]) for row in rows))
+    parts = jnp.sum(every[: 2 * begin.size].reshape(2, *begin.shape), axis=0)
+    passed = jnp.append(jnp.zeros_like(ends[:1]), jnp.cumsum(every[2 * begin.size :]))
+    between = looked_up(passed, last) - looked_up(passed, jnp.where(leaves, first + 1, last))
+    return parts + between
+
+
+def _piece_at(time: Float[Array, "*shape"], ends: Float[Array, "ends"]) -> Int[Array, "*shape"]:
+    """Index of the piece that holds each time, the later one where two meet."""
+    inner = ends[1:-1]
+    if inner.size > _FEW_BREAKPOINTS:
+        return jnp.searchsorted(inner, time, side="right").astype(jnp.int32)
+    row = inner.reshape((1,) * time.ndim + (-1,))
+    return jnp.sum(time[..., None] >= row, axis=-1, dtype=jnp.int32)
+
+
+def uniform_breakpoints(num_pieces: int, dtype: np.dtype) -> Float[Array, "{num_pieces}+1"]:
     """Ends of equal pieces, from -1 to 1."""
-    return tuple(Fraction(2 * j - num_pieces, num_pieces) for j in range(num_pieces + 1))
-
-
-def uniform_breakpoints(num_pieces: int, dtype: np.dtype) -> DoubleWord:
-    """Ends of equal pieces, exact to twice the precision: an edge of a chip is a jump."""
-    return fractions_as_words(uniform_fractions(num_pieces), dtype)
+    ends = np.arange(-num_pieces, num_pieces + 1, 2) / num_pieces
+    return device_constant(ends.astype(dtype))
 
 
 @jax.custom_jvp
@@ -271,7 +314,6 @@ class SampledShutter(AbstractPiecewiseShutter):
 
     shutter: AbstractShutter
     panels_per_piece: ClassVar[int] = 1
-    smooth_length: ClassVar[float] = 2.0
     equal_pieces: ClassVar[bool] = False
     symmetric: ClassVar[bool] = False
 
@@ -282,7 +324,7 @@ class SampledShutter(AbstractPiecewiseShutter):
         arrays = [x for x in jax.tree.leaves(self.shutter) if hasattr(x, "dtype")]
         return np.dtype(arrays[0].dtype) if arrays else None
 
-    def breakpoints(self, dtype: np.dtype) -> DoubleWord:
+    def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         uniform, places = uniform_breakpoints(_NUM_PIECES, dtype), self.shutter.discontinuities()
         if not len(places):
             return uniform
@@ -291,13 +333,10 @@ class SampledShutter(AbstractPiecewiseShutter):
         declared = jnp.where(declared < -1, -1.0, jnp.where(declared > 1, 1.0, declared))
         # A time that all but coincides with a declared one moves with it: no rounding decides
         # at which of the two the jump counts.
-        apart = jnp.abs(uniform.high[:, None] - declared[None])
+        apart = jnp.abs(uniform[:, None] - declared[None])
         same = apart <= 64 * jnp.finfo(dtype).eps
-        own = jnp.where(same.any(axis=1), declared[jnp.argmax(same, axis=1)], uniform.high)
-        high = jnp.concatenate([own, declared])
-        order = jnp.argsort(jax.lax.stop_gradient(high))
-        low = jnp.concatenate([uniform.low, jnp.zeros_like(declared)])
-        return DoubleWord(high[order], low[order])
+        own = jnp.where(same.any(axis=1), declared[jnp.argmax(same, axis=1)], uniform)
+        return jnp.sort(jnp.concatenate([own, declared]))
 
     def piece_transmittance(
         self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
@@ -320,13 +359,13 @@ class SampledShutter(AbstractPiecewiseShutter):
 
     def _scale(self, dtype: np.dtype) -> Array:
         """Shares of a piece that a unit of time is; 0 of a piece of no length."""
-        length = jnp.diff(self.breakpoints(dtype).high)
+        length = jnp.diff(self.breakpoints(dtype))
         some = length > 0
         return jnp.where(some, 1 / jnp.where(some, length, 1.0), 0.0)
 
     def _control(self, dtype: np.dtype) -> Array:
         nodes, to_control = bernstein_from_values(_DEGREE)
-        ends = self.breakpoints(dtype).high
+        ends = self.breakpoints(dtype)
         tau = ends[:-1, None] + jnp.diff(ends)[:, None] * jnp.asarray(nodes, dtype)[None]
         values = self.shutter.transmittance(tau)
         if not jnp.issubdtype(values.dtype, jnp.floating):  # open and closed as 1 and 0
@@ -421,7 +460,7 @@ def above_zero(length: Length) -> Length:
     return length + jax.lax.stop_gradient(jnp.maximum(length, least) - length)
 
 
-def polynomial(coefficients: Sequence[ArrayLike], x: Array | np.ndarray) -> Array:
+def polynomial(coefficients: Sequence[ArrayLike] | Array, x: Array | np.ndarray) -> Array:
     """A polynomial by its coefficients, the highest first."""
     total = jnp.asarray(coefficients[0], x.dtype)
     for coefficient in coefficients[1:]:
@@ -446,7 +485,8 @@ def polynomial_means(
     nodes, weights = np.polynomial.legendre.leggauss((powers.shape[1] + 1) // 2)
     each = (-1,) + (1,) * centre.ndim
     n, w = (x.astype(centre.dtype).reshape(each) / 2 for x in (nodes, weights))
-    coefficients = [looked_up(power, piece[None]) for power in powers.T]
+    # One lookup of whole rows, which has one scatter as its transpose.
+    coefficients = jnp.moveaxis(looked_up(powers, piece), -1, 0)[:, None]
     return jnp.sum(w * polynomial(coefficients, centre[None] + n * width[None]), axis=0)
 
 

@@ -7,7 +7,6 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
 
 from mishutter._core import (
-    DoubleWord,
     RowLike,
     as_array_like,
     as_float,
@@ -36,7 +35,6 @@ class ChippedShutter(AbstractAdjustableShutter):
 
     transmittances: Array
     panels_per_piece: ClassVar[int] = 1
-    smooth_length: ClassVar[float] = 2.0
     equal_pieces: ClassVar[bool] = True
     symmetric: ClassVar[bool] = False
     evaluates_by_numpy: ClassVar[bool] = True
@@ -56,7 +54,7 @@ class ChippedShutter(AbstractAdjustableShutter):
     def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
         tau = jnp.asarray(tau, common_dtype(self.transmittances, tau))
         count = self.transmittances.size
-        ends = uniform_breakpoints(count, np.dtype(tau.dtype)).high
+        ends = uniform_breakpoints(count, np.dtype(tau.dtype))
         chip = jnp.clip(jnp.searchsorted(ends, tau, side="right") - 1, 0, count - 1)
         value = self.transmittances.astype(tau.dtype)[chip]
         return jnp.where(jnp.abs(tau) <= 1, value, jnp.zeros_like(value))
@@ -64,7 +62,7 @@ class ChippedShutter(AbstractAdjustableShutter):
     def dtype(self) -> np.dtype | None:
         return np.dtype(self.transmittances.dtype)
 
-    def breakpoints(self, dtype: np.dtype) -> DoubleWord:
+    def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         return uniform_breakpoints(self.transmittances.size, dtype)
 
     def piece_transmittance(

@@ -10,7 +10,6 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
 from numpy.polynomial import chebyshev
 
 from mishutter._core import (
-    DoubleWord,
     all_concrete,
     compiled,
     device_constant,
@@ -45,15 +44,14 @@ class PolynomialShutter(AbstractPiecewiseShutter):
             first; shape `(n, degree + 1)`.
     """
 
-    ends: DoubleWord
+    ends: Array
     powers: Array
     panels_per_piece: ClassVar[int] = 1
-    smooth_length: ClassVar[float] = 2.0
     equal_pieces: ClassVar[bool] = False
     symmetric: ClassVar[bool] = False
 
     def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
-        ends, tau = self.ends.high, jnp.asarray(tau, self.powers.dtype)
+        ends, tau = self.ends, jnp.asarray(tau, self.powers.dtype)
         piece = jnp.clip(jnp.searchsorted(ends, tau, side="right") - 1, 0, ends.size - 2)
         powers = [looked_up(power, piece) for power in self.powers.T]
         value = polynomial(powers, (tau - ends[piece]) / self._lengths()[piece] - 0.5)
@@ -62,8 +60,8 @@ class PolynomialShutter(AbstractPiecewiseShutter):
     def dtype(self) -> np.dtype | None:
         return np.dtype(self.powers.dtype)
 
-    def breakpoints(self, dtype: np.dtype) -> DoubleWord:
-        return DoubleWord(*(end.astype(dtype) for end in self.ends))
+    def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
+        return self.ends.astype(dtype)
 
     def piece_transmittance(
         self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
@@ -85,11 +83,11 @@ class PolynomialShutter(AbstractPiecewiseShutter):
         return polynomial_means(self.powers, piece, centre, width / length)
 
     def _lengths(self) -> Array:
-        return jnp.diff(self.ends.high) + jnp.diff(self.ends.low)
+        return jnp.diff(self.ends)
 
     def known_at(self, tau: Float[np.ndarray, "*times"]) -> Float[np.ndarray, "*times"]:
         """Transmittance at times within the exposure, where it is known."""
-        ends = np.asarray(self.ends.high)
+        ends = np.asarray(self.ends)
         piece = np.clip(np.searchsorted(ends, tau, side="right") - 1, 0, ends.size - 2)
         share = (tau - ends[piece]) / self._known_lengths()[piece] - 0.5
         return np.clip(np.polyval(np.asarray(self.powers).T[:, piece], share), 0, 1)
@@ -101,8 +99,7 @@ class PolynomialShutter(AbstractPiecewiseShutter):
         return math.fsum((self._known_lengths() * means).tolist()) / 2
 
     def _known_lengths(self) -> np.ndarray:
-        high, low = (np.asarray(part, self.powers.dtype) for part in self.ends)
-        return np.diff(high) + np.diff(low)
+        return np.diff(np.asarray(self.ends, self.powers.dtype))
 
 
 def in_one_form(shutter: AbstractShutter, dtype: np.dtype) -> AbstractPiecewiseShutter:
@@ -116,8 +113,8 @@ def in_one_form(shutter: AbstractShutter, dtype: np.dtype) -> AbstractPiecewiseS
     profile = piecewise(shutter)
     if profile.evaluates_by_numpy and all_concrete(profile) and not is_tracing():
         with outside_trace():
-            high, low = map(np.asarray, profile.breakpoints(dtype))
-        form = _interpolated(profile, high, low)
+            ends = np.asarray(profile.breakpoints(dtype))
+        form = _interpolated(profile, ends)
     else:
         form = _interpolated_by_program(profile, dtype)
     if form is None or not (is_concrete(form[1]) and form[1]):
@@ -145,35 +142,30 @@ def _profile_of(shutter: AbstractShutter, tau: ArrayLike) -> tuple[Array, Array]
 def _interpolated_by_program(
     profile: AbstractPiecewiseShutter, dtype: np.dtype
 ) -> tuple[PolynomialShutter, Any] | None:
-    return _interpolated(profile, *map(jnp.asarray, profile.breakpoints(dtype)))
+    return _interpolated(profile, jnp.asarray(profile.breakpoints(dtype)))
 
 
 def _interpolated(
-    profile: AbstractPiecewiseShutter, high: Array | np.ndarray, low: Array | np.ndarray
+    profile: AbstractPiecewiseShutter, ends: Float[Array | np.ndarray, "ends"]
 ) -> tuple[PolynomialShutter, Any] | None:
     """Interpolants between equal parts of the pieces, and whether they are exact to rounding.
 
     Args:
         profile: The shutter; its numbers are of NumPy where its breakpoints and parameters are.
-        high: Its breakpoints.
-        low: The low words of the breakpoints.
+        ends: Its breakpoints.
     """
-    space, num_pieces, dtype = namespace_of(high, low), high.size - 1, np.dtype(high.dtype)
+    space, num_pieces, dtype = namespace_of(ends), ends.size - 1, np.dtype(ends.dtype)
     if num_pieces > _NUM_PIECES:
         return None
     counts = _NUM_PIECES // num_pieces + (np.arange(num_pieces) < _NUM_PIECES % num_pieces)
     piece = np.repeat(np.arange(num_pieces), counts)
     part = np.concatenate([np.arange(count) for count in counts])
-    length = (space.diff(high) + space.diff(low))[piece]
-    begins = length * (part / counts[piece]).astype(dtype)
-    cuts = DoubleWord(
-        space.append(high[piece] + begins, high[-1]),
-        space.append(low[piece] * (part == 0).astype(dtype), low[-1]),
-    )
+    begins = space.diff(ends)[piece] * (part / counts[piece]).astype(dtype)
+    cuts = space.append(ends[piece] + begins, ends[-1])
     # From the start of the piece, as an exact difference: a cut is rounded.
-    offset = (cuts.high[:-1] - high[piece]) + (cuts.low[:-1] - low[piece])
+    offset = cuts[:-1] - ends[piece]
     nodes, to_series, to_powers = (x.astype(dtype) for x in _interpolation())
-    width = space.diff(cuts.high) + space.diff(cuts.low)
+    width = space.diff(cuts)
     offsets = offset[:, None] + width[:, None] * (nodes + 0.5)[None]
     every = profile.piece_transmittance(space.broadcast_to(offsets, (num_pieces, *offsets.shape)))
     values = every[piece, np.arange(_NUM_PIECES)].astype(dtype)

@@ -11,7 +11,6 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
 from numpy.lib.stride_tricks import sliding_window_view
 
 from mishutter._core import (
-    DoubleWord,
     RowLike,
     as_array_like,
     as_float,
@@ -66,7 +65,6 @@ class SplineShutter(AbstractAdjustableShutter):
     symmetric: bool = eqx.field(static=True)
     num_coefficients: int = eqx.field(static=True)
     panels_per_piece: ClassVar[int] = 1
-    smooth_length: ClassVar[float] = 2.0
     equal_pieces: ClassVar[bool] = True
     evaluates_by_numpy: ClassVar[bool] = True
     linear: ClassVar[bool] = True
@@ -120,7 +118,7 @@ class SplineShutter(AbstractAdjustableShutter):
     def dtype(self) -> np.dtype | None:
         return np.dtype(self.parameters.dtype)
 
-    def breakpoints(self, dtype: np.dtype) -> DoubleWord:
+    def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         return uniform_breakpoints(self.num_coefficients - _DEGREE, dtype)
 
     def piece_transmittance(

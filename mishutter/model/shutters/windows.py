@@ -12,7 +12,6 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
 
 from mishutter._core import (
-    DoubleWord,
     as_array_like,
     as_float,
     as_numpy,
@@ -21,11 +20,11 @@ from mishutter._core import (
     namespace_of,
     require,
     require_scalar,
-    two_sum,
 )
 from mishutter.model.shutters.base import (
     AbstractAdjustableShutter,
     AbstractPiecewiseShutter,
+    Length,
     above_zero,
     polynomial,
     uniform_breakpoints,
@@ -39,7 +38,6 @@ class RectShutter(AbstractPiecewiseShutter):
     r"""An ordinary shutter: $w(\tau) = 1$ on $[-1, 1]$."""
 
     panels_per_piece: ClassVar[int] = 1
-    smooth_length: ClassVar[float] = 2.0
     equal_pieces: ClassVar[bool] = True
     symmetric: ClassVar[bool] = True
     evaluates_by_numpy: ClassVar[bool] = True
@@ -51,7 +49,7 @@ class RectShutter(AbstractPiecewiseShutter):
     def dtype(self) -> np.dtype | None:
         return None
 
-    def breakpoints(self, dtype: np.dtype) -> DoubleWord:
+    def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         return uniform_breakpoints(1, dtype)
 
     def piece_transmittance(
@@ -74,7 +72,6 @@ class HannShutter(AbstractPiecewiseShutter):
     r"""$w(\tau) = \cos^2(\pi\tau/2)$."""
 
     panels_per_piece: ClassVar[int] = 2
-    smooth_length: ClassVar[float] = 2.0
     equal_pieces: ClassVar[bool] = True
     symmetric: ClassVar[bool] = True
     evaluates_by_numpy: ClassVar[bool] = True
@@ -86,7 +83,7 @@ class HannShutter(AbstractPiecewiseShutter):
     def dtype(self) -> np.dtype | None:
         return None
 
-    def breakpoints(self, dtype: np.dtype) -> DoubleWord:
+    def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         return uniform_breakpoints(1, dtype)
 
     def piece_transmittance(
@@ -110,7 +107,6 @@ class TriangleShutter(AbstractPiecewiseShutter):
     r"""$w(\tau) = 1 - |\tau|$."""
 
     panels_per_piece: ClassVar[int] = 1
-    smooth_length: ClassVar[float] = 2.0
     equal_pieces: ClassVar[bool] = True
     symmetric: ClassVar[bool] = True
     evaluates_by_numpy: ClassVar[bool] = True
@@ -122,7 +118,7 @@ class TriangleShutter(AbstractPiecewiseShutter):
     def dtype(self) -> np.dtype | None:
         return None
 
-    def breakpoints(self, dtype: np.dtype) -> DoubleWord:
+    def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         return uniform_breakpoints(2, dtype)
 
     def piece_transmittance(
@@ -143,10 +139,6 @@ class TriangleShutter(AbstractPiecewiseShutter):
 @final
 class GaussianShutter(AbstractAdjustableShutter):
     r"""$w(\tau) = \exp(-\tau^2 / 2\sigma^2)$, cut off at $\pm 1$.
-
-    Far out on a narrow profile a tap is as exact as its time is: a rounding of time changes the
-    profile by $(\tau/\sigma)^2$ roundings, and the relative error of a tap is up to
-    $3 (\tau/\sigma)^2$ units of the last place, which does not matter in float64.
 
     Args:
         sigma: $\sigma$, in units of $\tau$; from 0.05 to 5.
@@ -180,14 +172,10 @@ class GaussianShutter(AbstractAdjustableShutter):
         sigma = as_array_like(tau, self.sigma)
         return namespace_of(tau, sigma).exp(-((tau / sigma.astype(tau.dtype)) ** 2) / 2)
 
-    @property
-    def smooth_length(self) -> Array:
-        return 3 * self.sigma
-
     def dtype(self) -> np.dtype | None:
         return np.dtype(self.sigma.dtype)
 
-    def breakpoints(self, dtype: np.dtype) -> DoubleWord:
+    def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         return uniform_breakpoints(2, dtype)
 
     def piece_transmittance(
@@ -249,27 +237,20 @@ class TukeyShutter(AbstractAdjustableShutter):
         ramp = jnp.sin((jnp.pi / 2) * jnp.minimum(depth / above_zero(taper), 1)) ** 2
         return _inside(tau, jnp.where(depth >= taper, 1.0, ramp))
 
-    @property
-    def smooth_length(self) -> Array:
-        return self.taper
-
     def dtype(self) -> np.dtype | None:
         return np.dtype(self.taper.dtype)
 
-    def breakpoints(self, dtype: np.dtype) -> DoubleWord:
+    def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         (taper,) = as_numpy(self.taper)
-        space, taper = namespace_of(taper), above_zero(taper.astype(dtype))
-        # Not a constant: XLA would take (1 - taper) - 1 for -taper, rounding and all.
-        one, zero = space.where(taper >= 0, space.ones_like(taper), taper), space.zeros_like(taper)
-        high, low = two_sum(one, -taper)
-        ends = [-one, -high, high, one], [zero, -low, low, zero]
-        return DoubleWord(*(as_float(space.stack(part)) for part in ends))
+        space, taper = namespace_of(taper), _whole_roundings(taper.astype(dtype))
+        one = space.ones_like(taper)
+        return as_float(space.stack([-one, taper - one, one - taper, one]))
 
     def piece_transmittance(
         self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
     ) -> Num[Array | np.ndarray, "pieces *offsets"]:
         taper = as_array_like(offset, self.taper).astype(np.finfo(offset.dtype).dtype)
-        space, taper = namespace_of(offset, taper), above_zero(taper).astype(offset.dtype)
+        space, taper = namespace_of(offset, taper), _whole_roundings(taper).astype(offset.dtype)
         quarter_turn = np.pi / (2 * taper)
         rising, falling = (quarter_turn * offset[piece] for piece in (0, 2))
         flat = space.ones_like(offset[1])
@@ -282,7 +263,7 @@ class TukeyShutter(AbstractAdjustableShutter):
         distance: Float[Array, "*cells"],
         width: Float[Array, "*cells"],
     ) -> Float[Array, "*cells"]:
-        taper = above_zero(self.taper.astype(width.dtype))
+        taper = _whole_roundings(self.taper.astype(width.dtype))
         flat = piece == 1
         rising, rest = (piece == 0) == from_left, taper - distance
         height, depth = jnp.where(rising, distance, rest), jnp.where(rising, rest, distance)
@@ -295,6 +276,18 @@ class TukeyShutter(AbstractAdjustableShutter):
 
     def at(self, box: Float[Array, "p"]) -> "TukeyShutter":
         return TukeyShutter(box[0])
+
+
+def _whole_roundings(length: Length) -> Length:
+    """A length of time of whole roundings of 1, one at least, with the derivative of the length.
+
+    Its distance from an end of the exposure is exact: a ramp is as long as its breakpoints say.
+    """
+    space, rounding = namespace_of(length), np.finfo(np.dtype(length.dtype)).eps
+    whole = space.maximum(space.round(length / rounding), space.ones_like(length)) * rounding
+    if isinstance(whole, np.ndarray | np.generic):
+        return np.asarray(whole)
+    return length + jax.lax.stop_gradient(whole - length)
 
 
 def _inside(tau: Array, value: Array) -> Array:

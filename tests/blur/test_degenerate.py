@@ -1,0 +1,101 @@
+"""Kernels where formulae degenerate: finite derivatives, NaN kept, mirror images."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from mishutter import (
+    ChippedShutter,
+    FreeMotion,
+    ParabolicMotion,
+    TukeyShutter,
+    binned_exposure,
+    blur_kernel,
+)
+
+HALF_EXPOSURE = 0.25
+CHIPS = np.array([0.2, 0.9, 0.0, 1.0])
+EDGES = {
+    "edges on breakpoints": np.array([-16.0, -7.0, 0.0, 4.0, 9.0, 16.0]),
+    "one tap": np.array([-3.7, 5.1]),
+    "all dark": np.array([400.0, 401.5, 403.0]),
+}
+MOTIONS = {  # acceleration and speed: the sag is 16 px, and at a speed of 128 the vertex at the end
+    "at rest": (0.0, 0.0),
+    "no acceleration": (0.0, 41.0),
+    "an object at rest": (256.0, 0.0),
+    "vertex within": (256.0, 64.0),
+    "vertex at the end": (256.0, 128.0),
+    "vertex beyond": (256.0, -301.0),
+    "hardly accelerated": (1e-300, 41.0),
+}
+
+
+def _taps(x, edges):
+    """Both frames, by acceleration, exposure, speed, velocity, a shift, and chips."""
+    motion = ParabolicMotion(acceleration=x[0], half_exposure=x[1], velocity=x[3])
+    shutter = ChippedShutter(x[5:])
+    sensor = binned_exposure(shutter, motion, speed=x[2], edges=edges + x[4])
+    options = {"speed": x[2], "num_taps": edges.size, "phase": edges[0] + x[4]}
+    return jnp.concatenate([sensor, blur_kernel(shutter, motion, **options)])
+
+
+@jax.jit
+def _derivatives(x, edges):
+    taps = lambda x: _taps(x, edges)  # noqa: E731
+    return taps(x), jax.jacfwd(taps)(x), jax.jacrev(taps)(x), jax.jacfwd(jax.jacrev(taps))(x)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("edges", EDGES)
+def test_no_derivative_is_a_nan(edges):
+    """First ones in either mode, which agree, and second ones, wherever the vertex lies."""
+    for name, (acceleration, speed) in MOTIONS.items():
+        x = jnp.array([acceleration, HALF_EXPOSURE, speed + 3.0, 3.0, 0.0, *CHIPS])
+        taps, forward, reverse, second = _derivatives(x, jnp.asarray(EDGES[edges]))
+        for values in (taps, forward, reverse, second):
+            assert np.all(np.isfinite(values)), name
+        size = np.max(np.abs(forward), axis=0, keepdims=True)
+        assert np.all(np.abs(forward - reverse) <= 1e-11 * size), name
+        if edges == "all dark":
+            assert not np.any(taps[:2])
+            assert not np.any(forward[:2])
+
+
+def _of_free_path(x, edges):
+    rates = x[0] * jnp.array([1.0, -0.4, 0.7])
+    motion = FreeMotion(accelerations=rates, half_exposure=x[1], velocity=x[3])
+    shutter = TukeyShutter(x[5])
+    sensor = binned_exposure(shutter, motion, speed=x[2], edges=edges + x[4])
+    return jnp.concatenate(
+        [sensor, blur_kernel(shutter, motion, speed=x[2], num_taps=4, phase=-0.3 + x[4])]
+    )
+
+
+@pytest.mark.parametrize("taps", [_taps, _of_free_path], ids=["parabola", "free"])
+def test_nan_is_never_a_number(taps):
+    """In a number of the motion, the speed, the shift or the shutter: every tap is NaN."""
+    x = jnp.array([256.0, HALF_EXPOSURE, 47.0, 3.0, 0.1, 0.4])
+    edges = jnp.array([-19.0, -8.3, 0.4, 11.0])
+    found = jax.jit(jax.vmap(lambda x: taps(x, edges)))
+    each = found(jnp.where(jnp.eye(6, dtype=bool), jnp.nan, x[None]))
+    assert np.all(np.isfinite(found(x[None])))
+    assert np.all(np.isnan(each))
+
+
+def test_a_traced_negative_acceleration_is_the_mirror_image():
+    """From the vertex taps count the way the sensor turns; from mid-exposure all are mirrored."""
+    edges, shutter = np.array([-23.0, -7.1, -1.3, 2.9, 14.0]), ChippedShutter(CHIPS)
+
+    @jax.jit
+    def both(a, s, edges):
+        motion = ParabolicMotion(acceleration=a, half_exposure=HALF_EXPOSURE, velocity=0.1 * s)
+        kernel = blur_kernel(shutter, motion, speed=s, num_taps=23, phase=-0.3)
+        return kernel, binned_exposure(shutter, motion, speed=s, edges=edges)
+
+    kernel, light = both(256.0, 47.0, edges)
+    mirrored_kernel, mirrored_light = both(-256.0, -47.0, -edges[::-1])
+    assert float(jnp.sum(kernel)) > 0.4
+    np.testing.assert_allclose(mirrored_kernel, kernel, atol=1e-15)
+    np.testing.assert_allclose(mirrored_light, light[::-1], atol=1e-15)
