@@ -14,6 +14,7 @@ Scenes
     Sensor                    what a pixel holds, and the width and the axis of the sensor
     Limits                    the furthest that the mechanism and the exposure may reach
     Tolerances                errors of a camera that is not built exactly
+    MeasurementErrors         errors of measured numbers, within which a gain is said
     Objects                   things that are registered one by one, and how wide they are
     Occlusion                 objects that hide part of a background
     Burst                     frames that a camera may take in place of one exposure

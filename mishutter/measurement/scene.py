@@ -31,6 +31,8 @@ _STROKE_PX, _STROKE_UM = 45.0, 155.0
 _TOP_SPEED_PX, _TOP_SPEED_MM = 2.0e4, 69.0
 _LONGEST_MS, _SHORTEST_MS = 40.0, 0.5
 """Limits of the built-in scene, which are assumed."""
+_SHARE_ERROR = 0.05
+"""Error of the share that moves, by clips of known truth."""
 _FARTHEST = 1e4
 """Longest way of an object over an exposure that a scene file may have; px."""
 
@@ -167,6 +169,7 @@ def scene_text(parts: SceneParts) -> str:
         _sensor(parts),
         _view(parts),
         _occlusion(parts),
+        _errors(parts),
         _burst(parts),
         _limits(parts),
         _decoder(),
@@ -324,11 +327,26 @@ def _occlusion(parts: SceneParts) -> list[str]:
     is_known = np.isfinite(difference.error)
     return [
         "[occlusion]",
-        f"front_share = {share:.3f}  # +- 0.05; share that moves",
+        f"front_share = {share:.3f}  # +- {_SHARE_ERROR:g}; share that moves",
         f"object_width_px = {width:.1f}  # mean length along the {along.axis} of what moves",
         f"{key}  # {note}" if is_known else f"# {key}  # {note}",
         'background = "still"  # the camera stood still',
     ]
+
+
+def _errors(parts: SceneParts) -> list[str]:
+    """The errors again, as `optimise` reads them."""
+    noise, along = parts.noise, along_axis(parts.motion.objects)
+    rate = noise.electrons_at_white
+    errors = {
+        "photon_rate_per_s": rate and rate.error / parts.clip.longest_exposure,
+        "read_noise_e": noise.read_noise and noise.read_noise.error,
+        "object_speed_px_per_s": along and along.error,
+        "front_share": _SHARE_ERROR if along is not None else None,
+    }
+    lines = [f"{key} = {error:.2g}" for key, error in errors.items() if error is not None]
+    note = "# The errors above: the answer says how far the gain moves within two of each."
+    return [note, "[errors]", *lines] if lines else []
 
 
 def _burst(parts: SceneParts) -> list[str]:

@@ -25,6 +25,7 @@ from mishutter.model.motion import StillCamera as StillCamera
 from mishutter.model.motion import is_known_zero as is_known_zero
 from mishutter.model.motion import simplified as simplified
 from mishutter.model.motion import steady as steady
+from mishutter.model.measurement_errors import MeasurementErrors as MeasurementErrors
 from mishutter.model.objects import Objects as Objects
 from mishutter.model.occlusion import LayerShares as LayerShares
 from mishutter.model.occlusion import Occlusion as Occlusion

@@ -9,6 +9,7 @@ from PIL import Image
 from support.clips import ClipOf, Thing
 
 from mishutter.measurement import noise_from
+from mishutter.measurement.clip import clip_of
 
 THINGS = (
     Thing((70, 80), (38, 46), (190.0, 310.0)),
@@ -21,7 +22,7 @@ UNCOMPRESSED = "no compression"
 
 def found(levels=LEVELS, clip=CLIP, **told):
     """The clip and its noise."""
-    return noise_from(levels, frames_per_s=50.0, exposure=4e-3, white=float(clip.full), **told)
+    return noise_from(clip_of(levels, 50.0, 4e-3, float(clip.full)), **told)
 
 
 def holds(estimate, truth, share):

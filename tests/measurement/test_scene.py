@@ -135,11 +135,29 @@ def test_the_picture_has_the_power_of_the_light():
     seen = np.fft.irfft(np.fft.rfft(light) * np.sinc(frequency), columns)
     law = Law(dark=400.0, gain=0.0, floor=1.0)
     levels = 40 + 1000 * seen + 20 / np.sqrt(3) * rng.normal(size=light.shape)
-    picture = light_of_texture(
-        Averaged(levels, np.full(light.shape, 3.0)), law, 40.0, 1040.0, "rows"
-    )
+    everywhere = np.ones(light.shape, bool)
+    averaged = Averaged(levels, np.full(light.shape, 3.0))
+    picture = light_of_texture(averaged, everywhere, law, (40.0, 1040.0), "rows")
     found, truth = (
         row_power_spectrum(ms.Picture(np.asarray(x)), 16).power_spectrum
         for x in (picture, light[..., None].astype(np.float32))
     )
     np.testing.assert_allclose(found[:14], truth[:14], rtol=0.15)
+
+
+@pytest.mark.parametrize("axis", ["rows", "columns"])
+def test_the_spectrum_is_that_of_the_still_parts(axis):
+    """A smooth object over two fifths of the picture leaves it as it is, along either axis."""
+    rng = np.random.default_rng(5)
+    shape, sigma = (220, 260), 0.04
+    light = 0.5 + sigma * rng.standard_normal(shape)
+    at_rest = np.ones(shape, bool)
+    at_rest[30:170, 40:210] = False
+    light[~at_rest] = 0.6
+    levels = 40 + 1000 * light
+    law = Law(dark=1e-6, gain=0.0, floor=1e-7)
+    picture = light_of_texture(Averaged(levels, np.ones(shape)), at_rest, law, (40.0, 1040.0), axis)
+    seen = row_power_spectrum(ms.Picture(picture).turned(axis), 16).power_spectrum
+    pixels = np.sinc((np.arange(16) + 0.5) / 32) ** 2
+    # The object's own line is in the first of them.
+    np.testing.assert_allclose((seen * pixels)[2:14], sigma**2, rtol=0.2)

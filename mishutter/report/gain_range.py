@@ -1,0 +1,75 @@
+"""The range of a gain within the errors of the measured numbers of a scene."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from mishutter.evaluation import evaluate, psnr_of_frames
+from mishutter.model import Scene
+from mishutter.search import Row
+
+_DEVIATIONS = 2.0
+"""Standard deviations to either end."""
+_LEAST_RATE = 0.05
+"""Share of the light at which it ends, however large its error is."""
+
+
+def gain_range(scene: Scene, choice: Row, other: Row) -> tuple[float, float] | None:
+    """The least and greatest gain of a row over another within two errors of each number; dB.
+
+    Both cameras stay as they are, and the decoder knows what the scene is: designs for the other
+    scene differ by the square of the errors. Shifts by independent errors add up by their squares.
+
+    Args:
+        scene: The scene.
+        choice: The row that gains.
+        other: The row that it gains over.
+
+    Returns:
+        The range; None of a scene without errors, and of a row over itself.
+    """
+    if scene.errors is None or choice is other:
+        return None
+    gain = choice.margin_over(other)
+
+    def shift(where: Scene) -> float:
+        return _moved(scene, where, choice) - _moved(scene, where, other)
+
+    shifts = np.array([[shift(end) for end in ends] for ends in _ends(scene)]).reshape(-1, 2)
+    down = np.sqrt(np.sum(np.minimum(shifts.min(axis=1), 0) ** 2))
+    up = np.sqrt(np.sum(np.maximum(shifts.max(axis=1), 0) ** 2))
+    return float(gain - down), float(gain + up)
+
+
+def _moved(scene: Scene, where: Scene, row: Row) -> float:
+    """Level of a row in another scene, less that in its own; dB."""
+    if row.sequence is not None:
+        own, moved = (psnr_of_frames(each, row.sequence.frames) for each in (scene, where))
+        return moved - own
+    return replace(row, metrics=evaluate(where, row.motion, row.shutter)).level - row.level
+
+
+def _ends(scene: Scene) -> Iterator[list[Scene]]:
+    """The scene at either end of each number that has an error."""
+    errors = scene.errors
+    if errors is None:
+        return
+    signs = (-_DEVIATIONS, _DEVIATIONS)
+    if float(errors.photon_rate) > 0:
+        least = _LEAST_RATE * scene.photon_rate
+        rates = [scene.photon_rate + k * errors.photon_rate for k in signs]
+        yield [replace(scene, photon_rate=np.maximum(rate, least)) for rate in rates]
+    if float(errors.read_noise) > 0:
+        noises = [scene.read_noise + k * errors.read_noise for k in signs]
+        yield [replace(scene, read_noise=np.maximum(noise, 0 * noise)) for noise in noises]
+    fastest = float(scene.max_speed)
+    if float(errors.speed) > 0 and fastest > 0:
+        shares = [1 + k * float(errors.speed) / fastest for k in signs]
+        yield [replace(scene, speeds=np.asarray(scene.speeds) * share) for share in shares]
+    if float(errors.front_share) > 0 and scene.occlusion is not None:
+        share = float(scene.occlusion.front_share)
+        shares = [min(max(share + k * float(errors.front_share), 0.0), 1.0) for k in signs]
+        yield [
+            replace(scene, occlusion=replace(scene.occlusion, front_share=each)) for each in shares
+        ]
