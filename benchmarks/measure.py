@@ -9,7 +9,7 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
@@ -18,6 +18,7 @@ from PIL import Image
 jax.config.update("jax_enable_x64", True)
 
 from support.clips import OTHERS, PHOTOGRAPHS, ClipOf, Thing  # noqa: E402
+from support.places import PLACES, Place  # noqa: E402
 
 import mishutter as ms  # noqa: E402
 from benchmarks import harness  # noqa: E402
@@ -207,48 +208,6 @@ def object_rows(count: int) -> list[dict]:
     return rows
 
 
-class Place(NamedTuple):
-    """A scene to film: light, noise, and the objects before a photograph."""
-
-    photograph: str
-    photon_rate: float
-    read_noise: float
-    frames_per_s: float
-    exposure: float
-    things: tuple[Thing, ...]
-
-
-PLACES = {
-    "one object": Place(
-        "brick.png", 1e5, 8.0, 60.0, 2e-3, (Thing((128, 200), (70, 90), (0, 900.0), "brick.png"),)
-    ),
-    "two objects, both ways": Place(
-        "astronaut.png",
-        3e5,
-        6.0,
-        60.0,
-        2e-3,
-        (
-            Thing((75, 140), (55, 70), (0, 760.0), "astronaut.png"),
-            Thing((185, 260), (50, 60), (0, -760.0), "astronaut.png"),
-        ),
-    ),
-    "three objects, both ways": Place(
-        "camera.png",
-        2e5,
-        3.0,
-        50.0,
-        4e-3,
-        (
-            Thing((55, 130), (42, 55), (0, 480.0), "camera.png"),
-            Thing((135, 250), (36, 60), (0, -480.0), "camera.png"),
-            Thing((210, 150), (38, 60), (0, 240.0), "camera.png"),
-        ),
-    ),
-}
-SIZE = 256, 384
-
-
 def back_rows() -> list[dict]:
     """Scenes, the clips that they give, and the answers of both."""
     return [there_and_back(name, place) for name, place in PLACES.items()]
@@ -256,20 +215,9 @@ def back_rows() -> list[dict]:
 
 def there_and_back(name: str, place: Place) -> dict:
     """A scene and the one that is measured from its clip, answered."""
-    clip = ClipOf(
-        place.things,
-        size=SIZE,
-        background=place.photograph,
-        num_frames=8,
-        frames_per_s=place.frames_per_s,
-        exposure=place.exposure,
-        electrons=place.photon_rate * place.exposure,
-        read_noise=place.read_noise,
-        black=1 / 8,
-        has_pixels=True,
-    )
+    clip = place.clip
     found = measured(clip, clip.levels(), dark=clip.dark())
-    truth = true_scene(place, clip, found.scene)
+    truth = place.scene_like(found.scene)
     row: dict = {"scene": name}
     levels = []
     for kind, scene in (("true", truth), ("measured", found.scene)):
@@ -277,30 +225,6 @@ def there_and_back(name: str, place: Place) -> dict:
         row |= {f"{kind}: take": option, f"{kind} dB": f"{level:.2f}"}
         levels.append(level)
     return row | {"measured less true": f"{levels[1] - levels[0]:+.2f}"}
-
-
-def true_scene(place: Place, clip: ClipOf, like: ms.Scene) -> ms.Scene:
-    """The scene that a clip was simulated from, with the limits of another."""
-    time = float(clip.times[clip.num_frames // 2])
-    labels, light = clip.labels(time) > 0, clip.light(time)
-    begins = np.sum(labels[:, 1:] & ~labels[:, :-1]) + labels[:, 0].sum()
-    speeds = [-t.velocity[1] for t in place.things]
-    fast = max(map(abs, speeds))
-    both = min(speeds) < 0 < max(speeds)
-    return ms.Scene(
-        np.linspace(-fast, fast, 9) if both else speeds,
-        photon_rate=place.photon_rate,
-        read_noise=place.read_noise,
-        picture=ms.Texture.of_photograph(ms.Picture(light[..., None])),
-        sensor=like.sensor,
-        limits=like.limits,
-        burst=like.burst,
-        occlusion=ms.Occlusion(
-            front_share=labels.mean(),
-            object_width=labels.sum() / begins,
-            level_difference=light[labels].mean() - light[~labels].mean(),
-        ),
-    )
 
 
 def best_frames(scene: ms.Scene) -> tuple[str, float]:

@@ -16,6 +16,7 @@ from mishutter.model.devices import stays_open as stays_open
 from mishutter.model.limits import LIMITS as LIMITS
 from mishutter.model.limits import Limits as Limits
 from mishutter.model.limits import PathShape as PathShape
+from mishutter.model.measurement_errors import MeasurementErrors as MeasurementErrors
 from mishutter.model.motion import AbstractMotion as AbstractMotion
 from mishutter.model.motion import FreeMotion as FreeMotion
 from mishutter.model.motion import LinearMotion as LinearMotion
@@ -25,7 +26,6 @@ from mishutter.model.motion import StillCamera as StillCamera
 from mishutter.model.motion import is_known_zero as is_known_zero
 from mishutter.model.motion import simplified as simplified
 from mishutter.model.motion import steady as steady
-from mishutter.model.measurement_errors import MeasurementErrors as MeasurementErrors
 from mishutter.model.objects import Objects as Objects
 from mishutter.model.occlusion import LayerShares as LayerShares
 from mishutter.model.occlusion import Occlusion as Occlusion

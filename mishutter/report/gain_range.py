@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import ArrayLike
 
 from mishutter.evaluation import evaluate, psnr_of_frames
 from mishutter.model import Scene
@@ -56,20 +57,23 @@ def _ends(scene: Scene) -> Iterator[list[Scene]]:
     if errors is None:
         return
     signs = (-_DEVIATIONS, _DEVIATIONS)
-    if float(errors.photon_rate) > 0:
-        least = _LEAST_RATE * scene.photon_rate
-        rates = [scene.photon_rate + k * errors.photon_rate for k in signs]
-        yield [replace(scene, photon_rate=np.maximum(rate, least)) for rate in rates]
-    if float(errors.read_noise) > 0:
-        noises = [scene.read_noise + k * errors.read_noise for k in signs]
-        yield [replace(scene, read_noise=np.maximum(noise, 0 * noise)) for noise in noises]
+
+    def around(value: ArrayLike, error: ArrayLike, least: float) -> list[np.floating]:
+        middle, step = np.asarray(value), np.asarray(error)
+        return [np.maximum(middle + k * step, least * middle) for k in signs]
+
+    if errors.photon_rate > 0:
+        rates = around(scene.photon_rate, errors.photon_rate, _LEAST_RATE)
+        yield [replace(scene, photon_rate=rate) for rate in rates]
+    if errors.read_noise > 0:
+        noises = around(scene.read_noise, errors.read_noise, 0.0)
+        yield [replace(scene, read_noise=noise) for noise in noises]
     fastest = float(scene.max_speed)
-    if float(errors.speed) > 0 and fastest > 0:
-        shares = [1 + k * float(errors.speed) / fastest for k in signs]
-        yield [replace(scene, speeds=np.asarray(scene.speeds) * share) for share in shares]
-    if float(errors.front_share) > 0 and scene.occlusion is not None:
-        share = float(scene.occlusion.front_share)
-        shares = [min(max(share + k * float(errors.front_share), 0.0), 1.0) for k in signs]
-        yield [
-            replace(scene, occlusion=replace(scene.occlusion, front_share=each)) for each in shares
-        ]
+    if errors.speed > 0 and fastest > 0:
+        shares = around(1.0, float(errors.speed) / fastest, 0.0)
+        yield [replace(scene, speeds=np.asarray(scene.speeds) * float(s)) for s in shares]
+    layers = scene.occlusion
+    if errors.front_share > 0 and layers is not None:
+        shares = around(layers.front_share, errors.front_share, 0.0)
+        covered = [replace(layers, front_share=np.minimum(share, 1)) for share in shares]
+        yield [replace(scene, occlusion=each) for each in covered]
