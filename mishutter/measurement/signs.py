@@ -28,8 +28,8 @@ _LEAST_COMB = 0.04
 """Lead of a JPEG's grid over the second best: 0.09 to 0.26 for qualities from 60 on, else 0.01."""
 _FRAMES_LOOKED_AT, _BLOCKS_LOOKED_AT = 3, 400
 _GAMMAS = np.arange(0.3, 3.51, 0.05)
-_LEAST_GAMMA, _GAMMA_CERTAIN = 0.15, 16.0
-"""Distance of gamma from 1 that is looked at, and the fall of chi squared that proves it."""
+_LEAST_GAMMA, _GAMMA_CERTAIN, _GAMMA_LIKELY = 0.15, 16.0, 4.0
+"""Distance of gamma from 1 that is looked at, and falls of chi squared that prove and name it."""
 _BENT, _BENT_CERTAIN = 0.2, 8.0
 """Distance from a line, as a share of the variance and in errors, that is no straight curve's."""
 _CURVED = 4.5
@@ -224,16 +224,16 @@ def _bends(transfer: Transfer, black: float | None, step: float) -> Refusal | No
         fits.append(optimize.nnls(columns / error[:, None], target)[1] ** 2)
     best = int(np.argmin(fits))
     gamma, gain = float(_GAMMAS[best]), straight - fits[best]
-    remedy = "Switch gamma off, or record raw frames: levels must be proportional to light"
     is_gamma = abs(gamma - 1) >= _LEAST_GAMMA
-    if is_gamma and gain > _GAMMA_CERTAIN * max(1.0, fits[best] / unit.size):
-        reason = f"the variance over the mean is bent as by a gamma of {gamma:.2g}"
-        return Refusal(NOISE, reason, remedy)
+    is_bent = is_gamma and gain > _GAMMA_CERTAIN * max(1.0, fits[best] / unit.size)
     bend = np.abs(variance / transfer.law(level) - 1)
     is_far = np.any(bend > np.maximum(_BENT, _BENT_CERTAIN * error / transfer.law(level)))
     square, spread = transfer.curvature
     spread = np.hypot(spread, _STRAIGHT * float(transfer.law(np.median(transfer.blocks.mean))))
-    if is_far or abs(square) > _CURVED * spread:
-        reason = f"the variance over the mean is {bend.max():.0%} from a straight line"
-        return Refusal(NOISE, reason, remedy)
-    return None
+    if not (is_bent or is_far or abs(square) > _CURVED * spread):
+        return None
+    reason = f"the variance over the mean is {bend.max():.0%} from a straight line"
+    if is_gamma and gain > _GAMMA_LIKELY:
+        reason = f"the variance over the mean is bent as by a gamma of {gamma:.2g}"
+    remedy = "Switch gamma off, or record raw frames: levels must be proportional to light"
+    return Refusal(NOISE, reason, remedy)

@@ -154,6 +154,9 @@ def still_levels():
 
 SIGNS = {
     "JPEG 95": (lambda: compressed(95), "steps of 8 x 8 px", UNCOMPRESSED),
+    "JPEG 98": (lambda: compressed(98), "steps of 8 x 8 px", UNCOMPRESSED),
+    "JPEG 100": (lambda: compressed(100), "steps of 8 x 8 px", UNCOMPRESSED),
+    "JPEG 100, cut": (lambda: compressed(100)[:, 3:, 6:], "steps of 8 x 8 px", UNCOMPRESSED),
     "JPEG 80": (lambda: compressed(80), "correlates by", "Record raw frames"),
     "repeats": (repeating, "of the pixels at rest repeat from frame to frame", UNCOMPRESSED),
     "neighbours": (smoothed, "noise of neighbouring pixels correlates by 0.", "raw frames"),
@@ -196,9 +199,33 @@ def test_dark_frames_that_are_cut_off_tell_no_black():
     assert noise.read_noise_range is not None
 
 
+@pytest.mark.parametrize("bits", [8, 12, 16])
+@pytest.mark.parametrize("name", ["page.png", "rocket.jpg"])
+def test_uncompressed_photographs_have_no_sign(name, bits):
+    """Whose edges lie where they like, and whose noise is that of their light alone."""
+    clip = replace(CLIP, background=name, bits=bits, electrons=2100.0, num_frames=5)
+    assert not found(clip.levels(), clip)[1].refusals
+
+
+def coded(gamma, **others):
+    """Levels of 8 bits that are a power of the light."""
+    clip = replace(CLIP, bits=16, black=0.0, **others)
+    return np.rint(255 * (clip.levels() / 65535) ** (1 / gamma)).astype(np.uint8)
+
+
+def test_a_gamma_of_one_and_a_half_is_refused_where_noise_shows_it():
+    """By the curve, of more frames than a few; the same clip without it has a number."""
+    still = {"things": (), "electrons": 9000.0, "read_noise": 12.0, "num_frames": 16}
+    _, noise = found(coded(1.5, **still), EIGHT)
+    assert noise.electrons_at_white is None
+    (refusal,) = noise.refusals
+    assert "gamma of 1." in refusal.reason
+    straight = replace(EIGHT, **still)
+    assert found(straight.levels(), straight)[1].electrons_at_white is not None
+
+
 def test_a_gamma_without_read_noise_is_doubted():
     """A gamma of 1.5 is as straight as a line of much read noise: the clip's words say so."""
-    coded = np.rint(255 * LIGHT ** (1 / 1.5)).astype(np.uint8)
-    frames, noise = found(coded, replace(CLIP, bits=8))
+    frames, noise = found(coded(1.5), EIGHT)
     assert noise.electrons_at_white is None or "a gamma of 1." in frames.words[-1]
     assert not any("gamma" in word for word in found()[0].words)
