@@ -18,7 +18,7 @@ from PIL import Image
 jax.config.update("jax_enable_x64", True)
 
 from support.clips import OTHERS, PHOTOGRAPHS, ClipOf, Thing  # noqa: E402
-from support.places import PLACES, Place  # noqa: E402
+from support.places import PLACES, Place, best_frames  # noqa: E402
 
 import mishutter as ms  # noqa: E402
 from benchmarks import harness  # noqa: E402
@@ -225,16 +225,6 @@ def there_and_back(name: str, place: Place) -> dict:
         row |= {f"{kind}: take": option, f"{kind} dB": f"{level:.2f}"}
         levels.append(level)
     return row | {"measured less true": f"{levels[1] - levels[0]:+.2f}"}
-
-
-def best_frames(scene: ms.Scene) -> tuple[str, float]:
-    """The frames to take where objects are registered, and their level."""
-    known = replace(scene, decoder_speed="known")
-    sequence = ms.best_sequence(known)
-    if sequence is None:
-        return "none", float("nan")
-    losses = sequence.registration_loss or 0.0, sequence.width_loss or 0.0
-    return f"{len(sequence.frames)}, {sequence.kind}", float(sequence.psnr - sum(losses))
 
 
 def noise_table(rows: list[dict]) -> list[dict]:

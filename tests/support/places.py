@@ -1,10 +1,11 @@
 """Places to film whose scenes are known: clips of them, and the scenes that those are of."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from mishutter import Occlusion, Picture, Scene, Texture
+from mishutter import Occlusion, Picture, Scene, Texture, best_sequence
 from support.clips import ClipOf, Thing
 
 
@@ -87,3 +88,13 @@ PLACES = {
         ),
     ),
 }
+
+
+def best_frames(scene: Scene) -> tuple[str, float]:
+    """The frames to take where objects are registered, and their level."""
+    known = replace(scene, decoder_speed="known")
+    sequence = best_sequence(known)
+    if sequence is None:
+        return "none", float("nan")
+    losses = sequence.registration_loss or 0.0, sequence.width_loss or 0.0
+    return f"{len(sequence.frames)}, {sequence.kind}", float(sequence.psnr - sum(losses))
