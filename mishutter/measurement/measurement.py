@@ -294,7 +294,8 @@ def noise_from(
         for key, source in others.items()
     }
     steady, drift = photon_transfer.steady(clip.frames, clip.step)
-    noise = noise_of(clip, steady, read["dark"], read["flats"], black)
+    told = None if black is None else float(black)
+    noise = noise_of(clip, steady, read["dark"], read["flats"], told)
     if drift:
         clip = clip.with_frames(steady, _STEADY_WORD.format(share=drift))
     if noise.transfer is not None and noise.electrons_at_white is not None and dark is None:

@@ -83,7 +83,7 @@ def noise_of(
     steady: np.ndarray,
     dark: np.ndarray | None,
     flats: np.ndarray | None,
-    black: float | int | None,
+    black: float | None,
 ) -> Noise:
     """The noise of a clip, with dark frames and flat fields where there are some.
 
@@ -148,7 +148,7 @@ class _Black(NamedTuple):
     refusal: Refusal | None = None
 
 
-def _black_of(clip: Clip, dark: np.ndarray | None, black: float | int | None) -> _Black:
+def _black_of(clip: Clip, dark: np.ndarray | None, black: float | None) -> _Black:
     told = None if black is None else Estimate(black, 0.0)
     source = "" if black is None else "as told"
     if dark is None:
@@ -243,7 +243,7 @@ def _read_of(
 
 
 def _check_others(
-    clip: Clip, dark: np.ndarray | None, flats: np.ndarray | None, black: float | int | None
+    clip: Clip, dark: np.ndarray | None, flats: np.ndarray | None, black: float | None
 ) -> None:
     size = clip.frames.shape[1:]
     for name, frames in (("dark", dark), ("flats", flats)):
