@@ -212,14 +212,23 @@ class Comparison:
         ]
         choice = None if self.choice is None else self.choice.name
         numbers = {"gain_db": self.gain, "ceiling_db": self.ceiling}
-        if self.gain_range is not None:
-            numbers["choice_gain_range_db"] = list(self.gain_range)
         words = {"verdict": self.verdict, "notes": list(self.notes), "details": list(self.details)}
         words |= {"choice": choice, "options": options}
+        within = self.gain_range
+        ranges = {} if within is None else {"choice_gain_range_db": list(within)}
         costs = {} if self.costs is None else {"tolerance_costs": self.costs.to_dict()}
         judged = {} if self.judgement is None else {"on_pictures": self.judgement.to_dict()}
         frames = {} if self.sequence is None else {"sequence": sequence_to_dict(self.sequence)}
-        return {"rows": rows, "rivals": rivals, **words, **numbers, **costs, **judged, **frames}
+        return {
+            "rows": rows,
+            "rivals": rivals,
+            **words,
+            **numbers,
+            **ranges,
+            **costs,
+            **judged,
+            **frames,
+        }
 
     def plot(self) -> "Figure":
         """A figure of the levels of all rows at their own best motion, and of the ceiling."""

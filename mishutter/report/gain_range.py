@@ -58,9 +58,9 @@ def _ends(scene: Scene) -> Iterator[list[Scene]]:
         return
     signs = (-_DEVIATIONS, _DEVIATIONS)
 
-    def around(value: ArrayLike, error: ArrayLike, least: float) -> list[np.floating]:
+    def around(value: ArrayLike, error: ArrayLike, least: float) -> list[np.ndarray]:
         middle, step = np.asarray(value), np.asarray(error)
-        return [np.maximum(middle + k * step, least * middle) for k in signs]
+        return [np.asarray(np.maximum(middle + k * step, least * middle)) for k in signs]
 
     if errors.photon_rate > 0:
         rates = around(scene.photon_rate, errors.photon_rate, _LEAST_RATE)
