@@ -74,14 +74,26 @@ class Blocks:
         quarters = (_SIDE // _PART) ** 2
         shift = self.parts / (2 * expected / _PART**2)
         spread = self.variance / expected * _FREEDOM
+        # What moves a little shows in several blocks side by side, beside others of the level.
+        unusual = (spread / np.maximum(self._usual(spread), 1.0)).reshape(self.shape)
+        around = ndimage.uniform_filter(unusual, (1, 3, 3), mode="nearest").ravel()
         chances = (
             stats.chi2.sf(shift / few, quarters / few),
             stats.chi2.sf(spread / few, _FREEDOM / few),
+            stats.chi2.sf(9 * _FREEDOM * around / few, 9 * _FREEDOM / few),
         )
-        least = np.minimum(*chances)
+        least = np.min(chances, axis=0)
         is_strong = (least < _NEVER).reshape(self.shape)
         grown = np.asarray(ndimage.binary_dilation(is_strong, np.ones((1, 3, 3))), bool)
         return grown.ravel() | (least < _RARE)
+
+    def _usual(self, values: np.ndarray) -> Float[np.ndarray, "blocks"]:
+        """Medians of values over whole blocks of similar levels."""
+        whole = np.flatnonzero(self.is_whole)
+        order = whole[np.argsort(self.mean[whole])]
+        bins = [part for part in np.array_split(order, _BINS) if part.size]
+        levels = [float(np.median(self.mean[part])) for part in bins]
+        return np.interp(self.mean, levels, [float(np.median(values[part])) for part in bins])
 
     def __add__(self, other: "Blocks") -> "Blocks":
         """The blocks of both; their pairs are counted as one shape that nothing is asked of."""
@@ -314,7 +326,9 @@ def steady(frames: np.ndarray, step: float) -> tuple[np.ndarray, float]:
     """
     means = np.stack([_means(frame, _SIDE) for frame in frames]).reshape(len(frames), -1)
     usual = np.median(means, axis=0)
-    if np.ptp(usual) <= step:
+    # Half of the picture at rest holds the median, whatever moves over the rest.
+    shifts = np.median(means - usual, axis=1) / max(abs(float(np.median(usual))), step, 1e-9)
+    if np.ptp(usual) <= step or np.std(shifts) < _STEADY:
         return frames, 0.0
     lines = np.array([_robust_line(usual, each) for each in means])
     offsets, gains, errors = lines.T

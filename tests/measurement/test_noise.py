@@ -81,6 +81,15 @@ def test_flat_fields_tell_the_noise_of_a_clip_in_which_all_moves():
     assert holds(noise.read_noise, 4.3, 0.15)
 
 
+def test_objects_that_pass_are_no_drift_of_the_exposure():
+    """A third of a dim picture of little contrast brightens and darkens; all else stays."""
+    things = tuple(replace(thing, photograph="rocket.jpg") for thing in THINGS)
+    clip = replace(CLIP, things=things, background="microaneurysms.png", electrons=9100.0)
+    frames, noise = found(clip.levels(), clip, dark=clip.dark())
+    assert not any("drifts" in word for word in frames.words)
+    assert holds(noise.electrons_at_white, 9100, 0.1)
+
+
 def test_an_exposure_that_drifts_is_divided_out():
     """And said; the electrons are those of the usual exposure."""
     clip = replace(CLIP, flicker=0.04)
@@ -215,7 +224,8 @@ def coded(gamma, **others):
 
 def test_a_gamma_of_one_and_a_half_is_refused_where_noise_shows_it():
     """By the curve, of more frames than a few; the same clip without it has a number."""
-    still = {"things": (), "electrons": 9000.0, "read_noise": 12.0, "num_frames": 16}
+    still = {"things": (), "background": "coffee.png", "num_frames": 16}
+    still |= {"electrons": 9000.0, "read_noise": 12.0}
     _, noise = found(coded(1.5, **still), EIGHT)
     assert noise.electrons_at_white is None
     (refusal,) = noise.refusals
