@@ -35,7 +35,7 @@ GAMMAS = (1.5, 1.8, 2.2)
 LIGHTS = (300, 1000, 10_000)
 SETS = {"chosen by": PHOTOGRAPHS, "others": OTHERS}
 """Photographs by whose clips thresholds were chosen, and others, of other objects and seeds."""
-_OF_OTHERS = 2000
+_OF_OTHERS = 3000
 """First seed of those."""
 TEXT = """## A scene measured from a clip
 

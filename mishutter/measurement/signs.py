@@ -34,7 +34,7 @@ _BENT, _BENT_CERTAIN = 0.2, 8.0
 """Distance from a line, as a share of the variance and in errors, that is no straight curve's."""
 _CURVED = 4.5
 """Part of the variance that is square in the level, in errors, that no straight curve has."""
-_STRAIGHT = 0.005
+_STRAIGHT = 0.01
 """Distance from a line, as a share of the variance, that a sensor and what moves may leave."""
 _LEAST_RANGE = 2.0
 _MOST_CUT = 0.9
