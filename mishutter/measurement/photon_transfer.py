@@ -76,7 +76,8 @@ class Blocks:
         spread = self.variance / expected * _FREEDOM
         # What moves a little shows in several blocks side by side, beside others of the level.
         unusual = (spread / np.maximum(self._usual(spread), 1.0)).reshape(self.shape)
-        around = ndimage.uniform_filter(unusual, (1, 3, 3), mode="nearest").ravel()
+        around = ndimage.uniform_filter1d(unusual, 3, axis=1, mode="nearest")
+        around = ndimage.uniform_filter1d(around, 3, axis=2, mode="nearest").ravel()
         chances = (
             stats.chi2.sf(shift / few, quarters / few),
             stats.chi2.sf(spread / few, _FREEDOM / few),
