@@ -7,8 +7,9 @@ Clips are simulated from photographs by `tests/support/clips.py`. A typical prin
 import io
 import sys
 import time
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
@@ -16,33 +17,46 @@ from PIL import Image
 
 jax.config.update("jax_enable_x64", True)
 
-from support.clips import PHOTOGRAPHS, ClipOf, Thing  # noqa: E402
+from support.clips import OTHERS, PHOTOGRAPHS, ClipOf, Thing  # noqa: E402
+from support.places import PLACES, Place, best_frames  # noqa: E402
 
 import mishutter as ms  # noqa: E402
 from benchmarks import harness  # noqa: E402
 from mishutter.measurement import Noise, noise_from  # noqa: E402
+from mishutter.measurement.clip import clip_of  # noqa: E402
 
 NOISES = ((300, 2.0), (1000, 8.0), (1000, 4.0), (3000, 4.0), (10_000, 4.0))
 """Photo-electrons at white, and read noise; e-."""
 DEPTHS = (8, 12, 16)
 NUM_CLIPS = 48
 """Clips of two objects each."""
-QUALITIES = (95, 90, 80, 60)
-GAMMAS = (1.8, 2.2)
+QUALITIES = (100, 98, 95, 80)
+GAMMAS = (1.5, 1.8, 2.2)
+LIGHTS = (300, 1000, 10_000)
+SETS = {"chosen by": PHOTOGRAPHS, "others": OTHERS}
+"""Photographs by whose clips thresholds were chosen, and others, of other objects and seeds."""
+_OF_OTHERS = 3000
+"""First seed of those."""
 TEXT = """## A scene measured from a clip
 
-**Noise.** Eight frames of 256 x 256 of ten photographs before which two objects move, five noises
-and three depths: {num_noise} clips, each with two dark frames, or with black told where level 0
-cuts dark frames off. `electrons` is the share within 10 % of the truth and the farthest, `read`
-the share within 20 % and the farthest; `within two` the share of errors that hold the truth.
-A read noise below half a step of the file is refused.
+**Noise.** Eight frames of 256 x 256 of photographs before which two objects move, five noises and
+three depths: {num_noise} clips, each with two dark frames, or with black told where level 0 cuts
+dark frames off. `electrons` is the share within 10 % of the truth and the farthest, `read` the
+share within 20 % and the farthest; `within two` the share of errors that hold the truth. A read
+noise below half a step of the file is refused. Of the ten photographs by which thresholds were
+chosen:
 
 {noise}
 
-All together: electrons within two errors {electron_cover:.0%}, read noise {read_cover:.0%}.
+Of eight others, with other objects and seeds:
 
-**Clips that are refused.** The same clips of 8 bits after a JPEG, or coded by a gamma: share in
-which no number is written.
+{others}
+
+Within two errors: electrons {electrons_chosen:.0%} and {electrons_others:.0%} of all, read noise
+{read_chosen:.0%} and {read_others:.0%}.
+
+**Clips that are refused.** The same clips of 8 bits after a JPEG, or coded by a gamma, without dark
+frames: share in which no number is written, + that in which one is and a gamma is named beside it.
 
 {refused}
 
@@ -71,8 +85,17 @@ def thing(rng: np.random.Generator, centre: tuple[float, float], name: str) -> T
 def two_things(seed: int) -> tuple[Thing, Thing]:
     """Two objects at random velocities."""
     rng = np.random.default_rng([seed, 3])
-    names = PHOTOGRAPHS[(seed + 3) % 10], PHOTOGRAPHS[(seed + 7) % 10]
+    photographs = PHOTOGRAPHS if seed < _OF_OTHERS else OTHERS
+    names = [photographs[(seed + i) % len(photographs)] for i in (3, 7)]
     return thing(rng, (85, 85), names[0]), thing(rng, (170, 165), names[1])
+
+
+def still_clips(**others: Any) -> Iterator[tuple[str, str, ClipOf]]:
+    """A clip of each photograph with its set and name; eight frames of 256 x 256."""
+    for number, (which, photographs) in enumerate(SETS.items()):
+        for k, name in enumerate(photographs):
+            seed = number * _OF_OTHERS + k
+            yield which, name, ClipOf(two_things(seed), background=name, seed=seed, **others)
 
 
 def measured(clip: ClipOf, levels: np.ndarray, **others: Any) -> ms.Measurement:
@@ -89,13 +112,12 @@ def measured(clip: ClipOf, levels: np.ndarray, **others: Any) -> ms.Measurement:
 def noise_rows() -> list[dict]:
     """One row for each clip of the noises."""
     rows = []
-    for seed, name in enumerate(PHOTOGRAPHS):
-        base = ClipOf(two_things(seed), background=name, seed=seed)
+    for which, name, base in still_clips():
         lights = [base.exposed(t) for t in base.times]
         for electrons, read in NOISES:
             for bits in DEPTHS:
                 clip = replace(base, electrons=electrons, read_noise=read, bits=bits)
-                rng = np.random.default_rng([seed, bits, electrons])
+                rng = np.random.default_rng([base.seed, bits, electrons])
                 levels = np.stack([clip.recorded(light, rng) for light in lights])
                 dark = clip.dark()
                 told = (
@@ -104,7 +126,8 @@ def noise_rows() -> list[dict]:
                     else {"dark": dark}
                 )
                 noise = measured_noise(clip, levels, **told)
-                row = {"photograph": name, "electrons": electrons, "read": read, "bits": bits}
+                row = {"set": which, "photograph": name, "electrons": electrons, "read": read}
+                row["bits"] = bits
                 row["steps"] = read * clip.per_electron
                 for key, truth, found in (
                     ("electrons", electrons, noise.electrons_at_white),
@@ -120,15 +143,15 @@ def noise_rows() -> list[dict]:
 
 def measured_noise(clip: ClipOf, levels: np.ndarray, **told: Any) -> Noise:
     """The noise alone."""
-    return noise_from(levels, frames_per_s=clip.frames_per_s, white=float(clip.full), **told)[1]
+    given = clip_of(levels, clip.frames_per_s, None, float(clip.full))
+    return noise_from(given, **told)[1]
 
 
 def refused_rows() -> list[dict]:
     """Whether clips after a JPEG, or coded by a gamma, are refused."""
     rows = []
-    for seed, name in enumerate(PHOTOGRAPHS):
-        for electrons in (300, 1000, 10_000):
-            clip = ClipOf(two_things(seed), background=name, seed=seed, electrons=electrons, bits=8)
+    for electrons in LIGHTS:
+        for which, name, clip in still_clips(electrons=electrons, bits=8):
             levels = clip.levels()
             coded = {f"JPEG {q}": np.stack([jpeg(f, q) for f in levels]) for q in QUALITIES}
             deep = replace(clip, bits=16, black=0.0).levels() / 65535
@@ -136,9 +159,13 @@ def refused_rows() -> list[dict]:
                 coded[f"gamma {gamma:g}"] = np.rint(255 * deep ** (1 / gamma)).astype(np.uint8)
             coded["none"] = levels
             for kind, frames in coded.items():
-                noise = measured_noise(clip, frames)
-                is_refused = noise.electrons_at_white is None
-                rows.append({"kind": kind, "electrons": electrons, "refused": is_refused})
+                given = clip_of(frames, clip.frames_per_s, None, float(clip.full))
+                found, noise = noise_from(given)
+                row = {"set": which, "photograph": name, "kind": kind, "electrons": electrons}
+                row["refused"] = noise.electrons_at_white is None
+                row["doubted"] = any("gamma" in word for word in found.words)
+                row["refusals"] = [each.reason for each in noise.refusals]
+                rows.append(row)
     return rows
 
 
@@ -181,48 +208,6 @@ def object_rows(count: int) -> list[dict]:
     return rows
 
 
-class Place(NamedTuple):
-    """A scene to film: light, noise, and the objects before a photograph."""
-
-    photograph: str
-    photon_rate: float
-    read_noise: float
-    frames_per_s: float
-    exposure: float
-    things: tuple[Thing, ...]
-
-
-PLACES = {
-    "one object": Place(
-        "brick.png", 1e5, 8.0, 60.0, 2e-3, (Thing((128, 200), (70, 90), (0, 900.0), "brick.png"),)
-    ),
-    "two objects, both ways": Place(
-        "astronaut.png",
-        3e5,
-        6.0,
-        60.0,
-        2e-3,
-        (
-            Thing((75, 140), (55, 70), (0, 760.0), "astronaut.png"),
-            Thing((185, 260), (50, 60), (0, -760.0), "astronaut.png"),
-        ),
-    ),
-    "three objects, both ways": Place(
-        "camera.png",
-        2e5,
-        3.0,
-        50.0,
-        4e-3,
-        (
-            Thing((55, 130), (42, 55), (0, 480.0), "camera.png"),
-            Thing((135, 250), (36, 60), (0, -480.0), "camera.png"),
-            Thing((210, 150), (38, 60), (0, 240.0), "camera.png"),
-        ),
-    ),
-}
-SIZE = 256, 384
-
-
 def back_rows() -> list[dict]:
     """Scenes, the clips that they give, and the answers of both."""
     return [there_and_back(name, place) for name, place in PLACES.items()]
@@ -230,20 +215,9 @@ def back_rows() -> list[dict]:
 
 def there_and_back(name: str, place: Place) -> dict:
     """A scene and the one that is measured from its clip, answered."""
-    clip = ClipOf(
-        place.things,
-        size=SIZE,
-        background=place.photograph,
-        num_frames=8,
-        frames_per_s=place.frames_per_s,
-        exposure=place.exposure,
-        electrons=place.photon_rate * place.exposure,
-        read_noise=place.read_noise,
-        black=1 / 8,
-        has_pixels=True,
-    )
+    clip = place.clip
     found = measured(clip, clip.levels(), dark=clip.dark())
-    truth = true_scene(place, clip, found.scene)
+    truth = place.scene_like(found.scene)
     row: dict = {"scene": name}
     levels = []
     for kind, scene in (("true", truth), ("measured", found.scene)):
@@ -251,40 +225,6 @@ def there_and_back(name: str, place: Place) -> dict:
         row |= {f"{kind}: take": option, f"{kind} dB": f"{level:.2f}"}
         levels.append(level)
     return row | {"measured less true": f"{levels[1] - levels[0]:+.2f}"}
-
-
-def true_scene(place: Place, clip: ClipOf, like: ms.Scene) -> ms.Scene:
-    """The scene that a clip was simulated from, with the limits of another."""
-    time = float(clip.times[clip.num_frames // 2])
-    labels, light = clip.labels(time) > 0, clip.light(time)
-    begins = np.sum(labels[:, 1:] & ~labels[:, :-1]) + labels[:, 0].sum()
-    speeds = [-t.velocity[1] for t in place.things]
-    fast = max(map(abs, speeds))
-    both = min(speeds) < 0 < max(speeds)
-    return ms.Scene(
-        np.linspace(-fast, fast, 9) if both else speeds,
-        photon_rate=place.photon_rate,
-        read_noise=place.read_noise,
-        picture=ms.Texture.of_photograph(ms.Picture(light[..., None])),
-        sensor=like.sensor,
-        limits=like.limits,
-        burst=like.burst,
-        occlusion=ms.Occlusion(
-            front_share=labels.mean(),
-            object_width=labels.sum() / begins,
-            level_difference=light[labels].mean() - light[~labels].mean(),
-        ),
-    )
-
-
-def best_frames(scene: ms.Scene) -> tuple[str, float]:
-    """The frames to take where objects are registered, and their level."""
-    known = replace(scene, decoder_speed="known")
-    sequence = ms.best_sequence(known)
-    if sequence is None:
-        return "none", float("nan")
-    losses = sequence.registration_loss or 0.0, sequence.width_loss or 0.0
-    return f"{len(sequence.frames)}, {sequence.kind}", float(sequence.psnr - sum(losses))
 
 
 def noise_table(rows: list[dict]) -> list[dict]:
@@ -315,9 +255,13 @@ def refused_table(rows: list[dict]) -> list[dict]:
     table = []
     for kind in dict.fromkeys(row["kind"] for row in rows):
         row = {"coded by": kind}
-        for electrons in (300, 1000, 10_000):
-            mine = [r["refused"] for r in rows if (r["kind"], r["electrons"]) == (kind, electrons)]
-            row[f"{electrons:,} e-"] = f"{np.mean(mine):.0%}"
+        for which in SETS:
+            for electrons in LIGHTS:
+                key = which, kind, electrons
+                mine = [r for r in rows if (r["set"], r["kind"], r["electrons"]) == key]
+                refused, doubted = (np.mean([r[k] for r in mine]) for k in ("refused", "doubted"))
+                text = f"{refused:.0%}" + (f" + {doubted:.0%}" if doubted else "")
+                row[f"{which}, {electrons:,} e-"] = text
         table.append(row)
     return table
 
@@ -336,22 +280,26 @@ def report(parts: dict[str, list[dict]], seconds: float) -> None:
     """Store and print."""
     harness.write("measure", [{"part": k, **row} for k, rows in parts.items() for row in rows])
     noise, objects = parts["noise"], parts["objects"]
-    covers = [
-        np.mean([abs(r[f"{key} score"]) < 2 for r in noise if f"{key} score" in r])
+    covers = {
+        f"{key}_{which.split()[0]}": np.mean(
+            [abs(r[f"{key} score"]) < 2 for r in noise if r["set"] == which and f"{key} score" in r]
+        )
         for key in ("electrons", "read")
-    ]
+        for which in SETS
+    }
     off = np.array([x for row in objects for x in row["off"]])
     visible = np.array([x for row in objects for x in row["visible"]]) >= 2000
     scores = np.array([x for row in objects for x in row["scores"]])
     shares = np.abs([row["share"] for row in objects])
     is_found = off < 1.5
-    tables = noise_table(noise), refused_table(parts["refused"]), parts["back"]
-    noise_text, refused, back = (harness.table(t, list(t[0])) for t in tables)
+    of_noise = [noise_table([r for r in noise if r["set"] == which]) for which in SETS]
+    tables = *of_noise, refused_table(parts["refused"]), parts["back"]
+    noise_text, others, refused, back = (harness.table(t, list(t[0])) for t in tables)
     text = TEXT.format(
         num_noise=len(noise),
         noise=noise_text,
-        electron_cover=covers[0],
-        read_cover=covers[1],
+        others=others,
+        **covers,
         refused=refused,
         num_clips=len(objects),
         found=int(is_found.sum()),

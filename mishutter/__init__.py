@@ -14,6 +14,7 @@ Scenes
     Sensor                    what a pixel holds, and the width and the axis of the sensor
     Limits                    limits of the stage and of the exposure
     Tolerances                errors of the camera as built
+    MeasurementErrors         errors of measured numbers, within which a gain is stated
     Objects                   objects that are registered one by one, and their width
     Occlusion                 objects that hide part of a background
     Burst                     frames that a camera may take instead of one exposure

@@ -85,6 +85,7 @@ from .model import HannShutter as HannShutter
 from .model import IdealShutter as IdealShutter
 from .model import Limits as Limits
 from .model import LinearMotion as LinearMotion
+from .model import MeasurementErrors as MeasurementErrors
 from .model import Objects as Objects
 from .model import Occlusion as Occlusion
 from .model import Optics as Optics

@@ -90,7 +90,10 @@ class Clip:
 
 
 def clip_of(
-    source: Source, frames_per_s: float, exposure: float | None, white: float | None
+    source: Source,
+    frames_per_s: float | int,
+    exposure: float | int | None,
+    white: float | int | None,
 ) -> Clip:
     """A clip from files or an array.
 

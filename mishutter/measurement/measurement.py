@@ -59,8 +59,8 @@ class Measurement:
     motion: Motion
     light: Float[np.ndarray, "rows columns 1"]
     level_difference: Estimate
-    pixel_pitch: float | None
-    px_per_mm: float | None
+    pixel_pitch: float | int | None
+    px_per_mm: float | int | None
 
     @property
     def along(self) -> AlongAxis | None:
@@ -210,14 +210,14 @@ class Measurement:
 def measure(
     clip: Source,
     *,
-    frames_per_s: float,
-    exposure: float | None = None,
+    frames_per_s: float | int,
+    exposure: float | int | None = None,
     dark: Source | None = None,
     flats: Source | None = None,
-    black: float | None = None,
-    white: float | None = None,
-    pixel_pitch: float | None = None,
-    px_per_mm: float | None = None,
+    black: float | int | None = None,
+    white: float | int | None = None,
+    pixel_pitch: float | int | None = None,
+    px_per_mm: float | int | None = None,
     progress: bool = False,
 ) -> Measurement:
     r"""Measure noise, velocities and texture from a clip of a camera at rest.
@@ -264,55 +264,45 @@ def measure(
         name = f"{Path(next(iter(clip), '')).name} and others"
     with counts(progress, "measuring", 2) as counter:
         counter.next("noise")
-        frames, noise = noise_from(
-            clip,
-            frames_per_s=frames_per_s,
-            exposure=exposure,
-            dark=dark,
-            flats=flats,
-            black=black,
-            white=white,
-        )
+        frames = clip_of(clip, frames_per_s, exposure, white)
+        frames, noise = noise_from(frames, dark=dark, flats=flats, black=black)
         counter.next("velocities")
         unit = noise.law.of_unit_noise(frames.frames)
         motion = motion_of(unit, frames.frames_per_s)
         picture = averaged(frames.frames, unit, motion, frames.frames_per_s)
         along = along_axis(motion.objects)
         axis = "rows" if along is None else along.axis
-        black_level = noise.black_level
-        light = light_of_texture(picture, noise.law, black_level, frames.white, axis)
-        levels = (picture.levels - black_level) / (frames.white - black_level)
+        ends = noise.black_level, frames.white
+        light = light_of_texture(picture, motion.labels == 0, noise.law, ends, axis)
+        levels = (picture.levels - ends[0]) / (ends[1] - ends[0])
     difference = _level_difference(levels, motion)
     name = Path(name).name if name else "an array"
     return Measurement(name, frames, noise, motion, light, difference, pixel_pitch, px_per_mm)
 
 
 def noise_from(
-    clip: Source,
+    clip: Clip,
     *,
-    frames_per_s: float,
-    exposure: float | None = None,
     dark: Source | None = None,
     flats: Source | None = None,
-    black: float | None = None,
-    white: float | None = None,
+    black: float | int | None = None,
 ) -> tuple[Clip, Noise]:
     """The frames of a clip, divided by an exposure that drifts, and their noise; see `measure`."""
-    frames = clip_of(clip, frames_per_s, exposure, white)
     others = {"dark": dark, "flats": flats}
     read = {
         key: None if source is None else read_levels_of(source, f"measure({key}=...)").frames
         for key, source in others.items()
     }
-    steady, drift = photon_transfer.steady(frames.frames, frames.step)
-    noise = noise_of(frames, steady, read["dark"], read["flats"], black)
+    steady, drift = photon_transfer.steady(clip.frames, clip.step)
+    told = None if black is None else float(black)
+    noise = noise_of(clip, steady, read["dark"], read["flats"], told)
     if drift:
-        frames = frames.with_frames(steady, _STEADY_WORD.format(share=drift))
+        clip = clip.with_frames(steady, _STEADY_WORD.format(share=drift))
     if noise.transfer is not None and noise.electrons_at_white is not None and dark is None:
-        gamma = shot_gamma(noise.transfer, frames.step)
+        gamma = shot_gamma(noise.transfer, clip.step)
         if gamma is not None:
-            frames = frames.with_frames(frames.frames, _GAMMA_WORD.format(gamma=gamma))
-    return frames, noise
+            clip = clip.with_frames(clip.frames, _GAMMA_WORD.format(gamma=gamma))
+    return clip, noise
 
 
 def _level_difference(levels: np.ndarray, motion: Motion) -> Estimate:

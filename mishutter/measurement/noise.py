@@ -21,9 +21,9 @@ from mishutter.measurement.signs import (
     too_narrow,
 )
 
-_MODEL = 0.007
+_MODEL = 0.012
 """Error of a gain that no resampling shows, as a share, on clips of photographs of known truth."""
-_READ_MODEL = 0.02
+_READ_MODEL = 0.03
 """The same of the read noise, to which few blocks at rest are dark."""
 _NO_ENDS = -np.inf, np.inf
 READ = "the read noise"

@@ -11,10 +11,13 @@ which something moves strongly rejects those around it.
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import ndimage, stats
+
+from mishutter.measurement.estimates import Estimate
 
 _SIDE, _PART = 8, 4
 """Sides of a block and of its quarters, whose means show what moves; px."""
@@ -71,14 +74,27 @@ class Blocks:
         quarters = (_SIDE // _PART) ** 2
         shift = self.parts / (2 * expected / _PART**2)
         spread = self.variance / expected * _FREEDOM
+        # What moves a little shows in several blocks side by side, beside others of the level.
+        unusual = (spread / np.maximum(self._usual(spread), 1.0)).reshape(self.shape)
+        around = ndimage.uniform_filter1d(unusual, 3, axis=1, mode="nearest")
+        around = ndimage.uniform_filter1d(around, 3, axis=2, mode="nearest").ravel()
         chances = (
             stats.chi2.sf(shift / few, quarters / few),
             stats.chi2.sf(spread / few, _FREEDOM / few),
+            stats.chi2.sf(9 * _FREEDOM * around / few, 9 * _FREEDOM / few),
         )
-        least = np.minimum(*chances)
+        least = np.min(chances, axis=0)
         is_strong = (least < _NEVER).reshape(self.shape)
         grown = np.asarray(ndimage.binary_dilation(is_strong, np.ones((1, 3, 3))), bool)
         return grown.ravel() | (least < _RARE)
+
+    def _usual(self, values: np.ndarray) -> Float[np.ndarray, "blocks"]:
+        """Medians of values over whole blocks of similar levels."""
+        whole = np.flatnonzero(self.is_whole)
+        order = whole[np.argsort(self.mean[whole])]
+        bins = [part for part in np.array_split(order, _BINS) if part.size]
+        levels = [float(np.median(self.mean[part])) for part in bins]
+        return np.interp(self.mean, levels, [float(np.median(values[part])) for part in bins])
 
     def __add__(self, other: "Blocks") -> "Blocks":
         """The blocks of both; their pairs are counted as one shape that nothing is asked of."""
@@ -128,6 +144,7 @@ class Transfer:
         blocks: The blocks at rest.
         share: Share of the clip's whole blocks that is at rest.
         lines: Lines of resampled blocks, `dark` and `gain`; shape `(resamples, 2)`.
+        curvature: Variance at either end of the levels that is square in the level.
         at_rest: Whether a block of the clip is at rest and whole; shape `(pairs, rows, columns)`.
     """
 
@@ -135,6 +152,7 @@ class Transfer:
     blocks: Blocks
     share: float
     lines: Float[np.ndarray, "resamples 2"]
+    curvature: Estimate
     at_rest: Bool[np.ndarray, "pairs rows columns"]
 
     def curve(self, num_bins: int = _BINS) -> Float[np.ndarray, "4 bins"]:
@@ -212,14 +230,16 @@ def transfer_of(clip: Blocks, others: Blocks | None, step: float, seed: int = 0)
             blocks = blocks + others.where(others.is_whole & law.exceeds_steps(others.mean, step))
         if blocks.mean.size < LEAST_BLOCKS:
             return None
-        law = replace(law, **dict(zip(("dark", "gain"), _line(_sums(blocks, law)), strict=True)))
-    sums = _sums(blocks, law)
+        dark, gain = _Sums.of(blocks, law).lines()[0]
+        law = replace(law, dark=float(dark), gain=float(gain))
+    sums = _Sums.of(blocks, law)
     rng = np.random.default_rng(seed)
-    count = len(sums)
+    count = len(sums.each)
     times = rng.multinomial(count, np.full(count, 1 / count), size=_RESAMPLES)
-    lines = np.array([_line(each) for each in times @ sums.reshape(count, -1)])
+    curvature = float(sums.curvatures()[0]), float(sums.curvatures(times).std())
     share = float(np.sum(chosen) / max(np.sum(clip.is_whole), 1))
-    return Transfer(law, blocks, share, lines, chosen.reshape(clip.shape))
+    at_rest = chosen.reshape(clip.shape)
+    return Transfer(law, blocks, share, sums.lines(times), Estimate(*curvature), at_rest)
 
 
 def rough_law(clip: Blocks, step: float) -> Law:
@@ -252,21 +272,47 @@ def _first_law(clip: Blocks, floor: float) -> Law | None:
     return Law(float(dark), float(gain), floor)
 
 
-def _sums(blocks: Blocks, law: Law) -> Float[np.ndarray, "clusters 5"]:
-    """Sums of weighted least squares over each cluster."""
-    weight, m, v = 1 / law(blocks.mean) ** 2, blocks.mean, blocks.variance
-    count = int(blocks.cluster.max()) + 1
-    columns = (weight, weight * m, weight * m * m, weight * v, weight * m * v)
-    return np.stack([np.bincount(blocks.cluster, c, count) for c in columns], axis=1)
+class _Sums(NamedTuple):
+    r"""Sums of weighted least squares of the variance $v$ over the level, in each cluster.
 
+    Attributes:
+        each: Sums of $w x^j$, j = 0 to 4, and of $w v x^j$, j = 0 to 2.
+        middle: Level at which $x$ is 0.
+        reach: Distance from there to either end, where $x$ is 1 or -1.
+    """
 
-def _line(sums: np.ndarray) -> tuple[float, float]:
-    """Intercept and slope by least squares; a level alone has no slope."""
-    w, wm, wmm, wv, wmv = sums.reshape(-1, 5).sum(axis=0)
-    mean, level = wv / w, wm / w
-    spread = wmm / w - level**2
-    gain = (wmv / w - level * mean) / spread if spread > 1e-12 * level**2 else 0.0
-    return float(mean - gain * level), float(gain)
+    each: Float[np.ndarray, "clusters 8"]
+    middle: float
+    reach: float
+
+    @staticmethod
+    def of(blocks: Blocks, law: Law) -> "_Sums":
+        """The sums of some blocks, weighted by a law."""
+        low, high = float(blocks.mean.min()), float(blocks.mean.max())
+        middle, reach = (low + high) / 2, max((high - low) / 2, 1e-6 * abs(high), 1e-12)
+        x, weight = (blocks.mean - middle) / reach, 1 / law(blocks.mean) ** 2
+        columns = [weight * x**j for j in range(5)]
+        columns += [blocks.variance * column for column in columns[:3]]
+        count = int(blocks.cluster.max()) + 1
+        each = np.stack([np.bincount(blocks.cluster, c, count) for c in columns], axis=1)
+        return _Sums(each, middle, reach)
+
+    def _fitted(self, degree: int, times: np.ndarray | None) -> np.ndarray:
+        """Coefficients of polynomials in `x`, each cluster taken so many times."""
+        sums = self.each.sum(axis=0)[None] if times is None else times @ self.each
+        order = np.add.outer(range(degree + 1), range(degree + 1))
+        inverse = np.linalg.pinv(sums[:, order], rcond=1e-9, hermitian=True)
+        return np.einsum("nij,nj->ni", inverse, sums[:, 5 : 6 + degree])
+
+    def lines(self, times: np.ndarray | None = None) -> Float[np.ndarray, "n 2"]:
+        """Intercept and slope of each; a level alone has no slope."""
+        value, rise = self._fitted(1, times).T
+        gain = rise / self.reach
+        return np.stack([value - gain * self.middle, gain], axis=1)
+
+    def curvatures(self, times: np.ndarray | None = None) -> Float[np.ndarray, "n"]:
+        """The part of each that is square in the level, at the ends of the levels."""
+        return self._fitted(2, times)[:, 2]
 
 
 def steady(frames: np.ndarray, step: float) -> tuple[np.ndarray, float]:
@@ -281,7 +327,9 @@ def steady(frames: np.ndarray, step: float) -> tuple[np.ndarray, float]:
     """
     means = np.stack([_means(frame, _SIDE) for frame in frames]).reshape(len(frames), -1)
     usual = np.median(means, axis=0)
-    if np.ptp(usual) <= step:
+    # Half of the picture at rest holds the median, whatever moves over the rest.
+    shifts = np.median(means - usual, axis=1) / max(abs(float(np.median(usual))), step, 1e-9)
+    if np.ptp(usual) <= step or np.std(shifts) < _STEADY:
         return frames, 0.0
     lines = np.array([_robust_line(usual, each) for each in means])
     offsets, gains, errors = lines.T

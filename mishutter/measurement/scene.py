@@ -31,6 +31,8 @@ _STROKE_PX, _STROKE_UM = 45.0, 155.0
 _TOP_SPEED_PX, _TOP_SPEED_MM = 2.0e4, 69.0
 _LONGEST_MS, _SHORTEST_MS = 40.0, 0.5
 """Limits of the built-in scene, which are assumed."""
+_SHARE_ERROR = 0.05
+"""Error of the share that moves, by clips of known truth."""
 _FARTHEST = 1e4
 """Longest way of an object over an exposure that a scene file may have; px."""
 
@@ -46,6 +48,7 @@ class AlongAxis(NamedTuple):
         turn: Degrees by which turning the camera clockwise brings the motion onto the axis.
         across_turned: Speed across over that along after that.
         is_two_way: Whether objects move both ways.
+        fastest: Fast speed in whatever direction; px/s.
     """
 
     axis: Axis
@@ -55,6 +58,7 @@ class AlongAxis(NamedTuple):
     turn: float
     across_turned: float
     is_two_way: bool
+    fastest: float
 
 
 def along_axis(objects: Sequence[MovingObject]) -> AlongAxis | None:
@@ -97,6 +101,7 @@ def along_axis(objects: Sequence[MovingObject]) -> AlongAxis | None:
         (turn + 90) % 180 - 90,
         _ratio(_quantile(beside, area, _FAST), _quantile(main, area, _FAST)),
         is_two_way,
+        _quantile(np.hypot(along, across), area, _FAST),
     )
 
 
@@ -167,6 +172,7 @@ def scene_text(parts: SceneParts) -> str:
         _sensor(parts),
         _view(parts),
         _occlusion(parts),
+        _errors(parts),
         _burst(parts),
         _limits(parts),
         _decoder(),
@@ -230,6 +236,9 @@ def _speeds(parts: SceneParts) -> list[str]:
         f"# Along the {along.axis}, positive to the {sign}; the fast end is the 98 % quantile by "
         f"area, +- {along.error:.2g} px/s."
     )
+    if along.across > _ACROSS[-1]:
+        lines.append("# For a stage of two axes, in place of the line below:")
+        lines.append(f"# any_direction = {{ max_px_per_s = {_digits(along.fastest)} }}")
     if high - low <= 4 * along.error:
         lines.append("# One speed was seen: widen this where others occur.")
         return [*lines, f"list_px_per_s = [{_digits((low + high) / 2)}]"]
@@ -315,8 +324,12 @@ def _occlusion(parts: SceneParts) -> list[str]:
     if along is None:
         return []
     if share >= _WHOLE:
-        text = f"{share:.0%} of the picture moves: it is taken to move as a whole."
-        return [f"# [occlusion]  # {text}"]
+        moves = f"# No [occlusion]: {share:.0%} of the picture moves"
+        if len(motion.objects) == 1:
+            return [f"{moves}, and is taken to move as a whole."]
+        note = f"# of the narrowest along the {along.axis}"
+        width = _narrowest(motion, along.axis)
+        return [f"{moves}, object by object.", "[objects]", f"width_px = {width:.1f}  {note}"]
     width = motion.width[0 if along.axis == "rows" else 1]
     difference = parts.level_difference
     key = f"level_difference = {difference.value:.3f}"
@@ -324,11 +337,37 @@ def _occlusion(parts: SceneParts) -> list[str]:
     is_known = np.isfinite(difference.error)
     return [
         "[occlusion]",
-        f"front_share = {share:.3f}  # +- 0.05; share that moves",
+        f"front_share = {share:.3f}  # +- {_SHARE_ERROR:g}; share that moves",
         f"object_width_px = {width:.1f}  # mean length along the {along.axis} of what moves",
         f"{key}  # {note}" if is_known else f"# {key}  # {note}",
         'background = "still"  # the camera stood still',
+        "# For a decoder that registers objects one by one:",
+        "# [objects]",
+        f"# width_px = {_narrowest(motion, along.axis):.1f}  # of the narrowest",
     ]
+
+
+def _narrowest(motion: Motion, axis: Axis) -> float:
+    """Mean width along an axis of the narrowest object in the reference frame; px."""
+    masks = [motion.labels == number for number in np.unique(motion.labels) if number > 0]
+    lines = 1 if axis == "rows" else 0
+    widths = [float(mask.sum() / mask.any(axis=lines).sum()) for mask in masks]
+    return min(widths, default=motion.width[1 - lines])
+
+
+def _errors(parts: SceneParts) -> list[str]:
+    """The errors again, as `optimise` reads them."""
+    noise, along = parts.noise, along_axis(parts.motion.objects)
+    rate = noise.electrons_at_white
+    errors = {
+        "photon_rate_per_s": rate and rate.error / parts.clip.longest_exposure,
+        "read_noise_e": noise.read_noise and noise.read_noise.error,
+        "object_speed_px_per_s": along and along.error,
+        "front_share": _SHARE_ERROR if along and 1 - parts.motion.share_at_rest < _WHOLE else None,
+    }
+    lines = [f"{key} = {error:.2g}" for key, error in errors.items() if error is not None]
+    note = "# The errors above: the answer says how far the gain moves within two of each."
+    return [note, "[errors]", *lines] if lines else []
 
 
 def _burst(parts: SceneParts) -> list[str]:

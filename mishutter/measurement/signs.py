@@ -1,8 +1,8 @@
 r"""Signs in a clip that forbid a number: its levels are not those that a sensor gave.
 
 All look at differences of successive frames where nothing moves, which hold noise alone. Their
-thresholds lie between uncompressed clips of photographs and the same clips after a JPEG of quality
-95, a gamma, or a smoothing (`benchmarks/measure.py`).
+thresholds lie between uncompressed clips of photographs and the same clips after a JPEG, a gamma
+or a smoothing, and hold for other photographs (`benchmarks/measure.py`).
 """
 
 import numpy as np
@@ -24,19 +24,18 @@ _SIDE = 8
 _MOST_REPEATS = 1.3, 0.03
 """Share of pixels that may repeat, over that which noise repeats, and beyond it."""
 _MOST_CORRELATION = 0.06
-_QUANTA = np.array([2, 3, 4, 5, 6, 8, 10, 12, 16, 20])
-"""Steps of coefficients that a JPEG of quality 60 to 97 has; levels."""
-_OUTLIER, _LEAST_COMB = 8.0, 0.03
-_PAIRS_LOOKED_AT, _BLOCKS_LOOKED_AT = 3, 400
+_LEAST_COMB = 0.04
+"""Lead of a JPEG's grid over the second best: 0.09 to 0.26 for qualities from 60 on, else 0.01."""
+_FRAMES_LOOKED_AT, _BLOCKS_LOOKED_AT = 3, 400
 _GAMMAS = np.arange(0.3, 3.51, 0.05)
-_LEAST_GAMMA, _GAMMA_CERTAIN = 0.15, 25.0
-"""Distance of gamma from 1 that is looked at, and the fall of chi squared that proves it."""
-_LEAST_RISE = 0.2
-"""Rise of the variance over the levels, as a share, below which it counts as flat."""
-_LEAST_BEND = 0.06
-"""Distance from a line below which a gamma would change no number by much."""
+_LEAST_GAMMA, _GAMMA_CERTAIN, _GAMMA_LIKELY = 0.15, 16.0, 4.0
+"""Distance of gamma from 1 that is looked at, and falls of chi squared that prove and name it."""
 _BENT, _BENT_CERTAIN = 0.2, 8.0
 """Distance from a line, as a share of the variance and in errors, that is no straight curve's."""
+_CURVED = 4.5
+"""Part of the variance that is square in the level, in errors, that no straight curve has."""
+_STRAIGHT = 0.01
+"""Distance from a line, as a share of the variance, that a sensor and what moves may leave."""
 _LEAST_RANGE = 2.0
 _MOST_CUT = 0.9
 
@@ -78,7 +77,7 @@ def shot_gamma(transfer: Transfer, step: float) -> float | None:
     misfit = np.sum((target / error - gains[:, None] * shot) ** 2, axis=1)
     best = int(np.argmin(misfit))
     gamma = float(_GAMMAS[best])
-    if abs(gamma - 1) < _LEAST_GAMMA or misfit[best] > straight + _GAMMA_CERTAIN:
+    if gamma - 1 < _LEAST_GAMMA or misfit[best] > straight + _GAMMA_CERTAIN:
         return None
     return gamma
 
@@ -171,32 +170,30 @@ def _correlates(frames: np.ndarray, at_rest: np.ndarray) -> Refusal | None:
 
 
 def _steps_of_eight(clip: Clip) -> Refusal | None:
-    r"""Coefficients of 8 x 8 blocks that lie on steps, on one of the 64 grids alone: a JPEG's.
+    r"""Coefficients of 8 x 8 blocks that are whole numbers, on one of the 64 grids alone: a JPEG's.
 
-    The mean of $\cos(2\pi c/q)$ over coefficients $c$ of a cosine transform is 1 where all are
-    multiples of $q$; on other grids it is that of the noise.
+    A JPEG of any quality rounds them to multiples of whole numbers, from 1 on. What is left of that
+    after levels are rounded, $E\cos 2\pi c = e^{-2\pi^2/12} = 0.19$ over coefficients $c$ of the
+    cosine transform, is 0 on other grids, but for what flat parts and single coefficients have on
+    all of them.
     """
     if clip.step == 0:
         return None
-    count = min(_PAIRS_LOOKED_AT, clip.num_frames - 1)
-    differences = (clip.frames[1 : count + 1] - clip.frames[:count]) / np.float32(clip.step)
-    scores = np.array([_comb(differences, *divmod(n, _SIDE)) for n in range(_SIDE**2)])
-    best, usual = scores.max(), np.median(scores)
-    spread = 1.4826 * np.median(np.abs(scores - usual))
-    if best - usual <= max(_LEAST_COMB, _OUTLIER * spread):
+    frames = clip.frames[:_FRAMES_LOOKED_AT] / np.float32(clip.step)
+    combs = np.array([_comb(frames, *divmod(n, _SIDE)) for n in range(_SIDE**2)])
+    *_, second, best = np.sort((combs - np.median(combs, axis=0)).mean(axis=1))
+    if best - second <= _LEAST_COMB:
         return None
-    reason = "frames lie on steps of 8 x 8 px, as those that were a JPEG or a video do"
+    reason = "frames lie on steps of 8 x 8 px, as those that were a JPEG do"
     return Refusal(NOISE, reason, UNCOMPRESSED)
 
 
-def _comb(differences: np.ndarray, down: int, across: int) -> float:
-    """The strongest comb of each coefficient on the grid of an offset, averaged."""
-    blocks = np.concatenate([_blocks(d[down:, across:]).reshape(-1, 64) for d in differences])
-    blocks = blocks[:: max(1, len(blocks) // _BLOCKS_LOOKED_AT)]
-    squares = blocks.reshape(-1, _SIDE, _SIDE)
-    coefficients = np.asarray(fft.dctn(squares, axes=(1, 2), norm="ortho"))
-    angles = coefficients.reshape(len(blocks), -1, 1) * (2 * np.pi / _QUANTA)
-    return float(np.cos(angles).mean(axis=0).max(axis=-1).mean())
+def _comb(frames: np.ndarray, down: int, across: int) -> Float[np.ndarray, "64"]:
+    """How near coefficients on the grid of an offset are to whole numbers: 1 where they are."""
+    blocks = np.concatenate([_blocks(frame[down:, across:]).reshape(-1, 64) for frame in frames])
+    blocks = blocks[:: max(1, len(blocks) // _BLOCKS_LOOKED_AT)].reshape(-1, _SIDE, _SIDE)
+    coefficients = np.asarray(fft.dctn(blocks, axes=(1, 2), norm="ortho"))
+    return np.cos(2 * np.pi * coefficients).mean(axis=0).ravel()
 
 
 def _blocks(frame: np.ndarray) -> Float[np.ndarray, "rows columns 64"]:
@@ -217,8 +214,8 @@ def _bends(transfer: Transfer, black: float | None, step: float) -> Refusal | No
     if np.sum(usable) < 5:
         return None
     level, light, variance, error = (x[usable] for x in (level, light, variance, error))
-    misfit = (variance - transfer.law(level)) / error
-    straight = float(np.sum(misfit**2))
+    error = np.hypot(error, _STRAIGHT * transfer.law(level))
+    straight = float(np.sum(((variance - transfer.law(level)) / error) ** 2))
     target = (variance - step**2 / 12) / error
     unit = light / light.max()
     fits = []
@@ -227,14 +224,16 @@ def _bends(transfer: Transfer, black: float | None, step: float) -> Refusal | No
         fits.append(optimize.nnls(columns / error[:, None], target)[1] ** 2)
     best = int(np.argmin(fits))
     gamma, gain = float(_GAMMAS[best]), straight - fits[best]
-    remedy = "Switch gamma off, or record raw frames: levels must be proportional to light"
+    is_gamma = abs(gamma - 1) >= _LEAST_GAMMA
+    is_bent = is_gamma and gain > _GAMMA_CERTAIN * max(1.0, fits[best] / unit.size)
     bend = np.abs(variance / transfer.law(level) - 1)
-    is_flat = transfer.law.gain * np.ptp(level) < _LEAST_RISE * variance.max()
-    is_bent = abs(gamma - 1) >= _LEAST_GAMMA and (is_flat or bend.max() > _LEAST_BEND)
-    if is_bent and gain > _GAMMA_CERTAIN * max(1.0, fits[best] / unit.size):
+    is_far = np.any(bend > np.maximum(_BENT, _BENT_CERTAIN * error / transfer.law(level)))
+    square, spread = transfer.curvature
+    spread = np.hypot(spread, _STRAIGHT * float(transfer.law(np.median(transfer.blocks.mean))))
+    if not (is_bent or is_far or abs(square) > _CURVED * spread):
+        return None
+    reason = f"the variance over the mean is {bend.max():.0%} from a straight line"
+    if is_gamma and gain > _GAMMA_LIKELY:
         reason = f"the variance over the mean is bent as by a gamma of {gamma:.2g}"
-        return Refusal(NOISE, reason, remedy)
-    if np.any((bend > _BENT) & (np.abs(misfit) > _BENT_CERTAIN)):
-        reason = f"the variance over the mean is {bend.max():.0%} from a straight line"
-        return Refusal(NOISE, reason, remedy)
-    return None
+    remedy = "Switch gamma off, or record raw frames: levels must be proportional to light"
+    return Refusal(NOISE, reason, remedy)

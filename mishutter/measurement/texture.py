@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy import ndimage
 
 from mishutter.measurement.motion import Motion
@@ -18,6 +18,10 @@ _ALIKE, _SMOOTHING = 3.0, 1.5
 _LEAST_SIGNAL = 0.02
 """Share of the power at a frequency that is kept however little of it is signal."""
 _SMOOTH_SHARE = 32
+_SOFT = 4.0
+"""Gaussian by whose width the window of the still parts falls at their outlines; px."""
+_LEAST_STILL = 0.05
+"""Share of the picture below which the still parts show no spectrum."""
 
 
 class Averaged(NamedTuple):
@@ -70,30 +74,50 @@ def averaged(frames: np.ndarray, unit: np.ndarray, motion: Motion, frames_per_s:
 
 
 def light_of_texture(
-    picture: Averaged, law: Law, black: float, white: float, axis: Axis
+    picture: Averaged,
+    at_rest: Bool[np.ndarray, "rows columns"],
+    law: Law,
+    ends: tuple[float, float],
+    axis: Axis,
 ) -> Float[np.ndarray, "rows columns 1"]:
-    r"""Light whose spectrum along an axis is the picture's, less the noise, without the pixels.
+    r"""Light whose spectrum along an axis is that of the still parts, less the noise.
 
-    The amplitude at $f$ is multiplied by $\sqrt{(P - N)/P}/\operatorname{sinc} f$, of the power $P$
-    of the lines, mirrored at their ends, and that of the noise $N$: a scene is seen through its
-    pixels again.
+    The amplitude at $f$ is multiplied by $\sqrt{(P - N)/Q}/\operatorname{sinc} f$, of the power $Q$
+    of all lines, that of the still parts $P$, under a window that falls to 0 at their outlines, and
+    their noise $N$: a scene is seen through its pixels again. Lines go on mirrored.
 
     Args:
         picture: Levels, and the frames that they are worth.
+        at_rest: Where nothing moves; where hardly anything stands still, all counts.
         law: Variance of a level in one frame.
-        black: Level of black.
-        white: Level of white.
+        ends: Levels of black and white.
         axis: Axis of the motion.
     """
-    noise = float(np.mean(law(picture.levels) / picture.num_frames)) / (white - black) ** 2
+    black, white = ends
+    inside = 2 * ndimage.gaussian_filter(at_rest.astype(float), _SOFT) - 1
+    window = turned(np.maximum(inside, 0), axis)
+    if window.mean() < _LEAST_STILL:
+        window = np.ones_like(window)
     light = turned((picture.levels - black) / (white - black), axis)
-    mirrored = np.concatenate([light, light[:, ::-1]], axis=1)
-    spectrum = np.fft.rfft(mirrored - light.mean(), axis=1)
-    power = np.mean(np.abs(spectrum) ** 2, axis=0) / mirrored.shape[1]
-    width = max(3, power.size // _SMOOTH_SHARE)
-    smooth = np.maximum(ndimage.uniform_filter1d(power, width, mode="nearest"), 1e-30)
-    share = np.clip((smooth - noise) / smooth, _LEAST_SIGNAL, 1)
-    gain = np.sqrt(share) / np.sinc(np.arange(power.size) / mirrored.shape[1])
-    filtered = np.fft.irfft(spectrum * gain, mirrored.shape[1], axis=1)[:, : light.shape[1]]
+    variance = turned(law(picture.levels) / picture.num_frames, axis) / (white - black) ** 2
+    noise = float(np.average(variance, weights=window**2))
+    still = light - np.average(light, weights=window)
+    power = _power(window * still) / np.mean(window**2)
+    signal = np.maximum(power - noise, _LEAST_SIGNAL * power)
+    mirrored = _mirrored(light - light.mean())
+    gain = np.sqrt(signal / np.maximum(_power(light - light.mean()), 1e-30))
+    gain /= np.sinc(np.fft.rfftfreq(mirrored.shape[1]))
+    filtered = np.fft.irfft(np.fft.rfft(mirrored) * gain, mirrored.shape[1])[:, : light.shape[1]]
     shown = np.clip(filtered + light.mean(), 0, 1)
     return turned(shown[..., None], axis).astype(np.float32)
+
+
+def _mirrored(lines: np.ndarray) -> np.ndarray:
+    return np.concatenate([lines, lines[:, ::-1]], axis=1)
+
+
+def _power(lines: np.ndarray) -> Float[np.ndarray, "frequencies"]:
+    """Power of lines that go on mirrored, averaged over neighbouring frequencies."""
+    power = np.mean(np.abs(np.fft.rfft(_mirrored(lines))) ** 2, axis=0) / (2 * lines.shape[1])
+    width = max(3, power.size // _SMOOTH_SHARE)
+    return np.maximum(ndimage.uniform_filter1d(power, width, mode="nearest"), 1e-30)

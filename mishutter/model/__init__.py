@@ -16,6 +16,7 @@ from mishutter.model.devices import stays_open as stays_open
 from mishutter.model.limits import LIMITS as LIMITS
 from mishutter.model.limits import Limits as Limits
 from mishutter.model.limits import PathShape as PathShape
+from mishutter.model.measurement_errors import MeasurementErrors as MeasurementErrors
 from mishutter.model.motion import AbstractMotion as AbstractMotion
 from mishutter.model.motion import FreeMotion as FreeMotion
 from mishutter.model.motion import LinearMotion as LinearMotion

@@ -42,6 +42,7 @@ from mishutter.model.arguments import argument_names, made_of
 from mishutter.model.decoder_speeds import DecoderSpeed, DecoderWord, as_decoder_speed
 from mishutter.model.devices import AbstractDevice
 from mishutter.model.limits import Limits
+from mishutter.model.measurement_errors import MeasurementErrors
 from mishutter.model.motion import (
     AbstractMotion,
     ParabolicMotion,
@@ -60,6 +61,7 @@ from mishutter.model.scene_file import (
 )
 from mishutter.model.scene_schema import (
     BurstSection,
+    ErrorsSection,
     LimitsSection,
     MotionSection,
     ObjectsSection,
@@ -108,6 +110,8 @@ class Scene(AbstractModule):
         occlusion: Objects that hide part of a background; by default the picture moves as a whole.
         objects: Objects that a decoder of several frames registers one by one; by default it
             registers the whole picture.
+        errors: Errors of measured numbers, within which the gain of an answer is stated; none by
+            default.
         decoder_speed: What the decoder knows of a picture's speed: `"unknown"`, one filter for all
             speeds; `"found"`, which a `SpeedFindingDecoder` finds in the picture, where that moves
             as a whole; or `"known"`, as something measures it. The loss of searches and comparisons
@@ -140,6 +144,7 @@ class Scene(AbstractModule):
     tolerances: Tolerances | None
     occlusion: Occlusion | None
     objects: Objects | None
+    errors: MeasurementErrors | None
     given_motion: AbstractMotion | None
     decoder_speed: DecoderSpeed = eqx.field(static=True)
     handed_on: ClassVar = ("given_motion",)
@@ -160,6 +165,7 @@ class Scene(AbstractModule):
         tolerances: Tolerances | None = None,
         occlusion: Occlusion | None = None,
         objects: Objects | None = None,
+        errors: MeasurementErrors | None = None,
         decoder_speed: DecoderWord = "unknown",
         motion: AbstractMotion | None = None,
         given_motion: AbstractMotion | None = None,
@@ -179,6 +185,7 @@ class Scene(AbstractModule):
         self.tolerances = tolerances
         self.occlusion = occlusion
         self.objects = objects
+        self.errors = errors
         self.decoder_speed = as_decoder_speed(decoder_speed)
         self.given_motion = given_motion if motion is None else motion
 
@@ -210,6 +217,7 @@ class Scene(AbstractModule):
             ("tolerances", Tolerances | None, "be `Tolerances`"),
             ("occlusion", Occlusion | None, "be an `Occlusion`"),
             ("objects", Objects | None, "be `Objects`"),
+            ("errors", MeasurementErrors | None, "be `MeasurementErrors`"),
             ("device", AbstractDevice | None, "be a device, as an `IdealShutter`"),
         ):
             value = getattr(self, name)
@@ -352,6 +360,7 @@ class Scene(AbstractModule):
             limits=self.limits.without_servo(),
             burst=None,
             objects=None,
+            errors=None,
             decoder_speed="unknown",
             given_motion=None,
         )
@@ -620,6 +629,7 @@ def scene_tables(scene: Scene) -> dict[str, dict[str, object]]:
         "limits": (scene.limits, LimitsSection),
         "occlusion": (scene.occlusion, OcclusionSection),
         "objects": (scene.objects, ObjectsSection),
+        "errors": (scene.errors, ErrorsSection),
         "stage": (scene.limits.stage, StageSection),
         "burst": (scene.burst, BurstSection),
         "tolerances": (scene.tolerances, TolerancesSection),

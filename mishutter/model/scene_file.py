@@ -32,6 +32,7 @@ from mishutter.model.devices import (
     device_of,
 )
 from mishutter.model.limits import LIMITS, Limits
+from mishutter.model.measurement_errors import MeasurementErrors
 from mishutter.model.motion import ParabolicMotion
 from mishutter.model.objects import Objects
 from mishutter.model.occlusion import Occlusion
@@ -192,6 +193,7 @@ def scene_arguments(file: SceneFile, folder: Path, textures: Textures | None) ->
         "tolerances": _tolerances(file.tolerances, scales),
         "occlusion": occlusion,
         "objects": _objects(file.objects, scales),
+        "errors": _of_kind(MeasurementErrors, file.errors, "[errors]", scales),
         "decoder_speed": file.decoder.speed,
         "motion": _motion(file.motion, file.limits, limits, scales),
     }

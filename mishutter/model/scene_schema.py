@@ -127,6 +127,16 @@ class ObjectsSection(Section):
 
 
 @final
+class ErrorsSection(Section):
+    """Standard deviations of numbers that were measured, as `mishutter measure` states them."""
+
+    photon_rate_per_s: Annotated[float, Field(ge=0, le=1e12)] = 0.0
+    read_noise_e: Annotated[float, Field(ge=0, le=1e6)] = 0.0
+    object_speed_px_per_s: SizeOfSpeed = 0.0
+    front_share: Share = 0.0
+
+
+@final
 class SensorSection(Section):
     """Noise of the sensor, what a pixel holds, which way things move, and how far it reaches."""
 
@@ -269,6 +279,7 @@ class SceneFile(Section):
     view: ViewSection = ViewSection()
     occlusion: OcclusionSection | None = None
     objects: ObjectsSection | None = None
+    errors: ErrorsSection | None = None
     shutter: ShutterSection | None = None
     optics: OpticsSection = OpticsSection()
     limits: LimitsSection = LimitsSection()

@@ -27,6 +27,7 @@ from mishutter.model import (
 )
 from mishutter.pictures import Picture
 from mishutter.report.by_decoder import Judgement, judged_by, pictures_to_judge
+from mishutter.report.gain_range import gain_range
 from mishutter.report.plots import plot_levels
 from mishutter.report.tables import comparison_tables
 from mishutter.report.verdict import (
@@ -83,6 +84,8 @@ class Comparison:
         costs: Cost of each tolerance to the best design; None for a scene without tolerances, and
             where a decoder that knows the speed, or the worst speed, judges.
         choice: The row of the best option; None where there is nothing to restore.
+        gain_range: Least and greatest gain of that over the best snapshot at rest, within two
+            errors of each number of a scene that states errors; dB. None of others.
         judgement: The rows of one exposure by a decoder on photographs; None without those.
         options: The options by what they need, the worst first; gains are over the best snapshot
             at rest, which is one of them.
@@ -97,6 +100,7 @@ class Comparison:
     notes: tuple[str, ...] = ()
     costs: ToleranceCosts | None = None
     choice: Row | None = None
+    gain_range: tuple[float, float] | None = None
     judgement: Judgement | None = None
     options: tuple[Row, ...] = ()
     details: tuple[str, ...] = ()
@@ -210,10 +214,21 @@ class Comparison:
         numbers = {"gain_db": self.gain, "ceiling_db": self.ceiling}
         words = {"verdict": self.verdict, "notes": list(self.notes), "details": list(self.details)}
         words |= {"choice": choice, "options": options}
+        within = self.gain_range
+        ranges = {} if within is None else {"choice_gain_range_db": list(within)}
         costs = {} if self.costs is None else {"tolerance_costs": self.costs.to_dict()}
         judged = {} if self.judgement is None else {"on_pictures": self.judgement.to_dict()}
         frames = {} if self.sequence is None else {"sequence": sequence_to_dict(self.sequence)}
-        return {"rows": rows, "rivals": rivals, **words, **numbers, **costs, **judged, **frames}
+        return {
+            "rows": rows,
+            "rivals": rivals,
+            **words,
+            **numbers,
+            **ranges,
+            **costs,
+            **judged,
+            **frames,
+        }
 
     def plot(self) -> "Figure":
         """A figure of the levels of all rows at their own best motion, and of the ceiling."""
@@ -389,7 +404,9 @@ def with_verdict(
     at_rest = next(row for row in single if row.name == BEST_SNAPSHOT)
     # Nothing registers a single frame: that is one of the single exposures.
     choice = choice_of([*single, *(row for row in at_best if row.num_frames > 1)], entries)
-    lines = [headline(choice, at_rest), *sentences_of(scene, at_best, choice, notes)]
+    within = gain_range(scene, choice, at_rest)
+    first = headline(choice, at_rest, within)
+    lines = [first, *sentences_of(scene, at_best, choice, notes)]
     costs = None
     if best.within is not None:
         costs = tolerance_costs(scene, best.motion, best.shutter)
@@ -401,6 +418,7 @@ def with_verdict(
         notes,
         costs,
         choice,
+        gain_range=within,
         options=tuple(options_of(at_best, choice, entries)),
         details=tuple(details_of(scene, choice)) if details else (),
     )

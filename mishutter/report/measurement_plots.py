@@ -17,6 +17,8 @@ _LINE, _TOLD = "#0072b2", "#d55e00"
 _COLOURS = ("#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#f0e442")
 _PALE = 0.45
 """Share of an object's colour in the picture of labels."""
+_BESIDE = 6
+"""Distance of an object's number from its arrow; points."""
 _AT_LEAST = 0.06
 """Length of an arrow of a slow object, as a share of the picture's shorter side."""
 
@@ -27,7 +29,7 @@ def plot_noise(measurement: Measurement) -> "Figure":
     figure = new_figure(7.0, 4.4)
     leave_room(figure, Margins(top=0.35))
     axes = figure.add_subplot()
-    axes.set(xlabel="mean level", ylabel="variance of a level")
+    axes.set(xlabel="mean level", ylabel="variance of a level, levels$^2$")
     if noise.transfer is None:
         axes.set_title("Photon transfer: too little stands still", fontsize=9)
         return figure
@@ -36,7 +38,8 @@ def plot_noise(measurement: Measurement) -> "Figure":
     bars = axes.errorbar(level, variance, 2 * error, fmt="o", label="blocks at rest", **style)
     bars[0].set_clip_on(False)
     line = np.linspace(noise.black_level, level.max() * 1.03, 101)
-    axes.plot(line, noise.law(line), color=_LINE, label="line")
+    rise = "line" if noise.gain is None else f"line, {noise.gain.value:.3g} levels an electron"
+    axes.plot(line, noise.law(line), color=_LINE, label=rise)
     if noise.black is not None:
         label = f"black, {noise.black.value:.4g}"
         axes.axvline(noise.black.value, color=_TOLD, linestyle="--", label=label)
@@ -121,4 +124,8 @@ def _draw_arrows(axes: "Axes", measurement: Measurement) -> None:
         axes.annotate("", end, (column, row), arrowprops=arrow)
         box = {"facecolor": "black", "alpha": 0.6, "linewidth": 0, "pad": 1.5}
         text = f"{number}: {size:.0f} +- {each.speed.error:.1g}"
-        axes.text(column, row, text, color="white", fontsize=8, ha="center", va="top", bbox=box)
+        style = {"color": "white", "fontsize": 8, "ha": "center", "bbox": box}
+        # On the side that the arrow does not point to.
+        above = bool(down > 0)
+        place = {"xytext": (0, _BESIDE if above else -_BESIDE), "textcoords": "offset points"}
+        axes.annotate(text, (column, row), va="bottom" if above else "top", **place, **style)

@@ -43,6 +43,10 @@ _BEHIND_OBJECTS = (
     "which cost stills 0.7 dB in simulations. Moving frames are left out: edges cost them twice as "
     "much, and no decoder of this package finds outlines."
 )
+_MEASURED = (
+    "The gain is stated within two standard errors of each measured number ([errors] of the "
+    "scene), for both cameras unchanged."
+)
 _HIDDEN = "The speed cannot be found: the blur differs too little between the speeds."
 
 
@@ -153,18 +157,21 @@ def _exposures(row: Row) -> str:
     return f"{' and '.join(f'{count} of {exposure}' for exposure, count in kinds.items())} ms"
 
 
-def headline(choice: Row, snapshot: Row) -> str:
+def headline(choice: Row, snapshot: Row, within: tuple[float, float] | None = None) -> str:
     """The first line of an answer: what to take, its level and its gain.
 
     Args:
         choice: The row to take.
         snapshot: The best snapshot at rest.
+        within: Least and greatest gain within the errors of measured numbers; dB.
     """
     level = f"{choice.level:.1f} dB{' at the worst speed' if choice.at_worst else ''}"
     if choice.name == BEST_SNAPSHOT:
         exposure = _exposures(choice)
         return f"Take a snapshot of {exposure} at rest: {level}; no other option is worth more."
-    gain = f"{choice.margin_over(snapshot):.1f} dB better than a snapshot"
+    ends = (choice.margin_over(snapshot),) if within is None else within
+    gain = " to ".join(dict.fromkeys(f"{end:.1f}" for end in ends))
+    gain = f"{gain} dB better than a snapshot"
     gain = f"{gain} at rest" if _is_snapshot(choice) else gain
     return f"Take {_order(choice)}: {level}, {gain}."
 
@@ -206,6 +213,7 @@ def sentences_of(
         _on_shaped_shutters([row for row in rows if row.is_of_one_exposure], choice),
         _BEHIND_OBJECTS if is_before_background else "",
         _HIDDEN if choice.hides_speed else "",
+        _MEASURED if scene.errors is not None and choice.name != BEST_SNAPSHOT else "",
         *notes,
         _assumptions(scene, choice),
     ]

@@ -8,6 +8,7 @@ import tifffile
 from PIL import Image
 from support.clips import ClipOf, Thing
 from support.command_line import refused
+from support.places import PLACES, best_frames
 
 from mishutter import Scene, cli, measure
 from mishutter.measurement import Measurement
@@ -94,3 +95,21 @@ def test_plots_show_what_is_not_known():
     assert isinstance(found, Measurement)
     assert plot_noise(found).axes[0].get_title().startswith("Photon transfer: ")
     assert "at rest" in plot_motion(found).axes[0].get_title()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PLACES)
+def test_a_scene_comes_back_from_its_clip(name, tmp_path):
+    """The frames to take are the same, and their level within 0.3 dB."""
+    place = PLACES[name]
+    clip = place.clip
+    for file, levels in (("clip.tif", clip.levels()), ("dark.tif", clip.dark())):
+        tifffile.imwrite(tmp_path / file, levels, photometric="minisblack")
+    given = ["measure", tmp_path / "clip.tif", "--frames-per-s", place.frames_per_s]
+    given += ["--exposure-ms", place.exposure * 1e3, "--white", clip.full]
+    given += ["--dark", tmp_path / "dark.tif", "--out", tmp_path / "found.toml"]
+    assert cli.main([str(word) for word in given]) == 0
+    found = Scene.load(tmp_path / "found.toml")
+    (option, level), (truth, right) = map(best_frames, (found, place.scene_like(found)))
+    assert option == truth
+    assert level == pytest.approx(right, abs=0.3)

@@ -1,6 +1,8 @@
 """Frames as files hold them, and files that hold no clip: each is refused in a line."""
 
 import re
+from importlib.util import find_spec
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -167,3 +169,18 @@ def test_what_does_not_go_with_the_clip_is_refused(given, line):
     """Before anything is measured."""
     with pytest.raises(ValueError, match=re.escape(line)):
         ms.measure(FRAMES, frames_per_s=47.0, **given)
+
+
+SHIPPED = {
+    "no_time_for_that_tiny.gif": "got a video",
+    "multipage.tif": "must have at least 48 rows and columns; got '15 x 10'",
+    "lfw_subset.npy": "must have at least 48 rows and columns; got '25 x 25'",
+}
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_stacks_that_scikit_image_ships_are_refused(name):
+    """Real ones: a video, and two that are smaller than a tile."""
+    folder = Path(find_spec("skimage").origin).parent / "data"
+    with pytest.raises(ValueError, match=re.escape(SHIPPED[name])):
+        clip_of(folder / name, 50.0, None, None)

@@ -8,6 +8,7 @@ from scipy import ndimage
 from support.clips import ClipOf, Thing
 
 from mishutter.measurement import noise_from
+from mishutter.measurement.clip import clip_of
 from mishutter.measurement.motion import motion_of
 from mishutter.measurement.sweep import Box, Smoothed, swept
 
@@ -25,7 +26,7 @@ CLIP = ClipOf(
 def found(clip, levels=None):
     levels = clip.levels() if levels is None else levels
     black = float(clip.black_level)
-    frames, noise = noise_from(levels, frames_per_s=50.0, white=float(clip.full), black=black)
+    frames, noise = noise_from(clip_of(levels, 50.0, None, float(clip.full)), black=black)
     return motion_of(noise.law.of_unit_noise(frames.frames), 50.0)
 
 

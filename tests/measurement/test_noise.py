@@ -9,6 +9,7 @@ from PIL import Image
 from support.clips import ClipOf, Thing
 
 from mishutter.measurement import noise_from
+from mishutter.measurement.clip import clip_of
 
 THINGS = (
     Thing((70, 80), (38, 46), (190.0, 310.0)),
@@ -21,7 +22,7 @@ UNCOMPRESSED = "no compression"
 
 def found(levels=LEVELS, clip=CLIP, **told):
     """The clip and its noise."""
-    return noise_from(levels, frames_per_s=50.0, exposure=4e-3, white=float(clip.full), **told)
+    return noise_from(clip_of(levels, 50.0, 4e-3, float(clip.full)), **told)
 
 
 def holds(estimate, truth, share):
@@ -78,6 +79,15 @@ def test_flat_fields_tell_the_noise_of_a_clip_in_which_all_moves():
     _, noise = found(moving, dark=CLIP.dark(), flats=CLIP.flats())
     assert holds(noise.electrons_at_white, 3100, 0.05)
     assert holds(noise.read_noise, 4.3, 0.15)
+
+
+def test_objects_that_pass_are_no_drift_of_the_exposure():
+    """A third of a dim picture of little contrast brightens and darkens; all else stays."""
+    things = tuple(replace(thing, photograph="rocket.jpg") for thing in THINGS)
+    clip = replace(CLIP, things=things, background="microaneurysms.png", electrons=9100.0)
+    frames, noise = found(clip.levels(), clip, dark=clip.dark())
+    assert not any("drifts" in word for word in frames.words)
+    assert holds(noise.electrons_at_white, 9100, 0.1)
 
 
 def test_an_exposure_that_drifts_is_divided_out():
@@ -153,6 +163,9 @@ def still_levels():
 
 SIGNS = {
     "JPEG 95": (lambda: compressed(95), "steps of 8 x 8 px", UNCOMPRESSED),
+    "JPEG 98": (lambda: compressed(98), "steps of 8 x 8 px", UNCOMPRESSED),
+    "JPEG 100": (lambda: compressed(100), "steps of 8 x 8 px", UNCOMPRESSED),
+    "JPEG 100, cut": (lambda: compressed(100)[:, 3:, 6:], "steps of 8 x 8 px", UNCOMPRESSED),
     "JPEG 80": (lambda: compressed(80), "correlates by", "Record raw frames"),
     "repeats": (repeating, "of the pixels at rest repeat from frame to frame", UNCOMPRESSED),
     "neighbours": (smoothed, "noise of neighbouring pixels correlates by 0.", "raw frames"),
@@ -195,9 +208,34 @@ def test_dark_frames_that_are_cut_off_tell_no_black():
     assert noise.read_noise_range is not None
 
 
+@pytest.mark.parametrize("bits", [8, 12, 16])
+@pytest.mark.parametrize("name", ["page.png", "rocket.jpg"])
+def test_uncompressed_photographs_have_no_sign(name, bits):
+    """Whose edges lie where they like, and whose noise is that of their light alone."""
+    clip = replace(CLIP, background=name, bits=bits, electrons=2100.0, num_frames=5)
+    assert not found(clip.levels(), clip)[1].refusals
+
+
+def coded(gamma, **others):
+    """Levels of 8 bits that are a power of the light."""
+    clip = replace(CLIP, bits=16, black=0.0, **others)
+    return np.rint(255 * (clip.levels() / 65535) ** (1 / gamma)).astype(np.uint8)
+
+
+def test_a_gamma_of_one_and_a_half_is_refused_where_noise_shows_it():
+    """By the curve, of more frames than a few; the same clip without it has a number."""
+    still = {"things": (), "background": "coffee.png", "num_frames": 16}
+    still |= {"electrons": 9000.0, "read_noise": 12.0}
+    _, noise = found(coded(1.5, **still), EIGHT)
+    assert noise.electrons_at_white is None
+    (refusal,) = noise.refusals
+    assert "gamma of 1." in refusal.reason
+    straight = replace(EIGHT, **still)
+    assert found(straight.levels(), straight)[1].electrons_at_white is not None
+
+
 def test_a_gamma_without_read_noise_is_doubted():
     """A gamma of 1.5 is as straight as a line of much read noise: the clip's words say so."""
-    coded = np.rint(255 * LIGHT ** (1 / 1.5)).astype(np.uint8)
-    frames, noise = found(coded, replace(CLIP, bits=8))
+    frames, noise = found(coded(1.5), EIGHT)
     assert noise.electrons_at_white is None or "a gamma of 1." in frames.words[-1]
     assert not any("gamma" in word for word in found()[0].words)

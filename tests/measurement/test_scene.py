@@ -8,7 +8,7 @@ import pytest
 from support.clips import ClipOf, Thing
 
 import mishutter as ms
-from mishutter.measurement import MovingObject
+from mishutter.measurement import Motion, MovingObject
 from mishutter.measurement.photon_transfer import Law
 from mishutter.measurement.scene import across_sentences, along_axis
 from mishutter.measurement.texture import Averaged, light_of_texture
@@ -59,7 +59,7 @@ def test_each_number_has_its_error_and_source(measurement):
         ("pixel_pitch_um = 3.2", ("as given",)),
         ("px_per_mm = 6", ("mm/s",)),
     ):
-        (line,) = (line for line in lines if line.startswith(key))
+        (line,) = (each for each in lines if each.startswith(key) and "#" in each)
         assert all(word in line for word in words), line
     assert any("Assumed, not measured: [limits]" in line for line in lines)
     assert sum(line.startswith("# object ") for line in lines) == 2
@@ -68,8 +68,8 @@ def test_each_number_has_its_error_and_source(measurement):
 def test_without_an_exposure_the_light_is_a_lower_limit():
     """Of the whole time between frames, which the file says."""
     still = replace(CLIP, things=())
-    told = TOLD | {"exposure": None}
-    found = ms.measure(still.levels(), black=float(still.black_level), **told)
+    told = {"frames_per_s": 50, "white": CLIP.full, "px_per_mm": 6}
+    found = ms.measure(still.levels(), black=still.black_level, **told)
     assert float(found.scene.photon_rate) == pytest.approx(3000 * 50, rel=0.06)
     assert "A LOWER LIMIT" in found.scene_text
     assert tomllib.loads(found.scene_text)["speeds"] == {"list_px_per_s": [0.0]}
@@ -135,11 +135,84 @@ def test_the_picture_has_the_power_of_the_light():
     seen = np.fft.irfft(np.fft.rfft(light) * np.sinc(frequency), columns)
     law = Law(dark=400.0, gain=0.0, floor=1.0)
     levels = 40 + 1000 * seen + 20 / np.sqrt(3) * rng.normal(size=light.shape)
-    picture = light_of_texture(
-        Averaged(levels, np.full(light.shape, 3.0)), law, 40.0, 1040.0, "rows"
-    )
+    everywhere = np.ones(light.shape, bool)
+    averaged = Averaged(levels, np.full(light.shape, 3.0))
+    picture = light_of_texture(averaged, everywhere, law, (40.0, 1040.0), "rows")
     found, truth = (
         row_power_spectrum(ms.Picture(np.asarray(x)), 16).power_spectrum
         for x in (picture, light[..., None].astype(np.float32))
     )
     np.testing.assert_allclose(found[:14], truth[:14], rtol=0.15)
+
+
+@pytest.mark.parametrize("axis", ["rows", "columns"])
+def test_the_spectrum_is_that_of_the_still_parts(axis):
+    """A smooth object over two fifths of the picture leaves it as it is, along either axis."""
+    rng = np.random.default_rng(5)
+    shape, sigma = (220, 260), 0.04
+    light = 0.5 + sigma * rng.standard_normal(shape)
+    at_rest = np.ones(shape, bool)
+    at_rest[30:170, 40:210] = False
+    light[~at_rest] = 0.6
+    levels = 40 + 1000 * light
+    law = Law(dark=1e-6, gain=0.0, floor=1e-7)
+    picture = light_of_texture(Averaged(levels, np.ones(shape)), at_rest, law, (40.0, 1040.0), axis)
+    seen = row_power_spectrum(ms.Picture(picture).turned(axis), 16).power_spectrum
+    pixels = np.sinc((np.arange(16) + 0.5) / 32) ** 2
+    # The object's own line is in the first of them.
+    np.testing.assert_allclose((seen * pixels)[2:14], sigma**2, rtol=0.2)
+
+
+def of_motion(measurement, objects, share, labels):
+    """The scene file with other objects, of which a share of the picture stands still."""
+    motion = Motion(tuple(objects), labels, labels * 0.5, 2, share, 0.0, (61.0, 47.0), 5)
+    return replace(measurement, motion=motion).scene_text
+
+
+def two_labels():
+    """Two objects, 50 px wide and 20 high, and 30 px wide and 44 high."""
+    labels = np.zeros((192, 240), int)
+    labels[20:40, 30:80] = 1
+    labels[100:144, 90:120] = 2
+    return labels
+
+
+@pytest.mark.parametrize(
+    ("velocities", "narrowest"), [(((-310, 3), (260, 5)), 30.0), (((4, 290), (-2, 240)), 20.0)]
+)
+def test_objects_that_fill_the_picture_are_registered_one_by_one(
+    measurement, velocities, narrowest
+):
+    """By the width of the narrowest along the motion; before a background that is a comment."""
+    objects = [an_object(*velocity, 3000) for velocity in velocities]
+    tables = tomllib.loads(of_motion(measurement, objects, 0.04, two_labels()))
+    assert tables["objects"] == {"width_px": narrowest}
+    assert "occlusion" not in tables
+    assert "front_share" not in tables["errors"]
+    text = of_motion(measurement, objects, 0.7, two_labels())
+    assert tomllib.loads(text)["occlusion"]["front_share"] == 0.3
+    assert f"# width_px = {narrowest}  # of the narrowest" in text.splitlines()
+    alone = tomllib.loads(of_motion(measurement, objects[:1], 0.04, two_labels()))
+    assert not {"objects", "occlusion"} & set(alone)
+
+
+def test_motion_in_any_direction_is_a_commented_key(measurement):
+    """With the fast speed in whatever direction; the file runs as it is, along one axis."""
+    objects = [an_object(300, 20, 5000), an_object(-180, 240, 4000)]
+    text = of_motion(measurement, objects, 0.6, two_labels())
+    assert "# any_direction = { max_px_per_s = 300.7 }" in text.splitlines()
+    assert tomllib.loads(text)["speeds"]["uniform"]["max_px_per_s"] == 300.0
+    straight = of_motion(measurement, [an_object(300, 9, 5000)], 0.6, two_labels())
+    assert "any_direction" not in straight
+
+
+def test_errors_stand_where_answers_read_them(measurement, tmp_path):
+    """A section of the file, and a part of the scene, with the errors of the comments."""
+    measurement.save(tmp_path / "found.toml")
+    errors = ms.Scene.load(tmp_path / "found.toml").errors
+    noise = measurement.noise
+    electrons = noise.electrons_at_white
+    assert float(errors.photon_rate) == pytest.approx(electrons.error / 4e-3, rel=0.05)
+    assert float(errors.read_noise) == pytest.approx(noise.read_noise.error, rel=0.05)
+    assert float(errors.speed) == pytest.approx(measurement.along.error, rel=0.05)
+    assert float(errors.front_share) == 0.05

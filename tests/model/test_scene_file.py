@@ -15,6 +15,7 @@ from mishutter import (
     HannShutter,
     IdealShutter,
     Limits,
+    MeasurementErrors,
     Objects,
     Occlusion,
     Optics,
@@ -587,6 +588,7 @@ ONE_OF_EACH = Scene(
     tolerances=Tolerances(acceleration=0.02),
     occlusion=Occlusion(front_share=0.4, object_width=83.0),
     objects=Objects(width=71.0),
+    errors=MeasurementErrors(photon_rate=2.1e3, read_noise=0.3, speed=4.0, front_share=0.05),
     motion=ParabolicMotion(acceleration=2.9e5, half_exposure=0.0105, velocity=-210.0),
 )
 """A scene with a part of every kind."""
@@ -600,7 +602,7 @@ def test_a_saved_scene_is_loaded(made, tmp_path):
     scene.save(tmp_path / "scene.toml")
     read = Scene.load(tmp_path / "scene.toml")
     parts = ("speeds", "weights", "picture", "optics", "sensor", "limits", "burst", "tolerances")
-    for part in (*parts, "occlusion", "objects", "given_motion"):
+    for part in (*parts, "occlusion", "objects", "errors", "given_motion"):
         assert eqx.tree_equal(getattr(read, part), getattr(scene, part), rtol=1e-12), part
     tau = np.linspace(-0.97, 0.95, 53)
     wanted, light = (s.light(HannShutter(), 0.01).transmittance(tau) for s in (scene, read))

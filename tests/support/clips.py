@@ -23,6 +23,17 @@ PHOTOGRAPHS = (
     "moon.png",
     "motorcycle_left.png",
 )
+OTHERS = (
+    "cell.png",
+    "clock_motion.png",
+    "hubble_deep_field.jpg",
+    "ihc.png",
+    "microaneurysms.png",
+    "page.png",
+    "retina.jpg",
+    "rocket.jpg",
+)
+"""Photographs by which no threshold was chosen."""
 
 
 def photograph(name: str, rows: int, columns: int, seed: int = 0) -> np.ndarray:
