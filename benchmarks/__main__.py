@@ -29,6 +29,7 @@ ALL = (
     "trust",
     "layered_loss",
     "layered_photographs",
+    "layered_bursts",
     "restoration",
     "restoration_over_speeds",
     "speed",

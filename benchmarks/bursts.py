@@ -296,11 +296,11 @@ def table_of_rule(rows: Sequence[dict[str, Any]]) -> str:
         few, middle, many = np.round(np.percentile(gained, (10, 50, 90)), 2) + 0.0
         shown.append(
             {
-                "share of the time": names.get(low, f"{low:g} to {high:g}"),
+                "share of the period": names.get(low, f"{low:g} to {high:g}"),
                 "cells": len(gained),
-                "middle of the gains, dB": f"{middle:.2f}",
-                "nine tenths gain at least": f"{few:.2f}",
-                "and at most": f"{many:.2f}",
+                "median gain, dB": f"{middle:.2f}",
+                "90 % gain at least": f"{few:.2f}",
+                "90 % gain at most": f"{many:.2f}",
             }
         )
     return harness.table(shown, list(shown[0]))
@@ -470,7 +470,7 @@ def registered(light: float, noise: float) -> list[dict[str, Any]]:
         rows.append(
             {
                 "frames": f"{case(light, noise)}, {name}",
-                "deviation px/s": float(bound.deviation[0]),
+                "standard deviation px/s": float(bound.deviation[0]),
                 "loss dB": float(bound.loss[0]),
             }
         )

@@ -2,7 +2,7 @@
 
 Photographs pass a sensor of 512 px, so that light enters and leaves at real borders; one that is
 narrower than its way goes on mirrored. The best still and the best moving burst of a camera take
-their frames, the speed is found in them or told, and all of them restore one picture.
+their frames, the speed is found in them or known, and all of them restore one picture.
 """
 
 import itertools
@@ -48,7 +48,7 @@ Gain, dB, of the best moving burst over the best still burst of at most so many 
 and 8 e-: that of {count} photographs, {rows} rows on a sensor of {width} px, each at a speed of its
 own up to 4,500 px/s either way, with its standard error; beside it the mean of the formula's gains
 at the same speeds, on an endless sensor and on one of {width} px. "Found" is for
-the speed that is found in the frames, and "told" for a decoder that is told it. A speed is wrong
+the speed that is found in the frames, and "known" for a decoder that knows it. A speed is wrong
 where frames are more than half a pixel off.
 
 {table}"""
@@ -139,11 +139,11 @@ def levels_of(
     truth = light[:, start : start + WIDTH]
     estimate = ms.restore_frames(captures, scene, frames).estimate
     if estimate is None:
-        raise RuntimeError("the speed was told")
+        raise RuntimeError("the speed was given")
     endless, on_sensor = promised(scene, frames, speed)
     levels = {"formula": endless, f"on {WIDTH} px": on_sensor}
     for (name, decoder), (word, value) in itertools.product(
-        DECODERS.items(), (("told", speed), ("found", estimate.speed))
+        DECODERS.items(), (("known", speed), ("found", estimate.speed))
     ):
         result = ms.restore_frames(captures, scene, frames, decoder=decoder, speed=value)
         error = np.mean((np.asarray(result.light) - truth) ** 2)

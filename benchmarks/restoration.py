@@ -110,7 +110,7 @@ def same_quality(photon_rate: float) -> list[dict]:
             "what": "same quality",
             "light": f"{photon_rate:.0e} e-/s",
             "method": name,
-            "PSNR dB, gamma put back": ms.psnr(truth[inner], light[inner], gamma=True),
+            "PSNR dB, gamma-coded": ms.psnr(truth[inner], light[inner], gamma=True),
             "PSNR dB, linear light": ms.psnr(truth[inner], light[inner]),
             "best ms": 1e3 * min(times[name]),
             "times as fast": theirs / min(times[name]),

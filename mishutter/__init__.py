@@ -1,7 +1,7 @@
-"""Design of shutters for motion-invariant photography.
+"""Exposures, sensor motion and shutters to photograph moving things in dim light.
 
-Begin with `optimise(example_scene())`; `python -m mishutter` is the command line. `help(name)` says
-all of a name; these are all names, by what they are for.
+Begin with `optimise(example_scene())`; `python -m mishutter` is the command line. `help(name)`
+describes a name; these are all names, by purpose.
 
 Scenes
     Scene                     speeds, light, noise and limits; its `load` and `save` are of a file
@@ -9,18 +9,18 @@ Scenes
     read_scene                a scene from a TOML file
     View                      size of things in the picture: speeds in m/s, mm/s or degrees
     read_noise                read noise from a data sheet's dynamic range
-    Texture                   statistics of what is seen, and the photograph to show results on
+    Texture                   statistics of pictures, and the photograph to show results on
     Optics                    what the lens passes, and how it blurs
     Sensor                    what a pixel holds, and the width and the axis of the sensor
-    Limits                    the furthest that the mechanism and the exposure may reach
-    Tolerances                errors of a camera that is not built exactly
-    Objects                   things that are registered one by one, and how wide they are
+    Limits                    limits of the stage and of the exposure
+    Tolerances                errors of the camera as built
+    Objects                   objects that are registered one by one, and their width
     Occlusion                 objects that hide part of a background
-    Burst                     frames that a camera may take in place of one exposure
+    Burst                     frames that a camera may take instead of one exposure
 
 Designs and their rivals
-    optimise                  searches for the best design of a scene
-    compare                   designs beside snapshots, windows and coded stills; the verdict
+    optimise                  searches for the best design for a scene
+    compare                   designs, snapshots, windows, stills and bursts; the answer
     Design                    a shutter and a motion, their quality and their file
     Comparison                what `compare` returns: rows, verdict and gain
     evaluate                  metrics of a design
@@ -31,7 +31,7 @@ Designs and their rivals
     FrameSequence             what `best_sequence` returns: frames, their kind and their level
     TimedFrame                one of its frames: motion, time and place
     starting_shutter          the free-form profile that a search starts from
-    DesignParameters          designs within the limits, for optimisers of your own
+    DesignParameters          designs within the limits, for your own optimisers
     keep_compiled_programs    keeps what is compiled for later sessions
     Outcome                   how a search ended
     SearchFailedError         a search with `throw=True` did not converge

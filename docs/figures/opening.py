@@ -79,7 +79,7 @@ def main():
     axes[1, 0].text(
         0.5,
         0.5,
-        f"{fastest:,.0f} px/s, dim;\nno decoder is told.\nThe last finds\n"
+        f"{fastest:,.0f} px/s, dim;\nspeed not known.\nThe last finds\n"
         f"{estimate.speed:,.0f} $\\pm$ {estimate.error:.0f} px/s.",
         ha="center",
         va="center",

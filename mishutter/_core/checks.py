@@ -141,7 +141,7 @@ def require_known(function: str, **arguments: object) -> None:
     """Refuses traced arguments, for functions whose computation depends on their numbers."""
     for name, value in arguments.items():
         concrete, subject = all_concrete(value), f"{function}({name}=...)"
-        require(concrete, subject, "be of known numbers", Unquoted("some that JAX traces"))
+        require(concrete, subject, "hold concrete numbers", Unquoted("ones that JAX traces"))
 
 
 def require_finite(subject: str, value: RowLike) -> None:

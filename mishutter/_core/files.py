@@ -83,9 +83,7 @@ def writable_folder(path: str | Path) -> Path:
             pass
     except OSError as error:
         reason = error.strerror or type(error).__name__
-        raise OSError(
-            f"`--out` must be a folder that takes files; got {str(path)!r}: {reason}."
-        ) from None
+        raise OSError(f"`--out` must be a writable folder; got {str(path)!r}: {reason}.") from None
     return folder
 
 

@@ -94,7 +94,7 @@ def require_reach(subject: str, frames: Sequence[TimedFrame], speed: float) -> N
     """
     latest = max(abs(frame.time) + frame.exposure / 2 for frame in frames)
     requirement = f"displace light by at most {MAX_REACH} px"
-    # Before there are as many nodes as such a way would need.
+    # Before there are as many nodes as such a displacement would need.
     require(abs(speed) * latest <= 2 * MAX_REACH, subject, requirement, abs(speed) * latest)
     reach = furthest(nodes_of_frames(frames, abs(speed)), [speed])
     require(reach <= MAX_REACH, subject, requirement, reach)

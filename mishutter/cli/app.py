@@ -93,7 +93,7 @@ _INTERRUPTED = 130
 
 app = typer.Typer(
     name="mishutter",
-    help="Design of shutters for motion-invariant photography.",
+    help="Choose exposures, sensor motion and shutter to photograph moving things in dim light.",
     no_args_is_help=False,
     cls=GroupedCommands,
     pretty_exceptions_enable=False,
@@ -134,7 +134,7 @@ def _options(
 
 @app.command(cls=GroupedCommand, rich_help_panel=TO_BEGIN)
 def example() -> None:
-    """Write the built-in scene, an annotated file to change, on standard output."""
+    """Print the built-in scene, an annotated file to edit."""
     from mishutter.model import example_scene_text
 
     sys.stdout.write(example_scene_text())
@@ -169,7 +169,7 @@ def optimise(
             min=1,
             max=100_000,
             rich_help_panel=SEARCH,
-            help="Most steps from each start.",
+            help="Most steps of a minimisation from each start.",
         ),
     ] = 400,
     seed: Annotated[
@@ -189,7 +189,7 @@ def optimise(
     backgrounds: BackgroundsOption = False,
     verbose: VerboseOption = False,
 ) -> None:
-    """Design a shutter for a scene, and compare it with ordinary shutters and windows."""
+    """Find the best exposures, sensor motion and shutter for a scene, beside simpler cameras."""
     start_jax()
     from mishutter.search import optimise as search
 
@@ -245,7 +245,7 @@ def _after_search(scene_file: Path | None, folder: Path | None) -> str:
         return f"{AGAIN}; with --out DIR the design is saved as soon as the search ends"
     design = shlex.join(["--design", str(folder / "design.json")])
     scene = "" if scene_file is None else f" {shlex.quote(str(scene_file))}"
-    return f"the design is saved; `mishutter compare{scene} {design}` goes on from it"
+    return f"the design is saved; `mishutter compare{scene} {design}` continues from it"
 
 
 @app.command(cls=GroupedCommand, rich_help_panel=TO_DESIGN)
@@ -276,7 +276,7 @@ def compare(
     backgrounds: BackgroundsOption = False,
     verbose: VerboseOption = False,
 ) -> None:
-    """Compare shutters, saved designs, drive tables or traces with the baselines."""
+    """Compare shutters, saved designs, drive tables or traces with simpler cameras."""
     start_jax()
     from mishutter.design import Design
     from mishutter.model import named_shutter

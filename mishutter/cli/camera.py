@@ -56,8 +56,8 @@ def simulate(
             "--white",
             metavar="VALUE",
             rich_help_panel=PICTURES,
-            help="White in the numbers of the subject's file, such as 4095 for 12 bits [default: "
-            "the greatest number of its bit depth].",
+            help="Value of white in the subject's file, such as 4095 for 12 bits [default: the "
+            "largest value of its bit depth].",
         ),
     ] = None,
     linear: Annotated[
@@ -65,7 +65,7 @@ def simulate(
         typer.Option(
             "--linear",
             rich_help_panel=PICTURES,
-            help="Read the subject's numbers as linear light, not as gamma-coded.",
+            help="Read the subject's values as linear light, not as gamma-coded.",
         ),
     ] = False,
     design: Annotated[
@@ -104,8 +104,8 @@ def simulate(
             "--decoder",
             metavar="NAME",
             rich_help_panel=PICTURES,
-            help="Decoder that restores the capture, whatever the scene says of decoders: "
-            "ensemble, wiener, richardson-lucy, tikhonov, total-variation or speed-finding.",
+            help="Decoder that restores the capture, in place of the scene's: ensemble, wiener, "
+            "richardson-lucy, tikhonov, total-variation or speed-finding.",
         ),
     ] = DecoderName.ENSEMBLE,
     noiseless: Annotated[
@@ -157,7 +157,7 @@ def simulate(
 ) -> None:
     """Capture a photograph, a layered scene or footage, and restore it.
 
-    A design that takes a burst takes its frames of a photograph or a layered scene.
+    If the design takes a burst, all of its frames of a photograph or a layered scene are taken.
     """
     if shutter is not None and any((design, files.drive, files.measured)):
         which = "--design" if design is not None else "--drive or --measured"
@@ -179,7 +179,7 @@ def simulate(
     ]
     photographed = _subject(subject, scene, white, linear)
     if speed and not isinstance(photographed, Picture):
-        raise ValueError(f"`--speed` must stand beside a photograph alone; got {speed:g}.")
+        raise ValueError(f"`--speed` must be given with a photograph only; got {speed:g}.")
     folder = writable_folder(out)
     with (
         interruptible(lambda: AGAIN),
@@ -212,7 +212,7 @@ def simulate(
     save_figure(picture, folder / "side_by_side.png")
     written = [*(f"{each}.png" for each in taken), "restored.png", "side_by_side.png"]
     if not figures:
-        note("no PSNR: layers and frames move by themselves, so that no one picture is the truth")
+        note("no PSNR: layers and frames move on their own, so no single picture is the truth")
     _warn_beyond(scene, speed)
     estimate = result.found
     if estimate is not None and estimate.doubt:
@@ -259,7 +259,7 @@ def _simulated(
 def _print_numbers(title: str, names: str, unit: str, numbers: dict[str, float]) -> None:
     """Prints a table of numbers by their names, if there are any."""
     if numbers:
-        print_table(title, [names, unit], [[name, f"{x:.3f}"] for name, x in numbers.items()])
+        print_table(title, [names, unit], [[name, f"{x:.2f}"] for name, x in numbers.items()])
 
 
 def reproduce(
@@ -270,15 +270,15 @@ def reproduce(
             metavar="DIR",
             parser=as_path,
             rich_help_panel=OUTPUT,
-            help="Folder for figures and page.",
+            help="Folder for the figures and the page.",
         ),
     ],
     quick: Annotated[
-        bool, typer.Option("--quick", help="Fewer speeds, noise levels and photographs.")
+        bool, typer.Option("--quick", help="Use fewer speeds, noise levels and photographs.")
     ] = False,
     json: JsonOption = False,
 ) -> None:
-    """Redo the published Figures 3 to 6, and say of each statement whether it holds."""
+    """Compute the published Figures 3 to 6 again, and check each published statement."""
     folder = writable_folder(out)
     start_jax()
     from mishutter.paper import reproduce as redo
@@ -338,7 +338,7 @@ def speed_found(
     if estimate.tells_nothing:
         return "none", "restored for all speeds of the scene"
     value = f"{estimate.speed:,.0f} +- {estimate.error:,.0f}"
-    instead = "for all likely speeds" if sequence is None else "for this speed all the same"
+    instead = "for all likely speeds" if sequence is None else "for this speed anyway"
     return value, "trusted" if estimate.trusted else f"not trusted: restored {instead}"
 
 
@@ -363,5 +363,5 @@ def _quality(photographed: "Picture | Layers | Frames", restored: "np.ndarray") 
         return {}
     return {
         _LINEAR: float(psnr(photographed.light, restored)),
-        "PSNR / dB, gamma put back": float(psnr(photographed.light, restored, gamma=True)),
+        "PSNR / dB, gamma-coded": float(psnr(photographed.light, restored, gamma=True)),
     }

@@ -32,7 +32,7 @@ from mishutter._core import (
 if TYPE_CHECKING:
     from sys import UnraisableHookArgs
 
-AGAIN = "no result was saved; the same command begins again, with the programs compiled so far"
+AGAIN = "no result was saved; the same command starts again, with what it has compiled so far"
 """Message of an interrupt of work that saves nothing before its end."""
 _WIDTH = 80
 """Columns of a table where standard output is no terminal and `COLUMNS` is not set."""
@@ -103,7 +103,7 @@ def _value_line(error: Any) -> str:
 
 def _one_line(message: str) -> str:
     text = " ".join(message.split()).removesuffix(".")
-    return text if "; got" in text else f"the request must be one that can be met; got: {text}"
+    return text if "; got" in text else f"the command line must be valid; got: {text}"
 
 
 def _innermost(message: str) -> str:

@@ -27,14 +27,15 @@ def explore(
         typer.Option(
             "--host",
             metavar="ADDRESS",
-            help="Address to listen at; only this machine can reach the default.",
+            help="Address to listen at; the default is reachable from this machine only.",
         ),
     ] = "127.0.0.1",
     no_browser: Annotated[
-        bool, typer.Option("--no-browser", help="Print the page's address and open no browser.")
+        bool,
+        typer.Option("--no-browser", help="Print the page's address without opening a browser."),
     ] = False,
 ) -> None:
-    """Open a page on which a design follows the scene while sliders move."""
+    """Open a page with sliders on which the design follows the scene."""
     try:
         import tornado  # noqa: F401 - only this command needs it
     except ImportError:

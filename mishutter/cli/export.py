@@ -85,16 +85,16 @@ def export(
             "--format",
             metavar="NAME",
             rich_help_panel=TABLE,
-            help="csv: names, units, one row for each step. column: one column from -1 to 1. "
-            "keysight: CSV of shutter, position and gate. rigol: .RAF. siglent: CSV of EasyWave. "
-            "npy: array of (channels, samples). pulses: times closed and open of each pulse, us.",
+            help="csv: names, units, one row per step. column: one column from -1 to 1. keysight: "
+            "CSV of shutter, position and gate. rigol: .RAF. siglent: CSV for EasyWave. npy: "
+            "array of (channels, samples). pulses: closed and open time of each pulse, us.",
         ),
     ] = FormatName.CSV,
 ) -> None:
-    """Write the drive table of a saved design, the level of each step, and say what it costs.
+    """Write the drive table of a saved design: one level per step, and its effect on the level.
 
-    Of a design that takes a burst it is open in each frame, and closed between them. --out also
-    writes the path of the stage, from rest to rest, and the triggers of a burst.
+    For a burst the table is open in each frame and closed between frames. --out also writes the
+    path of the stage, from rest to rest, and the triggers of a burst.
     """
     pulses = form is FormatName.PULSES
     levels = 2 if pulses and num_levels is None else num_levels
@@ -167,7 +167,7 @@ def _export_frames(
             _note_travel(table.travel_beyond_limit)
         elif table.sequence.moves:
             note(
-                "no stage.csv: no limit says how the stage gets to its velocity: set "
+                "no stage.csv: no limit sets the run-up of the stage to its velocity: set "
                 "max_acceleration_g or max_acceleration_px_per_s2 in [limits] of the scene"
             )
     _note_gate(table)
@@ -191,10 +191,10 @@ def _note_gate(table: "FrameTable") -> None:
     touching = sum(after - before < step for (_, before), (after, _) in pairwise(table.lights))
     if touching:
         note(
-            f"the gate closes for a step of {step * 1e3:.3g} ms at the end of {touching} frames "
-            "that the next one follows at once: as a trigger whose width is the exposure it leaves "
+            f"the gate closes for one step of {step * 1e3:.3g} ms at the end of {touching} frames "
+            "that the next one follows at once: a camera exposed by the width of this trigger has "
             f"{table.gated_psnr:.2f} dB of {table.sequence.psnr:.2f}; frames.csv has the exact "
-            "times, for a camera that a rising edge triggers and that times its exposure itself"
+            "times, for a camera that starts at a rising edge and times its own exposure"
         )
 
 
@@ -203,14 +203,14 @@ def _note_travel(beyond: float | None) -> None:
     if beyond is not None:
         note(
             f"stage.csv travels {beyond:.4g} px, beyond the limit on travel: limit the "
-            "acceleration too, or the search assumes that the stage runs up at once"
+            "acceleration too, or the search assumes a run-up without travel"
         )
 
 
 def _note_what_to_set(table: "DriveTable", form: FormatName) -> None:
     """Notes the settings that no file holds: the sample rate, and the level before the exposure."""
     if table.is_open:
-        note("the shutter is open all the time: it needs no drive")
+        note("the shutter stays open for the whole exposure and needs no drive")
         return
     count, exposure = table.level.size, table.exposure
     if form in _WITHOUT_TIME:
@@ -220,8 +220,9 @@ def _note_what_to_set(table: "DriveTable", form: FormatName) -> None:
         )
     if table.settling_time > 0:
         note(
-            f"the shutter must stand at level {table.level[0]} from {table.settling_time * 1e3:.3g}"
-            " ms before the exposure on: the design takes it to have settled there"
+            f"set the shutter to level {table.level[0]} at least "
+            f"{table.settling_time * 1e3:.3g} ms before the exposure: the design assumes that it "
+            "has settled there"
         )
 
 
@@ -249,7 +250,7 @@ def _without_path(design: "Design") -> str:
     if design.scene.limits.pans == "camera":
         return f"the stage stays at rest while the camera pans at {velocity:g} px/s"
     return (
-        f"the stage pans at {velocity:g} px/s, and no limit says how it gets there: set "
+        f"the stage pans at {velocity:g} px/s, and no limit sets its run-up: set "
         "max_acceleration_g or max_acceleration_px_per_s2 in [limits] of the scene"
     )
 

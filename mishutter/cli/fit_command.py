@@ -41,7 +41,7 @@ def fit(
             metavar="FILE",
             parser=as_path,
             rich_help_panel=CAMERA,
-            help="Design that was built.",
+            help="Design by which the camera was built.",
         ),
     ],
     drive: Annotated[
@@ -70,13 +70,13 @@ def fit(
         typer.Option(
             "--redesign",
             rich_help_panel=SEARCH,
-            help="Search for the best profile of the fitted camera too.",
+            help="Also search for the best profile of the fitted camera.",
         ),
     ] = False,
     out: OutOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Fit a camera as it was built, with error bars, and say what it is worth."""
+    """Fit a camera as it was built, with error bars, and evaluate it."""
     start_jax()
     from mishutter.design import Design
     from mishutter.hardware import fit as fitted

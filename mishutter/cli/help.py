@@ -14,7 +14,7 @@ Groups = dict[str, list[tuple[str, str]]]
 """Names of options or commands and their help, by the title of their group."""
 
 DESIGN = "Designs and losses"
-MOVES = "Free parts of the design"
+MOVES = "Parts to search for"
 SEARCH = "Search"
 SENSOR = "Sensor"
 CAMERA = "Camera as built"

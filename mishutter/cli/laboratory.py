@@ -39,7 +39,7 @@ MeasuredOption = Annotated[
         metavar="FILE",
         rich_help_panel=CAMERA,
         parser=as_path,
-        help="Photodiode trace that replaces the shutter: text, as an oscilloscope exports it.",
+        help="Photodiode trace that replaces the shutter: text, as exported by an oscilloscope.",
     ),
 ]
 ColumnOption = Annotated[
@@ -57,7 +57,7 @@ HalfExposureOption = Annotated[
         "--half-exposure-ms",
         metavar="MS",
         rich_help_panel=CAMERA,
-        help="Half exposure of a table without times [default: the design's or the scene's].",
+        help="Half exposure of a drive table without times [default: the design's or the scene's].",
     ),
 ]
 PositionScaleOption = Annotated[
@@ -66,7 +66,8 @@ PositionScaleOption = Annotated[
         "--position-scale-px",
         metavar="PX",
         rich_help_panel=CAMERA,
-        help="Position in px that 1 stands for, in a table with positions in [-1, 1].",
+        help="Displacement in px that 1 stands for, in a drive table whose positions are in "
+        "[-1, 1].",
     ),
 ]
 FloorOption = Annotated[
@@ -206,7 +207,7 @@ def note_other_device(path: Path, design: "Design", scene: "Scene") -> None:
         return
     ideal = ["It follows at once and loses no light."]
     own, taken = (" ".join(device_notes(each.device) or ideal) for each in (design.scene, scene))
-    note(f"{path}: the scene's shutter is taken, not the design's. Design: {own} Scene: {taken}")
+    note(f"{path}: using the scene's shutter, not the design's. Design: {own} Scene: {taken}")
 
 
 def cameras(scene: "Scene | None", design: Path | None, files: CameraFiles) -> Cameras:

@@ -33,7 +33,7 @@ def measure(
             "--frames-per-s",
             metavar="F",
             rich_help_panel=CAMERA,
-            help="Frames that the camera took a second.",
+            help="Frame rate of the clip.",
         ),
     ],
     exposure_ms: Annotated[
@@ -42,7 +42,7 @@ def measure(
             "--exposure-ms",
             metavar="T",
             rich_help_panel=CAMERA,
-            help="Exposure of each frame. Without it the rate of photons is a lower limit.",
+            help="Exposure of each frame. Without it the photon rate is a lower limit.",
         ),
     ] = None,
     dark: Annotated[
@@ -52,8 +52,8 @@ def measure(
             metavar="DARK",
             parser=as_path,
             rich_help_panel=CAMERA,
-            help="Frame with the lens covered and the same settings; repeat for more: two or more "
-            "tell the read noise. Without one it is an interval.",
+            help="Dark frame, with the lens covered and the same settings; repeat for more. Two or"
+            " more determine the read noise; without any it is an interval.",
         ),
     ] = None,
     flat: Annotated[
@@ -63,7 +63,7 @@ def measure(
             metavar="FLAT",
             parser=as_path,
             rich_help_panel=CAMERA,
-            help="Flat fields in pairs of one exposure, as EMVA 1288 takes them; repeat.",
+            help="Flat fields in pairs of equal exposure, as in EMVA 1288; repeat for more.",
         ),
     ] = None,
     black: Annotated[
@@ -72,7 +72,7 @@ def measure(
             "--black",
             metavar="LEVEL",
             rich_help_panel=PICTURES,
-            help="Level of black, if it is known without --dark.",
+            help="Black level, if it is known without --dark.",
         ),
     ] = None,
     white: Annotated[
@@ -81,7 +81,7 @@ def measure(
             "--white",
             metavar="LEVEL",
             rich_help_panel=PICTURES,
-            help="Level of white [default: the greatest of the files' depth].",
+            help="White level [default: the largest value of the files' bit depth].",
         ),
     ] = None,
     pixel_pitch_um: Annotated[
@@ -90,7 +90,7 @@ def measure(
             "--pixel-pitch-um",
             metavar="P",
             rich_help_panel=CAMERA,
-            help="Distance of the sensor's pixels.",
+            help="Pixel pitch of the sensor.",
         ),
     ] = None,
     px_per_mm: Annotated[
@@ -99,7 +99,7 @@ def measure(
             "--px-per-mm",
             metavar="M",
             rich_help_panel=CAMERA,
-            help="Pixels of a millimetre of things, by a ruler in the picture.",
+            help="Pixels per millimetre of the scene, by a ruler in the picture.",
         ),
     ] = None,
     out: Annotated[
@@ -109,15 +109,15 @@ def measure(
             metavar="SCENE.toml",
             parser=as_path,
             rich_help_panel=OUTPUT,
-            help="Scene file to write; its picture, the velocities and two plots go beside it.",
+            help="Scene file to write, with its picture, the velocities and two plots beside it.",
         ),
     ],
     json: JsonOption = False,
 ) -> None:
     """Measure noise, velocities and texture from a clip, and write a scene file.
 
-    The camera stands still, and its levels are proportional to light. Each number has its error;
-    one that the clip does not tell is left out, with the reason and a remedy.
+    The camera must stand still, and its levels must be proportional to light. Each number comes
+    with its error; one that the clip does not show is left out, with the reason and a remedy.
     """
     from mishutter.measurement import measure as measured
 
@@ -173,6 +173,6 @@ def _print(measurement: "Measurement", out: Path) -> None:
     command = f"mishutter optimise {shlex.quote(str(out))}"
     if measurement.missing:
         keys = " and ".join(measurement.missing)
-        print_text(f"{out} needs {keys}, which the clip does not tell. Then: {command}")
+        print_text(f"Add {keys} to {out}: the clip does not show them. Then: {command}")
     else:
-        print_text(f"Next, with the limits of your stage in {out}: {command}")
+        print_text(f"Next: write the limits of your stage into {out}, then {command}")

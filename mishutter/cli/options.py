@@ -100,8 +100,8 @@ FreeOption = Annotated[
         "--free",
         metavar="PART",
         rich_help_panel=MOVES,
-        help="Part of the design that may move: shutter, acceleration, half_exposure, velocity or "
-        "path; repeat for more [default: all that the limits allow, except path].",
+        help="Part of the design to search for: shutter, acceleration, half_exposure, velocity"
+        " or path; repeat for more [default: all that the limits allow, except path].",
     ),
 ]
 CoefficientsOption = Annotated[
@@ -120,8 +120,8 @@ FreePathsOption = Annotated[
     typer.Option(
         "--free-paths",
         rich_help_panel=DESIGN,
-        help="Compare free paths too, which need a stage that follows any path, and take more than "
-        "half of a comparison's time; also `free_paths` in the scene.",
+        help="Also compare free paths, which need a stage that can follow any path. They take "
+        "more than half of a comparison's time. `free_paths` in the scene does the same.",
     ),
 ]
 BackgroundsOption = Annotated[
@@ -129,9 +129,8 @@ BackgroundsOption = Annotated[
     typer.Option(
         "--backgrounds",
         rich_help_panel=OUTPUT,
-        help="Compute the gain that is left where part of the picture stands still, and draw it; "
-        "without this option it is computed where the verdict is to build and no frames are better "
-        "than that, and not drawn.",
+        help="Also compute how much gain of one exposure remains where part of the picture "
+        "stands still, and draw such a picture.",
     ),
 ]
 VerboseOption = Annotated[
@@ -139,8 +138,8 @@ VerboseOption = Annotated[
     typer.Option(
         "--verbose",
         rich_help_panel=OUTPUT,
-        help="Show every table where the verdict is not to build, and before a search which parts "
-        "are computed and which are skipped.",
+        help="Also print which stills match the answer, the tables of all rows, and, before a "
+        "search, which parts are computed or skipped.",
     ),
 ]
 SeedsOption = Annotated[
@@ -151,7 +150,8 @@ SeedsOption = Annotated[
         min=0,
         max=1000,
         rich_help_panel=PICTURES,
-        help="Number of captures of the scene's photograph at each speed; 0 takes none.",
+        help="Number of captures of the scene's photograph at each speed, each with its own "
+        "noise; 0 takes none.",
     ),
 ]
 EveryPhotographOption = Annotated[
@@ -170,9 +170,9 @@ PicturesOption = Annotated[
         metavar="PATH",
         parser=as_path,
         rich_help_panel=PICTURES,
-        help="Photograph of yours, or a folder of them, by which each camera is judged too, with "
-        "an exposure that is tuned for --decoder; repeat for more. Two or more are needed, and "
-        "crops of some hundred rows do.",
+        help="Photograph, or folder of photographs, on which each camera is also judged, with "
+        "its exposure tuned for --decoder; repeat for more. Two or more are needed; crops"
+        " of about a hundred rows are enough.",
     ),
 ]
 JudgeOption = Annotated[
@@ -192,8 +192,8 @@ ShuttersOption = Annotated[
         "--shutter",
         metavar="NAME[:VALUE]",
         rich_help_panel=DESIGN,
-        help="Further shutter to show: rect, hann, triangle, gaussian:0.4, tukey:0.5 or raskar; "
-        "repeat for more.",
+        help="Shutter to compare as well: rect, hann, triangle, gaussian:0.4, tukey:0.5 or "
+        "raskar; repeat for more.",
     ),
 ]
 

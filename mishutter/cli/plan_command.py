@@ -36,12 +36,12 @@ def plan(
         typer.Option(
             "--fixed",
             rich_help_panel=MOVES,
-            help="Plan one measurement, in which nothing moves.",
+            help="Plan a single evaluation instead of a search.",
         ),
     ] = False,
     num_coefficients: CoefficientsOption = 24,
 ) -> None:
-    """Show a scene in pixels and seconds, and which parts a search of it computes or skips."""
+    """Show a scene in pixels and seconds, and which parts of a search are computed or skipped."""
     if fixed and free:
         parts = ", ".join(name.value for name in free)
         raise ValueError(f"`--free` must be left out with --fixed; got '{parts}'.")
@@ -53,7 +53,7 @@ def plan(
     if json:
         write_json({"scene": understood(scene), "skipped": parts.skips} | vars(parts.sizes))
     else:
-        print_table("The scene, as it is understood", ("key", "value"), understood_rows(scene))
+        print_table("The scene as understood", ("key", "value"), understood_rows(scene))
         print_text()
         print_text(plan_text(parts))
 

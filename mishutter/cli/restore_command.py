@@ -40,7 +40,8 @@ def restore(
         typer.Argument(
             metavar="CAPTURE",
             parser=as_path,
-            help="Captures: PNG, JPEG, TIFF, BMP, WebP, PGM or PPM; each page of a TIFF is one.",
+            help="Captures as PNG, JPEG, TIFF, BMP, WebP, PGM or PPM; each page of a TIFF is one "
+            "capture.",
             show_default=False,
         ),
     ],
@@ -52,7 +53,8 @@ def restore(
             metavar="FILE",
             parser=as_path,
             rich_help_panel=DESIGN,
-            help="Saved design that the camera was built by; its scene is taken without --scene.",
+            help="Saved design by which the camera was built. Its scene is used unless --scene is "
+            "given.",
         ),
     ] = None,
     scene_file: Annotated[
@@ -71,7 +73,7 @@ def restore(
             "--shutter",
             metavar="NAME[:VALUE]",
             rich_help_panel=DESIGN,
-            help="Shutter of the scene's own motion, without --design.",
+            help="Shutter to use with the scene's motion, without --design.",
         ),
     ] = None,
     files: CameraFiles,
@@ -81,7 +83,7 @@ def restore(
             "--black",
             metavar="VALUE",
             rich_help_panel=PICTURES,
-            help="Number in the file of black, which a camera adds to all others.",
+            help="Value of black in the file: the offset that the camera adds to every pixel.",
         ),
     ] = 0.0,
     white: Annotated[
@@ -90,8 +92,8 @@ def restore(
             "--white",
             metavar="VALUE",
             rich_help_panel=PICTURES,
-            help="Number in the file of white, were the shutter open for the whole exposure, of a "
-            "burst in its longest frame [default: the greatest number of its bit depth].",
+            help="Value of white in the file with the shutter open for the whole exposure; for a "
+            "burst, in its longest frame [default: the largest value of its bit depth].",
         ),
     ] = None,
     linear: Annotated[
@@ -99,7 +101,7 @@ def restore(
         typer.Option(
             "--linear",
             rich_help_panel=PICTURES,
-            help="Read the file's numbers as linear light, as of raw files, not as gamma-coded.",
+            help="Read the file's values as linear light, as in raw files, not as gamma-coded.",
         ),
     ] = False,
     decoder: Annotated[
@@ -109,7 +111,8 @@ def restore(
             metavar="NAME",
             rich_help_panel=PICTURES,
             help="Decoder: ensemble, wiener, richardson-lucy, tikhonov, total-variation or "
-            "speed-finding; where the scene's decoder finds or knows the speed, it is found first.",
+            "speed-finding. If the scene's decoder finds or knows the speed, the speed is "
+            "found first.",
         ),
     ] = DecoderName.ENSEMBLE,
     speed_text: Annotated[
@@ -118,7 +121,7 @@ def restore(
             "--speed",
             metavar="SPEED",
             rich_help_panel=PICTURES,
-            help="Speed of all that is seen, where it is known: px/s, or with a unit of --scene, "
+            help="Speed of the whole picture, if it is known: px/s, or with a unit of --scene, "
             "such as 0.9m/s.",
         ),
     ] = None,
@@ -134,10 +137,10 @@ def restore(
     ] = Path("restored"),
     json: JsonOption = False,
 ) -> None:
-    """Restore captures that a camera has taken, each by itself.
+    """Restore captures of a real camera.
 
-    Of a design that takes a burst, the captures are its frames, in their order, which together
-    become one picture.
+    Each capture is restored on its own. If the design takes a burst, the captures are its frames in
+    their order, and one picture is restored from all of them.
     """
     start_jax()
     from mishutter.decoding import restored_capture
@@ -259,15 +262,15 @@ def _note_frames(labels: list[_Label], light: "np.ndarray") -> None:
     numbers = [[*map(int, re.findall(r"\d+", each.stem))] for each in labels]
     if len({*map(len, numbers)}) == 1 and numbers != sorted(numbers):
         names = ", ".join(each.stem for each in labels)
-        note(f"warning: frames are taken in the order in which they are given: {names}")
+        note(f"warning: frames whose names are out of order are used in the order given: {names}")
     means = np.maximum(light.mean(axis=(1, 2, 3)), _LEAST_MEAN)
     dark, bright = int(np.argmin(means)), int(np.argmax(means))
     ratio = float(means[bright] / means[dark])
     if ratio > _MOST_UNLIKE:
         note(
             f"warning: by their exposures {labels[bright].name} is {ratio:.2g} times as bright as "
-            f"{labels[dark].name}: the order or an exposure is another, or `--black`, `--white` or "
-            "`--linear` is to be given"
+            f"{labels[dark].name}: check the order and the exposures, or give `--black`, `--white` "
+            "or `--linear`"
         )
 
 
@@ -294,5 +297,5 @@ def _note_brightness(name: str, light: "np.ndarray") -> None:
     if share > _MOST_ABOVE_WHITE:
         note(
             f"warning: {name}: {share:.0%} of the restored picture is brighter than white; "
-            "`--white` is the file's number of white in an exposure with the shutter open"
+            "`--white` is the value of white in the file with the shutter open all the time"
         )

@@ -52,7 +52,8 @@ def sweep(
             "--acceleration",
             metavar="A:B:N",
             rich_help_panel=MAP,
-            help="N values of `a` in x = a t^2 from A to B, px/s^2 [default: up to the limits].",
+            help="N accelerations from A to B, px/s^2: the `a` of x = a t^2, half the mechanical "
+            "acceleration [default: up to the limits].",
         ),
     ] = None,
     half_exposure: Annotated[
@@ -70,7 +71,7 @@ def sweep(
             "--velocity",
             metavar="A:B:N",
             rich_help_panel=MAP,
-            help="N velocities of the sensor from A to B, px/s, either sign [default: the "
+            help="N velocities of the sensor from A to B, px/s, of either sign [default: the "
             "middle of the speeds].",
         ),
     ] = None,
@@ -79,7 +80,7 @@ def sweep(
         typer.Option(
             "--log",
             rich_help_panel=MAP,
-            help="Space accelerations and exposures in equal ratios, not in equal steps.",
+            help="Space accelerations and exposures geometrically, not evenly.",
         ),
     ] = False,
     optimise: Annotated[
@@ -87,7 +88,7 @@ def sweep(
         typer.Option(
             "--optimise",
             rich_help_panel=DESIGN,
-            help="Search for the best profile at each point too.",
+            help="Also search for the best profile at each point.",
         ),
     ] = False,
     loss: LossOption = None,

@@ -79,8 +79,8 @@ def print_photographs(
 
 
 _OF_PHOTOGRAPH = (
-    "exp.: expected of pictures with the detail and the mean level of this one inside its\n"
-    "borders. Other tables: expected of the scene's mean spectrum, over all its speeds."
+    "exp.: expected for pictures with the detail and the mean level of this one inside its\n"
+    "borders. Other tables: expected for the scene's mean spectrum, over all its speeds."
 )
 
 

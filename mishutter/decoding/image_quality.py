@@ -24,7 +24,7 @@ class Quality(NamedTuple):
     """Figures of a restored picture.
 
     Attributes:
-        psnr: With gamma put back, over the picture; dB.
+        psnr: Of gamma-coded values, over the picture; dB.
         linear_psnr: In linear light; dB.
         inner_psnr: With gamma, without the border; dB.
         border_psnr: With gamma, of the border alone; dB.

@@ -60,7 +60,7 @@ class RestoredPhotograph(NamedTuple):
 
     Attributes:
         speeds: Speeds of the picture; px/s.
-        psnr: PSNR with gamma put back, mean over noise seeds, inside the borders; dB.
+        psnr: PSNR of gamma-coded values, mean over noise seeds, inside the borders; dB.
         linear_psnr: The same in linear light: of the mean squared error over seeds; dB.
         standard_error: Standard error of `psnr` over the seeds; dB.
         linear_standard_error: That of `linear_psnr`.
@@ -415,7 +415,7 @@ def _seeds(key: Array, num_speeds: int, num_seeds: int) -> Array:
 
 
 class _Errors(NamedTuple):
-    """Errors at one speed, squared in linear light, and as a PSNR with gamma put back."""
+    """Errors at one speed, squared in linear light, and as a PSNR of gamma-coded values."""
 
     squared: Float[np.ndarray, "seeds decoders"]
     coded: Float[np.ndarray, "seeds decoders"]

@@ -149,7 +149,7 @@ class RestoredFrames(NamedTuple):
     Attributes:
         light: Light of the picture where the sensor is at the middle of the sequence, white = 1;
             the shape of a frame.
-        estimate: The speed that was found, and its doubt; None where it was told.
+        estimate: The speed that was found, and its doubt; None where it was given.
     """
 
     light: Planes
@@ -739,7 +739,9 @@ def _searched(stack: _Stack, frames: Sequence[TimedFrame], low: float, high: flo
             break
         size -= 1
     step, most = _PX_A_STEP / _duration(frames), coarse * (_MOST_SPEEDS - 2)
-    requirement = f"have speeds within {most:,.0f} px/s of each other, for frames to tell which"
+    requirement = (
+        f"have speeds within {most:,.0f} px/s of each other, so that frames tell them apart"
+    )
     require(count <= _MOST_SPEEDS, "restore_frames(scene=...)", requirement, high - low)
     detail = np.sum(np.diff(stack.rows, axis=-1) ** 2, axis=(1, 2))
     bands = np.array_split(np.arange(detail.size), min(_ROWS_OF_SEARCH, detail.size))

@@ -80,7 +80,7 @@ def ceiling(
     $-10\log_{10}$ of the mean over frequencies of $S/(1 + S\,\mathrm{sinc}^2(f)\,q)$, where $S$ is
     the picture's power and $q = 2R\,T\lambda\,/\,(\bar f + \sigma^2/2RT)$ at the longest half
     exposure $T$ (after the wedge bound of Levin et al. 2008; this module derives it). It holds
-    for one filter for all speeds (`Metrics.expected_psnr`) and for a decoder that is told the
+    for one filter for all speeds (`Metrics.expected_psnr`) and for a decoder that knows the
     speed (`Metrics.known_speed_psnr`), for any path of the sensor whatever its stroke or top
     speed, and does not change when all speeds are shifted, as by a pan.
 

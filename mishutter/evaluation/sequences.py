@@ -243,7 +243,7 @@ def _registered(waves: _Waves, num_samples: int) -> tuple[float, float]:
     if information <= 0:
         return math.inf, _decibels(nothing, error) if excess > 0 else 0.0
     variance = float(1 / (num_samples * information))
-    # Whoever knows that little of the speed had better restore nothing.
+    # With so uncertain a speed, returning the mean is better.
     return math.sqrt(variance), _decibels(min(error + variance * excess, nothing), error)
 
 

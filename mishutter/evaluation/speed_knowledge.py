@@ -240,7 +240,7 @@ class FoundSpeedLoss(AbstractSpectralLoss):
 
     Raises:
         ValueError: if `share` is not within 0 and 1, or, when it is called, if the scene has a
-            background, before which no one speed is the picture's.
+            background: no single speed describes that picture.
     """
 
     share: float = eqx.field(default=FOUND_SHARE, static=True)

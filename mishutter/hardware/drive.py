@@ -316,7 +316,7 @@ def design_from_drive(
     ceiling: float = 1.0,
     num_steps: int | None = None,
 ) -> Design:
-    """The design that a drive table makes of a scene's camera; nothing is searched for.
+    """The design of a scene's camera with a drive table; nothing is searched for.
 
     Args:
         path: A file of any of `DRIVE_FORMATS`.

@@ -225,7 +225,7 @@ def read_drive(
     ceiling: float = 1.0,
     num_steps: int | None = None,
 ) -> Drive:
-    """Read a drive table of any of `DRIVE_FORMATS`, also one that was edited, as it is.
+    """Read a drive table in any of `DRIVE_FORMATS`, unchanged, also one that was edited.
 
     The contents say which format it is.
 
@@ -265,7 +265,7 @@ def read_drive(
     else:
         steps = np.asarray(samples.transmittance)
     is_complete = num_steps is None or num_steps == len(steps)
-    require(is_complete, name, f"have the {num_steps} steps that were told", len(steps))
+    require(is_complete, name, f"have the {num_steps} steps that were given", len(steps))
     require(len(steps) <= MAX_STEPS, name, f"hold at most {MAX_STEPS} steps", len(steps))
     position = samples.position
     if samples.share is not None and position_scale is not None:

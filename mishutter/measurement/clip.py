@@ -208,7 +208,7 @@ def _depth(frames: np.ndarray, full: float) -> tuple[float, str]:
         return full, ""
     white = float((1 << depth) - 1)
     text = f"no level exceeds {most:g} of 65535: white is taken for {white:g}, as of {depth} bits"
-    return white, f"{text} (say --white otherwise)"
+    return white, f"{text} (set --white if it is another)"
 
 
 def _is_above_zero(value: object) -> bool:

@@ -28,7 +28,7 @@ from mishutter.model import Scene, Texture, View, scene_of_tables
 from mishutter.pictures import Picture, write_picture
 
 _STEADY_WORD = "the exposure drifts by {share:.1%} from frame to frame, which was divided out"
-_GAMMA_WORD = "a gamma of {gamma:.2g} and little read noise explain the noise as well as this"
+_GAMMA_WORD = "a gamma of {gamma:.2g} with little read noise would explain the noise as well"
 _BLOCK = 32
 """Side of the squares whose means say how far a mean level is known; px."""
 VELOCITIES = "velocities.csv"
@@ -40,7 +40,7 @@ VELOCITY_COLUMNS = (
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """A camera and what it sees, as a clip tells them.
+    """A camera and its scene, as measured from a clip.
 
     Attributes:
         name: Name of the clip.
@@ -49,8 +49,8 @@ class Measurement:
         motion: Objects, and what stands still.
         light: The still parts, averaged, before the pixels; linear light, white = 1.
         level_difference: Mean light of what moves less that of the rest.
-        pixel_pitch: Distance of the pixels, m; None if it was not told.
-        px_per_mm: Pixels of a millimetre of things; None if it was not told.
+        pixel_pitch: Pixel pitch, m; None if it was not given.
+        px_per_mm: Pixels per millimetre of the scene; None if it was not given.
     """
 
     name: str

@@ -150,7 +150,7 @@ class _Black(NamedTuple):
 
 def _black_of(clip: Clip, dark: np.ndarray | None, black: float | None) -> _Black:
     told = None if black is None else Estimate(black, 0.0)
-    source = "" if black is None else "as told"
+    source = "" if black is None else "as given"
     if dark is None:
         return _Black(told, source, None)
     if np.mean(dark <= 0) > _MOST_CUT and clip.step > 0:

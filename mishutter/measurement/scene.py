@@ -123,7 +123,7 @@ def across_sentences(along: AlongAxis) -> list[str]:
     if along.across > _ACROSS[-1]:
         first = (
             f"No one axis explains the motion: {words}. From 30 % on that costs a moving sensor "
-            "all of its gain: trust the rows of stills alone."
+            "all of its gain: trust only the options at rest."
         )
     else:
         cost = float(np.interp(along.across, _ACROSS, _COSTS))
@@ -248,7 +248,7 @@ def _light(parts: SceneParts) -> list[str]:
     if parts.clip.exposure is None:
         limit = (
             f" A LOWER LIMIT: exposures are taken for the whole {time * 1e3:g} ms between frames "
-            "(say --exposure-ms)."
+            "(give --exposure-ms)."
         )
     line = f"photon_rate_per_s = {rate:.4g}"
     note = f"# +- {error:.2g}; {told} in {time * 1e3:g} ms, {parts.noise.sources[0]}.{limit}"
@@ -289,7 +289,7 @@ def _sensor(parts: SceneParts) -> list[str]:
     width = columns if axis == "rows" else rows
     lines += [f'axis = "{axis}"', f"width_px = {width}  # of the frames, along the axis"]
     if parts.pixel_pitch is not None:
-        lines.append(f"pixel_pitch_um = {parts.pixel_pitch * 1e6:.6g}  # as told")
+        lines.append(f"pixel_pitch_um = {parts.pixel_pitch * 1e6:.6g}  # as given")
     else:
         lines.append("# pixel_pitch_um = 3.45  # not told (--pixel-pitch-um)")
     lines.append("# full_well_e = 10000  # of the data sheet")
@@ -303,7 +303,7 @@ def _view(parts: SceneParts) -> list[str]:
     fast = 0.0 if along is None else max(map(abs, along.speeds))
     return [
         "[view]",
-        f"px_per_mm = {parts.px_per_mm:.6g}  # as told; the fastest moves at "
+        f"px_per_mm = {parts.px_per_mm:.6g}  # as given; the fastest moves at "
         f"{fast / parts.px_per_mm:.4g} mm/s",
     ]
 
@@ -334,7 +334,7 @@ def _occlusion(parts: SceneParts) -> list[str]:
 def _burst(parts: SceneParts) -> list[str]:
     return [
         "[burst]",
-        f"frames_per_s = {parts.clip.frames_per_s:g}  # as told",
+        f"frames_per_s = {parts.clip.frames_per_s:g}  # as given",
         "# dead_time_ms = 0.1  # of the data sheet",
     ]
 

@@ -116,7 +116,7 @@ def too_few(clip: Clip, whole_share: float, variance: float) -> Refusal:
         reason = f"{1 - whole_share:.0%} of the picture is cut off at {ends}"
         remedy = "Expose so that neither end is reached, with a black level above 0"
         return Refusal(NOISE, reason, remedy)
-    reason = "hardly anything in the clip stands still and shows the noise of each level"
+    reason = "too little of the clip stands still to measure the noise of each level"
     remedy = "Film with the same settings what stands still, or add flat fields (--flat)"
     return Refusal(NOISE, reason, remedy)
 

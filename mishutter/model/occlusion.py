@@ -69,7 +69,7 @@ class LayerShares(eqx.Module):
 
 @final
 class Occlusion(AbstractModule):
-    r"""Objects that hide part of a background, which stands still or moves.
+    r"""Objects in front of a background, which stands still or moves.
 
     The objects have the scene's speeds, and both layers its spectrum and mean level. The widths of
     the objects along the rows are exponentially distributed, as far as the theory knows them; what

@@ -86,9 +86,9 @@ class Scene(AbstractModule):
     r"""Speeds with their weights, light, noise, and the power spectrum of what is seen.
 
     It assumes that all motion is along one axis of the picture; that the picture moves as a whole,
-    or its objects are much wider than their way while it is taken, unless `occlusion` describes
-    them; that one filter restores all speeds, unless `decoder_speed` or registered frames tell
-    more; and a global shutter.
+    or its objects are much wider than they move while it is taken, unless `occlusion` describes
+    them; that one filter restores all speeds, unless `decoder_speed` or registered frames
+    provide it; and a global shutter.
 
     Args:
         speeds: Speeds $s_i$ that occur, px/s, either sign; shape `(n,)`.
@@ -96,18 +96,18 @@ class Scene(AbstractModule):
             by their sum.
         photon_rate: Photo-electrons a second at a white pixel; e-/s.
         read_noise: Standard deviation of the read noise $\sigma$; e-.
-        picture: Statistics of what is seen, and the photograph to show results on.
+        picture: Statistics of pictures, and the photograph to show results on.
         optics: What the lens passes, and how it blurs.
-        sensor: What a pixel holds, how wide the sensor is, and which way it is turned.
-        limits: The furthest that the mechanism and the exposure may reach.
+        sensor: Full well, width and axis of the sensor.
+        limits: Limits of the stage and of the exposure.
         device: The device that makes the transmittance of every shutter but an open one from its
             command; by default one that follows every command and loses no light.
-        burst: Frames that a rival takes in place of one exposure; no such rival by default.
-        tolerances: How far a camera as it is built may be from its design; the expected error,
+        burst: Frames that the camera may take instead of one exposure; none by default.
+        tolerances: Errors of the camera as built; the expected error,
             and a search by it, are over these. None by default.
         occlusion: Objects that hide part of a background; by default the picture moves as a whole.
-        objects: Things that a decoder of several frames registers one by one; by default it
-            registers all that the sensor sees.
+        objects: Objects that a decoder of several frames registers one by one; by default it
+            registers the whole picture.
         decoder_speed: What the decoder knows of a picture's speed: `"unknown"`, one filter for all
             speeds; `"found"`, which a `SpeedFindingDecoder` finds in the picture, where that moves
             as a whole; or `"known"`, as something measures it. The loss of searches and comparisons

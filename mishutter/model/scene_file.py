@@ -175,7 +175,8 @@ def scene_arguments(file: SceneFile, folder: Path, textures: Textures | None) ->
     )
     occlusion = _occlusion(file.occlusion, scales)
     is_whole = occlusion is None or file.decoder.speed != "found"
-    requirement = "be 'unknown' or 'known' beside [occlusion], where no one speed is the picture's"
+    why = "no single speed describes a picture with a background"
+    requirement = f"be 'unknown' or 'known' beside [occlusion]: {why}"
     require(is_whole, "[decoder] speed", requirement, file.decoder.speed)
     return {
         "speeds": speeds,

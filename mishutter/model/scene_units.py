@@ -171,7 +171,7 @@ class View:
         return _numbers("View.length", value) * self._of_things(key, f"a length in {unit}")
 
     def stage(self, value: RowLike, unit: str) -> Any:
-        """Lengths, speeds or accelerations of the sensor's own way; in px and seconds.
+        """Lengths, speeds or accelerations of the sensor itself; in px and seconds.
 
         Args:
             value: Numbers in the unit, in any shape.
@@ -285,7 +285,7 @@ def _numbers(function: str, value: RowLike, name: str = "value") -> Any:
 
 
 def read_noise(*, dynamic_range: float | int, full_well: float | int) -> float:
-    r"""Standard deviation of the read noise that a data sheet's dynamic range stands for; e-.
+    r"""Read noise from the dynamic range of a data sheet, a standard deviation; e-.
 
     Args:
         dynamic_range: $20\log_{10}$ of the full well over the read noise; dB.

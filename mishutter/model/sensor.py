@@ -31,8 +31,8 @@ class Sensor(AbstractModule):
             by default; e-.
         axis: Axis of pictures along which things and the sensor move: `"rows"`, across, or
             `"columns"`, a positive speed up. Captures, decoders and photographs know it.
-        width: Length of the sensor along that axis: bursts are told what objects that enter and
-            leave cost; without end by default; px.
+        width: Length of the sensor along that axis, for the loss of bursts by objects that enter
+            and leave; unlimited by default; px.
         pixel_pitch: Distance of its pixels, by which the path of a stage is written in um too; m.
 
     Raises:
@@ -78,7 +78,7 @@ class Sensor(AbstractModule):
 
 @final
 class Burst(AbstractModule):
-    """Frames that a camera may take in place of one exposure, as a rival.
+    """Frames that a camera may take instead of one exposure.
 
     Args:
         frames_per_s: Frames that the sensor reads out a second.

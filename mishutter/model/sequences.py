@@ -43,7 +43,7 @@ class TimedFrame:
     Attributes:
         motion: Motion of the sensor, from its mid-exposure.
         time: Mid-exposure, from the middle of the sequence; s.
-        position: Place of the sensor at mid-exposure, on the way of a camera that pans; px.
+        position: Position of the sensor at mid-exposure, in a camera that pans; px.
     """
 
     motion: AbstractMotion
@@ -68,7 +68,7 @@ class FrameSequence:
     Attributes:
         kind: The path of the sensor over the sequence, in words.
         frames: The frames.
-        travel: Way of the stage, from its lowest to its highest position between rest and rest, as
+        travel: Travel of the stage, from its lowest to its highest position, from rest to rest, as
             `stage_path` has it; px.
         psnr: PSNR of the best linear decoder, which knows the speed from the frames, in the scene
             that they were found for; in linear light, dB.
@@ -164,7 +164,7 @@ class FrameSequence:
 
     @property
     def stroke(self) -> float:
-        """Way of the stage from the first light to the last, whatever leads to it; px."""
+        """Travel of the stage from the first light to the last, without run-up and run-out; px."""
         return float(use_of_knots(self._knots(None, None)).stroke)
 
     def stage_use(self, *, max_acceleration: float | None, max_jerk: float | None) -> StageUse:

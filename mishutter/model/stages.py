@@ -1,12 +1,12 @@
 r"""The way of a stage: from rest to the velocity of an exposure, through it, and back to rest.
 
-A way is cut at knots. Between two of them the jerk is constant: over the duration $d$ the velocity
+A path is cut at knots. Between two of them the jerk is constant: over the duration $d$ the velocity
 goes from $u_0$ to $u_1$ by
 
 $$u(\sigma) = u_0 + (u_1 - u_0 - \kappa)\,\sigma + \kappa\,\sigma^2, \qquad \kappa = jd^2/2,$$
 
 with $\sigma$ from 0 to 1, and the stage travels $d\,(u_0 + u_1)/2 - jd^3/12$. `use_of_knots` has
-what such a way asks of a stage, of one exposure or many; whatever says it, searches within it or
+what such a path asks of a stage, of one exposure or many; whatever says it, searches within it or
 writes it to a file asks there.
 
 From rest at the greatest acceleration $A$ a velocity $u$ takes the time $|u|/A$. Where the jerk is
@@ -28,7 +28,7 @@ from mishutter.model.motion import AbstractMotion, FreeMotion
 
 
 class StageUse(NamedTuple):
-    """The demands of a way from rest to rest on a stage; of any shape.
+    """The demands of a path from rest to rest on a stage; of any shape.
 
     Attributes:
         travel: From the lowest to the highest position, run-up and run-out included; px.
@@ -60,7 +60,7 @@ class Piece(NamedTuple):
 
 
 class Knots(NamedTuple):
-    """A way of a stage, of any shape but for the last axis, which holds its pieces.
+    """A path of a stage, of any shape but for the last axis, which holds its pieces.
 
     Attributes:
         durations: Durations of the pieces; s, `(..., n)`.
@@ -87,7 +87,7 @@ class Knots(NamedTuple):
 
 
 def use_of_knots(knots: Knots) -> StageUse:
-    """The demands of a way on a stage, turning points within its pieces included.
+    """The demands of a path on a stage, turning points within its pieces included.
 
     Args:
         knots: The way.
@@ -417,7 +417,7 @@ def accelerations_of(knots: Knots) -> Float[np.ndarray, "n"]:
 
 
 def path_of_knots(knots: Knots, time: float, place: float) -> StagePath:
-    """A way as a path whose first light is at a time, s, and a place, px."""
+    """A path whose first light is at a time, s, and a place, px."""
     lasts = np.append(_lasts(knots.durations), True)
     times = np.append(0.0, np.cumsum(knots.durations))
     times, positions = (

@@ -98,9 +98,9 @@ def background_line(gains: tuple[BackgroundGain, ...]) -> str:
     parts = []
     for each in gains:
         of_picture = "half of the picture" if each.still_share == 0.5 else f"{each.still_share:.0%}"
-        gain = f"{each.gain:+.2f} dB" if each.is_named else "none"
+        gain = f"{each.gain:.2f} dB" if each.is_named else "nothing"
         parts.append(f"{gain} where {of_picture} stands still")
     return paragraph(
-        "This is of a picture that moves as a whole. Objects that move before a background leave "
-        f"another gain: {', '.join(parts)}, by a camera designed for it."
+        "This is for a picture that moves as a whole. For objects that move before a background, a "
+        f"camera designed for them gains {' and '.join(parts)}."
     )

@@ -300,8 +300,8 @@ def compare(
         free_paths: Whether free paths are compared too, also where the scene does not ask for them.
         every: Whether every row is computed, or only those of the answer: your own, an open
             shutter, snapshots, coded stills and bursts at their own best motions.
-        decoder: A decoder of yours, or one of the package's.
-        pictures: Photographs of yours that it restores, two or more; `read_picture` reads one.
+        decoder: Your own decoder, or one of the package's.
+        pictures: Photographs that it restores, two or more; `read_picture` reads one.
         progress: Whether a bar is shown, in a terminal or a notebook; or a function that is called
             with the name of each search once it has ended: a shutter's, or the first of a kind of
             rival.

@@ -30,6 +30,7 @@ from mishutter.report.verdict import option_name
 from mishutter.search import (
     BEST_SNAPSHOT,
     OWN_BEST_MOTION,
+    SHUTTER,
     SNAPSHOTS,
     Row,
     cameras_of,
@@ -300,7 +301,10 @@ def _drawings(report: Report) -> "dict[str, Callable[[], Figure]]":
     knowledge = next(iter(rows.values())).decoder.name
     some = dict(itertools.islice(designs.items(), _MOST_ROWS))
     drawings |= {
-        "profile.png": lambda: plots.plot_profiles(designs),
+        "profile.png": lambda: plots.plot_profiles(
+            designs,
+            explains_ears=choice is not None and SHUTTER in choice.required_hardware,
+        ),
         "kernels.png": lambda: plots.plot_kernels(some, shown_speeds(scene)),
         "transfer.png": lambda: plots.plot_transfer(scene, designs, knowledge),
     }

@@ -32,7 +32,7 @@ class LayeredCapture(NamedTuple):
     Attributes:
         exposure: Length of the exposure; s.
         captured: The recorded irradiance over the shutter's efficiency.
-        restored: The estimate of the ensemble filter, which is told no speed and no place.
+        restored: The estimate of the ensemble filter, which knows neither speed nor position.
         expected_psnr: PSNR that this filter is expected to reach for layers with these speeds,
             this share, width and spectrum, at random places; linear light, dB.
         psnr: PSNR inside the borders; linear light, dB.

@@ -32,7 +32,7 @@ class MeasuredCamera(NamedTuple):
         """Sentences on the loss against the design, and on the best shift."""
         lines = [f"As measured: {self.level:.2f} dB{self._beside_design(self.level)}."]
         if self.shifted_level < self.level + LEAST_SHOWN:
-            return [*lines, "No shift of it against the stage has more."]
+            return [*lines, "No shift in time against the stage gives more."]
         way = "earlier" if self.earlier > 0 else "later"
         beside = self._beside_design(self.shifted_level)
         shift = f"{abs(self.earlier) * 1e3:.2g} ms {way}"

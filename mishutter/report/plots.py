@@ -54,7 +54,7 @@ _DASHES = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)), (0, (1, 3)), (0, (8, 3
 _MARKERS = ("o", "s", "^", "D", "v", "x", "P")
 _NUM_POINTS = 1001
 _LEAST_RATIO = -30.0
-"""Least signal over noise that is drawn; dB."""
+"""Least signal-to-noise ratio that is drawn; dB."""
 _FIRST_ERROR = 0.01
 """Share of the error below the frequency at which an axis begins."""
 _DETAIL = (48, 64)
@@ -64,8 +64,8 @@ _IN_DOUBT = "restored, speed in doubt"
 _LAYERED_WIDTH = 2.5
 """Width of a panel of a layered scene; inches. Wider ones leave small letters on a page."""
 _ONE_FILTER = (
-    "Each is restored by one filter, the best\nfor objects before a background, which\n"
-    "is told no speed and no place.\n\n"
+    "Each is restored by the best single filter\nfor objects before a background, which\n"
+    "knows neither speed nor position.\n\n"
     "PSNR in linear light. Expected: mean over\nsuch layers at any place. Behind: pixels\n"
     "that the object never covers. In front:\npixels that it alone covers."
 )
@@ -94,7 +94,7 @@ _BRIGHTEST_SHARE = 99
 _DOTS_PER_INCH = 130
 _PNG = {"compress_level": 4}
 """Compression in half of the time of the usual level, for files that are 1 % larger."""
-_LETTERS_OF_A_LINE, _LETTERS_OF_A_CELL = 92, 25
+_LETTERS_OF_A_LINE, _LETTERS_OF_A_CELL = 92, 23
 """Most letters of a line above a picture, and above a magnified detail, in small letters."""
 _LETTERS_OF_A_COLUMN = 34
 """Most letters of a name in a legend of two columns."""
@@ -187,13 +187,13 @@ def _png(figure: "Figure") -> bytes:
     return buffer.getvalue()
 
 
-def plot_profiles(designs: Named) -> "Figure":
+def plot_profiles(designs: Named, *, explains_ears: bool = True) -> "Figure":
     """Draws transmittance over the exposure, each design over its own time in ms.
-
-    Where a free profile rises again towards an end of the exposure, a note says why.
 
     Args:
         designs: Motions and shutters by name.
+        explains_ears: Whether a note says why a free profile rises again towards an end of the
+            exposure, where one does.
     """
     figure, (axes,) = _new(1)
     tau = np.linspace(-1, 1, _NUM_POINTS)
@@ -209,7 +209,7 @@ def plot_profiles(designs: Named) -> "Figure":
             ears += [(time[1 + end], w[1 + end]) for end in _ears(w[1:-1])]
     axes.set(xlabel="time from mid-exposure / ms", ylabel="transmittance", ylim=(-0.02, 1.05))
     _legend(figure, axes)
-    if ears:
+    if ears and explains_ears:
         axes.plot(*zip(*ears, strict=True), "o", markersize=13, fillstyle="none", color="0.4")
         _note_below(figure, _OF_EARS)
     return figure
@@ -407,7 +407,9 @@ def plot_option(scene: Scene, row: Row, title: str = "") -> "Figure":
         transmittance, _ = profile_of(row.shutter, tau.astype(np.dtype(motion.half_exposure.dtype)))
         below.plot(tau * half * 1e3, transmittance, **next(line_styles()))
         below.set(xlabel="time from the middle / ms", ylabel="transmittance", ylim=(-0.02, 1.05))
-    travel = f", {row.stroke:.3g} px in the light" if row.stroke >= _AT_REST else ", at rest"
+    travel = (
+        f", {row.stroke:.3g} px from first to last light" if row.stroke >= _AT_REST else ", at rest"
+    )
     axes.lines[0].set_label(f"stage{travel}")
     if np.ptp(np.concatenate([line.get_ydata() for line in axes.lines])) < _AT_REST:
         axes.set_ylim(-1, 1)
@@ -454,7 +456,7 @@ def plot_kernels(designs: Named, speeds: Sequence[float]) -> "Figure":
         left.set_title(f"{shown_name(name)},\n{motion_text(motion)}", fontsize="medium")
         right.set_title(f"difference from the kernel at {velocity:.4g} px/s", fontsize="medium")
         right.axhline(0, color="0.4", linewidth=0.6)
-        for axes, title in ((left, None), (right, "RMS over the kernel's")):
+        for axes, title in ((left, None), (right, "RMS, relative")):
             draw_grid(axes)
             if axes.patches:
                 beside = {"loc": "upper left", "bbox_to_anchor": (1.02, 1.0), "borderaxespad": 0.0}
@@ -513,7 +515,7 @@ def camera_text(design: Design) -> str:
 def plot_transfer(
     scene: Scene, designs: Named, decoder_speed: DecoderSpeed = "unknown"
 ) -> "Figure":
-    """Draws signal over noise of each design at its own exposure, and the error that follows.
+    """Draws the signal-to-noise ratio of each design at its own exposure, and its error.
 
     The upper panel has the power of the picture over the power of its disturbances: noise, and, for
     one filter for all speeds, the spread between them. The lower panel has the squared error of
@@ -544,7 +546,7 @@ def plot_transfer(
         ratios.semilogx(frequency, np.where(shown, level, np.nan), **style)
         label = f"{shown_name(name)}: {psnr:.2f} dB"
         errors.semilogx(frequency, error * 1e3, label=label, **style)
-    ratios.set_ylabel("signal over noise / dB")
+    ratios.set_ylabel("signal-to-noise ratio / dB")
     errors.set(ylabel="cumulative squared error / 10⁻³", ylim=(0, None))
     errors.set(xlabel="spatial frequency / (cycles/px)", xlim=(begin, 0.5))
     errors.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
@@ -559,7 +561,7 @@ def plot_psnr(results: Mapping[str, RestoredPhotograph], *, linear: bool = True)
 
     Args:
         results: Results of `restore_photograph` by the name of the design.
-        linear: Whether the PSNR is of linear light, not with gamma put back.
+        linear: Whether the PSNR is of linear light, not of gamma-coded values.
     """
     figure, (axes,) = _new(1)
     levels = {name: each.linear_psnr if linear else each.psnr for name, each in results.items()}
@@ -587,7 +589,7 @@ def plot_psnr(results: Mapping[str, RestoredPhotograph], *, linear: bool = True)
 
 
 def _kind(linear: bool) -> str:
-    return "linear light" if linear else "gamma put back"
+    return "linear light" if linear else "gamma-coded"
 
 
 def plot_layers(
@@ -656,7 +658,7 @@ def plot_photograph(
         results: Results of `restore_photograph` by the name of the design, of one photograph.
         speeds: The speeds to show, each by the nearest of the results; px/s.
         detail: Extent of the detail across and along the axis; px.
-        linear: Whether the PSNR and the errors are of linear light, not with gamma put back.
+        linear: Whether the PSNR and the errors are of linear light, not of gamma-coded values.
         axis: The axis along which the photograph moves.
         decoder_speed: What the decoder knew of the speed, as the scene says.
         asides: What stands behind "restored" of some results, in place of that.
@@ -683,8 +685,9 @@ def plot_photograph(
     across = 3 * len(speeds)
     top = min(2 * height, _CELL * (across - 2) * scene.shape[0] / scene.shape[1])
     heights = [top, *(height for _ in results)]
-    figure = new_figure(across * _CELL, sum(heights) + len(heights) * (above + 0.1))
-    margins = Margins(0.05, 0.05, 0.05, above + 0.05, columns=0.1, rows=above + 0.1)
+    size_down = sum(heights) + len(results) * (above + 0.1) + _TITLE + 0.1
+    figure = new_figure(across * _CELL, size_down)
+    margins = Margins(0.05, 0.05, 0.05, _TITLE + 0.05, columns=0.1, rows=above + 0.1)
     leave_room(figure, margins, num_rows=len(heights), num_columns=across)
     grid = figure.add_gridspec(len(heights), across, height_ratios=heights)
     whole = figure.add_subplot(grid[0, : across - 2])

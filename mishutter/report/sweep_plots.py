@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 Place = tuple[float, float]
 
 _MARKERS = "os^Dvp*XP<>h"
-_OF_ALL = "the best shutter"
+_OF_ALL = "by the best shutter"
 _GAIN = "gain over "
 """Beginning of the name of a gain in a sweep; its rival follows."""
 _LEAST_LINE = 0.35

@@ -272,7 +272,7 @@ def _purchases(comparison: "Comparison", within: tuple[Column, ...]) -> Table:
         name, *numbers = row_cells(comparison, row, columns, gain=gain)
         rows.append((f"{purchase}: {name}", *numbers))
     heads = ("purchase: its best", *(column.heading for column in columns))
-    title = "The gain of each purchase over buying nothing"
+    title = "Gain of each purchase over buying nothing"
     return Table(title, heads, tuple(rows))
 
 

@@ -271,7 +271,7 @@ def _of_search(found: SearchPlan) -> list[str]:
     if found.space is None:
         return []
     fixed = [name for name in FREE_NAMES if name not in found.space.free and name != "path"]
-    sentences = [f"These parts do not move: {', '.join(fixed)}."] if fixed else []
+    sentences = [f"These parts are fixed: {', '.join(fixed)}."] if fixed else []
     shutter = found.space.shutter
     linear = isinstance(shutter, AbstractAdjustableShutter) and shutter.linear
     if linear and found.space.free == ("shutter",):

@@ -30,8 +30,8 @@ def best_bursts(
 ) -> tuple[FrameSequence, ...]:
     """The best burst of a sensor at rest, and that of one that moves; none without `scene.burst`.
 
-    Before a background there is that at rest alone: what objects hide and uncover between frames
-    that move costs more than these gain, and levels do not count it.
+    Before a background there is only that at rest: occlusion edges, which levels ignore, cost
+    moving frames twice as much, and no decoder of this package restores them.
 
     Args:
         scene: Speeds, light, noise, limits and burst.

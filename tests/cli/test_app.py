@@ -207,7 +207,7 @@ def test_the_output_folder_is_tried_before_the_search(tmp_path, capsys, monkeypa
     # Its first step fails if it begins.
     monkeypatch.setattr("mishutter.search.plan", None)
     line = refused(capsys, "optimise", "--out", place)
-    assert "`--out` must be a folder that takes files; got" in line
+    assert "`--out` must be a writable folder; got" in line
 
 
 @pytest.mark.parametrize(

@@ -216,7 +216,7 @@ def test_layers_have_their_own_speeds(tmp_path, scene, capsys):
     (tmp_path / "a.toml").write_text('[[layers]]\npicture = "a.png"')
     given = ["simulate", scene, "--subject", tmp_path / "a.toml", "--out", tmp_path / "out"]
     line = refused(capsys, *given, "--speed", "500")
-    assert "`--speed` must stand beside a photograph alone; got 500" in line
+    assert "`--speed` must be given with a photograph only; got 500" in line
 
 
 @pytest.mark.parametrize("subject", ["a.png", "a.toml", "frames"])
@@ -271,7 +271,7 @@ def test_reproduce_usage(capsys):
     """`reproduce` needs a folder that takes files, and says so before it computes."""
     assert "; got" in refused(capsys, "reproduce")
     line = refused(capsys, "reproduce", "--out", "/dev/null/x")
-    assert "`--out` must be a folder that takes files; got" in line
+    assert "`--out` must be a writable folder; got" in line
 
 
 @pytest.mark.slow

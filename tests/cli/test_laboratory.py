@@ -92,7 +92,7 @@ OPTIONS = {
     ),
     "drive-steps": (
         ["simulate", "--drive", "{d}", "--drive-steps", "3"],
-        "must have the 3 steps that were told; got 2",
+        "must have the 3 steps that were given; got 2",
     ),
     "length-of-a-trace": (
         ["simulate", "--measured", "no.csv", "--half-exposure-ms", "18"],
@@ -151,7 +151,7 @@ def test_export_of_an_open_shutter_says_so(tmp_path, capsys):
     a_design(RectShutter()).save(tmp_path / "design.json")
     assert cli.main(["export", str(tmp_path / "design.json"), "--steps", "4"]) == 0
     said = messages(capsys.readouterr().err)
-    assert said == ["the shutter is open all the time: it needs no drive"]
+    assert said == ["the shutter stays open for the whole exposure and needs no drive"]
 
 
 @pytest.mark.slow
@@ -164,7 +164,7 @@ def test_export_names_the_level_before_the_exposure(tmp_path, capsys):
     assert cli.main(["export", str(tmp_path / "design.json"), "--levels", "9"]) == 0
     out, err = capsys.readouterr()
     settled = 0.3 + 2 * np.log(1e3) / np.log(9)
-    assert f"must stand at level 0 from {settled:.3g} ms before the exposure on" in err
+    assert f"to level 0 at least {settled:.3g} ms before the exposure" in err
     rows = np.array([[float(x) for x in line.split(",")] for line in out.splitlines()[2:]])
     assert np.max(np.abs(rows[:, 3] - rows[:, 4])) > 0.1
 
@@ -197,7 +197,7 @@ def test_a_design_for_another_shutter_is_noted(folder, tmp_path, capsys):
         tmp_path, design, Scene(SCENE.speeds, photon_rate=1e5, read_noise=10.0, device=device)
     )
     assert capsys.readouterr().err == (
-        f"{tmp_path}: the scene's shutter is taken, not the design's. Design: It follows at once "
+        f"{tmp_path}: using the scene's shutter, not the design's. Design: It follows at once "
         "and loses no light. Scene: It rises from 10 to 90 % in 1 ms and falls in 2 ms, 0.3 ms "
         "late. It holds any level over each of 64 slots.\n"
     )

@@ -70,7 +70,7 @@ def test_a_clip_without_a_number_says_which_key_to_fill(folder, tmp_path, capsys
     given = ["measure", tmp_path / "flat.npy", "--frames-per-s", "9", "--out", tmp_path / "s.toml"]
     assert cli.main([str(word) for word in given]) == 0
     text = " ".join(capsys.readouterr().out.split())
-    assert "needs [light] photon_rate_per_s and [sensor] read_noise_e" in text
+    assert "Add [light] photon_rate_per_s and [sensor] read_noise_e to" in text
     assert "lie within a factor of 1" in text
 
 

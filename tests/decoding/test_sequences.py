@@ -390,7 +390,7 @@ SPOILT_ORDERS = {
         ("down", "motion across the axis"),
         ("stage stood still", "another design"),
         ("stroke", "do not fit one picture at one speed"),
-        ("narrow", "Little in the picture tells the speed."),
+        ("narrow", "The picture has too little detail to show its speed."),
         ("black", "Frame 3 of 4 is black."),
         ("saturated", "Frame 3 of 4 is saturated."),
     ],
@@ -497,7 +497,7 @@ def test_what_is_wrong_with_captures_is_said():
     captures[1, 2, 7] = np.nan
     with pytest.raises(ValueError, match=r"must be finite; got nan at \[1, 2, 7\]"):
         restore_frames(captures, SCENE, stills(3))
-    with pytest.raises(ValueError, match=r"captures=...\)` must be of known numbers"):
+    with pytest.raises(ValueError, match=r"captures=...\)` must hold concrete numbers"):
         jax.jit(lambda x: restore_frames(x, SCENE, stills(3)).light)(np.full((3, 4, 90), 0.4))
     frames = [np.ones((4, 90)), np.ones((4, 90, 3)), np.ones((4, 90))]
     with pytest.raises(ValueError, match="must be frames of one size and as many colours"):

@@ -448,6 +448,6 @@ def test_a_traced_scene_is_refused():
     def traced(rate):
         return ceiling(Scene(BOTH_WAYS, photon_rate=rate, read_noise=2.0))
 
-    needed = r"`ceiling\(scene=...\)` must be of known numbers; got some that JAX traces"
+    needed = r"`ceiling\(scene=...\)` must hold concrete numbers; got ones that JAX traces"
     with pytest.raises(ValueError, match=needed):
         jax.jit(traced)(1e5)

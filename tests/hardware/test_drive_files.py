@@ -200,7 +200,7 @@ def test_steps_that_are_told_are_those_of_the_file(tmp_path):
     path = tmp_path / "drive.csv"
     a_table().save(path, form="column")
     assert read_drive(path, MOTION, num_steps=37).shutter.transmittances.shape == (37,)
-    with pytest.raises(ValueError, match="must have the 36 steps that were told; got 37"):
+    with pytest.raises(ValueError, match="must have the 36 steps that were given; got 37"):
         read_drive(path, MOTION, num_steps=36)
 
 

@@ -145,7 +145,7 @@ def test_one_speed_at_rest_sees_only_the_sum_of_both_branches():
     camera = fit([TargetPicture(level)], SENT, COMMAND, sensor=SENSOR, num_coefficients=COUNT)
     said = " ".join(camera.not_identifiable)
     assert "only w(t) + w(-t) is seen" in said
-    assert "velocity: not told by what was recorded" in said
+    assert "velocity: not determined by the measurements" in said
     assert np.all(np.isinf(camera.coefficient_errors[:4]))
     assert np.isinf(camera.estimates["velocity_px_per_s"].error)
     assert np.isfinite(camera.estimates["lens_blur_px"].error)

@@ -152,7 +152,7 @@ def test_export_says_what_a_gate_costs(tmp_path, capsys):
     _touching().save(tmp_path / "design.json")
     assert cli.main(["export", str(tmp_path / "design.json"), "--out", str(tmp_path / "out")]) == 0
     said = " ".join(capsys.readouterr().err.split())
-    assert "the gate closes for a step of 0.0297 ms at the end of 2 frames" in said
+    assert "the gate closes for one step of 0.0297 ms at the end of 2 frames" in said
     assert "frames.csv has the exact times" in said
 
 

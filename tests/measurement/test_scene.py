@@ -55,8 +55,8 @@ def test_each_number_has_its_error_and_source(measurement):
         ("photon_rate_per_s", ("+-", "e- at white in 4 ms", "photon transfer over 5 frames")),
         ("read_noise_e", ("+-", "2 dark frames")),
         ("front_share", ("+-",)),
-        ("frames_per_s", ("as told",)),
-        ("pixel_pitch_um = 3.2", ("as told",)),
+        ("frames_per_s", ("as given",)),
+        ("pixel_pitch_um = 3.2", ("as given",)),
         ("px_per_mm = 6", ("mm/s",)),
     ):
         (line,) = (line for line in lines if line.startswith(key))

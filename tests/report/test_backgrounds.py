@@ -44,7 +44,7 @@ def test_the_line_says_which_world():
     """Gains are told in decibels, those too small to count as none, in lines as a verdict's."""
     gains = [BackgroundGain(0.5, 0.414), BackgroundGain(0.7, 0.004)]
     assert background_line(tuple(gains)) == (
-        "This is of a picture that moves as a whole. Objects that move before a\n"
-        "background leave another gain: +0.41 dB where half of the picture stands still,\n"
-        "none where 70% stands still, by a camera designed for it."
+        "This is for a picture that moves as a whole. For objects that move before a\n"
+        "background, a camera designed for them gains 0.41 dB where half of the picture\n"
+        "stands still and nothing where 70% stands still."
     )

@@ -177,7 +177,7 @@ def test_tables_fit_eighty_columns(report, monkeypatch):
         lines.index(title)
         for title in (
             "Own best motion",
-            "The gain of each purchase over buying nothing",
+            "Gain of each purchase over buying nothing",
             "Same motion",
             "Kernels, same motion",
         )

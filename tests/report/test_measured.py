@@ -60,7 +60,7 @@ def test_sentences_on_a_measured_shutter():
     ]
     assert MeasuredCamera(26.6, 26.581, -2e-4, 26.603).lines() == [
         "As measured: 26.60 dB, 0.02 dB above the design.",
-        "No shift of it against the stage has more.",
+        "No shift in time against the stage gives more.",
     ]
     assert MeasuredCamera(26.38, None, -2e-3, 26.5).lines() == [
         "As measured: 26.38 dB.",

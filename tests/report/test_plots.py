@@ -284,6 +284,13 @@ def test_ears_are_explained_where_they_are_drawn():
     assert figure.axes[0].bbox.y1 < legend.y0 < legend.y1 <= figure.bbox.y1
 
 
+def test_ears_of_a_design_that_is_not_taken_are_not_explained():
+    """Where the answer is another camera the profile is drawn alone."""
+    figure = plot_profiles({"optimised": (MOTION, EARED)}, explains_ears=False)
+    assert not notes_of(figure)
+    assert all(line.get_marker() != "o" for line in figure.axes[0].get_lines())
+
+
 def test_a_single_ear_is_one():
     """A scene whose objects move one way asks for one end more than for the other."""
     one = SplineShutter([0.0, 0.1, 0.6, 1.0, 1.0, 0.6, 0.2, 0.8])
@@ -383,7 +390,7 @@ def test_kernels_of_a_panning_sensor_differ_from_that_of_what_it_keeps_up_with()
         np.testing.assert_allclose(*pair, atol=1e-12)
     assert [patch.get_label()[:8] for patch in right.patches] == ["300 px/s"]
     assert right.get_title() == "difference from the kernel at 700 px/s"
-    assert right.get_legend().get_title().get_text() == "RMS over the kernel's"
+    assert right.get_legend().get_title().get_text() == "RMS, relative"
 
 
 @pytest.mark.parametrize("name", FIGURES)
@@ -795,7 +802,7 @@ def test_photograph_of_several_designs(tmp_path):
     assert "linear light" in figure.axes[-1].get_title()
     coded = plot_photograph(results, [400.0], detail=(11, 17), linear=False)
     assert _rows(coded, 3)[1][1].get_title() == "restored,\n24.70 dB"
-    assert "gamma put back" in coded.axes[-1].get_title()
+    assert "gamma-coded" in coded.axes[-1].get_title()
     save_figure(figure, tmp_path / "photograph.png")
 
 
@@ -862,7 +869,7 @@ def test_levels_are_drawn_in_order_of_speed():
             line = axes.get_lines()[0]
             np.testing.assert_array_equal(line.get_xdata(), found.speeds)
             np.testing.assert_array_equal(line.get_ydata(), levels)
-            assert ("gamma put back" in axes.get_ylabel()) == bool(options)
+            assert ("gamma-coded" in axes.get_ylabel()) == bool(options)
 
 
 def test_one_seed_has_no_error_bar():

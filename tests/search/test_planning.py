@@ -232,7 +232,7 @@ def test_a_camera_at_rest_is_planned(tmp_path, capsys):
     path = tmp_path / "still.toml"
     path.write_text(edited("stroke_px", "stroke_px = 0"))
     assert cli.main(["plan", str(path)]) == 0
-    assert "These parts do not move: velocity, acceleration." in capsys.readouterr().out
+    assert "These parts are fixed: velocity, acceleration." in capsys.readouterr().out
 
 
 @pytest.mark.slow

@@ -107,7 +107,7 @@ class BlurModel(eqx.Module):
         open_time: Time in which an open shutter would pass as much light; s.
         layers: The scene, seen from the motion, where objects hide part of a background; None
             where the picture moves as a whole.
-        complete: The frames of a sequence that the capture stands for; None of a capture alone.
+        complete: The frames of a sequence that the capture combines; None for a single capture.
     """
 
     motion: AbstractMotion

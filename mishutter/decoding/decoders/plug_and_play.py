@@ -18,7 +18,7 @@ Denoiser = Callable[[np.ndarray, float], np.ndarray]
 
 @final
 class PlugAndPlayDecoder(AbstractDecoder):
-    r"""A denoiser of one's own takes the place of a prior: half-quadratic splitting.
+    r"""Your own denoiser serves as the prior: half-quadratic splitting.
 
     From the picture $z$ that the ensemble filter restores, it alternates between the picture $x$
     of least misfit $\sum_k |g_k - m_k x_k|^2 / (N + S v)_k$ plus
@@ -34,7 +34,7 @@ class PlugAndPlayDecoder(AbstractDecoder):
             to remove, white = 1. It returns the picture without noise, of the same shape.
         strength: $\lambda$, the weight of the denoised picture against the capture; above 0. The
             noise that a frequency of $x$ has from the capture is at most $\sigma/2\sqrt\lambda$, so
-            that below 0.25 it exceeds what the denoiser is told of. One that is too small leaves
+            that below 0.25 it exceeds the noise given to the denoiser. One that is too small leaves
             ghosts and noise, one that is too large leaves the blur.
         last_noise: The last $\sigma$ in units of the error that the ensemble filter is expected to
             leave; above 0. One that is too small leaves noise, one that is too large takes

@@ -55,7 +55,7 @@ _OCTAVES = ((0.008, 0.018), (0.018, 0.04), (0.04, 0.09), (0.09, 0.2))
 """Bands along the rows in which edges count; cycles/px."""
 _LEAST_POWER = 1e-14
 """Least variance of the noise: prevents a logarithm of 0 for a camera without noise."""
-LITTLE = "Little in the picture tells the speed."
+LITTLE = "The picture has too little detail to show its speed."
 BEYOND = "The speed may lie beyond those of the scene."
 _DENIED = 0.01
 """A band of rows has another speed if it gives the speed of all rows less than this probability."""
@@ -514,8 +514,8 @@ class SpeedEstimate(NamedTuple):
 def _doubt_of_short(difference: float) -> str:
     """The doubt of a scene over whose speeds the blur differs by too few px."""
     return (
-        f"The blur differs by {difference:.1f} px over the speeds of the scene, and a photograph "
-        f"may be as soft by itself: more than {LEAST_DIFFERENCE:g} px tell a speed."
+        f"The blur differs by only {difference:.1f} px over the speeds of the scene, which cannot "
+        f"be told from a soft photograph: finding a speed takes {LEAST_DIFFERENCE:g} px or more."
     )
 
 
@@ -573,7 +573,7 @@ def estimate_speed(
     require(np.ndim(irradiance) <= 3, subject, "be one picture", shape_of(irradiance))
     model = blur_model(scene, motion, shutter)
     has_light = model.electrons > 0 and model.efficiency > 0
-    require(has_light, "estimate_speed(scene=...)", "have light that the shutter lets through", 0.0)
+    require(has_light, "estimate_speed(scene=...)", "let light through the shutter", 0.0)
     planes = rows_last(distinct_colours(irradiance))
     return speed_in(planes, model).of(scene, motion)
 

@@ -240,7 +240,7 @@ function drawCharts() {
     $("sent-to-stage").append(", ", sampleOf(sent));
   }
   charts.draw($("motion"), motions, { x: "time from mid-exposure / ms", y: "position / px" });
-  charts.draw($("signal"), line("frequency", "signal"), { x: "spatial frequency / (cycles/px)", y: "signal over noise / dB", log: true, yRange: [-30, null] });
+  charts.draw($("signal"), line("frequency", "signal"), { x: "spatial frequency / (cycles/px)", y: "signal-to-noise ratio / dB", log: true, yRange: [-30, null] });
   charts.draw($("psnr"), line("speeds", "psnr"), { x: "object speed / (px/s)", y: "PSNR / dB", marks: true, pad: 0.03 });
   for (const id of ["signal-of", "psnr-of"]) $(id).textContent = `, ${best.of_decoder}`;
   drawKernels();

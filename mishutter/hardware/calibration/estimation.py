@@ -134,7 +134,7 @@ class FittedCamera:
             return (
                 f"residuals are implausibly small: chi squared for each free level is "
                 f"{reduced:.3g}. Error bars are too long if the sensor has more electrons per "
-                "level or less read noise than was told, and too short if pictures were smoothed "
+                "level or less read noise than stated, and too short if pictures were smoothed "
                 "or resampled. Check both"
             )
         return None
@@ -403,7 +403,7 @@ def _sentences(
     """Sentences about the parameters that are not identifiable."""
     is_coefficient_blind = is_blind[4 : 4 + count]
     others = [name for k, name in enumerate(names) if is_blind[k] and not 4 <= k < 4 + count]
-    sentences = [f"{name}: not told by what was recorded" for name in others]
+    sentences = [f"{name}: not determined by the measurements" for name in others]
     if is_coefficient_blind.any():
         which = ", ".join(str(k) for k in np.flatnonzero(is_coefficient_blind))
         # Blind directions of the profile alone: a longer stroke and a profile that it stretches, of

@@ -49,7 +49,7 @@ _SHORT = 1e-7
 class AbstractShutter(AbstractModule):
     r"""A transmittance $w(\tau)$ in $[0, 1]$ on $\tau = t/T \in [-1, 1]$, 0 outside.
 
-    A shutter of one's own needs `transmittance`, `discontinuities` if it jumps or bends
+    Your own shutter needs `transmittance`, `discontinuities` if it jumps or bends
     anywhere, and `bounds` if a search may move its parameters, which are its fields. It is
     integrated by interpolation between its discontinuities (see `SampledShutter`). One whose
     means over an interval are known in closed form derives from `AbstractPiecewiseShutter`

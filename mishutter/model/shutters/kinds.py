@@ -60,7 +60,7 @@ KINDS = [
 
 
 def register_shutter(shutter: type[AbstractShutter]) -> type[AbstractShutter]:
-    """Let designs with a shutter of one's own be saved and loaded; a class decorator.
+    """Let designs with your own shutter be saved and loaded; a class decorator.
 
     Args:
         shutter: The class. Its fields are the arguments that make one, and are numbers,
@@ -87,7 +87,7 @@ def register_shutter(shutter: type[AbstractShutter]) -> type[AbstractShutter]:
 
 
 def baselines() -> dict[str, AbstractShutter]:
-    """The fixed windows that every design stands beside, by name."""
+    """The fixed windows with which every design is compared, by name."""
     return {kind.name: kind.make() for kind in KINDS if kind.is_baseline and kind.make}
 
 
