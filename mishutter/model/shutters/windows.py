@@ -283,10 +283,10 @@ def _whole_roundings(length: Length) -> Length:
 
     Its distance from an end of the exposure is exact: a ramp is as long as its breakpoints say.
     """
-    space, rounding = namespace_of(length), np.finfo(np.dtype(length.dtype)).eps
-    whole = space.maximum(space.round(length / rounding), space.ones_like(length)) * rounding
-    if isinstance(whole, np.ndarray | np.generic):
-        return np.asarray(whole)
+    rounding = np.finfo(np.dtype(length.dtype)).eps
+    if isinstance(length, np.ndarray):
+        return np.asarray(np.maximum(np.round(length / rounding), 1) * rounding)
+    whole = jnp.maximum(jnp.round(length / rounding), 1) * rounding
     return length + jax.lax.stop_gradient(whole - length)
 
 
