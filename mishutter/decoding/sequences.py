@@ -115,9 +115,8 @@ _WORTH = 0.1
 row to row."""
 _REGISTERED = 1.0
 """Error of a picture's way over the sequence above which no speed is trusted; px."""
-_WIDER, _FLOOR = 1.1, 0.03
-"""Error bars in units of the likelihood's width, for the same reason, and the least error of a
-picture's way over the sequence, px."""
+_FLOOR = 0.005
+"""Least error of a picture's way over the sequence; px."""
 _MISFITS, _UNEXPLAINED = (1.25, 1.8), (0.45, 0.25)
 """Misfits from which frames are doubted, and their least share of the misfit of frames that are
 registered elsewhere: bright frames show all that a camera does besides."""
@@ -255,14 +254,14 @@ def restore_frames(
     if speed is not None:
         require_scalar("restore_frames(speed=...)", speed)
         require_finite("restore_frames(speed=...)", speed)
-        require_reach("restore_frames(speed=...)", frames, float(speed))
     light, planes = _planes_of(captures, scene, frames)
     taken = _Taken.of(scene, frames)
     estimate = None
     if speed is None:
         estimate = _judged(planes, scene, taken)
         speed = estimate.speed
-    stack, level = _stacked(planes, taken, [speed])
+    nodes = require_reach("restore_frames(speed=...)", frames, float(speed))
+    stack, level = _stacked(planes, taken, nodes)
     found = _likeliest(stack, [float(speed)])
     equal = _complete(stack, found).reshape(*level.shape, found.length) + level[..., None]
     capture = as_float(np.moveaxis(equal, 0, -1))
@@ -413,12 +412,11 @@ def _spectra_of_windows(
 
 
 def _stacked(
-    planes: Float[np.ndarray, "*planes frames columns"], taken: _Taken, speeds: RowLike
+    planes: Float[np.ndarray, "*planes frames columns"], taken: _Taken, nodes: list[FrameNodes]
 ) -> tuple[_Stack, Float[np.ndarray, "*planes"]]:
     """Deviations of the rows of frames from the level of each row, and that level."""
     level = np.mean(planes, axis=(-2, -1))
     rows = (planes - level[..., None, None]).reshape(-1, *planes.shape[-2:])
-    nodes = nodes_of_frames(taken.frames, float(np.max(np.abs(speeds))))
     return _Stack(rows, nodes, taken.noises, taken.model), level
 
 
@@ -507,7 +505,7 @@ class _Search(NamedTuple):
 
 
 class _Peak(NamedTuple):
-    """A speed at which the likelihood is highest nearby, its logarithm there, and its width."""
+    """A speed at which the likelihood is highest nearby, its logarithm there, and its error."""
 
     speed: float
     value: float
@@ -585,7 +583,8 @@ def _speed_of(
     some = np.unique(np.linspace(0, len(grey) - 1, min(_ROWS_OF_SPEED, len(grey))).astype(int))
     grey, (low, high) = grey[some], _range_to_try(scene)
     taken = taken.like(grey, low, high, float(shares @ shares))
-    stack, level = _stacked(grey, taken, [low, high])
+    nodes = nodes_of_frames(taken.frames, max(abs(low), abs(high)))
+    stack, level = _stacked(grey, taken, nodes)
     search = _searched(stack, taken.frames, low, high)
     values = np.sum(_logarithms(stack, np.array(search.peaks)), axis=1)
     ends = [_Peak(*each, 0.0) for each in zip(search.peaks, values.tolist(), strict=True)]
@@ -600,7 +599,7 @@ def _speed_of(
     beside = [end for end in ends if abs(end.speed - best.speed) > _REACH * search.step]
     rivals = [(end, _fit(stack, level, end.speed)) for end in beside]
     spread = max(1.0, fit.misfit)
-    error = math.hypot(_WIDER * math.sqrt(spread) * best.width, _FLOOR / duration)
+    error = math.hypot(math.sqrt(spread) * best.width, _FLOOR / duration)
     error = min(error, (high - low) / math.sqrt(12))
     found = _Found(grey, stack, search, ends, best, fit, float(np.mean(others)), rivals)
     doubt = _doubt(found, error * duration)
@@ -785,9 +784,13 @@ def _highest(stack: _Stack, speed: float, search: _Search, steps: float = 0.1) -
         if not beyond_low and not (high < search.high and peak > high - 0.1 * search.step):
             break
     side = 0.2 * search.step
-    curvature = (loss(peak - side) + loss(peak + side) - 2 * least) / side**2
-    widest = (search.high - search.low) / math.sqrt(12)
-    return _Peak(peak, -least, min(widest, 1 / math.sqrt(max(curvature, 1e-300))))
+    near = _logarithms(stack, peak + side * np.array([-1.0, 0.0, 1.0]))
+    curvature = max(-float(np.sum(np.diff(near, 2, axis=0))) / side**2, 1e-300)
+    # Rows of photographs pull to either side by more than Gaussian ones of their spectrum would.
+    scores = (near[2] - near[0]) / (2 * side)
+    disagreement = scores.size * float(np.var(scores))
+    width = math.sqrt(max(curvature, disagreement)) / curvature
+    return _Peak(peak, -least, min((search.high - search.low) / math.sqrt(12), width))
 
 
 def _fit(stack: _Stack, level: Float[np.ndarray, "rows"], speed: float) -> _Fit:
