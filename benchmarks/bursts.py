@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import minimize, minimize_scalar
+from support.frames import alternating_frames, panned_frames, sine_frames, sweep_frames
 
 from benchmarks import harness
 from mishutter import Burst, FreeMotion, Limits, Scene, TimedFrame
@@ -32,13 +33,9 @@ from mishutter.evaluation import (
 )
 from mishutter.evaluation.frames import (
     FrameGroup,
-    alternating_frames,
     burst_psnr,
-    panned_frames,
     seen_by,
-    sine_frames,
     still_frames,
-    sweep_frames,
 )
 
 TOP_SPEED, TRAVEL = 4500.0, 110.0

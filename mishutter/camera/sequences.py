@@ -84,11 +84,11 @@ def furthest(nodes: Sequence[FrameNodes], speeds: RowLike) -> float:
     return max(float(np.max(np.abs(some.place - each * some.time))) for some in nodes)
 
 
-def require_reach(subject: str, frames: Sequence[TimedFrame], speed: float) -> None:
-    """Refuses a speed at which light is displaced by more than `MAX_REACH`.
+def require_reach(subject: str, frames: Sequence[TimedFrame], speed: float) -> list[FrameNodes]:
+    """Instants of frames at a speed that displaces light by no more than `MAX_REACH`.
 
     Args:
-        subject: The argument's name in an error.
+        subject: The speed's name in an error.
         frames: The frames.
         speed: Speed of the picture; px/s.
     """
@@ -96,8 +96,10 @@ def require_reach(subject: str, frames: Sequence[TimedFrame], speed: float) -> N
     requirement = f"displace light by at most {MAX_REACH} px"
     # Before there are as many nodes as such a displacement would need.
     require(abs(speed) * latest <= 2 * MAX_REACH, subject, requirement, abs(speed) * latest)
-    reach = furthest(nodes_of_frames(frames, abs(speed)), [speed])
+    nodes = nodes_of_frames(frames, abs(speed))
+    reach = furthest(nodes, [speed])
     require(reach <= MAX_REACH, subject, requirement, reach)
+    return nodes
 
 
 @alone_in_blas()
@@ -176,8 +178,7 @@ def _picture_in_frames(
     """Irradiance of the sensor in each frame of a picture that moves as a whole."""
     radiance = turned(radiance, scene.sensor.axis)
     window = _window(radiance.shape[-1 if radiance.ndim == 2 else -2], num_columns, scene)
-    require_reach("simulate_frames(speed=..., frames=...)", frames, speed)
-    nodes = nodes_of_frames(frames, abs(speed))
+    nodes = require_reach("simulate_frames(speed=..., frames=...)", frames, speed)
     reach = furthest(nodes, [speed])
     planes = np.asarray(rows_last(distinct_colours(radiance)))
     period = period_of(planes.shape[-1], math.ceil(reach), "reflect")

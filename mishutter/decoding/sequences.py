@@ -101,7 +101,7 @@ _LEAST_DETAIL = 1e-4
 """Least detail of a picture, over that which the scene expects."""
 _BANDS, _FEW_SPEEDS = 6, 17
 """Bands of frequencies in which a picture's power is estimated, at the mean of so many speeds."""
-_MOST_MOVES = 4
+_MOST_MOVES = 8
 """Times that a peak is looked for within a step."""
 _REACH = 3.0
 """Steps about the speed that is found within which no other is a rival."""
@@ -115,9 +115,8 @@ _WORTH = 0.1
 row to row."""
 _REGISTERED = 1.0
 """Error of a picture's way over the sequence above which no speed is trusted; px."""
-_WIDER, _FLOOR = 1.1, 0.03
-"""Error bars in units of the likelihood's width, for the same reason, and the least error of a
-picture's way over the sequence, px."""
+_FLOOR = 0.005
+"""Least error of a picture's way over the sequence; px."""
 _MISFITS, _UNEXPLAINED = (1.25, 1.8), (0.45, 0.25)
 """Misfits from which frames are doubted, and their least share of the misfit of frames that are
 registered elsewhere: bright frames show all that a camera does besides."""
@@ -255,14 +254,14 @@ def restore_frames(
     if speed is not None:
         require_scalar("restore_frames(speed=...)", speed)
         require_finite("restore_frames(speed=...)", speed)
-        require_reach("restore_frames(speed=...)", frames, float(speed))
     light, planes = _planes_of(captures, scene, frames)
     taken = _Taken.of(scene, frames)
     estimate = None
     if speed is None:
         estimate = _judged(planes, scene, taken)
         speed = estimate.speed
-    stack, level = _stacked(planes, taken, [speed])
+    nodes = require_reach("restore_frames(speed=...)", frames, float(speed))
+    stack, level = _stacked(planes, taken, nodes)
     found = _likeliest(stack, [float(speed)])
     equal = _complete(stack, found).reshape(*level.shape, found.length) + level[..., None]
     capture = as_float(np.moveaxis(equal, 0, -1))
@@ -413,12 +412,11 @@ def _spectra_of_windows(
 
 
 def _stacked(
-    planes: Float[np.ndarray, "*planes frames columns"], taken: _Taken, speeds: RowLike
+    planes: Float[np.ndarray, "*planes frames columns"], taken: _Taken, nodes: list[FrameNodes]
 ) -> tuple[_Stack, Float[np.ndarray, "*planes"]]:
     """Deviations of the rows of frames from the level of each row, and that level."""
     level = np.mean(planes, axis=(-2, -1))
     rows = (planes - level[..., None, None]).reshape(-1, *planes.shape[-2:])
-    nodes = nodes_of_frames(taken.frames, float(np.max(np.abs(speeds))))
     return _Stack(rows, nodes, taken.noises, taken.model), level
 
 
@@ -507,7 +505,7 @@ class _Search(NamedTuple):
 
 
 class _Peak(NamedTuple):
-    """A speed at which the likelihood is highest nearby, its logarithm there, and its width."""
+    """A speed at which the likelihood is highest nearby, its logarithm there, and its error."""
 
     speed: float
     value: float
@@ -522,6 +520,7 @@ class _Fit(NamedTuple):
             picture's own freedom counted, and without gains and black levels that change.
         misfits: The same of each frame.
         drift: Rows that these changes add to each frame.
+        noise_shares: Variance of each frame's noise over that of frames whose gain does not change.
         values: Logarithm of the likelihood of each row.
         shifts: Displacement of each frame from its place; px.
         shift_errors: Standard errors of these; px.
@@ -530,6 +529,7 @@ class _Fit(NamedTuple):
     misfit: float
     misfits: Float[np.ndarray, "frames"]
     drift: Float[np.ndarray, "rows frames columns"]
+    noise_shares: Float[np.ndarray, "frames"]
     values: Float[np.ndarray, "rows"]
     shifts: Float[np.ndarray, "frames"]
     shift_errors: Float[np.ndarray, "frames"]
@@ -585,14 +585,16 @@ def _speed_of(
     some = np.unique(np.linspace(0, len(grey) - 1, min(_ROWS_OF_SPEED, len(grey))).astype(int))
     grey, (low, high) = grey[some], _range_to_try(scene)
     taken = taken.like(grey, low, high, float(shares @ shares))
-    stack, level = _stacked(grey, taken, [low, high])
+    nodes = nodes_of_frames(taken.frames, max(abs(low), abs(high)))
+    stack, level = _stacked(grey, taken, nodes)
     search = _searched(stack, taken.frames, low, high)
-    values = np.sum(_logarithms(stack, np.array(search.peaks)), axis=1)
+    values = np.sum(_logarithms(stack, np.array(search.peaks), _TOLERANCE), axis=1)
     ends = [_Peak(*each, 0.0) for each in zip(search.peaks, values.tolist(), strict=True)]
     ends.sort(key=lambda end: -end.value)
-    first = _fit(stack, level, ends[0].speed)
     # Gains and black levels that change from frame to frame tell no speed.
-    stack = stack._replace(rows=stack.rows - first.drift)
+    first = _fit(stack, level, ends[0].speed)
+    noises = stack.noises * first.noise_shares
+    stack = stack._replace(rows=stack.rows - first.drift, noises=noises)
     best = _highest(stack, ends[0].speed, search, 0.01)
     fit, duration = _fit(stack, level, best.speed), _duration(taken.frames)
     a_frame = duration / max(len(taken.frames) - 1, 1)
@@ -600,7 +602,7 @@ def _speed_of(
     beside = [end for end in ends if abs(end.speed - best.speed) > _REACH * search.step]
     rivals = [(end, _fit(stack, level, end.speed)) for end in beside]
     spread = max(1.0, fit.misfit)
-    error = math.hypot(_WIDER * math.sqrt(spread) * best.width, _FLOOR / duration)
+    error = math.hypot(math.sqrt(spread) * best.width, _FLOOR / duration)
     error = min(error, (high - low) / math.sqrt(12))
     found = _Found(grey, stack, search, ends, best, fit, float(np.mean(others)), rivals)
     doubt = _doubt(found, error * duration)
@@ -692,6 +694,9 @@ def _odd_frame(
     errors = np.sqrt(noises / count)
     brightest = float(np.max(levels))
     is_black = (levels < _BLACK * brightest) & (levels < brightest - _SURE_SHIFT * errors)
+    # Neighbours are alike in the dark part of a picture, and not in noise.
+    unlike = np.mean(np.diff(rows, axis=-1) ** 2, axis=(0, 2))
+    is_black &= unlike >= np.var(rows, axis=(0, 2))
     is_top = np.mean(rows == np.max(rows, axis=(0, 2), keepdims=True), axis=(0, 2)) > _SATURATED
     is_top &= levels >= np.median(levels)
     for is_odd, word in ((is_top, "saturated"), (is_black, "black")):
@@ -772,8 +777,10 @@ def _highest(stack: _Stack, speed: float, search: _Search, steps: float = 0.1) -
     """The peak of the likelihood near a speed, within those that are tried, to so many steps."""
     from scipy.optimize import minimize_scalar
 
+    tolerance = _TOLERANCE_OF_SPEED * steps / 0.1
+
     def loss(value: float) -> float:
-        return -float(np.sum(_logarithms(stack, np.array([value]))))
+        return -float(np.sum(_logarithms(stack, np.array([value]), tolerance)))
 
     if search.low == search.high:
         return _Peak(speed, -loss(speed), 0.0)
@@ -787,9 +794,13 @@ def _highest(stack: _Stack, speed: float, search: _Search, steps: float = 0.1) -
         if not beyond_low and not (high < search.high and peak > high - 0.1 * search.step):
             break
     side = 0.2 * search.step
-    curvature = (loss(peak - side) + loss(peak + side) - 2 * least) / side**2
-    widest = (search.high - search.low) / math.sqrt(12)
-    return _Peak(peak, -least, min(widest, 1 / math.sqrt(max(curvature, 1e-300))))
+    near = _logarithms(stack, peak + side * np.array([-1.0, 0.0, 1.0]), tolerance)
+    curvature = max(-float(np.sum(np.diff(near, 2, axis=0))) / side**2, 1e-300)
+    # Rows of photographs pull to either side by more than Gaussian ones of their spectrum would.
+    scores = (near[2] - near[0]) / (2 * side)
+    disagreement = scores.size * float(np.var(scores))
+    width = math.sqrt(max(curvature, disagreement)) / curvature
+    return _Peak(peak, -least, min((search.high - search.low) / math.sqrt(12), width))
 
 
 def _fit(stack: _Stack, level: Float[np.ndarray, "rows"], speed: float) -> _Fit:
@@ -802,7 +813,7 @@ def _fit(stack: _Stack, level: Float[np.ndarray, "rows"], speed: float) -> _Fit:
     residual = stack.rows - seen
     # The picture follows each frame by about one part in as many as there are.
     follows = num_frames / max(num_frames - 1, 1)
-    drift, shifts, errors = np.zeros_like(residual), np.zeros(num_frames), np.zeros(num_frames)
+    drift, (gains, shifts, errors) = np.zeros_like(residual), np.zeros((3, num_frames))
     for k, noise in enumerate(stack.noises if num_frames > 1 else []):
         changes = [seen[:, k] + level[:, None], np.ones_like(seen[:, k]), slopes[:, k]]
         design = np.stack([one.ravel() for one in changes], axis=1)
@@ -810,23 +821,28 @@ def _fit(stack: _Stack, level: Float[np.ndarray, "rows"], speed: float) -> _Fit:
         inverse = np.linalg.inv(design.T @ design / noise + np.diag(expected**-2.0))
         change = inverse @ (design.T @ residual[:, k].ravel()) / noise
         drift[:, k] = (design[:, :2] @ change[:2]).reshape(drift[:, k].shape)
-        shifts[k], errors[k] = change[2] * follows, math.sqrt(inverse[2, 2]) * follows
+        gains[k], shifts[k] = follows * change[[0, 2]]
+        errors[k] = follows * math.sqrt(inverse[2, 2])
+    # Gains are those of the noise, too; what all share is a picture that its prior holds back.
+    noise_shares = np.maximum(1 + gains - np.mean(gains), _BLACK) ** 2
     squares = np.sum((residual - drift) ** 2 / stack.noises[:, None], axis=(0, 2))
     volume = _volumes(stack, found)[0]
     freedoms = volume.freedoms - len(residual) / num_frames - 2
     misfit = float(np.sum(squares) / max(np.sum(freedoms), 1.0))
     misfits = squares / np.maximum(freedoms, 1.0)
     values = found.gains[0] - volume.logarithm / len(residual)
-    return _Fit(misfit, misfits, drift * follows, values, shifts, errors)
+    return _Fit(misfit, misfits, drift * follows, noise_shares, values, shifts, errors)
 
 
-def _logarithms(stack: _Stack, speeds: Float[np.ndarray, "s"]) -> Float[np.ndarray, "s rows"]:
+def _logarithms(
+    stack: _Stack, speeds: Float[np.ndarray, "s"], tolerance: float = _TOLERANCE_OF_SPEED
+) -> Float[np.ndarray, "s rows"]:
     """Logarithms of the likelihood of each row of the frames, over that of no picture."""
     rows, frames, columns = stack.rows.shape
     at_once = max(1, _AT_ONCE // (rows * frames * fast_length(columns)))
     values = []
     for begin in range(0, speeds.size, at_once):
-        found = _likeliest(stack, speeds[begin : begin + at_once], _TOLERANCE_OF_SPEED)
+        found = _likeliest(stack, speeds[begin : begin + at_once], tolerance)
         volumes = np.array([one.logarithm for one in _volumes(stack, found)])
         values.append(found.gains - volumes[:, None] / rows)
     return np.concatenate(values)

@@ -6,6 +6,7 @@ import jax
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
+from support.frames import alternating_frames
 
 from mishutter import (
     EnsembleDecoder,
@@ -24,7 +25,8 @@ from mishutter import (
     simulate_frames,
 )
 from mishutter.decoding import burst_and_restore, sequences
-from mishutter.evaluation.frames import alternating_frames, burst_psnr, still_frames
+from mishutter.evaluation import nodes_of_frames
+from mishutter.evaluation.frames import burst_psnr, still_frames
 from mishutter.model import FrameSequence
 
 PERIOD, EXPOSURE, SWING = 1 / 60, 0.0164, 24.0
@@ -116,7 +118,7 @@ def test_frames_tell_the_speed_and_its_sign(speed, moves):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("speed", [-4400.0, 560.0])
+@pytest.mark.parametrize("speed", [-4400.0, -1300.0, 0.0, 560.0, 4450.0])
 @pytest.mark.parametrize("count", [2, 8])
 def test_few_and_many_frames_tell_the_speed(speed, count):
     """Two are enough, and eight are no trap."""
@@ -155,7 +157,18 @@ def test_smooth_pictures_on_narrow_sensors_tell_the_speed(blur, speed, rows, col
     captures = simulate_frames(picture, SCENE, swings(4), speed=speed, **options)
     estimate = restore_frames(captures, SCENE, swings(4)).estimate
     assert estimate is not None
-    assert abs(estimate.speed - speed) < 3 * estimate.error
+    assert abs(estimate.speed - speed) < 2 * estimate.error
+
+
+def climbed(monkeypatch, start, logarithms):
+    """The peak of a likelihood of rows near a start, among speeds up to 3,000 px/s either way."""
+    monkeypatch.setattr(
+        sequences, "_logarithms", lambda _, speeds, tolerance: logarithms(speeds[:, None])
+    )
+    taken, nodes = sequences._Taken.of(SCENE, stills(2)), nodes_of_frames(stills(2), 0.0)
+    stack, _ = sequences._stacked(np.zeros((3, 2, 64)), taken, nodes)
+    search = sequences._Search(low=-3000.0, high=3000.0, step=14.0, peaks=[start], middle=0.0)
+    return sequences._highest(stack, start, search, 0.01)
 
 
 @pytest.mark.parametrize(
@@ -164,24 +177,30 @@ def test_smooth_pictures_on_narrow_sensors_tell_the_speed(blur, speed, rows, col
 )
 def test_a_likelihood_is_climbed_to_its_top(monkeypatch, top, start, found):
     """From a start within some steps, to no speed beyond those that are tried."""
-    monkeypatch.setattr(
-        sequences, "_logarithms", lambda _, speeds: -(((speeds - top) / 40)[:, None] ** 2)
-    )
-    stack, _ = sequences._stacked(
-        np.zeros((3, 2, 64)), sequences._Taken.of(SCENE, stills(2)), [0.0]
-    )
-    search = sequences._Search(low=-3000.0, high=3000.0, step=14.0, peaks=[start], middle=0.0)
-    peak = sequences._highest(stack, start, search, 0.01)
+    peak = climbed(monkeypatch, start, lambda speeds: -(((speeds - top) / 40) ** 2))
     assert peak.speed == pytest.approx(found, abs=0.7)
     assert peak.speed <= 3000.0
     assert peak.width == pytest.approx(40 / np.sqrt(2), rel=0.2 if top > 3000 else 1e-3)
+
+
+@pytest.mark.parametrize("pull", [0.002, 0.3])
+def test_rows_that_disagree_widen_an_error(monkeypatch, pull):
+    """By the spread of their scores over the curvature, where that is more than the model's own."""
+    pulls = pull * np.array([1.0, -2.5, 0.7, 0.8])
+    peak = climbed(monkeypatch, 905.0, lambda v: (v - 913.0) * pulls - ((v - 913.0) / 80) ** 2)
+    curvature = 4 * 2 / 80**2
+    spread = max(curvature, np.sum(pulls**2))
+    assert peak.speed == pytest.approx(913.0, abs=0.2)
+    assert peak.width == pytest.approx(np.sqrt(spread) / curvature, rel=1e-6)
+    assert (peak.width > 1.1 / np.sqrt(curvature)) == (pull > 0.1)
 
 
 def test_the_volume_is_that_of_a_dense_covariance():
     """Half its log-determinant, and the frames' freedom is the trace of what it leaves to noise."""
     frames, columns, speed = stills(3), 160, 900.0
     rows = np.random.default_rng(2).standard_normal((2, 3, columns))
-    stack, _ = sequences._stacked(rows, sequences._Taken.of(SCENE, frames), [speed])
+    taken, nodes = sequences._Taken.of(SCENE, frames), nodes_of_frames(frames, speed)
+    stack, _ = sequences._stacked(rows, taken, nodes)
     found = sequences._likeliest(stack, [speed])
     place = (np.arange(found.length)[:, None] - np.arange(found.length)) % found.length
     power = stack.model.picture_spectrum(found.length)
@@ -389,7 +408,7 @@ SPOILT_ORDERS = {
         ("two objects", "two objects"),
         ("down", "motion across the axis"),
         ("stage stood still", "another design"),
-        ("stroke", "do not fit one picture at one speed"),
+        ("stroke", "another design"),
         ("narrow", "The picture has too little detail to show its speed."),
         ("black", "Frame 3 of 4 is black."),
         ("saturated", "Frame 3 of 4 is saturated."),
@@ -417,6 +436,15 @@ def test_noise_tells_no_speed(read, told):
         assert "more noise than the scene says" in estimate.doubt
 
 
+@pytest.mark.parametrize(("detail", "words"), [(0.0, "Frame 2 of 3 is black."), (0.004, "")])
+def test_a_frame_of_a_dark_part_is_not_black(detail, words):
+    """Its pixels follow one another, where those of a frame without light are noise."""
+    random, place = np.random.default_rng(6), np.arange(220)
+    rows = random.normal(0.3, 0.02, (5, 3, 220))
+    rows[:, 1] = random.normal(0.006, 0.001, (5, 220)) + detail * np.sin(place / 9)
+    assert sequences._odd_frame(rows, np.full(3, 1e-4)) == words
+
+
 def test_pictures_one_period_on_are_rivals():
     """Frames of a regular pattern fit several speeds, of which none is trusted."""
     place = np.arange(560)
@@ -433,7 +461,9 @@ def test_pictures_one_period_on_are_rivals():
 
 
 @pytest.mark.parametrize("moves", [False, True], ids=["still", "moving"])
-@pytest.mark.parametrize("besides", ["gain", "black level", "fixed pattern", "eight bits"])
+@pytest.mark.parametrize(
+    "besides", ["gain", "black level", "fixed pattern", "eight bits"]
+)
 def test_what_cameras_do_besides_is_no_misfit(besides, moves):
     """Frames whose gain or black level changes, with a pattern that stays, or of few levels."""
     frames = swings(4) if moves else stills(4)

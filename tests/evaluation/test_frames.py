@@ -3,6 +3,7 @@
 import jax
 import numpy as np
 import pytest
+from support.frames import alternating_frames, panned_frames, sine_frames, sweep_frames
 
 from mishutter import (
     Limits,
@@ -14,12 +15,8 @@ from mishutter import (
 )
 from mishutter.evaluation.frames import (
     FrameGroup,
-    alternating_frames,
     burst_psnr,
-    panned_frames,
-    sine_frames,
     still_frames,
-    sweep_frames,
 )
 
 WINDOW, TOP = 0.08, 4500.0

@@ -66,12 +66,12 @@ def _groups(burst):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("rate", "level"), [(1e5, 33.3268), (1e4, 25.6958)])
-def test_the_best_moving_burst_is_that_of_an_independent_search(rate, level):
-    """A search in NumPy found these levels of alternating parabolas, 16 frames."""
+@pytest.mark.parametrize(("rate", "level", "num_frames"), [(1e5, 33.3268, 16), (1e4, 25.6958, 15)])
+def test_the_best_moving_burst_is_that_of_an_independent_search(rate, level, num_frames):
+    """A search in NumPy found these levels of 16 parabolas; in the dark 15 frames are better."""
     burst = best_moving_burst(_of_window(rate, 8.0, 16))
     assert burst.psnr >= level - SIMPLER
-    assert burst.num_frames in (15, 16)  # of those as good, the fewest
+    assert burst.num_frames == num_frames
     frames = [
         FrameGroup(x.motion.without_velocity(), np.array([x.motion.velocity])) for x in burst.frames
     ]
@@ -100,7 +100,7 @@ def test_a_sensor_chooses_the_path_that_leaves_most_on_it(width, gain):
     )
     burst = best_moving_burst(narrow)
     assert endless.kind == "sweep"
-    assert burst.psnr > endless.psnr - 0.2
+    assert burst.psnr == pytest.approx(31.046, abs=2e-3)  # the most of four frames that all move
     lost, less = (loss_of_width(scene, x.frames, width=width) for x in (endless, burst))
     assert burst.psnr - less > endless.psnr - lost + gain
 
@@ -263,7 +263,7 @@ BOTH_WAYS = np.linspace(-4500.0, 4500.0, 9)
                 weights=[0.3, 0.1, 0.3, 0.2, 0.1],
                 max_pan=1500.0,
             ),
-            33.093,
+            34.520,
         ),
         # Each end of a fan is for one of the speeds.
         (

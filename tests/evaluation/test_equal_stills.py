@@ -1,0 +1,70 @@
+"""Stills that equal a level, and of two exposures, where neighbouring readings would differ."""
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize_scalar
+
+from mishutter import Burst, Limits, Scene
+from mishutter.evaluation import FrameTimes, StillBursts, best_still_burst
+
+LIMITS = Limits(max_stroke=45.0, min_half_exposure=2e-4, max_half_exposure=0.02)
+SPEEDS, WEIGHTS, RATE, NOISE = np.array([100.0, 3000.0]), np.array([0.8, 0.2]), 1e4, 0.4
+
+
+def _scene(**burst):
+    given = {"weights": WEIGHTS, "photon_rate": RATE, "read_noise": NOISE, "limits": LIMITS}
+    return Scene(SPEEDS, burst=Burst(**burst), **given)
+
+
+def _errors(num_frames, exposure, num_frequencies=2048):
+    """What one Wiener filter a speed leaves, at each speed."""
+    frequency = (np.arange(num_frequencies) + 0.5) / (2 * num_frequencies)
+    power = 1 / (frequency**2 + 0.01**2)
+    power *= 0.2**2 / np.mean(power)
+    electrons = num_frames * RATE * exposure
+    noise = 0.25 * electrons + num_frames * NOISE**2
+    passed = np.sinc(frequency * exposure * SPEEDS[:, None]) * np.sinc(frequency)
+    return np.mean(power * noise / (power * electrons**2 * passed**2 + noise), axis=1)
+
+
+def _level(num_frames, longest):
+    """Their level at the best exposure up to the longest."""
+    end = minimize_scalar(
+        lambda x: WEIGHTS @ _errors(num_frames, x), bounds=(4e-4, longest), method="bounded"
+    )
+    return -10 * np.log10(min(end.fun, WEIGHTS @ _errors(num_frames, longest)))
+
+
+@pytest.mark.parametrize(("window", "count"), [(0.023, 13), (0.037, 17)])
+def test_stills_that_equal_a_level_share_the_window(window, count):
+    """The window leaves each of them less than would be best, so that its length tells."""
+    bursts = StillBursts(_scene(frames_per_s=240.0), window=window)
+    fewer, level = (_level(n, window / n) for n in (count - 1, count))
+    level = (fewer + level) / 2
+    assert fewer < level - 0.01
+    assert _level(count - 1, 2 * window / (count - 1)) > level
+    assert bursts.number_that_equals(level, most=40) == count
+
+
+def test_fewer_frames_of_two_exposures_may_be_best():
+    """Nine leave each less time beside the dead time than seven do."""
+    scene = _scene(frames_per_s=240.0, max_frames=9, dead_time=3.5e-3)
+    times = FrameTimes.of(scene, scene.burst)
+    assert times.numbers_of_frames[-1] == 9
+    equal = StillBursts(scene).best_within(times)
+    found = best_still_burst(scene)
+    assert (equal.num_frames, found.num_frames) == (7, 7)
+    assert found.psnr > equal.psnr + 0.2
+
+
+def test_two_exposures_are_those_of_the_worst_speed_where_it_counts():
+    """Their level is the worst of the speeds, no worse than that of the exposures of the mean."""
+    scene = _scene(frames_per_s=240.0, max_frames=6)
+    times = FrameTimes.of(scene, scene.burst)
+    (of_mean, mean), (of_worst, worst) = (
+        StillBursts(scene, at_worst=each).best_bracketed(times) for each in (False, True)
+    )
+    bursts = StillBursts(scene)
+    worst_of_mean = bursts.sequence(of_mean, times).worst_psnr
+    assert worst == pytest.approx(bursts.sequence(of_worst, times).worst_psnr, abs=1e-6)
+    assert mean > worst > worst_of_mean + 0.1
