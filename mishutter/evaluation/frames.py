@@ -34,6 +34,7 @@ from mishutter.model import (
     RectShutter,
     Scene,
     StillCamera,
+    require_one_axis,
 )
 
 _PIECES_OF_SINE = 32
@@ -149,6 +150,7 @@ def in_parts(scene: Scene) -> Scene:
     Args:
         scene: A scene with a background, or one that moves as a whole.
     """
+    require_one_axis(scene)
     layers, scene = scene.occlusion, without_tolerances(scene)
     if layers is None:
         return scene
