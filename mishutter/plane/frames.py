@@ -61,7 +61,7 @@ class PlaneFrames(eqx.Module):
         return float(ends[-1] - self._begin)
 
     @property
-    def _begin(self) -> Float[Array | np.ndarray, ""]:
+    def _begin(self) -> Array | np.ndarray | np.floating:
         return self.times[0] - self.exposures[0] / 2
 
     def place(self, time: Float[Array, "*shape"]) -> Float[Array, "2 *shape"]:
@@ -72,7 +72,7 @@ class PlaneFrames(eqx.Module):
         """
         d, v = jnp.asarray(self.durations), jnp.asarray(self.velocities)
         ends = jnp.concatenate([jnp.zeros_like(d[:1]), jnp.cumsum(d)])
-        places = Knots(d, v, None, 0, d.size).positions
+        places = Knots(d[None], v, None, 0, d.size).positions
         since = jnp.asarray(time, d.dtype) - self._begin
         piece = jnp.searchsorted(ends, since.ravel(), side="right").reshape(since.shape) - 1
         piece = jnp.clip(piece, 0, d.size - 1)
@@ -81,6 +81,7 @@ class PlaneFrames(eqx.Module):
         elapsed = since - ends[piece]
         share = elapsed / jnp.where(lasts > 0, lasts, 1.0)
         start, end = v[:, piece], v[:, piece + 1]
+        share, elapsed = share[None], elapsed[None]
         return places[:, piece] + elapsed * (start + share * (end - start) / 2)
 
     def nodes(self, num_panels: int) -> Nodes:

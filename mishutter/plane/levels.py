@@ -276,11 +276,14 @@ def _gained(
 
     def add(gained: Array, frame: tuple[Array, ...]) -> tuple[Array, None]:
         time, x, y, share = frame
-        power = _passed(across[..., None] * x + down[..., None] * y, passing, time, nodes.weight)
+        phase = across[..., None] * x[None, None] + down[..., None] * y[None, None]
+        power = _passed(phase, passing, time, nodes.weight)
         return gained + share * power, None
 
     shape = (*fan.direction.shape, parts.speeds.shape[-1])
     each = (nodes.time, *nodes.place, electrons * (electrons / noise))
+    # A descent holds the waves of one frame at a time.
+    add = jax.checkpoint(add)
     return jax.lax.scan(add, jnp.zeros(shape, nodes.time.dtype), each)[0]
 
 
@@ -300,8 +303,9 @@ def _passed(
     """
     i, j, _ = place.shape
     groups = passing.shape[1]
+    weight = weight[None, None]
     sensor = jnp.concatenate([weight * jnp.cos(place), weight * jnp.sin(place)], axis=-1)
-    phase = passing[..., None] * time
+    phase = passing[..., None] * time[None, None, None]
     cosine, sine = jnp.cos(phase), jnp.sin(phase)
     sensor = sensor.reshape(i, groups, j // groups, -1)
     real, imaginary = (
