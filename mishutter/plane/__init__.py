@@ -8,6 +8,7 @@ from mishutter.plane.frames import PlaneFrames as PlaneFrames
 from mishutter.plane.levels import MEASURED as MEASURED
 from mishutter.plane.levels import SEARCHED as SEARCHED
 from mishutter.plane.levels import Grid as Grid
+from mishutter.plane.levels import cross_motion_loss as cross_motion_loss
 from mishutter.plane.levels import plane_psnr as plane_psnr
 from mishutter.plane.search import PlaneBurst as PlaneBurst
 from mishutter.plane.search import PlaneSearch as PlaneSearch

@@ -64,7 +64,7 @@ class PlaneFrames(eqx.Module):
     def _begin(self) -> Array | np.ndarray | np.floating:
         return self.times[0] - self.exposures[0] / 2
 
-    def place(self, time: Float[Array, "*shape"]) -> Float[Array, "2 *shape"]:
+    def place(self, time: Float[Array | np.ndarray, "*shape"]) -> Float[Array, "2 *shape"]:
         """Place of the sensor, from that at the first light; px.
 
         Args:
@@ -145,6 +145,8 @@ class PlaneFrames(eqx.Module):
         knots = self.knots(limits)
         angles = _DIRECTIONS if limits.axes == "disc" else np.array([0.0, np.pi / 2])
         units = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        if limits.axes == "disc":  # between two directions there may be that much more
+            units = units / np.cos(_DIRECTIONS[1] / 2)
         use = use_of_knots(knots._replace(velocities=units @ knots.velocities))
         return StageUse(*(np.max(each) for each in use))
 

@@ -16,6 +16,7 @@ The isotropic picture of the power $(f^2 + 0.01^2)^{-3/2}$ has rows of the power
 $2/(f^2 + 0.01^2)$, which stand for a picture on one axis.
 """
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -29,6 +30,7 @@ from mishutter.model import (
     CORNER_FREQUENCY,
     NYQUIST_FREQUENCY,
     Components,
+    EvenVelocities,
     Scene,
     noise_power,
     pixel_response,
@@ -313,3 +315,22 @@ def _passed(
         for pair in ((cosine, sine), (sine, -cosine))
     )
     return (real**2 + imaginary**2).reshape(i, j, -1)
+
+
+def cross_motion_loss(scene: Scene, frames: PlaneFrames, *, across: float = 0.1) -> float:
+    """Decibels that frames lose where things that move along one axis move across it too.
+
+    Velocities fill an ellipse whose longer half axis is the greatest speed of the scene; the loss
+    is that against an ellipse of nothing across. `frames_of` makes frames of a `FrameSequence`.
+
+    Args:
+        scene: A scene of one axis, for its greatest speed, its light and its noise; concrete.
+        frames: The frames; of velocities along the rows.
+        across: Greatest speed across over that along, from 0 to 1.
+    """
+    fastest = float(scene.max_speed)
+    levels = [
+        plane_psnr(replace(scene, velocities=EvenVelocities(fastest, share * fastest)), frames)
+        for share in (0.0, across)
+    ]
+    return float(levels[0] - levels[1])
