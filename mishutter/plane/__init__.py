@@ -3,6 +3,7 @@
 from mishutter.plane.ceilings import plane_ceiling as plane_ceiling
 from mishutter.plane.families import FAMILIES as FAMILIES
 from mishutter.plane.families import FREE as FREE
+from mishutter.plane.families import PAN as PAN
 from mishutter.plane.families import frames_of as frames_of
 from mishutter.plane.frames import PlaneFrames as PlaneFrames
 from mishutter.plane.levels import MEASURED as MEASURED

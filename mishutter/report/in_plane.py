@@ -11,7 +11,7 @@ import numpy as np
 from mishutter._core import strict_json, write_text
 from mishutter.evaluation import ALTERNATING, SINE, SWEEP
 from mishutter.model import Scene
-from mishutter.plane import FREE, PlaneBurst, PlaneSearch
+from mishutter.plane import FREE, PAN, PlaneBurst, PlaneSearch
 from mishutter.report import plots
 from mishutter.report.verdict import order_line, paragraph, snapshot_line, table_of_levels
 from mishutter.search import simplest_of
@@ -23,14 +23,14 @@ _GRAVITY = 9.80665
 _NEEDS = ("registration", "registration, stage", "registration, stage of two axes")
 """Needs of several frames by the axes of a stage."""
 _VERBS = {
-    "pan": "pans",
-    SWEEP: "sweeps {way} along one axis",
-    SINE: "swings {way} on a sine along one axis",
-    ALTERNATING: "swings {way} along one axis",
+    PAN: "pans",
+    SWEEP: "sweeps {way}",
+    SINE: "swings {way} on a sine",
+    ALTERNATING: "swings {way}",
     "circle": "circles over {way}",
     "two sines": "follows two sines over {way}",
     "crossed parabolas": "swings {way} along two axes in turn",
-    "ring of velocities": "takes another constant velocity in each, over {way}",
+    "ring of velocities": "takes another constant velocity in each over {way}",
     FREE: "follows a free path over {way}",
 }
 _ONE_FILTER = (
@@ -170,7 +170,8 @@ def _name(burst: PlaneBurst) -> str:
     if not burst.num_axes:
         what = "snapshot" if burst.num_frames == 1 else _count(burst)
         return f"{what} at rest, {_exposures(burst)}"
-    return f"{_count(burst)}{_way(burst)}, {_exposures(burst)}"
+    # The needs say how many axes move, and the sentence below how far.
+    return f"{_count(burst)}{_way(burst).partition(' over ')[0]}, {_exposures(burst)}"
 
 
 def _document(burst: PlaneBurst, first: PlaneBurst) -> dict[str, Any]:

@@ -925,8 +925,7 @@ def plot_plane(scene: Scene, burst: PlaneBurst, title: str = "") -> "Figure":
         title: A line above them.
     """
     figure = new_figure(7.4, 6.2)
-    (plane, hodograph), (below, _) = figure.subplots(2, 2)
-    below.remove()
+    plane, hodograph = (figure.add_subplot(2, 2, place) for place in (1, 2))
     below = figure.add_subplot(2, 1, 2)
     for axes in (plane, hodograph, below):
         draw_grid(axes)
@@ -949,18 +948,21 @@ def plot_plane(scene: Scene, burst: PlaneBurst, title: str = "") -> "Figure":
         below.axvspan(*(1e3 * x for x in span), color=grey, label=None if index else "exposed")
     if scene.velocities is not None:
         angles = np.linspace(0, 2 * np.pi, _NUM_POINTS)
-        hodograph.plot(*_outline(scene.velocities, angles), color="0.4", linestyle=":")
+        hodograph.plot(
+            *_outline(scene.velocities, angles), color="0.4", linestyle=":", label="things"
+        )
+        hodograph.legend(loc="upper right", fontsize="small")
     for axis, row, style in zip(("rows", "columns"), place, line_styles(), strict=False):
         below.plot(time * 1e3, row, label=f"along {axis}", **style)
     plane.set(xlabel="along rows / px", ylabel="along columns / px", title="path")
-    hodograph.set(xlabel="along rows / px/s", title="velocities; dotted: of the things")
+    hodograph.set(xlabel="along rows / px/s", ylabel="along columns / px/s", title="velocities")
     for axes in (plane, hodograph):
         axes.set_aspect("equal", "datalim")
     below.set(xlabel="time from the middle / ms", ylabel="stage position / px")
     below.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
     lines = textwrap.wrap(shown_name(title, len(title)), _LETTERS_OF_A_LINE)
     figure.suptitle("\n".join(lines), fontsize="small")
-    figure.subplots_adjust(left=0.1, right=0.97, bottom=0.09, top=0.88, wspace=0.3, hspace=0.45)
+    figure.subplots_adjust(left=0.1, right=0.97, bottom=0.09, top=0.88, wspace=0.38, hspace=0.45)
     return figure
 
 
