@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from mishutter._core import alone_in_blas, compiled, outside_trace, require, require_known
+from mishutter._core import Unquoted, alone_in_blas, compiled, outside_trace, require, require_known
 from mishutter.evaluation import FrameTimes, psnr_of_error, some_numbers
 from mishutter.model import Burst, Scene, StageUse, require_scene
 from mishutter.plane.ceilings import plane_ceiling
@@ -105,12 +105,13 @@ def best_in_plane(
     descends by its gradient, and is among the bursts where it gains 0.05 dB.
 
     Args:
-        scene: Velocities in any direction, light, noise, limits and burst; without a burst it is
-            one exposure.
+        scene: Velocities in any direction, light, noise, limits and burst; without a burst, which
+            is possible where the decoder is told the velocity, it is one exposure.
         progress: Called with the share of the search that is done.
 
     Raises:
-        ValueError: if the scene is of one axis, or limits the jerk of its stage.
+        ValueError: if the scene is of one axis, limits the jerk of its stage, or has no frames
+            that tell the velocity.
     """
     require_scene(scene, in_plane=True)
     require_known("best_in_plane", scene=scene)
@@ -119,6 +120,11 @@ def best_in_plane(
     requirement = "be left out in the plane, where ways are of pieces of constant acceleration"
     require(jerk is None, "Limits(max_jerk=...)", requirement, jerk)
     search = _Search.of(scene)
+    requirement = (
+        'have a burst with time for two frames, or `decoder_speed="known"`: frames tell it'
+    )
+    has_counts = search.counts[-1] >= search.least
+    require(has_counts, "scene", requirement, Unquoted("one exposure of unknown velocity"))
     tries = [*search.tries]
     found: dict[str, _Found] = {}
     starts = [
@@ -217,7 +223,7 @@ class _Search(NamedTuple):
         times = times._replace(max_frames=most)
         room = Room(scene.velocities, scene.limits, times)  # type: ignore[arg-type]
         told = scene.decoder_speed == "known"
-        least = 2 if times.holds_several and not told else 1
+        least = 1 if told else 2
         return _Search(scene, room, least, fan_of(scene, SEARCHED))
 
     @property

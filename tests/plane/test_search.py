@@ -192,6 +192,14 @@ def test_a_jerk_that_is_limited_is_refused():
         best_in_plane(a_scene(Limits(max_half_exposure=0.01, max_jerk=1e9)))
 
 
+def test_a_velocity_that_nothing_tells_is_refused():
+    """One exposure is searched for where the decoder is told; else frames have to tell."""
+    line = "`scene` must have a burst with time for two frames.*; got one exposure of unknown"
+    for burst in (None, Burst(frames_per_s=40.0, window=0.02)):
+        with pytest.raises(ValueError, match=line):
+            best_in_plane(a_scene(burst=burst))
+
+
 FILE = """[speeds]
 any_direction = { max_px_per_s = 1700 }
 [light]
@@ -242,7 +250,7 @@ def test_plan_shows_the_velocities(tmp_path, capsys):
 def test_the_command_answers_and_writes_its_files(tmp_path, capsys):
     """One exposure, of a camera without a burst: the answer, the document and the picture."""
     path = tmp_path / "scene.toml"
-    path.write_text(FILE)
+    path.write_text(FILE + '[decoder]\nspeed = "known"\n')
     assert cli.main(["optimise", str(path), "--out", str(tmp_path / "out")]) == 0
     out, _ = capsys.readouterr()
     assert out.startswith("Take ")
