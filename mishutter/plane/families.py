@@ -11,14 +11,14 @@ that alternate between two axes fill a cross, and constant velocities, one a fra
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from mishutter.evaluation import ALTERNATING, SINE, SWEEP, FrameTimes, moments_of, way_over_frames
-from mishutter.model import AbstractVelocities, FrameSequence, Limits, knots_of_exposure
+from mishutter.model import AbstractVelocities, Limits, TimedFrame, knots_of_exposure
 from mishutter.plane.frames import PlaneFrames
 
 STILLS, BRACKETED, PAN, CIRCLE, TWO_SINES, CROSSED, RING, FREE = (
@@ -269,14 +269,14 @@ FAMILIES = (
 """Ways from the simplest to those of ever more turns."""
 
 
-def frames_of(sequence: FrameSequence, angle: float = 0.0) -> PlaneFrames:
+def frames_of(frames: Sequence[TimedFrame], angle: float = 0.0) -> PlaneFrames:
     """Frames along one axis as frames in the plane, of which the gaps say nothing.
 
     Args:
-        sequence: The frames.
+        frames: The frames, as those of a `FrameSequence`.
         angle: Angle of their axis from that of the rows; rad.
     """
-    every = [(frame, knots_of_exposure(frame.motion)) for frame in sequence.frames]
+    every = [(frame, knots_of_exposure(frame.motion)) for frame in frames]
     lengths = [knots.durations for _, knots in every]
     for index, ((before, _), (frame, _)) in enumerate(itertools.pairwise(every)):
         gap = frame.time - before.time - (frame.exposure + before.exposure) / 2

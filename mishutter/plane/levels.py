@@ -321,7 +321,8 @@ def cross_motion_loss(scene: Scene, frames: PlaneFrames, *, across: float = 0.1)
     """Decibels that frames lose where things that move along one axis move across it too.
 
     Velocities fill an ellipse whose longer half axis is the greatest speed of the scene; the loss
-    is that against an ellipse of nothing across. `frames_of` makes frames of a `FrameSequence`.
+    is that against an ellipse of nothing across. `frames_of` makes such frames of those of a
+    `FrameSequence`.
 
     Args:
         scene: A scene of one axis, for its greatest speed, its light and its noise; concrete.

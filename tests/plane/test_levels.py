@@ -10,16 +10,27 @@ from mishutter import (
     EvenVelocities,
     ListedVelocities,
     Optics,
+    ParabolicMotion,
     RingOfVelocities,
     Scene,
+    StillCamera,
     Texture,
+    TimedFrame,
     example_picture,
     plane_psnr,
 )
 from mishutter.evaluation import ceiling, water_filled
 from mishutter.evaluation.open_frames import OpenFrames, psnr_of_error
 from mishutter.model import frequencies
-from mishutter.plane import MEASURED, SEARCHED, Grid, PlaneFrames, plane_ceiling
+from mishutter.plane import (
+    MEASURED,
+    SEARCHED,
+    Grid,
+    PlaneFrames,
+    cross_motion_loss,
+    frames_of,
+    plane_ceiling,
+)
 from mishutter.plane.levels import Fan, fan_of, plane_error, power_of
 
 FINE = Grid(40, 16, 48)
@@ -40,6 +51,7 @@ def test_levels_and_ceilings_are_those_of_the_reference(slug):
         assert found == pytest.approx(level, abs=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("grid", "most"), [(SEARCHED, 0.05), (MEASURED, 0.03)])
 def test_the_grids_are_as_fine_as_they_say(grid, most):
     """Four frames on two sines, against the level on the fine grid."""
@@ -80,6 +92,7 @@ def test_one_axis_is_a_fan_of_one_line():
     )
 
 
+@pytest.mark.slow
 def test_a_disc_of_nothing_across_is_the_mean_of_lines_of_one_axis():
     """The level over the plane, where nothing moves across, is that of today's rows of all kinds.
 
@@ -262,3 +275,18 @@ def test_the_ceiling_of_uneven_speeds_is_lower_than_that_of_their_peak():
 
     peak = _least_error(peaked, 0.03, times_of_cells(peaked), _power(peaked, 512))
     assert even < own < psnr_of_error(peak) - 0.05
+
+
+@pytest.mark.slow
+def test_motion_across_costs_frames_that_move_more():
+    """A tenth across costs less than a third, nothing across nothing, and stills least."""
+    scene = Scene.uniform(max_speed=2300.0, photon_rate=3e4, read_noise=9.0)
+    swing = ParabolicMotion.from_stroke(9.0, half_exposure=0.007)
+    moving = frames_of([TimedFrame(swing, time) for time in (-0.01, 0.01)])
+    still = frames_of(
+        [TimedFrame(StillCamera(half_exposure=0.0014), time) for time in (-0.01, 0.01)]
+    )
+    assert cross_motion_loss(scene, moving, across=0.0) == pytest.approx(0, abs=1e-9)
+    tenth, third = (cross_motion_loss(scene, moving, across=x) for x in (0.1, 0.33))
+    assert 0.01 < tenth < third < 2
+    assert cross_motion_loss(scene, still, across=0.33) < third

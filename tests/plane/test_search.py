@@ -176,7 +176,7 @@ def test_one_filter_is_refused_with_its_reason():
 
 def test_frames_along_one_axis_are_frames_in_the_plane():
     """Each frame of a sequence has its own path, whatever lies between them."""
-    frames = frames_of(SEQUENCE, 0.4)
+    frames = frames_of(SEQUENCE.frames, 0.4)
     for index, frame in enumerate(SEQUENCE.frames):
         tau = np.linspace(-0.5, 0.5, 7) * frame.exposure
         place = np.asarray(frames.place(frame.time + tau * (1 - 1e-9)))
