@@ -1,6 +1,6 @@
 """Draw `any_direction.png`: the frames that the page's scene is told to take.
 
-Run it as `python docs/figures/any_direction.py`, in a folder that holds the page's `cells.toml`.
+Run it as `python docs/figures/any_direction.py`, in a folder that holds the page's `drone.toml`.
 """
 
 from pathlib import Path
@@ -15,7 +15,7 @@ from mishutter.report import PlaneReport  # noqa: E402
 
 def main():
     """Draw the figure and save it beside this script."""
-    scene = Scene.load("cells.toml")
+    scene = Scene.load("drone.toml")
     figure = PlaneReport(scene, best_in_plane(scene)).plot()
     figure.savefig(Path(__file__).with_suffix(".png"), dpi=110)
 

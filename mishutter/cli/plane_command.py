@@ -12,6 +12,10 @@ if TYPE_CHECKING:
     from mishutter.model import Scene
 
 
+_WAYS = "ways of the stage"
+"""The one part of the work, of which a bar shows the share that is done."""
+
+
 def refuse_in_plane(options: Mapping[str, object]) -> None:
     """Refuses options of searches along one axis.
 
@@ -35,8 +39,8 @@ def optimise_in_plane(
         interruptible(lambda: AGAIN),
         progress_bar("frames in the plane", 1, "compiling (first run only)") as counter,
     ):
-        counter.next("ways of the stage")
-        search = best_in_plane(scene)
+        counter.next(_WAYS)
+        search = best_in_plane(scene, progress=lambda share: counter.within(_WAYS, share))
     report = PlaneReport(scene, search)
     if not as_json:
         with closable_output():

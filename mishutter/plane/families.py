@@ -47,7 +47,7 @@ Point = Float[np.ndarray, "d"]
 
 
 class Room(NamedTuple):
-    """What is the same of all ways: the law of velocities, the limits and the times of frames."""
+    """The part that all ways share: the law of velocities, the limits and the times of frames."""
 
     velocities: AbstractVelocities
     limits: Limits

@@ -74,10 +74,10 @@ class Fan(NamedTuple):
         weight: Share of the frequencies that each stands for, times `power`; their sum is 1.
     """
 
-    radius: Float[np.ndarray, "i"]
-    direction: Float[np.ndarray, "i j"]
-    power: Float[np.ndarray, "i j"]
-    weight: Float[np.ndarray, "i j"]
+    radius: Float[Array | np.ndarray, "i"]
+    direction: Float[Array | np.ndarray, "i j"]
+    power: Float[Array | np.ndarray, "i j"]
+    weight: Float[Array | np.ndarray, "i j"]
 
 
 def fan_of(scene: Scene, grid: Grid = MEASURED) -> Fan:
@@ -236,8 +236,8 @@ def plane_error(
         scene.optics.lens_blur,
     )
     dtype = np.dtype(jnp.asarray(frames.times).dtype)
-    numbers = jax.tree.map(lambda x: jnp.asarray(x, dtype), (fan, parts, light))
-    return _error(*numbers, frames, num_panels)
+    fan, parts, light = jax.tree.map(lambda x: jnp.asarray(x, dtype), (fan, parts, light))
+    return _error(fan, parts, light, frames, num_panels)
 
 
 class _Light(NamedTuple):
@@ -271,10 +271,10 @@ def _gained(
     electrons = white_electrons(light.rate, jnp.asarray(frames.exposures))
     noise = noise_power(1.0, light.mean, electrons, light.read)
     noise = jnp.maximum(noise, _DARK * jnp.maximum(electrons, 1.0) ** 2)
-    turns = 2 * jnp.pi * fan.radius
+    turns = 2 * jnp.pi * jnp.asarray(fan.radius)
     across = turns[:, None] * jnp.cos(fan.direction)
     down = turns[:, None] * jnp.sin(fan.direction)
-    passing = turns[:, None, None] * parts.speeds
+    passing = turns[:, None, None] * jnp.asarray(parts.speeds)
 
     def add(gained: Array, frame: tuple[Array, ...]) -> tuple[Array, None]:
         time, x, y, share = frame

@@ -127,10 +127,11 @@ def best_in_plane(
     require(has_counts, "scene", requirement, Unquoted("one exposure of unknown velocity"))
     tries = [*search.tries]
     found: dict[str, _Found] = {}
-    starts = [
-        min((search.found(family, count, np.array(x)) for x in family.starts), key=_error)
-        for family, count in tries
-    ]
+    starts = []
+    for number, (family, count) in enumerate(tries):
+        progress(0.2 * number / len(tries))
+        every = (search.found(family, count, np.array(x)) for x in family.starts)
+        starts.append(min(every, key=_error))
     firsts = [
         first
         for kind in dict.fromkeys(start.family.kind for start in starts)
@@ -148,7 +149,7 @@ def best_in_plane(
         for kind, each in found.items()
     }
     bursts = [search.burst(each) for each in near.values()]
-    progress(0.9)
+    progress(0.8)
     best = max(bursts, key=lambda burst: burst.psnr)
     if best.num_axes == 2:
         free = search.freed(best)
@@ -164,7 +165,7 @@ def best_in_plane(
 
 
 def grid_words() -> str:
-    """What a search in the plane computes, in words."""
+    """The computations of a search in the plane, in words."""
     radii, angles, speeds, corner = SEARCHED
     finer = f"{MEASURED.num_radii} x {MEASURED.num_angles} x {MEASURED.num_speeds}"
     ways = ", ".join(family.kind for family in FAMILIES)
@@ -180,7 +181,7 @@ class _Found(NamedTuple):
 
     error: float
     family: Family
-    count: int
+    num_frames: int
     point: Float[np.ndarray, "d"]
 
     @property
@@ -195,7 +196,7 @@ def _error(found: _Found) -> float:
 
 def _gain(other: _Found, before: _Found) -> float:
     """The gain that more frames are worth; dB."""
-    return _AS_GOOD / 2 if other.count > before.count else -_AS_GOOD / 2
+    return _AS_GOOD / 2 if other.num_frames > before.num_frames else -_AS_GOOD / 2
 
 
 class _Search(NamedTuple):
@@ -261,7 +262,7 @@ class _Search(NamedTuple):
 
         def error(point: Float[np.ndarray, "d"]) -> float:
             nonlocal best
-            each = self.found(first.family, first.count, point)
+            each = self.found(first.family, first.num_frames, point)
             best = min(best, each, key=_error)
             return each.error
 
@@ -278,7 +279,7 @@ class _Search(NamedTuple):
 
     def burst(self, found: _Found) -> PlaneBurst:
         """The frames of a point, with their level."""
-        frames = found.family.made(self.room, found.count, found.point)
+        frames = found.family.made(self.room, found.num_frames, found.point)
         return self.measured(found.family.kind, found.family.num_axes, frames)
 
     def measured(self, kind: str, num_axes: int, frames: PlaneFrames) -> PlaneBurst:
@@ -299,7 +300,9 @@ class _Search(NamedTuple):
         begin = jax.tree.map(lambda x: jnp.asarray(x, dtype), start)
         scale = float(np.max(self.room.half_axes))
         numbers = jnp.zeros((2, waves), dtype)
-        end = _descended(numbers, begin, self.scene, fan, jnp.asarray(scale, dtype), panels)
+        end = _descended(
+            numbers, begin, self.scene, fan, scale=jnp.asarray(scale, dtype), panels=panels
+        )
         freed = _with_waves(end, begin, scale)
         frames = jax.tree.map(lambda x: np.asarray(x, np.float64), freed)
         return self.measured(FREE, 2, self.room.within(frames))
@@ -335,6 +338,7 @@ def _descended(
     start: PlaneFrames,
     scene: Scene,
     fan: Fan,
+    *,
     scale: Float[Array, ""],
     panels: int,
 ) -> Float[Array, "2 w"]:

@@ -254,6 +254,6 @@ def test_the_command_answers_and_writes_its_files(tmp_path, capsys):
     assert cli.main(["optimise", str(path), "--out", str(tmp_path / "out")]) == 0
     out, _ = capsys.readouterr()
     assert out.startswith("Take ")
-    document = json.loads((tmp_path / "out" / "report.json").read_text())
+    document = json.loads((tmp_path / "out" / "report.json").read_text("utf-8"))
     assert document["verdict"] in out
     assert (tmp_path / "out" / "answer.png").stat().st_size > 10_000
