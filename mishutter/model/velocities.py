@@ -61,7 +61,7 @@ class AbstractVelocities(AbstractModule):
     """A law of velocities in the plane of the picture."""
 
     @abstractmethod
-    def components(self, direction: Float[np.ndarray, "k"], num_speeds: int) -> Components:
+    def components(self, direction: Float[Array | np.ndarray, "k"], num_speeds: int) -> Components:
         """Components along some directions, which stand for all of them in a mean.
 
         Args:
@@ -157,11 +157,11 @@ class EvenVelocities(AbstractVelocities):
             requirement = f"be at most along = {float(self.along):g} px/s"
             require(is_shorter, "EvenVelocities(across=...)", requirement, self.across)
 
-    def components(self, direction: Float[np.ndarray, "k"], num_speeds: int) -> Components:
+    def components(self, direction: Float[Array | np.ndarray, "k"], num_speeds: int) -> Components:
         step = np.pi / (num_speeds + 1)
         turns = step * np.arange(1, num_speeds + 1)
         along, across, angle = as_numpy(self.along, self.across, self.angle)
-        space, dtype = namespace_of(along), along.dtype
+        space, dtype = namespace_of(along, direction), along.dtype
         u = np.cos(turns).astype(dtype)[None]
         weights = (2 * step / np.pi * np.sin(turns) ** 2).astype(dtype)[None]
         if self._is_disc:
@@ -232,7 +232,7 @@ class RingOfVelocities(AbstractVelocities):
         require_scalar("RingOfVelocities(speed=...)", self.speed)
         require_at_least("RingOfVelocities(speed=...)", self.speed, "above 0", strict=True)
 
-    def components(self, direction: Float[np.ndarray, "k"], num_speeds: int) -> Components:
+    def components(self, direction: Float[Array | np.ndarray, "k"], num_speeds: int) -> Components:
         (speed,) = as_numpy(self.speed)
         u = np.cos(np.pi * (np.arange(num_speeds) + 0.5) / num_speeds).astype(speed.dtype)
         return Components(speed * u[None], np.full((1, u.size), 1 / u.size, u.dtype))
@@ -305,10 +305,10 @@ class ListedVelocities(AbstractVelocities):
             requirement = "hold one above 0 px/s"
             require(moves, "ListedVelocities(velocities=...)", requirement, 0.0)
 
-    def components(self, direction: Float[np.ndarray, "k"], num_speeds: int) -> Components:
+    def components(self, direction: Float[Array | np.ndarray, "k"], num_speeds: int) -> Components:
         velocities, weights = as_numpy(self.velocities, self.weights)
-        angle = direction.astype(velocities.dtype)
-        units = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        space, angle = namespace_of(velocities, direction), direction.astype(velocities.dtype)
+        units = space.stack([space.cos(angle), space.sin(angle)], axis=-1)
         speeds = units @ velocities.T
         return Components(speeds, namespace_of(weights).broadcast_to(weights[None], speeds.shape))
 

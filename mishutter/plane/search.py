@@ -23,6 +23,8 @@ _MOST_FRAMES = 64
 """Most frames of a burst in the plane."""
 _NUM_NUMBERS = 4
 """Numbers of frames, from one to all, that each way is tried with."""
+_FEW_FRAMES = 2
+"""Frames up to which a search has the grid of levels: they leave ripples of 0.2 dB."""
 _NUM_FIRSTS = 2
 """Numbers of frames of each way that are searched further."""
 _STEP, _FEW_STEPS, _MOST_STEPS = 0.12, 10, 20
@@ -206,13 +208,13 @@ class _Search(NamedTuple):
         scene: The scene.
         room: Its velocities, limits and times.
         least: Least number of frames that something registers.
-        fan: The fan of directions of the search.
+        fans: The fans of directions of few frames, whose ripple is greatest, and of more.
     """
 
     scene: Scene
     room: Room
     least: int
-    fan: Fan
+    fans: tuple[Fan, Fan]
 
     @staticmethod
     def of(scene: Scene) -> "_Search":
@@ -225,7 +227,7 @@ class _Search(NamedTuple):
         room = Room(scene.velocities, scene.limits, times)  # type: ignore[arg-type]
         told = scene.decoder_speed == "known"
         least = 1 if told else 2
-        return _Search(scene, room, least, fan_of(scene, SEARCHED))
+        return _Search(scene, room, least, (fan_of(scene, MEASURED), fan_of(scene, SEARCHED)))
 
     @property
     def counts(self) -> list[int]:
@@ -251,7 +253,9 @@ class _Search(NamedTuple):
         panels = 2 ** max(1, math.ceil(math.log2(panels)))
         whole = _padded(frames, 2 ** math.ceil(math.log2(count)))
         single = jax.tree.map(lambda x: np.asarray(x, np.float32), whole)
-        error = plane_error(self.scene, single, self.fan, SEARCHED.num_speeds, panels)
+        is_many = count > _FEW_FRAMES
+        num_speeds = (SEARCHED if is_many else MEASURED).num_speeds
+        error = plane_error(self.scene, single, self.fans[is_many], num_speeds, panels)
         return _Found(float(error), family, count, point)
 
     def improved(self, first: _Found, steps: int) -> _Found:
