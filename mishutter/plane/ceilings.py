@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float
 
 from mishutter.evaluation import psnr_of_error, water_filled
-from mishutter.model import Scene, noise_power, pixel_response, white_electrons
-from mishutter.plane.levels import MEASURED, Grid, fan_of
+from mishutter.model import Scene, noise_power, pixel_response, require_scene, white_electrons
+from mishutter.plane.levels import MEASURED, Grid, fan_of, require_velocities
 
 _CELLS = 128
 """Cells that the components along a direction are cut into."""
@@ -28,9 +28,8 @@ def plane_ceiling(
         exposures: Exposure of each frame; s.
         grid: Sizes of the fan of directions.
     """
-    fan, law = fan_of(scene, grid), scene.velocities
-    if law is None:
-        raise ValueError("`scene` must have velocities in any direction; got one axis.")
+    require_scene(scene, in_plane=True)
+    fan, law = fan_of(scene, grid), require_velocities(scene)
     each = np.asarray(white_electrons(float(scene.photon_rate), np.asarray(exposures)))
     noise = noise_power(1.0, float(scene.picture.mean_level), each, float(scene.read_noise))
     ratio = each / np.maximum(noise, 1e-12 * np.maximum(each, 1.0) ** 2)

@@ -29,6 +29,7 @@ from mishutter._core import compiled, is_concrete, require
 from mishutter.model import (
     CORNER_FREQUENCY,
     NYQUIST_FREQUENCY,
+    AbstractVelocities,
     Components,
     EvenVelocities,
     Scene,
@@ -196,8 +197,17 @@ def plane_psnr(
     Raises:
         ValueError: if the scene is of one axis, or the frames are traced without `num_panels`.
     """
+    require_scene(scene, in_plane=True)
     error = plane_error(scene, frames, fan_of(scene, grid), grid.num_speeds, num_panels)
     return -10 * jnp.log10(error)
+
+
+def require_velocities(scene: Scene) -> AbstractVelocities:
+    """The law of a scene's velocities; an error where it is of one axis."""
+    law = scene.velocities
+    requirement = "have velocities in any direction, as `Scene.any_direction` makes it"
+    require(law is not None, "scene", requirement, scene)
+    return law  # type: ignore[return-value]
 
 
 def plane_error(
@@ -216,16 +226,14 @@ def plane_error(
         num_speeds: Components of the velocities along each line.
         num_panels: Panels of each frame.
     """
-    require_scene(scene, in_plane=True)
-    law = scene.velocities
-    require(law is not None, "scene", "have velocities in any direction", scene)
+    law = require_velocities(scene)
     if num_panels is None:
         leaves = jax.tree.leaves((frames, law))
         known = all(map(is_concrete, leaves))
         subject, requirement = "plane_psnr(num_panels=...)", "be given where JAX traces frames"
         require(known, subject, requirement, num_panels)
-        num_panels = frames.num_panels(law.fastest)  # type: ignore[union-attr]
-    parts = law.components(fan.direction.ravel(), num_speeds)  # type: ignore[union-attr]
+        num_panels = frames.num_panels(law.fastest)
+    parts = law.components(fan.direction.ravel(), num_speeds)
     rows = fan.direction.shape if parts.speeds.shape[0] > 1 else (1, 1)
     parts = Components(*(x.reshape(*rows, -1) for x in parts))
     light = _Light(

@@ -17,7 +17,16 @@ from mishutter.model import Burst, Scene, StageUse, require_scene
 from mishutter.plane.ceilings import plane_ceiling
 from mishutter.plane.families import FAMILIES, FREE, PAN, STILLS, Family, Room
 from mishutter.plane.frames import PlaneFrames
-from mishutter.plane.levels import MEASURED, SEARCHED, Fan, Grid, fan_of, plane_error, plane_psnr
+from mishutter.plane.levels import (
+    MEASURED,
+    SEARCHED,
+    Fan,
+    Grid,
+    fan_of,
+    plane_error,
+    plane_psnr,
+    require_velocities,
+)
 
 _MOST_FRAMES = 64
 """Most frames of a burst in the plane."""
@@ -117,7 +126,7 @@ def best_in_plane(
     """
     require_scene(scene, in_plane=True)
     require_known("best_in_plane", scene=scene)
-    require(scene.velocities is not None, "scene", "have velocities in any direction", scene)
+    require_velocities(scene)
     jerk = scene.limits.max_jerk
     requirement = "be left out in the plane, where ways are of pieces of constant acceleration"
     require(jerk is None, "Limits(max_jerk=...)", requirement, jerk)

@@ -290,3 +290,12 @@ def test_motion_across_costs_frames_that_move_more():
     tenth, third = (cross_motion_loss(scene, moving, across=x) for x in (0.1, 0.33))
     assert 0.01 < tenth < third < 2
     assert cross_motion_loss(scene, still, across=0.33) < third
+
+
+def test_a_scene_of_one_axis_has_no_level_in_the_plane():
+    """The error says what would make one of any direction."""
+    scene = Scene.uniform(max_speed=2300.0, photon_rate=3e4, read_noise=9.0)
+    line = "`scene` must have velocities in any direction, as `Scene.any_direction` makes it; got"
+    for level in (plane_psnr, lambda scene, frames: plane_ceiling(scene, frames.exposures)):
+        with pytest.raises(ValueError, match=line):
+            level(scene, small())
