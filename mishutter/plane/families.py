@@ -14,6 +14,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
@@ -71,32 +72,34 @@ class Room(NamedTuple):
         longest = self.times.longest_of(num_frames)
         return self.times.shortest * (longest / self.times.shortest) ** number
 
+    def of_stage(self, frames: PlaneFrames) -> PlaneFrames:
+        """The frames as the stage makes them, beside a camera that turns."""
+        return _moved(frames, -self.pan) if self.limits.pans == "camera" else frames
+
     def within(self, frames: PlaneFrames) -> PlaneFrames:
-        """The frames on the same path as fast as the limits allow, at most as fast as it is."""
+        """The frames on the same path as fast as the limits of the stage allow, or as it is."""
+        stage = self.of_stage(frames)
 
         def slower(share: float) -> PlaneFrames:
-            return PlaneFrames(
-                frames.times, frames.exposures, frames.durations, share * frames.velocities
-            )
+            return eqx.tree_at(lambda x: x.velocities, stage, share * stage.velocities)
 
         # Shares are convex in the speed and 0 at rest: none of these steps leaves the limits.
-        most, share = 1.0, self.share(frames)
+        most, share = 1.0, self._share(stage)
         while share > 1 or (most < 1 and share < 1 - _CLOSE):
             most = most / share if math.isfinite(share) else 0.0
-            share = self.share(slower(most)) if most else 1.0
-        return frames if most == 1 else slower(most)
+            share = self._share(slower(most)) if most else 1.0
+        if most == 1:
+            return frames
+        return _moved(slower(most), self.pan) if stage is not frames else slower(most)
 
-    def share(self, frames: PlaneFrames) -> float:
-        """Greatest share of a limit that a path takes."""
-        limits = self.limits
-        if limits.pans == "camera":
-            frames = _moved(frames, -self.pan)
-        use = frames.use(limits)
+    def _share(self, stage: PlaneFrames) -> float:
+        """Greatest share of a limit that the path of a stage takes."""
+        limits, use = self.limits, stage.use(self.limits)
         pairs = (
             (use.stroke, limits.max_stroke),
             (use.travel, limits.max_travel),
             (use.top_speed, limits.max_top_speed),
-            (_acceleration(frames, limits), limits.max_acceleration),
+            (_acceleration(stage, limits), limits.max_acceleration),
         )
         return max(float(taken) / float(there) for taken, there in pairs if there is not None)
 
@@ -113,8 +116,7 @@ def _acceleration(frames: PlaneFrames, limits: Limits) -> float:
 
 def _moved(frames: PlaneFrames, velocity: Float[np.ndarray, "2"]) -> PlaneFrames:
     """The frames with a constant velocity beside their own; px/s."""
-    moved = frames.velocities + velocity[:, None]
-    return PlaneFrames(frames.times, frames.exposures, frames.durations, moved)
+    return eqx.tree_at(lambda x: x.velocities, frames, frames.velocities + velocity[:, None])
 
 
 class Family(NamedTuple):

@@ -299,7 +299,7 @@ class _Search(NamedTuple):
         """Frames with their level."""
         psnr = float(plane_psnr(self.scene, frames, grid=MEASURED))
         axes = 0 if frames.stays else num_axes
-        use = frames.use(self.scene.limits)
+        use = self.room.of_stage(frames).use(self.scene.limits)
         return PlaneBurst(STILLS if axes < num_axes else kind, axes, frames, psnr, use)
 
     def freed(self, burst: PlaneBurst) -> PlaneBurst:

@@ -92,7 +92,10 @@ def test_one_axis_of_a_stage_gets_ways_along_it():
 
 
 def test_frames_pan_with_velocities_that_have_a_mean():
-    """Things that all move one way are followed; frames at rest are not panned."""
+    """Things that all move one way are followed; frames at rest are not panned.
+
+    Of a camera that turns the stage makes the rest of the motion, within its stroke.
+    """
     law = ListedVelocities([[900.0, 300.0], [1100.0, 500.0]])
     scene = Scene.any_direction(law, photon_rate=3e4, read_noise=9.0, burst=BURST, limits=LIMITS)
     search = _Search.of(scene)
@@ -103,6 +106,13 @@ def test_frames_pan_with_velocities_that_have_a_mean():
     frames = kinds["pan"].made(room, 2, np.array([0.5]))
     np.testing.assert_allclose(frames.velocities.T, np.tile([1000.0, 400.0], (65, 1)))
     assert not np.any(kinds["stills"].made(room, 2, np.array([0.5])).velocities)
+    turning = replace(scene, limits=Limits(max_stroke=5.0, max_half_exposure=0.01, pans="camera"))
+    room = _Search.of(turning).room
+    frames = kinds["circle"].made(room, 2, np.array([1.0, 0.9, 0.5]))
+    assert np.ptp(np.cumsum(frames.velocities, axis=1), axis=1).max() > 0
+    use = room.of_stage(frames).use(turning.limits)
+    assert float(use.stroke) == pytest.approx(5, rel=2e-3)
+    assert float(frames.use(turning.limits).stroke) > 20
     assert "pan" not in {family.kind for family, _ in _Search.of(a_scene()).tries}
 
 
