@@ -17,6 +17,9 @@ Scenes
     MeasurementErrors         errors of measured numbers, within which a gain is stated
     Objects                   objects that are registered one by one, and their width
     Occlusion                 objects that hide part of a background
+    EvenVelocities            velocities in any direction that fill a disc or an ellipse
+    RingOfVelocities          one speed in any direction
+    ListedVelocities          velocities one by one
     Burst                     frames that a camera may take instead of one exposure
 
 Designs and their rivals
@@ -29,6 +32,11 @@ Designs and their rivals
     ceiling                   the PSNR that no path, shutter or linear decoder exceeds
     tolerance_costs           the cost of each tolerance to a design
     best_sequence             the frames to take of a camera with a `Burst`
+    best_in_plane             the frames to take of things that move in any direction
+    PlaneSearch               what it returns: the best frames of each kind of way
+    PlaneBurst                one of them: frames, path and level
+    PlaneFrames               frames and a path in the plane
+    plane_psnr                level of such frames
     FrameSequence             what `best_sequence` returns: frames, their kind and their level
     TimedFrame                one of its frames: motion, time and place
     starting_shutter          the free-form profile that a search starts from
@@ -145,8 +153,8 @@ In the laboratory
     SensorLevels              the conversion of electrons to levels
 
 Folders, whose further names are for those who extend the package
-    blur, camera, decoding, design, evaluation, hardware, measurement, model, pictures, report,
-    search, sweeps
+    blur, camera, decoding, design, evaluation, hardware, measurement, model, pictures, plane,
+    report, search, sweeps
 """
 
 import difflib as _difflib

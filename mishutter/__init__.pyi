@@ -8,6 +8,7 @@ from . import hardware as hardware
 from . import measurement as measurement
 from . import model as model
 from . import pictures as pictures
+from . import plane as plane
 from . import report as report
 from . import search as search
 from . import sweeps as sweeps
@@ -132,3 +133,11 @@ from .sweeps import pareto_front as pareto_front
 from .sweeps import sweep as sweep
 
 __version__: str
+from .model import EvenVelocities as EvenVelocities
+from .model import ListedVelocities as ListedVelocities
+from .model import RingOfVelocities as RingOfVelocities
+from .plane import PlaneBurst as PlaneBurst
+from .plane import PlaneFrames as PlaneFrames
+from .plane import PlaneSearch as PlaneSearch
+from .plane import best_in_plane as best_in_plane
+from .plane import plane_psnr as plane_psnr

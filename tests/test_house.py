@@ -19,7 +19,7 @@ FLOORS = [
     {"paper", "explore"},
     {"report"},
     {"sweeps", "decoding"},
-    {"search", "hardware", "measurement"},
+    {"search", "hardware", "measurement", "plane"},
     {"design", "camera"},
     {"evaluation"},
     {"blur"},

@@ -51,6 +51,7 @@ _FOLDERS = {
     "blur": "Kernels and transfer functions",
     "evaluation": "Metrics, losses and ceilings",
     "search": "Search",
+    "plane": "Any direction",
     "camera": "Captures",
     "decoding": "Restoration",
     "design": "Designs and their files",

@@ -75,6 +75,7 @@ from mishutter.cli.options import (
     scene_of,
 )
 from mishutter.cli.plan_command import plan, plan_of_search, plan_text
+from mishutter.cli.plane_command import optimise_in_plane, refuse_in_plane
 from mishutter.cli.restore_command import restore
 from mishutter.cli.sweep_command import sweep
 
@@ -194,6 +195,19 @@ def optimise(
     from mishutter.search import optimise as search
 
     scene = scene_of(scene_file)
+    if scene.velocities is not None:
+        beside = {
+            "--loss": loss,
+            "--free": free,
+            "--free-paths": free_paths,
+            "--every-photograph": every_photograph,
+            "--pictures": pictures,
+            "--decoder": decoder,
+            "--backgrounds": backgrounds,
+        }
+        refuse_in_plane(beside)
+        optimise_in_plane(scene, scene_file, out, as_json=json)
+        return
     chosen = loss_of(loss, scene)
     judge = judge_of(decoder, pictures)
     folder = None if out is None else writable_folder(out)

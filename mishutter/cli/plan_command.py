@@ -47,6 +47,9 @@ def plan(
         raise ValueError(f"`--free` must be left out with --fixed; got '{parts}'.")
     start_jax()
     scene = scene_of(scene_file)
+    if scene.velocities is not None:
+        _plan_in_plane(scene, as_json=json)
+        return
     chosen = loss_of(loss, scene)
     with working("planning"):
         parts = plan_of_search(scene, chosen, free, num_coefficients, fixed=fixed)
@@ -58,19 +61,34 @@ def plan(
         print_text(plan_text(parts))
 
 
+def _plan_in_plane(scene: "Scene", *, as_json: bool) -> None:
+    """Shows a scene of any direction, and what a search of it does."""
+    from mishutter.plane import grid_words
+
+    if as_json:
+        write_json({"scene": understood(scene), "search": grid_words()})
+    else:
+        print_table("The scene, as it is understood", ("key", "value"), understood_rows(scene))
+        print_text(f"\n{grid_words()}")
+
+
 def understood(scene: "Scene") -> dict[str, object]:
     """A scene in pixels, seconds and electrons, whatever the units of its file."""
     from mishutter.model import scene_tables
 
     tables = scene_tables(scene)
     sections = (tables[name] for name in ("light", "sensor", "limits"))
-    speeds = {"speeds_px_per_s": scene.speeds.tolist()}
+    speeds: dict[str, object] = {"speeds_px_per_s": scene.speeds.tolist()}
+    if scene.velocities is not None:
+        speeds = {"velocities": scene.velocities.words}
     return speeds | {key: value for section in sections for key, value in section.items()}
 
 
 def understood_rows(scene: "Scene") -> list[list[str]]:
     """The rows of a table of the `understood` scene, in which two ends stand for all speeds."""
     rows = understood(scene)
+    if scene.velocities is not None:
+        return [[key, f"{x:,.5g}" if isinstance(x, float) else f"{x}"] for key, x in rows.items()]
     del rows["speeds_px_per_s"]
     speeds = scene.speeds.tolist()
     between = " to ".join(f"{speed:,.5g}" for speed in dict.fromkeys((min(speeds), max(speeds))))

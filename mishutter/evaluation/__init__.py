@@ -10,7 +10,10 @@ from mishutter.evaluation.bursts import FrameTimes as FrameTimes
 from mishutter.evaluation.bursts import StillBurst as StillBurst
 from mishutter.evaluation.bursts import StillBursts as StillBursts
 from mishutter.evaluation.bursts import best_still_burst as best_still_burst
+from mishutter.evaluation.bursts import moments_of as moments_of
+from mishutter.evaluation.bursts import some_numbers as some_numbers
 from mishutter.evaluation.ceilings import ceiling as ceiling
+from mishutter.evaluation.ceilings import water_filled as water_filled
 from mishutter.evaluation.ensembles import without_tolerances as without_tolerances
 from mishutter.evaluation.errors import SpectralLevels as SpectralLevels
 from mishutter.evaluation.errors import lost_share as lost_share
@@ -45,6 +48,7 @@ from mishutter.evaluation.moving_bursts import ONE_PARABOLA as ONE_PARABOLA
 from mishutter.evaluation.moving_bursts import SINE as SINE
 from mishutter.evaluation.moving_bursts import SWEEP as SWEEP
 from mishutter.evaluation.moving_bursts import best_moving_burst as best_moving_burst
+from mishutter.evaluation.moving_bursts import way_over_frames as way_over_frames
 from mishutter.evaluation.needs import ONLY_SPECTRA as ONLY_SPECTRA
 from mishutter.evaluation.needs import Parts as Parts
 from mishutter.evaluation.needs import Plan as Plan
@@ -62,6 +66,7 @@ from mishutter.evaluation.needs import size_class as size_class
 from mishutter.evaluation.needs import sized_for as sized_for
 from mishutter.evaluation.needs import sizes as sizes
 from mishutter.evaluation.needs import too_long as too_long
+from mishutter.evaluation.open_frames import psnr_of_error as psnr_of_error
 from mishutter.evaluation.response import Response as Response
 from mishutter.evaluation.response import assembled as assembled
 from mishutter.evaluation.response import kernel_phase as kernel_phase

@@ -24,13 +24,19 @@ $L\bar f/R + (\sigma/R)^2$ at a photon rate $R$.
     frequency and an exposure that varies: it never falls with $f$, so that its value at a higher
     frequency bounds it at a lower one.
 
+5.  *Uneven speeds.* By Parseval's theorem $\int|K_s|^2 ds \le L/f$, so that of
+    $\rho(s) = S\,\mathrm{sinc}^2(f)\,|K_s|^2/(L\bar f/R + (\sigma/R)^2)$ no more than a budget
+    can be spread over speeds of the density $p(s)$, and none is above a cap. The least mean of
+    $1/(1 + \rho)$ pours the budget like water: $\rho = \sqrt{p/m} - 1$ between 0 and the cap. It
+    equals 2. where $p$ is even, and is a lower ceiling elsewhere.
+
 With $L = 2T$ the ceiling is that of
 $q = 2R\,T\lambda\,/\,(\bar f + \sigma^2/2RT)$.
 
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -68,6 +74,8 @@ _EFFECTIVE_SPEEDS = 65
 """Effective speeds of the beat between two layers."""
 _RIDGE = 1e-12
 """Share of the Gram matrix of effective speeds that keeps it regular."""
+_HALVINGS = 45
+"""Steps to the level of water, each of which halves what is left."""
 _STEP_TOLERANCE = 1e-4
 """Share of a step by which equal steps of single precision may differ."""
 
@@ -143,9 +151,44 @@ def ceiling(
         else min(_least_error(scene, half, times, _power(scene, n)) for n in frequency_counts())
         for times in bounds
     ]
+    if any(bound.frequency.size == 1 for bound in bounds) and scene.occlusion is None:
+        errors.append(min(_poured_error(scene, half, _power(scene, n)) for n in frequency_counts()))
     with np.errstate(divide="ignore"):
         # Each of the bounds holds, so that the largest of the least errors does.
         return as_float(-10 * np.log10(max(errors)).astype(scene.speeds.dtype))
+
+
+def water_filled(
+    mass: Float[np.ndarray, "m"],
+    width: Float[np.ndarray, "m"],
+    budget: Float[np.ndarray, "*shape"],
+    cap: Float[np.ndarray, "*shape"],
+) -> Float[np.ndarray, "*shape"]:
+    r"""Least mean of $1/(1 + \rho)$ over a density, with $\int\rho\,du$ at most a budget.
+
+    Args:
+        mass: Share of the density in each cell; their sum is 1.
+        width: Width of each cell.
+        budget: The budget, at least 0.
+        cap: Greatest $\rho$, at least 0.
+    """
+    occurs = mass > 0
+    mass, width = mass[occurs], width[occurs]
+    root = np.sqrt(mass / width)
+    budget, cap = np.broadcast_arrays(np.asarray(budget, float), np.asarray(cap, float))
+
+    def poured(level: Any) -> Any:
+        return np.clip(root * np.exp(level)[..., None] - 1, 0, cap[..., None])
+
+    # Between these levels the lowest cell is dry, and the highest is at the cap.
+    low = np.full(cap.shape, -np.log(np.max(root)))
+    high = np.log1p(np.minimum(cap, 1e300)) - np.log(np.min(root))
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        is_over = poured(middle) @ width > budget
+        low, high = np.where(is_over, low, middle), np.where(is_over, middle, high)
+    # The higher level has the budget at least, so that it bounds the error.
+    return (1 / (1 + poured(high))) @ mass
 
 
 class Times(NamedTuple):
@@ -177,6 +220,25 @@ def _power(scene: Scene, num_frequencies: int) -> _Power:
     frequency, power = frequencies(num_frequencies), power_on_grid(scene, num_frequencies)
     occurs = power > 0
     return _Power(frequency[occurs], power[occurs], num_frequencies)
+
+
+def _poured_error(scene: Scene, half: float, picture: _Power) -> float:
+    """Least expected squared error by 5., of speeds that fill equal cells unevenly; else 0."""
+    frequency, power, num_frequencies = picture
+    speeds, weights = (x.astype(np.float64) for x in distinct_speeds(scene, folds=False))
+    rate, read_noise = float(scene.photon_rate), float(scene.read_noise)
+    is_even = np.ptp(weights) <= _STEP_TOLERANCE * np.max(weights)
+    if is_even or not power.size or rate == 0 or np.isinf(half):
+        return 0.0
+    each = rate * 2 * half
+    noise = float(scene.picture.mean_level) * each + read_noise**2
+    if noise == 0:
+        return 0.0
+    aperture = np.asarray(pixel_response(frequency, float(scene.optics.lens_blur))) ** 2
+    signal = power * aperture * (each / noise)
+    width = np.full(speeds.size, np.ptp(speeds) / speeds.size)
+    lost = water_filled(weights / weights.sum(), width, signal * rate / frequency, signal * each)
+    return float(np.sum(power * lost) / num_frequencies)
 
 
 def _least_error(scene: Scene, half: float, times: Times, picture: _Power) -> float:

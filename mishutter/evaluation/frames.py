@@ -27,7 +27,7 @@ from mishutter.evaluation.layers import background_of
 from mishutter.evaluation.needs import ONLY_SPECTRA, Plan, larger, sizes
 from mishutter.evaluation.response import Response, respond
 from mishutter.evaluation.views import sampled_view
-from mishutter.model import AbstractMotion, RectShutter, Scene, StillCamera
+from mishutter.model import AbstractMotion, RectShutter, Scene, StillCamera, require_one_axis
 
 
 class FrameGroup(NamedTuple):
@@ -65,6 +65,7 @@ def in_parts(scene: Scene) -> Scene:
     Args:
         scene: A scene with a background, or one that moves as a whole.
     """
+    require_one_axis(scene)
     layers, scene = scene.occlusion, without_tolerances(scene)
     if layers is None:
         return scene

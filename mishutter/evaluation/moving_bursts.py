@@ -239,6 +239,18 @@ _KINDS: dict[str, Callable[[int, float, float], _Way]] = {
 motion of one frequency, and motions of ever more turns."""
 
 
+def way_over_frames(kind: str, count: int, half: float, period: float) -> _Way:
+    """The way of a sensor over a burst, at the top speed 1.
+
+    Args:
+        kind: Its name.
+        count: Number of frames.
+        half: Half the exposure of each; s.
+        period: Time from one frame to the next; s.
+    """
+    return _KINDS[kind](count, half, period)
+
+
 class _Room:
     """The room that limits leave for the motion of frames.
 

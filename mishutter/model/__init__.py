@@ -43,6 +43,7 @@ from mishutter.model.scene import example_scene as example_scene
 from mishutter.model.scene import picture_power as picture_power
 from mishutter.model.scene import power_on_grid as power_on_grid
 from mishutter.model.scene import read_scene as read_scene
+from mishutter.model.scene import require_one_axis as require_one_axis
 from mishutter.model.scene import require_scene as require_scene
 from mishutter.model.scene import require_whole as require_whole
 from mishutter.model.scene import scene_of_tables as scene_of_tables
@@ -107,6 +108,7 @@ from mishutter.model.stages import StagePath as StagePath
 from mishutter.model.stages import StageUse as StageUse
 from mishutter.model.stages import from_rest_to_rest as from_rest_to_rest
 from mishutter.model.stages import knots_of as knots_of
+from mishutter.model.stages import knots_of_exposure as knots_of_exposure
 from mishutter.model.stages import place_at_begin as place_at_begin
 from mishutter.model.stages import run_up as run_up
 from mishutter.model.stages import stage_path as stage_path
@@ -118,3 +120,9 @@ from mishutter.model.texture import EXAMPLE_PICTURE as EXAMPLE_PICTURE
 from mishutter.model.texture import Texture as Texture
 from mishutter.model.tolerances import TOLERANCE_NAMES as TOLERANCE_NAMES
 from mishutter.model.tolerances import Tolerances as Tolerances
+from mishutter.model.velocities import AbstractVelocities as AbstractVelocities
+from mishutter.model.velocities import Cells as Cells
+from mishutter.model.velocities import Components as Components
+from mishutter.model.velocities import EvenVelocities as EvenVelocities
+from mishutter.model.velocities import ListedVelocities as ListedVelocities
+from mishutter.model.velocities import RingOfVelocities as RingOfVelocities

@@ -238,6 +238,9 @@ class Limits(AbstractModule):
             px/s^3. None for any.
         pans: What pans: `"stage"`, whose stroke and travel then hold the pan, or `"camera"`, where
             turning the camera does, and the stage makes the rest of the motion.
+        axes: Axes of the stage, where things move in any direction: `"one"`, along that of the
+            fastest; `"each"` of two, which keeps the limits by itself; or `"disc"`, two that keep
+            them together.
         free_paths: Whether the stage follows any path within these limits: comparisons then search
             for rivals on paths that are no parabola, which takes more than half of their time.
         stage: How the stage follows what it is sent, which says what to send; by default it is
@@ -261,6 +264,7 @@ class Limits(AbstractModule):
     frame_velocity: Array | None
     stage: SecondOrderStage | None
     pans: Literal["stage", "camera"] = eqx.field(static=True)
+    axes: Literal["one", "each", "disc"] = eqx.field(static=True)
     free_paths: bool = eqx.field(static=True)
     handed_on: ClassVar = ("frame_velocity",)
 
@@ -276,6 +280,7 @@ class Limits(AbstractModule):
         max_acceleration: ArrayLike | None = None,
         max_jerk: ArrayLike | None = None,
         pans: Literal["stage", "camera"] = "stage",
+        axes: Literal["one", "each", "disc"] = "each",
         free_paths: bool = False,
         stage: SecondOrderStage | None = None,
         frame_velocity: ArrayLike | None = None,
@@ -295,7 +300,7 @@ class Limits(AbstractModule):
             self.max_acceleration = as_float(max_acceleration, "Limits(max_acceleration=...)")
         if max_jerk is not None:
             self.max_jerk = as_float(max_jerk, "Limits(max_jerk=...)")
-        self.pans, self.free_paths, self.stage = pans, free_paths, stage
+        self.pans, self.axes, self.free_paths, self.stage = pans, axes, free_paths, stage
 
     def __check_init__(self) -> None:
         stage = [name for name in _OF_STAGE if getattr(self, name) is not None]
@@ -307,6 +312,8 @@ class Limits(AbstractModule):
         require_at_least("Limits(max_pan=...)", self.max_pan, "at least 0")
         kinds = ("stage", "camera")
         require(self.pans in kinds, "Limits(pans=...)", "be 'stage' or 'camera'", self.pans)
+        kinds = ("one", "each", "disc")
+        require(self.axes in kinds, "Limits(axes=...)", "be 'one', 'each' or 'disc'", self.axes)
         are_asked = isinstance(self.free_paths, bool)
         require(are_asked, "Limits(free_paths=...)", "be True or False", self.free_paths)
         is_stage = isinstance(self.stage, SecondOrderStage | None)

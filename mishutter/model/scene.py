@@ -77,8 +77,13 @@ from mishutter.model.sensor import Burst, Sensor
 from mishutter.model.shutters import AbstractShutter
 from mishutter.model.texture import EXAMPLE_PICTURE, Texture
 from mishutter.model.tolerances import Tolerances
+from mishutter.model.velocities import AbstractVelocities, EvenVelocities
 
 _DOUBLE = np.dtype(np.float64)
+_OF_ONE_AXIS = ("occlusion", "tolerances", "motion")
+"""Parts of a scene that are known along one axis alone."""
+_SPEEDS_ALONG = 16
+"""Speeds that stand for a law of velocities along its axis."""
 _NARROWEST = 16
 """Pixels of a row that every sensor has."""
 
@@ -87,10 +92,10 @@ _NARROWEST = 16
 class Scene(AbstractModule):
     r"""Speeds with their weights, light, noise, and the power spectrum of what is seen.
 
-    It assumes that all motion is along one axis of the picture; that the picture moves as a whole,
-    or its objects are much wider than they move while it is taken, unless `occlusion` describes
-    them; that one filter restores all speeds, unless `decoder_speed` or registered frames
-    provide it; and a global shutter.
+    It assumes that all motion is along one axis of the picture, unless `any_direction` made it;
+    that the picture moves as a whole, or its objects are much wider than they move while it is
+    taken, unless `occlusion` describes them; that one filter restores all speeds, unless
+    `decoder_speed` or registered frames provide it; and a global shutter.
 
     Args:
         speeds: Speeds $s_i$ that occur, px/s, either sign; shape `(n,)`.
@@ -118,6 +123,8 @@ class Scene(AbstractModule):
             is by default the expected error of that decoder.
         motion: Motion to start from or to compare at; by default the `fullest_motion` of the
             limits about the middle of the speeds.
+        velocities: The law of velocities in any direction that `any_direction` has, of which
+            `speeds` then are the components along the axis of the fastest; None along one axis.
         given_motion: The `motion` of another scene, as `dataclasses.replace` hands it on.
 
     Raises:
@@ -145,9 +152,10 @@ class Scene(AbstractModule):
     occlusion: Occlusion | None
     objects: Objects | None
     errors: MeasurementErrors | None
+    velocities: AbstractVelocities | None
     given_motion: AbstractMotion | None
     decoder_speed: DecoderSpeed = eqx.field(static=True)
-    handed_on: ClassVar = ("given_motion",)
+    handed_on: ClassVar = ("given_motion", "velocities")
 
     def __init__(
         self,
@@ -168,6 +176,7 @@ class Scene(AbstractModule):
         errors: MeasurementErrors | None = None,
         decoder_speed: DecoderWord = "unknown",
         motion: AbstractMotion | None = None,
+        velocities: AbstractVelocities | None = None,
         given_motion: AbstractMotion | None = None,
     ):
         self.speeds = as_float(speeds, "Scene(speeds=...)")
@@ -187,6 +196,7 @@ class Scene(AbstractModule):
         self.objects = objects
         self.errors = errors
         self.decoder_speed = as_decoder_speed(decoder_speed)
+        self.velocities = velocities
         self.given_motion = given_motion if motion is None else motion
 
     def __check_init__(self) -> None:
@@ -218,6 +228,7 @@ class Scene(AbstractModule):
             ("occlusion", Occlusion | None, "be an `Occlusion`"),
             ("objects", Objects | None, "be `Objects`"),
             ("errors", MeasurementErrors | None, "be `MeasurementErrors`"),
+            ("velocities", AbstractVelocities | None, "be velocities, as `EvenVelocities`"),
             ("device", AbstractDevice | None, "be a device, as an `IdealShutter`"),
         ):
             value = getattr(self, name)
@@ -299,6 +310,32 @@ class Scene(AbstractModule):
         return made_of(Scene, {"speeds": np.linspace(low, max_speed, num_speeds)} | others)
 
     @staticmethod
+    def any_direction(velocities: AbstractVelocities | ArrayLike, **others: object) -> "Scene":
+        """A scene whose things move in any direction of the picture.
+
+        Args:
+            velocities: Their law: `EvenVelocities`, `RingOfVelocities` or `ListedVelocities`; or a
+                number, px/s, of a disc that is filled evenly up to that speed.
+            others: The other arguments of `Scene`, but for speeds and weights.
+
+        Raises:
+            ValueError: as `Scene`, or if it has parts that are known along one axis alone: a
+                background, tolerances, a motion, or `decoder_speed="unknown"` said.
+        """
+        known = [name for name in argument_names(Scene)[2:] if name != "velocities"]
+        require_arguments("Scene.any_direction", others, known)
+        for name in _OF_ONE_AXIS:
+            subject, requirement = f"Scene.any_direction({name}=...)", "be left to one axis"
+            require(others.get(name) is None, subject, requirement, others.get(name))
+        law = velocities
+        if not isinstance(law, AbstractVelocities):
+            law = EvenVelocities(as_float(law, "Scene.any_direction(velocities=...)"))
+        along = np.array([law.axis if all_concrete(law) else 0.0])
+        parts = law.components(along, _SPEEDS_ALONG)
+        own = {"speeds": parts.speeds[0], "weights": parts.weights[0], "velocities": law}
+        return made_of(Scene, {"decoder_speed": "found"} | others | own)
+
+    @staticmethod
     def load(path: str | os.PathLike[str]) -> "Scene":
         """Read a scene from a TOML file; see `mishutter.model.scene_file` for its keys.
 
@@ -362,6 +399,7 @@ class Scene(AbstractModule):
             objects=None,
             errors=None,
             decoder_speed="unknown",
+            velocities=None,
             given_motion=None,
         )
 
@@ -432,6 +470,8 @@ class Scene(AbstractModule):
     @property
     def max_speed(self) -> Float[Array, ""]:
         """Largest speed of either sign that occurs; px/s."""
+        if self.velocities is not None and all_concrete(self.velocities):
+            return as_float(self.velocities.fastest)
         slowest, fastest = self.speed_range
         if self.speeds_known:
             return as_float(np.maximum(np.abs(slowest), np.abs(fastest)))
@@ -448,10 +488,24 @@ class Scene(AbstractModule):
         return slowest, jnp.max(jnp.where(occurs, self.speeds, -jnp.inf))
 
 
-def require_scene(scene: object) -> None:
-    """Refuse an object that is not a scene, such as the path of a scene's file."""
+def require_scene(scene: object, *, in_plane: bool = False) -> None:
+    """Refuse an object that is not a scene, such as the path of a scene's file.
+
+    Args:
+        scene: The object.
+        in_plane: Whether its things may move in any direction.
+    """
     requirement = "be a `Scene`, as `Scene.load(path)` reads one from a file"
     require(isinstance(scene, Scene), "scene", requirement, scene)
+    if not in_plane:
+        require_one_axis(scene)  # type: ignore[arg-type]
+
+
+def require_one_axis(scene: Scene) -> None:
+    """Refuse a scene of any direction, for what computes along one axis alone."""
+    law = scene.velocities
+    requirement = "move along one axis here; `mishutter optimise` and `best_in_plane` serve others"
+    require(law is None, "scene", requirement, Unquoted("" if law is None else law.words))
 
 
 def require_whole(scene: Scene | None, user: str) -> None:
@@ -599,7 +653,10 @@ def scene_of_tables(
     """
     file = validated(SceneFile, tables, name, in_section)
     with in_file(name):
-        return made_of(Scene, scene_arguments(file, folder, textures))
+        arguments = scene_arguments(file, folder, textures)
+        if "velocities" in arguments:
+            return Scene.any_direction(**arguments)
+        return made_of(Scene, arguments)
 
 
 def scene_text(scene: Scene, notes: Mapping[str, Sequence[str]] | None = None) -> str:
@@ -637,10 +694,13 @@ def scene_tables(scene: Scene) -> dict[str, dict[str, object]]:
     tables: dict[str, dict[str, object]] = {
         name: table_of(part, section) for name, (part, section) in parts.items() if part is not None
     }
-    tables["speeds"] = {
-        "list_px_per_s": scene.speeds.tolist(),
-        "weights": scene.weights.tolist(),
-    }
+    if scene.velocities is None:
+        tables["speeds"] = {
+            "list_px_per_s": scene.speeds.tolist(),
+            "weights": scene.weights.tolist(),
+        }
+    else:
+        tables["speeds"] = {"any_direction": scene.velocities.table}
     tables["light"] = {"photon_rate_per_s": float(scene.photon_rate)}
     tables["sensor"] = {"read_noise_e": float(scene.read_noise)} | table_of(
         scene.sensor, SensorSection
@@ -660,6 +720,8 @@ def scene_tables(scene: Scene) -> dict[str, dict[str, object]]:
         is_linear = picture.linear or None
         path = _whole_path(picture.path)
         tables["picture"] = {"path": path, "white": picture.white, "linear": is_linear}
+    if scene.velocities is None and scene.limits.axes == "each":
+        del tables["limits"]["axes"]
     # A section refuses each of these numbers without the one that it goes with.
     if scene.occlusion is not None and not scene.occlusion.has_edges:
         del tables["occlusion"]["level_difference"]

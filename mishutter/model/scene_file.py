@@ -5,6 +5,7 @@ is one line that names the key as `[section] key`.
 """
 
 import json
+import math
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -38,6 +39,7 @@ from mishutter.model.objects import Objects
 from mishutter.model.occlusion import Occlusion
 from mishutter.model.optics import Optics
 from mishutter.model.scene_schema import (
+    AnyDirection,
     BurstSection,
     LimitsSection,
     MotionSection,
@@ -67,6 +69,12 @@ from mishutter.model.sensor import Burst, Sensor
 from mishutter.model.servos import SecondOrderStage
 from mishutter.model.texture import EXAMPLE_PICTURE, Texture, photograph_at
 from mishutter.model.tolerances import Tolerances
+from mishutter.model.velocities import (
+    AbstractVelocities,
+    EvenVelocities,
+    ListedVelocities,
+    RingOfVelocities,
+)
 from mishutter.pictures import Axis
 
 _Kind = TypeVar("_Kind")
@@ -126,9 +134,15 @@ def file_text(
     lines = [f"# {line}" for line in notes.get("", ())]
     for name, section in file.model_dump(exclude_none=True).items():
         lines += ["", *(f"# {line}" for line in notes.get(name, ())), f"[{name}]"]
-        # Finite numbers and text of JSON are those of TOML.
-        lines += [f"{key} = {json.dumps(value)}" for key, value in section.items()]
+        lines += [f"{key} = {_toml(value)}" for key, value in section.items()]
     return "\n".join(lines).lstrip("\n") + "\n"
+
+
+def _toml(value: object) -> str:
+    """A value as TOML, in which finite numbers, text and lists are those of JSON."""
+    if isinstance(value, dict):
+        return f"{{ {', '.join(f'{key} = {_toml(x)}' for key, x in value.items())} }}"
+    return json.dumps(value)
 
 
 def device_table(device: AbstractDevice) -> dict[str, object]:
@@ -164,9 +178,11 @@ def scene_arguments(file: SceneFile, folder: Path, textures: Textures | None) ->
     """
     file = file.model_copy(update={"limits": _with_halves(file.limits)})
     scales = _scales(file)
-    speeds, weights = _speeds(file.speeds, scales)
+    moving = _moving(file, scales)
     limits = _limits(file.limits, file.stage, scales)
-    travel = float(np.max(np.abs(speeds))) * 2 * file.limits.max_half_exposure_ms / 1000
+    law = moving.get("velocities")
+    fastest = float(np.max(np.abs(moving["speeds"]))) if law is None else law.fastest
+    travel = fastest * 2 * file.limits.max_half_exposure_ms / 1000
     requirement = f"let the fastest object travel at most {_MAX_TRAVEL:g} px"
     require(
         travel <= _MAX_TRAVEL,
@@ -179,9 +195,7 @@ def scene_arguments(file: SceneFile, folder: Path, textures: Textures | None) ->
     why = "no single speed describes a picture with a background"
     requirement = f"be 'unknown' or 'known' beside [occlusion]: {why}"
     require(is_whole, "[decoder] speed", requirement, file.decoder.speed)
-    return {
-        "speeds": speeds,
-        "weights": weights,
+    return moving | {
         "photon_rate": photon_rate(file.light, scales),
         "read_noise": read_noise_in(file.sensor),
         "picture": _picture(file.picture, file.sensor.axis, folder, textures),
@@ -199,17 +213,36 @@ def scene_arguments(file: SceneFile, folder: Path, textures: Textures | None) ->
     }
 
 
-def _speeds(section: Speeds, scales: Scales) -> tuple[np.ndarray, np.ndarray]:
+def _moving(file: SceneFile, scales: Scales) -> dict[str, Any]:
+    """The speeds and weights of a file, or the law of its velocities."""
+    speeds = _speeds(file.speeds, scales)
+    if isinstance(speeds, tuple):
+        return {"speeds": speeds[0], "weights": speeds[1]}
+    for name in ("occlusion", "tolerances", "motion"):
+        requirement = "be left out beside any_direction: it is known along one axis alone"
+        require(getattr(file, name) is None, f"[{name}]", requirement, Unquoted("one"))
+    return {"velocities": speeds}
+
+
+def _speeds(section: Speeds, scales: Scales) -> tuple[np.ndarray, np.ndarray] | AbstractVelocities:
     unit, listed = told_in(section, "list", SPEED_UNITS, "[speeds]")
-    forms = {"uniform": section.uniform, "normal": section.normal, "list": listed}
+    forms = {
+        "uniform": section.uniform,
+        "normal": section.normal,
+        "list": listed,
+        "any_direction": section.any_direction,
+    }
     forms_in_file = [name for name, value in forms.items() if value is not None]
-    requirement = "hold one of uniform, normal and list_px_per_s"
+    requirement = "hold one of uniform, normal, list_px_per_s and any_direction"
     require(
         len(forms_in_file) == 1,
         "[speeds]",
         requirement,
         Unquoted(" and ".join(forms_in_file) or "no speeds"),
     )
+    if section.any_direction is not None:
+        require(section.weights is None, "[speeds] weights", "stand in any_direction", "[speeds]")
+        return _any_direction(section.any_direction, scales)
     if section.uniform is not None:
         unit, speeds, weights = _uniform(section.uniform)
     elif section.normal is not None:
@@ -222,6 +255,47 @@ def _speeds(section: Speeds, scales: Scales) -> tuple[np.ndarray, np.ndarray]:
     fastest = float(np.max(np.abs(speeds)))
     require(fastest <= FASTEST, "[speeds]", f"be at most {FASTEST:g} px/s", fastest)
     return speeds, weights
+
+
+_LAWS = ("max", "along", "speed", "list")
+"""Keys of a law of velocities without their units, by which one is told."""
+
+
+def _any_direction(form: AnyDirection, scales: Scales) -> AbstractVelocities:
+    """The law of velocities: a disc, an ellipse, a ring, or a list."""
+    place = "[speeds] any_direction"
+    told = {name: told_in(form, name, SPEED_UNITS, place) for name in (*_LAWS, "across")}
+    laws = [name for name in _LAWS if told[name][1] is not None]
+    requirement = "hold one of max_px_per_s, along_px_per_s, speed_px_per_s and list_px_per_s"
+    require(len(laws) == 1, place, requirement, Unquoted(" and ".join(laws) or "none of them"))
+    law = laws[0]
+    beside = {"across": told["across"][1], "angle_deg": form.angle_deg, "weights": form.weights}
+    own = {"along": ("across", "angle_deg"), "list": ("weights",)}.get(law, ())
+    for name, value in beside.items():
+        requirement = f"go with {'list' if name == 'weights' else 'along'}_px_per_s"
+        require(value is None or name in own, f"{place}.{name}", requirement, Unquoted(law))
+    unit, value = told[law]
+    scale = scales.of_things(unit, f"{place} in {unit}")
+    numbers = np.array(value) * scale
+    fastest = float(np.max(np.abs(numbers)))
+    require(fastest <= FASTEST, place, f"be at most {FASTEST:g} px/s", fastest)
+    if law == "list":
+        count = len(value)
+        matches = form.weights is None or len(form.weights) == count
+        requirement = f"be {count}, one a velocity"
+        require(matches, f"{place}.weights", requirement, len(form.weights or ()))
+        return ListedVelocities(numbers, form.weights)
+    if law == "speed":
+        return RingOfVelocities(numbers)
+    if law == "max":
+        return EvenVelocities(numbers)
+    other, across = told["across"]
+    require(across is not None, f"{place}.across_{unit}", "be given", Unquoted("nothing"))
+    require(other == unit, place, "be in one unit", Unquoted(f"along_{unit} and across_{other}"))
+    requirement = f"be at most along_{unit} = {value:g}"
+    require(across <= value, f"{place}.across_{unit}", requirement, across)
+    angle = math.radians(form.angle_deg or 0.0)
+    return EvenVelocities(numbers, across * scale, angle=angle)
 
 
 def _pair(form: Uniform | Normal, place: str, names: tuple[str, str]) -> tuple[str, float, float]:

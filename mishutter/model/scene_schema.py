@@ -12,6 +12,8 @@ from mishutter.pictures import Axis
 
 Speed = Annotated[float, Field(ge=-1e7, le=1e7)]
 ListOfSpeeds = Annotated[list[Speed], Field(min_length=1, max_length=1000)]
+Velocity = Annotated[list[Speed], Field(min_length=2, max_length=2)]
+ListOfVelocities = Annotated[list[Velocity], Field(min_length=1, max_length=1000)]
 PositiveSpeed = Annotated[float, Field(gt=0, le=1e7)]
 SizeOfSpeed = Annotated[float, Field(ge=0, le=1e7)]
 PhotonRate = Annotated[float, Field(gt=0, le=1e12)]
@@ -66,11 +68,50 @@ class Normal(Section):
 
 
 @final
+class AnyDirection(Section):
+    """Velocities in any direction: a disc or an ellipse that they fill, a ring, or a list."""
+
+    max_px_per_s: PositiveSpeed | None = None
+    max_um_per_s: PositiveSpeed | None = None
+    max_mm_per_s: PositiveSpeed | None = None
+    max_m_per_s: PositiveSpeed | None = None
+    max_km_per_h: PositiveSpeed | None = None
+    max_deg_per_s: PositiveSpeed | None = None
+    along_px_per_s: PositiveSpeed | None = None
+    along_um_per_s: PositiveSpeed | None = None
+    along_mm_per_s: PositiveSpeed | None = None
+    along_m_per_s: PositiveSpeed | None = None
+    along_km_per_h: PositiveSpeed | None = None
+    along_deg_per_s: PositiveSpeed | None = None
+    across_px_per_s: SizeOfSpeed | None = None
+    across_um_per_s: SizeOfSpeed | None = None
+    across_mm_per_s: SizeOfSpeed | None = None
+    across_m_per_s: SizeOfSpeed | None = None
+    across_km_per_h: SizeOfSpeed | None = None
+    across_deg_per_s: SizeOfSpeed | None = None
+    speed_px_per_s: PositiveSpeed | None = None
+    speed_um_per_s: PositiveSpeed | None = None
+    speed_mm_per_s: PositiveSpeed | None = None
+    speed_m_per_s: PositiveSpeed | None = None
+    speed_km_per_h: PositiveSpeed | None = None
+    speed_deg_per_s: PositiveSpeed | None = None
+    list_px_per_s: ListOfVelocities | None = None
+    list_um_per_s: ListOfVelocities | None = None
+    list_mm_per_s: ListOfVelocities | None = None
+    list_m_per_s: ListOfVelocities | None = None
+    list_km_per_h: ListOfVelocities | None = None
+    list_deg_per_s: ListOfVelocities | None = None
+    angle_deg: Annotated[float, Field(ge=-360, le=360)] | None = None
+    weights: list[Share] | None = None
+
+
+@final
 class Speeds(Section):
-    """Speeds of things, in one of three forms: on the sensor, or as `[view]` shows them."""
+    """Speeds of things, in one of four forms: on the sensor, or as `[view]` shows them."""
 
     uniform: Uniform | None = None
     normal: Normal | None = None
+    any_direction: AnyDirection | None = None
     list_px_per_s: ListOfSpeeds | None = None
     list_um_per_s: ListOfSpeeds | None = None
     list_mm_per_s: ListOfSpeeds | None = None
@@ -210,6 +251,7 @@ class LimitsSection(Section):
     max_jerk_px_per_s3: Annotated[float, Field(gt=0, le=1e18)] | None = None
     max_jerk_g_per_s: Annotated[float, Field(gt=0, le=1e9)] | None = None
     pans: Literal["stage", "camera"] = "stage"
+    axes: Literal["one", "each", "disc"] = "each"
     free_paths: bool = False
 
 

@@ -18,6 +18,8 @@ from mishutter.report.documents import pictured_rows as pictured_rows
 from mishutter.report.documents import write_background as write_background
 from mishutter.report.documents import write_report as write_report
 from mishutter.report.fit_plots import plot_fit as plot_fit
+from mishutter.report.in_plane import PlaneReport as PlaneReport
+from mishutter.report.in_plane import write_plane_report as write_plane_report
 from mishutter.report.measured import MeasuredCamera as MeasuredCamera
 from mishutter.report.measured import measured_camera as measured_camera
 from mishutter.report.measurement_plots import plot_motion as plot_motion

@@ -29,6 +29,7 @@ from mishutter.hardware import DriveTable, FrameTable, frame_table
 from mishutter.model import (
     AbstractMotion,
     AbstractShutter,
+    AbstractVelocities,
     DecoderSpeed,
     Scene,
     SplineShutter,
@@ -39,6 +40,7 @@ from mishutter.model import (
     profile_of,
 )
 from mishutter.pictures import Axis, Picture, to_display, turned
+from mishutter.plane import PlaneBurst
 from mishutter.report.layered import LayeredCapture, LayeredScene
 from mishutter.search import SHUTTER, Row
 
@@ -912,3 +914,64 @@ def draw_grid(axes: "Axes") -> None:
     """
     axes.set_axisbelow(True)
     axes.grid(True, color="0.88", linewidth=0.6)
+
+
+def plot_plane(scene: Scene, burst: PlaneBurst, title: str = "") -> "Figure":
+    """Draws frames in the plane: their path, their places in time, and their velocities.
+
+    Exposures are coloured one by one; the way between them is thin. The outline beside the
+    velocities is that of the things.
+
+    Args:
+        scene: The scene, for its velocities.
+        burst: The frames.
+        title: A line above them.
+    """
+    figure = new_figure(7.4, 6.2)
+    plane, hodograph = (figure.add_subplot(2, 2, place) for place in (1, 2))
+    below = figure.add_subplot(2, 1, 2)
+    for axes in (plane, hodograph, below):
+        draw_grid(axes)
+    frames = burst.frames
+    begin = float(frames.times[0] - frames.exposures[0] / 2)
+    time = begin + np.linspace(0, frames.duration * (1 - 1e-9), 8 * _NUM_POINTS)
+    place = np.asarray(frames.place(time))
+    place = place - np.mean(place, axis=1)[:, None]
+    ends = begin + np.append(0.0, np.cumsum(frames.durations))
+    velocity = np.stack([np.interp(time, ends, v) for v in np.asarray(frames.velocities)])
+    plane.plot(*place, color="0.7", linewidth=0.7)
+    hodograph.plot(*velocity, color="0.7", linewidth=0.7)
+    for index, (middle, exposure) in enumerate(zip(frames.times, frames.exposures, strict=True)):
+        lit = abs(time - middle) <= exposure / 2
+        colour = _COLOURS[index % len(_COLOURS)]
+        for axes, (x, y) in ((plane, place), (hodograph, velocity)):
+            axes.plot(x[lit], y[lit], color=colour, linewidth=1.8)
+        grey = "0.82" if index % 2 else "0.9"
+        span = (float(middle) + sign * float(exposure) / 2 for sign in (-1, 1))
+        below.axvspan(*(1e3 * x for x in span), color=grey, label=None if index else "exposed")
+    if scene.velocities is not None:
+        angles = np.linspace(0, 2 * np.pi, _NUM_POINTS)
+        hodograph.plot(
+            *_outline(scene.velocities, angles), color="0.4", linestyle=":", label="things"
+        )
+        hodograph.legend(loc="upper right", fontsize="small")
+    for axis, row, style in zip(("rows", "columns"), place, line_styles(), strict=False):
+        below.plot(time * 1e3, row, label=f"along {axis}", **style)
+    plane.set(xlabel="along rows / px", ylabel="along columns / px", title="path")
+    hodograph.set(xlabel="along rows / px/s", ylabel="along columns / px/s", title="velocities")
+    for axes in (plane, hodograph):
+        axes.set_aspect("equal", "datalim")
+    below.set(xlabel="time from the middle / ms", ylabel="stage position / px")
+    below.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+    lines = textwrap.wrap(shown_name(title, len(title)), _LETTERS_OF_A_LINE)
+    figure.suptitle("\n".join(lines), fontsize="small")
+    figure.subplots_adjust(left=0.1, right=0.97, bottom=0.09, top=0.88, wspace=0.38, hspace=0.45)
+    return figure
+
+
+def _outline(law: AbstractVelocities, angles: Float[np.ndarray, "n"]) -> Float[np.ndarray, "2 n"]:
+    """The outline of the least convex area that holds all velocities, by its tangents; px/s."""
+    reach = law.greatest(angles)
+    slope = np.gradient(reach, angles)
+    cosine, sine = np.cos(angles), np.sin(angles)
+    return np.stack([reach * cosine - slope * sine, reach * sine + slope * cosine])

@@ -167,13 +167,21 @@ def headline(choice: Row, snapshot: Row, within: tuple[float, float] | None = No
     """
     level = f"{choice.level:.1f} dB{' at the worst speed' if choice.at_worst else ''}"
     if choice.name == BEST_SNAPSHOT:
-        exposure = _exposures(choice)
-        return f"Take a snapshot of {exposure} at rest: {level}; no other option is worth more."
-    ends = (choice.margin_over(snapshot),) if within is None else within
-    gain = " to ".join(dict.fromkeys(f"{end:.1f}" for end in ends))
-    gain = f"{gain} dB better than a snapshot"
-    gain = f"{gain} at rest" if _is_snapshot(choice) else gain
-    return f"Take {_order(choice)}: {level}, {gain}."
+        return snapshot_line(_exposures(choice), level)
+    gains = (choice.margin_over(snapshot),) if within is None else within
+    beside = " at rest" if _is_snapshot(choice) else ""
+    return order_line(_order(choice), level, gains, beside)
+
+
+def snapshot_line(exposure: str, level: str) -> str:
+    """The first line of an answer that is a snapshot of an exposure, with its level."""
+    return f"Take a snapshot of {exposure} at rest: {level}; no other option is worth more."
+
+
+def order_line(order: str, level: str, gains: Iterable[float], beside: str = "") -> str:
+    """The first line of an answer: what to take, its level, and its gain or the ends of that, dB."""
+    gain = " to ".join(dict.fromkeys(f"{end:.1f}" for end in gains))
+    return f"Take {order}: {level}, {gain} dB better than a snapshot{beside}."
 
 
 def _order(row: Row) -> str:
@@ -316,14 +324,29 @@ def options_table(options: Sequence[Row], snapshot: Row, most: float) -> str:
         most: Level that no single exposure exceeds; dB.
     """
     where = "at the worst speed" if snapshot.at_worst else "mean over all speeds"
-    lines = [("option", "dB", "gain", "needs")]
-    for row in options:
-        gain = "-" if row is snapshot else f"{row.margin_over(snapshot):+.1f}"
-        lines.append(
-            (option_name(row), f"{row.level:.1f}", gain, ", ".join(row.needs) or "nothing")
+    lines = [
+        (
+            option_name(row),
+            row.level,
+            None if row is snapshot else row.margin_over(snapshot),
+            ", ".join(row.needs) or "nothing",
         )
+        for row in options
+    ]
     gain = most - snapshot.level if most != snapshot.level else 0.0
-    lines.append(("ceiling of one exposure", f"{most:.1f}", f"{gain:+.1f}", "-"))
+    return table_of_levels([*lines, ("ceiling of one exposure", most, gain, "-")], where)
+
+
+def table_of_levels(options: Sequence[tuple[str, float, float | None, str]], where: str) -> str:
+    """A table of options, under a line that says of what the decibels are.
+
+    Args:
+        options: Name, level and gain of each, dB, and what it needs; no gain of the baseline.
+        where: The speeds or the velocities that levels are over.
+    """
+    lines = [("option", "dB", "gain", "needs")]
+    for name, level, over, needs in options:
+        lines.append((name, f"{level:.1f}", "-" if over is None else f"{over:+.1f}", needs))
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     table = [
         f" {name.ljust(widths[0])}  {level.rjust(widths[1])}  {over.rjust(widths[2])}  {needs}"

@@ -40,6 +40,7 @@ from mishutter.search.rows import best_of_each_purchase as best_of_each_purchase
 from mishutter.search.rows import best_row as best_row
 from mishutter.search.rows import cameras_of as cameras_of
 from mishutter.search.rows import choice_of as choice_of
+from mishutter.search.rows import simplest_of as simplest_of
 from mishutter.search.search import MAX_STEPS as MAX_STEPS
 from mishutter.search.search import NUM_COEFFICIENTS as NUM_COEFFICIENTS
 from mishutter.search.search import SearchFailedError as SearchFailedError

@@ -1,0 +1,57 @@
+"""The part of `optimise` for things that move in any direction."""
+
+import shlex
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mishutter._core import Unquoted, note, progress_bar, require, writable_folder
+from mishutter.cli.console import AGAIN, closable_output, interruptible, print_text, write_json
+
+if TYPE_CHECKING:
+    from mishutter.model import Scene
+
+
+_WAYS = "ways of the stage"
+"""The one part of the work, of which a bar shows the share that is done."""
+
+
+def refuse_in_plane(options: Mapping[str, object]) -> None:
+    """Refuses options of searches along one axis.
+
+    Args:
+        options: Their values by name, of which those that are given are true.
+    """
+    for name, value in options.items():
+        requirement = "be left out for things that move in any direction"
+        require(not value, name, requirement, Unquoted("it"))
+
+
+def optimise_in_plane(
+    scene: "Scene", scene_file: Path | None, out: Path | None, *, as_json: bool
+) -> None:
+    """Searches for frames, prints the answer, and writes its files."""
+    from mishutter.plane import best_in_plane
+    from mishutter.report import PlaneReport, write_plane_report
+
+    folder = None if out is None else writable_folder(out)
+    with (
+        interruptible(lambda: AGAIN),
+        progress_bar("frames in the plane", 1, "compiling (first run only)") as counter,
+    ):
+        counter.next(_WAYS)
+        search = best_in_plane(scene, progress=lambda share: counter.within(_WAYS, share))
+    report = PlaneReport(scene, search)
+    if not as_json:
+        with closable_output():
+            print_text(report.text())
+            if folder is None and scene_file is not None:
+                again = ["mishutter", "optimise", str(scene_file), "--out", scene_file.stem]
+                print_text(f"Next: {shlex.join(again)}")
+    files = []
+    if folder is not None:
+        files = write_plane_report(
+            report, folder, wrote=lambda name: note(f"wrote {folder / name}")
+        )
+    if as_json:
+        write_json(report.to_dict() | {"files": files})

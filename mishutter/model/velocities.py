@@ -1,0 +1,342 @@
+r"""Velocities of things that move in any direction of the picture.
+
+A camera meets a velocity $\mathbf v$ at a frequency of direction $\hat{\mathbf f}$ through the
+component $\mathbf v\cdot\hat{\mathbf f}$ alone. So a law of velocities is asked for its components
+along a direction, which are the speeds of a scene of one axis.
+"""
+
+import math
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import Any, NamedTuple, final
+
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from mishutter._core import (
+    AbstractModule,
+    RowLike,
+    all_concrete,
+    as_float,
+    as_numpy,
+    fields_text,
+    is_concrete,
+    namespace_of,
+    require,
+    require_at_least,
+    require_finite,
+    require_scalar,
+    shape_of,
+)
+
+_SAME_AXIS = 1e-12
+"""Share of the longer half axis by which those of a disc may differ."""
+
+
+class Components(NamedTuple):
+    """Components of velocities along some directions.
+
+    Attributes:
+        speeds: px/s, shape `(k, l)`, or `(1, l)` where they are alike along all directions.
+        weights: How often each occurs; of the same shape, the sum of each row is 1.
+    """
+
+    speeds: Float[Array | np.ndarray, "k l"]
+    weights: Float[Array | np.ndarray, "k l"]
+
+
+class Cells(NamedTuple):
+    """Cells that the components along a direction are cut into, which cover their range.
+
+    Attributes:
+        width: Width of each over the greatest component; shape `(m,)`, their sum is 2.
+        mass: Share of the velocities in it; shape `(m,)`.
+    """
+
+    width: Float[np.ndarray, "m"]
+    mass: Float[np.ndarray, "m"]
+
+
+class AbstractVelocities(AbstractModule):
+    """A law of velocities in the plane of the picture."""
+
+    @abstractmethod
+    def components(self, direction: Float[Array | np.ndarray, "k"], num_speeds: int) -> Components:
+        """Components along some directions, which stand for all of them in a mean.
+
+        Args:
+            direction: Angles from the axis of the rows; rad.
+            num_speeds: Number of components, of a law that is no list.
+        """
+
+    @abstractmethod
+    def greatest(self, direction: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
+        """Greatest component along some directions, of either sign; px/s, of a concrete law.
+
+        Args:
+            direction: Angles from the axis of the rows; rad.
+        """
+
+    @abstractmethod
+    def cells(self, count: int) -> Cells | None:
+        """Cells of the components along any direction; None of a law without a density.
+
+        Args:
+            count: Number of cells.
+        """
+
+    @property
+    @abstractmethod
+    def axis(self) -> float:
+        """Angle of the direction along which things are fastest; rad, of a concrete law."""
+
+    @property
+    @abstractmethod
+    def centre(self) -> Float[np.ndarray, "2"]:
+        """Mean velocity along rows and columns; px/s, of a concrete law."""
+
+    @property
+    @abstractmethod
+    def words(self) -> str:
+        """The law in words, with its unit."""
+
+    @property
+    @abstractmethod
+    def table(self) -> dict[str, Any]:
+        """The keys of a scene file that stand for the law."""
+
+    @property
+    def fastest(self) -> float:
+        """Greatest speed in any direction; px/s, of a concrete law."""
+        return float(self.greatest(np.array([self.axis]))[0])
+
+    def __repr__(self) -> str:
+        """The numbers, of which a module shows no more than their type."""
+        return fields_text(self)
+
+
+@final
+class EvenVelocities(AbstractVelocities):
+    r"""Velocities that fill an ellipse evenly; a disc where both half axes are one.
+
+    Along the direction $\theta$ the greatest component is
+    $h = \sqrt{a^2\cos^2(\theta - \alpha) + b^2\sin^2(\theta - \alpha)}$, and components $hu$ have
+    the density $\tfrac2\pi\sqrt{1 - u^2}$, which Gauss-Chebyshev nodes of the second kind
+    integrate.
+
+    Args:
+        along: Half of the longer axis, $a$; px/s.
+        across: Half of the shorter, $b$; px/s, at most `along`. That by default.
+        angle: Angle of the longer axis from that of the rows, $\alpha$; rad.
+
+    Raises:
+        ValueError: if a number is no finite scalar, `along` is not above 0, or `across` not from 0
+            to it.
+    """
+
+    along: Array
+    across: Array
+    angle: Array
+
+    def __init__(
+        self, along: ArrayLike, across: ArrayLike | None = None, *, angle: ArrayLike = 0.0
+    ):
+        self.along = as_float(along, "EvenVelocities(along=...)")
+        across = self.along if across is None else across
+        self.across = as_float(across, "EvenVelocities(across=...)")
+        self.angle = as_float(angle, "EvenVelocities(angle=...)")
+
+    def __check_init__(self) -> None:
+        for name in ("along", "across", "angle"):
+            require_scalar(f"EvenVelocities({name}=...)", getattr(self, name))
+            require_finite(f"EvenVelocities({name}=...)", getattr(self, name))
+        require_at_least("EvenVelocities(along=...)", self.along, "above 0", strict=True)
+        require_at_least("EvenVelocities(across=...)", self.across, "at least 0")
+        if all_concrete((self.along, self.across)):
+            is_shorter = float(self.across) <= float(self.along)
+            requirement = f"be at most along = {float(self.along):g} px/s"
+            require(is_shorter, "EvenVelocities(across=...)", requirement, self.across)
+
+    def components(self, direction: Float[Array | np.ndarray, "k"], num_speeds: int) -> Components:
+        step = np.pi / (num_speeds + 1)
+        turns = step * np.arange(1, num_speeds + 1)
+        along, across, angle = as_numpy(self.along, self.across, self.angle)
+        space, dtype = namespace_of(along, direction), along.dtype
+        u = np.cos(turns).astype(dtype)[None]
+        weights = (2 * step / np.pi * np.sin(turns) ** 2).astype(dtype)[None]
+        if self._is_disc:
+            return Components(along * u, weights)
+        turn = direction.astype(dtype) - angle
+        half = space.hypot(along * space.cos(turn), across * space.sin(turn))
+        return Components(half[:, None] * u, np.tile(weights, (half.size, 1)))
+
+    @property
+    def _is_disc(self) -> bool:
+        """Whether both half axes are known to be one."""
+        if not all_concrete((self.along, self.across)):
+            return self.along is self.across
+        return float(self.along) - float(self.across) <= _SAME_AXIS * float(self.along)
+
+    def greatest(self, direction: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
+        turn = direction - float(self.angle)
+        return np.hypot(float(self.along) * np.cos(turn), float(self.across) * np.sin(turn))
+
+    def cells(self, count: int) -> Cells:
+        ends = np.linspace(0, np.pi, count + 1)
+        return Cells(-np.diff(np.cos(ends)), np.diff(ends - np.sin(2 * ends) / 2) / np.pi)
+
+    @property
+    def axis(self) -> float:
+        return float(self.angle)
+
+    @property
+    def centre(self) -> Float[np.ndarray, "2"]:
+        return np.zeros(2)
+
+    @property
+    def words(self) -> str:
+        along, across = float(self.along), float(self.across)
+        if self._is_disc:
+            return f"up to {along:,.5g} px/s in any direction"
+        turned = f" at {math.degrees(self.axis):.3g} degrees" if self.axis else ""
+        return f"up to {along:,.5g} px/s along and {across:,.5g} px/s across an axis{turned}"
+
+    @property
+    def table(self) -> dict[str, Any]:
+        if self._is_disc:
+            return {"max_px_per_s": float(self.along)}
+        return {
+            "along_px_per_s": float(self.along),
+            "across_px_per_s": float(self.across),
+            "angle_deg": math.degrees(self.axis),
+        }
+
+
+@final
+class RingOfVelocities(AbstractVelocities):
+    r"""One speed in any direction: components $Vu$ have the density $1/\pi\sqrt{1 - u^2}$.
+
+    Args:
+        speed: $V$; px/s, above 0.
+
+    Raises:
+        ValueError: if it is no finite scalar above 0.
+    """
+
+    speed: Array
+
+    def __init__(self, speed: ArrayLike):
+        self.speed = as_float(speed, "RingOfVelocities(speed=...)")
+
+    def __check_init__(self) -> None:
+        require_scalar("RingOfVelocities(speed=...)", self.speed)
+        require_at_least("RingOfVelocities(speed=...)", self.speed, "above 0", strict=True)
+
+    def components(self, direction: Float[Array | np.ndarray, "k"], num_speeds: int) -> Components:
+        (speed,) = as_numpy(self.speed)
+        u = np.cos(np.pi * (np.arange(num_speeds) + 0.5) / num_speeds).astype(speed.dtype)
+        return Components(speed * u[None], np.full((1, u.size), 1 / u.size, u.dtype))
+
+    def greatest(self, direction: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
+        return np.full(direction.shape, float(self.speed))
+
+    def cells(self, count: int) -> Cells:
+        ends = np.linspace(0, np.pi, count + 1)
+        return Cells(-np.diff(np.cos(ends)), np.full(count, 1 / count))
+
+    @property
+    def axis(self) -> float:
+        return 0.0
+
+    @property
+    def centre(self) -> Float[np.ndarray, "2"]:
+        return np.zeros(2)
+
+    @property
+    def words(self) -> str:
+        return f"{float(self.speed):,.5g} px/s in any direction"
+
+    @property
+    def table(self) -> dict[str, Any]:
+        return {"speed_px_per_s": float(self.speed)}
+
+
+@final
+class ListedVelocities(AbstractVelocities):
+    """Velocities one by one.
+
+    Args:
+        velocities: Components along rows and columns; px/s, shape `(n, 2)`.
+        weights: How often each occurs, on any scale; equal by default.
+
+    Raises:
+        ValueError: if the velocities are not two components each and finite, none of them moves,
+            lengths differ, or no weight is above 0.
+    """
+
+    velocities: Array
+    weights: Array
+
+    def __init__(
+        self, velocities: ArrayLike | Sequence[Sequence[float]], weights: RowLike | None = None
+    ):
+        pairs = np.asarray(velocities) if isinstance(velocities, Sequence) else velocities
+        self.velocities = as_float(pairs, "ListedVelocities(velocities=...)")
+        count = max(self.velocities.shape[0], 1) if self.velocities.ndim else 1
+        shares = np.full(count, 1 / count, self.velocities.dtype) if weights is None else weights
+        (row,) = as_numpy(as_float(shares, "ListedVelocities(weights=...)"))
+        total = row.sum()
+        is_some = not is_concrete(total) or float(total) > 0
+        require(is_some, "ListedVelocities(weights=...)", "hold one above 0", row)
+        self.weights = as_float(row / total)
+
+    def __check_init__(self) -> None:
+        subject = "ListedVelocities(velocities=...)"
+        shape = self.velocities.shape
+        are_pairs = len(shape) == 2 and shape[0] >= 1 and shape[1] == 2
+        require(are_pairs, subject, "be rows of two components", shape_of(self.velocities))
+        require_finite(subject, self.velocities)
+        matches = self.weights.shape == shape[:1]
+        subject = "ListedVelocities(weights=...)"
+        require(matches, subject, f"have shape {shape[:1]}", self.weights.shape)
+        require_at_least(subject, self.weights, "at least 0")
+        if is_concrete(self.velocities):
+            moves = bool(np.any(np.asarray(self.velocities)))
+            requirement = "hold one above 0 px/s"
+            require(moves, "ListedVelocities(velocities=...)", requirement, 0.0)
+
+    def components(self, direction: Float[Array | np.ndarray, "k"], num_speeds: int) -> Components:
+        velocities, weights = as_numpy(self.velocities, self.weights)
+        space, angle = namespace_of(velocities, direction), direction.astype(velocities.dtype)
+        units = space.stack([space.cos(angle), space.sin(angle)], axis=-1)
+        speeds = units @ velocities.T
+        return Components(speeds, namespace_of(weights).broadcast_to(weights[None], speeds.shape))
+
+    @property
+    def _occurring(self) -> Float[np.ndarray, "n 2"]:
+        return np.asarray(self.velocities, np.float64)[np.asarray(self.weights) > 0]
+
+    def greatest(self, direction: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
+        units = np.stack([np.cos(direction), np.sin(direction)], axis=-1)
+        return np.max(np.abs(units @ self._occurring.T), axis=1)
+
+    def cells(self, count: int) -> None:
+        return None
+
+    @property
+    def axis(self) -> float:
+        each = self._occurring
+        x, y = each[np.argmax(np.hypot(*each.T))]
+        return math.atan2(y, x)
+
+    @property
+    def centre(self) -> Float[np.ndarray, "2"]:
+        return np.asarray(self.weights, np.float64) @ np.asarray(self.velocities, np.float64)
+
+    @property
+    def words(self) -> str:
+        return f"{self.velocities.shape[0]} velocities of up to {self.fastest:,.5g} px/s"
+
+    @property
+    def table(self) -> dict[str, Any]:
+        return {"list_px_per_s": self.velocities.tolist(), "weights": self.weights.tolist()}

@@ -1,0 +1,155 @@
+"""Frames of a sensor that moves in the plane, and the path of its stage through them."""
+
+import math
+from typing import NamedTuple, final
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from mishutter.model import Knots, Limits, StageUse, use_of_knots
+
+_AT_REST = 0.05
+"""Travel over a frame below which its sensor counts as standing still; px."""
+_DIRECTIONS = np.arange(16) * np.pi / 16
+"""Directions along which two axes keep a limit together."""
+
+
+class Nodes(NamedTuple):
+    """Quadrature nodes of frames.
+
+    Attributes:
+        time: Times from mid-exposure; s.
+        place: Places of the sensor along rows and columns; px.
+        weight: Share of the exposure.
+    """
+
+    time: Float[Array, "n q"]
+    place: Float[Array, "2 n q"]
+    weight: Float[Array, "q"]
+
+
+@final
+class PlaneFrames(eqx.Module):
+    """Frames of an open shutter, one after the other, and the path of the sensor through them.
+
+    The path has pieces of constant acceleration from the first light to the last. All numbers may
+    be differentiated.
+
+    Attributes:
+        times: Mid-exposures, ascending; s, shape `(n,)`.
+        exposures: Exposures, of which 0 is no frame; s, shape `(n,)`.
+        durations: Durations of the pieces, of which some may be 0; s, shape `(p,)`.
+        velocities: Velocities along rows and columns at their ends; px/s, shape `(2, p + 1)`.
+    """
+
+    times: Float[Array | np.ndarray, "n"]
+    exposures: Float[Array | np.ndarray, "n"]
+    durations: Float[Array | np.ndarray, "p"]
+    velocities: Float[Array | np.ndarray, "2 p+1"]
+
+    @property
+    def num_frames(self) -> int:
+        """Number of frames."""
+        return self.times.shape[0]
+
+    @property
+    def duration(self) -> float:
+        """Time from the first light to the last; s, of concrete frames."""
+        ends = np.asarray(self.times) + np.asarray(self.exposures) / 2
+        return float(ends[-1] - self._begin)
+
+    @property
+    def _begin(self) -> Array | np.ndarray | np.floating:
+        return self.times[0] - self.exposures[0] / 2
+
+    def place(self, time: Float[Array | np.ndarray, "*shape"]) -> Float[Array, "2 *shape"]:
+        """Place of the sensor, from that at the first light; px.
+
+        Args:
+            time: Time on the clock of `times`; s.
+        """
+        d, v = jnp.asarray(self.durations), jnp.asarray(self.velocities)
+        ends = jnp.concatenate([jnp.zeros_like(d[:1]), jnp.cumsum(d)])
+        places = Knots(d[None], v, None, 0, d.size).positions
+        since = jnp.asarray(time, d.dtype) - self._begin
+        piece = jnp.searchsorted(ends, since.ravel(), side="right").reshape(since.shape) - 1
+        piece = jnp.clip(piece, 0, d.size - 1)
+        lasts = d[piece]
+        # Pieces without a length meet no time but one at their end.
+        elapsed = since - ends[piece]
+        share = elapsed / jnp.where(lasts > 0, lasts, 1.0)
+        start, end = v[:, piece], v[:, piece + 1]
+        share, elapsed = share[None], elapsed[None]
+        return places[:, piece] + elapsed * (start + share * (end - start) / 2)
+
+    def nodes(self, num_panels: int) -> Nodes:
+        """Gauss-Legendre nodes of each frame.
+
+        Args:
+            num_panels: Panels of 16 nodes in each.
+        """
+        x, weight = np.polynomial.legendre.leggauss(16)
+        middles = (2 * np.arange(num_panels) + 1) / num_panels - 1
+        dtype = jnp.asarray(self.times).dtype
+        tau = (middles[:, None] + x / num_panels).ravel().astype(dtype)
+        weight = np.tile(weight / (2 * num_panels), num_panels).astype(dtype)
+        time = jnp.asarray(self.exposures)[:, None] / 2 * tau[None]
+        place = self.place(jnp.asarray(self.times)[:, None] + time)
+        # Only |K| counts: places near 0 have small phases.
+        place = place - place[..., :1]
+        return Nodes(time, place, jnp.asarray(weight))
+
+    def num_panels(self, fastest: float) -> int:
+        """Number of panels that hold all things up to a speed, px/s; of concrete frames."""
+        speed = float(np.max(np.hypot(*np.asarray(self.velocities, np.float64)))) + fastest
+        length = speed * float(np.max(np.asarray(self.exposures)))
+        panels = 1 + length / _PX_PER_PANEL
+        step = 2 ** max(0, math.ceil(math.log2(panels)) - 2)
+        return step * math.ceil(panels / step)
+
+    @property
+    def stays(self) -> bool:
+        """Whether the sensor stands still in all frames; of concrete frames."""
+        speed = np.max(np.hypot(*np.asarray(self.velocities)))
+        return float(speed * np.max(np.asarray(self.exposures))) < _AT_REST
+
+    def knots(self, limits: Limits) -> Knots:
+        """The way from rest to rest, along rows and columns.
+
+        The stage runs up straight to the velocity of the first light, at the greatest acceleration
+        of the limits; at once where they have none.
+
+        Args:
+            limits: Those of the stage.
+        """
+        velocities = np.asarray(self.velocities, np.float64)
+        durations = np.asarray(self.durations, np.float64)
+        most = math.inf if limits.max_acceleration is None else float(limits.max_acceleration)
+        times = [
+            math.hypot(*v) / most if limits.axes == "disc" else float(np.max(np.abs(v))) / most
+            for v in (velocities[:, 0], velocities[:, -1])
+        ]
+        rest = np.zeros((2, 1))
+        durations = np.r_[times[0], durations, times[1]]
+        last = durations.size - 1
+        return Knots(durations, np.hstack([rest, velocities, rest]), None, 1, last)
+
+    def use(self, limits: Limits) -> StageUse:
+        """The demands on each axis of a stage, or on both together where limits are of a disc.
+
+        Args:
+            limits: Those of the stage.
+        """
+        knots = self.knots(limits)
+        angles = _DIRECTIONS if limits.axes == "disc" else np.array([0.0, np.pi / 2])
+        units = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        if limits.axes == "disc":  # between two directions there may be that much more
+            units = units / np.cos(_DIRECTIONS[1] / 2)
+        use = use_of_knots(knots._replace(velocities=units @ knots.velocities))
+        return StageUse(*(np.max(each) for each in use))
+
+
+_PX_PER_PANEL = 9.0
+"""Way of a thing on the sensor that 16 nodes hold; px."""

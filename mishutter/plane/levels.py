@@ -1,0 +1,345 @@
+r"""The level of frames of things that move in any direction: a sum over scenes of one axis.
+
+A decoder that finds the velocity $\mathbf v$ in the frames leaves
+
+$$E = \int S(\mathbf f)\,\overline{\frac{1}{1 + S P\sum_k e_k^2|H_k|^2/N_k}}\,d\mathbf f,
+\qquad
+H_k = \frac1{D_k}\int e^{-2\pi i\,\mathbf f\cdot(\mathbf x_k(t) - \mathbf v\,t)}\,dt,$$
+
+with $e_k$ electrons of white, $N_k = \bar f e_k + \sigma^2$ and
+$P = \operatorname{sinc}^2 f_x\operatorname{sinc}^2 f_y$ behind the lens. At a frequency of
+direction $\hat{\mathbf f}$ the path counts through $\mathbf x_k\cdot\hat{\mathbf f}$ and the
+velocity through $\mathbf v\cdot\hat{\mathbf f}$: each direction is a scene of one axis, and one
+axis is a fan of one line.
+
+The isotropic picture of the power $(f^2 + 0.01^2)^{-3/2}$ has rows of the power
+$2/(f^2 + 0.01^2)$, which stand for a picture on one axis.
+"""
+
+from dataclasses import replace
+from functools import lru_cache
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from mishutter._core import compiled, is_concrete, require
+from mishutter.model import (
+    CORNER_FREQUENCY,
+    NYQUIST_FREQUENCY,
+    AbstractVelocities,
+    Components,
+    EvenVelocities,
+    Scene,
+    noise_power,
+    pixel_response,
+    require_scene,
+    white_electrons,
+)
+from mishutter.pictures import Picture
+from mishutter.plane.frames import PlaneFrames
+
+_DARK = 1e-12
+"""Least noise of a frame over the square of its electrons, for pictures without light or noise."""
+
+
+class Grid(NamedTuple):
+    """Sizes of a fan: radii, directions and components of the velocities along each.
+
+    Attributes:
+        num_radii: Radii up to the highest frequency of an axis.
+        num_angles: Directions, an even number.
+        num_speeds: Components of a law that is no list.
+        num_corner: Further radii, in the corners of the square of frequencies.
+    """
+
+    num_radii: int
+    num_angles: int
+    num_speeds: int
+    num_corner: int = 4
+
+
+SEARCHED, MEASURED = Grid(24, 8, 16), Grid(32, 16, 32)
+"""Grids of searches, whose optimum exploits what a coarser one leaves out, and of levels."""
+
+
+class Fan(NamedTuple):
+    """Frequencies along lines through 0, each of which is a scene of one axis.
+
+    Attributes:
+        radius: cycles/px, shape `(i,)`.
+        direction: Angles from the axis of the rows at each radius; rad, shape `(i, j)`.
+        power: Power of a picture of the deviation 1; shape `(i, j)`.
+        weight: Share of the frequencies that each stands for, times `power`; their sum is 1.
+    """
+
+    radius: Float[Array | np.ndarray, "i"]
+    direction: Float[Array | np.ndarray, "i j"]
+    power: Float[Array | np.ndarray, "i j"]
+    weight: Float[Array | np.ndarray, "i j"]
+
+
+def fan_of(scene: Scene, grid: Grid = MEASURED) -> Fan:
+    """Frequencies of half of the plane, which stand for both halves, and a picture's power there.
+
+    The power is that of the scene's photograph, or the isotropic one where it brings none.
+
+    Args:
+        scene: The picture and the cutoff of the lens; concrete.
+        grid: Sizes.
+    """
+    cutoff = min(float(scene.optics.cutoff_frequency), NYQUIST_FREQUENCY)
+    radius, angle, area = _polar(grid, cutoff)
+    if scene.picture.path is None:
+        shape = np.broadcast_to(_isotropic(radius)[:, None], angle.shape)
+    else:
+        shape = power_of(scene.picture.photograph())(radius[:, None], angle)
+    total = np.sum(area * shape)
+    return Fan(radius, angle, shape / total, area * shape / total)
+
+
+@lru_cache
+def _polar(grid: Grid, cutoff: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Radii, angles and areas of half of the disc up to a cutoff, or of half of the square."""
+    s, weight = np.polynomial.legendre.leggauss(grid.num_radii)
+    s, weight = (s + 1) / 2, weight / 2
+    # Low frequencies, at which a picture has most of its power, are dense.
+    radius, step = cutoff * s**2, 2 * cutoff * s * weight
+    count = grid.num_angles
+    angle = np.tile((np.arange(count) + 0.5) * np.pi / count, (radius.size, 1))
+    area = (2 * np.pi / count * radius * step)[:, None] * np.ones(count)
+    if cutoff < NYQUIST_FREQUENCY:
+        return radius, angle, area
+    x, weight = np.polynomial.legendre.leggauss(grid.num_corner)
+    width = np.sqrt(0.5) - 0.5
+    corner, step = 0.5 + width * (x + 1) / 2, width / 2 * weight
+    x, weight = np.polynomial.legendre.leggauss(count // 2)
+    first = np.arccos(0.5 / corner)
+    middle, half = np.pi / 4, np.pi / 4 - first
+    arc = middle + half[:, None] * x
+    share = 2 * (corner * step * half)[:, None] * weight
+    return (
+        np.r_[radius, corner],
+        np.vstack([angle, np.hstack([arc, arc + np.pi / 2])]),
+        np.vstack([area, np.hstack([share, share])]),
+    )
+
+
+def _isotropic(radius: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+    return (radius**2 + CORNER_FREQUENCY**2) ** -1.5
+
+
+def power_of(picture: Picture) -> "_Power":
+    r"""The power of a photograph by frequency: a smooth one, fitted to its periodogram.
+
+    $\log S$ is $(1, \log f, \log^2 f)$ times $(1, \cos 2\theta, \sin 2\theta, \cos 4\theta)$, by
+    least squares over the plane in equal parts of $\log f$. Photographs hold more detail along
+    their axes than along diagonals.
+
+    Args:
+        picture: The photograph; the mean of its channels counts.
+    """
+    light = np.asarray(picture.light, np.float64)
+    light = light.mean(axis=tuple(range(2, light.ndim)))
+    windows = [np.hanning(count + 2)[1:-1] for count in light.shape]
+    window = np.outer(*windows)
+    field = (light - np.sum(light * window) / np.sum(window)) * window
+    power = np.abs(np.fft.rfft2(field)) ** 2
+    down, across = np.fft.fftfreq(light.shape[0])[:, None], np.fft.rfftfreq(light.shape[1])[None]
+    radius, angle = np.hypot(down, across), np.arctan2(down, across + 0 * down)
+    # Within two steps of 0 the window has smeared the mean.
+    occurs = (radius > 2.5 / min(light.shape)) & (radius < NYQUIST_FREQUENCY) & (power > 0)
+    radius, angle, power = radius[occurs], angle[occurs], power[occurs]
+    terms, root = _terms(radius, angle), 1 / radius[:, None]
+    fitted = np.linalg.lstsq(root * terms, root[:, 0] * np.log(power), rcond=None)[0]
+    return _Power(fitted, float(np.min(radius)))
+
+
+class _Power(NamedTuple):
+    """A fitted power: its coefficients, and the least frequency of the fit."""
+
+    coefficients: Float[np.ndarray, "c"]
+    least: float
+
+    def __call__(
+        self, radius: Float[np.ndarray, "*shape"], angle: Float[np.ndarray, "*shape"]
+    ) -> Float[np.ndarray, "*shape"]:
+        radius = np.maximum(radius + 0 * angle, self.least)
+        return np.exp(_terms(radius, angle) @ self.coefficients)
+
+
+def _terms(radius: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    log, turn = np.log(radius), 2 * angle
+    over = [np.ones_like(log), log, log * log]
+    about = [np.ones_like(turn), np.cos(turn), np.sin(turn), np.cos(2 * turn)]
+    return np.stack([x * y for x in over for y in about], axis=-1)
+
+
+def plane_psnr(
+    scene: Scene,
+    frames: PlaneFrames,
+    *,
+    grid: Grid = MEASURED,
+    num_panels: int | None = None,
+) -> Float[Array, ""]:
+    """PSNR of the best linear decoder that finds the velocity in frames, in linear light; dB.
+
+    It has derivatives by all numbers of the frames, of the light and of the law of velocities.
+
+    Args:
+        scene: Velocities in any direction, light and noise; its picture and cutoff are concrete.
+        frames: The frames.
+        grid: Sizes of the fan of directions.
+        num_panels: Panels of 16 nodes in each frame; by default those that concrete frames need.
+
+    Raises:
+        ValueError: if the scene is of one axis, or the frames are traced without `num_panels`.
+    """
+    require_scene(scene, in_plane=True)
+    error = plane_error(scene, frames, fan_of(scene, grid), grid.num_speeds, num_panels)
+    return -10 * jnp.log10(error)
+
+
+def require_velocities(scene: Scene) -> AbstractVelocities:
+    """The law of a scene's velocities; an error where it is of one axis."""
+    law = scene.velocities
+    requirement = "have velocities in any direction, as `Scene.any_direction` makes it"
+    require(law is not None, "scene", requirement, scene)
+    return law  # type: ignore[return-value]
+
+
+def plane_error(
+    scene: Scene,
+    frames: PlaneFrames,
+    fan: Fan,
+    num_speeds: int = MEASURED.num_speeds,
+    num_panels: int | None = None,
+) -> Float[Array, ""]:
+    """Squared error that is left, white = 1, on a fan of directions; see `plane_psnr`.
+
+    Args:
+        scene: Velocities in any direction, light and noise.
+        frames: The frames.
+        fan: Frequencies; concrete.
+        num_speeds: Components of the velocities along each line.
+        num_panels: Panels of each frame.
+    """
+    law = require_velocities(scene)
+    if num_panels is None:
+        leaves = jax.tree.leaves((frames, law))
+        known = all(map(is_concrete, leaves))
+        subject, requirement = "plane_psnr(num_panels=...)", "be given where JAX traces frames"
+        require(known, subject, requirement, num_panels)
+        num_panels = frames.num_panels(law.fastest)
+    parts = law.components(fan.direction.ravel(), num_speeds)
+    rows = fan.direction.shape if parts.speeds.shape[0] > 1 else (1, 1)
+    parts = Components(*(x.reshape(*rows, -1) for x in parts))
+    light = _Light(
+        scene.photon_rate,
+        scene.read_noise,
+        scene.picture.mean_level,
+        scene.picture.deviation,
+        scene.optics.lens_blur,
+    )
+    dtype = np.dtype(jnp.asarray(frames.times).dtype)
+    fan, parts, light = jax.tree.map(lambda x: jnp.asarray(x, dtype), (fan, parts, light))
+    return _error(fan, parts, light, frames, num_panels)
+
+
+class _Light(NamedTuple):
+    """Numbers of light, noise and picture, as a scene has them."""
+
+    rate: Float[Array, ""]
+    read: Float[Array, ""]
+    mean: Float[Array, ""]
+    deviation: Float[Array, ""]
+    blur: Float[Array, ""]
+
+
+@compiled
+def _error(
+    fan: Fan, parts: Components, light: _Light, frames: PlaneFrames, num_panels: int
+) -> Float[Array, ""]:
+    gained = _gained(fan, parts, light, frames, num_panels)
+    aperture = pixel_response(fan.radius[:, None] * jnp.cos(fan.direction), light.blur)
+    aperture = aperture * pixel_response(fan.radius[:, None] * jnp.sin(fan.direction), light.blur)
+    variance = light.deviation**2
+    signal = (variance * fan.power * aperture**2)[..., None]
+    lost = jnp.sum(parts.weights / (1 + signal * gained), axis=-1)
+    return variance * jnp.sum(fan.weight * lost)
+
+
+def _gained(
+    fan: Fan, parts: Components, light: _Light, frames: PlaneFrames, num_panels: int
+) -> Float[Array, "i j l"]:
+    r"""$\sum_k e_k^2|H_k|^2/N_k$ at each frequency and component of the velocities."""
+    nodes = frames.nodes(num_panels)
+    electrons = white_electrons(light.rate, jnp.asarray(frames.exposures))
+    noise = noise_power(1.0, light.mean, electrons, light.read)
+    noise = jnp.maximum(noise, _DARK * jnp.maximum(electrons, 1.0) ** 2)
+    turns = 2 * jnp.pi * jnp.asarray(fan.radius)
+    across = turns[:, None] * jnp.cos(fan.direction)
+    down = turns[:, None] * jnp.sin(fan.direction)
+    passing = turns[:, None, None] * jnp.asarray(parts.speeds)
+
+    def add(gained: Array, frame: tuple[Array, ...]) -> tuple[Array, None]:
+        time, x, y, share = frame
+        phase = across[..., None] * x[None, None] + down[..., None] * y[None, None]
+        power = _passed(phase, passing, time, nodes.weight)
+        return gained + share * power, None
+
+    shape = (*fan.direction.shape, parts.speeds.shape[-1])
+    each = (nodes.time, *nodes.place, electrons * (electrons / noise))
+    # A descent holds the waves of one frame at a time.
+    add = jax.checkpoint(add)
+    return jax.lax.scan(add, jnp.zeros(shape, nodes.time.dtype), each)[0]
+
+
+def _passed(
+    place: Float[Array, "i j q"],
+    passing: Float[Array, "i b l"],
+    time: Float[Array, "q"],
+    weight: Float[Array, "q"],
+) -> Float[Array, "i j l"]:
+    r"""$|\sum_q w_q e^{i(\beta_q - \alpha_q)}|^2$, by real products of two matrices.
+
+    Args:
+        place: Phase of the sensor, $\alpha$; rad.
+        passing: Phase that things gain in a second; rad/s, alike along all directions if `b` is 1.
+        time: Times; s.
+        weight: $w_q$.
+    """
+    i, j, _ = place.shape
+    groups = passing.shape[1]
+    weight = weight[None, None]
+    sensor = jnp.concatenate([weight * jnp.cos(place), weight * jnp.sin(place)], axis=-1)
+    phase = passing[..., None] * time[None, None, None]
+    cosine, sine = jnp.cos(phase), jnp.sin(phase)
+    sensor = sensor.reshape(i, groups, j // groups, -1)
+    real, imaginary = (
+        jnp.einsum("ibjq,iblq->ibjl", sensor, jnp.concatenate(pair, axis=-1))
+        for pair in ((cosine, sine), (sine, -cosine))
+    )
+    return (real**2 + imaginary**2).reshape(i, j, -1)
+
+
+def cross_motion_loss(scene: Scene, frames: PlaneFrames, *, across: float = 0.1) -> float:
+    """Decibels that frames lose where things that move along one axis move across it too.
+
+    Velocities fill an ellipse whose longer half axis is the greatest speed of the scene; the loss
+    is that against an ellipse of nothing across. `frames_of` makes such frames of those of a
+    `FrameSequence`.
+
+    Args:
+        scene: A scene of one axis, for its greatest speed, its light and its noise; concrete.
+        frames: The frames; of velocities along the rows.
+        across: Greatest speed across over that along, from 0 to 1.
+    """
+    fastest = float(scene.max_speed)
+    levels = [
+        plane_psnr(replace(scene, velocities=EvenVelocities(fastest, share * fastest)), frames)
+        for share in (0.0, across)
+    ]
+    return float(levels[0] - levels[1])

@@ -1,0 +1,217 @@
+"""The answer of a search in the plane: options, verdict, document and picture."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mishutter._core import strict_json, write_text
+from mishutter.evaluation import ALTERNATING, SINE, SWEEP
+from mishutter.model import Scene
+from mishutter.plane import FREE, PAN, PlaneBurst, PlaneSearch
+from mishutter.report import plots
+from mishutter.report.verdict import order_line, paragraph, snapshot_line, table_of_levels
+from mishutter.search import simplest_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_GRAVITY = 9.80665
+_NEEDS = ("registration", "registration, stage", "registration, stage of two axes")
+"""Needs of several frames by the axes of a stage."""
+_VERBS = {
+    PAN: "pans",
+    SWEEP: "sweeps {way}",
+    SINE: "swings {way} on a sine",
+    ALTERNATING: "swings {way}",
+    "circle": "circles over {way}",
+    "two sines": "follows two sines over {way}",
+    "crossed parabolas": "swings {way} along two axes in turn",
+    "ring of velocities": "takes another constant velocity in each over {way}",
+    FREE: "follows a free path over {way}",
+}
+_ONE_FILTER = (
+    "One filter for all velocities is not offered: no moving camera beats the best still frame by "
+    "it where things move in any direction."
+)
+
+
+@dataclass(frozen=True)
+class PlaneReport:
+    """The options of a scene of any direction.
+
+    Attributes:
+        scene: The scene.
+        search: The best frames of each kind of way.
+    """
+
+    scene: Scene
+    search: PlaneSearch
+
+    @property
+    def options(self) -> tuple[PlaneBurst, ...]:
+        """The snapshot and the frames by what they need, in the order of their levels."""
+        few = (self.search.snapshot, *self.search.simplest)
+        free = [burst for burst in few if burst.kind == FREE]
+        two = [x for x in self.search.bursts if x.num_axes == 2 and x.kind != FREE]
+        # Beside a free path stands what a stage of two resonant axes does.
+        beside = [max(two, key=lambda burst: burst.psnr)] if free and two else []
+        several = [x for x in (*few, *beside) if x is few[0] or x.num_frames > 1 or x.num_axes]
+        return tuple(sorted(several, key=lambda burst: burst.psnr))
+
+    @property
+    def choice(self) -> PlaneBurst:
+        """The option to take: a simpler one where another is less than 0.2 dB better."""
+        first = self.search.snapshot
+        ranks = ((x, (x.num_axes, x is not first)) for x in (first, *self.search.simplest))
+        return simplest_of((x.psnr, rank, x) for x, rank in ranks)
+
+    def text(self) -> str:
+        """The answer: what to take, the options, and what it assumes."""
+        first, choice = self.search.snapshot, self.choice
+        level = f"{choice.psnr:.1f} dB"
+        gain = choice.psnr - first.psnr
+        headline = snapshot_line(_exposures(first), level)
+        if choice is not first:
+            headline = order_line(f"{_count(choice)}{_way(choice)}", level, (gain,))
+        rows = [
+            (
+                _name(x),
+                x.psnr,
+                None if x is first else x.psnr - first.psnr,
+                "nothing" if x is first else _NEEDS[x.num_axes],
+            )
+            for x in self.options
+        ]
+        most = self.search.ceiling
+        ceiling = ("ceiling of any path", most, most - first.psnr, "-")
+        table = table_of_levels([*rows, ceiling], "mean over all velocities")
+        return "\n\n".join([headline, table, "\n".join(self._sentences())])
+
+    def _sentences(self) -> list[str]:
+        choice, scene = self.choice, self.scene
+        law = scene.velocities
+        way = math.ceil(float(scene.max_speed) * choice.frames.duration)
+        moves = f"the picture moves as a whole, or its objects are much wider than {way:,} px"
+        if scene.objects is not None:
+            moves = f"objects at least {float(scene.objects.width):,.4g} px wide, each registered"
+        said = [
+            "" if law is None else law.words,
+            moves,
+            "velocities are found from the frames without error",
+            "things that enter and leave are not counted",
+            "global shutter",
+        ]
+        sentences = [self._stage_words(choice), f"Assumes: {'; '.join(said)}."]
+        if scene.decoder_speed == "unknown":
+            sentences.insert(1, _ONE_FILTER)
+        return [paragraph(sentence) for sentence in sentences if sentence]
+
+    def _stage_words(self, choice: PlaneBurst) -> str:
+        """The demands on the stage, in um, mm/s and g where the pitch is known."""
+        if not choice.num_axes:
+            return ""
+        use, pitch = choice.use, self.scene.sensor.pixel_pitch
+        numbers = f"{float(use.travel):.3g} px at up to {float(use.top_speed):,.4g} px/s"
+        if pitch is not None:
+            p = float(pitch)
+            acceleration = float(use.acceleration) * p / _GRAVITY
+            numbers += (
+                f" ({float(use.travel) * p * 1e6:.3g} um, {float(use.top_speed) * p * 1e3:.3g} "
+                f"mm/s, {acceleration:.2g} g)"
+            )
+        together = "both axes" if self.scene.limits.axes == "disc" else "each axis"
+        return f"The stage travels {numbers}, {together}, run-up from rest included."
+
+    def to_dict(self) -> dict[str, Any]:
+        """The answer as plain numbers and text."""
+        first = self.search.snapshot
+        law = self.scene.velocities
+        return {
+            "velocities": {} if law is None else law.table,
+            "verdict": self.text(),
+            "choice": self.choice.kind,
+            "ceiling_db": self.search.ceiling,
+            "options": [_document(x, first) for x in self.options],
+            "ways": [_document(x, first) for x in self.search.bursts],
+            "frames": _frames_document(self.choice),
+        }
+
+    def plot(self) -> "Figure":
+        """Draws the choice: its path in the plane and in time, and the velocities it takes."""
+        return plots.plot_plane(self.scene, self.choice, self.text().split("\n", 1)[0])
+
+
+def _count(burst: PlaneBurst) -> str:
+    return "one exposure" if burst.num_frames == 1 else f"{burst.num_frames} frames"
+
+
+def _way(burst: PlaneBurst) -> str:
+    if not burst.num_axes:
+        return f" of {_exposures(burst)} and keep the stage still"
+    way = f"{float(burst.use.travel):.3g} px"
+    return f" while the stage {_VERBS[burst.kind].format(way=way)}"
+
+
+def _exposures(burst: PlaneBurst) -> str:
+    kinds: dict[str, int] = {}
+    for exposure in np.asarray(burst.frames.exposures):
+        key = f"{exposure * 1e3:.3g}"
+        kinds[key] = kinds.get(key, 0) + 1
+    if len(kinds) == 1:
+        return f"{next(iter(kinds))} ms"
+    return f"{' and '.join(f'{count} of {exposure}' for exposure, count in kinds.items())} ms"
+
+
+def _name(burst: PlaneBurst) -> str:
+    if not burst.num_axes:
+        what = "snapshot" if burst.num_frames == 1 else _count(burst)
+        return f"{what} at rest, {_exposures(burst)}"
+    # The needs say how many axes move, and the sentence below how far.
+    return f"{_count(burst)}{_way(burst).partition(' over ')[0]}, {_exposures(burst)}"
+
+
+def _document(burst: PlaneBurst, first: PlaneBurst) -> dict[str, Any]:
+    return {
+        "kind": burst.kind,
+        "name": _name(burst),
+        "num_frames": burst.num_frames,
+        "num_axes": burst.num_axes,
+        "psnr_db": burst.psnr,
+        "gain_db": burst.psnr - first.psnr,
+        "travel_px": float(burst.use.travel),
+        "top_speed_px_per_s": float(burst.use.top_speed),
+    }
+
+
+def _frames_document(burst: PlaneBurst) -> dict[str, Any]:
+    frames = burst.frames
+    return {
+        "times_s": np.asarray(frames.times).tolist(),
+        "exposures_s": np.asarray(frames.exposures).tolist(),
+        "piece_durations_s": np.asarray(frames.durations).tolist(),
+        "velocities_px_per_s": np.asarray(frames.velocities).tolist(),
+    }
+
+
+def write_plane_report(
+    report: PlaneReport, folder: Path, *, wrote: Callable[[str], None] = lambda name: None
+) -> list[str]:
+    """Writes the document and the picture of an answer; returns the names of the files.
+
+    Args:
+        report: The answer.
+        folder: Where the files go.
+        wrote: Called with the name of each file that is written.
+
+    Raises:
+        OSError: if a file cannot be written.
+    """
+    write_text(folder / "report.json", strict_json(report.to_dict()) + "\n")
+    wrote("report.json")
+    plots.save_figure(report.plot(), folder / "answer.png")
+    wrote("answer.png")
+    return ["report.json", "answer.png"]

@@ -1,0 +1,301 @@
+"""Levels of frames in the plane, held to a reference, to one axis, and to finite differences."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from support import plane
+
+from mishutter import (
+    EvenVelocities,
+    ListedVelocities,
+    Optics,
+    ParabolicMotion,
+    RingOfVelocities,
+    Scene,
+    StillCamera,
+    Texture,
+    TimedFrame,
+    example_picture,
+    plane_psnr,
+)
+from mishutter.evaluation import ceiling, water_filled
+from mishutter.evaluation.open_frames import OpenFrames, psnr_of_error
+from mishutter.model import frequencies
+from mishutter.plane import (
+    MEASURED,
+    SEARCHED,
+    Grid,
+    PlaneFrames,
+    cross_motion_loss,
+    frames_of,
+    plane_ceiling,
+)
+from mishutter.plane.levels import Fan, fan_of, plane_error, power_of
+
+FINE = Grid(40, 16, 48)
+"""The grid of the reference."""
+WINDOW = 0.08
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("slug", plane.SCENES)
+def test_levels_and_ceilings_are_those_of_the_reference(slug):
+    """16 levels of a scene to 0.01 dB: stills, crossed parabolas, circle and two sines."""
+    scene, levels, ceilings = plane.scene_of(slug), plane.LEVELS[slug], plane.CEILINGS[slug]
+    for (count, kind), level in levels.items():
+        frames = jax.tree.map(np.float32, plane.frames_of(slug, count, kind))
+        assert float(plane_psnr(scene, frames, grid=FINE)) == pytest.approx(level, abs=0.01)
+    for count, level in ceilings.items():
+        found = plane_ceiling(scene, np.full(count, WINDOW / count), grid=FINE)
+        assert found == pytest.approx(level, abs=0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("grid", "most"), [(SEARCHED, 0.05), (MEASURED, 0.03)])
+def test_the_grids_are_as_fine_as_they_say(grid, most):
+    """Four frames on two sines, against the level on the fine grid."""
+    for slug in ("A", "B"):
+        frames, scene = plane.frames_of(slug, 4, "sines"), plane.scene_of(slug)
+        level = float(plane_psnr(scene, frames, grid=grid))
+        assert level == pytest.approx(plane.LEVELS[slug][4, "sines"], abs=most)
+
+
+def test_one_axis_is_a_fan_of_one_line():
+    """A disc of 1e-6 across, on the line of the rows, has the level of today's scene of one axis.
+
+    The speeds are those of the disc along that line, for two frames of which one is still.
+    """
+    frames = plane.frames_of("A", 2, "sines")
+    law = EvenVelocities(2800.0, 2800.0e-6)
+    scene = Scene.any_direction(law, photon_rate=3e4, read_noise=10.0)
+    parts = law.components(np.zeros(1), 24)
+    line = Scene(
+        np.asarray(parts.speeds[0]),
+        np.asarray(parts.weights[0]),
+        photon_rate=3e4,
+        read_noise=10.0,
+    )
+    one = OpenFrames.of(line, 0.04, folds=False)
+
+    def place(index):
+        times = lambda t: np.asarray(frames.place(jnp.asarray(frames.times[index] + t)))[:1]  # noqa: E731
+        return one.on_paths(times, 0.04, 8000.0)
+
+    errors = one.errors(sum(one.gained(place(index), 0.04) for index in (0, 1)))
+    count = one.frequency.size
+    weight = one.power[:, None] / one.power.sum()
+    fan = Fan(one.frequency, np.zeros((count, 1)), weight * count, weight)
+    # The speeds of `one` are sorted as those of the fan are not: only means are compared.
+    assert psnr_of_error(float(plane_error(scene, frames, fan, 24))) == pytest.approx(
+        psnr_of_error(float(one.weights @ errors)), abs=1e-3
+    )
+
+
+@pytest.mark.slow
+def test_a_disc_of_nothing_across_is_the_mean_of_lines_of_one_axis():
+    """The level over the plane, where nothing moves across, is that of today's rows of all kinds.
+
+    Each row of the plane's spectrum, at its own frequency across, is a scene of one axis.
+    """
+    law = EvenVelocities(2800.0, 2800.0e-6)
+    scene = Scene.any_direction(law, photon_rate=3e4, read_noise=10.0)
+    exposure, speeds = 0.004, law.components(np.zeros(1), 48)
+    frames = PlaneFrames(np.zeros(1), np.full(1, exposure), np.ones(1), np.zeros((2, 2)))
+    x, weight = np.polynomial.legendre.leggauss(120)
+    s = (x + 1) / 2
+    across, share = s**3 / 2, weight / 2 * 3 * s**2 / 2
+    along = frequencies(8192)
+    power = (along**2 + across[:, None] ** 2 + 0.01**2) ** -1.5
+    scale = 0.2**2 / (4 * share @ power.mean(1) / 2)
+    errors = []
+    for each, f in zip(power * scale, across, strict=True):
+        aperture = float(np.sinc(f)) ** 2
+        deviation = np.sqrt(aperture * each.mean())
+        texture = Texture(power_spectrum=each, deviation=deviation)
+        own = np.asarray(speeds.speeds[0]), np.asarray(speeds.weights[0])
+        line = Scene(*own, photon_rate=3e4, read_noise=10.0, picture=texture)
+        one = OpenFrames.of(line, exposure, folds=True)
+        error = one.error(one.gained(one.at_rest(exposure), exposure))
+        errors.append(error / aperture)
+    expected = psnr_of_error(float(2 * share @ np.array(errors)))
+    level = float(plane_psnr(scene, frames, grid=Grid(96, 96, 48, 16)))
+    assert level == pytest.approx(expected, abs=1e-3)
+
+
+def small(dtype=np.float64) -> PlaneFrames:
+    """Two unequal frames on four pieces, with a gap in which the velocity jumps."""
+    return jax.tree.map(
+        lambda x: np.asarray(x, dtype),
+        PlaneFrames(
+            np.array([-0.011, 0.006]),
+            np.array([0.012, 0.021]),
+            np.array([0.012, 0.0005, 0.0, 0.021]),
+            np.array([[-900.0, 700.0, 700.0, -400.0, 1300.0], [300.0, 1100.0, 0.0, -800.0, 50.0]]),
+        ),
+    )
+
+
+COARSE = Grid(8, 4, 6, 2)
+
+
+def test_the_level_has_the_slopes_of_differences():
+    """By velocities, durations and exposures, by light, noise, lens and law; forward as reverse."""
+    frames = small()
+
+    def level(numbers):
+        path, scene_numbers = numbers
+        rate, read, blur, along = scene_numbers
+        scene = Scene.any_direction(
+            EvenVelocities(along, 900.0, angle=0.4),
+            photon_rate=rate,
+            read_noise=read,
+            optics=Optics(lens_blur=blur),
+        )
+        return plane_psnr(scene, path, grid=COARSE, num_panels=8)
+
+    numbers = (jax.tree.map(jnp.asarray, frames), tuple(map(jnp.asarray, (3e4, 9.0, 0.4, 2100.0))))
+    slope = jax.grad(level)(numbers)
+    rng = np.random.default_rng(3)
+    change = jax.tree.map(lambda x: 1e-6 * jnp.abs(x) * rng.normal(size=x.shape), numbers)
+    # The first light stays where the first velocity begins.
+    forward = jax.jvp(level, (numbers,), (change,))[1]
+    ahead, behind = (
+        level(jax.tree.map(lambda x, d, s=sign: x + s * d, numbers, change)) for sign in (1, -1)
+    )
+    product = sum(
+        jnp.vdot(x, y) for x, y in zip(*map(jax.tree.leaves, (slope, change)), strict=True)
+    )
+    assert float(forward) == pytest.approx(float(ahead - behind) / 2, rel=1e-5)
+    assert float(product) == pytest.approx(float(forward), rel=1e-9)
+
+
+def test_single_precision_and_a_batch_have_the_same_levels():
+    """Frames of 32 bits keep them, to 1e-4 dB; `jit` and `vmap` change nothing."""
+    scene = Scene.any_direction(RingOfVelocities(1900.0), photon_rate=3e4, read_noise=9.0)
+    level = float(plane_psnr(scene, small(), grid=COARSE, num_panels=8))
+    single = plane_psnr(scene, small(np.float32), grid=COARSE, num_panels=8)
+    assert single.dtype == np.float32
+    assert float(single) == pytest.approx(level, abs=1e-4)
+    two = jax.tree.map(lambda x: jnp.stack([x, 0.8 * x]), small())
+    batch = jax.jit(jax.vmap(lambda frames: plane_psnr(scene, frames, grid=COARSE, num_panels=8)))(
+        two
+    )
+    assert float(batch[0]) == pytest.approx(level, abs=1e-9)
+    assert float(batch[1]) != pytest.approx(level, abs=1e-2)
+
+
+def test_traced_frames_need_their_number_of_panels():
+    """Without it the error says so, in place of a level that is wrong."""
+    scene = Scene.any_direction(RingOfVelocities(1900.0), photon_rate=3e4, read_noise=9.0)
+    with pytest.raises(ValueError, match=r"plane_psnr\(num_panels=...\)` must be given where JAX"):
+        jax.jit(lambda frames: plane_psnr(scene, frames))(small())
+
+
+def test_a_scene_without_light_or_noise_has_a_level():
+    """Darkness leaves the picture's variance; without noise no level is NaN."""
+    dark = Scene.any_direction(1900.0, photon_rate=0.0, read_noise=9.0)
+    assert float(plane_psnr(dark, small(), grid=COARSE)) == pytest.approx(-20 * np.log10(0.2))
+    picture = Texture(mean_level=0.0)
+    clean = Scene.any_direction(1900.0, photon_rate=3e4, read_noise=0.0, picture=picture)
+    assert 60 < float(plane_psnr(clean, small(), grid=COARSE)) < 200
+
+
+def test_a_listed_velocity_that_the_sensor_follows_is_as_sharp_as_stillness():
+    """A sensor on the one velocity of a list has the level of a picture and a sensor at rest."""
+    law = ListedVelocities([[1900.0, -700.0]])
+    scene = Scene.any_direction(law, photon_rate=3e4, read_noise=9.0)
+    velocity = np.array([[1900.0], [-700.0]]) * np.ones((1, 2))
+    still = np.array([0.0]), np.array([0.03]), np.array([0.03])
+    level = float(plane_psnr(scene, PlaneFrames(*still, velocity), grid=COARSE))
+    fan = fan_of(scene, COARSE)
+    r, a = fan.radius[:, None], fan.direction
+    aperture = np.sinc(r * np.cos(a)) ** 2 * np.sinc(r * np.sin(a)) ** 2
+    e = 3e4 * 0.03
+    lost = 1 / (1 + 0.04 * fan.power * aperture * e**2 / (0.25 * e + 81))
+    assert level == pytest.approx(-10 * np.log10(0.04 * np.sum(fan.weight * lost)), abs=1e-6)
+
+
+def test_a_lens_that_passes_less_leaves_no_power_above_its_cutoff():
+    """The fan ends at the cutoff, and its shares of power sum to 1 there as elsewhere."""
+    for cutoff in (0.5, 0.23):
+        scene = Scene.any_direction(
+            1900.0, photon_rate=1.0, read_noise=1.0, optics=Optics(cutoff_frequency=cutoff)
+        )
+        fan = fan_of(scene)
+        assert fan.weight.sum() == pytest.approx(1)
+        x = np.abs(fan.radius[:, None] * np.stack([np.cos(fan.direction), np.sin(fan.direction)]))
+        assert x.max() < cutoff
+
+
+def test_a_photograph_holds_its_detail_along_its_axes():
+    """Its fitted power is that of its periodogram in octaves, and is less along diagonals."""
+    picture = example_picture()
+    power = power_of(picture)
+    light = np.asarray(picture.light, np.float64).mean(-1)
+    window = np.outer(*(np.hanning(n + 2)[1:-1] for n in light.shape[:2]))
+    field = (light - light.mean()) * window
+    found = np.abs(np.fft.fft2(field)) ** 2
+    fy, fx = np.meshgrid(*map(np.fft.fftfreq, light.shape[:2]), indexing="ij")
+    r, a = np.hypot(fx, fy), np.arctan2(fy, fx)
+    means = []
+    for low in (0.03, 0.06, 0.12, 0.24):
+        ring = (r > low) & (r < 2 * low)
+        means.append(np.log(found[ring]).mean() - np.log(power(r[ring], a[ring])).mean())
+    assert np.ptp(means) < 0.5
+    ring = (r > 0.1) & (r < 0.3)
+    turned = np.cos(4 * a)
+    logs = [np.log(found), np.log(power(r, a))]
+    along, fitted = (
+        x[ring & (turned > 0.5)].mean() - x[ring & (turned < -0.5)].mean() for x in logs
+    )
+    assert along > 0.1
+    assert fitted == pytest.approx(along, abs=0.1)
+
+
+def test_water_is_poured_where_it_gains_most():
+    """Against the best of many other ways to spend the same budget on three cells."""
+    mass, width = np.array([0.55, 0.3, 0.15]), np.array([0.7, 0.6, 0.7])
+    least = float(water_filled(mass, width, np.array([4.0]), np.array([5.0]))[0])
+    rho = np.random.default_rng(2).uniform(0, 5, (200_000, 3))
+    rho = rho[rho @ width <= 4.0]
+    best = float(np.min((1 / (1 + rho)) @ mass))
+    assert least <= best
+    assert least == pytest.approx(best, abs=2e-3)
+
+
+def test_the_ceiling_of_uneven_speeds_is_lower_than_that_of_their_peak():
+    """On one axis as well; a list of equal weights keeps its ceiling to 1e-3 dB."""
+    speeds = np.linspace(-2000, 2000, 9)
+    light = {"photon_rate": 3e4, "read_noise": 9.0}
+    peaked = Scene(speeds, np.exp(-((speeds / 900) ** 2) / 2), **light)
+    long = {"max_half_exposure": 0.03, "continuous": True}
+    even, own = float(ceiling(Scene(speeds, **light), **long)), float(ceiling(peaked, **long))
+    from mishutter.evaluation.ceilings import _least_error, _power, times_of_cells
+
+    peak = _least_error(peaked, 0.03, times_of_cells(peaked), _power(peaked, 512))
+    assert even < own < psnr_of_error(peak) - 0.05
+
+
+@pytest.mark.slow
+def test_motion_across_costs_frames_that_move_more():
+    """A tenth across costs less than a third, nothing across nothing, and stills least."""
+    scene = Scene.uniform(max_speed=2300.0, photon_rate=3e4, read_noise=9.0)
+    swing = ParabolicMotion.from_stroke(9.0, half_exposure=0.007)
+    moving = frames_of([TimedFrame(swing, time) for time in (-0.01, 0.01)])
+    still = frames_of(
+        [TimedFrame(StillCamera(half_exposure=0.0014), time) for time in (-0.01, 0.01)]
+    )
+    assert cross_motion_loss(scene, moving, across=0.0) == pytest.approx(0, abs=1e-9)
+    tenth, third = (cross_motion_loss(scene, moving, across=x) for x in (0.1, 0.33))
+    assert 0.01 < tenth < third < 2
+    assert cross_motion_loss(scene, still, across=0.33) < third
+
+
+def test_a_scene_of_one_axis_has_no_level_in_the_plane():
+    """The error says what would make one of any direction."""
+    scene = Scene.uniform(max_speed=2300.0, photon_rate=3e4, read_noise=9.0)
+    line = "`scene` must have velocities in any direction, as `Scene.any_direction` makes it; got"
+    for level in (plane_psnr, lambda scene, frames: plane_ceiling(scene, frames.exposures)):
+        with pytest.raises(ValueError, match=line):
+            level(scene, small())

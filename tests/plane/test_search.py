@@ -1,0 +1,269 @@
+"""The search in the plane: its ways within limits, its order, and the answer."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.bursts import SEQUENCE
+
+from mishutter import (
+    Burst,
+    EvenVelocities,
+    Limits,
+    ListedVelocities,
+    Scene,
+    best_in_plane,
+    cli,
+)
+from mishutter.plane import FAMILIES, FREE, PlaneBurst, PlaneFrames, PlaneSearch, frames_of
+from mishutter.plane.families import Room
+from mishutter.plane.search import _Search
+from mishutter.report import PlaneReport
+
+LIMITS = Limits(max_stroke=24.0, max_half_exposure=0.01, max_acceleration=9e5, max_travel=31.0)
+BURST = Burst(frames_per_s=90.0, window=0.05, max_frames=4)
+
+
+def a_scene(limits: Limits = LIMITS, **others) -> Scene:
+    law = EvenVelocities(1700.0, 1100.0, angle=0.3)
+    parts = {"photon_rate": 3e4, "read_noise": 9.0, "limits": limits, "burst": BURST}
+    return Scene.any_direction(law, **(parts | others))
+
+
+def a_room(limits: Limits) -> Room:
+    return _Search.of(a_scene(limits)).room
+
+
+@pytest.mark.parametrize("axes", ["each", "disc"])
+@pytest.mark.parametrize("kind", [family.kind for family in FAMILIES])
+def test_ways_keep_the_limits(kind, axes):
+    """Travel, stroke, speed and acceleration by places and velocities of the path itself."""
+    limits = Limits(
+        max_stroke=24.0,
+        max_half_exposure=0.01,
+        max_acceleration=9e5,
+        max_travel=31.0,
+        max_top_speed=1500.0,
+        axes=axes,
+    )
+    family = next(each for each in FAMILIES if each.kind == kind)
+    point = np.array([0.9, 0.8, 0.7, 0.4])[: len(family.starts[0])]
+    frames = family.made(a_room(limits), 3, point)
+    assert frames.num_frames == 3
+    assert frames.duration <= 0.05 * (1 + 1e-9)
+    knots = frames.knots(limits)
+    turns = np.linspace(0, np.pi, 37) if axes == "disc" else np.array([0, np.pi / 2])
+    units = np.stack([np.cos(turns), np.sin(turns)], axis=-1)
+    velocity = units @ knots.velocities
+    lasts = knots.durations > 0
+    gains = np.abs(np.diff(velocity))
+    assert gains[:, ~lasts].max(initial=0) < 1e-6
+    assert (gains[:, lasts] / knots.durations[lasts]).max() <= 9e5 * (1 + 1e-6)
+    assert np.abs(velocity).max() <= 1500 * (1 + 1e-6)
+    steps = (velocity[:, 1:] + velocity[:, :-1]) / 2 * knots.durations
+    place = np.cumsum(steps, axis=1)
+    assert np.ptp(place, axis=1).max() <= 31 * (1 + 1e-2)
+    lit = place[:, knots.first - 1 : knots.last]
+    assert np.ptp(lit, axis=1).max() <= 24 * (1 + 1e-6)
+
+
+def test_a_path_is_where_its_velocities_lead():
+    """Places by the trapezoids of the velocities, between knots too; a jump takes no time."""
+    frames = PlaneFrames(
+        np.array([0.01]),
+        np.array([0.02]),
+        np.array([0.005, 0.0, 0.015]),
+        np.array([[100.0, 300.0, -200.0, 0.0], [0.0, 0.0, 40.0, 40.0]]),
+    )
+    place = np.asarray(frames.place(np.array([0.0, 0.0025, 0.005, 0.02])))
+    np.testing.assert_allclose(place[0], [0, 0.375, 1.0, -0.5], atol=1e-12)
+    np.testing.assert_allclose(place[1], [0, 0, 0, 0.6], atol=1e-12)
+
+
+def test_one_axis_of_a_stage_gets_ways_along_it():
+    """A stage of one axis follows no way of two, nor a free path; the axis is that of the law."""
+    search = _Search.of(a_scene(Limits(max_half_exposure=0.01, axes="one")))
+    families = {family.kind: family for family, _ in search.tries}
+    assert max(family.num_axes for family in families.values()) == 1
+    frames = families["sweep"].made(search.room, 3, np.array([1.0, 0.6]))
+    x, y = np.asarray(frames.velocities)
+    np.testing.assert_allclose(y, x * np.tan(0.3), atol=1e-6)
+
+
+def test_frames_pan_with_velocities_that_have_a_mean():
+    """Things that all move one way are followed; frames at rest are not panned.
+
+    Of a camera that turns the stage makes the rest of the motion, within its stroke.
+    """
+    law = ListedVelocities([[900.0, 300.0], [1100.0, 500.0]])
+    scene = Scene.any_direction(law, photon_rate=3e4, read_noise=9.0, burst=BURST, limits=LIMITS)
+    search = _Search.of(scene)
+    kinds = {family.kind: family for family, _ in search.tries}
+    assert "pan" in kinds
+    loose = replace(scene, limits=Limits(max_half_exposure=0.01))
+    room = _Search.of(loose).room
+    frames = kinds["pan"].made(room, 2, np.array([0.5]))
+    np.testing.assert_allclose(frames.velocities.T, np.tile([1000.0, 400.0], (65, 1)))
+    assert not np.any(kinds["stills"].made(room, 2, np.array([0.5])).velocities)
+    turning = replace(scene, limits=Limits(max_stroke=5.0, max_half_exposure=0.01, pans="camera"))
+    room = _Search.of(turning).room
+    frames = kinds["circle"].made(room, 2, np.array([1.0, 0.9, 0.5]))
+    assert np.ptp(np.cumsum(frames.velocities, axis=1), axis=1).max() > 0
+    use = room.of_stage(frames).use(turning.limits)
+    assert float(use.stroke) == pytest.approx(5, rel=2e-3)
+    assert float(frames.use(turning.limits).stroke) > 20
+    assert "pan" not in {family.kind for family, _ in _Search.of(a_scene()).tries}
+
+
+@pytest.fixture(scope="module")
+def searched() -> PlaneSearch:
+    return best_in_plane(a_scene())
+
+
+@pytest.mark.slow
+def test_a_search_orders_ways_as_the_physics_does(searched):
+    """Two sines beat one axis, one axis beats stills, and nothing beats the ceiling."""
+    levels = {burst.kind: burst.psnr for burst in searched.bursts}
+    assert searched.snapshot.psnr < levels["stills"] < levels["sweep"] < levels["two sines"]
+    assert max(levels.values()) < searched.ceiling
+    assert searched.ceiling - levels["two sines"] < 0.6
+    assert levels["two sines"] > levels["stills"] + 0.7
+    if FREE in levels:
+        assert levels[FREE] >= max(x for kind, x in levels.items() if kind != FREE) + 0.05
+    for burst in searched.bursts:
+        assert float(burst.use.travel) <= 31 * 1.01
+        assert burst.num_frames <= 4
+
+
+def a_burst(kind: str, num_axes: int, psnr: float, count: int = 4) -> PlaneBurst:
+    times = np.arange(count) * 0.01
+    velocities = np.full((2, 2), 700.0 * num_axes)
+    frames = PlaneFrames(times, np.full(count, 0.008), np.array([0.04]), velocities)
+    return PlaneBurst(kind, num_axes, frames, psnr, frames.use(LIMITS))
+
+
+@pytest.mark.parametrize(
+    ("one", "two", "free", "kind"),
+    [
+        (26.1, 26.19, None, "stills"),
+        (26.3, 26.45, None, "sweep"),
+        (26.3, 26.9, None, "two sines"),
+        (26.3, 26.9, 26.93, "two sines"),
+        (26.3, 26.9, 26.99, FREE),
+    ],
+)
+def test_the_simplest_of_equals_is_recommended(one, two, free, kind):
+    """A stage must be worth 0.2 dB, a second axis as much again, and a free path 0.05 dB."""
+    bursts = [a_burst("stills", 0, 26.0), a_burst("sweep", 1, one)]
+    bursts += [a_burst("circle", 2, two - 0.06), a_burst("two sines", 2, two)]
+    bursts += [a_burst(FREE, 2, free)] if free else []
+    search = PlaneSearch(a_burst("stills", 0, 24.5, 1), tuple(bursts), 27.3)
+    report = PlaneReport(a_scene(), search)
+    assert report.choice.kind == kind
+    text = report.text()
+    level = f"{report.choice.psnr:.1f} dB, {report.choice.psnr - 24.5:.1f} dB better"
+    assert level in text.splitlines()[0]
+    assert "ceiling of any path" in text
+    assert json.loads(json.dumps(report.to_dict()))["choice"] == kind
+
+
+def test_a_snapshot_is_told_to_be_taken_where_nothing_is_worth_more():
+    """Frames that gain less than 0.2 dB over it are left."""
+    search = PlaneSearch(a_burst("stills", 0, 24.5, 1), (a_burst("stills", 0, 24.6),), 25.0)
+    first = PlaneReport(a_scene(), search).text().splitlines()[0]
+    assert first == "Take a snapshot of 8 ms at rest: 24.5 dB; nothing here is worth more."
+
+
+def test_one_filter_is_refused_with_its_reason():
+    """A scene of one filter for all velocities is told why frames are registered all the same."""
+    search = PlaneSearch(a_burst("stills", 0, 24.5, 1), (a_burst("stills", 0, 26.0),), 27.0)
+    told = PlaneReport(a_scene(), search).text()
+    untold = PlaneReport(a_scene(decoder_speed="unknown"), search).text()
+    assert "One filter for all velocities is not offered" in " ".join(untold.split())
+    assert "One filter" not in told
+
+
+def test_frames_along_one_axis_are_frames_in_the_plane():
+    """Each frame of a sequence has its own path, whatever lies between them."""
+    frames = frames_of(SEQUENCE.frames, 0.4)
+    for index, frame in enumerate(SEQUENCE.frames):
+        tau = np.linspace(-0.5, 0.5, 7) * frame.exposure
+        place = np.asarray(frames.place(frame.time + tau * (1 - 1e-9)))
+        own = np.asarray(frame.motion.position(tau))
+        for row, share in zip(place, (np.cos(0.4), np.sin(0.4)), strict=True):
+            np.testing.assert_allclose(row - row[3], share * (own - own[3]), atol=1e-5)
+        assert float(frames.exposures[index]) == pytest.approx(frame.exposure)
+
+
+def test_a_jerk_that_is_limited_is_refused():
+    """Ways in the plane have pieces of constant acceleration."""
+    with pytest.raises(ValueError, match=r"Limits\(max_jerk=...\)` must be left out in the plane"):
+        best_in_plane(a_scene(Limits(max_half_exposure=0.01, max_jerk=1e9)))
+
+
+def test_a_velocity_that_nothing_tells_is_refused():
+    """One exposure is searched for where the decoder is told; else frames have to tell."""
+    line = "`scene` must have a burst with time for two frames.*; got one exposure of unknown"
+    for burst in (None, Burst(frames_per_s=40.0, window=0.02)):
+        with pytest.raises(ValueError, match=line):
+            best_in_plane(a_scene(burst=burst))
+
+
+FILE = """[speeds]
+any_direction = { max_px_per_s = 1700 }
+[light]
+photon_rate_per_s = 3e4
+[sensor]
+read_noise_e = 9
+pixel_pitch_um = 4
+[limits]
+max_stroke_px = 24
+max_half_exposure_ms = 8
+"""
+REFUSED = {
+    "sweep": ["sweep"],
+    "compare": ["compare"],
+    "loss": ["optimise", "--loss", "design"],
+    "free": ["optimise", "--free", "shutter"],
+}
+
+
+@pytest.mark.parametrize("slug", REFUSED)
+def test_commands_along_one_axis_refuse_the_file(slug, tmp_path, capsys):
+    """One line says what must hold, on standard error, and nothing is written."""
+    path = tmp_path / "scene.toml"
+    path.write_text(FILE)
+    command, *options = REFUSED[slug]
+    assert cli.main([command, str(path), *options]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    *_, line = err.splitlines()
+    assert line.startswith("mishutter: error: ")
+    assert "one axis" in line or "be left out for things that move in any direction" in line
+
+
+def test_plan_shows_the_velocities(tmp_path, capsys):
+    """In words in the table, and in the document."""
+    path = tmp_path / "scene.toml"
+    path.write_text(FILE)
+    assert cli.main(["plan", str(path)]) == 0
+    out, _ = capsys.readouterr()
+    assert "up to 1,700 px/s in any direction" in out
+    assert "two sines" in out
+    assert cli.main(["plan", str(path), "--json"]) == 0
+    out, _ = capsys.readouterr()
+    assert json.loads(out)["scene"]["velocities"] == "up to 1,700 px/s in any direction"
+
+
+@pytest.mark.slow
+def test_the_command_answers_and_writes_its_files(tmp_path, capsys):
+    """One exposure, of a camera without a burst: the answer, the document and the picture."""
+    path = tmp_path / "scene.toml"
+    path.write_text(FILE + '[decoder]\nspeed = "known"\n')
+    assert cli.main(["optimise", str(path), "--out", str(tmp_path / "out")]) == 0
+    out, _ = capsys.readouterr()
+    assert out.startswith("Take ")
+    document = json.loads((tmp_path / "out" / "report.json").read_text("utf-8"))
+    assert document["verdict"] in out
+    assert (tmp_path / "out" / "answer.png").stat().st_size > 10_000
