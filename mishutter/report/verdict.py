@@ -179,7 +179,7 @@ def snapshot_line(exposure: str, level: str) -> str:
 
 
 def order_line(order: str, level: str, gains: Iterable[float], beside: str = "") -> str:
-    """The first line of an answer: what to take, its level, and its gain or the ends of that, dB."""
+    """The first line of an answer: what to take, its level, and its gain or its ends, dB."""
     gain = " to ".join(dict.fromkeys(f"{end:.1f}" for end in gains))
     return f"Take {order}: {level}, {gain} dB better than a snapshot{beside}."
 
