@@ -461,9 +461,7 @@ def test_pictures_one_period_on_are_rivals():
 
 
 @pytest.mark.parametrize("moves", [False, True], ids=["still", "moving"])
-@pytest.mark.parametrize(
-    "besides", ["gain", "black level", "fixed pattern", "eight bits"]
-)
+@pytest.mark.parametrize("besides", ["gain", "black level", "fixed pattern", "eight bits"])
 def test_what_cameras_do_besides_is_no_misfit(besides, moves):
     """Frames whose gain or black level changes, with a pattern that stays, or of few levels."""
     frames = swings(4) if moves else stills(4)
