@@ -33,8 +33,7 @@ OTHERS = (
     *("chelsea.png", "coins.png", "motorcycle_right.png", "page.png", "cell.png", "text.png"),
     *PHOTOGRAPHS,
 )
-"""Photographs for error bars: those that chose no number of the decoder, then other rows of those
-that may have."""
+"""Photographs for error bars, any rows of each: first those on which no threshold was chosen."""
 NUM_OTHERS, OTHER = 144, "other photographs"
 WRONG = 0.5
 """Displacement from frame to frame by which a wrong speed is off; px."""
