@@ -33,15 +33,16 @@ def plane_ceiling(
     each = np.asarray(white_electrons(float(scene.photon_rate), np.asarray(exposures)))
     noise = noise_power(1.0, float(scene.picture.mean_level), each, float(scene.read_noise))
     ratio = each / np.maximum(noise, 1e-12 * np.maximum(each, 1.0) ** 2)
-    blur, radius = float(scene.optics.lens_blur), fan.radius[:, None]
-    aperture = pixel_response(radius * np.cos(fan.direction), blur)
-    aperture = aperture * pixel_response(radius * np.sin(fan.direction), blur)
+    blur, direction = float(scene.optics.lens_blur), np.asarray(fan.direction)
+    radius = np.asarray(fan.radius)[:, None]
+    aperture = pixel_response(radius * np.cos(direction), blur)
+    aperture = aperture * pixel_response(radius * np.sin(direction), blur)
     variance = float(scene.picture.deviation) ** 2
-    signal = variance * fan.power * aperture**2
+    signal = np.asarray(variance * fan.power * aperture**2)
     cap, cells = signal * np.sum(ratio * each), law.cells(_CELLS)
     lost = 1 / (1 + cap)
     if cells is not None:
-        half = law.greatest(fan.direction.ravel()).reshape(fan.direction.shape)
+        half = law.greatest(direction.ravel()).reshape(direction.shape)
         budget = signal * float(scene.photon_rate) * np.sum(ratio)
         budget = budget / np.maximum(radius * half, np.finfo(float).tiny)
         lost = water_filled(cells.mass, cells.width, np.minimum(budget, 2 * cap), cap)

@@ -364,9 +364,11 @@ def _descended(
         v, d = frames.velocities, frames.durations
         shares = [v / limits.max_top_speed.astype(v.dtype)]
         if limits.max_acceleration is not None:
-            lasts = jnp.where(d > 0, d, jnp.inf)
+            lasts = jnp.where(d > 0, d, jnp.inf)[None]
             shares.append(jnp.diff(v) / lasts / limits.max_acceleration.astype(v.dtype))
-        return sum((jnp.sum(jax.nn.relu(jnp.abs(x) - 1) ** 2) for x in shares), jnp.zeros(()))
+        return sum(
+            (jnp.sum(jax.nn.relu(jnp.abs(x) - 1) ** 2) for x in shares), jnp.zeros((), v.dtype)
+        )
 
     def loss(numbers: Array, _: None) -> Array:
         frames = _with_waves(numbers, start, scale)
