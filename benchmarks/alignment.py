@@ -16,7 +16,8 @@ import numpy as np  # noqa: E402
 import mishutter as ms  # noqa: E402
 from benchmarks import harness  # noqa: E402
 from benchmarks.scenes import scenes  # noqa: E402
-from mishutter.model import frequency_grid, picture_power, pixel_response  # noqa: E402
+from mishutter.model.optics import frequency_grid, pixel_response  # noqa: E402
+from mishutter.model.scene import picture_power  # noqa: E402
 
 _FREQUENCIES, _INSTANTS, _STEPS = 400, 600, 40
 _TAPERS = (0.0, 0.25, 0.5, 0.75, 1.0)

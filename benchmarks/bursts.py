@@ -24,19 +24,15 @@ from support.frames import alternating_frames, panned_frames, sine_frames, sweep
 
 from benchmarks import harness
 from mishutter import Burst, FreeMotion, Limits, Scene, TimedFrame
-from mishutter.evaluation import (
-    StillBursts,
-    larger,
-    loss_of_width,
-    registration,
-    sizes,
-)
+from mishutter.evaluation.bursts import StillBursts
 from mishutter.evaluation.frames import (
     FrameGroup,
     burst_psnr,
     seen_by,
     still_frames,
 )
+from mishutter.evaluation.needs import larger, sizes
+from mishutter.evaluation.sequences import loss_of_width, registration
 
 TOP_SPEED, TRAVEL = 4500.0, 110.0
 """Of the objects, px/s; of the stage over the burst, px."""

@@ -20,12 +20,13 @@ from jaxtyping import ArrayLike
 import mishutter as ms
 from benchmarks import harness
 from benchmarks.photographs import PHOTOGRAPHS
-from mishutter.camera import furthest, responses_of_frames
-from mishutter.decoding import blur_model
-from mishutter.decoding.decoders.base import density_of
+from mishutter.camera.sequences import furthest, responses_of_frames
+from mishutter.decoding.decoders.base import blur_model, density_of
 from mishutter.decoding.decoders.linear import mean_over_dft
-from mishutter.evaluation import best_moving_burst, best_still_burst, nodes_of_frames
-from mishutter.model import noise_power, white_electrons
+from mishutter.evaluation.bursts import best_still_burst
+from mishutter.evaluation.moving_bursts import best_moving_burst
+from mishutter.evaluation.sequences import nodes_of_frames
+from mishutter.model.sensor import noise_power, white_electrons
 from mishutter.pictures.images import shipped_picture
 
 TUNED_ON = "motorcycle_left.png"

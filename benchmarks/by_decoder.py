@@ -21,7 +21,7 @@ from mishutter import (
 )
 from mishutter.pictures.images import shipped_picture
 from mishutter.report.by_decoder import judged_by
-from mishutter.search import OWN_BEST_MOTION, cameras_of
+from mishutter.search.rows import OWN_BEST_MOTION, cameras_of
 
 DECODERS = {"ensemble": EnsembleDecoder(), "total variation": TotalVariationDecoder()}
 NOTE = (

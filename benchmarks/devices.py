@@ -20,14 +20,11 @@ from mishutter import (
     evaluate,
     optimise,
 )
-from mishutter.model import (
-    AbstractDevice,
-    AbstractMotion,
-    AbstractShutter,
-    ChippedShutter,
-    steady,
-)
-from mishutter.search import with_device
+from mishutter.model.devices import AbstractDevice
+from mishutter.model.motion import AbstractMotion, steady
+from mishutter.model.shutters.base import AbstractShutter
+from mishutter.model.shutters.chips import ChippedShutter
+from mishutter.search.search import with_device
 
 BANDWIDTHS = (30, 100, 1000)
 """Hz, at which a first-order device passes half the power: 10 to 90 % takes 0.35 over it."""

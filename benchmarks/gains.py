@@ -25,8 +25,9 @@ from mishutter import (
     example_scene,
     optimise,
 )
-from mishutter.evaluation import ExpectedErrorLoss
-from mishutter.search import RivalSearch, Row, best_row, snapshots
+from mishutter.evaluation.speed_knowledge import ExpectedErrorLoss
+from mishutter.search.rivals import RivalSearch, snapshots
+from mishutter.search.rows import Row, best_row
 
 
 class Light(NamedTuple):

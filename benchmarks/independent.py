@@ -38,8 +38,8 @@ from mishutter import (
     example_scene,
     optimise,
 )
-from mishutter.evaluation import UNKNOWN_SPEED
-from mishutter.model import AbstractMotion, steady
+from mishutter.evaluation.speed_knowledge import UNKNOWN_SPEED
+from mishutter.model.motion import AbstractMotion, steady
 
 ALLOWED = 0.02
 """How much better than the package's the independent figure may be; dB."""

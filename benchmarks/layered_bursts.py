@@ -15,9 +15,9 @@ import mishutter as ms
 from benchmarks import harness
 from benchmarks.bursts_photographs import decibels
 from benchmarks.photographs import PHOTOGRAPHS
-from mishutter.evaluation import best_moving_burst, best_still_burst
-from mishutter.pictures import Picture
-from mishutter.pictures.images import shipped_picture
+from mishutter.evaluation.bursts import best_still_burst
+from mishutter.evaluation.moving_bursts import best_moving_burst
+from mishutter.pictures.images import Picture, shipped_picture
 
 SIZE, BORDER = 256, 48
 """Rows and columns of a picture, and columns at either end that are not judged; px."""

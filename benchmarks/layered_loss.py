@@ -10,13 +10,13 @@ import numpy as np
 
 import mishutter as ms
 from benchmarks import harness
-from mishutter._core import compiled
-from mishutter.evaluation import reduced
+from mishutter._core.compiling import compiled
 from mishutter.evaluation.layers import computed_speeds
-from mishutter.model import example_scene
-from mishutter.search import NUM_COEFFICIENTS, starting_shutter
+from mishutter.evaluation.needs import reduced
+from mishutter.model.scene import example_scene
 from mishutter.search.objective import AbstractObjective, objective_of
 from mishutter.search.planning import plan as plan_of_scene
+from mishutter.search.search import NUM_COEFFICIENTS, starting_shutter
 from mishutter.search.space import design_space
 
 FREE = ("shutter", "half_exposure", "acceleration")

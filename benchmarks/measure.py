@@ -22,8 +22,9 @@ from support.places import PLACES, Place, best_frames  # noqa: E402
 
 import mishutter as ms  # noqa: E402
 from benchmarks import harness  # noqa: E402
-from mishutter.measurement import Noise, noise_from  # noqa: E402
 from mishutter.measurement.clip import clip_of  # noqa: E402
+from mishutter.measurement.measurement import noise_from  # noqa: E402
+from mishutter.measurement.noise import Noise  # noqa: E402
 
 NOISES = ((300, 2.0), (1000, 8.0), (1000, 4.0), (3000, 4.0), (10_000, 4.0))
 """Photo-electrons at white, and read noise; e-."""

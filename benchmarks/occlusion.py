@@ -15,7 +15,7 @@ from support import layered_rows
 
 import mishutter as ms
 from benchmarks import harness
-from mishutter.model import AbstractMotion
+from mishutter.model.motion import AbstractMotion
 
 SPEEDS = (-3375.0, -1125.0, 1125.0, 3375.0)
 """px/s: of objects, and of backgrounds that move."""

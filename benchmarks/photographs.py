@@ -15,8 +15,9 @@ import numpy as np
 import mishutter as ms
 from benchmarks import harness
 from benchmarks.scenes import scenes
-from mishutter.decoding import blur_model, restored_light
-from mishutter.model import AbstractMotion, steady
+from mishutter.decoding.decoders.base import blur_model
+from mishutter.decoding.restoration import restored_light
+from mishutter.model.motion import AbstractMotion, steady
 from mishutter.pictures.images import shipped_picture
 
 PHOTOGRAPHS = {

@@ -31,8 +31,9 @@ from mishutter import (
     simulate_capture,
     starting_shutter,
 )
-from mishutter.evaluation import sizes, value_of
-from mishutter.search import plan
+from mishutter.evaluation.losses import value_of
+from mishutter.evaluation.needs import sizes
+from mishutter.search.planning import plan
 
 jax.config.update("jax_enable_x64", True)
 

@@ -14,7 +14,7 @@ from skimage.restoration import richardson_lucy
 import mishutter as ms
 from benchmarks import harness
 from mishutter.camera.capture import captured_columns
-from mishutter.decoding import blur_model
+from mishutter.decoding.decoders.base import blur_model
 
 SIDE, ITERATIONS, REPEATS = 1536, 30, 7
 HALF_EXPOSURE, STROKE, READ_NOISE = 0.01, 45.0, 4.0

@@ -13,8 +13,7 @@ import mishutter as ms
 from benchmarks import harness
 from benchmarks.photographs import PHOTOGRAPHS
 from benchmarks.scenes import scenes
-from mishutter.decoding import blur_model
-from mishutter.decoding.decoders.base import BlurModel
+from mishutter.decoding.decoders.base import BlurModel, blur_model
 from mishutter.pictures.images import shipped_picture
 
 SCENES = {"built-in": 0, "night": 1, "daylight": 2, "slow": 4}

@@ -18,7 +18,7 @@ import quadax
 import scipy.integrate
 
 from mishutter import AbstractShutter, ParabolicMotion, binned_exposure
-from mishutter.model.shutters import piecewise
+from mishutter.model.shutters.base import piecewise
 
 PASSING_TIMES = "passing times alone"
 

@@ -23,12 +23,12 @@ from scipy.special import polygamma
 
 import mishutter as ms
 from benchmarks import harness
-from mishutter.decoding import blur_model
 from mishutter.decoding.decoders import speed as estimator
+from mishutter.decoding.decoders.base import blur_model
 from mishutter.decoding.decoders.speed import Energies, Prior
 from mishutter.decoding.decoders.speed_finding import at_speed
-from mishutter.model import AbstractMotion
-from mishutter.sweeps import best_snapshots
+from mishutter.model.motion import AbstractMotion
+from mishutter.sweeps.trade_offs import best_snapshots
 
 SHIPPED = {
     "skimage/data": (

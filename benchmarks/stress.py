@@ -28,8 +28,8 @@ from mishutter import (  # noqa: E402
     Scene,
     SplineShutter,
 )
-from mishutter.evaluation import Plan, value_of  # noqa: E402
-from mishutter.evaluation.losses import smooth_condition_number  # noqa: E402
+from mishutter.evaluation.losses import smooth_condition_number, value_of  # noqa: E402
+from mishutter.evaluation.needs import Plan  # noqa: E402
 
 PLAN = Plan(num_taps=40, dft_length=128, num_frequencies=32, num_nodes=320)
 NUM_SPEEDS, NUM_COEFFICIENTS, BATCH = 3, 8, 1000

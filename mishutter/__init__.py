@@ -167,7 +167,7 @@ __version__ = "0.2.0"
 
 
 def __getattr__(name: str) -> object:
-    """A public name, whose folder is imported at its first use."""
+    """A public name, whose module is imported at its first use."""
     if name in _names:
         return _get(name)
     if name == "__all__":

@@ -14,7 +14,7 @@ def main() -> int:
     before = signal.getsignal(signal.SIGINT)
     if before is signal.default_int_handler:
         signal.signal(signal.SIGINT, lambda *_: os._exit(130))
-    from mishutter.cli import main as command
+    from mishutter.cli.app import main as command
 
     if before is signal.default_int_handler:
         signal.signal(signal.SIGINT, before)

@@ -16,25 +16,20 @@ import torch
 from jaxtyping import Array, ArrayLike, Float
 from torch import Tensor
 
-from mishutter._core import require, require_finite, require_scalar, shape_of
-from mishutter.camera import (
+from mishutter._core.checks import require, require_finite, require_scalar, shape_of
+from mishutter.camera.capture import (
     captured_columns,
     captured_response,
-    edge_shares,
     kernel_layout,
     nodes_of_capture,
-    period_of,
-    require_border,
 )
-from mishutter.evaluation import pixel_responses
-from mishutter.model import (
-    AbstractDevice,
-    AbstractMotion,
-    AbstractShutter,
-    Scene,
-    require_scene,
-    white_electrons,
-)
+from mishutter.camera.rows import edge_shares, period_of, require_border
+from mishutter.evaluation.response import pixel_responses
+from mishutter.model.devices import AbstractDevice
+from mishutter.model.motion import AbstractMotion
+from mishutter.model.scene import Scene, require_scene
+from mishutter.model.sensor import white_electrons
+from mishutter.model.shutters.base import AbstractShutter
 
 Camera = Callable[..., tuple[AbstractMotion, AbstractShutter]]
 """A motion and a shutter as a function of arrays."""
@@ -44,14 +39,6 @@ def differentiable(function: Callable[..., Array]) -> Callable[..., Tensor]:
     """A function of JAX as one that PyTorch differentiates, once.
 
     Kernels, losses and metrics of the package are such functions.
-
-    Args:
-        function: Function of arrays that returns one array, both of real numbers. `jax.jit` or
-            `equinox.filter_jit` of it is as fast as in JAX.
-
-    Returns:
-        The function of tensors. Its result has their precision, the widest if they differ, and
-        lies on the device of the first; without JAX's 64-bit mode it is computed in 32 bits.
 
     Raises:
         ValueError: by the function, where an argument is no tensor of floating-point numbers.
@@ -110,21 +97,13 @@ def _as_tensor(array: ArrayLike, dtype: Any, device: Any) -> Tensor:
 
 
 class _Layout(NamedTuple):
-    """Sizes of a capture that depend on the numbers of its motion.
+    """Sizes of a capture that depend on the numbers of its motion."""
 
-    Attributes:
-        columns: Pixels along the picture's motion.
-        period: Pixels of its rows as they are continued.
-        window: Pixels of these that the sensor records.
-        num_nodes: Quadrature nodes over the exposure.
-        border: The rule by which rows go on.
-    """
-
-    columns: int
-    period: int
-    window: slice
-    num_nodes: int
-    border: str
+    columns: int  # Pixels along the picture's motion
+    period: int  # Pixels of its rows as they are continued
+    window: slice  # Pixels of these that the sensor records
+    num_nodes: int  # Quadrature nodes over the exposure
+    border: str  # The rule by which rows go on
 
 
 def _layout(motion: AbstractMotion, speed: float, columns: int, border: str) -> _Layout:
@@ -145,14 +124,6 @@ class Blur(torch.nn.Module):
     It computes what `simulate_capture` does, with a gradient by the picture: rows are continued,
     their spectrum is multiplied by $H_s(f)\operatorname{sinc}(f)$ and the lens, and what the sensor
     records is cut out. `blurred` also has gradients by the numbers of the camera.
-
-    Args:
-        scene: Lens, device and axis; its speeds are not used.
-        motion: Motion of the sensor.
-        shutter: Transmittance over the exposure.
-        speed: Speed of the picture, px/s, to the left or up.
-        border: Where light from beyond the picture comes from, as in `simulate_capture`: with
-            `"scene"` the capture has fewer pixels along the motion than the picture.
 
     Raises:
         ValueError: if an argument is out of its range; when it is called, if pictures are no
@@ -193,21 +164,13 @@ class Blur(torch.nn.Module):
         return f"{self._motion!r}, {self._shutter!r}, speed={self._speed:g}"
 
     def forward(self, pictures: Tensor) -> Tensor:
-        """The captures of pictures, in units of a fully open exposure.
-
-        Args:
-            pictures: Light; shape `(..., rows, columns)`.
-        """
+        """The captures of pictures, in units of a fully open exposure."""
         rows = _along(pictures, self._scene, "Blur(...)(pictures=...)")
         layout, response = self._response(rows.shape[-1], rows)
         return _along(_captured(rows, response, layout), self._scene, "Blur")
 
     def adjoint(self, captures: Tensor) -> Tensor:
-        r"""The adjoint $A^\top y$: $\langle A x, y \rangle = \langle x, A^\top y \rangle$.
-
-        Args:
-            captures: Shape `(..., rows, columns)`, as the operator returns them.
-        """
+        r"""The adjoint $A^\top y$: $\langle A x, y \rangle = \langle x, A^\top y \rangle$."""
         rows = _along(captures, self._scene, "Blur.adjoint(captures=...)")
         beyond = self._num_taps - 1 if self._border == "scene" else 0
         layout, response = self._response(rows.shape[-1] + beyond, rows)
@@ -231,29 +194,16 @@ class Blur(torch.nn.Module):
 
 def blurred(
     pictures: Tensor,
-    scene: Scene,
+    scene: Scene,  # its speeds are not used
     camera: Camera,
     *numbers: Tensor,
-    speed: Tensor | float = 0.0,
+    speed: Tensor | float = 0.0,  # scalar
     border: str = "reflect",
 ) -> Tensor:
     """Captures of pictures by a camera that is learnt, with gradients by its numbers.
 
     `Blur` with gradients by pictures, numbers and speed: of a shutter that is learnt together with
     the network that restores, or of a speed that is fitted.
-
-    Args:
-        pictures: Light; shape `(..., rows, columns)`.
-        scene: Lens, device and axis; its speeds are not used.
-        camera: Function of the numbers, as arrays of JAX, which returns the motion and the shutter.
-            `DesignParameters.design` keeps them within the limits of a scene. One function for
-            all calls is traced once.
-        numbers: Tensors of any shape.
-        speed: Speed of the pictures, px/s, to the left or up; scalar.
-        border: Where light from beyond the picture comes from, as in `simulate_capture`.
-
-    Returns:
-        The captures, in units of a fully open exposure.
 
     Raises:
         ValueError: as `Blur`, or if the numbers are those of no motion or shutter.
@@ -297,7 +247,7 @@ def _parts_of_response(
 
 
 def physics(
-    scene: Scene,
+    scene: Scene,  # its speeds are not used
     motion: AbstractMotion,
     shutter: AbstractShutter,
     *,
@@ -309,13 +259,6 @@ def physics(
     `A` and `A_adjoint` are those of `Blur`, and the noise is that of `simulate_capture`, Poisson of
     the scene's light and Gaussian of its read noise; `A_dagger`, `prox_l2` and deepinv's solvers
     follow. deepinv is not installed with this package (`pip install deepinv`).
-
-    Args:
-        scene: Light, read noise, lens, device and axis; its speeds are not used.
-        motion: Motion of the sensor.
-        shutter: Transmittance over the exposure.
-        speed: Speed of the picture, px/s, to the left or up.
-        border: Where light from beyond the picture comes from, as in `simulate_capture`.
 
     Raises:
         ValueError: as `Blur`, or if the scene has no light.

@@ -44,7 +44,7 @@ install_import_hook("mishutter", "beartype.beartype")
 import jax  # noqa: E402 - the hook must stand before anything imports the package
 import pytest  # noqa: E402
 
-from mishutter._core import mend_compilation_cache  # noqa: E402
+from mishutter._core.compiling import mend_compilation_cache  # noqa: E402
 
 gc.set_threshold(200_000)  # tracing makes many objects that live: looking at all takes a tenth
 jax.config.update("jax_enable_x64", True)

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from support.pages import Reader, blocks, here_documents, is_shown
 
-from mishutter.model import example_scene_text
+from mishutter.model.scene_file import example_scene_text
 
 # Pages register shutters, which the next page is not to find.
 from mishutter.model.shutters import kinds

@@ -67,7 +67,7 @@ def public_names() -> list[str]:
 
 
 def wrong_imports(path: Path) -> list[str]:
-    """Imports of a file that go upwards, or past the `__init__` of another folder."""
+    """Imports of a file that go upwards, or name a folder in place of the module in it."""
     folder, *inside = module_name(path).split(".")
     if not inside and path.parent == PACKAGE:  # the public face, and `python -m mishutter`
         return []
@@ -75,12 +75,12 @@ def wrong_imports(path: Path) -> list[str]:
     return [
         f"{module_name(path)} imports {'.'.join([target, *module])}"
         for target, *module in others
-        if target != folder and (module or floor(target) <= floor(folder))
+        if target != folder and (not module or floor(target) <= floor(folder))
     ]
 
 
 def test_imports_point_downwards():
-    """A folder imports only folders on lower floors, through the names in their `__init__`."""
+    """A file imports the module that defines a name, from its own folder or a lower floor."""
     assert not [line for path in FILES for line in wrong_imports(path)]
     assert any(imported(tree) for tree in TREES.values())
 
@@ -95,17 +95,33 @@ def test_no_public_name_is_that_of_a_folder():
     assert not [name for name in public_names() if name in FOLDERS]
 
 
-def test_no_name_of_a_folder_is_that_of_one_of_its_files():
-    """`mishutter.report.photographs` is the function, by whichever road one asks for it."""
-    clashes = [
-        f"{door.parent.name}.{alias.asname}"
-        for door in PACKAGE.rglob("__init__.py")
-        for node in ast.parse(door.read_text(encoding="utf-8")).body
-        if isinstance(node, ast.ImportFrom)
+def test_a_folder_names_nothing():
+    """Its `__init__` says what it is for: whoever imports one module reads no others.
+
+    That of the command line has its entry, and that of reports the pictures, for users.
+    """
+    own = {PACKAGE, PACKAGE / "cli", PACKAGE / "report"}
+    doors = [path for path in FILES if path.name == "__init__.py" and path.parent not in own]
+    assert len(doors) >= len(FOLDERS) - 2
+    assert [module_name(path) for path in doors if len(TREES[path].body) != 1] == []
+
+
+def imported_across() -> list[tuple[str, str, str]]:
+    """File, module and name of each name that a file imports from another folder."""
+    return [
+        (module_name(path), node.module, alias.name)
+        for path, tree in TREES.items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("mishutter.")
         for alias in node.names
-        if (door.parent / f"{alias.asname}.py").exists()
+        if node.module.split(".")[1] != module_name(path).split(".")[0]
     ]
-    assert not clashes
+
+
+def test_no_private_name_is_imported_from_another_folder():
+    """What begins with an underscore is of its own folder."""
+    assert len(imported_across()) > 100
+    assert [each for each in imported_across() if each[2].startswith("_")] == []
 
 
 def is_forbidden(node: ast.AST) -> bool:
@@ -123,8 +139,8 @@ def test_no_assert_and_no_super():
 
 def test_no_dictionary_is_spread_into_a_public_constructor():
     """A type checker sees which arguments are given; files are read by `made_of` alone."""
-    doors = [importlib.import_module(f"mishutter.{folder}") for folder in sorted(FOLDERS)]
-    classes = {name for door in (mishutter, *doors) for name in dir(door) if name[0].isupper()}
+    names = {*public_names(), *(name for _, _, name in imported_across())}
+    classes = {name for name in names if name[0].isupper()}
     assert {"Scene", "Limits", "RestoredPhotograph"} <= classes
     spread = [
         (path.name, ast.unparse(node.func))
@@ -288,7 +304,7 @@ def test_public_names_are_those_that_a_type_checker_reads():
 def test_importing_the_package_imports_none_of_its_folders():
     """`import mishutter` costs nothing until a name is used, and refuses what it does not have."""
     own = "[name for name in sys.modules if name.startswith('mishutter.')]"
-    code = f"import sys, mishutter; assert not {own}; mishutter.model.Scene; mishutter.Scene"
+    code = f"import sys, mishutter; assert not {own}; mishutter.model; mishutter.Scene"
     subprocess.run([sys.executable, "-c", code], check=True)
     with pytest.raises(AttributeError, match="has no attribute 'shutters'"):
         mishutter.shutters  # type: ignore[attr-defined]  # noqa: B018
@@ -307,7 +323,7 @@ def test_public_names_are_documented():
 
 def test_a_search_loads_no_laboratory():
     """Drive formats, traces and calibration are for those who build, and a capture for pictures."""
-    loads = "import sys, mishutter.search; print(*sorted(sys.modules))"
+    loads = "import sys, mishutter.search.search; print(*sorted(sys.modules))"
     run = subprocess.run([sys.executable, "-c", loads], capture_output=True, text=True, check=True)
     loaded = [name for name in run.stdout.split() if name.startswith("mishutter.")]
     assert "mishutter.design" in loaded

@@ -12,7 +12,7 @@ from docs.builder.citing import citing_page
 from docs.builder.links import broken_links
 from docs.builder.pages import ROOT, generated, with_links, write_pages, written
 from docs.builder.reference import public_names, scene_page, section_of, unit
-from mishutter.model import SceneFile
+from mishutter.model.scene_schema import SceneFile
 
 
 def keys(section: type[BaseModel]):

@@ -4,9 +4,9 @@ from pathlib import Path
 
 from benchmarks.scenes import scenes
 from mishutter import Design, Scene, compare, example_picture, optimise, restore_photograph
-from mishutter.report import (
+from mishutter.report.documents import pictured_rows
+from mishutter.report.plots import (
     motion_text,
-    pictured_rows,
     plot_kernels,
     plot_photograph,
     plot_profiles,

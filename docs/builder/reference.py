@@ -15,7 +15,7 @@ from pydantic_core import PydanticUndefined
 
 from docs.builder.pages import ROOT
 from mishutter.cli.app import app
-from mishutter.model import example_scene_text
+from mishutter.model.scene_file import example_scene_text
 from mishutter.model.scene_schema import SceneFile
 
 UNITS = {
@@ -119,7 +119,7 @@ def public_names() -> dict[str, dict[str, str]]:
     """Names that a user may import, each with its dotted path, by the folder they are from."""
     names: dict[str, dict[str, str]] = {module: {} for module in _FOLDERS}
     for module, name in _exported(ROOT / "mishutter" / "__init__.pyi"):
-        names[module][name] = f"mishutter.{name}"
+        names[module.split(".")[0]][name] = f"mishutter.{name}"
     for _, name in _exported(ROOT / "mishutter" / "report" / "__init__.py"):
         if name.startswith(_PICTURES):
             names["report"][name] = f"mishutter.report.{name}"

@@ -10,7 +10,7 @@ import jax
 jax.config.update("jax_enable_x64", True)
 
 from mishutter import Scene, best_in_plane  # noqa: E402
-from mishutter.report import PlaneReport  # noqa: E402
+from mishutter.report.in_plane import PlaneReport  # noqa: E402
 
 
 def main():

@@ -23,8 +23,9 @@ from mishutter import (  # noqa: E402
     example_picture,
     example_scene,
 )
-from mishutter.decoding import restore_by_each  # noqa: E402
-from mishutter.evaluation import StillBursts, best_moving_burst  # noqa: E402
+from mishutter.decoding.restoration import restore_by_each  # noqa: E402
+from mishutter.evaluation.bursts import StillBursts  # noqa: E402
+from mishutter.evaluation.moving_bursts import best_moving_burst  # noqa: E402
 
 SPEED, RATE, MOST = 3000.0, 60.0, 4
 """Of the picture, px/s; of the camera's frames, 1/s; of frames in a burst."""

@@ -8,7 +8,8 @@ from pathlib import Path
 from support.clips import ClipOf, Thing
 
 import mishutter as ms
-from mishutter.report import plot_motion, plot_noise, save_figure
+from mishutter.report.measurement_plots import plot_motion, plot_noise
+from mishutter.report.plots import save_figure
 
 HERE = Path(__file__).parent
 CLIP = ClipOf(

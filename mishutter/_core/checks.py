@@ -196,13 +196,6 @@ def named(
 ) -> dict[str, _Kind]:
     """Items by name, from a mapping, a list or a single item.
 
-    Args:
-        subject: The argument's name in an error.
-        items: The items; a list's and a single item's names are numbers.
-        kind: The class that each must have.
-        noun: The noun for an item in an error.
-        label: The text before a number.
-
     Raises:
         ValueError: if there is no item, or one of another kind.
     """

@@ -92,19 +92,12 @@ def _is_number(cell: str) -> bool:
 def unit_columns(
     lines: Sequence[str],
     name: str,
-    possible: Mapping[str, Units | None],
+    possible: Mapping[str, Units | None],  # None for any unit
     required: Sequence[str],
     *,
     least_rows: int = 1,
 ) -> dict[str, np.ndarray]:
     """Columns by their names, in SI units or pixels.
-
-    Args:
-        lines: A line of names, one of units, and the rows.
-        name: The file's name in an error.
-        possible: Columns that the file may have, with their units; None for any unit.
-        required: Columns that the file must have.
-        least_rows: Fewest rows, 0 or 1.
 
     Raises:
         ValueError: if a name, a unit or a number is not valid.

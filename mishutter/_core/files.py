@@ -107,12 +107,7 @@ def is_own_folder(path: Path) -> bool:
 
 
 def short_names(paths: Iterable[Path], taken: Iterable[str] = ()) -> dict[str, Path]:
-    """Files by the shortest end of their paths, without suffix, that is unique among them.
-
-    Args:
-        paths: The files.
-        taken: Names that are in use already.
-    """
+    """Files by the shortest end of their paths, without suffix, that is unique among them."""
     ends = {path: _ends(path.absolute()) for path in paths}
     counts = Counter(taken) + Counter(end for each in ends.values() for end in each)
     return {next((e for e in each if counts[e] == 1), str(p)): p for p, each in ends.items()}

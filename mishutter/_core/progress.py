@@ -115,11 +115,6 @@ def progress_bar(label: str, total: int, why: str = "") -> Iterator[Counter]:
 
     A terminal shows a bar with the elapsed time, and with the remaining time of many steps, and so
     does a notebook that has widgets; a file gets a line now and then.
-
-    Args:
-        label: The work.
-        total: Its steps.
-        why: The reason for which a step may take longer than some seconds.
     """
     counter = Counter(total, why)
     console = _console()
@@ -167,15 +162,7 @@ def reports(
     words: Callable[..., tuple[int, str]],
     why: str = "",
 ) -> "Iterator[Callable[..., None] | None]":
-    """The function that work calls with its news: the caller's, one that moves a bar, or none.
-
-    Args:
-        progress: A function of the caller's, or whether a bar is shown.
-        label: The work.
-        total: Its steps.
-        words: What is done, and a message, by the news.
-        why: The reason for which a step may take longer than some seconds.
-    """
+    """The function that work calls with its news: the caller's, one that moves a bar, or none."""
     if progress is True:
         with progress_bar(label, total, why) as counter:
             yield lambda *news: counter(*words(*news))
@@ -185,14 +172,7 @@ def reports(
 
 @contextmanager
 def counts(progress: bool, label: str, total: int, why: str = "") -> Iterator[Counter]:
-    """A counter of named parts, which is shown if it is asked for.
-
-    Args:
-        progress: Whether it is shown.
-        label: The work.
-        total: Its parts.
-        why: The reason for which a part may take longer than some seconds.
-    """
+    """A counter of named parts, which is shown if it is asked for."""
     if progress:
         with progress_bar(label, total, why) as counter:
             yield counter

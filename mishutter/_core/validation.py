@@ -33,12 +33,6 @@ File = TypeVar("File", bound=Section)
 def parsed(parse: Callable[[str], Any], content: bytes, name: str, form: str) -> Any:
     """The parsed contents of a text file.
 
-    Args:
-        parse: Reads the text.
-        content: The file's bytes.
-        name: The file's name in an error.
-        form: The format that the file must have.
-
     Raises:
         ValueError: if the file has another format.
     """
@@ -67,12 +61,6 @@ def validated(
     model: type[File], tables: Any, name: str, key_name: Callable[[Place], str] = dotted
 ) -> File:
     """Tables of a file, validated by their schema.
-
-    Args:
-        model: The schema.
-        tables: The contents of the file.
-        name: The file's name in an error.
-        key_name: The form in which an error writes a key.
 
     Raises:
         ValueError: if the tables do not match the schema. The message is of one error; an unknown

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from mishutter.model import AbstractMotion
+from mishutter.model.motion import AbstractMotion
 
 _NEAR = 2
 """Ratio of a piece's velocity to its gain of velocity up to which its vertex counts as near."""

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from mishutter._core import (
+from mishutter._core.checks import (
     RowLike,
     common_dtype,
     is_concrete,
@@ -26,8 +26,8 @@ from mishutter._core import (
     shape_of,
 )
 from mishutter.blur.crossings import PathPieces, branch_times, lowest_position, path_pieces
-from mishutter.model import (
-    AbstractMotion,
+from mishutter.model.motion import AbstractMotion
+from mishutter.model.shutters.base import (
     AbstractPiecewiseShutter,
     AbstractShutter,
     integral_between,

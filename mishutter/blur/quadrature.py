@@ -10,16 +10,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from mishutter._core import all_concrete, compiled, device_constant
-from mishutter.model import (
+from mishutter._core.checks import all_concrete, device_constant
+from mishutter._core.compiling import compiled
+from mishutter.model.shutters.base import (
     FEW_PIECES,
     AbstractPiecewiseShutter,
     AbstractShutter,
-    PolynomialShutter,
-    in_one_form,
     integrated_transmittance,
     piecewise,
 )
+from mishutter.model.shutters.polynomials import PolynomialShutter, in_one_form
 
 _MAX_PANEL_NODES, _MIN_PANEL_NODES = 128, 12
 _SHARED_PANEL_NODES = 64
@@ -30,17 +30,11 @@ the error of the fastest waves from 5e-12 to 3e-15."""
 
 
 class ExposureQuadrature(NamedTuple):
-    """Quadrature nodes over the exposure, weighted by the transmittance.
+    """Quadrature nodes over the exposure, weighted by the transmittance."""
 
-    Attributes:
-        tau: Normalised times.
-        weight: Quadrature weight times transmittance there.
-        efficiency: Mean transmittance over the exposure.
-    """
-
-    tau: Float[Array, "q"]
-    weight: Float[Array, "q"]
-    efficiency: Float[Array, ""]
+    tau: Float[Array, "q"]  # Normalised times
+    weight: Float[Array, "q"]  # Quadrature weight times transmittance there
+    efficiency: Float[Array, ""]  # Mean transmittance over the exposure
 
 
 def exposure_quadrature(

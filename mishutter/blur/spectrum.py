@@ -11,20 +11,21 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from mishutter._core import (
+from mishutter._core.checks import (
     RowLike,
     all_concrete,
     as_float,
     common_dtype,
-    compiled,
     primal_values,
     require,
     require_finite,
     require_positive_int,
     shape_of,
 )
+from mishutter._core.compiling import compiled
 from mishutter.blur.quadrature import ExposureQuadrature, exposure_quadrature
-from mishutter.model import AbstractMotion, AbstractShutter
+from mishutter.model.motion import AbstractMotion
+from mishutter.model.shutters.base import AbstractShutter
 
 _MIN_FREQUENCIES = 1024
 _MOST_FREQUENCIES = 1 << 26

@@ -17,23 +17,19 @@ import numpy as np
 from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Complex, Float, Int
 
-from mishutter._core import in_full_precision, namespace_of
-from mishutter.model import frequency_grid
+from mishutter._core.checks import namespace_of
+from mishutter._core.compiling import in_full_precision
+from mishutter.model.optics import frequency_grid
 
 BLOCK = 64
 """Positions spread at a time: the windows of more do not fit a processor's cache."""
 
 
 class _Window(NamedTuple):
-    """The window about a position, and the polynomials that stand for it.
+    """The window about a position, and the polynomials that stand for it."""
 
-    Attributes:
-        width: Cells that it covers.
-        degree: Degree of the polynomials.
-    """
-
-    width: int
-    degree: int
+    width: int  # Cells that it covers
+    degree: int  # Degree of the polynomials
 
     @staticmethod
     def of(dtype: np.dtype) -> "_Window":
@@ -57,12 +53,6 @@ def waves_on_dft(
 
     The wave of $k$ is the product of the waves of its higher and of its lower digits, which makes
     the sum over $q$ a product of two matrices. NumPy arrays give a NumPy array.
-
-    Args:
-        position: $x_q$; px.
-        weight: $w_q$.
-        length: Length of the transform, $L$, px.
-        num_frequencies: Number of frequencies, from 0.
     """
     space = namespace_of(position, weight)
     num_low = math.isqrt(num_frequencies - 1) + 1
@@ -84,14 +74,7 @@ def sum_of_waves(
     num_frequencies: int,
     num_kept: int,
 ) -> Complex[Array, "s {num_kept}"]:
-    r"""$\sum_q w_q e^{-2\pi i f_m x_q}$ at the lowest `num_kept` frequencies of the grid.
-
-    Args:
-        position: $x_q$; px.
-        weight: $w_q$.
-        num_frequencies: Frequencies of the whole grid.
-        num_kept: Number of frequencies to compute.
-    """
+    r"""$\sum_q w_q e^{-2\pi i f_m x_q}$ at the lowest `num_kept` frequencies of the grid."""
 
     def waves(position: Array, weight: Array) -> Array:
         return _waves(position, [weight], num_frequencies, num_kept)[0]

@@ -11,21 +11,20 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Complex, Float
 
-from mishutter._core import (
-    alone_in_blas,
+from mishutter._core.checks import (
     as_float,
     as_numpy,
-    compiled,
     floating_light,
     is_concrete,
     namespace_of,
-    outside_trace,
     require,
     require_finite,
     require_key,
     require_known,
     require_scalar,
 )
+from mishutter._core.compiling import compiled, outside_trace
+from mishutter._core.parallel import alone_in_blas
 from mishutter.camera.footage import Frames, expose_frames
 from mishutter.camera.layers import Layers
 from mishutter.camera.noise import recorded
@@ -42,23 +41,15 @@ from mishutter.camera.rows import (
     require_border,
     rows_last,
 )
-from mishutter.evaluation import (
-    pixel_responses,
-    sensor_view,
-    sized_for,
-)
-from mishutter.model import (
-    NYQUIST_FREQUENCY,
-    WIDEST_BLUR,
-    AbstractMotion,
-    AbstractShutter,
-    Optics,
-    Scene,
-    lens_response,
-    require_scene,
-    white_electrons,
-)
-from mishutter.pictures import Picture, pixels_along, turned
+from mishutter.evaluation.needs import sized_for
+from mishutter.evaluation.response import pixel_responses
+from mishutter.evaluation.views import sensor_view
+from mishutter.model.motion import AbstractMotion
+from mishutter.model.optics import NYQUIST_FREQUENCY, WIDEST_BLUR, Optics, lens_response
+from mishutter.model.scene import Scene, require_scene
+from mishutter.model.sensor import white_electrons
+from mishutter.model.shutters.base import AbstractShutter
+from mishutter.pictures.images import Picture, pixels_along, turned
 
 _ROLL_OFF = 0.4
 """Frequency from which on the response of a kernel for other libraries falls off to 0 at 1/2."""
@@ -203,12 +194,7 @@ def blurred_at_speeds(
 def through_optics(
     rows: Float[np.ndarray, "*planes columns"], cutoff: float
 ) -> Float[np.ndarray, "*planes columns"]:
-    """Rows of a picture as optics of some cutoff pass them, mirrored beyond their ends.
-
-    Args:
-        rows: The picture's rows.
-        cutoff: Highest frequency that passes, cycles/px.
-    """
+    """Rows of a picture as optics of some cutoff pass them, mirrored beyond their ends."""
     if cutoff >= NYQUIST_FREQUENCY:
         return rows
     columns = rows.shape[-1]
@@ -247,8 +233,8 @@ def nodes_of_capture(motion: AbstractMotion, relative: Float[np.ndarray, "s"]) -
 
 
 def captured_responses_below(
-    motion: AbstractMotion,
-    shutter: AbstractShutter,
+    motion: AbstractMotion,  # concrete
+    shutter: AbstractShutter,  # concrete
     speeds: np.ndarray,
     period: int,
     counts: np.ndarray,
@@ -257,13 +243,6 @@ def captured_responses_below(
 
     Speeds far beyond the fastest object's take so many nodes for each frequency that they are
     computed at those alone.
-
-    Args:
-        motion: Motion of the sensor, without velocity; concrete.
-        shutter: Transmittance over the exposure; concrete.
-        speeds: px/s.
-        period: Pixels of the DFT.
-        counts: Number of the lowest frequencies that are asked for at each speed, at least.
     """
     number, half = period // 2 + 1, float(motion.half_exposure)
     octave = np.floor(np.log2(number / np.clip(counts, 1, number))).astype(int)
@@ -334,12 +313,6 @@ def kernel_layout(
     motion: AbstractMotion, *speeds: float, least_taps: int = 1, subject: str = "scene"
 ) -> tuple[int, int]:
     """Number of taps that hold every speed, and the index of the tap at no displacement.
-
-    Args:
-        motion: Motion of the sensor.
-        speeds: Speeds of the objects; px/s.
-        least_taps: Taps that there are at least.
-        subject: The argument with the speeds, for an error.
 
     Raises:
         ValueError: if light would be displaced by more than 8,192 px.
@@ -430,14 +403,7 @@ def _blurred(planes: Planes, response: ArrayLike, period: int, border: str) -> A
 
 
 def distinct_colours(picture: Planes) -> Planes:
-    """A picture, or one of its colours where all are known to be the same.
-
-    Args:
-        picture: Shape `(rows, columns)` or `(..., rows, columns, channels)`.
-
-    Returns:
-        Shape of `picture`, with one channel where the colours are equal.
-    """
+    """A picture, or one of its colours where all are known to be the same."""
     if picture.ndim < 3 or picture.shape[-1] == 1 or not is_concrete(picture):
         return picture
     colours = np.asarray(picture)

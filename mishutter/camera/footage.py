@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import ArrayLike, Float, Int
 
-from mishutter._core import (
+from mishutter._core.checks import (
     Unquoted,
     common_dtype,
     floating_light,
@@ -20,13 +20,14 @@ from mishutter._core import (
     require_positive_int,
     shape_of,
 )
-from mishutter.blur import waves_on_dft
+from mishutter.blur.waves import waves_on_dft
 from mishutter.camera.rows import PAD_MODES, blur_length, continued, period_of
-from mishutter.model import AbstractMotion, AbstractShutter, Optics, piecewise
-from mishutter.pictures import (
-    PICTURE_SUFFIXES,
+from mishutter.model.motion import AbstractMotion
+from mishutter.model.optics import Optics
+from mishutter.model.shutters.base import AbstractShutter, piecewise
+from mishutter.pictures.files import PICTURE_SUFFIXES, Decoded
+from mishutter.pictures.images import (
     Axis,
-    Decoded,
     Picture,
     PictureWarning,
     checked_white,
@@ -176,15 +177,6 @@ def expose_frames(
     x(t)}\,dt$: each frame is a continuous, band-limited picture through its pixels, for as long as
     it shows.
 
-    Args:
-        frames: The footage, in linear light.
-        motion: Motion of the sensor.
-        shutter: Transmittance over the exposure.
-        optics: The lens.
-
-    Returns:
-        Light in units of a fully open exposure; shape of a frame.
-
     Raises:
         ValueError: if the sensor moves over more than 8,192 px, or frames differ in shape, hold
             values that are not light, or are not as many as was said.
@@ -224,17 +216,11 @@ _PX_A_PANEL = 2.0
 
 
 class _Nodes(NamedTuple):
-    """Quadrature nodes over the exposure.
+    """Quadrature nodes over the exposure."""
 
-    Attributes:
-        position: Position of the sensor; px.
-        weight: Quadrature weight times transmittance.
-        frame: Index of the frame that shows.
-    """
-
-    position: Float[np.ndarray, "q"]
-    weight: Float[np.ndarray, "q"]
-    frame: Int[np.ndarray, "q"]
+    position: Float[np.ndarray, "q"]  # Position of the sensor; px
+    weight: Float[np.ndarray, "q"]  # Quadrature weight times transmittance
+    frame: Int[np.ndarray, "q"]  # Index of the frame that shows
 
 
 def _nodes(

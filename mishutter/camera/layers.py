@@ -13,18 +13,12 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field
 
-from mishutter._core import (
-    Section,
-    Unquoted,
-    contents,
-    parsed,
-    require,
-    require_finite,
-    validated,
-)
+from mishutter._core.checks import Unquoted, require, require_finite
+from mishutter._core.files import contents
+from mishutter._core.validation import Section, parsed, validated
 from mishutter.camera.rows import PAD_MODES
-from mishutter.model import Speed, White
-from mishutter.pictures import Axis, Picture, read_opacity, read_picture
+from mishutter.model.scene_schema import Speed, White
+from mishutter.pictures.images import Axis, Picture, read_opacity, read_picture
 
 _FARTHEST = 10**9
 """Columns or rows that a layer's corner may lie from the sensor's."""

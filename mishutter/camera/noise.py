@@ -7,17 +7,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from mishutter._core import (
+from mishutter._core.checks import (
     as_numpy,
-    compiled,
     device_constant,
     is_concrete,
     namespace_of,
-    num_processors,
-    outside_trace,
     require,
     require_positive_int,
 )
+from mishutter._core.compiling import compiled, outside_trace
+from mishutter._core.parallel import num_processors
 
 _MOST_COUNTED = 1e15
 """Number of electrons above which its distribution counts as normal."""
@@ -31,9 +30,9 @@ def recorded(
     electrons: ArrayLike,
     read_noise: ArrayLike,
     *,
-    key: Array | None,
-    full_well: float | None = None,
-    adc_bits: int | None = None,
+    key: Array | None,  # None for none
+    full_well: float | None = None,  # None for no limit
+    adc_bits: int | None = None,  # None for no rounding
 ) -> Float[Array, "*pixels"]:
     r"""An irradiance as a sensor records it, in units of a fully open exposure of white.
 
@@ -41,17 +40,6 @@ def recorded(
     the electrons off before the read noise comes in; a converter of $b$ bits rounds to
     $2^b - 1$ equal steps from none to the full well (to white, where there is none) and
     records nothing below or above.
-
-    Args:
-        irradiance: Irradiance without noise.
-        electrons: $p$, e-.
-        read_noise: $\sigma$, e-.
-        key: JAX key of the noise; None for none.
-        full_well: Most electrons a pixel holds, e-; None for no limit.
-        adc_bits: Bits of the converter; None for no rounding.
-
-    Returns:
-        Levels, in the precision of `irradiance`.
 
     Raises:
         ValueError: if the full well is not positive and finite, or the bits are not from 1 to 24.

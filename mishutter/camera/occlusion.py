@@ -7,12 +7,16 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Complex, Float
 
-from mishutter._core import in_threads, num_processors
-from mishutter.blur import waves_on_dft
+from mishutter._core.parallel import in_threads, num_processors
+from mishutter.blur.waves import waves_on_dft
 from mishutter.camera.layers import Layer, Layers
 from mishutter.camera.rows import MARGIN, blur_length, continued, fast_length, period_of
-from mishutter.evaluation import FrameNodes, nodes_in_time, sized_for
-from mishutter.model import AbstractMotion, AbstractShutter, Optics
+from mishutter.evaluation.needs import sized_for
+from mishutter.evaluation.response import nodes_in_time
+from mishutter.evaluation.sequences import FrameNodes
+from mishutter.model.motion import AbstractMotion
+from mishutter.model.optics import Optics
+from mishutter.model.shutters.base import AbstractShutter
 
 _STEP = 0.5
 """Way of the fastest layer between two instants, px."""
@@ -28,39 +32,24 @@ _ROWS_AT_ONCE = 8
 
 
 class _Exposure(NamedTuple):
-    """Quadrature nodes over an exposure, and the optics that its light passes through.
+    """Quadrature nodes over an exposure, and the optics that its light passes through."""
 
-    Attributes:
-        time: Time since the layers were at their own places; s.
-        weight: Quadrature weight times transmittance, as a share of a fully open exposure.
-        path: Position of the sensor since then; px.
-        optics: The lens.
-    """
-
-    time: Float[np.ndarray, "q"]
+    time: Float[np.ndarray, "q"]  # Time since the layers were at their own places; s
+    # Quadrature weight times transmittance, as a share of a fully open exposure
     weight: Float[np.ndarray, "q"]
-    path: Float[np.ndarray, "q"]
-    optics: Optics
+    path: Float[np.ndarray, "q"]  # Position of the sensor since then; px
+    optics: Optics  # The lens
 
 
 class _Image(NamedTuple):
-    """The image of a layer with nothing in front of it.
+    """The image of a layer with nothing in front of it."""
 
-    Attributes:
-        radiance: Radiance times matte at no displacement.
-        displacement: Its displacement at each time of the exposure; px.
-        speed: Its speed; px/s.
-        left: Column of the sensor of its first column.
-        num_columns: Columns before it is continued.
-        rows: Rows of the sensor that it covers.
-    """
-
-    radiance: Float[np.ndarray, "channels rows period"]
-    displacement: Float[np.ndarray, "q"]
-    speed: float
-    left: int
-    num_columns: int
-    rows: slice
+    radiance: Float[np.ndarray, "channels rows period"]  # Radiance times matte at no displacement
+    displacement: Float[np.ndarray, "q"]  # Its displacement at each time of the exposure; px
+    speed: float  # Its speed; px/s
+    left: int  # Column of the sensor of its first column
+    num_columns: int  # Columns before it is continued
+    rows: slice  # Rows of the sensor that it covers
 
     @property
     def aside(self) -> int:
@@ -87,16 +76,6 @@ def expose_layers(
 
     Layers that are not `visible_layers` are left out, and equal colours are computed once.
 
-    Args:
-        layers: The scene, in linear light.
-        motion: Motion of the sensor.
-        shutter: Transmittance over the exposure.
-        optics: The lens.
-
-    Returns:
-        Irradiance in units of a fully open exposure, at mid-exposure alignment; shape
-        `layers.shape`.
-
     Raises:
         ValueError: if light of a layer would be displaced by more than 8,192 px.
     """
@@ -106,16 +85,7 @@ def expose_layers(
 
 
 def expose_layers_in_frame(layers: Layers, frame: FrameNodes, optics: Optics) -> np.ndarray:
-    """Irradiance of the sensor in a frame of a sequence, by where layers are in its middle.
-
-    Args:
-        layers: The scene, in linear light.
-        frame: Instants of the frame.
-        optics: The lens.
-
-    Returns:
-        Irradiance in units of the frame's exposure; shape `layers.shape`.
-    """
+    """Irradiance of the sensor in a frame of a sequence, by where layers are in its middle."""
     visible = _visible(_in_fewest_colours(layers), frame.time, frame.place)
     return _exposed(visible, _Exposure(frame.time, frame.weight, frame.place, optics), layers)
 

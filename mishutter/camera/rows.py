@@ -12,8 +12,8 @@ import numpy as np
 import scipy.fft
 from jaxtyping import Array, ArrayLike, Float
 
-from mishutter._core import is_concrete, namespace_of, require
-from mishutter.model import AbstractMotion
+from mishutter._core.checks import is_concrete, namespace_of, require
+from mishutter.model.motion import AbstractMotion
 
 Planes = Array | np.ndarray
 """Rows of light: of NumPy where they are concrete, so that moving them compiles no program."""
@@ -27,11 +27,6 @@ MAX_REACH = 1 << 13
 
 def blur_length(motion: AbstractMotion, *speeds: float, subject: str) -> float:
     """Length over which light falls at the fastest of some speeds, a pixel included; px.
-
-    Args:
-        motion: Motion of the sensor.
-        speeds: Speeds of the objects; px/s.
-        subject: The argument with the speeds, to be blamed if they blur too far by themselves.
 
     Raises:
         ValueError: if it is more than 8,192 px.
@@ -54,13 +49,7 @@ def require_border(subject: str, border: object) -> None:
 
 
 def period_of(columns: int, reach: int, border: str) -> int:
-    """Pixels of one period of rows that a border rule continues; at least `columns`.
-
-    Args:
-        columns: Pixels of a row.
-        reach: Furthest that light is displaced, px.
-        border: The rule.
-    """
+    """Pixels of one period of rows that a border rule continues; at least `columns`."""
     if border == "wrap":
         return columns
     if border in ("reflect", "scene"):

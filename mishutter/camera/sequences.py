@@ -14,9 +14,8 @@ import jax
 import numpy as np
 from jaxtyping import Array, ArrayLike, Complex, Float
 
-from mishutter._core import (
+from mishutter._core.checks import (
     RowLike,
-    alone_in_blas,
     as_float,
     require,
     require_finite,
@@ -25,7 +24,8 @@ from mishutter._core import (
     require_positive_int,
     require_scalar,
 )
-from mishutter.blur import waves_on_dft
+from mishutter._core.parallel import alone_in_blas
+from mishutter.blur.waves import waves_on_dft
 from mishutter.camera.capture import as_radiance, distinct_colours, every_colour
 from mishutter.camera.layers import Layers
 from mishutter.camera.noise import recorded
@@ -38,15 +38,12 @@ from mishutter.camera.rows import (
     period_of,
     rows_last,
 )
-from mishutter.evaluation import FrameNodes, nodes_of_frames
-from mishutter.model import (
-    Optics,
-    Scene,
-    TimedFrame,
-    require_scene,
-    white_electrons,
-)
-from mishutter.pictures import Picture, pixels_along, turned
+from mishutter.evaluation.sequences import FrameNodes, nodes_of_frames
+from mishutter.model.optics import Optics
+from mishutter.model.scene import Scene, require_scene
+from mishutter.model.sensor import white_electrons
+from mishutter.model.sequences import TimedFrame
+from mishutter.pictures.images import Picture, pixels_along, turned
 
 
 def responses_of_frames(
@@ -56,12 +53,6 @@ def responses_of_frames(
 
     $\operatorname{sinc}(f)\,O(f)\,\frac{1}{2T_k}\int e^{-2\pi i f (c_k(t) - s t)}\,dt$ over the
     exposure of frame $k$.
-
-    Args:
-        nodes: Instants of each frame.
-        speeds: Speeds of the picture; px/s.
-        optics: The lens, $O$.
-        period: Pixels of the DFT.
     """
     each = np.asarray(speeds, np.float64)[:, None]
     count = period // 2 + 1
@@ -74,24 +65,13 @@ def responses_of_frames(
 
 
 def furthest(nodes: Sequence[FrameNodes], speeds: RowLike) -> float:
-    """Greatest displacement of a picture at some speeds, over all frames; px.
-
-    Args:
-        nodes: Instants of each frame.
-        speeds: Speeds of the picture; px/s.
-    """
+    """Greatest displacement of a picture at some speeds, over all frames; px."""
     each = np.asarray(speeds, np.float64)[:, None]
     return max(float(np.max(np.abs(some.place - each * some.time))) for some in nodes)
 
 
 def require_reach(subject: str, frames: Sequence[TimedFrame], speed: float) -> list[FrameNodes]:
-    """Instants of frames at a speed that displaces light by no more than `MAX_REACH`.
-
-    Args:
-        subject: The speed's name in an error.
-        frames: The frames.
-        speed: Speed of the picture; px/s.
-    """
+    """Instants of frames at a speed that displaces light by no more than `MAX_REACH`."""
     latest = max(abs(frame.time) + frame.exposure / 2 for frame in frames)
     requirement = f"displace light by at most {MAX_REACH} px"
     # Before there are as many nodes as such a displacement would need.

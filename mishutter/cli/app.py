@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from mishutter._core import note, progress_bar, short_names, working, writable_folder
+from mishutter._core.files import short_names, writable_folder
+from mishutter._core.progress import note, progress_bar, working
 from mishutter.cli.camera import reproduce, simulate
 from mishutter.cli.console import (
     AGAIN,
@@ -80,12 +81,14 @@ from mishutter.cli.restore_command import restore
 from mishutter.cli.sweep_command import sweep
 
 if TYPE_CHECKING:
-    from mishutter.decoding import AbstractDecoder
-    from mishutter.design import Design
-    from mishutter.evaluation import AbstractLoss
-    from mishutter.model import AbstractMotion, AbstractShutter, Scene
-    from mishutter.pictures import Picture
-    from mishutter.report import Report
+    from mishutter.decoding.decoders.base import AbstractDecoder
+    from mishutter.design.design import Design
+    from mishutter.evaluation.losses import AbstractLoss
+    from mishutter.model.motion import AbstractMotion
+    from mishutter.model.scene import Scene
+    from mishutter.model.shutters.base import AbstractShutter
+    from mishutter.pictures.images import Picture
+    from mishutter.report.documents import Report
 
 _WHY_NO_STEP = "compiling (first run only)"
 """Why a step of what follows the verdict takes a while."""
@@ -105,7 +108,7 @@ app = typer.Typer(
 
 def version_text() -> str:
     """The versions of the package, of JAX and its library, and of Python."""
-    from mishutter.design import package_version
+    from mishutter.design.design import package_version
 
     libraries = (f"{name} {version(name)}" for name in ("jax", "jaxlib"))
     return ", ".join((f"mishutter {package_version()}", *libraries, f"Python {python_version()}"))
@@ -136,7 +139,7 @@ def _options(
 @app.command(cls=GroupedCommand, rich_help_panel=TO_BEGIN)
 def example() -> None:
     """Print the built-in scene, an annotated file to edit."""
-    from mishutter.model import example_scene_text
+    from mishutter.model.scene_file import example_scene_text
 
     sys.stdout.write(example_scene_text())
 
@@ -192,7 +195,7 @@ def optimise(
 ) -> None:
     """Find the best exposures, sensor motion and shutter for a scene, beside simpler cameras."""
     start_jax()
-    from mishutter.search import optimise as search
+    from mishutter.search.search import optimise as search
 
     scene = scene_of(scene_file)
     if scene.velocities is not None:
@@ -244,7 +247,7 @@ def optimise(
 
 def _next_step(result: "Report", scene_file: Path | None, folder: Path | None) -> str:
     """The command that goes on from an answer: to a folder of files, or from its design."""
-    from mishutter.report import file_to_build
+    from mishutter.report.documents import file_to_build
 
     if folder is not None:
         design = folder / file_to_build(result)
@@ -292,9 +295,9 @@ def compare(
 ) -> None:
     """Compare shutters, saved designs, drive tables or traces with simpler cameras."""
     start_jax()
-    from mishutter.design import Design
-    from mishutter.model import named_shutter
-    from mishutter.search import taken_names
+    from mishutter.design.design import Design
+    from mishutter.model.shutters.kinds import named_shutter
+    from mishutter.search.rivals import taken_names
 
     scene = scene_of(scene_file)
     windows = {name: named_shutter(name) for name in shutters or []}
@@ -356,8 +359,8 @@ def _compared(
     every: bool,
     judge: "tuple[AbstractDecoder | None, list[Picture]]",
 ) -> "Report":
-    from mishutter.report import Report
-    from mishutter.report import compare as beside_baselines
+    from mishutter.report.comparison import compare as beside_baselines
+    from mishutter.report.documents import Report
 
     decoder, pictures = judge
     comparison = beside_baselines(
@@ -376,8 +379,8 @@ def _compared(
 
 def _beside_design(report: "Report", camera: Cameras, middle: float) -> "Report":
     """Adds the loss of a measured shutter against its design, and its best shift."""
-    from mishutter.report import measured_camera
-    from mishutter.search import OWN_BEST_MOTION
+    from mishutter.report.measured import measured_camera
+    from mishutter.search.rows import OWN_BEST_MOTION
 
     if camera.trace is None or camera.profile is None:
         return report
@@ -397,23 +400,14 @@ def _beside_design(report: "Report", camera: Cameras, middle: float) -> "Report"
 
 
 class Delivery(NamedTuple):
-    """The form in which a command hands over a comparison.
+    """The form in which a command hands over a comparison."""
 
-    Attributes:
-        folder: Folder for designs and pictures; None writes none.
-        as_json: Whether standard output is one JSON document, and not tables.
-        num_seeds: Captures of the photograph at each speed; 0 takes none.
-        every_photograph: Whether the photograph is restored at every speed, by three decoders.
-        backgrounds: Whether the gain before a background is computed.
-        verbose: Whether every table is printed.
-    """
-
-    folder: Path | None
-    as_json: bool
-    num_seeds: int
-    every_photograph: bool
-    backgrounds: bool
-    verbose: bool
+    folder: Path | None  # Folder for designs and pictures; None writes none
+    as_json: bool  # Whether standard output is one JSON document, and not tables
+    num_seeds: int  # Captures of the photograph at each speed; 0 takes none
+    every_photograph: bool  # Whether the photograph is restored at every speed, by three decoders
+    backgrounds: bool  # Whether the gain before a background is computed
+    verbose: bool  # Whether every table is printed
 
 
 def _deliver(result: "Report", delivery: Delivery, next_step: str = "") -> None:
@@ -422,8 +416,8 @@ def _deliver(result: "Report", delivery: Delivery, next_step: str = "") -> None:
     A background comes last, when all that was asked for is there.
     """
     from mishutter.cli.tables import print_comparison, print_photographs
-    from mishutter.report import (
-        background_line,
+    from mishutter.report.backgrounds import background_line
+    from mishutter.report.documents import (
         document,
         photograph_levels,
         write_background,
@@ -462,7 +456,7 @@ def _deliver(result: "Report", delivery: Delivery, next_step: str = "") -> None:
 
 def _before_backgrounds(result: "Report") -> "Report":
     """Adds the gains that remain where part of the picture stands still."""
-    from mishutter.report import STILL_SHARES, background_gains
+    from mishutter.report.backgrounds import STILL_SHARES, background_gains
 
     row = result.comparison.rows[0]
     if row.at_worst or row.decoder.knows_speed:
@@ -474,7 +468,8 @@ def _before_backgrounds(result: "Report") -> "Report":
 
 def _photographed(result: "Report", delivery: Delivery) -> "Report":
     """Adds the scene's photograph, captured and restored by each design."""
-    from mishutter.report import photograph_of, photographs, pictured_rows
+    from mishutter.report.documents import pictured_rows
+    from mishutter.report.restored import photograph_of, photographs
 
     rows = pictured_rows(result.comparison, result.names, every=result.every)
     num_seeds, every = delivery.num_seeds, delivery.every_photograph

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mishutter._core import note, progress_bar, writable_folder
+from mishutter._core.files import writable_folder
+from mishutter._core.progress import note, progress_bar
 from mishutter.cli.console import AGAIN, interruptible, print_table, start_jax, write_json
 from mishutter.cli.help import DESIGN, OUTPUT, PICTURES, SENSOR
 from mishutter.cli.laboratory import (
@@ -25,11 +26,14 @@ from mishutter.cli.options import (
 if TYPE_CHECKING:
     import numpy as np
 
-    from mishutter.camera import Frames, Layers
-    from mishutter.decoding import Simulation, SpeedEstimate
-    from mishutter.design import Design
-    from mishutter.model import FrameSequence, Scene
-    from mishutter.pictures import Picture
+    from mishutter.camera.footage import Frames
+    from mishutter.camera.layers import Layers
+    from mishutter.decoding.decoders.speed import SpeedEstimate
+    from mishutter.decoding.simulation import Simulation
+    from mishutter.design.design import Design
+    from mishutter.model.scene import Scene
+    from mishutter.model.sequences import FrameSequence
+    from mishutter.pictures.images import Picture
 
 _NUM_TICKS = 100
 _LINEAR = "PSNR / dB, linear light"
@@ -165,10 +169,11 @@ def simulate(
     start_jax()
     import jax
 
-    from mishutter.design import given_design
-    from mishutter.model import named_shutter, read_speed
-    from mishutter.pictures import Picture, write_picture
-    from mishutter.report import camera_text, plot_capture, save_figure, shown_name
+    from mishutter.design.design import given_design
+    from mishutter.model.scene_file import read_speed
+    from mishutter.model.shutters.kinds import named_shutter
+    from mishutter.pictures.images import Picture, write_picture
+    from mishutter.report.plots import camera_text, plot_capture, save_figure, shown_name
 
     scene = scene_of(scene_file)
     speed = read_speed(speed_text, scene_file, "--speed")
@@ -241,8 +246,8 @@ def _simulated(
     settings: dict[str, Any],
 ) -> "tuple[dict[str, np.ndarray], Simulation]":
     """The records of a subject, by the names of their files, and the picture restored from them."""
-    from mishutter.camera import Frames
-    from mishutter.decoding import burst_and_restore, capture_and_restore
+    from mishutter.camera.footage import Frames
+    from mishutter.decoding.simulation import burst_and_restore, capture_and_restore
 
     if camera.sequence is None:
         result = capture_and_restore(subject, scene, camera.motion, camera.shutter, **settings)
@@ -281,7 +286,7 @@ def reproduce(
     """Compute the published Figures 3 to 6 again, and check each published statement."""
     folder = writable_folder(out)
     start_jax()
-    from mishutter.paper import reproduce as redo
+    from mishutter.paper.reproduction import reproduce as redo
 
     with interruptible(lambda: AGAIN), progress_bar("reproducing", _NUM_TICKS) as update:
         numbers = redo(
@@ -300,8 +305,9 @@ def reproduce(
 def _subject(
     path: Path | None, scene: "Scene", white: float | None, linear: bool
 ) -> "Picture | Layers | Frames":
-    from mishutter.camera import VIDEO_SUFFIXES, is_layers_file, read_frames, read_layers
-    from mishutter.pictures import read_picture
+    from mishutter.camera.footage import VIDEO_SUFFIXES, read_frames
+    from mishutter.camera.layers import is_layers_file, read_layers
+    from mishutter.pictures.images import read_picture
 
     if path is None or is_layers_file(path):
         subject = "the scene's photograph" if path is None else "a layered scene"
@@ -356,8 +362,8 @@ def estimate_document(estimate: "SpeedEstimate") -> dict[str, object]:
 
 def _quality(photographed: "Picture | Layers | Frames", restored: "np.ndarray") -> dict[str, float]:
     """PSNR of a restored photograph; empty for layers and footage, which have no single truth."""
-    from mishutter.decoding import psnr
-    from mishutter.pictures import Picture
+    from mishutter.decoding.image_quality import psnr
+    from mishutter.pictures.images import Picture
 
     if not isinstance(photographed, Picture):
         return {}

@@ -21,13 +21,11 @@ from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Table
 
-from mishutter._core import (
-    describe,
-    keep_compiled_programs,
-    note,
-    requirement,
-    strict_json,
-)
+from mishutter._core.checks import describe
+from mishutter._core.compiling import keep_compiled_programs
+from mishutter._core.files import strict_json
+from mishutter._core.progress import note
+from mishutter._core.validation import requirement
 
 if TYPE_CHECKING:
     from sys import UnraisableHookArgs
@@ -259,9 +257,6 @@ class InterruptedWorkError(Exception):
 @contextmanager
 def interruptible(text: Callable[[], str]) -> Iterator[None]:
     """Says what an interrupt leaves behind.
-
-    Args:
-        text: Called after an interrupt; returns what was saved and how to go on.
 
     Raises:
         InterruptedWorkError: in place of `KeyboardInterrupt`, with that text.

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from mishutter._core import note
+from mishutter._core.progress import note
 from mishutter.cli.console import print_text, start_jax
 from mishutter.cli.options import SceneArgument
 
@@ -43,7 +43,8 @@ def explore(
             "`explore` must find the package tornado; got none: pip install 'mishutter[explore]'."
         ) from None
     start_jax()
-    from mishutter.explore import beginning, serve
+    from mishutter.explore.server import serve
+    from mishutter.explore.session import beginning
 
     def ready(address: str) -> None:
         print_text(address)

@@ -9,15 +9,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mishutter._core import Unquoted, note, require, working, writable_folder, write_text
+from mishutter._core.checks import Unquoted, require
+from mishutter._core.files import writable_folder, write_text
+from mishutter._core.progress import note, working
 from mishutter.cli.console import print_table, start_jax, write_json
 from mishutter.cli.help import TABLE
 from mishutter.cli.laboratory import CeilingOption, FloorOption
 from mishutter.cli.options import JsonOption, OutOption, as_path
 
 if TYPE_CHECKING:
-    from mishutter.design import Design
-    from mishutter.hardware import DriveTable, FrameTable
+    from mishutter.design.design import Design
+    from mishutter.hardware.drive import DriveTable
+    from mishutter.hardware.triggers import FrameTable
 
 
 class FormatName(Enum):
@@ -104,8 +107,10 @@ def export(
     if form in _BINARY and out is None and not json:
         raise ValueError(f"`--out` must be given for a binary file; got --format {form.value}.")
     start_jax()
-    from mishutter.design import Design
-    from mishutter.hardware import drive_bytes, drive_table, frame_table
+    from mishutter.design.design import Design
+    from mishutter.hardware.drive import drive_table
+    from mishutter.hardware.drive_files import drive_bytes
+    from mishutter.hardware.triggers import frame_table
 
     saved = Design.load(design)
     folder = None if out is None else writable_folder(out)
@@ -147,8 +152,8 @@ def _export_frames(
     table: "FrameTable", folder: Path | None, form: FormatName, *, as_json: bool
 ) -> None:
     """Writes the triggers of a burst and the path of its stage, and prints its frames."""
-    from mishutter.hardware import DRIVE_FORMATS, drive_bytes
-    from mishutter.report import plot_frames, save_figure
+    from mishutter.hardware.drive_files import DRIVE_FORMATS, drive_bytes
+    from mishutter.report.plots import plot_frames, save_figure
 
     if folder is None and not as_json:
         sys.stdout.write(drive_bytes(table, form.value).decode())
@@ -227,8 +232,8 @@ def _note_what_to_set(table: "DriveTable", form: FormatName) -> None:
 
 
 def _write(table: "DriveTable", folder: Path, form: FormatName) -> list[str]:
-    from mishutter.hardware import DRIVE_FORMATS
-    from mishutter.report import plot_drive, save_figure
+    from mishutter.hardware.drive_files import DRIVE_FORMATS
+    from mishutter.report.plots import plot_drive, save_figure
 
     name = f"drive{DRIVE_FORMATS[form.value]}"
     table.save(folder / name, form=form.value)
@@ -257,7 +262,7 @@ def _without_path(design: "Design") -> str:
 
 def _print_losses(document: Mapping[str, Any]) -> None:
     """Prints the metrics of a design beside those of its drive table."""
-    from mishutter.evaluation import SPEED_KNOWLEDGE
+    from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE
 
     aside = SPEED_KNOWLEDGE[document["decoder_speed"]].aside
     columns = {"design": "metrics_of_design", "as driven": "metrics"}

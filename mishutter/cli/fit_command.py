@@ -8,16 +8,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mishutter._core import note, working, writable_folder, write_text
+from mishutter._core.files import writable_folder, write_text
+from mishutter._core.progress import note, working
 from mishutter.cli.console import print_table, print_text, start_jax, write_json
 from mishutter.cli.help import CAMERA, SEARCH
 from mishutter.cli.laboratory import AS_DESIGNED, AS_DRIVEN
 from mishutter.cli.options import JsonOption, OutOption, as_path
 
 if TYPE_CHECKING:
-    from mishutter.design import Design
-    from mishutter.hardware import FittedCamera
-    from mishutter.model import Scene
+    from mishutter.design.design import Design
+    from mishutter.hardware.calibration.estimation import FittedCamera
+    from mishutter.model.scene import Scene
 
 AS_BUILT = "as built"
 REDESIGNED = "re-designed for what was built"
@@ -78,9 +79,10 @@ def fit(
 ) -> None:
     """Fit a camera as it was built, with error bars, and evaluate it."""
     start_jax()
-    from mishutter.design import Design
-    from mishutter.hardware import fit as fitted
-    from mishutter.hardware import for_a_fit, read_measurements
+    from mishutter.design.design import Design
+    from mishutter.hardware.calibration.estimation import fit as fitted
+    from mishutter.hardware.calibration.measurements import read_measurements
+    from mishutter.hardware.traces import for_a_fit
 
     saved = Design.load(design)
     records = read_measurements(measurements)
@@ -118,9 +120,9 @@ def _cameras(
     camera: "FittedCamera", saved: "Design", drive: Path | None, redesign: bool
 ) -> "dict[str, Design]":
     """The camera as designed, driven, built and re-designed, each behind the fitted lens."""
-    from mishutter.design import GIVEN
-    from mishutter.hardware import design_from_drive
-    from mishutter.search import optimise
+    from mishutter.design.design import GIVEN
+    from mishutter.hardware.drive import design_from_drive
+    from mishutter.search.search import optimise
 
     scene = camera.seen_through_lens(saved.scene)
     cameras = {AS_DESIGNED: replace(saved, scene=scene, loss_name=GIVEN)}
@@ -135,7 +137,8 @@ def _cameras(
 def _write(
     camera: "FittedCamera", cameras: "dict[str, Design]", scene: "Scene", folder: Path
 ) -> list[str]:
-    from mishutter.report import plot_fit, save_figure
+    from mishutter.report.fit_plots import plot_fit
+    from mishutter.report.plots import save_figure
 
     text = camera.scene_text(scene)
     save_figure(plot_fit(camera, cameras[AS_DESIGNED].shutter), folder / "fit.png")

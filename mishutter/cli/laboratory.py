@@ -9,14 +9,16 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from mishutter._core import note, require
+from mishutter._core.checks import require
+from mishutter._core.progress import note
 from mishutter.cli.help import CAMERA
 from mishutter.cli.options import as_path
 
 if TYPE_CHECKING:
-    from mishutter.design import Design
-    from mishutter.hardware import MeasuredProfile, Trace
-    from mishutter.model import AbstractMotion, Scene
+    from mishutter.design.design import Design
+    from mishutter.hardware.traces import MeasuredProfile, Trace
+    from mishutter.model.motion import AbstractMotion
+    from mishutter.model.scene import Scene
 
 AS_DESIGNED = "as designed"
 AS_DRIVEN = "as driven"
@@ -130,33 +132,20 @@ OpenOption = Annotated[
 
 
 class CameraFiles(NamedTuple):
-    """Files of one camera beside its design, and the numbers that these files lack.
+    """Files of one camera beside its design, and the numbers that these files lack."""
 
-    Attributes:
-        drive: Drive table.
-        measured: Trace.
-        column: Name of the trace's column of levels.
-        half_exposure_ms: Half exposure of a table without times.
-        position_scale_px: Position that 1 stands for, in a table with positions in [-1, 1].
-        floor: Transmittance of the lowest level.
-        ceiling: Transmittance of the highest level.
-        num_steps: Steps of the exposure, for a file that is padded with zeros.
-        middle_ms: Mid-exposure on the clock of the trace.
-        closed: Level of the trace where the shutter is closed.
-        opened: Level of the trace where the shutter is open.
-    """
-
-    drive: DriveOption = None
-    measured: MeasuredOption = None
-    column: ColumnOption = None
-    half_exposure_ms: HalfExposureOption = None
+    drive: DriveOption = None  # Drive table
+    measured: MeasuredOption = None  # Trace
+    column: ColumnOption = None  # Name of the trace's column of levels
+    half_exposure_ms: HalfExposureOption = None  # Half exposure of a table without times
+    # Position that 1 stands for, in a table with positions in [-1, 1]
     position_scale_px: PositionScaleOption = None
-    floor: FloorOption = 0.0
-    ceiling: CeilingOption = 1.0
-    num_steps: StepsOption = None
-    middle_ms: MiddleOption = 0.0
-    closed: ClosedOption = None
-    opened: OpenOption = None
+    floor: FloorOption = 0.0  # Transmittance of the lowest level
+    ceiling: CeilingOption = 1.0  # Transmittance of the highest level
+    num_steps: StepsOption = None  # Steps of the exposure, for a file that is padded with zeros
+    middle_ms: MiddleOption = 0.0  # Mid-exposure on the clock of the trace
+    closed: ClosedOption = None  # Level of the trace where the shutter is closed
+    opened: OpenOption = None  # Level of the trace where the shutter is open
 
 
 def takes_camera_files(command: Callable[..., None]) -> Callable[..., None]:
@@ -184,16 +173,12 @@ def takes_camera_files(command: Callable[..., None]) -> Callable[..., None]:
 
 
 class Cameras(NamedTuple):
-    """One camera as its files describe it.
+    """One camera as its files describe it."""
 
-    Attributes:
-        designs: The camera as designed, as driven and as measured, each only if it has a file.
-        trace: The trace of the camera as measured; None without one.
-        profile: The profile that the trace shows; None without a trace.
-    """
-
+    # The camera as designed, as driven and as measured, each only if it has a file
     designs: "dict[str, Design]"
-    trace: "Trace | None" = None
+    trace: "Trace | None" = None  # The trace of the camera as measured; None without one
+    # The profile that the trace shows; None without a trace
     profile: "MeasuredProfile | None" = None
 
 
@@ -201,7 +186,7 @@ def note_other_device(path: Path, design: "Design", scene: "Scene") -> None:
     """Notes that a scene's device replaces the device that a design was made for."""
     import equinox as eqx
 
-    from mishutter.report import device_notes
+    from mishutter.report.verdict import device_notes
 
     if eqx.tree_equal(design.scene.device, scene.device):
         return
@@ -211,16 +196,10 @@ def note_other_device(path: Path, design: "Design", scene: "Scene") -> None:
 
 
 def cameras(scene: "Scene | None", design: Path | None, files: CameraFiles) -> Cameras:
-    """The camera as designed, as driven and as measured, each only if it has a file.
-
-    Args:
-        scene: The scene; that of the design without one.
-        design: A saved design; None without one.
-        files: The other files.
-    """
-    from mishutter.design import GIVEN, Design, given_design
-    from mishutter.evaluation import transmittance
-    from mishutter.hardware import design_from_drive
+    """The camera as designed, as driven and as measured, each only if it has a file."""
+    from mishutter.design.design import GIVEN, Design, given_design
+    from mishutter.evaluation.views import transmittance
+    from mishutter.hardware.drive import design_from_drive
 
     _require_table(files)
     designs: dict[str, Design] = {}
@@ -275,7 +254,8 @@ def _measured(
     motion: "AbstractMotion", files: CameraFiles, path: Path
 ) -> "tuple[Trace, MeasuredProfile]":
     """A trace and the profile that it shows; every oddity is noted on standard error."""
-    from mishutter.hardware import measured_profile, read_trace
+    from mishutter.hardware.trace_files import read_trace
+    from mishutter.hardware.traces import measured_profile
 
     trace = read_trace(path, column=files.column)
     profile = measured_profile(

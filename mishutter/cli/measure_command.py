@@ -6,13 +6,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mishutter._core import note, require, writable_folder
+from mishutter._core.checks import require
+from mishutter._core.files import writable_folder
+from mishutter._core.progress import note
 from mishutter.cli.console import print_table, print_text, write_json
 from mishutter.cli.help import CAMERA, OUTPUT, PICTURES
 from mishutter.cli.options import JsonOption, as_path
 
 if TYPE_CHECKING:
-    from mishutter.measurement import Measurement
+    from mishutter.measurement.measurement import Measurement
 
 
 def measure(
@@ -119,7 +121,7 @@ def measure(
     The camera must stand still, and its levels must be proportional to light. Each number comes
     with its error; one that the clip does not show is left out, with the reason and a remedy.
     """
-    from mishutter.measurement import measure as measured
+    from mishutter.measurement.measurement import measure as measured
 
     require(out.suffix.lower() == ".toml", "--out", "end in `.toml`", str(out))
     folder = writable_folder(out.parent)
@@ -144,7 +146,8 @@ def measure(
 
 
 def _write(measurement: "Measurement", path: Path) -> list[str]:
-    from mishutter.report import plot_motion, plot_noise, save_figure
+    from mishutter.report.measurement_plots import plot_motion, plot_noise
+    from mishutter.report.plots import save_figure
 
     files = measurement.save(path)
     save_figure(plot_noise(measurement), path.with_name("noise.png"))

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mishutter._core import require
+from mishutter._core.checks import require
 from mishutter.cli.help import DESIGN, MOVES, OUTPUT, PICTURES
 
 if TYPE_CHECKING:
-    from mishutter.decoding import AbstractDecoder
-    from mishutter.evaluation import AbstractLoss
-    from mishutter.model import Scene
-    from mishutter.pictures import Picture
+    from mishutter.decoding.decoders.base import AbstractDecoder
+    from mishutter.evaluation.losses import AbstractLoss
+    from mishutter.model.scene import Scene
+    from mishutter.pictures.images import Picture
 
 
 class LossName(Enum):
@@ -200,7 +200,7 @@ ShuttersOption = Annotated[
 
 def scene_of(path: Path | None) -> "Scene":
     """The scene of a file, or the built-in one."""
-    from mishutter.model import example_scene, read_scene
+    from mishutter.model.scene import example_scene, read_scene
 
     return example_scene() if path is None else read_scene(path)
 
@@ -212,15 +212,19 @@ def names_of(free: list[FreeName] | None) -> tuple[str, ...] | None:
 
 def named_decoder(name: DecoderName) -> "AbstractDecoder":
     """The decoder of a name, with the parameters that it has by default."""
-    from mishutter.decoding import decoders
+    from mishutter.decoding.decoders.likelihood import RichardsonLucyDecoder
+    from mishutter.decoding.decoders.linear import EnsembleDecoder, WienerDecoder
+    from mishutter.decoding.decoders.speed_finding import SpeedFindingDecoder
+    from mishutter.decoding.decoders.tikhonov import TikhonovDecoder
+    from mishutter.decoding.decoders.total_variation import TotalVariationDecoder
 
     return {
-        DecoderName.ENSEMBLE: decoders.EnsembleDecoder,
-        DecoderName.WIENER: decoders.WienerDecoder,
-        DecoderName.RICHARDSON_LUCY: decoders.RichardsonLucyDecoder,
-        DecoderName.TIKHONOV: decoders.TikhonovDecoder,
-        DecoderName.TOTAL_VARIATION: decoders.TotalVariationDecoder,
-        DecoderName.SPEED_FINDING: decoders.SpeedFindingDecoder,
+        DecoderName.ENSEMBLE: EnsembleDecoder,
+        DecoderName.WIENER: WienerDecoder,
+        DecoderName.RICHARDSON_LUCY: RichardsonLucyDecoder,
+        DecoderName.TIKHONOV: TikhonovDecoder,
+        DecoderName.TOTAL_VARIATION: TotalVariationDecoder,
+        DecoderName.SPEED_FINDING: SpeedFindingDecoder,
     }[name]()
 
 
@@ -231,7 +235,7 @@ def judge_of(
 
     They are read before a search begins, which no wrong file then follows.
     """
-    from mishutter.pictures import read_picture
+    from mishutter.pictures.images import read_picture
 
     if not paths:
         require(name is None, "--decoder", "stand beside --pictures", name and name.value)
@@ -248,8 +252,8 @@ def judge_of(
 
 def loss_of(name: LossName | None, scene: "Scene") -> "AbstractLoss":
     """The loss of a name; by default the expected error of the scene's decoder."""
-    from mishutter.evaluation import (
-        DesignLoss,
+    from mishutter.evaluation.losses import DesignLoss
+    from mishutter.evaluation.speed_knowledge import (
         ExpectedErrorLoss,
         FoundSpeedLoss,
         KnownSpeedLoss,

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mishutter._core import working
+from mishutter._core.progress import working
 from mishutter.cli.console import print_table, print_text, start_jax, write_json
 from mishutter.cli.help import MOVES
 from mishutter.cli.options import (
@@ -20,9 +20,9 @@ from mishutter.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from mishutter.evaluation import AbstractLoss
-    from mishutter.model import Scene
-    from mishutter.search import SearchPlan
+    from mishutter.evaluation.losses import AbstractLoss
+    from mishutter.model.scene import Scene
+    from mishutter.search.planning import SearchPlan
 
 
 def plan(
@@ -63,7 +63,7 @@ def plan(
 
 def _plan_in_plane(scene: "Scene", *, as_json: bool) -> None:
     """Shows a scene of any direction, and what a search of it does."""
-    from mishutter.plane import grid_words
+    from mishutter.plane.search import grid_words
 
     if as_json:
         write_json({"scene": understood(scene), "search": grid_words()})
@@ -74,7 +74,7 @@ def _plan_in_plane(scene: "Scene", *, as_json: bool) -> None:
 
 def understood(scene: "Scene") -> dict[str, object]:
     """A scene in pixels, seconds and electrons, whatever the units of its file."""
-    from mishutter.model import scene_tables
+    from mishutter.model.scene import scene_tables
 
     tables = scene_tables(scene)
     sections = (tables[name] for name in ("light", "sensor", "limits"))
@@ -105,8 +105,8 @@ def plan_of_search(
     fixed: bool = False,
 ) -> "SearchPlan":
     """The plan of the first search of `optimise`, or of one measurement if all is fixed."""
-    from mishutter.search import moved_by_default, starting_shutter
-    from mishutter.search import plan as planned
+    from mishutter.search.planning import plan as planned
+    from mishutter.search.search import moved_by_default, starting_shutter
 
     motion, names, start = scene.motion, names_of(free), starting_shutter(scene, num_coefficients)
     if names is None:

@@ -5,11 +5,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mishutter._core import Unquoted, note, progress_bar, require, writable_folder
+from mishutter._core.checks import Unquoted, require
+from mishutter._core.files import writable_folder
+from mishutter._core.progress import note, progress_bar
 from mishutter.cli.console import AGAIN, closable_output, interruptible, print_text, write_json
 
 if TYPE_CHECKING:
-    from mishutter.model import Scene
+    from mishutter.model.scene import Scene
 
 
 _WAYS = "ways of the stage"
@@ -17,11 +19,7 @@ _WAYS = "ways of the stage"
 
 
 def refuse_in_plane(options: Mapping[str, object]) -> None:
-    """Refuses options of searches along one axis.
-
-    Args:
-        options: Their values by name, of which those that are given are true.
-    """
+    """Refuses options of searches along one axis."""
     for name, value in options.items():
         requirement = "be left out for things that move in any direction"
         require(not value, name, requirement, Unquoted("it"))
@@ -31,8 +29,8 @@ def optimise_in_plane(
     scene: "Scene", scene_file: Path | None, out: Path | None, *, as_json: bool
 ) -> None:
     """Searches for frames, prints the answer, and writes its files."""
-    from mishutter.plane import best_in_plane
-    from mishutter.report import PlaneReport, write_plane_report
+    from mishutter.plane.search import best_in_plane
+    from mishutter.report.in_plane import PlaneReport, write_plane_report
 
     folder = None if out is None else writable_folder(out)
     with (

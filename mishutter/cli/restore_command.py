@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from mishutter._core import Unquoted, note, progress_bar, require, writable_folder
+from mishutter._core.checks import Unquoted, require
+from mishutter._core.files import writable_folder
+from mishutter._core.progress import note, progress_bar
 from mishutter.cli.camera import estimate_document, speed_found
 from mishutter.cli.console import AGAIN, interruptible, print_table, start_jax, write_json
 from mishutter.cli.help import DESIGN, OUTPUT, PICTURES
@@ -21,9 +23,9 @@ from mishutter.cli.options import DecoderName, JsonOption, as_path, named_decode
 if TYPE_CHECKING:
     import numpy as np
 
-    from mishutter.design import Design
-    from mishutter.model import FrameSequence
-    from mishutter.pictures import Capture
+    from mishutter.design.design import Design
+    from mishutter.model.sequences import FrameSequence
+    from mishutter.pictures.images import Capture
 
 _TICKS = 100
 _MOST_ABOVE_WHITE = 0.01
@@ -143,10 +145,10 @@ def restore(
     their order, and one picture is restored from all of them.
     """
     start_jax()
-    from mishutter.decoding import restored_capture
-    from mishutter.model import read_speed
-    from mishutter.pictures import read_captures, write_picture
-    from mishutter.report import camera_text, plot_capture, save_figure, shown_name
+    from mishutter.decoding.simulation import restored_capture
+    from mishutter.model.scene_file import read_speed
+    from mishutter.pictures.images import read_captures, write_picture
+    from mishutter.report.plots import camera_text, plot_capture, save_figure, shown_name
 
     camera = _camera(scene_file, design, files, shutter)
     speed = None if speed_text is None else read_speed(speed_text, scene_file, "--speed")
@@ -251,12 +253,7 @@ def _together(
 
 
 def _note_frames(labels: list[_Label], light: "np.ndarray") -> None:
-    """Notes what shows that frames are not those of the burst, or are not read as they are meant.
-
-    Args:
-        labels: Those of the frames, in the order in which they were given.
-        light: Their light, each by its own exposure; `(frames, rows, columns, channels)`.
-    """
+    """Notes what shows that frames are not those of the burst, or are read in another way."""
     import numpy as np
 
     numbers = [[*map(int, re.findall(r"\d+", each.stem))] for each in labels]
@@ -278,8 +275,8 @@ def _camera(
     scene_file: Path | None, design: Path | None, files: CameraFiles, shutter: str | None
 ) -> "Design":
     """The camera as measured, driven or designed, whichever was last; or a named shutter."""
-    from mishutter.design import given_design
-    from mishutter.model import named_shutter
+    from mishutter.design.design import given_design
+    from mishutter.model.shutters.kinds import named_shutter
 
     scene = None if scene_file is None else scene_of(scene_file)
     built = [*cameras(scene, design, files).designs.values()]

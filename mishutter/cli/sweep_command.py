@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mishutter._core import note, progress_bar, writable_folder
+from mishutter._core.files import writable_folder
+from mishutter._core.progress import note, progress_bar
 from mishutter.cli.console import (
     AGAIN,
     interruptible,
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     import numpy as np
     import xarray
 
-    from mishutter.model import Scene
+    from mishutter.model.scene import Scene
 
 _RANGES = "`--acceleration`, `--half-exposure` and `--velocity`"
 _NUM_VALUES = 40
@@ -123,9 +124,10 @@ def sweep(
     half_exposures = _values("--half-exposure", half_exposure, log, bound="above 0")
     velocities = _values("--velocity", velocity, log=False)
     start_jax()
-    from mishutter.model import baselines, named_shutter
-    from mishutter.sweeps import WHY_NO_POINT, frames_of, require_some_inside, require_within
-    from mishutter.sweeps import sweep as run
+    from mishutter.model.shutters.kinds import baselines, named_shutter
+    from mishutter.sweeps.grid import frames_of, require_some_inside, require_within
+    from mishutter.sweeps.run import WHY_NO_POINT
+    from mishutter.sweeps.run import sweep as run
 
     scene = scene_of(scene_file)
     named = {name: named_shutter(name) for name in shutters or []}
@@ -278,8 +280,8 @@ _OTHER_METRICS = ("condition_number", "relative_kernel_difference", "efficiency"
 
 
 def _deliver(dataset: "xarray.Dataset", scene: "Scene", folder: Path | None, as_json: bool) -> None:
-    from mishutter.evaluation import METRICS
-    from mishutter.sweeps import (
+    from mishutter.evaluation.metrics import METRICS
+    from mishutter.sweeps.trade_offs import (
         best_points,
         best_snapshots,
         gain_over,
@@ -296,7 +298,7 @@ def _deliver(dataset: "xarray.Dataset", scene: "Scene", folder: Path | None, as_
     best = {name: _point_of(point, scene, level) for name, point in best_points(gains).items()}
     files = []
     if folder is not None:
-        from mishutter.report import write_pictures
+        from mishutter.report.sweep_plots import write_pictures
 
         files = write_pictures(values, scene, folder)
     if as_json:
@@ -326,7 +328,7 @@ def _deliver(dataset: "xarray.Dataset", scene: "Scene", folder: Path | None, as_
 
 def _point_of(point: "xarray.Dataset", scene: "Scene", level: str) -> dict[str, str | float]:
     """A point of a sweep as plain text and numbers."""
-    from mishutter.model import ParabolicMotion
+    from mishutter.model.motion import ParabolicMotion
 
     a, half, velocity = (float(point[n]) for n in ("acceleration", "half_exposure", "velocity"))
     motion = ParabolicMotion(acceleration=a, half_exposure=half, velocity=velocity)

@@ -6,22 +6,17 @@ from typing import TYPE_CHECKING
 from mishutter.cli.console import print_table, print_text
 
 if TYPE_CHECKING:
-    from mishutter.decoding import RestoredPhotograph
-    from mishutter.design import Design
-    from mishutter.model import DecoderSpeed
-    from mishutter.report import Report
+    from mishutter.decoding.restoration import RestoredPhotograph
+    from mishutter.design.design import Design
+    from mishutter.model.decoder_speeds import DecoderSpeed
+    from mishutter.report.documents import Report
 
 
 def print_comparison(report: "Report", *, verbose: bool = False, next_step: str = "") -> None:
-    """Prints the answer, and where it is `verbose` every table and the outcome of the search.
-
-    Args:
-        report: The report.
-        verbose: Whether tables follow the answer.
-        next_step: A command that goes on from it.
-    """
-    from mishutter.report import comparison_tables
-    from mishutter.search import SAME_MOTION, fills
+    """Prints the answer, and where it is `verbose` every table and the outcome of the search."""
+    from mishutter.report.tables import comparison_tables
+    from mishutter.search.rows import SAME_MOTION
+    from mishutter.search.space import fills
 
     comparison = report.comparison
     print_text(comparison.text())
@@ -48,7 +43,7 @@ def print_photographs(
     decoder_speed: "DecoderSpeed" = "unknown",
 ) -> None:
     """Prints the PSNR of the scene's photograph as each design and decoder restored it."""
-    from mishutter.evaluation import SPEED_KNOWLEDGE
+    from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE
 
     aside = SPEED_KNOWLEDGE[decoder_speed].aside
     results = next(iter(photographs.values()))

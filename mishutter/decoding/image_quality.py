@@ -8,36 +8,27 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from mishutter._core import (
+from mishutter._core.checks import (
     floating_light,
     require,
     require_finite,
     require_positive_int,
     shape_of,
 )
-from mishutter.pictures import to_display
+from mishutter.pictures.images import to_display
 
 _ROWS_AT_ONCE = 128
 
 
 class Quality(NamedTuple):
-    """Figures of a restored picture.
+    """Figures of a restored picture."""
 
-    Attributes:
-        psnr: Of gamma-coded values, over the picture; dB.
-        linear_psnr: In linear light; dB.
-        inner_psnr: With gamma, without the border; dB.
-        border_psnr: With gamma, of the border alone; dB.
-        ssim: Structural similarity of the gamma-coded pictures, over the picture.
-        inner_ssim: The same without the border.
-    """
-
-    psnr: float
-    linear_psnr: float
-    inner_psnr: float
-    border_psnr: float
-    ssim: float
-    inner_ssim: float
+    psnr: float  # Of gamma-coded values, over the picture; dB
+    linear_psnr: float  # In linear light; dB
+    inner_psnr: float  # With gamma, without the border; dB
+    border_psnr: float  # With gamma, of the border alone; dB
+    ssim: float  # Structural similarity of the gamma-coded pictures, over the picture
+    inner_ssim: float  # The same without the border
 
 
 def psnr(
@@ -80,14 +71,6 @@ def psnr(
 def ssim(reference: ArrayLike, estimate: ArrayLike, *, matte: ArrayLike | None = None) -> float:
     """Structural similarity of two gamma-coded pictures, as scikit-image defines it.
 
-    Args:
-        reference: Linear light; shape `(rows, columns)` or with channels last.
-        estimate: The same.
-        matte: Weight of each pixel in the mean; shape `(rows, columns)`.
-
-    Returns:
-        At most 1.
-
     Raises:
         ValueError: if the shapes differ, a value is not finite, the picture is smaller than
             the 7 x 7 window, or the matte is empty.
@@ -108,11 +91,6 @@ def ssim(reference: ArrayLike, estimate: ArrayLike, *, matte: ArrayLike | None =
 
 def measure_quality(reference: ArrayLike, estimate: ArrayLike, *, border: int) -> Quality:
     """All figures of a restored picture, with and without `border` columns at either end.
-
-    Args:
-        reference: Linear light; shape `(rows, columns)` or with channels last.
-        estimate: The same.
-        border: Columns at either end that count as border; px.
 
     Raises:
         ValueError: if the shapes differ, a value is not finite, `border` is not a positive
@@ -145,15 +123,6 @@ def ghost_energy(
     differences $u$ of the picture and $e$ of the error, $\rho(d) = \sum e_{k+d} u_k / \sum
     u_k^2$ is the amplitude of the copy at displacement $d$; the energy is
     $\max \rho(d)^2$ over `distance` to within `width` px, to either side.
-
-    Args:
-        reference: Linear light; shape `(rows, columns)` or with channels last.
-        estimate: The same.
-        distance: Displacement at which the kernel ends; px.
-        width: Distance from there within which copies count; px.
-
-    Returns:
-        Energy of the copy, as a share of the picture's own.
 
     Raises:
         ValueError: if the shapes differ, a value is not finite, `distance` or `width` is below 0,

@@ -9,33 +9,29 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Shaped
 
-from mishutter._core import (
-    alone_in_blas,
+from mishutter._core.checks import (
     as_float,
-    compiled,
-    in_threads,
-    num_processors,
     require,
     require_finite,
     require_key,
     require_positive_int,
     shape_of,
 )
-from mishutter.camera import (
-    Planes,
+from mishutter._core.compiling import compiled
+from mishutter._core.parallel import alone_in_blas, in_threads, num_processors
+from mishutter.camera.capture import (
     as_pixels,
     as_radiance,
     blurred_at_speeds,
-    channels_last,
     distinct_colours,
     every_colour,
-    fixed_key,
     kernel_layout,
     noisy,
-    rows_last,
     through_optics,
 )
-from mishutter.decoding.decoders import AbstractDecoder, BlurModel, blur_model
+from mishutter.camera.noise import fixed_key
+from mishutter.camera.rows import Planes, channels_last, rows_last
+from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel, blur_model
 from mishutter.decoding.decoders.linear import (
     decoder_or_ensemble,
     expected_squared_error,
@@ -43,78 +39,57 @@ from mishutter.decoding.decoders.linear import (
 )
 from mishutter.decoding.decoders.speed_finding import decoder_of, informed
 from mishutter.decoding.image_quality import psnr
-from mishutter.evaluation import (
-    SPEED_KNOWLEDGE,
-    SpeedKnowledge,
-    sensor_view,
-)
-from mishutter.model import AbstractMotion, AbstractShutter, DecoderSpeed, Scene, require_scene
-from mishutter.pictures import Axis, Picture, pixels_along, turned
+from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE, SpeedKnowledge
+from mishutter.evaluation.views import sensor_view
+from mishutter.model.decoder_speeds import DecoderSpeed
+from mishutter.model.motion import AbstractMotion
+from mishutter.model.scene import Scene, require_scene
+from mishutter.model.shutters.base import AbstractShutter
+from mishutter.pictures.images import Axis, Picture, pixels_along, turned
 
 _CAPTURES_AT_ONCE = 4
 """Most captures at a time, each of which holds a picture and its restorations."""
 
 
 class RestoredPhotograph(NamedTuple):
-    """A photograph captured and restored at several speeds.
+    """A photograph captured and restored at several speeds."""
 
-    Attributes:
-        speeds: Speeds of the picture; px/s.
-        psnr: PSNR of gamma-coded values, mean over noise seeds, inside the borders; dB.
-        linear_psnr: The same in linear light: of the mean squared error over seeds; dB.
-        standard_error: Standard error of `psnr` over the seeds; dB.
-        linear_standard_error: That of `linear_psnr`.
-        mean_psnr: Weighted over speeds: PSNR of the mean squared error, linear light; dB.
-        expected_psnr: PSNR that the ensemble filter is expected to reach on captures of pictures
-            with the scene's spectrum, over the scene's speeds, if it knows of the speed as much as
-            the scene's `decoder_speed` says; linear light, dB.
-        own_expected_psnr: The same of pictures with the spectrum and the mean of this one, in the
-            columns over which errors are taken, at each speed; it differs from `expected_psnr`
-            as one photograph does from another; dB.
-        reference: The picture as a perfect decoder would restore it.
-        captured: Light as recorded, first seed.
-        restored: Light restored, first seed.
-        doubts: Why the speed that was found at each speed is not trusted, first seed; empty where
-            it is, or is not looked for.
-    """
-
-    speeds: Float[np.ndarray, "s"]
+    speeds: Float[np.ndarray, "s"]  # Speeds of the picture; px/s
+    # PSNR of gamma-coded values, mean over noise seeds, inside the borders; dB
     psnr: Float[np.ndarray, "s"]
+    # The same in linear light: of the mean squared error over seeds; dB
     linear_psnr: Float[np.ndarray, "s"]
-    standard_error: Float[np.ndarray, "s"]
-    linear_standard_error: Float[np.ndarray, "s"]
-    mean_psnr: float
+    standard_error: Float[np.ndarray, "s"]  # Standard error of `psnr` over the seeds; dB
+    linear_standard_error: Float[np.ndarray, "s"]  # That of `linear_psnr`
+    mean_psnr: float  # Weighted over speeds: PSNR of the mean squared error, linear light; dB
+    # PSNR that the ensemble filter is expected to reach on captures of pictures with the scene's
+    # spectrum, over the scene's speeds, if it knows of the speed as much as the scene's
+    # `decoder_speed` says; linear light, dB
     expected_psnr: float
+    # The same of pictures with the spectrum and the mean of this one, in the columns over which
+    # errors are taken, at each speed; it differs from `expected_psnr` as one photograph does from
+    # another; dB
     own_expected_psnr: Float[np.ndarray, "s"]
+    # The picture as a perfect decoder would restore it
     reference: Float[np.ndarray, "rows columns channels"]
-    captured: Float[np.ndarray, "s rows columns channels"]
-    restored: Float[np.ndarray, "s rows columns channels"]
+    captured: Float[np.ndarray, "s rows columns channels"]  # Light as recorded, first seed
+    restored: Float[np.ndarray, "s rows columns channels"]  # Light restored, first seed
+    # Why the speed that was found at each speed is not trusted, first seed; empty where it is, or
+    # is not looked for
     doubts: Shaped[np.ndarray, "s"]
 
     def at(self, *indices: int) -> "RestoredPhotograph":
-        """The figures and pictures of one or some of the speeds, alone.
-
-        Args:
-            indices: Places of the speeds.
-        """
+        """The figures and pictures of one or some of the speeds, alone."""
         each = {name: getattr(self, name)[list(indices)] for name in _AT_EACH_SPEED}
         return self._replace(**each)
 
     def turned(self, axis: Axis) -> "RestoredPhotograph":
-        """The same with pictures that are `turned` by an axis.
-
-        Args:
-            axis: The axis along which things move.
-        """
+        """The same with pictures that are `turned` by an axis."""
         names = ("reference", "captured", "restored")
         return self._replace(**{name: turned(getattr(self, name), axis) for name in names})
 
     def brightened(self, index: int) -> Float[np.ndarray, "rows columns channels"]:
-        """The capture at a speed, as bright as the picture itself, however much light it cost.
-
-        Args:
-            index: Number of the speed.
-        """
+        """The capture at a speed, as bright as the picture itself, however much light it cost."""
         captured = self.captured[index]
         return captured * (np.mean(self.reference) / max(float(np.mean(captured)), 1e-12))
 
@@ -186,15 +161,6 @@ def deconvolve(
 
 def restored_light(irradiance: Planes, decoder: AbstractDecoder, model: BlurModel) -> Planes:
     """Light of a picture from its capture: the one road, by which every restoration goes.
-
-    Args:
-        irradiance: Captured light, which moved along its rows; shape `(rows, columns)` or
-            `(..., rows, columns, channels)`.
-        decoder: The method.
-        model: Blur, noise and the picture's statistics.
-
-    Returns:
-        Light of the picture, white = 1; the shape of `irradiance`.
 
     Raises:
         ValueError: if the model's scene has no light.
@@ -274,26 +240,13 @@ def restore_by_each(
     shutter: AbstractShutter,
     decoders: Mapping[str, AbstractDecoder],
     *,
-    speeds: Sequence[float] | None = None,
+    speeds: Sequence[float] | None = None,  # the scene's by default
     num_seeds: int = 8,
-    key: Array | None = None,
+    key: Array | None = None,  # a fixed one by default
     least_taps: int = 1,
     decoder_speed: DecoderSpeed | None = None,
 ) -> dict[str, RestoredPhotograph]:
     """`restore_photograph` by several decoders, from the same captures.
-
-    Args:
-        picture: The photograph.
-        scene: Light and noise, and what the decoders may know.
-        motion: Motion of the sensor.
-        shutter: Transmittance over the exposure.
-        decoders: The methods, by name.
-        speeds: Speeds of the photograph, px/s; the scene's by default.
-        num_seeds: Number of captures at each speed, each with its own noise.
-        key: JAX key of the noise; a fixed one by default.
-        least_taps: Length of the kernels, where they do not need more: with one for several
-            designs they see, and are judged on, equally many columns.
-        decoder_speed: What the decoders know of the speed; by default what the scene says.
 
     Raises:
         ValueError: as `restore_photograph`.
@@ -380,12 +333,6 @@ def _expected_levels(
 
     A decoder that finds the speed keeps a share of the gain from knowing it, in decibels
     (`found_share`), and none of it where no speed is looked for, as in a snapshot.
-
-    Args:
-        model: Blur and noise of a decoder for all speeds.
-        knowledge: What the decoder knows of the speed.
-        rows: Light of the picture; shape `(..., columns)`.
-        speeds: Speeds of the picture relative to the sensor; px/s.
     """
     share = float(knowledge.share(np.asarray(model.smear_difference)))
     unknown = np.append(squared_error_of(model, rows, speeds), expected_squared_error(model))
@@ -422,12 +369,7 @@ class _Errors(NamedTuple):
 
 
 def errors_of(truth: np.ndarray, estimates: Sequence[np.ndarray]) -> _Errors:
-    """The errors of a capture by several decoders.
-
-    Args:
-        truth: Light of the picture.
-        estimates: What each of them restores.
-    """
+    """The errors of a capture by several decoders."""
     squared = [np.mean(np.square(each - truth, dtype=np.float64)) for each in estimates]
     coded = [float(psnr(truth, each, gamma=True)) for each in estimates]
     return _Errors(np.array([squared]), np.array([coded]))

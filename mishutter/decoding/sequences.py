@@ -29,9 +29,8 @@ import numpy as np
 import scipy.fft
 from jaxtyping import ArrayLike, Complex, Float, Int
 
-from mishutter._core import (
+from mishutter._core.checks import (
     RowLike,
-    alone_in_blas,
     as_float,
     require,
     require_finite,
@@ -39,40 +38,27 @@ from mishutter._core import (
     require_scalar,
     shape_of,
 )
-from mishutter.camera import (
-    Planes,
-    as_pixels,
-    distinct_colours,
-    every_colour,
-    fast_length,
-    furthest,
-    kernel_layout,
-    require_reach,
-    responses_of_frames,
-    rows_last,
-)
-from mishutter.decoding.decoders import (
+from mishutter._core.parallel import alone_in_blas
+from mishutter.camera.capture import as_pixels, distinct_colours, every_colour, kernel_layout
+from mishutter.camera.rows import Planes, fast_length, rows_last
+from mishutter.camera.sequences import furthest, require_reach, responses_of_frames
+from mishutter.decoding.decoders.base import (
     AbstractDecoder,
     BlurModel,
-    SpeedEstimate,
+    CompleteFrames,
     blur_model,
+    density_of,
 )
-from mishutter.decoding.decoders.base import CompleteFrames, density_of
 from mishutter.decoding.decoders.linear import LEAST_POWER, decoder_or_ensemble, mean_over_dft
-from mishutter.decoding.decoders.speed import BEYOND, LITTLE, luminance_shares
+from mishutter.decoding.decoders.speed import BEYOND, LITTLE, SpeedEstimate, luminance_shares
 from mishutter.decoding.restoration import restored_light
-from mishutter.evaluation import FrameNodes, nodes_of_frames
-from mishutter.model import (
-    RectShutter,
-    Scene,
-    TimedFrame,
-    frequencies,
-    noise_power,
-    require_scene,
-    require_whole,
-    white_electrons,
-)
-from mishutter.pictures import turned
+from mishutter.evaluation.sequences import FrameNodes, nodes_of_frames
+from mishutter.model.optics import frequencies
+from mishutter.model.scene import Scene, require_scene, require_whole
+from mishutter.model.sensor import noise_power, white_electrons
+from mishutter.model.sequences import TimedFrame
+from mishutter.model.shutters.windows import RectShutter
+from mishutter.pictures.images import turned
 
 _rfft: Callable[..., np.ndarray] = scipy.fft.rfft  # type: ignore[assignment]
 _irfft: Callable[..., np.ndarray] = scipy.fft.irfft  # type: ignore[assignment]
@@ -156,19 +142,13 @@ class RestoredFrames(NamedTuple):
 
 
 class _Stack(NamedTuple):
-    """Rows of the frames of one sequence, about their mean, and what is known of them.
+    """Rows of the frames of one sequence, about their mean, and what is known of them."""
 
-    Attributes:
-        rows: Deviations of the frames from the level of each row; shape `(rows, frames, columns)`.
-        nodes: Instants of each frame.
-        noises: Variance of the noise in each frame, $N_k$.
-        model: The picture's statistics and the lens.
-    """
-
+    # Deviations of the frames from the level of each row; shape `(rows, frames, columns)`
     rows: Float[np.ndarray, "rows frames columns"]
-    nodes: list[FrameNodes]
-    noises: Float[np.ndarray, "frames"]
-    model: BlurModel
+    nodes: list[FrameNodes]  # Instants of each frame
+    noises: Float[np.ndarray, "frames"]  # Variance of the noise in each frame, $N_k$
+    model: BlurModel  # The picture's statistics and the lens
 
     def of(self, some: Int[np.ndarray, "f"]) -> "_Stack":
         """The same of some of the frames."""
@@ -182,24 +162,17 @@ class _Stack(NamedTuple):
 
 
 class _Likeliest(NamedTuple):
-    """The likeliest pictures at some speeds.
+    """The likeliest pictures at some speeds."""
 
-    Attributes:
-        speeds: The speeds; px/s.
-        spectrum: Their DFTs over the canvas; shape `(s, rows, k)`.
-        responses: Responses of the frames on that grid; shape `(s, frames, k)`.
-        gains: How much better than no picture each explains each row of the frames, as a logarithm
-            of likelihood; shape `(s, rows)`.
-        margin: Pixels of the canvas before the sensor.
-        length: Pixels of the canvas.
-    """
-
-    speeds: Float[np.ndarray, "s"]
-    spectrum: Complex[np.ndarray, "s rows k"]
+    speeds: Float[np.ndarray, "s"]  # The speeds; px/s
+    spectrum: Complex[np.ndarray, "s rows k"]  # Their DFTs over the canvas; shape `(s, rows, k)`
+    # Responses of the frames on that grid; shape `(s, frames, k)`
     responses: Complex[np.ndarray, "s frames k"]
+    # How much better than no picture each explains each row of the frames, as a logarithm of
+    # likelihood; shape `(s, rows)`
     gains: Float[np.ndarray, "s rows"]
-    margin: int
-    length: int
+    margin: int  # Pixels of the canvas before the sensor
+    length: int  # Pixels of the canvas
 
     def seen(
         self, responses: Complex[np.ndarray, "s frames k"], columns: int
@@ -277,13 +250,7 @@ def restore_frames(
 def speed_of_frames(
     captures: ArrayLike | Sequence[ArrayLike], scene: Scene, frames: Sequence[TimedFrame]
 ) -> SpeedEstimate:
-    """The speed that `restore_frames` finds, without the picture.
-
-    Args:
-        captures: As there.
-        scene: As there.
-        frames: As there.
-    """
+    """The speed that `restore_frames` finds, without the picture."""
     return _judged(_planes_of(captures, scene, frames)[1], scene, _Taken.of(scene, frames))
 
 
@@ -308,19 +275,12 @@ def _planes_of(
 
 @dataclass(frozen=True)
 class _Taken:
-    """Frames, and the knowledge of them before any is seen.
+    """Frames, and the knowledge of them before any is seen."""
 
-    Attributes:
-        frames: The frames.
-        model: The picture's statistics and the lens.
-        electrons: Electrons of a white pixel in each.
-        noises: Variance of the noise in each, $N_k$; white = 1.
-    """
-
-    frames: Sequence[TimedFrame]
-    model: BlurModel
-    electrons: Float[np.ndarray, "frames"]
-    noises: Float[np.ndarray, "frames"]
+    frames: Sequence[TimedFrame]  # The frames
+    model: BlurModel  # The picture's statistics and the lens
+    electrons: Float[np.ndarray, "frames"]  # Electrons of a white pixel in each
+    noises: Float[np.ndarray, "frames"]  # Variance of the noise in each, $N_k$; white = 1
 
     @staticmethod
     def of(scene: Scene, frames: Sequence[TimedFrame]) -> "_Taken":
@@ -338,7 +298,7 @@ class _Taken:
     def like(
         self,
         rows: Float[np.ndarray, "rows frames columns"],
-        slowest: float,
+        slowest: float,  # px/s
         fastest: float,
         noise_share: float,
     ) -> "_Taken":
@@ -347,12 +307,6 @@ class _Taken:
         A picture of less detail than expected, or of finer, would else seem to move at a speed that
         explains it. In each band of frequencies its power is that of the frames beyond their noise
         over $\sum_k |A_k|^2$, of which the speeds that are tried have the mean.
-
-        Args:
-            rows: Rows of the frames.
-            slowest: Least speed that is tried; px/s.
-            fastest: Greatest one.
-            noise_share: Variance of the rows' noise over that of a colour.
         """
         model, columns = self.model, rows.shape[-1]
         level = max(float(np.mean(rows)), 0.0)
@@ -487,21 +441,13 @@ def _complete(stack: _Stack, found: _Likeliest) -> Float[np.ndarray, "rows lengt
 
 
 class _Search(NamedTuple):
-    """Speeds at which the likelihood of some rows is high, of all speeds that are tried.
+    """Speeds at which the likelihood of some rows is high, of all speeds that are tried."""
 
-    Attributes:
-        low: Least speed that is tried; px/s.
-        high: Greatest one.
-        step: Step between speeds for all frames; px/s.
-        peaks: Speeds at which it is highest nearby, the highest first; px/s.
-        middle: Median of the likelihood's logarithm over all speeds, below its top.
-    """
-
-    low: float
-    high: float
-    step: float
-    peaks: list[float]
-    middle: float
+    low: float  # Least speed that is tried; px/s
+    high: float  # Greatest one
+    step: float  # Step between speeds for all frames; px/s
+    peaks: list[float]  # Speeds at which it is highest nearby, the highest first; px/s
+    middle: float  # Median of the likelihood's logarithm over all speeds, below its top
 
 
 class _Peak(NamedTuple):
@@ -513,49 +459,31 @@ class _Peak(NamedTuple):
 
 
 class _Fit(NamedTuple):
-    """How the frames fit the likeliest picture at a speed.
+    """How the frames fit the likeliest picture at a speed."""
 
-    Attributes:
-        misfit: Mean square of what the picture leaves of the frames, over their noise, with the
-            picture's own freedom counted, and without gains and black levels that change.
-        misfits: The same of each frame.
-        drift: Rows that these changes add to each frame.
-        noise_shares: Variance of each frame's noise over that of frames whose gain does not change.
-        values: Logarithm of the likelihood of each row.
-        shifts: Displacement of each frame from its place; px.
-        shift_errors: Standard errors of these; px.
-    """
-
+    # Mean square of what the picture leaves of the frames, over their noise, with the picture's own
+    # freedom counted, and without gains and black levels that change
     misfit: float
-    misfits: Float[np.ndarray, "frames"]
-    drift: Float[np.ndarray, "rows frames columns"]
+    misfits: Float[np.ndarray, "frames"]  # The same of each frame
+    drift: Float[np.ndarray, "rows frames columns"]  # Rows that these changes add to each frame
+    # Variance of each frame's noise over that of frames whose gain does not change
     noise_shares: Float[np.ndarray, "frames"]
-    values: Float[np.ndarray, "rows"]
-    shifts: Float[np.ndarray, "frames"]
-    shift_errors: Float[np.ndarray, "frames"]
+    values: Float[np.ndarray, "rows"]  # Logarithm of the likelihood of each row
+    shifts: Float[np.ndarray, "frames"]  # Displacement of each frame from its place; px
+    shift_errors: Float[np.ndarray, "frames"]  # Standard errors of these; px
 
 
 class _Found(NamedTuple):
-    """The speed that was found, and what speaks for and against it.
+    """The speed that was found, and what speaks for and against it."""
 
-    Attributes:
-        rows: Rows of the frames.
-        stack: The same about their mean, without changes of gain and black level.
-        search: The speeds that were tried.
-        ends: Peaks of the likelihood, the highest first.
-        best: The speed.
-        fit: How the frames fit there.
-        elsewhere: Misfit of frames that are registered some pixels off.
-        rivals: The other peaks, which are no part of the highest, and how the frames fit there.
-    """
-
-    rows: Float[np.ndarray, "rows frames columns"]
-    stack: _Stack
-    search: _Search
-    ends: list[_Peak]
-    best: _Peak
-    fit: _Fit
-    elsewhere: float
+    rows: Float[np.ndarray, "rows frames columns"]  # Rows of the frames
+    stack: _Stack  # The same about their mean, without changes of gain and black level
+    search: _Search  # The speeds that were tried
+    ends: list[_Peak]  # Peaks of the likelihood, the highest first
+    best: _Peak  # The speed
+    fit: _Fit  # How the frames fit there
+    elsewhere: float  # Misfit of frames that are registered some pixels off
+    # The other peaks, which are no part of the highest, and how the frames fit there
     rivals: list[tuple[_Peak, _Fit]]
 
 
@@ -621,12 +549,7 @@ def _speed_of(
 
 
 def _doubt(found: "_Found", error: float) -> str:
-    """Why a speed is not trusted, in a sentence; empty if it is.
-
-    Args:
-        found: The speed, and what speaks against it.
-        error: Its error as the picture's way over the sequence; px.
-    """
+    """Why a speed is not trusted, in a sentence; empty if it is."""
     best, fit, search, spread = found.best, found.fit, found.search, max(1.0, found.fit.misfit)
     odd = _odd_frame(found.rows, found.stack.noises)
     if odd:

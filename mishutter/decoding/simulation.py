@@ -10,32 +10,22 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from mishutter._core import (
+from mishutter._core.checks import (
     require,
     require_finite,
     require_key,
     require_positive_int,
     shape_of,
 )
-from mishutter.camera import (
-    Frames,
-    Layers,
-    as_pixels,
-    as_radiance,
-    distinct_colours,
-    rows_last,
-    simulate_capture,
-    simulate_frames,
-)
-from mishutter.decoding.decoders import (
-    AbstractDecoder,
-    BlurModel,
-    SpeedEstimate,
-    SpeedFindingDecoder,
-    blur_model,
-)
+from mishutter.camera.capture import as_pixels, as_radiance, distinct_colours, simulate_capture
+from mishutter.camera.footage import Frames
+from mishutter.camera.layers import Layers
+from mishutter.camera.rows import rows_last
+from mishutter.camera.sequences import simulate_frames
+from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel, blur_model
 from mishutter.decoding.decoders.linear import decoder_or_ensemble
-from mishutter.decoding.decoders.speed_finding import decoder_of, informed
+from mishutter.decoding.decoders.speed import SpeedEstimate
+from mishutter.decoding.decoders.speed_finding import SpeedFindingDecoder, decoder_of, informed
 from mishutter.decoding.restoration import (
     RestoredPhotograph,
     behind_optics,
@@ -44,17 +34,14 @@ from mishutter.decoding.restoration import (
     restored_light,
 )
 from mishutter.decoding.sequences import restore_frames, speed_of_frames
-from mishutter.design import Design
-from mishutter.evaluation import SPEED_KNOWLEDGE, knowledge_of, sensor_view
-from mishutter.model import (
-    AbstractMotion,
-    AbstractShutter,
-    FrameSequence,
-    Scene,
-    TimedFrame,
-    require_scene,
-)
-from mishutter.pictures import Axis, Picture, turned
+from mishutter.design.design import Design
+from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE, knowledge_of
+from mishutter.evaluation.views import sensor_view
+from mishutter.model.motion import AbstractMotion
+from mishutter.model.scene import Scene, require_scene
+from mishutter.model.sequences import FrameSequence, TimedFrame
+from mishutter.model.shutters.base import AbstractShutter
+from mishutter.pictures.images import Axis, Picture, turned
 
 Progress = Callable[[str, float], None]
 """Function that is called with a sentence about the work and the share of it that is done."""
@@ -69,29 +56,17 @@ class _Pictures(NamedTuple):
 
 
 class Simulation(_Pictures):
-    """A capture and its restoration: a pair.
+    """A capture and its restoration: a pair."""
 
-    Attributes:
-        captured: Light in units of a fully open exposure; `(rows, columns, channels)`, or
-            `(rows, columns)` of an array of that shape.
-        restored: Light of the picture, white = 1; the same shape.
-        found: The estimate of the `SpeedFindingDecoder`, which is no part of the pair; None by
-            other decoders.
-    """
-
+    # The estimate of the `SpeedFindingDecoder`, which is no part of the pair; None by other
+    # decoders
     found: SpeedEstimate | None = None
 
     @classmethod
     def of(
         cls, captured: np.ndarray, restored: np.ndarray, estimate: SpeedEstimate | None
     ) -> "Simulation":
-        """A pair, and the estimate of the speed.
-
-        Args:
-            captured: What was recorded.
-            restored: What a decoder made of it.
-            estimate: The speed that it found; None by a decoder that looks for none.
-        """
+        """A pair, and the estimate of the speed."""
         pair = cls(captured, restored)
         pair.found = estimate
         return pair
@@ -183,7 +158,7 @@ def burst_and_restore(
     scene: Scene,
     sequence: FrameSequence,
     *,
-    speed: float = 0.0,
+    speed: float = 0.0,  # 0 for layers
     decoder: AbstractDecoder | None = None,
     key: Array | None = None,
     full_well: float | None = None,
@@ -192,21 +167,6 @@ def burst_and_restore(
     progress: Progress | None = None,
 ) -> Simulation:
     """`capture_and_restore` of the frames of a burst, whose speed the decoder finds in them.
-
-    Args:
-        subject: A photograph, which goes on mirrored beyond its borders, or a layered scene.
-        scene: Light and noise.
-        sequence: The frames.
-        speed: Speed of the photograph, px/s; 0 for layers.
-        decoder: As in `capture_and_restore`.
-        key: As in `capture_and_restore`.
-        full_well: As in `capture_and_restore`.
-        adc_bits: As in `capture_and_restore`.
-        rows_at_once: As in `capture_and_restore`.
-        progress: As in `capture_and_restore`.
-
-    Returns:
-        The frames, shape `(frames, rows, columns, channels)`, and the picture from all of them.
 
     Raises:
         ValueError: as `simulate_frames`.
@@ -255,20 +215,13 @@ def photograph_by_frames(
     scene: Scene,
     sequence: FrameSequence,
     *,
-    speeds: Sequence[float],
+    speeds: Sequence[float],  # px/s
     key: Array,
 ) -> RestoredPhotograph:
     """`restore_photograph` by the frames of a burst, whose speed the decoder finds in them.
 
     It holds the middle frame as the capture, moved to where the picture stands, and no level that
     is expected of one photograph.
-
-    Args:
-        picture: The photograph, which goes on mirrored beyond its borders.
-        scene: Light and noise.
-        sequence: The frames.
-        speeds: Speeds of the photograph; px/s.
-        key: JAX key of the noise.
     """
     axis, radiance = scene.sensor.axis, as_radiance(picture, "photograph_by_frames(picture=...)")
     radiance = turned(radiance[..., None] if radiance.ndim == 2 else radiance, axis)
@@ -297,15 +250,10 @@ def photograph_by_frames(
 
 
 class Restoration(NamedTuple):
-    """A restored capture.
+    """A restored capture."""
 
-    Attributes:
-        light: Light of the picture, white = 1; the shape of the capture.
-        found: The speed that was found in it; None where none was looked for.
-    """
-
-    light: np.ndarray
-    found: SpeedEstimate | None
+    light: np.ndarray  # Light of the picture, white = 1; the shape of the capture
+    found: SpeedEstimate | None  # The speed that was found in it; None where none was looked for
 
 
 def restore(
@@ -361,13 +309,6 @@ def restored_capture(
     progress: Progress | None = None,
 ) -> Restoration:
     """`restore`, with the speed that was found.
-
-    Args:
-        capture: As in `restore`.
-        design: As in `restore`.
-        decoder: As in `restore`.
-        speed: As in `restore`.
-        progress: Called with a sentence and the share done.
 
     Raises:
         ValueError: as `restore`.
@@ -455,14 +396,7 @@ def _frames_in_portions(
 def _portions(
     num_rows: int, at_once: int, beyond: int, report: Progress
 ) -> Iterator[tuple[slice, slice, slice]]:
-    """Rows of each portion, those with more around them, and the place of the first in the second.
-
-    Args:
-        num_rows: Rows of the picture.
-        at_once: Most rows of a portion.
-        beyond: Rows above and below that a decoder looks at.
-        report: Called with the share that is done before each.
-    """
+    """Rows of each portion, those with more around them, and where those begin in these."""
     for first, past in itertools.pairwise(_mirrored_portions(num_rows, at_once)):
         report("restoring", first / num_rows)
         above = min(first, beyond)

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mishutter._core import contents, parsed, require, shown, strict_json, validated, write_text
+from mishutter._core.checks import require, shown
+from mishutter._core.files import contents, strict_json, write_text
+from mishutter._core.validation import parsed, validated
 from mishutter.design.schema import (
     FORMAT,
     SAVED_SCENE,
@@ -19,29 +21,21 @@ from mishutter.design.schema import (
     SavedMotion,
     SavedSequence,
 )
-from mishutter.evaluation import (
+from mishutter.evaluation.metrics import Metrics, SequenceMetrics, evaluate
+from mishutter.evaluation.speed_knowledge import (
     KNOWN_SPEED,
     UNKNOWN_SPEED,
-    Metrics,
-    SequenceMetrics,
-    evaluate,
     is_of_worst_speed,
     knowledge_of_saved,
-    transmittance,
 )
-from mishutter.model import (
-    AbstractMotion,
-    AbstractShutter,
-    FrameSequence,
-    FreeMotion,
-    ParabolicMotion,
-    Scene,
-    TimedFrame,
-    command_of,
-    profile_of,
-    shutter_from_dict,
-    shutter_to_dict,
-)
+from mishutter.evaluation.views import transmittance
+from mishutter.model.devices import command_of
+from mishutter.model.motion import AbstractMotion, FreeMotion, ParabolicMotion
+from mishutter.model.scene import Scene
+from mishutter.model.sequences import FrameSequence, TimedFrame
+from mishutter.model.shutters.base import AbstractShutter
+from mishutter.model.shutters.kinds import shutter_from_dict, shutter_to_dict
+from mishutter.model.shutters.polynomials import profile_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -170,7 +164,7 @@ class Design:
     def plot(self) -> "Figure":
         """A figure of the shutter and the sensor's path in time, or of the burst's frames."""
         # Figures stand on a floor above, which imports designs.
-        return import_module("mishutter.report").plot_design(self)
+        return import_module("mishutter.report.plots").plot_design(self)
 
     def to_dict(self) -> dict[str, object]:
         """Everything in the design as plain numbers, lists and text."""
@@ -259,16 +253,7 @@ def given_design(
     *,
     is_measured: bool = False,
 ) -> Design:
-    """A design of an existing camera, from hardware or measurements, without a search.
-
-    Args:
-        scene: The scene that it is measured on.
-        motion: Its motion.
-        shutter: The profile that it is sent.
-        origin: A sentence about its origin.
-        is_measured: Whether the profile was measured behind the device. It then has the device's
-            lag already, but not its transmission and leakage, as a trace is scaled to 0 and 1.
-    """
+    """A design of an existing camera, from hardware or measurements, without a search."""
     if is_measured and scene.device is not None:
         dtype = np.dtype(scene.speeds.dtype)
         profile = scene.device.without_lag.light(shutter, motion.half_exposure, dtype)

@@ -5,7 +5,8 @@ from typing import Annotated, Literal, final
 
 from pydantic import AllowInfNan, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from mishutter.model import Part, Scene, arguments_of
+from mishutter.model.arguments import Part, arguments_of
+from mishutter.model.scene import Scene
 
 FORMAT = 2
 """Version of the file format."""

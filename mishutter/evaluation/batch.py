@@ -14,8 +14,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from mishutter._core import compiled, in_threads, num_threads
-from mishutter.blur import BLOCK, ExposureQuadrature, condition_number, exposure_quadrature
+from mishutter._core.compiling import compiled
+from mishutter._core.parallel import in_threads, num_threads
+from mishutter.blur.quadrature import ExposureQuadrature, exposure_quadrature
+from mishutter.blur.spectrum import condition_number
+from mishutter.blur.waves import BLOCK
 from mishutter.evaluation.ensembles import ensemble_of, without_tolerances
 from mishutter.evaluation.metrics import (
     Evaluation,
@@ -40,17 +43,12 @@ from mishutter.evaluation.response import (
     spectra_of,
 )
 from mishutter.evaluation.views import transmittance
-from mishutter.model import (
-    AbstractMotion,
-    AbstractShutter,
-    Scene,
-    Tolerances,
-    least_efficiency,
-    length_on_parabola,
-    piecewise,
-    reach_of_parabola,
-    steady,
-)
+from mishutter.model.alignment import length_on_parabola, reach_of_parabola
+from mishutter.model.devices import least_efficiency
+from mishutter.model.motion import AbstractMotion, steady
+from mishutter.model.scene import Scene
+from mishutter.model.shutters.base import AbstractShutter, piecewise
+from mishutter.model.tolerances import Tolerances
 
 _TAPS = 64
 """Taps of a block."""
@@ -61,32 +59,21 @@ _FURTHEST = float(1 << 17)
 
 
 class Sizes(NamedTuple):
-    """Sizes that `evaluate` would use for each design, and the smallest sufficient ones.
+    """Sizes that `evaluate` would use for each design, and the smallest sufficient ones."""
 
-    Attributes:
-        num_taps: Taps of the kernels.
-        dft_length: Points of the DFT of the condition number.
-        num_frequencies: Frequencies of the expected error.
-        num_reached_taps: Taps that light of the fastest object may fall on.
-        num_still_taps: Taps that light of an object at rest may fall on.
-        num_nodes: Nodes over the exposure.
-        aside: Whole taps from the first one to that of an object at rest: 0 where the sensor
-            moves.
-        num_effective_speeds: Effective speeds of two layers; 0 for a picture that moves as a whole.
-        num_frequencies_within: Frequencies of the expected error within the scene's tolerances.
-        num_nodes_within: Nodes over the exposure for these.
-    """
-
-    num_taps: Int[np.ndarray, "n"]
-    dft_length: Int[np.ndarray, "n"]
-    num_frequencies: Int[np.ndarray, "n"]
-    num_reached_taps: Int[np.ndarray, "n"]
-    num_still_taps: Int[np.ndarray, "n"]
-    num_nodes: Int[np.ndarray, "n"]
+    num_taps: Int[np.ndarray, "n"]  # Taps of the kernels
+    dft_length: Int[np.ndarray, "n"]  # Points of the DFT of the condition number
+    num_frequencies: Int[np.ndarray, "n"]  # Frequencies of the expected error
+    num_reached_taps: Int[np.ndarray, "n"]  # Taps that light of the fastest object may fall on
+    num_still_taps: Int[np.ndarray, "n"]  # Taps that light of an object at rest may fall on
+    num_nodes: Int[np.ndarray, "n"]  # Nodes over the exposure
+    # Whole taps from the first one to that of an object at rest: 0 where the sensor moves
     aside: Int[np.ndarray, "n"]
+    # Effective speeds of two layers; 0 for a picture that moves as a whole
     num_effective_speeds: Int[np.ndarray, "n"]
+    # Frequencies of the expected error within the scene's tolerances
     num_frequencies_within: Int[np.ndarray, "n"]
-    num_nodes_within: Int[np.ndarray, "n"]
+    num_nodes_within: Int[np.ndarray, "n"]  # Nodes over the exposure for these
 
     @property
     def within_tolerances(self) -> "Sizes":
@@ -97,12 +84,7 @@ class Sizes(NamedTuple):
 
     @staticmethod
     def of(scene: Scene, motions: AbstractMotion) -> "Sizes":
-        """Sizes of a scene on many motions.
-
-        Args:
-            scene: The scene; without tolerances where no metric is of these.
-            motions: Motions without velocity, whose numbers have a leading axis.
-        """
+        """Sizes of a scene on many motions."""
         longest, turns = longest_within_limits(scene), np.asarray(motions.has_vertex)
         half = np.asarray(motions.half_exposure, np.float64)
         a = np.asarray(steady(motions).acceleration, np.float64)
@@ -158,25 +140,15 @@ def _travel_within(
 
 
 class Shapes(NamedTuple):
-    """Sizes that all designs of a batch share; static.
+    """Sizes that all designs of a batch share; static."""
 
-    Attributes:
-        dft_lengths: Lengths that the condition number may be taken over.
-        still_taps: Taps of the longest kernel of an object at rest.
-        node_counts: Numbers of nodes of the quadrature rules, about, ascending.
-    """
-
-    dft_lengths: tuple[int, ...]
-    still_taps: int
-    node_counts: tuple[int, ...]
+    dft_lengths: tuple[int, ...]  # Lengths that the condition number may be taken over
+    still_taps: int  # Taps of the longest kernel of an object at rest
+    node_counts: tuple[int, ...]  # Numbers of nodes of the quadrature rules, about, ascending
 
     @staticmethod
     def of(each: Sequence[Sizes]) -> "Shapes":
-        """Shapes that hold designs of some sizes; the smallest shapes without any design.
-
-        Args:
-            each: Sizes of the designs of each scene.
-        """
+        """Shapes that hold designs of some sizes; the smallest shapes without any design."""
         lengths = {1024, *(int(x) for sizes in each for x in np.unique(sizes.dft_length))}
         still = max((int(x) for sizes in each for x in sizes.num_still_taps), default=1)
         counts = [np.append(sizes.num_nodes, sizes.num_nodes_within) for sizes in each]
@@ -186,29 +158,17 @@ class Shapes(NamedTuple):
 
 
 class Rules(NamedTuple):
-    """Quadrature rules of rising numbers of nodes, for the shutters that designs are mixed of.
+    """Quadrature rules of rising numbers of nodes, for the shutters that designs are mixed of."""
 
-    Attributes:
-        tau: Normalised times; shape `(r, q)`.
-        weight: Weights with the transmittance of each of `k` shutters; shape `(r, k, q)`.
-        num_blocks: Blocks of nodes with weight; shape `(r,)`.
-        efficiency: Mean transmittance of each shutter; shape `(k,)`.
-    """
-
-    tau: Float[Array, "r q"]
+    tau: Float[Array, "r q"]  # Normalised times; shape `(r, q)`
+    # Weights with the transmittance of each of `k` shutters; shape `(r, k, q)`
     weight: Float[Array, "r k q"]
-    num_blocks: Int[Array, "r"]
-    efficiency: Float[Array, "k"]
+    num_blocks: Int[Array, "r"]  # Blocks of nodes with weight; shape `(r,)`
+    efficiency: Float[Array, "k"]  # Mean transmittance of each shutter; shape `(k,)`
 
     @staticmethod
     def of(shutters: Sequence[AbstractShutter], shapes: Shapes, dtype: np.dtype) -> "Rules":
-        """Rules of shutters that differ in their parameters alone, not in their breakpoints.
-
-        Args:
-            shutters: Transmittances behind the device.
-            shapes: Shapes of the batch.
-            dtype: Precision of the rules.
-        """
+        """Rules of shutters that differ in their parameters alone, not in their breakpoints."""
         profiles = jax.tree.map(
             lambda *x: np.stack([np.asarray(each) for each in x]), *map(piecewise, shutters)
         )
@@ -229,49 +189,33 @@ class Rules(NamedTuple):
 
 
 class LightLevels(NamedTuple):
-    """Light and noise that designs are measured in, each with each.
+    """Light and noise that designs are measured in, each with each."""
 
-    Attributes:
-        photon_rates: Photo-electrons a second at a white pixel; e-/s, shape `(p,)`.
-        read_noises: e-; shape `(r,)`.
-    """
-
+    # Photo-electrons a second at a white pixel; e-/s, shape `(p,)`
     photon_rates: Float[Array | np.ndarray, "*p"]
-    read_noises: Float[Array | np.ndarray, "*r"]
+    read_noises: Float[Array | np.ndarray, "*r"]  # e-; shape `(r,)`
 
 
 class _Need(NamedTuple):
-    """Numbers of a design that the loops need; of many designs on a leading axis.
+    """Numbers of a design that the loops need; of many designs on a leading axis."""
 
-    Attributes:
-        num_blocks: Number of blocks of taps.
-        first: Offset of the first tap's edge from the point of alignment, px.
-        still_block: Block in which the light of an object at rest begins.
-        dft: Index of its length among `Shapes.dft_lengths`.
-        rule: Index of its quadrature rule.
-    """
-
-    num_blocks: Int[Array | np.ndarray, "*n"]
+    num_blocks: Int[Array | np.ndarray, "*n"]  # Number of blocks of taps
+    # Offset of the first tap's edge from the point of alignment, px
     first: Float[Array | np.ndarray, "*n"]
+    # Block in which the light of an object at rest begins
     still_block: Int[Array | np.ndarray, "*n"]
-    dft: Int[Array | np.ndarray, "*n"]
-    rule: Int[Array | np.ndarray, "*n"]
+    dft: Int[Array | np.ndarray, "*n"]  # Index of its length among `Shapes.dft_lengths`
+    rule: Int[Array | np.ndarray, "*n"]  # Index of its quadrature rule
 
 
 class _Designs(NamedTuple):
-    """One design, or many on a leading axis.
+    """One design, or many on a leading axis."""
 
-    Attributes:
-        motion: Motion of the sensor.
-        need: Numbers that the loops need.
-        shares: Shares of the shutters of the `Rules` in the design's own.
-        efficiency: Throughput of the design.
-    """
-
-    motion: AbstractMotion
-    need: _Need
+    motion: AbstractMotion  # Motion of the sensor
+    need: _Need  # Numbers that the loops need
+    # Shares of the shutters of the `Rules` in the design's own
     shares: Float[Array | np.ndarray, "*n k"]
-    efficiency: Float[Array | np.ndarray, "*n"]
+    efficiency: Float[Array | np.ndarray, "*n"]  # Throughput of the design
 
 
 class _BlockSums(NamedTuple):
@@ -350,21 +294,7 @@ def measure(
     levels: LightLevels,
     boxes: Float[np.ndarray, "n k"] | None = None,
 ) -> dict[str, np.ndarray]:
-    """Some of the `Metrics` of a shutter, or of one for each design, on `n` motions; by name.
-
-    Args:
-        scene: The scene, from `scenes_for`.
-        motions: The motions, without velocity; their numbers have a leading axis.
-        shutter: The shutter.
-        rules: Its rules; those of its coordinates where each design has its own.
-        shapes: Sizes that hold all designs.
-        sizes: Sizes that each design asks for.
-        metrics: Names of the metrics. Those that see light have the shape `(n, p, r)`, others
-            `(n,)`. Those within tolerances are NaN for a scene without any.
-        levels: Light and noise that each design is measured in.
-        boxes: Coordinates of each design's own shutter, where the rules are of `k + 1` shutters: a
-            closed one, and each coordinate open. None for one shutter.
-    """
+    """Some of the `Metrics` of a shutter, or of one for each design, on `n` motions; by name."""
     dtype, count = np.dtype(rules.tau.dtype), sizes.num_taps.size
     chosen = named_metrics(metrics)
     shares = np.ones((count, 1), dtype)

@@ -12,16 +12,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from mishutter._core import require, require_known
+from mishutter._core.checks import require, require_known
 from mishutter.evaluation.open_frames import OpenFrames, psnr_of_error
-from mishutter.model import (
-    Burst,
-    FrameSequence,
-    Scene,
-    StillCamera,
-    TimedFrame,
-    filling_half_exposure,
-)
+from mishutter.model.motion import StillCamera
+from mishutter.model.scene import Scene
+from mishutter.model.sensor import Burst, filling_half_exposure
+from mishutter.model.sequences import FrameSequence, TimedFrame
 
 STILLS = "stills"
 _MOST_FRAMES = 1000
@@ -33,17 +29,11 @@ _ROUNDING = 1e-9
 
 
 class StillBurst(NamedTuple):
-    """Registered frames of a camera at rest with an ordinary shutter.
+    """Registered frames of a camera at rest with an ordinary shutter."""
 
-    Attributes:
-        num_frames: Number of frames.
-        exposure: Exposure of each; s.
-        psnr: PSNR of the best linear decoder, which knows the speed, in linear light; dB.
-    """
-
-    num_frames: int
-    exposure: float
-    psnr: float
+    num_frames: int  # Number of frames
+    exposure: float  # Exposure of each; s
+    psnr: float  # PSNR of the best linear decoder, which knows the speed, in linear light; dB
 
 
 class FrameTimes(NamedTuple):
@@ -51,22 +41,14 @@ class FrameTimes(NamedTuple):
 
     A frame ends no sooner than the frame rate allows after the one before, and begins no sooner
     than the dead time after that has ended.
-
-    Attributes:
-        period: Least time from the end of one frame to that of the next, of the frame rate.
-        window: Longest time from the first light to the last of several frames.
-        shortest: Shortest exposure.
-        longest: Longest exposure that limits and a full pixel leave.
-        dead_time: Least time from the end of a frame to the next.
-        max_frames: Most frames; None for up to 1000.
     """
 
-    period: float
-    window: float
-    shortest: float
-    longest: float
-    dead_time: float = 0.0
-    max_frames: int | None = None
+    period: float  # Least time from the end of one frame to that of the next, of the frame rate
+    window: float  # Longest time from the first light to the last of several frames
+    shortest: float  # Shortest exposure
+    longest: float  # Longest exposure that limits and a full pixel leave
+    dead_time: float = 0.0  # Least time from the end of a frame to the next
+    max_frames: int | None = None  # Most frames; None for up to 1000
 
     @staticmethod
     def of(scene: Scene, burst: Burst) -> "FrameTimes":
@@ -117,11 +99,6 @@ class StillBursts:
     """The bursts of a camera at rest within the window of a scene's burst, by NumPy alone.
 
     Without a burst the window is as long as the longest exposure.
-
-    Args:
-        scene: Speeds, light, noise and limits; concrete.
-        at_worst: Whether the level is that at the worst of the speeds, and not of the mean error.
-        window: Another window; s.
     """
 
     def __init__(
@@ -145,12 +122,7 @@ class StillBursts:
         return frames.error(gained, at_worst=at_worst)
 
     def sequence(self, kinds: Sequence[StillBurst], times: "FrameTimes") -> FrameSequence:
-        """Frames of one exposure or two, one after the other.
-
-        Args:
-            kinds: The frames of each exposure.
-            times: When they may be exposed.
-        """
+        """Frames of one exposure or two, one after the other."""
         exposures = [kind.exposure for kind in kinds for _ in range(kind.num_frames)]
         moments = times.moments(exposures).tolist()
         frames = tuple(
@@ -163,23 +135,12 @@ class StillBursts:
     def best(
         self, frames_per_s: float, *, max_frames: int | None = None, dead_time: float = 0.0
     ) -> StillBurst:
-        """The burst of the least error at a frame rate, of any number of frames or at most some.
-
-        Args:
-            frames_per_s: The rate.
-            max_frames: Most frames; None for any number.
-            dead_time: Least time from the end of a frame to the next; s.
-        """
+        """The burst of the least error at a frame rate, of any number of frames or at most some."""
         ends = self._window, self._shortest, self._longest
         return self.best_within(FrameTimes(1 / frames_per_s, *ends, dead_time, max_frames))
 
     def best_within(self, times: FrameTimes, *, of_several: bool = False) -> StillBurst:
-        """The burst of the least error of frames at these times.
-
-        Args:
-            times: When frames may be exposed.
-            of_several: Whether it has to be of more than one, as only those can be registered.
-        """
+        """The burst of the least error of frames at these times."""
         # One more frame that lasts as long never hurts, but fewer may last longer.
         every = times.numbers_of_frames[1 if of_several else 0 :]
         tried: dict[int, StillBurst] = {}
@@ -223,10 +184,6 @@ class StillBursts:
 
         None where none up to some has it: frames that follow each other without a gap come to a
         level at which more of them, as short as that, are of no use.
-
-        Args:
-            psnr: The level; dB.
-            most: The greatest number.
         """
 
         def level(count: int) -> float:
@@ -246,10 +203,6 @@ class StillBursts:
         """The least frame rate at which a burst has a level; 1/s.
 
         None where no rate up to some has it, by as many frames as the camera takes.
-
-        Args:
-            psnr: The level; dB.
-            most: The greatest rate; 1/s.
         """
         from scipy.optimize import brentq
 
@@ -294,17 +247,11 @@ class StillBursts:
 
 
 class _Pair(NamedTuple):
-    """Frames of two exposures.
+    """Frames of two exposures."""
 
-    Attributes:
-        times: When frames may be exposed.
-        num_long: Number of those that come first, and may be longer than all alike could be.
-        num_short: Number of the others.
-    """
-
-    times: FrameTimes
-    num_long: int
-    num_short: int
+    times: FrameTimes  # When frames may be exposed
+    num_long: int  # Number of those that come first, and may be longer than all alike could be
+    num_short: int  # Number of the others
 
     @property
     def _most(self) -> float:
@@ -338,13 +285,7 @@ def _share(low: float, high: float, value: float) -> float:
 
 
 def _first_best(level: Callable[[int], float], most: int, *, until: float = math.inf) -> int:
-    """A number from 1 to some at which a level is highest, or high enough, where it falls after it.
-
-    Args:
-        level: The level at a number.
-        most: The greatest number.
-        until: The level that is high enough.
-    """
+    """A number from 1 to some at which a level is highest, or high enough where it then falls."""
     best, step = 1, 1
     top = level(best)
     while top < until and best + step <= most and (after := level(best + step)) > top:

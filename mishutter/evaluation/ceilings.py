@@ -42,12 +42,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from mishutter._core import (
-    as_float,
-    require,
-    require_known,
-    require_scalar,
-)
+from mishutter._core.checks import as_float, require, require_known, require_scalar
 from mishutter.evaluation.layers import (
     Frequencies,
     LayerSampling,
@@ -55,16 +50,9 @@ from mishutter.evaluation.layers import (
     with_shares,
 )
 from mishutter.evaluation.needs import distinct_speeds, frequency_counts
-from mishutter.model import (
-    NUM_FREQUENCIES,
-    NYQUIST_FREQUENCY,
-    Occlusion,
-    Scene,
-    frequencies,
-    pixel_response,
-    power_on_grid,
-    require_scene,
-)
+from mishutter.model.occlusion import Occlusion
+from mishutter.model.optics import NUM_FREQUENCIES, NYQUIST_FREQUENCY, frequencies, pixel_response
+from mishutter.model.scene import Scene, power_on_grid, require_scene
 
 _LOWEST, _NUM_EIGENVALUES = 1e-6, 2048
 """The lowest frequency of the eigenvalues, cycles/px, which is below every grid, and the number of
@@ -159,19 +147,12 @@ def ceiling(
 
 
 def water_filled(
-    mass: Float[np.ndarray, "m"],
+    mass: Float[np.ndarray, "m"],  # their sum is 1
     width: Float[np.ndarray, "m"],
     budget: Float[np.ndarray, "*shape"],
     cap: Float[np.ndarray, "*shape"],
 ) -> Float[np.ndarray, "*shape"]:
-    r"""Least mean of $1/(1 + \rho)$ over a density, with $\int\rho\,du$ at most a budget.
-
-    Args:
-        mass: Share of the density in each cell; their sum is 1.
-        width: Width of each cell.
-        budget: The budget, at least 0.
-        cap: Greatest $\rho$, at least 0.
-    """
+    r"""Least mean of $1/(1 + \rho)$ over a density, with $\int\rho\,du$ at most a budget."""
     occurs = mass > 0
     mass, width = mass[occurs], width[occurs]
     root = np.sqrt(mass / width)
@@ -192,15 +173,10 @@ def water_filled(
 
 
 class Times(NamedTuple):
-    r"""Bounds of $f T\lambda(Tf)$, which never fall with the frequency.
+    r"""Bounds of $f T\lambda(Tf)$, which never fall with the frequency."""
 
-    Attributes:
-        frequency: Frequencies, ascending up to 0.5; cycles/px, shape `(k,)`.
-        bound: The bound at these; cycles s/px, shape `(k,)`.
-    """
-
-    frequency: Float[np.ndarray, "k"]
-    bound: Float[np.ndarray, "k"]
+    frequency: Float[np.ndarray, "k"]  # Frequencies, ascending up to 0.5; cycles/px, shape `(k,)`
+    bound: Float[np.ndarray, "k"]  # The bound at these; cycles s/px, shape `(k,)`
 
     def at(self, frequency: Float[np.ndarray, "m"]) -> Float[np.ndarray, "m"]:
         """A bound at other frequencies, up to 0.5 cycles/px, which may be higher than the best."""
@@ -242,14 +218,7 @@ def _poured_error(scene: Scene, half: float, picture: _Power) -> float:
 
 
 def _least_error(scene: Scene, half: float, times: Times, picture: _Power) -> float:
-    r"""Least expected squared error on a grid of frequencies, white = 1.
-
-    Args:
-        scene: Light and noise.
-        half: The longest half exposure $T$; s.
-        times: Bounds of $f T\lambda$.
-        picture: Power of the picture.
-    """
+    r"""Least expected squared error on a grid of frequencies, white = 1."""
     frequency, power, num_frequencies = picture
     rate, read_noise, mean_level = (
         np.float64(x) for x in (scene.photon_rate, scene.read_noise, scene.picture.mean_level)
@@ -274,11 +243,6 @@ def _least_error_of_layers(scene: Scene, half: float, of_objects: Times) -> floa
     any camera keeps up; and that of the beat at its effective speeds. The parts are uncorrelated,
     so that the error is also at least that of the rest where a still background, or that and the
     beat, are recorded without any error.
-
-    Args:
-        scene: The scene.
-        half: The longest half exposure $T$; s.
-        of_objects: Bounds of $f T\lambda$ of the objects alone.
     """
     if np.isinf(half):
         return 0.0

@@ -15,15 +15,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from mishutter.blur import safe_sqrt
-from mishutter.model import (
-    AbstractMotion,
-    ParabolicMotion,
-    Scene,
-    Tolerances,
-    frequency_grid,
-    steady,
-)
+from mishutter.blur.crossings import safe_sqrt
+from mishutter.model.motion import AbstractMotion, ParabolicMotion, steady
+from mishutter.model.optics import frequency_grid
+from mishutter.model.scene import Scene
+from mishutter.model.tolerances import Tolerances
 
 _NUM_VELOCITIES = 32
 """Velocities over an exposure by which the noise of a drive is exact to 1e-6 of it, for light that
@@ -57,17 +53,7 @@ def error_weights(scene: Scene) -> Float[np.ndarray, "k"]:
 def ensemble_of(
     speeds: Float[Array, "s"], tolerances: Tolerances, motion: AbstractMotion, dtype: np.dtype
 ) -> tuple[Float[Array, "k"], Float[Array, "k n"]]:
-    """Accelerations and speeds within tolerances, in the order of `ensemble_weights`.
-
-    Args:
-        speeds: Speeds of the scene, px/s.
-        tolerances: Tolerances, `seen_from` the motion.
-        motion: Motion of the sensor, without velocity.
-        dtype: Precision of the results.
-
-    Returns:
-        Accelerations, px/s^2, and speeds at each of them, px/s.
-    """
+    """Accelerations and speeds within tolerances, in the order of `ensemble_weights`."""
     a = steady(motion).acceleration.astype(dtype)
     acceleration, delay = (x.astype(dtype) for x in (tolerances.acceleration, tolerances.delay))
     epsilon, error = (
@@ -90,14 +76,7 @@ def at_each_error(
     tolerances: Tolerances,
     motion: AbstractMotion,
 ) -> Float[Array, "k ..."]:
-    """Values of a function of the motion and speeds at each acceleration of `ensemble_of`.
-
-    Args:
-        function: Function of a motion and of speeds, px/s.
-        speeds: Speeds of the scene, px/s.
-        tolerances: Tolerances, `seen_from` the motion.
-        motion: Motion of the sensor, without velocity.
-    """
+    """Values of a function of the motion and speeds at each acceleration of `ensemble_of`."""
     dtype = np.dtype(speeds.dtype)
     half = motion.half_exposure.astype(dtype)
 

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from mishutter._core import compiled
+from mishutter._core.compiling import compiled
 from mishutter.evaluation.ensembles import (
     drive_variance,
     ensemble_weights,
@@ -24,18 +24,11 @@ from mishutter.evaluation.layers import layer_moments
 from mishutter.evaluation.needs import ONLY_SPECTRA, Plan
 from mishutter.evaluation.response import Records, Response, assembled, records
 from mishutter.evaluation.views import sampled_view
-from mishutter.model import (
-    AbstractMotion,
-    AbstractShutter,
-    Scene,
-    frequencies,
-    frequency_grid,
-    noise_power,
-    picture_power,
-    pixel_response,
-    require_whole,
-    white_electrons,
-)
+from mishutter.model.motion import AbstractMotion
+from mishutter.model.optics import frequencies, frequency_grid, pixel_response
+from mishutter.model.scene import Scene, picture_power, require_whole
+from mishutter.model.sensor import noise_power, white_electrons
+from mishutter.model.shutters.base import AbstractShutter
 
 Powers = TypeVar("Powers", Array, np.ndarray)
 
@@ -44,20 +37,14 @@ class _Moments(NamedTuple):
     """Powers of a capture's picture, spread and noise, in a common unit.
 
     They are those of all speeds together, shape `(k,)`, or of each, `(n, k)`.
-
-    Attributes:
-        mean: Mean response over speeds, without the pixel aperture; complex.
-        coherent: Power of that, with the aperture.
-        spread: Variance of the response, with the aperture.
-        signal: Power of the picture.
-        noise: Power of the noise; scalar.
     """
 
-    mean: Complex[Array, "*n k"]
-    coherent: Float[Array, "*n k"]
-    spread: Float[Array, "*n k"]
+    mean: Complex[Array, "*n k"]  # Mean response over speeds, without the pixel aperture; complex
+    coherent: Float[Array, "*n k"]  # Power of that, with the aperture
+    spread: Float[Array, "*n k"]  # Variance of the response, with the aperture
+    # Power of the picture
     signal: Float[Array, "*#n k"]
-    noise: Float[Array, ""]
+    noise: Float[Array, ""]  # Power of the noise; scalar
 
     @property
     def total(self) -> Float[Array, "*n k"]:
@@ -110,15 +97,7 @@ def _moments(
 
 @final
 class LinearErrors:
-    """Squared errors of the best linear decoders of a response, each part computed at most once.
-
-    Args:
-        scene: Speeds, light and noise.
-        motion: Motion of the sensor, without velocity.
-        response: Transfer functions at the scene's speeds.
-        num_frequencies: Frequencies of the grid, of which the response holds the lowest; by default
-            it holds all. The picture's power at the others counts as lost.
-    """
+    """Squared errors of the best linear decoders of a response, each part computed at most once."""
 
     def __init__(
         self,
@@ -225,13 +204,6 @@ def known_speed_errors_of_frames(
     A decoder that knows the speed restores one picture from all frames, whose noise is independent.
     Frame $k$ alone leaves $1/L_k = 1 + S|H_k|^2/N_k$ of the power, and all of them
     $1/L = 1 + \sum_k (1/L_k - 1)$.
-
-    Args:
-        frames: Errors of single frames of the same picture, on the same grid of frequencies. Each
-            holds the speeds once or several times, one after the other: those relative to a sensor
-            at several velocities.
-        num_each: Number of frames of each kind.
-        num_speeds: Number of speeds.
     """
     power = frames[0].power
     gained = jnp.zeros(())
@@ -288,12 +260,6 @@ def unaware_squared_error(
 
     The error of a filter $G'$ exceeds that of the best one $G$ of `expected_squared_error` by
     $2\int_0^{1/2}|G' - G|^2\,(S(|m|^2 + v) + N)\,df$: the error is quadratic in the filter.
-
-    Args:
-        scene: Speeds, light, noise and tolerances.
-        motion: Motion of the sensor, without velocity.
-        response: Response at the errors within the tolerances, at every frequency.
-        nominal: Response of the same design without errors.
     """
     power = picture_power(scene, response.spectra.shape[1], np.dtype(response.efficiency.dtype))
     moments = _moments(scene, motion, response, power)
@@ -313,31 +279,21 @@ def _filter(moments: _Moments) -> Complex[Array, "k"]:
 
 
 class DecoderLevels(NamedTuple):
-    """Ratio of signal to noise by frequency, and PSNR by speed, of one decoder.
+    """Ratio of signal to noise by frequency, and PSNR by speed, of one decoder."""
 
-    Attributes:
-        signal_over_noise: Power of the picture over that of its disturbances; shape `(m,)`.
-        psnr: PSNR at each speed that occurs, in linear light; dB, shape `(n,)`.
-    """
-
+    # Power of the picture over that of its disturbances; shape `(m,)`
     signal_over_noise: Float[np.ndarray, "m"]
+    # PSNR at each speed that occurs, in linear light; dB, shape `(n,)`
     psnr: Float[np.ndarray, "n"]
 
 
 class SpectralLevels(NamedTuple):
-    """Levels by frequency and by speed.
+    """Levels by frequency and by speed."""
 
-    Attributes:
-        frequencies: cycles/px; shape `(m,)`.
-        speeds: Speeds that occur, ascending; px/s, shape `(n,)`.
-        unknown: Levels of one filter for all speeds.
-        known: Levels of a filter that knows the speed.
-    """
-
-    frequencies: Float[np.ndarray, "m"]
-    speeds: Float[np.ndarray, "n"]
-    unknown: DecoderLevels
-    known: DecoderLevels
+    frequencies: Float[np.ndarray, "m"]  # cycles/px; shape `(m,)`
+    speeds: Float[np.ndarray, "n"]  # Speeds that occur, ascending; px/s, shape `(n,)`
+    unknown: DecoderLevels  # Levels of one filter for all speeds
+    known: DecoderLevels  # Levels of a filter that knows the speed
 
 
 def spectral_levels(
@@ -352,11 +308,6 @@ def spectral_levels(
     expected error. A filter that knows the speed leaves $S/(1 + q_i)$ with $q_i = S|H_i|^2/N$,
     and $1/(1 + q)$ is the weighted mean of $1/(1 + q_i)$. Tolerances of the scene do not count:
     this is the camera as designed.
-
-    Args:
-        scene: Speeds, light and noise; concrete.
-        motion: Motion of the sensor; concrete.
-        shutter: Transmittance over the exposure.
 
     Raises:
         ValueError: as `evaluate`.
@@ -486,12 +437,6 @@ def lost_share(
 
     $(Sv + N)/(S(|m|^2 + v) + N)$, which the filter $G = S\bar m/(S(|m|^2 + v) + N)$ leaves. No
     term of this form cancels another. All is lost where there is neither signal nor noise.
-
-    Args:
-        signal: Power of the picture, $S$.
-        coherent: Power of the mean response over speeds, $|m|^2$.
-        spread: Variance of the response over speeds, $v$.
-        noise: Power of the noise, $N$.
     """
     return share(signal * spread + noise, signal * (coherent + spread) + noise)
 

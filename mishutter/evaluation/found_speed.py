@@ -8,8 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from mishutter._core import as_array_like, namespace_of
-from mishutter.model import AbstractMotion, Scene
+from mishutter._core.checks import as_array_like, namespace_of
+from mishutter.model.motion import AbstractMotion
+from mishutter.model.scene import Scene
 
 FOUND_SHARE = 0.8
 """Share of the gain from knowing the speed, in decibels, that a speed-finding decoder keeps."""
@@ -24,14 +25,7 @@ Speeds = Float[Array | np.ndarray, "n"]
 
 
 def open_time(scene: Scene, half_exposure: Number, efficiency: Number) -> Number:
-    r"""Time in which an open shutter would pass as much light, $2T\eta/t$; s, scalar.
-
-    Args:
-        scene: The scene. $t$ is the transmission of its device, whose loss an open shutter does
-            not have; 1 without a device.
-        half_exposure: $T$; s.
-        efficiency: Throughput $\eta$ behind the device.
-    """
+    r"""Time in which an open shutter would pass as much light, $2T\eta/t$; s, scalar."""
     # An open shutter needs no device, and loses none of its light.
     open_share = efficiency
     if scene.device is not None:
@@ -45,11 +39,6 @@ def smear_difference(speeds: Speeds, weights: Speeds, open_time: Number) -> Numb
 
     $\max|s| - \min|s|$ over the speeds that occur, times the `open_time`. The sign does not count,
     because $s$ and $-s$ smear equally far; nor do dark ends of the exposure, which tell no speed.
-
-    Args:
-        speeds: Speeds $s$ relative to the sensor; px/s.
-        weights: Probability of each speed.
-        open_time: The `open_time` of the exposure; s.
     """
     space, sizes, occurs = namespace_of(speeds), abs(speeds), weights > 0
     slowest = space.min(space.where(occurs, sizes, np.inf))
@@ -62,10 +51,6 @@ def found_share(difference: Number, share: float = FOUND_SHARE) -> Number:
     It depends on the `smear_difference` $d$. Up to $d_0$ = 29 px it is 0, as the blur differs too
     little between speeds to tell them apart. From there to $d_1$ = 36 px it is $(3 - 2x)x^2$ of
     the whole share, with $x = (d - d_0)/(d_1 - d_0)$; beyond, it is the whole share.
-
-    Args:
-        difference: $d$; px.
-        share: The whole share.
     """
     x = (difference - LEAST_DIFFERENCE) / (_ENOUGH_DIFFERENCE - LEAST_DIFFERENCE)
     # The cubic has slopes of 0 at both ends, so that a search meets no kink.
@@ -74,13 +59,7 @@ def found_share(difference: Number, share: float = FOUND_SHARE) -> Number:
 
 
 def found_psnr(unknown: ArrayLike, known: ArrayLike, share: ArrayLike) -> Float[Array, ""]:
-    """PSNR expected of a decoder that finds the speed, from the PSNRs of two others; dB.
-
-    Args:
-        unknown: PSNR of one filter for all speeds; dB.
-        known: PSNR of a filter that knows the speed; dB.
-        share: The `found_share`.
-    """
+    """PSNR expected of a decoder that finds the speed, from the PSNRs of two others; dB."""
     unknown, known = jnp.asarray(unknown), jnp.asarray(known)
     share = jnp.asarray(share, known.dtype)
     # Two levels that are infinite have no difference: it would be NaN.

@@ -20,37 +20,31 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from mishutter._core import all_concrete, as_numpy, compiled
+from mishutter._core.checks import all_concrete, as_numpy
+from mishutter._core.compiling import compiled
 from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.errors import LinearErrors, known_speed_errors_of_frames
 from mishutter.evaluation.layers import background_of
 from mishutter.evaluation.needs import ONLY_SPECTRA, Plan, larger, sizes
 from mishutter.evaluation.response import Response, respond
 from mishutter.evaluation.views import sampled_view
-from mishutter.model import AbstractMotion, RectShutter, Scene, StillCamera, require_one_axis
+from mishutter.model.motion import AbstractMotion, StillCamera
+from mishutter.model.scene import Scene, require_one_axis
+from mishutter.model.shutters.windows import RectShutter
 
 
 class FrameGroup(NamedTuple):
-    """Frames on one path of the sensor, each with an open shutter and a velocity of its own.
+    """Frames on one path of the sensor, each with an open shutter and a velocity of its own."""
 
-    Attributes:
-        motion: Motion of the sensor over one frame, from its mid-exposure, without velocity.
-        velocities: Velocity of the sensor at the mid-exposure of each; px/s, shape `(k,)`.
-        num_each: Frames at each velocity.
-    """
-
+    # Motion of the sensor over one frame, from its mid-exposure, without velocity
     motion: AbstractMotion
+    # Velocity of the sensor at the mid-exposure of each; px/s, shape `(k,)`
     velocities: Float[Array | np.ndarray, "k"] = np.zeros(1)
-    num_each: int | Float[Array | np.ndarray, ""] = 1
+    num_each: int | Float[Array | np.ndarray, ""] = 1  # Frames at each velocity
 
 
 def still_frames(num_frames: int, half_exposure: ArrayLike) -> FrameGroup:
-    """Frames of a sensor at rest.
-
-    Args:
-        num_frames: Number of frames.
-        half_exposure: Half the exposure of each, $T$; s.
-    """
+    """Frames of a sensor at rest."""
     return FrameGroup(StillCamera(half_exposure=half_exposure), num_each=num_frames)
 
 
@@ -60,11 +54,7 @@ def steps_of(num_frames: int) -> Float[np.ndarray, "{num_frames}"]:
 
 
 def in_parts(scene: Scene) -> Scene:
-    """The scene as parts that move on their own, a background among them, without its tolerances.
-
-    Args:
-        scene: A scene with a background, or one that moves as a whole.
-    """
+    """The scene as parts that move on their own, a background among them, without tolerances."""
     require_one_axis(scene)
     layers, scene = scene.occlusion, without_tolerances(scene)
     if layers is None:
@@ -83,13 +73,7 @@ def in_parts(scene: Scene) -> Scene:
 def burst_psnr(
     scene: Scene, frames: Sequence[FrameGroup], *, plan: Plan | None = None
 ) -> Float[Array, ""]:
-    """PSNR of the best linear decoder that registers frames, in linear light; dB.
-
-    Args:
-        scene: Speeds, light and noise; its tolerances do not count.
-        frames: The frames, by their paths.
-        plan: Sizes of the computation; by default those that hold every motion.
-    """
+    """PSNR of the best linear decoder that registers frames, in linear light; dB."""
     scene = in_parts(scene)
     errors = errors_by_speed(scene, frames, plan=plan)
     return -10 * jnp.log10(jnp.sum(scene.weights.astype(errors.dtype) * errors))
@@ -98,13 +82,7 @@ def burst_psnr(
 def errors_by_speed(
     scene: Scene, frames: Sequence[FrameGroup], *, plan: Plan | None = None
 ) -> Float[Array, "n"]:
-    """Squared error of that decoder at each speed of a scene that moves as a whole; white = 1.
-
-    Args:
-        scene: Speeds, light and noise; its tolerances do not count.
-        frames: The frames, by their paths.
-        plan: Sizes of the computation; by default those that hold every motion.
-    """
+    """Squared error of that decoder at each speed of a scene that moves as a whole; white = 1."""
     exposed, num_each = _exposed(scene, frames, plan)
     return _errors(exposed, num_each, scene.speeds.size)
 

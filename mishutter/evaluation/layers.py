@@ -31,17 +31,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from mishutter._core import compiled
+from mishutter._core.compiling import compiled
 from mishutter.evaluation.ensembles import at_each_error, error_weights, without_tolerances
-from mishutter.model import (
-    CORNER_FREQUENCY,
-    NUM_FREQUENCIES,
-    AbstractMotion,
-    LayerShares,
-    Occlusion,
-    Scene,
-    picture_power,
-)
+from mishutter.model.motion import AbstractMotion
+from mishutter.model.occlusion import LayerShares, Occlusion
+from mishutter.model.optics import NUM_FREQUENCIES
+from mishutter.model.scene import Scene, picture_power
+from mishutter.model.texture import CORNER_FREQUENCY
 
 LEAST_EFFECTIVE_SPEEDS, _MOST_EFFECTIVE_SPEEDS = 129, 513
 """Numbers of effective speeds that an expected error takes, at least and at most."""
@@ -66,19 +62,12 @@ _NODES_A_PEAK = 96
 
 
 class _Fineness(NamedTuple):
-    """Numbers by which the beat is sampled; static.
+    """Numbers by which the beat is sampled; static."""
 
-    Attributes:
-        num_speeds: Number of effective speeds, odd.
-        furthest: The furthest of them, in half ranges of the layers' speeds.
-        growth: Logarithm by which steps grow up to it, about.
-        num_knots: Number of frequencies that it is computed at, at most; None for all.
-    """
-
-    num_speeds: int
-    furthest: float
-    growth: float
-    num_knots: int | None
+    num_speeds: int  # Number of effective speeds, odd
+    furthest: float  # The furthest of them, in half ranges of the layers' speeds
+    growth: float  # Logarithm by which steps grow up to it, about
+    num_knots: int | None  # Number of frequencies that it is computed at, at most; None for all
 
     @staticmethod
     def of(count: int, num_pairs: int) -> "_Fineness":
@@ -103,11 +92,7 @@ class _Fineness(NamedTuple):
 
 
 def num_effective_speeds(travel: float) -> int:
-    """Odd number of effective speeds by which an expected error is known to 1e-4 dB, as a rule.
-
-    Args:
-        travel: Travel of the fastest layer in half the exposure, against the middle of all; px.
-    """
+    """Odd number of effective speeds by which an expected error is known to 1e-4 dB, as a rule."""
     every = _Fineness.of(LEAST_EFFECTIVE_SPEEDS, 1)
     finest = every.furthest * every.growth / math.sinh(every.growth)
     count = 1 + 2 * math.ceil(finest * travel / _BEAT_STEP)
@@ -115,19 +100,12 @@ def num_effective_speeds(travel: float) -> int:
 
 
 class Frequencies(NamedTuple):
-    """Frequencies in equal steps, cycles/px; static.
+    """Frequencies in equal steps, cycles/px; static."""
 
-    Attributes:
-        first: The lowest.
-        step: Step between neighbours.
-        number: How many.
-        num_known: Frequencies of the grid that the texture is known on.
-    """
-
-    first: float
-    step: float
-    number: int
-    num_known: int
+    first: float  # The lowest
+    step: float  # Step between neighbours
+    number: int  # How many
+    num_known: int  # Frequencies of the grid that the texture is known on
 
     @staticmethod
     def of_grid(num_frequencies: int) -> "Frequencies":
@@ -166,30 +144,18 @@ def background_of(scene: Scene) -> Background:
 
 
 class LayerSampling(NamedTuple):
-    """Frequencies and effective speeds at which the shares of two layers are computed; static.
+    """Frequencies and effective speeds at which the shares of two layers are computed; static."""
 
-    Attributes:
-        grid: The frequencies.
-        num_effective_speeds: Number of effective speeds; 25, or 65 at least.
-        folds: Whether `+s` and `-s` are taken for one effective speed.
-    """
-
-    grid: Frequencies
+    grid: Frequencies  # The frequencies
+    # Number of effective speeds; 25, or 65 at least
     num_effective_speeds: int = SEARCHED_EFFECTIVE_SPEEDS
-    folds: bool = False
+    folds: bool = False  # Whether `+s` and `-s` are taken for one effective speed
 
 
 def with_shares(
     scene: Scene, background: Background, sampling: LayerSampling | None = None
 ) -> Scene:
-    """A scene of two layers that knows the `LayerShares` of its picture.
-
-    Args:
-        scene: The scene, with the speeds that its objects are computed at.
-        background: Its background.
-        sampling: Frequencies and effective speeds of the shares; by default those of a picture's
-            power, and the fewest.
-    """
+    """A scene of two layers that knows the `LayerShares` of its picture."""
     sampling = sampling or LayerSampling(Frequencies.of_grid(NUM_FREQUENCIES))
     num_pairs = scene.speeds.size * np.size(background.speeds)
     fineness = _Fineness.of(sampling.num_effective_speeds, num_pairs)
@@ -289,19 +255,12 @@ def _spanned(scene: Scene, speeds: Array, weights: Array, *, folds: bool) -> tup
 
 
 class _Nodes(NamedTuple):
-    r"""Effective speeds $c + Rd\sinh(bk)/\sinh(bn)$, $k = -n \dots n$.
+    r"""Effective speeds $c + Rd\sinh(bk)/\sinh(bn)$, $k = -n \dots n$."""
 
-    Attributes:
-        middle: $c$, px/s.
-        scale: $Rd/\sinh(bn)$, px/s.
-        growth: $bn$.
-        num: $2n + 1$.
-    """
-
-    middle: Array
-    scale: Array
-    growth: float
-    num: int
+    middle: Array  # $c$, px/s
+    scale: Array  # $Rd/\sinh(bn)$, px/s
+    growth: float  # $bn$
+    num: int  # $2n + 1$
 
     @staticmethod
     def between(ends: tuple[Array, Array], fineness: _Fineness) -> "_Nodes":
@@ -409,14 +368,10 @@ def _background_is_prior(scene: Scene) -> bool:
 
 
 class LayerMoments(NamedTuple):
-    """Mean response and its spread, of all speeds of the objects together or of each.
+    """Mean response and its spread, of all speeds of the objects together or of each."""
 
-    Attributes:
-        mean: $m$, aligned; complex, shape `(o, m)`.
-        spread: $v$, so that the power of a capture is $S_r(|m|^2 + v)$; shape `(o, m)`.
-    """
-
-    mean: Complex[Array, "objects frequencies"]
+    mean: Complex[Array, "objects frequencies"]  # $m$, aligned; complex, shape `(o, m)`
+    # $v$, so that the power of a capture is $S_r(|m|^2 + v)$; shape `(o, m)`
     spread: Float[Array, "objects frequencies"]
 
 
@@ -429,12 +384,6 @@ def layer_moments(
     $v_b$ are known at fewer frequencies, and
     $v = \sum W_r |H_r - m|^2 + W_b(|m_b - m|^2 + v_b)$; over the tolerances, each weight is that of
     an error too.
-
-    Args:
-        scene: The scene, `with_shares`.
-        motion: Motion of the sensor, without velocity.
-        spectra: Transfer functions at all errors and speeds, at the lowest of the frequencies.
-        of_each: Whether the moments are those of each speed, for a decoder that knows it.
     """
     shares: LayerShares = scene.occlusion.shares  # type: ignore[union-attr]
     real, num_kept = np.dtype(spectra.real.dtype), spectra.shape[1]
@@ -462,7 +411,7 @@ def _squared(value: Array) -> Array:
 
 
 def moments_on_dft(
-    scene: Scene,
+    scene: Scene,  # concrete
     motion: AbstractMotion,
     length: int,
     responses: Callable[[np.ndarray, np.ndarray], np.ndarray],
@@ -470,13 +419,6 @@ def moments_on_dft(
     """Moments of a capture of two layers on the grid of a DFT; NumPy arrays of shape `(1, m)`.
 
     They are of the camera as it was designed, without the errors that its tolerances allow.
-
-    Args:
-        scene: Scene of two layers, seen from the motion; concrete.
-        motion: Motion of the sensor, without velocity.
-        length: Pixels of the DFT.
-        responses: Function that gives responses at some speeds on its grid, aligned, `(s, m)`, of
-            each at so many of the lowest frequencies at least.
     """
     scene, grid = without_tolerances(scene), Frequencies.of_dft(length)
     sampling = LayerSampling(grid, _EFFECTIVE_SPEEDS_OF_DECODERS)
@@ -591,15 +533,11 @@ def _distances(
 
 
 class _Knots(NamedTuple):
-    """Frequencies that the beat is computed at, and the polynomials that lead from one to the next.
+    """Frequencies at which the beat is computed, and polynomials that lead from one to the next."""
 
-    Attributes:
-        places: Their places among all frequencies, ascending; shape `(c,)`.
-        shares: Share that each has in the value at each frequency, `(c, f)`; None where each
-            frequency is a knot.
-    """
-
-    places: np.ndarray
+    places: np.ndarray  # Their places among all frequencies, ascending; shape `(c,)`
+    # Share that each has in the value at each frequency, `(c, f)`; None where each frequency is a
+    # knot
     shares: np.ndarray | None
 
     @staticmethod

@@ -13,12 +13,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from mishutter._core import AbstractModule, compiled, is_concrete, require
+from mishutter._core.checks import is_concrete, require
+from mishutter._core.compiling import compiled
+from mishutter._core.modules import AbstractModule
 from mishutter.evaluation.metrics import kernel_differences
 from mishutter.evaluation.needs import Parts, Plan
 from mishutter.evaluation.response import Response, respond
 from mishutter.evaluation.views import nan_unless_defined, sampled_view
-from mishutter.model import AbstractMotion, AbstractShutter, DecoderSpeed, Scene
+from mishutter.model.decoder_speeds import DecoderSpeed
+from mishutter.model.motion import AbstractMotion
+from mishutter.model.scene import Scene
+from mishutter.model.shutters.base import AbstractShutter
 
 Factor = int | float | np.number | jax.Array
 """A number that a loss may be multiplied by; an array is a scalar."""

@@ -17,21 +17,19 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from mishutter._core import compiled
-from mishutter.blur import condition_number, safe_sqrt
+from mishutter._core.compiling import compiled
+from mishutter.blur.crossings import safe_sqrt
+from mishutter.blur.spectrum import condition_number
 from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.errors import LinearErrors
 from mishutter.evaluation.found_speed import found_psnr, found_share_of
 from mishutter.evaluation.needs import EVERY_PART, ONLY_SPECTRA, Parts, Plan
 from mishutter.evaluation.response import Records, Response, assembled, kernel_phase, records
 from mishutter.evaluation.views import nan_unless_defined, sampled_view
-from mishutter.model import (
-    AbstractMotion,
-    AbstractShutter,
-    Scene,
-    frequency_grid,
-    require_scene,
-)
+from mishutter.model.motion import AbstractMotion
+from mishutter.model.optics import frequency_grid
+from mishutter.model.scene import Scene, require_scene
+from mishutter.model.shutters.base import AbstractShutter
 
 
 @final
@@ -87,45 +85,24 @@ class Metrics(eqx.Module):
 
 @dataclass(frozen=True)
 class SequenceMetrics:
-    """The metrics of frames that a decoder registers, of which no single kernel is the blur.
+    """The metrics of frames that a decoder registers, of which no single kernel is the blur."""
 
-    Attributes:
-        efficiency: Throughput of each exposure.
-        known_speed_psnr: PSNR of the best linear decoder, which knows the speed; dB.
-        worst_known_speed_psnr: The same at the worst of the scene's speeds; dB.
-    """
-
-    efficiency: float
-    known_speed_psnr: float
-    worst_known_speed_psnr: float
+    efficiency: float  # Throughput of each exposure
+    known_speed_psnr: float  # PSNR of the best linear decoder, which knows the speed; dB
+    worst_known_speed_psnr: float  # The same at the worst of the scene's speeds; dB
 
 
 class KernelSums(NamedTuple):
-    """Numbers of a design's kernels.
+    """Numbers of a design's kernels."""
 
-    Attributes:
-        difference: Sum of the squares of `Response.differences`.
-        still: Sum of the squares of the kernel of an object at rest.
-        condition_number: Condition number of that kernel.
-    """
-
-    difference: Float[Array, ""]
-    still: Float[Array, ""]
-    condition_number: Float[Array, ""]
+    difference: Float[Array, ""]  # Sum of the squares of `Response.differences`
+    still: Float[Array, ""]  # Sum of the squares of the kernel of an object at rest
+    condition_number: Float[Array, ""]  # Condition number of that kernel
 
 
 @final
 class Evaluation:
-    """One design as the formulas of metrics read it; each part is computed at most once.
-
-    Args:
-        scene: Speeds, light and noise.
-        motion: Motion of the sensor, without velocity.
-        response: Transfer functions at the scene's speeds, and the efficiency.
-        kernels: Numbers of the kernels; None where no metric reads them.
-        num_frequencies: Frequencies of the grid, of which the response holds the lowest; by default
-            it holds all.
-    """
+    """One design as the formulas of metrics read it; each part is computed at most once."""
 
     def __init__(
         self,
@@ -188,31 +165,19 @@ def _psnr(squared_error: Float[Array, ""]) -> Float[Array, ""]:
 
 @dataclass(frozen=True)
 class Metric:
-    """One metric: a row of the table `METRICS`.
+    """One metric: a row of the table `METRICS`."""
 
-    Attributes:
-        name: The field of `Metrics`.
-        meaning: The metric in words, as data sets label it.
-        heading: Head of its column in tables.
-        form: Format of its numbers in tables.
-        parts: Parts of the response that the formula reads.
-        formula: The metric of an `Evaluation`.
-        unit: Its unit; "1" for a ratio.
-        is_higher_better: Whether more of it is better.
-        sees_light: Whether it depends on light and noise.
-        within_tolerances: Whether it is of a camera as it is built, within the scene's tolerances:
-            a scene without tolerances has none. All others are of the camera as it is designed.
-    """
-
-    name: str
-    meaning: str
-    heading: str
-    form: str
-    parts: Parts
-    formula: Callable[[Evaluation], Float[Array, ""]]
-    unit: str = "1"
-    is_higher_better: bool = True
-    sees_light: bool = False
+    name: str  # The field of `Metrics`
+    meaning: str  # The metric in words, as data sets label it
+    heading: str  # Head of its column in tables
+    form: str  # Format of its numbers in tables
+    parts: Parts  # Parts of the response that the formula reads
+    formula: Callable[[Evaluation], Float[Array, ""]]  # The metric of an `Evaluation`
+    unit: str = "1"  # Its unit; "1" for a ratio
+    is_higher_better: bool = True  # Whether more of it is better
+    sees_light: bool = False  # Whether it depends on light and noise
+    # Whether it is of a camera as it is built, within the scene's tolerances: a scene without
+    # tolerances has none. All others are of the camera as it is designed
     within_tolerances: bool = False
 
 

@@ -18,31 +18,32 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from mishutter._core import alone_in_blas, outside_trace, require_known
+from mishutter._core.checks import require_known
+from mishutter._core.compiling import outside_trace
+from mishutter._core.parallel import alone_in_blas
 from mishutter.evaluation.bursts import FrameTimes, moments_of, some_numbers
 from mishutter.evaluation.frames import in_parts, steps_of
 from mishutter.evaluation.needs import distinct_speeds
 from mishutter.evaluation.open_frames import OpenFrames, Places, psnr_of_error
 from mishutter.evaluation.sequences import loss_of_width
 from mishutter.evaluation.speed_knowledge import knowledge_of
-from mishutter.model import (
-    SINE,
+from mishutter.model.limits import Limits
+from mishutter.model.motion import (
     AbstractMotion,
-    FrameSequence,
     FreeMotion,
-    Knots,
-    Limits,
     LinearMotion,
     ParabolicMotion,
-    Scene,
-    StageUse,
     StillCamera,
-    TimedFrame,
+)
+from mishutter.model.scene import Scene
+from mishutter.model.sequences import SINE, FrameSequence, TimedFrame, sine_between
+from mishutter.model.stages import (
+    Knots,
+    StageUse,
     from_rest_to_rest,
     knots_of,
     place_at_begin,
     run_up,
-    sine_between,
     use_of_knots,
 )
 
@@ -85,24 +86,16 @@ _MOST_VELOCITIES = 64
 
 @dataclass(frozen=True)
 class _Way:
-    """The way of a sensor over frames that follow each other at equal times.
+    """The way of a sensor over frames that follow each other at equal times."""
 
-    Attributes:
-        velocity: Velocities over the top speed at the ends of equal pieces within each frame, and
-            then between those from it to the next, those after the last frame included.
-        num_within: Number of pieces within a frame.
-        half: Half the exposure of a frame; s.
-        period: Time from one frame to the next; s.
-        differ: Whether the frames see the picture differently, and not only mirrored.
-        jerk: Greatest jerk at the top speed 1; 1/s^2.
-    """
-
+    # Velocities over the top speed at the ends of equal pieces within each frame, and then between
+    # those from it to the next, those after the last frame included
     velocity: Float[np.ndarray, "count k"]
-    num_within: int
-    half: float
-    period: float
-    differ: bool
-    jerk: float = math.inf
+    num_within: int  # Number of pieces within a frame
+    half: float  # Half the exposure of a frame; s
+    period: float  # Time from one frame to the next; s
+    differ: bool  # Whether the frames see the picture differently, and not only mirrored
+    jerk: float = math.inf  # Greatest jerk at the top speed 1; 1/s^2
 
     @cached_property
     def durations(self) -> Float[np.ndarray, "n"]:
@@ -135,19 +128,12 @@ class _Way:
 
     def knots(
         self,
-        top_speed: Float[np.ndarray, "*shape"],
-        pan: float,
+        top_speed: Float[np.ndarray, "*shape"],  # px/s
+        pan: float,  # px/s
         acceleration: float | None,
         jerk: float | None,
     ) -> Knots:
-        """The way from rest to rest.
-
-        Args:
-            top_speed: The top speed; px/s.
-            pan: Velocity beside it; px/s.
-            acceleration: Greatest acceleration of the run-up and the run-out; px/s^2. None for any.
-            jerk: Greatest jerk of these; px/s^3. None for any.
-        """
+        """The way from rest to rest."""
         velocities = pan + top_speed[..., None] * self.velocities
         within = Knots(self.durations, velocities, None, 0, self.durations.size)
         # Without a limit on the jerk the run-up need not lead to an acceleration.
@@ -240,23 +226,12 @@ motion of one frequency, and motions of ever more turns."""
 
 
 def way_over_frames(kind: str, count: int, half: float, period: float) -> _Way:
-    """The way of a sensor over a burst, at the top speed 1.
-
-    Args:
-        kind: Its name.
-        count: Number of frames.
-        half: Half the exposure of each; s.
-        period: Time from one frame to the next; s.
-    """
+    """The way of a sensor over a burst, at the top speed 1."""
     return _KINDS[kind](count, half, period)
 
 
 class _Room:
-    """The room that limits leave for the motion of frames.
-
-    Args:
-        limits: The scene's limits.
-    """
+    """The room that limits leave for the motion of frames."""
 
     def __init__(self, limits: Limits) -> None:
         self.pans = limits.pans
@@ -292,13 +267,7 @@ class _Room:
         return min(max(pan, -most), most)
 
     def largest_top_speed(self, way: _Way, pan: float, num_rests: int = 0) -> float:
-        """The largest top speed of a way beside a pan, px/s.
-
-        Args:
-            way: The way.
-            pan: The pan; px/s.
-            num_rests: Frames at rest before it, from which the stage runs up.
-        """
+        """The largest top speed of a way beside a pan, px/s."""
         most = max(self._most_speed - abs(pan), 0.0)
         if self.acceleration is not None:
             most = min(most, self.acceleration / way.steepest)
@@ -320,10 +289,6 @@ def _largest_within(share: Callable[[_Numbers], _Numbers], most: float) -> float
     """The largest number up to some whose share of the limits is at most 1.
 
     Travels are convex in a speed, so that a chord is never below them.
-
-    Args:
-        share: The shares of numbers, one after the other.
-        most: The greatest number.
     """
     if most <= 0:
         return 0.0
@@ -365,10 +330,6 @@ def best_moving_burst(
     registers, is among them where the scene's decoder is told the speed, or where there is no time
     for more. On a sensor of a known width the kind of path is the one that leaves least error
     there.
-
-    Args:
-        scene: Speeds, light, noise, limits and burst.
-        progress: Called with the share of the search that is done.
     """
     require_known("best_moving_burst", scene=scene)
     if scene.burst is None:
@@ -404,21 +365,13 @@ def _is_mirrored(scene: Scene) -> bool:
 
 
 class _Place(NamedTuple):
-    """The frames at a point of the unit box of a search.
+    """The frames at a point of the unit box of a search."""
 
-    Attributes:
-        way: The way of those that move.
-        top_speed: Its top speed; px/s.
-        rest: Exposure of those before them, which are at rest; s.
-        pan: Velocity of those that move; px/s.
-        num_rests: Number of those at rest.
-    """
-
-    way: _Way
-    top_speed: float
-    rest: float
-    pan: float
-    num_rests: int = 0
+    way: _Way  # The way of those that move
+    top_speed: float  # Its top speed; px/s
+    rest: float  # Exposure of those before them, which are at rest; s
+    pan: float  # Velocity of those that move; px/s
+    num_rests: int = 0  # Number of those at rest
 
     @property
     def num_moving(self) -> int:
@@ -439,25 +392,15 @@ class _Place(NamedTuple):
 
 
 class _Search(NamedTuple):
-    """The part that is the same of all kinds and numbers of frames.
+    """The part that is the same of all kinds and numbers of frames."""
 
-    Attributes:
-        room: The room that the limits leave.
-        times: When frames may be exposed.
-        pans: Whether those that move may pan.
-        slowest: Least of the speeds; px/s, either sign.
-        fastest: Greatest of the speeds; px/s.
-        is_mirrored: Whether every speed is as likely as its opposite.
-        least: Least number of frames.
-    """
-
-    room: _Room
-    times: FrameTimes
-    pans: bool
-    slowest: float
-    fastest: float
-    is_mirrored: bool = False
-    least: int = 1
+    room: _Room  # The room that the limits leave
+    times: FrameTimes  # When frames may be exposed
+    pans: bool  # Whether those that move may pan
+    slowest: float  # Least of the speeds; px/s, either sign
+    fastest: float  # Greatest of the speeds; px/s
+    is_mirrored: bool = False  # Whether every speed is as likely as its opposite
+    least: int = 1  # Least number of frames
 
     def allows(self, kind: str, num_moving: int, num_rests: int) -> bool:
         """Whether there is such a burst."""
@@ -485,19 +428,12 @@ class _Search(NamedTuple):
 
 
 class _Try(NamedTuple):
-    """A kind of path, for some frames that may be preceded by some at rest.
+    """A kind of path, for some frames that may be preceded by some at rest."""
 
-    Attributes:
-        search: What it is one of.
-        kind: The path.
-        num_moving: Number of frames that move.
-        num_rests: Number of frames at rest.
-    """
-
-    search: _Search
-    kind: str
-    num_moving: int
-    num_rests: int = 0
+    search: _Search  # What it is one of
+    kind: str  # The path
+    num_moving: int  # Number of frames that move
+    num_rests: int = 0  # Number of frames at rest
 
     @property
     def num_frames(self) -> int:
@@ -665,12 +601,7 @@ class _Try(NamedTuple):
 
 
 class _Finder:
-    """Finds points of low error, and judges them on the sensor.
-
-    Args:
-        frames: The errors of frames.
-        width: Width of the sensor; px. None for one that sees all.
-    """
+    """Finds points of low error, and judges them on the sensor."""
 
     def __init__(self, frames: OpenFrames, width: float | None) -> None:
         self._frames, self._few, self._width = frames, frames.coarser(), width
@@ -683,13 +614,7 @@ class _Finder:
         return _Found(error, each, point)
 
     def improved(self, first: "_Found", most: int, *, waits: bool = False) -> "_Found":
-        """The end of a simplex from a point, of at most some steps for each number.
-
-        Args:
-            first: The point.
-            most: The steps.
-            waits: Whether frames may wait for each other for longer than they have to.
-        """
+        """The end of a simplex from a point, of at most some steps for each number."""
         from scipy.optimize import minimize
 
         each = first.each

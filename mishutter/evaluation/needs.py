@@ -16,15 +16,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from mishutter._core import (
-    Unquoted,
-    all_concrete,
-    is_concrete,
-    outside_trace,
-    primal_values,
-    require,
-)
-from mishutter.blur import default_num_frequencies
+from mishutter._core.checks import Unquoted, all_concrete, is_concrete, primal_values, require
+from mishutter._core.compiling import outside_trace
+from mishutter.blur.spectrum import default_num_frequencies
 from mishutter.evaluation.ensembles import ensemble_of
 from mishutter.evaluation.layers import (
     LEAST_EFFECTIVE_SPEEDS,
@@ -35,14 +29,10 @@ from mishutter.evaluation.layers import (
     num_effective_speeds,
     with_shares,
 )
-from mishutter.model import (
-    NUM_FREQUENCIES,
-    AbstractMotion,
-    AbstractShutter,
-    ParabolicMotion,
-    Scene,
-    seen_from,
-)
+from mishutter.model.motion import AbstractMotion, ParabolicMotion
+from mishutter.model.optics import NUM_FREQUENCIES
+from mishutter.model.scene import Scene, seen_from
+from mishutter.model.shutters.base import AbstractShutter
 
 _MAX_LENGTH = 1 << 16
 """Longest kernel, px."""
@@ -74,34 +64,23 @@ another search.
 
 @dataclass(frozen=True)
 class Plan:
-    """The parts to compute; static, hashable, and equal for scenes of equal needs.
+    """The parts to compute; static, hashable, and equal for scenes of equal needs."""
 
-    Attributes:
-        num_taps: Taps of a blur kernel.
-        dft_length: Length of the DFT that the condition number is taken over.
-        num_frequencies: Frequencies in (0, 0.5) cycles/px of the expected error.
-        num_nodes: Nodes over the whole exposure for the transfer functions there.
-        num_kept: Number of frequencies, the lowest, to which the expected error is confined; None
-            for all.
-        skips: Whether work that cannot change a result is left out: speeds that never occur
-            or occur twice, and responses that a search would compute again.
-        folds: Whether `+s` and `-s` count as one speed.
-        still: Whether nothing in the scene moves, so that one kernel is enough.
-        loss_dft_length: Length of the DFT that a loss takes its condition number over; None
-            for `dft_length`.
-        num_effective_speeds: Effective speeds of the beat between objects and the background that
-            they hide; 0 for a picture that moves as a whole.
-    """
-
-    num_taps: int
-    dft_length: int
-    num_frequencies: int
-    num_nodes: int
+    num_taps: int  # Taps of a blur kernel
+    dft_length: int  # Length of the DFT that the condition number is taken over
+    num_frequencies: int  # Frequencies in (0, 0.5) cycles/px of the expected error
+    num_nodes: int  # Nodes over the whole exposure for the transfer functions there
+    # Number of frequencies, the lowest, to which the expected error is confined; None for all
     num_kept: int | None = None
+    # Whether work that cannot change a result is left out: speeds that never occur or occur twice,
+    # and responses that a search would compute again
     skips: bool = False
-    folds: bool = False
-    still: bool = False
+    folds: bool = False  # Whether `+s` and `-s` count as one speed
+    still: bool = False  # Whether nothing in the scene moves, so that one kernel is enough
+    # Length of the DFT that a loss takes its condition number over; None for `dft_length`
     loss_dft_length: int | None = None
+    # Effective speeds of the beat between objects and the background that they hide; 0 for a
+    # picture that moves as a whole
     num_effective_speeds: int = 0
 
 
@@ -112,11 +91,6 @@ def distinct_speeds(
 
     Speeds that differ in their last digits alone are one: a range that is meant to mirror itself
     has such speeds.
-
-    Args:
-        scene: The scene, concrete.
-        folds: Whether `+s` and `-s` are one speed.
-        velocity: Velocity of the frame that the speeds are seen from; px/s.
     """
     speeds, weights = np.asarray(scene.speeds), np.asarray(scene.weights)
     speeds, weights = speeds[weights > 0] - velocity, weights[weights > 0]
@@ -130,17 +104,11 @@ def distinct_speeds(
 
 
 class Extent(NamedTuple):
-    """Travel of light on a motion.
+    """Travel of light on a motion."""
 
-    Attributes:
-        reach: Length of the longest kernel; px.
-        velocity: Its greatest velocity; px per half exposure.
-        spread: Length over which light of the speeds that occur falls; px.
-    """
-
-    reach: float
-    velocity: float
-    spread: float
+    reach: float  # Length of the longest kernel; px
+    velocity: float  # Its greatest velocity; px per half exposure
+    spread: float  # Length over which light of the speeds that occur falls; px
 
 
 def extent(scene: Scene, motion: AbstractMotion) -> Extent:
@@ -166,13 +134,7 @@ def whole_px(length: Float[np.ndarray, "*shape"] | float) -> Float[np.ndarray, "
 def num_frequencies(
     scene: Scene, spread: Float[np.ndarray, "*shape"] | float, velocity: float = 0.0
 ) -> Int[np.ndarray, "*shape"]:
-    """Number of frequencies whose mean is the expected error to 0.01 dB.
-
-    Args:
-        scene: Speeds, and limits: every motion within them that keeps up has this number at least.
-        spread: Lengths over which light of all speeds falls; px, any shape.
-        velocity: Velocity of the frame of these lengths; px/s.
-    """
+    """Number of frequencies whose mean is the expected error to 0.01 dB."""
     num_speeds = scene.speeds.size
     if scene.speeds_known:
         num_speeds = distinct_speeds(scene, folds=True, velocity=velocity)[0].size
@@ -221,13 +183,6 @@ def require_sizes(
     subject: str = "motion",
 ) -> None:
     """Refuses designs whose light travels too far for a computation.
-
-    Args:
-        num_taps: Taps of the longest kernel.
-        num_frequencies: Frequencies of the expected error.
-        kernels: Whether kernels are computed.
-        spectra: Whether transfer functions are.
-        subject: The argument to blame.
 
     Raises:
         ValueError: if there are more taps than 65,536, or frequencies than 131,072.
@@ -369,17 +324,11 @@ def automatic(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) ->
 
 
 class Parts(NamedTuple):
-    """Parts of a response.
+    """Parts of a response."""
 
-    Attributes:
-        kernels: The kernel of an object at rest.
-        spectra: Transfer functions at the scene's speeds.
-        differences: Kernels at the scene's speeds, less the one at rest.
-    """
-
-    kernels: bool
-    spectra: bool
-    differences: bool
+    kernels: bool  # The kernel of an object at rest
+    spectra: bool  # Transfer functions at the scene's speeds
+    differences: bool  # Kernels at the scene's speeds, less the one at rest
 
 
 EVERY_PART = Parts(kernels=True, spectra=True, differences=True)

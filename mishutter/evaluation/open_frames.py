@@ -17,15 +17,10 @@ from jaxtyping import Float
 from mishutter.evaluation.errors import lost_share
 from mishutter.evaluation.frames import in_parts
 from mishutter.evaluation.needs import distinct_speeds, sizes
-from mishutter.model import (
-    LinearMotion,
-    Scene,
-    frequencies,
-    noise_power,
-    pixel_response,
-    power_on_grid,
-    white_electrons,
-)
+from mishutter.model.motion import LinearMotion
+from mishutter.model.optics import frequencies, pixel_response
+from mishutter.model.scene import Scene, power_on_grid
+from mishutter.model.sensor import noise_power, white_electrons
 
 Places = Callable[[Float[np.ndarray, "q"]], Float[np.ndarray, "k q"]]
 """Places of the sensor in some frames at times from their mid-exposures; px, s."""
@@ -38,36 +33,19 @@ _FEW, _PARTS = 96, 3
 
 @dataclass(frozen=True)
 class OpenFrames:
-    """Frames of open shutters, and their errors for a decoder that knows the speed.
+    """Frames of open shutters, and their errors for a decoder that knows the speed."""
 
-    Attributes:
-        scene: Light and noise.
-        speeds: Speeds that occur, ascending; px/s.
-        weights: How often each occurs; their sum is 1.
-        frequency: Frequencies; cycles/px.
-        power: Power of the picture at them.
-        steps: Share of the frequencies in (0, 0.5) that each stands for.
-        precision: Type of the numbers that waves are computed in.
-    """
-
-    scene: Scene
-    speeds: Float[np.ndarray, "n"]
-    weights: Float[np.ndarray, "n"]
-    frequency: Float[np.ndarray, "m"]
-    power: Float[np.ndarray, "m"]
-    steps: Float[np.ndarray, "m"]
-    precision: type = np.float64
+    scene: Scene  # Light and noise
+    speeds: Float[np.ndarray, "n"]  # Speeds that occur, ascending; px/s
+    weights: Float[np.ndarray, "n"]  # How often each occurs; their sum is 1
+    frequency: Float[np.ndarray, "m"]  # Frequencies; cycles/px
+    power: Float[np.ndarray, "m"]  # Power of the picture at them
+    steps: Float[np.ndarray, "m"]  # Share of the frequencies in (0, 0.5) that each stands for
+    precision: type = np.float64  # Type of the numbers that waves are computed in
 
     @staticmethod
     def of(scene: Scene, longest: float, *, folds: bool) -> "OpenFrames":
-        """The frames of a scene.
-
-        Args:
-            scene: Speeds, light and noise; concrete. A background counts as a part that moves on
-                its own.
-            longest: Longest exposure of a frame; s.
-            folds: Whether `+s` and `-s` count as one speed, as without a pan.
-        """
+        """The frames of a scene."""
         scene = in_parts(scene)
         speeds, weights = (x.astype(np.float64) for x in distinct_speeds(scene, folds=folds))
         count = sizes(scene, LinearMotion(half_exposure=longest / 2)).num_frequencies
@@ -98,22 +76,12 @@ class OpenFrames:
         return float(rate), float(mean), float(read)
 
     def at_rest(self, exposure: float) -> Float[np.ndarray, "n m"]:
-        """Power that passes one frame at rest, by speed and frequency.
-
-        Args:
-            exposure: Its exposure; s.
-        """
+        """Power that passes one frame at rest, by speed and frequency."""
         smear = self.frequency * exposure * self.speeds[:, None]
         return np.sinc(smear) ** 2 * self._aperture
 
     def on_paths(self, places: Places, exposure: float, fastest: float) -> Float[np.ndarray, "n m"]:
-        """Power that passes some frames together, by speed and frequency.
-
-        Args:
-            places: Places of the sensor.
-            exposure: Exposure of each frame; s.
-            fastest: Greatest speed of an object relative to the sensor; px/s.
-        """
+        """Power that passes some frames together, by speed and frequency."""
         # Low frequencies, which are most of a search's, need fewer nodes.
         parts = [
             self._passed(places, exposure / 2, fastest, frequency)
@@ -137,12 +105,7 @@ class OpenFrames:
         return np.sum(passed, axis=0)
 
     def gained(self, passed: Float[np.ndarray, "n m"], exposure: float) -> Float[np.ndarray, "n m"]:
-        """Power of the picture over that of the noise in frames of an exposure.
-
-        Args:
-            passed: Power that passes them, as `at_rest` and `on_paths` have it.
-            exposure: Exposure of each; s.
-        """
+        """Power of the picture over that of the noise in frames of an exposure."""
         rate, mean, read = self._light
         electrons = white_electrons(rate, exposure)
         noise = noise_power(1.0, mean, electrons, read)
@@ -151,20 +114,11 @@ class OpenFrames:
             return 1 / lost - 1
 
     def errors(self, gained: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "n"]:
-        """Squared error that is left at each speed; white = 1.
-
-        Args:
-            gained: The sum over all frames.
-        """
+        """Squared error that is left at each speed; white = 1."""
         return (self.power / (1 + gained)) @ self.steps
 
     def error(self, gained: Float[np.ndarray, "n m"], *, at_worst: bool = False) -> float:
-        """Squared error that is left in the mean over the speeds, or at the worst of them.
-
-        Args:
-            gained: The sum over all frames.
-            at_worst: Whether it is that at the worst.
-        """
+        """Squared error that is left in the mean over the speeds, or at the worst of them."""
         errors = self.errors(gained)
         return float(np.max(errors) if at_worst else self.weights @ errors)
 

@@ -13,36 +13,20 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float, Inexact, Int
 
-from mishutter._core import (
-    all_concrete,
-    common_dtype,
-    compiled,
-    device_constant,
-    is_concrete,
-)
-from mishutter.blur import (
-    ExposureQuadrature,
-    aligned_kernel,
-    exposure_quadrature,
-    mean_transmittance,
-    sum_of_waves,
-    waves_of_blocks,
-    waves_on_dft,
-)
+from mishutter._core.checks import all_concrete, common_dtype, device_constant, is_concrete
+from mishutter._core.compiling import compiled
+from mishutter.blur.kernel import aligned_kernel
+from mishutter.blur.quadrature import ExposureQuadrature, exposure_quadrature, mean_transmittance
+from mishutter.blur.waves import sum_of_waves, waves_of_blocks, waves_on_dft
 from mishutter.evaluation.ensembles import at_each_error
 from mishutter.evaluation.layers import computed_speeds
 from mishutter.evaluation.needs import Plan, size_class
 from mishutter.evaluation.views import SampledView, require_numbers
-from mishutter.model import (
-    AbstractMotion,
-    AbstractPiecewiseShutter,
-    AbstractShutter,
-    Scene,
-    Tolerances,
-    in_one_form,
-    piecewise,
-    simplified,
-)
+from mishutter.model.motion import AbstractMotion, simplified
+from mishutter.model.scene import Scene
+from mishutter.model.shutters.base import AbstractPiecewiseShutter, AbstractShutter, piecewise
+from mishutter.model.shutters.polynomials import in_one_form
+from mishutter.model.tolerances import Tolerances
 
 _SPEEDS_AT_ONCE, _LEAST_TAPS = 8, 512
 
@@ -52,35 +36,26 @@ class Response(eqx.Module):
     r"""Kernels and transfer functions of a design at the speeds of a scene.
 
     A part that was not asked for is empty.
-
-    Attributes:
-        still_kernel: Blur kernel of a still object, $h_0$; shape `(n,)`.
-        still_spectrum: Its DFT of `dft_length` points; complex, `(dft_length // 2 + 1,)`.
-        differences: $\sqrt{p_i}\,(h_{s_i} - h_0)$ at the scene's speeds; shape `(s, n)`.
-        spectra: Transfer functions at these speeds, from where objects are aligned, without the
-            pixel aperture; complex, shape `(s, m)`.
-        efficiency: Mean transmittance over the exposure; scalar.
     """
 
-    still_kernel: Float[Array, "n"]
+    still_kernel: Float[Array, "n"]  # Blur kernel of a still object, $h_0$; shape `(n,)`
+    # Its DFT of `dft_length` points; complex, `(dft_length // 2 + 1,)`
     still_spectrum: Inexact[Array, "f"]
+    # $\sqrt{p_i}\,(h_{s_i} - h_0)$ at the scene's speeds; shape `(s, n)`
     differences: Float[Array, "..."]
+    # Transfer functions at these speeds, from where objects are aligned, without the pixel
+    # aperture; complex, shape `(s, m)`
     spectra: Inexact[Array, "..."]
-    efficiency: Float[Array, ""]
+    efficiency: Float[Array, ""]  # Mean transmittance over the exposure; scalar
 
 
 class Records(NamedTuple):
-    """Kernels and transfer functions of a design at some speeds, before they are combined.
+    """Kernels and transfer functions of a design at some speeds, before they are combined."""
 
-    Attributes:
-        kernels: Kernel of an object at rest, then that of each speed; shape `(s + 1, n)`.
-        spectra: Transfer functions; complex, shape `(s, m)`.
-        efficiency: Mean transmittance over the exposure; scalar.
-    """
-
+    # Kernel of an object at rest, then that of each speed; shape `(s + 1, n)`
     kernels: Float[Array, "s+1 n"]
-    spectra: Inexact[Array, "s m"]
-    efficiency: Float[Array, ""]
+    spectra: Inexact[Array, "s m"]  # Transfer functions; complex, shape `(s, m)`
+    efficiency: Float[Array, ""]  # Mean transmittance over the exposure; scalar
 
 
 def respond(view: SampledView) -> Response:
@@ -249,16 +224,6 @@ def pixel_responses(
     $H_s(f)\operatorname{sinc}(f)$ at $f = k/L \le 1/2$, in units of a fully open exposure. An
     accelerated sensor is aligned by its path, any other at mid-exposure (`alignment`). The response
     of a concrete shutter is a NumPy array.
-
-    Args:
-        shutter: Transmittance over the exposure.
-        motion: Motion of the sensor, without velocity.
-        speeds: Speeds of the objects, px/s.
-        length: Pixels of the DFT, $L$.
-        num_nodes: Quadrature nodes over the exposure, about.
-        num_frequencies: Number of frequencies to compute, the lowest; all `length // 2 + 1` by
-            default.
-        some: Indices of the speeds whose responses are computed.
     """
     for part in (motion, shutter):
         require_numbers(part)
@@ -289,23 +254,13 @@ def nodes_in_time(
 def aligned_spectra(
     nodes: ExposureQuadrature,
     motion: AbstractMotion,
-    speeds: Float[Array, "s"],
+    speeds: Float[Array, "s"],  # px/s, shape `(s,)`
     *,
     num_frequencies: int,
-    num_kept: int | None = None,
+    num_kept: int | None = None,  # None for all
     num_blocks: Int[Array, ""] | None = None,
 ) -> Complex[Array, "s m"]:
-    """Transfer functions on the frequency grid, aligned as the kernels are.
-
-    Args:
-        nodes: Quadrature nodes over the exposure.
-        motion: Motion of the sensor, without velocity.
-        speeds: Speeds; px/s, shape `(s,)`.
-        num_frequencies: Frequencies of the grid.
-        num_kept: Number of frequencies to compute, the lowest; None for all.
-        num_blocks: Number of blocks of nodes to add up, the first; the sums then have no
-            derivative. None for all.
-    """
+    """Transfer functions on the frequency grid, aligned as the kernels are."""
     position = _positions(nodes.tau, motion, speeds)
     return _waves(position, nodes, num_frequencies, num_kept, num_blocks)
 

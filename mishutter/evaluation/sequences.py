@@ -15,23 +15,18 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Complex, Float
 
-from mishutter._core import alone_in_blas, outside_trace
+from mishutter._core.compiling import outside_trace
+from mishutter._core.parallel import alone_in_blas
 from mishutter.evaluation.frames import in_parts
 from mishutter.evaluation.needs import distinct_speeds, sized_for
 from mishutter.evaluation.open_frames import psnr_of_error
 from mishutter.evaluation.response import nodes_in_time
-from mishutter.model import (
-    AbstractMotion,
-    FrameSequence,
-    RectShutter,
-    Scene,
-    TimedFrame,
-    frequencies,
-    noise_power,
-    pixel_response,
-    power_on_grid,
-    white_electrons,
-)
+from mishutter.model.motion import AbstractMotion
+from mishutter.model.optics import frequencies, pixel_response
+from mishutter.model.scene import Scene, power_on_grid
+from mishutter.model.sensor import noise_power, white_electrons
+from mishutter.model.sequences import FrameSequence, TimedFrame
+from mishutter.model.shutters.windows import RectShutter
 
 REGION = 64
 """Rows and columns of the region by which an object is registered; px."""
@@ -44,24 +39,15 @@ _DARK = 1e-12
 
 
 class FrameNodes(NamedTuple):
-    """Instants of one frame, and where its sensor is then.
+    """Instants of one frame, and where its sensor is then."""
 
-    Attributes:
-        time: Time from the middle of the sequence; s.
-        place: Place of the sensor, from that at the middle of the sequence; px.
-        weight: Share of the exposure, of an open shutter.
-    """
-
-    time: Float[np.ndarray, "q"]
+    time: Float[np.ndarray, "q"]  # Time from the middle of the sequence; s
+    # Place of the sensor, from that at the middle of the sequence; px
     place: Float[np.ndarray, "q"]
-    weight: Float[np.ndarray, "q"]
+    weight: Float[np.ndarray, "q"]  # Share of the exposure, of an open shutter
 
     def displacement(self, speed: float) -> Float[np.ndarray, "q"]:
-        """Way of a thing on the sensor since the middle of the sequence; px.
-
-        Args:
-            speed: Its speed; px/s.
-        """
+        """Way of a thing on the sensor since the middle of the sequence; px."""
         return self.place - speed * self.time
 
 
@@ -72,13 +58,7 @@ Lights = Sequence[tuple[float, float]]
 def nodes_of_frames(
     frames: Sequence[TimedFrame], fastest: float, lights: Lights | None = None
 ) -> list[FrameNodes]:
-    """Quadrature nodes of each frame, for things up to a speed.
-
-    Args:
-        frames: The frames.
-        fastest: Greatest speed of a thing, of either sign; px/s.
-        lights: First and last light of each, within its exposure; by default that.
-    """
+    """Quadrature nodes of each frame, for things up to a speed."""
     with outside_trace():
         middle = _place_at_middle(frames)
         lights = lights_of(frames) if lights is None else lights
@@ -116,17 +96,13 @@ def _nodes_of(
 
 
 class Registration(NamedTuple):
-    """The least error to which frames can be registered, and its cost.
+    """The least error to which frames can be registered, and its cost."""
 
-    Attributes:
-        speeds: The speeds that occur in the scene, ascending; px/s, shape `(n,)`.
-        deviation: Standard deviation of each in the frames; px/s, shape `(n,)`.
-        loss: Decibels that the level at each loses by it; shape `(n,)`.
-    """
-
+    # The speeds that occur in the scene, ascending; px/s, shape `(n,)`
     speeds: Float[np.ndarray, "n"]
+    # Standard deviation of each in the frames; px/s, shape `(n,)`
     deviation: Float[np.ndarray, "n"]
-    loss: Float[np.ndarray, "n"]
+    loss: Float[np.ndarray, "n"]  # Decibels that the level at each loses by it; shape `(n,)`
 
 
 def registration(
@@ -144,11 +120,6 @@ def registration(
     its blur. A decoder that is off by $\delta$ restores by $g(s + \delta)$ in place of
     $g = \sqrt S\,b^*/(1 + \rho)$, which costs $\delta^2\,2\int g' C g'^*\,df$, but for what only
     displaces the picture.
-
-    Args:
-        scene: Speeds, light and noise.
-        frames: The frames.
-        num_samples: Independent samples that show the object; those of 64 x 64 px by default.
     """
     parts = in_parts(scene)
     speeds, _ = distinct_speeds(parts, folds=False)
@@ -158,21 +129,14 @@ def registration(
 
 
 class _Waves(NamedTuple):
-    """Frames at one speed, on a frequency grid.
+    """Frames at one speed, on a frequency grid."""
 
-    Attributes:
-        power: Power of the picture, $S$.
-        frequency: cycles/px.
-        scale: $b_k/H_k$.
-        ways: Way of a thing on the sensor at the nodes of each frame; px.
-        nodes: Instants of each frame.
-    """
-
-    power: Float[np.ndarray, "m"]
-    frequency: Float[np.ndarray, "m"]
-    scale: Float[np.ndarray, "frames m"]
+    power: Float[np.ndarray, "m"]  # Power of the picture, $S$
+    frequency: Float[np.ndarray, "m"]  # cycles/px
+    scale: Float[np.ndarray, "frames m"]  # $b_k/H_k$
+    # Way of a thing on the sensor at the nodes of each frame; px
     ways: list[Float[np.ndarray, "q"]]
-    nodes: list[FrameNodes]
+    nodes: list[FrameNodes]  # Instants of each frame
 
 
 def _waves_at(
@@ -250,13 +214,7 @@ def _registered(waves: _Waves, num_samples: int) -> tuple[float, float]:
 def psnr_of_frames(
     scene: Scene, frames: Sequence[TimedFrame], *, lights: Lights | None = None
 ) -> float:
-    """PSNR of the best linear decoder, which knows the speed from the frames; dB.
-
-    Args:
-        scene: Speeds, light and noise.
-        frames: The frames.
-        lights: First and last light of each, s, where a shutter is open in less than its exposure.
-    """
+    """PSNR of the best linear decoder, which knows the speed from the frames; dB."""
     parts = in_parts(scene)
     speeds, weights = distinct_speeds(parts, folds=False)
     errors = [_error_of(waves) for waves in _waves_at(parts, frames, speeds, lights)]
@@ -284,11 +242,6 @@ def loss_of_width(scene: Scene, frames: Sequence[TimedFrame], *, width: float | 
     of the sensor at the middle of the sequence, which are the picture that `restore_frames`
     returns. The best linear decoder of Gaussian rows loses some hundredths of a decibel more, on
     narrow sensors up to 0.1.
-
-    Args:
-        scene: Speeds, light and noise.
-        frames: The frames.
-        width: Width of the sensor along the motion; px.
     """
     parts = in_parts(scene)
     speeds, weights = distinct_speeds(parts, folds=False)
@@ -323,12 +276,7 @@ def _errors_of_width(waves: _Waves, width: float | int) -> tuple[float, float]:
 
 
 def with_losses(scene: Scene, sequence: FrameSequence) -> FrameSequence:
-    """A sequence of several frames with its losses by registration and by the sensor's width.
-
-    Args:
-        scene: The scene that its levels are of; concrete.
-        sequence: The frames.
-    """
+    """A sequence of several frames with its losses by registration and by the sensor's width."""
     if sequence.num_frames == 1:
         return sequence
     frames, width = sequence.frames, scene.registered_width

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from mishutter._core import require
+from mishutter._core.checks import require
 from mishutter.evaluation.errors import (
     DecoderLevels,
     SpectralLevels,
@@ -27,7 +27,9 @@ from mishutter.evaluation.losses import AbstractLoss, AbstractResponseLoss
 from mishutter.evaluation.metrics import METRICS, Metrics, SequenceMetrics
 from mishutter.evaluation.needs import ONLY_SPECTRA, Parts
 from mishutter.evaluation.response import Response
-from mishutter.model import AbstractMotion, DecoderSpeed, Scene, require_whole
+from mishutter.model.decoder_speeds import DecoderSpeed
+from mishutter.model.motion import AbstractMotion
+from mishutter.model.scene import Scene, require_whole
 
 ALIGNMENTS = ("vertex", "free")
 _SHARPNESS_OF_SPEEDS = 1000
@@ -35,49 +37,31 @@ _SHARPNESS_OF_SPEEDS = 1000
 
 @dataclass(frozen=True)
 class SpeedKnowledge:
-    """A decoder's knowledge of the speed.
+    """A decoder's knowledge of the speed."""
 
-    Attributes:
-        name: The knowledge, as `Scene.decoder_speed` names it.
-        level: Name of the metric that is the PSNR expected of such a decoder.
-        worst_level: Name of the metric at the worst of the speeds; None where the level is known
-            in the mean over speeds alone.
-        toleranced_level: Name of the metric within the scene's tolerances; None where that is not
-            computed.
-        loss: The expected error of such a decoder, which designs for it.
-        worst_loss: The same at the worst of the speeds; None where the package has none.
-        knows_speed: Whether it restores with the filter of one speed, and not with one for all.
-        finds_speed: Whether it looks for that speed in the picture; otherwise it is told it.
-        share: Share of the gain from knowing the speed, in decibels, that it keeps, by the
-            `smear_difference`.
-        filter_words: The filter that it restores with, wherever a speed that it finds is right.
-        level_words: The decoder of a level, below a table.
-        worst_words: The level at the worst speed, below a table.
-        aside: What stands behind the name of a quantity that such a decoder gives.
-        verb: What it does with the speed, in a sentence; None if it does nothing with it.
-    """
-
-    name: DecoderSpeed
-    level: str
+    name: DecoderSpeed  # The knowledge, as `Scene.decoder_speed` names it
+    level: str  # Name of the metric that is the PSNR expected of such a decoder
+    # Name of the metric at the worst of the speeds; None where the level is known in the mean over
+    # speeds alone
     worst_level: str | None
+    # Name of the metric within the scene's tolerances; None where that is not computed
     toleranced_level: str | None
-    loss: type[AbstractLoss]
+    loss: type[AbstractLoss]  # The expected error of such a decoder, which designs for it
+    # The same at the worst of the speeds; None where the package has none
     worst_loss: type[AbstractLoss] | None
-    knows_speed: bool
-    finds_speed: bool
+    knows_speed: bool  # Whether it restores with the filter of one speed, and not with one for all
+    finds_speed: bool  # Whether it looks for that speed in the picture; otherwise it is told it
+    # Share of the gain from knowing the speed, in decibels, that it keeps, by the
+    # `smear_difference`
     share: Callable[[Number], Number]
-    filter_words: str
-    level_words: str
-    worst_words: str
-    aside: str
-    verb: str | None
+    filter_words: str  # The filter that it restores with, wherever a speed that it finds is right
+    level_words: str  # The decoder of a level, below a table
+    worst_words: str  # The level at the worst speed, below a table
+    aside: str  # What stands behind the name of a quantity that such a decoder gives
+    verb: str | None  # What it does with the speed, in a sentence; None if it does nothing with it
 
     def judge(self, scene: Scene) -> str:
-        """Name of the metric that judges designs for a scene, within its tolerances if it can.
-
-        Args:
-            scene: The scene.
-        """
+        """Name of the metric that judges designs for a scene, within its tolerances if it can."""
         if scene.tolerances is None or self.toleranced_level is None:
             return self.level
         return self.toleranced_level
@@ -324,23 +308,13 @@ SPEED_KNOWLEDGE: dict[DecoderSpeed, SpeedKnowledge] = {
 
 
 def knowledge_of(scene: Scene, loss: AbstractLoss | None = None) -> SpeedKnowledge:
-    """The knowledge of the decoder that a loss is the expected error of, or that a scene names.
-
-    Args:
-        scene: The scene.
-        loss: The loss; any other loss than an expected error leaves the decoder to the scene.
-    """
+    """The knowledge of the decoder that a loss is the expected error of, or that a scene names."""
     of_loss = None if loss is None else loss.decoder_speed
     return SPEED_KNOWLEDGE[of_loss or scene.decoder_speed]
 
 
 def knowledge_of_saved(loss_name: str, scene: Scene) -> SpeedKnowledge:
-    """The knowledge of a saved design's decoder.
-
-    Args:
-        loss_name: Representation of the loss that the design minimises.
-        scene: The scene, which names the decoder of any other loss.
-    """
+    """The knowledge of a saved design's decoder."""
     name = loss_name.partition("(")[0]
     for each in SPEED_KNOWLEDGE.values():
         if name in {loss.__name__ for loss in (each.loss, each.worst_loss) if loss is not None}:
@@ -363,9 +337,6 @@ def loss_of_decoder(scene: Scene) -> AbstractLoss:
 
 def loss_of_level(level: str) -> AbstractLoss:
     """The loss of the decoder whose expected PSNR a metric is.
-
-    Args:
-        level: Name of the metric, of no worst speed.
 
     Raises:
         ValueError: if it is the metric of no decoder.

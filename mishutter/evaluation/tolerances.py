@@ -7,13 +7,17 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from mishutter._core import compiled, outside_trace, require_known
+from mishutter._core.checks import require_known
+from mishutter._core.compiling import compiled, outside_trace
 from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.errors import expected_squared_error, unaware_squared_error
 from mishutter.evaluation.needs import ONLY_SPECTRA, Plan
 from mishutter.evaluation.response import Records, assembled, records
 from mishutter.evaluation.views import sampled_view
-from mishutter.model import TOLERANCE_NAMES, AbstractMotion, AbstractShutter, Scene, require_scene
+from mishutter.model.motion import AbstractMotion
+from mishutter.model.scene import Scene, require_scene
+from mishutter.model.shutters.base import AbstractShutter
+from mishutter.model.tolerances import TOLERANCE_NAMES
 
 _UNITS = {
     "acceleration": ("%", 1e2),
@@ -27,31 +31,21 @@ _ALL = "all"
 
 @dataclass(frozen=True)
 class ToleranceCost:
-    """One tolerance, and its cost for a design by itself.
+    """One tolerance, and its cost for a design by itself."""
 
-    Attributes:
-        name: The field of `Tolerances`; "all" for all of them together.
-        size: The tolerance in words, with its unit.
-        cost: Fall of the expected PSNR for a decoder that knows the distribution of the errors; dB.
-        unaware_cost: Fall for a decoder that is made for a camera without errors; dB.
-    """
-
-    name: str
-    size: str
+    name: str  # The field of `Tolerances`; "all" for all of them together
+    size: str  # The tolerance in words, with its unit
+    # Fall of the expected PSNR for a decoder that knows the distribution of the errors; dB
     cost: float
-    unaware_cost: float
+    unaware_cost: float  # Fall for a decoder that is made for a camera without errors; dB
 
 
 @dataclass(frozen=True)
 class ToleranceCosts:
-    """Costs of the tolerances of a scene for a design.
+    """Costs of the tolerances of a scene for a design."""
 
-    Attributes:
-        expected_psnr: Expected PSNR of a camera without errors; dB.
-        rows: Cost of each tolerance that is not 0, and last of all of them together.
-    """
-
-    expected_psnr: float
+    expected_psnr: float  # Expected PSNR of a camera without errors; dB
+    # Cost of each tolerance that is not 0, and last of all of them together
     rows: tuple[ToleranceCost, ...]
 
     @property

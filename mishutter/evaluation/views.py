@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from mishutter._core import all_concrete, is_concrete, primal_values, require_finite
-from mishutter.blur import ExposureQuadrature
+from mishutter._core.checks import all_concrete, is_concrete, primal_values, require_finite
+from mishutter.blur.quadrature import ExposureQuadrature
 from mishutter.evaluation.needs import (
     Parts,
     Plan,
@@ -26,32 +26,20 @@ from mishutter.evaluation.needs import (
     spread_of_traced,
     velocity_held,
 )
-from mishutter.model import (
-    AbstractMotion,
-    AbstractPiecewiseShutter,
-    AbstractShutter,
-    Scene,
-    piecewise,
-    seen_from,
-    simplified,
-)
+from mishutter.model.motion import AbstractMotion, simplified
+from mishutter.model.scene import Scene, seen_from
+from mishutter.model.shutters.base import AbstractPiecewiseShutter, AbstractShutter, piecewise
 
 _Values = TypeVar("_Values")
 
 
 class SensorView(NamedTuple):
-    """A scene and a design in the frame that pans with the sensor.
+    """A scene and a design in the frame that pans with the sensor."""
 
-    Attributes:
-        scene: The scene, with its speeds relative to the sensor.
-        motion: The motion without velocity, `simplified`.
-        shutter: Transmittance behind the scene's device.
-        velocity: Velocity of the sensor, which was subtracted from all speeds; px/s, scalar.
-    """
-
-    scene: Scene
-    motion: AbstractMotion
-    shutter: AbstractShutter
+    scene: Scene  # The scene, with its speeds relative to the sensor
+    motion: AbstractMotion  # The motion without velocity, `simplified`
+    shutter: AbstractShutter  # Transmittance behind the scene's device
+    # Velocity of the sensor, which was subtracted from all speeds; px/s, scalar
     velocity: Float[Array, ""]
 
 
@@ -59,21 +47,14 @@ class SampledView(NamedTuple):
     """A scene and a design in the frame of the sensor, and the sizes of their response.
 
     `respond` computes the response.
-
-    Attributes:
-        scene: The speeds that the plan keeps, relative to the sensor; no picture, no motion.
-        motion: The motion without velocity, `simplified`.
-        shutter: Transmittance behind the scene's device, as pieces.
-        plan: Numbers of taps, frequencies and quadrature nodes.
-        parts: Parts of the response to compute.
-        nodes: Quadrature nodes of the shutter where a caller has them; None elsewhere.
     """
 
-    scene: Scene
-    motion: AbstractMotion
-    shutter: AbstractPiecewiseShutter
-    plan: Plan
-    parts: Parts
+    scene: Scene  # The speeds that the plan keeps, relative to the sensor; no picture, no motion
+    motion: AbstractMotion  # The motion without velocity, `simplified`
+    shutter: AbstractPiecewiseShutter  # Transmittance behind the scene's device, as pieces
+    plan: Plan  # Numbers of taps, frequencies and quadrature nodes
+    parts: Parts  # Parts of the response to compute
+    # Quadrature nodes of the shutter where a caller has them; None elsewhere
     nodes: ExposureQuadrature | None = None
 
 
@@ -95,11 +76,6 @@ def transmittance(
 ) -> AbstractShutter:
     """Transmittance behind a scene's device.
 
-    Args:
-        scene: The scene.
-        motion: Motion of the sensor, or its half exposure, s.
-        shutter: The profile; a transmittance that a device has made of one stays as it is.
-
     Raises:
         ValueError: if a number of the profile is not finite.
     """
@@ -119,14 +95,6 @@ def planned_view(
     """A `reduced` scene and a design as the sensor sees them, in the sizes of a plan.
 
     The caller answers for the sizes: a search checks them once for all of its designs.
-
-    Args:
-        scene: The scene, `reduced`.
-        motion: Motion of the sensor.
-        shutter: The profile, or the transmittance that a device has made of one.
-        plan: The plan.
-        parts: Parts of the response to compute.
-        nodes: Quadrature nodes of the shutter where the caller has them.
     """
     view = sensor_view(scene, motion, shutter)
     return SampledView(view.scene, view.motion, piecewise(view.shutter), plan, parts, nodes)
@@ -137,19 +105,12 @@ def sampled_view(
     motion: AbstractMotion,
     shutter: AbstractShutter,
     parts: Parts,
-    plan: Plan | None = None,
+    plan: Plan | None = None,  # made here without one
 ) -> SampledView:
     """A scene and a design as the sensor sees them, in the sizes that their response takes.
 
     If the plan is made here for a traced motion, running it is an error where the motion needs more
     taps, nodes or frequencies than the plan has.
-
-    Args:
-        scene: The scene.
-        motion: Motion of the sensor.
-        shutter: The profile, or the transmittance that a device has made of one.
-        parts: Parts of the response to compute.
-        plan: The plan of a search, which holds all of its designs; made here without one.
 
     Raises:
         ValueError: if the scene is none, or the motion.

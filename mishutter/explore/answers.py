@@ -8,43 +8,25 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import ArrayLike, Float, Shaped
 
-from mishutter.design import Design
-from mishutter.evaluation import (
-    Metrics,
-    SpectralLevels,
-    SpeedKnowledge,
-    coarser,
-    evaluate,
-    found_psnr,
-    kernel_phase,
-    kernels_at_speeds,
-    knowledge_of,
-    loss_of_decoder,
-    sensor_view,
-    sizes,
-    smear_difference_of,
-    spectral_levels,
-)
-from mishutter.model import (
-    AbstractMotion,
-    AbstractShutter,
-    ParabolicMotion,
-    Scene,
-    profile_of,
-    steady,
-)
-from mishutter.search import (
-    OWN_BEST_MOTION,
-    Row,
-    SearchSettings,
-    Start,
-    best_design,
-    fills,
-    plan,
-)
+from mishutter.design.design import Design
+from mishutter.evaluation.errors import SpectralLevels, spectral_levels
+from mishutter.evaluation.found_speed import found_psnr, smear_difference_of
+from mishutter.evaluation.metrics import Metrics, evaluate
+from mishutter.evaluation.needs import coarser, sizes
+from mishutter.evaluation.response import kernel_phase, kernels_at_speeds
+from mishutter.evaluation.speed_knowledge import SpeedKnowledge, knowledge_of, loss_of_decoder
+from mishutter.evaluation.views import sensor_view
+from mishutter.model.motion import AbstractMotion, ParabolicMotion, steady
+from mishutter.model.scene import Scene
+from mishutter.model.shutters.base import AbstractShutter
+from mishutter.model.shutters.polynomials import profile_of
+from mishutter.search.planning import plan
+from mishutter.search.rows import OWN_BEST_MOTION, Row
+from mishutter.search.search import SearchSettings, Start, best_design
+from mishutter.search.space import fills
 
 if TYPE_CHECKING:
-    from mishutter.report import Comparison
+    from mishutter.report.comparison import Comparison
 
 OPTIMISED = "optimised"
 Numbers = dict[str, object]
@@ -67,11 +49,6 @@ def first_answer(scene: Scene, before: Design, turn: int = 0) -> Design:
     The exposure so far and, by turns, a shorter or a longer one are measured with the profile so
     far, each on a motion that takes the same share of the stage's reach as before. On the better
     of them the profile is searched from few starts. The whole search takes a second or more.
-
-    Args:
-        scene: The scene.
-        before: Design of the similar scene.
-        turn: A count of answers; odd ones try a longer exposure.
     """
     command, roomy = before.command, with_room(scene)
     motions = _near(scene, before, _EXPOSURES[turn % 2])
@@ -94,9 +71,6 @@ def with_room(scene: Scene) -> Scene:
     The limit sets the sizes of compiled programs, so that rounding compiles once for each octave
     and not at every step of a slider. On a given motion it changes only the sampling of
     frequencies, by 0.01 dB.
-
-    Args:
-        scene: The scene.
     """
     stroke = np.asarray(_octave(float(scene.limits.max_stroke)), scene.speeds.dtype)
     return eqx.tree_at(lambda s: s.limits.max_stroke, scene, stroke)
@@ -139,21 +113,7 @@ def _largest_acceleration(scene: Scene, half_exposure: float, velocity: float) -
 def curves(
     scene: Scene, motion: AbstractMotion, shutter: AbstractShutter, *, at_once: bool = False
 ) -> Numbers:
-    """The numbers that the page draws of a design.
-
-    Args:
-        scene: Speeds, photons and noise.
-        motion: Motion of the sensor.
-        shutter: The transmittance behind the scene's device.
-        at_once: Whether `numbers` hold only the expected PSNR, which follows from the curves.
-
-    Returns:
-        `profile` over `time` in ms; `path` in px over `path_time`, and the path that is `sent` to
-        a stage that follows with a lag; `kernels`, shares of the exposure per px, at
-        `kernel_speeds` in px/s from `offset` px on; `signal` in dB over `frequency` in
-        cycles/px; `psnr` in dB over `speeds`; `of_decoder`, the words for the filter of these two;
-        and `numbers`.
-    """
+    """The numbers that the page draws of a design."""
     half = float(motion.half_exposure)
     tau = np.linspace(-1, 1, _PROFILE_POINTS)
     transmittance, _ = profile_of(shutter, tau)
@@ -256,12 +216,8 @@ def _numbers(
 
 
 def table(comparison: "Comparison") -> Numbers:
-    """The answer of a comparison, and its rows, each at its own best motion, with the ceiling.
-
-    Args:
-        comparison: The comparison.
-    """
-    from mishutter.report import page_table
+    """The answer of a comparison, and its rows, each at its own best motion, with the ceiling."""
+    from mishutter.report.tables import page_table
 
     shown = shown_rows(comparison)
     wide = page_table(comparison, list(shown.values()))

@@ -11,7 +11,8 @@ from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from typing import Any
 
-from mishutter.model import SceneFile, example_scene_text
+from mishutter.model.scene_file import example_scene_text
+from mishutter.model.scene_schema import SceneFile
 
 _UNITS = {"e": "e⁻", "s2": "s²", "s3": "s³", "us": "µs", "um": "µm", "db": "dB", "hz": "Hz"}
 """Units by their spelling in the name of a key."""
@@ -29,15 +30,7 @@ _KEY = re.compile(r"^(?:#\s*)?(\w+) = (\{.*?\}|\[.*?\]|\S+)", re.MULTILINE)
 
 
 def page_fields() -> list[Field]:
-    """Sections of a scene file in its order, each with its keys.
-
-    Returns:
-        Each section has its `key`, `label` and `description`, whether it is `optional`, and its
-        `fields`. Each field has its `key`, a `label`, the `unit`, a `kind` (`number`, `integer`,
-        `boolean`, `text`, `list`, `choice`, or `table`, which has `fields` again), `minimum` and
-        `maximum`, whether these are excluded (`above`, `below`), whether it is `optional`, its
-        `default`, and a value to `begin` with; a table begins with the keys of the example.
-    """
+    """Sections of a scene file in its order, each with its keys."""
     schema = SceneFile.model_json_schema()
     return [_table(schema, name, entry, (name,)) for name, entry in schema["properties"].items()]
 
@@ -102,11 +95,7 @@ def _is_optional(entry: Schema) -> bool:
 
 
 def label_and_unit(key: str) -> tuple[str, str]:
-    """Splits the name of a key into words and its unit, `""` for none.
-
-    Args:
-        key: Name of a key, such as `max_stroke_px`.
-    """
+    """Splits the name of a key into words and its unit, `""` for none."""
     words = key.split("_")
     first = len(words)
     while first > 1 and (words[first - 1] in _OWN_UNITS or words[first - 1] == "per"):
@@ -150,11 +139,7 @@ def _examples() -> dict[Place, object]:
 
 
 def scene_text(tables: Tables) -> str:
-    """Text of a scene file.
-
-    Args:
-        tables: Its tables, as the schema allows them.
-    """
+    """Text of a scene file."""
     return "\n".join(_lines(tables)) + "\n"
 
 

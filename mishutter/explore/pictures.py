@@ -12,31 +12,26 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from mishutter._core import require
-from mishutter.camera import kernel_layout
-from mishutter.decoding import (
-    ROWS_TO_FIND,
-    EnsembleDecoder,
-    SpeedEstimate,
-    estimate_speed,
-    least_columns,
-    restore_by_each,
-)
-from mishutter.evaluation import knowledge_of
-from mishutter.model import Scene, Texture
-from mishutter.pictures import (
-    PICTURE_FORMATS,
-    PICTURE_SUFFIXES,
+from mishutter._core.checks import require
+from mishutter.camera.capture import kernel_layout
+from mishutter.decoding.decoders.linear import EnsembleDecoder
+from mishutter.decoding.decoders.speed import SpeedEstimate, estimate_speed
+from mishutter.decoding.decoders.speed_finding import ROWS_TO_FIND
+from mishutter.decoding.restoration import least_columns, restore_by_each
+from mishutter.evaluation.speed_knowledge import knowledge_of
+from mishutter.model.scene import Scene
+from mishutter.model.texture import Texture
+from mishutter.pictures.files import PICTURE_FORMATS, PICTURE_SUFFIXES, header_size
+from mishutter.pictures.images import (
     Axis,
     Picture,
-    header_size,
     middle_rows,
     pixels_along,
     read_picture,
     to_display,
     turned,
 )
-from mishutter.search import Row
+from mishutter.search.rows import Row
 
 MOST_BYTES = 32 << 20
 MOST_PIXELS = 30_000_000
@@ -46,15 +41,10 @@ _ROWS, _COLUMNS = 112, 400
 
 @dataclass(frozen=True)
 class Photograph:
-    """The middle of a photograph, and the spectrum of the whole.
+    """The middle of a photograph, and the spectrum of the whole."""
 
-    Attributes:
-        part: Rows from the middle, along which things move.
-        texture: Statistics of the whole.
-    """
-
-    part: Picture
-    texture: Texture
+    part: Picture  # Rows from the middle, along which things move
+    texture: Texture  # Statistics of the whole
 
 
 Reader = Callable[[float | None, bool, Axis], Photograph]
@@ -62,12 +52,7 @@ Reader = Callable[[float | None, bool, Axis], Photograph]
 
 
 def reader(place: str, read: Callable[[float | None, bool], Picture]) -> Reader:
-    """A reader of a photograph that remembers its last result.
-
-    Args:
-        place: Path of the photograph in scene files.
-        read: Reads the picture by `white` and `linear`.
-    """
+    """A reader of a photograph that remembers its last result."""
 
     @lru_cache(maxsize=1)
     def part_of(white: float | None, linear: bool, axis: Axis) -> Photograph:
@@ -82,10 +67,6 @@ def reader(place: str, read: Callable[[float | None, bool], Picture]) -> Reader:
 
 def uploaded(name: str, content: bytes) -> Reader:
     """A reader of an uploaded photograph, which is checked as files are.
-
-    Args:
-        name: Name of the file.
-        content: Its bytes.
 
     Raises:
         ValueError: if the file is no picture, damaged or too large.
@@ -129,23 +110,10 @@ def restored(
     photograph: Photograph,
     scene: Scene,
     rows: Mapping[str, Row],
-    speed: float,
+    speed: float,  # px/s
     check: Callable[[], None],
 ) -> dict[str, object]:
     """Captures and restores a photograph at one speed by each of some designs.
-
-    Args:
-        photograph: The photograph.
-        scene: Photons and noise, and the speeds that the decoder assumes.
-        rows: The designs by name.
-        speed: Speed of the object; px/s.
-        check: Called before each design; raises if the request is superseded.
-
-    Returns:
-        The `reference`, and for each design the pictures `captured` and `restored`, as PNG in base
-        64, and the `psnr` in linear light, dB. `aside` says what the scene's decoder knows of the
-        speed. `found` has the fields of the `SpeedEstimate` that are no arrays, if the decoder
-        finds the speed; otherwise it is None.
 
     Raises:
         ValueError: if the photograph is too narrow for the blur.

@@ -18,7 +18,7 @@ import tornado.netutil
 import tornado.web
 import tornado.websocket
 
-from mishutter._core import validated
+from mishutter._core.validation import validated
 from mishutter.explore.fields import page_fields
 from mishutter.explore.pictures import MOST_BYTES
 from mishutter.explore.session import (
@@ -63,18 +63,11 @@ def serve(
     started: Beginning,
     *,
     host: str = "127.0.0.1",
-    port: int = 0,
+    port: int = 0,  # 0 takes any free one
     ready: Callable[[str], None],
     note: Callable[[str], None],
 ) -> None:
     """Serves the page until the process is interrupted.
-
-    Args:
-        started: The scene with which every tab begins.
-        host: The address to listen at; requests to any other host name are refused.
-        port: The port; 0 takes any free one.
-        ready: Called with the page's address once the server answers.
-        note: Called with messages about the progress of the start.
 
     Raises:
         OSError: if nothing can listen there.
@@ -111,11 +104,7 @@ def server_explorer(server: tornado.httpserver.HTTPServer) -> "Explorer":
 
 
 def known_hosts(host: str) -> frozenset[str]:
-    """Names by which a browser may call this server; names of other sites are refused.
-
-    Args:
-        host: The address at which the server listens.
-    """
+    """Names by which a browser may call this server; names of other sites are refused."""
     local = {"localhost", "127.0.0.1", "::1"}
     try:
         everywhere = ipaddress.ip_address(host).is_unspecified
@@ -128,10 +117,6 @@ def is_known(name: str | None, hosts: frozenset[str]) -> bool:
     """Whether a host name is allowed; any numeric address is if all addresses are served.
 
     This refuses a name that another site has pointed to this machine.
-
-    Args:
-        name: The host name of a request.
-        hosts: The names that are allowed, `"*"` among them if all addresses are served.
     """
     if not name:
         return False
@@ -145,12 +130,7 @@ def is_known(name: str | None, hosts: frozenset[str]) -> bool:
 
 
 def application(explorer: "Explorer", hosts: frozenset[str]) -> tornado.web.Application:
-    """The page and its connections.
-
-    Args:
-        explorer: The state that all tabs share.
-        hosts: Names by which a browser may call the server.
-    """
+    """The page and its connections."""
     routes: list[Route] = [(path, _File, {"file": file}) for path, file in _PAGE.items()]
     return tornado.web.Application(
         [*routes, ("/tab", _Tab)],
@@ -180,9 +160,6 @@ class Explorer:
 
         The earlier session remains while a tab is open that has its key, such as the one that a
         browser duplicated.
-
-        Args:
-            key: Key of an earlier session, or any other text.
         """
         earlier = self.sessions.get(key)
         if earlier is None:
@@ -288,11 +265,7 @@ class _Tab(tornado.websocket.WebSocketHandler):
             raise tornado.web.HTTPError(403)
 
     def check_origin(self, origin: str) -> bool:
-        """Whether a connection comes from this page; Tornado calls this once more.
-
-        Args:
-            origin: The header `Origin` of the request.
-        """
+        """Whether a connection comes from this page; Tornado calls this once more."""
         return origin.lower() == f"{self.request.protocol}://{self.request.host}".lower()
 
     async def open(self, *args: str, **kwargs: str) -> None:
@@ -427,11 +400,7 @@ class _Tab(tornado.websocket.WebSocketHandler):
         return True
 
     def tell(self, message: Answer) -> None:
-        """Sends a message without waiting for its delivery; for short and rare ones.
-
-        Args:
-            message: The message.
-        """
+        """Sends a message without waiting for its delivery; for short and rare ones."""
         if self.ws_connection is not None:
             self.write_message(json.dumps(message))
 

@@ -13,17 +13,11 @@ from typing import TYPE_CHECKING, Annotated, final
 import numpy as np
 from pydantic import Field
 
-from mishutter._core import (
-    Section,
-    contents,
-    in_section,
-    parsed,
-    require,
-    strict_json,
-    validated,
-)
-from mishutter.design import Design
-from mishutter.evaluation import transmittance
+from mishutter._core.checks import require
+from mishutter._core.files import contents, strict_json
+from mishutter._core.validation import Section, in_section, parsed, validated
+from mishutter.design.design import Design
+from mishutter.evaluation.views import transmittance
 from mishutter.explore.answers import (
     OPTIMISED,
     can_be_pictured,
@@ -35,21 +29,16 @@ from mishutter.explore.answers import (
 )
 from mishutter.explore.fields import Tables, scene_text
 from mishutter.explore.pictures import Reader, reader, restored, uploaded
-from mishutter.model import (
-    EXAMPLE_PICTURE,
-    ChippedShutter,
-    Scene,
-    SceneFile,
-    Speed,
-    Texture,
-    example_scene_text,
-    scene_of_tables,
-)
-from mishutter.pictures import Axis, example_picture, read_picture
-from mishutter.search import optimise
+from mishutter.model.scene import Scene, scene_of_tables
+from mishutter.model.scene_file import example_scene_text
+from mishutter.model.scene_schema import SceneFile, Speed
+from mishutter.model.shutters.chips import ChippedShutter
+from mishutter.model.texture import EXAMPLE_PICTURE, Texture
+from mishutter.pictures.images import Axis, example_picture, read_picture
+from mishutter.search.search import optimise
 
 if TYPE_CHECKING:
-    from mishutter.report import Comparison
+    from mishutter.report.comparison import Comparison
 
 DRAWN = "drawn"
 NUM_CHIPS = 64
@@ -98,17 +87,11 @@ class Order(Section):
 
 @dataclass(frozen=True)
 class Beginning:
-    """The state with which every tab begins.
+    """The state with which every tab begins."""
 
-    Attributes:
-        tables: Tables of the scene file.
-        photographs: Photographs by their paths in scene files.
-        design: The finished design of the scene; None until the search ends.
-    """
-
-    tables: Tables
-    photographs: Mapping[str, Reader]
-    design: Design | None = None
+    tables: Tables  # Tables of the scene file
+    photographs: Mapping[str, Reader]  # Photographs by their paths in scene files
+    design: Design | None = None  # The finished design of the scene; None until the search ends
 
     def scene(self) -> Scene:
         """A new scene from the tables of the file, with its photographs."""
@@ -122,9 +105,6 @@ class Beginning:
 
 def beginning(path: Path | None) -> Beginning:
     """The scene file that the page begins with, and the photographs that it may name.
-
-    Args:
-        path: The scene file; None takes the built-in scene.
 
     Raises:
         ValueError: if it is not a scene file.
@@ -157,10 +137,6 @@ def _tables(content: bytes, name: str) -> Tables:
 
 def built(tables: Tables, photographs: Mapping[str, Reader]) -> Scene:
     """The scene of some tables, which may name these photographs and no other file.
-
-    Args:
-        tables: Tables of a scene file.
-        photographs: Photographs by their paths in scene files.
 
     Raises:
         ValueError: if it is no scene, or names another photograph.
@@ -198,20 +174,12 @@ class Session:
         return other
 
     def begin(self, design: Design) -> None:
-        """Takes the design of a search that ended while the page was loading.
-
-        Args:
-            design: The design of the first scene.
-        """
+        """Takes the design of a search that ended while the page was loading."""
         if self._design is None:
             self._design = design
 
     def first(self, request: Request) -> Answer:
-        """The first answer to a request: curves of a quick design and of the drawn profile.
-
-        Args:
-            request: The request.
-        """
+        """The first answer to a request: curves of a quick design and of the drawn profile."""
         scene = built(request.scene, self._photographs)
         key = self._key_of(request.scene)
         if key != self._key or self._design is None:
@@ -227,10 +195,6 @@ class Session:
         """The further answers when the hand rests: the whole search, the table, photographs.
 
         At the end it compiles the programs that sliders may need next.
-
-        Args:
-            request: The request that `first` has answered.
-            check: Called now and then.
         """
         scene = built(request.scene, self._photographs)
         if not self._is_finished:
@@ -262,11 +226,7 @@ class Session:
             check()
 
     def ahead(self, tables: Tables) -> Iterator[None]:
-        """Compiles programs that later first answers share, one at each step.
-
-        Args:
-            tables: Tables of the scene, around which sliders may move.
-        """
+        """Compiles programs that later first answers share, one at each step."""
         for changed in _around(tables):
             try:
                 scene = built(changed, self._photographs)
@@ -277,7 +237,7 @@ class Session:
             yield
 
     def _compare(self, scene: Scene, request: Request, check: Check) -> "Comparison":
-        from mishutter.report import compare
+        from mishutter.report.comparison import compare
 
         asked = json.dumps([self._key, request.drawn, list(self._pins)])
         if self._compared is None or asked != self._compared[0]:
@@ -309,9 +269,6 @@ class Session:
 
     def answer(self, order: Order) -> Answer:
         """The answer to any request but one for a design.
-
-        Args:
-            order: The request.
 
         Raises:
             ValueError: if it cannot be met.
@@ -371,10 +328,6 @@ class Session:
     def upload(self, name: str, content: bytes) -> Answer:
         """Takes an uploaded photograph in place of an earlier one.
 
-        Args:
-            name: Name of the file.
-            content: Its bytes.
-
         Raises:
             ValueError: if it is no picture, or too large.
         """
@@ -419,13 +372,8 @@ def _around(tables: Tables) -> Iterator[Tables]:
 
 
 def free_name(name: str, taken: Iterable[str]) -> str:
-    """A name that no row has: the given one, or that with a number behind it.
-
-    Args:
-        name: The name.
-        taken: Names of other rows.
-    """
-    from mishutter.search import taken_names
+    """A name that no row has: the given one, or that with a number behind it."""
+    from mishutter.search.rivals import taken_names
 
     used = {*taken, *taken_names(), OPTIMISED, DRAWN}
     tries = (name, *(f"{name} {number}" for number in range(2, len(used) + 3)))
@@ -468,10 +416,5 @@ def _python(text: str, drawn: list[float] | None) -> str:
 
 
 def with_design(started: Beginning, check: Callable[[int, float], None]) -> Beginning:
-    """The beginning with the finished design of its scene.
-
-    Args:
-        started: The beginning.
-        check: Called at each step of the search with its number and its loss.
-    """
+    """The beginning with the finished design of its scene."""
     return replace(started, design=optimise(started.scene(), progress=check))

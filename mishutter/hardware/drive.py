@@ -13,33 +13,20 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from mishutter._core import (
-    common_dtype,
-    fields_text,
-    require,
-    require_positive_int,
-    write_bytes,
-)
-from mishutter.design import Design, given_design, metrics_to_dict, package_version
-from mishutter.evaluation import (
-    Metrics,
-    evaluate,
-    knowledge_of_saved,
-    transmittance,
-    without_tolerances,
-)
+from mishutter._core.checks import common_dtype, fields_text, require, require_positive_int
+from mishutter._core.files import write_bytes
+from mishutter.design.design import Design, given_design, metrics_to_dict, package_version
+from mishutter.evaluation.ensembles import without_tolerances
+from mishutter.evaluation.metrics import Metrics, evaluate
+from mishutter.evaluation.speed_knowledge import knowledge_of_saved
+from mishutter.evaluation.views import transmittance
 from mishutter.hardware.drive_files import MAX_STEPS, drive_bytes, read_drive, require_levels
 from mishutter.hardware.stage_files import path_csv, path_steps, pitch_of
-from mishutter.model import (
-    AbstractMotion,
-    AbstractShutter,
-    ChippedShutter,
-    Scene,
-    diffused,
-    is_known_zero,
-    require_scene,
-    slot_means,
-)
+from mishutter.model.motion import AbstractMotion, is_known_zero
+from mishutter.model.scene import Scene, require_scene
+from mishutter.model.shutters.base import AbstractShutter
+from mishutter.model.shutters.chips import ChippedShutter
+from mishutter.model.slots import diffused, slot_means
 
 _NUM_STEPS, _NUM_LEVELS = 256, 256
 """Steps and levels of a table for a device that asks for no number of its own."""
@@ -269,7 +256,7 @@ def drive_table(
 
     Examples:
         >>> from mishutter import Design, HannShutter, drive_table, example_scene
-        >>> from mishutter.design import given_design
+        >>> from mishutter.design.design import given_design
         >>> scene = example_scene()
         >>> design = given_design(scene, scene.motion, HannShutter(), "Given.")
         >>> table = drive_table(design, num_steps=100)

@@ -25,19 +25,11 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from mishutter._core import (
-    Unquoted,
-    cells,
-    contents,
-    describe,
-    number_rows,
-    require,
-    require_finite,
-    require_positive_int,
-    text_lines,
-    unit_columns,
-)
-from mishutter.model import AbstractMotion, ChippedShutter, ParabolicMotion, steady
+from mishutter._core.checks import Unquoted, describe, require, require_finite, require_positive_int
+from mishutter._core.columns import cells, number_rows, text_lines, unit_columns
+from mishutter._core.files import contents
+from mishutter.model.motion import AbstractMotion, ParabolicMotion, steady
+from mishutter.model.shutters.chips import ChippedShutter
 
 MAX_STEPS = 100_000
 _WORDS = (1 << 14) - 1
@@ -83,25 +75,17 @@ class Drive(NamedTuple):
 
 
 class _Samples(NamedTuple):
-    """The contents of a file: transmittance or drive of equal steps, and perhaps more.
+    """The contents of a file: transmittance or drive of equal steps, and perhaps more."""
 
-    Attributes:
-        half_exposure: Half the exposure; s.
-        drive: Drive of each step, from -1 to 1.
-        transmittance: Transmittance of each step.
-        position: Position of the sensor at the beginning of each step; px.
-        share: Position on a scale from -1 to 1.
-        edges: Times at which pulses begin and end, by turns; s.
-        unread: Settings that are not read, as the file has them.
-    """
-
-    half_exposure: float | None = None
-    drive: Float[np.ndarray, "steps"] | None = None
-    transmittance: Float[np.ndarray, "steps"] | None = None
+    half_exposure: float | None = None  # Half the exposure; s
+    drive: Float[np.ndarray, "steps"] | None = None  # Drive of each step, from -1 to 1
+    transmittance: Float[np.ndarray, "steps"] | None = None  # Transmittance of each step
+    # Position of the sensor at the beginning of each step; px
     position: Float[np.ndarray, "steps"] | None = None
-    share: Float[np.ndarray, "steps"] | None = None
+    share: Float[np.ndarray, "steps"] | None = None  # Position on a scale from -1 to 1
+    # Times at which pulses begin and end, by turns; s
     edges: Float[np.ndarray, "edges"] | None = None
-    unread: tuple[str, ...] = ()
+    unread: tuple[str, ...] = ()  # Settings that are not read, as the file has them
 
 
 # Writing

@@ -3,9 +3,11 @@
 import numpy as np
 from jaxtyping import Float, Int
 
-from mishutter._core import require
+from mishutter._core.checks import require
 from mishutter.hardware.drive_files import MAX_STEPS
-from mishutter.model import Scene, SecondOrderStage, StagePath
+from mishutter.model.scene import Scene
+from mishutter.model.servos import SecondOrderStage
+from mishutter.model.stages import StagePath
 
 
 def pitch_of(scene: Scene) -> float | None:
@@ -15,12 +17,6 @@ def pitch_of(scene: Scene) -> float | None:
 
 def path_steps(path: StagePath, first: float, step: float, count: int) -> Int[np.ndarray, "n"]:
     """Numbers of the equal steps from the rest before a path to the rest after it.
-
-    Args:
-        path: From rest to rest.
-        first: Time of step 0, the first of an exposure or a burst; s.
-        step: Length of a step; s.
-        count: Steps of the exposure or the burst.
 
     Raises:
         ValueError: if the run-up or the run-out takes more steps than a table may have.
@@ -37,22 +33,14 @@ def path_steps(path: StagePath, first: float, step: float, count: int) -> Int[np
 
 def path_csv(
     path: StagePath,
-    times: Float[np.ndarray, "n"],
+    times: Float[np.ndarray, "n"],  # s
     parts: np.ndarray,
     stage: SecondOrderStage | None,
-    pixel_pitch: float | None,
+    pixel_pitch: float | None,  # m
 ) -> str:
     """A line of names, a line of units, then a time, its part of the path, place and velocity.
 
     Places are in px, and in um, as piezo stages take them, where the pitch of the pixels is known.
-
-    Args:
-        path: From rest to rest.
-        times: Times on its clock; s.
-        parts: The part of the path that begins at each, in words.
-        stage: How the stage follows; where it is known, the last column of each unit is the command
-            for it.
-        pixel_pitch: Distance of the sensor's pixels; m.
     """
     position, velocity = path.at(times)
     columns = {"sensor_position,px": position, "sensor_velocity,px/s": velocity}

@@ -15,7 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mishutter._core import Unquoted, contents, require, text_of
+from mishutter._core.checks import Unquoted, require
+from mishutter._core.columns import text_of
+from mishutter._core.files import contents
 from mishutter.hardware.traces import Trace, has_two_levels, require_ascending, require_samples
 
 _UNITS = {"ns": 1e-9, "us": 1e-6, "\u03bcs": 1e-6, "ms": 1e-3} | dict.fromkeys(
@@ -44,19 +46,12 @@ _SIGNS |= dict.fromkeys([0x066B, 0xFF0E], ".") | {0xFF0C: ",", 0x221E: "inf"}
 
 
 class _Block(NamedTuple):
-    """Lines of numbers, and the lines above them.
+    """Lines of numbers, and the lines above them."""
 
-    Attributes:
-        header: Cells of the lines above.
-        lines: Lines of numbers.
-        columns: Columns that are numbers in each of them.
-        separator: Character between cells; None for white space.
-    """
-
-    header: list[list[str]]
-    lines: list[str]
-    columns: tuple[int, ...]
-    separator: str | None
+    header: list[list[str]]  # Cells of the lines above
+    lines: list[str]  # Lines of numbers
+    columns: tuple[int, ...]  # Columns that are numbers in each of them
+    separator: str | None  # Character between cells; None for white space
 
 
 def read_trace(path: str | Path, *, column: str | None = None) -> Trace:

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from mishutter._core import RowLike, Unquoted, require, require_finite, require_scalar
-from mishutter.model import SplineShutter, bounded_coefficients, spline_basis
+from mishutter._core.checks import RowLike, Unquoted, require, require_finite, require_scalar
+from mishutter.model.shutters.spline import SplineShutter, bounded_coefficients, spline_basis
 
 _COUNTS = (8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
 """Coefficients of the splines that are tried."""
@@ -36,14 +36,11 @@ _ROUNDING = 1.1
 
 
 class Trace(NamedTuple):
-    """Levels of a photodiode behind the shutter.
+    """Levels of a photodiode behind the shutter."""
 
-    Attributes:
-        time: Times, ascending, or equal where they are rounded, on any clock; s.
-        level: Levels in any unit, proportional to the light but for an offset, with either sign.
-    """
-
+    # Times, ascending, or equal where they are rounded, on any clock; s
     time: Float[np.ndarray, "n"]
+    # Levels in any unit, proportional to the light but for an offset, with either sign
     level: Float[np.ndarray, "n"]
 
 
@@ -52,21 +49,14 @@ TraceLike = Trace | ArrayLike | Sequence[RowLike]
 
 
 class MeasuredProfile(NamedTuple):
-    """A profile that a trace shows.
+    """A profile that a trace shows."""
 
-    Attributes:
-        shutter: The profile.
-        noise: Standard deviation of one sample about it, transmittance.
-        closed: Level of the closed shutter, in the unit of the trace.
-        opened: Level of the open one, below that of the closed one by an inverted photodiode.
-        notes: Sentences for whoever trusts the profile: that the trace is cut off or
-            inverted, or its levels are those of a shutter that rests open.
-    """
-
-    shutter: SplineShutter
-    noise: float
-    closed: float
-    opened: float
+    shutter: SplineShutter  # The profile
+    noise: float  # Standard deviation of one sample about it, transmittance
+    closed: float  # Level of the closed shutter, in the unit of the trace
+    opened: float  # Level of the open one, below that of the closed one by an inverted photodiode
+    # Sentences for whoever trusts the profile: that the trace is cut off or inverted, or its levels
+    # are those of a shutter that rests open
     notes: tuple[str, ...] = ()
 
 
@@ -111,10 +101,6 @@ def require_samples(rows: np.ndarray, name: str) -> None:
 
     A change takes one line, or two if the levels before and after it are both listed, so that no
     three lines are alike. A shutter that is sampled rests for longer.
-
-    Args:
-        rows: Levels of each channel, or texts of them; shape `(n, channels)`.
-        name: The trace's name in an error.
     """
     changes = np.asarray(np.any(rows[1:] != rows[:-1], axis=1))
     are_binary = all(np.unique(channel).size <= 2 for channel in rows.T)
@@ -128,12 +114,6 @@ def within_exposure(
     trace: Trace, half_exposure: float, middle: float, name: str
 ) -> Float[np.ndarray, "n"]:
     """Normalised time of each sample; the exposure is covered without a gap.
-
-    Args:
-        trace: The trace.
-        half_exposure: $T$; s.
-        middle: Mid-exposure on the clock of the trace; s.
-        name: The trace's name in an error.
 
     Raises:
         ValueError: if the trace does not reach over the exposure, has a gap there or too few
@@ -167,11 +147,6 @@ def span_of_shifts(trace: Trace, half_exposure: float, middle: float) -> tuple[f
     """Least and greatest shift of mid-exposure at which a trace still covers the exposure; s.
 
     Shifts are at most a quarter of the exposure either way, and never cross a gap of the trace.
-
-    Args:
-        trace: The trace, which covers the exposure at `middle`.
-        half_exposure: $T$; s.
-        middle: Mid-exposure on the clock of the trace; s.
     """
     time, begin, end = np.asarray(trace.time), middle - half_exposure, middle + half_exposure
     gaps = np.flatnonzero(np.diff(time) > _LONGEST_GAP * 2 * half_exposure)
@@ -264,14 +239,6 @@ def for_a_fit(trace: TraceLike, half_exposure: float, name: str) -> tuple[Trace,
     Neighbouring samples become their mean, within the exposure and outside it apart, as the
     profile may jump at its ends. A trace without samples of the closed shutter stays upright.
 
-    Args:
-        trace: On the camera's clock.
-        half_exposure: $T$; s.
-        name: The trace's name in an error.
-
-    Returns:
-        The trace and the notes of `MeasuredProfile`.
-
     Raises:
         ValueError: as `measured_profile` does.
     """
@@ -290,21 +257,13 @@ def for_a_fit(trace: TraceLike, half_exposure: float, name: str) -> tuple[Trace,
 
 
 class _Smooth(NamedTuple):
-    """A spline through a trace.
+    """A spline through a trace."""
 
-    Attributes:
-        score: Generalised cross-validation of the spline within [0, 1].
-        extremes: Least and greatest value of the spline without bounds.
-        white: Level of the open shutter above the closed one.
-        variance: Variance of a sample about the spline within [0, 1].
-        coefficients: Coefficients of that spline.
-    """
-
-    score: float
-    extremes: tuple[float, float]
-    white: float
-    variance: float
-    coefficients: Float[np.ndarray, "count"]
+    score: float  # Generalised cross-validation of the spline within [0, 1]
+    extremes: tuple[float, float]  # Least and greatest value of the spline without bounds
+    white: float  # Level of the open shutter above the closed one
+    variance: float  # Variance of a sample about the spline within [0, 1]
+    coefficients: Float[np.ndarray, "count"]  # Coefficients of that spline
 
 
 def _smoothed(tau: np.ndarray, level: np.ndarray, white: float | None) -> _Smooth:

@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from mishutter._core import fields_text, require, require_positive_int, write_bytes
-from mishutter.design import Design, package_version, sequence_to_dict
-from mishutter.evaluation import lights_of, psnr_of_frames
+from mishutter._core.checks import fields_text, require, require_positive_int
+from mishutter._core.files import write_bytes
+from mishutter.design.design import Design, package_version, sequence_to_dict
+from mishutter.evaluation.sequences import lights_of, psnr_of_frames
 from mishutter.hardware.drive_files import MAX_STEPS, drive_bytes
 from mishutter.hardware.stage_files import path_csv, path_steps, pitch_of
-from mishutter.model import FrameSequence, StagePath
+from mishutter.model.sequences import FrameSequence
+from mishutter.model.stages import StagePath
 
 _STEPS_OF_A_FRAME = 256
 

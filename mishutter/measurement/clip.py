@@ -8,8 +8,9 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from jaxtyping import Float, Shaped
 
-from mishutter._core import Unquoted, require, shape_of
-from mishutter.pictures import PICTURE_SUFFIXES, Decoded, decoded_pages
+from mishutter._core.checks import Unquoted, require, shape_of
+from mishutter.pictures.files import PICTURE_SUFFIXES, Decoded
+from mishutter.pictures.images import decoded_pages
 
 Source: TypeAlias = str | Path | np.ndarray | Sequence[str | Path]
 """Files, a folder of them, or an array of `(frames, rows, columns)`."""
@@ -35,44 +36,29 @@ _PILE_SHARE, _FEW = 1e-4, 10
 
 
 class Levels(NamedTuple):
-    """Frames as files hold them.
+    """Frames as files hold them."""
 
-    Attributes:
-        frames: Levels; shape `(frames, rows, columns)`, float32.
-        full: Greatest level of the file's depth.
-        is_whole: Whether levels are whole numbers.
-        words: Sentences on what was read otherwise than one would expect.
-        guess: A sentence on how white follows from the levels; `""` where the file states it.
-    """
-
+    # Levels; shape `(frames, rows, columns)`, float32
     frames: Float[np.ndarray, "frames rows columns"]
-    full: float
-    is_whole: bool
-    words: tuple[str, ...] = ()
+    full: float  # Greatest level of the file's depth
+    is_whole: bool  # Whether levels are whole numbers
+    words: tuple[str, ...] = ()  # Sentences on what was read otherwise than one would expect
+    # A sentence on how white follows from the levels; `""` where the file states it
     guess: str = ""
 
 
 @dataclass(frozen=True, eq=False)
 class Clip:
-    """Frames of a camera at rest, at equal times.
+    """Frames of a camera at rest, at equal times."""
 
-    Attributes:
-        frames: Levels; shape `(frames, rows, columns)`, float32.
-        frames_per_s: Frames a second.
-        exposure: Exposure of a frame, s; None if it is not known.
-        white: Level of white.
-        step: Step between neighbouring levels; 0 for levels that are no whole numbers.
-        ends: Levels at and beyond which the file cuts off, below and above.
-        words: Sentences on what was read otherwise than one would expect.
-    """
-
+    # Levels; shape `(frames, rows, columns)`, float32
     frames: Float[np.ndarray, "frames rows columns"]
-    frames_per_s: float
-    exposure: float | None
-    white: float
-    step: float
-    ends: tuple[float, float]
-    words: tuple[str, ...] = ()
+    frames_per_s: float  # Frames a second
+    exposure: float | None  # Exposure of a frame, s; None if it is not known
+    white: float  # Level of white
+    step: float  # Step between neighbouring levels; 0 for levels that are no whole numbers
+    ends: tuple[float, float]  # Levels at and beyond which the file cuts off, below and above
+    words: tuple[str, ...] = ()  # Sentences on what was read otherwise than one would expect
 
     @property
     def num_frames(self) -> int:
@@ -92,16 +78,10 @@ class Clip:
 def clip_of(
     source: Source,
     frames_per_s: float | int,
-    exposure: float | int | None,
+    exposure: float | int | None,  # s
     white: float | int | None,
 ) -> Clip:
     """A clip from files or an array.
-
-    Args:
-        source: The frames.
-        frames_per_s: Frames a second.
-        exposure: Exposure of a frame; s.
-        white: Level of white; by default the greatest of the file's depth.
 
     Raises:
         ValueError: if a number is out of its range, or the frames are no clip.
@@ -142,11 +122,6 @@ def clip_of(
 
 def read_levels_of(source: Source, subject: str, most: int | None = None) -> Levels:
     """Levels of files, of a folder's pictures in the order of their names, or of an array.
-
-    Args:
-        source: The frames.
-        subject: The argument, in an error.
-        most: Most frames that are read.
 
     Raises:
         ValueError: if they are compressed with loss, or no pictures of one size and finite levels.

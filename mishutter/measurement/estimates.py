@@ -4,29 +4,18 @@ from typing import NamedTuple
 
 
 class Estimate(NamedTuple):
-    """A number with its error.
+    """A number with its error."""
 
-    Attributes:
-        value: The number.
-        error: Its standard deviation.
-    """
-
-    value: float
-    error: float
+    value: float  # The number
+    error: float  # Its standard deviation
 
 
 class Refusal(NamedTuple):
-    """A number that a clip does not tell.
+    """A number that a clip does not tell."""
 
-    Attributes:
-        number: The number, in words.
-        reason: The sign that forbids it.
-        remedy: A way to record a clip that tells it.
-    """
-
-    number: str
-    reason: str
-    remedy: str
+    number: str  # The number, in words
+    reason: str  # The sign that forbids it
+    remedy: str  # A way to record a clip that tells it
 
     @property
     def text(self) -> str:

@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from mishutter._core import Unquoted, counts, require, write_text
+from mishutter._core.checks import Unquoted, require
+from mishutter._core.files import write_text
+from mishutter._core.progress import counts
 from mishutter.measurement import photon_transfer
 from mishutter.measurement.clip import Clip, Source, clip_of, read_levels_of
 from mishutter.measurement.estimates import Estimate
@@ -24,8 +26,10 @@ from mishutter.measurement.scene import (
 )
 from mishutter.measurement.signs import shot_gamma
 from mishutter.measurement.texture import averaged, light_of_texture
-from mishutter.model import Scene, Texture, View, scene_of_tables
-from mishutter.pictures import Picture, write_picture
+from mishutter.model.scene import Scene, scene_of_tables
+from mishutter.model.scene_units import View
+from mishutter.model.texture import Texture
+from mishutter.pictures.images import Picture, write_picture
 
 _STEADY_WORD = "the exposure drifts by {share:.1%} from frame to frame, which was divided out"
 _GAMMA_WORD = "a gamma of {gamma:.2g} with little read noise would explain the noise as well"

@@ -56,25 +56,15 @@ _WIDE = 5
 
 @dataclass(frozen=True, eq=False)
 class MovingObject:
-    """A part of the picture that moves as a whole.
+    """A part of the picture that moves as a whole."""
 
-    Attributes:
-        velocity: Rows down and columns to the right a second; px/s.
-        error: Standard deviation of each; px/s.
-        centre: Row and column of its middle in the reference frame; px.
-        area: Pixels in that frame.
-        lead: Logarithm of the likelihood over that of the best other velocity, a tenth of it.
-        residual: Residual over noise along the velocity.
-        frame: Number of the reference frame, from 0.
-    """
-
-    velocity: tuple[float, float]
-    error: tuple[float, float]
-    centre: tuple[float, float]
-    area: int
-    lead: float
-    residual: float
-    frame: int
+    velocity: tuple[float, float]  # Rows down and columns to the right a second; px/s
+    error: tuple[float, float]  # Standard deviation of each; px/s
+    centre: tuple[float, float]  # Row and column of its middle in the reference frame; px
+    area: int  # Pixels in that frame
+    lead: float  # Logarithm of the likelihood over that of the best other velocity, a tenth of it
+    residual: float  # Residual over noise along the velocity
+    frame: int  # Number of the reference frame, from 0
 
     @property
     def speed(self) -> Estimate:
@@ -86,28 +76,20 @@ class MovingObject:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Motion of a clip.
+    """Motion of a clip."""
 
-    Attributes:
-        objects: Objects, the largest first.
-        labels: Number of the object that is seen in the reference frame, from 1 on; 0 at rest, -1
-            where no velocity explains the frames; shape of a frame.
-        trust: Trust in the labels, from 0 to 1, as far as the best velocity explains the frames.
-        frame: Number of the reference frame.
-        share_at_rest: Share of the picture that stands still, over the reference frames.
-        share_unexplained: Share that moves without a velocity.
-        width: Mean length of runs of what moves, along rows and along columns; px.
-        num_frames: Frames that were looked at.
-    """
-
-    objects: tuple[MovingObject, ...]
+    objects: tuple[MovingObject, ...]  # Objects, the largest first
+    # Number of the object that is seen in the reference frame, from 1 on; 0 at rest, -1 where no
+    # velocity explains the frames; shape of a frame
     labels: Int[np.ndarray, "rows columns"]
+    # Trust in the labels, from 0 to 1, as far as the best velocity explains the frames
     trust: Float[np.ndarray, "rows columns"]
-    frame: int
-    share_at_rest: float
-    share_unexplained: float
+    frame: int  # Number of the reference frame
+    share_at_rest: float  # Share of the picture that stands still, over the reference frames
+    share_unexplained: float  # Share that moves without a velocity
+    # Mean length of runs of what moves, along rows and along columns; px
     width: tuple[float, float]
-    num_frames: int
+    num_frames: int  # Frames that were looked at
 
 
 class _View(NamedTuple):
@@ -123,13 +105,7 @@ def motion_of(
     frames_per_s: float,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Motion:
-    """The motion of frames of unit noise.
-
-    Args:
-        frames: The frames.
-        frames_per_s: Frames a second.
-        progress: Called with the name of each part of the work.
-    """
+    """The motion of frames of unit noise."""
     first = max(0, (len(frames) - MOST_FRAMES) // 2)
     frames = frames[first : first + MOST_FRAMES]
     size, scale = frames.shape[1:], 1

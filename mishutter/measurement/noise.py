@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mishutter._core import Unquoted, require
+from mishutter._core.checks import Unquoted, require
 from mishutter.measurement import photon_transfer
 from mishutter.measurement.clip import Clip
 from mishutter.measurement.estimates import Estimate, Refusal
@@ -45,32 +45,21 @@ _SATURATION = 0.7
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """Noise of a camera, as far as it is known.
+    """Noise of a camera, as far as it is known."""
 
-    Attributes:
-        electrons_at_white: Photo-electrons that raise a level from black to white; e-.
-        read_noise: Standard deviation of the read noise; e-. Without a level of black it is the
-            middle of `read_noise_range`, and its error is a quarter of that.
-        read_noise_range: Least and greatest, where black is not known; e-.
-        black: Level of black.
-        black_range: Least and greatest, where it is not known.
-        gain: System gain, levels of an electron.
-        law: Variance of a level, however rough.
-        transfer: Where that was fitted; None if too little stands still.
-        refusals: Numbers that are not known, with reasons.
-        sources: Words for the sources of electrons, read noise and black.
-    """
-
+    # Photo-electrons that raise a level from black to white; e-
     electrons_at_white: Estimate | None
+    # Standard deviation of the read noise; e-. Without a level of black it is the middle of
+    # `read_noise_range`, and its error is a quarter of that
     read_noise: Estimate | None
-    read_noise_range: tuple[float, float] | None
-    black: Estimate | None
-    black_range: tuple[float, float]
-    gain: Estimate | None
-    law: Law
-    transfer: Transfer | None
-    refusals: tuple[Refusal, ...]
-    sources: tuple[str, str, str]
+    read_noise_range: tuple[float, float] | None  # Least and greatest, where black is not known; e-
+    black: Estimate | None  # Level of black
+    black_range: tuple[float, float]  # Least and greatest, where it is not known
+    gain: Estimate | None  # System gain, levels of an electron
+    law: Law  # Variance of a level, however rough
+    transfer: Transfer | None  # Where that was fitted; None if too little stands still
+    refusals: tuple[Refusal, ...]  # Numbers that are not known, with reasons
+    sources: tuple[str, str, str]  # Words for the sources of electrons, read noise and black
 
     @property
     def black_level(self) -> float:
@@ -86,13 +75,6 @@ def noise_of(
     black: float | None,
 ) -> Noise:
     """The noise of a clip, with dark frames and flat fields where there are some.
-
-    Args:
-        clip: The clip.
-        steady: Its frames, divided by an exposure that drifts.
-        dark: Frames of a covered lens; `(frames, rows, columns)`.
-        flats: Pairs of flat fields, one after the other; `(frames, rows, columns)`.
-        black: Level of black, if it is told.
 
     Raises:
         ValueError: if dark frames or flat fields have another size, or flat fields are no pairs.

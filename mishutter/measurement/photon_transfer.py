@@ -46,25 +46,16 @@ _COLUMNS = ("mean", "variance", "parts", "texture", "is_whole", "cluster")
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
-    """Blocks of pixels in pairs of frames.
+    """Blocks of pixels in pairs of frames."""
 
-    Attributes:
-        mean: Mean level.
-        variance: Temporal variance of a level.
-        parts: Squares of the differences of the quarters' means, added up.
-        texture: Variance of the level over the block.
-        is_whole: Whether no pixel is cut off.
-        cluster: Number of what is resampled together.
-        shape: Pairs, and rows and columns of blocks.
-    """
-
-    mean: Float[np.ndarray, "blocks"]
-    variance: Float[np.ndarray, "blocks"]
+    mean: Float[np.ndarray, "blocks"]  # Mean level
+    variance: Float[np.ndarray, "blocks"]  # Temporal variance of a level
+    # Squares of the differences of the quarters' means, added up
     parts: Float[np.ndarray, "blocks"]
-    texture: Float[np.ndarray, "blocks"]
-    is_whole: Bool[np.ndarray, "blocks"]
-    cluster: Int[np.ndarray, "blocks"]
-    shape: tuple[int, int, int]
+    texture: Float[np.ndarray, "blocks"]  # Variance of the level over the block
+    is_whole: Bool[np.ndarray, "blocks"]  # Whether no pixel is cut off
+    cluster: Int[np.ndarray, "blocks"]  # Number of what is resampled together
+    shape: tuple[int, int, int]  # Pairs, and rows and columns of blocks
 
     def moves(self, law: "Law") -> Bool[np.ndarray, "blocks"]:
         """Whether something moves in a block, by a law of the noise."""
@@ -137,22 +128,15 @@ class Law:
 
 @dataclass(frozen=True, eq=False)
 class Transfer:
-    """A law of the noise that was fitted to blocks at rest.
+    """A law of the noise that was fitted to blocks at rest."""
 
-    Attributes:
-        law: The line.
-        blocks: The blocks at rest.
-        share: Share of the clip's whole blocks that is at rest.
-        lines: Lines of resampled blocks, `dark` and `gain`; shape `(resamples, 2)`.
-        curvature: Variance at either end of the levels that is square in the level.
-        at_rest: Whether a block of the clip is at rest and whole; shape `(pairs, rows, columns)`.
-    """
-
-    law: Law
-    blocks: Blocks
-    share: float
+    law: Law  # The line
+    blocks: Blocks  # The blocks at rest
+    share: float  # Share of the clip's whole blocks that is at rest
+    # Lines of resampled blocks, `dark` and `gain`; shape `(resamples, 2)`
     lines: Float[np.ndarray, "resamples 2"]
-    curvature: Estimate
+    curvature: Estimate  # Variance at either end of the levels that is square in the level
+    # Whether a block of the clip is at rest and whole; shape `(pairs, rows, columns)`
     at_rest: Bool[np.ndarray, "pairs rows columns"]
 
     def curve(self, num_bins: int = _BINS) -> Float[np.ndarray, "4 bins"]:
@@ -172,12 +156,7 @@ def pairs_of(frames: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
 
 
 def blocks_of(pairs: Iterable[tuple[np.ndarray, np.ndarray]], ends: tuple[float, float]) -> Blocks:
-    """The blocks of pairs of frames.
-
-    Args:
-        pairs: Two frames each, of the same scene.
-        ends: Levels at and beyond which the file cuts off.
-    """
+    """The blocks of pairs of frames."""
     columns: list[tuple[np.ndarray, ...]] = []
     shape = (0, 0)
     for first, second in pairs:
@@ -210,14 +189,7 @@ def _means(pixels: np.ndarray, side: int) -> np.ndarray:
 
 
 def transfer_of(clip: Blocks, others: Blocks | None, step: float, seed: int = 0) -> Transfer | None:
-    """The law of the noise, by blocks at rest; None if too few are.
-
-    Args:
-        clip: Blocks of the clip.
-        others: Further blocks, of dark frames and flat fields, which nothing moves in.
-        step: Step between levels.
-        seed: Seed of the resampling.
-    """
+    """The law of the noise, by blocks at rest; None if too few are."""
     floor = max(step**2 / 24, 1e-12)
     law = _first_law(clip, floor)
     if law is None:
@@ -243,12 +215,7 @@ def transfer_of(clip: Blocks, others: Blocks | None, step: float, seed: int = 0)
 
 
 def rough_law(clip: Blocks, step: float) -> Law:
-    """A law by the quietest blocks, where too little stands still: enough to weigh residuals.
-
-    Args:
-        clip: Blocks of the clip.
-        step: Step between levels.
-    """
+    """A law by the quietest blocks, where too little stands still: enough to weigh residuals."""
     floor = max(step**2 / 24, 1e-12)
     law = _first_law(clip, floor)
     if law is not None and law.gain >= 0:
@@ -273,17 +240,12 @@ def _first_law(clip: Blocks, floor: float) -> Law | None:
 
 
 class _Sums(NamedTuple):
-    r"""Sums of weighted least squares of the variance $v$ over the level, in each cluster.
+    r"""Sums of weighted least squares of the variance $v$ over the level, in each cluster."""
 
-    Attributes:
-        each: Sums of $w x^j$, j = 0 to 4, and of $w v x^j$, j = 0 to 2.
-        middle: Level at which $x$ is 0.
-        reach: Distance from there to either end, where $x$ is 1 or -1.
-    """
-
+    # Sums of $w x^j$, j = 0 to 4, and of $w v x^j$, j = 0 to 2
     each: Float[np.ndarray, "clusters 8"]
-    middle: float
-    reach: float
+    middle: float  # Level at which $x$ is 0
+    reach: float  # Distance from there to either end, where $x$ is 1 or -1
 
     @staticmethod
     def of(blocks: Blocks, law: Law) -> "_Sums":
@@ -320,10 +282,6 @@ def steady(frames: np.ndarray, step: float) -> tuple[np.ndarray, float]:
 
     Each frame is a line in the median of all, over blocks of which the tenth that is farthest from
     it does not count. Frames that do not drift are returned as they are.
-
-    Args:
-        frames: The levels.
-        step: Step between them.
     """
     means = np.stack([_means(frame, _SIDE) for frame in frames]).reshape(len(frames), -1)
     usual = np.median(means, axis=0)

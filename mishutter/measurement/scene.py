@@ -10,7 +10,7 @@ from mishutter.measurement.clip import Clip
 from mishutter.measurement.estimates import Estimate, Refusal
 from mishutter.measurement.motion import Motion, MovingObject
 from mishutter.measurement.noise import Noise
-from mishutter.pictures import Axis
+from mishutter.pictures.images import Axis
 
 PICTURE = "picture.png"
 """Name of the picture beside the scene file."""
@@ -38,36 +38,22 @@ _FARTHEST = 1e4
 
 
 class AlongAxis(NamedTuple):
-    """The motion along one axis of the picture.
+    """The motion along one axis of the picture."""
 
-    Attributes:
-        axis: The axis.
-        speeds: Least and greatest; px/s, of the sign that scenes have.
-        error: Standard deviation of the faster; px/s.
-        across: Fast speed across over the fast speed along.
-        turn: Degrees by which turning the camera clockwise brings the motion onto the axis.
-        across_turned: Speed across over that along after that.
-        is_two_way: Whether objects move both ways.
-        fastest: Fast speed in whatever direction; px/s.
-    """
-
-    axis: Axis
-    speeds: tuple[float, float]
-    error: float
-    across: float
-    turn: float
-    across_turned: float
-    is_two_way: bool
-    fastest: float
+    axis: Axis  # The axis
+    speeds: tuple[float, float]  # Least and greatest; px/s, of the sign that scenes have
+    error: float  # Standard deviation of the faster; px/s
+    across: float  # Fast speed across over the fast speed along
+    turn: float  # Degrees by which turning the camera clockwise brings the motion onto the axis
+    across_turned: float  # Speed across over that along after that
+    is_two_way: bool  # Whether objects move both ways
+    fastest: float  # Fast speed in whatever direction; px/s
 
 
 def along_axis(objects: Sequence[MovingObject]) -> AlongAxis | None:
     """The axis of the picture along which most moves, and how fast; None if nothing does.
 
     A positive speed is to the left, or up.
-
-    Args:
-        objects: The objects.
     """
     if not objects:
         return None
@@ -117,11 +103,7 @@ def _quantile(values: np.ndarray, weights: np.ndarray, share: float) -> float:
 
 
 def across_sentences(along: AlongAxis) -> list[str]:
-    """The share of the motion that goes across the axis, its cost, and a remedy.
-
-    Args:
-        along: The motion.
-    """
+    """The share of the motion that goes across the axis, its cost, and a remedy."""
     if along.across <= _ONE_AXIS:
         return [f"One axis explains the motion: {along.across:.0%} of the speed goes across it."]
     words = f"{along.across:.0%} of the speed goes across the {along.axis}, which smears"
@@ -160,11 +142,7 @@ class SceneParts(NamedTuple):
 
 
 def scene_text(parts: SceneParts) -> str:
-    """The text of the scene file.
-
-    Args:
-        parts: The measurement.
-    """
+    """The text of the scene file."""
     sections = (
         _head(parts),
         _speeds(parts),
@@ -182,11 +160,7 @@ def scene_text(parts: SceneParts) -> str:
 
 
 def missing_keys(text: str) -> tuple[str, ...]:
-    """Keys without which a scene file does not run, that a text leaves to its user.
-
-    Args:
-        text: The scene file.
-    """
+    """Keys without which a scene file does not run, that a text leaves to its user."""
     tables = tomllib.loads(text)
     keys = (("light", "photon_rate_per_s"), ("sensor", "read_noise_e"))
     return tuple(f"[{s}] {key}" for s, key in keys if key not in tables.get(s, {}))

@@ -43,14 +43,7 @@ _MOST_CUT = 0.9
 def signs_of(
     clip: Clip, steady: np.ndarray, transfer: Transfer, black: float | None
 ) -> list[Refusal]:
-    """The signs that a clip has, each with its reason and remedy.
-
-    Args:
-        clip: The clip.
-        steady: Its frames, divided by an exposure that drifts.
-        transfer: Its law of the noise.
-        black: Level of black, if it is known.
-    """
+    """The signs that a clip has, each with its reason and remedy."""
     signs = (
         _repeats(clip, transfer),
         _correlates(steady, transfer.at_rest),
@@ -61,12 +54,7 @@ def signs_of(
 
 
 def shot_gamma(transfer: Transfer, step: float) -> float | None:
-    """The gamma that explains the curve without read noise as well as a line; None for none.
-
-    Args:
-        transfer: The law of the noise.
-        step: Step between levels.
-    """
+    """The gamma that explains the curve without read noise as well as a line; None for none."""
     level, variance, error, _ = transfer.curve()
     usable = level > 0.02 * level.max()
     unit = level[usable] / level.max()
@@ -83,13 +71,7 @@ def shot_gamma(transfer: Transfer, step: float) -> float | None:
 
 
 def too_narrow(transfer: Transfer, black: float | None, has_others: bool) -> Refusal | None:
-    """The refusal of a clip whose levels are too alike to show a slope.
-
-    Args:
-        transfer: The law of the noise.
-        black: Level of black, if it is known.
-        has_others: Whether dark frames or flat fields widen the range.
-    """
+    """The refusal of a clip whose levels are too alike to show a slope."""
     low, high = np.quantile(transfer.blocks.mean, (0.01, 0.99)) - (black or 0.0)
     if has_others or high > _LEAST_RANGE * max(low, 0):
         return None
@@ -99,13 +81,7 @@ def too_narrow(transfer: Transfer, black: float | None, has_others: bool) -> Ref
 
 
 def too_few(clip: Clip, whole_share: float, variance: float) -> Refusal:
-    """The refusal of a clip with too few blocks at rest.
-
-    Args:
-        clip: The clip.
-        whole_share: Share of the blocks that are not cut off.
-        variance: Median variance of those.
-    """
+    """The refusal of a clip with too few blocks at rest."""
     if whole_share >= 1 - _MOST_CUT and variance < (_LEAST_NOISE**2 + 1 / 12) * clip.step**2:
         return Refusal(NOISE, BELOW_STEPS, MORE_BITS)
     if whole_share < 1 - _MOST_CUT:

@@ -56,15 +56,11 @@ class Box(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Smoothed:
-    """Frames after a Gaussian, as the coefficients of cubic splines.
+    """Frames after a Gaussian, as the coefficients of cubic splines."""
 
-    Attributes:
-        coefficients: Shape `(frames, rows, columns)`, float32.
-        sigma: Standard deviation of the Gaussian; px.
-    """
-
+    # Shape `(frames, rows, columns)`, float32
     coefficients: Float[np.ndarray, "frames rows columns"]
-    sigma: float
+    sigma: float  # Standard deviation of the Gaussian; px
 
     @staticmethod
     def of(frames: np.ndarray, sigma: float) -> "Smoothed":
@@ -83,14 +79,7 @@ class Smoothed:
     def along(
         self, velocity: np.ndarray, reference: int, frames: Sequence[int], box: Box
     ) -> tuple[Float[np.ndarray, "frames y x"], Bool[np.ndarray, "frames y x"]]:
-        """A box of the reference frame in other frames, moved with a velocity, and what is seen.
-
-        Args:
-            velocity: Rows and columns a frame; px.
-            reference: Number of the frame in which the box lies.
-            frames: Numbers of frames.
-            box: The box.
-        """
+        """A box of the reference frame in other frames, moved with a velocity, and what is seen."""
         values, seen = [], []
         for k in frames:
             y, x = np.asarray(velocity) * (k - reference)
@@ -135,18 +124,14 @@ def _moved(
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """Residuals of tiles along each velocity of a grid.
+    """Residuals of tiles along each velocity of a grid."""
 
-    Attributes:
-        velocities: Rows and columns a frame, px; shape `(velocities, 2)`.
-        residuals: Mean residual over its noise, 1 along the right velocity of frames without
-            texture between pixels; infinite where a tile is not seen; `(velocities, down, across)`.
-        step: Step of the grid; px a frame.
-    """
-
+    # Rows and columns a frame, px; shape `(velocities, 2)`
     velocities: Float[np.ndarray, "velocities 2"]
+    # Mean residual over its noise, 1 along the right velocity of frames without texture between
+    # pixels; infinite where a tile is not seen; `(velocities, down, across)`
     residuals: Float[np.ndarray, "velocities down across"]
-    step: float
+    step: float  # Step of the grid; px a frame
 
     @cached_property
     def logarithms(self) -> Float[np.ndarray, "velocities down across"]:
@@ -166,13 +151,7 @@ class Sweep:
 
 
 def swept(frames: Float[np.ndarray, "frames rows columns"], reference: int, stride: int) -> Sweep:
-    """The residuals of successive frames of unit noise.
-
-    Args:
-        frames: The frames.
-        reference: Number of the frame in which the tiles lie.
-        stride: Frames of the clip from each of these to the next.
-    """
+    """The residuals of successive frames of unit noise."""
     count, rows, columns = frames.shape
     span = (count - 1) * stride
     step, most = _STEP / span, _REACH * min(rows, columns) / span
@@ -228,19 +207,12 @@ def _tiles(pixels: np.ndarray) -> np.ndarray:
 
 
 class Region(NamedTuple):
-    """A part of the reference frame, seen in several frames.
+    """A part of the reference frame, seen in several frames."""
 
-    Attributes:
-        frames: The smoothed frames.
-        reference: Number of the frame in which the part lies.
-        numbers: Numbers of the frames.
-        mask: The part; shape of a frame.
-    """
-
-    frames: Smoothed
-    reference: int
-    numbers: Sequence[int]
-    mask: Bool[np.ndarray, "rows columns"]
+    frames: Smoothed  # The smoothed frames
+    reference: int  # Number of the frame in which the part lies
+    numbers: Sequence[int]  # Numbers of the frames
+    mask: Bool[np.ndarray, "rows columns"]  # The part; shape of a frame
 
     def cost(self, velocity: np.ndarray) -> float:
         """Robust cost of a velocity: residuals beyond noise count by their logarithm."""

@@ -9,7 +9,7 @@ from scipy import ndimage
 from mishutter.measurement.motion import Motion
 from mishutter.measurement.photon_transfer import Law
 from mishutter.measurement.sweep import Box, Smoothed
-from mishutter.pictures import Axis, turned
+from mishutter.pictures.images import Axis, turned
 
 _AROUND = 2
 """Frames to either side along which an object is averaged."""
@@ -32,14 +32,7 @@ class Averaged(NamedTuple):
 
 
 def averaged(frames: np.ndarray, unit: np.ndarray, motion: Motion, frames_per_s: float) -> Averaged:
-    """The reference frame, averaged with others where they show the same, and along objects.
-
-    Args:
-        frames: Levels; `(frames, rows, columns)`.
-        unit: The same in units of their noise.
-        motion: Objects, and where they are in the reference frame.
-        frames_per_s: Frames a second.
-    """
+    """The reference frame, averaged with others where they show the same, and along objects."""
     reference = motion.frame
     total = np.zeros(frames.shape[1:])
     count = np.zeros(frames.shape[1:])
@@ -85,13 +78,6 @@ def light_of_texture(
     The amplitude at $f$ is multiplied by $\sqrt{(P - N)/Q}/\operatorname{sinc} f$, of the power $Q$
     of all lines, that of the still parts $P$, under a window that falls to 0 at their outlines, and
     their noise $N$: a scene is seen through its pixels again. Lines go on mirrored.
-
-    Args:
-        picture: Levels, and the frames that they are worth.
-        at_rest: Where nothing moves; where hardly anything stands still, all counts.
-        law: Variance of a level in one frame.
-        ends: Levels of black and white.
-        axis: Axis of the motion.
     """
     black, white = ends
     inside = 2 * ndimage.gaussian_filter(at_rest.astype(float), _SOFT) - 1

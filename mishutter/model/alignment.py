@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import namespace_of
+from mishutter._core.checks import namespace_of
 
 _LEAST_SAG = 1e-15
 """Sag down to which a sensor is said to turn, px: powers of less leave the range of 32 bits, and
@@ -25,15 +25,10 @@ Lengths = Array | np.ndarray | np.floating
 
 
 class Reach(NamedTuple):
-    """The travel of light on one motion or on several; of any shape.
+    """The travel of light on one motion or on several; of any shape."""
 
-    Attributes:
-        length: Length of the longest kernel; px.
-        velocity: Its greatest velocity; px per half exposure.
-    """
-
-    length: Lengths
-    velocity: Lengths
+    length: Lengths  # Length of the longest kernel; px
+    velocity: Lengths  # Its greatest velocity; px per half exposure
 
 
 def turns(sag: Lengths) -> Array | np.ndarray | np.bool_:
@@ -47,12 +42,7 @@ def _turned(sag: Lengths, size: Lengths) -> Array | np.ndarray | np.bool_:
 
 
 def lowest_on_parabola(sag: Lengths, smear: Lengths) -> Lengths:
-    """Lowest place of objects during the exposure, from that at mid-exposure; px.
-
-    Args:
-        sag: Travel of the sensor to either end, $aT^2$, below 0 on a mirrored path; px.
-        smear: Travel of each object in half the exposure, $sT$; px.
-    """
+    """Lowest place of objects during the exposure, from that at mid-exposure; px."""
     space, size = namespace_of(sag, smear), abs(smear)
     turned = _turned(sag, size)
     safe = space.where(turned, sag, 1.0)
@@ -64,11 +54,6 @@ def above_alignment(sag: Lengths, smear: Lengths, tau: Lengths) -> Lengths:
 
     $B(\tau - m/2B)^2$ from a vertex within the exposure, and
     $(1 \mp \tau)(|m| - |B|(1 \pm \tau))$, of the sign of $B$, from an end: no difference cancels.
-
-    Args:
-        sag: Travel of the sensor to either end, $B$; px.
-        smear: Travel of each object in half the exposure, $m$; px.
-        tau: Normalised times.
     """
     space, size, depth = namespace_of(sag, smear, tau), abs(smear), abs(sag)
     turned = _turned(depth, size)
@@ -80,12 +65,7 @@ def above_alignment(sag: Lengths, smear: Lengths, tau: Lengths) -> Lengths:
 
 
 def length_on_parabola(sag: Lengths, smear: Lengths) -> Lengths:
-    """Distance from the lowest to the highest place of objects; px.
-
-    Args:
-        sag: Travel of the sensor to either end, $aT^2$; px.
-        smear: Travel of each object in half the exposure, $sT$; px.
-    """
+    """Distance from the lowest to the highest place of objects; px."""
     space, size, depth = namespace_of(sag, smear), abs(smear), abs(sag)
     turned = _turned(depth, size)
     safe = space.where(turned, depth, 1.0)
@@ -94,10 +74,5 @@ def length_on_parabola(sag: Lengths, smear: Lengths) -> Lengths:
 
 
 def reach_of_parabola(sag: Lengths, smear: Lengths) -> Reach:
-    """The travel of light from objects up to a speed, on parabolas.
-
-    Args:
-        sag: Travel of the sensor to either end, $aT^2$; px, any shape.
-        smear: Travel of the fastest object in half the exposure, $sT$; px, any shape.
-    """
+    """The travel of light from objects up to a speed, on parabolas."""
     return Reach(length_on_parabola(sag, smear), 2 * abs(sag) + smear)

@@ -13,7 +13,8 @@ from typing import Annotated, Any, ClassVar, TypeVar, Union, get_args, get_origi
 from jaxtyping import ArrayLike
 from pydantic import BeforeValidator, create_model, field_validator
 
-from mishutter._core import RowLike, Section
+from mishutter._core.checks import RowLike
+from mishutter._core.validation import Section
 
 _Class = TypeVar("_Class")
 
@@ -43,9 +44,6 @@ class Arguments(Part):
     def built(self, **others: object) -> Any:
         """The object of these arguments.
 
-        Args:
-            others: Arguments that the table does not hold.
-
         Raises:
             ValueError: if the class refuses an argument.
         """
@@ -63,10 +61,6 @@ def arguments_of(kind: type, *omitted: str) -> type[Arguments]:
     """The schema of the arguments of a class.
 
     An abstract class stands for its final subclasses, whose arguments tell them apart.
-
-    Args:
-        kind: The class; the annotations of its constructor are those of the table.
-        omitted: Arguments that the table does not hold.
     """
     values: dict[str, Any] = {
         name: (_in_file(parameter.annotation), _default(parameter))

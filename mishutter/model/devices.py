@@ -26,25 +26,26 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
 
-from mishutter._core import (
-    AbstractModule,
+from mishutter._core.checks import (
     all_concrete,
     as_float,
     fields_text,
     is_concrete,
-    outside_trace,
     require,
     require_finite,
     require_positive_int,
     require_scalar,
 )
+from mishutter._core.compiling import outside_trace
+from mishutter._core.modules import AbstractModule
 from mishutter.model.lagged import lagged
-from mishutter.model.shutters import (
+from mishutter.model.shutters.base import (
     AbstractPiecewiseShutter,
     AbstractShutter,
-    ChippedShutter,
+    SampledShutter,
+    piecewise,
 )
-from mishutter.model.shutters.base import SampledShutter, piecewise
+from mishutter.model.shutters.chips import ChippedShutter
 from mishutter.model.slots import diffused, slot_means
 
 NUM_SLOTS = 128
@@ -517,14 +518,7 @@ def _levels(count: int | None, kind: str) -> int | None:
 
 @final
 class TransmittedShutter(AbstractPiecewiseShutter):
-    r"""The transmittance $t\,(\ell + (1 - \ell)\,w(\tau))$ of a profile sent to a device.
-
-    Args:
-        profile: The profile $w$.
-        transmission: $t$.
-        leakage: $\ell$.
-        sent: The command that the profile follows; None where that is the profile.
-    """
+    r"""The transmittance $t\,(\ell + (1 - \ell)\,w(\tau))$ of a profile sent to a device."""
 
     profile: AbstractPiecewiseShutter
     transmission: Array

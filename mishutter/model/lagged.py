@@ -12,9 +12,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
 
-from mishutter._core import compiled
-from mishutter.model.shutters import AbstractPiecewiseShutter
-from mishutter.model.shutters.base import above_zero, polynomial, uniform_breakpoints
+from mishutter._core.compiling import compiled
+from mishutter.model.shutters.base import (
+    AbstractPiecewiseShutter,
+    above_zero,
+    polynomial,
+    uniform_breakpoints,
+)
 
 _TRANSIENT = 28.0
 """Time constants after which a slot is taken to be at its level: 7e-13 of the way is left."""
@@ -28,12 +32,6 @@ class LaggedShutter(AbstractPiecewiseShutter):
 
     Each slot is two pieces, the transient and then the rest at its level; either may have no
     length. The rest leaves out the 7e-13 of a step that remain after 28 time constants.
-
-    Args:
-        begins: Ends of the slots, ascending from -1 to 1; shape `(n + 1,)`.
-        levels: Level that each slot drives the device to; shape `(n,)`.
-        starts: State at the beginning of each slot; shape `(n,)`.
-        constants: Time constant of each slot, $\sigma$; shape `(n,)`.
     """
 
     begins: Array
@@ -109,20 +107,14 @@ def _means(width: Array) -> tuple[Array, Array]:
 
 @compiled
 def lagged(
-    levels: Float[Array, "n"],
+    levels: Float[Array, "n"],  # shape `(n,)`
     rise: Float[Array, ""],
     fall: Float[Array, ""],
-    delay: Float[Array, ""] | None = None,
+    delay: Float[Array, ""] | None = None,  # None for none
 ) -> LaggedShutter:
     r"""The state of a first-order device that is driven to a level in each of equal slots.
 
     The first level is held long before the exposure, so that the state at $\tau = -1$ is that.
-
-    Args:
-        levels: Level of each slot, in `[0, 1]`; shape `(n,)`.
-        rise: Time constant where the state rises, in units of $\tau$.
-        fall: Time constant where it falls.
-        delay: Time, in units of $\tau$, by which the device follows late; None for none.
     """
     dtype, count = np.dtype(levels.dtype), levels.size
     begins = uniform_breakpoints(count, dtype)

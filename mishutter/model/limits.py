@@ -21,12 +21,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from mishutter._core import (
-    AbstractModule,
+from mishutter._core.checks import (
     all_concrete,
     as_array_like,
     as_float,
-    compiled,
     fields_text,
     is_concrete,
     namespace_of,
@@ -34,6 +32,8 @@ from mishutter._core import (
     require_at_least,
     require_scalar,
 )
+from mishutter._core.compiling import compiled
+from mishutter._core.modules import AbstractModule
 from mishutter.model.motion import (
     AbstractMotion,
     FreeMotion,
@@ -62,15 +62,10 @@ _OF_STAGE = ("max_travel", "max_acceleration", "max_jerk")
 
 
 class Demand(NamedTuple):
-    """The use of one limit by motions, and the limit itself.
+    """The use of one limit by motions, and the limit itself."""
 
-    Attributes:
-        taken: The use; of any shape.
-        there: The limit, in the same unit; of any shape.
-    """
-
-    taken: Float[np.ndarray, "..."]
-    there: Float[np.ndarray, "..."]
+    taken: Float[np.ndarray, "..."]  # The use; of any shape
+    there: Float[np.ndarray, "..."]  # The limit, in the same unit; of any shape
 
     def is_met(self, slack: float) -> np.ndarray | np.bool_:
         """Whether no more is taken than there is, by a share of it."""
@@ -78,54 +73,34 @@ class Demand(NamedTuple):
 
 
 class Uses(NamedTuple):
-    """The numbers of motions that limits bound; of any shape.
+    """The numbers of motions that limits bound; of any shape."""
 
-    Attributes:
-        stroke: Distance from the lowest to the highest position of the stage; px.
-        top_speed: Greatest speed of the sensor; px/s.
-        half_exposure: $T$; s.
-        velocity: Velocity at mid-exposure; px/s.
-        acceleration: Greatest acceleration; px/s^2.
-        travel_share: Share of the stage's travel and top speed that a run-up and a run-out take
-            with the exposure; None where the stage has no such limit.
-    """
-
-    stroke: Positions
-    top_speed: Positions
-    half_exposure: Positions
-    velocity: Positions
-    acceleration: Positions
+    stroke: Positions  # Distance from the lowest to the highest position of the stage; px
+    top_speed: Positions  # Greatest speed of the sensor; px/s
+    half_exposure: Positions  # $T$; s
+    velocity: Positions  # Velocity at mid-exposure; px/s
+    acceleration: Positions  # Greatest acceleration; px/s^2
+    # Share of the stage's travel and top speed that a run-up and a run-out take with the exposure;
+    # None where the stage has no such limit
     travel_share: Positions | None = None
 
 
 class Limit(NamedTuple):
-    """One limit of a motion: its name, its measure, and the words of errors.
+    """One limit of a motion: its name, its measure, and the words of errors."""
 
-    Attributes:
-        name: Its name in `Limits.demands`, in notes of designs and in maps.
-        bit: Its bit among the reasons in a sweep's store, which no other takes later.
-        demand: The use of it and the limit itself, of some `Limits` and `Uses`; either may be None.
-        requirement: Words for what a motion must do, of the numbers `taken` and `there`.
-        got: Words for what a motion does, of the same numbers.
-        scale: Factor from the unit of the numbers to that of the words.
-        is_solved: Whether the search has a formula for the motions within it. Otherwise it looks
-            for them, where the use never falls with acceleration, half exposure and speed.
-    """
-
-    name: str
-    bit: int
+    name: str  # Its name in `Limits.demands`, in notes of designs and in maps
+    bit: int  # Its bit among the reasons in a sweep's store, which no other takes later
+    # The use of it and the limit itself, of some `Limits` and `Uses`; either may be None
     demand: Callable[["Limits", Uses], tuple[Positions | None, Positions | None]]
-    requirement: str
-    got: str
-    scale: float = 1.0
+    requirement: str  # Words for what a motion must do, of the numbers `taken` and `there`
+    got: str  # Words for what a motion does, of the same numbers
+    scale: float = 1.0  # Factor from the unit of the numbers to that of the words
+    # Whether the search has a formula for the motions within it. Otherwise it looks for them, where
+    # the use never falls with acceleration, half exposure and speed
     is_solved: bool = True
 
     def words(self, demand: Demand) -> tuple[str, str]:
-        """The requirement of an error, and what it got, of one motion.
-
-        Args:
-            demand: The use of the limit by the motion; scalar.
-        """
+        """The requirement of an error, and what it got, of one motion."""
         numbers = {name: float(x) * self.scale for name, x in demand._asdict().items()}
         return self.requirement.format(**numbers), self.got.format(**numbers)
 
@@ -187,15 +162,12 @@ LIMITS = (
 
 
 class PathShape(NamedTuple):
-    """A free path whose acceleration and half exposure are left open.
+    """A free path whose acceleration and half exposure are left open."""
 
-    Attributes:
-        pieces: Accelerations of its equal pieces, as multiples of their mean; shape `(K,)`.
-        velocity: Velocity at mid-exposure from which others are counted, in units of the mean
-            acceleration times the half exposure; scalar.
-    """
-
+    # Accelerations of its equal pieces, as multiples of their mean; shape `(K,)`
     pieces: Float[Array, "k"]
+    # Velocity at mid-exposure from which others are counted, in units of the mean acceleration
+    # times the half exposure; scalar
     velocity: Float[Array, ""]
 
     def own_velocity(
@@ -775,12 +747,6 @@ def largest_within_one(
     $$\frac{dx}{dp} = -\frac{\partial g/\partial p}{\partial g/\partial x},$$
 
     and derivatives of any order follow, as the rule is made of functions that have them.
-
-    Args:
-        low: Lower end.
-        high: Upper end.
-        parameters: $p$, a tree.
-        function: $g$, which never falls as $x$ rises.
     """
 
     def halved(step: Array, ends: tuple[Array, Array]) -> tuple[Array, Array]:

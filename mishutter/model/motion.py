@@ -17,8 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int, Shaped
 
-from mishutter._core import (
-    AbstractModule,
+from mishutter._core.checks import (
     RowLike,
     all_concrete,
     as_float,
@@ -32,6 +31,7 @@ from mishutter._core import (
     require_scalar,
     shape_of,
 )
+from mishutter._core.modules import AbstractModule
 from mishutter.model.alignment import (
     Reach,
     above_alignment,
@@ -50,32 +50,21 @@ _BALANCED = 1e-6
 
 
 class MotionNumbers(NamedTuple):
-    """The numbers that tell motions of one kind apart.
+    """The numbers that tell motions of one kind apart."""
 
-    Attributes:
-        acceleration: $a$, of a free path the mean of its pieces; px/s^2, scalar.
-        half_exposure: $T$; s, scalar.
-        velocity: $v$ at mid-exposure; px/s, scalar.
-        pieces: Accelerations of the equal pieces of a free path, as multiples of their mean; shape
-            `(K,)`. None of other kinds.
-    """
-
-    acceleration: Array
-    half_exposure: Array
-    velocity: Array
+    acceleration: Array  # $a$, of a free path the mean of its pieces; px/s^2, scalar
+    half_exposure: Array  # $T$; s, scalar
+    velocity: Array  # $v$ at mid-exposure; px/s, scalar
+    # Accelerations of the equal pieces of a free path, as multiples of their mean; shape `(K,)`.
+    # None of other kinds
     pieces: Array | None = None
 
 
 class Phases(NamedTuple):
-    """Phases of constant acceleration, one after the other.
+    """Phases of constant acceleration, one after the other."""
 
-    Attributes:
-        durations: Their durations; s.
-        accelerations: Mechanical accelerations, $2a$; px/s^2.
-    """
-
-    durations: Float[np.ndarray, "k"]
-    accelerations: Float[np.ndarray, "k"]
+    durations: Float[np.ndarray, "k"]  # Their durations; s
+    accelerations: Float[np.ndarray, "k"]  # Mechanical accelerations, $2a$; px/s^2
 
 
 class FixedParts(NamedTuple):

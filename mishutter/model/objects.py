@@ -4,7 +4,8 @@ from typing import final
 
 from jaxtyping import Array, ArrayLike
 
-from mishutter._core import AbstractModule, as_float, fields_text, require_at_least, require_scalar
+from mishutter._core.checks import as_float, fields_text, require_at_least, require_scalar
+from mishutter._core.modules import AbstractModule
 
 
 @final

@@ -7,8 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from mishutter._core import (
-    AbstractModule,
+from mishutter._core.checks import (
     all_concrete,
     as_float,
     common_dtype,
@@ -19,6 +18,7 @@ from mishutter._core import (
     require_scalar,
     shown,
 )
+from mishutter._core.modules import AbstractModule
 
 Background = Literal["still", "moving"]
 """Motion of a background: none, or at one of the speeds that the objects have."""
@@ -31,34 +31,22 @@ class LayerShares(eqx.Module):
     The texture of the objects and that of the background move rigidly. Where the edge of an object
     uncovers the background, the product of their waves moves at an effective speed in between or
     beyond: the beat.
-
-    Attributes:
-        power: Power of the picture, $S_r$; shape `(m,)`.
-        objects: Share of the objects' texture; shape `(m,)`.
-        background: Share of the background's own texture; shape `(m,)`.
-        same: Share of the beat where both layers have one speed; shape `(m,)`.
-        beat: Share of the beat of each pair of speeds at each effective speed, at the knots;
-            `(b, n, k, c)`.
-        background_speeds: Speeds of the background; px/s, shape `(b,)`.
-        background_weights: How often each occurs; shape `(b,)`.
-        speeds: Effective speeds; px/s, shape `(k,)`.
-        first: Lowest of the frequencies, cycles/px; static.
-        step: Step between them; static.
-        folds: Whether `+s` and `-s` are taken for one effective speed; static.
-        knots: Places among the frequencies that the beat is known at; None for all; static.
     """
 
-    power: Float[Array, "m"]
-    objects: Float[Array, "m"]
-    background: Float[Array, "m"]
-    same: Float[Array, "m"]
+    power: Float[Array, "m"]  # Power of the picture, $S_r$; shape `(m,)`
+    objects: Float[Array, "m"]  # Share of the objects' texture; shape `(m,)`
+    background: Float[Array, "m"]  # Share of the background's own texture; shape `(m,)`
+    same: Float[Array, "m"]  # Share of the beat where both layers have one speed; shape `(m,)`
+    # Share of the beat of each pair of speeds at each effective speed, at the knots; `(b, n, k, c)`
     beat: Float[Array, "b n k c"]
-    background_speeds: Float[Array, "b"]
-    background_weights: Float[Array, "b"]
-    speeds: Float[Array, "k"]
-    first: float = eqx.field(static=True)
-    step: float = eqx.field(static=True)
+    background_speeds: Float[Array, "b"]  # Speeds of the background; px/s, shape `(b,)`
+    background_weights: Float[Array, "b"]  # How often each occurs; shape `(b,)`
+    speeds: Float[Array, "k"]  # Effective speeds; px/s, shape `(k,)`
+    first: float = eqx.field(static=True)  # Lowest of the frequencies, cycles/px; static
+    step: float = eqx.field(static=True)  # Step between them; static
+    # Whether `+s` and `-s` are taken for one effective speed; static
     folds: bool = eqx.field(static=True)
+    # Places among the frequencies that the beat is known at; None for all; static
     knots: tuple[int, ...] | None = eqx.field(static=True, default=None)
 
     def seen_from(self, velocity: Array | np.ndarray) -> "LayerShares":

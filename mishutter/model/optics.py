@@ -10,8 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from mishutter._core import (
-    AbstractModule,
+from mishutter._core.checks import (
     as_float,
     fields_text,
     is_concrete,
@@ -21,6 +20,7 @@ from mishutter._core import (
     require_finite,
     require_scalar,
 )
+from mishutter._core.modules import AbstractModule
 
 NYQUIST_FREQUENCY = 0.5
 """The highest frequency that a sensor records; cycles/px."""
@@ -134,12 +134,7 @@ class Optics(AbstractModule):
 def lens_response(
     frequency: Float[Array | np.ndarray, "*shape"], lens_blur: ArrayLike
 ) -> Float[Array | np.ndarray, "*shape"]:
-    r"""Response $e^{-2\pi^2\sigma^2 f^2}$ of a Gaussian of deviation $\sigma$, px.
-
-    Args:
-        frequency: $f$, cycles/px; any shape.
-        lens_blur: $\sigma$; scalar.
-    """
+    r"""Response $e^{-2\pi^2\sigma^2 f^2}$ of a Gaussian of deviation $\sigma$, px."""
     space = jnp if isinstance(frequency, jax.Array) else np
     return space.exp(-2 * (np.pi * lens_blur * frequency) ** 2)
 

@@ -15,29 +15,25 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from mishutter._core import (
-    AbstractModule,
+from mishutter._core.checks import (
     RowLike,
     Unquoted,
     all_concrete,
     as_float,
     common_dtype,
-    contents,
     device_constant,
-    in_section,
     is_concrete,
-    parsed,
     require,
-    require_arguments,
     require_at_least,
     require_finite,
     require_positive_int,
     require_scalar,
     shape_of,
     shown,
-    validated,
-    write_text,
 )
+from mishutter._core.files import contents, write_text
+from mishutter._core.modules import AbstractModule, require_arguments
+from mishutter._core.validation import in_section, parsed, validated
 from mishutter.model.arguments import argument_names, made_of
 from mishutter.model.decoder_speeds import DecoderSpeed, DecoderWord, as_decoder_speed
 from mishutter.model.devices import AbstractDevice
@@ -74,7 +70,7 @@ from mishutter.model.scene_schema import (
 )
 from mishutter.model.scene_units import SceneWarning, table_of
 from mishutter.model.sensor import Burst, Sensor
-from mishutter.model.shutters import AbstractShutter
+from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.texture import EXAMPLE_PICTURE, Texture
 from mishutter.model.tolerances import Tolerances
 from mishutter.model.velocities import AbstractVelocities, EvenVelocities
@@ -489,12 +485,7 @@ class Scene(AbstractModule):
 
 
 def require_scene(scene: object, *, in_plane: bool = False) -> None:
-    """Refuse an object that is not a scene, such as the path of a scene's file.
-
-    Args:
-        scene: The object.
-        in_plane: Whether its things may move in any direction.
-    """
+    """Refuse an object that is not a scene, such as the path of a scene's file."""
     requirement = "be a `Scene`, as `Scene.load(path)` reads one from a file"
     require(isinstance(scene, Scene), "scene", requirement, scene)
     if not in_plane:
@@ -641,12 +632,6 @@ def scene_of_tables(
 ) -> Scene:
     """The scene of a file's tables.
 
-    Args:
-        tables: The contents of the file.
-        name: The file's name in an error.
-        folder: Relative paths are taken from it.
-        textures: Textures of photographs by what a file says of them, in place of their files.
-
     Raises:
         ValueError: as `read_scene`.
         OSError: as `read_scene`.
@@ -665,10 +650,6 @@ def scene_text(scene: Scene, notes: Mapping[str, Sequence[str]] | None = None) -
     A photograph is told by its whole path, and read again with the scene. Without one a power
     spectrum, and a motion that is no parabola, have no keys, and are left out.
 
-    Args:
-        scene: The scene.
-        notes: Comments by the name of the section that they begin; those of "" begin the file.
-
     Raises:
         ValueError: if a number is out of the range of its key.
     """
@@ -676,11 +657,7 @@ def scene_text(scene: Scene, notes: Mapping[str, Sequence[str]] | None = None) -
 
 
 def scene_tables(scene: Scene) -> dict[str, dict[str, object]]:
-    """The tables of the file of a scene, in pixels, electrons and parts of a second.
-
-    Args:
-        scene: The scene.
-    """
+    """The tables of the file of a scene, in pixels, electrons and parts of a second."""
     parts = {
         "optics": (scene.optics, OpticsSection),
         "limits": (scene.limits, LimitsSection),

@@ -15,15 +15,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from mishutter._core import (
-    Section,
-    Unquoted,
-    contents,
-    in_section,
-    parsed,
-    require,
-    validated,
-)
+from mishutter._core.checks import Unquoted, require
+from mishutter._core.files import contents
+from mishutter._core.validation import Section, in_section, parsed, validated
 from mishutter.model.arguments import made_of
 from mishutter.model.devices import (
     DEVICES,
@@ -75,7 +69,7 @@ from mishutter.model.velocities import (
     ListedVelocities,
     RingOfVelocities,
 )
-from mishutter.pictures import Axis
+from mishutter.pictures.images import Axis
 
 _Kind = TypeVar("_Kind")
 Textures = Callable[[str, float | None, bool, Axis], Texture]
@@ -92,11 +86,6 @@ _MARGIN = 1e-9
 
 def read_speed(text: str, path: str | Path | None, subject: str) -> float:
     """The speed of a thing in a scene, which a text gives in px/s or in a unit of its file; px/s.
-
-    Args:
-        text: As `2400`, `0.9 m/s`, `90 km/h`, `300 um/s` or `3 deg/s`.
-        path: The file; None for the built-in scene.
-        subject: What the speed is of, in an error.
 
     Raises:
         ValueError: as `speed_of`, and if the file is not a scene.
@@ -121,11 +110,6 @@ def file_text(
     tables: Mapping[str, Mapping[str, object]], subject: str, notes: Mapping[str, Sequence[str]]
 ) -> str:
     """The text of a scene file.
-
-    Args:
-        tables: Keys and values of each section.
-        subject: What the tables are of, in an error.
-        notes: Comments by the name of the section that they begin; those of "" begin the file.
 
     Raises:
         ValueError: if a number is out of the range of its key.
@@ -166,11 +150,6 @@ def in_file(name: str) -> Iterator[None]:
 
 def scene_arguments(file: SceneFile, folder: Path, textures: Textures | None) -> dict[str, Any]:
     """Arguments of `Scene` that a file gives.
-
-    Args:
-        file: The file.
-        folder: Relative paths are taken from it.
-        textures: Textures of photographs by what a file says of them, in place of their files.
 
     Raises:
         ValueError: if keys do not go together, or a photograph is no picture.

@@ -4,11 +4,11 @@ from typing import Annotated, ClassVar, Literal, final
 
 from pydantic import BeforeValidator, Field
 
-from mishutter._core import Section
+from mishutter._core.validation import Section
 from mishutter.model.decoder_speeds import DecoderSpeed, as_decoder_speed
 from mishutter.model.occlusion import Background
 from mishutter.model.optics import WIDEST_BLUR
-from mishutter.pictures import Axis
+from mishutter.pictures.images import Axis
 
 Speed = Annotated[float, Field(ge=-1e7, le=1e7)]
 ListOfSpeeds = Annotated[list[Speed], Field(min_length=1, max_length=1000)]

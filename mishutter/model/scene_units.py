@@ -21,9 +21,8 @@ from typing import Any, NamedTuple, final
 
 import numpy as np
 
-from mishutter._core import (
+from mishutter._core.checks import (
     RowLike,
-    Section,
     Unquoted,
     as_numpy,
     fields_text,
@@ -31,6 +30,7 @@ from mishutter._core import (
     require,
     require_finite,
 )
+from mishutter._core.validation import Section
 from mishutter.model.arguments import argument_names
 from mishutter.model.scene_schema import (
     Light,
@@ -301,15 +301,10 @@ def read_noise(*, dynamic_range: float | int, full_well: float | int) -> float:
 
 
 class Scales(NamedTuple):
-    """Factors that turn units of a scene file into pixels.
+    """Factors that turn units of a scene file into pixels."""
 
-    Attributes:
-        pitch: Distance of pixels; um; None where the file does not say it.
-        section: How large things are in the picture.
-    """
-
-    pitch: float | None
-    section: ViewSection
+    pitch: float | None  # Distance of pixels; um; None where the file does not say it
+    section: ViewSection  # How large things are in the picture
 
     @property
     def view(self) -> View:
@@ -336,11 +331,6 @@ class Scales(NamedTuple):
 def speed_of(text: str, scales: Scales, subject: str) -> float:
     """The speed of a thing that a text gives in px/s, or with its unit; px/s.
 
-    Args:
-        text: As `2400`, `0.9 m/s`, `90 km/h`, `300 um/s` or `3 deg/s`.
-        scales: Of the scene that it moves in.
-        subject: What the speed is of, in an error.
-
     Raises:
         ValueError: if it is no number, one of another unit, or faster than anything, or the scene
             does not say what the unit needs.
@@ -365,12 +355,6 @@ def told_in(section: Section, name: str, units: tuple[str, ...], place: str) -> 
     """The one unit in which a section gives a quantity, and its value; None if it gives none.
 
     A default, of a key that the file does not have, gives way to another unit.
-
-    Args:
-        section: The section.
-        name: The keys without their units.
-        units: The units, that of the default first.
-        place: How an error calls the section.
 
     Raises:
         ValueError: if it is given in several units.
@@ -405,12 +389,6 @@ _OTHER_NAMES = {
 def arguments_in(section: Section, kind: type, place: str, scales: Scales) -> dict[str, Any]:
     """Arguments of a class that a section gives, in the units of the class.
 
-    Args:
-        section: The section, each of whose keys is an argument and its unit.
-        kind: The class.
-        place: The section's name in an error.
-        scales: Lengths of the scene.
-
     Raises:
         ValueError: if a quantity is given in several units, or in one that needs a key that the
             file does not have.
@@ -430,12 +408,7 @@ def arguments_in(section: Section, kind: type, place: str, scales: Scales) -> di
 
 
 def table_of(instance: object, section: type[Section]) -> dict[str, object]:
-    """The table of a section that `arguments_in` reads back, in the first unit of each quantity.
-
-    Args:
-        instance: An object of the class.
-        section: The section.
-    """
+    """The table of a section that `arguments_in` reads back, in the first unit of each quantity."""
     table: dict[str, object] = {}
     for name, (unit, *_) in _quantities(section, type(instance)).items():
         value = getattr(instance, _OTHER_NAMES.get(name, name))

@@ -288,10 +288,6 @@ def sine_between(half: float, gap: float) -> Float[np.ndarray, "n"]:
     """Velocities at equal steps between two frames about the turning points of a sine.
 
     They are over the velocity at the ends of the frames.
-
-    Args:
-        half: Half the exposure of each frame; s.
-        gap: Time between them; s.
     """
     period = gap + 2 * half
     times = half + gap * np.arange(1, _PIECES_OF_SINE) / _PIECES_OF_SINE
@@ -301,15 +297,7 @@ def sine_between(half: float, gap: float) -> Float[np.ndarray, "n"]:
 def _with_least_acceleration(
     way: float, gap: float, start: float, end: float, scale: float
 ) -> list[Piece]:
-    """By an acceleration and then its opposite, or one where that errs by less than rounding does.
-
-    Args:
-        way: Way to go; px.
-        gap: Time for it; s.
-        start: Velocity before it; px/s.
-        end: Velocity after it; px/s.
-        scale: Ways beside it, whose rounding is in it; px.
-    """
+    """By an acceleration and then its opposite, or by one if that errs less than rounding."""
     gain = end - start
     aside = 2 * (way - gap * (end + start) / 2)
     if abs(aside) <= _SINGLE * scale:

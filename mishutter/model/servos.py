@@ -22,8 +22,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from mishutter._core import (
-    AbstractModule,
+from mishutter._core.checks import (
     as_float,
     fields_text,
     is_concrete,
@@ -31,6 +30,7 @@ from mishutter._core import (
     require_finite,
     require_scalar,
 )
+from mishutter._core.modules import AbstractModule
 from mishutter.model.motion import FreeMotion
 from mishutter.model.stages import StagePath
 

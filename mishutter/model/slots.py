@@ -10,9 +10,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Shaped
 
-from mishutter._core import compiled
-from mishutter.model.shutters import AbstractPiecewiseShutter, AbstractShutter, piecewise
-from mishutter.model.shutters.base import integral_between, uniform_breakpoints, within_unit
+from mishutter._core.compiling import compiled
+from mishutter.model.shutters.base import (
+    AbstractPiecewiseShutter,
+    AbstractShutter,
+    integral_between,
+    piecewise,
+    uniform_breakpoints,
+    within_unit,
+)
 
 _TIE = 1e-5
 """Share of a level by which the upper of two equally near ones is preferred, so that no rounding
@@ -40,15 +46,7 @@ def _slot_means(
 def diffused(
     means: Float[Array | np.ndarray, "n"], levels: int, min_open: int = 1, min_closed: int = 1
 ) -> Float[Array, "n"]:
-    """The levels that slots take, as transmittances; shape `(n,)`, without a derivative.
-
-    Args:
-        means: Mean of the profile over each slot, in `[0, 1]`; shape `(n,)`.
-        levels: How many levels there are, in equal steps from 0 to 1.
-        min_open: Fewest slots in a row at 1, for a device of two levels. Runs at an end of the
-            exposure may be shorter: they last as long as it takes outside.
-        min_closed: The same at 0.
-    """
+    """The levels that slots take, as transmittances; shape `(n,)`, without a derivative."""
     steps = levels - 1
 
     def step(carry: tuple[Array, Array, Array], mean: Array):

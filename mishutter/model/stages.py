@@ -23,58 +23,40 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
-from mishutter._core import require, require_finite, require_known, require_scalar
+from mishutter._core.checks import require, require_finite, require_known, require_scalar
 from mishutter.model.motion import AbstractMotion, FreeMotion
 
 
 class StageUse(NamedTuple):
-    """The demands of a path from rest to rest on a stage; of any shape.
+    """The demands of a path from rest to rest on a stage; of any shape."""
 
-    Attributes:
-        travel: From the lowest to the highest position, run-up and run-out included; px.
-        stroke: The same from the first light to the last; px.
-        top_speed: Greatest speed, of the run-up and the run-out too; px/s.
-        acceleration: Greatest acceleration; px/s^2. A velocity that is reached at once takes none.
-        jerk: Greatest jerk, but for accelerations that jump; px/s^3.
-    """
-
+    # From the lowest to the highest position, run-up and run-out included; px
     travel: Float[Array | np.ndarray, "..."]
-    stroke: Float[Array | np.ndarray, "..."]
+    stroke: Float[Array | np.ndarray, "..."]  # The same from the first light to the last; px
+    # Greatest speed, of the run-up and the run-out too; px/s
     top_speed: Float[Array | np.ndarray, "..."]
+    # Greatest acceleration; px/s^2. A velocity that is reached at once takes none
     acceleration: Float[Array | np.ndarray, "..."]
-    jerk: Float[Array | np.ndarray, "..."]
+    jerk: Float[Array | np.ndarray, "..."]  # Greatest jerk, but for accelerations that jump; px/s^3
 
 
 class Piece(NamedTuple):
-    """A piece of constant jerk, of any shape.
+    """A piece of constant jerk, of any shape."""
 
-    Attributes:
-        duration: s.
-        end: Velocity at its end; px/s.
-        jerk: px/s^3.
-    """
-
-    duration: Any
-    end: Any
-    jerk: Any = 0.0
+    duration: Any  # s
+    end: Any  # Velocity at its end; px/s
+    jerk: Any = 0.0  # px/s^3
 
 
 class Knots(NamedTuple):
-    """A path of a stage, of any shape but for the last axis, which holds its pieces.
+    """A path of a stage, of any shape but for the last axis, which holds its pieces."""
 
-    Attributes:
-        durations: Durations of the pieces; s, `(..., n)`.
-        velocities: Velocities at their beginnings and at the end of the last; px/s, `(..., n + 1)`.
-        jerks: Jerks; px/s^3, `(..., n)`. None where the velocity is linear in each piece.
-        first: Number of the knot at the first light.
-        last: Number of the knot at the last light.
-    """
-
-    durations: Any
+    durations: Any  # Durations of the pieces; s, `(..., n)`
+    # Velocities at their beginnings and at the end of the last; px/s, `(..., n + 1)`
     velocities: Any
-    jerks: Any | None
-    first: int
-    last: int
+    jerks: Any | None  # Jerks; px/s^3, `(..., n)`. None where the velocity is linear in each piece
+    first: int  # Number of the knot at the first light
+    last: int  # Number of the knot at the last light
 
     @property
     def positions(self) -> Any:
@@ -87,11 +69,7 @@ class Knots(NamedTuple):
 
 
 def use_of_knots(knots: Knots) -> StageUse:
-    """The demands of a path on a stage, turning points within its pieces included.
-
-    Args:
-        knots: The way.
-    """
+    """The demands of a path on a stage, turning points within its pieces included."""
     d, v, jerks, first, last = knots
     space, begin, end = _space(d, v), v[..., :-1], v[..., 1:]
     places, gain = knots.positions, end - begin
@@ -157,15 +135,7 @@ def _roots(square: Any, linear: Any, constant: Any) -> list[Any]:
 def run_up(
     velocity: Any, acceleration: Any, max_acceleration: Any = None, max_jerk: Any = None
 ) -> list[Piece]:
-    """The quickest pieces from rest to a velocity and, where the jerk is limited, an acceleration.
-
-    Args:
-        velocity: At the end; px/s, any shape.
-        acceleration: At the end; px/s^2.
-        max_acceleration: Greatest acceleration; px/s^2. None for any: without a limit on the jerk
-            the velocity is then reached at once.
-        max_jerk: Greatest jerk; px/s^3. None for any.
-    """
+    """The quickest pieces from rest to a velocity and, if jerk is limited, an acceleration."""
     if max_jerk is None:
         most = np.inf if max_acceleration is None else max_acceleration
         return [Piece(abs(velocity) / most, velocity)]
@@ -190,18 +160,11 @@ def run_up(
 
 def from_rest_to_rest(
     within: Knots,
-    accelerations: tuple[Any, Any],
-    max_acceleration: Any = None,
-    max_jerk: Any = None,
+    accelerations: tuple[Any, Any],  # px/s^2, of its shape
+    max_acceleration: Any = None,  # px/s^2
+    max_jerk: Any = None,  # px/s^3
 ) -> Knots:
-    """The way from rest through one that is lit from its first knot to its last, to rest.
-
-    Args:
-        within: The way that is lit.
-        accelerations: Accelerations with which it begins and ends; px/s^2, of its shape.
-        max_acceleration: Greatest acceleration of the run-up and the run-out; px/s^2.
-        max_jerk: Greatest jerk; px/s^3.
-    """
+    """The way from rest through one that is lit from its first knot to its last, to rest."""
     begin, end = accelerations
     start, stop = within.velocities[..., 0], within.velocities[..., -1]
     before = run_up(start, begin, max_acceleration, max_jerk)
@@ -255,22 +218,13 @@ def _space(*values: Any) -> Any:
 
 
 def stage_use(
-    acceleration: ArrayLike,
-    half_exposure: ArrayLike,
-    velocity: ArrayLike,
+    acceleration: ArrayLike,  # px/s^2, any shape
+    half_exposure: ArrayLike,  # s
+    velocity: ArrayLike,  # px/s
     max_acceleration: ArrayLike | None = None,
     max_jerk: ArrayLike | None = None,
 ) -> StageUse:
-    r"""The demands of $x(t) = v t + a t^2$, $t \in [-T, T]$, on a stage, from rest to rest.
-
-    Args:
-        acceleration: $a$; px/s^2, any shape.
-        half_exposure: $T$; s.
-        velocity: $v$; px/s.
-        max_acceleration: Greatest acceleration of the sensor, $A \ge 2a$; px/s^2. None for one
-            that reaches any velocity at once.
-        max_jerk: Greatest jerk, $J$; px/s^3. None for any.
-    """
+    r"""The demands of $x(t) = v t + a t^2$, $t \in [-T, T]$, on a stage, from rest to rest."""
     numbers = acceleration, half_exposure, velocity
     a, half, v = jnp.broadcast_arrays(*(jnp.asarray(x) for x in numbers))
     velocities = jnp.stack([v - 2 * a * half, v + 2 * a * half], axis=-1)
@@ -289,24 +243,17 @@ def stage_use_of_path(path: FreeMotion, max_acceleration: ArrayLike | None = Non
 
 
 class StagePath(NamedTuple):
-    """A stage from rest through one exposure or more to rest: pieces of constant jerk.
+    """A stage from rest through one exposure or more to rest: pieces of constant jerk."""
 
-    Attributes:
-        times: Beginnings of the pieces and the end of the last, from mid-exposure, or the middle of
-            a sequence of frames; s, `(n + 1,)`.
-        positions: Positions there; px, `(n + 1,)`.
-        velocities: Velocities there; px/s, `(n + 1,)`.
-        accelerations: Accelerations at the beginnings of the pieces; px/s^2, `(n,)`.
-        jerks: Jerks; px/s^3, `(n,)`.
-        exposure: Beginning and end of the exposure, or of all; s.
-    """
-
+    # Beginnings of the pieces and the end of the last, from mid-exposure, or the middle of a
+    # sequence of frames; s, `(n + 1,)`
     times: Float[np.ndarray, "n+1"]
-    positions: Float[np.ndarray, "n+1"]
-    velocities: Float[np.ndarray, "n+1"]
+    positions: Float[np.ndarray, "n+1"]  # Positions there; px, `(n + 1,)`
+    velocities: Float[np.ndarray, "n+1"]  # Velocities there; px/s, `(n + 1,)`
+    # Accelerations at the beginnings of the pieces; px/s^2, `(n,)`
     accelerations: Float[np.ndarray, "n"]
-    jerks: Float[np.ndarray, "n"]
-    exposure: tuple[float, float]
+    jerks: Float[np.ndarray, "n"]  # Jerks; px/s^3, `(n,)`
+    exposure: tuple[float, float]  # Beginning and end of the exposure, or of all; s
 
     @property
     def use(self) -> StageUse:
@@ -323,11 +270,7 @@ class StagePath(NamedTuple):
     def at(
         self, times: Float[np.ndarray, "*times"]
     ) -> tuple[Float[np.ndarray, "*times"], Float[np.ndarray, "*times"]]:
-        """Positions, px, and velocities, px/s, at some times, s, of any shape; at rest outside.
-
-        Args:
-            times: Times from mid-exposure; s.
-        """
+        """Positions, px, and velocities, px/s, at some times, s, of any shape; at rest outside."""
         piece = self._piece_at(times)
         elapsed = np.clip(times, self.times[0], self.times[-1]) - self.times[piece]
         start = self.positions[piece], self.velocities[piece], self.accelerations[piece]
@@ -343,11 +286,7 @@ class StagePath(NamedTuple):
         return np.clip(piece, 0, self.jerks.size - 1)
 
     def acceleration_at(self, times: Float[np.ndarray, "*times"]) -> Float[np.ndarray, "*times"]:
-        """Accelerations, px/s^2, at some times, s, of any shape: where they jump, those after.
-
-        Args:
-            times: Times from mid-exposure; s.
-        """
+        """Accelerations, px/s^2, at some times, s, of any shape: where they jump, those after."""
         piece = self._piece_at(times)
         acceleration = self.accelerations[piece] + self.jerks[piece] * (times - self.times[piece])
         rests = (times < self.times[0]) | (times >= self.times[-1])

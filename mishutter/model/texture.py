@@ -8,8 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from mishutter._core import (
-    AbstractModule,
+from mishutter._core.checks import (
     RowLike,
     as_float,
     fields_text,
@@ -19,8 +18,9 @@ from mishutter._core import (
     require_scalar,
     shape_of,
 )
+from mishutter._core.modules import AbstractModule
 from mishutter.model.optics import NUM_FREQUENCIES, frequencies, on_steps
-from mishutter.pictures import (
+from mishutter.pictures.images import (
     Axis,
     Picture,
     checked_white,
@@ -173,13 +173,7 @@ class Texture(AbstractModule):
 
 
 def photograph_at(path: str, white: float | None, linear: bool) -> Picture:
-    """The photograph of a path, or that which scikit-image ships.
-
-    Args:
-        path: The place.
-        white: The argument of `read_picture`.
-        linear: The argument of `read_picture`.
-    """
+    """The photograph of a path, or that which scikit-image ships."""
     if path == EXAMPLE_PICTURE:
         return example_picture()
     return read_picture(path, white=white, linear=linear)

@@ -16,8 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from mishutter._core import (
-    AbstractModule,
+from mishutter._core.checks import (
     all_concrete,
     as_float,
     fields_text,
@@ -27,6 +26,7 @@ from mishutter._core import (
     require_positive_int,
     require_scalar,
 )
+from mishutter._core.modules import AbstractModule
 from mishutter.model.motion import is_known_zero
 
 _NUM_SPEEDS, _NUM_ACCELERATIONS = 5, 3

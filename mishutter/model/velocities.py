@@ -13,8 +13,7 @@ from typing import Any, NamedTuple, final
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from mishutter._core import (
-    AbstractModule,
+from mishutter._core.checks import (
     RowLike,
     all_concrete,
     as_float,
@@ -28,33 +27,27 @@ from mishutter._core import (
     require_scalar,
     shape_of,
 )
+from mishutter._core.modules import AbstractModule
 
 _SAME_AXIS = 1e-12
 """Share of the longer half axis by which those of a disc may differ."""
 
 
 class Components(NamedTuple):
-    """Components of velocities along some directions.
+    """Components of velocities along some directions."""
 
-    Attributes:
-        speeds: px/s, shape `(k, l)`, or `(1, l)` where they are alike along all directions.
-        weights: How often each occurs; of the same shape, the sum of each row is 1.
-    """
-
+    # px/s, shape `(k, l)`, or `(1, l)` where they are alike along all directions
     speeds: Float[Array | np.ndarray, "k l"]
+    # How often each occurs; of the same shape, the sum of each row is 1
     weights: Float[Array | np.ndarray, "k l"]
 
 
 class Cells(NamedTuple):
-    """Cells that the components along a direction are cut into, which cover their range.
+    """Cells that the components along a direction are cut into, which cover their range."""
 
-    Attributes:
-        width: Width of each over the greatest component; shape `(m,)`, their sum is 2.
-        mass: Share of the velocities in it; shape `(m,)`.
-    """
-
+    # Width of each over the greatest component; shape `(m,)`, their sum is 2
     width: Float[np.ndarray, "m"]
-    mass: Float[np.ndarray, "m"]
+    mass: Float[np.ndarray, "m"]  # Share of the velocities in it; shape `(m,)`
 
 
 class AbstractVelocities(AbstractModule):

@@ -6,15 +6,15 @@
 import jax
 import numpy as np
 
-from mishutter.decoding import (
-    AbstractDecoder,
-    RestoredPhotograph,
-    RichardsonLucyDecoder,
-    restore_photograph,
-)
-from mishutter.model import AbstractShutter, ParabolicMotion, Scene, Texture
+from mishutter.decoding.decoders.base import AbstractDecoder
+from mishutter.decoding.decoders.likelihood import RichardsonLucyDecoder
+from mishutter.decoding.restoration import RestoredPhotograph, restore_photograph
+from mishutter.model.motion import ParabolicMotion
+from mishutter.model.scene import Scene
+from mishutter.model.shutters.base import AbstractShutter
+from mishutter.model.texture import Texture
 from mishutter.paper.numbers import PlainNumbers
-from mishutter.pictures import Picture, shipped_picture
+from mishutter.pictures.images import Picture, shipped_picture
 
 HALF_EXPOSURE = 0.01
 STROKE = 34.0
@@ -39,20 +39,12 @@ ACCELERATED = RichardsonLucyDecoder(30, until_noise=False, start="capture")
 
 
 def camera(stroke: float = STROKE) -> ParabolicMotion:
-    """The motion of the reproduction's sensor.
-
-    Args:
-        stroke: px.
-    """
+    """The motion of the reproduction's sensor."""
     return ParabolicMotion(acceleration=stroke / HALF_EXPOSURE**2, half_exposure=HALF_EXPOSURE)
 
 
 def photograph(name: str) -> Picture:
-    """One of the photographs, in luminance, cut to the rows that are used.
-
-    Args:
-        name: Its name in `PHOTOGRAPHS`.
-    """
+    """One of the photographs, in luminance, cut to the rows that are used."""
     file_name, (first, last) = PHOTOGRAPHS[name]
     whole = shipped_picture(file_name)
     return Picture(light=np.ascontiguousarray(whole.luminance[first:last, :, None]), name=name)
@@ -66,16 +58,7 @@ def restored(
     electrons: float = ELECTRONS,
     decoder: AbstractDecoder = ACCELERATED,
 ) -> RestoredPhotograph:
-    """Captures and restores a photograph at speeds `s/(2aT)`.
-
-    Args:
-        picture: The photograph.
-        shutter: Transmittance over the exposure.
-        normalised_speeds: Speeds `s/(2aT)` of the photograph.
-        electrons: Photo-electrons of a white pixel in a fully open exposure.
-        decoder: The decoder, which assumes a still object; 30 accelerated iterations of
-            Richardson-Lucy by default.
-    """
+    """Captures and restores a photograph at speeds `s/(2aT)`."""
     motion = camera()
     top = float(motion.top_speed)
     scene = Scene(
@@ -96,13 +79,7 @@ def plain_numbers(
     windows: dict[str, AbstractShutter],
     speeds: tuple[float, ...] = MID_TO_HIGH,
 ) -> PlainNumbers:
-    """PSNR at mid to high speeds by plain iterations, for each window and reading of the axis.
-
-    Args:
-        photographs: Photographs by name.
-        windows: Shutters by name.
-        speeds: Speeds on the paper's axis.
-    """
+    """PSNR at mid to high speeds by plain iterations, for each window and reading of the axis."""
     numbers: PlainNumbers = {"speed": list(speeds), "psnr": {}}
     for reading, scale in READINGS.items():
         nus = [v * scale for v in speeds]

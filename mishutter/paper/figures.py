@@ -10,9 +10,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from mishutter.decoding import RestoredPhotograph
+from mishutter.decoding.restoration import RestoredPhotograph
 from mishutter.paper.numbers import KernelNumbers, SpectrumNumbers, SpeedNumbers
-from mishutter.pictures import to_display
+from mishutter.pictures.images import to_display
 
 _STYLE = {
     "rect": {"color": "#000000", "linestyle": "-", "marker": "s"},
@@ -27,11 +27,7 @@ _LEVEL = "PSNR, gamma 2.2 / dB"
 
 
 def figure_3(numbers: KernelNumbers) -> Figure:
-    """Draws the kernel difference at speed 0.5, and its RMS against speed, a row for each reading.
-
-    Args:
-        numbers: The numbers of the figure.
-    """
+    """Draws the kernel difference at speed 0.5 and its RMS against speed, one row a reading."""
     figure = Figure(figsize=(10, 7), layout="constrained")
     axes = figure.subplots(2, 2)
     for row, (reading, kernels) in zip(axes, numbers["kernels"].items(), strict=True):
@@ -48,11 +44,7 @@ def figure_3(numbers: KernelNumbers) -> Figure:
 
 
 def figure_4(numbers: SpectrumNumbers) -> Figure:
-    """Draws Fourier magnitudes, with the condition numbers in the legend.
-
-    Args:
-        numbers: The numbers of the figure.
-    """
+    """Draws Fourier magnitudes, with the condition numbers in the legend."""
     figure = Figure(figsize=(8, 4.6), layout="constrained")
     axes = figure.subplots()
     styles = (("#0072b2", "-"), ("#000000", "--"), ("#d55e00", ":"))
@@ -72,11 +64,7 @@ def figure_4(numbers: SpectrumNumbers) -> Figure:
 
 
 def figure_5(results: dict[str, dict[str, RestoredPhotograph]]) -> Figure:
-    """Draws a photograph, captures and restorations at 0.1 and 0.3, a block for each reading.
-
-    Args:
-        results: Restored photographs by reading and shutter.
-    """
+    """Draws a photograph, captures and restorations at 0.1 and 0.3, a block for each reading."""
     figure = Figure(figsize=(12, 7.2), layout="constrained")
     axes = figure.subplots(2 * len(results), 4)
     for block, (reading, by_shutter) in enumerate(results.items()):
@@ -94,12 +82,7 @@ def figure_5(results: dict[str, dict[str, RestoredPhotograph]]) -> Figure:
 
 
 def figure_6(numbers: SpeedNumbers, readings: Iterable[str]) -> Figure:
-    """Draws PSNR against speed, by both readings, and against noise, a row for each photograph.
-
-    Args:
-        numbers: The numbers of the figure.
-        readings: Names of the readings.
-    """
+    """Draws PSNR against speed, by both readings, and against noise, a row for each photograph."""
     names = list(numbers["psnr_over_noise"])
     figure = Figure(figsize=(13, 3.6 * len(names)), layout="constrained")
     axes = figure.subplots(len(names), 3, squeeze=False)

@@ -24,11 +24,7 @@ _SMOOTH = ("triangle", "hann", "gaussian")
 
 
 def statements(numbers: FigureNumbers) -> list[Statement]:
-    """Every published statement beside the results.
-
-    Args:
-        numbers: The numbers of all figures.
-    """
+    """Every published statement beside the results."""
     return [
         *_kernel_statements(numbers["figure_3"], numbers["setting"]),
         *_spectrum_statements(numbers["figure_4"]),
@@ -40,11 +36,7 @@ def statements(numbers: FigureNumbers) -> list[Statement]:
 
 
 def report_page(numbers: Numbers) -> str:
-    """The page, in Markdown: a line for each statement, the condition numbers, the figures.
-
-    Args:
-        numbers: The numbers of all figures, and the statements.
-    """
+    """The page, in Markdown: a line for each statement, the condition numbers, the figures."""
     setting, four, lines = numbers["setting"], numbers["figure_4"], numbers["statements"]
     met = sum(s["met"] for s in lines)
     rows = [(s["claim"], "yes" if s["met"] else "**no**", s["found"]) for s in lines]

@@ -10,19 +10,21 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from mishutter._core import write_text
-from mishutter.blur import blur_kernel, condition_number
-from mishutter.decoding import RestoredPhotograph, ghost_energy
-from mishutter.evaluation import ExpectedErrorLoss
-from mishutter.model import (
-    RASKAR_CODE,
-    AbstractShutter,
+from mishutter._core.files import write_text
+from mishutter.blur.kernel import blur_kernel
+from mishutter.blur.spectrum import condition_number
+from mishutter.decoding.image_quality import ghost_energy
+from mishutter.decoding.restoration import RestoredPhotograph
+from mishutter.evaluation.speed_knowledge import ExpectedErrorLoss
+from mishutter.model.limits import Limits
+from mishutter.model.scene import Scene
+from mishutter.model.shutters.base import AbstractShutter
+from mishutter.model.shutters.chips import RASKAR_CODE
+from mishutter.model.shutters.spline import SplineShutter
+from mishutter.model.shutters.windows import (
     GaussianShutter,
     HannShutter,
-    Limits,
     RectShutter,
-    Scene,
-    SplineShutter,
     TriangleShutter,
 )
 from mishutter.paper.capture import (
@@ -55,9 +57,9 @@ from mishutter.paper.numbers import (
     SpeedNumbers,
 )
 from mishutter.paper.page import report_page, statements
-from mishutter.pictures import Picture
-from mishutter.report import save_figure
-from mishutter.search import optimise
+from mishutter.pictures.images import Picture
+from mishutter.report.plots import save_figure
+from mishutter.search.search import optimise
 
 TABLE_STROKE = 45.0
 """Stroke at which phase 0 gives the published condition numbers; px."""
@@ -80,16 +82,6 @@ def reproduce(
     `REPRODUCTION.md`, which says of each published statement whether it was met, and by
     how much. The paper does not state the normalisation of its speed axis; every figure
     over speed is given for both readings.
-
-    Args:
-        out: Folder to write to; created if it does not exist.
-        progress: Called with the name of the current step and the share of the work done.
-        optimised: A profile to draw beside the windows; one optimised for the expected
-            error of the same scene by default.
-        quick: Whether to take fewer speeds, noise levels and photographs, for a look.
-
-    Returns:
-        The content of `figures.json`.
 
     Raises:
         OSError: if the folder cannot be made or written to.
@@ -141,11 +133,7 @@ def reproduce(
 
 
 def kernel_numbers(shutters: dict[str, AbstractShutter]) -> KernelNumbers:
-    """Figure 3: kernels at 0.5, and RMS difference from the still object's over speed.
-
-    Args:
-        shutters: Shutters by name, `"rect"` and `"hann"` among them.
-    """
+    """Figure 3: kernels at 0.5, and RMS difference from the still object's over speed."""
     numbers: KernelNumbers = {"speed": AXIS.tolist(), "kernels": {}, "rms": {}, "relative_rms": {}}
     for reading, scale in READINGS.items():
         pairs, differences, shares = {}, {}, {}
@@ -164,11 +152,7 @@ def kernel_numbers(shutters: dict[str, AbstractShutter]) -> KernelNumbers:
 
 
 def spectrum_numbers(shutters: dict[str, AbstractShutter]) -> SpectrumNumbers:
-    """Figure 4: Fourier magnitudes and condition numbers; DFT of 1024 points, phase 0.
-
-    Args:
-        shutters: Shutters by name, `"rect"` and `"hann"` among them.
-    """
+    """Figure 4: Fourier magnitudes and condition numbers; DFT of 1024 points, phase 0."""
     motion = camera(TABLE_STROKE)
     kernels = {
         "motion invariant, Hann": blur_kernel(shutters["hann"], motion, num_taps=46),

@@ -69,22 +69,15 @@ logging.getLogger("tifffile").addHandler(logging.NullHandler())
 
 
 class Decoded(NamedTuple):
-    """Values of a picture as its file holds them, upright.
+    """Values of a picture as its file holds them, upright."""
 
-    Attributes:
-        colour: Grey, or red, green and blue; shape `(rows, columns, 1 or 3)`.
-        alpha: Opacity in `[0, 1]`, if the file holds one; shape `(rows, columns)`.
-        full: Value of white at the depth that the file states.
-        has_more: Whether the file holds further pictures, which are not read.
-        exponent: Power by which light follows from the values, if the file states one.
-        doubt: A meaning of the values that the file states and that is not read; `""` for none.
-    """
-
-    colour: np.ndarray
-    alpha: np.ndarray | None
-    full: float
-    has_more: bool = False
+    colour: np.ndarray  # Grey, or red, green and blue; shape `(rows, columns, 1 or 3)`
+    alpha: np.ndarray | None  # Opacity in `[0, 1]`, if the file holds one; shape `(rows, columns)`
+    full: float  # Value of white at the depth that the file states
+    has_more: bool = False  # Whether the file holds further pictures, which are not read
+    # Power by which light follows from the values, if the file states one
     exponent: float | None = None
+    # A meaning of the values that the file states and that is not read; `""` for none
     doubt: str = ""
 
 
@@ -96,9 +89,6 @@ def is_tiff(path: Path) -> bool:
 
 def header_size(content: bytes) -> tuple[int, int]:
     """Columns and rows of the first whole picture of a file by its header, without decoding it.
-
-    Args:
-        content: Bytes of the file.
 
     Raises:
         Exception: with the reason, if the file is no picture.
@@ -119,10 +109,6 @@ def header_size(content: bytes) -> tuple[int, int]:
 def decoded(path: Path, number: int = 0) -> Decoded:
     """A picture as its file holds it.
 
-    Args:
-        path: The file.
-        number: Place of the picture among those of a TIFF.
-
     Raises:
         OSError: if the file cannot be read.
         Exception: with the reason, if the file is no picture of a format that is read, is damaged
@@ -140,11 +126,7 @@ def decoded(path: Path, number: int = 0) -> Decoded:
 
 
 def deep_png(pixels: UInt16[np.ndarray, "rows columns channels"]) -> bytes:
-    """A PNG of 16 bits a channel, by the settings with which OpenCV encodes quickly.
-
-    Args:
-        pixels: Shape `(rows, columns, channels)`, uint16.
-    """
+    """A PNG of 16 bits a channel, by the settings with which OpenCV encodes quickly."""
     import imagecodecs
 
     png = imagecodecs.PNG
@@ -155,12 +137,7 @@ def deep_png(pixels: UInt16[np.ndarray, "rows columns channels"]) -> bytes:
 
 
 def tiff_like(pixels: np.ndarray, path: Path) -> bytes:
-    """A TIFF of pixels, with the size of a pixel that another TIFF states.
-
-    Args:
-        pixels: Shape `(rows, columns, 1 or 3)`.
-        path: The other file. ImageJ writes the unit of its resolution into the description.
-    """
+    """A TIFF of pixels, with the size of a pixel that another TIFF states."""
     import tifffile
 
     with tifffile.TiffFile(path) as file:

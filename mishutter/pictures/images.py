@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from jaxtyping import ArrayLike, Float, Shaped
 
-from mishutter._core import (
+from mishutter._core.checks import (
     Unquoted,
     floating_light,
     is_concrete,
@@ -21,8 +21,8 @@ from mishutter._core import (
     require_positive_int,
     require_scalar,
     shape_of,
-    write_bytes,
 )
+from mishutter._core.files import write_bytes
 from mishutter.pictures.files import (
     MAX_PIXELS,
     PICTURE_FORMATS,
@@ -105,10 +105,6 @@ def turned(light: Any, axis: Axis) -> Any:
     """Exchanges rows and columns where things move along columns, so that they move along rows.
 
     A second call turns the picture back.
-
-    Args:
-        light: Shape `(rows, columns)`, or `(..., rows, columns, channels)`.
-        axis: The axis of motion; a picture stays as it is if this is `"rows"`.
     """
     if axis == "rows":
         return light
@@ -132,17 +128,11 @@ def pixels_along(axis: Axis) -> str:
 
 
 class RowSpectrum(NamedTuple):
-    """The statistics of a picture, by the names of the arguments of `Texture`.
+    """The statistics of a picture, by the names of the arguments of `Texture`."""
 
-    Attributes:
-        power_spectrum: Mean power of the rows in equal steps of (0, 0.5) cycles/px.
-        mean_level: Mean of the luminance in linear light.
-        deviation: Standard deviation of the luminance.
-    """
-
-    power_spectrum: np.ndarray
-    mean_level: float
-    deviation: float
+    power_spectrum: np.ndarray  # Mean power of the rows in equal steps of (0, 0.5) cycles/px
+    mean_level: float  # Mean of the luminance in linear light
+    deviation: float  # Standard deviation of the luminance
 
 
 def read_picture(
@@ -181,35 +171,22 @@ def read_picture(
 
 
 class Capture(NamedTuple):
-    """A record of a camera, and how its file's numbers stand for light.
+    """A record of a camera, and how its file's numbers stand for light."""
 
-    Attributes:
-        light: Light in units of a fully open exposure; shape `(rows, columns, channels)`, float32.
-        path: The file.
-        page: Number of its page, of a file that holds several; else `""`.
-        black: Number of black.
-        white: Number of white, were the shutter open for the whole exposure.
-        exponent: Power by which light follows from the numbers.
-        is_whole: Whether the numbers are whole ones, of up to 16 bits.
-    """
-
+    # Light in units of a fully open exposure; shape `(rows, columns, channels)`, float32
     light: np.ndarray
-    path: Path
-    page: str
-    black: float
-    white: float
-    exponent: float
-    is_whole: bool
+    path: Path  # The file
+    page: str  # Number of its page, of a file that holds several; else `""`
+    black: float  # Number of black
+    white: float  # Number of white, were the shutter open for the whole exposure
+    exponent: float  # Power by which light follows from the numbers
+    is_whole: bool  # Whether the numbers are whole ones, of up to 16 bits
 
     def write_like(self, path: Path, light: np.ndarray) -> None:
         """Write light as a TIFF in the numbers of this capture, whole or not at all.
 
         Numbers below black and above white are kept, as a mean over noise needs them. The size of
         a pixel is that of the capture, if it says one.
-
-        Args:
-            path: File to write.
-            light: Shape `(rows, columns, channels)`, white = 1.
         """
         shares = np.copysign(np.abs(light) ** (1 / self.exponent), light)
         numbers = self.black + shares * (self.white - self.black)
@@ -242,12 +219,6 @@ def read_captures(
 
     A capture that a dark frame was taken from is below 0 by its noise, and a highlight may be above
     white. A TIFF holds as many captures as it has pages of full size.
-
-    Args:
-        path: A file of any format that `read_picture` reads.
-        black: Number of black in the file.
-        white: Number of white in the file, were the shutter open for the whole exposure.
-        linear: Whether the file's numbers are linear light.
 
     Raises:
         OSError: if there is no such file, or it cannot be read.
@@ -285,10 +256,6 @@ def read_captures(
 def decoded_pages(path: str | Path, most: int | None = None) -> tuple[Decoded, ...]:
     """The pictures of a file as it holds them: a TIFF has one for each page of full size.
 
-    Args:
-        path: A file that `read_picture` reads.
-        most: Most pages that are read; all by default.
-
     Raises:
         OSError: as `read_picture`.
         ValueError: as `read_picture`.
@@ -322,14 +289,6 @@ def light_of(
     bounded: bool = True,
 ) -> Float[np.ndarray, "rows columns channels"]:
     """Linear light of a picture's colours, white = 1; shape `(rows, columns, channels)`, float32.
-
-    Args:
-        file: The picture.
-        path: Where it came from.
-        white: The argument of `read_picture`.
-        linear: The argument of `read_picture`.
-        black: Number of black.
-        bounded: Whether values below 0 and above white are refused.
 
     Raises:
         ValueError: if a value is not finite, or is refused.
@@ -367,9 +326,6 @@ def checked_white(subject: str, white: ArrayLike | None) -> float | None:
 def read_levels(path: str | Path) -> Shaped[np.ndarray, "rows columns"]:
     """Read the numbers of a grey picture as the file holds them.
 
-    Args:
-        path: A file that `read_picture` reads.
-
     Raises:
         OSError: as `read_picture`.
         ValueError: as `read_picture`, and of a picture in colour.
@@ -388,12 +344,6 @@ def read_levels(path: str | Path) -> Shaped[np.ndarray, "rows columns"]:
 
 def read_opacity(path: str | Path) -> Float[np.ndarray, "rows columns"]:
     """Read a grey picture as opacity: its values as the file holds them, without gamma.
-
-    Args:
-        path: A file that `read_picture` reads; the opacity is the luminance of a colour picture.
-
-    Returns:
-        Opacity in `[0, 1]`; shape `(rows, columns)`, float32.
 
     Raises:
         OSError: as `read_picture`.

@@ -8,8 +8,11 @@ least error pours it like water (`mishutter.evaluation.ceilings`).
 import numpy as np
 from jaxtyping import Float
 
-from mishutter.evaluation import psnr_of_error, water_filled
-from mishutter.model import Scene, noise_power, pixel_response, require_scene, white_electrons
+from mishutter.evaluation.ceilings import water_filled
+from mishutter.evaluation.open_frames import psnr_of_error
+from mishutter.model.optics import pixel_response
+from mishutter.model.scene import Scene, require_scene
+from mishutter.model.sensor import noise_power, white_electrons
 from mishutter.plane.levels import MEASURED, Grid, fan_of, require_velocities
 
 _CELLS = 128
@@ -22,11 +25,6 @@ def plane_ceiling(
     """PSNR that no path of a sensor exceeds over frames of some exposures; dB.
 
     A list of velocities has the cap alone, as a path may dwell at each.
-
-    Args:
-        scene: Velocities in any direction, light and noise; concrete.
-        exposures: Exposure of each frame; s.
-        grid: Sizes of the fan of directions.
     """
     require_scene(scene, in_plane=True)
     fan, law = fan_of(scene, grid), require_velocities(scene)

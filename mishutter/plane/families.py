@@ -18,8 +18,12 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
-from mishutter.evaluation import ALTERNATING, SINE, SWEEP, FrameTimes, moments_of, way_over_frames
-from mishutter.model import AbstractVelocities, Limits, TimedFrame, knots_of_exposure
+from mishutter.evaluation.bursts import FrameTimes, moments_of
+from mishutter.evaluation.moving_bursts import ALTERNATING, SINE, SWEEP, way_over_frames
+from mishutter.model.limits import Limits
+from mishutter.model.sequences import TimedFrame
+from mishutter.model.stages import knots_of_exposure
+from mishutter.model.velocities import AbstractVelocities
 from mishutter.plane.frames import PlaneFrames
 
 STILLS, BRACKETED, PAN, CIRCLE, TWO_SINES, CROSSED, RING, FREE = (
@@ -120,21 +124,14 @@ def _moved(frames: PlaneFrames, velocity: Float[np.ndarray, "2"]) -> PlaneFrames
 
 
 class Family(NamedTuple):
-    """A kind of way.
+    """A kind of way."""
 
-    Attributes:
-        kind: Its name.
-        num_axes: Axes of the stage that it needs.
-        made: Makes the frames of a number of frames at a point of the unit box.
-        starts: Points that a search begins with.
-        least: Least number of frames.
-    """
-
-    kind: str
-    num_axes: int
+    kind: str  # Its name
+    num_axes: int  # Axes of the stage that it needs
+    # Makes the frames of a number of frames at a point of the unit box
     made: "Callable[[Room, int, Point], PlaneFrames]"
-    starts: tuple[tuple[float, ...], ...]
-    least: int = 2
+    starts: tuple[tuple[float, ...], ...]  # Points that a search begins with
+    least: int = 2  # Least number of frames
 
 
 def _stills(room: Room, count: int, point: Point) -> PlaneFrames:
@@ -272,12 +269,7 @@ FAMILIES = (
 
 
 def frames_of(frames: Sequence[TimedFrame], angle: float = 0.0) -> PlaneFrames:
-    """Frames along one axis as frames in the plane, of which the gaps say nothing.
-
-    Args:
-        frames: The frames, as those of a `FrameSequence`.
-        angle: Angle of their axis from that of the rows; rad.
-    """
+    """Frames along one axis as frames in the plane, of which the gaps say nothing."""
     every = [(frame, knots_of_exposure(frame.motion)) for frame in frames]
     lengths = [knots.durations for _, knots in every]
     for index, ((before, _), (frame, _)) in enumerate(itertools.pairwise(every)):

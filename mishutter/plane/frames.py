@@ -3,12 +3,13 @@
 import math
 from typing import NamedTuple, final
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from mishutter.model import Knots, Limits, StageUse, use_of_knots
+from mishutter._core.modules import AbstractModule
+from mishutter.model.limits import Limits
+from mishutter.model.stages import Knots, StageUse, use_of_knots
 
 _AT_REST = 0.05
 """Travel over a frame below which its sensor counts as standing still; px."""
@@ -17,21 +18,15 @@ _DIRECTIONS = np.arange(16) * np.pi / 16
 
 
 class Nodes(NamedTuple):
-    """Quadrature nodes of frames.
+    """Quadrature nodes of frames."""
 
-    Attributes:
-        time: Times from mid-exposure; s.
-        place: Places of the sensor along rows and columns; px.
-        weight: Share of the exposure.
-    """
-
-    time: Float[Array, "n q"]
-    place: Float[Array, "2 n q"]
-    weight: Float[Array, "q"]
+    time: Float[Array, "n q"]  # Times from mid-exposure; s
+    place: Float[Array, "2 n q"]  # Places of the sensor along rows and columns; px
+    weight: Float[Array, "q"]  # Share of the exposure
 
 
 @final
-class PlaneFrames(eqx.Module):
+class PlaneFrames(AbstractModule):
     """Frames of an open shutter, one after the other, and the path of the sensor through them.
 
     The path has pieces of constant acceleration from the first light to the last. All numbers may
@@ -102,7 +97,11 @@ class PlaneFrames(eqx.Module):
         return Nodes(time, place, jnp.asarray(weight))
 
     def num_panels(self, fastest: float) -> int:
-        """Number of panels that hold all things up to a speed, px/s; of concrete frames."""
+        """Number of panels of nodes for all things up to a speed; of concrete frames.
+
+        Args:
+            fastest: That speed; px/s.
+        """
         speed = float(np.max(np.hypot(*np.asarray(self.velocities, np.float64)))) + fastest
         length = speed * float(np.max(np.asarray(self.exposures)))
         panels = 1 + length / _PX_PER_PANEL

@@ -25,20 +25,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from mishutter._core import compiled, is_concrete, require
-from mishutter.model import (
-    CORNER_FREQUENCY,
-    NYQUIST_FREQUENCY,
-    AbstractVelocities,
-    Components,
-    EvenVelocities,
-    Scene,
-    noise_power,
-    pixel_response,
-    require_scene,
-    white_electrons,
-)
-from mishutter.pictures import Picture
+from mishutter._core.checks import is_concrete, require
+from mishutter._core.compiling import compiled
+from mishutter.model.optics import NYQUIST_FREQUENCY, pixel_response
+from mishutter.model.scene import Scene, require_scene
+from mishutter.model.sensor import noise_power, white_electrons
+from mishutter.model.texture import CORNER_FREQUENCY
+from mishutter.model.velocities import AbstractVelocities, Components, EvenVelocities
+from mishutter.pictures.images import Picture
 from mishutter.plane.frames import PlaneFrames
 
 _DARK = 1e-12
@@ -46,19 +40,12 @@ _DARK = 1e-12
 
 
 class Grid(NamedTuple):
-    """Sizes of a fan: radii, directions and components of the velocities along each.
+    """Sizes of a fan: radii, directions and components of the velocities along each."""
 
-    Attributes:
-        num_radii: Radii up to the highest frequency of an axis.
-        num_angles: Directions, an even number.
-        num_speeds: Components of a law that is no list.
-        num_corner: Further radii, in the corners of the square of frequencies.
-    """
-
-    num_radii: int
-    num_angles: int
-    num_speeds: int
-    num_corner: int = 4
+    num_radii: int  # Radii up to the highest frequency of an axis
+    num_angles: int  # Directions, an even number
+    num_speeds: int  # Components of a law that is no list
+    num_corner: int = 4  # Further radii, in the corners of the square of frequencies
 
 
 SEARCHED, MEASURED = Grid(24, 8, 16), Grid(32, 16, 32)
@@ -66,18 +53,13 @@ SEARCHED, MEASURED = Grid(24, 8, 16), Grid(32, 16, 32)
 
 
 class Fan(NamedTuple):
-    """Frequencies along lines through 0, each of which is a scene of one axis.
+    """Frequencies along lines through 0, each of which is a scene of one axis."""
 
-    Attributes:
-        radius: cycles/px, shape `(i,)`.
-        direction: Angles from the axis of the rows at each radius; rad, shape `(i, j)`.
-        power: Power of a picture of the deviation 1; shape `(i, j)`.
-        weight: Share of the frequencies that each stands for, times `power`; their sum is 1.
-    """
-
-    radius: Float[Array | np.ndarray, "i"]
+    radius: Float[Array | np.ndarray, "i"]  # cycles/px, shape `(i,)`
+    # Angles from the axis of the rows at each radius; rad, shape `(i, j)`
     direction: Float[Array | np.ndarray, "i j"]
-    power: Float[Array | np.ndarray, "i j"]
+    power: Float[Array | np.ndarray, "i j"]  # Power of a picture of the deviation 1; shape `(i, j)`
+    # Share of the frequencies that each stands for, times `power`; their sum is 1
     weight: Float[Array | np.ndarray, "i j"]
 
 
@@ -85,10 +67,6 @@ def fan_of(scene: Scene, grid: Grid = MEASURED) -> Fan:
     """Frequencies of half of the plane, which stand for both halves, and a picture's power there.
 
     The power is that of the scene's photograph, or the isotropic one where it brings none.
-
-    Args:
-        scene: The picture and the cutoff of the lens; concrete.
-        grid: Sizes.
     """
     cutoff = min(float(scene.optics.cutoff_frequency), NYQUIST_FREQUENCY)
     radius, angle, area = _polar(grid, cutoff)
@@ -137,9 +115,6 @@ def power_of(picture: Picture) -> "_Power":
     $\log S$ is $(1, \log f, \log^2 f)$ times $(1, \cos 2\theta, \sin 2\theta, \cos 4\theta)$, by
     least squares over the plane in equal parts of $\log f$. Photographs hold more detail along
     their axes than along diagonals.
-
-    Args:
-        picture: The photograph; the mean of its channels counts.
     """
     light = np.asarray(picture.light, np.float64)
     light = light.mean(axis=tuple(range(2, light.ndim)))
@@ -213,19 +188,11 @@ def require_velocities(scene: Scene) -> AbstractVelocities:
 def plane_error(
     scene: Scene,
     frames: PlaneFrames,
-    fan: Fan,
+    fan: Fan,  # concrete
     num_speeds: int = MEASURED.num_speeds,
     num_panels: int | None = None,
 ) -> Float[Array, ""]:
-    """Squared error that is left, white = 1, on a fan of directions; see `plane_psnr`.
-
-    Args:
-        scene: Velocities in any direction, light and noise.
-        frames: The frames.
-        fan: Frequencies; concrete.
-        num_speeds: Components of the velocities along each line.
-        num_panels: Panels of each frame.
-    """
+    """Squared error that is left, white = 1, on a fan of directions; see `plane_psnr`."""
     law = require_velocities(scene)
     if num_panels is None:
         leaves = jax.tree.leaves((frames, law))
@@ -298,19 +265,12 @@ def _gained(
 
 
 def _passed(
-    place: Float[Array, "i j q"],
+    place: Float[Array, "i j q"],  # rad
     passing: Float[Array, "i b l"],
-    time: Float[Array, "q"],
+    time: Float[Array, "q"],  # s
     weight: Float[Array, "q"],
 ) -> Float[Array, "i j l"]:
-    r"""$|\sum_q w_q e^{i(\beta_q - \alpha_q)}|^2$, by real products of two matrices.
-
-    Args:
-        place: Phase of the sensor, $\alpha$; rad.
-        passing: Phase that things gain in a second; rad/s, alike along all directions if `b` is 1.
-        time: Times; s.
-        weight: $w_q$.
-    """
+    r"""$|\sum_q w_q e^{i(\beta_q - \alpha_q)}|^2$, by real products of two matrices."""
     i, j, _ = place.shape
     groups = passing.shape[1]
     weight = weight[None, None]
@@ -331,11 +291,6 @@ def cross_motion_loss(scene: Scene, frames: PlaneFrames, *, across: float = 0.1)
     Velocities fill an ellipse whose longer half axis is the greatest speed of the scene; the loss
     is that against an ellipse of nothing across. `frames_of` makes such frames of those of a
     `FrameSequence`.
-
-    Args:
-        scene: A scene of one axis, for its greatest speed, its light and its noise; concrete.
-        frames: The frames; of velocities along the rows.
-        across: Greatest speed across over that along, from 0 to 1.
     """
     fastest = float(scene.max_speed)
     levels = [

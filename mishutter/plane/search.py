@@ -11,9 +11,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from mishutter._core import Unquoted, alone_in_blas, compiled, outside_trace, require, require_known
-from mishutter.evaluation import FrameTimes, psnr_of_error, some_numbers
-from mishutter.model import Burst, Scene, StageUse, require_scene
+from mishutter._core.checks import Unquoted, require, require_known
+from mishutter._core.compiling import compiled, outside_trace
+from mishutter._core.parallel import alone_in_blas
+from mishutter.evaluation.bursts import FrameTimes, some_numbers
+from mishutter.evaluation.open_frames import psnr_of_error
+from mishutter.model.scene import Scene, require_scene
+from mishutter.model.sensor import Burst
+from mishutter.model.stages import StageUse
 from mishutter.plane.ceilings import plane_ceiling
 from mishutter.plane.families import FAMILIES, FREE, PAN, STILLS, Family, Room
 from mishutter.plane.frames import PlaneFrames
@@ -211,18 +216,12 @@ def _gain(other: _Found, before: _Found) -> float:
 
 
 class _Search(NamedTuple):
-    """The part that is the same of all ways and numbers of frames.
+    """The part that is the same of all ways and numbers of frames."""
 
-    Attributes:
-        scene: The scene.
-        room: Its velocities, limits and times.
-        least: Least number of frames that something registers.
-        fans: The fans of directions of few frames, whose ripple is greatest, and of more.
-    """
-
-    scene: Scene
-    room: Room
-    least: int
+    scene: Scene  # The scene
+    room: Room  # Its velocities, limits and times
+    least: int  # Least number of frames that something registers
+    # The fans of directions of few frames, whose ripple is greatest, and of more
     fans: tuple[Fan, Fan]
 
     @staticmethod

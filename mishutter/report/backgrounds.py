@@ -4,12 +4,16 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from mishutter._core import alone_in_blas, outside_trace, require_known
-from mishutter.design import Design
-from mishutter.evaluation import ExpectedErrorLoss, knowledge_of
-from mishutter.model import Occlusion, Scene, require_scene
+from mishutter._core.checks import require_known
+from mishutter._core.compiling import outside_trace
+from mishutter._core.parallel import alone_in_blas
+from mishutter.design.design import Design
+from mishutter.evaluation.speed_knowledge import ExpectedErrorLoss, knowledge_of
+from mishutter.model.occlusion import Occlusion
+from mishutter.model.scene import Scene, require_scene
 from mishutter.report.verdict import paragraph
-from mishutter.search import RivalSearch, optimise, snapshot_designs
+from mishutter.search.rivals import RivalSearch, snapshot_designs
+from mishutter.search.search import optimise
 
 STILL_SHARES = (0.5, 0.7)
 """Shares of a picture that stand still, in the gains that stand beside a verdict."""
@@ -23,16 +27,11 @@ _NAMED = 0.05
 
 @dataclass(frozen=True)
 class BackgroundGain:
-    """The gain of the best camera for a picture of which a share stands still.
+    """The gain of the best camera for a picture of which a share stands still."""
 
-    Attributes:
-        still_share: Share of the picture that stands still.
-        gain: Expected PSNR above that of the best snapshot for the same picture; dB.
-        camera: The best camera, a snapshot where no other is worth its parts; None if unknown.
-    """
-
-    still_share: float
-    gain: float
+    still_share: float  # Share of the picture that stands still
+    gain: float  # Expected PSNR above that of the best snapshot for the same picture; dB
+    # The best camera, a snapshot where no other is worth its parts; None if unknown
     camera: Design | None = field(default=None, repr=False)
 
     @property
@@ -53,10 +52,6 @@ def background_gains(
     A profile and a motion are searched for each, from few starts, before a still background with
     objects of 100 px. A scene that says what hides what has none, nor has one whose decoder knows
     the speed of a picture, nor one in which nothing moves.
-
-    Args:
-        scene: Speeds, light, noise and limits.
-        begin: Called with the name of each search before it begins.
 
     Raises:
         ValueError: if the scene is none or is traced.
@@ -81,12 +76,7 @@ def background_gains(
 
 
 def before_still_background(scene: Scene, still_share: float) -> Scene:
-    """The same scene with its objects before a background that stands still.
-
-    Args:
-        scene: The scene.
-        still_share: Share of the picture that stands still.
-    """
+    """The same scene with its objects before a background that stands still."""
     layers = Occlusion(front_share=1 - still_share, object_width=OBJECT_WIDTH)
     return scene.with_occlusion(layers)
 

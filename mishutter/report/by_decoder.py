@@ -7,35 +7,33 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from mishutter._core import counts, require
-from mishutter.camera import Planes, as_radiance
-from mishutter.decoding import AbstractDecoder, restore_by_each
-from mishutter.design import motion_to_dict
-from mishutter.model import AbstractMotion, Scene
-from mishutter.pictures import Picture
+from mishutter._core.checks import require
+from mishutter._core.progress import counts
+from mishutter.camera.capture import as_radiance
+from mishutter.camera.rows import Planes
+from mishutter.decoding.decoders.base import AbstractDecoder
+from mishutter.decoding.restoration import restore_by_each
+from mishutter.design.design import motion_to_dict
+from mishutter.model.motion import AbstractMotion
+from mishutter.model.scene import Scene
+from mishutter.pictures.images import Picture
 from mishutter.report.restored import longest_kernel
-from mishutter.search import Row, beyond_limits, cameras_of
+from mishutter.search.rows import Row, cameras_of
+from mishutter.search.space import beyond_limits
 
 _LONGER, _SHORTER = (1.18,), (0.85, 0.72, 0.61, 0.52, 0.44)
 """Shares of an exposure that are tried in turn, as long as they gain something."""
 
 
 class OnPictures(NamedTuple):
-    """A camera on photographs, its exposure tuned for the decoder that restores them.
+    """A camera on photographs, its exposure tuned for the decoder that restores them."""
 
-    Attributes:
-        levels: PSNR of each photograph over the scene's speeds, linear light; dB.
-        motion: The motion with the tuned exposure.
-        exposure_share: Its exposure over that which the loss prefers.
-        gain: Mean difference of the levels to those of the best snapshot; dB.
-        standard_error: Standard error of that mean over the photographs; dB.
-    """
-
+    # PSNR of each photograph over the scene's speeds, linear light; dB
     levels: Float[np.ndarray, "pictures"]
-    motion: AbstractMotion
-    exposure_share: float
-    gain: float = 0.0
-    standard_error: float = 0.0
+    motion: AbstractMotion  # The motion with the tuned exposure
+    exposure_share: float  # Its exposure over that which the loss prefers
+    gain: float = 0.0  # Mean difference of the levels to those of the best snapshot; dB
+    standard_error: float = 0.0  # Standard error of that mean over the photographs; dB
 
     def over(self, snapshot: "OnPictures") -> "OnPictures":
         """The same with the paired differences to a snapshot."""
@@ -55,17 +53,11 @@ class OnPictures(NamedTuple):
 
 
 class Judgement(NamedTuple):
-    """Cameras by the names of their rows, as a decoder restores their photographs.
+    """Cameras by the names of their rows, as a decoder restores their photographs."""
 
-    Attributes:
-        decoder: Name of the decoder's class.
-        num_pictures: Number of photographs.
-        cameras: The cameras.
-    """
-
-    decoder: str
-    num_pictures: int
-    cameras: Mapping[str, OnPictures]
+    decoder: str  # Name of the decoder's class
+    num_pictures: int  # Number of photographs
+    cameras: Mapping[str, OnPictures]  # The cameras
 
     def to_dict(self) -> dict[str, Any]:
         """The decoder, and the numbers of each camera."""
@@ -73,11 +65,7 @@ class Judgement(NamedTuple):
         return {"decoder": self.decoder, "num_pictures": self.num_pictures, "cameras": cameras}
 
     def sentence(self, name: str | None) -> str:
-        """A line of the verdict.
-
-        Args:
-            name: The camera to build; None where none is, for the best of all but snapshots.
-        """
+        """A line of the verdict."""
         told = f"By {self.decoder} on {self.num_pictures} pictures"
         best = max(self.cameras, key=lambda each: self.cameras[each].gain)
         camera = self.cameras[name or best]
@@ -120,14 +108,6 @@ def judged_by(
     level over the photographs, each at every speed of the scene. All cameras have the same noise
     and are judged on the same columns. The decoder knows as much of the speed as the one that
     judges the row.
-
-    Args:
-        decoder: The method.
-        pictures: The photographs, two or more.
-        scene: Speeds, light, noise and limits.
-        rows: The cameras, each of one exposure.
-        snapshot: The one of them whose levels the others are compared with.
-        progress: Whether a bar is shown.
 
     Raises:
         ValueError: if a photograph is too narrow for the longest blur.

@@ -7,25 +7,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import ArrayLike
 
-from mishutter._core import alone_in_blas, counts, named, outside_trace, require, require_known
-from mishutter.decoding import AbstractDecoder
-from mishutter.design import Design, metrics_to_dict, motion_to_dict, sequence_to_dict
-from mishutter.evaluation import (
-    AbstractLoss,
-    ToleranceCosts,
-    as_loss,
-    ceiling,
-    loss_of_decoder,
-    tolerance_costs,
-)
-from mishutter.model import (
-    AbstractMotion,
-    AbstractShutter,
-    FrameSequence,
-    Scene,
-    require_scene,
-)
-from mishutter.pictures import Picture
+from mishutter._core.checks import named, require, require_known
+from mishutter._core.compiling import outside_trace
+from mishutter._core.parallel import alone_in_blas
+from mishutter._core.progress import counts
+from mishutter.decoding.decoders.base import AbstractDecoder
+from mishutter.design.design import Design, metrics_to_dict, motion_to_dict, sequence_to_dict
+from mishutter.evaluation.ceilings import ceiling
+from mishutter.evaluation.losses import AbstractLoss, as_loss
+from mishutter.evaluation.speed_knowledge import loss_of_decoder
+from mishutter.evaluation.tolerances import ToleranceCosts, tolerance_costs
+from mishutter.model.motion import AbstractMotion
+from mishutter.model.scene import Scene, require_scene
+from mishutter.model.sequences import FrameSequence
+from mishutter.model.shutters.base import AbstractShutter
+from mishutter.pictures.images import Picture
 from mishutter.report.by_decoder import Judgement, judged_by, pictures_to_judge
 from mishutter.report.gain_range import gain_range
 from mishutter.report.plots import plot_levels
@@ -39,22 +35,24 @@ from mishutter.report.verdict import (
     options_table,
     sentences_of,
 )
-from mishutter.search import (
-    BEST_SNAPSHOT,
+from mishutter.search.rivals import (
     BEST_STILL_BURST,
-    OWN_BEST_MOTION,
-    SNAPSHOTS,
     Entry,
     RivalSearch,
-    Row,
     Step,
-    best_of_each_purchase,
-    best_row,
-    choice_of,
     compared_rows,
     may_be_named,
     searches,
     taken_names,
+)
+from mishutter.search.rows import (
+    BEST_SNAPSHOT,
+    OWN_BEST_MOTION,
+    SNAPSHOTS,
+    Row,
+    best_of_each_purchase,
+    best_row,
+    choice_of,
 )
 
 if TYPE_CHECKING:
@@ -380,16 +378,7 @@ def with_verdict(
     free_paths: bool = False,
     details: bool = True,
 ) -> Comparison:
-    """Adds the answer, the gain and the ceiling to the rows of a scene.
-
-    Args:
-        rows: One row for each shutter and reading, with a snapshot at its own best motion.
-        entries: The shutters and designs to judge, by the names of their rows; without any, the
-            best coded camera is judged.
-        scene: The scene that the rows were measured for.
-        free_paths: Whether free paths were asked for.
-        details: Whether the sentences are wanted that stand beside all tables.
-    """
+    """Adds the answer, the gain and the ceiling to the rows of a scene."""
     at_best = [row for row in rows if row.reading == OWN_BEST_MOTION]
     single = [row for row in at_best if row.is_of_one_exposure]
     notes = comparison_notes(scene, entries, single, free_paths=free_paths)

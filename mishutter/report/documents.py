@@ -7,10 +7,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mishutter._core import strict_json, write_text
-from mishutter.decoding import RestoredPhotograph
-from mishutter.design import Design
-from mishutter.model import Scene
+from mishutter._core.files import strict_json, write_text
+from mishutter.decoding.restoration import RestoredPhotograph
+from mishutter.design.design import Design
+from mishutter.model.scene import Scene
 from mishutter.report import plots
 from mishutter.report.backgrounds import (
     STILL_SHARES,
@@ -27,7 +27,7 @@ from mishutter.report.restored import (
     shown_speeds,
 )
 from mishutter.report.verdict import option_name
-from mishutter.search import (
+from mishutter.search.rows import (
     BEST_SNAPSHOT,
     OWN_BEST_MOTION,
     SHUTTER,
@@ -52,27 +52,19 @@ _MOST_ROWS = 3
 
 @dataclass(frozen=True)
 class Report:
-    """A comparison, and the scene's photograph as its designs restored it.
+    """A comparison, and the scene's photograph as its designs restored it."""
 
-    Attributes:
-        scene: The scene that was photographed.
-        comparison: The shutters side by side.
-        names: The user's shutters among them.
-        photographs: The photograph restored by each on its own best motion; None without one.
-        design: The result of a search; None without one.
-        backgrounds: Gains of the best cameras where part of the picture stands still.
-        measured: A measured shutter beside its design; None without a trace.
-        every: Whether pictures show designs that the answer does not recommend.
-    """
-
-    scene: Scene
-    comparison: Comparison
-    names: tuple[str, ...]
+    scene: Scene  # The scene that was photographed
+    comparison: Comparison  # The shutters side by side
+    names: tuple[str, ...]  # The user's shutters among them
+    # The photograph restored by each on its own best motion; None without one
     photographs: Photographs | None = None
-    design: Design | None = None
+    design: Design | None = None  # The result of a search; None without one
+    # Gains of the best cameras where part of the picture stands still
     backgrounds: tuple[BackgroundGain, ...] = ()
+    # A measured shutter beside its design; None without a trace
     measured: MeasuredCamera | None = None
-    every: bool = False
+    every: bool = False  # Whether pictures show designs that the answer does not recommend
 
 
 def pictured_rows(
@@ -83,11 +75,6 @@ def pictured_rows(
     They are the best option and the best snapshot at rest. Where that option is one exposure that
     is designed, or where every one is wanted, the user's shutters and the best of the others
     follow.
-
-    Args:
-        comparison: The comparison.
-        names: The user's shutters among its rows.
-        every: Whether designs are wanted that the answer does not recommend.
     """
     rows = {row.name: row for row in comparison.rows if row.reading == OWN_BEST_MOTION}
     choice = [] if comparison.choice is None else [comparison.choice.name]
@@ -187,11 +174,6 @@ def write_report(
 
     Pictures that an earlier run wrote are deleted if this report has none of their name.
 
-    Args:
-        report: The comparison.
-        folder: Where the files go.
-        wrote: Called with the name of each file that is written.
-
     Raises:
         OSError: if a file cannot be written.
     """
@@ -244,15 +226,6 @@ def write_background(
     wrote: Callable[[str], None] = lambda name: None,
 ) -> list[str]:
     """Writes the document again, with the gains before a background, and draws such a picture.
-
-    Args:
-        report: The report, whose other files are written.
-        folder: Where the files go.
-        draws: Whether to draw the picture, which takes longer than all others together.
-        wrote: Called with the name of each new file that is written.
-
-    Returns:
-        The names of the new files: none without a photograph, or without a design.
 
     Raises:
         OSError: if a file cannot be written.

@@ -4,8 +4,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mishutter.hardware import FittedCamera
-from mishutter.model import AbstractShutter
+from mishutter.hardware.calibration.estimation import FittedCamera
+from mishutter.model.shutters.base import AbstractShutter
 from mishutter.report.plots import Margins, leave_room, line_styles, new_figure
 
 if TYPE_CHECKING:

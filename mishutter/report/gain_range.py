@@ -6,9 +6,10 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import ArrayLike
 
-from mishutter.evaluation import evaluate, psnr_of_frames
-from mishutter.model import Scene
-from mishutter.search import Row
+from mishutter.evaluation.metrics import evaluate
+from mishutter.evaluation.sequences import psnr_of_frames
+from mishutter.model.scene import Scene
+from mishutter.search.rows import Row
 
 _DEVIATIONS = 2.0
 """Standard deviations to either end."""
@@ -21,14 +22,6 @@ def gain_range(scene: Scene, choice: Row, other: Row) -> tuple[float, float] | N
 
     Both cameras stay as they are, and the decoder knows what the scene is: designs for the other
     scene differ by the square of the errors. Shifts by independent errors add up by their squares.
-
-    Args:
-        scene: The scene.
-        choice: The row that gains.
-        other: The row that it gains over.
-
-    Returns:
-        The range; None of a scene without errors, and of a row over itself.
     """
     if scene.errors is None or choice is other:
         return None

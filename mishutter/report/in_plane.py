@@ -7,14 +7,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from jaxtyping import Array
 
-from mishutter._core import strict_json, write_text
-from mishutter.evaluation import ALTERNATING, SINE, SWEEP
-from mishutter.model import Scene
-from mishutter.plane import FREE, PAN, PlaneBurst, PlaneSearch
+from mishutter._core.files import strict_json, write_text
+from mishutter.evaluation.moving_bursts import ALTERNATING, SINE, SWEEP
+from mishutter.model.scene import Scene
+from mishutter.plane.families import FREE, PAN
+from mishutter.plane.search import PlaneBurst, PlaneSearch
 from mishutter.report import plots
 from mishutter.report.verdict import order_line, paragraph, snapshot_line, table_of_levels
-from mishutter.search import simplest_of
+from mishutter.search.rows import simplest_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -41,15 +43,10 @@ _ONE_FILTER = (
 
 @dataclass(frozen=True)
 class PlaneReport:
-    """The options of a scene of any direction.
+    """The options of a scene of any direction."""
 
-    Attributes:
-        scene: The scene.
-        search: The best frames of each kind of way.
-    """
-
-    scene: Scene
-    search: PlaneSearch
+    scene: Scene  # The scene
+    search: PlaneSearch  # The best frames of each kind of way
 
     @property
     def options(self) -> tuple[PlaneBurst, ...]:
@@ -115,13 +112,14 @@ class PlaneReport:
         if not choice.num_axes:
             return ""
         use, pitch = choice.use, self.scene.sensor.pixel_pitch
-        numbers = f"{float(use.travel):.3g} px at up to {float(use.top_speed):,.4g} px/s"
+        travel, top_speed = _at_most(use.travel), _at_most(use.top_speed)
+        numbers = f"{travel:g} px at up to {top_speed:,g} px/s"
         if pitch is not None:
             p = float(pitch)
             acceleration = float(use.acceleration) * p / _GRAVITY
             numbers += (
-                f" ({float(use.travel) * p * 1e6:.3g} um, {float(use.top_speed) * p * 1e3:.3g} "
-                f"mm/s, {acceleration:.2g} g)"
+                f" ({travel * p * 1e6:.3g} um, {top_speed * p * 1e3:.3g} mm/s, "
+                f"{acceleration:.2g} g)"
             )
         together = "both axes" if self.scene.limits.axes == "disc" else "each axis"
         return f"The stage travels {numbers}, {together}, run-up from rest included."
@@ -145,6 +143,12 @@ class PlaneReport:
         return plots.plot_plane(self.scene, self.choice, self.text().split("\n", 1)[0])
 
 
+def _at_most(value: Array | np.ndarray | float) -> float:
+    """A number above 0 rounded up to two digits: those after it a search does not settle."""
+    size = 10.0 ** (math.floor(math.log10(float(value))) - 1)
+    return math.ceil(float(value) / size - 1e-6) * size
+
+
 def _count(burst: PlaneBurst) -> str:
     return "one exposure" if burst.num_frames == 1 else f"{burst.num_frames} frames"
 
@@ -152,7 +156,7 @@ def _count(burst: PlaneBurst) -> str:
 def _way(burst: PlaneBurst) -> str:
     if not burst.num_axes:
         return f" of {_exposures(burst)} and keep the stage still"
-    way = f"{float(burst.use.travel):.3g} px"
+    way = f"{_at_most(burst.use.travel):g} px"
     return f" while the stage {_VERBS[burst.kind].format(way=way)}"
 
 
@@ -201,11 +205,6 @@ def write_plane_report(
     report: PlaneReport, folder: Path, *, wrote: Callable[[str], None] = lambda name: None
 ) -> list[str]:
     """Writes the document and the picture of an answer; returns the names of the files.
-
-    Args:
-        report: The answer.
-        folder: Where the files go.
-        wrote: Called with the name of each file that is written.
 
     Raises:
         OSError: if a file cannot be written.

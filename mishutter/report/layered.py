@@ -7,14 +7,21 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float
 
-from mishutter._core import as_float
-from mishutter.camera import Layer, Layers, fixed_key, simulate_capture
-from mishutter.decoding import EnsembleDecoder, blur_model, restored_light, squared_error_in
-from mishutter.design import Design
-from mishutter.model import AbstractMotion, AbstractShutter, Occlusion, Scene
-from mishutter.pictures import Axis, Picture, row_power_spectrum, turned
+from mishutter._core.checks import as_float
+from mishutter.camera.capture import simulate_capture
+from mishutter.camera.layers import Layer, Layers
+from mishutter.camera.noise import fixed_key
+from mishutter.decoding.decoders.base import blur_model
+from mishutter.decoding.decoders.linear import EnsembleDecoder, squared_error_in
+from mishutter.decoding.restoration import restored_light
+from mishutter.design.design import Design
+from mishutter.model.motion import AbstractMotion
+from mishutter.model.occlusion import Occlusion
+from mishutter.model.scene import Scene
+from mishutter.model.shutters.base import AbstractShutter
+from mishutter.pictures.images import Axis, Picture, row_power_spectrum, turned
 from mishutter.report.restored import longest_kernel
-from mishutter.search import Row
+from mishutter.search.rows import Row
 
 _ROWS, _COLUMNS, _HEIGHT = 128, 336, 104
 _OPAQUE = 0.999
@@ -27,26 +34,19 @@ _MOST_OF_BORDERS = 8
 
 
 class LayeredCapture(NamedTuple):
-    """One exposure of a background and an object, captured and restored by one filter.
+    """One exposure of a background and an object, captured and restored by one filter."""
 
-    Attributes:
-        exposure: Length of the exposure; s.
-        captured: The recorded irradiance over the shutter's efficiency.
-        restored: The estimate of the ensemble filter, which knows neither speed nor position.
-        expected_psnr: PSNR that this filter is expected to reach for layers with these speeds,
-            this share, width and spectrum, at random places; linear light, dB.
-        psnr: PSNR inside the borders; linear light, dB.
-        background_psnr: PSNR of the pixels that the object never covers; linear light, dB.
-        object_psnr: PSNR of the pixels that the object alone covers; linear light, dB.
-    """
-
-    exposure: float
+    exposure: float  # Length of the exposure; s
+    # The recorded irradiance over the shutter's efficiency
     captured: Float[np.ndarray, "rows columns channels"]
+    # The estimate of the ensemble filter, which knows neither speed nor position
     restored: Float[np.ndarray, "rows columns channels"]
+    # PSNR that this filter is expected to reach for layers with these speeds, this share, width and
+    # spectrum, at random places; linear light, dB
     expected_psnr: float
-    psnr: float
-    background_psnr: float
-    object_psnr: float
+    psnr: float  # PSNR inside the borders; linear light, dB
+    background_psnr: float  # PSNR of the pixels that the object never covers; linear light, dB
+    object_psnr: float  # PSNR of the pixels that the object alone covers; linear light, dB
 
     def turned(self, axis: Axis) -> "LayeredCapture":
         """The same with pictures whose rows and columns are exchanged, unless `axis` is rows."""
@@ -55,17 +55,11 @@ class LayeredCapture(NamedTuple):
 
 
 class LayeredScene(NamedTuple):
-    """A background and an object in front of it, and their speeds.
+    """A background and an object in front of it, and their speeds."""
 
-    Attributes:
-        layers: Background and object.
-        truth: The scene at mid-exposure.
-        matte: Opacity of the object at mid-exposure.
-    """
-
-    layers: Layers
-    truth: Float[np.ndarray, "rows columns channels"]
-    matte: Float[np.ndarray, "rows columns"]
+    layers: Layers  # Background and object
+    truth: Float[np.ndarray, "rows columns channels"]  # The scene at mid-exposure
+    matte: Float[np.ndarray, "rows columns"]  # Opacity of the object at mid-exposure
 
     def turned(self, axis: Axis) -> "LayeredScene":
         """The same with rows and columns exchanged, unless things move along its rows."""
@@ -74,30 +68,18 @@ class LayeredScene(NamedTuple):
 
 
 class _Filters(NamedTuple):
-    """The scenes of a filter: one that it is made for, and one that it is expected to meet.
+    """The scenes of a filter: one that it is made for, and one that it is expected to meet."""
 
-    Attributes:
-        scene: The scene that the filter is made for.
-        world: The scene's photons and noise on the layers that are captured.
-        least_taps: Least length of the kernels, so that cameras share compiled programs.
-        judged: The columns inside the borders.
-    """
-
-    scene: Scene
-    world: Scene
-    least_taps: int
-    judged: slice
+    scene: Scene  # The scene that the filter is made for
+    world: Scene  # The scene's photons and noise on the layers that are captured
+    least_taps: int  # Least length of the kernels, so that cameras share compiled programs
+    judged: slice  # The columns inside the borders
 
 
 def layered_scene(picture: Picture, background_speed: float, object_speed: float) -> LayeredScene:
     """A photograph, and an oval cut from its middle that moves upside down in front of it.
 
     Both layers have one spectrum, as the layers of a scene have.
-
-    Args:
-        picture: The background, which moves along its rows; only its middle is used.
-        background_speed: Speed of the background; px/s.
-        object_speed: Speed of the object; px/s.
     """
     whole = picture.light
     height, width = whole.shape[:2]
@@ -123,13 +105,7 @@ def layered_scene(picture: Picture, background_speed: float, object_speed: float
 def layered_captures(
     subject: LayeredScene, scene: Scene, cameras: Mapping[str, Row | Design]
 ) -> dict[str, LayeredCapture]:
-    """Captures a layered scene by each design, and restores it by the filter for a scene.
-
-    Args:
-        subject: Background and object.
-        scene: The scene that the filters are made for, with its photons and noise.
-        cameras: The designs, by name.
-    """
+    """Captures a layered scene by each design, and restores it by the filter for a scene."""
     motions = [each.motion for each in cameras.values()]
     least_taps = longest_kernel(scene, motions)
     columns = subject.truth.shape[1]

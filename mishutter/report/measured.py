@@ -3,30 +3,24 @@
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from mishutter.design import given_design
-from mishutter.hardware import MeasuredProfile, Trace, measured_profile, span_of_shifts
-from mishutter.model import Scene
-from mishutter.search import LEAST_SHOWN, Row
+from mishutter.design.design import given_design
+from mishutter.hardware.traces import MeasuredProfile, Trace, measured_profile, span_of_shifts
+from mishutter.model.scene import Scene
+from mishutter.search.rows import LEAST_SHOWN, Row
 
 _PRECISION = 1e-3
 """Precision of a shift, in half exposures."""
 
 
 class MeasuredCamera(NamedTuple):
-    """Levels of a measured shutter, as measured and at its best shift in time.
+    """Levels of a measured shutter, as measured and at its best shift in time."""
 
-    Attributes:
-        level: Expected PSNR as measured; dB.
-        design_level: Expected PSNR of the design; dB, None without a design.
-        earlier: Best advance of the shutter against the stage and the exposure, which stay as they
-            are; s, negative for a delay.
-        shifted_level: Expected PSNR with that advance; dB.
-    """
-
-    level: float
-    design_level: float | None
+    level: float  # Expected PSNR as measured; dB
+    design_level: float | None  # Expected PSNR of the design; dB, None without a design
+    # Best advance of the shutter against the stage and the exposure, which stay as they are; s,
+    # negative for a delay
     earlier: float
-    shifted_level: float
+    shifted_level: float  # Expected PSNR with that advance; dB
 
     def lines(self) -> list[str]:
         """Sentences on the loss against the design, and on the best shift."""
@@ -60,9 +54,9 @@ def measured_camera(
     trace: Trace,
     profile: MeasuredProfile,
     *,
-    middle: float,
+    middle: float,  # s
     measured: str,
-    designed: str,
+    designed: str,  # there may be no such row
 ) -> MeasuredCamera:
     r"""A measured shutter beside its design, and at its best shift against the stage.
 
@@ -70,15 +64,6 @@ def measured_camera(
     exposure either way, and the trace must still cover the exposure. A bounded search in one
     variable finds it; every step fits the trace again at another mid-exposure, with the same levels
     of the closed and of the open shutter.
-
-    Args:
-        scene: The scene that the rows were measured on.
-        rows: Rows by name.
-        trace: Times and levels.
-        profile: The profile that the trace shows at `middle`.
-        middle: Mid-exposure on the clock of the trace; s.
-        measured: Name of the row of the measured shutter.
-        designed: Name of the row of its design; there may be no such row.
     """
     from scipy.optimize import minimize_scalar
 

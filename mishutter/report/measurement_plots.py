@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import ndimage
 
-from mishutter.measurement import Measurement
-from mishutter.pictures import to_display
+from mishutter.measurement.measurement import Measurement
+from mishutter.pictures.images import to_display
 from mishutter.report.plots import MAP_COLOURS, Margins, leave_room, new_figure
 
 if TYPE_CHECKING:

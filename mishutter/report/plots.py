@@ -16,33 +16,29 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from mishutter._core import require, write_bytes
-from mishutter.decoding import RestoredPhotograph
-from mishutter.design import Design
-from mishutter.evaluation import (
-    SPEED_KNOWLEDGE,
-    kernel_phase,
-    kernels_at_speeds,
-    spectral_levels,
-)
-from mishutter.hardware import DriveTable, FrameTable, frame_table
-from mishutter.model import (
-    AbstractMotion,
-    AbstractShutter,
-    AbstractVelocities,
-    DecoderSpeed,
-    Scene,
-    SplineShutter,
-    StagePath,
-    TimedFrame,
-    command_of,
-    picture_power,
-    profile_of,
-)
-from mishutter.pictures import Axis, Picture, to_display, turned
-from mishutter.plane import PlaneBurst
+from mishutter._core.checks import require
+from mishutter._core.files import write_bytes
+from mishutter.decoding.restoration import RestoredPhotograph
+from mishutter.design.design import Design
+from mishutter.evaluation.errors import spectral_levels
+from mishutter.evaluation.response import kernel_phase, kernels_at_speeds
+from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE
+from mishutter.hardware.drive import DriveTable
+from mishutter.hardware.triggers import FrameTable, frame_table
+from mishutter.model.decoder_speeds import DecoderSpeed
+from mishutter.model.devices import command_of
+from mishutter.model.motion import AbstractMotion
+from mishutter.model.scene import Scene, picture_power
+from mishutter.model.sequences import TimedFrame
+from mishutter.model.shutters.base import AbstractShutter
+from mishutter.model.shutters.polynomials import profile_of
+from mishutter.model.shutters.spline import SplineShutter
+from mishutter.model.stages import StagePath
+from mishutter.model.velocities import AbstractVelocities
+from mishutter.pictures.images import Axis, Picture, to_display, turned
+from mishutter.plane.search import PlaneBurst
 from mishutter.report.layered import LayeredCapture, LayeredScene
-from mishutter.search import SHUTTER, Row
+from mishutter.search.rows import SHUTTER, Row
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -109,12 +105,7 @@ _MOST_ELONGATED = 16
 
 
 def new_figure(width: float, height: float) -> "Figure":
-    """A figure that a notebook shows without `pyplot`.
-
-    Args:
-        width: Its width; inches.
-        height: Its height; inches.
-    """
+    """A figure that a notebook shows without `pyplot`."""
     from matplotlib.figure import Figure
 
     class Drawing(Figure):
@@ -141,14 +132,7 @@ class Margins(NamedTuple):
 def leave_room(
     figure: "Figure", margins: Margins, *, num_rows: int = 1, num_columns: int = 1
 ) -> None:
-    """Leaves room for the labels of a figure whose panels are a grid.
-
-    Args:
-        figure: The figure.
-        margins: The room.
-        num_rows: Rows of the grid.
-        num_columns: Its columns.
-    """
+    """Leaves room for the labels of a figure whose panels are a grid."""
     width, height = figure.get_size_inches()
     across = width - margins.left - margins.right - (num_columns - 1) * margins.columns
     down = height - margins.bottom - margins.top - (num_rows - 1) * margins.rows
@@ -164,10 +148,6 @@ def leave_room(
 
 def save_figure(figure: "Figure", path: str | Path) -> None:
     """Writes a figure as a PNG, whole or not at all.
-
-    Args:
-        figure: The figure.
-        path: Place of the file.
 
     Raises:
         OSError: if the file cannot be written.
@@ -190,13 +170,7 @@ def _png(figure: "Figure") -> bytes:
 
 
 def plot_profiles(designs: Named, *, explains_ears: bool = True) -> "Figure":
-    """Draws transmittance over the exposure, each design over its own time in ms.
-
-    Args:
-        designs: Motions and shutters by name.
-        explains_ears: Whether a note says why a free profile rises again towards an end of the
-            exposure, where one does.
-    """
+    """Draws transmittance over the exposure, each design over its own time in ms."""
     figure, (axes,) = _new(1)
     tau = np.linspace(-1, 1, _NUM_POINTS)
     ears: list[tuple[float, float]] = []
@@ -249,9 +223,6 @@ def plot_design(design: Design) -> "Figure":
     """Draws a design in time: the transmittance of its shutter and the path of its sensor.
 
     Where frames of a burst are better, these are drawn, with the path of the stage through them.
-
-    Args:
-        design: The design.
     """
     if design.sequence is not None:
         return plot_frames(frame_table(design))
@@ -278,13 +249,7 @@ def plot_design(design: Design) -> "Figure":
 
 
 def plot_levels(levels: Mapping[str, float], most: float, chosen: str | None = None) -> "Figure":
-    """Draws the levels of cameras, the best at the top, and the level that none exceeds.
-
-    Args:
-        levels: Expected PSNR by the name of the camera; dB.
-        most: The level that no camera exceeds; dB.
-        chosen: The camera that is advised, whose mark is filled.
-    """
+    """Draws the levels of cameras, the best at the top, and the level that none exceeds."""
     order = sorted(levels, key=lambda name: levels[name])
     figure = new_figure(7.0, max(0.27 * len(order) + 1.1, 2.6))
     leave_room(figure, Margins(left=2.6, top=0.4))
@@ -314,9 +279,6 @@ def plot_drive(table: DriveTable) -> "Figure":
 
     The upper picture shows the levels, the command that they stand for, and, if the scene has a
     device, the transmittance behind it.
-
-    Args:
-        table: The drive table.
     """
     figure, (top, bottom) = _new(2, height=2.6)
     step = float(table.design.motion.exposure) * 1e3 / table.begin.size
@@ -338,11 +300,7 @@ def plot_drive(table: DriveTable) -> "Figure":
 
 
 def plot_frames(table: FrameTable) -> "Figure":
-    """Draws a burst: when its frames are exposed, and the path of the stage through them.
-
-    Args:
-        table: The table of its frames.
-    """
+    """Draws a burst: when its frames are exposed, and the path of the stage through them."""
     figure, (axes,) = _new(1, height=3.0)
     path, lights = table.path, table.lights
     _draw_exposures(axes, lights, path)
@@ -375,11 +333,6 @@ def plot_option(scene: Scene, row: Row, title: str = "") -> "Figure":
     """Draws an option of an answer: its exposures in time, and the path of the stage.
 
     Behind a shaped shutter a second panel has the transmittance.
-
-    Args:
-        scene: The scene, whose limits say how the stage runs up.
-        row: The option.
-        title: A line above it.
     """
     motion, frames, limits = row.motion, row.sequence, scene.limits
     half = float(motion.half_exposure)
@@ -428,10 +381,6 @@ def plot_kernels(designs: Named, speeds: Sequence[float]) -> "Figure":
     Each design has a row with its own axes, and each speed a line, unless it lies on another, which
     has both names then. The legend gives the root mean square of a difference as a share of that of
     the kernel at the sensor's velocity.
-
-    Args:
-        designs: Motions and shutters by name.
-        speeds: Object speeds; px/s.
     """
     figure = new_figure(12.4, 2.1 * len(designs) + 0.7)
     # Names stand beside the panels, where they cover no curve.
@@ -490,11 +439,7 @@ def _kernel_reach(motion: AbstractMotion, speeds: Sequence[float]) -> float:
 
 
 def motion_text(motion: AbstractMotion) -> str:
-    """Exposure of a motion with its stroke, or with its sag and its pan, in words.
-
-    Args:
-        motion: The motion.
-    """
+    """Exposure of a motion with its stroke, or with its sag and its pan, in words."""
     exposure = f"{float(motion.exposure) * 1e3:.3g} ms"
     sag, pan = float(motion.sag), float(motion.velocity)
     if sag <= 0:
@@ -505,11 +450,7 @@ def motion_text(motion: AbstractMotion) -> str:
 
 
 def camera_text(design: Design) -> str:
-    """The exposure of a design with its motion, or the frames of its burst, in words.
-
-    Args:
-        design: The design.
-    """
+    """The exposure of a design with its motion, or the frames of its burst, in words."""
     frames = design.sequence
     return motion_text(design.motion) if frames is None else f"{frames.setting}, {frames.kind}"
 
@@ -525,11 +466,6 @@ def plot_transfer(
     that finds the speed is drawn with the filter that knows it, as it restores where the speed
     that it finds is right. The axis begins where the sum of the first design reaches a hundredth
     of its end.
-
-    Args:
-        scene: Speeds, noise and spectrum of the picture.
-        designs: Motions and shutters by name.
-        decoder_speed: Knowledge that the decoder has of the speed, as `Scene.decoder_speed`.
     """
     knowledge = SPEED_KNOWLEDGE[decoder_speed]
     figure, (ratios, errors) = _new(2, height=2.9, share=True)
@@ -560,10 +496,6 @@ def plot_psnr(results: Mapping[str, RestoredPhotograph], *, linear: bool = True)
     """Draws PSNR of the restored photograph against object speed, with its standard error.
 
     A curve that lies on another is left out, and that one has both names.
-
-    Args:
-        results: Results of `restore_photograph` by the name of the design.
-        linear: Whether the PSNR is of linear light, not of gamma-coded values.
     """
     figure, (axes,) = _new(1)
     levels = {name: each.linear_psnr if linear else each.psnr for name, each in results.items()}
@@ -598,14 +530,9 @@ def plot_layers(
     subject: LayeredScene,
     captures: Mapping[str, LayeredCapture],
     *,
-    whole: bool = False,
+    whole: bool = False,  # the title says so
 ) -> "Figure":
     """Draws a background and an object in front of it, captured and restored by several cameras.
-
-    Args:
-        subject: The layers.
-        captures: The results of `layered_captures`.
-        whole: Whether the verdict is about a picture that moves as a whole; the title says so.
 
     Raises:
         ValueError: if there is nothing to show.
@@ -642,9 +569,9 @@ def plot_layers(
 
 def plot_photograph(
     results: Mapping[str, RestoredPhotograph],
-    speeds: Sequence[float],
+    speeds: Sequence[float],  # px/s
     *,
-    detail: tuple[int, int] = _DETAIL,
+    detail: tuple[int, int] = _DETAIL,  # px
     linear: bool = True,
     axis: Axis = "rows",
     decoder_speed: DecoderSpeed = "unknown",
@@ -655,15 +582,6 @@ def plot_photograph(
     Each design has a row. The detail is where the photograph varies most along the axis of motion,
     in the middle half of the columns that all designs recorded. Errors of all panels have one
     scale. The PSNR is that of the whole photograph.
-
-    Args:
-        results: Results of `restore_photograph` by the name of the design, of one photograph.
-        speeds: The speeds to show, each by the nearest of the results; px/s.
-        detail: Extent of the detail across and along the axis; px.
-        linear: Whether the PSNR and the errors are of linear light, not of gamma-coded values.
-        axis: The axis along which the photograph moves.
-        decoder_speed: What the decoder knew of the speed, as the scene says.
-        asides: What stands behind "restored" of some results, in place of that.
 
     Raises:
         ValueError: if there is nothing to show, or the photographs are not parts of one.
@@ -730,13 +648,7 @@ def plot_photograph(
 def _details(
     references: Sequence[np.ndarray], size: tuple[int, int], axis: Axis
 ) -> list[tuple[slice, slice]]:
-    """Rows and columns of one detail in each part of a photograph: where that varies most.
-
-    Args:
-        references: Parts of one photograph.
-        size: Extent of the detail across and along the axis; px.
-        axis: The axis along which the photograph moves.
-    """
+    """Rows and columns of one detail in each part of a photograph: where that varies most."""
     along = [turned(reference, axis) for reference in references]
     offsets = [_offset(along[0], part) for part in along]
     rows, columns = _busiest(along, offsets, size)
@@ -800,16 +712,7 @@ def plot_capture(
     camera: str = "",
     decoder: str = "",
 ) -> "Figure":
-    """Draws a capture beside its restoration, and beside the subject if that is a photograph.
-
-    Args:
-        subject: The `Picture`, `Layers` or `Frames` that was captured.
-        captured: Irradiance in units of a white pixel in a fully open exposure; or the frames of a
-            burst by name, of which the first, the middle and the last are shown.
-        restored: Irradiance of the picture, white = 1.
-        camera: The shutter, its motion and the speed of the subject, in words.
-        decoder: The decoder and its PSNR, in words.
-    """
+    """Draws a capture beside its restoration, and beside the subject if that is a photograph."""
     frames = captured if isinstance(captured, Mapping) else {"captured": captured}
     names, last = list(frames), len(frames) - 1
     shown = {
@@ -855,10 +758,6 @@ def shown_name(name: str, most: int = 40) -> str:
 
     A dollar would begin a formula, a legend omits a name that begins with an underscore, and
     bytes of a file's name that are not text cannot be drawn.
-
-    Args:
-        name: The name.
-        most: Most letters of it.
     """
     name = name.encode("utf-8", "backslashreplace").decode()
     cut = name if len(name) <= most else f"{name[: most // 2 - 1]}…{name[-(most // 2) :]}"
@@ -884,11 +783,7 @@ def _legend(figure: "Figure", axes: "Axes", title: str | None = None) -> None:
 
 
 def line_styles(width: float = 1.6) -> Iterator[dict[str, Any]]:
-    """Styles of lines, the first 49 of which differ: dashes move on by one in each round.
-
-    Args:
-        width: Width of the lines; points.
-    """
+    """Styles of lines, the first 49 of which differ: dashes move on by one in each round."""
     for index in count():
         turn, place = divmod(index, len(_COLOURS))
         dash = _DASHES[(place + turn) % len(_DASHES)]
@@ -907,11 +802,7 @@ def _new(
 
 
 def draw_grid(axes: "Axes") -> None:
-    """Draws pale grid lines behind the data.
-
-    Args:
-        axes: The axes.
-    """
+    """Draws pale grid lines behind the data."""
     axes.set_axisbelow(True)
     axes.grid(True, color="0.88", linewidth=0.6)
 
@@ -921,11 +812,6 @@ def plot_plane(scene: Scene, burst: PlaneBurst, title: str = "") -> "Figure":
 
     Exposures are coloured one by one; the way between them is thin. The outline beside the
     velocities is that of the things.
-
-    Args:
-        scene: The scene, for its velocities.
-        burst: The frames.
-        title: A line above them.
     """
     figure = new_figure(7.4, 6.2)
     plane, hodograph = (figure.add_subplot(2, 2, place) for place in (1, 2))

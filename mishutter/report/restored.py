@@ -5,21 +5,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mishutter.camera import fixed_key, kernel_layout
-from mishutter.decoding import (
-    ROWS_TO_FIND,
-    AbstractDecoder,
-    EnsembleDecoder,
-    RestoredPhotograph,
-    RichardsonLucyDecoder,
-    WienerDecoder,
-    least_columns,
-    photograph_by_frames,
-    restore_by_each,
-)
-from mishutter.model import AbstractMotion, Scene
-from mishutter.pictures import Picture, middle_rows, pixels_along, turned
-from mishutter.search import Row
+from mishutter.camera.capture import kernel_layout
+from mishutter.camera.noise import fixed_key
+from mishutter.decoding.decoders.base import AbstractDecoder
+from mishutter.decoding.decoders.likelihood import RichardsonLucyDecoder
+from mishutter.decoding.decoders.linear import EnsembleDecoder, WienerDecoder
+from mishutter.decoding.decoders.speed_finding import ROWS_TO_FIND
+from mishutter.decoding.restoration import RestoredPhotograph, least_columns, restore_by_each
+from mishutter.decoding.simulation import photograph_by_frames
+from mishutter.model.motion import AbstractMotion
+from mishutter.model.scene import Scene
+from mishutter.pictures.images import Picture, middle_rows, pixels_along, turned
+from mishutter.search.rows import Row
 
 Update = Callable[[str], None]
 
@@ -32,16 +29,12 @@ speed need not be found in them: each is blurred by itself."""
 
 
 class Photographs(NamedTuple):
-    """Results of restoring a photograph with several shutters.
+    """Results of restoring a photograph with several shutters."""
 
-    Attributes:
-        levels: How well each of one exposure was restored, without the pictures; by decoder, then
-            by shutter.
-        shown: By shutter what the ensemble filter restored, at a typical speed and the fastest;
-            frames too, by the speed that they tell.
-    """
-
+    # How well each of one exposure was restored, without the pictures; by decoder, then by shutter
     levels: Mapping[str, Mapping[str, RestoredPhotograph]]
+    # By shutter what the ensemble filter restored, at a typical speed and the fastest; frames too,
+    # by the speed that they tell
     shown: Mapping[str, RestoredPhotograph]
 
 
@@ -99,15 +92,6 @@ def photographs(
     """A photograph captured and restored by every row's design.
 
     Each decoder knows of the speed as much as the one that judges the row.
-
-    Args:
-        picture: The photograph.
-        scene: Speeds, light and noise.
-        rows: The designs, by name.
-        num_seeds: Captures at each speed.
-        every: Whether at every speed of the scene and by three decoders, or at the slowest, a
-            middle and the fastest by the ensemble filter.
-        begin: Called with the name of each design before its captures.
     """
     chosen: dict[str, AbstractDecoder] = {ENSEMBLE: EnsembleDecoder()}
     if every:
@@ -149,11 +133,6 @@ def pictured_speeds(scene: Scene) -> list[float]:
 
 
 def longest_kernel(scene: Scene, motions: Iterable[AbstractMotion]) -> int:
-    """Pixels that light falls over at most; restored alike over as many, pictures share programs.
-
-    Args:
-        scene: The speeds that occur.
-        motions: Motions of the sensors.
-    """
+    """Most pixels that light falls over; pictures restored alike over as many share programs."""
     speeds = np.asarray(scene.speeds).tolist()
     return max(kernel_layout(motion, *speeds, 0.0)[0] for motion in motions)

@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from mishutter._core import require, require_positive_int
-from mishutter.model import Scene, SplineShutter, shutter_from_dict
+from mishutter._core.checks import require, require_positive_int
+from mishutter.model.scene import Scene
+from mishutter.model.shutters.kinds import shutter_from_dict
+from mishutter.model.shutters.spline import SplineShutter
 from mishutter.report.plots import (
     MAP_COLOURS,
     Margins,
@@ -25,13 +27,8 @@ from mishutter.report.plots import (
     save_figure,
     shown_name,
 )
-from mishutter.sweeps import (
-    OPTIMISED,
-    gain_over_snapshot,
-    is_higher_better,
-    level_of,
-    pareto_front,
-)
+from mishutter.sweeps.grid import OPTIMISED
+from mishutter.sweeps.trade_offs import gain_over_snapshot, is_higher_better, level_of, pareto_front
 
 if TYPE_CHECKING:
     import xarray
@@ -60,32 +57,18 @@ _APART = 0.07
 
 
 class _Map(NamedTuple):
-    """Values over exposure and acceleration, and their names.
+    """Values over exposure and acceleration, and their names."""
 
-    Attributes:
-        exposure: Exposures, from first to last light; ms.
-        a: Accelerations; px/s^2.
-        values: The metric; NaN outside the limits.
-        label: Name and unit of the metric.
-        rival: The rival that a gain is over; empty for a metric that is no gain.
-        pans: Whether any design pans: its stroke is then more than its sag.
-    """
-
-    exposure: Float[np.ndarray, "t"]
-    a: Float[np.ndarray, "a"]
-    values: Float[np.ndarray, "a t"]
-    label: str
-    rival: str
-    pans: bool
+    exposure: Float[np.ndarray, "t"]  # Exposures, from first to last light; ms
+    a: Float[np.ndarray, "a"]  # Accelerations; px/s^2
+    values: Float[np.ndarray, "a t"]  # The metric; NaN outside the limits
+    label: str  # Name and unit of the metric
+    rival: str  # The rival that a gain is over; empty for a metric that is no gain
+    pans: bool  # Whether any design pans: its stroke is then more than its sag
 
 
 def write_pictures(dataset: "xarray.Dataset", scene: Scene, folder: Path) -> list[str]:
     """Writes every picture of a sweep to a folder; returns their names.
-
-    Args:
-        dataset: The result of `sweep`, of one scene and light.
-        scene: The scene of the sweep.
-        folder: Folder of the pictures.
 
     Raises:
         OSError: if one cannot be written.
@@ -171,13 +154,7 @@ def plot_map(
 
 
 def _place(values: "xarray.DataArray", shutter: str | None, smaller: bool) -> str:
-    """The shutter, pan, exposure, acceleration and sag of the best of some values, in words.
-
-    Args:
-        values: A metric at one acceleration and half exposure.
-        shutter: The shutter of a map that shows one.
-        smaller: Whether less is better.
-    """
+    """The shutter, pan, exposure, acceleration and sag of the best of some values, in words."""
     if shutter is not None and "shutter" in values.dims:
         values = values.sel(shutter=shutter)
     best = values[values.argmin(...) if smaller else values.argmax(...)]

@@ -3,8 +3,8 @@
 from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from mishutter.evaluation import METRICS, Metrics
-from mishutter.search import OWN_BEST_MOTION, Row, cameras_of
+from mishutter.evaluation.metrics import METRICS, Metrics
+from mishutter.search.rows import OWN_BEST_MOTION, Row, cameras_of
 
 if TYPE_CHECKING:
     from mishutter.report.by_decoder import Judgement
@@ -17,33 +17,21 @@ _NAMES = 30
 
 
 class Column(NamedTuple):
-    """A column of numbers.
+    """A column of numbers."""
 
-    Attributes:
-        heading: Its head.
-        cell: The number of a row as text, by its gain in dB; a dash where there is none.
-        note: Its meaning, below the table; empty where other lines say it.
-    """
-
-    heading: str
+    heading: str  # Its head
+    # The number of a row as text, by its gain in dB; a dash where there is none
     cell: Callable[[Row, float], str]
-    note: str = ""
+    note: str = ""  # Its meaning, below the table; empty where other lines say it
 
 
 class Table(NamedTuple):
-    """A table as text; its first column holds names, the others numbers.
+    """A table as text; its first column holds names, the others numbers."""
 
-    Attributes:
-        title: Its title.
-        columns: Heads of the columns.
-        rows: Cells of each row.
-        notes: Lines below the table.
-    """
-
-    title: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    notes: tuple[str, ...] = ()
+    title: str  # Its title
+    columns: tuple[str, ...]  # Heads of the columns
+    rows: tuple[tuple[str, ...], ...]  # Cells of each row
+    notes: tuple[str, ...] = ()  # Lines below the table
 
     def text(self) -> str:
         """The table in lines of one width, its title above and its notes below."""
@@ -120,11 +108,7 @@ _OF_KERNELS = tuple(
 
 
 def joined_name(camera: Iterable[Row]) -> str:
-    """The names of rows that are one camera, in as many lines as they need.
-
-    Args:
-        camera: The rows.
-    """
+    """The names of rows that are one camera, in as many lines as they need."""
     first, *others = (row.name for row in camera)
     lines = [first]
     for name in others:
@@ -139,9 +123,6 @@ def comparison_tables(comparison: "Comparison") -> list[Table]:
     """Every table of the rows of a comparison, in the order in which they are read.
 
     Rows that are the same camera are one, with all of its names.
-
-    Args:
-        comparison: The comparison.
     """
     within = () if comparison.costs is None else (_WITHIN,)
     judged = () if comparison.judgement is None else _on_pictures(comparison.judgement)
@@ -196,12 +177,7 @@ def _cells(
 
 
 def page_table(comparison: "Comparison", rows: Sequence[Row]) -> Table:
-    """One wide table of some rows, levels and kernels together.
-
-    Args:
-        comparison: The comparison.
-        rows: Its rows to show.
-    """
+    """One wide table of some rows, levels and kernels together."""
     within = () if comparison.costs is None else (_WITHIN,)
     columns = (*_OF_ROWS, *within, *_OF_KERNELS)
     return _table("", columns, tuple(row_cells(comparison, row, columns) for row in rows))
@@ -222,18 +198,10 @@ def row_cells(
     row: Row,
     columns: Sequence[Column],
     *,
-    gain: float | None = None,
+    gain: float | None = None,  # dB
     name: str | None = None,
 ) -> tuple[str, ...]:
-    """The name of a row, then its cells; the gain is over the best snapshot by default.
-
-    Args:
-        comparison: The comparison.
-        row: A row of it.
-        columns: The columns of the cells.
-        gain: Another gain; dB.
-        name: Names of its camera; that of the row by default.
-    """
+    """The name of a row, then its cells; the gain is over the best snapshot by default."""
     gain = comparison.over_snapshot(row.level) if gain is None else gain
     name = row.name if name is None else name
     name = name if row.num_frames == 1 else f"{name}, {row.num_frames} frames"

@@ -4,29 +4,16 @@ import math
 import textwrap
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
-from mishutter.design import Design
-from mishutter.evaluation import (
-    ALTERNATING,
-    FAN,
-    REGION,
-    SINE,
-    SWEEP,
-    FrameTimes,
-    StillBursts,
-)
-from mishutter.model import AbstractDevice, FrameSequence, Scene
-from mishutter.search import (
-    BEST_SNAPSHOT,
-    PLAIN_RATE,
-    PLAIN_STILLS,
-    SHUTTER,
-    Entry,
-    Row,
-    best_row,
-    beyond_limits,
-    forbids_free_path,
-    taken_names,
-)
+from mishutter.design.design import Design
+from mishutter.evaluation.bursts import FrameTimes, StillBursts
+from mishutter.evaluation.moving_bursts import ALTERNATING, FAN, SINE, SWEEP
+from mishutter.evaluation.sequences import REGION
+from mishutter.model.devices import AbstractDevice
+from mishutter.model.scene import Scene
+from mishutter.model.sequences import FrameSequence
+from mishutter.search.rivals import PLAIN_RATE, PLAIN_STILLS, Entry, taken_names
+from mishutter.search.rows import BEST_SNAPSHOT, SHUTTER, Row, best_row
+from mishutter.search.space import beyond_limits, forbids_free_path
 
 _WIDTH = 80
 """Columns of a line of an answer."""
@@ -55,11 +42,6 @@ def options_of(rows: Iterable[Row], choice: Row, own: Collection[str] = ()) -> l
 
     An option is left out where another needs no more and is as good. The best snapshot at rest,
     the choice and what has a name of the user's always stand.
-
-    Args:
-        rows: The rows at their own best motions.
-        choice: The row to take.
-        own: Names of the user's rows.
     """
     several = [row for row in rows if row.is_of_one_exposure or row.num_frames > 1]
     kept = {BEST_SNAPSHOT, choice.name, *(name for name in own if name != _OPTIMISED)}
@@ -86,11 +68,7 @@ def options_of(rows: Iterable[Row], choice: Row, own: Collection[str] = ()) -> l
 
 
 def option_name(row: Row) -> str:
-    """A row in the words of a table of options: what is exposed, on which path, for how long.
-
-    Args:
-        row: The row.
-    """
+    """A row in the words of a table of options: what is exposed, on which path, for how long."""
     name = f"{_what(row)}, {_exposures(row)}{_aside(row)}"
     is_named = row.name not in (*taken_names(), _OPTIMISED)
     return f"{row.name}: {name}" if is_named else name
@@ -158,13 +136,7 @@ def _exposures(row: Row) -> str:
 
 
 def headline(choice: Row, snapshot: Row, within: tuple[float, float] | None = None) -> str:
-    """The first line of an answer: what to take, its level and its gain.
-
-    Args:
-        choice: The row to take.
-        snapshot: The best snapshot at rest.
-        within: Least and greatest gain within the errors of measured numbers; dB.
-    """
+    """The first line of an answer: what to take, its level and its gain."""
     level = f"{choice.level:.1f} dB{' at the worst speed' if choice.at_worst else ''}"
     if choice.name == BEST_SNAPSHOT:
         return snapshot_line(_exposures(choice), level)
@@ -208,14 +180,7 @@ def _order(row: Row) -> str:
 def sentences_of(
     scene: Scene, rows: Iterable[Row], choice: Row, notes: Iterable[str] = ()
 ) -> list[str]:
-    """The lines below the table of options: the shutter, notes, and what is assumed.
-
-    Args:
-        scene: The scene.
-        rows: The rows at their own best motions.
-        choice: The row to take.
-        notes: Notes of the comparison.
-    """
+    """The lines below the table of options: the shutter, notes, and what is assumed."""
     is_before_background = scene.burst is not None and scene.occlusion is not None
     said = [
         _on_shaped_shutters([row for row in rows if row.is_of_one_exposure], choice),
@@ -275,12 +240,7 @@ def _assumptions(scene: Scene, choice: Row) -> str:
 
 
 def details_of(scene: Scene, choice: Row) -> list[str]:
-    """Stills that match the choice, and the losses of a real sensor.
-
-    Args:
-        scene: The scene.
-        choice: The row to take.
-    """
+    """Stills that match the choice, and the losses of a real sensor."""
     frames, said = choice.sequence, []
     is_still = not choice.needs or choice.needs == ("registration",)
     if scene.occlusion is None and not is_still:
@@ -316,13 +276,7 @@ def _equal_stills(scene: Scene, choice: Row, frames: FrameSequence) -> str:
 
 
 def options_table(options: Sequence[Row], snapshot: Row, most: float) -> str:
-    """The table of options, under a line that says of what the decibels are.
-
-    Args:
-        options: The options in their order.
-        snapshot: The best snapshot at rest, over which gains are.
-        most: Level that no single exposure exceeds; dB.
-    """
+    """The table of options, under a line that says of what the decibels are."""
     where = "at the worst speed" if snapshot.at_worst else "mean over all speeds"
     lines = [
         (
@@ -338,12 +292,7 @@ def options_table(options: Sequence[Row], snapshot: Row, most: float) -> str:
 
 
 def table_of_levels(options: Sequence[tuple[str, float, float | None, str]], where: str) -> str:
-    """A table of options, under a line that says of what the decibels are.
-
-    Args:
-        options: Name, level and gain of each, dB, and what it needs; no gain of the baseline.
-        where: The speeds or the velocities that levels are over.
-    """
+    """A table of options, under a line that says of what the decibels are."""
     lines = [("option", "dB", "gain", "needs")]
     for name, level, over, needs in options:
         lines.append((name, f"{level:.1f}", "-" if over is None else f"{over:+.1f}", needs))
@@ -368,14 +317,7 @@ def comparison_notes(
     *,
     free_paths: bool = False,
 ) -> tuple[str, ...]:
-    """Sentences for the foot of the tables.
-
-    Args:
-        scene: The scene, whose device loses light.
-        entries: Shutters and designs of the user, by name.
-        rows: The rows at their own best motions, without a burst.
-        free_paths: Whether free paths were asked for.
-    """
+    """Sentences for the foot of the tables."""
     return (
         *device_notes(scene.device),
         *_blind_drive_notes(scene, entries),
@@ -387,12 +329,7 @@ def comparison_notes(
 
 
 def device_notes(device: AbstractDevice | None) -> list[str]:
-    """Sentences on the transmission of a shutter, its speed, and the levels that it holds.
-
-    Args:
-        device: The device; None for a shutter that follows at once and loses no light, for which
-            there are no sentences.
-    """
+    """Sentences on the transmission of a shutter, its speed, and the levels that it holds."""
     notes: list[str] = []
     if device is None:
         return notes

@@ -16,32 +16,29 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from mishutter._core import common_dtype, compiled
-from mishutter.blur import ExposureQuadrature, exposure_quadrature
-from mishutter.evaluation import (
-    ONLY_SPECTRA,
+from mishutter._core.checks import common_dtype
+from mishutter._core.compiling import compiled
+from mishutter.blur.quadrature import ExposureQuadrature, exposure_quadrature
+from mishutter.evaluation.losses import (
     AbstractLoss,
     AbstractResponseLoss,
-    Parts,
-    Plan,
-    Response,
-    assembled,
     one_real_number,
-    plan_of_traced_search,
-    planned_view,
-    records,
-    reduced,
-    require_view_sizes,
-    respond,
-    size_class,
     value_of,
 )
-from mishutter.model import (
-    AbstractAdjustableShutter,
-    AbstractMotion,
-    RectShutter,
-    Scene,
+from mishutter.evaluation.needs import (
+    ONLY_SPECTRA,
+    Parts,
+    Plan,
+    plan_of_traced_search,
+    reduced,
+    size_class,
 )
+from mishutter.evaluation.response import Response, assembled, records, respond
+from mishutter.evaluation.views import planned_view, require_view_sizes
+from mishutter.model.motion import AbstractMotion
+from mishutter.model.scene import Scene
+from mishutter.model.shutters.base import AbstractAdjustableShutter
+from mishutter.model.shutters.windows import RectShutter
 from mishutter.search.space import DesignSpace
 
 
@@ -50,11 +47,7 @@ class AbstractObjective(eqx.Module):
 
     @abstractmethod
     def __call__(self, point: Float[Array, "size"]) -> Float[Array, ""]:
-        """Loss of the design at a point of the unit box, differentiable there.
-
-        Args:
-            point: Coordinates of the design, from 0 to 1, as `DesignSpace.at` reads them.
-        """
+        """Loss of the design at a point of the unit box, differentiable there."""
 
     @property
     @abstractmethod
@@ -90,16 +83,13 @@ class DesignObjective(AbstractObjective):
 
 @final
 class SpectralObjective(AbstractObjective):
-    """The loss of the design at each point where it depends on transfer functions alone.
-
-    Attributes:
-        nodes: Quadrature nodes of a fixed shutter, by which windows of every kind share a program;
-            None where the shutter moves.
-    """
+    """The loss of the design at each point where it depends on transfer functions alone."""
 
     loss: AbstractResponseLoss
     scene: Scene
     space: DesignSpace
+    # Quadrature nodes of a fixed shutter, by which windows of every kind share a program; None
+    # where the shutter moves
     nodes: ExposureQuadrature | None
     plan: Plan = eqx.field(static=True)
 
@@ -119,20 +109,16 @@ class SpectralObjective(AbstractObjective):
 
 @final
 class LinearObjective(AbstractObjective):
-    """The loss of a weighted sum of responses, one a coordinate of the profile.
-
-    Attributes:
-        basis: The response of a closed profile, through which a device may leak light, then the
-            contribution of each coordinate, as rows of real numbers.
-        layout: The places of the parts of a response in such a row.
-        num_frequencies: Frequencies of the grid that transfer functions stand on.
-    """
+    """The loss of a weighted sum of responses, one a coordinate of the profile."""
 
     loss: AbstractResponseLoss
     scene: Scene
     motion: AbstractMotion
+    # The response of a closed profile, through which a device may leak light, then the contribution
+    # of each coordinate, as rows of real numbers
     basis: Float[Array, "rows k"]
-    layout: "Layout" = eqx.field(static=True)
+    layout: "Layout" = eqx.field(static=True)  # The places of the parts of a response in such a row
+    # Frequencies of the grid that transfer functions stand on
     num_frequencies: int = eqx.field(static=True)
 
     def __call__(self, point: Float[Array, "size"]) -> Float[Array, ""]:
@@ -150,14 +136,7 @@ SearchedObjective = DesignObjective | SpectralObjective | LinearObjective
 def objective_of(
     loss: AbstractLoss, scene: Scene, space: DesignSpace, plan: Plan
 ) -> SearchedObjective:
-    """The cheapest exact form of the loss over the space.
-
-    Args:
-        loss: The loss.
-        scene: The scene, in the frame of the search.
-        space: The designs.
-        plan: The plan of the computation, which reduces the scene.
-    """
+    """The cheapest exact form of the loss over the space."""
     is_of_response = isinstance(loss, AbstractResponseLoss)
     require_view_sizes(plan, loss.parts if is_of_response else ONLY_SPECTRA)
     scene = reduced(scene, plan)
@@ -182,19 +161,12 @@ def objective_of(
 
 @dataclass(frozen=True)
 class Layout:
-    """Places of the parts of a response in a row of real numbers.
+    """Places of the parts of a response in a row of real numbers."""
 
-    Attributes:
-        num_still: Numbers that stand for the still object's kernel.
-        num_differences: Numbers that stand for the differences.
-        spectrum_size: Frequencies of the still object's spectrum.
-        spectra_shape: Speeds and frequencies of the transfer functions.
-    """
-
-    num_still: int
-    num_differences: int
-    spectrum_size: int
-    spectra_shape: tuple[int, ...]
+    num_still: int  # Numbers that stand for the still object's kernel
+    num_differences: int  # Numbers that stand for the differences
+    spectrum_size: int  # Frequencies of the still object's spectrum
+    spectra_shape: tuple[int, ...]  # Speeds and frequencies of the transfer functions
 
     def response(self, row: Float[Array, "k"]) -> Response:
         """The response that such a row stands for."""

@@ -7,8 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from mishutter._core import (
-    AbstractModule,
+from mishutter._core.checks import (
     RowLike,
     as_float,
     require,
@@ -16,17 +15,13 @@ from mishutter._core import (
     require_known,
     shape_of,
 )
-from mishutter.evaluation import LossFunction, as_loss, loss_of_decoder
-from mishutter.model import (
-    AbstractMotion,
-    AbstractShutter,
-    Scene,
-    command_of,
-    is_known_zero,
-    num_coordinates,
-    require_scene,
-    simplified,
-)
+from mishutter._core.modules import AbstractModule
+from mishutter.evaluation.losses import LossFunction, as_loss
+from mishutter.evaluation.speed_knowledge import loss_of_decoder
+from mishutter.model.devices import command_of
+from mishutter.model.motion import AbstractMotion, is_known_zero, simplified
+from mishutter.model.scene import Scene, require_scene
+from mishutter.model.shutters.base import AbstractShutter, num_coordinates
 from mishutter.search.objective import objective_of
 from mishutter.search.planning import plan
 from mishutter.search.search import starting_shutter

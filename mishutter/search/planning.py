@@ -10,14 +10,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from mishutter._core import compiled
-from mishutter.evaluation import (
+from mishutter._core.compiling import compiled
+from mishutter.evaluation.losses import (
     AbstractLoss,
     AbstractResponseLoss,
     LossFunction,
-    Plan,
     WeightedSum,
     as_loss,
+)
+from mishutter.evaluation.needs import (
+    Plan,
     coarser,
     distinct_speeds,
     extent,
@@ -28,32 +30,21 @@ from mishutter.evaluation import (
     sized_for,
     sizes,
 )
-from mishutter.model import (
-    AbstractAdjustableShutter,
-    AbstractMotion,
-    AbstractShutter,
-    Scene,
-    power_on_grid,
-    simplified,
-)
+from mishutter.model.motion import AbstractMotion, simplified
+from mishutter.model.scene import Scene, power_on_grid
+from mishutter.model.shutters.base import AbstractAdjustableShutter, AbstractShutter
 from mishutter.search.space import FREE_NAMES, DesignSpace, design_space, search_frame
 
 
 @dataclass(frozen=True)
 class Needs:
-    """The numbers that a loss, or all metrics, are made from.
+    """The numbers that a loss, or all metrics, are made from."""
 
-    Attributes:
-        kernels: Whether they are made from a kernel.
-        differences: Whether they are made from kernels of moving objects.
-        spectra: Whether they are made from transfer functions.
-        only_error: Whether the transfer functions serve the expected error alone, to which a
-            frequency without power adds nothing.
-    """
-
-    kernels: bool
-    differences: bool
-    spectra: bool
+    kernels: bool  # Whether they are made from a kernel
+    differences: bool  # Whether they are made from kernels of moving objects
+    spectra: bool  # Whether they are made from transfer functions
+    # Whether the transfer functions serve the expected error alone, to which a frequency without
+    # power adds nothing
     only_error: bool
 
 
@@ -73,19 +64,12 @@ def needs_of(loss: AbstractLoss) -> Needs:
 
 
 class SearchPlan(NamedTuple):
-    """The plan of a search, and what it is for.
+    """The plan of a search, and what it is for."""
 
-    Attributes:
-        sizes: The parts to compute.
-        scene: The scene, in the frame of the search.
-        needs: The numbers that the loss is made from.
-        space: The designs that may be searched; None where nothing moves.
-    """
-
-    sizes: Plan
-    scene: Scene
-    needs: Needs
-    space: DesignSpace | None
+    sizes: Plan  # The parts to compute
+    scene: Scene  # The scene, in the frame of the search
+    needs: Needs  # The numbers that the loss is made from
+    space: DesignSpace | None  # The designs that may be searched; None where nothing moves
 
     @property
     def skips(self) -> list[str]:
@@ -94,7 +78,7 @@ class SearchPlan(NamedTuple):
 
 
 def plan(
-    scene: Scene,
+    scene: Scene,  # concrete
     motion: AbstractMotion,
     shutter: AbstractShutter,
     *,
@@ -102,13 +86,6 @@ def plan(
     free: str | Iterable[str] = (),
 ) -> SearchPlan:
     """Plans the computation of a loss, and leaves out only what changes it by rounding at most.
-
-    Args:
-        scene: Speeds, light, noise, spectrum and limits; concrete.
-        motion: Motion of the sensor; where it is free, the motion to start from.
-        shutter: Transmittance over the exposure; where it is free, the profile to start from.
-        loss: The loss.
-        free: Parts that a search may move, of `FREE_NAMES`.
 
     Raises:
         ValueError: if `free` names what cannot move.

@@ -13,34 +13,23 @@ import jax
 import numpy as np
 from jaxtyping import Float, PyTree
 
-from mishutter._core import as_they_end, num_processors, once
-from mishutter.design import GIVEN, Design
-from mishutter.evaluation import (
-    KNOWN_SPEED,
-    ONE_PARABOLA,
-    AbstractLoss,
-    FrameTimes,
-    Plan,
-    SequenceMetrics,
-    StillBursts,
-    evaluate,
-    knowledge_of,
-    transmittance,
-)
-from mishutter.model import (
-    AbstractMotion,
-    AbstractShutter,
-    Burst,
-    FrameSequence,
-    LinearMotion,
-    RectShutter,
-    Scene,
-    SplineShutter,
-    StillCamera,
-    TimedFrame,
-    TukeyShutter,
-    baselines,
-)
+from mishutter._core.parallel import as_they_end, num_processors, once
+from mishutter.design.design import GIVEN, Design
+from mishutter.evaluation.bursts import FrameTimes, StillBursts
+from mishutter.evaluation.losses import AbstractLoss
+from mishutter.evaluation.metrics import SequenceMetrics, evaluate
+from mishutter.evaluation.moving_bursts import ONE_PARABOLA
+from mishutter.evaluation.needs import Plan
+from mishutter.evaluation.speed_knowledge import KNOWN_SPEED, knowledge_of
+from mishutter.evaluation.views import transmittance
+from mishutter.model.motion import AbstractMotion, LinearMotion, StillCamera
+from mishutter.model.scene import Scene
+from mishutter.model.sensor import Burst
+from mishutter.model.sequences import FrameSequence, TimedFrame
+from mishutter.model.shutters.base import AbstractShutter
+from mishutter.model.shutters.kinds import baselines
+from mishutter.model.shutters.spline import SplineShutter
+from mishutter.model.shutters.windows import RectShutter, TukeyShutter
 from mishutter.search.planning import plan as plan_of_scene
 from mishutter.search.rows import (
     BEST_PANNED_SNAPSHOT,
@@ -83,21 +72,7 @@ Entry = AbstractShutter | Design
 
 
 class RivalSearch:
-    """The searches of one comparison: what they are for, and the designs that some of them share.
-
-    Attributes:
-        scene: Speeds, light, noise and limits.
-        loss: The loss that tunes every design; it depends on how much light an exposure brings.
-        motion: Motion of the reading *same motion*; the scene's by default.
-        start: The motion that searches of a moving sensor begin with.
-        entries: Profiles and designs of the user, by name.
-        every: Whether every window and reading is asked for, or the rows of an answer alone.
-        free_paths: Whether free paths are asked for, here or by the scene.
-        windows: The baselines that are compared, by name, without those among the entries.
-        burst_progress: Called with the share of the search for bursts that is done.
-        open_on_parabola: The best design of an open shutter, computed at the first call.
-        shaped_on_parabola: The best design of a free profile, one of the entries if it can be.
-    """
+    """The searches of one comparison: what they are for, and designs that some of them share."""
 
     def __init__(
         self,
@@ -150,18 +125,12 @@ class RivalSearch:
 
 
 class Rival(NamedTuple):
-    """A kind of camera that stands beside a design, tuned alike.
+    """A kind of camera that stands beside a design, tuned alike."""
 
-    Attributes:
-        names: Names of its rows, of which a search may find fewer.
-        hardware: Parts that its rows may require.
-        search: Finds its rows.
-        is_asked: Whether a comparison searches for it.
-    """
-
-    names: tuple[str, ...]
-    hardware: frozenset[str]
-    search: Callable[[RivalSearch], list[Row]]
+    names: tuple[str, ...]  # Names of its rows, of which a search may find fewer
+    hardware: frozenset[str]  # Parts that its rows may require
+    search: Callable[[RivalSearch], list[Row]]  # Finds its rows
+    # Whether a comparison searches for it
     is_asked: Callable[[RivalSearch], bool] = lambda search: True
 
     def rows(self, search: RivalSearch) -> list[Row]:
@@ -188,16 +157,7 @@ def searches(search: RivalSearch) -> dict[str, Callable[[], list[Row]]]:
 
 
 def compared_rows(search: RivalSearch, step: Step, begin: Step = lambda name: None) -> list[Row]:
-    """Measures shutters, baselines and rivals at their own best motions, and on one motion.
-
-    Args:
-        search: The searches of the comparison.
-        step: Called with the name of each search when it has ended.
-        begin: Called with it before.
-
-    Returns:
-        The rows at their own best motion, then those on the same motion where every row is wanted.
-    """
+    """Measures shutters, baselines and rivals at their own best motions, and on one motion."""
     scene, motion = search.scene, search.motion
     entries = {**search.entries, **search.windows} if search.every else {}
     commands = {n: e.command if isinstance(e, Design) else e for n, e in entries.items()}

@@ -8,25 +8,22 @@ from typing import TypeVar
 import numpy as np
 from jaxtyping import Float
 
-from mishutter.design import Design
-from mishutter.evaluation import (
+from mishutter.design.design import Design
+from mishutter.evaluation.losses import AbstractLoss
+from mishutter.evaluation.metrics import Metrics, SequenceMetrics
+from mishutter.evaluation.speed_knowledge import (
     KNOWN_SPEED,
     UNKNOWN_SPEED,
-    AbstractLoss,
-    Metrics,
-    SequenceMetrics,
     SpeedKnowledge,
     knowledge_of,
 )
-from mishutter.model import (
-    AbstractMotion,
-    AbstractShutter,
-    FrameSequence,
-    RectShutter,
-    Scene,
-    least_efficiency,
-    profile_of,
-)
+from mishutter.model.devices import least_efficiency
+from mishutter.model.motion import AbstractMotion
+from mishutter.model.scene import Scene
+from mishutter.model.sequences import FrameSequence
+from mishutter.model.shutters.base import AbstractShutter
+from mishutter.model.shutters.polynomials import profile_of
+from mishutter.model.shutters.windows import RectShutter
 
 Choice = TypeVar("Choice")
 
@@ -66,35 +63,24 @@ _NUM_TIMES = 512
 
 @dataclass(frozen=True)
 class Row:
-    """One shutter on one motion.
+    """One shutter on one motion."""
 
-    Attributes:
-        reading: `"same motion"` or `"own best motion"`.
-        name: Name of the shutter.
-        shutter: The profile.
-        motion: The motion it is measured on.
-        loss: Value of the loss that tuned it; None on the same motion.
-        metrics: Its metrics; of a burst those that a decoder has which registers its frames.
-        turns: Whether turning the camera makes the pan, and not the stage.
-        decoder: Knowledge of the speed that the judging decoder has.
-        sequence: The frames of a burst, of which the motion is that of one; None of one exposure.
-        at_worst: Whether it is judged at the worst speed, and not by the mean over speeds.
-        design: The design that a search found; None for the reading *same motion* and for a burst.
-        hardware: Parts that cameras of its kind may require.
-    """
-
-    reading: str
-    name: str
-    shutter: AbstractShutter
-    motion: AbstractMotion
-    loss: float | None
+    reading: str  # `"same motion"` or `"own best motion"`
+    name: str  # Name of the shutter
+    shutter: AbstractShutter  # The profile
+    motion: AbstractMotion  # The motion it is measured on
+    loss: float | None  # Value of the loss that tuned it; None on the same motion
+    # Its metrics; of a burst those that a decoder has which registers its frames
     metrics: Metrics | SequenceMetrics
-    turns: bool = False
-    decoder: SpeedKnowledge = UNKNOWN_SPEED
+    turns: bool = False  # Whether turning the camera makes the pan, and not the stage
+    decoder: SpeedKnowledge = UNKNOWN_SPEED  # Knowledge of the speed that the judging decoder has
+    # The frames of a burst, of which the motion is that of one; None of one exposure
     sequence: FrameSequence | None = None
+    # Whether it is judged at the worst speed, and not by the mean over speeds
     at_worst: bool = False
+    # The design that a search found; None for the reading *same motion* and for a burst
     design: Design | None = None
-    hardware: frozenset[str] = ONE_EXPOSURE
+    hardware: frozenset[str] = ONE_EXPOSURE  # Parts that cameras of its kind may require
 
     def __repr__(self) -> str:
         """The name and the level; the table has the rest."""
@@ -269,11 +255,6 @@ def simplest(rows: Iterable[Row], top: Row, *, within: float) -> Row:
 
     Fewer parts come first, then a parabola before a free path, then an ordinary shutter before a
     made one, and then the level.
-
-    Args:
-        rows: Rows to choose from.
-        top: The one that they are compared with.
-        within: Level below the top from which on a row is not as good; dB.
     """
     simpler = [row for row in rows if row.is_simpler_than(top) and top.margin_over(row) < within]
     return min([*simpler, top], key=lambda row: (len(row.required_hardware), row.kind, -row.level))
@@ -283,10 +264,6 @@ def choice_of(rows: Iterable[Row], own: Iterable[str] = ()) -> Row:
     """The row to take, by `simplest_of`.
 
     Of rows that are equally simple an ordinary snapshot comes first, then one of the user's.
-
-    Args:
-        rows: The rows.
-        own: Names of those of the user's.
     """
     order = {name: 1 for name in own} | dict.fromkeys(SNAPSHOTS, 0)
     return simplest_of((row.level, (*row.rank, order.get(row.name, 2)), row) for row in rows)
@@ -297,9 +274,6 @@ def simplest_of(options: "Iterable[tuple[float, tuple[int, ...], Choice]]") -> "
 
     A simpler option that is that close replaces the one before until there is none: whatever is
     taken is worth what it needs beside each simpler one.
-
-    Args:
-        options: Level in dB, rank and the option itself, of which the lesser rank is the simpler.
     """
     options = list(options)
     level, rank, top = max(options, key=lambda each: each[0])
@@ -315,9 +289,6 @@ def best_of_each_purchase(rows: Iterable[Row]) -> dict[str, Row]:
 
     The best row of a purchase is the best of all rows that need no more parts, and the simplest of
     equals: whoever has bought more may use less of it.
-
-    Args:
-        rows: Rows of both readings; only those at their own best motion count.
     """
     rows = [row for row in rows if row.reading == OWN_BEST_MOTION]
     return {

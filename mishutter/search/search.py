@@ -10,44 +10,23 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
 
-from mishutter._core import (
-    alone_in_blas,
-    in_threads,
-    num_processors,
-    outside_trace,
-    reports,
-    require,
-    require_known,
-    require_positive_int,
-    require_seed,
-)
-from mishutter.design import Design, Outcome
-from mishutter.evaluation import (
-    SPEED_KNOWLEDGE,
-    AbstractLoss,
-    LossFunction,
-    Plan,
-    as_loss,
-    evaluate,
-    loss_of_decoder,
-    transmittance,
-    value_of,
-)
-from mishutter.model import (
-    AbstractDevice,
-    AbstractMotion,
-    AbstractShutter,
-    ChippedShutter,
-    RectShutter,
-    Scene,
-    SplineShutter,
-    TukeyShutter,
-    command_of,
-    is_adjustable,
-    is_known_zero,
-    require_scene,
-    stays_open,
-)
+from mishutter._core.checks import require, require_known, require_positive_int, require_seed
+from mishutter._core.compiling import outside_trace
+from mishutter._core.parallel import alone_in_blas, in_threads, num_processors
+from mishutter._core.progress import reports
+from mishutter.design.design import Design, Outcome
+from mishutter.evaluation.losses import AbstractLoss, LossFunction, as_loss, value_of
+from mishutter.evaluation.metrics import evaluate
+from mishutter.evaluation.needs import Plan
+from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE, loss_of_decoder
+from mishutter.evaluation.views import transmittance
+from mishutter.model.devices import AbstractDevice, command_of, stays_open
+from mishutter.model.motion import AbstractMotion, is_known_zero
+from mishutter.model.scene import Scene, require_scene
+from mishutter.model.shutters.base import AbstractShutter, is_adjustable
+from mishutter.model.shutters.chips import ChippedShutter
+from mishutter.model.shutters.spline import SplineShutter
+from mishutter.model.shutters.windows import RectShutter, TukeyShutter
 from mishutter.search.objective import AbstractObjective, SearchedObjective, objective_of
 from mishutter.search.planning import design_at
 from mishutter.search.planning import plan as plan_of_scene
@@ -124,26 +103,18 @@ _OUTSIDE = "A fixed part of the motion is outside the scene's limits."
 
 
 class SearchSettings(NamedTuple):
-    """Settings that a search shares with all searches that it calls for.
+    """Settings that a search shares with all searches that it calls for."""
 
-    Attributes:
-        loss: The loss to be minimised.
-        plan: The plan of the computation, by which searches share programs; by default each search
-            has its own, made for its whole space.
-        num_coefficients: Coefficients of a free-form profile that is made here.
-        num_starts: Number of starts; None for the default.
-        seed: Seed of the random starts.
-        max_steps: Steps of a minimisation, at most.
-        progress: Called with the steps taken and the smallest loss so far.
-    """
-
-    loss: AbstractLoss
+    loss: AbstractLoss  # The loss to be minimised
+    # The plan of the computation, by which searches share programs; by default each search has its
+    # own, made for its whole space
     plan: Plan | None = None
+    # Coefficients of a free-form profile that is made here
     num_coefficients: int = NUM_COEFFICIENTS
-    num_starts: int | None = None
-    seed: int = 0
-    max_steps: int = MAX_STEPS
-    progress: Progress | None = None
+    num_starts: int | None = None  # Number of starts; None for the default
+    seed: int = 0  # Seed of the random starts
+    max_steps: int = MAX_STEPS  # Steps of a minimisation, at most
+    progress: Progress | None = None  # Called with the steps taken and the smallest loss so far
 
 
 _WHY_NO_STEP = "compiling (first run only), or a long minimisation"
@@ -295,13 +266,6 @@ def on_free_path(
 
     `optimise(free={"path", ...})` returns the same where it passes by the other design. The result
     is never worse than the designs that it begins with.
-
-    Args:
-        design: The best design of constant acceleration; of a `SplineShutter` if it is `shaped`.
-        start: The motion to begin with where the design does not accelerate.
-        loss: The loss to minimise.
-        shaped: Whether the profile moves too.
-        beside: Designs of an open shutter to begin with as well.
     """
     scene, command = design.scene, design.command
     free = free_by_default(scene, start, None if shaped else command)
@@ -351,19 +315,12 @@ class KnownDesign(NamedTuple):
 
 
 class Start(NamedTuple):
-    """The arguments of `optimise` that define the problem of a search.
+    """The arguments of `optimise` that define the problem of a search."""
 
-    Attributes:
-        scene: Speeds, light, noise and limits.
-        motion: Motion to start from; None for the scene's.
-        shutter: Profile to start from; None for one of free form.
-        free: Parts that may move; None for the default.
-    """
-
-    scene: Scene
-    motion: AbstractMotion | None = None
-    shutter: AbstractShutter | None = None
-    free: tuple[str, ...] | None = None
+    scene: Scene  # Speeds, light, noise and limits
+    motion: AbstractMotion | None = None  # Motion to start from; None for the scene's
+    shutter: AbstractShutter | None = None  # Profile to start from; None for one of free form
+    free: tuple[str, ...] | None = None  # Parts that may move; None for the default
 
 
 def _optimised(
@@ -417,16 +374,7 @@ def _beyond(
     settings: SearchSettings,
     more: tuple[KnownDesign, ...],
 ) -> Design:
-    """The better of a design of constant acceleration, and of one on a free path from there on.
-
-    Args:
-        design: The design.
-        path: The motion that the free path begins as, beside that of the design and that of the
-            scene's speeds.
-        names: Parts that may move.
-        settings: Settings of the search.
-        more: More designs to begin with.
-    """
+    """The better of a design of constant acceleration, and of one on a free path from there on."""
     path = path.as_free_path()
     scene, command, half = design.scene, design.command, design.motion.half_exposure
     of_speeds = path_of_speeds(scene, half, path.accelerations.size)
@@ -608,13 +556,7 @@ def free_by_default(
 def _searched(
     start: Start, settings: SearchSettings, more: tuple[KnownDesign, ...]
 ) -> "list[_End]":
-    """The best design, and where the acceleration may move the best without acceleration.
-
-    Args:
-        start: The scene, motion and shutter, and the parts that may move.
-        settings: Settings of the search.
-        more: More designs to begin with.
-    """
+    """The best design, and where the acceleration may move the best without acceleration."""
     frame = start.scene.motion if start.motion is None else start.motion
     shutter, names = start.shutter, start.free or ()
     scene, motion = search_frame(start.scene, frame, names)
@@ -688,12 +630,7 @@ def _best_of_space(
 
 
 class _History:
-    """The smallest loss so far, which `progress` reports.
-
-    Attributes:
-        losses: The smallest loss after each start, each step of a polish and each minimisation.
-        max_steps: Steps of a minimisation, at most.
-    """
+    """The smallest loss so far, which `progress` reports."""
 
     def __init__(self, losses: Float[np.ndarray, "n"], settings: SearchSettings) -> None:
         self.losses, self.max_steps = np.minimum.accumulate(losses), settings.max_steps

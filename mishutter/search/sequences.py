@@ -3,8 +3,11 @@
 import math
 from collections.abc import Callable
 
-from mishutter.evaluation import best_moving_burst, best_still_burst, with_losses
-from mishutter.model import FrameSequence, Scene, require_scene
+from mishutter.evaluation.bursts import best_still_burst
+from mishutter.evaluation.moving_bursts import best_moving_burst
+from mishutter.evaluation.sequences import with_losses
+from mishutter.model.scene import Scene, require_scene
+from mishutter.model.sequences import FrameSequence
 from mishutter.search.rows import simplest_of
 
 
@@ -32,10 +35,6 @@ def best_bursts(
 
     Before a background there is only that at rest: occlusion edges, which levels ignore, cost
     moving frames twice as much, and no decoder of this package restores them.
-
-    Args:
-        scene: Speeds, light, noise, limits and burst.
-        progress: Called with the share of the search that is done.
     """
     found = [best_still_burst(scene)]
     if scene.occlusion is None:
@@ -44,12 +43,7 @@ def best_bursts(
 
 
 def level_on_sensor(burst: FrameSequence, *, at_worst: bool = False) -> float:
-    """PSNR of a burst, less what it loses on a sensor of the scene's width; dB.
-
-    Args:
-        burst: The burst.
-        at_worst: Whether it is that at the worst of the speeds.
-    """
+    """PSNR of a burst, less what it loses on a sensor of the scene's width; dB."""
     level = burst.worst_psnr if at_worst else burst.psnr
     return level - (burst.width_loss or 0.0)
 
@@ -61,15 +55,7 @@ def choose_burst(
     *,
     at_worst: bool = False,
 ) -> FrameSequence | None:
-    """The burst to take, or None for one exposure that is as good and as simple.
-
-    Args:
-        bursts: As `best_bursts` returns them.
-        level: PSNR of the exposure by a decoder that knows the speed; dB. Without one a burst is
-            taken, though it has a single frame.
-        rank: Its `Row.rank`.
-        at_worst: Whether levels are those at the worst of the speeds.
-    """
+    """The burst to take, or None for one exposure that is as good and as simple."""
     several = [burst for burst in bursts if burst.num_frames > 1 or not rank]
     options = [
         (level_on_sensor(burst, at_worst=at_worst), (1, 2) if burst.moves else (0, 1), burst)

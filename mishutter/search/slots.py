@@ -8,7 +8,8 @@ many of the best are made as lower the loss together.
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from mishutter.model import AbstractDevice, runs_are_long_enough
+from mishutter.model.devices import AbstractDevice
+from mishutter.model.slots import runs_are_long_enough
 from mishutter.search.objective import AbstractObjective
 from mishutter.search.starts import screened
 
@@ -23,13 +24,7 @@ _AT_ONCE = 64
 def searched_slots(
     objective: AbstractObjective, levels: Float[np.ndarray, "n"], device: AbstractDevice
 ) -> Float[np.ndarray, "n"]:
-    """Levels of the slots at which no change of one or two lowers the loss.
-
-    Args:
-        objective: The loss by the level of each slot.
-        levels: Levels of the device to begin with.
-        device: The device, which has few levels and keeps each for a number of slots.
-    """
+    """Levels of the slots at which no change of one or two lowers the loss."""
     steps = (device.levels or 2) - 1
     slots = np.rint(np.asarray(levels, np.float64) * steps).astype(np.int64)
 

@@ -8,7 +8,7 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
-from mishutter._core import compiled
+from mishutter._core.compiling import compiled
 from mishutter.search.objective import AbstractObjective
 from mishutter.search.space import Bends
 
@@ -116,11 +116,6 @@ def minimise(
     The box is reached through $x = \sin^2\theta$, whose bounds are ordinary points: a
     solver arrives there, and leaves again, at finite $\theta$. A start on a bound, where
     the derivative by $\theta$ vanishes, is moved inside by 0.02.
-
-    Args:
-        objective: The function to be minimised.
-        point: Point to begin at.
-        max_steps: Steps, at most.
     """
     end, num_steps = _minimised(objective, point, max_steps)
     return np.asarray(end), int(num_steps)
@@ -165,20 +160,13 @@ def polish(
     point: Float[np.ndarray, "size"],
     *,
     max_steps: int,
-    low: Float[np.ndarray, "size"] | None = None,
-    high: Float[np.ndarray, "size"] | None = None,
+    low: Float[np.ndarray, "size"] | None = None,  # its own by default
+    high: Float[np.ndarray, "size"] | None = None,  # its own by default
 ) -> Polished:
     """SciPy's box-constrained L-BFGS-B, in the box's own coordinates.
 
     The loss is divided by its value at the start: the solver's tolerances are absolute, and would
     stop it short in bright light, where the loss is small.
-
-    Args:
-        objective: The function to be minimised.
-        point: Point to begin at.
-        max_steps: Steps, at most.
-        low: Lower bounds, inside the unit box; its own by default.
-        high: Upper bounds, inside the unit box; its own by default.
 
     Raises:
         NonFiniteLossError: if the loss or gradient is not finite on the way.

@@ -36,28 +36,28 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from mishutter._core import Unquoted, common_dtype, compiled, device_constant, require
-from mishutter.evaluation import transmittance
-from mishutter.model import (
-    AbstractDevice,
+from mishutter._core.checks import Unquoted, common_dtype, device_constant, require
+from mishutter._core.compiling import compiled
+from mishutter.evaluation.views import transmittance
+from mishutter.model.devices import AbstractDevice
+from mishutter.model.limits import Limits, PathShape
+from mishutter.model.motion import (
     AbstractMotion,
-    AbstractShutter,
     FreeMotion,
-    Limits,
     MotionNumbers,
-    PathShape,
-    RectShutter,
-    Scene,
+    is_known_zero,
+    simplified,
+)
+from mishutter.model.scene import Scene, seen_from
+from mishutter.model.sensor import filling_half_exposure, white_electrons
+from mishutter.model.shutters.base import (
+    AbstractShutter,
     at_coordinates,
     coordinates,
-    filling_half_exposure,
     is_adjustable,
-    is_known_zero,
     num_coordinates,
-    seen_from,
-    simplified,
-    white_electrons,
 )
+from mishutter.model.shutters.windows import RectShutter
 
 FREE_NAMES = ("shutter", "path", "half_exposure", "velocity", "acceleration")
 _OF_MOTION = FREE_NAMES[2:]
@@ -82,27 +82,17 @@ _SLOWEST = 1e-2
 
 
 class Bends(NamedTuple):
-    """Places along one coordinate of the box where a loss may have a kink.
+    """Places along one coordinate of the box where a loss may have a kink."""
 
-    Attributes:
-        coordinate: Index of the coordinate.
-        places: Its values there, inside the box; shape `(n,)`.
-    """
-
-    coordinate: int
-    places: Float[np.ndarray, "n"]
+    coordinate: int  # Index of the coordinate
+    places: Float[np.ndarray, "n"]  # Its values there, inside the box; shape `(n,)`
 
 
 class Interval(NamedTuple):
-    """An interval with a logarithmic coordinate from 0 to 1; scalars.
+    """An interval with a logarithmic coordinate from 0 to 1; scalars."""
 
-    Attributes:
-        low: Its lower end, at least 0.
-        high: Its upper end.
-    """
-
-    low: Float[Array, ""]
-    high: Float[Array, ""]
+    low: Float[Array, ""]  # Its lower end, at least 0
+    high: Float[Array, ""]  # Its upper end
 
     def at(self, share: Float[Array, ""]) -> Float[Array, ""]:
         """The number at a coordinate, inside after rounding too; 0 in an interval up to 0."""
@@ -120,37 +110,27 @@ class Interval(NamedTuple):
 
 @final
 class DesignSpace(eqx.Module):
-    """A unit box of designs around a shutter and a motion.
+    """A unit box of designs around a shutter and a motion."""
 
-    Attributes:
-        shutter: Profile as it is sent to the device: fixed, or of the kind that moves.
-        motion: Motion, whose numbers are fixed where they are not free.
-        limits: Bounds on stroke, top speed, exposure and pan.
-        device: Device that the profile is sent to; None for one that loses no light.
-        filling: Half exposure over which white fills a pixel, s: through a fixed shutter, or
-            through an open one where the profile moves. None where pixels never fill.
-        slowest: Least velocity worth panning at; px/s.
-        fastest: Greatest velocity worth panning at; px/s.
-        demand: Speed that a sensor gains as it keeps up with every object; px/s.
-        strongest: Largest acceleration that is explored, within the limits; px/s^2.
-        free: Parts that may move.
-        num_profile_coordinates: Number of coordinates that belong to the shutter.
-        num_path_coordinates: Number of coordinates, after these, that belong to a free path.
-        path_mirrors: Whether these belong to one half of the path, which the other mirrors.
-    """
-
+    # Profile as it is sent to the device: fixed, or of the kind that moves
     shutter: AbstractShutter
-    motion: AbstractMotion
-    limits: Limits
+    motion: AbstractMotion  # Motion, whose numbers are fixed where they are not free
+    limits: Limits  # Bounds on stroke, top speed, exposure and pan
+    # Device that the profile is sent to; None for one that loses no light
     device: AbstractDevice | None
+    # Half exposure over which white fills a pixel, s: through a fixed shutter, or through an open
+    # one where the profile moves. None where pixels never fill
     filling: Float[Array, ""] | None
-    slowest: Float[Array, ""]
-    fastest: Float[Array, ""]
-    demand: Float[Array, ""]
-    strongest: Float[Array, ""]
-    free: tuple[str, ...] = eqx.field(static=True)
+    slowest: Float[Array, ""]  # Least velocity worth panning at; px/s
+    fastest: Float[Array, ""]  # Greatest velocity worth panning at; px/s
+    demand: Float[Array, ""]  # Speed that a sensor gains as it keeps up with every object; px/s
+    strongest: Float[Array, ""]  # Largest acceleration that is explored, within the limits; px/s^2
+    free: tuple[str, ...] = eqx.field(static=True)  # Parts that may move
+    # Number of coordinates that belong to the shutter
     num_profile_coordinates: int = eqx.field(static=True)
+    # Number of coordinates, after these, that belong to a free path
     num_path_coordinates: int = eqx.field(static=True)
+    # Whether these belong to one half of the path, which the other mirrors
     path_mirrors: bool = eqx.field(static=True)
 
     @property
@@ -426,10 +406,6 @@ class DesignSpace(eqx.Module):
         """The transmittance that the search sees of a profile.
 
         One that moves stays behind the device where it comes to stay open: the loss has no step.
-
-        Args:
-            shutter: The profile.
-            half_exposure: Half of the exposure that it is sent over; s.
         """
         if self.device is None:
             return shutter

@@ -17,22 +17,18 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 from numpy.lib.stride_tricks import sliding_window_view
 
-from mishutter._core import compiled, in_threads, num_processors
-from mishutter.model import (
-    AbstractMotion,
-    AbstractShutter,
-    FreeMotion,
+from mishutter._core.compiling import compiled
+from mishutter._core.parallel import in_threads, num_processors
+from mishutter.model.motion import AbstractMotion, FreeMotion, simplified
+from mishutter.model.scene import Scene
+from mishutter.model.shutters.base import AbstractShutter, coordinates
+from mishutter.model.shutters.spline import SplineShutter, coefficient_times, fitted_boxes
+from mishutter.model.shutters.windows import (
     GaussianShutter,
     HannShutter,
     RectShutter,
-    Scene,
-    SplineShutter,
     TriangleShutter,
     TukeyShutter,
-    coefficient_times,
-    coordinates,
-    fitted_boxes,
-    simplified,
 )
 from mishutter.search.objective import AbstractObjective
 from mishutter.search.space import DesignSpace
@@ -130,10 +126,6 @@ def path_boxes(
 
     Where the pan is free, all of them occur also at its least and at its greatest: paths that turn
     sharply before mid-exposure and paths that do so after it lie in different valleys.
-
-    Args:
-        space: The space, with a free path.
-        boxes: Points of it.
     """
     first = space.num_profile_coordinates
     outwards = np.linspace(-1, 1, space.num_path_coordinates, dtype=boxes.dtype)
@@ -162,11 +154,6 @@ def path_of_speeds(scene: Scene, half_exposure: ArrayLike, num_pieces: int) -> F
     Its velocity is the quantile function of the speeds, $s$ at the time $t$ up to which objects no
     faster than $s$ weigh $(t + T) / 2T$ of all, joined by straight lines. The last and the first
     object have half of their time beyond the ends.
-
-    Args:
-        scene: Speeds and weights.
-        half_exposure: $T$; s, scalar.
-        num_pieces: Equal pieces of the path.
     """
     order = np.argsort(np.asarray(scene.speeds))
     speeds, weights = np.asarray(scene.speeds)[order], np.asarray(scene.weights)[order]
@@ -266,15 +253,7 @@ def _openings(
     boxes: Float[np.ndarray, "n size"],
     numbers: Float[np.ndarray, "n 4"],
 ) -> Float[np.ndarray, "n p"]:
-    """Profiles that are open about the times of some speeds.
-
-    Args:
-        space: The design space.
-        scene: The scene, for its speeds.
-        boxes: The motions, with any profile.
-        numbers: Slowest and fastest share of the speeds, width and softness of each profile, in the
-            unit box.
-    """
+    """Profiles that are open about the times of some speeds."""
     spline: SplineShutter = space.shutter  # type: ignore[assignment]
     sag, gain, velocity = (np.asarray(x)[:, None] for x in _numbers_of_motion(space, boxes))
     speeds, share = quantiles(scene), (np.arange(_NUM_QUANTILES) + 0.5) / _NUM_QUANTILES
@@ -306,14 +285,7 @@ def _openings(
 
 
 def _codes(space: DesignSpace, numbers: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n p"]:
-    """Profiles that are open wherever a wave is above a level.
-
-    Args:
-        space: The design space.
-        numbers: Numbers of each profile in the unit box: its waves, as a share of the most that fit
-            into the exposure, or into half of it where it is symmetric; their place; the share of
-            time that it is open; and the softness.
-    """
+    """Profiles that are open wherever a wave is above a level."""
     spline: SplineShutter = space.shutter  # type: ignore[assignment]
     count = space.num_profile_coordinates
     middles = coefficient_times(spline.num_coefficients)[:count]

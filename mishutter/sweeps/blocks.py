@@ -9,72 +9,44 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
-from mishutter._core import in_threads, num_threads
-from mishutter.evaluation import (
-    METRICS,
-    LightLevels,
-    Rules,
-    Shapes,
-    Sizes,
-    automatic,
-    coarser,
-    measure,
-    named_metrics,
-    scenes_for,
-    too_long,
-    transmittance,
-    without_tolerances,
-)
-from mishutter.model import (
-    AbstractShutter,
-    ParabolicMotion,
-    Scene,
-    SplineShutter,
-    white_electrons,
-)
-from mishutter.search import SearchSettings, Start, best_design
+from mishutter._core.parallel import in_threads, num_threads
+from mishutter.evaluation.batch import LightLevels, Rules, Shapes, Sizes, measure, scenes_for
+from mishutter.evaluation.ensembles import without_tolerances
+from mishutter.evaluation.metrics import METRICS, named_metrics
+from mishutter.evaluation.needs import automatic, coarser, too_long
+from mishutter.evaluation.views import transmittance
+from mishutter.model.motion import ParabolicMotion
+from mishutter.model.scene import Scene
+from mishutter.model.sensor import white_electrons
+from mishutter.model.shutters.base import AbstractShutter
+from mishutter.model.shutters.spline import SplineShutter
+from mishutter.search.search import SearchSettings, Start, best_design
 from mishutter.sweeps.grid import MARKS, REASONS, Block, Grid, Search, outside_limits
 
 Arrays = dict[str, np.ndarray]
 
 
 class PreparedShutter(NamedTuple):
-    """A shutter ready to be measured.
+    """A shutter ready to be measured."""
 
-    Attributes:
-        shutter: The shutter, or one of the kind of which each point has its own.
-        coordinates: The shutter, or those whose sums are the points' own.
-        rules: Rules of quadrature behind the device; None where they depend on the exposure.
-        scenes: Scenes of each frame with the speeds that the shutter needs.
-    """
-
-    shutter: AbstractShutter
-    coordinates: Sequence[AbstractShutter]
+    shutter: AbstractShutter  # The shutter, or one of the kind of which each point has its own
+    coordinates: Sequence[AbstractShutter]  # The shutter, or those whose sums are the points' own
+    # Rules of quadrature behind the device; None where they depend on the exposure
     rules: Rules | None
-    scenes: list[Scene]
+    scenes: list[Scene]  # Scenes of each frame with the speeds that the shutter needs
 
 
 class Profiles(NamedTuple):
-    """The best profiles of `n` points.
+    """The best profiles of `n` points."""
 
-    Attributes:
-        boxes: Coordinates of each profile.
-        losses: Loss of each.
-        converged: Whether each search converged.
-    """
-
-    boxes: Float[np.ndarray, "n c"]
-    losses: Float[np.ndarray, "n"]
-    converged: Bool[np.ndarray, "n"]
+    boxes: Float[np.ndarray, "n c"]  # Coordinates of each profile
+    losses: Float[np.ndarray, "n"]  # Loss of each
+    converged: Bool[np.ndarray, "n"]  # Whether each search converged
 
 
 @final
 class Engine:
-    """Arrays and sizes that the blocks of a grid share.
-
-    Args:
-        grid: The sweep.
-    """
+    """Arrays and sizes that the blocks of a grid share."""
 
     def __init__(self, grid: Grid):
         self.grid = grid

@@ -13,8 +13,8 @@ from typing import Any
 import equinox as eqx
 import jax
 
-from mishutter._core import Unquoted, require
-from mishutter.design import package_version
+from mishutter._core.checks import Unquoted, require
+from mishutter.design.design import package_version
 from mishutter.sweeps.blocks import Arrays, Engine
 from mishutter.sweeps.grid import Block, Grid
 from mishutter.sweeps.store import AbstractBlocks, StoredBlocks

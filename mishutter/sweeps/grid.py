@@ -12,18 +12,17 @@ import jax
 import numpy as np
 from jaxtyping import Float, UInt
 
-from mishutter._core import RowLike, common_dtype, describe, require, shape_of
-from mishutter.design import package_version, scene_to_dict
-from mishutter.evaluation import METRICS, AbstractLoss, SpeedKnowledge, knowledge_of
-from mishutter.model import (
-    LIMITS,
-    AbstractShutter,
-    LinearMotion,
-    Scene,
-    SplineShutter,
-    seen_from,
-    shutter_to_dict,
-)
+from mishutter._core.checks import RowLike, common_dtype, describe, require, shape_of
+from mishutter.design.design import package_version, scene_to_dict
+from mishutter.evaluation.losses import AbstractLoss
+from mishutter.evaluation.metrics import METRICS
+from mishutter.evaluation.speed_knowledge import SpeedKnowledge, knowledge_of
+from mishutter.model.limits import LIMITS
+from mishutter.model.motion import LinearMotion
+from mishutter.model.scene import Scene, seen_from
+from mishutter.model.shutters.base import AbstractShutter
+from mishutter.model.shutters.kinds import shutter_to_dict
+from mishutter.model.shutters.spline import SplineShutter
 
 _BITS = {limit.name: limit.bit for limit in LIMITS} | {"full_well": 4, "blur_too_long": 8}
 REASONS = tuple(sorted(_BITS, key=_BITS.__getitem__))
@@ -40,19 +39,13 @@ _SEARCH_BLOCK = 16
 
 
 class Search(NamedTuple):
-    """Settings of the search for the best profile at each point.
+    """Settings of the search for the best profile at each point."""
 
-    Attributes:
-        loss: The loss to minimise.
-        profiles: A profile of the kind that is searched in each frame, to start from.
-        max_steps: Most steps of each search.
-        seed: Seed of the random starts.
-    """
-
-    loss: AbstractLoss
+    loss: AbstractLoss  # The loss to minimise
+    # A profile of the kind that is searched in each frame, to start from
     profiles: tuple[SplineShutter, ...]
-    max_steps: int
-    seed: int
+    max_steps: int  # Most steps of each search
+    seed: int  # Seed of the random starts
 
     @property
     def num_coefficients(self) -> int:
@@ -70,15 +63,10 @@ class Search(NamedTuple):
 
 
 class Frame(NamedTuple):
-    """A scene and the velocity of a sensor that pans.
+    """A scene and the velocity of a sensor that pans."""
 
-    Attributes:
-        scene: The scene at rest.
-        velocity: Velocity of the sensor at mid-exposure; px/s.
-    """
-
-    scene: Scene
-    velocity: float
+    scene: Scene  # The scene at rest
+    velocity: float  # Velocity of the sensor at mid-exposure; px/s
 
     @property
     def sensor_scene(self) -> Scene:
@@ -113,33 +101,21 @@ class Block(NamedTuple):
 
 @dataclass(frozen=True)
 class Grid:
-    """A sweep as it was asked for; see `sweep`.
+    """A sweep as it was asked for; see `sweep`."""
 
-    Attributes:
-        accelerations: $a$, ascending; px/s^2.
-        half_exposures: $T$, ascending; s.
-        velocities: $v$, ascending, px/s; None for the middle of each scene's speeds.
-        scenes: Scenes by name.
-        shutters: Fixed shutters by name.
-        metrics: Names of the metrics to compute.
-        photon_rates: Photon rates, e-/s; None for each scene's own.
-        read_noises: Read noises, e-; None for each scene's own.
-        full_well: Most electrons of a pixel, e-; None for no limit.
-        search: Settings of the search for the best profile; None for fixed shutters alone.
-        named_scenes: Whether scenes are a dimension.
-    """
-
-    accelerations: Float[np.ndarray, "a"]
-    half_exposures: Float[np.ndarray, "t"]
+    accelerations: Float[np.ndarray, "a"]  # $a$, ascending; px/s^2
+    half_exposures: Float[np.ndarray, "t"]  # $T$, ascending; s
+    # $v$, ascending, px/s; None for the middle of each scene's speeds
     velocities: Float[np.ndarray, "v"] | None
-    scenes: dict[str, Scene]
-    shutters: dict[str, AbstractShutter]
-    metrics: tuple[str, ...]
-    photon_rates: Float[np.ndarray, "p"] | None
-    read_noises: Float[np.ndarray, "r"] | None
-    full_well: float | None
+    scenes: dict[str, Scene]  # Scenes by name
+    shutters: dict[str, AbstractShutter]  # Fixed shutters by name
+    metrics: tuple[str, ...]  # Names of the metrics to compute
+    photon_rates: Float[np.ndarray, "p"] | None  # Photon rates, e-/s; None for each scene's own
+    read_noises: Float[np.ndarray, "r"] | None  # Read noises, e-; None for each scene's own
+    full_well: float | None  # Most electrons of a pixel, e-; None for no limit
+    # Settings of the search for the best profile; None for fixed shutters alone
     search: Search | None
-    named_scenes: bool
+    named_scenes: bool  # Whether scenes are a dimension
 
     @property
     def dtype(self) -> np.dtype:
@@ -309,12 +285,7 @@ def require_within(
 
 
 def require_some_inside(subject: str, outside: np.ndarray) -> None:
-    """Refuse a grid all of whose points are left out, by the reasons for that.
-
-    Args:
-        subject: The argument to blame.
-        outside: Bits of `REASONS`; any shape.
-    """
+    """Refuse a grid all of whose points are left out, by the reasons for that."""
     counts = {
         reason.replace("_", " "): int(np.count_nonzero(outside & (1 << bit)))
         for bit, reason in enumerate(REASONS)

@@ -11,25 +11,24 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
-from mishutter._core import (
+from mishutter._core.checks import (
     RowLike,
     named,
-    outside_trace,
-    reports,
     require,
     require_known,
     require_positive_int,
     require_seed,
 )
-from mishutter.evaluation import (
-    METRICS,
-    AbstractLoss,
-    SpeedKnowledge,
-    as_loss,
-    metrics_of,
-)
-from mishutter.model import AbstractShutter, Scene, TukeyShutter, baselines
-from mishutter.search import MAX_STEPS, NUM_COEFFICIENTS, starting_shutter
+from mishutter._core.compiling import outside_trace
+from mishutter._core.progress import reports
+from mishutter.evaluation.losses import AbstractLoss, as_loss
+from mishutter.evaluation.metrics import METRICS
+from mishutter.evaluation.speed_knowledge import SpeedKnowledge, metrics_of
+from mishutter.model.scene import Scene
+from mishutter.model.shutters.base import AbstractShutter
+from mishutter.model.shutters.kinds import baselines
+from mishutter.model.shutters.windows import TukeyShutter
+from mishutter.search.search import MAX_STEPS, NUM_COEFFICIENTS, starting_shutter
 from mishutter.sweeps.blocks import Engine
 from mishutter.sweeps.cluster import compute_remotely, connection
 from mishutter.sweeps.grid import OPTIMISED, Frame, Grid, Search, checked_axis, decoders_of

@@ -21,8 +21,9 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from mishutter._core import Unquoted, describe, require, write_bytes
-from mishutter.evaluation import METRICS
+from mishutter._core.checks import Unquoted, describe, require
+from mishutter._core.files import write_bytes
+from mishutter.evaluation.metrics import METRICS
 from mishutter.sweeps.grid import REASONS, Block, Grid
 
 if TYPE_CHECKING:
@@ -63,12 +64,7 @@ class AbstractBlocks(ABC):
 
     @abstractmethod
     def write(self, block: Block, arrays: Arrays) -> None:
-        """Keeps the results of a block.
-
-        Args:
-            block: The block.
-            arrays: Its part of each variable, by name; shapes are those of `Grid.region`.
-        """
+        """Keeps the results of a block."""
 
     @abstractmethod
     def dataset(self) -> "xarray.Dataset":
@@ -105,11 +101,6 @@ class MemoryBlocks(AbstractBlocks):
 @final
 class StoredBlocks(AbstractBlocks):
     """Blocks in a Zarr store.
-
-    Args:
-        grid: The sweep.
-        path: Folder of the store.
-        make: Whether to make a store where there is none, and to mend one that is damaged.
 
     Raises:
         ValueError: if something else is there.

@@ -7,19 +7,16 @@ from typing import TYPE_CHECKING
 import equinox as eqx
 import numpy as np
 
-from mishutter._core import (
-    RowLike,
-    Unquoted,
-    as_float,
-    counts,
-    in_threads,
-    num_processors,
-    outside_trace,
-    require,
-)
-from mishutter.evaluation import METRICS, knowledge_of, loss_of_level, without_tolerances
-from mishutter.model import Scene, require_scene
-from mishutter.search import RivalSearch, best_row, snapshots
+from mishutter._core.checks import RowLike, Unquoted, as_float, require
+from mishutter._core.compiling import outside_trace
+from mishutter._core.parallel import in_threads, num_processors
+from mishutter._core.progress import counts
+from mishutter.evaluation.ensembles import without_tolerances
+from mishutter.evaluation.metrics import METRICS
+from mishutter.evaluation.speed_knowledge import knowledge_of, loss_of_level
+from mishutter.model.scene import Scene, require_scene
+from mishutter.search.rivals import RivalSearch, snapshots
+from mishutter.search.rows import best_row
 
 if TYPE_CHECKING:
     import xarray
@@ -180,8 +177,8 @@ def light_map(dataset: "xarray.Dataset", scene: Scene) -> "xarray.Dataset":
 @outside_trace()
 def best_snapshots(
     scene: Scene,
-    photon_rates: RowLike | None = None,
-    read_noises: RowLike | None = None,
+    photon_rates: RowLike | None = None,  # the scene's by default
+    read_noises: RowLike | None = None,  # the scene's by default
     *,
     level: str | None = None,
     progress: bool = False,
@@ -189,18 +186,6 @@ def best_snapshots(
     """The best exposure of an open shutter, and pan, under each light and read noise.
 
     Each is the better of the snapshots that a comparison searches for, at rest and panned.
-
-    Args:
-        scene: Speeds, picture, and the limits of the pan and of the exposure, which also ends
-            where white fills the scene's full well.
-        photon_rates: Photon rates at white, e-/s; the scene's by default.
-        read_noises: Read noises, e-; the scene's by default.
-        level: Name of the metric that judges them, the expected PSNR of a decoder; that of the
-            scene's decoder by default, within the scene's tolerances if these count for it.
-        progress: Whether a bar is shown, in a terminal or a notebook.
-
-    Returns:
-        The level in dB under its name, `half_exposure` in s and `velocity` in px/s over both.
 
     Raises:
         ValueError: if a rate or a noise is not finite or below 0, or the level is of no decoder.
@@ -265,10 +250,6 @@ def _ends(dataset: "xarray.Dataset", name: str, values: np.ndarray) -> list[str]
 
 def level_of(subject: str, dataset: "xarray.Dataset") -> str:
     """Name of the metric that judges the points of a sweep, the level of its decoder.
-
-    Args:
-        subject: The argument to blame.
-        dataset: What `sweep` gave.
 
     Raises:
         ValueError: if the sweep does not hold it.

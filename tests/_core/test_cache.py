@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from jax.experimental.compilation_cache import compilation_cache
 
-from mishutter._core import keep_compiled_programs, mend_compilation_cache
+from mishutter._core.compiling import keep_compiled_programs, mend_compilation_cache
 
 
 @pytest.fixture

@@ -29,7 +29,7 @@ from mishutter import (
     starting_shutter,
     sweep,
 )
-from mishutter._core import (
+from mishutter._core.checks import (
     as_float,
     common_dtype,
     describe,
@@ -38,7 +38,8 @@ from mishutter._core import (
     require_key,
     require_positive_int,
 )
-from mishutter.model import piecewise, simplified
+from mishutter.model.motion import simplified
+from mishutter.model.shutters.base import piecewise
 
 
 def test_a_count_is_a_plain_integer():
@@ -184,7 +185,7 @@ def test_a_motion_shows_its_numbers():
         (
             Limits(max_stroke=38.5, max_top_speed=4800.0, max_half_exposure=0.04, max_pan=0.0),
             "Limits(max_stroke=38.5, max_top_speed=4800, min_half_exposure=0.0001, "
-            "max_half_exposure=0.04, max_pan=0, pans='stage', free_paths=False)",
+            "max_half_exposure=0.04, max_pan=0, pans='stage', axes='each', free_paths=False)",
         ),
         (IdealShutter(transmission=0.4), "IdealShutter(transmission=0.4, leakage=0)"),
         (TukeyShutter(0.35), "TukeyShutter(taper=0.35)"),

@@ -7,7 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from mishutter._core import as_they_end, compiled, compiling, is_tracing, outside_trace
+from mishutter._core import compiling
+from mishutter._core.compiling import compiled, is_tracing, outside_trace
+from mishutter._core.parallel import as_they_end
 
 
 def _doubled_cube(x, *, factor=2.0):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mishutter import Design, Scene
-from mishutter._core import is_own_folder, short_names, strict_json, write_text
+from mishutter._core.files import is_own_folder, short_names, strict_json, write_text
 
 resource = pytest.importorskip("resource") if os.name == "posix" else None
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info
 
-from mishutter._core import alone_in_blas, as_they_end, in_threads, num_threads
+from mishutter._core.parallel import alone_in_blas, as_they_end, in_threads, num_threads
 
 
 @pytest.mark.parametrize("count", [1, 3])

@@ -11,8 +11,9 @@ import pytest
 from rich.console import Console
 
 import mishutter as ms
-from mishutter._core import Counter, counts, progress, progress_bar, reports, working
-from mishutter.sweeps import best_snapshots
+from mishutter._core import progress
+from mishutter._core.progress import Counter, counts, progress_bar, reports, working
+from mishutter.sweeps.trade_offs import best_snapshots
 
 
 def line_once(capsys, others, wanted):

@@ -11,7 +11,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import mishutter as ms
-from mishutter.search import NonFiniteLossError
+from mishutter.search.solvers import NonFiniteLossError
 
 CODE = np.array([0.0, 1.0, 0.3, 1.0, 0.0, 0.7])
 PROFILES = {

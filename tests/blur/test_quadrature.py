@@ -11,7 +11,7 @@ import pytest
 from support.cases import SHUTTERS
 
 from mishutter import TukeyShutter
-from mishutter.blur import exposure_quadrature
+from mishutter.blur.quadrature import exposure_quadrature
 
 PHASE_PER_NODE = 1.6
 """Radians: a little less than a plan allows each node."""

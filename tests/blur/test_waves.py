@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from mishutter.blur import sum_of_waves, waves_on_dft
-from mishutter.model import frequencies, on_steps
+from mishutter.blur.waves import sum_of_waves, waves_on_dft
+from mishutter.model.optics import frequencies, on_steps
 
 COUNTS = [(256, 256), (384, 384), (1024, 96), (256, 33), (64, 1), (4096, 4096)]
 DISTANCES = [3.0, 180.0, 900.0, 9000.0]

@@ -19,9 +19,9 @@ from support.time_sampling import captured_footage, captured_layers, captured_pi
 from support.videos import film
 
 import mishutter as ms
-from mishutter.decoding import blur_model
-from mishutter.model import noise_power
-from mishutter.pictures import shipped_picture
+from mishutter.decoding.decoders.base import blur_model
+from mishutter.model.sensor import noise_power
+from mishutter.pictures.images import shipped_picture
 
 HALF = 0.011
 MOVING = ms.ParabolicMotion(acceleration=27.0 / HALF**2, half_exposure=HALF)
@@ -209,7 +209,7 @@ def test_a_capture_differentiates_by_the_shutter():
 @pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS)
 def test_scene_beyond_the_sensor(motion):
     """With `border="scene"` the capture is the middle of the capture of a larger picture."""
-    from mishutter.camera import captured_columns
+    from mishutter.camera.capture import captured_columns
 
     whole = photograph(3, 400)
     seen = captured_columns(motion, 99.0, 200)

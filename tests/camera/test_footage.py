@@ -7,7 +7,7 @@ import pytest
 from support.videos import COLUMNS, ROWS, cut, film
 
 import mishutter as ms
-from mishutter.pictures import PictureWarning
+from mishutter.pictures.images import PictureWarning
 
 HALF = 0.011
 MOVING = ms.ParabolicMotion(acceleration=9.0 / HALF**2, half_exposure=HALF)

@@ -27,7 +27,7 @@ from mishutter import (
 
 # `widen` changes the distance at which light ends, for which captures have no argument.
 from mishutter.camera import occlusion, rows
-from mishutter.decoding import blur_model
+from mishutter.decoding.decoders.base import blur_model
 
 HALF = 0.009
 MOVING = ParabolicMotion(acceleration=13.0 / HALF**2, half_exposure=HALF)

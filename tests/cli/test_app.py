@@ -42,13 +42,13 @@ from mishutter import (
     optimise,
     read_scene,
 )
-from mishutter import design as finished
-from mishutter._core import working
+from mishutter._core.progress import working
 from mishutter.cli import app
+from mishutter.design import design as finished
 
 # The face is `main` alone, which never waits long enough without a bar to say so.
-from mishutter.design import Design
-from mishutter.pictures import write_picture
+from mishutter.design.design import Design
+from mishutter.pictures.images import write_picture
 
 
 @pytest.fixture(scope="module")
@@ -131,7 +131,7 @@ USAGE = {
         ["plan", "--fixed", "--free", "shutter"],
         "`--free` must be left out with --fixed; got 'shutter'",
     ),
-    "out-under-nothing": (["compare", "--out", "/dev/null/x"], "must be a folder that takes files"),
+    "out-under-nothing": (["compare", "--out", "/dev/null/x"], "must be a writable folder"),
 }
 
 
@@ -205,7 +205,7 @@ def test_the_output_folder_is_tried_before_the_search(tmp_path, capsys, monkeypa
     place = tmp_path / "file"
     place.write_text("in the way")
     # Its first step fails if it begins.
-    monkeypatch.setattr("mishutter.search.plan", None)
+    monkeypatch.setattr("mishutter.search.planning.plan", None)
     line = refused(capsys, "optimise", "--out", place)
     assert "`--out` must be a writable folder; got" in line
 
@@ -234,7 +234,7 @@ def test_a_folder_without_permission(tmp_path, capsys):
     """So is one that one may not write to."""
     place = tmp_path / "closed"
     place.mkdir(mode=0o500)
-    assert "must be a folder that takes files" in refused(capsys, "compare", "--out", place)
+    assert "must be a writable folder" in refused(capsys, "compare", "--out", place)
 
 
 def test_an_interrupt_is_130(monkeypatch, capsys):
@@ -244,7 +244,7 @@ def test_an_interrupt_is_130(monkeypatch, capsys):
         raise KeyboardInterrupt
 
     # The first step of a command is where it is interrupted.
-    monkeypatch.setattr("mishutter.model.example_scene", interrupt)
+    monkeypatch.setattr("mishutter.model.scene.example_scene", interrupt)
     assert cli.main(["compare"]) == 130
     (line,) = messages(capsys.readouterr().err)
     assert line.startswith("mishutter: interrupted: no result was saved; the same command")
@@ -253,13 +253,25 @@ def test_an_interrupt_is_130(monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("place", "arguments", "told"),
     [
-        ("search.optimise", ["optimise"], "the same command begins again"),
-        ("report.compare", ["compare"], "the same command begins again"),
-        ("decoding.capture_and_restore", ["simulate", "--out", "x"], "the same command begins"),
-        ("paper.reproduce", ["reproduce", "--out", "x"], "the same command begins again"),
-        ("sweeps.sweep", ["sweep"], "with --store PATH a sweep goes on where it was interrupted"),
+        ("search.search.optimise", ["optimise"], "the same command starts again"),
+        ("report.comparison.compare", ["compare"], "the same command starts again"),
         (
-            "sweeps.sweep",
+            "decoding.simulation.capture_and_restore",
+            ["simulate", "--out", "x"],
+            "the same command starts",
+        ),
+        (
+            "paper.reproduction.reproduce",
+            ["reproduce", "--out", "x"],
+            "the same command starts again",
+        ),
+        (
+            "sweeps.run.sweep",
+            ["sweep"],
+            "with --store PATH a sweep goes on where it was interrupted",
+        ),
+        (
+            "sweeps.run.sweep",
             ["sweep", "--store", "s.zarr"],
             "3 of 1600 points are saved in s.zarr; the same command computes the others",
         ),
@@ -272,7 +284,7 @@ def test_an_interrupt_says_what_was_kept_and_how_to_go_on(
     """One line, whatever was under way."""
 
     def interrupt(*_, progress=None, **__):
-        if place == "sweeps.sweep":
+        if place == "sweeps.run.sweep":
             progress(3, 1600)
         raise KeyboardInterrupt
 
@@ -317,7 +329,7 @@ def test_a_termination_is_143(monkeypatch):
         raise AssertionError
 
     # The first step of a command is where the signal comes.
-    monkeypatch.setattr("mishutter.model.example_scene", terminated)
+    monkeypatch.setattr("mishutter.model.scene.example_scene", terminated)
     with pytest.raises(SystemExit, match="143"):
         cli.main(["compare"])
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
@@ -330,7 +342,7 @@ def test_a_bug_shows_itself(monkeypatch):
         raise TypeError("a bug")
 
     # No command has a known bug.
-    monkeypatch.setattr("mishutter.model.example_scene", fail)
+    monkeypatch.setattr("mishutter.model.scene.example_scene", fail)
     with pytest.raises(TypeError, match="a bug"):
         cli.main(["compare"])
 
@@ -551,8 +563,10 @@ def test_free_paths_and_backgrounds_are_asked_for(asked, small_scene, monkeypatc
         seen.append(free_paths)
         raise ValueError("`seen` must be enough; got it.")
 
-    monkeypatch.setattr("mishutter.report.compare", compare)
-    monkeypatch.setattr("mishutter.search.optimise", lambda scene, **others: given_design(scene))
+    monkeypatch.setattr("mishutter.report.comparison.compare", compare)
+    monkeypatch.setattr(
+        "mishutter.search.search.optimise", lambda scene, **others: given_design(scene)
+    )
     options = ["--free-paths"] if asked else []
     for command in ("optimise", "compare"):
         assert cli.main([command, str(small_scene), *options]) == 2

@@ -105,7 +105,9 @@ def test_a_capture_says_what_it_is_of(tmp_path, scene, capsys, monkeypatch):
     """The shutter, the motion, the speed, the decoder and the PSNR that is printed."""
     figures = []
     # Titles of the figure are text; in the file they are pixels.
-    monkeypatch.setattr("mishutter.report.save_figure", lambda figure, _: figures.append(figure))
+    monkeypatch.setattr(
+        "mishutter.report.plots.save_figure", lambda figure, _: figures.append(figure)
+    )
     saved(np.ascontiguousarray(CODED[..., :3]))(tmp_path / "a.png")
     arguments = ["--subject", tmp_path / "a.png", "--shutter", "tukey:0.3", "--speed", "700"]
     arguments += ["--decoder", "wiener", "--out", tmp_path / "out", "--json"]
@@ -233,7 +235,7 @@ def test_quality_is_that_of_a_photograph(subject, tmp_path, scene, capsys):
     assert ("no PSNR: " in printed.err) == (subject != "a.png")
 
 
-@pytest.mark.filterwarnings("default::mishutter.pictures.PictureWarning")
+@pytest.mark.filterwarnings("default::mishutter.pictures.images.PictureWarning")
 def test_a_picture_of_few_bits_is_noted_and_may_be_told(tmp_path, scene, capsys):
     """Untold, one line says what its white may be; `--white` and `--linear` make it light."""
     import tifffile

@@ -21,8 +21,8 @@ from mishutter.cli.console import (
     take_any_text,
     write_error,
 )
-from mishutter.hardware import DriveWarning
-from mishutter.pictures import PictureWarning
+from mishutter.hardware.drive_files import DriveWarning
+from mishutter.pictures.images import PictureWarning
 
 COLUMNS = ("shutter", "PSNR dB", "snapshot +dB", "kernel diff", "relative", "light", "open ms")
 ROWS = [

@@ -17,7 +17,7 @@ from typer.main import get_command
 
 from mishutter import Design, cli, example_picture
 from mishutter.cli.app import app
-from mishutter.pictures import write_picture
+from mishutter.pictures.images import write_picture
 
 SMALL = shlex.join(SMALL_SEARCH)
 COMMANDS = {

@@ -4,7 +4,7 @@ from support.drive import a_design
 
 from mishutter import FirstOrderShutter, TukeyShutter, drive_table
 from mishutter.cli.export import FormatName, _note_what_to_set
-from mishutter.design import given_design
+from mishutter.design.design import given_design
 
 
 def test_a_shutter_stands_at_its_first_level_for_its_settling_time(capsys):
@@ -22,6 +22,6 @@ def test_a_shutter_stands_at_its_first_level_for_its_settling_time(capsys):
     table = drive_table(design)
     _note_what_to_set(table, FormatName("npy"))
     said = " ".join(capsys.readouterr().err.split())
-    assert f"from {float(device.settling_time) * 1e3:.3g} ms before the exposure" in said
+    assert f"at least {float(device.settling_time) * 1e3:.3g} ms before the exposure" in said
     assert 5 < float(device.settling_time) * 1e3 < 50
     assert f"samples in {table.exposure * 1e3:.5g} ms" in said

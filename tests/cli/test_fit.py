@@ -12,11 +12,12 @@ from support.exports import HALF as PULSE_HALF
 from support.exports import keysight, pulse
 from support.laboratory import COMMAND, expected, recorded
 
-from mishutter import Design, FittedCamera, ParabolicMotion, Scene, SplineShutter, cli, hardware
+from mishutter import Design, FittedCamera, ParabolicMotion, Scene, SplineShutter, cli
 
 # A fit whose transmittance exceeds 1 needs a bench that is wrong; its text is checked alone.
 from mishutter.cli import fit_command
-from mishutter.hardware import Estimate
+from mishutter.hardware.calibration import estimation
+from mishutter.hardware.calibration.estimation import Estimate
 
 SPEEDS = (-1500.0, 0.0, 1700.0)
 HEAD = "[sensor]\nread_noise_e = 3\n"
@@ -102,7 +103,7 @@ def test_a_trace_is_brought_upright_for_the_fit(sign, folder, tmp_path, capsys, 
         raise ValueError("enough")
 
     # The trace is whole before the fit, which would take the longer part of the test.
-    monkeypatch.setattr(hardware, "fit", stop)
+    monkeypatch.setattr(estimation, "fit", stop)
     given = [tmp_path / "bench.toml", "--design", folder / "design.json"]
     assert cli.main(["fit", *map(str, given)]) == 2
     assert ("it is read as inverted" in capsys.readouterr().err) == (sign < 0)

@@ -32,9 +32,9 @@ from mishutter import (
 # A comparison searches for minutes; the tests read what it would be given.
 from mishutter.cli import app
 from mishutter.cli.laboratory import note_other_device
-from mishutter.design import GIVEN, given_design
-from mishutter.model import seen_from
-from mishutter.search import is_finished
+from mishutter.design.design import GIVEN, given_design
+from mishutter.model.scene import seen_from
+from mishutter.search.rivals import is_finished
 
 LEVEL = (0.55 + 0.3 * np.sin(np.arange(11 * 90) * 0.37).reshape(11, 90)) * 255
 

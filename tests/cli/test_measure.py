@@ -11,8 +11,8 @@ from support.command_line import refused
 from support.places import PLACES, best_frames
 
 from mishutter import Scene, cli, measure
-from mishutter.measurement import Measurement
-from mishutter.report import plot_motion, plot_noise
+from mishutter.measurement.measurement import Measurement
+from mishutter.report.measurement_plots import plot_motion, plot_noise
 
 CLIP = ClipOf(
     (Thing((96, 120), (40, 52), (9.0, 260.0)),),

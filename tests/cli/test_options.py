@@ -23,7 +23,7 @@ from support.rows import verdict
 import mishutter as ms
 from mishutter import cli
 from mishutter.cli.app import app
-from mishutter.design import given_design
+from mishutter.design.design import given_design
 
 
 class ReachedError(Exception):
@@ -73,14 +73,26 @@ def _opens_a_browser(arguments: dict[str, Any]) -> bool:
     return bool(opened)
 
 
-SEARCH, COMPARE = "mishutter.search.optimise", "mishutter.report.compare"
-SWEEP, PLAN = "mishutter.sweeps.sweep", "mishutter.search.plan"
-CAPTURE, EXPLORE = "mishutter.decoding.capture_and_restore", "mishutter.explore.serve"
-TABLE, FIT = "mishutter.hardware.drive_table", "mishutter.hardware.fit"
-READ_DRIVE, READ_TRACE = "mishutter.hardware.design_from_drive", "mishutter.hardware.read_trace"
-PROFILE, READ_PICTURE = "mishutter.hardware.measured_profile", "mishutter.pictures.read_picture"
-TABLES = "mishutter.report.comparison_tables"
-PHOTOGRAPHS, BACKGROUNDS = "mishutter.report.photographs", "mishutter.report.background_gains"
+SEARCH, COMPARE = "mishutter.search.search.optimise", "mishutter.report.comparison.compare"
+SWEEP, PLAN = "mishutter.sweeps.run.sweep", "mishutter.search.planning.plan"
+CAPTURE, EXPLORE = (
+    "mishutter.decoding.simulation.capture_and_restore",
+    "mishutter.explore.server.serve",
+)
+TABLE, FIT = "mishutter.hardware.drive.drive_table", "mishutter.hardware.calibration.estimation.fit"
+READ_DRIVE, READ_TRACE = (
+    "mishutter.hardware.drive.design_from_drive",
+    "mishutter.hardware.trace_files.read_trace",
+)
+PROFILE, READ_PICTURE = (
+    "mishutter.hardware.traces.measured_profile",
+    "mishutter.pictures.images.read_picture",
+)
+TABLES = "mishutter.report.tables.comparison_tables"
+PHOTOGRAPHS, BACKGROUNDS = (
+    "mishutter.report.restored.photographs",
+    "mishutter.report.backgrounds.background_gains",
+)
 
 LABORATORY = [
     Option(["--drive", "drive.csv"], READ_DRIVE, lambda a: a["path"].name, "drive.csv"),
@@ -111,9 +123,9 @@ LABORATORY = [
         )
     ),
 ]
-MEASURE = "mishutter.measurement.measure"
-READ_CAPTURES = "mishutter.pictures.read_captures"
-RESTORE, GIVEN = "mishutter.decoding.restored_capture", ("--design", "design.json")
+MEASURE = "mishutter.measurement.measurement.measure"
+READ_CAPTURES = "mishutter.pictures.images.read_captures"
+RESTORE, GIVEN = "mishutter.decoding.simulation.restored_capture", ("--design", "design.json")
 ON_PICTURES = ("--pictures", "photo.png", "--pictures", "other.png")
 JUDGED = [
     Option(["--pictures", "photos"], COMPARE, lambda a: len(a["pictures"]), 3),
@@ -247,7 +259,9 @@ OPTIONS = {
         Option(["--host", "0.0.0.0"], EXPLORE, _named("host"), "0.0.0.0"),
         Option(["--no-browser"], EXPLORE, _opens_a_browser, False),
     ],
-    "reproduce": [Option(["--quick"], "mishutter.paper.reproduce", _named("quick"), True)],
+    "reproduce": [
+        Option(["--quick"], "mishutter.paper.reproduction.reproduce", _named("quick"), True)
+    ],
     "export": [
         Option(["--steps", "19"], TABLE, _named("num_steps"), 19),
         Option(["--levels", "5"], TABLE, _named("num_levels"), 5),
@@ -333,7 +347,9 @@ def stub(monkeypatch, designs, target):
         SEARCH: designs[0],
         COMPARE: comparison,
         FIT: camera,
-        "mishutter.hardware.read_measurements": SimpleNamespace(trace=None),
+        "mishutter.hardware.calibration.measurements.read_measurements": SimpleNamespace(
+            trace=None
+        ),
     }
     for address, answer in answers.items():
         if address != target:

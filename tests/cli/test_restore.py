@@ -11,8 +11,8 @@ from support.command_line import SMALL_SCENE, refused
 
 import mishutter as ms
 from mishutter import cli
-from mishutter.design import given_design
-from mishutter.pictures import read_captures, write_picture
+from mishutter.design.design import given_design
+from mishutter.pictures.images import read_captures, write_picture
 
 SCENE = ms.Scene([0.0, 310.0, -190.0], photon_rate=2.3e6, read_noise=4.7)
 MOTION = ms.ParabolicMotion(acceleration=6e4, half_exposure=9.7e-3)

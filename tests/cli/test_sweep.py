@@ -13,7 +13,7 @@ from support.command_line import SMALL_SCENE, environment, no_constant, refused
 
 from mishutter import Limits, Scene, cli
 from mishutter.cli.sweep_command import _COLUMNS, _OTHER_METRICS, _point_of, _rows
-from mishutter.evaluation import METRICS
+from mishutter.evaluation.metrics import METRICS
 
 RANGES = ["--acceleration", "3e4:1.2e5:2", "--half-exposure", "3:9:2"]
 
@@ -36,7 +36,7 @@ MISTAKES = {
     ),
     "many-together": (["--acceleration", "1:2:9000000"], "points; got 360,000,000"),
     "shutter": (["--shutter", "hamming"], "must be one of rect, hann, "),
-    "out": (["--out", "/dev/null/x"], "must be a folder that takes files"),
+    "out": (["--out", "/dev/null/x"], "must be a writable folder"),
     "store": (
         ["--store", "/dev/null/x"],
         "must be a folder that can be written; got '/dev/null/x':",

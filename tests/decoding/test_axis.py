@@ -29,10 +29,10 @@ from mishutter import (
     simulate_capture,
     write_picture,
 )
-from mishutter.hardware import TargetPicture, read_measurements
-from mishutter.model import read_scene, scene_text
-from mishutter.pictures import turned
-from mishutter.report import plot_photograph
+from mishutter.hardware.calibration.measurements import TargetPicture, read_measurements
+from mishutter.model.scene import read_scene, scene_text
+from mishutter.pictures.images import turned
+from mishutter.report.plots import plot_photograph
 
 GIVEN = {"photon_rate": 1e5, "read_noise": 4.0, "limits": Limits(max_stroke=30.0)}
 ACROSS, DOWN = (

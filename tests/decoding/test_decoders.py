@@ -14,24 +14,25 @@ import pytest
 from skimage.restoration import denoise_tv_chambolle
 from support import borders
 from support.cameras import camera, scene
-from support.classes import final_classes
+from support.classes import final_classes_in
 
 import mishutter as ms
-from mishutter.decoding import (
-    blur_model,
-    decoders,
-    measure_quality,
-    restore_by_each,
-    richardson_lucy,
-)
+from mishutter.decoding import decoders
 
 # The filters themselves; decoders apply them to rows whose borders are continued.
 from mishutter.decoding.decoders.banded import banded
+from mishutter.decoding.decoders.base import blur_model
 from mishutter.decoding.decoders.borders import Continuation, continuation
 
 # The minimisers alone: what they minimise is a short formula on periodic rows, which no camera's
 # rows are.
-from mishutter.decoding.decoders.likelihood import _Blur, _Method, _Penalty, _restored
+from mishutter.decoding.decoders.likelihood import (
+    _Blur,
+    _Method,
+    _Penalty,
+    _restored,
+    richardson_lucy,
+)
 from mishutter.decoding.decoders.linear import (
     ensemble_filter,
     expected_squared_error,
@@ -41,6 +42,8 @@ from mishutter.decoding.decoders.linear import (
 
 # The minimiser alone, as above.
 from mishutter.decoding.decoders.tikhonov import _regularised
+from mishutter.decoding.image_quality import measure_quality
+from mishutter.decoding.restoration import restore_by_each
 
 PLAIN = ms.RichardsonLucyDecoder(30, accelerated=False, until_noise=False, start="capture")
 
@@ -68,7 +71,7 @@ OF_ROWS = [name for name in DECODERS if name not in ("plug and play", "speed fin
 
 def test_every_decoder_is_among_them():
     """One that is missing is one that nothing tests."""
-    assert {type(d) for d in DECODERS.values()} == final_classes(decoders, ms.AbstractDecoder)
+    assert {type(d) for d in DECODERS.values()} == final_classes_in(decoders, ms.AbstractDecoder)
 
 
 def photograph(first=100, last=124):
@@ -77,7 +80,7 @@ def photograph(first=100, last=124):
 
 def portrait():
     """Rows whose ends differ, as those of most photographs do."""
-    from mishutter.pictures import shipped_picture
+    from mishutter.pictures.images import shipped_picture
 
     return shipped_picture("astronaut.png").luminance[100:228, :, None].astype(np.float64)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import mishutter as ms
-from mishutter.decoding import ghost_energy, measure_quality, ssim
+from mishutter.decoding.image_quality import ghost_energy, measure_quality, ssim
 
 RNG = np.random.default_rng(6)
 PICTURE = 0.2 + 0.6 * RNG.random((40, 220, 3))

@@ -5,9 +5,13 @@ import pytest
 from support.cameras import camera, scene
 
 import mishutter as ms
-from mishutter.camera import captured_response, captured_responses_below
-from mishutter.decoding import blur_model, expected_squared_error, squared_error_in
-from mishutter.decoding.decoders.linear import ensemble_filter
+from mishutter.camera.capture import captured_response, captured_responses_below
+from mishutter.decoding.decoders.base import blur_model
+from mishutter.decoding.decoders.linear import (
+    ensemble_filter,
+    expected_squared_error,
+    squared_error_in,
+)
 
 LAYERS = {
     "whole": None,

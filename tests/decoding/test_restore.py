@@ -8,8 +8,8 @@ import pytest
 from support.bursts import a_burst_design
 
 import mishutter as ms
-from mishutter.decoding import restored_capture
-from mishutter.design import given_design
+from mishutter.decoding.simulation import restored_capture
+from mishutter.design.design import given_design
 
 MOTION = ms.ParabolicMotion(acceleration=6e4, half_exposure=9.7e-3, velocity=70.0)
 SPEEDS = [0.0, 310.0, -190.0]

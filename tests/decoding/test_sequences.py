@@ -24,10 +24,11 @@ from mishutter import (
     simulate_capture,
     simulate_frames,
 )
-from mishutter.decoding import burst_and_restore, sequences
-from mishutter.evaluation import nodes_of_frames
+from mishutter.decoding import sequences
+from mishutter.decoding.simulation import burst_and_restore
 from mishutter.evaluation.frames import burst_psnr, still_frames
-from mishutter.model import FrameSequence
+from mishutter.evaluation.sequences import nodes_of_frames
+from mishutter.model.sequences import FrameSequence
 
 PERIOD, EXPOSURE, SWING = 1 / 60, 0.0164, 24.0
 SCENE = Scene.uniform(max_speed=4500.0, photon_rate=1e5, read_noise=8)

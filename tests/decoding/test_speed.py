@@ -15,12 +15,13 @@ from scipy.ndimage import gaussian_filter, rotate
 
 import mishutter as ms
 from mishutter import cli
-from mishutter.decoding import blur_model, restored_light
+from mishutter.decoding.decoders.base import blur_model
 from mishutter.decoding.decoders.speed import Posterior, speeds_to_try
 from mishutter.decoding.decoders.speed_finding import at_speed
+from mishutter.decoding.restoration import restored_light
 
 # Speeds that are tried and the model at one of them; a decoder returns only its estimate.
-from mishutter.evaluation import SPEED_KNOWLEDGE
+from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE
 
 HALF = 0.015
 OPEN = ms.RectShutter()

@@ -14,7 +14,7 @@ from scipy.optimize import brentq, minimize
 from support.cameras import camera, scene
 
 import mishutter as ms
-from mishutter.decoding import blur_model
+from mishutter.decoding.decoders.base import blur_model
 
 # Filters and operators of a decoder, checked against their formulas; it returns only a picture.
 from mishutter.decoding.decoders.borders import continuation
@@ -24,7 +24,7 @@ from mishutter.decoding.decoders.linear import (
     expected_squared_error,
 )
 from mishutter.decoding.decoders.total_variation import adjoint_differences, differences
-from mishutter.pictures import shipped_picture
+from mishutter.pictures.images import shipped_picture
 
 
 def portrait(rows=64):

@@ -38,9 +38,9 @@ from mishutter import (
     WorstSpeedLoss,
     drive_table,
 )
-from mishutter._core import strict_json
-from mishutter.design import Outcome, given_design, motion_to_dict
-from mishutter.model import shutter_from_dict, shutter_to_dict
+from mishutter._core.files import strict_json
+from mishutter.design.design import Outcome, given_design, motion_to_dict
+from mishutter.model.shutters.kinds import shutter_from_dict, shutter_to_dict
 
 SHUTTERS = {
     "rect": RectShutter(),

@@ -17,7 +17,8 @@ from mishutter import (
     TukeyShutter,
     optimise,
 )
-from mishutter.evaluation import sizes, value_of
+from mishutter.evaluation.losses import value_of
+from mishutter.evaluation.needs import sizes
 
 VERTEX, FREE = ExpectedErrorLoss(), ExpectedErrorLoss(alignment="free")
 LEFT_BEHIND = ParabolicMotion(acceleration=6e4, half_exposure=1.2e-2)

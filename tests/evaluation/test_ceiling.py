@@ -22,11 +22,10 @@ from mishutter import (
     ceiling,
     evaluate,
 )
-from mishutter.evaluation import Plan
 
 # Instants and counts are steps of the ceiling, which returns a single number.
 from mishutter.evaluation.ceilings import times_of_list
-from mishutter.evaluation.needs import frequency_counts
+from mishutter.evaluation.needs import Plan, frequency_counts
 
 LONGEST = 0.012
 LIMITS = Limits(max_stroke=40.0, max_half_exposure=LONGEST)

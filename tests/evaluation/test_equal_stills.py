@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 from mishutter import Burst, Limits, Scene
-from mishutter.evaluation import FrameTimes, StillBursts, best_still_burst
+from mishutter.evaluation.bursts import FrameTimes, StillBursts, best_still_burst
 
 LIMITS = Limits(max_stroke=45.0, min_half_exposure=2e-4, max_half_exposure=0.02)
 SPEEDS, WEIGHTS, RATE, NOISE = np.array([100.0, 3000.0]), np.array([0.8, 0.2]), 1e4, 0.4

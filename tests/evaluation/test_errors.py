@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from mishutter.evaluation import lost_share
+from mishutter.evaluation.errors import lost_share
 
 
 def test_the_lost_share_is_that_of_the_best_filter():

@@ -15,8 +15,8 @@ from mishutter import (
     centred_kernel,
     evaluate,
 )
-from mishutter.camera import captured_response
-from mishutter.evaluation import folds_speeds
+from mishutter.camera.capture import captured_response
+from mishutter.evaluation.needs import folds_speeds
 
 SHUTTER = TukeyShutter(0.4)
 PARABOLA = ParabolicMotion(acceleration=2.1e5, half_exposure=0.01, velocity=110.0)

@@ -26,21 +26,16 @@ from mishutter import (
     ceiling,
     evaluate,
 )
-from mishutter.decoding import blur_model, expected_squared_error
-from mishutter.evaluation import (
-    KNOWN_SPEED,
-    UNKNOWN_SPEED,
-    background_of,
-    sizes,
-    spectral_levels,
-    value_of,
-    with_shares,
-)
+from mishutter.decoding.decoders.base import blur_model
+from mishutter.decoding.decoders.linear import expected_squared_error
+from mishutter.evaluation.errors import spectral_levels
 
 # Sizes and shares of a search, which no argument asks for.
-from mishutter.evaluation.layers import Frequencies, LayerSampling
-from mishutter.evaluation.needs import effective_speeds
-from mishutter.search import plan
+from mishutter.evaluation.layers import Frequencies, LayerSampling, background_of, with_shares
+from mishutter.evaluation.losses import value_of
+from mishutter.evaluation.needs import effective_speeds, sizes
+from mishutter.evaluation.speed_knowledge import KNOWN_SPEED, UNKNOWN_SPEED
+from mishutter.search.planning import plan
 
 REFERENCE = 1.5e-4
 """Difference from the reference's values, dB: these have four decimals, and are known to 1e-4."""

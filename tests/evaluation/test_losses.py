@@ -33,24 +33,16 @@ from mishutter import (
     evaluate,
     optimise,
 )
+from mishutter.evaluation import losses, speed_knowledge
+from mishutter.evaluation.errors import expected_squared_error, squared_errors_by_speed
+from mishutter.evaluation.found_speed import open_time, smear_difference
+from mishutter.evaluation.losses import smooth_condition_number, value_of
 
 # Terms of a loss, each checked against its definition; a loss returns their weighted sum.
-from mishutter.evaluation import (
-    ONLY_SPECTRA,
-    Plan,
-    losses,
-    open_time,
-    respond,
-    sampled_view,
-    sizes,
-    smear_difference,
-    speed_knowledge,
-    value_of,
-)
-from mishutter.evaluation.errors import expected_squared_error, squared_errors_by_speed
-from mishutter.evaluation.losses import smooth_condition_number
-from mishutter.evaluation.response import folded
-from mishutter.search import plan
+from mishutter.evaluation.needs import ONLY_SPECTRA, Plan, sizes
+from mishutter.evaluation.response import folded, respond
+from mishutter.evaluation.views import sampled_view
+from mishutter.search.planning import plan
 
 LOSSES = {
     "design": DesignLoss(condition=0.1, invariance=0.7, efficiency=0.9),

@@ -4,15 +4,10 @@ import numpy as np
 import pytest
 
 from mishutter import HannShutter, Metrics, Scene, TukeyShutter, best_points, sweep
-from mishutter.evaluation import (
-    METRICS,
-    SPEED_KNOWLEDGE,
-    Metric,
-    knowledge_of,
-    metrics_of,
-    speed_knowledge,
-)
+from mishutter.evaluation import speed_knowledge
+from mishutter.evaluation.metrics import METRICS, Metric
 from mishutter.evaluation.needs import ONLY_SPECTRA
+from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE, knowledge_of, metrics_of
 
 SCENE = Scene([0.0, 410.0, -730.0], [0.3, 0.5, 0.2], photon_rate=2e5, read_noise=6.0)
 OF_THE_COMPUTATION = {"phase", "dft_length", "num_taps"}

@@ -29,21 +29,15 @@ from mishutter import (
     evaluate,
     transfer_function,
 )
-from mishutter.evaluation import (
-    KNOWN_SPEED,
-    ONLY_SPECTRA,
-    SPEED_KNOWLEDGE,
-    UNKNOWN_SPEED,
-    Plan,
-    respond,
-    sampled_view,
-    sizes,
-    spectral_levels,
-)
 
 # The error as a share of 1, to its last digits; metrics hold it in decibels.
-from mishutter.evaluation.errors import expected_squared_error
-from mishutter.model import frequencies, frequency_grid, picture_power
+from mishutter.evaluation.errors import expected_squared_error, spectral_levels
+from mishutter.evaluation.needs import ONLY_SPECTRA, Plan, sizes
+from mishutter.evaluation.response import respond
+from mishutter.evaluation.speed_knowledge import KNOWN_SPEED, SPEED_KNOWLEDGE, UNKNOWN_SPEED
+from mishutter.evaluation.views import sampled_view
+from mishutter.model.optics import frequencies, frequency_grid
+from mishutter.model.scene import picture_power
 
 HALF_EXPOSURE = 0.013
 MOTION = ParabolicMotion(acceleration=31.0 / HALF_EXPOSURE**2, half_exposure=HALF_EXPOSURE)

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from mishutter import Burst, Limits, Occlusion, ParabolicMotion, Scene, Sensor
-from mishutter.evaluation import FrameTimes, best_moving_burst, best_still_burst, loss_of_width
+from mishutter.evaluation.bursts import FrameTimes, best_still_burst
 from mishutter.evaluation.frames import FrameGroup, burst_psnr
-from mishutter.evaluation.moving_bursts import _best_of, _Room, _Search, _Try
+from mishutter.evaluation.moving_bursts import _best_of, _Room, _Search, _Try, best_moving_burst
 from mishutter.evaluation.open_frames import OpenFrames
+from mishutter.evaluation.sequences import loss_of_width
 
 LIMITS = Limits(max_stroke=45.0, max_top_speed=2e4, min_half_exposure=2e-4, max_half_exposure=0.02)
 RATE, NOISE, SPEEDS = 1e5, 8.0, np.linspace(-3000.0, 3000.0, 7)

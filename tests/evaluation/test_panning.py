@@ -25,7 +25,7 @@ from mishutter import (
     TukeyShutter,
     evaluate,
 )
-from mishutter.evaluation import value_of
+from mishutter.evaluation.losses import value_of
 
 # A search's loss at one point; a design holds only that of its minimum.
 from mishutter.search.objective import SpectralObjective

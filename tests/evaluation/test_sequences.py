@@ -18,13 +18,9 @@ from mishutter import (
     Texture,
     TimedFrame,
 )
-from mishutter.evaluation import (
-    best_moving_burst,
-    best_still_burst,
-    loss_of_width,
-    registration,
-    with_losses,
-)
+from mishutter.evaluation.bursts import best_still_burst
+from mishutter.evaluation.moving_bursts import best_moving_burst
+from mishutter.evaluation.sequences import loss_of_width, registration, with_losses
 
 U = (np.arange(512) + 0.5) / 512
 F, DF = 0.5 * U**2, 2 * U / 512

@@ -27,7 +27,9 @@ from mishutter import (
     example_scene,
     optimise,
 )
-from mishutter.evaluation import Plan, found_share, value_of
+from mishutter.evaluation.found_speed import found_share
+from mishutter.evaluation.losses import value_of
+from mishutter.evaluation.needs import Plan
 
 LOSSES = {
     "told": (KnownSpeedLoss(), 1.0),

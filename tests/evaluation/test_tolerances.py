@@ -29,12 +29,14 @@ from mishutter import (
     optimise,
     tolerance_costs,
 )
-from mishutter.blur import exposure_quadrature
-from mishutter.evaluation import ToleranceCost, ToleranceCosts, spectra_of, value_of
+from mishutter.blur.quadrature import exposure_quadrature
 
 # Members of an ensemble and their weights; metrics hold only means over them.
 from mishutter.evaluation.ensembles import drive_variance, ensemble_of, ensemble_weights
-from mishutter.model import seen_from
+from mishutter.evaluation.losses import value_of
+from mishutter.evaluation.response import spectra_of
+from mishutter.evaluation.tolerances import ToleranceCost, ToleranceCosts
+from mishutter.model.scene import seen_from
 
 SHUTTER = TukeyShutter(0.6)
 LOOSE = Tolerances(

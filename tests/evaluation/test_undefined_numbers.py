@@ -24,7 +24,8 @@ from mishutter import (
     evaluate,
     sweep,
 )
-from mishutter.evaluation import METRICS, SPEED_KNOWLEDGE
+from mishutter.evaluation.metrics import METRICS
+from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE
 from mishutter.evaluation.views import nan_unless_defined
 
 SCENE = Scene(

@@ -27,18 +27,13 @@ from mishutter import (
     evaluate,
     optimise,
 )
-from mishutter.evaluation import (
-    ONLY_SPECTRA,
-    Plan,
-    records,
-    sampled_view,
-    sensor_view,
-    spectral_levels,
-)
+from mishutter.evaluation.errors import spectral_levels
 
 # Metrics ask for all parts at once; no other folder does.
-from mishutter.evaluation.needs import EVERY_PART
-from mishutter.search import plan
+from mishutter.evaluation.needs import EVERY_PART, ONLY_SPECTRA, Plan
+from mishutter.evaluation.response import records
+from mishutter.evaluation.views import sampled_view, sensor_view
+from mishutter.search.planning import plan
 
 HALF = 0.017
 DEVICE = FirstOrderShutter(rise_time=1.3e-3, fall_time=2.9e-3, transmission=0.83)

@@ -5,11 +5,12 @@ import tomllib
 import pytest
 from support.command_line import SMALL_SCENE
 
-from mishutter._core import in_section, validated
+from mishutter._core.validation import in_section, validated
 
 # The face starts a server; the fields are checked without one.
 from mishutter.explore.fields import label_and_unit, page_fields, scene_text
-from mishutter.model import SceneFile, example_scene_text
+from mishutter.model.scene_file import example_scene_text
+from mishutter.model.scene_schema import SceneFile
 
 SECTIONS = {section["key"]: section for section in page_fields()}
 

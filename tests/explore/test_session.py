@@ -31,13 +31,14 @@ from mishutter import (
 )
 
 # The face starts a server; answers are checked without one.
-from mishutter.evaluation import SPEED_KNOWLEDGE
+from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE
 from mishutter.explore import pictures
 from mishutter.explore import session as sessions
 from mishutter.explore.answers import curves, first_answer
 from mishutter.explore.session import Order, Request, Session, SupersededError
-from mishutter.pictures import LUMINANCE
-from mishutter.search import Row, beyond_limits
+from mishutter.pictures.images import LUMINANCE
+from mishutter.search.rows import Row
+from mishutter.search.space import beyond_limits
 
 TABLES = tomllib.loads(ON_PARABOLAS.replace('path = "photo.png"', "mean_level = 0.23"))
 del TABLES["motion"]

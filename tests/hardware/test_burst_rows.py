@@ -8,7 +8,7 @@ import pytest
 from support.bursts import SEQUENCE, a_burst_design
 
 from mishutter import Limits, frame_table
-from mishutter.hardware import DRIVE_FORMATS
+from mishutter.hardware.drive_files import DRIVE_FORMATS
 
 
 def columns_of(text):

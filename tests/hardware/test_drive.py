@@ -332,7 +332,7 @@ def test_the_command_writes_table_and_picture(saved, tmp_path, capsys):
             ["export", "{saved}", "--ceiling", "0"],
             "must lie above the floor 0 and up to 1; got 0.0",
         ),
-        (["export", "{saved}", "--out", "/dev/null/x"], "must be a folder that takes files"),
+        (["export", "{saved}", "--out", "/dev/null/x"], "must be a writable folder"),
     ],
 )
 def test_mistakes_are_one_line(arguments, message, saved, capsys):

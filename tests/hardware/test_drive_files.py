@@ -22,7 +22,8 @@ from mishutter import (
     evaluate,
     read_drive,
 )
-from mishutter.hardware import DRIVE_FORMATS, DriveWarning, design_from_drive
+from mishutter.hardware.drive import design_from_drive
+from mishutter.hardware.drive_files import DRIVE_FORMATS, DriveWarning
 
 PANNING = MOTION.panned(-713.0)
 OTHER = ParabolicMotion(acceleration=3.7e4, half_exposure=MOTION.half_exposure, velocity=55.0)

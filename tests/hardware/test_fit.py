@@ -43,17 +43,17 @@ from mishutter import (
     evaluate,
     fit,
 )
-from mishutter.design import GIVEN
-from mishutter.hardware import Trace, read_measurements
+from mishutter.design.design import GIVEN
 
 # The starts of a fit, of which it returns the end of the best.
 from mishutter.hardware.calibration.estimation import Estimate
 from mishutter.hardware.calibration.likelihood import Setting
-from mishutter.hardware.calibration.measurements import Measurements
+from mishutter.hardware.calibration.measurements import Measurements, read_measurements
 
 # The model of a recording; a fit returns only the numbers that minimise its misfit.
 from mishutter.hardware.calibration.response import FINE, MOVED, collected, kernels
-from mishutter.pictures import PictureWarning
+from mishutter.hardware.traces import Trace
+from mishutter.pictures.images import PictureWarning
 
 ELECTRONS = 1e5
 SENSOR = SensorLevels(read_noise=3.0)

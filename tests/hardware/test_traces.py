@@ -12,7 +12,7 @@ from support.designs import MOTION
 from support.exports import pulse
 
 from mishutter import HannShutter, measured_profile
-from mishutter.hardware import Trace, for_a_fit
+from mishutter.hardware.traces import Trace, for_a_fit
 
 HALF = float(MOTION.half_exposure)
 TAU = np.linspace(-1, 1, 401)

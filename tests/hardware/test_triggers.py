@@ -12,10 +12,11 @@ from support.bursts import SEQUENCE, a_burst_design
 from support.command_line import refused
 
 from mishutter import Limits, SecondOrderStage, Sensor, cli, frame_table
-from mishutter.evaluation import psnr_of_frames
 from mishutter.evaluation.frames import burst_psnr, still_frames
-from mishutter.hardware import DRIVE_FORMATS, drive_bytes
-from mishutter.model import StillCamera, TimedFrame
+from mishutter.evaluation.sequences import psnr_of_frames
+from mishutter.hardware.drive_files import DRIVE_FORMATS, drive_bytes
+from mishutter.model.motion import StillCamera
+from mishutter.model.sequences import TimedFrame
 
 LIGHTS = [(-0.0111, -0.0069), (0.0022, 0.0158)]
 

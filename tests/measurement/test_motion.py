@@ -7,8 +7,8 @@ import pytest
 from scipy import ndimage
 from support.clips import ClipOf, Thing
 
-from mishutter.measurement import noise_from
 from mishutter.measurement.clip import clip_of
+from mishutter.measurement.measurement import noise_from
 from mishutter.measurement.motion import motion_of
 from mishutter.measurement.sweep import Box, Smoothed, swept
 

@@ -8,8 +8,8 @@ import pytest
 from PIL import Image
 from support.clips import ClipOf, Thing
 
-from mishutter.measurement import noise_from
 from mishutter.measurement.clip import clip_of
+from mishutter.measurement.measurement import noise_from
 
 THINGS = (
     Thing((70, 80), (38, 46), (190.0, 310.0)),

@@ -8,11 +8,11 @@ import pytest
 from support.clips import ClipOf, Thing
 
 import mishutter as ms
-from mishutter.measurement import Motion, MovingObject
+from mishutter.measurement.motion import Motion, MovingObject
 from mishutter.measurement.photon_transfer import Law
 from mishutter.measurement.scene import across_sentences, along_axis
 from mishutter.measurement.texture import Averaged, light_of_texture
-from mishutter.pictures import row_power_spectrum
+from mishutter.pictures.images import row_power_spectrum
 
 CLIP = ClipOf(
     (

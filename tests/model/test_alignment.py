@@ -7,7 +7,7 @@ import pytest
 from support.cases import MOTIONS
 
 from mishutter import FreeMotion, ParabolicMotion
-from mishutter.model import reach_of_parabola
+from mishutter.model.alignment import reach_of_parabola
 
 SPEEDS = np.array([-61.0, 0.0, 23.0, 140.0])
 TAU = np.linspace(-1, 1, 41)

@@ -3,20 +3,15 @@
 import equinox as eqx
 import pytest
 
-from mishutter._core import validated
-from mishutter.model import (
-    AbstractDevice,
-    Burst,
-    FirstOrderShutter,
-    IdealShutter,
-    Limits,
-    Occlusion,
-    Scene,
-    SecondOrderStage,
-    SwitchedShutter,
-    Tolerances,
-    arguments_of,
-)
+from mishutter._core.validation import validated
+from mishutter.model.arguments import arguments_of
+from mishutter.model.devices import AbstractDevice, FirstOrderShutter, IdealShutter, SwitchedShutter
+from mishutter.model.limits import Limits
+from mishutter.model.occlusion import Occlusion
+from mishutter.model.scene import Scene
+from mishutter.model.sensor import Burst
+from mishutter.model.servos import SecondOrderStage
+from mishutter.model.tolerances import Tolerances
 
 PARTS = {
     "limits": Limits(max_stroke=37.3, max_travel=91.7, max_jerk=4.1e9, pans="camera"),

@@ -31,15 +31,10 @@ from mishutter import (
     simulate_capture,
     transfer_function,
 )
-from mishutter.decoding import blur_model
-from mishutter.model import (
-    AbstractDevice,
-    command_of,
-    devices,
-    diffused,
-    runs_are_long_enough,
-    slot_means,
-)
+from mishutter.decoding.decoders.base import blur_model
+from mishutter.model import devices
+from mishutter.model.devices import AbstractDevice, command_of
+from mishutter.model.slots import diffused, runs_are_long_enough, slot_means
 
 T, LEAKAGE = 0.83, 0.07
 DEVICE = IdealShutter(transmission=T, leakage=LEAKAGE)

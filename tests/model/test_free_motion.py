@@ -10,11 +10,9 @@ import pytest
 from support.designs import SCENE
 
 from mishutter import FreeMotion, LinearMotion, ParabolicMotion, StillCamera
-from mishutter.model import (
-    seen_from,
-    simplified,
-    stage_path,
-)
+from mishutter.model.motion import simplified
+from mishutter.model.scene import seen_from
+from mishutter.model.stages import stage_path
 
 PATH = FreeMotion(
     accelerations=[410.0, -95.0, 0.0, 700.0, 280.0],

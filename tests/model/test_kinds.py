@@ -18,11 +18,11 @@ from mishutter import (
     baselines,
     register_shutter,
 )
-from mishutter.design import Outcome
-from mishutter.model import named_shutter, shutter_from_dict, shutter_to_dict
+from mishutter.design.design import Outcome
 
 # The registry itself, which each test leaves as it was.
 from mishutter.model.shutters import kinds
+from mishutter.model.shutters.kinds import named_shutter, shutter_from_dict, shutter_to_dict
 
 TAU = np.linspace(-1, 1, 41)
 

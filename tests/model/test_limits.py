@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from mishutter import FreeMotion, Limits, ParabolicMotion
-from mishutter.model import LIMITS, limits
-from mishutter.model.limits import Limit, PathShape, largest_within_one
+from mishutter.model import limits
+from mishutter.model.limits import LIMITS, Limit, PathShape, largest_within_one
 from mishutter.sweeps.grid import REASONS
 
 NARROW = Limits(

@@ -21,8 +21,8 @@ from mishutter import (
     binned_exposure,
     transfer_function,
 )
-from mishutter.evaluation import value_of
-from mishutter.model import AbstractMotion
+from mishutter.evaluation.losses import value_of
+from mishutter.model.motion import AbstractMotion
 
 HALF, PAN = 0.0021, -310.7
 

@@ -24,10 +24,10 @@ from mishutter import (
     register_shutter,
     transfer_function,
 )
-from mishutter.model import at_coordinates, coordinates, is_adjustable, piecewise
 
 # The registry itself, which each test leaves as it was.
 from mishutter.model.shutters import kinds
+from mishutter.model.shutters.base import at_coordinates, coordinates, is_adjustable, piecewise
 
 ROUNDING = 2e-15
 """A sum of a few numbers up to 1."""

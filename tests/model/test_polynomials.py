@@ -22,8 +22,9 @@ from mishutter import (
     evaluate,
     example_scene,
 )
-from mishutter.evaluation import kernels_at_speeds
-from mishutter.model import AbstractPiecewiseShutter, PolynomialShutter, in_one_form
+from mishutter.evaluation.response import kernels_at_speeds
+from mishutter.model.shutters.base import AbstractPiecewiseShutter
+from mishutter.model.shutters.polynomials import PolynomialShutter, in_one_form
 
 ROUNDING = {np.float64: 1e-15, np.float32: 4e-7}
 """A few last digits of a transmittance of one."""

@@ -19,7 +19,7 @@ from mishutter import (
     Texture,
     Tolerances,
 )
-from mishutter.model import seen_from
+from mishutter.model.scene import seen_from
 
 SCENE = Scene(
     [0.0, 1700.0, -900.0],

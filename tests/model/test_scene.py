@@ -21,7 +21,7 @@ from mishutter import (
     evaluate,
     optimise,
 )
-from mishutter.model import picture_power, power_on_grid
+from mishutter.model.scene import picture_power, power_on_grid
 
 LIGHT = {"photon_rate": 1e5, "read_noise": 3.0}
 

@@ -27,14 +27,15 @@ from mishutter import (
     Texture,
     Tolerances,
 )
-from mishutter.model import (
-    example_scene,
-    example_scene_text,
-    read_scene,
-    scene_text,
-)
+from mishutter.model.scene import example_scene, read_scene, scene_text
+from mishutter.model.scene_file import example_scene_text
 from mishutter.model.scene_units import SceneWarning
-from mishutter.pictures import example_picture, read_picture, row_power_spectrum, write_picture
+from mishutter.pictures.images import (
+    example_picture,
+    read_picture,
+    row_power_spectrum,
+    write_picture,
+)
 
 
 def written(folder, text, name="scene.toml"):
@@ -543,7 +544,7 @@ def test_free_paths_are_a_word_on_the_stage(tmp_path):
     path = tmp_path / "scene.toml"
     text = example_scene_text()
     for said in (False, True):
-        path.write_text(text.replace("# free_paths", "free_paths") if said else text)
+        path.write_text(text.replace("# free_paths = true", "free_paths = true") if said else text)
         assert Scene.load(path).limits.free_paths == said
 
 

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from mishutter.model import View, read_noise, read_scene, read_speed
-from mishutter.model.scene_units import SceneWarning
+from mishutter.model.scene import read_scene
+from mishutter.model.scene_file import read_speed
+from mishutter.model.scene_units import SceneWarning, View, read_noise
 
 WHOLE = """
 [speeds]

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from mishutter import Scene, Sensor
-from mishutter.model import filling_half_exposure, noise_power, scene_text
+from mishutter.model.scene import scene_text
+from mishutter.model.sensor import filling_half_exposure, noise_power
 
 LIGHT = {"photon_rate": 4e4, "read_noise": 3.0}
 

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from jaxtyping import Array
 from support.cases import MOTIONS, SHUTTERS
-from support.classes import final_classes
+from support.classes import final_classes, final_classes_in
 
 import mishutter
 from mishutter import (
@@ -29,10 +29,12 @@ from mishutter import (
     blur_kernel,
     transfer_function,
 )
-from mishutter.model import AbstractAdjustableShutter, AbstractMotion, piecewise, shutters
+from mishutter.model import shutters
+from mishutter.model.motion import AbstractMotion
 
 # Other folders get this class from `piecewise` alone, and none needs its name.
-from mishutter.model.shutters import SampledShutter
+from mishutter.model.shutters.base import AbstractAdjustableShutter, SampledShutter, piecewise
+from mishutter.model.shutters.polynomials import PolynomialShutter
 
 EFFICIENCY = 1e-14
 """A sum of a few dozen numbers below one."""
@@ -44,8 +46,11 @@ TAU = np.linspace(-1.2, 1.2, 241)
 
 def test_every_shutter_and_motion_is_among_the_cases():
     """A class that is missing from the cases is a class that nothing tests."""
-    covered = {type(case.shutter()) for case in SHUTTERS.values()} | {SampledShutter}
-    assert covered == final_classes(shutters, AbstractShutter)
+    covered = {type(case.shutter()) for case in SHUTTERS.values()} | {
+        SampledShutter,
+        PolynomialShutter,
+    }
+    assert covered == final_classes_in(shutters, AbstractShutter)
     assert {type(m()) for m in MOTIONS.values()} == final_classes(mishutter, AbstractMotion)
 
 

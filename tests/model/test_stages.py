@@ -13,7 +13,7 @@ from mishutter import (
     TimedFrame,
     stage_path,
 )
-from mishutter.model import knots_of, run_up, stage_use
+from mishutter.model.stages import knots_of, run_up, stage_use
 
 CASES = {
     "turns": (4.1e5, 0.01, 700.0, 1.1e6, None),

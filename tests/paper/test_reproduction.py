@@ -9,10 +9,9 @@ import json
 import pytest
 
 import mishutter as ms
-from mishutter.paper import reproduce
 
 # Single figures of the reproduction, which itself computes every one of them for minutes.
-from mishutter.paper.reproduction import kernel_numbers, spectrum_numbers
+from mishutter.paper.reproduction import kernel_numbers, reproduce, spectrum_numbers
 
 WINDOWS = {"rect": ms.RectShutter(), "hann": ms.HannShutter()}
 

@@ -4,7 +4,7 @@ import numpy as np
 
 import mishutter as ms
 from mishutter.paper import capture, reproduction
-from mishutter.pictures import Picture
+from mishutter.pictures.images import Picture
 
 SMALL = Picture(ms.example_picture().light[200:206, :190])
 

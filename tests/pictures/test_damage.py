@@ -15,7 +15,7 @@ from PIL import Image
 from support.picture_files import COLOUR, DEEP_COLOUR, PALETTE, PROMISED, SMOOTH
 
 import mishutter as ms
-from mishutter.pictures import PictureWarning
+from mishutter.pictures.images import PictureWarning
 
 CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 """Channels of a PNG by its kind of colour."""

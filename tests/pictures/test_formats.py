@@ -10,10 +10,10 @@ import pytest
 from support.picture_files import COLOUR, DEEP_COLOUR, EIGHT, GREY, PROMISED, REFUSED, SIXTEEN
 
 import mishutter as ms
-from mishutter.pictures import PICTURE_FORMATS, PICTURE_SUFFIXES, PictureWarning
+from mishutter.pictures.files import PICTURE_FORMATS, PICTURE_SUFFIXES
 
 # Pictures are compared as they were coded, by the transfer curve that reading inverts.
-from mishutter.pictures.images import GAMMA
+from mishutter.pictures.images import GAMMA, PictureWarning
 
 
 def in_file(folder, suffix, write):

@@ -14,10 +14,9 @@ import numpy as np
 import pytest
 
 import mishutter as ms
-from mishutter.pictures import middle_rows, read_opacity, to_display
 
 # The formula of the transfer curve and the limit of size, to which pictures are held.
-from mishutter.pictures.images import GAMMA, MAX_PIXELS
+from mishutter.pictures.images import GAMMA, MAX_PIXELS, middle_rows, read_opacity, to_display
 
 ROWS, COLUMNS = 13, 29
 CODED = np.random.default_rng(7).integers(0, 256, (ROWS, COLUMNS, 4)).astype(np.uint8)

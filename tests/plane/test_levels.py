@@ -19,19 +19,22 @@ from mishutter import (
     example_picture,
     plane_psnr,
 )
-from mishutter.evaluation import ceiling, water_filled
+from mishutter.evaluation.ceilings import ceiling, water_filled
 from mishutter.evaluation.open_frames import OpenFrames, psnr_of_error
-from mishutter.model import frequencies
-from mishutter.plane import (
+from mishutter.model.optics import frequencies
+from mishutter.plane.ceilings import plane_ceiling
+from mishutter.plane.families import frames_of
+from mishutter.plane.frames import PlaneFrames
+from mishutter.plane.levels import (
     MEASURED,
     SEARCHED,
+    Fan,
     Grid,
-    PlaneFrames,
     cross_motion_loss,
-    frames_of,
-    plane_ceiling,
+    fan_of,
+    plane_error,
+    power_of,
 )
-from mishutter.plane.levels import Fan, fan_of, plane_error, power_of
 
 FINE = Grid(40, 16, 48)
 """The grid of the reference."""

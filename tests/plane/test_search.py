@@ -16,10 +16,10 @@ from mishutter import (
     best_in_plane,
     cli,
 )
-from mishutter.plane import FAMILIES, FREE, PlaneBurst, PlaneFrames, PlaneSearch, frames_of
-from mishutter.plane.families import Room
-from mishutter.plane.search import _Search
-from mishutter.report import PlaneReport
+from mishutter.plane.families import FAMILIES, FREE, Room, frames_of
+from mishutter.plane.frames import PlaneFrames
+from mishutter.plane.search import PlaneBurst, PlaneSearch, _Search
+from mishutter.report.in_plane import PlaneReport
 
 LIMITS = Limits(max_stroke=24.0, max_half_exposure=0.01, max_acceleration=9e5, max_travel=31.0)
 BURST = Burst(frames_per_s=90.0, window=0.05, max_frames=4)
@@ -172,7 +172,7 @@ def test_a_snapshot_is_told_to_be_taken_where_nothing_is_worth_more():
     """Frames that gain less than 0.2 dB over it are left."""
     search = PlaneSearch(a_burst("stills", 0, 24.5, 1), (a_burst("stills", 0, 24.6),), 25.0)
     first = PlaneReport(a_scene(), search).text().splitlines()[0]
-    assert first == "Take a snapshot of 8 ms at rest: 24.5 dB; nothing here is worth more."
+    assert first == "Take a snapshot of 8 ms at rest: 24.5 dB; no other option is worth more."
 
 
 def test_one_filter_is_refused_with_its_reason():

@@ -14,7 +14,7 @@ from mishutter import (
     evaluate,
     optimise,
 )
-from mishutter.model import AbstractVelocities
+from mishutter.model.velocities import AbstractVelocities
 
 LIGHT = {"photon_rate": 3e4, "read_noise": 9.0}
 ANGLES = np.array([0.3, 1.1, 2.6])

@@ -3,9 +3,13 @@
 import pytest
 
 from mishutter import ExpectedErrorLoss, Limits, Occlusion, Scene
-from mishutter.report import BackgroundGain, background_gains, background_line
-from mishutter.report.backgrounds import before_still_background
-from mishutter.search import RivalSearch, snapshots
+from mishutter.report.backgrounds import (
+    BackgroundGain,
+    background_gains,
+    background_line,
+    before_still_background,
+)
+from mishutter.search.rivals import RivalSearch, snapshots
 
 LIMITS = Limits(max_stroke=14, max_half_exposure=0.006, min_half_exposure=0.0005)
 DIM = Scene([-2300.0, 0.0, 2300.0], photon_rate=7e4, read_noise=9.0, limits=LIMITS)

@@ -17,11 +17,12 @@ from mishutter import (
     compare,
     example_picture,
 )
-from mishutter.decoding import restore_by_each
+from mishutter.decoding.restoration import restore_by_each
 from mishutter.report.by_decoder import Judgement, OnPictures, judged_by, pictures_to_judge
 from mishutter.report.restored import longest_kernel
 from mishutter.report.tables import comparison_tables
-from mishutter.search import BEST_SNAPSHOT, BEST_STILL_BURST
+from mishutter.search.rivals import BEST_STILL_BURST
+from mishutter.search.rows import BEST_SNAPSHOT
 
 LIGHT = example_picture().luminance
 PICTURES = [LIGHT[100:116, :300], LIGHT[300:316, :300], LIGHT[200:216, 300:600]]

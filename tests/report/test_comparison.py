@@ -23,18 +23,11 @@ from mishutter import (
     compare,
     optimise,
 )
-from mishutter.evaluation import SPEED_KNOWLEDGE
-from mishutter.report import comparison_tables, page_table, with_verdict
-from mishutter.search import (
-    BEST_PANNED_SNAPSHOT,
-    BEST_SNAPSHOT,
-    BEST_STILL_BURST,
-    BEST_TUKEY,
-    CODED_AT_REST,
-    OWN_BEST_MOTION,
-    SAME_MOTION,
-    taken_names,
-)
+from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE
+from mishutter.report.comparison import with_verdict
+from mishutter.report.tables import comparison_tables, page_table
+from mishutter.search.rivals import BEST_STILL_BURST, BEST_TUKEY, CODED_AT_REST, taken_names
+from mishutter.search.rows import BEST_PANNED_SNAPSHOT, BEST_SNAPSHOT, OWN_BEST_MOTION, SAME_MOTION
 
 ROUNDING_DB = 1e-9
 

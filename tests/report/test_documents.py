@@ -33,32 +33,28 @@ from mishutter import (
 # Tables of the terminal, whose folder's face is `main` alone; a command would search for minutes.
 from mishutter.cli import app
 from mishutter.cli.tables import print_comparison, print_photographs
-from mishutter.design import given_design
-from mishutter.evaluation import SPEED_KNOWLEDGE
-from mishutter.pictures import write_picture
-from mishutter.report import (
-    BackgroundGain,
+from mishutter.design.design import given_design
+from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE
+from mishutter.pictures.images import write_picture
+from mishutter.report.backgrounds import BackgroundGain, background_line
+
+# The names of the files alone: to write the pictures takes seconds.
+from mishutter.report.documents import (
     Report,
-    background_line,
+    _drawings,
+    _writers,
     document,
     photograph_levels,
-    photograph_of,
-    photographs,
     pictured_rows,
     write_background,
     write_report,
 )
-
-# The names of the files alone: to write the pictures takes seconds.
-from mishutter.report.documents import _drawings, _writers
 from mishutter.report.plots import new_figure
-from mishutter.report.restored import Photographs, shown_speeds
-from mishutter.search import (
-    BEST_CODED_STILL,
+from mishutter.report.restored import Photographs, photograph_of, photographs, shown_speeds
+from mishutter.search.rivals import BEST_CODED_STILL, BEST_STILL_BURST, BEST_TUKEY
+from mishutter.search.rows import (
     BEST_PANNED_SNAPSHOT,
     BEST_SNAPSHOT,
-    BEST_STILL_BURST,
-    BEST_TUKEY,
     FRAMES,
     OWN_BEST_MOTION,
     SAME_MOTION,
@@ -291,7 +287,9 @@ def test_the_verdict_is_printed_before_anything_is_photographed(report, capsys, 
 
     # Only what is printed before it matters, and both take long.
     monkeypatch.setattr(app, "_photographed", photographed)
-    monkeypatch.setattr("mishutter.report.background_gains", lambda scene, begin: (HALF_STILL,))
+    monkeypatch.setattr(
+        "mishutter.report.backgrounds.background_gains", lambda scene, begin: (HALF_STILL,)
+    )
     spoken = app.Delivery(
         None, as_json=False, num_seeds=1, every_photograph=False, backgrounds=True, verbose=True
     )
@@ -317,10 +315,10 @@ def test_a_background_comes_last_or_not_at_all(report, asked, monkeypatch):
         return (HALF_STILL,)
 
     monkeypatch.setattr(app, "_photographed", lambda result, delivery: result)
-    monkeypatch.setattr("mishutter.report.write_report", files)
-    monkeypatch.setattr("mishutter.report.background_gains", gains)
+    monkeypatch.setattr("mishutter.report.documents.write_report", files)
+    monkeypatch.setattr("mishutter.report.backgrounds.background_gains", gains)
     monkeypatch.setattr(
-        "mishutter.report.write_background",
+        "mishutter.report.documents.write_background",
         lambda result, folder, wrote: order.append("a picture") or [],
     )
     row = report.comparison.row("Hann")

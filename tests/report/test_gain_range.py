@@ -17,11 +17,12 @@ from mishutter import (
     TimedFrame,
     evaluate,
 )
-from mishutter.evaluation import KNOWN_SPEED, psnr_of_frames
-from mishutter.model import FrameSequence
+from mishutter.evaluation.sequences import psnr_of_frames
+from mishutter.evaluation.speed_knowledge import KNOWN_SPEED
+from mishutter.model.sequences import FrameSequence
 from mishutter.report.gain_range import gain_range
 from mishutter.report.verdict import headline
-from mishutter.search import BEST_SNAPSHOT, FRAMES, OWN_BEST_MOTION, Row
+from mishutter.search.rows import BEST_SNAPSHOT, FRAMES, OWN_BEST_MOTION, Row
 
 
 def row(scene, name, motion, shutter):

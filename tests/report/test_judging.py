@@ -9,10 +9,12 @@ from support.bursts import SEQUENCE
 from support.rows import made_up
 
 from mishutter import Burst, Limits, Scene, WienerDecoder
-from mishutter.evaluation import KNOWN_SPEED, StillBursts
+from mishutter.evaluation.bursts import StillBursts
+from mishutter.evaluation.speed_knowledge import KNOWN_SPEED
 from mishutter.report.by_decoder import judged_by
 from mishutter.report.verdict import details_of
-from mishutter.search import BEST_MOVING_BURST, BEST_SNAPSHOT, BEST_STILL_BURST
+from mishutter.search.rivals import BEST_MOVING_BURST, BEST_STILL_BURST
+from mishutter.search.rows import BEST_SNAPSHOT
 
 SCENE = Scene(
     [-245.0, 0.0, 315.0],

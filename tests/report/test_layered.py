@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 
 import mishutter as ms
-from mishutter.design import given_design
+from mishutter.design.design import given_design
+from mishutter.report import plots
 
 # Steps of one picture: a report that shows it compares cameras for minutes first.
-from mishutter.report import BackgroundGain, Comparison, Report, plots
-from mishutter.report.backgrounds import before_still_background
-from mishutter.report.documents import _layered
+from mishutter.report.backgrounds import BackgroundGain, before_still_background
+from mishutter.report.comparison import Comparison
+from mishutter.report.documents import Report, _layered
 from mishutter.report.layered import _displaced, _placed, _swept, layered_captures, layered_scene
-from mishutter.search import BEST_SNAPSHOT, OWN_BEST_MOTION, Row
+from mishutter.search.rows import BEST_SNAPSHOT, OWN_BEST_MOTION, Row
 
 HALF = 0.009
 MOTION = ms.ParabolicMotion(acceleration=24 / HALF**2, half_exposure=HALF)

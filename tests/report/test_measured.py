@@ -5,10 +5,10 @@ import pytest
 from support.designs import MOTION, SCENE
 
 from mishutter import HannShutter, SplineShutter, evaluate, measured_profile
-from mishutter.design import given_design
-from mishutter.hardware import Trace, span_of_shifts
-from mishutter.report import MeasuredCamera, measured_camera
-from mishutter.search import OWN_BEST_MOTION, Row
+from mishutter.design.design import given_design
+from mishutter.hardware.traces import Trace, span_of_shifts
+from mishutter.report.measured import MeasuredCamera, measured_camera
+from mishutter.search.rows import OWN_BEST_MOTION, Row
 
 HALF = float(MOTION.half_exposure)
 LATE = 1.3e-3

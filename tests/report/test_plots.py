@@ -35,25 +35,27 @@ from mishutter import (
     pareto_front,
     sweep,
 )
-from mishutter.evaluation import SPEED_KNOWLEDGE
+from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE
+from mishutter.report import sweep_plots
 
 # The curve that a front draws for a profile; a line in pixels does not hold its values.
-from mishutter.report import (
+from mishutter.report.plots import (
+    MAP_COLOURS,
+    Margins,
+    leave_room,
+    new_figure,
     plot_capture,
     plot_drive,
-    plot_front,
     plot_kernels,
     plot_levels,
-    plot_map,
     plot_photograph,
     plot_profiles,
     plot_psnr,
     plot_transfer,
     save_figure,
-    sweep_plots,
 )
-from mishutter.report.plots import MAP_COLOURS, Margins, leave_room, new_figure
-from mishutter.search import Row
+from mishutter.report.sweep_plots import plot_front, plot_map
+from mishutter.search.rows import Row
 
 MOTION = ParabolicMotion(acceleration=2.3e5, half_exposure=0.0061)
 DESIGNS = {

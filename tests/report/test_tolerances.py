@@ -16,8 +16,8 @@ from mishutter import (
 
 # A table of the terminal, whose folder's face is `main` alone; a command would search.
 from mishutter.cli.tables import print_comparison
-from mishutter.report import Report
-from mishutter.search import BEST_SNAPSHOT, OWN_BEST_MOTION, Row
+from mishutter.report.documents import Report
+from mishutter.search.rows import BEST_SNAPSHOT, OWN_BEST_MOTION, Row
 
 
 def _within():

@@ -26,21 +26,20 @@ from mishutter import (
     compare,
     optimise,
 )
-from mishutter.evaluation import ALTERNATING, FAN, SINE, SPEED_KNOWLEDGE, SWEEP, StillBursts
-from mishutter.report import option_name, with_verdict
-from mishutter.report.verdict import device_notes
-from mishutter.search import (
+from mishutter.evaluation.bursts import StillBursts
+from mishutter.evaluation.moving_bursts import ALTERNATING, FAN, SINE, SWEEP
+from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE
+from mishutter.report.comparison import with_verdict
+from mishutter.report.verdict import device_notes, option_name
+from mishutter.search.rivals import (
     BEST_CODED_STILL,
     BEST_MOVING_BURST,
-    BEST_PANNED_SNAPSHOT,
-    BEST_SNAPSHOT,
     BEST_STILL_BURST,
     CODED_AT_REST,
-    FRAMES,
     OPEN_ON_FREE_PATH,
     PLAIN_STILLS,
-    STAGE,
 )
+from mishutter.search.rows import BEST_PANNED_SNAPSHOT, BEST_SNAPSHOT, FRAMES, STAGE
 
 BURST = eqx.tree_at(
     lambda each: each.burst,
@@ -580,7 +579,7 @@ def test_a_note_says_that_a_camera_is_too_slow_for_a_burst(rate, holds_one):
         lambda x: x.burst, SCENE, Burst(frames_per_s=rate), is_leaf=lambda x: x is None
     )
     notes = with_verdict(made_up({"a": 24.0, BEST_SNAPSHOT: 23.0}), {}, scene).notes
-    words = "No burst is compared: of 11.7 frames/s only one has its time in the window."
+    words = "No burst is compared: at 11.7 frames/s only one frame fits into the window."
     assert notes == ((words,) if holds_one else ())
 
 

@@ -28,12 +28,11 @@ from mishutter import (
     optimise,
     sweep,
 )
-from mishutter.evaluation import automatic
-from mishutter.model import diffused, runs_are_long_enough, slot_means
-from mishutter.search import beyond_limits
+from mishutter.evaluation.needs import automatic
+from mishutter.model.slots import diffused, runs_are_long_enough, slot_means
 from mishutter.search.objective import objective_of
-from mishutter.search.space import design_space
-from mishutter.sweeps import best_snapshots
+from mishutter.search.space import beyond_limits, design_space
+from mishutter.sweeps.trade_offs import best_snapshots
 
 LEAKY = IdealShutter(transmission=0.8, leakage=0.2)
 

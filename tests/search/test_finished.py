@@ -8,7 +8,7 @@ from support.designs import SCENE
 from support.drive import a_design
 
 from mishutter import ExpectedErrorLoss, HannShutter, KnownSpeedLoss, Scene, WorstSpeedLoss
-from mishutter.design import GIVEN as NO_LOSS
+from mishutter.design.design import GIVEN as NO_LOSS
 
 # Of the search of a whole comparison these are single steps.
 from mishutter.search.rivals import is_finished

@@ -19,12 +19,11 @@ from mishutter import (
     evaluate,
     optimise,
 )
-from mishutter.evaluation import ExpectedErrorLoss
-from mishutter.model import stage_path, stage_use_of_path
-from mishutter.search import beyond_limits
+from mishutter.evaluation.speed_knowledge import ExpectedErrorLoss
+from mishutter.model.stages import stage_path, stage_use_of_path
 
 # The space of a search, whose ends and sizes no design holds.
-from mishutter.search.space import design_space
+from mishutter.search.space import beyond_limits, design_space
 
 NUMBERS = {
     "max_stroke": 45.0,

@@ -21,7 +21,7 @@ from mishutter import (
     StillCamera,
     TukeyShutter,
 )
-from mishutter.search import beyond_limits
+from mishutter.search.space import beyond_limits
 
 LIMITS = Limits(max_stroke=37.3, max_top_speed=5200.0, max_half_exposure=0.021, max_pan=910.0)
 STAGE = Limits(

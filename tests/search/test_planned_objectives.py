@@ -9,12 +9,11 @@ import pytest
 from support.random_scenes import random_scene
 
 import mishutter as ms
-from mishutter.evaluation import reduced
-from mishutter.search import plan
+from mishutter.evaluation.needs import reduced
 
 # A search's loss at one point; a design holds only that of its minimum.
 from mishutter.search.objective import objective_of
-from mishutter.search.planning import full_sizes
+from mishutter.search.planning import full_sizes, plan
 from mishutter.search.space import FREE_NAMES, design_space
 
 LOSSES = (ms.ExpectedErrorLoss(), ms.DesignLoss())

@@ -35,9 +35,9 @@ from mishutter import (
     evaluate,
     optimise,
 )
-from mishutter.evaluation import distinct_speeds, reduced, sizes
-from mishutter.model import frequencies
-from mishutter.search import plan
+from mishutter.evaluation.needs import distinct_speeds, reduced, sizes
+from mishutter.model.optics import frequencies
+from mishutter.search.planning import plan
 
 MOTION = ParabolicMotion(acceleration=11.0 / 1e-4, half_exposure=1e-2)
 LOSSES = {
@@ -284,7 +284,7 @@ def test_a_verbose_search_shows_its_plan(capsys, monkeypatch):
         raise ValueError("the search must be left out; got here")
 
     # It is printed before the search, which would take the longer part of the test.
-    monkeypatch.setattr("mishutter.search.optimise", search)
+    monkeypatch.setattr("mishutter.search.search.optimise", search)
     assert cli.main(["optimise", "--verbose", "--free", "shutter"]) == 2
     printed = capsys.readouterr()
     assert printed.out == ""

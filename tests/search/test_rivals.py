@@ -26,31 +26,33 @@ from mishutter import (
     baselines,
     optimise,
 )
-from mishutter._core import as_they_end, once
-from mishutter.evaluation import KNOWN_SPEED
-from mishutter.search import (
+from mishutter._core.parallel import as_they_end, once
+from mishutter.evaluation.speed_knowledge import KNOWN_SPEED
+from mishutter.search.rivals import (
     BEST_CODED_STILL,
     BEST_MOVING_BURST,
-    BEST_SNAPSHOT,
     BEST_STILL_BURST,
     BEST_TUKEY,
     CODED_AT_REST,
-    FRAMES,
-    ONE_EXPOSURE,
     OPEN_ON_FREE_PATH,
-    OWN_BEST_MOTION,
     PLAIN_STILLS,
     RIVALS,
-    SAME_MOTION,
-    SHUTTER,
-    STAGE,
     Rival,
     RivalSearch,
-    best_of_each_purchase,
     compared_rows,
     is_finished,
     searches,
     snapshots,
+)
+from mishutter.search.rows import (
+    BEST_SNAPSHOT,
+    FRAMES,
+    ONE_EXPOSURE,
+    OWN_BEST_MOTION,
+    SAME_MOTION,
+    SHUTTER,
+    STAGE,
+    best_of_each_purchase,
 )
 from mishutter.search.sequences import best_bursts, choose_burst
 

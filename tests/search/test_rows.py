@@ -17,11 +17,11 @@ from mishutter import (
     SplineShutter,
     TukeyShutter,
 )
-from mishutter.evaluation import SequenceMetrics, evaluate, transmittance
-from mishutter.report import with_verdict
-from mishutter.search import BEST_PANNED_SNAPSHOT, BEST_SNAPSHOT, best_row, cameras_of
+from mishutter.evaluation.metrics import SequenceMetrics, evaluate
+from mishutter.evaluation.views import transmittance
+from mishutter.report.comparison import with_verdict
 from mishutter.search.rivals import _row_of_burst
-from mishutter.search.rows import SHUTTER
+from mishutter.search.rows import BEST_PANNED_SNAPSHOT, BEST_SNAPSHOT, SHUTTER, best_row, cameras_of
 
 OPENING = ChippedShutter([0.25, 0.75, 1.0])
 """A shutter that opens in three steps."""

@@ -33,11 +33,12 @@ from mishutter import (
     optimise,
     starting_shutter,
 )
-from mishutter.evaluation import needed_speeds, reduced, value_of
-from mishutter.search import beyond_limits, plan
+from mishutter.evaluation.losses import value_of
+from mishutter.evaluation.needs import needed_speeds, reduced
 
 # Steps of the search, checked one by one; its face returns only a finished design.
 from mishutter.search.objective import DesignObjective, LinearObjective, objective_of
+from mishutter.search.planning import plan
 from mishutter.search.search import free_by_default
 from mishutter.search.solvers import (
     Polished,
@@ -47,7 +48,7 @@ from mishutter.search.solvers import (
     polish,
     projected_gradient_norm,
 )
-from mishutter.search.space import all_that_can_move, design_space
+from mishutter.search.space import all_that_can_move, beyond_limits, design_space
 from mishutter.search.starts import lowest_places, start_boxes
 
 PROFILE = SplineShutter.fit(TukeyShutter(0.45), 10, symmetric=True)

@@ -16,7 +16,7 @@ from mishutter import (
     StillCamera,
     TukeyShutter,
 )
-from mishutter.evaluation import needed_speeds
+from mishutter.evaluation.needs import needed_speeds
 
 # Steps of the search, checked one by one; its face returns only a finished design.
 from mishutter.search.objective import DesignObjective, SpectralObjective, objective_of

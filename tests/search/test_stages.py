@@ -7,11 +7,10 @@ import pytest
 from support.designs import LIMITS, MOTION, SCENE
 
 from mishutter import Limits, ParabolicMotion, RectShutter, Scene, TukeyShutter, optimise
-from mishutter.model import seen_from
-from mishutter.search import beyond_limits
+from mishutter.model.scene import seen_from
 
 # Bounds of a search, and of a grid before anything on it is computed.
-from mishutter.search.space import design_space
+from mishutter.search.space import beyond_limits, design_space
 from mishutter.sweeps.grid import REASONS, Frame, outside_limits
 
 NUMBERS = {

@@ -16,7 +16,7 @@ from mishutter import (
     optimise,
     starting_shutter,
 )
-from mishutter.model import coefficient_times
+from mishutter.model.shutters.spline import coefficient_times
 
 # Steps of the search, checked one by one; its face returns only a finished design.
 from mishutter.search.search import free_by_default

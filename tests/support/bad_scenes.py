@@ -52,7 +52,11 @@ LINES = {
     "digits-without-end": (_RATE, f"{_RATE} = 1" + "0" * 5000, "must be a TOML file; got: Exceeds"),
     "hexadecimal-without-end": (_RATE, f"{_RATE} = 0x" + "f" * 5000, "got int too long to show"),
     "negative-noise": (_NOISE, f"{_NOISE} = -0.1", "must be at least 0; got -0.1"),
-    "no-speeds": (_SPEEDS, "", "must hold one of uniform, normal and list_px_per_s; got no sp"),
+    "no-speeds": (
+        _SPEEDS,
+        "",
+        "must hold one of uniform, normal, list_px_per_s and any_direction; got no sp",
+    ),
     "empty-speeds": (_SPEEDS, _LIST + "[]", "must hold at least 1 value; got []"),
     "two-forms-of-speeds": (
         _SPEEDS,

@@ -15,11 +15,12 @@ import numpy as np
 
 import mishutter as ms
 from benchmarks.photographs import PHOTOGRAPHS
-from mishutter.decoding import blur_model, measure_quality
+from mishutter.decoding.decoders.base import blur_model
 
 # Periodic rows in place of continued ones, for which decoders have no argument.
 from mishutter.decoding.decoders.borders import Continuation
-from mishutter.pictures import shipped_picture
+from mishutter.decoding.image_quality import measure_quality
+from mishutter.pictures.images import shipped_picture
 
 NUM_ROWS, COLUMNS = 128, 336
 STROKE, HALF_EXPOSURE = 34.0, 0.01

@@ -13,7 +13,7 @@ from mishutter import (
     StillCamera,
     TimedFrame,
 )
-from mishutter.design import given_design
+from mishutter.design.design import given_design
 
 SPEEDS = [-700.0, 0.0, 900.0]
 LIMITS = Limits(max_stroke=40.0, max_half_exposure=0.012, max_acceleration=1.4e6)

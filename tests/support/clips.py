@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import ndimage
 
-from mishutter.pictures import shipped_picture
+from mishutter.pictures.images import shipped_picture
 
 PHOTOGRAPHS = (
     "astronaut.png",

@@ -3,7 +3,7 @@
 import equinox as eqx
 
 from mishutter import Limits, ParabolicMotion, Scene
-from mishutter.evaluation import Plan
+from mishutter.evaluation.needs import Plan
 
 FREE_NAMES = ("shutter", "half_exposure", "velocity", "acceleration")
 """All that moves on a sensor of constant acceleration."""

@@ -5,7 +5,7 @@ import numpy as np
 from mishutter import (
     Design,
 )
-from mishutter.design import Outcome
+from mishutter.design.design import Outcome
 from support.designs import MOTION, SCENE
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import erf
 
 from mishutter import ParabolicMotion, SplineShutter
-from mishutter.model import coefficient_times
+from mishutter.model.shutters.spline import coefficient_times
 
 HALF = 0.01
 SENT = ParabolicMotion(acceleration=30 / HALF**2, half_exposure=HALF)

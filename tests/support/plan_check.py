@@ -5,23 +5,18 @@ from dataclasses import replace
 import jax
 import numpy as np
 
-from mishutter._core import common_dtype, require_known
-from mishutter.evaluation import (
-    ONLY_SPECTRA,
-    AbstractLoss,
-    Plan,
-    records,
-    respond,
-    sampled_view,
-    sizes,
-    value_of,
-    without_tolerances,
-)
+from mishutter._core.checks import common_dtype, require_known
+from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.errors import expected_squared_error
+from mishutter.evaluation.losses import AbstractLoss, value_of
 from mishutter.evaluation.metrics import _as_designed
-from mishutter.evaluation.needs import EVERY_PART
-from mishutter.model import AbstractMotion, AbstractShutter, Scene
-from mishutter.search import plan
+from mishutter.evaluation.needs import EVERY_PART, ONLY_SPECTRA, Plan, sizes
+from mishutter.evaluation.response import records, respond
+from mishutter.evaluation.views import sampled_view
+from mishutter.model.motion import AbstractMotion
+from mishutter.model.scene import Scene
+from mishutter.model.shutters.base import AbstractShutter
+from mishutter.search.planning import plan
 
 _ROUNDING = {8: 1e-12, 4: 1e-5}
 """Relative change of a result that is put down to rounding, by the bytes of its numbers."""

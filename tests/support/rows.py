@@ -19,17 +19,19 @@ from mishutter import (
     TimedFrame,
     evaluate,
 )
-from mishutter.model import AbstractMotion
-from mishutter.report import with_verdict
-from mishutter.search import (
+from mishutter.model.motion import AbstractMotion
+from mishutter.report.comparison import with_verdict
+from mishutter.search.rivals import (
     BEST_CODED_STILL,
-    BEST_PANNED_SNAPSHOT,
-    BEST_SNAPSHOT,
     BEST_STILL_BURST,
     CODED_AT_REST,
+    OPEN_ON_FREE_PATH,
+)
+from mishutter.search.rows import (
+    BEST_PANNED_SNAPSHOT,
+    BEST_SNAPSHOT,
     FRAMES,
     ONE_EXPOSURE,
-    OPEN_ON_FREE_PATH,
     OWN_BEST_MOTION,
     Row,
 )

@@ -19,7 +19,7 @@ from mishutter import (
     gain_over_snapshot,
     sweep,
 )
-from mishutter.sweeps import best_snapshots
+from mishutter.sweeps.trade_offs import best_snapshots
 
 AGREEMENT = 1e-4
 """dB: to which a sweep and `evaluate` agree, which take the same sizes."""

@@ -19,8 +19,8 @@ from mishutter import (
     Texture,
     sweep,
 )
-from mishutter.evaluation import scenes_for
-from mishutter.model import ParabolicMotion
+from mishutter.evaluation.batch import scenes_for
+from mishutter.model.motion import ParabolicMotion
 
 RELATIVE = 1e-12
 """Difference that other nodes and another order of sums make, where nothing cancels."""

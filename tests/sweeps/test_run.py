@@ -41,8 +41,8 @@ from mishutter import (
     optimise,
     sweep,
 )
-from mishutter.evaluation import METRICS
-from mishutter.model import AbstractShutter
+from mishutter.evaluation.metrics import METRICS
+from mishutter.model.shutters.base import AbstractShutter
 
 # A grid's limits before anything on it is computed.
 from mishutter.sweeps.grid import REASONS, Frame, outside_limits

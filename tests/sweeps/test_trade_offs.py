@@ -30,7 +30,7 @@ from mishutter import (
     pareto_front,
     sweep,
 )
-from mishutter.sweeps import best_snapshots
+from mishutter.sweeps.trade_offs import best_snapshots
 
 EXPOSURE_FOUND = 1e-3
 """Relative error of the best exposure where the error is flat."""

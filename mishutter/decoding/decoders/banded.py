@@ -21,15 +21,11 @@ cores."""
 
 @final
 class BandedConvolution(eqx.Module):
-    """Convolution with a kernel and its adjoint, on rows whose length is a multiple of `block`.
+    """Convolution with a kernel and its adjoint, on rows whose length is a multiple of `block`."""
 
-    Attributes:
-        forward: Matrix from blocks `k - J, ..., k` to block `k`; $(J + 1) B$ rows, $B$ columns.
-        adjoint: Matrix from blocks `k, ..., k + J` to block `k`.
-    """
-
+    # Matrix from blocks `k - J, ..., k` to block `k`; $(J + 1) B$ rows, $B$ columns
     forward: Float[np.ndarray, "window block"]
-    adjoint: Float[np.ndarray, "window block"]
+    adjoint: Float[np.ndarray, "window block"]  # Matrix from blocks `k, ..., k + J` to block `k`
 
     @property
     def block(self) -> int:

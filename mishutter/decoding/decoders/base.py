@@ -13,59 +13,36 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from mishutter._core import AbstractModule, alone_in_blas, outside_trace, require_known
-from mishutter.camera import (
-    blur_length,
-    captured_response,
-    captured_responses_below,
-    kernel_layout,
-    responses_of_frames,
-)
-from mishutter.evaluation import (
-    background_of,
-    moments_on_dft,
-    needed_speeds,
-    nodes_of_frames,
-    open_time,
-    sensor_view,
-    smear_difference,
-    with_shares,
-)
-from mishutter.model import (
-    NUM_FREQUENCIES,
-    AbstractMotion,
-    AbstractShutter,
-    Optics,
-    Scene,
-    TimedFrame,
-    frequencies,
-    noise_power,
-    picture_power,
-    white_electrons,
-)
+from mishutter._core.checks import require_known
+from mishutter._core.compiling import outside_trace
+from mishutter._core.modules import AbstractModule
+from mishutter._core.parallel import alone_in_blas
+from mishutter.camera.capture import captured_response, captured_responses_below, kernel_layout
+from mishutter.camera.rows import blur_length
+from mishutter.camera.sequences import responses_of_frames
+from mishutter.evaluation.found_speed import open_time, smear_difference
+from mishutter.evaluation.layers import background_of, moments_on_dft, with_shares
+from mishutter.evaluation.needs import needed_speeds
+from mishutter.evaluation.sequences import nodes_of_frames
+from mishutter.evaluation.views import sensor_view
+from mishutter.model.motion import AbstractMotion
+from mishutter.model.optics import NUM_FREQUENCIES, Optics, frequencies
+from mishutter.model.scene import Scene, picture_power
+from mishutter.model.sensor import noise_power, white_electrons
+from mishutter.model.sequences import TimedFrame
+from mishutter.model.shutters.base import AbstractShutter
 
 
 @dataclass(frozen=True)
 class CompleteFrames:
-    """Frames of a sequence that go on beyond their borders, and so are as good as one capture.
+    """Frames of a sequence that go on beyond their borders, and so are as good as one capture."""
 
-    Attributes:
-        frames: The frames.
-        speed: Speed of the picture; px/s.
-        noises: Variance of the noise in each, white = 1.
-    """
-
-    frames: tuple[TimedFrame, ...]
-    speed: float
-    noises: tuple[float, ...]
+    frames: tuple[TimedFrame, ...]  # The frames
+    speed: float  # Speed of the picture; px/s
+    noises: tuple[float, ...]  # Variance of the noise in each, white = 1
 
     def response(self, optics: Optics, length: int) -> Float[np.ndarray, "{length}//2+1"]:
-        r"""Response of that capture, $\sqrt{\sum_k |A_k|^2/N_k}$ over its value at 0.
-
-        Args:
-            optics: The lens.
-            length: Pixels of the DFT.
-        """
+        r"""Response of that capture, $\sqrt{\sum_k |A_k|^2/N_k}$ over its value at 0."""
         nodes = nodes_of_frames(self.frames, abs(self.speed))
         responses = responses_of_frames(nodes, np.array([self.speed]), optics, length)[0]
         density = density_of(responses, np.array(self.noises))
@@ -75,12 +52,7 @@ class CompleteFrames:
 def density_of(
     responses: Complex[np.ndarray, "*s frames k"], noises: Float[np.ndarray, "frames"]
 ) -> Float[np.ndarray, "*s k"]:
-    r"""Signal by noise of frames together, $\sum_k |A_k|^2/N_k$.
-
-    Args:
-        responses: Response of each, $A_k$.
-        noises: Variance of the noise in each, $N_k$.
-    """
+    r"""Signal by noise of frames together, $\sum_k |A_k|^2/N_k$."""
     return np.sum(np.abs(responses) ** 2 / noises[:, None], axis=-2)
 
 
@@ -265,9 +237,9 @@ class AbstractDecoder(AbstractModule):
 
 @alone_in_blas()
 def blur_model(
-    scene: Scene,
-    motion: AbstractMotion,
-    shutter: AbstractShutter,
+    scene: Scene,  # concrete
+    motion: AbstractMotion,  # concrete
+    shutter: AbstractShutter,  # concrete
     *,
     least_taps: int = 1,
 ) -> BlurModel:
@@ -275,12 +247,6 @@ def blur_model(
 
     The blur is that of the scene's speeds with its weights; the noise is
     $N = \eta\bar f/p + (\sigma/p)^2$; the picture's spectrum is the scene's.
-
-    Args:
-        scene: Speeds, light, noise, spectrum; concrete.
-        motion: Motion of the sensor; concrete.
-        shutter: Transmittance over the exposure; concrete.
-        least_taps: Pixels that light falls over, where it does not fall over more.
 
     Raises:
         ValueError: if light would fall over more than 8,192 px.

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from mishutter.camera import fast_length
+from mishutter.camera.rows import fast_length
 from mishutter.decoding.decoders.base import BlurModel
 
 _MAX_CONTEXT = 320
@@ -25,19 +25,14 @@ _RELATIVE_JITTER = 1e-10
 
 @final
 class Continuation(eqx.Module):
-    """Continuation of rows of one length, for one blur model.
+    """Continuation of rows of one length, for one blur model."""
 
-    Attributes:
-        prediction: Linear map from the deviations of the last and the first pixels, in
-            the order in which they meet across the gap, to those in the gap.
-        columns: Length of a row.
-        length: Length of the continued row.
-        context: Pixels at either end from which the continuation is predicted.
-    """
-
+    # Linear map from the deviations of the last and the first pixels, in the order in which they
+    # meet across the gap, to those in the gap
     prediction: Float[np.ndarray, "gap ends"]
-    columns: int = eqx.field(static=True)
-    length: int = eqx.field(static=True)
+    columns: int = eqx.field(static=True)  # Length of a row
+    length: int = eqx.field(static=True)  # Length of the continued row
+    # Pixels at either end from which the continuation is predicted
     context: int = eqx.field(static=True)
 
     def deviations(

@@ -11,8 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Complex, Float
 
-from mishutter._core import compiled, require, require_finite, require_positive_int, shape_of
-from mishutter.camera import along_rows, as_pixels, blurred
+from mishutter._core.checks import require, require_finite, require_positive_int, shape_of
+from mishutter._core.compiling import compiled
+from mishutter.camera.capture import as_pixels
+from mishutter.camera.rows import along_rows, blurred
 from mishutter.decoding.decoders.banded import BandedConvolution, banded
 from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel
 from mishutter.decoding.decoders.borders import Continuation, continuation
@@ -149,13 +151,9 @@ def richardson_lucy(
 
 @final
 class _Blur(eqx.Module):
-    """Periodic blur by a response on the grid of the DFT, and its adjoint.
+    """Periodic blur by a response on the grid of the DFT, and its adjoint."""
 
-    Attributes:
-        response: The response, at half the frequencies of the DFT.
-    """
-
-    response: Complex[Array | np.ndarray, "k"]
+    response: Complex[Array | np.ndarray, "k"]  # The response, at half the frequencies of the DFT
 
     def __call__(self, rows: Float[Array, "*planes length"]) -> Float[Array, "*planes length"]:
         return blurred(rows, self.response)

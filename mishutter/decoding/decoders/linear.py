@@ -9,11 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Complex, Float
 
-from mishutter._core import compiled, require
-from mishutter.camera import along_rows
+from mishutter._core.checks import require
+from mishutter._core.compiling import compiled
+from mishutter.camera.rows import along_rows
 from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel
 from mishutter.decoding.decoders.borders import Continuation, captured_spectrum, continuation
-from mishutter.evaluation import lost_share
+from mishutter.evaluation.errors import lost_share
 
 LEAST_POWER = 1e-14
 """Prevents a division by zero where there is neither detail nor noise."""
@@ -59,19 +60,13 @@ def ensemble_filter(model: BlurModel, length: int) -> Complex[np.ndarray, "{leng
 
 
 class Misfit(NamedTuple):
-    r"""The parts of a picture's misfit, $|g - m f|^2 / (N + S v)$, on the grid of a DFT.
+    r"""The parts of a picture's misfit, $|g - m f|^2 / (N + S v)$, on the grid of a DFT."""
 
-    Attributes:
-        mean: Mean response over the speeds, $m$.
-        power: Power of the picture, $S$.
-        disturbance: Noise, and power that the spread of the speeds leaves, $N + S v$.
-        error: Squared error that the ensemble filter is expected to leave.
-    """
-
-    mean: Complex[np.ndarray, "k"]
-    power: Float[np.ndarray, "k"]
+    mean: Complex[np.ndarray, "k"]  # Mean response over the speeds, $m$
+    power: Float[np.ndarray, "k"]  # Power of the picture, $S$
+    # Noise, and power that the spread of the speeds leaves, $N + S v$
     disturbance: Float[np.ndarray, "k"]
-    error: float
+    error: float  # Squared error that the ensemble filter is expected to leave
 
 
 def misfit_of(model: BlurModel, length: int) -> Misfit:
@@ -120,11 +115,6 @@ def squared_error_of(
 
     $2\int_0^{1/2} [P |1 - G H_s|^2 + N_P |G|^2]\,df$ with the spectrum $P$ of the picture's rows,
     mirrored, about their means, and the noise $N_P$ of its mean level.
-
-    Args:
-        model: The scene that the filter is made for.
-        rows: Light of the picture, white = 1.
-        speeds: Speeds relative to the sensor; px/s.
     """
     length = 2 * rows.shape[-1]
     deviation = rows - np.mean(rows, axis=-1, keepdims=True)
@@ -141,11 +131,6 @@ def squared_error_in(model: BlurModel, world: BlurModel, length: int = 1024) -> 
     $2\int_0^{1/2} [S\,(|1 - Gm|^2 + |G|^2 v) + N |G|^2]\,df$ with the filter $G$ of one, and the
     spectrum $S$, the noise $N$ and the `mean_and_spread` of the other. Of its own scene it is
     `expected_squared_error`. Where objects hide a background, both layers count.
-
-    Args:
-        model: The scene that the filter is made for.
-        world: The scene that is photographed, by the same motion and shutter.
-        length: Pixels of the DFT.
     """
     power, (mean, spread) = world.picture_spectrum(length), world.mean_and_spread(length)
     disturbance = power * spread + world.noise
@@ -154,33 +139,20 @@ def squared_error_in(model: BlurModel, world: BlurModel, length: int = 1024) -> 
 
 def _error_of_filter(
     model: BlurModel,
-    power: np.ndarray,
+    power: np.ndarray,  # shape `(m,)`
     recorded: np.ndarray,
     disturbance: np.ndarray | float,
     *,
     length: int,
 ) -> np.ndarray:
-    r"""Mean of $P\,|1 - G H|^2 + D\,|G|^2$ over a DFT, with the ensemble filter $G$ of a scene.
-
-    Args:
-        model: The scene that the filter is made for.
-        power: Power of the picture, $P$; shape `(m,)`.
-        recorded: Response to it, $H$; shape `(..., m)`.
-        disturbance: Power of all else in a capture, $D$.
-        length: Pixels of the DFT.
-    """
+    r"""Mean of $P\,|1 - G H|^2 + D\,|G|^2$ over a DFT, with the ensemble filter $G$ of a scene."""
     response = ensemble_filter(model, length)
     lost = power * np.abs(1 - response * recorded) ** 2
     return mean_over_dft(lost + disturbance * np.abs(response) ** 2, length)
 
 
 def mean_over_dft(spectrum: np.ndarray, length: int) -> np.ndarray:
-    """Mean over the last axis, all frequencies of a DFT of even length, by those from 0 up.
-
-    Args:
-        spectrum: Values at the frequencies from 0 to 1/2.
-        length: Pixels of the DFT.
-    """
+    """Mean over the last axis, all frequencies of a DFT of even length, by those from 0 up."""
     ends = spectrum[..., 0] + spectrum[..., -1]
     return np.asarray((ends + 2 * np.sum(spectrum[..., 1:-1], axis=-1)) / length)
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core import Unquoted, require, require_known, require_positive_int
+from mishutter._core.checks import Unquoted, require, require_known, require_positive_int
 from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel
 from mishutter.decoding.decoders.borders import continuation
 from mishutter.decoding.decoders.linear import ensemble_filter, misfit_of

@@ -18,20 +18,16 @@ import scipy.fft
 from jaxtyping import ArrayLike, Bool, Complex, Float
 from scipy.special import chdtri, digamma, polygamma
 
-from mishutter._core import (
-    Unquoted,
-    alone_in_blas,
-    in_threads,
-    is_concrete,
-    num_processors,
-    require,
-    shape_of,
-)
-from mishutter.camera import as_pixels, distinct_colours, rows_last
+from mishutter._core.checks import Unquoted, is_concrete, require, shape_of
+from mishutter._core.parallel import alone_in_blas, in_threads, num_processors
+from mishutter.camera.capture import as_pixels, distinct_colours
+from mishutter.camera.rows import rows_last
 from mishutter.decoding.decoders.base import BlurModel, blur_model
-from mishutter.evaluation import LEAST_DIFFERENCE
-from mishutter.model import AbstractMotion, AbstractShutter, Scene, require_scene, require_whole
-from mishutter.pictures import LUMINANCE, turned
+from mishutter.evaluation.found_speed import LEAST_DIFFERENCE
+from mishutter.model.motion import AbstractMotion
+from mishutter.model.scene import Scene, require_scene, require_whole
+from mishutter.model.shutters.base import AbstractShutter
+from mishutter.pictures.images import LUMINANCE, turned
 
 # In single precision, and typed, which SciPy's own are not.
 _rfft2: Callable[[np.ndarray], np.ndarray] = scipy.fft.rfft2  # type: ignore[assignment]
@@ -68,25 +64,17 @@ _LOWEST = 2
 
 
 class Prior(NamedTuple):
-    """Statistics of photographs, fitted by `python -m benchmarks.speed fit`.
+    """Statistics of photographs, fitted by `python -m benchmarks.speed fit`."""
 
-    Attributes:
-        mean: Mean of the coefficients of a smooth logarithm of a power spectrum.
-        precision: Inverse of their covariance.
-        misfit: Variance of the logarithm about a smooth spectrum.
-        spectrum_weight: Weight of the evidence from the spectrum.
-        phase_weight: Weight of the evidence from the edges.
-        trust: Least probability near the mode at which a speed is trusted.
-        width: Width of error bars, in units of the posterior's width near its mode: the two
-            weights suit gross errors, and are too low for fine ones.
-    """
-
+    # Mean of the coefficients of a smooth logarithm of a power spectrum
     mean: Float[np.ndarray, "11"]
-    precision: Float[np.ndarray, "11 11"]
-    misfit: float
-    spectrum_weight: float
-    phase_weight: float
-    trust: float
+    precision: Float[np.ndarray, "11 11"]  # Inverse of their covariance
+    misfit: float  # Variance of the logarithm about a smooth spectrum
+    spectrum_weight: float  # Weight of the evidence from the spectrum
+    phase_weight: float  # Weight of the evidence from the edges
+    trust: float  # Least probability near the mode at which a speed is trusted
+    # Width of error bars, in units of the posterior's width near its mode: the two weights suit
+    # gross errors, and are too low for fine ones
     width: float
 
 
@@ -101,19 +89,12 @@ def prior() -> Prior:
 
 
 class Energies(NamedTuple):
-    r"""Negative logarithm of the evidence for each speed, by kind of evidence.
+    r"""Negative logarithm of the evidence for each speed, by kind of evidence."""
 
-    Attributes:
-        spectrum: Energy from the power spectrum.
-        phase: Mean of $\log(1 + u^2)$, by octave.
-        counts: Number of waves of each octave.
-        distance: Squared Mahalanobis distance of the picture's spectrum from the prior's mean.
-    """
-
-    spectrum: Float[np.ndarray, "s"]
-    phase: Float[np.ndarray, "o s"]
-    counts: Float[np.ndarray, "o"]
-    distance: float
+    spectrum: Float[np.ndarray, "s"]  # Energy from the power spectrum
+    phase: Float[np.ndarray, "o s"]  # Mean of $\log(1 + u^2)$, by octave
+    counts: Float[np.ndarray, "o"]  # Number of waves of each octave
+    distance: float  # Squared Mahalanobis distance of the picture's spectrum from the prior's mean
 
 
 def windows(
@@ -130,19 +111,12 @@ def _flat_window(count: int) -> np.ndarray:
 
 
 class Bands(NamedTuple):
-    """Frequencies at which the logarithm of a power spectrum is evaluated.
+    """Frequencies at which the logarithm of a power spectrum is evaluated."""
 
-    Attributes:
-        members: Indices of the DFT down the rows, by band of their frequency.
-        counts: Number of independent frequencies in each band.
-        along: Indices of the DFT along the rows.
-        terms: Terms of the smooth spectrum at every frequency.
-    """
-
-    members: list[np.ndarray]
-    counts: Float[np.ndarray, "b 1"]
-    along: slice
-    terms: Float[np.ndarray, "b*k 11"]
+    members: list[np.ndarray]  # Indices of the DFT down the rows, by band of their frequency
+    counts: Float[np.ndarray, "b 1"]  # Number of independent frequencies in each band
+    along: slice  # Indices of the DFT along the rows
+    terms: Float[np.ndarray, "b*k 11"]  # Terms of the smooth spectrum at every frequency
 
 
 @lru_cache(maxsize=4)
@@ -200,15 +174,10 @@ def _power_through_window(
 
 
 class Blurs(NamedTuple):
-    """Blurs of the speeds in rows of one width.
+    """Blurs of the speeds in rows of one width."""
 
-    Attributes:
-        power: $|H_s|^2$, as the spectrum of a windowed row shows it.
-        phases: Factors that undo the phase of $H_s$.
-    """
-
-    power: Float[np.ndarray, "s k"]
-    phases: Complex[np.ndarray, "s k"]
+    power: Float[np.ndarray, "s k"]  # $|H_s|^2$, as the spectrum of a windowed row shows it
+    phases: Complex[np.ndarray, "s k"]  # Factors that undo the phase of $H_s$
 
 
 def _blurs(responses: Complex[np.ndarray, "s k"], columns: int) -> Blurs:
@@ -228,13 +197,6 @@ def _spectrum_energy(
 
     The model of the $\log$ power is $\log(S |H_s|^2 + N)$, with $\log S$ linear in coefficients
     whose prior is Gaussian. Gauss-Newton steps, weighted for Student's t, find the coefficients.
-
-    Args:
-        observed: The `log_power`.
-        blur_power: $|H_s|^2$ at the same frequencies.
-        noise: $N$.
-        layout: The bands.
-        statistics: The prior.
     """
     terms, num = layout.terms, len(statistics.mean)
     upper = np.triu_indices(num)
@@ -341,19 +303,12 @@ def energies(
 
 
 class Posterior(NamedTuple):
-    """Probabilities of speeds, given a capture.
+    """Probabilities of speeds, given a capture."""
 
-    Attributes:
-        speeds: Speeds relative to the sensor that were tried, ascending; px/s.
-        weights: Their probabilities.
-        reach: Distance from the mode within which a speed counts as the same; px/s.
-        width: The `width` of `Prior`.
-    """
-
-    speeds: Float[np.ndarray, "s"]
-    weights: Float[np.ndarray, "s"]
-    reach: float
-    width: float
+    speeds: Float[np.ndarray, "s"]  # Speeds relative to the sensor that were tried, ascending; px/s
+    weights: Float[np.ndarray, "s"]  # Their probabilities
+    reach: float  # Distance from the mode within which a speed counts as the same; px/s
+    width: float  # The `width` of `Prior`
 
     @property
     def mode(self) -> int:
@@ -581,11 +536,6 @@ def estimate_speed(
 def speed_in(planes: ArrayLike, model: BlurModel) -> SpeedEstimate:
     """The speed of one picture, relative to the sensor.
 
-    Args:
-        planes: Irradiance of its colours, in units of a fully open exposure; shape
-            `(channels, rows, columns)` or `(rows, columns)`; concrete.
-        model: Blur and noise.
-
     Raises:
         ValueError: if the capture is traced, or if the scene has a background.
     """
@@ -657,11 +607,7 @@ def judged(
 
 
 def luminance_shares(count: int) -> Float[np.ndarray, "{count}"]:
-    """Weights of so many colours in the luminance: those of red, green and blue, or equal ones.
-
-    Args:
-        count: Number of colours.
-    """
+    """Weights of so many colours in the luminance: those of red, green and blue, or equal ones."""
     return np.array(LUMINANCE) if count == len(LUMINANCE) else np.full(count, 1 / count)
 
 

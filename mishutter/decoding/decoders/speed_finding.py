@@ -9,11 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from mishutter.camera import kernel_layout
+from mishutter.camera.capture import kernel_layout
 from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel
 from mishutter.decoding.decoders.speed import SpeedEstimate, speed_in
 from mishutter.decoding.decoders.total_variation import TotalVariationDecoder
-from mishutter.evaluation import SpeedKnowledge
+from mishutter.evaluation.speed_knowledge import SpeedKnowledge
 
 ROWS_TO_FIND = 256
 """Rows of a photograph from which its speed is found: a few rows do not tell it."""
@@ -74,13 +74,7 @@ class Informed(NamedTuple):
 def informed(
     decoders: Sequence[AbstractDecoder], planes: ArrayLike, model: BlurModel
 ) -> list[Informed]:
-    """Estimates the speed of a picture once, for all those decoders that look for it.
-
-    Args:
-        decoders: The decoders.
-        planes: Irradiance of the picture, as `speed_in` takes it.
-        model: Blur and noise for all speeds.
-    """
+    """Estimates the speed of a picture once, for all those decoders that look for it."""
     finds = any(isinstance(each, SpeedFindingDecoder) for each in decoders)
     estimate, sharper = None, model
     if finds and model.efficiency > 0 and np.all(np.isfinite(model.noise)):
@@ -95,12 +89,7 @@ def informed(
 
 
 def decoder_of(knowledge: SpeedKnowledge, inner: AbstractDecoder) -> AbstractDecoder:
-    """Wraps a decoder in a `SpeedFindingDecoder` if the speed is to be found.
-
-    Args:
-        knowledge: The decoder's knowledge of the speed.
-        inner: The decoder that restores the picture.
-    """
+    """Wraps a decoder in a `SpeedFindingDecoder` if the speed is to be found."""
     finds = knowledge.finds_speed and not isinstance(inner, SpeedFindingDecoder)
     return SpeedFindingDecoder(inner) if finds else inner
 

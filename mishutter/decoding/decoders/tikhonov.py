@@ -9,8 +9,8 @@ import numpy as np
 import optimistix
 from jaxtyping import Array, ArrayLike, DTypeLike
 
-from mishutter._core import compiled
-from mishutter.camera import along_rows
+from mishutter._core.compiling import compiled
+from mishutter.camera.rows import along_rows
 from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel
 from mishutter.decoding.decoders.borders import Continuation, continuation
 from mishutter.decoding.decoders.linear import expected_residual

@@ -10,8 +10,9 @@ import numpy as np
 from jax.scipy.fft import dct, idct
 from jaxtyping import Array, Complex, Float
 
-from mishutter._core import compiled, require, require_positive_int
-from mishutter.camera import along_rows
+from mishutter._core.checks import require, require_positive_int
+from mishutter._core.compiling import compiled
+from mishutter.camera.rows import along_rows
 from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel
 from mishutter.decoding.decoders.borders import Continuation, continuation
 from mishutter.decoding.decoders.linear import ensemble_filter, misfit_of
@@ -78,21 +79,13 @@ class TotalVariationDecoder(AbstractDecoder):
 
 
 class _Problem(NamedTuple):
-    """Filters on the grid of a DFT, and scalars of the minimisation.
+    """Filters on the grid of a DFT, and scalars of the minimisation."""
 
-    Attributes:
-        data_filter: The filter of the capture where no edges count.
-        curvature: Curvature of the misfit and of the smooth prior.
-        start: The filter that gives the first estimate.
-        threshold: Length by which differences shrink.
-        gain: 1 over the efficiency.
-    """
-
-    data_filter: Complex[np.ndarray, "k"]
-    curvature: Float[np.ndarray, "k"]
-    start: Complex[np.ndarray, "k"]
-    threshold: Float[np.ndarray, ""]
-    gain: Float[np.ndarray, ""]
+    data_filter: Complex[np.ndarray, "k"]  # The filter of the capture where no edges count
+    curvature: Float[np.ndarray, "k"]  # Curvature of the misfit and of the smooth prior
+    start: Complex[np.ndarray, "k"]  # The filter that gives the first estimate
+    threshold: Float[np.ndarray, ""]  # Length by which differences shrink
+    gain: Float[np.ndarray, ""]  # 1 over the efficiency
 
 
 @compiled

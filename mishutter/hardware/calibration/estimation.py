@@ -10,8 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from mishutter._core import Unquoted, as_float, counts, fields_text, require, require_positive_int
-from mishutter.design import Design, given_design
+from mishutter._core.checks import Unquoted, as_float, fields_text, require, require_positive_int
+from mishutter._core.progress import counts
+from mishutter.design.design import Design, given_design
 from mishutter.hardware.calibration.likelihood import (
     Setting,
     Solution,
@@ -22,17 +23,11 @@ from mishutter.hardware.calibration.likelihood import (
 from mishutter.hardware.calibration.measurements import Measurements, SensorLevels, TargetPicture
 from mishutter.hardware.calibration.uncertainty import WIDEST, ErrorBars, error_bars
 from mishutter.hardware.traces import TraceLike, as_trace
-from mishutter.model import (
-    AbstractMotion,
-    AbstractShutter,
-    Limits,
-    ParabolicMotion,
-    Scene,
-    SplineShutter,
-    require_scene,
-    scene_text,
-    spline_basis,
-)
+from mishutter.model.limits import Limits
+from mishutter.model.motion import AbstractMotion, ParabolicMotion
+from mishutter.model.scene import Scene, require_scene, scene_text
+from mishutter.model.shutters.base import AbstractShutter
+from mishutter.model.shutters.spline import SplineShutter, spline_basis
 
 _WHY_NO_STEP = "compiling (first run only), or pictures are fitted, which takes a while"
 """Why a round of a fit takes a while."""
@@ -45,15 +40,11 @@ _IMPLAUSIBLE = 0.003
 
 
 class Estimate(NamedTuple):
-    """A number with its error bar.
+    """A number with its error bar."""
 
-    Attributes:
-        value: The number.
-        error: Standard deviation, as `mishutter.hardware.calibration.uncertainty` derives it;
-            infinite if the number is not identifiable.
-    """
-
-    value: float
+    value: float  # The number
+    # Standard deviation, as `mishutter.hardware.calibration.uncertainty` derives it; infinite if
+    # the number is not identifiable
     error: float
 
 

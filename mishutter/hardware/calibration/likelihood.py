@@ -16,7 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from mishutter._core import compiled, require
+from mishutter._core.checks import require
+from mishutter._core.compiling import compiled
 from mishutter.hardware.calibration.measurements import (
     END,
     Measurements,
@@ -25,10 +26,9 @@ from mishutter.hardware.calibration.measurements import (
 )
 from mishutter.hardware.calibration.response import FINE, MOVED, collected, kernels
 from mishutter.hardware.traces import Trace, measured_profile
-from mishutter.model import (
-    AbstractMotion,
-    AbstractShutter,
-    ParabolicMotion,
+from mishutter.model.motion import AbstractMotion, ParabolicMotion
+from mishutter.model.shutters.base import AbstractShutter
+from mishutter.model.shutters.spline import (
     SplineShutter,
     coefficient_times,
     spline_basis,
@@ -74,67 +74,38 @@ class _Arrays(NamedTuple):
     """The data of the residuals, as arrays of NumPy.
 
     They are arguments of the compiled program, so that one program serves all data of a shape.
-
-    Attributes:
-        levels: Mean of the rows of each picture.
-        deviation: Standard deviation of each level.
-        speeds: Known speeds, and 0 where one is unknown; px/s.
-        is_unknown: Whether the speed of each picture is unknown.
-        is_edge: Whether each picture is of an edge.
-        half_exposure: $T$; s.
-        scales: Scale of each parameter, in its unit.
-        ties: Rows of all `Ties`.
-        aims: Their aims.
-        trace: Levels of the trace.
-        trace_basis: B-splines at its samples.
-        trace_deviation: Standard deviation of its levels.
     """
 
-    levels: Float[np.ndarray, "pictures columns"]
-    deviation: Float[np.ndarray, "pictures columns"]
-    speeds: Float[np.ndarray, "pictures"]
-    is_unknown: Bool[np.ndarray, "pictures"]
-    is_edge: Bool[np.ndarray, "pictures"]
-    half_exposure: Float[np.ndarray, ""]
-    scales: Float[np.ndarray, "parameters"]
-    ties: Float[np.ndarray, "k parameters"]
-    aims: Float[np.ndarray, "k"]
-    trace: Float[np.ndarray, "samples"]
-    trace_basis: Float[np.ndarray, "samples coefficients"]
-    trace_deviation: Float[np.ndarray, ""]
+    levels: Float[np.ndarray, "pictures columns"]  # Mean of the rows of each picture
+    deviation: Float[np.ndarray, "pictures columns"]  # Standard deviation of each level
+    speeds: Float[np.ndarray, "pictures"]  # Known speeds, and 0 where one is unknown; px/s
+    is_unknown: Bool[np.ndarray, "pictures"]  # Whether the speed of each picture is unknown
+    is_edge: Bool[np.ndarray, "pictures"]  # Whether each picture is of an edge
+    half_exposure: Float[np.ndarray, ""]  # $T$; s
+    scales: Float[np.ndarray, "parameters"]  # Scale of each parameter, in its unit
+    ties: Float[np.ndarray, "k parameters"]  # Rows of all `Ties`
+    aims: Float[np.ndarray, "k"]  # Their aims
+    trace: Float[np.ndarray, "samples"]  # Levels of the trace
+    trace_basis: Float[np.ndarray, "samples coefficients"]  # B-splines at its samples
+    trace_deviation: Float[np.ndarray, ""]  # Standard deviation of its levels
 
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """The problem of a fit: its data, the scales of its parameters, and their pins.
+    """The problem of a fit: its data, the scales of its parameters, and their pins."""
 
-    Attributes:
-        names: Names of the parameters.
-        arrays: The data of the residuals.
-        pins: Combinations of the parameters that keep their value.
-        profiles: Mean of the rows of each picture.
-        is_rounded: Whether the levels of each picture are whole numbers.
-        num_rows: Number of rows of each picture.
-        picture_names: Names of the pictures.
-        sensor: The conversion of electrons to levels.
-        sent_motion: The motion as sent.
-        coefficients: B-spline coefficients of the transmittance as sent.
-        num_taps: Number of taps of a kernel, of 1/8 px.
-        notes: Sentences about parameters that no measurement of this kind determines.
-    """
-
-    names: tuple[str, ...]
-    arrays: _Arrays
-    pins: "Ties"
-    profiles: tuple[np.ndarray, ...]
-    is_rounded: tuple[bool, ...]
-    num_rows: tuple[int, ...]
-    picture_names: tuple[str, ...]
-    sensor: SensorLevels
-    sent_motion: ParabolicMotion
-    coefficients: np.ndarray
-    num_taps: int
-    notes: tuple[str, ...]
+    names: tuple[str, ...]  # Names of the parameters
+    arrays: _Arrays  # The data of the residuals
+    pins: "Ties"  # Combinations of the parameters that keep their value
+    profiles: tuple[np.ndarray, ...]  # Mean of the rows of each picture
+    is_rounded: tuple[bool, ...]  # Whether the levels of each picture are whole numbers
+    num_rows: tuple[int, ...]  # Number of rows of each picture
+    picture_names: tuple[str, ...]  # Names of the pictures
+    sensor: SensorLevels  # The conversion of electrons to levels
+    sent_motion: ParabolicMotion  # The motion as sent
+    coefficients: np.ndarray  # B-spline coefficients of the transmittance as sent
+    num_taps: int  # Number of taps of a kernel, of 1/8 px
+    notes: tuple[str, ...]  # Sentences about parameters that no measurement of this kind determines
 
     @staticmethod
     def of(
@@ -296,12 +267,7 @@ class Setting:
         return float(delay), slopes
 
     def start(self, coefficients: np.ndarray, share: float) -> np.ndarray:
-        """The camera that was sent, but for its profile, at the centroids of the pictures.
-
-        Args:
-            coefficients: Those of the profile.
-            share: The unknown speed, in the greatest speed of the sensor.
-        """
+        """The camera that was sent, but for its profile, at the centroids of the pictures."""
         count, scales = len(coefficients), self.arrays.scales
         is_unknown, trace = self.arrays.is_unknown, self.arrays.trace
         velocity = float(self.sent_motion.velocity) / float(scales[1])
@@ -467,35 +433,22 @@ def _least_squares(start: Any, arrays: _Arrays, num_taps: int) -> tuple[Array, A
 
 
 class Ties(NamedTuple):
-    """Linear combinations of the parameters that are held near values.
+    """Linear combinations of the parameters that are held near values."""
 
-    Attributes:
-        rows: Coefficients of each combination, over its standard deviation.
-        aims: The values, over the same.
-    """
-
+    # Coefficients of each combination, over its standard deviation
     rows: Float[np.ndarray, "k parameters"]
-    aims: Float[np.ndarray, "k"]
+    aims: Float[np.ndarray, "k"]  # The values, over the same
 
 
 class Solution(NamedTuple):
-    """The end of a round.
+    """The end of a round."""
 
-    Attributes:
-        loss: Sum of squares, of the ties and bounds too.
-        values: Parameters, in their own scales.
-        residual: Residuals of the data and the pins.
-        matrix: Their Jacobian.
-        expected: Expected levels.
-        noise: Standard deviations of the levels in this round.
-    """
-
-    loss: float
-    values: Float[np.ndarray, "parameters"]
-    residual: Float[np.ndarray, "residuals"]
-    matrix: Float[np.ndarray, "residuals parameters"]
-    expected: Float[np.ndarray, "pictures columns"]
-    noise: Float[np.ndarray, "pictures columns"]
+    loss: float  # Sum of squares, of the ties and bounds too
+    values: Float[np.ndarray, "parameters"]  # Parameters, in their own scales
+    residual: Float[np.ndarray, "residuals"]  # Residuals of the data and the pins
+    matrix: Float[np.ndarray, "residuals parameters"]  # Their Jacobian
+    expected: Float[np.ndarray, "pictures columns"]  # Expected levels
+    noise: Float[np.ndarray, "pictures columns"]  # Standard deviations of the levels in this round
 
 
 def solved(
@@ -505,15 +458,7 @@ def solved(
     ties: Ties,
     pull: tuple[np.ndarray, float] | None = None,
 ) -> Solution:
-    """The end of one round of a fit.
-
-    Args:
-        setting: The problem.
-        values: Parameters from which the round starts.
-        noise: Standard deviations of the levels; shape `(pictures, columns)`.
-        ties: At most as many as there are parameters.
-        pull: One more tie, whose square is no part of the loss.
-    """
+    """The end of one round of a fit."""
     rows = np.zeros((values.size + 1, values.size))
     aims = np.zeros(values.size + 1)
     rows[: len(ties.rows)], aims[: len(ties.rows)] = ties
@@ -534,12 +479,7 @@ def solved(
 
 
 def num_first_rounds(setting: Setting, shares: Sequence[float]) -> int:
-    """Number of fits that `likeliest_start` makes.
-
-    Args:
-        setting: The problem.
-        shares: Its argument.
-    """
+    """Number of fits that `likeliest_start` makes."""
     num_others = len(setting.likely_profiles()) - 1
     num_rough = len(shares) + num_others * min(_NUM_SPEEDS, len(shares))
     return num_rough + min(_NUM_ENDS, num_rough)
@@ -556,12 +496,6 @@ def likeliest_start(
     near one of another shape leads to another stage, and a free one to wherever it began. First
     rounds therefore fit smoothed pictures from several profiles, near which they stay, and the
     pictures themselves from the likeliest of these cameras.
-
-    Args:
-        setting: The problem.
-        shares: Speeds from which a fit of an unknown one starts, in the greatest speed of the
-            sensor. The best three with the profile that was sent are tried with the others.
-        begin: Called with the name of each fit before it begins.
     """
     noise, smooth = setting.noise(np.asarray(setting.arrays.levels)), setting.smoothed(_WIDTH)
 

@@ -10,21 +10,14 @@ import numpy as np
 from jaxtyping import Float, Shaped
 from pydantic import Field
 
-from mishutter._core import (
-    Section,
-    Unquoted,
-    contents,
-    number_rows,
-    parsed,
-    require,
-    require_finite,
-    shape_of,
-    text_lines,
-    validated,
-)
+from mishutter._core.checks import Unquoted, require, require_finite, shape_of
+from mishutter._core.columns import number_rows, text_lines
+from mishutter._core.files import contents
+from mishutter._core.validation import Section, parsed, validated
 from mishutter.hardware.trace_files import read_trace
 from mishutter.hardware.traces import Trace
-from mishutter.pictures import PICTURE_SUFFIXES, Axis, pixels_along, read_levels, turned
+from mishutter.pictures.files import PICTURE_SUFFIXES
+from mishutter.pictures.images import Axis, pixels_along, read_levels, turned
 
 TARGETS = ("point", "edge")
 END = 4
@@ -144,17 +137,11 @@ class TargetPicture:
 
 
 class Measurements(NamedTuple):
-    """The measurements of one camera.
+    """The measurements of one camera."""
 
-    Attributes:
-        pictures: Pictures of targets.
-        sensor: The conversion of electrons to levels.
-        trace: A photodiode's trace, on the camera's clock; None for none.
-    """
-
-    pictures: tuple[TargetPicture, ...]
-    sensor: SensorLevels
-    trace: Trace | None = None
+    pictures: tuple[TargetPicture, ...]  # Pictures of targets
+    sensor: SensorLevels  # The conversion of electrons to levels
+    trace: Trace | None = None  # A photodiode's trace, on the camera's clock; None for none
 
 
 @final

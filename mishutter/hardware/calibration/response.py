@@ -16,8 +16,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from mishutter.blur import blur_kernel
-from mishutter.model import ParabolicMotion, SplineShutter
+from mishutter.blur.kernel import blur_kernel
+from mishutter.model.motion import ParabolicMotion
+from mishutter.model.shutters.spline import SplineShutter
 
 FINE = 8
 """Taps of a pixel."""
@@ -33,7 +34,7 @@ def kernels(
     coefficients: Float[Array, "n"],
     acceleration: Float[Array, ""],
     half_exposure: ArrayLike,
-    relative: Float[Array, "speeds"],
+    relative: Float[Array, "speeds"],  # px/s
     num_taps: int,
 ) -> Float[Array, "speeds {num_taps}+4"]:
     r"""Kernels of a spline of any coefficients, in taps of 1/8 px.
@@ -41,13 +42,6 @@ def kernels(
     The first tap lies two before the vertex. Noise, or a step of the minimiser, may take a
     profile $w$ out of [0, 1]. It then is $(1 + 2r) w' - r$ with a profile $w'$ inside, and its
     kernel is the same combination of the kernels of $w'$ and of an open shutter.
-
-    Args:
-        coefficients: B-spline coefficients.
-        acceleration: $a$, px/s^2.
-        half_exposure: $T$, s.
-        relative: Speeds relative to the sensor at mid-exposure, $s - v$; px/s.
-        num_taps: Number of taps from the vertex on.
     """
     span = 1 + 2 * _REACH
     profiles = jnp.stack([(coefficients + _REACH) / span, jnp.ones_like(coefficients)])
@@ -101,20 +95,12 @@ def _with_moments(taps: Array) -> Array:
 
 def collected(
     taps: Float[Array, "s taps"],
-    begin: Float[Array, "s"],
-    blur: Float[Array, ""],
+    begin: Float[Array, "s"],  # px
+    blur: Float[Array, ""],  # px
     is_edge: Bool[Array | np.ndarray, "s"],
     num_columns: int,
 ) -> Float[Array, "s {num_columns}"]:
-    """Irradiance that each pixel integrates, of points or edges.
-
-    Args:
-        taps: Kernels, in taps of 1/8 px.
-        begin: Position of the first tap's beginning; px.
-        blur: Standard deviation of the lens's Gaussian; px.
-        is_edge: Whether the target is an edge.
-        num_columns: Number of pixels, of which the first lies from 0 to 1 px.
-    """
+    """Irradiance that each pixel integrates, of points or edges."""
     num_taps = taps.shape[1]
     # Distances, in steps of a tap, from the last tap's beginning to the last pixel's end.
     index = np.arange(-num_taps - 1, (num_columns + 1) * FINE)

@@ -29,17 +29,12 @@ WIDEST = 1 / 3
 
 @dataclass(frozen=True, eq=False)
 class ErrorBars:
-    """Error bars of the parameters, in their own scales, and of the delay.
+    """Error bars of the parameters, in their own scales, and of the delay."""
 
-    Attributes:
-        errors: Error bar of each parameter, which is not identifiable above `WIDEST`.
-        delay: Error bar of the delay; s.
-        blind: Directions of almost no information.
-    """
-
+    # Error bar of each parameter, which is not identifiable above `WIDEST`
     errors: Float[np.ndarray, "n"]
-    delay: float
-    blind: Float[np.ndarray, "k n"]
+    delay: float  # Error bar of the delay; s
+    blind: Float[np.ndarray, "k n"]  # Directions of almost no information
 
 
 def error_bars(setting: Setting, solution: Solution) -> tuple[Solution, ErrorBars]:

@@ -16,19 +16,19 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
 
-from mishutter._core import (
-    AbstractModule,
+from mishutter._core.checks import (
     Unquoted,
     all_concrete,
     as_float,
     common_dtype,
     device_constant,
     fields_text,
-    outside_trace,
     require,
     require_finite,
     shape_of,
 )
+from mishutter._core.compiling import outside_trace
+from mishutter._core.modules import AbstractModule
 
 Numbers = Array | np.ndarray
 Length = TypeVar("Length", Array, np.ndarray)
@@ -307,9 +307,6 @@ class SampledShutter(AbstractPiecewiseShutter):
     Its transmittance differs from the original's by at most
     $\max|w^{(6)}| / (64^6 \cdot 2^5 \cdot 6!)$ where that is smooth: 3e-13 for a Hann
     profile. No interpolant looks across a discontinuity that the shutter declares.
-
-    Args:
-        shutter: The shutter to interpolate.
     """
 
     shutter: AbstractShutter
@@ -469,19 +466,12 @@ def polynomial(coefficients: Sequence[ArrayLike] | Array, x: Array | np.ndarray)
 
 
 def polynomial_means(
-    powers: Float[Array, "pieces degrees"],
+    powers: Float[Array, "pieces degrees"],  # shape `(n, degree + 1)`
     piece: Int[Array, "*cells"],
     centre: Float[Array, "*cells"],
     width: Float[Array, "*cells"],
 ) -> Float[Array, "*cells"]:
-    """Means of some polynomials over intervals, by the Gauss-Legendre rule that is exact.
-
-    Args:
-        powers: Coefficients of each polynomial, the highest first; shape `(n, degree + 1)`.
-        piece: Which polynomial, from 0; integers of any shape, that of the others.
-        centre: Middle of the interval.
-        width: Its length.
-    """
+    """Means of some polynomials over intervals, by the Gauss-Legendre rule that is exact."""
     nodes, weights = np.polynomial.legendre.leggauss((powers.shape[1] + 1) // 2)
     each = (-1,) + (1,) * centre.ndim
     n, w = (x.astype(centre.dtype).reshape(each) / 2 for x in (nodes, weights))
@@ -499,7 +489,7 @@ def bernstein_value(control: list[Numbers], u: Numbers) -> Numbers:
 
 
 def bernstein_mean(
-    control: Float[Array, "..."],
+    control: Float[Array, "..."],  # shape `(n, degree + 1)`
     piece: Int[Array, "*cells"],
     from_left: Bool[Array, "*cells"],
     distance: Float[Array, "*cells"],
@@ -510,13 +500,6 @@ def bernstein_mean(
     By powers of the distance from the end of the piece that is nearer. Up to the middle they
     cancel by little where control points are of one sign: a profile that vanishes at an end
     keeps its relative accuracy.
-
-    Args:
-        control: Control points of each piece; shape `(n, degree + 1)`.
-        piece: Which piece, from 0; integers of any shape, that of the others.
-        from_left: Whether `distance` is from the left end, or from the right one.
-        distance: Distance of the interval's centre from an end of its piece.
-        width: Length of the interval.
     """
     degree = control.shape[1] - 1
     from_ends = jnp.concatenate([control, control[:, ::-1]]) @ power_matrix(degree).astype(

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
 
-from mishutter._core import (
+from mishutter._core.checks import (
     RowLike,
     as_array_like,
     as_float,

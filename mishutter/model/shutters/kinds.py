@@ -10,7 +10,7 @@ from typing import Any, final
 
 import numpy as np
 
-from mishutter._core import Unquoted, as_float, require
+from mishutter._core.checks import Unquoted, as_float, require
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.chips import RASKAR_CODE, ChippedShutter
 from mishutter.model.shutters.spline import SplineShutter
@@ -26,21 +26,14 @@ from mishutter.model.shutters.windows import (
 @final
 @dataclass(frozen=True)
 class ShutterKind:
-    """A kind of shutter.
+    """A kind of shutter."""
 
-    Attributes:
-        shutter: Its class, whose fields a file holds.
-        name: Its name in a comparison and, in lower case, on the command line.
-        make: Gives the one that the bare name stands for; None where a name is not enough.
-        parameter: The field that `NAME:VALUE` sets; None for none.
-        is_baseline: Whether every comparison shows it.
-    """
-
-    shutter: type[AbstractShutter]
-    name: str
+    shutter: type[AbstractShutter]  # Its class, whose fields a file holds
+    name: str  # Its name in a comparison and, in lower case, on the command line
+    # Gives the one that the bare name stands for; None where a name is not enough
     make: Callable[[], AbstractShutter] | None = None
-    parameter: str | None = None
-    is_baseline: bool = False
+    parameter: str | None = None  # The field that `NAME:VALUE` sets; None for none
+    is_baseline: bool = False  # Whether every comparison shows it
 
     @property
     def fields(self) -> dict[str, Any]:

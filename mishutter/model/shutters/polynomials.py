@@ -9,15 +9,8 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
 from numpy.polynomial import chebyshev
 
-from mishutter._core import (
-    all_concrete,
-    compiled,
-    device_constant,
-    is_concrete,
-    is_tracing,
-    namespace_of,
-    outside_trace,
-)
+from mishutter._core.checks import all_concrete, device_constant, is_concrete, namespace_of
+from mishutter._core.compiling import compiled, is_tracing, outside_trace
 from mishutter.model.shutters.base import (
     AbstractPiecewiseShutter,
     AbstractShutter,
@@ -36,13 +29,7 @@ _SHORTEST = 1e-3
 
 @final
 class PolynomialShutter(AbstractPiecewiseShutter):
-    """A polynomial on each of 24 pieces.
-
-    Args:
-        ends: Ends of the pieces, ascending from -1 to 1; shape `(n + 1,)`.
-        powers: Coefficients by the share of the piece passed, less one half, the highest
-            first; shape `(n, degree + 1)`.
-    """
+    """A polynomial on each of 24 pieces."""
 
     ends: Array
     powers: Array
@@ -148,12 +135,7 @@ def _interpolated_by_program(
 def _interpolated(
     profile: AbstractPiecewiseShutter, ends: Float[Array | np.ndarray, "ends"]
 ) -> tuple[PolynomialShutter, Any] | None:
-    """Interpolants between equal parts of the pieces, and whether they are exact to rounding.
-
-    Args:
-        profile: The shutter; its numbers are of NumPy where its breakpoints and parameters are.
-        ends: Its breakpoints.
-    """
+    """Interpolants between equal parts of the pieces, and whether they are exact to rounding."""
     space, num_pieces, dtype = namespace_of(ends), ends.size - 1, np.dtype(ends.dtype)
     if num_pieces > _NUM_PIECES:
         return None

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
 from numpy.lib.stride_tricks import sliding_window_view
 
-from mishutter._core import (
+from mishutter._core.checks import (
     RowLike,
     as_array_like,
     as_float,

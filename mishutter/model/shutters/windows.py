@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
 
-from mishutter._core import (
+from mishutter._core.checks import (
     as_array_like,
     as_float,
     as_numpy,
@@ -315,11 +315,6 @@ def _economised(taylor: Sequence[Fraction], reach: Fraction, degree: int) -> lis
 
     Each step removes the last term by a multiple of Chebyshev's polynomial, so that the terms
     before it make up for it as well as they can (Lanczos).
-
-    Args:
-        taylor: Coefficients, the lowest first.
-        reach: End of the interval on which the series is to be good.
-        degree: Degree that is left.
     """
     series = list(taylor)
     chebyshev = [[Fraction(1)], [Fraction(-1), 2 / reach]]
