@@ -257,7 +257,7 @@ def test_the_speed_that_is_found_stands_beside_the_picture():
     short, told = (each["found"] for each in shown)
     assert not short["trusted"]
     assert short["tells_nothing"]
-    assert short["doubt"].startswith("The blur differs by 9.0 px over the speeds of the scene")
+    assert short["doubt"].startswith("The blur differs by only 9.0 px over the speeds of the scene")
     assert told["trusted"]
     assert told["doubt"] == ""
     assert abs(told["speed"] - 2960) < 3 * told["error"] < 250

@@ -149,6 +149,13 @@ def flipped(file):
     file.write_bytes(content)
 
 
+def renamed(file):
+    """Changes one letter in the description of a sweep."""
+    content = file.read_bytes()
+    assert b"half_exposures" in content
+    file.write_bytes(content.replace(b"half_exposures", b"half_exposurez"))
+
+
 def cut(file):
     """Leaves the first half of a file."""
     os.truncate(file, file.stat().st_size // 2)
@@ -263,16 +270,17 @@ def test_no_damage_changes_a_result(tmp_path):
     """Every file flipped, cut and lost: the result is the same, or one line names the store."""
     place = tmp_path / "a.zarr"
     _, whole = filled(place)
-    for file in [file for file in place.rglob("*") if file.is_file()]:
-        content = file.read_bytes()
+    root = place / "zarr.json"
+    content = root.read_bytes()
+    for damage in (renamed, cut, lost):
+        damage(root)
+        with pytest.raises(ValueError, match=rf".*'{place}'"):
+            filled(place)
+        root.write_bytes(content)
+    for file in [file for file in place.rglob("*") if file.is_file() and file != root]:
         for damage in (flipped, cut, lost):
             damage(file)
-            if file == place / "zarr.json":
-                with pytest.raises(ValueError, match=rf"got .*'{place}'"):
-                    filled(place)
-                file.write_bytes(content)
-            else:
-                assert filled(place)[1].identical(whole), (file, damage)
+            assert filled(place)[1].identical(whole), (file, damage)
 
 
 def test_a_full_disk_while_a_store_is_made(tmp_path, monkeypatch):
