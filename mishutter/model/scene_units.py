@@ -38,7 +38,7 @@ from mishutter.model.scene_schema import (
     ViewSection,
 )
 
-_GRAVITY = 9.80665
+GRAVITY = 9.80665
 """Standard gravity; m/s^2."""
 _METRES = {
     "um": 1e-6,
@@ -48,8 +48,8 @@ _METRES = {
     "mm_per_s": 1e-3,
     "m_per_s": 1.0,
     "km_per_h": 1 / 3.6,
-    "g": _GRAVITY,
-    "g_per_s": _GRAVITY,
+    "g": GRAVITY,
+    "g_per_s": GRAVITY,
 }
 """Units in metres and seconds, as the names of keys end in them."""
 _PHOTONS_PER_LUX = 6.02214076e23 * 1e-6 / 54

@@ -12,6 +12,7 @@ from jaxtyping import Array
 from mishutter._core.files import strict_json, write_text
 from mishutter.evaluation.moving_bursts import ALTERNATING, SINE, SWEEP
 from mishutter.model.scene import Scene
+from mishutter.model.scene_units import GRAVITY
 from mishutter.plane.families import FREE, PAN
 from mishutter.plane.search import PlaneBurst, PlaneSearch
 from mishutter.report import plots
@@ -21,7 +22,6 @@ from mishutter.search.rows import simplest_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_GRAVITY = 9.80665
 _NEEDS = ("registration", "registration, stage", "registration, stage of two axes")
 """Needs of several frames by the axes of a stage."""
 _VERBS = {
@@ -116,7 +116,7 @@ class PlaneReport:
         numbers = f"{travel:g} px at up to {top_speed:,g} px/s"
         if pitch is not None:
             p = float(pitch)
-            acceleration = float(use.acceleration) * p / _GRAVITY
+            acceleration = float(use.acceleration) * p / GRAVITY
             numbers += (
                 f" ({travel * p * 1e6:.3g} um, {top_speed * p * 1e3:.3g} mm/s, "
                 f"{acceleration:.2g} g)"
@@ -144,7 +144,9 @@ class PlaneReport:
 
 
 def _at_most(value: Array | np.ndarray | float) -> float:
-    """A number above 0 rounded up to two digits: those after it a search does not settle."""
+    """A number rounded up to two digits: those after these a search does not settle."""
+    if not value > 0:  # A camera that turns leaves its stage where it is.
+        return 0.0
     size = 10.0 ** (math.floor(math.log10(float(value))) - 1)
     return math.ceil(float(value) / size - 1e-6) * size
 

@@ -175,6 +175,25 @@ def test_a_snapshot_is_told_to_be_taken_where_nothing_is_worth_more():
     assert first == "Take a snapshot of 8 ms at rest: 24.5 dB; no other option is worth more."
 
 
+def test_a_camera_that_turns_leaves_its_stage_where_it_is():
+    """Its answer states a travel of 0, which has no digits to round."""
+    at_rest = a_burst("stills", 0, 24.5, 1)
+    turning = replace(a_burst("pan", 1, 27.0), use=at_rest.use)
+    text = PlaneReport(a_scene(), PlaneSearch(at_rest, (turning,), 28.0)).text()
+    assert text.startswith("Take 4 frames while the stage pans: 27.0 dB, 2.5 dB better")
+    assert "The stage travels 0 px at up to 0 px/s" in text
+
+
+@pytest.mark.parametrize(("travel", "said"), [(24.49, "25 px"), (241.0, "250 px"), (0.5, "0.5 px")])
+def test_a_travel_is_rounded_up(travel, said):
+    """A stage that follows what is said follows the path."""
+    burst = a_burst("sweep", 1, 27.0)
+    burst = replace(burst, use=burst.use._replace(travel=np.asarray(travel)))
+    search = PlaneSearch(a_burst("stills", 0, 24.5, 1), (burst,), 28.0)
+    first, *_ = PlaneReport(a_scene(), search).text().splitlines()
+    assert f"the stage sweeps {said}:" in first
+
+
 def test_one_filter_is_refused_with_its_reason():
     """A scene of one filter for all velocities is told why frames are registered all the same."""
     search = PlaneSearch(a_burst("stills", 0, 24.5, 1), (a_burst("stills", 0, 26.0),), 27.0)
