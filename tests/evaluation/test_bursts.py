@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
+from support.stills import errors_of_stills
 
 from mishutter import (
     Burst,
@@ -27,18 +28,6 @@ def _scene(**others):
     return Scene(SPEEDS, **(given | others))
 
 
-def _error(num_frames, exposure, num_frequencies=2048):
-    """Mean over speeds and frequencies of what one Wiener filter a speed leaves."""
-    frequency = (np.arange(num_frequencies) + 0.5) / (2 * num_frequencies)
-    power = 1 / (frequency**2 + 0.01**2)
-    power *= 0.2**2 / np.mean(power)
-    electrons = num_frames * RATE * exposure
-    noise = 0.25 * electrons + num_frames * NOISE**2
-    passed = np.sinc(frequency * exposure * SPEEDS[:, None]) * np.sinc(frequency)
-    signal = power * electrons**2
-    return np.mean(power * noise / (signal * passed**2 + noise))
-
-
 @pytest.mark.parametrize("max_frames", [1, 2, 6])
 def test_the_best_still_burst_is_the_best(max_frames):
     """Its frames, its exposure and its level; one frame alone need not wait for the next."""
@@ -46,7 +35,7 @@ def test_the_best_still_burst_is_the_best(max_frames):
     burst = StillBursts(scene).best(240.0, max_frames=max_frames)
     found = [
         minimize_scalar(
-            lambda x, n=n: _error(n, x),
+            lambda x, n=n: np.mean(errors_of_stills(n, x, scene)),
             bounds=(4e-4, 1 / 240 if n > 1 else 0.04),
             method="bounded",
         )

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
+from support.stills import errors_of_stills
 
 from mishutter import Burst, Limits, Scene
 from mishutter.evaluation.bursts import FrameTimes, StillBursts, best_still_burst
@@ -16,23 +17,15 @@ def _scene(**burst):
     return Scene(SPEEDS, burst=Burst(**burst), **given)
 
 
-def _errors(num_frames, exposure, num_frequencies=2048):
-    """What one Wiener filter a speed leaves, at each speed."""
-    frequency = (np.arange(num_frequencies) + 0.5) / (2 * num_frequencies)
-    power = 1 / (frequency**2 + 0.01**2)
-    power *= 0.2**2 / np.mean(power)
-    electrons = num_frames * RATE * exposure
-    noise = 0.25 * electrons + num_frames * NOISE**2
-    passed = np.sinc(frequency * exposure * SPEEDS[:, None]) * np.sinc(frequency)
-    return np.mean(power * noise / (power * electrons**2 * passed**2 + noise), axis=1)
-
-
 def _level(num_frames, longest):
     """Their level at the best exposure up to the longest."""
+    scene = _scene(frames_per_s=240.0)
     end = minimize_scalar(
-        lambda x: WEIGHTS @ _errors(num_frames, x), bounds=(4e-4, longest), method="bounded"
+        lambda x: WEIGHTS @ errors_of_stills(num_frames, x, scene),
+        bounds=(4e-4, longest),
+        method="bounded",
     )
-    return -10 * np.log10(min(end.fun, WEIGHTS @ _errors(num_frames, longest)))
+    return -10 * np.log10(min(end.fun, WEIGHTS @ errors_of_stills(num_frames, longest, scene)))
 
 
 @pytest.mark.parametrize(("window", "count"), [(0.023, 13), (0.037, 17)])
