@@ -251,9 +251,11 @@ def _next_step(result: "Report", scene_file: Path | None, folder: Path | None) -
 
     if folder is not None:
         design = folder / file_to_build(result)
-        return shlex.join(["mishutter", "export", str(design), "--out", str(folder / "lab")])
+        export = shlex.join(["mishutter", "export", str(design), "--out", str(folder / "lab")])
+        return f"{export}  # the files that drive the camera"
     scene, name = ([], "design") if scene_file is None else ([str(scene_file)], scene_file.stem)
-    return shlex.join(["mishutter", "optimise", *scene, "--out", name])
+    again = shlex.join(["mishutter", "optimise", *scene, "--out", name])
+    return f"{again}  # the design, pictures and a report"
 
 
 def _after_search(scene_file: Path | None, folder: Path | None) -> str:

@@ -54,7 +54,7 @@ class FrameTimes(NamedTuple):
     def of(scene: Scene, burst: Burst) -> "FrameTimes":
         """The times of a camera that takes a burst."""
         period, others = 1 / float(burst.frames_per_s), (float(burst.dead_time), burst.max_frames)
-        return FrameTimes(period, _window(scene), *_exposures(scene), *others)
+        return FrameTimes(period, window_of(scene), *_exposures(scene), *others)
 
     def period_of(self, exposure: float) -> float:
         """Least time from the end of a frame to that of one of some exposure."""
@@ -104,7 +104,7 @@ class StillBursts:
     def __init__(
         self, scene: Scene, *, at_worst: bool = False, window: float | None = None
     ) -> None:
-        self._window = _window(scene) if window is None else window
+        self._window = window_of(scene) if window is None else window
         self._at_worst = at_worst
         most = None if scene.burst is None else scene.burst.max_frames
         self._max_frames = _MOST_FRAMES if most is None else most
@@ -323,7 +323,7 @@ def best_still_burst(scene: Scene) -> FrameSequence | None:
     return bursts.sequence(kinds, times)
 
 
-def _window(scene: Scene) -> float:
+def window_of(scene: Scene) -> float:
     """Longest time from the first light of a burst to its last; s."""
     if scene.burst is None or scene.burst.window is None:
         return 2 * float(scene.limits.max_half_exposure)

@@ -56,6 +56,8 @@ from mishutter.model.stages import (
 )
 
 Number = Float[Array | np.ndarray | np.floating, ""]
+LEAST_STROKE = 1e-3
+"""A sensor that may move by less than this stands still; px."""
 _NUM_HALVINGS = 60
 _OF_STAGE = ("max_travel", "max_acceleration", "max_jerk")
 """Limits that a scene may do without, and that the search bounds motions by."""
@@ -197,7 +199,8 @@ class Limits(AbstractModule):
 
     Args:
         max_stroke: Greatest distance from the lowest to the highest position of the stage over the
-            exposure; px. It is $aT^2$ of a parabola without a pan.
+            exposure; px. It is $aT^2$ of a parabola without a pan. 0 says that there is no stage,
+            and becomes a thousandth of a pixel.
         max_top_speed: Largest $2aT + |v|$; px/s.
         min_half_exposure: Shortest $T$; s.
         max_half_exposure: Longest $T$; s.
@@ -257,7 +260,9 @@ class Limits(AbstractModule):
         stage: SecondOrderStage | None = None,
         frame_velocity: ArrayLike | None = None,
     ):
-        self.max_stroke = as_float(max_stroke, "Limits(max_stroke=...)")
+        stroke = as_float(max_stroke, "Limits(max_stroke=...)")
+        is_none = all_concrete(stroke) and stroke.ndim == 0 and float(stroke) == 0
+        self.max_stroke = as_float(LEAST_STROKE) if is_none else stroke
         self.max_top_speed = as_float(max_top_speed, "Limits(max_top_speed=...)")
         self.min_half_exposure = as_float(min_half_exposure, "Limits(min_half_exposure=...)")
         self.max_half_exposure = as_float(max_half_exposure, "Limits(max_half_exposure=...)")
@@ -557,8 +562,15 @@ class Limits(AbstractModule):
         Args:
             sequence: The frames, within these limits.
         """
-        use = sequence.stage_use(**self._of_run_up)
-        return replace(sequence, travel=float(use.travel))
+        return replace(sequence, travel=float(self.use_of_frames(sequence).travel))
+
+    def use_of_frames(self, sequence: FrameSequence) -> StageUse:
+        """The demands of frames on the stage, which runs up to them from rest.
+
+        Args:
+            sequence: The frames, within these limits.
+        """
+        return sequence.stage_use(**self._of_run_up)
 
     @property
     def _of_run_up(self) -> dict[str, float | None]:

@@ -26,7 +26,7 @@ from mishutter.model.devices import (
     IdealShutter,
     device_of,
 )
-from mishutter.model.limits import LIMITS, Limits
+from mishutter.model.limits import LEAST_STROKE, LIMITS, Limits
 from mishutter.model.measurement_errors import MeasurementErrors
 from mishutter.model.motion import ParabolicMotion
 from mishutter.model.objects import Objects
@@ -78,8 +78,8 @@ _DEVIATIONS = 3.0
 """Standard deviations from the mean to either end of normally distributed speeds."""
 _MAX_TRAVEL = 1e4
 """Longest way of an object over an exposure; px."""
-_STROKES = 1e-3, 1e4
-"""Least and greatest `max_stroke_mm`, which the schema cannot check before it is in pixels; px."""
+_STROKES = LEAST_STROKE, 1e4
+"""Least and greatest `max_stroke` of a stage, which is checked in pixels; px."""
 _MARGIN = 1e-9
 """Share of a limit by which rounding may exceed it."""
 
@@ -379,8 +379,9 @@ def _limits(section: LimitsSection, stage: StageSection | None, scales: Scales) 
     require(turns, "[limits] max_pan_deg_per_s", requirement, section.max_pan_deg_per_s)
     arguments = arguments_in(section, Limits, "[limits]", scales)
     stroke = arguments["max_stroke"]
-    subject, requirement = "[limits] max_stroke_mm", f"lie in {_STROKES[0]:g} to {_STROKES[1]:g} px"
-    require(_STROKES[0] <= stroke <= _STROKES[1], subject, requirement, stroke)
+    subject = f"[limits] max_stroke_{'px' if section.max_stroke_mm is None else 'mm'}"
+    requirement = f"be 0, without a stage, or lie in {_STROKES[0]:g} to {_STROKES[1]:g} px"
+    require(stroke == 0 or _STROKES[0] <= stroke <= _STROKES[1], subject, requirement, stroke)
     servo = _of_kind(SecondOrderStage, stage, "[stage]", scales)
     return made_of(Limits, arguments | {"stage": servo})
 

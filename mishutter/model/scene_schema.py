@@ -21,8 +21,7 @@ Count = Annotated[int, Field(ge=1, le=1000)]
 Milliseconds = Annotated[float, Field(ge=1e-3, le=1e5)]
 Exposure = Annotated[float, Field(ge=2e-3, le=2e5)]
 """A whole exposure, of which `Milliseconds` are half."""
-LongestStroke = Annotated[float, Field(ge=1e-3, le=1e4)]
-"""A sensor that may move by less than a thousandth of a pixel stands still."""
+LongestStroke = Annotated[float, Field(ge=0, le=1e4)]
 TopSpeed = Annotated[float, Field(ge=1e-3, le=1e7)]
 Share = Annotated[float, Field(ge=0, le=1)]
 White = Annotated[float, Field(gt=0, le=1e9)]
@@ -235,7 +234,7 @@ class LimitsSection(Section):
     """The furthest that the mechanism and the exposure may reach."""
 
     max_stroke_px: LongestStroke = 200.0
-    max_stroke_mm: Annotated[float, Field(gt=0, le=1e3)] | None = None
+    max_stroke_mm: Annotated[float, Field(ge=0, le=1e3)] | None = None
     max_top_speed_px_per_s: TopSpeed = 1e5
     max_top_speed_mm_per_s: Annotated[float, Field(gt=0, le=1e6)] | None = None
     min_half_exposure_ms: Milliseconds = 0.1

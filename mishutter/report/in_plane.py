@@ -12,11 +12,18 @@ from jaxtyping import Array
 from mishutter._core.files import strict_json, write_text
 from mishutter.evaluation.moving_bursts import ALTERNATING, SINE, SWEEP
 from mishutter.model.scene import Scene
-from mishutter.model.scene_units import GRAVITY
 from mishutter.plane.families import FREE, PAN
 from mishutter.plane.search import PlaneBurst, PlaneSearch
 from mishutter.report import plots
-from mishutter.report.verdict import order_line, paragraph, snapshot_line, table_of_levels
+from mishutter.report.verdict import (
+    exposures_in_words,
+    order_at_rest,
+    order_line,
+    paragraph,
+    snapshot_line,
+    stage_numbers,
+    table_of_levels,
+)
 from mishutter.search.rows import simplest_of
 
 if TYPE_CHECKING:
@@ -73,7 +80,7 @@ class PlaneReport:
         gain = choice.psnr - first.psnr
         headline = snapshot_line(_exposures(first), level)
         if choice is not first:
-            headline = order_line(f"{_count(choice)}{_way(choice)}", level, (gain,))
+            headline = order_line(_order(choice), level, (gain,))
         rows = [
             (
                 _name(x),
@@ -113,14 +120,7 @@ class PlaneReport:
             return ""
         use, pitch = choice.use, self.scene.sensor.pixel_pitch
         travel, top_speed = _at_most(use.travel), _at_most(use.top_speed)
-        numbers = f"{travel:g} px at up to {top_speed:,g} px/s"
-        if pitch is not None:
-            p = float(pitch)
-            acceleration = float(use.acceleration) * p / GRAVITY
-            numbers += (
-                f" ({travel * p * 1e6:.3g} um, {top_speed * p * 1e3:.3g} mm/s, "
-                f"{acceleration:.2g} g)"
-            )
+        numbers = stage_numbers(travel, top_speed, float(use.acceleration), pitch)
         together = "both axes" if self.scene.limits.axes == "disc" else "each axis"
         return f"The stage travels {numbers}, {together}, run-up from rest included."
 
@@ -151,25 +151,24 @@ def _at_most(value: Array | np.ndarray | float) -> float:
     return math.ceil(float(value) / size - 1e-6) * size
 
 
+def _order(burst: PlaneBurst) -> str:
+    if not burst.num_axes:
+        return order_at_rest(burst.num_frames, _exposures(burst))
+    return f"{_count(burst)}{_way(burst)}"
+
+
 def _count(burst: PlaneBurst) -> str:
     return "one exposure" if burst.num_frames == 1 else f"{burst.num_frames} frames"
 
 
 def _way(burst: PlaneBurst) -> str:
-    if not burst.num_axes:
-        return f" of {_exposures(burst)} and keep the stage still"
     way = f"{_at_most(burst.use.travel):g} px"
     return f" while the stage {_VERBS[burst.kind].format(way=way)}"
 
 
 def _exposures(burst: PlaneBurst) -> str:
-    kinds: dict[str, int] = {}
-    for exposure in np.asarray(burst.frames.exposures):
-        key = f"{exposure * 1e3:.3g}"
-        kinds[key] = kinds.get(key, 0) + 1
-    if len(kinds) == 1:
-        return f"{next(iter(kinds))} ms"
-    return f"{' and '.join(f'{count} of {exposure}' for exposure, count in kinds.items())} ms"
+    exposures = np.asarray(burst.frames.exposures).tolist()
+    return exposures_in_words(exposures, counts=not burst.num_axes)
 
 
 def _name(burst: PlaneBurst) -> str:

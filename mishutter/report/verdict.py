@@ -2,14 +2,18 @@
 
 import math
 import textwrap
+from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
+from jaxtyping import ArrayLike
+
 from mishutter.design.design import Design
-from mishutter.evaluation.bursts import FrameTimes, StillBursts
+from mishutter.evaluation.bursts import FrameTimes, StillBursts, window_of
 from mishutter.evaluation.moving_bursts import ALTERNATING, FAN, SINE, SWEEP
 from mishutter.evaluation.sequences import REGION
 from mishutter.model.devices import AbstractDevice
 from mishutter.model.scene import Scene
+from mishutter.model.scene_units import GRAVITY
 from mishutter.model.sequences import FrameSequence
 from mishutter.search.rivals import PLAIN_RATE, PLAIN_STILLS, Entry, taken_names
 from mishutter.search.rows import BEST_SNAPSHOT, SHUTTER, Row, best_row
@@ -34,6 +38,13 @@ _MEASURED = (
     "The gain is stated within two standard errors of each measured number ([errors] of the "
     "scene), for both cameras unchanged."
 )
+_WAYS = {
+    SINE: "swings on a sine that turns in the middle of each frame",
+    SWEEP: "goes out and back once at a constant acceleration",
+    ALTERNATING: "turns back in the middle of each frame at a constant acceleration",
+    FAN: "takes another constant velocity in each frame",
+}
+"""The way of a stage over frames."""
 _HIDDEN = "The speed cannot be found: the blur differs too little between the speeds."
 
 
@@ -125,14 +136,24 @@ def _exposures(row: Row) -> str:
     """The exposure, or the exposures of frames and how many frames have each."""
     frames = row.sequence
     if frames is None:
-        return f"{float(row.motion.exposure) * 1e3:.3g} ms"
-    kinds: dict[str, int] = {}
-    for frame in frames.frames:
-        exposure = f"{frame.exposure * 1e3:.3g}"
-        kinds[exposure] = kinds.get(exposure, 0) + 1
-    if len(kinds) == 1 or frames.moves or set(kinds.values()) == {1}:
+        return exposures_in_words([float(row.motion.exposure)])
+    return exposures_in_words([frame.exposure for frame in frames.frames], counts=not frames.moves)
+
+
+def exposures_in_words(exposures: Iterable[float], *, counts: bool = True) -> str:
+    """Exposures, s, in ms: each that occurs, with the number of its frames where these differ."""
+    kinds = Counter(f"{exposure * 1e3:.3g}" for exposure in exposures)
+    if not counts or set(kinds.values()) == {1} or len(kinds) == 1:
         return f"{' and '.join(kinds)} ms"
     return f"{' and '.join(f'{count} of {exposure}' for exposure, count in kinds.items())} ms"
+
+
+def order_at_rest(num_frames: int, exposures: str) -> str:
+    """The order to take frames of some exposures, in words, with the stage at rest."""
+    frames = "one exposure" if num_frames == 1 else f"{num_frames} frames"
+    if " of " in exposures:
+        return f"{frames}, {exposures}, and keep the stage still"
+    return f"{frames} of {exposures} and keep the stage still"
 
 
 def headline(choice: Row, snapshot: Row, within: tuple[float, float] | None = None) -> str:
@@ -165,7 +186,7 @@ def _order(row: Row) -> str:
         way = _way_of_frames(frames)
         rate = f" at {PLAIN_RATE:.0f} frames/s" if row.name == PLAIN_STILLS else ""
         if way == " at rest":
-            way = f" of {_exposures(row)}{rate} and keep the stage still"
+            return order_at_rest(row.num_frames, _exposures(row) + rate)
         return f"{row.num_frames} frames{way}"
     if _is_snapshot(row):
         return f"{name}a {_what(row)}"
@@ -186,6 +207,7 @@ def sentences_of(
         _on_shaped_shutters([row for row in rows if row.is_of_one_exposure], choice),
         _BEHIND_OBJECTS if is_before_background else "",
         _HIDDEN if choice.hides_speed else "",
+        _on_stage(scene, choice),
         _MEASURED if scene.errors is not None and choice.name != BEST_SNAPSHOT else "",
         *notes,
         _assumptions(scene, choice),
@@ -208,6 +230,35 @@ def _on_shaped_shutters(rows: Sequence[Row], choice: Row) -> str:
     return f"A shaped shutter adds {gain:.1f} dB to one exposure, {stays}."
 
 
+def _on_stage(scene: Scene, choice: Row) -> str:
+    """The path of the stage over frames, and its demands."""
+    frames = choice.sequence
+    if frames is None or not frames.moves or "stage" not in choice.needs:
+        return ""
+    rests = frames.num_rests
+    rest = f"rests in the first {'frame' if rests == 1 else f'{rests} frames'}, then "
+    way = f"{rest if rests else ''}{_WAYS.get(frames.kind, 'swings')}"
+    use = scene.limits.use_of_frames(frames)
+    numbers = stage_numbers(
+        float(use.travel), float(use.top_speed), float(use.acceleration), scene.sensor.pixel_pitch
+    )
+    return f"The stage {way}: {numbers}, run-up from rest included."
+
+
+def stage_numbers(
+    travel: float, top_speed: float, acceleration: float, pitch: ArrayLike | None
+) -> str:
+    """The demands of a path on a stage, in um, mm/s and g too where the pixel pitch is known."""
+    words = f"{travel:.3g} px at up to {float(f'{top_speed:.3g}'):,g} px/s"
+    if pitch is None:
+        return words
+    p = float(pitch)
+    physical = [f"{travel * p * 1e6:.3g} um", f"{top_speed * p * 1e3:.3g} mm/s"]
+    # A velocity that is reached at once has no acceleration.
+    physical += [f"{acceleration * p / GRAVITY:.2g} g"] if acceleration else []
+    return f"{words} ({', '.join(physical)})"
+
+
 def _assumptions(scene: Scene, choice: Row) -> str:
     """The assumptions of a level: of the motion, of the objects, of the decoder."""
     layers, frames = scene.occlusion, choice.sequence
@@ -216,7 +267,10 @@ def _assumptions(scene: Scene, choice: Row) -> str:
     if layers is None and scene.objects is not None:
         moves = f"objects at least {float(scene.objects.width):,.4g} px wide, each registered"
     elif layers is None:
-        moves = f"the picture moves as a whole, or its objects are much wider than {way:,} px"
+        moves = (
+            f"the picture moves as a whole, or its objects are much wider than {way:,} px "
+            "(else say [objects], or [occlusion] before a background)"
+        )
     else:
         width = (
             "" if layers.object_width is None else f", {float(layers.object_width):,.4g} px wide,"
@@ -233,9 +287,13 @@ def _assumptions(scene: Scene, choice: Row) -> str:
         decoder = "one filter restores all speeds"
     else:
         decoder = f"the decoder {'finds' if choice.decoder.finds_speed else 'knows'} the speed"
-    width = scene.sensor.width
-    sensor = [] if width is None else [f"a sensor of {float(width):,.6g} px"]
-    said = [f"all motion along the {scene.sensor.axis}", moves, decoder, *sensor, "global shutter"]
+    width, limits = scene.sensor.width, scene.limits
+    camera = [] if frames is None else [f"frames within {1e3 * window_of(scene):,.4g} ms"]
+    if "stage" in choice.needs:
+        stroke, speed = float(limits.max_stroke), float(limits.max_top_speed)
+        camera.append(f"a stage with a stroke of {stroke:,.4g} px and {speed:,g} px/s")
+    camera += [] if width is None else [f"a sensor of {float(width):,.6g} px"]
+    said = [f"all motion along the {scene.sensor.axis}", moves, decoder, *camera, "global shutter"]
     return f"Assumes: {'; '.join(said)}."
 
 

@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 from mishutter._core.checks import require, require_known, require_positive_int, require_seed
 from mishutter._core.compiling import outside_trace
 from mishutter._core.parallel import alone_in_blas, in_threads, num_processors
-from mishutter._core.progress import reports
+from mishutter._core.progress import counts, reports
 from mishutter.design.design import Design, Outcome
 from mishutter.evaluation.losses import AbstractLoss, LossFunction, as_loss, value_of
 from mishutter.evaluation.metrics import evaluate
@@ -219,17 +219,21 @@ def optimise(
     with reports(progress, "searching", max_steps, _in_words, _WHY_NO_STEP) as news:
         settings = SearchSettings(loss, None, num_coefficients, num_starts, seed, max_steps, news)
         best = best_design(Start(scene, motion, shutter, names), settings)
-        decoder = loss.decoder_speed
-        if names is None and decoder is not None and SPEED_KNOWLEDGE[decoder].knows_speed:
-            best = _with_bursts(best, loss)
+    decoder = loss.decoder_speed
+    if names is None and decoder is not None and SPEED_KNOWLEDGE[decoder].knows_speed:
+        best = _with_bursts(best, loss, is_shown=progress is True)
     if throw and not best.converged:
         raise SearchFailedError(best.ending)
     return best
 
 
-def _with_bursts(design: Design, loss: AbstractLoss) -> Design:
+def _with_bursts(design: Design, loss: AbstractLoss, *, is_shown: bool) -> Design:
     """A design, and the frames to take in its place where these are better."""
-    scene, bursts = design.scene, best_bursts(design.scene)
+    scene = design.scene
+    with counts(is_shown and scene.burst is not None, "searching", 1) as counter:
+        name = "several frames"
+        counter.next(name)
+        bursts = best_bursts(scene, progress=lambda share: counter.within(name, share))
     # Before a background bursts are told more than one exposure, with which they do not compare.
     level = -math.inf if scene.occlusion is not None else next(iter(design.levels.values()))
     motion, metrics = design.motion, design.metrics
