@@ -1,4 +1,4 @@
-"""Draw `opening.png`: a detail at the built-in scene's fastest speed, by three cameras.
+"""Draw `opening.png`: a detail at the built-in scene's fastest speed, by three ways of taking it.
 
 Run it as `python docs/figures/opening.py`.
 """
@@ -12,17 +12,17 @@ import numpy as np
 jax.config.update("jax_enable_x64", True)
 
 from mishutter import (  # noqa: E402
-    ParabolicMotion,
-    RectShutter,
-    SpeedFindingDecoder,
     TotalVariationDecoder,
     compare,
-    estimate_speed,
     example_picture,
     example_scene,
     optimise,
     restore_photograph,
 )
+from mishutter.decoding.image_quality import psnr  # noqa: E402
+from mishutter.decoding.restoration import behind_optics  # noqa: E402
+from mishutter.decoding.simulation import burst_and_restore  # noqa: E402
+from mishutter.search.sequences import best_bursts  # noqa: E402
 
 ROWS, COLUMNS = slice(80, 400), slice(305, 425)
 """Rows of the photograph that are captured, and columns of the detail."""
@@ -30,29 +30,6 @@ DETAIL = slice(146, 216)
 """Rows of the detail, within those that are captured."""
 LETTERS = 14
 """Size of letters, which a telephone shows at a quarter of it; points."""
-HALF_EXPOSURE = 0.015
-"""Of the open shutter, s."""
-
-
-def cameras(scene):
-    """Motion, shutter and decoder of each camera, by the text above its capture."""
-    design = optimise(scene)
-    snapshot = compare(scene, design).row("best snapshot")
-    parabola = ParabolicMotion(
-        acceleration=float(scene.limits.max_stroke) / HALF_EXPOSURE**2, half_exposure=HALF_EXPOSURE
-    )
-    untold, finding = TotalVariationDecoder(), SpeedFindingDecoder()
-    return {
-        f"best snapshot,\n{1e3 * float(snapshot.motion.exposure):.1f} ms": (
-            (snapshot.motion, snapshot.shutter),
-            untold,
-        ),
-        f"designed shutter,\n{1e3 * float(design.motion.exposure):.0f} ms": (
-            (design.motion, design.shutter),
-            untold,
-        ),
-        f"open shutter,\n{2e3 * HALF_EXPOSURE:.0f} ms": ((parabola, RectShutter()), finding),
-    }
 
 
 def main():
@@ -64,23 +41,44 @@ def main():
     figure, axes = plt.subplots(2, 4, figsize=(8.4, 3.6), layout="constrained")
     show(axes[0, 0], light, "the scene")
     axes[1, 0].axis("off")
-    for (above, below), (name, (camera, decoder)) in zip(
-        axes.T[1:], cameras(scene).items(), strict=True
-    ):
-        result = restore_photograph(
-            light, scene, *camera, decoder=decoder, speeds=[fastest], num_seeds=1
+    table = compare(scene, optimise(scene))
+    snapshot = table.row("best snapshot")
+    result = restore_photograph(
+        light,
+        scene,
+        snapshot.motion,
+        snapshot.shutter,
+        decoder=TotalVariationDecoder(),
+        speeds=[fastest],
+        num_seeds=1,
+    )
+    first = recorded_from(light, np.asarray(result.reference))
+    name = f"a snapshot,\n{1e3 * float(snapshot.motion.exposure):.1f} ms"
+    show(axes[0, 1], result.captured[0], name, first)
+    show(axes[1, 1], result.restored[0], f"restored: {result.linear_psnr[0]:.1f} dB", first)
+    still, moving = best_bursts(scene)
+    names = f"{still.num_frames} frames at rest,", f"{moving.num_frames} frames, the"
+    ways = "the second:", "second moving:"
+    for column, frames, above, way in zip(axes.T[2:], (still, moving), names, ways, strict=True):
+        result = burst_and_restore(
+            light,
+            scene,
+            frames,
+            speed=fastest,
+            decoder=TotalVariationDecoder(),
+            key=jax.random.key(0),
         )
-        captured, (_, shutter) = np.asarray(result.captured[0]), camera
-        first = recorded_from(light, np.asarray(result.reference))
-        show(above, captured / float(shutter.efficiency()), name, first)
-        way = "speed found" if isinstance(decoder, SpeedFindingDecoder) else "restored"
-        show(below, result.restored[0], f"{way}: {result.linear_psnr[0]:.1f} dB", first)
-    estimate = estimate_speed(captured, scene, *camera)
+        last = frames.frames[-1]
+        moved = round(fastest * last.time - last.position)
+        show(column[0], np.roll(result.captured[-1], moved, axis=1), f"{above}\n{way}")
+        level = psnr(behind_optics(light, scene), result.restored)
+        show(column[1], result.restored, f"restored: {level:.1f} dB")
+    estimate = result.found
     axes[1, 0].text(
         0.5,
         0.5,
         f"{fastest:,.0f} px/s, dim;\nspeed not known.\nThe last finds\n"
-        f"{estimate.speed:,.0f} $\\pm$ {estimate.error:.0f} px/s.",
+        f"{estimate.speed:,.1f} $\\pm$ {estimate.error:.1f} px/s.",
         ha="center",
         va="center",
         transform=axes[1, 0].transAxes,

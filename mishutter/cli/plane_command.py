@@ -45,7 +45,7 @@ def optimise_in_plane(
             print_text(report.text())
             if folder is None and scene_file is not None:
                 again = ["mishutter", "optimise", str(scene_file), "--out", scene_file.stem]
-                print_text(f"Next: {shlex.join(again)}")
+                print_text(f"Next: {shlex.join(again)}  # the answer's picture and numbers")
     files = []
     if folder is not None:
         files = write_plane_report(

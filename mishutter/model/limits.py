@@ -262,7 +262,7 @@ class Limits(AbstractModule):
     ):
         stroke = as_float(max_stroke, "Limits(max_stroke=...)")
         is_none = all_concrete(stroke) and stroke.ndim == 0 and float(stroke) == 0
-        self.max_stroke = as_float(LEAST_STROKE) if is_none else stroke
+        self.max_stroke = as_float(np.asarray(LEAST_STROKE, stroke.dtype)) if is_none else stroke
         self.max_top_speed = as_float(max_top_speed, "Limits(max_top_speed=...)")
         self.min_half_exposure = as_float(min_half_exposure, "Limits(min_half_exposure=...)")
         self.max_half_exposure = as_float(max_half_exposure, "Limits(max_half_exposure=...)")

@@ -16,6 +16,7 @@ from mishutter.plane.families import FREE, PAN
 from mishutter.plane.search import PlaneBurst, PlaneSearch
 from mishutter.report import plots
 from mishutter.report.verdict import (
+    camera_words,
     exposures_in_words,
     order_at_rest,
     order_line,
@@ -23,6 +24,7 @@ from mishutter.report.verdict import (
     snapshot_line,
     stage_numbers,
     table_of_levels,
+    whole_picture,
 )
 from mishutter.search.rows import simplest_of
 
@@ -99,7 +101,7 @@ class PlaneReport:
         choice, scene = self.choice, self.scene
         law = scene.velocities
         way = math.ceil(float(scene.max_speed) * choice.frames.duration)
-        moves = f"the picture moves as a whole, or its objects are much wider than {way:,} px"
+        moves = f"{whole_picture(way)} (else say [objects])"
         if scene.objects is not None:
             moves = f"objects at least {float(scene.objects.width):,.4g} px wide, each registered"
         said = [
@@ -107,7 +109,9 @@ class PlaneReport:
             moves,
             "velocities are found from the frames without error",
             "things that enter and leave are not counted",
-            "global shutter",
+            *camera_words(
+                scene, frames=choice is not self.search.snapshot, stage=choice.num_axes > 0
+            ),
         ]
         sentences = [self._stage_words(choice), f"Assumes: {'; '.join(said)}."]
         if scene.decoder_speed == "unknown":

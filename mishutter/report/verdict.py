@@ -267,10 +267,7 @@ def _assumptions(scene: Scene, choice: Row) -> str:
     if layers is None and scene.objects is not None:
         moves = f"objects at least {float(scene.objects.width):,.4g} px wide, each registered"
     elif layers is None:
-        moves = (
-            f"the picture moves as a whole, or its objects are much wider than {way:,} px "
-            "(else say [objects], or [occlusion] before a background)"
-        )
+        moves = f"{whole_picture(way)} (else say [objects], or [occlusion] before a background)"
     else:
         width = (
             "" if layers.object_width is None else f", {float(layers.object_width):,.4g} px wide,"
@@ -287,14 +284,25 @@ def _assumptions(scene: Scene, choice: Row) -> str:
         decoder = "one filter restores all speeds"
     else:
         decoder = f"the decoder {'finds' if choice.decoder.finds_speed else 'knows'} the speed"
-    width, limits = scene.sensor.width, scene.limits
-    camera = [] if frames is None else [f"frames within {1e3 * window_of(scene):,.4g} ms"]
-    if "stage" in choice.needs:
-        stroke, speed = float(limits.max_stroke), float(limits.max_top_speed)
-        camera.append(f"a stage with a stroke of {stroke:,.4g} px and {speed:,g} px/s")
-    camera += [] if width is None else [f"a sensor of {float(width):,.6g} px"]
-    said = [f"all motion along the {scene.sensor.axis}", moves, decoder, *camera, "global shutter"]
+    camera = camera_words(scene, frames=frames is not None, stage="stage" in choice.needs)
+    said = [f"all motion along the {scene.sensor.axis}", moves, decoder, *camera]
     return f"Assumes: {'; '.join(said)}."
+
+
+def whole_picture(way: int) -> str:
+    """The assumption that objects are larger than they move, px, while frames are taken."""
+    return f"the picture moves as a whole, or its objects are much wider than {way:,} px"
+
+
+def camera_words(scene: Scene, *, frames: bool, stage: bool) -> list[str]:
+    """The assumptions on the time for frames, on the stage, and on the sensor."""
+    limits, width = scene.limits, scene.sensor.width
+    said = [f"frames within {1e3 * window_of(scene):,.4g} ms"] if frames else []
+    if stage:
+        stroke, speed = float(limits.max_stroke), float(limits.max_top_speed)
+        said.append(f"a stage with a stroke of {stroke:,.4g} px and {speed:,g} px/s")
+    said += [] if width is None else [f"a sensor of {float(width):,.6g} px"]
+    return [*said, "global shutter"]
 
 
 def details_of(scene: Scene, choice: Row) -> list[str]:

@@ -27,6 +27,7 @@ from mishutter import (
     Texture,
     Tolerances,
 )
+from mishutter.model.limits import LEAST_STROKE
 from mishutter.model.scene import example_scene, read_scene, scene_text
 from mishutter.model.scene_file import example_scene_text
 from mishutter.model.scene_units import SceneWarning
@@ -537,6 +538,21 @@ def test_frames_have_a_section(keys, burst, tmp_path):
     path = tmp_path / "scene.toml"
     path.write_text(WITHOUT_BURST + f"\n[burst]\n{keys}\n")
     assert eqx.tree_equal(Scene.load(path).burst, burst)
+
+
+@pytest.mark.parametrize("unit", ["px", "mm"])
+def test_a_stroke_of_zero_is_a_camera_without_a_stage(unit, tmp_path):
+    """It becomes the least stroke that a stage may have; what lies between them is refused."""
+    text = example_scene_text().split("[motion]")[0]
+    assert "max_stroke_px = 45" in text
+    for stroke in (0, 3e-7):
+        edited = text.replace("max_stroke_px = 45", f"max_stroke_{unit} = {stroke}")
+        path = written(tmp_path, edited)
+        if stroke:
+            with pytest.raises(ValueError, match=rf"max_stroke_{unit}` must be 0, without a stage"):
+                Scene.load(path)
+        else:
+            assert float(Scene.load(path).limits.max_stroke) == LEAST_STROKE
 
 
 def test_free_paths_are_a_word_on_the_stage(tmp_path):

@@ -311,7 +311,8 @@ def test_read_noise_of_a_dynamic_range(tmp_path):
         ),
         (
             {"limits": "max_stroke_mm = 900"},
-            "[limits] max_stroke_mm` must lie in 0.001 to 10000 px; got 180000.0.",
+            "[limits] max_stroke_mm` must be 0, without a stage, or lie in 0.001 to 10000 px; "
+            "got 180000.0.",
         ),
         (
             {"limits": "max_pan_deg_per_s = 2", "view": "[view]\nfocal_length_mm = 50"},

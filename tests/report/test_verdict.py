@@ -29,8 +29,9 @@ from mishutter import (
 from mishutter.evaluation.bursts import StillBursts
 from mishutter.evaluation.moving_bursts import ALTERNATING, FAN, SINE, SWEEP
 from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE
+from mishutter.model.limits import LEAST_STROKE
 from mishutter.report.comparison import with_verdict
-from mishutter.report.verdict import device_notes, option_name
+from mishutter.report.verdict import device_notes, option_name, order_at_rest
 from mishutter.search.rivals import (
     BEST_CODED_STILL,
     BEST_MOVING_BURST,
@@ -379,10 +380,13 @@ def test_an_answer_says_what_it_assumes():
     )
     said = answer(OF_FRAMES, scene=scene, moving=3).verdict.replace("\n", " ")
     way = math.ceil(float(SCENE.max_speed) * (0.06 + 0.02))
+    window = 2e3 * float(SCENE.limits.max_half_exposure)
+    stroke, speed = float(SCENE.limits.max_stroke), float(SCENE.limits.max_top_speed)
     assert said.endswith(
         "Assumes: all motion along the columns; the picture moves as a whole, or its objects are "
-        f"much wider than {way:,} px; frames are registered without error; a sensor of 517 px; "
-        "global shutter."
+        f"much wider than {way:,} px (else say [objects], or [occlusion] before a background); "
+        f"frames are registered without error; frames within {window:g} ms; a stage with a stroke "
+        f"of {stroke:g} px and {speed:,g} px/s; a sensor of 517 px; global shutter."
     )
     for decoder, words in (
         ("unknown", "one filter restores all speeds"),
@@ -390,9 +394,49 @@ def test_an_answer_says_what_it_assumes():
         ("found", "the decoder finds the speed"),
     ):
         said = answer({BEST_SNAPSHOT: 22.0, "rect": 24.5}, decoder=decoder).verdict
-        assert f"; {words}; global" in said.replace("\n", " ")
+        assert f"; {words}; a stage with a stroke of" in said.replace("\n", " ")
     plain = answer({BEST_SNAPSHOT: 22.0, PLAIN_STILLS: 24.5}).verdict.replace("\n", " ")
     assert "; a camera that takes 30 frames/s; frames are registered without error;" in plain
+
+
+@pytest.mark.parametrize(
+    ("how", "way"),
+    [
+        ({"kind": ALTERNATING}, "turns back in the middle of each frame"),
+        ({"kind": SWEEP, "moving": 3, "rests": 1}, "rests in the first frame, then goes out and"),
+        ({"kind": SINE, "moving": 5, "rests": 2}, "rests in the first 2 frames, then swings on a"),
+        ({"kind": FAN}, "takes another constant velocity in each frame"),
+    ],
+)
+def test_an_answer_says_how_the_stage_moves_over_the_frames(how, way):
+    """And what that takes of it from rest to rest, in um too where the pixel pitch is known."""
+    scene = eqx.tree_at(
+        lambda each: (each.sensor, each.limits),
+        BURST,
+        (Sensor(pixel_pitch=3e-6), Limits(max_acceleration=3e6)),
+        is_leaf=lambda x: x is None,
+    )
+    comparison = answer(OF_FRAMES, scene=scene, **how)
+    said = comparison.verdict.replace("\n", " ")
+    assert f"The stage {way}" in said
+    use = scene.limits.use_of_frames(comparison.choice.sequence)
+    assert f": {float(use.travel):.3g} px at up to" in said
+    assert f"({float(use.travel) * 3:.3g} um, {float(use.top_speed) * 3e-3:.3g} mm/s, " in said
+    at_rest = answer({BEST_SNAPSHOT: 22.0, BEST_STILL_BURST: 24.0}, scene=scene).verdict
+    assert "The stage" not in at_rest
+
+
+def test_a_camera_without_a_stage_has_a_stroke_of_zero():
+    """No option then needs a stage, and the order for frames of two exposures reads as one."""
+    rows = Limits(max_stroke=0.0)
+    assert float(rows.max_stroke) == LEAST_STROKE
+    scene = replace(BURST, limits=replace(SCENE.limits, max_stroke=0.0))
+    design = optimise(scene, num_coefficients=4, num_starts=1, max_steps=20)
+    needs = {need for row in compare(scene, design).options for need in row.needs}
+    assert "stage" not in needs
+    assert order_at_rest(5, "3 of 7.1 and 2 of 0.4 ms") == (
+        "5 frames, 3 of 7.1 and 2 of 0.4 ms, and keep the stage still"
+    )
 
 
 @pytest.mark.parametrize(

@@ -137,9 +137,14 @@ LINES = {
     "stroke-of-nothing": (
         "max_stroke_px",
         "max_stroke_px = 1e-320",
-        "`[limits] max_stroke_px` must be at least 0.001; got 1e-320",
+        "`[limits] max_stroke_px` must be 0, without a stage, or lie in 0.001 to 10000 px; "
+        "got 1e-320",
     ),
-    "stroke-of-an-atom": ("max_stroke_px", "max_stroke_px = 1e-9", "be at least 0.001; got 1e-09"),
+    "stroke-of-an-atom": (
+        "max_stroke_px",
+        "max_stroke_px = 1e-9",
+        "in 0.001 to 10000 px; got 1e-09",
+    ),
     "top-speed-of-a-snail": (
         "max_top_speed_px_per_s",
         "max_top_speed_px_per_s = 1e-9",
