@@ -5,7 +5,7 @@ import textwrap
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
-from jaxtyping import ArrayLike
+from jaxtyping import Array
 
 from mishutter.design.design import Design
 from mishutter.evaluation.bursts import FrameTimes, StillBursts, window_of
@@ -246,7 +246,7 @@ def _on_stage(scene: Scene, choice: Row) -> str:
 
 
 def stage_numbers(
-    travel: float, top_speed: float, acceleration: float, pitch: ArrayLike | None
+    travel: float, top_speed: float, acceleration: float, pitch: Array | None
 ) -> str:
     """The demands of a path on a stage, in um, mm/s and g too where the pixel pitch is known."""
     words = f"{travel:.3g} px at up to {float(f'{top_speed:.3g}'):,g} px/s"
