@@ -20,17 +20,17 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import minimize, minimize_scalar
-from support.frames import alternating_frames, panned_frames, sine_frames, sweep_frames
-
-from benchmarks import harness
-from mishutter import Burst, FreeMotion, Limits, Scene, TimedFrame
-from mishutter.evaluation.bursts import StillBursts
-from mishutter.evaluation.frames import (
+from support.burst_levels import (
     FrameGroup,
     burst_psnr,
     seen_by,
     still_frames,
 )
+from support.frames import alternating_frames, panned_frames, sine_frames, sweep_frames
+
+from benchmarks import harness
+from mishutter import Burst, FreeMotion, Limits, Scene, TimedFrame
+from mishutter.evaluation.bursts import StillBursts
 from mishutter.evaluation.needs import larger, sizes
 from mishutter.evaluation.sequences import loss_of_width, registration
 

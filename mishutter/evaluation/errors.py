@@ -3,7 +3,6 @@
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
 
-from collections.abc import Sequence
 from functools import cached_property
 from typing import NamedTuple, TypeVar, final
 
@@ -194,24 +193,6 @@ def known_speed_squared_error(
     this.
     """
     return LinearErrors(scene, motion, response, num_frequencies).known
-
-
-def known_speed_errors_of_frames(
-    frames: Sequence[LinearErrors], num_each: Float[Array | np.ndarray, "f"], num_speeds: int
-) -> Float[Array, "n"]:
-    r"""Squared error at each speed of the best linear decoder of several frames.
-
-    A decoder that knows the speed restores one picture from all frames, whose noise is independent.
-    Frame $k$ alone leaves $1/L_k = 1 + S|H_k|^2/N_k$ of the power, and all of them
-    $1/L = 1 + \sum_k (1/L_k - 1)$.
-    """
-    power = frames[0].power
-    gained = jnp.zeros(())
-    for each, count in zip(frames, num_each, strict=True):
-        lost = each.lost_known_by_speed
-        of_each = (1 / lost - 1).reshape(-1, num_speeds, lost.shape[-1])
-        gained = gained + count * jnp.sum(of_each, axis=0)
-    return _squared_error(1 / (1 + gained), power)
 
 
 def squared_errors_by_speed(

@@ -22,9 +22,8 @@ from mishutter._core.checks import require_known
 from mishutter._core.compiling import outside_trace
 from mishutter._core.parallel import alone_in_blas
 from mishutter.evaluation.bursts import FrameTimes, moments_of, some_numbers
-from mishutter.evaluation.frames import in_parts, steps_of
 from mishutter.evaluation.needs import distinct_speeds
-from mishutter.evaluation.open_frames import OpenFrames, Places, psnr_of_error
+from mishutter.evaluation.open_frames import OpenFrames, Places, in_parts, psnr_of_error
 from mishutter.evaluation.sequences import loss_of_width
 from mishutter.evaluation.speed_knowledge import knowledge_of
 from mishutter.model.limits import Limits
@@ -176,6 +175,11 @@ def _motion(velocities: Float[np.ndarray, "k"], half: float) -> AbstractMotion:
     if count == 1 and rates[0] > 0:
         return ParabolicMotion(acceleration=float(rates[0]), half_exposure=half, velocity=middle)
     return FreeMotion(accelerations=rates, half_exposure=half, velocity=middle)
+
+
+def steps_of(num_frames: int) -> Float[np.ndarray, "{num_frames}"]:
+    """Places of the frames from the middle of the burst, in periods."""
+    return np.arange(num_frames) - (num_frames - 1) / 2
 
 
 def _alternating(count: int, half: float, period: float) -> _Way:

@@ -1,9 +1,19 @@
-r"""Errors that frames behind an open shutter leave, by NumPy alone.
+r"""Errors of frames behind open shutters, for a decoder that registers them.
 
-They are those of `mishutter.evaluation.frames`, which has the formula, its derivatives and every
-shutter. A search over bursts asks for hundreds, and a verdict on a scene for some: they must not
-cost a compiled program. An open frame needs none of it: at rest its response is a sinc, and on any
-path it is the mean of waves over the exposure.
+A decoder that registers the frames of a burst knows the speed $s$, and restores one picture from
+$g_k = h_k * r + \text{noise}$ with independent noise. It leaves
+
+$$E(s) = 2\int_0^{1/2}\frac{S}{1 + S\,\mathrm{sinc}^2(f)\,\sum_k |H_k(f, s)|^2/N_k}\,df,\qquad
+N_k = \frac{\bar f}{2RT_k} + \Bigl(\frac{\sigma}{2RT_k}\Bigr)^2 .$$
+
+Frames of any path and length may be mixed. Only $|H_k|$ counts: the direction of a parabola, its
+place and the gaps between frames do not matter. Of a picture before a background the decoder knows
+the speed of both layers and which part is which, and each part is restored by the filter of its
+speed: the error is the mean over the parts. Edges, where one hides the other, do not count.
+
+A search over bursts asks for hundreds, and a verdict on a scene for some: they must not cost a
+compiled program. An open frame needs none: at rest its response is a sinc, and on any path it is
+the mean of waves over the exposure.
 """
 
 import math
@@ -11,15 +21,18 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from mishutter._core.checks import all_concrete
+from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.errors import lost_share
-from mishutter.evaluation.frames import in_parts
+from mishutter.evaluation.layers import background_of
 from mishutter.evaluation.needs import distinct_speeds, sizes
 from mishutter.model.motion import LinearMotion
 from mishutter.model.optics import frequencies, pixel_response
-from mishutter.model.scene import Scene, power_on_grid
+from mishutter.model.scene import Scene, power_on_grid, require_one_axis
 from mishutter.model.sensor import noise_power, white_electrons
 
 Places = Callable[[Float[np.ndarray, "q"]], Float[np.ndarray, "k q"]]
@@ -29,6 +42,23 @@ _PHASE = 40.0
 """Half the phase, rad, that these nodes hold to 1e-8."""
 _FEW, _PARTS = 96, 3
 """Frequencies that are enough to tell bursts apart, and parts of them with nodes of their own."""
+
+
+def in_parts(scene: Scene) -> Scene:
+    """The scene as parts that move on their own, a background among them, without tolerances."""
+    require_one_axis(scene)
+    layers, scene = scene.occlusion, without_tolerances(scene)
+    if layers is None:
+        return scene
+    space = np if all_concrete((scene.speeds, scene.weights, layers)) else jnp
+    speeds, weights, share, *behind = (
+        space.asarray(x)
+        for x in (scene.speeds, scene.weights, layers.front_share, *background_of(scene))
+    )
+    return scene.with_occlusion(None).bare(
+        speeds=space.concatenate([speeds, behind[0]]),
+        weights=space.concatenate([share * weights, (1 - share) * behind[1]]),
+    )
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,8 @@ from jaxtyping import Complex, Float
 
 from mishutter._core.compiling import outside_trace
 from mishutter._core.parallel import alone_in_blas
-from mishutter.evaluation.frames import in_parts
 from mishutter.evaluation.needs import distinct_speeds, sized_for
-from mishutter.evaluation.open_frames import psnr_of_error
+from mishutter.evaluation.open_frames import in_parts, psnr_of_error
 from mishutter.evaluation.response import nodes_in_time
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.optics import frequencies, pixel_response

@@ -245,9 +245,7 @@ def _on_stage(scene: Scene, choice: Row) -> str:
     return f"The stage {way}: {numbers}, run-up from rest included."
 
 
-def stage_numbers(
-    travel: float, top_speed: float, acceleration: float, pitch: Array | None
-) -> str:
+def stage_numbers(travel: float, top_speed: float, acceleration: float, pitch: Array | None) -> str:
     """The demands of a path on a stage, in um, mm/s and g too where the pixel pitch is known."""
     words = f"{travel:.3g} px at up to {float(f'{top_speed:.3g}'):,g} px/s"
     if pitch is None:

@@ -6,6 +6,7 @@ import jax
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
+from support.burst_levels import burst_psnr, still_frames
 from support.frames import alternating_frames
 
 from mishutter import (
@@ -26,7 +27,6 @@ from mishutter import (
 )
 from mishutter.decoding import sequences
 from mishutter.decoding.simulation import burst_and_restore
-from mishutter.evaluation.frames import burst_psnr, still_frames
 from mishutter.evaluation.sequences import nodes_of_frames
 from mishutter.model.sequences import FrameSequence
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
+from support.burst_levels import burst_psnr, still_frames
 from support.stills import errors_of_stills
 
 from mishutter import (
@@ -15,7 +16,6 @@ from mishutter import (
     evaluate,
 )
 from mishutter.evaluation.bursts import StillBursts, best_still_burst
-from mishutter.evaluation.frames import burst_psnr, still_frames
 from mishutter.evaluation.moving_bursts import ONE_PARABOLA, best_moving_burst
 
 LIMITS = Limits(max_stroke=45.0, max_top_speed=2e4, min_half_exposure=2e-4, max_half_exposure=0.02)

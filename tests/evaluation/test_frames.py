@@ -3,6 +3,11 @@
 import jax
 import numpy as np
 import pytest
+from support.burst_levels import (
+    FrameGroup,
+    burst_psnr,
+    still_frames,
+)
 from support.frames import alternating_frames, panned_frames, sine_frames, sweep_frames
 
 from mishutter import (
@@ -12,11 +17,6 @@ from mishutter import (
     RectShutter,
     Scene,
     evaluate,
-)
-from mishutter.evaluation.frames import (
-    FrameGroup,
-    burst_psnr,
-    still_frames,
 )
 
 WINDOW, TOP = 0.08, 4500.0

@@ -5,10 +5,10 @@ import itertools
 import equinox as eqx
 import numpy as np
 import pytest
+from support.burst_levels import FrameGroup, burst_psnr
 
 from mishutter import Burst, Limits, Occlusion, ParabolicMotion, Scene, Sensor
 from mishutter.evaluation.bursts import FrameTimes, best_still_burst
-from mishutter.evaluation.frames import FrameGroup, burst_psnr
 from mishutter.evaluation.moving_bursts import _best_of, _Room, _Search, _Try, best_moving_burst
 from mishutter.evaluation.open_frames import OpenFrames
 from mishutter.evaluation.sequences import loss_of_width

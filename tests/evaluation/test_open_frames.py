@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from support.burst_levels import FrameGroup, burst_psnr
 
 from mishutter import Limits, Occlusion, Scene, Sensor
 from mishutter.evaluation.bursts import FrameTimes
-from mishutter.evaluation.frames import FrameGroup, burst_psnr
 from mishutter.evaluation.moving_bursts import _Room, _Search, _Try
 from mishutter.evaluation.open_frames import OpenFrames, psnr_of_error
 

@@ -8,11 +8,11 @@ from itertools import groupby
 
 import numpy as np
 import pytest
+from support.burst_levels import burst_psnr, still_frames
 from support.bursts import SEQUENCE, a_burst_design
 from support.command_line import refused
 
 from mishutter import Limits, SecondOrderStage, Sensor, cli, frame_table
-from mishutter.evaluation.frames import burst_psnr, still_frames
 from mishutter.evaluation.sequences import psnr_of_frames
 from mishutter.hardware.drive_files import DRIVE_FORMATS, drive_bytes
 from mishutter.model.motion import StillCamera

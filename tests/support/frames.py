@@ -5,7 +5,8 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from mishutter import FreeMotion, ParabolicMotion, StillCamera
-from mishutter.evaluation.frames import FrameGroup, steps_of
+from mishutter.evaluation.moving_bursts import steps_of
+from support.burst_levels import FrameGroup
 
 _PIECES_OF_SINE = 32
 """Pieces of constant acceleration that stand for a sine within a frame."""

@@ -1,15 +1,6 @@
-r"""Several frames of one picture: their level.
+"""The level of several frames by the response of one exposure, which has derivatives.
 
-A decoder that registers the frames of a burst knows the speed $s$, and restores one picture from
-$g_k = h_k * r + \text{noise}$ with independent noise. It leaves
-
-$$E(s) = 2\int_0^{1/2}\frac{S}{1 + S\,\mathrm{sinc}^2(f)\,\sum_k |H_k(f, s)|^2/N_k}\,df,\qquad
-N_k = \frac{\bar f}{2RT_k} + \Bigl(\frac{\sigma}{2RT_k}\Bigr)^2 .$$
-
-Frames of any path and length may be mixed. Only $|H_k|$ counts: the direction of a parabola, its
-place and the gaps between frames do not matter. Of a picture before a background the decoder knows
-the speed of both layers and which part is which, and each part is restored by the filter of its
-speed: the error is the mean over the parts. Edges, where one hides the other, do not count.
+The package computes it by NumPy (`mishutter.evaluation.open_frames`, where its formula stands).
 """
 
 from collections.abc import Sequence
@@ -20,16 +11,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from mishutter._core.checks import all_concrete, as_numpy
+from mishutter import StillCamera
+from mishutter._core.checks import as_numpy
 from mishutter._core.compiling import compiled
-from mishutter.evaluation.ensembles import without_tolerances
-from mishutter.evaluation.errors import LinearErrors, known_speed_errors_of_frames
-from mishutter.evaluation.layers import background_of
+from mishutter.evaluation.errors import LinearErrors
 from mishutter.evaluation.needs import ONLY_SPECTRA, Plan, larger, sizes
+from mishutter.evaluation.open_frames import in_parts
 from mishutter.evaluation.response import Response, respond
 from mishutter.evaluation.views import sampled_view
-from mishutter.model.motion import AbstractMotion, StillCamera
-from mishutter.model.scene import Scene, require_one_axis
+from mishutter.model.motion import AbstractMotion
+from mishutter.model.scene import Scene
 from mishutter.model.shutters.windows import RectShutter
 
 
@@ -46,28 +37,6 @@ class FrameGroup(NamedTuple):
 def still_frames(num_frames: int, half_exposure: ArrayLike) -> FrameGroup:
     """Frames of a sensor at rest."""
     return FrameGroup(StillCamera(half_exposure=half_exposure), num_each=num_frames)
-
-
-def steps_of(num_frames: int) -> Float[np.ndarray, "{num_frames}"]:
-    """Places of the frames from the middle of the burst, in periods."""
-    return np.arange(num_frames) - (num_frames - 1) / 2
-
-
-def in_parts(scene: Scene) -> Scene:
-    """The scene as parts that move on their own, a background among them, without tolerances."""
-    require_one_axis(scene)
-    layers, scene = scene.occlusion, without_tolerances(scene)
-    if layers is None:
-        return scene
-    space = np if all_concrete((scene.speeds, scene.weights, layers)) else jnp
-    speeds, weights, share, *behind = (
-        space.asarray(x)
-        for x in (scene.speeds, scene.weights, layers.front_share, *background_of(scene))
-    )
-    return scene.with_occlusion(None).bare(
-        speeds=space.concatenate([speeds, behind[0]]),
-        weights=space.concatenate([share * weights, (1 - share) * behind[1]]),
-    )
 
 
 def burst_psnr(
@@ -129,5 +98,16 @@ def seen_by(scene: Scene, frames: FrameGroup) -> Scene:
 def _errors(
     exposed: tuple[_Exposed, ...], num_each: Float[Array, "f"], num_speeds: int
 ) -> Float[Array, "n"]:
-    frames = [LinearErrors(*each) for each in exposed]
-    return known_speed_errors_of_frames(frames, num_each, num_speeds)
+    r"""Errors by $1/L = 1 + \sum_k (1/L_k - 1)$ of the shares $L_k$ that frames alone leave."""
+    errors = [LinearErrors(*each) for each in exposed]
+    power, gained = errors[0].power, jnp.zeros(())
+    for each, count in zip(errors, num_each, strict=True):
+        lost = each.lost_known_by_speed
+        of_each = (1 / lost - 1).reshape(-1, num_speeds, lost.shape[-1])
+        gained = gained + count * jnp.sum(of_each, axis=0)
+    left = 1 / (1 + gained)
+    # No frequency beyond those that are sampled passes.
+    num_kept = left.shape[-1]
+    return (
+        jnp.sum(power[None, :num_kept] * left, axis=-1) + jnp.sum(power[num_kept:])
+    ) / power.size
