@@ -95,7 +95,7 @@ class Counter:
             count = f"{min(self.done + bool(self._running), self.total)} of {self.total}"
             name = self._running[0] if self._running else self._message
             name += f" {self._shares[name]:.0%}" if name in self._shares else ""
-            is_stuck = time.monotonic() - self._last >= _PAUSE and self.done < self.total
+            is_stuck = time.monotonic() - self._last >= _PAUSE
         words = f"{name}, {count}" if name else count
         return f"{words} ({self._why})" if is_stuck and self._why else words
 

@@ -198,8 +198,9 @@ def _moving(file: SceneFile, scales: Scales) -> dict[str, Any]:
     if isinstance(speeds, tuple):
         return {"speeds": speeds[0], "weights": speeds[1]}
     for name in ("occlusion", "tolerances", "motion"):
-        requirement = "be left out beside any_direction: it is known along one axis alone"
-        require(getattr(file, name) is None, f"[{name}]", requirement, Unquoted("one"))
+        requirement = "stand beside speeds along one axis, as uniform, and not beside any_direction"
+        is_absent = getattr(file, name) is None
+        require(is_absent, f"[{name}]", requirement, Unquoted("both"))
     return {"velocities": speeds}
 
 
@@ -430,6 +431,9 @@ def _motion(
     got = Unquoted(" and ".join(forms_in_file) or "neither")
     require(len(forms_in_file) == 1, place, requirement, got)
     T, form = half / 1000, forms_in_file[0]
+    requirement = "be left out where max_stroke_px = 0 says that there is no stage"
+    has_stage = float(reach.max_stroke) > LEAST_STROKE or not getattr(section, form)
+    require(has_stage, place, requirement, Unquoted(f"{form} = {getattr(section, form):g}"))
     v, velocity_key = _velocity(section, limits, scales)
     number, subject = getattr(section, form), f"{place} {form}"
     # The stroke of a stage that pans is more than a T^2, as which earlier versions read it.

@@ -191,7 +191,10 @@ def _writers(report: Report) -> dict[str, Callable[[Path], None]]:
     """A function for each file that writes it, by the file's name, in the order of writing."""
     writers: dict[str, Callable[[Path], None]] = {}
     if report.design is not None:
-        writers |= {_DESIGN: report.design.save, "profile.csv": report.design.write_profile}
+        writers[_DESIGN] = report.design.save
+        # Beside frames to take, the profile of one exposure would be that of another camera.
+        if report.every or report.comparison.sequence is None:
+            writers["profile.csv"] = report.design.write_profile
         recommended = _recommended(report.design, report.comparison.choice, report.names)
         if recommended is not None:
             writers[_TO_BUILD] = recommended.save

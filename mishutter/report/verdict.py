@@ -207,7 +207,7 @@ def sentences_of(
         _on_shaped_shutters([row for row in rows if row.is_of_one_exposure], choice),
         _BEHIND_OBJECTS if is_before_background else "",
         _HIDDEN if choice.hides_speed else "",
-        _on_stage(scene, choice),
+        _on_stage(scene, [*rows], choice),
         _MEASURED if scene.errors is not None and choice.name != BEST_SNAPSHOT else "",
         *notes,
         _assumptions(scene, choice),
@@ -230,11 +230,16 @@ def _on_shaped_shutters(rows: Sequence[Row], choice: Row) -> str:
     return f"A shaped shutter adds {gain:.1f} dB to one exposure, {stays}."
 
 
-def _on_stage(scene: Scene, choice: Row) -> str:
-    """The path of the stage over frames, and its demands."""
-    frames = choice.sequence
-    if frames is None or not frames.moves or "stage" not in choice.needs:
+def _on_stage(scene: Scene, rows: Sequence[Row], choice: Row) -> str:
+    """What the stage adds, and its path over frames and what that takes of it."""
+    if "stage" not in choice.needs:
         return ""
+    several = (row for row in rows if row.is_of_one_exposure or row.num_frames > 1)
+    without = best_row(row for row in several if "stage" not in row.needs)
+    added = f"The stage adds {choice.margin_over(without):.1f} dB to the best option without one."
+    frames = choice.sequence
+    if frames is None or not frames.moves:
+        return added
     rests = frames.num_rests
     rest = f"rests in the first {'frame' if rests == 1 else f'{rests} frames'}, then "
     way = f"{rest if rests else ''}{_WAYS.get(frames.kind, 'swings')}"
@@ -242,14 +247,17 @@ def _on_stage(scene: Scene, choice: Row) -> str:
     numbers = stage_numbers(
         float(use.travel), float(use.top_speed), float(use.acceleration), scene.sensor.pixel_pitch
     )
-    return f"The stage {way}: {numbers}, run-up from rest included."
+    run_up = "run-up from rest included"
+    if scene.limits.max_acceleration is None:
+        run_up = "reached at once, as [limits] max_acceleration_g or _px_per_s2 says no limit"
+    return f"{added} It {way}: {numbers}, {run_up}."
 
 
 def stage_numbers(travel: float, top_speed: float, acceleration: float, pitch: Array | None) -> str:
     """The demands of a path on a stage, in um, mm/s and g too where the pixel pitch is known."""
     words = f"{travel:.3g} px at up to {float(f'{top_speed:.3g}'):,g} px/s"
     if pitch is None:
-        return words
+        return f"{words} and {acceleration:.2g} px/s^2" if acceleration else words
     p = float(pitch)
     physical = [f"{travel * p * 1e6:.3g} um", f"{top_speed * p * 1e3:.3g} mm/s"]
     # A velocity that is reached at once has no acceleration.

@@ -82,7 +82,7 @@ def test_a_counter_names_what_it_is_at():
 
 
 def test_a_counter_that_stays_says_why(monkeypatch):
-    """After ten seconds without a step, until the next one, and not once all is done."""
+    """After ten seconds without a step, until the next one, and after the last that is counted."""
     now = [1000.0]
     monkeypatch.setattr(time, "monotonic", lambda: now[0])
     counter = Counter(4, "programs are compiled")
@@ -98,7 +98,7 @@ def test_a_counter_that_stays_says_why(monkeypatch):
     assert counter.place == "1 of 4 (programs are compiled)"
     counter(4, "loss 0.25")
     now[0] += 25
-    assert counter.place == "loss 0.25, 4 of 4"
+    assert counter.place == "loss 0.25, 4 of 4 (programs are compiled)"
 
 
 def test_a_counter_moves_within_a_part(monkeypatch):

@@ -418,10 +418,15 @@ def test_an_answer_says_how_the_stage_moves_over_the_frames(how, way):
     )
     comparison = answer(OF_FRAMES, scene=scene, **how)
     said = comparison.verdict.replace("\n", " ")
-    assert f"The stage {way}" in said
+    assert "The stage adds 2.5 dB to the best option without one. It " in said
+    assert f"It {way}" in said
     use = scene.limits.use_of_frames(comparison.choice.sequence)
     assert f": {float(use.travel):.3g} px at up to" in said
     assert f"({float(use.travel) * 3:.3g} um, {float(use.top_speed) * 3e-3:.3g} mm/s, " in said
+    assert ", run-up from rest included. Assumes" in said
+    free = replace(scene, limits=replace(scene.limits, max_acceleration=None))
+    words = answer(OF_FRAMES, scene=free, **how).verdict.replace("\n", " ")
+    assert ", reached at once, as [limits] max_acceleration_g or _px_per_s2 says no limit." in words
     at_rest = answer({BEST_SNAPSHOT: 22.0, BEST_STILL_BURST: 24.0}, scene=scene).verdict
     assert "The stage" not in at_rest
 
