@@ -423,7 +423,7 @@ def test_an_answer_says_how_the_stage_moves_over_the_frames(how, way):
     use = scene.limits.use_of_frames(comparison.choice.sequence)
     assert f": {float(use.travel):.3g} px at up to" in said
     assert f"({float(use.travel) * 3:.3g} um, {float(use.top_speed) * 3e-3:.3g} mm/s, " in said
-    assert ", run-up from rest included. Assumes" in said
+    assert ", run-up from rest included." in said
     free = replace(scene, limits=replace(scene.limits, max_acceleration=None))
     words = answer(OF_FRAMES, scene=free, **how).verdict.replace("\n", " ")
     assert ", reached at once, as [limits] max_acceleration_g or _px_per_s2 says no limit." in words
