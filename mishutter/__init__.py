@@ -35,6 +35,7 @@ Designs and their rivals
     best_in_plane             the frames to take of things that move in any direction
     PlaneSearch               what it returns: the best frames of each kind of way
     PlaneBurst                one of them: frames, path and level
+    PlaneDesign               one of them with its scene, and their file
     PlaneFrames               frames and a path in the plane
     plane_psnr                level of such frames
     FrameSequence             what `best_sequence` returns: frames, their kind and their level

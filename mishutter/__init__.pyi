@@ -136,6 +136,7 @@ __version__: str
 from .model.velocities import EvenVelocities as EvenVelocities
 from .model.velocities import ListedVelocities as ListedVelocities
 from .model.velocities import RingOfVelocities as RingOfVelocities
+from .plane.design import PlaneDesign as PlaneDesign
 from .plane.frames import PlaneFrames as PlaneFrames
 from .plane.levels import plane_psnr as plane_psnr
 from .plane.search import PlaneBurst as PlaneBurst

@@ -43,9 +43,9 @@ def optimise_in_plane(
     if not as_json:
         with closable_output():
             print_text(report.text())
-            if folder is None and scene_file is not None:
-                again = ["mishutter", "optimise", str(scene_file), "--out", scene_file.stem]
-                print_text(f"Next: {shlex.join(again)}")
+            following = _next(scene_file, folder)
+            if following:
+                print_text(f"Next: {shlex.join(['mishutter', *following])}")
     files = []
     if folder is not None:
         files = write_plane_report(
@@ -53,3 +53,12 @@ def optimise_in_plane(
         )
     if as_json:
         write_json(report.to_dict() | {"files": files})
+
+
+def _next(scene_file: Path | None, folder: Path | None) -> list[str]:
+    """The command that follows an answer."""
+    if folder is not None:
+        return ["export", str(folder / "design.json"), "--out", str(folder / "lab")]
+    if scene_file is None:
+        return []
+    return ["optimise", str(scene_file), "--out", scene_file.stem]

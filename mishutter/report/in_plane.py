@@ -13,6 +13,7 @@ from mishutter._core.files import strict_json, write_text
 from mishutter.evaluation.moving_bursts import ALTERNATING, SINE, SWEEP
 from mishutter.model.scene import Scene
 from mishutter.model.scene_units import GRAVITY
+from mishutter.plane.design import PlaneDesign, burst_to_dict
 from mishutter.plane.families import FREE, PAN
 from mishutter.plane.search import PlaneBurst, PlaneSearch
 from mishutter.report import plots
@@ -135,7 +136,7 @@ class PlaneReport:
             "ceiling_db": self.search.ceiling,
             "options": [_document(x, first) for x in self.options],
             "ways": [_document(x, first) for x in self.search.bursts],
-            "frames": _frames_document(self.choice),
+            "frames": burst_to_dict(self.choice),
         }
 
     def plot(self) -> "Figure":
@@ -193,26 +194,18 @@ def _document(burst: PlaneBurst, first: PlaneBurst) -> dict[str, Any]:
     }
 
 
-def _frames_document(burst: PlaneBurst) -> dict[str, Any]:
-    frames = burst.frames
-    return {
-        "times_s": np.asarray(frames.times).tolist(),
-        "exposures_s": np.asarray(frames.exposures).tolist(),
-        "piece_durations_s": np.asarray(frames.durations).tolist(),
-        "velocities_px_per_s": np.asarray(frames.velocities).tolist(),
-    }
-
-
 def write_plane_report(
     report: PlaneReport, folder: Path, *, wrote: Callable[[str], None] = lambda name: None
 ) -> list[str]:
-    """Writes the document and the picture of an answer; returns the names of the files.
+    """Writes the design, the document and the picture of an answer; returns the files' names.
 
     Raises:
         OSError: if a file cannot be written.
     """
+    PlaneDesign(report.scene, report.choice).save(folder / "design.json")
+    wrote("design.json")
     write_text(folder / "report.json", strict_json(report.to_dict()) + "\n")
     wrote("report.json")
     plots.save_figure(report.plot(), folder / "answer.png")
     wrote("answer.png")
-    return ["report.json", "answer.png"]
+    return ["design.json", "report.json", "answer.png"]
