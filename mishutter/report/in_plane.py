@@ -67,6 +67,11 @@ class PlaneReport:
         ranks = ((x, (x.num_axes, x is not first)) for x in (first, *self.search.simplest))
         return simplest_of((x.psnr, rank, x) for x, rank in ranks)
 
+    @property
+    def design(self) -> PlaneDesign:
+        """The option to take, with the scene."""
+        return PlaneDesign(self.scene, self.choice)
+
     def text(self) -> str:
         """The answer: what to take, the options, and what it assumes."""
         first, choice = self.search.snapshot, self.choice
@@ -202,7 +207,7 @@ def write_plane_report(
     Raises:
         OSError: if a file cannot be written.
     """
-    PlaneDesign(report.scene, report.choice).save(folder / "design.json")
+    report.design.save(folder / "design.json")
     wrote("design.json")
     write_text(folder / "report.json", strict_json(report.to_dict()) + "\n")
     wrote("report.json")
