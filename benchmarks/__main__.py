@@ -24,6 +24,7 @@ ALL = (
     "occlusion",
     "gains",
     "bursts",
+    "plane",
     "bursts_search",
     "bursts_photographs",
     "trust",
