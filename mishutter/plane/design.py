@@ -3,8 +3,9 @@
 import json
 import math
 from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, final
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, final
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -21,6 +22,9 @@ from mishutter.model.velocities import AbstractVelocities
 from mishutter.plane.families import acceleration_of, of_stage
 from mishutter.plane.frames import PlaneFrames
 from mishutter.plane.search import PlaneBurst
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Row = list[float]
 
@@ -72,6 +76,11 @@ class PlaneDesign:
             own = knots._replace(velocities=velocities)
             paths.append(path_of_knots(own, self.lights[0][0], begin))
         return paths[0], paths[1]
+
+    def plot(self) -> "Figure":
+        """A figure of the path in the plane and in time, and of its velocities."""
+        # Figures stand on a floor above, which imports designs.
+        return import_module("mishutter.report.plots").plot_plane(self.scene, self.burst)
 
     def save(self, path: str | Path) -> None:
         """Write the design to one JSON file, whole or not at all.

@@ -114,3 +114,11 @@ def test_a_command_along_one_axis_refuses_it(tmp_path, capsys):
     a_plane_design().save(tmp_path / "plane.json")
     line = refused(capsys, "compare", "--design", str(tmp_path / "plane.json"))
     assert "got frames in the plane" in line
+
+
+def test_its_figure_has_the_path_and_its_velocities():
+    """One panel for each, and one for the places in time, in which each exposure is shaded."""
+    plane, hodograph, below = a_plane_design().plot().axes
+    assert (plane.get_title(), hodograph.get_title()) == ("path", "velocities")
+    assert len(below.lines) == 2
+    assert len(below.patches) == 3
