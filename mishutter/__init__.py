@@ -144,6 +144,10 @@ In the laboratory
     read_drive                reads a drive table of any format
     Drive                     a drive table as it was read
     design_from_drive         the design that a drive table makes
+    read_path                 reads the path of a stage as an encoder recorded it
+    RecordedPath              what it returns: times and places
+    with_recorded_path        a design on such a path, and how far that is from the planned one
+    PathDifference            the difference
     read_trace                reads an oscilloscope's trace of a shutter
     measured_profile          the profile that a trace shows
     measure                   a scene from a clip of one's own camera: noise, velocities, texture

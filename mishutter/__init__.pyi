@@ -68,6 +68,10 @@ from .hardware.drive import design_from_drive as design_from_drive
 from .hardware.drive import drive_table as drive_table
 from .hardware.drive_files import Drive as Drive
 from .hardware.drive_files import read_drive as read_drive
+from .hardware.recorded_paths import PathDifference as PathDifference
+from .hardware.recorded_paths import RecordedPath as RecordedPath
+from .hardware.recorded_paths import read_path as read_path
+from .hardware.recorded_paths import with_recorded_path as with_recorded_path
 from .hardware.trace_files import read_trace as read_trace
 from .hardware.traces import measured_profile as measured_profile
 from .hardware.triggers import FrameTable as FrameTable

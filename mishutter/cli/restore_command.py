@@ -13,7 +13,7 @@ from mishutter._core.files import writable_folder
 from mishutter._core.progress import note, progress_bar
 from mishutter.cli.camera import estimate_document, speed_found
 from mishutter.cli.console import AGAIN, interruptible, print_table, start_jax, write_json
-from mishutter.cli.help import DESIGN, OUTPUT, PICTURES
+from mishutter.cli.help import CAMERA, DESIGN, OUTPUT, PICTURES
 from mishutter.cli.laboratory import (
     CameraFiles,
     cameras,
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from mishutter.design.design import Design
+    from mishutter.hardware.recorded_paths import PathDifference
     from mishutter.pictures.images import Capture
     from mishutter.plane.design import PlaneDesign
 
@@ -82,6 +83,18 @@ def restore(
         ),
     ] = None,
     files: CameraFiles,
+    stage_path: Annotated[
+        Path | None,
+        typer.Option(
+            "--stage-path",
+            metavar="FILE",
+            rich_help_panel=CAMERA,
+            parser=as_path,
+            help="Path that an encoder recorded, in place of the planned one: text with columns "
+            "`time (ms)` and `x (um)`, in any unit of time and of length, or px. "
+            "--mid-exposure-ms is the reading of its clock at the middle of the burst.",
+        ),
+    ] = None,
     black: Annotated[
         float,
         typer.Option(
@@ -154,7 +167,9 @@ def restore(
     from mishutter.plane.design import PlaneDesign
     from mishutter.report.plots import camera_text, plot_capture, save_figure, shown_name
 
-    camera = _camera(scene_file, design, files, shutter)
+    camera, apart = _camera(scene_file, design, files, shutter), None
+    if stage_path is not None:
+        camera, apart = _recorded(camera, stage_path, files)
     exposures = exposures_of(camera)
     read_of_camera = read_velocity if isinstance(camera, PlaneDesign) else read_speed
     speed = None if speed_text is None else read_of_camera(speed_text, scene_file, "--speed")
@@ -202,7 +217,8 @@ def restore(
         speeds = {
             name: None if each is None else estimate_document(each) for name, each in found.items()
         }
-        write_json({"decoder": decoder.value, "files": written, "found": speeds})
+        path = {} if apart is None else {"path": apart._asdict()}
+        write_json({"decoder": decoder.value, "files": written, "found": speeds} | path)
     else:
         rows = [
             [name, *speed_found(each, in_burst=exposures is not None)]
@@ -212,6 +228,22 @@ def restore(
         if rows:
             print_table("Speed found", ["capture", "px/s", ""], rows)
     note(f"{folder}: {', '.join(written)}")
+
+
+def _recorded(
+    camera: "Design | PlaneDesign", stage_path: Path, files: CameraFiles
+) -> "tuple[Design | PlaneDesign, PathDifference]":
+    """A camera whose stage was where an encoder recorded it; notes how far that is off."""
+    from mishutter.hardware.recorded_paths import read_path, with_recorded_path
+    from mishutter.hardware.stage_files import pitch_of
+
+    path = read_path(stage_path, pixel_pitch=pitch_of(camera.scene))
+    middle = files.middle_ms * 1e-3
+    recorded, apart = with_recorded_path(camera, path, middle=middle, name=str(stage_path))
+    note(f"the recorded path is {apart.text} from the planned one, wherever the whole stands")
+    if apart.doubt:
+        note(f"warning: {stage_path}: {apart.doubt}")
+    return recorded, apart
 
 
 class _Label(NamedTuple):

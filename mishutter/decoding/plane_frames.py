@@ -23,9 +23,9 @@ from mishutter.decoding.decoders.total_variation import (
 from mishutter.decoding.plane_likelihood import (
     Level,
     Likeliest,
+    Own,
     Prior,
     irfft2,
-    level_of,
     likeliest,
     mean_over_plane,
     noises_in_plane,
@@ -62,7 +62,7 @@ def restored_in_plane(
     restored = []
     for plane in planes:
         mean = plane.dtype.type(np.mean(plane))
-        level = level_of(plane - mean, noises, taken, Prior(scene), velocity[None])
+        level = Own(plane - mean, noises, taken, Prior(scene)).level(velocity[None])
         found = likeliest(level, velocity)
         picture = decode(decoder, _complete(level, found), float(mean))  # type: ignore[misc]
         restored.append(picture[level.window] + mean)

@@ -107,40 +107,51 @@ class Level(NamedTuple):
         return (each * self.aperture).astype(np.result_type(self.frames, np.complex64))
 
 
-def level_of(
-    frames: Float[np.ndarray, "n rows columns"],
-    noises: Float[np.ndarray, "n"],
-    taken: PlaneFrames,
-    prior: Prior,
-    velocities: Float[np.ndarray, "s 2"],
-    size: int = 1,
-) -> Level:
-    """The frames, binned, on a canvas for some velocities."""
-    fastest = float(np.max(np.hypot(*velocities.T)))
-    instants = instants_of(taken, fastest, size)
-    binned = _binned(frames, size)
-    beyond = max(_MARGIN // size, _LEAST_MARGIN)
-    down, across = (reach + beyond for reach in reach_in_plane(instants, velocities / size))
-    shape = fast_length(binned.shape[1] + 2 * down), fast_length(binned.shape[2] + 2 * across)
-    grid = min(GRID, shape[0]), min(GRID, shape[1])
-    optics = prior.scene.optics
-    noises = noises / size**2 + prior.folded(size)
-    power = np.maximum(prior.on(shape, size), LEAST_POWER)
-    aperture = aperture_on(optics, shape, size)
-    # A wave of the highest frequency has no place.
-    aperture[shape[0] // 2] = aperture[:, -1] = 0.0
-    dtype = binned.dtype
-    return Level(
-        binned,
-        noises,
-        instants,
-        size,
-        (down, across),
-        shape,
-        power.astype(dtype),
-        aperture.astype(dtype),
-        (prior.on(grid, size), aperture_on(optics, grid, size)),
-    )
+class Own(NamedTuple):
+    """Frames of one colour, and what is known of them."""
+
+    frames: Float[np.ndarray, "n rows columns"]  # Deviations from the mean level
+    noises: Float[np.ndarray, "n"]  # Variance of the noise in each; white = 1
+    taken: PlaneFrames
+    prior: Prior
+
+    def level(self, velocities: Float[np.ndarray, "s 2"], size: int = 1) -> Level:
+        """The frames, binned, on a canvas for some velocities."""
+        fastest = float(np.max(np.hypot(*velocities.T)))
+        instants = instants_of(self.taken, fastest, size)
+        binned = _binned(self.frames, size)
+        beyond = max(_MARGIN // size, _LEAST_MARGIN)
+        down, across = (reach + beyond for reach in reach_in_plane(instants, velocities / size))
+        shape = fast_length(binned.shape[1] + 2 * down), fast_length(binned.shape[2] + 2 * across)
+        grid = min(GRID, shape[0]), min(GRID, shape[1])
+        optics = self.prior.scene.optics
+        noises = self.noises / size**2 + self.prior.folded(size)
+        power = np.maximum(self.prior.on(shape, size), LEAST_POWER)
+        aperture = aperture_on(optics, shape, size)
+        # A wave of the highest frequency has no place.
+        aperture[shape[0] // 2] = aperture[:, -1] = 0.0
+        dtype = binned.dtype
+        return Level(
+            binned,
+            noises,
+            instants,
+            size,
+            (down, across),
+            shape,
+            power.astype(dtype),
+            aperture.astype(dtype),
+            (self.prior.on(grid, size), aperture_on(optics, grid, size)),
+        )
+
+    def has(self, least: int, size: int) -> bool:
+        """Whether they have so many pixels along their shorter side if they are binned."""
+        return min(self.frames.shape[1:]) // size >= least
+
+    @property
+    def duration(self) -> float:
+        """Time from the first mid-exposure to the last, or that of one frame; s."""
+        times = np.asarray(self.taken.times, np.float64)
+        return max(float(np.ptp(times)), float(np.max(self.taken.exposures)))
 
 
 def _binned(frames: Float[np.ndarray, "n rows columns"], size: int) -> np.ndarray:

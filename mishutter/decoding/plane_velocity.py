@@ -20,11 +20,11 @@ from mishutter.decoding.plane_likelihood import (
     Climb,
     Fit,
     Level,
+    Own,
     Prior,
     climbed,
     fit_of,
     in_tiles,
-    level_of,
     likeliest,
     logarithm,
     noises_in_plane,
@@ -127,7 +127,7 @@ def velocity_in_plane(
     grey = np.tensordot(shares, planes, 1)
     mean = float(np.mean(grey))
     noises = noises_in_plane(scene, taken, mean) * float(shares @ shares)
-    own = Own((grey - mean).astype(np.float32), noises, taken, Prior(scene)).like()
+    own = _with_own_detail(Own((grey - mean).astype(np.float32), noises, taken, Prior(scene)))
     search = _searched(own, law)
     fit = fit_of(search.level, search.ends[0].found, mean)
     # Gains and black levels that change from frame to frame tell no velocity.
@@ -144,57 +144,35 @@ def velocity_in_plane(
     return _estimate(_Found(own, law, search, climb, level, grey, mean))
 
 
-class Own(NamedTuple):
-    """Frames of one colour, and what is known of them."""
+def _with_own_detail(own: Own) -> Own:
+    r"""The frames with a prior of pictures as rich in detail as they are, band by band.
 
-    frames: Float[np.ndarray, "n rows columns"]  # Deviations from the mean level
-    noises: Float[np.ndarray, "n"]  # Variance of the noise in each; white = 1
-    taken: PlaneFrames
-    prior: Prior
-
-    def level(self, velocities: Float[np.ndarray, "s 2"], size: int = 1) -> Level:
-        """They, binned, on a canvas for some velocities."""
-        return level_of(self.frames, self.noises, self.taken, self.prior, velocities, size)
-
-    def has(self, least: int, size: int) -> bool:
-        """Whether they have so many pixels along their shorter side if they are binned."""
-        return min(self.frames.shape[1:]) // size >= least
-
-    @property
-    def duration(self) -> float:
-        """Time from the first mid-exposure to the last, or that of one frame; s."""
-        times = np.asarray(self.taken.times, np.float64)
-        return max(float(np.ptp(times)), float(np.max(self.taken.exposures)))
-
-    def like(self) -> "Own":
-        r"""The same with a prior of pictures as rich in detail as the frames, band by band.
-
-        A picture of less detail than expected, or of finer, would else seem to move at a velocity
-        that explains it. The power is that of the frames beyond their noise over
-        $\sum_k |A_k|^2$, of which some velocities have the mean.
-        """
-        scene, shape = self.prior.scene, self.frames.shape[1:]
-        window = np.outer(*(np.hanning(count + 2)[1:-1] for count in shape))
-        window /= math.sqrt(float(np.mean(window**2)) * math.prod(shape))
-        recorded = np.zeros((shape[0], shape[1] // 2 + 1))
-        for frame, noise in zip(self.frames, self.noises, strict=True):
-            spectrum = np.fft.rfft2((frame - np.mean(frame)) * window)
-            recorded += np.abs(spectrum) ** 2 / noise - 1
-        grid = (GRID, GRID)
-        fastest = require_velocities(scene).fastest
-        instants = instants_of(self.taken, fastest)
-        few = _MIDDLING * fastest * np.array([[1.0, 0.0], [0.0, 1.0], [0.7, 0.7], [0.7, -0.7]])
-        passed = [np.abs(responses_in_plane(instants, each, grid)) ** 2 for each in few]
-        density = np.sum(np.mean(passed, axis=0) / self.noises[:, None, None], axis=0)
-        expected = density * aperture_on(scene.optics, grid) ** 2 * self.prior.on(grid)
-        edges = np.geomspace(max(2 / min(shape), 1 / GRID), 0.5, _BANDS + 1)
-        ratios = []
-        for low, high in itertools.pairwise(edges):
-            seen = _mean_between(recorded, shape, low, high)
-            told = _mean_between(expected, grid, low, high)
-            ratios.append(max(seen / told, _LEAST_DETAIL) if told > 0 else 1.0)
-        prior = Prior(scene, np.sqrt(edges[:-1] * edges[1:]), np.array(ratios))
-        return self._replace(prior=prior)
+    A picture of less detail than expected, or of finer, would else seem to move at a velocity
+    that explains it. The power is that of the frames beyond their noise over
+    $\sum_k |A_k|^2$, of which some velocities have the mean.
+    """
+    scene, shape = own.prior.scene, own.frames.shape[1:]
+    window = np.outer(*(np.hanning(count + 2)[1:-1] for count in shape))
+    window /= math.sqrt(float(np.mean(window**2)) * math.prod(shape))
+    recorded = np.zeros((shape[0], shape[1] // 2 + 1))
+    for frame, noise in zip(own.frames, own.noises, strict=True):
+        spectrum = np.fft.rfft2((frame - np.mean(frame)) * window)
+        recorded += np.abs(spectrum) ** 2 / noise - 1
+    grid = (GRID, GRID)
+    fastest = require_velocities(scene).fastest
+    instants = instants_of(own.taken, fastest)
+    few = _MIDDLING * fastest * np.array([[1.0, 0.0], [0.0, 1.0], [0.7, 0.7], [0.7, -0.7]])
+    passed = [np.abs(responses_in_plane(instants, each, grid)) ** 2 for each in few]
+    density = np.sum(np.mean(passed, axis=0) / own.noises[:, None, None], axis=0)
+    expected = density * aperture_on(scene.optics, grid) ** 2 * own.prior.on(grid)
+    edges = np.geomspace(max(2 / min(shape), 1 / GRID), 0.5, _BANDS + 1)
+    ratios = []
+    for low, high in itertools.pairwise(edges):
+        seen = _mean_between(recorded, shape, low, high)
+        told = _mean_between(expected, grid, low, high)
+        ratios.append(max(seen / told, _LEAST_DETAIL) if told > 0 else 1.0)
+    prior = Prior(scene, np.sqrt(edges[:-1] * edges[1:]), np.array(ratios))
+    return own._replace(prior=prior)
 
 
 def _mean_between(
@@ -265,11 +243,12 @@ def _velocities_to_try(law: AbstractVelocities, step: float) -> Float[np.ndarray
 def _peaks(
     velocities: Float[np.ndarray, "s 2"], values: Float[np.ndarray, "s"], apart: float
 ) -> list[np.ndarray]:
-    """The velocities of the highest values that lie apart."""
+    """The velocities of the highest values of all nearby."""
     chosen: list[np.ndarray] = []
     for place in np.argsort(-values):
         here = velocities[place]
-        if all(np.hypot(*(here - other)) > apart for other in chosen):
+        near = np.hypot(*(velocities - here).T) <= apart
+        if values[place] == np.max(values[near]):
             chosen.append(here)
         if len(chosen) == _CANDIDATES:
             break

@@ -67,7 +67,7 @@ class Room(NamedTuple):
     @property
     def pan(self) -> Float[np.ndarray, "2"]:
         """Velocity along with the mean of the things, as the limits allow it; px/s."""
-        return _pan_of(self.velocities, self.limits)
+        return pan_of(self.velocities, self.limits)
 
     def exposure(self, num_frames: int, number: float) -> float:
         """Exposure from the shortest to the longest of so many frames; s."""
@@ -106,7 +106,8 @@ class Room(NamedTuple):
         return max(float(taken) / float(there) for taken, there in pairs if there is not None)
 
 
-def _pan_of(velocities: AbstractVelocities, limits: Limits) -> Float[np.ndarray, "2"]:
+def pan_of(velocities: AbstractVelocities, limits: Limits) -> Float[np.ndarray, "2"]:
+    """Velocity along with the mean of the things, as the limits allow it; px/s."""
     centre, most = velocities.centre, float(limits.max_pan)
     speed = float(np.hypot(*centre))
     return centre * min(1.0, most / speed) if speed > 0 else centre
@@ -114,7 +115,7 @@ def _pan_of(velocities: AbstractVelocities, limits: Limits) -> Float[np.ndarray,
 
 def of_stage(frames: PlaneFrames, velocities: AbstractVelocities, limits: Limits) -> PlaneFrames:
     """Frames that move as the stage makes them, beside a camera that turns."""
-    return _moved(frames, -_pan_of(velocities, limits)) if limits.pans == "camera" else frames
+    return _moved(frames, -pan_of(velocities, limits)) if limits.pans == "camera" else frames
 
 
 def acceleration_of(frames: PlaneFrames, limits: Limits) -> float:

@@ -78,8 +78,18 @@ class PlaneBurst:
         """Number of frames."""
         return self.frames.num_frames
 
+    @property
+    def moves(self) -> bool:
+        """Whether the sensor moves during some frame."""
+        return not self.frames.stays
+
+    @property
+    def text(self) -> str:
+        """The frames in words, and their level."""
+        return f"{self.kind}, {self.num_frames} frames: {self.psnr:.2f} dB"
+
     def __repr__(self) -> str:
-        return f"PlaneBurst({self.kind}, {self.num_frames} frames: {self.psnr:.2f} dB)"
+        return f"PlaneBurst({self.text})"
 
 
 @dataclass(frozen=True)
@@ -302,7 +312,7 @@ class _Search(NamedTuple):
         return PlaneBurst(STILLS if axes < num_axes else kind, axes, frames, psnr, use)
 
     def freed(self, burst: PlaneBurst) -> PlaneBurst:
-        """The end of a descent from a burst, by waves in the velocities and by the exposures."""
+        """The end of a descent from a burst, by waves in the velocities."""
         start = burst.frames
         waves = min(2 * burst.num_frames + 8, _MOST_WAVES)
         panels = start.num_panels(1.1 * self.scene.velocities.fastest)  # type: ignore[union-attr]
@@ -315,8 +325,8 @@ class _Search(NamedTuple):
         end = _descended(
             numbers, begin, self.scene, fan, scale=jnp.asarray(scale, dtype), panels=panels
         )
-        freed = _with_waves(end, begin, scale)
-        frames = jax.tree.map(lambda x: np.asarray(x, np.float64), freed)
+        freed = np.asarray(_with_waves(end, begin, scale).velocities, np.float64)
+        frames = eqx.tree_at(lambda x: x.velocities, start, freed)
         return self.measured(FREE, 2, self.room.within(frames))
 
 

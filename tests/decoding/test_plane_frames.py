@@ -24,7 +24,7 @@ from mishutter import (
     simulate_frames,
 )
 from mishutter.camera.plane_frames import aperture_on, instants_of, responses_in_plane
-from mishutter.decoding.plane_likelihood import Prior, climbed, level_of, logarithm, noises_in_plane
+from mishutter.decoding.plane_likelihood import Own, Prior, climbed, logarithm, noises_in_plane
 from mishutter.decoding.plane_velocity import VelocityEstimate, velocity_in_plane
 from mishutter.model.velocities import EvenVelocities
 
@@ -72,7 +72,7 @@ def test_slopes_of_the_likelihood_are_its_differences():
     noises = noises_in_plane(scene, frames, 0.25)
     beside = VELOCITY + np.array([16.0, -12.0])
     for size in (1, 2):
-        level = level_of(captures - 0.25, noises, frames, Prior(SCENE), beside[None], size)
+        level = Own(captures - 0.25, noises, frames, Prior(SCENE)).level(beside[None], size)
         step = climbed(level, beside, 1e-5)
         for axis, side in enumerate(0.5 * np.eye(2)):
             ends = [logarithm(level, beside + sign * side, 1e-5) for sign in (1, -1)]
