@@ -119,8 +119,9 @@ Captures and their restoration
     capture_and_restore       both, of any subject
     restore_photograph        both, of a photograph at several speeds
     simulate_frames           the frames of a burst, of a moving picture
-    restore_frames            one picture from all of them, and its speed
+    restore_frames            one picture from all of them, and its speed or velocity
     RestoredFrames            what it returns
+    VelocityEstimate          the velocity that frames in the plane tell
     estimate_speed            the speed of a picture, from one capture of it
     SpeedEstimate             what it returns
     psnr                      peak signal-to-noise ratio

@@ -16,6 +16,7 @@ The isotropic picture of the power $(f^2 + 0.01^2)^{-3/2}$ has rows of the power
 $2/(f^2 + 0.01^2)$, which stand for a picture on one axis.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
@@ -71,12 +72,31 @@ def fan_of(scene: Scene, grid: Grid = MEASURED) -> Fan:
     """
     cutoff = min(float(scene.optics.cutoff_frequency), NYQUIST_FREQUENCY)
     radius, angle, area = _polar(grid, cutoff)
-    if scene.picture.path is None:
-        shape = np.broadcast_to(_isotropic(radius)[:, None], angle.shape)
-    else:
-        shape = power_of(scene.picture.photograph())(radius[:, None], angle)
+    shape = _power_of_scene(scene)(radius[:, None], angle)
     total = np.sum(area * shape)
     return Fan(radius, angle, shape / total, area * shape / total)
+
+
+def picture_power_on(
+    scene: Scene,
+    down: Float[np.ndarray, "m"],  # cycles/px
+    across: Float[np.ndarray, "n"],
+) -> Float[np.ndarray, "m n"]:
+    """Power of the scene's pictures at pairs of frequencies, of which the mean is the variance."""
+    cutoff = float(scene.optics.cutoff_frequency)
+    radius, angle, area = _polar(MEASURED, min(cutoff, NYQUIST_FREQUENCY))
+    shape = _power_of_scene(scene)
+    scale = float(scene.picture.deviation) ** 2 / np.sum(area * shape(radius[:, None], angle))
+    here = np.hypot(down[:, None], across)
+    power = scale * shape(here, np.arctan2(down[:, None], across + 0 * here))
+    return power if cutoff >= NYQUIST_FREQUENCY else np.where(here <= cutoff, power, 0.0)
+
+
+def _power_of_scene(scene: Scene) -> "Callable[[np.ndarray, np.ndarray], np.ndarray]":
+    """Power of a scene's pictures by radius and angle, on a scale of its own."""
+    if scene.picture.path is None:
+        return lambda radius, angle: _isotropic(radius + 0 * angle)
+    return power_of(scene.picture.photograph())
 
 
 @lru_cache

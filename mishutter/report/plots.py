@@ -36,6 +36,7 @@ from mishutter.model.shutters.spline import SplineShutter
 from mishutter.model.stages import StagePath
 from mishutter.model.velocities import AbstractVelocities
 from mishutter.pictures.images import Axis, Picture, to_display, turned
+from mishutter.plane.design import PlaneDesign
 from mishutter.plane.search import PlaneBurst
 from mishutter.report.layered import LayeredCapture, LayeredScene
 from mishutter.search.rows import SHUTTER, Row
@@ -454,8 +455,11 @@ def motion_text(motion: AbstractMotion) -> str:
     return f"{exposure}, sag {sag:.3g} px beside a pan of {pan:.4g} px/s"
 
 
-def camera_text(design: Design) -> str:
+def camera_text(design: Design | PlaneDesign) -> str:
     """The exposure of a design with its motion, or the frames of its burst, in words."""
+    if isinstance(design, PlaneDesign):
+        longest = float(np.max(design.frames.exposures))
+        return f"{design.burst.num_frames} of up to {longest * 1e3:.3g} ms, {design.burst.kind}"
     frames = design.sequence
     return motion_text(design.motion) if frames is None else f"{frames.setting}, {frames.kind}"
 
