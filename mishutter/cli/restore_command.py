@@ -91,7 +91,7 @@ def restore(
             rich_help_panel=CAMERA,
             parser=as_path,
             help="Path that an encoder recorded, in place of the planned one: text with columns "
-            "`time (ms)` and `x (um)`, in any unit of time and of length, or px. "
+            "`time (ms)` and `x (um)`, and `y (um)` of two axes, in any such units or px. "
             "--mid-exposure-ms is the reading of its clock at the middle of the burst.",
         ),
     ] = None,
@@ -236,8 +236,10 @@ def _recorded(
     """A camera whose stage was where an encoder recorded it; notes how far that is off."""
     from mishutter.hardware.recorded_paths import read_path, with_recorded_path
     from mishutter.hardware.stage_files import pitch_of
+    from mishutter.plane.design import PlaneDesign
 
-    path = read_path(stage_path, pixel_pitch=pitch_of(camera.scene))
+    num_axes = 2 if isinstance(camera, PlaneDesign) else 1
+    path = read_path(stage_path, num_axes=num_axes, pixel_pitch=pitch_of(camera.scene))
     middle = files.middle_ms * 1e-3
     recorded, apart = with_recorded_path(camera, path, middle=middle, name=str(stage_path))
     note(f"the recorded path is {apart.text} from the planned one, wherever the whole stands")

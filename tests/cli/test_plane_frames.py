@@ -148,3 +148,33 @@ def test_a_velocity_beyond_the_scene_is_a_warning(desk, capsys):
     assert any(
         "--speed is 436.58 px/s in all; the scene's go up to 400" in x for x in messages(errors)
     )
+
+
+@pytest.mark.slow
+def test_frames_are_restored_by_the_recorded_path(desk, capsys):
+    """Where the stage strayed, its record restores better than the plan; one axis is refused."""
+    design = ms.PlaneDesign.load("design.json")
+    time = np.linspace(-0.02, 0.02, 800)
+    stray = 1.5 * np.sin(2 * np.pi * 45 * time + np.array([[0.3], [1.9]]))
+    place = np.array([path.at(time)[0] for path in design.stage_paths]) + stray
+    built, _ = ms.with_recorded_path(design, ms.RecordedPath(time, place))
+    lines = [f"{1e3 * t:.6f},{x:.6f},{y:.6f}" for t, x, y in zip(time, *place, strict=True)]
+    (desk / "encoder.csv").write_text("\n".join(["t (ms),x (px),y (px)", *lines]), "utf-8")
+    built.save("built.json")
+    subject = ["--subject", "photo.png", "--speed=210,-160"]
+    printed(capsys, "simulate", "--design", "built.json", *subject, "--out", "taken")
+    frames = [f"taken/frame_{k}.png" for k in (1, 2, 3)]
+    command = ["restore", *frames, "--design", "design.json", "--speed=210,-160"]
+    path = ["--stage-path", "encoder.csv"]
+    apart = printed(capsys, *command, *path, "--out", "recorded")["path"]
+    assert 1 < apart["rms"] < apart["greatest"] < 3
+    printed(capsys, *command, "--out", "planned")
+    truth = ms.read_picture("photo.png").light
+    planned, recorded = (
+        float(ms.psnr(truth, ms.read_picture(f"{x}/restored.png").light))
+        for x in ("planned", "recorded")
+    )
+    assert recorded > planned + 1
+    (desk / "one.csv").write_text("t (ms),x (px)\n0,1\n1,2", "utf-8")
+    line = refused(capsys, *command, "--stage-path", "one.csv")
+    assert "must have columns x and y, for a stage of two axes; got x" in line
