@@ -26,6 +26,7 @@ ALL = (
     "bursts",
     "bursts_search",
     "bursts_photographs",
+    "plane_photographs",
     "trust",
     "layered_loss",
     "layered_photographs",

@@ -19,7 +19,7 @@ $2/(f^2 + 0.01^2)$, which stand for a picture on one axis.
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -278,7 +278,7 @@ def _gained(
         return gained + share * power, None
 
     shape = (*fan.direction.shape, parts.speeds.shape[-1])
-    each = (nodes.time, *nodes.place, electrons * (electrons / noise))
+    each: Any = (nodes.time, *nodes.place, electrons * (electrons / noise))
     # A descent holds the waves of one frame at a time.
     add = jax.checkpoint(add)
     return jax.lax.scan(add, jnp.zeros(shape, nodes.time.dtype), each)[0]
@@ -288,7 +288,7 @@ def _passed(
     place: Float[Array, "i j q"],  # rad
     passing: Float[Array, "i b l"],
     time: Float[Array, "q"],  # s
-    weight: Float[Array, "q"],
+    weight: Float[Array | np.ndarray, "q"],
 ) -> Float[Array, "i j l"]:
     r"""$|\sum_q w_q e^{i(\beta_q - \alpha_q)}|^2$, by real products of two matrices."""
     i, j, _ = place.shape
