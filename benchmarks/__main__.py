@@ -27,6 +27,7 @@ ALL = (
     "plane",
     "bursts_search",
     "bursts_photographs",
+    "plane_photographs",
     "trust",
     "layered_loss",
     "layered_photographs",

@@ -151,7 +151,7 @@ def simulate_frames(
         subject = "simulate_frames(num_rows=...)"
         require(num_rows is None, subject, "be left out along one axis", num_rows)
         if isinstance(picture, Layers):
-            require(speed == 0, "simulate_frames(speed=...)", "be left to layers", speed)
+            require(not value, "simulate_frames(speed=...)", "be left to layers", speed)
             exposed = _layers_in_frames(picture, scene, frames, num_columns)
         else:
             radiance = as_radiance(picture, "simulate_frames(picture=...)")

@@ -175,6 +175,7 @@ def simulate(
     import jax
     import numpy as np
 
+    from mishutter.design.design import Design
     from mishutter.pictures.images import Picture, write_picture
     from mishutter.report.plots import camera_text, plot_capture, save_figure, shown_name
 
@@ -224,7 +225,11 @@ def simulate(
         note(f"warning: {estimate.doubt}")
     levels = {}
     if files.drive is not None or files.measured is not None:
-        levels = {name: float(camera.metrics.expected_psnr) for name, camera in designs.items()}
+        levels = {
+            name: float(each.metrics.expected_psnr)
+            for name, each in designs.items()
+            if isinstance(each, Design)
+        }
     if json:
         quality = {"quality": figures} if figures else {}
         expected = {"expected_psnr_db": levels} if levels else {}

@@ -231,7 +231,7 @@ def _product(first: np.ndarray, second: np.ndarray, shape: tuple[int, int]) -> f
 
 def mean_over_plane(spectrum: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     """Mean over all frequencies of a DFT of even length by half of them, on the last axes."""
-    rows = np.sum(spectrum, axis=-2, dtype=np.float64)
+    rows = np.asarray(np.sum(spectrum, axis=-2, dtype=np.float64))
     total = rows[..., 0] + rows[..., -1] + 2 * np.sum(rows[..., 1:-1], axis=-1)
     return np.asarray(total / math.prod(shape))
 

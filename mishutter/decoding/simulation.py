@@ -346,7 +346,7 @@ def restored_capture(
     report = progress or (lambda text, share: None)
     if speed is not None:
         require_finite("restore(speed=...)", speed)
-        require_scalar("restore(speed=...)", speed)
+        require_scalar("restore(speed=...)", np.asarray(speed))
         speed = float(speed)  # type: ignore[arg-type]
     if design.sequence is not None:
         frames = design.sequence.frames
@@ -382,7 +382,7 @@ def _in_portions(
     model: BlurModel,
     rows_at_once: int,
     report: Progress,
-) -> Restoration:
+) -> tuple[np.ndarray, SpeedEstimate | None]:
     """A capture restored a few rows at a time, by the speed that is found in all of them first.
 
     That speed is relative to the sensor.
@@ -395,7 +395,7 @@ def _in_portions(
     restored, beyond, num_rows = np.empty_like(captured), decoder.rows_beyond, len(captured)
     for here, around, inner in _portions(num_rows, rows_at_once, beyond, report):
         restored[here] = restored_light(captured[around], decoder, model)[inner]
-    return Restoration(restored, estimate)
+    return restored, estimate
 
 
 def _frames_in_portions(

@@ -19,7 +19,7 @@ $2/(f^2 + 0.01^2)$, which stand for a picture on one axis.
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -282,7 +282,7 @@ def _gained(
         power = power_of_waves(phase.reshape(groups), ways, nodes.weight[None, None, None])
         return gained + share * power.reshape(shape), None
 
-    each = (nodes.time, *nodes.place, electrons * (electrons / noise))
+    each: Any = (nodes.time, *nodes.place, electrons * (electrons / noise))
     # A descent holds the waves of one frame at a time.
     add = jax.checkpoint(add)
     return jax.lax.scan(add, jnp.zeros(shape, nodes.time.dtype), each)[0]

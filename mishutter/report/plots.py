@@ -458,8 +458,7 @@ def motion_text(motion: AbstractMotion) -> str:
 def camera_text(design: Design | PlaneDesign) -> str:
     """The exposure of a design with its motion, or the frames of its burst, in words."""
     if isinstance(design, PlaneDesign):
-        longest = float(np.max(design.frames.exposures))
-        return f"{design.burst.num_frames} of up to {longest * 1e3:.3g} ms, {design.burst.kind}"
+        return f"{design.burst.num_frames} frames, {design.burst.kind}"
     frames = design.sequence
     return motion_text(design.motion) if frames is None else f"{frames.setting}, {frames.kind}"
 

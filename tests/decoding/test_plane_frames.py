@@ -5,6 +5,7 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
+from skimage.restoration import denoise_tv_chambolle
 from support.plane import frames_of, scene_of
 
 from mishutter import (
@@ -53,8 +54,10 @@ def test_fields_are_restored_as_well_as_the_formula_says(kind):
     """Of the scene's spectrum, from four frames, where all of them see."""
     frames, errors = frames_of("A", 4, kind), []
     for seed in range(6):
-        velocity = 900 * np.array([np.cos(2.4 * seed), np.sin(2.4 * seed)])
-        told = Scene.any_direction(ListedVelocities([velocity]), photon_rate=3e4, read_noise=10.0)
+        velocity = 350 * np.array([np.cos(2.4 * seed), np.sin(2.4 * seed)])
+        told = Scene.any_direction(
+            ListedVelocities(velocity[None]), photon_rate=3e4, read_noise=10.0
+        )
         captures, truth = a_field(frames, velocity, 192, seed)
         light = np.asarray(restore_frames(captures, SCENE, frames, speed=velocity).light)
         inner = slice(48, -48)
@@ -96,7 +99,7 @@ def shown(kind="sines", count=4, velocity=VELOCITY, size=(96, 112), scene=SCENE,
         key=jax.random.key(seed),
     )
     top, left = (240 - size[0]) // 2, (260 - size[1]) // 2
-    return np.asarray(captures), picture[top : top + size[0], left : left + size[1]], frames
+    return np.array(captures), picture[top : top + size[0], left : left + size[1]], frames
 
 
 @pytest.mark.slow
@@ -215,20 +218,20 @@ def test_a_law_says_which_velocities_occur(law, inside, outside):
 
 @pytest.mark.slow
 def test_decoders_of_the_plane_restore_with_their_prior():
-    """Total variation beats the linear one; a denoiser that does nothing stays near it."""
+    """Total variation beats the linear one, as a penalty and as a denoiser of one's own."""
     captures, truth, frames = shown(size=(128, 128))
     levels = {}
     for name, decoder in {
         "ensemble": EnsembleDecoder(),
         "total variation": TotalVariationDecoder(),
         "finding": SpeedFindingDecoder(TotalVariationDecoder()),
-        "denoiser": PlugAndPlayDecoder(lambda picture, sigma: picture, num_iterations=2),
+        "denoiser": PlugAndPlayDecoder(lambda x, sigma: denoise_tv_chambolle(x, sigma)),
     }.items():
         light = restore_frames(captures, SCENE, frames, speed=VELOCITY, decoder=decoder).light
         levels[name] = float(psnr(truth, light))
     assert levels["total variation"] > levels["ensemble"] + 0.3
     assert levels["finding"] == levels["total variation"]
-    assert levels["denoiser"] > levels["ensemble"] - 3
+    assert levels["denoiser"] > levels["ensemble"] + 0.1
     with pytest.raises(ValueError, match=r"TotalVariationDecoder.+got 'TikhonovDecoder'"):
         restore_frames(captures, SCENE, frames, speed=VELOCITY, decoder=TikhonovDecoder())
 
