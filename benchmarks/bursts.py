@@ -212,41 +212,57 @@ def gains(
 def picture(rows: Sequence[dict[str, Any]]) -> None:
     """The map: light by frame rate, a column for each read noise, in shades of grey."""
     import matplotlib.pyplot as plt
-    from matplotlib.patches import Patch
 
     figure, panels = plt.subplots(2, 2, figsize=(10, 7.6), sharex=True, layout="constrained")
-    shades = plt.get_cmap("Greys")(np.linspace(0.0, 0.55, len(LINES) + 2))
-    levels: list[float] = [-1e-9, WORTH_IT, *LINES]
     drawn: Any = None
     for line, window in zip(panels, WINDOWS, strict=True):
         rates = np.array(COUNTS) / window
         for axes, noise in zip(line, NOISES, strict=True):
-            lights, between, gain = finer(rates, gains(rows, window, noise))
-            drawn = axes.contourf(lights, between, gain, levels, colors=shades, extend="max")
-            axes.contourf(lights, between, gain, levels[:2], colors="none", hatches=["///"])
-            axes.contour(lights, between, gain, [WORTH_IT], colors="black", linewidths=2.6)
-            lines = axes.contour(lights, between, gain, LINES, colors="black", linewidths=0.8)
-            axes.clabel(lines, fmt="%g dB", fontsize=9)
-            axes.plot(*(x.ravel() for x in np.meshgrid(LIGHTS, rates)), "k.", markersize=3)
-            axes.set(xscale="log", yscale="log")
+            drawn = draw_map(axes, rates, gains(rows, window, noise))
             axes.set_title(
                 f"read noise {noise:g} e-, bursts of {1e3 * window:g} ms: "
                 f"{TOP_SPEED * window:g} px of way",
                 fontsize=10,
             )
-            inside = [rate for rate in CAMERAS if rates[0] <= rate <= rates[-1]]
-            axes.set_yticks(inside, [str(rate) for rate in inside])
-            axes.set_yticks([], minor=True)
         line[0].set_ylabel("frames a second that the camera can take")
     for axes in panels[-1]:
         axes.set_xlabel("photo-electrons a second at a white pixel")
+    explain_map(figure, panels, drawn)
+    harness.save_picture(figure, "bursts")
+    plt.close(figure)
+
+
+def draw_map(
+    axes: Any, rates: Float[np.ndarray, "counts"], gain: Float[np.ndarray, "counts lights"]
+) -> Any:
+    """One panel of a map: gains by light and frame rate, in dB, on the scale of all maps."""
+    import matplotlib.pyplot as plt
+
+    shades = plt.get_cmap("Greys")(np.linspace(0.0, 0.55, len(LINES) + 2))
+    levels: list[float] = [-1e-9, WORTH_IT, *LINES]
+    lights, between, gain = finer(rates, gain)
+    drawn = axes.contourf(lights, between, gain, levels, colors=shades, extend="max")
+    axes.contourf(lights, between, gain, levels[:2], colors="none", hatches=["///"])
+    axes.contour(lights, between, gain, [WORTH_IT], colors="black", linewidths=2.6)
+    lines = axes.contour(lights, between, gain, LINES, colors="black", linewidths=0.8)
+    axes.clabel(lines, fmt="%g dB", fontsize=9)
+    axes.plot(*(x.ravel() for x in np.meshgrid(LIGHTS, rates)), "k.", markersize=3)
+    axes.set(xscale="log", yscale="log")
+    inside = [rate for rate in CAMERAS if rates[0] <= rate <= rates[-1]]
+    axes.set_yticks(inside, [str(rate) for rate in inside])
+    axes.set_yticks([], minor=True)
+    return drawn
+
+
+def explain_map(figure: Any, panels: Any, drawn: Any) -> None:
+    """The scale of a map, and its hatched part."""
+    from matplotlib.patches import Patch
+
     bar = figure.colorbar(drawn, ax=panels, ticks=[WORTH_IT, *LINES], shrink=0.7)
     bar.set_label("gain of a sensor that moves over one that stands still, dB")
     enough = Patch(facecolor="white", edgecolor="black", hatch="///", linewidth=2.6)
     words = f"a still burst is enough: less than {WORTH_IT:g} dB"
     figure.legend([enough], [words], loc="outside upper center", frameon=False)
-    harness.save_picture(figure, "bursts")
-    plt.close(figure)
 
 
 def finer(

@@ -35,6 +35,7 @@ Designs and their rivals
     best_in_plane             the frames to take of things that move in any direction
     PlaneSearch               what it returns: the best frames of each kind of way
     PlaneBurst                one of them: frames, path and level
+    PlaneDesign               one of them with its scene, and their file
     PlaneFrames               frames and a path in the plane
     plane_psnr                level of such frames
     FrameSequence             what `best_sequence` returns: frames, their kind and their level
@@ -118,8 +119,9 @@ Captures and their restoration
     capture_and_restore       both, of any subject
     restore_photograph        both, of a photograph at several speeds
     simulate_frames           the frames of a burst, of a moving picture
-    restore_frames            one picture from all of them, and its speed
+    restore_frames            one picture from all of them, and its speed or velocity
     RestoredFrames            what it returns
+    VelocityEstimate          the velocity that frames in the plane tell
     estimate_speed            the speed of a picture, from one capture of it
     SpeedEstimate             what it returns
     psnr                      peak signal-to-noise ratio
@@ -142,6 +144,10 @@ In the laboratory
     read_drive                reads a drive table of any format
     Drive                     a drive table as it was read
     design_from_drive         the design that a drive table makes
+    read_path                 reads the path of a stage as an encoder recorded it
+    RecordedPath              what it returns: times and places
+    with_recorded_path        a design on such a path, and how far that is from the planned one
+    PathDifference            the difference
     read_trace                reads an oscilloscope's trace of a shutter
     measured_profile          the profile that a trace shows
     measure                   a scene from a clip of one's own camera: noise, velocities, texture

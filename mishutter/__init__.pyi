@@ -38,6 +38,7 @@ from .decoding.decoders.speed_finding import SpeedFindingDecoder as SpeedFinding
 from .decoding.decoders.tikhonov import TikhonovDecoder as TikhonovDecoder
 from .decoding.decoders.total_variation import TotalVariationDecoder as TotalVariationDecoder
 from .decoding.image_quality import psnr as psnr
+from .decoding.plane_velocity import VelocityEstimate as VelocityEstimate
 from .decoding.restoration import deconvolve as deconvolve
 from .decoding.restoration import restore_photograph as restore_photograph
 from .decoding.sequences import RestoredFrames as RestoredFrames
@@ -67,6 +68,10 @@ from .hardware.drive import design_from_drive as design_from_drive
 from .hardware.drive import drive_table as drive_table
 from .hardware.drive_files import Drive as Drive
 from .hardware.drive_files import read_drive as read_drive
+from .hardware.recorded_paths import PathDifference as PathDifference
+from .hardware.recorded_paths import RecordedPath as RecordedPath
+from .hardware.recorded_paths import read_path as read_path
+from .hardware.recorded_paths import with_recorded_path as with_recorded_path
 from .hardware.trace_files import read_trace as read_trace
 from .hardware.traces import measured_profile as measured_profile
 from .hardware.triggers import FrameTable as FrameTable
@@ -136,6 +141,7 @@ __version__: str
 from .model.velocities import EvenVelocities as EvenVelocities
 from .model.velocities import ListedVelocities as ListedVelocities
 from .model.velocities import RingOfVelocities as RingOfVelocities
+from .plane.design import PlaneDesign as PlaneDesign
 from .plane.frames import PlaneFrames as PlaneFrames
 from .plane.levels import plane_psnr as plane_psnr
 from .plane.search import PlaneBurst as PlaneBurst

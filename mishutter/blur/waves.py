@@ -9,7 +9,7 @@ every frequency (Dutt and Rokhlin, SIAM J. Sci. Comput.
 import math
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -57,14 +57,33 @@ def waves_on_dft(
     space = namespace_of(position, weight)
     num_low = math.isqrt(num_frequencies - 1) + 1
     num_high = -(-num_frequencies // num_low)
-    dtype = np.result_type(position.dtype, np.complex64)
-    phase = position[:, None, :].astype(dtype) * np.asarray(-2j * np.pi / length, dtype)
-    low, high = (
-        space.exp(phase * (step * np.arange(count)).astype(dtype)[None, :, None])
-        for count, step in ((num_low, 1), (num_high, num_low))
-    )
-    waves = space.matmul(high * weight[:, None, :].astype(dtype), space.swapaxes(low, 1, 2))
+    low, high = np.arange(num_low) / length, num_low * np.arange(num_high) / length
+    waves = _sums_of_products((position, position), weight, (high, low), space)
     return waves.reshape(waves.shape[0], -1)[:, :num_frequencies]
+
+
+def waves_in_plane(
+    place: Float[np.ndarray, "2 s q"],
+    weight: Float[np.ndarray, "#s q"],
+    frequencies: tuple[Float[np.ndarray, "m"], Float[np.ndarray, "n"]],
+) -> Complex[np.ndarray, "s m n"]:
+    r"""$\sum_q w_q e^{-2\pi i (f_y y_q + f_x x_q)}$ at all pairs of frequencies $f_y$ and $f_x$.
+
+    Places $x$ along the rows come first, and frequencies $f_y$ down the columns.
+    """
+    return _sums_of_products((place[1], place[0]), weight, frequencies, np)
+
+
+def _sums_of_products(
+    places: tuple[Any, Any], weight: Any, frequencies: tuple[np.ndarray, np.ndarray], space: Any
+) -> Any:
+    """Sums over $q$ of waves of the first places times those of the second, for all pairs."""
+    dtype = np.result_type(places[0].dtype, np.complex64)
+    first, second = (
+        space.exp(place[:, None, :].astype(dtype) * (-2j * np.pi * f).astype(dtype)[None, :, None])
+        for place, f in zip(places, frequencies, strict=True)
+    )
+    return space.matmul(first * weight[:, None, :].astype(dtype), space.swapaxes(second, 1, 2))
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(2, 3))

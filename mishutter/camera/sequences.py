@@ -30,6 +30,7 @@ from mishutter.camera.capture import as_radiance, distinct_colours, every_colour
 from mishutter.camera.layers import Layers
 from mishutter.camera.noise import recorded
 from mishutter.camera.occlusion import expose_layers_in_frame
+from mishutter.camera.plane_frames import exposed_in_plane
 from mishutter.camera.rows import (
     MAX_REACH,
     Planes,
@@ -44,6 +45,7 @@ from mishutter.model.scene import Scene, require_scene
 from mishutter.model.sensor import white_electrons
 from mishutter.model.sequences import TimedFrame
 from mishutter.pictures.images import Picture, pixels_along, turned
+from mishutter.plane.frames import PlaneFrames
 
 
 def responses_of_frames(
@@ -86,10 +88,11 @@ def require_reach(subject: str, frames: Sequence[TimedFrame], speed: float) -> l
 def simulate_frames(
     picture: Picture | Layers | ArrayLike,
     scene: Scene,
-    frames: Sequence[TimedFrame],
+    frames: Sequence[TimedFrame] | PlaneFrames,
     *,
-    speed: float = 0.0,
+    speed: float | RowLike = 0.0,
     num_columns: int | None = None,
+    num_rows: int | None = None,
     key: Array | None = None,
     full_well: float | None = None,
     adc_bits: int | None = None,
@@ -105,9 +108,14 @@ def simulate_frames(
         picture: Light, white = 1, shape `(rows, columns)` or with channels last. Or `Layers`, which
             bring their own speeds and borders.
         scene: Light, noise, optics and axis; its speeds are not used.
-        frames: The frames, with open shutters, as `best_moving_burst` finds them.
-        speed: Speed of the picture; px/s, as that of `simulate_capture`; 0 for layers.
-        num_columns: Pixels of the sensor along the motion; those of the picture by default.
+        frames: The frames, with open shutters, as `best_sequence` finds them; or frames in the
+            plane, as `best_in_plane` does.
+        speed: Speed of the picture; px/s, as that of `simulate_capture`; 0 for layers. For frames
+            in the plane its velocity along rows and columns: to the left and up.
+        num_columns: Pixels of the sensor along the motion, or along the rows for frames in the
+            plane; those of the picture by default.
+        num_rows: Pixels of the sensor down the columns, for frames in the plane; those of the
+            picture by default.
         key: JAX key of the noise; None for none.
         full_well: Most electrons a pixel holds, e-; by default as many as the scene says.
         adc_bits: Bits of the converter; None for no rounding.
@@ -117,35 +125,69 @@ def simulate_frames(
         channels last where the picture has some.
 
     Raises:
-        ValueError: if a speed stands beside layers, the sensor is wider than the picture, or light
-            is displaced by more than 8,192 px.
+        ValueError: if a speed stands beside layers, it is no velocity for frames in the plane or is
+            one for others, the sensor is larger than the picture, or light is displaced by more
+            than 8,192 px.
     """
-    require_scene(scene)
-    require_known("simulate_frames", speed=speed)
-    require_scalar("simulate_frames(speed=...)", speed)
-    require_finite("simulate_frames(speed=...)", speed)
+    in_plane = isinstance(frames, PlaneFrames)
+    require_scene(scene, in_plane=in_plane)
+    require_known("simulate_frames", speed=speed, frames=frames)
+    value = require_speed("simulate_frames(speed=...)", speed, frames)
     require_key("simulate_frames(key=...)", key)
-    require(len(frames) > 0, "simulate_frames(frames=...)", "hold one frame at least", 0)
-    if isinstance(picture, Layers):
-        require(speed == 0, "simulate_frames(speed=...)", "be left to layers", speed)
-        exposed = _layers_in_frames(picture, scene, frames, num_columns)
+    if isinstance(frames, PlaneFrames):
+        require_picture = "be one picture for frames in the plane"
+        require(
+            not isinstance(picture, Layers),
+            "simulate_frames(picture=...)",
+            require_picture,
+            picture,
+        )
+        radiance = as_radiance(picture, "simulate_frames(picture=...)")  # type: ignore[arg-type]
+        size = num_rows, num_columns
+        exposed = exposed_in_plane(radiance, scene.optics, frames, value, size)
+        axis, exposures = "rows", np.asarray(frames.exposures).tolist()
     else:
-        radiance = as_radiance(picture, "simulate_frames(picture=...)")
-        exposed = _picture_in_frames(radiance, scene, frames, speed, num_columns)
-    keys = [None] * len(frames) if key is None else list(jax.random.split(key, len(frames)))
+        require(len(frames) > 0, "simulate_frames(frames=...)", "hold one frame at least", 0)
+        subject = "simulate_frames(num_rows=...)"
+        require(num_rows is None, subject, "be left out along one axis", num_rows)
+        if isinstance(picture, Layers):
+            require(not value, "simulate_frames(speed=...)", "be left to layers", speed)
+            exposed = _layers_in_frames(picture, scene, frames, num_columns)
+        else:
+            radiance = as_radiance(picture, "simulate_frames(picture=...)")
+            exposed = _picture_in_frames(radiance, scene, frames, float(value), num_columns)
+        axis, exposures = scene.sensor.axis, [frame.exposure for frame in frames]
+    count = len(exposures)
+    keys = [None] * count if key is None else list(jax.random.split(key, count))
     most = scene.sensor.full_well if full_well is None else full_well
     levels = []
-    for frame, irradiance, one in zip(frames, exposed, keys, strict=True):
+    for exposure, irradiance, one in zip(exposures, exposed, keys, strict=True):
         level = recorded(
             irradiance,
-            white_electrons(scene.photon_rate, frame.exposure),
+            white_electrons(scene.photon_rate, exposure),
             scene.read_noise,
             key=one,
             full_well=None if most is None else float(most),
             adc_bits=adc_bits,
         )
-        levels.append(np.asarray(turned(level, scene.sensor.axis)))
+        levels.append(np.asarray(turned(level, axis)))
     return as_float(np.stack(levels))
+
+
+def require_speed(
+    subject: str, speed: float | RowLike, frames: Sequence[TimedFrame] | PlaneFrames
+) -> Float[np.ndarray, "..."]:
+    """A speed along one axis, or a velocity for frames in the plane; px/s."""
+    require_finite(subject, speed)
+    value = np.asarray(speed, np.float64)
+    if isinstance(frames, PlaneFrames):
+        requirement = (
+            "be a velocity along rows and columns, as (1500, -800), for frames in the plane"
+        )
+        require(value.shape == (2,), subject, requirement, speed)
+    else:
+        require_scalar(subject, value)
+    return value
 
 
 def _picture_in_frames(

@@ -25,6 +25,7 @@ from mishutter.cli.console import (
     ends_when_asked,
     error_line,
     interruptible,
+    next_step,
     print_text,
     start_jax,
     take_any_text,
@@ -249,13 +250,7 @@ def _next_step(result: "Report", scene_file: Path | None, folder: Path | None) -
     """The command that goes on from an answer: to a folder of files, or from its design."""
     from mishutter.report.documents import file_to_build
 
-    if folder is not None:
-        design = folder / file_to_build(result)
-        export = shlex.join(["mishutter", "export", str(design), "--out", str(folder / "lab")])
-        return f"{export}  # the files that drive the camera"
-    scene, name = ([], "design") if scene_file is None else ([str(scene_file)], scene_file.stem)
-    again = shlex.join(["mishutter", "optimise", *scene, "--out", name])
-    return f"{again}  # the design, pictures and a report"
+    return next_step(scene_file, folder, file_to_build(result))
 
 
 def _after_search(scene_file: Path | None, folder: Path | None) -> str:

@@ -1,5 +1,6 @@
 """Commands that take pictures: `simulate` and `reproduce`."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,8 +11,11 @@ from mishutter._core.progress import note, progress_bar
 from mishutter.cli.console import AGAIN, interruptible, print_table, start_jax, write_json
 from mishutter.cli.help import DESIGN, OUTPUT, PICTURES, SENSOR
 from mishutter.cli.laboratory import (
+    AS_DESIGNED,
     CameraFiles,
     cameras,
+    exposures_of,
+    plane_design,
     takes_camera_files,
 )
 from mishutter.cli.options import (
@@ -24,18 +28,19 @@ from mishutter.cli.options import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     import numpy as np
 
     from mishutter.camera.footage import Frames
     from mishutter.camera.layers import Layers
-    from mishutter.decoding.decoders.speed import SpeedEstimate
-    from mishutter.decoding.simulation import Simulation
+    from mishutter.decoding.simulation import Estimate, Simulation
     from mishutter.design.design import Design
     from mishutter.model.scene import Scene
-    from mishutter.model.sequences import FrameSequence
     from mishutter.pictures.images import Picture
+    from mishutter.plane.design import PlaneDesign
 
-_NUM_TICKS = 100
+_NUM_TICKS, _AT_REST = 100, "0"
 _LINEAR = "PSNR / dB, linear light"
 
 
@@ -99,9 +104,9 @@ def simulate(
             metavar="SPEED",
             rich_help_panel=PICTURES,
             help="Speed of the object in the photograph: px/s, or with a unit, such as 0.9m/s, "
-            "'90 km/h' or 3deg/s.",
+            "'90 km/h' or 3deg/s. For a design in the plane its velocity, such as 1500,-800.",
         ),
-    ] = "0",
+    ] = _AT_REST,
     decoder: Annotated[
         DecoderName,
         typer.Option(
@@ -168,23 +173,18 @@ def simulate(
         raise ValueError(f"`--shutter` must be left out with {which}; got '{shutter}'.")
     start_jax()
     import jax
+    import numpy as np
 
-    from mishutter.design.design import given_design
-    from mishutter.model.scene_file import read_speed
-    from mishutter.model.shutters.kinds import named_shutter
+    from mishutter.design.design import Design
     from mishutter.pictures.images import Picture, write_picture
     from mishutter.report.plots import camera_text, plot_capture, save_figure, shown_name
 
-    scene = scene_of(scene_file)
-    speed = read_speed(speed_text, scene_file, "--speed")
-    designs = cameras(scene, design, files).designs
     window = "hann" if shutter is None else shutter
-    used = [*designs.values()] or [
-        given_design(scene, scene.motion, named_shutter(window), f"Given: {window}.")
-    ]
+    scene, speed, designs = _cameras(scene_file, speed_text, design, files, window)
+    camera = [*designs.values()][-1]
     photographed = _subject(subject, scene, white, linear)
-    if speed and not isinstance(photographed, Picture):
-        raise ValueError(f"`--speed` must be given with a photograph only; got {speed:g}.")
+    if np.any(speed) and not isinstance(photographed, Picture):
+        raise ValueError(f"`--speed` must be given with a photograph only; got {speed_text}.")
     folder = writable_folder(out)
     with (
         interruptible(lambda: AGAIN),
@@ -198,20 +198,21 @@ def simulate(
             "adc_bits": adc_bits,
             "progress": lambda text, share: update(int(share * _NUM_TICKS), text),
         }
-        taken, result = _simulated(photographed, scene, used[-1], settings)
+        taken, result = _simulated(photographed, scene, camera, settings)
     for each, light in taken.items():
         write_picture(folder / f"{each}.png", light)
     write_picture(folder / "restored.png", result.restored)
     figures = _quality(photographed, result.restored)
     last = files.measured or files.drive or design
     name = f"{window} shutter" if last is None else shown_name(last.name)
-    moving = f", object at {speed:g} px/s" if isinstance(photographed, Picture) else ""
+    speed_words = ", ".join(f"{each:g}" for each in np.atleast_1d(speed))
+    moving = f", object at {speed_words} px/s" if isinstance(photographed, Picture) else ""
     level = f", {figures[_LINEAR]:.2f} dB (linear light)" if figures else ""
     picture = plot_capture(
         photographed,
         taken,
         result.restored,
-        camera=f"by {name}: {camera_text(used[-1])}{moving}",
+        camera=f"by {name}: {camera_text(camera)}{moving}",
         decoder=f"by the {decoder.value} decoder{level}",
     )
     save_figure(picture, folder / "side_by_side.png")
@@ -224,7 +225,11 @@ def simulate(
         note(f"warning: {estimate.doubt}")
     levels = {}
     if files.drive is not None or files.measured is not None:
-        levels = {name: float(camera.metrics.expected_psnr) for name, camera in designs.items()}
+        levels = {
+            name: float(each.metrics.expected_psnr)
+            for name, each in designs.items()
+            if isinstance(each, Design)
+        }
     if json:
         quality = {"quality": figures} if figures else {}
         expected = {"expected_psnr_db": levels} if levels else {}
@@ -233,31 +238,64 @@ def simulate(
     else:
         _print_numbers(f"Restored by {decoder.value}", "figure", "value", figures)
         if estimate is not None:
-            value, trust = speed_found(estimate, used[-1].sequence)
+            value, trust = speed_found(estimate, in_burst=exposures_of(camera) is not None)
             print_table("Speed found", ["px/s", ""], [[value, trust]])
         _print_numbers("Expected of the scene", "camera", _LINEAR, levels)
     note(f"{folder}: {', '.join(written)}")
 
 
+def _cameras(
+    scene_file: Path | None,
+    speed_text: str,
+    design: Path | None,
+    files: CameraFiles,
+    window: str,
+) -> "tuple[Scene, float | tuple[float, float], Mapping[str, Design | PlaneDesign]]":
+    """The scene, the speed in it, and the camera as its files or a named shutter describe it."""
+    from mishutter.design.design import given_design
+    from mishutter.model.scene_file import read_speed, read_velocity
+    from mishutter.model.shutters.kinds import named_shutter
+
+    in_plane = plane_design(design, files)
+    if in_plane is not None:
+        text = "0,0" if speed_text == _AT_REST else speed_text
+        velocity = read_velocity(text, scene_file, "--speed")
+        scene = in_plane.scene if scene_file is None else scene_of(scene_file)
+        return scene, velocity, {AS_DESIGNED: in_plane}
+    scene = scene_of(scene_file)
+    speed = read_speed(speed_text, scene_file, "--speed")
+    designs = cameras(scene, design, files).designs
+    if not designs:
+        shutter = named_shutter(window)
+        designs = {window: given_design(scene, scene.motion, shutter, f"Given: {window}.")}
+    return scene, speed, designs
+
+
 def _simulated(
     subject: "Picture | Layers | Frames",
     scene: "Scene",
-    camera: "Design",
+    camera: "Design | PlaneDesign",
     settings: dict[str, Any],
 ) -> "tuple[dict[str, np.ndarray], Simulation]":
     """The records of a subject, by the names of their files, and the picture restored from them."""
     from mishutter.camera.footage import Frames
     from mishutter.decoding.simulation import burst_and_restore, capture_and_restore
+    from mishutter.model.sequences import of_one_gain
+    from mishutter.plane.design import PlaneDesign
 
-    if camera.sequence is None:
+    if isinstance(camera, PlaneDesign):
+        sequence = camera.frames
+    elif camera.sequence is None:
         result = capture_and_restore(subject, scene, camera.motion, camera.shutter, **settings)
         return {"captured": result.captured}, result
+    else:
+        sequence = camera.sequence
     if isinstance(subject, Frames):
         raise ValueError("`--subject` must be a photograph or layers for a burst; got footage.")
-    result = burst_and_restore(subject, scene, camera.sequence, **settings)
-    frames = camera.sequence.of_one_gain(result.captured)
+    result = burst_and_restore(subject, scene, sequence, **settings)
+    frames = of_one_gain(result.captured, exposures_of(camera) or [])
     # A shell lists names of equal length in the order of their numbers.
-    digits = len(str(camera.sequence.num_frames))
+    digits = len(str(len(frames)))
     return {f"frame_{k:0{digits}d}": frame for k, frame in enumerate(frames, 1)}, result
 
 
@@ -330,26 +368,48 @@ def _subject(
     return read_picture(path, white=white, linear=linear)
 
 
-def _warn_beyond(scene: "Scene", speed: float) -> None:
+def _warn_beyond(scene: "Scene", speed: float | tuple[float, float]) -> None:
     """Warns of a speed in px/s outside the scene's range: its unit may have been forgotten."""
+    if isinstance(speed, tuple):
+        size, fastest = math.hypot(*speed), float(scene.max_speed)
+        if size > fastest:
+            note(
+                f"warning: --speed is {size:,.5g} px/s in all; the scene's go up to {fastest:,.5g}"
+            )
+        return
     slowest, fastest = float(scene.speeds.min()), float(scene.speeds.max())
     if not min(slowest, 0) <= speed <= max(fastest, 0):
         note(f"warning: --speed is {speed:g} px/s; the scene's are {slowest:g} to {fastest:g}")
 
 
-def speed_found(
-    estimate: "SpeedEstimate", sequence: "FrameSequence | None" = None
-) -> tuple[str, str]:
+def speed_found(estimate: "Estimate", *, in_burst: bool) -> tuple[str, str]:
     """A speed that was found in a capture or a burst with its error, and its trust, in words."""
-    if estimate.tells_nothing:
+    from mishutter.decoding.plane_velocity import VelocityEstimate
+
+    if isinstance(estimate, VelocityEstimate):
+        x, y = estimate.velocity
+        value = f"{x:,.0f}, {y:,.0f} +- {estimate.error:,.2g}"
+    elif estimate.tells_nothing:
         return "none", "restored for all speeds of the scene"
-    value = f"{estimate.speed:,.0f} +- {estimate.error:,.0f}"
-    instead = "for all likely speeds" if sequence is None else "for this speed anyway"
+    else:
+        value = f"{estimate.speed:,.0f} +- {estimate.error:,.0f}"
+    instead = "for this speed anyway" if in_burst else "for all likely speeds"
     return value, "trusted" if estimate.trusted else f"not trusted: restored {instead}"
 
 
-def estimate_document(estimate: "SpeedEstimate") -> dict[str, object]:
+def estimate_document(estimate: "Estimate") -> dict[str, object]:
     """An estimated speed, as JSON has it: null where the capture tells nothing."""
+    from mishutter.decoding.plane_velocity import VelocityEstimate
+
+    if isinstance(estimate, VelocityEstimate):
+        return {
+            "velocity_px_per_s": estimate.velocity.tolist(),
+            "covariance_px2_per_s2": estimate.covariance.tolist(),
+            "error_px_per_s": estimate.error,
+            "trusted": estimate.trusted,
+            "doubt": estimate.doubt,
+            "misfit": estimate.misfit,
+        }
     is_some = not estimate.tells_nothing
     return {
         "speed_px_per_s": estimate.speed if is_some else None,

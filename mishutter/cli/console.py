@@ -4,6 +4,7 @@ import gc
 import io
 import os
 import re
+import shlex
 import shutil
 import signal
 import sys
@@ -12,6 +13,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -333,3 +335,13 @@ def _require_devices() -> None:
             f"{' and '.join(f'`{name}`' for name in asked)} {requirement} "
             + " and ".join(map(repr, asked.values()))
         ) from None
+
+
+def next_step(scene_file: Path | None, folder: Path | None, design: str = "design.json") -> str:
+    """The command that goes on from an answer: to a folder of files, or from its design."""
+    if folder is not None:
+        export = ["mishutter", "export", str(folder / design), "--out", str(folder / "lab")]
+        return f"{shlex.join(export)}  # the files that drive the camera"
+    scene, name = ([], "design") if scene_file is None else ([str(scene_file)], scene_file.stem)
+    again = shlex.join(["mishutter", "optimise", *scene, "--out", name])
+    return f"{again}  # the design, pictures and a report"

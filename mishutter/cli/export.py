@@ -107,14 +107,14 @@ def export(
     if form in _BINARY and out is None and not json:
         raise ValueError(f"`--out` must be given for a binary file; got --format {form.value}.")
     start_jax()
-    from mishutter.design.design import Design
     from mishutter.hardware.drive import drive_table
     from mishutter.hardware.drive_files import drive_bytes
     from mishutter.hardware.triggers import frame_table
+    from mishutter.plane.design import PlaneDesign, design_of
 
-    saved = Design.load(design)
+    saved = design_of(design)
     folder = None if out is None else writable_folder(out)
-    if saved.sequence is not None:
+    if isinstance(saved, PlaneDesign) or saved.sequence is not None:
         told = {"--levels": num_levels is None, "--floor": floor == 0, "--ceiling": ceiling == 1}
         for option, is_default in told.items():
             requirement = "be left out for a burst, whose shutter is open or closed"
@@ -152,9 +152,14 @@ def _export_frames(
     table: "FrameTable", folder: Path | None, form: FormatName, *, as_json: bool
 ) -> None:
     """Writes the triggers of a burst and the path of its stage, and prints its frames."""
-    from mishutter.hardware.drive_files import DRIVE_FORMATS, drive_bytes
+    from mishutter.hardware.drive_files import DRIVE_FORMATS, WITH_POSITIONS, drive_bytes
     from mishutter.report.plots import plot_frames, save_figure
 
+    if len(table.paths) == 2 and form.value not in WITH_POSITIONS:
+        note(
+            f"--format {form.value} has no channels for a stage: it holds the triggers alone, and "
+            "stage.csv of --out both axes"
+        )
     if folder is None and not as_json:
         sys.stdout.write(drive_bytes(table, form.value).decode())
         return
@@ -170,7 +175,7 @@ def _export_frames(
             write_text(folder / "stage.csv", path)
             files.append("stage.csv")
             _note_travel(table.travel_beyond_limit)
-        elif table.sequence.moves:
+        elif table.moves:
             note(
                 "no stage.csv: no limit sets the run-up of the stage to its velocity: set "
                 "max_acceleration_g or max_acceleration_px_per_s2 in [limits] of the scene"
@@ -179,13 +184,16 @@ def _export_frames(
     if as_json:
         write_json(table.to_dict() | {"files": files})
     else:
-        sequence = table.sequence
+        middles = [(begin + end) / 2 for begin, end in table.lights]
         rows = [
-            [str(k), f"{one.time * 1e3:.2f}", f"{one.exposure * 1e3:.3g}", f"{one.position:.2f}"]
-            for k, one in enumerate(sequence.frames, 1)
+            [str(k), f"{middle * 1e3:.2f}", f"{(end - begin) * 1e3:.3g}"]
+            for k, ((begin, end), middle) in enumerate(zip(table.lights, middles, strict=True), 1)
         ]
-        columns = ["frame", "mid-exposure / ms", "exposure / ms", "sensor there / px"]
-        print_table(f"Frames: {sequence.text}", columns, rows)
+        columns = ["frame", "mid-exposure / ms", "exposure / ms"]
+        for name, places in table.places.items():
+            columns.append(name)
+            rows = [[*row, f"{x:.2f}"] for row, x in zip(rows, places, strict=True)]
+        print_table(f"Frames: {table.text}", columns, rows)
     if files:
         note(f"{folder}: {', '.join(files)}")
 
@@ -198,7 +206,7 @@ def _note_gate(table: "FrameTable") -> None:
         note(
             f"the gate closes for one step of {step * 1e3:.3g} ms at the end of {touching} frames "
             "that the next one follows at once: a camera exposed by the width of this trigger has "
-            f"{table.gated_psnr:.2f} dB of {table.sequence.psnr:.2f}; frames.csv has the exact "
+            f"{table.gated_psnr:.2f} dB of {table.psnr:.2f}; frames.csv has the exact "
             "times, for a camera that starts at a rising edge and times its own exposure"
         )
 

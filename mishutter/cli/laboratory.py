@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from mishutter.hardware.traces import MeasuredProfile, Trace
     from mishutter.model.motion import AbstractMotion
     from mishutter.model.scene import Scene
+    from mishutter.plane.design import PlaneDesign
 
 AS_DESIGNED = "as designed"
 AS_DRIVEN = "as driven"
@@ -193,6 +194,29 @@ def note_other_device(path: Path, design: "Design", scene: "Scene") -> None:
     ideal = ["It follows at once and loses no light."]
     own, taken = (" ".join(device_notes(each.device) or ideal) for each in (design.scene, scene))
     note(f"{path}: using the scene's shutter, not the design's. Design: {own} Scene: {taken}")
+
+
+def plane_design(design: Path | None, files: CameraFiles) -> "PlaneDesign | None":
+    """A saved design of frames in the plane; None of any other, or without one."""
+    from mishutter.plane.design import PlaneDesign, design_of
+
+    saved = None if design is None else design_of(design)
+    if not isinstance(saved, PlaneDesign):
+        return None
+    for name, path in (("--drive", files.drive), ("--measured", files.measured)):
+        requirement = "be left out for a design in the plane: its table is along one axis"
+        require(path is None, name, requirement, str(path))
+    return saved
+
+
+def exposures_of(camera: "Design | PlaneDesign") -> list[float] | None:
+    """Exposures of the frames of a camera's burst; s. None of one that takes a single capture."""
+    from mishutter.plane.design import PlaneDesign
+
+    if isinstance(camera, PlaneDesign):
+        return [float(each) for each in camera.frames.exposures]
+    sequence = camera.sequence
+    return None if sequence is None else [frame.exposure for frame in sequence.frames]
 
 
 def cameras(scene: "Scene | None", design: Path | None, files: CameraFiles) -> Cameras:

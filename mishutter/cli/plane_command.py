@@ -1,6 +1,5 @@
 """The part of `optimise` for things that move in any direction."""
 
-import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -8,7 +7,14 @@ from typing import TYPE_CHECKING
 from mishutter._core.checks import Unquoted, require
 from mishutter._core.files import writable_folder
 from mishutter._core.progress import note, progress_bar
-from mishutter.cli.console import AGAIN, closable_output, interruptible, print_text, write_json
+from mishutter.cli.console import (
+    AGAIN,
+    closable_output,
+    interruptible,
+    next_step,
+    print_text,
+    write_json,
+)
 
 if TYPE_CHECKING:
     from mishutter.model.scene import Scene
@@ -43,9 +49,7 @@ def optimise_in_plane(
     if not as_json:
         with closable_output():
             print_text(report.text())
-            if folder is None and scene_file is not None:
-                again = ["mishutter", "optimise", str(scene_file), "--out", scene_file.stem]
-                print_text(f"Next: {shlex.join(again)}  # the answer's picture and numbers")
+            print_text(f"Next: {next_step(scene_file, folder)}")
     files = []
     if folder is not None:
         files = write_plane_report(

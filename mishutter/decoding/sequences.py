@@ -23,7 +23,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 import scipy.fft
@@ -33,15 +33,18 @@ from mishutter._core.checks import (
     RowLike,
     as_float,
     require,
-    require_finite,
     require_known,
-    require_scalar,
     shape_of,
 )
 from mishutter._core.parallel import alone_in_blas
 from mishutter.camera.capture import as_pixels, distinct_colours, every_colour, kernel_layout
 from mishutter.camera.rows import Planes, fast_length, rows_last
-from mishutter.camera.sequences import furthest, require_reach, responses_of_frames
+from mishutter.camera.sequences import (
+    furthest,
+    require_reach,
+    require_speed,
+    responses_of_frames,
+)
 from mishutter.decoding.decoders.base import (
     AbstractDecoder,
     BlurModel,
@@ -58,7 +61,11 @@ from mishutter.model.scene import Scene, require_scene, require_whole
 from mishutter.model.sensor import noise_power, white_electrons
 from mishutter.model.sequences import TimedFrame
 from mishutter.model.shutters.windows import RectShutter
-from mishutter.pictures.images import turned
+from mishutter.pictures.images import Axis, turned
+from mishutter.plane.frames import PlaneFrames
+
+if TYPE_CHECKING:
+    from mishutter.decoding.plane_velocity import VelocityEstimate
 
 _rfft: Callable[..., np.ndarray] = scipy.fft.rfft  # type: ignore[assignment]
 _irfft: Callable[..., np.ndarray] = scipy.fft.irfft  # type: ignore[assignment]
@@ -138,7 +145,7 @@ class RestoredFrames(NamedTuple):
     """
 
     light: Planes
-    estimate: SpeedEstimate | None
+    estimate: "SpeedEstimate | VelocityEstimate | None"
 
 
 class _Stack(NamedTuple):
@@ -186,10 +193,10 @@ class _Likeliest(NamedTuple):
 def restore_frames(
     captures: ArrayLike | Sequence[ArrayLike],
     scene: Scene,
-    frames: Sequence[TimedFrame],
+    frames: Sequence[TimedFrame] | PlaneFrames,
     *,
     decoder: AbstractDecoder | None = None,
-    speed: float | None = None,
+    speed: float | RowLike | None = None,
 ) -> RestoredFrames:
     """Restore the picture that the frames of a sequence show, each point from those that see it.
 
@@ -197,10 +204,13 @@ def restore_frames(
         captures: Light of each frame in units of its exposure of white, as `simulate_frames` gives
             it; shape `(frames, rows, columns)`, or channels last; concrete.
         scene: Speeds that may occur, light, noise, and spectrum of pictures.
-        frames: The frames, with open shutters.
-        decoder: The method; the ensemble filter by default, which is then the best linear one.
+        frames: The frames, with open shutters; or frames in the plane.
+        decoder: The method; the ensemble filter by default, which is then the best linear one. In
+            the plane total variation and a denoiser of your own are others.
         speed: The speed of the picture, px/s; by default it is found in the frames, and trusted
-            where they fit one picture at that speed, and at no other as well.
+            where they fit one picture at that speed, and at no other as well. For frames in the
+            plane its velocity along rows and columns, of which the estimate is a
+            `VelocityEstimate`.
 
     Raises:
         ValueError: if the scene has a background, no light, or more speeds than frames can tell
@@ -221,12 +231,18 @@ def restore_frames(
         >>> print(f"{found.estimate.speed:.1e} px/s, {found.estimate.trusted}")
         7.0e+02 px/s, True
     """
-    require_scene(scene)
+    in_plane = isinstance(frames, PlaneFrames)
+    require_scene(scene, in_plane=in_plane)
     require_whole(scene, "restore_frames")
     require_known("restore_frames", captures=captures, speed=speed)
     if speed is not None:
-        require_scalar("restore_frames(speed=...)", speed)
-        require_finite("restore_frames(speed=...)", speed)
+        speed = require_speed("restore_frames(speed=...)", speed, frames)
+    chosen = decoder_or_ensemble(decoder, "restore_frames")
+    if isinstance(frames, PlaneFrames):
+        # It takes its thresholds from here.
+        from mishutter.decoding.plane_frames import restored_in_plane
+
+        return restored_in_plane(captures, scene, frames, chosen, speed)
     light, planes = _planes_of(captures, scene, frames)
     taken = _Taken.of(scene, frames)
     estimate = None
@@ -238,7 +254,6 @@ def restore_frames(
     found = _likeliest(stack, [float(speed)])
     equal = _complete(stack, found).reshape(*level.shape, found.length) + level[..., None]
     capture = as_float(np.moveaxis(equal, 0, -1))
-    chosen = decoder_or_ensemble(decoder, "restore_frames")
     restored = np.asarray(restored_light(capture, chosen, taken.as_one(float(speed))))
     restored = restored[:, found.margin : found.margin + planes.shape[-1]]
     has_colours = light.ndim == 4
@@ -258,19 +273,26 @@ def _planes_of(
     captures: ArrayLike | Sequence[ArrayLike], scene: Scene, frames: Sequence[TimedFrame]
 ) -> tuple[Planes, Float[np.ndarray, "colours rows frames columns"]]:
     """Frames as arrays, turned so that things move along their rows, and their distinct colours."""
+    original, planes = planes_of(captures, len(frames), scene.sensor.axis)
+    return original, np.moveaxis(np.asarray(planes, np.float64), 0, -2)
+
+
+def planes_of(
+    captures: ArrayLike | Sequence[ArrayLike], num_frames: int, axis: Axis
+) -> tuple[Planes, Float[np.ndarray, "frames colours rows columns"]]:
+    """Frames as arrays, turned so that things move along their rows, and their distinct colours."""
     subject, stack = "restore_frames(captures=...)", cast(Any, captures)
     if isinstance(captures, list | tuple):
         shapes = [np.shape(one) for one in captures]
         require(len(set(shapes)) <= 1, subject, "be frames of one size and as many colours", shapes)
         stack = np.stack([np.asarray(one) for one in captures]) if captures else np.zeros(0)
     light = as_pixels(stack, subject)
-    is_stack = light.ndim in (3, 4) and light.shape[0] == len(frames) > 0
-    requirement = f"be {len(frames)} frames, of rows and columns"
+    is_stack = light.ndim in (3, 4) and light.shape[0] == num_frames > 0
+    requirement = f"be {num_frames} frames, of rows and columns"
     require(is_stack, subject, requirement, shape_of(light))
-    light = turned(light[..., None] if light.ndim == 3 else light, scene.sensor.axis)
-    planes = np.asarray(rows_last(distinct_colours(light)), np.float64)
-    original = light if np.ndim(stack) == 4 else light[..., 0]
-    return original, np.moveaxis(planes, 0, -2)
+    light = turned(light[..., None] if light.ndim == 3 else light, axis)
+    planes = np.asarray(rows_last(distinct_colours(light)))
+    return light if np.ndim(stack) == 4 else light[..., 0], planes
 
 
 @dataclass(frozen=True)
@@ -628,7 +650,9 @@ def _odd_frame(
     return ""
 
 
-def _equal_frames(rows: Float[np.ndarray, "rows frames columns"], places: list[float]) -> str:
+def _equal_frames(
+    rows: Float[np.ndarray, "rows frames columns"], places: list[float] | list[complex]
+) -> str:
     """Words for two frames that are the same, though at places that are not, if two are."""
     for first, second in itertools.combinations(range(len(places)), 2):
         is_apart = abs(places[first] - places[second]) > 1

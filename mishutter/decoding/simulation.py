@@ -11,10 +11,12 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from mishutter._core.checks import (
+    RowLike,
     require,
     require_finite,
     require_key,
     require_positive_int,
+    require_scalar,
     shape_of,
 )
 from mishutter.camera.capture import as_pixels, as_radiance, distinct_colours, simulate_capture
@@ -26,6 +28,7 @@ from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel, blur_mo
 from mishutter.decoding.decoders.linear import decoder_or_ensemble
 from mishutter.decoding.decoders.speed import SpeedEstimate
 from mishutter.decoding.decoders.speed_finding import SpeedFindingDecoder, decoder_of, informed
+from mishutter.decoding.plane_velocity import VelocityEstimate
 from mishutter.decoding.restoration import (
     RestoredPhotograph,
     behind_optics,
@@ -42,7 +45,10 @@ from mishutter.model.scene import Scene, require_scene
 from mishutter.model.sequences import FrameSequence, TimedFrame
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.pictures.images import Axis, Picture, turned
+from mishutter.plane.design import PlaneDesign
+from mishutter.plane.frames import PlaneFrames
 
+Estimate = SpeedEstimate | VelocityEstimate
 Progress = Callable[[str, float], None]
 """Function that is called with a sentence about the work and the share of it that is done."""
 
@@ -60,11 +66,11 @@ class Simulation(_Pictures):
 
     # The estimate of the `SpeedFindingDecoder`, which is no part of the pair; None by other
     # decoders
-    found: SpeedEstimate | None = None
+    found: Estimate | None = None
 
     @classmethod
     def of(
-        cls, captured: np.ndarray, restored: np.ndarray, estimate: SpeedEstimate | None
+        cls, captured: np.ndarray, restored: np.ndarray, estimate: Estimate | None
     ) -> "Simulation":
         """A pair, and the estimate of the speed."""
         pair = cls(captured, restored)
@@ -156,9 +162,9 @@ def capture_and_restore(
 def burst_and_restore(
     subject: Picture | Layers | ArrayLike,
     scene: Scene,
-    sequence: FrameSequence,
+    sequence: FrameSequence | PlaneFrames,
     *,
-    speed: float = 0.0,  # 0 for layers
+    speed: float | RowLike = 0.0,  # 0 for layers; a velocity in the plane
     decoder: AbstractDecoder | None = None,
     key: Array | None = None,
     full_well: float | None = None,
@@ -168,14 +174,31 @@ def burst_and_restore(
 ) -> Simulation:
     """`capture_and_restore` of the frames of a burst, whose speed the decoder finds in them.
 
+    In the plane they are restored at once, and not a few rows at a time.
+
     Raises:
         ValueError: as `simulate_frames`.
     """
-    require_scene(scene)
+    require_scene(scene, in_plane=isinstance(sequence, PlaneFrames))
     require_positive_int("burst_and_restore(rows_at_once=...)", rows_at_once)
     require_key("burst_and_restore(key=...)", key)
     chosen = decoder_or_ensemble(decoder, "burst_and_restore")
     report = progress if progress is not None else lambda text, share: None
+    if isinstance(sequence, PlaneFrames):
+        report("capturing", 0.0)
+        taken = simulate_frames(
+            subject,
+            scene,
+            sequence,
+            speed=speed,
+            key=key,
+            full_well=full_well,
+            adc_bits=adc_bits,
+        )
+        report("restoring", 0.2)
+        restored, found = restore_frames(taken, scene, sequence, decoder=chosen)
+        report("done", 1.0)
+        return Simulation.of(np.asarray(taken), np.asarray(restored), found)
     axis, along = scene.sensor.axis, scene.along_rows()
     frames = sequence.frames
     take = partial(
@@ -253,15 +276,15 @@ class Restoration(NamedTuple):
     """A restored capture."""
 
     light: np.ndarray  # Light of the picture, white = 1; the shape of the capture
-    found: SpeedEstimate | None  # The speed that was found in it; None where none was looked for
+    found: Estimate | None  # The speed that was found in it; None where none was looked for
 
 
 def restore(
     capture: Picture | ArrayLike,
-    design: Design,
+    design: Design | PlaneDesign,
     *,
     decoder: AbstractDecoder | None = None,
-    speed: float | None = None,
+    speed: float | RowLike | None = None,
 ) -> np.ndarray:
     """Restore what a camera has taken, within memory of a few times its own size.
 
@@ -276,7 +299,8 @@ def restore(
             units of its own exposure; shape `(frames, rows, columns)`, or channels last.
         design: The camera and its scene.
         decoder: The method; the ensemble filter by default.
-        speed: The speed of all that is seen, where it is known; px/s.
+        speed: The speed of all that is seen, where it is known; px/s. In the plane its velocity
+            along rows and columns.
 
     Returns:
         Light of the picture, white = 1; the shape of `capture`, or of one of its frames, whose
@@ -302,10 +326,10 @@ def restore(
 
 def restored_capture(
     capture: Picture | ArrayLike,
-    design: Design,
+    design: Design | PlaneDesign,
     *,
     decoder: AbstractDecoder | None = None,
-    speed: float | None = None,
+    speed: float | RowLike | None = None,
     progress: Progress | None = None,
 ) -> Restoration:
     """`restore`, with the speed that was found.
@@ -313,11 +337,17 @@ def restored_capture(
     Raises:
         ValueError: as `restore`.
     """
+    if isinstance(design, PlaneDesign):
+        stack = _stack_of(capture, design.burst.num_frames, "rows")
+        result = restore_frames(stack, design.scene, design.frames, decoder=decoder, speed=speed)
+        return Restoration(np.asarray(result.light), result.estimate)
     scene, motion, shutter = design.scene.along_rows(), design.motion, design.shutter
     axis, chosen = design.scene.sensor.axis, decoder_or_ensemble(decoder, "restore")
     report = progress or (lambda text, share: None)
     if speed is not None:
         require_finite("restore(speed=...)", speed)
+        require_scalar("restore(speed=...)", np.asarray(speed))
+        speed = float(speed)  # type: ignore[arg-type]
     if design.sequence is not None:
         frames = design.sequence.frames
         stack = _stack_of(capture, len(frames), axis)
@@ -352,7 +382,7 @@ def _in_portions(
     model: BlurModel,
     rows_at_once: int,
     report: Progress,
-) -> Restoration:
+) -> tuple[np.ndarray, SpeedEstimate | None]:
     """A capture restored a few rows at a time, by the speed that is found in all of them first.
 
     That speed is relative to the sensor.
@@ -365,7 +395,7 @@ def _in_portions(
     restored, beyond, num_rows = np.empty_like(captured), decoder.rows_beyond, len(captured)
     for here, around, inner in _portions(num_rows, rows_at_once, beyond, report):
         restored[here] = restored_light(captured[around], decoder, model)[inner]
-    return Restoration(restored, estimate)
+    return restored, estimate
 
 
 def _frames_in_portions(

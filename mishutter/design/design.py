@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mishutter._core.checks import require, shown
+from mishutter._core.checks import Unquoted, require, shown
 from mishutter._core.files import contents, strict_json, write_text
 from mishutter._core.validation import parsed, validated
 from mishutter.design.schema import (
@@ -218,6 +218,9 @@ class Design:
         data = parsed(json.loads, contents(path), name, "JSON")
         is_design = isinstance(data, dict) and "format" in data
         require(is_design, name, "be a design saved by mishutter", type(data).__name__)
+        is_of_one_axis = "plane" not in data
+        requirement = "be a design along one axis; `PlaneDesign.load` reads those in the plane"
+        require(is_of_one_axis, name, requirement, Unquoted("frames in the plane"))
         is_current = data["format"] == FORMAT
         require(is_current, name, f"be of design format {FORMAT}", data["format"])
         file = validated(SavedDesign, data, name)

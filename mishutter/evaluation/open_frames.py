@@ -23,9 +23,9 @@ from functools import cached_property
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
-from mishutter._core.checks import all_concrete
+from mishutter._core.checks import all_concrete, namespace_of
 from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.errors import lost_share
 from mishutter.evaluation.layers import background_of
@@ -129,10 +129,12 @@ class OpenFrames:
         middles = (2 * np.arange(count) + 1) / count - 1
         times = half * (middles[:, None] + x / count).ravel()
         weights = np.tile(weights / (2 * count), count).astype(self.precision)
-        position = places(times)[:, None] - self.speeds[:, None] * times
-        phase = turns.astype(self.precision)[:, None] * position.astype(self.precision)[:, :, None]
-        passed = (np.cos(phase) @ weights) ** 2 + (np.sin(phase) @ weights) ** 2
-        return np.sum(passed, axis=0)
+        turns = turns.astype(self.precision)[:, None, None]
+        on_sensor, passing = (
+            turns * x.astype(self.precision)[None]
+            for x in (places(times), self.speeds[:, None] * times)
+        )
+        return np.sum(power_of_waves(on_sensor, passing, weights[None, None]), axis=1).T
 
     def gained(self, passed: Float[np.ndarray, "n m"], exposure: float) -> Float[np.ndarray, "n m"]:
         """Power of the picture over that of the noise in frames of an exposure."""
@@ -151,6 +153,28 @@ class OpenFrames:
         """Squared error that is left in the mean over the speeds, or at the worst of them."""
         errors = self.errors(gained)
         return float(np.max(errors) if at_worst else self.weights @ errors)
+
+
+def power_of_waves(
+    on_sensor: Float[Array | np.ndarray, "*f k q"],  # Phases of the places of a sensor; rad
+    passing: Float[Array | np.ndarray, "*f n q"],  # Phases of the ways of things; rad
+    weight: Float[Array | np.ndarray, "#*f #k q"],
+) -> Float[Array | np.ndarray, "*f k n"]:
+    r"""$|\sum_q w_q e^{i(\beta_q - \alpha_q)}|^2$ for each sensor and thing.
+
+    A wave of a difference is a product of waves, so that the sums are products of matrices, in real
+    numbers.
+    """
+    space = namespace_of(on_sensor, passing, weight)
+    sensor = space.concatenate(
+        [weight * space.cos(on_sensor), weight * space.sin(on_sensor)], axis=-1
+    )
+    cosine, sine = space.cos(passing), space.sin(passing)
+    real, imaginary = (
+        sensor @ space.swapaxes(space.concatenate(pair, axis=-1), -1, -2)
+        for pair in ((cosine, sine), (sine, -cosine))
+    )
+    return real**2 + imaginary**2
 
 
 def psnr_of_error(error: float) -> float:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -32,6 +33,9 @@ from mishutter.pictures.images import (
     turned,
 )
 from mishutter.search.rows import Row
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 MOST_BYTES = 32 << 20
 MOST_PIXELS = 30_000_000
@@ -162,6 +166,13 @@ def _plain(estimate: SpeedEstimate | None) -> dict[str, object] | None:
     """The fields of an estimate that are no arrays; px/s."""
     names = ("speed", "error", "trusted", "doubt", "tells_nothing")
     return None if estimate is None else {name: getattr(estimate, name) for name in names}
+
+
+def png_of_figure(figure: "Figure") -> str:
+    """A figure as PNG in base 64."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=110)
+    return base64.b64encode(buffer.getvalue()).decode("ascii")
 
 
 def _png(picture: Float[np.ndarray, "rows columns channels"]) -> str:

@@ -28,7 +28,7 @@ from mishutter.explore.answers import (
     with_room,
 )
 from mishutter.explore.fields import Tables, scene_text
-from mishutter.explore.pictures import Reader, reader, restored, uploaded
+from mishutter.explore.pictures import Reader, png_of_figure, reader, restored, uploaded
 from mishutter.model.scene import Scene, scene_of_tables
 from mishutter.model.scene_file import example_scene_text
 from mishutter.model.scene_schema import SceneFile, Speed
@@ -39,6 +39,7 @@ from mishutter.search.search import optimise
 
 if TYPE_CHECKING:
     from mishutter.report.comparison import Comparison
+    from mishutter.report.in_plane import PlaneReport
 
 DRAWN = "drawn"
 NUM_CHIPS = 64
@@ -166,6 +167,7 @@ class Session:
         self._key = "" if started.design is None else self._key_of(started.tables)
         self._is_finished = started.design is not None
         self._compared: tuple[str, Comparison] | None = None
+        self._in_plane: tuple[str, PlaneReport] | None = None
 
     def copy(self) -> "Session":
         """Another session with the same state."""
@@ -182,6 +184,8 @@ class Session:
         """The first answer to a request: curves of a quick design and of the drawn profile."""
         scene = built(request.scene, self._photographs)
         key = self._key_of(request.scene)
+        if scene.velocities is not None:
+            return {"kind": "plane", "verdict": "searching in the plane when the hand rests"}
         if key != self._key or self._design is None:
             before = self._design
             if before is None:
@@ -197,6 +201,9 @@ class Session:
         At the end it compiles the programs that sliders may need next.
         """
         scene = built(request.scene, self._photographs)
+        if scene.velocities is not None:
+            yield self._of_plane(scene, self._key_of(request.scene), check)
+            return
         if not self._is_finished:
             design = optimise(scene, progress=lambda step, value: check())
             check()
@@ -224,6 +231,20 @@ class Session:
             }
         for _ in self.ahead(request.scene):
             check()
+
+    def _of_plane(self, scene: Scene, key: str, check: Check) -> Answer:
+        """The answer for things that move in any direction, with the path of its stage."""
+        from mishutter.plane.search import best_in_plane
+        from mishutter.report.in_plane import PlaneReport
+
+        if self._in_plane is None or self._in_plane[0] != key:
+            search = best_in_plane(scene, progress=lambda share: check())
+            self._in_plane = key, PlaneReport(scene, search)
+        report = self._in_plane[1]
+        verdict, _, answer = report.text().partition("\n")
+        picture = png_of_figure(report.plot())
+        answer = answer.strip("\n")
+        return {"kind": "plane", "verdict": verdict, "answer": answer, "picture": picture}
 
     def ahead(self, tables: Tables) -> Iterator[None]:
         """Compiles programs that later first answers share, one at each step."""
@@ -314,7 +335,9 @@ class Session:
         built(order.scene, self._photographs)
         return {"text": scene_text(order.scene)}
 
-    def _save_design(self, _: Order) -> Answer:
+    def _save_design(self, order: Order) -> Answer:
+        if self._in_plane is not None and self._in_plane[0] == self._key_of(order.scene):
+            return {"text": strict_json(self._in_plane[1].design.to_dict()) + "\n"}
         require(self._is_finished, "a design", "be finished before it is saved", "an earlier one")
         return {"text": strict_json(self._current.to_dict()) + "\n"}
 
@@ -322,7 +345,7 @@ class Session:
         text = str(self._save_scene(order)["text"])
         return {
             "command": f"cat > scene.toml <<'END'\n{text}END\nmishutter optimise scene.toml\n",
-            "python": _python(text, order.drawn),
+            "python": _python(text, order.drawn, "any_direction" in order.scene.get("speeds", {})),
         }
 
     def upload(self, name: str, content: bytes) -> Answer:
@@ -396,25 +419,38 @@ def _file(text: str, name: str) -> Iterator[Path]:
             raise ValueError(str(error).replace(str(path), name)) from None
 
 
-def _python(text: str, drawn: list[float] | None) -> str:
+def _python(text: str, drawn: list[float] | None, in_plane: bool = False) -> str:
     """A program that computes the same numbers."""
-    own = "" if drawn is None else f"drawn = ChippedShutter({[round(x, 6) for x in drawn]})\n"
-    more = "" if drawn is None else ', "drawn": drawn'
-    names = (
-        "Scene, compare, optimise" if drawn is None else "ChippedShutter, Scene, compare, optimise"
-    )
+    if in_plane:
+        names, own = "Scene, best_in_plane", "print(best_in_plane(scene))\n"
+    else:
+        names, own = _of_one_axis(drawn)
     return (
         "from pathlib import Path\n\nimport jax\n\n"
         'jax.config.update("jax_enable_x64", True)\n\n'
         f"from mishutter import {names}\n\n"
         # Raw, for the backslashes of TOML, which holds no three quotes here.
         f'Path("scene.toml").write_text(r"""\n{text}""", "utf-8")\n\n'
-        'scene = Scene.load("scene.toml")\ndesign = optimise(scene)\n'
+        f'scene = Scene.load("scene.toml")\n{own}'
+    )
+
+
+def _of_one_axis(drawn: list[float] | None) -> tuple[str, str]:
+    """The names that a program imports, and what it computes of a scene."""
+    own = "" if drawn is None else f"drawn = ChippedShutter({[round(x, 6) for x in drawn]})\n"
+    more = "" if drawn is None else ', "drawn": drawn'
+    names = (
+        "Scene, compare, optimise" if drawn is None else "ChippedShutter, Scene, compare, optimise"
+    )
+    return names, (
+        "design = optimise(scene)\n"
         f"print(design.metrics.expected_psnr)\n{own}"
         f'print(compare(scene, design.motion, {{"optimised": design{more}}}).text())\n'
     )
 
 
 def with_design(started: Beginning, check: Callable[[int, float], None]) -> Beginning:
-    """The beginning with the finished design of its scene."""
+    """The beginning with the finished design of its scene, if things move along one axis."""
+    if started.scene().velocities is not None:
+        return started
     return replace(started, design=optimise(started.scene(), progress=check))

@@ -173,7 +173,7 @@ class DriveTable:
             "rest",
         )
         scene = self.design.scene
-        return path_csv(path, times, parts, scene.limits.stage, pitch_of(scene))
+        return path_csv({"": path}, times, parts, scene.limits.stage, pitch_of(scene))
 
     @property
     def travel_beyond_limit(self) -> float | None:

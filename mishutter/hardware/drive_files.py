@@ -12,7 +12,9 @@ r"""Drive tables as files that laboratories load, written and read back.
 
 A drive of -1 is the lowest level, whose transmittance is the floor, and one of 1 the highest,
 whose transmittance is the ceiling: these are the levels. Positions are in [-1, 1], and the scale
-is how many pixels 1 stands for. `docs/drive_formats.md` quotes the makers' descriptions.
+is how many pixels 1 stands for. Of a stage of two axes `csv` and `npy` have both positions, and
+`keysight` has them in place of the drive, for which its gate stands; the other formats hold the
+drive alone. `docs/drive_formats.md` quotes the makers' descriptions.
 """
 
 import io
@@ -130,7 +132,9 @@ def _column(table: Table) -> bytes:
 
 def _keysight(table: Table) -> bytes:
     rate = table.level.size / table.exposure
-    rows = [f"{y1!r},{y2!r},{gate:.0f}" for y1, y2, gate in _channels(table).T.tolist()]
+    # Of a stage of two axes both outputs are places, and the gate alone is the shutter.
+    channels = _channels(table)[-3:]
+    rows = [f"{y1!r},{y2!r},{gate:.0f}" for y1, y2, gate in channels.T.tolist()]
     return "\n".join([f"SampleRate={rate!r}", "Y1,Y2,SampleMarker1", *rows, ""]).encode()
 
 
@@ -183,6 +187,8 @@ DRIVE_FORMATS = {
     "pulses": ".csv",
 }
 """Formats of a drive table, and how their files end."""
+WITH_POSITIONS = ("csv", "keysight", "npy")
+"""Formats with channels for the places of a stage beside the shutter."""
 
 
 def _drive(table: Table) -> np.ndarray:
@@ -190,9 +196,9 @@ def _drive(table: Table) -> np.ndarray:
 
 
 def _channels(table: Table) -> np.ndarray:
-    """Drive, position over its scale, and gate; the last sample closes; shape `(3, n + 1)`."""
-    position = table.position / table.position_scale
-    rows = [[*_drive(table), -1.0], [*position, position[-1]]]
+    """Drive, places along each axis over their scale, and gate; the last sample closes."""
+    places = np.atleast_2d(table.position) / table.position_scale
+    rows = [[*_drive(table), -1.0], *([*place, place[-1]] for place in places)]
     return np.array([*rows, [*table.gate.astype(float), 0.0]])
 
 

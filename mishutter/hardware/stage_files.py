@@ -1,5 +1,7 @@
 """The path of a stage as text."""
 
+from collections.abc import Mapping
+
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -32,28 +34,29 @@ def path_steps(path: StagePath, first: float, step: float, count: int) -> Int[np
 
 
 def path_csv(
-    path: StagePath,
+    paths: Mapping[str, StagePath],  # By the ending of the names of their columns
     times: Float[np.ndarray, "n"],  # s
     parts: np.ndarray,
     stage: SecondOrderStage | None,
     pixel_pitch: float | None,  # m
 ) -> str:
-    """A line of names, a line of units, then a time, its part of the path, place and velocity.
+    """A line of names, a line of units, then a time, its part of the path, places and velocities.
 
     Places are in px, and in um, as piezo stages take them, where the pitch of the pixels is known.
     """
-    position, velocity = path.at(times)
-    columns = {"sensor_position,px": position, "sensor_velocity,px/s": velocity}
-    if stage is not None:
-        columns["sent_position,px"] = stage.sent_for(path, times)
+    columns = {}
+    for end, path in paths.items():
+        position, velocity = path.at(times)
+        columns |= {(f"sensor_position{end}", "px"): position}
+        columns |= {(f"sensor_velocity{end}", "px/s"): velocity}
+        if stage is not None:
+            columns[(f"sent_position{end}", "px")] = stage.sent_for(path, times)
     if pixel_pitch is not None:
-        columns |= {
-            name.replace("_position,px", "_position_um,um").replace(
-                "_velocity,px/s", "_velocity_mm_per_s,mm/s"
-            ): column * pixel_pitch * (1e3 if "velocity" in name else 1e6)
-            for name, column in columns.items()
-        }
-    names, units = zip(*(name.split(",") for name in columns), strict=True)
+        per_px = {"px": ("um", pixel_pitch * 1e6), "px/s": ("mm/s", pixel_pitch * 1e3)}
+        for (name, unit), column in [*columns.items()]:
+            other, scale = per_px[unit]
+            columns[(f"{name}_{other.replace('/', '_per_')}", other)] = column * scale
+    names, units = zip(*columns, strict=True)
     lines = [",".join(["time", "part", *names]), ",".join(["ms", "", *units])]
     for time, part, *numbers in zip(times * 1e3, parts, *columns.values(), strict=True):
         lines.append(",".join([f"{time:.9g}", part, *(f"{x:.9g}" for x in numbers)]))

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from mishutter._core.checks import Unquoted, require
 from mishutter._core.columns import text_of
@@ -24,6 +25,8 @@ _UNITS = {"ns": 1e-9, "us": 1e-6, "\u03bcs": 1e-6, "ms": 1e-3} | dict.fromkeys(
     ("s", "sec", "second", "seconds"), 1.0
 )
 """Units of time, case-folded, which makes one of both micro signs; s."""
+METRES = {"nm": 1e-9, "um": 1e-6, "\u03bcm": 1e-6, "mm": 1e-3, "m": 1.0}
+"""Units of places beside pixels, case-folded; m."""
 _TIMES = ("time", "t", "zeit", "temps", "tiempo", "tempo")
 """Names of a column of times, case-folded."""
 _INTERVALS = ("sampleinterval", "samplinginterval", "samplingperiod", "sampleperiod")
@@ -72,6 +75,62 @@ def read_trace(path: str | Path, *, column: str | None = None) -> Trace:
             instrument's range, times fall, or it is a list of transitions.
         OSError: if it cannot be read.
     """
+    columns = timed_columns(path)
+    block, name, levels = columns.block, columns.name, columns.others
+    chosen = _chosen(levels, columns.headings, column, name)
+    trace = Trace(columns.time, _numbers(block, chosen, name))
+    require_ascending(trace, name)
+    if len(levels) > 1 and has_two_levels(trace.level):
+        rows = (_cells(line, block.separator) for line in block.lines)
+        require_samples(np.array([[_at(row, c) for c in levels] for row in rows]), name)
+    return trace
+
+
+class TimedColumns(NamedTuple):
+    """Columns of numbers in a file, one of which, or its settings, are their times."""
+
+    name: str  # Name of the file
+    block: _Block  # Its lines
+    headings: Sequence[str]  # Cells that name its columns
+    units: Sequence[str]  # Cells below them that hold their units
+    others: Sequence[int]  # Columns of numbers that are no times
+    time: Float[np.ndarray, "n"]  # s
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the other columns without their units, case-folded."""
+        return [_place_of(_at(self.headings, column))[0] for column in self.others]
+
+    def numbers(self, name: str) -> Float[np.ndarray, "n"]:
+        """The numbers of a column."""
+        return _numbers(self.block, self._column(name), self.name)
+
+    def unit(self, name: str) -> str:
+        """The unit of a column of places, by the line below the headings or by its heading."""
+        column = self._column(name)
+        return _bare(_at(self.units, column)) or _place_of(_at(self.headings, column))[1]
+
+    def _column(self, name: str) -> int:
+        return self.others[self.names.index(name)]
+
+
+def _place_of(heading: str) -> tuple[str, str]:
+    """Name and unit of a heading such as `x (um)` or `stage_x_um`, case-folded."""
+    heading = heading.strip().casefold()
+    name, _, last = heading.rpartition("_")
+    for own, unit in (_split(heading), (name, last)):
+        if _bare(unit) in ("px", *METRES):
+            return own.strip(), _bare(unit)
+    return heading, ""
+
+
+def timed_columns(path: str | Path) -> TimedColumns:
+    """The columns of a file beside its times, as `read_trace` reads them.
+
+    Raises:
+        ValueError: if the file does not name its columns, or a time is missing.
+        OSError: if it cannot be read.
+    """
     name = str(path)
     block = _block(text_of(contents(path), name).splitlines(), name)
     names, units = _headings(block)
@@ -82,17 +141,11 @@ def read_trace(path: str | Path, *, column: str | None = None) -> Trace:
         time = _in_seconds(_numbers(block, clocks[0], name), factor or 1.0)
     else:
         clocks, time = _time_by_settings(block, names, name)
-    levels = [c for c in block.columns if c not in clocks]
-    unnamed = [c for c in levels if names and not _at(names, c)]
+    others = [c for c in block.columns if c not in clocks]
+    unnamed = [c for c in others if names and not _at(names, c)]
     requirement = "have a name above each column of numbers (decimal commas need another separator)"
     require(not unnamed, name, requirement, Unquoted(block.lines[0]))
-    chosen = _chosen(levels, names, column, name)
-    trace = Trace(time, _numbers(block, chosen, name))
-    require_ascending(trace, name)
-    if len(levels) > 1 and has_two_levels(trace.level):
-        rows = (_cells(line, block.separator) for line in block.lines)
-        require_samples(np.array([[_at(row, c) for c in levels] for row in rows]), name)
-    return trace
+    return TimedColumns(name, block, names, units, others, time)
 
 
 def _in_seconds(numbers: np.ndarray, factor: float) -> np.ndarray:

@@ -6,7 +6,7 @@ its own: an array is a number, a row a list of numbers, and an object a table.
 
 import inspect
 import types
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from typing import Annotated, Any, ClassVar, TypeVar, Union, get_args, get_origin
 
@@ -58,10 +58,7 @@ def argument_names(kind: type) -> tuple[str, ...]:
 
 @cache
 def arguments_of(kind: type, *omitted: str) -> type[Arguments]:
-    """The schema of the arguments of a class.
-
-    An abstract class stands for its final subclasses, whose arguments tell them apart.
-    """
+    """The schema of the arguments of a class."""
     values: dict[str, Any] = {
         name: (_in_file(parameter.annotation), _default(parameter))
         for name, parameter in _parameters(kind).items()
@@ -96,21 +93,26 @@ def _in_file(annotation: Any) -> Any:
         kind: Any = list[float]
     elif options == set(get_args(ArrayLike)):
         kind = float
+    elif Sequence[Sequence[float]] in options:  # of rows
+        kind = list[list[float]]
     elif str in options:  # a path
         kind = str
     else:
         (kind,) = options
-    return _table(kind) if nothing is None else Union[_table(kind), None]  # noqa: UP007
+    return table_of(kind) if nothing is None else Union[table_of(kind), None]  # noqa: UP007
 
 
 def _is_union(annotation: Any) -> bool:
     return get_origin(annotation) in (Union, types.UnionType)
 
 
-def _table(kind: Any) -> Any:
-    """The schema of an object, or of a list of them; any other type itself."""
+def table_of(kind: Any) -> Any:
+    """The schema of an object, or of a list of them; any other type itself.
+
+    An abstract class stands for its final subclasses, whose arguments tell them apart.
+    """
     if get_origin(kind) is tuple:
-        return list[_table(get_args(kind)[0])]  # type: ignore[misc]
+        return list[table_of(get_args(kind)[0])]  # type: ignore[misc]
     if not isinstance(kind, type) or kind.__module__ == "builtins":
         return kind
     if not inspect.isabstract(kind):

@@ -1,7 +1,7 @@
 """Frames that a camera takes one after the other of the same picture, and what its sensor does."""
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, takewhile
 
@@ -114,19 +114,13 @@ class FrameSequence:
         first, last = self.frames[0], self.frames[-1]
         return last.time - first.time + (first.exposure + last.exposure) / 2
 
-    @property
-    def lights(self) -> tuple[float, ...]:
-        """Light of each frame over that of the longest, as a sensor of one gain records them."""
-        longest = max(frame.exposure for frame in self.frames)
-        return tuple(frame.exposure / longest for frame in self.frames)
-
     def of_one_gain(self, frames: Iterable[np.ndarray]) -> list[np.ndarray]:
         """Frames as a sensor of one gain records them: white is that of the longest.
 
         Args:
             frames: Each in units of its own white.
         """
-        return [share * frame for share, frame in zip(self.lights, frames, strict=True)]
+        return of_one_gain(frames, [frame.exposure for frame in self.frames])
 
     def of_own_whites(self, frames: Iterable[np.ndarray]) -> list[np.ndarray]:
         """The frames that a sensor of one gain has recorded, each in units of its own white.
@@ -134,7 +128,7 @@ class FrameSequence:
         Args:
             frames: Each in units of the white of the longest.
         """
-        return [frame / share for share, frame in zip(self.lights, frames, strict=True)]
+        return of_own_whites(frames, [frame.exposure for frame in self.frames])
 
     @property
     def moves(self) -> bool:
@@ -245,6 +239,18 @@ class FrameSequence:
             pieces += _pieces_of(other)
         ends = float(accelerations_of(lit[0])[0]), float(accelerations_of(lit[-1])[-1])
         return from_rest_to_rest(knots_of(lit[0].velocities[0], pieces), ends, most, jerk)
+
+
+def of_one_gain(frames: Iterable[np.ndarray], exposures: Sequence[float]) -> list[np.ndarray]:
+    """Frames, each in units of its own white, in units of the white of the longest."""
+    longest = max(exposures)
+    return [time / longest * frame for time, frame in zip(exposures, frames, strict=True)]
+
+
+def of_own_whites(frames: Iterable[np.ndarray], exposures: Sequence[float]) -> list[np.ndarray]:
+    """Frames in units of the white of the longest, each in units of its own."""
+    longest = max(exposures)
+    return [frame / (time / longest) for time, frame in zip(exposures, frames, strict=True)]
 
 
 def _pieces_of(knots: Knots) -> list[Piece]:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple, final
 
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 from mishutter._core.checks import (
     RowLike,
@@ -76,6 +76,15 @@ class AbstractVelocities(AbstractModule):
 
         Args:
             count: Number of cells.
+        """
+
+    @abstractmethod
+    def within(self, velocities: Float[np.ndarray, "k 2"], beyond: float) -> Bool[np.ndarray, "k"]:
+        """Whether velocities occur, or are near those that do, of a concrete law.
+
+        Args:
+            velocities: Components along rows and columns; px/s.
+            beyond: Distance that is near; px/s.
         """
 
     @property
@@ -174,6 +183,12 @@ class EvenVelocities(AbstractVelocities):
         turn = direction - float(self.angle)
         return np.hypot(float(self.along) * np.cos(turn), float(self.across) * np.sin(turn))
 
+    def within(self, velocities: Float[np.ndarray, "k 2"], beyond: float) -> Bool[np.ndarray, "k"]:
+        cosine, sine = math.cos(self.axis), math.sin(self.axis)
+        along, across = np.array([[cosine, sine], [-sine, cosine]]) @ velocities.T
+        halves = float(self.along) + beyond, float(self.across) + beyond
+        return np.hypot(along / halves[0], across / halves[1]) <= 1
+
     def cells(self, count: int) -> Cells:
         ends = np.linspace(0, np.pi, count + 1)
         return Cells(-np.diff(np.cos(ends)), np.diff(ends - np.sin(2 * ends) / 2) / np.pi)
@@ -232,6 +247,9 @@ class RingOfVelocities(AbstractVelocities):
 
     def greatest(self, direction: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
         return np.full(direction.shape, float(self.speed))
+
+    def within(self, velocities: Float[np.ndarray, "k 2"], beyond: float) -> Bool[np.ndarray, "k"]:
+        return np.abs(np.hypot(*velocities.T) - float(self.speed)) <= beyond
 
     def cells(self, count: int) -> Cells:
         ends = np.linspace(0, np.pi, count + 1)
@@ -312,6 +330,10 @@ class ListedVelocities(AbstractVelocities):
     def greatest(self, direction: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
         units = np.stack([np.cos(direction), np.sin(direction)], axis=-1)
         return np.max(np.abs(units @ self._occurring.T), axis=1)
+
+    def within(self, velocities: Float[np.ndarray, "k 2"], beyond: float) -> Bool[np.ndarray, "k"]:
+        apart = np.moveaxis(velocities[:, None] - self._occurring, -1, 0)
+        return np.min(np.hypot(*apart), axis=1) <= beyond
 
     def cells(self, count: int) -> None:
         return None

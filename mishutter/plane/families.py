@@ -67,9 +67,7 @@ class Room(NamedTuple):
     @property
     def pan(self) -> Float[np.ndarray, "2"]:
         """Velocity along with the mean of the things, as the limits allow it; px/s."""
-        centre, most = self.velocities.centre, float(self.limits.max_pan)
-        speed = float(np.hypot(*centre))
-        return centre * min(1.0, most / speed) if speed > 0 else centre
+        return pan_of(self.velocities, self.limits)
 
     def exposure(self, num_frames: int, number: float) -> float:
         """Exposure from the shortest to the longest of so many frames; s."""
@@ -78,7 +76,7 @@ class Room(NamedTuple):
 
     def of_stage(self, frames: PlaneFrames) -> PlaneFrames:
         """The frames as the stage makes them, beside a camera that turns."""
-        return _moved(frames, -self.pan) if self.limits.pans == "camera" else frames
+        return of_stage(frames, self.velocities, self.limits)
 
     def within(self, frames: PlaneFrames) -> PlaneFrames:
         """The frames on the same path as fast as the limits of the stage allow, or as it is."""
@@ -103,12 +101,24 @@ class Room(NamedTuple):
             (use.stroke, limits.max_stroke),
             (use.travel, limits.max_travel),
             (use.top_speed, limits.max_top_speed),
-            (_acceleration(stage, limits), limits.max_acceleration),
+            (acceleration_of(stage, limits), limits.max_acceleration),
         )
         return max(float(taken) / float(there) for taken, there in pairs if there is not None)
 
 
-def _acceleration(frames: PlaneFrames, limits: Limits) -> float:
+def pan_of(velocities: AbstractVelocities, limits: Limits) -> Float[np.ndarray, "2"]:
+    """Velocity along with the mean of the things, as the limits allow it; px/s."""
+    centre, most = velocities.centre, float(limits.max_pan)
+    speed = float(np.hypot(*centre))
+    return centre * min(1.0, most / speed) if speed > 0 else centre
+
+
+def of_stage(frames: PlaneFrames, velocities: AbstractVelocities, limits: Limits) -> PlaneFrames:
+    """Frames that move as the stage makes them, beside a camera that turns."""
+    return _moved(frames, -pan_of(velocities, limits)) if limits.pans == "camera" else frames
+
+
+def acceleration_of(frames: PlaneFrames, limits: Limits) -> float:
     """Greatest acceleration of an axis or of both, infinite where a velocity jumps; px/s^2."""
     gains = np.diff(np.asarray(frames.velocities))
     size = np.hypot(*gains) if limits.axes == "disc" else np.max(np.abs(gains), axis=0)

@@ -3,10 +3,10 @@
 import math
 from typing import NamedTuple, final
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from mishutter._core.checks import as_numpy, namespace_of
 from mishutter._core.modules import AbstractModule
 from mishutter.model.limits import Limits
 from mishutter.model.stages import Knots, StageUse, use_of_knots
@@ -20,9 +20,9 @@ _DIRECTIONS = np.arange(16) * np.pi / 16
 class Nodes(NamedTuple):
     """Quadrature nodes of frames."""
 
-    time: Float[Array, "n q"]  # Times from mid-exposure; s
-    place: Float[Array, "2 n q"]  # Places of the sensor along rows and columns; px
-    weight: Float[Array, "q"]  # Share of the exposure
+    time: Float[Array | np.ndarray, "n q"]  # Times from mid-exposure; s
+    place: Float[Array | np.ndarray, "2 n q"]  # Places of the sensor along rows and columns; px
+    weight: Float[Array | np.ndarray, "q"]  # Share of the exposure
 
 
 @final
@@ -59,22 +59,25 @@ class PlaneFrames(AbstractModule):
     def _begin(self) -> Array | np.ndarray | np.floating:
         return self.times[0] - self.exposures[0] / 2
 
-    def place(self, time: Float[Array | np.ndarray, "*shape"]) -> Float[Array, "2 *shape"]:
+    def place(
+        self, time: Float[Array | np.ndarray, "*shape"]
+    ) -> Float[Array | np.ndarray, "2 *shape"]:
         """Place of the sensor, from that at the first light; px.
 
         Args:
             time: Time on the clock of `times`; s.
         """
-        d, v = jnp.asarray(self.durations), jnp.asarray(self.velocities)
-        ends = jnp.concatenate([jnp.zeros_like(d[:1]), jnp.cumsum(d)])
+        d, v, time, begin = as_numpy(self.durations, self.velocities, time, self._begin)
+        space = namespace_of(d, v, time, begin)
+        ends = space.concatenate([space.zeros_like(d[:1]), space.cumsum(d)])
         places = Knots(d[None], v, None, 0, d.size).positions
-        since = jnp.asarray(time, d.dtype) - self._begin
-        piece = jnp.searchsorted(ends, since.ravel(), side="right").reshape(since.shape) - 1
-        piece = jnp.clip(piece, 0, d.size - 1)
+        since = space.asarray(time, d.dtype) - begin
+        piece = space.searchsorted(ends, since.ravel(), side="right").reshape(since.shape) - 1
+        piece = space.clip(piece, 0, d.size - 1)
         lasts = d[piece]
         # Pieces without a length meet no time but one at their end.
         elapsed = since - ends[piece]
-        share = elapsed / jnp.where(lasts > 0, lasts, 1.0)
+        share = elapsed / space.where(lasts > 0, lasts, 1.0)
         start, end = v[:, piece], v[:, piece + 1]
         share, elapsed = share[None], elapsed[None]
         return places[:, piece] + elapsed * (start + share * (end - start) / 2)
@@ -87,14 +90,15 @@ class PlaneFrames(AbstractModule):
         """
         x, weight = np.polynomial.legendre.leggauss(16)
         middles = (2 * np.arange(num_panels) + 1) / num_panels - 1
-        dtype = jnp.asarray(self.times).dtype
+        times, exposures = as_numpy(self.times, self.exposures)
+        space, dtype = namespace_of(times, exposures), times.dtype
         tau = (middles[:, None] + x / num_panels).ravel().astype(dtype)
         weight = np.tile(weight / (2 * num_panels), num_panels).astype(dtype)
-        time = jnp.asarray(self.exposures)[:, None] / 2 * tau[None]
-        place = self.place(jnp.asarray(self.times)[:, None] + time)
+        time = exposures[:, None] / 2 * tau[None]
+        place = self.place(times[:, None] + time)
         # Only |K| counts: places near 0 have small phases.
         place = place - place[..., :1]
-        return Nodes(time, place, jnp.asarray(weight))
+        return Nodes(time, place, space.asarray(weight))
 
     def num_panels(self, fastest: float) -> int:
         """Number of panels of nodes for all things up to a speed; of concrete frames.

@@ -16,9 +16,10 @@ The isotropic picture of the power $(f^2 + 0.01^2)^{-3/2}$ has rows of the power
 $2/(f^2 + 0.01^2)$, which stand for a picture on one axis.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -27,6 +28,7 @@ from jaxtyping import Array, Float
 
 from mishutter._core.checks import is_concrete, require
 from mishutter._core.compiling import compiled
+from mishutter.evaluation.open_frames import power_of_waves
 from mishutter.model.optics import NYQUIST_FREQUENCY, pixel_response
 from mishutter.model.scene import Scene, require_scene
 from mishutter.model.sensor import noise_power, white_electrons
@@ -70,12 +72,31 @@ def fan_of(scene: Scene, grid: Grid = MEASURED) -> Fan:
     """
     cutoff = min(float(scene.optics.cutoff_frequency), NYQUIST_FREQUENCY)
     radius, angle, area = _polar(grid, cutoff)
-    if scene.picture.path is None:
-        shape = np.broadcast_to(_isotropic(radius)[:, None], angle.shape)
-    else:
-        shape = power_of(scene.picture.photograph())(radius[:, None], angle)
+    shape = _power_of_scene(scene)(radius[:, None], angle)
     total = np.sum(area * shape)
     return Fan(radius, angle, shape / total, area * shape / total)
+
+
+def picture_power_on(
+    scene: Scene,
+    down: Float[np.ndarray, "m"],  # cycles/px
+    across: Float[np.ndarray, "n"],
+) -> Float[np.ndarray, "m n"]:
+    """Power of the scene's pictures at pairs of frequencies, of which the mean is the variance."""
+    cutoff = float(scene.optics.cutoff_frequency)
+    radius, angle, area = _polar(MEASURED, min(cutoff, NYQUIST_FREQUENCY))
+    shape = _power_of_scene(scene)
+    scale = float(scene.picture.deviation) ** 2 / np.sum(area * shape(radius[:, None], angle))
+    here = np.hypot(down[:, None], across)
+    power = scale * shape(here, np.arctan2(down[:, None], across + 0 * here))
+    return power if cutoff >= NYQUIST_FREQUENCY else np.where(here <= cutoff, power, 0.0)
+
+
+def _power_of_scene(scene: Scene) -> "Callable[[np.ndarray, np.ndarray], np.ndarray]":
+    """Power of a scene's pictures by radius and angle, on a scale of its own."""
+    if scene.picture.path is None:
+        return lambda radius, angle: _isotropic(radius + 0 * angle)
+    return power_of(scene.picture.photograph())
 
 
 @lru_cache
@@ -250,39 +271,21 @@ def _gained(
     across = turns[:, None] * jnp.cos(fan.direction)
     down = turns[:, None] * jnp.sin(fan.direction)
     passing = turns[:, None, None] * jnp.asarray(parts.speeds)
+    shape = (*fan.direction.shape, parts.speeds.shape[-1])
+    # Directions with the same components of the velocities share the waves of these.
+    groups = (*passing.shape[:2], shape[1] // passing.shape[1], -1)
 
     def add(gained: Array, frame: tuple[Array, ...]) -> tuple[Array, None]:
         time, x, y, share = frame
         phase = across[..., None] * x[None, None] + down[..., None] * y[None, None]
-        power = _passed(phase, passing, time, nodes.weight)
-        return gained + share * power, None
+        ways = passing[..., None] * time[None, None, None]
+        power = power_of_waves(phase.reshape(groups), ways, nodes.weight[None, None, None])
+        return gained + share * power.reshape(shape), None
 
-    shape = (*fan.direction.shape, parts.speeds.shape[-1])
-    each = (nodes.time, *nodes.place, electrons * (electrons / noise))
+    each: Any = (nodes.time, *nodes.place, electrons * (electrons / noise))
     # A descent holds the waves of one frame at a time.
     add = jax.checkpoint(add)
     return jax.lax.scan(add, jnp.zeros(shape, nodes.time.dtype), each)[0]
-
-
-def _passed(
-    place: Float[Array, "i j q"],  # rad
-    passing: Float[Array, "i b l"],
-    time: Float[Array, "q"],  # s
-    weight: Float[Array, "q"],
-) -> Float[Array, "i j l"]:
-    r"""$|\sum_q w_q e^{i(\beta_q - \alpha_q)}|^2$, by real products of two matrices."""
-    i, j, _ = place.shape
-    groups = passing.shape[1]
-    weight = weight[None, None]
-    sensor = jnp.concatenate([weight * jnp.cos(place), weight * jnp.sin(place)], axis=-1)
-    phase = passing[..., None] * time[None, None, None]
-    cosine, sine = jnp.cos(phase), jnp.sin(phase)
-    sensor = sensor.reshape(i, groups, j // groups, -1)
-    real, imaginary = (
-        jnp.einsum("ibjq,iblq->ibjl", sensor, jnp.concatenate(pair, axis=-1))
-        for pair in ((cosine, sine), (sine, -cosine))
-    )
-    return (real**2 + imaginary**2).reshape(i, j, -1)
 
 
 def cross_motion_loss(scene: Scene, frames: PlaneFrames, *, across: float = 0.1) -> float:

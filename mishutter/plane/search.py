@@ -37,6 +37,8 @@ _MOST_FRAMES = 64
 """Most frames of a burst in the plane."""
 _NUM_NUMBERS = 4
 """Numbers of frames, from one to all, that each way is tried with."""
+_LEAST_PANELS, _LEAST_PIECES = 8, 512
+"""Panels and pieces up to which all frames share a program: these cost less than another."""
 _FEW_FRAMES = 2
 """Frames up to which a search has the grid of levels: they leave ripples of 0.2 dB."""
 _NUM_FIRSTS = 2
@@ -78,8 +80,18 @@ class PlaneBurst:
         """Number of frames."""
         return self.frames.num_frames
 
+    @property
+    def moves(self) -> bool:
+        """Whether the sensor moves during some frame."""
+        return not self.frames.stays
+
+    @property
+    def text(self) -> str:
+        """The frames in words, and their level."""
+        return f"{self.kind}, {self.num_frames} frames: {self.psnr:.2f} dB"
+
     def __repr__(self) -> str:
-        return f"PlaneBurst({self.kind}, {self.num_frames} frames: {self.psnr:.2f} dB)"
+        return f"PlaneBurst({self.text})"
 
 
 @dataclass(frozen=True)
@@ -256,15 +268,19 @@ class _Search(NamedTuple):
 
     def found(self, family: Family, count: int, point: Float[np.ndarray, "d"]) -> _Found:
         """A point of a way with its error."""
-        frames = family.made(self.room, count, point)
-        panels = frames.num_panels(self.scene.velocities.fastest)  # type: ignore[union-attr]
-        panels = 2 ** max(1, math.ceil(math.log2(panels)))
-        whole = _padded(frames, 2 ** math.ceil(math.log2(count)))
+        whole, panels = self.sized(family.made(self.room, count, point))
         single = jax.tree.map(lambda x: np.asarray(x, np.float32), whole)
         is_many = count > _FEW_FRAMES
         num_speeds = (SEARCHED if is_many else MEASURED).num_speeds
         error = plane_error(self.scene, single, self.fans[is_many], num_speeds, panels)
         return _Found(float(error), family, count, point)
+
+    def sized(self, frames: PlaneFrames) -> tuple[PlaneFrames, int]:
+        """Frames and panels of their nodes, of few sizes: each is a program to compile."""
+        panels = frames.num_panels(self.scene.velocities.fastest)  # type: ignore[union-attr]
+        panels = max(_power_of_2(panels), _LEAST_PANELS)
+        pieces = max(_power_of_2(frames.durations.size), _LEAST_PIECES)
+        return _padded(frames, _power_of_2(frames.num_frames), pieces), panels
 
     def improved(self, first: _Found, steps: int) -> _Found:
         """The end of a simplex from a point, of at most some steps for each number."""
@@ -296,13 +312,14 @@ class _Search(NamedTuple):
 
     def measured(self, kind: str, num_axes: int, frames: PlaneFrames) -> PlaneBurst:
         """Frames with their level."""
-        psnr = float(plane_psnr(self.scene, frames, grid=MEASURED))
+        whole, panels = self.sized(frames)
+        psnr = float(plane_psnr(self.scene, whole, grid=MEASURED, num_panels=panels))
         axes = 0 if frames.stays else num_axes
         use = self.room.of_stage(frames).use(self.scene.limits)
         return PlaneBurst(STILLS if axes < num_axes else kind, axes, frames, psnr, use)
 
     def freed(self, burst: PlaneBurst) -> PlaneBurst:
-        """The end of a descent from a burst, by waves in the velocities and by the exposures."""
+        """The end of a descent from a burst, by waves in the velocities."""
         start = burst.frames
         waves = min(2 * burst.num_frames + 8, _MOST_WAVES)
         panels = start.num_panels(1.1 * self.scene.velocities.fastest)  # type: ignore[union-attr]
@@ -315,21 +332,24 @@ class _Search(NamedTuple):
         end = _descended(
             numbers, begin, self.scene, fan, scale=jnp.asarray(scale, dtype), panels=panels
         )
-        freed = _with_waves(end, begin, scale)
-        frames = jax.tree.map(lambda x: np.asarray(x, np.float64), freed)
+        freed = np.asarray(_with_waves(end, begin, scale).velocities, np.float64)
+        frames = eqx.tree_at(lambda x: x.velocities, start, freed)
         return self.measured(FREE, 2, self.room.within(frames))
 
 
-def _padded(frames: PlaneFrames, count: int) -> PlaneFrames:
-    """Frames, and after them some without an exposure, so that few programs serve all numbers."""
-    missing = count - frames.num_frames
-    return eqx.tree_at(
-        lambda x: (x.times, x.exposures),
-        frames,
-        (
-            np.pad(frames.times, (0, missing), mode="edge"),
-            np.pad(frames.exposures, (0, missing)),
-        ),
+def _power_of_2(count: int) -> int:
+    """The next power of 2."""
+    return 2 ** math.ceil(math.log2(count))
+
+
+def _padded(frames: PlaneFrames, count: int, pieces: int) -> PlaneFrames:
+    """Frames, and after them some without an exposure, on a path with pieces without a length."""
+    missing, more = count - frames.num_frames, pieces - frames.durations.size
+    return PlaneFrames(
+        np.pad(frames.times, (0, missing), mode="edge"),
+        np.pad(frames.exposures, (0, missing)),
+        np.pad(frames.durations, (0, more)),
+        np.pad(frames.velocities, ((0, 0), (0, more)), mode="edge"),
     )
 
 

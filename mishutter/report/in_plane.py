@@ -12,6 +12,7 @@ from jaxtyping import Array
 from mishutter._core.files import strict_json, write_text
 from mishutter.evaluation.moving_bursts import ALTERNATING, SINE, SWEEP
 from mishutter.model.scene import Scene
+from mishutter.plane.design import PlaneDesign, burst_to_dict
 from mishutter.plane.families import FREE, PAN
 from mishutter.plane.search import PlaneBurst, PlaneSearch
 from mishutter.report import plots
@@ -22,6 +23,7 @@ from mishutter.report.verdict import (
     order_line,
     paragraph,
     snapshot_line,
+    stage_adds,
     stage_numbers,
     table_of_levels,
     whole_picture,
@@ -70,10 +72,18 @@ class PlaneReport:
 
     @property
     def choice(self) -> PlaneBurst:
-        """The option to take: a simpler one where another is less than 0.2 dB better."""
+        """The option to take: a simpler one where another is less than 0.2 dB better.
+
+        A free path is the least simple: no resonant stage follows it.
+        """
         first = self.search.snapshot
-        ranks = ((x, (x.num_axes, x is not first)) for x in (first, *self.search.simplest))
+        ranks = ((x, (x.num_axes, x.kind == FREE, x is not first)) for x in self.options)
         return simplest_of((x.psnr, rank, x) for x, rank in ranks)
+
+    @property
+    def design(self) -> PlaneDesign:
+        """The option to take, with the scene."""
+        return PlaneDesign(self.scene, self.choice)
 
     def text(self) -> str:
         """The answer: what to take, the options, and what it assumes."""
@@ -126,7 +136,11 @@ class PlaneReport:
         travel, top_speed = _at_most(use.travel), _at_most(use.top_speed)
         numbers = stage_numbers(travel, top_speed, float(use.acceleration), pitch)
         together = "both axes" if self.scene.limits.axes == "disc" else "each axis"
-        return f"The stage travels {numbers}, {together}, run-up from rest included."
+        without = max(x.psnr for x in self.options if not x.num_axes)
+        return (
+            f"{stage_adds(choice.psnr - without)} It travels {numbers}, {together}, run-up from "
+            "rest included."
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """The answer as plain numbers and text."""
@@ -139,7 +153,7 @@ class PlaneReport:
             "ceiling_db": self.search.ceiling,
             "options": [_document(x, first) for x in self.options],
             "ways": [_document(x, first) for x in self.search.bursts],
-            "frames": _frames_document(self.choice),
+            "frames": burst_to_dict(self.choice),
         }
 
     def plot(self) -> "Figure":
@@ -196,26 +210,18 @@ def _document(burst: PlaneBurst, first: PlaneBurst) -> dict[str, Any]:
     }
 
 
-def _frames_document(burst: PlaneBurst) -> dict[str, Any]:
-    frames = burst.frames
-    return {
-        "times_s": np.asarray(frames.times).tolist(),
-        "exposures_s": np.asarray(frames.exposures).tolist(),
-        "piece_durations_s": np.asarray(frames.durations).tolist(),
-        "velocities_px_per_s": np.asarray(frames.velocities).tolist(),
-    }
-
-
 def write_plane_report(
     report: PlaneReport, folder: Path, *, wrote: Callable[[str], None] = lambda name: None
 ) -> list[str]:
-    """Writes the document and the picture of an answer; returns the names of the files.
+    """Writes the design, the document and the picture of an answer; returns the files' names.
 
     Raises:
         OSError: if a file cannot be written.
     """
+    report.design.save(folder / "design.json")
+    wrote("design.json")
     write_text(folder / "report.json", strict_json(report.to_dict()) + "\n")
     wrote("report.json")
     plots.save_figure(report.plot(), folder / "answer.png")
     wrote("answer.png")
-    return ["report.json", "answer.png"]
+    return ["design.json", "report.json", "answer.png"]

@@ -36,6 +36,7 @@ from mishutter.model.shutters.spline import SplineShutter
 from mishutter.model.stages import StagePath
 from mishutter.model.velocities import AbstractVelocities
 from mishutter.pictures.images import Axis, Picture, to_display, turned
+from mishutter.plane.design import PlaneDesign
 from mishutter.plane.search import PlaneBurst
 from mishutter.report.layered import LayeredCapture, LayeredScene
 from mishutter.search.rows import SHUTTER, Row
@@ -302,30 +303,36 @@ def plot_drive(table: DriveTable) -> "Figure":
 def plot_frames(table: FrameTable) -> "Figure":
     """Draws a burst: when its frames are exposed, and the path of the stage through them."""
     figure, (axes,) = _new(1, height=3.0)
-    path, lights = table.path, table.lights
-    _draw_exposures(axes, lights, path)
+    names = {"": "", "_x": " along rows", "_y": " along columns"}
+    paths = {names[end]: path for end, path in table.paths.items()}
     stage = table.design.scene.limits.stage
-    if stage is not None and path is not None:
-        time = np.linspace(path.times[0], path.times[-1], _NUM_POINTS)
-        _, style = itertools.islice(line_styles(), 2)
-        axes.plot(time * 1e3, stage.sent_for(path, time), label="sent to it", **style)
+    _draw_exposures(axes, table.lights, paths)
+    styles = itertools.islice(line_styles(), max(len(paths), 1), None)
+    if stage is not None:
+        for name, path in paths.items():
+            time = np.linspace(path.times[0], path.times[-1], _NUM_POINTS)
+            sent = stage.sent_for(path, time)
+            axes.plot(time * 1e3, sent, label=f"sent to it{name}", **next(styles))
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
     leave_room(figure, Margins(top=0.4), num_rows=1)
     return figure
 
 
 def _draw_exposures(
-    axes: "Axes", lights: Sequence[tuple[float, float]], path: StagePath | None
+    axes: "Axes", lights: Sequence[tuple[float, float]], paths: Mapping[str, StagePath]
 ) -> None:
-    """Draws exposures as shades, and a path of a stage, or one at rest, as a line."""
+    """Draws exposures as shades, and paths of a stage by their names, or one at rest, as lines."""
     for index, lit in enumerate(lights):
         grey = "0.82" if index % 2 else "0.9"
         label = None if index else "exposed"
         axes.axvspan(*(time * 1e3 for time in lit), color=grey, label=label)
-    ends = (lights[0][0], lights[-1][1]) if path is None else (path.times[0], path.times[-1])
+    ends = lights[0][0], lights[-1][1]
+    for path in paths.values():
+        ends = path.times[0], path.times[-1]
     time = np.linspace(*ends, _NUM_POINTS)
-    place = np.zeros_like(time) if path is None else path.at(time)[0]
-    axes.plot(time * 1e3, place, label="stage", **next(line_styles()))
+    places = {name: path.at(time)[0] for name, path in paths.items()} or {"": np.zeros_like(time)}
+    for (name, place), style in zip(places.items(), line_styles(), strict=False):
+        axes.plot(time * 1e3, place, label=f"stage{name}", **style)
     axes.set(xlabel="time from the middle / ms", ylabel="stage position / px")
 
 
@@ -348,7 +355,7 @@ def plot_option(scene: Scene, row: Row, title: str = "") -> "Figure":
         path = limits.stage_path_of_frames(frames)
     is_shaped = SHUTTER in row.required_hardware
     figure, (axes, *others) = _new(1 + is_shaped, height=2.6, share=True)
-    _draw_exposures(axes, lights, path)
+    _draw_exposures(axes, lights, {} if path is None else {"": path})
     if path is None and row.stroke >= _AT_REST:  # no limit says how the stage gets there
         axes.lines[0].remove()
         for frame in [TimedFrame(motion, 0.0)] if frames is None else frames.frames:
@@ -449,8 +456,10 @@ def motion_text(motion: AbstractMotion) -> str:
     return f"{exposure}, sag {sag:.3g} px beside a pan of {pan:.4g} px/s"
 
 
-def camera_text(design: Design) -> str:
+def camera_text(design: Design | PlaneDesign) -> str:
     """The exposure of a design with its motion, or the frames of its burst, in words."""
+    if isinstance(design, PlaneDesign):
+        return f"{design.burst.num_frames} frames, {design.burst.kind}"
     frames = design.sequence
     return motion_text(design.motion) if frames is None else f"{frames.setting}, {frames.kind}"
 

@@ -236,7 +236,7 @@ def _on_stage(scene: Scene, rows: Sequence[Row], choice: Row) -> str:
         return ""
     several = (row for row in rows if row.is_of_one_exposure or row.num_frames > 1)
     without = best_row(row for row in several if "stage" not in row.needs)
-    added = f"The stage adds {choice.margin_over(without):.1f} dB to the best option without one."
+    added = stage_adds(choice.margin_over(without))
     frames = choice.sequence
     if frames is None or not frames.moves:
         return added
@@ -251,6 +251,11 @@ def _on_stage(scene: Scene, rows: Sequence[Row], choice: Row) -> str:
     if scene.limits.max_acceleration is None:
         run_up = "reached at once, as [limits] max_acceleration_g or _px_per_s2 says no limit"
     return f"{added} It {way}: {numbers}, {run_up}."
+
+
+def stage_adds(gain: float) -> str:
+    """The sentence on what a stage is worth, dB."""
+    return f"The stage adds {gain:.1f} dB to the best option without one."
 
 
 def stage_numbers(travel: float, top_speed: float, acceleration: float, pitch: Array | None) -> str:

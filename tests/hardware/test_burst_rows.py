@@ -48,7 +48,7 @@ def test_the_table_has_its_own_units():
 def test_a_travel_beyond_the_limit_is_its_length():
     """That of the whole path, with the run-up, where a limit on travel is below it; else none."""
     others = {"max_stroke": 40.0, "max_half_exposure": 0.012, "max_acceleration": 1.4e6}
-    whole = np.ptp(frame_table(a_burst_design()).path.at(np.linspace(-0.05, 0.05, 20001))[0])
+    whole = np.ptp(frame_table(a_burst_design()).paths[""].at(np.linspace(-0.05, 0.05, 20001))[0])
     for travel, found in ((0.9 * whole, whole), (1.1 * whole, None)):
         table = frame_table(a_burst_design(limits=Limits(max_travel=travel, **others)))
         beyond = table.travel_beyond_limit

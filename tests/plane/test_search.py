@@ -12,6 +12,7 @@ from mishutter import (
     EvenVelocities,
     Limits,
     ListedVelocities,
+    PlaneDesign,
     Scene,
     best_in_plane,
     cli,
@@ -286,3 +287,6 @@ def test_the_command_answers_and_writes_its_files(tmp_path, capsys):
     document = json.loads((tmp_path / "out" / "report.json").read_text("utf-8"))
     assert document["verdict"] in out
     assert (tmp_path / "out" / "answer.png").stat().st_size > 10_000
+    design = PlaneDesign.load(tmp_path / "out" / "design.json")
+    assert design.burst.kind == document["choice"]
+    assert f"Next: mishutter export {tmp_path / 'out' / 'design.json'} --out" in out

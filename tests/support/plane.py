@@ -5,7 +5,16 @@ The levels are those of a NumPy program of its own, on 40 radii, 16 directions a
 
 import numpy as np
 
-from mishutter import PlaneFrames, Scene
+from mishutter import (
+    Burst,
+    EvenVelocities,
+    Limits,
+    PlaneBurst,
+    PlaneDesign,
+    PlaneFrames,
+    Scene,
+)
+from mishutter.model.velocities import AbstractVelocities
 
 WINDOW = 0.08
 SCENES = {"A": (3e4, 2800.0, 10.0), "B": (1e5, 4500.0, 8.0), "C": (3e4, 2800.0, 2.0)}
@@ -109,3 +118,21 @@ def frames_of(slug: str, count: int, kind: str) -> PlaneFrames:
     a, b = (speed * top / radius + e * np.pi * drift / WINDOW for e in (-1, 1))
     velocity = speed * top * np.stack([-np.sin(a * time), np.cos(b * time)])
     return PlaneFrames(times, np.full(count, period), np.full(_PIECES, WINDOW / _PIECES), velocity)
+
+
+def a_plane_design(
+    law: AbstractVelocities | None = None, limits: Limits | None = None, **others: object
+) -> PlaneDesign:
+    """Three frames on two sines, whose stage has limits; its level is none of a search."""
+    if limits is None:
+        limits = Limits(max_half_exposure=0.01, max_travel=60.0, max_acceleration=9e5)
+    law = EvenVelocities(1700.0, 1100.0, angle=0.3) if law is None else law
+    burst = Burst(frames_per_s=90.0, window=0.05, max_frames=3)
+    parts = {"photon_rate": 3e4, "read_noise": 9.0, "limits": limits, "burst": burst}
+    scene = Scene.any_direction(law, **(parts | others))
+    times, exposures = np.array([-0.012, 0.0, 0.011]), np.array([0.009, 0.0103, 0.011])
+    whole = times[-1] - times[0] + (exposures[0] + exposures[-1]) / 2
+    phase = np.linspace(-np.pi, np.pi, 65)
+    velocities = np.stack([-800.0 * np.sin(1.5 * phase), 700.0 * np.cos(1.8 * phase)])
+    frames = PlaneFrames(times, exposures, np.full(64, whole / 64), velocities)
+    return PlaneDesign(scene, PlaneBurst("two sines", 2, frames, 27.25, frames.use(limits)))

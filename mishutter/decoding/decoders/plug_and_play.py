@@ -6,7 +6,7 @@ from typing import final
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from mishutter._core.checks import Unquoted, require, require_known, require_positive_int
 from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel
@@ -69,6 +69,11 @@ class PlugAndPlayDecoder(AbstractDecoder):
     def rows_beyond(self) -> int:
         return 16
 
+    @property
+    def falling(self) -> Float[np.ndarray, "{self.num_iterations}"]:
+        r"""$\sigma$ of each step, in units of the error that the ensemble filter leaves."""
+        return np.geomspace(self.first_noise, self.last_noise, self.num_iterations)
+
     def restore(self, captured: Array, model: BlurModel) -> Array:
         if model.efficiency <= 0:
             return jnp.zeros_like(captured)
@@ -78,7 +83,7 @@ class PlugAndPlayDecoder(AbstractDecoder):
         length = extension.length
         mean, _, disturbance, error = misfit_of(model, length)
         start = ensemble_filter(model, length)
-        fall = np.geomspace(self.first_noise, self.last_noise, self.num_iterations) * np.sqrt(error)
+        fall = self.falling * np.sqrt(error)
 
         restored = []
         for plane in np.asarray(captured, np.float64).reshape(-1, rows, columns):
@@ -91,12 +96,17 @@ class PlugAndPlayDecoder(AbstractDecoder):
                 weight = self.strength / sigma**2
                 target = np.conj(mean) / disturbance * spectrum + weight * np.fft.rfft(picture)
                 estimate = target / (np.abs(mean) ** 2 / disturbance + weight)
-                picture = self._denoised(np.fft.irfft(estimate, length) + bright, sigma) - bright
+                picture = self.denoised(np.fft.irfft(estimate, length) + bright, sigma) - bright
             restored.append(picture[:, :columns] + bright)
         return jnp.asarray(np.reshape(restored, captured.shape), captured.dtype)
 
-    def _denoised(self, picture: np.ndarray, sigma: float) -> np.ndarray:
-        """The denoised picture, if it is one of the same shape and about the same brightness."""
+    def denoised(self, picture: np.ndarray, sigma: float) -> np.ndarray:
+        """The denoised picture, if it is one of the same shape and about the same brightness.
+
+        Args:
+            picture: The picture; white = 1.
+            sigma: Standard deviation of its noise; white = 1.
+        """
         subject, given = "PlugAndPlayDecoder(denoise=...)", f"shape {picture.shape}"
         try:
             returned = self.denoise(picture, sigma)

@@ -17,9 +17,9 @@ from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel
 from mishutter.decoding.decoders.borders import Continuation, continuation
 from mishutter.decoding.decoders.linear import ensemble_filter, misfit_of
 
-EDGES, _POWER = 0.3, 0.1
+EDGES, SMOOTH = 0.3, 0.1
 """Weights of the two laws: the best in the mean over photographs and scenes from dim to bright."""
-_THRESHOLD = 0.7
+THRESHOLD = 0.7
 """Shrinkage of a step in units of the error; it changes the speed of convergence, not the limit."""
 
 
@@ -63,11 +63,11 @@ class TotalVariationDecoder(AbstractDecoder):
         extension = continuation(model, captured.shape[-1])
         length = extension.length
         mean, power, disturbance, error = misfit_of(model, length)
-        coupling = EDGES * self.strength / _THRESHOLD
+        coupling = EDGES * self.strength / THRESHOLD
         data = error / disturbance / coupling
-        smooth = _POWER * error / power / coupling
+        smooth = SMOOTH * error / power / coupling
         smooth[0] = 0.0  # a row's level is free
-        threshold = _THRESHOLD * np.sqrt(error)
+        threshold = THRESHOLD * np.sqrt(error)
         problem = _Problem(
             data_filter=np.conj(mean) * data,
             curvature=np.abs(mean) ** 2 * data + smooth,

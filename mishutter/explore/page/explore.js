@@ -11,7 +11,7 @@ let changes = [], curves = {}, comparison = null, hasTable = false, isFinished =
 let drawing = false, stroke = null, profileScale = null, shots = [], lens = null, ticking = null;
 
 // For scripts that drive the page: how long answers took, and what has come.
-window.mishutter = { latencies: [], answers: { first: 0, finished: 0, table: 0, photograph: 0 }, latest: {}, state };
+window.mishutter = { latencies: [], answers: { first: 0, finished: 0, table: 0, photograph: 0, plane: 0 }, latest: {}, state };
 
 // ---------- connection
 
@@ -33,7 +33,7 @@ function send(message) {
 }
 
 function receive(message) {
-  const kinds = { hello, doing, first, finished, table, photograph, error, uploaded, recipe, closed: (m) => say(m.text), pin: tell, unpin: tell, load_design: tell, load_scene: loaded, save_scene: saved("scene.toml"), save_design: saved("design.json") };
+  const kinds = { hello, doing, first, finished, table, photograph, plane, error, uploaded, recipe, closed: (m) => say(m.text), pin: tell, unpin: tell, load_design: tell, load_scene: loaded, save_scene: saved("scene.toml"), save_design: saved("design.json") };
   window.mishutter.latest[message.kind] = message;
   kinds[message.kind]?.(message);
 }
@@ -159,8 +159,29 @@ function settle(id) {
   return latest;
 }
 
+// Things that move in any direction: an answer and a picture, in place of curves and rows.
+function plane(message) {
+  problem(null); inPlane(true);
+  isFinished = Boolean(message.picture);
+  buttons();
+  $("pin").disabled = true;
+  $("verdict").textContent = message.verdict;
+  $("answer").textContent = message.answer ?? "";
+  if (message.picture) $("plane-picture").src = `data:image/png;base64,${message.picture}`;
+  fade($("plane"), !message.picture);
+  settle(message.id);
+  say("");
+  count("plane");
+}
+
+function inPlane(is) {
+  $("plane").hidden = !is;
+  for (const id of ["charts", "legend", "photographs"]) $(id).hidden = is;
+  if (is) { hasTable = false; curves = {}; for (const part of ["thead", "tbody"]) document.querySelector(part).replaceChildren(); $("ceiling").textContent = ""; $("notes").replaceChildren(); }
+}
+
 function first(message) {
-  problem(null);
+  problem(null); inPlane(false);
   take(message.curves, true);
   isFinished = false;
   for (const part of [document.querySelector("tbody"), $("panels")]) fade(part, true);
@@ -643,7 +664,7 @@ $("profile").addEventListener("pointermove", (event) => { if (stroke) strokeTo(e
 $("profile").addEventListener("pointerup", endStroke);
 $("profile").addEventListener("pointercancel", endStroke);
 $("pin").addEventListener("click", () => send({ kind: "pin", name: `pin ${pins.length + 1}` }));
-$("save-design").addEventListener("click", () => send({ kind: "save_design" }));
+$("save-design").addEventListener("click", () => send({ kind: "save_design", scene: state.scene }));
 $("save-scene").addEventListener("click", () => send({ kind: "save_scene", scene: state.scene }));
 $("recipe").addEventListener("click", () => send({ kind: "recipe", scene: state.scene, drawn: state.drawn }));
 $("load-scene").addEventListener("click", chooseFile("scene-file", async (file) => send({ kind: "load_scene", name: file.name, text: (await file.text()).slice(0, 1 << 20) })));

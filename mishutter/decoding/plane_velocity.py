@@ -1,0 +1,414 @@
+"""The velocity of a picture, found in frames of a sensor that moves in the plane.
+
+The likelihood knows the borders of the sensor from the start: its peak is looked for at velocities
+all over the law's on pixels that are binned, and then climbed on ever smaller ones.
+"""
+
+import itertools
+import math
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from mishutter._core.checks import require
+from mishutter.camera.plane_frames import aperture_on, instants_of, responses_in_plane
+from mishutter.decoding.decoders.speed import LITTLE, luminance_shares
+from mishutter.decoding.plane_likelihood import (
+    GRID,
+    ROUGHLY,
+    Climb,
+    Fit,
+    Level,
+    Own,
+    Prior,
+    climbed,
+    fit_of,
+    in_tiles,
+    likeliest,
+    logarithm,
+    noises_in_plane,
+    volume,
+)
+from mishutter.decoding.sequences import (
+    _AS_WELL,
+    _BANDS,
+    _BEYOND,
+    _BLACK,
+    _FLOOR,
+    _LEAD,
+    _LEAD_OF_ROW,
+    _LEAST_DETAIL,
+    _MISFITS,
+    _OTHER,
+    _OTHER_ROWS,
+    _OTHER_SHARE,
+    _REGISTERED,
+    _SHARED,
+    _SHIFT,
+    _SURE_SHIFT,
+    _UNEXPLAINED,
+    _WORTH,
+    _equal_frames,
+    _odd_frame,
+)
+from mishutter.model.scene import Scene
+from mishutter.model.velocities import AbstractVelocities
+from mishutter.plane.frames import PlaneFrames
+from mishutter.plane.levels import require_velocities
+
+_COARSEST, _JUDGED, _MOST_HALVINGS = 32, 64, 6
+"""Least pixels along the shorter side of binned frames in which a velocity is sought, and of those
+in which it is judged; numbers of times that pixels are doubled."""
+_PX_A_STEP, _REACH = 1.4, 1.5
+"""Displacement over the frames between neighbouring velocities that are tried, binned px, and steps
+about a peak within which there is no other."""
+_MOST_ALONG = 64
+"""Most steps from rest to the fastest velocity that is tried."""
+_CANDIDATES, _MOST_CLIMBS, _NEAR = 6, 4, 0.1
+"""Peaks that are followed, most steps up each, and the part of a step within which one is reached.
+"""
+_MIDDLING = 0.7
+"""Share of the greatest velocity that stands for all in a mean."""
+_ASIDE = np.array([[-8.0, 3.0], [4.0, 6.0]])
+"""Displacements from frame to frame by which frames that fit nowhere are off; px."""
+_BEYOND_SCENE = "The velocity may lie beyond those of the scene."
+_REASONS = (
+    "their order, a lost or repeated frame, another design or path, two objects, a velocity beyond "
+    "the scene's"
+)
+
+
+class VelocityEstimate(NamedTuple):
+    """The velocity of a whole picture, found in the frames of a sensor that moves in the plane.
+
+    Attributes:
+        velocity: The velocity along rows and columns; px/s, shape `(2,)`.
+        covariance: Covariance of its error; (px/s)^2, shape `(2, 2)`.
+        trusted: Whether the frames fit one picture at that velocity, and at no other as well.
+        velocities: Velocities at which the likelihood is highest nearby; px/s, shape `(s, 2)`.
+        weights: Their probabilities.
+        doubt: A sentence that says why the velocity is not trusted; empty if it is.
+        misfit: Mean square of what the restored picture leaves of the frames over their noise:
+            about 1 where they fit one picture at one velocity. None of one frame.
+    """
+
+    velocity: Float[np.ndarray, "2"]
+    covariance: Float[np.ndarray, "2 2"]
+    trusted: bool
+    velocities: Float[np.ndarray, "s 2"]
+    weights: Float[np.ndarray, "s"]
+    doubt: str
+    misfit: float | None
+
+    @property
+    def speed(self) -> float:
+        """The speed in its direction; px/s."""
+        return float(np.hypot(*self.velocity))
+
+    @property
+    def error(self) -> float:
+        """Standard error in the direction in which it is greatest; px/s."""
+        return float(self.ellipse[0])
+
+    @property
+    def ellipse(self) -> tuple[float, float, float]:
+        """Half axes of the ellipse of one standard error, px/s, and the longer's angle; rad."""
+        values, vectors = np.linalg.eigh(self.covariance)
+        short, long = np.sqrt(np.maximum(values, 0)).tolist()
+        return long, short, math.atan2(vectors[1, 1], vectors[0, 1])
+
+
+def velocity_in_plane(
+    planes: Float[np.ndarray, "colours n rows columns"], scene: Scene, taken: PlaneFrames
+) -> VelocityEstimate:
+    """The velocity at which the frames show one picture, and whether they do."""
+    law, shares = require_velocities(scene), luminance_shares(len(planes))
+    grey = np.tensordot(shares, planes, 1)
+    mean = float(np.mean(grey))
+    noises = noises_in_plane(scene, taken, mean) * float(shares @ shares)
+    own = _with_own_detail(Own((grey - mean).astype(np.float32), noises, taken, Prior(scene)))
+    search = _searched(own, law)
+    fit = fit_of(search.level, search.ends[0].found, mean)
+    # Gains and black levels that change from frame to frame tell no velocity.
+    gains = np.maximum(1 + fit.gains - np.mean(fit.gains), _BLACK)[:, None, None]
+    steady = (own.frames + mean - fit.offsets[:, None, None]) / gains - mean
+    own = own._replace(frames=steady.astype(np.float32), noises=noises / gains.ravel() ** 2)
+    climb, size = search.ends[0], search.level.size
+    while True:
+        level = own.level(climb.best[None], size)
+        climb = climbed(level, climb.best)
+        if size == 1:
+            break
+        size //= 2
+    return _estimate(_Found(own, law, search, climb, level, grey, mean))
+
+
+def _with_own_detail(own: Own) -> Own:
+    r"""The frames with a prior of pictures as rich in detail as they are, band by band.
+
+    A picture of less detail than expected, or of finer, would else seem to move at a velocity
+    that explains it. The power is that of the frames beyond their noise over
+    $\sum_k |A_k|^2$, of which some velocities have the mean.
+    """
+    scene, shape = own.prior.scene, own.frames.shape[1:]
+    window = np.outer(*(np.hanning(count + 2)[1:-1] for count in shape))
+    window /= math.sqrt(float(np.mean(window**2)) * math.prod(shape))
+    recorded = np.zeros((shape[0], shape[1] // 2 + 1))
+    for frame, noise in zip(own.frames, own.noises, strict=True):
+        spectrum = np.fft.rfft2((frame - np.mean(frame)) * window)
+        recorded += np.abs(spectrum) ** 2 / noise - 1
+    grid = (GRID, GRID)
+    fastest = require_velocities(scene).fastest
+    instants = instants_of(own.taken, fastest)
+    few = _MIDDLING * fastest * np.array([[1.0, 0.0], [0.0, 1.0], [0.7, 0.7], [0.7, -0.7]])
+    passed = [np.abs(responses_in_plane(instants, each, grid)) ** 2 for each in few]
+    density = np.sum(np.mean(passed, axis=0) / own.noises[:, None, None], axis=0)
+    expected = density * aperture_on(scene.optics, grid) ** 2 * own.prior.on(grid)
+    edges = np.geomspace(max(2 / min(shape), 1 / GRID), 0.5, _BANDS + 1)
+    ratios = []
+    for low, high in itertools.pairwise(edges):
+        seen = _mean_between(recorded, shape, low, high)
+        told = _mean_between(expected, grid, low, high)
+        ratios.append(max(seen / told, _LEAST_DETAIL) if told > 0 else 1.0)
+    prior = Prior(scene, np.sqrt(edges[:-1] * edges[1:]), np.array(ratios))
+    return own._replace(prior=prior)
+
+
+def _mean_between(
+    power: Float[np.ndarray, "m k"], shape: tuple[int, ...], low: float, high: float
+) -> float:
+    """Mean power between two frequencies."""
+    down, across = np.fft.fftfreq(shape[0]), np.fft.rfftfreq(shape[1])
+    radius = np.hypot(down[:, None], across)
+    return float(np.mean(power[(radius >= low) & (radius <= high)]))
+
+
+class _Search(NamedTuple):
+    """Velocities at which the likelihood is high, of all that are tried."""
+
+    level: Level  # Pixels by which they are judged
+    ends: list[Climb]  # Peaks, the highest first
+    values: list[float]  # Logarithms of likelihood there
+    middle: float  # Median of the logarithm over all velocities, below its top
+    step: float  # Step between neighbouring velocities there; px/s
+
+
+def _searched(own: Own, law: AbstractVelocities) -> _Search:
+    """The likelihood at velocities all over the law's, then about its peaks on smaller pixels."""
+    sizes = [2**k for k in range(_MOST_HALVINGS) if own.has(_COARSEST, 2**k)] or [1]
+    size = sizes[-1]
+    judged = max((each for each in sizes if own.has(_JUDGED, each)), default=1)
+    step = _PX_A_STEP * size / own.duration
+    velocities = _velocities_to_try(law, step)
+    level = own.level(velocities, size)
+    values = np.array([logarithm(level, each) for each in velocities])
+    middle = float(np.max(values) - np.median(values))
+    peaks = _peaks(velocities, values, _REACH * step)
+    beside = np.array([*itertools.product((-1, 0, 1), repeat=2)])
+    while size > judged:
+        size, step = size // 2, step / 2
+        level = own.level(velocities, size)
+        tops = []
+        for peak in peaks:
+            near = peak + step * beside
+            each = [logarithm(level, one) for one in near]
+            tops.append((max(each), near[int(np.argmax(each))]))
+        each = np.array([value for value, _ in tops])
+        peaks = _peaks(np.array([top for _, top in tops]), each, _REACH * step)
+    ends = []
+    for peak in peaks:
+        climb = climbed(level, peak, ROUGHLY)
+        for _ in range(_MOST_CLIMBS):
+            if np.hypot(*(climb.best - climb.found.velocity)) < _NEAR * step:
+                break
+            climb = climbed(level, climb.best, ROUGHLY)
+        ends.append(climb)
+    values = [end.found.gain - volume(level, end.found.velocity).logarithm for end in ends]
+    order = np.argsort(values)[::-1].tolist()
+    return _Search(level, [ends[k] for k in order], [values[k] for k in order], middle, step)
+
+
+def _velocities_to_try(law: AbstractVelocities, step: float) -> Float[np.ndarray, "s 2"]:
+    """Velocities of a law and a little beyond, on a square grid."""
+    fastest = law.fastest
+    count = math.ceil((1 + _BEYOND) * fastest / step) + 1
+    requirement = f"have velocities below {_MOST_ALONG * step:,.0f} px/s, so that frames tell them"
+    require(count <= _MOST_ALONG, "restore_frames(scene=...)", requirement, fastest)
+    along = step * np.arange(-count, count + 1)
+    grid = np.stack(np.meshgrid(along, along), axis=-1).reshape(-1, 2)
+    return grid[law.within(grid, _BEYOND * fastest + step / math.sqrt(2))]
+
+
+def _peaks(
+    velocities: Float[np.ndarray, "s 2"], values: Float[np.ndarray, "s"], apart: float
+) -> list[np.ndarray]:
+    """The velocities of the highest values of all nearby."""
+    chosen: list[np.ndarray] = []
+    for place in np.argsort(-values):
+        here = velocities[place]
+        near = np.hypot(*(velocities - here).T) <= apart
+        if values[place] == np.max(values[near]):
+            chosen.append(here)
+        if len(chosen) == _CANDIDATES:
+            break
+    return chosen
+
+
+class _Found(NamedTuple):
+    """The velocity that was found, and what speaks for and against it."""
+
+    own: Own  # The frames, without changes of gain and black level
+    law: AbstractVelocities
+    search: _Search
+    climb: Climb  # The step to the peak, on pixels of the sensor
+    level: Level  # These pixels
+    grey: Float[np.ndarray, "n rows columns"]  # The frames as they came
+    mean: float  # Their mean level
+
+
+def _estimate(found: _Found) -> VelocityEstimate:
+    """The estimate of a velocity that was found."""
+    own, best, judged = found.own, found.climb.best, _Judged.of(found)
+    spread, least = judged.spread, (_FLOOR / own.duration) ** 2
+    covariance = spread * _covariance(found.climb) + least * np.eye(2)
+    error = math.sqrt(float(np.max(np.linalg.eigvalsh(covariance))))
+    doubt = _doubt(found, judged, error * own.duration)
+    below = np.array([0.0, *(below for _, below, _ in judged.rivals)])
+    weights = np.exp(_WORTH / spread * (np.min(below) - below))
+    return VelocityEstimate(
+        best,
+        covariance,
+        doubt == "",
+        np.array([best, *(velocity for velocity, _, _ in judged.rivals)]),
+        weights / np.sum(weights),
+        doubt,
+        judged.fit.misfit if len(own.frames) > 1 else None,
+    )
+
+
+def _covariance(climb: Climb) -> Float[np.ndarray, "2 2"]:
+    """That of a likelihood, or by what tiles disagree where that is more."""
+    root = np.linalg.cholesky(climb.information)
+    tiles = in_tiles(climb.scores.astype(np.float64))
+    # Tiles of photographs pull by more than Gaussian ones of their spectrum would.
+    pull = np.linalg.solve(root, np.linalg.solve(root, tiles.shape[1] * np.cov(tiles)).T)
+    values, vectors = np.linalg.eigh((pull + pull.T) / 2)
+    wide = np.linalg.solve(root.T, vectors * np.sqrt(np.maximum(values, 1)))
+    return wide @ wide.T
+
+
+class _Judged(NamedTuple):
+    """How frames fit the velocity that was found, and how they fit others."""
+
+    fit: Fit  # On pixels of the sensor
+    binned: Fit  # On pixels by which velocities are judged
+    elsewhere: float  # Misfit of frames that are registered some pixels off, on these
+    # The other peaks, how far they are below the highest, and the fits there
+    rivals: list[tuple[np.ndarray, float, Fit]]
+
+    @property
+    def spread(self) -> float:
+        """Misfit by which errors are wider than those of frames that fit."""
+        return max(1.0, self.fit.misfit)
+
+    @property
+    def expected(self) -> float:
+        """The part of the misfit of frames that are registered elsewhere which is not noise."""
+        return max(self.elsewhere - 1, 1e-9)
+
+    @staticmethod
+    def of(found: _Found) -> "_Judged":
+        """The fits of frames to all velocities in question."""
+        own, search, best = found.own, found.search, found.climb.best
+        a_frame = own.duration / max(len(own.frames) - 1, 1)
+        asides = best + _ASIDE / a_frame
+        ends = [
+            (end.best, search.values[0] - value)
+            for end, value in zip(search.ends, search.values, strict=True)
+            if np.hypot(*(end.best - best)) > _REACH * search.step
+        ]
+        all_of_them = np.array([best, *asides, *(velocity for velocity, _ in ends)])
+        level = own.level(all_of_them, search.level.size)
+        first, *others = (
+            fit_of(level, likeliest(level, each, ROUGHLY), found.mean) for each in all_of_them
+        )
+        few = len(asides)
+        rivals = [(*end, fit) for end, fit in zip(ends, others[few:], strict=True)]
+        elsewhere = float(np.mean([fit.misfit for fit in others[:few]]))
+        fit = fit_of(found.level, found.climb.found, found.mean)
+        return _Judged(fit, first, elsewhere, rivals)
+
+
+def _doubt(found: _Found, judged: _Judged, error: float) -> str:
+    """Why a velocity is not trusted, in a sentence; empty if it is."""
+    own, best = found.own, found.climb.best
+    frames = np.moveaxis(found.grey, 0, 1)
+    middles = found.level.instants.middles(best)
+    odd = _odd_frame(frames, own.noises)
+    if odd:
+        return odd
+    same = _equal_frames(frames, (middles[0] + 1j * middles[1]).tolist())
+    misfit, limits = judged.binned.misfit, zip(_MISFITS, _UNEXPLAINED, strict=True)
+    if any(misfit > least and misfit - 1 > part * judged.expected for least, part in limits):
+        because = same or f"{_REASONS}, or more noise than the scene says"
+        return (
+            "The frames do not fit one picture at one velocity "
+            f"(misfit {misfit:.3g}, 1 if they do): {because}."
+        )
+    if same:
+        return f"{same[0].upper()}{same[1:]}, though the picture moves between them."
+    steps = np.abs(np.diff(middles, axis=1))
+    columns, rows = own.frames.shape[:0:-1]
+    shared = np.prod(np.maximum(1 - steps / np.array([[columns], [rows]]), 0), axis=0)
+    return (
+        _doubt_of_one_frame(judged)
+        or (
+            f"The picture moves by {np.max(np.hypot(*steps)):.0f} px from frame to frame, of which "
+            f"the sensor sees {columns} x {rows}."
+            if np.any(shared < _SHARED)
+            else ""
+        )
+        or _doubt_of_rivals(found, judged, error)
+    )
+
+
+def _doubt_of_one_frame(judged: _Judged) -> str:
+    """The doubt of a frame that is not where its time puts it, or shows another picture."""
+    fit, spread = judged.fit, judged.spread
+    sure = np.maximum(_SHIFT, _SURE_SHIFT * math.sqrt(spread) * fit.shift_errors)
+    far = np.max(np.abs(fit.shifts) / sure, axis=1)
+    others = fit.misfits - np.median(fit.misfits)
+    if np.max(far) > 1:
+        which = int(np.argmax(far))
+        x, y = fit.shifts[which]
+        frame = f"Frame {which + 1} of {far.size} is {x:+.1f}, {y:+.1f} px off its place"
+        return f"{frame}: {_REASONS}."
+    if np.max(others) > max(_OTHER * spread, _OTHER_SHARE * judged.expected):
+        which = int(np.argmax(others))
+        frame = f"Frame {which + 1} of {far.size} does not fit the picture of the others"
+        return f"{frame} (misfit {fit.misfits[which]:.3g}): {_REASONS}."
+    return ""
+
+
+def _doubt_of_rivals(found: _Found, judged: _Judged, error: float) -> str:
+    """The doubt of a velocity that others equal, or that is none of those of the scene."""
+    law, binned, spread = found.law, judged.binned, judged.spread
+    if not law.within(found.climb.best[None], _BEYOND * law.fastest)[0]:
+        return _BEYOND_SCENE
+    tells_little = found.search.middle < _LEAD * spread
+    is_told = found.search.values[0] >= _LEAD * spread and error < _REGISTERED
+    if not is_told or len(found.own.frames) == 1:
+        return LITTLE
+    as_well = binned.misfit + _AS_WELL * max(judged.elsewhere - binned.misfit, 0.0)
+    for (x, y), below, rival in judged.rivals:
+        prefers = rival.tiles - binned.tiles > _LEAD_OF_ROW * spread
+        if np.mean(prefers) > _OTHER_ROWS:
+            share = f"{np.mean(prefers):.0%} of the picture"
+            return f"At {x:,.0f}, {y:,.0f} px/s {share} fits better: there may be two objects."
+        if below < _LEAD * spread or rival.misfit <= as_well:
+            if tells_little:
+                return LITTLE
+            as_another = f"The frames fit {x:,.0f}, {y:,.0f} px/s as well"
+            return f"{as_another}, as those of a regular pattern or of two objects do."
+    return ""

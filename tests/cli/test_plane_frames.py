@@ -1,0 +1,180 @@
+"""`simulate` and `restore` of a design in the plane, from a scene to the picture."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.command_line import messages, refused
+from support.plane import a_plane_design
+
+import mishutter as ms
+from mishutter import cli
+from mishutter.pictures.images import write_picture
+
+BACTERIUM = """
+[speeds]
+any_direction = { max_um_per_s = 40 }
+[view]
+magnification = 40
+[light]
+photon_rate_per_s = 2000
+[sensor]
+read_noise_e = 1.6
+pixel_pitch_um = 6.5
+[limits]
+max_travel_px = 60
+max_exposure_ms = 10
+[burst]
+frames_per_s = 100
+max_frames = 4
+[picture]
+path = "photo.png"
+"""
+HANDHELD = """
+[speeds]
+any_direction = { max_px_per_s = 300 }
+[light]
+photon_rate_per_s = 3000
+[sensor]
+read_noise_e = 1.5
+pixel_pitch_um = 4
+[limits]
+max_travel_px = 40
+max_acceleration_g = 1
+max_exposure_ms = 125
+[burst]
+frames_per_s = 8
+max_frames = 2
+[picture]
+path = "photo.png"
+"""
+
+
+@pytest.fixture
+def desk(tmp_path, monkeypatch):
+    """A folder with a photograph and a design in the plane, of slow things."""
+    monkeypatch.chdir(tmp_path)
+    write_picture("photo.png", ms.example_picture().light[120:248, 300:420])
+    design = a_plane_design(ms.EvenVelocities(400.0, 300.0))
+    replace(design, scene=replace(design.scene, photon_rate=2e5)).save("design.json")
+    return tmp_path
+
+
+def printed(capsys, *arguments) -> dict:
+    """The document that a command prints."""
+    assert cli.main([*arguments, "--json"]) == 0
+    out, _ = capsys.readouterr()
+    return json.loads(out)
+
+
+@pytest.mark.slow
+def test_frames_are_written_and_restored(desk, capsys):
+    """With the velocity found in them; what a camera has written is restored as what was taken."""
+    taken = printed(
+        capsys, "simulate", "--design", "design.json", "--subject", "photo.png", "--speed=210,-160"
+    )
+    frames = [f"simulation/frame_{k}.png" for k in (1, 2, 3)]
+    assert taken["files"] == [
+        *(f"frame_{k}.png" for k in (1, 2, 3)),
+        "restored.png",
+        "side_by_side.png",
+    ]
+    assert taken["found"]["trusted"]
+    assert taken["found"]["misfit"] == pytest.approx(1, abs=0.2)
+    x, y = taken["found"]["velocity_px_per_s"]
+    error = taken["found"]["error_px_per_s"]
+    assert np.hypot(x - 210, y + 160) < 5 * error < 50
+    found = printed(capsys, "restore", *frames, "--design", "design.json")
+    own = found["found"]["frame_1.png"]
+    assert np.hypot(own["velocity_px_per_s"][0] - x, own["velocity_px_per_s"][1] - y) < 3 * error
+    first, second = (ms.read_picture(f"{x}/restored.png").light for x in ("simulation", "restored"))
+    assert float(ms.psnr(first, second)) > 40
+    # A velocity that is told is taken, in the units that speeds have.
+    told = ["--speed=210px/s,-160", "--decoder", "total-variation", "--out", "told"]
+    assert cli.main(["restore", *frames, "--design", "design.json", *told]) == 0
+    light, truth = (ms.read_picture(name).light for name in ("told/restored.png", "photo.png"))
+    assert float(ms.psnr(truth, light)) > float(ms.psnr(truth, second)) > 20
+
+
+@pytest.mark.slow
+def test_mistakes_get_a_line(desk, capsys):
+    """A velocity without a direction, data of one axis, a frame too few, and fast things."""
+    camera = ["--design", "design.json"]
+    line = refused(capsys, "simulate", *camera, "--subject", "photo.png", "--speed", "1500")
+    assert "`--speed` must be a velocity along rows and columns, as 1500,-800" in line
+    line = refused(capsys, "simulate", *camera, "--drive", "drive.csv")
+    assert "`--drive` must be left out for a design in the plane" in line
+    line = refused(capsys, "restore", "photo.png", "photo.png", *camera)
+    assert "`CAPTURE` must" in line
+    write_picture("other.png", ms.example_picture().light[:128, :120])
+    line = refused(capsys, "restore", "photo.png", "other.png", *camera)
+    assert "`CAPTURE` must be the 3 frames of the burst; got 2" in line
+    line = refused(capsys, "simulate", "--speed", "210,-160")
+    assert "`--speed` must be a number of px/s" in line
+    line = refused(capsys, "compare", *camera)
+    assert "must be a design along one axis" in line
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("text", "speed", "words"),
+    [(BACTERIUM, "26um/s,-17um/s", "4 frames"), (HANDHELD, "-190,120", "2 frames")],
+    ids=["bacterium", "handheld"],
+)
+def test_a_scene_is_answered_simulated_and_restored(desk, capsys, text, speed, words):
+    """From its file to a picture that is better than the frames, by the velocity found in them."""
+    (desk / "scene.toml").write_text(text, encoding="utf-8")
+    answer = printed(capsys, "optimise", "scene.toml", "--out", "answer")
+    assert words in answer["verdict"]
+    design = ["--design", "answer/design.json"]
+    taken = printed(capsys, "simulate", "scene.toml", *design, f"--speed={speed}", "--out", "taken")
+    assert taken["found"]["trusted"], taken["found"]["doubt"]
+    truth = ms.read_picture("photo.png").light
+    frames = [name for name in taken["files"] if name.startswith("frame")]
+    assert cli.main(["restore", *(f"taken/{x}" for x in frames), *design, "--out", "out"]) == 0
+    assert "trusted" in capsys.readouterr().out
+    levels = [float(ms.psnr(truth, ms.read_picture(f"taken/{x}").light)) for x in frames]
+    restored = float(ms.psnr(truth, ms.read_picture("out/restored.png").light))
+    assert restored > max(levels) + 3
+
+
+@pytest.mark.slow
+def test_a_velocity_beyond_the_scene_is_a_warning(desk, capsys):
+    """Its unit may have been forgotten."""
+    camera = ["--design", "design.json", "--subject", "photo.png"]
+    assert cli.main(["simulate", *camera, "--speed=410,150"]) == 0
+    _, errors = capsys.readouterr()
+    assert any(
+        "--speed is 436.58 px/s in all; the scene's go up to 400" in x for x in messages(errors)
+    )
+
+
+@pytest.mark.slow
+def test_frames_are_restored_by_the_recorded_path(desk, capsys):
+    """Where the stage strayed, its record restores better than the plan; one axis is refused."""
+    design = ms.PlaneDesign.load("design.json")
+    time = np.linspace(-0.02, 0.02, 800)
+    stray = 1.5 * np.sin(2 * np.pi * 45 * time + np.array([[0.3], [1.9]]))
+    place = np.array([path.at(time)[0] for path in design.stage_paths]) + stray
+    built, _ = ms.with_recorded_path(design, ms.RecordedPath(time, place))
+    lines = [f"{1e3 * t:.6f},{x:.6f},{y:.6f}" for t, x, y in zip(time, *place, strict=True)]
+    (desk / "encoder.csv").write_text("\n".join(["t (ms),x (px),y (px)", *lines]), "utf-8")
+    built.save("built.json")
+    subject = ["--subject", "photo.png", "--speed=210,-160"]
+    printed(capsys, "simulate", "--design", "built.json", *subject, "--out", "taken")
+    frames = [f"taken/frame_{k}.png" for k in (1, 2, 3)]
+    command = ["restore", *frames, "--design", "design.json", "--speed=210,-160"]
+    path = ["--stage-path", "encoder.csv"]
+    apart = printed(capsys, *command, *path, "--out", "recorded")["path"]
+    assert 1 < apart["rms"] < apart["greatest"] < 3
+    printed(capsys, *command, "--out", "planned")
+    truth = ms.read_picture("photo.png").light
+    planned, recorded = (
+        float(ms.psnr(truth, ms.read_picture(f"{x}/restored.png").light))
+        for x in ("planned", "recorded")
+    )
+    assert recorded > planned + 1
+    (desk / "one.csv").write_text("t (ms),x (px)\n0,1\n1,2", "utf-8")
+    line = refused(capsys, *command, "--stage-path", "one.csv")
+    assert "must have columns x and y, for a stage of two axes; got x" in line

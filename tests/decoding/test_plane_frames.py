@@ -1,0 +1,282 @@
+"""One picture from frames in the plane: its level by the formula, and the velocity they tell."""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+from skimage.restoration import denoise_tv_chambolle
+from support.plane import frames_of, scene_of
+
+from mishutter import (
+    EnsembleDecoder,
+    ListedVelocities,
+    PlaneFrames,
+    PlugAndPlayDecoder,
+    RingOfVelocities,
+    Scene,
+    SpeedFindingDecoder,
+    TikhonovDecoder,
+    TotalVariationDecoder,
+    example_picture,
+    plane_psnr,
+    psnr,
+    restore_frames,
+    simulate_frames,
+)
+from mishutter.camera.plane_frames import aperture_on, instants_of, responses_in_plane
+from mishutter.decoding.plane_likelihood import Own, Prior, climbed, logarithm, noises_in_plane
+from mishutter.decoding.plane_velocity import VelocityEstimate, velocity_in_plane
+from mishutter.model.velocities import EvenVelocities
+
+SCENE = scene_of("A")
+VELOCITY = np.array([610.0, -470.0])
+
+
+def a_field(frames: PlaneFrames, velocity: np.ndarray, size: int, seed: int, scene=SCENE):
+    """A Gaussian field of the scene's spectrum on a ring, and the middle of its noisy frames."""
+    rng, whole = np.random.default_rng(seed), 2 * size
+    shape = (whole, whole)
+    power = Prior(SCENE).on(shape)
+    field = np.fft.irfft2(np.fft.rfft2(rng.normal(size=shape)) * np.sqrt(power), shape)
+    instants = instants_of(frames, float(np.hypot(*velocity)))
+    responses = responses_in_plane(instants, velocity, shape) * aperture_on(SCENE.optics, shape)
+    seen = np.fft.irfft2(np.fft.rfft2(field) * responses, shape)
+    noises = noises_in_plane(scene, frames, 0.25)[:, None, None]
+    middle = slice(size // 2, size // 2 + size)
+    taken = (seen + np.sqrt(noises) * rng.normal(size=seen.shape))[:, middle, middle]
+    return taken + 0.25, field[middle, middle] + 0.25
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["still", "sines"])
+def test_fields_are_restored_as_well_as_the_formula_says(kind):
+    """Of the scene's spectrum, from four frames, where all of them see."""
+    frames, errors = frames_of("A", 4, kind), []
+    for seed in range(6):
+        velocity = 350 * np.array([np.cos(2.4 * seed), np.sin(2.4 * seed)])
+        told = Scene.any_direction(
+            ListedVelocities(velocity[None]), photon_rate=3e4, read_noise=10.0
+        )
+        captures, truth = a_field(frames, velocity, 192, seed)
+        light = np.asarray(restore_frames(captures, SCENE, frames, speed=velocity).light)
+        inner = slice(48, -48)
+        errors.append(np.mean((light - truth)[inner, inner] ** 2))
+        formula = 10 ** (-float(plane_psnr(told, frames)) / 10)
+        errors[-1] /= formula
+    assert 10 * np.log10(np.mean(errors)) == pytest.approx(0, abs=0.25)
+
+
+@pytest.mark.slow
+def test_slopes_of_the_likelihood_are_its_differences():
+    """And a step by Gauss and Newton ends near the peak, from pixels of either size."""
+    frames, scene = frames_of("A", 4, "sines"), replace(SCENE, photon_rate=3e3)
+    captures, _ = a_field(frames, VELOCITY, 64, 5, scene)
+    noises = noises_in_plane(scene, frames, 0.25)
+    beside = VELOCITY + np.array([16.0, -12.0])
+    for size in (1, 2):
+        level = Own(captures - 0.25, noises, frames, Prior(SCENE)).level(beside[None], size)
+        step = climbed(level, beside, 1e-5)
+        for axis, side in enumerate(0.5 * np.eye(2)):
+            ends = [logarithm(level, beside + sign * side, 1e-5) for sign in (1, -1)]
+            assert step.slope[axis] == pytest.approx(ends[0] - ends[1], rel=0.02, abs=0.02)
+        errors = np.sqrt(np.diag(np.linalg.inv(step.information)))
+        assert np.all(np.abs(step.best - VELOCITY) < 4 * errors)
+        assert np.all(errors < 20)
+
+
+def shown(kind="sines", count=4, velocity=VELOCITY, size=(96, 112), scene=SCENE, seed=3):
+    """Frames of a photograph that is wider than the sensor, and the part that the sensor shows."""
+    picture = np.asarray(example_picture().light)[100:340, 200:460, 1].astype(np.float64)
+    frames = frames_of("A", count, kind)
+    captures = simulate_frames(
+        picture,
+        scene,
+        frames,
+        speed=velocity,
+        num_rows=size[0],
+        num_columns=size[1],
+        key=jax.random.key(seed),
+    )
+    top, left = (240 - size[0]) // 2, (260 - size[1]) // 2
+    return np.array(captures), picture[top : top + size[0], left : left + size[1]], frames
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("kind", "count", "velocity"),
+    [("sines", 4, (610.0, -470.0)), ("still", 4, (-350.0, 900.0)), ("sines", 8, (20.0, 1100.0))],
+)
+def test_frames_tell_the_velocity(kind, count, velocity):
+    """To within its error and without a doubt; light enters and leaves at all four borders."""
+    captures, truth, frames = shown(kind, count, np.array(velocity))
+    scene = Scene.any_direction(1200.0, photon_rate=3e4, read_noise=10.0)
+    light, estimate = restore_frames(captures, scene, frames)
+    assert isinstance(estimate, VelocityEstimate)
+    assert estimate.trusted, estimate.doubt
+    off = estimate.velocity - np.array(velocity)
+    assert off @ np.linalg.inv(estimate.covariance) @ off < 20
+    assert 0 < estimate.error < 10
+    assert estimate.misfit == pytest.approx(1, abs=0.2)
+    assert np.sum(estimate.weights) == pytest.approx(1)
+    told = restore_frames(captures, scene, frames, speed=velocity).light
+    assert float(psnr(truth, light)) == pytest.approx(float(psnr(truth, told)), abs=0.05)
+
+
+def test_an_ellipse_is_that_of_its_covariance():
+    """Half axes and the angle of the longer, and the speed in its direction."""
+    turn = np.array([[0.8, -0.6], [0.6, 0.8]])
+    covariance = turn @ np.diag([9.0, 4.0]) @ turn.T
+    estimate = VelocityEstimate(
+        np.array([3.0, 4.0]), covariance, True, np.zeros((1, 2)), np.ones(1), "", 1.0
+    )
+    long, short, angle = estimate.ellipse
+    assert (long, short, estimate.error, estimate.speed) == pytest.approx((3, 2, 3, 5))
+    assert np.tan(angle) == pytest.approx(0.75)
+
+
+NARROW = Scene.any_direction(900.0, photon_rate=3e4, read_noise=10.0)
+
+
+def estimate_of(captures, scene, frames) -> VelocityEstimate:
+    return velocity_in_plane(np.asarray(captures)[None], scene, frames)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("spoilt", "doubt"),
+    [
+        ("none", ""),
+        ("order", "do not fit|off its place"),
+        ("repeated", "the same"),
+        ("black", "Frame 3 of 4 is black"),
+        ("noise", "more noise than the scene says"),
+        ("shifted", "Frame 2 of 4"),
+        ("flat", "too little detail"),
+        ("design", "do not fit|off its place"),
+    ],
+)
+def test_frames_that_fit_no_picture_are_not_trusted(spoilt, doubt):
+    """Each with its reason; the same frames as they came are."""
+    captures, _, frames = shown()
+    if spoilt == "order":
+        captures = captures[[0, 2, 1, 3]]
+    elif spoilt == "repeated":
+        captures = captures[[0, 1, 1, 3]]
+    elif spoilt == "black":
+        captures[2] = 0.01 * np.random.default_rng(0).normal(size=captures[2].shape)
+    elif spoilt == "noise":
+        captures = captures + 0.1 * np.random.default_rng(0).normal(size=captures.shape)
+    elif spoilt == "shifted":
+        captures[1] = np.roll(captures[1], (0, 2), axis=(0, 1))
+    elif spoilt == "flat":
+        captures = 0.25 + 0.02 * np.random.default_rng(0).normal(size=captures.shape)
+    elif spoilt == "design":
+        frames = frames_of("A", 4, "circle")
+    estimate = estimate_of(captures, NARROW, frames)
+    assert estimate.trusted == (spoilt == "none")
+    if doubt:
+        assert any(word in estimate.doubt for word in doubt.split("|")), estimate.doubt
+    else:
+        assert estimate.doubt == ""
+
+
+@pytest.mark.slow
+def test_frames_whose_gain_changes_tell_the_velocity():
+    """By some per cent from frame to frame, and a black level that does."""
+    captures, _, frames = shown()
+    gains = np.array([1.0, 1.06, 0.97, 1.02])[:, None, None]
+    estimate = estimate_of(
+        gains * captures + [[[0.0]], [[0.01]], [[0.0]], [[0.004]]], NARROW, frames
+    )
+    assert np.hypot(*(estimate.velocity - VELOCITY)) * 0.06 < 0.3
+
+
+@pytest.mark.slow
+def test_a_velocity_beyond_the_scene_is_not_trusted():
+    """It lies outside of the disc that is searched."""
+    captures, _, frames = shown(velocity=np.array([700.0, -640.0]))
+    scene = Scene.any_direction(600.0, photon_rate=3e4, read_noise=10.0)
+    assert not estimate_of(captures, scene, frames).trusted
+
+
+@pytest.mark.parametrize(
+    ("law", "inside", "outside"),
+    [
+        (EvenVelocities(900.0, 300.0, angle=0.5), (750.0, 400.0), (-200.0, 380.0)),
+        (RingOfVelocities(700.0), (-420.0, 565.0), (100.0, 50.0)),
+        (ListedVelocities([[300.0, -80.0], [0.0, 55.0]]), (302.0, -76.0), (150.0, -10.0)),
+    ],
+)
+def test_a_law_says_which_velocities_occur(law, inside, outside):
+    """To within some px/s; half of a unit beyond which is outside."""
+    assert law.within(np.array([inside, outside]), 8.0).tolist() == [True, False]
+    along = law.fastest * np.array([[np.cos(law.axis), np.sin(law.axis)]])
+    assert law.within(along * (1 + 7.9 / law.fastest), 8.0).all()
+    assert not law.within(along * (1 + 8.1 / law.fastest), 8.0).any()
+
+
+@pytest.mark.slow
+def test_decoders_of_the_plane_restore_with_their_prior():
+    """Total variation beats the linear one, as a penalty and as a denoiser of one's own."""
+    captures, truth, frames = shown(size=(128, 128))
+    levels = {}
+    for name, decoder in {
+        "ensemble": EnsembleDecoder(),
+        "total variation": TotalVariationDecoder(),
+        "finding": SpeedFindingDecoder(TotalVariationDecoder()),
+        "denoiser": PlugAndPlayDecoder(lambda x, sigma: denoise_tv_chambolle(x, sigma)),
+    }.items():
+        light = restore_frames(captures, SCENE, frames, speed=VELOCITY, decoder=decoder).light
+        levels[name] = float(psnr(truth, light))
+    assert levels["total variation"] > levels["ensemble"] + 0.3
+    assert levels["finding"] == levels["total variation"]
+    assert levels["denoiser"] > levels["ensemble"] + 0.1
+    with pytest.raises(ValueError, match=r"TotalVariationDecoder.+got 'TikhonovDecoder'"):
+        restore_frames(captures, SCENE, frames, speed=VELOCITY, decoder=TikhonovDecoder())
+
+
+@pytest.mark.slow
+def test_colours_and_precision_are_those_of_the_frames():
+    """Colours that are alike are restored once; single precision errs by little."""
+    captures, _, frames = shown(size=(40, 44))
+    grey = np.asarray(restore_frames(captures, SCENE, frames, speed=VELOCITY).light)
+    single = captures.astype(np.float32)
+    light = restore_frames(single, SCENE, frames, speed=VELOCITY).light
+    assert light.dtype == np.float32
+    np.testing.assert_allclose(light, grey, atol=2e-3)
+    colours = np.stack([captures, 0.5 * captures, captures], axis=-1)
+    restored = np.asarray(restore_frames(colours, SCENE, frames, speed=VELOCITY).light)
+    np.testing.assert_allclose(restored[..., 0], grey, atol=1e-12)
+    np.testing.assert_allclose(restored[..., 1], 0.5 * grey, atol=1e-10)
+    same = np.repeat(captures[..., None], 3, axis=-1)
+    assert np.asarray(restore_frames(same, SCENE, frames, speed=VELOCITY).light).shape[-1] == 3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("level", [0.0, 0.31])
+def test_pictures_without_detail_are_no_error(level):
+    """Black frames, and grey ones: a velocity that nothing tells, and a finite picture."""
+    frames = frames_of("A", 2, "sines")
+    scene = Scene.any_direction(150.0, photon_rate=3e4, read_noise=10.0)
+    light, estimate = restore_frames(np.full((2, 33, 35), level), scene, frames)
+    np.testing.assert_allclose(light, level, atol=1e-9)
+    assert not estimate.trusted
+    assert np.all(np.isfinite(estimate.covariance))
+    assert estimate.error > 50
+
+
+@pytest.mark.parametrize(
+    ("captures", "changed", "message"),
+    [
+        (np.ones((3, 20, 20)), {}, "be 4 frames, of rows and columns"),
+        (np.ones((4, 20, 20)), {"speed": 1500.0}, "velocity along rows and columns"),
+        (np.full((4, 20, 20), np.nan), {}, "finite"),
+        (np.ones((4, 20, 20)), {"scene": replace(SCENE, photon_rate=0.0)}, "photon rate above 0"),
+    ],
+)
+def test_frames_in_the_plane_are_refused(captures, changed, message):
+    """Too few of them, a velocity without a direction, no light: in a line each."""
+    arguments = {"scene": SCENE, "speed": VELOCITY} | changed
+    with pytest.raises(ValueError, match=message):
+        restore_frames(captures, arguments.pop("scene"), frames_of("A", 4, "sines"), **arguments)

@@ -1,0 +1,199 @@
+"""The path of a stage as an encoder recorded it, in place of the planned one."""
+
+import json
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+import tifffile
+from support.bursts import a_burst_design
+from support.command_line import refused
+from support.plane import a_plane_design
+
+import mishutter as ms
+from mishutter import cli
+from mishutter.design.design import given_design
+from mishutter.hardware.recorded_paths import RecordedPath, read_path, with_recorded_path
+
+CLOCK = 0.7
+"""The middle of the frames on the encoder's clock; s."""
+
+
+def recorded(paths, count=900, noise=0.0, bend=0.0):
+    """Samples of paths on another clock, about another place, with noise and a bend."""
+    time = np.linspace(-0.034, 0.033, count)
+    rng = np.random.default_rng(5)
+    place = np.array([path.at(time)[0] for path in paths])
+    place = place + bend * np.sin(2 * np.pi * 40 * time + np.arange(len(paths))[:, None])
+    return RecordedPath(time + CLOCK, place + 6.5 + noise * rng.standard_normal(place.shape))
+
+
+def test_frames_in_the_plane_are_where_the_encoder_was():
+    """Within a thousandth of a pixel, at any time; level and difference follow."""
+    design = a_plane_design()
+    path = recorded(design.stage_paths, bend=0.4)
+    built, apart = with_recorded_path(design, path, middle=CLOCK)
+    begin, end = design.lights[0][0], design.lights[-1][1]
+    time = np.linspace(begin, end, 61)[1:-1]
+    wanted = [np.interp(time, path.time - CLOCK, row) for row in path.place]
+    own = np.asarray(built.frames.place(time))
+    for row, place in zip(own, wanted, strict=True):
+        np.testing.assert_allclose(row - row[7], place - place[7], atol=1e-3)
+    np.testing.assert_array_equal(built.frames.times, design.frames.times)
+    assert built.burst.kind == design.burst.kind
+    assert apart.doubt == ""
+    bend = 0.4 * np.sin(2 * np.pi * 40 * time + np.arange(2)[:, None])
+    bend = bend - np.mean(bend, axis=1)[:, None]
+    assert apart.rms == pytest.approx(np.sqrt(np.mean(np.sum(bend**2, axis=0))), rel=0.02)
+    assert apart.greatest == pytest.approx(np.max(np.hypot(*bend)), rel=0.05)
+
+
+def test_the_noise_of_an_encoder_is_averaged():
+    """Ten thousand samples with an error of a tenth of a pixel tell the path to a twentieth."""
+    design = a_plane_design()
+    path = recorded(design.stage_paths, count=10_000, noise=0.1)
+    built, apart = with_recorded_path(design, path, middle=CLOCK)
+    assert apart.rms < 1 / 20
+    levels = [float(ms.plane_psnr(design.scene, x.frames)) for x in (design, built)]
+    assert levels[1] == pytest.approx(levels[0], abs=0.01)
+
+
+@pytest.mark.parametrize("pans", ["stage", "camera"])
+def test_a_burst_along_one_axis_is_where_the_encoder_was(pans):
+    """Place, velocity and path of each frame; a camera that turns adds its pan to the stage."""
+    design, pan = a_burst_design(), 150.0 * (pans == "camera")
+    design = replace(design, sequence=replace(design.sequence, pan=pan))
+    path = design.scene.limits.stage_path_of_frames(design.sequence)
+    built, apart = with_recorded_path(design, recorded([path]), middle=CLOCK)
+    pairs = list(zip(design.sequence.frames, built.sequence.frames, strict=True))
+    shift = pairs[0][1].position - pairs[0][0].position
+    for planned, frame in pairs:
+        assert (frame.time, frame.exposure) == (planned.time, pytest.approx(planned.exposure))
+        tau = np.linspace(-0.49, 0.49, 9) * planned.exposure
+        own = frame.position + np.asarray(frame.motion.position(tau))
+        wanted = planned.position + np.asarray(planned.motion.position(tau))
+        np.testing.assert_allclose(own - shift, wanted, atol=2e-3)
+    assert apart.rms < 1e-3
+
+
+def test_one_exposure_takes_a_recorded_path():
+    """Its motion is the recorded one, with the velocity at mid-exposure."""
+    motion = ms.ParabolicMotion(acceleration=3.1e4, half_exposure=7e-3, velocity=90.0)
+    scene = ms.Scene([-300.0, 500.0], photon_rate=1e5, read_noise=3.0)
+    design = given_design(scene, motion, ms.HannShutter(), "Given.")
+    time = np.linspace(-0.008, 0.008, 400)
+    place = np.asarray(motion.position(time))[None] + 3
+    built, apart = with_recorded_path(design, RecordedPath(time, place))
+    tau = np.linspace(-0.007, 0.007, 11)
+    np.testing.assert_allclose(built.motion.position(tau), motion.position(tau), atol=1e-6)
+    assert float(built.motion.velocity) == pytest.approx(90.0, rel=1e-6)
+    assert apart.greatest < 1e-6
+    assert "at most" in apart.text
+
+
+def test_a_path_far_from_the_planned_one_is_doubted():
+    """The sign of an axis, and a clock that is half a frame off, are no path of these frames."""
+    design = a_plane_design()
+    path = recorded(design.stage_paths)
+    flipped = path._replace(place=path.place * [[1.0], [-1.0]])
+    for wrong, middle in ((flipped, CLOCK), (path, CLOCK + 0.005)):
+        _, apart = with_recorded_path(design, wrong, middle=middle)
+        assert f"is {apart.rms:.3g} px r.m.s. from the planned one" in apart.doubt
+        assert apart.rms > 1
+
+
+def test_its_own_files_are_read_back(tmp_path):
+    """`stage.csv`, whose columns are in ms, px and um, is the planned path."""
+    for name, axes, design in (("two", 2, a_plane_design()), ("one", 1, a_burst_design())):
+        file = tmp_path / f"{name}.csv"
+        file.write_text(ms.frame_table(design).stage_csv(), encoding="utf-8")
+        _, apart = with_recorded_path(design, read_path(file, num_axes=axes))
+        assert apart.greatest < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("heading", "unit"),
+    [("time (us),x (um),y (um)", (1e6, 4.8)), ("t/s;stage_x_nm;stage_y_nm", (1.0, 4.8e3))],
+)
+def test_files_of_encoders_are_read_in_their_units(heading, unit, tmp_path):
+    """Times and places by their headings, whatever separates them."""
+    path, file = recorded(a_plane_design().stage_paths, count=40), tmp_path / "path.csv"
+    sign = ";" if ";" in heading else ","
+    rows = np.transpose([unit[0] * path.time, *(unit[1] * path.place)])
+    lines = [sign.join(f"{x:.9g}" for x in row) for row in rows]
+    file.write_text("\n".join([heading, *lines]), encoding="utf-8")
+    read = read_path(file, num_axes=2, pixel_pitch=4.8e-6)
+    np.testing.assert_allclose(read.time, path.time, rtol=1e-8)
+    np.testing.assert_allclose(read.place, path.place, rtol=1e-7)
+
+
+REFUSED = {
+    "two axes for one": (1, "time (ms),x (px),y (px)\n0,1,2\n1,2,3", "one column of places"),
+    "one axis for two": (2, "time (ms),x (px)\n0,1\n1,2", "have columns x and y"),
+    "no pitch": (1, "time (ms),x (um)\n0,1\n1,2", "pixel_pitch_um"),
+    "no unit": (1, "time (ms),x\n0,1\n1,2", "have the unit of x by its heading"),
+    "falling times": (1, "time (ms),x (px)\n0,1\n1,2\n0.5,3", "have times that ascend"),
+}
+
+
+@pytest.mark.parametrize("slug", REFUSED)
+def test_a_file_that_is_no_path_is_refused(slug, tmp_path):
+    """One line names the file, and what it must hold."""
+    axes, text, line = REFUSED[slug]
+    (tmp_path / "path.csv").write_text(text, encoding="utf-8")
+    with pytest.raises(ValueError, match=line):
+        read_path(tmp_path / "path.csv", num_axes=axes)
+
+
+def test_a_path_that_misses_an_exposure_is_refused():
+    """By the times of either clock, and by the samples of an exposure."""
+    design = a_plane_design()
+    path = recorded(design.stage_paths, count=900)
+    with pytest.raises(ValueError, match=r"reach over all exposures, -16.5 to 16.5 ms by its cl"):
+        with_recorded_path(design, path)
+    few = RecordedPath(path.time[::40], path.place[:, ::40])
+    with pytest.raises(ValueError, match=r"have at least 8 samples in each exposure; got \d"):
+        with_recorded_path(design, few, middle=CLOCK)
+    with pytest.raises(ValueError, match=r"have places along 2 axes; got 1"):
+        with_recorded_path(design, RecordedPath(path.time, path.place[:1]))
+
+
+def test_restore_takes_the_recorded_path(tmp_path, monkeypatch, capsys):
+    """Frames of a stage that strayed are restored better by its record, which the page states."""
+    monkeypatch.chdir(tmp_path)
+    design = a_burst_design(sensor=ms.Sensor(pixel_pitch=4.8e-6))
+    design.save("design.json")
+    path = design.scene.limits.stage_path_of_frames(design.sequence)
+    strayed = recorded([path], bend=2.5)
+    built, _ = with_recorded_path(design, strayed, middle=CLOCK)
+    rows = zip(strayed.time * 1e3, strayed.place[0] * 4.8, strict=True)
+    lines = ["time (ms),x (um)", *(f"{t:.9g},{x:.9g}" for t, x in rows)]
+    (tmp_path / "encoder.csv").write_text("\n".join(lines), encoding="utf-8")
+    picture = ms.example_picture().light[40:72, :260]
+    frames, key = built.sequence.frames, jax.random.key(3)
+    seen = ms.simulate_frames(picture, design.scene, frames, speed=900.0, key=key)
+    seen = design.sequence.of_one_gain(np.asarray(seen))
+    for index, frame in enumerate(seen):
+        tifffile.imwrite(f"{index}.tif", np.asarray(frame, np.float32), photometric="rgb")
+    command = ["restore", "0.tif", "1.tif", "--design", "design.json", "--speed", "900"]
+    assert cli.main([*command, "--out", "planned", "--json"]) == 0
+    assert "path" not in json.loads(capsys.readouterr().out)
+    taken = ["--stage-path", "encoder.csv", "--mid-exposure-ms", f"{1e3 * CLOCK}"]
+    assert cli.main([*command, *taken, "--out", "recorded", "--json"]) == 0
+    out, err = capsys.readouterr()
+    found = json.loads(out)["path"]
+    assert 0.5 < found["rms"] < found["greatest"] < 3
+    assert f"{found['rms']:.2g} px r.m.s." in err
+    levels = {}
+    for name in ("planned", "recorded"):
+        light = ms.read_picture(f"{name}/restored.png").light
+        columns = light.shape[1]
+        inner = slice(columns // 4, 3 * columns // 4)
+        # The picture is wherever the whole path stands.
+        levels[name] = max(
+            float(ms.psnr(picture[:, inner.start + k : inner.stop + k], light[:, inner]))
+            for k in range(-30, 31)
+        )
+    assert levels["recorded"] > levels["planned"] + 1
+    assert "reach over all exposures" in refused(capsys, *command, *taken[:2])

@@ -1,0 +1,124 @@
+"""A design of frames in the plane: its file, and the paths of its stage from rest to rest."""
+
+import json
+from dataclasses import replace
+
+import equinox as eqx
+import numpy as np
+import pytest
+from support.bursts import a_burst_design
+from support.command_line import refused
+from support.plane import a_plane_design
+
+from mishutter import (
+    Design,
+    EvenVelocities,
+    Limits,
+    ListedVelocities,
+    PlaneDesign,
+    RingOfVelocities,
+)
+
+LAWS = {
+    "ellipse": EvenVelocities(1700.0, 1100.0, angle=0.3),
+    "ring": RingOfVelocities(930.0),
+    "list": ListedVelocities([[900.0, 310.0], [-1100.0, 500.0]], [1.0, 2.0]),
+}
+
+
+@pytest.mark.parametrize("slug", LAWS)
+def test_a_design_comes_back_from_its_file(slug, tmp_path):
+    """Scene, law of velocities, frames, path and level are those that were saved, bit for bit."""
+    design = a_plane_design(LAWS[slug])
+    design.save(tmp_path / "design.json")
+    read = PlaneDesign.load(tmp_path / "design.json")
+    assert eqx.tree_equal(read.scene, design.scene)
+    assert eqx.tree_equal(read.frames, design.frames)
+    assert (read.burst.kind, read.burst.num_axes) == (design.burst.kind, 2)
+    assert read.burst.psnr == design.burst.psnr
+    assert read.burst.use == design.burst.use
+
+
+def test_the_stage_goes_from_rest_to_rest_through_the_path():
+    """It is where the frames want it but for a constant, at rest at both ends, about 0."""
+    design = a_plane_design()
+    begin, end = design.lights[0][0], design.lights[-1][1]
+    time = np.linspace(begin, end, 97)[1:-1]
+    wanted = np.asarray(design.frames.place(time))
+    for path, place in zip(design.stage_paths, wanted, strict=True):
+        own, _ = path.at(time)
+        np.testing.assert_allclose(own - own[0], place - place[0], atol=1e-6)
+        assert path.exposure == pytest.approx((begin, end))
+        np.testing.assert_array_equal(path.at(path.times[[0, -1]])[1], 0)
+        every = path.at(np.linspace(path.times[0], path.times[-1], 40001))[0]
+        assert np.min(every) == pytest.approx(-np.max(every), abs=0.02)
+    speeds = [np.max(np.abs(path.accelerations)) for path in design.stage_paths]
+    assert max(speeds) == pytest.approx(float(design.scene.limits.max_acceleration), rel=1e-6)
+
+
+def test_a_stage_has_no_path_that_no_limit_sets():
+    """At rest there is none, and none through velocities that jump; else the way's own rate."""
+    design = a_plane_design()
+    free = replace(design.scene, limits=Limits(max_half_exposure=0.01))
+    unlimited = PlaneDesign(free, design.burst)
+    rates = [np.max(np.abs(path.accelerations)) for path in unlimited.stage_paths]
+    gains = np.abs(np.diff(design.frames.velocities)) / design.frames.durations
+    assert max(rates) == pytest.approx(np.max(gains), rel=1e-9)
+    jumps = eqx.tree_at(
+        lambda x: (x.durations, x.velocities),
+        design.frames,
+        (np.array([0.02, 0.0, 0.03]), np.array([[300.0, 300, -90, -90], [0.0, 40, 40, 40]])),
+    )
+    for frames in (jumps, eqx.tree_at(lambda x: x.velocities, jumps, np.zeros((2, 4)))):
+        other = PlaneDesign(free, replace(design.burst, frames=frames))
+        assert other.stage_paths is None
+
+
+def test_a_camera_that_turns_leaves_the_rest_to_its_stage():
+    """The stage makes the path less the pan, which is the mean velocity of the things."""
+    law = ListedVelocities([[900.0, 300.0], [1100.0, 500.0]])
+    turning = Limits(max_half_exposure=0.01, max_acceleration=9e5, pans="camera")
+    by_stage = a_plane_design(law, Limits(max_half_exposure=0.01, max_acceleration=9e5))
+    by_camera = PlaneDesign(replace(by_stage.scene, limits=turning), by_stage.burst)
+    time = np.linspace(-0.015, 0.015, 7)
+    for whole, rest, pan in zip(
+        by_stage.stage_paths, by_camera.stage_paths, (1000.0, 400.0), strict=True
+    ):
+        apart = whole.at(time)[0] - rest.at(time)[0]
+        np.testing.assert_allclose(np.diff(apart), pan * np.diff(time), rtol=1e-6)
+
+
+def test_each_kind_of_design_refuses_the_file_of_the_other(tmp_path):
+    """One line names the class that reads it, and says which keys are not whole."""
+    plane, axis = tmp_path / "plane.json", tmp_path / "axis.json"
+    a_plane_design().save(plane)
+    a_burst_design().save(axis)
+    with pytest.raises(ValueError, match=r"`PlaneDesign.load` reads those in the plane; got"):
+        Design.load(plane)
+    with pytest.raises(ValueError, match=r"`Design.load` reads this one; got a design along one"):
+        PlaneDesign.load(axis)
+    data = json.loads(plane.read_text("utf-8"))
+    data["plane"]["exposures_s"] = [0.01]
+    plane.write_text(json.dumps(data))
+    with pytest.raises(ValueError, match="3 frames have as many exposures"):
+        PlaneDesign.load(plane)
+    data["plane"]["exposures_s"] *= 3
+    del data["velocities"]
+    plane.write_text(json.dumps(data))
+    with pytest.raises(ValueError, match="`velocities` must be given; got nothing"):
+        PlaneDesign.load(plane)
+
+
+def test_a_command_along_one_axis_refuses_it(tmp_path, capsys):
+    """`compare` names the file and what it holds."""
+    a_plane_design().save(tmp_path / "plane.json")
+    line = refused(capsys, "compare", "--design", str(tmp_path / "plane.json"))
+    assert "got frames in the plane" in line
+
+
+def test_its_figure_has_the_path_and_its_velocities():
+    """One panel for each, and one for the places in time, in which each exposure is shaded."""
+    plane, hodograph, below = a_plane_design().plot().axes
+    assert (plane.get_title(), hodograph.get_title()) == ("path", "velocities")
+    assert len(below.lines) == 2
+    assert len(below.patches) == 3
