@@ -262,7 +262,8 @@ def stage_numbers(travel: float, top_speed: float, acceleration: float, pitch: A
     """The demands of a path on a stage, in um, mm/s and g too where the pixel pitch is known."""
     words = f"{travel:.3g} px at up to {float(f'{top_speed:.3g}'):,g} px/s"
     if pitch is None:
-        return f"{words} and {acceleration:.2g} px/s^2" if acceleration else words
+        rate = f"{float(f'{acceleration:.2g}'):,g} px/s^2"
+        return f"{words} and {rate}" if acceleration else words
     p = float(pitch)
     physical = [f"{travel * p * 1e6:.3g} um", f"{top_speed * p * 1e3:.3g} mm/s"]
     # A velocity that is reached at once has no acceleration.
