@@ -12,9 +12,12 @@ beyond its borders. With that the frames are complete, and as good as one captur
 $\sqrt{\sum_k |A_k|^2/N_k}$ with white noise, $\sum_k \bar A_k \hat g_k / N_k$ over that response.
 Any decoder restores it, and the ensemble filter restores it to the likeliest picture.
 
-The same minimum, and the volume of the Gaussian around it, is the likelihood of a speed. Frames of
-a wrong model have a likeliest speed too, so that one is trusted only where the frames fit: what the
-picture leaves of frame $k$ has the expected square
+The same minimum, and the volume of the Gaussian around it, is the likelihood of a speed. Gains and
+black levels may change from frame to frame: the level of each row of a frame is then unknown, and
+the gains are those of the detail at the likeliest speed.
+
+Frames of a wrong model have a likeliest speed too, so that one is trusted only where the frames
+fit: what the picture leaves of frame $k$ has the expected square
 $1 - \frac{S|A_k|^2/N_k}{1 + S\sum_j |A_j|^2/N_j}$ at each frequency, over the noise, with the sums
 over the frames that see the same part of the picture.
 """
@@ -156,11 +159,22 @@ class _Stack(NamedTuple):
     nodes: list[FrameNodes]  # Instants of each frame
     noises: Float[np.ndarray, "frames"]  # Variance of the noise in each frame, $N_k$
     model: BlurModel  # The picture's statistics and the lens
+    has_levels: bool = True  # Whether the mean of each row in each frame is that of the picture
 
     def of(self, some: Int[np.ndarray, "f"]) -> "_Stack":
         """The same of some of the frames."""
-        nodes = [self.nodes[k] for k in some]
-        return _Stack(self.rows[:, some], nodes, self.noises[some], self.model)
+        nodes, noises = [self.nodes[k] for k in some], self.noises[some]
+        return self._replace(rows=self.rows[:, some], nodes=nodes, noises=noises)
+
+    def without_levels(
+        self, rows: Float[np.ndarray, "*s rows frames columns"]
+    ) -> Float[np.ndarray, "*s rows frames columns"]:
+        r"""Rows of frames, less their levels where nothing is known of these.
+
+        An unknown level adds $\sigma^2 1 1^\top$ to the covariance $N_k I$ of the noise; the
+        inverse of the sum is $(I - 1 1^\top/n)/N_k$ as $\sigma$ grows without bound.
+        """
+        return rows if self.has_levels else rows - np.mean(rows, axis=-1, keepdims=True)
 
     def canvas(self, speeds: RowLike) -> tuple[int, int]:
         """Pixels beyond either end of the sensor, and of the whole period, at some speeds."""
@@ -413,7 +427,7 @@ def _likeliest(
     def gathered(rows: np.ndarray) -> np.ndarray:
         """Spectra of the pictures that frames on the sensor would be made of."""
         whole = np.zeros((*rows.shape[:-1], length))
-        whole[..., window] = rows
+        whole[..., window] = stack.without_levels(rows)
         return np.einsum("skf,srkf->srf", shares, _rfft(whole))
 
     def recorded(pictures: np.ndarray) -> np.ndarray:
@@ -484,12 +498,10 @@ class _Fit(NamedTuple):
     """How the frames fit the likeliest picture at a speed."""
 
     # Mean square of what the picture leaves of the frames, over their noise, with the picture's own
-    # freedom counted, and without gains and black levels that change
+    # freedom counted, and without gains that change
     misfit: float
     misfits: Float[np.ndarray, "frames"]  # The same of each frame
-    drift: Float[np.ndarray, "rows frames columns"]  # Rows that these changes add to each frame
-    # Variance of each frame's noise over that of frames whose gain does not change
-    noise_shares: Float[np.ndarray, "frames"]
+    gains: Float[np.ndarray, "frames"]  # Gain of each frame over their mean
     values: Float[np.ndarray, "rows"]  # Logarithm of the likelihood of each row
     shifts: Float[np.ndarray, "frames"]  # Displacement of each frame from its place; px
     shift_errors: Float[np.ndarray, "frames"]  # Standard errors of these; px
@@ -499,7 +511,7 @@ class _Found(NamedTuple):
     """The speed that was found, and what speaks for and against it."""
 
     rows: Float[np.ndarray, "rows frames columns"]  # Rows of the frames
-    stack: _Stack  # The same about their mean, without changes of gain and black level
+    stack: _Stack  # The same about their mean, each over its gain
     search: _Search  # The speeds that were tried
     ends: list[_Peak]  # Peaks of the likelihood, the highest first
     best: _Peak  # The speed
@@ -536,21 +548,19 @@ def _speed_of(
     grey, (low, high) = grey[some], _range_to_try(scene)
     taken = taken.like(grey, low, high, float(shares @ shares))
     nodes = nodes_of_frames(taken.frames, max(abs(low), abs(high)))
-    stack, level = _stacked(grey, taken, nodes)
+    # Gains and black levels that change from frame to frame tell no speed.
+    stack = _stacked(grey, taken, nodes)[0]._replace(has_levels=False)
     search = _searched(stack, taken.frames, low, high)
-    values = np.sum(_logarithms(stack, np.array(search.peaks), _TOLERANCE), axis=1)
+    values = np.sum(_logarithms(stack, np.array(search.peaks)), axis=1)
     ends = [_Peak(*each, 0.0) for each in zip(search.peaks, values.tolist(), strict=True)]
     ends.sort(key=lambda end: -end.value)
-    # Gains and black levels that change from frame to frame tell no speed.
-    first = _fit(stack, level, ends[0].speed)
-    noises = stack.noises * first.noise_shares
-    stack = stack._replace(rows=stack.rows - first.drift, noises=noises)
+    stack = stack._replace(rows=stack.rows / _fit(stack, ends[0].speed).gains[:, None])
     best = _highest(stack, ends[0].speed, search, 0.01)
-    fit, duration = _fit(stack, level, best.speed), _duration(taken.frames)
+    fit, duration = _fit(stack, best.speed), _duration(taken.frames)
     a_frame = duration / max(len(taken.frames) - 1, 1)
-    others = [_fit(stack, level, best.speed + px / a_frame).misfit for px in _ELSEWHERE]
+    others = [_fit(stack, best.speed + px / a_frame).misfit for px in _ELSEWHERE]
     beside = [end for end in ends if abs(end.speed - best.speed) > _REACH * search.step]
-    rivals = [(end, _fit(stack, level, end.speed)) for end in beside]
+    rivals = [(end, _fit(stack, end.speed)) for end in beside]
     spread = max(1.0, fit.misfit)
     error = math.hypot(math.sqrt(spread) * best.width, _FLOOR / duration)
     error = min(error, (high - low) / math.sqrt(12))
@@ -750,35 +760,33 @@ def _highest(stack: _Stack, speed: float, search: _Search, steps: float = 0.1) -
     return _Peak(peak, -least, min((search.high - search.low) / math.sqrt(12), width))
 
 
-def _fit(stack: _Stack, level: Float[np.ndarray, "rows"], speed: float) -> _Fit:
+def _fit(stack: _Stack, speed: float) -> _Fit:
     """How the frames fit the likeliest picture at a speed."""
     found = _likeliest(stack, [speed])
     columns, num_frames = stack.rows.shape[-1], stack.rows.shape[1]
-    seen = found.seen(found.responses, columns)[0]
     turns = -2j * np.pi * np.fft.rfftfreq(found.length)
-    slopes = found.seen(found.responses * turns, columns)[0]
-    residual = stack.rows - seen
-    # The picture follows each frame by about one part in as many as there are.
-    follows = num_frames / max(num_frames - 1, 1)
-    drift, (gains, shifts, errors) = np.zeros_like(residual), np.zeros((3, num_frames))
+    seen = stack.without_levels(found.seen(found.responses, columns)[0])
+    slopes = stack.without_levels(found.seen(found.responses * turns, columns)[0])
+    residual = stack.without_levels(stack.rows) - seen
+    changes, (shifts, errors) = np.zeros(num_frames), np.zeros((2, num_frames))
     for k, noise in enumerate(stack.noises if num_frames > 1 else []):
-        changes = [seen[:, k] + level[:, None], np.ones_like(seen[:, k]), slopes[:, k]]
-        design = np.stack([one.ravel() for one in changes], axis=1)
-        expected = np.array([_FLICKER, _FLICKER, _LARGEST_SHIFT])
+        design = np.stack([seen[:, k].ravel(), slopes[:, k].ravel()], axis=1)
+        expected = np.array([_FLICKER, _LARGEST_SHIFT])
         inverse = np.linalg.inv(design.T @ design / noise + np.diag(expected**-2.0))
-        change = inverse @ (design.T @ residual[:, k].ravel()) / noise
-        drift[:, k] = (design[:, :2] @ change[:2]).reshape(drift[:, k].shape)
-        gains[k], shifts[k] = follows * change[[0, 2]]
-        errors[k] = follows * math.sqrt(inverse[2, 2])
-    # Gains are those of the noise, too; what all share is a picture that its prior holds back.
-    noise_shares = np.maximum(1 + gains - np.mean(gains), _BLACK) ** 2
-    squares = np.sum((residual - drift) ** 2 / stack.noises[:, None], axis=(0, 2))
+        changes[k], shifts[k] = inverse @ (design.T @ residual[:, k].ravel()) / noise
+        errors[k] = math.sqrt(inverse[1, 1])
+    squares = np.sum((residual - changes[:, None] * seen) ** 2, axis=(0, 2)) / stack.noises
     volume = _volumes(stack, found)[0]
-    freedoms = volume.freedoms - len(residual) / num_frames - 2
+    # Each row has a level of its own in each frame, and each frame a gain.
+    freedoms = volume.freedoms - len(residual) - 1
     misfit = float(np.sum(squares) / max(np.sum(freedoms), 1.0))
     misfits = squares / np.maximum(freedoms, 1.0)
     values = found.gains[0] - volume.logarithm / len(residual)
-    return _Fit(misfit, misfits, drift * follows, noise_shares, values, shifts, errors)
+    # What all gains share is a picture that its prior holds back.
+    gains = np.maximum(1 + changes, _BLACK)
+    # The picture follows a frame that is off by about one part in as many as there are.
+    follows = num_frames / max(num_frames - 1, 1)
+    return _Fit(misfit, misfits, gains / np.mean(gains), values, follows * shifts, follows * errors)
 
 
 def _logarithms(

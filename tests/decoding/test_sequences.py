@@ -184,6 +184,24 @@ def test_a_likelihood_is_climbed_to_its_top(monkeypatch, top, start, found):
     assert peak.width == pytest.approx(40 / np.sqrt(2), rel=0.2 if top > 3000 else 1e-3)
 
 
+@pytest.mark.parametrize("rows", [slice(120, 126), slice(300, 306)])
+def test_pictures_are_near_enough_their_likeliest_to_tell_the_speed(monkeypatch, rows):
+    """Of bright frames, where the error is least: conjugate gradients that go on move it little."""
+    bright, frames = Scene.uniform(max_speed=4500.0, photon_rate=1e6, read_noise=2), swings(6)
+    picture = np.asarray(example_picture().light)[rows, :, 1]
+    captures = simulate_frames(
+        picture, bright, frames, speed=3700.0, num_columns=200, key=jax.random.key(3)
+    )
+    taken, nodes = sequences._Taken.of(bright, frames), nodes_of_frames(frames, 4500.0)
+    planes = np.swapaxes(np.asarray(captures, np.float64), 0, 1)
+    stack = sequences._stacked(planes, taken, nodes)[0]._replace(has_levels=False)
+    search = sequences._Search(low=-4500.0, high=4500.0, step=8.4, peaks=[3700.0], middle=0.0)
+    peak = sequences._highest(stack, 3700.0, search, 0.01)
+    monkeypatch.setattr(sequences, "_TOLERANCE_OF_SPEED", 1e-4)
+    limit = sequences._highest(stack, 3700.0, search, 0.01)
+    assert abs(peak.speed - limit.speed) < 0.3 * limit.width
+
+
 @pytest.mark.parametrize("pull", [0.002, 0.3])
 def test_rows_that_disagree_widen_an_error(monkeypatch, pull):
     """By the spread of their scores over the curvature, where that is more than the model's own."""
@@ -196,6 +214,52 @@ def test_rows_that_disagree_widen_an_error(monkeypatch, pull):
     assert (peak.width > 1.1 / np.sqrt(curvature)) == (pull > 0.1)
 
 
+def dense_covariance(stack, found):
+    """Of all pixels of one row of the frames, frame by frame."""
+    columns = stack.rows.shape[-1]
+    place = (np.arange(found.length)[:, None] - np.arange(found.length)) % found.length
+    power = np.fft.irfft(stack.model.picture_spectrum(found.length), found.length)[place]
+    inside = slice(found.margin, found.margin + columns)
+    seen = np.concatenate(
+        [np.fft.irfft(one, found.length)[place][inside] for one in found.responses[0]]
+    )
+    return seen @ power @ seen.T + np.diag(np.repeat(stack.noises, columns))
+
+
+def test_unknown_levels_are_a_term_of_rank_one_for_each_row_of_a_frame():
+    """The likelihood is that of a dense covariance with a level of any size in each frame."""
+    frames, columns, speed = stills(3), 120, 900.0
+    rows = np.random.default_rng(8).standard_normal((2, 3, columns)).cumsum(axis=-1) / 20
+    taken, nodes = sequences._Taken.of(SCENE, frames), nodes_of_frames(frames, speed)
+    stack = sequences._stacked(rows, taken, nodes)[0]._replace(has_levels=False)
+    found = sequences._likeliest(stack, [speed], 1e-6)
+    levels = 1e4 * np.kron(np.eye(3), np.ones((columns, columns)))
+    noise, whole = np.diag(np.repeat(stack.noises, columns)), dense_covariance(stack, found)
+    flat = stack.rows.reshape(2, -1)
+    squares = [
+        np.sum(flat * np.linalg.solve(one + levels, flat.T).T, axis=1) for one in (noise, whole)
+    ]
+    np.testing.assert_allclose(found.gains[0], (squares[0] - squares[1]) / 2, rtol=1e-4)
+    lifted = stack._replace(rows=stack.rows + np.array([0.3, -0.1, 0.05])[:, None])
+    np.testing.assert_allclose(sequences._likeliest(lifted, [speed], 1e-6).gains, found.gains)
+
+
+@pytest.mark.parametrize("gains", [[1.25, 0.8], [0.85, 1.2, 0.75, 1.1, 1.05]])
+def test_gains_of_frames_are_told_by_their_detail(gains):
+    """Over their mean, whatever the black levels are; frames that differ by them fit."""
+    frames, gains = stills(len(gains)), np.array(gains)
+    captures, _ = shown(1300.0, frames, rows=slice(120, 132), num_columns=240)
+    changed = np.asarray(captures) * gains[:, None, None] + 0.03 * gains[::-1, None, None]
+    rows = np.swapaxes(changed, 0, 1)
+    taken, nodes = sequences._Taken.of(SCENE, frames), nodes_of_frames(frames, 1300.0)
+    stack = sequences._stacked(rows, taken, nodes)[0]._replace(has_levels=False)
+    found = sequences._fit(stack, 1300.0).gains
+    np.testing.assert_allclose(found, gains / np.mean(gains), rtol=0.03)
+    estimate = restore_frames(changed, SCENE, frames).estimate
+    assert estimate.trusted
+    assert estimate.misfit == pytest.approx(1, abs=0.15)
+
+
 def test_the_volume_is_that_of_a_dense_covariance():
     """Half its log-determinant, and the frames' freedom is the trace of what it leaves to noise."""
     frames, columns, speed = stills(3), 160, 900.0
@@ -203,14 +267,7 @@ def test_the_volume_is_that_of_a_dense_covariance():
     taken, nodes = sequences._Taken.of(SCENE, frames), nodes_of_frames(frames, speed)
     stack, _ = sequences._stacked(rows, taken, nodes)
     found = sequences._likeliest(stack, [speed])
-    place = (np.arange(found.length)[:, None] - np.arange(found.length)) % found.length
-    power = stack.model.picture_spectrum(found.length)
-    inside = slice(found.margin, found.margin + columns)
-    seen = np.concatenate(
-        [np.fft.irfft(one, found.length)[place][inside] for one in found.responses[0]]
-    )
-    noise = np.repeat(stack.noises, columns)
-    covariance = seen @ np.fft.irfft(power, found.length)[place] @ seen.T + np.diag(noise)
+    covariance, noise = dense_covariance(stack, found), np.repeat(stack.noises, columns)
     volume = sequences._volumes(stack, found)[0]
     half = (np.linalg.slogdet(covariance)[1] - np.sum(np.log(noise))) / 2
     assert volume.logarithm / len(rows) == pytest.approx(half, rel=0.03)
