@@ -247,8 +247,11 @@ class Session:
         return {"kind": "plane", "verdict": verdict, "answer": answer, "picture": picture}
 
     def ahead(self, tables: Tables) -> Iterator[None]:
-        """Compiles programs that later first answers share, one at each step."""
-        for changed in _around(tables):
+        """Compiles programs that later first answers share, one at each step.
+
+        Scenes of any direction have no first answers.
+        """
+        for changed in _around(tables) if self._design is not None else ():
             try:
                 scene = built(changed, self._photographs)
             except ValueError:  # the change is beyond the range of a slider

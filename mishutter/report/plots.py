@@ -313,8 +313,9 @@ def plot_frames(table: FrameTable) -> "Figure":
             time = np.linspace(path.times[0], path.times[-1], _NUM_POINTS)
             sent = stage.sent_for(path, time)
             axes.plot(time * 1e3, sent, label=f"sent to it{name}", **next(styles))
+    # Of two axes with a servo there are five names.
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
-    leave_room(figure, Margins(top=0.4), num_rows=1)
+    leave_room(figure, Margins(top=0.4 if len(axes.lines) < 3 else 0.7), num_rows=1)
     return figure
 
 

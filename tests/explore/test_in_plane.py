@@ -48,6 +48,7 @@ def test_the_answer_comes_with_the_path_in_the_plane(found):
     """At once a word, then the library's answer and a picture; a request twice searches once."""
     started = with_design(Beginning(TABLES, {}), lambda step, value: None)
     session, asked = Session(started), Request(kind="design", id=3, scene=TABLES)
+    assert list(session.ahead(TABLES)) == []
     assert session.first(asked)["kind"] == "plane"
     for _ in range(2):
         (answer,) = session.rest(asked, lambda: None)
