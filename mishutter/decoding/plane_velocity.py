@@ -60,9 +60,9 @@ from mishutter.plane.levels import require_velocities
 _COARSEST, _JUDGED, _MOST_HALVINGS = 32, 64, 6
 """Least pixels along the shorter side of binned frames in which a velocity is sought, and of those
 in which it is judged; numbers of times that pixels are doubled."""
-_PX_A_STEP, _REACH = 1.4, 1.5
+_PX_A_STEP, _REACH, _SAME = 1.4, 1.5, 0.5
 """Displacement over the frames between neighbouring velocities that are tried, binned px, and steps
-about a peak within which there is no other."""
+about a peak of these, and about one that is climbed, within which there is no other."""
 _MOST_ALONG = 64
 """Most steps from rest to the fastest velocity that is tried."""
 _CANDIDATES, _MOST_CLIMBS, _NEAR = 6, 4, 0.1
@@ -216,17 +216,34 @@ def _searched(own: Own, law: AbstractVelocities) -> _Search:
             tops.append((max(each), near[int(np.argmax(each))]))
         each = np.array([value for value, _ in tops])
         peaks = _peaks(np.array([top for _, top in tops]), each, _REACH * step)
-    ends = []
-    for peak in peaks:
-        climb = climbed(level, peak, ROUGHLY)
-        for _ in range(_MOST_CLIMBS):
-            if np.hypot(*(climb.best - climb.found.velocity)) < _NEAR * step:
-                break
-            climb = climbed(level, climb.best, ROUGHLY)
-        ends.append(climb)
-    values = [end.found.gain - volume(level, end.found.velocity).logarithm for end in ends]
-    order = np.argsort(values)[::-1].tolist()
-    return _Search(level, [ends[k] for k in order], [values[k] for k in order], middle, step)
+    ends = [_top(level, peak, step) for peak in peaks]
+    best = max(ends, key=lambda end: _value(level, end))
+    # Peaks may be narrower than a step.
+    ends += [_top(level, best.best + step * each, step) for each in beside if np.any(each)]
+    # What still climbs is on the way to another.
+    still = [end for end in ends if end is best or _size(end) < _NEAR * step]
+    still.sort(key=lambda end: -_value(level, end))
+    return _Search(level, still, [_value(level, end) for end in still], middle, step)
+
+
+def _top(level: Level, velocity: np.ndarray, step: float) -> Climb:
+    """The last of some climbs from a velocity."""
+    climb = climbed(level, velocity, ROUGHLY)
+    for _ in range(_MOST_CLIMBS):
+        if _size(climb) < _NEAR * step:
+            break
+        climb = climbed(level, climb.best, ROUGHLY)
+    return climb
+
+
+def _size(climb: Climb) -> float:
+    """Length of a step; px/s."""
+    return float(np.hypot(*(climb.best - climb.found.velocity)))
+
+
+def _value(level: Level, climb: Climb) -> float:
+    """Logarithm of the likelihood before a step."""
+    return climb.found.gain - volume(level, climb.found.velocity).logarithm
 
 
 def _velocities_to_try(law: AbstractVelocities, step: float) -> Float[np.ndarray, "s 2"]:
@@ -323,11 +340,11 @@ class _Judged(NamedTuple):
         own, search, best = found.own, found.search, found.climb.best
         a_frame = own.duration / max(len(own.frames) - 1, 1)
         asides = best + _ASIDE / a_frame
-        ends = [
-            (end.best, search.values[0] - value)
-            for end, value in zip(search.ends, search.values, strict=True)
-            if np.hypot(*(end.best - best)) > _REACH * search.step
-        ]
+        ends: list[tuple[np.ndarray, float]] = []
+        for end, value in zip(search.ends, search.values, strict=True):
+            known = [best, *(velocity for velocity, _ in ends)]
+            if all(np.hypot(*(end.best - each)) > _SAME * search.step for each in known):
+                ends.append((end.best, search.values[0] - value))
         all_of_them = np.array([best, *asides, *(velocity for velocity, _ in ends)])
         level = own.level(all_of_them, search.level.size)
         first, *others = (

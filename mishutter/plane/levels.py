@@ -160,8 +160,8 @@ class _Power(NamedTuple):
     least: float
 
     def __call__(
-        self, radius: Float[np.ndarray, "*shape"], angle: Float[np.ndarray, "*shape"]
-    ) -> Float[np.ndarray, "*shape"]:
+        self, radius: Float[np.ndarray, "*#shape"], angle: Float[np.ndarray, "*#shape"]
+    ) -> Float[np.ndarray, "..."]:
         radius = np.maximum(radius + 0 * angle, self.least)
         return np.exp(_terms(radius, angle) @ self.coefficients)
 

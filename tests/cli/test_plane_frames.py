@@ -27,7 +27,7 @@ max_travel_px = 60
 max_exposure_ms = 10
 [burst]
 frames_per_s = 100
-max_frames = 4
+window_ms = 40
 [picture]
 path = "photo.png"
 """
@@ -45,7 +45,7 @@ max_acceleration_g = 1
 max_exposure_ms = 125
 [burst]
 frames_per_s = 8
-max_frames = 2
+window_ms = 500
 [picture]
 path = "photo.png"
 """
@@ -119,7 +119,7 @@ def test_mistakes_get_a_line(desk, capsys):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "speed", "words"),
-    [(BACTERIUM, "26um/s,-17um/s", "4 frames"), (HANDHELD, "-190,120", "2 frames")],
+    [(BACTERIUM, "26um/s,-17um/s", "4 frames"), (HANDHELD, "-190,120", "4 frames")],
     ids=["bacterium", "handheld"],
 )
 def test_a_scene_is_answered_simulated_and_restored(desk, capsys, text, speed, words):
