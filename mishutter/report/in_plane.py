@@ -136,7 +136,7 @@ class PlaneReport:
         travel, top_speed = _at_most(use.travel), _at_most(use.top_speed)
         numbers = stage_numbers(travel, top_speed, float(use.acceleration), pitch)
         together = "both axes" if self.scene.limits.axes == "disc" else "each axis"
-        without = max(x.psnr for x in self.options if not x.num_axes)
+        without = max((x.psnr for x in self.options if not x.num_axes), default=choice.psnr)
         return (
             f"{stage_adds(choice.psnr - without)} It travels {numbers}, {together}, run-up from "
             "rest included."

@@ -231,7 +231,7 @@ def _on_shaped_shutters(rows: Sequence[Row], choice: Row) -> str:
 
 
 def _on_stage(scene: Scene, rows: Sequence[Row], choice: Row) -> str:
-    """What the stage adds, and its path over frames and what that takes of it."""
+    """The gain by the stage, its path over frames, and what that takes of it."""
     if "stage" not in choice.needs:
         return ""
     several = (row for row in rows if row.is_of_one_exposure or row.num_frames > 1)

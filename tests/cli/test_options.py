@@ -125,6 +125,7 @@ LABORATORY = [
 ]
 MEASURE = "mishutter.measurement.measurement.measure"
 READ_CAPTURES = "mishutter.pictures.images.read_captures"
+READ_PATH = "mishutter.hardware.recorded_paths.read_path"
 RESTORE, GIVEN = "mishutter.decoding.simulation.restored_capture", ("--design", "design.json")
 ON_PICTURES = ("--pictures", "photo.png", "--pictures", "other.png")
 JUDGED = [
@@ -253,6 +254,9 @@ OPTIONS = {
         Option(["--linear"], READ_CAPTURES, _named("linear"), True, GIVEN),
         Option(["--decoder", "wiener"], RESTORE, _type_of("decoder"), "WienerDecoder", GIVEN),
         Option(["--speed", "37"], RESTORE, _named("speed"), 37.0, GIVEN),
+        Option(
+            ["--stage-path", "encoder.csv"], READ_PATH, _named("path"), Path("encoder.csv"), GIVEN
+        ),
     ],
     "explore": [
         Option(["--port", "8765"], EXPLORE, _named("port"), 8765),

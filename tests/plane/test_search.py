@@ -151,11 +151,12 @@ def a_burst(kind: str, num_axes: int, psnr: float, count: int = 4) -> PlaneBurst
         (26.3, 26.45, None, "sweep"),
         (26.3, 26.9, None, "two sines"),
         (26.3, 26.9, 26.93, "two sines"),
-        (26.3, 26.9, 26.99, FREE),
+        (26.3, 26.9, 27.09, "two sines"),
+        (26.3, 26.9, 27.11, FREE),
     ],
 )
 def test_the_simplest_of_equals_is_recommended(one, two, free, kind):
-    """A stage must be worth 0.2 dB, a second axis as much again, and a free path 0.05 dB."""
+    """A stage must be worth 0.2 dB, a second axis as much again, and a free path as well."""
     bursts = [a_burst("stills", 0, 26.0), a_burst("sweep", 1, one)]
     bursts += [a_burst("circle", 2, two - 0.06), a_burst("two sines", 2, two)]
     bursts += [a_burst(FREE, 2, free)] if free else []
@@ -182,7 +183,7 @@ def test_a_camera_that_turns_leaves_its_stage_where_it_is():
     turning = replace(a_burst("pan", 1, 27.0), use=at_rest.use)
     text = PlaneReport(a_scene(), PlaneSearch(at_rest, (turning,), 28.0)).text()
     assert text.startswith("Take 4 frames while the stage pans: 27.0 dB, 2.5 dB better")
-    assert "The stage travels 0 px at up to 0 px/s" in text
+    assert "It travels 0 px at up to 0 px/s" in text.replace("\n", " ")
 
 
 @pytest.mark.parametrize(("travel", "said"), [(24.49, "25 px"), (241.0, "250 px"), (0.5, "0.5 px")])

@@ -140,7 +140,9 @@ def test_a_file_leaves_out_what_is_known_along_one_axis(section, tmp_path):
     """Such a section is named in the error."""
     keys = {"occlusion": "front_share = 0.5", "motion": "half_exposure_ms = 3\nsag_px = 4"}
     more = f"{BASE}[{section}]\n{keys.get(section, '')}\n"
-    with pytest.raises(ValueError, match=rf"`\[{section}\]` must be left out beside any_direction"):
+    with pytest.raises(
+        ValueError, match=rf"`\[{section}\]` must stand beside speeds along one axis"
+    ):
         loaded(tmp_path, "{ max_px_per_s = 270 }", more)
 
 

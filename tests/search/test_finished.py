@@ -59,9 +59,9 @@ def test_a_burst_is_taken_by_the_level_that_is_asked_for():
 def test_a_search_takes_the_burst_of_its_loss(loss, best, monkeypatch):
     """That of the worst speed asks for the level there."""
     # The search for bursts takes seconds, and has tests of its own.
-    monkeypatch.setattr("mishutter.search.search.best_bursts", lambda _: (STILL, MOVING))
+    monkeypatch.setattr("mishutter.search.search.best_bursts", lambda _, **how: (STILL, MOVING))
     design = a_burst_design(None)
     monkeypatch.setattr(type(design), "levels", property(lambda _: {"level": 20.0}))
-    found = _with_bursts(design, loss)
+    found = _with_bursts(design, loss, is_shown=False)
     assert found.sequence is best
     assert found.bursts == (STILL, MOVING)
