@@ -21,6 +21,8 @@ from mishutter import (
     simulate_capture,
     simulate_frames,
 )
+from mishutter.camera.sequences import furthest
+from mishutter.evaluation.sequences import FrameNodes
 
 SCENE = Scene.uniform(max_speed=2600.0, photon_rate=7e4, read_noise=6)
 RNG = np.random.default_rng(5)
@@ -113,6 +115,26 @@ def test_each_frame_has_noise_of_its_own_exposure():
         p = 7e4 * 2 * half
         assert np.var(np.asarray(capture)) == pytest.approx(0.37 / p + (6 / p) ** 2, rel=0.05)
     assert not np.array_equal(found[0], found[1])
+
+
+def test_a_pixel_holds_what_the_scene_says():
+    """A frame of more electrons than the full well is cut off, unless another well is given."""
+    scene = Scene.uniform(
+        max_speed=2600.0, photon_rate=7e4, read_noise=6, sensor=Sensor(full_well=90.0)
+    )
+    frames, flat = [TimedFrame(StillCamera(half_exposure=3e-3), 0.0)], np.full((20, 90), 0.8)
+    white = 7e4 * 6e-3
+    for given, most in ({}, 90.0), ({"full_well": 150.0}, 150.0), ({"full_well": 1e4}, 0.8 * white):
+        found = simulate_frames(flat, scene, frames, key=jax.random.key(4), **given)
+        assert float(np.mean(found)) == pytest.approx(most / white, rel=0.01)
+
+
+def test_the_furthest_displacement_is_that_of_the_speed():
+    """Where the sensor goes with a thing, one of the other direction is displaced further."""
+    time = np.array([-0.01, 0.03])
+    nodes = [FrameNodes(time, 700.0 * time, np.array([0.5, 0.5]))]
+    assert furthest(nodes, [700.0]) == pytest.approx(0.0, abs=1e-12)
+    assert furthest(nodes, [-400.0, 100.0]) == pytest.approx(1100 * 0.03)
 
 
 def test_a_picture_that_moves_along_its_columns():

@@ -1,8 +1,12 @@
 """What is left of a gain where part of the picture stands still."""
 
+from dataclasses import replace
+
 import pytest
 
-from mishutter import ExpectedErrorLoss, Limits, Occlusion, Scene
+from mishutter import ExpectedErrorLoss, Limits, Occlusion, RectShutter, Scene, StillCamera
+from mishutter.design.design import given_design
+from mishutter.report import backgrounds
 from mishutter.report.backgrounds import (
     BackgroundGain,
     background_gains,
@@ -27,6 +31,19 @@ def test_a_still_background_takes_of_the_gain():
     snapshot = max(row.level for row in rows)
     own = float(half.camera.metrics.expected_psnr)
     assert half.gain == pytest.approx(max(own - snapshot, 0), abs=1e-6)
+
+
+@pytest.mark.parametrize(("loss", "gain", "is_design"), [(0.25, 1.5836, True), (0.31, 0.0, False)])
+def test_the_gain_is_of_errors_and_the_camera_the_better(loss, gain, is_design, monkeypatch):
+    """The loss is the root of a squared error; a snapshot that nothing beats is the camera."""
+    made = given_design(DIM, StillCamera(half_exposure=2e-3), RectShutter(), "Given.")
+    snapshot, design, other = (replace(made, loss=each) for each in (0.3, loss, 0.4))
+    found = {"panned": other, "best": snapshot}
+    monkeypatch.setattr(backgrounds, "snapshot_designs", lambda search: found)
+    monkeypatch.setattr(backgrounds, "optimise", lambda *given, **how: design)
+    for each in background_gains(DIM):
+        assert each.gain == pytest.approx(gain, abs=1e-4)
+        assert each.camera is (design if is_design else snapshot)
 
 
 @pytest.mark.parametrize(

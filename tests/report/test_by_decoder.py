@@ -1,6 +1,7 @@
 """Cameras judged by a decoder on photographs: paired differences, at an exposure tuned for it."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from mishutter import (
     example_picture,
 )
 from mishutter.decoding.restoration import restore_by_each
+from mishutter.report import by_decoder
 from mishutter.report.by_decoder import Judgement, OnPictures, judged_by, pictures_to_judge
 from mishutter.report.restored import longest_kernel
 from mishutter.report.tables import comparison_tables
@@ -141,6 +143,21 @@ def test_the_exposure_is_the_best_of_those_beside_it(few):
         assert own >= as_it_was
         half = float(row.motion.half_exposure)
         assert float(best.motion.half_exposure) == pytest.approx(best.exposure_share * half)
+
+
+@pytest.mark.parametrize(("best", "share"), [(0.7, 0.72), (1.0, 1.0), (1.3, 1.18)])
+def test_exposures_are_tried_on_both_sides(best, share, few, monkeypatch):
+    """Shorter ones in turn, and a longer one, as long as they gain something."""
+    scene, rows = few
+    own = float(rows[0].motion.half_exposure)
+
+    def restored(picture, scene, motion, *given, **how):
+        level = 25 - abs(float(motion.half_exposure) / own - best)
+        return {"": SimpleNamespace(mean_psnr=level)}
+
+    monkeypatch.setattr(by_decoder, "restore_by_each", restored)
+    found = judged_by(WienerDecoder(), PICTURES, scene, rows[:1], rows[0]).cameras
+    assert found[BEST_SNAPSHOT].exposure_share == pytest.approx(share)
 
 
 @pytest.mark.slow
