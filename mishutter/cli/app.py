@@ -250,7 +250,8 @@ def _next_step(result: "Report", scene_file: Path | None, folder: Path | None) -
     """The command that goes on from an answer: to a folder of files, or from its design."""
     from mishutter.report.documents import file_to_build
 
-    return next_step(scene_file, folder, file_to_build(result))
+    design = None if folder is None else file_to_build(result)
+    return next_step(scene_file, folder, design)
 
 
 def _after_search(scene_file: Path | None, folder: Path | None) -> str:

@@ -337,10 +337,11 @@ def _require_devices() -> None:
         ) from None
 
 
-def next_step(scene_file: Path | None, folder: Path | None, design: str = "design.json") -> str:
+def next_step(scene_file: Path | None, folder: Path | None, design: str | None = None) -> str:
     """The command that goes on from an answer: to a folder of files, or from its design."""
     if folder is not None:
-        export = ["mishutter", "export", str(folder / design), "--out", str(folder / "lab")]
+        file = folder / (design or "design.json")
+        export = ["mishutter", "export", str(file), "--out", str(folder / "lab")]
         return f"{shlex.join(export)}  # the files that drive the camera"
     scene, name = ([], "design") if scene_file is None else ([str(scene_file)], scene_file.stem)
     again = shlex.join(["mishutter", "optimise", *scene, "--out", name])

@@ -685,7 +685,8 @@ def test_compare_reads_designs_back(optimised, small_scene, capsys):
     assert " design: " in short  # a saved design is an option by its name
     assert "Own best motion" not in short
     *_, last = short.splitlines()
-    assert last == f"Next: mishutter optimise {small_scene} --out scene"
+    again = f"mishutter optimise {small_scene} --out scene"
+    assert last == f"Next: {again}  # the design, pictures and a report"
 
 
 @pytest.mark.slow
