@@ -10,7 +10,7 @@ wide a sensor must be, and what a background at rest changes. A typical printout
 import math
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial, reduce
 from itertools import pairwise
 from typing import Any
@@ -200,10 +200,18 @@ def gains(
 ) -> Float[np.ndarray, "counts lights"]:
     """Of cameras that take no more frames than each number, dB."""
     chosen = [row for row in rows if row["window ms"] == 1e3 * window and row["e-"] == noise]
-    levels = {(row["most frames"], row["e-/s"]): row for row in chosen}
+    return gains_on_grid({(row["most frames"], row["e-/s"]): row for row in chosen}, COUNTS, LIGHTS)
+
+
+def gains_on_grid(
+    cells: Mapping[tuple[int, float], dict[str, Any]],
+    counts: Sequence[int],
+    lights: Sequence[float],
+) -> Float[np.ndarray, "counts lights"]:
+    """Gains of cells by most frames and light: who may take more frames may also take fewer; dB."""
 
     def best(kind: str) -> Float[np.ndarray, "counts lights"]:
-        grid = [[levels[count, light][kind] for light in LIGHTS] for count in COUNTS]
+        grid = [[cells[count, light][kind] for light in lights] for count in counts]
         return np.maximum.accumulate(np.array(grid), axis=0)
 
     return np.maximum(best("moving dB") - best("still dB"), 0.0)

@@ -17,7 +17,17 @@ from jaxtyping import Float
 from scipy.optimize import minimize_scalar
 
 from benchmarks import harness
-from benchmarks.bursts import COUNTS, LIGHTS, NOISES, TRAVEL, WINDOW, case, draw_map, explain_map
+from benchmarks.bursts import (
+    COUNTS,
+    LIGHTS,
+    NOISES,
+    TRAVEL,
+    WINDOW,
+    case,
+    draw_map,
+    explain_map,
+    gains_on_grid,
+)
 from mishutter import Burst, Limits, PlaneFrames, Scene, plane_psnr
 from mishutter.plane.families import BRACKETED, FAMILIES, STILLS, TWO_SINES
 from mishutter.plane.levels import SEARCHED
@@ -116,13 +126,8 @@ def unlimited_exposure(scene: Scene, count: int) -> float:
 
 def gains(rows: Sequence[dict[str, Any]], noise: float) -> Float[np.ndarray, "counts lights"]:
     """Of cameras that take no more frames than each number, dB."""
-    levels = {(row["frames"], row["e-/s"]): row for row in rows if row["e-"] == noise}
-
-    def best(kind: str) -> Float[np.ndarray, "counts lights"]:
-        grid = [[levels[count, light][kind] for light in LIGHTS] for count in COUNTS]
-        return np.maximum.accumulate(np.array(grid), axis=0)
-
-    return np.maximum(best("moving dB") - best("still dB"), 0.0)
+    cells = {(row["frames"], row["e-/s"]): row for row in rows if row["e-"] == noise}
+    return gains_on_grid(cells, COUNTS, LIGHTS)
 
 
 def picture(rows: Sequence[dict[str, Any]]) -> None:

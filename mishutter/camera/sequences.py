@@ -135,13 +135,8 @@ def simulate_frames(
     value = require_speed("simulate_frames(speed=...)", speed, frames)
     require_key("simulate_frames(key=...)", key)
     if isinstance(frames, PlaneFrames):
-        require_picture = "be one picture for frames in the plane"
-        require(
-            not isinstance(picture, Layers),
-            "simulate_frames(picture=...)",
-            require_picture,
-            picture,
-        )
+        subject, is_one = "simulate_frames(picture=...)", not isinstance(picture, Layers)
+        require(is_one, subject, "be one picture for frames in the plane", picture)
         radiance = as_radiance(picture, "simulate_frames(picture=...)")  # type: ignore[arg-type]
         size = num_rows, num_columns
         exposed = exposed_in_plane(radiance, scene.optics, frames, value, size)

@@ -31,7 +31,7 @@ from mishutter.camera.plane_frames import (
 )
 from mishutter.camera.rows import fast_length
 from mishutter.decoding.decoders.linear import LEAST_POWER
-from mishutter.decoding.sequences import _DARK, _FLICKER, _LARGEST_SHIFT
+from mishutter.decoding.frame_doubts import DARK, FLICKER, LARGEST_SHIFT
 from mishutter.model.scene import Scene
 from mishutter.model.sensor import noise_power, white_electrons
 from mishutter.plane.frames import PlaneFrames
@@ -366,7 +366,7 @@ def fit_of(level: Level, found: Likeliest, mean: float) -> Fit:
     follows = num_frames / max(num_frames - 1, 1)
     gains, offsets = np.zeros((2, num_frames))
     shifts, errors = np.zeros((2, num_frames, 2))
-    expected = np.array([_FLICKER, _FLICKER, *[_LARGEST_SHIFT / level.size] * 2])
+    expected = np.array([FLICKER, FLICKER, *[LARGEST_SHIFT / level.size] * 2])
     for k, noise in enumerate(level.noises if num_frames > 1 else []):
         spectrum = found.spectrum * found.responses[k]
         changes = [found.seen[k] + mean, np.ones_like(found.seen[k])]
@@ -414,4 +414,4 @@ def noises_in_plane(scene: Scene, taken: PlaneFrames, mean_level: float) -> Floa
     has_light, requirement = float(np.min(electrons)) > 0, "have a photon rate above 0 e-/s"
     require(has_light, "restore_frames(scene=...)", requirement, 0.0)
     read, level = float(scene.read_noise), max(mean_level, 0.0)
-    return np.maximum(noise_power(1.0, level, electrons, read, unit=electrons), _DARK)
+    return np.maximum(noise_power(1.0, level, electrons, read, unit=electrons), DARK)

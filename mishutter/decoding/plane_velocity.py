@@ -14,6 +14,23 @@ from jaxtyping import Float
 from mishutter._core.checks import require
 from mishutter.camera.plane_frames import aperture_on, instants_of, responses_in_plane
 from mishutter.decoding.decoders.speed import LITTLE, luminance_shares
+from mishutter.decoding.frame_doubts import (
+    BANDS,
+    BLACK,
+    FLOOR,
+    LEAD,
+    LEAST_DETAIL,
+    REGISTERED,
+    SHARED,
+    TRIED_BEYOND,
+    WORTH,
+    Rival,
+    doubt_of_fit,
+    doubt_of_one_frame,
+    doubt_of_rivals,
+    equal_frames,
+    odd_frame,
+)
 from mishutter.decoding.plane_likelihood import (
     GRID,
     ROUGHLY,
@@ -29,28 +46,6 @@ from mishutter.decoding.plane_likelihood import (
     logarithm,
     noises_in_plane,
     volume,
-)
-from mishutter.decoding.sequences import (
-    _AS_WELL,
-    _BANDS,
-    _BEYOND,
-    _BLACK,
-    _FLOOR,
-    _LEAD,
-    _LEAD_OF_ROW,
-    _LEAST_DETAIL,
-    _MISFITS,
-    _OTHER,
-    _OTHER_ROWS,
-    _OTHER_SHARE,
-    _REGISTERED,
-    _SHARED,
-    _SHIFT,
-    _SURE_SHIFT,
-    _UNEXPLAINED,
-    _WORTH,
-    _equal_frames,
-    _odd_frame,
 )
 from mishutter.model.scene import Scene
 from mishutter.model.velocities import AbstractVelocities
@@ -131,7 +126,7 @@ def velocity_in_plane(
     search = _searched(own, law)
     fit = fit_of(search.level, search.ends[0].found, mean)
     # Gains and black levels that change from frame to frame tell no velocity.
-    gains = np.maximum(1 + fit.gains - np.mean(fit.gains), _BLACK)[:, None, None]
+    gains = np.maximum(1 + fit.gains - np.mean(fit.gains), BLACK)[:, None, None]
     steady = (own.frames + mean - fit.offsets[:, None, None]) / gains - mean
     own = own._replace(frames=steady.astype(np.float32), noises=noises / gains.ravel() ** 2)
     climb, size = search.ends[0], search.level.size
@@ -165,12 +160,12 @@ def _with_own_detail(own: Own) -> Own:
     passed = [np.abs(responses_in_plane(instants, each, grid)) ** 2 for each in few]
     density = np.sum(np.mean(passed, axis=0) / own.noises[:, None, None], axis=0)
     expected = density * aperture_on(scene.optics, grid) ** 2 * own.prior.on(grid)
-    edges = np.geomspace(max(2 / min(shape), 1 / GRID), 0.5, _BANDS + 1)
+    edges = np.geomspace(max(2 / min(shape), 1 / GRID), 0.5, BANDS + 1)
     ratios = []
     for low, high in itertools.pairwise(edges):
         seen = _mean_between(recorded, shape, low, high)
         told = _mean_between(expected, grid, low, high)
-        ratios.append(max(seen / told, _LEAST_DETAIL) if told > 0 else 1.0)
+        ratios.append(max(seen / told, LEAST_DETAIL) if told > 0 else 1.0)
     prior = Prior(scene, np.sqrt(edges[:-1] * edges[1:]), np.array(ratios))
     return own._replace(prior=prior)
 
@@ -249,12 +244,12 @@ def _value(level: Level, climb: Climb) -> float:
 def _velocities_to_try(law: AbstractVelocities, step: float) -> Float[np.ndarray, "s 2"]:
     """Velocities of a law and a little beyond, on a square grid."""
     fastest = law.fastest
-    count = math.ceil((1 + _BEYOND) * fastest / step) + 1
+    count = math.ceil((1 + TRIED_BEYOND) * fastest / step) + 1
     requirement = f"have velocities below {_MOST_ALONG * step:,.0f} px/s, so that frames tell them"
     require(count <= _MOST_ALONG, "restore_frames(scene=...)", requirement, fastest)
     along = step * np.arange(-count, count + 1)
     grid = np.stack(np.meshgrid(along, along), axis=-1).reshape(-1, 2)
-    return grid[law.within(grid, _BEYOND * fastest + step / math.sqrt(2))]
+    return grid[law.within(grid, TRIED_BEYOND * fastest + step / math.sqrt(2))]
 
 
 def _peaks(
@@ -287,12 +282,12 @@ class _Found(NamedTuple):
 def _estimate(found: _Found) -> VelocityEstimate:
     """The estimate of a velocity that was found."""
     own, best, judged = found.own, found.climb.best, _Judged.of(found)
-    spread, least = judged.spread, (_FLOOR / own.duration) ** 2
+    spread, least = judged.spread, (FLOOR / own.duration) ** 2
     covariance = spread * _covariance(found.climb) + least * np.eye(2)
     error = math.sqrt(float(np.max(np.linalg.eigvalsh(covariance))))
     doubt = _doubt(found, judged, error * own.duration)
     below = np.array([0.0, *(below for _, below, _ in judged.rivals)])
-    weights = np.exp(_WORTH / spread * (np.min(below) - below))
+    weights = np.exp(WORTH / spread * (np.min(below) - below))
     return VelocityEstimate(
         best,
         covariance,
@@ -329,11 +324,6 @@ class _Judged(NamedTuple):
         """Misfit by which errors are wider than those of frames that fit."""
         return max(1.0, self.fit.misfit)
 
-    @property
-    def expected(self) -> float:
-        """The part of the misfit of frames that are registered elsewhere which is not noise."""
-        return max(self.elsewhere - 1, 1e-9)
-
     @staticmethod
     def of(found: _Found) -> "_Judged":
         """The fits of frames to all velocities in question."""
@@ -362,70 +352,43 @@ def _doubt(found: _Found, judged: _Judged, error: float) -> str:
     own, best = found.own, found.climb.best
     frames = np.moveaxis(found.grey, 0, 1)
     middles = found.level.instants.middles(best)
-    odd = _odd_frame(frames, own.noises)
+    odd = odd_frame(frames, own.noises)
     if odd:
         return odd
-    same = _equal_frames(frames, (middles[0] + 1j * middles[1]).tolist())
-    misfit, limits = judged.binned.misfit, zip(_MISFITS, _UNEXPLAINED, strict=True)
-    if any(misfit > least and misfit - 1 > part * judged.expected for least, part in limits):
-        because = same or f"{_REASONS}, or more noise than the scene says"
-        return (
-            "The frames do not fit one picture at one velocity "
-            f"(misfit {misfit:.3g}, 1 if they do): {because}."
-        )
-    if same:
-        return f"{same[0].upper()}{same[1:]}, though the picture moves between them."
+    same = equal_frames(frames, (middles[0] + 1j * middles[1]).tolist())
     steps = np.abs(np.diff(middles, axis=1))
     columns, rows = own.frames.shape[:0:-1]
     shared = np.prod(np.maximum(1 - steps / np.array([[columns], [rows]]), 0), axis=0)
+    fit, spread, elsewhere = judged.fit, judged.spread, judged.elsewhere
     return (
-        _doubt_of_one_frame(judged)
+        doubt_of_fit(judged.binned.misfit, elsewhere, same, "velocity", _REASONS)
+        or doubt_of_one_frame(
+            fit.shifts, fit.shift_errors, fit.misfits, spread, elsewhere, reasons=_REASONS
+        )
         or (
             f"The picture moves by {np.max(np.hypot(*steps)):.0f} px from frame to frame, of which "
             f"the sensor sees {columns} x {rows}."
-            if np.any(shared < _SHARED)
+            if np.any(shared < SHARED)
             else ""
         )
         or _doubt_of_rivals(found, judged, error)
     )
 
 
-def _doubt_of_one_frame(judged: _Judged) -> str:
-    """The doubt of a frame that is not where its time puts it, or shows another picture."""
-    fit, spread = judged.fit, judged.spread
-    sure = np.maximum(_SHIFT, _SURE_SHIFT * math.sqrt(spread) * fit.shift_errors)
-    far = np.max(np.abs(fit.shifts) / sure, axis=1)
-    others = fit.misfits - np.median(fit.misfits)
-    if np.max(far) > 1:
-        which = int(np.argmax(far))
-        x, y = fit.shifts[which]
-        frame = f"Frame {which + 1} of {far.size} is {x:+.1f}, {y:+.1f} px off its place"
-        return f"{frame}: {_REASONS}."
-    if np.max(others) > max(_OTHER * spread, _OTHER_SHARE * judged.expected):
-        which = int(np.argmax(others))
-        frame = f"Frame {which + 1} of {far.size} does not fit the picture of the others"
-        return f"{frame} (misfit {fit.misfits[which]:.3g}): {_REASONS}."
-    return ""
-
-
 def _doubt_of_rivals(found: _Found, judged: _Judged, error: float) -> str:
     """The doubt of a velocity that others equal, or that is none of those of the scene."""
     law, binned, spread = found.law, judged.binned, judged.spread
-    if not law.within(found.climb.best[None], _BEYOND * law.fastest)[0]:
+    if not law.within(found.climb.best[None], TRIED_BEYOND * law.fastest)[0]:
         return _BEYOND_SCENE
-    tells_little = found.search.middle < _LEAD * spread
-    is_told = found.search.values[0] >= _LEAD * spread and error < _REGISTERED
+    tells_little = found.search.middle < LEAD * spread
+    is_told = found.search.values[0] >= LEAD * spread and error < REGISTERED
     if not is_told or len(found.own.frames) == 1:
         return LITTLE
-    as_well = binned.misfit + _AS_WELL * max(judged.elsewhere - binned.misfit, 0.0)
-    for (x, y), below, rival in judged.rivals:
-        prefers = rival.tiles - binned.tiles > _LEAD_OF_ROW * spread
-        if np.mean(prefers) > _OTHER_ROWS:
-            share = f"{np.mean(prefers):.0%} of the picture"
-            return f"At {x:,.0f}, {y:,.0f} px/s {share} fits better: there may be two objects."
-        if below < _LEAD * spread or rival.misfit <= as_well:
-            if tells_little:
-                return LITTLE
-            as_another = f"The frames fit {x:,.0f}, {y:,.0f} px/s as well"
-            return f"{as_another}, as those of a regular pattern or of two objects do."
-    return ""
+    rivals = [
+        Rival(f"{x:,.0f}, {y:,.0f}", below, rival.misfit, rival.tiles - binned.tiles)
+        for (x, y), below, rival in judged.rivals
+    ]
+    parts = "of the picture fits better"
+    return doubt_of_rivals(
+        rivals, binned.misfit, judged.elsewhere, spread, parts, little=tells_little
+    )

@@ -57,6 +57,26 @@ from mishutter.decoding.decoders.base import (
 )
 from mishutter.decoding.decoders.linear import LEAST_POWER, decoder_or_ensemble, mean_over_dft
 from mishutter.decoding.decoders.speed import BEYOND, LITTLE, SpeedEstimate, luminance_shares
+from mishutter.decoding.frame_doubts import (
+    BANDS,
+    BLACK,
+    DARK,
+    FLICKER,
+    FLOOR,
+    LARGEST_SHIFT,
+    LEAD,
+    LEAST_DETAIL,
+    REGISTERED,
+    SHARED,
+    TRIED_BEYOND,
+    WORTH,
+    Rival,
+    doubt_of_fit,
+    doubt_of_one_frame,
+    doubt_of_rivals,
+    equal_frames,
+    odd_frame,
+)
 from mishutter.decoding.restoration import restored_light
 from mishutter.evaluation.sequences import FrameNodes, nodes_of_frames
 from mishutter.model.optics import frequencies
@@ -87,55 +107,20 @@ _MOST_SPEEDS, _MOST_RESPONSES = 4096, 3000
 look."""
 _AT_ONCE = 2**16
 """Pixels of canvas for which likelihoods are computed together."""
-_BEYOND = 0.03
-"""Share of the range of the scene's speeds that is tried beyond either end."""
 _CANDIDATES = 4
 """Peaks of the likelihood of some rows that all rows judge."""
-_DARK = 1e-12
-"""Least variance of the noise, for pictures without light or noise; white = 1."""
-_LEAST_DETAIL = 1e-4
-"""Least detail of a picture, over that which the scene expects."""
-_BANDS, _FEW_SPEEDS = 6, 17
-"""Bands of frequencies in which a picture's power is estimated, at the mean of so many speeds."""
-_MOST_MOVES = 8
-"""Times that a peak is looked for within a step."""
-_REACH = 3.0
-"""Steps about the speed that is found within which no other is a rival."""
-
-# What is trusted: `python -m benchmarks.trust` shows what these numbers keep and catch.
-_LEAD, _LEAD_OF_ROW, _OTHER_ROWS = 100.0, 30.0, 0.1
-"""Logarithm of likelihood by which the speed that is found must lead, that by which a row prefers
-another, and the share of such rows that is doubted."""
-_WORTH = 0.1
-"""Share of the likelihood that counts in weights: photographs are no Gaussian rows, and alike from
-row to row."""
-_REGISTERED = 1.0
-"""Error of a picture's way over the sequence above which no speed is trusted; px."""
-_FLOOR = 0.005
-"""Least error of a picture's way over the sequence; px."""
-_MISFITS, _UNEXPLAINED = (1.25, 1.8), (0.45, 0.25)
-"""Misfits from which frames are doubted, and their least share of the misfit of frames that are
-registered elsewhere: bright frames show all that a camera does besides."""
-_AS_WELL = 0.25
-"""Part of the way to that misfit within which another speed fits as well."""
+_FEW_SPEEDS = 17
+"""Speeds at whose mean a picture's power is estimated."""
 _ELSEWHERE = (-8.0, 5.0)
 """Displacements from frame to frame by which these are off; px."""
 _REASONS = (
     "their order, a lost or repeated frame, another design, two objects, motion across the axis, a "
     "speed beyond the scene's"
 )
-_SHIFT, _SURE_SHIFT = 0.35, 4.0
-"""Shift of one frame from where its time puts it that is doubted, px, and in its own errors."""
-_OTHER, _OTHER_SHARE = 0.4, 0.5
-"""Misfit of one frame above the middle one of all that is doubted, over the misfit of all, and as a
-share of that of frames registered elsewhere."""
-_FLICKER, _LARGEST_SHIFT = 0.2, 10.0
-"""Gain and shift, px, by which a frame may differ from the others, as standard deviations."""
-_SHARED = 0.2
-"""Least share of a frame that a neighbouring one must see."""
-_BLACK, _SATURATED = 0.1, 0.5
-"""Level of a black frame over that of the brightest, and share of equal pixels of a saturated one.
-"""
+_MOST_MOVES = 8
+"""Times that a peak is looked for within a step."""
+_REACH = 3.0
+"""Steps about the speed that is found within which no other is a rival."""
 
 
 class RestoredFrames(NamedTuple):
@@ -253,7 +238,7 @@ def restore_frames(
         speed = require_speed("restore_frames(speed=...)", speed, frames)
     chosen = decoder_or_ensemble(decoder, "restore_frames")
     if isinstance(frames, PlaneFrames):
-        # It takes its thresholds from here.
+        # It takes frames apart as this module does.
         from mishutter.decoding.plane_frames import restored_in_plane
 
         return restored_in_plane(captures, scene, frames, chosen, speed)
@@ -346,7 +331,7 @@ class _Taken:
         """
         model, columns = self.model, rows.shape[-1]
         level = max(float(np.mean(rows)), 0.0)
-        noises = np.maximum(noise_share * _noises_at(level, self.electrons, model), _DARK)
+        noises = np.maximum(noise_share * _noises_at(level, self.electrons, model), DARK)
         length = fast_length(columns)
         about = rows - np.mean(rows, axis=(-2, -1), keepdims=True)
         recorded = np.mean(np.abs(_spectra_of_windows(about, length)) ** 2, axis=0)
@@ -357,10 +342,10 @@ class _Taken:
         detail = np.sum(recorded / noises[:, None] - 1, axis=0)
         expected = np.mean(density_of(responses, noises), axis=0) * model.picture_spectrum(length)
         place = np.fft.rfftfreq(length)
-        ends = np.geomspace(2 / columns, 0.5, _BANDS + 1)
+        ends = np.geomspace(2 / columns, 0.5, BANDS + 1)
         bands = [(place >= low) & (place <= high) for low, high in itertools.pairwise(ends)]
         sums = [(float(np.sum(detail[x])), float(np.sum(expected[x]))) for x in bands]
-        scales = [max(x / y, _LEAST_DETAIL) if y > 0 else 1.0 for x, y in sums]
+        scales = [max(x / y, LEAST_DETAIL) if y > 0 else 1.0 for x, y in sums]
         middles = np.sqrt(ends[:-1] * ends[1:])
         each = np.interp(np.log(frequencies(model.power.size)), np.log(middles), np.log(scales))
         model = replace(model, power=np.exp(each) * model.power)
@@ -389,7 +374,7 @@ def _noises_at(
 ) -> Float[np.ndarray, "frames"]:
     """Variance of the noise in each frame of a picture of some mean level; white = 1."""
     noises = noise_power(1.0, level, electrons, model.read_noise, unit=electrons)
-    return np.maximum(noises, _DARK)
+    return np.maximum(noises, DARK)
 
 
 def _spectra_of_windows(
@@ -562,13 +547,13 @@ def _speed_of(
     beside = [end for end in ends if abs(end.speed - best.speed) > _REACH * search.step]
     rivals = [(end, _fit(stack, end.speed)) for end in beside]
     spread = max(1.0, fit.misfit)
-    error = math.hypot(math.sqrt(spread) * best.width, _FLOOR / duration)
+    error = math.hypot(math.sqrt(spread) * best.width, FLOOR / duration)
     error = min(error, (high - low) / math.sqrt(12))
     found = _Found(grey, stack, search, ends, best, fit, float(np.mean(others)), rivals)
     doubt = _doubt(found, error * duration)
     known = sorted([best, *beside], key=lambda end: end.speed)
     values = np.array([end.value for end in known])
-    weights = np.exp(_WORTH / spread * (values - np.max(values)))
+    weights = np.exp(WORTH / spread * (values - np.max(values)))
     return SpeedEstimate(
         best.speed,
         error,
@@ -583,41 +568,24 @@ def _speed_of(
 def _doubt(found: "_Found", error: float) -> str:
     """Why a speed is not trusted, in a sentence; empty if it is."""
     best, fit, search, spread = found.best, found.fit, found.search, max(1.0, found.fit.misfit)
-    odd = _odd_frame(found.rows, found.stack.noises)
+    odd = odd_frame(found.rows, found.stack.noises)
     if odd:
         return odd
     middles = [float(np.mean(some.place - best.speed * some.time)) for some in found.stack.nodes]
-    same = _equal_frames(found.rows, middles)
-    expected = max(found.elsewhere - 1, 1e-9)
-    limits = zip(_MISFITS, _UNEXPLAINED, strict=True)
-    if any(fit.misfit > least and fit.misfit - 1 > share * expected for least, share in limits):
-        because = same or f"{_REASONS}, or more noise than the scene says"
-        return (
-            "The frames do not fit one picture at one speed "
-            f"(misfit {fit.misfit:.3g}, 1 if they do): {because}."
-        )
-    if same:
-        return f"{same[0].upper()}{same[1:]}, though the picture moves between them."
-    sure = np.maximum(_SHIFT, _SURE_SHIFT * math.sqrt(spread) * fit.shift_errors)
-    far, others = np.abs(fit.shifts) / sure, fit.misfits - np.median(fit.misfits)
-    if np.max(far) > 1:
-        which = int(np.argmax(far))
-        frame = f"Frame {which + 1} of {far.size} is {fit.shifts[which]:+.1f} px off its place"
-        return f"{frame}: {_REASONS}."
-    if np.max(others) > max(_OTHER * spread, _OTHER_SHARE * expected):
-        which = int(np.argmax(others))
-        frame = f"Frame {which + 1} of {far.size} does not fit the picture of the others"
-        return f"{frame} (misfit {fit.misfits[which]:.3g}): {_REASONS}."
+    same = equal_frames(found.rows, middles)
     columns = found.rows.shape[-1]
     furthest_apart = float(np.max(np.abs(np.diff(middles)), initial=0.0))
-    if furthest_apart > (1 - _SHARED) * columns:
-        return (
-            f"The picture moves by {furthest_apart:.0f} px from frame to frame, of which the "
-            f"sensor sees {columns}."
-        )
-    if search.low < search.high:
-        return _doubt_of_rivals(found, error, spread)
-    return ""
+    moves = (
+        f"The picture moves by {furthest_apart:.0f} px from frame to frame, of which the "
+        f"sensor sees {columns}."
+    )
+    elsewhere, shifts, errors = found.elsewhere, fit.shifts[:, None], fit.shift_errors[:, None]
+    return (
+        doubt_of_fit(fit.misfit, elsewhere, same, "speed", _REASONS)
+        or doubt_of_one_frame(shifts, errors, fit.misfits, spread, elsewhere, reasons=_REASONS)
+        or (moves if furthest_apart > (1 - SHARED) * columns else "")
+        or (_doubt_of_rivals(found, error, spread) if search.low < search.high else "")
+    )
 
 
 def _doubt_of_rivals(found: _Found, error: float, spread: float) -> str:
@@ -625,57 +593,22 @@ def _doubt_of_rivals(found: _Found, error: float, spread: float) -> str:
     best, fit, search, top = found.best, found.fit, found.search, found.ends[0].value
     if not search.low + 0.1 * search.step < best.speed < search.high - 0.1 * search.step:
         return BEYOND
-    if top < _LEAD * spread or not error < _REGISTERED or len(found.stack.nodes) == 1:
+    if top < LEAD * spread or not error < REGISTERED or len(found.stack.nodes) == 1:
         return LITTLE
-    as_well = fit.misfit + _AS_WELL * max(found.elsewhere - fit.misfit, 0.0)
-    for end, rival in found.rivals:
-        prefers = rival.values - fit.values > _LEAD_OF_ROW * spread
-        if np.mean(prefers) > _OTHER_ROWS:
-            share = f"{np.mean(prefers):.0%} of the rows"
-            return f"At {end.speed:,.0f} px/s {share} fit better: there may be two objects."
-        if top - end.value < _LEAD * spread or rival.misfit <= as_well:
-            if search.middle < _LEAD * spread:
-                return LITTLE
-            as_another = f"The frames fit {end.speed:,.0f} px/s as well"
-            return f"{as_another}, as those of a regular pattern or of two objects do."
-    return ""
-
-
-def _odd_frame(
-    rows: Float[np.ndarray, "rows frames columns"], noises: Float[np.ndarray, "frames"]
-) -> str:
-    """A sentence that says which frame is black or saturated, if one is."""
-    levels, count = np.mean(rows, axis=(0, 2)), rows.shape[0] * rows.shape[2]
-    errors = np.sqrt(noises / count)
-    brightest = float(np.max(levels))
-    is_black = (levels < _BLACK * brightest) & (levels < brightest - _SURE_SHIFT * errors)
-    # Neighbours are alike in the dark part of a picture, and not in noise.
-    unlike = np.mean(np.diff(rows, axis=-1) ** 2, axis=(0, 2))
-    is_black &= unlike >= np.var(rows, axis=(0, 2))
-    is_top = np.mean(rows == np.max(rows, axis=(0, 2), keepdims=True), axis=(0, 2)) > _SATURATED
-    is_top &= levels >= np.median(levels)
-    for is_odd, word in ((is_top, "saturated"), (is_black, "black")):
-        if np.any(is_odd) and not np.all(is_odd):
-            return f"Frame {int(np.argmax(is_odd)) + 1} of {len(levels)} is {word}."
-    return ""
-
-
-def _equal_frames(
-    rows: Float[np.ndarray, "rows frames columns"], places: list[float] | list[complex]
-) -> str:
-    """Words for two frames that are the same, though at places that are not, if two are."""
-    for first, second in itertools.combinations(range(len(places)), 2):
-        is_apart = abs(places[first] - places[second]) > 1
-        if is_apart and np.array_equal(rows[:, first], rows[:, second]):
-            return f"frames {first + 1} and {second + 1} are the same"
-    return ""
+    rivals = [
+        Rival(f"{end.speed:,.0f}", top - end.value, rival.misfit, rival.values - fit.values)
+        for end, rival in found.rivals
+    ]
+    tells_little = search.middle < LEAD * spread
+    parts = "of the rows fit better"
+    return doubt_of_rivals(rivals, fit.misfit, found.elsewhere, spread, parts, little=tells_little)
 
 
 def _range_to_try(scene: Scene) -> tuple[float, float]:
     """Least and greatest speed that are tried; px/s."""
     slowest, fastest = (float(speed) for speed in scene.speed_range)
     is_one = slowest == fastest
-    beyond = 0.0 if is_one else _BEYOND * max(fastest - slowest, abs(fastest), abs(slowest))
+    beyond = 0.0 if is_one else TRIED_BEYOND * max(fastest - slowest, abs(fastest), abs(slowest))
     return slowest - beyond, fastest + beyond
 
 
@@ -771,7 +704,7 @@ def _fit(stack: _Stack, speed: float) -> _Fit:
     changes, (shifts, errors) = np.zeros(num_frames), np.zeros((2, num_frames))
     for k, noise in enumerate(stack.noises if num_frames > 1 else []):
         design = np.stack([seen[:, k].ravel(), slopes[:, k].ravel()], axis=1)
-        expected = np.array([_FLICKER, _LARGEST_SHIFT])
+        expected = np.array([FLICKER, LARGEST_SHIFT])
         inverse = np.linalg.inv(design.T @ design / noise + np.diag(expected**-2.0))
         changes[k], shifts[k] = inverse @ (design.T @ residual[:, k].ravel()) / noise
         errors[k] = math.sqrt(inverse[1, 1])
@@ -783,7 +716,7 @@ def _fit(stack: _Stack, speed: float) -> _Fit:
     misfits = squares / np.maximum(freedoms, 1.0)
     values = found.gains[0] - volume.logarithm / len(residual)
     # What all gains share is a picture that its prior holds back.
-    gains = np.maximum(1 + changes, _BLACK)
+    gains = np.maximum(1 + changes, BLACK)
     # The picture follows a frame that is off by about one part in as many as there are.
     follows = num_frames / max(num_frames - 1, 1)
     return _Fit(misfit, misfits, gains / np.mean(gains), values, follows * shifts, follows * errors)

@@ -26,6 +26,7 @@ from mishutter import (
     simulate_frames,
 )
 from mishutter.decoding import sequences
+from mishutter.decoding.frame_doubts import odd_frame
 from mishutter.decoding.simulation import burst_and_restore
 from mishutter.evaluation.sequences import nodes_of_frames
 from mishutter.model.sequences import FrameSequence
@@ -501,7 +502,7 @@ def test_a_frame_of_a_dark_part_is_not_black(detail, words):
     random, place = np.random.default_rng(6), np.arange(220)
     rows = random.normal(0.3, 0.02, (5, 3, 220))
     rows[:, 1] = random.normal(0.006, 0.001, (5, 220)) + detail * np.sin(place / 9)
-    assert sequences._odd_frame(rows, np.full(3, 1e-4)) == words
+    assert odd_frame(rows, np.full(3, 1e-4)) == words
 
 
 def test_pictures_one_period_on_are_rivals():
