@@ -80,9 +80,11 @@ def test_the_best_moving_burst_is_that_of_an_independent_search(rate, level, num
     assert level == pytest.approx(burst.psnr, abs=1e-4)
 
 
-@pytest.mark.parametrize(("width", "wanted"), [(None, "sweep"), (512.0, "alternating parabolas")])
+@pytest.mark.parametrize(
+    ("width", "wanted"), [(None, "sweep"), (6000.0, "sweep"), (3500.0, "alternating parabolas")]
+)
 def test_the_width_decides_between_two_paths(width, wanted):
-    """Without one the best is taken."""
+    """A sweep loses 0.11 dB more on 3,500 px, and is 0.03 dB better on a sensor without ends."""
     scene = _of_window(1e5, 8.0, 4, stroke=120.0)
     search = _search(scene)
     tries = [_Try(search, kind, 4) for kind in ("alternating parabolas", "sweep")]
@@ -435,16 +437,22 @@ def test_a_sine_keeps_its_top_speed(duty):
     np.testing.assert_allclose(path.at(inside)[1], 3100.0 * sine, atol=3100 * 3e-3)
 
 
-def test_the_limits_of_a_search_are_those_of_the_path():
-    """With any rests, pan and path: the greatest share of all is that of the exported path."""
-    limits = {"max_acceleration": 6e5, "max_travel": 57.0, "max_top_speed": 4300.0}
+@pytest.mark.parametrize("most", [6e5, 1.4e5])
+def test_the_limits_of_a_search_are_those_of_the_path(most):
+    """With any rests, pan and path: the greatest share of all is that of the exported path.
+
+    The lower acceleration binds where no pan takes room. Run-ups take all of it anyway.
+    """
+    limits = {"max_acceleration": most, "max_travel": 57.0, "max_top_speed": 4300.0}
     scene = _in_window(BOTH_WAYS, 8, pans="stage", max_stroke=49.0, **limits)
     for kind, num_rests, pan in itertools.product(KINDS, (0, 3), (0.5, 0.57)):
         each = _Try(_search(scene, pans=True), kind, 8 - num_rests, num_rests)
         place = each.at(np.array([0.8, 1.0, 0.1, pan, 0.2]))
-        use = scene.limits.stage_path_of_frames(each.sequence(place, np.ones(9), 1.0)).use
+        burst = each.sequence(place, np.ones(9), 1.0)
+        use = scene.limits.stage_path_of_frames(burst).use
+        assert float(use.acceleration) <= most * (1 + 1e-6)
         shares = [use.stroke / 49.0, use.travel / 57.0, use.top_speed / 4300.0]
-        shares.append(use.acceleration / 6e5)
+        shares.append(max(_accelerations(burst)) / most)
         assert float(max(shares)) == pytest.approx(1, abs=1e-3)
         assert float(max(shares)) <= 1 + 1e-6
 
