@@ -457,6 +457,15 @@ def test_the_limits_of_a_search_are_those_of_the_path(most):
         assert float(max(shares)) <= 1 + 1e-6
 
 
+@pytest.mark.parametrize(("pan", "top_speed", "most"), [(710.0, 4e3, 710.0), (3e3, 930.0, 930.0)])
+def test_frames_pan_as_fast_as_they_may(pan, top_speed, most):
+    """A camera that turns stops at its own pan, or at the stage's top speed; a slower pan stays."""
+    room = _Room(Limits(max_pan=pan, max_top_speed=top_speed, pans="camera"))
+    for sign in (1, -1):
+        assert room.nearest_pan(sign * 2e4, 0.1) == sign * most
+        assert room.nearest_pan(sign * 0.9 * most, 0.1) == sign * 0.9 * most
+
+
 @pytest.mark.slow
 def test_a_limit_on_the_jerk_holds_over_a_burst():
     """Only paths whose acceleration does not jump between frames remain."""
