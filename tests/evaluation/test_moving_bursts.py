@@ -9,7 +9,14 @@ from support.burst_levels import FrameGroup, burst_psnr
 
 from mishutter import Burst, Limits, Occlusion, ParabolicMotion, Scene, Sensor
 from mishutter.evaluation.bursts import FrameTimes, best_still_burst
-from mishutter.evaluation.moving_bursts import _best_of, _Room, _Search, _Try, best_moving_burst
+from mishutter.evaluation.moving_bursts import (
+    _best_of,
+    _Room,
+    _Search,
+    _Try,
+    best_moving_burst,
+    way_over_frames,
+)
 from mishutter.evaluation.open_frames import OpenFrames
 from mishutter.evaluation.sequences import loss_of_width
 
@@ -171,6 +178,13 @@ def test_a_burst_follows_either_way(pans):
     np.testing.assert_allclose(np.sort(-np.array(velocities[1])), np.sort(velocities[0]), rtol=1e-4)
     assert back.psnr == pytest.approx(there.psnr, abs=1e-4)
     assert there.travel <= 45.0
+
+
+def test_a_stage_coasts_between_alternating_parabolas():
+    """Within frames it accelerates to either side in turn, and between them not at all."""
+    way = way_over_frames("alternating parabolas", 3, 4e-3, 11e-3)
+    np.testing.assert_allclose(way.rates, [250.0, 0.0, -250.0, 0.0, 250.0])
+    np.testing.assert_allclose(way.durations, [8e-3, 3e-3, 8e-3, 3e-3, 8e-3])
 
 
 @pytest.mark.slow
