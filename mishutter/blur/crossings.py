@@ -12,77 +12,13 @@ does not cancel where it is far, and holds without acceleration. One sign of $u$
 it the point rises or falls throughout. `docs/derivation.md` draws the geometry.
 """
 
-from typing import NamedTuple
-
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from mishutter.model.motion import AbstractMotion
+from mishutter.model.alignment import PathPieces
 
 _NEAR = 2
 """Ratio of a piece's velocity to its gain of velocity up to which its vertex counts as near."""
-
-
-class PathPieces(NamedTuple):
-    """Pieces of constant acceleration of the path of a point over the sensor."""
-
-    sag: Float[Array, "pieces"]  # A, px
-    velocity: Float[Array, "pieces"]  # U, px per half exposure, at the base
-    position: Float[Array, "pieces"]  # X, px from mid-exposure, at the base
-    base: Float[np.ndarray, "pieces"]  # the time nearest to mid-exposure, in units of T
-    begin: Float[np.ndarray, "pieces"]
-    end: Float[np.ndarray, "pieces"]
-    travel: Float[Array, "pieces"]  # from mid-exposure to the base, px, at most
-
-    @property
-    def is_at_rest(self) -> Bool[Array, "pieces"]:
-        """Whether the point moves less than positions are rounded by, or powers of it underflow."""
-        length, precision = self.end - self.begin, jnp.finfo(self.sag.dtype)
-        least = precision.tiny**0.25 + 4 * precision.eps * self.travel
-        return (abs(self.sag) * length + abs(self.velocity)) * length < least
-
-    def vertex(self, turns: Bool[Array, "pieces"]) -> tuple[Array, Array]:
-        """Time from the base to the vertex and its position, of the pieces that turn."""
-        time = -self.velocity / (2 * jnp.where(turns, self.sag, 1.0))
-        return time, self.position + time * (self.velocity / 2)
-
-
-def path_pieces(motion: AbstractMotion, speed: Float[Array, ""]) -> PathPieces:
-    """The path of a point of a speed, px/s, over the sensor."""
-    dtype = np.dtype(speed.dtype)
-    T, v = (x.astype(dtype) for x in (motion.half_exposure, motion.velocity))
-    ends = np.array(motion.piece_ends or (-1, 1), np.float64)
-    begin, end = ends[:-1], ends[1:]
-    # Mid-exposure lies in the piece that straddles it; the others count from the end nearer to it.
-    base = np.clip(0, begin, end)
-    # Time for which each piece accelerates between mid-exposure and each base.
-    between = np.minimum(base, 0)[:, None], np.maximum(base, 0)[:, None]
-    first, last = np.clip(begin, *between), np.clip(end, *between)
-    gain = 2 * np.sign(base)[:, None] * (last - first)
-    rise = (last - first) * abs(2 * base[:, None] - first - last)
-    sag, smear = motion.piece_accelerations.astype(dtype) * T * T, (speed - v) * T
-    # By sums, not products of matrices, which an accelerator would compute with fewer digits.
-    velocity, position = (
-        jnp.sum(matrix.astype(dtype) * sag[None], axis=1) - smear * share.astype(dtype)
-        for matrix, share in ((gain, np.ones_like(base)), (rise, base))
-    )
-    base, begin, end = (x.astype(dtype) for x in (base, begin, end))
-    travel = jnp.sum(rise.astype(dtype) * abs(sag)[None], axis=1) + abs(smear) * abs(base)
-    return PathPieces(sag, velocity, position, base, begin, end, travel)
-
-
-def lowest_position(pieces: PathPieces) -> tuple[Float[Array, ""], Bool[Array, "pieces"]]:
-    """The lowest position of a point on its path, px, and the piece whose vertex it is, if any."""
-    from_base = [time - pieces.base for time in (pieces.begin, pieces.end)]
-    at_begin, at_end = (pieces.position + h * (pieces.velocity + h * pieces.sag) for h in from_base)
-    rises = pieces.sag > 0
-    time, vertex = pieces.vertex(rises)
-    turns = rises & (from_base[0] < time) & (time < from_base[1])
-    # By its index: the derivative of a minimum divides by the number of equal ones.
-    places = jnp.concatenate([jnp.where(turns, vertex, at_begin), at_end])
-    lowest = jnp.argmin(places)
-    return places[lowest], turns & (jnp.arange(turns.size) == lowest)
 
 
 def branch_times(

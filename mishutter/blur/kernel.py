@@ -25,7 +25,8 @@ from mishutter._core.checks import (
     require_scalar,
     shape_of,
 )
-from mishutter.blur.crossings import PathPieces, branch_times, lowest_position, path_pieces
+from mishutter.blur.crossings import branch_times
+from mishutter.model.alignment import PathPieces
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.shutters.base import (
     AbstractPiecewiseShutter,
@@ -98,7 +99,15 @@ def blur_kernel(
     for name, value in (("speed", speed), ("phase", phase)):
         require_scalar(f"blur_kernel({name}=...)", value)
         require_finite(f"blur_kernel({name}=...)", value)
-    return aligned_kernel(shutter, motion, speed, num_taps, phase, from_vertex=True)
+    return aligned_kernel(
+        shutter,
+        motion,
+        speed,
+        num_taps,
+        phase,
+        from_lowest=True,
+        any_vertex=motion.accelerates_constantly,
+    )
 
 
 def aligned_kernel(
@@ -108,13 +117,17 @@ def aligned_kernel(
     num_taps: int,
     phase: ArrayLike,
     *,
-    from_vertex: Bool[Array, ""] | bool,
+    from_lowest: Bool[Array, ""] | bool,
+    any_vertex: bool = False,
 ) -> Float[Array, "{num_taps}"]:
-    """The `blur_kernel`, or one aligned at mid-exposure where not `from_vertex`."""
+    """A kernel from the lowest position within the exposure on, or else from mid-exposure.
+
+    With `any_vertex` it begins at the vertex of a parabola, which may lie beyond the exposure.
+    """
     dtype = _dtype(shutter, motion, speed, phase)
     edges = jnp.arange(num_taps + 1, dtype=dtype) + jnp.asarray(phase, dtype)
-    speed = jnp.asarray(speed, dtype)
-    return _exposure(piecewise(shutter), motion, speed, edges, jnp.asarray(from_vertex))
+    numbers = jnp.asarray(speed, dtype), edges, jnp.asarray(from_lowest)
+    return _exposure(piecewise(shutter), motion, *numbers, any_vertex=any_vertex)
 
 
 def binned_exposure(
@@ -174,33 +187,35 @@ def _exposure(
     motion: AbstractMotion,
     speed: Float[Array, ""],
     edges: Float[Array, "edges"],
-    from_vertex: Bool[Array, ""],
+    from_lowest: Bool[Array, ""],
+    *,
+    any_vertex: bool = False,
 ) -> Float[Array, "taps"]:
-    """Share of a full exposure in each tap; `edges` count from the vertex or mid-exposure."""
-    pieces = path_pieces(motion, speed)
-    if motion.accelerates_constantly:
-        pieces, origin, is_own, exists = _turned(pieces, from_vertex)
+    """Share of a full exposure in each tap; `edges` count as in `aligned_kernel`."""
+    pieces, exists = motion.pieces_of(speed), jnp.asarray(True)
+    if any_vertex:
+        pieces, origin, is_own, exists = _turned(pieces)
     else:
-        (origin, is_own), exists = lowest_position(pieces), jnp.asarray(True)
-    origin, is_own = jnp.where(from_vertex, origin, 0.0), is_own & from_vertex
+        origin, is_own = pieces.lowest()
+    origin, is_own = jnp.where(from_lowest, origin, 0.0), is_own & from_lowest
     # Rounding may put light below its lowest position, where an edge must not cut it off.
-    edges = jnp.where(from_vertex & (edges <= 0), -jnp.inf, edges)
+    edges = jnp.where(from_lowest & (edges <= 0), -jnp.inf, edges)
     time = branch_times(pieces, edges, origin, is_own)
     falls = np.array([[[True], [False]]])
     first, last = time[..., :-1], time[..., 1:]
     begin, end = jnp.where(falls, last, first), jnp.where(falls, first, last)
     exposure = jnp.sum(integral_between(profile, begin, end), axis=(0, 1)) / 2
-    return jnp.where(from_vertex & ~exists, 0.0, exposure)
+    return jnp.where(exists, exposure, 0.0)
 
 
 def _turned(
-    pieces: PathPieces, from_vertex: Bool[Array, ""]
+    pieces: PathPieces,
 ) -> tuple[PathPieces, Float[Array, ""], Bool[Array, "1"], Bool[Array, ""]]:
     """A parabola with its vertex below, the position of that, and whether it turns and has one.
 
     Edges count upwards from the vertex: a parabola that opens downwards is mirrored.
     """
-    sign = jnp.where(from_vertex & (pieces.sag < 0), -1, 1).astype(pieces.sag.dtype)
+    sign = jnp.where(pieces.sag < 0, -1, 1).astype(pieces.sag.dtype)
     pieces = pieces._replace(sag=sign * pieces.sag, velocity=sign * pieces.velocity)
     far = abs(pieces.velocity) * jnp.finfo(pieces.sag.dtype).eps
     # Beyond that the vertex is further away than any pixel could be told from the next.

@@ -46,8 +46,8 @@ def exposure_quadrature(
     """About `num_nodes` quadrature nodes over the exposure of a shutter.
 
     Zero-weight nodes pad to a common length, so that all shutters share one compiled program.
-    Panels end at the `path_ends` of a free path. NumPy computes the nodes of a concrete shutter,
-    which compiles nothing.
+    Panels end at the `path_ends` of a path of several pieces. NumPy computes the nodes of a
+    concrete shutter, which compiles nothing.
     """
     if all_concrete(shutter):
         form = in_one_form(shutter, dtype)
@@ -89,7 +89,7 @@ def _nodes_of_pieces(
     # A few unequal pieces may have any lengths, and panels of their own would be as many for the
     # shortest as for the longest.
     few = ends.size <= FEW_PIECES + 1 and not profile.equal_pieces
-    if path_ends:
+    if len(path_ends) > 2:
         tau, weight = _panels_of_path(profile, ends, num_nodes, path_ends)
     else:
         tau, weight = (_shared_panels if few else _own_panels)(profile, ends, num_nodes)

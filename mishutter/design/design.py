@@ -1,7 +1,7 @@
 """A finished design, and the file that it is written to and read back from exactly."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import StrEnum
 from functools import cached_property
 from importlib import import_module
@@ -297,9 +297,7 @@ def motion_to_dict(motion: AbstractMotion) -> dict[str, Any]:
     """Kind and numbers of a motion."""
     return {
         "kind": type(motion).__name__,
-        **motion.path_numbers,
-        "half_exposure": float(motion.half_exposure),
-        "velocity": float(motion.velocity),
+        **{field.name: np.array(getattr(motion, field.name)).tolist() for field in fields(motion)},
     }
 
 
@@ -364,13 +362,13 @@ def _sequence(saved: SavedSequence) -> FrameSequence:
 
 def _motion(saved: SavedMotion) -> AbstractMotion:
     half, velocity = saved.half_exposure, saved.velocity
-    if saved.kind == "FreeMotion" and saved.accelerations is not None:
-        return FreeMotion(
-            accelerations=saved.accelerations,
-            half_exposure=half,
-            velocity=velocity,
-            durations=saved.durations,
+    if saved.acceleration is not None:
+        return ParabolicMotion(
+            acceleration=saved.acceleration, half_exposure=half, velocity=velocity
         )
-    return ParabolicMotion(
-        acceleration=saved.acceleration or 0.0, half_exposure=half, velocity=velocity
+    return FreeMotion(
+        accelerations=saved.accelerations or [],
+        half_exposure=half,
+        velocity=velocity,
+        durations=saved.durations,
     )

@@ -45,7 +45,7 @@ from mishutter.evaluation.response import (
 from mishutter.evaluation.views import transmittance
 from mishutter.model.alignment import length_on_parabola, reach_of_parabola
 from mishutter.model.devices import least_efficiency
-from mishutter.model.motion import AbstractMotion, steady
+from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene
 from mishutter.model.shutters.base import AbstractShutter, piecewise
 from mishutter.model.tolerances import Tolerances
@@ -87,7 +87,7 @@ class Sizes(NamedTuple):
         """Sizes of a scene on many motions."""
         longest, turns = longest_within_limits(scene), np.asarray(motions.has_vertex)
         half = np.asarray(motions.half_exposure, np.float64)
-        a = np.asarray(steady(motions).acceleration, np.float64)
+        a = np.asarray(motions.mean_acceleration, np.float64)
         sag = np.where(turns, a * half * half, 0.0)
         smear = float(scene.max_speed) * half
         reach, velocity = map(np.asarray, reach_of_parabola(sag, smear))

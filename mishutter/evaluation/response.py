@@ -194,15 +194,11 @@ def kernels_and_efficiency(
     """
     # A path that loses velocity is aligned at its highest, from which its mirror image rises.
     sign = jnp.asarray(motion.turn, speeds.dtype)
-    rising = motion.mirrored(sign)
+    rising, bends = motion.mirrored(sign), jnp.asarray(motion.has_vertex)
 
     def one(speed: Float[Array, ""]) -> Float[Array, "n"]:
         relative = sign * speed
-        # Next to a vertex positions are exact if they count from it.
-        from_vertex = jnp.asarray(rising.is_at_vertex(relative))
-        begin = jnp.asarray(rising.alignment(relative), speeds.dtype)
-        begin = first + jnp.where(from_vertex, 0.0, begin)
-        return aligned_kernel(shutter, rising, relative, num_taps, begin, from_vertex=from_vertex)
+        return aligned_kernel(shutter, rising, relative, num_taps, first, from_lowest=bends)
 
     efficiency = mean_transmittance(piecewise(shutter), np.dtype(speeds.dtype))
     of_each = partial(jax.lax.map, one) if in_turn else jax.vmap(one)

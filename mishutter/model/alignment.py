@@ -1,8 +1,11 @@
-r"""Places of objects on the sensor of a parabola, and the reach of their light.
+r"""Places of objects on the sensor: along pieces of a path, and in closed form on a parabola.
 
-Beside the pan an object that smears by $m = sT$ in half the exposure lies at $B\tau^2 - m\tau$,
-$B = aT^2$. Where $|m| < 2|B|$ the path turns within the exposure, at its vertex; elsewhere it is
-lowest and highest at the ends.
+On a piece of constant acceleration a point is at $x = X + Uh + Ah^2$, in normalised time
+$\tau = t/T$: $A = aT^2$ is the sag, $U$ the velocity (px per half exposure) and $X$ the position
+at a base from which $h$ counts. Where $U$ changes its sign within the piece the path turns there,
+at its vertex $X - U^2/4A$. Bases are the times nearest to mid-exposure, so that nothing cancels: a
+parabola counts from mid-exposure itself, with $X = 0$ and $U = -m$ beside the pan for an object
+that smears by $m = sT$ in half the exposure.
 
 A decoder that knows no speed places every object where the sensor is nearest to keeping pace with
 it: at the vertex, or at the end of the exposure that is nearest to one beyond. Kernels of objects
@@ -10,8 +13,9 @@ that the sensor does not keep up with then begin where those of all others do. O
 speed this is the best that follows from the path alone: `benchmarks/alignment.py` weighs others.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
@@ -31,22 +35,53 @@ class Reach(NamedTuple):
     velocity: Lengths  # Its greatest velocity; px per half exposure
 
 
+class PathPieces(NamedTuple):
+    """Pieces of constant acceleration of the path of points over the sensor; `(..., pieces)`."""
+
+    sag: Any  # A, px
+    velocity: Any  # U, px per half exposure, at the base
+    position: Any  # X, px from mid-exposure, at the base
+    base: np.ndarray  # the time nearest to mid-exposure, in units of T
+    begin: np.ndarray
+    end: np.ndarray
+    travel: Any  # from mid-exposure to the base, px, at most
+
+    @property
+    def is_at_rest(self) -> Any:
+        """Whether the point moves less than positions are rounded by, or powers of it underflow."""
+        length, precision = self.end - self.begin, jnp.finfo(self.sag.dtype)
+        least = precision.tiny**0.25 + 4 * precision.eps * self.travel
+        return (abs(self.sag) * length + abs(self.velocity)) * length < least
+
+    def vertex(self, turns: Any) -> tuple[Any, Any]:
+        """Time from the base to the vertex and its position, of the pieces that turn."""
+        space = namespace_of(self.velocity)
+        time = -self.velocity / (2 * space.where(turns, self.sag, 1.0))
+        return time, self.position + time * (self.velocity / 2)
+
+    def lowest(self) -> tuple[Any, Any]:
+        """The lowest position on the path, px, and whether it is the vertex of each piece."""
+        space = namespace_of(self.velocity)
+        (at_begin, falls), (at_end, rises) = (
+            (self.position + h * (self.velocity + h * self.sag), self.velocity + 2 * h * self.sag)
+            for h in (self.begin - self.base, self.end - self.base)
+        )
+        turned = turns(self.sag) & (falls < 0) & (rises > 0)
+        _, vertex = self.vertex(turned)
+        places = space.concatenate([space.where(turned, vertex, at_begin), at_end], axis=-1)
+        # By its index: the derivative of a minimum divides by the number of equal ones.
+        index = space.argmin(places, axis=-1)[..., None]
+        is_lowest = np.arange(turned.shape[-1]).reshape(self.base.shape) == index
+        return space.take_along_axis(places, index, axis=-1)[..., 0], turned & is_lowest
+
+    def mirrored(self) -> "PathPieces":
+        """The pieces of the mirror image of the path."""
+        return self._replace(sag=-self.sag, velocity=-self.velocity, position=-self.position)
+
+
 def turns(sag: Lengths) -> Array | np.ndarray | np.bool_:
     """Whether the sensor's path has a vertex to speak of."""
     return sag > _LEAST_SAG
-
-
-def _turned(sag: Lengths, size: Lengths) -> Array | np.ndarray | np.bool_:
-    """Whether a path turns within the exposure, by a sag whose square, in slopes, is no 0."""
-    return turns(sag) & (size < 2 * sag)
-
-
-def lowest_on_parabola(sag: Lengths, smear: Lengths) -> Lengths:
-    """Lowest place of objects during the exposure, from that at mid-exposure; px."""
-    space, size = namespace_of(sag, smear), abs(smear)
-    turned = _turned(sag, size)
-    safe = space.where(turned, sag, 1.0)
-    return space.where(turned, -size * (size / (4 * safe)), sag - size)
 
 
 def above_alignment(sag: Lengths, smear: Lengths, tau: Lengths) -> Lengths:
@@ -56,7 +91,7 @@ def above_alignment(sag: Lengths, smear: Lengths, tau: Lengths) -> Lengths:
     $(1 \mp \tau)(|m| - |B|(1 \pm \tau))$, of the sign of $B$, from an end: no difference cancels.
     """
     space, size, depth = namespace_of(sag, smear, tau), abs(smear), abs(sag)
-    turned = _turned(depth, size)
+    turned = turns(depth) & (size < 2 * depth)
     safe = space.where(turned, sag, 1.0)
     side = space.where((smear < 0) == (sag < 0), tau, -tau)
     beyond = (1 - side) * (size - depth * (1 + side))
@@ -65,12 +100,19 @@ def above_alignment(sag: Lengths, smear: Lengths, tau: Lengths) -> Lengths:
 
 
 def length_on_parabola(sag: Lengths, smear: Lengths) -> Lengths:
-    """Distance from the lowest to the highest place of objects; px."""
-    space, size, depth = namespace_of(sag, smear), abs(smear), abs(sag)
-    turned = _turned(depth, size)
-    safe = space.where(turned, depth, 1.0)
-    far = size + 2 * safe
-    return space.where(turned, far * (far / (4 * safe)), 2 * size)
+    r"""Distance from the lowest to the highest place of objects on a parabola; px.
+
+    $(|m| + 2B)^2/4B$ where it turns within the exposure, and $2|m|$ where it does not.
+    """
+    space, size, depth = namespace_of(sag, smear), abs(smear), magnitude(sag)
+    is_within = size <= 2 * depth
+    safe = space.where(is_within & turns(depth), depth, 1.0)
+    return space.where(is_within, depth + size + size * (size / (4 * safe)), 2 * size)
+
+
+def magnitude(value: Lengths) -> Lengths:
+    """$|x|$, whose derivative at 0 is 1."""
+    return namespace_of(value).where(value < 0, -value, value)
 
 
 def reach_of_parabola(sag: Lengths, smear: Lengths) -> Reach:

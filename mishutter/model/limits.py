@@ -13,7 +13,7 @@ T \le \begin{cases} \sqrt{S/a} - |v|/2a & |v| < \sqrt{Sa}\\ S/2|v| & \text{else.
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import replace
-from typing import Any, ClassVar, Literal, NamedTuple, cast, final
+from typing import Any, ClassVar, Literal, NamedTuple, final
 
 import equinox as eqx
 import jax
@@ -42,8 +42,6 @@ from mishutter.model.motion import (
     acceleration_of_stroke,
     is_known_zero,
     largest_of,
-    steady,
-    stroke_of_parabola,
 )
 from mishutter.model.sequences import FrameSequence
 from mishutter.model.servos import SecondOrderStage
@@ -52,7 +50,6 @@ from mishutter.model.stages import (
     StageUse,
     stage_path,
     stage_use,
-    stage_use_of_path,
 )
 
 Number = Float[Array | np.ndarray | np.floating, ""]
@@ -342,13 +339,11 @@ class Limits(AbstractModule):
             half_exposure: $T$; s.
             velocity: $v$; px/s.
         """
-        of_stage = np.asarray(velocity * (self.pans == "stage"))
-        uses = _uses_of_parabolas(acceleration, half_exposure, velocity, of_stage)
-        if self.has_stage:
-            numbers = np.broadcast_arrays(acceleration, half_exposure, velocity)
-            share = self._travel_share_of_parabolas(*(jnp.asarray(x) for x in numbers))
-            uses = uses._replace(travel_share=share)
-        return self._demands(uses)
+        numbers = np.broadcast_arrays(acceleration, half_exposure, velocity)
+        one = ParabolicMotion(acceleration=0.0, half_exposure=1.0)
+        return self.demands(
+            eqx.tree_at(lambda m: (m.acceleration, m.half_exposure, m.velocity), one, numbers)
+        )
 
     def _uses(self, motion: AbstractMotion) -> Uses:
         return Uses(
@@ -382,11 +377,12 @@ class Limits(AbstractModule):
         Args:
             motion: Motion of the sensor.
         """
+        velocity = motion.velocity
         if self.pans == "camera":
-            return motion.without_velocity()
-        if self.frame_velocity is None:
-            return motion
-        return motion.panned(motion.velocity + self._frame(jnp.asarray(motion.velocity)))
+            velocity = as_float(np.zeros(velocity.shape, velocity.dtype))
+        elif self.frame_velocity is not None:
+            velocity = velocity + self._frame(jnp.asarray(velocity))
+        return eqx.tree_at(lambda each: each.velocity, motion, velocity)
 
     def acceleration_by_stroke(
         self, half_exposure: Positions, velocity: ArrayLike = 0.0
@@ -474,20 +470,20 @@ class Limits(AbstractModule):
 
     def stage_share(
         self,
-        acceleration: Float[Array, "*shape"],
-        half_exposure: Float[Array, "*shape"],
-        velocity: Float[Array, "*shape"],
+        acceleration: Float[Array, ""],
+        half_exposure: Float[Array, ""],
+        velocity: Float[Array, ""],
         shape: PathShape | None = None,
-    ) -> Float[Array, "*shape"]:
+    ) -> Float[Array, ""]:
         """Share in use of what the stage reaches: the greatest of all limits without a formula.
 
         Those are its travel, its top speed where its jerk is limited, and what `LIMITS` says. It
         never falls with the acceleration, px/s^2, the half exposure, s, or the size of the
-        velocity, px/s, in the frame of the stage. Of any shape.
+        velocity, px/s, in the frame of the stage.
 
         With the `shape` of a free path it is that of the path, whose velocity is counted from the
-        shape's own; of scalars then, and where no jerk is limited. Stroke and top speed count
-        there too, which have closed forms for a parabola alone.
+        shape's own. Stroke and top speed count there too, which have closed forms for a parabola
+        alone.
 
         Args:
             acceleration: $a$; px/s^2.
@@ -495,27 +491,15 @@ class Limits(AbstractModule):
             velocity: Velocity at mid-exposure; px/s.
             shape: Shape of a free path; None of a parabola.
         """
-        if shape is not None:
-            path = shape.path(acceleration, half_exposure, velocity, self.max_pan)
-            uses = self._uses(path)
-            parabolas = jnp.maximum(
-                uses.top_speed / self.max_top_speed, uses.stroke / self.max_stroke
+        if shape is None:
+            motion = ParabolicMotion(
+                acceleration=acceleration, half_exposure=half_exposure, velocity=velocity
             )
-            return jnp.maximum(self.stage_share_of(path), parabolas)
-        of_stage = velocity + self._frame(velocity) - self._pan_of_camera(velocity)
-        return self._beside_unsolved(
-            self._travel_share_of_parabolas(acceleration, half_exposure, velocity),
-            lambda: _uses_of_parabolas(acceleration, half_exposure, velocity, of_stage),
-        )
-
-    def _travel_share_of_parabolas(
-        self, acceleration: Array, half_exposure: Array, velocity: Array
-    ) -> Array:
-        """The `stage_share` of the run-up and the run-out of parabolas."""
-        frame, pan = self._frame(velocity), self._pan_of_camera(velocity)
-        of_stage = velocity + frame - pan
-        use = stage_use(acceleration, half_exposure, of_stage, self.max_acceleration, self.max_jerk)
-        return self._share_of(use, jnp.abs(pan) - jnp.abs(frame))
+            return self.stage_share_of(motion)
+        path = shape.path(acceleration, half_exposure, velocity, self.max_pan)
+        uses = self._uses(path)
+        solved = jnp.maximum(uses.top_speed / self.max_top_speed, uses.stroke / self.max_stroke)
+        return jnp.maximum(self.stage_share_of(path), solved)
 
     def stage_share_of(self, motion: AbstractMotion) -> Float[Array, ""]:
         """The `stage_share` of a motion; scalar.
@@ -708,28 +692,12 @@ class Limits(AbstractModule):
         return self.largest("acceleration", rest, most, numbers, shape)
 
 
-def _uses_of_parabolas(
-    acceleration: Positions, half_exposure: Positions, velocity: Positions, of_stage: Positions
-) -> Uses:
-    """The uses of parabolas, of which the stage itself makes a velocity; px/s."""
-    return Uses(
-        stroke=stroke_of_parabola(acceleration, half_exposure, of_stage),
-        top_speed=2 * acceleration * half_exposure + abs(velocity),
-        half_exposure=half_exposure,
-        velocity=velocity,
-        acceleration=2 * acceleration,
-    )
-
-
 def _travel_share(limits: Limits, motion: AbstractMotion) -> Array:
     """The share of travel and top speed that a motion takes with its run-up and its run-out."""
     velocity = jnp.asarray(motion.velocity)
-    if isinstance(motion, FreeMotion):
-        path = cast(FreeMotion, limits.of_stage(motion))
-        speed = jnp.abs(limits._pan_of_camera(velocity)) - jnp.abs(limits._frame(velocity))
-        return limits._share_of(stage_use_of_path(path, limits.max_acceleration), speed)
-    acceleration, half = steady(motion).acceleration, motion.half_exposure
-    return limits._travel_share_of_parabolas(jnp.asarray(acceleration), jnp.asarray(half), velocity)
+    beside = jnp.abs(limits._pan_of_camera(velocity)) - jnp.abs(limits._frame(velocity))
+    use = stage_use(limits.of_stage(motion), limits.max_acceleration, limits.max_jerk)
+    return limits._share_of(use, beside)
 
 
 _compiled_travel_share = compiled(_travel_share)

@@ -1,21 +1,25 @@
-"""Motions of the sensor while the shutter is open.
+"""Motions of the sensor while the shutter is open: paths of pieces of constant acceleration.
+
+A parabola, and a pan or a camera at rest without acceleration, are paths of one piece. All members
+of a motion are written once, for pieces. The few that a single piece evaluates from its vertex, or
+in closed form, ask for the number of pieces, never for a class.
 
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
 
-import itertools
 import operator
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import fields, replace
 from fractions import Fraction
 from functools import lru_cache
-from typing import Any, ClassVar, NamedTuple, cast, final
+from typing import Any, NamedTuple, cast, final
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float, Int, Shaped
+from jaxtyping import Array, ArrayLike, Float, Shaped
 
 from mishutter._core.checks import (
     RowLike,
@@ -33,42 +37,25 @@ from mishutter._core.checks import (
 )
 from mishutter._core.modules import AbstractModule
 from mishutter.model.alignment import (
+    PathPieces,
     Reach,
     above_alignment,
     length_on_parabola,
-    lowest_on_parabola,
-    reach_of_parabola,
+    magnitude,
     turns,
 )
 
 Positions = Array | np.ndarray | np.floating
 """Numbers of NumPy where all are known and the caller's are of NumPy; of JAX elsewhere."""
+Numbers = Array | np.ndarray
 
 
 _BALANCED = 1e-6
 """Share of the velocity gained and lost beside which a path's ends are equally fast."""
 
 
-class MotionNumbers(NamedTuple):
-    """The numbers that tell motions of one kind apart."""
-
-    acceleration: Array  # $a$, of a free path the mean of its pieces; px/s^2, scalar
-    half_exposure: Array  # $T$; s, scalar
-    velocity: Array  # $v$ at mid-exposure; px/s, scalar
-    # Accelerations of the equal pieces of a free path, as multiples of their mean; shape `(K,)`.
-    # None of other kinds
-    pieces: Array | None = None
-
-
-class Phases(NamedTuple):
-    """Phases of constant acceleration, one after the other."""
-
-    durations: Float[np.ndarray, "k"]  # Their durations; s
-    accelerations: Float[np.ndarray, "k"]  # Mechanical accelerations, $2a$; px/s^2
-
-
 class FixedParts(NamedTuple):
-    """Parts of a motion that its kind fixes, and the request of an error to leave them so."""
+    """Parts of a motion that a search may not move, and the request of an error to leave them."""
 
     names: frozenset[str]
     request: str
@@ -78,19 +65,52 @@ _FIXED_OF_PAN = FixedParts(frozenset({"path", "acceleration"}), "leave a pan its
 _FIXED_AT_REST = FixedParts(
     frozenset({"path", "acceleration", "velocity"}), "leave a still camera at rest"
 )
+_FIXED_OF_PATH = FixedParts(
+    frozenset({"half_exposure", "acceleration", "velocity"}),
+    "name path, or leave a free path as it is",
+)
 
 
 class AbstractMotion(AbstractModule):
     r"""A sensor on a path $x(t)$, $t \in [-T, T]$, which counts from mid-exposure.
 
-    $v$ is its velocity at mid-exposure, by which it pans. A point that moves at speed $s$ then
-    passes over the sensor along $x(t) - s t$: panning shifts every speed, and changes nothing else.
+    $x(t) = v t + 2\int_0^t (t - t')\,a(t')\,dt'$, where $a(t)$ is constant on each piece of the
+    exposure and $v$ is the velocity at mid-exposure, by which the sensor pans. A point that moves
+    at speed $s$ then passes over the sensor along $x(t) - s t$: panning shifts every speed, and
+    changes nothing else. Outside of the exposure the sensor accelerates as at its end.
+
+    A class holds numbers and says what pieces they make. Many paths of one piece may be stacked:
+    numbers of the whole path then have the shape of the stack.
     """
 
     half_exposure: eqx.AbstractVar[Array]
     velocity: eqx.AbstractVar[Array]
-    accelerates_constantly: eqx.AbstractClassVar[bool]
-    fixed_by_kind: eqx.AbstractClassVar[FixedParts]
+
+    @property
+    @abstractmethod
+    def piece_ends(self) -> tuple[Fraction, ...]:
+        r"""Ends of the pieces, all of which have a length; $\tau$ from -1 to 1."""
+
+    @property
+    @abstractmethod
+    def piece_accelerations(self) -> Numbers:
+        """$a$ of each piece, half its mechanical acceleration; px/s^2, shape `(..., K)`."""
+
+    def __check_init__(self) -> None:
+        name = type(self).__name__
+        _check_half_exposure(f"{name}(half_exposure=...)", self.half_exposure)
+        _check_velocity(f"{name}(velocity=...)", self.velocity)
+
+    def __repr__(self) -> str:
+        """The numbers, of which a module shows no more than their type."""
+        names = [field.name for field in fields(self)]
+        numbers = (f"{name}={_shown(getattr(self, name))}" for name in names)
+        return f"{type(self).__name__}({', '.join(numbers)})"
+
+    @property
+    def accelerates_constantly(self) -> bool:
+        """Whether the path has one piece, which is a parabola or straight."""
+        return len(self.piece_ends) == 2
 
     @property
     def is_straight(self) -> bool:
@@ -101,8 +121,8 @@ class AbstractMotion(AbstractModule):
     def has_vertex(self) -> Array | np.ndarray | np.bool_:
         """Whether the path bends, so that objects are aligned by it; by NumPy if concrete.
 
-        On a sensor without a sag to speak of they are aligned at mid-exposure. That of a free
-        path is the sag of a parabola that accelerates as much in the mean over the exposure.
+        On a sensor without a sag to speak of they are aligned at mid-exposure. That of several
+        pieces is the sag of a parabola that accelerates as much in the mean over the exposure.
         """
         numbers = self.bend, self.half_exposure
         a, half = (np.asarray(x) if is_concrete(x) else x for x in numbers)
@@ -112,37 +132,142 @@ class AbstractMotion(AbstractModule):
     @property
     def fixed(self) -> FixedParts:
         """Parts that a search leaves as they are: of a straight path that it is straight."""
-        if not self.is_straight:
-            return self.fixed_by_kind
-        return _FIXED_AT_REST if is_known_zero(self.velocity) else _FIXED_OF_PAN
+        if self.is_straight:
+            return _FIXED_AT_REST if is_known_zero(self.velocity) else _FIXED_OF_PAN
+        return FixedParts(frozenset(), "move") if self.accelerates_constantly else _FIXED_OF_PATH
 
-    def __repr__(self) -> str:
-        """The numbers, of which a module shows no more than their type."""
-        names = [field.name for field in fields(self)]
-        numbers = (f"{name}={_shown(getattr(self, name))}" for name in names)
-        return f"{type(self).__name__}({', '.join(numbers)})"
+    @property
+    def mirrors(self) -> bool:
+        """Whether the path beside its pan is known to be the same forwards and backwards."""
+        ends, (a,) = self.piece_ends, as_numpy(self.piece_accelerations)
+        if self.accelerates_constantly or not is_concrete(a):
+            return self.accelerates_constantly
+        return ends == tuple(-end for end in reversed(ends)) and np.array_equal(a, a[::-1])
+
+    def panned(self, velocity: ArrayLike) -> "AbstractMotion":
+        """The motion at another velocity at mid-exposure, px/s."""
+        return replace(self, velocity=velocity)
+
+    def without_velocity(self) -> "AbstractMotion":
+        """The motion in a frame that pans with it."""
+        return self.panned(0.0)
+
+    def mirrored(self, sign: ArrayLike) -> "AbstractMotion":
+        """The motion, or its mirror image where a sign is -1 rather than 1."""
+        scaled = jax.tree.map(lambda number: number * sign, self)
+        return replace(scaled, half_exposure=self.half_exposure)
+
+    def as_free_path(self) -> "FreeMotion":
+        """The motion as a path of several pieces."""
+        return FreeMotion.fit(self) if self.accelerates_constantly else cast(FreeMotion, self)
 
     @property
     def exposure(self) -> Float[Array, "..."]:
         """Time from first to last light, $2T$; s."""
         return _number(lambda half: 2 * half, self.half_exposure)
 
-    @abstractmethod
+    @property
+    def mean_acceleration(self) -> Float[Array, "..."]:
+        """Mean of $a$ of the pieces, however long each of them is; px/s^2."""
+        return _number(lambda a: a.mean(axis=-1), self.piece_accelerations)
+
+    @property
+    def bend(self) -> Float[Array, "..."]:
+        r"""Mean of $|a(t)|$ over the exposure; px/s^2."""
+        shares = (np.diff(self._ends) / 2).astype(self.piece_accelerations.dtype)
+        return _number(lambda a: (magnitude(a) * shares).sum(axis=-1), self.piece_accelerations)
+
+    @property
+    def turn(self) -> Positions:
+        """-1 of a path that loses velocity from end to end, by more than rounding; else 1."""
+        (a,) = as_numpy(self.piece_accelerations)
+        gained = a * np.diff(self._ends).astype(a.dtype)
+        loses = gained.sum(axis=-1) < -_BALANCED * abs(gained).sum(axis=-1)
+        return namespace_of(a).where(loses, -1.0, 1.0).astype(a.dtype)
+
+    @property
+    def greatest_acceleration(self) -> Float[Array, "..."]:
+        """Greatest rate at which the velocity changes, twice that of $|a|$; px/s^2."""
+        return _number(lambda a: 2 * largest_of(magnitude(a)), self.piece_accelerations)
+
+    @property
+    def sag(self) -> Float[Array, "..."]:
+        r"""Distance beside the pan, $\max_t - \min_t$ of $x(t) - v t$; px, $aT^2$ of a parabola."""
+        return _number(self._travel, self.velocity)
+
+    @property
+    def stroke(self) -> Float[Array, "..."]:
+        r"""Distance with the pan, $\max_t x(t) - \min_t x(t)$; px."""
+        return _number(self._travel, np.zeros((), self.half_exposure.dtype))
+
+    @property
+    def speed_gain(self) -> Float[Array, "..."]:
+        r"""Greatest speed gained or lost from mid-exposure, $\max_t |x'(t) - v|$; px/s."""
+        return _number(lambda gains: largest_of(magnitude(gains)), self._gains)
+
+    @property
+    def top_speed(self) -> Float[Array, "..."]:
+        r"""Greatest speed of the sensor during the exposure, $\max_t |x'(t)|$; px/s."""
+        return _number(lambda each: largest_of(magnitude(each)), self.end_velocities)
+
+    @property
+    def end_velocities(self) -> Positions:
+        """Velocity where pieces begin and end; px/s, shape `(..., K + 1)`."""
+        velocity, gains = _together(*as_numpy(self.velocity, self._gains))
+        return velocity[..., None] + gains
+
+    @property
+    def _gains(self) -> Positions:
+        """Velocity gained since mid-exposure where pieces begin and end; px/s, `(..., K + 1)`."""
+        T, a = _together(*as_numpy(self.half_exposure, self.piece_accelerations))
+        ends = self._ends.astype(a.dtype)
+        each = ends.reshape((1,) * T.ndim + (-1,))
+        return 2 * T[..., None] * _integrals(each, a[..., None, :], ends)[0]
+
     def position(self, time: RowLike) -> Positions:
-        """Position of the sensor, from where it is at mid-exposure; px, shape of `time`.
+        r"""Position of the sensor, from where it is at mid-exposure; px, shape of `time`.
+
+        $v t + 2\int_0^t (t - t')\,a(t')\,dt'$, of one piece $v t + a t^2$.
 
         Args:
-            time: Time from mid-exposure, s; any shape. Outside of the exposure the sensor
-                accelerates as at its end. A NumPy array gives one, where the motion is known.
+            time: Time from mid-exposure, s; any shape. A NumPy array gives one, where the motion is
+                known.
         """
+        return self.position_of(self._shares(time), 0.0)
 
-    @abstractmethod
     def velocity_at(self, time: RowLike) -> Positions:
-        """Velocity of the sensor; px/s, shape of `time`, which is as in `position`.
+        r"""Velocity of the sensor, $v + 2\int_0^t a(t')\,dt'$; px/s, shape of `time`.
 
         Args:
-            time: Times from mid-exposure; s.
+            time: Times from mid-exposure, as in `position`; s.
         """
+        tau, v, a, T = _together(
+            self._shares(time), self.velocity, self.piece_accelerations, self.half_exposure
+        )
+        return v + 2 * T * _integrals(tau, a, self._ends)[0]
+
+    def position_of(self, tau: RowLike, speed: RowLike) -> Positions:
+        r"""Position on the sensor of objects, $x(\tau T) - s\tau T$, from that at mid-exposure; px.
+
+        Times and speeds broadcast. Derivatives by $T$ take $\tau$ for fixed.
+        """
+        tau, s, v, a, T = _together(
+            tau, speed, self.velocity, self.piece_accelerations, self.half_exposure
+        )
+        _, risen = _integrals(tau, a, self._ends)
+        return (risen * T) * T - ((s - v) * T) * tau
+
+    def aligned_position(self, tau: RowLike, speed: RowLike) -> Any:
+        """The `position_of` objects, from where they are aligned; px.
+
+        On one piece it is measured from the vertex, so that it has all digits there.
+        """
+        tau, s = _together(tau, speed)
+        if not self.accelerates_constantly:
+            return self.position_of(tau, s) - self.alignment(s)
+        sag, smear = self._sag_and_smear(s)
+        space = namespace_of(tau, sag, smear)
+        return space.where(turns(abs(sag)), above_alignment(sag, smear, tau), -smear * tau)
 
     def alignment(self, speed: RowLike) -> Positions:
         r"""Position on the sensor that objects of a speed are aligned at; px, shape of `speed`.
@@ -162,168 +287,66 @@ class AbstractMotion(AbstractModule):
             return at_rest if bends else 0 * at_rest
         return jnp.where(bends, jnp.where(gains, self.lowest(speed), self.highest(speed)), 0.0)
 
-    @abstractmethod
-    def is_at_vertex(self, speed: RowLike) -> Any:
-        """Whether the origin of `blur_kernel` is where objects are aligned; shape of `speed`.
-
-        Args:
-            speed: Speed of the object; px/s.
-        """
-
-    @property
-    @abstractmethod
-    def turn(self) -> Positions:
-        """-1 of a path that loses velocity over the exposure, and 1 of any other; scalar."""
-
-    @abstractmethod
-    def mirrored(self, sign: ArrayLike) -> "AbstractMotion":
-        """The motion, or its mirror image where a sign is -1.
-
-        Args:
-            sign: 1 or -1; scalar.
-        """
-
-    @abstractmethod
     def lowest(self, speed: RowLike) -> Positions:
-        r"""Lowest position of objects on the sensor, $\min_t x(t) - s t$; px, shape of `speed`.
+        r"""Lowest position of objects on the sensor, $\min_t x(t) - s t$; px, shape of `speed`."""
+        return self.pieces_of(speed).lowest()[0]
 
-        Args:
-            speed: Speed of the object; px/s.
-        """
-
-    @abstractmethod
     def highest(self, speed: RowLike) -> Positions:
-        r"""Highest position of objects on the sensor, $\max_t x(t) - s t$; px, shape of `speed`.
+        r"""Highest position of objects on the sensor, $\max_t x(t) - s t$; px, shape of `speed`."""
+        return -self.pieces_of(speed).mirrored().lowest()[0]
 
-        Args:
-            speed: Speed of the object; px/s.
-        """
-
-    @abstractmethod
-    def position_of(self, tau: RowLike, speed: RowLike) -> Positions:
-        r"""Position on the sensor of objects, from where they are at mid-exposure; px.
-
-        Args:
-            tau: Time from mid-exposure, in units of $T$; any shape.
-            speed: Speeds, px/s; a shape that broadcasts with it.
-        """
-
-    @abstractmethod
-    def aligned_position(self, tau: RowLike, speed: RowLike) -> Any:
-        """The `position_of` objects, from where they are aligned.
-
-        Args:
-            tau: Normalised times, from -1 to 1.
-            speed: Speed of the object; px/s.
-        """
-
-    @abstractmethod
-    def reach(self, max_speed: float) -> Reach:
-        """The travel of light from objects up to a speed; of a concrete motion.
-
-        Args:
-            max_speed: Greatest speed of an object; px/s.
-        """
-
-    @abstractmethod
-    def with_numbers(self, numbers: MotionNumbers) -> "AbstractMotion":
-        """The motion of this kind that has other numbers, but for those that the kind fixes.
-
-        Args:
-            numbers: Acceleration, half exposure, velocity and pieces.
-        """
-
-    @abstractmethod
-    def panned(self, velocity: ArrayLike) -> "AbstractMotion":
-        """The motion at another velocity.
-
-        Args:
-            velocity: Velocity at mid-exposure; px/s.
-        """
-
-    @abstractmethod
-    def without_velocity(self) -> "AbstractMotion":
-        """The motion in a frame that pans with it."""
-
-    @abstractmethod
-    def as_free_path(self) -> "FreeMotion":
-        """The motion as a path of pieces."""
-
-    @abstractmethod
-    def acceleration_shares(self, num_pieces: int) -> Array:
-        """Accelerations of equal pieces over their mean, those below 0 as 0; shape `(num_pieces,)`.
-
-        Args:
-            num_pieces: Number of pieces; those of a free path.
-        """
-
-    @abstractmethod
     def kernel_length(self, speed: RowLike) -> Shaped[Array | np.ndarray, "..."]:
-        """Length of the aligned kernel of objects; px, shape of `speed`, by NumPy if concrete.
+        r"""Length of the aligned kernel of objects; px, shape of `speed`, by NumPy if concrete.
 
-        Args:
-            speed: Speed of the object; px/s.
+        It is that of the direction of the speed that makes it longer: on one piece
+        $aT^2 (1 + |\nu|)^2$ where the path turns within the exposure, $2|s|T$ elsewhere.
         """
+        speed, v, *_ = _together(*as_numpy(speed, self.velocity, *jax.tree.leaves(self)))
+        relative, space = speed - v, namespace_of(speed)
+        with np.errstate(over="ignore", invalid="ignore"):
+            both = map(space.asarray, (v + relative, v - relative))
+            return space.asarray(space.maximum(*map(self._travel, both)))
+
+    def reach(self, max_speed: float) -> Reach:
+        """The travel of light from objects up to a speed, in either direction; concrete."""
+        half, fastest = np.asarray(self.half_exposure, np.float64), float(max_speed)
+        length = np.max(self._travel(np.array([-fastest, 0.0, fastest])))
+        velocity = (float(self.speed_gain) + fastest) * half
+        return Reach(np.maximum(length, 2 * fastest * half), velocity)
+
+    def pieces_of(self, speed: RowLike) -> PathPieces:
+        """The pieces of the paths of points over the sensor, on an axis after those of `speed`."""
+        s, v, a, T = _together(speed, self.velocity, self.piece_accelerations, self.half_exposure)
+        ends = self._ends.astype(s.dtype)
+        base = np.clip(np.zeros((), ends.dtype), ends[:-1], ends[1:])
+        smear, sag = ((s - v) * T)[..., None], (a * T) * T
+        (gain, rise), (_, travel) = (_integrals(base, x, ends) for x in (sag, abs(sag)))
+        rows = sag, gain, rise, travel, base, ends[:-1], ends[1:]
+        sag, gain, rise, travel, base, begin, end = (_across(row, s.ndim) for row in rows)
+        velocity, position = 2 * gain - smear, rise - smear * base
+        travel = travel + abs(smear) * abs(base)
+        return PathPieces(sag, velocity, position, base, begin, end, travel)
+
+    def _travel(self, speed: RowLike) -> Positions:
+        """Distance from the lowest to the highest position of objects; px."""
+        if self.accelerates_constantly:
+            return length_on_parabola(*self._sag_and_smear(speed))
+        return self.highest(speed) - self.lowest(speed)
+
+    def _sag_and_smear(self, speed: RowLike) -> tuple[Positions, Positions]:
+        """The sag of one piece, and the travel of objects beside the pan in half the exposure."""
+        s, v, a, T = _together(speed, self.velocity, self.piece_accelerations, self.half_exposure)
+        space = namespace_of(s)
+        return space.asarray((a[..., 0] * T) * T), space.asarray((s - v) * T)
+
+    def _shares(self, time: RowLike) -> Positions:
+        """Times in units of $T$."""
+        return operator.truediv(*_together(time, self.half_exposure))
 
     @property
-    @abstractmethod
-    def path_numbers(self) -> dict[str, Any]:
-        """Parameters of the path beside its exposure and velocity, as files hold them."""
-
-    @property
-    @abstractmethod
-    def phases(self) -> "Phases":
-        """The phases of the exposure in which the sensor accelerates constantly; concrete."""
-
-    @property
-    @abstractmethod
-    def piece_ends(self) -> tuple[Fraction, ...]:
-        r"""Ends of the pieces of a free path that have a length, $\tau$; none of other motions."""
-
-    @property
-    @abstractmethod
-    def piece_accelerations(self) -> Array:
-        """$a$ of each piece that has a length; px/s^2, shape `(K,)`."""
-
-    @property
-    @abstractmethod
-    def mean_acceleration(self) -> Array:
-        """$a$, of a free path the mean of its pieces; px/s^2."""
-
-    @property
-    @abstractmethod
-    def mirrors(self) -> bool:
-        """Whether the path beside its pan is known to be the same forwards and backwards."""
-
-    @property
-    @abstractmethod
-    def bend(self) -> Float[Array | np.ndarray, "..."]:
-        r"""Mean of $|a(t)|$ over the exposure; px/s^2."""
-
-    @property
-    @abstractmethod
-    def sag(self) -> Float[Array, "..."]:
-        """Distance from the lowest to the highest position beside the pan, $x(t) - v t$; px."""
-
-    @property
-    @abstractmethod
-    def stroke(self) -> Float[Array, "..."]:
-        """Distance from the lowest to the highest position of the sensor, its pan included; px."""
-
-    @property
-    @abstractmethod
-    def speed_gain(self) -> Float[Array, "..."]:
-        """Greatest speed that the sensor gains or loses from mid-exposure; px/s."""
-
-    @property
-    @abstractmethod
-    def top_speed(self) -> Float[Array, "..."]:
-        """Greatest speed of the sensor during the exposure; px/s."""
-
-    @property
-    @abstractmethod
-    def greatest_acceleration(self) -> Float[Array, "..."]:
-        """Greatest rate at which the velocity changes, twice the parameter $a$; px/s^2."""
+    def _ends(self) -> Float[np.ndarray, "ends"]:
+        r"""Times at which pieces begin and end, $\tau$ from -1 to 1."""
+        return np.array(self.piece_ends, float)
 
 
 @final
@@ -348,8 +371,6 @@ class ParabolicMotion(AbstractMotion):
     acceleration: Array
     half_exposure: Array
     velocity: Array
-    accelerates_constantly: ClassVar[bool] = True
-    fixed_by_kind: ClassVar[FixedParts] = FixedParts(frozenset(), "move")
 
     def __init__(
         self, *, acceleration: ArrayLike, half_exposure: ArrayLike, velocity: ArrayLike = 0.0
@@ -361,8 +382,6 @@ class ParabolicMotion(AbstractMotion):
 
     def __check_init__(self) -> None:
         _check_acceleration(self.acceleration)
-        _check_half_exposure("ParabolicMotion(half_exposure=...)", self.half_exposure)
-        _check_velocity("ParabolicMotion(velocity=...)", self.velocity)
 
     @classmethod
     def from_stroke(
@@ -403,209 +422,16 @@ class ParabolicMotion(AbstractMotion):
         a = _solved(lambda sag, half: sag / half**2, length, half_exposure)
         return cls(acceleration=a, half_exposure=half_exposure, velocity=velocity)
 
-    def panned(self, velocity: ArrayLike) -> "ParabolicMotion":
-        """The parabola at another velocity.
-
-        Args:
-            velocity: Velocity at mid-exposure; px/s.
-        """
-        return replace(self, velocity=velocity)
-
-    def without_velocity(self) -> "ParabolicMotion":
-        """The parabola in a frame that pans with it."""
-        return self.panned(0.0)
-
-    def with_numbers(self, numbers: MotionNumbers) -> "ParabolicMotion":
-        """The parabola of other numbers.
-
-        Args:
-            numbers: Acceleration, half exposure, velocity and pieces.
-        """
-        acceleration, half_exposure, velocity, _ = numbers
-        return ParabolicMotion(
-            acceleration=acceleration, half_exposure=half_exposure, velocity=velocity
-        )
-
-    def as_free_path(self) -> "FreeMotion":
-        """A `FreeMotion` on the same path."""
-        return FreeMotion.fit(self)
-
-    def kernel_length(self, speed: RowLike) -> Shaped[Array | np.ndarray, "..."]:
-        r"""$aT^2 (1 + |\nu|)^2$ where the path turns within the exposure, $2|s|T$ elsewhere; px.
-
-        Args:
-            speed: Speed of the object; px/s.
-        """
-        (speed,) = as_numpy(speed)
-        with np.errstate(over="ignore", invalid="ignore"):
-            _, sag, smear = self._sag_and_smear(speed, speed)
-            return namespace_of(sag).asarray(length_on_parabola(sag, smear))
-
-    @property
-    def path_numbers(self) -> dict[str, Any]:
-        """The acceleration $a$; px/s^2."""
-        return {"acceleration": float(self.acceleration)}
-
-    @property
-    def phases(self) -> Phases:
-        """The whole exposure, over which the acceleration is one."""
-        whole = 2 * float(self.half_exposure), float(self.greatest_acceleration)
-        return Phases(*(np.array([x]) for x in whole))
-
     @property
     def piece_ends(self) -> tuple[Fraction, ...]:
-        """No ends: the whole exposure is one parabola."""
-        return ()
+        """The ends of the exposure."""
+        return exact_ends(None, 1)
 
     @property
-    def piece_accelerations(self) -> Array:
+    def piece_accelerations(self) -> Numbers:
         """$a$ of the one piece; px/s^2."""
-        return jnp.reshape(self.acceleration, 1)
-
-    def acceleration_shares(self, num_pieces: int) -> Array:
-        """Ones, of a path that accelerates alike everywhere.
-
-        Args:
-            num_pieces: Number of pieces.
-        """
-        return jnp.ones(num_pieces, self.half_exposure.dtype)
-
-    @property
-    def mean_acceleration(self) -> Array:
-        """$a$; px/s^2."""
-        return self.acceleration
-
-    def position(self, time: RowLike) -> Positions:
-        """$v t + a t^2$; px, shape of `time`.
-
-        Args:
-            time: Times from mid-exposure; s.
-        """
-        time, v, a = _together(time, self.velocity, self.acceleration)
-        return (v + a * time) * time
-
-    def velocity_at(self, time: RowLike) -> Positions:
-        """$v + 2 a t$; px/s, shape of `time`.
-
-        Args:
-            time: Times from mid-exposure; s.
-        """
-        time, v, a = _together(time, self.velocity, self.acceleration)
-        return v + 2 * a * time
-
-    def is_at_vertex(self, speed: RowLike) -> Any:
-        """Whether the sensor keeps pace with the object at a time of the exposure.
-
-        Args:
-            speed: Speed of the object; px/s.
-        """
-        _, sag, smear = self._sag_and_smear(speed, speed)
-        return turns(sag) & (abs(smear) < 2 * sag)
-
-    @property
-    def turn(self) -> Positions:
-        """The sign of the acceleration, which only a traced one has; 1 of a straight path."""
         (a,) = as_numpy(self.acceleration)
-        return namespace_of(a).where(a < 0, -1.0, 1.0).astype(a.dtype)
-
-    def mirrored(self, sign: ArrayLike) -> "ParabolicMotion":
-        """The parabola, or its mirror image.
-
-        Args:
-            sign: 1 or -1; scalar.
-        """
-        return replace(self, acceleration=self.acceleration * sign, velocity=self.velocity * sign)
-
-    def lowest(self, speed: RowLike) -> Positions:
-        """The vertex, or the lower end where that lies beyond the exposure; px.
-
-        Args:
-            speed: Speed of the object; px/s.
-        """
-        _, sag, smear = self._sag_and_smear(speed, speed)
-        return lowest_on_parabola(sag, smear)
-
-    def highest(self, speed: RowLike) -> Positions:
-        """The higher end, or the vertex of a mirrored path; px.
-
-        Args:
-            speed: Speed of the object; px/s.
-        """
-        _, sag, smear = self._sag_and_smear(speed, speed)
-        return -lowest_on_parabola(-sag, smear)
-
-    def position_of(self, tau: RowLike, speed: RowLike) -> Positions:
-        r"""$aT^2\tau^2 - (s - v)T\tau$; px.
-
-        Args:
-            tau: Normalised times, from -1 to 1.
-            speed: Speed of the object; px/s.
-        """
-        tau, sag, smear = self._sag_and_smear(tau, speed)
-        return tau * (sag * tau - smear)
-
-    def aligned_position(self, tau: RowLike, speed: RowLike) -> Any:
-        r"""The `position_of` objects, from where they are aligned; px.
-
-        Args:
-            tau: Normalised times, from -1 to 1.
-            speed: Speed of the object; px/s.
-        """
-        times, sag, smear = self._sag_and_smear(tau, speed)
-        space = namespace_of(times)
-        return space.where(turns(abs(sag)), above_alignment(sag, smear, times), -smear * times)
-
-    def reach(self, max_speed: float) -> Reach:
-        """The `reach_of_parabola`.
-
-        Args:
-            max_speed: Greatest speed of an object; px/s.
-        """
-        _, sag, smear = self._sag_and_smear(np.asarray(max_speed), max_speed)
-        return reach_of_parabola(sag, smear)
-
-    def _sag_and_smear(self, tau: RowLike, speed: RowLike) -> tuple[Any, Any, Any]:
-        """Times, the sag, and travel in half the exposure, as arrays of one kind."""
-        tau, s, v, a, T = _together(
-            tau, speed, self.velocity, self.acceleration, self.half_exposure
-        )
-        space = namespace_of(tau)
-        return tau, space.asarray((a * T) * T), space.asarray((s - v) * T)
-
-    @property
-    def mirrors(self) -> bool:
-        """A parabola is its own mirror image."""
-        return True
-
-    @property
-    def bend(self) -> Float[Array | np.ndarray, "..."]:
-        """$|a|$; px/s^2."""
-        return _number(_size, self.acceleration)
-
-    @property
-    def sag(self) -> Float[Array, "..."]:
-        """Distance from mid-exposure to either end beside the pan, $aT^2$; px."""
-        return _number(lambda a, half: (a * half) * half, self.bend, self.half_exposure)
-
-    @property
-    def stroke(self) -> Float[Array, "..."]:
-        """`stroke_of_parabola`; px."""
-        return _number(stroke_of_parabola, self.bend, self.half_exposure, self.velocity)
-
-    @property
-    def speed_gain(self) -> Float[Array, "..."]:
-        """Speed gained from mid-exposure to either end, $2aT$; px/s."""
-        return _number(lambda a, half: 2 * a * half, self.bend, self.half_exposure)
-
-    @property
-    def top_speed(self) -> Float[Array, "..."]:
-        """Greatest speed of the sensor during the exposure, $2aT + |v|$; px/s."""
-        return _number(lambda gain, v: gain + abs(v), self.speed_gain, self.velocity)
-
-    @property
-    def greatest_acceleration(self) -> Float[Array, "..."]:
-        """Rate at which the velocity changes, $2a$; px/s^2."""
-        return _number(lambda a: 2 * a, self.bend)
+        return a[..., None]
 
 
 @final
@@ -635,11 +461,6 @@ class FreeMotion(AbstractMotion):
     half_exposure: Array
     velocity: Array
     durations: tuple[float, ...] | None = eqx.field(static=True)
-    accelerates_constantly: ClassVar[bool] = False
-    fixed_by_kind: ClassVar[FixedParts] = FixedParts(
-        frozenset({"half_exposure", "acceleration", "velocity"}),
-        "name path, or leave a free path as it is",
-    )
 
     def __init__(
         self,
@@ -659,8 +480,6 @@ class FreeMotion(AbstractMotion):
         one_row = row.ndim == 1 and row.size >= 1
         require(one_row, subject, "be one row of at least one number", shape_of(row))
         require_finite(subject, row)
-        _check_half_exposure("FreeMotion(half_exposure=...)", self.half_exposure)
-        _check_velocity("FreeMotion(velocity=...)", self.velocity)
         if self.durations is not None:
             requirement = f"be as many as the {row.size} accelerations"
             got = len(self.durations)
@@ -682,309 +501,67 @@ class FreeMotion(AbstractMotion):
         count = require_positive_int("FreeMotion.fit(num_pieces=...)", num_pieces)
         is_motion = isinstance(motion, AbstractMotion)
         require(is_motion, "FreeMotion.fit(motion=...)", "be a motion", motion)
-        if isinstance(motion, ParabolicMotion):
-            return cls(
-                accelerations=_number(lambda a: a * np.ones(count, a.dtype), motion.acceleration),
-                half_exposure=motion.half_exposure,
-                velocity=motion.velocity,
-            )
-        half = motion.half_exposure
-        ends = np.array(exact_ends(None, count), float).astype(half.dtype)
-        velocity = jnp.asarray(motion.velocity_at(ends * as_numpy(half)[0]))
-        pan = jnp.interp(jnp.zeros_like(half), ends, velocity)
-        rates = jnp.diff(velocity) / (np.diff(ends) * (2 * half))
-        return cls(accelerations=rates, half_exposure=half, velocity=pan)
-
-    def panned(self, velocity: ArrayLike) -> "FreeMotion":
-        """The path at another velocity.
-
-        Args:
-            velocity: Velocity at mid-exposure; px/s.
-        """
-        return replace(self, velocity=velocity)
-
-    def without_velocity(self) -> "FreeMotion":
-        """The path in a frame that pans with it."""
-        return self.panned(0.0)
-
-    def with_numbers(self, numbers: MotionNumbers) -> "FreeMotion":
-        """The path of equal pieces of other numbers.
-
-        Args:
-            numbers: Acceleration, half exposure, velocity and pieces.
-        """
-        acceleration, half_exposure, velocity, pieces = numbers
-        return FreeMotion(
-            accelerations=acceleration * (1.0 if pieces is None else pieces),
-            half_exposure=half_exposure,
-            velocity=velocity,
+        T, v, a = _together(
+            *as_numpy(motion.half_exposure, motion.velocity, motion.piece_accelerations)
         )
-
-    def as_free_path(self) -> "FreeMotion":
-        """The path itself."""
-        return self
-
-    def kernel_length(self, speed: RowLike) -> Shaped[Array | np.ndarray, "..."]:
-        """Distance from the lowest position to the highest; px.
-
-        It is that of the direction of the speed that makes it longer.
-
-        Args:
-            speed: Speed of the object; px/s.
-        """
-        speed, v, *_ = as_numpy(speed, self.velocity, self.half_exposure, self.accelerations)
-        space = namespace_of(speed)
-        with np.errstate(over="ignore", invalid="ignore"):
-            relative = space.asarray(speed) - v
-            both = map(space.asarray, (v + relative, v - relative))
-            return space.asarray(space.maximum(*(self.highest(s) - self.lowest(s) for s in both)))
-
-    @property
-    def path_numbers(self) -> dict[str, Any]:
-        """Accelerations and durations of the pieces."""
-        durations = self.durations and list(self.durations)
-        return {"accelerations": self.accelerations.tolist(), "durations": durations}
-
-    @property
-    def phases(self) -> Phases:
-        """The pieces that take time."""
-        rates = 2 * np.asarray(self.accelerations, float)
-        lengths = float(self.half_exposure) * np.diff(self._ends)
-        return Phases(lengths[self.lasting], rates[self.lasting])
+        ends, own = np.array(exact_ends(None, count), float), motion._ends
+        begin = np.maximum(ends[:-1, None], own[None, :-1])
+        end = np.minimum(ends[1:, None], own[None, 1:])
+        # The share of each new piece that lies in each of the old ones.
+        shares = (np.maximum(end - begin, 0) / np.diff(ends)[:, None]).astype(a.dtype)
+        gains = 2 * T * _integrals(ends.astype(a.dtype), a, own)[0]
+        # Mid-exposure may lie within a new piece, whose velocity is linear in time.
+        pan = namespace_of(gains).interp(0.0, ends, gains)
+        return cls(
+            accelerations=(a[None] * shares).sum(axis=1),
+            half_exposure=motion.half_exposure,
+            velocity=v + pan.astype(v.dtype),
+        )
 
     @property
     def piece_ends(self) -> tuple[Fraction, ...]:
         r"""Ends of the pieces that have a length, $\tau$ from -1 to 1."""
-        return tuple(dict.fromkeys(exact_ends(self.durations, self.accelerations.size)))
+        return exact_ends(self.durations, self.accelerations.size)
 
     @property
-    def piece_accelerations(self) -> Array:
+    def piece_accelerations(self) -> Numbers:
         """$a$ of each piece that has a length; px/s^2."""
-        return self.accelerations[self.lasting]
-
-    def acceleration_shares(self, num_pieces: int) -> Array:
-        """Accelerations over their mean, those below 0 as 0; shape `(K,)`.
-
-        Args:
-            num_pieces: Number of pieces, $K$.
-        """
-        shares = jnp.maximum(self.accelerations, 0)
-        return shares / jnp.where(jnp.any(shares > 0), jnp.mean(shares), 1.0)
-
-    @property
-    def mean_acceleration(self) -> Array:
-        """Mean of the pieces, however long each of them is; px/s^2."""
-        return jnp.mean(self.accelerations)
-
-    def position(self, time: RowLike) -> Positions:
-        r"""$v t + 2\int_0^t (t - t')\,a(t')\,dt'$; px, shape of `time`.
-
-        Args:
-            time: Times from mid-exposure; s.
-        """
-        return self.position_at(self._shares(time))
-
-    def position_at(self, tau: RowLike) -> Positions:
-        r"""`position` at $t = \tau T$; derivatives by $T$ take $\tau$ for fixed.
-
-        Args:
-            tau: Normalised times, from -1 to 1.
-        """
-        tau, v, a, T = _together(tau, self.velocity, self.accelerations, self.half_exposure)
-        begin, end = self._passed(tau)
-        passed = (end - begin) * abs(2 * tau[..., None] - begin - end)
-        return (v * tau + _of_pieces(a, passed) * T) * T
-
-    def position_of(self, tau: RowLike, speed: RowLike) -> Positions:
-        r"""$x(\tau T) - s\tau T$; px.
-
-        Args:
-            tau: Normalised times, from -1 to 1.
-            speed: Speed of the object; px/s.
-        """
-        tau, s, T = _together(tau, speed, self.half_exposure)
-        return self.position_at(tau) - (s * T) * tau
-
-    def aligned_position(self, tau: RowLike, speed: RowLike) -> Any:
-        """The `position_of` objects, from where they are aligned; px.
-
-        Args:
-            tau: Normalised times, from -1 to 1.
-            speed: Speed of the object; px/s.
-        """
-        tau, s = _together(tau, speed)
-        return self.position_of(tau, s) - self.alignment(s)
-
-    def reach(self, max_speed: float) -> Reach:
-        """The distance between the lowest and the highest position of objects in either direction.
-
-        Args:
-            max_speed: Greatest speed of an object; px/s.
-        """
-        half, fastest = np.asarray(self.half_exposure, np.float64), float(max_speed)
-        speeds = np.array([-fastest, 0.0, fastest])
-        length = np.max(self.highest(speeds) - self.lowest(speeds))
-        velocity = (float(self.speed_gain) + fastest) * half
-        return Reach(np.maximum(length, 2 * fastest * half), velocity)
-
-    def velocity_at(self, time: RowLike) -> Positions:
-        r"""$v + 2\int_0^t a(t')\,dt'$; px/s, shape of `time`.
-
-        Args:
-            time: Times from mid-exposure; s.
-        """
-        return self._velocity_at(self._shares(time))
-
-    def _velocity_at(self, tau: RowLike) -> Positions:
-        tau, v, a, T = _together(tau, self.velocity, self.accelerations, self.half_exposure)
-        space = namespace_of(tau)
-        begin, end = self._passed(tau)
-        passed = space.sign(tau)[..., None] * (end - begin)
-        return v + 2 * T * _of_pieces(a, passed)
-
-    def _shares(self, time: RowLike) -> Positions:
-        """Times in units of $T$."""
-        return operator.truediv(*_together(time, self.half_exposure))
-
-    def _passed(self, tau: Positions) -> tuple[Positions, Positions]:
-        r"""Between which times, in units of $T$, each piece is passed from 0 to `tau`."""
-        space = namespace_of(tau)
-        ends = self._ends
-        ends[[0, -1]] = -np.inf, np.inf
-        row = ends.astype(tau.dtype).reshape((1,) * tau.ndim + (-1,))
-        first, last = space.minimum(tau, 0)[..., None], space.maximum(tau, 0)[..., None]
-        places = space.minimum(space.maximum(row, first), last)
-        return places[..., :-1], places[..., 1:]
-
-    def is_at_vertex(self, speed: RowLike) -> Any:
-        """Whether the path bends: kernels of free paths count from the lowest position.
-
-        Args:
-            speed: Speed of the object; px/s.
-        """
-        return self.has_vertex
-
-    @property
-    def turn(self) -> Positions:
-        """-1 of a path that loses velocity from end to end, by more than rounding; else 1."""
-        (a,) = as_numpy(self.accelerations)
-        gained = a * np.diff(self._ends).astype(a.dtype)
-        loses = gained.sum() < -_BALANCED * abs(gained).sum()
-        return namespace_of(a).where(loses, -1.0, 1.0).astype(a.dtype)
-
-    def mirrored(self, sign: ArrayLike) -> "FreeMotion":
-        """The path, or its mirror image.
-
-        Args:
-            sign: 1 or -1; scalar.
-        """
-        accelerations, velocity = self.accelerations * sign, self.velocity * sign
-        return replace(self, accelerations=accelerations, velocity=velocity)
-
-    def lowest(self, speed: RowLike) -> Positions:
-        r"""Lowest position of objects on the sensor, $\min_t x(t) - s t$; px, shape of `speed`.
-
-        Args:
-            speed: Speed of the object; px/s.
-        """
-        return self._extreme(speed, 1.0)
-
-    def highest(self, speed: RowLike) -> Positions:
-        r"""Highest position of objects on the sensor, $\max_t x(t) - s t$; px, shape of `speed`.
-
-        Args:
-            speed: Speed of the object; px/s.
-        """
-        return -self._extreme(speed, -1.0)
-
-    def _extreme(self, speed: RowLike, sign: float) -> Positions:
-        """The lowest position on a path that is mirrored where `sign` is -1."""
-        s, a, T, _ = _together(speed, self.accelerations, self.half_exposure, self.velocity)
-        space = namespace_of(s)
-        across = (1,) * s.ndim + (-1,)
-        ends = self._ends.astype(s.dtype)
-        x, u = (at(ends).reshape(across) for at in (self.position_at, self._velocity_at))
-        times, a = (ends * T).reshape(across), a.reshape(across)
-        position, velocity = sign * (x - s[..., None] * times), sign * (u - s[..., None])
-        before, after, rate = velocity[..., :-1], velocity[..., 1:], sign * a
-        turns = (before < 0) & (after > 0) & (rate > 0)
-        rise = before * before / (4 * space.where(turns, rate, 1.0))
-        turned = space.where(turns, position[..., :-1] - rise, position[..., :-1])
-        positions = space.concatenate([turned, position[..., -1:]], axis=-1)
-        lowest = space.argmin(positions, axis=-1, keepdims=True)
-        return space.take_along_axis(positions, lowest, axis=-1)[..., 0]
-
-    @property
-    def sag(self) -> Float[Array, "..."]:
-        r"""Distance beside the pan, $\max_t - \min_t$ of $x(t) - v t$; px."""
-        (velocity,) = as_numpy(self.velocity)
-        return _number(operator.sub, self.highest(velocity), self.lowest(velocity))
-
-    @property
-    def stroke(self) -> Float[Array, "..."]:
-        r"""Distance with the pan, $\max_t x(t) - \min_t x(t)$; px."""
-        rest = np.zeros((), self.half_exposure.dtype)
-        return _number(operator.sub, self.highest(rest), self.lowest(rest))
-
-    @property
-    def speed_gain(self) -> Float[Array, "..."]:
-        r"""Greatest speed gained or lost from mid-exposure, $\max_t |x'(t) - v|$; px/s."""
-        return _number(lambda each, v: largest_of(abs(each - v)), self._velocities(), self.velocity)
-
-    @property
-    def top_speed(self) -> Float[Array, "..."]:
-        r"""Greatest speed of the sensor during the exposure, $\max_t |x'(t)|$; px/s."""
-        return _number(lambda each: largest_of(abs(each)), self._velocities())
-
-    @property
-    def greatest_acceleration(self) -> Float[Array, "..."]:
-        """Greatest rate at which the velocity changes, twice that of $|a|$; px/s^2."""
-        return _number(lambda a: 2 * largest_of(abs(a[self.lasting])), self.accelerations)
-
-    @property
-    def lasting(self) -> Int[np.ndarray, "k"]:
-        """Indices of the pieces that take time; shape `(k,)`."""
-        ends = exact_ends(self.durations, self.accelerations.size)
-        return np.flatnonzero([after > before for before, after in itertools.pairwise(ends)])
-
-    @property
-    def bend(self) -> Float[Array | np.ndarray, "..."]:
-        r"""Mean of $|a(t)|$ over the exposure; px/s^2."""
-        shares = (np.diff(self._ends) / 2).astype(self.accelerations.dtype)
-        return _number(lambda a: (abs(a) * shares).sum(), self.accelerations)
-
-    @property
-    def mirrors(self) -> bool:
-        """Whether the path beside its pan is known to be the same forwards and backwards."""
-        if not is_concrete(self.accelerations):
-            return False
-        a, lengths = np.asarray(self.accelerations)[self.lasting], self.durations
-        lengths = None if lengths is None else np.array(lengths)[self.lasting]
-        same = lengths is None or np.array_equal(lengths, lengths[::-1])
-        return same and np.array_equal(a, a[::-1])
-
-    @property
-    def _ends(self) -> Float[np.ndarray, "ends"]:
-        r"""Times at which pieces begin and end, $\tau$ from -1 to 1; shape `(K + 1,)`."""
-        return np.array(exact_ends(self.durations, self.accelerations.size), float)
-
-    def _velocities(self) -> Positions:
-        """Velocity where pieces begin and end; px/s, shape `(K + 1,)`."""
-        return self._velocity_at(self._ends.astype(self.half_exposure.dtype))
+        durations = self.durations or ()
+        lasting = np.flatnonzero(durations)
+        return self.accelerations if lasting.size == len(durations) else self.accelerations[lasting]
 
 
-def _of_pieces(accelerations: Positions, passed: Positions) -> Positions:
-    """Sum of accelerations times what has passed of each piece, on the last axis."""
-    return (accelerations.reshape((1,) * (passed.ndim - 1) + (-1,)) * passed).sum(axis=-1)
+def _integrals(
+    tau: Numbers, accelerations: Numbers, ends: Float[np.ndarray, "ends"]
+) -> tuple[Numbers, Numbers]:
+    r"""$\int_0^\tau a(t)\,dt$ and $2\int_0^\tau (\tau - t)\,a(t)\,dt$ of pieces; shape of `tau`.
+
+    The first and the last piece go on beyond their ends.
+    """
+    space, inner = namespace_of(tau), ends[1:-1]
+    begin, end, base = (
+        _across(row.astype(tau.dtype), tau.ndim)
+        for row in (np.r_[-np.inf, inner], np.r_[inner, np.inf], np.clip(0.0, ends[:-1], ends[1:]))
+    )
+    tau, a = tau[..., None], accelerations
+    a = _across(a, tau.ndim - 1) if a.ndim == 1 else a
+    place = space.minimum(space.maximum(tau, begin), end)
+    passed = a * (place - base)
+    return passed.sum(axis=-1), (passed * (2 * tau - place - base)).sum(axis=-1)
+
+
+def _across(row: Any, num_axes: int) -> Any:
+    """A row of pieces as the last axis after some others."""
+    return row.reshape((1,) * num_axes + (-1,))
 
 
 @lru_cache
 def exact_ends(durations: tuple[float, ...] | None, num_pieces: int) -> tuple[Fraction, ...]:
-    r"""Ends of the pieces of a `FreeMotion`, $\tau$ from -1 to 1; shape `(K + 1,)`."""
+    r"""Ends of the pieces that have a length, $\tau$ from -1 to 1; equal ones by default."""
     passed = [Fraction(0)]
     for duration in durations or (1.0,) * num_pieces:
         passed.append(passed[-1] + Fraction(duration))
-    return tuple(2 * time / passed[-1] - 1 for time in passed)
+    return tuple(2 * time / passed[-1] - 1 for time in dict.fromkeys(passed))
 
 
 def LinearMotion(*, half_exposure: ArrayLike, velocity: ArrayLike = 0.0) -> ParabolicMotion:
@@ -1018,27 +595,12 @@ def StillCamera(*, half_exposure: ArrayLike) -> ParabolicMotion:
     return ParabolicMotion(acceleration=0.0, half_exposure=half)
 
 
-def stroke_of_parabola(
-    acceleration: Positions, half_exposure: Positions, velocity: Positions
-) -> Positions:
-    r"""Distance from the lowest to the highest of $v t + a t^2$, $|t| \le T$; px, any shape.
-
-    $a\,(T + |v|/2a)^2$ where the path turns within the exposure, $|v| < 2aT$, and $2|v|T$ where
-    it does not.
-    """
-    space, speed = namespace_of(acceleration, half_exposure, velocity), abs(velocity)
-    turns_within = speed < 2 * acceleration * half_exposure
-    a = space.where(turns_within, acceleration, 1.0)
-    reach = half_exposure + speed / (2 * a)
-    return space.where(turns_within, (a * reach) * reach, 2 * speed * half_exposure)
-
-
 def acceleration_of_stroke(
     stroke: Positions, half_exposure: Positions, speed: ArrayLike
 ) -> Positions:
     r"""Largest $a$ of a parabola of a stroke, 0 where its pan alone takes more; px/s^2.
 
-    It is the inverse of `stroke_of_parabola`,
+    It is the inverse of `ParabolicMotion.stroke`,
     $\left(\sqrt S + \sqrt{S - 2|v|T}\right)^2 / 4T^2$.
     """
     space, by_pan = namespace_of(half_exposure), speed * half_exposure
@@ -1062,18 +624,16 @@ def _together(*values: RowLike) -> tuple[Array | np.ndarray, ...]:
     return tuple(jnp.asarray(x, dtype) for x in values)
 
 
-def largest_of(values: Array | np.ndarray) -> Positions:
-    """The largest of a row, by its index.
+def largest_of(values: Any) -> Positions:
+    """The largest of the last axis, of equal ones the last, by its index.
 
     The derivative of a maximum asks which values equal it: none does where the compiler computes
-    them again and rounds otherwise, and the slope is then 0 / 0.
+    them again and rounds otherwise, and the slope is then 0 / 0. A path without acceleration gains
+    speed at its end as soon as it has some.
     """
-    return values[values.argmax()]
-
-
-def _size(value: Positions) -> Positions:
-    """$|x|$, whose derivative at 0 is 1."""
-    return namespace_of(value).where(value < 0, -value, value)
+    values = values[..., ::-1]
+    index = values.argmax(axis=-1)[..., None]
+    return namespace_of(values).take_along_axis(values, index, axis=-1)[..., 0]
 
 
 def _number(formula: Callable[..., Positions], *numbers: Positions) -> Array:
@@ -1105,13 +665,19 @@ def simplified(motion: AbstractMotion) -> AbstractMotion:
 
 
 def steady(motion: AbstractMotion) -> ParabolicMotion:
-    """A motion that must be of constant acceleration.
+    """The parabola that a motion must be.
 
     Raises:
-        ValueError: if it is not.
+        ValueError: if its acceleration changes.
     """
-    require(isinstance(motion, ParabolicMotion), "motion", "accelerate constantly", motion)
-    return cast(ParabolicMotion, motion)
+    is_motion = isinstance(motion, AbstractMotion)
+    is_steady = is_motion and motion.accelerates_constantly
+    require(is_steady, "motion", "accelerate constantly", motion)
+    return ParabolicMotion(
+        acceleration=motion.mean_acceleration,
+        half_exposure=motion.half_exposure,
+        velocity=motion.velocity,
+    )
 
 
 def is_known_zero(value: ArrayLike) -> bool:

@@ -43,6 +43,7 @@ from mishutter.model.motion import (
     AbstractMotion,
     ParabolicMotion,
     is_known_zero,
+    steady,
 )
 from mishutter.model.objects import Objects
 from mishutter.model.occlusion import Occlusion
@@ -685,8 +686,8 @@ def scene_tables(scene: Scene) -> dict[str, dict[str, object]]:
     tables["decoder"] = {"speed": scene.decoder_speed}
     if scene.device is not None:
         tables["shutter"] = device_table(scene.device)
-    if isinstance(scene.given_motion, ParabolicMotion):
-        tables["motion"] = table_of(scene.given_motion, MotionSection)
+    if scene.given_motion is not None and scene.given_motion.accelerates_constantly:
+        tables["motion"] = table_of(steady(scene.given_motion), MotionSection)
     picture = scene.picture
     if picture.path is None:
         tables["picture"] = {

@@ -24,7 +24,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from mishutter._core.checks import require, require_finite, require_known, require_scalar
-from mishutter.model.motion import AbstractMotion, FreeMotion
+from mishutter.model.motion import AbstractMotion
 
 
 class StageUse(NamedTuple):
@@ -218,28 +218,14 @@ def _space(*values: Any) -> Any:
 
 
 def stage_use(
-    acceleration: ArrayLike,  # px/s^2, any shape
-    half_exposure: ArrayLike,  # s
-    velocity: ArrayLike,  # px/s
+    motion: AbstractMotion,
     max_acceleration: ArrayLike | None = None,
     max_jerk: ArrayLike | None = None,
 ) -> StageUse:
-    r"""The demands of $x(t) = v t + a t^2$, $t \in [-T, T]$, on a stage, from rest to rest."""
-    numbers = acceleration, half_exposure, velocity
-    a, half, v = jnp.broadcast_arrays(*(jnp.asarray(x) for x in numbers))
-    velocities = jnp.stack([v - 2 * a * half, v + 2 * a * half], axis=-1)
-    within = Knots((2 * half)[..., None], velocities, None, 0, 1)
-    return use_of_knots(from_rest_to_rest(within, (2 * a, 2 * a), max_acceleration, max_jerk))
-
-
-def stage_use_of_path(path: FreeMotion, max_acceleration: ArrayLike | None = None) -> StageUse:
-    """The demands of a free path on a stage, from rest to rest, as `stage_use` has it."""
-    half = jnp.asarray(path.half_exposure)
-    ends = np.array(path.piece_ends, float)
-    velocities = jnp.asarray(path.velocity_at(half * ends.astype(half.dtype)))
-    within = Knots(half * np.diff(ends).astype(half.dtype), velocities, None, 0, ends.size - 1)
-    none = jnp.zeros_like(half)
-    return use_of_knots(from_rest_to_rest(within, (none, none), max_acceleration))
+    """The demands of a motion on a stage, from rest to rest; of the shape of stacked motions."""
+    rates = 2 * motion.piece_accelerations
+    ends = rates[..., 0], rates[..., -1]
+    return use_of_knots(from_rest_to_rest(_knots(motion), ends, max_acceleration, max_jerk))
 
 
 class StagePath(NamedTuple):
@@ -335,11 +321,15 @@ def stage_path(
 
 
 def knots_of_exposure(motion: AbstractMotion) -> Knots:
-    """The way of the stage over an exposure; concrete."""
-    durations, half = motion.phases.durations, float(motion.half_exposure)
-    ends = np.r_[-half, np.cumsum(durations) - half]
-    velocities = np.asarray(motion.velocity_at(ends), np.float64)
-    return Knots(durations, velocities, None, 0, durations.size)
+    """The way of the stage over an exposure, in double precision; concrete."""
+    return _knots(jax.tree.map(lambda number: np.asarray(number, np.float64), motion))
+
+
+def _knots(motion: AbstractMotion) -> Knots:
+    half, velocities = motion.half_exposure[..., None], motion.end_velocities
+    lengths = np.diff(np.array(motion.piece_ends, float)).astype(half.dtype)
+    across = lengths.reshape((1,) * (half.ndim - 1) + (-1,))
+    return Knots(half * across, velocities, None, 0, lengths.size)
 
 
 def place_at_begin(motion: AbstractMotion) -> float:

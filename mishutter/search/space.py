@@ -44,7 +44,7 @@ from mishutter.model.limits import Limits, PathShape
 from mishutter.model.motion import (
     AbstractMotion,
     FreeMotion,
-    MotionNumbers,
+    ParabolicMotion,
     is_known_zero,
     simplified,
 )
@@ -161,9 +161,16 @@ class DesignSpace(eqx.Module):
         if "velocity" in share:
             low, high = self._velocity_bounds(acceleration, half_exposure, shape)
             velocity = low + share["velocity"] * (high - low)
-        pieces = None if shape is None else shape.pieces
-        numbers = MotionNumbers(acceleration, half_exposure, velocity, pieces)
-        return self.transmittance(shutter, half_exposure), self.motion.with_numbers(numbers)
+        if shape is None:
+            motion: AbstractMotion = ParabolicMotion(
+                acceleration=acceleration, half_exposure=half_exposure, velocity=velocity
+            )
+        else:
+            pieces = acceleration * shape.pieces
+            motion = FreeMotion(
+                accelerations=pieces, half_exposure=half_exposure, velocity=velocity
+            )
+        return self.transmittance(shutter, half_exposure), motion
 
     def shutter_at(
         self, point: Float[Array, "size"], half_exposure: Float[Array, ""]
@@ -362,7 +369,10 @@ class DesignSpace(eqx.Module):
     def _coordinates_of_path(self, motion: AbstractMotion) -> Float[Array, "pieces"]:
         """Coordinates of a path: the middle of the box for a parabola."""
         num_pieces = self.num_path_coordinates * (2 if self.path_mirrors else 1)
-        shares = motion.acceleration_shares(num_pieces)
+        accelerations = FreeMotion.fit(motion, num_pieces=num_pieces).accelerations
+        shares = jnp.maximum(accelerations, 0)
+        mean = jnp.mean(shares)
+        shares = jnp.where(mean > 0, shares / jnp.where(mean > 0, mean, 1.0), 1.0)
         if self.path_mirrors:
             before, after = jnp.split(shares, 2)
             shares = (before[::-1] + after) / 2
@@ -465,7 +475,7 @@ def _unit_path(pieces: Float[Array, "pieces"], velocity: Float[Array, ""]) -> Fr
 def _level_velocity(pieces: Float[Array, "pieces"]) -> Float[Array, ""]:
     """Velocity at mid-exposure at which a path ends where it began, in units of $aT$; scalar."""
     path = _unit_path(pieces, jnp.zeros((), pieces.dtype))
-    begin, end = jnp.asarray(path.position_at(np.array([-1, 1], pieces.dtype)))
+    begin, end = jnp.asarray(path.position_of(np.array([-1, 1], pieces.dtype), 0.0))
     return (begin - end) / 2
 
 

@@ -1,12 +1,13 @@
 """Where objects lie on the sensor, by motions of every kind and by light beside it."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from support.cases import MOTIONS
 
-from mishutter import FreeMotion, ParabolicMotion
+from mishutter import FreeMotion, HannShutter, ParabolicMotion, blur_kernel
 from mishutter.model.alignment import reach_of_parabola
 
 SPEEDS = np.array([-61.0, 0.0, 23.0, 140.0])
@@ -41,6 +42,43 @@ def test_a_path_of_one_acceleration_is_the_parabola():
     assert parabola.mirrors
     assert path.mirrors
     assert float(path.bend) == pytest.approx(float(parabola.bend), rel=1e-14)
+
+
+def test_the_number_of_pieces_decides_and_no_class():
+    """One piece is the parabola to the bit, from a vertex beyond the exposure too."""
+    parabola = ParabolicMotion(acceleration=310.0, half_exposure=HALF, velocity=17.0)
+    piece = FreeMotion(accelerations=[310.0], half_exposure=HALF, velocity=17.0)
+    assert piece.accelerates_constantly
+    assert piece.fixed == parabola.fixed
+    for name in ("sag", "stroke", "speed_gain", "top_speed", "bend", "mean_acceleration"):
+        assert getattr(piece, name) == getattr(parabola, name), name
+    speeds = np.array([-330.0, 0.0, 140.0, 460.0])[:, None]
+    np.testing.assert_array_equal(
+        piece.aligned_position(TAU[None], speeds), parabola.aligned_position(TAU[None], speeds)
+    )
+    first, other = (
+        blur_kernel(HannShutter(), motion, speed=330.0, num_taps=210)
+        for motion in (piece, parabola)
+    )
+    np.testing.assert_array_equal(first, other)
+    assert not np.any(first[:11])
+    assert np.sum(first) == pytest.approx(0.5, rel=1e-12)
+
+
+def test_numbers_of_stacked_parabolas_are_those_of_each():
+    """Of a row of them, as a sweep makes it, the mirror image of one among them."""
+    rows = np.array([310.0, 0.0, -95.0]), np.array([0.31, 0.2, 0.7]), np.array([17.0, -80.0, 3.0])
+    one = ParabolicMotion(acceleration=1.0, half_exposure=1.0)
+
+    def numbers(*row):
+        motion = eqx.tree_at(lambda m: (m.acceleration, m.half_exposure, m.velocity), one, row)
+        names = "sag stroke speed_gain top_speed greatest_acceleration bend turn has_vertex"
+        return [np.asarray(getattr(motion, name), float) for name in names.split()]
+
+    together = numbers(*rows)
+    for index, row in enumerate(zip(*rows, strict=True)):
+        each = numbers(*(np.asarray(number) for number in row))
+        np.testing.assert_allclose([x[index] for x in together], each, rtol=1e-14)
 
 
 @pytest.mark.parametrize(("sag", "smear"), [(0.0, 7.3), (3.1, 7.3), (3.1, 2.2)])

@@ -1,5 +1,8 @@
 """Stages: run-up and run-out from rest, against the path added up in time."""
 
+from functools import partial
+
+import jax
 import numpy as np
 import pytest
 
@@ -30,6 +33,10 @@ def _motion(case):
     return ParabolicMotion(acceleration=a, half_exposure=half, velocity=v)
 
 
+def _use(most, jerk, *case):
+    return stage_use(_motion(case), most, jerk)
+
+
 def _driven(path, num_steps=200_000):
     """Positions and velocities by adding up the accelerations of a path; times `(n,)`."""
     times = np.linspace(path.times[0], path.times[-1], num_steps + 1)
@@ -47,7 +54,7 @@ def test_travel_and_top_speed_are_those_of_the_path(case):
     """The closed forms are the range and the greatest speed of a path that is added up in time."""
     path = stage_path(_motion(case), max_acceleration=case[3], max_jerk=case[4])
     _, position, velocity, pulled = _driven(path)
-    use = stage_use(*case)
+    use = stage_use(_motion(case), *case[3:])
     assert float(use.travel) == pytest.approx(np.ptp(position), rel=1e-4)
     assert float(use.top_speed) == pytest.approx(np.abs(velocity).max(), rel=1e-4)
     assert abs(velocity[-1]) < 1e-4 * np.abs(velocity).max()
@@ -76,7 +83,7 @@ def test_the_exposure_is_the_parabola(case):
 
 def test_a_run_up_at_the_same_acceleration_doubles_the_travel():
     """A stroke of 45 px takes 90 px from rest to rest."""
-    assert float(stage_use(4.5e5, 0.01, 0.0, 9e5).travel) == pytest.approx(90, rel=1e-14)
+    assert float(stage_use(_motion((4.5e5, 0.01, 0.0)), 9e5).travel) == pytest.approx(90, rel=1e-14)
 
 
 def test_a_still_camera_has_a_stage_at_rest():
@@ -95,7 +102,7 @@ def test_more_motion_never_takes_less():
             (2e5, 1e-4 + 0.02 * rising, 1500.0),
             (2e5, 0.01, 2e4 * rising),
         ):
-            use = stage_use(*numbers, most, jerk)
+            use = jax.vmap(partial(_use, most, jerk))(*np.broadcast_arrays(*numbers))
             for values in map(np.asarray, (use.travel, use.stroke, use.top_speed)):
                 assert np.all(np.diff(values) >= -1e-12 * values.max())
 
@@ -141,7 +148,7 @@ def test_a_stage_of_limited_jerk_alone_keeps_its_travel(velocity):
     assert np.abs(reached).max() <= 5e3 * (1 + 1e-6)
     assert np.abs(pulled).max() > float(motion.greatest_acceleration)
     pan = LinearMotion(half_exposure=0.005, velocity=400.0)
-    use = stage_use(0.0, 0.005, 400.0, None, 3e8)
+    use = stage_use(pan, None, 3e8)
     assert limits.stage_path(pan).travel == pytest.approx(float(use.travel), rel=1e-9)
 
 

@@ -20,7 +20,7 @@ from mishutter import (
     optimise,
 )
 from mishutter.evaluation.speed_knowledge import ExpectedErrorLoss
-from mishutter.model.stages import stage_path, stage_use_of_path
+from mishutter.model.stages import stage_path, stage_use
 
 # The space of a search, whose ends and sizes no design holds.
 from mishutter.search.space import beyond_limits, design_space
@@ -131,7 +131,7 @@ def test_travel_of_a_path_is_that_of_its_steps():
     before = x[0] - np.sign(u[0]) * u[0] ** 2 / (2 * most)
     after = x[-1] + np.sign(u[-1]) * u[-1] ** 2 / (2 * most)
     wanted = max(*x, before, after) - min(*x, before, after)
-    use = stage_use_of_path(path, most)
+    use = stage_use(path, most)
     assert stage_path(path, max_acceleration=most).travel == pytest.approx(wanted, rel=1e-9)
     assert float(use.travel) == pytest.approx(wanted, rel=1e-9)
     assert float(use.top_speed) == pytest.approx(np.max(np.abs(u)), rel=1e-12)

@@ -243,7 +243,7 @@ def _limits_with(limits: Limits, motion: ParabolicMotion) -> tuple[Limits, list[
     if float(half) < float(limits.min_half_exposure):
         wide = replaced(wide, "min_half_exposure", half / margin)
     if limits.has_stage:
-        share = float(wide.stage_share(a, half, v))
+        share = float(wide.stage_share_of(motion))
         bounds = {"max_travel": limits.max_travel}
         if limits.max_jerk is not None:
             bounds["max_top_speed"] = wide.max_top_speed
@@ -290,7 +290,7 @@ def fit(
         ValueError: if a picture is saturated or shows no target, the fitted acceleration is less
             than half or more than twice that sent, or an argument is out of its range.
     """
-    is_parabola = isinstance(motion, ParabolicMotion)
+    is_parabola = isinstance(motion, AbstractMotion) and motion.accelerates_constantly
     require(is_parabola, "fit(motion=...)", "be a parabola", motion)
     data = _measurements(measurements, sensor, trace)
     require_positive_int("fit(num_coefficients=...)", num_coefficients)
