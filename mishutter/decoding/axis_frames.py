@@ -34,7 +34,6 @@ from mishutter.decoding.likeliest import (
     complete,
     detail_of,
     electrons_of,
-    fading,
     fit_of,
     likeliest,
     noises_of,
@@ -78,23 +77,17 @@ class Rows(NamedTuple):
         """The likeliest pictures at some speeds."""
         margin = math.ceil(furthest(self.nodes, speeds)) + MARGIN
         length = fast_length(self.frames.shape[-1] + 2 * margin)
-        power, optics = self.model.picture_spectrum(length), self.model.optics
-        power = np.maximum(power, LEAST_POWER)
-        canvas = Canvas(
-            self.frames, self.noises, power, (margin,), (length,), has_levels=self.has_levels
-        )
-        responses = responses_of_frames(self.nodes, speeds, optics, length)
+        power = np.maximum(self.model.picture_spectrum(length), LEAST_POWER)
+        levels = self.has_levels
+        canvas = Canvas(self.frames, self.noises, power, (margin,), (length,), has_levels=levels)
+        responses = responses_of_frames(self.nodes, speeds, self.model.optics, length)
         return likeliest(canvas, np.moveaxis(responses, 1, 0)[:, :, None], tolerance)
 
-    def volumes(self, found: Likeliest, speeds: Float[np.ndarray, "s"]) -> list[Volume]:
-        """The volumes of one row at some speeds."""
+    def volume(self, found: Likeliest, place: int, speed: float) -> Volume:
+        """The volume of one row at a speed, whose pictures have a place among the likeliest."""
         power = found.canvas.power / self.noises[:, None]
-        each = zip(speeds, np.moveaxis(found.responses[:, :, 0], 1, 0), strict=True)
-        columns = self.frames.shape[-1:]
-        return [
-            volume_of(np.abs(responses) ** 2 * power, self.middles(speed), columns)
-            for speed, responses in each
-        ]
+        density = np.abs(found.responses[:, place, 0]) ** 2 * power
+        return volume_of(density, self.middles(speed), found.canvas.sensor)
 
     def logarithms(
         self, speeds: Float[np.ndarray, "s"], tolerance: float = TOLERANCE_OF_SPEED
@@ -105,14 +98,14 @@ class Rows(NamedTuple):
         values = []
         for some in np.split(speeds, range(at_once, speeds.size, at_once)):
             found = self.likeliest(some, tolerance)
-            volumes = np.array([one.logarithm for one in self.volumes(found, some)])
-            values.append(found.gains - volumes[:, None])
+            volumes = [self.volume(found, k, speed).logarithm for k, speed in enumerate(some)]
+            values.append(found.gains - np.array(volumes)[:, None])
         return np.concatenate(values)
 
     def fit(self, speed: float) -> Fit:
         """How the frames fit the likeliest pictures at a speed."""
-        found, speeds = self.likeliest([speed]), np.array([speed])
-        return fit_of(found, self.volumes(found, speeds)[0])
+        found = self.likeliest([speed])
+        return fit_of(found, self.volume(found, 0, speed))
 
 
 def rows_of(
@@ -133,13 +126,10 @@ def with_own_detail(rows: Rows, tried: Float[np.ndarray, "s"]) -> Rows:
     """The rows with the power of pictures that are as rich in detail, for some speeds."""
     model, columns = rows.model, rows.frames.shape[-1]
     length = fast_length(columns)
-    spectra = np.fft.rfft(rows.frames * fading((columns,)), length)
-    recorded = np.mean(np.abs(spectra) ** 2, axis=1)
-    shown = np.sum(recorded / rows.noises[:, None] - 1, axis=0)
     responses = responses_of_frames(rows.nodes, tried, model.optics, length)
     density = np.mean(density_of(np.moveaxis(responses, 1, 0), rows.noises), axis=0)
     expected = density * model.picture_spectrum(length)
-    detail = detail_of((shown, (length,)), (expected, (length,)), 2 / columns)
+    detail = detail_of(rows.frames, rows.noises, (length,), expected, 2 / columns)
     power = detail.at(frequencies(model.power.size)) * model.power
     return rows._replace(model=replace(model, power=power))
 

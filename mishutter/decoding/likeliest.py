@@ -106,13 +106,6 @@ class Canvas(NamedTuple):
         r"""Signal by noise of the frames, $\sum_k |A_k|^2/N_k$."""
         return density_of(responses, self.noises.astype(self.frames.dtype))
 
-    @property
-    def frequencies(self) -> tuple[np.ndarray, ...]:
-        """Frequencies along the rows, then down the columns, of half of a DFT; cycles/px."""
-        *down, across = self.shape
-        each = [*(np.fft.fftfreq(count) for count in down), np.fft.rfftfreq(across)]
-        return tuple(np.meshgrid(*each, indexing="ij", sparse=True)[::-1])
-
 
 class Likeliest(NamedTuple):
     """The likeliest pictures of frames."""
@@ -288,7 +281,7 @@ def fit_of(found: Likeliest, space: Volume, mean: float = 0.0) -> Fit:
     for k, noise in enumerate(canvas.noises if num_frames > 1 else []):
         spectrum = found.spectrum * found.responses[k]
         changes = [seen[k] + mean, np.ones_like(seen[k])]
-        for frequency in canvas.frequencies:
+        for frequency in frequencies_along(canvas.shape):
             turn = (-2j * np.pi * frequency).astype(spectrum.dtype)
             changes.append(canvas.seen(turn * spectrum).reshape(shape[1:]))
         design = np.stack([canvas.known(one).ravel() for one in changes], axis=1)
@@ -369,37 +362,43 @@ class Detail(NamedTuple):
         return np.exp(np.interp(*logarithms))
 
 
-Spectrum = tuple[Float[np.ndarray, "..."], tuple[int, ...]]
-"""A power on half of the DFT of pictures of a shape, and the shape."""
+def detail_of(
+    frames: Float[np.ndarray, "frames ..."],
+    noises: Float[np.ndarray, "frames"],
+    shape: tuple[int, ...],
+    expected: Float[np.ndarray, "..."],
+    lowest: float,
+) -> Detail:
+    r"""Detail that frames show by a DFT of a shape, from a lowest frequency on.
 
-
-def detail_of(recorded: Spectrum, expected: Spectrum, lowest: float) -> Detail:
-    r"""Detail that frames show, from a lowest frequency on.
-
-    A picture of less detail than expected, or of finer, would else seem to move as explains it.
-    Recorded is the power of the frames beyond their noise, and expected $S\sum_k |A_k|^2/N_k$, of
-    which the motions that are tried have the mean.
+    A picture of less detail than expected, or of finer, would else seem to move as explains it. The
+    power of frames beyond their noise is compared, band by band, with $S\sum_k |A_k|^2/N_k$, of
+    which the motions that are tried have the mean; its DFT may be another.
     """
+    num_axes = len(shape)
+    window = reduce(np.multiply.outer, (np.hanning(n + 2)[1:-1] for n in frames.shape[-num_axes:]))
+    window /= math.sqrt(float(np.sum(window**2)))
+    power = np.abs(rfftn(frames * window, shape, axes=range(-num_axes, 0))) ** 2
+    power = np.mean(power.reshape(len(frames), -1, *power.shape[-num_axes:]), axis=1)
+    recorded = sum(one / noise - 1 for one, noise in zip(power, noises, strict=True))
+    grid = (*expected.shape[:-1], 2 * (expected.shape[-1] - 1))
     edges = np.geomspace(lowest, 0.5, _BANDS + 1)
     scales = []
     for ends in itertools.pairwise(edges):
-        shown, told = (_mean_between(*each, *ends) for each in (recorded, expected))
+        shown, told = _mean_between(recorded, shape, *ends), _mean_between(expected, grid, *ends)
         scales.append(max(shown / told, _LEAST_DETAIL) if told > 0 else 1.0)
     return Detail(np.sqrt(edges[:-1] * edges[1:]), np.array(scales))
 
 
-def _mean_between(
-    power: Float[np.ndarray, "*k"], shape: tuple[int, ...], low: float, high: float
-) -> float:
-    """Mean power between two frequencies."""
-    radius = np.abs(np.fft.rfftfreq(shape[-1]))
-    for count in shape[:-1]:
-        radius = np.hypot(np.fft.fftfreq(count)[:, None], radius)
+def _mean_between(power: Any, shape: tuple[int, ...], low: float, high: float) -> float:
+    """Mean power between two frequencies of half of a DFT."""
+    radius = reduce(np.hypot, frequencies_along(shape))
     inside = (radius >= low) & (radius <= high)
     return float(np.sum(power[inside]) / max(np.sum(inside), 1))
 
 
-def fading(sensor: tuple[int, ...]) -> Float[np.ndarray, "*sensor"]:
-    """A window by which spectra are as large as those of pictures that do not end."""
-    window = reduce(np.multiply.outer, (np.hanning(count + 2)[1:-1] for count in sensor))
-    return window / math.sqrt(float(np.sum(window**2)))
+def frequencies_along(shape: tuple[int, ...]) -> tuple[np.ndarray, ...]:
+    """Frequencies along the rows, then down the columns, of half of a DFT; cycles/px."""
+    *down, across = shape
+    each = [*(np.fft.fftfreq(count) for count in down), np.fft.rfftfreq(across)]
+    return tuple(np.meshgrid(*each, indexing="ij", sparse=True)[::-1])

@@ -19,7 +19,7 @@ from mishutter.decoding.decoders.total_variation import (
     THRESHOLD,
     TotalVariationDecoder,
 )
-from mishutter.decoding.likeliest import Complete, complete, noises_of
+from mishutter.decoding.likeliest import Complete, complete, frequencies_along, noises_of
 from mishutter.decoding.plane_likelihood import Own, Prior
 from mishutter.model.scene import Scene
 from mishutter.plane.frames import PlaneFrames
@@ -75,7 +75,7 @@ def _by_total_variation(
     error, canvas = frames.error, frames.likeliest.canvas
     coupling = EDGES * decoder.strength / THRESHOLD
     scale, threshold = error / coupling, THRESHOLD * math.sqrt(error)
-    turns = sum(2 - 2 * np.cos(2 * np.pi * f) for f in canvas.frequencies)
+    turns = sum(2 - 2 * np.cos(2 * np.pi * f) for f in frequencies_along(canvas.shape))
     smooth = SMOOTH * scale / canvas.power
     smooth[0, 0] = 0.0  # the level is free
     inverse = 1 / (scale * frames.density + smooth + turns)

@@ -30,6 +30,7 @@ from mishutter.decoding.likeliest import (
     Likeliest,
     Volume,
     fit_of,
+    frequencies_along,
     likeliest,
     volume_of,
 )
@@ -188,7 +189,7 @@ def climbed(level: Level, velocity: np.ndarray, tolerance: float = TOLERANCE) ->
     moved = waves_in_plane(displaced, weight, frequencies_on(canvas.shape)) * level.aperture
     moved = moved.astype(found.responses.dtype)
     changes, beside = [], []
-    for frequency in canvas.frequencies:
+    for frequency in frequencies_along(canvas.shape):
         turned = (2j * np.pi / size * frequency).astype(moved.dtype) * found.spectrum
         change = np.stack([canvas.seen(turned * one) for one in moved])
         own = likeliest(canvas._replace(frames=change), found.responses, tolerance)

@@ -25,7 +25,6 @@ from mishutter.decoding.frame_doubts import (
 )
 from mishutter.decoding.likeliest import (
     detail_of,
-    fading,
     follows,
     in_tiles,
     noises_of,
@@ -138,10 +137,6 @@ def velocity_in_plane(
 def _with_own_detail(own: Own) -> Own:
     """The frames with the power of pictures that are as rich in detail, for some velocities."""
     scene, shape = own.prior.scene, own.frames.shape[1:]
-    window, recorded = fading(shape), np.zeros((shape[0], shape[1] // 2 + 1))
-    for frame, noise in zip(own.frames, own.noises, strict=True):
-        spectrum = np.fft.rfft2((frame - np.mean(frame)) * window)
-        recorded += np.abs(spectrum) ** 2 / noise - 1
     grid = (GRID, GRID)
     fastest = require_velocities(scene).fastest
     instants = instants_of(own.taken, fastest)
@@ -150,7 +145,9 @@ def _with_own_detail(own: Own) -> Own:
     density = np.sum(np.mean(passed, axis=0) / own.noises[:, None, None], axis=0)
     expected = density * aperture_on(scene.optics, grid) ** 2 * own.prior.on(grid)
     lowest = max(2 / min(shape), 1 / GRID)
-    return own._replace(prior=Prior(scene, detail_of((recorded, shape), (expected, grid), lowest)))
+    frames = own.frames - np.mean(own.frames, axis=(1, 2), keepdims=True)
+    detail = detail_of(frames, own.noises, shape, expected, lowest)
+    return own._replace(prior=Prior(scene, detail))
 
 
 class _Search(NamedTuple):

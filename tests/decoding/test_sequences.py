@@ -269,7 +269,7 @@ def test_the_volume_is_that_of_a_dense_covariance():
     rows = rows_about(planes, SCENE, frames, speed)
     found = rows.likeliest([speed])
     covariance, noise = dense_covariance(found), np.repeat(rows.noises, columns)
-    volume = rows.volumes(found, np.array([speed]))[0]
+    volume = rows.volume(found, 0, speed)
     half = (np.linalg.slogdet(covariance)[1] - np.sum(np.log(noise))) / 2
     assert volume.logarithm == pytest.approx(half, rel=0.03)
     free = np.diag(np.linalg.inv(covariance)) * noise
