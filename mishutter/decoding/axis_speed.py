@@ -45,8 +45,8 @@ _CANDIDATES = 4
 """Peaks of the likelihood of some rows that all rows judge."""
 _FEW_SPEEDS = 17
 """Speeds at whose mean a picture's power is estimated."""
-_ELSEWHERE = (-8.0, 5.0)
-"""Displacements from frame to frame by which these are off; px."""
+_ASIDE = np.array([-8.0, 5.0])
+"""Displacements from frame to frame by which frames that fit nowhere are off; px."""
 _WORDS = Words(
     "speed",
     "their order, a lost or repeated frame, another design, two objects, motion across the axis, a "
@@ -110,20 +110,20 @@ def _speed_along_rows(planes: Planes, scene: Scene, taken: Sequence[TimedFrame])
     rows = rows._replace(frames=rows.frames / (gains / np.mean(gains)))
     best = _highest(rows, ends[0].speed, search, 0.01)
     fit, duration, top = rows.fit(best.speed), _duration(taken), ends[0].value
-    a_frame = duration / max(len(taken) - 1, 1)
+    asides = best.speed + _ASIDE * max(len(taken) - 1, 1) / duration
     error = math.hypot(math.sqrt(fit.spread) * best.width, FLOOR / duration)
     error = min(error, (high - low) / math.sqrt(12))
     beside = [end for end in ends if abs(end.speed - best.speed) > _REACH * search.step]
     evidence = Evidence(
-        grey,
-        rows.noises,
-        rows.middles(best.speed),
-        fit,
-        fit,
-        float(np.mean([rows.fit(best.speed + px / a_frame).misfit for px in _ELSEWHERE])),
-        [Rival(end.speed, top - end.value, rows.fit(end.speed)) for end in beside],
-        top,
-        search.middle,
+        frames=grey,
+        noises=rows.noises,
+        places=rows.middles(best.speed),
+        fit=fit,
+        compared=fit,
+        elsewhere=float(np.mean([rows.fit(each).misfit for each in asides])),
+        rivals=[Rival(end.speed, top - end.value, rows.fit(end.speed)) for end in beside],
+        lead=top,
+        middle=search.middle,
         is_within=low + 0.1 * search.step < best.speed < high - 0.1 * search.step,
         is_only=low == high,
     )

@@ -298,8 +298,10 @@ def fit_of(found: Likeliest, space: Volume, mean: float = 0.0) -> Fit:
     lost += 0 if canvas.has_levels else math.prod(shape[1:-1])
     freedoms = found.gains.size * space.freedoms - lost
     sums = np.sum(squares.reshape(num_frames, -1), axis=1)
-    is_rows = found.gains.ndim > 0
-    of_rows, of_tiles = found.gains.ravel() - space.logarithm, in_tiles(np.sum(squares, axis=0))
+    if found.gains.ndim > 0:
+        parts = found.gains.ravel() - space.logarithm
+    else:
+        parts = -in_tiles(np.sum(squares, axis=0)) / 2
     scale = follows(num_frames) * canvas.size
     return Fit(
         float(np.sum(sums) / max(np.sum(freedoms), 1.0)),
@@ -308,7 +310,7 @@ def fit_of(found: Likeliest, space: Volume, mean: float = 0.0) -> Fit:
         offsets,
         scale * shifts,
         scale * errors,
-        of_rows if is_rows else -of_tiles / 2,
+        parts,
     )
 
 
@@ -341,9 +343,9 @@ def electrons_of(scene: Scene, exposures: RowLike) -> Float[np.ndarray, "frames"
 def noises_of(
     scene: Scene, exposures: RowLike, mean_level: float, share: float = 1.0
 ) -> Float[np.ndarray, "frames"]:
-    """Variance of the noise in each frame of a picture of some mean level, or a share of it.
+    """Variance of the noise in each frame of a picture of some mean level; white = 1.
 
-    White = 1.
+    Colours have a share of it where they are one grey.
     """
     electrons, read = electrons_of(scene, exposures), float(scene.read_noise)
     noises = noise_power(1.0, max(mean_level, 0.0), electrons, read, unit=electrons)

@@ -23,12 +23,7 @@ from mishutter.decoding.frame_doubts import (
     Rival,
     Words,
 )
-from mishutter.decoding.likeliest import (
-    detail_of,
-    follows,
-    in_tiles,
-    noises_of,
-)
+from mishutter.decoding.likeliest import detail_of, follows, in_tiles, noises_of
 from mishutter.decoding.plane_likelihood import (
     GRID,
     ROUGHLY,
@@ -295,14 +290,14 @@ def _evidence(found: _Found) -> Evidence:
     fits = [level.fit(each, level.likeliest(each, ROUGHLY), found.mean) for each in velocities]
     others = fits[1 + len(asides) :]
     return Evidence(
-        found.grey,
-        own.noises,
-        found.level.instants.middles(best),
-        found.level.fit(found.climb.velocity, found.climb.found, found.mean),
-        fits[0],
-        float(np.mean([fit.misfit for fit in fits[1 : 1 + len(asides)]])),
-        [Rival(*end, fit) for end, fit in zip(ends, others, strict=True)],
-        search.values[0],
-        search.middle,
+        frames=found.grey,
+        noises=own.noises,
+        places=found.level.instants.middles(best),
+        fit=found.level.fit(found.climb.velocity, found.climb.found, found.mean),
+        compared=fits[0],
+        elsewhere=float(np.mean([fit.misfit for fit in fits[1 : 1 + len(asides)]])),
+        rivals=[Rival(*end, fit) for end, fit in zip(ends, others, strict=True)],
+        lead=search.values[0],
+        middle=search.middle,
         is_within=bool(law.within(best[None], TRIED_BEYOND * law.fastest)[0]),
     )
