@@ -144,9 +144,9 @@ def restored_on_axis(
     """The picture at a speed."""
     nodes = require_reach("restore_frames(speed=...)", taken, speed)
     rows, level = rows_of(planes.astype(np.float64), scene, taken, nodes)
-    found = complete(rows.likeliest([speed]))
-    density, canvas = found.density[0], found.likeliest.canvas
-    spectrum = found.data / np.sqrt(np.maximum(density, LEAST_POWER) * density[..., :1])
+    found = rows.likeliest([speed])
+    canvas, (data, density) = found.canvas, complete(found)
+    spectrum = data / np.sqrt(np.maximum(density, LEAST_POWER) * density[..., :1])
     capture = np.moveaxis(canvas.picture(spectrum) + level[..., None], 0, -1)
     light = restored_light(as_float(capture), decoder, _as_one(rows, scene, taken, speed))
     return np.asarray(light)[:, canvas.window[-1]]

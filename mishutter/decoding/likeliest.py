@@ -117,6 +117,11 @@ class Likeliest(NamedTuple):
     gains: Float[np.ndarray, "*pictures"]
 
     @property
+    def picture(self) -> Float[np.ndarray, "..."]:
+        """The pictures on the canvas."""
+        return self.canvas.picture(self.spectrum)
+
+    @property
     def seen(self) -> Float[np.ndarray, "frames ..."]:
         """The frames that the pictures give."""
         return np.stack([self.canvas.seen(self.spectrum * one) for one in self.responses])
@@ -181,13 +186,6 @@ class Complete(NamedTuple):
 
     data: Complex[np.ndarray, "..."]  # $\hat d = \sum_k \bar A_k\hat g_k/N_k$
     density: Float[np.ndarray, "..."]  # $\rho = \sum_k |A_k|^2/N_k$
-    likeliest: Likeliest
-
-    @property
-    def error(self) -> float:
-        """Squared error that the likeliest picture is expected to leave."""
-        canvas = self.likeliest.canvas
-        return float(mean_over_dft(canvas.power / (1 + canvas.power * self.density), *canvas.shape))
 
 
 def complete(found: Likeliest) -> Complete:
@@ -201,7 +199,7 @@ def complete(found: Likeliest) -> Complete:
             yield whole
 
     data = canvas.gathered(found.responses, completed())
-    return Complete(data, canvas.density(found.responses), found)
+    return Complete(data, canvas.density(found.responses))
 
 
 class Volume(NamedTuple):

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from mishutter._core.checks import require
 from mishutter.camera.plane_frames import require_reach_in_plane
 from mishutter.decoding.decoders.base import AbstractDecoder
-from mishutter.decoding.decoders.linear import EnsembleDecoder
+from mishutter.decoding.decoders.linear import EnsembleDecoder, mean_over_dft
 from mishutter.decoding.decoders.plug_and_play import PlugAndPlayDecoder
 from mishutter.decoding.decoders.speed_finding import SpeedFindingDecoder
 from mishutter.decoding.decoders.total_variation import (
@@ -19,13 +19,19 @@ from mishutter.decoding.decoders.total_variation import (
     THRESHOLD,
     TotalVariationDecoder,
 )
-from mishutter.decoding.likeliest import Complete, complete, frequencies_along, noises_of
+from mishutter.decoding.likeliest import (
+    Canvas,
+    Likeliest,
+    complete,
+    frequencies_along,
+    noises_of,
+)
 from mishutter.decoding.plane_likelihood import Own, Prior
 from mishutter.model.scene import Scene
 from mishutter.plane.frames import PlaneFrames
 
-Decode = Callable[[Complete, float], np.ndarray]
-"""A method that makes a picture of complete frames about a mean level."""
+Decode = Callable[[Likeliest, float], np.ndarray]
+"""A method that makes a picture of the likeliest one about a mean level."""
 
 
 def restored_in_plane(
@@ -42,7 +48,7 @@ def restored_in_plane(
     for plane in planes:
         mean = plane.dtype.type(np.mean(plane))
         level = Own(plane - mean, noises, taken, Prior(scene)).level(velocity[None])
-        picture = decode(complete(level.likeliest(velocity)), float(mean))
+        picture = decode(level.likeliest(velocity), float(mean))
         restored.append(picture[level.canvas.window] + mean)
     return np.stack(restored, axis=-1)
 
@@ -58,29 +64,24 @@ def method_in_plane(decoder: AbstractDecoder) -> Decode:
     return partial(decode, decoder)  # type: ignore[arg-type]
 
 
-def _first(frames: Complete) -> np.ndarray:
-    """The likeliest picture on its canvas."""
-    return frames.likeliest.canvas.picture(frames.likeliest.spectrum)
-
-
-def _by_ensemble(decoder: AbstractDecoder, frames: Complete, mean: float) -> np.ndarray:
+def _by_ensemble(decoder: AbstractDecoder, found: Likeliest, mean: float) -> np.ndarray:
     """The likeliest picture itself."""
-    return _first(frames)
+    return found.picture
 
 
 def _by_total_variation(
-    decoder: TotalVariationDecoder, frames: Complete, mean: float
+    decoder: TotalVariationDecoder, found: Likeliest, mean: float
 ) -> np.ndarray:
     """The minimum of `TotalVariationDecoder`, with the responses of the plane."""
-    error, canvas = frames.error, frames.likeliest.canvas
+    canvas, frames = found.canvas, complete(found)
+    error = _error(canvas, frames.density)
     coupling = EDGES * decoder.strength / THRESHOLD
     scale, threshold = error / coupling, THRESHOLD * math.sqrt(error)
     turns = sum(2 - 2 * np.cos(2 * np.pi * f) for f in frequencies_along(canvas.shape))
     smooth = SMOOTH * scale / canvas.power
     smooth[0, 0] = 0.0  # the level is free
     inverse = 1 / (scale * frames.density + smooth + turns)
-    data = scale * frames.data
-    picture = _first(frames)
+    data, picture = scale * frames.data, found.picture
     split = _differences(picture)
     dual = np.zeros_like(split)
     for _ in range(decoder.num_iterations):
@@ -94,14 +95,20 @@ def _by_total_variation(
     return picture
 
 
+def _error(canvas: Canvas, density: Float[np.ndarray, "m k"]) -> float:
+    """Squared error that the likeliest picture is expected to leave."""
+    return float(mean_over_dft(canvas.power / (1 + canvas.power * density), *canvas.shape))
+
+
 def _differences(picture: np.ndarray) -> Float[np.ndarray, "2 m n"]:
     return np.stack([np.roll(picture, -1, axis) - picture for axis in (0, 1)])
 
 
-def _by_denoiser(decoder: PlugAndPlayDecoder, frames: Complete, mean: float) -> np.ndarray:
+def _by_denoiser(decoder: PlugAndPlayDecoder, found: Likeliest, mean: float) -> np.ndarray:
     """The steps of `PlugAndPlayDecoder`, with the responses of the plane."""
-    picture, canvas = _first(frames), frames.likeliest.canvas
-    for sigma in (decoder.falling * math.sqrt(frames.error)).tolist():
+    canvas, picture, frames = found.canvas, found.picture, complete(found)
+    error = _error(canvas, frames.density)
+    for sigma in (decoder.falling * math.sqrt(error)).tolist():
         weight = decoder.strength / sigma**2
         target = frames.data + weight * canvas.spectrum(picture)
         estimate = canvas.picture(target / (frames.density + weight))
@@ -114,4 +121,4 @@ _DECODERS: dict[type[AbstractDecoder], Callable[..., np.ndarray]] = {
     TotalVariationDecoder: _by_total_variation,
     PlugAndPlayDecoder: _by_denoiser,
 }
-"""Decoders whose prior is one of the plane, and what each makes of complete frames."""
+"""Decoders whose prior is one of the plane, and what each makes of frames."""
