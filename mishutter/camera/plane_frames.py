@@ -74,7 +74,7 @@ def require_reach_in_plane(
     return instants
 
 
-def frequencies_on(shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+def frequencies_on(shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies down the columns and along the rows of half of a DFT; cycles/px."""
     return np.fft.fftfreq(shape[0]), np.fft.rfftfreq(shape[1])
 
@@ -91,7 +91,7 @@ def aperture_on(optics: Optics, shape: tuple[int, int], size: int = 1) -> Float[
 
 
 def responses_in_plane(
-    instants: Instants, velocity: Float[np.ndarray, "2"], shape: tuple[int, int]
+    instants: Instants, velocity: Float[np.ndarray, "2"], shape: tuple[int, ...]
 ) -> Complex[np.ndarray, "n m k"]:
     """Responses of the frames at a velocity, displacements included, but for the `aperture_on`."""
     displaced = instants.displacement(velocity)

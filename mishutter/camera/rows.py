@@ -5,6 +5,7 @@ which the discrete Fourier transform is the spectrum of the band-limited scene t
 """
 
 import math
+from collections.abc import Callable
 from typing import Any, Literal, get_args
 
 import jax.numpy as jnp
@@ -15,6 +16,9 @@ from jaxtyping import Array, ArrayLike, Float
 from mishutter._core.checks import is_concrete, namespace_of, require
 from mishutter.model.motion import AbstractMotion
 
+rfftn: Callable[..., np.ndarray] = scipy.fft.rfftn  # type: ignore[assignment]
+irfftn: Callable[..., np.ndarray] = scipy.fft.irfftn  # type: ignore[assignment]
+"""In the precision of what is transformed, and typed, which SciPy's own are not."""
 Planes = Array | np.ndarray
 """Rows of light: of NumPy where they are concrete, so that moving them compiles no program."""
 Border = Literal["scene", "reflect", "edge", "wrap", "zero"]

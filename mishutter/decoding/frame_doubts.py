@@ -2,31 +2,25 @@
 
 import itertools
 import math
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from mishutter.decoding.decoders.speed import LITTLE
+from mishutter.decoding.likeliest import Fit
 
 TRIED_BEYOND = 0.03
 """Share of the range of the scene's speeds that is tried beyond either end."""
-DARK = 1e-12
-"""Least variance of the noise, for pictures without light or noise; white = 1."""
-LEAST_DETAIL = 1e-4
-"""Least detail of a picture, over that which the scene expects."""
-BANDS = 6
-"""Bands of frequencies in which a picture's power is estimated."""
 
 # What is trusted: `python -m benchmarks.trust` shows what these numbers keep and catch.
-LEAD, _LEAD_OF_ROW, _OTHER_ROWS = 100.0, 30.0, 0.1
+_LEAD, _LEAD_OF_ROW, _OTHER_ROWS = 100.0, 30.0, 0.1
 """Logarithm of likelihood by which the speed that is found must lead, that by which a row prefers
 another, and the share of such rows that is doubted."""
 WORTH = 0.1
 """Share of the likelihood that counts in weights: photographs are no Gaussian rows, and alike from
 row to row."""
-REGISTERED = 1.0
+_REGISTERED = 1.0
 """Error of a picture's way over the sequence above which no speed is trusted; px."""
 FLOOR = 0.005
 """Least error of a picture's way over the sequence; px."""
@@ -40,114 +34,151 @@ _SHIFT, _SURE_SHIFT = 0.35, 4.0
 _OTHER, _OTHER_SHARE = 0.4, 0.5
 """Misfit of one frame above the middle one of all that is doubted, over the misfit of all, and as a
 share of that of frames registered elsewhere."""
-FLICKER, LARGEST_SHIFT = 0.2, 10.0
-"""Gain and shift, px, by which a frame may differ from the others, as standard deviations."""
-SHARED = 0.2
+_SHARED = 0.2
 """Least share of a frame that a neighbouring one must see."""
 BLACK, _SATURATED = 0.1, 0.5
 """Level of a black frame over that of the brightest, and share of equal pixels of a saturated one.
 """
 
 
+class Words(NamedTuple):
+    """Words for the motions of a kind."""
+
+    motion: str
+    reasons: str  # Why frames may fit none
+    parts: str  # Parts of a picture that fit another
+    beyond: str  # A sentence for a motion that is none of the scene's
+
+
 class Rival(NamedTuple):
     """Another motion that frames may show."""
 
-    name: str  # The motion in words, but for its unit
+    motion: Float[np.ndarray, "*axes"] | float  # px/s
     below: float  # Logarithm of the likelihood by which it is below the highest
-    misfit: float  # Misfit there
-    # Logarithm of the likelihood of each part of the picture, over that at the motion found
-    gains: Float[np.ndarray, "parts"]
+    fit: Fit  # How the frames fit there
+
+
+class Evidence(NamedTuple):
+    """What speaks for and against the motion that was found in frames."""
+
+    frames: Float[np.ndarray, "frames rows columns"]  # The frames as they came
+    noises: Float[np.ndarray, "frames"]  # Variance of the noise in each
+    places: Float[np.ndarray, "axes frames"]  # The picture's in each, along rows first; px
+    fit: Fit  # How the frames fit
+    compared: Fit  # How they fit on the pixels by which motions are compared
+    elsewhere: float  # Misfit on these of frames that are registered some pixels off
+    rivals: list[Rival]  # The other peaks of the likelihood
+    lead: float  # Logarithm of the likelihood, over that of no picture
+    middle: float  # Median of the logarithm over all motions, below its top
+    is_within: bool  # Whether the motion is one of the scene's
+    is_only: bool = False  # Whether the scene has no other
+
+    def doubt(self, error: float, words: Words) -> str:
+        """Why the motion, to an error as a displacement over the frames, px, is not trusted."""
+        return (
+            odd_frame(self.frames, self.noises)
+            or _doubt_of_fit(self, words)
+            or _doubt_of_one_frame(self, words)
+            or _doubt_of_steps(self)
+            or ("" if self.is_only else _doubt_of_rivals(self, error, words))
+        )
 
 
 def odd_frame(
-    rows: Float[np.ndarray, "rows frames columns"], noises: Float[np.ndarray, "frames"]
+    frames: Float[np.ndarray, "frames rows columns"], noises: Float[np.ndarray, "frames"]
 ) -> str:
     """A sentence that says which frame is black or saturated, if one is."""
-    levels, count = np.mean(rows, axis=(0, 2)), rows.shape[0] * rows.shape[2]
-    errors = np.sqrt(noises / count)
+    levels, pixels = np.mean(frames, axis=(1, 2)), (1, 2)
+    errors = np.sqrt(noises / frames[0].size)
     brightest = float(np.max(levels))
     is_black = (levels < BLACK * brightest) & (levels < brightest - _SURE_SHIFT * errors)
     # Neighbours are alike in the dark part of a picture, and not in noise.
-    unlike = np.mean(np.diff(rows, axis=-1) ** 2, axis=(0, 2))
-    is_black &= unlike >= np.var(rows, axis=(0, 2))
-    is_top = np.mean(rows == np.max(rows, axis=(0, 2), keepdims=True), axis=(0, 2)) > _SATURATED
-    is_top &= levels >= np.median(levels)
-    for is_odd, word in ((is_top, "saturated"), (is_black, "black")):
+    unlike = np.mean(np.diff(frames, axis=-1) ** 2, axis=pixels)
+    is_black &= unlike >= np.var(frames, axis=pixels)
+    is_top = np.mean(frames == np.max(frames, axis=pixels, keepdims=True), axis=pixels)
+    is_saturated = (is_top > _SATURATED) & (levels >= np.median(levels))
+    for is_odd, word in ((is_saturated, "saturated"), (is_black, "black")):
         if np.any(is_odd) and not np.all(is_odd):
             return f"Frame {int(np.argmax(is_odd)) + 1} of {len(levels)} is {word}."
     return ""
 
 
-def equal_frames(
-    rows: Float[np.ndarray, "rows frames columns"], places: list[float] | list[complex]
-) -> str:
+def _equal_frames(found: Evidence) -> str:
     """Words for two frames that are the same, though at places that are not, if two are."""
-    for first, second in itertools.combinations(range(len(places)), 2):
-        is_apart = abs(places[first] - places[second]) > 1
-        if is_apart and np.array_equal(rows[:, first], rows[:, second]):
+    for first, second in itertools.combinations(range(len(found.frames)), 2):
+        is_apart = np.linalg.norm(found.places[:, first] - found.places[:, second]) > 1
+        if is_apart and np.array_equal(found.frames[first], found.frames[second]):
             return f"frames {first + 1} and {second + 1} are the same"
     return ""
 
 
-def doubt_of_fit(misfit: float, elsewhere: float, same: str, motion: str, reasons: str) -> str:
+def _doubt_of_fit(found: Evidence, words: Words) -> str:
     """The doubt of frames that do not fit one picture as they should, or of which two are equal."""
-    expected, limits = _expected(elsewhere), zip(_MISFITS, _UNEXPLAINED, strict=True)
+    misfit, expected, same = found.compared.misfit, _expected(found), _equal_frames(found)
+    limits = zip(_MISFITS, _UNEXPLAINED, strict=True)
     if any(misfit > least and misfit - 1 > share * expected for least, share in limits):
-        because = same or f"{reasons}, or more noise than the scene says"
+        because = same or f"{words.reasons}, or more noise than the scene says"
         return (
-            f"The frames do not fit one picture at one {motion} "
+            f"The frames do not fit one picture at one {words.motion} "
             f"(misfit {misfit:.3g}, 1 if they do): {because}."
         )
     return f"{same[0].upper()}{same[1:]}, though the picture moves between them." if same else ""
 
 
-def doubt_of_one_frame(
-    shifts: Float[np.ndarray, "frames axes"],  # px
-    shift_errors: Float[np.ndarray, "frames axes"],  # px
-    misfits: Float[np.ndarray, "frames"],
-    spread: float,
-    elsewhere: float,
-    *,
-    reasons: str,
-) -> str:
+def _doubt_of_one_frame(found: Evidence, words: Words) -> str:
     """The doubt of a frame that is not where its time puts it, or shows another picture."""
-    sure = np.maximum(_SHIFT, _SURE_SHIFT * math.sqrt(spread) * shift_errors)
+    shifts, spread = found.fit.shifts, found.fit.spread
+    sure = np.maximum(_SHIFT, _SURE_SHIFT * math.sqrt(spread) * found.fit.shift_errors)
     far = np.max(np.abs(shifts) / sure, axis=1)
-    others = misfits - np.median(misfits)
+    others = found.fit.misfits - np.median(found.fit.misfits)
     if np.max(far) > 1:
         which = int(np.argmax(far))
         off = ", ".join(f"{shift:+.1f}" for shift in shifts[which])
-        return f"Frame {which + 1} of {far.size} is {off} px off its place: {reasons}."
-    if np.max(others) > max(_OTHER * spread, _OTHER_SHARE * _expected(elsewhere)):
+        return f"Frame {which + 1} of {far.size} is {off} px off its place: {words.reasons}."
+    if np.max(others) > max(_OTHER * spread, _OTHER_SHARE * _expected(found)):
         which = int(np.argmax(others))
         frame = f"Frame {which + 1} of {far.size} does not fit the picture of the others"
-        return f"{frame} (misfit {misfits[which]:.3g}): {reasons}."
+        return f"{frame} (misfit {found.fit.misfits[which]:.3g}): {words.reasons}."
     return ""
 
 
-def doubt_of_rivals(
-    rivals: Iterable[Rival],
-    misfit: float,
-    elsewhere: float,
-    spread: float,
-    parts: str,
-    *,
-    little: bool,
-) -> str:
+def _doubt_of_steps(found: Evidence) -> str:
+    """The doubt of a picture that leaves a frame before the next one."""
+    steps = np.abs(np.diff(found.places, axis=1))
+    sensor = found.frames.shape[: -len(steps) - 1 : -1]
+    shared = np.prod(np.maximum(1 - steps / np.array(sensor)[:, None], 0), axis=0)
+    if np.all(shared >= _SHARED):
+        return ""
+    furthest = np.max(np.linalg.norm(steps, axis=0))
+    pixels = " x ".join(map(str, sensor))
+    return (
+        f"The picture moves by {furthest:.0f} px from frame to frame, of which the "
+        f"sensor sees {pixels}."
+    )
+
+
+def _doubt_of_rivals(found: Evidence, error: float, words: Words) -> str:
     """The doubt of a motion that another equals, in the picture or in parts of it."""
-    as_well = misfit + _AS_WELL * max(elsewhere - misfit, 0.0)
-    for rival in rivals:
-        prefers = np.mean(rival.gains > _LEAD_OF_ROW * spread)
+    spread, misfit = found.fit.spread, found.compared.misfit
+    if not found.is_within:
+        return words.beyond
+    is_told = found.lead >= _LEAD * spread and error < _REGISTERED
+    if not is_told or len(found.frames) == 1:
+        return LITTLE
+    as_well = misfit + _AS_WELL * max(found.elsewhere - misfit, 0.0)
+    for rival in found.rivals:
+        name = ", ".join(f"{each:,.0f}" for each in np.atleast_1d(rival.motion))
+        prefers = np.mean(rival.fit.parts - found.compared.parts > _LEAD_OF_ROW * spread)
         if prefers > _OTHER_ROWS:
-            return f"At {rival.name} px/s {prefers:.0%} {parts}: there may be two objects."
-        if rival.below < LEAD * spread or rival.misfit <= as_well:
-            if little:
+            return f"At {name} px/s {prefers:.0%} {words.parts}: there may be two objects."
+        if rival.below < _LEAD * spread or rival.fit.misfit <= as_well:
+            if found.middle < _LEAD * spread:
                 return LITTLE
-            as_another = f"The frames fit {rival.name} px/s as well"
+            as_another = f"The frames fit {name} px/s as well"
             return f"{as_another}, as those of a regular pattern or of two objects do."
     return ""
 
 
-def _expected(elsewhere: float) -> float:
+def _expected(found: Evidence) -> float:
     """The part of the misfit of frames that are registered elsewhere which is not noise."""
-    return max(elsewhere - 1, 1e-9)
+    return max(found.elsewhere - 1, 1e-9)

@@ -1,25 +1,16 @@
-r"""The likeliest picture of frames in the plane at a velocity, and the likelihood of that.
+r"""The likelihood of a velocity of frames in the plane, and the way up to its peak.
 
-The picture is the minimum of `decoding/sequences.py` in two dimensions,
-
-$$\sum_k |g_k - M A_k f|^2 / N_k + \sum |\hat f|^2/S ,$$
-
-where the sensor $M$ has four borders, and $A_k$ displaces along both axes. With
-$d_i = M\,\partial A/\partial v_i\,f$ and the residual $r$ that it leaves, the slopes of the
-logarithm of likelihood are $\sum_k r_k d_{ik}/N_k$, less those of the volume of the Gaussian about
-it, and the information is $\sum_k d_{ik} r^{(j)}_k/N_k$, with the residual $r^{(j)}$ of the
-likeliest picture of $d_j$ itself.
+With $d_i = M\,\partial A/\partial v_i\,f$ and the residual $r$ that the likeliest picture leaves,
+the slopes of the logarithm of likelihood are $\sum_k r_k d_{ik}/N_k$, less those of the volume of
+the Gaussian about it, and the information is $\sum_k d_{ik} r^{(j)}_k/N_k$, with the residual
+$r^{(j)}$ of the likeliest picture of $d_j$ itself.
 """
 
-import math
-from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
-import scipy.fft
-from jaxtyping import Complex, Float
+from jaxtyping import Float
 
-from mishutter._core.checks import require
 from mishutter.blur.waves import waves_in_plane
 from mishutter.camera.plane_frames import (
     Instants,
@@ -30,18 +21,25 @@ from mishutter.camera.plane_frames import (
     responses_in_plane,
 )
 from mishutter.camera.rows import fast_length
-from mishutter.decoding.decoders.linear import LEAST_POWER
-from mishutter.decoding.frame_doubts import DARK, FLICKER, LARGEST_SHIFT
+from mishutter.decoding.decoders.linear import LEAST_POWER, mean_over_dft
+from mishutter.decoding.likeliest import (
+    TOLERANCE,
+    Canvas,
+    Detail,
+    Fit,
+    Likeliest,
+    Volume,
+    fit_of,
+    frequencies_along,
+    likeliest,
+    volume_of,
+)
 from mishutter.model.scene import Scene
-from mishutter.model.sensor import noise_power, white_electrons
 from mishutter.plane.frames import PlaneFrames
 from mishutter.plane.levels import picture_power_on
 
-rfft2: Callable[..., np.ndarray] = scipy.fft.rfft2  # type: ignore[assignment]
-irfft2: Callable[..., np.ndarray] = scipy.fft.irfft2  # type: ignore[assignment]
-ROUGHLY, _TOLERANCE, _MOST_STEPS = 3e-2, 1e-3, 200
-"""Residuals at which conjugate gradients of a search and others end, as shares of the first one,
-and most steps."""
+ROUGHLY = 3e-2
+"""Residual at which conjugate gradients of a search end, as a share of the first one."""
 _MARGIN, _LEAST_MARGIN = 32, 4
 """Pixels of the sensor, and of the canvas, beyond the furthest displacement, in which the waves of
 the sensor's ends die away."""
@@ -53,24 +51,19 @@ _SIDE, _FURTHEST = 0.1, 1.0
 """Displacements over the frames for slopes of volumes, and the furthest of one step; binned px."""
 _UNKNOWN = 64.0
 """Standard error of a velocity of which frames tell nothing, as a displacement over these."""
-_TILES = 8
-"""Parts along each axis whose likelihoods are compared."""
 
 
 class Prior(NamedTuple):
-    """Power of pictures: that of a scene, times a scale by radius."""
+    """Power of pictures: that of a scene, times their own detail."""
 
     scene: Scene
-    radius: Float[np.ndarray, "b"] = np.array([0.1])  # cycles/px
-    scale: Float[np.ndarray, "b"] = np.ones(1)
+    detail: Detail = Detail()
 
     def on(self, shape: tuple[int, int], size: int = 1) -> Float[np.ndarray, "m k"]:
         """On the grid of a DFT of pixels of some size."""
         down, across = (f / size for f in frequencies_on(shape))
         power = picture_power_on(self.scene, down, across) / size**2
-        radius = np.log(np.maximum(np.hypot(down[:, None], across), 1e-6))
-        scale = np.exp(np.interp(radius, np.log(self.radius), np.log(self.scale)))
-        return power * scale
+        return power * self.detail.at(np.hypot(down[:, None], across))
 
     def folded(self, size: int) -> float:
         """Variance of binned pixels by detail that is finer than they are."""
@@ -79,32 +72,38 @@ class Prior(NamedTuple):
         down, across = frequencies_on(_FINE)
         passed = (np.sinc(size * down)[:, None] * np.sinc(size * across)) ** 2
         fine = np.maximum(np.abs(down)[:, None], across) > 0.5 / size
-        return float(mean_over_plane(self.on(_FINE) * passed * fine, _FINE))
+        return float(mean_over_dft(self.on(_FINE) * passed * fine, *_FINE))
 
 
 class Level(NamedTuple):
-    """Frames of pixels of one size on a canvas, and what is known of them."""
+    """Frames of pixels of one size on a canvas, and their instants."""
 
-    frames: Float[np.ndarray, "n rows columns"]  # Deviations from the mean level
-    noises: Float[np.ndarray, "n"]  # Variance of the noise in each
+    canvas: Canvas
     instants: Instants
-    size: int  # Pixels of the sensor along a side of these
-    margin: tuple[int, int]  # Pixels of the canvas before the sensor
-    shape: tuple[int, int]  # Pixels of the canvas
-    power: Float[np.ndarray, "m k"]
     aperture: Float[np.ndarray, "m k"]
     coarse: tuple[np.ndarray, np.ndarray]  # Power and aperture on the grid of volumes
 
-    @property
-    def window(self) -> tuple[slice, slice]:
-        rows, columns = (
-            slice(m, m + count) for m, count in zip(self.margin, self.frames.shape[1:], strict=True)
-        )
-        return rows, columns
+    def likeliest(
+        self, velocity: Float[np.ndarray, "2"], tolerance: float = TOLERANCE
+    ) -> Likeliest:
+        """The likeliest picture at a velocity."""
+        frames, shape = self.canvas.frames, self.canvas.shape
+        each = responses_in_plane(self.instants, velocity / self.canvas.size, shape)
+        responses = (each * self.aperture).astype(np.result_type(frames, np.complex64))
+        return likeliest(self.canvas, responses, tolerance)
 
-    def responses(self, velocity: np.ndarray) -> Complex[np.ndarray, "n m k"]:
-        each = responses_in_plane(self.instants, velocity / self.size, self.shape)
-        return (each * self.aperture).astype(np.result_type(self.frames, np.complex64))
+    def volume(self, velocity: Float[np.ndarray, "2"]) -> Volume:
+        """The volume of the likelihood of a velocity, on a coarse grid."""
+        power, aperture = self.coarse
+        shape = power.shape[0], 2 * (power.shape[1] - 1)
+        velocity = velocity / self.canvas.size
+        responses = responses_in_plane(self.instants, velocity, shape) * aperture
+        density = np.abs(responses) ** 2 * power / self.canvas.noises[:, None, None]
+        return volume_of(density, self.instants.middles(velocity)[::-1], self.canvas.sensor)
+
+    def fit(self, velocity: Float[np.ndarray, "2"], found: Likeliest, mean: float) -> Fit:
+        """How the frames fit the likeliest picture at a velocity, about a mean level."""
+        return fit_of(found, self.volume(velocity), mean)
 
 
 class Own(NamedTuple):
@@ -132,13 +131,8 @@ class Own(NamedTuple):
         aperture[shape[0] // 2] = aperture[:, -1] = 0.0
         dtype = binned.dtype
         return Level(
-            binned,
-            noises,
+            Canvas(binned, noises, power.astype(dtype), (down, across), shape, size=size),
             instants,
-            size,
-            (down, across),
-            shape,
-            power.astype(dtype),
             aperture.astype(dtype),
             (self.prior.on(grid, size), aperture_on(optics, grid, size)),
         )
@@ -162,175 +156,52 @@ def _binned(frames: Float[np.ndarray, "n rows columns"], size: int) -> np.ndarra
     return whole.reshape(-1, rows, size, columns, size).mean(axis=(2, 4))
 
 
-class Likeliest(NamedTuple):
-    """The likeliest picture at a velocity."""
-
-    velocity: Float[np.ndarray, "2"]
-    spectrum: Complex[np.ndarray, "m k"]
-    responses: Complex[np.ndarray, "n m k"]
-    gain: float  # How much better than no picture it explains the frames
-    seen: Float[np.ndarray, "n rows columns"]  # What it gives of the frames
-
-
-def likeliest(
-    level: Level,
-    velocity: Float[np.ndarray, "2"],
-    tolerance: float = _TOLERANCE,
-    *,
-    frames: Float[np.ndarray, "n rows columns"] | None = None,
-    responses: Complex[np.ndarray, "n m k"] | None = None,
-) -> Likeliest:
-    """The likeliest picture, by conjugate gradients."""
-    frames = level.frames if frames is None else frames
-    responses = level.responses(velocity) if responses is None else responses
-    noises = level.noises.astype(frames.dtype)
-    density = sum(np.abs(one) ** 2 / noise for one, noise in zip(responses, noises, strict=True))
-    # The sensor sees a share of the canvas; elsewhere the prior alone holds the picture.
-    share = frames[0].size / math.prod(level.shape)
-    inverse = 1 / (frames.dtype.type(share) * density + 1 / level.power)
-    whole = np.zeros(level.shape, frames.dtype)
-
-    def gathered(every: Iterator[np.ndarray]) -> np.ndarray:
-        """Spectrum of the picture that frames on the sensor would be made of."""
-        total = np.zeros_like(responses[0])
-        for response, noise, one in zip(responses, noises, every, strict=True):
-            whole[level.window] = one
-            total += response.conj() * (rfft2(whole) / noise)
-        return total
-
-    def recorded(spectrum: np.ndarray) -> Iterator[np.ndarray]:
-        """Frames of a picture."""
-        for response in responses:
-            yield irfft2(spectrum * response, level.shape)[level.window]
-
-    target = gathered(iter(frames))
-    picture = np.zeros_like(target)
-    residual, step = target, target * inverse
-    size = _product(residual, step, level.shape)
-    least = tolerance**2 * size
-    for _ in range(_MOST_STEPS):
-        if not size > least:
-            break
-        image = gathered(recorded(step)) + step / level.power
-        stride = size / max(_product(step, image, level.shape), 1e-300)
-        picture = picture + frames.dtype.type(stride) * step
-        residual = residual - frames.dtype.type(stride) * image
-        turned = residual * inverse
-        following = _product(residual, turned, level.shape)
-        step = turned + frames.dtype.type(following / size) * step
-        size = following
-    gain = _product(target, picture, level.shape) / 2
-    seen = np.stack([*recorded(picture)])
-    return Likeliest(velocity, picture, responses, gain, seen)
-
-
-def _product(first: np.ndarray, second: np.ndarray, shape: tuple[int, int]) -> float:
-    """Inner product of pictures, from half of their spectra."""
-    return float(mean_over_plane(np.real(first.conj() * second), shape))
-
-
-def mean_over_plane(spectrum: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """Mean over all frequencies of a DFT of even length by half of them, on the last axes."""
-    rows = np.asarray(np.sum(spectrum, axis=-2, dtype=np.float64))
-    total = rows[..., 0] + rows[..., -1] + 2 * np.sum(rows[..., 1:-1], axis=-1)
-    return np.asarray(total / math.prod(shape))
-
-
-class Volume(NamedTuple):
-    """Half the logarithm of the determinant of the frames' covariance, over that of their noise.
-
-    And how many numbers of each frame the likeliest picture leaves to the noise.
-    """
-
-    logarithm: float
-    freedoms: Float[np.ndarray, "n"]
-
-
-def volume(level: Level, velocity: Float[np.ndarray, "2"]) -> Volume:
-    """That of pictures without ends, in each part of the plane for the frames that see it."""
-    power, aperture = level.coarse
-    shape = power.shape[0], 2 * (power.shape[1] - 1)
-    responses = responses_in_plane(level.instants, velocity / level.size, shape) * aperture
-    density = np.abs(responses) ** 2 * power / level.noises[:, None, None]
-    counted = np.full(power.shape[1], 2.0)
-    counted[[0, -1]] = 1.0
-    weight = np.broadcast_to(counted / math.prod(shape), power.shape).ravel()
-    density = density.reshape(len(density), -1)
-    sees, area = _parts(level.instants.middles(velocity / level.size)[::-1], level.frames.shape[1:])
-    each = sees @ density
-    logarithm = float(area @ (np.log1p(each) @ weight)) / 2
-    held = (weight / (1 + each)) @ density.T
-    return Volume(logarithm, np.sum(area[:, None] * sees * (1 - held), axis=0))
-
-
-def _parts(
-    middles: Float[np.ndarray, "2 n"], size: tuple[int, ...]
-) -> tuple[Float[np.ndarray, "p n"], Float[np.ndarray, "p"]]:
-    """Which frames see each part of the plane that some see, and its area; px^2.
-
-    Places are down the columns and along the rows.
-    """
-    along = []
-    for places, count in zip(middles, size, strict=True):
-        ends = np.unique(np.concatenate([places, places + count]))
-        inner = (ends[1:] + ends[:-1]) / 2
-        sees = (places <= inner[:, None]) & (inner[:, None] <= places + count)
-        along.append((sees, np.diff(ends)))
-    (rows, heights), (columns, widths) = along
-    sees = (rows[:, None] & columns).reshape(-1, middles.shape[1])
-    area = np.outer(heights, widths).ravel()
-    kinds, place = np.unique(sees, axis=0, return_inverse=True)
-    total = np.bincount(place.ravel(), area)
-    some = np.any(kinds, axis=1)
-    return kinds[some].astype(np.float64), total[some]
-
-
 def logarithm(level: Level, velocity: np.ndarray, tolerance: float = ROUGHLY) -> float:
     """Logarithm of the likelihood of a velocity, over that of no picture."""
-    return likeliest(level, velocity, tolerance).gain - volume(level, velocity).logarithm
+    gain = float(level.likeliest(velocity, tolerance).gains)
+    return gain - level.volume(velocity).logarithm
 
 
 class Climb(NamedTuple):
     """A step towards the peak of the likelihood."""
 
+    velocity: Float[np.ndarray, "2"]  # Where it begins; px/s
     found: Likeliest
     slope: Float[np.ndarray, "2"]  # Slope of the logarithm
     information: Float[np.ndarray, "2 2"]
     scores: Float[np.ndarray, "2 rows columns"]  # The slope, by pixel of the frames
-
     furthest: float  # Greatest step; px/s
 
     @property
     def best(self) -> Float[np.ndarray, "2"]:
         """The velocity at the end of the step."""
         step = np.linalg.solve(self.information, self.slope)
-        return self.found.velocity + step * min(1.0, self.furthest / float(np.hypot(*step)))
+        return self.velocity + step * min(1.0, self.furthest / float(np.hypot(*step)))
 
 
-def climbed(level: Level, velocity: np.ndarray, tolerance: float = _TOLERANCE) -> Climb:
+def climbed(level: Level, velocity: np.ndarray, tolerance: float = TOLERANCE) -> Climb:
     """A step from a velocity towards the peak of the likelihood, by Gauss and Newton."""
-    found = likeliest(level, velocity, tolerance)
-    residual = level.frames - found.seen
-    displaced = level.instants.displacement(velocity / level.size)
-    weight = level.instants.weight * level.instants.time
-    moved = waves_in_plane(displaced, weight, frequencies_on(level.shape)) * level.aperture
+    canvas, instants, size = level.canvas, level.instants, level.canvas.size
+    found = level.likeliest(velocity, tolerance)
+    residual = canvas.frames - found.seen
+    displaced = instants.displacement(velocity / size)
+    weight = instants.weight * instants.time
+    moved = waves_in_plane(displaced, weight, frequencies_on(canvas.shape)) * level.aperture
     moved = moved.astype(found.responses.dtype)
-    down, across = frequencies_on(level.shape)
-    turns = (across[None] + 0 * down[:, None], down[:, None] + 0 * across)
     changes, beside = [], []
-    for turn in turns:
-        turned = (2j * np.pi / level.size * turn).astype(moved.dtype) * found.spectrum
-        change = np.stack([irfft2(turned * one, level.shape)[level.window] for one in moved])
-        own = likeliest(level, velocity, tolerance, frames=change, responses=found.responses)
+    for frequency in frequencies_along(canvas.shape):
+        turned = (2j * np.pi / size * frequency).astype(moved.dtype) * found.spectrum
+        change = np.stack([canvas.seen(turned * one) for one in moved])
+        own = likeliest(canvas._replace(frames=change), found.responses, tolerance)
         changes.append(change)
         beside.append(change - own.seen)
-    noises = level.noises[:, None, None]
+    noises = canvas.noises[:, None, None]
     information = np.array([[np.sum(d * r / noises) for r in beside] for d in changes])
-    side = _SIDE * level.size / max(float(np.ptp(level.instants.time)), 1e-300)
+    side = _SIDE * size / max(float(np.ptp(instants.time)), 1e-300)
     volumes = np.array(
         [
-            volume(level, velocity + side * e).logarithm
-            - volume(level, velocity - side * e).logarithm
+            level.volume(velocity + side * e).logarithm
+            - level.volume(velocity - side * e).logarithm
             for e in np.eye(2)
         ]
     ) / (2 * side)
@@ -339,79 +210,4 @@ def climbed(level: Level, velocity: np.ndarray, tolerance: float = _TOLERANCE) -
     furthest = _FURTHEST / _SIDE * side
     # Pictures without detail tell nothing of their velocity.
     information = (information + information.T) / 2 + np.eye(2) / (_UNKNOWN * furthest) ** 2
-    return Climb(found, slope, information, scores, furthest)
-
-
-class Fit(NamedTuple):
-    """How the frames fit the likeliest picture at a velocity."""
-
-    # Mean square of what the picture leaves of the frames, over their noise, with the picture's own
-    # freedom counted, and without gains and black levels that change
-    misfit: float
-    misfits: Float[np.ndarray, "n"]  # The same of each frame
-    gains: Float[np.ndarray, "n"]  # Gain of each frame, less 1
-    offsets: Float[np.ndarray, "n"]  # Its black level; white = 1
-    shifts: Float[np.ndarray, "n 2"]  # Its displacement from its place; px
-    shift_errors: Float[np.ndarray, "n 2"]  # Standard errors of these; px
-    tiles: Float[np.ndarray, "t"]  # Logarithm of the likelihood that the residual has in each tile
-
-
-def fit_of(level: Level, found: Likeliest, mean: float) -> Fit:
-    """How the frames fit the likeliest picture."""
-    num_frames = len(level.frames)
-    residual = level.frames - found.seen
-    down, across = frequencies_on(level.shape)
-    turns = (across[None] + 0 * down[:, None], down[:, None] + 0 * across)
-    # The picture follows each frame by about one part in as many as there are.
-    follows = num_frames / max(num_frames - 1, 1)
-    gains, offsets = np.zeros((2, num_frames))
-    shifts, errors = np.zeros((2, num_frames, 2))
-    expected = np.array([FLICKER, FLICKER, *[LARGEST_SHIFT / level.size] * 2])
-    for k, noise in enumerate(level.noises if num_frames > 1 else []):
-        spectrum = found.spectrum * found.responses[k]
-        changes = [found.seen[k] + mean, np.ones_like(found.seen[k])]
-        for turn in turns:
-            slope = (-2j * np.pi * turn).astype(spectrum.dtype) * spectrum
-            changes.append(irfft2(slope, level.shape)[level.window])
-        design = np.stack([one.ravel() for one in changes], axis=1).astype(np.float64)
-        inverse = np.linalg.inv(design.T @ design / noise + np.diag(expected**-2.0))
-        change = inverse @ (design.T @ residual[k].ravel()) / noise
-        residual[k] -= (design[:, :2] @ change[:2]).reshape(residual[k].shape)
-        gains[k], offsets[k] = follows * change[:2]
-        shifts[k] = follows * change[2:] * level.size
-        errors[k] = follows * np.sqrt(np.diag(inverse)[2:]) * level.size
-    squares = residual.astype(np.float64) ** 2 / level.noises[:, None, None]
-    freedoms = volume(level, found.velocity).freedoms - (2 if num_frames > 1 else 0)
-    sums = np.sum(squares, axis=(1, 2))
-    return Fit(
-        float(np.sum(sums) / max(np.sum(freedoms), 1.0)),
-        sums / np.maximum(freedoms, 1.0),
-        gains,
-        offsets,
-        shifts,
-        errors,
-        -in_tiles(np.sum(squares, axis=0)) / 2,
-    )
-
-
-def in_tiles(values: Float[np.ndarray, "*planes rows columns"]) -> Float[np.ndarray, "*planes t"]:
-    """Sums over tiles."""
-    for axis in (-2, -1):
-        count = values.shape[axis]
-        starts = np.linspace(0, count, min(_TILES, count), endpoint=False).astype(int)
-        values = np.add.reduceat(values, starts, axis=axis)
-    return values.reshape(*values.shape[:-2], -1)
-
-
-def noises_in_plane(scene: Scene, taken: PlaneFrames, mean_level: float) -> Float[np.ndarray, "n"]:
-    """Variance of the noise in each frame of a picture of some mean level; white = 1.
-
-    Raises:
-        ValueError: if the scene has no light.
-    """
-    exposures = np.asarray(taken.exposures, np.float64)
-    electrons = np.asarray(white_electrons(float(scene.photon_rate), exposures))
-    has_light, requirement = float(np.min(electrons)) > 0, "have a photon rate above 0 e-/s"
-    require(has_light, "restore_frames(scene=...)", requirement, 0.0)
-    read, level = float(scene.read_noise), max(mean_level, 0.0)
-    return np.maximum(noise_power(1.0, level, electrons, read, unit=electrons), DARK)
+    return Climb(velocity, found, slope, information, scores, furthest)

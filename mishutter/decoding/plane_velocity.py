@@ -13,39 +13,26 @@ from jaxtyping import Float
 
 from mishutter._core.checks import require
 from mishutter.camera.plane_frames import aperture_on, instants_of, responses_in_plane
-from mishutter.decoding.decoders.speed import LITTLE, luminance_shares
+from mishutter.decoding.decoders.speed import luminance_shares
 from mishutter.decoding.frame_doubts import (
-    BANDS,
     BLACK,
     FLOOR,
-    LEAD,
-    LEAST_DETAIL,
-    REGISTERED,
-    SHARED,
     TRIED_BEYOND,
     WORTH,
+    Evidence,
     Rival,
-    doubt_of_fit,
-    doubt_of_one_frame,
-    doubt_of_rivals,
-    equal_frames,
-    odd_frame,
+    Words,
 )
+from mishutter.decoding.likeliest import detail_of, follows, in_tiles, noises_of
 from mishutter.decoding.plane_likelihood import (
     GRID,
     ROUGHLY,
     Climb,
-    Fit,
     Level,
     Own,
     Prior,
     climbed,
-    fit_of,
-    in_tiles,
-    likeliest,
     logarithm,
-    noises_in_plane,
-    volume,
 )
 from mishutter.model.scene import Scene
 from mishutter.model.velocities import AbstractVelocities
@@ -67,10 +54,12 @@ _MIDDLING = 0.7
 """Share of the greatest velocity that stands for all in a mean."""
 _ASIDE = np.array([[-8.0, 3.0], [4.0, 6.0]])
 """Displacements from frame to frame by which frames that fit nowhere are off; px."""
-_BEYOND_SCENE = "The velocity may lie beyond those of the scene."
-_REASONS = (
+_WORDS = Words(
+    "velocity",
     "their order, a lost or repeated frame, another design or path, two objects, a velocity beyond "
-    "the scene's"
+    "the scene's",
+    "of the picture fits better",
+    "The velocity may lie beyond those of the scene.",
 )
 
 
@@ -121,15 +110,16 @@ def velocity_in_plane(
     law, shares = require_velocities(scene), luminance_shares(len(planes))
     grey = np.tensordot(shares, planes, 1)
     mean = float(np.mean(grey))
-    noises = noises_in_plane(scene, taken, mean) * float(shares @ shares)
+    noises = noises_of(scene, taken.exposures, mean, float(shares @ shares))
     own = _with_own_detail(Own((grey - mean).astype(np.float32), noises, taken, Prior(scene)))
     search = _searched(own, law)
-    fit = fit_of(search.level, search.ends[0].found, mean)
+    fit = search.level.fit(search.ends[0].velocity, search.ends[0].found, mean)
     # Gains and black levels that change from frame to frame tell no velocity.
-    gains = np.maximum(1 + fit.gains - np.mean(fit.gains), BLACK)[:, None, None]
-    steady = (own.frames + mean - fit.offsets[:, None, None]) / gains - mean
+    changes = follows(len(own.frames)) * np.stack([fit.gains, fit.offsets])[..., None, None]
+    gains = np.maximum(1 + changes[0] - np.mean(changes[0]), BLACK)
+    steady = (own.frames + mean - changes[1]) / gains - mean
     own = own._replace(frames=steady.astype(np.float32), noises=noises / gains.ravel() ** 2)
-    climb, size = search.ends[0], search.level.size
+    climb, size = search.ends[0], search.level.canvas.size
     while True:
         level = own.level(climb.best[None], size)
         climb = climbed(level, climb.best)
@@ -140,19 +130,8 @@ def velocity_in_plane(
 
 
 def _with_own_detail(own: Own) -> Own:
-    r"""The frames with a prior of pictures as rich in detail as they are, band by band.
-
-    A picture of less detail than expected, or of finer, would else seem to move at a velocity
-    that explains it. The power is that of the frames beyond their noise over
-    $\sum_k |A_k|^2$, of which some velocities have the mean.
-    """
+    """The frames with the power of pictures that are as rich in detail, for some velocities."""
     scene, shape = own.prior.scene, own.frames.shape[1:]
-    window = np.outer(*(np.hanning(count + 2)[1:-1] for count in shape))
-    window /= math.sqrt(float(np.mean(window**2)) * math.prod(shape))
-    recorded = np.zeros((shape[0], shape[1] // 2 + 1))
-    for frame, noise in zip(own.frames, own.noises, strict=True):
-        spectrum = np.fft.rfft2((frame - np.mean(frame)) * window)
-        recorded += np.abs(spectrum) ** 2 / noise - 1
     grid = (GRID, GRID)
     fastest = require_velocities(scene).fastest
     instants = instants_of(own.taken, fastest)
@@ -160,23 +139,10 @@ def _with_own_detail(own: Own) -> Own:
     passed = [np.abs(responses_in_plane(instants, each, grid)) ** 2 for each in few]
     density = np.sum(np.mean(passed, axis=0) / own.noises[:, None, None], axis=0)
     expected = density * aperture_on(scene.optics, grid) ** 2 * own.prior.on(grid)
-    edges = np.geomspace(max(2 / min(shape), 1 / GRID), 0.5, BANDS + 1)
-    ratios = []
-    for low, high in itertools.pairwise(edges):
-        seen = _mean_between(recorded, shape, low, high)
-        told = _mean_between(expected, grid, low, high)
-        ratios.append(max(seen / told, LEAST_DETAIL) if told > 0 else 1.0)
-    prior = Prior(scene, np.sqrt(edges[:-1] * edges[1:]), np.array(ratios))
-    return own._replace(prior=prior)
-
-
-def _mean_between(
-    power: Float[np.ndarray, "m k"], shape: tuple[int, ...], low: float, high: float
-) -> float:
-    """Mean power between two frequencies."""
-    down, across = np.fft.fftfreq(shape[0]), np.fft.rfftfreq(shape[1])
-    radius = np.hypot(down[:, None], across)
-    return float(np.mean(power[(radius >= low) & (radius <= high)]))
+    lowest = max(2 / min(shape), 1 / GRID)
+    frames = own.frames - np.mean(own.frames, axis=(1, 2), keepdims=True)
+    detail = detail_of(frames, own.noises, shape, expected, lowest)
+    return own._replace(prior=Prior(scene, detail))
 
 
 class _Search(NamedTuple):
@@ -233,12 +199,12 @@ def _top(level: Level, velocity: np.ndarray, step: float) -> Climb:
 
 def _size(climb: Climb) -> float:
     """Length of a step; px/s."""
-    return float(np.hypot(*(climb.best - climb.found.velocity)))
+    return float(np.hypot(*(climb.best - climb.velocity)))
 
 
 def _value(level: Level, climb: Climb) -> float:
     """Logarithm of the likelihood before a step."""
-    return climb.found.gain - volume(level, climb.found.velocity).logarithm
+    return float(climb.found.gains) - level.volume(climb.velocity).logarithm
 
 
 def _velocities_to_try(law: AbstractVelocities, step: float) -> Float[np.ndarray, "s 2"]:
@@ -281,11 +247,11 @@ class _Found(NamedTuple):
 
 def _estimate(found: _Found) -> VelocityEstimate:
     """The estimate of a velocity that was found."""
-    own, best, judged = found.own, found.climb.best, _Judged.of(found)
-    spread, least = judged.spread, (FLOOR / own.duration) ** 2
+    own, best, judged = found.own, found.climb.best, _evidence(found)
+    spread, least = judged.fit.spread, (FLOOR / own.duration) ** 2
     covariance = spread * _covariance(found.climb) + least * np.eye(2)
     error = math.sqrt(float(np.max(np.linalg.eigvalsh(covariance))))
-    doubt = _doubt(found, judged, error * own.duration)
+    doubt = judged.doubt(error * own.duration, _WORDS)
     below = np.array([0.0, *(below for _, below, _ in judged.rivals)])
     weights = np.exp(WORTH / spread * (np.min(below) - below))
     return VelocityEstimate(
@@ -310,85 +276,28 @@ def _covariance(climb: Climb) -> Float[np.ndarray, "2 2"]:
     return wide @ wide.T
 
 
-class _Judged(NamedTuple):
-    """How frames fit the velocity that was found, and how they fit others."""
-
-    fit: Fit  # On pixels of the sensor
-    binned: Fit  # On pixels by which velocities are judged
-    elsewhere: float  # Misfit of frames that are registered some pixels off, on these
-    # The other peaks, how far they are below the highest, and the fits there
-    rivals: list[tuple[np.ndarray, float, Fit]]
-
-    @property
-    def spread(self) -> float:
-        """Misfit by which errors are wider than those of frames that fit."""
-        return max(1.0, self.fit.misfit)
-
-    @staticmethod
-    def of(found: _Found) -> "_Judged":
-        """The fits of frames to all velocities in question."""
-        own, search, best = found.own, found.search, found.climb.best
-        a_frame = own.duration / max(len(own.frames) - 1, 1)
-        asides = best + _ASIDE / a_frame
-        ends: list[tuple[np.ndarray, float]] = []
-        for end, value in zip(search.ends, search.values, strict=True):
-            known = [best, *(velocity for velocity, _ in ends)]
-            if all(np.hypot(*(end.best - each)) > _SAME * search.step for each in known):
-                ends.append((end.best, search.values[0] - value))
-        all_of_them = np.array([best, *asides, *(velocity for velocity, _ in ends)])
-        level = own.level(all_of_them, search.level.size)
-        first, *others = (
-            fit_of(level, likeliest(level, each, ROUGHLY), found.mean) for each in all_of_them
-        )
-        few = len(asides)
-        rivals = [(*end, fit) for end, fit in zip(ends, others[few:], strict=True)]
-        elsewhere = float(np.mean([fit.misfit for fit in others[:few]]))
-        fit = fit_of(found.level, found.climb.found, found.mean)
-        return _Judged(fit, first, elsewhere, rivals)
-
-
-def _doubt(found: _Found, judged: _Judged, error: float) -> str:
-    """Why a velocity is not trusted, in a sentence; empty if it is."""
-    own, best = found.own, found.climb.best
-    frames = np.moveaxis(found.grey, 0, 1)
-    middles = found.level.instants.middles(best)
-    odd = odd_frame(frames, own.noises)
-    if odd:
-        return odd
-    same = equal_frames(frames, (middles[0] + 1j * middles[1]).tolist())
-    steps = np.abs(np.diff(middles, axis=1))
-    columns, rows = own.frames.shape[:0:-1]
-    shared = np.prod(np.maximum(1 - steps / np.array([[columns], [rows]]), 0), axis=0)
-    fit, spread, elsewhere = judged.fit, judged.spread, judged.elsewhere
-    return (
-        doubt_of_fit(judged.binned.misfit, elsewhere, same, "velocity", _REASONS)
-        or doubt_of_one_frame(
-            fit.shifts, fit.shift_errors, fit.misfits, spread, elsewhere, reasons=_REASONS
-        )
-        or (
-            f"The picture moves by {np.max(np.hypot(*steps)):.0f} px from frame to frame, of which "
-            f"the sensor sees {columns} x {rows}."
-            if np.any(shared < SHARED)
-            else ""
-        )
-        or _doubt_of_rivals(found, judged, error)
-    )
-
-
-def _doubt_of_rivals(found: _Found, judged: _Judged, error: float) -> str:
-    """The doubt of a velocity that others equal, or that is none of those of the scene."""
-    law, binned, spread = found.law, judged.binned, judged.spread
-    if not law.within(found.climb.best[None], TRIED_BEYOND * law.fastest)[0]:
-        return _BEYOND_SCENE
-    tells_little = found.search.middle < LEAD * spread
-    is_told = found.search.values[0] >= LEAD * spread and error < REGISTERED
-    if not is_told or len(found.own.frames) == 1:
-        return LITTLE
-    rivals = [
-        Rival(f"{x:,.0f}, {y:,.0f}", below, rival.misfit, rival.tiles - binned.tiles)
-        for (x, y), below, rival in judged.rivals
-    ]
-    parts = "of the picture fits better"
-    return doubt_of_rivals(
-        rivals, binned.misfit, judged.elsewhere, spread, parts, little=tells_little
+def _evidence(found: _Found) -> Evidence:
+    """How frames fit the velocity that was found, and all others in question."""
+    own, law, search, best = found.own, found.law, found.search, found.climb.best
+    ends: list[tuple[np.ndarray, float]] = []
+    for end, value in zip(search.ends, search.values, strict=True):
+        known = [best, *(velocity for velocity, _ in ends)]
+        if all(np.hypot(*(end.best - each)) > _SAME * search.step for each in known):
+            ends.append((end.best, search.values[0] - value))
+    asides = best + _ASIDE * max(len(own.frames) - 1, 1) / own.duration
+    velocities = np.array([best, *asides, *(velocity for velocity, _ in ends)])
+    level = own.level(velocities, search.level.canvas.size)
+    fits = [level.fit(each, level.likeliest(each, ROUGHLY), found.mean) for each in velocities]
+    others = fits[1 + len(asides) :]
+    return Evidence(
+        frames=found.grey,
+        noises=own.noises,
+        places=found.level.instants.middles(best),
+        fit=found.level.fit(found.climb.velocity, found.climb.found, found.mean),
+        compared=fits[0],
+        elsewhere=float(np.mean([fit.misfit for fit in fits[1 : 1 + len(asides)]])),
+        rivals=[Rival(*end, fit) for end, fit in zip(ends, others, strict=True)],
+        lead=search.values[0],
+        middle=search.middle,
+        is_within=bool(law.within(best[None], TRIED_BEYOND * law.fastest)[0]),
     )

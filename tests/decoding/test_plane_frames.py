@@ -25,7 +25,8 @@ from mishutter import (
     simulate_frames,
 )
 from mishutter.camera.plane_frames import aperture_on, instants_of, responses_in_plane
-from mishutter.decoding.plane_likelihood import Own, Prior, climbed, logarithm, noises_in_plane
+from mishutter.decoding.likeliest import noises_of
+from mishutter.decoding.plane_likelihood import Own, Prior, climbed, logarithm
 from mishutter.decoding.plane_velocity import VelocityEstimate, velocity_in_plane
 from mishutter.model.velocities import EvenVelocities
 
@@ -42,7 +43,7 @@ def a_field(frames: PlaneFrames, velocity: np.ndarray, size: int, seed: int, sce
     instants = instants_of(frames, float(np.hypot(*velocity)))
     responses = responses_in_plane(instants, velocity, shape) * aperture_on(SCENE.optics, shape)
     seen = np.fft.irfft2(np.fft.rfft2(field) * responses, shape)
-    noises = noises_in_plane(scene, frames, 0.25)[:, None, None]
+    noises = noises_of(scene, frames.exposures, 0.25)[:, None, None]
     middle = slice(size // 2, size // 2 + size)
     taken = (seen + np.sqrt(noises) * rng.normal(size=seen.shape))[:, middle, middle]
     return taken + 0.25, field[middle, middle] + 0.25
@@ -72,7 +73,7 @@ def test_slopes_of_the_likelihood_are_its_differences():
     """And a step by Gauss and Newton ends near the peak, from pixels of either size."""
     frames, scene = frames_of("A", 4, "sines"), replace(SCENE, photon_rate=3e3)
     captures, _ = a_field(frames, VELOCITY, 64, 5, scene)
-    noises = noises_in_plane(scene, frames, 0.25)
+    noises = noises_of(scene, frames.exposures, 0.25)
     beside = VELOCITY + np.array([16.0, -12.0])
     for size in (1, 2):
         level = Own(captures - 0.25, noises, frames, Prior(SCENE)).level(beside[None], size)

@@ -25,7 +25,8 @@ from mishutter import (
     simulate_capture,
     simulate_frames,
 )
-from mishutter.decoding import sequences
+from mishutter.decoding import axis_speed
+from mishutter.decoding.axis_frames import Rows, rows_of
 from mishutter.decoding.frame_doubts import odd_frame
 from mishutter.decoding.simulation import burst_and_restore
 from mishutter.evaluation.sequences import nodes_of_frames
@@ -165,12 +166,17 @@ def test_smooth_pictures_on_narrow_sensors_tell_the_speed(blur, speed, rows, col
 def climbed(monkeypatch, start, logarithms):
     """The peak of a likelihood of rows near a start, among speeds up to 3,000 px/s either way."""
     monkeypatch.setattr(
-        sequences, "_logarithms", lambda _, speeds, tolerance: logarithms(speeds[:, None])
+        Rows, "logarithms", lambda _, speeds, tolerance: logarithms(speeds[:, None])
     )
-    taken, nodes = sequences._Taken.of(SCENE, stills(2)), nodes_of_frames(stills(2), 0.0)
-    stack, _ = sequences._stacked(np.zeros((3, 2, 64)), taken, nodes)
-    search = sequences._Search(low=-3000.0, high=3000.0, step=14.0, peaks=[start], middle=0.0)
-    return sequences._highest(stack, start, search, 0.01)
+    rows = rows_about(np.zeros((2, 3, 64)), SCENE, stills(2), 0.0)
+    search = axis_speed._Search(low=-3000.0, high=3000.0, step=14.0, peaks=[start], middle=0.0)
+    return axis_speed._highest(rows, start, search, 0.01)
+
+
+def rows_about(planes, scene, frames, speed):
+    """Rows of frames at a speed, whose levels tell nothing."""
+    nodes = nodes_of_frames(frames, abs(speed))
+    return rows_of(np.asarray(planes), scene, frames, nodes)[0]._replace(has_levels=False)
 
 
 @pytest.mark.parametrize(
@@ -193,13 +199,11 @@ def test_pictures_are_near_enough_their_likeliest_to_tell_the_speed(monkeypatch,
     captures = simulate_frames(
         picture, bright, frames, speed=3700.0, num_columns=200, key=jax.random.key(3)
     )
-    taken, nodes = sequences._Taken.of(bright, frames), nodes_of_frames(frames, 4500.0)
-    planes = np.swapaxes(np.asarray(captures, np.float64), 0, 1)
-    stack = sequences._stacked(planes, taken, nodes)[0]._replace(has_levels=False)
-    search = sequences._Search(low=-4500.0, high=4500.0, step=8.4, peaks=[3700.0], middle=0.0)
-    peak = sequences._highest(stack, 3700.0, search, 0.01)
-    monkeypatch.setattr(sequences, "_TOLERANCE_OF_SPEED", 1e-4)
-    limit = sequences._highest(stack, 3700.0, search, 0.01)
+    rows = rows_about(np.asarray(captures, np.float64), bright, frames, 4500.0)
+    search = axis_speed._Search(low=-4500.0, high=4500.0, step=8.4, peaks=[3700.0], middle=0.0)
+    peak = axis_speed._highest(rows, 3700.0, search, 0.01)
+    monkeypatch.setattr(axis_speed, "TOLERANCE_OF_SPEED", 1e-4)
+    limit = axis_speed._highest(rows, 3700.0, search, 0.01)
     assert abs(peak.speed - limit.speed) < 0.3 * limit.width
 
 
@@ -215,34 +219,33 @@ def test_rows_that_disagree_widen_an_error(monkeypatch, pull):
     assert (peak.width > 1.1 / np.sqrt(curvature)) == (pull > 0.1)
 
 
-def dense_covariance(stack, found):
+def dense_covariance(found):
     """Of all pixels of one row of the frames, frame by frame."""
-    columns = stack.rows.shape[-1]
-    place = (np.arange(found.length)[:, None] - np.arange(found.length)) % found.length
-    power = np.fft.irfft(stack.model.picture_spectrum(found.length), found.length)[place]
-    inside = slice(found.margin, found.margin + columns)
+    (length,), canvas = found.canvas.shape, found.canvas
+    place = (np.arange(length)[:, None] - np.arange(length)) % length
+    power = np.fft.irfft(canvas.power, length)[place]
+    inside = canvas.window[-1]
     seen = np.concatenate(
-        [np.fft.irfft(one, found.length)[place][inside] for one in found.responses[0]]
+        [np.fft.irfft(one, length)[place][inside] for one in found.responses[:, 0, 0]]
     )
-    return seen @ power @ seen.T + np.diag(np.repeat(stack.noises, columns))
+    return seen @ power @ seen.T + np.diag(np.repeat(canvas.noises, *canvas.sensor))
 
 
 def test_unknown_levels_are_a_term_of_rank_one_for_each_row_of_a_frame():
     """The likelihood is that of a dense covariance with a level of any size in each frame."""
     frames, columns, speed = stills(3), 120, 900.0
-    rows = np.random.default_rng(8).standard_normal((2, 3, columns)).cumsum(axis=-1) / 20
-    taken, nodes = sequences._Taken.of(SCENE, frames), nodes_of_frames(frames, speed)
-    stack = sequences._stacked(rows, taken, nodes)[0]._replace(has_levels=False)
-    found = sequences._likeliest(stack, [speed], 1e-6)
+    planes = np.random.default_rng(8).standard_normal((3, 2, columns)).cumsum(axis=-1) / 20
+    rows = rows_about(planes, SCENE, frames, speed)
+    found = rows.likeliest([speed], 1e-6)
     levels = 1e4 * np.kron(np.eye(3), np.ones((columns, columns)))
-    noise, whole = np.diag(np.repeat(stack.noises, columns)), dense_covariance(stack, found)
-    flat = stack.rows.reshape(2, -1)
+    noise, whole = np.diag(np.repeat(rows.noises, columns)), dense_covariance(found)
+    flat = np.moveaxis(rows.frames, 1, 0).reshape(2, -1)
     squares = [
         np.sum(flat * np.linalg.solve(one + levels, flat.T).T, axis=1) for one in (noise, whole)
     ]
     np.testing.assert_allclose(found.gains[0], (squares[0] - squares[1]) / 2, rtol=1e-4)
-    lifted = stack._replace(rows=stack.rows + np.array([0.3, -0.1, 0.05])[:, None])
-    again = sequences._likeliest(lifted, [speed], 1e-6).gains
+    lifted = rows._replace(frames=rows.frames + np.array([0.3, -0.1, 0.05])[:, None, None])
+    again = lifted.likeliest([speed], 1e-6).gains
     np.testing.assert_allclose(again, found.gains, rtol=1e-5)
 
 
@@ -252,11 +255,8 @@ def test_gains_of_frames_are_told_by_their_detail(gains):
     frames, gains = stills(len(gains)), np.array(gains)
     captures, _ = shown(1300.0, frames, rows=slice(120, 132), num_columns=240)
     changed = np.asarray(captures) * gains[:, None, None] + 0.03 * gains[::-1, None, None]
-    rows = np.swapaxes(changed, 0, 1)
-    taken, nodes = sequences._Taken.of(SCENE, frames), nodes_of_frames(frames, 1300.0)
-    stack = sequences._stacked(rows, taken, nodes)[0]._replace(has_levels=False)
-    found = sequences._fit(stack, 1300.0).gains
-    np.testing.assert_allclose(found, gains / np.mean(gains), rtol=0.03)
+    found = 1 + rows_about(changed, SCENE, frames, 1300.0).fit(1300.0).gains
+    np.testing.assert_allclose(found / np.mean(found), gains / np.mean(gains), rtol=0.03)
     estimate = restore_frames(changed, SCENE, frames).estimate
     assert estimate.trusted
     assert estimate.misfit == pytest.approx(1, abs=0.15)
@@ -265,17 +265,15 @@ def test_gains_of_frames_are_told_by_their_detail(gains):
 def test_the_volume_is_that_of_a_dense_covariance():
     """Half its log-determinant, and the frames' freedom is the trace of what it leaves to noise."""
     frames, columns, speed = stills(3), 160, 900.0
-    rows = np.random.default_rng(2).standard_normal((2, 3, columns))
-    taken, nodes = sequences._Taken.of(SCENE, frames), nodes_of_frames(frames, speed)
-    stack, _ = sequences._stacked(rows, taken, nodes)
-    found = sequences._likeliest(stack, [speed])
-    covariance, noise = dense_covariance(stack, found), np.repeat(stack.noises, columns)
-    volume = sequences._volumes(stack, found)[0]
+    planes = np.random.default_rng(2).standard_normal((3, 2, columns))
+    rows = rows_about(planes, SCENE, frames, speed)
+    found = rows.likeliest([speed])
+    covariance, noise = dense_covariance(found), np.repeat(rows.noises, columns)
+    volume = rows.volume(found, 0, speed)
     half = (np.linalg.slogdet(covariance)[1] - np.sum(np.log(noise))) / 2
-    assert volume.logarithm / len(rows) == pytest.approx(half, rel=0.03)
+    assert volume.logarithm == pytest.approx(half, rel=0.03)
     free = np.diag(np.linalg.inv(covariance)) * noise
-    expected = len(rows) * free.reshape(3, columns).sum(axis=1)
-    np.testing.assert_allclose(volume.freedoms, expected, rtol=0.03)
+    np.testing.assert_allclose(volume.freedoms, free.reshape(3, columns).sum(axis=1), rtol=0.03)
 
 
 def test_what_shows_nothing_is_doubted():
@@ -500,9 +498,9 @@ def test_noise_tells_no_speed(read, told):
 def test_a_frame_of_a_dark_part_is_not_black(detail, words):
     """Its pixels follow one another, where those of a frame without light are noise."""
     random, place = np.random.default_rng(6), np.arange(220)
-    rows = random.normal(0.3, 0.02, (5, 3, 220))
-    rows[:, 1] = random.normal(0.006, 0.001, (5, 220)) + detail * np.sin(place / 9)
-    assert odd_frame(rows, np.full(3, 1e-4)) == words
+    frames = random.normal(0.3, 0.02, (3, 5, 220))
+    frames[1] = random.normal(0.006, 0.001, (5, 220)) + detail * np.sin(place / 9)
+    assert odd_frame(frames, np.full(3, 1e-4)) == words
 
 
 def test_pictures_one_period_on_are_rivals():

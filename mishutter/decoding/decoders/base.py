@@ -50,10 +50,11 @@ class CompleteFrames:
 
 
 def density_of(
-    responses: Complex[np.ndarray, "*s frames k"], noises: Float[np.ndarray, "frames"]
-) -> Float[np.ndarray, "*s k"]:
+    responses: Complex[np.ndarray, "frames *k"], noises: Float[np.ndarray, "frames"]
+) -> Float[np.ndarray, "*k"]:
     r"""Signal by noise of frames together, $\sum_k |A_k|^2/N_k$."""
-    return np.sum(np.abs(responses) ** 2 / noises[:, None], axis=-2)
+    pairs = zip(responses, noises, strict=True)
+    return sum(np.abs(response) ** 2 / noise for response, noise in pairs)  # type: ignore[return-value]
 
 
 @final

@@ -3,6 +3,7 @@
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
 
+import math
 from typing import NamedTuple, final
 
 import jax.numpy as jnp
@@ -151,10 +152,13 @@ def _error_of_filter(
     return mean_over_dft(lost + disturbance * np.abs(response) ** 2, length)
 
 
-def mean_over_dft(spectrum: np.ndarray, length: int) -> np.ndarray:
-    """Mean over the last axis, all frequencies of a DFT of even length, by those from 0 up."""
+def mean_over_dft(spectrum: np.ndarray, *shape: int) -> np.ndarray:
+    """Mean over the last axes, all frequencies of a DFT of even rows, by those from 0 up."""
+    if len(shape) > 1:
+        axes = tuple(range(-len(shape), -1))
+        spectrum = np.asarray(np.sum(spectrum, axis=axes, dtype=np.float64))
     ends = spectrum[..., 0] + spectrum[..., -1]
-    return np.asarray((ends + 2 * np.sum(spectrum[..., 1:-1], axis=-1)) / length)
+    return np.asarray((ends + 2 * np.sum(spectrum[..., 1:-1], axis=-1)) / math.prod(shape))
 
 
 def filtered(

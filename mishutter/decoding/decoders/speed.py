@@ -21,7 +21,7 @@ from scipy.special import chdtri, digamma, polygamma
 from mishutter._core.checks import Unquoted, is_concrete, require, shape_of
 from mishutter._core.parallel import alone_in_blas, in_threads, num_processors
 from mishutter.camera.capture import as_pixels, distinct_colours
-from mishutter.camera.rows import rows_last
+from mishutter.camera.rows import irfftn, rfftn, rows_last
 from mishutter.decoding.decoders.base import BlurModel, blur_model
 from mishutter.evaluation.found_speed import LEAST_DIFFERENCE
 from mishutter.model.motion import AbstractMotion
@@ -29,9 +29,6 @@ from mishutter.model.scene import Scene, require_scene, require_whole
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.pictures.images import LUMINANCE, turned
 
-# In single precision, and typed, which SciPy's own are not.
-_rfft2: Callable[[np.ndarray], np.ndarray] = scipy.fft.rfft2  # type: ignore[assignment]
-_irfft2: Callable[[np.ndarray], np.ndarray] = scipy.fft.irfft2  # type: ignore[assignment]
 _fast_length: Callable[[int], int] = scipy.fft.next_fast_len  # type: ignore[assignment]
 STEP = 2.0
 """Step between the speeds that are tried, as smear over the exposure; px."""
@@ -152,7 +149,7 @@ def log_power(tile: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "b k
     layout, (down, across) = bands(rows, columns), windows(rows, columns)
     window = (down[:, None] * across).astype(tile.dtype)
     deviation = tile - np.sum(tile * window) / np.sum(window)
-    spectrum = _rfft2(deviation * window)[:, layout.along]
+    spectrum = rfftn(deviation * window)[:, layout.along]
     power = np.abs(spectrum) ** 2 / np.sum(window**2)
     mean = np.stack([power[band].mean(axis=0) for band in layout.members])
     # Powers at single frequencies are exponentially distributed, which makes the logarithm of the
@@ -257,7 +254,7 @@ def _phase_energy(
     rows, columns = tile.shape
     taper = np.outer(_flat_window(rows), _flat_window(columns)).astype(tile.dtype)
     deviation = tile - np.sum(tile * taper) / np.sum(taper)
-    spectrum = _rfft2(deviation * taper) * amplitude
+    spectrum = rfftn(deviation * taper) * amplitude
     octave = np.log2(np.maximum(np.fft.rfftfreq(columns), 1e-6))
     energy, counts = np.empty((len(_OCTAVES), len(phases))), np.empty(len(_OCTAVES))
     for index, (low, high) in enumerate(_OCTAVES):
@@ -275,7 +272,7 @@ def _phase_energy(
         # Their mean varies as that of so many equally strong waves.
         counts[index] = power.sum() ** 2 / max((power**2).sum(), 1e-300)
         for place, phase in enumerate(phases[:, :num_waves]):
-            square = _irfft2(part * phase) ** 2
+            square = irfftn(part * phase) ** 2
             energy[index, place] = np.log1p(square / max(square.mean(), 1e-300)).mean()
     return energy, counts
 

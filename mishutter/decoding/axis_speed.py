@@ -1,0 +1,247 @@
+"""The speed of a picture, found in frames along one axis.
+
+The peaks of the likelihood of some rows are looked for at speeds all over the scene's, and then
+climbed and judged by more.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from mishutter._core.checks import require
+from mishutter.decoding.axis_frames import (
+    TOLERANCE_OF_SPEED,
+    Planes,
+    Rows,
+    rows_of,
+    with_own_detail,
+)
+from mishutter.decoding.decoders.speed import BEYOND, SpeedEstimate, luminance_shares
+from mishutter.decoding.frame_doubts import (
+    BLACK,
+    FLOOR,
+    TRIED_BEYOND,
+    WORTH,
+    Evidence,
+    Rival,
+    Words,
+)
+from mishutter.decoding.likeliest import noises_of
+from mishutter.evaluation.sequences import nodes_of_frames
+from mishutter.model.scene import Scene
+from mishutter.model.sequences import TimedFrame
+
+_ROWS_OF_SPEED, _ROWS_OF_SEARCH = 32, 4
+"""Rows that tell a picture's speed, and those of most detail, one a band, in which it is sought."""
+_PX_A_STEP = 0.7
+"""Displacement over the sequence between neighbouring speeds that are tried."""
+_MOST_SPEEDS, _MOST_RESPONSES = 4096, 3000
+"""Most speeds that are tried, and the speeds times frames above which fewer frames tell where to
+look."""
+_CANDIDATES = 4
+"""Peaks of the likelihood of some rows that all rows judge."""
+_FEW_SPEEDS = 17
+"""Speeds at whose mean a picture's power is estimated."""
+_ASIDE = np.array([-8.0, 5.0])
+"""Displacements from frame to frame by which frames that fit nowhere are off; px."""
+_WORDS = Words(
+    "speed",
+    "their order, a lost or repeated frame, another design, two objects, motion across the axis, a "
+    "speed beyond the scene's",
+    "of the rows fit better",
+    BEYOND,
+)
+_MOST_MOVES = 8
+"""Times that a peak is looked for within a step."""
+_REACH = 3.0
+"""Steps about the speed that is found within which no other is a rival."""
+
+
+class _Search(NamedTuple):
+    """Speeds at which the likelihood of some rows is high, of all speeds that are tried."""
+
+    low: float  # Least speed that is tried; px/s
+    high: float  # Greatest one
+    step: float  # Step between speeds for all frames; px/s
+    peaks: list[float]  # Speeds at which it is highest nearby, the highest first; px/s
+    middle: float  # Median of the likelihood's logarithm over all speeds, below its top
+
+
+class _Peak(NamedTuple):
+    """A speed at which the likelihood is highest nearby, its logarithm there, and its error."""
+
+    speed: float
+    value: float
+    width: float
+
+
+def speed_on_axis(planes: Planes, scene: Scene, taken: Sequence[TimedFrame]) -> SpeedEstimate:
+    """The speed at which the frames show one picture, and whether they do."""
+    planes = planes.astype(np.float64)
+    estimate = _speed_along_rows(planes, scene, taken)
+    if estimate.trusted or min(planes.shape[2:]) <= _ROWS_OF_SPEED:
+        return estimate
+    # The frames may be turned, or their motion be along the other axis.
+    across = _speed_along_rows(np.swapaxes(planes, 2, 3), scene, taken)
+    if not across.trusted:
+        return estimate
+    axis = "rows" if scene.sensor.axis == "columns" else "columns"
+    return estimate._replace(
+        doubt=f"The frames fit a picture that moves along its {axis}, at {across.speed:,.0f} px/s."
+    )
+
+
+def _speed_along_rows(planes: Planes, scene: Scene, taken: Sequence[TimedFrame]) -> SpeedEstimate:
+    """The same, of pictures that move along their rows."""
+    shares = luminance_shares(len(planes))
+    grey, num_rows = np.tensordot(shares, planes, 1), planes.shape[2]
+    some = np.linspace(0, num_rows - 1, min(_ROWS_OF_SPEED, num_rows)).astype(int)
+    grey, (low, high) = grey[:, np.unique(some)], _range_to_try(scene)
+    rows = _rows_of_speed(grey, scene, taken, float(shares @ shares))
+    search = _searched(rows, taken, low, high)
+    values = np.sum(rows.logarithms(np.array(search.peaks)), axis=1)
+    ends = [_Peak(*each, 0.0) for each in zip(search.peaks, values.tolist(), strict=True)]
+    ends.sort(key=lambda end: -end.value)
+    gains = np.maximum(1 + rows.fit(ends[0].speed).gains, BLACK)[:, None, None]
+    # What all gains share is a picture that its prior holds back.
+    rows = rows._replace(frames=rows.frames / (gains / np.mean(gains)))
+    best = _highest(rows, ends[0].speed, search, 0.01)
+    fit, duration, top = rows.fit(best.speed), _duration(taken), ends[0].value
+    asides = best.speed + _ASIDE * max(len(taken) - 1, 1) / duration
+    error = math.hypot(math.sqrt(fit.spread) * best.width, FLOOR / duration)
+    error = min(error, (high - low) / math.sqrt(12))
+    beside = [end for end in ends if abs(end.speed - best.speed) > _REACH * search.step]
+    evidence = Evidence(
+        frames=grey,
+        noises=rows.noises,
+        places=rows.middles(best.speed),
+        fit=fit,
+        compared=fit,
+        elsewhere=float(np.mean([rows.fit(each).misfit for each in asides])),
+        rivals=[Rival(end.speed, top - end.value, rows.fit(end.speed)) for end in beside],
+        lead=top,
+        middle=search.middle,
+        is_within=low + 0.1 * search.step < best.speed < high - 0.1 * search.step,
+        is_only=low == high,
+    )
+    doubt = evidence.doubt(error * duration, _WORDS)
+    known = sorted([best, *beside], key=lambda end: end.speed)
+    values = np.array([end.value for end in known])
+    weights = np.exp(WORTH / fit.spread * (values - np.max(values)))
+    return SpeedEstimate(
+        best.speed,
+        error,
+        doubt == "",
+        np.array([end.speed for end in known]),
+        weights / np.sum(weights),
+        doubt,
+        misfit=fit.misfit if len(taken) > 1 else None,
+    )
+
+
+def _rows_of_speed(
+    grey: Float[np.ndarray, "frames rows columns"],
+    scene: Scene,
+    taken: Sequence[TimedFrame],
+    noise_share: float,
+) -> Rows:
+    """Rows as bright and as rich in detail as they are, with levels that tell no speed."""
+    few = np.linspace(*_range_to_try(scene), _FEW_SPEEDS)
+    rows, _ = rows_of(grey, scene, taken, nodes_of_frames(taken, float(np.max(np.abs(few)))))
+    exposures = [one.exposure for one in taken]
+    noises = noises_of(scene, exposures, float(np.mean(grey)), noise_share)
+    # Gains and black levels that change from frame to frame tell no speed.
+    rows = rows._replace(noises=noises, has_levels=False)
+    return with_own_detail(rows, few)
+
+
+def _range_to_try(scene: Scene) -> tuple[float, float]:
+    """Least and greatest speed that are tried; px/s."""
+    slowest, fastest = (float(speed) for speed in scene.speed_range)
+    is_one = slowest == fastest
+    beyond = 0.0 if is_one else TRIED_BEYOND * max(fastest - slowest, abs(fastest), abs(slowest))
+    return slowest - beyond, fastest + beyond
+
+
+def _duration(taken: Sequence[TimedFrame]) -> float:
+    """Time from the first mid-exposure to the last, or that of one frame; s."""
+    times = [frame.time for frame in taken]
+    return max(max(times) - min(times), max(frame.exposure for frame in taken))
+
+
+def _searched(rows: Rows, taken: Sequence[TimedFrame], low: float, high: float) -> _Search:
+    """The likelihood of some rows, at speeds between which the picture moves by less than a pixel.
+
+    Of many frames those in the middle tell where to look with all of them.
+    """
+    order = np.argsort([frame.time for frame in taken])
+    size = len(taken)
+    while True:
+        start = (len(taken) - size) // 2
+        few = order[start : start + size]
+        coarse = _PX_A_STEP / _duration([taken[k] for k in few])
+        count = 2 + int((high - low) / coarse)
+        if size <= 2 or size * count <= _MOST_RESPONSES:
+            break
+        size -= 1
+    step, most = _PX_A_STEP / _duration(taken), coarse * (_MOST_SPEEDS - 2)
+    requirement = (
+        f"have speeds within {most:,.0f} px/s of each other, so that frames tell them apart"
+    )
+    require(count <= _MOST_SPEEDS, "restore_frames(scene=...)", requirement, high - low)
+    detail = np.sum(np.diff(rows.frames, axis=-1) ** 2, axis=(0, 2))
+    bands = np.array_split(np.arange(detail.size), min(_ROWS_OF_SEARCH, detail.size))
+    some = [band[np.argmax(detail[band])] for band in bands]
+    all_frames = rows._replace(frames=rows.frames[:, some])
+    speeds = np.linspace(low, high, count) if low < high else np.array([low])
+    of_rows = all_frames.of(few).logarithms(speeds)
+    values = np.sum(of_rows, axis=1)
+    beside = np.concatenate([[-np.inf], values, [-np.inf]])
+    places = np.flatnonzero((values >= beside[:-2]) & (values > beside[2:]))
+    places = places[np.argsort(-values[places])][:_CANDIDATES].tolist()
+    # Rows of a second object may be too dim to show among all.
+    for place in np.argmax(of_rows, axis=0).tolist():
+        if min(abs(place - other) for other in places) > _REACH:
+            places.append(place)
+    peaks, middle = speeds[places], float(np.max(values) - np.median(values))
+    if size < len(taken):
+        fine = step * np.arange(-math.ceil(coarse / step), math.ceil(coarse / step) + 1)
+        near = np.clip(peaks[:, None] + fine, low, high)
+        tops = [np.argmax(np.sum(all_frames.logarithms(some), axis=1)) for some in near]
+        peaks = near[np.arange(len(near)), tops]
+    search = _Search(low, high, step, [], middle)
+    tops = [_highest(all_frames, speed, search).speed for speed in peaks.tolist()]
+    return search._replace(peaks=tops)
+
+
+def _highest(rows: Rows, speed: float, search: _Search, steps: float = 0.1) -> _Peak:
+    """The peak of the likelihood near a speed, within those that are tried, to so many steps."""
+    from scipy.optimize import minimize_scalar
+
+    tolerance = TOLERANCE_OF_SPEED * steps / 0.1
+
+    def loss(value: float) -> float:
+        return -float(np.sum(rows.logarithms(np.array([value]), tolerance)))
+
+    if search.low == search.high:
+        return _Peak(speed, -loss(speed), 0.0)
+    peak, least = speed, math.inf
+    for _ in range(_MOST_MOVES):
+        low, high = max(search.low, peak - search.step), min(search.high, peak + search.step)
+        options = {"xatol": steps * search.step}
+        end: Any = minimize_scalar(loss, bounds=(low, high), method="bounded", options=options)
+        peak, least = float(end.x), float(end.fun)
+        beyond_low = low > search.low and peak < low + 0.1 * search.step
+        if not beyond_low and not (high < search.high and peak > high - 0.1 * search.step):
+            break
+    side = 0.2 * search.step
+    near = rows.logarithms(peak + side * np.array([-1.0, 0.0, 1.0]), tolerance)
+    curvature = max(-float(np.sum(np.diff(near, 2, axis=0))) / side**2, 1e-300)
+    # Rows of photographs pull to either side by more than Gaussian ones of their spectrum would.
+    scores = (near[2] - near[0]) / (2 * side)
+    disagreement = scores.size * float(np.var(scores))
+    width = math.sqrt(max(curvature, disagreement)) / curvature
+    return _Peak(peak, -least, min((search.high - search.low) / math.sqrt(12), width))

@@ -1,0 +1,404 @@
+r"""The likeliest picture of frames, and how well it explains them.
+
+Frame $k$ is $g_k = M(A_k f) + \text{noise}$ of variance $N_k$: the picture $f$ through the response
+$A_k$ of the frame, displacement included, as far as the sensor reaches, which is $M$. The picture
+goes on beyond the sensor, and what lies there is as unknown as the rest. Of pictures of the power
+$S$ the likeliest is the minimum of
+
+$$\sum_k |g_k - M A_k f|^2 / N_k + \sum |\hat f|^2/S ,$$
+
+which conjugate gradients find. It says what each frame would have recorded beyond its borders, and
+so completes the frames: all that they tell is then $\sum_k \bar A_k \hat g_k / N_k$.
+
+The same minimum, and the volume of the Gaussian around it, is the likelihood of a motion. Frames of
+a wrong model have a likeliest motion too, so that one is trusted only where the frames fit: what
+the picture leaves of frame $k$ has the expected square
+$1 - \frac{S|A_k|^2/N_k}{1 + S\sum_j |A_j|^2/N_j}$ at each frequency, over the noise, with the sums
+over the frames that see the same part of the picture.
+
+In the plane the DFT is over the last two axes. Along one axis it is over the last one, and rows are
+pictures of their own. Arrays have the frames first, then any motions and rows.
+"""
+
+import itertools
+import math
+import operator
+from collections.abc import Iterable, Iterator
+from functools import reduce
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Complex, Float
+
+from mishutter._core.checks import RowLike, require
+from mishutter.camera.rows import irfftn, rfftn
+from mishutter.decoding.decoders.base import density_of
+from mishutter.decoding.decoders.linear import mean_over_dft
+from mishutter.model.scene import Scene
+from mishutter.model.sensor import noise_power, white_electrons
+
+TOLERANCE, _MOST_STEPS = 1e-3, 200
+"""Residual at which conjugate gradients end, as a share of the first one, and most steps: the level
+is within 0.01 dB of its limit."""
+_DARK = 1e-12
+"""Least variance of the noise, for pictures without light or noise; white = 1."""
+_BANDS, _LEAST_DETAIL = 6, 1e-4
+"""Bands of frequencies in which a picture's power is estimated, and its least power, over that
+which the scene expects."""
+_FLICKER, _LARGEST_SHIFT = 0.2, 10.0
+"""Gain or black level, and shift, px, by which a frame may differ from the others, as standard
+deviations."""
+_TILES = 8
+"""Parts of a picture along each axis whose likelihoods are compared."""
+
+
+class Canvas(NamedTuple):
+    """Frames on a canvas that reaches beyond the sensor, and what is known of them."""
+
+    frames: Float[np.ndarray, "frames ..."]  # Deviations from the picture's mean level
+    noises: Float[np.ndarray, "frames"]  # Variance of the noise in each, $N_k$; white = 1
+    power: Float[np.ndarray, "*k"]  # Power of pictures on the canvas, $S$; above 0
+    margin: tuple[int, ...]  # Pixels of the canvas before the sensor, along each axis of the DFT
+    shape: tuple[int, ...]  # Pixels of the canvas
+    has_levels: bool = True  # Whether the mean of each row in each frame is that of the picture
+    size: int = 1  # Pixels of the sensor along a side of these
+
+    @property
+    def sensor(self) -> tuple[int, ...]:
+        """Pixels of the sensor."""
+        return self.frames.shape[-len(self.shape) :]
+
+    @property
+    def window(self) -> tuple:
+        """The sensor's part of the canvas."""
+        ends = zip(self.margin, self.sensor, strict=True)
+        return (..., *(slice(first, first + count) for first, count in ends))
+
+    def known(self, frames: Float[np.ndarray, "*f columns"]) -> Float[np.ndarray, "*f columns"]:
+        r"""Frames, less the levels of their rows where nothing is known of these.
+
+        An unknown level adds $\sigma^2 1 1^\top$ to the covariance $N_k I$ of the noise; the
+        inverse of the sum is $(I - 1 1^\top/n)/N_k$ as $\sigma$ grows without bound.
+        """
+        return frames if self.has_levels else frames - np.mean(frames, axis=-1, keepdims=True)
+
+    def spectrum(self, whole: Float[np.ndarray, "..."]) -> Complex[np.ndarray, "..."]:
+        """Half of the DFT of pictures on the canvas."""
+        return rfftn(whole, axes=range(-len(self.shape), 0))
+
+    def picture(self, spectrum: Complex[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+        """The inverse of `spectrum`."""
+        return irfftn(spectrum, self.shape, axes=range(-len(self.shape), 0))
+
+    def seen(self, spectrum: Complex[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+        """The sensor's part of pictures."""
+        return self.picture(spectrum)[self.window]
+
+    def gathered(
+        self, responses: Complex[np.ndarray, "frames ..."], wholes: Iterable[np.ndarray]
+    ) -> Complex[np.ndarray, "..."]:
+        r"""All that frames on the canvas tell of the picture, $\sum_k \bar A_k \hat g_k / N_k$."""
+        noises = self.noises.astype(self.frames.dtype)
+        each = zip(responses, noises, wholes, strict=True)
+        return reduce(operator.iadd, (a.conj() * self.spectrum(g / n) for a, n, g in each))
+
+    def density(self, responses: Complex[np.ndarray, "frames ..."]) -> Float[np.ndarray, "..."]:
+        r"""Signal by noise of the frames, $\sum_k |A_k|^2/N_k$."""
+        return density_of(responses, self.noises.astype(self.frames.dtype))
+
+
+class Likeliest(NamedTuple):
+    """The likeliest pictures of frames."""
+
+    canvas: Canvas
+    responses: Complex[np.ndarray, "frames ..."]
+    spectrum: Complex[np.ndarray, "..."]
+    # How much better than no picture each explains the frames, as a logarithm of likelihood
+    gains: Float[np.ndarray, "*pictures"]
+
+    @property
+    def picture(self) -> Float[np.ndarray, "..."]:
+        """The pictures on the canvas."""
+        return self.canvas.picture(self.spectrum)
+
+    @property
+    def seen(self) -> Float[np.ndarray, "frames ..."]:
+        """The frames that the pictures give."""
+        return np.stack([self.canvas.seen(self.spectrum * one) for one in self.responses])
+
+
+def likeliest(
+    canvas: Canvas,
+    responses: Complex[np.ndarray, "frames ..."],
+    tolerance: float = TOLERANCE,
+) -> Likeliest:
+    """The likeliest pictures, by conjugate gradients on all of them at once."""
+    dtype, shape = canvas.frames.dtype, canvas.shape
+    prior = 1 / canvas.power
+    # The sensor sees a share of the canvas; elsewhere the prior alone holds the picture.
+    share = math.prod(canvas.sensor) / math.prod(shape)
+    inverse = 1 / (share * canvas.density(responses) + prior)
+
+    def gathered(frames: Iterable[np.ndarray]) -> np.ndarray:
+        """Spectra of the pictures that frames on the sensor would be made of."""
+
+        def alone(frame: np.ndarray) -> np.ndarray:
+            whole = np.zeros((*frame.shape[: -len(shape)], *shape), dtype)
+            whole[canvas.window] = canvas.known(frame)
+            return whole
+
+        return canvas.gathered(responses, map(alone, frames))
+
+    def product(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        """Inner products of pictures, from half of their spectra."""
+        return mean_over_dft(np.real(first.conj() * second), *shape)
+
+    def along(numbers: Any) -> np.ndarray:
+        """A number for each picture."""
+        return numbers.astype(dtype).reshape(*numbers.shape, *[1] * len(shape))
+
+    target = gathered(canvas.frames)
+    picture, residual, step = np.zeros_like(target), target.copy(), target * inverse
+    size = product(residual, step)
+    least = tolerance**2 * size
+    for _ in range(_MOST_STEPS):
+        is_active = size > least
+        if not np.any(is_active):
+            break
+        image = gathered(canvas.seen(step * one) for one in responses)
+        image += prior * step
+        stride = size / np.maximum(product(step, image), 1e-300)
+        stride = along(np.where(is_active, stride, 0.0))
+        picture += stride * step
+        residual -= stride * image
+        turned = residual * inverse
+        following = product(residual, turned)
+        step = turned + along(following / np.maximum(size, 1e-300)) * step
+        size = following
+    return Likeliest(canvas, responses, picture, product(target, picture) / 2)
+
+
+class Complete(NamedTuple):
+    r"""Frames that go on beyond their borders, as the misfit of a picture's spectrum has them.
+
+    It is $\tfrac12\sum(\rho|\hat f|^2 - 2\,\Re\,\bar{\hat f}\hat d)$.
+    """
+
+    data: Complex[np.ndarray, "..."]  # $\hat d = \sum_k \bar A_k\hat g_k/N_k$
+    density: Float[np.ndarray, "..."]  # $\rho = \sum_k |A_k|^2/N_k$
+
+
+def complete(found: Likeliest) -> Complete:
+    """The frames of the likeliest pictures, each with these beyond its borders."""
+    canvas = found.canvas
+
+    def completed() -> Iterator[np.ndarray]:
+        for frame, response in zip(canvas.frames, found.responses, strict=True):
+            whole = canvas.picture(found.spectrum * response)
+            whole[canvas.window] = frame
+            yield whole
+
+    data = canvas.gathered(found.responses, completed())
+    return Complete(data, canvas.density(found.responses))
+
+
+class Volume(NamedTuple):
+    """Half the logarithm of the determinant of the frames' covariance, over that of their noise.
+
+    And how many numbers of each frame the likeliest picture leaves to the noise.
+    """
+
+    logarithm: float
+    freedoms: Float[np.ndarray, "frames"]
+
+
+def volume_of(
+    density: Float[np.ndarray, "frames *k"],  # $S|A_k|^2/N_k$
+    places: Float[np.ndarray, "axes frames"],  # Of each frame, down the columns and along the rows
+    sensor: tuple[int, ...],
+) -> Volume:
+    """That of a picture without ends, in each part of it for the frames that see that."""
+    *down, num_across = density.shape[1:]
+    counted = np.full(density.shape[1:], 2.0)
+    counted[..., [0, -1]] = 1.0
+    weight = counted.ravel() / math.prod([*down, 2 * (num_across - 1)])
+    density = density.reshape(len(density), -1)
+    sees, areas = _parts(places, sensor)
+    each = sees @ density
+    logarithm = float(areas @ (np.log1p(each) @ weight)) / 2
+    held = (weight / (1 + each)) @ density.T
+    return Volume(logarithm, np.sum(areas[:, None] * sees * (1 - held), axis=0))
+
+
+def _parts(
+    places: Float[np.ndarray, "axes frames"], sensor: tuple[int, ...]
+) -> tuple[Float[np.ndarray, "p frames"], Float[np.ndarray, "p"]]:
+    """Which frames see each part of a picture that some see, and the pixels of that part."""
+    sees, areas = np.ones((1, places.shape[1]), bool), np.ones(1)
+    for firsts, count in zip(places, sensor, strict=True):
+        ends = np.unique(np.concatenate([firsts, firsts + count]))
+        inner = (ends[1:] + ends[:-1])[:, None] / 2
+        sees = sees[:, None] & (firsts <= inner) & (inner <= firsts + count)
+        sees = sees.reshape(-1, places.shape[1])
+        areas = np.outer(areas, np.diff(ends)).ravel()
+    kinds, kind = np.unique(sees, axis=0, return_inverse=True)
+    areas, is_seen = np.bincount(kind.ravel(), areas), np.any(kinds, axis=1)
+    return kinds[is_seen].astype(np.float64), areas[is_seen]
+
+
+class Fit(NamedTuple):
+    """How the frames fit the likeliest picture at a motion."""
+
+    # Mean square of what the picture leaves of the frames, over their noise, with the picture's own
+    # freedom counted, and without gains and black levels that change
+    misfit: float
+    misfits: Float[np.ndarray, "frames"]  # The same of each frame
+    gains: Float[np.ndarray, "frames"]  # Gain of each frame beside the picture, less 1
+    offsets: Float[np.ndarray, "frames"]  # Its black level; white = 1
+    shifts: Float[np.ndarray, "frames axes"]  # Its displacement from its place, along rows first
+    shift_errors: Float[np.ndarray, "frames axes"]  # Standard errors of these; px
+    # Logarithm of the likelihood of each row, or that which the residual has in each tile
+    parts: Float[np.ndarray, "parts"]
+
+    @property
+    def spread(self) -> float:
+        """Misfit by which errors are wider than those of frames that fit."""
+        return max(1.0, self.misfit)
+
+
+def fit_of(found: Likeliest, space: Volume, mean: float = 0.0) -> Fit:
+    """How the frames fit the likeliest picture at one motion, about a mean level."""
+    canvas, num_frames = found.canvas, len(found.responses)
+    shape, num_axes = canvas.frames.shape, len(canvas.shape)
+    seen = found.seen.reshape(shape)
+    residual = canvas.known(canvas.frames) - canvas.known(seen)
+    gains, offsets = np.zeros((2, num_frames))
+    shifts, errors = np.zeros((2, num_frames, num_axes))
+    largest = [_LARGEST_SHIFT / canvas.size] * num_axes
+    expected = np.diag(np.array([_FLICKER, _FLICKER, *largest]) ** -2.0)
+    for k, noise in enumerate(canvas.noises if num_frames > 1 else []):
+        spectrum = found.spectrum * found.responses[k]
+        changes = [seen[k] + mean, np.ones_like(seen[k])]
+        for frequency in frequencies_along(canvas.shape):
+            turn = (-2j * np.pi * frequency).astype(spectrum.dtype)
+            changes.append(canvas.seen(turn * spectrum).reshape(shape[1:]))
+        design = np.stack([canvas.known(one).ravel() for one in changes], axis=1)
+        design = design.astype(np.float64)
+        inverse = np.linalg.inv(design.T @ design / noise + expected)
+        change = inverse @ (design.T @ residual[k].ravel()) / noise
+        residual[k] -= (design[:, :2] @ change[:2]).reshape(shape[1:])
+        gains[k], offsets[k], *shifts[k] = change
+        errors[k] = np.sqrt(np.diag(inverse)[2:])
+    noises = canvas.noises.reshape(-1, *[1] * (len(shape) - 1))
+    squares = residual.astype(np.float64) ** 2 / noises
+    # Each frame has a gain and a black level, or each of its rows has one.
+    lost = (2 if canvas.has_levels else 1) * (num_frames > 1)
+    lost += 0 if canvas.has_levels else math.prod(shape[1:-1])
+    freedoms = found.gains.size * space.freedoms - lost
+    sums = np.sum(squares.reshape(num_frames, -1), axis=1)
+    if found.gains.ndim > 0:
+        parts = found.gains.ravel() - space.logarithm
+    else:
+        parts = -in_tiles(np.sum(squares, axis=0)) / 2
+    scale = follows(num_frames) * canvas.size
+    return Fit(
+        float(np.sum(sums) / max(np.sum(freedoms), 1.0)),
+        sums / np.maximum(freedoms, 1.0),
+        gains,
+        offsets,
+        scale * shifts,
+        scale * errors,
+        parts,
+    )
+
+
+def follows(num_frames: int) -> float:
+    """Change of one frame over that beside the picture, which has a part in it of all frames."""
+    return num_frames / max(num_frames - 1, 1)
+
+
+def in_tiles(values: Float[np.ndarray, "*planes rows columns"]) -> Float[np.ndarray, "*planes t"]:
+    """Sums over tiles."""
+    for axis in (-2, -1):
+        count = values.shape[axis]
+        starts = np.linspace(0, count, min(_TILES, count), endpoint=False).astype(int)
+        values = np.add.reduceat(values, starts, axis=axis)
+    return values.reshape(*values.shape[:-2], -1)
+
+
+def electrons_of(scene: Scene, exposures: RowLike) -> Float[np.ndarray, "frames"]:
+    """Electrons of a white pixel in each frame.
+
+    Raises:
+        ValueError: if the scene has no light.
+    """
+    electrons = white_electrons(float(scene.photon_rate), np.asarray(exposures, np.float64))
+    has_light, requirement = float(np.min(electrons)) > 0, "have a photon rate above 0 e-/s"
+    require(has_light, "restore_frames(scene=...)", requirement, 0.0)
+    return electrons
+
+
+def noises_of(
+    scene: Scene, exposures: RowLike, mean_level: float, share: float = 1.0
+) -> Float[np.ndarray, "frames"]:
+    """Variance of the noise in each frame of a picture of some mean level; white = 1.
+
+    Colours have a share of it where they are one grey.
+    """
+    electrons, read = electrons_of(scene, exposures), float(scene.read_noise)
+    noises = noise_power(1.0, max(mean_level, 0.0), electrons, read, unit=electrons)
+    return np.maximum(share * noises, _DARK)
+
+
+class Detail(NamedTuple):
+    """Power of a picture over that which a scene expects, by radius of the frequency."""
+
+    radius: Float[np.ndarray, "b"] = np.array([0.1])  # cycles/px
+    scale: Float[np.ndarray, "b"] = np.ones(1)
+
+    def at(self, radius: Float[np.ndarray, "*k"]) -> Float[np.ndarray, "*k"]:
+        """The scale at some radii."""
+        logarithms = np.log(np.maximum(radius, 1e-6)), np.log(self.radius), np.log(self.scale)
+        return np.exp(np.interp(*logarithms))
+
+
+def detail_of(
+    frames: Float[np.ndarray, "frames ..."],
+    noises: Float[np.ndarray, "frames"],
+    shape: tuple[int, ...],
+    expected: Float[np.ndarray, "..."],
+    lowest: float,
+) -> Detail:
+    r"""Detail that frames show by a DFT of a shape, from a lowest frequency on.
+
+    A picture of less detail than expected, or of finer, would else seem to move as explains it. The
+    power of frames beyond their noise is compared, band by band, with $S\sum_k |A_k|^2/N_k$, of
+    which the motions that are tried have the mean; its DFT may be another.
+    """
+    num_axes = len(shape)
+    window = reduce(np.multiply.outer, (np.hanning(n + 2)[1:-1] for n in frames.shape[-num_axes:]))
+    window /= math.sqrt(float(np.sum(window**2)))
+    power = np.abs(rfftn(frames * window, shape, axes=range(-num_axes, 0))) ** 2
+    power = np.mean(power.reshape(len(frames), -1, *power.shape[-num_axes:]), axis=1)
+    recorded = sum(one / noise - 1 for one, noise in zip(power, noises, strict=True))
+    grid = (*expected.shape[:-1], 2 * (expected.shape[-1] - 1))
+    edges = np.geomspace(lowest, 0.5, _BANDS + 1)
+    scales = []
+    for ends in itertools.pairwise(edges):
+        shown, told = _mean_between(recorded, shape, *ends), _mean_between(expected, grid, *ends)
+        scales.append(max(shown / told, _LEAST_DETAIL) if told > 0 else 1.0)
+    return Detail(np.sqrt(edges[:-1] * edges[1:]), np.array(scales))
+
+
+def _mean_between(power: Any, shape: tuple[int, ...], low: float, high: float) -> float:
+    """Mean power between two frequencies of half of a DFT."""
+    radius = reduce(np.hypot, frequencies_along(shape))
+    inside = (radius >= low) & (radius <= high)
+    return float(np.sum(power[inside]) / max(np.sum(inside), 1))
+
+
+def frequencies_along(shape: tuple[int, ...]) -> tuple[np.ndarray, ...]:
+    """Frequencies along the rows, then down the columns, of half of a DFT; cycles/px."""
+    *down, across = shape
+    each = [*(np.fft.fftfreq(count) for count in down), np.fft.rfftfreq(across)]
+    return tuple(np.meshgrid(*each, indexing="ij", sparse=True)[::-1])
