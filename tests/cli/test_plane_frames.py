@@ -177,7 +177,7 @@ def test_an_image_stabiliser_in_python(desk):
     search = ms.best_in_plane(scene)
     design = ms.PlaneDesign(scene, max(search.simplest, key=lambda burst: burst.psnr))
     assert design.burst.num_axes == 2
-    assert design.burst.psnr > search.snapshot.psnr + 3
+    assert design.burst.psnr > search.snapshot.psnr + 2.5
     assert "sensor_position_y" in ms.frame_table(design).stage_csv()
     captures = ms.simulate_frames(
         truth, scene, design.frames, speed=(-175.0, 96.0), key=jax.random.key(4)
@@ -191,10 +191,12 @@ def test_an_image_stabiliser_in_python(desk):
 
 @pytest.mark.slow
 def test_a_velocity_beyond_the_scene_is_a_warning(desk, capsys):
-    """Its unit may have been forgotten."""
+    """Its unit may have been forgotten; what lies beyond the picture is said where it moves."""
     camera = ["--design", "design.json", "--subject", "photo.png"]
     assert cli.main(["simulate", *camera, "--speed=410,150"]) == 0
     _, errors = capsys.readouterr()
+    mirrored = "the sensor is as large as the picture, which goes on mirrored beyond its borders"
+    assert sum(mirrored in x for x in messages(errors)) == 1
     assert any(
         "--speed is 436.58 px/s in all; the scene's go up to 400" in x for x in messages(errors)
     )
