@@ -141,11 +141,13 @@ class PlaneReport:
         use, pitch = choice.use, self.scene.sensor.pixel_pitch
         travel, top_speed = _at_most(use.travel), _at_most(use.top_speed)
         numbers = stage_numbers(travel, top_speed, float(use.acceleration), pitch)
+        is_limited = self.scene.limits.max_acceleration is not None
+        run_up = "included" if is_limited else "at once: say [limits] max_acceleration_px_per_s2"
         together = "both axes" if self.scene.limits.axes == "disc" else "each axis"
         without = max((x.level for x in self.options if not x.num_axes), default=choice.level)
         return (
             f"{stage_adds(choice.level - without)} It travels {numbers}, {together}, run-up from "
-            "rest included."
+            f"rest {run_up}."
         )
 
     def to_dict(self) -> dict[str, Any]:

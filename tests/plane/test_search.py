@@ -211,6 +211,16 @@ def test_a_snapshot_is_told_to_be_taken_where_nothing_is_worth_more():
     assert first == "Take a snapshot of 8 ms at rest: 24.5 dB; no other option is worth more."
 
 
+def test_a_run_up_that_nothing_limits_is_said():
+    """Its travel is counted where the limits have an acceleration."""
+    bursts = a_burst("stills", 0, 24.5, 1), (a_burst("two sines", 2, 26.0),)
+    search = PlaneSearch(*bursts, 27.3)
+    text = " ".join(PlaneReport(a_scene(), search).text().split())
+    assert "each axis, run-up from rest included." in text
+    text = " ".join(PlaneReport(a_scene(Limits(max_stroke=24.0)), search).text().split())
+    assert "run-up from rest at once: say [limits] max_acceleration_px_per_s2." in text
+
+
 def test_a_camera_that_turns_leaves_its_stage_where_it_is():
     """Its answer states a travel of 0, which has no digits to round."""
     at_rest = a_burst("stills", 0, 24.5, 1)
