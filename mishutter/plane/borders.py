@@ -4,7 +4,12 @@ As along one axis (`evaluation/sequences.py`), a point that the sensor sees in a
 exposures, which alone have the responses $H_k^u$, is restored with the error of
 $\sum_k \Re(\bar H_k H_k^u)/N_k$ in place of $\sum_k |H_k|^2/N_k$. When a point is on the sensor
 depends on both components of its velocity: the mean is over velocities that stand for the law's,
-and over points of the sensor in the middle of the frames.
+and over points of the sensor in the middle of the frames, but for those that no frame sees, which
+a decoder knows from their neighbours alone.
+
+The response at a point is that of a sensor on which this changes slowly. Of Gaussian fields on a
+sensor of which things drift over most, the best linear decoder loses 0.1 dB more by four frames,
+and by two that are as long as half of the drift 0.1 to 0.3 dB at rest, 0.4 to 0.6 on two sines.
 """
 
 import math
@@ -49,15 +54,19 @@ def loss_of_borders(scene: Scene, frames: PlaneFrames, *, width: float) -> float
     for velocity, mass in zip(velocities, masses, strict=True):
         ways = np.asarray(place) - velocity[:, None, None] * time
         there, every = np.zeros((_POINTS**2, shares.size)), np.zeros(shares.size)
+        is_seen = np.zeros(_POINTS**2, bool)
         for way, gain in zip(np.moveaxis(ways, 1, 0), gains, strict=True):
             waves = weights[:, None] * _waves(fan, way)
             whole = np.sum(waves, axis=0)
             most = np.abs(whole) ** 2
-            part = (whole.conj() * (_seen(way, width) @ waves)).real
+            seen = _seen(way, width)
+            is_seen |= np.any(seen > 0, axis=1)
+            part = (whole.conj() * (seen @ waves)).real
             there += gain * np.clip(part, 0.0, most)
             every += gain * most
         lost = [1 / (1 + signal * each) @ shares for each in (there, every)]
-        errors += mass * np.array([np.mean(lost[0]), lost[1]])
+        ends = np.mean(lost[0][is_seen]) if np.any(is_seen) else 1.0
+        errors += mass * np.array([ends, lost[1]])
     return 10 * math.log10(errors[0] / errors[1])
 
 

@@ -54,6 +54,16 @@ def test_points_that_no_frame_sees_have_the_error_of_no_picture():
     assert loss == pytest.approx(10 * np.log10(nothing / error(scene, frames)), rel=1e-3)
 
 
+def test_points_that_no_frame_sees_are_left_to_their_neighbours():
+    """Two corners, of a thing that crosses the sensor: each side of the others is seen once."""
+    scene, both = moving_at([400.0, -800.0]), short([-0.005, 0.005])
+    own, one = error(scene, both), error(scene, short([0.0]))
+    twice, unseen = 0.8 * 0.6, 2 * 0.1 * 0.2
+    mean = (twice * own + (1 - twice - unseen) * one) / (1 - unseen)
+    loss = loss_of_borders(scene, both, width=20.0)
+    assert loss == pytest.approx(10 * np.log10(mean / own), rel=2e-3)
+
+
 def test_wide_sensors_lose_little_and_more_drift_loses_more():
     """The loss of two sines falls as the sensor widens, and is above that of frames at rest."""
     scene, sines, still = scene_of("A"), frames_of("A", 4, "sines"), frames_of("A", 4, "still")
