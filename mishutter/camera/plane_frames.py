@@ -38,6 +38,12 @@ class Instants(NamedTuple):
         """The mean way of a thing in each frame; px."""
         return self.displacement(velocity) @ self.weight
 
+    def part(self, frames: slice) -> "Instants":
+        """Those of some frames, from the mean of their own times and places on."""
+        time, place = self.time[frames], self.place[:, frames]
+        middle = np.mean(place, axis=(1, 2), keepdims=True)
+        return Instants(time - np.mean(time), place - middle, self.weight)
+
 
 def instants_of(frames: PlaneFrames, fastest: float, size: int = 1) -> Instants:
     """Quadrature nodes of concrete frames, for things up to a speed, on pixels of some size."""

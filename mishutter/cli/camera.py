@@ -219,6 +219,8 @@ def simulate(
     written = [*(f"{each}.png" for each in taken), "restored.png", "side_by_side.png"]
     if not figures:
         note("no PSNR: layers and frames move on their own, so no single picture is the truth")
+    if isinstance(speed, tuple) and any(speed):
+        note("the sensor is as large as the picture, which goes on mirrored beyond its borders")
     _warn_beyond(scene, speed)
     estimate = result.found
     if estimate is not None and estimate.doubt:

@@ -114,17 +114,21 @@ class Own(NamedTuple):
     taken: PlaneFrames
     prior: Prior
 
-    def level(self, velocities: Float[np.ndarray, "s 2"], size: int = 1) -> Level:
-        """The frames, binned, on a canvas for some velocities."""
+    def level(
+        self, velocities: Float[np.ndarray, "s 2"], size: int = 1, part: slice | None = None
+    ) -> Level:
+        """The frames or some of them, binned, on a canvas for some velocities."""
         fastest = float(np.max(np.hypot(*velocities.T)))
         instants = instants_of(self.taken, fastest, size)
-        binned = _binned(self.frames, size)
+        instants = instants if part is None else instants.part(part)
+        part = slice(None) if part is None else part
+        binned = _binned(self.frames[part], size)
         beyond = max(_MARGIN // size, _LEAST_MARGIN)
         down, across = (reach + beyond for reach in reach_in_plane(instants, velocities / size))
         shape = fast_length(binned.shape[1] + 2 * down), fast_length(binned.shape[2] + 2 * across)
         grid = min(GRID, shape[0]), min(GRID, shape[1])
         optics = self.prior.scene.optics
-        noises = self.noises / size**2 + self.prior.folded(size)
+        noises = self.noises[part] / size**2 + self.prior.folded(size)
         power = np.maximum(self.prior.on(shape, size), LEAST_POWER)
         aperture = aperture_on(optics, shape, size)
         # A wave of the highest frequency has no place.
@@ -144,8 +148,13 @@ class Own(NamedTuple):
     @property
     def duration(self) -> float:
         """Time from the first mid-exposure to the last, or that of one frame; s."""
+        return self.duration_of(len(self.frames))
+
+    def duration_of(self, count: int) -> float:
+        """The longest of so many neighbouring frames; s."""
         times = np.asarray(self.taken.times, np.float64)
-        return max(float(np.ptp(times)), float(np.max(self.taken.exposures)))
+        lasts = times[count - 1 :] - times[: len(times) - count + 1]
+        return max(float(np.max(lasts)), float(np.max(self.taken.exposures)))
 
 
 def _binned(frames: Float[np.ndarray, "n rows columns"], size: int) -> np.ndarray:

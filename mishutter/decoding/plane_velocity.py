@@ -156,27 +156,30 @@ class _Search(NamedTuple):
 
 
 def _searched(own: Own, law: AbstractVelocities) -> _Search:
-    """The likelihood at velocities all over the law's, then about its peaks on smaller pixels."""
+    """The likelihood at velocities all over the law's, then about its peaks.
+
+    Neighbouring frames, whose likelihood has wide peaks, come first, then twice as many at once, up
+    to all of them, which are looked at on ever smaller pixels.
+    """
     sizes = [2**k for k in range(_MOST_HALVINGS) if own.has(_COARSEST, 2**k)] or [1]
-    size = sizes[-1]
     judged = max((each for each in sizes if own.has(_JUDGED, each)), default=1)
-    step = _PX_A_STEP * size / own.duration
+    counts = _doubled(len(own.frames))
+    size, stages = sizes[-1], [(sizes[-1], count) for count in counts[1:]]
+    stages += [(each, counts[-1]) for each in reversed(sizes[:-1]) if each >= judged]
+    step = _PX_A_STEP * size / own.duration_of(counts[0])
     velocities = _velocities_to_try(law, step)
-    level = own.level(velocities, size)
-    values = np.array([logarithm(level, each) for each in velocities])
+    values = _values(own, velocities, size, counts[0])
     middle = float(np.max(values) - np.median(values))
     peaks = _peaks(velocities, values, _REACH * step)
-    beside = np.array([*itertools.product((-1, 0, 1), repeat=2)])
-    while size > judged:
-        size, step = size // 2, step / 2
-        level = own.level(velocities, size)
-        tops = []
-        for peak in peaks:
-            near = peak + step * beside
-            each = [logarithm(level, one) for one in near]
-            tops.append((max(each), near[int(np.argmax(each))]))
-        each = np.array([value for value, _ in tops])
-        peaks = _peaks(np.array([top for _, top in tops]), each, _REACH * step)
+    for size, count in stages:
+        finer = _PX_A_STEP * size / own.duration_of(count)
+        near = [peak + finer * _beside(step / finer) for peak in peaks]
+        step, values = finer, _values(own, np.concatenate(near), size, count)
+        each = values.reshape(len(near), -1)
+        tops = np.array([some[k] for some, k in zip(near, np.argmax(each, axis=1), strict=True)])
+        peaks = _peaks(tops, np.max(each, axis=1), _REACH * step)
+    beside = _beside(2.0)
+    level = own.level(np.concatenate([peak + step * beside for peak in peaks]), size)
     ends = [_top(level, peak, step) for peak in peaks]
     best = max(ends, key=lambda end: _value(level, end))
     # Peaks may be narrower than a step.
@@ -185,6 +188,29 @@ def _searched(own: Own, law: AbstractVelocities) -> _Search:
     still = [end for end in ends if end is best or _size(end) < _NEAR * step]
     still.sort(key=lambda end: -_value(level, end))
     return _Search(level, still, [_value(level, end) for end in still], middle, step)
+
+
+def _doubled(count: int) -> list[int]:
+    """Numbers of frames from two to all, of which each is about half of the next."""
+    return [count] if count <= 2 else [*_doubled((count + 1) // 2), count]
+
+
+def _beside(ratio: float) -> Float[np.ndarray, "b 2"]:
+    """Steps about a velocity that leave no gap between coarser ones, which are so much larger."""
+    reach = math.ceil((ratio - 1) / 2 - 1e-9)
+    return np.array([*itertools.product(range(-reach, reach + 1), repeat=2)], np.float64)
+
+
+def _values(
+    own: Own, velocities: Float[np.ndarray, "s 2"], size: int, count: int
+) -> Float[np.ndarray, "s"]:
+    """Logarithms of the likelihood, summed over so many neighbouring frames at a time."""
+    last, values = len(own.frames) - count, np.zeros(len(velocities))
+    for first in sorted({*range(0, last, max(count // 2, 1)), last}):
+        part = None if last == 0 else slice(first, first + count)
+        level = own.level(velocities, size, part)
+        values += [logarithm(level, each) for each in velocities]
+    return values
 
 
 def _top(level: Level, velocity: np.ndarray, step: float) -> Climb:

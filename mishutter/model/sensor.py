@@ -31,8 +31,8 @@ class Sensor(AbstractModule):
             by default; e-.
         axis: Axis of pictures along which things and the sensor move: `"rows"`, across, or
             `"columns"`, a positive speed up. Captures, decoders and photographs know it.
-        width: Length of the sensor along that axis, for the loss of bursts by objects that enter
-            and leave; unlimited by default; px.
+        width: Length of the sensor along that axis, or of both sides for things in any direction,
+            for the loss of bursts by objects that enter and leave; unlimited by default; px.
         pixel_pitch: Distance of its pixels, by which the path of a stage is written in um too; m.
 
     Raises:

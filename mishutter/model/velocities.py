@@ -31,6 +31,8 @@ from mishutter._core.modules import AbstractModule
 
 _SAME_AXIS = 1e-12
 """Share of the longer half axis by which those of a disc may differ."""
+_RINGS, _TURNS = 3, 8
+"""Rings of equal areas, and velocities on each, that stand for a disc."""
 
 
 class Components(NamedTuple):
@@ -48,6 +50,13 @@ class Cells(NamedTuple):
     # Width of each over the greatest component; shape `(m,)`, their sum is 2
     width: Float[np.ndarray, "m"]
     mass: Float[np.ndarray, "m"]  # Share of the velocities in it; shape `(m,)`
+
+
+def _on_rings(radii: Float[np.ndarray, "r"]) -> tuple[np.ndarray, np.ndarray]:
+    """Velocities of some speeds in all directions, and their weights; each ring is turned."""
+    turns = 2 * np.pi / _TURNS * (np.arange(_TURNS) + np.arange(radii.size)[:, None] / radii.size)
+    each = np.stack([radii[:, None] * turn(turns) for turn in (np.cos, np.sin)], axis=-1)
+    return each.reshape(-1, 2), np.full(turns.size, 1 / turns.size)
 
 
 class AbstractVelocities(AbstractModule):
@@ -86,6 +95,10 @@ class AbstractVelocities(AbstractModule):
             velocities: Components along rows and columns; px/s.
             beyond: Distance that is near; px/s.
         """
+
+    @abstractmethod
+    def stand_ins(self) -> tuple[Float[np.ndarray, "s 2"], Float[np.ndarray, "s"]]:
+        """A few velocities that stand for all of a concrete law in a mean, and their weights."""
 
     @property
     @abstractmethod
@@ -193,6 +206,12 @@ class EvenVelocities(AbstractVelocities):
         ends = np.linspace(0, np.pi, count + 1)
         return Cells(-np.diff(np.cos(ends)), np.diff(ends - np.sin(2 * ends) / 2) / np.pi)
 
+    def stand_ins(self) -> tuple[np.ndarray, np.ndarray]:
+        each, weights = _on_rings(np.sqrt((np.arange(_RINGS) + 0.5) / _RINGS))
+        cosine, sine = math.cos(self.axis), math.sin(self.axis)
+        axes = np.array([[cosine, sine], [-sine, cosine]])
+        return each * [float(self.along), float(self.across)] @ axes, weights
+
     @property
     def axis(self) -> float:
         return float(self.angle)
@@ -254,6 +273,9 @@ class RingOfVelocities(AbstractVelocities):
     def cells(self, count: int) -> Cells:
         ends = np.linspace(0, np.pi, count + 1)
         return Cells(-np.diff(np.cos(ends)), np.full(count, 1 / count))
+
+    def stand_ins(self) -> tuple[np.ndarray, np.ndarray]:
+        return _on_rings(np.array([float(self.speed)]))
 
     @property
     def axis(self) -> float:
@@ -337,6 +359,9 @@ class ListedVelocities(AbstractVelocities):
 
     def cells(self, count: int) -> None:
         return None
+
+    def stand_ins(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.asarray(self.velocities, np.float64), np.asarray(self.weights, np.float64)
 
     @property
     def axis(self) -> float:

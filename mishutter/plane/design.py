@@ -150,6 +150,7 @@ def burst_to_dict(burst: PlaneBurst) -> dict[str, Any]:
         "kind": burst.kind,
         "num_axes": burst.num_axes,
         "psnr_db": burst.psnr,
+        "width_loss_db": burst.width_loss,
         "times_s": np.asarray(frames.times).tolist(),
         "exposures_s": np.asarray(frames.exposures).tolist(),
         "piece_durations_s": np.asarray(frames.durations).tolist(),
@@ -166,7 +167,7 @@ def _burst(saved: "_SavedFrames", scene: Scene) -> PlaneBurst:
     )
     law, limits = scene.velocities, scene.limits
     use = of_stage(frames, law, limits).use(limits)  # type: ignore[arg-type]
-    return PlaneBurst(saved.kind, saved.num_axes, frames, saved.psnr_db, use)
+    return PlaneBurst(saved.kind, saved.num_axes, frames, saved.psnr_db, use, saved.width_loss_db)
 
 
 @final
@@ -183,6 +184,7 @@ class _SavedFrames(Part):
     kind: str
     num_axes: Annotated[int, Field(ge=0, le=2)]
     psnr_db: Result
+    width_loss_db: float | None = None
     times_s: Annotated[Row, Field(min_length=1)]
     exposures_s: Annotated[Row, Field(min_length=1)]
     piece_durations_s: Annotated[Row, Field(min_length=1)]

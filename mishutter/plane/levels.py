@@ -224,19 +224,13 @@ def plane_error(
     parts = law.components(fan.direction.ravel(), num_speeds)
     rows = fan.direction.shape if parts.speeds.shape[0] > 1 else (1, 1)
     parts = Components(*(x.reshape(*rows, -1) for x in parts))
-    light = _Light(
-        scene.photon_rate,
-        scene.read_noise,
-        scene.picture.mean_level,
-        scene.picture.deviation,
-        scene.optics.lens_blur,
-    )
+    light = light_of(scene)
     dtype = np.dtype(jnp.asarray(frames.times).dtype)
     fan, parts, light = jax.tree.map(lambda x: jnp.asarray(x, dtype), (fan, parts, light))
     return _error(fan, parts, light, frames, num_panels)
 
 
-class _Light(NamedTuple):
+class Light(NamedTuple):
     """Numbers of light, noise and picture, as a scene has them."""
 
     rate: Float[Array, ""]
@@ -246,27 +240,43 @@ class _Light(NamedTuple):
     blur: Float[Array, ""]
 
 
-@compiled
-def _error(
-    fan: Fan, parts: Components, light: _Light, frames: PlaneFrames, num_panels: int
-) -> Float[Array, ""]:
-    gained = _gained(fan, parts, light, frames, num_panels)
+def light_of(scene: Scene) -> Light:
+    """Those of a scene."""
+    picture = scene.picture
+    numbers = scene.photon_rate, scene.read_noise, picture.mean_level, picture.deviation
+    return Light(*numbers, scene.optics.lens_blur)
+
+
+def signal_of(fan: Fan, light: Light) -> Float[Array, "i j"]:
+    r"""$SP$ of a picture behind the pixels and the lens."""
     aperture = pixel_response(fan.radius[:, None] * jnp.cos(fan.direction), light.blur)
     aperture = aperture * pixel_response(fan.radius[:, None] * jnp.sin(fan.direction), light.blur)
-    variance = light.deviation**2
-    signal = (variance * fan.power * aperture**2)[..., None]
+    return light.deviation**2 * fan.power * aperture**2
+
+
+def gains_of(light: Light, exposures: Float[Array | np.ndarray, "n"]) -> Float[Array, "n"]:
+    r"""$e_k^2/N_k$ of frames."""
+    electrons = white_electrons(light.rate, jnp.asarray(exposures))
+    noise = noise_power(1.0, light.mean, electrons, light.read)
+    noise = jnp.maximum(noise, _DARK * jnp.maximum(electrons, 1.0) ** 2)
+    return electrons * (electrons / noise)
+
+
+@compiled
+def _error(
+    fan: Fan, parts: Components, light: Light, frames: PlaneFrames, num_panels: int
+) -> Float[Array, ""]:
+    gained = _gained(fan, parts, light, frames, num_panels)
+    signal = signal_of(fan, light)[..., None]
     lost = jnp.sum(parts.weights / (1 + signal * gained), axis=-1)
-    return variance * jnp.sum(fan.weight * lost)
+    return light.deviation**2 * jnp.sum(fan.weight * lost)
 
 
 def _gained(
-    fan: Fan, parts: Components, light: _Light, frames: PlaneFrames, num_panels: int
+    fan: Fan, parts: Components, light: Light, frames: PlaneFrames, num_panels: int
 ) -> Float[Array, "i j l"]:
     r"""$\sum_k e_k^2|H_k|^2/N_k$ at each frequency and component of the velocities."""
     nodes = frames.nodes(num_panels)
-    electrons = white_electrons(light.rate, jnp.asarray(frames.exposures))
-    noise = noise_power(1.0, light.mean, electrons, light.read)
-    noise = jnp.maximum(noise, _DARK * jnp.maximum(electrons, 1.0) ** 2)
     turns = 2 * jnp.pi * jnp.asarray(fan.radius)
     across = turns[:, None] * jnp.cos(fan.direction)
     down = turns[:, None] * jnp.sin(fan.direction)
@@ -282,7 +292,7 @@ def _gained(
         power = power_of_waves(phase.reshape(groups), ways, nodes.weight[None, None, None])
         return gained + share * power.reshape(shape), None
 
-    each: Any = (nodes.time, *nodes.place, electrons * (electrons / noise))
+    each: Any = (nodes.time, *nodes.place, gains_of(light, frames.exposures))
     # A descent holds the waves of one frame at a time.
     add = jax.checkpoint(add)
     return jax.lax.scan(add, jnp.zeros(shape, nodes.time.dtype), each)[0]

@@ -19,6 +19,7 @@ from mishutter.evaluation.open_frames import psnr_of_error
 from mishutter.model.scene import Scene, require_scene
 from mishutter.model.sensor import Burst
 from mishutter.model.stages import StageUse
+from mishutter.plane.borders import loss_of_borders
 from mishutter.plane.ceilings import plane_ceiling
 from mishutter.plane.families import FAMILIES, FREE, PAN, STILLS, Family, Room
 from mishutter.plane.frames import PlaneFrames
@@ -67,6 +68,8 @@ class PlaneBurst:
         frames: The frames and the path through them.
         psnr: PSNR of the best linear decoder that finds the velocity; dB.
         use: Demands on an axis of the stage, from rest to rest.
+        width_loss: Loss by things that enter and leave the scene's sensor or object, a square of
+            its width; dB. None of one frame, and where no width is known.
     """
 
     kind: str
@@ -74,6 +77,12 @@ class PlaneBurst:
     frames: PlaneFrames
     psnr: float
     use: StageUse
+    width_loss: float | None = None
+
+    @property
+    def level(self) -> float:
+        """PSNR on a sensor of the scene's width; dB."""
+        return self.psnr - (self.width_loss or 0.0)
 
     @property
     def num_frames(self) -> int:
@@ -88,7 +97,9 @@ class PlaneBurst:
     @property
     def text(self) -> str:
         """The frames in words, and their level."""
-        return f"{self.kind}, {self.num_frames} frames: {self.psnr:.2f} dB"
+        loss = self.width_loss
+        less = "" if loss is None else f", less {loss:.2g} by the width of the sensor"
+        return f"{self.kind}, {self.num_frames} frames: {self.psnr:.2f} dB{less}"
 
     def __repr__(self) -> str:
         return f"PlaneBurst({self.text})"
@@ -114,8 +125,8 @@ class PlaneSearch:
         chosen = []
         for axes in sorted({burst.num_axes for burst in self.bursts}):
             group = [burst for burst in self.bursts if burst.num_axes == axes]
-            most = max(burst.psnr for burst in group)
-            chosen.append(next(burst for burst in group if burst.psnr >= most - _AS_GOOD))
+            most = max(burst.level for burst in group)
+            chosen.append(next(burst for burst in group if burst.level >= most - _AS_GOOD))
         return tuple(chosen)
 
 
@@ -178,10 +189,10 @@ def best_in_plane(
     }
     bursts = [search.burst(each) for each in near.values()]
     progress(0.8)
-    best = max(bursts, key=lambda burst: burst.psnr)
+    best = max(bursts, key=lambda burst: burst.level)
     if best.num_axes == 2:
         free = search.freed(best)
-        if free.psnr >= best.psnr + _AS_GOOD:
+        if free.level >= best.level + _AS_GOOD:
             bursts.append(free)
     one = search.improved(search.found(FAMILIES[0], 1, np.array([0.5])), _MOST_STEPS)
     counts = [count for count in search.counts if count >= search.least]
@@ -316,7 +327,10 @@ class _Search(NamedTuple):
         psnr = float(plane_psnr(self.scene, whole, grid=MEASURED, num_panels=panels))
         axes = 0 if frames.stays else num_axes
         use = self.room.of_stage(frames).use(self.scene.limits)
-        return PlaneBurst(STILLS if axes < num_axes else kind, axes, frames, psnr, use)
+        width = self.scene.registered_width
+        counts = width is not None and frames.num_frames > 1
+        loss = loss_of_borders(self.scene, frames, width=width) if counts else None
+        return PlaneBurst(STILLS if axes < num_axes else kind, axes, frames, psnr, use, loss)
 
     def freed(self, burst: PlaneBurst) -> PlaneBurst:
         """The end of a descent from a burst, by waves in the velocities."""

@@ -22,6 +22,7 @@ from mishutter.report.verdict import (
     order_at_rest,
     order_line,
     paragraph,
+    points_that_leave,
     snapshot_line,
     stage_adds,
     stage_numbers,
@@ -66,9 +67,9 @@ class PlaneReport:
         free = [burst for burst in few if burst.kind == FREE]
         two = [x for x in self.search.bursts if x.num_axes == 2 and x.kind != FREE]
         # Beside a free path stands what a stage of two resonant axes does.
-        beside = [max(two, key=lambda burst: burst.psnr)] if free and two else []
+        beside = [max(two, key=lambda burst: burst.level)] if free and two else []
         several = [x for x in (*few, *beside) if x is few[0] or x.num_frames > 1 or x.num_axes]
-        return tuple(sorted(several, key=lambda burst: burst.psnr))
+        return tuple(sorted(several, key=lambda burst: burst.level))
 
     @property
     def choice(self) -> PlaneBurst:
@@ -78,7 +79,7 @@ class PlaneReport:
         """
         first = self.search.snapshot
         ranks = ((x, (x.num_axes, x.kind == FREE, x is not first)) for x in self.options)
-        return simplest_of((x.psnr, rank, x) for x, rank in ranks)
+        return simplest_of((x.level, rank, x) for x, rank in ranks)
 
     @property
     def design(self) -> PlaneDesign:
@@ -88,22 +89,22 @@ class PlaneReport:
     def text(self) -> str:
         """The answer: what to take, the options, and what it assumes."""
         first, choice = self.search.snapshot, self.choice
-        level = f"{choice.psnr:.1f} dB"
-        gain = choice.psnr - first.psnr
+        level = f"{choice.level:.1f} dB"
+        gain = choice.level - first.level
         headline = snapshot_line(_exposures(first), level)
         if choice is not first:
             headline = order_line(_order(choice), level, (gain,))
         rows = [
             (
                 _name(x),
-                x.psnr,
-                None if x is first else x.psnr - first.psnr,
+                x.level,
+                None if x is first else x.level - first.level,
                 "nothing" if x is first else _NEEDS[x.num_axes],
             )
             for x in self.options
         ]
         most = self.search.ceiling
-        ceiling = ("ceiling of any path", most, most - first.psnr, "-")
+        ceiling = ("ceiling of any path", most, most - first.level, "-")
         table = table_of_levels([*rows, ceiling], "mean over all velocities")
         return "\n\n".join([headline, table, "\n".join(self._sentences())])
 
@@ -114,16 +115,21 @@ class PlaneReport:
         moves = f"{whole_picture(way)} (else say [objects])"
         if scene.objects is not None:
             moves = f"objects at least {float(scene.objects.width):,.4g} px wide, each registered"
+        leave = "things that enter and leave are not counted (else say [sensor] width_px)"
         said = [
             "" if law is None else law.words,
             moves,
             "velocities are found from the frames without error",
-            "things that enter and leave are not counted",
+            *([leave] if scene.registered_width is None else []),
             *camera_words(
                 scene, frames=choice is not self.search.snapshot, stage=choice.num_axes > 0
             ),
         ]
-        sentences = [self._stage_words(choice), f"Assumes: {'; '.join(said)}."]
+        sentences = [
+            self._stage_words(choice),
+            points_that_leave(choice.width_loss),
+            f"Assumes: {'; '.join(said)}.",
+        ]
         if scene.decoder_speed == "unknown":
             sentences.insert(1, _ONE_FILTER)
         return [paragraph(sentence) for sentence in sentences if sentence]
@@ -135,11 +141,13 @@ class PlaneReport:
         use, pitch = choice.use, self.scene.sensor.pixel_pitch
         travel, top_speed = _at_most(use.travel), _at_most(use.top_speed)
         numbers = stage_numbers(travel, top_speed, float(use.acceleration), pitch)
+        is_limited = self.scene.limits.max_acceleration is not None
+        run_up = "included" if is_limited else "at once: say [limits] max_acceleration_px_per_s2"
         together = "both axes" if self.scene.limits.axes == "disc" else "each axis"
-        without = max((x.psnr for x in self.options if not x.num_axes), default=choice.psnr)
+        without = max((x.level for x in self.options if not x.num_axes), default=choice.level)
         return (
-            f"{stage_adds(choice.psnr - without)} It travels {numbers}, {together}, run-up from "
-            "rest included."
+            f"{stage_adds(choice.level - without)} It travels {numbers}, {together}, run-up from "
+            f"rest {run_up}."
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -204,7 +212,8 @@ def _document(burst: PlaneBurst, first: PlaneBurst) -> dict[str, Any]:
         "num_frames": burst.num_frames,
         "num_axes": burst.num_axes,
         "psnr_db": burst.psnr,
-        "gain_db": burst.psnr - first.psnr,
+        "width_loss_db": burst.width_loss,
+        "gain_db": burst.level - first.level,
         "travel_px": float(burst.use.travel),
         "top_speed_px_per_s": float(burst.use.top_speed),
     }

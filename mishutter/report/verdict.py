@@ -332,14 +332,20 @@ def details_of(scene: Scene, choice: Row) -> list[str]:
         )
         if frames is not None:
             said.append(_equal_stills(scene, choice, frames))
-    if frames is not None and (frames.width_loss or 0.0) >= _SHOWN:
-        said.append(f"Points that leave the sensor cost {frames.width_loss:.2f} dB of the level.")
+    leaves = "" if frames is None else points_that_leave(frames.width_loss)
+    said += [leaves] if leaves else []
     if frames is not None and (frames.registration_loss or 0.0) >= _SHOWN:
         said.append(
             f"Registration by {REGION} x {REGION} px costs {frames.registration_loss:.2f} dB at "
             "the worst speed, which the level does not count."
         )
     return [paragraph(sentence) for sentence in said]
+
+
+def points_that_leave(loss: float | None) -> str:
+    """The loss by the width of a sensor in a sentence; empty where it is small."""
+    shows = loss is not None and loss >= _SHOWN
+    return f"Points that leave the sensor cost {loss:.2f} dB of the level." if shows else ""
 
 
 def _equal_stills(scene: Scene, choice: Row, frames: FrameSequence) -> str:

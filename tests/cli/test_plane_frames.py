@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 
+import jax
 import numpy as np
 import pytest
 from support.command_line import messages, refused
@@ -31,6 +32,26 @@ window_ms = 40
 [picture]
 path = "photo.png"
 """
+
+STABILISER = """
+[speeds]
+any_direction = { max_px_per_s = 220 }
+[light]
+photon_rate_per_s = 3000
+[sensor]
+read_noise_e = 1.5
+pixel_pitch_um = 1.4
+[limits]
+max_travel_px = 36
+max_acceleration_g = 0.05
+max_exposure_ms = 62.5
+[burst]
+frames_per_s = 16
+window_ms = 500
+[picture]
+path = "photo.png"
+"""
+"""A hand moves a dark scene by up to 110 px over eight frames of an image stabiliser's camera."""
 
 
 @pytest.fixture
@@ -117,12 +138,65 @@ def test_a_scene_is_answered_simulated_and_restored(desk, capsys):
     assert restored > max(levels) + 3
 
 
+def a_dark_photo() -> np.ndarray:
+    """A picture as small as the drift over it, in a file and as it is."""
+    write_picture("photo.png", ms.example_picture().light[100:220, 290:418])
+    with open("stabiliser.toml", "w", encoding="utf-8") as file:
+        file.write(STABILISER)
+    return ms.read_picture("photo.png").light
+
+
+@pytest.mark.slow
+def test_an_image_stabiliser_is_answered_driven_simulated_and_restored(desk, capsys):
+    """By four commands: the drift is nearly the sensor, and the velocity is found all the same."""
+    truth = a_dark_photo()
+    answer = printed(capsys, "optimise", "stabiliser.toml", "--out", "answer")
+    assert "8 frames while the stage" in answer["verdict"]
+    design = ["--design", "answer/design.json"]
+    drive = printed(capsys, "export", "answer/design.json", "--out", "lab")
+    assert "stage.csv" in drive["files"]
+    taken = printed(
+        capsys, "simulate", "stabiliser.toml", *design, "--speed=148,-121", "--out", "taken"
+    )
+    frames = [f"taken/{name}" for name in taken["files"] if name.startswith("frame")]
+    found = printed(capsys, "restore", *frames, *design, "--out", "out")["found"]["frame_1.png"]
+    assert found["trusted"], found["doubt"]
+    off = np.array(found["velocity_px_per_s"]) - np.array([148, -121])
+    assert np.hypot(*off) * 0.5 < 1
+    levels = [float(ms.psnr(truth, ms.read_picture(name).light)) for name in frames]
+    restored = float(ms.psnr(truth, ms.read_picture("out/restored.png").light))
+    assert restored > max(levels) + 5
+
+
+@pytest.mark.slow
+def test_an_image_stabiliser_in_python(desk):
+    """The same by the functions of the commands, from the scene to the picture, by four frames."""
+    truth = a_dark_photo()
+    (desk / "stabiliser.toml").write_text(STABILISER.replace("= 16", "= 8"), "utf-8")
+    scene = ms.Scene.load("stabiliser.toml")
+    search = ms.best_in_plane(scene)
+    design = ms.PlaneDesign(scene, max(search.simplest, key=lambda burst: burst.psnr))
+    assert design.burst.num_axes == 2
+    assert design.burst.psnr > search.snapshot.psnr + 2.5
+    assert "sensor_position_y" in ms.frame_table(design).stage_csv()
+    captures = ms.simulate_frames(
+        truth, scene, design.frames, speed=(-175.0, 96.0), key=jax.random.key(4)
+    )
+    light, found = ms.restore_frames(captures, scene, design.frames)
+    assert found.trusted, found.doubt
+    assert np.hypot(*(found.velocity - np.array([-175.0, 96.0]))) * 0.5 < 1
+    frames = [float(ms.psnr(truth, np.clip(frame, 0, 1))) for frame in captures]
+    assert float(ms.psnr(truth, light)) > max(frames) + 5
+
+
 @pytest.mark.slow
 def test_a_velocity_beyond_the_scene_is_a_warning(desk, capsys):
-    """Its unit may have been forgotten."""
+    """Its unit may have been forgotten; what lies beyond the picture is said where it moves."""
     camera = ["--design", "design.json", "--subject", "photo.png"]
     assert cli.main(["simulate", *camera, "--speed=410,150"]) == 0
     _, errors = capsys.readouterr()
+    mirrored = "the sensor is as large as the picture, which goes on mirrored beyond its borders"
+    assert sum(mirrored in x for x in messages(errors)) == 1
     assert any(
         "--speed is 436.58 px/s in all; the scene's go up to 400" in x for x in messages(errors)
     )

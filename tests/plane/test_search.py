@@ -14,9 +14,11 @@ from mishutter import (
     ListedVelocities,
     PlaneDesign,
     Scene,
+    Sensor,
     best_in_plane,
     cli,
 )
+from mishutter.plane.borders import loss_of_borders
 from mishutter.plane.families import FAMILIES, FREE, Room, frames_of
 from mishutter.plane.frames import PlaneFrames
 from mishutter.plane.search import PlaneBurst, PlaneSearch, _Search
@@ -170,11 +172,53 @@ def test_the_simplest_of_equals_is_recommended(one, two, free, kind):
     assert json.loads(json.dumps(report.to_dict()))["choice"] == kind
 
 
+def test_frames_that_lose_more_at_the_borders_of_a_sensor_are_not_recommended():
+    """Levels are those on the sensor, whose loss is said; without a width it is an assumption."""
+    stills = replace(a_burst("stills", 0, 26.0), width_loss=0.21)
+    sines = replace(a_burst("two sines", 2, 26.6), width_loss=0.72)
+    search = PlaneSearch(a_burst("stills", 0, 24.5, 1), (stills, sines), 27.3)
+    wide = a_scene(sensor=Sensor(width=190.0))
+    report = PlaneReport(wide, search)
+    assert report.choice.kind == "stills"
+    text = " ".join(report.text().split())
+    assert "25.8 dB, 1.3 dB better" in text
+    assert "Points that leave the sensor cost 0.21 dB of the level." in text
+    assert "not counted" not in text
+    assert report.to_dict()["options"][1]["width_loss_db"] == 0.21
+    bare = [replace(each, width_loss=None) for each in (stills, sines)]
+    report = PlaneReport(a_scene(), replace(search, bursts=tuple(bare)))
+    assert report.choice.kind == "two sines"
+    assert "leave are not counted (else say [sensor] width_px)" in " ".join(report.text().split())
+
+
+def test_frames_are_measured_on_the_sensor_of_the_scene():
+    """Several frames have a loss by its width, or by that of an object; one has none."""
+    frames = a_burst("circle", 2, 0.0).frames
+    wide = a_scene(sensor=Sensor(width=190.0))
+    burst = _Search.of(wide).measured("circle", 2, frames)
+    assert burst.width_loss == loss_of_borders(wide, frames, width=190.0) > 0.05
+    assert burst.level == burst.psnr - burst.width_loss
+    assert f"less {burst.width_loss:.2g} by the width of the sensor" in burst.text
+    assert _Search.of(a_scene()).measured("circle", 2, frames).width_loss is None
+    one = a_burst("circle", 2, 0.0, 1).frames
+    assert _Search.of(wide).measured("circle", 2, one).width_loss is None
+
+
 def test_a_snapshot_is_told_to_be_taken_where_nothing_is_worth_more():
     """Frames that gain less than 0.2 dB over it are left."""
     search = PlaneSearch(a_burst("stills", 0, 24.5, 1), (a_burst("stills", 0, 24.6),), 25.0)
     first = PlaneReport(a_scene(), search).text().splitlines()[0]
     assert first == "Take a snapshot of 8 ms at rest: 24.5 dB; no other option is worth more."
+
+
+def test_a_run_up_that_nothing_limits_is_said():
+    """Its travel is counted where the limits have an acceleration."""
+    bursts = a_burst("stills", 0, 24.5, 1), (a_burst("two sines", 2, 26.0),)
+    search = PlaneSearch(*bursts, 27.3)
+    text = " ".join(PlaneReport(a_scene(), search).text().split())
+    assert "each axis, run-up from rest included." in text
+    text = " ".join(PlaneReport(a_scene(Limits(max_stroke=24.0)), search).text().split())
+    assert "run-up from rest at once: say [limits] max_acceleration_px_per_s2." in text
 
 
 def test_a_camera_that_turns_leaves_its_stage_where_it_is():
