@@ -26,8 +26,6 @@ from mishutter.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     import numpy as np
 
     from mishutter.camera.footage import Frames
@@ -177,7 +175,8 @@ def simulate(
     from mishutter.report.plots import camera_text, plot_capture, save_figure, shown_name
 
     window = "hann" if shutter is None else shutter
-    designs = _cameras(scene_file, design, files, window)
+    given = None if scene_file is None else scene_of(scene_file)
+    designs = cameras(given, design, files, window=window, of_example=True).designs
     camera = [*designs.values()][-1]
     scene, speed = camera.scene, speed_for(camera, speed_text, scene_file)
     photographed = _subject(subject, scene, white, linear)
@@ -240,21 +239,6 @@ def simulate(
             print_table("Speed found", ["px/s", ""], [[value, trust]])
         _print_numbers("Expected of the scene", "camera", _LINEAR, levels)
     note(f"{folder}: {', '.join(written)}")
-
-
-def _cameras(
-    scene_file: Path | None, design: Path | None, files: CameraFiles, window: str
-) -> "Mapping[str, AbstractDesign]":
-    """The camera as its files or a named shutter describe it."""
-    from mishutter.design.design import given_design
-    from mishutter.model.shutters.kinds import named_shutter
-
-    scene = None if scene_file is None else scene_of(scene_file)
-    designs = cameras(scene, design, files, of_example=True).designs
-    if not designs:
-        scene, shutter = scene_of(scene_file), named_shutter(window)
-        designs = {window: given_design(scene, scene.motion, shutter, f"Given: {window}.")}
-    return designs
 
 
 def _simulated(

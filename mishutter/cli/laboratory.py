@@ -206,15 +206,22 @@ def note_other_device(path: Path, design: "Design", scene: "Scene") -> None:
 
 
 def cameras(
-    scene: "Scene | None", design: Path | None, files: CameraFiles, *, of_example: bool = False
+    scene: "Scene | None",
+    design: Path | None,
+    files: CameraFiles,
+    *,
+    window: str | None = None,
+    of_example: bool = False,
 ) -> Cameras:
     """The camera as designed, as driven and as measured, each only if it has a file.
 
-    Without a scene it is the design's, or of an example along one axis the built-in one.
+    Without any of these it has a window of some name. Without a scene it is the design's, or of an
+    example along one axis the built-in one.
     """
     from mishutter.design.design import GIVEN, Design, given_design
     from mishutter.evaluation.views import transmittance
     from mishutter.hardware.drive import design_from_drive
+    from mishutter.model.shutters.kinds import named_shutter
     from mishutter.plane.design import design_of
 
     _require_table(files)
@@ -250,6 +257,9 @@ def cameras(
         )
         motion = driven.motion
         designs[AS_DRIVEN] = driven
+    if files.measured is None and not designs and window is not None:
+        origin = f"Given: {window}."
+        designs[window] = given_design(scene, motion, named_shutter(window), origin)
     if files.measured is None:
         return Cameras(designs)
     trace, profile = _measured(motion, files, files.measured)

@@ -309,17 +309,12 @@ def _camera(
     scene_file: Path | None, design: Path | None, files: CameraFiles, shutter: str | None
 ) -> "AbstractDesign":
     """The camera as measured, driven or designed, whichever was last; or a named shutter."""
-    from mishutter.design.design import given_design
-    from mishutter.model.shutters.kinds import named_shutter
-
     scene = None if scene_file is None else scene_of(scene_file)
-    built = [*cameras(scene, design, files).designs.values()]
-    if built:
+    if any((design, files.drive, files.measured)):
         require(shutter is None, "--shutter", "be left out where files give the shutter", shutter)
-        return built[-1]
-    if scene is None or shutter is None:
+    elif scene is None or shutter is None:
         raise ValueError("`--design, --drive, --measured or --shutter` must be given; got None.")
-    return given_design(scene, scene.motion, named_shutter(shutter), f"Given: {shutter}.")
+    return [*cameras(scene, design, files, window=shutter).designs.values()][-1]
 
 
 def _note_brightness(name: str, light: "np.ndarray") -> None:

@@ -104,28 +104,17 @@ class _Samples(NamedTuple):
 
 
 class AbstractTable(ABC):
-    """Equal steps of time from the first light of a design's exposures to the last.
-
-    Attributes:
-        design: The design.
-        begin: Beginning of each step; s.
-        level: Level of the shutter in each.
-        num_levels: Number of levels.
-        transmittance: Transmittance at that level.
-        exposure: Time that the steps share; s.
-        gate: Whether light is recorded in each step.
-        paths: The path of the stage along each axis, as exposures have it.
-        position: Position of the stage at the beginning of each step, along each of two axes; px.
-    """
+    """Equal steps of time from the first light of a design's exposures to the last."""
 
     design: AbstractDesign
-    begin: Float[np.ndarray, "n"]
-    level: Int[np.ndarray, "n"]
+    begin: Float[np.ndarray, "n"]  # Beginning of each step; s
+    level: Int[np.ndarray, "n"]  # Level of the shutter in each
     num_levels: int
-    transmittance: Float[np.ndarray, "n"]
-    exposure: float
-    gate: Bool[np.ndarray, "n"]
-    paths: dict[str, StagePath]
+    transmittance: Float[np.ndarray, "n"]  # Transmittance at that level
+    exposure: float  # Time that the steps share; s
+    gate: Bool[np.ndarray, "n"]  # Whether light is recorded in each step
+    paths: dict[str, StagePath]  # The path of the stage along each axis, as exposures have it
+    # Position of the stage at the beginning of each step, along each of two axes; px
     position: Float[np.ndarray, "*axes n"]
 
     @abstractmethod

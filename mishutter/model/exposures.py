@@ -115,19 +115,11 @@ class AbstractExposures(ABC):
         return f"{' and '.join(f'{count} of {exposure}' for exposure, count in kinds.items())} ms"
 
     def of_one_gain(self, frames: Iterable[np.ndarray]) -> list[np.ndarray]:
-        """Frames as a sensor of one gain records them: white is that of the longest.
-
-        Args:
-            frames: Each in units of its own white.
-        """
+        """Frames as a sensor of one gain has them: in units of the white of the longest."""
         longest = max(self.exposures)
         return [time / longest * each for time, each in zip(self.exposures, frames, strict=True)]
 
     def of_own_whites(self, frames: Iterable[np.ndarray]) -> list[np.ndarray]:
-        """The frames that a sensor of one gain has recorded, each in units of its own white.
-
-        Args:
-            frames: Each in units of the white of the longest.
-        """
+        """Frames that a sensor of one gain has recorded, each in units of its own white."""
         longest = max(self.exposures)
         return [each / (time / longest) for time, each in zip(self.exposures, frames, strict=True)]
