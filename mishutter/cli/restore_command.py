@@ -312,7 +312,7 @@ def _camera(
     scene = None if scene_file is None else scene_of(scene_file)
     if any((design, files.drive, files.measured)):
         require(shutter is None, "--shutter", "be left out where files give the shutter", shutter)
-    elif scene is None or shutter is None:
+    elif scene is not None and shutter is None:
         raise ValueError("`--design, --drive, --measured or --shutter` must be given; got None.")
     return [*cameras(scene, design, files, window=shutter).designs.values()][-1]
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, final
 
+import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
@@ -71,8 +72,8 @@ class AbstractFrames(AbstractExposures):
         pan: Velocity at which the camera turns meanwhile, which the stage does not follow; px/s.
     """
 
-    frames: tuple[TimedFrame, ...]
-    pan: float
+    frames: eqx.AbstractVar[tuple[TimedFrame, ...]]
+    pan: eqx.AbstractVar[float]
 
     @property
     def times(self) -> list[float]:
