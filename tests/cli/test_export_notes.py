@@ -1,9 +1,11 @@
 """What `export` tells to set by hand, in the units that it names."""
 
+import pytest
+from support.bursts import a_burst_design
 from support.drive import a_design
 
-from mishutter import FirstOrderShutter, TukeyShutter, drive_table
-from mishutter.cli.export import FormatName, _note_what_to_set
+from mishutter import FirstOrderShutter, Limits, TukeyShutter, drive_table, frame_table
+from mishutter.cli.export import FormatName, _export_frames, _note_what_to_set
 from mishutter.design.design import given_design
 
 
@@ -25,3 +27,14 @@ def test_a_shutter_stands_at_its_first_level_for_its_settling_time(capsys):
     assert f"at least {float(device.settling_time) * 1e3:.3g} ms before the exposure" in said
     assert 5 < float(device.settling_time) * 1e3 < 50
     assert f"samples in {table.exposure * 1e3:.5g} ms" in said
+
+
+@pytest.mark.parametrize("travel", [3.0, None])
+def test_a_burst_says_that_its_stage_travels_too_far(travel, tmp_path, capsys):
+    """Beside the table that has the path; without a limit there is nothing to say."""
+    limits = Limits(max_travel=travel, max_acceleration=1.4e6, max_stroke=40.0)
+    table = frame_table(a_burst_design(limits=limits), num_steps=13)
+    _export_frames(table, tmp_path, FormatName("csv"), as_json=False)
+    assert (tmp_path / "stage.csv").exists()
+    said = " ".join(capsys.readouterr().err.split())
+    assert ("stage.csv travels" in said) == (travel is not None)

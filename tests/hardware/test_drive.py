@@ -17,6 +17,7 @@ from support.drive import a_design
 from mishutter import (
     ChippedShutter,
     Design,
+    FirstOrderShutter,
     FreeMotion,
     HannShutter,
     Limits,
@@ -136,6 +137,26 @@ def test_a_stage_is_sent_what_brings_it_onto_the_path(name, tmp_path):
     found = table.to_dict()["metrics_of_blind_stage"]["expected_psnr"]
     assert found == float(blind.expected_psnr)
     assert abs(found - float(evaluate(design.scene, motion, HannShutter()).expected_psnr)) > 0.1
+
+
+def test_a_camera_turns_beside_a_stage_that_is_sent_the_path_itself():
+    """What it turns by, things are slower by: the level is that of these at no pan."""
+    pan, stage, speeds = 400.0, SecondOrderStage(bandwidth=45.0, damping=0.6), [-900.0, 700.0]
+    levels = []
+    for motion, seen in ((MOTION.panned(pan), speeds), (MOTION, np.array(speeds) - pan)):
+        limits = Limits(stage=stage, pans="camera")
+        scene = Scene(seen, photon_rate=1e5, read_noise=4.0, limits=limits)
+        table = drive_table(replace(a_design(HannShutter()), motion=motion, scene=scene))
+        levels.append(float(table.blind_metrics().expected_psnr))
+    assert levels[0] == pytest.approx(levels[1], abs=1e-6)
+
+
+def test_a_document_gives_the_settling_time_in_ms():
+    """A thousandth remains after ln(1000) time constants of the slower step."""
+    device = FirstOrderShutter(rise_time=2e-4, fall_time=3.1e-4, delay=7e-5)
+    table = drive_table(replace(a_design(HannShutter()), scene=_scene(device=device)), num_steps=9)
+    found = table.to_dict()["settling_time_ms"]
+    assert found == pytest.approx(0.07 + 0.31 * np.log(1000) / np.log(9), rel=1e-6)
 
 
 @pytest.mark.parametrize("motion", STAGED.values(), ids=STAGED)
