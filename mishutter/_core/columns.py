@@ -3,6 +3,7 @@
 import codecs
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,14 @@ _NO_TEXT = re.compile("[\0-\x08\x0e-\x19\x1b-\x1f]")
 
 Units = Mapping[str, float]
 """Allowed units of a column, each with its factor to SI units or pixels."""
+
+
+def table_text(columns: Mapping[tuple[str, str], Iterable[Any]]) -> str:
+    """Columns, by their names and units, as text; numbers have nine digits."""
+    lines = [*zip(*columns, strict=True)]
+    rows = zip(*columns.values(), strict=True)
+    lines += [[x if isinstance(x, str) else f"{x:.9g}" for x in row] for row in rows]
+    return "".join(f"{','.join(line)}\n" for line in lines)
 
 
 def text_of(content: bytes, name: str) -> str:

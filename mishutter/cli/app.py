@@ -307,7 +307,8 @@ def compare(
                 f"one design; got {len(designs)}."
             )
         camera = cameras(scene, designs[0] if designs else None, files)
-        saved = camera.designs
+        # One in the plane takes no table and no trace.
+        saved = {name: x for name, x in camera.designs.items() if isinstance(x, Design)}
         motion = next(iter(saved.values())).motion
     else:
         paths = short_names(designs or [], {*taken_names(), *windows})

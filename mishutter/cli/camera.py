@@ -11,11 +11,9 @@ from mishutter._core.progress import note, progress_bar
 from mishutter.cli.console import AGAIN, interruptible, print_table, start_jax, write_json
 from mishutter.cli.help import DESIGN, OUTPUT, PICTURES, SENSOR
 from mishutter.cli.laboratory import (
-    AS_DESIGNED,
     CameraFiles,
     cameras,
-    exposures_of,
-    plane_design,
+    speed_for,
     takes_camera_files,
 )
 from mishutter.cli.options import (
@@ -28,17 +26,14 @@ from mishutter.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     import numpy as np
 
     from mishutter.camera.footage import Frames
     from mishutter.camera.layers import Layers
     from mishutter.decoding.simulation import Estimate, Simulation
-    from mishutter.design.design import Design
+    from mishutter.design.design import AbstractDesign
     from mishutter.model.scene import Scene
     from mishutter.pictures.images import Picture
-    from mishutter.plane.design import PlaneDesign
 
 _NUM_TICKS, _AT_REST = 100, "0"
 _LINEAR = "PSNR / dB, linear light"
@@ -180,8 +175,10 @@ def simulate(
     from mishutter.report.plots import camera_text, plot_capture, save_figure, shown_name
 
     window = "hann" if shutter is None else shutter
-    scene, speed, designs = _cameras(scene_file, speed_text, design, files, window)
+    given = None if scene_file is None else scene_of(scene_file)
+    designs = cameras(given, design, files, window=window, of_example=True).designs
     camera = [*designs.values()][-1]
+    scene, speed = camera.scene, speed_for(camera, speed_text, scene_file)
     photographed = _subject(subject, scene, white, linear)
     if np.any(speed) and not isinstance(photographed, Picture):
         raise ValueError(f"`--speed` must be given with a photograph only; got {speed_text}.")
@@ -240,62 +237,30 @@ def simulate(
     else:
         _print_numbers(f"Restored by {decoder.value}", "figure", "value", figures)
         if estimate is not None:
-            value, trust = speed_found(estimate, in_burst=exposures_of(camera) is not None)
+            value, trust = speed_found(estimate, in_burst=camera.sequence is not None)
             print_table("Speed found", ["px/s", ""], [[value, trust]])
         _print_numbers("Expected of the scene", "camera", _LINEAR, levels)
     note(f"{folder}: {', '.join(written)}")
 
 
-def _cameras(
-    scene_file: Path | None,
-    speed_text: str,
-    design: Path | None,
-    files: CameraFiles,
-    window: str,
-) -> "tuple[Scene, float | tuple[float, float], Mapping[str, Design | PlaneDesign]]":
-    """The scene, the speed in it, and the camera as its files or a named shutter describe it."""
-    from mishutter.design.design import given_design
-    from mishutter.model.scene_file import read_speed, read_velocity
-    from mishutter.model.shutters.kinds import named_shutter
-
-    in_plane = plane_design(design, files)
-    if in_plane is not None:
-        text = "0,0" if speed_text == _AT_REST else speed_text
-        velocity = read_velocity(text, scene_file, "--speed")
-        scene = in_plane.scene if scene_file is None else scene_of(scene_file)
-        return scene, velocity, {AS_DESIGNED: in_plane}
-    scene = scene_of(scene_file)
-    speed = read_speed(speed_text, scene_file, "--speed")
-    designs = cameras(scene, design, files).designs
-    if not designs:
-        shutter = named_shutter(window)
-        designs = {window: given_design(scene, scene.motion, shutter, f"Given: {window}.")}
-    return scene, speed, designs
-
-
 def _simulated(
     subject: "Picture | Layers | Frames",
     scene: "Scene",
-    camera: "Design | PlaneDesign",
+    camera: "AbstractDesign",
     settings: dict[str, Any],
 ) -> "tuple[dict[str, np.ndarray], Simulation]":
     """The records of a subject, by the names of their files, and the picture restored from them."""
     from mishutter.camera.footage import Frames
     from mishutter.decoding.simulation import burst_and_restore, capture_and_restore
-    from mishutter.model.sequences import of_one_gain
-    from mishutter.plane.design import PlaneDesign
+    from mishutter.design.design import Design
 
-    if isinstance(camera, PlaneDesign):
-        sequence = camera.frames
-    elif camera.sequence is None:
+    if isinstance(camera, Design) and camera.sequence is None:
         result = capture_and_restore(subject, scene, camera.motion, camera.shutter, **settings)
         return {"captured": result.captured}, result
-    else:
-        sequence = camera.sequence
     if isinstance(subject, Frames):
         raise ValueError("`--subject` must be a photograph or layers for a burst; got footage.")
-    result = burst_and_restore(subject, scene, sequence, **settings)
-    frames = of_one_gain(result.captured, exposures_of(camera) or [])
+    result = burst_and_restore(subject, scene, camera.exposures, **settings)
+    frames = camera.exposures.of_one_gain(result.captured)
     # A shell lists names of equal length in the order of their numbers.
     digits = len(str(len(frames)))
     return {f"frame_{k:0{digits}d}": frame for k, frame in enumerate(frames, 1)}, result

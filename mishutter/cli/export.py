@@ -18,7 +18,7 @@ from mishutter.cli.laboratory import CeilingOption, FloorOption
 from mishutter.cli.options import JsonOption, OutOption, as_path
 
 if TYPE_CHECKING:
-    from mishutter.design.design import Design
+    from mishutter.design.design import AbstractDesign, Design
     from mishutter.hardware.drive import DriveTable
     from mishutter.hardware.triggers import FrameTable
 
@@ -48,6 +48,7 @@ _BY_CONTENT = {
 """Numbers that a file of each format does not hold, and that its reader needs."""
 _WITHOUT_TIME = (FormatName.COLUMN, FormatName.RIGOL, FormatName.NPY)
 """Formats whose sample rate is set at the generator."""
+_TO_LIMIT = "set max_acceleration_g or max_acceleration_px_per_s2 in [limits] of the scene"
 
 
 def export(
@@ -107,95 +108,125 @@ def export(
     if form in _BINARY and out is None and not json:
         raise ValueError(f"`--out` must be given for a binary file; got --format {form.value}.")
     start_jax()
+    from mishutter.design.design import Design
     from mishutter.hardware.drive import drive_table
-    from mishutter.hardware.drive_files import drive_bytes
-    from mishutter.hardware.triggers import frame_table
-    from mishutter.plane.design import PlaneDesign, design_of
+    from mishutter.plane.design import design_of
 
     saved = design_of(design)
     folder = None if out is None else writable_folder(out)
-    if isinstance(saved, PlaneDesign) or saved.sequence is not None:
+    if isinstance(saved, Design) and saved.sequence is None:
+        table = drive_table(
+            saved,
+            num_steps=num_steps,
+            num_levels=levels,
+            floor=floor,
+            ceiling=ceiling,
+            carries_error=pulses,
+        )
+        files = [] if folder is None else _write(table, folder, form)
+        if _BY_CONTENT[form]:
+            T, scale = float(saved.motion.half_exposure) * 1e3, table.position_scale
+            numbers = f"T = {T!r} ms, 1 is {scale!r} px, levels from {floor:g} to {ceiling:g}"
+            note(f"not in the file: {_BY_CONTENT[form]} ({numbers})")
+        _note_what_to_set(table, form)
+    else:
         told = {"--levels": num_levels is None, "--floor": floor == 0, "--ceiling": ceiling == 1}
-        for option, is_default in told.items():
-            requirement = "be left out for a burst, whose shutter is open or closed"
-            require(is_default, option, requirement, Unquoted("an option"))
-        _export_frames(frame_table(saved, num_steps=num_steps), folder, form, as_json=json)
-        return
-    table = drive_table(
-        saved,
-        num_steps=num_steps,
-        num_levels=levels,
-        floor=floor,
-        ceiling=ceiling,
-        carries_error=pulses,
-    )
-    files = [] if folder is None else _write(table, folder, form)
-    if _BY_CONTENT[form]:
-        T, scale = float(saved.motion.half_exposure) * 1e3, table.position_scale
-        numbers = f"T = {T!r} ms, 1 is {scale!r} px, levels from {floor:g} to {ceiling:g}"
-        note(f"not in the file: {_BY_CONTENT[form]} ({numbers})")
-    _note_what_to_set(table, form)
-    if folder is None and not json:
+        table = _frames(saved, told, num_steps, form)
+        files = [] if folder is None else _write(table, folder, form)
+    _deliver(table, files, folder, form, as_json=json)
+
+
+def _frames(
+    design: "AbstractDesign", told: Mapping[str, bool], num_steps: int | None, form: FormatName
+) -> "FrameTable":
+    """The triggers of a burst, for which some options must have their defaults."""
+    from mishutter.hardware.drive_files import WITH_POSITIONS
+    from mishutter.hardware.triggers import frame_table
+
+    for option, is_default in told.items():
+        requirement = "be left out for a burst, whose shutter is open or closed"
+        require(is_default, option, requirement, Unquoted("an option"))
+    table = frame_table(design, num_steps=num_steps)
+    if len(table.paths) == 2 and form.value not in WITH_POSITIONS:
+        note(
+            f"--format {form.value} has no channels for a stage: it holds the triggers alone, and "
+            "stage.csv of --out both axes"
+        )
+    return table
+
+
+def _deliver(
+    table: "DriveTable | FrameTable",
+    files: list[str],
+    folder: Path | None,
+    form: FormatName,
+    *,
+    as_json: bool,
+) -> None:
+    """Prints a table where no folder holds it, or what it does to the level."""
+    from mishutter.hardware.drive_files import drive_bytes
+    from mishutter.hardware.triggers import FrameTable
+
+    if folder is None and not as_json:
         sys.stdout.write(drive_bytes(table, form.value).decode())
         return
+    if isinstance(table, FrameTable):
+        _note_gate(table)
     with working("measuring the shutter as driven"):
         document = table.to_dict() | {"files": files}
-    if json:
+    if as_json:
         write_json(document)
+    elif isinstance(table, FrameTable):
+        _print_frames(table)
     else:
         _print_losses(document)
     if files:
         note(f"{folder}: {', '.join(files)}")
 
 
-def _export_frames(
-    table: "FrameTable", folder: Path | None, form: FormatName, *, as_json: bool
-) -> None:
-    """Writes the triggers of a burst and the path of its stage, and prints its frames."""
-    from mishutter.hardware.drive_files import DRIVE_FORMATS, WITH_POSITIONS, drive_bytes
-    from mishutter.report.plots import plot_frames, save_figure
+def _write(table: "DriveTable | FrameTable", folder: Path, form: FormatName) -> list[str]:
+    """Writes a table, its triggers, its picture and the path of its stage; returns their names."""
+    from mishutter.hardware.drive_files import DRIVE_FORMATS
+    from mishutter.hardware.triggers import FrameTable
+    from mishutter.report.plots import plot_drive, plot_frames, save_figure
 
-    if len(table.paths) == 2 and form.value not in WITH_POSITIONS:
-        note(
-            f"--format {form.value} has no channels for a stage: it holds the triggers alone, and "
-            "stage.csv of --out both axes"
-        )
-    if folder is None and not as_json:
-        sys.stdout.write(drive_bytes(table, form.value).decode())
-        return
-    files = []
-    if folder is not None:
-        name = f"drive{DRIVE_FORMATS[form.value]}"
-        table.save(folder / name, form=form.value)
+    files = [f"drive{DRIVE_FORMATS[form.value]}"]
+    table.save(folder / files[0], form=form.value)
+    if isinstance(table, FrameTable):
         write_text(folder / "frames.csv", table.frames_csv())
         save_figure(plot_frames(table), folder / "drive.png")
-        files = [name, "frames.csv", "drive.png"]
-        path = table.stage_csv()
-        if path is not None:
-            write_text(folder / "stage.csv", path)
-            files.append("stage.csv")
-            _note_travel(table.travel_beyond_limit)
-        elif table.moves:
-            note(
-                "no stage.csv: no limit sets the run-up of the stage to its velocity: set "
-                "max_acceleration_g or max_acceleration_px_per_s2 in [limits] of the scene"
-            )
-    _note_gate(table)
-    if as_json:
-        write_json(table.to_dict() | {"files": files})
+        files += ["frames.csv", "drive.png"]
     else:
-        middles = [(begin + end) / 2 for begin, end in table.lights]
-        rows = [
-            [str(k), f"{middle * 1e3:.2f}", f"{(end - begin) * 1e3:.3g}"]
-            for k, ((begin, end), middle) in enumerate(zip(table.lights, middles, strict=True), 1)
-        ]
-        columns = ["frame", "mid-exposure / ms", "exposure / ms"]
-        for name, places in table.places.items():
-            columns.append(name)
-            rows = [[*row, f"{x:.2f}"] for row, x in zip(rows, places, strict=True)]
-        print_table(f"Frames: {table.text}", columns, rows)
-    if files:
-        note(f"{folder}: {', '.join(files)}")
+        save_figure(plot_drive(table), folder / "drive.png")
+        files += ["drive.png"]
+    path = table.stage_csv()
+    if path is not None:
+        write_text(folder / "stage.csv", path)
+        beyond = table.travel_beyond_limit
+        if beyond is not None:
+            note(
+                f"stage.csv travels {beyond:.4g} px, beyond the limit on travel: limit the "
+                "acceleration too, or the search assumes a run-up without travel"
+            )
+        return [*files, "stage.csv"]
+    if not isinstance(table, FrameTable):
+        note(f"no stage.csv: {_without_path(table.design)}")
+    elif table.exposures.moves:
+        note(f"no stage.csv: no limit sets the run-up of the stage to its velocity: {_TO_LIMIT}")
+    return files
+
+
+def _print_frames(table: "FrameTable") -> None:
+    """Prints when frames are exposed, and where the sensor or its stage is then."""
+    taken = table.exposures
+    rows = [
+        [str(k), f"{time * 1e3:.2f}", f"{exposure * 1e3:.3g}", *(f"{x:.2f}" for x in places)]
+        for k, (time, exposure, *places) in enumerate(
+            zip(taken.times, taken.exposures, *table.places.values(), strict=True), 1
+        )
+    ]
+    columns = ["frame", "mid-exposure / ms", "exposure / ms", *table.places]
+    print_table(f"Frames: {taken.text}", columns, rows)
 
 
 def _note_gate(table: "FrameTable") -> None:
@@ -206,17 +237,8 @@ def _note_gate(table: "FrameTable") -> None:
         note(
             f"the gate closes for one step of {step * 1e3:.3g} ms at the end of {touching} frames "
             "that the next one follows at once: a camera exposed by the width of this trigger has "
-            f"{table.gated_psnr:.2f} dB of {table.psnr:.2f}; frames.csv has the exact "
+            f"{table.gated_psnr:.2f} dB of {table.exposures.psnr:.2f}; frames.csv has the exact "
             "times, for a camera that starts at a rising edge and times its own exposure"
-        )
-
-
-def _note_travel(beyond: float | None) -> None:
-    """Notes that a path leads further than the limits allow."""
-    if beyond is not None:
-        note(
-            f"stage.csv travels {beyond:.4g} px, beyond the limit on travel: limit the "
-            "acceleration too, or the search assumes a run-up without travel"
         )
 
 
@@ -239,22 +261,6 @@ def _note_what_to_set(table: "DriveTable", form: FormatName) -> None:
         )
 
 
-def _write(table: "DriveTable", folder: Path, form: FormatName) -> list[str]:
-    from mishutter.hardware.drive_files import DRIVE_FORMATS
-    from mishutter.report.plots import plot_drive, save_figure
-
-    name = f"drive{DRIVE_FORMATS[form.value]}"
-    table.save(folder / name, form=form.value)
-    save_figure(plot_drive(table), folder / "drive.png")
-    path = table.stage_csv()
-    if path is None:
-        note(f"no stage.csv: {_without_path(table.design)}")
-        return [name, "drive.png"]
-    write_text(folder / "stage.csv", path)
-    _note_travel(table.travel_beyond_limit)
-    return [name, "drive.png", "stage.csv"]
-
-
 def _without_path(design: "Design") -> str:
     """The reason for which a design has no path of the stage, in words."""
     velocity = float(design.motion.velocity)
@@ -262,10 +268,7 @@ def _without_path(design: "Design") -> str:
         return "the sensor stays at rest"
     if design.scene.limits.pans == "camera":
         return f"the stage stays at rest while the camera pans at {velocity:g} px/s"
-    return (
-        f"the stage pans at {velocity:g} px/s, and no limit sets its run-up: set "
-        "max_acceleration_g or max_acceleration_px_per_s2 in [limits] of the scene"
-    )
+    return f"the stage pans at {velocity:g} px/s, and no limit sets its run-up: {_TO_LIMIT}"
 
 
 def _print_losses(document: Mapping[str, Any]) -> None:

@@ -12,14 +12,13 @@ import typer
 from mishutter._core.checks import require
 from mishutter._core.progress import note
 from mishutter.cli.help import CAMERA
-from mishutter.cli.options import as_path
+from mishutter.cli.options import as_path, scene_of
 
 if TYPE_CHECKING:
-    from mishutter.design.design import Design
+    from mishutter.design.design import AbstractDesign, Design
     from mishutter.hardware.traces import MeasuredProfile, Trace
     from mishutter.model.motion import AbstractMotion
     from mishutter.model.scene import Scene
-    from mishutter.plane.design import PlaneDesign
 
 AS_DESIGNED = "as designed"
 AS_DRIVEN = "as driven"
@@ -177,10 +176,20 @@ class Cameras(NamedTuple):
     """One camera as its files describe it."""
 
     # The camera as designed, as driven and as measured, each only if it has a file
-    designs: "dict[str, Design]"
+    designs: "dict[str, AbstractDesign]"
     trace: "Trace | None" = None  # The trace of the camera as measured; None without one
     # The profile that the trace shows; None without a trace
     profile: "MeasuredProfile | None" = None
+
+
+def speed_for(
+    camera: "AbstractDesign", text: str, scene_file: Path | None
+) -> float | tuple[float, float]:
+    """The speed of what a camera sees, or its velocity where that sees two axes; px/s."""
+    from mishutter.model.scene_file import read_speed, read_velocity
+
+    read = read_speed if len(camera.exposures.axes) == 1 else read_velocity
+    return read(text, scene_file, "--speed")
 
 
 def note_other_device(path: Path, design: "Design", scene: "Scene") -> None:
@@ -196,40 +205,36 @@ def note_other_device(path: Path, design: "Design", scene: "Scene") -> None:
     note(f"{path}: using the scene's shutter, not the design's. Design: {own} Scene: {taken}")
 
 
-def plane_design(design: Path | None, files: CameraFiles) -> "PlaneDesign | None":
-    """A saved design of frames in the plane; None of any other, or without one."""
-    from mishutter.plane.design import PlaneDesign, design_of
+def cameras(
+    scene: "Scene | None",
+    design: Path | None,
+    files: CameraFiles,
+    *,
+    window: str | None = None,
+    of_example: bool = False,
+) -> Cameras:
+    """The camera as designed, as driven and as measured, each only if it has a file.
 
-    saved = None if design is None else design_of(design)
-    if not isinstance(saved, PlaneDesign):
-        return None
-    for name, path in (("--drive", files.drive), ("--measured", files.measured)):
-        requirement = "be left out for a design in the plane: its table is along one axis"
-        require(path is None, name, requirement, str(path))
-    return saved
-
-
-def exposures_of(camera: "Design | PlaneDesign") -> list[float] | None:
-    """Exposures of the frames of a camera's burst; s. None of one that takes a single capture."""
-    from mishutter.plane.design import PlaneDesign
-
-    if isinstance(camera, PlaneDesign):
-        return [float(each) for each in camera.frames.exposures]
-    sequence = camera.sequence
-    return None if sequence is None else [frame.exposure for frame in sequence.frames]
-
-
-def cameras(scene: "Scene | None", design: Path | None, files: CameraFiles) -> Cameras:
-    """The camera as designed, as driven and as measured, each only if it has a file."""
+    Without any of these it has a window of some name. Without a scene it is the design's, or of an
+    example along one axis the built-in one.
+    """
     from mishutter.design.design import GIVEN, Design, given_design
     from mishutter.evaluation.views import transmittance
     from mishutter.hardware.drive import design_from_drive
+    from mishutter.model.shutters.kinds import named_shutter
+    from mishutter.plane.design import design_of
 
     _require_table(files)
-    designs: dict[str, Design] = {}
+    saved = None if design is None else design_of(design)
+    if saved is not None and not isinstance(saved, Design):
+        for name, path in (("--drive", files.drive), ("--measured", files.measured)):
+            requirement = "be left out for a design in the plane: its table is along one axis"
+            require(path is None, name, requirement, str(path))
+        return Cameras({AS_DESIGNED: saved if scene is None else replace(saved, scene=scene)})
+    designs: dict[str, AbstractDesign] = {}
     motion = None
-    if design is not None:
-        saved = Design.load(design)
+    scene = scene_of(None) if scene is None and of_example else scene
+    if design is not None and saved is not None:
         scene = saved.scene if scene is None else scene
         note_other_device(design, saved, scene)
         motion = saved.motion
@@ -252,6 +257,9 @@ def cameras(scene: "Scene | None", design: Path | None, files: CameraFiles) -> C
         )
         motion = driven.motion
         designs[AS_DRIVEN] = driven
+    if files.measured is None and not designs and window is not None:
+        origin = f"Given: {window}."
+        designs[window] = given_design(scene, motion, named_shutter(window), origin)
     if files.measured is None:
         return Cameras(designs)
     trace, profile = _measured(motion, files, files.measured)

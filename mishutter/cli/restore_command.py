@@ -2,7 +2,6 @@
 
 import itertools
 import re
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
@@ -17,8 +16,7 @@ from mishutter.cli.help import CAMERA, DESIGN, OUTPUT, PICTURES
 from mishutter.cli.laboratory import (
     CameraFiles,
     cameras,
-    exposures_of,
-    plane_design,
+    speed_for,
     takes_camera_files,
 )
 from mishutter.cli.options import DecoderName, JsonOption, as_path, named_decoder, scene_of
@@ -26,10 +24,10 @@ from mishutter.cli.options import DecoderName, JsonOption, as_path, named_decode
 if TYPE_CHECKING:
     import numpy as np
 
-    from mishutter.design.design import Design
+    from mishutter.design.design import AbstractDesign
     from mishutter.hardware.recorded_paths import PathDifference
+    from mishutter.model.exposures import AbstractExposures
     from mishutter.pictures.images import Capture
-    from mishutter.plane.design import PlaneDesign
 
 _TICKS = 100
 _MOST_ABOVE_WHITE = 0.01
@@ -162,24 +160,21 @@ def restore(
     """
     start_jax()
     from mishutter.decoding.simulation import restored_capture
-    from mishutter.model.scene_file import read_speed, read_velocity
     from mishutter.pictures.images import read_captures, write_picture
-    from mishutter.plane.design import PlaneDesign
     from mishutter.report.plots import camera_text, plot_capture, save_figure, shown_name
 
     camera, apart = _camera(scene_file, design, files, shutter), None
     if stage_path is not None:
         camera, apart = _recorded(camera, stage_path, files)
-    exposures = exposures_of(camera)
-    read_of_camera = read_velocity if isinstance(camera, PlaneDesign) else read_speed
-    speed = None if speed_text is None else read_of_camera(speed_text, scene_file, "--speed")
+    burst = camera.sequence
+    speed = None if speed_text is None else speed_for(camera, speed_text, scene_file)
     read = (read_captures(path, black=black, white=white, linear=linear) for path in captures)
     seen = list(itertools.chain(*read))
     labels = _labels_of(seen)
     folder, method = writable_folder(out), named_decoder(decoder)
     written, found = [], {}
-    is_one = len(seen) == 1 or exposures is not None
-    for capture, label, light in _together(seen, labels, exposures):
+    is_one = len(seen) == 1 or burst is not None
+    for capture, label, light in _together(seen, labels, burst):
         with (
             interruptible(lambda: AGAIN),
             progress_bar(f"restoring {label.name}", _TICKS) as update,
@@ -221,7 +216,7 @@ def restore(
         write_json({"decoder": decoder.value, "files": written, "found": speeds} | path)
     else:
         rows = [
-            [name, *speed_found(each, in_burst=exposures is not None)]
+            [name, *speed_found(each, in_burst=burst is not None)]
             for name, each in found.items()
             if each is not None
         ]
@@ -231,14 +226,13 @@ def restore(
 
 
 def _recorded(
-    camera: "Design | PlaneDesign", stage_path: Path, files: CameraFiles
-) -> "tuple[Design | PlaneDesign, PathDifference]":
+    camera: "AbstractDesign", stage_path: Path, files: CameraFiles
+) -> "tuple[AbstractDesign, PathDifference]":
     """A camera whose stage was where an encoder recorded it; notes how far that is off."""
     from mishutter.hardware.recorded_paths import read_path, with_recorded_path
     from mishutter.hardware.stage_files import pitch_of
-    from mishutter.plane.design import PlaneDesign
 
-    num_axes = 2 if isinstance(camera, PlaneDesign) else 1
+    num_axes = len(camera.exposures.axes)
     path = read_path(stage_path, num_axes=num_axes, pixel_pitch=pitch_of(camera.scene))
     middle = files.middle_ms * 1e-3
     recorded, apart = with_recorded_path(camera, path, middle=middle, name=str(stage_path))
@@ -271,25 +265,23 @@ def _labels_of(seen: "list[Capture]") -> list[_Label]:
 
 
 def _together(
-    seen: "list[Capture]", labels: list[_Label], exposures: list[float] | None
+    seen: "list[Capture]", labels: list[_Label], burst: "AbstractExposures | None"
 ) -> "list[tuple[Capture, _Label, np.ndarray]]":
     """Light of captures by themselves, or of the frames of a burst beside the first of them."""
     import numpy as np
 
-    from mishutter.model.sequences import of_own_whites
-
-    if exposures is None:
+    if burst is None:
         return [(one, label, one.light) for one, label in zip(seen, labels, strict=True)]
     got = Unquoted(f"{len(seen)}")
-    is_whole = len(seen) == len(exposures)
-    require(is_whole, "CAPTURE", f"be the {len(exposures)} frames of the burst", got)
+    is_whole = len(seen) == burst.num_frames
+    require(is_whole, "CAPTURE", f"be the {burst.num_frames} frames of the burst", got)
     first, size = labels[0].name, seen[0].light.shape
     for each, label in zip(seen, labels, strict=True):
         shape = each.light.shape
         require(shape[:2] == size[:2], label.name, f"be as large as {first}", shape[:2])
         colours = Unquoted(f"{shape[2]} beside {size[2]}")
         require(shape == size, label.name, f"have as many colours as {first}", colours)
-    light = np.stack(of_own_whites([each.light for each in seen], exposures))
+    light = np.stack(burst.of_own_whites(each.light for each in seen))
     _note_frames(labels, light)
     return [(seen[0], labels[0], light)]
 
@@ -315,22 +307,14 @@ def _note_frames(labels: list[_Label], light: "np.ndarray") -> None:
 
 def _camera(
     scene_file: Path | None, design: Path | None, files: CameraFiles, shutter: str | None
-) -> "Design | PlaneDesign":
+) -> "AbstractDesign":
     """The camera as measured, driven or designed, whichever was last; or a named shutter."""
-    from mishutter.design.design import given_design
-    from mishutter.model.shutters.kinds import named_shutter
-
     scene = None if scene_file is None else scene_of(scene_file)
-    in_plane = plane_design(design, files)
-    if in_plane is not None:
-        return in_plane if scene is None else replace(in_plane, scene=scene)
-    built = [*cameras(scene, design, files).designs.values()]
-    if built:
+    if any((design, files.drive, files.measured)):
         require(shutter is None, "--shutter", "be left out where files give the shutter", shutter)
-        return built[-1]
-    if scene is None or shutter is None:
+    elif scene is not None and shutter is None:
         raise ValueError("`--design, --drive, --measured or --shutter` must be given; got None.")
-    return given_design(scene, scene.motion, named_shutter(shutter), f"Given: {shutter}.")
+    return [*cameras(scene, design, files, window=shutter).designs.values()][-1]
 
 
 def _note_brightness(name: str, light: "np.ndarray") -> None:

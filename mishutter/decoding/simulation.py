@@ -37,16 +37,15 @@ from mishutter.decoding.restoration import (
     restored_light,
 )
 from mishutter.decoding.sequences import restore_frames, speed_of_frames
-from mishutter.design.design import Design
+from mishutter.design.design import AbstractDesign, Design
 from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE, knowledge_of
 from mishutter.evaluation.views import sensor_view
+from mishutter.model.exposures import AbstractExposures
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene, require_scene
 from mishutter.model.sequences import FrameSequence, TimedFrame
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.pictures.images import Axis, Picture, turned
-from mishutter.plane.design import PlaneDesign
-from mishutter.plane.frames import PlaneFrames
 
 Estimate = SpeedEstimate | VelocityEstimate
 Progress = Callable[[str, float], None]
@@ -162,7 +161,7 @@ def capture_and_restore(
 def burst_and_restore(
     subject: Picture | Layers | ArrayLike,
     scene: Scene,
-    sequence: FrameSequence | PlaneFrames,
+    exposures: AbstractExposures,
     *,
     speed: float | RowLike = 0.0,  # 0 for layers; a velocity in the plane
     decoder: AbstractDecoder | None = None,
@@ -179,28 +178,28 @@ def burst_and_restore(
     Raises:
         ValueError: as `simulate_frames`.
     """
-    require_scene(scene, in_plane=isinstance(sequence, PlaneFrames))
+    in_plane, frames = len(exposures.axes) == 2, exposures.frames
+    require_scene(scene, in_plane=in_plane)
     require_positive_int("burst_and_restore(rows_at_once=...)", rows_at_once)
     require_key("burst_and_restore(key=...)", key)
     chosen = decoder_or_ensemble(decoder, "burst_and_restore")
     report = progress if progress is not None else lambda text, share: None
-    if isinstance(sequence, PlaneFrames):
+    if in_plane:
         report("capturing", 0.0)
         taken = simulate_frames(
             subject,
             scene,
-            sequence,
+            frames,
             speed=speed,
             key=key,
             full_well=full_well,
             adc_bits=adc_bits,
         )
         report("restoring", 0.2)
-        restored, found = restore_frames(taken, scene, sequence, decoder=chosen)
+        restored, found = restore_frames(taken, scene, frames, decoder=chosen)
         report("done", 1.0)
         return Simulation.of(np.asarray(taken), np.asarray(restored), found)
     axis, along = scene.sensor.axis, scene.along_rows()
-    frames = sequence.frames
     take = partial(
         simulate_frames,
         scene=along,
@@ -281,7 +280,7 @@ class Restoration(NamedTuple):
 
 def restore(
     capture: Picture | ArrayLike,
-    design: Design | PlaneDesign,
+    design: AbstractDesign,
     *,
     decoder: AbstractDecoder | None = None,
     speed: float | RowLike | None = None,
@@ -326,7 +325,7 @@ def restore(
 
 def restored_capture(
     capture: Picture | ArrayLike,
-    design: Design | PlaneDesign,
+    design: AbstractDesign,
     *,
     decoder: AbstractDecoder | None = None,
     speed: float | RowLike | None = None,
@@ -337,9 +336,10 @@ def restored_capture(
     Raises:
         ValueError: as `restore`.
     """
-    if isinstance(design, PlaneDesign):
-        stack = _stack_of(capture, design.burst.num_frames, "rows")
-        result = restore_frames(stack, design.scene, design.frames, decoder=decoder, speed=speed)
+    exposures = design.exposures
+    if not isinstance(design, Design):
+        stack = _stack_of(capture, exposures.num_frames, "rows")
+        result = restore_frames(stack, design.scene, exposures.frames, decoder=decoder, speed=speed)
         return Restoration(np.asarray(result.light), result.estimate)
     scene, motion, shutter = design.scene.along_rows(), design.motion, design.shutter
     axis, chosen = design.scene.sensor.axis, decoder_or_ensemble(decoder, "restore")
@@ -349,7 +349,7 @@ def restored_capture(
         require_scalar("restore(speed=...)", np.asarray(speed))
         speed = float(speed)  # type: ignore[arg-type]
     if design.sequence is not None:
-        frames = design.sequence.frames
+        frames = exposures.frames
         stack = _stack_of(capture, len(frames), axis)
         found = _frames_in_portions(
             stack, scene, frames, chosen, speed=speed, rows_at_once=_ROWS_AT_ONCE, report=report

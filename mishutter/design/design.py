@@ -1,17 +1,19 @@
 """A finished design, and the file that it is written to and read back from exactly."""
 
 import json
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
 from enum import StrEnum
 from functools import cached_property
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
 from mishutter._core.checks import Unquoted, require, shown
+from mishutter._core.columns import table_text
 from mishutter._core.files import contents, strict_json, write_text
 from mishutter._core.validation import parsed, validated
 from mishutter.design.schema import (
@@ -30,9 +32,10 @@ from mishutter.evaluation.speed_knowledge import (
 )
 from mishutter.evaluation.views import transmittance
 from mishutter.model.devices import command_of
+from mishutter.model.exposures import AbstractExposures
 from mishutter.model.motion import AbstractMotion, FreeMotion, ParabolicMotion
 from mishutter.model.scene import Scene
-from mishutter.model.sequences import FrameSequence, TimedFrame
+from mishutter.model.sequences import FrameSequence, OneExposure, TimedFrame
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.kinds import shutter_from_dict, shutter_to_dict
 from mishutter.model.shutters.polynomials import profile_of
@@ -58,8 +61,52 @@ class Outcome(StrEnum):
     GIVEN = "The camera is given, and was not searched for."
 
 
+class AbstractDesign(ABC):
+    """Exposures, and the scene that they are for.
+
+    Attributes:
+        scene: The scene.
+        sequence: The frames of a burst; None of one exposure.
+    """
+
+    scene: Scene
+    sequence: AbstractExposures | None
+
+    @property
+    @abstractmethod
+    def exposures(self) -> AbstractExposures:
+        """The frames of its burst, or its one exposure."""
+
+    @abstractmethod
+    def to_dict(self) -> dict[str, Any]:
+        """Everything in the design as plain numbers, lists and text."""
+
+    @property
+    @abstractmethod
+    def frames_document(self) -> dict[str, Any]:
+        """The frames of a burst as plain numbers, by the name that a design's file has for them."""
+
+    def plot(self) -> "Figure":
+        """A figure of the shutter and the sensor's path in time, or of the frames of a burst."""
+        # Figures stand on a floor above, which imports designs.
+        return import_module("mishutter.report.plots").plot_design(self)
+
+    def save(self, path: str | Path) -> None:
+        """Write the design to one JSON file, whole or not at all.
+
+        Args:
+            path: The file.
+
+        Raises:
+            ValueError: if the shutter is of a kind that the file format does not know.
+            OSError: if the file cannot be written.
+        """
+        write_text(path, strict_json(self.to_dict()) + "\n")
+
+
+@final
 @dataclass(frozen=True)
-class Design:
+class Design(AbstractDesign):
     """A shutter and a motion, their quality, and the search that led to them.
 
     Attributes:
@@ -99,6 +146,16 @@ class Design:
     sequence: FrameSequence | None = None
     bursts: tuple[FrameSequence, ...] = ()
     blind_psnr: float | None = None
+
+    @property
+    def exposures(self) -> AbstractExposures:
+        """The frames of its burst, or its one exposure."""
+        return self.sequence or OneExposure.of(self.motion, self.scene.limits)
+
+    @property
+    def frames_document(self) -> dict[str, Any]:
+        """The frames of its burst as plain numbers, by their name in its file."""
+        return {} if self.sequence is None else {"sequence": sequence_to_dict(self.sequence)}
 
     @property
     def converged(self) -> bool:
@@ -161,12 +218,7 @@ class Design:
         }
         return "\n".join(["Design", *(f"  {name:<9} {text}" for name, text in lines.items())])
 
-    def plot(self) -> "Figure":
-        """A figure of the shutter and the sensor's path in time, or of the burst's frames."""
-        # Figures stand on a floor above, which imports designs.
-        return import_module("mishutter.report.plots").plot_design(self)
-
-    def to_dict(self) -> dict[str, object]:
+    def to_dict(self) -> dict[str, Any]:
         """Everything in the design as plain numbers, lists and text."""
         level_of, level = next(iter(self.levels.items()))
         if self.sequence is not None:
@@ -184,24 +236,13 @@ class Design:
             "converged": self.converged,
         }
         own = {name: value for name, value in vars(self).items() if name not in _UNSAVED}
-        if self.sequence is not None:
-            own["sequence"] = parts["sequence"] = sequence_to_dict(self.sequence)
+        frames = self.frames_document
+        own |= frames
+        parts |= frames
         saved = SavedDesign.model_validate(own | parts, from_attributes=True).model_dump()
         # Without the numbers of other kinds of motion.
         whole = {name: parts[name] for name in ("motion", "sequence") if name in parts}
         return saved | whole
-
-    def save(self, path: str | Path) -> None:
-        """Write the design to one JSON file, whole or not at all.
-
-        Args:
-            path: The file.
-
-        Raises:
-            ValueError: if the shutter is of a kind that the file format does not know.
-            OSError: if the file cannot be written.
-        """
-        write_text(path, strict_json(self.to_dict()) + "\n")
 
     @staticmethod
     def load(path: str | Path) -> "Design":
@@ -242,10 +283,8 @@ class Design:
         dtype = self.motion.half_exposure.dtype
         transmittance, _ = profile_of(self.shutter, tau.astype(dtype))
         time = tau * float(self.motion.half_exposure) * 1e3
-        rows = [
-            f"{t:.9g},{x:.9g},{w:.9g}" for t, x, w in zip(time, tau, transmittance, strict=True)
-        ]
-        write_text(path, "\n".join(["time,tau,transmittance", "ms,1,1", *rows]) + "\n")
+        columns = {("time", "ms"): time, ("tau", "1"): tau, ("transmittance", "1"): transmittance}
+        write_text(path, table_text(columns))
 
 
 def given_design(

@@ -5,6 +5,11 @@ worse: frames that move may stand still or wait for each other, and where the sp
 may be one exposure. Of bursts within 0.05 dB of the best the simplest is taken: one exposure, then
 frames that all move, on one sweep rather than a sine, alternating parabolas or a fan, then those
 before which some are at rest.
+
+A simplex on a level in NumPy is the faster search. JAX gradients of the same level by Optimistix's
+BFGS from the same starts take 166 and 237 s of processor time on scenes of up to 6 and 12 frames,
+as each path and number of frames is a program to compile, and 10 and 14 s once these are compiled,
+for 3 and 3 s by the simplex; they end at 33.05 and 46.21 dB for 33.05 and 46.18.
 """
 
 import itertools

@@ -20,6 +20,7 @@ from mishutter._core.parallel import alone_in_blas
 from mishutter.evaluation.needs import distinct_speeds, sized_for
 from mishutter.evaluation.open_frames import in_parts, psnr_of_error
 from mishutter.evaluation.response import nodes_in_time
+from mishutter.model.exposures import Lights
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.optics import frequencies, pixel_response
 from mishutter.model.scene import Scene, power_on_grid
@@ -50,25 +51,19 @@ class FrameNodes(NamedTuple):
         return self.place - speed * self.time
 
 
-Lights = Sequence[tuple[float, float]]
-"""First and last light of frames; s."""
-
-
 def nodes_of_frames(
     frames: Sequence[TimedFrame], fastest: float, lights: Lights | None = None
 ) -> list[FrameNodes]:
     """Quadrature nodes of each frame, for things up to a speed."""
     with outside_trace():
         middle = _place_at_middle(frames)
-        lights = lights_of(frames) if lights is None else lights
+        lights = _lights_of(frames) if lights is None else lights
         pairs = zip(frames, lights, strict=True)
         return [_nodes_of(frame, fastest, middle, lit) for frame, lit in pairs]
 
 
-def lights_of(frames: Sequence[TimedFrame]) -> list[tuple[float, float]]:
-    """First and last light of frames; s."""
-    halves = [(each.time, each.exposure / 2) for each in frames]
-    return [(time - half, time + half) for time, half in halves]
+def _lights_of(frames: Sequence[TimedFrame]) -> Lights:
+    return [(x.time - x.exposure / 2, x.time + x.exposure / 2) for x in frames]
 
 
 def _place_at_middle(frames: Sequence[TimedFrame]) -> float:
@@ -145,7 +140,7 @@ def _waves_at(
     lights: Lights | None = None,
 ) -> Iterator[_Waves]:
     """The frames at each of some speeds, in whole or as long as they are lit."""
-    lights = lights_of(frames) if lights is None else lights
+    lights = _lights_of(frames) if lights is None else lights
     nodes = nodes_of_frames(frames, float(np.max(np.abs(speeds))), lights)
     reach = max(float(np.ptp(x.displacement(float(s)))) for x in nodes for s in speeds[[0, -1]])
     count = _DIGIT * math.ceil(max(_LEAST_FREQUENCIES, 2 * reach) / _DIGIT)

@@ -7,33 +7,36 @@ metrics tell the loss by them.
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, final
 
 import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from mishutter._core.checks import common_dtype, fields_text, require, require_positive_int
-from mishutter._core.files import write_bytes
+from mishutter._core.checks import common_dtype, require, require_positive_int
+from mishutter._core.columns import table_text
 from mishutter.design.design import Design, given_design, metrics_to_dict, package_version
 from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.metrics import Metrics, evaluate
 from mishutter.evaluation.speed_knowledge import knowledge_of_saved
 from mishutter.evaluation.views import transmittance
-from mishutter.hardware.drive_files import MAX_STEPS, drive_bytes, read_drive, require_levels
-from mishutter.hardware.stage_files import path_csv, path_steps, pitch_of
+from mishutter.hardware.drive_files import MAX_STEPS, AbstractTable, read_drive, require_levels
+from mishutter.hardware.stage_files import path_csv
 from mishutter.model.motion import AbstractMotion, is_known_zero
 from mishutter.model.scene import Scene, require_scene
+from mishutter.model.sequences import OneExposure
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.chips import ChippedShutter
 from mishutter.model.slots import diffused, slot_means
+from mishutter.model.stages import StagePath
 
 _NUM_STEPS, _NUM_LEVELS = 256, 256
 """Steps and levels of a table for a device that asks for no number of its own."""
 
 
-@dataclass(frozen=True, eq=False)
-class DriveTable:
+@final
+@dataclass(frozen=True, eq=False, repr=False)
+class DriveTable(AbstractTable):
     """Drive levels over an exposure, and the sensor's path beside them.
 
     Attributes:
@@ -53,10 +56,6 @@ class DriveTable:
     transmittance: Float[np.ndarray, "n"]
     num_levels: int
 
-    def __repr__(self) -> str:
-        """One line, without the numbers of each step."""
-        return fields_text(self)
-
     @property
     def exposure(self) -> float:
         """Exposure that the steps share; s."""
@@ -75,11 +74,6 @@ class DriveTable:
     @property
     def _of_stage(self) -> AbstractMotion:
         return self.design.scene.limits.of_stage(self.design.motion)
-
-    @property
-    def position_scale(self) -> float:
-        """Position that a value of 1 stands for in the formats of -1 to 1; px."""
-        return float(np.max(np.abs(self.position))) or 1.0
 
     def shutter(self) -> ChippedShutter:
         """The shutter that the levels send, before the scene's device."""
@@ -131,25 +125,23 @@ class DriveTable:
 
     def to_csv(self) -> str:
         """The table as text: a line of names, a line of units, then one a step."""
-        rows = zip(
-            self.begin * 1e3,
-            self.wanted,
-            self.level,
-            self.transmittance,
-            self.passed_transmittance,
-            self.position,
-            self.velocity,
-            strict=True,
+        return table_text(
+            {
+                ("begin", "ms"): self.begin * 1e3,
+                ("wanted_transmittance", "1"): self.wanted,
+                ("level", "1"): self.level,
+                ("transmittance", "1"): self.transmittance,
+                ("passed_transmittance", "1"): self.passed_transmittance,
+                ("sensor_position", "px"): self.position,
+                ("sensor_velocity", "px/s"): self.velocity,
+            }
         )
-        lines = [
-            "begin,wanted_transmittance,level,transmittance,passed_transmittance,"
-            "sensor_position,sensor_velocity",
-            "ms,1,1,1,1,px,px/s",
-        ]
-        lines += [
-            f"{t:.9g},{w:.9g},{n:d},{v:.9g},{p:.9g},{x:.9g},{u:.9g}" for t, w, n, v, p, x, u in rows
-        ]
-        return "\n".join(lines) + "\n"
+
+    @property
+    def paths(self) -> dict[str, StagePath]:
+        """The path of the stage through the one exposure."""
+        design = self.design
+        return OneExposure.of(design.motion, design.scene.limits).stage_paths(design.scene)
 
     def stage_csv(self) -> str | None:
         """The sensor's path from rest to rest as text, at equal steps of time.
@@ -159,43 +151,9 @@ class DriveTable:
         how its stage follows, the last column is the command for it. None where the limits have no
         `stage_path`.
         """
-        path = self.design.scene.limits.stage_path(self.design.motion)
-        if path is None:
-            return None
         count = self.begin.size * -(-_NUM_STEPS // self.begin.size)
-        step = self.exposure / count
-        steps = path_steps(path, self.begin[0], step, count)
-        times = self.begin[0] + step * steps
-        is_begun, is_over = times > path.times[0], times >= path.times[-1]
-        parts = np.select(
-            [~is_begun, steps < 0, steps < count, ~is_over],
-            ["rest", "run-up", "exposure", "run-out"],
-            "rest",
-        )
-        scene = self.design.scene
-        return path_csv({"": path}, times, parts, scene.limits.stage, pitch_of(scene))
-
-    @property
-    def travel_beyond_limit(self) -> float | None:
-        """Travel of the `stage_csv` where it is more than the limits allow; px.
-
-        That may be where they let a stage run up at once. None elsewhere.
-        """
-        limits = self.design.scene.limits
-        return limits.travel_beyond(limits.stage_path(self.design.motion))
-
-    def save(self, path: str | Path, *, form: str = "csv") -> None:
-        """Write the table in a format that a laboratory loads, whole or not at all.
-
-        Args:
-            path: The file.
-            form: One of `DRIVE_FORMATS`; `read_drive` says what travels with each.
-
-        Raises:
-            ValueError: if there is no such format, or pulses are asked for of more than two levels.
-            OSError: if the file cannot be written.
-        """
-        write_bytes(path, drive_bytes(self, form))
+        half = self.exposure / 2
+        return path_csv(self.paths, {"exposure": (-half, half)}, count, self.design.scene)
 
     def to_dict(self) -> dict[str, Any]:
         """The table and its metrics, as plain numbers."""
@@ -256,7 +214,8 @@ def drive_table(
 
     Examples:
         >>> from mishutter import Design, HannShutter, drive_table, example_scene
-        >>> from mishutter.design.design import given_design
+        >>> from mishutter._core.columns import table_text
+    from mishutter.design.design import given_design
         >>> scene = example_scene()
         >>> design = given_design(scene, scene.motion, HannShutter(), "Given.")
         >>> table = drive_table(design, num_steps=100)

@@ -20,18 +20,28 @@ drive alone. `docs/drive_formats.md` quotes the makers' descriptions.
 import io
 import re
 import warnings
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
-from mishutter._core.checks import Unquoted, describe, require, require_finite, require_positive_int
+from mishutter._core.checks import (
+    Unquoted,
+    describe,
+    fields_text,
+    require,
+    require_finite,
+    require_positive_int,
+)
 from mishutter._core.columns import cells, number_rows, text_lines, unit_columns
-from mishutter._core.files import contents
+from mishutter._core.files import contents, write_bytes
+from mishutter.design.design import AbstractDesign
 from mishutter.model.motion import AbstractMotion, ParabolicMotion, steady
 from mishutter.model.shutters.chips import ChippedShutter
+from mishutter.model.stages import StagePath
 
 MAX_STEPS = 100_000
 _WORDS = (1 << 14) - 1
@@ -93,29 +103,59 @@ class _Samples(NamedTuple):
 # Writing
 
 
-@runtime_checkable
-class Table(Protocol):
-    """The parts of a table that are written, which `DriveTable` and `FrameTable` describe."""
+class AbstractTable(ABC):
+    """Equal steps of time from the first light of a design's exposures to the last."""
+
+    design: AbstractDesign
+    begin: Float[np.ndarray, "n"]  # Beginning of each step; s
+    level: Int[np.ndarray, "n"]  # Level of the shutter in each
+    num_levels: int
+    transmittance: Float[np.ndarray, "n"]  # Transmittance at that level
+    exposure: float  # Time that the steps share; s
+    gate: Bool[np.ndarray, "n"]  # Whether light is recorded in each step
+    paths: dict[str, StagePath]  # The path of the stage along each axis, as exposures have it
+    # Position of the stage at the beginning of each step, along each of two axes; px
+    position: Float[np.ndarray, "*axes n"]
+
+    @abstractmethod
+    def to_csv(self) -> str:
+        """The table as text: a line of names, a line of units, then one a step."""
+
+    def __repr__(self) -> str:
+        """One line, without the numbers of each step."""
+        return fields_text(self)
 
     @property
-    def exposure(self) -> float: ...
-    @property
-    def level(self) -> np.ndarray: ...
-    @property
-    def num_levels(self) -> int: ...
-    @property
-    def transmittance(self) -> np.ndarray: ...
-    @property
-    def position(self) -> np.ndarray: ...
-    @property
-    def position_scale(self) -> float: ...
-    @property
-    def gate(self) -> np.ndarray: ...
+    def position_scale(self) -> float:
+        """Position that a value of 1 stands for in the formats of -1 to 1; px."""
+        return float(np.max(np.abs(self.position))) or 1.0
 
-    def to_csv(self) -> str: ...
+    @property
+    def travel_beyond_limit(self) -> float | None:
+        """Travel of an axis in `stage_csv` where it is more than the limits allow; px.
+
+        That may be where they let a stage run up at once. None elsewhere.
+        """
+        limits = self.design.scene.limits
+        beyond = [limits.travel_beyond(path) for path in self.paths.values()]
+        return max((each for each in beyond if each is not None), default=None)
+
+    def save(self, path: str | Path, *, form: str = "csv") -> None:
+        """Write the table in a format that a laboratory loads, whole or not at all.
+
+        Args:
+            path: The file.
+            form: One of `DRIVE_FORMATS`, of which each has a channel that is open in exposures and
+                closed between them; `read_drive` says what travels with each.
+
+        Raises:
+            ValueError: if there is no such format, or pulses are asked for of more than two levels.
+            OSError: if the file cannot be written.
+        """
+        write_bytes(path, drive_bytes(self, form))
 
 
-def drive_bytes(table: Table, form: str) -> bytes:
+def drive_bytes(table: AbstractTable, form: str) -> bytes:
     """A drive table as a file of one of `DRIVE_FORMATS`.
 
     Raises:
@@ -126,11 +166,11 @@ def drive_bytes(table: Table, form: str) -> bytes:
     return _WRITERS[form](table)
 
 
-def _column(table: Table) -> bytes:
+def _column(table: AbstractTable) -> bytes:
     return "".join(f"{value!r}\n" for value in _drive(table).tolist()).encode()
 
 
-def _keysight(table: Table) -> bytes:
+def _keysight(table: AbstractTable) -> bytes:
     rate = table.level.size / table.exposure
     # Of a stage of two axes both outputs are places, and the gate alone is the shutter.
     channels = _channels(table)[-3:]
@@ -138,24 +178,24 @@ def _keysight(table: Table) -> bytes:
     return "\n".join([f"SampleRate={rate!r}", "Y1,Y2,SampleMarker1", *rows, ""]).encode()
 
 
-def _rigol(table: Table) -> bytes:
+def _rigol(table: AbstractTable) -> bytes:
     return np.rint((_drive(table) + 1) / 2 * _WORDS).astype("<u2").tobytes()
 
 
-def _siglent(table: Table) -> bytes:
+def _siglent(table: AbstractTable) -> bytes:
     count, exposure = table.level.size, table.exposure
     settings = [f"data length,{count}", f"frequency,{1 / exposure!r}", "amp,2", "offset,0"]
     rows = [f"{k * exposure / count:.9e},{y!r}" for k, y in enumerate(_drive(table).tolist())]
     return "\n".join([*settings, "phase,0", *[""] * 7, "xpos,value", *rows, ""]).encode()
 
 
-def _npy(table: Table) -> bytes:
+def _npy(table: AbstractTable) -> bytes:
     file = io.BytesIO()
     np.save(file, _channels(table), allow_pickle=False)
     return file.getvalue()
 
 
-def _pulse_list(table: Table) -> bytes:
+def _pulse_list(table: AbstractTable) -> bytes:
     is_binary = bool(np.all((table.transmittance == 0) | (table.transmittance == 1)))
     requirement = "be open or closed in each step for pulses: of 2 levels from 0 to 1"
     got = Unquoted(f"{table.num_levels} levels")
@@ -168,7 +208,7 @@ def _pulse_list(table: Table) -> bytes:
     return "\n".join(["wait,width", "us,us", *rows, ""]).encode()
 
 
-_WRITERS: dict[str, Callable[[Table], bytes]] = {
+_WRITERS: dict[str, Callable[[AbstractTable], bytes]] = {
     "csv": lambda table: table.to_csv().encode(),
     "column": _column,
     "keysight": _keysight,
@@ -191,11 +231,11 @@ WITH_POSITIONS = ("csv", "keysight", "npy")
 """Formats with channels for the places of a stage beside the shutter."""
 
 
-def _drive(table: Table) -> np.ndarray:
+def _drive(table: AbstractTable) -> np.ndarray:
     return 2 * table.level / (table.num_levels - 1) - 1
 
 
-def _channels(table: Table) -> np.ndarray:
+def _channels(table: AbstractTable) -> np.ndarray:
     """Drive, places along each axis over their scale, and gate; the last sample closes."""
     places = np.atleast_2d(table.position) / table.position_scale
     rows = [[*_drive(table), -1.0], *([*place, place[-1]] for place in places)]

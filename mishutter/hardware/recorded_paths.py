@@ -15,12 +15,11 @@ import numpy as np
 from jaxtyping import Float
 
 from mishutter._core.checks import Unquoted, require, require_finite, require_scalar
-from mishutter.design.design import Design
-from mishutter.evaluation.sequences import Lights, lights_of
+from mishutter.design.design import AbstractDesign, Design
 from mishutter.hardware.trace_files import METRES, TimedColumns, timed_columns
+from mishutter.model.exposures import Lights
 from mishutter.model.motion import FreeMotion
 from mishutter.model.sequences import TimedFrame
-from mishutter.plane.design import PlaneDesign
 from mishutter.plane.families import pan_of
 from mishutter.plane.frames import PlaneFrames
 
@@ -135,50 +134,32 @@ def with_recorded_path(
         ValueError: if the record has another number of axes than the stage, does not reach over
             the exposures, or has few samples in one.
     """
-    require(isinstance(design, Design | PlaneDesign), "design", "be a design", design)
+    require(isinstance(design, AbstractDesign), "design", "be a design", design)
     require_scalar("with_recorded_path(middle=...)", middle)
     require_finite("with_recorded_path(middle=...)", middle)
     for row in path:
         require_finite(name, row)
-    axes = 2 if isinstance(design, PlaneDesign) else 1
-    got = Unquoted(f"{len(path.place)}")
+    taken, scene = design.exposures, design.scene
+    got, axes = Unquoted(f"{len(path.place)}"), len(taken.axes)
     require(len(path.place) == axes, name, f"have places along {axes} axes", got)
-    if isinstance(design, PlaneDesign):
-        return _in_plane(design, path, middle, name)
-    turns = design.scene.limits.pans == "camera"
-    if design.sequence is None:
-        frames, pan = [TimedFrame(design.motion, 0.0)], float(design.motion.velocity) * turns
-    else:
-        frames, pan = design.sequence.frames, design.sequence.pan
-    spline = _Spline.through(path, lights_of(frames), middle, name)
-    recorded = [_frame(spline, frame, pan) for frame in frames]
-    planned = [
-        frame.position + np.asarray(frame.motion.position(time - frame.time), np.float64)
-        for frame, time in zip(frames, _times(lights_of(frames)), strict=True)
-    ]
-    difference = _difference(spline, lights_of(frames), np.array([planned]), np.array([pan]))
-    if design.sequence is None:
-        return replace(design, motion=recorded[0].motion), difference
-    return replace(design, sequence=replace(design.sequence, frames=tuple(recorded))), difference
-
-
-def _in_plane(
-    design: PlaneDesign, path: RecordedPath, middle: float, name: str
-) -> tuple[PlaneDesign, PathDifference]:
-    spline = _Spline.through(path, design.lights, middle, name)
-    scene = design.scene
+    spline = _Spline.through(path, taken.lights, middle, name)
+    planned = taken.place(_times(taken.lights))
+    if isinstance(design, Design):
+        pan = taken.pan
+        frames = tuple(_frame(spline, frame, pan) for frame in taken.frames)
+        if design.sequence is None:
+            recorded = replace(design, motion=frames[0].motion)
+        else:
+            recorded = replace(design, sequence=replace(design.sequence, frames=frames))
+        return recorded, _difference(spline, taken.lights, planned, np.array([pan]))
     turns = scene.limits.pans == "camera" and design.burst.num_axes > 0
-    pan = pan_of(scene.velocities, scene.limits) * turns  # type: ignore[arg-type]
-    frames = design.frames
-    recorded = PlaneFrames(
-        np.asarray(frames.times, np.float64),
-        np.asarray(frames.exposures, np.float64),
-        np.diff(spline.knots),
-        spline.velocities + pan[:, None],
+    pan = pan_of(scene.velocities, scene.limits) * turns
+    times, exposures = (np.asarray(x, np.float64) for x in (taken.times, taken.exposures))
+    velocities = spline.velocities + pan[:, None]
+    burst = replace(
+        design.burst, frames=PlaneFrames(times, exposures, np.diff(spline.knots), velocities)
     )
-    planned = np.asarray(frames.place(_times(design.lights)), np.float64)
-    difference = _difference(spline, design.lights, planned, pan)
-    return PlaneDesign(scene, replace(design.burst, frames=recorded)), difference
+    return replace(design, burst=burst), _difference(spline, taken.lights, planned, pan)
 
 
 class _Spline(NamedTuple):

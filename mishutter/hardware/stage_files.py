@@ -3,12 +3,12 @@
 from collections.abc import Mapping
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
 from mishutter._core.checks import require
+from mishutter._core.columns import table_text
 from mishutter.hardware.drive_files import MAX_STEPS
 from mishutter.model.scene import Scene
-from mishutter.model.servos import SecondOrderStage
 from mishutter.model.stages import StagePath
 
 
@@ -35,29 +35,41 @@ def path_steps(path: StagePath, first: float, step: float, count: int) -> Int[np
 
 def path_csv(
     paths: Mapping[str, StagePath],  # By the ending of the names of their columns
-    times: Float[np.ndarray, "n"],  # s
-    parts: np.ndarray,
-    stage: SecondOrderStage | None,
-    pixel_pitch: float | None,  # m
-) -> str:
+    lights: Mapping[str, tuple[float, float]],  # First and last light, by the name of the part; s
+    count: int,  # Number of equal steps from the first light to the last
+    scene: Scene,
+) -> str | None:
     """A line of names, a line of units, then a time, its part of the path, places and velocities.
 
     Places are in px, and in um, as piezo stages take them, where the pitch of the pixels is known.
+    Where the scene says how its stage follows, a column has the command for each axis. None without
+    a path.
     """
-    columns = {}
+    if not paths:
+        return None
+    whole = next(iter(paths.values()))  # Axes begin and end at the same times.
+    ends = [*lights.values()]
+    first, last = ends[0][0], ends[-1][1]
+    step = (last - first) / count
+    times = first + step * path_steps(whole, first, step, count)
+    parts = np.full(times.size, "between frames", object)
+    parts[times < first - step / 2] = "run-up"
+    parts[times > last - step / 2] = "run-out"
+    for name, (begin, end) in lights.items():
+        parts[(times > begin - step / 2) & (times < end - step / 2)] = name
+    near = 1e-6 * step
+    parts[(times <= whole.times[0] + near) | (times >= whole.times[-1] - near)] = "rest"
+    columns = {("time", "ms"): times * 1e3, ("part", ""): parts}
+    stage, pitch = scene.limits.stage, pitch_of(scene)
     for end, path in paths.items():
         position, velocity = path.at(times)
         columns |= {(f"sensor_position{end}", "px"): position}
         columns |= {(f"sensor_velocity{end}", "px/s"): velocity}
         if stage is not None:
             columns[(f"sent_position{end}", "px")] = stage.sent_for(path, times)
-    if pixel_pitch is not None:
-        per_px = {"px": ("um", pixel_pitch * 1e6), "px/s": ("mm/s", pixel_pitch * 1e3)}
-        for (name, unit), column in [*columns.items()]:
+    if pitch is not None:
+        per_px = {"px": ("um", pitch * 1e6), "px/s": ("mm/s", pitch * 1e3)}
+        for (name, unit), column in [*columns.items()][2:]:
             other, scale = per_px[unit]
             columns[(f"{name}_{other.replace('/', '_per_')}", other)] = column * scale
-    names, units = zip(*columns, strict=True)
-    lines = [",".join(["time", "part", *names]), ",".join(["ms", "", *units])]
-    for time, part, *numbers in zip(times * 1e3, parts, *columns.values(), strict=True):
-        lines.append(",".join([f"{time:.9g}", part, *(f"{x:.9g}" for x in numbers)]))
-    return "\n".join(lines) + "\n"
+    return table_text(columns)

@@ -529,31 +529,15 @@ class Limits(AbstractModule):
         return stage_path(motion, max_acceleration=most, max_jerk=jerk)
 
     def stage_path_of_frames(self, sequence: FrameSequence) -> StagePath | None:
-        """The path of the stage from rest through the frames of a sequence to rest.
-
-        The run-up and the run-out take the greatest acceleration and jerk, or the acceleration of
-        the rest of the path where it is not limited. None where the stage stays at rest, or no
-        limit says how it gets to a velocity.
-
-        Args:
-            sequence: The frames, within these limits.
-        """
+        """The path of the stage from rest through frames to rest, as `FrameSequence` has it."""
         return sequence.stage_path(**self._of_run_up)
 
     def with_travel(self, sequence: FrameSequence) -> FrameSequence:
-        """A sequence that says the travel of its `stage_path_of_frames`.
-
-        Args:
-            sequence: The frames, within these limits.
-        """
+        """A sequence that says the travel of its `stage_path_of_frames`."""
         return replace(sequence, travel=float(self.use_of_frames(sequence).travel))
 
     def use_of_frames(self, sequence: FrameSequence) -> StageUse:
-        """The demands of frames on the stage, which runs up to them from rest.
-
-        Args:
-            sequence: The frames, within these limits.
-        """
+        """The demands of frames on the stage, which runs up to them from rest."""
         return sequence.stage_use(**self._of_run_up)
 
     @property

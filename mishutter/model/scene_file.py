@@ -98,13 +98,13 @@ def read_speed(text: str, path: str | Path | None, subject: str) -> float:
 
 
 def read_velocity(text: str, path: str | Path | None, subject: str) -> tuple[float, float]:
-    """The velocity of a thing along rows and columns, in two speeds of `read_speed`; px/s.
+    """The velocity of a thing along rows and columns, in two speeds of `read_speed`, or 0; px/s.
 
     Raises:
         ValueError: as `read_speed`, and if there are not two.
         OSError: if the file cannot be read.
     """
-    parts = text.split(",")
+    parts = ["0", "0"] if text == "0" else text.split(",")
     requirement = "be a velocity along rows and columns, as 1500,-800 or 0.9m/s,0.2m/s"
     require(len(parts) == 2, subject, requirement, text)
     along, across = (read_speed(part.strip(), path, subject) for part in parts)

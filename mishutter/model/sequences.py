@@ -1,13 +1,14 @@
 """Frames that a camera takes one after the other of the same picture, and what its sensor does."""
 
-from collections import Counter
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise, takewhile
+from itertools import pairwise
+from typing import TYPE_CHECKING, final
 
+import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
+from mishutter.model.exposures import AT_REST, AbstractExposures
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.stages import (
     Knots,
@@ -24,10 +25,12 @@ from mishutter.model.stages import (
     use_of_knots,
 )
 
+if TYPE_CHECKING:
+    from mishutter.model.limits import Limits
+    from mishutter.model.scene import Scene
+
 SINE = "sine"
 """Kind of a sequence whose stage follows a sine between its frames too."""
-_AT_REST = 0.05
-"""Travel over a frame below which its sensor counts as standing still; px."""
 _PIECES_OF_SINE = 32
 """Pieces of constant acceleration that stand for a sine within a frame, and between two."""
 _ROUNDING = 1e-9
@@ -58,11 +61,72 @@ class TimedFrame:
     @property
     def is_still(self) -> bool:
         """Whether its sensor stands still."""
-        return float(self.motion.stroke) < _AT_REST
+        return float(self.motion.stroke) < AT_REST
 
 
+class AbstractFrames(AbstractExposures):
+    """Exposures of a sensor that moves along one axis.
+
+    Attributes:
+        frames: The exposures.
+        pan: Velocity at which the camera turns meanwhile, which the stage does not follow; px/s.
+    """
+
+    frames: eqx.AbstractVar[tuple[TimedFrame, ...]]
+    pan: eqx.AbstractVar[float]
+
+    @property
+    def times(self) -> list[float]:
+        """Mid-exposures, from the middle of all; s."""
+        return [frame.time for frame in self.frames]
+
+    @property
+    def exposures(self) -> list[float]:
+        """Time from the first to the last light of each; s."""
+        return [frame.exposure for frame in self.frames]
+
+    @property
+    def rests(self) -> list[bool]:
+        """Whether the sensor stands still in each."""
+        return [frame.is_still for frame in self.frames]
+
+    def place(self, times: Float[np.ndarray, "n q"]) -> Float[np.ndarray, "1 n q"]:
+        """Places of the sensor at some times of each exposure; px."""
+        pairs = zip(self.frames, times, strict=True)
+        ways = [(x.position, x.motion.position(time - x.time)) for x, time in pairs]
+        return np.array([[place + np.asarray(way, np.float64) for place, way in ways]])
+
+
+@final
 @dataclass(frozen=True)
-class FrameSequence:
+class OneExposure(AbstractFrames):
+    """An exposure alone, which has a shutter of its own.
+
+    Attributes:
+        frames: The exposure, about the time 0.
+        pan: As that of a `FrameSequence`.
+        kind: A word for it.
+    """
+
+    frames: tuple[TimedFrame]
+    pan: float = 0.0
+    kind: str = "one exposure"
+
+    @staticmethod
+    def of(motion: AbstractMotion, limits: "Limits") -> "OneExposure":
+        """The exposure of a motion, whose pan the limits give to the stage or to the camera."""
+        pan = float(motion.velocity) if limits.pans == "camera" else 0.0
+        return OneExposure((TimedFrame(motion, 0.0),), pan)
+
+    def stage_paths(self, scene: "Scene") -> dict[str, StagePath]:
+        """The path of the stage from rest to rest."""
+        path = scene.limits.stage_path(self.frames[0].motion)
+        return {} if path is None else {"": path}
+
+
+@final
+@dataclass(frozen=True)
+class FrameSequence(AbstractFrames):
     """Frames of one picture in the order in which they are exposed, for a decoder that aligns them.
 
     Attributes:
@@ -104,72 +168,20 @@ class FrameSequence:
         return f"{self.kind}, {self.setting}: {self.psnr:.2f} dB{less}"
 
     @property
-    def num_frames(self) -> int:
-        """Number of frames."""
-        return len(self.frames)
-
-    @property
-    def duration(self) -> float:
-        """Time from the first light to the last; s."""
-        first, last = self.frames[0], self.frames[-1]
-        return last.time - first.time + (first.exposure + last.exposure) / 2
-
-    def of_one_gain(self, frames: Iterable[np.ndarray]) -> list[np.ndarray]:
-        """Frames as a sensor of one gain records them: white is that of the longest.
-
-        Args:
-            frames: Each in units of its own white.
-        """
-        return of_one_gain(frames, [frame.exposure for frame in self.frames])
-
-    def of_own_whites(self, frames: Iterable[np.ndarray]) -> list[np.ndarray]:
-        """The frames that a sensor of one gain has recorded, each in units of its own white.
-
-        Args:
-            frames: Each in units of the white of the longest.
-        """
-        return of_own_whites(frames, [frame.exposure for frame in self.frames])
-
-    @property
-    def moves(self) -> bool:
-        """Whether the sensor moves during some frame."""
-        return not all(frame.is_still for frame in self.frames)
-
-    @property
-    def num_rests(self) -> int:
-        """Number of frames at rest before the first that moves.
-
-        A later one does not count: the middle frame of a fan may be so slow that it seems at rest.
-        """
-        return len([*takewhile(lambda frame: frame.is_still, self.frames)])
-
-    @property
-    def setting(self) -> str:
-        """Numbers of frames and their exposures; frames at rest before moving ones say so."""
-        num_rests = self.num_rests if self.moves else 0
-        kinds = Counter(
-            (f"{frame.exposure * 1e3:.3g} ms", index < num_rests)
-            for index, frame in enumerate(self.frames)
-        )
-        return " and ".join(
-            f"{count} of {exposure}{' at rest' if is_still else ''}"
-            for (exposure, is_still), count in kinds.items()
-        )
-
-    @property
     def stroke(self) -> float:
         """Travel of the stage from the first light to the last, without run-up and run-out; px."""
         return float(use_of_knots(self._knots(None, None)).stroke)
+
+    def stage_paths(self, scene: "Scene") -> dict[str, StagePath]:
+        """The path of the stage from rest to rest, within the limits of a scene."""
+        path = scene.limits.stage_path_of_frames(self)
+        return {} if path is None else {"": path}
 
     def stage_use(self, *, max_acceleration: float | None, max_jerk: float | None) -> StageUse:
         """The demands of the frames on a stage that runs up to them from rest.
 
         Where no path can be written, since no limit says how the stage reaches a velocity, it does
         so at once.
-
-        Args:
-            max_acceleration: As `stage_path` takes it.
-            max_jerk: As `stage_path` takes it.
         """
         path = self.stage_path(max_acceleration=max_acceleration, max_jerk=max_jerk)
         return use_of_knots(self._knots(None, None)) if path is None else path.use
@@ -239,18 +251,6 @@ class FrameSequence:
             pieces += _pieces_of(other)
         ends = float(accelerations_of(lit[0])[0]), float(accelerations_of(lit[-1])[-1])
         return from_rest_to_rest(knots_of(lit[0].velocities[0], pieces), ends, most, jerk)
-
-
-def of_one_gain(frames: Iterable[np.ndarray], exposures: Sequence[float]) -> list[np.ndarray]:
-    """Frames, each in units of its own white, in units of the white of the longest."""
-    longest = max(exposures)
-    return [time / longest * frame for time, frame in zip(exposures, frames, strict=True)]
-
-
-def of_own_whites(frames: Iterable[np.ndarray], exposures: Sequence[float]) -> list[np.ndarray]:
-    """Frames in units of the white of the longest, each in units of its own."""
-    longest = max(exposures)
-    return [frame / (time / longest) for time, frame in zip(exposures, frames, strict=True)]
 
 
 def _pieces_of(knots: Knots) -> list[Piece]:

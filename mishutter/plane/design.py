@@ -1,36 +1,32 @@
 """A design of frames in the plane, and the file that it is written to and read back from."""
 
 import json
-import math
-from dataclasses import dataclass, replace
-from importlib import import_module
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, final
+from typing import Annotated, Any, ClassVar, final
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from mishutter._core.checks import Unquoted, require
-from mishutter._core.files import contents, strict_json, write_text
+from mishutter._core.files import contents
 from mishutter._core.validation import parsed, validated
-from mishutter.design.design import Design, package_version
+from mishutter.design.design import AbstractDesign, Design, package_version
 from mishutter.design.schema import FORMAT, Result
 from mishutter.model.arguments import Part, arguments_of, table_of
 from mishutter.model.scene import Scene
-from mishutter.model.stages import StagePath, path_of_knots
+from mishutter.model.stages import StagePath
 from mishutter.model.velocities import AbstractVelocities
-from mishutter.plane.families import acceleration_of, of_stage
+from mishutter.plane.families import of_stage
 from mishutter.plane.frames import PlaneFrames
 from mishutter.plane.search import PlaneBurst
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 Row = list[float]
 
 
+@final
 @dataclass(frozen=True)
-class PlaneDesign:
+class PlaneDesign(AbstractDesign):
     """Frames of a sensor that moves in the plane, and the scene that they are for.
 
     Attributes:
@@ -42,56 +38,29 @@ class PlaneDesign:
     burst: PlaneBurst
 
     @property
+    def exposures(self) -> PlaneBurst:
+        """The frames, as those of any design."""
+        return self.burst
+
+    @property
+    def sequence(self) -> PlaneBurst:
+        """The same: it has no exposure in their place."""
+        return self.burst
+
+    @property
     def frames(self) -> PlaneFrames:
         """The frames, and the path of the sensor through them."""
         return self.burst.frames
 
     @property
-    def lights(self) -> list[tuple[float, float]]:
-        """First and last light of each frame; s."""
-        pairs = zip(self.frames.times, self.frames.exposures, strict=True)
-        return [(float(time - long / 2), float(time + long / 2)) for time, long in pairs]
+    def stage_paths(self) -> tuple[StagePath, ...] | None:
+        """The paths of the stage along rows and columns, as `PlaneBurst.stage_paths` has them."""
+        return (*self.burst.stage_paths(self.scene).values(),) or None
 
     @property
-    def stage_paths(self) -> tuple[StagePath, StagePath] | None:
-        """The paths of the stage along rows and columns, from rest to rest; px.
-
-        They are about the middle of the travel of each axis. The run-up takes the greatest
-        acceleration of the limits, or that of the rest of the path where they have none. None where
-        the stage stays at rest, or a velocity jumps, for which no limit says how it is reached.
-        """
-        limits = self.scene.limits
-        frames = self.frames
-        if self.burst.num_axes:
-            frames = of_stage(frames, self.scene.velocities, limits)  # type: ignore[arg-type]
-        most = limits.max_acceleration
-        most = acceleration_of(frames, limits) if most is None else float(most)
-        if frames.stays or not 0 < most < math.inf:
-            return None
-        knots = frames.knots(replace(limits, max_acceleration=most))
-        paths = []
-        for velocities, places in zip(knots.velocities, knots.positions, strict=True):
-            middle = (np.min(places) + np.max(places)) / 2
-            begin = float(places[knots.first] - middle)
-            own = knots._replace(velocities=velocities)
-            paths.append(path_of_knots(own, self.lights[0][0], begin))
-        return paths[0], paths[1]
-
-    def plot(self) -> "Figure":
-        """A figure of the path in the plane and in time, and of its velocities."""
-        # Figures stand on a floor above, which imports designs.
-        return import_module("mishutter.report.plots").plot_plane(self.scene, self.burst)
-
-    def save(self, path: str | Path) -> None:
-        """Write the design to one JSON file, whole or not at all.
-
-        Args:
-            path: The file.
-
-        Raises:
-            OSError: if the file cannot be written.
-        """
-        write_text(path, strict_json(self.to_dict()) + "\n")
+    def frames_document(self) -> dict[str, Any]:
+        """The frames as plain numbers, by their name in its file."""
+        return {"plane": burst_to_dict(self.burst)}
 
     def to_dict(self) -> dict[str, Any]:
         """Everything in the design as plain numbers, lists and text."""
@@ -99,7 +68,7 @@ class PlaneDesign:
             "level_db": self.burst.psnr,
             "format": FORMAT,
             "mishutter": package_version(),
-            "plane": burst_to_dict(self.burst),
+            **self.frames_document,
             "scene": self.scene,
             "velocities": self.scene.velocities,
         }

@@ -101,7 +101,7 @@ class Room(NamedTuple):
             (use.stroke, limits.max_stroke),
             (use.travel, limits.max_travel),
             (use.top_speed, limits.max_top_speed),
-            (acceleration_of(stage, limits), limits.max_acceleration),
+            (stage.acceleration(limits), limits.max_acceleration),
         )
         return max(float(taken) / float(there) for taken, there in pairs if there is not None)
 
@@ -116,16 +116,6 @@ def pan_of(velocities: AbstractVelocities, limits: Limits) -> Float[np.ndarray, 
 def of_stage(frames: PlaneFrames, velocities: AbstractVelocities, limits: Limits) -> PlaneFrames:
     """Frames that move as the stage makes them, beside a camera that turns."""
     return _moved(frames, -pan_of(velocities, limits)) if limits.pans == "camera" else frames
-
-
-def acceleration_of(frames: PlaneFrames, limits: Limits) -> float:
-    """Greatest acceleration of an axis or of both, infinite where a velocity jumps; px/s^2."""
-    gains = np.diff(np.asarray(frames.velocities))
-    size = np.hypot(*gains) if limits.axes == "disc" else np.max(np.abs(gains), axis=0)
-    d = np.asarray(frames.durations)
-    if np.any(size[d == 0] > 0):
-        return math.inf
-    return float(np.max(size[d > 0] / d[d > 0], initial=0.0))
 
 
 def _moved(frames: PlaneFrames, velocity: Float[np.ndarray, "2"]) -> PlaneFrames:

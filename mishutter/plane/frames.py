@@ -1,6 +1,7 @@
 """Frames of a sensor that moves in the plane, and the path of its stage through them."""
 
 import math
+from dataclasses import replace
 from typing import NamedTuple, final
 
 import numpy as np
@@ -8,11 +9,10 @@ from jaxtyping import Array, Float
 
 from mishutter._core.checks import as_numpy, namespace_of
 from mishutter._core.modules import AbstractModule
+from mishutter.model.exposures import AT_REST
 from mishutter.model.limits import Limits
-from mishutter.model.stages import Knots, StageUse, use_of_knots
+from mishutter.model.stages import Knots, StagePath, StageUse, path_of_knots, use_of_knots
 
-_AT_REST = 0.05
-"""Travel over a frame below which its sensor counts as standing still; px."""
 _DIRECTIONS = np.arange(16) * np.pi / 16
 """Directions along which two axes keep a limit together."""
 
@@ -116,7 +116,7 @@ class PlaneFrames(AbstractModule):
     def stays(self) -> bool:
         """Whether the sensor stands still in all frames; of concrete frames."""
         speed = np.max(np.hypot(*np.asarray(self.velocities)))
-        return float(speed * np.max(np.asarray(self.exposures))) < _AT_REST
+        return float(speed * np.max(np.asarray(self.exposures))) < AT_REST
 
     def knots(self, limits: Limits) -> Knots:
         """The way from rest to rest, along rows and columns.
@@ -152,6 +152,28 @@ class PlaneFrames(AbstractModule):
             units = units / np.cos(_DIRECTIONS[1] / 2)
         use = use_of_knots(knots._replace(velocities=units @ knots.velocities))
         return StageUse(*(np.max(each) for each in use))
+
+    def acceleration(self, limits: Limits) -> float:
+        """Greatest acceleration of an axis or of both, infinite where a velocity jumps; px/s^2."""
+        gains = np.diff(np.asarray(self.velocities))
+        size = np.hypot(*gains) if limits.axes == "disc" else np.max(np.abs(gains), axis=0)
+        d = np.asarray(self.durations)
+        if np.any(size[d == 0] > 0):
+            return math.inf
+        return float(np.max(size[d > 0] / d[d > 0], initial=0.0))
+
+    def stage_paths(self, limits: Limits) -> list[StagePath]:
+        """The paths of the stage along rows and columns, each about the middle of its travel."""
+        most = limits.max_acceleration
+        most = self.acceleration(limits) if most is None else float(most)
+        if self.stays or not 0 < most < math.inf:
+            return []
+        knots, paths = self.knots(replace(limits, max_acceleration=most)), []
+        for velocities, places in zip(knots.velocities, knots.positions, strict=True):
+            begin = float(places[knots.first] - (np.min(places) + np.max(places)) / 2)
+            own = knots._replace(velocities=velocities)
+            paths.append(path_of_knots(own, float(self._begin), begin))
+        return paths
 
 
 _PX_PER_PANEL = 9.0

@@ -21,6 +21,7 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -29,6 +30,8 @@ from jaxtyping import Array, Float
 from mishutter._core.checks import is_concrete, require
 from mishutter._core.compiling import compiled
 from mishutter.evaluation.open_frames import power_of_waves
+from mishutter.evaluation.sequences import psnr_of_frames
+from mishutter.model.exposures import AbstractExposures, Lights
 from mishutter.model.optics import NYQUIST_FREQUENCY, pixel_response
 from mishutter.model.scene import Scene, require_scene
 from mishutter.model.sensor import noise_power, white_electrons
@@ -196,6 +199,16 @@ def plane_psnr(
     require_scene(scene, in_plane=True)
     error = plane_error(scene, frames, fan_of(scene, grid), grid.num_speeds, num_panels)
     return -10 * jnp.log10(error)
+
+
+def psnr_by_lights(scene: Scene, exposures: AbstractExposures, lights: Lights) -> float:
+    """PSNR of frames, registered, as long as they are lit; dB."""
+    frames = exposures.frames
+    if len(exposures.axes) == 1:
+        return psnr_of_frames(scene, frames, lights=lights)
+    begin, end = np.transpose(lights)
+    where = lambda x: (x.times, x.exposures)  # noqa: E731
+    return float(plane_psnr(scene, eqx.tree_at(where, frames, ((begin + end) / 2, end - begin))))
 
 
 def require_velocities(scene: Scene) -> AbstractVelocities:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple, final
 
 import equinox as eqx
 import jax
@@ -16,12 +16,13 @@ from mishutter._core.compiling import compiled, outside_trace
 from mishutter._core.parallel import alone_in_blas
 from mishutter.evaluation.bursts import FrameTimes, some_numbers
 from mishutter.evaluation.open_frames import psnr_of_error
+from mishutter.model.exposures import AbstractExposures
 from mishutter.model.scene import Scene, require_scene
 from mishutter.model.sensor import Burst
-from mishutter.model.stages import StageUse
+from mishutter.model.stages import StagePath, StageUse
 from mishutter.plane.borders import loss_of_borders
 from mishutter.plane.ceilings import plane_ceiling
-from mishutter.plane.families import FAMILIES, FREE, PAN, STILLS, Family, Room
+from mishutter.plane.families import FAMILIES, FREE, PAN, STILLS, Family, Room, of_stage
 from mishutter.plane.frames import PlaneFrames
 from mishutter.plane.levels import (
     MEASURED,
@@ -58,8 +59,9 @@ _STIFF = 30.0
 """Weight of what a free path takes beyond a limit, before it is slowed down to that."""
 
 
+@final
 @dataclass(frozen=True)
-class PlaneBurst:
+class PlaneBurst(AbstractExposures):
     """Frames of a sensor that moves in the plane, and their level.
 
     Attributes:
@@ -78,6 +80,7 @@ class PlaneBurst:
     psnr: float
     use: StageUse
     width_loss: float | None = None
+    axes: ClassVar = ("_x", "_y")
 
     @property
     def level(self) -> float:
@@ -85,21 +88,37 @@ class PlaneBurst:
         return self.psnr - (self.width_loss or 0.0)
 
     @property
-    def num_frames(self) -> int:
-        """Number of frames."""
-        return self.frames.num_frames
+    def times(self) -> list[float]:
+        """Mid-exposures; s."""
+        return np.asarray(self.frames.times).tolist()
 
     @property
-    def moves(self) -> bool:
-        """Whether the sensor moves during some frame."""
-        return not self.frames.stays
+    def exposures(self) -> list[float]:
+        """Exposure of each frame; s."""
+        return np.asarray(self.frames.exposures).tolist()
+
+    @property
+    def rests(self) -> list[bool]:
+        """Whether the sensor stands still in all frames, for each."""
+        return [self.frames.stays] * self.num_frames
+
+    def place(self, times: Float[np.ndarray, "n q"]) -> Float[np.ndarray, "2 n q"]:
+        """Places of the sensor at some times; px."""
+        return np.asarray(self.frames.place(times), np.float64)
+
+    def stage_paths(self, scene: Scene) -> dict[str, StagePath]:
+        """The paths of the stage along rows and columns, each about the middle of its travel."""
+        frames = self.frames
+        if self.num_axes:
+            frames = of_stage(frames, require_velocities(scene), scene.limits)
+        return dict(zip(self.axes, frames.stage_paths(scene.limits), strict=False))
 
     @property
     def text(self) -> str:
         """The frames in words, and their level."""
         loss = self.width_loss
         less = "" if loss is None else f", less {loss:.2g} by the width of the sensor"
-        return f"{self.kind}, {self.num_frames} frames: {self.psnr:.2f} dB{less}"
+        return f"{self.kind}, {self.setting}: {self.psnr:.2f} dB{less}"
 
     def __repr__(self) -> str:
         return f"PlaneBurst({self.text})"

@@ -10,24 +10,24 @@ import numpy as np
 from jaxtyping import Array
 
 from mishutter._core.files import strict_json, write_text
-from mishutter.evaluation.moving_bursts import ALTERNATING, SINE, SWEEP
 from mishutter.model.scene import Scene
 from mishutter.plane.design import PlaneDesign, burst_to_dict
-from mishutter.plane.families import FREE, PAN
+from mishutter.plane.families import FREE
 from mishutter.plane.search import PlaneBurst, PlaneSearch
 from mishutter.report import plots
 from mishutter.report.verdict import (
     camera_words,
-    exposures_in_words,
+    counted,
+    objects_words,
     order_at_rest,
     order_line,
     paragraph,
     points_that_leave,
     snapshot_line,
     stage_adds,
+    stage_does,
     stage_numbers,
     table_of_levels,
-    whole_picture,
 )
 from mishutter.search.rows import simplest_of
 
@@ -36,17 +36,6 @@ if TYPE_CHECKING:
 
 _NEEDS = ("registration", "registration, stage", "registration, stage of two axes")
 """Needs of several frames by the axes of a stage."""
-_VERBS = {
-    PAN: "pans",
-    SWEEP: "sweeps {way}",
-    SINE: "swings {way} on a sine",
-    ALTERNATING: "swings {way}",
-    "circle": "circles over {way}",
-    "two sines": "follows two sines over {way}",
-    "crossed parabolas": "swings {way} along two axes in turn",
-    "ring of velocities": "takes another constant velocity in each over {way}",
-    FREE: "follows a free path over {way}",
-}
 _ONE_FILTER = (
     "One filter for all velocities is not offered: no moving camera beats the best still frame by "
     "it where things move in any direction."
@@ -91,7 +80,7 @@ class PlaneReport:
         first, choice = self.search.snapshot, self.choice
         level = f"{choice.level:.1f} dB"
         gain = choice.level - first.level
-        headline = snapshot_line(_exposures(first), level)
+        headline = snapshot_line(first.lengths, level)
         if choice is not first:
             headline = order_line(_order(choice), level, (gain,))
         rows = [
@@ -111,14 +100,10 @@ class PlaneReport:
     def _sentences(self) -> list[str]:
         choice, scene = self.choice, self.scene
         law = scene.velocities
-        way = math.ceil(float(scene.max_speed) * choice.frames.duration)
-        moves = f"{whole_picture(way)} (else say [objects])"
-        if scene.objects is not None:
-            moves = f"objects at least {float(scene.objects.width):,.4g} px wide, each registered"
         leave = "things that enter and leave are not counted (else say [sensor] width_px)"
         said = [
             "" if law is None else law.words,
-            moves,
+            objects_words(scene, choice),
             "velocities are found from the frames without error",
             *([leave] if scene.registered_width is None else []),
             *camera_words(
@@ -178,31 +163,19 @@ def _at_most(value: Array | np.ndarray | float) -> float:
 
 
 def _order(burst: PlaneBurst) -> str:
-    if not burst.num_axes:
-        return order_at_rest(burst.num_frames, _exposures(burst))
-    return f"{_count(burst)}{_way(burst)}"
-
-
-def _count(burst: PlaneBurst) -> str:
-    return "one exposure" if burst.num_frames == 1 else f"{burst.num_frames} frames"
+    return f"{counted(burst)}{_way(burst)}" if burst.num_axes else order_at_rest(burst)
 
 
 def _way(burst: PlaneBurst) -> str:
-    way = f"{_at_most(burst.use.travel):g} px"
-    return f" while the stage {_VERBS[burst.kind].format(way=way)}"
-
-
-def _exposures(burst: PlaneBurst) -> str:
-    exposures = np.asarray(burst.frames.exposures).tolist()
-    return exposures_in_words(exposures, counts=not burst.num_axes)
+    return stage_does(burst.kind, f"{_at_most(burst.use.travel):g} px")
 
 
 def _name(burst: PlaneBurst) -> str:
     if not burst.num_axes:
-        what = "snapshot" if burst.num_frames == 1 else _count(burst)
-        return f"{what} at rest, {_exposures(burst)}"
+        what = "snapshot" if burst.num_frames == 1 else counted(burst)
+        return f"{what} at rest, {burst.lengths}"
     # The needs say how many axes move, and the sentence below how far.
-    return f"{_count(burst)}{_way(burst).partition(' over ')[0]}, {_exposures(burst)}"
+    return f"{counted(burst)}{_way(burst).partition(' over ')[0]}, {burst.lengths}"
 
 
 def _document(burst: PlaneBurst, first: PlaneBurst) -> dict[str, Any]:

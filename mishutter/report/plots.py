@@ -19,7 +19,7 @@ from jaxtyping import Float
 from mishutter._core.checks import require
 from mishutter._core.files import write_bytes
 from mishutter.decoding.restoration import RestoredPhotograph
-from mishutter.design.design import Design
+from mishutter.design.design import AbstractDesign, Design
 from mishutter.evaluation.errors import spectral_levels
 from mishutter.evaluation.response import kernel_phase, kernels_at_speeds
 from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE
@@ -27,17 +27,15 @@ from mishutter.hardware.drive import DriveTable
 from mishutter.hardware.triggers import FrameTable, frame_table
 from mishutter.model.decoder_speeds import DecoderSpeed
 from mishutter.model.devices import command_of
+from mishutter.model.exposures import AbstractExposures, Lights
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene, picture_power
-from mishutter.model.sequences import TimedFrame
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.polynomials import profile_of
 from mishutter.model.shutters.spline import SplineShutter
 from mishutter.model.stages import StagePath
 from mishutter.model.velocities import AbstractVelocities
 from mishutter.pictures.images import Axis, Picture, to_display, turned
-from mishutter.plane.design import PlaneDesign
-from mishutter.plane.search import PlaneBurst
 from mishutter.report.layered import LayeredCapture, LayeredScene
 from mishutter.search.rows import SHUTTER, Row
 
@@ -220,11 +218,14 @@ def _note_below(figure: "Figure", text: str) -> None:
     figure.text(0.5, 0.06 / height, text, ha="center", va="bottom", fontsize="small")
 
 
-def plot_design(design: Design) -> "Figure":
+def plot_design(design: AbstractDesign) -> "Figure":
     """Draws a design in time: the transmittance of its shutter and the path of its sensor.
 
-    Where frames of a burst are better, these are drawn, with the path of the stage through them.
+    Where frames of a burst are better, or are in the plane, these are drawn, with the path of the
+    stage through them.
     """
+    if not isinstance(design, Design):
+        return plot_plane(design.scene, design.exposures)
     if design.sequence is not None:
         return plot_frames(frame_table(design))
     motion = design.motion
@@ -319,14 +320,16 @@ def plot_frames(table: FrameTable) -> "Figure":
     return figure
 
 
-def _draw_exposures(
-    axes: "Axes", lights: Sequence[tuple[float, float]], paths: Mapping[str, StagePath]
-) -> None:
-    """Draws exposures as shades, and paths of a stage by their names, or one at rest, as lines."""
+def _shade(axes: "Axes", lights: Lights) -> None:
+    """Draws exposures as shades."""
     for index, lit in enumerate(lights):
-        grey = "0.82" if index % 2 else "0.9"
         label = None if index else "exposed"
-        axes.axvspan(*(time * 1e3 for time in lit), color=grey, label=label)
+        axes.axvspan(*(x * 1e3 for x in lit), color="0.82" if index % 2 else "0.9", label=label)
+
+
+def _draw_exposures(axes: "Axes", lights: Lights, paths: Mapping[str, StagePath]) -> None:
+    """Draws exposures as shades, and paths of a stage by their names, or one at rest, as lines."""
+    _shade(axes, lights)
     ends = lights[0][0], lights[-1][1]
     for path in paths.values():
         ends = path.times[0], path.times[-1]
@@ -342,24 +345,14 @@ def plot_option(scene: Scene, row: Row, title: str = "") -> "Figure":
 
     Behind a shaped shutter a second panel has the transmittance.
     """
-    motion, frames, limits = row.motion, row.sequence, scene.limits
-    half = float(motion.half_exposure)
-    if frames is None:
-        lights = [(-half, half)]
-        is_still = row.stroke < _AT_REST
-        path = None if is_still else limits.stage_path(motion)
-    else:
-        lights = [
-            (frame.time - frame.exposure / 2, frame.time + frame.exposure / 2)
-            for frame in frames.frames
-        ]
-        path = limits.stage_path_of_frames(frames)
+    motion, exposures, is_still = row.motion, row.exposures, row.stroke < _AT_REST
+    half, paths = float(motion.half_exposure), {} if is_still else exposures.stage_paths(scene)
     is_shaped = SHUTTER in row.required_hardware
     figure, (axes, *others) = _new(1 + is_shaped, height=2.6, share=True)
-    _draw_exposures(axes, lights, {} if path is None else {"": path})
-    if path is None and row.stroke >= _AT_REST:  # no limit says how the stage gets there
+    _draw_exposures(axes, exposures.lights, paths)
+    if not paths and not is_still:  # no limit says how the stage gets there
         axes.lines[0].remove()
-        for frame in [TimedFrame(motion, 0.0)] if frames is None else frames.frames:
+        for frame in exposures.frames:
             time = np.linspace(-frame.exposure / 2, frame.exposure / 2, _NUM_POINTS)
             place = np.asarray(frame.motion.position(time)) + frame.position
             label = None if len(axes.lines) else "stage"
@@ -370,9 +363,7 @@ def plot_option(scene: Scene, row: Row, title: str = "") -> "Figure":
         transmittance, _ = profile_of(row.shutter, tau.astype(np.dtype(motion.half_exposure.dtype)))
         below.plot(tau * half * 1e3, transmittance, **next(line_styles()))
         below.set(xlabel="time from the middle / ms", ylabel="transmittance", ylim=(-0.02, 1.05))
-    travel = (
-        f", {row.stroke:.3g} px from first to last light" if row.stroke >= _AT_REST else ", at rest"
-    )
+    travel = ", at rest" if is_still else f", {row.stroke:.3g} px from first to last light"
     axes.lines[0].set_label(f"stage{travel}")
     if np.ptp(np.concatenate([line.get_ydata() for line in axes.lines])) < _AT_REST:
         axes.set_ylim(-1, 1)
@@ -457,12 +448,11 @@ def motion_text(motion: AbstractMotion) -> str:
     return f"{exposure}, sag {sag:.3g} px beside a pan of {pan:.4g} px/s"
 
 
-def camera_text(design: Design | PlaneDesign) -> str:
+def camera_text(design: AbstractDesign) -> str:
     """The exposure of a design with its motion, or the frames of its burst, in words."""
-    if isinstance(design, PlaneDesign):
-        return f"{design.burst.num_frames} frames, {design.burst.kind}"
-    frames = design.sequence
-    return motion_text(design.motion) if frames is None else f"{frames.setting}, {frames.kind}"
+    if isinstance(design, Design) and design.sequence is None:
+        return motion_text(design.motion)
+    return f"{design.exposures.setting}, {design.exposures.kind}"
 
 
 def plot_transfer(
@@ -817,7 +807,7 @@ def draw_grid(axes: "Axes") -> None:
     axes.grid(True, color="0.88", linewidth=0.6)
 
 
-def plot_plane(scene: Scene, burst: PlaneBurst, title: str = "") -> "Figure":
+def plot_plane(scene: Scene, burst: AbstractExposures, title: str = "") -> "Figure":
     """Draws frames in the plane: their path, their places in time, and their velocities.
 
     Exposures are coloured one by one; the way between them is thin. The outline beside the
@@ -828,23 +818,19 @@ def plot_plane(scene: Scene, burst: PlaneBurst, title: str = "") -> "Figure":
     below = figure.add_subplot(2, 1, 2)
     for axes in (plane, hodograph, below):
         draw_grid(axes)
-    frames = burst.frames
-    begin = float(frames.times[0] - frames.exposures[0] / 2)
-    time = begin + np.linspace(0, frames.duration * (1 - 1e-9), 8 * _NUM_POINTS)
+    frames, begin = burst.frames, burst.lights[0][0]
+    time = begin + np.linspace(0, burst.duration * (1 - 1e-9), 8 * _NUM_POINTS)
     place = np.asarray(frames.place(time))
     place = place - np.mean(place, axis=1)[:, None]
     ends = begin + np.append(0.0, np.cumsum(frames.durations))
     velocity = np.stack([np.interp(time, ends, v) for v in np.asarray(frames.velocities)])
     plane.plot(*place, color="0.7", linewidth=0.7)
     hodograph.plot(*velocity, color="0.7", linewidth=0.7)
-    for index, (middle, exposure) in enumerate(zip(frames.times, frames.exposures, strict=True)):
-        lit = abs(time - middle) <= exposure / 2
-        colour = _COLOURS[index % len(_COLOURS)]
+    _shade(below, burst.lights)
+    for (first, last), colour in zip(burst.lights, itertools.cycle(_COLOURS), strict=False):
+        lit = (time >= first) & (time <= last)
         for axes, (x, y) in ((plane, place), (hodograph, velocity)):
             axes.plot(x[lit], y[lit], color=colour, linewidth=1.8)
-        grey = "0.82" if index % 2 else "0.9"
-        span = (float(middle) + sign * float(exposure) / 2 for sign in (-1, 1))
-        below.axvspan(*(1e3 * x for x in span), color=grey, label=None if index else "exposed")
     if scene.velocities is not None:
         angles = np.linspace(0, 2 * np.pi, _NUM_POINTS)
         hodograph.plot(

@@ -2,7 +2,6 @@
 
 import math
 import textwrap
-from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from jaxtyping import Array
@@ -12,9 +11,11 @@ from mishutter.evaluation.bursts import FrameTimes, StillBursts, window_of
 from mishutter.evaluation.moving_bursts import ALTERNATING, FAN, SINE, SWEEP
 from mishutter.evaluation.sequences import REGION
 from mishutter.model.devices import AbstractDevice
+from mishutter.model.exposures import AbstractExposures
 from mishutter.model.scene import Scene
 from mishutter.model.scene_units import GRAVITY
 from mishutter.model.sequences import FrameSequence
+from mishutter.plane.families import CIRCLE, CROSSED, FREE, PAN, RING, TWO_SINES
 from mishutter.search.rivals import PLAIN_RATE, PLAIN_STILLS, Entry, taken_names
 from mishutter.search.rows import BEST_SNAPSHOT, SHUTTER, Row, best_row
 from mishutter.search.space import beyond_limits, forbids_free_path
@@ -45,6 +46,19 @@ _WAYS = {
     FAN: "takes another constant velocity in each frame",
 }
 """The way of a stage over frames."""
+_VERBS = {
+    PAN: "pans",
+    SINE: "swings {way} on a sine",
+    SWEEP: "sweeps {way}",
+    ALTERNATING: "swings {way}",
+    FAN: "takes a constant speed in each, over {way}",
+    CIRCLE: "circles over {way}",
+    TWO_SINES: "follows two sines over {way}",
+    CROSSED: "swings {way} along two axes in turn",
+    RING: "takes another constant velocity in each over {way}",
+    FREE: "follows a free path over {way}",
+}
+"""The same in brief."""
 _HIDDEN = "The speed cannot be found: the blur differs too little between the speeds."
 
 
@@ -80,7 +94,7 @@ def options_of(rows: Iterable[Row], choice: Row, own: Collection[str] = ()) -> l
 
 def option_name(row: Row) -> str:
     """A row in the words of a table of options: what is exposed, on which path, for how long."""
-    name = f"{_what(row)}, {_exposures(row)}{_aside(row)}"
+    name = f"{_what(row)}, {row.exposures.lengths}{_aside(row)}"
     is_named = row.name not in (*taken_names(), _OPTIMISED)
     return f"{row.name}: {name}" if is_named else name
 
@@ -122,45 +136,31 @@ def _way_of_frames(frames: FrameSequence, *, short: bool = False) -> str:
     if rests:
         which = "second" if frames.num_frames == 2 else "last" if moving == 1 else f"last {moving}"
         return f", the {which} moving" if short else f", the stage moving during the {which}"
-    way = f"{frames.travel:.3g} px"
-    verbs = {
-        SINE: f"swings {way} on a sine",
-        SWEEP: f"sweeps {way}",
-        ALTERNATING: f"swings {way}",
-        FAN: f"takes a constant speed in each, over {way}",
-    }
-    return f" while the stage {verbs.get(frames.kind, f'swings {way}')}"
+    return stage_does(frames.kind, f"{frames.travel:.3g} px")
 
 
-def _exposures(row: Row) -> str:
-    """The exposure, or the exposures of frames and how many frames have each."""
-    frames = row.sequence
-    if frames is None:
-        return exposures_in_words([float(row.motion.exposure)])
-    return exposures_in_words([frame.exposure for frame in frames.frames], counts=not frames.moves)
+def stage_does(kind: str, way: str) -> str:
+    """The verb of a stage over frames, by their kind and its travel in px."""
+    return f" while the stage {_VERBS.get(kind, 'swings {way}').format(way=way)}"
 
 
-def exposures_in_words(exposures: Iterable[float], *, counts: bool = True) -> str:
-    """Exposures, s, in ms: each that occurs, with the number of its frames where these differ."""
-    kinds = Counter(f"{exposure * 1e3:.3g}" for exposure in exposures)
-    if not counts or set(kinds.values()) == {1} or len(kinds) == 1:
-        return f"{' and '.join(kinds)} ms"
-    return f"{' and '.join(f'{count} of {exposure}' for exposure, count in kinds.items())} ms"
+def counted(exposures: AbstractExposures) -> str:
+    """The number of exposures, in words."""
+    return "one exposure" if exposures.num_frames == 1 else f"{exposures.num_frames} frames"
 
 
-def order_at_rest(num_frames: int, exposures: str) -> str:
-    """The order to take frames of some exposures, in words, with the stage at rest."""
-    frames = "one exposure" if num_frames == 1 else f"{num_frames} frames"
-    if " of " in exposures:
-        return f"{frames}, {exposures}, and keep the stage still"
-    return f"{frames} of {exposures} and keep the stage still"
+def order_at_rest(exposures: AbstractExposures, aside: str = "") -> str:
+    """The order to take some exposures, in words, with the stage at rest."""
+    link = ", " if " of " in exposures.lengths else " of "
+    end = ", and" if link == ", " else " and"
+    return f"{counted(exposures)}{link}{exposures.lengths}{aside}{end} keep the stage still"
 
 
 def headline(choice: Row, snapshot: Row, within: tuple[float, float] | None = None) -> str:
     """The first line of an answer: what to take, its level and its gain."""
     level = f"{choice.level:.1f} dB{' at the worst speed' if choice.at_worst else ''}"
     if choice.name == BEST_SNAPSHOT:
-        return snapshot_line(_exposures(choice), level)
+        return snapshot_line(choice.exposures.lengths, level)
     gains = (choice.margin_over(snapshot),) if within is None else within
     beside = " at rest" if _is_snapshot(choice) else ""
     return order_line(_order(choice), level, gains, beside)
@@ -186,7 +186,7 @@ def _order(row: Row) -> str:
         way = _way_of_frames(frames)
         rate = f" at {PLAIN_RATE:.0f} frames/s" if row.name == PLAIN_STILLS else ""
         if way == " at rest":
-            return order_at_rest(row.num_frames, _exposures(row) + rate)
+            return order_at_rest(row.exposures, rate)
         return f"{row.num_frames} frames{way}"
     if _is_snapshot(row):
         return f"{name}a {_what(row)}"
@@ -273,21 +273,7 @@ def stage_numbers(travel: float, top_speed: float, acceleration: float, pitch: A
 
 def _assumptions(scene: Scene, choice: Row) -> str:
     """The assumptions of a level: of the motion, of the objects, of the decoder."""
-    layers, frames = scene.occlusion, choice.sequence
-    time = float(choice.motion.exposure) if frames is None else frames.duration
-    way = math.ceil(float(scene.max_speed) * time)
-    if layers is None and scene.objects is not None:
-        moves = f"objects at least {float(scene.objects.width):,.4g} px wide, each registered"
-    elif layers is None:
-        moves = f"{whole_picture(way)} (else say [objects], or [occlusion] before a background)"
-    else:
-        width = (
-            "" if layers.object_width is None else f", {float(layers.object_width):,.4g} px wide,"
-        )
-        moves = (
-            f"objects over {float(layers.front_share):.0%} of the picture{width} before a "
-            f"{'background at rest' if layers.background == 'still' else 'moving background'}"
-        )
+    frames = choice.sequence
     if frames is not None:
         decoder = "frames are registered without error"
         if choice.name == PLAIN_STILLS:
@@ -297,13 +283,30 @@ def _assumptions(scene: Scene, choice: Row) -> str:
     else:
         decoder = f"the decoder {'finds' if choice.decoder.finds_speed else 'knows'} the speed"
     camera = camera_words(scene, frames=frames is not None, stage="stage" in choice.needs)
-    said = [f"all motion along the {scene.sensor.axis}", moves, decoder, *camera]
+    moves = [f"all motion along the {scene.sensor.axis}", objects_words(scene, choice.exposures)]
+    said = [*moves, decoder, *camera]
     return f"Assumes: {'; '.join(said)}."
 
 
-def whole_picture(way: int) -> str:
-    """The assumption that objects are larger than they move, px, while frames are taken."""
-    return f"the picture moves as a whole, or its objects are much wider than {way:,} px"
+def objects_words(scene: Scene, exposures: AbstractExposures) -> str:
+    """The assumption on the width of the objects, which move while there are exposures."""
+    layers = scene.occlusion
+    if layers is not None:
+        width = (
+            "" if layers.object_width is None else f", {float(layers.object_width):,.4g} px wide,"
+        )
+        return (
+            f"objects over {float(layers.front_share):.0%} of the picture{width} before a "
+            f"{'background at rest' if layers.background == 'still' else 'moving background'}"
+        )
+    if scene.objects is not None:
+        return f"objects at least {float(scene.objects.width):,.4g} px wide, each registered"
+    way = math.ceil(float(scene.max_speed) * exposures.duration)
+    other = ", or [occlusion] before a background" if scene.velocities is None else ""
+    return (
+        f"the picture moves as a whole, or its objects are much wider than {way:,} px (else say "
+        f"[objects]{other})"
+    )
 
 
 def camera_words(scene: Scene, *, frames: bool, stage: bool) -> list[str]:

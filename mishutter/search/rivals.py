@@ -25,7 +25,7 @@ from mishutter.evaluation.views import transmittance
 from mishutter.model.motion import AbstractMotion, LinearMotion, StillCamera
 from mishutter.model.scene import Scene
 from mishutter.model.sensor import Burst
-from mishutter.model.sequences import FrameSequence, TimedFrame
+from mishutter.model.sequences import FrameSequence, OneExposure
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.kinds import baselines
 from mishutter.model.shutters.spline import SplineShutter
@@ -334,10 +334,9 @@ def _plain_stills(search: RivalSearch) -> list[Row]:
 def _as_sequence(design: Design) -> FrameSequence:
     """An exposure of an open shutter as a burst of one frame: a burst may be no more than that."""
     levels = design.metrics.known_speed_psnr, design.metrics.worst_known_speed_psnr
-    limits, frames = design.scene.limits, (TimedFrame(design.motion, 0.0),)
-    pan = float(design.motion.velocity) if limits.pans == "camera" else 0.0
-    one = FrameSequence(ONE_PARABOLA, frames, 0.0, *map(float, levels), pan=pan)
-    return limits.with_travel(one)
+    one, limits = OneExposure.of(design.motion, design.scene.limits), design.scene.limits
+    whole = FrameSequence(ONE_PARABOLA, one.frames, 0.0, *map(float, levels), pan=one.pan)
+    return limits.with_travel(whole)
 
 
 def _row_of_burst(name: str, scene: Scene, sequence: FrameSequence) -> Row:

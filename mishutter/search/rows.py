@@ -18,9 +18,10 @@ from mishutter.evaluation.speed_knowledge import (
     knowledge_of,
 )
 from mishutter.model.devices import least_efficiency
+from mishutter.model.exposures import AbstractExposures
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene
-from mishutter.model.sequences import FrameSequence
+from mishutter.model.sequences import FrameSequence, OneExposure, TimedFrame
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.polynomials import profile_of
 from mishutter.model.shutters.windows import RectShutter
@@ -87,6 +88,12 @@ class Row:
         return f"Row({self.reading!r}, {self.name!r}, {self.level:.2f} dB, {self.setting})"
 
     @cached_property
+    def exposures(self) -> AbstractExposures:
+        """The frames of a burst, or the one exposure."""
+        pan = float(self.motion.velocity) if self.turns else 0.0
+        return self.sequence or OneExposure((TimedFrame(self.motion, 0.0),), pan)
+
+    @cached_property
     def stroke(self) -> float:
         """Distance from the lowest to the highest position of the stage; px.
 
@@ -126,7 +133,7 @@ class Row:
     @property
     def num_frames(self) -> int:
         """Number of frames, which are registered."""
-        return 1 if self.sequence is None else self.sequence.num_frames
+        return self.exposures.num_frames
 
     @property
     def is_of_one_exposure(self) -> bool:

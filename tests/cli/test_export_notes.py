@@ -5,7 +5,7 @@ from support.bursts import a_burst_design
 from support.drive import a_design
 
 from mishutter import FirstOrderShutter, Limits, TukeyShutter, drive_table, frame_table
-from mishutter.cli.export import FormatName, _export_frames, _note_what_to_set
+from mishutter.cli.export import FormatName, _note_what_to_set, _write
 from mishutter.design.design import given_design
 
 
@@ -34,7 +34,7 @@ def test_a_burst_says_that_its_stage_travels_too_far(travel, tmp_path, capsys):
     """Beside the table that has the path; without a limit there is nothing to say."""
     limits = Limits(max_travel=travel, max_acceleration=1.4e6, max_stroke=40.0)
     table = frame_table(a_burst_design(limits=limits), num_steps=13)
-    _export_frames(table, tmp_path, FormatName("csv"), as_json=False)
+    assert "stage.csv" in _write(table, tmp_path, FormatName("csv"))
     assert (tmp_path / "stage.csv").exists()
     said = " ".join(capsys.readouterr().err.split())
     assert ("stage.csv travels" in said) == (travel is not None)

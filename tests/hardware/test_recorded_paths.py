@@ -34,7 +34,7 @@ def test_frames_in_the_plane_are_where_the_encoder_was():
     design = a_plane_design()
     path = recorded(design.stage_paths, bend=0.4)
     built, apart = with_recorded_path(design, path, middle=CLOCK)
-    begin, end = design.lights[0][0], design.lights[-1][1]
+    begin, end = design.exposures.lights[0][0], design.exposures.lights[-1][1]
     time = np.linspace(begin, end, 61)[1:-1]
     wanted = [np.interp(time, path.time - CLOCK, row) for row in path.place]
     own = np.asarray(built.frames.place(time))

@@ -43,7 +43,7 @@ def test_a_design_comes_back_from_its_file(slug, tmp_path):
 def test_the_stage_goes_from_rest_to_rest_through_the_path():
     """It is where the frames want it but for a constant, at rest at both ends, about 0."""
     design = a_plane_design()
-    begin, end = design.lights[0][0], design.lights[-1][1]
+    begin, end = design.exposures.lights[0][0], design.exposures.lights[-1][1]
     time = np.linspace(begin, end, 97)[1:-1]
     wanted = np.asarray(design.frames.place(time))
     for path, place in zip(design.stage_paths, wanted, strict=True):
