@@ -78,6 +78,8 @@ class Evidence(NamedTuple):
         return (
             odd_frame(self.frames, self.noises)
             or _doubt_of_fit(self, words)
+            # Frames that tell nothing do not tell which of them is off either.
+            or (LITTLE if not self.is_only and self.lead < _LEAD * self.fit.spread else "")
             or _doubt_of_one_frame(self, words)
             or _doubt_of_steps(self)
             or ("" if self.is_only else _doubt_of_rivals(self, error, words))
@@ -162,8 +164,7 @@ def _doubt_of_rivals(found: Evidence, error: float, words: Words) -> str:
     spread, misfit = found.fit.spread, found.compared.misfit
     if not found.is_within:
         return words.beyond
-    is_told = found.lead >= _LEAD * spread and error < _REGISTERED
-    if not is_told or len(found.frames) == 1:
+    if not error < _REGISTERED or len(found.frames) == 1:
         return LITTLE
     as_well = misfit + _AS_WELL * max(found.elsewhere - misfit, 0.0)
     for rival in found.rivals:

@@ -48,7 +48,7 @@ which the scene expects."""
 _FLICKER, _LARGEST_SHIFT = 0.2, 10.0
 """Gain or black level, and shift, px, by which a frame may differ from the others, as standard
 deviations."""
-_TILES = 8
+TILES = 8
 """Parts of a picture along each axis whose likelihoods are compared."""
 
 
@@ -299,7 +299,7 @@ def fit_of(found: Likeliest, space: Volume, mean: float = 0.0) -> Fit:
     if found.gains.ndim > 0:
         parts = found.gains.ravel() - space.logarithm
     else:
-        parts = -in_tiles(np.sum(squares, axis=0)) / 2
+        parts = -_in_tiles(np.sum(squares, axis=0)) / 2
     scale = follows(num_frames) * canvas.size
     return Fit(
         float(np.sum(sums) / max(np.sum(freedoms), 1.0)),
@@ -317,11 +317,11 @@ def follows(num_frames: int) -> float:
     return num_frames / max(num_frames - 1, 1)
 
 
-def in_tiles(values: Float[np.ndarray, "*planes rows columns"]) -> Float[np.ndarray, "*planes t"]:
+def _in_tiles(values: Float[np.ndarray, "*planes rows columns"]) -> Float[np.ndarray, "*planes t"]:
     """Sums over tiles."""
     for axis in (-2, -1):
         count = values.shape[axis]
-        starts = np.linspace(0, count, min(_TILES, count), endpoint=False).astype(int)
+        starts = np.linspace(0, count, min(TILES, count), endpoint=False).astype(int)
         values = np.add.reduceat(values, starts, axis=axis)
     return values.reshape(*values.shape[:-2], -1)
 

@@ -6,6 +6,7 @@ the Gaussian about it, and the information is $\sum_k d_{ik} r^{(j)}_k/N_k$, wit
 $r^{(j)}$ of the likeliest picture of $d_j$ itself.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +24,7 @@ from mishutter.camera.plane_frames import (
 from mishutter.camera.rows import fast_length
 from mishutter.decoding.decoders.linear import LEAST_POWER, mean_over_dft
 from mishutter.decoding.likeliest import (
+    TILES,
     TOLERANCE,
     Canvas,
     Detail,
@@ -49,6 +51,9 @@ _FINE = (256, 256)
 """Frequencies along each axis by which detail is finer than a pixel."""
 _SIDE, _FURTHEST = 0.1, 1.0
 """Displacements over the frames for slopes of volumes, and the furthest of one step; binned px."""
+_BESIDE, _FLATTEST = 0.15, 0.01
+"""Part of the furthest step over which a curvature changes a slope, and the least curvature, over
+that of the model."""
 _UNKNOWN = 64.0
 """Standard error of a velocity of which frames tell nothing, as a displacement over these."""
 
@@ -171,25 +176,18 @@ def logarithm(level: Level, velocity: np.ndarray, tolerance: float = ROUGHLY) ->
     return gain - level.volume(velocity).logarithm
 
 
-class Climb(NamedTuple):
-    """A step towards the peak of the likelihood."""
+class Slope(NamedTuple):
+    """The slope of the logarithm of the likelihood at a velocity."""
 
-    velocity: Float[np.ndarray, "2"]  # Where it begins; px/s
+    velocity: Float[np.ndarray, "2"]  # px/s
     found: Likeliest
-    slope: Float[np.ndarray, "2"]  # Slope of the logarithm
-    information: Float[np.ndarray, "2 2"]
-    scores: Float[np.ndarray, "2 rows columns"]  # The slope, by pixel of the frames
-    furthest: float  # Greatest step; px/s
-
-    @property
-    def best(self) -> Float[np.ndarray, "2"]:
-        """The velocity at the end of the step."""
-        step = np.linalg.solve(self.information, self.slope)
-        return self.velocity + step * min(1.0, self.furthest / float(np.hypot(*step)))
+    value: Float[np.ndarray, "2"]
+    changes: list[Float[np.ndarray, "n rows columns"]]  # Of the frames, by each component
+    scores: Float[np.ndarray, "2 n rows columns"]  # The slope but for volumes, by pixel
 
 
-def climbed(level: Level, velocity: np.ndarray, tolerance: float = TOLERANCE) -> Climb:
-    """A step from a velocity towards the peak of the likelihood, by Gauss and Newton."""
+def slope_at(level: Level, velocity: Float[np.ndarray, "2"], tolerance: float = TOLERANCE) -> Slope:
+    """The slope at a velocity."""
     canvas, instants, size = level.canvas, level.instants, level.canvas.size
     found = level.likeliest(velocity, tolerance)
     residual = canvas.frames - found.seen
@@ -197,16 +195,11 @@ def climbed(level: Level, velocity: np.ndarray, tolerance: float = TOLERANCE) ->
     weight = instants.weight * instants.time
     moved = waves_in_plane(displaced, weight, frequencies_on(canvas.shape)) * level.aperture
     moved = moved.astype(found.responses.dtype)
-    changes, beside = [], []
+    changes = []
     for frequency in frequencies_along(canvas.shape):
         turned = (2j * np.pi / size * frequency).astype(moved.dtype) * found.spectrum
-        change = np.stack([canvas.seen(turned * one) for one in moved])
-        own = likeliest(canvas._replace(frames=change), found.responses, tolerance)
-        changes.append(change)
-        beside.append(change - own.seen)
-    noises = canvas.noises[:, None, None]
-    information = np.array([[np.sum(d * r / noises) for r in beside] for d in changes])
-    side = _SIDE * size / max(float(np.ptp(instants.time)), 1e-300)
+        changes.append(np.stack([canvas.seen(turned * one) for one in moved]))
+    side = _SIDE * _furthest(level)
     volumes = np.array(
         [
             level.volume(velocity + side * e).logarithm
@@ -214,9 +207,119 @@ def climbed(level: Level, velocity: np.ndarray, tolerance: float = TOLERANCE) ->
             for e in np.eye(2)
         ]
     ) / (2 * side)
-    scores = np.stack([np.sum(d * residual / noises, axis=0) for d in changes])
-    slope = np.sum(scores, axis=(1, 2), dtype=np.float64) - volumes
-    furthest = _FURTHEST / _SIDE * side
+    noises = canvas.noises[:, None, None]
+    scores = np.stack([d * residual / noises for d in changes])
+    value = np.sum(scores, axis=(1, 2, 3), dtype=np.float64) - volumes
+    return Slope(velocity, found, value, changes, scores)
+
+
+def _furthest(level: Level) -> float:
+    """The greatest step; px/s."""
+    return _FURTHEST * level.canvas.size / max(float(np.ptp(level.instants.time)), 1e-300)
+
+
+def _stepped(
+    velocity: Float[np.ndarray, "2"],
+    curvature: Float[np.ndarray, "2 2"],
+    slope: Float[np.ndarray, "2"],
+    furthest: float,
+) -> Float[np.ndarray, "2"]:
+    """The end of a step by Newton."""
+    step = np.linalg.solve(curvature, slope)
+    return velocity + step * min(1.0, furthest / max(float(np.hypot(*step)), 1e-300))
+
+
+class Climb(NamedTuple):
+    """A step towards the peak of the likelihood."""
+
+    velocity: Float[np.ndarray, "2"]  # Where it begins; px/s
+    found: Likeliest
+    slope: Float[np.ndarray, "2"]  # Slope of the logarithm
+    information: Float[np.ndarray, "2 2"]
+    furthest: float  # Greatest step; px/s
+
+    @property
+    def best(self) -> Float[np.ndarray, "2"]:
+        """The velocity at the end of the step."""
+        return _stepped(self.velocity, self.information, self.slope, self.furthest)
+
+
+def climbed(level: Level, velocity: Float[np.ndarray, "2"], tolerance: float = TOLERANCE) -> Climb:
+    """A step from a velocity towards the peak of the likelihood, by Gauss and Newton."""
+    here, furthest, canvas = slope_at(level, velocity, tolerance), _furthest(level), level.canvas
+    beside = []
+    for change in here.changes:
+        own = likeliest(canvas._replace(frames=change), here.found.responses, tolerance)
+        beside.append(change - own.seen)
+    noises = canvas.noises[:, None, None]
+    information = np.array([[np.sum(d * r / noises) for r in beside] for d in here.changes])
     # Pictures without detail tell nothing of their velocity.
     information = (information + information.T) / 2 + np.eye(2) / (_UNKNOWN * furthest) ** 2
-    return Climb(velocity, found, slope, information, scores, furthest)
+    return Climb(velocity, here.found, here.value, information, furthest)
+
+
+class Peak(NamedTuple):
+    """The peak of the likelihood, with the curvature that it has."""
+
+    near: Slope  # The slope a step away
+    curvature: Float[np.ndarray, "2 2"]
+    covariance: Float[np.ndarray, "2 2"]  # That of the velocity's error
+    furthest: float  # Greatest step; px/s
+
+    @property
+    def best(self) -> Float[np.ndarray, "2"]:
+        """The velocity of the peak."""
+        return _stepped(self.near.velocity, self.curvature, self.near.value, self.furthest)
+
+
+def peak_near(level: Level, climb: Climb) -> Peak:
+    """The peak by a step of Newton from the end of a climb.
+
+    The error is that of a likelihood whose model is not the pictures': slopes scatter by what
+    places of the picture pull, and the peak follows by the curvature that it has. The model's own
+    curvature, of a picture with as much detail everywhere, is its bound.
+    """
+    near, side = slope_at(level, climb.best), _BESIDE * climb.furthest
+    curvature = np.stack(
+        [(near.value - slope_at(level, climb.best + side * e).value) / side for e in np.eye(2)]
+    )
+    curvature = _bounded(climb.information, (curvature + curvature.T) / 2, (_FLATTEST, 1.0))
+    pulls, pixels = _by_place(level, near)
+    total = np.sum(pulls, axis=1, keepdims=True)
+    own = pulls - total * pixels / np.sum(pixels)
+    # Volumes, whose slope the frames' balances, are of that model too: photographs may have none.
+    scatter = own @ own.T * pixels.size / max(pixels.size - 1, 1) + total @ total.T
+    scatter = _bounded(climb.information, scatter, (1.0, math.inf))
+    inverse = np.linalg.inv(curvature)
+    return Peak(near, curvature, inverse @ scatter @ inverse, climb.furthest)
+
+
+def _bounded(
+    unit: Float[np.ndarray, "2 2"], matrix: Float[np.ndarray, "2 2"], ends: tuple[float, float]
+) -> Float[np.ndarray, "2 2"]:
+    """A matrix whose eigenvalues in units of another lie between two ends."""
+    root = np.linalg.cholesky(unit)
+    values, vectors = np.linalg.eigh(np.linalg.solve(root, np.linalg.solve(root, matrix).T))
+    back = root @ vectors
+    return (back * np.clip(values, *ends)) @ back.T
+
+
+def _by_place(
+    level: Level, slope: Slope
+) -> tuple[Float[np.ndarray, "2 t"], Float[np.ndarray, "t"]]:
+    """Sums of scores over tiles of the picture, and the pixels of the frames in each.
+
+    A place of the picture pulls in all frames at once: tiles move as it does.
+    """
+    shape = level.canvas.sensor
+    side = max(min(shape) / TILES, 1.0)
+    middles = level.instants.middles(slope.velocity / level.canvas.size)
+    rows, columns = (
+        np.floor((np.arange(count) - places[:, None]) / side).astype(int)
+        for count, places in zip(shape, middles[::-1], strict=True)
+    )
+    rows, columns = rows - np.min(rows), columns - np.min(columns)
+    places = (rows[:, :, None] * (np.max(columns) + 1) + columns[:, None]).ravel()
+    pixels = np.bincount(places)
+    pulls = np.stack([np.bincount(places, score.ravel()) for score in slope.scores])
+    return pulls[:, pixels > 0], pixels[pixels > 0].astype(np.float64)

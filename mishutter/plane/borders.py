@@ -7,9 +7,10 @@ depends on both components of its velocity: the mean is over velocities that sta
 and over points of the sensor in the middle of the frames, but for those that no frame sees, which
 a decoder knows from their neighbours alone.
 
-The response at a point is that of a sensor on which this changes slowly. Of Gaussian fields on a
-sensor of which things drift over most, the best linear decoder loses 0.1 dB more by four frames,
-and by two that are as long as half of the drift 0.1 to 0.3 dB at rest, 0.4 to 0.6 on two sines.
+The response at a point is that of a sensor on which this changes slowly. Of Gaussian fields on
+256 px the best linear decoder loses 0.1 to 0.3 dB more by four frames. By two within which things
+move by a third to a half of the sensor it loses 0.4 dB more at rest, and 0.7 to 1.5 on two sines:
+`LONG` is where that begins.
 """
 
 import math
@@ -28,6 +29,8 @@ from mishutter.plane.levels import (
     signal_of,
 )
 
+LONG = 0.25
+"""Way of a thing within one frame, over the sensor's width, above which moving frames lose more."""
 _POINTS = 10
 """Points along each side that stand for the sensor."""
 

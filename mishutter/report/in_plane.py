@@ -11,6 +11,7 @@ from jaxtyping import Array
 
 from mishutter._core.files import strict_json, write_text
 from mishutter.model.scene import Scene
+from mishutter.plane.borders import LONG
 from mishutter.plane.design import PlaneDesign, burst_to_dict
 from mishutter.plane.families import FREE
 from mishutter.plane.search import PlaneBurst, PlaneSearch
@@ -100,12 +101,17 @@ class PlaneReport:
     def _sentences(self) -> list[str]:
         choice, scene = self.choice, self.scene
         law = scene.velocities
+        width, longest = scene.registered_width, float(np.max(choice.exposures))
+        within = float(scene.max_speed) * longest
         leave = "things that enter and leave are not counted (else say [sensor] width_px)"
         said = [
             "" if law is None else law.words,
             objects_words(scene, choice),
             "velocities are found from the frames without error",
-            *([leave] if scene.registered_width is None else []),
+            leave if width is None else "",
+            f"borders cost more than is counted: things move by {within:.0f} px within a frame"
+            if width is not None and choice.num_axes and within > LONG * width
+            else "",
             *camera_words(
                 scene, frames=choice is not self.search.snapshot, stage=choice.num_axes > 0
             ),
@@ -113,7 +119,7 @@ class PlaneReport:
         sentences = [
             self._stage_words(choice),
             points_that_leave(choice.width_loss),
-            f"Assumes: {'; '.join(said)}.",
+            f"Assumes: {'; '.join(filter(None, said))}.",
         ]
         if scene.decoder_speed == "unknown":
             sentences.insert(1, _ONE_FILTER)

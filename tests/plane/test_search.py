@@ -185,6 +185,12 @@ def test_frames_that_lose_more_at_the_borders_of_a_sensor_are_not_recommended():
     assert "Points that leave the sensor cost 0.21 dB of the level." in text
     assert "not counted" not in text
     assert report.to_dict()["options"][1]["width_loss_db"] == 0.21
+    assert "borders cost more" not in text
+    sines = replace(sines, width_loss=0.3)
+    narrow = a_scene(sensor=Sensor(width=54.0))
+    text = PlaneReport(narrow, replace(search, bursts=(stills, sines))).text()
+    assert "borders cost more than is counted: things move by 14 px" in " ".join(text.split())
+    sines = replace(sines, width_loss=0.72)
     bare = [replace(each, width_loss=None) for each in (stills, sines)]
     report = PlaneReport(a_scene(), replace(search, bursts=tuple(bare)))
     assert report.choice.kind == "two sines"
