@@ -115,9 +115,9 @@ class Judged(NamedTuple):
     trusted: bool
 
     @staticmethod
-    def of(found: VelocityEstimate | None, velocity: np.ndarray, camera: Camera) -> "Judged":
+    def of(found: object, velocity: np.ndarray, camera: Camera) -> "Judged":
         """That of an estimate."""
-        if found is None:
+        if not isinstance(found, VelocityEstimate):
             raise TypeError("the velocity was told")
         error = found.velocity - velocity
         score = math.sqrt(error @ np.linalg.solve(found.covariance, error))

@@ -346,9 +346,9 @@ class _Search(NamedTuple):
         psnr = float(plane_psnr(self.scene, whole, grid=MEASURED, num_panels=panels))
         axes = 0 if frames.stays else num_axes
         use = self.room.of_stage(frames).use(self.scene.limits)
-        width = self.scene.registered_width
-        counts = width is not None and frames.num_frames > 1
-        loss = loss_of_borders(self.scene, frames, width=width) if counts else None
+        width, loss = self.scene.registered_width, None
+        if width is not None and frames.num_frames > 1:
+            loss = loss_of_borders(self.scene, frames, width=width)
         return PlaneBurst(STILLS if axes < num_axes else kind, axes, frames, psnr, use, loss)
 
     def freed(self, burst: PlaneBurst) -> PlaneBurst:
