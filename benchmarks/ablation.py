@@ -21,9 +21,9 @@ from benchmarks import harness
 from benchmarks.scenes import scenes
 from mishutter import (
     DesignLoss,
-    FirstOrderShutter,
+    FirstOrderDevice,
     HannShutter,
-    IdealShutter,
+    IdealDevice,
     Limits,
     LinearMotion,
     ParabolicMotion,
@@ -31,7 +31,7 @@ from mishutter import (
     Scene,
     SplineShutter,
     StillCamera,
-    SwitchedShutter,
+    SwitchedDevice,
     Tolerances,
     TukeyShutter,
     example_scene,
@@ -142,12 +142,12 @@ def _of_design_loss() -> dict[str, Search]:
 
 def _of_devices() -> dict[str, Search]:
     devices = {
-        "lags, 3.5 ms": FirstOrderShutter(rise_time=3.5e-3, fall_time=3.5e-3, num_slots=32),
-        "lags, 1 and 5 ms": FirstOrderShutter(rise_time=1e-3, fall_time=5e-3, num_slots=32),
-        "lags, 4 levels": FirstOrderShutter(rise_time=2e-3, fall_time=2e-3, levels=4, num_slots=32),
-        "3 levels": IdealShutter(levels=3, num_slots=32),
-        "switched": SwitchedShutter(num_slots=32),
-        "switched, long runs": SwitchedShutter(num_slots=48, min_open=4, min_closed=3),
+        "lags, 3.5 ms": FirstOrderDevice(rise_time=3.5e-3, fall_time=3.5e-3, num_slots=32),
+        "lags, 1 and 5 ms": FirstOrderDevice(rise_time=1e-3, fall_time=5e-3, num_slots=32),
+        "lags, 4 levels": FirstOrderDevice(rise_time=2e-3, fall_time=2e-3, levels=4, num_slots=32),
+        "3 levels": IdealDevice(levels=3, num_slots=32),
+        "switched": SwitchedDevice(num_slots=32),
+        "switched, long runs": SwitchedDevice(num_slots=48, min_open=4, min_closed=3),
     }
     searches: dict[str, Search] = {}
     for name, device in devices.items():

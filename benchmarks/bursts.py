@@ -29,7 +29,7 @@ from support.burst_levels import (
 from support.frames import alternating_frames, panned_frames, sine_frames, sweep_frames
 
 from benchmarks import harness
-from mishutter import Burst, FreeMotion, Limits, Scene, TimedFrame
+from mishutter import BurstMode, FreeMotion, Limits, Scene, TimedFrame
 from mishutter.evaluation.bursts import StillBursts
 from mishutter.evaluation.needs import larger, sizes
 from mishutter.evaluation.sequences import loss_of_width, registration
@@ -107,7 +107,9 @@ stills:
 """
 
 
-def scene_of(light: float, noise: float, burst: Burst | None = None, num_speeds: int = 9) -> Scene:
+def scene_of(
+    light: float, noise: float, burst: BurstMode | None = None, num_speeds: int = 9
+) -> Scene:
     """The scene of a camera that may take a burst."""
     limits = Limits(
         max_stroke=TRAVEL,
@@ -122,7 +124,7 @@ def scene_of(light: float, noise: float, burst: Burst | None = None, num_speeds:
 def cell(window: float, count: int, light: float, noise: float) -> dict[str, Any]:
     """The best bursts of a camera that takes so many frames within a window."""
     rate = count / window
-    scene = scene_of(light, noise, Burst(frames_per_s=rate, max_frames=count, window=window))
+    scene = scene_of(light, noise, BurstMode(frames_per_s=rate, max_frames=count, window=window))
     stills = StillBursts(scene)
     still = stills.best(rate, max_frames=count)
     kinds = {

@@ -78,7 +78,7 @@ def camera(count: int, rate: float) -> ms.Scene:
         photon_rate=1e5,
         read_noise=8,
         limits=ms.Limits(max_stroke=110, max_half_exposure=0.08),
-        burst=ms.Burst(frames_per_s=rate, max_frames=count, window=count / rate),
+        burst=ms.BurstMode(frames_per_s=rate, max_frames=count, window=count / rate),
         decoder_speed="known",
     )
 

@@ -20,7 +20,7 @@ from scipy.optimize import minimize
 from scipy.special import fresnel
 
 from benchmarks import harness
-from mishutter import Burst, FrameSequence, Limits, Occlusion, Scene
+from mishutter import BurstMode, FrameSequence, Limits, Occlusion, Scene
 from mishutter.evaluation.bursts import best_still_burst
 from mishutter.evaluation.moving_bursts import best_moving_burst
 
@@ -48,7 +48,7 @@ simpler than the best). The package took
 """
 
 
-class Frames(NamedTuple):
+class Footage(NamedTuple):
     """Frames that are alike but for their velocity; `amplitude` is that of a sine, or None."""
 
     half: float
@@ -122,7 +122,7 @@ class Camera(NamedTuple):
         """Shortest exposure."""
         return 2 * float(self.scene.limits.min_half_exposure)
 
-    def error(self, frames: list[Frames], num_frequencies: int = SEARCHED) -> float:
+    def error(self, frames: list[Footage], num_frequencies: int = SEARCHED) -> float:
         """What the frames leave; white = 1."""
         u = (np.arange(num_frequencies) + 0.5) / num_frequencies
         f, step = u**2 / 2, 2 * u / num_frequencies
@@ -137,12 +137,12 @@ class Camera(NamedTuple):
         left = power / (1 + power * np.sinc(f) ** 2 * gained)
         return float(self.weights @ (left @ step))
 
-    def level(self, frames: list[Frames]) -> float:
+    def level(self, frames: list[Footage]) -> float:
         """Their level; dB."""
         return -10 * np.log10(self.error(frames, NUM_FREQUENCIES))
 
 
-def passed(frame: Frames, f: Float[np.ndarray, "m"], speeds: Any) -> Float[np.ndarray, "n m"]:
+def passed(frame: Footage, f: Float[np.ndarray, "m"], speeds: Any) -> Float[np.ndarray, "n m"]:
     """|H|^2 of an open frame, by relative speed and frequency."""
     half, a, speeds = frame.half, abs(frame.acceleration), speeds[:, None]
     if frame.amplitude is not None:
@@ -165,7 +165,7 @@ class Path(NamedTuple):
     """A kind of path: the sensor's velocity at the top speed 1, and the frames it gives."""
 
     velocity: Callable[..., Any]
-    frames: Callable[..., Frames]
+    frames: Callable[..., Footage]
 
 
 def middles(count: int, period: float) -> Float[np.ndarray, "n"]:
@@ -189,17 +189,17 @@ def fan_velocity(t: Any, count: int, half: float, period: float) -> Any:
 PATHS = {
     "alternating parabolas": Path(
         alternating_velocity,
-        lambda v, pan, n, half, period: Frames(half, v / (2 * half), [pan], n),
+        lambda v, pan, n, half, period: Footage(half, v / (2 * half), [pan], n),
     ),
     "sine": Path(
         lambda t, n, half, period: np.sin(np.pi * (t - middles(n, period)[0]) / period),
-        lambda v, pan, n, half, period: Frames(
+        lambda v, pan, n, half, period: Footage(
             half, 0.0, [pan], n, amplitude=v * period / np.pi, period=period
         ),
     ),
     "sweep": Path(
         lambda t, n, half, period: t / ((n - 1) * period / 2 + half),
-        lambda v, pan, n, half, period: Frames(
+        lambda v, pan, n, half, period: Footage(
             half,
             v / ((n - 1) * period + 2 * half),
             pan + v * middles(n, period) / ((n - 1) * period / 2 + half),
@@ -207,7 +207,7 @@ PATHS = {
     ),
     "fan of pans": Path(
         fan_velocity,
-        lambda v, pan, n, half, period: Frames(half, 0.0, pan + v * np.linspace(-1, 1, n)),
+        lambda v, pan, n, half, period: Footage(half, 0.0, pan + v * np.linspace(-1, 1, n)),
     ),
 }
 
@@ -261,7 +261,7 @@ class Try(NamedTuple):
             most = 0.0
         return max(min(speeds), -most), min(max(speeds), most)
 
-    def frames(self, point: Float[np.ndarray, "5"]) -> list[Frames] | None:
+    def frames(self, point: Float[np.ndarray, "5"]) -> list[Footage] | None:
         """Exposure, share of the top speed, pan, exposure at rest, period; None outside limits."""
         camera, count = self.camera, self.num_moving
         if np.any((point < 0) | (point > 1)):
@@ -294,7 +294,7 @@ class Try(NamedTuple):
             if left < shortest:
                 return None
             rest = shortest * (left / shortest) ** point[3]
-            frames.append(Frames(rest / 2, number=rests))
+            frames.append(Footage(rest / 2, number=rests))
         return frames
 
     def best(self, draw: np.random.Generator) -> tuple[float, str]:
@@ -334,7 +334,7 @@ class Try(NamedTuple):
                 found.append((self.camera.level(frames), self.words(frames)))
         return max(found, default=(-np.inf, ""))
 
-    def words(self, frames: list[Frames]) -> str:
+    def words(self, frames: list[Footage]) -> str:
         """The kind, the exposures and the pan."""
         first, *others = frames
         rest = "".join(
@@ -384,7 +384,7 @@ def still(camera: Camera) -> tuple[float, str]:
                 is_within = np.all((point >= ends[0]) & (point <= ends[1]))
                 if not is_within or taken > camera.window * (1 + 1e-12):
                     return None
-                return [Frames(x / 2, number=m) for x, m in kinds]
+                return [Footage(x / 2, number=m) for x, m in kinds]
 
             def loss(point: Any, frames: Any = frames) -> float:
                 found = frames(point)
@@ -427,7 +427,7 @@ def scenes() -> dict[str, Scene]:
             photon_rate=light[0],
             read_noise=light[1],
             limits=Limits(**(given | limits)),
-            burst=Burst(frames_per_s=rate, max_frames=count, window=0.08, dead_time=dead),
+            burst=BurstMode(frames_per_s=rate, max_frames=count, window=0.08, dead_time=dead),
             occlusion=layers,
         )
 

@@ -13,10 +13,10 @@ from benchmarks import harness
 from benchmarks.scenes import scenes
 from mishutter import (
     Design,
-    FirstOrderShutter,
-    IdealShutter,
+    FirstOrderDevice,
+    IdealDevice,
     Scene,
-    SwitchedShutter,
+    SwitchedDevice,
     evaluate,
     optimise,
 )
@@ -38,13 +38,13 @@ NOTE = (
 )
 
 
-def device(bandwidth: float) -> FirstOrderShutter:
+def device(bandwidth: float) -> FirstOrderDevice:
     """A first-order device of a bandwidth in Hz."""
-    return FirstOrderShutter(rise_time=0.35 / bandwidth, fall_time=0.35 / bandwidth)
+    return FirstOrderDevice(rise_time=0.35 / bandwidth, fall_time=0.35 / bandwidth)
 
 
 def simulated_psnr(
-    scene: Scene, motion: AbstractMotion, command: AbstractShutter, made: FirstOrderShutter
+    scene: Scene, motion: AbstractMotion, command: AbstractShutter, made: FirstOrderDevice
 ) -> float:
     """Expected PSNR of a command through a first-order device, by small steps in time; dB."""
     half = float(motion.half_exposure)
@@ -137,7 +137,7 @@ def rounded_row(name: str, scene: Scene, ideal: Design, made: AbstractDevice) ->
     level, best = (float(each.metrics.expected_psnr) for each in (ideal, found))
     return {
         "device": name,
-        "blind dB": f"{(found.blind_psnr or level) - level:+.4f}",
+        "blind dB": f"{(found.psnr_ignoring_lag or level) - level:+.4f}",
         "searched dB": f"{best - level:+.4f}",
         "s": round(time.perf_counter() - start),
     }
@@ -159,8 +159,8 @@ def main() -> None:
             rows.append(bandwidth_row(name, scene, ideal[name], bandwidth))
             print(rows[-1], flush=True)
     built_in = next(iter(chosen))
-    devices = {f"{n} levels, 128 slots": IdealShutter(levels=n) for n in LEVELS}
-    devices |= {f"binary, {n} slots": SwitchedShutter(num_slots=n) for n in SLOTS}
+    devices = {f"{n} levels, 128 slots": IdealDevice(levels=n) for n in LEVELS}
+    devices |= {f"binary, {n} slots": SwitchedDevice(num_slots=n) for n in SLOTS}
     of_levels = []
     for name, made in devices.items():
         of_levels.append(rounded_row(name, chosen[built_in], ideal[built_in], made))

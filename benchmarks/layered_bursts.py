@@ -43,7 +43,7 @@ def camera(occlusion: ms.Occlusion | None = None) -> ms.Scene:
         photon_rate=1e5,
         read_noise=8,
         limits=ms.Limits(max_stroke=60, max_half_exposure=0.01),
-        burst=ms.Burst(frames_per_s=50, max_frames=4, window=0.08),
+        burst=ms.BurstMode(frames_per_s=50, max_frames=4, window=0.08),
         occlusion=occlusion,
         decoder_speed="known",
     )

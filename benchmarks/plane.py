@@ -28,7 +28,7 @@ from benchmarks.bursts import (
     explain_map,
     gains_on_grid,
 )
-from mishutter import Burst, Limits, PlaneFrames, Scene, plane_psnr
+from mishutter import BurstMode, Limits, PlaneFrames, Scene, plane_psnr
 from mishutter.plane.families import BRACKETED, FAMILIES, STILLS, TWO_SINES
 from mishutter.plane.levels import SEARCHED
 from mishutter.plane.search import _Search
@@ -68,7 +68,7 @@ level over the square of the read noise. Over the {cells} cells, each at its own
 """
 
 
-def scene_of(light: float, noise: float, burst: Burst | None = None) -> Scene:
+def scene_of(light: float, noise: float, burst: BurstMode | None = None) -> Scene:
     """The scene of a camera that takes a burst."""
     limits = Limits(
         max_stroke=TRAVEL,
@@ -84,7 +84,7 @@ def scene_of(light: float, noise: float, burst: Burst | None = None) -> Scene:
 def cell(count: int, light: float, noise: float) -> dict[str, Any]:
     """The best bursts of a camera that takes so many frames within the window."""
     rate = count / WINDOW
-    scene = scene_of(light, noise, Burst(frames_per_s=rate, max_frames=count, window=WINDOW))
+    scene = scene_of(light, noise, BurstMode(frames_per_s=rate, max_frames=count, window=WINDOW))
     search = _Search.of(scene)
     found = {}
     for family in FAMILIES:

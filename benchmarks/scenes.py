@@ -16,7 +16,7 @@ import numpy as np
 from benchmarks import harness
 from benchmarks.gains import best_of
 from mishutter import (
-    IdealShutter,
+    IdealDevice,
     Limits,
     Occlusion,
     Scene,
@@ -49,7 +49,7 @@ NOTE = (
     "30 % of one that moves at the same speeds, over the best snapshot for the same picture."
 )
 _SLIDES = Path(__file__).parent.parent / "notebooks" / "slides.toml"
-_POLARISED = IdealShutter(transmission=0.4)
+_POLARISED = IdealDevice(transmission=0.4)
 _TENTH = 0.1
 """Of a stage's resonance, the frequency of the sine of all its travel that it is sent at most."""
 
@@ -124,7 +124,7 @@ def gain_before(scene: Scene, layers: Occlusion) -> float:
 
 
 def _is_device(part: object) -> bool:
-    return part is None or isinstance(part, IdealShutter)
+    return part is None or isinstance(part, IdealDevice)
 
 
 def main() -> None:

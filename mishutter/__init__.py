@@ -8,7 +8,7 @@ Scenes
     example_scene             the built-in scene
     read_scene                a scene from a TOML file
     View                      size of things in the picture: speeds in m/s, mm/s or degrees
-    read_noise                read noise from a data sheet's dynamic range
+    read_noise_from_dynamic_range  read noise from a data sheet
     Texture                   statistics of pictures, and the photograph to show results on
     Optics                    what the lens passes, and how it blurs
     Sensor                    what a pixel holds, and the width and the axis of the sensor
@@ -20,7 +20,7 @@ Scenes
     EvenVelocities            velocities in any direction that fill a disc or an ellipse
     RingOfVelocities          one speed in any direction
     ListedVelocities          velocities one by one
-    Burst                     frames that a camera may take instead of one exposure
+    BurstMode                 frames that a camera may take instead of one exposure
 
 Designs and their rivals
     optimise                  searches for the best design for a scene
@@ -31,7 +31,7 @@ Designs and their rivals
     Metrics                   what `evaluate` returns
     ceiling                   the PSNR that no path, shutter or linear decoder exceeds
     tolerance_costs           the cost of each tolerance to a design
-    best_sequence             the frames to take of a camera with a `Burst`
+    best_sequence             the frames to take of a camera with a `BurstMode`
     best_in_plane             the frames to take of things that move in any direction
     PlaneSearch               what it returns: the best frames of each kind of way
     PlaneBurst                one of them: frames, path and level
@@ -71,9 +71,9 @@ Shutters
     baselines                 the windows that every design stands beside
 
 Devices, from the command to the transmittance
-    IdealShutter              follows every command, and may lose light
-    FirstOrderShutter         opens and closes gradually, as liquid crystals do
-    SwitchedShutter           open or closed in each of equal slots
+    IdealDevice               follows every command, and may lose light
+    FirstOrderDevice          opens and closes gradually, as liquid crystals do
+    SwitchedDevice            open or closed in each of equal slots
 
 Motions
     ParabolicMotion           constant acceleration: the motion-invariant camera
@@ -109,7 +109,7 @@ Pictures
     Layer                     a picture that moves, and where it is opaque
     Layers                    layers from back to front
     read_layers               reads a layered scene
-    Frames                    frames of a video, as a subject
+    Footage                   frames of a video, as a subject
     read_frames               reads them from a folder or a video
 
 Captures and their restoration
@@ -164,6 +164,7 @@ Folders, whose further names are for those who extend the package
 """
 
 import difflib as _difflib
+import warnings as _warnings
 
 import lazy_loader as _lazy
 
@@ -171,11 +172,25 @@ _get, __dir__, _names = _lazy.attach_stub(__name__, __file__)
 
 __version__ = "0.2.0"
 
+_RENAMED = {
+    "Burst": "BurstMode",
+    "FirstOrderShutter": "FirstOrderDevice",
+    "Frames": "Footage",
+    "IdealShutter": "IdealDevice",
+    "SwitchedShutter": "SwitchedDevice",
+    "read_noise": "read_noise_from_dynamic_range",
+}
+"""Names of the version before, which go on working in this one."""
+
 
 def __getattr__(name: str) -> object:
     """A public name, whose module is imported at its first use."""
     if name in _names:
         return _get(name)
+    if name in _RENAMED:
+        words = f"mishutter.{name} is mishutter.{_RENAMED[name]} from this version on"
+        _warnings.warn(words, FutureWarning, stacklevel=2)
+        return _get(_RENAMED[name])
     if name == "__all__":
         # With a list, `help` would write out all of every class and function. Without one,
         # `from mishutter import *`, which asks for it first, takes the names that are imported.

@@ -19,7 +19,7 @@ from .blur.spectrum import condition_number as condition_number
 from .blur.spectrum import transfer_function as transfer_function
 from .camera.capture import centred_kernel as centred_kernel
 from .camera.capture import simulate_capture as simulate_capture
-from .camera.footage import Frames as Frames
+from .camera.footage import Footage as Footage
 from .camera.footage import read_frames as read_frames
 from .camera.layers import Layer as Layer
 from .camera.layers import Layers as Layers
@@ -27,11 +27,11 @@ from .camera.layers import read_layers as read_layers
 from .camera.sequences import simulate_frames as simulate_frames
 from .decoding.decoders.base import AbstractDecoder as AbstractDecoder
 from .decoding.decoders.base import BlurModel as BlurModel
-from .decoding.decoders.likelihood import RichardsonLucyDecoder as RichardsonLucyDecoder
-from .decoding.decoders.likelihood import richardson_lucy as richardson_lucy
 from .decoding.decoders.linear import EnsembleDecoder as EnsembleDecoder
 from .decoding.decoders.linear import WienerDecoder as WienerDecoder
 from .decoding.decoders.plug_and_play import PlugAndPlayDecoder as PlugAndPlayDecoder
+from .decoding.decoders.richardson_lucy import RichardsonLucyDecoder as RichardsonLucyDecoder
+from .decoding.decoders.richardson_lucy import richardson_lucy as richardson_lucy
 from .decoding.decoders.speed import SpeedEstimate as SpeedEstimate
 from .decoding.decoders.speed import estimate_speed as estimate_speed
 from .decoding.decoders.speed_finding import SpeedFindingDecoder as SpeedFindingDecoder
@@ -78,9 +78,9 @@ from .hardware.triggers import FrameTable as FrameTable
 from .hardware.triggers import frame_table as frame_table
 from .measurement.measurement import Measurement as Measurement
 from .measurement.measurement import measure as measure
-from .model.devices import FirstOrderShutter as FirstOrderShutter
-from .model.devices import IdealShutter as IdealShutter
-from .model.devices import SwitchedShutter as SwitchedShutter
+from .model.devices import FirstOrderDevice as FirstOrderDevice
+from .model.devices import IdealDevice as IdealDevice
+from .model.devices import SwitchedDevice as SwitchedDevice
 from .model.limits import Limits as Limits
 from .model.measurement_errors import MeasurementErrors as MeasurementErrors
 from .model.motion import FreeMotion as FreeMotion
@@ -94,8 +94,8 @@ from .model.scene import Scene as Scene
 from .model.scene import example_scene as example_scene
 from .model.scene import read_scene as read_scene
 from .model.scene_units import View as View
-from .model.scene_units import read_noise as read_noise
-from .model.sensor import Burst as Burst
+from .model.scene_units import read_noise_from_dynamic_range as read_noise_from_dynamic_range
+from .model.sensor import BurstMode as BurstMode
 from .model.sensor import Sensor as Sensor
 from .model.sequences import FrameSequence as FrameSequence
 from .model.sequences import TimedFrame as TimedFrame

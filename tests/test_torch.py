@@ -13,7 +13,7 @@ import pytest
 import scipy.signal
 
 from mishutter import (
-    FirstOrderShutter,
+    FirstOrderDevice,
     FreeMotion,
     HannShutter,
     Optics,
@@ -157,7 +157,7 @@ def test_a_camera_is_traced_once_for_all_steps():
 @pytest.mark.slow
 def test_a_learnt_profile_goes_through_the_device():
     """The light is that of what a lagging device makes of it, as in a capture."""
-    device = FirstOrderShutter(rise_time=7e-4, fall_time=1.3e-3)
+    device = FirstOrderDevice(rise_time=7e-4, fall_time=1.3e-3)
     scene = Scene([-310.0, 420.0], photon_rate=2.3e5, read_noise=3.7, device=device)
     *camera, _ = numbers([0.3, 0.8, 0.6, 0.9, 0.4, 0.7], 1.3, 1.17, 0.0)
     light = torch.from_numpy(pictures(3, 70))

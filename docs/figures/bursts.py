@@ -16,7 +16,7 @@ jax.config.update("jax_enable_x64", True)
 from opening import LETTERS, ROWS, recorded_from, show  # noqa: E402
 
 from mishutter import (  # noqa: E402
-    Burst,
+    BurstMode,
     LinearMotion,
     RectShutter,
     TotalVariationDecoder,
@@ -66,7 +66,7 @@ def main():
 def added_up(scene, num_frames):
     """The scene of one exposure that is as good as equal frames together: their |H|^2/N adds up."""
     levels = scene.photon_rate * num_frames, scene.read_noise * np.sqrt(num_frames)
-    return eqx.tree_at(lambda s: (s.photon_rate, s.read_noise), scene.bare(), levels)
+    return eqx.tree_at(lambda s: (s.photon_rate, s.read_noise), scene.without_metadata(), levels)
 
 
 def bursts(scene):
@@ -92,7 +92,7 @@ def bursts(scene):
 
 def with_frames(scene, count):
     """The scene of a camera that takes so many frames."""
-    burst = Burst(frames_per_s=RATE, max_frames=count)
+    burst = BurstMode(frames_per_s=RATE, max_frames=count)
     return eqx.tree_at(lambda s: s.burst, scene, burst, is_leaf=lambda x: x is None)
 
 

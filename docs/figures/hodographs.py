@@ -11,7 +11,7 @@ import numpy as np
 
 jax.config.update("jax_enable_x64", True)
 
-from mishutter import Burst, Limits, Scene, best_in_plane  # noqa: E402
+from mishutter import BurstMode, Limits, Scene, best_in_plane  # noqa: E402
 
 FASTEST = 2800.0
 """Of the things, in any direction; px/s."""
@@ -27,7 +27,7 @@ KINDS = {
 def main():
     """Draw the figure and save it beside this script."""
     limits = Limits(max_half_exposure=0.02, max_travel=60.0)
-    burst = Burst(frames_per_s=50.0, window=0.08)
+    burst = BurstMode(frames_per_s=50.0, window=0.08)
     scene = Scene.any_direction(
         FASTEST, photon_rate=3e4, read_noise=10.0, limits=limits, burst=burst
     )

@@ -25,7 +25,7 @@ from mishutter._core.checks import (
 )
 from mishutter._core.compiling import compiled, outside_trace
 from mishutter._core.parallel import alone_in_blas
-from mishutter.camera.footage import Frames, expose_frames
+from mishutter.camera.footage import Footage, expose_frames
 from mishutter.camera.layers import Layers
 from mishutter.camera.noise import recorded
 from mishutter.camera.occlusion import expose_layers, nodes_for
@@ -49,7 +49,7 @@ from mishutter.model.optics import NYQUIST_FREQUENCY, WIDEST_BLUR, Optics, lens_
 from mishutter.model.scene import Scene, require_scene
 from mishutter.model.sensor import white_electrons
 from mishutter.model.shutters.base import AbstractShutter
-from mishutter.pictures.images import Picture, pixels_along, turned
+from mishutter.pictures.images import Picture, pixels_along, transposed
 
 _ROLL_OFF = 0.4
 """Frequency from which on the response of a kernel for other libraries falls off to 0 at 1/2."""
@@ -61,7 +61,7 @@ _DEVIATIONS = 5
 
 @alone_in_blas()
 def simulate_capture(
-    picture: Picture | Layers | Frames | ArrayLike,
+    picture: Picture | Layers | Footage | ArrayLike,
     scene: Scene,
     motion: AbstractMotion,
     shutter: AbstractShutter,
@@ -87,7 +87,7 @@ def simulate_capture(
     Args:
         picture: Light, white = 1; a `Picture`, or an array of shape `(rows, columns)` or
             `(..., rows, columns, channels)`. Or `Layers`, captured with exact occlusion,
-            or `Frames` of footage: these are aligned at mid-exposure, and bring their
+            or `Footage` of footage: these are aligned at mid-exposure, and bring their
             own speeds and borders.
         scene: Light, noise, optics and axis; its speeds are not used.
         motion: Motion of the sensor; concrete.
@@ -129,17 +129,17 @@ def simulate_capture(
     require_border("simulate_capture(border=...)", border)
     _check_noise(scene, key)
     shutter = sensor_view(scene, motion, shutter).shutter
-    if isinstance(picture, Layers | Frames):
+    if isinstance(picture, Layers | Footage):
         are_defaults = speed == 0 and displacement == 0 and border == "reflect"
         subject = "simulate_capture(speed=..., displacement=..., border=...)"
         got = f"{speed!r}, {displacement!r}, {border!r}"
         require(are_defaults, subject, "be left to layers and frames", got)
-        along = picture.turned(scene.sensor.axis)
+        along = picture.transposed(scene.sensor.axis)
         expose = expose_layers if isinstance(picture, Layers) else expose_frames
         irradiance = expose(along, motion, shutter, scene.optics)  # type: ignore[arg-type]
         levels = _recorded(irradiance, scene, motion, key, full_well=full_well, adc_bits=adc_bits)
-        return as_float(turned(levels, scene.sensor.axis))
-    radiance = turned(as_radiance(picture, "simulate_capture(picture=...)"), scene.sensor.axis)
+        return as_float(transposed(levels, scene.sensor.axis))
+    radiance = transposed(as_radiance(picture, "simulate_capture(picture=...)"), scene.sensor.axis)
     require_known("simulate_capture", motion=motion, speed=speed, displacement=displacement)
     for name, value in (("speed", speed), ("displacement", displacement)):
         require_scalar(f"simulate_capture({name}=...)", value)
@@ -163,7 +163,7 @@ def simulate_capture(
     irradiance = channels_last(_exposed(planes, response, period, border)[..., window], radiance)
     irradiance = every_colour(irradiance, radiance)
     levels = _recorded(irradiance, scene, motion, key, full_well=full_well, adc_bits=adc_bits)
-    return as_float(turned(levels, scene.sensor.axis))
+    return as_float(transposed(levels, scene.sensor.axis))
 
 
 def blurred_at_speeds(

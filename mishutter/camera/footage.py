@@ -33,7 +33,7 @@ from mishutter.pictures.images import (
     checked_white,
     examined,
     light_of,
-    turned,
+    transposed,
 )
 
 _GIF = ".gif"
@@ -50,7 +50,7 @@ _ONCE = ("-an", "-fps_mode", "vfr")
 
 
 @dataclass(frozen=True, eq=False)
-class Frames:
+class Footage:
     """Frames of a camera at rest, spread over the exposure, each shown for its share.
 
     Attributes:
@@ -67,12 +67,15 @@ class Frames:
     durations: Sequence[float] | None = None
 
     def __post_init__(self) -> None:
-        require_positive_int("Frames(num_frames=...)", self.num_frames)
+        require_positive_int("Footage(num_frames=...)", self.num_frames)
         require(
-            self.border in PAD_MODES, "Frames(border=...)", f"be one of {[*PAD_MODES]}", self.border
+            self.border in PAD_MODES,
+            "Footage(border=...)",
+            f"be one of {[*PAD_MODES]}",
+            self.border,
         )
         if self.durations is not None:
-            subject, durations = "Frames(durations=...)", self.durations
+            subject, durations = "Footage(durations=...)", self.durations
             is_complete = np.shape(durations) == (self.num_frames,)
             require(is_complete, subject, f"be {self.num_frames}, one a frame", shape_of(durations))
             require_finite(subject, np.asarray(durations))
@@ -87,25 +90,25 @@ class Frames:
         times = np.concatenate([[0.0], np.cumsum(np.asarray(self.durations, np.float64))])
         return 2 * (times / times[-1]) - 1
 
-    def turned(self, axis: Axis) -> "Frames":
+    def transposed(self, axis: Axis) -> "Footage":
         """The footage with rows and columns exchanged, unless things move along its rows.
 
         Args:
             axis: The axis along which things move.
         """
         radiances = (f.light if isinstance(f, Picture) else np.asarray(f) for f in self.frames)
-        return replace(self, frames=(turned(radiance, axis) for radiance in radiances))
+        return replace(self, frames=(transposed(radiance, axis) for radiance in radiances))
 
     @staticmethod
-    def of(frames: np.ndarray | list, border: str = "reflect") -> "Frames":
+    def of(frames: np.ndarray | list, border: str = "reflect") -> "Footage":
         """Frames that are all there; the first axis counts them.
 
         Args:
             frames: Pictures of one size.
-            border: What goes on beyond their borders, as `Frames` takes it.
+            border: What goes on beyond their borders, as `Footage` takes it.
         """
-        require(len(frames) >= 1, "Frames.of(frames=...)", "hold at least one frame", 0)
-        return Frames(frames, len(frames), border)
+        require(len(frames) >= 1, "Footage.of(frames=...)", "hold at least one frame", 0)
+        return Footage(frames, len(frames), border)
 
 
 def read_frames(
@@ -114,7 +117,7 @@ def read_frames(
     *,
     white: ArrayLike | None = None,
     linear: bool = False,
-) -> Frames:
+) -> Footage:
     """Frames from a folder of pictures, in the order of their names, or from a video file.
 
     Frames are read one by one as they are exposed, and show for as long as the file says. Video
@@ -123,7 +126,7 @@ def read_frames(
 
     Args:
         path: The folder, or the file, whose name ends as those of videos do.
-        border: As in `Frames`.
+        border: As in `Footage`.
         white: As in `read_picture`.
         linear: As in `read_picture`.
 
@@ -142,7 +145,7 @@ def read_frames(
     if path.is_dir():
         names = sorted(p for p in path.iterdir() if p.suffix.lower() in PICTURE_SUFFIXES)
         require(len(names) >= 1, _READ, "hold pictures", str(path))
-        return Frames(_pictures(names, white_level, linear), len(names), border)
+        return Footage(_pictures(names, white_level, linear), len(names), border)
     kinds = ", ".join(suffix[1:] for suffix in VIDEO_SUFFIXES)
     is_video = path.suffix.lower() in VIDEO_SUFFIXES
     require(is_video, _READ, f"name a folder of pictures or a video ({kinds})", str(path))
@@ -165,11 +168,11 @@ def read_frames(
     radiances = (
         light_of(Decoded(frame, None, 255.0), path, white_level, linear) for frame in frames
     )
-    return Frames(radiances, len(durations), border, durations)
+    return Footage(radiances, len(durations), border, durations)
 
 
 def expose_frames(
-    frames: Frames, motion: AbstractMotion, shutter: AbstractShutter, optics: Optics
+    frames: Footage, motion: AbstractMotion, shutter: AbstractShutter, optics: Optics
 ) -> np.ndarray:
     r"""Light on a moving sensor while footage plays, one frame at a time.
 
@@ -199,7 +202,7 @@ def expose_frames(
         waves = waves_on_dft(position, weight, period, total.shape[-1])
         rows = continued(np.moveaxis(image, 1, 2).astype(np.float64), period, frames.border)
         total += np.fft.rfft(rows) * np.asarray(waves[0])
-    subject = "Frames(num_frames=...)"
+    subject = "Footage(num_frames=...)"
     is_complete = num_frames == frames.num_frames
     require(is_complete, subject, f"be the {num_frames} that came", frames.num_frames)
     if total is None or shape is None:
@@ -246,7 +249,7 @@ def _nodes(
 
 
 def _checked(frame: np.ndarray | Picture, shape: tuple | None) -> np.ndarray:
-    subject = "Frames(frames=...)"
+    subject = "Footage(frames=...)"
     radiance = floating_light(frame.light if isinstance(frame, Picture) else frame, subject)
     radiance = radiance[..., None] if radiance.ndim == 2 else radiance
     is_picture = radiance.ndim == 3 and radiance.shape[2] in (1, 3) and min(radiance.shape) > 0

@@ -54,14 +54,14 @@ class Layer:
             is_near = -_FARTHEST <= place <= _FARTHEST
             require(is_near, f"Layer({name}=...)", f"lie within {_FARTHEST:g} px", place)
 
-    def turned(self, axis: Axis) -> "Layer":
+    def transposed(self, axis: Axis) -> "Layer":
         """The layer with rows and columns exchanged, unless things move along its rows.
 
         Args:
             axis: The axis along which things move.
         """
         left, top = (self.left, self.top) if axis == "rows" else (self.top, self.left)
-        return Layer(self.picture.turned(axis), self.speed, left=left, top=top)
+        return Layer(self.picture.transposed(axis), self.speed, left=left, top=top)
 
     @property
     def matte(self) -> Float[np.ndarray, "rows columns"]:
@@ -107,13 +107,13 @@ class Layers:
         """
         return read_layers(path)
 
-    def turned(self, axis: Axis) -> "Layers":
+    def transposed(self, axis: Axis) -> "Layers":
         """The layers with rows and columns exchanged, unless things move along their rows.
 
         Args:
             axis: The axis along which things move.
         """
-        return Layers(tuple(layer.turned(axis) for layer in self.layers), self.border)
+        return Layers(tuple(layer.transposed(axis) for layer in self.layers), self.border)
 
     @property
     def shape(self) -> tuple[int, int, int]:

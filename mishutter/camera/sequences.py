@@ -44,7 +44,7 @@ from mishutter.model.optics import Optics
 from mishutter.model.scene import Scene, require_scene
 from mishutter.model.sensor import white_electrons
 from mishutter.model.sequences import TimedFrame
-from mishutter.pictures.images import Picture, pixels_along, turned
+from mishutter.pictures.images import Picture, pixels_along, transposed
 from mishutter.plane.frames import PlaneFrames
 
 
@@ -165,7 +165,7 @@ def simulate_frames(
             full_well=None if most is None else float(most),
             adc_bits=adc_bits,
         )
-        levels.append(np.asarray(turned(level, axis)))
+        levels.append(np.asarray(transposed(level, axis)))
     return as_float(np.stack(levels))
 
 
@@ -193,7 +193,7 @@ def _picture_in_frames(
     num_columns: int | None,
 ) -> Iterator[Planes]:
     """Irradiance of the sensor in each frame of a picture that moves as a whole."""
-    radiance = turned(radiance, scene.sensor.axis)
+    radiance = transposed(radiance, scene.sensor.axis)
     window = _window(radiance.shape[-1 if radiance.ndim == 2 else -2], num_columns, scene)
     nodes = require_reach("simulate_frames(speed=..., frames=...)", frames, speed)
     reach = furthest(nodes, [speed])
@@ -209,7 +209,7 @@ def _layers_in_frames(
     layers: Layers, scene: Scene, frames: Sequence[TimedFrame], num_columns: int | None
 ) -> Iterator[Planes]:
     """Irradiance of the sensor in each frame of layers, which hide one another."""
-    layers = layers.turned(scene.sensor.axis)
+    layers = layers.transposed(scene.sensor.axis)
     window = _window(layers.shape[1], num_columns, scene)
     speeds = [layer.speed for layer in layers.layers]
     for speed in speeds:

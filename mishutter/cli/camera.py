@@ -28,7 +28,7 @@ from mishutter.cli.options import (
 if TYPE_CHECKING:
     import numpy as np
 
-    from mishutter.camera.footage import Frames
+    from mishutter.camera.footage import Footage
     from mishutter.camera.layers import Layers
     from mishutter.decoding.simulation import Estimate, Simulation
     from mishutter.design.design import AbstractDesign
@@ -244,20 +244,20 @@ def simulate(
 
 
 def _simulated(
-    subject: "Picture | Layers | Frames",
+    subject: "Picture | Layers | Footage",
     scene: "Scene",
     camera: "AbstractDesign",
     settings: dict[str, Any],
 ) -> "tuple[dict[str, np.ndarray], Simulation]":
     """The records of a subject, by the names of their files, and the picture restored from them."""
-    from mishutter.camera.footage import Frames
+    from mishutter.camera.footage import Footage
     from mishutter.decoding.simulation import burst_and_restore, capture_and_restore
     from mishutter.design.design import Design
 
     if isinstance(camera, Design) and camera.sequence is None:
         result = capture_and_restore(subject, scene, camera.motion, camera.shutter, **settings)
         return {"captured": result.captured}, result
-    if isinstance(subject, Frames):
+    if isinstance(subject, Footage):
         raise ValueError("`--subject` must be a photograph or layers for a burst; got footage.")
     result = burst_and_restore(subject, scene, camera.exposures, **settings)
     frames = camera.exposures.of_one_gain(result.captured)
@@ -309,7 +309,7 @@ def reproduce(
 
 def _subject(
     path: Path | None, scene: "Scene", white: float | None, linear: bool
-) -> "Picture | Layers | Frames":
+) -> "Picture | Layers | Footage":
     from mishutter.camera.footage import VIDEO_SUFFIXES, read_frames
     from mishutter.camera.layers import is_layers_file, read_layers
     from mishutter.pictures.images import read_picture
@@ -387,7 +387,9 @@ def estimate_document(estimate: "Estimate") -> dict[str, object]:
     }
 
 
-def _quality(photographed: "Picture | Layers | Frames", restored: "np.ndarray") -> dict[str, float]:
+def _quality(
+    photographed: "Picture | Layers | Footage", restored: "np.ndarray"
+) -> dict[str, float]:
     """PSNR of a restored photograph; empty for layers and footage, which have no single truth."""
     from mishutter.decoding.image_quality import psnr
     from mishutter.pictures.images import Picture

@@ -212,8 +212,8 @@ def names_of(free: list[FreeName] | None) -> tuple[str, ...] | None:
 
 def named_decoder(name: DecoderName) -> "AbstractDecoder":
     """The decoder of a name, with the parameters that it has by default."""
-    from mishutter.decoding.decoders.likelihood import RichardsonLucyDecoder
     from mishutter.decoding.decoders.linear import EnsembleDecoder, WienerDecoder
+    from mishutter.decoding.decoders.richardson_lucy import RichardsonLucyDecoder
     from mishutter.decoding.decoders.speed_finding import SpeedFindingDecoder
     from mishutter.decoding.decoders.tikhonov import TikhonovDecoder
     from mishutter.decoding.decoders.total_variation import TotalVariationDecoder

@@ -59,7 +59,7 @@ class Rival(NamedTuple):
 
 
 class Evidence(NamedTuple):
-    """What speaks for and against the motion that was found in frames."""
+    """Evidence for and against the motion that was found in frames."""
 
     frames: Float[np.ndarray, "frames rows columns"]  # The frames as they came
     noises: Float[np.ndarray, "frames"]  # Variance of the noise in each

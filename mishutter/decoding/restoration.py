@@ -45,7 +45,7 @@ from mishutter.model.decoder_speeds import DecoderSpeed
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene, require_scene
 from mishutter.model.shutters.base import AbstractShutter
-from mishutter.pictures.images import Axis, Picture, pixels_along, turned
+from mishutter.pictures.images import Axis, Picture, pixels_along, transposed
 
 _CAPTURES_AT_ONCE = 4
 """Most captures at a time, each of which holds a picture and its restorations."""
@@ -83,10 +83,10 @@ class RestoredPhotograph(NamedTuple):
         each = {name: getattr(self, name)[list(indices)] for name in _AT_EACH_SPEED}
         return self._replace(**each)
 
-    def turned(self, axis: Axis) -> "RestoredPhotograph":
-        """The same with pictures that are `turned` by an axis."""
+    def transposed(self, axis: Axis) -> "RestoredPhotograph":
+        """The same with pictures that are `transposed` by an axis."""
         names = ("reference", "captured", "restored")
-        return self._replace(**{name: turned(getattr(self, name), axis) for name in names})
+        return self._replace(**{name: transposed(getattr(self, name), axis) for name in names})
 
     def brightened(self, index: int) -> Float[np.ndarray, "rows columns channels"]:
         """The capture at a speed, as bright as the picture itself, however much light it cost."""
@@ -153,10 +153,10 @@ def deconvolve(
         15.7 dB, 30.0 dB
     """
     require_scene(scene)
-    irradiance = turned(as_pixels(captured, "deconvolve(captured=...)"), scene.sensor.axis)
+    irradiance = transposed(as_pixels(captured, "deconvolve(captured=...)"), scene.sensor.axis)
     chosen = decoder_or_ensemble(decoder, "deconvolve")
     model = blur_model(scene, motion, shutter)
-    return as_float(turned(restored_light(irradiance, chosen, model), scene.sensor.axis))
+    return as_float(transposed(restored_light(irradiance, chosen, model), scene.sensor.axis))
 
 
 def restored_light(irradiance: Planes, decoder: AbstractDecoder, model: BlurModel) -> Planes:
@@ -255,7 +255,9 @@ def restore_by_each(
     require_positive_int("restore_photograph(num_seeds=...)", num_seeds)
     require_key("restore_photograph(key=...)", key)
     radiance = as_radiance(picture, "restore_photograph(picture=...)")
-    radiance = turned(radiance[..., None] if radiance.ndim == 2 else radiance, scene.sensor.axis)
+    radiance = transposed(
+        radiance[..., None] if radiance.ndim == 2 else radiance, scene.sensor.axis
+    )
     axis, scene = scene.sensor.axis, scene.along_rows()
     chosen_speeds = np.asarray(scene.speeds if speeds is None else speeds, np.float64)
     require_finite("restore_photograph(speeds=...)", chosen_speeds)
@@ -321,7 +323,7 @@ def restore_by_each(
             captured=captured,
             restored=restored[index],
             doubts=doubts[index],
-        ).turned(axis)
+        ).transposed(axis)
         for index, name in enumerate(decoders)
     }
 

@@ -20,7 +20,7 @@ from mishutter.decoding.plane_frames import method_in_plane, restored_in_plane
 from mishutter.decoding.plane_velocity import VelocityEstimate, velocity_in_plane
 from mishutter.model.scene import Scene, require_scene, require_whole
 from mishutter.model.sequences import TimedFrame
-from mishutter.pictures.images import Axis, turned
+from mishutter.pictures.images import Axis, transposed
 from mishutter.plane.frames import PlaneFrames
 
 
@@ -102,7 +102,7 @@ def restore_frames(
             speed = estimate.speed
         picture = restored_on_axis(planes, scene, frames, chosen, float(speed))
     picture = every_colour(picture, light[0]) if light.ndim == 4 else picture[..., 0]
-    return RestoredFrames(as_float(turned(picture, axis)), estimate)
+    return RestoredFrames(as_float(transposed(picture, axis)), estimate)
 
 
 @alone_in_blas()
@@ -127,6 +127,6 @@ def _planes_of(
     is_stack = light.ndim in (3, 4) and light.shape[0] == num_frames > 0
     requirement = f"be {num_frames} frames, of rows and columns"
     require(is_stack, subject, requirement, shape_of(light))
-    light = turned(light[..., None] if light.ndim == 3 else light, axis)
+    light = transposed(light[..., None] if light.ndim == 3 else light, axis)
     planes = np.moveaxis(np.asarray(rows_last(distinct_colours(light))), 0, 1)
     return light if np.ndim(stack) == 4 else light[..., 0], planes

@@ -20,7 +20,7 @@ from mishutter._core.checks import (
     shape_of,
 )
 from mishutter.camera.capture import as_pixels, as_radiance, distinct_colours, simulate_capture
-from mishutter.camera.footage import Frames
+from mishutter.camera.footage import Footage
 from mishutter.camera.layers import Layers
 from mishutter.camera.rows import rows_last
 from mishutter.camera.sequences import simulate_frames
@@ -45,7 +45,7 @@ from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene, require_scene
 from mishutter.model.sequences import FrameSequence, TimedFrame
 from mishutter.model.shutters.base import AbstractShutter
-from mishutter.pictures.images import Axis, Picture, turned
+from mishutter.pictures.images import Axis, Picture, transposed
 
 Estimate = SpeedEstimate | VelocityEstimate
 Progress = Callable[[str, float], None]
@@ -78,7 +78,7 @@ class Simulation(_Pictures):
 
 
 def capture_and_restore(
-    subject: Picture | Layers | Frames | ArrayLike,
+    subject: Picture | Layers | Footage | ArrayLike,
     scene: Scene,
     motion: AbstractMotion,
     shutter: AbstractShutter,
@@ -132,12 +132,12 @@ def capture_and_restore(
         full_well=full_well,
         adc_bits=adc_bits,
     )
-    is_exposed = isinstance(subject, Layers | Frames)
-    if isinstance(subject, Layers | Frames):
+    is_exposed = isinstance(subject, Layers | Footage)
+    if isinstance(subject, Layers | Footage):
         report("exposing", 0.0)
-        image = np.asarray(capture(subject.turned(axis), key=key))
+        image = np.asarray(capture(subject.transposed(axis), key=key))
     else:
-        image = turned(as_radiance(subject, "capture_and_restore(subject=...)"), axis)
+        image = transposed(as_radiance(subject, "capture_and_restore(subject=...)"), axis)
     captured = np.zeros((0, 0, 1))
     num_rows = image.shape[0]
     for first in range(0, num_rows, rows_at_once):
@@ -155,7 +155,7 @@ def capture_and_restore(
     )
     estimate = None if relative is None else relative.of(scene, motion)
     report("done", 1.0)
-    return Simulation.of(turned(captured, axis), turned(restored, axis), estimate)
+    return Simulation.of(transposed(captured, axis), transposed(restored, axis), estimate)
 
 
 def burst_and_restore(
@@ -210,9 +210,9 @@ def burst_and_restore(
     )
     if isinstance(subject, Layers):
         report("exposing", 0.0)
-        captured = np.asarray(take(subject.turned(axis), key=key))
+        captured = np.asarray(take(subject.transposed(axis), key=key))
     else:
-        image = turned(as_radiance(subject, "burst_and_restore(subject=...)"), axis)
+        image = transposed(as_radiance(subject, "burst_and_restore(subject=...)"), axis)
         num_rows, taken = image.shape[0], []
         for first in range(0, num_rows, rows_at_once):
             report("capturing", 0.5 * first / num_rows)
@@ -229,7 +229,7 @@ def burst_and_restore(
         report=lambda text, share: report(text, 0.5 + 0.5 * share),
     )
     report("done", 1.0)
-    return Simulation.of(turned(captured, axis), turned(restored, axis), estimate)
+    return Simulation.of(transposed(captured, axis), transposed(restored, axis), estimate)
 
 
 def photograph_by_frames(
@@ -246,7 +246,7 @@ def photograph_by_frames(
     is expected of one photograph.
     """
     axis, radiance = scene.sensor.axis, as_radiance(picture, "photograph_by_frames(picture=...)")
-    radiance = turned(radiance[..., None] if radiance.ndim == 2 else radiance, axis)
+    radiance = transposed(radiance[..., None] if radiance.ndim == 2 else radiance, axis)
     reference = behind_optics(np.asarray(radiance), scene)
     captured, restored, doubts, trials = [], [], [], []
     middle = sequence.num_frames // 2
@@ -254,7 +254,7 @@ def photograph_by_frames(
         own_key = jax.random.fold_in(key, index)
         result = burst_and_restore(picture, scene, sequence, speed=speed, key=own_key)
         taken = sequence.frames[middle]
-        frame, light = (turned(x, axis) for x in (result.captured[middle], result.restored))
+        frame, light = (transposed(x, axis) for x in (result.captured[middle], result.restored))
         moved = round(speed * taken.time - taken.position)
         captured.append(np.roll(frame, moved, axis=1))
         restored.append(light)
@@ -268,7 +268,7 @@ def photograph_by_frames(
         captured=np.stack(captured),
         restored=np.stack(restored),
         doubts=np.array(doubts, object),
-    ).turned(axis)
+    ).transposed(axis)
 
 
 class Restoration(NamedTuple):
@@ -354,8 +354,8 @@ def restored_capture(
         found = _frames_in_portions(
             stack, scene, frames, chosen, speed=speed, rows_at_once=_ROWS_AT_ONCE, report=report
         )
-        return found._replace(light=turned(found.light, axis))
-    pixels = turned(np.asarray(as_pixels(capture, "restore(capture=...)")), axis)
+        return found._replace(light=transposed(found.light, axis))
+    pixels = transposed(np.asarray(as_pixels(capture, "restore(capture=...)")), axis)
     model = blur_model(scene, motion, shutter)
     if speed is not None:
         model = model.knowing(speed - float(sensor_view(scene, motion, shutter).velocity))
@@ -363,7 +363,7 @@ def restored_capture(
         chosen = decoder_of(SPEED_KNOWLEDGE["found"], chosen)
     light, relative = _in_portions(pixels, chosen, model, _ROWS_AT_ONCE, report)
     estimate = None if relative is None else relative.of(scene, motion)
-    return Restoration(turned(light, axis), estimate)
+    return Restoration(transposed(light, axis), estimate)
 
 
 def _stack_of(captures: Picture | ArrayLike, num_frames: int, axis: Axis) -> np.ndarray:
@@ -373,7 +373,7 @@ def _stack_of(captures: Picture | ArrayLike, num_frames: int, axis: Axis) -> np.
     is_stack = light.ndim in (3, 4) and light.shape[0] == num_frames
     requirement = f"be the {num_frames} frames of the design's burst, of rows and columns"
     require(is_stack, subject, requirement, shape_of(light))
-    return np.stack([np.asarray(turned(one, axis)) for one in light])
+    return np.stack([np.asarray(transposed(one, axis)) for one in light])
 
 
 def _in_portions(

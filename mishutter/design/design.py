@@ -1,6 +1,7 @@
 """A finished design, and the file that it is written to and read back from exactly."""
 
 import json
+import warnings
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
 from enum import StrEnum
@@ -128,8 +129,8 @@ class Design(AbstractDesign):
             the exposure.
         bursts: The best bursts of a sensor at rest and of one that moves, where the search has
             found them; they are not written to a file.
-        blind_psnr: Expected PSNR where the best design of a device that follows every command is
-            sent to the scene's; dB. None where these are the same.
+        psnr_ignoring_lag: Expected PSNR where the best design of a device that follows every
+            command is sent to the scene's; dB. None where these are the same.
     """
 
     shutter: AbstractShutter
@@ -145,7 +146,7 @@ class Design(AbstractDesign):
     straight: "Design | None" = None
     sequence: FrameSequence | None = None
     bursts: tuple[FrameSequence, ...] = ()
-    blind_psnr: float | None = None
+    psnr_ignoring_lag: float | None = None
 
     @property
     def exposures(self) -> AbstractExposures:
@@ -166,6 +167,16 @@ class Design(AbstractDesign):
     def ending(self) -> str:
         """The end of the search and what else is to be known of it, in sentences."""
         return " ".join((self.outcome, *self.notes))
+
+    @property
+    def blind_psnr(self) -> float | None:
+        """`psnr_ignoring_lag` by its name of the version before."""
+        warnings.warn(
+            "Design.blind_psnr is Design.psnr_ignoring_lag from this version on",
+            FutureWarning,
+            stacklevel=2,
+        )
+        return self.psnr_ignoring_lag
 
     @property
     def command(self) -> AbstractShutter:
@@ -382,7 +393,7 @@ def _built(file: SavedDesign) -> Design:
         best_start_loss=file.best_start_loss,
         notes=tuple(file.notes),
         sequence=None if file.sequence is None else _sequence(file.sequence),
-        blind_psnr=file.blind_psnr,
+        psnr_ignoring_lag=file.psnr_ignoring_lag,
     )
 
 

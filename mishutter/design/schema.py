@@ -3,7 +3,15 @@
 import math
 from typing import Annotated, Literal, final
 
-from pydantic import AllowInfNan, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import (
+    AliasChoices,
+    AllowInfNan,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    model_validator,
+)
 
 from mishutter.model.arguments import Part, arguments_of
 from mishutter.model.scene import Scene
@@ -99,4 +107,6 @@ class SavedDesign(Part):
     outcome: str
     notes: list[str] = Field(default_factory=list)
     certificate: Result
-    blind_psnr: Result | None = None
+    psnr_ignoring_lag: Result | None = Field(
+        None, validation_alias=AliasChoices("psnr_ignoring_lag", "blind_psnr")
+    )

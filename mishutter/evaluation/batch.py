@@ -38,8 +38,8 @@ from mishutter.evaluation.needs import (
 from mishutter.evaluation.response import (
     Records,
     Response,
-    assembled,
     kernels_and_efficiency,
+    response_from,
     spectra_of,
 )
 from mishutter.evaluation.views import transmittance
@@ -258,9 +258,9 @@ def scenes_for(scenes: Sequence[Scene], shutter: AbstractShutter) -> list[Scene]
     most = max(scene.speeds.size for scene in needed)
     spare = [(0, most - scene.speeds.size) for scene in needed]
     return [
-        scene.bare(np.pad(after.speeds, pad, "edge"), np.pad(after.weights, pad)).with_occlusion(
-            after.occlusion
-        )
+        scene.without_metadata(
+            np.pad(after.speeds, pad, "edge"), np.pad(after.weights, pad)
+        ).with_occlusion(after.occlusion)
         for scene, after, pad in zip(scenes, needed, spare, strict=True)
     ]
 
@@ -435,7 +435,7 @@ def _kernel_numbers(
             kernels, efficiency = kernels_and_efficiency(
                 profile, motion, speeds, first, num_taps=_TAPS
             )
-            some = assembled(scene, Records(kernels, jnp.zeros(0), efficiency), plan)
+            some = response_from(scene, Records(kernels, jnp.zeros(0), efficiency), plan)
             # A block without light of an object at rest goes to the room behind its kernel.
             start = ((block - need.still_block) * _TAPS,)
             return _BlockSums(

@@ -16,7 +16,7 @@ from mishutter._core.checks import require, require_known
 from mishutter.evaluation.open_frames import OpenFrames, psnr_of_error
 from mishutter.model.motion import StillCamera
 from mishutter.model.scene import Scene
-from mishutter.model.sensor import Burst, filling_half_exposure
+from mishutter.model.sensor import BurstMode, filling_half_exposure
 from mishutter.model.sequences import FrameSequence, TimedFrame
 
 STILLS = "stills"
@@ -51,7 +51,7 @@ class FrameTimes(NamedTuple):
     max_frames: int | None = None  # Most frames; None for up to 1000
 
     @staticmethod
-    def of(scene: Scene, burst: Burst) -> "FrameTimes":
+    def of(scene: Scene, burst: BurstMode) -> "FrameTimes":
         """The times of a camera that takes a burst."""
         period, others = 1 / float(burst.frames_per_s), (float(burst.dead_time), burst.max_frames)
         return FrameTimes(period, window_of(scene), *_exposures(scene), *others)
@@ -118,7 +118,7 @@ class StillBursts:
     def _error(self, kinds: Sequence[tuple[int, float]], *, at_worst: bool) -> float:
         """The error of numbers of frames of some exposures together."""
         frames = self._frames
-        gained: Any = sum(n * frames.gained(frames.at_rest(x), x) for n, x in kinds)
+        gained: Any = sum(n * frames.snr(frames.at_rest(x), x) for n, x in kinds)
         return frames.error(gained, at_worst=at_worst)
 
     def sequence(self, kinds: Sequence[StillBurst], times: "FrameTimes") -> FrameSequence:

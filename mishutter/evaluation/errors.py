@@ -21,7 +21,7 @@ from mishutter.evaluation.ensembles import (
 )
 from mishutter.evaluation.layers import layer_moments
 from mishutter.evaluation.needs import ONLY_SPECTRA, Plan
-from mishutter.evaluation.response import Records, Response, assembled, records
+from mishutter.evaluation.response import Records, Response, compute_records, response_from
 from mishutter.evaluation.views import sampled_view
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.optics import frequencies, frequency_grid, pixel_response
@@ -53,7 +53,7 @@ class _Moments(NamedTuple):
     @property
     def lost(self) -> Float[Array, "*n k"]:
         """Share of the picture's power that `expected_squared_error` counts as lost."""
-        return lost_share(self.signal, self.coherent, self.spread, self.noise)
+        return residual_fraction(self.signal, self.coherent, self.spread, self.noise)
 
 
 def _moments(
@@ -307,7 +307,7 @@ def spectral_levels(
         with np.errstate(divide="ignore"):
             return DecoderLevels(1 / np.asarray(lost) - 1, -10 * np.log10(errors)[places])
 
-    both = _levels_of_records(view.scene, view.motion, records(view), plan)
+    both = _levels_of_records(view.scene, view.motion, compute_records(view), plan)
     return SpectralLevels(
         frequencies(plan.num_frequencies), speeds, *(levels(*each) for each in both)
     )
@@ -318,7 +318,7 @@ def _levels_of_records(
     scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan
 ) -> tuple[tuple[Float[Array, "m"], Float[Array, "n"]], ...]:
     """Share of the power lost at each frequency, squared error at each speed: unknown, known."""
-    errors = LinearErrors(scene, motion, assembled(scene, recorded, plan), plan.num_frequencies)
+    errors = LinearErrors(scene, motion, response_from(scene, recorded, plan), plan.num_frequencies)
     unknown = errors.lost_unknown, errors.unknown_by_speed
     return unknown, (errors.lost_known, errors.known_by_speed)
 
@@ -408,7 +408,7 @@ def _signal_and_noise(
     return power * (electrons / unit) ** 2, noise
 
 
-def lost_share(
+def residual_fraction(
     signal: Float[Powers, "*#shape"],
     coherent: Float[Powers, "*#shape"],
     spread: Float[Powers, "*#shape"],

@@ -18,7 +18,7 @@ from mishutter._core.compiling import compiled
 from mishutter._core.modules import AbstractModule
 from mishutter.evaluation.metrics import kernel_differences
 from mishutter.evaluation.needs import Parts, Plan
-from mishutter.evaluation.response import Response, respond
+from mishutter.evaluation.response import Response, compute_response
 from mishutter.evaluation.views import nan_unless_defined, sampled_view
 from mishutter.model.decoder_speeds import DecoderSpeed
 from mishutter.model.motion import AbstractMotion
@@ -121,7 +121,7 @@ def value_of(
     elif isinstance(loss, AbstractResponseLoss):
         view = sampled_view(scene, motion, shutter, loss.parts, plan)
         count = view.plan.num_frequencies
-        value = _of_response(loss, view.scene, view.motion, respond(view), count)
+        value = _of_response(loss, view.scene, view.motion, compute_response(view), count)
         value = nan_unless_defined(value, motion, shutter)
     else:
         value = loss(scene, motion, shutter)

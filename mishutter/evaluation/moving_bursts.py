@@ -368,7 +368,7 @@ def _is_mirrored(scene: Scene) -> bool:
     """Whether every speed is as likely as its opposite."""
     one, other = (
         np.concatenate(distinct_speeds(x, folds=False))
-        for x in (scene, scene.bare(speeds=-scene.speeds))
+        for x in (scene, scene.without_metadata(speeds=-scene.speeds))
     )
     return one.shape == other.shape and np.allclose(one, other)
 
@@ -394,9 +394,9 @@ class _Place(NamedTuple):
         fastest = abs(self.pan) + self.top_speed + float(np.max(np.abs(frames.speeds)))
         passed = frames.on_paths(places, exposure, fastest)
         alike = 1 if way.differ else self.num_moving
-        gained = alike * frames.gained(passed, exposure)
+        gained = alike * frames.snr(passed, exposure)
         if self.num_rests:
-            gained += self.num_rests * frames.gained(frames.at_rest(self.rest), self.rest)
+            gained += self.num_rests * frames.snr(frames.at_rest(self.rest), self.rest)
         return frames.errors(gained)
 
 

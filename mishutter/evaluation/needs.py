@@ -31,7 +31,7 @@ from mishutter.evaluation.layers import (
 )
 from mishutter.model.motion import AbstractMotion, ParabolicMotion
 from mishutter.model.optics import NUM_FREQUENCIES
-from mishutter.model.scene import Scene, seen_from
+from mishutter.model.scene import Scene, in_sensor_frame
 from mishutter.model.shutters.base import AbstractShutter
 
 _MAX_LENGTH = 1 << 16
@@ -222,7 +222,7 @@ def sizes(scene: Scene, motion: AbstractMotion) -> Plan:
     the primal values. In a loss that a search traces, sizes are at least those of the search's
     plan. The DFT of a loss follows from the limits alone, whatever the motion.
     """
-    scene, motion = seen_from(*primal_values((scene, motion)))
+    scene, motion = in_sensor_frame(*primal_values((scene, motion)))
     longest = longest_within_limits(scene)
     is_concrete_scene = all_concrete((scene.speeds, motion, scene.limits.max_stroke))
     travel = furthest(scene, motion) if is_concrete_scene else Extent(longest, longest, longest)
@@ -274,7 +274,7 @@ def furthest(scene: Scene, motion: AbstractMotion) -> Extent:
         for acceleration, speeds in zip(*ensemble, strict=True):
             half = motion.half_exposure
             shifted = ParabolicMotion(acceleration=acceleration, half_exposure=half)
-            extents.append(extent(scene.bare(speeds=speeds, weights=weights), shifted))
+            extents.append(extent(scene.without_metadata(speeds=speeds, weights=weights), shifted))
     return Extent(*map(max, zip(*extents, strict=True)))
 
 
@@ -349,7 +349,7 @@ def reduced(scene: Scene, plan: Plan) -> Scene:
         speeds, weights = padded(*distinct_speeds(scene, folds=plan.folds))
         if speeds.size == scene.speeds.size:
             speeds = weights = None
-    fewer = scene.bare(speeds=speeds, weights=weights, power_spectrum=power)
+    fewer = scene.without_metadata(speeds=speeds, weights=weights, power_spectrum=power)
     if scene.occlusion is None:
         return fewer
     grid = Frequencies.of_grid(plan.num_frequencies)
@@ -372,9 +372,9 @@ def needed_speeds(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
     computed from the scene change only by rounding.
     """
     if not scene.speeds_known:
-        return scene.bare()
+        return scene.without_metadata()
     speeds, weights = distinct_speeds(scene, folds=folds_speeds(scene, motion, shutter))
-    return scene.bare(speeds=speeds, weights=weights)
+    return scene.without_metadata(speeds=speeds, weights=weights)
 
 
 def is_symmetric(shutter: AbstractShutter) -> bool:

@@ -27,7 +27,7 @@ from jaxtyping import Array, Float
 
 from mishutter._core.checks import all_concrete, namespace_of
 from mishutter.evaluation.ensembles import without_tolerances
-from mishutter.evaluation.errors import lost_share
+from mishutter.evaluation.errors import residual_fraction
 from mishutter.evaluation.layers import background_of
 from mishutter.evaluation.needs import distinct_speeds, sizes
 from mishutter.model.motion import LinearMotion
@@ -55,7 +55,7 @@ def in_parts(scene: Scene) -> Scene:
         space.asarray(x)
         for x in (scene.speeds, scene.weights, layers.front_share, *background_of(scene))
     )
-    return scene.with_occlusion(None).bare(
+    return scene.with_occlusion(None).without_metadata(
         speeds=space.concatenate([speeds, behind[0]]),
         weights=space.concatenate([share * weights, (1 - share) * behind[1]]),
     )
@@ -136,12 +136,12 @@ class OpenFrames:
         )
         return np.sum(power_of_waves(on_sensor, passing, weights[None, None]), axis=1).T
 
-    def gained(self, passed: Float[np.ndarray, "n m"], exposure: float) -> Float[np.ndarray, "n m"]:
+    def snr(self, passed: Float[np.ndarray, "n m"], exposure: float) -> Float[np.ndarray, "n m"]:
         """Power of the picture over that of the noise in frames of an exposure."""
         rate, mean, read = self._light
         electrons = white_electrons(rate, exposure)
         noise = noise_power(1.0, mean, electrons, read)
-        lost = lost_share(self.power * electrons**2, passed, 0.0 * passed, noise)
+        lost = residual_fraction(self.power * electrons**2, passed, 0.0 * passed, noise)
         with np.errstate(divide="ignore"):
             return 1 / lost - 1
 

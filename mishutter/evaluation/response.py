@@ -58,12 +58,12 @@ class Records(NamedTuple):
     efficiency: Float[Array, ""]  # Mean transmittance over the exposure; scalar
 
 
-def respond(view: SampledView) -> Response:
+def compute_response(view: SampledView) -> Response:
     """The parts of a design's response to a scene that a view asks for."""
-    return assembled(view.scene, records(view), view.plan)
+    return response_from(view.scene, compute_records(view), view.plan)
 
 
-def records(view: SampledView) -> Records:
+def compute_records(view: SampledView) -> Records:
     """Kernels and transfer functions, each by one compiled program for all callers.
 
     Without differences among the parts, or where nothing in the scene moves, the kernel at rest is
@@ -89,7 +89,7 @@ def records(view: SampledView) -> Records:
     return Records(kernels, spectra, efficiency)
 
 
-def assembled(scene: Scene, recorded: Records, plan: Plan) -> Response:
+def response_from(scene: Scene, recorded: Records, plan: Plan) -> Response:
     """The response, from which losses and metrics follow."""
     still = differences = spectrum = jnp.zeros(0, recorded.efficiency.dtype)
     if recorded.kernels.size:

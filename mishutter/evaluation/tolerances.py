@@ -12,7 +12,7 @@ from mishutter._core.compiling import compiled, outside_trace
 from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.errors import expected_squared_error, unaware_squared_error
 from mishutter.evaluation.needs import ONLY_SPECTRA, Plan
-from mishutter.evaluation.response import Records, assembled, records
+from mishutter.evaluation.response import Records, compute_records, response_from
 from mishutter.evaluation.views import sampled_view
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene, require_scene
@@ -140,7 +140,9 @@ def _levels(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> _
     """Expected PSNR of a design."""
     view = sampled_view(scene, motion, shutter, ONLY_SPECTRA)
     without = view._replace(scene=without_tolerances(view.scene))
-    errors = _errors(view.scene, view.motion, records(view), records(without), view.plan)
+    errors = _errors(
+        view.scene, view.motion, compute_records(view), compute_records(without), view.plan
+    )
     return _Levels(*(float(level) for level in -10 * jnp.log10(jnp.stack(errors))))
 
 
@@ -150,8 +152,8 @@ def _errors(
 ) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
     """Squared errors in the order of `_Levels`."""
     nominal_scene = without_tolerances(scene)
-    response = assembled(scene, recorded, plan)
-    nominal = assembled(nominal_scene, without, plan)
+    response = response_from(scene, recorded, plan)
+    nominal = response_from(nominal_scene, without, plan)
     return (
         expected_squared_error(nominal_scene, motion, nominal),
         expected_squared_error(scene, motion, response),

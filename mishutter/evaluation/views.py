@@ -27,7 +27,7 @@ from mishutter.evaluation.needs import (
     velocity_held,
 )
 from mishutter.model.motion import AbstractMotion, simplified
-from mishutter.model.scene import Scene, seen_from
+from mishutter.model.scene import Scene, in_sensor_frame
 from mishutter.model.shutters.base import AbstractPiecewiseShutter, AbstractShutter, piecewise
 
 _Values = TypeVar("_Values")
@@ -66,7 +66,7 @@ def sensor_view(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) 
     """
     require_numbers(motion)
     simple = simplified(motion)
-    panned_scene, without_pan = seen_from(scene, simple)
+    panned_scene, without_pan = in_sensor_frame(scene, simple)
     shutter = transmittance(scene, motion, shutter)
     return SensorView(panned_scene, without_pan, shutter, simple.velocity)
 

@@ -30,7 +30,7 @@ from mishutter.pictures.images import (
     pixels_along,
     read_picture,
     to_display,
-    turned,
+    transposed,
 )
 from mishutter.search.rows import Row
 
@@ -61,7 +61,7 @@ def reader(place: str, read: Callable[[float | None, bool], Picture]) -> Reader:
     @lru_cache(maxsize=1)
     def part_of(white: float | None, linear: bool, axis: Axis) -> Photograph:
         picture = read(white, linear)
-        along = turned(picture.light, axis)
+        along = transposed(picture.light, axis)
         part = Picture(light=middle_rows(along, ROWS_TO_FIND).copy(), name=picture.name)
         texture = Texture.of_photograph(picture, place, white=white, linear=linear, axis=axis)
         return Photograph(part, texture)
@@ -134,7 +134,7 @@ def restored(
     finds = knowledge.finds_speed
     num_rows = ROWS_TO_FIND if finds else _ROWS
     window = middle_rows(photograph.part.light, num_rows)[:, first : first + width]
-    part = Picture(light=turned(window, scene.sensor.axis).copy())
+    part = Picture(light=transposed(window, scene.sensor.axis).copy())
     designs, reference = [], None
     for name, row in rows.items():
         check()

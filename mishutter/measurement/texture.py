@@ -9,7 +9,7 @@ from scipy import ndimage
 from mishutter.measurement.motion import Motion
 from mishutter.measurement.photon_transfer import Law
 from mishutter.measurement.sweep import Box, Smoothed
-from mishutter.pictures.images import Axis, turned
+from mishutter.pictures.images import Axis, transposed
 
 _AROUND = 2
 """Frames to either side along which an object is averaged."""
@@ -81,11 +81,11 @@ def light_of_texture(
     """
     black, white = ends
     inside = 2 * ndimage.gaussian_filter(at_rest.astype(float), _SOFT) - 1
-    window = turned(np.maximum(inside, 0), axis)
+    window = transposed(np.maximum(inside, 0), axis)
     if window.mean() < _LEAST_STILL:
         window = np.ones_like(window)
-    light = turned((picture.levels - black) / (white - black), axis)
-    variance = turned(law(picture.levels) / picture.num_frames, axis) / (white - black) ** 2
+    light = transposed((picture.levels - black) / (white - black), axis)
+    variance = transposed(law(picture.levels) / picture.num_frames, axis) / (white - black) ** 2
     noise = float(np.average(variance, weights=window**2))
     still = light - np.average(light, weights=window)
     power = _power(window * still) / np.mean(window**2)
@@ -95,7 +95,7 @@ def light_of_texture(
     gain /= np.sinc(np.fft.rfftfreq(mirrored.shape[1]))
     filtered = np.fft.irfft(np.fft.rfft(mirrored) * gain, mirrored.shape[1])[:, : light.shape[1]]
     shown = np.clip(filtered + light.mean(), 0, 1)
-    return turned(shown[..., None], axis).astype(np.float32)
+    return transposed(shown[..., None], axis).astype(np.float32)
 
 
 def _mirrored(lines: np.ndarray) -> np.ndarray:

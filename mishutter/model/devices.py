@@ -163,9 +163,9 @@ class AbstractDevice(AbstractModule):
         return not self.lags and self.num_slots is None
 
     @property
-    def without_lag(self) -> "IdealShutter":
+    def without_lag(self) -> "IdealDevice":
         """A device of the same losses that follows every command."""
-        return IdealShutter(transmission=self.transmission, leakage=self.leakage)
+        return IdealDevice(transmission=self.transmission, leakage=self.leakage)
 
     def passed(
         self, profile: AbstractPiecewiseShutter, dtype: np.dtype, sent: AbstractShutter | None
@@ -215,7 +215,7 @@ def least_efficiency(dtype: np.dtype) -> np.floating:
 
 
 @final
-class IdealShutter(AbstractDevice):
+class IdealDevice(AbstractDevice):
     r"""A device that follows every command, at its own loss of light.
 
     Args:
@@ -246,11 +246,11 @@ class IdealShutter(AbstractDevice):
         levels: int | None = None,
         num_slots: int | None = None,
     ):
-        self.transmission = as_float(transmission, "IdealShutter(transmission=...)")
-        self.leakage = as_float(leakage, "IdealShutter(leakage=...)")
-        self.levels = _levels(levels, "IdealShutter")
+        self.transmission = as_float(transmission, "IdealDevice(transmission=...)")
+        self.leakage = as_float(leakage, "IdealDevice(leakage=...)")
+        self.levels = _levels(levels, "IdealDevice")
         default = None if levels is None else NUM_SLOTS
-        self.num_slots = default if num_slots is None else _slots(num_slots, "IdealShutter")
+        self.num_slots = default if num_slots is None else _slots(num_slots, "IdealDevice")
 
     def __check_init__(self) -> None:
         _check_losses(self)
@@ -268,8 +268,8 @@ class IdealShutter(AbstractDevice):
         return self.levels is None
 
     @property
-    def relaxed(self) -> "IdealShutter":
-        return IdealShutter(transmission=self.transmission, leakage=self.leakage)
+    def relaxed(self) -> "IdealDevice":
+        return IdealDevice(transmission=self.transmission, leakage=self.leakage)
 
     @property
     def settling_time(self) -> float | Array:
@@ -285,7 +285,7 @@ class IdealShutter(AbstractDevice):
 
 
 @final
-class FirstOrderShutter(AbstractDevice):
+class FirstOrderDevice(AbstractDevice):
     r"""A device that opens and closes gradually, as liquid crystals do.
 
     In a slot of level $c$ its state follows $\dot x = (c - x)/\theta$, with $\theta = t/\ln 9$ of
@@ -307,7 +307,7 @@ class FirstOrderShutter(AbstractDevice):
         delay: Time by which the device follows late; s, at least 0.
 
     Raises:
-        ValueError: as `IdealShutter`, or if a time is not at least 0.
+        ValueError: as `IdealDevice`, or if a time is not at least 0.
     """
 
     rise_time: Array
@@ -332,19 +332,19 @@ class FirstOrderShutter(AbstractDevice):
         num_slots: int = 64,
         delay: ArrayLike | None = None,
     ):
-        self.rise_time = as_float(rise_time, "FirstOrderShutter(rise_time=...)")
-        self.fall_time = as_float(fall_time, "FirstOrderShutter(fall_time=...)")
-        self.transmission = as_float(transmission, "FirstOrderShutter(transmission=...)")
-        self.leakage = as_float(leakage, "FirstOrderShutter(leakage=...)")
-        self.levels = _levels(levels, "FirstOrderShutter")
-        self.num_slots = _slots(num_slots, "FirstOrderShutter")
+        self.rise_time = as_float(rise_time, "FirstOrderDevice(rise_time=...)")
+        self.fall_time = as_float(fall_time, "FirstOrderDevice(fall_time=...)")
+        self.transmission = as_float(transmission, "FirstOrderDevice(transmission=...)")
+        self.leakage = as_float(leakage, "FirstOrderDevice(leakage=...)")
+        self.levels = _levels(levels, "FirstOrderDevice")
+        self.num_slots = _slots(num_slots, "FirstOrderDevice")
         none = delay is None or (is_concrete(delay) and np.ndim(delay) == 0 and delay == 0)
-        self.delay = None if none else as_float(delay, "FirstOrderShutter(delay=...)")  # type: ignore[arg-type]
+        self.delay = None if none else as_float(delay, "FirstOrderDevice(delay=...)")  # type: ignore[arg-type]
 
     def __check_init__(self) -> None:
         _check_losses(self)
         for name in ("rise_time", "fall_time", "delay"):
-            value, subject = getattr(self, name), f"FirstOrderShutter({name}=...)"
+            value, subject = getattr(self, name), f"FirstOrderDevice({name}=...)"
             if value is not None:
                 require_scalar(subject, value)
                 require_finite(subject, value)
@@ -368,8 +368,8 @@ class FirstOrderShutter(AbstractDevice):
         return self.levels is None and are_concrete and float(times[0]) == float(times[1])
 
     @property
-    def relaxed(self) -> "FirstOrderShutter":
-        return FirstOrderShutter(
+    def relaxed(self) -> "FirstOrderDevice":
+        return FirstOrderDevice(
             rise_time=self.rise_time,
             fall_time=self.fall_time,
             transmission=self.transmission,
@@ -398,7 +398,7 @@ class FirstOrderShutter(AbstractDevice):
 
 
 @final
-class SwitchedShutter(AbstractDevice):
+class SwitchedDevice(AbstractDevice):
     r"""A device that is open or closed in each of equal slots, and switches at once.
 
     Camera triggers that expose often, pixels that code their exposure, micromirrors, strobes. A
@@ -413,7 +413,7 @@ class SwitchedShutter(AbstractDevice):
         leakage: Share of that which passes where it is closed, $\ell$.
 
     Raises:
-        ValueError: as `IdealShutter`.
+        ValueError: as `IdealDevice`.
     """
 
     transmission: Array
@@ -433,11 +433,11 @@ class SwitchedShutter(AbstractDevice):
         transmission: ArrayLike = 1.0,
         leakage: ArrayLike = 0.0,
     ):
-        self.transmission = as_float(transmission, "SwitchedShutter(transmission=...)")
-        self.leakage = as_float(leakage, "SwitchedShutter(leakage=...)")
-        self.num_slots = _slots(num_slots, "SwitchedShutter")
-        self.min_open = _run(min_open, self.num_slots, "SwitchedShutter(min_open=...)")
-        self.min_closed = _run(min_closed, self.num_slots, "SwitchedShutter(min_closed=...)")
+        self.transmission = as_float(transmission, "SwitchedDevice(transmission=...)")
+        self.leakage = as_float(leakage, "SwitchedDevice(leakage=...)")
+        self.num_slots = _slots(num_slots, "SwitchedDevice")
+        self.min_open = _run(min_open, self.num_slots, "SwitchedDevice(min_open=...)")
+        self.min_closed = _run(min_closed, self.num_slots, "SwitchedDevice(min_closed=...)")
 
     def __check_init__(self) -> None:
         _check_losses(self)
@@ -456,8 +456,8 @@ class SwitchedShutter(AbstractDevice):
         return False
 
     @property
-    def relaxed(self) -> IdealShutter:
-        return IdealShutter(transmission=self.transmission, leakage=self.leakage)
+    def relaxed(self) -> IdealDevice:
+        return IdealDevice(transmission=self.transmission, leakage=self.leakage)
 
     @property
     def settling_time(self) -> float | Array:
@@ -469,7 +469,7 @@ class SwitchedShutter(AbstractDevice):
         return self.passed(ChippedShutter(self.slots(command, dtype)), dtype, None)
 
 
-DEVICES: tuple[type[AbstractDevice], ...] = (FirstOrderShutter, SwitchedShutter, IdealShutter)
+DEVICES: tuple[type[AbstractDevice], ...] = (FirstOrderDevice, SwitchedDevice, IdealDevice)
 """All devices; the first that `has` the arguments of a file is the one that it describes."""
 
 

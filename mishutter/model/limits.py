@@ -60,7 +60,7 @@ _OF_STAGE = ("max_travel", "max_acceleration", "max_jerk")
 """Limits that a scene may do without, and that the search bounds motions by."""
 
 
-class Demand(NamedTuple):
+class LimitUse(NamedTuple):
     """The use of one limit by motions, and the limit itself."""
 
     taken: Float[np.ndarray, "..."]  # The use; of any shape
@@ -98,7 +98,7 @@ class Limit(NamedTuple):
     # the use never falls with acceleration, half exposure and speed
     is_solved: bool = True
 
-    def words(self, demand: Demand) -> tuple[str, str]:
+    def words(self, demand: LimitUse) -> tuple[str, str]:
         """The requirement of an error, and what it got, of one motion."""
         numbers = {name: float(x) * self.scale for name, x in demand._asdict().items()}
         return self.requirement.format(**numbers), self.got.format(**numbers)
@@ -217,8 +217,8 @@ class Limits(AbstractModule):
             for rivals on paths that are no parabola, which takes more than half of their time.
         stage: How the stage follows what it is sent, which says what to send; by default it is
             where it is sent at once.
-        frame_velocity: Velocity of the frame that motions are in, which `seen_from` sets; px/s.
-            None for a frame at rest, or where the camera pans.
+        frame_velocity: Velocity of the frame that motions are in, which `in_sensor_frame` sets;
+            px/s. None for a frame at rest, or where the camera pans.
 
     Raises:
         ValueError: if one is not a positive scalar (`max_pan` at least 0), the exposures are out
@@ -313,7 +313,7 @@ class Limits(AbstractModule):
         """Whether travel, acceleration or jerk of the stage is limited."""
         return any(getattr(self, name) is not None for name in _OF_STAGE)
 
-    def demands(self, motion: AbstractMotion) -> dict[str, Demand]:
+    def demands(self, motion: AbstractMotion) -> dict[str, LimitUse]:
         """The use of each limit by a motion, by the limit's name; scalars.
 
         The electrons that fill a pixel are a limit of the scene.
@@ -331,7 +331,7 @@ class Limits(AbstractModule):
         acceleration: Float[np.ndarray, "..."],
         half_exposure: Float[np.ndarray, "..."],
         velocity: Float[np.ndarray, "..."],
-    ) -> dict[str, Demand]:
+    ) -> dict[str, LimitUse]:
         """The `demands` of parabolas, from their numbers; of any shape.
 
         Args:
@@ -354,10 +354,10 @@ class Limits(AbstractModule):
             acceleration=motion.greatest_acceleration,
         )
 
-    def _demands(self, uses: Uses) -> dict[str, Demand]:
+    def _demands(self, uses: Uses) -> dict[str, LimitUse]:
         pairs = {limit.name: limit.demand(self, uses) for limit in LIMITS}
         return {
-            name: Demand(*(np.asarray(number, np.float64) for number in pair))
+            name: LimitUse(*(np.asarray(number, np.float64) for number in pair))
             for name, pair in pairs.items()
             if pair[0] is not None and pair[1] is not None
         }

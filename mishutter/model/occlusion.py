@@ -49,7 +49,7 @@ class LayerShares(eqx.Module):
     # Places among the frequencies that the beat is known at; None for all; static
     knots: tuple[int, ...] | None = eqx.field(static=True, default=None)
 
-    def seen_from(self, velocity: Array | np.ndarray) -> "LayerShares":
+    def in_sensor_frame(self, velocity: Array | np.ndarray) -> "LayerShares":
         """The same shares in the frame of a sensor that pans."""
         places = lambda s: (s.background_speeds, s.speeds)  # noqa: E731
         return eqx.tree_at(places, self, tuple(_shifted(x, velocity) for x in places(self)))
@@ -70,7 +70,8 @@ class Occlusion(AbstractModule):
         level_difference: Mean of the objects less that of the background, white = 1. The scene's
             mean level is that of the whole picture.
         background: `"still"`, or `"moving"`: at one of the scene's speeds, whatever the objects'.
-        background_speed: Speed of a still background in the frame, which `seen_from` sets; px/s.
+        background_speed: Speed of a still background in the frame, which `in_sensor_frame` sets;
+            px/s.
         shares: Shares that have been computed of these numbers.
 
     Raises:
@@ -133,7 +134,7 @@ class Occlusion(AbstractModule):
         """Whether objects have edges, behind which the background is uncovered."""
         return self.object_width is not None
 
-    def seen_from(self, velocity: Array | np.ndarray) -> "Occlusion":
+    def in_sensor_frame(self, velocity: Array | np.ndarray) -> "Occlusion":
         """The same layers in the frame of a sensor that pans.
 
         Args:
@@ -142,7 +143,9 @@ class Occlusion(AbstractModule):
         speed = _shifted(self.background_speed, velocity)
         layers = eqx.tree_at(lambda o: o.background_speed, self, speed)
         return (
-            layers if self.shares is None else layers.with_shares(self.shares.seen_from(velocity))
+            layers
+            if self.shares is None
+            else layers.with_shares(self.shares.in_sensor_frame(velocity))
         )
 
     def with_shares(self, shares: LayerShares | None) -> "Occlusion":

@@ -70,7 +70,7 @@ from mishutter.model.scene_schema import (
     TolerancesSection,
 )
 from mishutter.model.scene_units import SceneWarning, table_of
-from mishutter.model.sensor import Burst, Sensor
+from mishutter.model.sensor import BurstMode, Sensor
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.texture import EXAMPLE_PICTURE, Texture
 from mishutter.model.tolerances import Tolerances
@@ -144,7 +144,7 @@ class Scene(AbstractModule):
     sensor: Sensor
     limits: Limits
     device: AbstractDevice | None
-    burst: Burst | None
+    burst: BurstMode | None
     tolerances: Tolerances | None
     occlusion: Occlusion | None
     objects: Objects | None
@@ -166,7 +166,7 @@ class Scene(AbstractModule):
         sensor: Sensor | None = None,
         limits: Limits | None = None,
         device: AbstractDevice | None = None,
-        burst: Burst | None = None,
+        burst: BurstMode | None = None,
         tolerances: Tolerances | None = None,
         occlusion: Occlusion | None = None,
         objects: Objects | None = None,
@@ -220,13 +220,13 @@ class Scene(AbstractModule):
             ("optics", Optics, "be `Optics`"),
             ("sensor", Sensor, "be a `Sensor`"),
             ("limits", Limits, "be `Limits`"),
-            ("burst", Burst | None, "be a `Burst`"),
+            ("burst", BurstMode | None, "be a `BurstMode`"),
             ("tolerances", Tolerances | None, "be `Tolerances`"),
             ("occlusion", Occlusion | None, "be an `Occlusion`"),
             ("objects", Objects | None, "be `Objects`"),
             ("errors", MeasurementErrors | None, "be `MeasurementErrors`"),
             ("velocities", AbstractVelocities | None, "be velocities, as `EvenVelocities`"),
-            ("device", AbstractDevice | None, "be a device, as an `IdealShutter`"),
+            ("device", AbstractDevice | None, "be a device, as an `IdealDevice`"),
         ):
             value = getattr(self, name)
             require(isinstance(value, kind), f"Scene({name}=...)", requirement, value)
@@ -369,10 +369,10 @@ class Scene(AbstractModule):
         write_text(name, text)
 
     def along_rows(self) -> "Scene":
-        """The scene of pictures that are `turned` so that things move along their rows."""
+        """The scene of pictures that are `transposed` so that things move along their rows."""
         return replace(self, sensor=replace(self.sensor, axis="rows"))
 
-    def bare(
+    def without_metadata(
         self,
         speeds: ArrayLike | None = None,
         weights: ArrayLike | None = None,
@@ -389,7 +389,7 @@ class Scene(AbstractModule):
             self,
             speeds=self.speeds if speeds is None else speeds,
             weights=self.weights if weights is None else weights,
-            picture=self.picture.bare(power_spectrum),
+            picture=self.picture.without_metadata(power_spectrum),
             sensor=Sensor(full_well=self.sensor.full_well),
             limits=self.limits.without_servo(),
             burst=None,
@@ -507,7 +507,7 @@ def require_whole(scene: Scene | None, user: str) -> None:
     require(whole, "scene", requirement, Unquoted("objects in front of a background"))
 
 
-def seen_from(scene: Scene, motion: AbstractMotion) -> tuple[Scene, AbstractMotion]:
+def in_sensor_frame(scene: Scene, motion: AbstractMotion) -> tuple[Scene, AbstractMotion]:
     """A scene and a motion in the frame that pans with the sensor, where the exposure is the same.
 
     The velocity of the sensor is subtracted from all speeds. The motion has none left, and the
@@ -538,10 +538,10 @@ def seen_from(scene: Scene, motion: AbstractMotion) -> tuple[Scene, AbstractMoti
             lambda s: s.limits.frame_velocity, scene, frame, is_leaf=lambda leaf: leaf is None
         )
     if scene.tolerances is not None:
-        tolerances = scene.tolerances.seen_from(velocity)
+        tolerances = scene.tolerances.in_sensor_frame(velocity)
         scene = eqx.tree_at(lambda s: s.tolerances, scene, tolerances)
     if scene.occlusion is not None:
-        scene = scene.with_occlusion(scene.occlusion.seen_from(velocity))
+        scene = scene.with_occlusion(scene.occlusion.in_sensor_frame(velocity))
     return scene, motion.without_velocity()
 
 

@@ -23,7 +23,7 @@ from mishutter.model.devices import (
     DEVICES,
     NUM_SLOTS,
     AbstractDevice,
-    IdealShutter,
+    IdealDevice,
     device_of,
 )
 from mishutter.model.limits import LEAST_STROKE, LIMITS, Limits
@@ -59,7 +59,7 @@ from mishutter.model.scene_units import (
     table_of,
     told_in,
 )
-from mishutter.model.sensor import Burst, Sensor
+from mishutter.model.sensor import BurstMode, Sensor
 from mishutter.model.servos import SecondOrderStage
 from mishutter.model.texture import EXAMPLE_PICTURE, Texture, photograph_at
 from mishutter.model.tolerances import Tolerances
@@ -146,7 +146,7 @@ def _toml(value: object) -> str:
 def device_table(device: AbstractDevice) -> dict[str, object]:
     """The keys of `[shutter]` that stand for a device."""
     table = table_of(device, ShutterSection)
-    if isinstance(device, IdealShutter) and device.levels is None and device.num_slots is not None:
+    if isinstance(device, IdealDevice) and device.levels is None and device.num_slots is not None:
         # Slots without levels and times are of a device that is open or closed.
         table |= {"rise_ms": 0.0, "fall_ms": 0.0}
     return table
@@ -339,13 +339,13 @@ def _of_kind(
     return None if section is None else made_of(kind, arguments_in(section, kind, place, scales))
 
 
-def _burst(section: BurstSection | None, scales: Scales) -> Burst | None:
+def _burst(section: BurstSection | None, scales: Scales) -> BurstMode | None:
     if section is None:
         return None
     period, place = 1e3 / section.frames_per_s, "[burst] dead_time_ms"
     requirement = f"be shorter than the {period:g} ms from frame to frame"
     require(section.dead_time_ms < period, place, requirement, section.dead_time_ms)
-    return _of_kind(Burst, section, "[burst]", scales)
+    return _of_kind(BurstMode, section, "[burst]", scales)
 
 
 def _device(section: ShutterSection, scales: Scales) -> AbstractDevice:

@@ -284,7 +284,7 @@ def _numbers(function: str, value: RowLike, name: str = "value") -> Any:
     return as_numpy(value)[0]
 
 
-def read_noise(*, dynamic_range: float | int, full_well: float | int) -> float:
+def read_noise_from_dynamic_range(*, dynamic_range: float | int, full_well: float | int) -> float:
     r"""Read noise from the dynamic range of a data sheet, a standard deviation; e-.
 
     Args:
@@ -294,9 +294,9 @@ def read_noise(*, dynamic_range: float | int, full_well: float | int) -> float:
     Raises:
         ValueError: if a number is not finite, or `full_well` is not above 0.
     """
-    require_finite("read_noise(dynamic_range=...)", dynamic_range)
-    require_finite("read_noise(full_well=...)", full_well)
-    require(full_well > 0, "read_noise(full_well=...)", "be above 0", full_well)
+    require_finite("read_noise_from_dynamic_range(dynamic_range=...)", dynamic_range)
+    require_finite("read_noise_from_dynamic_range(full_well=...)", full_well)
+    require(full_well > 0, "read_noise_from_dynamic_range(full_well=...)", "be above 0", full_well)
     return full_well / 10 ** (dynamic_range / 20)
 
 
@@ -493,4 +493,4 @@ def read_noise_in(sensor: SensorSection) -> float:
     require(sensor.read_noise_e is None, subject, "not stand beside read_noise_e", range_db)
     requirement = "be given where dynamic_range_db is"
     require(well is not None, "[sensor] full_well_e", requirement, _NOTHING)
-    return read_noise(dynamic_range=range_db, full_well=well)  # type: ignore[arg-type]
+    return read_noise_from_dynamic_range(dynamic_range=range_db, full_well=well)  # type: ignore[arg-type]

@@ -77,7 +77,7 @@ class Sensor(AbstractModule):
 
 
 @final
-class Burst(AbstractModule):
+class BurstMode(AbstractModule):
     """Frames that a camera may take instead of one exposure.
 
     Args:
@@ -107,11 +107,11 @@ class Burst(AbstractModule):
         window: ArrayLike | None = None,
         dead_time: ArrayLike = 0.0,
     ):
-        self.frames_per_s = as_float(frames_per_s, "Burst(frames_per_s=...)")
-        self.window = None if window is None else as_float(window, "Burst(window=...)")
-        self.dead_time = as_float(dead_time, "Burst(dead_time=...)")
+        self.frames_per_s = as_float(frames_per_s, "BurstMode(frames_per_s=...)")
+        self.window = None if window is None else as_float(window, "BurstMode(window=...)")
+        self.dead_time = as_float(dead_time, "BurstMode(dead_time=...)")
         if max_frames is not None:
-            max_frames = require_positive_int("Burst(max_frames=...)", max_frames)
+            max_frames = require_positive_int("BurstMode(max_frames=...)", max_frames)
         self.max_frames = max_frames
 
     def __repr__(self) -> str:
@@ -120,11 +120,11 @@ class Burst(AbstractModule):
 
     def __check_init__(self) -> None:
         for name in ("frames_per_s", "window"):
-            value, subject = getattr(self, name), f"Burst({name}=...)"
+            value, subject = getattr(self, name), f"BurstMode({name}=...)"
             if value is not None:
                 require_scalar(subject, value)
                 require_at_least(subject, value, "above 0", strict=True)
-        subject = "Burst(dead_time=...)"
+        subject = "BurstMode(dead_time=...)"
         require_scalar(subject, self.dead_time)
         require_at_least(subject, self.dead_time, "at least 0")
         if is_concrete(self.dead_time) and is_concrete(self.frames_per_s):

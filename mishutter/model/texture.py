@@ -124,7 +124,7 @@ class Texture(AbstractModule):
             linear: The argument of `read_picture` that it was read with.
             axis: The axis that things move along, along which its spectrum is.
         """
-        spectrum = row_power_spectrum(picture.turned(axis), NUM_FREQUENCIES)
+        spectrum = row_power_spectrum(picture.transposed(axis), NUM_FREQUENCIES)
         return Texture(
             mean_level=spectrum.mean_level,
             deviation=spectrum.deviation,
@@ -159,7 +159,7 @@ class Texture(AbstractModule):
         space = np if is_concrete(spectrum) else jnp
         return on_steps(space.asarray(spectrum, dtype), num_frequencies)
 
-    def bare(self, power_spectrum: RowLike | None = None) -> "Texture":
+    def without_metadata(self, power_spectrum: RowLike | None = None) -> "Texture":
         """The statistics without the photograph.
 
         Args:

@@ -112,7 +112,7 @@ class Tolerances(AbstractModule):
         """One line with the numbers, in place of an Equinox module's types."""
         return fields_text(self)
 
-    def seen_from(self, velocity: Array | np.ndarray) -> "Tolerances":
+    def in_sensor_frame(self, velocity: Array | np.ndarray) -> "Tolerances":
         """The tolerances in the frame of a sensor that pans, where its error is one of speeds.
 
         Args:

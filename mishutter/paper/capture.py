@@ -7,7 +7,7 @@ import jax
 import numpy as np
 
 from mishutter.decoding.decoders.base import AbstractDecoder
-from mishutter.decoding.decoders.likelihood import RichardsonLucyDecoder
+from mishutter.decoding.decoders.richardson_lucy import RichardsonLucyDecoder
 from mishutter.decoding.restoration import RestoredPhotograph, restore_photograph
 from mishutter.model.motion import ParabolicMotion
 from mishutter.model.scene import Scene

@@ -91,17 +91,17 @@ class Picture:
             return self.light[..., 0]
         return self.light @ np.asarray(LUMINANCE, self.light.dtype)
 
-    def turned(self, axis: Axis = "columns") -> "Picture":
+    def transposed(self, axis: Axis = "columns") -> "Picture":
         """The picture with rows and columns exchanged, unless things move along its rows.
 
         Args:
             axis: The axis along which things move.
         """
-        matte = None if self.matte is None else turned(self.matte, axis)
-        return Picture(turned(self.light, axis), matte, self.name)
+        matte = None if self.matte is None else transposed(self.matte, axis)
+        return Picture(transposed(self.light, axis), matte, self.name)
 
 
-def turned(light: Any, axis: Axis) -> Any:
+def transposed(light: Any, axis: Axis) -> Any:
     """Exchanges rows and columns where things move along columns, so that they move along rows.
 
     A second call turns the picture back.

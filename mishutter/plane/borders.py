@@ -1,4 +1,4 @@
-r"""What frames in the plane lose by things that enter and leave the sensor.
+r"""The loss of frames in the plane by things that enter and leave the sensor.
 
 As along one axis (`evaluation/sequences.py`), a point that the sensor sees in a part of the
 exposures, which alone have the responses $H_k^u$, is restored with the error of

@@ -18,7 +18,7 @@ from mishutter.evaluation.bursts import FrameTimes, some_numbers
 from mishutter.evaluation.open_frames import psnr_of_error
 from mishutter.model.exposures import AbstractExposures
 from mishutter.model.scene import Scene, require_scene
-from mishutter.model.sensor import Burst
+from mishutter.model.sensor import BurstMode
 from mishutter.model.stages import StagePath, StageUse
 from mishutter.plane.borders import loss_of_borders
 from mishutter.plane.ceilings import plane_ceiling
@@ -270,7 +270,7 @@ class _Search(NamedTuple):
     def of(scene: Scene) -> "_Search":
         """The search of a scene, of one exposure where it has no burst."""
         longest = 2 * float(scene.limits.max_half_exposure)
-        none = Burst(frames_per_s=1 / longest, max_frames=1)
+        none = BurstMode(frames_per_s=1 / longest, max_frames=1)
         times = FrameTimes.of(scene, none if scene.burst is None else scene.burst)
         most = _MOST_FRAMES if times.max_frames is None else min(times.max_frames, _MOST_FRAMES)
         times = times._replace(max_frames=most)

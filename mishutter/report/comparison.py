@@ -289,8 +289,8 @@ def compare(
     These rivals stand beside the windows, and are tuned alike: the best Tukey, whose taper is tuned
     too; the best snapshot, which is an open shutter at rest, and where the sensor may pan the best
     panned snapshot; the best coded still, which is a free profile without acceleration, and where
-    that pans the best one at rest; the best still burst of a scene that has a `Burst`, and the best
-    moving one where there is no background; and without either stills at 30 frames/s. An open
+    that pans the best one at rest; the best still burst of a scene that has a `BurstMode`, and the
+    best moving one where there is no background; and without either stills at 30 frames/s. An open
     shutter and a free profile on the best free path, which take more than half of the time and a
     stage that follows any path, are searched for where they are asked for, unless the scene has
     tolerances or limits the jerk of its stage; the ceiling holds for them too.

@@ -140,7 +140,7 @@ def _layered(report: Report, rows: dict[str, Row]) -> "Figure":
     behind = shown_speeds(scene)[0] if moves else 0.0
     front = pictured_speeds(scene)[0]
     axis = scene.sensor.axis
-    subject = layered_scene(scene.picture.photograph().turned(axis), behind, front)
+    subject = layered_scene(scene.picture.photograph().transposed(axis), behind, front)
     few: dict[str, Row | Design] = {
         name: row for name, row in rows.items() if name in (*report.names[:1], *SNAPSHOTS)
     }
@@ -149,8 +149,8 @@ def _layered(report: Report, rows: dict[str, Row]) -> "Figure":
         few |= {name: backgrounds[-1].camera}
     world = before_still_background(scene, STILL_SHARES[-1]) if layers is None else scene
     captures = layered_captures(subject, world.along_rows(), few)
-    shown = {name: capture.turned(axis) for name, capture in captures.items()}
-    return plots.plot_layers(subject.turned(axis), shown, whole=layers is None)
+    shown = {name: capture.transposed(axis) for name, capture in captures.items()}
+    return plots.plot_layers(subject.transposed(axis), shown, whole=layers is None)
 
 
 def _photograph_document(result: RestoredPhotograph) -> dict[str, object]:

@@ -19,7 +19,7 @@ from mishutter.model.motion import AbstractMotion
 from mishutter.model.occlusion import Occlusion
 from mishutter.model.scene import Scene
 from mishutter.model.shutters.base import AbstractShutter
-from mishutter.pictures.images import Axis, Picture, row_power_spectrum, turned
+from mishutter.pictures.images import Axis, Picture, row_power_spectrum, transposed
 from mishutter.report.restored import longest_kernel
 from mishutter.search.rows import Row
 
@@ -48,9 +48,9 @@ class LayeredCapture(NamedTuple):
     background_psnr: float  # PSNR of the pixels that the object never covers; linear light, dB
     object_psnr: float  # PSNR of the pixels that the object alone covers; linear light, dB
 
-    def turned(self, axis: Axis) -> "LayeredCapture":
+    def transposed(self, axis: Axis) -> "LayeredCapture":
         """The same with pictures whose rows and columns are exchanged, unless `axis` is rows."""
-        captured, restored = turned(self.captured, axis), turned(self.restored, axis)
+        captured, restored = transposed(self.captured, axis), transposed(self.restored, axis)
         return self._replace(captured=captured, restored=restored)
 
 
@@ -61,10 +61,10 @@ class LayeredScene(NamedTuple):
     truth: Float[np.ndarray, "rows columns channels"]  # The scene at mid-exposure
     matte: Float[np.ndarray, "rows columns"]  # Opacity of the object at mid-exposure
 
-    def turned(self, axis: Axis) -> "LayeredScene":
+    def transposed(self, axis: Axis) -> "LayeredScene":
         """The same with rows and columns exchanged, unless things move along its rows."""
-        truth, matte = turned(self.truth, axis), turned(self.matte, axis)
-        return LayeredScene(self.layers.turned(axis), truth, matte)
+        truth, matte = transposed(self.truth, axis), transposed(self.matte, axis)
+        return LayeredScene(self.layers.transposed(axis), truth, matte)
 
 
 class _Filters(NamedTuple):
@@ -131,7 +131,7 @@ def _world(subject: LayeredScene, scene: Scene, judged: slice) -> Scene:
         front_share=share,
         object_width=np.sum(opacity) / np.sum(np.any(opacity > 0, axis=1)),
         level_difference=float(np.sqrt(np.mean(differences**2))),
-    ).seen_from(as_float(-back.speed))
+    ).in_sensor_frame(as_float(-back.speed))
     numbers = np.mean(subject.truth[:, judged]), np.sqrt(np.mean(power)), power
     return eqx.tree_at(
         lambda s: (
@@ -140,7 +140,7 @@ def _world(subject: LayeredScene, scene: Scene, judged: slice) -> Scene:
             s.picture.power_spectrum,
             s.occlusion,
         ),
-        scene.bare(np.array([front.speed], float), np.ones(1)),
+        scene.without_metadata(np.array([front.speed], float), np.ones(1)),
         (*(as_float(x) for x in numbers), occlusion),
         is_leaf=lambda part: part is None or isinstance(part, Occlusion),
     )

@@ -35,7 +35,7 @@ from mishutter.model.shutters.polynomials import profile_of
 from mishutter.model.shutters.spline import SplineShutter
 from mishutter.model.stages import StagePath
 from mishutter.model.velocities import AbstractVelocities
-from mishutter.pictures.images import Axis, Picture, to_display, turned
+from mishutter.pictures.images import Axis, Picture, to_display, transposed
 from mishutter.report.layered import LayeredCapture, LayeredScene
 from mishutter.search.rows import SHUTTER, Row
 
@@ -649,7 +649,7 @@ def _details(
     references: Sequence[np.ndarray], size: tuple[int, int], axis: Axis
 ) -> list[tuple[slice, slice]]:
     """Rows and columns of one detail in each part of a photograph: where that varies most."""
-    along = [turned(reference, axis) for reference in references]
+    along = [transposed(reference, axis) for reference in references]
     offsets = [_offset(along[0], part) for part in along]
     rows, columns = _busiest(along, offsets, size)
     places = [(rows, slice(columns.start - k, columns.stop - k)) for k in offsets]

@@ -8,14 +8,14 @@ import numpy as np
 from mishutter.camera.capture import kernel_layout
 from mishutter.camera.noise import fixed_key
 from mishutter.decoding.decoders.base import AbstractDecoder
-from mishutter.decoding.decoders.likelihood import RichardsonLucyDecoder
 from mishutter.decoding.decoders.linear import EnsembleDecoder, WienerDecoder
+from mishutter.decoding.decoders.richardson_lucy import RichardsonLucyDecoder
 from mishutter.decoding.decoders.speed_finding import ROWS_TO_FIND
 from mishutter.decoding.restoration import RestoredPhotograph, least_columns, restore_by_each
 from mishutter.decoding.simulation import photograph_by_frames
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene
-from mishutter.pictures.images import Picture, middle_rows, pixels_along, turned
+from mishutter.pictures.images import Picture, middle_rows, pixels_along, transposed
 from mishutter.search.rows import Row
 
 Update = Callable[[str], None]
@@ -68,11 +68,11 @@ def photograph_of(
     finds = any(row.decoder.finds_speed or row.num_frames > 1 for row in rows.values())
     count = ROWS_TO_FIND if finds else _MAX_ROWS
     picture, axis = scene.picture.photograph(), scene.sensor.axis
-    light = middle_rows(turned(picture.light, axis), count)
+    light = middle_rows(transposed(picture.light, axis), count)
     width = light.shape[1]
     enough = least_columns(longest_kernel(scene, [row.motion for row in rows.values()]))
     if width >= enough:
-        return Picture(light=turned(light, axis), name=picture.name)
+        return Picture(light=transposed(light, axis), name=picture.name)
     blur = (
         f"{width} {pixels_along(axis)} are too few to be restored from this blur; {enough} would do"
     )

@@ -32,8 +32,8 @@ _MOST_RATE = 1000.0
 """The greatest frame rate at which stills are looked for that match a camera; 1/s."""
 _BEHIND_OBJECTS = (
     "Levels of frames assume known speeds and outlines of the objects, and ignore occlusion edges, "
-    "which cost stills 0.7 dB in simulations. Moving frames are left out: edges cost them twice as "
-    "much, and no decoder of this package finds outlines."
+    "which cost stills 0.9 dB in simulations. Moving frames are left out: edges cost them half as "
+    "much again, and no decoder of this package finds outlines."
 )
 _MEASURED = (
     "The gain is stated within two standard errors of each measured number ([errors] of the "
@@ -437,7 +437,7 @@ def _blind_drive_notes(scene: Scene, entries: Mapping[str, Entry]) -> list[str]:
     """Levels of designs for a device that follows every command, sent to the scene's device."""
     if scene.device is None:
         return []
-    levels = [entry.blind_psnr for entry in entries.values() if isinstance(entry, Design)]
+    levels = [entry.psnr_ignoring_lag for entry in entries.values() if isinstance(entry, Design)]
     return [
         f"Sent unchanged, a design for an ideal device reaches {level:.2f} dB."
         for level in dict.fromkeys(levels)

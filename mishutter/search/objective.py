@@ -33,7 +33,7 @@ from mishutter.evaluation.needs import (
     reduced,
     size_class,
 )
-from mishutter.evaluation.response import Response, assembled, records, respond
+from mishutter.evaluation.response import Response, compute_records, compute_response, response_from
 from mishutter.evaluation.views import planned_view, require_view_sizes
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene
@@ -99,7 +99,7 @@ class SpectralObjective(AbstractObjective):
             self.scene, motion, shutter, self.plan, parts=ONLY_SPECTRA, nodes=self.nodes
         )
         count = self.plan.num_frequencies
-        value = self.loss.of_response(view.scene, view.motion, respond(view), count)
+        value = self.loss.of_response(view.scene, view.motion, compute_response(view), count)
         return one_real_number(self.loss, value).astype(point.dtype)
 
     @property
@@ -207,7 +207,7 @@ def _responses_of_each(scene: Scene, space: DesignSpace, plan: Plan, parts: Part
     def one(corner: Float[Array, "size"]) -> Response:
         profile = space.shutter_at(corner, space.motion.half_exposure)
         view = planned_view(scene, space.motion, profile, plan, parts=parts)
-        return assembled(scene, records(view), plan)
+        return response_from(scene, compute_records(view), plan)
 
     dtype = common_dtype(space.motion.half_exposure, scene.speeds)
     corners = jnp.eye(space.size + 1, space.size, -1, dtype=dtype)

@@ -24,7 +24,7 @@ from mishutter.evaluation.speed_knowledge import KNOWN_SPEED, knowledge_of
 from mishutter.evaluation.views import transmittance
 from mishutter.model.motion import AbstractMotion, LinearMotion, StillCamera
 from mishutter.model.scene import Scene
-from mishutter.model.sensor import Burst
+from mishutter.model.sensor import BurstMode
 from mishutter.model.sequences import FrameSequence, OneExposure
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.kinds import baselines
@@ -307,7 +307,7 @@ def _bursts(search: RivalSearch) -> list[Row]:
     Nothing registers one frame: where there is no time for more, it is a row of single exposures.
     """
     scene, is_told = search.scene, knowledge_of(search.scene, search.loss).is_told
-    burst: Burst = scene.burst  # type: ignore[assignment]
+    burst: BurstMode = scene.burst  # type: ignore[assignment]
     if not (is_told or FrameTimes.of(scene, burst).holds_several):
         return []
     still, *moving = search.bursts()
@@ -322,7 +322,7 @@ def _bursts(search: RivalSearch) -> list[Row]:
 
 def _plain_stills(search: RivalSearch) -> list[Row]:
     """The best frames at rest at a rate that any camera has, if there is time for several."""
-    burst = Burst(frames_per_s=PLAIN_RATE)
+    burst = BurstMode(frames_per_s=PLAIN_RATE)
     times = FrameTimes.of(search.scene, burst)
     stills = StillBursts(search.scene)
     best = stills.best_within(times)
@@ -394,7 +394,7 @@ def is_finished(design: Design, scene: Scene, loss: AbstractLoss) -> bool:
     """Whether a design is the result of a search of this scene by this loss, or is to stay."""
     if design.loss_name == GIVEN:
         return True
-    is_of_scene = _are_equal(design.scene.bare(), scene.bare())
+    is_of_scene = _are_equal(design.scene.without_metadata(), scene.without_metadata())
     return is_of_scene and design.loss_name == repr(loss)
 
 

@@ -162,7 +162,7 @@ def optimise(
     Where acceleration moves, a design keeps up ($2aT$) with every object that occurs or with those
     that `motion` keeps up with, whichever are fewer: a `motion` within the limits is always a
     start, and one that gives up rare fast objects lets the search give them up too.
-    Where the decoder knows the speed of a camera with a `Burst`, the best frames are
+    Where the decoder knows the speed of a camera with a `BurstMode`, the best frames are
     `Design.sequence`, if they are better than the exposure and `free` names none of its parts.
 
     Args:
@@ -410,8 +410,8 @@ def _through_device(start: Start, settings: SearchSettings) -> Design:
     if device.levels is not None:
         best = _of_levels(scene, (best, blind), start.free, settings)
     profile = transmittance(scene, blind.motion, blind.command)
-    blind_psnr = float(evaluate(scene, blind.motion, profile).expected_psnr)
-    return replace(best, scene=scene, blind_psnr=blind_psnr)
+    psnr_ignoring_lag = float(evaluate(scene, blind.motion, profile).expected_psnr)
+    return replace(best, scene=scene, psnr_ignoring_lag=psnr_ignoring_lag)
 
 
 def _of_levels(

@@ -12,7 +12,7 @@ from mishutter.search.rows import simplest_of
 
 
 def best_sequence(scene: Scene) -> FrameSequence | None:
-    """The frames to take of a camera with a `Burst`, by a decoder that registers them.
+    """The frames to take of a camera with a `BurstMode`, by a decoder that registers them.
 
     They are those of the best burst of a sensor that moves, or those of one at rest where moving
     gains less than 0.2 dB.
@@ -34,7 +34,7 @@ def best_bursts(
     """The best burst of a sensor at rest, and that of one that moves; none without `scene.burst`.
 
     Before a background there is only that at rest: occlusion edges, which levels ignore, cost
-    moving frames twice as much, and no decoder of this package restores them.
+    moving frames half as much again, and no decoder of this package restores them.
     """
     found = [best_still_burst(scene)]
     if scene.occlusion is None:

@@ -48,7 +48,7 @@ from mishutter.model.motion import (
     is_known_zero,
     simplified,
 )
-from mishutter.model.scene import Scene, seen_from
+from mishutter.model.scene import Scene, in_sensor_frame
 from mishutter.model.sensor import filling_half_exposure, white_electrons
 from mishutter.model.shutters.base import (
     AbstractShutter,
@@ -494,7 +494,7 @@ def search_frame(scene: Scene, motion: AbstractMotion, free: Iterable[str]) -> S
     """
     motion = simplified(motion)
     if "velocity" not in free:
-        scene, motion = seen_from(scene, motion)
+        scene, motion = in_sensor_frame(scene, motion)
     return SearchFrame(scene, motion)
 
 

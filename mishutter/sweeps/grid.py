@@ -19,7 +19,7 @@ from mishutter.evaluation.metrics import METRICS
 from mishutter.evaluation.speed_knowledge import SpeedKnowledge, knowledge_of
 from mishutter.model.limits import LIMITS
 from mishutter.model.motion import LinearMotion
-from mishutter.model.scene import Scene, seen_from
+from mishutter.model.scene import Scene, in_sensor_frame
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.kinds import shutter_to_dict
 from mishutter.model.shutters.spline import SplineShutter
@@ -73,7 +73,7 @@ class Frame(NamedTuple):
         """The scene in the frame of the sensor, which may pan no further."""
         velocity = np.asarray(self.velocity, self.scene.speeds.dtype)
         motion = LinearMotion(half_exposure=1.0, velocity=velocity)
-        return seen_from(self.scene, motion)[0].without_pan()
+        return in_sensor_frame(self.scene, motion)[0].without_pan()
 
 
 def frames_of(scenes: Iterable[Scene], velocities: np.ndarray | None) -> list[Frame]:

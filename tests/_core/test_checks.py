@@ -12,7 +12,7 @@ from mishutter import (
     ChippedShutter,
     ExpectedErrorLoss,
     HannShutter,
-    IdealShutter,
+    IdealDevice,
     Limits,
     ParabolicMotion,
     Scene,
@@ -187,7 +187,7 @@ def test_a_motion_shows_its_numbers():
             "Limits(max_stroke=38.5, max_top_speed=4800, min_half_exposure=0.0001, "
             "max_half_exposure=0.04, max_pan=0, pans='stage', axes='each', free_paths=False)",
         ),
-        (IdealShutter(transmission=0.4), "IdealShutter(transmission=0.4, leakage=0)"),
+        (IdealDevice(transmission=0.4), "IdealDevice(transmission=0.4, leakage=0)"),
         (TukeyShutter(0.35), "TukeyShutter(taper=0.35)"),
         (ChippedShutter([0.25, 1.0, 0.5]), "ChippedShutter(transmittances=3 from 0.25 to 1)"),
         (SecondOrderStage(bandwidth=40.0), "SecondOrderStage(bandwidth=40, damping=0.7)"),

@@ -7,7 +7,7 @@ import pytest
 
 from mishutter import (
     ChippedShutter,
-    FirstOrderShutter,
+    FirstOrderDevice,
     FreeMotion,
     HannShutter,
     ParabolicMotion,
@@ -108,7 +108,7 @@ def test_no_light_is_lost_where_the_vertex_is_on_a_breakpoint_of_a_device_that_l
     """Pieces of its state may have no length, and the taps sum to the efficiency all the same."""
     half = 0.01
     motion = ParabolicMotion(acceleration=45 / half**2, half_exposure=half)
-    device = FirstOrderShutter(rise_time=0.4e-3, fall_time=1.2e-3, leakage=0.001)
+    device = FirstOrderDevice(rise_time=0.4e-3, fall_time=1.2e-3, leakage=0.001)
     shutter = device.behind(HannShutter(), half, np.dtype(np.float64))
     for speed in (-2250.0, -4500.0, 1125.0):
         taps = blur_kernel(shutter, motion, speed=speed, num_taps=110)

@@ -124,7 +124,7 @@ def test_a_capture_through_optics():
     for subject in (
         picture,
         ms.Layers((ms.Layer(ms.Picture(picture)),)),
-        ms.Frames.of([picture, picture]),
+        ms.Footage.of([picture, picture]),
     ):
         np.testing.assert_allclose(capture(subject, MOVING, scene=scene), wanted, atol=ROUNDING)
     layers = three_layers()
@@ -137,7 +137,7 @@ def test_a_capture_through_optics():
 def test_single_precision_is_captured_as_double():
     """Pictures, layers and footage keep their precision, and lose no more than it holds."""
     picture = rows(2, 90, 1).astype(np.float32)
-    for subject in (picture, ms.Layers((ms.Layer(ms.Picture(picture)),)), ms.Frames.of([picture])):
+    for subject in (picture, ms.Layers((ms.Layer(ms.Picture(picture)),)), ms.Footage.of([picture])):
         found = capture(subject, MOVING)
         assert found.dtype == np.float32
         wanted = captured_picture(picture.astype(np.float64), MOVING, SHUTTERS["hann"])
@@ -291,7 +291,7 @@ def test_a_closed_shutter_records_darkness():
     closed = ms.ChippedShutter([0.0, 0.0])
     picture = ms.Picture(rows(2, 90, 1).astype(np.float32))
     layers = ms.Layers((ms.Layer(picture), ms.Layer(picture, 300.0, left=9)))
-    for subject in (layers, ms.Frames.of([picture.light, picture.light])):
+    for subject in (layers, ms.Footage.of([picture.light, picture.light])):
         assert not np.any(ms.simulate_capture(subject, SCENE, MOVING, closed))
 
 
@@ -380,7 +380,7 @@ def test_footage_of_a_still_scene_is_a_picture():
     picture = rows(4, 120, 3)
     wanted = ms.simulate_capture(picture, SCENE, MOVING, ms.HannShutter())
     for count in (1, 9):
-        frames = ms.Frames((picture for _ in range(count)), count)
+        frames = ms.Footage((picture for _ in range(count)), count)
         found = ms.simulate_capture(frames, SCENE, MOVING, ms.HannShutter())
         np.testing.assert_allclose(found, wanted, atol=1e-12)
 
@@ -388,7 +388,7 @@ def test_footage_of_a_still_scene_is_a_picture():
 def test_footage_shows_each_frame_for_its_share():
     """A camera at rest sees the frames weighted by the shutter over each one's time."""
     frames = np.broadcast_to(rows(5, 1, 1)[:, None], (5, 1, 30, 1))
-    found = ms.simulate_capture(ms.Frames.of(frames), SCENE, STILL, ms.TriangleShutter())
+    found = ms.simulate_capture(ms.Footage.of(frames), SCENE, STILL, ms.TriangleShutter())
     ends = np.linspace(-1, 1, 6)
     share = np.diff(np.sign(ends) * (np.abs(ends) - ends**2 / 2)) / 2
     np.testing.assert_allclose(found, np.tensordot(share, frames, 1), atol=1e-12)
@@ -452,7 +452,7 @@ def test_footage_is_exposed_frame_by_frame(motion, border):
     frames = np.stack([photograph(2 + i, 90)[-2:] for i in range(5)])
     allowed = ROUNDING if border in ("reflect", "wrap") else WAVES
     for shutter in (SHUTTERS["hann"], CHIPPED):
-        found = capture(ms.Frames.of(frames, border), motion, shutter)
+        found = capture(ms.Footage.of(frames, border), motion, shutter)
         breaks = np.linspace(-1, 1, 7)
         wanted = captured_footage(frames, motion, shutter, border=border, breaks=breaks)
         np.testing.assert_allclose(found, wanted, atol=allowed)
@@ -462,14 +462,14 @@ def test_footage_is_exposed_frame_by_frame(motion, border):
 def test_footage_that_stands_still_is_a_layer(kind):
     """Both are aligned at mid-exposure."""
     picture, motion = rows(2, 90, 1), PANNING[kind]
-    found = capture(ms.Frames.of([picture] * 5), motion)
+    found = capture(ms.Footage.of([picture] * 5), motion)
     alone = capture(ms.Layers((ms.Layer(ms.Picture(picture)),)), motion)
     np.testing.assert_allclose(found, alone, atol=ROUNDING)
 
 
 FOOTAGE = {
-    "negative": ([-rows()], "`Frames(frames=...)` must hold light of at least 0; got -"),
-    "nan": ([np.nan * rows()], "`Frames(frames=...)` must hold finite light; got"),
+    "negative": ([-rows()], "`Footage(frames=...)` must hold light of at least 0; got -"),
+    "nan": ([np.nan * rows()], "`Footage(frames=...)` must hold finite light; got"),
     "coded": ([np.ones((2, 3, 1), np.uint8)], "must hold light, white = 1, as floating-point numb"),
     "two-channels": ([np.ones((2, 3, 2))], "must be pictures; got shape (2, 3, 2)"),
     "two-sizes": ([rows(), rows(5)], "must all have shape (7, 260, 3); got shape (5, 260, 3)"),
@@ -481,17 +481,19 @@ def test_footage_that_is_none(slug):
     """A frame is refused as a picture is, and where it is unlike the one before."""
     frames, message = FOOTAGE[slug]
     with pytest.raises(ValueError, match=re.escape(message)):
-        ms.simulate_capture(ms.Frames.of(frames), SCENE, STILL, ms.HannShutter())
+        ms.simulate_capture(ms.Footage.of(frames), SCENE, STILL, ms.HannShutter())
 
 
 def test_footage_of_another_length():
     """As many frames as were said must come, and at least one."""
     for count in (1, 3):
-        frames = ms.Frames(iter([rows(), rows()]), count)
+        frames = ms.Footage(iter([rows(), rows()]), count)
         with pytest.raises(ValueError, match=rf"must be the 2 that came; got {count}"):
             ms.simulate_capture(frames, SCENE, STILL, ms.HannShutter())
-    with pytest.raises(ValueError, match=r"`Frames.of\(frames=...\)` must hold at least one frame"):
-        ms.Frames.of([])
+    with pytest.raises(
+        ValueError, match=r"`Footage.of\(frames=...\)` must hold at least one frame"
+    ):
+        ms.Footage.of([])
 
 
 def test_layers_that_are_none():
@@ -665,7 +667,7 @@ def test_light_that_travels_too_far_is_refused_before_anything_is_made(motion, s
         (told[2], lambda: ms.estimate_speed(picture, scene, motion, shutter)),
     ]
     if subject == "motion":
-        footage = ms.Frames([picture] * 3, 3)
+        footage = ms.Footage([picture] * 3, 3)
         calls.append(("motion", lambda: ms.simulate_capture(footage, SCENE, motion, shutter)))
     tracemalloc.start()
     try:

@@ -46,7 +46,7 @@ def test_frames_of_an_animation_show_for_as_long_as_it_says(tmp_path, durations)
         for page, time in zip(pages, durations, strict=True)
         for _ in range(time // 10)
     ]
-    wanted = exposed(ms.Frames.of(repeated))
+    wanted = exposed(ms.Footage.of(repeated))
     np.testing.assert_allclose(exposed(read), wanted, atol=1e-6)
 
 
@@ -55,7 +55,7 @@ def test_an_animation_without_times_is_even(tmp_path):
     pages = gif(tmp_path / "a.gif", [0, 0, 0])
     read = ms.read_frames(tmp_path / "a.gif")
     assert len({*read.durations}) == 1
-    wanted = exposed(ms.Frames.of([as_light(page) for page in pages]))
+    wanted = exposed(ms.Footage.of([as_light(page) for page in pages]))
     np.testing.assert_allclose(exposed(read), wanted, atol=1e-6)
 
 
@@ -69,15 +69,15 @@ def test_an_animation_with_a_frame_that_never_shows_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("durations", "line"),
     [
-        ((1.0, 2.0), "`Frames(durations=...)` must be 3, one a frame; got shape (2,)"),
-        ((1.0, -2.0, 3.0), "`Frames(durations=...)` must be above 0; got -2.0"),
-        ((1.0, np.nan, 3.0), "`Frames(durations=...)` must be finite; got"),
+        ((1.0, 2.0), "`Footage(durations=...)` must be 3, one a frame; got shape (2,)"),
+        ((1.0, -2.0, 3.0), "`Footage(durations=...)` must be above 0; got -2.0"),
+        ((1.0, np.nan, 3.0), "`Footage(durations=...)` must be finite; got"),
     ],
 )
 def test_durations_that_are_none(durations, line):
     """There is one for each frame, above 0."""
     with pytest.raises(ValueError, match=re.escape(line)):
-        ms.Frames(list(as_light(FRAMES[:3])), 3, durations=durations)
+        ms.Footage(list(as_light(FRAMES[:3])), 3, durations=durations)
 
 
 @pytest.mark.filterwarnings("ignore::ResourceWarning")

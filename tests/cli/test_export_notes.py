@@ -4,14 +4,14 @@ import pytest
 from support.bursts import a_burst_design
 from support.drive import a_design
 
-from mishutter import FirstOrderShutter, Limits, TukeyShutter, drive_table, frame_table
+from mishutter import FirstOrderDevice, Limits, TukeyShutter, drive_table, frame_table
 from mishutter.cli.export import FormatName, _note_what_to_set, _write
 from mishutter.design.design import given_design
 
 
 def test_a_shutter_stands_at_its_first_level_for_its_settling_time(capsys):
     """The delay and the time to a thousandth of a step, in ms, before the exposure."""
-    device = FirstOrderShutter(rise_time=1.7e-3, fall_time=4.1e-3, num_slots=16, delay=0.6e-3)
+    device = FirstOrderDevice(rise_time=1.7e-3, fall_time=4.1e-3, num_slots=16, delay=0.6e-3)
     plain = a_design(TukeyShutter(0.4))
     scene = type(plain.scene)(
         plain.scene.speeds,

@@ -20,7 +20,7 @@ from mishutter import (
     Design,
     DesignLoss,
     ExpectedErrorLoss,
-    FirstOrderShutter,
+    FirstOrderDevice,
     HannShutter,
     RectShutter,
     Scene,
@@ -33,7 +33,7 @@ from mishutter import (
 from mishutter.cli import app
 from mishutter.cli.laboratory import note_other_device
 from mishutter.design.design import GIVEN, given_design
-from mishutter.model.scene import seen_from
+from mishutter.model.scene import in_sensor_frame
 from mishutter.search.rivals import is_finished
 
 LEVEL = (0.55 + 0.3 * np.sin(np.arange(11 * 90) * 0.37).reshape(11, 90)) * 255
@@ -157,7 +157,7 @@ def test_export_of_an_open_shutter_says_so(tmp_path, capsys):
 @pytest.mark.slow
 def test_export_names_the_level_before_the_exposure(tmp_path, capsys):
     """A device that lags is taken to have settled at its first level."""
-    device = FirstOrderShutter(rise_time=1e-3, fall_time=2e-3, delay=3e-4)
+    device = FirstOrderDevice(rise_time=1e-3, fall_time=2e-3, delay=3e-4)
     scene = Scene(SCENE.speeds, photon_rate=1e5, read_noise=10.0, device=device)
     shutter = scene.light(HannShutter(), MOTION)
     replace(a_design(shutter), scene=scene).save(tmp_path / "design.json")
@@ -192,7 +192,7 @@ def test_a_design_for_another_shutter_is_noted(folder, tmp_path, capsys):
     design = Design.load(folder / "design.json")
     note_other_device(tmp_path, design, design.scene)
     assert capsys.readouterr().err == ""
-    device = FirstOrderShutter(rise_time=1e-3, fall_time=2e-3, delay=3e-4)
+    device = FirstOrderDevice(rise_time=1e-3, fall_time=2e-3, delay=3e-4)
     note_other_device(
         tmp_path, design, Scene(SCENE.speeds, photon_rate=1e5, read_noise=10.0, device=device)
     )
@@ -287,6 +287,6 @@ def test_an_export_of_several_channels_is_read_by_options(folder, tmp_path, caps
 def test_a_camera_that_is_given_is_not_tuned():
     """A comparison leaves the motion of hardware as it is, whatever the scene and the loss."""
     camera = given_design(SCENE, MOTION, HannShutter(), "Built.")
-    other = seen_from(SCENE, MOTION.panned(100.0))[0]
+    other = in_sensor_frame(SCENE, MOTION.panned(100.0))[0]
     for loss in (ExpectedErrorLoss(), DesignLoss()):
         assert is_finished(camera, other, loss)

@@ -11,7 +11,7 @@ from support.designs import MOTION
 from support.photographs import photograph
 
 from mishutter import (
-    Frames,
+    Footage,
     Layer,
     Layers,
     Limits,
@@ -31,7 +31,7 @@ from mishutter import (
 )
 from mishutter.hardware.calibration.measurements import TargetPicture, read_measurements
 from mishutter.model.scene import read_scene, scene_text
-from mishutter.pictures.images import turned
+from mishutter.pictures.images import transposed
 from mishutter.report.plots import plot_photograph
 
 GIVEN = {"photon_rate": 1e5, "read_noise": 4.0, "limits": Limits(max_stroke=30.0)}
@@ -54,7 +54,7 @@ def subject(kind, light):
     if kind == "layers":
         front = Layer(Picture(light[5:17, 9:26], matte), 450.0, left=31, top=7)
         return Layers((Layer(Picture(light), -700.0), front))
-    return {"photograph": light, "frames": Frames.of([light, 0.5 * light, light**2])}[kind]
+    return {"photograph": light, "frames": Footage.of([light, 0.5 * light, light**2])}[kind]
 
 
 def subject_down(kind, light):
@@ -196,7 +196,7 @@ def test_a_detail_of_a_photograph_that_moves_down_is_that_across_turned():
     The panels of the detail are exchanged; the scene stands as the photograph does.
     """
     across = {"Hann": photograph(21), "still": photograph(17, columns=slice(4, 29))}
-    down = {name: each.turned("columns") for name, each in across.items()}
+    down = {name: each.transposed("columns") for name, each in across.items()}
     pictures = [
         [axes.images[0].get_array() for axes in figure.axes if axes.images]
         for figure in (
@@ -211,7 +211,7 @@ def test_a_detail_of_a_photograph_that_moves_down_is_that_across_turned():
 
 def lights_of(subject):
     """The arrays of a photograph with its matte, of layers with their corners, or of footage."""
-    if isinstance(subject, Frames):
+    if isinstance(subject, Footage):
         return list(subject.frames)
     if isinstance(subject, Layers):
         corners = [np.array([[layer.left], [layer.top]]) for layer in subject.layers]
@@ -228,7 +228,8 @@ def test_a_subject_is_turned_by_the_axis_of_a_scene(kind):
         return Picture(LIGHT, matte) if kind == "picture" else subject(kind, LIGHT)
 
     whole, along, down = (
-        lights_of(each) for each in (made(), made().turned("rows"), made().turned("columns"))
+        lights_of(each)
+        for each in (made(), made().transposed("rows"), made().transposed("columns"))
     )
     for one, same, other in zip(whole, along, down, strict=True):
         np.testing.assert_array_equal(same, one)
@@ -240,9 +241,9 @@ def test_turning_twice_is_not_turning():
     """Of pictures of every shape, known or traced."""
     for shape in ((3, 5), (3, 5, 1), (2, 3, 5, 3)):
         light = np.arange(np.prod(shape), dtype=float).reshape(shape)
-        once = turned(light, "columns")
+        once = transposed(light, "columns")
         assert once.shape[: once.ndim - (once.ndim > 2)][-2:] == (5, 3)
-        np.testing.assert_array_equal(turned(once, "columns"), light)
-        traced = jax.jit(lambda x: turned(x, "columns"))(jnp.asarray(light))
+        np.testing.assert_array_equal(transposed(once, "columns"), light)
+        traced = jax.jit(lambda x: transposed(x, "columns"))(jnp.asarray(light))
         np.testing.assert_array_equal(traced, once)
-    assert turned(light, "rows") is light
+    assert transposed(light, "rows") is light

@@ -23,21 +23,21 @@ from mishutter.decoding import decoders
 from mishutter.decoding.decoders.banded import banded
 from mishutter.decoding.decoders.base import blur_model
 from mishutter.decoding.decoders.borders import Continuation, continuation
-
-# The minimisers alone: what they minimise is a short formula on periodic rows, which no camera's
-# rows are.
-from mishutter.decoding.decoders.likelihood import (
-    _Blur,
-    _Method,
-    _Penalty,
-    _restored,
-    richardson_lucy,
-)
 from mishutter.decoding.decoders.linear import (
     ensemble_filter,
     expected_squared_error,
     squared_error_of,
     wiener_filter,
+)
+
+# The minimisers alone: what they minimise is a short formula on periodic rows, which no camera's
+# rows are.
+from mishutter.decoding.decoders.richardson_lucy import (
+    _Blur,
+    _Method,
+    _Penalty,
+    _restored,
+    richardson_lucy,
 )
 
 # The minimiser alone, as above.

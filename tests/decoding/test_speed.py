@@ -112,7 +112,7 @@ def test_a_code_that_is_not_symmetric_tells_the_sign(speed):
 @pytest.mark.slow
 def test_colour_bits_lens_and_device():
     """Three colours, a converter of 8 bits, a lens that blurs, a slow shutter: all known."""
-    slow = ms.FirstOrderShutter(rise_time=2e-4, fall_time=2e-4, transmission=0.8)
+    slow = ms.FirstOrderDevice(rise_time=2e-4, fall_time=2e-4, transmission=0.8)
     for picture, known, shutter, options in (
         (photograph(), scene(), OPEN, {}),
         (grey(), scene(), OPEN, {"adc_bits": 8}),
@@ -219,7 +219,7 @@ def test_the_decoder_restores_by_the_speed():
     decoder = ms.SpeedFindingDecoder(inner)
     restored = np.asarray(ms.deconvolve(seen, *given, decoder=decoder))
     found = ms.estimate_speed(seen, *given)
-    told = known.bare(speeds=np.array([found.speed]), weights=np.ones(1))
+    told = known.without_metadata(speeds=np.array([found.speed]), weights=np.ones(1))
     num_taps = at_speed(blur_model(*given), found).num_taps
     model = blur_model(told, motion, OPEN, least_taps=num_taps)
     again = restored_light(seen, inner, model)
@@ -329,7 +329,10 @@ def test_photographs_are_restored_by_the_decoder_of_the_scene(knows):
     options = {"speeds": [0.0, 2960.0], "num_seeds": 1}
     result = ms.restore_photograph(picture, named, *given, **options)
     untold = ms.restore_photograph(picture, one, *given, **options)
-    alone = [one.bare(speeds=np.array([speed]), weights=np.ones(1)) for speed in options["speeds"]]
+    alone = [
+        one.without_metadata(speeds=np.array([speed]), weights=np.ones(1))
+        for speed in options["speeds"]
+    ]
     told = [ms.restore_photograph(picture, each, *given, **options) for each in alone]
     assert np.all(result.linear_psnr > untold.linear_psnr + 0.5)
     assert not any(result.doubts)

@@ -16,11 +16,11 @@ from mishutter import (
     Design,
     DesignLoss,
     ExpectedErrorLoss,
-    FirstOrderShutter,
+    FirstOrderDevice,
     FoundSpeedLoss,
     GaussianShutter,
     HannShutter,
-    IdealShutter,
+    IdealDevice,
     KnownSpeedLoss,
     Limits,
     LinearMotion,
@@ -30,7 +30,7 @@ from mishutter import (
     Scene,
     SplineShutter,
     StillCamera,
-    SwitchedShutter,
+    SwitchedDevice,
     Texture,
     Tolerances,
     TriangleShutter,
@@ -71,10 +71,10 @@ def design():
 
 
 DEVICES = {
-    "slots": IdealShutter(num_slots=14, transmission=0.8),
-    "levels": IdealShutter(levels=5, leakage=0.02),
-    "gradual": FirstOrderShutter(rise_time=2e-3, fall_time=3e-3, num_slots=20, delay=1e-3),
-    "switched": SwitchedShutter(num_slots=40, min_open=2, min_closed=3),
+    "slots": IdealDevice(num_slots=14, transmission=0.8),
+    "levels": IdealDevice(levels=5, leakage=0.02),
+    "gradual": FirstOrderDevice(rise_time=2e-3, fall_time=3e-3, num_slots=20, delay=1e-3),
+    "switched": SwitchedDevice(num_slots=40, min_open=2, min_closed=3),
 }
 
 
@@ -113,13 +113,13 @@ def test_the_stroke_in_print_is_that_of_the_stage(design, pans):
 
 def test_a_scene_is_printed_with_its_numbers():
     """Each part in a line, none that it lacks, and none as the type of an array."""
-    device = IdealShutter(transmission=0.4)
+    device = IdealDevice(transmission=0.4)
     scene = eqx.tree_at(lambda s: s.device, SCENE, device, is_leaf=lambda part: part is None)
     lines = str(scene).splitlines()
     assert lines[0] == "Scene"
     assert "  speeds            5 from -2000 to 2000" in lines
     assert "  photon_rate       100000" in lines
-    assert "  device            IdealShutter(transmission=0.4, leakage=0)" in lines
+    assert "  device            IdealDevice(transmission=0.4, leakage=0)" in lines
     assert not any("None" in line or "f64[" in line for line in lines)
     assert repr(SCENE) == "Scene(speeds=5 from -2000 to 2000, photon_rate=100000, read_noise=10)"
 
@@ -175,6 +175,19 @@ def test_a_saved_design_knows_how_its_photograph_is_read(design, tmp_path):
     path.write_text(json.dumps(document))
     read = Design.load(path).scene.picture
     assert (read.white, read.linear) == (None, False)
+
+
+def test_a_level_is_read_by_its_name_of_the_version_before(design, tmp_path):
+    """From a file, and of a design, which warns."""
+    path = tmp_path / "design.json"
+    replace(design, psnr_ignoring_lag=31.7).save(path)
+    text = path.read_text("utf-8")
+    assert text.count('"psnr_ignoring_lag"') == 1
+    path.write_text(text.replace('"psnr_ignoring_lag"', '"blind_psnr"'))
+    read = Design.load(path)
+    assert read.psnr_ignoring_lag == 31.7
+    with pytest.warns(FutureWarning, match=r"is Design\.psnr_ignoring_lag"):
+        assert read.blind_psnr == 31.7
 
 
 @pytest.mark.slow
@@ -306,7 +319,7 @@ def test_every_shutter_on_every_motion_is_loaded(design, tmp_path, slug, motion)
     path.write_text(strict_json(design.to_dict() | parts))
     loaded = Design.load(path)
     saved = (SHUTTERS[slug], motion, SCENE)
-    found = (loaded.shutter, loaded.motion, loaded.scene.bare())
+    found = (loaded.shutter, loaded.motion, loaded.scene.without_metadata())
     assert jax.tree.structure(saved) == jax.tree.structure(found)
     assert jax.tree.all(jax.tree.map(np.array_equal, saved, found))
 

@@ -7,7 +7,7 @@ from support.burst_levels import burst_psnr, still_frames
 from support.stills import errors_of_stills
 
 from mishutter import (
-    Burst,
+    BurstMode,
     Limits,
     Occlusion,
     RectShutter,
@@ -23,7 +23,7 @@ RATE, NOISE, SPEEDS = 1e5, 8.0, np.linspace(-3000.0, 3000.0, 7)
 
 
 def _scene(**others):
-    burst = others.pop("burst", Burst(frames_per_s=240.0, max_frames=6))
+    burst = others.pop("burst", BurstMode(frames_per_s=240.0, max_frames=6))
     given = {"photon_rate": RATE, "read_noise": NOISE, "limits": LIMITS, "burst": burst}
     return Scene(SPEEDS, **(given | others))
 
@@ -31,7 +31,7 @@ def _scene(**others):
 @pytest.mark.parametrize("max_frames", [1, 2, 6])
 def test_the_best_still_burst_is_the_best(max_frames):
     """Its frames, its exposure and its level; one frame alone need not wait for the next."""
-    scene = _scene(burst=Burst(frames_per_s=240.0, max_frames=max_frames))
+    scene = _scene(burst=BurstMode(frames_per_s=240.0, max_frames=max_frames))
     burst = StillBursts(scene).best(240.0, max_frames=max_frames)
     found = [
         minimize_scalar(
@@ -49,19 +49,19 @@ def test_the_best_still_burst_is_the_best(max_frames):
 
 def test_a_burst_ends_with_the_longest_exposure():
     """At 60 frames a second only three of them begin within 40 ms."""
-    burst = best_still_burst(_scene(burst=Burst(frames_per_s=60.0, max_frames=50)))
+    burst = best_still_burst(_scene(burst=BurstMode(frames_per_s=60.0, max_frames=50)))
     assert burst.num_frames == 3
 
 
 def test_a_window_of_its_own_bounds_the_burst_and_not_the_longest_exposure():
     """Frames of 60 Hz go on to the end of it, and each is no longer than one exposure may be."""
     for window, frames in ((0.0345, 3), (0.051, 4), (0.31, 19)):
-        given = Burst(frames_per_s=60.0, max_frames=50, window=window)
+        given = BurstMode(frames_per_s=60.0, max_frames=50, window=window)
         burst = best_still_burst(_scene(burst=given, read_noise=0.4))
         assert burst.num_frames == frames
         assert burst.duration <= window * (1 + 1e-6)
     shorter = Limits(max_stroke=45.0, min_half_exposure=1e-4, max_half_exposure=3e-4)
-    given = Burst(frames_per_s=60.0, max_frames=7, window=0.2)
+    given = BurstMode(frames_per_s=60.0, max_frames=7, window=0.2)
     burst = best_still_burst(_scene(limits=shorter, burst=given))
     assert burst.num_frames == 7
     assert max(frame.exposure for frame in burst.frames) == pytest.approx(6e-4)
@@ -72,10 +72,10 @@ def test_frames_end_before_the_dead_time():
     light = {"photon_rate": 3e3, "read_noise": 0.4}
     dead = 0.0019
     # Windows that leave three frames no time to wait.
-    given = Burst(frames_per_s=240.0, max_frames=3, dead_time=dead, window=3 / 240 - dead)
+    given = BurstMode(frames_per_s=240.0, max_frames=3, dead_time=dead, window=3 / 240 - dead)
     burst, whole = (
         best_still_burst(_scene(burst=each, **light))
-        for each in (given, Burst(frames_per_s=240.0, max_frames=3, window=3 / 240))
+        for each in (given, BurstMode(frames_per_s=240.0, max_frames=3, window=3 / 240))
     )
     longest, other = (max(frame.exposure for frame in x.frames) for x in (burst, whole))
     assert longest == pytest.approx(1 / 240 - dead, rel=1e-3)
@@ -85,7 +85,7 @@ def test_frames_end_before_the_dead_time():
 
 def test_no_frame_fills_a_pixel():
     """Of 60 electrons, half of what the best frame would take."""
-    scene = _scene(sensor=Sensor(full_well=60.0), burst=Burst(frames_per_s=90, max_frames=2))
+    scene = _scene(sensor=Sensor(full_well=60.0), burst=BurstMode(frames_per_s=90, max_frames=2))
     for burst in (best_still_burst(scene), best_moving_burst(scene)):
         assert RATE * max(frame.exposure for frame in burst.frames) <= 60.0 * (1 + 1e-6)
     full = _scene(sensor=Sensor(full_well=30.0))
@@ -97,7 +97,7 @@ def test_no_frame_fills_a_pixel():
 def test_a_camera_without_bursts():
     """Has none, and of one frame the single exposure."""
     assert best_still_burst(_scene(burst=None)) is best_moving_burst(_scene(burst=None)) is None
-    one = best_moving_burst(_scene(burst=Burst(frames_per_s=90.0, max_frames=1)))
+    one = best_moving_burst(_scene(burst=BurstMode(frames_per_s=90.0, max_frames=1)))
     level = evaluate(_scene(), one.frames[0].motion, RectShutter()).known_speed_psnr
     assert (one.num_frames, one.kind) == (1, ONE_PARABOLA)
     assert one.psnr == pytest.approx(float(level), abs=1e-4)
@@ -117,7 +117,7 @@ def test_a_burst_that_is_none(name, value, requirement):
     """One line says which number is out of its range."""
     given = {"frames_per_s": 60.0, "max_frames": 3} | {name: value}
     with pytest.raises(ValueError, match=rf"`Burst\({name}=...\)` must {requirement}"):
-        Burst(**given)
+        BurstMode(**given)
 
 
 @pytest.mark.parametrize("rate", [30.0, 85.0])
@@ -167,7 +167,7 @@ def test_a_second_exposure_never_hurts():
     """Of frames at rest: a bracketed burst is at least as good, and better before a background."""
     gains = []
     for layers in (None, Occlusion(front_share=0.37)):
-        scene = _scene(burst=Burst(frames_per_s=110.0, max_frames=4), occlusion=layers)
+        scene = _scene(burst=BurstMode(frames_per_s=110.0, max_frames=4), occlusion=layers)
         equal = StillBursts(scene).best(110.0, max_frames=4)
         burst = best_still_burst(scene)
         gains.append(burst.psnr - equal.psnr)
@@ -188,7 +188,7 @@ def test_stills_without_a_gap_equal_a_level_in_some_number():
 
 def test_a_rate_that_equals_a_level_is_one_of_the_camera():
     """Which takes no more frames than it can."""
-    scene = _scene(burst=Burst(frames_per_s=240.0, max_frames=4))
+    scene = _scene(burst=BurstMode(frames_per_s=240.0, max_frames=4))
     free, bound = StillBursts(_scene(burst=None)), StillBursts(scene)
     count = free.number_that_equals(30.3, most=1000)
     assert count > 4
@@ -202,7 +202,7 @@ def test_stills_of_a_faster_camera_are_no_worse(share):
     levels, dim = [], {"photon_rate": 4e3, "read_noise": 5.0}
     for rate in (52.0, 107.0, 230.0, 451.0):
         layers = None if share == 1 else Occlusion(front_share=share)
-        burst = Burst(frames_per_s=rate, max_frames=4)
+        burst = BurstMode(frames_per_s=rate, max_frames=4)
         found = best_still_burst(_scene(burst=burst, occlusion=layers, **dim))
         levels.append(found.psnr)
         assert found.duration <= 0.04 * (1 + 1e-9)
@@ -216,7 +216,7 @@ def test_stills_of_a_faster_camera_are_no_worse(share):
 
 def test_frames_of_two_lengths_end_no_sooner_than_the_rate_allows():
     """A short one that follows a long one ends a whole period after it."""
-    burst = Burst(frames_per_s=110.0, max_frames=4)
+    burst = BurstMode(frames_per_s=110.0, max_frames=4)
     found = best_still_burst(_scene(burst=burst, occlusion=Occlusion(front_share=0.37)))
     exposures = [frame.exposure for frame in found.frames]
     assert max(exposures) > 1.5 * min(exposures)
@@ -227,7 +227,7 @@ def test_frames_of_two_lengths_end_no_sooner_than_the_rate_allows():
 def test_fewer_and_longer_stills_are_best_in_the_dark():
     """As many as the camera takes would be too short to see anything beside their noise."""
     light = {"photon_rate": 2e3, "read_noise": 6.0}
-    scene = _scene(burst=Burst(frames_per_s=900.0), **light)
+    scene = _scene(burst=BurstMode(frames_per_s=900.0), **light)
     bursts = StillBursts(scene)
     found = bursts.best(900.0)
     levels = {n: bursts.best(n / 0.04 * (1 - 1e-9), max_frames=n).psnr for n in range(1, 37)}

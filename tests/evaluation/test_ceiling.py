@@ -270,7 +270,7 @@ def test_one_speed_has_the_ceiling_of_a_camera_that_keeps_up_with_it():
 def test_a_shift_of_all_speeds_changes_nothing():
     """A pan does the same to the sensor."""
     scene = SCENES["dim"]
-    shifted = scene.bare(speeds=scene.speeds + 1234.5)
+    shifted = scene.without_metadata(speeds=scene.speeds + 1234.5)
     assert float(ceiling(shifted)) == pytest.approx(float(ceiling(scene)), rel=1e-12)
 
 
@@ -320,11 +320,15 @@ def _refined(scene, num_parts):
     """A scene with each equal cell of the range cut into parts; the middle of each is a speed."""
     low, high, count = float(scene.speeds[0]), float(scene.speeds[-1]), scene.speeds.size
     fine = low + (np.arange(count * num_parts) + 0.5) * (high - low) / (count * num_parts)
-    return scene.bare(speeds=fine, weights=np.repeat(np.asarray(scene.weights), num_parts))
+    return scene.without_metadata(
+        speeds=fine, weights=np.repeat(np.asarray(scene.weights), num_parts)
+    )
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scene", [UNIFORM, UNIFORM.bare(weights=BELL)], ids=["uniform", "bell"])
+@pytest.mark.parametrize(
+    "scene", [UNIFORM, UNIFORM.without_metadata(weights=BELL)], ids=["uniform", "bell"]
+)
 def test_the_continuous_ceiling_bounds_speeds_spread_finely(scene):
     """Of 72 and 144 speeds: their own ceiling comes near from below, and designs stay under it."""
     highest = float(ceiling(scene, continuous=True))
@@ -352,8 +356,8 @@ def test_without_light_the_ceiling_is_the_variance_of_the_picture():
         )
         for half in (LONGEST, np.inf):
             for continuous in (False, True):
-                listed = UNIFORM.bare(speeds=np.linspace(-7, 9, 5), weights=np.ones(5))
-                dark = scene.bare(speeds=listed.speeds) if continuous else scene
+                listed = UNIFORM.without_metadata(speeds=np.linspace(-7, 9, 5), weights=np.ones(5))
+                dark = scene.without_metadata(speeds=listed.speeds) if continuous else scene
                 found = ceiling(dark, max_half_exposure=half, continuous=continuous)
                 assert float(found) == pytest.approx(-20 * np.log10(0.17), rel=1e-12)
         dark = evaluate(scene, StillCamera(half_exposure=LONGEST), HannShutter())

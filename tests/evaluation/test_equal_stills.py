@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import minimize_scalar
 from support.stills import errors_of_stills
 
-from mishutter import Burst, Limits, Scene
+from mishutter import BurstMode, Limits, Scene
 from mishutter.evaluation.bursts import FrameTimes, StillBursts, best_still_burst
 
 LIMITS = Limits(max_stroke=45.0, min_half_exposure=2e-4, max_half_exposure=0.02)
@@ -14,7 +14,7 @@ SPEEDS, WEIGHTS, RATE, NOISE = np.array([100.0, 3000.0]), np.array([0.8, 0.2]), 
 
 def _scene(**burst):
     given = {"weights": WEIGHTS, "photon_rate": RATE, "read_noise": NOISE, "limits": LIMITS}
-    return Scene(SPEEDS, burst=Burst(**burst), **given)
+    return Scene(SPEEDS, burst=BurstMode(**burst), **given)
 
 
 def _level(num_frames, longest):

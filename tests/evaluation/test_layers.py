@@ -260,7 +260,7 @@ def test_a_pan_is_a_change_of_all_speeds(name):
     scene, velocity = LAYERS[name], 600.0
     panned = ParabolicMotion(acceleration=4e5, half_exposure=0.009, velocity=velocity)
     shifted = eqx.tree_at(lambda s: s.speeds, scene, scene.speeds - velocity)
-    layers = scene.occlusion.seen_from(jnp.asarray(velocity))
+    layers = scene.occlusion.in_sensor_frame(jnp.asarray(velocity))
     shifted = eqx.tree_at(lambda s: s.occlusion, shifted, layers)
     still = ParabolicMotion(acceleration=4e5, half_exposure=0.009)
     np.testing.assert_allclose(

@@ -15,7 +15,7 @@ from mishutter import (
     DesignLoss,
     ExpectedErrorLoss,
     FoundSpeedLoss,
-    IdealShutter,
+    IdealDevice,
     KnownSpeedLoss,
     Limits,
     Occlusion,
@@ -40,7 +40,7 @@ from mishutter.evaluation.losses import smooth_condition_number, value_of
 
 # Terms of a loss, each checked against its definition; a loss returns their weighted sum.
 from mishutter.evaluation.needs import ONLY_SPECTRA, Plan, sizes
-from mishutter.evaluation.response import folded, respond
+from mishutter.evaluation.response import compute_response, folded
 from mishutter.evaluation.views import sampled_view
 from mishutter.search.planning import plan
 
@@ -132,7 +132,7 @@ def test_a_decoder_that_finds_the_speed_keeps_a_share_of_what_being_told_brings(
 def test_smear_counts_while_the_shutter_is_open():
     """Dark ends of an exposure, and a device that passes a part of the light, change nothing."""
     scene = Scene([-700.0, 250.0, -900.0], [0.4, 0.6, 0.0], photon_rate=2e5, read_noise=4.0)
-    device = IdealShutter(transmission=0.4)
+    device = IdealDevice(transmission=0.4)
     dim = Scene([-700.0, 250.0], photon_rate=2e5, read_noise=4.0, device=device)
     cameras = [(scene, 0.01, 1.0), (scene, 0.02, 0.5), (dim, 0.02, 0.2), (dim, 0.01, 1.0)]
     for place, half, efficiency in cameras:
@@ -160,7 +160,7 @@ def test_errors_of_speeds_have_the_expected_error_for_a_mean(tolerances):
     speeds, weights = [-700.0, 250.0, 1900.0, 9000.0], [3.0, 2.0, 1.0, 0.0]
     scene = Scene(speeds, weights, **light, tolerances=tolerances)
     view = sampled_view(scene, MOTION, TukeyShutter(0.6), ONLY_SPECTRA, sizes(scene, MOTION))
-    parts = view.scene, view.motion, respond(view)
+    parts = view.scene, view.motion, compute_response(view)
     errors = squared_errors_by_speed(*parts)
     mean = float(jnp.sum(view.scene.weights * errors))
     assert mean == pytest.approx(float(expected_squared_error(*parts)), rel=1e-12)

@@ -33,7 +33,7 @@ from mishutter import (
 # The error as a share of 1, to its last digits; metrics hold it in decibels.
 from mishutter.evaluation.errors import expected_squared_error, spectral_levels
 from mishutter.evaluation.needs import ONLY_SPECTRA, Plan, sizes
-from mishutter.evaluation.response import respond
+from mishutter.evaluation.response import compute_response
 from mishutter.evaluation.speed_knowledge import KNOWN_SPEED, SPEED_KNOWLEDGE, UNKNOWN_SPEED
 from mishutter.evaluation.views import sampled_view
 from mishutter.model.optics import frequencies, frequency_grid
@@ -357,7 +357,7 @@ def test_the_share_of_the_bound_is_that_of_its_definition():
 def test_the_vertex_alignment_changes_no_power():
     """The response on the grid has the modulus of the public transfer function."""
     plan = Plan(64, 256, 64, 512)
-    response = respond(sampled_view(SCENE, MOTION, SHUTTER, ONLY_SPECTRA, plan))
+    response = compute_response(sampled_view(SCENE, MOTION, SHUTTER, ONLY_SPECTRA, plan))
     frequency = frequency_grid(64, np.dtype(np.float64))
     public = jax.vmap(lambda s: transfer_function(SHUTTER, MOTION, speed=s, frequency=frequency))(
         SCENE.speeds
@@ -373,7 +373,7 @@ def test_the_grid_resolves_a_long_flat_top(taper):
     scene = Scene([270 / HALF_EXPOSURE, 0.0], photon_rate=1e5, read_noise=1.0)
     shutter = TukeyShutter(taper)
     plan = sizes(scene, motion)
-    response = respond(sampled_view(scene, motion, shutter, ONLY_SPECTRA, plan))
+    response = compute_response(sampled_view(scene, motion, shutter, ONLY_SPECTRA, plan))
     frequency = frequency_grid(plan.num_frequencies, np.dtype(np.float64))
     public = [
         transfer_function(shutter, motion, speed=s, frequency=frequency) for s in scene.speeds
@@ -399,7 +399,7 @@ def test_extremes_of_light_and_noise_give_finite_errors(rate, noise, shutter):
         scene = Scene(SPEEDS, WEIGHTS, photon_rate=rate, read_noise=read_noise)
         motion = ParabolicMotion(acceleration=MOTION.acceleration, half_exposure=half_exposure)
         view = sampled_view(scene, motion, shutter, ONLY_SPECTRA, Plan(64, 256, 64, 256))
-        return expected_squared_error(scene, motion, respond(view))
+        return expected_squared_error(scene, motion, compute_response(view))
 
     value, gradient = jax.value_and_grad(error, argnums=(0, 1))(HALF_EXPOSURE, noise)
     assert np.isfinite(value)

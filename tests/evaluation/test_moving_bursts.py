@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from support.burst_levels import FrameGroup, burst_psnr
 
-from mishutter import Burst, Limits, Occlusion, ParabolicMotion, Scene, Sensor
+from mishutter import BurstMode, Limits, Occlusion, ParabolicMotion, Scene, Sensor
 from mishutter.evaluation.bursts import FrameTimes, best_still_burst
 from mishutter.evaluation.moving_bursts import (
     _best_of,
@@ -33,7 +33,7 @@ SIMPLER = 0.05 + 0.005
 
 
 def _scene(**others):
-    burst = others.pop("burst", Burst(frames_per_s=240.0, max_frames=6))
+    burst = others.pop("burst", BurstMode(frames_per_s=240.0, max_frames=6))
     given = {"photon_rate": RATE, "read_noise": NOISE, "limits": LIMITS, "burst": burst}
     return Scene(SPEEDS, **(given | others))
 
@@ -41,7 +41,7 @@ def _scene(**others):
 @pytest.mark.slow
 def test_moving_frames_have_the_times_of_still_ones():
     """Window and dead time are of the camera, whatever its sensor does in a frame."""
-    given = Burst(frames_per_s=110.0, max_frames=9, window=0.022, dead_time=0.0031)
+    given = BurstMode(frames_per_s=110.0, max_frames=9, window=0.022, dead_time=0.0031)
     burst = best_moving_burst(_scene(burst=given))
     assert burst.num_frames <= 3
     ends, begins = (
@@ -61,7 +61,7 @@ def _of_window(rate, read_noise, num_frames, *, stroke=45.0, **others):
         photon_rate=rate,
         read_noise=read_noise,
         limits=limits,
-        burst=Burst(frames_per_s=num_frames / 0.08, max_frames=num_frames),
+        burst=BurstMode(frames_per_s=num_frames / 0.08, max_frames=num_frames),
     )
 
 
@@ -169,7 +169,7 @@ def test_a_burst_follows_either_way(pans):
         max_stroke=45.0, max_top_speed=2e4, max_half_exposure=0.02, max_pan=900.0, pans=pans
     )
     given = {"photon_rate": RATE, "read_noise": NOISE, "limits": limits}
-    given["burst"] = Burst(frames_per_s=240.0, max_frames=2)
+    given["burst"] = BurstMode(frames_per_s=240.0, max_frames=2)
     there, back = (
         best_moving_burst(Scene(sign * np.array([610.0, 790.0]), **given)) for sign in (1, -1)
     )
@@ -241,7 +241,7 @@ def _in_window(speeds, num_frames, *, rate=None, dead_time=0.0, weights=None, **
         photon_rate=1e5,
         read_noise=8.0,
         limits=Limits(**given),
-        burst=Burst(frames_per_s=rate, **frames),
+        burst=BurstMode(frames_per_s=rate, **frames),
     )
 
 
@@ -254,7 +254,7 @@ def test_one_exposure_is_a_burst_where_its_speed_is_told(decoder, num_frames):
         read_noise=8.0,
         decoder_speed=decoder,
         limits=Limits(max_stroke=45.0, min_half_exposure=2e-4, max_half_exposure=0.04),
-        burst=Burst(frames_per_s=12.6, max_frames=2),
+        burst=BurstMode(frames_per_s=12.6, max_frames=2),
     )
     assert best_moving_burst(scene).num_frames == num_frames
 
@@ -511,7 +511,7 @@ def test_any_number_of_frames_may_move():
     """Two of twelve, on a sweep; of the numbers that a search begins with none is as good."""
     light = {"photon_rate": 1e6, "read_noise": 2.0}
     limits = Limits(max_stroke=7.0, min_half_exposure=1e-4, max_half_exposure=0.04)
-    burst = Burst(frames_per_s=150.0, max_frames=12, window=0.08)
+    burst = BurstMode(frames_per_s=150.0, max_frames=12, window=0.08)
     found = best_moving_burst(Scene(BOTH_WAYS, limits=limits, burst=burst, **light))
     assert (found.kind, found.num_rests, found.num_frames) == ("sweep", 10, 12)
     assert found.psnr > 39.79  # 39.68 with all, half or one of them

@@ -71,7 +71,7 @@ def test_speeds_of_either_sign_are_one_without_a_pan():
     """Weights are added up, and the error of frames at rest stays the same."""
     scene = _scene()
     both, folded = (OpenFrames.of(scene, PERIOD, folds=folds) for folds in (False, True))
-    errors = [x.error(x.gained(x.at_rest(0.0023), 0.0023)) for x in (both, folded)]
+    errors = [x.error(x.snr(x.at_rest(0.0023), 0.0023)) for x in (both, folded)]
     assert folded.speeds.size <= both.speeds.size
     assert np.all(folded.speeds >= 0)
     assert errors[1] == pytest.approx(errors[0], rel=1e-12)

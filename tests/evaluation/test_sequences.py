@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mishutter import (
-    Burst,
+    BurstMode,
     FreeMotion,
     Limits,
     Objects,
@@ -273,7 +273,7 @@ def test_nothing_that_rests_leaves_a_sensor_at_rest():
     assert once == pytest.approx(10 * math.log10(alone / every), abs=0.02)
 
 
-BURST = Burst(frames_per_s=58.0, max_frames=3, window=0.046)
+BURST = BurstMode(frames_per_s=58.0, max_frames=3, window=0.046)
 
 
 @pytest.mark.parametrize("best", [best_still_burst, best_moving_burst])
@@ -299,7 +299,7 @@ def test_a_burst_that_is_found_holds_its_losses(best):
     assert found.width_loss == loss_of_width(scene, found.frames, width=97.0)
     endless = scene_of(-1900.0, 0.0, 2600.0, burst=BURST, limits=limits)
     assert with_losses(endless, best(endless)).width_loss is None
-    single = Burst(frames_per_s=58.0, max_frames=1)
+    single = BurstMode(frames_per_s=58.0, max_frames=1)
     one = scene_of(-1900.0, 0.0, 2600.0, burst=single, limits=limits, sensor=Sensor(width=430))
     assert with_losses(one, best(one)).registration_loss is None
 

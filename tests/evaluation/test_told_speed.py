@@ -140,7 +140,7 @@ def test_levels_of_the_built_in_scene():
     """
     scene = example_scene()
     speeds = np.linspace(np.min(scene.speeds), np.max(scene.speeds), 65)
-    even = scene.bare(speeds=speeds, weights=np.full(65, 1 / 65))
+    even = scene.without_metadata(speeds=speeds, weights=np.full(65, 1 / 65))
     design = optimise(scene)
     cameras = {
         "open": (ParabolicMotion(acceleration=44.6 / 0.019**2, half_exposure=0.019), RectShutter()),

@@ -36,7 +36,7 @@ from mishutter.evaluation.ensembles import drive_variance, ensemble_of, ensemble
 from mishutter.evaluation.losses import value_of
 from mishutter.evaluation.response import spectra_of
 from mishutter.evaluation.tolerances import ToleranceCost, ToleranceCosts
-from mishutter.model.scene import seen_from
+from mishutter.model.scene import in_sensor_frame
 
 SHUTTER = TukeyShutter(0.6)
 LOOSE = Tolerances(
@@ -259,10 +259,10 @@ def test_the_error_of_a_filter():
 def test_a_pan_sees_its_own_error_as_one_of_speeds():
     """In the frame of the sensor the errors of speed and velocity add up as squares."""
     moved = LinearMotion(half_exposure=2e-3, velocity=700.0)
-    seen, _ = seen_from(_with(LOOSE), moved)
+    seen, _ = in_sensor_frame(_with(LOOSE), moved)
     assert float(seen.tolerances.speed) == pytest.approx(np.hypot(170.0, 130.0), rel=1e-14)
     assert float(seen.tolerances.velocity) == 0
-    still, _ = seen_from(_with(LOOSE), LinearMotion(half_exposure=2e-3, velocity=0.0))
+    still, _ = in_sensor_frame(_with(LOOSE), LinearMotion(half_exposure=2e-3, velocity=0.0))
     assert float(still.tolerances.speed) == 130.0
 
 

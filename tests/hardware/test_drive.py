@@ -17,7 +17,7 @@ from support.drive import a_design
 from mishutter import (
     ChippedShutter,
     Design,
-    FirstOrderShutter,
+    FirstOrderDevice,
     FreeMotion,
     HannShutter,
     Limits,
@@ -27,7 +27,7 @@ from mishutter import (
     SecondOrderStage,
     SplineShutter,
     StillCamera,
-    SwitchedShutter,
+    SwitchedDevice,
     cli,
     drive_table,
     evaluate,
@@ -153,7 +153,7 @@ def test_a_camera_turns_beside_a_stage_that_is_sent_the_path_itself():
 
 def test_a_document_gives_the_settling_time_in_ms():
     """A thousandth remains after ln(1000) time constants of the slower step."""
-    device = FirstOrderShutter(rise_time=2e-4, fall_time=3.1e-4, delay=7e-5)
+    device = FirstOrderDevice(rise_time=2e-4, fall_time=3.1e-4, delay=7e-5)
     table = drive_table(replace(a_design(HannShutter()), scene=_scene(device=device)), num_steps=9)
     found = table.to_dict()["settling_time_ms"]
     assert found == pytest.approx(0.07 + 0.31 * np.log(1000) / np.log(9), rel=1e-6)
@@ -163,7 +163,7 @@ def test_a_document_gives_the_settling_time_in_ms():
 def test_a_stage_beside_a_shutter_of_few_slots_is_sent_enough_to_stay_on_its_path(motion):
     """An oscillator that is sent the rows, joined by straight lines, is within 0.1 px of 15."""
     stage = SecondOrderStage(bandwidth=60.0, damping=0.5)
-    scene = _scene(limits=Limits(stage=stage), device=SwitchedShutter(num_slots=12))
+    scene = _scene(limits=Limits(stage=stage), device=SwitchedDevice(num_slots=12))
     table = drive_table(replace(a_design(HannShutter()), motion=motion, scene=scene))
     assert table.begin.size == 12
     _, _, *rows = csv.reader(io.StringIO(table.stage_csv()))
@@ -213,7 +213,7 @@ def test_a_sensor_without_acceleration_has_no_run_up():
 
 def test_a_table_has_the_steps_and_levels_of_its_device():
     """Unless others are asked for."""
-    scene = _scene(device=SwitchedShutter(num_slots=48))
+    scene = _scene(device=SwitchedDevice(num_slots=48))
     design = replace(a_design(HannShutter()), scene=scene)
     table = drive_table(design)
     assert (table.begin.size, table.num_levels) == (48, 2)

@@ -14,7 +14,7 @@ from support.drive import a_design
 
 from mishutter import (
     ChippedShutter,
-    IdealShutter,
+    IdealDevice,
     ParabolicMotion,
     Scene,
     SplineShutter,
@@ -299,7 +299,7 @@ def test_a_shutter_that_stays_open_or_closes_is_not_doubted(tmp_path):
 
 def test_what_is_driven_through_a_device_loses_its_light(tmp_path):
     """A table is of what is sent: the scene's device makes of it what light sees."""
-    scene = replace_device(IdealShutter(transmission=0.4, leakage=0.03))
+    scene = replace_device(IdealDevice(transmission=0.4, leakage=0.03))
     path = tmp_path / "mine.csv"
     path.write_text("begin,transmittance\nms,1\n-10,0\n0,1\n")
     found = design_from_drive(path, scene, MOTION)

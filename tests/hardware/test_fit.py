@@ -29,7 +29,7 @@ from support.laboratory import (
 )
 
 from mishutter import (
-    FirstOrderShutter,
+    FirstOrderDevice,
     FittedCamera,
     FreeMotion,
     HannShutter,
@@ -339,7 +339,7 @@ def test_a_scene_file_of_what_was_built_is_ready(camera, tmp_path):
         max_jerk=1e10,
         max_half_exposure=0.02,
     )
-    device = FirstOrderShutter(rise_time=1.3e-3, fall_time=0.4e-3, transmission=0.85, delay=2e-4)
+    device = FirstOrderDevice(rise_time=1.3e-3, fall_time=0.4e-3, transmission=0.85, delay=2e-4)
     scene = eqx.tree_at(lambda s: s.limits, SCENE, limits)
     scene = eqx.tree_at(lambda s: s.device, scene, device, is_leaf=lambda leaf: leaf is None)
     text = camera.scene_text(scene)

@@ -157,7 +157,7 @@ def test_the_spectrum_is_that_of_the_still_parts(axis):
     levels = 40 + 1000 * light
     law = Law(dark=1e-6, gain=0.0, floor=1e-7)
     picture = light_of_texture(Averaged(levels, np.ones(shape)), at_rest, law, (40.0, 1040.0), axis)
-    seen = row_power_spectrum(ms.Picture(picture).turned(axis), 16).power_spectrum
+    seen = row_power_spectrum(ms.Picture(picture).transposed(axis), 16).power_spectrum
     pixels = np.sinc((np.arange(16) + 0.5) / 32) ** 2
     # The object's own line is in the first of them.
     np.testing.assert_allclose((seen * pixels)[2:14], sigma**2, rtol=0.2)

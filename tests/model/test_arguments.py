@@ -5,20 +5,20 @@ import pytest
 
 from mishutter._core.validation import validated
 from mishutter.model.arguments import arguments_of
-from mishutter.model.devices import AbstractDevice, FirstOrderShutter, IdealShutter, SwitchedShutter
+from mishutter.model.devices import AbstractDevice, FirstOrderDevice, IdealDevice, SwitchedDevice
 from mishutter.model.limits import Limits
 from mishutter.model.occlusion import Occlusion
 from mishutter.model.scene import Scene
-from mishutter.model.sensor import Burst
+from mishutter.model.sensor import BurstMode
 from mishutter.model.servos import SecondOrderStage
 from mishutter.model.tolerances import Tolerances
 
 PARTS = {
     "limits": Limits(max_stroke=37.3, max_travel=91.7, max_jerk=4.1e9, pans="camera"),
-    "ideal": IdealShutter(transmission=0.43, levels=5),
-    "gradual": FirstOrderShutter(rise_time=7e-4, fall_time=1.3e-3, delay=2e-4, num_slots=24),
-    "switched": SwitchedShutter(num_slots=24, min_open=2, min_closed=3),
-    "burst": Burst(frames_per_s=430.0, max_frames=7, window=0.013, dead_time=2e-4),
+    "ideal": IdealDevice(transmission=0.43, levels=5),
+    "gradual": FirstOrderDevice(rise_time=7e-4, fall_time=1.3e-3, delay=2e-4, num_slots=24),
+    "switched": SwitchedDevice(num_slots=24, min_open=2, min_closed=3),
+    "burst": BurstMode(frames_per_s=430.0, max_frames=7, window=0.013, dead_time=2e-4),
     "stage": SecondOrderStage(bandwidth=130.0, damping=0.6),
     "tolerances": Tolerances(acceleration=0.03, transmittance=0.02, drive_step=3e-4),
     "occlusion": Occlusion(front_share=0.37, object_width=41.0, background="moving"),

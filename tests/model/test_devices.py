@@ -14,16 +14,16 @@ import mishutter
 from mishutter import (
     AbstractShutter,
     ChippedShutter,
-    FirstOrderShutter,
+    FirstOrderDevice,
     HannShutter,
-    IdealShutter,
+    IdealDevice,
     ParabolicMotion,
     RectShutter,
     Scene,
     Sensor,
     SplineShutter,
     StillCamera,
-    SwitchedShutter,
+    SwitchedDevice,
     TriangleShutter,
     TukeyShutter,
     blur_kernel,
@@ -37,7 +37,7 @@ from mishutter.model.devices import AbstractDevice, command_of
 from mishutter.model.slots import diffused, runs_are_long_enough, slot_means
 
 T, LEAKAGE = 0.83, 0.07
-DEVICE = IdealShutter(transmission=T, leakage=LEAKAGE)
+DEVICE = IdealDevice(transmission=T, leakage=LEAKAGE)
 LIGHT = {"photon_rate": 1e5, "read_noise": 5.0}
 SCENE = Scene([-700.0, 0.0, 900.0], **LIGHT, device=DEVICE)
 MOTION = ParabolicMotion(acceleration=2e5, half_exposure=8e-3)
@@ -162,7 +162,7 @@ def test_whatever_is_measured_is_of_the_light():
 def test_a_transmission_is_as_good_as_less_light():
     """Read noise aside, which stays: a device of 40 % is 40 % of the photon rate."""
     plain = Scene(SCENE.speeds, photon_rate=4e4, read_noise=5.0)
-    lossy = Scene(SCENE.speeds, **LIGHT, device=IdealShutter(transmission=0.4))
+    lossy = Scene(SCENE.speeds, **LIGHT, device=IdealDevice(transmission=0.4))
     levels = [float(evaluate(s, MOTION, HannShutter()).expected_psnr) for s in (plain, lossy)]
     assert levels[0] == pytest.approx(levels[1], abs=1e-5)
 
@@ -172,7 +172,7 @@ def test_derivatives_pass_through_a_device():
     """By the transmission, against a central difference."""
 
     def level(transmission):
-        scene = Scene(SCENE.speeds, **LIGHT, device=IdealShutter(transmission=transmission))
+        scene = Scene(SCENE.speeds, **LIGHT, device=IdealDevice(transmission=transmission))
         return evaluate(scene, MOTION, HannShutter()).expected_psnr
 
     step = 1e-2 if np.finfo(np.asarray(level(0.5)).dtype).bits == 32 else 1e-4
@@ -187,8 +187,8 @@ def test_derivatives_pass_through_a_device():
 )
 def test_a_device_that_is_none(name, value):
     """One line says which number is out of its range."""
-    with pytest.raises(ValueError, match=f"`IdealShutter\\({name}=...\\)` must be"):
-        IdealShutter(**{name: value})
+    with pytest.raises(ValueError, match=f"`IdealDevice\\({name}=...\\)` must be"):
+        IdealDevice(**{name: value})
 
 
 def test_a_pixel_holds_some_electrons():
@@ -229,10 +229,10 @@ def test_a_device_without_its_levels_keeps_all_else():
     """What is searched is the light of the same device, late by the same delay."""
     given = {"rise_time": 310e-6, "fall_time": 120e-6, "num_slots": 7, "delay": 230e-6}
     given |= {"transmission": 0.7, "leakage": 0.02}
-    device = FirstOrderShutter(**given, levels=4)
-    assert eqx.tree_equal(device.relaxed, FirstOrderShutter(**given))
-    ideal = IdealShutter(transmission=0.7, leakage=0.02, levels=4)
-    assert eqx.tree_equal(ideal.relaxed, IdealShutter(transmission=0.7, leakage=0.02))
+    device = FirstOrderDevice(**given, levels=4)
+    assert eqx.tree_equal(device.relaxed, FirstOrderDevice(**given))
+    ideal = IdealDevice(transmission=0.7, leakage=0.02, levels=4)
+    assert eqx.tree_equal(ideal.relaxed, IdealDevice(transmission=0.7, leakage=0.02))
     # The profile keeps to levels that the device has, so that these change nothing.
     profile = ChippedShutter([0.0, 1 / 3, 1.0, 1.0, 2 / 3, 1.0, 0.0])
     tau = jnp.linspace(-0.9, 0.9, 19)
@@ -245,7 +245,7 @@ def test_a_device_without_its_levels_keeps_all_else():
 
 def _lagged(times, **others):
     rise, fall, delay = times
-    return FirstOrderShutter(rise_time=rise, fall_time=fall, num_slots=7, delay=delay, **others)
+    return FirstOrderDevice(rise_time=rise, fall_time=fall, num_slots=7, delay=delay, **others)
 
 
 def _events(times):
@@ -285,14 +285,14 @@ def test_every_device_is_a_case():
 def test_a_file_finds_a_device_by_its_arguments():
     """The first in the list that has them: times are gradual, slots without levels switch."""
     for names, kind in (
-        ("transmission leakage", IdealShutter),
-        ("levels", IdealShutter),
-        ("levels num_slots", IdealShutter),
-        ("rise_time fall_time levels num_slots", FirstOrderShutter),
-        ("fall_time", FirstOrderShutter),
-        ("num_slots leakage", SwitchedShutter),
-        ("min_open", SwitchedShutter),
-        ("min_closed transmission", SwitchedShutter),
+        ("transmission leakage", IdealDevice),
+        ("levels", IdealDevice),
+        ("levels num_slots", IdealDevice),
+        ("rise_time fall_time levels num_slots", FirstOrderDevice),
+        ("fall_time", FirstOrderDevice),
+        ("num_slots leakage", SwitchedDevice),
+        ("min_open", SwitchedDevice),
+        ("min_closed transmission", SwitchedDevice),
     ):
         assert next(each for each in devices.DEVICES if each.has(names.split())) is kind, names
 
@@ -339,7 +339,7 @@ def test_a_mean_from_closed_keeps_its_digits():
         constant = mp.mpf("1.9e-3") / mp.log(9)
         width = mp.mpf("1e-9")  # of the slot after the second closed one begins
         exact = float(1 - (1 - mp.exp(-width / constant)) * constant / width)
-    device = FirstOrderShutter(rise_time=1.9e-3, fall_time=0.0, num_slots=2)
+    device = FirstOrderDevice(rise_time=1.9e-3, fall_time=0.0, num_slots=2)
     profile = device.light(ChippedShutter([0.0, 1.0]), HALF, np.dtype(float)).profile
     tau = width / mp.mpf(HALF)
     wide = jnp.asarray([float(tau)])
@@ -379,13 +379,13 @@ def test_a_device_settles_from_any_level():
     rise, fall, delay = (float(x) for x in (device.rise_time, device.fall_time, device.delay))
     way = np.exp(-(float(device.settling_time) - delay) * np.log(9) / max(rise, fall))
     assert way == pytest.approx(1e-3, rel=1e-4)
-    assert float(IdealShutter(num_slots=9).settling_time) == 0
+    assert float(IdealDevice(num_slots=9).settling_time) == 0
 
 
 @jax.jit
 def _number(times, half, levels):
     """Efficiency and taps, in one number, of levels through a device."""
-    device = FirstOrderShutter(rise_time=times[0], fall_time=times[1], num_slots=7, delay=times[2])
+    device = FirstOrderDevice(rise_time=times[0], fall_time=times[1], num_slots=7, delay=times[2])
     motion = ParabolicMotion(acceleration=2e5, half_exposure=half)
     light = device.light(ChippedShutter(levels), half, np.dtype(levels.dtype))
     kernel = blur_kernel(light, motion, speed=430.0, num_taps=32)
@@ -415,7 +415,7 @@ def test_gradients_of_a_first_order_device():
 @pytest.mark.slow
 def test_a_symmetric_command_is_no_symmetric_light():
     """Speeds of either sign are told apart, as by a plan that folds none."""
-    device = FirstOrderShutter(rise_time=3e-3, fall_time=8e-3)
+    device = FirstOrderDevice(rise_time=3e-3, fall_time=8e-3)
     scene = Scene([-900.0, 0.0, 900.0], **LIGHT, device=device)
     planned = evaluate(scene, MOTION, HannShutter())
     whole = metrics_by(None, scene, MOTION, HannShutter())
@@ -427,7 +427,7 @@ def test_a_symmetric_command_is_no_symmetric_light():
 def test_slots_hold_means(slug):
     """Of any profile: over all of them they are its efficiency, and each that of fine samples."""
     shutter = SHUTTERS[slug].shutter()
-    light = IdealShutter(num_slots=13).light(shutter, HALF, np.dtype(float))
+    light = IdealDevice(num_slots=13).light(shutter, HALF, np.dtype(float))
     assert float(light.efficiency()) == pytest.approx(float(shutter.efficiency()), abs=1e-6)
     fine = np.asarray(shutter.transmittance((np.arange(13 * 4096) + 0.5) / (13 * 2048) - 1))
     middles = np.arange(13) * (2 / 13) - 1 + 1 / 13
@@ -472,7 +472,7 @@ def test_a_run_from_before_the_exposure_ends_when_it_likes(means, shortest, slot
 
 def test_slots_of_a_profile_of_ones_own():
     """Whose pieces are interpolants: the mean of a ramp over each slot."""
-    light = SwitchedShutter(num_slots=8).light(Ramp(), HALF, np.dtype(float))
+    light = SwitchedDevice(num_slots=8).light(Ramp(), HALF, np.dtype(float))
     assert isinstance(command_of(light), ChippedShutter)
     assert float(light.efficiency()) == pytest.approx(0.5, abs=1 / 16 + 1e-6)
     profile = TriangleShutter()
@@ -483,29 +483,29 @@ def test_slots_of_a_profile_of_ones_own():
 @pytest.mark.parametrize(
     ("make", "text"),
     [
-        (lambda: FirstOrderShutter(rise_time=-1e-3, fall_time=1.0), r"rise_time=...\)` must"),
+        (lambda: FirstOrderDevice(rise_time=-1e-3, fall_time=1.0), r"rise_time=...\)` must"),
         (
-            lambda: FirstOrderShutter(rise_time=1.0, fall_time=np.nan),
+            lambda: FirstOrderDevice(rise_time=1.0, fall_time=np.nan),
             r"fall_time=...\)` must",
         ),
         (
-            lambda: FirstOrderShutter(rise_time=1.0, fall_time=1.0, delay=-1.0),
+            lambda: FirstOrderDevice(rise_time=1.0, fall_time=1.0, delay=-1.0),
             r"delay=...\)` must be at least 0",
         ),
-        (lambda: SwitchedShutter(num_slots=1), r"num_slots=...\)` must be 2 to 4096; got 1"),
-        (lambda: SwitchedShutter(min_open=0), r"min_open=...\)` must be a positive integer"),
+        (lambda: SwitchedDevice(num_slots=1), r"num_slots=...\)` must be 2 to 4096; got 1"),
+        (lambda: SwitchedDevice(min_open=0), r"min_open=...\)` must be a positive integer"),
         (
-            lambda: SwitchedShutter(min_open=200),
-            r"`SwitchedShutter\(min_open=...\)` must be at most num_slots = 128; got 200\.",
+            lambda: SwitchedDevice(min_open=200),
+            r"`SwitchedDevice\(min_open=...\)` must be at most num_slots = 128; got 200\.",
         ),
         (
-            lambda: SwitchedShutter(num_slots=7, min_closed=8),
-            r"`SwitchedShutter\(min_closed=...\)` must be at most num_slots = 7; got 8\.",
+            lambda: SwitchedDevice(num_slots=7, min_closed=8),
+            r"`SwitchedDevice\(min_closed=...\)` must be at most num_slots = 7; got 8\.",
         ),
-        (lambda: IdealShutter(levels=1), r"levels=...\)` must be 2 to 65536; got 1"),
+        (lambda: IdealDevice(levels=1), r"levels=...\)` must be 2 to 65536; got 1"),
         (
-            lambda: SwitchedShutter(leakage=1.0),
-            r"`SwitchedShutter\(leakage=...\)` must be at",
+            lambda: SwitchedDevice(leakage=1.0),
+            r"`SwitchedDevice\(leakage=...\)` must be at",
         ),
     ],
 )

@@ -11,7 +11,7 @@ from support.designs import SCENE
 
 from mishutter import FreeMotion, LinearMotion, ParabolicMotion, StillCamera
 from mishutter.model.motion import simplified
-from mishutter.model.scene import seen_from
+from mishutter.model.scene import in_sensor_frame
 from mishutter.model.stages import stage_path
 
 PATH = FreeMotion(
@@ -109,7 +109,7 @@ def test_kinds_of_motion():
     moved = PATH.panned(30.0)
     assert isinstance(moved, FreeMotion)
     assert (moved.velocity, moved.durations) == (30.0, PATH.durations)
-    scene, still = seen_from(SCENE, PATH)
+    scene, still = in_sensor_frame(SCENE, PATH)
     np.testing.assert_array_equal(scene.speeds, SCENE.speeds + 12.0)
     assert still.velocity == 0
     assert FreeMotion(accelerations=[2.0, 1.0, 2.0], half_exposure=0.3).mirrors

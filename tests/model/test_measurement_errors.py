@@ -19,4 +19,7 @@ def test_integrals_do_not_see_errors():
     """A scene without its errors is the same to them."""
     assert example_scene().errors is None
     errors = MeasurementErrors(read_noise=0.2)
-    assert Scene([100.0], photon_rate=1e5, read_noise=2.0, errors=errors).bare().errors is None
+    assert (
+        Scene([100.0], photon_rate=1e5, read_noise=2.0, errors=errors).without_metadata().errors
+        is None
+    )

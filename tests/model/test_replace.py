@@ -7,7 +7,7 @@ import pytest
 from support.cases import DEVICES, MOTIONS, SHUTTERS
 
 from mishutter import (
-    Burst,
+    BurstMode,
     Limits,
     LinearMotion,
     Occlusion,
@@ -19,7 +19,7 @@ from mishutter import (
     Texture,
     Tolerances,
 )
-from mishutter.model.scene import seen_from
+from mishutter.model.scene import in_sensor_frame
 
 SCENE = Scene(
     [0.0, 1700.0, -900.0],
@@ -31,13 +31,13 @@ SCENE = Scene(
     sensor=Sensor(full_well=7100.0, axis="columns", width=1930.0),
     limits=Limits(max_stroke=37.0, max_travel=81.0, stage=SecondOrderStage(bandwidth=43.0)),
     device=DEVICES["first-order"](),
-    burst=Burst(frames_per_s=240.0, max_frames=6),
+    burst=BurstMode(frames_per_s=240.0, max_frames=6),
     tolerances=Tolerances(acceleration=0.02),
     occlusion=Occlusion(front_share=0.4, object_width=83.0),
     decoder_speed="known",
     motion=ParabolicMotion(acceleration=2.9e5, half_exposure=0.0105, velocity=-210.0),
 )
-PANNED = seen_from(SCENE, LinearMotion(half_exposure=0.01, velocity=31.0))[0]
+PANNED = in_sensor_frame(SCENE, LinearMotion(half_exposure=0.01, velocity=31.0))[0]
 PARTS = {
     "scene": lambda: SCENE,
     "panned": lambda: PANNED,

@@ -94,7 +94,7 @@ def test_weights_are_divided_by_their_sum(scale, dtype):
     tolerance = 8 * np.finfo(given.dtype).eps
     np.testing.assert_allclose(np.asarray(made.weights), weights, rtol=tolerance)
     np.testing.assert_allclose(np.asarray(traced), weights, rtol=tolerance)
-    assert np.array_equal(np.asarray(made.bare().weights), np.asarray(made.weights))
+    assert np.array_equal(np.asarray(made.without_metadata().weights), np.asarray(made.weights))
 
 
 @pytest.mark.parametrize(

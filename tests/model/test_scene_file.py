@@ -9,11 +9,11 @@ import pytest
 from support.bad_scenes import EXAMPLE, LINES, edited
 
 from mishutter import (
-    Burst,
-    FirstOrderShutter,
+    BurstMode,
+    FirstOrderDevice,
     FreeMotion,
     HannShutter,
-    IdealShutter,
+    IdealDevice,
     Limits,
     MeasurementErrors,
     Objects,
@@ -23,7 +23,7 @@ from mishutter import (
     Scene,
     SecondOrderStage,
     Sensor,
-    SwitchedShutter,
+    SwitchedDevice,
     Texture,
     Tolerances,
 )
@@ -412,18 +412,18 @@ def test_a_picture_that_is_missing_is_told_with_the_scene_that_names_it(tmp_path
 @pytest.mark.parametrize(
     ("keys", "device"),
     [
-        ("transmission = 0.4", IdealShutter(transmission=0.4)),
+        ("transmission = 0.4", IdealDevice(transmission=0.4)),
         (
             "rise_ms = 2.5\nleakage = 0.1\nlevels = 16",
-            FirstOrderShutter(rise_time=2.5e-3, fall_time=2.5e-3, leakage=0.1, levels=16),
+            FirstOrderDevice(rise_time=2.5e-3, fall_time=2.5e-3, leakage=0.1, levels=16),
         ),
         (
             "rise_ms = 2.0\nfall_ms = 7.0\ndelay_ms = 0.5\nnum_slots = 32",
-            FirstOrderShutter(rise_time=2e-3, fall_time=7e-3, delay=5e-4, num_slots=32),
+            FirstOrderDevice(rise_time=2e-3, fall_time=7e-3, delay=5e-4, num_slots=32),
         ),
-        ("num_slots = 96", SwitchedShutter(num_slots=96)),
-        ("min_open_slots = 3", SwitchedShutter(min_open=3)),
-        ("levels = 5\nnum_slots = 96", IdealShutter(levels=5, num_slots=96)),
+        ("num_slots = 96", SwitchedDevice(num_slots=96)),
+        ("min_open_slots = 3", SwitchedDevice(min_open=3)),
+        ("levels = 5\nnum_slots = 96", IdealDevice(levels=5, num_slots=96)),
     ],
 )
 def test_what_a_shutter_is_made_with(tmp_path, keys, device):
@@ -457,9 +457,9 @@ def test_keys_that_no_shutter_has_together(tmp_path, keys, text):
 
 
 DEVICES = {
-    "ideal": IdealShutter(transmission=0.7, leakage=0.02, levels=5, num_slots=33),
-    "gradual": FirstOrderShutter(rise_time=1.5e-3, fall_time=0.5e-3, num_slots=48, delay=2.5e-4),
-    "switched": SwitchedShutter(num_slots=96, min_open=3, min_closed=2, leakage=0.01),
+    "ideal": IdealDevice(transmission=0.7, leakage=0.02, levels=5, num_slots=33),
+    "gradual": FirstOrderDevice(rise_time=1.5e-3, fall_time=0.5e-3, num_slots=48, delay=2.5e-4),
+    "switched": SwitchedDevice(num_slots=96, min_open=3, min_closed=2, leakage=0.01),
 }
 
 
@@ -483,7 +483,7 @@ def test_a_scene_written_is_the_scene_read(slug, tmp_path):
         ),
         device=DEVICES[slug],
         sensor=Sensor(full_well=7100.0, width=1930.0),
-        burst=Burst(frames_per_s=240.0, max_frames=6, window=0.031, dead_time=3e-4),
+        burst=BurstMode(frames_per_s=240.0, max_frames=6, window=0.031, dead_time=3e-4),
         tolerances=Tolerances(acceleration=0.02, delay=1.5e-4, transmittance=0.03, drive_step=5e-5),
         occlusion=Occlusion(front_share=0.4, object_width=83.0, level_difference=0.06),
         motion=ParabolicMotion(acceleration=2.9e5, half_exposure=0.0105, velocity=-210.0),
@@ -497,7 +497,7 @@ def test_a_scene_written_is_the_scene_read(slug, tmp_path):
 
 def test_a_device_that_holds_any_level_is_written_as_one_without_lag(tmp_path):
     """Slots alone are of a shutter that is open or closed, which shows another light."""
-    device = IdealShutter(num_slots=12, transmission=0.8, leakage=0.03)
+    device = IdealDevice(num_slots=12, transmission=0.8, leakage=0.03)
     scene = Scene([30.0], photon_rate=3.1e5, read_noise=4.3, device=device)
     (tmp_path / "scene.toml").write_text(scene_text(scene))
     read = Scene.load(tmp_path / "scene.toml")
@@ -525,11 +525,11 @@ def test_the_built_in_camera_states_the_rate_of_its_data_sheet():
 @pytest.mark.parametrize(
     ("keys", "burst"),
     [
-        ("frames_per_s = 130\nmax_frames = 3", Burst(frames_per_s=130.0, max_frames=3)),
-        ("frames_per_s = 130", Burst(frames_per_s=130.0)),
+        ("frames_per_s = 130\nmax_frames = 3", BurstMode(frames_per_s=130.0, max_frames=3)),
+        ("frames_per_s = 130", BurstMode(frames_per_s=130.0)),
         (
             "frames_per_s = 130\nmax_frames = 3\nwindow_ms = 17\ndead_time_ms = 0.7",
-            Burst(frames_per_s=130.0, max_frames=3, window=0.017, dead_time=7e-4),
+            BurstMode(frames_per_s=130.0, max_frames=3, window=0.017, dead_time=7e-4),
         ),
     ],
 )
@@ -600,8 +600,8 @@ ONE_OF_EACH = Scene(
     optics=Optics(cutoff_frequency=0.41, lens_blur=0.73),
     sensor=Sensor(full_well=7100.0, axis="columns", width=1930.0),
     limits=Limits(max_stroke=37.0, max_pan=250.0, stage=SecondOrderStage(bandwidth=43.0)),
-    device=IdealShutter(transmission=0.7, num_slots=33),
-    burst=Burst(frames_per_s=240.0, max_frames=6),
+    device=IdealDevice(transmission=0.7, num_slots=33),
+    burst=BurstMode(frames_per_s=240.0, max_frames=6),
     tolerances=Tolerances(acceleration=0.02),
     occlusion=Occlusion(front_share=0.4, object_width=83.0),
     objects=Objects(width=71.0),

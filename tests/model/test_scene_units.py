@@ -5,7 +5,7 @@ import pytest
 
 from mishutter.model.scene import read_scene
 from mishutter.model.scene_file import read_speed
-from mishutter.model.scene_units import SceneWarning, View, read_noise
+from mishutter.model.scene_units import SceneWarning, View, read_noise_from_dynamic_range
 
 WHOLE = """
 [speeds]
@@ -376,7 +376,9 @@ def test_light_and_noise_in_python():
     assert far.photon_rate(**light) == pytest.approx(expected, rel=1e-9)
     dim = near.photon_rate(**light, lens_transmission=0.9)
     assert dim == pytest.approx(0.9 * expected / 4, rel=1e-9)
-    assert read_noise(dynamic_range=72, full_well=4e4) == pytest.approx(10.0475, rel=1e-5)
+    assert read_noise_from_dynamic_range(dynamic_range=72, full_well=4e4) == pytest.approx(
+        10.0475, rel=1e-5
+    )
 
 
 @pytest.mark.parametrize(
@@ -429,12 +431,12 @@ def test_light_and_noise_in_python():
             "`View.photon_rate(illuminance=...)` must be above 0; got [300.0, -20.0].",
         ),
         (
-            lambda: read_noise(dynamic_range=72, full_well=-4e4),
-            "`read_noise(full_well=...)` must be above 0; got -40000.0.",
+            lambda: read_noise_from_dynamic_range(dynamic_range=72, full_well=-4e4),
+            "`read_noise_from_dynamic_range(full_well=...)` must be above 0; got -40000.0.",
         ),
         (
-            lambda: read_noise(dynamic_range=float("nan"), full_well=4e4),
-            "`read_noise(dynamic_range=...)` must be finite; got nan.",
+            lambda: read_noise_from_dynamic_range(dynamic_range=float("nan"), full_well=4e4),
+            "`read_noise_from_dynamic_range(dynamic_range=...)` must be finite; got nan.",
         ),
     ],
 )

@@ -32,7 +32,7 @@ def test_the_width_of_a_sensor_is_that_along_the_motion():
     """Pictures that are turned for it keep it; no integral of a design sees it."""
     scene = Scene([310.0], **LIGHT, sensor=Sensor(full_well=900, axis="columns", width=1944))
     assert float(scene.along_rows().sensor.width) == 1944
-    assert scene.bare().sensor.width is None
+    assert scene.without_metadata().sensor.width is None
     assert "width=1944" in repr(scene.sensor)
     assert Sensor().width is None
 

@@ -119,7 +119,7 @@ def test_float_tiff_is_light_already(tmp_path):
         ms.read_picture(tmp_path / "h.tif")
 
 
-def turned(pixels, orientation):
+def transposed(pixels, orientation):
     """Pillow's reading of the orientation tag, channel by channel."""
     from PIL import Image, ImageOps
 
@@ -153,7 +153,7 @@ def test_pictures_stand_upright(tmp_path, orientation, depth):
         (tmp_path / "l.png").write_bytes(whole[:-12] + tags + whole[-12:])  # after the pixels
     for name in ("t.tif", "t.png", "l.png")[: 2 if depth == np.uint8 else 3]:
         read = ms.read_picture(tmp_path / name).light
-        np.testing.assert_allclose(read, as_light(turned(coded, orientation)), atol=1e-6)
+        np.testing.assert_allclose(read, as_light(transposed(coded, orientation)), atol=1e-6)
 
 
 @pytest.mark.parametrize("depth", [np.uint8, np.uint16, np.float32])

@@ -85,7 +85,7 @@ def test_one_axis_is_a_fan_of_one_line():
         times = lambda t: np.asarray(frames.place(jnp.asarray(frames.times[index] + t)))[:1]  # noqa: E731
         return one.on_paths(times, 0.04, 8000.0)
 
-    errors = one.errors(sum(one.gained(place(index), 0.04) for index in (0, 1)))
+    errors = one.errors(sum(one.snr(place(index), 0.04) for index in (0, 1)))
     count = one.frequency.size
     weight = one.power[:, None] / one.power.sum()
     fan = Fan(one.frequency, np.zeros((count, 1)), weight * count, weight)
@@ -119,7 +119,7 @@ def test_a_disc_of_nothing_across_is_the_mean_of_lines_of_one_axis():
         own = np.asarray(speeds.speeds[0]), np.asarray(speeds.weights[0])
         line = Scene(*own, photon_rate=3e4, read_noise=10.0, picture=texture)
         one = OpenFrames.of(line, exposure, folds=True)
-        error = one.error(one.gained(one.at_rest(exposure), exposure))
+        error = one.error(one.snr(one.at_rest(exposure), exposure))
         errors.append(error / aperture)
     expected = psnr_of_error(float(2 * share @ np.array(errors)))
     level = float(plane_psnr(scene, frames, grid=Grid(96, 96, 48, 16)))

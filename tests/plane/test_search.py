@@ -8,7 +8,7 @@ import pytest
 from support.bursts import SEQUENCE
 
 from mishutter import (
-    Burst,
+    BurstMode,
     EvenVelocities,
     Limits,
     ListedVelocities,
@@ -25,7 +25,7 @@ from mishutter.plane.search import PlaneBurst, PlaneSearch, _Search
 from mishutter.report.in_plane import PlaneReport
 
 LIMITS = Limits(max_stroke=24.0, max_half_exposure=0.01, max_acceleration=9e5, max_travel=31.0)
-BURST = Burst(frames_per_s=90.0, window=0.05, max_frames=4)
+BURST = BurstMode(frames_per_s=90.0, window=0.05, max_frames=4)
 
 
 def a_scene(limits: Limits = LIMITS, **others) -> Scene:
@@ -276,7 +276,7 @@ def test_a_jerk_that_is_limited_is_refused():
 def test_a_velocity_that_nothing_tells_is_refused():
     """One exposure is searched for where the decoder is told; else frames have to tell."""
     line = "`scene` must have a burst with time for two frames.*; got one exposure of unknown"
-    for burst in (None, Burst(frames_per_s=40.0, window=0.02)):
+    for burst in (None, BurstMode(frames_per_s=40.0, window=0.02)):
         with pytest.raises(ValueError, match=line):
             best_in_plane(a_scene(burst=burst))
 

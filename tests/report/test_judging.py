@@ -8,7 +8,7 @@ import pytest
 from support.bursts import SEQUENCE
 from support.rows import made_up
 
-from mishutter import Burst, Limits, Scene, WienerDecoder
+from mishutter import BurstMode, Limits, Scene, WienerDecoder
 from mishutter.evaluation.bursts import StillBursts
 from mishutter.evaluation.speed_knowledge import KNOWN_SPEED
 from mishutter.report.by_decoder import judged_by
@@ -21,7 +21,7 @@ SCENE = Scene(
     photon_rate=1e5,
     read_noise=3.1,
     limits=Limits(max_stroke=40.0, max_half_exposure=0.03),
-    burst=Burst(frames_per_s=55.0, max_frames=2),
+    burst=BurstMode(frames_per_s=55.0, max_frames=2),
 )
 
 

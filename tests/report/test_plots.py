@@ -19,7 +19,7 @@ from support.sweeps import SCENE, grid
 from mishutter import (
     ChippedShutter,
     Comparison,
-    FirstOrderShutter,
+    FirstOrderDevice,
     HannShutter,
     Limits,
     ParabolicMotion,
@@ -102,7 +102,7 @@ def test_no_solver_of_layouts_draws_a_figure():
 
 def test_a_design_draws_its_shutter_and_its_path():
     """Over its own exposure: the transmittance, the command of a device, and the sensor's place."""
-    device = FirstOrderShutter(rise_time=7e-4, fall_time=1.3e-3)
+    device = FirstOrderDevice(rise_time=7e-4, fall_time=1.3e-3)
     scene = Scene([-310.0, 420.0], photon_rate=2e5, read_noise=3.0, device=device)
     seen = scene.light(HannShutter(), MOTION)
     top, bottom = replace(a_design(seen), scene=scene, motion=MOTION).plot().axes
@@ -770,7 +770,7 @@ def test_a_drive_is_drawn_at_the_middle_of_its_steps():
 
 def test_a_drive_shows_the_shutter_behind_its_device():
     """Its levels are sent; the light that passes lags behind them."""
-    device = FirstOrderShutter(rise_time=2e-3, fall_time=2e-3)
+    device = FirstOrderDevice(rise_time=2e-3, fall_time=2e-3)
     scene = Scene(SCENE.speeds, photon_rate=1e5, read_noise=10.0, device=device)
     table = drive_table(replace(a_design(HannShutter()), scene=scene))
     top = plot_drive(table).axes[0]

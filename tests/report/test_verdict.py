@@ -11,17 +11,17 @@ from support.designs import SCENE, on_parabolas
 from support.rows import MOVING, SHORT, STILL, made_up, sequence, verdict
 
 from mishutter import (
-    Burst,
-    FirstOrderShutter,
+    BurstMode,
+    FirstOrderDevice,
     FrameSequence,
     HannShutter,
-    IdealShutter,
+    IdealDevice,
     Limits,
     Occlusion,
     Scene,
     Sensor,
     StillCamera,
-    SwitchedShutter,
+    SwitchedDevice,
     TimedFrame,
     ceiling,
     compare,
@@ -46,7 +46,7 @@ from mishutter.search.rows import BEST_PANNED_SNAPSHOT, BEST_SNAPSHOT, FRAMES, S
 BURST = eqx.tree_at(
     lambda each: each.burst,
     SCENE,
-    Burst(frames_per_s=60.0, max_frames=6),
+    BurstMode(frames_per_s=60.0, max_frames=6),
     is_leaf=lambda x: x is None,
 )
 """The small scene with a camera that takes frames."""
@@ -455,7 +455,7 @@ def test_before_a_background_an_answer_says_why_frames_are_at_rest(background, w
     layers = Occlusion(front_share=0.37, object_width=83.0, background=background)
     levels = {BEST_SNAPSHOT: 22.0, BEST_STILL_BURST: 24.0}
     said = answer(levels, scene=BURST.with_occlusion(layers)).verdict.replace("\n", " ")
-    assert "Moving frames are left out: edges cost them twice as much" in said
+    assert "Moving frames are left out: edges cost them half as much again" in said
     assert f"objects over 37% of the picture, 83 px wide, before a {words};" in said
     alone = SCENE.with_occlusion(layers)
     assert "left out" not in answer({BEST_SNAPSHOT: 22.0, "rect": 23.0}, scene=alone).verdict
@@ -588,17 +588,17 @@ def _scene(fastest, slowest, rate, noise, most_exposure, **others):
 
 PEOPLE = {
     "a belt at 120 frames/s": (
-        _scene(4490.0, 1633.0, 1.8e6, 2.4, 0.025, burst=Burst(frames_per_s=120.0)),
+        _scene(4490.0, 1633.0, 1.8e6, 2.4, 0.025, burst=BurstMode(frames_per_s=120.0)),
         ("registration", "stage"),
         "Take 3 frames",
     ),
     "a microscope at 100 frames/s": (
-        _scene(250.0, -250.0, 2e3, 1.6, 0.2, burst=Burst(frames_per_s=100.0, max_frames=20)),
+        _scene(250.0, -250.0, 2e3, 1.6, 0.2, burst=BurstMode(frames_per_s=100.0, max_frames=20)),
         ("registration",),
         "Take 20 frames",
     ),
     "a telephone at 240 frames/s": (
-        _scene(900.0, -900.0, 3e5, 1.5, 0.1, burst=Burst(frames_per_s=240.0, max_frames=16)),
+        _scene(900.0, -900.0, 3e5, 1.5, 0.1, burst=BurstMode(frames_per_s=240.0, max_frames=16)),
         ("registration", "stage"),
         "Take 16 frames while the stage sweeps",
     ),
@@ -628,7 +628,7 @@ def test_the_owner_of_nothing_buys_the_stage_that_pans():
 def test_a_note_says_that_a_camera_is_too_slow_for_a_burst(rate, holds_one):
     """Where no second frame has its time in the window; otherwise its bursts are rows."""
     scene = eqx.tree_at(
-        lambda x: x.burst, SCENE, Burst(frames_per_s=rate), is_leaf=lambda x: x is None
+        lambda x: x.burst, SCENE, BurstMode(frames_per_s=rate), is_leaf=lambda x: x is None
     )
     notes = with_verdict(made_up({"a": 24.0, BEST_SNAPSHOT: 23.0}), {}, scene).notes
     words = "No burst is compared: at 11.7 frames/s only one frame fits into the window."
@@ -654,19 +654,19 @@ def test_the_best_of_a_purchase_is_the_simplest_of_one_level():
 
 def test_what_leaks_is_a_share_of_what_passes():
     """Of all light, in the notes: a closed shutter passes the leakage of the transmission."""
-    for device in (IdealShutter, SwitchedShutter):
+    for device in (IdealDevice, SwitchedDevice):
         notes = device_notes(device(transmission=0.4, leakage=0.05))
         assert notes[0] == "The shutter passes 40.0% of the light when open, 2.00% when closed."
-    assert device_notes(IdealShutter(transmission=1.0, leakage=0.003))[0].endswith(
+    assert device_notes(IdealDevice(transmission=1.0, leakage=0.003))[0].endswith(
         "0.30% when closed."
     )
-    assert device_notes(IdealShutter()) == device_notes(None) == []
+    assert device_notes(IdealDevice()) == device_notes(None) == []
 
 
 def test_a_device_says_itself_how_late_it_is():
     """The notes ask the device, so that one more kind needs no line here."""
-    late = FirstOrderShutter(rise_time=2e-3, fall_time=7e-3, delay=3e-4, num_slots=11)
+    late = FirstOrderDevice(rise_time=2e-3, fall_time=7e-3, delay=3e-4, num_slots=11)
     words = "It rises from 10 to 90 % in 2 ms and falls in 7 ms, 0.3 ms late."
     assert late.lag_words == words
     assert device_notes(late) == [words, "It holds any level over each of 11 slots."]
-    assert IdealShutter(levels=5).lag_words == SwitchedShutter().lag_words == ""
+    assert IdealDevice(levels=5).lag_words == SwitchedDevice().lag_words == ""

@@ -8,20 +8,20 @@ import pytest
 from support.designs import LIMITS, MOTION, PARABOLAS, SCENE
 
 from mishutter import (
-    Burst,
+    BurstMode,
     ChippedShutter,
     Design,
     DesignLoss,
     ExpectedErrorLoss,
-    FirstOrderShutter,
+    FirstOrderDevice,
     HannShutter,
-    IdealShutter,
+    IdealDevice,
     RectShutter,
     Scene,
     Sensor,
     SplineShutter,
     StillCamera,
-    SwitchedShutter,
+    SwitchedDevice,
     compare,
     drive_table,
     evaluate,
@@ -34,7 +34,7 @@ from mishutter.search.objective import objective_of
 from mishutter.search.space import beyond_limits, design_space
 from mishutter.sweeps.trade_offs import best_snapshots
 
-LEAKY = IdealShutter(transmission=0.8, leakage=0.2)
+LEAKY = IdealDevice(transmission=0.8, leakage=0.2)
 
 
 def _scene(**others):
@@ -106,7 +106,7 @@ def test_a_sweep_measures_an_open_profile_without_the_device():
 @pytest.mark.slow
 def test_a_design_through_a_device_is_saved(tmp_path):
     """Its command, its device and its full well come back, and the same numbers."""
-    burst = Burst(frames_per_s=99.0, max_frames=2)
+    burst = BurstMode(frames_per_s=99.0, max_frames=2)
     scene = _scene(device=LEAKY, sensor=Sensor(full_well=4e4), burst=burst)
     found = optimise(scene, MOTION, HannShutter(), free="half_exposure")
     found.save(tmp_path / "design.json")
@@ -207,8 +207,8 @@ def test_a_sweep_over_scenes_of_different_devices():
 def test_a_shutter_that_loses_light_is_not_built():
     """The verdict names the camera without one, the notes what device and burst do."""
     scene = _scene(
-        device=IdealShutter(transmission=0.3),
-        burst=Burst(frames_per_s=200, max_frames=4),
+        device=IdealDevice(transmission=0.3),
+        burst=BurstMode(frames_per_s=200, max_frames=4),
         limits=PARABOLAS,
     )
     found = compare(scene, optimise(scene, MOTION, num_starts=4))
@@ -226,7 +226,7 @@ def test_a_shutter_that_loses_light_is_not_built():
     assert burst.num_frames >= 2
 
 
-SLOW = FirstOrderShutter(rise_time=4e-3, fall_time=7e-3, transmission=0.9, num_slots=24)
+SLOW = FirstOrderDevice(rise_time=4e-3, fall_time=7e-3, transmission=0.9, num_slots=24)
 FEW = {"num_starts": 2, "max_steps": 30}
 
 
@@ -241,14 +241,14 @@ def test_a_design_through_a_lag_beats_one_that_is_sent_blindly(loss, tmp_path):
     assert found.loss < blind
     assert float(loss(scene, found.motion, found.command)) == pytest.approx(found.loss, rel=1e-5)
     level = float(evaluate(scene, MOTION, ideal.command).expected_psnr)
-    assert found.blind_psnr == pytest.approx(level, abs=1e-4)
+    assert found.psnr_ignoring_lag == pytest.approx(level, abs=1e-4)
     assert isinstance(found.command, SplineShutter)
     assert not found.command.symmetric
     if isinstance(loss, ExpectedErrorLoss):
         found.save(tmp_path / "design.json")
         read = Design.load(tmp_path / "design.json")
         assert str(read.metrics) == str(found.metrics)
-        assert read.blind_psnr == found.blind_psnr
+        assert read.psnr_ignoring_lag == found.psnr_ignoring_lag
         assert read.scene.device.num_slots == 24
 
 
@@ -265,9 +265,9 @@ def test_a_free_exposure_knows_how_much_a_device_can_follow():
 
 
 DISCRETE = {
-    "switched": SwitchedShutter(num_slots=40, min_open=2, min_closed=3),
-    "levels": IdealShutter(levels=4, num_slots=24, transmission=0.9),
-    "lagging levels": FirstOrderShutter(rise_time=1e-3, fall_time=1e-3, num_slots=24, levels=3),
+    "switched": SwitchedDevice(num_slots=40, min_open=2, min_closed=3),
+    "levels": IdealDevice(levels=4, num_slots=24, transmission=0.9),
+    "lagging levels": FirstOrderDevice(rise_time=1e-3, fall_time=1e-3, num_slots=24, levels=3),
 }
 
 
@@ -304,7 +304,7 @@ def test_levels_are_part_of_the_search(name, tmp_path):
 def test_a_sweep_searches_no_levels():
     """Nor through a device whose light is not linear in what is sent."""
     axes = {"accelerations": [0.0], "half_exposures": [1e-3]}
-    for device in (SwitchedShutter(), FirstOrderShutter(rise_time=1e-3, fall_time=2e-3)):
+    for device in (SwitchedDevice(), FirstOrderDevice(rise_time=1e-3, fall_time=2e-3)):
         with pytest.raises(ValueError, match="be False where a device has levels, or falls"):
             sweep(_scene(device=device), optimise=True, **axes)
 
@@ -319,10 +319,10 @@ def test_a_comparison_is_of_light_and_names_the_blind_drive():
     assert losses.startswith("The shutter passes 90.0% of the light when open")
     assert times.startswith("It rises from 10 to 90 % in 4 ms and falls in 7 ms")
     assert slots == "It holds any level over each of 24 slots."
-    assert f"{found.blind_psnr:.2f} dB" in blind
+    assert f"{found.psnr_ignoring_lag:.2f} dB" in blind
     assert max(map(len, table.notes)) <= 80
     assert table.row("rect").metrics.efficiency == 1
     hann = table.row("Hann")
     light = scene.light(HannShutter(), hann.motion)
     assert float(hann.metrics.efficiency) == pytest.approx(float(light.efficiency()), abs=1e-6)
-    assert float(table.row("optimised").metrics.expected_psnr) >= found.blind_psnr
+    assert float(table.row("optimised").metrics.expected_psnr) >= found.psnr_ignoring_lag

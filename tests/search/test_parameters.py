@@ -12,7 +12,7 @@ import pytest
 from mishutter import (
     DesignParameters,
     ExpectedErrorLoss,
-    FirstOrderShutter,
+    FirstOrderDevice,
     HannShutter,
     Limits,
     ParabolicMotion,
@@ -37,7 +37,7 @@ SCENES = {
         photon_rate=1.3e5,
         read_noise=4.1,
         limits=LIMITS,
-        device=FirstOrderShutter(rise_time=7e-4, fall_time=1.3e-3),
+        device=FirstOrderDevice(rise_time=7e-4, fall_time=1.3e-3),
     ),
 }
 MOTION = ParabolicMotion(acceleration=1.1e5, half_exposure=0.0093, velocity=87.0)

@@ -11,7 +11,7 @@ from support.helpers import ROUNDING
 from support.rows import made_up
 
 from mishutter import (
-    Burst,
+    BurstMode,
     DesignLoss,
     ExpectedErrorLoss,
     FrameSequence,
@@ -93,7 +93,7 @@ def test_designs_keep_or_start_from_their_own_motions():
     """A design that this loss found for this scene stays as it is; another is tuned."""
     loss, scene = ExpectedErrorLoss(), on_parabolas(SCENE)
     finished = optimise(scene, SLOW, HannShutter(), loss=loss, free="acceleration")
-    elsewhere = scene.bare(weights=np.array([0.2, 0.3, 0.2, 0.2, 0.1]))
+    elsewhere = scene.without_metadata(weights=np.array([0.2, 0.3, 0.2, 0.2, 0.1]))
     other = optimise(elsewhere, MOTION, HannShutter(), loss=loss, free="half_exposure")
     names: list[str] = []
     begun: list[str] = []
@@ -133,7 +133,7 @@ def test_rivals_are_searched_for_where_they_are_asked_for():
     free = always | {OPEN_ON_FREE_PATH}
     light = {"photon_rate": 6e4, "read_noise": 4.0}
     by_scene = Scene([-900.0, 900.0], limits=Limits(max_stroke=17, free_paths=True), **light)
-    burst = Scene([-900.0, 900.0], burst=Burst(frames_per_s=130.0, max_frames=3), **light)
+    burst = Scene([-900.0, 900.0], burst=BurstMode(frames_per_s=130.0, max_frames=3), **light)
     layered = SCENE.with_occlusion(Occlusion(front_share=0.6))
     plain = always | {PLAIN_STILLS}
     assert _asked(SCENE) == plain
@@ -262,7 +262,7 @@ _OF_SWIFT = {
     "photon_rate": 1e5,
     "read_noise": 8.0,
     "limits": Limits(max_stroke=80, max_half_exposure=0.017),
-    "burst": Burst(frames_per_s=60, max_frames=2),
+    "burst": BurstMode(frames_per_s=60, max_frames=2),
     "decoder_speed": "known",
 }
 SWIFT = Scene(**_OF_SWIFT)

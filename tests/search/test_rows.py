@@ -11,7 +11,7 @@ from support.rows import FREE, made_up, sequence
 from mishutter import (
     ChippedShutter,
     FreeMotion,
-    IdealShutter,
+    IdealDevice,
     ParabolicMotion,
     RectShutter,
     SplineShutter,
@@ -133,7 +133,7 @@ def test_a_device_that_loses_light_is_required():
     scene = eqx.tree_at(
         lambda scene: scene.device,
         SCENE,
-        IdealShutter(transmission=0.4),
+        IdealDevice(transmission=0.4),
         is_leaf=lambda part: part is None,
     )
     for command, is_required in (

@@ -66,7 +66,7 @@ def test_the_sum_of_responses_is_the_loss_itself(slug):
     """The precomputed form of a profile search agrees with the loss of each design."""
     space, linear = _objective(LOSSES[slug], ("shutter",))
     assert isinstance(linear, LinearObjective)
-    direct = DesignObjective(LOSSES[slug], SCENE.bare(), space, SMALL)
+    direct = DesignObjective(LOSSES[slug], SCENE.without_metadata(), space, SMALL)
     boxes = start_boxes(space, 4, seed=3)
     values = [float(direct(jnp.asarray(point))) for point in boxes]
     assert np.allclose(losses_at(linear, boxes), values, rtol=1e-11)

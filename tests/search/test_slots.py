@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 
-from mishutter import SwitchedShutter
+from mishutter import SwitchedDevice
 
 # The changes of one step: a search over them takes seconds, and ends among the best alone.
 from mishutter.search.slots import _changes
@@ -14,7 +14,7 @@ SLOTS = np.array([0, 0, 0, 1, 1, 1, 0, 0, 0, 0, 1, 1, 0, 0, 0, 0])
 
 def test_no_change_makes_a_run_too_short():
     """Runs between the ends stay open for two slots and closed for three, never the reverse."""
-    device = SwitchedShutter(num_slots=SLOTS.size, min_open=2, min_closed=3)
+    device = SwitchedDevice(num_slots=SLOTS.size, min_open=2, min_closed=3)
     rows = SLOTS + _changes(SLOTS, 1, device)
     assert len(rows)
     inner = [

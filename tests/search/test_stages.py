@@ -7,7 +7,7 @@ import pytest
 from support.designs import LIMITS, MOTION, SCENE
 
 from mishutter import Limits, ParabolicMotion, RectShutter, Scene, TukeyShutter, optimise
-from mishutter.model.scene import seen_from
+from mishutter.model.scene import in_sensor_frame
 
 # Bounds of a search, and of a grid before anything on it is computed.
 from mishutter.search.space import beyond_limits, design_space
@@ -44,7 +44,7 @@ def test_every_design_is_within_the_stage(stage, free):
     """At corners and inside, some use all of it, and slopes are those of differences."""
     scene, (velocity, names) = _scene(stage), free
     motion = ParabolicMotion(acceleration=2e4, half_exposure=0.01, velocity=velocity)
-    frame, start = (scene, motion) if "velocity" in names else seen_from(scene, motion)
+    frame, start = (scene, motion) if "velocity" in names else in_sensor_frame(scene, motion)
     space = design_space(frame, start, RectShutter(), names)
 
     @jax.jit

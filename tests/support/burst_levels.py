@@ -17,7 +17,7 @@ from mishutter._core.compiling import compiled
 from mishutter.evaluation.errors import LinearErrors
 from mishutter.evaluation.needs import ONLY_SPECTRA, Plan, larger, sizes
 from mishutter.evaluation.open_frames import in_parts
-from mishutter.evaluation.response import Response, respond
+from mishutter.evaluation.response import Response, compute_response
 from mishutter.evaluation.views import sampled_view
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene
@@ -77,7 +77,9 @@ def _exposed(
         for own, each in zip(seen, frames, strict=True)
     ]
     num_each = jnp.stack([jnp.asarray(each.num_each, scene.speeds.dtype) for each in frames])
-    return tuple(_Exposed(view.scene, view.motion, respond(view)) for view in views), num_each
+    return tuple(
+        _Exposed(view.scene, view.motion, compute_response(view)) for view in views
+    ), num_each
 
 
 def plan_of_frames(scene: Scene, frames: Sequence[FrameGroup]) -> Plan:
@@ -91,7 +93,7 @@ def seen_by(scene: Scene, frames: FrameGroup) -> Scene:
     speeds, velocities = as_numpy(scene.speeds, frames.velocities)
     relative = speeds[None] - velocities.astype(speeds.dtype)[:, None]
     weights = jnp.tile(scene.weights, velocities.size)
-    return scene.bare(speeds=relative.ravel(), weights=weights)
+    return scene.without_metadata(speeds=relative.ravel(), weights=weights)
 
 
 @compiled

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from mishutter import (
-    Burst,
+    BurstMode,
     Design,
     FrameSequence,
     FreeMotion,
@@ -30,7 +30,7 @@ def a_burst_design(
     sequence: FrameSequence | None = SEQUENCE, limits: Limits = LIMITS, **others: object
 ) -> Design:
     """The design of a scene whose decoder finds the speed."""
-    burst = Burst(frames_per_s=55.0, max_frames=2)
+    burst = BurstMode(frames_per_s=55.0, max_frames=2)
     scene = Scene(
         SPEEDS,
         photon_rate=1.3e6,

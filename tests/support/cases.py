@@ -12,17 +12,17 @@ from mishutter import (
     RASKAR_CODE,
     AbstractShutter,
     ChippedShutter,
-    FirstOrderShutter,
+    FirstOrderDevice,
     FreeMotion,
     GaussianShutter,
     HannShutter,
-    IdealShutter,
+    IdealDevice,
     LinearMotion,
     ParabolicMotion,
     RectShutter,
     SplineShutter,
     StillCamera,
-    SwitchedShutter,
+    SwitchedDevice,
     TriangleShutter,
     TukeyShutter,
 )
@@ -97,18 +97,18 @@ QUICK = ["hann", "flutter", "spline"]
 """A smooth one, one of jumps and one of coefficients, which quick tests of digits are of."""
 
 DEVICES = {
-    "ideal": lambda: IdealShutter(transmission=0.83, leakage=0.07),
-    "ideal-of-levels": lambda: IdealShutter(leakage=0.02, levels=5, num_slots=23),
-    "first-order": lambda: FirstOrderShutter(
+    "ideal": lambda: IdealDevice(transmission=0.83, leakage=0.07),
+    "ideal-of-levels": lambda: IdealDevice(leakage=0.02, levels=5, num_slots=23),
+    "first-order": lambda: FirstOrderDevice(
         rise_time=1.7e-3, fall_time=4.1e-3, transmission=0.9, leakage=0.03, num_slots=11
     ),
-    "first-order-late": lambda: FirstOrderShutter(
+    "first-order-late": lambda: FirstOrderDevice(
         rise_time=2.9e-3, fall_time=1.3e-3, num_slots=13, delay=1.1e-3
     ),
-    "first-order-of-levels": lambda: FirstOrderShutter(
+    "first-order-of-levels": lambda: FirstOrderDevice(
         rise_time=0.4e-3, fall_time=0.7e-3, num_slots=19, levels=3
     ),
-    "switched": lambda: SwitchedShutter(num_slots=29, min_open=2, min_closed=3, transmission=0.7),
+    "switched": lambda: SwitchedDevice(num_slots=29, min_open=2, min_closed=3, transmission=0.7),
 }
 
 MOTIONS = {

@@ -11,7 +11,7 @@ from mishutter.evaluation.errors import expected_squared_error
 from mishutter.evaluation.losses import AbstractLoss, value_of
 from mishutter.evaluation.metrics import _as_designed
 from mishutter.evaluation.needs import EVERY_PART, ONLY_SPECTRA, Plan, sizes
-from mishutter.evaluation.response import records, respond
+from mishutter.evaluation.response import compute_records, compute_response
 from mishutter.evaluation.views import sampled_view
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene
@@ -48,7 +48,7 @@ def metrics_by(
     """The metrics of a camera without errors, by a plan; with everything computed without one."""
     own = sizes(scene, motion) if plan is None else plan
     view = sampled_view(without_tolerances(scene), motion, shutter, EVERY_PART, own)
-    return _as_designed(view.scene, view.motion, records(view), view.plan)[0]
+    return _as_designed(view.scene, view.motion, compute_records(view), view.plan)[0]
 
 
 def squared_error_within(
@@ -56,7 +56,7 @@ def squared_error_within(
 ) -> jax.Array:
     """The `expected_squared_error` of a design within the scene's tolerances."""
     view = sampled_view(scene, motion, shutter, ONLY_SPECTRA, plan)
-    response, count = respond(view), view.plan.num_frequencies
+    response, count = compute_response(view), view.plan.num_frequencies
     return expected_squared_error(view.scene, view.motion, response, count)
 
 

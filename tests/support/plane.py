@@ -6,7 +6,7 @@ The levels are those of a NumPy program of its own, on 40 radii, 16 directions a
 import numpy as np
 
 from mishutter import (
-    Burst,
+    BurstMode,
     EvenVelocities,
     Limits,
     PlaneBurst,
@@ -127,7 +127,7 @@ def a_plane_design(
     if limits is None:
         limits = Limits(max_half_exposure=0.01, max_travel=60.0, max_acceleration=9e5)
     law = EvenVelocities(1700.0, 1100.0, angle=0.3) if law is None else law
-    burst = Burst(frames_per_s=90.0, window=0.05, max_frames=3)
+    burst = BurstMode(frames_per_s=90.0, window=0.05, max_frames=3)
     parts = {"photon_rate": 3e4, "read_noise": 9.0, "limits": limits, "burst": burst}
     scene = Scene.any_direction(law, **(parts | others))
     times, exposures = np.array([-0.012, 0.0, 0.011]), np.array([0.009, 0.0103, 0.011])

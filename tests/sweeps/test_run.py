@@ -28,7 +28,7 @@ from mishutter import (
     RASKAR_CODE,
     ChippedShutter,
     ExpectedErrorLoss,
-    FirstOrderShutter,
+    FirstOrderDevice,
     GaussianShutter,
     HannShutter,
     Limits,
@@ -133,7 +133,7 @@ def test_shutters_without_symmetry():
 @pytest.mark.parametrize("fall_time", [1.1e-3, 3e-3])
 def test_what_lags_is_measured_at_its_own_exposure(fall_time):
     """A device's time is another share of each exposure, and so is the light of one profile."""
-    device = FirstOrderShutter(rise_time=1.1e-3, fall_time=fall_time, num_slots=16, leakage=0.02)
+    device = FirstOrderDevice(rise_time=1.1e-3, fall_time=fall_time, num_slots=16, leakage=0.02)
     scene = eqx.tree_at(lambda s: s.device, SCENE, device, is_leaf=lambda x: x is None)
     found = sweep(scene, **grid(accelerations=[0.0, 9e4]))
     points = inside_points(found)
@@ -144,7 +144,7 @@ def test_what_lags_is_measured_at_its_own_exposure(fall_time):
 @pytest.mark.slow
 def test_profiles_are_found_through_a_lag():
     """The best profile at a point is of what is sent, and its numbers are of the light."""
-    device = FirstOrderShutter(rise_time=1.1e-3, fall_time=1.1e-3, num_slots=16)
+    device = FirstOrderDevice(rise_time=1.1e-3, fall_time=1.1e-3, num_slots=16)
     scene = eqx.tree_at(lambda s: s.device, SCENE, device, is_leaf=lambda x: x is None)
     axes = grid(accelerations=[9e4], half_exposures=HALF_EXPOSURES[3:4])
     found = sweep(scene, **axes, optimise=True, num_coefficients=8)

@@ -133,7 +133,7 @@ class BlurModel(eqx.Module):
         num_taps, _ = kernel_layout(self.motion, speed, least_taps=self.num_taps)
         speeds, weights, layers = np.array([speed]), np.ones(1), self.layers
         if layers is not None:
-            one = layers.bare(speeds=speeds, weights=weights)
+            one = layers.without_metadata(speeds=speeds, weights=weights)
             with outside_trace():
                 layers = with_shares(one, background_of(layers))
         return replace(self, speeds=speeds, weights=weights, num_taps=num_taps, layers=layers)
@@ -278,7 +278,7 @@ def _known_blur(
     efficiency = float(still[0].real)
     layers = None
     if scene.occlusion is not None:
-        layers = scene.bare()
+        layers = scene.without_metadata()
         scene = with_shares(layers, background_of(scene))
     power = picture_power(scene, NUM_FREQUENCIES, np.dtype(scene.speeds.dtype))
     return BlurModel(

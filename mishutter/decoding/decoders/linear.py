@@ -15,7 +15,7 @@ from mishutter._core.compiling import compiled
 from mishutter.camera.rows import along_rows
 from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel
 from mishutter.decoding.decoders.borders import Continuation, captured_spectrum, continuation
-from mishutter.evaluation.errors import lost_share
+from mishutter.evaluation.errors import residual_fraction
 
 LEAST_POWER = 1e-14
 """Prevents a division by zero where there is neither detail nor noise."""
@@ -99,13 +99,13 @@ def wiener_filter(model: BlurModel, length: int) -> Complex[np.ndarray, "{length
 def expected_squared_error(model: BlurModel, length: int = 4096) -> float:
     r"""Mean squared error of the ensemble filter on pictures with the scene's spectrum; white = 1.
 
-    $2\int_0^{1/2} S\,(Sv + N)/(S(|m|^2 + v) + N)\,df$, the `lost_share` of the picture's power.
-    Of a picture without detail it is 0.
+    $2\int_0^{1/2} S\,(Sv + N)/(S(|m|^2 + v) + N)\,df$, the `residual_fraction` of the picture's
+    power. Of a picture without detail it is 0.
     """
     if not np.any(model.power > 0):
         return 0.0
     power, (mean, spread) = model.picture_spectrum(length), model.mean_and_spread(length)
-    share = lost_share(power, np.abs(mean) ** 2, spread, model.noise)
+    share = residual_fraction(power, np.abs(mean) ** 2, spread, model.noise)
     return float(mean_over_dft(power * share, length))
 
 

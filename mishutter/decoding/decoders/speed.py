@@ -27,7 +27,7 @@ from mishutter.evaluation.found_speed import LEAST_DIFFERENCE
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene, require_scene, require_whole
 from mishutter.model.shutters.base import AbstractShutter
-from mishutter.pictures.images import LUMINANCE, turned
+from mishutter.pictures.images import LUMINANCE, transposed
 
 _fast_length: Callable[[int], int] = scipy.fft.next_fast_len  # type: ignore[assignment]
 STEP = 2.0
@@ -521,7 +521,7 @@ def estimate_speed(
     """
     require_scene(scene)
     subject = "estimate_speed(capture=...)"
-    irradiance = turned(as_pixels(capture, subject), scene.sensor.axis)
+    irradiance = transposed(as_pixels(capture, subject), scene.sensor.axis)
     require(np.ndim(irradiance) <= 3, subject, "be one picture", shape_of(irradiance))
     model = blur_model(scene, motion, shutter)
     has_light = model.electrons > 0 and model.efficiency > 0

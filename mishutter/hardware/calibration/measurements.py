@@ -17,7 +17,7 @@ from mishutter._core.validation import Section, parsed, validated
 from mishutter.hardware.trace_files import read_trace
 from mishutter.hardware.traces import Trace
 from mishutter.pictures.files import PICTURE_SUFFIXES
-from mishutter.pictures.images import Axis, pixels_along, read_levels, turned
+from mishutter.pictures.images import Axis, pixels_along, read_levels, transposed
 
 TARGETS = ("point", "edge")
 END = 4
@@ -94,7 +94,7 @@ class TargetPicture:
         require_finite(name, levels)
         is_axis = self.axis in get_args(Axis)
         require(is_axis, "TargetPicture(axis=...)", "be 'rows' or 'columns'", self.axis)
-        levels = turned(levels, self.axis) if levels.ndim == 2 else levels
+        levels = transposed(levels, self.axis) if levels.ndim == 2 else levels
         is_wide, pixels = levels.shape[-1] >= 4 * END, pixels_along(self.axis)
         require(is_wide, name, f"have at least {4 * END} {pixels}", int(levels.shape[-1]))
         if self.speed is not None:
