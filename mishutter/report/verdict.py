@@ -1,4 +1,4 @@
-"""The answer of a comparison: which option to take, what the others need, and what it assumes."""
+"""The answer of a comparison in words; `search/rows.py` decides which option to take."""
 
 import math
 import textwrap

@@ -153,11 +153,6 @@ class Row:
         """
         return not self.motion.accelerates_constantly, not isinstance(self.shutter, RectShutter)
 
-    def is_simpler_than(self, other: "Row") -> bool:
-        """Whether it requires fewer of the other's parts, or the same parts of a simpler kind."""
-        own, others = self.required_hardware, other.required_hardware
-        return self.kind < other.kind if own == others else own < others
-
     @cached_property
     def _course(self) -> "tuple[Float[np.ndarray, 'times'], Float[np.ndarray, 'times']]":
         """Transmittance, and position of the sensor in px, over the exposure.
@@ -255,16 +250,6 @@ def best_row(rows: Iterable[Row]) -> Row:
     most = max(row.level for row in every)
     best = [row for row in every if row.level == most or most - row.level < _SAME_LEVEL]
     return min(best, key=lambda row: (len(row.required_hardware), row.kind))
-
-
-def simplest(rows: Iterable[Row], top: Row, *, within: float) -> Row:
-    """The simplest row of those that are about as good as one: that one, or a simpler row.
-
-    Fewer parts come first, then a parabola before a free path, then an ordinary shutter before a
-    made one, and then the level.
-    """
-    simpler = [row for row in rows if row.is_simpler_than(top) and top.margin_over(row) < within]
-    return min([*simpler, top], key=lambda row: (len(row.required_hardware), row.kind, -row.level))
 
 
 def choice_of(rows: Iterable[Row], own: Iterable[str] = ()) -> Row:
