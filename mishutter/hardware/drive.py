@@ -214,8 +214,7 @@ def drive_table(
 
     Examples:
         >>> from mishutter import Design, HannShutter, drive_table, example_scene
-        >>> from mishutter._core.columns import table_text
-    from mishutter.design.design import given_design
+        >>> from mishutter.design.design import given_design
         >>> scene = example_scene()
         >>> design = given_design(scene, scene.motion, HannShutter(), "Given.")
         >>> table = drive_table(design, num_steps=100)

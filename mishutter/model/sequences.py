@@ -91,7 +91,11 @@ class AbstractFrames(AbstractExposures):
         return [frame.is_still for frame in self.frames]
 
     def place(self, times: Float[np.ndarray, "n q"]) -> Float[np.ndarray, "1 n q"]:
-        """Places of the sensor at some times of each exposure; px."""
+        """Places of the sensor at some times of each exposure; px.
+
+        Args:
+            times: Times in each exposure; s.
+        """
         pairs = zip(self.frames, times, strict=True)
         ways = [(x.position, x.motion.position(time - x.time)) for x, time in pairs]
         return np.array([[place + np.asarray(way, np.float64) for place, way in ways]])
@@ -119,7 +123,11 @@ class OneExposure(AbstractFrames):
         return OneExposure((TimedFrame(motion, 0.0),), pan)
 
     def stage_paths(self, scene: "Scene") -> dict[str, StagePath]:
-        """The path of the stage from rest to rest."""
+        """The path of the stage from rest to rest.
+
+        Args:
+            scene: The scene, whose limits say how the stage runs up.
+        """
         path = scene.limits.stage_path(self.frames[0].motion)
         return {} if path is None else {"": path}
 
@@ -173,7 +181,11 @@ class FrameSequence(AbstractFrames):
         return float(use_of_knots(self._knots(None, None)).stroke)
 
     def stage_paths(self, scene: "Scene") -> dict[str, StagePath]:
-        """The path of the stage from rest to rest, within the limits of a scene."""
+        """The path of the stage from rest to rest.
+
+        Args:
+            scene: The scene, whose limits say how the stage runs up.
+        """
         path = scene.limits.stage_path_of_frames(self)
         return {} if path is None else {"": path}
 

@@ -103,11 +103,19 @@ class PlaneBurst(AbstractExposures):
         return [self.frames.stays] * self.num_frames
 
     def place(self, times: Float[np.ndarray, "n q"]) -> Float[np.ndarray, "2 n q"]:
-        """Places of the sensor at some times; px."""
+        """Places of the sensor at some times; px.
+
+        Args:
+            times: Times in each exposure; s.
+        """
         return np.asarray(self.frames.place(times), np.float64)
 
     def stage_paths(self, scene: Scene) -> dict[str, StagePath]:
-        """The paths of the stage along rows and columns, each about the middle of its travel."""
+        """The paths of the stage along rows and columns, each about the middle of its travel.
+
+        Args:
+            scene: The scene, whose limits say how the stage runs up.
+        """
         frames = self.frames
         if self.num_axes:
             frames = of_stage(frames, require_velocities(scene), scene.limits)

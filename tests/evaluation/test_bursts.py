@@ -116,7 +116,7 @@ def test_a_camera_without_bursts():
 def test_a_burst_that_is_none(name, value, requirement):
     """One line says which number is out of its range."""
     given = {"frames_per_s": 60.0, "max_frames": 3} | {name: value}
-    with pytest.raises(ValueError, match=rf"`Burst\({name}=...\)` must {requirement}"):
+    with pytest.raises(ValueError, match=rf"`BurstMode\({name}=...\)` must {requirement}"):
         BurstMode(**given)
 
 
