@@ -529,15 +529,27 @@ class Limits(AbstractModule):
         return stage_path(motion, max_acceleration=most, max_jerk=jerk)
 
     def stage_path_of_frames(self, sequence: FrameSequence) -> StagePath | None:
-        """The path of the stage from rest through frames to rest, as `FrameSequence` has it."""
+        """The path of the stage from rest through frames to rest, as `FrameSequence` has it.
+
+        Args:
+            sequence: The frames, within these limits.
+        """
         return sequence.stage_path(**self._of_run_up)
 
     def with_travel(self, sequence: FrameSequence) -> FrameSequence:
-        """A sequence that says the travel of its `stage_path_of_frames`."""
+        """A sequence that says the travel of its `stage_path_of_frames`.
+
+        Args:
+            sequence: The frames, within these limits.
+        """
         return replace(sequence, travel=float(self.use_of_frames(sequence).travel))
 
     def use_of_frames(self, sequence: FrameSequence) -> StageUse:
-        """The demands of frames on the stage, which runs up to them from rest."""
+        """The demands of frames on the stage, which runs up to them from rest.
+
+        Args:
+            sequence: The frames, within these limits.
+        """
         return sequence.stage_use(**self._of_run_up)
 
     @property

@@ -194,6 +194,10 @@ class FrameSequence(AbstractFrames):
 
         Where no path can be written, since no limit says how the stage reaches a velocity, it does
         so at once.
+
+        Args:
+            max_acceleration: As `stage_path` takes it.
+            max_jerk: As `stage_path` takes it.
         """
         path = self.stage_path(max_acceleration=max_acceleration, max_jerk=max_jerk)
         return use_of_knots(self._knots(None, None)) if path is None else path.use

@@ -154,7 +154,11 @@ class PlaneFrames(AbstractModule):
         return StageUse(*(np.max(each) for each in use))
 
     def acceleration(self, limits: Limits) -> float:
-        """Greatest acceleration of an axis or of both, infinite where a velocity jumps; px/s^2."""
+        """Greatest acceleration of an axis or of both, infinite where a velocity jumps; px/s^2.
+
+        Args:
+            limits: Those of the stage.
+        """
         gains = np.diff(np.asarray(self.velocities))
         size = np.hypot(*gains) if limits.axes == "disc" else np.max(np.abs(gains), axis=0)
         d = np.asarray(self.durations)
@@ -163,7 +167,11 @@ class PlaneFrames(AbstractModule):
         return float(np.max(size[d > 0] / d[d > 0], initial=0.0))
 
     def stage_paths(self, limits: Limits) -> list[StagePath]:
-        """The paths of the stage along rows and columns, each about the middle of its travel."""
+        """The paths of the stage along rows and columns, each about the middle of its travel.
+
+        Args:
+            limits: Those of the stage.
+        """
         most = limits.max_acceleration
         most = self.acceleration(limits) if most is None else float(most)
         if self.stays or not 0 < most < math.inf:
