@@ -128,6 +128,7 @@ class OneExposure(AbstractFrames):
         Args:
             scene: The scene, whose limits say how the stage runs up.
         """
+        _require_one_axis(scene)
         path = scene.limits.stage_path(self.frames[0].motion)
         return {} if path is None else {"": path}
 
@@ -186,6 +187,7 @@ class FrameSequence(AbstractFrames):
         Args:
             scene: The scene, whose limits say how the stage runs up.
         """
+        _require_one_axis(scene)
         path = scene.limits.stage_path_of_frames(self)
         return {} if path is None else {"": path}
 
@@ -267,6 +269,14 @@ class FrameSequence(AbstractFrames):
             pieces += _pieces_of(other)
         ends = float(accelerations_of(lit[0])[0]), float(accelerations_of(lit[-1])[-1])
         return from_rest_to_rest(knots_of(lit[0].velocities[0], pieces), ends, most, jerk)
+
+
+def _require_one_axis(scene: "Scene") -> None:
+    """Refuse what is no scene along one axis."""
+    # A scene has limits, which ask sequences for their paths.
+    from mishutter.model.scene import require_scene
+
+    require_scene(scene)
 
 
 def _pieces_of(knots: Knots) -> list[Piece]:

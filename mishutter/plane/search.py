@@ -116,6 +116,7 @@ class PlaneBurst(AbstractExposures):
         Args:
             scene: The scene, whose limits say how the stage runs up.
         """
+        require_scene(scene, in_plane=True)
         frames = self.frames
         if self.num_axes:
             frames = of_stage(frames, require_velocities(scene), scene.limits)
