@@ -412,9 +412,9 @@ def _sequence(saved: SavedSequence) -> FrameSequence:
 
 def _motion(saved: SavedMotion) -> AbstractMotion:
     half, velocity = saved.half_exposure, saved.velocity
-    if saved.acceleration is not None:
+    if saved.kind == "ParabolicMotion":
         return ParabolicMotion(
-            acceleration=saved.acceleration, half_exposure=half, velocity=velocity
+            acceleration=saved.acceleration or 0.0, half_exposure=half, velocity=velocity
         )
     return FreeMotion(
         accelerations=saved.accelerations or [],

@@ -199,10 +199,10 @@ def _registered(waves: _Waves, num_samples: int) -> tuple[float, float]:
         excess -= shift**2 / np.mean(power * omega**2 * density / every)
     error, nothing = float(np.mean(power / every)), float(np.mean(power))
     if information <= 0:
-        return math.inf, _decibels(nothing, error) if excess > 0 else 0.0
+        return math.inf, decibels_over(nothing, error) if excess > 0 else 0.0
     variance = float(1 / (num_samples * information))
     # With so uncertain a speed, returning the mean is better.
-    return math.sqrt(variance), _decibels(min(error + variance * excess, nothing), error)
+    return math.sqrt(variance), decibels_over(min(error + variance * excess, nothing), error)
 
 
 def psnr_of_frames(
@@ -241,7 +241,7 @@ def loss_of_width(scene: Scene, frames: Sequence[TimedFrame], *, width: float | 
     speeds, weights = distinct_speeds(parts, folds=False)
     errors = [_errors_of_width(waves, width) for waves in _waves_at(parts, frames, speeds)]
     ends, whole = np.asarray(weights, np.float64) @ np.array(errors)
-    return _decibels(ends, whole)
+    return decibels_over(ends, whole)
 
 
 def _errors_of_width(waves: _Waves, width: float | int) -> tuple[float, float]:
@@ -279,6 +279,6 @@ def with_losses(scene: Scene, sequence: FrameSequence) -> FrameSequence:
     return replace(sequence, registration_loss=worst, width_loss=ends)
 
 
-def _decibels(error: float, other: float) -> float:
+def decibels_over(error: float, other: float) -> float:
     """An error over another; dB. Without any error nothing is lost."""
     return 10 * math.log10(error / other) if other > 0 else 0.0

@@ -1,5 +1,6 @@
 """Frames that a camera takes one after the other of the same picture, and what its sensor does."""
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, final
@@ -100,6 +101,23 @@ class AbstractFrames(AbstractExposures):
         ways = [(x.position, x.motion.position(time - x.time)) for x, time in pairs]
         return np.array([[place + np.asarray(way, np.float64) for place, way in ways]])
 
+    @abstractmethod
+    def stage_path_within(self, limits: "Limits") -> StagePath | None:
+        """The path of the stage from rest to rest, within some limits."""
+
+    def stage_paths(self, scene: "Scene") -> dict[str, StagePath]:
+        """The path of the stage from rest to rest.
+
+        Args:
+            scene: The scene, whose limits say how the stage runs up.
+        """
+        # A scene has limits, which ask sequences for their paths.
+        from mishutter.model.scene import require_scene
+
+        require_scene(scene)
+        path = self.stage_path_within(scene.limits)
+        return {} if path is None else {"": path}
+
 
 @final
 @dataclass(frozen=True)
@@ -122,15 +140,9 @@ class OneExposure(AbstractFrames):
         pan = float(motion.velocity) if limits.pans == "camera" else 0.0
         return OneExposure((TimedFrame(motion, 0.0),), pan)
 
-    def stage_paths(self, scene: "Scene") -> dict[str, StagePath]:
-        """The path of the stage from rest to rest.
-
-        Args:
-            scene: The scene, whose limits say how the stage runs up.
-        """
-        _require_one_axis(scene)
-        path = scene.limits.stage_path(self.frames[0].motion)
-        return {} if path is None else {"": path}
+    def stage_path_within(self, limits: "Limits") -> StagePath | None:
+        """That of one exposure."""
+        return limits.stage_path(self.frames[0].motion)
 
 
 @final
@@ -181,15 +193,13 @@ class FrameSequence(AbstractFrames):
         """Travel of the stage from the first light to the last, without run-up and run-out; px."""
         return float(use_of_knots(self._knots(None, None)).stroke)
 
-    def stage_paths(self, scene: "Scene") -> dict[str, StagePath]:
-        """The path of the stage from rest to rest.
+    def stage_path_within(self, limits: "Limits") -> StagePath | None:
+        """That of frames.
 
         Args:
-            scene: The scene, whose limits say how the stage runs up.
+            limits: Those of the stage.
         """
-        _require_one_axis(scene)
-        path = scene.limits.stage_path_of_frames(self)
-        return {} if path is None else {"": path}
+        return limits.stage_path_of_frames(self)
 
     def stage_use(self, *, max_acceleration: float | None, max_jerk: float | None) -> StageUse:
         """The demands of the frames on a stage that runs up to them from rest.
@@ -269,14 +279,6 @@ class FrameSequence(AbstractFrames):
             pieces += _pieces_of(other)
         ends = float(accelerations_of(lit[0])[0]), float(accelerations_of(lit[-1])[-1])
         return from_rest_to_rest(knots_of(lit[0].velocities[0], pieces), ends, most, jerk)
-
-
-def _require_one_axis(scene: "Scene") -> None:
-    """Refuse what is no scene along one axis."""
-    # A scene has limits, which ask sequences for their paths.
-    from mishutter.model.scene import require_scene
-
-    require_scene(scene)
 
 
 def _pieces_of(knots: Knots) -> list[Piece]:

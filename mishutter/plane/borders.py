@@ -13,10 +13,9 @@ move by a third to a half of the sensor it loses 0.4 dB more at rest, and 0.7 to
 `LONG` is where that begins.
 """
 
-import math
-
 import numpy as np
 
+from mishutter.evaluation.sequences import decibels_over
 from mishutter.model.scene import Scene
 from mishutter.plane.frames import PlaneFrames
 from mishutter.plane.levels import (
@@ -70,7 +69,7 @@ def loss_of_borders(scene: Scene, frames: PlaneFrames, *, width: float) -> float
         lost = [1 / (1 + signal * each) @ shares for each in (there, every)]
         ends = np.mean(lost[0][is_seen]) if np.any(is_seen) else 1.0
         errors += mass * np.array([ends, lost[1]])
-    return 10 * math.log10(errors[0] / errors[1])
+    return decibels_over(*errors)
 
 
 def _waves(fan: Fan, way: np.ndarray) -> np.ndarray:
