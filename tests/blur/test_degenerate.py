@@ -65,6 +65,25 @@ def test_no_derivative_is_a_nan(edges):
             assert not np.any(forward[:2])
 
 
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("sag", [1e-3, 1e-7, 1e-9])
+def test_light_within_one_tap_stays_there(sag, dtype):
+    """No derivative of a tap that holds the whole path, whose vertex moves by 1/(2 sag) px a px.
+
+    The two branches lose and gain the same light by that, which rounding must not tell.
+    """
+    edges, half = jnp.array([-3.0, -0.3, 0.2, 1.7, 4.0], dtype), dtype(HALF_EXPOSURE)
+
+    def weighted(x):
+        motion = ParabolicMotion(acceleration=x[0] / half**2, half_exposure=half)
+        taps = binned_exposure(HannShutter(), motion, speed=x[1] / half, edges=edges)
+        return jnp.array([0.3, -2.0, 1.1, 0.7], dtype) @ taps
+
+    at = jnp.array([sag, 0.2 * sag], dtype)
+    assert not np.any(jax.grad(weighted)(at))
+    assert not np.any(jax.jacfwd(weighted)(at))
+
+
 def _of_free_path(x, edges):
     rates = x[0] * jnp.array([1.0, -0.4, 0.7])
     motion = FreeMotion(accelerations=rates, half_exposure=x[1], velocity=x[3])

@@ -1,0 +1,17 @@
+from .fit_plots import plot_fit as plot_fit
+from .measurement_plots import plot_motion as plot_motion
+from .measurement_plots import plot_noise as plot_noise
+from .plots import plot_capture as plot_capture
+from .plots import plot_design as plot_design
+from .plots import plot_drive as plot_drive
+from .plots import plot_frames as plot_frames
+from .plots import plot_kernels as plot_kernels
+from .plots import plot_levels as plot_levels
+from .plots import plot_option as plot_option
+from .plots import plot_photograph as plot_photograph
+from .plots import plot_profiles as plot_profiles
+from .plots import plot_psnr as plot_psnr
+from .plots import plot_transfer as plot_transfer
+from .plots import save_figure as save_figure
+from .sweep_plots import plot_front as plot_front
+from .sweep_plots import plot_map as plot_map
