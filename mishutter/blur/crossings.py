@@ -12,6 +12,7 @@ does not cancel where it is far, and holds without acceleration. One sign of $u$
 it the point rises or falls throughout. `docs/derivation.md` draws the geometry.
 """
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
@@ -46,7 +47,13 @@ def branch_times(
     reach = (_NEAR * length) ** 2 * abs(A)
     height = _held(aside + edges, -reach, reach) / jnp.where(is_near, A, 1.0)
     height = jnp.where(is_near, height, 1.0)  # away from 0, where a root has no derivatives
-    near = base + to_vertex + sign * jnp.sign(A) * safe_sqrt(height)
+    turn = base + to_vertex
+    # Below the vertex both branches end there: what they lose and gain by its time is the same.
+    near = jnp.where(
+        height > 0,
+        turn + sign * jnp.sign(A) * safe_sqrt(height),
+        jax.lax.stop_gradient(turn),
+    )
 
     reach, is_far = 4 * length * (abs(U) + length * abs(A)), ~(is_near | is_at_rest)
     distance = (origin - X) + edges
