@@ -50,9 +50,9 @@ def branch_times(
     turn = base + to_vertex
     # Below the vertex both branches end there: what they lose and gain by its time is the same.
     near = jnp.where(
-        height > 0,
-        turn + sign * jnp.sign(A) * safe_sqrt(height),
+        height <= 0,
         jax.lax.stop_gradient(turn),
+        turn + sign * jnp.sign(A) * safe_sqrt(height),
     )
 
     reach, is_far = 4 * length * (abs(U) + length * abs(A)), ~(is_near | is_at_rest)
