@@ -32,6 +32,7 @@ from mishutter._core.checks import (
     fields_text,
     is_concrete,
     require,
+    require_at_least,
     require_finite,
     require_positive_int,
     require_scalar,
@@ -52,10 +53,6 @@ NUM_SLOTS = 128
 """Slots of a device that has levels and none given."""
 _TEN_TO_NINETY = float(np.log(9.0))
 """Time from 10 to 90 % of a first-order system, in time constants."""
-_TO_SETTLE = float(np.log(1e3))
-"""Time until a thousandth of a step remains, in time constants."""
-_ROUNDINGS = 64
-"""Roundings of 1 that the mean transmittance of an open shutter may lack."""
 
 
 class AbstractDevice(AbstractModule):
@@ -78,6 +75,17 @@ class AbstractDevice(AbstractModule):
 
     lags: eqx.AbstractClassVar[bool]
     """Whether the light depends on how long the exposure is."""
+
+    def __check_init__(self) -> None:
+        for name, requirement, holds in (
+            ("transmission", "be above 0 and at most 1", lambda x: 0 < x <= 1),
+            ("leakage", "be at least 0 and below 1", lambda x: 0 <= x < 1),
+        ):
+            value, subject = getattr(self, name), f"{type(self).__name__}({name}=...)"
+            require_scalar(subject, value)
+            require_finite(subject, value)
+            if is_concrete(value):
+                require(holds(float(value)), subject, requirement, value)
 
     def __repr__(self) -> str:
         """One line with the numbers, in place of an Equinox module's types."""
@@ -210,8 +218,8 @@ def _passes_all(shutter: AbstractShutter) -> Bool[Array, ""]:
 
 
 def least_efficiency(dtype: np.dtype) -> np.floating:
-    """Throughput of a shutter that stays open, computed in a precision: 1 to rounding."""
-    return 1 - _ROUNDINGS * np.finfo(dtype).eps
+    """Throughput of a shutter that stays open, computed in a precision: 1 but for 64 roundings."""
+    return 1 - 64 * np.finfo(dtype).eps
 
 
 @final
@@ -251,9 +259,6 @@ class IdealDevice(AbstractDevice):
         self.levels = _levels(levels, "IdealDevice")
         default = None if levels is None else NUM_SLOTS
         self.num_slots = default if num_slots is None else _slots(num_slots, "IdealDevice")
-
-    def __check_init__(self) -> None:
-        _check_losses(self)
 
     @staticmethod
     def has(arguments: Collection[str]) -> bool:
@@ -342,14 +347,11 @@ class FirstOrderDevice(AbstractDevice):
         self.delay = None if none else as_float(delay, "FirstOrderDevice(delay=...)")  # type: ignore[arg-type]
 
     def __check_init__(self) -> None:
-        _check_losses(self)
         for name in ("rise_time", "fall_time", "delay"):
             value, subject = getattr(self, name), f"FirstOrderDevice({name}=...)"
             if value is not None:
                 require_scalar(subject, value)
-                require_finite(subject, value)
-                if is_concrete(value):
-                    require(float(value) >= 0, subject, "be at least 0", value)
+                require_at_least(subject, value, "at least 0")
 
     @staticmethod
     def has(arguments: Collection[str]) -> bool:
@@ -380,7 +382,8 @@ class FirstOrderDevice(AbstractDevice):
 
     @property
     def settling_time(self) -> float | Array:
-        slower = jnp.maximum(self.rise_time, self.fall_time) * (_TO_SETTLE / _TEN_TO_NINETY)
+        to_settle = float(np.log(1e3))  # time constants, until a thousandth of a step remains
+        slower = jnp.maximum(self.rise_time, self.fall_time) * (to_settle / _TEN_TO_NINETY)
         return slower if self.delay is None else slower + self.delay
 
     def made(
@@ -439,9 +442,6 @@ class SwitchedDevice(AbstractDevice):
         self.min_open = _run(min_open, self.num_slots, "SwitchedDevice(min_open=...)")
         self.min_closed = _run(min_closed, self.num_slots, "SwitchedDevice(min_closed=...)")
 
-    def __check_init__(self) -> None:
-        _check_losses(self)
-
     @staticmethod
     def has(arguments: Collection[str]) -> bool:
         switches = not {"num_slots", "min_open", "min_closed"}.isdisjoint(arguments)
@@ -478,25 +478,10 @@ def device_of(**arguments: Any) -> AbstractDevice:
     return next(kind for kind in DEVICES if kind.has(arguments))(**arguments)
 
 
-def _check_losses(device: AbstractDevice) -> None:
-    for name, requirement, holds in (
-        ("transmission", "be above 0 and at most 1", lambda x: 0 < x <= 1),
-        ("leakage", "be at least 0 and below 1", lambda x: 0 <= x < 1),
-    ):
-        value, subject = getattr(device, name), f"{type(device).__name__}({name}=...)"
-        require_scalar(subject, value)
-        require_finite(subject, value)
-        if is_concrete(value):
-            require(holds(float(value)), subject, requirement, value)
-
-
-_MAX_SLOTS, _MAX_LEVELS = 4096, 1 << 16
-
-
 def _slots(count: int, kind: str) -> int:
     subject = f"{kind}(num_slots=...)"
     count = require_positive_int(subject, count)
-    require(2 <= count <= _MAX_SLOTS, subject, f"be 2 to {_MAX_SLOTS}", count)
+    require(2 <= count <= 4096, subject, "be 2 to 4096", count)
     return count
 
 
@@ -512,7 +497,7 @@ def _levels(count: int | None, kind: str) -> int | None:
         return None
     subject = f"{kind}(levels=...)"
     count = require_positive_int(subject, count)
-    require(2 <= count <= _MAX_LEVELS, subject, f"be 2 to {_MAX_LEVELS}", count)
+    require(2 <= count <= 65536, subject, "be 2 to 65536", count)
     return count
 
 
@@ -523,17 +508,7 @@ class TransmittedShutter(AbstractPiecewiseShutter):
     profile: AbstractPiecewiseShutter
     transmission: Array
     leakage: Array
-    sent: AbstractShutter | None
-
-    def __init__(
-        self,
-        profile: AbstractPiecewiseShutter,
-        transmission: Array,
-        leakage: Array,
-        sent: AbstractShutter | None = None,
-    ):
-        self.profile, self.transmission, self.leakage = profile, transmission, leakage
-        self.sent = sent
+    sent: AbstractShutter | None = None
 
     @property
     def command(self) -> AbstractShutter:
@@ -556,10 +531,8 @@ class TransmittedShutter(AbstractPiecewiseShutter):
         return self.profile.symmetric
 
     def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
-        transmittance = self._passed(self.profile.transmittance(tau))
-        return jnp.where(
-            jnp.abs(jnp.asarray(tau)) <= 1, transmittance, jnp.zeros_like(transmittance)
-        )
+        passed = self._passed(self.profile.transmittance(tau))
+        return jnp.where(jnp.abs(jnp.asarray(tau)) <= 1, passed, jnp.zeros_like(passed))
 
     def dtype(self) -> np.dtype | None:
         own = self.profile.dtype()

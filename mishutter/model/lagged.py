@@ -20,8 +20,6 @@ from mishutter.model.shutters.base import (
     uniform_breakpoints,
 )
 
-_TRANSIENT = 28.0
-"""Time constants after which a slot is taken to be at its level: 7e-13 of the way is left."""
 # Of the mean of 1 - exp(-y) over [0, y] divided by y, the highest power first.
 _SERIES = [(-1.0) ** (k + 1) / float(np.prod(np.arange(1.0, k + 2))) for k in range(16, 0, -1)]
 
@@ -56,7 +54,8 @@ class LaggedShutter(AbstractPiecewiseShutter):
 
     def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         begins = self.begins.astype(dtype)
-        settled = begins[:-1] + _TRANSIENT * self.constants.astype(dtype)
+        # 7e-13 of the way is left after 28 time constants.
+        settled = begins[:-1] + 28.0 * self.constants.astype(dtype)
         cut = jnp.where(settled < begins[1:], settled, begins[1:])
         return jnp.append(jnp.stack([begins[:-1], cut], axis=1).ravel(), begins[-1])
 

@@ -45,17 +45,11 @@ from mishutter.model.motion import (
 )
 from mishutter.model.sequences import FrameSequence
 from mishutter.model.servos import SecondOrderStage
-from mishutter.model.stages import (
-    StagePath,
-    StageUse,
-    stage_path,
-    stage_use,
-)
+from mishutter.model.stages import StagePath, StageUse, stage_path, stage_use
 
 Number = Float[Array | np.ndarray | np.floating, ""]
 LEAST_STROKE = 1e-3
 """A sensor that may move by less than this stands still; px."""
-_NUM_HALVINGS = 60
 _OF_STAGE = ("max_travel", "max_acceleration", "max_jerk")
 """Limits that a scene may do without, and that the search bounds motions by."""
 
@@ -324,7 +318,12 @@ class Limits(AbstractModule):
         uses = self._uses(motion)
         if self.has_stage:
             uses = uses._replace(travel_share=_compiled_travel_share(self, motion))
-        return self._demands(uses)
+        pairs = {limit.name: limit.demand(self, uses) for limit in LIMITS}
+        return {
+            name: LimitUse(np.asarray(taken, np.float64), np.asarray(there, np.float64))
+            for name, (taken, there) in pairs.items()
+            if taken is not None and there is not None
+        }
 
     def demands_of_parabolas(
         self,
@@ -353,23 +352,6 @@ class Limits(AbstractModule):
             velocity=motion.velocity,
             acceleration=motion.greatest_acceleration,
         )
-
-    def _demands(self, uses: Uses) -> dict[str, LimitUse]:
-        pairs = {limit.name: limit.demand(self, uses) for limit in LIMITS}
-        return {
-            name: LimitUse(*(np.asarray(number, np.float64) for number in pair))
-            for name, pair in pairs.items()
-            if pair[0] is not None and pair[1] is not None
-        }
-
-    def _beside_unsolved(self, share: Array, uses: Callable[[], Uses]) -> Array:
-        """A share, or that of a limit that the search has no formula for where it is greater."""
-        for limit in LIMITS:
-            if not limit.is_solved:
-                taken, there = limit.demand(self, uses())
-                if taken is not None and there is not None:
-                    share = jnp.maximum(share, taken / there)
-        return share
 
     def of_stage(self, motion: AbstractMotion) -> AbstractMotion:
         """The part of a motion that the stage makes, seen from where it is mounted.
@@ -507,7 +489,13 @@ class Limits(AbstractModule):
         Args:
             motion: Motion of the sensor.
         """
-        return self._beside_unsolved(_travel_share(self, motion), lambda: self._uses(motion))
+        share = _travel_share(self, motion)
+        for limit in LIMITS:
+            if not limit.is_solved:
+                taken, there = limit.demand(self, self._uses(motion))
+                if taken is not None and there is not None:
+                    share = jnp.maximum(share, taken / there)
+        return share
 
     def stage_path(self, motion: AbstractMotion) -> StagePath | None:
         """The path of the stage from rest through an exposure to rest.
@@ -578,10 +566,6 @@ class Limits(AbstractModule):
             frame = frame + self.frame_velocity.astype(frame.dtype)
         return frame
 
-    def _pan_of_camera(self, velocity: Array) -> Array:
-        """The part of a velocity that turning the camera makes; px/s."""
-        return velocity if self.pans == "camera" else jnp.zeros_like(velocity)
-
     def _speed_of_stage(self, velocity: Positions | float) -> Positions | float:
         """Greatness of the velocity that the stage itself has at mid-exposure; px/s."""
         if self.pans == "camera":
@@ -589,16 +573,6 @@ class Limits(AbstractModule):
         if self.frame_velocity is None:
             return abs(velocity)
         return abs(velocity + as_array_like(velocity, self.frame_velocity))
-
-    def _share_of(self, use: StageUse, speed_beside: Array) -> Array:
-        """The share, where the sensor has a speed beside the stage's; px/s."""
-        share = jnp.zeros_like(use.travel)
-        if self.max_travel is not None:
-            share = jnp.maximum(share, use.travel / self.max_travel)
-        if self.max_jerk is not None:
-            most = jnp.maximum(self.max_top_speed, np.finfo(share.dtype).tiny)
-            share = jnp.maximum(share, (use.top_speed + speed_beside) / most)
-        return share
 
     def largest(
         self,
@@ -690,10 +664,17 @@ class Limits(AbstractModule):
 
 def _travel_share(limits: Limits, motion: AbstractMotion) -> Array:
     """The share of travel and top speed that a motion takes with its run-up and its run-out."""
-    velocity = jnp.asarray(motion.velocity)
-    beside = jnp.abs(limits._pan_of_camera(velocity)) - jnp.abs(limits._frame(velocity))
     use = stage_use(limits.of_stage(motion), limits.max_acceleration, limits.max_jerk)
-    return limits._share_of(use, beside)
+    share = jnp.zeros_like(use.travel)
+    if limits.max_travel is not None:
+        share = jnp.maximum(share, use.travel / limits.max_travel)
+    if limits.max_jerk is not None:
+        velocity = jnp.asarray(motion.velocity)
+        by_camera = velocity if limits.pans == "camera" else jnp.zeros_like(velocity)
+        beside = jnp.abs(by_camera) - jnp.abs(limits._frame(velocity))
+        most = jnp.maximum(limits.max_top_speed, np.finfo(share.dtype).tiny)
+        share = jnp.maximum(share, (use.top_speed + beside) / most)
+    return share
 
 
 _compiled_travel_share = compiled(_travel_share)
@@ -730,7 +711,8 @@ def largest_within_one(
         is_within = function(middle, parameters) <= 1
         return jnp.where(is_within, middle, ends[0]), jnp.where(is_within, ends[1], middle)
 
-    return jax.lax.fori_loop(0, _NUM_HALVINGS + 1, halved, (low, high))[0]
+    # The first step tries the upper end; sixty halvings follow.
+    return jax.lax.fori_loop(0, 61, halved, (low, high))[0]
 
 
 @largest_within_one.def_jvp

@@ -32,12 +32,8 @@ if TYPE_CHECKING:
 
 SINE = "sine"
 """Kind of a sequence whose stage follows a sine between its frames too."""
-_PIECES_OF_SINE = 32
-"""Pieces of constant acceleration that stand for a sine within a frame, and between two."""
-_ROUNDING = 1e-9
-"""Share of a time, or of a velocity, below which it is one of rounding."""
 _SINGLE = 1e-5
-"""The same of numbers of single precision."""
+"""Share of a number below which it is one of rounding, in single precision."""
 
 
 @dataclass(frozen=True)
@@ -238,7 +234,10 @@ class FrameSequence(AbstractFrames):
         most = max_acceleration
         if most is None:
             at_once = self._knots(None, None)
-            if (self.moves and self.num_rests > 0) or _jumps(at_once):
+            within = slice(at_once.first, at_once.last)
+            gains = np.abs(np.diff(at_once.velocities)[within])[at_once.durations[within] == 0]
+            jumps = np.any(gains > _SINGLE * np.max(np.abs(at_once.velocities)))
+            if jumps or (self.moves and self.num_rests > 0):
                 return None
             most = float(use_of_knots(at_once).acceleration)
         knots = self._knots(most, max_jerk) if most > 0 else None
@@ -265,7 +264,7 @@ class FrameSequence(AbstractFrames):
             gap = after.time - frame.time - (after.exposure + frame.exposure) / 2
             way = self._ends(after)[0] - self._ends(frame)[1]
             start, end = float(own.velocities[-1]), float(other.velocities[0])
-            if gap <= _ROUNDING * (after.time - frame.time):
+            if gap <= 1e-9 * (after.time - frame.time):  # but for rounding
                 pieces.append(Piece(0.0, end))
             elif not np.any(own.velocities):
                 rate = float(accelerations_of(other)[0])
@@ -283,13 +282,6 @@ class FrameSequence(AbstractFrames):
 
 def _pieces_of(knots: Knots) -> list[Piece]:
     return [Piece(*each) for each in zip(knots.durations, knots.velocities[1:], strict=True)]
-
-
-def _jumps(knots: Knots) -> bool:
-    """Whether a velocity jumps between the first light and the last."""
-    within = slice(knots.first, knots.last)
-    gains = np.abs(np.diff(knots.velocities)[within])[knots.durations[within] == 0]
-    return bool(np.any(gains > _SINGLE * np.max(np.abs(knots.velocities))))
 
 
 def _from_rest(way: float, gap: float, end: float, ups: list[Piece]) -> list[Piece]:
@@ -323,8 +315,8 @@ def sine_between(half: float, gap: float) -> Float[np.ndarray, "n"]:
 
     They are over the velocity at the ends of the frames.
     """
-    period = gap + 2 * half
-    times = half + gap * np.arange(1, _PIECES_OF_SINE) / _PIECES_OF_SINE
+    period, num_pieces = gap + 2 * half, 32
+    times = half + gap * np.arange(1, num_pieces) / num_pieces
     return np.sin(np.pi * times / period) / np.sin(np.pi * half / period)
 
 

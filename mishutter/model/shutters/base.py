@@ -38,10 +38,6 @@ _UNIFORM = np.linspace(-1, 1, _NUM_PIECES + 1)
 
 _PROBES = np.linspace(0, 1, 25)
 """Shares of a piece at which an interpolant is held against its shutter."""
-_MISFIT = 1e-6
-"""Misfit of a smooth profile; a bend by a slope of 1 half way through a piece leaves 3e-3."""
-_FEW_BREAKPOINTS = 64
-"""Number of breakpoints up to which comparing with each is as quick as a binary search."""
 _SHORT = 1e-7
 """Length of a piece that holds too little light for its misfit to matter."""
 
@@ -214,9 +210,8 @@ def _bounded(shutter: AbstractShutter) -> dict[str, tuple[Array, float, float]]:
     for name, (low, high) in shutter.bounds().items():
         subject = f"{kind}.bounds()[{name!r}]"
         require(hasattr(shutter, name), subject, "be of a field of the shutter", name)
-        require(
-            -np.inf < low < high < np.inf, subject, "be two finite numbers that ascend", (low, high)
-        )
+        ascend = -np.inf < low < high < np.inf
+        require(ascend, subject, "be two finite numbers that ascend", (low, high))
         value = as_float(getattr(shutter, name), f"{kind}({name}=...)")
         require_finite(f"{kind}({name}=...)", value)
         members[name] = (value, low, high)
@@ -277,8 +272,9 @@ def integral_between(
 def _piece_at(time: Float[Array, "*shape"], ends: Float[Array, "ends"]) -> Int[Array, "*shape"]:
     """Index of the piece that holds each time, the later one where two meet."""
     inner = ends[1:-1]
-    if inner.size > _FEW_BREAKPOINTS:
+    if inner.size > 64:
         return jnp.searchsorted(inner, time, side="right").astype(jnp.int32)
+    # Comparing with each of a few is as quick as a binary search.
     row = inner.reshape((1,) * time.ndim + (-1,))
     return jnp.sum(time[..., None] >= row, axis=-1, dtype=jnp.int32)
 
@@ -420,9 +416,8 @@ def _check_discontinuities(shutter: AbstractShutter, subject: str) -> None:
     nodes, to_control = bernstein_from_values(_DEGREE)
     share = np.concatenate([nodes, _PROBES]).astype(dtype)[None]
     beside = 64 * np.finfo(dtype).eps  # of a jump, where its own rounding does not reach
-    tau = np.clip(
-        ends[:-1, None] + length * share, ends[:-1, None] + beside, ends[1:, None] - beside
-    )
+    begin, end = ends[:-1, None], ends[1:, None]
+    tau = np.clip(begin + length * share, begin + beside, end - beside)
     values = np.asarray(shutter.transmittance(jnp.asarray(tau)), np.float64)
     control = values[:, : nodes.size] @ to_control.T
     powers = np.vander(_PROBES, _DEGREE + 1, increasing=True)
@@ -430,20 +425,16 @@ def _check_discontinuities(shutter: AbstractShutter, subject: str) -> None:
     error = np.where(length > _SHORT, np.abs(fitted - values[:, nodes.size :]), 0.0)
     worst = np.unravel_index(np.argmax(error), error.shape)
     requirement = "be smooth but for where its `discontinuities()` say that it jumps or bends"
-    allowed = max(_MISFIT, 64 * float(np.finfo(dtype).eps))
+    # A bend by a slope of 1 half way through a piece leaves 3e-3.
+    allowed = max(1e-6, 64 * float(np.finfo(dtype).eps))
     at = float(tau[:, nodes.size :][worst])
     got = Unquoted(f"a jump, a bend or a curve too steep to follow near tau = {at:.4g}")
     require(bool(error[worst] <= allowed), subject, requirement, got)
     if jax.tree.leaves(shutter):
         gap = np.abs(ends[1:-1, None] - np.append(declared, np.inf)[None]).min(axis=1)
         step = np.where(gap < _SHORT, 0.0, np.abs(fitted[1:, 0] - fitted[:-1, -1]))
-        at = float(ends[1:-1][np.argmax(step)])
-        require(
-            float(step.max()) <= allowed,
-            subject,
-            requirement,
-            Unquoted(f"a jump at tau = {at:.4g}"),
-        )
+        got = Unquoted(f"a jump at tau = {float(ends[1:-1][np.argmax(step)]):.4g}")
+        require(float(step.max()) <= allowed, subject, requirement, got)
 
 
 def above_zero(length: Length) -> Length:
@@ -501,10 +492,8 @@ def bernstein_mean(
     cancel by little where control points are of one sign: a profile that vanishes at an end
     keeps its relative accuracy.
     """
-    degree = control.shape[1] - 1
-    from_ends = jnp.concatenate([control, control[:, ::-1]]) @ power_matrix(degree).astype(
-        control.dtype
-    )
+    matrix = power_matrix(control.shape[1] - 1).astype(control.dtype)
+    from_ends = jnp.concatenate([control, control[:, ::-1]]) @ matrix
     row = jnp.where(from_left, piece, piece + control.shape[0])
     return polynomial_means(from_ends[:, ::-1], row, distance, width)
 

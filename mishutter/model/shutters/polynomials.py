@@ -21,10 +21,6 @@ from mishutter.model.shutters.base import (
 )
 
 _NUM_PIECES, _DEGREE = 24, 9
-_LAST_TERM = 100
-"""Largest last term of a Chebyshev series, in roundings; the next is fifty times smaller."""
-_SHORTEST = 1e-3
-"""Shortest piece, in units of tau, whose crossings are told apart by their moments."""
 
 
 @final
@@ -155,10 +151,13 @@ def _interpolated(
     series = (values - middle) @ to_series.T
     whole = space.concatenate([series[:, :1] + middle, series[:, 1:]], axis=1)
     powers = (whole @ to_powers.T)[:, ::-1]
-    converges = space.max(abs(series[:, -1])) <= _LAST_TERM * float(np.finfo(dtype).eps)
+    # The next term would be fifty times smaller than the last.
+    converges = space.max(abs(series[:, -1])) <= 100 * float(np.finfo(dtype).eps)
+    # Moments do not tell the crossings of a shorter piece apart.
+    is_long = space.min(width) >= 1e-3
     if space is np:
         cuts, powers = device_constant((cuts, powers))
-    return PolynomialShutter(cuts, powers), converges & (space.min(width) >= _SHORTEST)
+    return PolynomialShutter(cuts, powers), converges & is_long
 
 
 @lru_cache

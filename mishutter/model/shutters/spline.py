@@ -5,6 +5,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 _DEGREE = 3
-_FIT_SAMPLES_PER_PIECE = 16
 
 
 @final
@@ -173,7 +173,7 @@ class SplineShutter(AbstractAdjustableShutter):
         require(num_coefficients > _DEGREE, subject, "be at least 4", num_coefficients)
         (parameters,) = fitted_boxes([shutter], num_coefficients, symmetric=symmetric)
         return SplineShutter(
-            jnp.asarray(parameters, common_dtype(*_arrays(shutter))),
+            jnp.asarray(parameters, common_dtype(*jax.tree.leaves(shutter))),
             symmetric=symmetric,
             num_coefficients=num_coefficients,
         )
@@ -183,17 +183,11 @@ def fitted_boxes(
     shutters: Sequence[AbstractShutter], num_coefficients: int, *, symmetric: bool
 ) -> list[np.ndarray]:
     """Parameters of the splines that `SplineShutter.fit` gives; shape `(p,)` each."""
-    num_samples = _FIT_SAMPLES_PER_PIECE * (num_coefficients - _DEGREE)
+    num_samples = 16 * (num_coefficients - _DEGREE)  # a piece
     tau = (2 * np.arange(num_samples) + 1) / num_samples - 1
     targets = [profile_of(shutter, tau.astype(common_dtype()))[0] for shutter in shutters]
     each = [fitted_coefficients(tau, target, num_coefficients, symmetric) for target in targets]
     return [c[: (num_coefficients + 1) // 2] if symmetric else c for c in each]
-
-
-def _arrays(shutter: AbstractShutter) -> list[Array]:
-    import jax
-
-    return [x for x in jax.tree.leaves(shutter) if hasattr(x, "dtype")]
 
 
 def _fold(parameters: Any) -> Any:

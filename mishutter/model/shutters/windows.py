@@ -350,10 +350,6 @@ def _cosine_ramp_mean(centre: Array, from_top: Array, width: Array) -> Array:
 
 _NARROW = 0.4
 """Half width below which a Gaussian's mean is a series: $d(1 + c)$, in standard deviations."""
-_NUM_TERMS = 9
-"""Powers of either number that a term of the narrow mean may have, 0 among them."""
-_LEAST_TERM = 2e-17
-"""Size of a term that is left out: a tenth of a rounding in float64."""
 
 
 @lru_cache
@@ -371,10 +367,8 @@ def _narrow_terms() -> list[list[float]]:
         both = max(j + k, 1)
         return abs(term(k, j)) * (_NARROW * j / both) ** (2 * j) * (_NARROW * k / both) ** (2 * k)
 
-    highest_first = range(_NUM_TERMS - 1, -1, -1)
-    return [
-        [term(k, j) for j in highest_first if largest(k, j) > _LEAST_TERM] for k in highest_first
-    ]
+    powers, least = range(8, -1, -1), 2e-17  # a tenth of a rounding in float64
+    return [[term(k, j) for j in powers if largest(k, j) > least] for k in powers]
 
 
 def _gaussian_mean(centre: Array, half: Array, sigma: Array) -> Array:
