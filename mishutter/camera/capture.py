@@ -53,10 +53,6 @@ from mishutter.pictures.images import Picture, pixels_along, transposed
 
 _ROLL_OFF = 0.4
 """Frequency from which on the response of a kernel for other libraries falls off to 0 at 1/2."""
-_TAIL = 24
-"""Pixels beyond the geometric reach in which the taps of such a kernel die away."""
-_DEVIATIONS = 5
-"""Standard deviations of a lens's Gaussian within which its light falls."""
 
 
 @alone_in_blas()
@@ -298,7 +294,8 @@ def centred_kernel(
     is_narrow = 0 <= lens_blur <= WIDEST_BLUR
     require(is_narrow, "centred_kernel(lens_blur=...)", requirement, lens_blur)
     num_taps, origin = kernel_layout(motion, speed, subject="centred_kernel(speed=...)")
-    tail = _TAIL + math.ceil(_DEVIATIONS * lens_blur)
+    # Taps die away in 24 px, and light falls within five standard deviations of the lens's.
+    tail = 24 + math.ceil(5 * lens_blur)
     middle = max(origin, num_taps - 1 - origin) + tail
     length = fast_length(4 * (middle + tail))
     response = np.asarray(captured_response(motion, shutter, [speed], length)[0])

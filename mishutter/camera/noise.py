@@ -18,12 +18,6 @@ from mishutter._core.checks import (
 from mishutter._core.compiling import compiled, outside_trace
 from mishutter._core.parallel import num_processors
 
-_MOST_COUNTED = 1e15
-"""Number of electrons above which its distribution counts as normal."""
-
-_RUN = 1 << 16
-"""Pixels whose numbers one generator draws."""
-
 
 def recorded(
     irradiance: Float[Array | np.ndarray, "*pixels"],
@@ -97,9 +91,9 @@ def _counted_jvp(primals, tangents):
 
 
 def _drawn(words: Array | np.ndarray, mean: Array | np.ndarray) -> np.ndarray:
-    """Runs of pixels, each by a generator of its own, so that threads change no number."""
+    """Runs of 65,536 pixels, each by a generator of its own, so that threads change no number."""
     expected = np.maximum(np.asarray(mean, np.float64), 0).ravel()
-    runs = np.array_split(expected, -(-expected.size // _RUN) or 1)
+    runs = np.array_split(expected, -(-expected.size // (1 << 16)) or 1)
     seeds = np.random.SeedSequence(np.asarray(words).ravel().tolist()).spawn(len(runs))
     with ThreadPoolExecutor(num_processors()) as pool:
         counts = list(pool.map(_poisson, seeds, runs))
@@ -107,9 +101,9 @@ def _drawn(words: Array | np.ndarray, mean: Array | np.ndarray) -> np.ndarray:
 
 
 def _poisson(seed: np.random.SeedSequence, expected: np.ndarray) -> np.ndarray:
-    rng = np.random.default_rng(seed)
-    counts = rng.poisson(np.minimum(expected, _MOST_COUNTED)).astype(np.float64)
-    is_large = expected > _MOST_COUNTED
+    rng, most = np.random.default_rng(seed), 1e15  # beyond which the distribution is a normal one
+    counts = rng.poisson(np.minimum(expected, most)).astype(np.float64)
+    is_large = expected > most
     if np.any(is_large):
         spread = np.sqrt(expected) * rng.standard_normal(expected.shape)
         counts = np.where(is_large, expected + spread, counts)
