@@ -309,11 +309,7 @@ def centred_kernel(
 def kernel_layout(
     motion: AbstractMotion, *speeds: float, least_taps: int = 1, subject: str = "scene"
 ) -> tuple[int, int]:
-    """Number of taps that hold every speed, and the index of the tap at no displacement.
-
-    Raises:
-        ValueError: if light would be displaced by more than 8,192 px.
-    """
+    """Number of taps that hold every speed, and the index of the tap at no displacement."""
     longest = blur_length(motion, *speeds, subject=subject)
     num_taps = max(least_taps, sized_for(longest - 1, 0.0).num_taps)
     if motion.is_straight:

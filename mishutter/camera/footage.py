@@ -172,10 +172,6 @@ def expose_frames(
     $\hat g(f) = \operatorname{sinc}(f) \sum_i \hat f_i(f) \int_{t_i}^{t_{i+1}} w(t)\,e^{-2\pi i f
     x(t)}\,dt$: each frame is a continuous, band-limited picture through its pixels, for as long as
     it shows.
-
-    Raises:
-        ValueError: if the sensor moves over more than 8,192 px, or frames differ in shape, hold
-            values that are not light, or are not as many as was said.
     """
     blur_length(motion, 0.0, subject="motion")
     places, weights, shown = _nodes(shutter, motion, frames.ends)
@@ -278,11 +274,7 @@ def _frames_of_gif(path: Path) -> Iterator[np.ndarray]:
 
 
 def _durations_of_video(path: Path) -> tuple[float, ...]:
-    """Durations of the `_frames_of_video`, of a file that FFmpeg reads without failing.
-
-    Raises:
-        ValueError: with FFmpeg's reason.
-    """
+    """Durations of the `_frames_of_video`, of a file that FFmpeg reads without failing."""
     from imageio_ffmpeg import get_ffmpeg_exe
 
     command = [get_ffmpeg_exe(), "-nostdin", "-v", "error", "-xerror"]

@@ -34,9 +34,6 @@ def recorded(
     the electrons off before the read noise comes in; a converter of $b$ bits rounds to
     $2^b - 1$ equal steps from none to the full well (to white, where there is none) and
     records nothing below or above.
-
-    Raises:
-        ValueError: if the full well is not positive and finite, or the bits are not from 1 to 24.
     """
     irradiance, electrons = as_numpy(irradiance, electrons)
     space = namespace_of(electrons)

@@ -63,9 +63,6 @@ def expose_layers(
     $\hat g(f) = \sum_j \hat u(t_j, f) \int w(t)\,\varphi(t - t_j)\,e^{-2\pi i f d_l(t)}\,dt$.
 
     Layers that are not `visible_layers` are left out, and equal colours are computed once.
-
-    Raises:
-        ValueError: if light of a layer would be displaced by more than 8,192 px.
     """
     visible = visible_layers(_in_fewest_colours(layers), motion)
     speeds = [layer.speed for layer in visible.layers]
@@ -242,10 +239,6 @@ def _placed(
 
 def _height(layer: Layer) -> int:
     return layer.picture.light.shape[0]
-
-
-def _overlaps(layer: Layer, rows: slice) -> bool:
-    return layer.top < rows.stop and layer.top + _height(layer) > rows.start
 
 
 def _in_fewest_colours(layers: Layers) -> Layers:

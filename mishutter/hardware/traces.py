@@ -14,25 +14,12 @@ from jaxtyping import ArrayLike, Float
 from mishutter._core.checks import RowLike, Unquoted, require, require_finite, require_scalar
 from mishutter.model.shutters.spline import SplineShutter, bounded_coefficients, spline_basis
 
-_COUNTS = (8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
-"""Coefficients of the splines that are tried."""
-_SAMPLES_PER_COEFFICIENT = 3
 _LEAST = 32
 """Fewest samples of an exposure."""
 _LEAST_CLOSED = 8
 """Fewest samples outside the exposure that give the level of the closed shutter."""
 _LONGEST_GAP = 1 / 16
 """Longest step of a trace inside the exposure, in units of the exposure."""
-_STEADY = 0.1
-"""Share of the swing by which the dark of a trace that is taken as inverted may vary."""
-_MOST = 4096
-"""Number of samples beyond which more of them do not improve a fit."""
-_RIDGE = 1e-12
-"""Ridge that fixes a coefficient with hardly a sample, as a share of a B-spline's mean square."""
-_LEAST_NOISE = 1e-4
-"""Noise below which, as a share of the swing, a trace is not taken as clipped."""
-_ROUNDING = 1.1
-"""Bound on the noise that the rounding of a smooth signal feigns, in steps of the converter."""
 
 
 class Trace(NamedTuple):
@@ -61,11 +48,7 @@ class MeasuredProfile(NamedTuple):
 
 
 def as_trace(trace: TraceLike, name: str) -> Trace:
-    """A trace as arrays; any row of finite times and one of as many finite levels are one.
-
-    Raises:
-        ValueError: if it is anything else.
-    """
+    """A trace as arrays; any row of finite times and one of as many finite levels are one."""
     rows: Any = trace
     is_pair = (isinstance(rows, Sequence) or np.ndim(rows) > 0) and len(rows) == 2
     require(is_pair, name, "be a `Trace`, or times and levels", trace)
@@ -82,12 +65,10 @@ def as_trace(trace: TraceLike, name: str) -> Trace:
 def require_ascending(trace: Trace, name: str) -> None:
     """Refuse a trace whose times fall, or are all one; rounded ones may be equal."""
     time = np.asarray(trace.time)
-    steps = np.diff(time)
-    fall = Unquoted(
-        f"{time[1 + int(np.argmax(steps < 0))]:g} s" if np.any(steps < 0) else "one time"
-    )
-    ascends = bool(np.all(steps >= 0)) and time.size > 0 and bool(time[-1] > time[0])
-    require(ascends, name, "have times that ascend", fall)
+    falls = np.diff(time) < 0
+    got = Unquoted(f"{time[1 + int(np.argmax(falls))]:g} s" if np.any(falls) else "one time")
+    ascends = not np.any(falls) and time.size > 0 and bool(time[-1] > time[0])
+    require(ascends, name, "have times that ascend", got)
 
 
 def has_two_levels(level: Float[np.ndarray, "n"]) -> bool:
@@ -113,12 +94,7 @@ def require_samples(rows: np.ndarray, name: str) -> None:
 def within_exposure(
     trace: Trace, half_exposure: float, middle: float, name: str
 ) -> Float[np.ndarray, "n"]:
-    """Normalised time of each sample; the exposure is covered without a gap.
-
-    Raises:
-        ValueError: if the trace does not reach over the exposure, has a gap there or too few
-            samples.
-    """
+    """Normalised time of each sample; the exposure is covered without a gap."""
     tau = (np.asarray(trace.time) - middle) / half_exposure
     inside = np.abs(tau) <= 1
     count = int(inside.sum())
@@ -224,7 +200,7 @@ def measured_profile(
             "of the closed and the open shutter"
         )
         got = Unquoted(f"a fall by {-white:.3g} from levels that go {spread:.3g} about {black:.4g}")
-        require(spread < noise + _STEADY * abs(white), name, requirement, got)
+        require(spread < noise + 0.1 * abs(white), name, requirement, got)
         notes += (f"it falls where the shutter opens, from {black:.4g}: it is read as inverted",)
     outside = float(np.mean(dark) - black) / white if dark.size >= _LEAST_CLOSED else 0.0
     if outside > 0.5:
@@ -238,9 +214,6 @@ def for_a_fit(trace: TraceLike, half_exposure: float, name: str) -> tuple[Trace,
 
     Neighbouring samples become their mean, within the exposure and outside it apart, as the
     profile may jump at its ends. A trace without samples of the closed shutter stays upright.
-
-    Raises:
-        ValueError: as `measured_profile` does.
     """
     trace = as_trace(trace, name)
     tau = trace.time / half_exposure
@@ -249,7 +222,8 @@ def for_a_fit(trace: TraceLike, half_exposure: float, name: str) -> tuple[Trace,
     profile = measured_profile(trace, half_exposure=half_exposure, closed=closed, name=name)
     sign = 1.0 if profile.opened > profile.closed else -1.0
     ends = [np.searchsorted(tau, -1, side="left"), np.searchsorted(tau, 1, side="right")]
-    first = np.unique(np.append(np.arange(0, tau.size, -(-tau.size // _MOST)), ends))
+    # More than 4096 samples do not improve a fit.
+    first = np.unique(np.append(np.arange(0, tau.size, -(-tau.size // 4096)), ends))
     first = first[first < tau.size]
     count = np.diff([*first, tau.size])
     time, level = (np.add.reduceat(np.asarray(each), first) / count for each in trace)
@@ -269,8 +243,9 @@ class _Smooth(NamedTuple):
 def _smoothed(tau: np.ndarray, level: np.ndarray, white: float | None) -> _Smooth:
     """The spline whose generalised cross-validation is smallest."""
     longest = float(np.max(np.diff(tau)))
-    most = min(tau.size // _SAMPLES_PER_COEFFICIENT, 3 + int(2 / longest))
-    splines = (_smooth(tau, level, count, white) for count in _COUNTS if count <= most)
+    most = min(tau.size // 3, 3 + int(2 / longest))
+    counts = (8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
+    splines = (_smooth(tau, level, count, white) for count in counts if count <= most)
     return min(splines, key=lambda each: each.score)
 
 
@@ -286,7 +261,8 @@ def _smooth(tau: np.ndarray, level: np.ndarray, count: int, white: float | None)
 
     basis = spline_basis(tau, count)
     squares = (basis.T @ basis).toarray()
-    triangle = cholesky(squares + _RIDGE * np.trace(squares) / count * np.eye(count))
+    # A ridge, a share of a B-spline's mean square, fixes a coefficient with hardly a sample.
+    triangle = cholesky(squares + 1e-12 * np.trace(squares) / count * np.eye(count))
     target = solve_triangular(triangle, basis.T @ level, trans=1)
     free = solve_triangular(triangle, target)
     values = spline_basis(np.linspace(-1, 1, 1001), count) @ free
@@ -317,7 +293,7 @@ def _clipping(level: np.ndarray) -> tuple[str, ...]:
     for word, extreme in (("above", float(np.max(level))), ("below", float(np.min(level)))):
         edges = np.flatnonzero(np.diff(np.concatenate([[False], level == extreme, [False]])))
         longest = int(np.max(np.diff(edges)[::2]))
-        if longest > 2 * np.log2(level.size) and noise > _LEAST_NOISE * np.ptp(level):
+        if longest > 2 * np.log2(level.size) and noise > 1e-4 * np.ptp(level):
             share = float(np.mean(level == extreme))
             sentences.append(
                 f"it is clipped, with {share:.2g} of its samples at exactly {extreme:.6g}: what "
@@ -342,4 +318,4 @@ def _noise_between_rails(level: np.ndarray) -> float:
         return 0.0
     noise = float(np.sqrt(max(np.median(products), 0.0)))
     step = float(np.min(np.diff(np.unique(level[is_between])), initial=np.inf))
-    return noise if noise > _ROUNDING * step else 0.0
+    return noise if noise > 1.1 * step else 0.0

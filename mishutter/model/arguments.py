@@ -42,11 +42,7 @@ class Arguments(Part):
     made: ClassVar[Callable[..., Any]]
 
     def built(self, **others: object) -> Any:
-        """The object of these arguments.
-
-        Raises:
-            ValueError: if the class refuses an argument.
-        """
+        """The object of these arguments."""
         return self.made(**{name: _built(value) for name, value in self} | others)
 
 

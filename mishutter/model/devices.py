@@ -94,11 +94,7 @@ class AbstractDevice(AbstractModule):
     @staticmethod
     @abstractmethod
     def has(arguments: Collection[str]) -> bool:
-        """Whether arguments, by their names, are those of a device of this kind and no other.
-
-        Args:
-            arguments: Names of the arguments that a file gives.
-        """
+        """Whether the arguments of a file, by their names, are those of this kind of device."""
 
     @property
     @abstractmethod
@@ -124,24 +120,12 @@ class AbstractDevice(AbstractModule):
     def made(
         self, command: AbstractShutter, half_exposure: ArrayLike, dtype: np.dtype
     ) -> "TransmittedShutter":
-        """The transmittance that the device makes of a profile, in a precision.
-
-        Args:
-            command: The profile that is sent.
-            half_exposure: Half of the exposure that it is sent over; s.
-            dtype: Precision of the device's numbers.
-        """
+        """The transmittance made of a profile that is sent over twice a half exposure, s."""
 
     def behind(
         self, command: AbstractShutter, half_exposure: ArrayLike, dtype: np.dtype
     ) -> "TransmittedShutter":
-        """The transmittance behind the device, also of a profile that stays open.
-
-        Args:
-            command: The profile that is sent, or what the device has made of one, which stays.
-            half_exposure: Half of the exposure that it is sent over; s.
-            dtype: Precision of the device's numbers.
-        """
+        """The transmittance `made`, also of an open profile; one that the device has made stays."""
         if isinstance(command, TransmittedShutter):
             return command
         return self.made(command, half_exposure, dtype)
@@ -149,13 +133,7 @@ class AbstractDevice(AbstractModule):
     def light(
         self, command: AbstractShutter, half_exposure: ArrayLike, dtype: np.dtype
     ) -> AbstractShutter:
-        """The transmittance that light sees: that of a profile that `stays_open`, or `behind`.
-
-        Args:
-            command: The profile that is sent, or what the device has made of one, which stays.
-            half_exposure: Half of the exposure that it is sent over; s.
-            dtype: Precision of the device's numbers.
-        """
+        """The transmittance that light sees: that of a profile that `stays_open`, or `behind`."""
         if isinstance(command, TransmittedShutter):
             return command
         if all_concrete(command):
@@ -178,23 +156,12 @@ class AbstractDevice(AbstractModule):
     def passed(
         self, profile: AbstractPiecewiseShutter, dtype: np.dtype, sent: AbstractShutter | None
     ) -> "TransmittedShutter":
-        """The transmittance of a profile that the device follows.
-
-        Args:
-            profile: The profile that it follows.
-            dtype: Precision of the numbers.
-            sent: The profile that was sent; None where that is the one it follows.
-        """
+        """The transmittance of a profile that the device follows, where another may be `sent`."""
         transmission, leakage = (jnp.asarray(x, dtype) for x in (self.transmission, self.leakage))
         return TransmittedShutter(profile, transmission, leakage, sent)
 
     def slots(self, command: AbstractShutter, dtype: np.dtype) -> Float[Array, "n"]:
-        """Level that is held over each slot; shape `(num_slots,)`.
-
-        Args:
-            command: The profile that is sent.
-            dtype: Precision of the numbers.
-        """
+        """Level that is held over each slot of a profile that is sent; shape `(num_slots,)`."""
         means = slot_means(command, self.num_slots or NUM_SLOTS, dtype)
         if self.levels is None:
             return means
@@ -274,7 +241,7 @@ class IdealDevice(AbstractDevice):
 
     @property
     def relaxed(self) -> "IdealDevice":
-        return IdealDevice(transmission=self.transmission, leakage=self.leakage)
+        return self.without_lag
 
     @property
     def settling_time(self) -> float | Array:
@@ -457,7 +424,7 @@ class SwitchedDevice(AbstractDevice):
 
     @property
     def relaxed(self) -> IdealDevice:
-        return IdealDevice(transmission=self.transmission, leakage=self.leakage)
+        return self.without_lag
 
     @property
     def settling_time(self) -> float | Array:

@@ -655,11 +655,7 @@ def _solved(formula: Callable[..., Positions], *numbers: ArrayLike) -> Array:
 
 
 def simplified(motion: AbstractMotion) -> AbstractMotion:
-    """The motion as programs take it: without an acceleration where none to speak of is known.
-
-    Raises:
-        ValueError: if it is no motion, as that of a scene may be.
-    """
+    """The motion as programs take it: without an acceleration where none to speak of is known."""
     require(isinstance(motion, AbstractMotion), "motion", "be a motion", motion)
     if not motion.is_straight:
         return motion
@@ -669,11 +665,7 @@ def simplified(motion: AbstractMotion) -> AbstractMotion:
 
 
 def steady(motion: AbstractMotion) -> ParabolicMotion:
-    """The parabola that a motion must be.
-
-    Raises:
-        ValueError: if its acceleration changes.
-    """
+    """The parabola that a motion must be."""
     is_motion = isinstance(motion, AbstractMotion)
     is_steady = is_motion and motion.accelerates_constantly
     require(is_steady, "motion", "accelerate constantly", motion)

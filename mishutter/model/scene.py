@@ -499,9 +499,6 @@ def in_sensor_frame(scene: Scene, motion: AbstractMotion) -> tuple[Scene, Abstra
 
     The velocity of the sensor is subtracted from all speeds. The motion has none left, and the
     limit on its top speed falls by as much.
-
-    Raises:
-        ValueError: if the scene is none.
     """
     require_scene(scene)
     if is_known_zero(motion.velocity):
@@ -611,12 +608,7 @@ def _scene(data: bytes, name: str, folder: Path) -> Scene:
 def scene_of_tables(
     tables: object, name: str, folder: Path, textures: Textures | None = None
 ) -> Scene:
-    """The scene of a file's tables.
-
-    Raises:
-        ValueError: as `read_scene`.
-        OSError: as `read_scene`.
-    """
+    """The scene of a file's tables."""
     file = validated(SceneFile, tables, name, in_section)
     with in_file(name):
         arguments = scene_arguments(file, folder, textures)
@@ -630,9 +622,6 @@ def scene_text(scene: Scene, notes: Mapping[str, Sequence[str]] | None = None) -
 
     A photograph is told by its whole path, and read again with the scene. Without one a power
     spectrum, and a motion that is no parabola, have no keys, and are left out.
-
-    Raises:
-        ValueError: if a number is out of the range of its key.
     """
     return file_text(scene_tables(scene), "scene_text(scene=...)", notes or {})
 

@@ -70,12 +70,7 @@ Textures = Callable[[str, float | None, bool, Axis], Texture]
 
 
 def read_speed(text: str, path: str | Path | None, subject: str) -> float:
-    """The speed of a thing in a scene, which a text gives in px/s or in a unit of its file; px/s.
-
-    Raises:
-        ValueError: as `speed_of`, and if the file is not a scene.
-        OSError: if the file cannot be read.
-    """
+    """The speed of a thing in a scene, px/s, which a text gives in that or a unit of its file."""
     data = example_scene_text().encode() if path is None else contents(Path(path))
     name = str(path or "example_scene.toml")
     file = validated(SceneFile, parsed(tomllib.loads, data, name, "TOML"), name, in_section)
@@ -83,12 +78,7 @@ def read_speed(text: str, path: str | Path | None, subject: str) -> float:
 
 
 def read_velocity(text: str, path: str | Path | None, subject: str) -> tuple[float, float]:
-    """The velocity of a thing along rows and columns, in two speeds of `read_speed`, or 0; px/s.
-
-    Raises:
-        ValueError: as `read_speed`, and if there are not two.
-        OSError: if the file cannot be read.
-    """
+    """The velocity of a thing along rows and columns, in two speeds of `read_speed`, or 0; px/s."""
     parts = ["0", "0"] if text == "0" else text.split(",")
     requirement = "be a velocity along rows and columns, as 1500,-800 or 0.9m/s,0.2m/s"
     require(len(parts) == 2, subject, requirement, text)
@@ -108,11 +98,7 @@ def example_scene_text() -> str:
 def file_text(
     tables: Mapping[str, Mapping[str, object]], subject: str, notes: Mapping[str, Sequence[str]]
 ) -> str:
-    """The text of a scene file.
-
-    Raises:
-        ValueError: if a number is out of the range of its key.
-    """
+    """The text of a scene file."""
     file = validated(SceneFile, tables, subject, in_section)
     lines = [f"# {line}" for line in notes.get("", ())]
     for name, section in file.model_dump(exclude_none=True).items():
@@ -148,12 +134,7 @@ def in_file(name: str) -> Iterator[None]:
 
 
 def scene_arguments(file: SceneFile, folder: Path, textures: Textures | None) -> dict[str, Any]:
-    """Arguments of `Scene` that a file gives.
-
-    Raises:
-        ValueError: if keys do not go together, or a photograph is no picture.
-        OSError: if a photograph cannot be read.
-    """
+    """Arguments of `Scene` that a file gives."""
     file = file.model_copy(update={"limits": _with_halves(file.limits)})
     scales = _scales(file)
     moving = _speeds(file, scales)

@@ -321,12 +321,7 @@ class Scales(NamedTuple):
 
 
 def speed_of(text: str, scales: Scales, subject: str) -> float:
-    """The speed of a thing that a text gives in px/s, or with its unit; px/s.
-
-    Raises:
-        ValueError: if it is no number, one of another unit, or faster than anything, or the scene
-            does not say what the unit needs.
-    """
+    """The speed of a thing that a text gives in px/s, or with its unit; px/s."""
     *units, last = map(_text, SPEED_UNITS)
     pattern = rf"\s*(\S+?)\s*({'|'.join([*units, last])})\s*"
     match = re.fullmatch(pattern, text.translate(_MICRO))
@@ -348,9 +343,6 @@ def told_in(section: Section, name: str, units: tuple[str, ...], place: str) -> 
     """The one unit in which a section gives a quantity, and its value; None if it gives none.
 
     A default, of a key that the file does not have, gives way to another unit.
-
-    Raises:
-        ValueError: if it is given in several units.
     """
     values = {unit: getattr(section, _key(name, unit)) for unit in units}
     in_file = [unit for unit in units if _key(name, unit) in section.model_fields_set]
@@ -378,12 +370,7 @@ _OTHER_NAMES = {
 
 
 def arguments_in(section: Section, kind: type, place: str, scales: Scales) -> dict[str, Any]:
-    """Arguments of a class that a section gives, in the units of the class.
-
-    Raises:
-        ValueError: if a quantity is given in several units, or in one that needs a key that the
-            file does not have.
-    """
+    """Arguments of a class that a section gives, in the units of the class."""
     values = {}
     for name, units in _quantities(type(section), kind).items():
         unit, value = told_in(section, name, units, place)
@@ -437,11 +424,7 @@ _WAYS_OF_LIGHT = {
 
 
 def photon_rate(light: Light, scales: Scales) -> float:
-    """Photo-electrons a second at a white pixel of an open shutter.
-
-    Raises:
-        ValueError: if the section says it in several ways, in none, or half of it.
-    """
+    """Photo-electrons a second at a white pixel of an open shutter."""
     told = [way for way in _WAYS_OF_LIGHT if getattr(light, way) is not None]
     requirement = "be given, or white_e and white_ms, or illuminance_lux"
     require(len(told) > 0, "[light] photon_rate_per_s", requirement, _NOTHING)
@@ -468,11 +451,7 @@ def photon_rate(light: Light, scales: Scales) -> float:
 
 
 def read_noise_in(sensor: SensorSection) -> float:
-    """Standard deviation of the read noise that a section gives; e-.
-
-    Raises:
-        ValueError: if the section says it in both ways, in none, or half of it.
-    """
+    """Standard deviation of the read noise that a section gives; e-."""
     range_db, well = sensor.dynamic_range_db, sensor.full_well_e
     if range_db is None:
         require(sensor.read_noise_e is not None, "[sensor] read_noise_e", "be given", _NOTHING)

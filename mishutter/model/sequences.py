@@ -88,11 +88,7 @@ class AbstractFrames(AbstractExposures):
         return [frame.is_still for frame in self.frames]
 
     def place(self, times: Float[np.ndarray, "n q"]) -> Float[np.ndarray, "1 n q"]:
-        """Places of the sensor at some times of each exposure; px.
-
-        Args:
-            times: Times in each exposure; s.
-        """
+        """Places of the sensor at some times of each exposure, s; px."""
         pairs = zip(self.frames, times, strict=True)
         ways = [(x.position, x.motion.position(time - x.time)) for x, time in pairs]
         return np.array([[place + np.asarray(way, np.float64) for place, way in ways]])
@@ -102,11 +98,7 @@ class AbstractFrames(AbstractExposures):
         """The path of the stage from rest to rest, within some limits."""
 
     def stage_paths(self, scene: "Scene") -> dict[str, StagePath]:
-        """The path of the stage from rest to rest.
-
-        Args:
-            scene: The scene, whose limits say how the stage runs up.
-        """
+        """The path of the stage from rest to rest, by the limits of a scene."""
         # A scene has limits, which ask sequences for their paths.
         from mishutter.model.scene import require_scene
 

@@ -59,37 +59,22 @@ class AbstractVelocities(AbstractModule):
 
     @abstractmethod
     def components(self, direction: Float[Array | np.ndarray, "k"], num_speeds: int) -> Components:
-        """Components along some directions, which stand for all of them in a mean.
+        """So many components, of a law that is no list, that stand for all of them in a mean.
 
-        Args:
-            direction: Angles from the axis of the rows; rad.
-            num_speeds: Number of components, of a law that is no list.
+        They are along directions by their angles from the axis of the rows; rad.
         """
 
     @abstractmethod
     def greatest(self, direction: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
-        """Greatest component along some directions, of either sign; px/s, of a concrete law.
-
-        Args:
-            direction: Angles from the axis of the rows; rad.
-        """
+        """Greatest component along directions, rad, of either sign; px/s, of a concrete law."""
 
     @abstractmethod
     def cells(self, count: int) -> Cells | None:
-        """Cells of the components along any direction; None of a law without a density.
-
-        Args:
-            count: Number of cells.
-        """
+        """Cells of the components along any direction; None of a law without a density."""
 
     @abstractmethod
     def within(self, velocities: Float[np.ndarray, "k 2"], beyond: float) -> Bool[np.ndarray, "k"]:
-        """Whether velocities occur, or are near those that do, of a concrete law.
-
-        Args:
-            velocities: Components along rows and columns; px/s.
-            beyond: Distance that is near; px/s.
-        """
+        """Whether velocities of a concrete law occur, or are no further than `beyond`; px/s."""
 
     @abstractmethod
     def stand_ins(self) -> tuple[Float[np.ndarray, "s 2"], Float[np.ndarray, "s"]]:

@@ -160,11 +160,7 @@ class AbstractAdjustableShutter(AbstractPiecewiseShutter):
 
     @abstractmethod
     def at(self, box: Float[Array, "p"]) -> "AbstractAdjustableShutter":
-        """The shutter of the same kind at other coordinates.
-
-        Args:
-            box: Coordinates in the unit box; shape `(p,)`.
-        """
+        """The shutter of the same kind at other coordinates in the unit box."""
 
 
 def is_adjustable(shutter: AbstractShutter) -> bool:
@@ -173,11 +169,7 @@ def is_adjustable(shutter: AbstractShutter) -> bool:
 
 
 def coordinates(shutter: AbstractShutter) -> Float[Array, "p"]:
-    """Coordinates of an adjustable profile in the unit box; shape `(p,)`.
-
-    Raises:
-        ValueError: if a bounded parameter is no number, or its bounds are not two that ascend.
-    """
+    """Coordinates of an adjustable profile in the unit box; shape `(p,)`."""
     if isinstance(shutter, AbstractAdjustableShutter):
         return shutter.box()
     bounded = _bounded(shutter).values()
@@ -367,12 +359,7 @@ class SampledShutter(AbstractPiecewiseShutter):
 
 
 def piecewise(shutter: AbstractShutter) -> AbstractPiecewiseShutter:
-    """`shutter` itself if it is known piece by piece, its interpolant if not.
-
-    Raises:
-        ValueError: if it is no shutter, or one that is interpolated, and not traced, is not a
-            transmittance.
-    """
+    """`shutter` itself if it is known piece by piece, its interpolant if not."""
     require(isinstance(shutter, AbstractShutter), "shutter", "be a shutter", shutter)
     if isinstance(shutter, AbstractPiecewiseShutter):
         return shutter
