@@ -259,11 +259,7 @@ def captured_responses_below(
 
 
 def centred_kernel(
-    motion: AbstractMotion,
-    shutter: AbstractShutter,
-    *,
-    speed: float = 0.0,
-    lens_blur: float = 0.0,
+    motion: AbstractMotion, shutter: AbstractShutter, *, speed: float = 0.0, lens_blur: float = 0.0
 ) -> Float[np.ndarray, "1 taps"]:
     r"""The blur as other libraries take it: one row of taps, odd, its middle at rest.
 

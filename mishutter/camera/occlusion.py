@@ -263,15 +263,13 @@ def visible_layers(layers: Layers, motion: AbstractMotion) -> Layers:
 def _visible(layers: Layers, time: Float[np.ndarray, "q"], path: Float[np.ndarray, "q"]) -> Layers:
     """Layers that the sensor sees at some instants on its path, but for those that are clear."""
     first, *others = layers.layers
-    seen = [layer for layer in others if not _is_off(layers, layer, path - layer.speed * time)]
-    return replace(layers, layers=(first, *seen))
-
-
-def _is_off(layers: Layers, layer: Layer, displacement: Float[np.ndarray, "q"]) -> bool:
-    """Whether a layer is clear, or no displacement brings it onto the sensor."""
-    (rows, columns, _), (height, width) = layers.shape, layer.matte.shape
-    below, above = layer.top >= rows, layer.top + height <= 0
-    # The margin is wide beside what the path does between instants.
-    right = layer.left + np.min(displacement) - MARGIN >= columns
-    left = layer.left + width + np.max(displacement) + MARGIN <= 0
-    return below or above or bool(right or left) or not layer.matte.any()
+    (rows, columns, _), seen = layers.shape, [first]
+    for layer in others:
+        displacement, (height, width) = path - layer.speed * time, layer.matte.shape
+        meets_rows = layer.top < rows and layer.top + height > 0
+        # The margin is wide beside what the path does between instants.
+        begin = layer.left + np.min(displacement) - MARGIN
+        end = layer.left + width + np.max(displacement) + MARGIN
+        if meets_rows and begin < columns and end > 0 and layer.matte.any():
+            seen.append(layer)
+    return replace(layers, layers=tuple(seen))

@@ -31,14 +31,7 @@ from mishutter.camera.layers import Layers
 from mishutter.camera.noise import recorded
 from mishutter.camera.occlusion import expose_layers_in_frame
 from mishutter.camera.plane_frames import exposed_in_plane
-from mishutter.camera.rows import (
-    MAX_REACH,
-    Planes,
-    channels_last,
-    continued,
-    period_of,
-    rows_last,
-)
+from mishutter.camera.rows import MAX_REACH, Planes, channels_last, continued, period_of, rows_last
 from mishutter.evaluation.sequences import FrameNodes, nodes_of_frames
 from mishutter.model.optics import Optics
 from mishutter.model.scene import Scene, require_scene

@@ -151,20 +151,12 @@ def drive_bytes(table: AbstractTable, form: str) -> bytes:
     return _WRITERS[form](table)
 
 
-def _column(table: AbstractTable) -> bytes:
-    return "".join(f"{value!r}\n" for value in _drive(table).tolist()).encode()
-
-
 def _keysight(table: AbstractTable) -> bytes:
     rate = table.level.size / table.exposure
     # Of a stage of two axes both outputs are places, and the gate alone is the shutter.
     channels = _channels(table)[-3:]
     rows = [f"{y1!r},{y2!r},{gate:.0f}" for y1, y2, gate in channels.T.tolist()]
     return "\n".join([f"SampleRate={rate!r}", "Y1,Y2,SampleMarker1", *rows, ""]).encode()
-
-
-def _rigol(table: AbstractTable) -> bytes:
-    return np.rint((_drive(table) + 1) / 2 * _WORDS).astype("<u2").tobytes()
 
 
 def _siglent(table: AbstractTable) -> bytes:
@@ -195,9 +187,9 @@ def _pulse_list(table: AbstractTable) -> bytes:
 
 _WRITERS: dict[str, Callable[[AbstractTable], bytes]] = {
     "csv": lambda table: table.to_csv().encode(),
-    "column": _column,
+    "column": lambda table: "".join(f"{y!r}\n" for y in _drive(table).tolist()).encode(),
     "keysight": _keysight,
-    "rigol": _rigol,
+    "rigol": lambda table: np.rint((_drive(table) + 1) / 2 * _WORDS).astype("<u2").tobytes(),
     "siglent": _siglent,
     "npy": _npy,
     "pulses": _pulse_list,
@@ -486,35 +478,29 @@ def _from_siglent(lines: list[str], name: str) -> _Samples:
 
 
 def _from_rigol(content: bytes, name: str, num_steps: int | None) -> _Samples:
-    is_even = len(content) > 0 and len(content) % 2 == 0
-    require(is_even, name, "hold 16-bit words, 2 bytes a step", Unquoted(f"{len(content)} bytes"))
-    words = np.frombuffer(content, "<u2")
-    highest = int(words.max())
-    require(highest <= _WORDS, name, f"hold words of 14 bits, up to {_WORDS}", highest)
-    words = _without_fill(words, name, num_steps)
-    return _Samples(drive=2 * words.astype(np.float64) / _WORDS - 1)
-
-
-def _without_fill(words: np.ndarray, name: str, num_steps: int | None) -> np.ndarray:
     """The words of the exposure, without the zeros up to the length that a generator takes.
 
     A profile may be closed at its ends: the caller must give the number of steps where there are
     many more zeros at the end than at the beginning.
     """
-    if num_steps is not None:
-        rest = words[num_steps:]
-        is_fill = not rest.any()
+    is_even = len(content) > 0 and len(content) % 2 == 0
+    require(is_even, name, "hold 16-bit words, 2 bytes a step", Unquoted(f"{len(content)} bytes"))
+    words = np.frombuffer(content, "<u2")
+    highest = int(words.max())
+    require(highest <= _WORDS, name, f"hold words of 14 bits, up to {_WORDS}", highest)
+    if num_steps is None:
+        before = int(np.argmax(words > 0))
+        after = int(np.argmax(words[::-1] > 0)) if words.any() else words.size
+        # The smallest generator fills a file up to 8,192 words.
+        is_filled = words.size >= 8192 and after - before > words.size / 8
+        requirement = "hold the exposure alone, or be read with `num_steps` or `--drive-steps`"
+        got = Unquoted(f"{words.size} words, the last {after} of them 0")
+        require(not is_filled, name, requirement, got)
+    else:
+        words, rest = words[:num_steps], words[num_steps:]
         got = Unquoted(f"{np.count_nonzero(rest)} other words")
-        require(is_fill, name, f"hold zeros alone after {num_steps} steps", got)
-        return words[:num_steps]
-    before = int(np.argmax(words > 0))
-    after = int(np.argmax(words[::-1] > 0)) if words.any() else words.size
-    # The smallest generator fills a file up to 8,192 words.
-    is_filled = words.size >= 8192 and after - before > words.size / 8
-    requirement = "hold the exposure alone, or be read with `num_steps` or `--drive-steps`"
-    got = Unquoted(f"{words.size} words, the last {after} of them 0")
-    require(not is_filled, name, requirement, got)
-    return words
+        require(not rest.any(), name, f"hold zeros alone after {num_steps} steps", got)
+    return _Samples(drive=2 * words.astype(np.float64) / _WORDS - 1)
 
 
 def _from_npy(content: bytes, name: str) -> _Samples:

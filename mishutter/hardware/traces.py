@@ -186,9 +186,7 @@ def measured_profile(
     require(closed is not None or dark.size >= _LEAST_CLOSED, name, requirement, int(dark.size))
     black = float(np.mean(dark)) if closed is None else closed
     swing = None if opened is None else opened - black
-    smooth = _smoothed(tau[inside], levels[inside] - black, swing)
-    white, (_, greatest) = smooth.white, smooth.extremes
-    noise = float(np.sqrt(smooth.variance))
+    coefficients, white, greatest, noise = _smoothed(tau[inside], levels[inside] - black, swing)
     requirement = "tell the open shutter from the closed one by more than its noise"
     got = Unquoted(f"levels {black:g} and {black + white:g}, noise {noise:.3g}")
     require(abs(white) > 2 * noise, name, requirement, got)
@@ -205,7 +203,7 @@ def measured_profile(
     outside = float(np.mean(dark) - black) / white if dark.size >= _LEAST_CLOSED else 0.0
     if outside > 0.5:
         notes += (f"by these levels the shutter is open outside the exposure, by {outside:.2f}",)
-    shutter = SplineShutter(smooth.coefficients)
+    shutter = SplineShutter(coefficients)
     return MeasuredProfile(shutter, noise / abs(white), black, black + white, notes)
 
 
@@ -230,55 +228,43 @@ def for_a_fit(trace: TraceLike, half_exposure: float, name: str) -> tuple[Trace,
     return Trace(time, sign * level), profile.notes
 
 
-class _Smooth(NamedTuple):
-    """A spline through a trace."""
+def _smoothed(
+    tau: np.ndarray, level: np.ndarray, swing: float | None
+) -> tuple[Float[np.ndarray, "count"], float, float, float]:
+    """Coefficients of the spline of least cross-validation, its white, greatest level and noise.
 
-    score: float  # Generalised cross-validation of the spline within [0, 1]
-    extremes: tuple[float, float]  # Least and greatest value of the spline without bounds
-    white: float  # Level of the open shutter above the closed one
-    variance: float  # Variance of a sample about the spline within [0, 1]
-    coefficients: Float[np.ndarray, "count"]  # Coefficients of that spline
-
-
-def _smoothed(tau: np.ndarray, level: np.ndarray, white: float | None) -> _Smooth:
-    """The spline whose generalised cross-validation is smallest."""
-    longest = float(np.max(np.diff(tau)))
-    most = min(tau.size // 3, 3 + int(2 / longest))
-    counts = (8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
-    splines = (_smooth(tau, level, count, white) for count in counts if count <= most)
-    return min(splines, key=lambda each: each.score)
-
-
-def _smooth(tau: np.ndarray, level: np.ndarray, count: int, white: float | None) -> _Smooth:
-    """The spline of `count` coefficients, of levels above that of the closed shutter.
-
-    Normal equations need the four B-splines at each sample, where the dense basis has `count`
-    numbers a sample. They are well conditioned as long as samples cover each B-spline. With their
-    Cholesky factor the bounded problem has `count` rows, whose squared residuals are what the
+    Levels are above that of the closed shutter, and the greatest is that of the spline without
+    bounds. Normal equations need the four B-splines at each sample, where the dense basis has all
+    of them. They are well conditioned as long as samples cover each B-spline. With their Cholesky
+    factor the bounded problem has a row for each coefficient, whose squared residuals are what the
     bounds add to those of the free spline.
     """
     from scipy.linalg import cholesky, solve_triangular
 
-    basis = spline_basis(tau, count)
-    squares = (basis.T @ basis).toarray()
-    # A ridge, a share of a B-spline's mean square, fixes a coefficient with hardly a sample.
-    triangle = cholesky(squares + 1e-12 * np.trace(squares) / count * np.eye(count))
-    target = solve_triangular(triangle, basis.T @ level, trans=1)
-    free = solve_triangular(triangle, target)
-    values = spline_basis(np.linspace(-1, 1, 1001), count) @ free
-    least, greatest = float(np.min(values)), float(np.max(values))
-    if white is None:
-        white = greatest if greatest > -least else least
-    coefficients = bounded_coefficients(triangle, target / (white or 1.0))
-    excess = target - triangle @ coefficients * white
-    residual = float(np.sum((level - basis @ free) ** 2) + np.sum(excess**2))
-    return _Smooth(
-        score=residual / (1 - count / tau.size) ** 2,
-        extremes=(least, greatest),
-        white=white,
-        variance=residual / (tau.size - count),
-        coefficients=coefficients,
-    )
+    most = min(tau.size // 3, 3 + int(2 / float(np.max(np.diff(tau)))))
+    splines = []
+    for count in (8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256):
+        if count > most:
+            break
+        basis = spline_basis(tau, count)
+        squares = (basis.T @ basis).toarray()
+        # A ridge, a share of a B-spline's mean square, fixes a coefficient with hardly a sample.
+        triangle = cholesky(squares + 1e-12 * np.trace(squares) / count * np.eye(count))
+        target = solve_triangular(triangle, basis.T @ level, trans=1)
+        free = solve_triangular(triangle, target)
+        values = spline_basis(np.linspace(-1, 1, 1001), count) @ free
+        least, greatest = float(np.min(values)), float(np.max(values))
+        white = swing
+        if white is None:
+            white = greatest if greatest > -least else least
+        coefficients = bounded_coefficients(triangle, target / (white or 1.0))
+        excess = target - triangle @ coefficients * white
+        residual = float(np.sum((level - basis @ free) ** 2) + np.sum(excess**2))
+        score = residual / (1 - count / tau.size) ** 2
+        noise = float(np.sqrt(residual / (tau.size - count)))
+        splines.append((score, coefficients, white, greatest, noise))
+    _, coefficients, white, greatest, noise = min(splines, key=lambda each: each[0])
+    return coefficients, white, greatest, noise
 
 
 def _clipping(level: np.ndarray) -> tuple[str, ...]:

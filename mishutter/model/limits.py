@@ -402,10 +402,7 @@ class Limits(AbstractModule):
         return namespace_of(half_exposure).maximum(top - abs(v), 0) / (2 * half_exposure)
 
     def largest_acceleration(
-        self,
-        half_exposure: Number,
-        velocity: Number,
-        shape: PathShape | None = None,
+        self, half_exposure: Number, velocity: Number, shape: PathShape | None = None
     ) -> Number:
         """Largest acceleration within stroke, top speed and the stage's reach; px/s^2, scalar.
 
@@ -638,11 +635,7 @@ class Limits(AbstractModule):
         return self.acceleration_of_stage(acceleration, half, velocity), half, velocity
 
     def acceleration_of_stage(
-        self,
-        most: Number,
-        half_exposure: Number,
-        velocity: Number,
-        shape: PathShape | None = None,
+        self, most: Number, half_exposure: Number, velocity: Number, shape: PathShape | None = None
     ) -> Number:
         """Largest acceleration up to `most` that the stage reaches; px/s^2, scalar.
 

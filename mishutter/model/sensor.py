@@ -53,13 +53,9 @@ class Sensor(AbstractModule):
         width: ArrayLike | None = None,
         pixel_pitch: ArrayLike | None = None,
     ):
-        self.full_well = self.width = self.pixel_pitch = None
-        if full_well is not None:
-            self.full_well = as_float(full_well, "Sensor(full_well=...)")
-        if width is not None:
-            self.width = as_float(width, "Sensor(width=...)")
-        if pixel_pitch is not None:
-            self.pixel_pitch = as_float(pixel_pitch, "Sensor(pixel_pitch=...)")
+        numbers = {"full_well": full_well, "width": width, "pixel_pitch": pixel_pitch}
+        for name, value in numbers.items():
+            setattr(self, name, None if value is None else as_float(value, f"Sensor({name}=...)"))
         self.axis = axis
 
     def __check_init__(self) -> None:

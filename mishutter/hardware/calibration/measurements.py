@@ -188,11 +188,7 @@ def read_measurements(path: str | Path) -> Measurements:
     figures = file.sensor
     pictures = tuple(
         TargetPicture(
-            _levels(folder / p.path),
-            p.target,
-            p.speed_px_per_s,
-            str(folder / p.path),
-            figures.axis,
+            _levels(folder / p.path), p.target, p.speed_px_per_s, str(folder / p.path), figures.axis
         )
         for p in file.picture
     )
