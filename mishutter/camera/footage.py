@@ -132,9 +132,8 @@ def read_frames(
     """
     path, white_level = Path(path), checked_white("read_frames(white=...)", white)
     if not path.exists():
-        raise FileNotFoundError(
-            f"`{_READ}` must name a folder or a video; got {str(path)!r}, not found."
-        )
+        got = f"{str(path)!r}, not found"
+        raise FileNotFoundError(f"`{_READ}` must name a folder or a video; got {got}.")
     if path.is_dir():
         names = sorted(p for p in path.iterdir() if p.suffix.lower() in PICTURE_SUFFIXES)
         require(len(names) >= 1, _READ, "hold pictures", str(path))
@@ -154,13 +153,11 @@ def read_frames(
         ) from error
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise ValueError(
-            f"`{_READ}` must name a whole video; got {str(path)!r}: {reason.removesuffix('.')}."
-        ) from error
+        got = f"{str(path)!r}: {reason.removesuffix('.')}"
+        raise ValueError(f"`{_READ}` must name a whole video; got {got}.") from error
     require(len(durations) >= 1, _READ, "hold at least one frame", str(path))
-    radiances = (
-        light_of(Decoded(frame, None, 255.0), path, white_level, linear) for frame in frames
-    )
+    decoded = (Decoded(frame, None, 255.0) for frame in frames)
+    radiances = (light_of(frame, path, white_level, linear) for frame in decoded)
     return Footage(radiances, len(durations), border, durations)
 
 

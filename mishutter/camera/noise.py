@@ -56,9 +56,8 @@ def _keys(key: Array) -> tuple[Array, Array]:
 def fixed_key() -> Array:
     """The key of noise where none is given: `jax.random.key(0)` of JAX's own generator."""
     with outside_trace():
-        return jax.random.wrap_key_data(
-            device_constant(np.zeros(2, np.uint32)), impl="threefry2x32"
-        )
+        words = device_constant(np.zeros(2, np.uint32))
+        return jax.random.wrap_key_data(words, impl="threefry2x32")
 
 
 def shot_electrons(

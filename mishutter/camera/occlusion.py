@@ -141,9 +141,8 @@ def _add(total: np.ndarray, irradiance: np.ndarray, image: _Image, left: int) ->
     first = max(image.left - image.aside, 0)
     last = min(image.left + image.num_columns + image.aside, total.shape[-1])
     if first < last:
-        total[..., first:last] += irradiance[
-            ..., np.arange(first - left, last - left) % irradiance.shape[-1]
-        ]
+        columns = np.arange(first - left, last - left) % irradiance.shape[-1]
+        total[..., first:last] += irradiance[..., columns]
 
 
 def _hide(total: np.ndarray, image: _Image, front: Sequence[Layer], exposure: _Exposure) -> None:

@@ -112,7 +112,6 @@ class AbstractTable(ABC):
         """The table as text: a line of names, a line of units, then one a step."""
 
     def __repr__(self) -> str:
-        """One line, without the numbers of each step."""
         return fields_text(self)
 
     @property
@@ -362,11 +361,9 @@ def _from_table(lines: list[str], name: str) -> _Samples:
     step = 2 * half / count
     is_aside = np.abs(begin - (np.arange(count) * step - half)) > step / 1000 + _SAME * half
     first = int(np.argmax(is_aside))
-    requirement = (
-        f"have equal steps without a gap, {count} from {-half * 1e3:g} to {half * 1e3:g} ms"
-    )
+    span = f"{count} from {-half * 1e3:g} to {half * 1e3:g} ms"
     got = Unquoted(f"{begin[first] * 1e3:g} ms in row {first + 1}")
-    require(not is_aside.any(), name, requirement, got)
+    require(not is_aside.any(), name, f"have equal steps without a gap, {span}", got)
     return _Samples(half, transmittance=transmittance, position=columns.get("sensor_position"))
 
 

@@ -151,10 +151,9 @@ def with_recorded_path(
     pan = pan_of(scene.velocities, scene.limits) * turns
     times, exposures = (np.asarray(x, np.float64) for x in (taken.times, taken.exposures))
     velocities = spline.velocities + pan[:, None]
-    burst = replace(
-        design.burst, frames=PlaneFrames(times, exposures, np.diff(spline.knots), velocities)
-    )
-    return replace(design, burst=burst), _difference(spline, taken.lights, planned, pan)
+    frames = PlaneFrames(times, exposures, np.diff(spline.knots), velocities)
+    recorded = replace(design, burst=replace(design.burst, frames=frames))
+    return recorded, _difference(spline, taken.lights, planned, pan)
 
 
 class _Spline(NamedTuple):

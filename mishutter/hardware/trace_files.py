@@ -21,9 +21,8 @@ from mishutter._core.columns import text_of
 from mishutter._core.files import contents
 from mishutter.hardware.traces import Trace, has_two_levels, require_ascending, require_samples
 
-_UNITS = {"ns": 1e-9, "us": 1e-6, "\u03bcs": 1e-6, "ms": 1e-3} | dict.fromkeys(
-    ("s", "sec", "second", "seconds"), 1.0
-)
+_UNITS = {"ns": 1e-9, "us": 1e-6, "\u03bcs": 1e-6, "ms": 1e-3}
+_UNITS |= dict.fromkeys(("s", "sec", "second", "seconds"), 1.0)
 """Units of time, case-folded, which makes one of both micro signs; s."""
 METRES = {"nm": 1e-9, "um": 1e-6, "\u03bcm": 1e-6, "mm": 1e-3, "m": 1.0}
 """Units of places beside pixels, case-folded; m."""

@@ -180,10 +180,8 @@ def measured_profile(
     inside = np.abs(tau) <= 1
     levels = np.asarray(trace.level, np.float64)
     dark = levels[~inside]
-    requirement = (
-        f"have {_LEAST_CLOSED} samples outside the exposure, or a level of the closed shutter"
-    )
-    require(closed is not None or dark.size >= _LEAST_CLOSED, name, requirement, int(dark.size))
+    words = f"have {_LEAST_CLOSED} samples outside the exposure, or a level of the closed shutter"
+    require(closed is not None or dark.size >= _LEAST_CLOSED, name, words, int(dark.size))
     black = float(np.mean(dark)) if closed is None else closed
     swing = None if opened is None else opened - black
     coefficients, white, greatest, noise = _smoothed(tau[inside], levels[inside] - black, swing)

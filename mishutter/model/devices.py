@@ -24,7 +24,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
+from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Num
 
 from mishutter._core.checks import (
     all_concrete,
@@ -43,7 +43,12 @@ from mishutter.model.lagged import lagged
 from mishutter.model.shutters.base import (
     AbstractPiecewiseShutter,
     AbstractShutter,
+    Cells,
+    Offsets,
+    Pieces,
     SampledShutter,
+    Sides,
+    Values,
     piecewise,
 )
 from mishutter.model.shutters.chips import ChippedShutter
@@ -88,7 +93,6 @@ class AbstractDevice(AbstractModule):
                 require(holds(float(value)), subject, requirement, value)
 
     def __repr__(self) -> str:
-        """One line with the numbers, in place of an Equinox module's types."""
         return fields_text(self)
 
     @staticmethod
@@ -475,7 +479,17 @@ class TransmittedShutter(AbstractPiecewiseShutter):
     profile: AbstractPiecewiseShutter
     transmission: Array
     leakage: Array
-    sent: AbstractShutter | None = None
+    sent: AbstractShutter | None
+
+    def __init__(
+        self,
+        profile: AbstractPiecewiseShutter,
+        transmission: Array,
+        leakage: Array,
+        sent: AbstractShutter | None = None,
+    ):
+        self.profile, self.transmission, self.leakage = profile, transmission, leakage
+        self.sent = sent
 
     @property
     def command(self) -> AbstractShutter:
@@ -508,18 +522,10 @@ class TransmittedShutter(AbstractPiecewiseShutter):
     def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         return self.profile.breakpoints(dtype)
 
-    def piece_transmittance(
-        self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
-    ) -> Num[Array | np.ndarray, "pieces *offsets"]:
+    def piece_transmittance(self, offset: Offsets) -> Values:
         return self._passed(self.profile.piece_transmittance(offset))
 
-    def piece_mean(
-        self,
-        piece: Int[Array, "*cells"],
-        from_left: Bool[Array, "*cells"],
-        distance: Float[Array, "*cells"],
-        width: Float[Array, "*cells"],
-    ) -> Float[Array, "*cells"]:
+    def piece_mean(self, piece: Pieces, from_left: Sides, distance: Cells, width: Cells) -> Cells:
         return self._passed(self.profile.piece_mean(piece, from_left, distance, width))
 
     def _passed(self, opened: Num[Array | np.ndarray, "*shape"]) -> Inexact[Array, "*shape"]:

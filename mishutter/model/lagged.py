@@ -10,11 +10,16 @@ from typing import ClassVar, final
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
+from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core.compiling import compiled
 from mishutter.model.shutters.base import (
     AbstractPiecewiseShutter,
+    Cells,
+    Offsets,
+    Pieces,
+    Sides,
+    Values,
     above_zero,
     polynomial,
     uniform_breakpoints,
@@ -59,9 +64,7 @@ class LaggedShutter(AbstractPiecewiseShutter):
         cut = jnp.where(settled < begins[1:], settled, begins[1:])
         return jnp.append(jnp.stack([begins[:-1], cut], axis=1).ravel(), begins[-1])
 
-    def piece_transmittance(
-        self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
-    ) -> Num[Array | np.ndarray, "pieces *offsets"]:
+    def piece_transmittance(self, offset: Offsets) -> Values:
         shape = (-1,) + (1,) * (offset.ndim - 1)
         levels, starts, constants = (
             jnp.repeat(x, 2).reshape(shape).astype(offset.dtype)
@@ -72,13 +75,7 @@ class LaggedShutter(AbstractPiecewiseShutter):
         state = starts * jnp.exp(-share) - levels * jnp.expm1(-share)
         return jnp.where(rests, levels, state)
 
-    def piece_mean(
-        self,
-        piece: Int[Array, "*cells"],
-        from_left: Bool[Array, "*cells"],
-        distance: Float[Array, "*cells"],
-        width: Float[Array, "*cells"],
-    ) -> Float[Array, "*cells"]:
+    def piece_mean(self, piece: Pieces, from_left: Sides, distance: Cells, width: Cells) -> Cells:
         dtype = np.dtype(width.dtype)
         length = jnp.diff(self.breakpoints(dtype))[piece]
         levels, starts, constants = (

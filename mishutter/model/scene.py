@@ -216,15 +216,13 @@ class Scene(AbstractModule):
             value = getattr(self, name)
             require(isinstance(value, kind), f"Scene({name}=...)", requirement, value)
         self._check_power_below()
-        *words, last = map(repr, get_args(DecoderSpeed))
-        requirement = f"be {', '.join(words)} or {last}"
+        *others, last = map(repr, get_args(DecoderSpeed))
+        requirement = f"be {', '.join(others)} or {last}"
         is_valid = self.decoder_speed in get_args(DecoderSpeed)
         require(is_valid, "Scene(decoder_speed=...)", requirement, self.decoder_speed)
         whole = self.occlusion is None or self.decoder_speed != "found"
-        requirement = (
-            "be 'unknown' or 'known': no single speed describes a picture with a background"
-        )
-        require(whole, "Scene(decoder_speed=...)", requirement, self.decoder_speed)
+        words = "be 'unknown' or 'known': no single speed describes a picture with a background"
+        require(whole, "Scene(decoder_speed=...)", words, self.decoder_speed)
         is_valid = isinstance(self.given_motion, AbstractMotion | None)
         require(is_valid, "Scene(motion=...)", "be a motion", self.given_motion)
         for doubt in self._doubts():
@@ -412,9 +410,7 @@ class Scene(AbstractModule):
         Args:
             occlusion: The layers; None without any.
         """
-        return eqx.tree_at(
-            lambda s: s.occlusion, self, occlusion, is_leaf=lambda part: part is None
-        )
+        return eqx.tree_at(lambda s: s.occlusion, self, occlusion, is_leaf=lambda x: x is None)
 
     def without_pan(self) -> "Scene":
         """The scene with a sensor that may not pan."""
@@ -518,9 +514,8 @@ def in_sensor_frame(scene: Scene, motion: AbstractMotion) -> tuple[Scene, Abstra
         before = scene.limits.frame_velocity
         frame = velocity.astype(top.dtype)
         frame = as_float(frame if before is None else before + frame)
-        scene = eqx.tree_at(
-            lambda s: s.limits.frame_velocity, scene, frame, is_leaf=lambda leaf: leaf is None
-        )
+        place = lambda s: s.limits.frame_velocity  # noqa: E731
+        scene = eqx.tree_at(place, scene, frame, is_leaf=lambda x: x is None)
     if scene.tolerances is not None:
         tolerances = scene.tolerances.in_sensor_frame(velocity)
         scene = eqx.tree_at(lambda s: s.tolerances, scene, tolerances)
@@ -649,9 +644,8 @@ def scene_tables(scene: Scene) -> dict[str, dict[str, object]]:
     else:
         tables["speeds"] = {"any_direction": scene.velocities.table}
     tables["light"] = {"photon_rate_per_s": float(scene.photon_rate)}
-    tables["sensor"] = {"read_noise_e": float(scene.read_noise)} | table_of(
-        scene.sensor, SensorSection
-    )
+    tables["sensor"] = {"read_noise_e": float(scene.read_noise)}
+    tables["sensor"] |= table_of(scene.sensor, SensorSection)
     tables["decoder"] = {"speed": scene.decoder_speed}
     if scene.device is not None:
         tables["shutter"] = device_table(scene.device)

@@ -132,7 +132,6 @@ class View:
             warnings.warn(f"{doubt} of things; distances are in m", SceneWarning, stacklevel=3)
 
     def __repr__(self) -> str:
-        """The arguments that were given."""
         return fields_text(self)
 
     def speed(self, value: RowLike, unit: str) -> Any:

@@ -68,7 +68,6 @@ class Sensor(AbstractModule):
         require(is_axis, "Sensor(axis=...)", "be 'rows' or 'columns'", self.axis)
 
     def __repr__(self) -> str:
-        """The numbers, of which a module shows no more than their type."""
         return fields_text(self)
 
 
@@ -111,7 +110,6 @@ class BurstMode(AbstractModule):
         self.max_frames = max_frames
 
     def __repr__(self) -> str:
-        """The numbers, of which a module shows no more than their type."""
         return fields_text(self)
 
     def __check_init__(self) -> None:

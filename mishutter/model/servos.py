@@ -57,7 +57,6 @@ class SecondOrderStage(AbstractModule):
             require_at_least(subject, value, "above 0", strict=True)
 
     def __repr__(self) -> str:
-        """One line with the numbers, in place of an Equinox module's types."""
         return fields_text(self)
 
     @property

@@ -100,7 +100,6 @@ class Texture(AbstractModule):
             require(some, subject, "hold some power where the deviation is not 0", 0.0)
 
     def __repr__(self) -> str:
-        """One line with the numbers, in place of an Equinox module's types."""
         return fields_text(self)
 
     @staticmethod

@@ -98,7 +98,6 @@ class Tolerances(AbstractModule):
             require(lasts, "Tolerances(drive_step=...)", requirement, self.drive_step)
 
     def __repr__(self) -> str:
-        """One line with the numbers, in place of an Equinox module's types."""
         return fields_text(self)
 
     def in_sensor_frame(self, velocity: Array | np.ndarray) -> "Tolerances":

@@ -106,7 +106,6 @@ class AbstractVelocities(AbstractModule):
         return float(self.greatest(np.array([self.axis]))[0])
 
     def __repr__(self) -> str:
-        """The numbers, of which a module shows no more than their type."""
         return fields_text(self)
 
 

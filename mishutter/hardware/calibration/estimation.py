@@ -75,7 +75,6 @@ class FittedCamera:
     num_free: int
 
     def __repr__(self) -> str:
-        """One line, without the levels of each picture."""
         return fields_text(self)
 
     @property

@@ -185,13 +185,11 @@ def read_measurements(path: str | Path) -> Measurements:
     """
     name, folder = str(path), Path(path).parent
     file = validated(_File, parsed(tomllib.loads, contents(path), name, "TOML"), name)
-    figures = file.sensor
-    pictures = tuple(
-        TargetPicture(
-            _levels(folder / p.path), p.target, p.speed_px_per_s, str(folder / p.path), figures.axis
-        )
-        for p in file.picture
-    )
+    figures, pictures = file.sensor, []
+    for each in file.picture:
+        place, speed = folder / each.path, each.speed_px_per_s
+        picture = TargetPicture(_levels(place), each.target, speed, str(place), figures.axis)
+        pictures.append(picture)
     sensor = SensorLevels(
         electrons_per_level=figures.electrons_per_level,
         read_noise=figures.read_noise_e,
@@ -200,7 +198,7 @@ def read_measurements(path: str | Path) -> Measurements:
     )
     entry = file.trace
     trace = None if entry is None else read_trace(folder / entry.path, column=entry.column)
-    return Measurements(pictures, sensor, trace)
+    return Measurements(tuple(pictures), sensor, trace)
 
 
 def _levels(path: Path) -> np.ndarray:

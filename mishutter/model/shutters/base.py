@@ -32,6 +32,13 @@ from mishutter._core.modules import AbstractModule
 
 Numbers = Array | np.ndarray
 Length = TypeVar("Length", Array, np.ndarray)
+Offsets = Inexact[Array | np.ndarray, "pieces *offsets"]
+Values = Num[Array | np.ndarray, "pieces *offsets"]
+"""Values of the pieces' functions at offsets in each of them."""
+Pieces = Int[Array, "*cells"]
+Sides = Bool[Array, "*cells"]
+Cells = Float[Array, "*cells"]
+"""Intervals within pieces: the piece of each, its side, and lengths or means."""
 
 _NUM_PIECES, _DEGREE = 64, 5
 _UNIFORM = np.linspace(-1, 1, _NUM_PIECES + 1)
@@ -53,7 +60,6 @@ class AbstractShutter(AbstractModule):
     """
 
     def __repr__(self) -> str:
-        """The numbers, of which a module shows no more than their type."""
         return fields_text(self)
 
     @abstractmethod
@@ -129,13 +135,7 @@ class AbstractPiecewiseShutter(AbstractShutter):
         """
 
     @abstractmethod
-    def piece_mean(
-        self,
-        piece: Int[Array, "*cells"],
-        from_left: Bool[Array, "*cells"],
-        distance: Float[Array, "*cells"],
-        width: Float[Array, "*cells"],
-    ) -> Float[Array, "*cells"]:
+    def piece_mean(self, piece: Pieces, from_left: Sides, distance: Cells, width: Cells) -> Cells:
         """Mean of some pieces' functions over an interval.
 
         Args:
@@ -323,21 +323,13 @@ class SampledShutter(AbstractPiecewiseShutter):
         own = jnp.where(same.any(axis=1), declared[jnp.argmax(same, axis=1)], uniform)
         return jnp.sort(jnp.concatenate([own, declared]))
 
-    def piece_transmittance(
-        self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
-    ) -> Num[Array | np.ndarray, "pieces *offsets"]:
+    def piece_transmittance(self, offset: Offsets) -> Values:
         dtype = np.finfo(offset.dtype).dtype
         scale = self._scale(dtype).reshape(-1, *(1,) * (offset.ndim - 1))
         share = offset * scale.astype(offset.dtype)
         return bernstein_value(expand(split_control(self._control(dtype)), share), share)
 
-    def piece_mean(
-        self,
-        piece: Int[Array, "*cells"],
-        from_left: Bool[Array, "*cells"],
-        distance: Float[Array, "*cells"],
-        width: Float[Array, "*cells"],
-    ) -> Float[Array, "*cells"]:
+    def piece_mean(self, piece: Pieces, from_left: Sides, distance: Cells, width: Cells) -> Cells:
         scale = self._scale(width.dtype)[piece]
         control = self._control(width.dtype)
         return bernstein_mean(control, piece, from_left, distance * scale, width * scale)
@@ -444,11 +436,8 @@ def polynomial(coefficients: Sequence[ArrayLike] | Array, x: Array | np.ndarray)
 
 
 def polynomial_means(
-    powers: Float[Array, "pieces degrees"],  # shape `(n, degree + 1)`
-    piece: Int[Array, "*cells"],
-    centre: Float[Array, "*cells"],
-    width: Float[Array, "*cells"],
-) -> Float[Array, "*cells"]:
+    powers: Float[Array, "pieces degrees"], piece: Pieces, centre: Cells, width: Cells
+) -> Cells:
     """Means of some polynomials over intervals, by the Gauss-Legendre rule that is exact."""
     nodes, weights = np.polynomial.legendre.leggauss((powers.shape[1] + 1) // 2)
     each = (-1,) + (1,) * centre.ndim
@@ -468,11 +457,11 @@ def bernstein_value(control: list[Numbers], u: Numbers) -> Numbers:
 
 def bernstein_mean(
     control: Float[Array, "..."],  # shape `(n, degree + 1)`
-    piece: Int[Array, "*cells"],
-    from_left: Bool[Array, "*cells"],
-    distance: Float[Array, "*cells"],
-    width: Float[Array, "*cells"],
-) -> Float[Array, "*cells"]:
+    piece: Pieces,
+    from_left: Sides,
+    distance: Cells,
+    width: Cells,
+) -> Cells:
     """Means of some pieces over intervals, in shares of the piece.
 
     By powers of the distance from the end of the piece that is nearer. Up to the middle they

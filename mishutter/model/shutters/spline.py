@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
+from jaxtyping import Array, ArrayLike, Float
 from numpy.lib.stride_tricks import sliding_window_view
 
 from mishutter._core.checks import (
@@ -25,6 +25,11 @@ from mishutter._core.checks import (
 from mishutter.model.shutters.base import (
     AbstractAdjustableShutter,
     AbstractShutter,
+    Cells,
+    Offsets,
+    Pieces,
+    Sides,
+    Values,
     bernstein_mean,
     bernstein_value,
     expand,
@@ -86,12 +91,9 @@ class SplineShutter(AbstractAdjustableShutter):
     def __check_init__(self) -> None:
         subject, count = "SplineShutter(parameters=...)", self.num_coefficients
         expected = (count + 1) // 2 if self.symmetric else count
-        require(
-            self.parameters.shape == (expected,) and count > _DEGREE,
-            subject,
-            f"be one row for at least {_DEGREE + 1} coefficients",
-            shape_of(self.parameters),
-        )
+        is_row = self.parameters.shape == (expected,) and count > _DEGREE
+        requirement = f"be one row for at least {_DEGREE + 1} coefficients"
+        require(is_row, subject, requirement, shape_of(self.parameters))
         require_finite(subject, self.parameters)
 
     @property
@@ -121,20 +123,12 @@ class SplineShutter(AbstractAdjustableShutter):
     def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         return uniform_breakpoints(self.num_coefficients - _DEGREE, dtype)
 
-    def piece_transmittance(
-        self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
-    ) -> Num[Array | np.ndarray, "pieces *offsets"]:
+    def piece_transmittance(self, offset: Offsets) -> Values:
         share = offset * ((self.num_coefficients - _DEGREE) / 2)
         control = self._control_points(as_array_like(offset, self.parameters))
         return bernstein_value(expand(split_control(control), share), share)
 
-    def piece_mean(
-        self,
-        piece: Int[Array, "*cells"],
-        from_left: Bool[Array, "*cells"],
-        distance: Float[Array, "*cells"],
-        width: Float[Array, "*cells"],
-    ) -> Float[Array, "*cells"]:
+    def piece_mean(self, piece: Pieces, from_left: Sides, distance: Cells, width: Cells) -> Cells:
         scale = (self.num_coefficients - _DEGREE) / 2
         control = self._control_points(self.parameters).astype(width.dtype)
         return bernstein_mean(control, piece, from_left, distance * scale, width * scale)
