@@ -21,7 +21,7 @@ import io
 import re
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -282,22 +282,20 @@ def read_drive(
     return drive
 
 
-def _doubts(samples: _Samples) -> tuple[str, ...]:
+def _doubts(samples: _Samples) -> Iterator[str]:
     """Sentences about what a file may mean otherwise than it is read."""
-    doubts: tuple[str, ...] = ()
     if samples.unread:
         lines = describe(Unquoted(", ".join(samples.unread)))
         instead = ", and no SampleRate: its exposure is the design's, or as given"
         instead = "" if samples.half_exposure else instead
-        doubts += (f"it has settings that are not read, {lines}{instead}",)
+        yield f"it has settings that are not read, {lines}{instead}"
     least = -1.0 if samples.drive is None else float(np.min(samples.drive))
     # A shutter that stays open has the same drive, 1, on a scale from 0 to 1.
     if 0 <= least < 1:
-        doubts += (
+        yield (
             f"its shutter never closes: its least drive is {least:g}, where -1 is closed and 1 is "
-            "open; a drive from 0 for closed to 1 for open must be doubled, less 1",
+            "open; a drive from 0 for closed to 1 for open must be doubled, less 1"
         )
-    return doubts
 
 
 def require_levels(function: str, floor: float, ceiling: float) -> None:
@@ -411,10 +409,8 @@ def _from_keysight(lines: list[str], name: str) -> _Samples:
     drive, share = _gated(columns["Y1"], columns.get("Y2"), columns.get("SampleMarker1"), name)
     half = None
     if "samplerate" in settings:
-        text, units = (
-            settings["samplerate"],
-            {"": 1.0, "Hz": 1.0, "kHz": 1e3, "MHz": 1e6, "GHz": 1e9},
-        )
+        units = {"": 1.0, "Hz": 1.0, "kHz": 1e3, "MHz": 1e6, "GHz": 1e9}
+        text = settings["samplerate"]
         number = text.rstrip("GMkHz").rstrip()
         unit = text[len(number) :].strip()
         rate = float(number) * units[unit] if unit in units and _is_value(number) else np.nan

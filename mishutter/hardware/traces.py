@@ -5,7 +5,7 @@ shutter counts as 0 and that of the open one as 1, so that a profile from a trac
 profile that is sent stands: the transmission and the leakage of a scene's device are not in it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -188,7 +188,7 @@ def measured_profile(
     requirement = "tell the open shutter from the closed one by more than its noise"
     got = Unquoted(f"levels {black:g} and {black + white:g}, noise {noise:.3g}")
     require(abs(white) > 2 * noise, name, requirement, got)
-    notes = _clipping(levels)
+    notes = tuple(_clipping(levels))
     if white < 0 and opened is None:
         spread = max(float(np.std(dark)) if closed is None else 0.0, greatest)
         requirement = (
@@ -265,7 +265,7 @@ def _smoothed(
     return coefficients, white, greatest, noise
 
 
-def _clipping(level: np.ndarray) -> tuple[str, ...]:
+def _clipping(level: np.ndarray) -> Iterator[str]:
     """A sentence for each end at which a trace is cut off.
 
     Samples of a noisy signal do not stay at one level, its greatest or its least, for long: if each
@@ -273,18 +273,16 @@ def _clipping(level: np.ndarray) -> tuple[str, ...]:
     their number. Where the noise is less than a step of the converter, no sentence is added.
     """
     noise = _noise_between_rails(level)
-    sentences = []
     for word, extreme in (("above", float(np.max(level))), ("below", float(np.min(level)))):
         edges = np.flatnonzero(np.diff(np.concatenate([[False], level == extreme, [False]])))
         longest = int(np.max(np.diff(edges)[::2]))
         if longest > 2 * np.log2(level.size) and noise > 1e-4 * np.ptp(level):
             share = float(np.mean(level == extreme))
-            sentences.append(
+            yield (
                 f"it is clipped, with {share:.2g} of its samples at exactly {extreme:.6g}: what "
                 f"went {word} that is lost, and the profile flat there; take it again at a "
                 "coarser vertical scale"
             )
-    return tuple(sentences)
 
 
 def _noise_between_rails(level: np.ndarray) -> float:

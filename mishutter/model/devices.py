@@ -18,7 +18,7 @@ and only the design that it ends with is looked at again.
 
 from abc import abstractmethod
 from collections.abc import Collection
-from typing import Any, ClassVar, final
+from typing import ClassVar, final
 
 import equinox as eqx
 import jax
@@ -173,10 +173,7 @@ class AbstractDevice(AbstractModule):
 
 
 def stays_open(shutter: AbstractShutter) -> Bool[Array, ""] | bool:
-    """Whether a shutter passes all light over the whole exposure, to rounding.
-
-    Its mean transmittance is 1 then and only then. Of a known shutter it is a truth value.
-    """
+    """Whether a shutter passes all light, to rounding, as a mean transmittance of 1 says."""
     if not all_concrete(shutter):
         return _passes_all(shutter)
     with outside_trace():
@@ -442,11 +439,6 @@ class SwitchedDevice(AbstractDevice):
 
 DEVICES: tuple[type[AbstractDevice], ...] = (FirstOrderDevice, SwitchedDevice, IdealDevice)
 """All devices; the first that `has` the arguments of a file is the one that it describes."""
-
-
-def device_of(**arguments: Any) -> AbstractDevice:
-    """The device whose arguments these are."""
-    return next(kind for kind in DEVICES if kind.has(arguments))(**arguments)
 
 
 def _slots(count: int, kind: str) -> int:

@@ -19,7 +19,7 @@ from mishutter._core.checks import Unquoted, require
 from mishutter._core.files import contents
 from mishutter._core.validation import Section, in_section, parsed, validated
 from mishutter.model.arguments import made_of
-from mishutter.model.devices import DEVICES, NUM_SLOTS, AbstractDevice, IdealDevice, device_of
+from mishutter.model.devices import DEVICES, NUM_SLOTS, AbstractDevice, IdealDevice
 from mishutter.model.limits import LEAST_STROKE, LIMITS, Limits
 from mishutter.model.measurement_errors import MeasurementErrors
 from mishutter.model.motion import ParabolicMotion
@@ -319,7 +319,7 @@ def _device(section: ShutterSection, scales: Scales) -> AbstractDevice:
     times = [arguments[name] for name in ("rise_time", "fall_time") if name in arguments]
     if times:
         arguments |= {"rise_time": times[0], "fall_time": times[-1]}
-    return device_of(**arguments)
+    return made_of(next(kind for kind in DEVICES if kind.has(arguments)), arguments)
 
 
 def _with_halves(section: LimitsSection) -> LimitsSection:

@@ -146,10 +146,7 @@ def noise_power(
 
 
 def white_electrons(photon_rate: Numbers, exposure: Numbers, throughput: Numbers = 1.0) -> Any:
-    r"""Photo-electrons of a white pixel, $p = R\cdot\eta\cdot 2T$; e-, of any shape.
-
-    They are NumPy's if all of the numbers are concrete.
-    """
+    r"""Photo-electrons of a white pixel, $p = R\cdot\eta\cdot 2T$; e-, of NumPy if concrete."""
     rate, exposure = as_numpy(photon_rate, exposure)
     return rate * (throughput * exposure)
 

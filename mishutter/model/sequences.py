@@ -62,33 +62,25 @@ class TimedFrame:
 
 
 class AbstractFrames(AbstractExposures):
-    """Exposures of a sensor that moves along one axis.
-
-    Attributes:
-        frames: The exposures.
-        pan: Velocity at which the camera turns meanwhile, which the stage does not follow; px/s.
-    """
+    """Exposures of a sensor that moves along one axis."""
 
     frames: eqx.AbstractVar[tuple[TimedFrame, ...]]
+    # Velocity at which the camera turns meanwhile, which the stage does not follow; px/s
     pan: eqx.AbstractVar[float]
 
     @property
     def times(self) -> list[float]:
-        """Mid-exposures, from the middle of all; s."""
         return [frame.time for frame in self.frames]
 
     @property
     def exposures(self) -> list[float]:
-        """Time from the first to the last light of each; s."""
         return [frame.exposure for frame in self.frames]
 
     @property
     def rests(self) -> list[bool]:
-        """Whether the sensor stands still in each."""
         return [frame.is_still for frame in self.frames]
 
     def place(self, times: Float[np.ndarray, "n q"]) -> Float[np.ndarray, "1 n q"]:
-        """Places of the sensor at some times of each exposure, s; px."""
         pairs = zip(self.frames, times, strict=True)
         ways = [(x.position, x.motion.position(time - x.time)) for x, time in pairs]
         return np.array([[place + np.asarray(way, np.float64) for place, way in ways]])
@@ -98,7 +90,6 @@ class AbstractFrames(AbstractExposures):
         """The path of the stage from rest to rest, within some limits."""
 
     def stage_paths(self, scene: "Scene") -> dict[str, StagePath]:
-        """The path of the stage from rest to rest, by the limits of a scene."""
         # A scene has limits, which ask sequences for their paths.
         from mishutter.model.scene import require_scene
 
@@ -110,13 +101,7 @@ class AbstractFrames(AbstractExposures):
 @final
 @dataclass(frozen=True)
 class OneExposure(AbstractFrames):
-    """An exposure alone, which has a shutter of its own.
-
-    Attributes:
-        frames: The exposure, about the time 0.
-        pan: As that of a `FrameSequence`.
-        kind: A word for it.
-    """
+    """An exposure alone, about the time 0, which has a shutter of its own."""
 
     frames: tuple[TimedFrame]
     pan: float = 0.0
@@ -129,7 +114,6 @@ class OneExposure(AbstractFrames):
         return OneExposure((TimedFrame(motion, 0.0),), pan)
 
     def stage_path_within(self, limits: "Limits") -> StagePath | None:
-        """That of one exposure."""
         return limits.stage_path(self.frames[0].motion)
 
 
@@ -182,11 +166,6 @@ class FrameSequence(AbstractFrames):
         return float(use_of_knots(self._knots(None, None)).stroke)
 
     def stage_path_within(self, limits: "Limits") -> StagePath | None:
-        """That of frames.
-
-        Args:
-            limits: Those of the stage.
-        """
         return limits.stage_path_of_frames(self)
 
     def stage_use(self, *, max_acceleration: float | None, max_jerk: float | None) -> StageUse:

@@ -168,10 +168,9 @@ class FittedCamera:
         """
         require_scene(scene)
         limits, widened = _limits_with(scene.limits, self.motion)
-        built = eqx.tree_at(lambda s: s.limits, self.seen_through_lens(scene), limits)
-        built = eqx.tree_at(
-            lambda s: s.given_motion, built, self.motion, is_leaf=lambda leaf: leaf is None
-        )
+        built, parts = self.seen_through_lens(scene), (limits, self.motion)
+        places = lambda s: (s.limits, s.given_motion)  # noqa: E731
+        built = eqx.tree_at(places, built, parts, is_leaf=lambda leaf: leaf is None)
         lines = {
             name: f"{name} = {each.value:.6g} +- {each.error:.2g}"
             for name, each in self.estimates.items()
@@ -377,7 +376,7 @@ def _camera(
         coefficient_errors=errors[4 : 4 + count],
         estimates={name: Estimate(float(e.value), float(e.error)) for name, e in estimates.items()},
         not_identifiable=(*setting.notes, *_sentences(is_blind, blind, setting.names, count)),
-        names=setting.picture_names,
+        names=tuple(picture.name for picture in setting.measurements.pictures),
         levels=levels,
         expected=tuple(expected),
         noise=tuple(noise),

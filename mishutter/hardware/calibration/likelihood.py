@@ -18,12 +18,7 @@ from jaxtyping import Array, Bool, Float
 
 from mishutter._core.checks import require
 from mishutter._core.compiling import compiled
-from mishutter.hardware.calibration.measurements import (
-    END,
-    Measurements,
-    SensorLevels,
-    TargetPicture,
-)
+from mishutter.hardware.calibration.measurements import END, Measurements
 from mishutter.hardware.calibration.response import FINE, MOVED, collected, kernels
 from mishutter.hardware.traces import Trace, measured_profile
 from mishutter.model.motion import AbstractMotion, ParabolicMotion
@@ -79,10 +74,7 @@ class Setting:
     arrays: _Arrays  # The data of the residuals
     pins: "Ties"  # Combinations of the parameters that keep their value
     profiles: tuple[np.ndarray, ...]  # Mean of the rows of each picture
-    is_rounded: tuple[bool, ...]  # Whether the levels of each picture are whole numbers
-    num_rows: tuple[int, ...]  # Number of rows of each picture
-    picture_names: tuple[str, ...]  # Names of the pictures
-    sensor: SensorLevels  # The conversion of electrons to levels
+    measurements: Measurements  # The measurements themselves
     sent_motion: ParabolicMotion  # The motion as sent
     coefficients: np.ndarray  # B-spline coefficients of the transmittance as sent
     num_taps: int  # Number of taps of a kernel, of 1/8 px
@@ -152,7 +144,7 @@ class Setting:
         num_taps = int(np.ceil(longest)) * FINE + 2 * FINE
         scales = np.array([a, top, top, 1.0, *[1.0] * count])
         for picture, profile in zip(pictures, profiles, strict=True):
-            gain = _gain(picture, profile) / throughput
+            gain = _strength_and_place(profile, picture.target == "edge")[0] / throughput
             level_range = max(float(np.ptp(profile)), 1e-9)
             scales = np.append(scales, [a * T**2, gain, level_range])
         swing = float(np.ptp(trace_levels)) if trace_levels.size else 1.0
@@ -176,10 +168,7 @@ class Setting:
             arrays,
             Ties(_PIN * np.array(pins), _PIN * np.array(values)),
             profiles,
-            tuple(picture.is_rounded for picture in pictures),
-            tuple(len(picture.levels) for picture in pictures),
-            tuple(picture.name for picture in pictures),
-            measurements.sensor,
+            measurements,
             sent_motion,
             coefficients,
             num_taps,
@@ -188,8 +177,12 @@ class Setting:
 
     def noise(self, expected: np.ndarray) -> np.ndarray:
         """Standard deviation of rows' means about expected levels; shape `(pictures, columns)`."""
-        pictures = zip(expected, self.is_rounded, self.num_rows, strict=True)
-        return np.sqrt([self.sensor.variance(row, whole) / rows for row, whole, rows in pictures])
+        pictures, sensor, _ = self.measurements
+        variances = [
+            sensor.variance(row, picture.is_rounded) / len(picture.levels)
+            for row, picture in zip(expected, pictures, strict=True)
+        ]
+        return np.sqrt(variances)
 
     def residuals(self, values: np.ndarray, noise: np.ndarray) -> np.ndarray:
         """Residuals of the data and the pins at some parameters, each over its noise."""
@@ -267,24 +260,19 @@ class Setting:
         mean_time, mean_square = _moments(coefficients) * half ** np.arange(1, 3)
         for k, profile in enumerate(self.profiles):
             path = x[0] * mean_square - relative[k] * mean_time
-            position = _middle(profile, bool(self.arrays.is_edge[k])) - path
+            position = _strength_and_place(profile, bool(self.arrays.is_edge[k]))[1] - path
             start[4 + count + 3 * k] = position / float(scales[4 + count + 3 * k])
         return start
 
 
-def _middle(profile: np.ndarray, is_edge: bool) -> float:
-    """Centroid of a point's irradiance, or the place of a sharp edge of equal sum; px."""
+def _strength_and_place(profile: np.ndarray, is_edge: bool) -> tuple[float, float]:
+    """Step of an edge or sum of a point, levels, and the place of a sharp edge or centroid, px."""
     left, right = float(np.mean(profile[:END])), float(np.mean(profile[-END:]))
     if is_edge:
-        return float(np.sum((right - profile) / (right - left)))
+        return right - left, float(np.sum((right - profile) / (right - left)))
     signal = profile - (left + right) / 2
-    return float(np.sum(signal * (np.arange(signal.size) + 0.5)) / np.sum(signal))
-
-
-def _gain(picture: TargetPicture, profile: np.ndarray) -> float:
-    """Strength of a target in a picture: the sum of a point, the step of an edge; levels."""
-    left, right = float(np.mean(profile[:END])), float(np.mean(profile[-END:]))
-    return right - left if picture.target == "edge" else float(np.sum(profile - (left + right) / 2))
+    moment = np.sum(signal * (np.arange(signal.size) + 0.5))
+    return float(np.sum(signal)), float(moment / np.sum(signal))
 
 
 def _spline_means(count: int) -> np.ndarray:

@@ -179,24 +179,19 @@ def fitted_boxes(
     """Parameters of the splines that `SplineShutter.fit` gives; shape `(p,)` each."""
     num_samples = 16 * (num_coefficients - _DEGREE)  # a piece
     tau = (2 * np.arange(num_samples) + 1) / num_samples - 1
-    targets = [profile_of(shutter, tau.astype(common_dtype()))[0] for shutter in shutters]
-    each = [fitted_coefficients(tau, target, num_coefficients, symmetric) for target in targets]
-    return [c[: (num_coefficients + 1) // 2] if symmetric else c for c in each]
+    basis, boxes = spline_basis(tau, num_coefficients).toarray(), []
+    for shutter in shutters:
+        target = profile_of(shutter, tau.astype(common_dtype()))[0].astype(np.float64)
+        if symmetric:
+            target = (target + target[::-1]) / 2
+        coefficients = bounded_coefficients(basis, target)
+        boxes.append(coefficients[: (num_coefficients + 1) // 2] if symmetric else coefficients)
+    return boxes
 
 
 def _fold(parameters: Any) -> Any:
     space, inside = namespace_of(parameters), (parameters >= 0) & (parameters <= 1)
     return space.where(inside, parameters, abs(space.mod(parameters + 1, 2.0) - 1))
-
-
-def fitted_coefficients(
-    tau: Float[np.ndarray, "times"], target: Float[np.ndarray, "times"], count: int, symmetric: bool
-) -> Float[np.ndarray, "p"]:
-    """Least-squares coefficients in [0, 1] of a profile's values at times; shape `(count,)`."""
-    target = target.astype(np.float64)
-    if symmetric:
-        target = (target + target[::-1]) / 2
-    return bounded_coefficients(spline_basis(tau, count).toarray(), target)
 
 
 def bounded_coefficients(basis: np.ndarray, target: np.ndarray) -> np.ndarray:
