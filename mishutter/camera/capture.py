@@ -335,7 +335,7 @@ def as_pixels(picture: Picture | ArrayLike, subject: str) -> Planes:
 def recorded_by(
     scene: Scene,
     irradiance: Planes,
-    exposure: ArrayLike,  # s
+    exposure: Array | float,  # s
     key: Array | None,
     *,
     full_well: float | None = None,

@@ -24,7 +24,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from mishutter._core.checks import require, require_finite, require_known, require_scalar
-from mishutter.model.motion import AbstractMotion
+from mishutter.model.motion import AbstractMotion, safe_root
 
 
 class StageUse(NamedTuple):
@@ -121,7 +121,7 @@ def _roots(square: Any, linear: Any, constant: Any) -> list[Any]:
     """The shares of a piece at which a velocity is 0, without a difference of like numbers."""
     space = _space(square, linear, constant)
     left = linear * linear - 4 * square * constant
-    root = space.where(left > 0, space.sqrt(space.where(left > 0, left, 1.0)), 0.0)
+    root = safe_root(left)
     half = -(linear + space.where(linear < 0, -root, root)) / 2
     exists = left >= 0
     return [
@@ -141,8 +141,7 @@ def run_up(
     ramp = abs(acceleration) / max_jerk
     before = velocity - acceleration * ramp / 2
     speed, sign = abs(before), space.sign(before)
-    square = speed * max_jerk
-    reached = space.where(square > 0, space.sqrt(space.where(square > 0, square, 1.0)), 0.0)
+    reached = safe_root(speed * max_jerk)
     if max_acceleration is not None:
         reached = space.minimum(reached, max_acceleration)
     rise = reached / max_jerk

@@ -26,7 +26,7 @@ from mishutter._core.checks import (
     require_scalar,
 )
 from mishutter._core.modules import AbstractModule
-from mishutter.model.motion import is_known_zero
+from mishutter.model.motion import is_known_zero, safe_root
 
 
 @final
@@ -110,8 +110,7 @@ class Tolerances(AbstractModule):
         are_concrete = all_concrete((velocity, self.speed, self.velocity))
         space = np if are_concrete else jnp
         square = space.asarray(self.speed) ** 2 + space.asarray(self.velocity) ** 2
-        both = space.where(square > 0, space.sqrt(space.where(square > 0, square, 1.0)), 0.0)
-        speed = space.where(pans, both.astype(square.dtype), space.asarray(self.speed))
+        speed = space.where(pans, safe_root(square).astype(square.dtype), space.asarray(self.speed))
         rest = space.where(pans, space.zeros_like(square), space.asarray(self.velocity))
         numbers = tuple(as_float(x) for x in (speed, rest))
         return eqx.tree_at(lambda t: (t.speed, t.velocity), self, numbers)
