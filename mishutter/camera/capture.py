@@ -53,10 +53,6 @@ from mishutter.pictures.images import Picture, pixels_along, transposed
 
 _ROLL_OFF = 0.4
 """Frequency from which on the response of a kernel for other libraries falls off to 0 at 1/2."""
-_TAIL = 24
-"""Pixels beyond the geometric reach in which the taps of such a kernel die away."""
-_DEVIATIONS = 5
-"""Standard deviations of a lens's Gaussian within which its light falls."""
 
 
 @alone_in_blas()
@@ -128,7 +124,7 @@ def simulate_capture(
     require_scene(scene)
     require_border("simulate_capture(border=...)", border)
     _check_noise(scene, key)
-    shutter = sensor_view(scene, motion, shutter).shutter
+    shutter, exposure = sensor_view(scene, motion, shutter).shutter, motion.exposure
     if isinstance(picture, Layers | Footage):
         are_defaults = speed == 0 and displacement == 0 and border == "reflect"
         subject = "simulate_capture(speed=..., displacement=..., border=...)"
@@ -136,8 +132,8 @@ def simulate_capture(
         require(are_defaults, subject, "be left to layers and frames", got)
         along = picture.transposed(scene.sensor.axis)
         expose = expose_layers if isinstance(picture, Layers) else expose_frames
-        irradiance = expose(along, motion, shutter, scene.optics)  # type: ignore[arg-type]
-        levels = _recorded(irradiance, scene, motion, key, full_well=full_well, adc_bits=adc_bits)
+        light = expose(along, motion, shutter, scene.optics)  # type: ignore[arg-type]
+        levels = recorded_by(scene, light, exposure, key, full_well=full_well, adc_bits=adc_bits)
         return as_float(transposed(levels, scene.sensor.axis))
     radiance = transposed(as_radiance(picture, "simulate_capture(picture=...)"), scene.sensor.axis)
     require_known("simulate_capture", motion=motion, speed=speed, displacement=displacement)
@@ -156,13 +152,12 @@ def simulate_capture(
         require(columns >= num_taps, subject, requirement, columns)
         window = captured_columns(motion, speed, columns)
     period = period_of(columns, num_taps + math.ceil(abs(displacement)), border)
-    response = _through_lens(
-        scene, captured_response(motion, shutter, [speed], period)[0], period, displacement
-    )
+    response = captured_response(motion, shutter, [speed], period)[0]
+    response = _through_lens(scene, response, period, displacement)
     planes = rows_last(distinct_colours(radiance))
     irradiance = channels_last(_exposed(planes, response, period, border)[..., window], radiance)
     irradiance = every_colour(irradiance, radiance)
-    levels = _recorded(irradiance, scene, motion, key, full_well=full_well, adc_bits=adc_bits)
+    levels = recorded_by(scene, irradiance, exposure, key, full_well=full_well, adc_bits=adc_bits)
     return as_float(transposed(levels, scene.sensor.axis))
 
 
@@ -218,10 +213,8 @@ def captured_response(
 ) -> Complex[Array | np.ndarray, "speeds frequencies"]:
     """Responses at some speeds as a capture has them, on the grid of a DFT."""
     relative = np.asarray(speeds, np.float64) - float(motion.velocity)
-    num_nodes = nodes_of_capture(motion, relative)
-    return pixel_responses(
-        shutter, motion.without_velocity(), relative, period, num_nodes=num_nodes
-    )
+    num_nodes, still = nodes_of_capture(motion, relative), motion.without_velocity()
+    return pixel_responses(shutter, still, relative, period, num_nodes=num_nodes)
 
 
 def nodes_of_capture(motion: AbstractMotion, relative: Float[np.ndarray, "s"]) -> int:
@@ -263,11 +256,7 @@ def captured_responses_below(
 
 
 def centred_kernel(
-    motion: AbstractMotion,
-    shutter: AbstractShutter,
-    *,
-    speed: float = 0.0,
-    lens_blur: float = 0.0,
+    motion: AbstractMotion, shutter: AbstractShutter, *, speed: float = 0.0, lens_blur: float = 0.0
 ) -> Float[np.ndarray, "1 taps"]:
     r"""The blur as other libraries take it: one row of taps, odd, its middle at rest.
 
@@ -298,7 +287,8 @@ def centred_kernel(
     is_narrow = 0 <= lens_blur <= WIDEST_BLUR
     require(is_narrow, "centred_kernel(lens_blur=...)", requirement, lens_blur)
     num_taps, origin = kernel_layout(motion, speed, subject="centred_kernel(speed=...)")
-    tail = _TAIL + math.ceil(_DEVIATIONS * lens_blur)
+    # Taps die away in 24 px, and light falls within five standard deviations of the lens's.
+    tail = 24 + math.ceil(5 * lens_blur)
     middle = max(origin, num_taps - 1 - origin) + tail
     length = fast_length(4 * (middle + tail))
     response = np.asarray(captured_response(motion, shutter, [speed], length)[0])
@@ -312,11 +302,7 @@ def centred_kernel(
 def kernel_layout(
     motion: AbstractMotion, *speeds: float, least_taps: int = 1, subject: str = "scene"
 ) -> tuple[int, int]:
-    """Number of taps that hold every speed, and the index of the tap at no displacement.
-
-    Raises:
-        ValueError: if light would be displaced by more than 8,192 px.
-    """
+    """Number of taps that hold every speed, and the index of the tap at no displacement."""
     longest = blur_length(motion, *speeds, subject=subject)
     num_taps = max(least_taps, sized_for(longest - 1, 0.0).num_taps)
     if motion.is_straight:
@@ -346,31 +332,26 @@ def as_pixels(picture: Picture | ArrayLike, subject: str) -> Planes:
     return floating_light(picture, subject)
 
 
-def _recorded(
-    irradiance: Planes,
+def recorded_by(
     scene: Scene,
-    motion: AbstractMotion,
+    irradiance: Planes,
+    exposure: Array | float,  # s
     key: Array | None,
     *,
     full_well: float | None = None,
     adc_bits: int | None = None,
 ) -> Array:
+    """An irradiance as the sensor of a scene records it; its full well is the default."""
     if full_well is None and scene.sensor.full_well is not None:
         full_well = float(scene.sensor.full_well)
-    return recorded(
-        irradiance,
-        white_electrons(scene.photon_rate, motion.exposure),
-        scene.read_noise,
-        key=key,
-        full_well=full_well,
-        adc_bits=adc_bits,
-    )
+    white, noise = white_electrons(scene.photon_rate, exposure), scene.read_noise
+    return recorded(irradiance, white, noise, key=key, full_well=full_well, adc_bits=adc_bits)
 
 
 def noisy(irradiance: Planes, scene: Scene, motion: AbstractMotion, key: Array) -> Array:
     """An irradiance of the sensor with the noise of one capture; its shape."""
     _check_noise(scene, key)
-    return _recorded(irradiance, scene, motion, key)
+    return recorded_by(scene, irradiance, motion.exposure, key)
 
 
 def _check_noise(scene: Scene, key: Array | None) -> None:

@@ -6,7 +6,6 @@ import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import ArrayLike, Float, Int
@@ -43,8 +42,6 @@ VIDEO_SUFFIXES = (
 )
 """Suffixes of video files. FFmpeg also reads single pictures, and some of them wrongly."""
 _READ = "read_frames(path=...)"
-_LOG_PREFIX = re.compile(r"^(\[[^]]*\]\s*)+")
-"""FFmpeg's names and addresses of the parts that speak."""
 _ONCE = ("-an", "-fps_mode", "vfr")
 """Has FFmpeg give each frame once, at its time in steps of the frame rate."""
 
@@ -68,12 +65,8 @@ class Footage:
 
     def __post_init__(self) -> None:
         require_positive_int("Footage(num_frames=...)", self.num_frames)
-        require(
-            self.border in PAD_MODES,
-            "Footage(border=...)",
-            f"be one of {[*PAD_MODES]}",
-            self.border,
-        )
+        is_known, requirement = self.border in PAD_MODES, f"be one of {[*PAD_MODES]}"
+        require(is_known, "Footage(border=...)", requirement, self.border)
         if self.durations is not None:
             subject, durations = "Footage(durations=...)", self.durations
             is_complete = np.shape(durations) == (self.num_frames,)
@@ -139,9 +132,8 @@ def read_frames(
     """
     path, white_level = Path(path), checked_white("read_frames(white=...)", white)
     if not path.exists():
-        raise FileNotFoundError(
-            f"`{_READ}` must name a folder or a video; got {str(path)!r}, not found."
-        )
+        got = f"{str(path)!r}, not found"
+        raise FileNotFoundError(f"`{_READ}` must name a folder or a video; got {got}.")
     if path.is_dir():
         names = sorted(p for p in path.iterdir() if p.suffix.lower() in PICTURE_SUFFIXES)
         require(len(names) >= 1, _READ, "hold pictures", str(path))
@@ -161,13 +153,11 @@ def read_frames(
         ) from error
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise ValueError(
-            f"`{_READ}` must name a whole video; got {str(path)!r}: {reason.removesuffix('.')}."
-        ) from error
+        got = f"{str(path)!r}: {reason.removesuffix('.')}"
+        raise ValueError(f"`{_READ}` must name a whole video; got {got}.") from error
     require(len(durations) >= 1, _READ, "hold at least one frame", str(path))
-    radiances = (
-        light_of(Decoded(frame, None, 255.0), path, white_level, linear) for frame in frames
-    )
+    decoded = (Decoded(frame, None, 255.0) for frame in frames)
+    radiances = (light_of(frame, path, white_level, linear) for frame in decoded)
     return Footage(radiances, len(durations), border, durations)
 
 
@@ -179,14 +169,10 @@ def expose_frames(
     $\hat g(f) = \operatorname{sinc}(f) \sum_i \hat f_i(f) \int_{t_i}^{t_{i+1}} w(t)\,e^{-2\pi i f
     x(t)}\,dt$: each frame is a continuous, band-limited picture through its pixels, for as long as
     it shows.
-
-    Raises:
-        ValueError: if the sensor moves over more than 8,192 px, or frames differ in shape, hold
-            values that are not light, or are not as many as was said.
     """
     blur_length(motion, 0.0, subject="motion")
-    nodes = _nodes(shutter, motion, frames.ends)
-    reach = int(np.ceil(np.max(np.abs(nodes.position))))
+    places, weights, shown = _nodes(shutter, motion, frames.ends)
+    reach = int(np.ceil(np.max(np.abs(places))))
     total, shape, dtype, period, num_frames = None, None, None, 0, 0
     for index, frame in enumerate(frames.frames):
         image = _checked(frame, shape)
@@ -195,11 +181,10 @@ def expose_frames(
             shape, dtype = image.shape, image.dtype
             period = period_of(shape[1], reach, frames.border)
             total = np.zeros((shape[0], shape[2], period // 2 + 1), complex)
-        is_own = nodes.frame == index
-        position, weight = nodes.position[None, is_own], nodes.weight[None, is_own]
-        if not np.any(weight):
+        is_own = shown == index
+        if not np.any(weights[is_own]):
             continue
-        waves = waves_on_dft(position, weight, period, total.shape[-1])
+        waves = waves_on_dft(places[None, is_own], weights[None, is_own], period, total.shape[-1])
         rows = continued(np.moveaxis(image, 1, 2).astype(np.float64), period, frames.border)
         total += np.fft.rfft(rows) * np.asarray(waves[0])
     subject = "Footage(num_frames=...)"
@@ -212,40 +197,31 @@ def expose_frames(
     return np.ascontiguousarray(np.moveaxis(irradiance, 2, 1)).astype(dtype)
 
 
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
-_NUM_PANELS = 16
-"""Panels of the exposure, short enough for these nodes to integrate the narrowest profile."""
-_PX_A_PANEL = 2.0
-
-
-class _Nodes(NamedTuple):
-    """Quadrature nodes over the exposure."""
-
-    position: Float[np.ndarray, "q"]  # Position of the sensor; px
-    weight: Float[np.ndarray, "q"]  # Quadrature weight times transmittance
-    frame: Int[np.ndarray, "q"]  # Index of the frame that shows
-
-
 def _nodes(
     shutter: AbstractShutter, motion: AbstractMotion, frame_ends: Float[np.ndarray, "ends"]
-) -> _Nodes:
-    """Nodes of panels that also end where frames do."""
+) -> tuple[Float[np.ndarray, "q"], Float[np.ndarray, "q"], Int[np.ndarray, "q"]]:
+    """Places of the sensor, px, at quadrature nodes, their weights, and the frames that show.
+
+    Panels also end where frames do. Transmittances are part of the weights.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(12)
     half = float(motion.half_exposure)
     profile = piecewise(shutter)
     dtype = np.dtype(profile.dtype() or common_dtype())
     breaks = np.asarray(profile.breakpoints(dtype), np.float64)
     breaks = np.append(breaks, np.array(motion.piece_ends, float))
     fastest = float(motion.top_speed) * half
-    count = _NUM_PANELS + int(np.ceil(2 * fastest / _PX_A_PANEL))
+    # Sixteen panels integrate the narrowest profile; none is longer than 2 px.
+    count = 16 + int(np.ceil(2 * fastest / 2.0))
     equal_ends, breaks = np.linspace(-1, 1, count + 1), np.clip(breaks, -1, 1)
     ends = np.unique(np.concatenate([equal_ends, frame_ends, breaks]))
     width = np.diff(ends)[:, None]
-    tau = ends[:-1, None] + width * (_NODES + 1) / 2
+    tau = ends[:-1, None] + width * (nodes + 1) / 2
     transmittance = np.asarray(shutter.transmittance(tau.astype(dtype)), np.float64)
-    weight = width / 4 * _WEIGHTS * transmittance
+    weight = width / 4 * weights * transmittance
     frame = np.clip(np.searchsorted(frame_ends, tau) - 1, 0, frame_ends.size - 2)
     position = np.asarray(motion.position(tau * half))
-    return _Nodes(position.ravel(), weight.ravel(), frame.ravel())
+    return position.ravel(), weight.ravel(), frame.ravel()
 
 
 def _checked(frame: np.ndarray | Picture, shape: tuple | None) -> np.ndarray:
@@ -295,17 +271,15 @@ def _frames_of_gif(path: Path) -> Iterator[np.ndarray]:
 
 
 def _durations_of_video(path: Path) -> tuple[float, ...]:
-    """Durations of the `_frames_of_video`, of a file that FFmpeg reads without failing.
-
-    Raises:
-        ValueError: with FFmpeg's reason.
-    """
+    """Durations of the `_frames_of_video`, of a file that FFmpeg reads without failing."""
     from imageio_ffmpeg import get_ffmpeg_exe
 
     command = [get_ffmpeg_exe(), "-nostdin", "-v", "error", "-xerror"]
     command += ["-i", str(path), *_ONCE, "-f", "framecrc", "-"]
     run = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
-    messages = [_LOG_PREFIX.sub("", line) for line in run.stderr.splitlines() if line.strip()]
+    # Without FFmpeg's names and addresses of the parts that speak.
+    lines = [line for line in run.stderr.splitlines() if line.strip()]
+    messages = [re.sub(r"^(\[[^]]*\]\s*)+", "", line) for line in lines]
     if run.returncode:
         raise ValueError(messages[0] if messages else f"FFmpeg ended with code {run.returncode}")
     # Number of the stream, times of decoding and showing, duration, and three unused numbers.

@@ -22,7 +22,6 @@ from mishutter.pictures.images import Axis, Picture, read_opacity, read_picture
 
 _FARTHEST = 10**9
 """Columns or rows that a layer's corner may lie from the sensor's."""
-_READ = "read_layers(path=...)"
 _Place = Annotated[int, Field(ge=-_FARTHEST, le=_FARTHEST)]
 _Name = Annotated[str, Field(min_length=1)]
 
@@ -88,9 +87,8 @@ class Layers:
         is_list = isinstance(layers, Sequence) and len(layers) >= 1
         are_layers = is_list and all(isinstance(layer, Layer) for layer in layers)
         require(are_layers, subject, "hold at least one layer and nothing else", layers)
-        require(
-            self.border in PAD_MODES, "Layers(border=...)", f"be one of {[*PAD_MODES]}", self.border
-        )
+        is_known, requirement = self.border in PAD_MODES, f"be one of {[*PAD_MODES]}"
+        require(is_known, "Layers(border=...)", requirement, self.border)
         is_opaque = bool(np.all(self.layers[0].matte == 1))
         require(is_opaque, subject, "begin with an opaque layer", Unquoted("one with a matte"))
 
@@ -173,23 +171,20 @@ def read_layers(path: str | Path) -> Layers:
     """
     path = Path(path)
     if not path.is_file():
-        raise FileNotFoundError(f"`{_READ}` must name a TOML file; got {str(path)!r}, not found.")
+        got = f"{str(path)!r}, not found"
+        raise FileNotFoundError(f"`read_layers(path=...)` must name a TOML file; got {got}.")
     tables = parsed(tomllib.loads, contents(path), str(path), "TOML")
     file = validated(_LayersFile, tables, str(path))
-    layers = tuple(_layer(entry, path.parent) for entry in file.layers)
-    return Layers(layers, border=file.border)
-
-
-def _layer(entry: _LayerEntry, folder: Path) -> Layer:
-    picture = read_picture(folder / entry.picture, white=entry.white, linear=entry.linear)
-    if entry.matte is not None:
-        picture = Picture(picture.light, _matte(folder / entry.matte, picture), picture.name)
-    return Layer(picture, entry.speed_px_per_s, entry.left, entry.top)
-
-
-def _matte(path: Path, picture: Picture) -> np.ndarray:
-    matte, expected = read_opacity(path), picture.light.shape[:2]
-    got = f"{matte.shape[1]} x {matte.shape[0]} px in {str(path)!r}"
-    size = f"be as large as its picture, {expected[1]} x {expected[0]} px"
-    require(matte.shape == expected, "read_layers(matte=...)", size, got)
-    return matte
+    layers = []
+    for entry in file.layers:
+        place = path.parent / entry.picture
+        picture = read_picture(place, white=entry.white, linear=entry.linear)
+        if entry.matte is not None:
+            place = path.parent / entry.matte
+            matte, (rows, columns) = read_opacity(place), picture.light.shape[:2]
+            got = f"{matte.shape[1]} x {matte.shape[0]} px in {str(place)!r}"
+            requirement = f"be as large as its picture, {columns} x {rows} px"
+            require(matte.shape == (rows, columns), "read_layers(matte=...)", requirement, got)
+            picture = Picture(picture.light, matte, picture.name)
+        layers.append(Layer(picture, entry.speed_px_per_s, entry.left, entry.top))
+    return Layers(tuple(layers), border=file.border)

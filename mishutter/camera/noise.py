@@ -18,12 +18,6 @@ from mishutter._core.checks import (
 from mishutter._core.compiling import compiled, outside_trace
 from mishutter._core.parallel import num_processors
 
-_MOST_COUNTED = 1e15
-"""Number of electrons above which its distribution counts as normal."""
-
-_RUN = 1 << 16
-"""Pixels whose numbers one generator draws."""
-
 
 def recorded(
     irradiance: Float[Array | np.ndarray, "*pixels"],
@@ -40,9 +34,6 @@ def recorded(
     the electrons off before the read noise comes in; a converter of $b$ bits rounds to
     $2^b - 1$ equal steps from none to the full well (to white, where there is none) and
     records nothing below or above.
-
-    Raises:
-        ValueError: if the full well is not positive and finite, or the bits are not from 1 to 24.
     """
     irradiance, electrons = as_numpy(irradiance, electrons)
     space = namespace_of(electrons)
@@ -65,9 +56,8 @@ def _keys(key: Array) -> tuple[Array, Array]:
 def fixed_key() -> Array:
     """The key of noise where none is given: `jax.random.key(0)` of JAX's own generator."""
     with outside_trace():
-        return jax.random.wrap_key_data(
-            device_constant(np.zeros(2, np.uint32)), impl="threefry2x32"
-        )
+        words = device_constant(np.zeros(2, np.uint32))
+        return jax.random.wrap_key_data(words, impl="threefry2x32")
 
 
 def shot_electrons(
@@ -97,9 +87,9 @@ def _counted_jvp(primals, tangents):
 
 
 def _drawn(words: Array | np.ndarray, mean: Array | np.ndarray) -> np.ndarray:
-    """Runs of pixels, each by a generator of its own, so that threads change no number."""
+    """Runs of 65,536 pixels, each by a generator of its own, so that threads change no number."""
     expected = np.maximum(np.asarray(mean, np.float64), 0).ravel()
-    runs = np.array_split(expected, -(-expected.size // _RUN) or 1)
+    runs = np.array_split(expected, -(-expected.size // (1 << 16)) or 1)
     seeds = np.random.SeedSequence(np.asarray(words).ravel().tolist()).spawn(len(runs))
     with ThreadPoolExecutor(num_processors()) as pool:
         counts = list(pool.map(_poisson, seeds, runs))
@@ -107,9 +97,9 @@ def _drawn(words: Array | np.ndarray, mean: Array | np.ndarray) -> np.ndarray:
 
 
 def _poisson(seed: np.random.SeedSequence, expected: np.ndarray) -> np.ndarray:
-    rng = np.random.default_rng(seed)
-    counts = rng.poisson(np.minimum(expected, _MOST_COUNTED)).astype(np.float64)
-    is_large = expected > _MOST_COUNTED
+    rng, most = np.random.default_rng(seed), 1e15  # beyond which the distribution is a normal one
+    counts = rng.poisson(np.minimum(expected, most)).astype(np.float64)
+    is_large = expected > most
     if np.any(is_large):
         spread = np.sqrt(expected) * rng.standard_normal(expected.shape)
         counts = np.where(is_large, expected + spread, counts)

@@ -18,18 +18,6 @@ from mishutter.model.motion import AbstractMotion
 from mishutter.model.optics import Optics
 from mishutter.model.shutters.base import AbstractShutter
 
-_STEP = 0.5
-"""Way of the fastest layer between two instants, px."""
-_HALF_WIDTH = 8
-"""Instants to either side of a time from which the image at that time is interpolated."""
-_SHARPNESS = 12.5
-_LEAST_NODES = 512
-"""Fewest quadrature nodes, so that cameras of most exposures share one compiled program."""
-_INSTANTS_OF_PATH = 257
-"""Instants at which the path of the sensor is looked at, to tell how far it reaches."""
-_ROWS_AT_ONCE = 8
-"""Rows whose images stay in a processor's cache from one instant to the next."""
-
 
 class _Exposure(NamedTuple):
     """Quadrature nodes over an exposure, and the optics that its light passes through."""
@@ -75,13 +63,17 @@ def expose_layers(
     $\hat g(f) = \sum_j \hat u(t_j, f) \int w(t)\,\varphi(t - t_j)\,e^{-2\pi i f d_l(t)}\,dt$.
 
     Layers that are not `visible_layers` are left out, and equal colours are computed once.
-
-    Raises:
-        ValueError: if light of a layer would be displaced by more than 8,192 px.
     """
-    grey = _in_fewest_colours(layers)
-    visible = visible_layers(grey, motion)
-    return _exposed(visible, _exposure_of(visible, motion, shutter, optics), layers)
+    visible = visible_layers(_in_fewest_colours(layers), motion)
+    speeds = [layer.speed for layer in visible.layers]
+    blur_length(motion, *speeds, subject="Layer(speed=...)")
+    half, v = float(motion.half_exposure), float(motion.velocity)
+    fastest = max(abs(speed - v) for speed in speeds)
+    # Images that change while they are displaced ask for as many nodes once more.
+    num_nodes = nodes_for(2 * (float(motion.speed_gain) + fastest) * half)
+    tau, weight = (np.asarray(x)[0] for x in nodes_in_time(shutter, motion, num_nodes))
+    exposure = _Exposure(tau * half, weight, np.asarray(motion.position(tau * half)), optics)
+    return _exposed(visible, exposure, layers)
 
 
 def expose_layers_in_frame(layers: Layers, frame: FrameNodes, optics: Optics) -> np.ndarray:
@@ -100,7 +92,9 @@ def _exposed(visible: Layers, exposure: _Exposure, layers: Layers) -> np.ndarray
         response = _responses(image, exposure, exposure.weight[None], period)
         irradiance = np.fft.irfft(np.fft.rfft(image.radiance) * response, period)
         _add(total[:, image.rows], irradiance, image, image.left)
-        front = [m for m in visible.layers[index + 1 :] if _overlaps(m, image.rows)]
+        first, last = image.rows.start, image.rows.stop
+        others = visible.layers[index + 1 :]
+        front = [m for m in others if m.top < last and m.top + _height(m) > first]
         # The sum of all light is exact without instants; only columns near hidden parts take them.
         if front:
             _hide(total, image, front, exposure)
@@ -110,20 +104,8 @@ def _exposed(visible: Layers, exposure: _Exposure, layers: Layers) -> np.ndarray
 
 def nodes_for(velocity: float) -> int:
     """Quadrature nodes for light displaced by at most `velocity` px per half exposure."""
-    return max(_LEAST_NODES, sized_for(0.0, velocity).num_nodes)
-
-
-def _exposure_of(
-    layers: Layers, motion: AbstractMotion, shutter: AbstractShutter, optics: Optics
-) -> _Exposure:
-    half, v = float(motion.half_exposure), float(motion.velocity)
-    fastest = max(abs(layer.speed - v) for layer in layers.layers)
-    blur_length(motion, *(layer.speed for layer in layers.layers), subject="Layer(speed=...)")
-    # Images that change while they are displaced ask for as many nodes once more.
-    num_nodes = nodes_for(2 * (float(motion.speed_gain) + fastest) * half)
-    tau, weight = (np.asarray(x)[0] for x in nodes_in_time(shutter, motion, num_nodes))
-    time = tau * half
-    return _Exposure(time, weight, np.asarray(motion.position(time)), optics)
+    # Never fewer than 512, so that cameras of most exposures share one compiled program.
+    return max(512, sized_for(0.0, velocity).num_nodes)
 
 
 def _image(layers: Layers, index: int, exposure: _Exposure) -> _Image:
@@ -159,9 +141,8 @@ def _add(total: np.ndarray, irradiance: np.ndarray, image: _Image, left: int) ->
     first = max(image.left - image.aside, 0)
     last = min(image.left + image.num_columns + image.aside, total.shape[-1])
     if first < last:
-        total[..., first:last] += irradiance[
-            ..., np.arange(first - left, last - left) % irradiance.shape[-1]
-        ]
+        columns = np.arange(first - left, last - left) % irradiance.shape[-1]
+        total[..., first:last] += irradiance[..., columns]
 
 
 def _hide(total: np.ndarray, image: _Image, front: Sequence[Layer], exposure: _Exposure) -> None:
@@ -193,9 +174,10 @@ def _hide(total: np.ndarray, image: _Image, front: Sequence[Layer], exposure: _E
     turns = -2j * np.pi / period * np.arange(period // 2 + 1)
     shifts = [np.exp(np.multiply.outer(times * rate, turns)) for rate in rates]
     responses = _responses(image, exposure, weights, period)
+    rows_at_once = 8  # whose images stay in a processor's cache from one instant to the next
 
     def hide(begin: int) -> None:
-        end = min(begin + _ROWS_AT_ONCE, last)
+        end = min(begin + rows_at_once, last)
         own = image.radiance[:, begin - image.rows.start : end - image.rows.start]
         radiance = _finer(np.fft.rfft(own), own.shape[-1], finer)
         radiance = radiance[..., (finer * origin + np.arange(finer * period)) % radiance.shape[-1]]
@@ -210,7 +192,7 @@ def _hide(total: np.ndarray, image: _Image, front: Sequence[Layer], exposure: _E
             loss -= spectrum * (response / finer)
         _add(total[:, begin:end], np.fft.irfft(loss, period), image, place)
 
-    for _ in in_threads(hide, range(first, last, _ROWS_AT_ONCE), num_processors()):
+    for _ in in_threads(hide, range(first, last, rows_at_once), num_processors()):
         pass
 
 
@@ -218,18 +200,18 @@ def _instants(
     exposure: _Exposure, fastest: float
 ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n q"]]:
     """Times of images that give those between, and the weight of each image at each node."""
-    step = _STEP / fastest if fastest > 0 else np.inf
-    longest = np.max(np.abs(exposure.time))
-    if longest < step / _HALF_WIDTH / 1e3:  # nothing moves
+    step = 0.5 / fastest if fastest > 0 else np.inf  # the fastest layer moves by half a pixel
+    longest, around = np.max(np.abs(exposure.time)), 8  # images to either side of a time
+    if longest < step / around / 1e3:  # nothing moves
         return np.zeros(1), exposure.weight[None]
-    first = int(np.floor(np.min(exposure.time) / step)) - _HALF_WIDTH
-    last = int(np.ceil(np.max(exposure.time) / step)) + _HALF_WIDTH
+    first = int(np.floor(np.min(exposure.time) / step)) - around
+    last = int(np.ceil(np.max(exposure.time) / step)) + around
     times = step * np.arange(first, last + 1)
     apart = (exposure.time[None] - times[:, None]) / step
     # A Kaiser-Bessel window makes the interpolation by a sinc short.
-    inside = np.sqrt(np.maximum(1 - (apart / _HALF_WIDTH) ** 2, 0))
-    window = np.where(np.abs(apart) < _HALF_WIDTH, np.i0(_SHARPNESS * inside), 0.0)
-    return times, exposure.weight * np.sinc(apart) * window / np.i0(_SHARPNESS)
+    inside = np.sqrt(np.maximum(1 - (apart / around) ** 2, 0))
+    window = np.where(np.abs(apart) < around, np.i0(12.5 * inside), 0.0)
+    return times, exposure.weight * np.sinc(apart) * window / np.i0(12.5)
 
 
 def _finer(spectrum: np.ndarray, period: int, finer: int) -> np.ndarray:
@@ -258,13 +240,10 @@ def _height(layer: Layer) -> int:
     return layer.picture.light.shape[0]
 
 
-def _overlaps(layer: Layer, rows: slice) -> bool:
-    return layer.top < rows.stop and layer.top + _height(layer) > rows.start
-
-
 def _in_fewest_colours(layers: Layers) -> Layers:
     """The layers in one colour, where all of their colours are equal."""
-    if not _is_grey(layers):
+    pictures = [layer.picture for layer in layers.layers]
+    if not all(np.all(picture.light == picture.light[..., :1]) for picture in pictures):
         return layers
     one = [
         replace(layer, picture=replace(layer.picture, light=layer.picture.light[..., :1]))
@@ -273,33 +252,23 @@ def _in_fewest_colours(layers: Layers) -> Layers:
     return replace(layers, layers=tuple(one))
 
 
-def _is_grey(layers: Layers) -> bool:
-    return all(
-        np.array_equal(radiance[..., :1], radiance[..., channel : channel + 1])
-        for radiance in (layer.picture.light for layer in layers.layers)
-        for channel in range(1, radiance.shape[2])
-    )
-
-
 def visible_layers(layers: Layers, motion: AbstractMotion) -> Layers:
     """Layers without those that are clear, or too far off the sensor."""
     half = float(motion.half_exposure)
-    time = np.linspace(-half, half, _INSTANTS_OF_PATH)
+    time = np.linspace(-half, half, 257)  # instants that tell how far the path reaches
     return _visible(layers, time, np.asarray(motion.position(time)))
 
 
 def _visible(layers: Layers, time: Float[np.ndarray, "q"], path: Float[np.ndarray, "q"]) -> Layers:
     """Layers that the sensor sees at some instants on its path, but for those that are clear."""
     first, *others = layers.layers
-    seen = [layer for layer in others if not _is_off(layers, layer, path - layer.speed * time)]
-    return replace(layers, layers=(first, *seen))
-
-
-def _is_off(layers: Layers, layer: Layer, displacement: Float[np.ndarray, "q"]) -> bool:
-    """Whether a layer is clear, or no displacement brings it onto the sensor."""
-    (rows, columns, _), (height, width) = layers.shape, layer.matte.shape
-    below, above = layer.top >= rows, layer.top + height <= 0
-    # The margin is wide beside what the path does between instants.
-    right = layer.left + np.min(displacement) - MARGIN >= columns
-    left = layer.left + width + np.max(displacement) + MARGIN <= 0
-    return below or above or bool(right or left) or not layer.matte.any()
+    (rows, columns, _), seen = layers.shape, [first]
+    for layer in others:
+        displacement, (height, width) = path - layer.speed * time, layer.matte.shape
+        meets_rows = layer.top < rows and layer.top + height > 0
+        # The margin is wide beside what the path does between instants.
+        begin = layer.left + np.min(displacement) - MARGIN
+        end = layer.left + width + np.max(displacement) + MARGIN
+        if meets_rows and begin < columns and end > 0 and layer.matte.any():
+            seen.append(layer)
+    return replace(layers, layers=tuple(seen))

@@ -30,11 +30,7 @@ MAX_REACH = 1 << 13
 
 
 def blur_length(motion: AbstractMotion, *speeds: float, subject: str) -> float:
-    """Length over which light falls at the fastest of some speeds, a pixel included; px.
-
-    Raises:
-        ValueError: if it is more than 8,192 px.
-    """
+    """Length over which light falls at the fastest of some speeds, a pixel included; px."""
     half, still = float(motion.half_exposure), motion.without_velocity()
     fastest = max(abs(float(s) - float(motion.velocity)) for s in speeds)
     reach = float(still.kernel_length(np.asarray(fastest, still.half_exposure.dtype)))

@@ -26,23 +26,14 @@ from mishutter._core.checks import (
 )
 from mishutter._core.parallel import alone_in_blas
 from mishutter.blur.waves import waves_on_dft
-from mishutter.camera.capture import as_radiance, distinct_colours, every_colour
+from mishutter.camera.capture import as_radiance, distinct_colours, every_colour, recorded_by
 from mishutter.camera.layers import Layers
-from mishutter.camera.noise import recorded
 from mishutter.camera.occlusion import expose_layers_in_frame
 from mishutter.camera.plane_frames import exposed_in_plane
-from mishutter.camera.rows import (
-    MAX_REACH,
-    Planes,
-    channels_last,
-    continued,
-    period_of,
-    rows_last,
-)
+from mishutter.camera.rows import MAX_REACH, Planes, channels_last, continued, period_of, rows_last
 from mishutter.evaluation.sequences import FrameNodes, nodes_of_frames
 from mishutter.model.optics import Optics
 from mishutter.model.scene import Scene, require_scene
-from mishutter.model.sensor import white_electrons
 from mishutter.model.sequences import TimedFrame
 from mishutter.pictures.images import Picture, pixels_along, transposed
 from mishutter.plane.frames import PlaneFrames
@@ -154,17 +145,10 @@ def simulate_frames(
         axis, exposures = scene.sensor.axis, [frame.exposure for frame in frames]
     count = len(exposures)
     keys = [None] * count if key is None else list(jax.random.split(key, count))
-    most = scene.sensor.full_well if full_well is None else full_well
+    most = None if full_well is None else float(full_well)
     levels = []
     for exposure, irradiance, one in zip(exposures, exposed, keys, strict=True):
-        level = recorded(
-            irradiance,
-            white_electrons(scene.photon_rate, exposure),
-            scene.read_noise,
-            key=one,
-            full_well=None if most is None else float(most),
-            adc_bits=adc_bits,
-        )
+        level = recorded_by(scene, irradiance, exposure, one, full_well=most, adc_bits=adc_bits)
         levels.append(np.asarray(transposed(level, axis)))
     return as_float(np.stack(levels))
 
@@ -176,10 +160,8 @@ def require_speed(
     require_finite(subject, speed)
     value = np.asarray(speed, np.float64)
     if isinstance(frames, PlaneFrames):
-        requirement = (
-            "be a velocity along rows and columns, as (1500, -800), for frames in the plane"
-        )
-        require(value.shape == (2,), subject, requirement, speed)
+        words = "be a velocity along rows and columns, as (1500, -800), for frames in the plane"
+        require(value.shape == (2,), subject, words, speed)
     else:
         require_scalar(subject, value)
     return value

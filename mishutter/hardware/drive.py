@@ -30,8 +30,8 @@ from mishutter.model.shutters.chips import ChippedShutter
 from mishutter.model.slots import diffused, slot_means
 from mishutter.model.stages import StagePath
 
-_NUM_STEPS, _NUM_LEVELS = 256, 256
-"""Steps and levels of a table for a device that asks for no number of its own."""
+_NUM_STEPS = 256
+"""Steps of a table for a device that asks for no number of its own."""
 
 
 @final
@@ -226,7 +226,7 @@ def drive_table(
     if num_steps is None:
         num_steps = (device and device.num_slots) or _NUM_STEPS
     if num_levels is None:
-        num_levels = (device and device.levels) or _NUM_LEVELS
+        num_levels = (device and device.levels) or 256
     require_positive_int("drive_table(num_steps=...)", num_steps)
     is_short = num_steps <= MAX_STEPS
     require(is_short, "drive_table(num_steps=...)", f"be at most {MAX_STEPS}", num_steps)

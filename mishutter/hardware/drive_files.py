@@ -21,7 +21,7 @@ import io
 import re
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -45,19 +45,9 @@ from mishutter.model.stages import StagePath
 
 MAX_STEPS = 100_000
 _WORDS = (1 << 14) - 1
-_LEAST_FILLED = 8192
-"""Words up to which the smallest generator fills a file with zeros."""
-_FILL = 1 / 8
-"""Share of zeros at the end of such a file above which they count as filling."""
-_MOST_PULSE_STEPS = 2048
-"""Equal steps that a list of pulses becomes where no fewer have its edges."""
 _SAME = 1e-8
 """Relative difference of two times below which they are one, written to nine digits."""
-_STRAY = 1e-3
-"""Distance from a parabola, relative to the travel, below which a sensor follows it."""
-_RATES = {"": 1.0, "Hz": 1.0, "kHz": 1e3, "MHz": 1e6, "GHz": 1e9}
-_MARKERS = ("SampleMarker1", "SyncMarker1", "SampleMarker2", "SyncMarker2")
-_HARDWARE = ("Y1", "Y2", *_MARKERS)
+_HARDWARE = ("Y1", "Y2", "SampleMarker1", "SyncMarker1", "SampleMarker2", "SyncMarker2")
 _PULSES = {"wait": {"us": 1e-6}, "width": {"us": 1e-6}}
 _TABLE = {
     "begin": {"ms": 1e-3},
@@ -122,7 +112,6 @@ class AbstractTable(ABC):
         """The table as text: a line of names, a line of units, then one a step."""
 
     def __repr__(self) -> str:
-        """One line, without the numbers of each step."""
         return fields_text(self)
 
     @property
@@ -156,18 +145,9 @@ class AbstractTable(ABC):
 
 
 def drive_bytes(table: AbstractTable, form: str) -> bytes:
-    """A drive table as a file of one of `DRIVE_FORMATS`.
-
-    Raises:
-        ValueError: if there is no such format, or the table is of more levels than two and pulses
-            are asked for.
-    """
+    """A drive table as a file of one of `DRIVE_FORMATS`."""
     require(form in _WRITERS, "DriveTable.save(form=...)", f"be one of {', '.join(_WRITERS)}", form)
     return _WRITERS[form](table)
-
-
-def _column(table: AbstractTable) -> bytes:
-    return "".join(f"{value!r}\n" for value in _drive(table).tolist()).encode()
 
 
 def _keysight(table: AbstractTable) -> bytes:
@@ -176,10 +156,6 @@ def _keysight(table: AbstractTable) -> bytes:
     channels = _channels(table)[-3:]
     rows = [f"{y1!r},{y2!r},{gate:.0f}" for y1, y2, gate in channels.T.tolist()]
     return "\n".join([f"SampleRate={rate!r}", "Y1,Y2,SampleMarker1", *rows, ""]).encode()
-
-
-def _rigol(table: AbstractTable) -> bytes:
-    return np.rint((_drive(table) + 1) / 2 * _WORDS).astype("<u2").tobytes()
 
 
 def _siglent(table: AbstractTable) -> bytes:
@@ -210,9 +186,9 @@ def _pulse_list(table: AbstractTable) -> bytes:
 
 _WRITERS: dict[str, Callable[[AbstractTable], bytes]] = {
     "csv": lambda table: table.to_csv().encode(),
-    "column": _column,
+    "column": lambda table: "".join(f"{y!r}\n" for y in _drive(table).tolist()).encode(),
     "keysight": _keysight,
-    "rigol": _rigol,
+    "rigol": lambda table: np.rint((_drive(table) + 1) / 2 * _WORDS).astype("<u2").tobytes(),
     "siglent": _siglent,
     "npy": _npy,
     "pulses": _pulse_list,
@@ -306,22 +282,20 @@ def read_drive(
     return drive
 
 
-def _doubts(samples: _Samples) -> tuple[str, ...]:
+def _doubts(samples: _Samples) -> Iterator[str]:
     """Sentences about what a file may mean otherwise than it is read."""
-    doubts: tuple[str, ...] = ()
     if samples.unread:
         lines = describe(Unquoted(", ".join(samples.unread)))
         instead = ", and no SampleRate: its exposure is the design's, or as given"
         instead = "" if samples.half_exposure else instead
-        doubts += (f"it has settings that are not read, {lines}{instead}",)
+        yield f"it has settings that are not read, {lines}{instead}"
     least = -1.0 if samples.drive is None else float(np.min(samples.drive))
     # A shutter that stays open has the same drive, 1, on a scale from 0 to 1.
     if 0 <= least < 1:
-        doubts += (
+        yield (
             f"its shutter never closes: its least drive is {least:g}, where -1 is closed and 1 is "
-            "open; a drive from 0 for closed to 1 for open must be doubled, less 1",
+            "open; a drive from 0 for closed to 1 for open must be doubled, less 1"
         )
-    return doubts
 
 
 def require_levels(function: str, floor: float, ceiling: float) -> None:
@@ -373,30 +347,22 @@ def _within(noun: str, values: np.ndarray, least: float, name: str) -> np.ndarra
 def _from_table(lines: list[str], name: str) -> _Samples:
     columns = unit_columns(lines, name, _TABLE, ("begin", "transmittance"))
     transmittance = _within("a transmittance", columns["transmittance"], 0.0, name)
-    half = _half_of(columns["begin"], name)
-    return _Samples(half, transmittance=transmittance, position=columns.get("sensor_position"))
-
-
-def _half_of(begin: np.ndarray, name: str) -> float:
-    """Half exposure of equal steps from $-T$ on."""
+    # Steps are equal and begin at -T.
+    begin = columns["begin"]
     count, half = begin.size, -float(begin[0])
     requirement = "begin before mid-exposure, at a time below 0"
     require(half > 0, name, requirement, Unquoted(f"{begin[0] * 1e3:g} ms"))
     if count > 1:
         is_later = np.diff(begin) > 0
-        fall = begin[1 + int(np.argmin(is_later))]
-        require(
-            bool(is_later.all()), name, "have times that ascend", Unquoted(f"{fall * 1e3:g} ms")
-        )
+        got = Unquoted(f"{begin[1 + int(np.argmin(is_later))] * 1e3:g} ms")
+        require(bool(is_later.all()), name, "have times that ascend", got)
     step = 2 * half / count
     is_aside = np.abs(begin - (np.arange(count) * step - half)) > step / 1000 + _SAME * half
     first = int(np.argmax(is_aside))
-    requirement = (
-        f"have equal steps without a gap, {count} from {-half * 1e3:g} to {half * 1e3:g} ms"
-    )
+    span = f"{count} from {-half * 1e3:g} to {half * 1e3:g} ms"
     got = Unquoted(f"{begin[first] * 1e3:g} ms in row {first + 1}")
-    require(not is_aside.any(), name, requirement, got)
-    return half
+    require(not is_aside.any(), name, f"have equal steps without a gap, {span}", got)
+    return _Samples(half, transmittance=transmittance, position=columns.get("sensor_position"))
 
 
 def _from_pulses(lines: list[str], name: str) -> _Samples:
@@ -416,9 +382,10 @@ def _steps_of_pulses(edges: np.ndarray, half: float, name: str) -> np.ndarray:
     requirement = f"end its pulses within the exposure of {half * 2e6:g} us"
     got = Unquoted(f"{last * 1e6:g} us")
     require(last / (2 * half) <= 1 + _SAME, name, requirement, got)
-    counts = range(1, _MOST_PULSE_STEPS + 1)
+    most = 2048
+    counts = range(1, most + 1)
     fitting = (n for n in counts if np.all(np.abs(shares * n - np.rint(shares * n)) < 1e-6))
-    count = next(fitting, _MOST_PULSE_STEPS)
+    count = next(fitting, most)
     shares = np.minimum(shares * count, count)
     shares = np.where(np.abs(shares - np.rint(shares)) < 1e-6, np.rint(shares), shares)
     # Time open until the end of each step: open time grows over pulses and rests between them.
@@ -442,7 +409,14 @@ def _from_keysight(lines: list[str], name: str) -> _Samples:
     drive, share = _gated(columns["Y1"], columns.get("Y2"), columns.get("SampleMarker1"), name)
     half = None
     if "samplerate" in settings:
-        half = drive.size / _rate(settings["samplerate"], name) / 2
+        units = {"": 1.0, "Hz": 1.0, "kHz": 1e3, "MHz": 1e6, "GHz": 1e9}
+        text = settings["samplerate"]
+        number = text.rstrip("GMkHz").rstrip()
+        unit = text[len(number) :].strip()
+        rate = float(number) * units[unit] if unit in units and _is_value(number) else np.nan
+        is_rate = bool(np.isfinite(rate)) and rate > 0
+        require(is_rate, name, "have a SampleRate above 0 in Hz, kHz, MHz or GHz", text)
+        half = drive.size / rate / 2
     return _Samples(half, drive=drive, share=share, unread=unread)
 
 
@@ -456,16 +430,6 @@ def _settings(
     require(not twice, name, "have each of its settings once", Unquoted(twice))
     unread = tuple(line for line, key in zip(lines, keys, strict=True) if key not in known)
     return {key: row[1].strip() for key, row in zip(keys, rows, strict=True)}, unread
-
-
-def _rate(text: str, name: str) -> float:
-    number = text.rstrip("GMkHz").rstrip()
-    unit = text[len(number) :].strip()
-    is_rate = unit in _RATES and _is_value(number)
-    rate = float(number) * _RATES[unit] if is_rate else np.nan
-    is_positive = bool(np.isfinite(rate)) and rate > 0
-    require(is_positive, name, "have a SampleRate above 0 in Hz, kHz, MHz or GHz", text)
-    return rate
 
 
 def _gated(
@@ -507,38 +471,29 @@ def _from_siglent(lines: list[str], name: str) -> _Samples:
 
 
 def _from_rigol(content: bytes, name: str, num_steps: int | None) -> _Samples:
-    is_even = len(content) > 0 and len(content) % 2 == 0
-    require(is_even, name, "hold 16-bit words, 2 bytes a step", Unquoted(f"{len(content)} bytes"))
-    words = np.frombuffer(content, "<u2")
-    highest = int(words.max())
-    require(highest <= _WORDS, name, f"hold words of 14 bits, up to {_WORDS}", highest)
-    words = _without_fill(words, name, num_steps)
-    return _Samples(drive=2 * words.astype(np.float64) / _WORDS - 1)
-
-
-def _without_fill(words: np.ndarray, name: str, num_steps: int | None) -> np.ndarray:
     """The words of the exposure, without the zeros up to the length that a generator takes.
 
     A profile may be closed at its ends: the caller must give the number of steps where there are
     many more zeros at the end than at the beginning.
     """
-    if num_steps is not None:
-        rest = words[num_steps:]
-        is_fill = not rest.any()
+    is_even = len(content) > 0 and len(content) % 2 == 0
+    require(is_even, name, "hold 16-bit words, 2 bytes a step", Unquoted(f"{len(content)} bytes"))
+    words = np.frombuffer(content, "<u2")
+    highest = int(words.max())
+    require(highest <= _WORDS, name, f"hold words of 14 bits, up to {_WORDS}", highest)
+    if num_steps is None:
+        before = int(np.argmax(words > 0))
+        after = int(np.argmax(words[::-1] > 0)) if words.any() else words.size
+        # The smallest generator fills a file up to 8,192 words.
+        is_filled = words.size >= 8192 and after - before > words.size / 8
+        requirement = "hold the exposure alone, or be read with `num_steps` or `--drive-steps`"
+        got = Unquoted(f"{words.size} words, the last {after} of them 0")
+        require(not is_filled, name, requirement, got)
+    else:
+        words, rest = words[:num_steps], words[num_steps:]
         got = Unquoted(f"{np.count_nonzero(rest)} other words")
-        require(is_fill, name, f"hold zeros alone after {num_steps} steps", got)
-        return words[:num_steps]
-    before = int(np.argmax(words > 0))
-    after = int(np.argmax(words[::-1] > 0)) if words.any() else words.size
-    is_filled = words.size >= _LEAST_FILLED and after - before > _FILL * words.size
-    requirement = "hold the exposure alone, or be read with `num_steps` or `--drive-steps`"
-    require(
-        not is_filled,
-        name,
-        requirement,
-        Unquoted(f"{words.size} words, the last {after} of them 0"),
-    )
-    return words
+        require(not rest.any(), name, f"hold zeros alone after {num_steps} steps", got)
+    return _Samples(drive=2 * words.astype(np.float64) / _WORDS - 1)
 
 
 def _from_npy(content: bytes, name: str) -> _Samples:
@@ -584,10 +539,8 @@ def _motion(
     if position is None or position.size < 3 or not motion.accelerates_constantly:
         if abs(half - intended_half) <= _SAME * intended_half:
             return motion
-        acceleration = steady(motion).acceleration
-        return ParabolicMotion(
-            acceleration=acceleration, half_exposure=half, velocity=motion.velocity
-        )
+        a, v = steady(motion).acceleration, motion.velocity
+        return ParabolicMotion(acceleration=a, half_exposure=half, velocity=v)
     powers = np.vander(_step_begins(position.size), 3)
     (sag, drift, start), *_ = np.linalg.lstsq(powers, position, rcond=None)
     _require_follows(position, powers @ (sag, drift, start), "along v t + a t^2", name)
@@ -604,8 +557,8 @@ def _step_begins(num_steps: int) -> np.ndarray:
 
 
 def _require_follows(position: np.ndarray, path: np.ndarray, phrase: str, name: str) -> None:
-    """Refuse positions that are aside of a path, by more than a share of their travel."""
+    """Refuse positions that are aside of a path, by more than a thousandth of their travel."""
     distance = float(np.max(np.abs(path - position)))
-    is_near = distance <= _STRAY * (1 + float(np.ptp(position)))
+    is_near = distance <= 1e-3 * (1 + float(np.ptp(position)))
     got = Unquoted(f"a path up to {distance:.3g} px aside")
     require(is_near, name, f"move the sensor {phrase}", got)

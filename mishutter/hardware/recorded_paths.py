@@ -25,12 +25,6 @@ from mishutter.plane.frames import PlaneFrames
 
 _NAMES = ("x", "y"), ("sensor_position_x", "sensor_position_y"), ("stage_x", "stage_y")
 """Names of the places along two axes."""
-_OF_ONE_AXIS = ("x", "sensor_position", "position", "place", "stage_x")
-"""Names of the places along one axis, where there are further columns."""
-_LEAST_SAMPLES, _MOST_PIECES = 8, 128
-"""Fewest samples of an exposure, and most pieces of its path."""
-_FAR, _FAR_SHARE = 1.0, 0.1
-"""Difference from the planned path that is doubted, px, and as a share of the planned travel."""
 _ROUNDING = 1e-9
 """Share of the burst below which a time is one of rounding."""
 _POINTS = 65
@@ -78,9 +72,9 @@ def read_path(
         OSError: if the file cannot be read.
     """
     columns = timed_columns(path)
-    names = _names_in(columns, num_axes, str(path))
     places = [
-        columns.numbers(name) / _unit(columns, name, pixel_pitch, str(path)) for name in names
+        columns.numbers(name) / _unit(columns, name, pixel_pitch, str(path))
+        for name in _names_in(columns, num_axes, str(path))
     ]
     time = columns.time
     steps = np.diff(time)
@@ -97,7 +91,8 @@ def _names_in(columns: TimedColumns, num_axes: int, name: str) -> tuple[str, ...
         requirement = "have columns x and y, for a stage of two axes"
         require(bool(both), name, requirement, got)
         return both[0]
-    alone = [each for each in _OF_ONE_AXIS if each in columns.names]
+    usual = ("x", "sensor_position", "position", "place", "stage_x")
+    alone = [each for each in usual if each in columns.names]
     one = alone or (columns.names if len(columns.names) == 1 else [])
     is_one = bool(one) and not any(set(pair) <= set(columns.names) for pair in _NAMES)
     require(is_one, name, "have one column of places, such as x, for a stage of one axis", got)
@@ -156,10 +151,9 @@ def with_recorded_path(
     pan = pan_of(scene.velocities, scene.limits) * turns
     times, exposures = (np.asarray(x, np.float64) for x in (taken.times, taken.exposures))
     velocities = spline.velocities + pan[:, None]
-    burst = replace(
-        design.burst, frames=PlaneFrames(times, exposures, np.diff(spline.knots), velocities)
-    )
-    return replace(design, burst=burst), _difference(spline, taken.lights, planned, pan)
+    frames = PlaneFrames(times, exposures, np.diff(spline.knots), velocities)
+    recorded = replace(design, burst=replace(design.burst, frames=frames))
+    return recorded, _difference(spline, taken.lights, planned, pan)
 
 
 class _Spline(NamedTuple):
@@ -171,11 +165,7 @@ class _Spline(NamedTuple):
 
     @staticmethod
     def through(path: RecordedPath, lights: Lights, middle: float, name: str) -> "_Spline":
-        """The spline through the samples of some exposures, and of the time between them.
-
-        Raises:
-            ValueError: if the samples do not reach over the exposures, or are few.
-        """
+        """The spline through the samples of some exposures, and of the time between them."""
         from scipy.interpolate import make_lsq_spline
 
         time = path.time - middle
@@ -195,11 +185,11 @@ class _Spline(NamedTuple):
                 continue
             inner = time[(time >= first) & (time <= last)]
             count = inner.size
-            requirement = f"have at least {_LEAST_SAMPLES} samples in each exposure"
-            is_many = index % 2 == 1 or count >= _LEAST_SAMPLES
-            require(is_many, name, requirement, Unquoted(f"{count} in one"))
+            is_many = index % 2 == 1 or count >= 8  # between exposures any number will do
+            got = Unquoted(f"{count} in one")
+            require(is_many, name, "have at least 8 samples in each exposure", got)
             longest = float(np.max(np.diff(np.r_[first, inner, last])))
-            pieces = int(np.clip((last - first) / (2 * longest), 1, _MOST_PIECES))
+            pieces = int(np.clip((last - first) / (2 * longest), 1, 128))
             knots.append(np.linspace(first, last, pieces + 1)[1:])
         edges = np.concatenate(knots)
         # One sample beyond either end holds the spline there.
@@ -246,7 +236,7 @@ def _difference(
     rms, greatest = float(np.sqrt(np.sum(weight * squares))), float(np.sqrt(np.max(squares)))
     travel = float(np.max(np.ptp(planned, axis=(1, 2))))
     doubt = ""
-    if rms > max(_FAR, _FAR_SHARE * travel):
+    if rms > max(1.0, 0.1 * travel):
         doubt = (
             f"The recorded path is {rms:.3g} px r.m.s. from the planned one, which travels "
             f"{travel:.3g} px: another design, or a clock, sign, axis or unit that is not its own."

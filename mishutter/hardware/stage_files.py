@@ -18,11 +18,7 @@ def pitch_of(scene: Scene) -> float | None:
 
 
 def path_steps(path: StagePath, first: float, step: float, count: int) -> Int[np.ndarray, "n"]:
-    """Numbers of the equal steps from the rest before a path to the rest after it.
-
-    Raises:
-        ValueError: if the run-up or the run-out takes more steps than a table may have.
-    """
+    """Numbers of the equal steps from the rest before a path to the rest after it."""
     before, after = (
         # Rounding must not add a step to a path that ends at one.
         int(np.ceil(length / step * (1 - 1e-9)))

@@ -21,9 +21,8 @@ from mishutter._core.columns import text_of
 from mishutter._core.files import contents
 from mishutter.hardware.traces import Trace, has_two_levels, require_ascending, require_samples
 
-_UNITS = {"ns": 1e-9, "us": 1e-6, "\u03bcs": 1e-6, "ms": 1e-3} | dict.fromkeys(
-    ("s", "sec", "second", "seconds"), 1.0
-)
+_UNITS = {"ns": 1e-9, "us": 1e-6, "\u03bcs": 1e-6, "ms": 1e-3}
+_UNITS |= dict.fromkeys(("s", "sec", "second", "seconds"), 1.0)
 """Units of time, case-folded, which makes one of both micro signs; s."""
 METRES = {"nm": 1e-9, "um": 1e-6, "\u03bcm": 1e-6, "mm": 1e-3, "m": 1.0}
 """Units of places beside pixels, case-folded; m."""
@@ -37,12 +36,6 @@ _CLOCK_UNITS += ("xunits", "xunit", "xunitlabel", "timeunits", "timeunit")
 """Settings as makers name them, by their letters and digits alone, case-folded."""
 _OVERRANGE = 9.9e37
 """Number that stands for a signal out of range, as SCPI has it for an infinite one."""
-_NUM_SAMPLES = 9
-"""Lines by which separator and columns are found, spread over the file."""
-_NUM_BESIDE = 64
-"""Lines of the block beside which settings may stand."""
-_CLOSE = 0.01
-"""Share by which a column's mean step may be off the sample interval."""
 _SIGNS = dict.fromkeys([*range(0x2010, 0x2016), 0x2212, 0xFF0D], "-") | {0xFF0B: "+"}
 _SIGNS |= dict.fromkeys([0x066B, 0xFF0E], ".") | {0xFF0C: ",", 0x221E: "inf"}
 """Signs beside the digits of a number, and those that `float` knows in their place."""
@@ -55,6 +48,26 @@ class _Block(NamedTuple):
     lines: list[str]  # Lines of numbers
     columns: tuple[int, ...]  # Columns that are numbers in each of them
     separator: str | None  # Character between cells; None for white space
+
+    def numbers(self, column: int, name: str) -> np.ndarray:
+        """The numbers of a column, of a file of a name; shape `(n,)`."""
+        has_commas = self.separator != "," or '"' in self.lines[0]
+        has_commas = has_commas and any("," in line for line in self.lines)
+        try:
+            numbers = np.loadtxt(
+                self.lines,
+                delimiter=self.separator,
+                quotechar='"',
+                usecols=column,
+                converters=(lambda cell: float(cell.replace(",", "."))) if has_commas else None,
+                ndmin=1,
+            )
+        except ValueError:
+            numbers = np.array([np.nan])
+        if np.all(np.abs(numbers) < _OVERRANGE):
+            return numbers
+        rows = (line for line in self.lines if not line.lstrip().startswith("#"))
+        return np.array([_checked(line, self.separator, column, name) for line in rows])
 
 
 def read_trace(path: str | Path, *, column: str | None = None) -> Trace:
@@ -78,7 +91,7 @@ def read_trace(path: str | Path, *, column: str | None = None) -> Trace:
     columns = timed_columns(path)
     block, name, levels = columns.block, columns.name, columns.others
     chosen = _chosen(levels, columns.headings, column, name)
-    trace = Trace(columns.time, _numbers(block, chosen, name))
+    trace = Trace(columns.time, block.numbers(chosen, name))
     require_ascending(trace, name)
     if len(levels) > 1 and has_two_levels(trace.level):
         rows = (_cells(line, block.separator) for line in block.lines)
@@ -103,7 +116,7 @@ class TimedColumns(NamedTuple):
 
     def numbers(self, name: str) -> Float[np.ndarray, "n"]:
         """The numbers of a column."""
-        return _numbers(self.block, self._column(name), self.name)
+        return self.block.numbers(self._column(name), self.name)
 
     def unit(self, name: str) -> str:
         """The unit of a column of places, by the line below the headings or by its heading."""
@@ -125,12 +138,7 @@ def _place_of(heading: str) -> tuple[str, str]:
 
 
 def timed_columns(path: str | Path) -> TimedColumns:
-    """The columns of a file beside its times, as `read_trace` reads them.
-
-    Raises:
-        ValueError: if the file does not name its columns, or a time is missing.
-        OSError: if it cannot be read.
-    """
+    """The columns of a file beside its times, as `read_trace` reads them."""
     name = str(path)
     block = _block(text_of(contents(path), name).splitlines(), name)
     names, units = _headings(block)
@@ -138,7 +146,7 @@ def timed_columns(path: str | Path) -> TimedColumns:
     clocks = [c for c, factor in factors.items() if factor is not None]
     if clocks:
         factor = factors[clocks[0]]
-        time = _in_seconds(_numbers(block, clocks[0], name), factor or 1.0)
+        time = _in_seconds(block.numbers(clocks[0], name), factor or 1.0)
     else:
         clocks, time = _time_by_settings(block, names, name)
     others = [c for c in block.columns if c not in clocks]
@@ -165,7 +173,8 @@ def _block(lines: list[str], name: str) -> _Block:
     lines = [line for line in lines if line.strip()]
     requirement = "hold lines of numbers in columns, as those of times and levels are"
     require(bool(lines), name, requirement, Unquoted("an empty file"))
-    places = np.unique(np.linspace(0, len(lines) - 1, _NUM_SAMPLES).astype(int))
+    # Nine lines, spread over the file, tell the separator and the columns.
+    places = np.unique(np.linspace(0, len(lines) - 1, 9).astype(int))
     sample = [lines[k] for k in places[::-1]]
     separator = _separator(sample)
     rows = [_cells(line, separator) for line in sample]
@@ -189,17 +198,15 @@ def _block(lines: list[str], name: str) -> _Block:
     return _Block(header, lines[first:stop], columns, separator)
 
 
-_NAME = re.compile(r"\D*[^\W\d_]|\d[^:]*[^\W\d_][^:]*$")
-"""A cell with a letter that is no time of day: `%Probe`, `1st probe`."""
-
-
 def _begins_with_name(row: Sequence[str], column: int) -> bool:
     """Whether the number in a column is the value of a name before it, as in `"Probe",5`.
 
     A setting beside a sample has its own value before the sample, or nothing directly before it.
     """
     before = row[:column]
-    return bool(before) and _NAME.match(before[-1]) is not None and not _numeric(before)
+    # A cell with a letter that is no time of day: `%Probe`, `1st probe`.
+    name = r"\D*[^\W\d_]|\d[^:]*[^\W\d_][^:]*$"
+    return bool(before) and re.match(name, before[-1]) is not None and not _numeric(before)
 
 
 def _separator(sample: Sequence[str]) -> str | None:
@@ -244,28 +251,6 @@ def _number(cell: str) -> float | None:
         return float(text if "." in text else text.replace(",", "."))
     except ValueError:
         return None
-
-
-def _numbers(block: _Block, column: int, name: str) -> np.ndarray:
-    """A column of the block; shape `(n,)`."""
-    separator = block.separator
-    has_commas = separator != "," or '"' in block.lines[0]
-    has_commas = has_commas and any("," in line for line in block.lines)
-    try:
-        numbers = np.loadtxt(
-            block.lines,
-            delimiter=separator,
-            quotechar='"',
-            usecols=column,
-            converters=(lambda cell: float(cell.replace(",", "."))) if has_commas else None,
-            ndmin=1,
-        )
-    except ValueError:
-        numbers = np.array([np.nan])
-    if np.all(np.abs(numbers) < _OVERRANGE):
-        return numbers
-    rows = (line for line in block.lines if not line.lstrip().startswith("#"))
-    return np.array([_checked(line, block.separator, column, name) for line in rows])
 
 
 def _checked(line: str, separator: str | None, column: int, name: str) -> float:
@@ -315,12 +300,10 @@ def _is_setting(row: Sequence[str], columns: Sequence[int]) -> bool:
     return is_beside or is_of_time
 
 
-_HEADING = re.compile(r"(.*?)[\s_]*(?:[(\[]([^)\]]*)[)\]]|\bin\s+(\S+)|/\s*(\S+)|_(\w+))")
-
-
 def _split(heading: str) -> tuple[str, str]:
     """Name and unit of a heading such as `time (s)`, `Time(s)`, `in s`, `time/ms` or `time_us`."""
-    match = _HEADING.fullmatch(heading.strip())
+    pattern = r"(.*?)[\s_]*(?:[(\[]([^)\]]*)[)\]]|\bin\s+(\S+)|/\s*(\S+)|_(\w+))"
+    match = re.fullmatch(pattern, heading.strip())
     if match is None:
         return heading.strip(), ""
     name, *units = match.groups()
@@ -390,12 +373,12 @@ def _time_by_settings(
     is_time = bool(clocks) or (interval is None and len(block.columns) > 1)
     has_times = own_factor is not None and is_time
     require(has_times or interval is not None, name, requirement, got)
-    numbers = _numbers(block, column, name)
+    numbers = block.numbers(column, name)
     times = _in_seconds(numbers, factor)
     if has_times or interval is None:
         return [column], times
     step = (numbers[-1] - numbers[0]) / max(numbers.size - 1, 1)
-    if len(block.columns) > 1 and abs(step * factor - interval) <= _CLOSE * interval:
+    if len(block.columns) > 1 and abs(step * factor - interval) <= 0.01 * interval:
         return [column], times
     if len(block.columns) > 1 and bool(np.all(np.diff(numbers) == 1)):
         return [column], start + interval * numbers
@@ -414,9 +397,12 @@ def _how_to_name_times(block: _Block) -> str:
 
 
 def _settings(block: _Block) -> Iterator[tuple[str, list[str]]]:
-    """Settings and their values: beside their names, below them, or after `=` in one cell."""
+    """Settings and their values: beside their names, below them, or after `=` in one cell.
+
+    They stand above the block, or beside its first 64 lines.
+    """
     first = block.columns[0]
-    beside = [_cells(line, block.separator)[:first] for line in block.lines[:_NUM_BESIDE]]
+    beside = [_cells(line, block.separator)[:first] for line in block.lines[:64]]
     rows = [row for row in (*block.header, *beside) if row]
     for row in rows:
         yield _key(row[0]), [cell for cell in row[1:] if cell]
@@ -437,17 +423,15 @@ def _key(text: str) -> str:
     return re.sub(r"[\W_]+", "", text.casefold())
 
 
-_QUANTITY = re.compile(r"(?:[a-z]\w*:)?\s*([-+]?[\d.,]+(?:e[-+]?\d+)?)\s*([^\W\d]*)", re.I)
-"""A number and its unit, perhaps behind the name of a source, as in `Analog:1.2E-05`."""
-
-
 def _quantity(
     settings: dict[str, list[str]], keys: Sequence[str], noun: str, factor: float, name: str
 ) -> float | None:
     """A time among the settings, in its own unit or, without one, in that of the clock; s."""
+    # A number and its unit, perhaps behind the name of a source, as in `Analog:1.2E-05`.
+    pattern = r"(?:[a-z]\w*:)?\s*([-+]?[\d.,]+(?:e[-+]?\d+)?)\s*([^\W\d]*)"
     for key in keys:
         first, *others = settings.get(key) or [""]
-        match = _QUANTITY.fullmatch(first)
+        match = re.fullmatch(pattern, first, re.IGNORECASE)
         number = None if match is None else _number(match[1])
         if match is None or number is None:
             continue

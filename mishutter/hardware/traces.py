@@ -5,7 +5,7 @@ shutter counts as 0 and that of the open one as 1, so that a profile from a trac
 profile that is sent stands: the transmission and the leakage of a scene's device are not in it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,25 +14,12 @@ from jaxtyping import ArrayLike, Float
 from mishutter._core.checks import RowLike, Unquoted, require, require_finite, require_scalar
 from mishutter.model.shutters.spline import SplineShutter, bounded_coefficients, spline_basis
 
-_COUNTS = (8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
-"""Coefficients of the splines that are tried."""
-_SAMPLES_PER_COEFFICIENT = 3
 _LEAST = 32
 """Fewest samples of an exposure."""
 _LEAST_CLOSED = 8
 """Fewest samples outside the exposure that give the level of the closed shutter."""
 _LONGEST_GAP = 1 / 16
 """Longest step of a trace inside the exposure, in units of the exposure."""
-_STEADY = 0.1
-"""Share of the swing by which the dark of a trace that is taken as inverted may vary."""
-_MOST = 4096
-"""Number of samples beyond which more of them do not improve a fit."""
-_RIDGE = 1e-12
-"""Ridge that fixes a coefficient with hardly a sample, as a share of a B-spline's mean square."""
-_LEAST_NOISE = 1e-4
-"""Noise below which, as a share of the swing, a trace is not taken as clipped."""
-_ROUNDING = 1.1
-"""Bound on the noise that the rounding of a smooth signal feigns, in steps of the converter."""
 
 
 class Trace(NamedTuple):
@@ -61,11 +48,7 @@ class MeasuredProfile(NamedTuple):
 
 
 def as_trace(trace: TraceLike, name: str) -> Trace:
-    """A trace as arrays; any row of finite times and one of as many finite levels are one.
-
-    Raises:
-        ValueError: if it is anything else.
-    """
+    """A trace as arrays; any row of finite times and one of as many finite levels are one."""
     rows: Any = trace
     is_pair = (isinstance(rows, Sequence) or np.ndim(rows) > 0) and len(rows) == 2
     require(is_pair, name, "be a `Trace`, or times and levels", trace)
@@ -82,12 +65,10 @@ def as_trace(trace: TraceLike, name: str) -> Trace:
 def require_ascending(trace: Trace, name: str) -> None:
     """Refuse a trace whose times fall, or are all one; rounded ones may be equal."""
     time = np.asarray(trace.time)
-    steps = np.diff(time)
-    fall = Unquoted(
-        f"{time[1 + int(np.argmax(steps < 0))]:g} s" if np.any(steps < 0) else "one time"
-    )
-    ascends = bool(np.all(steps >= 0)) and time.size > 0 and bool(time[-1] > time[0])
-    require(ascends, name, "have times that ascend", fall)
+    falls = np.diff(time) < 0
+    got = Unquoted(f"{time[1 + int(np.argmax(falls))]:g} s" if np.any(falls) else "one time")
+    ascends = not np.any(falls) and time.size > 0 and bool(time[-1] > time[0])
+    require(ascends, name, "have times that ascend", got)
 
 
 def has_two_levels(level: Float[np.ndarray, "n"]) -> bool:
@@ -113,12 +94,7 @@ def require_samples(rows: np.ndarray, name: str) -> None:
 def within_exposure(
     trace: Trace, half_exposure: float, middle: float, name: str
 ) -> Float[np.ndarray, "n"]:
-    """Normalised time of each sample; the exposure is covered without a gap.
-
-    Raises:
-        ValueError: if the trace does not reach over the exposure, has a gap there or too few
-            samples.
-    """
+    """Normalised time of each sample; the exposure is covered without a gap."""
     tau = (np.asarray(trace.time) - middle) / half_exposure
     inside = np.abs(tau) <= 1
     count = int(inside.sum())
@@ -204,19 +180,15 @@ def measured_profile(
     inside = np.abs(tau) <= 1
     levels = np.asarray(trace.level, np.float64)
     dark = levels[~inside]
-    requirement = (
-        f"have {_LEAST_CLOSED} samples outside the exposure, or a level of the closed shutter"
-    )
-    require(closed is not None or dark.size >= _LEAST_CLOSED, name, requirement, int(dark.size))
+    words = f"have {_LEAST_CLOSED} samples outside the exposure, or a level of the closed shutter"
+    require(closed is not None or dark.size >= _LEAST_CLOSED, name, words, int(dark.size))
     black = float(np.mean(dark)) if closed is None else closed
     swing = None if opened is None else opened - black
-    smooth = _smoothed(tau[inside], levels[inside] - black, swing)
-    white, (_, greatest) = smooth.white, smooth.extremes
-    noise = float(np.sqrt(smooth.variance))
+    coefficients, white, greatest, noise = _smoothed(tau[inside], levels[inside] - black, swing)
     requirement = "tell the open shutter from the closed one by more than its noise"
     got = Unquoted(f"levels {black:g} and {black + white:g}, noise {noise:.3g}")
     require(abs(white) > 2 * noise, name, requirement, got)
-    notes = _clipping(levels)
+    notes = tuple(_clipping(levels))
     if white < 0 and opened is None:
         spread = max(float(np.std(dark)) if closed is None else 0.0, greatest)
         requirement = (
@@ -224,12 +196,12 @@ def measured_profile(
             "of the closed and the open shutter"
         )
         got = Unquoted(f"a fall by {-white:.3g} from levels that go {spread:.3g} about {black:.4g}")
-        require(spread < noise + _STEADY * abs(white), name, requirement, got)
+        require(spread < noise + 0.1 * abs(white), name, requirement, got)
         notes += (f"it falls where the shutter opens, from {black:.4g}: it is read as inverted",)
     outside = float(np.mean(dark) - black) / white if dark.size >= _LEAST_CLOSED else 0.0
     if outside > 0.5:
         notes += (f"by these levels the shutter is open outside the exposure, by {outside:.2f}",)
-    shutter = SplineShutter(smooth.coefficients)
+    shutter = SplineShutter(coefficients)
     return MeasuredProfile(shutter, noise / abs(white), black, black + white, notes)
 
 
@@ -238,9 +210,6 @@ def for_a_fit(trace: TraceLike, half_exposure: float, name: str) -> tuple[Trace,
 
     Neighbouring samples become their mean, within the exposure and outside it apart, as the
     profile may jump at its ends. A trace without samples of the closed shutter stays upright.
-
-    Raises:
-        ValueError: as `measured_profile` does.
     """
     trace = as_trace(trace, name)
     tau = trace.time / half_exposure
@@ -249,63 +218,54 @@ def for_a_fit(trace: TraceLike, half_exposure: float, name: str) -> tuple[Trace,
     profile = measured_profile(trace, half_exposure=half_exposure, closed=closed, name=name)
     sign = 1.0 if profile.opened > profile.closed else -1.0
     ends = [np.searchsorted(tau, -1, side="left"), np.searchsorted(tau, 1, side="right")]
-    first = np.unique(np.append(np.arange(0, tau.size, -(-tau.size // _MOST)), ends))
+    # More than 4096 samples do not improve a fit.
+    first = np.unique(np.append(np.arange(0, tau.size, -(-tau.size // 4096)), ends))
     first = first[first < tau.size]
     count = np.diff([*first, tau.size])
     time, level = (np.add.reduceat(np.asarray(each), first) / count for each in trace)
     return Trace(time, sign * level), profile.notes
 
 
-class _Smooth(NamedTuple):
-    """A spline through a trace."""
+def _smoothed(
+    tau: np.ndarray, level: np.ndarray, swing: float | None
+) -> tuple[Float[np.ndarray, "count"], float, float, float]:
+    """Coefficients of the spline of least cross-validation, its white, greatest level and noise.
 
-    score: float  # Generalised cross-validation of the spline within [0, 1]
-    extremes: tuple[float, float]  # Least and greatest value of the spline without bounds
-    white: float  # Level of the open shutter above the closed one
-    variance: float  # Variance of a sample about the spline within [0, 1]
-    coefficients: Float[np.ndarray, "count"]  # Coefficients of that spline
-
-
-def _smoothed(tau: np.ndarray, level: np.ndarray, white: float | None) -> _Smooth:
-    """The spline whose generalised cross-validation is smallest."""
-    longest = float(np.max(np.diff(tau)))
-    most = min(tau.size // _SAMPLES_PER_COEFFICIENT, 3 + int(2 / longest))
-    splines = (_smooth(tau, level, count, white) for count in _COUNTS if count <= most)
-    return min(splines, key=lambda each: each.score)
-
-
-def _smooth(tau: np.ndarray, level: np.ndarray, count: int, white: float | None) -> _Smooth:
-    """The spline of `count` coefficients, of levels above that of the closed shutter.
-
-    Normal equations need the four B-splines at each sample, where the dense basis has `count`
-    numbers a sample. They are well conditioned as long as samples cover each B-spline. With their
-    Cholesky factor the bounded problem has `count` rows, whose squared residuals are what the
+    Levels are above that of the closed shutter, and the greatest is that of the spline without
+    bounds. Normal equations need the four B-splines at each sample, where the dense basis has all
+    of them. They are well conditioned as long as samples cover each B-spline. With their Cholesky
+    factor the bounded problem has a row for each coefficient, whose squared residuals are what the
     bounds add to those of the free spline.
     """
     from scipy.linalg import cholesky, solve_triangular
 
-    basis = spline_basis(tau, count)
-    squares = (basis.T @ basis).toarray()
-    triangle = cholesky(squares + _RIDGE * np.trace(squares) / count * np.eye(count))
-    target = solve_triangular(triangle, basis.T @ level, trans=1)
-    free = solve_triangular(triangle, target)
-    values = spline_basis(np.linspace(-1, 1, 1001), count) @ free
-    least, greatest = float(np.min(values)), float(np.max(values))
-    if white is None:
-        white = greatest if greatest > -least else least
-    coefficients = bounded_coefficients(triangle, target / (white or 1.0))
-    excess = target - triangle @ coefficients * white
-    residual = float(np.sum((level - basis @ free) ** 2) + np.sum(excess**2))
-    return _Smooth(
-        score=residual / (1 - count / tau.size) ** 2,
-        extremes=(least, greatest),
-        white=white,
-        variance=residual / (tau.size - count),
-        coefficients=coefficients,
-    )
+    most = min(tau.size // 3, 3 + int(2 / float(np.max(np.diff(tau)))))
+    splines = []
+    for count in (8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256):
+        if count > most:
+            break
+        basis = spline_basis(tau, count)
+        squares = (basis.T @ basis).toarray()
+        # A ridge, a share of a B-spline's mean square, fixes a coefficient with hardly a sample.
+        triangle = cholesky(squares + 1e-12 * np.trace(squares) / count * np.eye(count))
+        target = solve_triangular(triangle, basis.T @ level, trans=1)
+        free = solve_triangular(triangle, target)
+        values = spline_basis(np.linspace(-1, 1, 1001), count) @ free
+        least, greatest = float(np.min(values)), float(np.max(values))
+        white = swing
+        if white is None:
+            white = greatest if greatest > -least else least
+        coefficients = bounded_coefficients(triangle, target / (white or 1.0))
+        excess = target - triangle @ coefficients * white
+        residual = float(np.sum((level - basis @ free) ** 2) + np.sum(excess**2))
+        score = residual / (1 - count / tau.size) ** 2
+        noise = float(np.sqrt(residual / (tau.size - count)))
+        splines.append((score, coefficients, white, greatest, noise))
+    _, coefficients, white, greatest, noise = min(splines, key=lambda each: each[0])
+    return coefficients, white, greatest, noise
 
 
-def _clipping(level: np.ndarray) -> tuple[str, ...]:
+def _clipping(level: np.ndarray) -> Iterator[str]:
     """A sentence for each end at which a trace is cut off.
 
     Samples of a noisy signal do not stay at one level, its greatest or its least, for long: if each
@@ -313,18 +273,16 @@ def _clipping(level: np.ndarray) -> tuple[str, ...]:
     their number. Where the noise is less than a step of the converter, no sentence is added.
     """
     noise = _noise_between_rails(level)
-    sentences = []
     for word, extreme in (("above", float(np.max(level))), ("below", float(np.min(level)))):
         edges = np.flatnonzero(np.diff(np.concatenate([[False], level == extreme, [False]])))
         longest = int(np.max(np.diff(edges)[::2]))
-        if longest > 2 * np.log2(level.size) and noise > _LEAST_NOISE * np.ptp(level):
+        if longest > 2 * np.log2(level.size) and noise > 1e-4 * np.ptp(level):
             share = float(np.mean(level == extreme))
-            sentences.append(
+            yield (
                 f"it is clipped, with {share:.2g} of its samples at exactly {extreme:.6g}: what "
                 f"went {word} that is lost, and the profile flat there; take it again at a "
                 "coarser vertical scale"
             )
-    return tuple(sentences)
 
 
 def _noise_between_rails(level: np.ndarray) -> float:
@@ -342,4 +300,4 @@ def _noise_between_rails(level: np.ndarray) -> float:
         return 0.0
     noise = float(np.sqrt(max(np.median(products), 0.0)))
     step = float(np.min(np.diff(np.unique(level[is_between])), initial=np.inf))
-    return noise if noise > _ROUNDING * step else 0.0
+    return noise if noise > 1.1 * step else 0.0

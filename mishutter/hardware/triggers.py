@@ -16,8 +16,6 @@ from mishutter.model.exposures import Lights
 from mishutter.model.stages import StagePath
 from mishutter.plane.levels import psnr_by_lights
 
-_STEPS_OF_A_FRAME = 256
-
 
 @final
 @dataclass(frozen=True, eq=False, repr=False)
@@ -166,7 +164,7 @@ def frame_table(design: AbstractDesign, *, num_steps: int | None = None) -> Fram
     require(is_design, subject, "be a `Design`, or a `PlaneDesign`", design)
     require(design.sequence is not None, subject, "hold the frames of a burst", design.sequence)
     lights = design.exposures.lights
-    count = _STEPS_OF_A_FRAME * len(lights) if num_steps is None else num_steps
+    count = 256 * len(lights) if num_steps is None else num_steps
     require_positive_int("frame_table(num_steps=...)", count)
     require(count <= MAX_STEPS, "frame_table(num_steps=...)", f"be at most {MAX_STEPS}", count)
     duration = lights[-1][1] - lights[0][0]

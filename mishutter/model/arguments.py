@@ -42,11 +42,7 @@ class Arguments(Part):
     made: ClassVar[Callable[..., Any]]
 
     def built(self, **others: object) -> Any:
-        """The object of these arguments.
-
-        Raises:
-            ValueError: if the class refuses an argument.
-        """
+        """The object of these arguments."""
         return self.made(**{name: _built(value) for name, value in self} | others)
 
 
@@ -59,11 +55,12 @@ def argument_names(kind: type) -> tuple[str, ...]:
 @cache
 def arguments_of(kind: type, *omitted: str) -> type[Arguments]:
     """The schema of the arguments of a class."""
-    values: dict[str, Any] = {
-        name: (_in_file(parameter.annotation), _default(parameter))
-        for name, parameter in _parameters(kind).items()
-        if name not in omitted
-    }
+    values: dict[str, Any] = {}
+    for name, parameter in _parameters(kind).items():
+        if name not in omitted:
+            is_missing = parameter.default is inspect.Parameter.empty
+            default = ... if is_missing else parameter.default
+            values[name] = (_in_file(parameter.annotation), default)
     schema = create_model(f"Saved{kind.__name__}", __base__=Arguments, **values)
     schema.made = kind
     return schema
@@ -79,14 +76,10 @@ def _parameters(kind: type) -> Mapping[str, inspect.Parameter]:
     return {each.name: each for each in parameters if each.name not in handed_on}
 
 
-def _default(parameter: inspect.Parameter) -> Any:
-    is_missing = parameter.default is inspect.Parameter.empty
-    return ... if is_missing else parameter.default
-
-
 def _in_file(annotation: Any) -> Any:
     """The type of an argument as a file holds it."""
-    options = set(get_args(annotation)) if _is_union(annotation) else {annotation}
+    is_union = get_origin(annotation) in (Union, types.UnionType)
+    options = set(get_args(annotation)) if is_union else {annotation}
     nothing = types.NoneType if types.NoneType in options else None
     options.discard(types.NoneType)
     if options == set(get_args(RowLike)):
@@ -100,10 +93,6 @@ def _in_file(annotation: Any) -> Any:
     else:
         (kind,) = options
     return table_of(kind) if nothing is None else Union[table_of(kind), None]  # noqa: UP007
-
-
-def _is_union(annotation: Any) -> bool:
-    return get_origin(annotation) in (Union, types.UnionType)
 
 
 def table_of(kind: Any) -> Any:

@@ -6,9 +6,8 @@ DecoderSpeed = Literal["unknown", "found", "known"]
 """The knowledge that a decoder has of the speed of a picture."""
 DecoderWord = Literal[DecoderSpeed, "told"]
 """The same in files and scripts, which may hold the older word for the last."""
-_OLDER_WORDS: dict[object, DecoderSpeed] = {"told": "known"}
 
 
 def as_decoder_speed(word: Any) -> Any:
     """The word of today for a decoder's knowledge; files and stores may hold an older one."""
-    return _OLDER_WORDS.get(word, word) if isinstance(word, str) else word
+    return "known" if isinstance(word, str) and word == "told" else word

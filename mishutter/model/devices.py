@@ -18,13 +18,13 @@ and only the design that it ends with is looked at again.
 
 from abc import abstractmethod
 from collections.abc import Collection
-from typing import Any, ClassVar, final
+from typing import ClassVar, final
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
+from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Num
 
 from mishutter._core.checks import (
     all_concrete,
@@ -32,6 +32,7 @@ from mishutter._core.checks import (
     fields_text,
     is_concrete,
     require,
+    require_at_least,
     require_finite,
     require_positive_int,
     require_scalar,
@@ -42,7 +43,12 @@ from mishutter.model.lagged import lagged
 from mishutter.model.shutters.base import (
     AbstractPiecewiseShutter,
     AbstractShutter,
+    Cells,
+    Offsets,
+    Pieces,
     SampledShutter,
+    Sides,
+    Values,
     piecewise,
 )
 from mishutter.model.shutters.chips import ChippedShutter
@@ -52,10 +58,6 @@ NUM_SLOTS = 128
 """Slots of a device that has levels and none given."""
 _TEN_TO_NINETY = float(np.log(9.0))
 """Time from 10 to 90 % of a first-order system, in time constants."""
-_TO_SETTLE = float(np.log(1e3))
-"""Time until a thousandth of a step remains, in time constants."""
-_ROUNDINGS = 64
-"""Roundings of 1 that the mean transmittance of an open shutter may lack."""
 
 
 class AbstractDevice(AbstractModule):
@@ -79,18 +81,24 @@ class AbstractDevice(AbstractModule):
     lags: eqx.AbstractClassVar[bool]
     """Whether the light depends on how long the exposure is."""
 
+    def __check_init__(self) -> None:
+        for name, requirement, holds in (
+            ("transmission", "be above 0 and at most 1", lambda x: 0 < x <= 1),
+            ("leakage", "be at least 0 and below 1", lambda x: 0 <= x < 1),
+        ):
+            value, subject = getattr(self, name), f"{type(self).__name__}({name}=...)"
+            require_scalar(subject, value)
+            require_finite(subject, value)
+            if is_concrete(value):
+                require(holds(float(value)), subject, requirement, value)
+
     def __repr__(self) -> str:
-        """One line with the numbers, in place of an Equinox module's types."""
         return fields_text(self)
 
     @staticmethod
     @abstractmethod
     def has(arguments: Collection[str]) -> bool:
-        """Whether arguments, by their names, are those of a device of this kind and no other.
-
-        Args:
-            arguments: Names of the arguments that a file gives.
-        """
+        """Whether the arguments of a file, by their names, are those of this kind of device."""
 
     @property
     @abstractmethod
@@ -116,24 +124,12 @@ class AbstractDevice(AbstractModule):
     def made(
         self, command: AbstractShutter, half_exposure: ArrayLike, dtype: np.dtype
     ) -> "TransmittedShutter":
-        """The transmittance that the device makes of a profile, in a precision.
-
-        Args:
-            command: The profile that is sent.
-            half_exposure: Half of the exposure that it is sent over; s.
-            dtype: Precision of the device's numbers.
-        """
+        """The transmittance made of a profile that is sent over twice a half exposure, s."""
 
     def behind(
         self, command: AbstractShutter, half_exposure: ArrayLike, dtype: np.dtype
     ) -> "TransmittedShutter":
-        """The transmittance behind the device, also of a profile that stays open.
-
-        Args:
-            command: The profile that is sent, or what the device has made of one, which stays.
-            half_exposure: Half of the exposure that it is sent over; s.
-            dtype: Precision of the device's numbers.
-        """
+        """The transmittance `made`, also of an open profile; one that the device has made stays."""
         if isinstance(command, TransmittedShutter):
             return command
         return self.made(command, half_exposure, dtype)
@@ -141,13 +137,7 @@ class AbstractDevice(AbstractModule):
     def light(
         self, command: AbstractShutter, half_exposure: ArrayLike, dtype: np.dtype
     ) -> AbstractShutter:
-        """The transmittance that light sees: that of a profile that `stays_open`, or `behind`.
-
-        Args:
-            command: The profile that is sent, or what the device has made of one, which stays.
-            half_exposure: Half of the exposure that it is sent over; s.
-            dtype: Precision of the device's numbers.
-        """
+        """The transmittance that light sees: that of a profile that `stays_open`, or `behind`."""
         if isinstance(command, TransmittedShutter):
             return command
         if all_concrete(command):
@@ -170,23 +160,12 @@ class AbstractDevice(AbstractModule):
     def passed(
         self, profile: AbstractPiecewiseShutter, dtype: np.dtype, sent: AbstractShutter | None
     ) -> "TransmittedShutter":
-        """The transmittance of a profile that the device follows.
-
-        Args:
-            profile: The profile that it follows.
-            dtype: Precision of the numbers.
-            sent: The profile that was sent; None where that is the one it follows.
-        """
+        """The transmittance of a profile that the device follows, where another may be `sent`."""
         transmission, leakage = (jnp.asarray(x, dtype) for x in (self.transmission, self.leakage))
         return TransmittedShutter(profile, transmission, leakage, sent)
 
     def slots(self, command: AbstractShutter, dtype: np.dtype) -> Float[Array, "n"]:
-        """Level that is held over each slot; shape `(num_slots,)`.
-
-        Args:
-            command: The profile that is sent.
-            dtype: Precision of the numbers.
-        """
+        """Level that is held over each slot of a profile that is sent; shape `(num_slots,)`."""
         means = slot_means(command, self.num_slots or NUM_SLOTS, dtype)
         if self.levels is None:
             return means
@@ -194,10 +173,7 @@ class AbstractDevice(AbstractModule):
 
 
 def stays_open(shutter: AbstractShutter) -> Bool[Array, ""] | bool:
-    """Whether a shutter passes all light over the whole exposure, to rounding.
-
-    Its mean transmittance is 1 then and only then. Of a known shutter it is a truth value.
-    """
+    """Whether a shutter passes all light, to rounding, as a mean transmittance of 1 says."""
     if not all_concrete(shutter):
         return _passes_all(shutter)
     with outside_trace():
@@ -210,8 +186,8 @@ def _passes_all(shutter: AbstractShutter) -> Bool[Array, ""]:
 
 
 def least_efficiency(dtype: np.dtype) -> np.floating:
-    """Throughput of a shutter that stays open, computed in a precision: 1 to rounding."""
-    return 1 - _ROUNDINGS * np.finfo(dtype).eps
+    """Throughput of a shutter that stays open, computed in a precision: 1 but for 64 roundings."""
+    return 1 - 64 * np.finfo(dtype).eps
 
 
 @final
@@ -252,9 +228,6 @@ class IdealDevice(AbstractDevice):
         default = None if levels is None else NUM_SLOTS
         self.num_slots = default if num_slots is None else _slots(num_slots, "IdealDevice")
 
-    def __check_init__(self) -> None:
-        _check_losses(self)
-
     @staticmethod
     def has(arguments: Collection[str]) -> bool:
         return True
@@ -269,7 +242,7 @@ class IdealDevice(AbstractDevice):
 
     @property
     def relaxed(self) -> "IdealDevice":
-        return IdealDevice(transmission=self.transmission, leakage=self.leakage)
+        return self.without_lag
 
     @property
     def settling_time(self) -> float | Array:
@@ -342,14 +315,11 @@ class FirstOrderDevice(AbstractDevice):
         self.delay = None if none else as_float(delay, "FirstOrderDevice(delay=...)")  # type: ignore[arg-type]
 
     def __check_init__(self) -> None:
-        _check_losses(self)
         for name in ("rise_time", "fall_time", "delay"):
             value, subject = getattr(self, name), f"FirstOrderDevice({name}=...)"
             if value is not None:
                 require_scalar(subject, value)
-                require_finite(subject, value)
-                if is_concrete(value):
-                    require(float(value) >= 0, subject, "be at least 0", value)
+                require_at_least(subject, value, "at least 0")
 
     @staticmethod
     def has(arguments: Collection[str]) -> bool:
@@ -380,7 +350,8 @@ class FirstOrderDevice(AbstractDevice):
 
     @property
     def settling_time(self) -> float | Array:
-        slower = jnp.maximum(self.rise_time, self.fall_time) * (_TO_SETTLE / _TEN_TO_NINETY)
+        to_settle = float(np.log(1e3))  # time constants, until a thousandth of a step remains
+        slower = jnp.maximum(self.rise_time, self.fall_time) * (to_settle / _TEN_TO_NINETY)
         return slower if self.delay is None else slower + self.delay
 
     def made(
@@ -439,9 +410,6 @@ class SwitchedDevice(AbstractDevice):
         self.min_open = _run(min_open, self.num_slots, "SwitchedDevice(min_open=...)")
         self.min_closed = _run(min_closed, self.num_slots, "SwitchedDevice(min_closed=...)")
 
-    def __check_init__(self) -> None:
-        _check_losses(self)
-
     @staticmethod
     def has(arguments: Collection[str]) -> bool:
         switches = not {"num_slots", "min_open", "min_closed"}.isdisjoint(arguments)
@@ -457,7 +425,7 @@ class SwitchedDevice(AbstractDevice):
 
     @property
     def relaxed(self) -> IdealDevice:
-        return IdealDevice(transmission=self.transmission, leakage=self.leakage)
+        return self.without_lag
 
     @property
     def settling_time(self) -> float | Array:
@@ -473,30 +441,10 @@ DEVICES: tuple[type[AbstractDevice], ...] = (FirstOrderDevice, SwitchedDevice, I
 """All devices; the first that `has` the arguments of a file is the one that it describes."""
 
 
-def device_of(**arguments: Any) -> AbstractDevice:
-    """The device whose arguments these are."""
-    return next(kind for kind in DEVICES if kind.has(arguments))(**arguments)
-
-
-def _check_losses(device: AbstractDevice) -> None:
-    for name, requirement, holds in (
-        ("transmission", "be above 0 and at most 1", lambda x: 0 < x <= 1),
-        ("leakage", "be at least 0 and below 1", lambda x: 0 <= x < 1),
-    ):
-        value, subject = getattr(device, name), f"{type(device).__name__}({name}=...)"
-        require_scalar(subject, value)
-        require_finite(subject, value)
-        if is_concrete(value):
-            require(holds(float(value)), subject, requirement, value)
-
-
-_MAX_SLOTS, _MAX_LEVELS = 4096, 1 << 16
-
-
 def _slots(count: int, kind: str) -> int:
     subject = f"{kind}(num_slots=...)"
     count = require_positive_int(subject, count)
-    require(2 <= count <= _MAX_SLOTS, subject, f"be 2 to {_MAX_SLOTS}", count)
+    require(2 <= count <= 4096, subject, "be 2 to 4096", count)
     return count
 
 
@@ -512,7 +460,7 @@ def _levels(count: int | None, kind: str) -> int | None:
         return None
     subject = f"{kind}(levels=...)"
     count = require_positive_int(subject, count)
-    require(2 <= count <= _MAX_LEVELS, subject, f"be 2 to {_MAX_LEVELS}", count)
+    require(2 <= count <= 65536, subject, "be 2 to 65536", count)
     return count
 
 
@@ -556,10 +504,8 @@ class TransmittedShutter(AbstractPiecewiseShutter):
         return self.profile.symmetric
 
     def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
-        transmittance = self._passed(self.profile.transmittance(tau))
-        return jnp.where(
-            jnp.abs(jnp.asarray(tau)) <= 1, transmittance, jnp.zeros_like(transmittance)
-        )
+        passed = self._passed(self.profile.transmittance(tau))
+        return jnp.where(jnp.abs(jnp.asarray(tau)) <= 1, passed, jnp.zeros_like(passed))
 
     def dtype(self) -> np.dtype | None:
         own = self.profile.dtype()
@@ -568,18 +514,10 @@ class TransmittedShutter(AbstractPiecewiseShutter):
     def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         return self.profile.breakpoints(dtype)
 
-    def piece_transmittance(
-        self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
-    ) -> Num[Array | np.ndarray, "pieces *offsets"]:
+    def piece_transmittance(self, offset: Offsets) -> Values:
         return self._passed(self.profile.piece_transmittance(offset))
 
-    def piece_mean(
-        self,
-        piece: Int[Array, "*cells"],
-        from_left: Bool[Array, "*cells"],
-        distance: Float[Array, "*cells"],
-        width: Float[Array, "*cells"],
-    ) -> Float[Array, "*cells"]:
+    def piece_mean(self, piece: Pieces, from_left: Sides, distance: Cells, width: Cells) -> Cells:
         return self._passed(self.profile.piece_mean(piece, from_left, distance, width))
 
     def _passed(self, opened: Num[Array | np.ndarray, "*shape"]) -> Inexact[Array, "*shape"]:

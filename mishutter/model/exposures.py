@@ -24,16 +24,11 @@ class AbstractExposures(ABC):
     """One exposure or more of one picture, in order, and the way of the sensor through them.
 
     Tables, files and pictures ask for these names, and for the number of axes where that matters.
-
-    Attributes:
-        kind: The way of the sensor over them, in words.
-        frames: The exposures along an axis or in the plane, as `simulate_frames` takes them.
     """
 
-    kind: str
-    frames: Any
-    axes: ClassVar[tuple[str, ...]] = ("",)
-    """Endings of the columns that a table has for each axis of the sensor."""
+    kind: str  # The way of the sensor over them, in words
+    frames: Any  # The exposures along an axis or in the plane, as `simulate_frames` takes them
+    axes: ClassVar[tuple[str, ...]] = ("",)  # Endings of a table's columns for each axis
 
     @property
     @abstractmethod

@@ -10,18 +10,21 @@ from typing import ClassVar, final
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
+from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core.compiling import compiled
 from mishutter.model.shutters.base import (
     AbstractPiecewiseShutter,
+    Cells,
+    Offsets,
+    Pieces,
+    Sides,
+    Values,
     above_zero,
     polynomial,
     uniform_breakpoints,
 )
 
-_TRANSIENT = 28.0
-"""Time constants after which a slot is taken to be at its level: 7e-13 of the way is left."""
 # Of the mean of 1 - exp(-y) over [0, y] divided by y, the highest power first.
 _SERIES = [(-1.0) ** (k + 1) / float(np.prod(np.arange(1.0, k + 2))) for k in range(16, 0, -1)]
 
@@ -56,13 +59,12 @@ class LaggedShutter(AbstractPiecewiseShutter):
 
     def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         begins = self.begins.astype(dtype)
-        settled = begins[:-1] + _TRANSIENT * self.constants.astype(dtype)
+        # 7e-13 of the way is left after 28 time constants.
+        settled = begins[:-1] + 28.0 * self.constants.astype(dtype)
         cut = jnp.where(settled < begins[1:], settled, begins[1:])
         return jnp.append(jnp.stack([begins[:-1], cut], axis=1).ravel(), begins[-1])
 
-    def piece_transmittance(
-        self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
-    ) -> Num[Array | np.ndarray, "pieces *offsets"]:
+    def piece_transmittance(self, offset: Offsets) -> Values:
         shape = (-1,) + (1,) * (offset.ndim - 1)
         levels, starts, constants = (
             jnp.repeat(x, 2).reshape(shape).astype(offset.dtype)
@@ -73,13 +75,7 @@ class LaggedShutter(AbstractPiecewiseShutter):
         state = starts * jnp.exp(-share) - levels * jnp.expm1(-share)
         return jnp.where(rests, levels, state)
 
-    def piece_mean(
-        self,
-        piece: Int[Array, "*cells"],
-        from_left: Bool[Array, "*cells"],
-        distance: Float[Array, "*cells"],
-        width: Float[Array, "*cells"],
-    ) -> Float[Array, "*cells"]:
+    def piece_mean(self, piece: Pieces, from_left: Sides, distance: Cells, width: Cells) -> Cells:
         dtype = np.dtype(width.dtype)
         length = jnp.diff(self.breakpoints(dtype))[piece]
         levels, starts, constants = (

@@ -45,17 +45,11 @@ from mishutter.model.motion import (
 )
 from mishutter.model.sequences import FrameSequence
 from mishutter.model.servos import SecondOrderStage
-from mishutter.model.stages import (
-    StagePath,
-    StageUse,
-    stage_path,
-    stage_use,
-)
+from mishutter.model.stages import StagePath, StageUse, stage_path, stage_use
 
 Number = Float[Array | np.ndarray | np.floating, ""]
 LEAST_STROKE = 1e-3
 """A sensor that may move by less than this stands still; px."""
-_NUM_HALVINGS = 60
 _OF_STAGE = ("max_travel", "max_acceleration", "max_jerk")
 """Limits that a scene may do without, and that the search bounds motions by."""
 
@@ -71,26 +65,13 @@ class LimitUse(NamedTuple):
         return self.taken <= self.there * (1 + slack)
 
 
-class Uses(NamedTuple):
-    """The numbers of motions that limits bound; of any shape."""
-
-    stroke: Positions  # Distance from the lowest to the highest position of the stage; px
-    top_speed: Positions  # Greatest speed of the sensor; px/s
-    half_exposure: Positions  # $T$; s
-    velocity: Positions  # Velocity at mid-exposure; px/s
-    acceleration: Positions  # Greatest acceleration; px/s^2
-    # Share of the stage's travel and top speed that a run-up and a run-out take with the exposure;
-    # None where the stage has no such limit
-    travel_share: Positions | None = None
-
-
 class Limit(NamedTuple):
     """One limit of a motion: its name, its measure, and the words of errors."""
 
     name: str  # Its name in `Limits.demands`, in notes of designs and in maps
     bit: int  # Its bit among the reasons in a sweep's store, which no other takes later
-    # The use of it and the limit itself, of some `Limits` and `Uses`; either may be None
-    demand: Callable[["Limits", Uses], tuple[Positions | None, Positions | None]]
+    # The use of it by a motion and the limit itself, among all `Limits`; either may be None
+    demand: Callable[["Limits", AbstractMotion], tuple[Positions | None, Positions | None]]
     requirement: str  # Words for what a motion must do, of the numbers `taken` and `there`
     got: str  # Words for what a motion does, of the same numbers
     scale: float = 1.0  # Factor from the unit of the numbers to that of the words
@@ -108,7 +89,7 @@ LIMITS = (
     Limit(
         "exposure_too_short",
         2,
-        lambda limits, use: (limits.min_half_exposure, use.half_exposure),
+        lambda limits, motion: (limits.min_half_exposure, motion.half_exposure),
         "leave an exposure of at least {taken:g} ms",
         "{there:g} ms",
         scale=2e3,
@@ -116,7 +97,7 @@ LIMITS = (
     Limit(
         "exposure_too_long",
         3,
-        lambda limits, use: (use.half_exposure, limits.max_half_exposure),
+        lambda limits, motion: (motion.half_exposure, limits.max_half_exposure),
         "leave an exposure of at most {there:g} ms",
         "{taken:g} ms",
         scale=2e3,
@@ -124,35 +105,38 @@ LIMITS = (
     Limit(
         "pan",
         5,
-        lambda limits, use: (abs(use.velocity), limits.max_pan),
+        lambda limits, motion: (abs(motion.velocity), limits.max_pan),
         "keep the pan within max_pan_px_per_s = {there:g}",
         "{taken:g} px/s",
     ),
     Limit(
         "top_speed",
         1,
-        lambda limits, use: (use.top_speed, limits.max_top_speed),
+        lambda limits, motion: (motion.top_speed, limits.max_top_speed),
         "keep the top speed within max_top_speed_px_per_s = {there:g}",
         "{taken:g} px/s",
     ),
     Limit(
         "stroke",
         0,
-        lambda limits, use: (use.stroke, limits.max_stroke),
+        lambda limits, motion: (limits.of_stage(motion).stroke, limits.max_stroke),
         "keep the stroke within max_stroke_px = {there:g}",
         "{taken:g} px, the pan included",
     ),
     Limit(
         "acceleration",
         7,
-        lambda limits, use: (use.acceleration, limits.max_acceleration),
+        lambda limits, motion: (motion.greatest_acceleration, limits.max_acceleration),
         "keep within max_acceleration, {there:g} px/s^2",
         "{taken:g} px/s^2",
     ),
     Limit(
         "travel",
         6,
-        lambda limits, use: (use.travel_share, np.ones(())),
+        lambda limits, motion: (
+            _compiled_travel_share(limits, motion) if limits.has_stage else None,
+            np.ones(()),
+        ),
         "leave the stage room to run up and out within its travel and top speed",
         "{taken:.3g} times as much",
     ),
@@ -265,15 +249,13 @@ class Limits(AbstractModule):
         self.max_half_exposure = as_float(max_half_exposure, "Limits(max_half_exposure=...)")
         max_pan = self.max_top_speed if max_pan is None else max_pan
         self.max_pan = as_float(max_pan, "Limits(max_pan=...)")
-        self.max_travel = self.max_acceleration = self.max_jerk = self.frame_velocity = None
-        if frame_velocity is not None:
-            self.frame_velocity = as_float(frame_velocity, "Limits(frame_velocity=...)")
-        if max_travel is not None:
-            self.max_travel = as_float(max_travel, "Limits(max_travel=...)")
-        if max_acceleration is not None:
-            self.max_acceleration = as_float(max_acceleration, "Limits(max_acceleration=...)")
-        if max_jerk is not None:
-            self.max_jerk = as_float(max_jerk, "Limits(max_jerk=...)")
+        for name, value in {
+            "max_travel": max_travel,
+            "max_acceleration": max_acceleration,
+            "max_jerk": max_jerk,
+            "frame_velocity": frame_velocity,
+        }.items():
+            setattr(self, name, None if value is None else as_float(value, f"Limits({name}=...)"))
         self.pans, self.axes, self.free_paths, self.stage = pans, axes, free_paths, stage
 
     def __check_init__(self) -> None:
@@ -293,15 +275,12 @@ class Limits(AbstractModule):
         is_stage = isinstance(self.stage, SecondOrderStage | None)
         require(is_stage, "Limits(stage=...)", "be a `SecondOrderStage`", self.stage)
         if is_concrete(self.min_half_exposure) and is_concrete(self.max_half_exposure):
-            require(
-                float(self.min_half_exposure) <= float(self.max_half_exposure),
-                "Limits(min_half_exposure=...)",
-                f"be at most max_half_exposure = {float(self.max_half_exposure):g} s",
-                self.min_half_exposure,
-            )
+            shortest, longest = self.min_half_exposure, float(self.max_half_exposure)
+            subject = "Limits(min_half_exposure=...)"
+            requirement = f"be at most max_half_exposure = {longest:g} s"
+            require(float(shortest) <= longest, subject, requirement, shortest)
 
     def __repr__(self) -> str:
-        """The numbers, of which a module shows no more than their type."""
         return fields_text(self)
 
     def without_servo(self) -> "Limits":
@@ -321,10 +300,12 @@ class Limits(AbstractModule):
         Args:
             motion: Motion of the sensor.
         """
-        uses = self._uses(motion)
-        if self.has_stage:
-            uses = uses._replace(travel_share=_compiled_travel_share(self, motion))
-        return self._demands(uses)
+        pairs = {limit.name: limit.demand(self, motion) for limit in LIMITS}
+        return {
+            name: LimitUse(np.asarray(taken, np.float64), np.asarray(there, np.float64))
+            for name, (taken, there) in pairs.items()
+            if taken is not None and there is not None
+        }
 
     def demands_of_parabolas(
         self,
@@ -344,32 +325,6 @@ class Limits(AbstractModule):
         return self.demands(
             eqx.tree_at(lambda m: (m.acceleration, m.half_exposure, m.velocity), one, numbers)
         )
-
-    def _uses(self, motion: AbstractMotion) -> Uses:
-        return Uses(
-            stroke=self.of_stage(motion).stroke,
-            top_speed=motion.top_speed,
-            half_exposure=motion.half_exposure,
-            velocity=motion.velocity,
-            acceleration=motion.greatest_acceleration,
-        )
-
-    def _demands(self, uses: Uses) -> dict[str, LimitUse]:
-        pairs = {limit.name: limit.demand(self, uses) for limit in LIMITS}
-        return {
-            name: LimitUse(*(np.asarray(number, np.float64) for number in pair))
-            for name, pair in pairs.items()
-            if pair[0] is not None and pair[1] is not None
-        }
-
-    def _beside_unsolved(self, share: Array, uses: Callable[[], Uses]) -> Array:
-        """A share, or that of a limit that the search has no formula for where it is greater."""
-        for limit in LIMITS:
-            if not limit.is_solved:
-                taken, there = limit.demand(self, uses())
-                if taken is not None and there is not None:
-                    share = jnp.maximum(share, taken / there)
-        return share
 
     def of_stage(self, motion: AbstractMotion) -> AbstractMotion:
         """The part of a motion that the stage makes, seen from where it is mounted.
@@ -420,10 +375,7 @@ class Limits(AbstractModule):
         return namespace_of(half_exposure).maximum(top - abs(v), 0) / (2 * half_exposure)
 
     def largest_acceleration(
-        self,
-        half_exposure: Number,
-        velocity: Number,
-        shape: PathShape | None = None,
+        self, half_exposure: Number, velocity: Number, shape: PathShape | None = None
     ) -> Number:
         """Largest acceleration within stroke, top speed and the stage's reach; px/s^2, scalar.
 
@@ -497,8 +449,8 @@ class Limits(AbstractModule):
             )
             return self.stage_share_of(motion)
         path = shape.path(acceleration, half_exposure, velocity, self.max_pan)
-        uses = self._uses(path)
-        solved = jnp.maximum(uses.top_speed / self.max_top_speed, uses.stroke / self.max_stroke)
+        stroke = self.of_stage(path).stroke / self.max_stroke
+        solved = jnp.maximum(path.top_speed / self.max_top_speed, stroke)
         return jnp.maximum(self.stage_share_of(path), solved)
 
     def stage_share_of(self, motion: AbstractMotion) -> Float[Array, ""]:
@@ -507,7 +459,13 @@ class Limits(AbstractModule):
         Args:
             motion: Motion of the sensor.
         """
-        return self._beside_unsolved(_travel_share(self, motion), lambda: self._uses(motion))
+        share = _travel_share(self, motion)
+        for limit in LIMITS:
+            if not limit.is_solved:
+                taken, there = limit.demand(self, motion)
+                if taken is not None and there is not None:
+                    share = jnp.maximum(share, taken / there)
+        return share
 
     def stage_path(self, motion: AbstractMotion) -> StagePath | None:
         """The path of the stage from rest through an exposure to rest.
@@ -578,10 +536,6 @@ class Limits(AbstractModule):
             frame = frame + self.frame_velocity.astype(frame.dtype)
         return frame
 
-    def _pan_of_camera(self, velocity: Array) -> Array:
-        """The part of a velocity that turning the camera makes; px/s."""
-        return velocity if self.pans == "camera" else jnp.zeros_like(velocity)
-
     def _speed_of_stage(self, velocity: Positions | float) -> Positions | float:
         """Greatness of the velocity that the stage itself has at mid-exposure; px/s."""
         if self.pans == "camera":
@@ -589,16 +543,6 @@ class Limits(AbstractModule):
         if self.frame_velocity is None:
             return abs(velocity)
         return abs(velocity + as_array_like(velocity, self.frame_velocity))
-
-    def _share_of(self, use: StageUse, speed_beside: Array) -> Array:
-        """The share, where the sensor has a speed beside the stage's; px/s."""
-        share = jnp.zeros_like(use.travel)
-        if self.max_travel is not None:
-            share = jnp.maximum(share, use.travel / self.max_travel)
-        if self.max_jerk is not None:
-            most = jnp.maximum(self.max_top_speed, np.finfo(share.dtype).tiny)
-            share = jnp.maximum(share, (use.top_speed + speed_beside) / most)
-        return share
 
     def largest(
         self,
@@ -664,11 +608,7 @@ class Limits(AbstractModule):
         return self.acceleration_of_stage(acceleration, half, velocity), half, velocity
 
     def acceleration_of_stage(
-        self,
-        most: Number,
-        half_exposure: Number,
-        velocity: Number,
-        shape: PathShape | None = None,
+        self, most: Number, half_exposure: Number, velocity: Number, shape: PathShape | None = None
     ) -> Number:
         """Largest acceleration up to `most` that the stage reaches; px/s^2, scalar.
 
@@ -690,10 +630,17 @@ class Limits(AbstractModule):
 
 def _travel_share(limits: Limits, motion: AbstractMotion) -> Array:
     """The share of travel and top speed that a motion takes with its run-up and its run-out."""
-    velocity = jnp.asarray(motion.velocity)
-    beside = jnp.abs(limits._pan_of_camera(velocity)) - jnp.abs(limits._frame(velocity))
     use = stage_use(limits.of_stage(motion), limits.max_acceleration, limits.max_jerk)
-    return limits._share_of(use, beside)
+    share = jnp.zeros_like(use.travel)
+    if limits.max_travel is not None:
+        share = jnp.maximum(share, use.travel / limits.max_travel)
+    if limits.max_jerk is not None:
+        velocity = jnp.asarray(motion.velocity)
+        by_camera = velocity if limits.pans == "camera" else jnp.zeros_like(velocity)
+        beside = jnp.abs(by_camera) - jnp.abs(limits._frame(velocity))
+        most = jnp.maximum(limits.max_top_speed, np.finfo(share.dtype).tiny)
+        share = jnp.maximum(share, (use.top_speed + beside) / most)
+    return share
 
 
 _compiled_travel_share = compiled(_travel_share)
@@ -730,7 +677,8 @@ def largest_within_one(
         is_within = function(middle, parameters) <= 1
         return jnp.where(is_within, middle, ends[0]), jnp.where(is_within, ends[1], middle)
 
-    return jax.lax.fori_loop(0, _NUM_HALVINGS + 1, halved, (low, high))[0]
+    # The first step tries the upper end; sixty halvings follow.
+    return jax.lax.fori_loop(0, 61, halved, (low, high))[0]
 
 
 @largest_within_one.def_jvp

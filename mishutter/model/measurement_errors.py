@@ -51,5 +51,4 @@ class MeasurementErrors(AbstractModule):
             require_at_least(subject, value, "at least 0")
 
     def __repr__(self) -> str:
-        """The numbers, of which a module shows no more than their type."""
         return fields_text(self)

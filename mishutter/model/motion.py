@@ -30,6 +30,7 @@ from mishutter._core.checks import (
     is_concrete,
     namespace_of,
     require,
+    require_at_least,
     require_finite,
     require_positive_int,
     require_scalar,
@@ -50,25 +51,11 @@ Positions = Array | np.ndarray | np.floating
 Numbers = Array | np.ndarray
 
 
-_BALANCED = 1e-6
-"""Share of the velocity gained and lost beside which a path's ends are equally fast."""
-
-
 class FixedParts(NamedTuple):
     """Parts of a motion that a search may not move, and the request of an error to leave them."""
 
-    names: frozenset[str]
+    names: set[str]
     request: str
-
-
-_FIXED_OF_PAN = FixedParts(frozenset({"path", "acceleration"}), "leave a pan its constant velocity")
-_FIXED_AT_REST = FixedParts(
-    frozenset({"path", "acceleration", "velocity"}), "leave a still camera at rest"
-)
-_FIXED_OF_PATH = FixedParts(
-    frozenset({"half_exposure", "acceleration", "velocity"}),
-    "name path, or leave a free path as it is",
-)
 
 
 class AbstractMotion(AbstractModule):
@@ -103,9 +90,12 @@ class AbstractMotion(AbstractModule):
 
     def __repr__(self) -> str:
         """The numbers, of which a module shows no more than their type."""
-        names = [field.name for field in fields(self)]
-        numbers = (f"{name}={_shown(getattr(self, name))}" for name in names)
-        return f"{type(self).__name__}({', '.join(numbers)})"
+        parts = []
+        for field in fields(self):
+            value = getattr(self, field.name)
+            is_row = getattr(value, "ndim", 0) > 0 and is_concrete(value)
+            parts.append(f"{field.name}={value.tolist() if is_row else value}")
+        return f"{type(self).__name__}({', '.join(parts)})"
 
     @property
     def accelerates_constantly(self) -> bool:
@@ -132,9 +122,14 @@ class AbstractMotion(AbstractModule):
     @property
     def fixed(self) -> FixedParts:
         """Parts that a search leaves as they are: of a straight path that it is straight."""
+        if self.is_straight and is_known_zero(self.velocity):
+            return FixedParts({"path", "acceleration", "velocity"}, "leave a still camera at rest")
         if self.is_straight:
-            return _FIXED_AT_REST if is_known_zero(self.velocity) else _FIXED_OF_PAN
-        return FixedParts(frozenset(), "move") if self.accelerates_constantly else _FIXED_OF_PATH
+            return FixedParts({"path", "acceleration"}, "leave a pan its constant velocity")
+        if self.accelerates_constantly:
+            return FixedParts(set(), "move")
+        names = {"half_exposure", "acceleration", "velocity"}
+        return FixedParts(names, "name path, or leave a free path as it is")
 
     @property
     def mirrors(self) -> bool:
@@ -182,7 +177,7 @@ class AbstractMotion(AbstractModule):
         """-1 of a path that loses velocity from end to end, by more than rounding; else 1."""
         (a,) = as_numpy(self.piece_accelerations)
         gained = a * np.diff(self._ends).astype(a.dtype)
-        loses = gained.sum(axis=-1) < -_BALANCED * abs(gained).sum(axis=-1)
+        loses = gained.sum(axis=-1) < -1e-6 * abs(gained).sum(axis=-1)
         return namespace_of(a).where(loses, -1.0, 1.0).astype(a.dtype)
 
     @property
@@ -381,7 +376,9 @@ class ParabolicMotion(AbstractMotion):
         self.velocity = _beside(half, velocity, "ParabolicMotion(velocity=...)")
 
     def __check_init__(self) -> None:
-        _check_acceleration(self.acceleration)
+        subject = "ParabolicMotion(acceleration=...)"
+        require_scalar(subject, self.acceleration)
+        require_at_least(subject, self.acceleration, "at least 0 px/s^2")
 
     @classmethod
     def from_stroke(
@@ -473,7 +470,14 @@ class FreeMotion(AbstractMotion):
         self.accelerations = as_float(accelerations, "FreeMotion(accelerations=...)")
         self.half_exposure = as_float(half_exposure, "FreeMotion(half_exposure=...)")
         self.velocity = _beside(self.half_exposure, velocity, "FreeMotion(velocity=...)")
-        self.durations = None if durations is None else _as_durations(durations)
+        self.durations = None
+        if durations is not None:
+            subject, shape = "FreeMotion(durations=...)", shape_of(durations)
+            require(np.ndim(durations) == 1, subject, "be one row", shape)  # type: ignore[arg-type]
+            require_finite(subject, durations)
+            self.durations = tuple(float(x) for x in np.asarray(durations))
+            lasts = any(self.durations) and min(self.durations) >= 0
+            require(lasts, subject, "be at least 0, and not all of them 0", self.durations)
 
     def __check_init__(self) -> None:
         subject, row = "FreeMotion(accelerations=...)", self.accelerations
@@ -610,10 +614,10 @@ def acceleration_of_stroke(
     return space.where(room >= 0, sag, 0.0) / 2 / half_exposure / half_exposure
 
 
-def safe_root(square: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
-    """Square root whose derivative at 0 is 0."""
-    positive = square > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
+def safe_root(square: Any) -> Any:
+    """Square root whose derivative at 0 is 0; of a number below that it is 0."""
+    space, positive = jnp if isinstance(square, jax.Array) else np, square > 0
+    return space.where(positive, space.sqrt(space.where(positive, square, 1.0)), 0.0)
 
 
 def _together(*values: RowLike) -> tuple[Array | np.ndarray, ...]:
@@ -651,11 +655,7 @@ def _solved(formula: Callable[..., Positions], *numbers: ArrayLike) -> Array:
 
 
 def simplified(motion: AbstractMotion) -> AbstractMotion:
-    """The motion as programs take it: without an acceleration where none to speak of is known.
-
-    Raises:
-        ValueError: if it is no motion, as that of a scene may be.
-    """
+    """The motion as programs take it: without an acceleration where none to speak of is known."""
     require(isinstance(motion, AbstractMotion), "motion", "be a motion", motion)
     if not motion.is_straight:
         return motion
@@ -665,11 +665,7 @@ def simplified(motion: AbstractMotion) -> AbstractMotion:
 
 
 def steady(motion: AbstractMotion) -> ParabolicMotion:
-    """The parabola that a motion must be.
-
-    Raises:
-        ValueError: if its acceleration changes.
-    """
+    """The parabola that a motion must be."""
     is_motion = isinstance(motion, AbstractMotion)
     is_steady = is_motion and motion.accelerates_constantly
     require(is_steady, "motion", "accelerate constantly", motion)
@@ -692,33 +688,9 @@ def _beside(half_exposure: Array, value: ArrayLike, subject: str) -> Array:
     return as_float(value, subject)
 
 
-def _as_durations(durations: RowLike) -> tuple[float, ...]:
-    subject = "FreeMotion(durations=...)"
-    require(np.ndim(durations) == 1, subject, "be one row", shape_of(durations))  # type: ignore[arg-type]
-    require_finite(subject, durations)
-    row = tuple(float(x) for x in np.asarray(durations))
-    lasts = any(row) and min(row) >= 0
-    require(lasts, subject, "be at least 0, and not all of them 0", row)
-    return row
-
-
-def _shown(value: Any) -> object:
-    return value.tolist() if getattr(value, "ndim", 0) and is_concrete(value) else value
-
-
-def _check_acceleration(value: Array) -> None:
-    subject = "ParabolicMotion(acceleration=...)"
-    require_scalar(subject, value)
-    require_finite(subject, value)
-    if is_concrete(value):
-        require(bool(np.all(np.asarray(value) >= 0)), subject, "be at least 0 px/s^2", value)
-
-
 def _check_half_exposure(subject: str, value: Array) -> None:
     require_scalar(subject, value)
-    require_finite(subject, value)
-    if is_concrete(value):
-        require(bool(np.all(np.asarray(value) > 0)), subject, "be above 0 s", value)
+    require_at_least(subject, value, "above 0 s", strict=True)
 
 
 def _length(subject: str, value: ArrayLike, least: Array, why: str) -> ArrayLike:

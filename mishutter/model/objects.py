@@ -33,5 +33,4 @@ class Objects(AbstractModule):
         require_at_least("Objects(width=...)", self.width, "above 0 px", strict=True)
 
     def __repr__(self) -> str:
-        """The numbers, of which a module shows no more than their type."""
         return fields_text(self)

@@ -119,9 +119,8 @@ class Occlusion(AbstractModule):
         subject = "Occlusion(level_difference=...)"
         require_scalar(subject, self.level_difference)
         require_finite(subject, self.level_difference)
-        is_valid = self.background in get_args(Background)
-        requirement = "be 'still' or 'moving'"
-        require(is_valid, "Occlusion(background=...)", requirement, self.background)
+        subject, is_valid = "Occlusion(background=...)", self.background in get_args(Background)
+        require(is_valid, subject, "be 'still' or 'moving'", self.background)
 
     def __repr__(self) -> str:
         """One line with the numbers, in place of an Equinox module's types."""
@@ -142,11 +141,9 @@ class Occlusion(AbstractModule):
         """
         speed = _shifted(self.background_speed, velocity)
         layers = eqx.tree_at(lambda o: o.background_speed, self, speed)
-        return (
-            layers
-            if self.shares is None
-            else layers.with_shares(self.shares.in_sensor_frame(velocity))
-        )
+        if self.shares is None:
+            return layers
+        return layers.with_shares(self.shares.in_sensor_frame(velocity))
 
     def with_shares(self, shares: LayerShares | None) -> "Occlusion":
         """The same layers, with shares that have been computed, or without.

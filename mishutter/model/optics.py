@@ -116,7 +116,6 @@ class Optics(AbstractModule):
             require(is_within, subject, f"be at most {WIDEST_BLUR:g} px", blur)
 
     def __repr__(self) -> str:
-        """One line with the numbers, in place of an Equinox module's types."""
         return fields_text(self)
 
     def response(self, period: int) -> Float[np.ndarray, "{period}//2+1"]:

@@ -39,12 +39,7 @@ from mishutter.model.decoder_speeds import DecoderSpeed, DecoderWord, as_decoder
 from mishutter.model.devices import AbstractDevice
 from mishutter.model.limits import Limits
 from mishutter.model.measurement_errors import MeasurementErrors
-from mishutter.model.motion import (
-    AbstractMotion,
-    ParabolicMotion,
-    is_known_zero,
-    steady,
-)
+from mishutter.model.motion import AbstractMotion, ParabolicMotion, is_known_zero, steady
 from mishutter.model.objects import Objects
 from mishutter.model.occlusion import Occlusion
 from mishutter.model.optics import NUM_FREQUENCIES, Optics, frequencies, on_steps
@@ -77,12 +72,6 @@ from mishutter.model.tolerances import Tolerances
 from mishutter.model.velocities import AbstractVelocities, EvenVelocities
 
 _DOUBLE = np.dtype(np.float64)
-_OF_ONE_AXIS = ("occlusion", "tolerances", "motion")
-"""Parts of a scene that are known along one axis alone."""
-_SPEEDS_ALONG = 16
-"""Speeds that stand for a law of velocities along its axis."""
-_NARROWEST = 16
-"""Pixels of a row that every sensor has."""
 
 
 @final
@@ -198,12 +187,8 @@ class Scene(AbstractModule):
 
     def __check_init__(self) -> None:
         shape = self.speeds.shape
-        require(
-            self.speeds.ndim == 1 and self.speeds.size >= 1,
-            "Scene(speeds=...)",
-            "be one row of at least one speed",
-            shape_of(self.speeds),
-        )
+        one_row, requirement = len(shape) == 1 and shape[0] >= 1, "be one row of at least one speed"
+        require(one_row, "Scene(speeds=...)", requirement, shape_of(self.speeds))
         require_finite("Scene(speeds=...)", self.speeds)
         matches = self.weights.shape == shape
         require(matches, "Scene(weights=...)", f"have shape {shape}", self.weights.shape)
@@ -231,15 +216,13 @@ class Scene(AbstractModule):
             value = getattr(self, name)
             require(isinstance(value, kind), f"Scene({name}=...)", requirement, value)
         self._check_power_below()
-        *words, last = map(repr, get_args(DecoderSpeed))
-        requirement = f"be {', '.join(words)} or {last}"
+        *others, last = map(repr, get_args(DecoderSpeed))
+        requirement = f"be {', '.join(others)} or {last}"
         is_valid = self.decoder_speed in get_args(DecoderSpeed)
         require(is_valid, "Scene(decoder_speed=...)", requirement, self.decoder_speed)
         whole = self.occlusion is None or self.decoder_speed != "found"
-        requirement = (
-            "be 'unknown' or 'known': no single speed describes a picture with a background"
-        )
-        require(whole, "Scene(decoder_speed=...)", requirement, self.decoder_speed)
+        words = "be 'unknown' or 'known': no single speed describes a picture with a background"
+        require(whole, "Scene(decoder_speed=...)", words, self.decoder_speed)
         is_valid = isinstance(self.given_motion, AbstractMotion | None)
         require(is_valid, "Scene(motion=...)", "be a motion", self.given_motion)
         for doubt in self._doubts():
@@ -261,7 +244,7 @@ class Scene(AbstractModule):
         well, width, noise = self.sensor.full_well, self.sensor.width, self.read_noise
         if well is not None and all_concrete((well, noise)) and float(well) < float(noise):
             yield f"a pixel is full at {float(well):g} e-, below {float(noise):g} e- of read noise"
-        if width is not None and is_concrete(width) and float(width) < _NARROWEST:
+        if width is not None and is_concrete(width) and float(width) < 16:
             yield f"the sensor is {float(width):g} px wide"
 
     def _check_power_below(self) -> None:
@@ -321,14 +304,14 @@ class Scene(AbstractModule):
         """
         known = [name for name in argument_names(Scene)[2:] if name != "velocities"]
         require_arguments("Scene.any_direction", others, known)
-        for name in _OF_ONE_AXIS:
-            subject, requirement = f"Scene.any_direction({name}=...)", "be left to one axis"
-            require(others.get(name) is None, subject, requirement, others.get(name))
+        for name in ("occlusion", "tolerances", "motion"):
+            subject, part = f"Scene.any_direction({name}=...)", others.get(name)
+            require(part is None, subject, "be left to one axis", part)
         law = velocities
         if not isinstance(law, AbstractVelocities):
             law = EvenVelocities(as_float(law, "Scene.any_direction(velocities=...)"))
         along = np.array([law.axis if all_concrete(law) else 0.0])
-        parts = law.components(along, _SPEEDS_ALONG)
+        parts = law.components(along, 16)  # speeds that stand for the law along its axis
         own = {"speeds": parts.speeds[0], "weights": parts.weights[0], "velocities": law}
         return made_of(Scene, {"decoder_speed": "found"} | others | own)
 
@@ -360,11 +343,13 @@ class Scene(AbstractModule):
         """
         text, name = scene_text(self), os.fspath(path)
         read = scene_of_tables(tomllib.loads(text), name, Path(), lambda *_: self.picture)
+        double = lambda x: np.asarray(x, np.float64) if eqx.is_array(x) else x  # noqa: E731
         for field in fields(Scene):
             part = "motion" if field.name == "given_motion" else field.name
-            own, other = getattr(self, field.name), getattr(read, field.name)
+            own = getattr(self, field.name)
+            pair = (jax.tree.map(double, each) for each in (own, getattr(read, field.name)))
             # Every device has keys, though some are of another class that shows the same light.
-            is_held = part == "device" or _are_near(own, other)
+            is_held = part == "device" or bool(eqx.tree_equal(*pair, rtol=1e-6))
             require(is_held, f"Scene({part}=...)", "be one that a scene file holds", own)
         write_text(name, text)
 
@@ -425,9 +410,7 @@ class Scene(AbstractModule):
         Args:
             occlusion: The layers; None without any.
         """
-        return eqx.tree_at(
-            lambda s: s.occlusion, self, occlusion, is_leaf=lambda part: part is None
-        )
+        return eqx.tree_at(lambda s: s.occlusion, self, occlusion, is_leaf=lambda x: x is None)
 
     def without_pan(self) -> "Scene":
         """The scene with a sensor that may not pan."""
@@ -512,9 +495,6 @@ def in_sensor_frame(scene: Scene, motion: AbstractMotion) -> tuple[Scene, Abstra
 
     The velocity of the sensor is subtracted from all speeds. The motion has none left, and the
     limit on its top speed falls by as much.
-
-    Raises:
-        ValueError: if the scene is none.
     """
     require_scene(scene)
     if is_known_zero(motion.velocity):
@@ -534,9 +514,8 @@ def in_sensor_frame(scene: Scene, motion: AbstractMotion) -> tuple[Scene, Abstra
         before = scene.limits.frame_velocity
         frame = velocity.astype(top.dtype)
         frame = as_float(frame if before is None else before + frame)
-        scene = eqx.tree_at(
-            lambda s: s.limits.frame_velocity, scene, frame, is_leaf=lambda leaf: leaf is None
-        )
+        place = lambda s: s.limits.frame_velocity  # noqa: E731
+        scene = eqx.tree_at(place, scene, frame, is_leaf=lambda x: x is None)
     if scene.tolerances is not None:
         tolerances = scene.tolerances.in_sensor_frame(velocity)
         scene = eqx.tree_at(lambda s: s.tolerances, scene, tolerances)
@@ -585,13 +564,6 @@ def _numbers_of_power(scene: Scene) -> tuple[Array | None, Array, Array]:
     return picture.power_spectrum, scene.optics.cutoff_frequency, picture.deviation
 
 
-def _are_near(first: object, second: object) -> bool:
-    """Whether two parts of scenes are the same but for rounding."""
-    double = lambda x: np.asarray(x, np.float64) if eqx.is_array(x) else x  # noqa: E731
-    pair = (jax.tree.map(double, part) for part in (first, second))
-    return bool(eqx.tree_equal(*pair, rtol=1e-6))
-
-
 def _normalised(weights: RowLike) -> Array:
     """Weights over their sum; those that sum to 1 to rounding keep their bits."""
     row = as_float(weights, "Scene(weights=...)")
@@ -631,12 +603,7 @@ def _scene(data: bytes, name: str, folder: Path) -> Scene:
 def scene_of_tables(
     tables: object, name: str, folder: Path, textures: Textures | None = None
 ) -> Scene:
-    """The scene of a file's tables.
-
-    Raises:
-        ValueError: as `read_scene`.
-        OSError: as `read_scene`.
-    """
+    """The scene of a file's tables."""
     file = validated(SceneFile, tables, name, in_section)
     with in_file(name):
         arguments = scene_arguments(file, folder, textures)
@@ -650,9 +617,6 @@ def scene_text(scene: Scene, notes: Mapping[str, Sequence[str]] | None = None) -
 
     A photograph is told by its whole path, and read again with the scene. Without one a power
     spectrum, and a motion that is no parabola, have no keys, and are left out.
-
-    Raises:
-        ValueError: if a number is out of the range of its key.
     """
     return file_text(scene_tables(scene), "scene_text(scene=...)", notes or {})
 
@@ -680,9 +644,8 @@ def scene_tables(scene: Scene) -> dict[str, dict[str, object]]:
     else:
         tables["speeds"] = {"any_direction": scene.velocities.table}
     tables["light"] = {"photon_rate_per_s": float(scene.photon_rate)}
-    tables["sensor"] = {"read_noise_e": float(scene.read_noise)} | table_of(
-        scene.sensor, SensorSection
-    )
+    tables["sensor"] = {"read_noise_e": float(scene.read_noise)}
+    tables["sensor"] |= table_of(scene.sensor, SensorSection)
     tables["decoder"] = {"speed": scene.decoder_speed}
     if scene.device is not None:
         tables["shutter"] = device_table(scene.device)
@@ -695,9 +658,13 @@ def scene_tables(scene: Scene) -> dict[str, dict[str, object]]:
             "deviation": float(picture.deviation),
         }
     else:
-        is_linear = picture.linear or None
-        path = _whole_path(picture.path)
-        tables["picture"] = {"path": path, "white": picture.white, "linear": is_linear}
+        # A file in any folder may hold the path from the root.
+        is_example = picture.path == EXAMPLE_PICTURE
+        tables["picture"] = {
+            "path": picture.path if is_example else str(Path(picture.path).absolute()),
+            "white": picture.white,
+            "linear": picture.linear or None,
+        }
     if scene.velocities is None and scene.limits.axes == "each":
         del tables["limits"]["axes"]
     # A section refuses each of these numbers without the one that it goes with.
@@ -706,8 +673,3 @@ def scene_tables(scene: Scene) -> dict[str, dict[str, object]]:
     if scene.tolerances is not None and float(scene.tolerances.drive_step) == 0:
         del tables["tolerances"]["drive_step_us"]
     return tables
-
-
-def _whole_path(path: str) -> str:
-    """A photograph's path from the root, which a file in any folder may hold."""
-    return path if path == EXAMPLE_PICTURE else str(Path(path).absolute())

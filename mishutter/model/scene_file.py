@@ -19,13 +19,7 @@ from mishutter._core.checks import Unquoted, require
 from mishutter._core.files import contents
 from mishutter._core.validation import Section, in_section, parsed, validated
 from mishutter.model.arguments import made_of
-from mishutter.model.devices import (
-    DEVICES,
-    NUM_SLOTS,
-    AbstractDevice,
-    IdealDevice,
-    device_of,
-)
+from mishutter.model.devices import DEVICES, NUM_SLOTS, AbstractDevice, IdealDevice
 from mishutter.model.limits import LEAST_STROKE, LIMITS, Limits
 from mishutter.model.measurement_errors import MeasurementErrors
 from mishutter.model.motion import ParabolicMotion
@@ -43,7 +37,6 @@ from mishutter.model.scene_schema import (
     PictureSection,
     SceneFile,
     ShutterSection,
-    Speeds,
     StageSection,
     TolerancesSection,
     Uniform,
@@ -74,23 +67,10 @@ from mishutter.pictures.images import Axis
 _Kind = TypeVar("_Kind")
 Textures = Callable[[str, float | None, bool, Axis], Texture]
 """The texture of a photograph, by `path`, `white`, `linear` and `axis` of a file."""
-_DEVIATIONS = 3.0
-"""Standard deviations from the mean to either end of normally distributed speeds."""
-_MAX_TRAVEL = 1e4
-"""Longest way of an object over an exposure; px."""
-_STROKES = LEAST_STROKE, 1e4
-"""Least and greatest `max_stroke` of a stage, which is checked in pixels; px."""
-_MARGIN = 1e-9
-"""Share of a limit by which rounding may exceed it."""
 
 
 def read_speed(text: str, path: str | Path | None, subject: str) -> float:
-    """The speed of a thing in a scene, which a text gives in px/s or in a unit of its file; px/s.
-
-    Raises:
-        ValueError: as `speed_of`, and if the file is not a scene.
-        OSError: if the file cannot be read.
-    """
+    """The speed of a thing in a scene, px/s, which a text gives in that or a unit of its file."""
     data = example_scene_text().encode() if path is None else contents(Path(path))
     name = str(path or "example_scene.toml")
     file = validated(SceneFile, parsed(tomllib.loads, data, name, "TOML"), name, in_section)
@@ -98,12 +78,7 @@ def read_speed(text: str, path: str | Path | None, subject: str) -> float:
 
 
 def read_velocity(text: str, path: str | Path | None, subject: str) -> tuple[float, float]:
-    """The velocity of a thing along rows and columns, in two speeds of `read_speed`, or 0; px/s.
-
-    Raises:
-        ValueError: as `read_speed`, and if there are not two.
-        OSError: if the file cannot be read.
-    """
+    """The velocity of a thing along rows and columns, in two speeds of `read_speed`, or 0; px/s."""
     parts = ["0", "0"] if text == "0" else text.split(",")
     requirement = "be a velocity along rows and columns, as 1500,-800 or 0.9m/s,0.2m/s"
     require(len(parts) == 2, subject, requirement, text)
@@ -123,11 +98,7 @@ def example_scene_text() -> str:
 def file_text(
     tables: Mapping[str, Mapping[str, object]], subject: str, notes: Mapping[str, Sequence[str]]
 ) -> str:
-    """The text of a scene file.
-
-    Raises:
-        ValueError: if a number is out of the range of its key.
-    """
+    """The text of a scene file."""
     file = validated(SceneFile, tables, subject, in_section)
     lines = [f"# {line}" for line in notes.get("", ())]
     for name, section in file.model_dump(exclude_none=True).items():
@@ -163,26 +134,17 @@ def in_file(name: str) -> Iterator[None]:
 
 
 def scene_arguments(file: SceneFile, folder: Path, textures: Textures | None) -> dict[str, Any]:
-    """Arguments of `Scene` that a file gives.
-
-    Raises:
-        ValueError: if keys do not go together, or a photograph is no picture.
-        OSError: if a photograph cannot be read.
-    """
+    """Arguments of `Scene` that a file gives."""
     file = file.model_copy(update={"limits": _with_halves(file.limits)})
     scales = _scales(file)
-    moving = _moving(file, scales)
+    moving = _speeds(file, scales)
     limits = _limits(file.limits, file.stage, scales)
     law = moving.get("velocities")
     fastest = float(np.max(np.abs(moving["speeds"]))) if law is None else law.fastest
     travel = fastest * 2 * file.limits.max_half_exposure_ms / 1000
-    requirement = f"let the fastest object travel at most {_MAX_TRAVEL:g} px"
-    require(
-        travel <= _MAX_TRAVEL,
-        "[limits] max_half_exposure_ms",
-        requirement,
-        Unquoted(f"{travel:g} px in {2 * file.limits.max_half_exposure_ms:g} ms"),
-    )
+    got = Unquoted(f"{travel:g} px in {2 * file.limits.max_half_exposure_ms:g} ms")
+    requirement = "let the fastest object travel at most 10000 px"
+    require(travel <= 1e4, "[limits] max_half_exposure_ms", requirement, got)
     occlusion = _occlusion(file.occlusion, scales)
     is_whole = occlusion is None or file.decoder.speed != "found"
     why = "no single speed describes a picture with a background"
@@ -206,19 +168,9 @@ def scene_arguments(file: SceneFile, folder: Path, textures: Textures | None) ->
     }
 
 
-def _moving(file: SceneFile, scales: Scales) -> dict[str, Any]:
+def _speeds(file: SceneFile, scales: Scales) -> dict[str, Any]:
     """The speeds and weights of a file, or the law of its velocities."""
-    speeds = _speeds(file.speeds, scales)
-    if isinstance(speeds, tuple):
-        return {"speeds": speeds[0], "weights": speeds[1]}
-    for name in ("occlusion", "tolerances", "motion"):
-        requirement = "stand beside speeds along one axis, as uniform, and not beside any_direction"
-        is_absent = getattr(file, name) is None
-        require(is_absent, f"[{name}]", requirement, Unquoted("both"))
-    return {"velocities": speeds}
-
-
-def _speeds(section: Speeds, scales: Scales) -> tuple[np.ndarray, np.ndarray] | AbstractVelocities:
+    section = file.speeds
     unit, listed = told_in(section, "list", SPEED_UNITS, "[speeds]")
     forms = {
         "uniform": section.uniform,
@@ -228,15 +180,15 @@ def _speeds(section: Speeds, scales: Scales) -> tuple[np.ndarray, np.ndarray] | 
     }
     forms_in_file = [name for name, value in forms.items() if value is not None]
     requirement = "hold one of uniform, normal, list_px_per_s and any_direction"
-    require(
-        len(forms_in_file) == 1,
-        "[speeds]",
-        requirement,
-        Unquoted(" and ".join(forms_in_file) or "no speeds"),
-    )
+    got = Unquoted(" and ".join(forms_in_file) or "no speeds")
+    require(len(forms_in_file) == 1, "[speeds]", requirement, got)
     if section.any_direction is not None:
         require(section.weights is None, "[speeds] weights", "stand in any_direction", "[speeds]")
-        return _any_direction(section.any_direction, scales)
+        law = _any_direction(section.any_direction, scales)
+        beside = "stand beside speeds along one axis, as uniform, and not beside any_direction"
+        for name in ("occlusion", "tolerances", "motion"):
+            require(getattr(file, name) is None, f"[{name}]", beside, Unquoted("both"))
+        return {"velocities": law}
     if section.uniform is not None:
         unit, speeds, weights = _uniform(section.uniform)
     elif section.normal is not None:
@@ -248,18 +200,14 @@ def _speeds(section: Speeds, scales: Scales) -> tuple[np.ndarray, np.ndarray] | 
     speeds = speeds * scales.of_things(unit, f"[speeds] in {unit}")
     fastest = float(np.max(np.abs(speeds)))
     require(fastest <= FASTEST, "[speeds]", f"be at most {FASTEST:g} px/s", fastest)
-    return speeds, weights
-
-
-_LAWS = ("max", "along", "speed", "list")
-"""Keys of a law of velocities without their units, by which one is told."""
+    return {"speeds": speeds, "weights": weights}
 
 
 def _any_direction(form: AnyDirection, scales: Scales) -> AbstractVelocities:
     """The law of velocities: a disc, an ellipse, a ring, or a list."""
-    place = "[speeds] any_direction"
-    told = {name: told_in(form, name, SPEED_UNITS, place) for name in (*_LAWS, "across")}
-    laws = [name for name in _LAWS if told[name][1] is not None]
+    place, names = "[speeds] any_direction", ("max", "along", "speed", "list")
+    told = {name: told_in(form, name, SPEED_UNITS, place) for name in (*names, "across")}
+    laws = [name for name in names if told[name][1] is not None]
     requirement = "hold one of max_px_per_s, along_px_per_s, speed_px_per_s and list_px_per_s"
     require(len(laws) == 1, place, requirement, Unquoted(" and ".join(laws) or "none of them"))
     law = laws[0]
@@ -317,7 +265,8 @@ def _normal(form: Normal) -> tuple[str, np.ndarray, np.ndarray]:
     place = "[speeds] normal"
     unit, mean, deviation = _pair(form, place, ("mean", "deviation"))
     require(form.count > 1, f"{place}.count", "be at least 2, for speeds that deviate", form.count)
-    steps = ((2 * np.arange(form.count) + 1) / form.count - 1) * _DEVIATIONS
+    # Over three standard deviations on either side of the mean.
+    steps = ((2 * np.arange(form.count) + 1) / form.count - 1) * 3.0
     density = np.exp(-(steps**2) / 2)
     return unit, mean + deviation * steps, density / density.sum()
 
@@ -370,7 +319,7 @@ def _device(section: ShutterSection, scales: Scales) -> AbstractDevice:
     times = [arguments[name] for name in ("rise_time", "fall_time") if name in arguments]
     if times:
         arguments |= {"rise_time": times[0], "fall_time": times[-1]}
-    return device_of(**arguments)
+    return made_of(next(kind for kind in DEVICES if kind.has(arguments)), arguments)
 
 
 def _with_halves(section: LimitsSection) -> LimitsSection:
@@ -395,8 +344,8 @@ def _limits(section: LimitsSection, stage: StageSection | None, scales: Scales) 
     arguments = arguments_in(section, Limits, "[limits]", scales)
     stroke = arguments["max_stroke"]
     subject = f"[limits] max_stroke_{'px' if section.max_stroke_mm is None else 'mm'}"
-    requirement = f"be 0, without a stage, or lie in {_STROKES[0]:g} to {_STROKES[1]:g} px"
-    require(stroke == 0 or _STROKES[0] <= stroke <= _STROKES[1], subject, requirement, stroke)
+    requirement = f"be 0, without a stage, or lie in {LEAST_STROKE:g} to 10000 px"
+    require(stroke == 0 or LEAST_STROKE <= stroke <= 1e4, subject, requirement, stroke)
     servo = _of_kind(SecondOrderStage, stage, "[stage]", scales)
     return made_of(Limits, arguments | {"stage": servo})
 
@@ -465,7 +414,8 @@ def _motion(
         if limit.name in demands:
             place = velocity_key if limit.name == "pan" else subject
             requirement, got = limit.words(demands[limit.name])
-            require(bool(demands[limit.name].is_met(_MARGIN)), place, requirement, Unquoted(got))
+            is_met = bool(demands[limit.name].is_met(1e-9))  # rounding may exceed it
+            require(is_met, place, requirement, Unquoted(got))
     return motion
 
 
@@ -477,9 +427,8 @@ def _velocity(section: MotionSection, limits: LimitsSection, scales: Scales) -> 
     require(turns, "[motion] velocity_deg_per_s", requirement, turned)
     units = ("px_per_s", "mm_per_s", "deg_per_s")
     unit, velocity = told_in(section, "velocity", units, "[motion]")
-    key, of_unit = f"[motion] velocity_{unit}", scales.of_stage
-    if unit == "deg_per_s":
-        of_unit = scales.of_things
+    of_unit = scales.of_things if unit == "deg_per_s" else scales.of_stage
+    key = f"[motion] velocity_{unit}"
     return velocity * of_unit(unit, key), key
 
 
@@ -496,12 +445,8 @@ def _picture(
         require(own or getattr(section, key) is None, f"[picture] {key}", requirement, got)
     if section.path is None:
         return made_of(Texture, levels_in_file)
-    require(
-        not levels_in_file,
-        f"[picture] {next(iter(levels_in_file), '')}",
-        "not stand beside path",
-        section.path,
-    )
+    subject = f"[picture] {next(iter(levels_in_file), '')}"
+    require(not levels_in_file, subject, "not stand beside path", section.path)
     white, linear = section.white, bool(section.linear)
     if textures is not None:
         return textures(section.path, white, linear, axis)

@@ -32,11 +32,7 @@ from mishutter._core.checks import (
 )
 from mishutter._core.validation import Section
 from mishutter.model.arguments import argument_names
-from mishutter.model.scene_schema import (
-    Light,
-    SensorSection,
-    ViewSection,
-)
+from mishutter.model.scene_schema import Light, SensorSection, ViewSection
 
 GRAVITY = 9.80665
 """Standard gravity; m/s^2."""
@@ -55,12 +51,8 @@ _METRES = {
 _PHOTONS_PER_LUX = 6.02214076e23 * 1e-6 / 54
 """Photons of sunlight between 400 and 700 nm by lux, second and square metre: 1.1e16."""
 _NOTHING = Unquoted("nothing")
-_COARSEST = 0.05
-"""Length of things on a pixel of a lens at a distance beyond which that may be in mm; m."""
 SPEED_UNITS = ("px_per_s", "um_per_s", "mm_per_s", "m_per_s", "km_per_h", "deg_per_s")
 """Units of the speeds of things, as the names of keys end in them."""
-_LENGTH_UNITS = ("px", "um", "mm", "m")
-_STAGE_UNITS = ("px", "px_per_s", *_METRES)
 FASTEST = 1e7
 """Greatest speed of a thing, px/s."""
 _KEYS = {
@@ -84,7 +76,6 @@ def _text(unit: str) -> str:
 
 _MICRO = str.maketrans("\u00b5\u03bc", "uu")
 """Both micro signs, as what stands for them in names of units."""
-_SPEED = re.compile(rf"\s*(\S+?)\s*({'|'.join(map(_text, SPEED_UNITS))})\s*")
 
 
 @final
@@ -134,13 +125,13 @@ class View:
             beyond = f"be beyond the focal length, {f:g} m"
             require(d > f, self._subject("distance"), beyond, d)  # type: ignore[operator]
         pitch, magnification = self.pixel_pitch, self._magnification
+        # A pixel that covers more than 5 cm of things hints at a distance in mm.
         covered = pitch / magnification if d and pitch and magnification else 0.0
-        if covered > _COARSEST:
+        if covered > 0.05:
             doubt = f"at {self._bare('distance')} = {d:g} a pixel covers {covered * 1e3:.3g} mm"
             warnings.warn(f"{doubt} of things; distances are in m", SceneWarning, stacklevel=3)
 
     def __repr__(self) -> str:
-        """The arguments that were given."""
         return fields_text(self)
 
     def speed(self, value: RowLike, unit: str) -> Any:
@@ -167,7 +158,7 @@ class View:
         Raises:
             ValueError: if the view lacks what the unit needs.
         """
-        key = _unit("View.length", unit, _LENGTH_UNITS)
+        key = _unit("View.length", unit, ("px", "um", "mm", "m"))
         return _numbers("View.length", value) * self._of_things(key, f"a length in {unit}")
 
     def stage(self, value: RowLike, unit: str) -> Any:
@@ -181,7 +172,7 @@ class View:
         Raises:
             ValueError: if the unit needs the pixel pitch and there is none.
         """
-        key = _unit("View.stage", unit, _STAGE_UNITS)
+        key = _unit("View.stage", unit, ("px", "px_per_s", *_METRES))
         return _numbers("View.stage", value) * self._of_stage(key, f"a stage in {unit}")
 
     def photon_rate(
@@ -329,19 +320,15 @@ class Scales(NamedTuple):
 
 
 def speed_of(text: str, scales: Scales, subject: str) -> float:
-    """The speed of a thing that a text gives in px/s, or with its unit; px/s.
-
-    Raises:
-        ValueError: if it is no number, one of another unit, or faster than anything, or the scene
-            does not say what the unit needs.
-    """
-    match = _SPEED.fullmatch(text.translate(_MICRO))
+    """The speed of a thing that a text gives in px/s, or with its unit; px/s."""
+    *units, last = map(_text, SPEED_UNITS)
+    pattern = rf"\s*(\S+?)\s*({'|'.join([*units, last])})\s*"
+    match = re.fullmatch(pattern, text.translate(_MICRO))
     number, unit = match.groups() if match else (text, "px/s")
     try:
         value = float(number)
     except ValueError:
         value = math.nan
-    *units, last = map(_text, SPEED_UNITS)
     units_text = f"{', '.join(units)} or {last}"
     requirement = f"be a number of px/s, or one with its unit, as 0.9m/s: {units_text}"
     require(math.isfinite(value), subject, requirement, text)
@@ -355,12 +342,10 @@ def told_in(section: Section, name: str, units: tuple[str, ...], place: str) -> 
     """The one unit in which a section gives a quantity, and its value; None if it gives none.
 
     A default, of a key that the file does not have, gives way to another unit.
-
-    Raises:
-        ValueError: if it is given in several units.
     """
     values = {unit: getattr(section, _key(name, unit)) for unit in units}
-    told = [unit for unit, x in values.items() if x is not None and _is_told(section, name, unit)]
+    in_file = [unit for unit in units if _key(name, unit) in section.model_fields_set]
+    told = [unit for unit in in_file if values[unit] is not None]
     chosen, other = (told[0], told[-1]) if told else (units[0], units[0])
     subject, beside = f"{place} {name}_{other}", f"not stand beside {name}_{chosen}"
     require(chosen == other, subject, beside, values[other])
@@ -369,14 +354,11 @@ def told_in(section: Section, name: str, units: tuple[str, ...], place: str) -> 
 
 _DIVISORS = {"ms": 1e3, "us": 1e6}
 """Units of time, in a second."""
-_OF_CLASSES = ("", "cycles_per_px", "e", "hz", "per_s", "share", "slots")
-"""Units that classes have too."""
 _OF_LENGTH = ("px", "um", "mm", "m", "px_per_s2", "px_per_s3", "g", "g_per_s", *SPEED_UNITS)
-_UNITS = (*_OF_CLASSES, *_DIVISORS, *_OF_LENGTH)
+_UNITS = ("", "cycles_per_px", "e", "hz", "per_s", "share", "slots", *_DIVISORS, *_OF_LENGTH)
+"""Units of keys; the first seven are those of classes too."""
 _PITCH, _MICROMETRE = "pixel_pitch", 1e-6
 """The length by which others are pixels, itself in m, and m in the unit of its key."""
-_OF_THINGS = ("max_pan", "object_speed", "object_width", "width")
-"""Quantities whose units are those of things; lengths of all others are of the stage."""
 _OTHER_NAMES = {
     "cutoff": "cutoff_frequency",
     "rise": "rise_time",
@@ -387,19 +369,15 @@ _OTHER_NAMES = {
 
 
 def arguments_in(section: Section, kind: type, place: str, scales: Scales) -> dict[str, Any]:
-    """Arguments of a class that a section gives, in the units of the class.
-
-    Raises:
-        ValueError: if a quantity is given in several units, or in one that needs a key that the
-            file does not have.
-    """
+    """Arguments of a class that a section gives, in the units of the class."""
     values = {}
     for name, units in _quantities(type(section), kind).items():
         unit, value = told_in(section, name, units, place)
         if value is not None and name == _PITCH:
             value = value * _MICROMETRE
         elif value is not None and unit in _OF_LENGTH:
-            of_unit = scales.of_things if name in _OF_THINGS else scales.of_stage
+            is_of_things = name in ("max_pan", "object_speed", "object_width", "width")
+            of_unit = scales.of_things if is_of_things else scales.of_stage
             value = value * of_unit(unit, f"{place} {name}_{unit}")
         elif value is not None and unit in _DIVISORS:
             value = value / _DIVISORS[unit]
@@ -436,10 +414,6 @@ def _key(name: str, unit: str) -> str:
     return f"{name}_{unit}" if unit else name
 
 
-def _is_told(section: Section, name: str, unit: str) -> bool:
-    return _key(name, unit) in section.model_fields_set
-
-
 _WAYS_OF_LIGHT = {
     "photon_rate_per_s": (),
     "white_e": ("white_ms",),
@@ -449,11 +423,7 @@ _WAYS_OF_LIGHT = {
 
 
 def photon_rate(light: Light, scales: Scales) -> float:
-    """Photo-electrons a second at a white pixel of an open shutter.
-
-    Raises:
-        ValueError: if the section says it in several ways, in none, or half of it.
-    """
+    """Photo-electrons a second at a white pixel of an open shutter."""
     told = [way for way in _WAYS_OF_LIGHT if getattr(light, way) is not None]
     requirement = "be given, or white_e and white_ms, or illuminance_lux"
     require(len(told) > 0, "[light] photon_rate_per_s", requirement, _NOTHING)
@@ -480,11 +450,7 @@ def photon_rate(light: Light, scales: Scales) -> float:
 
 
 def read_noise_in(sensor: SensorSection) -> float:
-    """Standard deviation of the read noise that a section gives; e-.
-
-    Raises:
-        ValueError: if the section says it in both ways, in none, or half of it.
-    """
+    """Standard deviation of the read noise that a section gives; e-."""
     range_db, well = sensor.dynamic_range_db, sensor.full_well_e
     if range_db is None:
         require(sensor.read_noise_e is not None, "[sensor] read_noise_e", "be given", _NOTHING)

@@ -53,13 +53,9 @@ class Sensor(AbstractModule):
         width: ArrayLike | None = None,
         pixel_pitch: ArrayLike | None = None,
     ):
-        self.full_well = self.width = self.pixel_pitch = None
-        if full_well is not None:
-            self.full_well = as_float(full_well, "Sensor(full_well=...)")
-        if width is not None:
-            self.width = as_float(width, "Sensor(width=...)")
-        if pixel_pitch is not None:
-            self.pixel_pitch = as_float(pixel_pitch, "Sensor(pixel_pitch=...)")
+        numbers = {"full_well": full_well, "width": width, "pixel_pitch": pixel_pitch}
+        for name, value in numbers.items():
+            setattr(self, name, None if value is None else as_float(value, f"Sensor({name}=...)"))
         self.axis = axis
 
     def __check_init__(self) -> None:
@@ -72,7 +68,6 @@ class Sensor(AbstractModule):
         require(is_axis, "Sensor(axis=...)", "be 'rows' or 'columns'", self.axis)
 
     def __repr__(self) -> str:
-        """The numbers, of which a module shows no more than their type."""
         return fields_text(self)
 
 
@@ -115,7 +110,6 @@ class BurstMode(AbstractModule):
         self.max_frames = max_frames
 
     def __repr__(self) -> str:
-        """The numbers, of which a module shows no more than their type."""
         return fields_text(self)
 
     def __check_init__(self) -> None:
@@ -152,10 +146,7 @@ def noise_power(
 
 
 def white_electrons(photon_rate: Numbers, exposure: Numbers, throughput: Numbers = 1.0) -> Any:
-    r"""Photo-electrons of a white pixel, $p = R\cdot\eta\cdot 2T$; e-, of any shape.
-
-    They are NumPy's if all of the numbers are concrete.
-    """
+    r"""Photo-electrons of a white pixel, $p = R\cdot\eta\cdot 2T$; e-, of NumPy if concrete."""
     rate, exposure = as_numpy(photon_rate, exposure)
     return rate * (throughput * exposure)
 

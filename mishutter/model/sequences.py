@@ -32,12 +32,8 @@ if TYPE_CHECKING:
 
 SINE = "sine"
 """Kind of a sequence whose stage follows a sine between its frames too."""
-_PIECES_OF_SINE = 32
-"""Pieces of constant acceleration that stand for a sine within a frame, and between two."""
-_ROUNDING = 1e-9
-"""Share of a time, or of a velocity, below which it is one of rounding."""
 _SINGLE = 1e-5
-"""The same of numbers of single precision."""
+"""Share of a number below which it is one of rounding, in single precision."""
 
 
 @dataclass(frozen=True)
@@ -66,37 +62,25 @@ class TimedFrame:
 
 
 class AbstractFrames(AbstractExposures):
-    """Exposures of a sensor that moves along one axis.
-
-    Attributes:
-        frames: The exposures.
-        pan: Velocity at which the camera turns meanwhile, which the stage does not follow; px/s.
-    """
+    """Exposures of a sensor that moves along one axis."""
 
     frames: eqx.AbstractVar[tuple[TimedFrame, ...]]
+    # Velocity at which the camera turns meanwhile, which the stage does not follow; px/s
     pan: eqx.AbstractVar[float]
 
     @property
     def times(self) -> list[float]:
-        """Mid-exposures, from the middle of all; s."""
         return [frame.time for frame in self.frames]
 
     @property
     def exposures(self) -> list[float]:
-        """Time from the first to the last light of each; s."""
         return [frame.exposure for frame in self.frames]
 
     @property
     def rests(self) -> list[bool]:
-        """Whether the sensor stands still in each."""
         return [frame.is_still for frame in self.frames]
 
     def place(self, times: Float[np.ndarray, "n q"]) -> Float[np.ndarray, "1 n q"]:
-        """Places of the sensor at some times of each exposure; px.
-
-        Args:
-            times: Times in each exposure; s.
-        """
         pairs = zip(self.frames, times, strict=True)
         ways = [(x.position, x.motion.position(time - x.time)) for x, time in pairs]
         return np.array([[place + np.asarray(way, np.float64) for place, way in ways]])
@@ -106,11 +90,6 @@ class AbstractFrames(AbstractExposures):
         """The path of the stage from rest to rest, within some limits."""
 
     def stage_paths(self, scene: "Scene") -> dict[str, StagePath]:
-        """The path of the stage from rest to rest.
-
-        Args:
-            scene: The scene, whose limits say how the stage runs up.
-        """
         # A scene has limits, which ask sequences for their paths.
         from mishutter.model.scene import require_scene
 
@@ -122,13 +101,7 @@ class AbstractFrames(AbstractExposures):
 @final
 @dataclass(frozen=True)
 class OneExposure(AbstractFrames):
-    """An exposure alone, which has a shutter of its own.
-
-    Attributes:
-        frames: The exposure, about the time 0.
-        pan: As that of a `FrameSequence`.
-        kind: A word for it.
-    """
+    """An exposure alone, about the time 0, which has a shutter of its own."""
 
     frames: tuple[TimedFrame]
     pan: float = 0.0
@@ -141,7 +114,6 @@ class OneExposure(AbstractFrames):
         return OneExposure((TimedFrame(motion, 0.0),), pan)
 
     def stage_path_within(self, limits: "Limits") -> StagePath | None:
-        """That of one exposure."""
         return limits.stage_path(self.frames[0].motion)
 
 
@@ -194,11 +166,6 @@ class FrameSequence(AbstractFrames):
         return float(use_of_knots(self._knots(None, None)).stroke)
 
     def stage_path_within(self, limits: "Limits") -> StagePath | None:
-        """That of frames.
-
-        Args:
-            limits: Those of the stage.
-        """
         return limits.stage_path_of_frames(self)
 
     def stage_use(self, *, max_acceleration: float | None, max_jerk: float | None) -> StageUse:
@@ -238,7 +205,10 @@ class FrameSequence(AbstractFrames):
         most = max_acceleration
         if most is None:
             at_once = self._knots(None, None)
-            if (self.moves and self.num_rests > 0) or _jumps(at_once):
+            within = slice(at_once.first, at_once.last)
+            gains = np.abs(np.diff(at_once.velocities)[within])[at_once.durations[within] == 0]
+            jumps = np.any(gains > _SINGLE * np.max(np.abs(at_once.velocities)))
+            if jumps or (self.moves and self.num_rests > 0):
                 return None
             most = float(use_of_knots(at_once).acceleration)
         knots = self._knots(most, max_jerk) if most > 0 else None
@@ -265,7 +235,7 @@ class FrameSequence(AbstractFrames):
             gap = after.time - frame.time - (after.exposure + frame.exposure) / 2
             way = self._ends(after)[0] - self._ends(frame)[1]
             start, end = float(own.velocities[-1]), float(other.velocities[0])
-            if gap <= _ROUNDING * (after.time - frame.time):
+            if gap <= 1e-9 * (after.time - frame.time):  # but for rounding
                 pieces.append(Piece(0.0, end))
             elif not np.any(own.velocities):
                 rate = float(accelerations_of(other)[0])
@@ -283,13 +253,6 @@ class FrameSequence(AbstractFrames):
 
 def _pieces_of(knots: Knots) -> list[Piece]:
     return [Piece(*each) for each in zip(knots.durations, knots.velocities[1:], strict=True)]
-
-
-def _jumps(knots: Knots) -> bool:
-    """Whether a velocity jumps between the first light and the last."""
-    within = slice(knots.first, knots.last)
-    gains = np.abs(np.diff(knots.velocities)[within])[knots.durations[within] == 0]
-    return bool(np.any(gains > _SINGLE * np.max(np.abs(knots.velocities))))
 
 
 def _from_rest(way: float, gap: float, end: float, ups: list[Piece]) -> list[Piece]:
@@ -323,8 +286,8 @@ def sine_between(half: float, gap: float) -> Float[np.ndarray, "n"]:
 
     They are over the velocity at the ends of the frames.
     """
-    period = gap + 2 * half
-    times = half + gap * np.arange(1, _PIECES_OF_SINE) / _PIECES_OF_SINE
+    period, num_pieces = gap + 2 * half, 32
+    times = half + gap * np.arange(1, num_pieces) / num_pieces
     return np.sin(np.pi * times / period) / np.sin(np.pi * half / period)
 
 

@@ -22,20 +22,10 @@ from typing import final
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from mishutter._core.checks import (
-    as_float,
-    fields_text,
-    is_concrete,
-    require,
-    require_finite,
-    require_scalar,
-)
+from mishutter._core.checks import as_float, fields_text, require_at_least, require_scalar
 from mishutter._core.modules import AbstractModule
 from mishutter.model.motion import FreeMotion
 from mishutter.model.stages import StagePath
-
-_PIECES = 256
-"""Pieces of the motion that a stage makes: of a stroke of 45 px in 18 ms to 0.001 px."""
 
 
 @final
@@ -64,12 +54,9 @@ class SecondOrderStage(AbstractModule):
         for name in ("bandwidth", "damping"):
             value, subject = getattr(self, name), f"SecondOrderStage({name}=...)"
             require_scalar(subject, value)
-            require_finite(subject, value)
-            if is_concrete(value):
-                require(float(value) > 0, subject, "be above 0", value)
+            require_at_least(subject, value, "above 0", strict=True)
 
     def __repr__(self) -> str:
-        """One line with the numbers, in place of an Equinox module's types."""
         return fields_text(self)
 
     @property
@@ -109,11 +96,14 @@ class SecondOrderStage(AbstractModule):
             path: What is sent, from rest to rest.
             ahead: Time by which it is sent early; s. `delay` makes up for the lag on a parabola.
         """
-        times = np.linspace(*path.exposure, _PIECES + 1)
+        num_pieces = 256  # a stroke of 45 px in 18 ms is known to 0.001 px
+        times = np.linspace(*path.exposure, num_pieces + 1)
         _, velocity = self.followed(path, times + ahead)
-        half = path.exposure[1]
-        rates = np.diff(velocity) / np.diff(times) / 2
-        return FreeMotion(accelerations=rates, half_exposure=half, velocity=velocity[_PIECES // 2])
+        return FreeMotion(
+            accelerations=np.diff(velocity) / np.diff(times) / 2,
+            half_exposure=path.exposure[1],
+            velocity=velocity[num_pieces // 2],
+        )
 
     def followed(
         self, path: StagePath, times: Float[np.ndarray, "*times"]

@@ -20,12 +20,6 @@ from mishutter.model.shutters.base import (
     within_unit,
 )
 
-_TIE = 1e-5
-"""Share of a level by which the upper of two equally near ones is preferred, so that no rounding
-decides."""
-_LONG = 1 << 30
-"""Slots of a run that begins before the exposure, and is long enough for any device."""
-
 
 def slot_means(
     shutter: AbstractShutter, num_slots: int, dtype: np.dtype
@@ -48,19 +42,20 @@ def diffused(
 ) -> Float[Array, "n"]:
     """The levels that slots take, as transmittances; shape `(n,)`, without a derivative."""
     steps = levels - 1
+    long = 1 << 30  # slots of a run that begins as long before the exposure as any device takes
 
     def step(carry: tuple[Array, Array, Array], mean: Array):
         left_over, last, run = carry
         target = mean + left_over
-        level = jnp.clip(jnp.floor(target * steps + (0.5 + _TIE)) / steps, 0, 1)
+        # The upper of two equally near levels is preferred, so that no rounding decides.
+        level = jnp.clip(jnp.floor(target * steps + (0.5 + 1e-5)) / steps, 0, 1)
         shortest = jnp.where(last > 0.5, min_open, min_closed)
         level = jnp.where((level != last) & (run < shortest), last, level)
-        begins = last < 0  # as long before the exposure as it takes
-        run = jnp.where(begins, _LONG, jnp.where(level == last, run + 1, 1))
+        run = jnp.where(last < 0, long, jnp.where(level == last, run + 1, 1))
         return (target - level, level, run), level
 
     means = jax.lax.stop_gradient(jnp.asarray(means))
-    first = jnp.zeros_like(means[0]), jnp.full_like(means[0], -1.0), jnp.asarray(_LONG, jnp.int32)
+    first = jnp.zeros_like(means[0]), jnp.full_like(means[0], -1.0), jnp.asarray(long, jnp.int32)
     return jax.lax.scan(step, first, means)[1]
 
 

@@ -24,7 +24,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from mishutter._core.checks import require, require_finite, require_known, require_scalar
-from mishutter.model.motion import AbstractMotion
+from mishutter.model.motion import AbstractMotion, safe_root
 
 
 class StageUse(NamedTuple):
@@ -81,18 +81,16 @@ def use_of_knots(knots: Knots) -> StageUse:
         jerk = space.where(_lasts(d), abs(jerks), 0.0)
         shares = _roots(bend, gain - bend, begin)
         crest = _share(bend - gain, 2 * bend)
-        fastest = space.concatenate(
-            [abs(v), abs(begin + crest * (gain - bend + crest * bend))], axis=-1
-        )
+        turning = abs(begin + crest * (gain - bend + crest * bend))
+        fastest = space.concatenate([abs(v), turning], axis=-1)
     extremes = [
         (places[..., :-1] + d * s * (begin + s * ((gain - bend) / 2 + s * bend / 3)))
         for s in shares
     ]
 
     def span(start: int, stop: int) -> Any:
-        every = space.concatenate(
-            [places[..., start : stop + 1], *(x[..., start:stop] for x in extremes)], axis=-1
-        )
+        every = [places[..., start : stop + 1], *(x[..., start:stop] for x in extremes)]
+        every = space.concatenate(every, axis=-1)
         return space.max(every, axis=-1) - space.min(every, axis=-1)
 
     lasting = space.where(_lasts(d), d, np.inf)
@@ -123,7 +121,7 @@ def _roots(square: Any, linear: Any, constant: Any) -> list[Any]:
     """The shares of a piece at which a velocity is 0, without a difference of like numbers."""
     space = _space(square, linear, constant)
     left = linear * linear - 4 * square * constant
-    root = space.where(left > 0, space.sqrt(space.where(left > 0, left, 1.0)), 0.0)
+    root = safe_root(left)
     half = -(linear + space.where(linear < 0, -root, root)) / 2
     exists = left >= 0
     return [
@@ -143,8 +141,7 @@ def run_up(
     ramp = abs(acceleration) / max_jerk
     before = velocity - acceleration * ramp / 2
     speed, sign = abs(before), space.sign(before)
-    square = speed * max_jerk
-    reached = space.where(square > 0, space.sqrt(space.where(square > 0, square, 1.0)), 0.0)
+    reached = safe_root(speed * max_jerk)
     if max_acceleration is not None:
         reached = space.minimum(reached, max_acceleration)
     rise = reached / max_jerk
@@ -178,23 +175,13 @@ def from_rest_to_rest(
 
     is_linear = within.jerks is None and max_jerk is None
     first = len(before)
-    return Knots(
-        joined([x.duration for x in before], within.durations, [x.duration for x in after]),
-        joined(
-            [0.0, *(x.end for x in before[:-1])],
-            within.velocities,
-            [*(-x.end for x in after[1:]), 0.0],
-        ),
-        None
-        if is_linear
-        else joined(
-            [x.jerk for x in before],
-            0 * within.durations if within.jerks is None else within.jerks,
-            [-x.jerk for x in after],
-        ),
-        first,
-        first + within.durations.shape[-1],
-    )
+    durations = joined([x.duration for x in before], within.durations, [x.duration for x in after])
+    starts, stops = [0.0, *(x.end for x in before[:-1])], [*(-x.end for x in after[1:]), 0.0]
+    velocities, jerks = joined(starts, within.velocities, stops), None
+    if not is_linear:
+        own = 0 * within.durations if within.jerks is None else within.jerks
+        jerks = joined([x.jerk for x in before], own, [-x.jerk for x in after])
+    return Knots(durations, velocities, jerks, first, first + within.durations.shape[-1])
 
 
 def knots_of(start: Any, pieces: list[Piece]) -> Knots:

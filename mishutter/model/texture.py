@@ -29,11 +29,8 @@ from mishutter.pictures.images import (
     row_power_spectrum,
 )
 
-DEFAULT_MEAN = 0.25
-DEFAULT_DEVIATION = 0.2
 CORNER_FREQUENCY = 0.01
-"""Mean, standard deviation (linear light, white = 1) and corner (cycles/px) of the spectrum that
-stands for a photograph where a scene brings none."""
+"""Corner of the spectrum that stands for a photograph where a scene brings none; cycles/px."""
 EXAMPLE_PICTURE = "example"
 """The path of the photograph that scikit-image ships."""
 
@@ -68,8 +65,8 @@ class Texture(AbstractModule):
     def __init__(
         self,
         *,
-        mean_level: ArrayLike = DEFAULT_MEAN,
-        deviation: ArrayLike = DEFAULT_DEVIATION,
+        mean_level: ArrayLike = 0.25,
+        deviation: ArrayLike = 0.2,
         power_spectrum: RowLike | None = None,
         path: str | os.PathLike[str] | None = None,
         white: ArrayLike | None = None,
@@ -103,7 +100,6 @@ class Texture(AbstractModule):
             require(some, subject, "hold some power where the deviation is not 0", 0.0)
 
     def __repr__(self) -> str:
-        """One line with the numbers, in place of an Equinox module's types."""
         return fields_text(self)
 
     @staticmethod

@@ -8,7 +8,6 @@ errors of the acceleration and of the speed alone. Errors of the transmittance a
 response.
 """
 
-from dataclasses import fields
 from typing import final
 
 import equinox as eqx
@@ -22,15 +21,12 @@ from mishutter._core.checks import (
     fields_text,
     is_concrete,
     require,
-    require_finite,
+    require_at_least,
     require_positive_int,
     require_scalar,
 )
 from mishutter._core.modules import AbstractModule
-from mishutter.model.motion import is_known_zero
-
-_NUM_SPEEDS, _NUM_ACCELERATIONS = 5, 3
-"""Gauss-Hermite nodes for errors of the speed and of the acceleration."""
+from mishutter.model.motion import is_known_zero, safe_root
 
 
 @final
@@ -88,28 +84,20 @@ class Tolerances(AbstractModule):
         self.speed = as_float(speed, "Tolerances(speed=...)")
         self.transmittance = as_float(transmittance, "Tolerances(transmittance=...)")
         self.drive_step = as_float(drive_step, "Tolerances(drive_step=...)")
-        of_speed = (self.velocity, self.delay, self.speed)
-        self.num_accelerations = _num_nodes(
-            "num_accelerations", num_accelerations, _NUM_ACCELERATIONS, (self.acceleration,)
-        )
-        self.num_speeds = _num_nodes("num_speeds", num_speeds, _NUM_SPEEDS, of_speed)
+        errors, of_speed = (self.acceleration,), (self.velocity, self.delay, self.speed)
+        self.num_accelerations = _num_nodes("num_accelerations", num_accelerations, 3, errors)
+        self.num_speeds = _num_nodes("num_speeds", num_speeds, 5, of_speed)
 
     def __check_init__(self) -> None:
-        for field in fields(self):
-            if field.name in ("num_accelerations", "num_speeds"):
-                continue
-            subject, value = f"Tolerances({field.name}=...)", getattr(self, field.name)
-            require_scalar(subject, value)
-            require_finite(subject, value)
-            if is_concrete(value):
-                require(float(value) >= 0, subject, "be at least 0", value)
+        for name in (*TOLERANCE_NAMES, "drive_step"):
+            require_scalar(f"Tolerances({name}=...)", getattr(self, name))
+            require_at_least(f"Tolerances({name}=...)", getattr(self, name), "at least 0")
         if is_concrete(self.transmittance) and is_concrete(self.drive_step):
             lasts = float(self.transmittance) == 0 or float(self.drive_step) > 0
             requirement = "be above 0 where the transmittance has an error"
             require(lasts, "Tolerances(drive_step=...)", requirement, self.drive_step)
 
     def __repr__(self) -> str:
-        """One line with the numbers, in place of an Equinox module's types."""
         return fields_text(self)
 
     def in_sensor_frame(self, velocity: Array | np.ndarray) -> "Tolerances":
@@ -122,8 +110,7 @@ class Tolerances(AbstractModule):
         are_concrete = all_concrete((velocity, self.speed, self.velocity))
         space = np if are_concrete else jnp
         square = space.asarray(self.speed) ** 2 + space.asarray(self.velocity) ** 2
-        both = space.where(square > 0, space.sqrt(space.where(square > 0, square, 1.0)), 0.0)
-        speed = space.where(pans, both.astype(square.dtype), space.asarray(self.speed))
+        speed = space.where(pans, safe_root(square).astype(square.dtype), space.asarray(self.speed))
         rest = space.where(pans, space.zeros_like(square), space.asarray(self.velocity))
         numbers = tuple(as_float(x) for x in (speed, rest))
         return eqx.tree_at(lambda t: (t.speed, t.velocity), self, numbers)

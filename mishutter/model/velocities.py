@@ -29,11 +29,6 @@ from mishutter._core.checks import (
 )
 from mishutter._core.modules import AbstractModule
 
-_SAME_AXIS = 1e-12
-"""Share of the longer half axis by which those of a disc may differ."""
-_RINGS, _TURNS = 3, 8
-"""Rings of equal areas, and velocities on each, that stand for a disc."""
-
 
 class Components(NamedTuple):
     """Components of velocities along some directions."""
@@ -53,8 +48,8 @@ class Cells(NamedTuple):
 
 
 def _on_rings(radii: Float[np.ndarray, "r"]) -> tuple[np.ndarray, np.ndarray]:
-    """Velocities of some speeds in all directions, and their weights; each ring is turned."""
-    turns = 2 * np.pi / _TURNS * (np.arange(_TURNS) + np.arange(radii.size)[:, None] / radii.size)
+    """Eight velocities of each of some speeds, and their weights; each ring is turned."""
+    turns = 2 * np.pi / 8 * (np.arange(8) + np.arange(radii.size)[:, None] / radii.size)
     each = np.stack([radii[:, None] * turn(turns) for turn in (np.cos, np.sin)], axis=-1)
     return each.reshape(-1, 2), np.full(turns.size, 1 / turns.size)
 
@@ -64,37 +59,22 @@ class AbstractVelocities(AbstractModule):
 
     @abstractmethod
     def components(self, direction: Float[Array | np.ndarray, "k"], num_speeds: int) -> Components:
-        """Components along some directions, which stand for all of them in a mean.
+        """So many components, of a law that is no list, that stand for all of them in a mean.
 
-        Args:
-            direction: Angles from the axis of the rows; rad.
-            num_speeds: Number of components, of a law that is no list.
+        They are along directions by their angles from the axis of the rows; rad.
         """
 
     @abstractmethod
     def greatest(self, direction: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
-        """Greatest component along some directions, of either sign; px/s, of a concrete law.
-
-        Args:
-            direction: Angles from the axis of the rows; rad.
-        """
+        """Greatest component along directions, rad, of either sign; px/s, of a concrete law."""
 
     @abstractmethod
     def cells(self, count: int) -> Cells | None:
-        """Cells of the components along any direction; None of a law without a density.
-
-        Args:
-            count: Number of cells.
-        """
+        """Cells of the components along any direction; None of a law without a density."""
 
     @abstractmethod
     def within(self, velocities: Float[np.ndarray, "k 2"], beyond: float) -> Bool[np.ndarray, "k"]:
-        """Whether velocities occur, or are near those that do, of a concrete law.
-
-        Args:
-            velocities: Components along rows and columns; px/s.
-            beyond: Distance that is near; px/s.
-        """
+        """Whether velocities of a concrete law occur, or are no further than `beyond`; px/s."""
 
     @abstractmethod
     def stand_ins(self) -> tuple[Float[np.ndarray, "s 2"], Float[np.ndarray, "s"]]:
@@ -126,7 +106,6 @@ class AbstractVelocities(AbstractModule):
         return float(self.greatest(np.array([self.axis]))[0])
 
     def __repr__(self) -> str:
-        """The numbers, of which a module shows no more than their type."""
         return fields_text(self)
 
 
@@ -187,18 +166,17 @@ class EvenVelocities(AbstractVelocities):
 
     @property
     def _is_disc(self) -> bool:
-        """Whether both half axes are known to be one."""
+        """Whether both half axes are known to be one, but for rounding."""
         if not all_concrete((self.along, self.across)):
             return self.along is self.across
-        return float(self.along) - float(self.across) <= _SAME_AXIS * float(self.along)
+        return float(self.along) - float(self.across) <= 1e-12 * float(self.along)
 
     def greatest(self, direction: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
         turn = direction - float(self.angle)
         return np.hypot(float(self.along) * np.cos(turn), float(self.across) * np.sin(turn))
 
     def within(self, velocities: Float[np.ndarray, "k 2"], beyond: float) -> Bool[np.ndarray, "k"]:
-        cosine, sine = math.cos(self.axis), math.sin(self.axis)
-        along, across = np.array([[cosine, sine], [-sine, cosine]]) @ velocities.T
+        along, across = self._axes @ velocities.T
         halves = float(self.along) + beyond, float(self.across) + beyond
         return np.hypot(along / halves[0], across / halves[1]) <= 1
 
@@ -207,10 +185,14 @@ class EvenVelocities(AbstractVelocities):
         return Cells(-np.diff(np.cos(ends)), np.diff(ends - np.sin(2 * ends) / 2) / np.pi)
 
     def stand_ins(self) -> tuple[np.ndarray, np.ndarray]:
-        each, weights = _on_rings(np.sqrt((np.arange(_RINGS) + 0.5) / _RINGS))
+        each, weights = _on_rings(np.sqrt((np.arange(3) + 0.5) / 3))  # rings of equal areas
+        return each * [float(self.along), float(self.across)] @ self._axes, weights
+
+    @property
+    def _axes(self) -> Float[np.ndarray, "2 2"]:
+        """Directions along and across the longer axis; a row each."""
         cosine, sine = math.cos(self.axis), math.sin(self.axis)
-        axes = np.array([[cosine, sine], [-sine, cosine]])
-        return each * [float(self.along), float(self.across)] @ axes, weights
+        return np.array([[cosine, sine], [-sine, cosine]])
 
     @property
     def axis(self) -> float:

@@ -72,7 +72,10 @@ def test_a_new_limit_is_one_entry_of_the_list(monkeypatch):
     heat = Limit(
         "heat",
         9,
-        lambda limits, use: (use.acceleration**2 * use.half_exposure, np.float64(3e8)),
+        lambda limits, motion: (
+            motion.greatest_acceleration**2 * motion.half_exposure,
+            np.float64(3e8),
+        ),
         "heat the coil by at most {there:g}",
         "{taken:g}",
         is_solved=False,

@@ -21,7 +21,7 @@ from mishutter.hardware.calibration.likelihood import (
     solved,
 )
 from mishutter.hardware.calibration.measurements import Measurements, SensorLevels, TargetPicture
-from mishutter.hardware.calibration.uncertainty import WIDEST, ErrorBars, error_bars
+from mishutter.hardware.calibration.uncertainty import WIDEST, error_bars
 from mishutter.hardware.traces import TraceLike, as_trace
 from mishutter.model.limits import Limits
 from mishutter.model.motion import AbstractMotion, ParabolicMotion
@@ -29,12 +29,6 @@ from mishutter.model.scene import Scene, require_scene, scene_text
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.spline import SplineShutter, spline_basis
 
-_WHY_NO_STEP = "compiling (first run only), or pictures are fitted, which takes a while"
-"""Why a round of a fit takes a while."""
-_SPEEDS = tuple(0.1 * k for k in range(-6, 7))
-"""Normalised speeds from which a fit of an unknown one starts."""
-_LEAST_SAG = 1.0
-"""Least sag of a motion that can be fitted; px."""
 _IMPLAUSIBLE = 0.003
 """Probability of residuals as great, or as small, of a right fit, below which a fit is doubted."""
 
@@ -81,7 +75,6 @@ class FittedCamera:
     num_free: int
 
     def __repr__(self) -> str:
-        """One line, without the levels of each picture."""
         return fields_text(self)
 
     @property
@@ -175,10 +168,9 @@ class FittedCamera:
         """
         require_scene(scene)
         limits, widened = _limits_with(scene.limits, self.motion)
-        built = eqx.tree_at(lambda s: s.limits, self.seen_through_lens(scene), limits)
-        built = eqx.tree_at(
-            lambda s: s.given_motion, built, self.motion, is_leaf=lambda leaf: leaf is None
-        )
+        built, parts = self.seen_through_lens(scene), (limits, self.motion)
+        places = lambda s: (s.limits, s.given_motion)  # noqa: E731
+        built = eqx.tree_at(places, built, parts, is_leaf=lambda leaf: leaf is None)
         lines = {
             name: f"{name} = {each.value:.6g} +- {each.error:.2g}"
             for name, each in self.estimates.items()
@@ -296,23 +288,25 @@ def fit(
     require_positive_int("fit(num_coefficients=...)", num_coefficients)
     require(num_coefficients >= 4, "fit(num_coefficients=...)", "be at least 4", num_coefficients)
     sag = float(motion.sag)
-    requirement = f"have a sag of at least {_LEAST_SAG:g} px"
-    require(sag >= _LEAST_SAG, "fit(motion=...)", requirement, Unquoted(f"{sag:g} px"))
+    got = Unquoted(f"{sag:g} px")
+    require(sag >= 1, "fit(motion=...)", "have a sag of at least 1 px", got)
     setting = Setting.of(data, motion, shutter, num_coefficients)
     is_unknown = any(picture.speed is None for picture in data.pictures)
-    shares = _SPEEDS if is_unknown else (0.0,)
+    # Normalised speeds from which a fit of an unknown one starts.
+    shares = [0.1 * k for k in range(-6, 7)] if is_unknown else [0.0]
     num_rounds = num_first_rounds(setting, shares) + 2
-    with counts(progress, "fitting", num_rounds, _WHY_NO_STEP) as counter:
+    wait = "compiling (first run only), or pictures are fitted, which takes a while"
+    with counts(progress, "fitting", num_rounds, wait) as counter:
         best = likeliest_start(setting, shares, counter.next)
         counter.next("the likeliest camera")
         best = solved(setting, best.values, setting.noise(best.expected), setting.near_sent())
         counter.next("error bars")
-        best, bars = error_bars(setting, best)
+        best, own_errors, delay_error, blind = error_bars(setting, best)
     share = float(best.values[0])
     requirement = "show a camera like the one that was sent"
     got = Unquoted(f"{share:.3g} times its acceleration")
     require(0.5 < share < 2, "fit(measurements=...)", requirement, got)
-    camera = _camera(setting, best, bars)
+    camera = _camera(setting, best, own_errors, delay_error, blind)
     if camera.doubt:
         warnings.warn(f"fit: {camera.doubt}.", stacklevel=2)
     return camera
@@ -339,12 +333,19 @@ def _measurements(
     return measurements._replace(trace=as_trace(trace, "fit(trace=...)"))
 
 
-def _camera(setting: Setting, solution: Solution, bars: ErrorBars) -> FittedCamera:
+def _camera(
+    setting: Setting,
+    solution: Solution,
+    own_errors: Float[np.ndarray, "n"],
+    delay_error: float,
+    blind: Float[np.ndarray, "k n"],
+) -> FittedCamera:
+    """The camera at the end of a fit, with the error bars that `error_bars` gives."""
     values, expected, noise = solution.values, solution.expected, solution.noise
     count = len(setting.coefficients)
     scales = np.asarray(setting.arrays.scales)
-    is_blind = bars.errors > WIDEST
-    errors = np.where(is_blind, np.inf, bars.errors * scales)
+    is_blind = own_errors > WIDEST
+    errors = np.where(is_blind, np.inf, own_errors * scales)
     if np.all(setting.arrays.is_unknown):
         errors[1] = np.inf  # the velocity is taken as sent
     numbers = values * scales
@@ -355,7 +356,7 @@ def _camera(setting: Setting, solution: Solution, bars: ErrorBars) -> FittedCame
         "lens_blur_px": Estimate(abs(numbers[3]), errors[3]),
     }
     delay, _ = setting.delay(values)
-    delay_error = bars.delay if np.isfinite(errors[:2]).all() else np.inf
+    delay_error = delay_error if np.isfinite(errors[:2]).all() else np.inf
     estimates["delay_ms"] = Estimate(delay * 1e3, delay_error * 1e3)
     if np.asarray(setting.arrays.is_unknown).any():
         estimates["speed_px_per_s"] = Estimate(numbers[2], errors[2])
@@ -374,8 +375,8 @@ def _camera(setting: Setting, solution: Solution, bars: ErrorBars) -> FittedCame
         coefficients=coefficients,
         coefficient_errors=errors[4 : 4 + count],
         estimates={name: Estimate(float(e.value), float(e.error)) for name, e in estimates.items()},
-        not_identifiable=(*setting.notes, *_sentences(is_blind, bars.blind, setting.names, count)),
-        names=setting.picture_names,
+        not_identifiable=(*setting.notes, *_sentences(is_blind, blind, setting.names, count)),
+        names=tuple(picture.name for picture in setting.measurements.pictures),
         levels=levels,
         expected=tuple(expected),
         noise=tuple(noise),

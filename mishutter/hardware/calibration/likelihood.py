@@ -18,12 +18,7 @@ from jaxtyping import Array, Bool, Float
 
 from mishutter._core.checks import require
 from mishutter._core.compiling import compiled
-from mishutter.hardware.calibration.measurements import (
-    END,
-    Measurements,
-    SensorLevels,
-    TargetPicture,
-)
+from mishutter.hardware.calibration.measurements import END, Measurements
 from mishutter.hardware.calibration.response import FINE, MOVED, collected, kernels
 from mishutter.hardware.traces import Trace, measured_profile
 from mishutter.model.motion import AbstractMotion, ParabolicMotion
@@ -35,26 +30,11 @@ from mishutter.model.shutters.spline import (
     spline_knots,
 )
 
-_HOLD = 0.1
-"""Standard deviation of the coefficients about those of a start, on smoothed pictures."""
 RANGE = 12**-0.5
 """Standard deviation of a number anywhere from 0 to 1.
 
 Rounds on the pictures themselves hold each coefficient this near the one that was sent; the last
 round holds only the combinations that no picture shows.
-"""
-_BELOW = 0.01
-"""Standard deviation by which coefficients stray below 0, where no transmittance is.
-
-The bound prevents a fit of another stage with a profile that opens with a step down, which gives
-nearly the pictures of one that opens with a step up.
-"""
-_MAX_STEPS = 30
-_CHANGE = 1e-3
-"""Change of every residual, in its noise, at which the minimiser ends.
-
-It is well above the rounding of the sum of squares, at which the minimiser would refuse step
-after step.
 """
 _WIDTH = 4.0
 """Standard deviation of the Gaussian that smooths pictures for a start; px."""
@@ -62,12 +42,8 @@ _NUM_SPEEDS = 3
 """Number of speeds with which every profile is tried, where one is unknown."""
 _NUM_ENDS = 5
 """Number of cameras of smoothed pictures from which the pictures themselves are fitted."""
-_LEAST_BLUR = 0.3
-"""Least blur of the lens at the start of a fit; px."""
 _PIN = 1e3
 """Weight of a pin, which holds a combination of parameters to a thousandth of its scale."""
-_MARGIN = 1.3
-"""Length of the kernels that are computed, in the longest blur of the motion that was sent."""
 
 
 class _Arrays(NamedTuple):
@@ -98,10 +74,7 @@ class Setting:
     arrays: _Arrays  # The data of the residuals
     pins: "Ties"  # Combinations of the parameters that keep their value
     profiles: tuple[np.ndarray, ...]  # Mean of the rows of each picture
-    is_rounded: tuple[bool, ...]  # Whether the levels of each picture are whole numbers
-    num_rows: tuple[int, ...]  # Number of rows of each picture
-    picture_names: tuple[str, ...]  # Names of the pictures
-    sensor: SensorLevels  # The conversion of electrons to levels
+    measurements: Measurements  # The measurements themselves
     sent_motion: ParabolicMotion  # The motion as sent
     coefficients: np.ndarray  # B-spline coefficients of the transmittance as sent
     num_taps: int  # Number of taps of a kernel, of 1/8 px
@@ -166,11 +139,12 @@ class Setting:
         top = 2 * a * T
         fastest = top + max(np.abs(speeds - v).max(), (0.7 * top) * is_unknown.any())
         sent_motion = ParabolicMotion(acceleration=a, half_exposure=T, velocity=v)
-        longest = float(sent_motion.kernel_length(fastest - top + abs(v)))
-        num_taps = int(np.ceil(_MARGIN * longest)) * FINE + 2 * FINE
+        # Kernels have room for a blur that is longer than that of the motion as sent.
+        longest = 1.3 * float(sent_motion.kernel_length(fastest - top + abs(v)))
+        num_taps = int(np.ceil(longest)) * FINE + 2 * FINE
         scales = np.array([a, top, top, 1.0, *[1.0] * count])
         for picture, profile in zip(pictures, profiles, strict=True):
-            gain = _gain(picture, profile) / throughput
+            gain = _strength_and_place(profile, picture.target == "edge")[0] / throughput
             level_range = max(float(np.ptp(profile)), 1e-9)
             scales = np.append(scales, [a * T**2, gain, level_range])
         swing = float(np.ptp(trace_levels)) if trace_levels.size else 1.0
@@ -194,10 +168,7 @@ class Setting:
             arrays,
             Ties(_PIN * np.array(pins), _PIN * np.array(values)),
             profiles,
-            tuple(picture.is_rounded for picture in pictures),
-            tuple(len(picture.levels) for picture in pictures),
-            tuple(picture.name for picture in pictures),
-            measurements.sensor,
+            measurements,
             sent_motion,
             coefficients,
             num_taps,
@@ -206,8 +177,12 @@ class Setting:
 
     def noise(self, expected: np.ndarray) -> np.ndarray:
         """Standard deviation of rows' means about expected levels; shape `(pictures, columns)`."""
-        pictures = zip(expected, self.is_rounded, self.num_rows, strict=True)
-        return np.sqrt([self.sensor.variance(row, whole) / rows for row, whole, rows in pictures])
+        pictures, sensor, _ = self.measurements
+        variances = [
+            sensor.variance(row, picture.is_rounded) / len(picture.levels)
+            for row, picture in zip(expected, pictures, strict=True)
+        ]
+        return np.sqrt(variances)
 
     def residuals(self, values: np.ndarray, noise: np.ndarray) -> np.ndarray:
         """Residuals of the data and the pins at some parameters, each over its noise."""
@@ -285,24 +260,19 @@ class Setting:
         mean_time, mean_square = _moments(coefficients) * half ** np.arange(1, 3)
         for k, profile in enumerate(self.profiles):
             path = x[0] * mean_square - relative[k] * mean_time
-            position = _middle(profile, bool(self.arrays.is_edge[k])) - path
+            position = _strength_and_place(profile, bool(self.arrays.is_edge[k]))[1] - path
             start[4 + count + 3 * k] = position / float(scales[4 + count + 3 * k])
         return start
 
 
-def _middle(profile: np.ndarray, is_edge: bool) -> float:
-    """Centroid of a point's irradiance, or the place of a sharp edge of equal sum; px."""
+def _strength_and_place(profile: np.ndarray, is_edge: bool) -> tuple[float, float]:
+    """Step of an edge or sum of a point, levels, and the place of a sharp edge or centroid, px."""
     left, right = float(np.mean(profile[:END])), float(np.mean(profile[-END:]))
     if is_edge:
-        return float(np.sum((right - profile) / (right - left)))
+        return right - left, float(np.sum((right - profile) / (right - left)))
     signal = profile - (left + right) / 2
-    return float(np.sum(signal * (np.arange(signal.size) + 0.5)) / np.sum(signal))
-
-
-def _gain(picture: TargetPicture, profile: np.ndarray) -> float:
-    """Strength of a target in a picture: the sum of a point, the step of an edge; levels."""
-    left, right = float(np.mean(profile[:END])), float(np.mean(profile[-END:]))
-    return right - left if picture.target == "edge" else float(np.sum(profile - (left + right) / 2))
+    moment = np.sum(signal * (np.arange(signal.size) + 0.5))
+    return float(np.sum(signal)), float(moment / np.sum(signal))
 
 
 def _spline_means(count: int) -> np.ndarray:
@@ -339,31 +309,30 @@ def _trace_samples(
     return np.concatenate([levels[is_inside], dark]), rows, noise
 
 
-def _expected(values: Array, arrays: _Arrays, num_taps: int) -> Array:
-    """Expected levels at parameters in their own scales; shape `(pictures, columns)`."""
+def _residuals(values: Array, arrays: _Arrays, num_taps: int) -> Array:
+    """Residuals of pictures, trace, bounds and ties, at parameters in their own scales.
+
+    Coefficients stray below 0, where no transmittance is, by a standard deviation of 0.01. That
+    prevents a fit of another stage with a profile that opens with a step down, which gives nearly
+    the pictures of one that opens with a step up.
+    """
     x = values * arrays.scales
     a, v, speed, blur = x[:4]
     num_pictures, num_columns = arrays.levels.shape
-    count = x.size - 6 - 3 * num_pictures
+    count = arrays.trace_basis.shape[1]
     coefficients = x[4 : 4 + count]
     position, gain, background = x[4 + count : -2].reshape(num_pictures, 3).T
     relative = jnp.where(arrays.is_unknown, speed, arrays.speeds) - v
     taps = kernels(coefficients, a, arrays.half_exposure, relative, num_taps)
     begin = position - relative**2 / (4 * a) - MOVED / FINE
     irradiance = collected(taps, begin, blur, arrays.is_edge, num_columns)
-    return background[:, None] + gain[:, None] * irradiance
-
-
-def _residuals(values: Array, arrays: _Arrays, num_taps: int) -> Array:
-    expected = _expected(values, arrays, num_taps)
-    x = values * arrays.scales
-    count = arrays.trace_basis.shape[1]
-    trace = x[-2] * (arrays.trace_basis @ x[4 : 4 + count]) + x[-1]
+    expected = background[:, None] + gain[:, None] * irradiance
+    trace = x[-2] * (arrays.trace_basis @ coefficients) + x[-1]
     return jnp.concatenate(
         [
             jnp.ravel((expected - arrays.levels) / arrays.deviation),
             (trace - arrays.trace) / arrays.trace_deviation,
-            jnp.minimum(x[4 : 4 + count], 0) / _BELOW,
+            jnp.minimum(coefficients, 0) / 0.01,
             arrays.ties @ values - arrays.aims,
         ]
     )
@@ -424,10 +393,9 @@ def _least_squares(start: Any, arrays: _Arrays, num_taps: int) -> tuple[Array, A
     def residuals(values: Array, arrays: _Arrays) -> Array:
         return _residuals_by_matrix(values, arrays=arrays, num_taps=num_taps)
 
-    solver = optx.LevenbergMarquardt(rtol=_CHANGE, atol=_CHANGE)
-    solution = optx.least_squares(
-        residuals, solver, start, arrays, max_steps=_MAX_STEPS, throw=False
-    )
+    # At changes by the rounding of the sum of squares it would refuse step after step.
+    solver = optx.LevenbergMarquardt(rtol=1e-3, atol=1e-3)
+    solution = optx.least_squares(residuals, solver, start, arrays, max_steps=30, throw=False)
     end = solution.state.f_info
     return solution.value, end.residual, end.jac.as_matrix()
 
@@ -502,7 +470,7 @@ def likeliest_start(
     def rough(profile: np.ndarray, share: float) -> Solution:
         begin("smoothed pictures")
         start = _with_blur(setting.start(profile, share), _WIDTH**2)
-        return solved(smooth, start, noise, setting.near(profile, _HOLD))
+        return solved(smooth, start, noise, setting.near(profile, 0.1))
 
     sent, *others = setting.likely_profiles()
     as_sent = {share: rough(sent, share) for share in shares}
@@ -519,6 +487,6 @@ def likeliest_start(
 
 
 def _with_blur(values: np.ndarray, added: float) -> np.ndarray:
-    """The same parameters with a greater variance of the lens, by `added`; px^2."""
-    variance = max(float(values[3]) ** 2 + added, _LEAST_BLUR**2)
+    """The same parameters with `added` variance of the lens, px^2, of which 0.3 px are left."""
+    variance = max(float(values[3]) ** 2 + added, 0.3**2)
     return np.concatenate([values[:3], [np.sqrt(variance)], values[4:]])

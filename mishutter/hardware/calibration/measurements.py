@@ -19,11 +19,8 @@ from mishutter.hardware.traces import Trace
 from mishutter.pictures.files import PICTURE_SUFFIXES
 from mishutter.pictures.images import Axis, pixels_along, read_levels, transposed
 
-TARGETS = ("point", "edge")
 END = 4
 """Columns at either end of a picture that the blur must not reach."""
-_CLEAR = 6.0
-"""Standard deviations of noise above which a difference of levels is a step, a point or a blur."""
 
 
 @dataclass(frozen=True)
@@ -88,9 +85,8 @@ class TargetPicture:
         levels = np.asarray(self.levels)
         name = self.name
         require(levels.ndim in (1, 2) and levels.size > 0, name, "have rows", shape_of(levels))
-        require(
-            self.target in TARGETS, "TargetPicture(target=...)", "be point or edge", self.target
-        )
+        is_known = self.target in ("point", "edge")
+        require(is_known, "TargetPicture(target=...)", "be point or edge", self.target)
         require_finite(name, levels)
         is_axis = self.axis in get_args(Axis)
         require(is_axis, "TargetPicture(axis=...)", "be 'rows' or 'columns'", self.axis)
@@ -116,7 +112,7 @@ class TargetPicture:
         require(highest < sensor.full_level, self.name, requirement, highest)
         profile = self.levels.mean(axis=0)
         noise = np.sqrt(sensor.variance(profile, self.is_rounded) / len(self.levels))
-        threshold = _CLEAR * float(noise.max())
+        threshold = 6.0 * float(noise.max())  # above which a difference is a step, or a blur
         for end in (profile[:END], profile[-END:]):
             change = abs(float(np.mean(end[: END // 2]) - np.mean(end[END // 2 :])))
             requirement = f"end in {END} columns that the blur does not reach"
@@ -189,17 +185,11 @@ def read_measurements(path: str | Path) -> Measurements:
     """
     name, folder = str(path), Path(path).parent
     file = validated(_File, parsed(tomllib.loads, contents(path), name, "TOML"), name)
-    figures = file.sensor
-    pictures = tuple(
-        TargetPicture(
-            _levels(folder / p.path),
-            p.target,
-            p.speed_px_per_s,
-            str(folder / p.path),
-            figures.axis,
-        )
-        for p in file.picture
-    )
+    figures, pictures = file.sensor, []
+    for each in file.picture:
+        place, speed = folder / each.path, each.speed_px_per_s
+        picture = TargetPicture(_levels(place), each.target, speed, str(place), figures.axis)
+        pictures.append(picture)
     sensor = SensorLevels(
         electrons_per_level=figures.electrons_per_level,
         read_noise=figures.read_noise_e,
@@ -208,7 +198,7 @@ def read_measurements(path: str | Path) -> Measurements:
     )
     entry = file.trace
     trace = None if entry is None else read_trace(folder / entry.path, column=entry.column)
-    return Measurements(pictures, sensor, trace)
+    return Measurements(tuple(pictures), sensor, trace)
 
 
 def _levels(path: Path) -> np.ndarray:

@@ -24,8 +24,6 @@ FINE = 8
 """Taps of a pixel."""
 MOVED = 2
 """Taps to either side over which a kernel's tap is spread."""
-_SHARPEST = 1e-3
-"""Standard deviation of a lens without blur, which prevents a division by 0; px."""
 _REACH = 15.5
 """Distance by which coefficients may leave [0, 1] while kernels stay linear in them."""
 
@@ -105,7 +103,7 @@ def collected(
     # Distances, in steps of a tap, from the last tap's beginning to the last pixel's end.
     index = np.arange(-num_taps - 1, (num_columns + 1) * FINE)
     x = jnp.asarray(index / FINE, begin.dtype)[None] - begin[:, None]
-    width = jnp.sqrt(blur**2 + _SHARPEST**2)
+    width = jnp.sqrt(blur**2 + 1e-3**2)  # above 0, also of a lens without blur
     z = x / width
     distribution = (1 + jax.scipy.special.erf(z / np.sqrt(2))) / 2
     density = jnp.exp(-z * z / 2) / np.sqrt(2 * np.pi)

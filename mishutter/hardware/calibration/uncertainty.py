@@ -5,40 +5,22 @@ almost no information. Where the residuals are not linear as far as two error ba
 are those of the profile likelihood.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float
 
 from mishutter.hardware.calibration.likelihood import RANGE, Setting, Solution, Ties, solved
 
-_MAX_ENDS = 3
-"""Greatest number of last rounds, which begin again at a lower end that a pull has found."""
-_STRAIGHT = 0.5
-"""Greatest departure from linear residuals, two error bars off, that counts as none.
-
-It moves an error bar by a quarter at most, and by far less where it is spread over the levels.
-"""
-_SAME = 0.01
-"""Fall of chi squared from which one end of the minimiser is better than another."""
-_LEAST_SEEN = 1 / 3
-"""Least singular value that counts, which keeps the error bar of any direction below 3."""
 WIDEST = 1 / 3
 """Greatest error bar of an identifiable parameter, in its own scale."""
 
 
-@dataclass(frozen=True, eq=False)
-class ErrorBars:
-    """Error bars of the parameters, in their own scales, and of the delay."""
-
-    # Error bar of each parameter, which is not identifiable above `WIDEST`
-    errors: Float[np.ndarray, "n"]
-    delay: float  # Error bar of the delay; s
-    blind: Float[np.ndarray, "k n"]  # Directions of almost no information
-
-
-def error_bars(setting: Setting, solution: Solution) -> tuple[Solution, ErrorBars]:
+def error_bars(
+    setting: Setting, solution: Solution
+) -> tuple[Solution, Float[np.ndarray, "n"], float, Float[np.ndarray, "k n"]]:
     r"""The last round of a fit, which ties blind directions alone, and error bars at its end.
+
+    They are those of the parameters in their own scales, which are not identifiable above `WIDEST`,
+    and that of the delay, s; the directions of almost no information are the last.
 
     The information matrix gives the rise of $\chi^2$ nearby. Farther off the rise is another where
     information depends on the camera: a jump of the profile at an end of the exposure tells the
@@ -52,11 +34,12 @@ def error_bars(setting: Setting, solution: Solution) -> tuple[Solution, ErrorBar
     _, blind = _information(solution.matrix)
     ties = Ties(blind / RANGE, blind @ solution.values / RANGE)
     values, best, ends = solution.values, solution, []
-    for _ in range(_MAX_ENDS):
+    # A last round begins again at a lower end that a pull has found, twice at most.
+    for _ in range(3):
         best = solved(setting, values, noise, ties)
         ends = _pulled(setting, best, ties)
         lowest = min(ends, key=lambda each: each.loss, default=best)
-        if lowest.loss >= best.loss - _SAME:
+        if lowest.loss >= best.loss - 0.01:
             break
         values = lowest.values
     untied, blind = _information(best.matrix)
@@ -71,7 +54,7 @@ def error_bars(setting: Setting, solution: Solution) -> tuple[Solution, ErrorBar
         distance = np.append(end.values - best.values, setting.delay(end.values)[0] - delay)
         bars = np.maximum(bars, np.abs(distance) / np.sqrt(max(end.loss - best.loss, 1.0)))
     *errors, delay_error = np.sqrt(bars**2 + np.maximum(total - linear, 0))
-    return best, ErrorBars(np.array(errors), float(delay_error), blind)
+    return best, np.array(errors), float(delay_error), blind
 
 
 def _pulled(setting: Setting, best: Solution, ties: Ties) -> list[Solution]:
@@ -80,7 +63,8 @@ def _pulled(setting: Setting, best: Solution, ties: Ties) -> list[Solution]:
     A pull is a tie, one error bar wide, to a value 4 error bars off. With linear residuals it would
     end half-way, 2 error bars off: Fisher's error bar then stands, and there is no pull. Other
     pulls start half-way, or at the best fit if the sum of squares, the tie's included, is lower
-    there.
+    there. A departure of 0.5 from linear residuals counts as none: it moves an error bar by a
+    quarter at most, and by far less where it is spread over the levels.
     """
     untied, _ = _information(best.matrix)
     covariance, _ = _information(np.concatenate([best.matrix, ties.rows]))
@@ -92,7 +76,7 @@ def _pulled(setting: Setting, best: Solution, ties: Ties) -> list[Solution]:
         for side in (-2, 2):
             step = side * covariance @ row
             residual = setting.residuals(best.values + step, best.noise)
-            if np.linalg.norm(residual - best.residual - best.matrix @ step) > _STRAIGHT:
+            if np.linalg.norm(residual - best.residual - best.matrix @ step) > 0.5:
                 pull = row, float(row @ best.values) + 2 * side
                 is_lower = np.sum(residual**2) + 2**2 < np.sum(best.residual**2) + 4**2
                 start = best.values + step * is_lower
@@ -108,5 +92,5 @@ def _information(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     without information from spreading to others.
     """
     _, singular, directions = np.linalg.svd(matrix, full_matrices=False)
-    bars = directions / np.maximum(singular, _LEAST_SEEN)[:, None]
+    bars = directions / np.maximum(singular, 1 / 3)[:, None]
     return bars.T @ bars, directions[singular <= 1 / WIDEST]

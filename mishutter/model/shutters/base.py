@@ -32,16 +32,19 @@ from mishutter._core.modules import AbstractModule
 
 Numbers = Array | np.ndarray
 Length = TypeVar("Length", Array, np.ndarray)
+Offsets = Inexact[Array | np.ndarray, "pieces *offsets"]
+Values = Num[Array | np.ndarray, "pieces *offsets"]
+"""Values of the pieces' functions at offsets in each of them."""
+Pieces = Int[Array, "*cells"]
+Sides = Bool[Array, "*cells"]
+Cells = Float[Array, "*cells"]
+"""Intervals within pieces: the piece of each, its side, and lengths or means."""
 
 _NUM_PIECES, _DEGREE = 64, 5
 _UNIFORM = np.linspace(-1, 1, _NUM_PIECES + 1)
 
 _PROBES = np.linspace(0, 1, 25)
 """Shares of a piece at which an interpolant is held against its shutter."""
-_MISFIT = 1e-6
-"""Misfit of a smooth profile; a bend by a slope of 1 half way through a piece leaves 3e-3."""
-_FEW_BREAKPOINTS = 64
-"""Number of breakpoints up to which comparing with each is as quick as a binary search."""
 _SHORT = 1e-7
 """Length of a piece that holds too little light for its misfit to matter."""
 
@@ -57,7 +60,6 @@ class AbstractShutter(AbstractModule):
     """
 
     def __repr__(self) -> str:
-        """The numbers, of which a module shows no more than their type."""
         return fields_text(self)
 
     @abstractmethod
@@ -133,13 +135,7 @@ class AbstractPiecewiseShutter(AbstractShutter):
         """
 
     @abstractmethod
-    def piece_mean(
-        self,
-        piece: Int[Array, "*cells"],
-        from_left: Bool[Array, "*cells"],
-        distance: Float[Array, "*cells"],
-        width: Float[Array, "*cells"],
-    ) -> Float[Array, "*cells"]:
+    def piece_mean(self, piece: Pieces, from_left: Sides, distance: Cells, width: Cells) -> Cells:
         """Mean of some pieces' functions over an interval.
 
         Args:
@@ -164,11 +160,7 @@ class AbstractAdjustableShutter(AbstractPiecewiseShutter):
 
     @abstractmethod
     def at(self, box: Float[Array, "p"]) -> "AbstractAdjustableShutter":
-        """The shutter of the same kind at other coordinates.
-
-        Args:
-            box: Coordinates in the unit box; shape `(p,)`.
-        """
+        """The shutter of the same kind at other coordinates in the unit box."""
 
 
 def is_adjustable(shutter: AbstractShutter) -> bool:
@@ -177,11 +169,7 @@ def is_adjustable(shutter: AbstractShutter) -> bool:
 
 
 def coordinates(shutter: AbstractShutter) -> Float[Array, "p"]:
-    """Coordinates of an adjustable profile in the unit box; shape `(p,)`.
-
-    Raises:
-        ValueError: if a bounded parameter is no number, or its bounds are not two that ascend.
-    """
+    """Coordinates of an adjustable profile in the unit box; shape `(p,)`."""
     if isinstance(shutter, AbstractAdjustableShutter):
         return shutter.box()
     bounded = _bounded(shutter).values()
@@ -214,9 +202,8 @@ def _bounded(shutter: AbstractShutter) -> dict[str, tuple[Array, float, float]]:
     for name, (low, high) in shutter.bounds().items():
         subject = f"{kind}.bounds()[{name!r}]"
         require(hasattr(shutter, name), subject, "be of a field of the shutter", name)
-        require(
-            -np.inf < low < high < np.inf, subject, "be two finite numbers that ascend", (low, high)
-        )
+        ascend = -np.inf < low < high < np.inf
+        require(ascend, subject, "be two finite numbers that ascend", (low, high))
         value = as_float(getattr(shutter, name), f"{kind}({name}=...)")
         require_finite(f"{kind}({name}=...)", value)
         members[name] = (value, low, high)
@@ -277,8 +264,9 @@ def integral_between(
 def _piece_at(time: Float[Array, "*shape"], ends: Float[Array, "ends"]) -> Int[Array, "*shape"]:
     """Index of the piece that holds each time, the later one where two meet."""
     inner = ends[1:-1]
-    if inner.size > _FEW_BREAKPOINTS:
+    if inner.size > 64:
         return jnp.searchsorted(inner, time, side="right").astype(jnp.int32)
+    # Comparing with each of a few is as quick as a binary search.
     row = inner.reshape((1,) * time.ndim + (-1,))
     return jnp.sum(time[..., None] >= row, axis=-1, dtype=jnp.int32)
 
@@ -335,21 +323,13 @@ class SampledShutter(AbstractPiecewiseShutter):
         own = jnp.where(same.any(axis=1), declared[jnp.argmax(same, axis=1)], uniform)
         return jnp.sort(jnp.concatenate([own, declared]))
 
-    def piece_transmittance(
-        self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
-    ) -> Num[Array | np.ndarray, "pieces *offsets"]:
+    def piece_transmittance(self, offset: Offsets) -> Values:
         dtype = np.finfo(offset.dtype).dtype
         scale = self._scale(dtype).reshape(-1, *(1,) * (offset.ndim - 1))
         share = offset * scale.astype(offset.dtype)
         return bernstein_value(expand(split_control(self._control(dtype)), share), share)
 
-    def piece_mean(
-        self,
-        piece: Int[Array, "*cells"],
-        from_left: Bool[Array, "*cells"],
-        distance: Float[Array, "*cells"],
-        width: Float[Array, "*cells"],
-    ) -> Float[Array, "*cells"]:
+    def piece_mean(self, piece: Pieces, from_left: Sides, distance: Cells, width: Cells) -> Cells:
         scale = self._scale(width.dtype)[piece]
         control = self._control(width.dtype)
         return bernstein_mean(control, piece, from_left, distance * scale, width * scale)
@@ -371,12 +351,7 @@ class SampledShutter(AbstractPiecewiseShutter):
 
 
 def piecewise(shutter: AbstractShutter) -> AbstractPiecewiseShutter:
-    """`shutter` itself if it is known piece by piece, its interpolant if not.
-
-    Raises:
-        ValueError: if it is no shutter, or one that is interpolated, and not traced, is not a
-            transmittance.
-    """
+    """`shutter` itself if it is known piece by piece, its interpolant if not."""
     require(isinstance(shutter, AbstractShutter), "shutter", "be a shutter", shutter)
     if isinstance(shutter, AbstractPiecewiseShutter):
         return shutter
@@ -420,9 +395,8 @@ def _check_discontinuities(shutter: AbstractShutter, subject: str) -> None:
     nodes, to_control = bernstein_from_values(_DEGREE)
     share = np.concatenate([nodes, _PROBES]).astype(dtype)[None]
     beside = 64 * np.finfo(dtype).eps  # of a jump, where its own rounding does not reach
-    tau = np.clip(
-        ends[:-1, None] + length * share, ends[:-1, None] + beside, ends[1:, None] - beside
-    )
+    begin, end = ends[:-1, None], ends[1:, None]
+    tau = np.clip(begin + length * share, begin + beside, end - beside)
     values = np.asarray(shutter.transmittance(jnp.asarray(tau)), np.float64)
     control = values[:, : nodes.size] @ to_control.T
     powers = np.vander(_PROBES, _DEGREE + 1, increasing=True)
@@ -430,20 +404,16 @@ def _check_discontinuities(shutter: AbstractShutter, subject: str) -> None:
     error = np.where(length > _SHORT, np.abs(fitted - values[:, nodes.size :]), 0.0)
     worst = np.unravel_index(np.argmax(error), error.shape)
     requirement = "be smooth but for where its `discontinuities()` say that it jumps or bends"
-    allowed = max(_MISFIT, 64 * float(np.finfo(dtype).eps))
+    # A bend by a slope of 1 half way through a piece leaves 3e-3.
+    allowed = max(1e-6, 64 * float(np.finfo(dtype).eps))
     at = float(tau[:, nodes.size :][worst])
     got = Unquoted(f"a jump, a bend or a curve too steep to follow near tau = {at:.4g}")
     require(bool(error[worst] <= allowed), subject, requirement, got)
     if jax.tree.leaves(shutter):
         gap = np.abs(ends[1:-1, None] - np.append(declared, np.inf)[None]).min(axis=1)
         step = np.where(gap < _SHORT, 0.0, np.abs(fitted[1:, 0] - fitted[:-1, -1]))
-        at = float(ends[1:-1][np.argmax(step)])
-        require(
-            float(step.max()) <= allowed,
-            subject,
-            requirement,
-            Unquoted(f"a jump at tau = {at:.4g}"),
-        )
+        got = Unquoted(f"a jump at tau = {float(ends[1:-1][np.argmax(step)]):.4g}")
+        require(float(step.max()) <= allowed, subject, requirement, got)
 
 
 def above_zero(length: Length) -> Length:
@@ -466,11 +436,8 @@ def polynomial(coefficients: Sequence[ArrayLike] | Array, x: Array | np.ndarray)
 
 
 def polynomial_means(
-    powers: Float[Array, "pieces degrees"],  # shape `(n, degree + 1)`
-    piece: Int[Array, "*cells"],
-    centre: Float[Array, "*cells"],
-    width: Float[Array, "*cells"],
-) -> Float[Array, "*cells"]:
+    powers: Float[Array, "pieces degrees"], piece: Pieces, centre: Cells, width: Cells
+) -> Cells:
     """Means of some polynomials over intervals, by the Gauss-Legendre rule that is exact."""
     nodes, weights = np.polynomial.legendre.leggauss((powers.shape[1] + 1) // 2)
     each = (-1,) + (1,) * centre.ndim
@@ -490,21 +457,19 @@ def bernstein_value(control: list[Numbers], u: Numbers) -> Numbers:
 
 def bernstein_mean(
     control: Float[Array, "..."],  # shape `(n, degree + 1)`
-    piece: Int[Array, "*cells"],
-    from_left: Bool[Array, "*cells"],
-    distance: Float[Array, "*cells"],
-    width: Float[Array, "*cells"],
-) -> Float[Array, "*cells"]:
+    piece: Pieces,
+    from_left: Sides,
+    distance: Cells,
+    width: Cells,
+) -> Cells:
     """Means of some pieces over intervals, in shares of the piece.
 
     By powers of the distance from the end of the piece that is nearer. Up to the middle they
     cancel by little where control points are of one sign: a profile that vanishes at an end
     keeps its relative accuracy.
     """
-    degree = control.shape[1] - 1
-    from_ends = jnp.concatenate([control, control[:, ::-1]]) @ power_matrix(degree).astype(
-        control.dtype
-    )
+    matrix = power_matrix(control.shape[1] - 1).astype(control.dtype)
+    from_ends = jnp.concatenate([control, control[:, ::-1]]) @ matrix
     row = jnp.where(from_left, piece, piece + control.shape[0])
     return polynomial_means(from_ends[:, ::-1], row, distance, width)
 

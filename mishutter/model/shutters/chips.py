@@ -4,7 +4,7 @@ from typing import ClassVar, final
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
+from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core.checks import (
     RowLike,
@@ -16,7 +16,15 @@ from mishutter._core.checks import (
     require,
     shape_of,
 )
-from mishutter.model.shutters.base import AbstractAdjustableShutter, uniform_breakpoints
+from mishutter.model.shutters.base import (
+    AbstractAdjustableShutter,
+    Cells,
+    Offsets,
+    Pieces,
+    Sides,
+    Values,
+    uniform_breakpoints,
+)
 
 RASKAR_CODE = tuple(map(float, "1010000111000001010000110011110111010111001001100111"))
 """The 52 chips of Raskar, Agrawal and Tumblin's coded exposure (2006), 26 of them open."""
@@ -65,19 +73,11 @@ class ChippedShutter(AbstractAdjustableShutter):
     def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         return uniform_breakpoints(self.transmittances.size, dtype)
 
-    def piece_transmittance(
-        self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
-    ) -> Num[Array | np.ndarray, "pieces *offsets"]:
+    def piece_transmittance(self, offset: Offsets) -> Values:
         chips = as_array_like(offset, self.transmittances).reshape((-1,) + (1,) * (offset.ndim - 1))
         return namespace_of(chips).broadcast_to(chips, offset.shape).astype(offset.dtype)
 
-    def piece_mean(
-        self,
-        piece: Int[Array, "*cells"],
-        from_left: Bool[Array, "*cells"],
-        distance: Float[Array, "*cells"],
-        width: Float[Array, "*cells"],
-    ) -> Float[Array, "*cells"]:
+    def piece_mean(self, piece: Pieces, from_left: Sides, distance: Cells, width: Cells) -> Cells:
         return self.transmittances.astype(width.dtype)[piece]
 
     def box(self) -> Float[Array, "p"]:

@@ -85,11 +85,7 @@ def baselines() -> dict[str, AbstractShutter]:
 
 
 def named_shutter(text: str) -> AbstractShutter:
-    """The window that `NAME` or `NAME:VALUE` stands for.
-
-    Raises:
-        ValueError: if there is no such window or the value is not its parameter.
-    """
+    """The window that `NAME` or `NAME:VALUE` stands for."""
     name, colon, value = text.partition(":")
     kinds = {kind.name.lower(): kind for kind in KINDS if kind.make}
     key, subject = name.strip().lower(), "--shutter"
@@ -107,11 +103,7 @@ def named_shutter(text: str) -> AbstractShutter:
 
 
 def shutter_to_dict(shutter: AbstractShutter) -> dict[str, object]:
-    """Kind and parameters of a shutter.
-
-    Raises:
-        ValueError: if its kind is not in the table.
-    """
+    """Kind and parameters of a shutter."""
     kind = next((kind for kind in KINDS if kind.shutter is type(shutter)), None)
     requirement = "be of a kind of mishutter's own or a registered one"
     name = type(shutter).__name__
@@ -124,11 +116,7 @@ def _plain(value: object) -> object:
 
 
 def shutter_from_dict(data: dict[str, Any]) -> AbstractShutter:
-    """The shutter that `shutter_to_dict` wrote.
-
-    Raises:
-        ValueError: if its kind is not in the table, or its parameters are not those of its kind.
-    """
+    """The shutter that `shutter_to_dict` wrote."""
     kinds = {kind.shutter.__name__: kind for kind in KINDS}
     name = data["kind"]
     arguments = {key: value for key, value in data.items() if key != "kind" and value is not None}

@@ -6,7 +6,7 @@ from typing import Any, ClassVar, final
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
+from jaxtyping import Array, ArrayLike, Float
 from numpy.polynomial import chebyshev
 
 from mishutter._core.checks import all_concrete, device_constant, is_concrete, namespace_of
@@ -14,6 +14,11 @@ from mishutter._core.compiling import compiled, is_tracing, outside_trace
 from mishutter.model.shutters.base import (
     AbstractPiecewiseShutter,
     AbstractShutter,
+    Cells,
+    Offsets,
+    Pieces,
+    Sides,
+    Values,
     looked_up,
     piecewise,
     polynomial,
@@ -21,10 +26,6 @@ from mishutter.model.shutters.base import (
 )
 
 _NUM_PIECES, _DEGREE = 24, 9
-_LAST_TERM = 100
-"""Largest last term of a Chebyshev series, in roundings; the next is fifty times smaller."""
-_SHORTEST = 1e-3
-"""Shortest piece, in units of tau, whose crossings are told apart by their moments."""
 
 
 @final
@@ -50,20 +51,12 @@ class PolynomialShutter(AbstractPiecewiseShutter):
     def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         return self.ends.astype(dtype)
 
-    def piece_transmittance(
-        self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
-    ) -> Num[Array | np.ndarray, "pieces *offsets"]:
+    def piece_transmittance(self, offset: Offsets) -> Values:
         pieces = (slice(None),) + (None,) * (offset.ndim - 1)
         share = offset / self._lengths()[pieces] - 0.5
         return polynomial([power[pieces] for power in self.powers.T], share)
 
-    def piece_mean(
-        self,
-        piece: Int[Array, "*cells"],
-        from_left: Bool[Array, "*cells"],
-        distance: Float[Array, "*cells"],
-        width: Float[Array, "*cells"],
-    ) -> Float[Array, "*cells"]:
+    def piece_mean(self, piece: Pieces, from_left: Sides, distance: Cells, width: Cells) -> Cells:
         length = looked_up(self._lengths(), piece)
         from_middle = distance / length - 0.5
         centre = jnp.where(from_left, from_middle, -from_middle)
@@ -155,10 +148,13 @@ def _interpolated(
     series = (values - middle) @ to_series.T
     whole = space.concatenate([series[:, :1] + middle, series[:, 1:]], axis=1)
     powers = (whole @ to_powers.T)[:, ::-1]
-    converges = space.max(abs(series[:, -1])) <= _LAST_TERM * float(np.finfo(dtype).eps)
+    # The next term would be fifty times smaller than the last.
+    converges = space.max(abs(series[:, -1])) <= 100 * float(np.finfo(dtype).eps)
+    # Moments do not tell the crossings of a shorter piece apart.
+    is_long = space.min(width) >= 1e-3
     if space is np:
         cuts, powers = device_constant((cuts, powers))
-    return PolynomialShutter(cuts, powers), converges & (space.min(width) >= _SHORTEST)
+    return PolynomialShutter(cuts, powers), converges & is_long
 
 
 @lru_cache

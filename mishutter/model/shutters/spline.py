@@ -5,9 +5,10 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
+from jaxtyping import Array, ArrayLike, Float
 from numpy.lib.stride_tricks import sliding_window_view
 
 from mishutter._core.checks import (
@@ -24,6 +25,11 @@ from mishutter._core.checks import (
 from mishutter.model.shutters.base import (
     AbstractAdjustableShutter,
     AbstractShutter,
+    Cells,
+    Offsets,
+    Pieces,
+    Sides,
+    Values,
     bernstein_mean,
     bernstein_value,
     expand,
@@ -38,7 +44,6 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 _DEGREE = 3
-_FIT_SAMPLES_PER_PIECE = 16
 
 
 @final
@@ -86,12 +91,9 @@ class SplineShutter(AbstractAdjustableShutter):
     def __check_init__(self) -> None:
         subject, count = "SplineShutter(parameters=...)", self.num_coefficients
         expected = (count + 1) // 2 if self.symmetric else count
-        require(
-            self.parameters.shape == (expected,) and count > _DEGREE,
-            subject,
-            f"be one row for at least {_DEGREE + 1} coefficients",
-            shape_of(self.parameters),
-        )
+        is_row = self.parameters.shape == (expected,) and count > _DEGREE
+        requirement = f"be one row for at least {_DEGREE + 1} coefficients"
+        require(is_row, subject, requirement, shape_of(self.parameters))
         require_finite(subject, self.parameters)
 
     @property
@@ -121,20 +123,12 @@ class SplineShutter(AbstractAdjustableShutter):
     def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         return uniform_breakpoints(self.num_coefficients - _DEGREE, dtype)
 
-    def piece_transmittance(
-        self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
-    ) -> Num[Array | np.ndarray, "pieces *offsets"]:
+    def piece_transmittance(self, offset: Offsets) -> Values:
         share = offset * ((self.num_coefficients - _DEGREE) / 2)
         control = self._control_points(as_array_like(offset, self.parameters))
         return bernstein_value(expand(split_control(control), share), share)
 
-    def piece_mean(
-        self,
-        piece: Int[Array, "*cells"],
-        from_left: Bool[Array, "*cells"],
-        distance: Float[Array, "*cells"],
-        width: Float[Array, "*cells"],
-    ) -> Float[Array, "*cells"]:
+    def piece_mean(self, piece: Pieces, from_left: Sides, distance: Cells, width: Cells) -> Cells:
         scale = (self.num_coefficients - _DEGREE) / 2
         control = self._control_points(self.parameters).astype(width.dtype)
         return bernstein_mean(control, piece, from_left, distance * scale, width * scale)
@@ -173,7 +167,7 @@ class SplineShutter(AbstractAdjustableShutter):
         require(num_coefficients > _DEGREE, subject, "be at least 4", num_coefficients)
         (parameters,) = fitted_boxes([shutter], num_coefficients, symmetric=symmetric)
         return SplineShutter(
-            jnp.asarray(parameters, common_dtype(*_arrays(shutter))),
+            jnp.asarray(parameters, common_dtype(*jax.tree.leaves(shutter))),
             symmetric=symmetric,
             num_coefficients=num_coefficients,
         )
@@ -183,32 +177,21 @@ def fitted_boxes(
     shutters: Sequence[AbstractShutter], num_coefficients: int, *, symmetric: bool
 ) -> list[np.ndarray]:
     """Parameters of the splines that `SplineShutter.fit` gives; shape `(p,)` each."""
-    num_samples = _FIT_SAMPLES_PER_PIECE * (num_coefficients - _DEGREE)
+    num_samples = 16 * (num_coefficients - _DEGREE)  # a piece
     tau = (2 * np.arange(num_samples) + 1) / num_samples - 1
-    targets = [profile_of(shutter, tau.astype(common_dtype()))[0] for shutter in shutters]
-    each = [fitted_coefficients(tau, target, num_coefficients, symmetric) for target in targets]
-    return [c[: (num_coefficients + 1) // 2] if symmetric else c for c in each]
-
-
-def _arrays(shutter: AbstractShutter) -> list[Array]:
-    import jax
-
-    return [x for x in jax.tree.leaves(shutter) if hasattr(x, "dtype")]
+    basis, boxes = spline_basis(tau, num_coefficients).toarray(), []
+    for shutter in shutters:
+        target = profile_of(shutter, tau.astype(common_dtype()))[0].astype(np.float64)
+        if symmetric:
+            target = (target + target[::-1]) / 2
+        coefficients = bounded_coefficients(basis, target)
+        boxes.append(coefficients[: (num_coefficients + 1) // 2] if symmetric else coefficients)
+    return boxes
 
 
 def _fold(parameters: Any) -> Any:
     space, inside = namespace_of(parameters), (parameters >= 0) & (parameters <= 1)
     return space.where(inside, parameters, abs(space.mod(parameters + 1, 2.0) - 1))
-
-
-def fitted_coefficients(
-    tau: Float[np.ndarray, "times"], target: Float[np.ndarray, "times"], count: int, symmetric: bool
-) -> Float[np.ndarray, "p"]:
-    """Least-squares coefficients in [0, 1] of a profile's values at times; shape `(count,)`."""
-    target = target.astype(np.float64)
-    if symmetric:
-        target = (target + target[::-1]) / 2
-    return bounded_coefficients(spline_basis(tau, count).toarray(), target)
 
 
 def bounded_coefficients(basis: np.ndarray, target: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, final
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Int, Num
+from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core.checks import (
     as_array_like,
@@ -24,7 +24,12 @@ from mishutter._core.checks import (
 from mishutter.model.shutters.base import (
     AbstractAdjustableShutter,
     AbstractPiecewiseShutter,
+    Cells,
     Length,
+    Offsets,
+    Pieces,
+    Sides,
+    Values,
     above_zero,
     polynomial,
     uniform_breakpoints,
@@ -52,18 +57,10 @@ class RectShutter(AbstractPiecewiseShutter):
     def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         return uniform_breakpoints(1, dtype)
 
-    def piece_transmittance(
-        self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
-    ) -> Num[Array | np.ndarray, "pieces *offsets"]:
+    def piece_transmittance(self, offset: Offsets) -> Values:
         return namespace_of(offset).ones_like(offset)
 
-    def piece_mean(
-        self,
-        piece: Int[Array, "*cells"],
-        from_left: Bool[Array, "*cells"],
-        distance: Float[Array, "*cells"],
-        width: Float[Array, "*cells"],
-    ) -> Float[Array, "*cells"]:
+    def piece_mean(self, piece: Pieces, from_left: Sides, distance: Cells, width: Cells) -> Cells:
         return jnp.ones_like(width)
 
 
@@ -86,18 +83,10 @@ class HannShutter(AbstractPiecewiseShutter):
     def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         return uniform_breakpoints(1, dtype)
 
-    def piece_transmittance(
-        self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
-    ) -> Num[Array | np.ndarray, "pieces *offsets"]:
+    def piece_transmittance(self, offset: Offsets) -> Values:
         return namespace_of(offset).sin((np.pi / 2) * offset) ** 2
 
-    def piece_mean(
-        self,
-        piece: Int[Array, "*cells"],
-        from_left: Bool[Array, "*cells"],
-        distance: Float[Array, "*cells"],
-        width: Float[Array, "*cells"],
-    ) -> Float[Array, "*cells"]:
+    def piece_mean(self, piece: Pieces, from_left: Sides, distance: Cells, width: Cells) -> Cells:
         height = jnp.where(distance < 1, distance, 2 - distance)
         return _cosine_ramp_mean(height, 1 - height, width)
 
@@ -121,18 +110,10 @@ class TriangleShutter(AbstractPiecewiseShutter):
     def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         return uniform_breakpoints(2, dtype)
 
-    def piece_transmittance(
-        self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
-    ) -> Num[Array | np.ndarray, "pieces *offsets"]:
+    def piece_transmittance(self, offset: Offsets) -> Values:
         return namespace_of(offset).stack([offset[0], 1 - offset[1]])
 
-    def piece_mean(
-        self,
-        piece: Int[Array, "*cells"],
-        from_left: Bool[Array, "*cells"],
-        distance: Float[Array, "*cells"],
-        width: Float[Array, "*cells"],
-    ) -> Float[Array, "*cells"]:
+    def piece_mean(self, piece: Pieces, from_left: Sides, distance: Cells, width: Cells) -> Cells:
         return jnp.where((piece == 0) == from_left, distance, 1 - distance)
 
 
@@ -178,18 +159,10 @@ class GaussianShutter(AbstractAdjustableShutter):
     def breakpoints(self, dtype: np.dtype) -> Float[Array | np.ndarray, "ends"]:
         return uniform_breakpoints(2, dtype)
 
-    def piece_transmittance(
-        self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
-    ) -> Num[Array | np.ndarray, "pieces *offsets"]:
+    def piece_transmittance(self, offset: Offsets) -> Values:
         return self._profile(namespace_of(offset).stack([1 - offset[0], offset[1]]))
 
-    def piece_mean(
-        self,
-        piece: Int[Array, "*cells"],
-        from_left: Bool[Array, "*cells"],
-        distance: Float[Array, "*cells"],
-        width: Float[Array, "*cells"],
-    ) -> Float[Array, "*cells"]:
+    def piece_mean(self, piece: Pieces, from_left: Sides, distance: Cells, width: Cells) -> Cells:
         past_middle = jnp.where((piece == 0) == from_left, distance - 1, distance)
         from_middle = jnp.where(past_middle < 0, -past_middle, past_middle)
         return _gaussian_mean(from_middle, width / 2, self.sigma.astype(width.dtype))
@@ -246,9 +219,7 @@ class TukeyShutter(AbstractAdjustableShutter):
         one = space.ones_like(taper)
         return as_float(space.stack([-one, taper - one, one - taper, one]))
 
-    def piece_transmittance(
-        self, offset: Inexact[Array | np.ndarray, "pieces *offsets"]
-    ) -> Num[Array | np.ndarray, "pieces *offsets"]:
+    def piece_transmittance(self, offset: Offsets) -> Values:
         taper = as_array_like(offset, self.taper).astype(np.finfo(offset.dtype).dtype)
         space, taper = namespace_of(offset, taper), _whole_roundings(taper).astype(offset.dtype)
         quarter_turn = np.pi / (2 * taper)
@@ -256,13 +227,7 @@ class TukeyShutter(AbstractAdjustableShutter):
         flat = space.ones_like(offset[1])
         return space.stack([space.sin(rising) ** 2, flat, space.cos(falling) ** 2])
 
-    def piece_mean(
-        self,
-        piece: Int[Array, "*cells"],
-        from_left: Bool[Array, "*cells"],
-        distance: Float[Array, "*cells"],
-        width: Float[Array, "*cells"],
-    ) -> Float[Array, "*cells"]:
+    def piece_mean(self, piece: Pieces, from_left: Sides, distance: Cells, width: Cells) -> Cells:
         taper = _whole_roundings(self.taper.astype(width.dtype))
         flat = piece == 1
         rising, rest = (piece == 0) == from_left, taper - distance
@@ -350,10 +315,6 @@ def _cosine_ramp_mean(centre: Array, from_top: Array, width: Array) -> Array:
 
 _NARROW = 0.4
 """Half width below which a Gaussian's mean is a series: $d(1 + c)$, in standard deviations."""
-_NUM_TERMS = 9
-"""Powers of either number that a term of the narrow mean may have, 0 among them."""
-_LEAST_TERM = 2e-17
-"""Size of a term that is left out: a tenth of a rounding in float64."""
 
 
 @lru_cache
@@ -371,10 +332,8 @@ def _narrow_terms() -> list[list[float]]:
         both = max(j + k, 1)
         return abs(term(k, j)) * (_NARROW * j / both) ** (2 * j) * (_NARROW * k / both) ** (2 * k)
 
-    highest_first = range(_NUM_TERMS - 1, -1, -1)
-    return [
-        [term(k, j) for j in highest_first if largest(k, j) > _LEAST_TERM] for k in highest_first
-    ]
+    powers, least = range(8, -1, -1), 2e-17  # a tenth of a rounding in float64
+    return [[term(k, j) for j in powers if largest(k, j) > least] for k in powers]
 
 
 def _gaussian_mean(centre: Array, half: Array, sigma: Array) -> Array:
