@@ -40,20 +40,15 @@ def write_bytes(path: str | Path, content: bytes) -> None:
         try:
             with os.fdopen(handle, "wb") as file:
                 file.write(content)
-            move_into_place(temporary, target)
+            umask = os.umask(0)
+            os.umask(umask)
+            os.chmod(temporary, 0o666 & ~umask)  # the permissions of any new file
+            os.replace(temporary, target)
         except BaseException:
             Path(temporary).unlink(missing_ok=True)
             raise
     except OSError as error:
         raise OSError(error.errno, error.strerror, str(target)) from error
-
-
-def move_into_place(temporary: str | Path, target: str | Path) -> None:
-    """Gives a finished temporary file its name and the permissions of a new file."""
-    umask = os.umask(0)
-    os.umask(umask)
-    os.chmod(temporary, 0o666 & ~umask)
-    os.replace(temporary, target)
 
 
 def writable_folder(path: str | Path) -> Path:

@@ -141,8 +141,8 @@ def full_sizes(scene: Scene, motion: AbstractMotion, space: DesignSpace | None) 
         pairs = [one + other for one, other in product(first[[0, -1]], last[[0, -1]])]
         paths = np.concatenate([paths, pairs])
     shapes = [np.concatenate([profile, path]) for path in paths] or [profile]
-    points = [np.concatenate(corner) for corner in product(shapes, product(*ends))]
-    corners = [point.astype(space.dtype) for point in points]
+    points = product(shapes, product(*ends))
+    corners = [np.concatenate(point).astype(space.dtype) for point in points]
     spaces = [space]
     if "acceleration" in space.free and "path" not in space.free:
         spaces.append(space.without_acceleration())

@@ -269,7 +269,7 @@ def _files(grid: Grid, attributes: dict[str, object]) -> dict[str, bytes]:
         group.create_array(
             name,
             shape=[grid.sizes[d] for d in dimensions],
-            chunks=[of_block.get(d, grid.sizes[d]) for d in dimensions],
+            chunks=tuple(of_block.get(d, grid.sizes[d]) for d in dimensions),
             dtype=dtype,
             fill_value=np.nan if dtype.kind == "f" else 0,
             dimension_names=dimensions,

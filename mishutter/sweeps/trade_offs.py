@@ -187,9 +187,6 @@ def best_snapshots(
     """The best exposure of an open shutter, and pan, under each light and read noise.
 
     Each is the better of the snapshots that a comparison searches for, at rest and panned.
-
-    Raises:
-        ValueError: if a rate or a noise is not finite or below 0, or the level is of no decoder.
     """
     import xarray
 
