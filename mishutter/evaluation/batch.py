@@ -95,7 +95,7 @@ class Sizes(NamedTuple):
         reach_of_plan = np.minimum(np.maximum(reach, longest), _FURTHEST)
         plans = _by_whole(reach_of_plan, lambda x: sized_for(x, 0.0))
         num_taps, dft_length = (plans.each(name) for name in ("num_taps", "dft_length"))
-        spread = motions.kernel_length(np.max(abs(occurring_speeds(scene))))
+        spread = np.asarray(motions.kernel_length(np.max(abs(occurring_speeds(scene)))))
         aside = np.minimum(np.ceil(smear), num_taps // 2)
         aside = np.where(turns, 0, aside).astype(int)
         num_reached = np.where(turns, np.ceil(reach) + 1, 2 * aside + 1)

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 from mishutter.model.devices import AbstractDevice
 from mishutter.model.slots import runs_are_long_enough
 from mishutter.search.objective import AbstractObjective
-from mishutter.search.starts import screened
+from mishutter.search.starts import POINTS_AT_ONCE, screened
 
 
 def searched_slots(
@@ -87,6 +87,6 @@ def _together(changes: Int[np.ndarray, "k n"]) -> np.ndarray:
         if not is_touched[near].any():
             is_touched[slots[0] : slots[-1] + 1] = True
             together.append(change)
-        if len(together) == 64:  # one call measures as many
+        if len(together) == POINTS_AT_ONCE:
             break
     return np.array(together)

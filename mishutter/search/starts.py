@@ -40,7 +40,8 @@ _GRID_POINTS = {1: (17,), 2: (5, 9), 3: (4, 5, 7), 4: (4, 4, 3, 7)}
 the last, the acceleration, over which a condition number rises and falls with every pixel."""
 _NUM_QUANTILES = 16
 """Speeds that stand for all: arrays for a thousand speeds would not fit into memory."""
-_AT_ONCE = 64
+POINTS_AT_ONCE = 64
+"""Points that one call measures."""
 
 
 def start_boxes(space: DesignSpace, num_starts: int, seed: int) -> Float[np.ndarray, "n size"]:
@@ -291,9 +292,9 @@ def screened(
     objective: AbstractObjective, boxes: Float[np.ndarray, "n size"]
 ) -> Float[np.ndarray, "n"]:
     """Losses at many points, infinite where they are not finite."""
-    num_parts = -(-len(boxes) // _AT_ONCE)
+    num_parts = -(-len(boxes) // POINTS_AT_ONCE)
     # The last part repeats points, so that one compiled program serves any number of them.
-    parts = np.resize(boxes, (num_parts, _AT_ONCE, boxes.shape[1]))
+    parts = np.resize(boxes, (num_parts, POINTS_AT_ONCE, boxes.shape[1]))
     calls = in_threads(lambda part: np.asarray(_losses(objective, part)), parts, num_processors())
     losses = np.concatenate(list(calls))[: len(boxes)]
     return np.where(np.isfinite(losses), losses, np.inf)
