@@ -1,7 +1,7 @@
 """The plan of a scene leaves out the work that cannot change a result."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import reduce
 from itertools import product
 from typing import NamedTuple
@@ -19,6 +19,8 @@ from mishutter.evaluation.losses import (
     as_loss,
 )
 from mishutter.evaluation.needs import (
+    EVERY_PART,
+    Parts,
     Plan,
     coarser,
     distinct_speeds,
@@ -36,31 +38,14 @@ from mishutter.model.shutters.base import AbstractAdjustableShutter, AbstractShu
 from mishutter.search.space import FREE_NAMES, DesignSpace, design_space, search_frame
 
 
-@dataclass(frozen=True)
-class Needs:
-    """The numbers that a loss, or all metrics, are made from."""
-
-    kernels: bool  # Whether they are made from a kernel
-    differences: bool  # Whether they are made from kernels of moving objects
-    spectra: bool  # Whether they are made from transfer functions
-    # Whether the transfer functions serve the expected error alone, to which a frequency without
-    # power adds nothing
-    only_error: bool
-
-    @staticmethod
-    def of(loss: AbstractLoss) -> "Needs":
-        """The needs of a loss; everything for one of a user's own."""
-        terms = [term for term, _ in loss.needed] if isinstance(loss, WeightedSum) else [loss]
-        of_response = [term for term in terms if isinstance(term, AbstractResponseLoss)]
-        if len(of_response) < len(terms):
-            return Needs(kernels=True, differences=True, spectra=True, only_error=False)
-        spectral = [term for term in of_response if term.parts.spectra]
-        return Needs(
-            kernels=any(term.parts.kernels for term in of_response),
-            differences=any(term.parts.differences for term in of_response),
-            spectra=bool(spectral),
-            only_error=all(term.decoder_speed is not None for term in spectral),
-        )
+def needs_of(loss: AbstractLoss) -> tuple[Parts, bool]:
+    """Parts that a loss is made from, and whether spectra serve the expected error alone."""
+    terms = [term for term, _ in loss.needed] if isinstance(loss, WeightedSum) else [loss]
+    of_response = [term for term in terms if isinstance(term, AbstractResponseLoss)]
+    if len(of_response) < len(terms):  # a loss of the user's own may be made from everything
+        return EVERY_PART, False
+    parts = Parts(*map(any, zip(*(term.parts for term in of_response), strict=True)))
+    return parts, all(term.decoder_speed is not None for term in of_response if term.parts.spectra)
 
 
 class SearchPlan(NamedTuple):
@@ -68,13 +53,13 @@ class SearchPlan(NamedTuple):
 
     sizes: Plan  # The parts to compute
     scene: Scene  # The scene, in the frame of the search
-    needs: Needs  # The numbers that the loss is made from
+    parts: Parts  # The parts of a response that the loss is made from
     space: DesignSpace | None  # The designs that may be searched; None where nothing moves
 
     @property
     def skips(self) -> list[str]:
         """The parts that are left out and why, each a sentence."""
-        sizes, needs, scene = self.sizes, self.needs, self.scene
+        sizes, parts, scene = self.sizes, self.parts, self.scene
         skips, num_speeds = [], scene.speeds.size
         num_distinct = distinct_speeds(scene, folds=False)[0].size
         num_computed = distinct_speeds(scene, folds=sizes.folds)[0].size
@@ -88,13 +73,13 @@ class SearchPlan(NamedTuple):
         why = ", ".join(f"{number} {reason}" for number, reason in reasons if number)
         if why:
             skips.append(f"{num_computed} of {num_speeds} speeds are computed: {why}.")
-        if not needs.kernels:
+        if not parts.kernels:
             skips.append("No kernel is computed: the loss is made from transfer functions.")
         elif sizes.still:
             skips.append("One kernel is computed: nothing moves.")
-        elif not needs.differences:
+        elif not parts.differences:
             skips.append("One kernel is computed: invariance has no weight.")
-        if not needs.spectra:
+        if not parts.spectra:
             skips.append("No transfer function is computed: the loss is made from kernels.")
         elif sizes.num_kept is not None:
             of_all = f"{sizes.num_kept:,} of {sizes.num_frequencies:,} frequencies are computed"
@@ -124,8 +109,9 @@ def plan(
     names = (free,) if isinstance(free, str) else tuple(free)
     scene, motion = search_frame(scene, motion, names)
     space = design_space(scene, motion, shutter, names) if names else None
-    needs = Needs.of(as_loss(loss, "plan(loss=...)"))
-    return SearchPlan(_exact_sizes(scene, motion, shutter, needs, space), scene, needs, space)
+    parts, only_error = needs_of(as_loss(loss, "plan(loss=...)"))
+    own = _exact_sizes(scene, motion, shutter, space, spectra=parts.spectra, only_error=only_error)
+    return SearchPlan(own, scene, parts, space)
 
 
 def full_sizes(scene: Scene, motion: AbstractMotion, space: DesignSpace | None) -> Plan:
@@ -178,8 +164,10 @@ def _exact_sizes(
     scene: Scene,
     motion: AbstractMotion,
     shutter: AbstractShutter,
-    needs: Needs,
     space: DesignSpace | None,
+    *,
+    spectra: bool,
+    only_error: bool,
 ) -> Plan:
     """The plan that leaves out all work that cannot change a result."""
     full = full_sizes(scene, motion, space)
@@ -188,7 +176,7 @@ def _exact_sizes(
     folds = folds_speeds(scene, motion, shutter) and not (pans or one_sided)
     still = not pans and scene.nothing_moves
     num_kept = full.num_frequencies
-    if needs.spectra and needs.only_error:
+    if spectra and only_error:
         require_sizes(full.num_taps, num_kept, kernels=False, spectra=True)
         powers = np.flatnonzero(power_on_grid(scene, full.num_frequencies))
         last = int(powers[-1]) + 1 if powers.size else 1
@@ -201,7 +189,7 @@ def _exact_sizes(
         velocity = num_kept / full.num_frequencies * max(travel.velocity, longest)
         tight = sized_for(max(travel.reach, longest), velocity)
         num_taps = min(num_taps, size_class(tight.num_taps))
-        if needs.only_error:
+        if only_error:
             num_nodes = min(num_nodes, size_class(tight.num_nodes))
     exact = replace(
         full,

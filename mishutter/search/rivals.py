@@ -393,9 +393,8 @@ def _are_equal(first: PyTree, second: PyTree) -> bool:
 
 
 def _row(name: str, design: Design) -> Row:
-    shutter, motion = design.shutter, design.motion
+    shutter, motion, loss, metrics = design.shutter, design.motion, design.loss, design.metrics
     turns = _turns(design.scene)
-    loss, metrics = design.loss, design.metrics
     return Row(OWN_BEST_MOTION, name, shutter, motion, loss, metrics, turns, design=design)
 
 

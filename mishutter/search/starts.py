@@ -267,12 +267,10 @@ def _codes(space: DesignSpace, numbers: Float[np.ndarray, "n 4"]) -> Float[np.nd
 @compiled
 def _numbers_of_motion(
     space: DesignSpace, boxes: Float[Array | np.ndarray, "n size"]
-) -> tuple[Float[Array, "n"], Float[Array, "n"], Float[Array, "n"]]:
+) -> tuple[Float[Array, "n"], ...]:
     """Sag, px, gain of speed and velocity, px/s, of motions."""
 
-    def one(
-        point: Float[Array, "size"],
-    ) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
+    def one(point: Float[Array, "size"]) -> tuple[Array, ...]:
         _, motion = space.at(point)
         return motion.sag, motion.speed_gain, motion.velocity
 

@@ -167,20 +167,7 @@ def _labelled(grid: Grid, arrays: Arrays) -> "xarray.Dataset":
     """Whole arrays of every variable with their dimensions, coordinates and attributes."""
     import xarray
 
-    variables = {
-        name: (grid.dimensions(name), values, attributes_of(name))
-        for name, values in arrays.items()
-    }
-    coordinates = {
-        name: (dimensions, values, attributes_of(name))
-        for name, (dimensions, values) in _coordinates(grid).items()
-    }
-    return xarray.Dataset(variables, coordinates, dataset_attributes(grid))
-
-
-def _coordinates(grid: Grid) -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
-    """Dimensions and values of every dimension, and of the velocity where it is none."""
-    values = {
+    axes = {
         "scene": np.array(list(grid.scenes), dtype=object),
         "velocity": grid.velocities,
         "acceleration": grid.accelerations,
@@ -190,16 +177,19 @@ def _coordinates(grid: Grid) -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
         "read_noise": grid.read_noises,
     }
     if grid.search is not None:
-        values["coefficient"] = np.arange(grid.search.num_coefficients)
-    coordinates: dict[str, tuple[tuple[str, ...], np.ndarray]] = {
-        name: ((name,), np.asarray(values[name])) for name in grid.sizes
+        axes["coefficient"] = np.arange(grid.search.num_coefficients)
+    coordinates: dict[str, Any] = {
+        name: ((name,), np.asarray(axes[name]), attributes_of(name)) for name in grid.sizes
     }
-    if grid.velocities is None:
-        of_scenes = np.reshape(
-            [frame.velocity for frame in grid.frames], [*grid.frame_sizes.values()]
-        )
-        coordinates["velocity"] = (tuple(grid.frame_sizes), of_scenes)
-    return coordinates
+    if grid.velocities is None:  # a coordinate of each scene
+        velocities = np.array([frame.velocity for frame in grid.frames])
+        velocities = velocities.reshape([*grid.frame_sizes.values()])
+        coordinates["velocity"] = (tuple(grid.frame_sizes), velocities, attributes_of("velocity"))
+    variables = {
+        name: (grid.dimensions(name), values, attributes_of(name))
+        for name, values in arrays.items()
+    }
+    return xarray.Dataset(variables, coordinates, dataset_attributes(grid))
 
 
 def attributes_of(name: str) -> dict[str, Any]:
