@@ -194,16 +194,23 @@ class DesignSpace(eqx.Module):
     def of_motion(self) -> "DesignSpace":
         """The space of the motion alone, whose programs serve shutters of every kind.
 
-        It is this space itself where no number of the motion moves, and where pixels fill, so that
-        the longest exposure depends on the profile.
+        It is this space itself where no number of the motion moves, and where the longest exposure
+        depends on the profile.
         """
-        fills = self.filling is not None and (self.num_profile_coordinates > 0 or self.lags)
-        if fills or not self.free_of_motion:
+        if self.fills_by_profile or not self.free_of_motion:
             return self
-        free = tuple(name for name in self.free if name != "shutter")
         return replace(
-            self, free=free, shutter=RectShutter(), device=None, num_profile_coordinates=0
+            self,
+            free=tuple(name for name in self.free if name != "shutter"),
+            shutter=RectShutter(),
+            device=None,
+            num_profile_coordinates=0,
         )
+
+    @property
+    def fills_by_profile(self) -> bool:
+        """Whether the longest exposure, over which white fills a pixel, depends on the profile."""
+        return self.filling is not None and (self.num_profile_coordinates > 0 or self.lags)
 
     @property
     def free_of_motion(self) -> tuple[str, ...]:
@@ -250,7 +257,7 @@ class DesignSpace(eqx.Module):
             return Bends(index, np.zeros(0))
         if self.num_path_coordinates:
             return Bends(index, np.array([_MEETING]))
-        if self.filling is not None and (self.num_profile_coordinates or self.lags):
+        if self.fills_by_profile:
             return Bends(index, np.zeros(0))  # the exposures there are others for each profile
         low, high = (float(bound) for bound in self._half_exposure_bounds(self.shutter))
         demands = float(self.demand), float(self.motion.speed_gain)
@@ -426,11 +433,11 @@ class DesignSpace(eqx.Module):
             filling = longest = self.filling
             # The light that a lagging device passes depends on the exposure: each round leaves less
             # than a quarter of the error.
-            for _ in range(8 if self.lags else 1):
-                if self.num_profile_coordinates or self.lags:
-                    profile = self.transmittance(shutter, longest)
-                    efficiency = profile.efficiency().astype(filling.dtype)
-                    longest = filling / jnp.maximum(efficiency, filling / high)
+            num_rounds = 8 if self.lags else min(1, self.num_profile_coordinates)
+            for _ in range(num_rounds):
+                profile = self.transmittance(shutter, longest)
+                efficiency = profile.efficiency().astype(filling.dtype)
+                longest = filling / jnp.maximum(efficiency, filling / high)
             high = jnp.clip(longest, low, high)
         moves = "acceleration" in self.free
         # An acceleration that moves makes room for any exposure.
