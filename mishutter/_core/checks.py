@@ -27,8 +27,6 @@ _Tree = TypeVar("_Tree")
 _Kind = TypeVar("_Kind")
 RowLike = ArrayLike | Sequence[float]
 """An array, or a plain list of numbers."""
-_MOST_SHOWN = 8
-"""Numbers of an array up to which an error shows them all, not the first that is at fault."""
 
 
 def all_concrete(tree: PyTree) -> bool:
@@ -81,10 +79,8 @@ def common_dtype(*values: RowLike) -> np.dtype:
 def as_float(value: RowLike, subject: str | None = None) -> Array:
     """`value` as a floating array: its own precision if it has one, JAX's default if not.
 
-    A concrete value stays concrete, also while a function is traced.
-
-    Raises:
-        ValueError: if `subject`, the argument's name, is given and `value` holds no real numbers.
+    A concrete value stays concrete, also while a function is traced. With a `subject`, the
+    argument's name, anything but real numbers is refused.
     """
     if subject is not None:
         require(_is_real(value), subject, "be real numbers", value)
@@ -99,8 +95,7 @@ def as_float(value: RowLike, subject: str | None = None) -> Array:
 def floating_light(value: Any, subject: str) -> Any:
     """A picture's light as a floating array: of NumPy if it is concrete, else of JAX.
 
-    Raises:
-        ValueError: if it holds whole numbers, which are the levels of a file, or no real numbers.
+    Whole numbers, which are the levels of a file, are refused.
     """
     array = np.asarray(value) if is_concrete(value) else value
     is_integer = jnp.issubdtype(array.dtype, jnp.integer)
@@ -150,7 +145,7 @@ def require_finite(subject: str, value: RowLike) -> None:
         require(_is_real(value), subject, "be real numbers", value)
         array = np.asarray(value)
         finite, got = np.isfinite(array), value
-        if not np.all(finite) and array.size > _MOST_SHOWN:
+        if not np.all(finite) and array.size > 8:  # fewer numbers are all shown
             first = tuple(np.argwhere(~finite)[0].tolist())
             got = Unquoted(f"{array[first]} at {list(first)}")
         require(bool(np.all(finite)), subject, "be finite", got)
@@ -194,11 +189,7 @@ def named(
     noun: str,
     label: str = "",
 ) -> dict[str, _Kind]:
-    """Items by name, from a mapping, a list or a single item.
-
-    Raises:
-        ValueError: if there is no item, or one of another kind.
-    """
+    """Items of a kind by name, from a mapping, a list or a single item; at least one."""
     by_name: dict[str, Any]
     if isinstance(items, Mapping):
         by_name = {str(name): value for name, value in items.items()}

@@ -9,9 +9,6 @@ import numpy as np
 
 from mishutter._core.checks import Unquoted, describe, require
 
-_NO_TEXT = re.compile("[\0-\x08\x0e-\x19\x1b-\x1f]")
-"""Control characters, which binary files contain and text does not."""
-
 Units = Mapping[str, float]
 """Allowed units of a column, each with its factor to SI units or pixels."""
 
@@ -28,9 +25,6 @@ def text_of(content: bytes, name: str) -> str:
     """Text of a file in UTF-8 or, by its byte order mark, UTF-16; otherwise in Latin-1.
 
     Latin-1 has a character for every byte, so that no symbol beside the numbers is an error.
-
-    Raises:
-        ValueError: if the bytes are not text.
     """
     if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         text = content.decode("utf-16", errors="replace")
@@ -39,21 +33,16 @@ def text_of(content: bytes, name: str) -> str:
             text = content.decode("utf-8-sig")
         except UnicodeDecodeError:
             text = content.decode("latin-1")
-    is_text = _NO_TEXT.search(text) is None
-    require(
-        is_text, name, "be text, as CSV is, in UTF-8, UTF-16 or Latin-1", Unquoted("other bytes")
-    )
+    # Binary files contain control characters, which text does not.
+    is_text = re.search("[\0-\x08\x0e-\x19\x1b-\x1f]", text) is None
+    requirement = "be text, as CSV is, in UTF-8, UTF-16 or Latin-1"
+    require(is_text, name, requirement, Unquoted("other bytes"))
     return text
 
 
 def text_lines(content: bytes, name: str) -> list[str]:
-    """Lines of a text file that are not empty.
-
-    Raises:
-        ValueError: if the file is not text or has no such line.
-    """
-    lines = [line.strip() for line in text_of(content, name).splitlines()]
-    lines = [line for line in lines if line]
+    """Lines of a text file that are not empty; at least one."""
+    lines = [line.strip() for line in text_of(content, name).splitlines() if line.strip()]
     require(bool(lines), name, "hold at least one line", Unquoted("an empty file"))
     return lines
 
@@ -64,12 +53,7 @@ def cells(line: str) -> list[str]:
 
 
 def number_rows(lines: Iterable[str], count: int, name: str, *, least_rows: int = 1) -> np.ndarray:
-    """Rows of finite numbers, `count` in each; shape `(rows, count)`.
-
-    Raises:
-        ValueError: if a row has another length or anything but finite numbers, or if there are
-            fewer rows than `least_rows`, 0 or 1.
-    """
+    """Rows of finite numbers, `count` in each; shape `(rows, count)`; `least_rows` is 0 or 1."""
     rows = [cells(line) for line in lines]
     is_enough = len(rows) >= least_rows
     require(is_enough, name, "hold at least one row of numbers", Unquoted("none"))
@@ -106,11 +90,7 @@ def unit_columns(
     *,
     least_rows: int = 1,
 ) -> dict[str, np.ndarray]:
-    """Columns by their names, in SI units or pixels.
-
-    Raises:
-        ValueError: if a name, a unit or a number is not valid.
-    """
+    """Columns by their names, in SI units or pixels."""
     names = cells(lines[0])
     for column in names:
         require(column in possible, name, f"have columns of {', '.join(possible)}", column)

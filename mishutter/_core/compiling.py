@@ -6,7 +6,7 @@ import os
 import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from functools import lru_cache, wraps
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -187,15 +187,12 @@ def _forget(program: str) -> bool:
 
 def known_options(options: Mapping[str, bool | int]) -> dict[str, bool | int]:
     """The `options` that the installed version of XLA supports."""
-    return {name: value for name, value in options.items() if _is_known(name, value)}
-
-
-def _is_known(name: str, value: bool | int) -> bool:
-    try:
-        jax.jit(lambda: 0, compiler_options={name: value}).lower().compile()
-    except jax.errors.JaxRuntimeError:
-        return False
-    return True
+    known = {}
+    for name, value in options.items():
+        with suppress(jax.errors.JaxRuntimeError):
+            jax.jit(lambda: 0, compiler_options={name: value}).lower().compile()
+            known[name] = value
+    return known
 
 
 @lru_cache

@@ -16,12 +16,7 @@ _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
 def contents(path: str | Path) -> bytes:
-    """The contents of a scene or design file.
-
-    Raises:
-        OSError: if it cannot be read.
-        ValueError: if it is larger than 64 MiB.
-    """
+    """The contents of a scene or design file, of 64 MiB at most."""
     with Path(path).open("rb") as file:
         content = file.read(_MOST_BYTES + 1)
     if len(content) > _MOST_BYTES:
@@ -30,19 +25,14 @@ def contents(path: str | Path) -> bytes:
 
 
 def write_text(path: str | Path, text: str) -> None:
-    """Writes a text file whole or not at all.
-
-    Raises:
-        OSError: if it cannot be written.
-    """
+    """Writes a text file whole or not at all."""
     write_bytes(path, text.encode("utf-8"))
 
 
 def write_bytes(path: str | Path, content: bytes) -> None:
     """Writes a temporary file in the same folder, then renames it to `path` in one step.
 
-    Raises:
-        OSError: if it cannot be written; it names `path`, where a full disk would name no file.
+    An error names `path`, where a full disk would name no file.
     """
     target = Path(path)
     try:
@@ -50,7 +40,10 @@ def write_bytes(path: str | Path, content: bytes) -> None:
         try:
             with os.fdopen(handle, "wb") as file:
                 file.write(content)
-            move_into_place(temporary, target)
+            umask = os.umask(0)
+            os.umask(umask)
+            os.chmod(temporary, 0o666 & ~umask)  # the permissions of any new file
+            os.replace(temporary, target)
         except BaseException:
             Path(temporary).unlink(missing_ok=True)
             raise
@@ -58,24 +51,8 @@ def write_bytes(path: str | Path, content: bytes) -> None:
         raise OSError(error.errno, error.strerror, str(target)) from error
 
 
-def move_into_place(temporary: str | Path, target: str | Path) -> None:
-    """Gives a finished temporary file its name and the permissions of a new file.
-
-    Raises:
-        OSError: if it cannot be moved.
-    """
-    umask = os.umask(0)
-    os.umask(umask)
-    os.chmod(temporary, 0o666 & ~umask)
-    os.replace(temporary, target)
-
-
 def writable_folder(path: str | Path) -> Path:
-    """A folder that exists and takes files, created if need be; a check before long work.
-
-    Raises:
-        OSError: if the folder cannot be created or takes no files.
-    """
+    """A folder that exists and takes files, created if need be; a check before long work."""
     folder = Path(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -108,14 +85,12 @@ def is_own_folder(path: Path) -> bool:
 
 def short_names(paths: Iterable[Path], taken: Iterable[str] = ()) -> dict[str, Path]:
     """Files by the shortest end of their paths, without suffix, that is unique among them."""
-    ends = {path: _ends(path.absolute()) for path in paths}
+    ends = {}
+    for path in paths:
+        parts = (*path.absolute().parts[:-1], path.absolute().stem)
+        ends[path] = [str(Path(*parts[first:])) for first in reversed(range(len(parts)))]
     counts = Counter(taken) + Counter(end for each in ends.values() for end in each)
     return {next((e for e in each if counts[e] == 1), str(p)): p for p, each in ends.items()}
-
-
-def _ends(path: Path) -> list[str]:
-    parts = (*path.parts[:-1], path.stem)
-    return [str(Path(*parts[first:])) for first in reversed(range(len(parts)))]
 
 
 def strict_json(document: Any) -> str:

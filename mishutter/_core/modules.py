@@ -22,11 +22,7 @@ class AbstractModule(eqx.Module):
 
 
 def require_arguments(function: str, named: Collection[str], known: Sequence[str]) -> None:
-    """Refuses names that are no arguments of a function.
-
-    Raises:
-        TypeError: as Python does, with the nearest argument.
-    """
+    """Refuses names that are no arguments of a function, as Python does, with the nearest one."""
     unknown = next((name for name in named if name not in known), None)
     if unknown is not None:
         near = difflib.get_close_matches(unknown, known, n=1)

@@ -19,8 +19,6 @@ _PATIENCE = 2.0
 """Time until work first reports its progress where standard error is no terminal; s."""
 _PAUSE = 10.0
 """Time between two such reports, and without a step from which on work says why; s."""
-_WIDTH = 16
-"""Letters of a bar, beside which the name of a part has room on a terminal of 80 columns."""
 _MANY = 20
 """Fewest steps whose remaining time is shown: the lengths of a few steps differ too much."""
 
@@ -141,7 +139,7 @@ def progress_bar(label: str, total: int, why: str = "") -> Iterator[Counter]:
 
     bar = Progress(
         TextColumn("{task.description}"),
-        BarColumn(bar_width=_WIDTH),
+        BarColumn(bar_width=16),  # beside it a name has room on a terminal of 80 columns
         Place(),
         TimeElapsedColumn(),
         TextColumn("gone"),

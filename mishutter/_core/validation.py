@@ -14,8 +14,6 @@ from mishutter._core.checks import Unquoted, describe
 
 Place = tuple[Any, ...]
 """Path to a key: the names of its tables, its own name, and indices of lists."""
-_FEW_KEYS = 10
-"""Most keys of a table that an error about an unknown key lists."""
 
 
 class Section(BaseModel):
@@ -31,11 +29,7 @@ File = TypeVar("File", bound=Section)
 
 
 def parsed(parse: Callable[[str], Any], content: bytes, name: str, form: str) -> Any:
-    """The parsed contents of a text file.
-
-    Raises:
-        ValueError: if the file has another format.
-    """
+    """The parsed contents of a text file."""
     try:
         return parse(content.decode("utf-8-sig"))
     except UnicodeDecodeError as error:
@@ -62,9 +56,8 @@ def validated(
 ) -> File:
     """Tables of a file, validated by their schema.
 
-    Raises:
-        ValueError: if the tables do not match the schema. The message is of one error; an unknown
-            key comes before missing ones, because it may be a misspelling of one.
+    The message is of one error; an unknown key comes before missing ones, because it may be a
+    misspelling of one.
     """
     try:
         return model.model_validate(tables)
@@ -123,7 +116,7 @@ def _unknown_key(model: type[Section], place: Place, key_name: Callable[[Place],
         or _close(key, places, cutoff=0.9)
         or _close(key, siblings, cutoff=0.6)
     )
-    of_table = ", ".join(p[-1] for p in siblings) if 1 < len(siblings) <= _FEW_KEYS else ""
+    of_table = ", ".join(p[-1] for p in siblings) if 1 < len(siblings) <= 10 else ""
     every = f" ({of_table})" if of_table else ""
     hint = f", perhaps `{key_name(nearest[0])}`" if nearest else every
     where = f"`{key_name(tuple(tables))}`" if tables else "the file"
@@ -138,13 +131,8 @@ def _close(key: str, places: list[Place], cutoff: float) -> list[Place]:
 def _known_keys(model: type[BaseModel], *tables: str) -> list[Place]:
     places: list[Place] = []
     for name, field in model.model_fields.items():
-        table = _table_of(field.annotation)
         places.append((*tables, name))
-        places.extend(_known_keys(table, *tables, name) if table else [])
+        options = [field.annotation, *getattr(field.annotation, "__args__", ())]
+        inner = [o for o in options if isinstance(o, type) and issubclass(o, BaseModel)]
+        places += _known_keys(inner[0], *tables, name) if inner else []
     return places
-
-
-def _table_of(annotation: Any) -> type[BaseModel] | None:
-    options = [annotation, *getattr(annotation, "__args__", ())]
-    tables = [o for o in options if isinstance(o, type) and issubclass(o, BaseModel)]
-    return tables[0] if tables else None

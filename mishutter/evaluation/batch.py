@@ -43,7 +43,7 @@ from mishutter.evaluation.response import (
     spectra_of,
 )
 from mishutter.evaluation.views import transmittance
-from mishutter.model.alignment import length_on_parabola, reach_of_parabola
+from mishutter.model.alignment import reach_of_parabola
 from mishutter.model.devices import least_efficiency
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene
@@ -89,13 +89,14 @@ class Sizes(NamedTuple):
         half = np.asarray(motions.half_exposure, np.float64)
         a = np.asarray(motions.mean_acceleration, np.float64)
         sag = np.where(turns, a * half * half, 0.0)
-        smear = float(scene.max_speed) * half
-        reach, velocity = map(np.asarray, reach_of_parabola(sag, smear))
+        fastest = np.asarray(scene.max_speed, np.float64)
+        reach, smear = motions.kernel_length(fastest), fastest * half
+        velocity = 2 * sag + smear
         reach_of_plan = np.minimum(np.maximum(reach, longest), _FURTHEST)
         plans = _by_whole(reach_of_plan, lambda x: sized_for(x, 0.0))
         num_taps, dft_length = (plans.each(name) for name in ("num_taps", "dft_length"))
-        spread = np.asarray(length_on_parabola(sag, np.max(abs(occurring_speeds(scene))) * half))
-        aside = np.minimum(np.ceil(float(scene.max_speed) * half), num_taps // 2)
+        spread = np.asarray(motions.kernel_length(np.max(abs(occurring_speeds(scene)))))
+        aside = np.minimum(np.ceil(smear), num_taps // 2)
         aside = np.where(turns, 0, aside).astype(int)
         num_reached = np.where(turns, np.ceil(reach) + 1, 2 * aside + 1)
         spread_within, velocity_within = spread, velocity
@@ -134,9 +135,8 @@ def _travel_within(
     accelerations, shifted = (np.asarray(x, np.float64) for x in ensemble)
     half = np.asarray(motions.half_exposure, np.float64)[:, None]
     sag, smear = accelerations * half**2, np.moveaxis(shifted, -1, 0) * half
-    _, velocity = reach_of_parabola(sag, np.max(np.abs(smear), axis=0))
-    spread = length_on_parabola(sag, np.max(np.abs(smear), axis=0))
-    return np.asarray(spread).max(axis=1), np.asarray(velocity).max(axis=1)
+    spread, velocity = map(np.asarray, reach_of_parabola(sag, np.max(np.abs(smear), axis=0)))
+    return spread.max(axis=1), velocity.max(axis=1)
 
 
 class Shapes(NamedTuple):

@@ -7,7 +7,7 @@ matrix product.
 
 import math
 from abc import abstractmethod
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import final
 
 import equinox as eqx
@@ -117,12 +117,25 @@ class LinearObjective(AbstractObjective):
     # The response of a closed profile, through which a device may leak light, then the contribution
     # of each coordinate, as rows of real numbers
     basis: Float[Array, "rows k"]
-    layout: "Layout" = eqx.field(static=True)  # The places of the parts of a response in such a row
+    # Shapes of the parts of a response, one after the other in such a row
+    shapes: tuple[tuple[int, ...], ...] = eqx.field(static=True)
     # Frequencies of the grid that transfer functions stand on
     num_frequencies: int = eqx.field(static=True)
 
     def __call__(self, point: Float[Array, "size"]) -> Float[Array, ""]:
-        response = self.layout.response(self.basis[0] + point @ self.basis[1:])
+        row = self.basis[0] + point @ self.basis[1:]
+        ends = np.cumsum([math.prod(shape) for shape in self.shapes[:-1]]).tolist()
+        flat = zip(jnp.split(row, ends), self.shapes, strict=True)
+        still, differences, spectrum, spectra, spectrum_imag, spectra_imag, efficiency = (
+            part.reshape(shape) for part, shape in flat
+        )
+        response = Response(
+            still,
+            jax.lax.complex(spectrum, spectrum_imag),
+            differences,
+            jax.lax.complex(spectra, spectra_imag),
+            efficiency,
+        )
         return self.loss.of_response(self.scene, self.motion, response, self.num_frequencies)
 
     @property
@@ -144,8 +157,8 @@ def objective_of(
     linear = linear and (scene.device is None or scene.device.is_linear)
     alone = plan.skips and space.free == ("shutter",) and linear
     if alone and isinstance(loss, AbstractResponseLoss):
-        basis, layout = _basis(space, scene, plan, loss.parts)
-        return LinearObjective(loss, scene, space.motion, basis, layout, plan.num_frequencies)
+        basis, shapes = _basis(space, scene, plan, loss.parts)
+        return LinearObjective(loss, scene, space.motion, basis, shapes, plan.num_frequencies)
     if plan.skips and isinstance(loss, AbstractResponseLoss) and loss.parts == ONLY_SPECTRA:
         # Rounding to two numbers an octave lets scenes of other speeds share programs.
         plan, nodes = replace(plan, num_nodes=size_class(plan.num_nodes)), None
@@ -159,34 +172,10 @@ def objective_of(
     return DesignObjective(loss, scene, space, plan)
 
 
-@dataclass(frozen=True)
-class Layout:
-    """Places of the parts of a response in a row of real numbers."""
-
-    num_still: int  # Numbers that stand for the still object's kernel
-    num_differences: int  # Numbers that stand for the differences
-    spectrum_size: int  # Frequencies of the still object's spectrum
-    spectra_shape: tuple[int, ...]  # Speeds and frequencies of the transfer functions
-
-    def response(self, row: Float[Array, "k"]) -> Response:
-        """The response that such a row stands for."""
-        sizes = [self.num_still, self.num_differences]
-        sizes += [self.spectrum_size, math.prod(self.spectra_shape)] * 2
-        parts = jnp.split(row, np.cumsum(sizes).tolist())
-        still, differences, spectrum, spectra, spectrum_imag, spectra_imag, efficiency = parts
-        return Response(
-            still,
-            jax.lax.complex(spectrum, spectrum_imag),
-            differences,
-            jax.lax.complex(spectra, spectra_imag).reshape(self.spectra_shape),
-            efficiency[0],
-        )
-
-
 def _basis(
     space: DesignSpace, scene: Scene, plan: Plan, parts: Parts
-) -> tuple[Float[Array, "rows k"], Layout]:
-    """Response of a closed profile, the contribution of each coordinate, and their layout."""
+) -> tuple[Float[Array, "rows k"], tuple[tuple[int, ...], ...]]:
+    """Response of a closed profile, the contribution of each coordinate, and shapes of parts."""
     responses = _responses_of_each(scene, space, plan, parts)
     # Behind a device that leaks, a coordinate adds to what a closed profile records already.
     each = jax.tree.map(lambda x: np.concatenate([x[:1], x[1:] - x[:1]]), jax.device_get(responses))
@@ -194,10 +183,8 @@ def _basis(
     efficiency, waves = each.efficiency, (each.still_spectrum, each.spectra)
     rows = [still, differences, *map(np.real, waves), *map(np.imag, waves), efficiency]
     flat = [np.reshape(part, (efficiency.size, -1)) for part in rows]
-    layout = Layout(
-        still.shape[1], differences.shape[1], each.still_spectrum.shape[1], each.spectra.shape[1:]
-    )
-    return jax.device_put(np.concatenate(flat, axis=1).astype(efficiency.dtype)), layout
+    basis = jax.device_put(np.concatenate(flat, axis=1).astype(efficiency.dtype))
+    return basis, tuple(part.shape[1:] for part in rows)
 
 
 @compiled

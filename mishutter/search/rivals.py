@@ -64,8 +64,6 @@ PLAIN_RATE = 30.0
 """Frame rate that every camera has; 1/s."""
 PLAIN_STILLS = f"stills at {PLAIN_RATE:.0f} frames/s"
 """Frames at rest that any camera could take, of a scene that states no frame rate."""
-_SLOW_PAN = 0.01
-"""Share of the fastest object's speed with which a search for a pan begins."""
 
 Step = Callable[[str], None]
 Entry = AbstractShutter | Design
@@ -86,7 +84,11 @@ class RivalSearch:
     ) -> None:
         self.scene, self.loss, self.every = scene, loss, every
         self.motion = scene.motion if motion is None else motion
-        self.start = _searchable(self.motion, scene)
+        # Searches begin with this motion, the scene's, or the fullest parabola.
+        steady = scene.motion if scene.motion.accelerates_constantly else scene.fullest_motion
+        motions = (self.motion, scene.motion)
+        parabolas = (m for m in motions if m.accelerates_constantly and not m.is_straight)
+        self.start = next(parabolas, steady)
         self.entries = {} if entries is None else entries
         self.free_paths = free_paths or scene.limits.free_paths
         self.burst_progress: Callable[[float], None] = lambda share: None
@@ -169,7 +171,12 @@ def compared_rows(search: RivalSearch, step: Step, begin: Step = lambda name: No
     ]
     judge = partial(Row.judged_by, loss=search.loss, scene=scene)
     at_best = {}
-    calls = [partial(_named, *item, begin) for item in searches(search).items()]
+
+    def named(name: str, call: Callable[[], list[Row]]) -> tuple[str, list[Row]]:
+        begin(name)
+        return name, call()
+
+    calls = [partial(named, *item) for item in searches(search).items()]
     for first_name, rows in as_they_end(calls, num_processors()):
         step(first_name)
         # A burst keeps its own decoder, which is told the speed by the registration of its frames.
@@ -182,19 +189,6 @@ def compared_rows(search: RivalSearch, step: Step, begin: Step = lambda name: No
     order = dict.fromkeys((*search.entries, *taken_names()))
     names = [name for name in order if name in at_best]
     return [*(at_best[name] for name in names), *map(judge, on_motion)]
-
-
-def _named(name: str, call: Callable[[], list[Row]], begin: Step) -> tuple[str, list[Row]]:
-    begin(name)
-    return name, call()
-
-
-def _searchable(motion: AbstractMotion, scene: Scene) -> AbstractMotion:
-    """The motion that searches begin with: this one, the scene's, or the fullest parabola."""
-    for start in (motion, scene.motion):
-        if start.accelerates_constantly and not start.is_straight:
-            return start
-    return scene.motion if scene.motion.accelerates_constantly else scene.fullest_motion
 
 
 def _middle_exposure(scene: Scene) -> Float[np.ndarray, ""]:
@@ -215,12 +209,8 @@ def _unaccelerated(scene: Scene) -> AbstractMotion:
     """
     velocity = scene.fullest_motion.velocity
     if float(velocity) == 0 and not mirrors(scene, 0.0):
-        velocity = np.asarray(_SLOW_PAN * float(min(scene.max_speed, scene.limits.max_pan)))
+        velocity = np.asarray(0.01 * float(min(scene.max_speed, scene.limits.max_pan)))
     return LinearMotion(half_exposure=_middle_exposure(scene), velocity=velocity)
-
-
-def _best_tukey(search: RivalSearch) -> list[Row]:
-    return [_row(BEST_TUKEY, search.best(search.start, TukeyShutter(0.5)))]
 
 
 def snapshots(search: RivalSearch) -> list[Row]:
@@ -230,22 +220,16 @@ def snapshots(search: RivalSearch) -> list[Row]:
 
 def snapshot_designs(search: RivalSearch) -> dict[str, Design]:
     """The best snapshots by their names, of which no metric is computed."""
-    scene = search.scene
-    at_rest = {BEST_SNAPSHOT: _snapshot_at_rest(search)}
-    if float(scene.limits.max_pan) <= 0:
-        return at_rest
-    pan = _unaccelerated(scene)
-    # Where the speeds lie evenly about 0, no pan is better than none.
-    if float(pan.velocity) == 0:
-        return at_rest | {BEST_PANNED_SNAPSHOT: at_rest[BEST_SNAPSHOT]}
-    return at_rest | {BEST_PANNED_SNAPSHOT: search.best(pan, RectShutter())}
-
-
-def _snapshot_at_rest(search: RivalSearch) -> Design:
-    """Searches for the exposure of a camera at rest with an ordinary shutter."""
     scene, still = search.scene, _camera_at_rest(search.scene)
     settings = SearchSettings(search.loss, _roomy_plan(scene, still, search.loss))
-    return best_design(Start(scene, still, RectShutter()), settings)
+    at_rest = best_design(Start(scene, still, RectShutter()), settings)
+    designs = {BEST_SNAPSHOT: at_rest}
+    if float(scene.limits.max_pan) > 0:
+        pan = _unaccelerated(scene)
+        # Where the speeds lie evenly about 0, no pan is better than none.
+        is_still = float(pan.velocity) == 0
+        designs[BEST_PANNED_SNAPSHOT] = at_rest if is_still else search.best(pan, RectShutter())
+    return designs
 
 
 def _roomy_plan(scene: Scene, still: AbstractMotion, loss: AbstractLoss) -> Plan:
@@ -311,8 +295,12 @@ def _bursts(search: RivalSearch) -> list[Row]:
     if not (is_told or FrameTimes.of(scene, burst).holds_several):
         return []
     still, *moving = search.bursts()
-    if moving and is_told:
-        moving.append(_as_sequence(search.open_on_parabola()))
+    if moving and is_told:  # a burst may be no more than one exposure of an open shutter
+        design = search.open_on_parabola()
+        levels = design.metrics.known_speed_psnr, design.metrics.worst_known_speed_psnr
+        one, limits = OneExposure.of(design.motion, design.scene.limits), design.scene.limits
+        whole = FrameSequence(ONE_PARABOLA, one.frames, 0.0, *map(float, levels), pan=one.pan)
+        moving.append(limits.with_travel(whole))
     found = {BEST_STILL_BURST: still}
     if moving:
         found[BEST_MOVING_BURST] = max(moving, key=level_on_sensor)
@@ -331,14 +319,6 @@ def _plain_stills(search: RivalSearch) -> list[Row]:
     return [_row_of_burst(PLAIN_STILLS, search.scene, stills.sequence([best], times))]
 
 
-def _as_sequence(design: Design) -> FrameSequence:
-    """An exposure of an open shutter as a burst of one frame: a burst may be no more than that."""
-    levels = design.metrics.known_speed_psnr, design.metrics.worst_known_speed_psnr
-    one, limits = OneExposure.of(design.motion, design.scene.limits), design.scene.limits
-    whole = FrameSequence(ONE_PARABOLA, one.frames, 0.0, *map(float, levels), pan=one.pan)
-    return limits.with_travel(whole)
-
-
 def _row_of_burst(name: str, scene: Scene, sequence: FrameSequence) -> Row:
     """A burst as a row: the motion of one of its frames, and the level of all."""
     moving = [frame for frame in sequence.frames if not frame.is_still]
@@ -350,7 +330,12 @@ def _row_of_burst(name: str, scene: Scene, sequence: FrameSequence) -> Row:
 
 
 RIVALS = (
-    Rival((BEST_TUKEY,), ONE_EXPOSURE, _best_tukey, is_asked=lambda search: search.every),
+    Rival(
+        (BEST_TUKEY,),
+        ONE_EXPOSURE,
+        lambda search: [_row(BEST_TUKEY, search.best(search.start, TukeyShutter(0.5)))],
+        is_asked=lambda search: search.every,
+    ),
     Rival(SNAPSHOTS, frozenset({STAGE}), snapshots),
     Rival((BEST_CODED_STILL, CODED_AT_REST), ONE_EXPOSURE, _coded_stills),
     Rival(
@@ -408,9 +393,8 @@ def _are_equal(first: PyTree, second: PyTree) -> bool:
 
 
 def _row(name: str, design: Design) -> Row:
-    shutter, motion = design.shutter, design.motion
+    shutter, motion, loss, metrics = design.shutter, design.motion, design.loss, design.metrics
     turns = _turns(design.scene)
-    loss, metrics = design.loss, design.metrics
     return Row(OWN_BEST_MOTION, name, shutter, motion, loss, metrics, turns, design=design)
 
 

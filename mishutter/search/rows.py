@@ -37,7 +37,6 @@ STAGE, SHUTTER, FRAMES = "a stage", "a shutter", "a burst of frames"
 """Parts that a camera may require beside a sensor at rest with an ordinary shutter."""
 _NEEDS = {FRAMES: "registration", STAGE: "stage", SHUTTER: "shaped shutter"}
 """The needs of these parts in words: any camera takes frames, and software registers."""
-_TURNS = "turning camera"
 ONE_EXPOSURE = frozenset({STAGE, SHUTTER})
 """Parts that a camera of one exposure may require."""
 _PURCHASES = {
@@ -46,10 +45,6 @@ _PURCHASES = {
     frozenset({SHUTTER}): "a shutter",
     frozenset({STAGE, SHUTTER}): "both",
 }
-_OPEN = 1 - 1e-6
-"""Efficiency above which a shutter counts as one that stays open."""
-_SAME_LEVEL = 1e-4
-"""Difference of levels up to which two searches ended in one place; dB."""
 _STANDS_STILL = 0.05
 """Travel during the exposure below which a sensor counts as standing still; px."""
 LEAST_SHOWN = 0.005
@@ -112,7 +107,7 @@ class Row:
         A stage that stands still and a shutter that stays open are not needed.
         """
         efficiency = np.asarray(self.metrics.efficiency)
-        is_open = efficiency >= min(_OPEN, least_efficiency(efficiency.dtype))
+        is_open = efficiency >= min(1 - 1e-6, least_efficiency(efficiency.dtype))
         idle = {STAGE: self.stroke < _STANDS_STILL, SHUTTER: is_open}
         return frozenset(part for part in self.hardware if not idle.get(part, False))
 
@@ -121,7 +116,7 @@ class Row:
         """The same in words, with a camera that turns where that makes the pan."""
         parts = [words for part, words in _NEEDS.items() if part in self.required_hardware]
         turns = self.sequence.pan != 0 if self.sequence is not None else self.turns and self.pans
-        return (*parts, _TURNS) if turns else tuple(parts)
+        return (*parts, "turning camera") if turns else tuple(parts)
 
     @property
     def rank(self) -> tuple[int, int, int]:
@@ -248,7 +243,8 @@ def best_row(rows: Iterable[Row]) -> Row:
     """The row of the highest level: the simplest of equals, which no rounding tells apart."""
     every = list(rows)
     most = max(row.level for row in every)
-    best = [row for row in every if row.level == most or most - row.level < _SAME_LEVEL]
+    # Two searches that ended in one place differ by less than 1e-4 dB; an infinite level is equal.
+    best = [row for row in every if row.level == most or most - row.level < 1e-4]
     return min(best, key=lambda row: (len(row.required_hardware), row.kind))
 
 

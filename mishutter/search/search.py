@@ -71,34 +71,15 @@ _NUM_LASTING, _LASTING_SHARE = 4, 8
 place."""
 _NUM_POLISHED = 3
 """Points to polish: minima that differ, or starts where these are few."""
-_NUM_PATHS = 12
-"""Free paths to polish to the end where they need not mirror themselves: their valleys differ by up
-to 0.1 dB, and neither their starts nor a few steps reveal the lowest."""
-_STEPS_TO_TELL = 60
-"""Steps of each polish after which the best one alone goes on."""
 _SAME = 1e-5
 """Difference of losses, as a share of them, up to which two searches ended in one place."""
-_NUM_STARTS, _FEW_SPEEDS = 16, 8
-"""Starts by default, and the number of speeds below which there are more, in inverse proportion.
-With few speeds a search takes less time and has more local minima, as each speed decides by itself
-when the shutter is open."""
 MAX_STEPS = 400
 """Steps of a minimisation, and of a polish, at most, by default."""
 NUM_COEFFICIENTS = 24
 """Coefficients of a free-form profile, by default."""
-_NUM_PROFILES, _COVERED = 12, 5
-"""Profiles to minimise from by default where nothing else moves, and the size of the cover whose
-lowest they are, as a multiple of the starts."""
-_NUM_NAMED = 4
-"""Most starts, up to a quarter of all, that are the first design and baselines' profiles."""
-_ROUNDS_OF_LEVELS = 3
-"""Most rounds in which slots and motion are searched by turns."""
 
 Progress = Callable[[int, float], None]
 
-_NO_ACCELERATION = "Acceleration does not pay: at constant velocity the loss is no larger."
-_NO_PATH = "A free path does not pay: at constant acceleration the loss is no larger."
-_OF_SLOTS = "No other level of one slot, or of two near one another, lowers the loss."
 _OUTSIDE = "A fixed part of the motion is outside the scene's limits."
 
 
@@ -116,14 +97,33 @@ class SearchSettings(NamedTuple):
     max_steps: int = MAX_STEPS  # Steps of a minimisation, at most
     progress: Progress | None = None  # Called with the steps taken and the smallest loss so far
 
+    def plan_of(self, scene: Scene, space: DesignSpace) -> Plan:
+        """The plan of these settings, or one that is made for a whole space."""
+        if self.plan is not None:
+            return self.plan
+        start = scene, space.motion, space.shutter
+        return plan_of_scene(*start, loss=self.loss, free=space.free).sizes
 
-_WHY_NO_STEP = "compiling (first run only), or a long minimisation"
-"""Why a search tells no step for a while."""
+
+class Start(NamedTuple):
+    """The arguments of `optimise` that define the problem of a search."""
+
+    scene: Scene  # Speeds, light, noise and limits
+    motion: AbstractMotion | None = None  # Motion to start from; None for the scene's
+    shutter: AbstractShutter | None = None  # Profile to start from; None for one of free form
+    free: tuple[str, ...] | None = None  # Parts that may move; None for the default
+
+    @property
+    def first_motion(self) -> AbstractMotion:
+        """The motion to start from, the scene's by default."""
+        return self.scene.motion if self.motion is None else self.motion
 
 
-def _in_words(step: int, loss: float) -> tuple[int, str]:
-    """The news of a search as a bar shows them."""
-    return step, f"loss {loss:.6g}"
+class KnownDesign(NamedTuple):
+    """A command and a motion that a search starts from, beside its own starts."""
+
+    command: AbstractShutter
+    motion: AbstractMotion
 
 
 class SearchFailedError(RuntimeError):
@@ -216,7 +216,13 @@ def optimise(
     require_seed("optimise(seed=...)", seed)
     loss = as_loss(loss_of_decoder(scene) if loss is None else loss, "optimise(loss=...)")
     names = (free,) if isinstance(free, str) else None if free is None else tuple(free)
-    with reports(progress, "searching", max_steps, _in_words, _WHY_NO_STEP) as news:
+    with reports(
+        progress,
+        "searching",
+        max_steps,
+        words=lambda step, loss: (step, f"loss {loss:.6g}"),
+        why="compiling (first run only), or a long minimisation",
+    ) as news:
         settings = SearchSettings(loss, None, num_coefficients, num_starts, seed, max_steps, news)
         best = best_design(Start(scene, motion, shutter, names), settings)
     decoder = loss.decoder_speed
@@ -245,7 +251,7 @@ def _with_bursts(design: Design, loss: AbstractLoss, *, is_shown: bool) -> Desig
 
 @alone_in_blas()
 @outside_trace()
-def best_design(start: "Start", settings: SearchSettings) -> Design:
+def best_design(start: Start, settings: SearchSettings) -> Design:
     """`optimise`, for callers that share a plan between searches."""
     scene, _, shutter, names = start
     device = scene.device
@@ -278,8 +284,12 @@ def on_free_path(
     if shaped and device is not None and device.levels is not None:
         best = optimise(scene, start, command, free=names, loss=loss)
     else:
-        more = tuple(KnownDesign(open_like(command), each.motion) for each in beside)
-        path = _path_after(design, start)
+        opened: AbstractShutter = RectShutter()
+        if isinstance(command, SplineShutter):
+            count = command.num_coefficients
+            opened = SplineShutter.fit(opened, count, symmetric=command.symmetric)
+        more = tuple(KnownDesign(opened, each.motion) for each in beside)
+        path = start if design.motion.is_straight else design.motion
         best = _beyond(design, path, names, SearchSettings(loss), more)
         best = _without_needless_device(best, loss)
     return min((best, design, *beside), key=lambda each: each.loss)
@@ -304,29 +314,6 @@ def _without_needless_device(design: Design, loss: AbstractLoss) -> Design:
     return replace(design, shutter=command, loss=value, history=history, notes=notes)
 
 
-def open_like(shutter: AbstractShutter) -> AbstractShutter:
-    """A shutter that stays open: a spline if another is one."""
-    if not isinstance(shutter, SplineShutter):
-        return RectShutter()
-    return SplineShutter.fit(RectShutter(), shutter.num_coefficients, symmetric=shutter.symmetric)
-
-
-class KnownDesign(NamedTuple):
-    """A command and a motion that a search starts from, beside its own starts."""
-
-    command: AbstractShutter
-    motion: AbstractMotion
-
-
-class Start(NamedTuple):
-    """The arguments of `optimise` that define the problem of a search."""
-
-    scene: Scene  # Speeds, light, noise and limits
-    motion: AbstractMotion | None = None  # Motion to start from; None for the scene's
-    shutter: AbstractShutter | None = None  # Profile to start from; None for one of free form
-    free: tuple[str, ...] | None = None  # Parts that may move; None for the default
-
-
 def _optimised(
     start: Start, settings: SearchSettings, more: tuple[KnownDesign, ...] = ()
 ) -> Design:
@@ -336,13 +323,18 @@ def _optimised(
         return _on_free_path(start, names, settings, more)
     if names is None:
         motion, names = moved_by_default(scene, motion, shutter, settings.loss)
-    ends = _searched(Start(scene, motion, shutter, names), settings, more)
-    best, *straight = (_design(end, scene, settings) for end in ends)
-    if straight:
-        best = _better(best, straight[0])
-        if "shutter" in names and "half_exposure" in names:
-            best = replace(best, straight=straight[0])
-    return best
+    best, *others = _searched(Start(scene, motion, shutter, names), settings, more)
+    if not others:
+        return best
+    (straight,) = others
+    history = np.append(best.history, np.minimum(straight.history, best.history[-1]))
+    start_loss = min(best.best_start_loss, straight.best_start_loss)
+    # The design without acceleration needs no stage, and is better among equals.
+    if straight.loss <= best.loss * (1 + _SAME):
+        note = "Acceleration does not pay: at constant velocity the loss is no larger."
+        best = replace(straight, notes=(*straight.notes, note))
+    best = replace(best, history=history, best_start_loss=start_loss)
+    return replace(best, straight=straight) if {"shutter", "half_exposure"} <= {*names} else best
 
 
 def _on_free_path(
@@ -355,20 +347,15 @@ def _on_free_path(
 
     Without a free path as the motion, it begins with that of the first design.
     """
-    scene = start.scene
-    motion = scene.motion if start.motion is None else start.motion
+    scene, motion = start.scene, start.first_motion
     steady = motion if motion.accelerates_constantly else scene.fullest_motion
     num_free_pieces(scene, motion.as_free_path())
     steady_names = [name for name in (*names, "acceleration") if name != "path"]
     steady_start = start._replace(motion=steady, free=tuple(steady_names))
     design = _optimised(steady_start, settings._replace(plan=None), more)
-    path = _path_after(design, steady) if motion.accelerates_constantly else motion
-    return _beyond(design, path, names, settings._replace(progress=None), more)
-
-
-def _path_after(design: Design, start: AbstractMotion) -> AbstractMotion:
-    """The motion of a design, or `start` where that does not accelerate."""
-    return start if design.motion.is_straight else design.motion
+    if motion.accelerates_constantly:
+        motion = steady if design.motion.is_straight else design.motion
+    return _beyond(design, motion, names, settings._replace(progress=None), more)
 
 
 def _beyond(
@@ -383,11 +370,11 @@ def _beyond(
     scene, command, half = design.scene, design.command, design.motion.half_exposure
     of_speeds = path_of_speeds(scene, half, path.accelerations.size)
     more = (*more, KnownDesign(command, design.motion), KnownDesign(command, of_speeds))
-    ends = _searched(Start(scene, path, command, tuple(names)), settings, more)
-    on_path = _design(ends[0], scene, settings)
+    (on_path,) = _searched(Start(scene, path, command, tuple(names)), settings, more)
     # A free path asks for more of a stage, and has to lower the loss by more than searches scatter.
     if on_path.loss >= design.loss * (1 - _SAME):
-        return replace(design, notes=(*design.notes, _NO_PATH))
+        note = "A free path does not pay: at constant acceleration the loss is no larger."
+        return replace(design, notes=(*design.notes, note))
     history = np.append(design.history, np.minimum(on_path.history, design.history[-1]))
     return replace(on_path, history=history, best_start_loss=design.best_start_loss)
 
@@ -434,11 +421,16 @@ def _of_levels(
         names = free_by_default(scene, start.motion, None) if loss.sees_light else ()
     movable = set(all_that_can_move(scene, start.motion, None)) - {"shutter"}
     names = tuple(name for name in names if name in movable)
-    relaxed = with_device(scene, scene.device.relaxed)  # type: ignore[union-attr]
-    # Levels have no slope along which they could move together with the motion.
-    for _ in range(_ROUNDS_OF_LEVELS):
+    device: AbstractDevice = scene.device  # type: ignore[assignment]
+    relaxed = with_device(scene, device.relaxed)
+    # Levels have no slope along which they could move together with the motion: both are searched
+    # by turns, three times at most.
+    for _ in range(3):
         command: ChippedShutter = best.command  # type: ignore[assignment]
-        slots = _slot_by_slot(scene, command, best.motion, settings)
+        of_slots, still = search_frame(relaxed, best.motion, ("shutter",))
+        space = design_space(of_slots, still, command, "shutter")
+        objective = objective_of(loss, of_slots, space, settings.plan_of(of_slots, space))
+        slots = searched_slots(objective, np.asarray(command.transmittances), device)
         better = _sent(scene, ChippedShutter(slots), best.motion, best, loss)
         if names:
             tuned = _optimised(Start(relaxed, best.motion, better.command, names), settings)
@@ -448,19 +440,8 @@ def _of_levels(
         best = min(best, better, key=lambda each: each.loss)
         if not (worthwhile and names):
             break
-    return replace(best, outcome=start.outcome, notes=(*start.notes, _OF_SLOTS))
-
-
-def _slot_by_slot(
-    scene: Scene, command: ChippedShutter, motion: AbstractMotion, settings: SearchSettings
-) -> Float[np.ndarray, "n"]:
-    """Levels of the slots at which no change lowers the loss on a motion."""
-    device: AbstractDevice = scene.device  # type: ignore[assignment]
-    free = ("shutter",)
-    scene, motion = search_frame(with_device(scene, device.relaxed), motion, free)
-    space = design_space(scene, motion, command, free)
-    objective = objective_of(settings.loss, scene, space, _plan(scene, space, settings))
-    return searched_slots(objective, np.asarray(command.transmittances), device)
+    note = "No other level of one slot, or of two near one another, lowers the loss."
+    return replace(best, outcome=start.outcome, notes=(*start.notes, note))
 
 
 def _sent(
@@ -489,38 +470,6 @@ def _sent(
 def with_device(scene: Scene, device: AbstractDevice | None) -> Scene:
     """A scene with another device."""
     return eqx.tree_at(lambda s: s.device, scene, device, is_leaf=lambda part: part is None)
-
-
-def _better(design: Design, straight: Design) -> Design:
-    """The better of two designs, the second of which has no acceleration; of equals, that."""
-    history = np.append(design.history, np.minimum(straight.history, design.history[-1]))
-    start_loss = min(design.best_start_loss, straight.best_start_loss)
-    better = design
-    # The design without acceleration needs no stage, and is better among equals.
-    if straight.loss <= design.loss * (1 + _SAME):
-        better = replace(straight, notes=(*straight.notes, _NO_ACCELERATION))
-    return replace(better, history=history, best_start_loss=start_loss)
-
-
-def _design(end: "_End", scene: Scene, settings: SearchSettings) -> Design:
-    outcome = Outcome.STALLED
-    if is_minimum(end.certificate, end.loss):
-        outcome = Outcome.CONVERGED
-    elif end.num_steps >= settings.max_steps:
-        outcome = Outcome.STEPS_USED
-    inside = not beyond_limits(scene, end.motion, end.shutter)
-    return Design(
-        shutter=end.shutter,
-        motion=end.motion,
-        scene=scene,
-        loss=end.loss,
-        history=end.history,
-        outcome=outcome,
-        notes=() if inside else (_OUTSIDE,),
-        certificate=end.certificate,
-        loss_name=repr(settings.loss),
-        best_start_loss=end.best_start_loss,
-    )
 
 
 def moved_by_default(
@@ -559,9 +508,9 @@ def free_by_default(
 
 def _searched(
     start: Start, settings: SearchSettings, more: tuple[KnownDesign, ...]
-) -> "list[_End]":
+) -> list[Design]:
     """The best design, and where the acceleration may move the best without acceleration."""
-    frame = start.scene.motion if start.motion is None else start.motion
+    frame = start.first_motion
     shutter, names = start.shutter, start.free or ()
     scene, motion = search_frame(start.scene, frame, names)
     if shutter is None:
@@ -571,27 +520,21 @@ def _searched(
         at_rest = scene if pans else scene.without_pan()
         shutter = starting_shutter(at_rest, settings.num_coefficients)
     space = design_space(scene, motion, shutter, names)
-    plan = _plan(scene, space, settings)
-    ends = [_best_of_space(scene, space, plan, settings, more)]
+    plan = settings.plan_of(scene, space)
+    best = [_best_of_space(scene, space, plan, settings, more)]
     # The logarithmic coordinate of the acceleration does not reach 0, where a camera may be best.
     if "acceleration" in space.free and "path" not in space.free:
         settings = settings._replace(progress=None)
-        ends.append(_best_of_space(scene, space.without_acceleration(), plan, settings, more))
-    if "velocity" in names or is_known_zero(frame.velocity):
-        return ends
-    return [end._replace(motion=end.motion.panned(frame.velocity)) for end in ends]
-
-
-class _End(NamedTuple):
-    """The best design of a space, and the course of its search."""
-
-    shutter: AbstractShutter
-    motion: AbstractMotion
-    loss: float
-    certificate: float
-    num_steps: int
-    history: Float[np.ndarray, "n"]
-    best_start_loss: float
+        best.append(_best_of_space(scene, space.without_acceleration(), plan, settings, more))
+    designs = []
+    for design in best:
+        motion = design.motion
+        if "velocity" not in names and not is_known_zero(frame.velocity):
+            motion = motion.panned(frame.velocity)
+        is_outside = beyond_limits(start.scene, motion, design.shutter)
+        notes = (_OUTSIDE,) if is_outside else ()
+        designs.append(replace(design, scene=start.scene, motion=motion, notes=notes))
+    return designs
 
 
 def _best_of_space(
@@ -600,7 +543,7 @@ def _best_of_space(
     plan: Plan,
     settings: SearchSettings,
     more: tuple[KnownDesign, ...],
-) -> _End:
+) -> Design:
     """The best design of a space: minimised from the lowest starts, polished and certified."""
     max_steps, space = settings.max_steps, space.holding(each.motion for each in more)
     objective = objective_of(settings.loss, scene, space, plan)
@@ -622,13 +565,16 @@ def _best_of_space(
     shutter, motion = design_at(space, point)
     if plan.num_effective_speeds:  # one design can afford more of them than all that are tried
         value = float(value_of(settings.loss, scene, motion, shutter))
-    return _End(
+    outcome = Outcome.STEPS_USED if end.num_steps >= max_steps else Outcome.STALLED
+    return Design(
         shutter=shutter,
         motion=motion,
+        scene=scene,
         loss=value,
-        certificate=certificate,
-        num_steps=end.num_steps,
         history=history.losses,
+        outcome=Outcome.CONVERGED if is_minimum(certificate, value) else outcome,
+        certificate=certificate,
+        loss_name=repr(settings.loss),
         best_start_loss=float(losses[lowest]),
     )
 
@@ -693,26 +639,14 @@ def _differing(losses: Sequence[float]) -> Int[np.ndarray, "k"]:
     return order[np.diff(ascending, prepend=-np.inf) > _SAME * np.abs(ascending)]
 
 
-def _plan(scene: Scene, space: DesignSpace, settings: SearchSettings) -> Plan:
-    """The plan of the settings, or one that is made for a whole space."""
-    if settings.plan is not None:
-        return settings.plan
-    start = scene, space.motion, space.shutter
-    return plan_of_scene(*start, loss=settings.loss, free=space.free).sizes
-
-
 class _Starts(NamedTuple):
-    """Points to start from, and the numbers of them to polish, to try and to minimise from.
-
-    Where none is tried, the lowest of the points are polished as they are. After `steps_to_tell`
-    steps of each polish the best one goes on alone.
-    """
+    """Points to start from, and what becomes of them."""
 
     boxes: Float[np.ndarray, "n size"]
     num_polished: int = _NUM_POLISHED
-    num_tried: int = 0
-    num_lasting: int = 0
-    steps_to_tell: int = _STEPS_TO_TELL
+    num_tried: int = 0  # Where none is tried, the lowest of the points are polished as they are
+    num_lasting: int = 0  # Number of tries to minimise from
+    steps_to_tell: int = 60  # Steps of each polish after which the best one goes on alone
 
 
 def _starts(
@@ -725,14 +659,17 @@ def _starts(
     """Starts of the search of a space."""
     has_spline = bool(space.num_profile_coordinates) and isinstance(space.shutter, SplineShutter)
     is_profile = has_spline and space.free == ("shutter",)
-    num_speeds = objective.scene.speeds.size
-    by_default = _NUM_PROFILES if is_profile else _NUM_STARTS * max(1, _FEW_SPEEDS // num_speeds)
+    # With few speeds a search takes less time and has more local minima, as each speed decides by
+    # itself when the shutter is open.
+    by_default = 12 if is_profile else 16 * max(1, 8 // objective.scene.speeds.size)
     num_starts = settings.num_starts or by_default
     starts = start_boxes(space, num_starts, settings.seed)
     before = [point_at(space, each.command, each.motion)[None] for each in more]
     if space.num_path_coordinates:
         boxes = path_boxes(space, np.concatenate([*before, starts[:1]]))
-        num_polished = _NUM_POLISHED if space.path_mirrors else _NUM_PATHS
+        # Valleys of paths that need not mirror themselves differ by up to 0.1 dB, and neither
+        # their starts nor a few steps reveal the lowest.
+        num_polished = _NUM_POLISHED if space.path_mirrors else 12
         return _Starts(boxes, num_polished, steps_to_tell=settings.max_steps)
     # A grid covers few coordinates, and its lowest points are in the right valleys already.
     if space.size <= GRID_COORDINATES:
@@ -743,12 +680,12 @@ def _starts(
         return _Starts(starts[np.union1d(0, valleys)])
     # A step costs a matrix product here, so that all starts are polished and none has to be tried.
     if is_profile:
-        profiles = cover(space, scene, _COVERED * num_starts, settings.seed)
+        profiles = cover(space, scene, 5 * num_starts, settings.seed)
         boxes = np.concatenate([*before, starts, profiles.astype(starts.dtype)])
         count = num_starts + len(more)
         order = np.argsort(screened(objective, boxes), kind="stable")
         return _Starts(boxes[order[:count]], count)
-    num_named = min(_NUM_NAMED, math.ceil(num_starts / 4))
+    num_named = min(4, math.ceil(num_starts / 4))  # the first design and baselines' profiles
     if has_spline and num_named < num_starts:
         boxes = cover(space, scene, num_starts, settings.seed).astype(starts.dtype)
         losses, num_valleys = screened(objective, boxes), num_starts - num_named

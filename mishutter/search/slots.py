@@ -11,14 +11,7 @@ from jaxtyping import Bool, Float, Int
 from mishutter.model.devices import AbstractDevice
 from mishutter.model.slots import runs_are_long_enough
 from mishutter.search.objective import AbstractObjective
-from mishutter.search.starts import screened
-
-_FURTHEST = 3
-"""Distance, in slots, of the two between which a change moves an opening."""
-_MAX_ROUNDS = 200
-_LEAST_FALL = 1e-7
-"""Fall of the loss, as a share of it, for which another round is worth its time."""
-_AT_ONCE = 64
+from mishutter.search.starts import POINTS_AT_ONCE, screened
 
 
 def searched_slots(
@@ -32,14 +25,14 @@ def searched_slots(
         return screened(objective, (rows / steps).astype(levels.dtype))
 
     best = float(losses_of(slots[None])[0])
-    for _ in range(_MAX_ROUNDS):
+    for _ in range(200):
         changes = _changes(slots, steps, device)
         if not len(changes):
             break
         losses = losses_of(slots + changes)
         order = np.argsort(losses, kind="stable")
-        # The sign is that of the loss, which may be negative.
-        order = order[losses[order] < best * (1 - np.sign(best) * _LEAST_FALL)]
+        # A smaller fall is not worth another round; the loss may be negative.
+        order = order[losses[order] < best * (1 - np.sign(best) * 1e-7)]
         together = _together(changes[order])
         if not len(together):
             break
@@ -59,7 +52,7 @@ def _changes(
     """Changes of one slot by a level, of two in opposite directions, and of runs."""
     unit = np.eye(slots.size, dtype=np.int64)
     changes = [unit, -unit]
-    for apart in range(1, _FURTHEST + 1):
+    for apart in range(1, 4):  # the shift of an opening, in slots
         shift = unit[apart:] - unit[:-apart]
         changes += [shift, -shift]
     # Where runs have a least length, a single slot may not change.
@@ -94,6 +87,6 @@ def _together(changes: Int[np.ndarray, "k n"]) -> np.ndarray:
         if not is_touched[near].any():
             is_touched[slots[0] : slots[-1] + 1] = True
             together.append(change)
-        if len(together) == _AT_ONCE:
+        if len(together) == POINTS_AT_ONCE:
             break
     return np.array(together)

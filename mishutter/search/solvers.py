@@ -6,18 +6,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from mishutter._core.compiling import compiled
 from mishutter.search.objective import AbstractObjective
 from mishutter.search.space import Bends
 
-_MEMORY = 30
-"""Steps that L-BFGS-B remembers, at most one for each coordinate."""
-_TOLERANCE = 1e-9
-_SOLVER, _MARGIN = optx.BFGS(rtol=1e-7, atol=1e-7), 0.02
-_CERTIFIED = 1e-3
-"""Largest projected gradient of a minimum, as a share of the loss."""
 _GAP = 64
 """Distance from a bend, in roundings of a coordinate, at which the side is certain."""
 _NEAR = 1e-3
@@ -27,16 +21,6 @@ to the bend that the rest of the way would count as none."""
 
 class NonFiniteLossError(ArithmeticError):
     """A loss or its gradient was not finite where the solver had to know it."""
-
-
-def check_finite(finite: Bool[np.ndarray, "n"]) -> None:
-    """Raises `NonFiniteLossError`, with the first of the starts that are not finite."""
-    bad = np.flatnonzero(~finite)
-    if bad.size:
-        raise NonFiniteLossError(
-            f"The loss and its gradient must be finite; got a NaN or an infinity from start "
-            f"{bad[0]} ({bad.size} of {finite.size} starts)."
-        )
 
 
 def loss_and_gradient(
@@ -57,14 +41,15 @@ def _loss_and_gradient(
 def losses_at(
     objective: AbstractObjective, boxes: Float[np.ndarray, "n size"]
 ) -> Float[np.ndarray, "n"]:
-    """Losses at a few points, by the program that the polish needs anyway.
-
-    Raises:
-        NonFiniteLossError: if a loss or its gradient is not finite.
-    """
+    """Losses at a few points, by the program that the polish needs anyway."""
     each = [loss_and_gradient(objective, point) for point in boxes]
     losses, gradients = (np.stack(part) for part in zip(*each, strict=True))
-    check_finite(np.isfinite(losses) & np.all(np.isfinite(gradients), axis=1))
+    bad = np.flatnonzero(~(np.isfinite(losses) & np.all(np.isfinite(gradients), axis=1)))
+    if bad.size:
+        raise NonFiniteLossError(
+            "The loss and its gradient must be finite; got a NaN or an infinity from start "
+            f"{bad[0]} ({bad.size} of {losses.size} starts)."
+        )
     return losses
 
 
@@ -83,29 +68,20 @@ def certificate_at(
     At a bend only slopes count by which the loss falls on either side: a minimum has none, though
     the slopes differ and neither is 0.
     """
-    before, after = _beside(point, bends)
-    slopes = [np.array(loss_and_gradient(objective, side)[1]) for side in (before, after)]
-    if before is not after:
-        for slope, clip in zip(slopes, (np.maximum, np.minimum), strict=True):
-            slope[bends.coordinate] = clip(slope[bends.coordinate], 0)
-    return max(projected_gradient_norm(point, slope) for slope in slopes)
-
-
-def _beside(
-    point: Float[np.ndarray, "size"], bends: Bends
-) -> tuple[Float[np.ndarray, "size"], Float[np.ndarray, "size"]]:
-    """Points before and after the bend at a point, or the point twice where there is no bend.
-
-    At the bend itself rounding would decide on the side.
-    """
-    gap = _GAP * np.finfo(point.dtype).eps
-    for place in bends.places:
-        if abs(point[bends.coordinate] - place) <= 2 * gap:
-            before, after = point.copy(), point.copy()
-            before[bends.coordinate] = max(place - gap, 0)
-            after[bends.coordinate] = min(place + gap, 1)
-            return before, after
-    return point, point
+    index, gap = bends.coordinate, _GAP * np.finfo(point.dtype).eps
+    at_point = [place for place in bends.places if abs(point[index] - place) <= 2 * gap]
+    if not at_point:
+        return projected_gradient_norm(point, loss_and_gradient(objective, point)[1])
+    # At the bend itself rounding would decide on the side.
+    before, after = max(at_point[0] - gap, 0), min(at_point[0] + gap, 1)
+    norms = []
+    for place, clip in ((before, np.maximum), (after, np.minimum)):
+        beside = point.copy()
+        beside[index] = place
+        slope = np.array(loss_and_gradient(objective, beside)[1])
+        slope[index] = clip(slope[index], 0)
+        norms.append(projected_gradient_norm(point, slope))
+    return max(norms)
 
 
 def minimise(
@@ -131,8 +107,9 @@ def _minimised(
         return objective(jnp.sin(theta).astype(point.dtype) ** 2).astype(theta.dtype)
 
     # Optimistix takes JAX's default precision for its step size, whatever that of the angles.
-    theta = jnp.arcsin(jnp.sqrt(jnp.clip(point, _MARGIN, 1 - _MARGIN))).astype(float)
-    end = optx.minimise(loss, _SOLVER, theta, max_steps=max_steps, throw=False)
+    theta = jnp.arcsin(jnp.sqrt(jnp.clip(point, 0.02, 1 - 0.02))).astype(float)
+    solver = optx.BFGS(rtol=1e-7, atol=1e-7)
+    end = optx.minimise(loss, solver, theta, max_steps=max_steps, throw=False)
     return jnp.sin(end.value).astype(point.dtype) ** 2, end.stats["num_steps"]
 
 
@@ -151,8 +128,8 @@ class Polished(NamedTuple):
 
 
 def is_minimum(certificate: float, loss: float) -> bool:
-    """Whether a projected-gradient norm certifies a minimum of a loss."""
-    return certificate <= _CERTIFIED * abs(loss)
+    """Whether a projected-gradient norm certifies a minimum: at most 0.001 of the loss."""
+    return certificate <= 1e-3 * abs(loss)
 
 
 def polish(
@@ -167,9 +144,6 @@ def polish(
 
     The loss is divided by its value at the start: the solver's tolerances are absolute, and would
     stop it short in bright light, where the loss is small.
-
-    Raises:
-        NonFiniteLossError: if the loss or gradient is not finite on the way.
     """
     from scipy.optimize import minimize
 
@@ -202,8 +176,8 @@ def polish(
         jac=True,
         method="L-BFGS-B",
         bounds=np.stack([low, high], axis=1),
-        tol=_TOLERANCE,
-        options={"maxiter": max_steps, "maxcor": min(_MEMORY, point.size)},
+        tol=1e-9,
+        options={"maxiter": max_steps, "maxcor": min(30, point.size)},  # steps that it remembers
         callback=lambda intermediate_result: history.append(intermediate_result.fun * unit),
     )
     lowest = np.clip(end.x.astype(point.dtype), low, high)
@@ -219,12 +193,17 @@ def finished(
 
     The solver begins anew, which forgets misleading curvatures, then on either side of the nearest
     bend: a kink stops a solver that expects the same slope on both sides.
-
-    Raises:
-        NonFiniteLossError: if the loss or gradient is not finite on the way.
     """
     end = end._replace(certificate=certificate_at(objective, end.point, bends))
-    for low, high in _sides(end.point, bends):
+    low, high = np.zeros_like(end.point), np.ones_like(end.point)
+    bounds, index = [(low, high)], bends.coordinate
+    if bends.places.size:
+        nearest = bends.places[np.argmin(np.abs(bends.places - end.point[index]))]
+        gap = _GAP * np.finfo(end.point.dtype).eps
+        to_bend, from_bend = high.copy(), low.copy()
+        to_bend[index], from_bend[index] = max(nearest - gap, 0), min(nearest + gap, 1)
+        bounds += [(low, to_bend), (from_bend, high)]
+    for low, high in bounds:
         if is_minimum(end.certificate, end.loss) or end.num_steps >= max_steps:
             break
         near_low, near_high = end.point - low < _NEAR, high - end.point < _NEAR
@@ -238,18 +217,3 @@ def finished(
             history = np.concatenate([end.history, after.history])
             end = Polished(after.point, after.loss, certificate, history)
     return end
-
-
-def _sides(
-    point: Float[np.ndarray, "size"], bends: Bends
-) -> list[tuple[Float[np.ndarray, "size"], Float[np.ndarray, "size"]]]:
-    """Bounds of the whole box, and of its parts before and after the bend nearest to a point."""
-    low, high = np.zeros_like(point), np.ones_like(point)
-    if not bends.places.size:
-        return [(low, high)]
-    nearest = bends.places[np.argmin(np.abs(bends.places - point[bends.coordinate]))]
-    gap = _GAP * np.finfo(point.dtype).eps
-    to_bend, from_bend = high.copy(), low.copy()
-    to_bend[bends.coordinate] = max(nearest - gap, 0)
-    from_bend[bends.coordinate] = min(nearest + gap, 1)
-    return [(low, high), (low, to_bend), (from_bend, high)]

@@ -60,14 +60,7 @@ from mishutter.model.shutters.base import (
 from mishutter.model.shutters.windows import RectShutter
 
 FREE_NAMES = ("shutter", "path", "half_exposure", "velocity", "acceleration")
-_OF_MOTION = FREE_NAMES[2:]
 _ROUNDING = 1e-6
-_ROUNDS_TO_FILL = 8
-"""Rounds that approach the exposure which fills a pixel, where what a device passes depends on it:
-each leaves less than a quarter of the error."""
-_NUM_TRIED, _HALVINGS = 256, 40
-"""Half exposures between which another limit of the stage may begin to hold, and halvings of a step
-between two of them."""
 _TIMES_AT_ONCE = 8
 """Half exposures a call: one compiled program serves the first round and the halvings."""
 _MOST_PIECES_DIFFER = 20.0
@@ -75,8 +68,6 @@ _MOST_PIECES_DIFFER = 20.0
 _MEETING = 0.5
 """Coordinate of the half exposure at which a free path comes to its stroke and its top speed
 together: a kink whose place in the box is the same for every path."""
-_SAME = 1e-5
-"""Difference of speeds, as a share of the fastest, and of weights, within which they mirror."""
 _SLOWEST = 1e-2
 """Share of the largest acceleration that is explored where every object is at rest."""
 
@@ -173,15 +164,15 @@ class DesignSpace(eqx.Module):
         return self.transmittance(shutter, half_exposure), motion
 
     def shutter_at(
-        self, point: Float[Array, "size"], half_exposure: Float[Array, ""]
+        self, point: Float[Array | np.ndarray, "size"], half_exposure: Float[Array, ""]
     ) -> AbstractShutter:
         """The shutter behind the device at a point of the box, for a half exposure there, s."""
         return self.transmittance(self._profile_at(point), half_exposure)
 
-    def _profile_at(self, point: Float[Array, "size"]) -> AbstractShutter:
+    def _profile_at(self, point: Float[Array | np.ndarray, "size"]) -> AbstractShutter:
         """The profile that is sent to the device at a point of the box."""
         count = self.num_profile_coordinates
-        return at_coordinates(self.shutter, point[:count]) if count else self.shutter
+        return at_coordinates(self.shutter, jnp.asarray(point[:count])) if count else self.shutter
 
     def _shape(self, point: Float[Array, "pieces"]) -> PathShape | None:
         """The shape of a free path at its coordinates; None without any."""
@@ -192,27 +183,39 @@ class DesignSpace(eqx.Module):
         if self.path_mirrors:
             pieces = jnp.concatenate([pieces[::-1], pieces])
         pans = "velocity" in self.free and self.limits.pans == "stage"
-        return PathShape(pieces, _level_velocity(pieces) if pans else jnp.zeros_like(pieces[0]))
+        velocity = jnp.zeros_like(pieces[0])
+        if pans:  # at which the path ends where it began, in units of $aT$
+            ends = np.array([-1, 1], pieces.dtype)
+            begin, end = jnp.asarray(_unit_path(pieces, velocity).position_of(ends, 0.0))
+            velocity = (begin - end) / 2
+        return PathShape(pieces, velocity)
 
     @property
     def of_motion(self) -> "DesignSpace":
         """The space of the motion alone, whose programs serve shutters of every kind.
 
-        It is this space itself where no number of the motion moves, and where pixels fill, so that
-        the longest exposure depends on the profile.
+        It is this space itself where no number of the motion moves, and where the longest exposure
+        depends on the profile.
         """
-        fills = self.filling is not None and (self.num_profile_coordinates > 0 or self.lags)
-        if fills or not self.free_of_motion:
+        if self.fills_by_profile or not self.free_of_motion:
             return self
-        free = tuple(name for name in self.free if name != "shutter")
         return replace(
-            self, free=free, shutter=RectShutter(), device=None, num_profile_coordinates=0
+            self,
+            free=tuple(name for name in self.free if name != "shutter"),
+            shutter=RectShutter(),
+            device=None,
+            num_profile_coordinates=0,
         )
+
+    @property
+    def fills_by_profile(self) -> bool:
+        """Whether the longest exposure, over which white fills a pixel, depends on the profile."""
+        return self.filling is not None and (self.num_profile_coordinates > 0 or self.lags)
 
     @property
     def free_of_motion(self) -> tuple[str, ...]:
         """Numbers of the motion that may move, in the order of their coordinates."""
-        return tuple(name for name in _OF_MOTION if name in self.free)
+        return tuple(name for name in FREE_NAMES[2:] if name in self.free)
 
     @property
     def dtype(self) -> np.dtype:
@@ -254,7 +257,7 @@ class DesignSpace(eqx.Module):
             return Bends(index, np.zeros(0))
         if self.num_path_coordinates:
             return Bends(index, np.array([_MEETING]))
-        if self.filling is not None and (self.num_profile_coordinates or self.lags):
+        if self.fills_by_profile:
             return Bends(index, np.zeros(0))  # the exposures there are others for each profile
         low, high = (float(bound) for bound in self._half_exposure_bounds(self.shutter))
         demands = float(self.demand), float(self.motion.speed_gain)
@@ -275,12 +278,13 @@ class DesignSpace(eqx.Module):
             each = [np.asarray(_active_limits(self.of_motion, row)) for row in rows]
             return np.concatenate(each)[: times.size]
 
-        # No formula tells where limits of a stage meet: a row of exposures brackets each place.
-        times = np.geomspace(low, high, _NUM_TRIED)
+        # No formula tells where limits of a stage meet: a row of exposures brackets each place, and
+        # halving the bracket finds it.
+        times = np.geomspace(low, high, 256)
         active = active_limits_at(times)
         at = np.flatnonzero(np.diff(active))
         before, after = times[at], times[at + 1]
-        for _ in range(_HALVINGS if at.size else 0):
+        for _ in range(40 if at.size else 0):
             middle = np.sqrt(before * after)
             same = active_limits_at(middle) == active[at]
             before, after = np.where(same, middle, before), np.where(same, after, middle)
@@ -427,11 +431,13 @@ class DesignSpace(eqx.Module):
         low, high = self.limits.min_half_exposure, self.limits.max_half_exposure
         if self.filling is not None:
             filling = longest = self.filling
-            for _ in range(_ROUNDS_TO_FILL if self.lags else 1):
-                if self.num_profile_coordinates or self.lags:
-                    profile = self.transmittance(shutter, longest)
-                    efficiency = profile.efficiency().astype(filling.dtype)
-                    longest = filling / jnp.maximum(efficiency, filling / high)
+            # The light that a lagging device passes depends on the exposure: each round leaves less
+            # than a quarter of the error.
+            num_rounds = 8 if self.lags else min(1, self.num_profile_coordinates)
+            for _ in range(num_rounds):
+                profile = self.transmittance(shutter, longest)
+                efficiency = profile.efficiency().astype(filling.dtype)
+                longest = filling / jnp.maximum(efficiency, filling / high)
             high = jnp.clip(longest, low, high)
         moves = "acceleration" in self.free
         # An acceleration that moves makes room for any exposure.
@@ -472,30 +478,12 @@ def _unit_path(pieces: Float[Array, "pieces"], velocity: Float[Array, ""]) -> Fr
     )
 
 
-def _level_velocity(pieces: Float[Array, "pieces"]) -> Float[Array, ""]:
-    """Velocity at mid-exposure at which a path ends where it began, in units of $aT$; scalar."""
-    path = _unit_path(pieces, jnp.zeros((), pieces.dtype))
-    begin, end = jnp.asarray(path.position_of(np.array([-1, 1], pieces.dtype), 0.0))
-    return (begin - end) / 2
-
-
-class SearchFrame(NamedTuple):
-    """A scene and a motion, `simplified`, in the frame of a search."""
-
-    scene: Scene
-    motion: AbstractMotion
-
-
-def search_frame(scene: Scene, motion: AbstractMotion, free: Iterable[str]) -> SearchFrame:
-    """A scene and a motion in the frame of the sensor, unless the search may move its velocity.
-
-    Raises:
-        ValueError: if the scene is none, or the motion.
-    """
+def search_frame(
+    scene: Scene, motion: AbstractMotion, free: Iterable[str]
+) -> tuple[Scene, AbstractMotion]:
+    """A scene and a motion in the frame of the sensor, unless the search may move its velocity."""
     motion = simplified(motion)
-    if "velocity" not in free:
-        scene, motion = in_sensor_frame(scene, motion)
-    return SearchFrame(scene, motion)
+    return (scene, motion) if "velocity" in free else in_sensor_frame(scene, motion)
 
 
 def design_space(
@@ -510,16 +498,19 @@ def design_space(
 
     The scene and the motion are those of the `search_frame`. A free path has a free acceleration,
     and begins as the path of the motion. Errors name the `function`.
-
-    Raises:
-        ValueError: if `free` is empty or names something that cannot move.
     """
     names = (free,) if isinstance(free, str) else tuple(free)
     subject = f"{function}(free=...)"
     are_parts = bool(names) and all(name in FREE_NAMES for name in names)
     require(are_parts, subject, f"name some of {', '.join(FREE_NAMES)}", free)
     if "shutter" in names:
-        require_adjustable(shutter, function)
+        require(
+            is_adjustable(shutter),
+            f"{function}(shutter=...)",
+            "have parameters with bounds, as a SplineShutter or TukeyShutter has, "
+            "for free to name it",
+            type(shutter).__name__,
+        )
     frees_path = "path" in names
     fixed = set() if frees_path and not motion.accelerates_constantly else motion.fixed.names
     require(not fixed & set(names), subject, motion.fixed.request, free)
@@ -556,12 +547,7 @@ def design_space(
 
 
 def num_free_pieces(scene: Scene, path: FreeMotion) -> int:
-    """Number of pieces of a path that a search may move.
-
-    Raises:
-        ValueError: if the number is odd, the pieces are not equal, or the scene forbids a free
-            path.
-    """
+    """Number of pieces of a path that a search may move: even, of equal length."""
     subject, named = "optimise(free=...)", Unquoted("path")
     requirement = "be a path of an even number of equal pieces, as FreeMotion.fit makes it, to move"
     count = path.accelerations.size
@@ -595,7 +581,7 @@ def mirrors(scene: Scene, velocity: float) -> bool:
     # its mirror image.
     forward = np.lexsort((weights, speeds))
     backward = np.lexsort((weights, -speeds))
-    equal = partial(np.allclose, atol=_SAME * float(np.max(np.abs(speeds))))
+    equal = partial(np.allclose, atol=1e-5 * float(np.max(np.abs(speeds))))
     return equal(speeds[forward], -speeds[backward]) and np.allclose(
         weights[forward], weights[backward]
     )
@@ -605,9 +591,6 @@ def _filling(scene: Scene, shutter: AbstractShutter | None) -> float | None:
     """Half exposure over which white fills a pixel through a shutter, or an open one; s.
 
     None where the longest exposure does not fill it.
-
-    Raises:
-        ValueError: if an open shutter fills it within the shortest exposure.
     """
     if scene.sensor.full_well is None:
         return None
@@ -659,16 +642,6 @@ def fills(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> boo
     efficiency = float(transmittance(scene, motion, shutter).efficiency())
     electrons = white_electrons(float(scene.photon_rate), float(motion.exposure), efficiency)
     return bool(electrons > float(scene.sensor.full_well) * (1 + _ROUNDING))
-
-
-def require_adjustable(shutter: AbstractShutter, function: str = "optimise") -> None:
-    """Refuses a shutter with nothing to move."""
-    require(
-        is_adjustable(shutter),
-        f"{function}(shutter=...)",
-        "have parameters with bounds, as a SplineShutter or TukeyShutter has, for free to name it",
-        type(shutter).__name__,
-    )
 
 
 @jax.custom_jvp

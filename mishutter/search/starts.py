@@ -38,31 +38,10 @@ GRID_COORDINATES = 4
 _GRID_POINTS = {1: (17,), 2: (5, 9), 3: (4, 5, 7), 4: (4, 4, 3, 7)}
 """Points along each coordinate, ends included, as many a best design lies at one: most along
 the last, the acceleration, over which a condition number rises and falls with every pixel."""
-
-_TILTS = (0.1, -0.1, 0.3, -0.3)
-"""Distances of the paths to start from at either end of the first path, in the unit box."""
-_DIGITS_APART = 6
-"""Decimal digits of the unit box to which the paths of two starts differ."""
-
-_PER_COORDINATE = 3
-"""Candidates for each start that are open for speeds; each coordinate of the motion multiplies them
-by as many again."""
-_MOST = 4096
-"""Most candidates that are open for speeds, unless there are more starts."""
-_CODES_PER_START = 9
-"""Candidates for each start that are codes: they pay where a poor motion is fixed."""
-_NUMBERS_OF_A_PROFILE = 4
-"""Numbers of a profile: the slowest and the fastest speed that it opens for, width and softness.
-Those of a code are the number of openings, their place, the open share and the softness."""
-_COEFFICIENTS_A_WAVE = 4
-"""Coordinates of a profile to each opening of the quickest code."""
-_SOFTEST = 0.5
-"""Half the rise of the softest edge of a code, as a share of its wave's amplitude."""
 _NUM_QUANTILES = 16
 """Speeds that stand for all: arrays for a thousand speeds would not fit into memory."""
-_LEAST_BLUR = 0.5
-"""Blur in the narrowest opening; px."""
-_AT_ONCE = 64
+POINTS_AT_ONCE = 64
+"""Points that one call measures."""
 
 
 def start_boxes(space: DesignSpace, num_starts: int, seed: int) -> Float[np.ndarray, "n size"]:
@@ -73,7 +52,9 @@ def start_boxes(space: DesignSpace, num_starts: int, seed: int) -> Float[np.ndar
     """
     first = point_at(space, space.shutter, space.motion)
     if first.size <= GRID_COORDINATES:
-        return np.concatenate([first[None], _grid(first.size).astype(first.dtype)])
+        axes = [np.linspace(0, 1, points) for points in _GRID_POINTS[first.size]]
+        grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, first.size)
+        return np.concatenate([first[None], grid.astype(first.dtype)])
     count = space.num_profile_coordinates
     shutter, profiles = space.shutter, []
     if count and isinstance(shutter, SplineShutter):
@@ -81,11 +62,15 @@ def start_boxes(space: DesignSpace, num_starts: int, seed: int) -> Float[np.ndar
     random = np.random.default_rng(seed)
     boxes = np.tile(first, (num_starts, 1))
     for index in range(1, num_starts):
-        if count:
-            is_baseline = index <= len(profiles)
-            boxes[index, :count] = (
-                profiles[index - 1] if is_baseline else _random_profile(random, count)
-            )
+        if count and index <= len(profiles):
+            boxes[index, :count] = profiles[index - 1]
+        elif count:
+            # White noise and a random walk about one half, mixed: profiles of every roughness.
+            roughness = random.uniform()
+            noise = random.standard_normal(count)
+            walk = np.cumsum(noise) / np.sqrt(count)
+            profile = 0.5 + roughness * noise / 2 + (1 - roughness) * walk
+            boxes[index, :count] = np.clip(profile, 0, 1)
         if index % 2 or not count:
             boxes[index, count:] = random.uniform(size=first.size - count)
     return boxes
@@ -109,14 +94,7 @@ def point_at(
     return np.concatenate([profile, of_motion])
 
 
-@compiled
-def _point_at(
-    space: DesignSpace, shutter: AbstractShutter, motion: AbstractMotion
-) -> Float[Array, "size"]:
-    return space.point_of(shutter, motion)
-
-
-_coordinates = compiled(coordinates)
+_point_at, _coordinates = compiled(DesignSpace.point_of), compiled(coordinates)
 
 
 def path_boxes(
@@ -133,10 +111,10 @@ def path_boxes(
     if not space.path_mirrors:
         outwards = 2 * np.abs(outwards) - 1
     path = slice(first, first + outwards.size)
-    _, places = np.unique(np.round(boxes, _DIGITS_APART), axis=0, return_index=True)
+    _, places = np.unique(np.round(boxes, 6), axis=0, return_index=True)
     boxes = boxes[np.sort(places)]
     others = [boxes]
-    for tilt in _TILTS:
+    for tilt in (0.1, -0.1, 0.3, -0.3):  # at either end of the path
         others.append(boxes.copy())
         others[-1][:, path] = np.clip(boxes[:, path] + boxes.dtype.type(tilt) * outwards, 0, 1)
     if "velocity" in space.free:
@@ -165,21 +143,6 @@ def path_of_speeds(scene: Scene, half_exposure: ArrayLike, num_pieces: int) -> F
         half_exposure=half,
         velocity=velocity[num_pieces // 2],
     )
-
-
-def _grid(num_coordinates: int) -> Float[np.ndarray, "n {num_coordinates}"]:
-    """A coarse grid of the unit box, the last coordinate running fastest."""
-    axes = [np.linspace(0, 1, points) for points in _GRID_POINTS[num_coordinates]]
-    grid = np.meshgrid(*axes, indexing="ij")
-    return np.stack(grid, axis=-1).reshape(-1, num_coordinates)
-
-
-def _random_profile(random: np.random.Generator, count: int) -> Float[np.ndarray, "{count}"]:
-    """White noise and a random walk about one half, mixed: profiles of every roughness."""
-    roughness = random.uniform()
-    noise = random.standard_normal(count)
-    walk = np.cumsum(noise) / np.sqrt(count)
-    return np.clip(0.5 + roughness * noise / 2 + (1 - roughness) * walk, 0, 1)
 
 
 @lru_cache
@@ -220,9 +183,9 @@ def cover(
     """
     count = space.num_profile_coordinates
     num_motion = space.size - count
-    num_open = max(num_starts, min(_MOST, num_starts * _PER_COORDINATE ** (1 + num_motion)))
-    num_codes = num_starts * _CODES_PER_START
-    points = _sequence(num_open + num_codes, num_motion + _NUMBERS_OF_A_PROFILE, seed)
+    num_open = max(num_starts, min(4096, num_starts * 3 ** (1 + num_motion)))
+    num_codes = num_starts * 9  # they pay where a poor motion is fixed
+    points = _sequence(num_open + num_codes, num_motion + 4, seed)
     numbers = points[:, num_motion:]
     boxes = np.full((len(points), space.size), 0.5)
     boxes[:, count:] = points[:, :num_motion]
@@ -253,7 +216,7 @@ def _openings(
     boxes: Float[np.ndarray, "n size"],
     numbers: Float[np.ndarray, "n 4"],
 ) -> Float[np.ndarray, "n p"]:
-    """Profiles that are open about the times of some speeds."""
+    """Profiles that open for a range of speeds: its two ends as shares, width and softness."""
     spline: SplineShutter = space.shutter  # type: ignore[assignment]
     sag, gain, velocity = (np.asarray(x)[:, None] for x in _numbers_of_motion(space, boxes))
     speeds, share = quantiles(scene), (np.arange(_NUM_QUANTILES) + 0.5) / _NUM_QUANTILES
@@ -267,9 +230,9 @@ def _openings(
     moves = gain > 0
     times = np.where(moves, (speeds - velocity) / np.where(moves, gain, 1.0), 2 * first - 1)
     spacing = 2 / spline.num_coefficients
-    # For so long the sensor keeps up within the least blur: a shorter opening would only lose
-    # light.
-    narrowest = np.clip(np.sqrt(_LEAST_BLUR / np.maximum(sag, _LEAST_BLUR)), spacing / 2, 1)
+    # For so long the sensor keeps up within a blur of half a pixel: a shorter opening would only
+    # lose light.
+    narrowest = np.clip(np.sqrt(0.5 / np.maximum(sag, 0.5)), spacing / 2, 1)
     # The scale is logarithmic up to the whole exposure, and has more of narrow openings.
     half_width = narrowest * (2 / narrowest) ** (width**1.5)
     # A spline does not rise within less than the distance of its knots.
@@ -285,27 +248,29 @@ def _openings(
 
 
 def _codes(space: DesignSpace, numbers: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n p"]:
-    """Profiles that are open wherever a wave is above a level."""
+    """Profiles that are open wherever a wave is above a level.
+
+    Their numbers are those of openings, their place, the open share and the softness.
+    """
     spline: SplineShutter = space.shutter  # type: ignore[assignment]
     count = space.num_profile_coordinates
     middles = coefficient_times(spline.num_coefficients)[:count]
     share = np.abs(middles) if spline.symmetric else (middles + 1) / 2
     waves, place, open_share, softness = numbers.T[..., None]
-    # The wave is above $\cos(\pi p)$ for a share $p$ of the time.
-    wave = np.cos(2 * np.pi * (waves * (count / _COEFFICIENTS_A_WAVE) * share + place))
-    ramp = np.maximum(_SOFTEST * softness, np.finfo(float).tiny)
+    # The quickest code has four coordinates to an opening. The wave is above $\cos(\pi p)$ for a
+    # share $p$ of the time, and the softest edge rises over its amplitude.
+    wave = np.cos(2 * np.pi * (waves * (count / 4) * share + place))
+    ramp = np.maximum(0.5 * softness, np.finfo(float).tiny)
     return np.clip(0.5 + (wave - np.cos(np.pi * open_share)) / (2 * ramp), 0, 1)
 
 
 @compiled
 def _numbers_of_motion(
     space: DesignSpace, boxes: Float[Array | np.ndarray, "n size"]
-) -> tuple[Float[Array, "n"], Float[Array, "n"], Float[Array, "n"]]:
+) -> tuple[Float[Array, "n"], ...]:
     """Sag, px, gain of speed and velocity, px/s, of motions."""
 
-    def one(
-        point: Float[Array, "size"],
-    ) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
+    def one(point: Float[Array, "size"]) -> tuple[Array, ...]:
         _, motion = space.at(point)
         return motion.sag, motion.speed_gain, motion.velocity
 
@@ -325,9 +290,9 @@ def screened(
     objective: AbstractObjective, boxes: Float[np.ndarray, "n size"]
 ) -> Float[np.ndarray, "n"]:
     """Losses at many points, infinite where they are not finite."""
-    num_parts = -(-len(boxes) // _AT_ONCE)
+    num_parts = -(-len(boxes) // POINTS_AT_ONCE)
     # The last part repeats points, so that one compiled program serves any number of them.
-    parts = np.resize(boxes, (num_parts, _AT_ONCE, boxes.shape[1]))
+    parts = np.resize(boxes, (num_parts, POINTS_AT_ONCE, boxes.shape[1]))
     calls = in_threads(lambda part: np.asarray(_losses(objective, part)), parts, num_processors())
     losses = np.concatenate(list(calls))[: len(boxes)]
     return np.where(np.isfinite(losses), losses, np.inf)

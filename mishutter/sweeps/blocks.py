@@ -7,7 +7,7 @@ from typing import NamedTuple, cast, final
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from mishutter._core.parallel import in_threads, num_threads
 from mishutter.evaluation.batch import LightLevels, Rules, Shapes, Sizes, measure, scenes_for
@@ -36,14 +36,6 @@ class PreparedShutter(NamedTuple):
     scenes: list[Scene]  # Scenes of each frame with the speeds that the shutter needs
 
 
-class Profiles(NamedTuple):
-    """The best profiles of `n` points."""
-
-    boxes: Float[np.ndarray, "n c"]  # Coordinates of each profile
-    losses: Float[np.ndarray, "n"]  # Loss of each
-    converged: Bool[np.ndarray, "n"]  # Whether each search converged
-
-
 @final
 class Engine:
     """Arrays and sizes that the blocks of a grid share."""
@@ -62,7 +54,13 @@ class Engine:
         self.shutters = [self._prepared(shutter, [shutter]) for shutter in grid.shutters.values()]
         profiles = () if grid.search is None else grid.search.profiles
         kinds = {profile.symmetric: profile for profile in profiles}
-        self.bases = {kind: self._prepared(each, _basis_of(each)) for kind, each in kinds.items()}
+        self.bases = {}
+        for kind, profile in kinds.items():
+            # The basis of a kind of profile: a closed one, then each coordinate alone open.
+            size = profile.parameters.size
+            corners = np.eye(size + 1, size, -1, dtype=profile.parameters.dtype)
+            basis = [profile.at(jax.device_put(corner)) for corner in corners]
+            self.bases[kind] = self._prepared(profile, basis)
 
     def _sizes(self, scene: Scene, outside: np.ndarray) -> Sizes:
         """Sizes of the points within limits; marks in `outside` those that are too large."""
@@ -135,18 +133,10 @@ class Engine:
         ]
         if grid.search is not None:
             scene, profile = self.scenes[block.frame], grid.search.profiles[block.frame]
-            best = _best_profiles(grid.search, scene, motions, profile)
-            coefficients = _coefficients_of(best.boxes, profile)
-            arrays |= {
-                name: _placed(x, inside)
-                for name, x in (
-                    ("coefficients", coefficients),
-                    ("loss", best.losses),
-                    ("converged", best.converged),
-                )
-            }
+            boxes, best = _best_profiles(grid.search, scene, motions, profile)
+            arrays |= {name: _placed(values, inside) for name, values in best.items()}
             basis = self.bases[profile.symmetric]
-            metrics.append(self._measured(basis, block.frame, motions, sizes, best.boxes))
+            metrics.append(self._measured(basis, block.frame, motions, sizes, boxes))
         for name in grid.metrics:
             arrays[name] = _placed(np.stack([x[name] for x in metrics], axis=1), inside)
         if grid.full_well is not None:
@@ -212,17 +202,10 @@ class Engine:
                 arrays[name][np.all(full, axis=3)] = np.nan
 
 
-def _basis_of(profile: SplineShutter) -> list[SplineShutter]:
-    """The basis of a kind of profile: a closed one, then each coordinate alone open."""
-    size = profile.parameters.size
-    corners = np.eye(size + 1, size, -1, dtype=profile.parameters.dtype)
-    return [profile.at(jax.device_put(corner)) for corner in corners]
-
-
 def _best_profiles(
     settings: Search, scene: Scene, motions: ParabolicMotion, profile: SplineShutter
-) -> Profiles:
-    """The best profiles of a kind on some motions of a scene."""
+) -> tuple[Float[np.ndarray, "n c"], Arrays]:
+    """Coordinates of the best profiles of a kind on some motions of a scene, and variables."""
     accelerations = np.asarray(motions.acceleration)
     half_exposures = np.asarray(motions.half_exposure)
     boxes = np.zeros((accelerations.size, profile.parameters.size))
@@ -241,17 +224,11 @@ def _best_profiles(
         design = best_design(Start(scene, motion, profile, ("shutter",)), shared)
         boxes[index] = cast(SplineShutter, design.command).parameters
         losses[index], converged[index] = design.loss, design.converged
-    return Profiles(boxes, losses, converged)
-
-
-def _coefficients_of(
-    boxes: Float[np.ndarray, "*points c"], profile: SplineShutter
-) -> Float[np.ndarray, "*points n"]:
-    """B-spline coefficients of profiles of a kind."""
-    if not profile.symmetric:
-        return boxes
-    mirrored = boxes[..., : profile.num_coefficients // 2]
-    return np.concatenate([boxes, mirrored[..., ::-1]], axis=-1)
+    coefficients = boxes
+    if profile.symmetric:
+        mirrored = boxes[:, : profile.num_coefficients // 2]
+        coefficients = np.concatenate([boxes, mirrored[:, ::-1]], axis=1)
+    return boxes, {"coefficients": coefficients, "loss": losses, "converged": converged}
 
 
 def _mark(reason: str) -> np.unsignedinteger:

@@ -6,7 +6,7 @@ import pickle
 import platform
 from collections.abc import Iterator
 from concurrent.futures import CancelledError
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -21,17 +21,13 @@ from mishutter.sweeps.store import AbstractBlocks, StoredBlocks
 
 _LOG = logging.getLogger("mishutter.sweep")
 _SECONDS_TO_ANSWER = 10
-_RETRIES = 3
 _SHARED = "`sweep(store=...)` must be a folder that all workers share"
 _engines: dict[str, Engine] = {}
 
 
-def connection(scheduler: Any) -> AbstractContextManager:
-    """A client of a scheduler, for as long as it is used.
-
-    Raises:
-        ValueError: if `distributed` is not installed or no scheduler answers.
-    """
+@contextmanager
+def connection(scheduler: Any) -> Iterator[Any]:
+    """A client of a scheduler, which must answer within seconds, for as long as it is used."""
     try:
         from distributed import Client
     except ImportError:
@@ -39,8 +35,27 @@ def connection(scheduler: Any) -> AbstractContextManager:
             "`sweep(scheduler=...)` must have distributed installed, by "
             "pip install 'mishutter[cluster]'; got no such package."
         ) from None
-    own = not isinstance(scheduler, Client)
-    return _connected(Client, scheduler) if own else nullcontext(scheduler)
+    if isinstance(scheduler, Client):
+        yield scheduler
+        return
+    # The client's log of a lost connection would repeat an error that is raised here.
+    loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client")]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL)
+    try:
+        try:
+            client = Client(str(scheduler), timeout=_SECONDS_TO_ANSWER)
+        except (OSError, ValueError, TimeoutError):
+            raise ValueError(
+                f"`sweep(scheduler=...)` must be a scheduler that answers within "
+                f"{_SECONDS_TO_ANSWER} s; got '{scheduler}'."
+            ) from None
+        with client as connected:
+            yield connected
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
 
 
 def compute_remotely(
@@ -50,11 +65,6 @@ def compute_remotely(
 
     With a store its workers write to it; without one they send their results. A block whose worker
     dies goes to another.
-
-    Raises:
-        ValueError: if a worker has not this version of the package, or another store than ours, or
-            cannot be sent a shutter or the loss.
-        OSError: if a worker cannot write to the store, or the scheduler or all workers are lost.
     """
     import cloudpickle
     from distributed import as_completed
@@ -65,7 +75,7 @@ def compute_remotely(
     packed = cloudpickle.dumps(grid)
     wide = bool(jax.config.jax_enable_x64)  # type: ignore[attr-defined]
     tasks = {
-        client.submit(compute_task, packed, block, store, wide, pure=False, retries=_RETRIES): block
+        client.submit(compute_task, packed, block, store, wide, pure=False, retries=3): block
         for block in missing
     }
     for task in as_completed(list(tasks)):
@@ -130,7 +140,10 @@ def compute_task(packed: bytes, block: Block, store: str | None, wide: bool) -> 
     """
     with jax.enable_x64(wide):
         grid = pickle.loads(packed)
-        blocks = None if store is None else _shared(grid, store)
+        if store is not None and not Path(store).exists():
+            raise ValueError(f"{_SHARED}; got '{store}', not found on {platform.node()}.")
+        # A worker opens the client's store, and never makes one of its own.
+        blocks = None if store is None else StoredBlocks(grid, store, make=False)
         engine = _engines.get(grid.key)
         if engine is None:
             _engines.clear()
@@ -140,38 +153,3 @@ def compute_task(packed: bytes, block: Block, store: str | None, wide: bool) -> 
             return arrays
         blocks.write(block, arrays)
         return None
-
-
-def _shared(grid: Grid, store: str) -> StoredBlocks:
-    """The client's store as a worker sees it, which never makes one of its own."""
-    if not Path(store).exists():
-        raise ValueError(f"{_SHARED}; got '{store}', not found on {platform.node()}.")
-    return StoredBlocks(grid, store, make=False)
-
-
-@contextmanager
-def _connected(client: Any, address: Any) -> Iterator[Any]:
-    """A client of the scheduler at an address, which must answer within seconds.
-
-    Its log of a lost connection would repeat an error that is raised here.
-    """
-    loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client")]
-    levels = [logger.level for logger in loggers]
-    for logger in loggers:
-        logger.setLevel(logging.CRITICAL)
-    try:
-        with _answered(client, address) as connected:
-            yield connected
-    finally:
-        for logger, level in zip(loggers, levels, strict=True):
-            logger.setLevel(level)
-
-
-def _answered(client: Any, address: Any) -> Any:
-    try:
-        return client(str(address), timeout=_SECONDS_TO_ANSWER)
-    except (OSError, ValueError, TimeoutError):
-        raise ValueError(
-            f"`sweep(scheduler=...)` must be a scheduler that answers within "
-            f"{_SECONDS_TO_ANSWER} s; got '{address}'."
-        ) from None

@@ -32,9 +32,6 @@ MARKS = np.dtype(np.uint16)
 
 OPTIMISED = "optimised"
 FORMAT = 4
-_SLACK = 1e-9
-_BLOCK_ROW = 128
-_BLOCK_BYTES = 1 << 24
 _SEARCH_BLOCK = 16
 
 
@@ -203,8 +200,9 @@ class Grid:
             return min(rows, _SEARCH_BLOCK), min(columns, _SEARCH_BLOCK)
         counts = [x.size for x in (self.photon_rates, self.read_noises) if x is not None]
         point = 8 * len(self.metrics) * len(self.shutters) * int(np.prod([1, *counts]))
-        rows = min(rows, _BLOCK_ROW)
-        return rows, int(np.clip(min(_BLOCK_BYTES // point, 4096) // rows, 1, columns))
+        rows = min(rows, 128)
+        # A block has 16 MiB or 4,096 points at most.
+        return rows, int(np.clip(min((1 << 24) // point, 4096) // rows, 1, columns))
 
     def blocks(self) -> list[Block]:
         """Every block, frame by frame, and in each along the half exposures first."""
@@ -271,7 +269,7 @@ def outside_limits(
     demands = frame.scene.limits.demands_of_parabolas(a, half, np.asarray(frame.velocity))
     bits = np.zeros((a.size, half.size), MARKS)
     for reason, demand in demands.items():
-        is_beyond = np.logical_not(demand.is_met(_SLACK))
+        is_beyond = np.logical_not(demand.is_met(1e-9))
         bits |= is_beyond.astype(MARKS) << REASONS.index(reason)
     return bits
 
@@ -299,9 +297,10 @@ def require_some_inside(subject: str, outside: np.ndarray) -> None:
 
 
 def checked_axis(
-    subject: str, values: RowLike, *, bound: str = "", strict: bool = False
+    name: str, values: RowLike, *, bound: str = "", strict: bool = False
 ) -> Float[np.ndarray, "n"]:
-    """One axis of the grid: at least one finite value, ascending, in its range if it has one."""
+    """One axis of `sweep`: at least one finite value, ascending, in its range if it has one."""
+    subject = f"sweep({name}=...)"
     try:
         axis = np.asarray(values, np.float64)
     except (TypeError, ValueError):

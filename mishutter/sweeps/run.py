@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import numpy as np
@@ -31,14 +31,13 @@ from mishutter.model.shutters.windows import TukeyShutter
 from mishutter.search.search import MAX_STEPS, NUM_COEFFICIENTS, starting_shutter
 from mishutter.sweeps.blocks import Engine
 from mishutter.sweeps.cluster import compute_remotely, connection
-from mishutter.sweeps.grid import OPTIMISED, Frame, Grid, Search, checked_axis, decoders_of
+from mishutter.sweeps.grid import OPTIMISED, Grid, Search, checked_axis, decoders_of
 from mishutter.sweeps.store import AbstractBlocks, MemoryBlocks, StoredBlocks
 
 if TYPE_CHECKING:
     import xarray
 
 Progress = Callable[[int, int], None]
-_LOSS = "sweep(loss=...)"
 _LOG = logging.getLogger("mishutter.sweep")
 
 
@@ -118,28 +117,73 @@ def sweep(
         >>> print(dict(zip(best.shutter.values.tolist(), best.values.round(2).tolist())))
         {'rect': 28.09, 'Hann': 28.77}
     """
-    axes = _Axes(
-        checked_axis("sweep(accelerations=...)", accelerations, bound="at least 0", strict=False),
-        checked_axis("sweep(half_exposures=...)", half_exposures, bound="above 0", strict=True),
-        None if velocities is None else checked_axis("sweep(velocities=...)", velocities),
-        _light("sweep(photon_rates=...)", photon_rates),
-        _light("sweep(read_noises=...)", read_noises),
+    subject, noun = "sweep(scenes=...)", "scene, as `Scene.load(path)` reads one from a file,"
+    named_scenes = named(subject, scenes, Scene, noun)
+    require_known("sweep", scenes=named_scenes)
+    first, *others = named_scenes.values()
+    shared = first.device, first.sensor.full_well
+    is_shared = all(bool(eqx.tree_equal(shared, (s.device, s.sensor.full_well))) for s in others)
+    require(is_shared, subject, "share one device and full well", list(named_scenes))
+    chosen = None if loss is None or not optimise else as_loss(loss, "sweep(loss=...)")
+    decoders = decoders_of(named_scenes.values(), chosen)
+    if shutters is None:
+        shutters = {**baselines(), "Tukey": TukeyShutter(0.5)}
+    grid = Grid(
+        accelerations=checked_axis("accelerations", accelerations, bound="at least 0"),
+        half_exposures=checked_axis("half_exposures", half_exposures, bound="above 0", strict=True),
+        velocities=_axis_if_given("velocities", velocities),
+        scenes=named_scenes,
+        shutters=named("sweep(shutters=...)", shutters, AbstractShutter, "shutter"),
+        metrics=_metrics(metrics, named_scenes.values(), decoders),
+        photon_rates=_axis_if_given("photon_rates", photon_rates, "at least 0"),
+        read_noises=_axis_if_given("read_noises", read_noises, "at least 0"),
+        full_well=None if first.sensor.full_well is None else float(first.sensor.full_well),
+        search=None,
+        named_scenes=not isinstance(scenes, Scene),
     )
-    search = _SearchOptions(loss, num_coefficients, max_steps, seed) if optimise else None
-    grid = _grid(
-        scenes,
-        axes,
-        _shutters(shutters),
-        metrics=metrics,
-        search=search,
-    )
+    if optimise:
+        _check_searchable(grid, decoders)
+        require_positive_int("sweep(max_steps=...)", max_steps)
+        require_seed("sweep(seed=...)", seed)
+        frames = [frame.sensor_scene for frame in grid.frames]
+        profiles = tuple(starting_shutter(scene, num_coefficients) for scene in frames)
+        search = Search(chosen or decoders[0].loss(), profiles, max_steps, seed)
+        grid = replace(grid, search=search)
+    return _filled(grid, store, scheduler, progress)
+
+
+def _check_searchable(grid: Grid, decoders: Sequence[SpeedKnowledge]) -> None:
+    """Refuses a grid at whose points no best profile can be searched for."""
+    device = next(iter(grid.scenes.values())).device
+    requirement = "be False where a device has levels, or falls otherwise than it rises"
+    is_linear = device is None or device.is_linear
+    require(is_linear, "sweep(optimise=...)", requirement, True)
+    is_one_light = grid.photon_rates is None and grid.read_noises is None
+    requirement = "be False where photon_rates or read_noises are given; use scenes for them"
+    require(is_one_light, "sweep(optimise=...)", requirement, True)
+    require(OPTIMISED not in grid.shutters, "sweep(shutters=...)", "have other names", OPTIMISED)
+    requirement = "name one decoder_speed, where no loss is given"
+    names = [each.name for each in decoders]
+    require(len(decoders) == 1, "sweep(scenes=...)", requirement, names)
+
+
+def _filled(
+    grid: Grid, store: str | Path | None, scheduler: Any, progress: Progress | bool | None
+) -> "xarray.Dataset":
+    """The results of a grid, of which a store may hold some."""
     with nullcontext() if scheduler is None else connection(scheduler) as client:
         blocks: AbstractBlocks = MemoryBlocks(grid) if store is None else StoredBlocks(grid, store)
         missing, total = blocks.missing(), len(grid.blocks())
         _LOG.info("%d of %d blocks found, %d to compute", total - len(missing), total, len(missing))
         num_points = grid.num_points(grid.blocks())
         done = num_points - grid.num_points(missing)
-        with reports(progress, "sweeping", num_points, _in_words, WHY_NO_POINT) as news:
+        with reports(
+            progress,
+            "sweeping",
+            num_points,
+            words=lambda done, total: (done, ""),
+            why=WHY_NO_POINT,
+        ) as news:
             tell = news or (lambda done, total: None)
             tell(done, num_points)
             if client is None:
@@ -158,83 +202,11 @@ WHY_NO_POINT = "compiling (first run only), or a block is computed, whose points
 """Why a sweep tells no point for a while."""
 
 
-def _in_words(done: int, total: int) -> tuple[int, str]:
-    """The news of a sweep as a bar shows them."""
-    del total
-    return done, ""
-
-
 def _computed_here(grid: Grid, missing: list, blocks: AbstractBlocks):
     if missing:
         for block, arrays in zip(missing, Engine(grid).computed(missing), strict=True):
             blocks.write(block, arrays)
             yield block
-
-
-class _Axes(NamedTuple):
-    """Axes of the grid, ascending; None for the scenes' own values."""
-
-    accelerations: Float[np.ndarray, "a"]
-    half_exposures: Float[np.ndarray, "t"]
-    velocities: Float[np.ndarray, "v"] | None
-    photon_rates: Float[np.ndarray, "p"] | None
-    read_noises: Float[np.ndarray, "r"] | None
-
-
-class _SearchOptions(NamedTuple):
-    """Arguments of `sweep` for the search of the best profiles, as they are given."""
-
-    loss: AbstractLoss | Callable[..., object] | None
-    num_coefficients: int
-    max_steps: int
-    seed: int
-
-
-def _grid(
-    scenes: Scene | Sequence[object] | Mapping[str, object],
-    axes: _Axes,
-    shutters: dict[str, AbstractShutter],
-    *,
-    metrics: str | Sequence[str] | None,
-    search: _SearchOptions | None,
-) -> Grid:
-    """The grid of a sweep, with a search for the best profiles if there are options for one."""
-    noun = "scene, as `Scene.load(path)` reads one from a file,"
-    named_scenes = named("sweep(scenes=...)", scenes, Scene, noun)
-    require_known("sweep", scenes=named_scenes)
-    loss = None if search is None or search.loss is None else as_loss(search.loss, _LOSS)
-    decoders = decoders_of(named_scenes.values(), loss)
-    first, *others = named_scenes.values()
-    shared = first.device, first.sensor.full_well
-    is_shared = all(bool(eqx.tree_equal(shared, (s.device, s.sensor.full_well))) for s in others)
-    require(is_shared, "sweep(scenes=...)", "share one device and full well", list(named_scenes))
-    device = first.device
-    if search is not None and device is not None:
-        requirement = "be False where a device has levels, or falls otherwise than it rises"
-        require(device.is_linear, "sweep(optimise=...)", requirement, True)
-    grid = Grid(
-        accelerations=axes.accelerations,
-        half_exposures=axes.half_exposures,
-        velocities=axes.velocities,
-        scenes=named_scenes,
-        shutters=shutters,
-        metrics=_metrics(metrics, named_scenes.values(), decoders),
-        photon_rates=axes.photon_rates,
-        read_noises=axes.read_noises,
-        full_well=None if first.sensor.full_well is None else float(first.sensor.full_well),
-        search=None,
-        named_scenes=not isinstance(scenes, Scene),
-    )
-    if search is not None:
-        is_one_light = axes.photon_rates is None and axes.read_noises is None
-        requirement = "be False where photon_rates or read_noises are given; use scenes for them"
-        require(is_one_light, "sweep(optimise=...)", requirement, True)
-        require(OPTIMISED not in shutters, "sweep(shutters=...)", "have other names", OPTIMISED)
-        requirement = "name one decoder_speed, where no loss is given"
-        names = [each.name for each in decoders]
-        require(len(decoders) == 1, "sweep(scenes=...)", requirement, names)
-        return replace(grid, search=_search(grid.frames, search, loss or decoders[0].loss()))
-    return grid
 
 
 def _metrics(
@@ -253,22 +225,7 @@ def _metrics(
     return chosen
 
 
-def _search(frames: Sequence[Frame], options: _SearchOptions, loss: AbstractLoss) -> Search:
-    require_positive_int("sweep(max_steps=...)", options.max_steps)
-    require_seed("sweep(seed=...)", options.seed)
-    profiles = tuple(
-        starting_shutter(frame.sensor_scene, options.num_coefficients) for frame in frames
-    )
-    return Search(loss, profiles, options.max_steps, options.seed)
-
-
-def _shutters(shutters: Mapping[str, object] | None) -> dict[str, AbstractShutter]:
-    if shutters is None:
-        return {**baselines(), "Tukey": TukeyShutter(0.5)}
-    return named("sweep(shutters=...)", shutters, AbstractShutter, "shutter")
-
-
-def _light(subject: str, values: RowLike | None) -> Float[np.ndarray, "n"] | None:
-    if values is None:
-        return None
-    return checked_axis(subject, values, bound="at least 0", strict=False)
+def _axis_if_given(
+    name: str, values: RowLike | None, bound: str = ""
+) -> Float[np.ndarray, "n"] | None:
+    return None if values is None else checked_axis(name, values, bound=bound)

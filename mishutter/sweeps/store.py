@@ -34,8 +34,7 @@ _LOG = logging.getLogger("mishutter.sweep")
 _DONE = "progress/done"
 _ROOT = "zarr.json"
 _SUBJECT = "sweep(store=...)"
-_OCCUPIED = (errno.ENOTEMPTY, errno.EEXIST)
-_COORDINATES = {
+_MEANINGS = {
     "acceleration": ("parameter a of x = a t^2", "px/s^2"),
     "half_exposure": ("half the exposure, T", "s"),
     "velocity": ("velocity of the sensor at mid-exposure, v", "px/s"),
@@ -44,8 +43,6 @@ _COORDINATES = {
     "shutter": ("shutter", "1"),
     "scene": ("scene", "1"),
     "coefficient": ("B-spline coefficient of the optimised profile", "1"),
-}
-_OTHERS = {
     "num_taps": ("taps of the kernels", "1"),
     "dft_length": ("points of the DFT of the condition number", "1"),
     "loss": ("loss of the optimised profile", "1"),
@@ -53,6 +50,7 @@ _OTHERS = {
     "converged": ("whether the search for the profile converged", "1"),
     "outside": ("why a point is left out; 0 where it is not", "1"),
 }
+"""Long names and units of coordinates, and of variables that are no metrics."""
 
 
 class AbstractBlocks(ABC):
@@ -100,12 +98,7 @@ class MemoryBlocks(AbstractBlocks):
 
 @final
 class StoredBlocks(AbstractBlocks):
-    """Blocks in a Zarr store.
-
-    Raises:
-        ValueError: if something else is there.
-        OSError: if it cannot be made or read.
-    """
+    """Blocks in a Zarr store."""
 
     def __init__(self, grid: Grid, path: str | Path, *, make: bool = True):
         import zarr
@@ -137,7 +130,9 @@ class StoredBlocks(AbstractBlocks):
             try:
                 mark = int(self._array(_DONE)[tuple(block)])
                 is_there = mark != 0
-                is_whole = is_there and mark == _checksum(self._read(block))
+                regions = {name: self.grid.region(block, name) for name in self.grid.variables}
+                arrays = {name: self._array(name)[region] for name, region in regions.items()}
+                is_whole = is_there and mark == _checksum(arrays)
             except ValueError:  # A chunk does not have its own checksum.
                 is_there, is_whole = True, False
             missing += [] if is_whole else [block]
@@ -158,11 +153,6 @@ class StoredBlocks(AbstractBlocks):
                 error.filename = str(self.path)
             raise
 
-    def _read(self, block: Block) -> Arrays:
-        """The arrays of a block as they are stored."""
-        regions = {name: self.grid.region(block, name) for name in self.grid.variables}
-        return {name: self._array(name)[region] for name, region in regions.items()}
-
     def _array(self, name: str) -> Any:
         return self.group[name]
 
@@ -177,20 +167,7 @@ def _labelled(grid: Grid, arrays: Arrays) -> "xarray.Dataset":
     """Whole arrays of every variable with their dimensions, coordinates and attributes."""
     import xarray
 
-    variables = {
-        name: (grid.dimensions(name), values, attributes_of(name))
-        for name, values in arrays.items()
-    }
-    coordinates = {
-        name: (dimensions, values, attributes_of(name))
-        for name, (dimensions, values) in _coordinates(grid).items()
-    }
-    return xarray.Dataset(variables, coordinates, dataset_attributes(grid))
-
-
-def _coordinates(grid: Grid) -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
-    """Dimensions and values of every dimension, and of the velocity where it is none."""
-    values = {
+    axes = {
         "scene": np.array(list(grid.scenes), dtype=object),
         "velocity": grid.velocities,
         "acceleration": grid.accelerations,
@@ -200,22 +177,25 @@ def _coordinates(grid: Grid) -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
         "read_noise": grid.read_noises,
     }
     if grid.search is not None:
-        values["coefficient"] = np.arange(grid.search.num_coefficients)
-    coordinates: dict[str, tuple[tuple[str, ...], np.ndarray]] = {
-        name: ((name,), np.asarray(values[name])) for name in grid.sizes
+        axes["coefficient"] = np.arange(grid.search.num_coefficients)
+    coordinates: dict[str, Any] = {
+        name: ((name,), np.asarray(axes[name]), attributes_of(name)) for name in grid.sizes
     }
-    if grid.velocities is None:
-        of_scenes = np.reshape(
-            [frame.velocity for frame in grid.frames], [*grid.frame_sizes.values()]
-        )
-        coordinates["velocity"] = (tuple(grid.frame_sizes), of_scenes)
-    return coordinates
+    if grid.velocities is None:  # a coordinate of each scene
+        velocities = np.array([frame.velocity for frame in grid.frames])
+        velocities = velocities.reshape([*grid.frame_sizes.values()])
+        coordinates["velocity"] = (tuple(grid.frame_sizes), velocities, attributes_of("velocity"))
+    variables = {
+        name: (grid.dimensions(name), values, attributes_of(name))
+        for name, values in arrays.items()
+    }
+    return xarray.Dataset(variables, coordinates, dataset_attributes(grid))
 
 
 def attributes_of(name: str) -> dict[str, Any]:
     """Name and unit of a variable, and the meanings of its flags."""
     of_metrics = {metric.name: (metric.meaning, metric.unit) for metric in METRICS.values()}
-    long_name, unit = (of_metrics | _COORDINATES | _OTHERS)[name]
+    long_name, unit = (of_metrics | _MEANINGS)[name]
     attributes: dict[str, Any] = {"long_name": long_name, "units": unit}
     if name == "outside":
         attributes["flag_masks"] = [1 << bit for bit in range(len(REASONS))]
@@ -245,7 +225,7 @@ def _create(files: dict[str, bytes], path: Path) -> None:
             os.rename(whole, path)
         except OSError as error:
             # Another process may have made it meanwhile; the caller checks that it is the same.
-            if error.errno not in _OCCUPIED:
+            if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
                 raise
 
 
@@ -271,12 +251,15 @@ def _files(grid: Grid, attributes: dict[str, object]) -> dict[str, bytes]:
     encoding = {key: {"compressors": codecs} for key in empty.variables}
     empty.to_zarr(store, mode="w", zarr_format=3, consolidated=False, encoding=encoding)
     group = zarr.open_group(store, mode="r+")
+    rows, columns = grid.block_shape
+    of_block = dict.fromkeys(grid.frame_sizes, 1)
+    of_block |= {"acceleration": rows, "half_exposure": columns}
     for name, dtype in grid.variables.items():
         dimensions = grid.dimensions(name)
         group.create_array(
             name,
             shape=[grid.sizes[d] for d in dimensions],
-            chunks=_chunks(grid, dimensions),
+            chunks=tuple(of_block.get(d, grid.sizes[d]) for d in dimensions),
             dtype=dtype,
             fill_value=np.nan if dtype.kind == "f" else 0,
             dimension_names=dimensions,
@@ -308,19 +291,8 @@ def _checksum(arrays: Arrays) -> int:
     return checksum
 
 
-def _chunks(grid: Grid, dimensions: tuple[str, ...]) -> tuple[int, ...]:
-    rows, columns = grid.block_shape
-    of_block = dict.fromkeys(grid.frame_sizes, 1)
-    of_block |= {"acceleration": rows, "half_exposure": columns}
-    return tuple(of_block.get(name, grid.sizes[name]) for name in dimensions)
-
-
 def _stored_attributes(path: Path) -> dict[str, Any]:
-    """The attributes of a store, whose `sweep` is opened.
-
-    Raises:
-        ValueError: if it is no sweep's store.
-    """
+    """The attributes of a sweep's store, whose `sweep` is opened."""
     try:
         attributes = dict(json.loads((path / _ROOT).read_bytes())["attributes"])
         return attributes | {"sweep": dict(json.loads(attributes["sweep"]))}

@@ -21,10 +21,6 @@ from mishutter.search.rows import best_row
 if TYPE_CHECKING:
     import xarray
 
-_UNNAMED_LEVEL = "expected_psnr"
-"""Metric that judges a sweep that names none."""
-_WHY_NO_STEP = "compiling (first run only), or snapshots at rest and panned are searched for"
-"""Why the search for a snapshot takes a while."""
 _RANGES = ("velocity", "acceleration", "half_exposure")
 _PLACE = (*_RANGES, "shutter")
 _LIGHT = ("photon_rate", "read_noise")
@@ -90,9 +86,14 @@ def pareto_front(
     require(are_alike, subject, "be over the same dimensions", objectives)
     values = np.stack([_oriented(dataset, name, sense).ravel() for name, sense in senses.items()])
     inside = np.flatnonzero(np.all(~np.isnan(values), axis=0))
-    front = inside[_undominated(values[:, inside])]
-    front = front[np.argsort(values[0, front], kind="stable")]
-    stacked = dataset.stack(point=dimensions).isel(point=front)
+    front: list[int] = []
+    # From the greatest down a point comes after those that better it; of equal points one stays.
+    for index in inside[np.lexsort(values[::-1, inside])[::-1]]:
+        at_least = np.all(values[:, front] >= values[:, index, None], axis=0)
+        if not np.any(at_least):
+            front.append(int(index))
+    ascending = np.argsort(values[0, front], kind="stable")
+    stacked = dataset.stack(point=dimensions).isel(point=np.array(front, int)[ascending])
     return stacked.reset_index("point")
 
 
@@ -186,9 +187,6 @@ def best_snapshots(
     """The best exposure of an open shutter, and pan, under each light and read noise.
 
     Each is the better of the snapshots that a comparison searches for, at rest and panned.
-
-    Raises:
-        ValueError: if a rate or a noise is not finite or below 0, or the level is of no decoder.
     """
     import xarray
 
@@ -212,7 +210,8 @@ def best_snapshots(
         return "{:.3g} e-/s with {:.3g} e-".format(*light)
 
     lights = list(product(rates, noises))
-    with counts(progress, "best snapshots", len(lights), _WHY_NO_STEP) as counter:
+    why = "compiling (first run only), or snapshots at rest and panned are searched for"
+    with counts(progress, "best snapshots", len(lights), why) as counter:
         rows = np.array(list(in_threads(best, lights, num_processors())))
     psnr, half_exposure, velocity = rows.reshape(rates.size, noises.size, 3).transpose(2, 0, 1)
     return xarray.Dataset(
@@ -249,12 +248,8 @@ def _ends(dataset: "xarray.Dataset", name: str, values: np.ndarray) -> list[str]
 
 
 def level_of(subject: str, dataset: "xarray.Dataset") -> str:
-    """Name of the metric that judges the points of a sweep, the level of its decoder.
-
-    Raises:
-        ValueError: if the sweep does not hold it.
-    """
-    name = str(dataset.attrs.get("level", _UNNAMED_LEVEL))
+    """Name of the metric that judges the points of a sweep, the level of its decoder."""
+    name = str(dataset.attrs.get("level", "expected_psnr"))
     require(name in dataset, subject, f"hold {name} among its metrics", list(dataset))
     return name
 
@@ -279,16 +274,3 @@ def _oriented(dataset: "xarray.Dataset", name: str, sense: str = "") -> np.ndarr
     up = is_higher_better(name) if sense == "" else sense == "max"
     values = dataset[name].values.astype(np.float64)
     return values if up else -values
-
-
-def _undominated(values: np.ndarray) -> np.ndarray:
-    """Columns that no other column betters, one of each set of equal columns."""
-    # From the greatest down: what betters a column comes before it.
-    order = np.lexsort(values[::-1])[::-1]
-    front: list[int] = []
-    for index in order:
-        rivals = values[:, front]
-        at_least = np.all(rivals >= values[:, index, None], axis=0)
-        if not np.any(at_least):
-            front.append(int(index))
-    return np.array(front, int)
