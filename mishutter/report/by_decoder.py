@@ -66,12 +66,12 @@ class Judgement(NamedTuple):
 
     def sentence(self, name: str | None) -> str:
         """A line of the verdict."""
-        told = f"By {self.decoder} on {self.num_pictures} pictures"
         best = max(self.cameras, key=lambda each: self.cameras[each].gain)
         camera = self.cameras[name or best]
         side = "above" if camera.gain >= 0 else "below"
         return (
-            f"{told} {name or f'the best camera, {best},'} is {abs(camera.gain):.2f} ± "
+            f"By {self.decoder} on {self.num_pictures} pictures "
+            f"{name or f'the best camera, {best},'} is {abs(camera.gain):.2f} ± "
             f"{camera.standard_error:.2f} dB {side} the best snapshot."
         )
 

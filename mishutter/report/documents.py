@@ -12,20 +12,11 @@ from mishutter.decoding.restoration import RestoredPhotograph
 from mishutter.design.design import Design
 from mishutter.model.scene import Scene
 from mishutter.report import plots
-from mishutter.report.backgrounds import (
-    STILL_SHARES,
-    BackgroundGain,
-    before_still_background,
-)
+from mishutter.report.backgrounds import STILL_SHARES, BackgroundGain, before_still_background
 from mishutter.report.comparison import Comparison
 from mishutter.report.layered import layered_captures, layered_scene
 from mishutter.report.measured import MeasuredCamera
-from mishutter.report.restored import (
-    ENSEMBLE,
-    Photographs,
-    pictured_speeds,
-    shown_speeds,
-)
+from mishutter.report.restored import ENSEMBLE, Photographs, pictured_speeds, shown_speeds
 from mishutter.report.verdict import option_name
 from mishutter.search.rows import (
     BEST_SNAPSHOT,
@@ -42,9 +33,10 @@ if TYPE_CHECKING:
 _DESIGN, _DOCUMENT, _LAYERS = "design.json", "report.json", "layers.png"
 _TO_BUILD = "build.json"
 """File of the camera to build, if the verdict names another one than the design."""
-_OF_DESIGNS = frozenset({"profile.png", "kernels.png", "transfer.png", "psnr.png"})
-"""Pictures of designs of one exposure."""
-_PICTURES = _OF_DESIGNS | {"answer.png", "photograph.png", _LAYERS}
+_PICTURES = frozenset(
+    f"{name}.png"
+    for name in ("profile", "kernels", "transfer", "psnr", "answer", "photograph", "layers")
+)
 """Pictures of which a run may write fewer than an earlier one."""
 _MOST_ROWS = 3
 """Most rows of a picture that has one for each design."""
@@ -113,22 +105,19 @@ def photograph_levels(report: Report) -> dict[str, dict[str, RestoredPhotograph]
 def document(report: Report) -> dict[str, object]:
     """Everything in a report as plain numbers, lists and text."""
     levels = {} if report.photographs is None else report.photographs.levels
-    photographs = {
-        decoder: {name: _photograph_document(result) for name, result in results.items()}
-        for decoder, results in levels.items()
-    }
-    design: dict[str, object] = {}
-    if report.design is not None:
-        design["design"] = report.design.to_dict()
+    design = {} if report.design is None else {"design": report.design.to_dict()}
     measured = {} if report.measured is None else {"as_measured": report.measured.to_dict()}
-    backgrounds = [
-        {"still_share": each.still_share, "gain_db": each.gain} for each in report.backgrounds
-    ]
-    return design | {
+    return {
+        **design,
         "comparison": report.comparison.to_dict(),
         **measured,
-        "before_a_background": backgrounds,
-        "photographs": photographs,
+        "before_a_background": [
+            {"still_share": each.still_share, "gain_db": each.gain} for each in report.backgrounds
+        ],
+        "photographs": {
+            decoder: {name: _photograph_document(result) for name, result in results.items()}
+            for decoder, results in levels.items()
+        },
     }
 
 
@@ -199,9 +188,11 @@ def _writers(report: Report) -> dict[str, Callable[[Path], None]]:
         if recommended is not None:
             writers[_TO_BUILD] = recommended.save
     writers[_DOCUMENT] = partial(_write_document, report)
-    return writers | {
-        name: partial(_save_drawn, drawn) for name, drawn in _drawings(report).items()
-    }
+
+    def save(drawn: "Callable[[], Figure]", path: Path) -> None:
+        plots.save_figure(drawn(), path)
+
+    return writers | {name: partial(save, drawn) for name, drawn in _drawings(report).items()}
 
 
 def file_to_build(report: Report) -> str:
@@ -237,17 +228,13 @@ def write_background(
     if not draws or report.design is None or report.photographs is None:
         return []
     rows = pictured_cameras(report.comparison, report.names, every=True)
-    _save_drawn(lambda: _layered(report, rows), folder / _LAYERS)
+    plots.save_figure(_layered(report, rows), folder / _LAYERS)
     wrote(_LAYERS)
     return [_LAYERS]
 
 
 def _write_document(report: Report, path: Path) -> None:
     write_text(path, strict_json(document(report)) + "\n")
-
-
-def _save_drawn(drawn: "Callable[[], Figure]", path: Path) -> None:
-    plots.save_figure(drawn(), path)
 
 
 def _drawings(report: Report) -> "dict[str, Callable[[], Figure]]":

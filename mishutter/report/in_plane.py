@@ -37,10 +37,6 @@ if TYPE_CHECKING:
 
 _NEEDS = ("registration", "registration, stage", "registration, stage of two axes")
 """Needs of several frames by the axes of a stage."""
-_ONE_FILTER = (
-    "One filter for all velocities is not offered: no moving camera beats the best still frame by "
-    "it where things move in any direction."
-)
 
 
 @dataclass(frozen=True)
@@ -122,11 +118,15 @@ class PlaneReport:
             f"Assumes: {'; '.join(filter(None, said))}.",
         ]
         if scene.decoder_speed == "unknown":
-            sentences.insert(1, _ONE_FILTER)
+            sentences.insert(
+                1,
+                "One filter for all velocities is not offered: no moving camera beats the best "
+                "still frame by it where things move in any direction.",
+            )
         return [paragraph(sentence) for sentence in sentences if sentence]
 
     def _stage_words(self, choice: PlaneBurst) -> str:
-        """The demands on the stage, in um, mm/s and g where the pitch is known."""
+        """The gain by the stage, and the demands on it."""
         if not choice.num_axes:
             return ""
         use, pitch = choice.use, self.scene.sensor.pixel_pitch
