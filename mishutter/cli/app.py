@@ -74,6 +74,7 @@ from mishutter.cli.options import (
     judge_of,
     loss_of,
     names_of,
+    option,
     scene_of,
 )
 from mishutter.cli.plan_command import plan, plan_of_search, plan_text
@@ -157,36 +158,21 @@ def optimise(
     num_coefficients: CoefficientsOption = 24,
     num_starts: Annotated[
         int | None,
-        typer.Option(
-            "--starts",
-            metavar="N",
+        option(
+            SEARCH,
+            "--starts N",
+            "Number of starts [default: 16; more for few speeds].",
             min=1,
             max=4096,
-            rich_help_panel=SEARCH,
-            help="Number of starts [default: 16; more for few speeds].",
         ),
     ] = None,
     max_steps: Annotated[
         int,
-        typer.Option(
-            "--steps",
-            metavar="N",
-            min=1,
-            max=100_000,
-            rich_help_panel=SEARCH,
-            help="Most steps of a minimisation from each start.",
+        option(
+            SEARCH, "--steps N", "Most steps of a minimisation from each start.", min=1, max=100_000
         ),
     ] = 400,
-    seed: Annotated[
-        int,
-        typer.Option(
-            "--seed",
-            metavar="N",
-            min=0,
-            rich_help_panel=SEARCH,
-            help="Seed of the random starts.",
-        ),
-    ] = 0,
+    seed: Annotated[int, option(SEARCH, "--seed N", "Seed of the random starts.", min=0)] = 0,
     noise_seeds: SeedsOption = 1,
     every_photograph: EveryPhotographOption = False,
     pictures: PicturesOption = None,
@@ -270,13 +256,7 @@ def compare(
     *,
     designs: Annotated[
         list[Path] | None,
-        typer.Option(
-            "--design",
-            metavar="FILE",
-            parser=as_path,
-            rich_help_panel=DESIGN,
-            help="Saved design to show; repeat for more.",
-        ),
+        option(DESIGN, "--design FILE", "Saved design to show; repeat for more.", parser=as_path),
     ] = None,
     shutters: ShuttersOption = None,
     files: CameraFiles,

@@ -11,7 +11,7 @@ from mishutter._core.files import writable_folder
 from mishutter._core.progress import note
 from mishutter.cli.console import print_table, print_text, write_json
 from mishutter.cli.help import CAMERA, OUTPUT, PICTURES
-from mishutter.cli.options import JsonOption, as_path
+from mishutter.cli.options import JsonOption, as_path, option
 
 if TYPE_CHECKING:
     from mishutter.measurement.measurement import Measurement
@@ -29,89 +29,64 @@ def measure(
         ),
     ],
     *,
-    frames_per_s: Annotated[
-        float,
-        typer.Option(
-            "--frames-per-s",
-            metavar="F",
-            rich_help_panel=CAMERA,
-            help="Frame rate of the clip.",
-        ),
-    ],
+    frames_per_s: Annotated[float, option(CAMERA, "--frames-per-s F", "Frame rate of the clip.")],
     exposure_ms: Annotated[
         float | None,
-        typer.Option(
-            "--exposure-ms",
-            metavar="T",
-            rich_help_panel=CAMERA,
-            help="Exposure of each frame. Without it the photon rate is a lower limit.",
+        option(
+            CAMERA,
+            "--exposure-ms T",
+            "Exposure of each frame. Without it the photon rate is a lower limit.",
         ),
     ] = None,
     dark: Annotated[
         list[Path] | None,
-        typer.Option(
-            "--dark",
-            metavar="DARK",
-            parser=as_path,
-            rich_help_panel=CAMERA,
-            help="Dark frame, with the lens covered and the same settings; repeat for more. Two or"
+        option(
+            CAMERA,
+            "--dark DARK",
+            "Dark frame, with the lens covered and the same settings; repeat for more. Two or"
             " more determine the read noise; without any it is an interval.",
+            parser=as_path,
         ),
     ] = None,
     flat: Annotated[
         list[Path] | None,
-        typer.Option(
-            "--flat",
-            metavar="FLAT",
+        option(
+            CAMERA,
+            "--flat FLAT",
+            "Flat fields in pairs of equal exposure, as in EMVA 1288; repeat for more.",
             parser=as_path,
-            rich_help_panel=CAMERA,
-            help="Flat fields in pairs of equal exposure, as in EMVA 1288; repeat for more.",
         ),
     ] = None,
     black: Annotated[
         float | None,
-        typer.Option(
-            "--black",
-            metavar="LEVEL",
-            rich_help_panel=PICTURES,
-            help="Black level, if it is known without --dark.",
-        ),
+        option(PICTURES, "--black LEVEL", "Black level, if it is known without --dark."),
     ] = None,
     white: Annotated[
         float | None,
-        typer.Option(
-            "--white",
-            metavar="LEVEL",
-            rich_help_panel=PICTURES,
-            help="White level [default: the largest value of the files' bit depth].",
+        option(
+            PICTURES,
+            "--white LEVEL",
+            "White level [default: the largest value of the files' bit depth].",
         ),
     ] = None,
     pixel_pitch_um: Annotated[
-        float | None,
-        typer.Option(
-            "--pixel-pitch-um",
-            metavar="P",
-            rich_help_panel=CAMERA,
-            help="Pixel pitch of the sensor.",
-        ),
+        float | None, option(CAMERA, "--pixel-pitch-um P", "Pixel pitch of the sensor.")
     ] = None,
     px_per_mm: Annotated[
         float | None,
-        typer.Option(
-            "--px-per-mm",
-            metavar="M",
-            rich_help_panel=CAMERA,
-            help="Pixels per millimetre of the scene, by a ruler in the picture.",
+        option(
+            CAMERA,
+            "--px-per-mm M",
+            "Pixels per millimetre of the scene, by a ruler in the picture.",
         ),
     ] = None,
     out: Annotated[
         Path,
-        typer.Option(
-            "--out",
-            metavar="SCENE.toml",
+        option(
+            OUTPUT,
+            "--out SCENE.toml",
+            "Scene file to write, with its picture, the velocities and two plots beside it.",
             parser=as_path,
-            rich_help_panel=OUTPUT,
-            help="Scene file to write, with its picture, the velocities and two plots beside it.",
         ),
     ],
     json: JsonOption = False,

@@ -7,8 +7,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from mishutter._core.files import writable_folder
 from mishutter._core.progress import note, progress_bar
 from mishutter.cli.console import (
@@ -29,6 +27,7 @@ from mishutter.cli.options import (
     ShuttersOption,
     as_path,
     loss_of,
+    option,
     scene_of,
 )
 
@@ -49,69 +48,47 @@ def sweep(
     *,
     acceleration: Annotated[
         str | None,
-        typer.Option(
-            "--acceleration",
-            metavar="A:B:N",
-            rich_help_panel=MAP,
-            help="N accelerations from A to B, px/s^2: the `a` of x = a t^2, half the mechanical "
+        option(
+            MAP,
+            "--acceleration A:B:N",
+            "N accelerations from A to B, px/s^2: the `a` of x = a t^2, half the mechanical "
             "acceleration [default: up to the limits].",
         ),
     ] = None,
     half_exposure: Annotated[
         str | None,
-        typer.Option(
-            "--half-exposure",
-            metavar="A:B:N",
-            rich_help_panel=MAP,
-            help="N half exposures from A to B, ms [default: within the limits].",
+        option(
+            MAP,
+            "--half-exposure A:B:N",
+            "N half exposures from A to B, ms [default: within the limits].",
         ),
     ] = None,
     velocity: Annotated[
         str | None,
-        typer.Option(
-            "--velocity",
-            metavar="A:B:N",
-            rich_help_panel=MAP,
-            help="N velocities of the sensor from A to B, px/s, of either sign [default: the "
+        option(
+            MAP,
+            "--velocity A:B:N",
+            "N velocities of the sensor from A to B, px/s, of either sign [default: the "
             "middle of the speeds].",
         ),
     ] = None,
     log: Annotated[
-        bool,
-        typer.Option(
-            "--log",
-            rich_help_panel=MAP,
-            help="Space accelerations and exposures geometrically, not evenly.",
-        ),
+        bool, option(MAP, "--log", "Space accelerations and exposures geometrically, not evenly.")
     ] = False,
     optimise: Annotated[
-        bool,
-        typer.Option(
-            "--optimise",
-            rich_help_panel=DESIGN,
-            help="Also search for the best profile at each point.",
-        ),
+        bool, option(DESIGN, "--optimise", "Also search for the best profile at each point.")
     ] = False,
     loss: LossOption = None,
     shutters: ShuttersOption = None,
     num_coefficients: CoefficientsOption = 24,
     store: Annotated[
         Path | None,
-        typer.Option(
-            "--store",
-            metavar="PATH",
-            parser=as_path,
-            rich_help_panel=OUTPUT,
-            help="Zarr store to write to or to resume.",
-        ),
+        option(OUTPUT, "--store PATH", "Zarr store to write to or to resume.", parser=as_path),
     ] = None,
     scheduler: Annotated[
         str | None,
-        typer.Option(
-            "--scheduler",
-            metavar="ADDRESS",
-            rich_help_panel=SEARCH,
-            help="Dask scheduler to compute on [default: this machine].",
+        option(
+            SEARCH, "--scheduler ADDRESS", "Dask scheduler to compute on [default: this machine]."
         ),
     ] = None,
     out: OutOption = None,
@@ -263,7 +240,6 @@ def _notes() -> Iterator[None]:
         logger.setLevel(level)
 
 
-_AT_END = " (* at an end of its range)"
 _COLUMNS = (
     "best",
     "shutter",
@@ -316,11 +292,11 @@ def _deliver(dataset: "xarray.Dataset", scene: "Scene", folder: Path | None, as_
         write_json(document)
     else:
         others = [METRICS[name] for name in _OTHER_METRICS]
-        forms = [metric.form for metric in others]
-        rows = _rows(best, forms)
+        rows = _rows(best, [metric.form for metric in others])
         columns = [*_COLUMNS, *(metric.heading for metric in others)]
         is_ended = any(point["at_end_of"] for point in best.values())
-        print_table(f"Best points of the sweep{_AT_END if is_ended else ''}", columns, rows)
+        aside = " (* at an end of its range)" if is_ended else ""
+        print_table(f"Best points of the sweep{aside}", columns, rows)
         print_text(f"PSNR dB: {METRICS[level].meaning}.")
     if files:
         note(f"{folder}: {', '.join(files)}")
