@@ -4,8 +4,6 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from mishutter._core.files import writable_folder
 from mishutter._core.progress import note, progress_bar
 from mishutter.cli.console import AGAIN, interruptible, print_table, start_jax, write_json
@@ -16,9 +14,9 @@ from mishutter.cli.options import (
     DecoderName,
     JsonOption,
     SceneArgument,
-    as_path,
     named_decoder,
     option,
+    path_option,
     scene_of,
 )
 
@@ -42,12 +40,11 @@ def simulate(
     *,
     subject: Annotated[
         Path | None,
-        option(
+        path_option(
             PICTURES,
             "--subject PATH",
             "Photograph, layered scene (.toml), video or folder of frames [default: the "
             "scene's photograph].",
-            parser=as_path,
         ),
     ] = None,
     white: Annotated[
@@ -66,7 +63,7 @@ def simulate(
         ),
     ] = False,
     design: Annotated[
-        Path | None, option(DESIGN, "--design FILE", "Saved design to use.", parser=as_path)
+        Path | None, path_option(DESIGN, "--design FILE", "Saved design to use.")
     ] = None,
     shutter: Annotated[
         str | None,
@@ -113,7 +110,8 @@ def simulate(
         int, option(SENSOR, "--seed N", "Seed of the noise.", min=0, max=(1 << 63) - 1)
     ] = 0,
     out: Annotated[
-        Path, option(OUTPUT, "--out DIR", "Folder for the pictures.", parser=as_path)
+        Path,
+        path_option(OUTPUT, "--out DIR", "Folder for the pictures."),
     ] = Path("simulation"),
     json: JsonOption = False,
 ) -> None:
@@ -231,11 +229,9 @@ def _print_numbers(title: str, names: str, unit: str, numbers: dict[str, float])
 
 
 def reproduce(
-    out: Annotated[
-        Path, option(OUTPUT, "--out DIR", "Folder for the figures and the page.", parser=as_path)
-    ],
+    out: Annotated[Path, path_option(OUTPUT, "--out DIR", "Folder for the figures and the page.")],
     quick: Annotated[
-        bool, typer.Option("--quick", help="Use fewer speeds, noise levels and photographs.")
+        bool, option(None, "--quick", "Use fewer speeds, noise levels and photographs.")
     ] = False,
     json: JsonOption = False,
 ) -> None:
@@ -319,6 +315,7 @@ def estimate_document(estimate: "Estimate") -> dict[str, object]:
     """An estimated speed, as JSON has it: null where the capture tells nothing."""
     from mishutter.decoding.plane_velocity import VelocityEstimate
 
+    numbers: dict[str, object]
     if isinstance(estimate, VelocityEstimate):
         numbers = {
             "velocity_px_per_s": estimate.velocity.tolist(),

@@ -34,8 +34,6 @@ if TYPE_CHECKING:
 
 AGAIN = "no result was saved; the same command starts again, with what it has compiled so far"
 """Message of an interrupt of work that saves nothing before its end."""
-_WIDTH = 80
-"""Columns of a table where standard output is no terminal and `COLUMNS` is not set."""
 _PARSER: Any = sys.modules[typer.BadParameter.__module__]
 """The errors of the command line parser, whichever Click it was built on."""
 
@@ -197,7 +195,7 @@ def _console() -> Console:
     """A console without markup: the name of a design may hold brackets and colons."""
     columns, height = shutil.get_terminal_size()
     has_width = sys.stdout.isatty() or os.environ.get("COLUMNS", "").isdigit()
-    width = columns if has_width else _WIDTH
+    width = columns if has_width else 80
     # Rich takes a terminal without control codes for 80 columns wide unless it gets both.
     return Console(
         file=sys.stdout, width=width, height=height, markup=False, emoji=False, highlight=False
@@ -219,11 +217,7 @@ def take_any_text() -> None:
 
 @contextmanager
 def closable_output() -> Iterator[None]:
-    """Lets the reader of the output leave before its end, as `head` does.
-
-    Raises:
-        SystemExit: if the work within raises it, but not if Typer or Rich do at a closed pipe.
-    """
+    """Lets the reader of the output leave before its end, as `head` does."""
     streams = sys.stdout, sys.stderr  # Typer puts others in their place
     try:
         yield
@@ -246,11 +240,7 @@ class InterruptedWorkError(Exception):
 
 @contextmanager
 def interruptible(text: Callable[[], str]) -> Iterator[None]:
-    """Says what an interrupt leaves behind.
-
-    Raises:
-        InterruptedWorkError: in place of `KeyboardInterrupt`, with that text.
-    """
+    """Turns an interrupt into an `InterruptedWorkError` that says what it leaves behind."""
     try:
         yield
     except KeyboardInterrupt:
@@ -263,9 +253,6 @@ def ends_when_asked() -> Iterator[None]:
 
     A signal that arrives while Python collects garbage, which JAX causes often, raises an error
     that Python drops: the signal is sent once more then.
-
-    Raises:
-        SystemExit: with 143, the exit code of a terminated process.
     """
 
     def end(*_: object) -> None:

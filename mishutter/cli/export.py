@@ -165,7 +165,16 @@ def _deliver(
         sys.stdout.write(drive_bytes(table, form.value).decode())
         return
     if isinstance(table, FrameTable):
-        _note_gate(table)
+        step = table.exposure / table.begin.size
+        touching = sum(after - before < step for (_, before), (after, _) in pairwise(table.lights))
+        if touching:
+            note(
+                f"the gate closes for one step of {step * 1e3:.3g} ms at the end of {touching} "
+                "frames that the next one follows at once: a camera exposed by the width of this "
+                f"trigger has {table.gated_psnr:.2f} dB of {table.exposures.psnr:.2f}; frames.csv "
+                "has the exact times, for a camera that starts at a rising edge and times its own "
+                "exposure"
+            )
     with working("measuring the shutter as driven"):
         document = table.to_dict() | {"files": files}
     if as_json:
@@ -221,19 +230,6 @@ def _print_frames(table: "FrameTable") -> None:
     ]
     columns = ["frame", "mid-exposure / ms", "exposure / ms", *table.places]
     print_table(f"Frames: {taken.text}", columns, rows)
-
-
-def _note_gate(table: "FrameTable") -> None:
-    """Notes what a gate costs that closes between frames which touch."""
-    step = table.exposure / table.begin.size
-    touching = sum(after - before < step for (_, before), (after, _) in pairwise(table.lights))
-    if touching:
-        note(
-            f"the gate closes for one step of {step * 1e3:.3g} ms at the end of {touching} frames "
-            "that the next one follows at once: a camera exposed by the width of this trigger has "
-            f"{table.gated_psnr:.2f} dB of {table.exposures.psnr:.2f}; frames.csv has the exact "
-            "times, for a camera that starts at a rising edge and times its own exposure"
-        )
 
 
 def _note_what_to_set(table: "DriveTable", form: FormatName) -> None:

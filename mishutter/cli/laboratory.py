@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 from mishutter._core.checks import require
 from mishutter._core.progress import note
 from mishutter.cli.help import CAMERA
-from mishutter.cli.options import as_path, option, scene_of
+from mishutter.cli.options import option, path_option, scene_of
 
 if TYPE_CHECKING:
     from mishutter.design.design import AbstractDesign, Design
@@ -35,20 +35,18 @@ class CameraFiles(NamedTuple):
 
     drive: Annotated[
         Path | None,
-        option(
+        path_option(
             CAMERA,
             "--drive FILE",
             "Drive table, in any format of `export`; the design supplies what the file lacks.",
-            parser=as_path,
         ),
     ] = None
     measured: Annotated[
         Path | None,
-        option(
+        path_option(
             CAMERA,
             "--measured FILE",
             "Photodiode trace that replaces the shutter: text, as exported by an oscilloscope.",
-            parser=as_path,
         ),
     ] = None
     column: Annotated[

@@ -11,7 +11,7 @@ from mishutter._core.files import writable_folder
 from mishutter._core.progress import note
 from mishutter.cli.console import print_table, print_text, write_json
 from mishutter.cli.help import CAMERA, OUTPUT, PICTURES
-from mishutter.cli.options import JsonOption, as_path, option
+from mishutter.cli.options import JsonOption, as_path, option, path_option
 
 if TYPE_CHECKING:
     from mishutter.measurement.measurement import Measurement
@@ -40,21 +40,19 @@ def measure(
     ] = None,
     dark: Annotated[
         list[Path] | None,
-        option(
+        path_option(
             CAMERA,
             "--dark DARK",
             "Dark frame, with the lens covered and the same settings; repeat for more. Two or"
             " more determine the read noise; without any it is an interval.",
-            parser=as_path,
         ),
     ] = None,
     flat: Annotated[
         list[Path] | None,
-        option(
+        path_option(
             CAMERA,
             "--flat FLAT",
             "Flat fields in pairs of equal exposure, as in EMVA 1288; repeat for more.",
-            parser=as_path,
         ),
     ] = None,
     black: Annotated[
@@ -82,11 +80,10 @@ def measure(
     ] = None,
     out: Annotated[
         Path,
-        option(
+        path_option(
             OUTPUT,
             "--out SCENE.toml",
             "Scene file to write, with its picture, the velocities and two plots beside it.",
-            parser=as_path,
         ),
     ],
     json: JsonOption = False,
@@ -97,6 +94,8 @@ def measure(
     with its error; one that the clip does not show is left out, with the reason and a remedy.
     """
     from mishutter.measurement.measurement import measure as measured
+    from mishutter.report.measurement_plots import plot_motion, plot_noise
+    from mishutter.report.plots import save_figure
 
     require(out.suffix.lower() == ".toml", "--out", "end in `.toml`", str(out))
     folder = writable_folder(out.parent)
@@ -112,22 +111,14 @@ def measure(
         px_per_mm=px_per_mm,
         progress=True,
     )
-    files = _write(measurement, folder / out.name)
+    files = [*measurement.save(folder / out.name), "noise.png", "motion.png"]
+    save_figure(plot_noise(measurement), folder / "noise.png")
+    save_figure(plot_motion(measurement), folder / "motion.png")
     if json:
         write_json(measurement.to_dict() | {"files": files})
     else:
         _print(measurement, out)
     note(f"{folder}: {', '.join(files)}")
-
-
-def _write(measurement: "Measurement", path: Path) -> list[str]:
-    from mishutter.report.measurement_plots import plot_motion, plot_noise
-    from mishutter.report.plots import save_figure
-
-    files = measurement.save(path)
-    save_figure(plot_noise(measurement), path.with_name("noise.png"))
-    save_figure(plot_motion(measurement), path.with_name("motion.png"))
-    return [*files, "noise.png", "motion.png"]
 
 
 def _print(measurement: "Measurement", out: Path) -> None:

@@ -1,6 +1,7 @@
 """Arguments and options that the commands share, and the objects that they name."""
 
 from enum import Enum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -56,7 +57,7 @@ def _in_words(names: type[Enum]) -> str:
 DECODERS = _in_words(DecoderName)
 
 
-def option(group: str, name: str, help: str, **settings: Any) -> Any:
+def option(group: str | None, name: str, help: str, **settings: Any) -> Any:
     """An option of a group of `--help`; its name and a word for its value are `--out DIR`."""
     name, _, metavar = name.partition(" ")
     return typer.Option(name, metavar=metavar or None, rich_help_panel=group, help=help, **settings)
@@ -69,6 +70,8 @@ def as_path(text: str | Path) -> Path:
     return Path(text)
 
 
+path_option = partial(option, parser=as_path)
+
 SceneArgument = Annotated[
     Path | None,
     typer.Argument(
@@ -78,8 +81,7 @@ SceneArgument = Annotated[
     ),
 ]
 OutOption = Annotated[
-    Path | None,
-    option(OUTPUT, "--out DIR", "Folder for files; created if it does not exist.", parser=as_path),
+    Path | None, path_option(OUTPUT, "--out DIR", "Folder for files; created if it does not exist.")
 ]
 JsonOption = Annotated[
     bool, option(OUTPUT, "--json", "Print one JSON document, and nothing else, on standard output.")
@@ -165,13 +167,12 @@ EveryPhotographOption = Annotated[
 ]
 PicturesOption = Annotated[
     list[Path] | None,
-    option(
+    path_option(
         PICTURES,
         "--pictures PATH",
         "Photograph, or folder of photographs, on which each camera is also judged, with "
         "its exposure tuned for --decoder; repeat for more. Two or more are needed; crops"
         " of about a hundred rows are enough.",
-        parser=as_path,
     ),
 ]
 JudgeOption = Annotated[

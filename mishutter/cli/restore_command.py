@@ -21,6 +21,7 @@ from mishutter.cli.options import (
     as_path,
     named_decoder,
     option,
+    path_option,
     scene_of,
 )
 
@@ -50,22 +51,16 @@ def restore(
     *,
     design: Annotated[
         Path | None,
-        option(
+        path_option(
             DESIGN,
             "--design FILE",
             "Saved design by which the camera was built. Its scene is used unless --scene is "
             "given.",
-            parser=as_path,
         ),
     ] = None,
     scene_file: Annotated[
         Path | None,
-        option(
-            DESIGN,
-            "--scene SCENE.toml",
-            "Scene of the captures [default: the design's].",
-            parser=as_path,
-        ),
+        path_option(DESIGN, "--scene SCENE.toml", "Scene of the captures [default: the design's]."),
     ] = None,
     shutter: Annotated[
         str | None,
@@ -78,13 +73,12 @@ def restore(
     files: CameraFiles,
     stage_path: Annotated[
         Path | None,
-        option(
+        path_option(
             CAMERA,
             "--stage-path FILE",
             "Path that an encoder recorded, in place of the planned one: text with columns "
             "`time (ms)` and `x (um)`, and `y (um)` of two axes, in any such units or px. "
             "--mid-exposure-ms is the reading of its clock at the middle of the burst.",
-            parser=as_path,
         ),
     ] = None,
     black: Annotated[
@@ -131,7 +125,8 @@ def restore(
         ),
     ] = None,
     out: Annotated[
-        Path, option(OUTPUT, "--out DIR", "Folder for the pictures.", parser=as_path)
+        Path,
+        path_option(OUTPUT, "--out DIR", "Folder for the pictures."),
     ] = Path("restored"),
     json: JsonOption = False,
 ) -> None:

@@ -25,9 +25,9 @@ from mishutter.cli.options import (
     OutOption,
     SceneArgument,
     ShuttersOption,
-    as_path,
     loss_of,
     option,
+    path_option,
     scene_of,
 )
 
@@ -82,8 +82,7 @@ def sweep(
     shutters: ShuttersOption = None,
     num_coefficients: CoefficientsOption = 24,
     store: Annotated[
-        Path | None,
-        option(OUTPUT, "--store PATH", "Zarr store to write to or to resume.", parser=as_path),
+        Path | None, path_option(OUTPUT, "--store PATH", "Zarr store to write to or to resume.")
     ] = None,
     scheduler: Annotated[
         str | None,
@@ -101,6 +100,8 @@ def sweep(
     half_exposures = _values("--half-exposure", half_exposure, log, bound="above 0")
     velocities = _values("--velocity", velocity, log=False)
     start_jax()
+    import numpy as np
+
     from mishutter.model.shutters.kinds import baselines, named_shutter
     from mishutter.sweeps.grid import frames_of, require_some_inside, require_within
     from mishutter.sweeps.run import WHY_NO_POINT
@@ -109,7 +110,11 @@ def sweep(
     scene = scene_of(scene_file)
     named = {name: named_shutter(name) for name in shutters or []}
     if half_exposures is None:
-        half_exposures = _half_exposures_of(scene)
+        shortest = float(scene.limits.min_half_exposure)
+        longest = float(scene.limits.max_half_exposure)
+        half_exposures = np.array([shortest])
+        if longest > shortest:
+            half_exposures = np.geomspace(shortest, longest, _NUM_VALUES)
     else:
         half_exposures = half_exposures * 1e-3
     frames = frames_of([scene], velocities)
@@ -194,16 +199,6 @@ def _require_few(subject: str, count: int) -> None:
     """Raises `ValueError` if a sweep has too many points."""
     if count > _MOST_POINTS:
         raise ValueError(f"{subject} must make at most {_MOST_POINTS:,} points; got {count:,}.")
-
-
-def _half_exposures_of(scene: "Scene") -> "np.ndarray":
-    import numpy as np
-
-    shortest = float(scene.limits.min_half_exposure)
-    longest = float(scene.limits.max_half_exposure)
-    if longest <= shortest:
-        return np.array([shortest])
-    return np.geomspace(shortest, longest, _NUM_VALUES)
 
 
 def _accelerations_of(scene: "Scene", half_exposures: "np.ndarray", pan: float) -> "np.ndarray":

@@ -113,6 +113,7 @@ def curves(
     time = np.linspace(-half, half, 97)
     levels, decoder = spectral_levels(scene, motion, shutter), knowledge_of(scene)
     seen, frequency, speeds = decoder.of(levels), levels.frequencies, levels.speeds
+    # Frequencies in equal ratios, and speeds in equal steps, no more than are seen.
     even = np.geomspace(frequency[0], frequency[-1], 160)
     places = np.unique(np.searchsorted(frequency, even).clip(0, frequency.size - 1))
     with np.errstate(divide="ignore"):

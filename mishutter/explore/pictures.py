@@ -68,11 +68,7 @@ def reader(place: str, read: Callable[[float | None, bool], Picture]) -> Reader:
 
 
 def uploaded(name: str, content: bytes) -> Reader:
-    """A reader of an uploaded photograph, which is checked as files are.
-
-    Raises:
-        ValueError: if the file is no picture, damaged or too large.
-    """
+    """A reader of an uploaded photograph, which is checked as files are."""
     suffix = Path(name).suffix.lower()
     kinds = f"be a {PICTURE_FORMATS} file"
     require(suffix in PICTURE_SUFFIXES, "a photograph", kinds, name)
@@ -110,11 +106,7 @@ def restored(
     speed: float,  # px/s
     check: Callable[[], None],
 ) -> dict[str, object]:
-    """Captures and restores a photograph at one speed by each of some designs.
-
-    Raises:
-        ValueError: if the photograph is too narrow for the blur.
-    """
+    """Captures and restores a photograph at one speed by each of some designs."""
     speeds = [*np.asarray(scene.speeds).tolist(), speed]
     longest = max(kernel_layout(row.motion, *speeds, 0.0)[0] for row in rows.values())
     least, columns = least_columns(longest), photograph.part.light.shape[1]

@@ -64,16 +64,13 @@ def serve(
     ready: Callable[[str], None],
     note: Callable[[str], None],
 ) -> None:
-    """Serves the page until the process is interrupted.
-
-    Raises:
-        OSError: if nothing can listen there.
-    """
+    """Serves the page until the process is interrupted."""
 
     async def run() -> None:
         sockets = tornado.netutil.bind_sockets(port, host)
+        explorer = Explorer(started, note)
         server = tornado.httpserver.HTTPServer(
-            application(Explorer(started, note), known_hosts(host)),
+            application(explorer, known_hosts(host)),
             max_body_size=1 << 16,
             max_header_size=1 << 14,
         )
@@ -81,17 +78,12 @@ def serve(
         number = sockets[0].getsockname()[1]
         shown = f"[{host}]" if ":" in host else host
         ready(f"http://{shown}:{number}/")
-        await server_explorer(server).warm()
+        await explorer.warm()
         await asyncio.Event().wait()
 
     # A thread that searches in the background gives way sooner to one that answers a change.
     sys.setswitchinterval(5e-4)
     asyncio.run(run())
-
-
-def server_explorer(server: tornado.httpserver.HTTPServer) -> "Explorer":
-    """The state that the tabs of a server share."""
-    return server.request_callback.settings["explorer"]  # type: ignore[union-attr]
 
 
 def known_hosts(host: str) -> frozenset[str]:

@@ -4,7 +4,7 @@ import copy
 import json
 import tempfile
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, final
@@ -48,7 +48,6 @@ Check = Callable[[], None]
 """Raises `SupersededError` if the request is superseded."""
 Answer = dict[str, object]
 """A message to the page: its `kind`, and names that the page reads."""
-Text = Annotated[str, Field(max_length=1 << 20)]
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 Chip = Annotated[float, Field(ge=0, le=1)]
 
@@ -75,7 +74,7 @@ class Order(Section):
 
     kind: str
     name: Name = "design"
-    text: Text = ""
+    text: Annotated[str, Field(max_length=1 << 20)] = ""
     scene: Annotated[Tables, Field(default_factory=dict)]
     drawn: Annotated[list[Chip], Field(min_length=NUM_CHIPS, max_length=NUM_CHIPS)] | None = None
 
@@ -99,12 +98,7 @@ class Beginning:
 
 
 def beginning(path: Path | None) -> Beginning:
-    """The scene file that the page begins with, and the photographs that it may name.
-
-    Raises:
-        ValueError: if it is not a scene file.
-        OSError: if it or its picture cannot be read.
-    """
+    """The scene file that the page begins with, and the photographs that it may name."""
     content = example_scene_text().encode() if path is None else contents(path)
     tables = _tables(content, "example_scene.toml" if path is None else str(path))
     photographs = {EXAMPLE_PICTURE: reader(EXAMPLE_PICTURE, lambda *_: example_picture())}
@@ -131,11 +125,7 @@ def _tables(content: bytes, name: str) -> Tables:
 
 
 def built(tables: Tables, photographs: Mapping[str, Reader]) -> Scene:
-    """The scene of some tables, which may name these photographs and no other file.
-
-    Raises:
-        ValueError: if it is no scene, or names another photograph.
-    """
+    """The scene of some tables, which may name these photographs and no other file."""
 
     def texture(place: str, white: float | None, linear: bool, axis: Axis) -> Texture:
         names = ", ".join(photographs)
@@ -289,11 +279,7 @@ class Session:
         return json.dumps([tables, self._uploaded], sort_keys=True)
 
     def answer(self, order: Order) -> Answer:
-        """The answer to any request but one for a design.
-
-        Raises:
-            ValueError: if it cannot be met.
-        """
+        """The answer to any request but one for a design."""
         kinds = {
             "pin": self._pin,
             "unpin": self._unpin,
@@ -311,10 +297,14 @@ class Session:
         return self._add_pin(order.name, self._current)
 
     def _add_pin(self, name: str, design: Design) -> Answer:
+        from mishutter.search.rivals import taken_names
+
         room = len(self._pins) < MOST_PINS
         require(room, "pins", f"be at most {MOST_PINS}; take one away first", len(self._pins) + 1)
-        name = free_name(name[:60], self._pins)
-        self._pins[name] = design
+        # No row may have the name: a number stands behind one that is taken.
+        used = {*self._pins, *taken_names(), OPTIMISED, DRAWN}
+        tries = (name[:60], *(f"{name[:60]} {number}" for number in range(2, len(used) + 3)))
+        self._pins[next(each for each in tries if each not in used)] = design
         return {"pins": self.pins}
 
     def _unpin(self, order: Order) -> Answer:
@@ -354,11 +344,7 @@ class Session:
         }
 
     def upload(self, name: str, content: bytes) -> Answer:
-        """Takes an uploaded photograph in place of an earlier one.
-
-        Raises:
-            ValueError: if it is no picture, or too large.
-        """
+        """Takes an uploaded photograph in place of an earlier one."""
         place = Path(name).name
         is_taken = place in self._started.photographs
         require(not is_taken, "a photograph", "have a name of its own", place)
@@ -397,15 +383,6 @@ def _around(tables: Tables) -> Iterator[Tables]:
     for key in (name for name in uniform if name.startswith("max_")):
         one_sided = {**uniform, key: 0.9 * uniform[key]}
         yield {**tables, "speeds": {**tables["speeds"], "uniform": one_sided}}
-
-
-def free_name(name: str, taken: Iterable[str]) -> str:
-    """A name that no row has: the given one, or that with a number behind it."""
-    from mishutter.search.rivals import taken_names
-
-    used = {*taken, *taken_names(), OPTIMISED, DRAWN}
-    tries = (name, *(f"{name} {number}" for number in range(2, len(used) + 3)))
-    return next(each for each in tries if each not in used)
 
 
 def _chips(drawn: list[float]) -> ChippedShutter:

@@ -67,11 +67,7 @@ def is_tiff(path: Path) -> bool:
 
 
 def header_size(content: bytes) -> tuple[int, int]:
-    """Columns and rows of the first whole picture of a file by its header, without decoding it.
-
-    Raises:
-        Exception: with the reason, if the file is no picture.
-    """
+    """Columns and rows of the first whole picture of a file by its header, without decoding it."""
     if content.startswith(_TIFF_SIGNATURES):
         # Pillow knows no TIFF of colours in floating-point numbers.
         import tifffile
@@ -86,13 +82,7 @@ def header_size(content: bytes) -> tuple[int, int]:
 
 
 def decoded(path: Path, number: int = 0) -> Decoded:
-    """A picture as its file holds it.
-
-    Raises:
-        OSError: if the file cannot be read.
-        Exception: with the reason, if the file is no picture of a format that is read, is damaged
-            or has too many pixels.
-    """
+    """A picture as its file holds it."""
     with path.open("rb") as file:
         head = file.read(8)
     with warnings.catch_warnings():
@@ -157,9 +147,6 @@ def _png_chunks(content: bytes) -> dict[bytes, bytes]:
     """The chunks of a PNG by their names, without its pixels, none of which may be missing.
 
     The check is made here because Pillow would leave missing rows black.
-
-    Raises:
-        ValueError: if the file ends early, contradicts a check sum or lacks pixels.
     """
     view, place, chunks = memoryview(content), len(_PNG_SIGNATURE), {}
     unpacked, unpack = 0, zlib.decompressobj()

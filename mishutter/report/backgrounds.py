@@ -48,9 +48,6 @@ def background_gains(
     A profile and a motion are searched for each, from few starts, before a still background with
     objects of 100 px. A scene that says what hides what has none, nor has one whose decoder knows
     the speed of a picture, nor one in which nothing moves.
-
-    Raises:
-        ValueError: if the scene is none or is traced.
     """
     require_scene(scene)
     require_known("background_gains", scene=scene)

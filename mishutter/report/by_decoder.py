@@ -108,9 +108,6 @@ def judged_by(
     level over the photographs, each at every speed of the scene. All cameras have the same noise
     and are judged on the same columns. The decoder knows as much of the speed as the one that
     judges the row.
-
-    Raises:
-        ValueError: if a photograph is too narrow for the longest blur.
     """
     longest = longest_kernel(scene, [_exposed(row.motion, max(_LONGER)) for row in rows])
 

@@ -48,7 +48,6 @@ Named = Mapping[str, tuple[AbstractMotion, AbstractShutter]]
 
 _COLOURS = ("#0072b2", "#d55e00", "#000000", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 _DASHES = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)), (0, (1, 3)), (0, (8, 3)))
-_MARKERS = ("o", "s", "^", "D", "v", "x", "P")
 _NUM_POINTS = 1001
 _LAYERED_WIDTH = 2.5
 """Width of a panel of a layered scene; inches. Wider ones leave small letters on a page."""
@@ -60,8 +59,6 @@ _ONE_FILTER = (
 )
 _CELL, _TITLE = 1.6, 0.4
 """Width of a magnified detail, and height of its title; inches."""
-_COVERED = 0.01
-"""Share of an axis up to which a curve lies on another: about the width of its line."""
 _AT_REST = 0.05
 """Travel below which a stage is drawn at rest; px."""
 _EAR = 0.02
@@ -359,9 +356,12 @@ def plot_kernels(designs: Named, speeds: Sequence[float]) -> "Figure":
     panels = figure.subplots(len(designs), 2, squeeze=False, sharex="row")
     for (left, right), (name, (motion, shutter)) in zip(panels, designs.items(), strict=True):
         velocity = float(motion.velocity)
-        num_taps = int(max(_kernel_reach(motion, [*speeds, velocity]), 1)) + 2
-        edges = np.arange(num_taps + 1) + float(kernel_phase(motion, num_taps))
         row = np.asarray([velocity, *speeds], motion.half_exposure.dtype)
+        fastest = max(abs(speed - velocity) for speed in (velocity, *speeds))
+        lengths = [float(motion.kernel_length(speed)) for speed in row]
+        longest = max(*lengths, 2 * fastest * float(motion.half_exposure) + 1)
+        num_taps = int(longest) + 2
+        edges = np.arange(num_taps + 1) + float(kernel_phase(motion, num_taps))
         same, *kernels = np.asarray(kernels_at_speeds(shutter, motion, row, num_taps))
         taps = {f"{speed:.4g} px/s": each for speed, each in zip(speeds, kernels, strict=True)}
         style_of = dict(zip(taps, line_styles(), strict=False))
@@ -395,17 +395,10 @@ def _uncovered(curves: Mapping[str, Float[np.ndarray, "n"]]) -> dict[str, str]:
     labels: dict[str, str] = {}
     for name, curve in curves.items():
         gaps = {first: np.abs(curve - curves[first]).max() for first in labels}
-        first = next((each for each, gap in gaps.items() if gap <= _COVERED * extent), None)
+        # A hundredth of an axis is about the width of a line.
+        first = next((each for each, gap in gaps.items() if gap <= 0.01 * extent), None)
         labels[first or name] = name if first is None else f"{labels[first]} = {name}"
     return labels
-
-
-def _kernel_reach(motion: AbstractMotion, speeds: Sequence[float]) -> float:
-    """Extent of the longest kernel of some speeds; px."""
-    fastest = max(abs(speed - float(motion.velocity)) for speed in speeds)
-    dtype = motion.half_exposure.dtype
-    lengths = (float(motion.kernel_length(np.asarray(speed, dtype))) for speed in speeds)
-    return max(*lengths, 2 * fastest * float(motion.half_exposure) + 1)
 
 
 def motion_text(motion: AbstractMotion) -> str:
@@ -469,7 +462,7 @@ def plot_psnr(results: Mapping[str, RestoredPhotograph], *, linear: bool = True)
     """
     figure, (axes,) = _new(1)
     levels = {name: each.linear_psnr if linear else each.psnr for name, each in results.items()}
-    drawn = zip(_uncovered(levels).items(), line_styles(), cycle(_MARKERS), strict=False)
+    drawn = zip(_uncovered(levels).items(), line_styles(), cycle("os^DvxP"), strict=False)
     for (name, label), style, marker in drawn:
         result, level = results[name], levels[name]
         error = result.linear_standard_error if linear else result.standard_error
@@ -502,11 +495,7 @@ def plot_layers(
     *,
     whole: bool = False,  # the title says so
 ) -> "Figure":
-    """Draws a background and an object in front of it, captured and restored by several cameras.
-
-    Raises:
-        ValueError: if there is nothing to show.
-    """
+    """Draws a background and an object in front of it, captured and restored by several cameras."""
     require(len(captures) > 0, "plot_layers(captures=...)", "hold a capture", 0)
     rows, columns = subject.truth.shape[:2]
     height = _LAYERED_WIDTH * rows / columns + 1.4 * _TITLE
@@ -623,11 +612,21 @@ def plot_photograph(
 def _details(
     references: Sequence[np.ndarray], size: tuple[int, int], axis: Axis
 ) -> list[tuple[slice, slice]]:
-    """Rows and columns of one detail in each part of a photograph: where that varies most."""
+    """Rows and columns of one detail in each part of a photograph: where all vary most."""
     along = [transposed(reference, axis) for reference in references]
     offsets = [_offset(along[0], part) for part in along]
-    rows, columns = _busiest(along, offsets, size)
-    places = [(rows, slice(columns.start - k, columns.stop - k)) for k in offsets]
+    ends = (offset + part.shape[1] for offset, part in zip(offsets, along, strict=True))
+    first, last = max(offsets), min(ends)
+    aside = min((last - first) // 4, max(0, (last - first - size[1]) // 2))
+    grey = to_display(along[0])[:, first + aside : last - aside].mean(axis=2)
+    rows, columns = (min(pair) for pair in zip(size, grey.shape, strict=True))
+    steps = np.diff(grey, axis=1, append=grey[:, -1:]) ** 2
+    above = np.pad(steps, ((1, 0), (1, 0))).cumsum(axis=0).cumsum(axis=1)
+    within = above[rows:] - above[:-rows]
+    sums = within[:, columns:] - within[:, :-columns]
+    row, column = (int(i) for i in np.unravel_index(np.argmax(sums), sums.shape))
+    begins = [column + first + aside - offset for offset in offsets]
+    places = [(slice(row, row + rows), slice(begin, begin + columns)) for begin in begins]
     return places if axis == "rows" else [(right, down) for down, right in places]
 
 
@@ -639,27 +638,6 @@ def _offset(reference: np.ndarray, other: np.ndarray) -> int:
         if np.array_equal(reference[:, first:last], other[:, first - offset : last - offset]):
             return offset
     raise ValueError("`plot_photograph(results=...)` must be of one photograph; got several.")
-
-
-def _busiest(
-    parts: Sequence[np.ndarray], offsets: Sequence[int], size: tuple[int, int]
-) -> tuple[slice, slice]:
-    """Rows and columns where a photograph varies most along its rows, among those of all parts.
-
-    They are those of the first part.
-    """
-    ends = (offset + part.shape[1] for offset, part in zip(offsets, parts, strict=True))
-    first, last = max(offsets), min(ends)
-    aside = min((last - first) // 4, max(0, (last - first - size[1]) // 2))
-    grey = to_display(parts[0])[:, first + aside : last - aside].mean(axis=2)
-    rows, columns = (min(pair) for pair in zip(size, grey.shape, strict=True))
-    steps = np.diff(grey, axis=1, append=grey[:, -1:]) ** 2
-    above = np.pad(steps, ((1, 0), (1, 0))).cumsum(axis=0).cumsum(axis=1)
-    within = above[rows:] - above[:-rows]
-    sums = within[:, columns:] - within[:, :-columns]
-    row, column = (int(i) for i in np.unravel_index(np.argmax(sums), sums.shape))
-    column += first + aside
-    return slice(row, row + rows), slice(column, column + columns)
 
 
 def _error(truth: np.ndarray, restored: np.ndarray, linear: bool) -> np.ndarray:

@@ -18,8 +18,6 @@ from mishutter.model.scene import Scene
 from mishutter.pictures.images import Picture, middle_rows, pixels_along, transposed
 from mishutter.search.rows import Row
 
-Update = Callable[[str], None]
-
 ENSEMBLE = "ensemble"
 
 
@@ -84,7 +82,7 @@ def photographs(
     num_seeds: int,
     *,
     every: bool = False,
-    begin: Update,
+    begin: Callable[[str], None],
 ) -> Photographs:
     """A photograph captured and restored by every row's design.
 

@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 
 Place = tuple[float, float]
 
-_MARKERS = "os^Dvp*XP<>h"
 _DECADES = 3
 """Number of decades of sags and of gains in speed that have lines."""
 _EXPOSURE = "exposure $2T$ / ms"
@@ -59,11 +58,7 @@ class _Map(NamedTuple):
 
 
 def write_pictures(dataset: "xarray.Dataset", scene: Scene, folder: Path) -> list[str]:
-    """Writes every picture of a sweep to a folder; returns their names.
-
-    Raises:
-        OSError: if one cannot be written.
-    """
+    """Writes every picture of a sweep to a folder; returns their names."""
     gain = gain_over_snapshot(dataset, scene)
     level = level_of("write_pictures(dataset=...)", dataset)
     widened = dataset.assign(gain_over_snapshot=gain)
@@ -378,7 +373,7 @@ def _draw_points(axes: "Axes", dataset: "xarray.Dataset", objectives: tuple[str,
     for objective, scale in zip(objectives, scales, strict=True):
         if _unit(dataset, objective) != "dB":
             _scale(*scale, np.concatenate([front[objective].values for front in fronts]))
-    for name, front, marker, style in zip(names, fronts, cycle(_MARKERS), line_styles(1.2)):
+    for name, front, marker, style in zip(names, fronts, cycle("os^Dvp*XP<>h"), line_styles(1.2)):
         x, y = (front[objective].values for objective in objectives)
         axes.plot(
             x,

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
 _GAP = "  "
 """Space between the columns of a table as text."""
-_NAMES = 30
-"""Most letters of several names in one line of a table."""
 
 
 class Column(NamedTuple):
@@ -112,7 +110,7 @@ def joined_name(camera: Iterable[Row]) -> str:
     first, *others = (row.name for row in camera)
     lines = [first]
     for name in others:
-        if len(f"{lines[-1]} = {name}") <= _NAMES:
+        if len(f"{lines[-1]} = {name}") <= 30:
             lines[-1] += f" = {name}"
         else:
             lines.append(f"= {name}")

@@ -20,8 +20,6 @@ from mishutter.search.rivals import PLAIN_RATE, PLAIN_STILLS, Entry, taken_names
 from mishutter.search.rows import BEST_SNAPSHOT, SHUTTER, Row, best_row
 from mishutter.search.space import beyond_limits, forbids_free_path
 
-_WIDTH = 80
-"""Columns of a line of an answer."""
 _OPTIMISED = "optimised"
 """Name of the design of a search, which an answer calls by what it is."""
 _ADDS = 0.1
@@ -379,7 +377,7 @@ def table_of_levels(options: Sequence[tuple[str, float, float | None, str]], whe
 
 def paragraph(sentence: str) -> str:
     """Sentences in lines of an answer's width."""
-    return textwrap.fill(sentence, _WIDTH)
+    return textwrap.fill(sentence, 80)
 
 
 def comparison_notes(
