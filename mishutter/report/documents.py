@@ -118,6 +118,21 @@ class Report:
         levels = {} if self.photographs is None else self.photographs.levels
         design = {} if self.design is None else {"design": self.design.to_dict()}
         measured = {} if self.measured is None else {"as_measured": self.measured.to_dict()}
+        photographs: dict[str, object] = {}
+        for decoder, results in levels.items():
+            photographs[decoder] = {
+                name: {
+                    "speeds_px_per_s": result.speeds,
+                    "psnr_db": result.psnr,
+                    "linear_psnr_db": result.linear_psnr,
+                    "standard_error_db": result.standard_error,
+                    "mean_linear_psnr_db": result.mean_psnr,
+                    "expected_of_ensemble_filter_db": result.expected_psnr,
+                    "expected_of_its_own_detail_db": result.own_expected_psnr,
+                    "doubts": result.doubts.tolist(),
+                }
+                for name, result in results.items()
+            }
         return {
             **design,
             "comparison": self.comparison.to_dict(),
@@ -125,10 +140,7 @@ class Report:
             "before_a_background": [
                 {"still_share": each.still_share, "gain_db": each.gain} for each in self.backgrounds
             ],
-            "photographs": {
-                decoder: {name: _photograph_document(result) for name, result in results.items()}
-                for decoder, results in levels.items()
-            },
+            "photographs": photographs,
         }
 
 
@@ -151,20 +163,6 @@ def _layered(report: Report, rows: dict[str, Row]) -> "Figure":
     captures = layered_captures(subject, world.along_rows(), few)
     shown = {name: capture.transposed(axis) for name, capture in captures.items()}
     return plots.plot_layers(subject.transposed(axis), shown, whole=layers is None)
-
-
-def _photograph_document(result: RestoredPhotograph) -> dict[str, object]:
-    """The levels of a restored photograph, by names that end in their unit."""
-    return {
-        "speeds_px_per_s": result.speeds,
-        "psnr_db": result.psnr,
-        "linear_psnr_db": result.linear_psnr,
-        "standard_error_db": result.standard_error,
-        "mean_linear_psnr_db": result.mean_psnr,
-        "expected_of_ensemble_filter_db": result.expected_psnr,
-        "expected_of_its_own_detail_db": result.own_expected_psnr,
-        "doubts": result.doubts.tolist(),
-    }
 
 
 def write_report(
