@@ -105,16 +105,28 @@ class _Layout(NamedTuple):
     num_nodes: int  # Quadrature nodes over the exposure
     border: str  # The rule by which rows go on
 
+    @classmethod
+    def of(cls, motion: AbstractMotion, speed: float, columns: int, border: str) -> "_Layout":
+        num_taps, _ = kernel_layout(motion, speed, subject="speed")
+        window = slice(0, columns)
+        if border == "scene":
+            requirement = f"have at least {num_taps} pixels along the motion"
+            require(columns >= num_taps, "pictures", requirement, columns)
+            window = captured_columns(motion, speed, columns)
+        num_nodes = nodes_of_capture(motion, np.asarray([speed]) - float(motion.velocity))
+        return cls(columns, period_of(columns, num_taps, border), window, num_nodes, border)
 
-def _layout(motion: AbstractMotion, speed: float, columns: int, border: str) -> _Layout:
-    num_taps, _ = kernel_layout(motion, speed, subject="speed")
-    window = slice(0, columns)
-    if border == "scene":
-        requirement = f"have at least {num_taps} pixels along the motion"
-        require(columns >= num_taps, "pictures", requirement, columns)
-        window = captured_columns(motion, speed, columns)
-    num_nodes = nodes_of_capture(motion, np.asarray([speed]) - float(motion.velocity))
-    return _Layout(columns, period_of(columns, num_taps, border), window, num_nodes, border)
+    def continued(self, rows: Tensor) -> Tensor:
+        """Rows continued to one period, as `mishutter.camera.rows.continued` continues arrays."""
+        if self.border in ("reflect", "scene"):
+            return torch.cat([rows, rows.flip(-1)], -1)
+        if self.border == "edge":
+            share = _as_tensor(edge_shares(self.columns, self.period), rows.dtype, rows.device)
+            return torch.cat([rows, rows[..., -1:] * (1 - share) + rows[..., :1] * share], -1)
+        return torch.nn.functional.pad(rows, (0, self.period - self.columns))
+
+    def captured(self, rows: Tensor, response: Tensor) -> Tensor:
+        return _filtered(self.continued(rows), response)[..., self.window]
 
 
 @final
@@ -167,7 +179,7 @@ class Blur(torch.nn.Module):
         """The captures of pictures, in units of a fully open exposure."""
         rows = _along(pictures, self._scene, "Blur(...)(pictures=...)")
         layout, response = self._response(rows.shape[-1], rows)
-        return _along(_captured(rows, response, layout), self._scene, "Blur")
+        return _along(layout.captured(rows, response), self._scene, "Blur")
 
     def adjoint(self, captures: Tensor) -> Tensor:
         r"""The adjoint $A^\top y$: $\langle A x, y \rangle = \langle x, A^\top y \rangle$."""
@@ -177,13 +189,13 @@ class Blur(torch.nn.Module):
         around = layout.window.start, layout.period - layout.window.stop
         wide = _filtered(torch.nn.functional.pad(rows, around), response.conj())
         like = wide[..., : layout.columns]
-        pull = torch.func.vjp(partial(_continued, layout=layout), torch.zeros_like(like))[1]
+        pull = torch.func.vjp(layout.continued, torch.zeros_like(like))[1]
         return _along(pull(wide)[0], self._scene, "Blur")
 
     def _response(self, columns: int, like: Tensor) -> tuple[_Layout, Tensor]:
         """The sizes of captures of so many columns, and the response on the grid of their DFT."""
         if columns not in self._known:
-            layout = _layout(self._motion, self._speed, columns, self._border)
+            layout = _Layout.of(self._motion, self._speed, columns, self._border)
             motion, shutter, period = self._motion, self._shutter, layout.period
             response = np.array(captured_response(motion, shutter, [self._speed], period)[0])
             response = torch.from_numpy(response * self._scene.optics.response(period))
@@ -217,13 +229,13 @@ def blurred(
     require_finite("blurred(speed=...)", number)
     motion, _ = camera(*map(_as_array, numbers))
     require(isinstance(motion, AbstractMotion), "blurred(camera=...)", "return a motion", motion)
-    layout = _layout(motion, float(number), rows.shape[-1], border)
+    layout = _Layout.of(motion, float(number), rows.shape[-1], border)
     sizes = layout.period, layout.num_nodes
     parts = partial(_parts_of_response, scene.device, camera, sizes)
     real, imaginary = differentiable(parts)(told, *numbers).to(rows.device)
     lens = _as_tensor(scene.optics.response(layout.period), rows.dtype, rows.device)
     response = torch.complex(real, imaginary).to(_complex_of(rows)) * lens
-    return _along(_captured(rows, response, layout), scene, "blurred")
+    return _along(layout.captured(rows, response), scene, "blurred")
 
 
 @eqx.filter_jit
@@ -297,24 +309,9 @@ def _along(pictures: Tensor, scene: Scene, subject: str) -> Tensor:
     return pictures if scene.sensor.axis == "rows" else pictures.mT
 
 
-def _captured(rows: Tensor, response: Tensor, layout: _Layout) -> Tensor:
-    return _filtered(_continued(rows, layout), response)[..., layout.window]
-
-
 def _filtered(rows: Tensor, response: Tensor) -> Tensor:
     """Periodic rows through a response on the grid of their DFT."""
     return torch.fft.irfft(torch.fft.rfft(rows) * response, rows.shape[-1])
-
-
-def _continued(rows: Tensor, layout: _Layout) -> Tensor:
-    """Rows continued to one period, as `mishutter.camera.rows.continued` does those of NumPy."""
-    columns, period, border = layout.columns, layout.period, layout.border
-    if border in ("reflect", "scene"):
-        return torch.cat([rows, rows.flip(-1)], -1)
-    if border == "edge":
-        share = _as_tensor(edge_shares(columns, period), rows.dtype, rows.device)
-        return torch.cat([rows, rows[..., -1:] * (1 - share) + rows[..., :1] * share], -1)
-    return torch.nn.functional.pad(rows, (0, period - columns))
 
 
 def _complex_of(like: Tensor) -> Any:

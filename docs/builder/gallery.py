@@ -4,7 +4,7 @@ from pathlib import Path
 
 from benchmarks.scenes import scenes
 from mishutter import Design, Scene, compare, example_picture, optimise, restore_photograph
-from mishutter.report.documents import pictured_rows
+from mishutter.report.documents import Report
 from mishutter.report.plots import (
     motion_text,
     plot_kernels,
@@ -41,7 +41,7 @@ def write_gallery(folder: Path) -> None:
 def _entry(name: str, scene: Scene, stem: str, folder: Path) -> str:
     design = optimise(scene)
     comparison = compare(scene, design)
-    shown = pictured_rows(comparison, (_OWN,), every=True).items()
+    shown = Report(scene, comparison, (_OWN,), every=True).rows.items()
     rows = dict([(name, row) for name, row in shown if row.is_of_one_exposure][:_SHOWN])
     designs = {name: (row.motion, row.shutter) for name, row in rows.items()}
     fastest = float(scene.max_speed)

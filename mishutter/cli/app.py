@@ -70,10 +70,11 @@ from mishutter.cli.options import (
     SeedsOption,
     ShuttersOption,
     VerboseOption,
-    as_path,
     judge_of,
     loss_of,
     names_of,
+    option,
+    path_option,
     scene_of,
 )
 from mishutter.cli.plan_command import plan, plan_of_search, plan_text
@@ -107,17 +108,13 @@ app = typer.Typer(
 )
 
 
-def version_text() -> str:
-    """The versions of the package, of JAX and its library, and of Python."""
-    from mishutter.design.design import package_version
-
-    libraries = (f"{name} {version(name)}" for name in ("jax", "jaxlib"))
-    return ", ".join((f"mishutter {package_version()}", *libraries, f"Python {python_version()}"))
-
-
 def _version(is_asked: bool) -> bool:
     if is_asked:
-        print_text(version_text())
+        from mishutter.design.design import package_version
+
+        libraries = (f"{name} {version(name)}" for name in ("jax", "jaxlib"))
+        words = f"mishutter {package_version()}", *libraries, f"Python {python_version()}"
+        print_text(", ".join(words))
         raise typer.Exit
     return is_asked
 
@@ -157,36 +154,21 @@ def optimise(
     num_coefficients: CoefficientsOption = 24,
     num_starts: Annotated[
         int | None,
-        typer.Option(
-            "--starts",
-            metavar="N",
+        option(
+            SEARCH,
+            "--starts N",
+            "Number of starts [default: 16; more for few speeds].",
             min=1,
             max=4096,
-            rich_help_panel=SEARCH,
-            help="Number of starts [default: 16; more for few speeds].",
         ),
     ] = None,
     max_steps: Annotated[
         int,
-        typer.Option(
-            "--steps",
-            metavar="N",
-            min=1,
-            max=100_000,
-            rich_help_panel=SEARCH,
-            help="Most steps of a minimisation from each start.",
+        option(
+            SEARCH, "--steps N", "Most steps of a minimisation from each start.", min=1, max=100_000
         ),
     ] = 400,
-    seed: Annotated[
-        int,
-        typer.Option(
-            "--seed",
-            metavar="N",
-            min=0,
-            rich_help_panel=SEARCH,
-            help="Seed of the random starts.",
-        ),
-    ] = 0,
+    seed: Annotated[int, option(SEARCH, "--seed N", "Seed of the random starts.", min=0)] = 0,
     noise_seeds: SeedsOption = 1,
     every_photograph: EveryPhotographOption = False,
     pictures: PicturesOption = None,
@@ -248,10 +230,7 @@ def optimise(
 
 def _next_step(result: "Report", scene_file: Path | None, folder: Path | None) -> str:
     """The command that goes on from an answer: to a folder of files, or from its design."""
-    from mishutter.report.documents import file_to_build
-
-    design = None if folder is None else file_to_build(result)
-    return next_step(scene_file, folder, design)
+    return next_step(scene_file, folder, None if folder is None else result.file_to_build)
 
 
 def _after_search(scene_file: Path | None, folder: Path | None) -> str:
@@ -270,13 +249,7 @@ def compare(
     *,
     designs: Annotated[
         list[Path] | None,
-        typer.Option(
-            "--design",
-            metavar="FILE",
-            parser=as_path,
-            rich_help_panel=DESIGN,
-            help="Saved design to show; repeat for more.",
-        ),
+        path_option(DESIGN, "--design FILE", "Saved design to show; repeat for more."),
     ] = None,
     shutters: ShuttersOption = None,
     files: CameraFiles,
@@ -416,12 +389,7 @@ def _deliver(result: "Report", delivery: Delivery, next_step: str = "") -> None:
     """
     from mishutter.cli.tables import print_comparison, print_photographs
     from mishutter.report.backgrounds import background_line
-    from mishutter.report.documents import (
-        document,
-        photograph_levels,
-        write_background,
-        write_report,
-    )
+    from mishutter.report.documents import write_background, write_report
 
     folder = delivery.folder
 
@@ -438,7 +406,7 @@ def _deliver(result: "Report", delivery: Delivery, next_step: str = "") -> None:
     if result.photographs is not None and shows and not delivery.as_json:
         with closable_output():
             decoder = result.comparison.rows[0].decoder
-            print_photographs(photograph_levels(result), decoder.name)
+            print_photographs(result.photograph_levels, decoder.name)
     files = []
     if folder is not None:
         files = write_report(result, folder, wrote=wrote)
@@ -450,7 +418,7 @@ def _deliver(result: "Report", delivery: Delivery, next_step: str = "") -> None:
         if folder is not None:
             files += write_background(result, folder, wrote=wrote)
     if delivery.as_json:
-        write_json(document(result) | {"files": files})
+        write_json(result.to_dict() | {"files": files})
 
 
 def _before_backgrounds(result: "Report") -> "Report":
@@ -467,11 +435,9 @@ def _before_backgrounds(result: "Report") -> "Report":
 
 def _photographed(result: "Report", delivery: Delivery) -> "Report":
     """Adds the scene's photograph, captured and restored by each design."""
-    from mishutter.report.documents import pictured_rows
     from mishutter.report.restored import photograph_of, photographs
 
-    rows = pictured_rows(result.comparison, result.names, every=result.every)
-    num_seeds, every = delivery.num_seeds, delivery.every_photograph
+    rows, num_seeds, every = result.rows, delivery.num_seeds, delivery.every_photograph
     picture = photograph_of(result.scene, rows, note=note) if num_seeds > 0 else None
     if picture is None:
         return result

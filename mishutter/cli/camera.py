@@ -4,24 +4,19 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from mishutter._core.files import writable_folder
 from mishutter._core.progress import note, progress_bar
 from mishutter.cli.console import AGAIN, interruptible, print_table, start_jax, write_json
 from mishutter.cli.help import DESIGN, OUTPUT, PICTURES, SENSOR
-from mishutter.cli.laboratory import (
-    CameraFiles,
-    cameras,
-    speed_for,
-    takes_camera_files,
-)
+from mishutter.cli.laboratory import CameraFiles, cameras, speed_for, takes_camera_files
 from mishutter.cli.options import (
+    DECODERS,
     DecoderName,
     JsonOption,
     SceneArgument,
-    as_path,
     named_decoder,
+    option,
+    path_option,
     scene_of,
 )
 
@@ -35,7 +30,7 @@ if TYPE_CHECKING:
     from mishutter.model.scene import Scene
     from mishutter.pictures.images import Picture
 
-_NUM_TICKS, _AT_REST = 100, "0"
+_NUM_TICKS = 100
 _LINEAR = "PSNR / dB, linear light"
 
 
@@ -45,117 +40,78 @@ def simulate(
     *,
     subject: Annotated[
         Path | None,
-        typer.Option(
-            "--subject",
-            metavar="PATH",
-            parser=as_path,
-            rich_help_panel=PICTURES,
-            help="Photograph, layered scene (.toml), video or folder of frames [default: the "
+        path_option(
+            PICTURES,
+            "--subject PATH",
+            "Photograph, layered scene (.toml), video or folder of frames [default: the "
             "scene's photograph].",
         ),
     ] = None,
     white: Annotated[
         float | None,
-        typer.Option(
-            "--white",
-            metavar="VALUE",
-            rich_help_panel=PICTURES,
-            help="Value of white in the subject's file, such as 4095 for 12 bits [default: the "
+        option(
+            PICTURES,
+            "--white VALUE",
+            "Value of white in the subject's file, such as 4095 for 12 bits [default: the "
             "largest value of its bit depth].",
         ),
     ] = None,
     linear: Annotated[
         bool,
-        typer.Option(
-            "--linear",
-            rich_help_panel=PICTURES,
-            help="Read the subject's values as linear light, not as gamma-coded.",
+        option(
+            PICTURES, "--linear", "Read the subject's values as linear light, not as gamma-coded."
         ),
     ] = False,
     design: Annotated[
-        Path | None,
-        typer.Option(
-            "--design",
-            metavar="FILE",
-            parser=as_path,
-            rich_help_panel=DESIGN,
-            help="Saved design to use.",
-        ),
+        Path | None, path_option(DESIGN, "--design FILE", "Saved design to use.")
     ] = None,
     shutter: Annotated[
         str | None,
-        typer.Option(
-            "--shutter",
-            metavar="NAME[:VALUE]",
-            rich_help_panel=DESIGN,
-            help="Shutter to use without --design [default: hann].",
+        option(
+            DESIGN, "--shutter NAME[:VALUE]", "Shutter to use without --design [default: hann]."
         ),
     ] = None,
     files: CameraFiles,
     speed_text: Annotated[
         str,
-        typer.Option(
-            "--speed",
-            metavar="SPEED",
-            rich_help_panel=PICTURES,
-            help="Speed of the object in the photograph: px/s, or with a unit, such as 0.9m/s, "
+        option(
+            PICTURES,
+            "--speed SPEED",
+            "Speed of the object in the photograph: px/s, or with a unit, such as 0.9m/s, "
             "'90 km/h' or 3deg/s. For a design in the plane its velocity, such as 1500,-800.",
         ),
-    ] = _AT_REST,
+    ] = "0",
     decoder: Annotated[
         DecoderName,
-        typer.Option(
-            "--decoder",
-            metavar="NAME",
-            rich_help_panel=PICTURES,
-            help="Decoder that restores the capture, in place of the scene's: ensemble, wiener, "
-            "richardson-lucy, tikhonov, total-variation or speed-finding.",
+        option(
+            PICTURES,
+            "--decoder NAME",
+            f"Decoder that restores the capture, in place of the scene's: {DECODERS}.",
         ),
     ] = DecoderName.ENSEMBLE,
-    noiseless: Annotated[
-        bool, typer.Option("--noiseless", rich_help_panel=SENSOR, help="Add no noise.")
-    ] = False,
+    noiseless: Annotated[bool, option(SENSOR, "--noiseless", "Add no noise.")] = False,
     full_well: Annotated[
         float | None,
-        typer.Option(
-            "--full-well",
-            metavar="E",
-            min=1.0,
-            rich_help_panel=SENSOR,
-            help="Full well of a pixel, e- [default: the scene's].",
+        option(
+            SENSOR, "--full-well E", "Full well of a pixel, e- [default: the scene's].", min=1.0
         ),
     ] = None,
     adc_bits: Annotated[
         int | None,
-        typer.Option(
-            "--adc-bits",
-            metavar="N",
+        option(
+            SENSOR,
+            "--adc-bits N",
+            "Bits of the analogue-to-digital converter [default: no rounding].",
             min=1,
             max=24,
-            rich_help_panel=SENSOR,
-            help="Bits of the analogue-to-digital converter [default: no rounding].",
         ),
     ] = None,
     seed: Annotated[
-        int,
-        typer.Option(
-            "--seed",
-            metavar="N",
-            min=0,
-            max=(1 << 63) - 1,
-            rich_help_panel=SENSOR,
-            help="Seed of the noise.",
-        ),
+        int, option(SENSOR, "--seed N", "Seed of the noise.", min=0, max=(1 << 63) - 1)
     ] = 0,
     out: Annotated[
         Path,
-        typer.Option(
-            "--out",
-            metavar="DIR",
-            parser=as_path,
-            rich_help_panel=OUTPUT,
-            help="Folder for the pictures.",
-        ),
+        path_option(OUTPUT, "--out DIR", "Folder for the pictures."),
     ] = Path("simulation"),
     json: JsonOption = False,
 ) -> None:
@@ -273,18 +229,9 @@ def _print_numbers(title: str, names: str, unit: str, numbers: dict[str, float])
 
 
 def reproduce(
-    out: Annotated[
-        Path,
-        typer.Option(
-            "--out",
-            metavar="DIR",
-            parser=as_path,
-            rich_help_panel=OUTPUT,
-            help="Folder for the figures and the page.",
-        ),
-    ],
+    out: Annotated[Path, path_option(OUTPUT, "--out DIR", "Folder for the figures and the page.")],
     quick: Annotated[
-        bool, typer.Option("--quick", help="Use fewer speeds, noise levels and photographs.")
+        bool, option(None, "--quick", "Use fewer speeds, noise levels and photographs.")
     ] = False,
     json: JsonOption = False,
 ) -> None:
@@ -316,10 +263,10 @@ def _subject(
 
     if path is None or is_layers_file(path):
         subject = "the scene's photograph" if path is None else "a layered scene"
-        for option, is_told in (("--white", white is not None), ("--linear", linear)):
+        for name, is_told in (("--white", white is not None), ("--linear", linear)):
             if is_told:
                 raise ValueError(
-                    f"`{option}` must be a key of the file that names the pictures of {subject}; "
+                    f"`{name}` must be a key of the file that names the pictures of {subject}; "
                     "got an option."
                 )
     if path is None:
@@ -368,23 +315,19 @@ def estimate_document(estimate: "Estimate") -> dict[str, object]:
     """An estimated speed, as JSON has it: null where the capture tells nothing."""
     from mishutter.decoding.plane_velocity import VelocityEstimate
 
+    numbers: dict[str, object]
     if isinstance(estimate, VelocityEstimate):
-        return {
+        numbers = {
             "velocity_px_per_s": estimate.velocity.tolist(),
             "covariance_px2_per_s2": estimate.covariance.tolist(),
             "error_px_per_s": estimate.error,
-            "trusted": estimate.trusted,
-            "doubt": estimate.doubt,
-            "misfit": estimate.misfit,
         }
-    is_some = not estimate.tells_nothing
-    return {
-        "speed_px_per_s": estimate.speed if is_some else None,
-        "error_px_per_s": estimate.error if is_some else None,
-        "trusted": estimate.trusted,
-        "doubt": estimate.doubt,
-        "misfit": estimate.misfit,
-    }
+    elif estimate.tells_nothing:
+        numbers = {"speed_px_per_s": None, "error_px_per_s": None}
+    else:
+        numbers = {"speed_px_per_s": estimate.speed, "error_px_per_s": estimate.error}
+    trust = {"trusted": estimate.trusted, "doubt": estimate.doubt, "misfit": estimate.misfit}
+    return numbers | trust
 
 
 def _quality(

@@ -34,17 +34,6 @@ if TYPE_CHECKING:
 
 AGAIN = "no result was saved; the same command starts again, with what it has compiled so far"
 """Message of an interrupt of work that saves nothing before its end."""
-_WIDTH = 80
-"""Columns of a table where standard output is no terminal and `COLUMNS` is not set."""
-_LEAST_TEXT = 16
-"""Least width of a table's first column."""
-_MOMENT = 0.05
-"""Time for garbage to be collected; s."""
-_NOT_KEPT = re.compile(r"Error writing persistent compilation cache .*?(?:\[Errno \d+\] )([^:]+)")
-"""JAX's warning that it could not write an entry of its cache, with the reason."""
-_COLLECTIONS = 50_000, 20, 100
-"""New objects before a collection of garbage, and collections before one of older objects."""
-
 _PARSER: Any = sys.modules[typer.BadParameter.__module__]
 """The errors of the command line parser, whichever Click it was built on."""
 
@@ -54,7 +43,9 @@ def error_line(error: BaseException, arguments: Sequence[str] = ()) -> str | Non
     if isinstance(error, _PARSER.UsageError):
         return _one_line(_usage_line(error, arguments))
     if type(error).__name__ == "EquinoxRuntimeError":
-        return _one_line(_innermost(str(error)))
+        # The message of an `eqx.error_if` stands amid a stack and advice.
+        innermost = str(error).rsplit("EquinoxRuntimeError: ", 1)[-1]
+        return _one_line(innermost.split("\n\n---", 1)[0])
     if isinstance(error, OSError) and error.strerror:
         # What the package writes has a name, but for standard output.
         name = f"'{error.filename}'" if error.filename is not None else "the output"
@@ -106,12 +97,6 @@ def _one_line(message: str) -> str:
     return text if "; got" in text else f"the command line must be valid; got: {text}"
 
 
-def _innermost(message: str) -> str:
-    """The message of an `eqx.error_if`, without the stack and advice around it."""
-    text = message.rsplit("EquinoxRuntimeError: ", 1)[-1]
-    return text.split("\n\n---", 1)[0]
-
-
 def write_error(line: str) -> None:
     """The one line of an error, on standard error."""
     note(f"mishutter: error: {line}")
@@ -124,12 +109,13 @@ def doubts_as_notes() -> Iterator[None]:
     JAX's warnings that it cannot keep a program, one for each, become one note too.
     """
     notes: set[str] = set()
+    of_cache = re.compile(r"Error writing persistent compilation cache .*?\[Errno \d+\] ([^:]+)")
     with warnings.catch_warnings():
         otherwise = warnings.showwarning
 
         def show(message: Warning | str, category: type[Warning], *place: Any) -> None:
             text = str(message)
-            not_kept = _NOT_KEPT.match(text)
+            not_kept = of_cache.match(text)
             if not_kept is not None:
                 text = f"compiled programs cannot be kept for later runs: {not_kept[1]}"
             elif not category.__module__.startswith("mishutter."):
@@ -164,7 +150,7 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]
         max(map(cell_len, ("", *name.split(), *texts)))
         for name, texts in zip(columns, cells, strict=True)
     ]
-    least[0] = min(full[0], max(console.width // 2, _LEAST_TEXT))
+    least[0] = min(full[0], max(console.width // 2, 16))
     for part in _parts(least, console.width):
         room = max(console.width, _across(least, part))
         widths = full if _across(full, part) <= room else least
@@ -209,7 +195,7 @@ def _console() -> Console:
     """A console without markup: the name of a design may hold brackets and colons."""
     columns, height = shutil.get_terminal_size()
     has_width = sys.stdout.isatty() or os.environ.get("COLUMNS", "").isdigit()
-    width = columns if has_width else _WIDTH
+    width = columns if has_width else 80
     # Rich takes a terminal without control codes for 80 columns wide unless it gets both.
     return Console(
         file=sys.stdout, width=width, height=height, markup=False, emoji=False, highlight=False
@@ -231,11 +217,7 @@ def take_any_text() -> None:
 
 @contextmanager
 def closable_output() -> Iterator[None]:
-    """Lets the reader of the output leave before its end, as `head` does.
-
-    Raises:
-        SystemExit: if the work within raises it, but not if Typer or Rich do at a closed pipe.
-    """
+    """Lets the reader of the output leave before its end, as `head` does."""
     streams = sys.stdout, sys.stderr  # Typer puts others in their place
     try:
         yield
@@ -258,11 +240,7 @@ class InterruptedWorkError(Exception):
 
 @contextmanager
 def interruptible(text: Callable[[], str]) -> Iterator[None]:
-    """Says what an interrupt leaves behind.
-
-    Raises:
-        InterruptedWorkError: in place of `KeyboardInterrupt`, with that text.
-    """
+    """Turns an interrupt into an `InterruptedWorkError` that says what it leaves behind."""
     try:
         yield
     except KeyboardInterrupt:
@@ -275,9 +253,6 @@ def ends_when_asked() -> Iterator[None]:
 
     A signal that arrives while Python collects garbage, which JAX causes often, raises an error
     that Python drops: the signal is sent once more then.
-
-    Raises:
-        SystemExit: with 143, the exit code of a terminated process.
     """
 
     def end(*_: object) -> None:
@@ -289,7 +264,8 @@ def ends_when_asked() -> Iterator[None]:
         if number is None:
             before_hook(dropped)
         else:
-            threading.Timer(_MOMENT, os.kill, (os.getpid(), number)).start()
+            # By then the garbage is collected.
+            threading.Timer(0.05, os.kill, (os.getpid(), number)).start()
 
     if threading.current_thread() is not threading.main_thread():  # Python signals no other
         yield
@@ -304,28 +280,17 @@ def ends_when_asked() -> Iterator[None]:
 
 
 def start_jax() -> None:
-    """Sets 64-bit numbers, and keeps compiled programs for later runs."""
-    import jax
+    """Sets 64-bit numbers, and keeps compiled programs for later runs.
 
-    _require_devices()
-    # What JAX traces lives on: collections that look through it at Python's usual pace take a
-    # twelfth of a run's processor time.
-    gc.set_threshold(*_COLLECTIONS)
-
-    jax.config.update("jax_enable_x64", True)
-    keep_compiled_programs()
-
-
-def _require_devices() -> None:
-    """Refuses devices that an environment variable asks for and this machine does not have.
-
-    JAX would end with a long traceback, whose last line need not name the variable.
+    Raises:
+        ValueError: if an environment variable asks for a device that this machine does not have.
     """
     import jax
 
     try:
         jax.devices()
     except (RuntimeError, AssertionError):
+        # JAX would end with a long traceback, whose last line need not name the variable.
         names = ("JAX_PLATFORMS", "JAX_PLATFORM_NAME")
         asked = {name: os.environ[name] for name in names if os.environ.get(name)}
         if not asked:
@@ -335,6 +300,11 @@ def _require_devices() -> None:
             f"{' and '.join(f'`{name}`' for name in asked)} {requirement} "
             + " and ".join(map(repr, asked.values()))
         ) from None
+    # What JAX traces lives on: collections that look through it at Python's usual pace take a
+    # twelfth of a run's processor time.
+    gc.set_threshold(50_000, 20, 100)
+    jax.config.update("jax_enable_x64", True)
+    keep_compiled_programs()
 
 
 def next_step(scene_file: Path | None, folder: Path | None, design: str | None = None) -> str:

@@ -3,36 +3,27 @@
 import webbrowser
 from typing import Annotated
 
-import typer
-
 from mishutter._core.progress import note
 from mishutter.cli.console import print_text, start_jax
-from mishutter.cli.options import SceneArgument
+from mishutter.cli.options import SceneArgument, option
 
 
 def explore(
     scene_file: SceneArgument = None,
     port: Annotated[
         int,
-        typer.Option(
-            "--port",
-            metavar="PORT",
-            min=0,
-            max=65535,
-            help="Port to listen at; 0 takes any free port.",
-        ),
+        option(None, "--port PORT", "Port to listen at; 0 takes any free port.", min=0, max=65535),
     ] = 0,
     host: Annotated[
         str,
-        typer.Option(
-            "--host",
-            metavar="ADDRESS",
-            help="Address to listen at; the default is reachable from this machine only.",
+        option(
+            None,
+            "--host ADDRESS",
+            "Address to listen at; the default is reachable from this machine only.",
         ),
     ] = "127.0.0.1",
     no_browser: Annotated[
-        bool,
-        typer.Option("--no-browser", help="Print the page's address without opening a browser."),
+        bool, option(None, "--no-browser", "Print the page's address without opening a browser.")
     ] = False,
 ) -> None:
     """Open a page with sliders on which the design follows the scene."""

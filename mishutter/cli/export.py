@@ -15,7 +15,7 @@ from mishutter._core.progress import note, working
 from mishutter.cli.console import print_table, start_jax, write_json
 from mishutter.cli.help import TABLE
 from mishutter.cli.laboratory import CeilingOption, FloorOption
-from mishutter.cli.options import JsonOption, OutOption, as_path
+from mishutter.cli.options import JsonOption, OutOption, as_path, option
 
 if TYPE_CHECKING:
     from mishutter.design.design import AbstractDesign, Design
@@ -35,7 +35,6 @@ class FormatName(Enum):
     PULSES = "pulses"
 
 
-_BINARY = (FormatName.RIGOL, FormatName.NPY)
 _BY_CONTENT = {
     FormatName.CSV: "",
     FormatName.COLUMN: "the half exposure and the levels' transmittances",
@@ -46,8 +45,6 @@ _BY_CONTENT = {
     FormatName.PULSES: "the half exposure",
 }
 """Numbers that a file of each format does not hold, and that its reader needs."""
-_WITHOUT_TIME = (FormatName.COLUMN, FormatName.RIGOL, FormatName.NPY)
-"""Formats whose sample rate is set at the generator."""
 _TO_LIMIT = "set max_acceleration_g or max_acceleration_px_per_s2 in [limits] of the scene"
 
 
@@ -60,36 +57,33 @@ def export(
     json: JsonOption = False,
     num_steps: Annotated[
         int | None,
-        typer.Option(
-            "--steps",
-            metavar="N",
+        option(
+            TABLE,
+            "--steps N",
+            "Number of equal steps of the exposure [default: the device's slots, or 256].",
             min=1,
             max=100_000,
-            rich_help_panel=TABLE,
-            help="Number of equal steps of the exposure [default: the device's slots, or 256].",
         ),
     ] = None,
     num_levels: Annotated[
         int | None,
-        typer.Option(
-            "--levels",
-            metavar="N",
+        option(
+            TABLE,
+            "--levels N",
+            "Number of drive levels [default: 2 with --format pulses, otherwise the "
+            "device's, or 256].",
             min=2,
             max=1 << 24,
-            rich_help_panel=TABLE,
-            help="Number of drive levels [default: 2 with --format pulses, otherwise the "
-            "device's, or 256].",
         ),
     ] = None,
     floor: FloorOption = 0.0,
     ceiling: CeilingOption = 1.0,
     form: Annotated[
         FormatName,
-        typer.Option(
-            "--format",
-            metavar="NAME",
-            rich_help_panel=TABLE,
-            help="csv: names, units, one row per step. column: one column from -1 to 1. keysight: "
+        option(
+            TABLE,
+            "--format NAME",
+            "csv: names, units, one row per step. column: one column from -1 to 1. keysight: "
             "CSV of shutter, position and gate. rigol: .RAF. siglent: CSV for EasyWave. npy: "
             "array of (channels, samples). pulses: closed and open time of each pulse, us.",
         ),
@@ -105,7 +99,7 @@ def export(
     if pulses and (levels, floor, ceiling) != (2, 0.0, 1.0):
         got = f"{levels} levels from {floor:g} to {ceiling:g}"
         raise ValueError(f"`--format pulses` must have 2 levels from 0 to 1; got {got}.")
-    if form in _BINARY and out is None and not json:
+    if form in (FormatName.RIGOL, FormatName.NPY) and out is None and not json:
         raise ValueError(f"`--out` must be given for a binary file; got --format {form.value}.")
     start_jax()
     from mishutter.design.design import Design
@@ -143,9 +137,9 @@ def _frames(
     from mishutter.hardware.drive_files import WITH_POSITIONS
     from mishutter.hardware.triggers import frame_table
 
-    for option, is_default in told.items():
+    for name, is_default in told.items():
         requirement = "be left out for a burst, whose shutter is open or closed"
-        require(is_default, option, requirement, Unquoted("an option"))
+        require(is_default, name, requirement, Unquoted("an option"))
     table = frame_table(design, num_steps=num_steps)
     if len(table.paths) == 2 and form.value not in WITH_POSITIONS:
         note(
@@ -171,7 +165,16 @@ def _deliver(
         sys.stdout.write(drive_bytes(table, form.value).decode())
         return
     if isinstance(table, FrameTable):
-        _note_gate(table)
+        step = table.exposure / table.begin.size
+        touching = sum(after - before < step for (_, before), (after, _) in pairwise(table.lights))
+        if touching:
+            note(
+                f"the gate closes for one step of {step * 1e3:.3g} ms at the end of {touching} "
+                "frames that the next one follows at once: a camera exposed by the width of this "
+                f"trigger has {table.gated_psnr:.2f} dB of {table.exposures.psnr:.2f}; frames.csv "
+                "has the exact times, for a camera that starts at a rising edge and times its own "
+                "exposure"
+            )
     with working("measuring the shutter as driven"):
         document = table.to_dict() | {"files": files}
     if as_json:
@@ -229,26 +232,13 @@ def _print_frames(table: "FrameTable") -> None:
     print_table(f"Frames: {taken.text}", columns, rows)
 
 
-def _note_gate(table: "FrameTable") -> None:
-    """Notes what a gate costs that closes between frames which touch."""
-    step = table.exposure / table.begin.size
-    touching = sum(after - before < step for (_, before), (after, _) in pairwise(table.lights))
-    if touching:
-        note(
-            f"the gate closes for one step of {step * 1e3:.3g} ms at the end of {touching} frames "
-            "that the next one follows at once: a camera exposed by the width of this trigger has "
-            f"{table.gated_psnr:.2f} dB of {table.exposures.psnr:.2f}; frames.csv has the exact "
-            "times, for a camera that starts at a rising edge and times its own exposure"
-        )
-
-
 def _note_what_to_set(table: "DriveTable", form: FormatName) -> None:
     """Notes the settings that no file holds: the sample rate, and the level before the exposure."""
     if table.is_open:
         note("the shutter stays open for the whole exposure and needs no drive")
         return
     count, exposure = table.level.size, table.exposure
-    if form in _WITHOUT_TIME:
+    if form in (FormatName.COLUMN, FormatName.RIGOL, FormatName.NPY):  # files without times
         note(
             f"set the generator to {count / exposure:,.6g} samples a second: {count} samples in "
             f"{exposure * 1e3:.5g} ms, or {1 / exposure:.5g} repetitions a second"

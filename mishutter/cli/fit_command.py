@@ -13,7 +13,7 @@ from mishutter._core.progress import note, working
 from mishutter.cli.console import print_table, print_text, start_jax, write_json
 from mishutter.cli.help import CAMERA, SEARCH
 from mishutter.cli.laboratory import AS_DESIGNED, AS_DRIVEN
-from mishutter.cli.options import JsonOption, OutOption, as_path
+from mishutter.cli.options import JsonOption, OutOption, as_path, option, path_option
 
 if TYPE_CHECKING:
     from mishutter.design.design import Design
@@ -36,43 +36,23 @@ def fit(
     ],
     *,
     design: Annotated[
-        Path,
-        typer.Option(
-            "--design",
-            metavar="FILE",
-            parser=as_path,
-            rich_help_panel=CAMERA,
-            help="Design by which the camera was built.",
-        ),
+        Path, path_option(CAMERA, "--design FILE", "Design by which the camera was built.")
     ],
     drive: Annotated[
-        Path | None,
-        typer.Option(
-            "--drive",
-            metavar="FILE",
-            parser=as_path,
-            rich_help_panel=CAMERA,
-            help="Drive table that was sent, as CSV.",
-        ),
+        Path | None, path_option(CAMERA, "--drive FILE", "Drive table that was sent, as CSV.")
     ] = None,
     num_coefficients: Annotated[
         int,
-        typer.Option(
-            "--coefficients",
-            metavar="N",
+        option(
+            SEARCH,
+            "--coefficients N",
+            "Number of coefficients of the fitted profile.",
             min=4,
             max=64,
-            rich_help_panel=SEARCH,
-            help="Number of coefficients of the fitted profile.",
         ),
     ] = 12,
     redesign: Annotated[
-        bool,
-        typer.Option(
-            "--redesign",
-            rich_help_panel=SEARCH,
-            help="Also search for the best profile of the fitted camera.",
-        ),
+        bool, option(SEARCH, "--redesign", "Also search for the best profile of the fitted camera.")
     ] = False,
     out: OutOption = None,
     json: JsonOption = False,
@@ -161,20 +141,15 @@ def _print(camera: "FittedCamera", levels: Mapping[str, float]) -> None:
     rows += [[f"transmittance {k}", f"{c:.4f}", f"{e:.2g}"] for k, (c, e) in enumerate(each)]
     print_table("The camera as built", ["number", "value", "error bar"], rows)
     if max(camera.coefficients) > 1:
-        print_text(_above_open(camera))
+        k = int(camera.coefficients.argmax())
+        value = float(camera.coefficients[k])
+        bars = (value - 1) / float(camera.coefficient_errors[k])
+        print_text(
+            f"Transmittance {k}, of {value:.2f}, is {bars:.1f} error bars above an open shutter. A "
+            "fit sees only the shape of a profile, and scales it to the efficiency that was sent: "
+            "more than two error bars mean that the shutter passed less. The files have 1 there."
+        )
     for line in camera.not_identifiable:
         print_text(f"Not identifiable: {line}.")
     rows = [[name, f"{level:.2f}"] for name, level in levels.items()]
     print_table("Expected behind this lens", ["camera", "PSNR / dB, linear light"], rows)
-
-
-def _above_open(camera: "FittedCamera") -> str:
-    """The meaning of coefficients that exceed the transmittance of an open shutter."""
-    k = int(camera.coefficients.argmax())
-    value = float(camera.coefficients[k])
-    bars = (value - 1) / float(camera.coefficient_errors[k])
-    return (
-        f"Transmittance {k}, of {value:.2f}, is {bars:.1f} error bars above an open shutter. A fit "
-        "sees only the shape of a profile, and scales it to the efficiency that was sent: more "
-        "than two error bars mean that the shutter passed less. The files have 1 there."
-    )

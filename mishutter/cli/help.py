@@ -23,8 +23,6 @@ OUTPUT = "Output"
 TABLE = "Drive table"
 MAP = "Map"
 
-_ORDER = (DESIGN, MOVES, MAP, SEARCH, CAMERA, PICTURES, SENSOR, TABLE, OUTPUT)
-
 TO_DESIGN = "Design"
 TO_BUILD = "Build"
 TO_SEE = "See"
@@ -37,7 +35,8 @@ class GroupedCommand(TyperCommand):
 
     def format_options(self, ctx: Any, formatter: "HelpFormatter") -> None:
         """Writes arguments and options, those without a group at the end."""
-        groups: Groups = {name: [] for name in ("Arguments", *_ORDER, "Options")}
+        order = (DESIGN, MOVES, MAP, SEARCH, CAMERA, PICTURES, SENSOR, TABLE, OUTPUT)
+        groups: Groups = {name: [] for name in ("Arguments", *order, "Options")}
         for parameter in self.get_params(ctx):
             record = parameter.get_help_record(ctx)
             if record is not None:

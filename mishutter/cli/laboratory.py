@@ -7,12 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
-import typer
-
 from mishutter._core.checks import require
 from mishutter._core.progress import note
 from mishutter.cli.help import CAMERA
-from mishutter.cli.options import as_path, scene_of
+from mishutter.cli.options import option, path_option, scene_of
 
 if TYPE_CHECKING:
     from mishutter.design.design import AbstractDesign, Design
@@ -24,128 +22,93 @@ AS_DESIGNED = "as designed"
 AS_DRIVEN = "as driven"
 AS_MEASURED = "as measured"
 
-DriveOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--drive",
-        metavar="FILE",
-        rich_help_panel=CAMERA,
-        parser=as_path,
-        help="Drive table, in any format of `export`; the design supplies what the file lacks.",
-    ),
-]
-MeasuredOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--measured",
-        metavar="FILE",
-        rich_help_panel=CAMERA,
-        parser=as_path,
-        help="Photodiode trace that replaces the shutter: text, as exported by an oscilloscope.",
-    ),
-]
-ColumnOption = Annotated[
-    str | None,
-    typer.Option(
-        "--measured-column",
-        metavar="NAME",
-        rich_help_panel=CAMERA,
-        help="Column of the trace that holds levels [default: the only one, or `level`].",
-    ),
-]
-HalfExposureOption = Annotated[
-    float | None,
-    typer.Option(
-        "--half-exposure-ms",
-        metavar="MS",
-        rich_help_panel=CAMERA,
-        help="Half exposure of a drive table without times [default: the design's or the scene's].",
-    ),
-]
-PositionScaleOption = Annotated[
-    float | None,
-    typer.Option(
-        "--position-scale-px",
-        metavar="PX",
-        rich_help_panel=CAMERA,
-        help="Displacement in px that 1 stands for, in a drive table whose positions are in "
-        "[-1, 1].",
-    ),
-]
 FloorOption = Annotated[
-    float,
-    typer.Option(
-        "--floor",
-        metavar="SHARE",
-        rich_help_panel=CAMERA,
-        help="Transmittance of the lowest level.",
-    ),
+    float, option(CAMERA, "--floor SHARE", "Transmittance of the lowest level.")
 ]
 CeilingOption = Annotated[
-    float,
-    typer.Option(
-        "--ceiling",
-        metavar="SHARE",
-        rich_help_panel=CAMERA,
-        help="Transmittance of the highest level.",
-    ),
-]
-StepsOption = Annotated[
-    int | None,
-    typer.Option(
-        "--drive-steps",
-        metavar="N",
-        rich_help_panel=CAMERA,
-        min=1,
-        help="Number of steps of the exposure, for a Rigol file that is padded with zeros.",
-    ),
-]
-MiddleOption = Annotated[
-    float,
-    typer.Option(
-        "--mid-exposure-ms",
-        metavar="MS",
-        rich_help_panel=CAMERA,
-        help="Reading of the oscilloscope's clock at mid-exposure.",
-    ),
-]
-ClosedOption = Annotated[
-    float | None,
-    typer.Option(
-        "--closed-level",
-        metavar="LEVEL",
-        rich_help_panel=CAMERA,
-        help="Level of the trace where the shutter is closed [default: the mean outside the "
-        "exposure].",
-    ),
-]
-OpenOption = Annotated[
-    float | None,
-    typer.Option(
-        "--open-level",
-        metavar="LEVEL",
-        rich_help_panel=CAMERA,
-        help="Level of the trace where the shutter is open; below --closed-level if the "
-        "photodiode is inverted [default: the extreme of its fit].",
-    ),
+    float, option(CAMERA, "--ceiling SHARE", "Transmittance of the highest level.")
 ]
 
 
 class CameraFiles(NamedTuple):
     """Files of one camera beside its design, and the numbers that these files lack."""
 
-    drive: DriveOption = None  # Drive table
-    measured: MeasuredOption = None  # Trace
-    column: ColumnOption = None  # Name of the trace's column of levels
-    half_exposure_ms: HalfExposureOption = None  # Half exposure of a table without times
-    # Position that 1 stands for, in a table with positions in [-1, 1]
-    position_scale_px: PositionScaleOption = None
-    floor: FloorOption = 0.0  # Transmittance of the lowest level
-    ceiling: CeilingOption = 1.0  # Transmittance of the highest level
-    num_steps: StepsOption = None  # Steps of the exposure, for a file that is padded with zeros
-    middle_ms: MiddleOption = 0.0  # Mid-exposure on the clock of the trace
-    closed: ClosedOption = None  # Level of the trace where the shutter is closed
-    opened: OpenOption = None  # Level of the trace where the shutter is open
+    drive: Annotated[
+        Path | None,
+        path_option(
+            CAMERA,
+            "--drive FILE",
+            "Drive table, in any format of `export`; the design supplies what the file lacks.",
+        ),
+    ] = None
+    measured: Annotated[
+        Path | None,
+        path_option(
+            CAMERA,
+            "--measured FILE",
+            "Photodiode trace that replaces the shutter: text, as exported by an oscilloscope.",
+        ),
+    ] = None
+    column: Annotated[
+        str | None,
+        option(
+            CAMERA,
+            "--measured-column NAME",
+            "Column of the trace that holds levels [default: the only one, or `level`].",
+        ),
+    ] = None
+    half_exposure_ms: Annotated[
+        float | None,
+        option(
+            CAMERA,
+            "--half-exposure-ms MS",
+            "Half exposure of a drive table without times [default: the design's or the scene's].",
+        ),
+    ] = None
+    position_scale_px: Annotated[
+        float | None,
+        option(
+            CAMERA,
+            "--position-scale-px PX",
+            "Displacement in px that 1 stands for, in a drive table whose positions are in "
+            "[-1, 1].",
+        ),
+    ] = None
+    floor: FloorOption = 0.0
+    ceiling: CeilingOption = 1.0
+    num_steps: Annotated[
+        int | None,
+        option(
+            CAMERA,
+            "--drive-steps N",
+            "Number of steps of the exposure, for a Rigol file that is padded with zeros.",
+            min=1,
+        ),
+    ] = None
+    middle_ms: Annotated[
+        float,
+        option(
+            CAMERA, "--mid-exposure-ms MS", "Reading of the oscilloscope's clock at mid-exposure."
+        ),
+    ] = 0.0
+    closed: Annotated[
+        float | None,
+        option(
+            CAMERA,
+            "--closed-level LEVEL",
+            "Level of the trace where the shutter is closed [default: the mean outside the "
+            "exposure].",
+        ),
+    ] = None
+    opened: Annotated[
+        float | None,
+        option(
+            CAMERA,
+            "--open-level LEVEL",
+            "Level of the trace where the shutter is open; below --closed-level if the "
+            "photodiode is inverted [default: the extreme of its fit].",
+        ),
+    ] = None
 
 
 def takes_camera_files(command: Callable[..., None]) -> Callable[..., None]:

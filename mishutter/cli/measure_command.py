@@ -11,7 +11,7 @@ from mishutter._core.files import writable_folder
 from mishutter._core.progress import note
 from mishutter.cli.console import print_table, print_text, write_json
 from mishutter.cli.help import CAMERA, OUTPUT, PICTURES
-from mishutter.cli.options import JsonOption, as_path
+from mishutter.cli.options import JsonOption, as_path, option, path_option
 
 if TYPE_CHECKING:
     from mishutter.measurement.measurement import Measurement
@@ -29,89 +29,61 @@ def measure(
         ),
     ],
     *,
-    frames_per_s: Annotated[
-        float,
-        typer.Option(
-            "--frames-per-s",
-            metavar="F",
-            rich_help_panel=CAMERA,
-            help="Frame rate of the clip.",
-        ),
-    ],
+    frames_per_s: Annotated[float, option(CAMERA, "--frames-per-s F", "Frame rate of the clip.")],
     exposure_ms: Annotated[
         float | None,
-        typer.Option(
-            "--exposure-ms",
-            metavar="T",
-            rich_help_panel=CAMERA,
-            help="Exposure of each frame. Without it the photon rate is a lower limit.",
+        option(
+            CAMERA,
+            "--exposure-ms T",
+            "Exposure of each frame. Without it the photon rate is a lower limit.",
         ),
     ] = None,
     dark: Annotated[
         list[Path] | None,
-        typer.Option(
-            "--dark",
-            metavar="DARK",
-            parser=as_path,
-            rich_help_panel=CAMERA,
-            help="Dark frame, with the lens covered and the same settings; repeat for more. Two or"
+        path_option(
+            CAMERA,
+            "--dark DARK",
+            "Dark frame, with the lens covered and the same settings; repeat for more. Two or"
             " more determine the read noise; without any it is an interval.",
         ),
     ] = None,
     flat: Annotated[
         list[Path] | None,
-        typer.Option(
-            "--flat",
-            metavar="FLAT",
-            parser=as_path,
-            rich_help_panel=CAMERA,
-            help="Flat fields in pairs of equal exposure, as in EMVA 1288; repeat for more.",
+        path_option(
+            CAMERA,
+            "--flat FLAT",
+            "Flat fields in pairs of equal exposure, as in EMVA 1288; repeat for more.",
         ),
     ] = None,
     black: Annotated[
         float | None,
-        typer.Option(
-            "--black",
-            metavar="LEVEL",
-            rich_help_panel=PICTURES,
-            help="Black level, if it is known without --dark.",
-        ),
+        option(PICTURES, "--black LEVEL", "Black level, if it is known without --dark."),
     ] = None,
     white: Annotated[
         float | None,
-        typer.Option(
-            "--white",
-            metavar="LEVEL",
-            rich_help_panel=PICTURES,
-            help="White level [default: the largest value of the files' bit depth].",
+        option(
+            PICTURES,
+            "--white LEVEL",
+            "White level [default: the largest value of the files' bit depth].",
         ),
     ] = None,
     pixel_pitch_um: Annotated[
-        float | None,
-        typer.Option(
-            "--pixel-pitch-um",
-            metavar="P",
-            rich_help_panel=CAMERA,
-            help="Pixel pitch of the sensor.",
-        ),
+        float | None, option(CAMERA, "--pixel-pitch-um P", "Pixel pitch of the sensor.")
     ] = None,
     px_per_mm: Annotated[
         float | None,
-        typer.Option(
-            "--px-per-mm",
-            metavar="M",
-            rich_help_panel=CAMERA,
-            help="Pixels per millimetre of the scene, by a ruler in the picture.",
+        option(
+            CAMERA,
+            "--px-per-mm M",
+            "Pixels per millimetre of the scene, by a ruler in the picture.",
         ),
     ] = None,
     out: Annotated[
         Path,
-        typer.Option(
-            "--out",
-            metavar="SCENE.toml",
-            parser=as_path,
-            rich_help_panel=OUTPUT,
-            help="Scene file to write, with its picture, the velocities and two plots beside it.",
+        path_option(
+            OUTPUT,
+            "--out SCENE.toml",
+            "Scene file to write, with its picture, the velocities and two plots beside it.",
         ),
     ],
     json: JsonOption = False,
@@ -122,6 +94,8 @@ def measure(
     with its error; one that the clip does not show is left out, with the reason and a remedy.
     """
     from mishutter.measurement.measurement import measure as measured
+    from mishutter.report.measurement_plots import plot_motion, plot_noise
+    from mishutter.report.plots import save_figure
 
     require(out.suffix.lower() == ".toml", "--out", "end in `.toml`", str(out))
     folder = writable_folder(out.parent)
@@ -137,22 +111,14 @@ def measure(
         px_per_mm=px_per_mm,
         progress=True,
     )
-    files = _write(measurement, folder / out.name)
+    files = [*measurement.save(folder / out.name), "noise.png", "motion.png"]
+    save_figure(plot_noise(measurement), folder / "noise.png")
+    save_figure(plot_motion(measurement), folder / "motion.png")
     if json:
         write_json(measurement.to_dict() | {"files": files})
     else:
         _print(measurement, out)
     note(f"{folder}: {', '.join(files)}")
-
-
-def _write(measurement: "Measurement", path: Path) -> list[str]:
-    from mishutter.report.measurement_plots import plot_motion, plot_noise
-    from mishutter.report.plots import save_figure
-
-    files = measurement.save(path)
-    save_figure(plot_noise(measurement), path.with_name("noise.png"))
-    save_figure(plot_motion(measurement), path.with_name("motion.png"))
-    return [*files, "noise.png", "motion.png"]
 
 
 def _print(measurement: "Measurement", out: Path) -> None:

@@ -1,8 +1,9 @@
 """Arguments and options that the commands share, and the objects that they name."""
 
 from enum import Enum
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -47,12 +48,29 @@ class DecoderName(Enum):
     SPEED_FINDING = "speed-finding"
 
 
+def _in_words(names: type[Enum]) -> str:
+    """Alternatives as `a, b or c`."""
+    *others, last = (name.value for name in names)
+    return f"{', '.join(others)} or {last}"
+
+
+DECODERS = _in_words(DecoderName)
+
+
+def option(group: str | None, name: str, help: str, **settings: Any) -> Any:
+    """An option of a group of `--help`; its name and a word for its value are `--out DIR`."""
+    name, _, metavar = name.partition(" ")
+    return typer.Option(name, metavar=metavar or None, rich_help_panel=group, help=help, **settings)
+
+
 def as_path(text: str | Path) -> Path:
     """The path of an argument; an empty one is refused, as `Path("")` is the current folder."""
     if text == "":
         raise typer.BadParameter("be a path of at least one character; got ''")
     return Path(text)
 
+
+path_option = partial(option, parser=as_path)
 
 SceneArgument = Annotated[
     Path | None,
@@ -63,136 +81,115 @@ SceneArgument = Annotated[
     ),
 ]
 OutOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--out",
-        metavar="DIR",
-        parser=as_path,
-        rich_help_panel=OUTPUT,
-        help="Folder for files; created if it does not exist.",
-    ),
+    Path | None, path_option(OUTPUT, "--out DIR", "Folder for files; created if it does not exist.")
 ]
 JsonOption = Annotated[
-    bool,
-    typer.Option(
-        "--json",
-        rich_help_panel=OUTPUT,
-        help="Print one JSON document, and nothing else, on standard output.",
-    ),
+    bool, option(OUTPUT, "--json", "Print one JSON document, and nothing else, on standard output.")
 ]
 LossOption = Annotated[
     LossName | None,
-    typer.Option(
-        "--loss",
-        metavar="NAME",
-        show_default=False,
-        rich_help_panel=DESIGN,
-        help="Quantity to minimise. expected-error: the error of the restored picture by one "
+    option(
+        DESIGN,
+        "--loss NAME",
+        "Quantity to minimise. expected-error: the error of the restored picture by one "
         "filter for all speeds. worst-speed: the same at the worst of the speeds. known-speed: by "
         "a filter that knows the speed. found-speed: by a decoder that finds the speed in the "
         "picture. design: condition number, kernel difference and lost light; it ignores noise "
         "and moves only the profile [default: the error by the scene's decoder].",
+        show_default=False,
     ),
 ]
 FreeOption = Annotated[
     list[FreeName] | None,
-    typer.Option(
-        "--free",
-        metavar="PART",
-        rich_help_panel=MOVES,
-        help="Part of the design to search for: shutter, acceleration, half_exposure, velocity"
-        " or path; repeat for more [default: all that the limits allow, except path].",
+    option(
+        MOVES,
+        "--free PART",
+        f"Part of the design to search for: {_in_words(FreeName)}; repeat for more [default: all "
+        "that the limits allow, except path].",
     ),
 ]
 CoefficientsOption = Annotated[
     int,
-    typer.Option(
-        "--coefficients",
-        metavar="N",
+    option(
+        DESIGN,
+        "--coefficients N",
+        "Number of coefficients of the free-form profile.",
         min=4,
         max=512,
-        rich_help_panel=DESIGN,
-        help="Number of coefficients of the free-form profile.",
     ),
 ]
 FreePathsOption = Annotated[
     bool,
-    typer.Option(
+    option(
+        DESIGN,
         "--free-paths",
-        rich_help_panel=DESIGN,
-        help="Also compare free paths, which need a stage that can follow any path. They take "
+        "Also compare free paths, which need a stage that can follow any path. They take "
         "more than half of a comparison's time. `free_paths` in the scene does the same.",
     ),
 ]
 BackgroundsOption = Annotated[
     bool,
-    typer.Option(
+    option(
+        OUTPUT,
         "--backgrounds",
-        rich_help_panel=OUTPUT,
-        help="Also compute how much gain of one exposure remains where part of the picture "
+        "Also compute how much gain of one exposure remains where part of the picture "
         "stands still, and draw such a picture.",
     ),
 ]
 VerboseOption = Annotated[
     bool,
-    typer.Option(
+    option(
+        OUTPUT,
         "--verbose",
-        rich_help_panel=OUTPUT,
-        help="Also print which stills match the answer, the tables of all rows, and, before a "
+        "Also print which stills match the answer, the tables of all rows, and, before a "
         "search, which parts are computed or skipped.",
     ),
 ]
 SeedsOption = Annotated[
     int,
-    typer.Option(
-        "--noise-seeds",
-        metavar="N",
+    option(
+        PICTURES,
+        "--noise-seeds N",
+        "Number of captures of the scene's photograph at each speed, each with its own "
+        "noise; 0 takes none.",
         min=0,
         max=1000,
-        rich_help_panel=PICTURES,
-        help="Number of captures of the scene's photograph at each speed, each with its own "
-        "noise; 0 takes none.",
     ),
 ]
 EveryPhotographOption = Annotated[
     bool,
-    typer.Option(
+    option(
+        PICTURES,
         "--every-photograph",
-        rich_help_panel=PICTURES,
-        help="Restore the photograph at every speed and by three decoders [default: at the "
+        "Restore the photograph at every speed and by three decoders [default: at the "
         "slowest, a middle and the fastest speed, by one decoder].",
     ),
 ]
 PicturesOption = Annotated[
     list[Path] | None,
-    typer.Option(
-        "--pictures",
-        metavar="PATH",
-        parser=as_path,
-        rich_help_panel=PICTURES,
-        help="Photograph, or folder of photographs, on which each camera is also judged, with "
+    path_option(
+        PICTURES,
+        "--pictures PATH",
+        "Photograph, or folder of photographs, on which each camera is also judged, with "
         "its exposure tuned for --decoder; repeat for more. Two or more are needed; crops"
         " of about a hundred rows are enough.",
     ),
 ]
 JudgeOption = Annotated[
     DecoderName | None,
-    typer.Option(
-        "--decoder",
-        metavar="NAME",
+    option(
+        PICTURES,
+        "--decoder NAME",
+        f"Decoder that restores --pictures: {DECODERS} [default: ensemble].",
         show_default=False,
-        rich_help_panel=PICTURES,
-        help="Decoder that restores --pictures: ensemble, wiener, richardson-lucy, tikhonov, "
-        "total-variation or speed-finding [default: ensemble].",
     ),
 ]
 ShuttersOption = Annotated[
     list[str] | None,
-    typer.Option(
-        "--shutter",
-        metavar="NAME[:VALUE]",
-        rich_help_panel=DESIGN,
-        help="Shutter to compare as well: rect, hann, triangle, gaussian:0.4, tukey:0.5 or "
+    option(
+        DESIGN,
+        "--shutter NAME[:VALUE]",
+        "Shutter to compare as well: rect, hann, triangle, gaussian:0.4, tukey:0.5 or "
         "raskar; repeat for more.",
     ),
 ]

@@ -2,8 +2,6 @@
 
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from mishutter._core.progress import working
 from mishutter.cli.console import print_table, print_text, start_jax, write_json
 from mishutter.cli.help import MOVES
@@ -16,6 +14,7 @@ from mishutter.cli.options import (
     SceneArgument,
     loss_of,
     names_of,
+    option,
     scene_of,
 )
 
@@ -32,12 +31,7 @@ def plan(
     loss: LossOption = None,
     free: FreeOption = None,
     fixed: Annotated[
-        bool,
-        typer.Option(
-            "--fixed",
-            rich_help_panel=MOVES,
-            help="Plan a single evaluation instead of a search.",
-        ),
+        bool, option(MOVES, "--fixed", "Plan a single evaluation instead of a search.")
     ] = False,
     num_coefficients: CoefficientsOption = 24,
 ) -> None:
@@ -48,7 +42,14 @@ def plan(
     start_jax()
     scene = scene_of(scene_file)
     if scene.velocities is not None:
-        _plan_in_plane(scene, as_json=json)
+        from mishutter.plane.search import grid_words
+
+        if json:
+            write_json({"scene": understood(scene), "search": grid_words()})
+        else:
+            rows = understood_rows(scene)
+            print_table("The scene, as it is understood", ("key", "value"), rows)
+            print_text(f"\n{grid_words()}")
         return
     chosen = loss_of(loss, scene)
     with working("planning"):
@@ -59,17 +60,6 @@ def plan(
         print_table("The scene as understood", ("key", "value"), understood_rows(scene))
         print_text()
         print_text(plan_text(parts))
-
-
-def _plan_in_plane(scene: "Scene", *, as_json: bool) -> None:
-    """Shows a scene of any direction, and what a search of it does."""
-    from mishutter.plane.search import grid_words
-
-    if as_json:
-        write_json({"scene": understood(scene), "search": grid_words()})
-    else:
-        print_table("The scene, as it is understood", ("key", "value"), understood_rows(scene))
-        print_text(f"\n{grid_words()}")
 
 
 def understood(scene: "Scene") -> dict[str, object]:

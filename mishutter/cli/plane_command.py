@@ -20,10 +20,6 @@ if TYPE_CHECKING:
     from mishutter.model.scene import Scene
 
 
-_WAYS = "ways of the stage"
-"""The one part of the work, of which a bar shows the share that is done."""
-
-
 def refuse_in_plane(options: Mapping[str, object]) -> None:
     """Refuses options of searches along one axis."""
     for name, value in options.items():
@@ -43,8 +39,9 @@ def optimise_in_plane(
         interruptible(lambda: AGAIN),
         progress_bar("frames in the plane", 1, "compiling (first run only)") as counter,
     ):
-        counter.next(_WAYS)
-        search = best_in_plane(scene, progress=lambda share: counter.within(_WAYS, share))
+        work = "ways of the stage"
+        counter.next(work)
+        search = best_in_plane(scene, progress=lambda share: counter.within(work, share))
     report = PlaneReport(scene, search)
     if not as_json:
         with closable_output():

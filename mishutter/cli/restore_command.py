@@ -13,13 +13,17 @@ from mishutter._core.progress import note, progress_bar
 from mishutter.cli.camera import estimate_document, speed_found
 from mishutter.cli.console import AGAIN, interruptible, print_table, start_jax, write_json
 from mishutter.cli.help import CAMERA, DESIGN, OUTPUT, PICTURES
-from mishutter.cli.laboratory import (
-    CameraFiles,
-    cameras,
-    speed_for,
-    takes_camera_files,
+from mishutter.cli.laboratory import CameraFiles, cameras, speed_for, takes_camera_files
+from mishutter.cli.options import (
+    DECODERS,
+    DecoderName,
+    JsonOption,
+    as_path,
+    named_decoder,
+    option,
+    path_option,
+    scene_of,
 )
-from mishutter.cli.options import DecoderName, JsonOption, as_path, named_decoder, scene_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -30,11 +34,6 @@ if TYPE_CHECKING:
     from mishutter.pictures.images import Capture
 
 _TICKS = 100
-_MOST_ABOVE_WHITE = 0.01
-"""Share of a restored picture that may be brighter than white without a word."""
-_MOST_UNLIKE = 1.6
-"""Brightest over darkest of the frames of a burst, which what enters and leaves may bring."""
-_LEAST_MEAN = 1e-6
 
 
 @takes_camera_files
@@ -52,104 +51,82 @@ def restore(
     *,
     design: Annotated[
         Path | None,
-        typer.Option(
-            "--design",
-            metavar="FILE",
-            parser=as_path,
-            rich_help_panel=DESIGN,
-            help="Saved design by which the camera was built. Its scene is used unless --scene is "
+        path_option(
+            DESIGN,
+            "--design FILE",
+            "Saved design by which the camera was built. Its scene is used unless --scene is "
             "given.",
         ),
     ] = None,
     scene_file: Annotated[
         Path | None,
-        typer.Option(
-            "--scene",
-            metavar="SCENE.toml",
-            parser=as_path,
-            rich_help_panel=DESIGN,
-            help="Scene of the captures [default: the design's].",
-        ),
+        path_option(DESIGN, "--scene SCENE.toml", "Scene of the captures [default: the design's]."),
     ] = None,
     shutter: Annotated[
         str | None,
-        typer.Option(
-            "--shutter",
-            metavar="NAME[:VALUE]",
-            rich_help_panel=DESIGN,
-            help="Shutter to use with the scene's motion, without --design.",
+        option(
+            DESIGN,
+            "--shutter NAME[:VALUE]",
+            "Shutter to use with the scene's motion, without --design.",
         ),
     ] = None,
     files: CameraFiles,
     stage_path: Annotated[
         Path | None,
-        typer.Option(
-            "--stage-path",
-            metavar="FILE",
-            rich_help_panel=CAMERA,
-            parser=as_path,
-            help="Path that an encoder recorded, in place of the planned one: text with columns "
+        path_option(
+            CAMERA,
+            "--stage-path FILE",
+            "Path that an encoder recorded, in place of the planned one: text with columns "
             "`time (ms)` and `x (um)`, and `y (um)` of two axes, in any such units or px. "
             "--mid-exposure-ms is the reading of its clock at the middle of the burst.",
         ),
     ] = None,
     black: Annotated[
         float,
-        typer.Option(
-            "--black",
-            metavar="VALUE",
-            rich_help_panel=PICTURES,
-            help="Value of black in the file: the offset that the camera adds to every pixel.",
+        option(
+            PICTURES,
+            "--black VALUE",
+            "Value of black in the file: the offset that the camera adds to every pixel.",
         ),
     ] = 0.0,
     white: Annotated[
         float | None,
-        typer.Option(
-            "--white",
-            metavar="VALUE",
-            rich_help_panel=PICTURES,
-            help="Value of white in the file with the shutter open for the whole exposure; for a "
+        option(
+            PICTURES,
+            "--white VALUE",
+            "Value of white in the file with the shutter open for the whole exposure; for a "
             "burst, in its longest frame [default: the largest value of its bit depth].",
         ),
     ] = None,
     linear: Annotated[
         bool,
-        typer.Option(
+        option(
+            PICTURES,
             "--linear",
-            rich_help_panel=PICTURES,
-            help="Read the file's values as linear light, as in raw files, not as gamma-coded.",
+            "Read the file's values as linear light, as in raw files, not as gamma-coded.",
         ),
     ] = False,
     decoder: Annotated[
         DecoderName,
-        typer.Option(
-            "--decoder",
-            metavar="NAME",
-            rich_help_panel=PICTURES,
-            help="Decoder: ensemble, wiener, richardson-lucy, tikhonov, total-variation or "
-            "speed-finding. If the scene's decoder finds or knows the speed, the speed is "
+        option(
+            PICTURES,
+            "--decoder NAME",
+            f"Decoder: {DECODERS}. If the scene's decoder finds or knows the speed, the speed is "
             "found first.",
         ),
     ] = DecoderName.ENSEMBLE,
     speed_text: Annotated[
         str | None,
-        typer.Option(
-            "--speed",
-            metavar="SPEED",
-            rich_help_panel=PICTURES,
-            help="Speed of the whole picture, if it is known: px/s, or with a unit of --scene, "
+        option(
+            PICTURES,
+            "--speed SPEED",
+            "Speed of the whole picture, if it is known: px/s, or with a unit of --scene, "
             "such as 0.9m/s. For a design in the plane its velocity, such as 1500,-800.",
         ),
     ] = None,
     out: Annotated[
         Path,
-        typer.Option(
-            "--out",
-            metavar="DIR",
-            parser=as_path,
-            rich_help_panel=OUTPUT,
-            help="Folder for the pictures.",
-        ),
+        path_option(OUTPUT, "--out DIR", "Folder for the pictures."),
     ] = Path("restored"),
     json: JsonOption = False,
 ) -> None:
@@ -294,10 +271,10 @@ def _note_frames(labels: list[_Label], light: "np.ndarray") -> None:
     if len({*map(len, numbers)}) == 1 and numbers != sorted(numbers):
         names = ", ".join(each.stem for each in labels)
         note(f"warning: frames whose names are out of order are used in the order given: {names}")
-    means = np.maximum(light.mean(axis=(1, 2, 3)), _LEAST_MEAN)
+    means = np.maximum(light.mean(axis=(1, 2, 3)), 1e-6)
     dark, bright = int(np.argmin(means)), int(np.argmax(means))
     ratio = float(means[bright] / means[dark])
-    if ratio > _MOST_UNLIKE:
+    if ratio > 1.6:  # more than what enters and leaves brings
         note(
             f"warning: by their exposures {labels[bright].name} is {ratio:.2g} times as bright as "
             f"{labels[dark].name}: check the order and the exposures, or give `--black`, `--white` "
@@ -320,7 +297,7 @@ def _camera(
 def _note_brightness(name: str, light: "np.ndarray") -> None:
     """Notes a picture that is brighter than white: its file's white is that of another exposure."""
     share = float((light > 1).mean())
-    if share > _MOST_ABOVE_WHITE:
+    if share > 0.01:
         note(
             f"warning: {name}: {share:.0%} of the restored picture is brighter than white; "
             "`--white` is the value of white in the file with the shutter open all the time"

@@ -7,8 +7,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from mishutter._core.files import writable_folder
 from mishutter._core.progress import note, progress_bar
 from mishutter.cli.console import (
@@ -27,8 +25,9 @@ from mishutter.cli.options import (
     OutOption,
     SceneArgument,
     ShuttersOption,
-    as_path,
     loss_of,
+    option,
+    path_option,
     scene_of,
 )
 
@@ -49,69 +48,46 @@ def sweep(
     *,
     acceleration: Annotated[
         str | None,
-        typer.Option(
-            "--acceleration",
-            metavar="A:B:N",
-            rich_help_panel=MAP,
-            help="N accelerations from A to B, px/s^2: the `a` of x = a t^2, half the mechanical "
+        option(
+            MAP,
+            "--acceleration A:B:N",
+            "N accelerations from A to B, px/s^2: the `a` of x = a t^2, half the mechanical "
             "acceleration [default: up to the limits].",
         ),
     ] = None,
     half_exposure: Annotated[
         str | None,
-        typer.Option(
-            "--half-exposure",
-            metavar="A:B:N",
-            rich_help_panel=MAP,
-            help="N half exposures from A to B, ms [default: within the limits].",
+        option(
+            MAP,
+            "--half-exposure A:B:N",
+            "N half exposures from A to B, ms [default: within the limits].",
         ),
     ] = None,
     velocity: Annotated[
         str | None,
-        typer.Option(
-            "--velocity",
-            metavar="A:B:N",
-            rich_help_panel=MAP,
-            help="N velocities of the sensor from A to B, px/s, of either sign [default: the "
+        option(
+            MAP,
+            "--velocity A:B:N",
+            "N velocities of the sensor from A to B, px/s, of either sign [default: the "
             "middle of the speeds].",
         ),
     ] = None,
     log: Annotated[
-        bool,
-        typer.Option(
-            "--log",
-            rich_help_panel=MAP,
-            help="Space accelerations and exposures geometrically, not evenly.",
-        ),
+        bool, option(MAP, "--log", "Space accelerations and exposures geometrically, not evenly.")
     ] = False,
     optimise: Annotated[
-        bool,
-        typer.Option(
-            "--optimise",
-            rich_help_panel=DESIGN,
-            help="Also search for the best profile at each point.",
-        ),
+        bool, option(DESIGN, "--optimise", "Also search for the best profile at each point.")
     ] = False,
     loss: LossOption = None,
     shutters: ShuttersOption = None,
     num_coefficients: CoefficientsOption = 24,
     store: Annotated[
-        Path | None,
-        typer.Option(
-            "--store",
-            metavar="PATH",
-            parser=as_path,
-            rich_help_panel=OUTPUT,
-            help="Zarr store to write to or to resume.",
-        ),
+        Path | None, path_option(OUTPUT, "--store PATH", "Zarr store to write to or to resume.")
     ] = None,
     scheduler: Annotated[
         str | None,
-        typer.Option(
-            "--scheduler",
-            metavar="ADDRESS",
-            rich_help_panel=SEARCH,
-            help="Dask scheduler to compute on [default: this machine].",
+        option(
+            SEARCH, "--scheduler ADDRESS", "Dask scheduler to compute on [default: this machine]."
         ),
     ] = None,
     out: OutOption = None,
@@ -124,6 +100,8 @@ def sweep(
     half_exposures = _values("--half-exposure", half_exposure, log, bound="above 0")
     velocities = _values("--velocity", velocity, log=False)
     start_jax()
+    import numpy as np
+
     from mishutter.model.shutters.kinds import baselines, named_shutter
     from mishutter.sweeps.grid import frames_of, require_some_inside, require_within
     from mishutter.sweeps.run import WHY_NO_POINT
@@ -132,7 +110,11 @@ def sweep(
     scene = scene_of(scene_file)
     named = {name: named_shutter(name) for name in shutters or []}
     if half_exposures is None:
-        half_exposures = _half_exposures_of(scene)
+        shortest = float(scene.limits.min_half_exposure)
+        longest = float(scene.limits.max_half_exposure)
+        half_exposures = np.array([shortest])
+        if longest > shortest:
+            half_exposures = np.geomspace(shortest, longest, _NUM_VALUES)
     else:
         half_exposures = half_exposures * 1e-3
     frames = frames_of([scene], velocities)
@@ -219,16 +201,6 @@ def _require_few(subject: str, count: int) -> None:
         raise ValueError(f"{subject} must make at most {_MOST_POINTS:,} points; got {count:,}.")
 
 
-def _half_exposures_of(scene: "Scene") -> "np.ndarray":
-    import numpy as np
-
-    shortest = float(scene.limits.min_half_exposure)
-    longest = float(scene.limits.max_half_exposure)
-    if longest <= shortest:
-        return np.array([shortest])
-    return np.geomspace(shortest, longest, _NUM_VALUES)
-
-
 def _accelerations_of(scene: "Scene", half_exposures: "np.ndarray", pan: float) -> "np.ndarray":
     """Accelerations in the decade below the least limit of an exposure, up to the greatest.
 
@@ -263,7 +235,6 @@ def _notes() -> Iterator[None]:
         logger.setLevel(level)
 
 
-_AT_END = " (* at an end of its range)"
 _COLUMNS = (
     "best",
     "shutter",
@@ -316,11 +287,11 @@ def _deliver(dataset: "xarray.Dataset", scene: "Scene", folder: Path | None, as_
         write_json(document)
     else:
         others = [METRICS[name] for name in _OTHER_METRICS]
-        forms = [metric.form for metric in others]
-        rows = _rows(best, forms)
+        rows = _rows(best, [metric.form for metric in others])
         columns = [*_COLUMNS, *(metric.heading for metric in others)]
         is_ended = any(point["at_end_of"] for point in best.values())
-        print_table(f"Best points of the sweep{_AT_END if is_ended else ''}", columns, rows)
+        aside = " (* at an end of its range)" if is_ended else ""
+        print_table(f"Best points of the sweep{aside}", columns, rows)
         print_text(f"PSNR dB: {METRICS[level].meaning}.")
     if files:
         note(f"{folder}: {', '.join(files)}")

@@ -7,7 +7,6 @@ from mishutter.cli.console import print_table, print_text
 
 if TYPE_CHECKING:
     from mishutter.decoding.restoration import RestoredPhotograph
-    from mishutter.design.design import Design
     from mishutter.model.decoder_speeds import DecoderSpeed
     from mishutter.report.documents import Report
 
@@ -35,7 +34,16 @@ def print_comparison(report: "Report", *, verbose: bool = False, next_step: str 
     if full:
         print_text(f"White fills a pixel on this motion: {', '.join(full)}.\n")
     if report.design is not None:
-        print_text(f"{_design_line(report.design)}\n")
+        design = report.design
+        at_most = "" if design.motion.accelerates_constantly else "at most "
+        print_text(
+            f"{design.ending}\n"
+            f"Loss {design.loss:.6g} ({design.best_start_loss:.6g} at the best start), "
+            f"gradient {design.certificate:.1e}.\n"
+            f"a = {at_most}{float(design.motion.greatest_acceleration) / 2:.6g} px/s^2, "
+            f"v = {float(design.motion.velocity) + 0.0:.6g} px/s, "
+            f"open for {float(design.motion.exposure) * 1e3:.4g} ms.\n"
+        )
 
 
 def print_photographs(
@@ -59,8 +67,7 @@ def print_photographs(
             for name, result in results.items()
         ]
         columns |= {f"exp. {name.removesuffix(' px/s')}": index for name, index in columns.items()}
-        title = f"Photograph, restored by the {next(iter(photographs))} filter"
-        title += aside
+        title = f"Photograph, restored by the {next(iter(photographs))} filter{aside}"
     else:
         columns = photographs
         rows = [
@@ -70,22 +77,8 @@ def print_photographs(
         title = f"Photograph, restored at {speeds.size} speeds{aside}"
     print_table(f"{title}: PSNR dB, linear light, own best motion", ["shutter", *columns], rows)
     if len(photographs) == 1:
-        print_text(_OF_PHOTOGRAPH)
-
-
-_OF_PHOTOGRAPH = (
-    "exp.: expected for pictures with the detail and the mean level of this one inside its\n"
-    "borders. Other tables: expected for the scene's mean spectrum, over all its speeds."
-)
-
-
-def _design_line(design: "Design") -> str:
-    at_most = "" if design.motion.accelerates_constantly else "at most "
-    return (
-        f"{design.ending}\n"
-        f"Loss {design.loss:.6g} ({design.best_start_loss:.6g} at the best start), "
-        f"gradient {design.certificate:.1e}.\n"
-        f"a = {at_most}{float(design.motion.greatest_acceleration) / 2:.6g} px/s^2, "
-        f"v = {float(design.motion.velocity) + 0.0:.6g} px/s, "
-        f"open for {float(design.motion.exposure) * 1e3:.4g} ms."
-    )
+        print_text(
+            "exp.: expected for pictures with the detail and the mean level of this one inside "
+            "its\nborders. Other tables: expected for the scene's mean spectrum, over all its "
+            "speeds."
+        )

@@ -33,14 +33,6 @@ Numbers = dict[str, object]
 """Numbers, and lists of them, by the names under which the page reads them."""
 _SHORTER = 0.8
 """Ratio of a shorter exposure to the one before."""
-_EXPOSURES = (_SHORTER, 1 / _SHORTER)
-"""Ratios to the exposure so far that first answers try by turns."""
-_NUM_STARTS = 2
-"""Starts of a first answer: the profile so far, and one beside it."""
-_STEPS = 8
-"""Steps of the polish of a first answer; 20 end 1e-4 dB better."""
-_PROFILE_POINTS, _PATH_POINTS, _SPECTRUM_POINTS = 257, 97, 160
-_MOST_SPEEDS = 41
 
 
 def first_answer(scene: Scene, before: Design, turn: int = 0) -> Design:
@@ -51,7 +43,7 @@ def first_answer(scene: Scene, before: Design, turn: int = 0) -> Design:
     of them the profile is searched from few starts. The whole search takes a second or more.
     """
     command, roomy = before.command, with_room(scene)
-    motions = _near(scene, before, _EXPOSURES[turn % 2])
+    motions = _near(scene, before, 1 / _SHORTER if turn % 2 else _SHORTER)
     loss = loss_of_decoder(scene)
     losses = [float(loss(roomy, motion, command)) for motion in motions]
     motion = motions[int(np.argmin(losses))]
@@ -60,7 +52,8 @@ def first_answer(scene: Scene, before: Design, turn: int = 0) -> Design:
         acceleration=sag / half**2, half_exposure=half, velocity=motion.velocity
     )
     shared = coarser(plan(roomy, furthest, command, loss=loss, free="shutter").sizes)
-    settings = SearchSettings(loss, shared, num_starts=_NUM_STARTS, max_steps=_STEPS)
+    # The starts are the profile so far and one beside it; 20 steps end 1e-4 dB better.
+    settings = SearchSettings(loss, shared, num_starts=2, max_steps=8)
     design = best_design(Start(roomy, motion, command, ("shutter",)), settings)
     return replace(design, scene=scene)
 
@@ -115,15 +108,22 @@ def curves(
 ) -> Numbers:
     """The numbers that the page draws of a design."""
     half = float(motion.half_exposure)
-    tau = np.linspace(-1, 1, _PROFILE_POINTS)
+    tau = np.linspace(-1, 1, 257)
     transmittance, _ = profile_of(shutter, tau)
-    time = np.linspace(-half, half, _PATH_POINTS)
-    levels = spectral_levels(scene, motion, shutter)
-    stroke = float(scene.limits.of_stage(motion).stroke)
-    decoder = knowledge_of(scene)
-    numbers = (
-        None if at_once else _numbers(evaluate(scene, motion, shutter), motion, stroke, decoder)
-    )
+    time = np.linspace(-half, half, 97)
+    levels, decoder = spectral_levels(scene, motion, shutter), knowledge_of(scene)
+    seen, frequency, speeds = decoder.of(levels), levels.frequencies, levels.speeds
+    # Frequencies in equal ratios, and speeds in equal steps, no more than are seen.
+    even = np.geomspace(frequency[0], frequency[-1], 160)
+    places = np.unique(np.searchsorted(frequency, even).clip(0, frequency.size - 1))
+    with np.errstate(divide="ignore"):
+        signal = 10 * np.log10(seen.signal_over_noise[places])
+    few = np.linspace(0, speeds.size - 1, min(speeds.size, 41)).round().astype(int)
+    if at_once:
+        numbers: Numbers = {"psnr": _level(scene, motion, shutter, levels)}
+    else:
+        stroke = float(scene.limits.of_stage(motion).stroke)
+        numbers = _numbers(evaluate(scene, motion, shutter), motion, stroke, decoder)
     return {
         "time": _short(tau * half * 1e3),
         "profile": _short(transmittance, 4),
@@ -132,9 +132,11 @@ def curves(
         **_sent(scene, motion, time),
         **_kernels(scene, motion, shutter),
         "of_decoder": decoder.filter_words,
-        **_signal(levels, decoder),
-        **_over_speeds(levels, decoder),
-        "numbers": {"psnr": _level(scene, motion, shutter, levels)} if numbers is None else numbers,
+        "frequency": _short(frequency[places]),
+        "signal": _short(signal, 4),
+        "speeds": _short(speeds[few]),
+        "psnr": _short(seen.psnr[few]),
+        "numbers": numbers,
     }
 
 
@@ -162,24 +164,6 @@ def _kernels(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> 
     }
 
 
-def _signal(levels: SpectralLevels, decoder: SpeedKnowledge) -> Numbers:
-    """Signal over noise at frequencies in equal ratios."""
-    frequency, ratio = levels.frequencies, decoder.of(levels).signal_over_noise
-    even = np.geomspace(frequency[0], frequency[-1], _SPECTRUM_POINTS)
-    places = np.unique(np.searchsorted(frequency, even).clip(0, frequency.size - 1))
-    with np.errstate(divide="ignore"):
-        level = 10 * np.log10(ratio[places])
-    return {"frequency": _short(frequency[places]), "signal": _short(level, 4)}
-
-
-def _over_speeds(levels: SpectralLevels, decoder: SpeedKnowledge) -> Numbers:
-    """PSNR at each speed by the filter that the decoder restores with."""
-    speeds = levels.speeds
-    count = min(speeds.size, _MOST_SPEEDS)
-    shown = np.linspace(0, speeds.size - 1, count).round().astype(int)
-    return {"speeds": _short(speeds[shown]), "psnr": _short(decoder.of(levels).psnr[shown])}
-
-
 def _level(
     scene: Scene, motion: AbstractMotion, shutter: AbstractShutter, levels: SpectralLevels
 ) -> float:
@@ -200,7 +184,7 @@ def _level(
 def _numbers(
     metrics: Metrics, motion: AbstractMotion, stroke: float, decoder: SpeedKnowledge
 ) -> Numbers:
-    """Numbers of a design beside its curves and in its row of the table."""
+    """Numbers of a design beside its curves."""
     worst = decoder.worst_psnr(metrics)
     return {
         "psnr": float(decoder.psnr(metrics)),
@@ -222,20 +206,20 @@ def table(comparison: "Comparison") -> Numbers:
     shown = shown_rows(comparison)
     wide = page_table(comparison, list(shown.values()))
     cells = zip(shown, wide.rows, strict=True)
-    rows = [{"name": name, "cells": list(each)} for name, each in cells]
     first, _, answer = comparison.text().partition("\n")
-    words = {"verdict": first, "answer": answer.strip("\n"), "notes": list(comparison.notes)}
-    return {"columns": list(wide.columns), "rows": rows, "ceiling": comparison.ceiling, **words}
+    return {
+        "columns": list(wide.columns),
+        "rows": [{"name": name, "cells": list(each)} for name, each in cells],
+        "ceiling": comparison.ceiling,
+        "verdict": first,
+        "answer": answer.strip("\n"),
+        "notes": list(comparison.notes),
+    }
 
 
 def shown_rows(comparison: "Comparison") -> dict[str, Row]:
     """Rows at their own best motion, by name."""
     return {row.name: row for row in comparison.rows if row.reading == OWN_BEST_MOTION}
-
-
-def can_be_pictured(row: Row) -> bool:
-    """Whether one exposure takes the picture of a row: a burst takes several."""
-    return row.is_of_one_exposure
 
 
 def _short(values: Shaped[ArrayLike, "n"], digits: int = 6) -> list[float | None]:

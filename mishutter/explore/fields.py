@@ -7,7 +7,7 @@ annotated example: a new key there becomes a field here.
 import json
 import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
 
@@ -24,9 +24,6 @@ Tables = dict[str, Any]
 """The tables of a scene file as a TOML parser reads them."""
 Place = tuple[str, ...]
 """The names that lead to a key of a scene file, section first."""
-_OWN_UNITS = {*_UNITS, "px", "s", "ms", "h", "m", "mm", "km", "cycles", "deg", "g", "lux"}
-_SECTION = re.compile(r"^(?:# )?\[(\w+)\]", re.MULTILINE)
-_KEY = re.compile(r"^(?:#\s*)?(\w+) = (\{.*?\}|\[.*?\]|\S+)", re.MULTILINE)
 
 
 def page_fields() -> list[Field]:
@@ -96,9 +93,10 @@ def _is_optional(entry: Schema) -> bool:
 
 def label_and_unit(key: str) -> tuple[str, str]:
     """Splits the name of a key into words and its unit, `""` for none."""
+    plain = {"px", "s", "ms", "h", "m", "mm", "km", "cycles", "deg", "g", "lux", "per"}
     words = key.split("_")
     first = len(words)
-    while first > 1 and (words[first - 1] in _OWN_UNITS or words[first - 1] == "per"):
+    while first > 1 and words[first - 1] in plain | _UNITS.keys():
         first -= 1
     tail = [_UNITS.get(word, word) for word in words[first:]]
     unit = "".join("/" if word == "per" else word for word in tail)
@@ -122,32 +120,30 @@ def _begin(place: Place, kind: str, default: object, bounds: Schema) -> object:
 def _examples() -> dict[Place, object]:
     """Values in the annotated example, also those that are commented out."""
     text = example_scene_text()
-    headings = [(match.start(), match[1]) for match in _SECTION.finditer(text)]
+    sections = re.finditer(r"^(?:# )?\[(\w+)\]", text, re.MULTILINE)
+    headings = [(match.start(), match[1]) for match in sections]
     values: dict[Place, object] = {}
-    for match in _KEY.finditer(text):
+    keys = re.finditer(r"^(?:#\s*)?(\w+) = (\{.*?\}|\[.*?\]|\S+)", text, re.MULTILINE)
+    for match in keys:
         before = [name for start, name in headings if start < match.start()]
         section = before[-1] if before else headings[0][1]  # a comment may name its keys before it
         try:
             value = tomllib.loads(f"value = {match[2]}")["value"]
         except tomllib.TOMLDecodeError:
             continue
-        parts = value if isinstance(value, dict) else {}
         values.setdefault((section, match[1]), value)
-        for key, number in parts.items():
+        for key, number in value.items() if isinstance(value, dict) else ():
             values.setdefault((section, match[1], key), number)
     return values
 
 
 def scene_text(tables: Tables) -> str:
     """Text of a scene file."""
-    return "\n".join(_lines(tables)) + "\n"
-
-
-def _lines(tables: Tables) -> Iterator[str]:
+    lines = []
     for section, table in tables.items():
-        yield f"[{section}]"
-        yield from (f"{key} = {_value(value)}" for key, value in table.items())
-        yield ""
+        keys = (f"{key} = {_value(value)}" for key, value in table.items())
+        lines += [f"[{section}]", *keys, ""]
+    return "\n".join(lines) + "\n"
 
 
 def _value(value: object) -> str:

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from mishutter._core.checks import require
 from mishutter.camera.capture import kernel_layout
 from mishutter.decoding.decoders.linear import EnsembleDecoder
-from mishutter.decoding.decoders.speed import SpeedEstimate, estimate_speed
+from mishutter.decoding.decoders.speed import estimate_speed
 from mishutter.decoding.decoders.speed_finding import ROWS_TO_FIND
 from mishutter.decoding.restoration import least_columns, restore_by_each
 from mishutter.evaluation.speed_knowledge import knowledge_of
@@ -39,8 +39,6 @@ if TYPE_CHECKING:
 
 MOST_BYTES = 32 << 20
 MOST_PIXELS = 30_000_000
-_ROWS, _COLUMNS = 112, 400
-"""Extent of the part that is captured; it is restored within a second."""
 
 
 @dataclass(frozen=True)
@@ -70,17 +68,22 @@ def reader(place: str, read: Callable[[float | None, bool], Picture]) -> Reader:
 
 
 def uploaded(name: str, content: bytes) -> Reader:
-    """A reader of an uploaded photograph, which is checked as files are.
-
-    Raises:
-        ValueError: if the file is no picture, damaged or too large.
-    """
+    """A reader of an uploaded photograph, which is checked as files are."""
     suffix = Path(name).suffix.lower()
     kinds = f"be a {PICTURE_FORMATS} file"
     require(suffix in PICTURE_SUFFIXES, "a photograph", kinds, name)
     size = f"at most {MOST_BYTES >> 20} MiB"
     require(0 < len(content) <= MOST_BYTES, "a photograph", f"hold {size}", len(content))
-    _require_few_pixels(name, content)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            columns, rows = header_size(content)
+        except Exception as error:  # decoders raise many kinds
+            raise ValueError(
+                f"{name} must be a {PICTURE_FORMATS} picture; got: {type(error).__name__}."
+            ) from None
+    count = columns * rows
+    require(count <= MOST_PIXELS, name, f"have at most {MOST_PIXELS:,} pixels", count)
 
     def read(white: float | None, linear: bool) -> Picture:
         with tempfile.TemporaryDirectory() as folder:
@@ -96,20 +99,6 @@ def uploaded(name: str, content: bytes) -> Reader:
     return photograph
 
 
-def _require_few_pixels(name: str, content: bytes) -> None:
-    """Raises `ValueError` for a large picture by its header, before it is decoded."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
-            columns, rows = header_size(content)
-        except Exception as error:  # decoders raise many kinds
-            raise ValueError(
-                f"{name} must be a {PICTURE_FORMATS} picture; got: {type(error).__name__}."
-            ) from None
-    count = columns * rows
-    require(count <= MOST_PIXELS, name, f"have at most {MOST_PIXELS:,} pixels", count)
-
-
 def restored(
     photograph: Photograph,
     scene: Scene,
@@ -117,22 +106,18 @@ def restored(
     speed: float,  # px/s
     check: Callable[[], None],
 ) -> dict[str, object]:
-    """Captures and restores a photograph at one speed by each of some designs.
-
-    Raises:
-        ValueError: if the photograph is too narrow for the blur.
-    """
+    """Captures and restores a photograph at one speed by each of some designs."""
     speeds = [*np.asarray(scene.speeds).tolist(), speed]
     longest = max(kernel_layout(row.motion, *speeds, 0.0)[0] for row in rows.values())
     least, columns = least_columns(longest), photograph.part.light.shape[1]
     pixels = pixels_along(scene.sensor.axis)
     requirement = f"have at least {least} {pixels}, to be restored from this blur"
     require(columns >= least, "the photograph", requirement, columns)
-    width = min(columns, max(least, _COLUMNS + longest))
+    width = min(columns, max(least, 400 + longest))
     first = (columns - width) // 2
     knowledge = knowledge_of(scene)
-    finds = knowledge.finds_speed
-    num_rows = ROWS_TO_FIND if finds else _ROWS
+    # Extents of what is restored within a second.
+    num_rows = ROWS_TO_FIND if knowledge.finds_speed else 112
     window = middle_rows(photograph.part.light, num_rows)[:, first : first + width]
     part = Picture(light=transposed(window, scene.sensor.axis).copy())
     designs, reference = [], None
@@ -148,24 +133,26 @@ def restored(
             num_seeds=1,
             least_taps=longest,
         )[name]
-        captured, reference = result.captured[0], result.reference
-        level = float(result.linear_psnr[0])
-        pictures = {"captured": result.brightened(0), "restored": result.restored[0]}
-        pair = {name: _png(light) for name, light in pictures.items()}
-        estimate = estimate_speed(captured, scene, row.motion, row.shutter) if finds else None
-        speed_of_decoder = {"aside": knowledge.aside, "found": _plain(estimate)}
-        designs.append({"name": name, "psnr": level, **pair, **speed_of_decoder})
+        reference, found = result.reference, None
+        if knowledge.finds_speed:
+            estimate = estimate_speed(result.captured[0], scene, row.motion, row.shutter)
+            numbers = ("speed", "error", "trusted", "doubt", "tells_nothing")
+            found = {number: getattr(estimate, number) for number in numbers}
+        designs.append(
+            {
+                "name": name,
+                "psnr": float(result.linear_psnr[0]),
+                "captured": _png(result.brightened(0)),
+                "restored": _png(result.restored[0]),
+                "aside": knowledge.aside,
+                "found": found,
+            }
+        )
     return {
         "speed": speed,
         "reference": None if reference is None else _png(reference),
         "designs": designs,
     }
-
-
-def _plain(estimate: SpeedEstimate | None) -> dict[str, object] | None:
-    """The fields of an estimate that are no arrays; px/s."""
-    names = ("speed", "error", "trusted", "doubt", "tells_nothing")
-    return None if estimate is None else {name: getattr(estimate, name) for name in names}
 
 
 def png_of_figure(figure: "Figure") -> str:

@@ -10,6 +10,7 @@ import socket
 import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from importlib import resources
 from urllib.parse import urlsplit
 
@@ -37,10 +38,6 @@ from mishutter.explore.session import (
 MOST_TABS = 16
 MOST_SESSIONS = 2 * MOST_TABS
 """Most sessions in memory, of open and closed tabs; a tab that is reloaded resumes its own."""
-_REST = 0.35
-"""Time without a change after which the hand counts as at rest; s."""
-_SWITCH = 5e-4
-"""Time slice of a thread of Python; s."""
 _MOST_MESSAGE = 2 << 20
 """Bytes of a message of text."""
 _PAGE = {
@@ -67,40 +64,26 @@ def serve(
     ready: Callable[[str], None],
     note: Callable[[str], None],
 ) -> None:
-    """Serves the page until the process is interrupted.
+    """Serves the page until the process is interrupted."""
 
-    Raises:
-        OSError: if nothing can listen there.
-    """
+    async def run() -> None:
+        sockets = tornado.netutil.bind_sockets(port, host)
+        explorer = Explorer(started, note)
+        server = tornado.httpserver.HTTPServer(
+            application(explorer, known_hosts(host)),
+            max_body_size=1 << 16,
+            max_header_size=1 << 14,
+        )
+        server.add_sockets(sockets)
+        number = sockets[0].getsockname()[1]
+        shown = f"[{host}]" if ":" in host else host
+        ready(f"http://{shown}:{number}/")
+        await explorer.warm()
+        await asyncio.Event().wait()
+
     # A thread that searches in the background gives way sooner to one that answers a change.
-    sys.setswitchinterval(_SWITCH)
-    asyncio.run(_serve(started, host, port, ready, note))
-
-
-async def _serve(
-    started: Beginning,
-    host: str,
-    port: int,
-    ready: Callable[[str], None],
-    note: Callable[[str], None],
-) -> None:
-    sockets = tornado.netutil.bind_sockets(port, host)
-    server = tornado.httpserver.HTTPServer(
-        application(Explorer(started, note), known_hosts(host)),
-        max_body_size=1 << 16,
-        max_header_size=1 << 14,
-    )
-    server.add_sockets(sockets)
-    number = sockets[0].getsockname()[1]
-    shown = f"[{host}]" if ":" in host else host
-    ready(f"http://{shown}:{number}/")
-    await server_explorer(server).warm()
-    await asyncio.Event().wait()
-
-
-def server_explorer(server: tornado.httpserver.HTTPServer) -> "Explorer":
-    """The state that the tabs of a server share."""
-    return server.request_callback.settings["explorer"]  # type: ignore[union-attr]
+    sys.setswitchinterval(5e-4)
+    asyncio.run(run())
 
 
 def known_hosts(host: str) -> frozenset[str]:
@@ -180,7 +163,8 @@ class Explorer:
         loop = asyncio.get_running_loop()
         self._say("designing for the scene, and compiling: some seconds at the first time")
         try:
-            self.started = await loop.run_in_executor(self.quick, self._designed)
+            designed = partial(with_design, self.started, lambda step, value: None)
+            self.started = await loop.run_in_executor(self.quick, designed)
             self.is_warm.set()
             self._say("compiling for changes")
             await loop.run_in_executor(self.quick, self._drawn)
@@ -192,9 +176,6 @@ class Explorer:
             self.note("ready: moving a slider designs anew")
         finally:
             self.is_warm.set()
-
-    def _designed(self) -> Beginning:
-        return with_design(self.started, lambda step, value: None)
 
     def _drawn(self) -> None:
         """Compiles programs for a drawn profile."""
@@ -245,15 +226,12 @@ def _protect(handler: tornado.web.RequestHandler) -> None:
 
 def _refuse_others(handler: tornado.web.RequestHandler) -> None:
     """Refuses a request that calls this server by another name, as another site's page would."""
-    if not is_known(_host(f"//{handler.request.host}"), handler.settings["hosts"]):
-        raise tornado.web.HTTPError(403)
-
-
-def _host(address: str) -> str | None:
     try:
-        return urlsplit(address).hostname
+        name = urlsplit(f"//{handler.request.host}").hostname
     except ValueError:
-        return None
+        name = None
+    if not is_known(name, handler.settings["hosts"]):
+        raise tornado.web.HTTPError(403)
 
 
 class _Tab(tornado.websocket.WebSocketHandler):
@@ -304,7 +282,7 @@ class _Tab(tornado.websocket.WebSocketHandler):
     async def on_message(self, message: str | bytes) -> None:
         try:
             if isinstance(message, bytes):
-                await self._take_file(message)
+                await self._compute(lambda: self.session.upload(self._file, message))
             else:
                 await self._take(message)
         except ValueError as error:
@@ -330,9 +308,6 @@ class _Tab(tornado.websocket.WebSocketHandler):
             return
         await self._compute(lambda: self.session.answer(order))
 
-    async def _take_file(self, content: bytes) -> None:
-        await self._compute(lambda: self.session.upload(self._file, content))
-
     async def _compute(self, function: Callable[[], Answer]) -> None:
         explorer: Explorer = self.settings["explorer"]
         loop = asyncio.get_running_loop()
@@ -341,6 +316,7 @@ class _Tab(tornado.websocket.WebSocketHandler):
     async def _follow(self) -> None:
         """Answers the latest request, over and over; a newer one supersedes an older one."""
         explorer: Explorer = self.settings["explorer"]
+        loop = asyncio.get_running_loop()
         await explorer.is_warm.wait()
         if explorer.started.design is not None:
             self.session.begin(explorer.started.design)
@@ -350,15 +326,11 @@ class _Tab(tornado.websocket.WebSocketHandler):
             request = self._latest
             if request is None:
                 continue
-            if await self._answer(explorer, request) and not await self._is_asked(_REST):
+            is_answered = await self._guarded(
+                request, loop.run_in_executor(explorer.quick, self.session.first, request)
+            )
+            if is_answered and not await self._is_asked_soon():
                 await self._finish(explorer, request)
-
-    async def _answer(self, explorer: Explorer, request: Request) -> bool:
-        """Sends the first answer; returns whether there was one."""
-        loop = asyncio.get_running_loop()
-        return await self._guarded(
-            request, loop.run_in_executor(explorer.quick, self.session.first, request)
-        )
 
     async def _finish(self, explorer: Explorer, request: Request) -> None:
         """Sends the further answers, one by one, until a newer request comes."""
@@ -392,9 +364,10 @@ class _Tab(tornado.websocket.WebSocketHandler):
         await self._send(answer | {"id": request.id})
         return True
 
-    async def _is_asked(self, seconds: float) -> bool:
+    async def _is_asked_soon(self) -> bool:
+        """Whether a change comes before the hand counts as at rest."""
         try:
-            await asyncio.wait_for(self._asked.wait(), seconds)
+            await asyncio.wait_for(self._asked.wait(), 0.35)
         except TimeoutError:
             return False
         return True

@@ -4,8 +4,7 @@ import copy
 import json
 import tempfile
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, final
@@ -20,7 +19,6 @@ from mishutter.design.design import Design
 from mishutter.evaluation.views import transmittance
 from mishutter.explore.answers import (
     OPTIMISED,
-    can_be_pictured,
     curves,
     first_answer,
     shown_rows,
@@ -45,16 +43,11 @@ DRAWN = "drawn"
 NUM_CHIPS = 64
 """Chips of a profile that is drawn."""
 MOST_PINS, MOST_ROWS = 6, 4
-_MOST_TEXT = 1 << 20
-"""Most letters of a file that is loaded."""
-_MOST_NAME = 60
-_SCENE = "the scene"
 
 Check = Callable[[], None]
 """Raises `SupersededError` if the request is superseded."""
 Answer = dict[str, object]
 """A message to the page: its `kind`, and names that the page reads."""
-Text = Annotated[str, Field(max_length=_MOST_TEXT)]
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 Chip = Annotated[float, Field(ge=0, le=1)]
 
@@ -81,7 +74,7 @@ class Order(Section):
 
     kind: str
     name: Name = "design"
-    text: Text = ""
+    text: Annotated[str, Field(max_length=1 << 20)] = ""
     scene: Annotated[Tables, Field(default_factory=dict)]
     drawn: Annotated[list[Chip], Field(min_length=NUM_CHIPS, max_length=NUM_CHIPS)] | None = None
 
@@ -105,12 +98,7 @@ class Beginning:
 
 
 def beginning(path: Path | None) -> Beginning:
-    """The scene file that the page begins with, and the photographs that it may name.
-
-    Raises:
-        ValueError: if it is not a scene file.
-        OSError: if it or its picture cannot be read.
-    """
+    """The scene file that the page begins with, and the photographs that it may name."""
     content = example_scene_text().encode() if path is None else contents(path)
     tables = _tables(content, "example_scene.toml" if path is None else str(path))
     photographs = {EXAMPLE_PICTURE: reader(EXAMPLE_PICTURE, lambda *_: example_picture())}
@@ -137,18 +125,14 @@ def _tables(content: bytes, name: str) -> Tables:
 
 
 def built(tables: Tables, photographs: Mapping[str, Reader]) -> Scene:
-    """The scene of some tables, which may name these photographs and no other file.
-
-    Raises:
-        ValueError: if it is no scene, or names another photograph.
-    """
+    """The scene of some tables, which may name these photographs and no other file."""
 
     def texture(place: str, white: float | None, linear: bool, axis: Axis) -> Texture:
         names = ", ".join(photographs)
         require(place in photographs, "[picture] path", f"be one of {names}, or uploaded", place)
         return photographs[place](white, linear, axis).texture
 
-    return scene_of_tables(tables, _SCENE, Path(), texture)
+    return scene_of_tables(tables, "the scene", Path(), texture)
 
 
 class Session:
@@ -217,7 +201,7 @@ class Session:
             for name, row in chosen.items()
             if name != OPTIMISED
         }
-        pictured = {name: row for name, row in chosen.items() if can_be_pictured(row)}
+        pictured = {name: row for name, row in chosen.items() if row.is_of_one_exposure}
         follows = scene.picture.path is not None and bool(pictured)
         shown = {"curves": others, "pins": self.pins, "pictured": follows}
         yield {"kind": "table", **table(comparison), **shown}
@@ -242,9 +226,12 @@ class Session:
             self._in_plane = key, PlaneReport(scene, search)
         report = self._in_plane[1]
         verdict, _, answer = report.text().partition("\n")
-        picture = png_of_figure(report.plot())
-        answer = answer.strip("\n")
-        return {"kind": "plane", "verdict": verdict, "answer": answer, "picture": picture}
+        return {
+            "kind": "plane",
+            "verdict": verdict,
+            "answer": answer.strip("\n"),
+            "picture": png_of_figure(report.plot()),
+        }
 
     def ahead(self, tables: Tables) -> Iterator[None]:
         """Compiles programs that later first answers share, one at each step.
@@ -292,11 +279,7 @@ class Session:
         return json.dumps([tables, self._uploaded], sort_keys=True)
 
     def answer(self, order: Order) -> Answer:
-        """The answer to any request but one for a design.
-
-        Raises:
-            ValueError: if it cannot be met.
-        """
+        """The answer to any request but one for a design."""
         kinds = {
             "pin": self._pin,
             "unpin": self._unpin,
@@ -314,10 +297,14 @@ class Session:
         return self._add_pin(order.name, self._current)
 
     def _add_pin(self, name: str, design: Design) -> Answer:
+        from mishutter.search.rivals import taken_names
+
         room = len(self._pins) < MOST_PINS
         require(room, "pins", f"be at most {MOST_PINS}; take one away first", len(self._pins) + 1)
-        name = free_name(name[:_MOST_NAME], self._pins)
-        self._pins[name] = design
+        # No row may have the name: a number stands behind one that is taken.
+        used = {*self._pins, *taken_names(), OPTIMISED, DRAWN}
+        tries = (name[:60], *(f"{name[:60]} {number}" for number in range(2, len(used) + 3)))
+        self._pins[next(each for each in tries if each not in used)] = design
         return {"pins": self.pins}
 
     def _unpin(self, order: Order) -> Answer:
@@ -330,8 +317,13 @@ class Session:
         return {"scene": tables}
 
     def _load_design(self, order: Order) -> Answer:
-        with _file(order.text, order.name) as path:
-            design = Design.load(path)
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "design.json"
+            path.write_text(order.text, "utf-8", errors="replace")
+            try:
+                design = Design.load(path)
+            except (ValueError, OSError) as error:
+                raise ValueError(str(error).replace(str(path), order.name)) from None
         return self._add_pin(Path(order.name).stem, design)
 
     def _save_scene(self, order: Order) -> Answer:
@@ -352,11 +344,7 @@ class Session:
         }
 
     def upload(self, name: str, content: bytes) -> Answer:
-        """Takes an uploaded photograph in place of an earlier one.
-
-        Raises:
-            ValueError: if it is no picture, or too large.
-        """
+        """Takes an uploaded photograph in place of an earlier one."""
         place = Path(name).name
         is_taken = place in self._started.photographs
         require(not is_taken, "a photograph", "have a name of its own", place)
@@ -397,29 +385,8 @@ def _around(tables: Tables) -> Iterator[Tables]:
         yield {**tables, "speeds": {**tables["speeds"], "uniform": one_sided}}
 
 
-def free_name(name: str, taken: Iterable[str]) -> str:
-    """A name that no row has: the given one, or that with a number behind it."""
-    from mishutter.search.rivals import taken_names
-
-    used = {*taken, *taken_names(), OPTIMISED, DRAWN}
-    tries = (name, *(f"{name} {number}" for number in range(2, len(used) + 3)))
-    return next(each for each in tries if each not in used)
-
-
 def _chips(drawn: list[float]) -> ChippedShutter:
     return ChippedShutter(np.asarray(drawn, np.float64))
-
-
-@contextmanager
-def _file(text: str, name: str) -> Iterator[Path]:
-    """Writes a text to a temporary file; errors within name the user's file instead."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "design.json"
-        path.write_text(text, "utf-8", errors="replace")
-        try:
-            yield path
-        except (ValueError, OSError) as error:
-            raise ValueError(str(error).replace(str(path), name)) from None
 
 
 def _python(text: str, drawn: list[float] | None, in_plane: bool = False) -> str:
@@ -427,7 +394,16 @@ def _python(text: str, drawn: list[float] | None, in_plane: bool = False) -> str
     if in_plane:
         names, own = "Scene, best_in_plane", "print(best_in_plane(scene))\n"
     else:
-        names, own = _of_one_axis(drawn)
+        names, drawing, more = "Scene, compare, optimise", "", ""
+        if drawn is not None:
+            names = f"ChippedShutter, {names}"
+            drawing = f"drawn = ChippedShutter({[round(x, 6) for x in drawn]})\n"
+            more = ', "drawn": drawn'
+        own = (
+            "design = optimise(scene)\n"
+            f"print(design.metrics.expected_psnr)\n{drawing}"
+            f'print(compare(scene, design.motion, {{"optimised": design{more}}}).text())\n'
+        )
     return (
         "from pathlib import Path\n\nimport jax\n\n"
         'jax.config.update("jax_enable_x64", True)\n\n'
@@ -435,20 +411,6 @@ def _python(text: str, drawn: list[float] | None, in_plane: bool = False) -> str
         # Raw, for the backslashes of TOML, which holds no three quotes here.
         f'Path("scene.toml").write_text(r"""\n{text}""", "utf-8")\n\n'
         f'scene = Scene.load("scene.toml")\n{own}'
-    )
-
-
-def _of_one_axis(drawn: list[float] | None) -> tuple[str, str]:
-    """The names that a program imports, and what it computes of a scene."""
-    own = "" if drawn is None else f"drawn = ChippedShutter({[round(x, 6) for x in drawn]})\n"
-    more = "" if drawn is None else ', "drawn": drawn'
-    names = (
-        "Scene, compare, optimise" if drawn is None else "ChippedShutter, Scene, compare, optimise"
-    )
-    return names, (
-        "design = optimise(scene)\n"
-        f"print(design.metrics.expected_psnr)\n{own}"
-        f'print(compare(scene, design.motion, {{"optimised": design{more}}}).text())\n'
     )
 
 

@@ -21,7 +21,6 @@ _STYLE = {
     "gaussian": {"color": "#cc79a7", "linestyle": (0, (1, 1)), "marker": "D"},
     "optimised": {"color": "#d55e00", "linestyle": "-.", "marker": "*"},
 }
-_LABEL = {"hann": "Hann", "gaussian": "Gaussian"}
 _TITLE_SIZE = 10
 _LEVEL = "PSNR, gamma 2.2 / dB"
 
@@ -106,7 +105,7 @@ def _line(name: str) -> dict[str, Any]:
 
 
 def _label(name: str) -> str:
-    return _LABEL.get(name, name)
+    return name.capitalize() if name in ("hann", "gaussian") else name
 
 
 def _show(axes: Axes, picture: np.ndarray, title: str) -> None:

@@ -20,8 +20,6 @@ from mishutter.paper.numbers import (
 TITLE = "Improved motion invariant imaging with time varying shutter functions"
 """Title of the paper whose statements are compared with the results."""
 
-_SMOOTH = ("triangle", "hann", "gaussian")
-
 
 def statements(numbers: FigureNumbers) -> list[Statement]:
     """Every published statement beside the results."""
@@ -39,6 +37,10 @@ def report_page(numbers: Numbers) -> str:
     """The page, in Markdown: a line for each statement, the condition numbers, the figures."""
     setting, four, lines = numbers["setting"], numbers["figure_4"], numbers["statements"]
     met = sum(s["met"] for s in lines)
+    by_reading = []
+    for reading in setting["speed_readings"]:
+        mine = [s["met"] for s in lines if reading in s["claim"]]
+        by_reading.append(f"{sum(mine)} of {len(mine)} with `{reading}`")
     rows = [(s["claim"], "yes" if s["met"] else "**no**", s["found"]) for s in lines]
     conditions = [
         (name, f"{four['published'][name]:g}", f"{value:.2f}")
@@ -66,7 +68,7 @@ def report_page(numbers: Numbers) -> str:
             "",
             *_table(("published", "met", "found"), rows),
             "",
-            f"{met} of {len(lines)} met; by reading of the axis: {_by_reading(numbers)}.",
+            f"{met} of {len(lines)} met; by reading of the axis: {', '.join(by_reading)}.",
             "",
             "## Condition numbers",
             "",
@@ -87,15 +89,6 @@ def report_page(numbers: Numbers) -> str:
 def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
     lines = [f"| {' | '.join(row)} |" for row in (head, *rows)]
     return [lines[0], "|---" * len(head) + "|", *lines[1:]]
-
-
-def _by_reading(numbers: Numbers) -> str:
-    """The number of statements that were met, by the reading of the speed axis."""
-    counts = []
-    for reading in numbers["setting"]["speed_readings"]:
-        mine = [s["met"] for s in numbers["statements"] if reading in s["claim"]]
-        counts.append(f"{sum(mine)} of {len(mine)} with `{reading}`")
-    return ", ".join(counts)
 
 
 def _kernel_statements(three: KernelNumbers, setting: Setting) -> list[Statement]:
@@ -172,7 +165,7 @@ def _speed_statements(six: SpeedNumbers) -> list[Statement]:
             psnr = {window: np.array(values) for window, values in windows.items()}
             gain = psnr["hann"] - psnr["rect"]
             fast = gain[speed >= 0.2]
-            spread = np.ptp([psnr[w] for w in _SMOOTH], axis=0).max()
+            spread = np.ptp([psnr[w] for w in ("triangle", "hann", "gaussian")], axis=0).max()
             fit = np.corrcoef(speed, psnr["rect"])[0, 1] ** 2
             slope = np.polyfit(speed, psnr["rect"], 1)[0]
             slow = psnr["hann"][speed <= 0.2]

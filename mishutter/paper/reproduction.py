@@ -41,12 +41,7 @@ from mishutter.paper.capture import (
     plain_numbers,
     restored,
 )
-from mishutter.paper.figures import (
-    figure_3,
-    figure_4,
-    figure_5,
-    figure_6,
-)
+from mishutter.paper.figures import figure_3, figure_4, figure_5, figure_6
 from mishutter.paper.numbers import (
     FigureNumbers,
     KernelNumbers,
@@ -90,8 +85,13 @@ def reproduce(
     folder.mkdir(parents=True, exist_ok=True)
     report = progress if progress is not None else lambda text, share: None
     report("optimising a profile", 0.0)
-    profile = _optimised() if optimised is None else optimised
-    shutters = _shutters(profile)
+    shutters: dict[str, AbstractShutter] = {
+        "rect": RectShutter(),
+        "triangle": TriangleShutter(),
+        "hann": HannShutter(),
+        "gaussian": GaussianShutter(0.4),
+        "optimised": _optimised() if optimised is None else optimised,
+    }
     names = list(PHOTOGRAPHS)[: 1 if quick else None]
     photographs = {name: photograph(name) for name in names}
     setting: Setting = {
@@ -135,10 +135,16 @@ def reproduce(
 def kernel_numbers(shutters: dict[str, AbstractShutter]) -> KernelNumbers:
     """Figure 3: kernels at 0.5, and RMS difference from the still object's over speed."""
     numbers: KernelNumbers = {"speed": AXIS.tolist(), "kernels": {}, "rms": {}, "relative_rms": {}}
+    motion, num_taps = camera(), int(np.ceil(STROKE * 1.5**2)) + 1  # as many as the fastest needs
+
+    def kernel(shutter: AbstractShutter, nu: float) -> Float[np.ndarray, "taps"]:
+        taps = blur_kernel(shutter, motion, speed=nu * float(motion.top_speed), num_taps=num_taps)
+        return np.asarray(taps, np.float64)
+
     for reading, scale in READINGS.items():
         pairs, differences, shares = {}, {}, {}
         for name in ("rect", "hann"):
-            kernels = [_kernel(shutters[name], nu * scale) for nu in AXIS]
+            kernels = [kernel(shutters[name], nu * scale) for nu in AXIS]
             still = kernels[0]
             size = float(np.sqrt(np.mean(still**2)))
             rms = [float(np.sqrt(np.mean((k - still) ** 2))) for k in kernels]
@@ -159,8 +165,6 @@ def spectrum_numbers(shutters: dict[str, AbstractShutter]) -> SpectrumNumbers:
         "motion invariant, rect": blur_kernel(shutters["rect"], motion, num_taps=46),
         "flutter shutter": np.asarray(RASKAR_CODE) / len(RASKAR_CODE),
     }
-    published = {"motion invariant, Hann": 4.45, "motion invariant, rect": 9.27}
-    published["flutter shutter"] = 19.5
     length = 1024
     return {
         "stroke_px": TABLE_STROKE,
@@ -170,7 +174,11 @@ def spectrum_numbers(shutters: dict[str, AbstractShutter]) -> SpectrumNumbers:
         "condition": {
             n: float(condition_number(k, num_frequencies=length)) for n, k in kernels.items()
         },
-        "published": published,
+        "published": {
+            "motion invariant, Hann": 4.45,
+            "motion invariant, rect": 9.27,
+            "flutter shutter": 19.5,
+        },
     }
 
 
@@ -241,24 +249,6 @@ def _figure_6_numbers(
             numbers["psnr_over_speed"][reading][name] = over_speed[reading]
         numbers["psnr_over_noise"][name] = over_noise
     return numbers
-
-
-def _kernel(shutter: AbstractShutter, nu: float) -> Float[np.ndarray, "taps"]:
-    """Kernel at a normalised speed, on as many taps as the fastest needs."""
-    motion = camera()
-    speed = nu * float(motion.top_speed)
-    num_taps = int(np.ceil(STROKE * 1.5**2)) + 1
-    return np.asarray(blur_kernel(shutter, motion, speed=speed, num_taps=num_taps), np.float64)
-
-
-def _shutters(optimised: AbstractShutter) -> dict[str, AbstractShutter]:
-    return {
-        "rect": RectShutter(),
-        "triangle": TriangleShutter(),
-        "hann": HannShutter(),
-        "gaussian": GaussianShutter(0.4),
-        "optimised": optimised,
-    }
 
 
 def _optimised() -> AbstractShutter:

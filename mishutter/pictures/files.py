@@ -22,17 +22,8 @@ MAX_PIXELS = 150_000_000
 """The reader refuses a larger picture before it decodes it."""
 PICTURE_FORMATS = "PNG, JPEG, TIFF, BMP, WebP, PGM or PPM"
 """Formats that are read, each of them under test; any other is refused."""
-PICTURE_SUFFIXES = (
-    ".png",
-    *(".jpg", ".jpeg"),
-    *(".tif", ".tiff"),
-    ".bmp",
-    ".webp",
-    *(".pgm", ".ppm"),
-)
+PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm")
 """Suffixes of such files; the contents of a file decide its format."""
-_BY_PILLOW = ("PNG", "JPEG", "MPO", "TIFF", "BMP", "WEBP", "PPM")
-"""Pillow's names for these formats; a telephone's JPEG with further pictures in it is an MPO."""
 _ORIENTATION = 274
 """Number of the TIFF and EXIF tag that says how a picture is stored."""
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -41,11 +32,6 @@ _WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB = range(3)
 """TIFF's numbers for the meaning of a pixel's values."""
 _CONVERTED = {3: "palette", 5: "CMYK", 6: "YCbCr"}
 """TIFF's numbers for colours that Pillow converts to RGB."""
-_PREMULTIPLIED_ALPHA, _PLAIN_ALPHA = 1, 2
-"""TIFF's numbers for a band of opacity, which multiplies the stored colours or does not."""
-
-_PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
-"""Channels of a PNG by the number of its kind of colour; a palette has one."""
 _PNG_PASSES = (
     *((0, 0, 8, 8), (0, 4, 8, 8), (4, 0, 8, 4), (0, 2, 4, 4)),
     *((2, 0, 4, 2), (0, 1, 2, 2), (1, 0, 2, 1)),
@@ -56,13 +42,6 @@ _TRANSFERS = {
     **{5: 2.8, 8: 1.0, 16: "PQ", 18: "HLG"},
 }
 """Transfer functions by their numbers in H.273: the exponent of a power, or near it, or a name."""
-_PIECE = 1 << 16
-"""Number of bytes of compressed pixels that are checked at a time."""
-
-_JPEG_SCAN, _JPEG_END = 0xDA, 0xD9
-"""Markers that begin a JPEG's pixels and end the file."""
-_JPEG_MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
-"""A marker after pixels, other than those between their parts."""
 
 # Prevents a second line on standard error beside the error of a damaged file.
 logging.getLogger("tifffile").addHandler(logging.NullHandler())
@@ -88,11 +67,7 @@ def is_tiff(path: Path) -> bool:
 
 
 def header_size(content: bytes) -> tuple[int, int]:
-    """Columns and rows of the first whole picture of a file by its header, without decoding it.
-
-    Raises:
-        Exception: with the reason, if the file is no picture.
-    """
+    """Columns and rows of the first whole picture of a file by its header, without decoding it."""
     if content.startswith(_TIFF_SIGNATURES):
         # Pillow knows no TIFF of colours in floating-point numbers.
         import tifffile
@@ -107,13 +82,7 @@ def header_size(content: bytes) -> tuple[int, int]:
 
 
 def decoded(path: Path, number: int = 0) -> Decoded:
-    """A picture as its file holds it.
-
-    Raises:
-        OSError: if the file cannot be read.
-        Exception: with the reason, if the file is no picture of a format that is read, is damaged
-            or has too many pixels.
-    """
+    """A picture as its file holds it."""
     with path.open("rb") as file:
         head = file.read(8)
     with warnings.catch_warnings():
@@ -178,9 +147,6 @@ def _png_chunks(content: bytes) -> dict[bytes, bytes]:
     """The chunks of a PNG by their names, without its pixels, none of which may be missing.
 
     The check is made here because Pillow would leave missing rows black.
-
-    Raises:
-        ValueError: if the file ends early, contradicts a check sum or lacks pixels.
     """
     view, place, chunks = memoryview(content), len(_PNG_SIGNATURE), {}
     unpacked, unpack = 0, zlib.decompressobj()
@@ -198,8 +164,9 @@ def _png_chunks(content: bytes) -> dict[bytes, bytes]:
             _require_size(*(int.from_bytes(data[i : i + 4], "big") for i in (0, 4)))
         if name == b"IDAT":
             # Piece by piece: a small file may hold gigabytes of zeros.
-            for first in range(0, size, _PIECE):
-                unpacked += len(unpack.decompress(data[first : first + _PIECE]))
+            piece = 1 << 16
+            for first in range(0, size, piece):
+                unpacked += len(unpack.decompress(data[first : first + piece]))
         else:
             chunks[name] = bytes(data)
         place += 12 + size
@@ -213,7 +180,7 @@ def _png_size(header: bytes) -> int:
     """Bytes of the pixels of a PNG, by its header."""
     columns, rows = (int.from_bytes(header[i : i + 4], "big") for i in (0, 4))
     depth, colour, interlaced = header[8], header[9], header[12]
-    bits = depth * _PNG_CHANNELS[colour]
+    bits = depth * {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}[colour]  # a palette has one channel
     size = 0
     for row, column, row_step, column_step in _PNG_PASSES if interlaced else [(0, 0, 1, 1)]:
         across = -(-(columns - column) // column_step)
@@ -263,7 +230,11 @@ def _decoded_tiff(path: Path, number: int) -> Decoded:
             raise ValueError("a TIFF of reduced pictures alone")
         has_more = next(pages, None) is not None
         _require_size(page.imagewidth, page.imagelength)
-        _require_all_parts(page)
+        # Both decoders would leave missing strips or tiles black.
+        held = min(sum(map(bool, page.dataoffsets)), sum(map(bool, page.databytecounts)))
+        expected = math.prod(page.chunked)
+        if held < expected:
+            raise ValueError(f"it holds {held} of its {expected} strips or tiles")
         meaning = page.photometric
         if meaning in _CONVERTED or (meaning <= _BLACK_IS_ZERO and _has_few_bits(page)):
             if not _has_few_bits(page, most=8):
@@ -292,15 +263,6 @@ def _whole_pages(file: "TiffFile") -> Iterator[tuple[int | None, "TiffPage"]]:
                 yield number, each
 
 
-def _require_all_parts(page: "TiffPage") -> None:
-    """Refuses a page that lacks strips or tiles, which both decoders would leave black."""
-    offsets, sizes = page.dataoffsets, page.databytecounts
-    count = min(sum(map(bool, offsets)), sum(map(bool, sizes)))
-    expected = math.prod(page.chunked)
-    if count < expected:
-        raise ValueError(f"it holds {count} of its {expected} strips or tiles")
-
-
 def _has_few_bits(page: "TiffPage", most: int = 7) -> bool:
     """Whether a channel has at most `most` bits; Pillow reads such grey values right."""
     return isinstance(page.bitspersample, int) and page.bitspersample <= most
@@ -325,21 +287,17 @@ def _direct(page: "TiffPage", orientation: int) -> Decoded:
     colour, alpha = pixels[..., :num_colours], None
     if page.photometric == _WHITE_IS_ZERO:
         colour = (full - colour).astype(dtype)
-    kinds = [kind for kind in extras if kind in (_PREMULTIPLIED_ALPHA, _PLAIN_ALPHA)]
+    multiplies, stands_beside = 1, 2  # TIFF's numbers for opacity
+    kinds = [kind for kind in extras if kind in (multiplies, stands_beside)]
     if kinds:
         alpha = _share(pixels[..., num_colours + extras.index(kinds[0])], full)
-        if kinds[0] == _PREMULTIPLIED_ALPHA:
-            colour = _divided_by_alpha(colour, alpha, full)
+        if kinds[0] == multiplies:  # divided by it again, and black where it is 0
+            share = alpha[..., None].astype(np.float64)
+            plain = colour * np.divide(1, share, out=np.zeros_like(share), where=share > 0)
+            plain = np.rint(plain) if colour.dtype.kind == "u" else plain
+            colour = np.minimum(plain, full).astype(colour.dtype)
         alpha = _upright(alpha, orientation)
     return Decoded(_upright(colour, orientation), alpha, full)
-
-
-def _divided_by_alpha(colour: np.ndarray, alpha: np.ndarray, full: float) -> np.ndarray:
-    """Colours divided by the opacity that multiplies them; black where the opacity is 0."""
-    share = alpha[..., None].astype(np.float64)
-    plain = colour * np.divide(1, share, out=np.zeros_like(share), where=share > 0)
-    plain = np.rint(plain) if colour.dtype.kind == "u" else plain
-    return np.minimum(plain, full).astype(colour.dtype)
 
 
 def _upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
@@ -363,7 +321,8 @@ def _decoded_by_pillow(path: Path, page: int = 0) -> Decoded:
     from PIL import Image, ImageOps
 
     with Image.open(path) as file:
-        if file.format not in _BY_PILLOW:
+        # A telephone's JPEG with further pictures in it is an MPO.
+        if file.format not in ("PNG", "JPEG", "MPO", "TIFF", "BMP", "WEBP", "PPM"):
             raise ValueError(f"a {file.format} file")
         _require_size(file.width, file.height)
         has_more = _has_more(file)
@@ -401,14 +360,16 @@ def _require_whole_jpeg(file: "Image.Image", content: bytes) -> None:
 
 def _end_of_jpeg(content: bytes) -> int:
     """Place of the end marker of a JPEG; a preview within it has one of its own."""
+    scan, end = 0xDA, 0xD9  # markers that begin the pixels and end the file
     place = 2
-    while (kind := content[place + 1]) != _JPEG_END:
+    while (kind := content[place + 1]) != end:
         if kind == 0xFF:  # fills up
             place += 1
             continue
         place += 2 + int.from_bytes(content[place + 2 : place + 4], "big")
-        if kind == _JPEG_SCAN:
-            marker = _JPEG_MARKER.search(content, place)
+        if kind == scan:
+            # The next marker that does not stand between parts of the pixels.
+            marker = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]").search(content, place)
             if marker is None:
                 raise ValueError("it ends early")
             place = marker.start()
@@ -428,14 +389,11 @@ def _decoded_map(file: "Image.Image", path: Path) -> Decoded:
     stretch = white / (65535 if file.mode == "I" else 255)
     values = np.rint(pixels * stretch).astype(np.uint16 if white > 255 else np.uint8)
     values = values[..., None] if values.ndim == 2 else values
-    num_bytes = -(-file.width // 8) * file.height if file.mode == "1" else values.nbytes
-    has_more = _has_further_map(path.read_bytes(), begin, num_bytes)
-    return Decoded(values, None, float(white), has_more)
-
-
-def _has_further_map(content: bytes, begin: int, num_bytes: int) -> bool:
-    """Whether another map follows the one whose pixels begin at a place of a file."""
-    is_in_letters = content[1:2] in b"123"
-    if is_in_letters:
-        return re.search(rb"^P[1-6]\s", content[begin:], re.MULTILINE) is not None
-    return re.match(rb"\s*P[1-6]\s", content[begin + num_bytes :]) is not None
+    # Another map may follow the pixels, which are in letters or in bytes.
+    content = path.read_bytes()
+    if content[1:2] in b"123":
+        further = re.search(rb"^P[1-6]\s", content[begin:], re.MULTILINE)
+    else:
+        num_bytes = -(-file.width // 8) * file.height if file.mode == "1" else values.nbytes
+        further = re.match(rb"\s*P[1-6]\s", content[begin + num_bytes :])
+    return Decoded(values, None, float(white), has_more=further is not None)

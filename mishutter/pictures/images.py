@@ -219,14 +219,6 @@ def read_captures(
 
     A capture that a dark frame was taken from is below 0 by its noise, and a highlight may be above
     white. A TIFF holds as many captures as it has pages of full size.
-
-    Raises:
-        OSError: if there is no such file, or it cannot be read.
-        ValueError: if the file is no picture of these formats, is damaged, has a picture larger
-            than 150 megapixels, or holds a value that is not finite, or white is not above black.
-
-    Warns:
-        PictureWarning: as `read_picture`.
     """
     path, white = Path(path), checked_white("read_captures(white=...)", white)
     require_scalar("read_captures(black=...)", black)
@@ -254,12 +246,7 @@ def read_captures(
 
 
 def decoded_pages(path: str | Path, most: int | None = None) -> tuple[Decoded, ...]:
-    """The pictures of a file as it holds them: a TIFF has one for each page of full size.
-
-    Raises:
-        OSError: as `read_picture`.
-        ValueError: as `read_picture`.
-    """
+    """The pictures of a file as it holds them: a TIFF has one for each page of full size."""
     path = Path(path)
     files = [_file(path)]
     while files[-1].has_more and is_tiff(path) and (most is None or len(files) < most):
@@ -288,11 +275,7 @@ def light_of(
     black: float = 0.0,
     bounded: bool = True,
 ) -> Float[np.ndarray, "rows columns channels"]:
-    """Linear light of a picture's colours, white = 1; shape `(rows, columns, channels)`, float32.
-
-    Raises:
-        ValueError: if a value is not finite, or is refused.
-    """
+    """Linear light of a picture's colours, white = 1; `(rows, columns, channels)`, float32."""
     shares = np.ascontiguousarray(_shares(file, path, white, black, bounded=bounded))
     exponent = _exponent(file, linear)
     if exponent == 1:
@@ -310,11 +293,7 @@ def _exponent(file: Decoded, linear: bool) -> float:
 
 
 def checked_white(subject: str, white: ArrayLike | None) -> float | None:
-    """A value of white as a Python float; None stays None.
-
-    Raises:
-        ValueError: if `white` is not a finite number above 0.
-    """
+    """A value of white as a Python float; None stays None."""
     if white is None:
         return None
     require_scalar(subject, white)
@@ -324,15 +303,7 @@ def checked_white(subject: str, white: ArrayLike | None) -> float | None:
 
 
 def read_levels(path: str | Path) -> Shaped[np.ndarray, "rows columns"]:
-    """Read the numbers of a grey picture as the file holds them.
-
-    Raises:
-        OSError: as `read_picture`.
-        ValueError: as `read_picture`, and of a picture in colour.
-
-    Warns:
-        PictureWarning: if the file holds more pictures.
-    """
+    """Read the numbers of a grey picture as the file holds them."""
     file = _file(Path(path))
     colour = file.colour
     if file.has_more:
@@ -343,12 +314,7 @@ def read_levels(path: str | Path) -> Shaped[np.ndarray, "rows columns"]:
 
 
 def read_opacity(path: str | Path) -> Float[np.ndarray, "rows columns"]:
-    """Read a grey picture as opacity: its values as the file holds them, without gamma.
-
-    Raises:
-        OSError: as `read_picture`.
-        ValueError: as `read_picture`.
-    """
+    """Read a grey picture as opacity: its values as the file holds them, without gamma."""
     path = Path(path)
     return np.clip(Picture(_shares(_file(path), path, None)).luminance, 0, 1)
 

@@ -17,10 +17,6 @@ from mishutter.search.search import optimise
 
 STILL_SHARES = (0.5, 0.7)
 """Shares of a picture that stand still, in the gains that stand beside a verdict."""
-OBJECT_WIDTH = 100.0
-"""Width of the objects before it; px."""
-_NUM_STARTS = 2
-"""Starts of a search, which on the built-in scene and the slides finds what four and eight do."""
 _NAMED = 0.05
 """Least gain before a background that the sentence names; dB."""
 
@@ -52,9 +48,6 @@ def background_gains(
     A profile and a motion are searched for each, from few starts, before a still background with
     objects of 100 px. A scene that says what hides what has none, nor has one whose decoder knows
     the speed of a picture, nor one in which nothing moves.
-
-    Raises:
-        ValueError: if the scene is none or is traced.
     """
     require_scene(scene)
     require_known("background_gains", scene=scene)
@@ -69,16 +62,16 @@ def background_gains(
         own = snapshot_designs(RivalSearch(layered, loss))
         snapshot = min(own.values(), key=lambda design: design.loss)
         start = scene.fullest_motion if scene.motion.is_straight else scene.motion
-        design = optimise(layered, start, loss=loss, num_starts=_NUM_STARTS)
+        # Two starts find what four and eight do, on the built-in scene and the slides.
+        design = optimise(layered, start, loss=loss, num_starts=2)
         gain = max(20 * math.log10(snapshot.loss / design.loss), 0.0)
         gains.append(BackgroundGain(share, gain, design if gain >= _NAMED else snapshot))
     return tuple(gains)
 
 
 def before_still_background(scene: Scene, still_share: float) -> Scene:
-    """The same scene with its objects before a background that stands still."""
-    layers = Occlusion(front_share=1 - still_share, object_width=OBJECT_WIDTH)
-    return scene.with_occlusion(layers)
+    """The same scene with objects of 100 px before a background that stands still."""
+    return scene.with_occlusion(Occlusion(front_share=1 - still_share, object_width=100.0))
 
 
 def background_line(gains: tuple[BackgroundGain, ...]) -> str:

@@ -66,12 +66,12 @@ class Judgement(NamedTuple):
 
     def sentence(self, name: str | None) -> str:
         """A line of the verdict."""
-        told = f"By {self.decoder} on {self.num_pictures} pictures"
         best = max(self.cameras, key=lambda each: self.cameras[each].gain)
         camera = self.cameras[name or best]
         side = "above" if camera.gain >= 0 else "below"
         return (
-            f"{told} {name or f'the best camera, {best},'} is {abs(camera.gain):.2f} ± "
+            f"By {self.decoder} on {self.num_pictures} pictures "
+            f"{name or f'the best camera, {best},'} is {abs(camera.gain):.2f} ± "
             f"{camera.standard_error:.2f} dB {side} the best snapshot."
         )
 
@@ -108,9 +108,6 @@ def judged_by(
     level over the photographs, each at every speed of the scene. All cameras have the same noise
     and are judged on the same columns. The decoder knows as much of the speed as the one that
     judges the row.
-
-    Raises:
-        ValueError: if a photograph is too narrow for the longest blur.
     """
     longest = longest_kernel(scene, [_exposed(row.motion, max(_LONGER)) for row in rows])
 

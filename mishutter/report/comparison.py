@@ -58,10 +58,6 @@ from mishutter.search.rows import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_WHY_NO_STEP = "compiling (first run only), or a long search"
-"""Why a search of a comparison takes a while."""
-_NO_DETAIL = "This scene's picture holds no detail: there is nothing to restore or to gain."
-
 
 @dataclass(frozen=True)
 class Comparison:
@@ -174,6 +170,11 @@ class Comparison:
         names = ", ".join(sorted({row.name for row in self.rows}))
         raise ValueError(f"`Comparison.row(name=...)` must be one of {names}; got {name!r}.")
 
+    @property
+    def options_baseline(self) -> Row:
+        """The best snapshot at rest, over which the gains of options are."""
+        return self.row(BEST_SNAPSHOT)
+
     def to_dict(self) -> dict[str, Any]:
         """The table as plain numbers and text."""
         rows = [
@@ -208,25 +209,26 @@ class Comparison:
             }
             for row in self.options
         ]
-        choice = None if self.choice is None else self.choice.name
-        numbers = {"gain_db": self.gain, "ceiling_db": self.ceiling}
-        words = {"verdict": self.verdict, "notes": list(self.notes), "details": list(self.details)}
-        words |= {"choice": choice, "options": options}
-        within = self.gain_range
-        ranges = {} if within is None else {"choice_gain_range_db": list(within)}
-        costs = {} if self.costs is None else {"tolerance_costs": self.costs.to_dict()}
-        judged = {} if self.judgement is None else {"on_pictures": self.judgement.to_dict()}
-        frames = {} if self.sequence is None else {"sequence": sequence_to_dict(self.sequence)}
-        return {
+        document: dict[str, Any] = {
             "rows": rows,
             "rivals": rivals,
-            **words,
-            **numbers,
-            **ranges,
-            **costs,
-            **judged,
-            **frames,
+            "verdict": self.verdict,
+            "notes": list(self.notes),
+            "details": list(self.details),
+            "choice": None if self.choice is None else self.choice.name,
+            "options": options,
+            "gain_db": self.gain,
+            "ceiling_db": self.ceiling,
         }
+        if self.gain_range is not None:
+            document["choice_gain_range_db"] = list(self.gain_range)
+        if self.costs is not None:
+            document["tolerance_costs"] = self.costs.to_dict()
+        if self.judgement is not None:
+            document["on_pictures"] = self.judgement.to_dict()
+        if self.sequence is not None:
+            document["sequence"] = sequence_to_dict(self.sequence)
+        return document
 
     def plot(self) -> "Figure":
         """A figure of the levels of all rows at their own best motion, and of the ceiling."""
@@ -234,26 +236,19 @@ class Comparison:
         chosen = None if self.choice is None else self.choice.name
         return plot_levels({row.name: row.level for row in rows}, self.ceiling, chosen)
 
-    @property
-    def options_baseline(self) -> Row:
-        """The best snapshot at rest, over which the gains of options are."""
-        return self.row(BEST_SNAPSHOT)
-
     def text(self, *, verbose: bool = False) -> str:
         """The answer with its table of options, as the command and the page show it.
 
         Args:
             verbose: Whether the details and the tables of all rows follow.
         """
-        first, *others = self.verdict.split("\n", 1)
-        parts = [first, *others]
+        first, *parts = self.verdict.split("\n", 1)
         if self.options:
-            table = options_table(self.options, self.options_baseline, self.ceiling)
-            parts = [first, table, *others]
+            parts.insert(0, options_table(self.options, self.options_baseline, self.ceiling))
         if verbose:
-            details = ["\n".join(self.details)] if self.details else []
-            parts += [*details, *(table.text() for table in comparison_tables(self))]
-        return "\n\n".join(parts)
+            parts += ["\n".join(self.details)] if self.details else []
+            parts += [table.text() for table in comparison_tables(self)]
+        return "\n\n".join([first, *parts])
 
 
 def _gain(level: float, other: float) -> float:
@@ -336,9 +331,16 @@ def compare(
     lights = pictures_to_judge(decoder, pictures)
     loss = loss_of_decoder(scene) if loss is None else as_loss(loss, "compare(loss=...)")
     loss = loss if loss.sees_light else loss_of_decoder(scene)
-    entries = _entries(shutters) if shutters else {}
+    entries: dict[str, Entry] = {}
+    if shutters:
+        subject, kinds = "compare(shutters=...)", (AbstractShutter, Design)
+        entries = named(subject, shutters, kinds, "shutter or design", label="shutter ")
+        for name, entry in entries.items():
+            must = f"call no other shutter one of {', '.join(taken_names())}"
+            require(may_be_named(entry, name), subject, must, name)
     search = RivalSearch(scene, loss, motion, entries, free_paths=free_paths, every=every)
-    with counts(progress is True, "comparing", len(searches(search)), _WHY_NO_STEP) as counter:
+    why_no_step = "compiling (first run only), or a long search"
+    with counts(progress is True, "comparing", len(searches(search)), why_no_step) as counter:
 
         def ended(name: str) -> None:
             counter.ended(name)
@@ -360,16 +362,6 @@ def compare(
     return replace(table, verdict=verdict, judgement=judgement)
 
 
-def _entries(shutters: object) -> dict[str, Entry]:
-    """Shutters and designs by name; no other row may have that name."""
-    subject, kinds = "compare(shutters=...)", (AbstractShutter, Design)
-    entries = named(subject, shutters, kinds, "shutter or design", label="shutter ")
-    requirement = f"call no other shutter one of {', '.join(taken_names())}"
-    for name, entry in entries.items():
-        require(may_be_named(entry, name), subject, requirement, name)
-    return entries
-
-
 def with_verdict(
     rows: Sequence[Row],
     entries: Mapping[str, Entry],
@@ -384,7 +376,8 @@ def with_verdict(
     notes = comparison_notes(scene, entries, single, free_paths=free_paths)
     snapshot = best_row(row for row in single if row.name in SNAPSHOTS)
     if np.isposinf(snapshot.level):
-        return Comparison(tuple(rows), _NO_DETAIL, 0.0, np.inf, notes)
+        said = "This scene's picture holds no detail: there is nothing to restore or to gain."
+        return Comparison(tuple(rows), said, 0.0, np.inf, notes)
     coded = [row for row in single if row.name not in SNAPSHOTS]
     best = best_row([row for row in coded if row.name in entries] or coded)
     most = float(ceiling(scene))
@@ -394,8 +387,7 @@ def with_verdict(
     # Nothing registers a single frame: that is one of the single exposures.
     choice = choice_of([*single, *(row for row in at_best if row.num_frames > 1)], entries)
     within = gain_range(scene, choice, at_rest)
-    first = headline(choice, at_rest, within)
-    lines = [first, *sentences_of(scene, at_best, choice, notes)]
+    lines = [headline(choice, at_rest, within), *sentences_of(scene, at_best, choice, notes)]
     costs = None
     if best.within is not None:
         costs = tolerance_costs(scene, best.motion, best.shutter)

@@ -12,20 +12,11 @@ from mishutter.decoding.restoration import RestoredPhotograph
 from mishutter.design.design import Design
 from mishutter.model.scene import Scene
 from mishutter.report import plots
-from mishutter.report.backgrounds import (
-    STILL_SHARES,
-    BackgroundGain,
-    before_still_background,
-)
+from mishutter.report.backgrounds import STILL_SHARES, BackgroundGain, before_still_background
 from mishutter.report.comparison import Comparison
 from mishutter.report.layered import layered_captures, layered_scene
 from mishutter.report.measured import MeasuredCamera
-from mishutter.report.restored import (
-    ENSEMBLE,
-    Photographs,
-    pictured_speeds,
-    shown_speeds,
-)
+from mishutter.report.restored import ENSEMBLE, Photographs, pictured_speeds, shown_speeds
 from mishutter.report.verdict import option_name
 from mishutter.search.rows import (
     BEST_SNAPSHOT,
@@ -42,9 +33,10 @@ if TYPE_CHECKING:
 _DESIGN, _DOCUMENT, _LAYERS = "design.json", "report.json", "layers.png"
 _TO_BUILD = "build.json"
 """File of the camera to build, if the verdict names another one than the design."""
-_OF_DESIGNS = frozenset({"profile.png", "kernels.png", "transfer.png", "psnr.png"})
-"""Pictures of designs of one exposure."""
-_PICTURES = _OF_DESIGNS | {"answer.png", "photograph.png", _LAYERS}
+_PICTURES = frozenset(
+    f"{name}.png"
+    for name in ("profile", "kernels", "transfer", "psnr", "answer", "photograph", "layers")
+)
 """Pictures of which a run may write fewer than an earlier one."""
 _MOST_ROWS = 3
 """Most rows of a picture that has one for each design."""
@@ -66,70 +58,90 @@ class Report:
     measured: MeasuredCamera | None = None
     every: bool = False  # Whether pictures show designs that the answer does not recommend
 
+    @property
+    def rows(self) -> dict[str, Row]:
+        """Rows that pictures show; a picture without room for all shows the first of them.
 
-def pictured_rows(
-    comparison: Comparison, names: tuple[str, ...], *, every: bool = False
-) -> dict[str, Row]:
-    """Rows that pictures show; a picture without room for all shows the first of them.
+        They are the best option and the best snapshot at rest. Where that option is one exposure
+        that is designed, or where every one is wanted, the user's shutters and the best of the
+        others follow.
+        """
+        comparison = self.comparison
+        rows = {row.name: row for row in comparison.rows if row.reading == OWN_BEST_MOTION}
+        choice = [] if comparison.choice is None else [comparison.choice.name]
+        order = [*choice, BEST_SNAPSHOT]
+        if self.every or comparison.is_coded:
+            coded = {
+                name: row
+                for name, row in rows.items()
+                if row.is_of_one_exposure and name not in (*self.names, *SNAPSHOTS)
+            }
+            # Searches that end in one place differ by rounding; the first of them is pictured.
+            best = [max(coded, key=lambda name: round(coded[name].level, 3))] if coded else []
+            order += [*self.names, *best]
+        return {name: rows[name] for name in dict.fromkeys(order)}
 
-    They are the best option and the best snapshot at rest. Where that option is one exposure that
-    is designed, or where every one is wanted, the user's shutters and the best of the others
-    follow.
-    """
-    rows = {row.name: row for row in comparison.rows if row.reading == OWN_BEST_MOTION}
-    choice = [] if comparison.choice is None else [comparison.choice.name]
-    order = [*choice, BEST_SNAPSHOT]
-    if every or comparison.is_coded:
-        coded = {
-            name: row
-            for name, row in rows.items()
-            if row.is_of_one_exposure and name not in (*names, *SNAPSHOTS)
+    @property
+    def cameras(self) -> dict[str, Row]:
+        """The pictured rows of one exposure, those of the same camera once, by all its names."""
+        cameras = cameras_of(row for row in self.rows.values() if row.is_of_one_exposure)
+        return {" = ".join(row.name for row in camera): camera[0] for camera in cameras}
+
+    @property
+    def photograph_levels(self) -> dict[str, dict[str, RestoredPhotograph]]:
+        """How well the photograph was restored, by decoder, then by all names of a camera."""
+        levels = {} if self.photographs is None else self.photographs.levels
+        return {
+            decoder: {name: results[row.name] for name, row in self.cameras.items()}
+            for decoder, results in levels.items()
         }
-        # Searches that end in one place differ by rounding; the first of them is pictured.
-        best = [max(coded, key=lambda name: round(coded[name].level, 3))] if coded else []
-        order += [*names, *best]
-    return {name: rows[name] for name in dict.fromkeys(order)}
 
+    @property
+    def recommended(self) -> Design | None:
+        """The best option as a design, where the file of the search's design lacks it."""
+        choice = self.comparison.choice
+        if self.design is None or choice is None or choice.name in self.names:
+            return None
+        if choice.sequence is None:
+            return choice.design
+        own = self.design.sequence
+        is_there = own is not None and own.text == choice.sequence.text
+        return None if is_there else replace(self.design, sequence=choice.sequence)
 
-def pictured_cameras(
-    comparison: Comparison, names: tuple[str, ...], *, every: bool = False
-) -> dict[str, Row]:
-    """The pictured rows of one exposure, those that are the same camera once, by all its names."""
-    rows = pictured_rows(comparison, names, every=every).values()
-    cameras = cameras_of(row for row in rows if row.is_of_one_exposure)
-    return {" = ".join(row.name for row in camera): camera[0] for camera in cameras}
+    @property
+    def file_to_build(self) -> str:
+        """Name of the file that holds the best option, once a report with a design is written."""
+        return _DESIGN if self.recommended is None else _TO_BUILD
 
-
-def photograph_levels(report: Report) -> dict[str, dict[str, RestoredPhotograph]]:
-    """How well the photograph was restored, by decoder, then by all names of a pictured camera."""
-    levels = {} if report.photographs is None else report.photographs.levels
-    cameras = pictured_cameras(report.comparison, report.names, every=report.every)
-    return {
-        decoder: {name: results[row.name] for name, row in cameras.items()}
-        for decoder, results in levels.items()
-    }
-
-
-def document(report: Report) -> dict[str, object]:
-    """Everything in a report as plain numbers, lists and text."""
-    levels = {} if report.photographs is None else report.photographs.levels
-    photographs = {
-        decoder: {name: _photograph_document(result) for name, result in results.items()}
-        for decoder, results in levels.items()
-    }
-    design: dict[str, object] = {}
-    if report.design is not None:
-        design["design"] = report.design.to_dict()
-    measured = {} if report.measured is None else {"as_measured": report.measured.to_dict()}
-    backgrounds = [
-        {"still_share": each.still_share, "gain_db": each.gain} for each in report.backgrounds
-    ]
-    return design | {
-        "comparison": report.comparison.to_dict(),
-        **measured,
-        "before_a_background": backgrounds,
-        "photographs": photographs,
-    }
+    def to_dict(self) -> dict[str, object]:
+        """Everything in a report as plain numbers, lists and text."""
+        levels = {} if self.photographs is None else self.photographs.levels
+        design = {} if self.design is None else {"design": self.design.to_dict()}
+        measured = {} if self.measured is None else {"as_measured": self.measured.to_dict()}
+        photographs: dict[str, object] = {}
+        for decoder, results in levels.items():
+            photographs[decoder] = {
+                name: {
+                    "speeds_px_per_s": result.speeds,
+                    "psnr_db": result.psnr,
+                    "linear_psnr_db": result.linear_psnr,
+                    "standard_error_db": result.standard_error,
+                    "mean_linear_psnr_db": result.mean_psnr,
+                    "expected_of_ensemble_filter_db": result.expected_psnr,
+                    "expected_of_its_own_detail_db": result.own_expected_psnr,
+                    "doubts": result.doubts.tolist(),
+                }
+                for name, result in results.items()
+            }
+        return {
+            **design,
+            "comparison": self.comparison.to_dict(),
+            **measured,
+            "before_a_background": [
+                {"still_share": each.still_share, "gain_db": each.gain} for each in self.backgrounds
+            ],
+            "photographs": photographs,
+        }
 
 
 def _layered(report: Report, rows: dict[str, Row]) -> "Figure":
@@ -153,29 +165,12 @@ def _layered(report: Report, rows: dict[str, Row]) -> "Figure":
     return plots.plot_layers(subject.transposed(axis), shown, whole=layers is None)
 
 
-def _photograph_document(result: RestoredPhotograph) -> dict[str, object]:
-    """The levels of a restored photograph, by names that end in their unit."""
-    return {
-        "speeds_px_per_s": result.speeds,
-        "psnr_db": result.psnr,
-        "linear_psnr_db": result.linear_psnr,
-        "standard_error_db": result.standard_error,
-        "mean_linear_psnr_db": result.mean_psnr,
-        "expected_of_ensemble_filter_db": result.expected_psnr,
-        "expected_of_its_own_detail_db": result.own_expected_psnr,
-        "doubts": result.doubts.tolist(),
-    }
-
-
 def write_report(
     report: Report, folder: Path, *, wrote: Callable[[str], None] = lambda name: None
 ) -> list[str]:
     """Writes designs, profiles and pictures to a folder; returns the names of the files.
 
     Pictures that an earlier run wrote are deleted if this report has none of their name.
-
-    Raises:
-        OSError: if a file cannot be written.
     """
     writers = _writers(report)
     for name, write in writers.items():
@@ -195,30 +190,14 @@ def _writers(report: Report) -> dict[str, Callable[[Path], None]]:
         # Beside frames to take, the profile of one exposure would be that of another camera.
         if report.every or report.comparison.sequence is None:
             writers["profile.csv"] = report.design.write_profile
-        recommended = _recommended(report.design, report.comparison.choice, report.names)
-        if recommended is not None:
-            writers[_TO_BUILD] = recommended.save
+        if report.recommended is not None:
+            writers[_TO_BUILD] = report.recommended.save
     writers[_DOCUMENT] = partial(_write_document, report)
-    return writers | {
-        name: partial(_save_drawn, drawn) for name, drawn in _drawings(report).items()
-    }
 
+    def save(drawn: "Callable[[], Figure]", path: Path) -> None:
+        plots.save_figure(drawn(), path)
 
-def file_to_build(report: Report) -> str:
-    """Name of the file that holds the best option, once a report with a design is written."""
-    design, choice = report.design, report.comparison.choice
-    is_other = design is not None and _recommended(design, choice, report.names) is not None
-    return _TO_BUILD if is_other else _DESIGN
-
-
-def _recommended(design: Design, choice: Row | None, names: tuple[str, ...]) -> Design | None:
-    """The best option as a design, where it is not the one of the search, or not in its file."""
-    if choice is None or choice.name in names:
-        return None
-    if choice.sequence is not None:
-        is_there = design.sequence is not None and design.sequence.text == choice.sequence.text
-        return None if is_there else replace(design, sequence=choice.sequence)
-    return choice.design
+    return writers | {name: partial(save, drawn) for name, drawn in _drawings(report).items()}
 
 
 def write_background(
@@ -228,31 +207,23 @@ def write_background(
     draws: bool = True,
     wrote: Callable[[str], None] = lambda name: None,
 ) -> list[str]:
-    """Writes the document again, with the gains before a background, and draws such a picture.
-
-    Raises:
-        OSError: if a file cannot be written.
-    """
+    """Writes the document again, with the gains before a background, and draws such a picture."""
     _write_document(report, folder / _DOCUMENT)
     if not draws or report.design is None or report.photographs is None:
         return []
-    rows = pictured_cameras(report.comparison, report.names, every=True)
-    _save_drawn(lambda: _layered(report, rows), folder / _LAYERS)
+    rows = replace(report, every=True).cameras
+    plots.save_figure(_layered(report, rows), folder / _LAYERS)
     wrote(_LAYERS)
     return [_LAYERS]
 
 
 def _write_document(report: Report, path: Path) -> None:
-    write_text(path, strict_json(document(report)) + "\n")
-
-
-def _save_drawn(drawn: "Callable[[], Figure]", path: Path) -> None:
-    plots.save_figure(drawn(), path)
+    write_text(path, strict_json(report.to_dict()) + "\n")
 
 
 def _drawings(report: Report) -> "dict[str, Callable[[], Figure]]":
     """A function for each picture that draws it, by the name of its file."""
-    scene, comparison, names = report.scene, report.comparison, report.names
+    scene, comparison = report.scene, report.comparison
     drawings: dict[str, Callable[[], Figure]] = {}
     choice = comparison.choice
     if choice is not None:
@@ -260,8 +231,7 @@ def _drawings(report: Report) -> "dict[str, Callable[[], Figure]]":
         drawings["answer.png"] = lambda: plots.plot_option(scene, choice, title)
     if report.photographs is not None:
         shown = report.photographs.shown
-        chosen = pictured_rows(comparison, names, every=report.every)
-        few = dict(itertools.islice(chosen.items(), _MOST_ROWS))
+        few = dict(itertools.islice(report.rows.items(), _MOST_ROWS))
         restored = {option_name(row): shown[name] for name, row in few.items()}
         asides = {
             option_name(row): ", registered" if row.num_frames > 1 else row.decoder.aside
@@ -272,9 +242,8 @@ def _drawings(report: Report) -> "dict[str, Callable[[], Figure]]":
         )
     if not (report.every or comparison.is_coded):
         return drawings
-    rows = pictured_cameras(comparison, names, every=report.every)
-    designs = {name: (row.motion, row.shutter) for name, row in rows.items()}
-    knowledge = next(iter(rows.values())).decoder.name
+    designs = {name: (row.motion, row.shutter) for name, row in report.cameras.items()}
+    knowledge = next(iter(report.cameras.values())).decoder.name
     some = dict(itertools.islice(designs.items(), _MOST_ROWS))
     drawings |= {
         "profile.png": lambda: plots.plot_profiles(
@@ -285,6 +254,6 @@ def _drawings(report: Report) -> "dict[str, Callable[[], Figure]]":
         "transfer.png": lambda: plots.plot_transfer(scene, designs, knowledge),
     }
     if report.photographs is not None:
-        levels = photograph_levels(report)
+        levels = report.photograph_levels
         drawings["psnr.png"] = lambda: plots.plot_psnr(levels[ENSEMBLE])
     return drawings

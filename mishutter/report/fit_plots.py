@@ -1,26 +1,25 @@
 """Pictures of a camera that was fitted to measurements: residuals and the fitted profile."""
 
+import itertools
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mishutter.hardware.calibration.estimation import FittedCamera
 from mishutter.model.shutters.base import AbstractShutter
-from mishutter.report.plots import Margins, leave_room, line_styles, new_figure
+from mishutter.report.plots import leave_room, line_styles, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-_NUM_POINTS = 401
 
 
 def plot_fit(camera: FittedCamera, sent: AbstractShutter) -> "Figure":
     """Levels and residuals of each picture, and the profile beside the one that was sent."""
     count = len(camera.levels)
     figure = new_figure(9.0, 1.8 * count + 3.0)
-    leave_room(figure, Margins(top=0.3, rows=0.55), num_rows=count + 1, num_columns=2)
+    leave_room(figure, top=0.3, rows=0.55, num_rows=count + 1, num_columns=2)
     grid = figure.add_gridspec(count + 1, 2, height_ratios=[1.0] * count + [2.0])
-    first, second, *_ = (style for style, _ in zip(line_styles(), range(2), strict=False))
+    first, second = itertools.islice(line_styles(), 2)
     each = zip(camera.levels, camera.expected, camera.noise, strict=True)
     for index, (levels, expected, noise) in enumerate(each):
         left, right = (figure.add_subplot(grid[index, column]) for column in (0, 1))
@@ -40,7 +39,7 @@ def plot_fit(camera: FittedCamera, sent: AbstractShutter) -> "Figure":
             left.set_xlabel("column / px")
             right.set_xlabel("column / px")
     bottom = figure.add_subplot(grid[count, :])
-    tau = np.linspace(-1, 1, _NUM_POINTS)
+    tau = np.linspace(-1, 1, 401)
     time = tau * float(camera.motion.half_exposure) * 1e3
     bottom.plot(time, np.asarray(camera.shutter.transmittance(tau)), label="as built", **first)
     bottom.plot(time, np.asarray(sent.transmittance(tau)), label="as sent", **second)

@@ -11,11 +11,6 @@ from mishutter.evaluation.sequences import psnr_of_frames
 from mishutter.model.scene import Scene
 from mishutter.search.rows import Row
 
-_DEVIATIONS = 2.0
-"""Standard deviations to either end."""
-_LEAST_RATE = 0.05
-"""Share of the light at which it ends, however large its error is."""
-
 
 def gain_range(scene: Scene, choice: Row, other: Row) -> tuple[float, float] | None:
     """The least and greatest gain of a row over another within two errors of each number; dB.
@@ -49,14 +44,14 @@ def _ends(scene: Scene) -> Iterator[list[Scene]]:
     errors = scene.errors
     if errors is None:
         return
-    signs = (-_DEVIATIONS, _DEVIATIONS)
 
     def around(value: ArrayLike, error: ArrayLike, least: float) -> list[np.ndarray]:
+        """Two standard deviations to either side, but no less than a share of the number."""
         middle, step = np.asarray(value), np.asarray(error)
-        return [np.asarray(np.maximum(middle + k * step, least * middle)) for k in signs]
+        return [np.asarray(np.maximum(middle + k * step, least * middle)) for k in (-2.0, 2.0)]
 
     if errors.photon_rate > 0:
-        rates = around(scene.photon_rate, errors.photon_rate, _LEAST_RATE)
+        rates = around(scene.photon_rate, errors.photon_rate, 0.05)
         yield [replace(scene, photon_rate=rate) for rate in rates]
     if errors.read_noise > 0:
         noises = around(scene.read_noise, errors.read_noise, 0.0)

@@ -35,13 +35,6 @@ from mishutter.search.rows import simplest_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_NEEDS = ("registration", "registration, stage", "registration, stage of two axes")
-"""Needs of several frames by the axes of a stage."""
-_ONE_FILTER = (
-    "One filter for all velocities is not offered: no moving camera beats the best still frame by "
-    "it where things move in any direction."
-)
-
 
 @dataclass(frozen=True)
 class PlaneReport:
@@ -83,13 +76,17 @@ class PlaneReport:
         gain = choice.level - first.level
         headline = snapshot_line(first.lengths, level)
         if choice is not first:
-            headline = order_line(_order(choice), level, (gain,))
+            order = order_at_rest(choice)
+            if choice.num_axes:
+                order = f"{counted(choice)}{_way(choice)}"
+            headline = order_line(order, level, (gain,))
+        needs = ("registration", "registration, stage", "registration, stage of two axes")
         rows = [
             (
                 _name(x),
                 x.level,
                 None if x is first else x.level - first.level,
-                "nothing" if x is first else _NEEDS[x.num_axes],
+                "nothing" if x is first else needs[x.num_axes],
             )
             for x in self.options
         ]
@@ -122,11 +119,15 @@ class PlaneReport:
             f"Assumes: {'; '.join(filter(None, said))}.",
         ]
         if scene.decoder_speed == "unknown":
-            sentences.insert(1, _ONE_FILTER)
+            sentences.insert(
+                1,
+                "One filter for all velocities is not offered: no moving camera beats the best "
+                "still frame by it where things move in any direction.",
+            )
         return [paragraph(sentence) for sentence in sentences if sentence]
 
     def _stage_words(self, choice: PlaneBurst) -> str:
-        """The demands on the stage, in um, mm/s and g where the pitch is known."""
+        """The gain by the stage, and the demands on it."""
         if not choice.num_axes:
             return ""
         use, pitch = choice.use, self.scene.sensor.pixel_pitch
@@ -168,10 +169,6 @@ def _at_most(value: Array | np.ndarray | float) -> float:
     return math.ceil(float(value) / size - 1e-6) * size
 
 
-def _order(burst: PlaneBurst) -> str:
-    return f"{counted(burst)}{_way(burst)}" if burst.num_axes else order_at_rest(burst)
-
-
 def _way(burst: PlaneBurst) -> str:
     return stage_does(burst.kind, f"{_at_most(burst.use.travel):g} px")
 
@@ -201,11 +198,7 @@ def _document(burst: PlaneBurst, first: PlaneBurst) -> dict[str, Any]:
 def write_plane_report(
     report: PlaneReport, folder: Path, *, wrote: Callable[[str], None] = lambda name: None
 ) -> list[str]:
-    """Writes the design, the document and the picture of an answer; returns the files' names.
-
-    Raises:
-        OSError: if a file cannot be written.
-    """
+    """Writes the design, the document and the picture of an answer; returns the files' names."""
     report.design.save(folder / "design.json")
     wrote("design.json")
     write_text(folder / "report.json", strict_json(report.to_dict()) + "\n")

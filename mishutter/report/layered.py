@@ -15,22 +15,13 @@ from mishutter.decoding.decoders.base import blur_model
 from mishutter.decoding.decoders.linear import EnsembleDecoder, squared_error_in
 from mishutter.decoding.restoration import restored_light
 from mishutter.design.design import Design
-from mishutter.model.motion import AbstractMotion
 from mishutter.model.occlusion import Occlusion
 from mishutter.model.scene import Scene
-from mishutter.model.shutters.base import AbstractShutter
 from mishutter.pictures.images import Axis, Picture, row_power_spectrum, transposed
 from mishutter.report.restored import longest_kernel
 from mishutter.search.rows import Row
 
 _ROWS, _COLUMNS, _HEIGHT = 128, 336, 104
-_OPAQUE = 0.999
-"""Least opacity of a pixel that belongs to the object alone."""
-_NUM_TIMES = 257
-"""Times of the exposure at which the object's place is looked up."""
-_LEAST_EFFICIENCY = 1e-12
-_MOST_OF_BORDERS = 8
-"""A border that is left out of the PSNR has at most the columns divided by this."""
 
 
 class LayeredCapture(NamedTuple):
@@ -67,15 +58,6 @@ class LayeredScene(NamedTuple):
         return LayeredScene(self.layers.transposed(axis), truth, matte)
 
 
-class _Filters(NamedTuple):
-    """The scenes of a filter: one that it is made for, and one that it is expected to meet."""
-
-    scene: Scene  # The scene that the filter is made for
-    world: Scene  # The scene's photons and noise on the layers that are captured
-    least_taps: int  # Least length of the kernels, so that cameras share compiled programs
-    judged: slice  # The columns inside the borders
-
-
 def layered_scene(picture: Picture, background_speed: float, object_speed: float) -> LayeredScene:
     """A photograph, and an oval cut from its middle that moves upside down in front of it.
 
@@ -106,20 +88,42 @@ def layered_captures(
     subject: LayeredScene, scene: Scene, cameras: Mapping[str, Row | Design]
 ) -> dict[str, LayeredCapture]:
     """Captures a layered scene by each design, and restores it by the filter for a scene."""
-    motions = [each.motion for each in cameras.values()]
-    least_taps = longest_kernel(scene, motions)
+    layers = subject.layers
+    speeds = np.array([layer.speed for layer in layers.layers], float)
+    # Kernels of one length let the cameras share compiled programs.
+    least_taps = longest_kernel(scene, [each.motion for each in cameras.values()])
     columns = subject.truth.shape[1]
-    border = min(least_taps // 4, columns // _MOST_OF_BORDERS)
-    judged = slice(border, columns - border)
-    filters = _Filters(scene, _world(subject, scene, judged), least_taps, judged)
-    return {
-        name: _captured(subject.layers, filters, each.motion, each.shutter)
-        for name, each in cameras.items()
-    }
+    border = min(least_taps // 4, columns // 8)
+    judged = slice(border, columns - border)  # what the PSNR is of
+    world = _world(subject, scene, judged)
+    captures = {}
+    for name, camera in cameras.items():
+        motion, shutter = camera.motion, camera.shutter
+        model = blur_model(scene, motion, shutter, least_taps=least_taps)
+        recorded = np.asarray(
+            simulate_capture(layers, scene, motion, shutter, key=fixed_key()), np.float64
+        )
+        restored = np.asarray(restored_light(recorded, EnsembleDecoder(), model))
+        truth, matte = _placed(layers, np.asarray(motion.alignment(speeds)).tolist())
+        time = np.linspace(-1, 1, 257) * float(motion.half_exposure)
+        path = np.asarray(motion.position(time)) - speeds[1] * time
+        swept = _swept(subject.matte, float(np.min(path)), float(np.max(path)))
+        error = np.mean((restored - truth) ** 2, axis=2)
+        expected = squared_error_in(model, blur_model(world, motion, shutter))
+        captures[name] = LayeredCapture(
+            exposure=float(motion.exposure),
+            captured=recorded * (1 / max(model.efficiency, 1e-12)),
+            restored=restored,
+            expected_psnr=_psnr(np.array([expected])),
+            psnr=_psnr(error[:, judged]),
+            background_psnr=_psnr(error[:, judged][~swept[:, judged]]),
+            object_psnr=_psnr(error[matte > 0.999]),  # opaque
+        )
+    return captures
 
 
 def _world(subject: LayeredScene, scene: Scene, judged: slice) -> Scene:
-    """A scene with the speeds, share, width, levels and spectrum of given layers."""
+    """A scene's photons and noise with the speeds, share, width, levels and spectrum of layers."""
     back, front = subject.layers.layers
     behind, before = (np.asarray(x.picture.light, np.float64) for x in (back, front))
     opacity = np.asarray(front.matte, np.float64)
@@ -133,13 +137,12 @@ def _world(subject: LayeredScene, scene: Scene, judged: slice) -> Scene:
         level_difference=float(np.sqrt(np.mean(differences**2))),
     ).in_sensor_frame(as_float(-back.speed))
     numbers = np.mean(subject.truth[:, judged]), np.sqrt(np.mean(power)), power
+
+    def parts(s: Scene) -> tuple[object, ...]:
+        return s.picture.mean_level, s.picture.deviation, s.picture.power_spectrum, s.occlusion
+
     return eqx.tree_at(
-        lambda s: (
-            s.picture.mean_level,
-            s.picture.deviation,
-            s.picture.power_spectrum,
-            s.occlusion,
-        ),
+        parts,
         scene.without_metadata(np.array([front.speed], float), np.ones(1)),
         (*(as_float(x) for x in numbers), occlusion),
         is_leaf=lambda part: part is None or isinstance(part, Occlusion),
@@ -152,35 +155,6 @@ def _power(
     """Mean power spectrum of the rows of all channels."""
     channels = np.moveaxis(picture, 2, 0)[..., None]
     return np.mean([row_power_spectrum(Picture(each)).power_spectrum for each in channels], axis=0)
-
-
-def _captured(
-    layers: Layers, filters: _Filters, motion: AbstractMotion, shutter: AbstractShutter
-) -> LayeredCapture:
-    """Captures layers by one camera and restores them."""
-    scene, judged = filters.scene, filters.judged
-    model = blur_model(scene, motion, shutter, least_taps=filters.least_taps)
-    recorded = np.asarray(
-        simulate_capture(layers, scene, motion, shutter, key=fixed_key()), np.float64
-    )
-    restored = np.asarray(restored_light(recorded, EnsembleDecoder(), model))
-    speeds = np.array([layer.speed for layer in layers.layers], float)
-    truth, matte = _placed(layers, np.asarray(motion.alignment(speeds)).tolist())
-    time = np.linspace(-1, 1, _NUM_TIMES) * float(motion.half_exposure)
-    path = np.asarray(motion.position(time)) - speeds[1] * time
-    swept = _swept(_placed(layers, [0.0, 0.0])[1], float(np.min(path)), float(np.max(path)))
-    gain = 1 / max(model.efficiency, _LEAST_EFFICIENCY)
-    error = np.mean((restored - truth) ** 2, axis=2)
-    expected = squared_error_in(model, blur_model(filters.world, motion, shutter))
-    return LayeredCapture(
-        exposure=float(motion.exposure),
-        captured=recorded * gain,
-        restored=restored,
-        expected_psnr=_psnr(np.array([expected])),
-        psnr=_psnr(error[:, judged]),
-        background_psnr=_psnr(error[:, judged][~swept[:, judged]]),
-        object_psnr=_psnr(error[matte > _OPAQUE]),
-    )
 
 
 def _psnr(squared_errors: Float[np.ndarray, "..."]) -> float:

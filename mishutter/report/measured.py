@@ -8,9 +8,6 @@ from mishutter.hardware.traces import MeasuredProfile, Trace, measured_profile, 
 from mishutter.model.scene import Scene
 from mishutter.search.rows import LEAST_SHOWN, Row
 
-_PRECISION = 1e-3
-"""Precision of a shift, in half exposures."""
-
 
 class MeasuredCamera(NamedTuple):
     """Levels of a measured shutter, as measured and at its best shift in time."""
@@ -85,7 +82,7 @@ def measured_camera(
         loss,
         bounds=span_of_shifts(trace, half, middle),
         method="bounded",
-        options={"xatol": _PRECISION * half},
+        options={"xatol": 1e-3 * half},
     )
     design_level = rows[designed].level if designed in rows else None
     return MeasuredCamera(row.level, design_level, float(best.x), -float(best.fun))

@@ -7,27 +7,22 @@ from scipy import ndimage
 
 from mishutter.measurement.measurement import Measurement
 from mishutter.pictures.images import to_display
-from mishutter.report.plots import MAP_COLOURS, Margins, leave_room, new_figure
+from mishutter.report.plots import MAP_COLOURS, leave_room, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_LINE, _TOLD = "#0072b2", "#d55e00"
 _COLOURS = ("#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#f0e442")
 _PALE = 0.45
 """Share of an object's colour in the picture of labels."""
-_BESIDE = 6
-"""Distance of an object's number from its arrow; points."""
-_AT_LEAST = 0.06
-"""Length of an arrow of a slow object, as a share of the picture's shorter side."""
 
 
 def plot_noise(measurement: Measurement) -> "Figure":
     """The variance of levels over their mean, by blocks at rest, and the line through it."""
     noise = measurement.noise
     figure = new_figure(7.0, 4.4)
-    leave_room(figure, Margins(top=0.35))
+    leave_room(figure, top=0.35)
     axes = figure.add_subplot()
     axes.set(xlabel="mean level", ylabel="variance of a level, levels$^2$")
     if noise.transfer is None:
@@ -39,10 +34,10 @@ def plot_noise(measurement: Measurement) -> "Figure":
     bars[0].set_clip_on(False)
     line = np.linspace(noise.black_level, level.max() * 1.03, 101)
     rise = "line" if noise.gain is None else f"line, {noise.gain.value:.3g} levels an electron"
-    axes.plot(line, noise.law(line), color=_LINE, label=rise)
+    axes.plot(line, noise.law(line), color=_COLOURS[1], label=rise)
     if noise.black is not None:
         label = f"black, {noise.black.value:.4g}"
-        axes.axvline(noise.black.value, color=_TOLD, linestyle="--", label=label)
+        axes.axvline(noise.black.value, color=_COLOURS[0], linestyle="--", label=label)
     else:
         axes.axvspan(*noise.black_range, color="0.85", label="black lies here")
     axes.set_ylim(bottom=0)
@@ -67,13 +62,13 @@ def _noise_text(measurement: Measurement) -> str:
 
 def plot_motion(measurement: Measurement) -> "Figure":
     """The reference frame with its objects and their velocities, and the trust in that."""
+    from matplotlib.colors import to_rgb
+
     clip, motion = measurement.clip, measurement.motion
     rows, columns = motion.labels.shape
     width = 4.6
     figure = new_figure(2 * width, (width - 0.45) * min(max(rows / columns, 0.3), 3) + 0.5)
-    leave_room(
-        figure, Margins(left=0.1, right=0.6, bottom=0.1, top=0.4, columns=0.2), num_columns=2
-    )
+    leave_room(figure, left=0.1, right=0.6, bottom=0.1, top=0.4, columns=0.2, num_columns=2)
     left, right = figure.subplots(1, 2)
     black = measurement.noise.black_level
     light = (clip.frames[motion.frame] - black) / (clip.white - black)
@@ -81,7 +76,7 @@ def plot_motion(measurement: Measurement) -> "Figure":
     shown = np.repeat(to_display(light / top)[..., None], 3, axis=2)
     for number in range(1, int(motion.labels.max()) + 1):
         mask = motion.labels == number
-        colour = _rgb(_COLOURS[(number - 1) % len(_COLOURS)])
+        colour = np.array(to_rgb(_COLOURS[(number - 1) % len(_COLOURS)]))
         edge = mask & (np.asarray(ndimage.binary_erosion(mask, iterations=2)) == 0)
         shown[mask] = (1 - _PALE) * shown[mask] + _PALE * colour
         shown[edge] = colour
@@ -103,10 +98,6 @@ def plot_motion(measurement: Measurement) -> "Figure":
     return figure
 
 
-def _rgb(colour: str) -> np.ndarray:
-    return np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
-
-
 def _draw_arrows(axes: "Axes", measurement: Measurement) -> None:
     """An arrow and the speed of each object in the frame that is shown."""
     motion = measurement.motion
@@ -118,7 +109,7 @@ def _draw_arrows(axes: "Axes", measurement: Measurement) -> None:
         row, column = np.argwhere(motion.labels == number).mean(axis=0)
         down, right = each.velocity
         size = max(each.speed.value, 1e-9)
-        length = side * max(0.2 * size / fastest, _AT_LEAST)
+        length = side * max(0.2 * size / fastest, 0.06)  # an arrow of a slow object is seen too
         end = column + right / size * length, row + down / size * length
         arrow = {"arrowstyle": "-|>", "color": "white", "linewidth": 2}
         axes.annotate("", end, (column, row), arrowprops=arrow)
@@ -127,5 +118,5 @@ def _draw_arrows(axes: "Axes", measurement: Measurement) -> None:
         style = {"color": "white", "fontsize": 8, "ha": "center", "bbox": box}
         # On the side that the arrow does not point to.
         above = bool(down > 0)
-        place = {"xytext": (0, _BESIDE if above else -_BESIDE), "textcoords": "offset points"}
+        place = {"xytext": (0, 6 if above else -6), "textcoords": "offset points"}
         axes.annotate(text, (column, row), va="bottom" if above else "top", **place, **style)

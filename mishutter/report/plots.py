@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import count, cycle
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
@@ -48,16 +48,7 @@ Named = Mapping[str, tuple[AbstractMotion, AbstractShutter]]
 
 _COLOURS = ("#0072b2", "#d55e00", "#000000", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 _DASHES = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)), (0, (1, 3)), (0, (8, 3)))
-_MARKERS = ("o", "s", "^", "D", "v", "x", "P")
 _NUM_POINTS = 1001
-_LEAST_RATIO = -30.0
-"""Least signal-to-noise ratio that is drawn; dB."""
-_FIRST_ERROR = 0.01
-"""Share of the error below the frequency at which an axis begins."""
-_DETAIL = (48, 64)
-"""Extent of a magnified detail across and along the axis of motion; px."""
-_IN_DOUBT = "restored, speed in doubt"
-"""Title of a detail that is restored for all likely speeds, as none that was found is trusted."""
 _LAYERED_WIDTH = 2.5
 """Width of a panel of a layered scene; inches. Wider ones leave small letters on a page."""
 _ONE_FILTER = (
@@ -66,19 +57,12 @@ _ONE_FILTER = (
     "PSNR in linear light. Expected: mean over\nsuch layers at any place. Behind: pixels\n"
     "that the object never covers. In front:\npixels that it alone covers."
 )
-_OTHER_WORLD = ": the verdict is about a picture that moves as a whole; this one does not"
 _CELL, _TITLE = 1.6, 0.4
 """Width of a magnified detail, and height of its title; inches."""
-_COVERED = 0.01
-"""Share of an axis up to which a curve lies on another: about the width of its line."""
 _AT_REST = 0.05
 """Travel below which a stage is drawn at rest; px."""
 _EAR = 0.02
 """Least rise of transmittance towards an end of the exposure that is an ear."""
-_OF_EARS = (
-    "Ears: light at the ends makes the blur of fast objects more like that of slow ones,\n"
-    "for a decoder that does not know the speed. The worst speed gains most by them."
-)
 _LINE = 0.21
 """Height of a line of a legend; inches."""
 MAP_COLOURS = "viridis"
@@ -86,21 +70,8 @@ MAP_COLOURS = "viridis"
 
 None is grey, as the place of what is not computed is.
 """
-_BRIGHTEST_SHARE = 99
-"""Percentile of the errors of a map that is drawn brightest."""
-_DOTS_PER_INCH = 130
-_PNG = {"compress_level": 4}
-"""Compression in half of the time of the usual level, for files that are 1 % larger."""
-_LETTERS_OF_A_LINE, _LETTERS_OF_A_CELL = 92, 23
-"""Most letters of a line above a picture, and above a magnified detail, in small letters."""
-_LETTERS_OF_A_COLUMN = 34
-"""Most letters of a name in a legend of two columns."""
-_MOST_COLUMNS = 1000
-"""Columns of a picture that a panel has dots for; the columns of a wider picture are averaged."""
-_LEAST_HEIGHT, _MOST_HEIGHT = 1 / 16, 3.0
-"""Heights of a panel; widths."""
-_MOST_ELONGATED = 16
-"""Ratio of a picture's sides from which on it is stretched to its panel, so that it is visible."""
+_LETTERS_OF_A_LINE = 92
+"""Most letters of a line above a picture, in small letters."""
 
 
 def new_figure(width: float, height: float) -> "Figure":
@@ -114,34 +85,33 @@ def new_figure(width: float, height: float) -> "Figure":
     return Drawing(figsize=(width, height))
 
 
-class Margins(NamedTuple):
-    """Room for labels around the panels of a figure and between them; inches.
-
-    It is told and not searched for: matplotlib's solvers of layouts take longer than the drawing.
-    """
-
-    left: float = 0.8
-    right: float = 0.15
-    bottom: float = 0.55
-    top: float = 0.15
-    columns: float = 0.9
-    rows: float = 0.4
-
-
 def leave_room(
-    figure: "Figure", margins: Margins, *, num_rows: int = 1, num_columns: int = 1
+    figure: "Figure",
+    *,
+    left: float = 0.8,
+    right: float = 0.15,
+    bottom: float = 0.55,
+    top: float = 0.15,
+    columns: float = 0.9,
+    rows: float = 0.4,
+    num_rows: int = 1,
+    num_columns: int = 1,
 ) -> None:
-    """Leaves room for the labels of a figure whose panels are a grid."""
+    """Leaves room for labels around the panels of a figure, which are a grid, and between them.
+
+    It is told, in inches, and not searched for: matplotlib's solvers of layouts take longer than
+    the drawing.
+    """
     width, height = figure.get_size_inches()
-    across = width - margins.left - margins.right - (num_columns - 1) * margins.columns
-    down = height - margins.bottom - margins.top - (num_rows - 1) * margins.rows
+    across = width - left - right - (num_columns - 1) * columns
+    down = height - bottom - top - (num_rows - 1) * rows
     figure.subplots_adjust(
-        left=margins.left / width,
-        right=1 - margins.right / width,
-        bottom=margins.bottom / height,
-        top=1 - margins.top / height,
-        wspace=margins.columns * num_columns / across,
-        hspace=margins.rows * num_rows / down,
+        left=left / width,
+        right=1 - right / width,
+        bottom=bottom / height,
+        top=1 - top / height,
+        wspace=columns * num_columns / across,
+        hspace=rows * num_rows / down,
     )
 
 
@@ -158,11 +128,13 @@ def _png(figure: "Figure") -> bytes:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     buffer, resolution = io.BytesIO(), figure.dpi
-    figure.dpi = _DOTS_PER_INCH
+    figure.dpi = 130
+    # The usual level of compression takes twice the time for files that are 1 % smaller.
+    faster = {"compress_level": 4}
     try:
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "Glyph")  # the font lacks a letter of some name
-            FigureCanvasAgg(figure).print_png(buffer, pil_kwargs=_PNG)  # `savefig` draws twice
+            FigureCanvasAgg(figure).print_png(buffer, pil_kwargs=faster)  # `savefig` draws twice
     finally:
         figure.dpi = resolution
     return buffer.getvalue()
@@ -186,7 +158,18 @@ def plot_profiles(designs: Named, *, explains_ears: bool = True) -> "Figure":
     _legend(figure, axes)
     if ears and explains_ears:
         axes.plot(*zip(*ears, strict=True), "o", markersize=13, fillstyle="none", color="0.4")
-        _note_below(figure, _OF_EARS)
+        height = _grow(figure, below=2 * _LINE)
+        # The legend keeps its distance from the upper edge.
+        figure.legends[0].set_bbox_to_anchor((0.5, 1 - 0.05 / height))
+        figure.text(
+            0.5,
+            0.06 / height,
+            "Ears: light at the ends makes the blur of fast objects more like that of slow ones,\n"
+            "for a decoder that does not know the speed. The worst speed gains most by them.",
+            ha="center",
+            va="bottom",
+            fontsize="small",
+        )
     return figure
 
 
@@ -203,21 +186,6 @@ def _ears(transmittance: Float[np.ndarray, "times"]) -> list[int]:
     return rising
 
 
-def _note_below(figure: "Figure", text: str) -> None:
-    """Writes lines below all panels; the figure grows by their height."""
-    width, before = figure.get_size_inches()
-    added = _LINE * (1 + text.count("\n"))
-    height, room = before + added, figure.subplotpars
-    # A legend above the panels keeps its distance from the upper edge.
-    for legend in figure.legends:
-        legend.set_bbox_to_anchor((0.5, 1 - 0.05 / height))
-    figure.set_size_inches(width, height)
-    figure.subplots_adjust(
-        bottom=(room.bottom * before + added) / height, top=1 - (1 - room.top) * before / height
-    )
-    figure.text(0.5, 0.06 / height, text, ha="center", va="bottom", fontsize="small")
-
-
 def plot_design(design: AbstractDesign) -> "Figure":
     """Draws a design in time: the transmittance of its shutter and the path of its sensor.
 
@@ -230,7 +198,7 @@ def plot_design(design: AbstractDesign) -> "Figure":
         return plot_frames(frame_table(design))
     motion = design.motion
     figure, (top, bottom) = _new(2, height=2.4, share=True)
-    leave_room(figure, Margins(top=0.4), num_rows=2)
+    leave_room(figure, top=0.4, num_rows=2)
     half = float(motion.half_exposure) * 1e3
     tau = np.linspace(-1, 1, _NUM_POINTS, dtype=np.dtype(motion.half_exposure.dtype))
     drawn = {"sent to the device": design.command} if design.scene.device is not None else {}
@@ -254,7 +222,7 @@ def plot_levels(levels: Mapping[str, float], most: float, chosen: str | None = N
     """Draws the levels of cameras, the best at the top, and the level that none exceeds."""
     order = sorted(levels, key=lambda name: levels[name])
     figure = new_figure(7.0, max(0.27 * len(order) + 1.1, 2.6))
-    leave_room(figure, Margins(left=2.6, top=0.4))
+    leave_room(figure, left=2.6, top=0.4)
     axes = figure.subplots()
     for place, name in enumerate(order):
         face = _COLOURS[0] if name == chosen else "white"
@@ -295,7 +263,7 @@ def plot_drive(table: DriveTable) -> "Figure":
         top.plot(time, passed, label="behind the device", **third)
     top.set(ylabel="transmittance", ylim=(-0.02, 1.05))
     top.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
-    leave_room(figure, Margins(top=0.4), num_rows=2)
+    leave_room(figure, top=0.4, num_rows=2)
     bottom.plot(time, np.asarray(motion.position(time * 1e-3)), **first)
     bottom.set(xlabel="time from mid-exposure / ms", ylabel="sensor position / px")
     return figure
@@ -316,7 +284,7 @@ def plot_frames(table: FrameTable) -> "Figure":
             axes.plot(time * 1e3, sent, label=f"sent to it{name}", **next(styles))
     # Of two axes with a servo there are five names.
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
-    leave_room(figure, Margins(top=0.4 if len(axes.lines) < 3 else 0.7), num_rows=1)
+    leave_room(figure, top=0.4 if len(axes.lines) < 3 else 0.7)
     return figure
 
 
@@ -370,7 +338,7 @@ def plot_option(scene: Scene, row: Row, title: str = "") -> "Figure":
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     lines = textwrap.wrap(shown_name(title, len(title)), _LETTERS_OF_A_LINE)
     figure.suptitle("\n".join(lines), fontsize="small", y=1 - 0.06 / figure.get_size_inches()[1])
-    leave_room(figure, Margins(top=0.45 + _LINE * len(lines)), num_rows=1 + is_shaped)
+    leave_room(figure, top=0.45 + _LINE * len(lines), num_rows=1 + is_shaped)
     return figure
 
 
@@ -383,14 +351,17 @@ def plot_kernels(designs: Named, speeds: Sequence[float]) -> "Figure":
     """
     figure = new_figure(12.4, 2.1 * len(designs) + 0.7)
     # Names stand beside the panels, where they cover no curve.
-    margins = Margins(top=0.5, right=2.3, columns=2.7, rows=0.85)
-    leave_room(figure, margins, num_rows=len(designs), num_columns=2)
+    margins = {"top": 0.5, "right": 2.3, "columns": 2.7, "rows": 0.85}
+    leave_room(figure, num_rows=len(designs), num_columns=2, **margins)
     panels = figure.subplots(len(designs), 2, squeeze=False, sharex="row")
     for (left, right), (name, (motion, shutter)) in zip(panels, designs.items(), strict=True):
         velocity = float(motion.velocity)
-        num_taps = int(max(_kernel_reach(motion, [*speeds, velocity]), 1)) + 2
-        edges = np.arange(num_taps + 1) + float(kernel_phase(motion, num_taps))
         row = np.asarray([velocity, *speeds], motion.half_exposure.dtype)
+        fastest = max(abs(speed - velocity) for speed in (velocity, *speeds))
+        lengths = [float(motion.kernel_length(speed)) for speed in row]
+        longest = max(*lengths, 2 * fastest * float(motion.half_exposure) + 1)
+        num_taps = int(longest) + 2
+        edges = np.arange(num_taps + 1) + float(kernel_phase(motion, num_taps))
         same, *kernels = np.asarray(kernels_at_speeds(shutter, motion, row, num_taps))
         taps = {f"{speed:.4g} px/s": each for speed, each in zip(speeds, kernels, strict=True)}
         style_of = dict(zip(taps, line_styles(), strict=False))
@@ -424,17 +395,10 @@ def _uncovered(curves: Mapping[str, Float[np.ndarray, "n"]]) -> dict[str, str]:
     labels: dict[str, str] = {}
     for name, curve in curves.items():
         gaps = {first: np.abs(curve - curves[first]).max() for first in labels}
-        first = next((each for each, gap in gaps.items() if gap <= _COVERED * extent), None)
+        # A hundredth of an axis is about the width of a line.
+        first = next((each for each, gap in gaps.items() if gap <= 0.01 * extent), None)
         labels[first or name] = name if first is None else f"{labels[first]} = {name}"
     return labels
-
-
-def _kernel_reach(motion: AbstractMotion, speeds: Sequence[float]) -> float:
-    """Extent of the longest kernel of some speeds; px."""
-    fastest = max(abs(speed - float(motion.velocity)) for speed in speeds)
-    dtype = motion.half_exposure.dtype
-    lengths = (float(motion.kernel_length(np.asarray(speed, dtype))) for speed in speeds)
-    return max(*lengths, 2 * fastest * float(motion.half_exposure) + 1)
 
 
 def motion_text(motion: AbstractMotion) -> str:
@@ -477,11 +441,10 @@ def plot_transfer(
         ratio, dtype = np.asarray(single, np.float64), single.dtype
         power = np.asarray(picture_power(scene, ratio.size, dtype), np.float64)
         error = np.cumsum(power / (1 + ratio)) / ratio.size
-        begin = min(begin, frequency[np.argmax(error >= _FIRST_ERROR * error[-1])])
+        begin = min(begin, frequency[np.argmax(error >= 0.01 * error[-1])])
         with np.errstate(divide="ignore"):
             level, psnr = 10 * np.log10(ratio), -10 * np.log10(error[-1])
-        shown = level >= _LEAST_RATIO
-        ratios.semilogx(frequency, np.where(shown, level, np.nan), **style)
+        ratios.semilogx(frequency, np.where(level >= -30.0, level, np.nan), **style)
         label = f"{shown_name(name)}: {psnr:.2f} dB"
         errors.semilogx(frequency, error * 1e3, label=label, **style)
     ratios.set_ylabel("signal-to-noise ratio / dB")
@@ -499,7 +462,7 @@ def plot_psnr(results: Mapping[str, RestoredPhotograph], *, linear: bool = True)
     """
     figure, (axes,) = _new(1)
     levels = {name: each.linear_psnr if linear else each.psnr for name, each in results.items()}
-    drawn = zip(_uncovered(levels).items(), line_styles(), cycle(_MARKERS), strict=False)
+    drawn = zip(_uncovered(levels).items(), line_styles(), cycle("os^DvxP"), strict=False)
     for (name, label), style, marker in drawn:
         result, level = results[name], levels[name]
         error = result.linear_standard_error if linear else result.standard_error
@@ -532,22 +495,28 @@ def plot_layers(
     *,
     whole: bool = False,  # the title says so
 ) -> "Figure":
-    """Draws a background and an object in front of it, captured and restored by several cameras.
-
-    Raises:
-        ValueError: if there is nothing to show.
-    """
+    """Draws a background and an object in front of it, captured and restored by several cameras."""
     require(len(captures) > 0, "plot_layers(captures=...)", "hold a capture", 0)
     rows, columns = subject.truth.shape[:2]
     height = _LAYERED_WIDTH * rows / columns + 1.4 * _TITLE
     across = 1 + len(captures)
     figure = new_figure(across * _LAYERED_WIDTH, 2 * height + _TITLE)
-    margins = Margins(0.1, 0.1, 0.1, 2 * _TITLE + 0.1, columns=0.15, rows=1.4 * _TITLE)
-    leave_room(figure, margins, num_rows=2, num_columns=across)
+    leave_room(
+        figure,
+        left=0.1,
+        right=0.1,
+        bottom=0.1,
+        top=2 * _TITLE + 0.1,
+        columns=0.15,
+        rows=1.4 * _TITLE,
+        num_rows=2,
+        num_columns=across,
+    )
     panels = figure.subplots(2, across, squeeze=False)
     back, front = (layer.speed for layer in subject.layers.layers)
-    kind = "still" if back == 0 else "moving"
-    title = f"An object before a {kind} background{_OTHER_WORLD if whole else ''}"
+    title = f"An object before a {'still' if back == 0 else 'moving'} background"
+    if whole:
+        title += ": the verdict is about a picture that moves as a whole; this one does not"
     figure.suptitle(title, fontsize="medium")
     title = f"the scene: {back:g} px/s behind,\n{front:g} px/s in front, outlined"
     _show(panels[0, 0], subject.truth, title)
@@ -571,7 +540,7 @@ def plot_photograph(
     results: Mapping[str, RestoredPhotograph],
     speeds: Sequence[float],  # px/s
     *,
-    detail: tuple[int, int] = _DETAIL,  # px
+    detail: tuple[int, int] = (48, 64),  # across and along the axis of motion; px
     linear: bool = True,
     axis: Axis = "rows",
     decoder_speed: DecoderSpeed = "unknown",
@@ -592,8 +561,8 @@ def plot_photograph(
     require(len(speeds) > 0, "plot_photograph(speeds=...)", "hold a speed", 0)
     aside = SPEED_KNOWLEDGE[decoder_speed].aside
     titles = {
-        n: textwrap.wrap(shown_name(n, 48).replace(" ms", "\u00a0ms"), _LETTERS_OF_A_CELL)
-        for n in results
+        name: textwrap.wrap(shown_name(name, 48).replace(" ms", "\u00a0ms"), width=23)
+        for name in results
     }
     lines = 1 + max(map(len, titles.values()))
     above = _TITLE + 0.17 * (lines - 2)
@@ -607,8 +576,8 @@ def plot_photograph(
     heights = [top, *(height for _ in results)]
     size_down = sum(heights) + len(results) * (above + 0.1) + _TITLE + 0.1
     figure = new_figure(across * _CELL, size_down)
-    margins = Margins(0.05, 0.05, 0.05, _TITLE + 0.05, columns=0.1, rows=above + 0.1)
-    leave_room(figure, margins, num_rows=len(heights), num_columns=across)
+    margins = {"left": 0.05, "right": 0.05, "bottom": 0.05, "top": _TITLE + 0.05, "columns": 0.1}
+    leave_room(figure, num_rows=len(heights), num_columns=across, rows=above + 0.1, **margins)
     grid = figure.add_gridspec(len(heights), across, height_ratios=heights)
     whole = figure.add_subplot(grid[0, : across - 2])
     _show(whole, scene, "the scene, at rest; the box is magnified")
@@ -624,20 +593,15 @@ def plot_photograph(
             index = int(np.argmin(np.abs(result.speeds - speed)))
             restored = result.restored[index][own]
             panels = [figure.add_subplot(grid[row, 3 * number + i]) for i in range(3)]
-            title = "\n".join(
-                [
-                    *titles[name][:-1],
-                    f"{titles[name][-1]},",
-                    f"captured at {result.speeds[index]:.4g} px/s",
-                ]
-            )
+            title = "\n".join(titles[name])
+            title += f",\ncaptured at {result.speeds[index]:.4g} px/s"
             _show(panels[0], result.brightened(index)[own], title)
-            restoration = f"restored{(asides or {}).get(name, aside)}"
-            heading = _IN_DOUBT if result.doubts[index] else restoration
-            _show(panels[1], restored, f"{heading},\n{levels[index]:.2f} dB")
+            # A speed that is not trusted is not used: all likely ones are restored for.
+            of = ", speed in doubt" if result.doubts[index] else (asides or {}).get(name, aside)
+            _show(panels[1], restored, f"restored{of},\n{levels[index]:.2f} dB")
             panels[2].set_title("error", fontsize="small", y=1.0)
             maps.append((panels[2], _error(result.reference[own], restored, linear)))
-    brightest = float(np.percentile([error for _, error in maps], _BRIGHTEST_SHARE)) or 1.0
+    brightest = float(np.percentile([error for _, error in maps], 99)) or 1.0
     for axes, error in maps:
         axes.imshow(error, cmap=MAP_COLOURS, vmin=0, vmax=brightest)
         axes.axis("off")
@@ -648,11 +612,21 @@ def plot_photograph(
 def _details(
     references: Sequence[np.ndarray], size: tuple[int, int], axis: Axis
 ) -> list[tuple[slice, slice]]:
-    """Rows and columns of one detail in each part of a photograph: where that varies most."""
+    """Rows and columns of one detail in each part of a photograph: where all vary most."""
     along = [transposed(reference, axis) for reference in references]
     offsets = [_offset(along[0], part) for part in along]
-    rows, columns = _busiest(along, offsets, size)
-    places = [(rows, slice(columns.start - k, columns.stop - k)) for k in offsets]
+    ends = (offset + part.shape[1] for offset, part in zip(offsets, along, strict=True))
+    first, last = max(offsets), min(ends)
+    aside = min((last - first) // 4, max(0, (last - first - size[1]) // 2))
+    grey = to_display(along[0])[:, first + aside : last - aside].mean(axis=2)
+    rows, columns = (min(pair) for pair in zip(size, grey.shape, strict=True))
+    steps = np.diff(grey, axis=1, append=grey[:, -1:]) ** 2
+    above = np.pad(steps, ((1, 0), (1, 0))).cumsum(axis=0).cumsum(axis=1)
+    within = above[rows:] - above[:-rows]
+    sums = within[:, columns:] - within[:, :-columns]
+    row, column = (int(i) for i in np.unravel_index(np.argmax(sums), sums.shape))
+    begins = [column + first + aside - offset for offset in offsets]
+    places = [(slice(row, row + rows), slice(begin, begin + columns)) for begin in begins]
     return places if axis == "rows" else [(right, down) for down, right in places]
 
 
@@ -664,27 +638,6 @@ def _offset(reference: np.ndarray, other: np.ndarray) -> int:
         if np.array_equal(reference[:, first:last], other[:, first - offset : last - offset]):
             return offset
     raise ValueError("`plot_photograph(results=...)` must be of one photograph; got several.")
-
-
-def _busiest(
-    parts: Sequence[np.ndarray], offsets: Sequence[int], size: tuple[int, int]
-) -> tuple[slice, slice]:
-    """Rows and columns where a photograph varies most along its rows, among those of all parts.
-
-    They are those of the first part.
-    """
-    ends = (offset + part.shape[1] for offset, part in zip(offsets, parts, strict=True))
-    first, last = max(offsets), min(ends)
-    aside = min((last - first) // 4, max(0, (last - first - size[1]) // 2))
-    grey = to_display(parts[0])[:, first + aside : last - aside].mean(axis=2)
-    rows, columns = (min(pair) for pair in zip(size, grey.shape, strict=True))
-    steps = np.diff(grey, axis=1, append=grey[:, -1:]) ** 2
-    above = np.pad(steps, ((1, 0), (1, 0))).cumsum(axis=0).cumsum(axis=1)
-    within = above[rows:] - above[:-rows]
-    sums = within[:, columns:] - within[:, :-columns]
-    row, column = (int(i) for i in np.unravel_index(np.argmax(sums), sums.shape))
-    column += first + aside
-    return slice(row, row + rows), slice(column, column + columns)
 
 
 def _error(truth: np.ndarray, restored: np.ndarray, linear: bool) -> np.ndarray:
@@ -724,14 +677,17 @@ def plot_capture(
     shown[f"restored\n{decoder}"] = restored
     rows, columns = restored.shape[:2]
     width = 4.0
-    height = float(np.clip(rows / columns, _LEAST_HEIGHT, _MOST_HEIGHT))
-    stretched = max(rows / columns, columns / rows) > _MOST_ELONGATED
+    height = float(np.clip(rows / columns, 1 / 16, 3.0))  # widths
+    # A very long picture is stretched to its panel, so that it is visible.
+    aspect = "auto" if max(rows / columns, columns / rows) > 16 else "equal"
     figure = new_figure(len(shown) * width + 0.2, width * height + 0.5)
-    leave_room(figure, Margins(0.1, 0.1, 0.05, 0.45, columns=0.1), num_columns=len(shown))
+    margins = {"left": 0.1, "right": 0.1, "bottom": 0.05, "top": 0.45, "columns": 0.1}
+    leave_room(figure, num_rows=1, num_columns=len(shown), **margins)
     panels = figure.subplots(1, len(shown), squeeze=False)
     for axes, (title, picture) in zip(panels[0], shown.items(), strict=True):
-        _show(axes, _shrunk(picture, max(1, columns // _MOST_COLUMNS)), title)
-        axes.set_aspect("auto" if stretched else "equal", anchor="S")  # the title is above
+        # Columns for which a panel has no dots are averaged.
+        _show(axes, _shrunk(picture, max(1, columns // 1000)), title)
+        axes.set_aspect(aspect, anchor="S")  # the title is above
     return figure
 
 
@@ -767,19 +723,24 @@ def shown_name(name: str, most: int = 40) -> str:
 def _legend(figure: "Figure", axes: "Axes", title: str | None = None) -> None:
     """Writes the names of the lines above all panels; the figure grows by their height."""
     handles, labels = axes.get_legend_handles_labels()
-    columns = 2 if max(map(len, labels), default=0) <= _LETTERS_OF_A_COLUMN else 1
+    columns = 2 if max(map(len, labels), default=0) <= 34 else 1
     num_lines = -(-len(labels) // columns) + (title is not None)
-    width, before = figure.get_size_inches()
-    height, room = before + _LINE * (num_lines + 1), figure.subplotpars
-    figure.set_size_inches(width, height)
-    figure.subplots_adjust(
-        bottom=room.bottom * before / height,
-        top=1 - ((1 - room.top) * before + height - before) / height,
-    )
-    place = 0.5, 1 - 0.05 / height
+    place = 0.5, 1 - 0.05 / _grow(figure, above=_LINE * (num_lines + 1))
     figure.legend(
         handles, labels, loc="upper center", bbox_to_anchor=place, ncols=columns, title=title
     )
+
+
+def _grow(figure: "Figure", *, above: float = 0.0, below: float = 0.0) -> float:
+    """Adds room above and below all panels, in inches; returns the new height."""
+    width, before = figure.get_size_inches()
+    height, room = before + above + below, figure.subplotpars
+    figure.set_size_inches(width, height)
+    figure.subplots_adjust(
+        bottom=(room.bottom * before + below) / height,
+        top=1 - ((1 - room.top) * before + above) / height,
+    )
+    return height
 
 
 def line_styles(width: float = 1.6) -> Iterator[dict[str, Any]]:
@@ -794,7 +755,7 @@ def _new(
     num_panels: int, *, height: float = 4.2, share: bool = False
 ) -> "tuple[Figure, list[Axes]]":
     figure = new_figure(7.0, height * num_panels + 0.4)
-    leave_room(figure, Margins(), num_rows=num_panels)
+    leave_room(figure, num_rows=num_panels)
     panels = figure.subplots(num_panels, 1, squeeze=False, sharex=share)
     for axes in panels[:, 0]:
         draw_grid(axes)

@@ -18,14 +18,7 @@ from mishutter.model.scene import Scene
 from mishutter.pictures.images import Picture, middle_rows, pixels_along, transposed
 from mishutter.search.rows import Row
 
-Update = Callable[[str], None]
-
 ENSEMBLE = "ensemble"
-_ROUNDING = 1e-6
-"""Share by which sums of weights may differ by rounding."""
-_MAX_ROWS = 160
-"""Rows of the photograph that are captured, or columns of one that moves along these, where the
-speed need not be found in them: each is blurred by itself."""
 
 
 class Photographs(NamedTuple):
@@ -50,7 +43,8 @@ def shown_speeds(scene: Scene) -> list[float]:
         shares[speed] = shares.get(speed, 0.0) + weight
     sizes = sorted(size for size, share in shares.items() if share > 0)
     slower = np.cumsum([shares[size] for size in sizes])
-    typical = sizes[int(np.argmax(slower >= 0.5 * slower[-1] * (1 - _ROUNDING)))]
+    half = 0.5 * slower[-1] * (1 - 1e-6)  # sums of weights differ by rounding
+    typical = sizes[int(np.argmax(slower >= half))]
     occurring = set((speeds[weights > 0] + 0.0).tolist())
     chosen = dict.fromkeys((sizes[0], typical, sizes[-1]))
     return [size if size in occurring else -size for size in chosen]
@@ -66,17 +60,18 @@ def photograph_of(
     if scene.picture.path is None:
         return None
     finds = any(row.decoder.finds_speed or row.num_frames > 1 for row in rows.values())
-    count = ROWS_TO_FIND if finds else _MAX_ROWS
+    # Each row is blurred by itself: only to find the speed many are needed.
+    count = ROWS_TO_FIND if finds else 160
     picture, axis = scene.picture.photograph(), scene.sensor.axis
     light = middle_rows(transposed(picture.light, axis), count)
     width = light.shape[1]
     enough = least_columns(longest_kernel(scene, [row.motion for row in rows.values()]))
     if width >= enough:
         return Picture(light=transposed(light, axis), name=picture.name)
-    blur = (
-        f"{width} {pixels_along(axis)} are too few to be restored from this blur; {enough} would do"
+    note(
+        f"{scene.picture.path}: {width} {pixels_along(axis)} are too few to be restored from this "
+        f"blur; {enough} would do."
     )
-    note(f"{scene.picture.path}: {blur}.")
     return None
 
 
@@ -87,7 +82,7 @@ def photographs(
     num_seeds: int,
     *,
     every: bool = False,
-    begin: Update,
+    begin: Callable[[str], None],
 ) -> Photographs:
     """A photograph captured and restored by every row's design.
 

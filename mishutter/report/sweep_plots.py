@@ -19,7 +19,6 @@ from mishutter.model.shutters.kinds import shutter_from_dict
 from mishutter.model.shutters.spline import SplineShutter
 from mishutter.report.plots import (
     MAP_COLOURS,
-    Margins,
     draw_grid,
     leave_room,
     line_styles,
@@ -34,26 +33,17 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
-    from matplotlib.colors import Normalize
     from matplotlib.contour import QuadContourSet
     from matplotlib.figure import Figure
 
 Place = tuple[float, float]
 
-_MARKERS = "os^Dvp*XP<>h"
-_OF_ALL = "by the best shutter"
-_GAIN = "gain over "
-"""Beginning of the name of a gain in a sweep; its rival follows."""
-_LEAST_LINE = 0.35
-"""Least length of a line that has a label; widths of the axes."""
 _DECADES = 3
 """Number of decades of sags and of gains in speed that have lines."""
 _EXPOSURE = "exposure $2T$ / ms"
 _ACCELERATION = "acceleration $a$ / (px/s²)"
 _LETTERS = 20
 """Most letters of a name."""
-_APART = 0.07
-"""Least distance of two labelled points of a front; widths of the axes."""
 
 
 class _Map(NamedTuple):
@@ -68,11 +58,7 @@ class _Map(NamedTuple):
 
 
 def write_pictures(dataset: "xarray.Dataset", scene: Scene, folder: Path) -> list[str]:
-    """Writes every picture of a sweep to a folder; returns their names.
-
-    Raises:
-        OSError: if one cannot be written.
-    """
+    """Writes every picture of a sweep to a folder; returns their names."""
     gain = gain_over_snapshot(dataset, scene)
     level = level_of("write_pictures(dataset=...)", dataset)
     widened = dataset.assign(gain_over_snapshot=gain)
@@ -85,10 +71,6 @@ def write_pictures(dataset: "xarray.Dataset", scene: Scene, folder: Path) -> lis
     return list(figures)
 
 
-_OF_MAP = Margins(left=0.95, right=0.75, top=0.65)
-"""Room around a map; its colour bar stands within it."""
-
-
 def plot_map(
     dataset: "xarray.Dataset", metric: str | None = None, *, shutter: str | None = None
 ) -> "Figure":
@@ -99,8 +81,8 @@ def plot_map(
     top speed of a sensor that does not pan. On a map of a gain a line marks 0 dB, and losses
     greater than the greatest gain have the darkest colour. Each point has the best of all
     velocities. Hatched points are outside the limits. The map omits a sensor that does not
-    accelerate, and rows and columns wholly outside the limits. A
-    single row or column becomes a line of points.
+    accelerate, and rows and columns wholly outside the limits. A single row or column becomes a
+    line of points.
 
     Args:
         dataset: The result of `sweep`, of one scene and light.
@@ -123,13 +105,14 @@ def plot_map(
     if min(values.shape) > 1:
         a, values = a[a > 0], values[a > 0]
     figure = new_figure(7.0, 5.4)
-    leave_room(figure, _OF_MAP)
+    room = {"left": 0.95, "right": 0.75, "top": 0.65}  # the bar of colours stands within it
+    leave_room(figure, num_rows=1, num_columns=1, **room)
     axes = figure.subplots()
     draw = _draw_map if min(values.shape) > 1 else _draw_line
-    rival = _text(dataset, metric).partition(_GAIN)[2]
+    rival = _text(dataset, metric).partition("gain over ")[2]
     x, y = draw(axes, _Map(2e3 * half, a, values, _label(dataset, metric), rival, _pans(dataset)))
     if figure.legends:  # below the map
-        leave_room(figure, _OF_MAP._replace(bottom=0.85))
+        leave_room(figure, num_rows=1, num_columns=1, bottom=0.85, **room)
     best = int(np.nanargmin(values) if smaller else np.nanargmax(values))
     axes.plot(
         x.flat[best],
@@ -142,7 +125,7 @@ def plot_map(
         markeredgecolor="black",
     )
     unit = _unit(dataset, metric)
-    title = f"{_text(dataset, metric)}, {shutter or _OF_ALL}"
+    title = f"{_text(dataset, metric)}, {shutter or 'by the best shutter'}"
     title += " at its best velocity" if "velocity" in dataset[metric].dims else ""
     of_best = dataset[metric].sel(
         acceleration=a[best // half.size], half_exposure=half[best % half.size]
@@ -188,43 +171,32 @@ def _values(
 
 def _draw_map(axes: "Axes", drawn: _Map) -> tuple[np.ndarray, np.ndarray]:
     """Draws a map in colours; returns the places of its values on the axes."""
+    from matplotlib.colors import Normalize
+
     exposure, a, values, label, rival, pans = drawn
     _scale(axes.set_xscale, axes.xaxis, exposure)
     _scale(axes.set_yscale, axes.yaxis, a)
     x, y = _edges(exposure, axes.get_xscale()), _edges(a, axes.get_yscale())
     shown = np.ma.masked_invalid(values)
-    norm = _of_gains(shown) if rival else None
+    low, high = float(shown.min()), float(shown.max())
+    # Colours of gains go from the highest down to its opposite, or to the lowest.
+    darkest = max(low, -high) if rival and high > 0 else low
+    norm = Normalize(darkest, high)
     picture = axes.pcolormesh(x, y, shown, cmap=MAP_COLOURS, norm=norm, rasterized=True)
     axes.patch.set(hatch="///", edgecolor="0.6", facecolor="0.95")
     _contours(axes, exposure, a, ~np.isnan(values), pans)
-    if rival:
-        _draw_zero(axes, drawn)
-    is_cut = norm is not None and norm.vmin is not None and float(shown.min()) < norm.vmin
-    axes.figure.colorbar(picture, ax=axes, label=label, extend="min" if is_cut else "neither")
+    if rival and low < 0 < high:
+        limits = axes.axis()
+        for colour, width in (("white", 4.0), ("black", 2.2)):
+            axes.contour(exposure, a, shown, [0.0], colors=colour, linewidths=width)
+        axes.plot([], [], color="black", linewidth=2.2, label=_as_good(rival))
+        axes.axis(limits)
+        axes.figure.legend(loc="lower center", fontsize="small")
+    extend = "min" if low < darkest else "neither"
+    axes.figure.colorbar(picture, ax=axes, label=label, extend=extend)
     axes.set(xlabel=_EXPOSURE, ylabel=_ACCELERATION)
     x, y = np.meshgrid(exposure, a)
     return x, y
-
-
-def _of_gains(values: np.ma.MaskedArray) -> "Normalize":
-    """One scale of colours for gains: from the highest down to its opposite, or to the lowest."""
-    from matplotlib.colors import Normalize
-
-    low, high = float(values.min()), float(values.max())
-    return Normalize(max(low, -high) if high > 0 else low, high)
-
-
-def _draw_zero(axes: "Axes", drawn: _Map) -> None:
-    """Draws a line where a gain is 0 dB, if it is anywhere, and names it below the map."""
-    gain = np.ma.masked_invalid(drawn.values)
-    if not gain.min() < 0 < gain.max():
-        return
-    limits = axes.axis()
-    for colour, width in (("white", 4.0), ("black", 2.2)):
-        axes.contour(drawn.exposure, drawn.a, gain, [0.0], colors=colour, linewidths=width)
-    axes.plot([], [], color="black", linewidth=2.2, label=_as_good(drawn.rival))
-    axes.axis(limits)
-    axes.figure.legend(loc="lower center", fontsize="small")
 
 
 def _as_good(rival: str) -> str:
@@ -329,7 +301,7 @@ def _label_places(axes: "Axes", drawn: "QuadContourSet", along: float) -> dict[f
     for level, parts in zip(drawn.levels, drawn.allsegs, strict=True):
         line = max(parts, key=len)
         ends = _on_axes(axes, line[[0, -1]])
-        if np.hypot(*(ends[1] - ends[0])) > _LEAST_LINE:
+        if np.hypot(*(ends[1] - ends[0])) > 0.35:  # widths of the axes
             x, y = line[int(along * (len(line) - 1))]
             places[level] = x, y
     return places
@@ -372,7 +344,7 @@ def plot_front(
     )
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
     num_lines = -(-len(axes.get_legend_handles_labels()[1]) // 3)
-    leave_room(figure, Margins(left=0.9, top=0.2 + 0.21 * num_lines, rows=1.0), num_rows=2)
+    leave_room(figure, left=0.9, top=0.2 + 0.21 * num_lines, rows=1.0, num_rows=2)
     shown = _spread(_on_axes(axes, places), num_profiles)
     columns = rows[1].subgridspec(1, max(1, len(shown)))
     for column, index in enumerate(shown):
@@ -401,7 +373,7 @@ def _draw_points(axes: "Axes", dataset: "xarray.Dataset", objectives: tuple[str,
     for objective, scale in zip(objectives, scales, strict=True):
         if _unit(dataset, objective) != "dB":
             _scale(*scale, np.concatenate([front[objective].values for front in fronts]))
-    for name, front, marker, style in zip(names, fronts, cycle(_MARKERS), line_styles(1.2)):
+    for name, front, marker, style in zip(names, fronts, cycle("os^Dvp*XP<>h"), line_styles(1.2)):
         x, y = (front[objective].values for objective in objectives)
         axes.plot(
             x,
@@ -424,13 +396,13 @@ def _draw_points(axes: "Axes", dataset: "xarray.Dataset", objectives: tuple[str,
 
 
 def _spread(places: np.ndarray, count: int) -> list[int]:
-    """Indices of some points of a line, evenly along it and at least `_APART`."""
+    """Indices of some points of a line, evenly along it and at least 0.07 widths apart."""
     steps = np.hypot(*np.diff(places, axis=0).T)
     along = np.cumsum(np.append(0, steps))[: len(places)]
     indices: list[int] = []
     for length in np.linspace(0, along[-1:].sum(), count) if len(places) else ():
         index = int(np.argmin(np.abs(along - length)))
-        if not indices or along[index] - along[indices[-1]] >= _APART:
+        if not indices or along[index] - along[indices[-1]] >= 0.07:
             indices.append(index)
     return indices
 

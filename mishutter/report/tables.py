@@ -7,13 +7,12 @@ from mishutter.evaluation.metrics import METRICS, Metrics
 from mishutter.search.rows import OWN_BEST_MOTION, Row, cameras_of
 
 if TYPE_CHECKING:
+    from mishutter.evaluation.tolerances import ToleranceCosts
     from mishutter.report.by_decoder import Judgement
     from mishutter.report.comparison import Comparison
 
 _GAP = "  "
 """Space between the columns of a table as text."""
-_NAMES = 30
-"""Most letters of several names in one line of a table."""
 
 
 class Column(NamedTuple):
@@ -98,7 +97,6 @@ _WITHIN = Column(
     "expected within the tolerances; gain dB compares these",
 )
 _OF_ROWS = (*_LEVELS, _LIGHT, *_MOTION)
-_OF_PURCHASES = (*_LEVELS, *_MOTION)
 _OF_KERNELS = tuple(
     _of_metric(metric.name)
     for metric in METRICS.values()
@@ -112,7 +110,7 @@ def joined_name(camera: Iterable[Row]) -> str:
     first, *others = (row.name for row in camera)
     lines = [first]
     for name in others:
-        if len(f"{lines[-1]} = {name}") <= _NAMES:
+        if len(f"{lines[-1]} = {name}") <= 30:
             lines[-1] += f" = {name}"
         else:
             lines.append(f"= {name}")
@@ -136,7 +134,7 @@ def comparison_tables(comparison: "Comparison") -> list[Table]:
                 notes += (f"{'frames':<11}{_GAP}{comparison.sequence.text}",)
             tables += [_table(reading, columns, _cells(comparison, cameras, columns), notes)]
             tables += [_purchases(comparison, within)]
-            tables += [] if comparison.costs is None else [_costs(comparison)]
+            tables += [] if comparison.costs is None else [_costs(comparison.costs)]
         else:
             tables += [_table(reading, columns, _cells(comparison, cameras, columns))]
             kernels = _cells(comparison, cameras, _OF_KERNELS)
@@ -172,8 +170,11 @@ def _cells(
     rows = [
         row_cells(comparison, camera[0], columns, name=joined_name(camera)) for camera in cameras
     ]
-    has_ceiling = columns is not _OF_KERNELS and cameras[0][0].reading == OWN_BEST_MOTION
-    return (*rows, *([_ceiling(comparison, columns)] if has_ceiling else []))
+    if columns is not _OF_KERNELS and cameras[0][0].reading == OWN_BEST_MOTION:
+        level = comparison.ceiling
+        numbers = f"{level:.2f}", f"{comparison.over_snapshot(level):+.2f}"
+        rows.append(("ceiling", *numbers, *[""] * (len(columns) - len(numbers))))
+    return tuple(rows)
 
 
 def page_table(comparison: "Comparison", rows: Sequence[Row]) -> Table:
@@ -204,14 +205,8 @@ def row_cells(
     """The name of a row, then its cells; the gain is over the best snapshot by default."""
     gain = comparison.over_snapshot(row.level) if gain is None else gain
     name = row.name if name is None else name
-    name = name if row.num_frames == 1 else f"{name}, {row.num_frames} frames"
-    return (name, *(column.cell(row, gain) for column in columns))
-
-
-def _ceiling(comparison: "Comparison", columns: Sequence[Column]) -> tuple[str, ...]:
-    level = comparison.ceiling
-    numbers = f"{level:.2f}", f"{comparison.over_snapshot(level):+.2f}"
-    return ("ceiling", *numbers, *[""] * (len(columns) - len(numbers)))
+    frames = "" if row.num_frames == 1 else f", {row.num_frames} frames"
+    return (f"{name}{frames}", *(column.cell(row, gain) for column in columns))
 
 
 def _notes(rows: Sequence[Row], columns: Sequence[Column]) -> tuple[str, ...]:
@@ -233,26 +228,22 @@ def _notes(rows: Sequence[Row], columns: Sequence[Column]) -> tuple[str, ...]:
 
 def _purchases(comparison: "Comparison", within: tuple[Column, ...]) -> Table:
     """The best row of each purchase."""
-    columns = (*_OF_PURCHASES, *within)
+    columns = (*_LEVELS, *_MOTION, *within)
     rows = []
     for purchase, row in comparison.rivals.items():
         gain = comparison.over_nothing(row.level)
         name, *numbers = row_cells(comparison, row, columns, gain=gain)
         rows.append((f"{purchase}: {name}", *numbers))
     heads = ("purchase: its best", *(column.heading for column in columns))
-    title = "Gain of each purchase over buying nothing"
-    return Table(title, heads, tuple(rows))
+    return Table("Gain of each purchase over buying nothing", heads, tuple(rows))
 
 
-def _costs(comparison: "Comparison") -> Table:
+def _costs(costs: "ToleranceCosts") -> Table:
     """The cost of each tolerance to the best design, and a sentence on the largest."""
-    costs = comparison.costs
-    rows = () if costs is None else costs.rows
-    cells = ((row.name, row.size, f"{row.cost:z.3f}", f"{row.unaware_cost:z.3f}") for row in rows)
-    notes = (
-        "" if costs is None else costs.verdict,
-        "unaware dB  cost by a decoder for a camera without errors",
+    cells = (
+        (row.name, row.size, f"{row.cost:z.3f}", f"{row.unaware_cost:z.3f}") for row in costs.rows
     )
+    notes = (costs.verdict, "unaware dB  cost by a decoder for a camera without errors")
     heads = ("tolerance", "1 sigma", "costs dB", "unaware dB")
     return Table("Cost of each tolerance to the best design", heads, tuple(cells), notes)
 

@@ -20,8 +20,6 @@ from mishutter.search.rivals import PLAIN_RATE, PLAIN_STILLS, Entry, taken_names
 from mishutter.search.rows import BEST_SNAPSHOT, SHUTTER, Row, best_row
 from mishutter.search.space import beyond_limits, forbids_free_path
 
-_WIDTH = 80
-"""Columns of a line of an answer."""
 _OPTIMISED = "optimised"
 """Name of the design of a search, which an answer calls by what it is."""
 _ADDS = 0.1
@@ -30,15 +28,6 @@ _SHOWN = 0.05
 """Least difference of levels that one decimal shows, and loss that is said; dB."""
 _MOST_RATE = 1000.0
 """The greatest frame rate at which stills are looked for that match a camera; 1/s."""
-_BEHIND_OBJECTS = (
-    "Levels of frames assume known speeds and outlines of the objects, and ignore occlusion edges, "
-    "which cost stills 0.9 dB in simulations. Moving frames are left out: edges cost them half as "
-    "much again, and no decoder of this package finds outlines."
-)
-_MEASURED = (
-    "The gain is stated within two standard errors of each measured number ([errors] of the "
-    "scene), for both cameras unchanged."
-)
 _WAYS = {
     SINE: "swings on a sine that turns in the middle of each frame",
     SWEEP: "goes out and back once at a constant acceleration",
@@ -59,7 +48,6 @@ _VERBS = {
     FREE: "follows a free path over {way}",
 }
 """The same in brief."""
-_HIDDEN = "The speed cannot be found: the blur differs too little between the speeds."
 
 
 def options_of(rows: Iterable[Row], choice: Row, own: Collection[str] = ()) -> list[Row]:
@@ -94,18 +82,13 @@ def options_of(rows: Iterable[Row], choice: Row, own: Collection[str] = ()) -> l
 
 def option_name(row: Row) -> str:
     """A row in the words of a table of options: what is exposed, on which path, for how long."""
-    name = f"{_what(row)}, {row.exposures.lengths}{_aside(row)}"
+    name = f"{_what(row)}, {row.exposures.lengths}"
+    if row.name == PLAIN_STILLS:
+        name += f", at {PLAIN_RATE:.0f} frames/s"
+    elif row.num_frames == 1 and row.decoder.knows_speed:
+        name += f", speed {'found' if row.decoder.finds_speed else 'known'}"
     is_named = row.name not in (*taken_names(), _OPTIMISED)
     return f"{row.name}: {name}" if is_named else name
-
-
-def _aside(row: Row) -> str:
-    """The knowledge of a decoder, or the frame rate of a scene that states none."""
-    if row.name == PLAIN_STILLS:
-        return f", at {PLAIN_RATE:.0f} frames/s"
-    if row.num_frames > 1 or not row.decoder.knows_speed:
-        return ""
-    return f", speed {'found' if row.decoder.finds_speed else 'known'}"
 
 
 def _what(row: Row) -> str:
@@ -202,17 +185,24 @@ def sentences_of(
     scene: Scene, rows: Iterable[Row], choice: Row, notes: Iterable[str] = ()
 ) -> list[str]:
     """The lines below the table of options: the shutter, notes, and what is assumed."""
-    is_before_background = scene.burst is not None and scene.occlusion is not None
-    said = [
-        _on_shaped_shutters([row for row in rows if row.is_of_one_exposure], choice),
-        _BEHIND_OBJECTS if is_before_background else "",
-        _HIDDEN if choice.hides_speed else "",
-        _on_stage(scene, [*rows], choice),
-        _MEASURED if scene.errors is not None and choice.name != BEST_SNAPSHOT else "",
-        *notes,
-        _assumptions(scene, choice),
-    ]
-    return [paragraph(sentence) for sentence in said if sentence]
+    said = [_on_shaped_shutters([row for row in rows if row.is_of_one_exposure], choice)]
+    if scene.burst is not None and scene.occlusion is not None:
+        said.append(
+            "Levels of frames assume known speeds and outlines of the objects, and ignore "
+            "occlusion edges, which cost stills 0.9 dB in simulations. Moving frames are left "
+            "out: edges cost them half as much again, and no decoder of this package finds "
+            "outlines."
+        )
+    if choice.hides_speed:
+        said.append("The speed cannot be found: the blur differs too little between the speeds.")
+    if "stage" in choice.needs:
+        said.append(_on_stage(scene, [*rows], choice))
+    if scene.errors is not None and choice.name != BEST_SNAPSHOT:
+        said.append(
+            "The gain is stated within two standard errors of each measured number ([errors] of "
+            "the scene), for both cameras unchanged."
+        )
+    return [paragraph(sentence) for sentence in (*said, *notes, _assumptions(scene, choice))]
 
 
 def _on_shaped_shutters(rows: Sequence[Row], choice: Row) -> str:
@@ -232,8 +222,6 @@ def _on_shaped_shutters(rows: Sequence[Row], choice: Row) -> str:
 
 def _on_stage(scene: Scene, rows: Sequence[Row], choice: Row) -> str:
     """The gain by the stage, its path over frames, and what that takes of it."""
-    if "stage" not in choice.needs:
-        return ""
     several = (row for row in rows if row.is_of_one_exposure or row.num_frames > 1)
     without = best_row(row for row in several if "stage" not in row.needs)
     added = stage_adds(choice.margin_over(without))
@@ -264,7 +252,7 @@ def stage_numbers(travel: float, top_speed: float, acceleration: float, pitch: A
     if pitch is None:
         rate = f"{float(f'{acceleration:.2g}'):,g} px/s^2"
         return f"{words} and {rate}" if acceleration else words
-    p = float(pitch)
+    p = float(pitch)  # m
     physical = [f"{travel * p * 1e6:.3g} um", f"{top_speed * p * 1e3:.3g} mm/s"]
     # A velocity that is reached at once has no acceleration.
     physical += [f"{acceleration * p / GRAVITY:.2g} g"] if acceleration else []
@@ -283,8 +271,8 @@ def _assumptions(scene: Scene, choice: Row) -> str:
     else:
         decoder = f"the decoder {'finds' if choice.decoder.finds_speed else 'knows'} the speed"
     camera = camera_words(scene, frames=frames is not None, stage="stage" in choice.needs)
-    moves = [f"all motion along the {scene.sensor.axis}", objects_words(scene, choice.exposures)]
-    said = [*moves, decoder, *camera]
+    objects = objects_words(scene, choice.exposures)
+    said = [f"all motion along the {scene.sensor.axis}", objects, decoder, *camera]
     return f"Assumes: {'; '.join(said)}."
 
 
@@ -334,32 +322,27 @@ def details_of(scene: Scene, choice: Row) -> list[str]:
             else f"A camera at rest matches this at {math.ceil(rate)} frames/s."
         )
         if frames is not None:
-            said.append(_equal_stills(scene, choice, frames))
-    leaves = "" if frames is None else points_that_leave(frames.width_loss)
-    said += [leaves] if leaves else []
-    if frames is not None and (frames.registration_loss or 0.0) >= _SHOWN:
-        said.append(
-            f"Registration by {REGION} x {REGION} px costs {frames.registration_loss:.2f} dB at "
-            "the worst speed, which the level does not count."
-        )
-    return [paragraph(sentence) for sentence in said]
+            time = frames.duration
+            level = frames.worst_psnr if choice.at_worst else frames.psnr
+            count = StillBursts(scene, at_worst=choice.at_worst, window=time).number_that_equals(
+                level, most=math.ceil(_MOST_RATE * time)
+            )
+            equal = "better than any number of" if count is None else f"equal to {count}"
+            said.append(f"Its {choice.num_frames} frames are {equal} stills in the same time.")
+    if frames is not None:
+        said.append(points_that_leave(frames.width_loss))
+        if (frames.registration_loss or 0.0) >= _SHOWN:
+            said.append(
+                f"Registration by {REGION} x {REGION} px costs {frames.registration_loss:.2f} dB "
+                "at the worst speed, which the level does not count."
+            )
+    return [paragraph(sentence) for sentence in said if sentence]
 
 
 def points_that_leave(loss: float | None) -> str:
     """The loss by the width of a sensor in a sentence; empty where it is small."""
     shows = loss is not None and loss >= _SHOWN
     return f"Points that leave the sensor cost {loss:.2f} dB of the level." if shows else ""
-
-
-def _equal_stills(scene: Scene, choice: Row, frames: FrameSequence) -> str:
-    """The number of stills that have the level of moving frames in the same time."""
-    time = frames.duration
-    level = frames.worst_psnr if choice.at_worst else frames.psnr
-    count = StillBursts(scene, at_worst=choice.at_worst, window=time).number_that_equals(
-        level, most=math.ceil(_MOST_RATE * time)
-    )
-    equal = "better than any number of" if count is None else f"equal to {count}"
-    return f"Its {choice.num_frames} frames are {equal} stills in the same time."
 
 
 def options_table(options: Sequence[Row], snapshot: Row, most: float) -> str:
@@ -394,7 +377,7 @@ def table_of_levels(options: Sequence[tuple[str, float, float | None, str]], whe
 
 def paragraph(sentence: str) -> str:
     """Sentences in lines of an answer's width."""
-    return textwrap.fill(sentence, _WIDTH)
+    return textwrap.fill(sentence, 80)
 
 
 def comparison_notes(
@@ -405,14 +388,32 @@ def comparison_notes(
     free_paths: bool = False,
 ) -> tuple[str, ...]:
     """Sentences for the foot of the tables."""
-    return (
-        *device_notes(scene.device),
-        *_blind_drive_notes(scene, entries),
-        *_limit_notes(scene, rows),
-        *_tolerance_notes(scene, rows),
-        *_path_notes(scene, free_paths),
-        *_burst_notes(scene),
-    )
+    notes = device_notes(scene.device)
+    if scene.device is not None:
+        levels = [e.psnr_ignoring_lag for e in entries.values() if isinstance(e, Design)]
+        notes += [
+            f"Sent unchanged, a design for an ideal device reaches {level:.2f} dB."
+            for level in dict.fromkeys(levels)
+            if level is not None
+        ]
+    for row in rows:  # a camera as built may exceed some limits
+        beyond = beyond_limits(scene, row.motion, row.shutter)
+        if beyond:
+            names = ", ".join(name.replace("_", " ") for name in beyond)
+            notes.append(f"{row.name} is outside the scene's limits: {names}.")
+    if scene.tolerances is not None and all(row.within is None for row in rows):
+        notes.append(
+            "Levels ignore the tolerances: those apply to one filter and the mean over speeds."
+        )
+    reason = forbids_free_path(scene)
+    if free_paths and reason:
+        notes.append(f"No free path is compared: {reason}.")
+    if scene.burst is not None and not FrameTimes.of(scene, scene.burst).holds_several:
+        rate = float(scene.burst.frames_per_s)
+        notes.append(
+            f"No burst is compared: at {rate:.3g} frames/s only one frame fits into the window."
+        )
+    return tuple(notes)
 
 
 def device_notes(device: AbstractDevice | None) -> list[str]:
@@ -431,51 +432,3 @@ def device_notes(device: AbstractDevice | None) -> list[str]:
         levels = "any level" if device.levels is None else f"one of {device.levels} levels"
         notes.append(f"It holds {levels} over each of {device.num_slots} slots.")
     return notes
-
-
-def _blind_drive_notes(scene: Scene, entries: Mapping[str, Entry]) -> list[str]:
-    """Levels of designs for a device that follows every command, sent to the scene's device."""
-    if scene.device is None:
-        return []
-    levels = [entry.psnr_ignoring_lag for entry in entries.values() if isinstance(entry, Design)]
-    return [
-        f"Sent unchanged, a design for an ideal device reaches {level:.2f} dB."
-        for level in dict.fromkeys(levels)
-        if level is not None
-    ]
-
-
-def _limit_notes(scene: Scene, rows: Iterable[Row]) -> list[str]:
-    """The limits of the scene that rows exceed; a camera as built may exceed some."""
-    notes = []
-    for row in rows:
-        beyond = beyond_limits(scene, row.motion, row.shutter)
-        names = ", ".join(name.replace("_", " ") for name in beyond)
-        notes += [f"{row.name} is outside the scene's limits: {names}."] if beyond else []
-    return notes
-
-
-def _tolerance_notes(scene: Scene, rows: Sequence[Row]) -> list[str]:
-    """Sentences on the cameras and the decoders for which tolerances are not computed."""
-    if scene.tolerances is None:
-        return []
-    notes = []
-    if all(row.within is None for row in rows):
-        notes.append(
-            "Levels ignore the tolerances: those apply to one filter and the mean over speeds."
-        )
-    return notes
-
-
-def _path_notes(scene: Scene, free_paths: bool) -> list[str]:
-    """The reason for which free paths that were asked for are not compared."""
-    reason = forbids_free_path(scene)
-    return [f"No free path is compared: {reason}."] if free_paths and reason else []
-
-
-def _burst_notes(scene: Scene) -> list[str]:
-    """The sentence on a camera that is too slow for a burst."""
-    if scene.burst is None or FrameTimes.of(scene, scene.burst).holds_several:
-        return []
-    rate = float(scene.burst.frames_per_s)
-    return [f"No burst is compared: at {rate:.3g} frames/s only one frame fits into the window."]

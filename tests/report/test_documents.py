@@ -43,9 +43,6 @@ from mishutter.report.documents import (
     Report,
     _drawings,
     _writers,
-    document,
-    photograph_levels,
-    pictured_rows,
     write_background,
     write_report,
 )
@@ -191,7 +188,7 @@ def test_tables_fit_eighty_columns(report, monkeypatch):
 def test_what_a_photograph_showed(report):
     """Measured and expected stand apart, with gamma and in linear light."""
     shown = replace(report, photographs=Photographs({"ensemble": {"rect": photograph(21)}}, {}))
-    found = document(shown)["photographs"]["ensemble"]["rect"]
+    found = shown.to_dict()["photographs"]["ensemble"]["rect"]
     assert found["mean_linear_psnr_db"] == 21
     assert found["expected_of_ensemble_filter_db"] == pytest.approx(21.2)
     np.testing.assert_allclose(found["psnr_db"], [21.3, 22.1, 21.7])
@@ -238,7 +235,7 @@ def test_rows_that_are_pictured(report, slug):
     name, every, pictured = PICTURED[slug]
     comparison = _rivals(report, {BEST_TUKEY: 26.0, BEST_PANNED_SNAPSHOT: 27.0}, 400.0)
     comparison = replace(comparison, choice=comparison.row(name))
-    assert list(pictured_rows(comparison, ("optimised",), every=every)) == pictured
+    assert list(Report(SCENE, comparison, ("optimised",), every=every).rows) == pictured
 
 
 def test_pictures_are_of_what_is_recommended(report):
@@ -260,11 +257,11 @@ def test_a_camera_is_pictured_once_by_all_of_its_names(report, capsys):
     others = [replace(rows["Hann"], metrics=level), rows[BEST_SNAPSHOT]]
     comparison = Comparison((mine, rows[BEST_TUKEY], *others), "A verdict.", 0.1, 31.0)
     comparison = replace(comparison, choice=mine)
-    names = [*pictured_rows(comparison, ("mine",))]
+    names = [*Report(SCENE, comparison, ("mine",)).rows]
     assert names == ["mine", BEST_SNAPSHOT, BEST_TUKEY]
     seen = {name: photograph(21 + index) for index, name in enumerate(names)}
     shown = Report(SCENE, comparison, ("mine",), Photographs({"ensemble": seen}, seen))
-    levels = photograph_levels(shown)
+    levels = shown.photograph_levels
     assert [*levels["ensemble"]] == [f"mine = {BEST_TUKEY}", BEST_SNAPSHOT]
     assert levels["ensemble"][BEST_SNAPSHOT] is seen[BEST_SNAPSHOT]
     print_photographs(levels)
@@ -273,7 +270,7 @@ def test_a_camera_is_pictured_once_by_all_of_its_names(report, capsys):
     legend = _drawings(shown)["profile.png"]().legends[0]
     words = [text.get_text().split(", passes")[0] for text in legend.get_texts()]
     assert words == [*levels["ensemble"]]
-    assert [*document(shown)["photographs"]["ensemble"]] == names
+    assert [*shown.to_dict()["photographs"]["ensemble"]] == names
 
 
 @pytest.mark.slow

@@ -41,7 +41,6 @@ from mishutter.report import sweep_plots
 # The curve that a front draws for a profile; a line in pixels does not hold its values.
 from mishutter.report.plots import (
     MAP_COLOURS,
-    Margins,
     leave_room,
     new_figure,
     plot_capture,
@@ -147,8 +146,9 @@ def test_a_comparison_draws_its_levels():
 @pytest.mark.parametrize(("num_rows", "num_columns"), [(1, 1), (3, 2)])
 def test_room_is_in_inches(num_rows, num_columns):
     """Between the edge, the panels and their neighbours, whatever the size of the figure."""
-    figure, margins = new_figure(7.5, 6.5), Margins(0.9, 0.2, 0.6, 0.35, columns=0.7, rows=0.45)
-    leave_room(figure, margins, num_rows=num_rows, num_columns=num_columns)
+    figure = new_figure(7.5, 6.5)
+    margins = {"left": 0.9, "right": 0.2, "bottom": 0.6, "top": 0.35, "columns": 0.7, "rows": 0.45}
+    leave_room(figure, num_rows=num_rows, num_columns=num_columns, **margins)
     panels = figure.subplots(num_rows, num_columns, squeeze=False)
     boxes = np.array([[axes.get_position().extents for axes in row] for row in panels])
     x0, y0, x1, y1 = np.moveaxis(boxes * [7.5, 6.5, 7.5, 6.5], -1, 0)
