@@ -151,7 +151,7 @@ def require_finite(subject: str, value: RowLike) -> None:
         require(bool(np.all(finite)), subject, "be finite", got)
 
 
-def require_at_least(subject: str, value: Array, bound: str, *, strict: bool = False) -> None:
+def require_at_least(subject: str, value: ArrayLike, bound: str, *, strict: bool = False) -> None:
     """Refuses numbers below 0, and 0 itself if `strict`; `bound` is the requirement in words."""
     require_finite(subject, value)
     if is_concrete(value):
@@ -164,6 +164,12 @@ def require_scalar(subject: str, value: ArrayLike) -> None:
     if isinstance(value, str | bytes) or value is None:
         require(False, subject, "be a number", value)
     require(np.ndim(value) == 0, subject, "be a scalar", shape_of(value))
+
+
+def require_number(subject: str, value: ArrayLike, bound: str, *, strict: bool = False) -> None:
+    """Refuses anything but a scalar that is at least 0, or above it, as `require_at_least`."""
+    require_scalar(subject, value)
+    require_at_least(subject, value, bound, strict=strict)
 
 
 def require_key(subject: str, value: object) -> None:

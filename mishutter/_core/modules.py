@@ -1,4 +1,4 @@
-"""Modules whose constructors answer an argument that they do not have with the nearest one."""
+"""Modules that print their numbers and answer an unknown argument with the nearest one."""
 
 import difflib
 import inspect
@@ -7,6 +7,8 @@ from functools import cache
 from typing import Any, TypeVar
 
 import equinox as eqx
+
+from mishutter._core.checks import fields_text
 
 _Kind = TypeVar("_Kind", bound=eqx.Module)
 
@@ -19,6 +21,9 @@ class AbstractModule(eqx.Module):
         if known is not None:
             require_arguments(cls.__name__, named, known)
         return eqx.Module.__new__(cls)
+
+    def __repr__(self) -> str:
+        return fields_text(self)
 
 
 def require_arguments(function: str, named: Collection[str], known: Sequence[str]) -> None:

@@ -29,11 +29,10 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Inexact, Num
 from mishutter._core.checks import (
     all_concrete,
     as_float,
-    fields_text,
     is_concrete,
     require,
-    require_at_least,
     require_finite,
+    require_number,
     require_positive_int,
     require_scalar,
 )
@@ -91,9 +90,6 @@ class AbstractDevice(AbstractModule):
             require_finite(subject, value)
             if is_concrete(value):
                 require(holds(float(value)), subject, requirement, value)
-
-    def __repr__(self) -> str:
-        return fields_text(self)
 
     @staticmethod
     @abstractmethod
@@ -318,8 +314,7 @@ class FirstOrderDevice(AbstractDevice):
         for name in ("rise_time", "fall_time", "delay"):
             value, subject = getattr(self, name), f"FirstOrderDevice({name}=...)"
             if value is not None:
-                require_scalar(subject, value)
-                require_at_least(subject, value, "at least 0")
+                require_number(subject, value, "at least 0")
 
     @staticmethod
     def has(arguments: Collection[str]) -> bool:

@@ -25,12 +25,10 @@ from mishutter._core.checks import (
     all_concrete,
     as_array_like,
     as_float,
-    fields_text,
     is_concrete,
     namespace_of,
     require,
-    require_at_least,
-    require_scalar,
+    require_number,
 )
 from mishutter._core.compiling import compiled
 from mishutter._core.modules import AbstractModule
@@ -262,10 +260,8 @@ class Limits(AbstractModule):
         stage = [name for name in _OF_STAGE if getattr(self, name) is not None]
         always = ("max_stroke", "max_top_speed", "min_half_exposure", "max_half_exposure")
         for name in (*always, *stage):
-            require_scalar(f"Limits({name}=...)", getattr(self, name))
-            require_at_least(f"Limits({name}=...)", getattr(self, name), "above 0", strict=True)
-        require_scalar("Limits(max_pan=...)", self.max_pan)
-        require_at_least("Limits(max_pan=...)", self.max_pan, "at least 0")
+            require_number(f"Limits({name}=...)", getattr(self, name), "above 0", strict=True)
+        require_number("Limits(max_pan=...)", self.max_pan, "at least 0")
         kinds = ("stage", "camera")
         require(self.pans in kinds, "Limits(pans=...)", "be 'stage' or 'camera'", self.pans)
         kinds = ("one", "each", "disc")
@@ -279,9 +275,6 @@ class Limits(AbstractModule):
             subject = "Limits(min_half_exposure=...)"
             requirement = f"be at most max_half_exposure = {longest:g} s"
             require(float(shortest) <= longest, subject, requirement, shortest)
-
-    def __repr__(self) -> str:
-        return fields_text(self)
 
     def without_servo(self) -> "Limits":
         """The limits without the answer of the stage, which no integral sees."""

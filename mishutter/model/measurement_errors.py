@@ -5,7 +5,10 @@ from typing import final
 
 from jaxtyping import Array, ArrayLike
 
-from mishutter._core.checks import as_float, fields_text, require_at_least, require_scalar
+from mishutter._core.checks import (
+    as_float,
+    require_number,
+)
 from mishutter._core.modules import AbstractModule
 
 
@@ -47,8 +50,4 @@ class MeasurementErrors(AbstractModule):
     def __check_init__(self) -> None:
         for field in fields(self):
             subject, value = f"MeasurementErrors({field.name}=...)", getattr(self, field.name)
-            require_scalar(subject, value)
-            require_at_least(subject, value, "at least 0")
-
-    def __repr__(self) -> str:
-        return fields_text(self)
+            require_number(subject, value, "at least 0")

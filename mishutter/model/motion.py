@@ -30,8 +30,8 @@ from mishutter._core.checks import (
     is_concrete,
     namespace_of,
     require,
-    require_at_least,
     require_finite,
+    require_number,
     require_positive_int,
     require_scalar,
     shape_of,
@@ -377,8 +377,7 @@ class ParabolicMotion(AbstractMotion):
 
     def __check_init__(self) -> None:
         subject = "ParabolicMotion(acceleration=...)"
-        require_scalar(subject, self.acceleration)
-        require_at_least(subject, self.acceleration, "at least 0 px/s^2")
+        require_number(subject, self.acceleration, "at least 0 px/s^2")
 
     @classmethod
     def from_stroke(
@@ -689,8 +688,7 @@ def _beside(half_exposure: Array, value: ArrayLike, subject: str) -> Array:
 
 
 def _check_half_exposure(subject: str, value: Array) -> None:
-    require_scalar(subject, value)
-    require_at_least(subject, value, "above 0 s", strict=True)
+    require_number(subject, value, "above 0 s", strict=True)
 
 
 def _length(subject: str, value: ArrayLike, least: Array, why: str) -> ArrayLike:

@@ -4,7 +4,10 @@ from typing import final
 
 from jaxtyping import Array, ArrayLike
 
-from mishutter._core.checks import as_float, fields_text, require_at_least, require_scalar
+from mishutter._core.checks import (
+    as_float,
+    require_number,
+)
 from mishutter._core.modules import AbstractModule
 
 
@@ -29,8 +32,4 @@ class Objects(AbstractModule):
         self.width = as_float(width, "Objects(width=...)")
 
     def __check_init__(self) -> None:
-        require_scalar("Objects(width=...)", self.width)
-        require_at_least("Objects(width=...)", self.width, "above 0 px", strict=True)
-
-    def __repr__(self) -> str:
-        return fields_text(self)
+        require_number("Objects(width=...)", self.width, "above 0 px", strict=True)

@@ -13,8 +13,8 @@ from mishutter._core.checks import (
     common_dtype,
     is_concrete,
     require,
-    require_at_least,
     require_finite,
+    require_number,
     require_scalar,
     shown,
 )
@@ -108,14 +108,12 @@ class Occlusion(AbstractModule):
 
     def __check_init__(self) -> None:
         subject = "Occlusion(front_share=...)"
-        require_scalar(subject, self.front_share)
-        require_at_least(subject, self.front_share, "at least 0")
+        require_number(subject, self.front_share, "at least 0")
         if is_concrete(self.front_share):
             require(float(self.front_share) <= 1, subject, "be at most 1", self.front_share)
         if self.object_width is not None:
             subject = "Occlusion(object_width=...)"
-            require_scalar(subject, self.object_width)
-            require_at_least(subject, self.object_width, "above 0 px", strict=True)
+            require_number(subject, self.object_width, "above 0 px", strict=True)
         subject = "Occlusion(level_difference=...)"
         require_scalar(subject, self.level_difference)
         require_finite(subject, self.level_difference)

@@ -12,12 +12,11 @@ from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core.checks import (
     as_float,
-    fields_text,
     is_concrete,
     namespace_of,
     require,
-    require_at_least,
     require_finite,
+    require_number,
     require_scalar,
 )
 from mishutter._core.modules import AbstractModule
@@ -109,14 +108,10 @@ class Optics(AbstractModule):
             passes = 0 < float(cutoff) <= NYQUIST_FREQUENCY
             require(passes, subject, "be above 0 and at most 0.5 cycles/px", cutoff)
         subject, blur = "Optics(lens_blur=...)", self.lens_blur
-        require_scalar(subject, blur)
-        require_at_least(subject, blur, "at least 0")
+        require_number(subject, blur, "at least 0")
         if is_concrete(blur):
             is_within = float(blur) <= WIDEST_BLUR
             require(is_within, subject, f"be at most {WIDEST_BLUR:g} px", blur)
-
-    def __repr__(self) -> str:
-        return fields_text(self)
 
     def response(self, period: int) -> Float[np.ndarray, "{period}//2+1"]:
         """Response on the grid of the DFT of so many pixels; shape `(period // 2 + 1,)`.

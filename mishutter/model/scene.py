@@ -26,8 +26,8 @@ from mishutter._core.checks import (
     require,
     require_at_least,
     require_finite,
+    require_number,
     require_positive_int,
-    require_scalar,
     shape_of,
     shown,
 )
@@ -198,8 +198,7 @@ class Scene(AbstractModule):
             require(some, "Scene(weights=...)", "hold one above 0", self.weights)
         for name in ("photon_rate", "read_noise"):
             value = getattr(self, name)
-            require_scalar(f"Scene({name}=...)", value)
-            require_at_least(f"Scene({name}=...)", value, "at least 0")
+            require_number(f"Scene({name}=...)", value, "at least 0")
         for name, kind, requirement in (
             ("picture", Texture, "be a `Texture`"),
             ("optics", Optics, "be `Optics`"),

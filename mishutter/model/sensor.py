@@ -9,12 +9,10 @@ from jaxtyping import Array, ArrayLike, Float
 from mishutter._core.checks import (
     as_float,
     as_numpy,
-    fields_text,
     is_concrete,
     require,
-    require_at_least,
+    require_number,
     require_positive_int,
-    require_scalar,
 )
 from mishutter._core.modules import AbstractModule
 from mishutter.pictures.images import Axis
@@ -62,13 +60,9 @@ class Sensor(AbstractModule):
         for name in ("full_well", "width", "pixel_pitch"):
             value, subject = getattr(self, name), f"Sensor({name}=...)"
             if value is not None:
-                require_scalar(subject, value)
-                require_at_least(subject, value, "above 0", strict=True)
+                require_number(subject, value, "above 0", strict=True)
         is_axis = self.axis in get_args(Axis)
         require(is_axis, "Sensor(axis=...)", "be 'rows' or 'columns'", self.axis)
-
-    def __repr__(self) -> str:
-        return fields_text(self)
 
 
 @final
@@ -109,18 +103,13 @@ class BurstMode(AbstractModule):
             max_frames = require_positive_int("BurstMode(max_frames=...)", max_frames)
         self.max_frames = max_frames
 
-    def __repr__(self) -> str:
-        return fields_text(self)
-
     def __check_init__(self) -> None:
         for name in ("frames_per_s", "window"):
             value, subject = getattr(self, name), f"BurstMode({name}=...)"
             if value is not None:
-                require_scalar(subject, value)
-                require_at_least(subject, value, "above 0", strict=True)
+                require_number(subject, value, "above 0", strict=True)
         subject = "BurstMode(dead_time=...)"
-        require_scalar(subject, self.dead_time)
-        require_at_least(subject, self.dead_time, "at least 0")
+        require_number(subject, self.dead_time, "at least 0")
         if is_concrete(self.dead_time) and is_concrete(self.frames_per_s):
             period = 1 / float(self.frames_per_s)
             requirement = f"be shorter than the {period:g} s from frame to frame"

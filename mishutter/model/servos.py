@@ -22,7 +22,10 @@ from typing import final
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from mishutter._core.checks import as_float, fields_text, require_at_least, require_scalar
+from mishutter._core.checks import (
+    as_float,
+    require_number,
+)
 from mishutter._core.modules import AbstractModule
 from mishutter.model.motion import FreeMotion
 from mishutter.model.stages import StagePath
@@ -53,11 +56,7 @@ class SecondOrderStage(AbstractModule):
     def __check_init__(self) -> None:
         for name in ("bandwidth", "damping"):
             value, subject = getattr(self, name), f"SecondOrderStage({name}=...)"
-            require_scalar(subject, value)
-            require_at_least(subject, value, "above 0", strict=True)
-
-    def __repr__(self) -> str:
-        return fields_text(self)
+            require_number(subject, value, "above 0", strict=True)
 
     @property
     def natural_frequency(self) -> float:

@@ -11,11 +11,10 @@ from jaxtyping import Array, ArrayLike, Float
 from mishutter._core.checks import (
     RowLike,
     as_float,
-    fields_text,
     is_concrete,
     require,
     require_at_least,
-    require_scalar,
+    require_number,
     shape_of,
 )
 from mishutter._core.modules import AbstractModule
@@ -84,8 +83,7 @@ class Texture(AbstractModule):
     def __check_init__(self) -> None:
         for name in ("mean_level", "deviation"):
             value = getattr(self, name)
-            require_scalar(f"Texture({name}=...)", value)
-            require_at_least(f"Texture({name}=...)", value, "at least 0")
+            require_number(f"Texture({name}=...)", value, "at least 0")
         require(isinstance(self.path, str | None), "Texture(path=...)", "be a path", self.path)
         is_known = isinstance(self.linear, bool)
         require(is_known, "Texture(linear=...)", "be True or False", self.linear)
@@ -98,9 +96,6 @@ class Texture(AbstractModule):
         if is_concrete(power) and is_concrete(self.deviation):
             some = bool(np.any(np.asarray(power) > 0)) or float(self.deviation) == 0
             require(some, subject, "hold some power where the deviation is not 0", 0.0)
-
-    def __repr__(self) -> str:
-        return fields_text(self)
 
     @staticmethod
     def of_photograph(

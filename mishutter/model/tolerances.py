@@ -18,12 +18,10 @@ from jaxtyping import Array, ArrayLike
 from mishutter._core.checks import (
     all_concrete,
     as_float,
-    fields_text,
     is_concrete,
     require,
-    require_at_least,
+    require_number,
     require_positive_int,
-    require_scalar,
 )
 from mishutter._core.modules import AbstractModule
 from mishutter.model.motion import is_known_zero, safe_root
@@ -90,15 +88,11 @@ class Tolerances(AbstractModule):
 
     def __check_init__(self) -> None:
         for name in (*TOLERANCE_NAMES, "drive_step"):
-            require_scalar(f"Tolerances({name}=...)", getattr(self, name))
-            require_at_least(f"Tolerances({name}=...)", getattr(self, name), "at least 0")
+            require_number(f"Tolerances({name}=...)", getattr(self, name), "at least 0")
         if is_concrete(self.transmittance) and is_concrete(self.drive_step):
             lasts = float(self.transmittance) == 0 or float(self.drive_step) > 0
             requirement = "be above 0 where the transmittance has an error"
             require(lasts, "Tolerances(drive_step=...)", requirement, self.drive_step)
-
-    def __repr__(self) -> str:
-        return fields_text(self)
 
     def in_sensor_frame(self, velocity: Array | np.ndarray) -> "Tolerances":
         """The tolerances in the frame of a sensor that pans, where its error is one of speeds.

@@ -18,12 +18,12 @@ from mishutter._core.checks import (
     all_concrete,
     as_float,
     as_numpy,
-    fields_text,
     is_concrete,
     namespace_of,
     require,
     require_at_least,
     require_finite,
+    require_number,
     require_scalar,
     shape_of,
 )
@@ -104,9 +104,6 @@ class AbstractVelocities(AbstractModule):
     def fastest(self) -> float:
         """Greatest speed in any direction; px/s, of a concrete law."""
         return float(self.greatest(np.array([self.axis]))[0])
-
-    def __repr__(self) -> str:
-        return fields_text(self)
 
 
 @final
@@ -238,8 +235,7 @@ class RingOfVelocities(AbstractVelocities):
         self.speed = as_float(speed, "RingOfVelocities(speed=...)")
 
     def __check_init__(self) -> None:
-        require_scalar("RingOfVelocities(speed=...)", self.speed)
-        require_at_least("RingOfVelocities(speed=...)", self.speed, "above 0", strict=True)
+        require_number("RingOfVelocities(speed=...)", self.speed, "above 0", strict=True)
 
     def components(self, direction: Float[Array | np.ndarray, "k"], num_speeds: int) -> Components:
         (speed,) = as_numpy(self.speed)

@@ -22,7 +22,6 @@ from mishutter._core.checks import (
     as_float,
     common_dtype,
     device_constant,
-    fields_text,
     require,
     require_finite,
     shape_of,
@@ -58,9 +57,6 @@ class AbstractShutter(AbstractModule):
     means over an interval are known in closed form derives from `AbstractPiecewiseShutter`
     instead.
     """
-
-    def __repr__(self) -> str:
-        return fields_text(self)
 
     @abstractmethod
     def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
