@@ -54,8 +54,6 @@ _TAPS = 64
 """Taps of a block."""
 _DESIGNS_A_CALL = 64
 """Fixed batch size: one compiled program for any number of devices."""
-_FURTHEST = float(1 << 17)
-"""Length beyond which every kernel is refused; px."""
 
 
 class Sizes(NamedTuple):
@@ -91,7 +89,8 @@ class Sizes(NamedTuple):
         sag = np.where(turns, a * half * half, 0.0)
         smear = float(scene.max_speed) * half
         reach, velocity = map(np.asarray, reach_of_parabola(sag, smear))
-        reach_of_plan = np.minimum(np.maximum(reach, longest), _FURTHEST)
+        # Every kernel beyond this length is refused.
+        reach_of_plan = np.minimum(np.maximum(reach, longest), 1 << 17)
         plans = _by_whole(reach_of_plan, lambda x: sized_for(x, 0.0))
         num_taps, dft_length = (plans.each(name) for name in ("num_taps", "dft_length"))
         spread = np.asarray(length_on_parabola(sag, np.max(abs(occurring_speeds(scene))) * half))
@@ -207,6 +206,23 @@ class _Need(NamedTuple):
     dft: Int[Array | np.ndarray, "*n"]  # Index of its length among `Shapes.dft_lengths`
     rule: Int[Array | np.ndarray, "*n"]  # Index of its quadrature rule
 
+    @staticmethod
+    def of(
+        sizes: Sizes, shapes: Shapes, motions: AbstractMotion, dtype: np.dtype, *, moving: bool
+    ) -> "_Need":
+        """Those for kernels of moving objects or of one at rest alone."""
+        turns = np.asarray(motions.has_vertex)
+        num_taps = sizes.num_reached_taps if moving else sizes.aside + sizes.num_still_taps
+        dft = np.searchsorted(shapes.dft_lengths, sizes.dft_length)
+        rule = np.searchsorted(shapes.node_counts, _whole_blocks(sizes.num_nodes))
+        return _Need(
+            num_blocks=(-(-num_taps // _TAPS)).astype(np.int32),
+            first=np.where(turns, 0.0, -0.5 - sizes.aside).astype(dtype),
+            still_block=(sizes.aside // _TAPS).astype(np.int32),
+            dft=dft.astype(np.int32),
+            rule=rule.astype(np.int32),
+        )
+
 
 class _Designs(NamedTuple):
     """One design, or many on a leading axis."""
@@ -216,14 +232,6 @@ class _Designs(NamedTuple):
     # Shares of the shutters of the `Rules` in the design's own
     shares: Float[Array | np.ndarray, "*n k"]
     efficiency: Float[Array | np.ndarray, "*n"]  # Throughput of the design
-
-
-class _BlockSums(NamedTuple):
-    """Sums over the blocks of a kernel: two of squares, and the kernel of an object at rest."""
-
-    difference: Float[Array, ""]
-    still: Float[Array, ""]
-    taps: Float[Array, "taps"]
 
 
 class _Plans(NamedTuple):
@@ -265,14 +273,6 @@ def scenes_for(scenes: Sequence[Scene], shutter: AbstractShutter) -> list[Scene]
     ]
 
 
-def _on_grid(scene: Scene, num_frequencies: int, num_effective_speeds: int) -> Scene:
-    """A scene of `scenes_for` with its power and layers on a grid of frequencies."""
-    shares = None if scene.occlusion is None else scene.occlusion.shares
-    folds = shares is not None and shares.folds
-    plan = Plan(1, 1, num_frequencies, 1, num_effective_speeds=num_effective_speeds, folds=folds)
-    return reduced(scene, plan)
-
-
 @compiled
 def _rules(
     profiles: AbstractShutter, num_profiles: int, node_counts: tuple[int, ...], dtype: np.dtype
@@ -308,7 +308,7 @@ def measure(
     efficiency = efficiency * brightness
     values = {"efficiency": efficiency}
     moving = any(metric.parts.differences for metric in chosen)
-    need = _need_of(sizes, shapes, motions, dtype, moving)
+    need = _Need.of(sizes, shapes, motions, dtype, moving=moving)
     designs = _Designs(motions, need, shares, efficiency.astype(dtype))
     pictured = designs._replace(shares=shares * brightness[:, None].astype(dtype))
     designed = without_tolerances(scene)
@@ -349,16 +349,19 @@ def _of_picture(
     metrics: tuple[str, ...],
 ) -> dict[str, np.ndarray]:
     """Metrics of transfer functions of designs, by groups of equal sizes."""
-    need = _need_of(sizes, shapes, designs.motion, np.dtype(rules.tau.dtype), moving=False)
-    designs = designs._replace(need=need)
+    dtype = np.dtype(rules.tau.dtype)
+    designs = designs._replace(need=_Need.of(sizes, shapes, designs.motion, dtype, moving=False))
+    shares = None if scene.occlusion is None else scene.occlusion.shares
+    folds = shares is not None and shares.folds
     counts = np.stack([sizes.num_frequencies, sizes.num_effective_speeds], axis=1)
     values: dict[str, np.ndarray] = {}
     for count_of_each in np.unique(counts, axis=0):
         number, effective = map(int, count_of_each)
+        grid = Plan(1, 1, number, 1, num_effective_speeds=effective, folds=folds)
         picture = partial(
             _picture_numbers,
             rules=rules,
-            scene=_on_grid(scene, number, effective),
+            scene=reduced(scene, grid),
             levels=levels,
             num_frequencies=number,
             metrics=metrics,
@@ -391,23 +394,6 @@ def _by_parts(
     return {name: np.concatenate([each[name] for each in parts]) for name in parts[0]}
 
 
-def _need_of(
-    sizes: Sizes, shapes: Shapes, motions: AbstractMotion, dtype: np.dtype, moving: bool
-) -> _Need:
-    """Numbers that the loops need, for kernels of moving objects or of one at rest alone."""
-    turns = np.asarray(motions.has_vertex)
-    num_taps = sizes.num_reached_taps if moving else sizes.aside + sizes.num_still_taps
-    dft = np.searchsorted(shapes.dft_lengths, sizes.dft_length)
-    rule = np.searchsorted(shapes.node_counts, _whole_blocks(sizes.num_nodes))
-    return _Need(
-        num_blocks=(-(-num_taps // _TAPS)).astype(np.int32),
-        first=np.where(turns, 0.0, -0.5 - sizes.aside).astype(dtype),
-        still_block=(sizes.aside // _TAPS).astype(np.int32),
-        dft=dft.astype(np.int32),
-        rule=rule.astype(np.int32),
-    )
-
-
 @compiled
 def _kernel_numbers(
     designs: _Designs,
@@ -418,7 +404,7 @@ def _kernel_numbers(
     shapes: Shapes,
     metrics: tuple[str, ...],
 ) -> dict[str, Array]:
-    """Metrics of kernels."""
+    """Metrics of kernels by the sums of their blocks: two of squares, and the kernel at rest."""
     chosen = named_metrics(metrics)
     moving = any(metric.parts.differences for metric in chosen)
 
@@ -430,7 +416,8 @@ def _kernel_numbers(
         speeds = jnp.append(jnp.zeros(1, box.dtype), speeds.astype(box.dtype))
         plan = Plan(_TAPS, _TAPS, 1, 1)
 
-        def add(block: Int[Array, ""], sums: _BlockSums) -> _BlockSums:
+        def add(block: Int[Array, ""], sums: tuple[Array, ...]) -> tuple[Array, ...]:
+            difference, still, taps = sums
             first = need.first + (block * _TAPS).astype(box.dtype)
             kernels, efficiency = kernels_and_efficiency(
                 profile, motion, speeds, first, num_taps=_TAPS
@@ -438,19 +425,18 @@ def _kernel_numbers(
             some = response_from(scene, Records(kernels, jnp.zeros(0), efficiency), plan)
             # A block without light of an object at rest goes to the room behind its kernel.
             start = ((block - need.still_block) * _TAPS,)
-            return _BlockSums(
-                sums.difference + jnp.sum(some.differences**2),
-                sums.still + jnp.sum(some.still_kernel**2),
-                jax.lax.dynamic_update_slice(sums.taps, some.still_kernel, start),
+            return (
+                difference + jnp.sum(some.differences**2),
+                still + jnp.sum(some.still_kernel**2),
+                jax.lax.dynamic_update_slice(taps, some.still_kernel, start),
             )
 
         room = (-(-shapes.still_taps // _TAPS) + 1) * _TAPS
         zero = jnp.zeros((), box.dtype)
-        nothing = _BlockSums(zero, zero, jnp.zeros(room, box.dtype))
-        sums = jax.lax.fori_loop(0, need.num_blocks, add, nothing)
+        nothing = zero, zero, jnp.zeros(room, box.dtype)
+        difference, still, taps = jax.lax.fori_loop(0, need.num_blocks, add, nothing)
         branches = [partial(_condition, length=length) for length in shapes.dft_lengths]
-        condition = jax.lax.switch(need.dft, branches, sums.taps)
-        kernels = KernelSums(sums.difference, sums.still, condition)
+        kernels = KernelSums(difference, still, jax.lax.switch(need.dft, branches, taps))
         empty = jnp.zeros(0, box.dtype)
         response = Response(empty, empty, empty, empty, jnp.asarray(design.efficiency))
         evaluation = Evaluation(scene, motion, response, kernels)

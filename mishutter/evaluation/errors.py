@@ -148,7 +148,17 @@ class LinearErrors:
     @cached_property
     def unknown_by_speed(self) -> Float[Array, "n"]:
         """The `squared_errors_by_speed`, of one filter for all speeds."""
-        return _errors_by_speed(self.scene, self._every, self._each, self.power)
+        every, each, power = self._every, self._each, self.power
+        num_kept = every.mean.shape[0]
+        aperture = _aperture(self.scene, power.size, np.dtype(power.dtype))[:num_kept]
+        gain = share(every.signal, every.total, of_nothing=0.0)  # the filter is 0 in the dark
+        filter_ = (gain * aperture).astype(every.mean.dtype) * jnp.conj(every.mean)
+        missing = 1 - filter_[None] * each.mean
+        # The noise over the signal, |G|^2 of it, without a quotient by a signal that may be 0.
+        noise = gain * every.coherent * share(every.noise, every.total)
+        spread = (gain**2 * every.coherent)[None] * each.spread
+        lost = missing.real**2 + missing.imag**2 + spread + noise[None]
+        return _squared_error(lost, power)
 
     @cached_property
     def known_by_speed(self) -> Float[Array, "n"]:
@@ -216,22 +226,6 @@ def _squared_error(lost: Float[Array, "*n k"], power: Float[Array, "m"]) -> Floa
     num_kept = lost.shape[-1]
     lowest = power[:num_kept].reshape((1,) * (lost.ndim - 1) + (num_kept,))
     return (jnp.sum(lowest * lost, axis=-1) + jnp.sum(power[num_kept:])) / power.size
-
-
-def _errors_by_speed(
-    scene: Scene, every: _Moments, each: _Moments, power: Float[Array, "m"]
-) -> Float[Array, "n"]:
-    """The `squared_errors_by_speed` by the moments of all speeds and of each."""
-    num_kept = every.mean.shape[0]
-    aperture = _aperture(scene, power.size, np.dtype(power.dtype))[:num_kept]
-    gain = share(every.signal, every.total, of_nothing=0.0)  # the filter is 0 in the dark
-    filter_ = (gain * aperture).astype(every.mean.dtype) * jnp.conj(every.mean)
-    missing = 1 - filter_[None] * each.mean
-    # The noise over the signal, |G|^2 of it, without a quotient by a signal that may be 0.
-    noise = gain * every.coherent * share(every.noise, every.total)
-    spread = (gain**2 * every.coherent)[None] * each.spread
-    lost = missing.real**2 + missing.imag**2 + spread + noise[None]
-    return _squared_error(lost, power)
 
 
 def unaware_squared_error(
@@ -323,11 +317,6 @@ def _levels_of_records(
     return unknown, (errors.lost_known, errors.known_by_speed)
 
 
-_ALIGNING_STEPS = 20
-_LEAST_CURVATURE = 0.25
-"""Least curvature of a step, as a share of its bound; the bound itself would be safe but slower."""
-
-
 def freely_aligned(
     scene: Scene, motion: AbstractMotion, response: Response, num_frequencies: int | None = None
 ) -> Response:
@@ -370,13 +359,14 @@ def freely_aligned(
         overlap = weight.astype(each.dtype) * jnp.conj(mean)[None] * each
         slope = -jnp.sum(omega * overlap.imag, axis=1)
         bound = jnp.sum(omega**2 * jnp.abs(overlap), axis=1)
-        curvature = jnp.maximum(jnp.sum(omega**2 * overlap.real, axis=1), _LEAST_CURVATURE * bound)
+        # The bound itself would be safe but slower.
+        curvature = jnp.maximum(jnp.sum(omega**2 * overlap.real, axis=1), 0.25 * bound)
         curves = curvature > 0
         return displacement + jnp.where(curves, slope / jnp.where(curves, curvature, 1.0), 0.0)
 
     start = jnp.zeros(spectra.shape[0], dtype)
     # The error is stationary in the displacements, so that its slope is that with these held fixed.
-    displacement = jax.lax.stop_gradient(jax.lax.fori_loop(0, _ALIGNING_STEPS, step, start))
+    displacement = jax.lax.stop_gradient(jax.lax.fori_loop(0, 20, step, start))
     return eqx.tree_at(lambda r: r.spectra, response, displaced(response.spectra, displacement))
 
 

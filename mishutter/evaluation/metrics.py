@@ -1,7 +1,7 @@
 """The metrics of a shutter on a motion for a scene, and the table of them all.
 
-One more metric is a field of `Metrics`, which `evaluate` fills in, and a row of `METRICS`: sweeps,
-their stores, documents and tables read the table.
+One more metric is a field of `Metrics` and a row of `METRICS`: `evaluate`, sweeps, their stores,
+documents and tables read the table.
 
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
@@ -187,8 +187,6 @@ class Metric:
     within_tolerances: bool = False
 
 
-_NO_PART = Parts(kernels=False, spectra=False, differences=False)
-_STILL_KERNEL = Parts(kernels=True, spectra=False, differences=False)
 _EVERY_KERNEL = Parts(kernels=True, spectra=False, differences=True)
 
 
@@ -220,7 +218,7 @@ _ROWS = (
         "condition number of a still object's kernel",
         "condition",
         ".2f",
-        _STILL_KERNEL,
+        Parts(kernels=True, spectra=False, differences=False),
         lambda e: e.kernels.condition_number,
         is_higher_better=False,
     ),
@@ -247,7 +245,7 @@ _ROWS = (
         "share of light let through",
         "light",
         ".3f",
-        _NO_PART,
+        Parts(kernels=False, spectra=False, differences=False),
         lambda e: e.response.efficiency,
     ),
     _level(
@@ -353,20 +351,11 @@ def evaluate(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> 
     values, phase = _as_designed(view.scene, view.motion, compute_records(view), view.plan)
     values, within = nan_unless_defined((values, within), motion, shutter)
     return Metrics(
-        condition_number=values["condition_number"],
-        kernel_difference=values["kernel_difference"],
-        relative_kernel_difference=values["relative_kernel_difference"],
-        efficiency=values["efficiency"],
-        expected_psnr=values["expected_psnr"],
-        known_speed_psnr=values["known_speed_psnr"],
-        found_speed_psnr=values["found_speed_psnr"],
-        worst_speed_psnr=values["worst_speed_psnr"],
-        worst_known_speed_psnr=values["worst_known_speed_psnr"],
-        bound_share=values["bound_share"],
+        **values,
+        **within,
         phase=phase,
         dft_length=view.plan.dft_length,
         num_taps=view.plan.num_taps,
-        toleranced_psnr=within.get("toleranced_psnr"),
     )
 
 
@@ -417,17 +406,12 @@ def _differences(
     """The `kernel_differences` by their sum of squares and that of the still kernel."""
     is_open = still > 0
     relative = safe_sqrt(jnp.where(is_open, difference / jnp.where(is_open, still, 1.0), 0.0))
-    return safe_sqrt(difference / _num_supported(scene, motion, still)), relative
-
-
-def _num_supported(
-    scene: Scene, motion: AbstractMotion, like: Float[Array, ""]
-) -> Float[Array, ""]:
-    """Number of taps that light of the fastest object falls on, odd for a camera at rest."""
+    # Light of the fastest object falls on so many taps, an odd number for a camera at rest.
     far = jnp.ceil(motion.kernel_length(scene.max_speed))
     aside = jnp.ceil(scene.max_speed * motion.half_exposure - 0.5)
     count = jnp.where(motion.has_vertex, far, 2 * aside + 1)
-    return jax.lax.stop_gradient(jnp.maximum(count, 1)).astype(like.dtype)
+    count = jax.lax.stop_gradient(jnp.maximum(count, 1)).astype(still.dtype)
+    return safe_sqrt(difference / count), relative
 
 
 def bound_share(scene: Scene, motion: AbstractMotion, response: Response) -> Float[Array, ""]:

@@ -38,8 +38,6 @@ _MAX_LENGTH = 1 << 16
 """Longest kernel, px."""
 _MAX_COUNT = 1 << 30
 """Largest count: more leave the range of 32 bits."""
-_UNKNOWN_REACH = 256.0
-"""Longest kernel that is expected where the stroke is traced; px."""
 _FREQUENCIES_PER_PX = 1.4
 """Frequencies for each px over which light of all speeds falls. The error is periodic in frequency
 with about the inverse of this length as its period; its overtones are weak."""
@@ -47,8 +45,6 @@ _OF_ONE_SPEED = 2560, 24, 1 << 17
 """Frequencies of a single speed: at least, for each px, and at most. Its response has zeros, about
 which the error rises within a fraction of a step. Several speeds have no zeros in common, as a
 rule: two need a quarter as many, three a ninth."""
-_SAME_SPEED = 4
-"""Difference, in roundings of the fastest speed, within which two speeds are one."""
 _PHASE_PER_NODE = 1.8
 _SPARE_NODES = 12
 
@@ -97,7 +93,7 @@ def distinct_speeds(
     values = np.abs(speeds) if folds else speeds
     order = np.argsort(values, kind="stable")
     values, weights = values[order], weights[order]
-    same = _SAME_SPEED * np.finfo(values.dtype).eps * np.max(np.abs(values), initial=0)
+    same = 4 * np.finfo(values.dtype).eps * np.max(np.abs(values), initial=0)
     begins = np.diff(values, prepend=-np.inf) > same
     merged = np.bincount(np.cumsum(begins) - 1, weights)
     return values[begins], merged.astype(weights.dtype)
@@ -126,11 +122,6 @@ def occurring_speeds(scene: Scene) -> Float[np.ndarray, "n"]:
     return speeds[np.asarray(scene.weights) > 0] if is_concrete(scene.weights) else speeds
 
 
-def whole_px(length: Float[np.ndarray, "*shape"] | float) -> Float[np.ndarray, "*shape"]:
-    """Whole pixels that hold a length, whatever its rounding."""
-    return np.asarray(np.ceil(np.asarray(length) * (1 - 1e-9)))
-
-
 def num_frequencies(
     scene: Scene, spread: Float[np.ndarray, "*shape"] | float, velocity: float = 0.0
 ) -> Int[np.ndarray, "*shape"]:
@@ -139,7 +130,7 @@ def num_frequencies(
     if scene.speeds_known:
         num_speeds = distinct_speeds(scene, folds=True, velocity=velocity)[0].size
     least, per_px, most = (x / num_speeds**2 for x in _OF_ONE_SPEED)
-    spread = whole_px(spread)
+    spread = np.ceil(np.asarray(spread) * (1 - 1e-9))  # whole pixels, whatever its rounding
     fundamental = _FREQUENCIES_PER_PX * np.maximum(spread, longest_within_limits(scene))
     count = np.maximum(np.minimum(per_px * spread, most), fundamental)
     count = np.clip(np.ceil(np.maximum(count, max(NUM_FREQUENCIES, least))), None, _MAX_COUNT)
@@ -159,7 +150,8 @@ def frequency_counts() -> list[int]:
 def longest_within_limits(scene: Scene) -> float:
     """Longest kernel of an object that a motion within the limits keeps up with; px."""
     stroke = scene.limits.max_stroke
-    return min(4 * float(stroke), _MAX_LENGTH - 1.0) if is_concrete(stroke) else _UNKNOWN_REACH
+    # Where the stroke is traced, no longer kernel is expected than 256 px.
+    return min(4 * float(stroke), _MAX_LENGTH - 1.0) if is_concrete(stroke) else 256.0
 
 
 def too_long(
@@ -346,7 +338,10 @@ def reduced(scene: Scene, plan: Plan) -> Scene:
         power = scene.picture.spectrum_on_grid(plan.num_frequencies, dtype)
     speeds = weights = None
     if plan.skips and scene.speeds_known:
-        speeds, weights = padded(*distinct_speeds(scene, folds=plan.folds))
+        speeds, weights = distinct_speeds(scene, folds=plan.folds)
+        # Two numbers of speeds an octave share programs; those added have no weight.
+        spare = size_class(speeds.size) - speeds.size
+        speeds, weights = np.pad(speeds, (0, spare), mode="edge"), np.pad(weights, (0, spare))
         if speeds.size == scene.speeds.size:
             speeds = weights = None
     fewer = scene.without_metadata(speeds=speeds, weights=weights, power_spectrum=power)
@@ -355,14 +350,6 @@ def reduced(scene: Scene, plan: Plan) -> Scene:
     grid = Frequencies.of_grid(plan.num_frequencies)
     sampling = LayerSampling(grid, plan.num_effective_speeds, plan.folds)
     return with_shares(fewer, background_of(scene), sampling)
-
-
-def padded(
-    speeds: Float[np.ndarray, "n"], weights: Float[np.ndarray, "n"]
-) -> tuple[Float[np.ndarray, "m"], Float[np.ndarray, "m"]]:
-    """Speeds padded without weight to one of two counts an octave, so that programs are shared."""
-    spare = size_class(speeds.size) - speeds.size
-    return np.pad(speeds, (0, spare), mode="edge"), np.pad(weights, (0, spare))
 
 
 def needed_speeds(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> Scene:
@@ -377,22 +364,15 @@ def needed_speeds(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter
     return scene.without_metadata(speeds=speeds, weights=weights)
 
 
-def is_symmetric(shutter: AbstractShutter) -> bool:
-    """Whether a shutter is known to satisfy `w(-tau) = w(tau)`."""
-    return bool(getattr(shutter, "symmetric", False))
-
-
 def folds_speeds(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> bool:
     """Whether the kernels of `+s` and `-s` are known to be one on a motion without velocity."""
     is_prompt = scene.device is None or scene.device.follows_at_once
-    is_prompt = is_prompt and _layers_fold(scene)
-    return is_prompt and motion.mirrors and is_symmetric(shutter)
-
-
-def _layers_fold(scene: Scene) -> bool:
-    """Whether a symmetric shutter is known to record two layers of `+s` and of `-s` alike."""
+    is_symmetric = bool(getattr(shutter, "symmetric", False))
+    if not (is_prompt and motion.mirrors and is_symmetric):
+        return False
     if scene.occlusion is None or not scene.occlusion.has_edges:
         return True
+    # Two layers are recorded alike where the speeds of the background mirror one another as well.
     background = background_of(scene)
     if not (scene.speeds_known and all_concrete(background)):
         return False

@@ -32,7 +32,6 @@ from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene, require_whole
 
 ALIGNMENTS = ("vertex", "free")
-_SHARPNESS_OF_SPEEDS = 1000
 
 
 @dataclass(frozen=True)
@@ -177,16 +176,11 @@ class WorstSpeedLoss(AbstractSpectralLoss):
     ) -> Float[Array, ""]:
         errors = squared_errors_by_speed(scene, motion, response, num_frequencies)
         occurring = jnp.where(scene.weights > 0, errors, 0.0)
-        return _over_contrast(scene, _smooth_maximum(occurring))
-
-
-def _smooth_maximum(values: Float[Array, "n"]) -> Float[Array, ""]:
-    """Maximum of values of at least 0, and up to a factor of $n^{1/1000}$ more."""
-    largest = jax.lax.stop_gradient(jnp.max(values))
-    some = largest > 0
-    share = jnp.where(some, values / jnp.where(some, largest, 1.0), 1.0)
-    total = jnp.sum(share**_SHARPNESS_OF_SPEEDS) ** (1 / _SHARPNESS_OF_SPEEDS)
-    return jnp.where(some, largest * total, 0.0)
+        largest = jax.lax.stop_gradient(jnp.max(occurring))
+        some = largest > 0
+        share = jnp.where(some, occurring / jnp.where(some, largest, 1.0), 1.0)
+        maximum = largest * jnp.sum(share**1000) ** (1 / 1000)  # beta is 1,000
+        return _over_contrast(scene, jnp.where(some, maximum, 0.0))
 
 
 UNKNOWN_SPEED = SpeedKnowledge(
