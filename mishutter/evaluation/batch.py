@@ -91,8 +91,7 @@ class Sizes(NamedTuple):
         reach, velocity = map(np.asarray, reach_of_parabola(sag, smear))
         # Every kernel beyond this length is refused.
         reach_of_plan = np.minimum(np.maximum(reach, longest), 1 << 17)
-        plans = _by_whole(reach_of_plan, lambda x: sized_for(x, 0.0))
-        num_taps, dft_length = (plans.each(name) for name in ("num_taps", "dft_length"))
+        num_taps = _of_whole(reach_of_plan, lambda x: sized_for(x, 0.0).num_taps)
         spread = np.asarray(length_on_parabola(sag, np.max(abs(occurring_speeds(scene))) * half))
         aside = np.minimum(np.ceil(float(scene.max_speed) * half), num_taps // 2)
         aside = np.where(turns, 0, aside).astype(int)
@@ -103,21 +102,22 @@ class Sizes(NamedTuple):
         halves, index = np.unique(half, return_inverse=True)
         return Sizes(
             num_taps=num_taps,
-            dft_length=dft_length,
+            dft_length=_of_whole(reach_of_plan, lambda x: sized_for(x, 0.0).dft_length),
             num_frequencies=num_frequencies(scene, spread),
             num_reached_taps=np.minimum(num_reached, num_taps).astype(int),
             num_still_taps=np.minimum(np.ceil(sag) + 1, num_taps).astype(int),
-            num_nodes=_nodes_for(velocity),
+            num_nodes=_of_whole(velocity, lambda x: sized_for(0.0, x).num_nodes),
             aside=aside,
             num_effective_speeds=np.array([effective_speeds(scene, x) for x in halves], int)[index],
             num_frequencies_within=num_frequencies(scene, spread_within),
-            num_nodes_within=_nodes_for(velocity_within),
+            num_nodes_within=_of_whole(velocity_within, lambda x: sized_for(0.0, x).num_nodes),
         )
 
 
-def _nodes_for(velocity: Float[np.ndarray, "n"]) -> Int[np.ndarray, "n"]:
-    """Nodes over the exposure for objects that pass at some px per half exposure."""
-    return _by_whole(velocity, lambda x: sized_for(0.0, x)).each("num_nodes")
+def _of_whole(values: Float[np.ndarray, "n"], size: Callable[[float], int]) -> Int[np.ndarray, "n"]:
+    """The size for each of some values, rounded up to whole numbers."""
+    whole, index = np.unique(np.ceil(values), return_inverse=True)
+    return np.array([size(float(x)) for x in whole], int)[index]
 
 
 def _travel_within(
@@ -160,8 +160,7 @@ class Rules(NamedTuple):
     """Quadrature rules of rising numbers of nodes, for the shutters that designs are mixed of."""
 
     tau: Float[Array, "r q"]  # Normalised times; shape `(r, q)`
-    # Weights with the transmittance of each of `k` shutters; shape `(r, k, q)`
-    weight: Float[Array, "r k q"]
+    weight: Float[Array, "r k q"]  # Weights with the transmittance of each of `k` shutters
     num_blocks: Int[Array, "r"]  # Blocks of nodes with weight; shape `(r,)`
     efficiency: Float[Array, "k"]  # Mean transmittance of each shutter; shape `(k,)`
 
@@ -190,8 +189,7 @@ class Rules(NamedTuple):
 class LightLevels(NamedTuple):
     """Light and noise that designs are measured in, each with each."""
 
-    # Photo-electrons a second at a white pixel; e-/s, shape `(p,)`
-    photon_rates: Float[Array | np.ndarray, "*p"]
+    photon_rates: Float[Array | np.ndarray, "*p"]  # Photo-electrons a second at a white pixel; e-/s
     read_noises: Float[Array | np.ndarray, "*r"]  # e-; shape `(r,)`
 
 
@@ -233,22 +231,23 @@ class _Designs(NamedTuple):
     shares: Float[Array | np.ndarray, "*n k"]
     efficiency: Float[Array | np.ndarray, "*n"]  # Throughput of the design
 
+    def by_parts(
+        self, function: Callable[["_Designs"], dict[str, Array]], index: Int[np.ndarray, "n"]
+    ) -> dict[str, np.ndarray]:
+        """A function of some designs, by calls of equal size that are dealt to all devices."""
+        devices = jax.devices()
+        starts = range(0, index.size, _DESIGNS_A_CALL)
 
-class _Plans(NamedTuple):
-    """Plans that designs share, and the place of each design's plan among them."""
+        def part(number: int) -> dict[str, np.ndarray]:
+            some = index[starts[number] : starts[number] + _DESIGNS_A_CALL]
+            filled = np.resize(some, _DESIGNS_A_CALL)
+            own = jax.tree.map(lambda x: np.asarray(x)[filled], self)
+            with jax.default_device(devices[number % len(devices)]):
+                return {name: np.asarray(x)[: some.size] for name, x in function(own).items()}
 
-    plans: list[Plan]
-    place: Int[np.ndarray, "n"]
-
-    def each(self, name: str) -> Int[np.ndarray, "n"]:
-        """A number of each design's plan."""
-        return np.array([getattr(plan, name) for plan in self.plans], int)[self.place]
-
-
-def _by_whole(values: Float[np.ndarray, "n"], plan: Callable[[float], Plan]) -> _Plans:
-    """Plans of values rounded up to whole numbers."""
-    whole, index = np.unique(np.ceil(values), return_inverse=True)
-    return _Plans([plan(float(x)) for x in whole], index)
+        count = len(devices) * num_threads(np.array(devices))
+        parts = list(in_threads(part, range(len(starts)), count))
+        return {name: np.concatenate([each[name] for each in parts]) for name in parts[0]}
 
 
 def _whole_blocks(count: Int[np.ndarray, "n"]) -> Int[np.ndarray, "n"]:
@@ -256,10 +255,7 @@ def _whole_blocks(count: Int[np.ndarray, "n"]) -> Int[np.ndarray, "n"]:
 
 
 def scenes_for(scenes: Sequence[Scene], shutter: AbstractShutter) -> list[Scene]:
-    """Scenes with only the speeds that a shutter asks for, as many in each.
-
-    Each keeps its background, and the decision whether its speeds are folded.
-    """
+    """Scenes with backgrounds and only the speeds that a shutter asks for, as many in each."""
     folds = [folds_speeds(scene, scene.fullest_motion, shutter) for scene in scenes]
     plans = [Plan(1, 1, 16, 1, skips=True, folds=each) for each in folds]
     needed = [reduced(scene, plan) for scene, plan in zip(scenes, plans, strict=True)]
@@ -322,7 +318,7 @@ def measure(
             shapes=shapes,
             metrics=of_kernels,
         )
-        values |= _by_parts(kernels, designs, np.arange(count))
+        values |= designs.by_parts(kernels, np.arange(count))
     levels = LightLevels(*(jnp.asarray(x, dtype) for x in levels))
     in_groups = partial(_of_picture, designs=pictured, rules=rules, shapes=shapes, levels=levels)
     of_picture = [metric for metric in chosen if metric.parts.spectra or metric.sees_light]
@@ -367,31 +363,10 @@ def _of_picture(
             metrics=metrics,
         )
         index = np.flatnonzero(np.all(counts == count_of_each, axis=1))
-        for name, part in _by_parts(picture, designs, index).items():
+        for name, part in designs.by_parts(picture, index).items():
             whole = values.setdefault(name, np.zeros((len(counts), *part.shape[1:]), part.dtype))
             whole[index] = part
     return values
-
-
-def _by_parts(
-    function: Callable[[_Designs], dict[str, Array]],
-    designs: _Designs,
-    index: Int[np.ndarray, "n"],
-) -> dict[str, np.ndarray]:
-    """A function of some designs, by calls of equal size that are dealt to all devices."""
-    devices = jax.devices()
-    starts = range(0, index.size, _DESIGNS_A_CALL)
-
-    def part(number: int) -> dict[str, np.ndarray]:
-        some = index[starts[number] : starts[number] + _DESIGNS_A_CALL]
-        filled = np.resize(some, _DESIGNS_A_CALL)
-        own = jax.tree.map(lambda x: np.asarray(x)[filled], designs)
-        with jax.default_device(devices[number % len(devices)]):
-            return {name: np.asarray(x)[: some.size] for name, x in function(own).items()}
-
-    count = len(devices) * num_threads(np.array(devices))
-    parts = list(in_threads(part, range(len(starts)), count))
-    return {name: np.concatenate([each[name] for each in parts]) for name in parts[0]}
 
 
 @compiled
@@ -435,7 +410,11 @@ def _kernel_numbers(
         zero = jnp.zeros((), box.dtype)
         nothing = zero, zero, jnp.zeros(room, box.dtype)
         difference, still, taps = jax.lax.fori_loop(0, need.num_blocks, add, nothing)
-        branches = [partial(_condition, length=length) for length in shapes.dft_lengths]
+        # No kernel has more taps before its zeros than its DFT has points.
+        branches = [
+            lambda taps, length=length: condition_number(taps[:length], num_frequencies=length)
+            for length in shapes.dft_lengths
+        ]
         kernels = KernelSums(difference, still, jax.lax.switch(need.dft, branches, taps))
         empty = jnp.zeros(0, box.dtype)
         response = Response(empty, empty, empty, empty, jnp.asarray(design.efficiency))
@@ -443,11 +422,6 @@ def _kernel_numbers(
         return {metric.name: metric.formula(evaluation) for metric in chosen}
 
     return jax.lax.map(of_design, designs)
-
-
-def _condition(kernel: Float[Array, "taps"], length: int) -> Float[Array, ""]:
-    """Condition number of a kernel of no more than `length` taps before its zeros."""
-    return condition_number(kernel[:length], num_frequencies=length)
 
 
 @compiled

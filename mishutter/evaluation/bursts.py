@@ -176,11 +176,7 @@ class StillBursts:
         return [StillBurst(n, float(x), level) for x, n in pairs], level
 
     def number_that_equals(self, psnr: float, *, most: int) -> int | None:
-        """The least number of frames, without a gap between them, that has a level.
-
-        None where none up to some has it: frames that follow each other without a gap come to a
-        level at which more of them, as short as that, are of no use.
-        """
+        """The least number of frames without gaps between them that has a level, or None."""
 
         def level(count: int) -> float:
             return self._of(count, self._window / count).psnr
@@ -196,10 +192,7 @@ class StillBursts:
         return high
 
     def rate_that_equals(self, psnr: float, *, most: float) -> float | None:
-        """The least frame rate at which a burst has a level; 1/s.
-
-        None where no rate up to some has it, by as many frames as the camera takes.
-        """
+        """The least frame rate up to some at which a burst has a level, or None; 1/s."""
         from scipy.optimize import brentq
 
         most_frames = min(1 + int(most * self._window), self._max_frames)
@@ -324,11 +317,7 @@ def window_of(scene: Scene) -> float:
 
 
 def _exposures(scene: Scene) -> tuple[float, float]:
-    """Shortest and longest exposure that limits and a full pixel leave one frame; s.
-
-    Raises:
-        ValueError: if the shortest fills a pixel.
-    """
+    """Shortest and longest exposure that limits and a full pixel leave one frame; s."""
     limits = scene.limits
     shortest, longest = 2 * float(limits.min_half_exposure), 2 * float(limits.max_half_exposure)
     full_well = scene.sensor.full_well

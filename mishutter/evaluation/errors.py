@@ -55,43 +55,12 @@ class _Moments(NamedTuple):
         """Share of the picture's power that `expected_squared_error` counts as lost."""
         return residual_fraction(self.signal, self.coherent, self.spread, self.noise)
 
-
-def _moments(
-    scene: Scene,
-    motion: AbstractMotion,
-    response: Response,
-    every_power: Float[Array, "m"],
-    *,
-    of_each: bool = False,
-) -> _Moments:
-    """The moments of all speeds together, or those of each speed."""
-    dtype = response.efficiency.dtype
-    spectra, num_kept = response.spectra, response.spectra.shape[1]
-    weights = ensemble_weights(scene).astype(dtype)[:, None]
-    if of_each:
-        weights = jnp.asarray(error_weights(scene), dtype)[:, None, None]
-        spectra = spectra.reshape(weights.size, -1, num_kept)
-
-    def along(row: Float[Array, "m"]) -> Float[Array, "*one k"]:
-        """The lowest frequencies of a row, along the last axis of the moments."""
-        return row[:num_kept].reshape((1, -1) if of_each else (-1,))
-
-    aperture = along(_aperture(scene, every_power.size, np.dtype(dtype)))
-    if scene.occlusion is not None:
-        mean, spread = layer_moments(scene, motion, response.spectra, of_each=of_each)
-        if not of_each:
-            mean, spread = mean[0], spread[0]
-    else:
-        mean = jnp.sum(weights.astype(spectra.dtype) * spectra, axis=0)
-        deviation = spectra - mean[None]
-        spread = jnp.sum(weights * (deviation.real**2 + deviation.imag**2), axis=0)
-    spread = spread * aperture
-    if scene.tolerances is not None:
-        variance = drive_variance(scene, motion, response.efficiency, every_power.size)
-        spread = spread + along(variance) * aperture
-    coherent = (mean.real**2 + mean.imag**2) * aperture
-    signal, noise = _signal_and_noise(scene, motion, response.efficiency, along(every_power))
-    return _Moments(mean, coherent, spread, signal, noise)
+    @property
+    def filter(self) -> Complex[Array, "*n k"]:
+        """The best filter over the picture's power and the aperture."""
+        dark = self.total <= 0
+        divisor = jnp.where(dark, 1.0, self.total).astype(self.mean.dtype)
+        return jnp.where(dark, 0.0, jnp.conj(self.mean) / divisor)
 
 
 @final
@@ -110,24 +79,49 @@ class LinearErrors:
         self.power = picture_power(scene, count, np.dtype(response.efficiency.dtype))
 
     @cached_property
-    def _every(self) -> _Moments:
+    def every(self) -> _Moments:
         """The moments of all speeds together."""
-        return _moments(self.scene, self.motion, self.response, self.power)
+        return self._moments(of_each=False)
 
     @cached_property
-    def _each(self) -> _Moments:
+    def each(self) -> _Moments:
         """The moments of each speed."""
-        return _moments(self.scene, self.motion, self.response, self.power, of_each=True)
+        return self._moments(of_each=True)
 
-    @property
-    def lost_unknown(self) -> Float[Array, "k"]:
-        """Share of the power that one filter for all speeds loses at each frequency."""
-        return self._every.lost
+    def _moments(self, *, of_each: bool) -> _Moments:
+        scene, motion, response = self.scene, self.motion, self.response
+        dtype, num_frequencies = response.efficiency.dtype, self.power.size
+        spectra, num_kept = response.spectra, response.spectra.shape[1]
+        weights = ensemble_weights(scene).astype(dtype)[:, None]
+        if of_each:
+            weights = jnp.asarray(error_weights(scene), dtype)[:, None, None]
+            spectra = spectra.reshape(weights.size, -1, num_kept)
+
+        def along(row: Float[Array, "m"]) -> Float[Array, "*one k"]:
+            """The lowest frequencies of a row, along the last axis of the moments."""
+            return row[:num_kept].reshape((1, -1) if of_each else (-1,))
+
+        aperture = along(_aperture(scene, num_frequencies, np.dtype(dtype)))
+        if scene.occlusion is not None:
+            mean, spread = layer_moments(scene, motion, response.spectra, of_each=of_each)
+            if not of_each:
+                mean, spread = mean[0], spread[0]
+        else:
+            mean = jnp.sum(weights.astype(spectra.dtype) * spectra, axis=0)
+            deviation = spectra - mean[None]
+            spread = jnp.sum(weights * (deviation.real**2 + deviation.imag**2), axis=0)
+        spread = spread * aperture
+        if scene.tolerances is not None:
+            variance = drive_variance(scene, motion, response.efficiency, num_frequencies)
+            spread = spread + along(variance) * aperture
+        coherent = (mean.real**2 + mean.imag**2) * aperture
+        signal, noise = _signal_and_noise(scene, motion, response.efficiency, along(self.power))
+        return _Moments(mean, coherent, spread, signal, noise)
 
     @property
     def lost_known_by_speed(self) -> Float[Array, "n k"]:
         """Share of the power that the filter of each speed loses at each frequency."""
-        return self._each.lost
+        return self.each.lost
 
     @property
     def lost_known(self) -> Float[Array, "k"]:
@@ -138,7 +132,7 @@ class LinearErrors:
     @cached_property
     def unknown(self) -> Float[Array, ""]:
         """The `expected_squared_error`, of one filter for all speeds."""
-        return _squared_error(self.lost_unknown, self.power)
+        return _squared_error(self.every.lost, self.power)
 
     @cached_property
     def known(self) -> Float[Array, ""]:
@@ -148,7 +142,7 @@ class LinearErrors:
     @cached_property
     def unknown_by_speed(self) -> Float[Array, "n"]:
         """The `squared_errors_by_speed`, of one filter for all speeds."""
-        every, each, power = self._every, self._each, self.power
+        every, each, power = self.every, self.each, self.power
         num_kept = every.mean.shape[0]
         aperture = _aperture(self.scene, power.size, np.dtype(power.dtype))[:num_kept]
         gain = share(every.signal, every.total, of_nothing=0.0)  # the filter is 0 in the dark
@@ -236,30 +230,21 @@ def unaware_squared_error(
     The error of a filter $G'$ exceeds that of the best one $G$ of `expected_squared_error` by
     $2\int_0^{1/2}|G' - G|^2\,(S(|m|^2 + v) + N)\,df$: the error is quadratic in the filter.
     """
-    power = picture_power(scene, response.spectra.shape[1], np.dtype(response.efficiency.dtype))
-    moments = _moments(scene, motion, response, power)
-    without = _moments(without_tolerances(scene), motion, nominal, power)
-    difference = _filter(moments) - _filter(without)
+    errors = LinearErrors(scene, motion, response)
+    without = LinearErrors(without_tolerances(scene), motion, nominal)
+    moments, power = errors.every, errors.power
+    difference = moments.filter - without.every.filter
     excess = difference.real**2 + difference.imag**2
     aperture = _aperture(scene, power.size, np.dtype(power.dtype))
     excess = excess * aperture * moments.signal * moments.total
     return jnp.mean(power * (moments.lost + jnp.where(moments.signal > 0, excess, 0.0)))
 
 
-def _filter(moments: _Moments) -> Complex[Array, "k"]:
-    """The best filter over the picture's power and the aperture."""
-    dark = moments.total <= 0
-    divisor = jnp.where(dark, 1.0, moments.total).astype(moments.mean.dtype)
-    return jnp.where(dark, 0.0, jnp.conj(moments.mean) / divisor)
-
-
 class DecoderLevels(NamedTuple):
     """Ratio of signal to noise by frequency, and PSNR by speed, of one decoder."""
 
-    # Power of the picture over that of its disturbances; shape `(m,)`
-    signal_over_noise: Float[np.ndarray, "m"]
-    # PSNR at each speed that occurs, in linear light; dB, shape `(n,)`
-    psnr: Float[np.ndarray, "n"]
+    signal_over_noise: Float[np.ndarray, "m"]  # Power of the picture over that of its disturbances
+    psnr: Float[np.ndarray, "n"]  # PSNR at each speed that occurs, in linear light; dB
 
 
 class SpectralLevels(NamedTuple):
@@ -313,7 +298,7 @@ def _levels_of_records(
 ) -> tuple[tuple[Float[Array, "m"], Float[Array, "n"]], ...]:
     """Share of the power lost at each frequency, squared error at each speed: unknown, known."""
     errors = LinearErrors(scene, motion, response_from(scene, recorded, plan), plan.num_frequencies)
-    unknown = errors.lost_unknown, errors.unknown_by_speed
+    unknown = errors.every.lost, errors.unknown_by_speed
     return unknown, (errors.lost_known, errors.known_by_speed)
 
 
@@ -384,13 +369,11 @@ def _signal_and_noise(
     efficiency: Float[Array, ""],
     power: Float[Array, "*one k"],
 ) -> tuple[Float[Array, "*one k"], Float[Array, ""]]:
-    """Power of the picture and of the noise, as recorded in a common unit.
-
-    The unit is the larger of signal and noise, because squares of electrons overflow float32.
-    """
+    """Power of the picture and of the noise, as recorded in a common unit."""
     dtype = efficiency.dtype
     electrons = white_electrons(scene.photon_rate.astype(dtype), motion.exposure.astype(dtype))
     read_noise = scene.read_noise.astype(dtype)
+    # The unit is the larger of signal and noise: squares of electrons overflow float32.
     largest = jnp.maximum(jnp.maximum(electrons, jnp.sqrt(electrons)), read_noise)
     unit = jax.lax.stop_gradient(jnp.where(largest > 0, largest, 1.0))
     mean_level = scene.picture.mean_level.astype(dtype)

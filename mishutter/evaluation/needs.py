@@ -166,32 +166,15 @@ def too_long(
     return np.asarray(long_kernels | (spectra & (num_frequencies > _OF_ONE_SPEED[2])))
 
 
-def require_sizes(
-    num_taps: int,
-    num_frequencies: int,
-    *,
-    kernels: bool,
-    spectra: bool,
-    subject: str = "motion",
-) -> None:
-    """Refuses designs whose light travels too far for a computation.
-
-    Raises:
-        ValueError: if there are more taps than 65,536, or frequencies than 131,072.
-    """
+def require_sizes(num_taps: int, num_frequencies: int, *, kernels: bool, spectra: bool) -> None:
+    """Refuses designs whose light travels too far for a computation."""
     where = "at the scene's speeds, wherever a search may take it"
     requirement = f"blur over fewer than {_MAX_LENGTH} px {where}"
-    require(not kernels or num_taps <= _MAX_LENGTH, subject, requirement, num_taps)
+    require(not kernels or num_taps <= _MAX_LENGTH, "motion", requirement, num_taps)
     most = _OF_ONE_SPEED[2]
     furthest = f"spread light over at most {most_spread(most):.0f} px {where}"
     got = Unquoted(f"what takes {num_frequencies} frequencies")
-    require(not spectra or num_frequencies <= most, subject, furthest, got)
-
-
-def spread_of_traced(scene: Scene, motion: AbstractMotion) -> Float[Array, ""]:
-    """Length over which light of all speeds falls, for traced speeds or a traced motion; px."""
-    speeds = jnp.where(scene.weights > 0, scene.speeds, 0)
-    return jnp.max(jnp.asarray(motion.highest(speeds) - motion.lowest(speeds)))
+    require(not spectra or num_frequencies <= most, "motion", furthest, got)
 
 
 def most_spread(num_frequencies: int) -> float:
@@ -237,20 +220,17 @@ def coarser(plan: Plan) -> Plan:
 def effective_speeds(
     scene: Scene, half_exposure: Float[Array | np.ndarray, ""] | np.floating | float
 ) -> int:
-    """Number of effective speeds of two layers over half an exposure, s.
-
-    A traced exposure counts as the longest within the limits. The number is rounded to two an
-    octave, so that near exposures share a program.
-    """
+    """Number of effective speeds of two layers over half an exposure, s."""
     if scene.occlusion is None or not scene.occlusion.has_edges:
         return 0
+    # A traced exposure counts as the longest.
     half = half_exposure if is_concrete(half_exposure) else scene.limits.max_half_exposure
     background = background_of(scene)
     if not all_concrete((scene.speeds, background, half)):
         return LEAST_EFFECTIVE_SPEEDS
     speeds = np.append(occurring_speeds(scene), np.asarray(background.speeds))
     count = num_effective_speeds(float(np.ptp(speeds)) / 2 * float(half))
-    return 1 + size_class(count - 1)
+    return 1 + size_class(count - 1)  # near exposures share a program
 
 
 def furthest(scene: Scene, motion: AbstractMotion) -> Extent:
@@ -291,10 +271,8 @@ def sized_for(reach: float, velocity: float) -> Plan:
 
 
 def velocity_held(num_nodes: int) -> int:
-    """The greatest velocity, px per half exposure, for which a number of nodes is exact to 1e-7.
-
-    It is twice the velocity for which `sized_for` chooses this number.
-    """
+    """The greatest velocity, px per half exposure, for which a number of nodes is exact to 1e-7."""
+    # Twice that for which `sized_for` chooses this number.
     return int(2 * (num_nodes - 4 * _SPARE_NODES) * _PHASE_PER_NODE / (2 * np.pi))
 
 
@@ -306,11 +284,7 @@ def _rounded_up(count: float) -> int:
 
 
 def automatic(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> Plan:
-    """The plan that a function makes by default: exact, and one for every motion.
-
-    Its sizes hold every motion within the scene's limits, so that one compiled program
-    serves all of them. It is for the scene in the frame of the motion.
-    """
+    """The plan of a scene in the frame of its motion: exact, and one for all within the limits."""
     folds, still = folds_speeds(scene, motion, shutter), scene.nothing_moves
     return replace(sizes(scene, motion), skips=True, folds=folds, still=still)
 
@@ -328,10 +302,7 @@ ONLY_SPECTRA = Parts(kernels=False, spectra=True, differences=False)
 
 
 def reduced(scene: Scene, plan: Plan) -> Scene:
-    """The scene with only the numbers that a plan asks for: no picture, no motion, fewer speeds.
-
-    Scenes that differ only in their numbers get the same shapes, and share programs.
-    """
+    """The scene with only the numbers that a plan asks for: no picture, no motion, fewer speeds."""
     power = scene.picture.power_spectrum
     if is_concrete(power):
         dtype = np.dtype(scene.speeds.dtype)
@@ -353,11 +324,7 @@ def reduced(scene: Scene, plan: Plan) -> Scene:
 
 
 def needed_speeds(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> Scene:
-    """The scene with every speed once, none that never occurs, and no picture or motion.
-
-    A symmetric shutter has one kernel for `+s` and `-s`, and these are folded. Results
-    computed from the scene change only by rounding.
-    """
+    """The scene with every speed once, none that never occurs, and no picture or motion."""
     if not scene.speeds_known:
         return scene.without_metadata()
     speeds, weights = distinct_speeds(scene, folds=folds_speeds(scene, motion, shutter))

@@ -39,10 +39,8 @@ class Response(eqx.Module):
     """
 
     still_kernel: Float[Array, "n"]  # Blur kernel of a still object, $h_0$; shape `(n,)`
-    # Its DFT of `dft_length` points; complex, `(dft_length // 2 + 1,)`
-    still_spectrum: Inexact[Array, "f"]
-    # $\sqrt{p_i}\,(h_{s_i} - h_0)$ at the scene's speeds; shape `(s, n)`
-    differences: Float[Array, "..."]
+    still_spectrum: Inexact[Array, "f"]  # Its DFT of `dft_length` points; complex
+    differences: Float[Array, "..."]  # $\sqrt{p_i}\,(h_{s_i} - h_0)$ at the scene's speeds
     # Transfer functions at these speeds, from where objects are aligned, without the pixel
     # aperture; complex, shape `(s, m)`
     spectra: Inexact[Array, "..."]
@@ -52,8 +50,7 @@ class Response(eqx.Module):
 class Records(NamedTuple):
     """Kernels and transfer functions of a design at some speeds, before they are combined."""
 
-    # Kernel of an object at rest, then that of each speed; shape `(s + 1, n)`
-    kernels: Float[Array, "s+1 n"]
+    kernels: Float[Array, "s+1 n"]  # Kernel of an object at rest, then that of each speed
     spectra: Inexact[Array, "s m"]  # Transfer functions; complex, shape `(s, m)`
     efficiency: Float[Array, ""]  # Mean transmittance over the exposure; scalar
 

@@ -80,10 +80,8 @@ def _lights_of(frames: Sequence[TimedFrame]) -> Lights:
 class Registration(NamedTuple):
     """The least error to which frames can be registered, and its cost."""
 
-    # The speeds that occur in the scene, ascending; px/s, shape `(n,)`
-    speeds: Float[np.ndarray, "n"]
-    # Standard deviation of each in the frames; px/s, shape `(n,)`
-    deviation: Float[np.ndarray, "n"]
+    speeds: Float[np.ndarray, "n"]  # The speeds that occur in the scene, ascending; px/s
+    deviation: Float[np.ndarray, "n"]  # Standard deviation of each in the frames; px/s
     loss: Float[np.ndarray, "n"]  # Decibels that the level at each loses by it; shape `(n,)`
 
 

@@ -330,11 +330,7 @@ def loss_of_decoder(scene: Scene) -> AbstractLoss:
 
 
 def loss_of_level(level: str) -> AbstractLoss:
-    """The loss of the decoder whose expected PSNR a metric is.
-
-    Raises:
-        ValueError: if it is the metric of no decoder.
-    """
+    """The loss of the decoder whose expected PSNR a metric is."""
     for each in SPEED_KNOWLEDGE.values():
         if level in (each.level, each.toleranced_level):
             return each.loss()

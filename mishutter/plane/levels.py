@@ -27,7 +27,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from mishutter._core.checks import is_concrete, require
+from mishutter._core.checks import all_concrete, require
 from mishutter._core.compiling import compiled
 from mishutter.evaluation.open_frames import power_of_waves
 from mishutter.evaluation.sequences import psnr_of_frames
@@ -222,10 +222,8 @@ def plane_error(
     """Squared error that is left, white = 1, on a fan of directions; see `plane_psnr`."""
     law = require_velocities(scene)
     if num_panels is None:
-        leaves = jax.tree.leaves((frames, law))
-        known = all(map(is_concrete, leaves))
         subject, requirement = "plane_psnr(num_panels=...)", "be given where JAX traces frames"
-        require(known, subject, requirement, num_panels)
+        require(all_concrete((frames, law)), subject, requirement, num_panels)
         num_panels = frames.num_panels(law.fastest)
     parts = law.components(fan.direction.ravel(), num_speeds)
     rows = fan.direction.shape if parts.speeds.shape[0] > 1 else (1, 1)
