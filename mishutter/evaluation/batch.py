@@ -65,12 +65,10 @@ class Sizes(NamedTuple):
     num_reached_taps: Int[np.ndarray, "n"]  # Taps that light of the fastest object may fall on
     num_still_taps: Int[np.ndarray, "n"]  # Taps that light of an object at rest may fall on
     num_nodes: Int[np.ndarray, "n"]  # Nodes over the exposure
-    # Whole taps from the first one to that of an object at rest: 0 where the sensor moves
-    aside: Int[np.ndarray, "n"]
+    aside: Int[np.ndarray, "n"]  # Whole taps before that of an object at rest; 0 if moving
     # Effective speeds of two layers; 0 for a picture that moves as a whole
     num_effective_speeds: Int[np.ndarray, "n"]
-    # Frequencies of the expected error within the scene's tolerances
-    num_frequencies_within: Int[np.ndarray, "n"]
+    num_frequencies_within: Int[np.ndarray, "n"]  # Frequencies within the tolerances
     num_nodes_within: Int[np.ndarray, "n"]  # Nodes over the exposure for these
 
     @property
@@ -197,10 +195,8 @@ class _Need(NamedTuple):
     """Numbers of a design that the loops need; of many designs on a leading axis."""
 
     num_blocks: Int[Array | np.ndarray, "*n"]  # Number of blocks of taps
-    # Offset of the first tap's edge from the point of alignment, px
-    first: Float[Array | np.ndarray, "*n"]
-    # Block in which the light of an object at rest begins
-    still_block: Int[Array | np.ndarray, "*n"]
+    first: Float[Array | np.ndarray, "*n"]  # Offset of the first tap's edge from alignment, px
+    still_block: Int[Array | np.ndarray, "*n"]  # Block in which light of an object at rest begins
     dft: Int[Array | np.ndarray, "*n"]  # Index of its length among `Shapes.dft_lengths`
     rule: Int[Array | np.ndarray, "*n"]  # Index of its quadrature rule
 
@@ -227,8 +223,7 @@ class _Designs(NamedTuple):
 
     motion: AbstractMotion  # Motion of the sensor
     need: _Need  # Numbers that the loops need
-    # Shares of the shutters of the `Rules` in the design's own
-    shares: Float[Array | np.ndarray, "*n k"]
+    shares: Float[Array | np.ndarray, "*n k"]  # Shares of the shutters of the `Rules` in its own
     efficiency: Float[Array | np.ndarray, "*n"]  # Throughput of the design
 
     def by_parts(
@@ -400,11 +395,8 @@ def _kernel_numbers(
             some = response_from(scene, Records(kernels, jnp.zeros(0), efficiency), plan)
             # A block without light of an object at rest goes to the room behind its kernel.
             start = ((block - need.still_block) * _TAPS,)
-            return (
-                difference + jnp.sum(some.differences**2),
-                still + jnp.sum(some.still_kernel**2),
-                jax.lax.dynamic_update_slice(taps, some.still_kernel, start),
-            )
+            taps = jax.lax.dynamic_update_slice(taps, some.still_kernel, start)
+            return difference + some.squares[0], still + some.squares[1], taps
 
         room = (-(-shapes.still_taps // _TAPS) + 1) * _TAPS
         zero = jnp.zeros((), box.dtype)

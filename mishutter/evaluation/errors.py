@@ -52,7 +52,7 @@ class _Moments(NamedTuple):
 
     @property
     def lost(self) -> Float[Array, "*n k"]:
-        """Share of the picture's power that `expected_squared_error` counts as lost."""
+        """Share of the picture's power that `LinearErrors` count as lost."""
         return residual_fraction(self.signal, self.coherent, self.spread, self.noise)
 
     @property
@@ -131,17 +131,37 @@ class LinearErrors:
 
     @cached_property
     def unknown(self) -> Float[Array, ""]:
-        """The `expected_squared_error`, of one filter for all speeds."""
-        return _squared_error(self.every.lost, self.power)
+        r"""Expected squared error of the best single linear decoder, white = 1.
+
+        With $m = \sum p_i H_i$ and $v = \sum p_i |H_i - m|^2$ (aperture included) the filter
+        $G = S\bar m/(S(|m|^2 + v) + N)$ leaves $2\int_0^{1/2} S\,(Sv + N)/(S(|m|^2+v) + N)\,df$,
+        where $N = \eta\,\bar f/p + (\sigma/p)^2$ is the noise of the paper's equation (4) at
+        $p = \text{rate}\cdot 2T$. No term of this form cancels another. Without any light the
+        error is the picture's own variance. Where the response holds only the lowest of
+        `num_frequencies`, the picture's power at the others counts as lost.
+        """
+        return self._squared_error(self.every.lost)
 
     @cached_property
     def known(self) -> Float[Array, ""]:
-        """The `known_speed_squared_error`, of filters that know the speed."""
-        return _squared_error(self.lost_known, self.power)
+        r"""Expected squared error of the best linear decoder that knows the speed.
+
+        Each speed has a filter of its own, and the picture, aperture, noise and units are those of
+        `unknown`: without tolerances $\sum_i p_i\,2\int_0^{1/2} S\,N/(S|H_i|^2 + N)\,df$. Within
+        tolerances $m$ and $v$ of that formula are over the errors about each speed. One filter for
+        all speeds is never better than this.
+        """
+        return self._squared_error(self.lost_known)
 
     @cached_property
     def unknown_by_speed(self) -> Float[Array, "n"]:
-        """The `squared_errors_by_speed`, of one filter for all speeds."""
+        r"""Squared error of the best single linear decoder at each speed.
+
+        With the filter $G$ of `unknown` it is
+        $2\int_0^{1/2} [S(|1 - G m_i|^2 + |G|^2 v_i) + N|G|^2]\,df$ at speed $i$, where $m_i$ and
+        $v_i$ are the mean and the variance of the response within the tolerances about that speed:
+        $H_i$ and 0 without tolerances. The mean over the speeds, weighted, is `unknown`.
+        """
         every, each, power = self.every, self.each, self.power
         num_kept = every.mean.shape[0]
         aperture = _aperture(self.scene, power.size, np.dtype(power.dtype))[:num_kept]
@@ -152,92 +172,36 @@ class LinearErrors:
         noise = gain * every.coherent * share(every.noise, every.total)
         spread = (gain**2 * every.coherent)[None] * each.spread
         lost = missing.real**2 + missing.imag**2 + spread + noise[None]
-        return _squared_error(lost, power)
+        return self._squared_error(lost)
 
     @cached_property
     def known_by_speed(self) -> Float[Array, "n"]:
         """The squared error at each speed of the filter that knows it."""
-        return _squared_error(self.lost_known_by_speed, self.power)
+        return self._squared_error(self.lost_known_by_speed)
+
+    def unaware(self, nominal: "LinearErrors") -> Float[Array, ""]:
+        r"""Expected squared error of the best filter of a nominal camera, without tolerances.
+
+        The error of a filter $G'$ exceeds that of the best one $G$ of `unknown` by
+        $2\int_0^{1/2}|G' - G|^2\,(S(|m|^2 + v) + N)\,df$: the error is quadratic in the filter.
+        """
+        moments, power = self.every, self.power
+        difference = moments.filter - nominal.every.filter
+        excess = difference.real**2 + difference.imag**2
+        aperture = _aperture(self.scene, power.size, np.dtype(power.dtype))
+        excess = excess * aperture * moments.signal * moments.total
+        return jnp.mean(power * (moments.lost + jnp.where(moments.signal > 0, excess, 0.0)))
+
+    def _squared_error(self, lost: Float[Array, "*n k"]) -> Float[Array, "*n"]:
+        """Squared error by the share of the power that is lost; all of it at higher frequencies."""
+        num_kept = lost.shape[-1]
+        lowest = self.power[:num_kept].reshape((1,) * (lost.ndim - 1) + (num_kept,))
+        lost_power = jnp.sum(lowest * lost, axis=-1) + jnp.sum(self.power[num_kept:])
+        return lost_power / self.power.size
 
     def worst(self, errors: Float[Array, "n"]) -> Float[Array, ""]:
         """The largest of the errors at the speeds that occur."""
         return jnp.max(jnp.where(self.scene.weights > 0, errors, 0.0))
-
-
-def expected_squared_error(
-    scene: Scene,
-    motion: AbstractMotion,
-    response: Response,
-    num_frequencies: int | None = None,
-) -> Float[Array, ""]:
-    r"""Expected squared error of the best single linear decoder, white = 1.
-
-    With $m = \sum p_i H_i$ and $v = \sum p_i |H_i - m|^2$ (aperture included) the filter
-    $G = S\bar m/(S(|m|^2 + v) + N)$ leaves $2\int_0^{1/2} S\,(Sv + N)/(S(|m|^2+v) + N)\,df$,
-    where $N = \eta\,\bar f/p + (\sigma/p)^2$ is the noise of the paper's equation (4) at
-    $p = \text{rate}\cdot 2T$. No term of this form cancels another. Without any light the
-    error is the picture's own variance. Where the response holds only the lowest of
-    `num_frequencies`, the picture's power at the others counts as lost.
-    """
-    return LinearErrors(scene, motion, response, num_frequencies).unknown
-
-
-def known_speed_squared_error(
-    scene: Scene,
-    motion: AbstractMotion,
-    response: Response,
-    num_frequencies: int | None = None,
-) -> Float[Array, ""]:
-    r"""Expected squared error of the best linear decoder that knows the speed.
-
-    Each speed has a filter of its own, and the picture, aperture, noise and units are those of
-    `expected_squared_error`: without tolerances
-    $\sum_i p_i\,2\int_0^{1/2} S\,N/(S|H_i|^2 + N)\,df$. Within tolerances $m$ and $v$ of that
-    formula are over the errors about each speed. One filter for all speeds is never better than
-    this.
-    """
-    return LinearErrors(scene, motion, response, num_frequencies).known
-
-
-def squared_errors_by_speed(
-    scene: Scene,
-    motion: AbstractMotion,
-    response: Response,
-    num_frequencies: int | None = None,
-) -> Float[Array, "n"]:
-    r"""Squared error of the best single linear decoder at each speed.
-
-    With the filter $G$ of `expected_squared_error` it is
-    $2\int_0^{1/2} [S(|1 - G m_i|^2 + |G|^2 v_i) + N|G|^2]\,df$ at speed $i$, where $m_i$ and $v_i$
-    are the mean and the variance of the response within the tolerances about that speed: $H_i$ and
-    0 without tolerances. The mean over the speeds, weighted, is the `expected_squared_error`.
-    """
-    return LinearErrors(scene, motion, response, num_frequencies).unknown_by_speed
-
-
-def _squared_error(lost: Float[Array, "*n k"], power: Float[Array, "m"]) -> Float[Array, "*n"]:
-    """Squared error by the share of the power that is lost; all of it at higher frequencies."""
-    num_kept = lost.shape[-1]
-    lowest = power[:num_kept].reshape((1,) * (lost.ndim - 1) + (num_kept,))
-    return (jnp.sum(lowest * lost, axis=-1) + jnp.sum(power[num_kept:])) / power.size
-
-
-def unaware_squared_error(
-    scene: Scene, motion: AbstractMotion, response: Response, nominal: Response
-) -> Float[Array, ""]:
-    r"""Expected squared error of the best filter of a camera without tolerances.
-
-    The error of a filter $G'$ exceeds that of the best one $G$ of `expected_squared_error` by
-    $2\int_0^{1/2}|G' - G|^2\,(S(|m|^2 + v) + N)\,df$: the error is quadratic in the filter.
-    """
-    errors = LinearErrors(scene, motion, response)
-    without = LinearErrors(without_tolerances(scene), motion, nominal)
-    moments, power = errors.every, errors.power
-    difference = moments.filter - without.every.filter
-    excess = difference.real**2 + difference.imag**2
-    aperture = _aperture(scene, power.size, np.dtype(power.dtype))
-    excess = excess * aperture * moments.signal * moments.total
-    return jnp.mean(power * (moments.lost + jnp.where(moments.signal > 0, excess, 0.0)))
 
 
 class DecoderLevels(NamedTuple):
@@ -261,7 +225,7 @@ def spectral_levels(
 ) -> SpectralLevels:
     r"""Ratio of signal to noise by frequency, and PSNR by speed, of the best linear decoders.
 
-    In the terms of `expected_squared_error` the ratio of one filter for all speeds is
+    In the terms of `LinearErrors.unknown` the ratio of one filter for all speeds is
     $q = S|m|^2/(Sv + N)$, at the exposure of the motion and with the spread between the scene's
     speeds as noise: the decoder's error is $S/(1 + q)$. The PSNR is that of
     $2\int_0^{1/2} [S|1 - G H_i|^2 + N|G|^2]\,df$, whose weighted mean over the speeds is the
@@ -308,7 +272,7 @@ def freely_aligned(
     r"""The response with each speed displaced so that the expected error is least.
 
     A displacement $d_i$ takes $H_i$ to $H_i e^{2\pi i f d_i}$ and does not change
-    $\sum p_i|H_i|^2$, so that of `expected_squared_error` only $-\int W |m|^2\,df$ changes, with
+    $\sum p_i|H_i|^2$, so that of `LinearErrors.unknown` only $-\int W |m|^2\,df$ changes, with
     $W = S^2/(S \sum p_i|H_i|^2 + N)$ (aperture included). Each step moves every speed towards
     the largest overlap with the mean of all, $\operatorname{Re}\int W \bar m H_i\,df$; 20 of
     them come to within 1e-4 dB of the least error near the alignment of the kernels. The

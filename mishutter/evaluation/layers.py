@@ -140,8 +140,7 @@ class LayerSampling(NamedTuple):
     """Frequencies and effective speeds at which the shares of two layers are computed; static."""
 
     grid: Frequencies  # The frequencies
-    # Number of effective speeds; 25, or 65 at least
-    num_effective_speeds: int = SEARCHED_EFFECTIVE_SPEEDS
+    num_effective_speeds: int = SEARCHED_EFFECTIVE_SPEEDS  # Effective speeds; 25, or 65 at least
     folds: bool = False  # Whether `+s` and `-s` are taken for one effective speed
 
 
@@ -355,8 +354,7 @@ class LayerMoments(NamedTuple):
     """Mean response and its spread, of all speeds of the objects together or of each."""
 
     mean: Complex[Array, "objects frequencies"]  # $m$, aligned; complex, shape `(o, m)`
-    # $v$, so that the power of a capture is $S_r(|m|^2 + v)$; shape `(o, m)`
-    spread: Float[Array, "objects frequencies"]
+    spread: Float[Array, "objects frequencies"]  # $v$: the power of a capture is $S_r(|m|^2 + v)$
 
 
 def layer_moments(
@@ -497,11 +495,14 @@ def _distances(
     parts = [x.astype(dtype) for x in (shares.background_speeds, scene.speeds, shares.speeds)]
     background, objects, nodes = parts
     ends, speeds = np.cumsum([background.size, objects.size]), jnp.concatenate(parts)
+
+    def alignment(motion: AbstractMotion, speeds: Array) -> Array:
+        return jnp.asarray(motion.alignment(speeds))
+
     if scene.tolerances is None:
-        places = jnp.asarray(motion.alignment(speeds))[None]
+        places = alignment(motion, speeds)[None]
     else:
-        of_each = at_each_error(lambda m, s: m.alignment(s), speeds, scene.tolerances, motion)
-        places = of_each.reshape(-1, speeds.size)
+        places = at_each_error(alignment, speeds, scene.tolerances, motion).reshape(-1, speeds.size)
     behind, front, between = jnp.split(-places, ends, axis=1)
     difference = objects[None] - background[:, None]
     moves = (difference != 0)[..., None]
@@ -517,9 +518,7 @@ class _Knots(NamedTuple):
     """Frequencies at which the beat is computed, and polynomials that lead from one to the next."""
 
     places: np.ndarray  # Their places among all frequencies, ascending; shape `(c,)`
-    # Share that each has in the value at each frequency, `(c, f)`; None where each frequency is a
-    # knot
-    shares: np.ndarray | None
+    shares: np.ndarray | None  # Their shares at each frequency, `(c, f)`; None if all are knots
 
     @staticmethod
     def of(shares: LayerShares, num_kept: int) -> "_Knots":

@@ -301,7 +301,7 @@ class DesignLoss(AbstractResponseLoss):
         if self.condition:
             loss += self.condition * smooth_condition_number(response.still_spectrum)
         if self.invariance:
-            loss += self.invariance * kernel_differences(scene, motion, response)[1]
+            loss += self.invariance * kernel_differences(scene, motion, response.squares)[1]
         return loss
 
 

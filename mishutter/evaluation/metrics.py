@@ -131,7 +131,8 @@ class Evaluation:
     @cached_property
     def kernel_differences(self) -> tuple[Float[Array, ""], Float[Array, ""]]:
         """The `kernel_differences`, raw and relative."""
-        return _differences(self.scene, self.motion, self.kernels.difference, self.kernels.still)
+        squares = self.kernels.difference, self.kernels.still
+        return kernel_differences(self.scene, self.motion, squares)
 
     @cached_property
     def errors(self) -> LinearErrors:
@@ -346,7 +347,7 @@ def _as_designed(
     """The metrics of a camera without errors by name, and the phase of its kernels."""
     response = response_from(scene, recorded, plan)
     condition = condition_number(response.still_kernel, num_frequencies=plan.dft_length)
-    kernels = KernelSums(*_sums_of_squares(response), condition)
+    kernels = KernelSums(*response.squares, condition)
     evaluation = Evaluation(scene, motion, response, kernels)
     values = {m.name: m.formula(evaluation) for m in METRICS.values() if not m.within_tolerances}
     phase = jnp.asarray(kernel_phase(motion, plan.num_taps), response.efficiency.dtype)
@@ -364,26 +365,16 @@ def _within_tolerances(
 
 
 def kernel_differences(
-    scene: Scene, motion: AbstractMotion, response: Response
+    scene: Scene, motion: AbstractMotion, squares: tuple[Float[Array, ""], Float[Array, ""]]
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
     r"""Cross-speed kernel difference, raw and relative to the still object's kernel.
 
     $\sqrt{\sum_i p_i\,\overline{(h_{s_i} - h_0)^2}}$ (the paper's Figure 3b, over the
     scene's speeds), and the same over $\sqrt{\overline{h_0^2}}$. The means are over the
-    taps that the fastest object reaches. The derivative where all kernels agree is 0.
+    taps that the fastest object reaches. The derivative where all kernels agree is 0. The sums
+    are the `squares` of a response.
     """
-    return _differences(scene, motion, *_sums_of_squares(response))
-
-
-def _sums_of_squares(response: Response) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Sums of squares of the differences, and of the kernel of an object at rest."""
-    return jnp.sum(response.differences**2), jnp.sum(response.still_kernel**2)
-
-
-def _differences(
-    scene: Scene, motion: AbstractMotion, difference: Float[Array, ""], still: Float[Array, ""]
-) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """The `kernel_differences` by their sum of squares and that of the still kernel."""
+    difference, still = squares
     is_open = still > 0
     relative = safe_sqrt(jnp.where(is_open, difference / jnp.where(is_open, still, 1.0), 0.0))
     # Light of the fastest object falls on so many taps, an odd number for a camera at rest.

@@ -362,18 +362,13 @@ class _Place(NamedTuple):
     pan: float  # Velocity of those that move; px/s
     num_rests: int = 0  # Number of those at rest
 
-    @property
-    def num_moving(self) -> int:
-        """Number of frames that move."""
-        return self.way.velocity.shape[0]
-
     def errors(self, frames: OpenFrames) -> Float[np.ndarray, "n"]:
         """Squared error that they leave at each speed; white = 1."""
         way, exposure = self.way, 2 * self.way.half
         places = way.in_frames(self.top_speed, self.pan)
         fastest = abs(self.pan) + self.top_speed + float(np.max(np.abs(frames.speeds)))
         passed = frames.on_paths(places, exposure, fastest)
-        alike = 1 if way.differ else self.num_moving
+        alike = 1 if way.differ else way.velocity.shape[0]
         gained = alike * frames.snr(passed, exposure)
         if self.num_rests:
             gained += self.num_rests * frames.snr(frames.at_rest(self.rest), self.rest)

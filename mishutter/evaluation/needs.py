@@ -66,15 +66,13 @@ class Plan:
     dft_length: int  # Length of the DFT that the condition number is taken over
     num_frequencies: int  # Frequencies in (0, 0.5) cycles/px of the expected error
     num_nodes: int  # Nodes over the whole exposure for the transfer functions there
-    # Number of frequencies, the lowest, to which the expected error is confined; None for all
-    num_kept: int | None = None
+    num_kept: int | None = None  # Lowest frequencies that an error is confined to; None for all
     # Whether work that cannot change a result is left out: speeds that never occur or occur twice,
     # and responses that a search would compute again
     skips: bool = False
     folds: bool = False  # Whether `+s` and `-s` count as one speed
     still: bool = False  # Whether nothing in the scene moves, so that one kernel is enough
-    # Length of the DFT that a loss takes its condition number over; None for `dft_length`
-    loss_dft_length: int | None = None
+    loss_dft_length: int | None = None  # DFT of a loss's condition number; None for `dft_length`
     # Effective speeds of the beat between objects and the background that they hide; 0 for a
     # picture that moves as a whole
     num_effective_speeds: int = 0

@@ -46,6 +46,11 @@ class Response(eqx.Module):
     spectra: Inexact[Array, "..."]
     efficiency: Float[Array, ""]  # Mean transmittance over the exposure; scalar
 
+    @property
+    def squares(self) -> tuple[Float[Array, ""], Float[Array, ""]]:
+        """Sums of squares of the differences, and of the kernel of a still object."""
+        return jnp.sum(self.differences**2), jnp.sum(self.still_kernel**2)
+
 
 class Records(NamedTuple):
     """Kernels and transfer functions of a design at some speeds, before they are combined."""

@@ -39,8 +39,7 @@ class FrameNodes(NamedTuple):
     """Instants of one frame, and where its sensor is then."""
 
     time: Float[np.ndarray, "q"]  # Time from the middle of the sequence; s
-    # Place of the sensor, from that at the middle of the sequence; px
-    place: Float[np.ndarray, "q"]
+    place: Float[np.ndarray, "q"]  # Place of the sensor, from that at the middle of all; px
     weight: Float[np.ndarray, "q"]  # Share of the exposure, of an open shutter
 
     def displacement(self, speed: float) -> Float[np.ndarray, "q"]:
@@ -114,8 +113,7 @@ class _Waves(NamedTuple):
     power: Float[np.ndarray, "m"]  # Power of the picture, $S$
     frequency: Float[np.ndarray, "m"]  # cycles/px
     scale: Float[np.ndarray, "frames m"]  # $b_k/H_k$
-    # Way of a thing on the sensor at the nodes of each frame; px
-    ways: list[Float[np.ndarray, "q"]]
+    ways: list[Float[np.ndarray, "q"]]  # Way of a thing at the nodes of each frame; px
     nodes: list[FrameNodes]  # Instants of each frame
 
 

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 from mishutter._core.checks import require_known
 from mishutter._core.compiling import compiled, outside_trace
 from mishutter.evaluation.ensembles import without_tolerances
-from mishutter.evaluation.errors import expected_squared_error, unaware_squared_error
+from mishutter.evaluation.errors import LinearErrors
 from mishutter.evaluation.needs import ONLY_SPECTRA, Plan
 from mishutter.evaluation.response import Records, compute_records, response_from
 from mishutter.evaluation.views import sampled_view
@@ -34,8 +34,7 @@ class ToleranceCost:
 
     name: str  # The field of `Tolerances`; "all" for all of them together
     size: str  # The tolerance in words, with its unit
-    # Fall of the expected PSNR for a decoder that knows the distribution of the errors; dB
-    cost: float
+    cost: float  # Fall of the PSNR for a decoder that knows the distribution of the errors; dB
     unaware_cost: float  # Fall for a decoder that is made for a camera without errors; dB
 
 
@@ -44,8 +43,7 @@ class ToleranceCosts:
     """Costs of the tolerances of a scene for a design."""
 
     expected_psnr: float  # Expected PSNR of a camera without errors; dB
-    # Cost of each tolerance that is not 0, and last of all of them together
-    rows: tuple[ToleranceCost, ...]
+    rows: tuple[ToleranceCost, ...]  # Cost of each tolerance above 0, and of all together
 
     @property
     def largest(self) -> ToleranceCost | None:
@@ -137,10 +135,6 @@ def _errors(
 ) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
     """Squared errors without tolerances, within them, and within them by an unaware decoder."""
     nominal_scene = without_tolerances(scene)
-    response = response_from(scene, recorded, plan)
-    nominal = response_from(nominal_scene, without, plan)
-    return (
-        expected_squared_error(nominal_scene, motion, nominal),
-        expected_squared_error(scene, motion, response),
-        unaware_squared_error(scene, motion, response, nominal),
-    )
+    nominal = LinearErrors(nominal_scene, motion, response_from(nominal_scene, without, plan))
+    within = LinearErrors(scene, motion, response_from(scene, recorded, plan))
+    return nominal.unknown, within.unknown, within.unaware(nominal)

@@ -38,8 +38,7 @@ class SensorView(NamedTuple):
     scene: Scene  # The scene, with its speeds relative to the sensor
     motion: AbstractMotion  # The motion without velocity, `simplified`
     shutter: AbstractShutter  # Transmittance behind the scene's device
-    # Velocity of the sensor, which was subtracted from all speeds; px/s, scalar
-    velocity: Float[Array, ""]
+    velocity: Float[Array, ""]  # Velocity of the sensor, subtracted from all speeds; px/s
 
 
 class SampledView(NamedTuple):
@@ -53,8 +52,7 @@ class SampledView(NamedTuple):
     shutter: AbstractPiecewiseShutter  # Transmittance behind the scene's device, as pieces
     plan: Plan  # Numbers of taps, frequencies and quadrature nodes
     parts: Parts  # Parts of the response to compute
-    # Quadrature nodes of the shutter where a caller has them; None elsewhere
-    nodes: ExposureQuadrature | None = None
+    nodes: ExposureQuadrature | None = None  # Nodes of the shutter if a caller has them
 
 
 def sensor_view(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> SensorView:

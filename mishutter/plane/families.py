@@ -18,8 +18,8 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
-from mishutter.evaluation.bursts import FrameTimes, moments_of
-from mishutter.evaluation.moving_bursts import ALTERNATING, SINE, SWEEP, way_over_frames
+from mishutter.evaluation.bursts import FrameTimes
+from mishutter.evaluation.moving_bursts import ALTERNATING, SINE, SWEEP, steps_of, way_over_frames
 from mishutter.model.limits import Limits
 from mishutter.model.sequences import TimedFrame
 from mishutter.model.stages import knots_of_exposure
@@ -126,8 +126,7 @@ class Family(NamedTuple):
 
     kind: str  # Its name
     num_axes: int  # Axes of the stage that it needs
-    # Makes the frames of a number of frames at a point of the unit box
-    made: "Callable[[Room, int, Point], PlaneFrames]"
+    made: "Callable[[Room, int, Point], PlaneFrames]"  # Makes so many frames at a point of a box
     starts: tuple[tuple[float, ...], ...]  # Points that a search begins with
     least: int = 2  # Least number of frames
 
@@ -146,8 +145,7 @@ def _bracketed(room: Room, count: int, point: Point) -> PlaneFrames:
 
 
 def _at_rest(room: Room, exposures: list[float]) -> PlaneFrames:
-    steps = [room.times.period_of(each) for each in exposures[1:]]
-    moments = moments_of(exposures, steps)
+    moments = room.times.moments(exposures)
     whole = moments[-1] - moments[0] + (exposures[0] + exposures[-1]) / 2
     durations = np.full(_LEAST_PIECES, whole / _LEAST_PIECES)
     return PlaneFrames(moments, np.array(exposures), durations, np.zeros((2, _LEAST_PIECES + 1)))
@@ -169,7 +167,7 @@ def _equal(
     angle = room.velocities.axis
     turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
     period = room.times.period_of(exposure)
-    moments = (np.arange(count) - (count - 1) / 2) * period
+    moments = steps_of(count) * period
     missing = max(_LEAST_PIECES - durations.size, 0)
     return _panned(
         room,

@@ -58,11 +58,9 @@ class Fan(NamedTuple):
     """Frequencies along lines through 0, each of which is a scene of one axis."""
 
     radius: Float[Array | np.ndarray, "i"]  # cycles/px, shape `(i,)`
-    # Angles from the axis of the rows at each radius; rad, shape `(i, j)`
-    direction: Float[Array | np.ndarray, "i j"]
+    direction: Float[Array | np.ndarray, "i j"]  # Angles from the rows at each radius; rad
     power: Float[Array | np.ndarray, "i j"]  # Power of a picture of the deviation 1; shape `(i, j)`
-    # Share of the frequencies that each stands for, times `power`; their sum is 1
-    weight: Float[Array | np.ndarray, "i j"]
+    weight: Float[Array | np.ndarray, "i j"]  # Share of the frequencies times `power`; sums to 1
 
 
 def fan_of(scene: Scene, grid: Grid = MEASURED) -> Fan:

@@ -258,8 +258,7 @@ class _Search(NamedTuple):
     scene: Scene  # The scene
     room: Room  # Its velocities, limits and times
     least: int  # Least number of frames that something registers
-    # The fans of directions of few frames, whose ripple is greatest, and of more
-    fans: tuple[Fan, Fan]
+    fans: tuple[Fan, Fan]  # Fans for few frames, whose ripple is greatest, and for more
 
     @staticmethod
     def of(scene: Scene) -> "_Search":
