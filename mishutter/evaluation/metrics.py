@@ -1,7 +1,7 @@
 """The metrics of a shutter on a motion for a scene, and the table of them all.
 
-One more metric is a field of `Metrics` and a row of `METRICS`: `evaluate`, sweeps, their stores,
-documents and tables read the table.
+One more metric is a field of `Metrics`, which `evaluate` fills in, and a row of `METRICS`: sweeps,
+their stores, documents and tables read the table.
 
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
@@ -332,11 +332,20 @@ def evaluate(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> 
     values, phase = _as_designed(view.scene, view.motion, compute_records(view), view.plan)
     values, within = nan_unless_defined((values, within), motion, shutter)
     return Metrics(
-        **values,
-        **within,
+        condition_number=values["condition_number"],
+        kernel_difference=values["kernel_difference"],
+        relative_kernel_difference=values["relative_kernel_difference"],
+        efficiency=values["efficiency"],
+        expected_psnr=values["expected_psnr"],
+        known_speed_psnr=values["known_speed_psnr"],
+        found_speed_psnr=values["found_speed_psnr"],
+        worst_speed_psnr=values["worst_speed_psnr"],
+        worst_known_speed_psnr=values["worst_known_speed_psnr"],
+        bound_share=values["bound_share"],
         phase=phase,
         dft_length=view.plan.dft_length,
         num_taps=view.plan.num_taps,
+        toleranced_psnr=within.get("toleranced_psnr"),
     )
 
 
