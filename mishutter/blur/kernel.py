@@ -26,7 +26,6 @@ from mishutter._core.checks import (
     shape_of,
 )
 from mishutter.blur.crossings import branch_times
-from mishutter.model.alignment import PathPieces
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.shutters.base import (
     AbstractPiecewiseShutter,
@@ -161,13 +160,6 @@ def binned_exposure(
     """
     require_scalar("binned_exposure(speed=...)", speed)
     require_finite("binned_exposure(speed=...)", speed)
-    _check_edges(edges)
-    dtype = _dtype(shutter, motion, speed, edges)
-    speed, row = jnp.asarray(speed, dtype), jnp.asarray(edges, dtype)
-    return _exposure(piecewise(shutter), motion, speed, row, jnp.asarray(False))
-
-
-def _check_edges(edges: RowLike) -> None:
     subject = "binned_exposure(edges=...)"
     require(np.ndim(edges) == 1, subject, "be one row", shape_of(edges))
     require(np.size(edges) >= 2, subject, "hold at least two edges", np.size(edges))
@@ -175,6 +167,9 @@ def _check_edges(edges: RowLike) -> None:
     if is_concrete(edges):
         ascending = bool(np.all(np.diff(np.asarray(edges)) >= 0))
         require(ascending, subject, "ascend", edges)
+    dtype = _dtype(shutter, motion, speed, edges)
+    speed, row = jnp.asarray(speed, dtype), jnp.asarray(edges, dtype)
+    return _exposure(piecewise(shutter), motion, speed, row, jnp.asarray(False))
 
 
 def _dtype(shutter: AbstractShutter, motion: AbstractMotion, *values: RowLike) -> np.dtype:
@@ -194,7 +189,14 @@ def _exposure(
     """Share of a full exposure in each tap; `edges` count as in `aligned_kernel`."""
     pieces, exists = motion.pieces_of(speed), jnp.asarray(True)
     if any_vertex:
-        pieces, origin, is_own, exists = _turned(pieces)
+        # Edges count upwards from the vertex: a parabola that opens downwards is mirrored.
+        sign = jnp.where(pieces.sag < 0, -1, 1).astype(pieces.sag.dtype)
+        pieces = pieces._replace(sag=sign * pieces.sag, velocity=sign * pieces.velocity)
+        far = abs(pieces.velocity) * jnp.finfo(pieces.sag.dtype).eps
+        # Beyond that the vertex is further away than any pixel could be told from the next.
+        is_own = ~pieces.is_at_rest & ~(far > pieces.sag)
+        origin = jnp.where(is_own, pieces.vertex(is_own)[1], 0.0)[0]
+        exists = (is_own | pieces.is_at_rest)[0]
     else:
         origin, is_own = pieces.lowest()
     origin, is_own = jnp.where(from_lowest, origin, 0.0), is_own & from_lowest
@@ -206,20 +208,3 @@ def _exposure(
     begin, end = jnp.where(falls, last, first), jnp.where(falls, first, last)
     exposure = jnp.sum(integral_between(profile, begin, end), axis=(0, 1)) / 2
     return jnp.where(exists, exposure, 0.0)
-
-
-def _turned(
-    pieces: PathPieces,
-) -> tuple[PathPieces, Float[Array, ""], Bool[Array, "1"], Bool[Array, ""]]:
-    """A parabola with its vertex below, the position of that, and whether it turns and has one.
-
-    Edges count upwards from the vertex: a parabola that opens downwards is mirrored.
-    """
-    sign = jnp.where(pieces.sag < 0, -1, 1).astype(pieces.sag.dtype)
-    pieces = pieces._replace(sag=sign * pieces.sag, velocity=sign * pieces.velocity)
-    far = abs(pieces.velocity) * jnp.finfo(pieces.sag.dtype).eps
-    # Beyond that the vertex is further away than any pixel could be told from the next.
-    turns = ~pieces.is_at_rest & ~(far > pieces.sag)
-    _, vertex = pieces.vertex(turns)
-    origin = jnp.where(turns, vertex, 0.0)
-    return pieces, origin[0], turns, (turns | pieces.is_at_rest)[0]

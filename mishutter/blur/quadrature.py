@@ -21,7 +21,6 @@ from mishutter.model.shutters.base import (
 )
 from mishutter.model.shutters.polynomials import PolynomialShutter, in_one_form
 
-_MAX_PANEL_NODES, _MIN_PANEL_NODES = 128, 12
 _SHARED_PANEL_NODES = 64
 """Nodes of a panel where unequal pieces share the panels. Short panels waste fewer nodes."""
 _SPARE_NODES = 2
@@ -49,27 +48,19 @@ def exposure_quadrature(
     Panels end at the `path_ends` of a path of several pieces. NumPy computes the nodes of a
     concrete shutter, which compiles nothing.
     """
-    if all_concrete(shutter):
-        form = in_one_form(shutter, dtype)
-        if isinstance(form, PolynomialShutter):
-            return _nodes_of_polynomials(form, num_nodes, path_ends)
-    return _nodes_of_pieces(shutter, num_nodes, dtype, path_ends)
-
-
-def _nodes_of_polynomials(
-    shutter: PolynomialShutter, num_nodes: int, path_ends: tuple[Fraction, ...]
-) -> ExposureQuadrature:
-    """Nodes of panels that end where polynomials or pieces of a path end."""
-    ends = np.union1d(shutter.ends, np.array(path_ends[1:-1], np.float64))
+    form = in_one_form(shutter, dtype) if all_concrete(shutter) else None
+    if not isinstance(form, PolynomialShutter):
+        return _nodes_of_pieces(shutter, num_nodes, dtype, path_ends)
+    ends = np.union1d(form.ends, np.array(path_ends[1:-1], np.float64))
     panels = []
     for begin, width in zip(ends[:-1], np.diff(ends), strict=True):
         nodes, weights = _panel_rule(1, math.ceil(num_nodes * width / 2) + _SPARE_NODES)
         panels.append((begin + width * nodes, width / 2 * weights))
     tau, shares = map(np.concatenate, zip(*panels, strict=True))
-    weight, dtype = shares * shutter.known_at(tau), np.dtype(shutter.powers.dtype)
+    weight, dtype = shares * form.known_at(tau), np.dtype(form.powers.dtype)
     padding = (0, _padded_length(num_nodes, tau.size) - tau.size)
     padded = (np.pad(part, padding).astype(dtype) for part in (tau, weight))
-    efficiency = np.asarray(shutter.known_efficiency(), dtype)
+    efficiency = np.asarray(form.known_efficiency(), dtype)
     return ExposureQuadrature(*device_constant((*padded, efficiency)))
 
 
@@ -86,13 +77,19 @@ def _nodes_of_pieces(
 ) -> ExposureQuadrature:
     profile = piecewise(shutter)
     ends = jnp.asarray(profile.breakpoints(dtype))
-    # A few unequal pieces may have any lengths, and panels of their own would be as many for the
-    # shortest as for the longest.
-    few = ends.size <= FEW_PIECES + 1 and not profile.equal_pieces
     if len(path_ends) > 2:
         tau, weight = _panels_of_path(profile, ends, num_nodes, path_ends)
+    elif ends.size <= FEW_PIECES + 1 and not profile.equal_pieces:
+        # A few unequal pieces may have any lengths, and panels of their own would be as many for
+        # the shortest as for the longest.
+        tau, weight = _shared_panels(profile, ends, num_nodes)
     else:
-        tau, weight = (_shared_panels if few else _own_panels)(profile, ends, num_nodes)
+        # Of many unequal pieces none is longer than twice their mean, as their class promises.
+        longest = (1 if profile.equal_pieces else 2) / (ends.size - 1)
+        num_panels = profile.panels_per_piece
+        offset, shares = _panels(ends, num_panels, math.ceil(num_nodes * longest / num_panels))
+        tau = (ends[:-1, None] + offset).ravel()
+        weight = (shares * profile.piece_transmittance(offset)).ravel()
     padding = (0, _padded_length(num_nodes, tau.size) - tau.size)
     efficiency = mean_transmittance(profile, dtype)
     return ExposureQuadrature(jnp.pad(tau, padding), jnp.pad(weight, padding), efficiency)
@@ -101,18 +98,6 @@ def _nodes_of_pieces(
 def mean_transmittance(profile: AbstractPiecewiseShutter, dtype: np.dtype) -> Float[Array, ""]:
     """Efficiency of a profile, its mean transmittance, in the precision `dtype`."""
     return integrated_transmittance(profile).astype(dtype) / 2
-
-
-def _own_panels(
-    profile: AbstractPiecewiseShutter, ends: Float[Array, "ends"], num_nodes: int
-) -> tuple[Float[Array, "q"], Float[Array, "q"]]:
-    """Nodes of panels; every piece has as many as the longest one needs."""
-    num_panels = profile.panels_per_piece
-    # Of many unequal pieces none is longer than twice their mean, as their class promises.
-    longest = (1 if profile.equal_pieces else 2) / (ends.size - 1)
-    offset, shares = _panels(ends, num_panels, math.ceil(num_nodes * longest / num_panels))
-    weight = shares * profile.piece_transmittance(offset)
-    return (ends[:-1, None] + offset).ravel(), weight.ravel()
 
 
 def _panels_of_path(
@@ -184,8 +169,8 @@ def _panel_rule(num_panels: int, num_nodes: int) -> tuple[np.ndarray, np.ndarray
 
     NumPy takes a second to compute a single rule of a thousand nodes.
     """
-    parts = -(-num_nodes // _MAX_PANEL_NODES)
-    num_panels, per_panel = num_panels * parts, max(-(-num_nodes // parts), _MIN_PANEL_NODES)
+    parts = -(-num_nodes // 128)
+    num_panels, per_panel = num_panels * parts, max(-(-num_nodes // parts), 12)
     nodes, weights = np.polynomial.legendre.leggauss(per_panel)
     panels = np.arange(num_panels)[:, None]
     spread = (panels + (nodes + 1) / 2) / num_panels

@@ -27,17 +27,12 @@ from mishutter.blur.quadrature import ExposureQuadrature, exposure_quadrature
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.shutters.base import AbstractShutter
 
-_MIN_FREQUENCIES = 1024
 _MOST_FREQUENCIES = 1 << 26
 """Longest transform; it takes a GiB."""
-_ZERO_RESPONSE_ULP = 8
-"""Roundings of the sum of the taps up to which a response counts as zero."""
-_BLOCK_SIZE = 1 << 18
-"""Frequencies times nodes in one block; it bounds the memory."""
 _CYCLES_PER_NODE, _SPARE_NODES = 0.25, 64
 """Periods of the fastest wave for each node, and nodes beyond their share."""
-_TRACED_NODES, _MOST_NODES = 1 << 12, 1 << 20
-"""Nodes where the numbers that decide them are traced, and the most where they are known."""
+_TRACED_NODES = 1 << 12
+"""Nodes where the numbers that decide them are traced."""
 
 
 def condition_number(kernel: RowLike, *, num_frequencies: int | None = None) -> Float[Array, ""]:
@@ -80,14 +75,15 @@ def condition_number(kernel: RowLike, *, num_frequencies: int | None = None) -> 
     # The slope of `abs` is NaN at a zero of the response; that of its square is 0.
     power = response.real**2 + response.imag**2
     least = jnp.min(power)
-    invertible = least > (_ZERO_RESPONSE_ULP * jnp.finfo(taps.dtype).eps) ** 2
+    # Up to 8 roundings of the sum of the taps count as zero.
+    invertible = least > (8 * jnp.finfo(taps.dtype).eps) ** 2
     ratio = jnp.where(invertible, jnp.max(power) / jnp.where(invertible, least, 1.0), 1.0)
     return jnp.where(invertible, jnp.sqrt(ratio), jnp.inf)
 
 
 def default_num_frequencies(num_taps: int) -> int:
     """Default length of the transform in `condition_number`."""
-    return max(_MIN_FREQUENCIES, 1 << (4 * num_taps - 1).bit_length())
+    return max(1024, 1 << (4 * num_taps - 1).bit_length())
 
 
 def transfer_function(
@@ -132,7 +128,12 @@ def transfer_function(
     require_finite("transfer_function(speed=...)", speed)
     require_finite("transfer_function(frequency=...)", frequency)
     dtype = common_dtype(*jax.tree.leaves((shutter, motion)), speed, frequency)
-    shape = _common_shape(np.shape(speed), np.shape(frequency))
+    try:
+        shape = np.broadcast_shapes(np.shape(speed), np.shape(frequency))
+    except ValueError:
+        subject, got = "transfer_function(speed=...)", np.shape(speed)
+        requirement = f"broadcast with shape {np.shape(frequency)}"
+        raise ValueError(f"`{subject}` must {requirement}; got shape {got}.") from None
     s = jnp.broadcast_to(jnp.asarray(speed, dtype), shape).reshape(-1)
     f = jnp.broadcast_to(jnp.asarray(frequency, dtype), shape).reshape(-1)
     num_nodes, f = _num_nodes(motion, s, f)
@@ -151,20 +152,12 @@ def _num_nodes(motion: AbstractMotion, s: Array, f: Array) -> tuple[int, Array]:
         most = int(_CYCLES_PER_NODE * (_TRACED_NODES - _SPARE_NODES))
         message = f"`{subject}` must turn the phase at most {most} times where numbers are traced."
         return _TRACED_NODES, eqx.error_if(f, turns > most, message)
-    most = int(_CYCLES_PER_NODE * (_MOST_NODES - _SPARE_NODES))
+    most = int(_CYCLES_PER_NODE * ((1 << 20) - _SPARE_NODES))
     holds = float(turns) <= most
     require(holds, subject, f"turn the phase at most {most} times over the exposure", float(turns))
     # Powers of two, so that other speeds and frequencies share a program.
     least = math.ceil(float(turns) / _CYCLES_PER_NODE) + _SPARE_NODES
     return 1 << (least - 1).bit_length(), f
-
-
-def _common_shape(speed: tuple[int, ...], frequency: tuple[int, ...]) -> tuple[int, ...]:
-    try:
-        return np.broadcast_shapes(speed, frequency)
-    except ValueError:
-        subject, requirement = "transfer_function(speed=...)", f"broadcast with shape {frequency}"
-        raise ValueError(f"`{subject}` must {requirement}; got shape {speed}.") from None
 
 
 @compiled
@@ -183,7 +176,7 @@ def _transfer(
         real, imaginary = (jnp.sum(weight * wave(angle), axis=1) for wave in (jnp.cos, jnp.sin))
         return jax.lax.complex(real, imaginary)
 
-    length = max(1, _BLOCK_SIZE // nodes.tau.size)
+    length = max(1, (1 << 18) // nodes.tau.size)  # bounds the memory of one block
     if f.size <= length:
         return block((s, f))
     index = np.minimum(np.arange(-(-f.size // length) * length), f.size - 1).reshape(-1, length)

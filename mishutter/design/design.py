@@ -44,11 +44,6 @@ from mishutter.model.shutters.polynomials import profile_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_PROFILE_POINTS = 1001
-_UNSAVED = ("straight", "bursts")
-"""Parts of a design that spare a comparison a search; no file holds them."""
-REGISTERS = "registers the frames"
-"""The decoder of a sequence of frames, by what it does."""
 GIVEN = "none: the camera is given"
 """The name of the loss of a design that no search has found."""
 
@@ -233,7 +228,7 @@ class Design(AbstractDesign):
         """Everything in the design as plain numbers, lists and text."""
         level_of, level = next(iter(self.levels.items()))
         if self.sequence is not None:
-            level_of, level = f"by a decoder that {REGISTERS}", self.sequence.psnr
+            level_of, level = "by a decoder that registers the frames", self.sequence.psnr
         parts = {
             "level_db": level,
             "level_of": level_of,
@@ -246,10 +241,9 @@ class Design(AbstractDesign):
             "notes": list(self.notes),
             "converged": self.converged,
         }
-        own = {name: value for name, value in vars(self).items() if name not in _UNSAVED}
-        frames = self.frames_document
-        own |= frames
-        parts |= frames
+        parts |= self.frames_document
+        unsaved = ("straight", "bursts")  # they spare a comparison a search
+        own = {name: value for name, value in vars(self).items() if name not in unsaved}
         saved = SavedDesign.model_validate(own | parts, from_attributes=True).model_dump()
         # Without the numbers of other kinds of motion.
         whole = {name: parts[name] for name in ("motion", "sequence") if name in parts}
@@ -290,7 +284,7 @@ class Design(AbstractDesign):
         Raises:
             OSError: if the file cannot be written.
         """
-        tau = np.linspace(-1, 1, _PROFILE_POINTS)
+        tau = np.linspace(-1, 1, 1001)
         dtype = self.motion.half_exposure.dtype
         transmittance, _ = profile_of(self.shutter, tau.astype(dtype))
         time = tau * float(self.motion.half_exposure) * 1e3

@@ -19,12 +19,12 @@ from mishutter.model.scene import Scene
 FORMAT = 2
 """Version of the file format."""
 
-_UNWRITTEN: dict[str | None, float] = {"Infinity": math.inf, "-Infinity": -math.inf, None: math.nan}
-
 
 def _read_back(value: object) -> object:
     """A number as it was before `strict_json`, which has no token for some."""
-    return _UNWRITTEN.get(value, value) if isinstance(value, str | None) else value
+    if not isinstance(value, str | None):
+        return value
+    return {"Infinity": math.inf, "-Infinity": -math.inf, None: math.nan}.get(value, value)
 
 
 Result = Annotated[float, AllowInfNan(), BeforeValidator(_read_back)]

@@ -54,8 +54,6 @@ _TAPS = 64
 """Taps of a block."""
 _DESIGNS_A_CALL = 64
 """Fixed batch size: one compiled program for any number of devices."""
-_FURTHEST = float(1 << 17)
-"""Length beyond which every kernel is refused; px."""
 
 
 class Sizes(NamedTuple):
@@ -67,12 +65,10 @@ class Sizes(NamedTuple):
     num_reached_taps: Int[np.ndarray, "n"]  # Taps that light of the fastest object may fall on
     num_still_taps: Int[np.ndarray, "n"]  # Taps that light of an object at rest may fall on
     num_nodes: Int[np.ndarray, "n"]  # Nodes over the exposure
-    # Whole taps from the first one to that of an object at rest: 0 where the sensor moves
-    aside: Int[np.ndarray, "n"]
+    aside: Int[np.ndarray, "n"]  # Whole taps before that of an object at rest; 0 if moving
     # Effective speeds of two layers; 0 for a picture that moves as a whole
     num_effective_speeds: Int[np.ndarray, "n"]
-    # Frequencies of the expected error within the scene's tolerances
-    num_frequencies_within: Int[np.ndarray, "n"]
+    num_frequencies_within: Int[np.ndarray, "n"]  # Frequencies within the tolerances
     num_nodes_within: Int[np.ndarray, "n"]  # Nodes over the exposure for these
 
     @property
@@ -92,9 +88,9 @@ class Sizes(NamedTuple):
         fastest = np.asarray(scene.max_speed, np.float64)
         reach, smear = motions.kernel_length(fastest), fastest * half
         velocity = 2 * sag + smear
-        reach_of_plan = np.minimum(np.maximum(reach, longest), _FURTHEST)
-        plans = _by_whole(reach_of_plan, lambda x: sized_for(x, 0.0))
-        num_taps, dft_length = (plans.each(name) for name in ("num_taps", "dft_length"))
+        # Every kernel beyond this length is refused.
+        reach_of_plan = np.minimum(np.maximum(reach, longest), 1 << 17)
+        num_taps = _of_whole(reach_of_plan, lambda x: sized_for(x, 0.0).num_taps)
         spread = np.asarray(motions.kernel_length(np.max(abs(occurring_speeds(scene)))))
         aside = np.minimum(np.ceil(smear), num_taps // 2)
         aside = np.where(turns, 0, aside).astype(int)
@@ -105,21 +101,22 @@ class Sizes(NamedTuple):
         halves, index = np.unique(half, return_inverse=True)
         return Sizes(
             num_taps=num_taps,
-            dft_length=dft_length,
+            dft_length=_of_whole(reach_of_plan, lambda x: sized_for(x, 0.0).dft_length),
             num_frequencies=num_frequencies(scene, spread),
             num_reached_taps=np.minimum(num_reached, num_taps).astype(int),
             num_still_taps=np.minimum(np.ceil(sag) + 1, num_taps).astype(int),
-            num_nodes=_nodes_for(velocity),
+            num_nodes=_of_whole(velocity, lambda x: sized_for(0.0, x).num_nodes),
             aside=aside,
             num_effective_speeds=np.array([effective_speeds(scene, x) for x in halves], int)[index],
             num_frequencies_within=num_frequencies(scene, spread_within),
-            num_nodes_within=_nodes_for(velocity_within),
+            num_nodes_within=_of_whole(velocity_within, lambda x: sized_for(0.0, x).num_nodes),
         )
 
 
-def _nodes_for(velocity: Float[np.ndarray, "n"]) -> Int[np.ndarray, "n"]:
-    """Nodes over the exposure for objects that pass at some px per half exposure."""
-    return _by_whole(velocity, lambda x: sized_for(0.0, x)).each("num_nodes")
+def _of_whole(values: Float[np.ndarray, "n"], size: Callable[[float], int]) -> Int[np.ndarray, "n"]:
+    """The size for each of some values, rounded up to whole numbers."""
+    whole, index = np.unique(np.ceil(values), return_inverse=True)
+    return np.array([size(float(x)) for x in whole], int)[index]
 
 
 def _travel_within(
@@ -161,8 +158,7 @@ class Rules(NamedTuple):
     """Quadrature rules of rising numbers of nodes, for the shutters that designs are mixed of."""
 
     tau: Float[Array, "r q"]  # Normalised times; shape `(r, q)`
-    # Weights with the transmittance of each of `k` shutters; shape `(r, k, q)`
-    weight: Float[Array, "r k q"]
+    weight: Float[Array, "r k q"]  # Weights with the transmittance of each of `k` shutters
     num_blocks: Int[Array, "r"]  # Blocks of nodes with weight; shape `(r,)`
     efficiency: Float[Array, "k"]  # Mean transmittance of each shutter; shape `(k,)`
 
@@ -191,8 +187,7 @@ class Rules(NamedTuple):
 class LightLevels(NamedTuple):
     """Light and noise that designs are measured in, each with each."""
 
-    # Photo-electrons a second at a white pixel; e-/s, shape `(p,)`
-    photon_rates: Float[Array | np.ndarray, "*p"]
+    photon_rates: Float[Array | np.ndarray, "*p"]  # Photo-electrons a second at a white pixel; e-/s
     read_noises: Float[Array | np.ndarray, "*r"]  # e-; shape `(r,)`
 
 
@@ -200,12 +195,27 @@ class _Need(NamedTuple):
     """Numbers of a design that the loops need; of many designs on a leading axis."""
 
     num_blocks: Int[Array | np.ndarray, "*n"]  # Number of blocks of taps
-    # Offset of the first tap's edge from the point of alignment, px
-    first: Float[Array | np.ndarray, "*n"]
-    # Block in which the light of an object at rest begins
-    still_block: Int[Array | np.ndarray, "*n"]
+    first: Float[Array | np.ndarray, "*n"]  # Offset of the first tap's edge from alignment, px
+    still_block: Int[Array | np.ndarray, "*n"]  # Block in which light of an object at rest begins
     dft: Int[Array | np.ndarray, "*n"]  # Index of its length among `Shapes.dft_lengths`
     rule: Int[Array | np.ndarray, "*n"]  # Index of its quadrature rule
+
+    @staticmethod
+    def of(
+        sizes: Sizes, shapes: Shapes, motions: AbstractMotion, dtype: np.dtype, *, moving: bool
+    ) -> "_Need":
+        """Those for kernels of moving objects or of one at rest alone."""
+        turns = np.asarray(motions.has_vertex)
+        num_taps = sizes.num_reached_taps if moving else sizes.aside + sizes.num_still_taps
+        dft = np.searchsorted(shapes.dft_lengths, sizes.dft_length)
+        rule = np.searchsorted(shapes.node_counts, _whole_blocks(sizes.num_nodes))
+        return _Need(
+            num_blocks=(-(-num_taps // _TAPS)).astype(np.int32),
+            first=np.where(turns, 0.0, -0.5 - sizes.aside).astype(dtype),
+            still_block=(sizes.aside // _TAPS).astype(np.int32),
+            dft=dft.astype(np.int32),
+            rule=rule.astype(np.int32),
+        )
 
 
 class _Designs(NamedTuple):
@@ -213,34 +223,26 @@ class _Designs(NamedTuple):
 
     motion: AbstractMotion  # Motion of the sensor
     need: _Need  # Numbers that the loops need
-    # Shares of the shutters of the `Rules` in the design's own
-    shares: Float[Array | np.ndarray, "*n k"]
+    shares: Float[Array | np.ndarray, "*n k"]  # Shares of the shutters of the `Rules` in its own
     efficiency: Float[Array | np.ndarray, "*n"]  # Throughput of the design
 
+    def by_parts(
+        self, function: Callable[["_Designs"], dict[str, Array]], index: Int[np.ndarray, "n"]
+    ) -> dict[str, np.ndarray]:
+        """A function of some designs, by calls of equal size that are dealt to all devices."""
+        devices = jax.devices()
+        starts = range(0, index.size, _DESIGNS_A_CALL)
 
-class _BlockSums(NamedTuple):
-    """Sums over the blocks of a kernel: two of squares, and the kernel of an object at rest."""
+        def part(number: int) -> dict[str, np.ndarray]:
+            some = index[starts[number] : starts[number] + _DESIGNS_A_CALL]
+            filled = np.resize(some, _DESIGNS_A_CALL)
+            own = jax.tree.map(lambda x: np.asarray(x)[filled], self)
+            with jax.default_device(devices[number % len(devices)]):
+                return {name: np.asarray(x)[: some.size] for name, x in function(own).items()}
 
-    difference: Float[Array, ""]
-    still: Float[Array, ""]
-    taps: Float[Array, "taps"]
-
-
-class _Plans(NamedTuple):
-    """Plans that designs share, and the place of each design's plan among them."""
-
-    plans: list[Plan]
-    place: Int[np.ndarray, "n"]
-
-    def each(self, name: str) -> Int[np.ndarray, "n"]:
-        """A number of each design's plan."""
-        return np.array([getattr(plan, name) for plan in self.plans], int)[self.place]
-
-
-def _by_whole(values: Float[np.ndarray, "n"], plan: Callable[[float], Plan]) -> _Plans:
-    """Plans of values rounded up to whole numbers."""
-    whole, index = np.unique(np.ceil(values), return_inverse=True)
-    return _Plans([plan(float(x)) for x in whole], index)
+        count = len(devices) * num_threads(np.array(devices))
+        parts = list(in_threads(part, range(len(starts)), count))
+        return {name: np.concatenate([each[name] for each in parts]) for name in parts[0]}
 
 
 def _whole_blocks(count: Int[np.ndarray, "n"]) -> Int[np.ndarray, "n"]:
@@ -248,10 +250,7 @@ def _whole_blocks(count: Int[np.ndarray, "n"]) -> Int[np.ndarray, "n"]:
 
 
 def scenes_for(scenes: Sequence[Scene], shutter: AbstractShutter) -> list[Scene]:
-    """Scenes with only the speeds that a shutter asks for, as many in each.
-
-    Each keeps its background, and the decision whether its speeds are folded.
-    """
+    """Scenes with backgrounds and only the speeds that a shutter asks for, as many in each."""
     folds = [folds_speeds(scene, scene.fullest_motion, shutter) for scene in scenes]
     plans = [Plan(1, 1, 16, 1, skips=True, folds=each) for each in folds]
     needed = [reduced(scene, plan) for scene, plan in zip(scenes, plans, strict=True)]
@@ -263,14 +262,6 @@ def scenes_for(scenes: Sequence[Scene], shutter: AbstractShutter) -> list[Scene]
         ).with_occlusion(after.occlusion)
         for scene, after, pad in zip(scenes, needed, spare, strict=True)
     ]
-
-
-def _on_grid(scene: Scene, num_frequencies: int, num_effective_speeds: int) -> Scene:
-    """A scene of `scenes_for` with its power and layers on a grid of frequencies."""
-    shares = None if scene.occlusion is None else scene.occlusion.shares
-    folds = shares is not None and shares.folds
-    plan = Plan(1, 1, num_frequencies, 1, num_effective_speeds=num_effective_speeds, folds=folds)
-    return reduced(scene, plan)
 
 
 @compiled
@@ -308,7 +299,7 @@ def measure(
     efficiency = efficiency * brightness
     values = {"efficiency": efficiency}
     moving = any(metric.parts.differences for metric in chosen)
-    need = _need_of(sizes, shapes, motions, dtype, moving)
+    need = _Need.of(sizes, shapes, motions, dtype, moving=moving)
     designs = _Designs(motions, need, shares, efficiency.astype(dtype))
     pictured = designs._replace(shares=shares * brightness[:, None].astype(dtype))
     designed = without_tolerances(scene)
@@ -322,7 +313,7 @@ def measure(
             shapes=shapes,
             metrics=of_kernels,
         )
-        values |= _by_parts(kernels, designs, np.arange(count))
+        values |= designs.by_parts(kernels, np.arange(count))
     levels = LightLevels(*(jnp.asarray(x, dtype) for x in levels))
     in_groups = partial(_of_picture, designs=pictured, rules=rules, shapes=shapes, levels=levels)
     of_picture = [metric for metric in chosen if metric.parts.spectra or metric.sees_light]
@@ -349,63 +340,28 @@ def _of_picture(
     metrics: tuple[str, ...],
 ) -> dict[str, np.ndarray]:
     """Metrics of transfer functions of designs, by groups of equal sizes."""
-    need = _need_of(sizes, shapes, designs.motion, np.dtype(rules.tau.dtype), moving=False)
-    designs = designs._replace(need=need)
+    dtype = np.dtype(rules.tau.dtype)
+    designs = designs._replace(need=_Need.of(sizes, shapes, designs.motion, dtype, moving=False))
+    shares = None if scene.occlusion is None else scene.occlusion.shares
+    folds = shares is not None and shares.folds
     counts = np.stack([sizes.num_frequencies, sizes.num_effective_speeds], axis=1)
     values: dict[str, np.ndarray] = {}
     for count_of_each in np.unique(counts, axis=0):
         number, effective = map(int, count_of_each)
+        grid = Plan(1, 1, number, 1, num_effective_speeds=effective, folds=folds)
         picture = partial(
             _picture_numbers,
             rules=rules,
-            scene=_on_grid(scene, number, effective),
+            scene=reduced(scene, grid),
             levels=levels,
             num_frequencies=number,
             metrics=metrics,
         )
         index = np.flatnonzero(np.all(counts == count_of_each, axis=1))
-        for name, part in _by_parts(picture, designs, index).items():
+        for name, part in designs.by_parts(picture, index).items():
             whole = values.setdefault(name, np.zeros((len(counts), *part.shape[1:]), part.dtype))
             whole[index] = part
     return values
-
-
-def _by_parts(
-    function: Callable[[_Designs], dict[str, Array]],
-    designs: _Designs,
-    index: Int[np.ndarray, "n"],
-) -> dict[str, np.ndarray]:
-    """A function of some designs, by calls of equal size that are dealt to all devices."""
-    devices = jax.devices()
-    starts = range(0, index.size, _DESIGNS_A_CALL)
-
-    def part(number: int) -> dict[str, np.ndarray]:
-        some = index[starts[number] : starts[number] + _DESIGNS_A_CALL]
-        filled = np.resize(some, _DESIGNS_A_CALL)
-        own = jax.tree.map(lambda x: np.asarray(x)[filled], designs)
-        with jax.default_device(devices[number % len(devices)]):
-            return {name: np.asarray(x)[: some.size] for name, x in function(own).items()}
-
-    count = len(devices) * num_threads(np.array(devices))
-    parts = list(in_threads(part, range(len(starts)), count))
-    return {name: np.concatenate([each[name] for each in parts]) for name in parts[0]}
-
-
-def _need_of(
-    sizes: Sizes, shapes: Shapes, motions: AbstractMotion, dtype: np.dtype, moving: bool
-) -> _Need:
-    """Numbers that the loops need, for kernels of moving objects or of one at rest alone."""
-    turns = np.asarray(motions.has_vertex)
-    num_taps = sizes.num_reached_taps if moving else sizes.aside + sizes.num_still_taps
-    dft = np.searchsorted(shapes.dft_lengths, sizes.dft_length)
-    rule = np.searchsorted(shapes.node_counts, _whole_blocks(sizes.num_nodes))
-    return _Need(
-        num_blocks=(-(-num_taps // _TAPS)).astype(np.int32),
-        first=np.where(turns, 0.0, -0.5 - sizes.aside).astype(dtype),
-        still_block=(sizes.aside // _TAPS).astype(np.int32),
-        dft=dft.astype(np.int32),
-        rule=rule.astype(np.int32),
-    )
 
 
 @compiled
@@ -418,7 +374,7 @@ def _kernel_numbers(
     shapes: Shapes,
     metrics: tuple[str, ...],
 ) -> dict[str, Array]:
-    """Metrics of kernels."""
+    """Metrics of kernels by the sums of their blocks: two of squares, and the kernel at rest."""
     chosen = named_metrics(metrics)
     moving = any(metric.parts.differences for metric in chosen)
 
@@ -430,7 +386,8 @@ def _kernel_numbers(
         speeds = jnp.append(jnp.zeros(1, box.dtype), speeds.astype(box.dtype))
         plan = Plan(_TAPS, _TAPS, 1, 1)
 
-        def add(block: Int[Array, ""], sums: _BlockSums) -> _BlockSums:
+        def add(block: Int[Array, ""], sums: tuple[Array, ...]) -> tuple[Array, ...]:
+            difference, still, taps = sums
             first = need.first + (block * _TAPS).astype(box.dtype)
             kernels, efficiency = kernels_and_efficiency(
                 profile, motion, speeds, first, num_taps=_TAPS
@@ -438,30 +395,25 @@ def _kernel_numbers(
             some = response_from(scene, Records(kernels, jnp.zeros(0), efficiency), plan)
             # A block without light of an object at rest goes to the room behind its kernel.
             start = ((block - need.still_block) * _TAPS,)
-            return _BlockSums(
-                sums.difference + jnp.sum(some.differences**2),
-                sums.still + jnp.sum(some.still_kernel**2),
-                jax.lax.dynamic_update_slice(sums.taps, some.still_kernel, start),
-            )
+            taps = jax.lax.dynamic_update_slice(taps, some.still_kernel, start)
+            return difference + some.squares[0], still + some.squares[1], taps
 
         room = (-(-shapes.still_taps // _TAPS) + 1) * _TAPS
         zero = jnp.zeros((), box.dtype)
-        nothing = _BlockSums(zero, zero, jnp.zeros(room, box.dtype))
-        sums = jax.lax.fori_loop(0, need.num_blocks, add, nothing)
-        branches = [partial(_condition, length=length) for length in shapes.dft_lengths]
-        condition = jax.lax.switch(need.dft, branches, sums.taps)
-        kernels = KernelSums(sums.difference, sums.still, condition)
+        nothing = zero, zero, jnp.zeros(room, box.dtype)
+        difference, still, taps = jax.lax.fori_loop(0, need.num_blocks, add, nothing)
+        # No kernel has more taps before its zeros than its DFT has points.
+        branches = [
+            lambda taps, length=length: condition_number(taps[:length], num_frequencies=length)
+            for length in shapes.dft_lengths
+        ]
+        kernels = KernelSums(difference, still, jax.lax.switch(need.dft, branches, taps))
         empty = jnp.zeros(0, box.dtype)
         response = Response(empty, empty, empty, empty, jnp.asarray(design.efficiency))
         evaluation = Evaluation(scene, motion, response, kernels)
         return {metric.name: metric.formula(evaluation) for metric in chosen}
 
     return jax.lax.map(of_design, designs)
-
-
-def _condition(kernel: Float[Array, "taps"], length: int) -> Float[Array, ""]:
-    """Condition number of a kernel of no more than `length` taps before its zeros."""
-    return condition_number(kernel[:length], num_frequencies=length)
 
 
 @compiled

@@ -22,10 +22,6 @@ from mishutter.model.sequences import FrameSequence, TimedFrame
 STILLS = "stills"
 _MOST_FRAMES = 1000
 """Most frames of a camera that does not say how many it takes."""
-_LEAST_GAIN = 0.005
-"""Gain of a second exposure below which frames at rest have one; dB."""
-_ROUNDING = 1e-9
-"""Share of a number of frames that is one of rounding."""
 
 
 class StillBurst(NamedTuple):
@@ -78,7 +74,7 @@ class FrameTimes(NamedTuple):
     @property
     def numbers_of_frames(self) -> list[int]:
         """The numbers of frames that there is time for, ascending."""
-        most = 1 + int(self.window / self.period * (1 + _ROUNDING))
+        most = 1 + int(self.window / self.period * (1 + 1e-9))  # whatever its rounding
         several = range(2, 1 + min(most, self.max_frames or _MOST_FRAMES))
         return [1, *(n for n in several if self.longest_of(n) >= self.shortest)]
 
@@ -180,11 +176,7 @@ class StillBursts:
         return [StillBurst(n, float(x), level) for x, n in pairs], level
 
     def number_that_equals(self, psnr: float, *, most: int) -> int | None:
-        """The least number of frames, without a gap between them, that has a level.
-
-        None where none up to some has it: frames that follow each other without a gap come to a
-        level at which more of them, as short as that, are of no use.
-        """
+        """The least number of frames without gaps between them that has a level, or None."""
 
         def level(count: int) -> float:
             return self._of(count, self._window / count).psnr
@@ -200,10 +192,7 @@ class StillBursts:
         return high
 
     def rate_that_equals(self, psnr: float, *, most: float) -> float | None:
-        """The least frame rate at which a burst has a level; 1/s.
-
-        None where no rate up to some has it, by as many frames as the camera takes.
-        """
+        """The least frame rate up to some at which a burst has a level, or None; 1/s."""
         from scipy.optimize import brentq
 
         most_frames = min(1 + int(most * self._window), self._max_frames)
@@ -271,17 +260,14 @@ class _Pair(NamedTuple):
 
     def start(self, exposure: float) -> Float[np.ndarray, "2"]:
         """Shares at which the others have an exposure, s, and the first are as long as can be."""
-        return np.array([_share(self.times.shortest, self._most, exposure), 1.0])
+        low, high = self.times.shortest, self._most
+        share = math.log(exposure / low) / math.log(high / low) if high > low else 0.0
+        return np.array([min(max(share, 0.0), 1.0), 1.0])
 
 
 def _between(low: float, high: float, share: float) -> float:
     """A number between two, on a scale of ratios."""
     return low * (high / low) ** float(share)
-
-
-def _share(low: float, high: float, value: float) -> float:
-    """The place of a number between two on that scale, from 0 to 1."""
-    return min(max(math.log(value / low) / math.log(high / low), 0.0), 1.0) if high > low else 0.0
 
 
 def _first_best(level: Callable[[int], float], most: int, *, until: float = math.inf) -> int:
@@ -318,7 +304,7 @@ def best_still_burst(scene: Scene) -> FrameSequence | None:
     bursts, times = StillBursts(scene), FrameTimes.of(scene, scene.burst)
     equal = bursts.best_within(times, of_several=times.holds_several)
     kinds, level = bursts.best_bracketed(times)
-    if level < equal.psnr + _LEAST_GAIN:
+    if level < equal.psnr + 0.005:  # two decimals hide it
         kinds = [equal]
     return bursts.sequence(kinds, times)
 
@@ -331,11 +317,7 @@ def window_of(scene: Scene) -> float:
 
 
 def _exposures(scene: Scene) -> tuple[float, float]:
-    """Shortest and longest exposure that limits and a full pixel leave one frame; s.
-
-    Raises:
-        ValueError: if the shortest fills a pixel.
-    """
+    """Shortest and longest exposure that limits and a full pixel leave one frame; s."""
     limits = scene.limits
     shortest, longest = 2 * float(limits.min_half_exposure), 2 * float(limits.max_half_exposure)
     full_well = scene.sensor.full_well

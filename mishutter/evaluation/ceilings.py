@@ -54,16 +54,6 @@ from mishutter.model.occlusion import Occlusion
 from mishutter.model.optics import NUM_FREQUENCIES, NYQUIST_FREQUENCY, frequencies, pixel_response
 from mishutter.model.scene import Scene, power_on_grid, require_scene
 
-_LOWEST, _NUM_EIGENVALUES = 1e-6, 2048
-"""The lowest frequency of the eigenvalues, cycles/px, which is below every grid, and the number of
-frequencies up to 0.5, each 1.006 times the last. The bound of the largest eigenvalue is too high by
-no more than that, and the ceiling by 0.03 dB."""
-_EFFECTIVE_SPEEDS = 65
-"""Effective speeds of the beat between two layers."""
-_RIDGE = 1e-12
-"""Share of the Gram matrix of effective speeds that keeps it regular."""
-_HALVINGS = 45
-"""Steps to the level of water, each of which halves what is left."""
 _STEP_TOLERANCE = 1e-4
 """Share of a step by which equal steps of single precision may differ."""
 
@@ -128,19 +118,21 @@ def ceiling(
     positive = np.asarray(longest).dtype.kind in "fiu" and float(np.asarray(longest)) > 0
     require(positive, "ceiling(max_half_exposure=...)", "be above 0 s", longest)
     half = float(np.asarray(longest))
+    is_range = continuous
+    if continuous is None:  # two speeds alone are those of two objects
+        is_range = in_equal_steps(scene) and distinct_speeds(scene, folds=False)[0].size > 2
     bounds: list[Times] = []
-    if continuous or (continuous is None and _stands_for_range(scene)):
+    if is_range:
         bounds.append(times_of_cells(scene))
     if not continuous:
         bounds.append(times_of_list(scene, half))
-    errors = [
-        _least_error_of_layers(scene, half, times)
-        if scene.occlusion is not None
-        else min(_least_error(scene, half, times, _power(scene, n)) for n in frequency_counts())
-        for times in bounds
-    ]
-    if any(bound.frequency.size == 1 for bound in bounds) and scene.occlusion is None:
-        errors.append(min(_poured_error(scene, half, _power(scene, n)) for n in frequency_counts()))
+    if scene.occlusion is not None:
+        errors = [_least_error_of_layers(scene, half, times) for times in bounds]
+    else:
+        powers = [_Power.of(scene, n) for n in frequency_counts()]
+        errors = [min(_least_error(scene, half, times, x) for x in powers) for times in bounds]
+        if is_range:
+            errors.append(min(_poured_error(scene, half, x) for x in powers))
     with np.errstate(divide="ignore"):
         # Each of the bounds holds, so that the largest of the least errors does.
         return as_float(-10 * np.log10(max(errors)).astype(scene.speeds.dtype))
@@ -164,7 +156,7 @@ def water_filled(
     # Between these levels the lowest cell is dry, and the highest is at the cap.
     low = np.full(cap.shape, -np.log(np.max(root)))
     high = np.log1p(np.minimum(cap, 1e300)) - np.log(np.min(root))
-    for _ in range(_HALVINGS):
+    for _ in range(45):
         middle = (low + high) / 2
         is_over = poured(middle) @ width > budget
         low, high = np.where(is_over, low, middle), np.where(is_over, middle, high)
@@ -191,11 +183,12 @@ class _Power(NamedTuple):
     power: Float[np.ndarray, "m"]
     num_frequencies: int
 
-
-def _power(scene: Scene, num_frequencies: int) -> _Power:
-    frequency, power = frequencies(num_frequencies), power_on_grid(scene, num_frequencies)
-    occurs = power > 0
-    return _Power(frequency[occurs], power[occurs], num_frequencies)
+    @staticmethod
+    def of(scene: Scene, num_frequencies: int) -> "_Power":
+        """The power of a scene's picture on a grid."""
+        frequency, power = frequencies(num_frequencies), power_on_grid(scene, num_frequencies)
+        occurs = power > 0
+        return _Power(frequency[occurs], power[occurs], num_frequencies)
 
 
 def _poured_error(scene: Scene, half: float, picture: _Power) -> float:
@@ -246,7 +239,7 @@ def _least_error_of_layers(scene: Scene, half: float, of_objects: Times) -> floa
     """
     if np.isinf(half):
         return 0.0
-    sampling = LayerSampling(Frequencies.of_grid(NUM_FREQUENCIES), _EFFECTIVE_SPEEDS)
+    sampling = LayerSampling(Frequencies.of_grid(NUM_FREQUENCIES), 65)
     scene = with_shares(scene, background_of(scene), sampling)
     occlusion: Occlusion = scene.occlusion  # type: ignore[assignment]
     shares = jax.tree.map(lambda x: np.asarray(x, np.float64), occlusion.shares)
@@ -283,13 +276,15 @@ def _largest(shares: Float[np.ndarray, "k"], gram: Float[np.ndarray, "k k"]) -> 
         return 0.0
     # This symmetric product has the same eigenvalues. The usual one takes roots of the shares,
     # which interpolation may have taken below 0.
-    factor = np.linalg.cholesky(gram + _RIDGE * np.eye(shares.size))
+    factor = np.linalg.cholesky(gram + 1e-12 * np.eye(shares.size))  # keeps it regular
     return float(np.linalg.eigvalsh(factor.T @ (shares[:, None] * factor))[-1])
 
 
 def times_of_list(scene: Scene, half: float) -> Times:
     r"""$f T\lambda(Tf)$ for exactly the speeds of the list."""
-    knots = np.geomspace(_LOWEST, NYQUIST_FREQUENCY, _NUM_EIGENVALUES)
+    # The lowest frequency is below every grid. Each is 1.006 times the last: the bound of the
+    # largest eigenvalue is too high by no more than that, and the ceiling by 0.03 dB.
+    knots = np.geomspace(1e-6, NYQUIST_FREQUENCY, 2048)
     if np.isinf(half):
         return Times(knots, np.full(knots.shape, np.inf))
     speeds, weights = (x.astype(np.float64) for x in distinct_speeds(scene, folds=False))
@@ -316,8 +311,3 @@ def in_equal_steps(scene: Scene) -> bool:
     width = speeds[-1] - speeds[0]
     steps = np.diff(speeds) * (speeds.size - 1)
     return bool(width > 0) and np.allclose(steps, width, rtol=_STEP_TOLERANCE, atol=0)
-
-
-def _stands_for_range(scene: Scene) -> bool:
-    """Whether a list stands for a range: two speeds alone are those of two objects."""
-    return in_equal_steps(scene) and distinct_speeds(scene, folds=False)[0].size > 2

@@ -21,10 +21,6 @@ from mishutter.model.optics import frequency_grid
 from mishutter.model.scene import Scene
 from mishutter.model.tolerances import Tolerances
 
-_NUM_VELOCITIES = 32
-"""Velocities over an exposure by which the noise of a drive is exact to 1e-6 of it, for light that
-crosses up to 8 px in a step."""
-
 
 def without_tolerances(scene: Scene) -> Scene:
     """The scene of a camera that is built as it was designed."""
@@ -102,7 +98,8 @@ def drive_variance(
     tolerances = scene.tolerances
     if tolerances is None:
         return jnp.zeros(num_frequencies, dtype)
-    nodes, shares = (x.astype(dtype) for x in np.polynomial.legendre.leggauss(_NUM_VELOCITIES))
+    # 32 velocities give the noise to 1e-6 of it, for light that crosses up to 8 px in a step.
+    nodes, shares = (x.astype(dtype) for x in np.polynomial.legendre.leggauss(32))
     step = jnp.minimum(tolerances.drive_step.astype(dtype), motion.exposure.astype(dtype))
     velocity = motion.speed_gain.astype(dtype) * nodes[None] - scene.speeds.astype(dtype)[:, None]
     frequency = frequency_grid(num_frequencies, dtype)

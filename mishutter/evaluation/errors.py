@@ -52,46 +52,15 @@ class _Moments(NamedTuple):
 
     @property
     def lost(self) -> Float[Array, "*n k"]:
-        """Share of the picture's power that `expected_squared_error` counts as lost."""
+        """Share of the picture's power that `LinearErrors` count as lost."""
         return residual_fraction(self.signal, self.coherent, self.spread, self.noise)
 
-
-def _moments(
-    scene: Scene,
-    motion: AbstractMotion,
-    response: Response,
-    every_power: Float[Array, "m"],
-    *,
-    of_each: bool = False,
-) -> _Moments:
-    """The moments of all speeds together, or those of each speed."""
-    dtype = response.efficiency.dtype
-    spectra, num_kept = response.spectra, response.spectra.shape[1]
-    weights = ensemble_weights(scene).astype(dtype)[:, None]
-    if of_each:
-        weights = jnp.asarray(error_weights(scene), dtype)[:, None, None]
-        spectra = spectra.reshape(weights.size, -1, num_kept)
-
-    def along(row: Float[Array, "m"]) -> Float[Array, "*one k"]:
-        """The lowest frequencies of a row, along the last axis of the moments."""
-        return row[:num_kept].reshape((1, -1) if of_each else (-1,))
-
-    aperture = along(_aperture(scene, every_power.size, np.dtype(dtype)))
-    if scene.occlusion is not None:
-        mean, spread = layer_moments(scene, motion, response.spectra, of_each=of_each)
-        if not of_each:
-            mean, spread = mean[0], spread[0]
-    else:
-        mean = jnp.sum(weights.astype(spectra.dtype) * spectra, axis=0)
-        deviation = spectra - mean[None]
-        spread = jnp.sum(weights * (deviation.real**2 + deviation.imag**2), axis=0)
-    spread = spread * aperture
-    if scene.tolerances is not None:
-        variance = drive_variance(scene, motion, response.efficiency, every_power.size)
-        spread = spread + along(variance) * aperture
-    coherent = (mean.real**2 + mean.imag**2) * aperture
-    signal, noise = _signal_and_noise(scene, motion, response.efficiency, along(every_power))
-    return _Moments(mean, coherent, spread, signal, noise)
+    @property
+    def filter(self) -> Complex[Array, "*n k"]:
+        """The best filter over the picture's power and the aperture."""
+        dark = self.total <= 0
+        divisor = jnp.where(dark, 1.0, self.total).astype(self.mean.dtype)
+        return jnp.where(dark, 0.0, jnp.conj(self.mean) / divisor)
 
 
 @final
@@ -110,24 +79,49 @@ class LinearErrors:
         self.power = picture_power(scene, count, np.dtype(response.efficiency.dtype))
 
     @cached_property
-    def _every(self) -> _Moments:
+    def every(self) -> _Moments:
         """The moments of all speeds together."""
-        return _moments(self.scene, self.motion, self.response, self.power)
+        return self._moments(of_each=False)
 
     @cached_property
-    def _each(self) -> _Moments:
+    def each(self) -> _Moments:
         """The moments of each speed."""
-        return _moments(self.scene, self.motion, self.response, self.power, of_each=True)
+        return self._moments(of_each=True)
 
-    @property
-    def lost_unknown(self) -> Float[Array, "k"]:
-        """Share of the power that one filter for all speeds loses at each frequency."""
-        return self._every.lost
+    def _moments(self, *, of_each: bool) -> _Moments:
+        scene, motion, response = self.scene, self.motion, self.response
+        dtype, num_frequencies = response.efficiency.dtype, self.power.size
+        spectra, num_kept = response.spectra, response.spectra.shape[1]
+        weights = ensemble_weights(scene).astype(dtype)[:, None]
+        if of_each:
+            weights = jnp.asarray(error_weights(scene), dtype)[:, None, None]
+            spectra = spectra.reshape(weights.size, -1, num_kept)
+
+        def along(row: Float[Array, "m"]) -> Float[Array, "*one k"]:
+            """The lowest frequencies of a row, along the last axis of the moments."""
+            return row[:num_kept].reshape((1, -1) if of_each else (-1,))
+
+        aperture = along(_aperture(scene, num_frequencies, np.dtype(dtype)))
+        if scene.occlusion is not None:
+            mean, spread = layer_moments(scene, motion, response.spectra, of_each=of_each)
+            if not of_each:
+                mean, spread = mean[0], spread[0]
+        else:
+            mean = jnp.sum(weights.astype(spectra.dtype) * spectra, axis=0)
+            deviation = spectra - mean[None]
+            spread = jnp.sum(weights * (deviation.real**2 + deviation.imag**2), axis=0)
+        spread = spread * aperture
+        if scene.tolerances is not None:
+            variance = drive_variance(scene, motion, response.efficiency, num_frequencies)
+            spread = spread + along(variance) * aperture
+        coherent = (mean.real**2 + mean.imag**2) * aperture
+        signal, noise = _signal_and_noise(scene, motion, response.efficiency, along(self.power))
+        return _Moments(mean, coherent, spread, signal, noise)
 
     @property
     def lost_known_by_speed(self) -> Float[Array, "n k"]:
         """Share of the power that the filter of each speed loses at each frequency."""
-        return self._each.lost
+        return self.each.lost
 
     @property
     def lost_known(self) -> Float[Array, "k"]:
@@ -137,135 +131,84 @@ class LinearErrors:
 
     @cached_property
     def unknown(self) -> Float[Array, ""]:
-        """The `expected_squared_error`, of one filter for all speeds."""
-        return _squared_error(self.lost_unknown, self.power)
+        r"""Expected squared error of the best single linear decoder, white = 1.
+
+        With $m = \sum p_i H_i$ and $v = \sum p_i |H_i - m|^2$ (aperture included) the filter
+        $G = S\bar m/(S(|m|^2 + v) + N)$ leaves $2\int_0^{1/2} S\,(Sv + N)/(S(|m|^2+v) + N)\,df$,
+        where $N = \eta\,\bar f/p + (\sigma/p)^2$ is the noise of the paper's equation (4) at
+        $p = \text{rate}\cdot 2T$. No term of this form cancels another. Without any light the
+        error is the picture's own variance. Where the response holds only the lowest of
+        `num_frequencies`, the picture's power at the others counts as lost.
+        """
+        return self._squared_error(self.every.lost)
 
     @cached_property
     def known(self) -> Float[Array, ""]:
-        """The `known_speed_squared_error`, of filters that know the speed."""
-        return _squared_error(self.lost_known, self.power)
+        r"""Expected squared error of the best linear decoder that knows the speed.
+
+        Each speed has a filter of its own, and the picture, aperture, noise and units are those of
+        `unknown`: without tolerances $\sum_i p_i\,2\int_0^{1/2} S\,N/(S|H_i|^2 + N)\,df$. Within
+        tolerances $m$ and $v$ of that formula are over the errors about each speed. One filter for
+        all speeds is never better than this.
+        """
+        return self._squared_error(self.lost_known)
 
     @cached_property
     def unknown_by_speed(self) -> Float[Array, "n"]:
-        """The `squared_errors_by_speed`, of one filter for all speeds."""
-        return _errors_by_speed(self.scene, self._every, self._each, self.power)
+        r"""Squared error of the best single linear decoder at each speed.
+
+        With the filter $G$ of `unknown` it is
+        $2\int_0^{1/2} [S(|1 - G m_i|^2 + |G|^2 v_i) + N|G|^2]\,df$ at speed $i$, where $m_i$ and
+        $v_i$ are the mean and the variance of the response within the tolerances about that speed:
+        $H_i$ and 0 without tolerances. The mean over the speeds, weighted, is `unknown`.
+        """
+        every, each, power = self.every, self.each, self.power
+        num_kept = every.mean.shape[0]
+        aperture = _aperture(self.scene, power.size, np.dtype(power.dtype))[:num_kept]
+        gain = share(every.signal, every.total, of_nothing=0.0)  # the filter is 0 in the dark
+        filter_ = (gain * aperture).astype(every.mean.dtype) * jnp.conj(every.mean)
+        missing = 1 - filter_[None] * each.mean
+        # The noise over the signal, |G|^2 of it, without a quotient by a signal that may be 0.
+        noise = gain * every.coherent * share(every.noise, every.total)
+        spread = (gain**2 * every.coherent)[None] * each.spread
+        lost = missing.real**2 + missing.imag**2 + spread + noise[None]
+        return self._squared_error(lost)
 
     @cached_property
     def known_by_speed(self) -> Float[Array, "n"]:
         """The squared error at each speed of the filter that knows it."""
-        return _squared_error(self.lost_known_by_speed, self.power)
+        return self._squared_error(self.lost_known_by_speed)
+
+    def unaware(self, nominal: "LinearErrors") -> Float[Array, ""]:
+        r"""Expected squared error of the best filter of a nominal camera, without tolerances.
+
+        The error of a filter $G'$ exceeds that of the best one $G$ of `unknown` by
+        $2\int_0^{1/2}|G' - G|^2\,(S(|m|^2 + v) + N)\,df$: the error is quadratic in the filter.
+        """
+        moments, power = self.every, self.power
+        difference = moments.filter - nominal.every.filter
+        excess = difference.real**2 + difference.imag**2
+        aperture = _aperture(self.scene, power.size, np.dtype(power.dtype))
+        excess = excess * aperture * moments.signal * moments.total
+        return jnp.mean(power * (moments.lost + jnp.where(moments.signal > 0, excess, 0.0)))
+
+    def _squared_error(self, lost: Float[Array, "*n k"]) -> Float[Array, "*n"]:
+        """Squared error by the share of the power that is lost; all of it at higher frequencies."""
+        num_kept = lost.shape[-1]
+        lowest = self.power[:num_kept].reshape((1,) * (lost.ndim - 1) + (num_kept,))
+        lost_power = jnp.sum(lowest * lost, axis=-1) + jnp.sum(self.power[num_kept:])
+        return lost_power / self.power.size
 
     def worst(self, errors: Float[Array, "n"]) -> Float[Array, ""]:
         """The largest of the errors at the speeds that occur."""
         return jnp.max(jnp.where(self.scene.weights > 0, errors, 0.0))
 
 
-def expected_squared_error(
-    scene: Scene,
-    motion: AbstractMotion,
-    response: Response,
-    num_frequencies: int | None = None,
-) -> Float[Array, ""]:
-    r"""Expected squared error of the best single linear decoder, white = 1.
-
-    With $m = \sum p_i H_i$ and $v = \sum p_i |H_i - m|^2$ (aperture included) the filter
-    $G = S\bar m/(S(|m|^2 + v) + N)$ leaves $2\int_0^{1/2} S\,(Sv + N)/(S(|m|^2+v) + N)\,df$,
-    where $N = \eta\,\bar f/p + (\sigma/p)^2$ is the noise of the paper's equation (4) at
-    $p = \text{rate}\cdot 2T$. No term of this form cancels another. Without any light the
-    error is the picture's own variance. Where the response holds only the lowest of
-    `num_frequencies`, the picture's power at the others counts as lost.
-    """
-    return LinearErrors(scene, motion, response, num_frequencies).unknown
-
-
-def known_speed_squared_error(
-    scene: Scene,
-    motion: AbstractMotion,
-    response: Response,
-    num_frequencies: int | None = None,
-) -> Float[Array, ""]:
-    r"""Expected squared error of the best linear decoder that knows the speed.
-
-    Each speed has a filter of its own, and the picture, aperture, noise and units are those of
-    `expected_squared_error`: without tolerances
-    $\sum_i p_i\,2\int_0^{1/2} S\,N/(S|H_i|^2 + N)\,df$. Within tolerances $m$ and $v$ of that
-    formula are over the errors about each speed. One filter for all speeds is never better than
-    this.
-    """
-    return LinearErrors(scene, motion, response, num_frequencies).known
-
-
-def squared_errors_by_speed(
-    scene: Scene,
-    motion: AbstractMotion,
-    response: Response,
-    num_frequencies: int | None = None,
-) -> Float[Array, "n"]:
-    r"""Squared error of the best single linear decoder at each speed.
-
-    With the filter $G$ of `expected_squared_error` it is
-    $2\int_0^{1/2} [S(|1 - G m_i|^2 + |G|^2 v_i) + N|G|^2]\,df$ at speed $i$, where $m_i$ and $v_i$
-    are the mean and the variance of the response within the tolerances about that speed: $H_i$ and
-    0 without tolerances. The mean over the speeds, weighted, is the `expected_squared_error`.
-    """
-    return LinearErrors(scene, motion, response, num_frequencies).unknown_by_speed
-
-
-def _squared_error(lost: Float[Array, "*n k"], power: Float[Array, "m"]) -> Float[Array, "*n"]:
-    """Squared error by the share of the power that is lost; all of it at higher frequencies."""
-    num_kept = lost.shape[-1]
-    lowest = power[:num_kept].reshape((1,) * (lost.ndim - 1) + (num_kept,))
-    return (jnp.sum(lowest * lost, axis=-1) + jnp.sum(power[num_kept:])) / power.size
-
-
-def _errors_by_speed(
-    scene: Scene, every: _Moments, each: _Moments, power: Float[Array, "m"]
-) -> Float[Array, "n"]:
-    """The `squared_errors_by_speed` by the moments of all speeds and of each."""
-    num_kept = every.mean.shape[0]
-    aperture = _aperture(scene, power.size, np.dtype(power.dtype))[:num_kept]
-    gain = share(every.signal, every.total, of_nothing=0.0)  # the filter is 0 in the dark
-    filter_ = (gain * aperture).astype(every.mean.dtype) * jnp.conj(every.mean)
-    missing = 1 - filter_[None] * each.mean
-    # The noise over the signal, |G|^2 of it, without a quotient by a signal that may be 0.
-    noise = gain * every.coherent * share(every.noise, every.total)
-    spread = (gain**2 * every.coherent)[None] * each.spread
-    lost = missing.real**2 + missing.imag**2 + spread + noise[None]
-    return _squared_error(lost, power)
-
-
-def unaware_squared_error(
-    scene: Scene, motion: AbstractMotion, response: Response, nominal: Response
-) -> Float[Array, ""]:
-    r"""Expected squared error of the best filter of a camera without tolerances.
-
-    The error of a filter $G'$ exceeds that of the best one $G$ of `expected_squared_error` by
-    $2\int_0^{1/2}|G' - G|^2\,(S(|m|^2 + v) + N)\,df$: the error is quadratic in the filter.
-    """
-    power = picture_power(scene, response.spectra.shape[1], np.dtype(response.efficiency.dtype))
-    moments = _moments(scene, motion, response, power)
-    without = _moments(without_tolerances(scene), motion, nominal, power)
-    difference = _filter(moments) - _filter(without)
-    excess = difference.real**2 + difference.imag**2
-    aperture = _aperture(scene, power.size, np.dtype(power.dtype))
-    excess = excess * aperture * moments.signal * moments.total
-    return jnp.mean(power * (moments.lost + jnp.where(moments.signal > 0, excess, 0.0)))
-
-
-def _filter(moments: _Moments) -> Complex[Array, "k"]:
-    """The best filter over the picture's power and the aperture."""
-    dark = moments.total <= 0
-    divisor = jnp.where(dark, 1.0, moments.total).astype(moments.mean.dtype)
-    return jnp.where(dark, 0.0, jnp.conj(moments.mean) / divisor)
-
-
 class DecoderLevels(NamedTuple):
     """Ratio of signal to noise by frequency, and PSNR by speed, of one decoder."""
 
-    # Power of the picture over that of its disturbances; shape `(m,)`
-    signal_over_noise: Float[np.ndarray, "m"]
-    # PSNR at each speed that occurs, in linear light; dB, shape `(n,)`
-    psnr: Float[np.ndarray, "n"]
+    signal_over_noise: Float[np.ndarray, "m"]  # Power of the picture over that of its disturbances
+    psnr: Float[np.ndarray, "n"]  # PSNR at each speed that occurs, in linear light; dB
 
 
 class SpectralLevels(NamedTuple):
@@ -282,7 +225,7 @@ def spectral_levels(
 ) -> SpectralLevels:
     r"""Ratio of signal to noise by frequency, and PSNR by speed, of the best linear decoders.
 
-    In the terms of `expected_squared_error` the ratio of one filter for all speeds is
+    In the terms of `LinearErrors.unknown` the ratio of one filter for all speeds is
     $q = S|m|^2/(Sv + N)$, at the exposure of the motion and with the spread between the scene's
     speeds as noise: the decoder's error is $S/(1 + q)$. The PSNR is that of
     $2\int_0^{1/2} [S|1 - G H_i|^2 + N|G|^2]\,df$, whose weighted mean over the speeds is the
@@ -319,13 +262,8 @@ def _levels_of_records(
 ) -> tuple[tuple[Float[Array, "m"], Float[Array, "n"]], ...]:
     """Share of the power lost at each frequency, squared error at each speed: unknown, known."""
     errors = LinearErrors(scene, motion, response_from(scene, recorded, plan), plan.num_frequencies)
-    unknown = errors.lost_unknown, errors.unknown_by_speed
+    unknown = errors.every.lost, errors.unknown_by_speed
     return unknown, (errors.lost_known, errors.known_by_speed)
-
-
-_ALIGNING_STEPS = 20
-_LEAST_CURVATURE = 0.25
-"""Least curvature of a step, as a share of its bound; the bound itself would be safe but slower."""
 
 
 def freely_aligned(
@@ -334,7 +272,7 @@ def freely_aligned(
     r"""The response with each speed displaced so that the expected error is least.
 
     A displacement $d_i$ takes $H_i$ to $H_i e^{2\pi i f d_i}$ and does not change
-    $\sum p_i|H_i|^2$, so that of `expected_squared_error` only $-\int W |m|^2\,df$ changes, with
+    $\sum p_i|H_i|^2$, so that of `LinearErrors.unknown` only $-\int W |m|^2\,df$ changes, with
     $W = S^2/(S \sum p_i|H_i|^2 + N)$ (aperture included). Each step moves every speed towards
     the largest overlap with the mean of all, $\operatorname{Re}\int W \bar m H_i\,df$; 20 of
     them come to within 1e-4 dB of the least error near the alignment of the kernels. The
@@ -370,13 +308,14 @@ def freely_aligned(
         overlap = weight.astype(each.dtype) * jnp.conj(mean)[None] * each
         slope = -jnp.sum(omega * overlap.imag, axis=1)
         bound = jnp.sum(omega**2 * jnp.abs(overlap), axis=1)
-        curvature = jnp.maximum(jnp.sum(omega**2 * overlap.real, axis=1), _LEAST_CURVATURE * bound)
+        # The bound itself would be safe but slower.
+        curvature = jnp.maximum(jnp.sum(omega**2 * overlap.real, axis=1), 0.25 * bound)
         curves = curvature > 0
         return displacement + jnp.where(curves, slope / jnp.where(curves, curvature, 1.0), 0.0)
 
     start = jnp.zeros(spectra.shape[0], dtype)
     # The error is stationary in the displacements, so that its slope is that with these held fixed.
-    displacement = jax.lax.stop_gradient(jax.lax.fori_loop(0, _ALIGNING_STEPS, step, start))
+    displacement = jax.lax.stop_gradient(jax.lax.fori_loop(0, 20, step, start))
     return eqx.tree_at(lambda r: r.spectra, response, displaced(response.spectra, displacement))
 
 
@@ -394,13 +333,11 @@ def _signal_and_noise(
     efficiency: Float[Array, ""],
     power: Float[Array, "*one k"],
 ) -> tuple[Float[Array, "*one k"], Float[Array, ""]]:
-    """Power of the picture and of the noise, as recorded in a common unit.
-
-    The unit is the larger of signal and noise, because squares of electrons overflow float32.
-    """
+    """Power of the picture and of the noise, as recorded in a common unit."""
     dtype = efficiency.dtype
     electrons = white_electrons(scene.photon_rate.astype(dtype), motion.exposure.astype(dtype))
     read_noise = scene.read_noise.astype(dtype)
+    # The unit is the larger of signal and noise: squares of electrons overflow float32.
     largest = jnp.maximum(jnp.maximum(electrons, jnp.sqrt(electrons)), read_noise)
     unit = jax.lax.stop_gradient(jnp.where(largest > 0, largest, 1.0))
     mean_level = scene.picture.mean_level.astype(dtype)

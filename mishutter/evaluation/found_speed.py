@@ -16,8 +16,6 @@ FOUND_SHARE = 0.8
 """Share of the gain from knowing the speed, in decibels, that a speed-finding decoder keeps."""
 LEAST_DIFFERENCE = 29.0
 """Greatest `smear_difference` at which no speed is found: photographs may be as soft; px."""
-_ENOUGH_DIFFERENCE = 36.0
-"""Least `smear_difference` at which the decoder keeps the whole `FOUND_SHARE`; px."""
 
 Number = Float[Array | np.ndarray, ""] | float
 """One number; a NumPy scalar where it is concrete."""
@@ -52,7 +50,7 @@ def found_share(difference: Number, share: float = FOUND_SHARE) -> Number:
     little between speeds to tell them apart. From there to $d_1$ = 36 px it is $(3 - 2x)x^2$ of
     the whole share, with $x = (d - d_0)/(d_1 - d_0)$; beyond, it is the whole share.
     """
-    x = (difference - LEAST_DIFFERENCE) / (_ENOUGH_DIFFERENCE - LEAST_DIFFERENCE)
+    x = (difference - LEAST_DIFFERENCE) / (36.0 - LEAST_DIFFERENCE)
     # The cubic has slopes of 0 at both ends, so that a search meets no kink.
     x = namespace_of(difference).clip(x, 0.0, 1.0)
     return share * (3 - 2 * x) * x**2

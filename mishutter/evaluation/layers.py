@@ -39,26 +39,17 @@ from mishutter.model.optics import NUM_FREQUENCIES
 from mishutter.model.scene import Scene, picture_power
 from mishutter.model.texture import CORNER_FREQUENCY
 
-LEAST_EFFECTIVE_SPEEDS, _MOST_EFFECTIVE_SPEEDS = 129, 513
-"""Numbers of effective speeds that an expected error takes, at least and at most."""
+LEAST_EFFECTIVE_SPEEDS = 129
+"""Least number of effective speeds that an expected error takes."""
 _LEAST_OF_MANY_PAIRS = 65
 """Least number of them where pairs of speeds are so many that their table would not fit."""
-SEARCHED_EFFECTIVE_SPEEDS, _SEARCHED_FREQUENCIES = 25, 24
-"""Numbers of effective speeds, and of frequencies of the beat, that a search takes; its design is
-measured with all of them. The error is exact to 0.1 dB, and to 0.25 dB where optics are soft."""
+SEARCHED_EFFECTIVE_SPEEDS = 25
+"""Number of effective speeds that a search takes; its design is measured with all of them. The
+error is exact to 0.1 dB, and to 0.25 dB where optics are soft."""
 _EVEN_BELOW = 0.02
 """Frequency below which the frequencies of a search lie in even steps, cycles/px."""
-_BEAT_STEP = 0.8
-"""Travel of neighbouring effective speeds against each other in half the exposure, px, by which an
-expected error is known to 1e-4 dB."""
-_EFFECTIVE_SPEEDS_OF_DECODERS = 97
-"""Number of effective speeds that a decoder's filter takes; its error is exact to 0.01 dB."""
-_MOST_WEIGHTS = 40_000
-"""Effective speeds times pairs of speeds, at most: their table takes 80 MB at 256 frequencies."""
 _NEIGHBOURS = 6
 """Effective speeds, or frequencies, that a value is interpolated from."""
-_NODES_A_PEAK = 96
-"""Nodes of the quadrature about either peak of the beat."""
 
 
 class _Fineness(NamedTuple):
@@ -76,8 +67,9 @@ class _Fineness(NamedTuple):
         Speeds beyond the furthest of a search are of the beat at the lowest frequencies alone.
         """
         if count <= SEARCHED_EFFECTIVE_SPEEDS:
-            return _Fineness(SEARCHED_EFFECTIVE_SPEEDS, 4.0, 2.1, _SEARCHED_FREQUENCIES)
-        most = max(_LEAST_OF_MANY_PAIRS, _MOST_WEIGHTS // num_pairs)
+            return _Fineness(SEARCHED_EFFECTIVE_SPEEDS, 4.0, 2.1, 24)
+        # The table of 40,000 weights takes 80 MB at 256 frequencies.
+        most = max(_LEAST_OF_MANY_PAIRS, 40_000 // num_pairs)
         count = min(max(count, _LEAST_OF_MANY_PAIRS), most)
         # The number is odd, so that one of the speeds is the middle one.
         return _Fineness((count - 1) | 1, 512.0, 7.7, None)
@@ -95,8 +87,9 @@ def num_effective_speeds(travel: float) -> int:
     """Odd number of effective speeds by which an expected error is known to 1e-4 dB, as a rule."""
     every = _Fineness.of(LEAST_EFFECTIVE_SPEEDS, 1)
     finest = every.furthest * every.growth / math.sinh(every.growth)
-    count = 1 + 2 * math.ceil(finest * travel / _BEAT_STEP)
-    return min(max(count, LEAST_EFFECTIVE_SPEEDS), _MOST_EFFECTIVE_SPEEDS)
+    # Neighbours travel 0.8 px against each other in half the exposure.
+    count = 1 + 2 * math.ceil(finest * travel / 0.8)
+    return min(max(count, LEAST_EFFECTIVE_SPEEDS), 513)
 
 
 class Frequencies(NamedTuple):
@@ -147,8 +140,7 @@ class LayerSampling(NamedTuple):
     """Frequencies and effective speeds at which the shares of two layers are computed; static."""
 
     grid: Frequencies  # The frequencies
-    # Number of effective speeds; 25, or 65 at least
-    num_effective_speeds: int = SEARCHED_EFFECTIVE_SPEEDS
+    num_effective_speeds: int = SEARCHED_EFFECTIVE_SPEEDS  # Effective speeds; 25, or 65 at least
     folds: bool = False  # Whether `+s` and `-s` are taken for one effective speed
 
 
@@ -182,7 +174,7 @@ def _shares(
     front = occlusion.front_share.astype(dtype)
     behind = 1 - front
     speeds, weights = (jnp.asarray(x, dtype) for x in background)
-    nodes = _Nodes.between(_spanned(scene, speeds, weights, folds=folds), fineness)
+    nodes = _Nodes.of(scene, speeds, weights, fineness, folds=folds)
     knots = fineness.knots_among(grid.number)
     some = slice(None) if knots is None else np.array(knots)
     num_pairs = speeds.size, scene.speeds.size
@@ -200,15 +192,16 @@ def _shares(
             """Power spectrum of the matte."""
             return front * behind * 2 * length / (1 + (2 * jnp.pi * frequency * length) ** 2)
 
-        rule = _matte_rule(frequency, 1 / (2 * jnp.pi * length), scene.optics.cutoff_frequency)
-        beside = _texture_at(power, frequency[:, None] - rule.matte)
-        mass = beside * matte(rule.matte) * rule.step
+        corner = 1 / (2 * jnp.pi * length)
+        at_matte, step = _matte_rule(frequency, corner, scene.optics.cutoff_frequency)
+        beside = _texture_at(power, frequency[:, None] - at_matte)
+        mass = beside * matte(at_matte) * step
         same = jnp.sum(mass, axis=1)
         levels = occlusion.level_difference.astype(dtype) ** 2 * matte(frequency)
         objects = levels + front**2 * texture + same
         own = behind**2 * texture
         total = jnp.where(passes, objects + own + same, 0)
-        ratio = rule.matte / frequency[:, None]
+        ratio = at_matte / frequency[:, None]
         at_knots, ratio = mass[some], ratio[some]
 
         def pair(each: tuple[Array, Array]) -> Array:
@@ -242,18 +235,6 @@ def _shares(
     )
 
 
-def _spanned(scene: Scene, speeds: Array, weights: Array, *, folds: bool) -> tuple[Array, Array]:
-    """The slowest and the fastest of two layers; the same in both directions where these fold."""
-    every = jnp.concatenate([scene.speeds.astype(speeds.dtype), speeds])
-    occurs = jnp.concatenate([scene.weights > 0, weights > 0])
-    slowest = jnp.min(jnp.where(occurs, every, jnp.inf))
-    fastest = jnp.max(jnp.where(occurs, every, -jnp.inf))
-    if folds:
-        fastest = jnp.maximum(jnp.abs(slowest), jnp.abs(fastest))
-        slowest = -fastest
-    return slowest, fastest
-
-
 class _Nodes(NamedTuple):
     r"""Effective speeds $c + Rd\sinh(bk)/\sinh(bn)$, $k = -n \dots n$."""
 
@@ -263,10 +244,20 @@ class _Nodes(NamedTuple):
     num: int  # $2n + 1$
 
     @staticmethod
-    def between(ends: tuple[Array, Array], fineness: _Fineness) -> "_Nodes":
-        half = (ends[1] - ends[0]) / 2
+    def of(
+        scene: Scene, speeds: Array, weights: Array, fineness: _Fineness, *, folds: bool
+    ) -> "_Nodes":
+        """Those about the speeds of a scene's objects and of its background."""
+        every = jnp.concatenate([scene.speeds.astype(speeds.dtype), speeds])
+        occurs = jnp.concatenate([scene.weights > 0, weights > 0])
+        slowest = jnp.min(jnp.where(occurs, every, jnp.inf))
+        fastest = jnp.max(jnp.where(occurs, every, -jnp.inf))
+        if folds:  # the same in both directions
+            fastest = jnp.maximum(jnp.abs(slowest), jnp.abs(fastest))
+            slowest = -fastest
+        half = (fastest - slowest) / 2
         scale = jnp.where(half > 0, half, 1.0) * (fineness.furthest / math.sinh(fineness.growth))
-        return _Nodes((ends[0] + ends[1]) / 2, scale, fineness.growth, fineness.num_speeds)
+        return _Nodes((slowest + fastest) / 2, scale, fineness.growth, fineness.num_speeds)
 
     @property
     def speeds(self) -> Array:
@@ -302,40 +293,32 @@ def _interpolation(place: Array, count: int) -> tuple[Array, list[Array]]:
     return first.astype(np.int32), shares
 
 
-class _MatteRule(NamedTuple):
-    """Frequencies of the matte, cycles/px, and their steps, for each frequency; `(m, g)` each."""
+def _matte_rule(frequency: Array, corner: Array, cutoff: Array) -> tuple[Array, Array]:
+    """Nodes about the matte's peak at 0 and about the texture's, where it is at `frequency`.
 
-    matte: Array
-    step: Array
-
-
-def _matte_rule(frequency: Array, corner: Array, cutoff: Array) -> _MatteRule:
-    """Nodes about the matte's peak at 0 and about the texture's, where it is at `frequency`."""
-    nodes, weights = (x[None].astype(frequency.dtype) for x in _gauss_legendre(_NODES_A_PEAK))
+    Frequencies of the matte, cycles/px, and their steps, for each frequency; `(m, g)` each.
+    """
+    rule = np.polynomial.legendre.leggauss(96)
+    nodes, weights = (x[None].astype(frequency.dtype) for x in rule)
     f, cutoff = frequency[:, None], cutoff.astype(frequency.dtype)
     # Beyond these the lens has taken all of the texture.
     low, high = f - cutoff, f + cutoff
     # Each peak has nodes up to half way to the other.
     between = jnp.clip(f / 2, low, high)
 
-    def about(centre: Array, width: Array | float, ends: tuple[Array, Array]) -> _MatteRule:
+    def about(
+        centre: Array, width: Array | float, ends: tuple[Array, Array]
+    ) -> tuple[Array, Array]:
         # In this coordinate a Lorentzian is smooth, its peak and its long tails alike.
         begin, end = (jnp.arcsinh((x - centre) / width) for x in ends)
         place = begin + (end - begin) * (nodes + 1) / 2
         step = width * jnp.cosh(place) * (end - begin) * weights / 2
-        return _MatteRule(centre + width * jnp.sinh(place), step)
+        return centre + width * jnp.sinh(place), step
 
     of_matte = about(jnp.zeros_like(f), corner, (low, between))
     of_texture = about(f, CORNER_FREQUENCY, (between, high))
-    return _MatteRule(
-        jnp.concatenate([of_matte.matte, of_texture.matte], axis=1),
-        jnp.concatenate([of_matte.step, of_texture.step], axis=1),
-    )
-
-
-@lru_cache
-def _gauss_legendre(count: int) -> tuple[np.ndarray, np.ndarray]:
-    return np.polynomial.legendre.leggauss(count)
+    places, steps = zip(of_matte, of_texture, strict=True)
+    return jnp.concatenate(places, axis=1), jnp.concatenate(steps, axis=1)
 
 
 def _texture_at(texture: Array, frequency: Array) -> Array:
@@ -371,8 +354,7 @@ class LayerMoments(NamedTuple):
     """Mean response and its spread, of all speeds of the objects together or of each."""
 
     mean: Complex[Array, "objects frequencies"]  # $m$, aligned; complex, shape `(o, m)`
-    # $v$, so that the power of a capture is $S_r(|m|^2 + v)$; shape `(o, m)`
-    spread: Float[Array, "objects frequencies"]
+    spread: Float[Array, "objects frequencies"]  # $v$: the power of a capture is $S_r(|m|^2 + v)$
 
 
 def layer_moments(
@@ -421,25 +403,18 @@ def moments_on_dft(
     They are of the camera as it was designed, without the errors that its tolerances allow.
     """
     scene, grid = without_tolerances(scene), Frequencies.of_dft(length)
-    sampling = LayerSampling(grid, _EFFECTIVE_SPEEDS_OF_DECODERS)
-    scene = with_shares(scene, background_of(scene), sampling)
+    # A filter of so many effective speeds is exact to 0.01 dB.
+    scene = with_shares(scene, background_of(scene), LayerSampling(grid, 97))
     speeds = np.asarray(computed_speeds(scene))
-    spectra = responses(speeds, _num_occurring(scene, speeds.size))
-    return jax.tree.map(np.asarray, _moments_on_dft(scene, motion, jnp.asarray(spectra)))
-
-
-def _num_occurring(scene: Scene, num_speeds: int) -> np.ndarray:
-    """Number of the lowest frequencies at which each of the `computed_speeds` occurs, at most.
-
-    The beat moves fast where its waves are long beside those of the matte, and there alone.
-    """
+    # The beat moves fast where its waves are long beside those of the matte, and there alone: each
+    # speed occurs up to some frequency. The effective speeds come last among all.
     occurs = np.any(np.asarray(scene.occlusion.shares.beat) != 0, axis=(0, 1))  # type: ignore[union-attr]
     num_effective, number = occurs.shape
-    counts = np.full(num_speeds, number)
+    counts = np.full(speeds.size, number)
     highest = number - np.argmax(occurs[:, ::-1], axis=1)
-    # The effective speeds come last among those that are computed.
-    counts[num_speeds - num_effective :] = np.where(np.any(occurs, axis=1), highest, 0)
-    return counts
+    counts[speeds.size - num_effective :] = np.where(np.any(occurs, axis=1), highest, 0)
+    spectra = responses(speeds, counts)
+    return jax.tree.map(np.asarray, _moments_on_dft(scene, motion, jnp.asarray(spectra)))
 
 
 @compiled
@@ -519,9 +494,16 @@ def _distances(
     shares: LayerShares = scene.occlusion.shares  # type: ignore[union-attr]
     parts = [x.astype(dtype) for x in (shares.background_speeds, scene.speeds, shares.speeds)]
     background, objects, nodes = parts
-    ends = np.cumsum([background.size, objects.size])
-    displacements = _displacements(scene, motion, jnp.concatenate(parts))
-    behind, front, between = jnp.split(displacements, ends, axis=1)
+    ends, speeds = np.cumsum([background.size, objects.size]), jnp.concatenate(parts)
+
+    def alignment(motion: AbstractMotion, speeds: Array) -> Array:
+        return jnp.asarray(motion.alignment(speeds))
+
+    if scene.tolerances is None:
+        places = alignment(motion, speeds)[None]
+    else:
+        places = at_each_error(alignment, speeds, scene.tolerances, motion).reshape(-1, speeds.size)
+    behind, front, between = jnp.split(-places, ends, axis=1)
     difference = objects[None] - background[:, None]
     moves = (difference != 0)[..., None]
     place = (nodes[None, None] - background[:, None, None]) / jnp.where(
@@ -536,9 +518,7 @@ class _Knots(NamedTuple):
     """Frequencies at which the beat is computed, and polynomials that lead from one to the next."""
 
     places: np.ndarray  # Their places among all frequencies, ascending; shape `(c,)`
-    # Share that each has in the value at each frequency, `(c, f)`; None where each frequency is a
-    # knot
-    shares: np.ndarray | None
+    shares: np.ndarray | None  # Their shares at each frequency, `(c, f)`; None if all are knots
 
     @staticmethod
     def of(shares: LayerShares, num_kept: int) -> "_Knots":
@@ -603,17 +583,6 @@ def _knots(knots: tuple[int, ...] | None, number: int, num_kept: int) -> _Knots:
         share = np.prod((every[:, None] - others) / (nodes[:, own, None] - others), axis=1)
         shares[near[:, own], np.arange(num_kept)] = share
     return _Knots(places, shares)
-
-
-def _displacements(scene: Scene, motion: AbstractMotion, speeds: Array) -> Array:
-    """Distances by which objects of some speeds are displaced, at each error; px, `(e, s)`."""
-
-    def on(motion: AbstractMotion, speeds: Array) -> Array:
-        return -jnp.asarray(motion.alignment(speeds))
-
-    if scene.tolerances is None:
-        return on(motion, speeds)[None]
-    return at_each_error(on, speeds, scene.tolerances, motion).reshape(-1, speeds.size)
 
 
 def _folded(weights: Array, shares: LayerShares) -> Array:

@@ -111,9 +111,6 @@ def value_of(
 
     The one road by which a search hands its plan to the losses: called by a user, each makes its
     own.
-
-    Raises:
-        ValueError: if it is not one real number.
     """
     if isinstance(loss, WeightedSum):
         values = [w * value_of(part, scene, motion, shutter, plan) for part, w in loss.needed]
@@ -129,11 +126,7 @@ def value_of(
 
 
 def one_real_number(loss: AbstractLoss, value: object) -> Float[Array, ""]:
-    """The value of a loss, which may be a user's.
-
-    Raises:
-        ValueError: if it is not one real number.
-    """
+    """The value of a loss, which may be a user's, refused if it is not one real number."""
     if isinstance(value, jax.Array | np.ndarray):
         is_scalar, got = value.shape == (), f"{value.dtype} of shape {value.shape}"
     else:
@@ -208,11 +201,7 @@ class FunctionLoss(AbstractLoss):
 
 
 def as_loss(loss: LossFunction, subject: str) -> AbstractLoss:
-    """A loss, or a function as a loss.
-
-    Raises:
-        ValueError: if it is neither.
-    """
+    """A loss, or a function as a loss; anything else is refused."""
     is_function = callable(loss) and not isinstance(loss, type)
     require(is_function, subject, "be a loss or a function of scene, motion and shutter", loss)
     return loss if isinstance(loss, AbstractLoss) else FunctionLoss(loss)
@@ -312,7 +301,7 @@ class DesignLoss(AbstractResponseLoss):
         if self.condition:
             loss += self.condition * smooth_condition_number(response.still_spectrum)
         if self.invariance:
-            loss += self.invariance * kernel_differences(scene, motion, response)[1]
+            loss += self.invariance * kernel_differences(scene, motion, response.squares)[1]
         return loss
 
 

@@ -131,7 +131,8 @@ class Evaluation:
     @cached_property
     def kernel_differences(self) -> tuple[Float[Array, ""], Float[Array, ""]]:
         """The `kernel_differences`, raw and relative."""
-        return _differences(self.scene, self.motion, self.kernels.difference, self.kernels.still)
+        squares = self.kernels.difference, self.kernels.still
+        return kernel_differences(self.scene, self.motion, squares)
 
     @cached_property
     def errors(self) -> LinearErrors:
@@ -139,30 +140,10 @@ class Evaluation:
         return LinearErrors(self.scene, self.motion, self.response, self._num_frequencies)
 
     @property
-    def unknown_psnr(self) -> Float[Array, ""]:
-        """PSNR of one filter for all speeds; dB."""
-        return _psnr(self.errors.unknown)
-
-    @property
-    def known_psnr(self) -> Float[Array, ""]:
-        """PSNR of filters that know the speed; dB."""
-        return _psnr(self.errors.known)
-
-    @property
     def found_psnr(self) -> Float[Array, ""]:
         """PSNR of a decoder that finds the speed; dB."""
         share = found_share_of(self.scene, self.motion, self.response.efficiency)
-        return found_psnr(self.unknown_psnr, self.known_psnr, share)
-
-    @property
-    def worst_unknown_psnr(self) -> Float[Array, ""]:
-        """PSNR of one filter for all speeds at the worst of them; dB."""
-        return _psnr(self.errors.worst(self.errors.unknown_by_speed))
-
-    @property
-    def worst_known_psnr(self) -> Float[Array, ""]:
-        """PSNR of filters that know the speed at the worst of them; dB."""
-        return _psnr(self.errors.worst(self.errors.known_by_speed))
+        return found_psnr(_psnr(self.errors.unknown), _psnr(self.errors.known), share)
 
 
 def _psnr(squared_error: Float[Array, ""]) -> Float[Array, ""]:
@@ -187,8 +168,6 @@ class Metric:
     within_tolerances: bool = False
 
 
-_NO_PART = Parts(kernels=False, spectra=False, differences=False)
-_STILL_KERNEL = Parts(kernels=True, spectra=False, differences=False)
 _EVERY_KERNEL = Parts(kernels=True, spectra=False, differences=True)
 
 
@@ -220,7 +199,7 @@ _ROWS = (
         "condition number of a still object's kernel",
         "condition",
         ".2f",
-        _STILL_KERNEL,
+        Parts(kernels=True, spectra=False, differences=False),
         lambda e: e.kernels.condition_number,
         is_higher_better=False,
     ),
@@ -247,20 +226,20 @@ _ROWS = (
         "share of light let through",
         "light",
         ".3f",
-        _NO_PART,
+        Parts(kernels=False, spectra=False, differences=False),
         lambda e: e.response.efficiency,
     ),
     _level(
         "expected_psnr",
         "PSNR of the best single linear decoder",
         "PSNR dB",
-        lambda e: e.unknown_psnr,
+        lambda e: _psnr(e.errors.unknown),
     ),
     _level(
         "known_speed_psnr",
         "PSNR of the best linear decoder that knows the speed",
         "speed known dB",
-        lambda e: e.known_psnr,
+        lambda e: _psnr(e.errors.known),
     ),
     _level(
         "found_speed_psnr",
@@ -272,13 +251,13 @@ _ROWS = (
         "worst_speed_psnr",
         "PSNR of that decoder at the worst of the speeds",
         "worst speed dB",
-        lambda e: e.worst_unknown_psnr,
+        lambda e: _psnr(e.errors.worst(e.errors.unknown_by_speed)),
     ),
     _level(
         "worst_known_speed_psnr",
         "PSNR of a decoder that knows the speed at the worst of the speeds",
         "worst known dB",
-        lambda e: e.worst_known_psnr,
+        lambda e: _psnr(e.errors.worst(e.errors.known_by_speed)),
     ),
     Metric(
         "bound_share",
@@ -292,7 +271,7 @@ _ROWS = (
         "toleranced_psnr",
         "PSNR of the best single linear decoder within the tolerances",
         "within dB",
-        lambda e: e.unknown_psnr,
+        lambda e: _psnr(e.errors.unknown),
         within_tolerances=True,
     ),
 )
@@ -377,7 +356,7 @@ def _as_designed(
     """The metrics of a camera without errors by name, and the phase of its kernels."""
     response = response_from(scene, recorded, plan)
     condition = condition_number(response.still_kernel, num_frequencies=plan.dft_length)
-    kernels = KernelSums(*_sums_of_squares(response), condition)
+    kernels = KernelSums(*response.squares, condition)
     evaluation = Evaluation(scene, motion, response, kernels)
     values = {m.name: m.formula(evaluation) for m in METRICS.values() if not m.within_tolerances}
     phase = jnp.asarray(kernel_phase(motion, plan.num_taps), response.efficiency.dtype)
@@ -395,39 +374,24 @@ def _within_tolerances(
 
 
 def kernel_differences(
-    scene: Scene, motion: AbstractMotion, response: Response
+    scene: Scene, motion: AbstractMotion, squares: tuple[Float[Array, ""], Float[Array, ""]]
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
     r"""Cross-speed kernel difference, raw and relative to the still object's kernel.
 
     $\sqrt{\sum_i p_i\,\overline{(h_{s_i} - h_0)^2}}$ (the paper's Figure 3b, over the
     scene's speeds), and the same over $\sqrt{\overline{h_0^2}}$. The means are over the
-    taps that the fastest object reaches. The derivative where all kernels agree is 0.
+    taps that the fastest object reaches. The derivative where all kernels agree is 0. The sums
+    are the `squares` of a response.
     """
-    return _differences(scene, motion, *_sums_of_squares(response))
-
-
-def _sums_of_squares(response: Response) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Sums of squares of the differences, and of the kernel of an object at rest."""
-    return jnp.sum(response.differences**2), jnp.sum(response.still_kernel**2)
-
-
-def _differences(
-    scene: Scene, motion: AbstractMotion, difference: Float[Array, ""], still: Float[Array, ""]
-) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """The `kernel_differences` by their sum of squares and that of the still kernel."""
+    difference, still = squares
     is_open = still > 0
     relative = safe_sqrt(jnp.where(is_open, difference / jnp.where(is_open, still, 1.0), 0.0))
-    return safe_sqrt(difference / _num_supported(scene, motion, still)), relative
-
-
-def _num_supported(
-    scene: Scene, motion: AbstractMotion, like: Float[Array, ""]
-) -> Float[Array, ""]:
-    """Number of taps that light of the fastest object falls on, odd for a camera at rest."""
+    # Light of the fastest object falls on so many taps, an odd number for a camera at rest.
     far = jnp.ceil(motion.kernel_length(scene.max_speed))
     aside = jnp.ceil(scene.max_speed * motion.half_exposure - 0.5)
     count = jnp.where(motion.has_vertex, far, 2 * aside + 1)
-    return jax.lax.stop_gradient(jnp.maximum(count, 1)).astype(like.dtype)
+    count = jax.lax.stop_gradient(jnp.maximum(count, 1)).astype(still.dtype)
+    return safe_sqrt(difference / count), relative
 
 
 def bound_share(scene: Scene, motion: AbstractMotion, response: Response) -> Float[Array, ""]:

@@ -64,28 +64,13 @@ _STEP = 0.15
 """Step of a simplex."""
 _FIRST_STEPS, _MOST_STEPS = 12, 60
 """Steps of a simplex on every path, for each of its numbers, and more of them on the best paths."""
-_NUM_PANS = 2
-"""Pans of each path that are searched further."""
-_NUM_NUMBERS = 5
-"""Numbers of frames that move, from one to all, with which a search begins."""
-_AS_GOOD, _MAY_BE_BEST, _MAY_CLIMB = 0.05, 0.3, 1.0
-"""Decibels below the best at which a simpler burst is preferred, at which one may come to that, and
-at which other numbers of its frames may."""
-_FEW = 3
-"""Most frames that may gain by following one direction where both are alike."""
-_SAME_LEVEL, _SAME_LOSS, _ROUNDING = 1e-4, 1e-7, 1e-9
-"""Shares of an error that a further simplex gains, and within which one ends, and of a velocity
-that are rounding."""
+_ROUNDING = 1e-9
+"""Share of a velocity that is one of rounding."""
 _PIECES_OF_SINE = 32
 """Pieces of constant acceleration that stand for a sine within a frame."""
 _OF_STARTS = 0.6
 """Share of a search's time until all starts are measured."""
-_TOP_SPEEDS = (0.7, 1.0, 1.2)
-"""Top speeds of a sensor, over that of the fastest thing, that a search begins with too."""
-_HALVES = np.array([0.0, 0.5, 1.0])
 _Numbers = np.ndarray
-_MOST_VELOCITIES = 64
-"""Most frames on paths that give each a velocity of its own, whose transfer functions are many."""
 
 
 @dataclass(frozen=True)
@@ -301,7 +286,7 @@ def _largest_within(share: Callable[[_Numbers], _Numbers], most: float) -> float
     """
     if most <= 0:
         return 0.0
-    none, half, all_of_it = share(most * _HALVES)
+    none, half, all_of_it = share(most * np.array([0.0, 0.5, 1.0]))
     if all_of_it <= 1:
         return most
     if none >= 1 - _ROUNDING:
@@ -344,10 +329,14 @@ def best_moving_burst(
     if scene.burst is None:
         return None
     times, whole = FrameTimes.of(scene, scene.burst), in_parts(scene)
-    # Without a pan a burst leaves as much at opposite speeds.
-    is_mirrored = _is_mirrored(whole)
-    most = times.numbers_of_frames[-1]
-    pans = not (is_mirrored and most > _FEW)
+    # Without a pan a burst leaves as much at opposite speeds. Where each is as likely as its
+    # opposite, no more than three frames may gain by following one direction.
+    one, other = (
+        np.concatenate(distinct_speeds(x, folds=False))
+        for x in (whole, whole.without_metadata(speeds=-whole.speeds))
+    )
+    is_mirrored = one.shape == other.shape and np.allclose(one, other)
+    pans = not (is_mirrored and times.numbers_of_frames[-1] > 3)
     slowest, fastest = (float(x) for x in whole.speed_range)
     told = knowledge_of(scene).is_told
     search = _Search(
@@ -364,15 +353,6 @@ def best_moving_burst(
     return scene.limits.with_travel(found)
 
 
-def _is_mirrored(scene: Scene) -> bool:
-    """Whether every speed is as likely as its opposite."""
-    one, other = (
-        np.concatenate(distinct_speeds(x, folds=False))
-        for x in (scene, scene.without_metadata(speeds=-scene.speeds))
-    )
-    return one.shape == other.shape and np.allclose(one, other)
-
-
 class _Place(NamedTuple):
     """The frames at a point of the unit box of a search."""
 
@@ -382,18 +362,13 @@ class _Place(NamedTuple):
     pan: float  # Velocity of those that move; px/s
     num_rests: int = 0  # Number of those at rest
 
-    @property
-    def num_moving(self) -> int:
-        """Number of frames that move."""
-        return self.way.velocity.shape[0]
-
     def errors(self, frames: OpenFrames) -> Float[np.ndarray, "n"]:
         """Squared error that they leave at each speed; white = 1."""
         way, exposure = self.way, 2 * self.way.half
         places = way.in_frames(self.top_speed, self.pan)
         fastest = abs(self.pan) + self.top_speed + float(np.max(np.abs(frames.speeds)))
         passed = frames.on_paths(places, exposure, fastest)
-        alike = 1 if way.differ else self.num_moving
+        alike = 1 if way.differ else way.velocity.shape[0]
         gained = alike * frames.snr(passed, exposure)
         if self.num_rests:
             gained += self.num_rests * frames.snr(frames.at_rest(self.rest), self.rest)
@@ -414,7 +389,8 @@ class _Search(NamedTuple):
     def allows(self, kind: str, num_moving: int, num_rests: int) -> bool:
         """Whether there is such a burst."""
         least = 1 if kind == ALTERNATING else 2
-        most = _MOST_VELOCITIES if kind in (SWEEP, FAN) else math.inf
+        # A velocity of its own for each frame takes many transfer functions.
+        most = 64 if kind in (SWEEP, FAN) else math.inf
         count = num_moving + num_rests
         is_one = least <= num_moving <= most and num_rests >= 0 and count >= self.least
         return is_one and count in self.times.numbers_of_frames
@@ -425,7 +401,7 @@ class _Search(NamedTuple):
         most = self.times.numbers_of_frames[-1]
         numbers = {
             (moving, rests)
-            for moving in {*some_numbers(most, _NUM_NUMBERS), max(most - 1, 1)}
+            for moving in {*some_numbers(most, 5), max(most - 1, 1)}
             for rests in {0, most - moving}
         }
         return [
@@ -563,7 +539,7 @@ class _Try(NamedTuple):
         ):
             most = self.at(np.array([exposure, 1.0, rest, place, 0.0])).top_speed
             # Where the limits leave room for far more than pays, every step of it is too much.
-            tops = [top * farthest / most for top in _TOP_SPEEDS if top * farthest < most]
+            tops = [top * farthest / most for top in (0.7, 1.0, 1.2) if top * farthest < most]
             points += [np.array([exposure, x, rest, place, 0.0]) for x in (*still, *steps, *tops)]
         return points
 
@@ -639,7 +615,7 @@ class _Finder:
         options = {
             "initial_simplex": simplex[:, free],
             "xatol": 1e-3,
-            "fatol": _SAME_LOSS * first.error,
+            "fatol": 1e-7 * first.error,
             "maxfev": most * free.size,
         }
         end: Any = minimize(
@@ -664,9 +640,9 @@ class _Finder:
 
     def at_best(self, first: "_Found") -> "_Found":
         """The end of a long simplex from a point, with the error that it leaves on the sensor."""
-        # A simplex that has shrunk short of a minimum goes on from its end.
+        # A simplex that has shrunk short of a minimum goes on from its end, while that gains.
         end, before = self.improved(first, _MOST_STEPS, waits=True), math.inf
-        while end.error < before * (1 - _SAME_LEVEL):
+        while end.error < before * (1 - 1e-4):
             end, before = self.improved(end, _MOST_STEPS, waits=True), end.error
         if self._width is None:
             return end
@@ -692,21 +668,23 @@ def _best_of(
     for number, each in enumerate(tries):
         progress(_OF_STARTS * number / len(tries))
         by_pan = [min((finder.found(each, x) for x in grid), key=_error) for grid in each.grids]
-        starts += sorted(by_pan, key=_error)[:_NUM_PANS]
+        # The best two pans of each path are searched further.
+        starts += sorted(by_pan, key=_error)[:2]
     firsts = []
     for number, start in enumerate(starts):
         progress(_OF_STARTS + (1 - _OF_STARTS) * number / len(starts))
         firsts.append(finder.improved(start, _FIRST_STEPS))
     firsts.sort(key=_error)
-    near = [x for x in _families(firsts, 1) if x.is_as_good(firsts[0], _MAY_CLIMB)]
+    # Other numbers of frames may be better than the best of all, where it is within 1 dB.
+    near = [x for x in _families(firsts, 1) if x.is_as_good(firsts[0], 1.0)]
     others = [x for x in firsts if all(x is not each for each in near)]
     firsts = sorted((*map(finder.climbed, near), *others), key=_error)
-    # A narrow sensor may turn their order round.
-    within = _MAY_BE_BEST if width is None else math.inf
+    # A path may come to the best from 0.3 dB below; a narrow sensor may turn the order round.
+    within = 0.3 if width is None else math.inf
     tops = [x for x in _families(firsts, 2) if x.is_as_good(firsts[0], within)]
     ends = [finder.at_best(first) for first in tops]
     best = min(ends, key=_error)
-    as_good = [end for end in ends if end.is_as_good(best, _AS_GOOD)]
+    as_good = [end for end in ends if end.is_as_good(best, 0.05)]
     _, each, point = min(as_good, key=lambda end: (end.each.simplicity, end.error))
     place = each.at(point)
     errors = place.errors(frames)

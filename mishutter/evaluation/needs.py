@@ -38,8 +38,6 @@ _MAX_LENGTH = 1 << 16
 """Longest kernel, px."""
 _MAX_COUNT = 1 << 30
 """Largest count: more leave the range of 32 bits."""
-_UNKNOWN_REACH = 256.0
-"""Longest kernel that is expected where the stroke is traced; px."""
 _FREQUENCIES_PER_PX = 1.4
 """Frequencies for each px over which light of all speeds falls. The error is periodic in frequency
 with about the inverse of this length as its period; its overtones are weak."""
@@ -47,8 +45,6 @@ _OF_ONE_SPEED = 2560, 24, 1 << 17
 """Frequencies of a single speed: at least, for each px, and at most. Its response has zeros, about
 which the error rises within a fraction of a step. Several speeds have no zeros in common, as a
 rule: two need a quarter as many, three a ninth."""
-_SAME_SPEED = 4
-"""Difference, in roundings of the fastest speed, within which two speeds are one."""
 _PHASE_PER_NODE = 1.8
 _SPARE_NODES = 12
 
@@ -70,15 +66,13 @@ class Plan:
     dft_length: int  # Length of the DFT that the condition number is taken over
     num_frequencies: int  # Frequencies in (0, 0.5) cycles/px of the expected error
     num_nodes: int  # Nodes over the whole exposure for the transfer functions there
-    # Number of frequencies, the lowest, to which the expected error is confined; None for all
-    num_kept: int | None = None
+    num_kept: int | None = None  # Lowest frequencies that an error is confined to; None for all
     # Whether work that cannot change a result is left out: speeds that never occur or occur twice,
     # and responses that a search would compute again
     skips: bool = False
     folds: bool = False  # Whether `+s` and `-s` count as one speed
     still: bool = False  # Whether nothing in the scene moves, so that one kernel is enough
-    # Length of the DFT that a loss takes its condition number over; None for `dft_length`
-    loss_dft_length: int | None = None
+    loss_dft_length: int | None = None  # DFT of a loss's condition number; None for `dft_length`
     # Effective speeds of the beat between objects and the background that they hide; 0 for a
     # picture that moves as a whole
     num_effective_speeds: int = 0
@@ -97,7 +91,7 @@ def distinct_speeds(
     values = np.abs(speeds) if folds else speeds
     order = np.argsort(values, kind="stable")
     values, weights = values[order], weights[order]
-    same = _SAME_SPEED * np.finfo(values.dtype).eps * np.max(np.abs(values), initial=0)
+    same = 4 * np.finfo(values.dtype).eps * np.max(np.abs(values), initial=0)
     begins = np.diff(values, prepend=-np.inf) > same
     merged = np.bincount(np.cumsum(begins) - 1, weights)
     return values[begins], merged.astype(weights.dtype)
@@ -126,11 +120,6 @@ def occurring_speeds(scene: Scene) -> Float[np.ndarray, "n"]:
     return speeds[np.asarray(scene.weights) > 0] if is_concrete(scene.weights) else speeds
 
 
-def whole_px(length: Float[np.ndarray, "*shape"] | float) -> Float[np.ndarray, "*shape"]:
-    """Whole pixels that hold a length, whatever its rounding."""
-    return np.asarray(np.ceil(np.asarray(length) * (1 - 1e-9)))
-
-
 def num_frequencies(
     scene: Scene, spread: Float[np.ndarray, "*shape"] | float, velocity: float = 0.0
 ) -> Int[np.ndarray, "*shape"]:
@@ -139,7 +128,7 @@ def num_frequencies(
     if scene.speeds_known:
         num_speeds = distinct_speeds(scene, folds=True, velocity=velocity)[0].size
     least, per_px, most = (x / num_speeds**2 for x in _OF_ONE_SPEED)
-    spread = whole_px(spread)
+    spread = np.ceil(np.asarray(spread) * (1 - 1e-9))  # whole pixels, whatever its rounding
     fundamental = _FREQUENCIES_PER_PX * np.maximum(spread, longest_within_limits(scene))
     count = np.maximum(np.minimum(per_px * spread, most), fundamental)
     count = np.clip(np.ceil(np.maximum(count, max(NUM_FREQUENCIES, least))), None, _MAX_COUNT)
@@ -159,7 +148,8 @@ def frequency_counts() -> list[int]:
 def longest_within_limits(scene: Scene) -> float:
     """Longest kernel of an object that a motion within the limits keeps up with; px."""
     stroke = scene.limits.max_stroke
-    return min(4 * float(stroke), _MAX_LENGTH - 1.0) if is_concrete(stroke) else _UNKNOWN_REACH
+    # Where the stroke is traced, no longer kernel is expected than 256 px.
+    return min(4 * float(stroke), _MAX_LENGTH - 1.0) if is_concrete(stroke) else 256.0
 
 
 def too_long(
@@ -174,32 +164,15 @@ def too_long(
     return np.asarray(long_kernels | (spectra & (num_frequencies > _OF_ONE_SPEED[2])))
 
 
-def require_sizes(
-    num_taps: int,
-    num_frequencies: int,
-    *,
-    kernels: bool,
-    spectra: bool,
-    subject: str = "motion",
-) -> None:
-    """Refuses designs whose light travels too far for a computation.
-
-    Raises:
-        ValueError: if there are more taps than 65,536, or frequencies than 131,072.
-    """
+def require_sizes(num_taps: int, num_frequencies: int, *, kernels: bool, spectra: bool) -> None:
+    """Refuses designs whose light travels too far for a computation."""
     where = "at the scene's speeds, wherever a search may take it"
     requirement = f"blur over fewer than {_MAX_LENGTH} px {where}"
-    require(not kernels or num_taps <= _MAX_LENGTH, subject, requirement, num_taps)
+    require(not kernels or num_taps <= _MAX_LENGTH, "motion", requirement, num_taps)
     most = _OF_ONE_SPEED[2]
     furthest = f"spread light over at most {most_spread(most):.0f} px {where}"
     got = Unquoted(f"what takes {num_frequencies} frequencies")
-    require(not spectra or num_frequencies <= most, subject, furthest, got)
-
-
-def spread_of_traced(scene: Scene, motion: AbstractMotion) -> Float[Array, ""]:
-    """Length over which light of all speeds falls, for traced speeds or a traced motion; px."""
-    speeds = jnp.where(scene.weights > 0, scene.speeds, 0)
-    return jnp.max(jnp.asarray(motion.highest(speeds) - motion.lowest(speeds)))
+    require(not spectra or num_frequencies <= most, "motion", furthest, got)
 
 
 def most_spread(num_frequencies: int) -> float:
@@ -245,20 +218,17 @@ def coarser(plan: Plan) -> Plan:
 def effective_speeds(
     scene: Scene, half_exposure: Float[Array | np.ndarray, ""] | np.floating | float
 ) -> int:
-    """Number of effective speeds of two layers over half an exposure, s.
-
-    A traced exposure counts as the longest within the limits. The number is rounded to two an
-    octave, so that near exposures share a program.
-    """
+    """Number of effective speeds of two layers over half an exposure, s."""
     if scene.occlusion is None or not scene.occlusion.has_edges:
         return 0
+    # A traced exposure counts as the longest.
     half = half_exposure if is_concrete(half_exposure) else scene.limits.max_half_exposure
     background = background_of(scene)
     if not all_concrete((scene.speeds, background, half)):
         return LEAST_EFFECTIVE_SPEEDS
     speeds = np.append(occurring_speeds(scene), np.asarray(background.speeds))
     count = num_effective_speeds(float(np.ptp(speeds)) / 2 * float(half))
-    return 1 + size_class(count - 1)
+    return 1 + size_class(count - 1)  # near exposures share a program
 
 
 def furthest(scene: Scene, motion: AbstractMotion) -> Extent:
@@ -299,10 +269,8 @@ def sized_for(reach: float, velocity: float) -> Plan:
 
 
 def velocity_held(num_nodes: int) -> int:
-    """The greatest velocity, px per half exposure, for which a number of nodes is exact to 1e-7.
-
-    It is twice the velocity for which `sized_for` chooses this number.
-    """
+    """The greatest velocity, px per half exposure, for which a number of nodes is exact to 1e-7."""
+    # Twice that for which `sized_for` chooses this number.
     return int(2 * (num_nodes - 4 * _SPARE_NODES) * _PHASE_PER_NODE / (2 * np.pi))
 
 
@@ -314,11 +282,7 @@ def _rounded_up(count: float) -> int:
 
 
 def automatic(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> Plan:
-    """The plan that a function makes by default: exact, and one for every motion.
-
-    Its sizes hold every motion within the scene's limits, so that one compiled program
-    serves all of them. It is for the scene in the frame of the motion.
-    """
+    """The plan of a scene in the frame of its motion: exact, and one for all within the limits."""
     folds, still = folds_speeds(scene, motion, shutter), scene.nothing_moves
     return replace(sizes(scene, motion), skips=True, folds=folds, still=still)
 
@@ -336,17 +300,17 @@ ONLY_SPECTRA = Parts(kernels=False, spectra=True, differences=False)
 
 
 def reduced(scene: Scene, plan: Plan) -> Scene:
-    """The scene with only the numbers that a plan asks for: no picture, no motion, fewer speeds.
-
-    Scenes that differ only in their numbers get the same shapes, and share programs.
-    """
+    """The scene with only the numbers that a plan asks for: no picture, no motion, fewer speeds."""
     power = scene.picture.power_spectrum
     if is_concrete(power):
         dtype = np.dtype(scene.speeds.dtype)
         power = scene.picture.spectrum_on_grid(plan.num_frequencies, dtype)
     speeds = weights = None
     if plan.skips and scene.speeds_known:
-        speeds, weights = padded(*distinct_speeds(scene, folds=plan.folds))
+        speeds, weights = distinct_speeds(scene, folds=plan.folds)
+        # Two numbers of speeds an octave share programs; those added have no weight.
+        spare = size_class(speeds.size) - speeds.size
+        speeds, weights = np.pad(speeds, (0, spare), mode="edge"), np.pad(weights, (0, spare))
         if speeds.size == scene.speeds.size:
             speeds = weights = None
     fewer = scene.without_metadata(speeds=speeds, weights=weights, power_spectrum=power)
@@ -357,42 +321,23 @@ def reduced(scene: Scene, plan: Plan) -> Scene:
     return with_shares(fewer, background_of(scene), sampling)
 
 
-def padded(
-    speeds: Float[np.ndarray, "n"], weights: Float[np.ndarray, "n"]
-) -> tuple[Float[np.ndarray, "m"], Float[np.ndarray, "m"]]:
-    """Speeds padded without weight to one of two counts an octave, so that programs are shared."""
-    spare = size_class(speeds.size) - speeds.size
-    return np.pad(speeds, (0, spare), mode="edge"), np.pad(weights, (0, spare))
-
-
 def needed_speeds(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> Scene:
-    """The scene with every speed once, none that never occurs, and no picture or motion.
-
-    A symmetric shutter has one kernel for `+s` and `-s`, and these are folded. Results
-    computed from the scene change only by rounding.
-    """
+    """The scene with every speed once, none that never occurs, and no picture or motion."""
     if not scene.speeds_known:
         return scene.without_metadata()
     speeds, weights = distinct_speeds(scene, folds=folds_speeds(scene, motion, shutter))
     return scene.without_metadata(speeds=speeds, weights=weights)
 
 
-def is_symmetric(shutter: AbstractShutter) -> bool:
-    """Whether a shutter is known to satisfy `w(-tau) = w(tau)`."""
-    return bool(getattr(shutter, "symmetric", False))
-
-
 def folds_speeds(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> bool:
     """Whether the kernels of `+s` and `-s` are known to be one on a motion without velocity."""
     is_prompt = scene.device is None or scene.device.follows_at_once
-    is_prompt = is_prompt and _layers_fold(scene)
-    return is_prompt and motion.mirrors and is_symmetric(shutter)
-
-
-def _layers_fold(scene: Scene) -> bool:
-    """Whether a symmetric shutter is known to record two layers of `+s` and of `-s` alike."""
+    is_symmetric = bool(getattr(shutter, "symmetric", False))
+    if not (is_prompt and motion.mirrors and is_symmetric):
+        return False
     if scene.occlusion is None or not scene.occlusion.has_edges:
         return True
+    # Two layers are recorded alike where the speeds of the background mirror one another as well.
     background = background_of(scene)
     if not (scene.speeds_known and all_concrete(background)):
         return False

@@ -38,10 +38,6 @@ from mishutter.model.sensor import noise_power, white_electrons
 Places = Callable[[Float[np.ndarray, "q"]], Float[np.ndarray, "k q"]]
 """Places of the sensor in some frames at times from their mid-exposures; px, s."""
 _NODES = np.polynomial.legendre.leggauss(32)
-_PHASE = 40.0
-"""Half the phase, rad, that these nodes hold to 1e-8."""
-_FEW, _PARTS = 96, 3
-"""Frequencies that are enough to tell bursts apart, and parts of them with nodes of their own."""
 
 
 def in_parts(scene: Scene) -> Scene:
@@ -85,7 +81,8 @@ class OpenFrames:
     def coarser(self) -> "OpenFrames":
         """The same at few frequencies, most of them low, in single precision."""
         count = self.frequency.size
-        ends = np.unique(np.round(count * np.linspace(0, 1, 1 + _FEW) ** 2).astype(int))
+        # Of 96 frequencies bursts can be told apart.
+        ends = np.unique(np.round(count * np.linspace(0, 1, 1 + 96) ** 2).astype(int))
         widths = np.diff(ends)
         frequency, power = (
             np.add.reduceat(x, ends[:-1]) / widths for x in (self.frequency, self.power)
@@ -115,7 +112,7 @@ class OpenFrames:
         # Low frequencies, which are most of a search's, need fewer nodes.
         parts = [
             self._passed(places, exposure / 2, fastest, frequency)
-            for frequency in np.array_split(self.frequency, _PARTS)
+            for frequency in np.array_split(self.frequency, 3)
         ]
         return np.concatenate(parts, axis=1) * self._aperture
 
@@ -124,7 +121,8 @@ class OpenFrames:
     ) -> Float[np.ndarray, "n m"]:
         """Power that passes at some frequencies, without the pixels' aperture."""
         turns = 2 * np.pi * frequency
-        count = 1 + int(float(turns[-1]) * fastest * half / _PHASE)
+        # The nodes of a panel hold twice 40 rad to 1e-8.
+        count = 1 + int(float(turns[-1]) * fastest * half / 40.0)
         x, weights = _NODES
         middles = (2 * np.arange(count) + 1) / count - 1
         times = half * (middles[:, None] + x / count).ravel()

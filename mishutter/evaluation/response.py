@@ -28,7 +28,7 @@ from mishutter.model.shutters.base import AbstractPiecewiseShutter, AbstractShut
 from mishutter.model.shutters.polynomials import in_one_form
 from mishutter.model.tolerances import Tolerances
 
-_SPEEDS_AT_ONCE, _LEAST_TAPS = 8, 512
+_SPEEDS_AT_ONCE = 8
 
 
 @final
@@ -39,21 +39,23 @@ class Response(eqx.Module):
     """
 
     still_kernel: Float[Array, "n"]  # Blur kernel of a still object, $h_0$; shape `(n,)`
-    # Its DFT of `dft_length` points; complex, `(dft_length // 2 + 1,)`
-    still_spectrum: Inexact[Array, "f"]
-    # $\sqrt{p_i}\,(h_{s_i} - h_0)$ at the scene's speeds; shape `(s, n)`
-    differences: Float[Array, "..."]
+    still_spectrum: Inexact[Array, "f"]  # Its DFT of `dft_length` points; complex
+    differences: Float[Array, "..."]  # $\sqrt{p_i}\,(h_{s_i} - h_0)$ at the scene's speeds
     # Transfer functions at these speeds, from where objects are aligned, without the pixel
     # aperture; complex, shape `(s, m)`
     spectra: Inexact[Array, "..."]
     efficiency: Float[Array, ""]  # Mean transmittance over the exposure; scalar
 
+    @property
+    def squares(self) -> tuple[Float[Array, ""], Float[Array, ""]]:
+        """Sums of squares of the differences, and of the kernel of a still object."""
+        return jnp.sum(self.differences**2), jnp.sum(self.still_kernel**2)
+
 
 class Records(NamedTuple):
     """Kernels and transfer functions of a design at some speeds, before they are combined."""
 
-    # Kernel of an object at rest, then that of each speed; shape `(s + 1, n)`
-    kernels: Float[Array, "s+1 n"]
+    kernels: Float[Array, "s+1 n"]  # Kernel of an object at rest, then that of each speed
     spectra: Inexact[Array, "s m"]  # Transfer functions; complex, shape `(s, m)`
     efficiency: Float[Array, ""]  # Mean transmittance over the exposure; scalar
 
@@ -77,7 +79,8 @@ def compute_records(view: SampledView) -> Records:
     kernels, spectra, efficiency = nothing, nothing, None
     if parts.kernels:
         speeds = scene.speeds if parts.differences and not plan.still else scene.speeds[:0]
-        speeds = _after_rest(speeds)
+        rest = np.zeros(1, speeds.dtype)
+        speeds = np.append(rest, speeds) if is_concrete(speeds) else jnp.append(rest, speeds)
         kernels, efficiency = _kernels_and_efficiency(profile, motion, speeds, plan.num_taps)
     if parts.spectra:
         if nodes is None:
@@ -112,12 +115,6 @@ def folded(kernel: Float[Array, "n"], plan: Plan) -> tuple[Float[Array, "k"], in
         return kernel, length
     rows = jnp.pad(kernel, (0, -kernel.size % length)).reshape(-1, length)
     return jnp.sum(rows, axis=0), length
-
-
-def _after_rest(speeds: Float[Array, "s"]) -> Float[Array | np.ndarray, "s+1"]:
-    """The speed 0, then others; a NumPy array if they are concrete."""
-    rest = np.zeros(1, speeds.dtype)
-    return np.append(rest, speeds) if is_concrete(speeds) else jnp.append(rest, speeds)
 
 
 @eqx.filter_jit
@@ -164,7 +161,7 @@ def _kernels_and_efficiency(
         speeds, first = (jnp.asarray(x, dtype) for x in (speeds, first))
         return kernels_and_efficiency(shutter, motion, speeds, first, num_taps=num_taps)
     shutter = in_one_form(shutter, dtype)
-    count, length = len(speeds), max(_LEAST_TAPS, size_class(num_taps))
+    count, length = len(speeds), max(512, size_class(num_taps))
     padded = np.pad(np.asarray(speeds, dtype), (0, -count % _SPEEDS_AT_ONCE))
     of_part = partial(
         kernels_and_efficiency,
@@ -246,90 +243,51 @@ def nodes_in_time(
     return tau[None], weight[None]
 
 
-@compiled
-def aligned_spectra(
-    nodes: ExposureQuadrature,
-    motion: AbstractMotion,
-    speeds: Float[Array, "s"],  # px/s, shape `(s,)`
-    *,
-    num_frequencies: int,
-    num_kept: int | None = None,  # None for all
-    num_blocks: Int[Array, ""] | None = None,
-) -> Complex[Array, "s m"]:
-    """Transfer functions on the frequency grid, aligned as the kernels are."""
-    position = _positions(nodes.tau, motion, speeds)
-    return _waves(position, nodes, num_frequencies, num_kept, num_blocks)
-
-
-def _waves(
-    position: Float[Array, "s q"],
-    nodes: ExposureQuadrature,
-    num_frequencies: int,
-    num_kept: int | None,
-    num_blocks: Int[Array, ""] | None,
-) -> Complex[Array, "s m"]:
-    """Transfer functions of objects at some positions, px, at each node."""
-    weight, num_kept = nodes.weight[None], num_kept or num_frequencies
-    if num_blocks is None:
-        return sum_of_waves(position, weight, num_frequencies, num_kept)
-    return waves_of_blocks(position, weight, num_frequencies, num_kept, num_blocks)
-
-
-def _positions(
-    tau: Float[Array, "q"], motion: AbstractMotion, speeds: Float[Array, "s"]
-) -> Float[Array, "s q"]:
-    """Positions of objects at some times, from where they are aligned; px."""
-    return jnp.asarray(motion.aligned_position(tau[None], speeds.astype(tau.dtype)[:, None]))
-
-
 def spectra_of(
     scene: Scene,
     nodes: ExposureQuadrature,
     motion: AbstractMotion,
     num_frequencies: int,
-    num_kept: int | None = None,
+    num_kept: int | None = None,  # None for all
     *,
     num_blocks: Int[Array, ""] | None = None,
 ) -> Complex[Array, "s m"]:
-    """The `aligned_spectra` of a scene; within its tolerances, in order of `ensemble_weights`."""
-    speeds, tolerances = computed_speeds(scene), scene.tolerances
-    if tolerances is None:
-        return aligned_spectra(
-            nodes,
-            motion,
-            speeds,
-            num_frequencies=num_frequencies,
-            num_kept=num_kept,
-            num_blocks=num_blocks,
-        )
-    return _scattered_spectra(
+    """Transfer functions of a scene on the frequency grid, aligned as the kernels are.
+
+    Within its tolerances they are in the order of `ensemble_weights`.
+    """
+    return _spectra(
         nodes,
         motion,
-        speeds,
-        tolerances,
+        computed_speeds(scene),
+        scene.tolerances,
         num_frequencies=num_frequencies,
-        num_kept=num_kept,
+        num_kept=num_kept or num_frequencies,
         num_blocks=num_blocks,
     )
 
 
 @compiled
-def _scattered_spectra(
+def _spectra(
     nodes: ExposureQuadrature,
     motion: AbstractMotion,
     speeds: Float[Array, "s"],
-    tolerances: Tolerances,
+    tolerances: Tolerances | None,
     *,
     num_frequencies: int,
-    num_kept: int | None,
+    num_kept: int,
     num_blocks: Int[Array, ""] | None,
 ) -> Complex[Array, "n m"]:
-    """Transfer functions of an ensemble, each acceleration aligned by itself."""
-
     def positions(motion: AbstractMotion, speeds: Float[Array, "n"]) -> Float[Array, "n q"]:
-        return _positions(nodes.tau, motion, speeds)
+        """Positions of objects at the nodes, from where they are aligned; px."""
+        return jnp.asarray(motion.aligned_position(nodes.tau[None], speeds[:, None]))
 
-    speeds = speeds.astype(nodes.tau.dtype)
-    position = at_each_error(positions, speeds, tolerances, motion)
-    rows = position.reshape(-1, position.shape[-1])
-    return _waves(rows, nodes, num_frequencies, num_kept, num_blocks)
+    speeds, weight = speeds.astype(nodes.tau.dtype), nodes.weight[None]
+    if tolerances is None:
+        position = positions(motion, speeds)
+    else:
+        position = at_each_error(positions, speeds, tolerances, motion)
+        position = position.reshape(-1, position.shape[-1])
+    if num_blocks is None:
+        return sum_of_waves(position, weight, num_frequencies, num_kept)
+    return waves_of_blocks(position, weight, num_frequencies, num_kept, num_blocks)

@@ -21,7 +21,6 @@ from mishutter.evaluation.needs import distinct_speeds, sized_for
 from mishutter.evaluation.open_frames import in_parts, psnr_of_error
 from mishutter.evaluation.response import nodes_in_time
 from mishutter.model.exposures import Lights
-from mishutter.model.motion import AbstractMotion
 from mishutter.model.optics import frequencies, pixel_response
 from mishutter.model.scene import Scene, power_on_grid
 from mishutter.model.sensor import noise_power, white_electrons
@@ -32,18 +31,15 @@ REGION = 64
 """Rows and columns of the region by which an object is registered; px."""
 _PLACES = 4
 """Points that stand for a part of a sensor."""
-_LEAST_FREQUENCIES, _DIGIT = 512, 32
-"""Fewest frequencies, of which losses need fewer than levels, and those that share a digit."""
-_DARK = 1e-12
-"""Least noise of a frame, for pictures without light or noise; white = 1."""
+_DIGIT = 32
+"""Frequencies that share a digit."""
 
 
 class FrameNodes(NamedTuple):
     """Instants of one frame, and where its sensor is then."""
 
     time: Float[np.ndarray, "q"]  # Time from the middle of the sequence; s
-    # Place of the sensor, from that at the middle of the sequence; px
-    place: Float[np.ndarray, "q"]
+    place: Float[np.ndarray, "q"]  # Place of the sensor, from that at the middle of all; px
     weight: Float[np.ndarray, "q"]  # Share of the exposure, of an open shutter
 
     def displacement(self, speed: float) -> Float[np.ndarray, "q"]:
@@ -55,47 +51,36 @@ def nodes_of_frames(
     frames: Sequence[TimedFrame], fastest: float, lights: Lights | None = None
 ) -> list[FrameNodes]:
     """Quadrature nodes of each frame, for things up to a speed."""
+    near, every = [], []
     with outside_trace():
-        middle = _place_at_middle(frames)
         lights = _lights_of(frames) if lights is None else lights
-        pairs = zip(frames, lights, strict=True)
-        return [_nodes_of(frame, fastest, middle, lit) for frame, lit in pairs]
+        # The sensor has a place at the middle of the sequence, be a frame exposed then or not.
+        for frame in frames:
+            half = float(frame.motion.half_exposure)
+            time = np.clip(-frame.time, -half, half)
+            near.append((frame.time + time, frame.position + float(frame.motion.position(time))))
+        times, places = zip(*sorted(near), strict=True)
+        middle = float(np.interp(0.0, times, places))
+        for frame, (begin, end) in zip(frames, lights, strict=True):
+            half = (end - begin) / 2
+            count = sized_for(0.0, (float(frame.motion.top_speed) + fastest) * half).num_nodes
+            tau, weight = nodes_in_time(RectShutter(), frame.motion, count)
+            time = (begin + end) / 2 + half * np.asarray(tau, np.float64)[0]
+            way = np.asarray(frame.motion.position(time - frame.time), np.float64)
+            place = frame.position + way - middle
+            every.append(FrameNodes(time, place, np.asarray(weight, np.float64)[0]))
+    return every
 
 
 def _lights_of(frames: Sequence[TimedFrame]) -> Lights:
     return [(x.time - x.exposure / 2, x.time + x.exposure / 2) for x in frames]
 
 
-def _place_at_middle(frames: Sequence[TimedFrame]) -> float:
-    """Place of the sensor at the middle of the sequence, be a frame exposed then or not; px."""
-    near = []
-    for frame in frames:
-        half = float(frame.motion.half_exposure)
-        time = np.clip(-frame.time, -half, half)
-        near.append((frame.time + time, frame.position + float(frame.motion.position(time))))
-    times, places = zip(*sorted(near), strict=True)
-    return float(np.interp(0.0, times, places))
-
-
-def _nodes_of(
-    frame: TimedFrame, fastest: float, middle: float, lit: tuple[float, float]
-) -> FrameNodes:
-    motion: AbstractMotion = frame.motion
-    half = (lit[1] - lit[0]) / 2
-    count = sized_for(0.0, (float(motion.top_speed) + fastest) * half).num_nodes
-    tau, weight = nodes_in_time(RectShutter(), motion, count)
-    time = (lit[0] + lit[1]) / 2 + half * np.asarray(tau, np.float64)[0]
-    place = frame.position + np.asarray(motion.position(time - frame.time), np.float64) - middle
-    return FrameNodes(time, place, np.asarray(weight, np.float64)[0])
-
-
 class Registration(NamedTuple):
     """The least error to which frames can be registered, and its cost."""
 
-    # The speeds that occur in the scene, ascending; px/s, shape `(n,)`
-    speeds: Float[np.ndarray, "n"]
-    # Standard deviation of each in the frames; px/s, shape `(n,)`
-    deviation: Float[np.ndarray, "n"]
+    speeds: Float[np.ndarray, "n"]  # The speeds that occur in the scene, ascending; px/s
+    deviation: Float[np.ndarray, "n"]  # Standard deviation of each in the frames; px/s
     loss: Float[np.ndarray, "n"]  # Decibels that the level at each loses by it; shape `(n,)`
 
 
@@ -128,8 +113,7 @@ class _Waves(NamedTuple):
     power: Float[np.ndarray, "m"]  # Power of the picture, $S$
     frequency: Float[np.ndarray, "m"]  # cycles/px
     scale: Float[np.ndarray, "frames m"]  # $b_k/H_k$
-    # Way of a thing on the sensor at the nodes of each frame; px
-    ways: list[Float[np.ndarray, "q"]]
+    ways: list[Float[np.ndarray, "q"]]  # Way of a thing at the nodes of each frame; px
     nodes: list[FrameNodes]  # Instants of each frame
 
 
@@ -143,12 +127,13 @@ def _waves_at(
     lights = _lights_of(frames) if lights is None else lights
     nodes = nodes_of_frames(frames, float(np.max(np.abs(speeds))), lights)
     reach = max(float(np.ptp(x.displacement(float(s)))) for x in nodes for s in speeds[[0, -1]])
-    count = _DIGIT * math.ceil(max(_LEAST_FREQUENCIES, 2 * reach) / _DIGIT)
+    count = _DIGIT * math.ceil(max(512, 2 * reach) / _DIGIT)
     frequency, power = frequencies(count), power_on_grid(scene, count)
     blur, rate = float(scene.optics.lens_blur), float(scene.photon_rate)
     electrons = np.array([white_electrons(rate, end - begin) for begin, end in lights])
     mean, read = float(scene.picture.mean_level), float(scene.read_noise)
-    noise = np.maximum(noise_power(1.0, mean, electrons, read), _DARK * electrons.clip(1.0) ** 2)
+    # Pictures without light or noise have a finite ratio as well.
+    noise = np.maximum(noise_power(1.0, mean, electrons, read), 1e-12 * electrons.clip(1.0) ** 2)
     aperture = np.asarray(pixel_response(frequency, blur)) * np.sqrt(power)
     scale = aperture * (electrons / np.sqrt(noise))[:, None]
     for speed in speeds.tolist():
@@ -205,25 +190,22 @@ def _registered(waves: _Waves, num_samples: int) -> tuple[float, float]:
     return math.sqrt(variance), decibels_over(min(error + variance * excess, nothing), error)
 
 
+@alone_in_blas()
 def psnr_of_frames(
     scene: Scene, frames: Sequence[TimedFrame], *, lights: Lights | None = None
 ) -> float:
     """PSNR of the best linear decoder, which knows the speed from the frames; dB."""
     parts = in_parts(scene)
     speeds, weights = distinct_speeds(parts, folds=False)
-    errors = [_error_of(waves) for waves in _waves_at(parts, frames, speeds, lights)]
+    errors = []
+    for waves in _waves_at(parts, frames, speeds, lights):
+        density = np.zeros_like(waves.power)
+        for way, some, scale in zip(waves.ways, waves.nodes, waves.scale, strict=True):
+            passed = np.sum(_on_grid(way, some.weight, waves.power.size), axis=0)
+            density += scale**2 * np.abs(passed) ** 2
+        errors.append(float(np.mean(waves.power / (1 + density))))
     weights = np.asarray(weights, np.float64)
     return psnr_of_error(float(weights @ errors / weights.sum()))
-
-
-@alone_in_blas()
-def _error_of(waves: _Waves) -> float:
-    """Error at one speed; white = 1."""
-    density = np.zeros_like(waves.power)
-    for way, some, scale in zip(waves.ways, waves.nodes, waves.scale, strict=True):
-        passed = np.sum(_on_grid(way, some.weight, waves.power.size), axis=0)
-        density += scale**2 * np.abs(passed) ** 2
-    return float(np.mean(waves.power / (1 + density)))
 
 
 def loss_of_width(scene: Scene, frames: Sequence[TimedFrame], *, width: float | int) -> float:

@@ -16,11 +16,9 @@ from jaxtyping import Array, Float
 from mishutter._core.checks import require
 from mishutter.evaluation.errors import (
     DecoderLevels,
+    LinearErrors,
     SpectralLevels,
-    expected_squared_error,
     freely_aligned,
-    known_speed_squared_error,
-    squared_errors_by_speed,
 )
 from mishutter.evaluation.found_speed import FOUND_SHARE, Number, found_share, found_share_of
 from mishutter.evaluation.losses import AbstractLoss, AbstractResponseLoss
@@ -32,7 +30,6 @@ from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene, require_whole
 
 ALIGNMENTS = ("vertex", "free")
-_SHARPNESS_OF_SPEEDS = 1000
 
 
 @dataclass(frozen=True)
@@ -44,11 +41,9 @@ class SpeedKnowledge:
     # Name of the metric at the worst of the speeds; None where the level is known in the mean over
     # speeds alone
     worst_level: str | None
-    # Name of the metric within the scene's tolerances; None where that is not computed
-    toleranced_level: str | None
+    toleranced_level: str | None  # The metric within tolerances; None if not computed
     loss: type[AbstractLoss]  # The expected error of such a decoder, which designs for it
-    # The same at the worst of the speeds; None where the package has none
-    worst_loss: type[AbstractLoss] | None
+    worst_loss: type[AbstractLoss] | None  # The same at the worst speed; None if there is none
     knows_speed: bool  # Whether it restores with the filter of one speed, and not with one for all
     finds_speed: bool  # Whether it looks for that speed in the picture; otherwise it is told it
     # Share of the gain from knowing the speed, in decibels, that it keeps, by the
@@ -126,7 +121,7 @@ def _over_contrast(scene: Scene, squared: Float[Array, ""]) -> Float[Array, ""]:
 class ExpectedErrorLoss(AbstractSpectralLoss):
     r"""Expected RMS error of the restored picture over the picture's standard deviation.
 
-    The square root of `expected_squared_error` (the best single linear decoder for the
+    The square root of `LinearErrors.unknown` (the best single linear decoder for the
     scene's speeds) over $\sigma_f$: 0 for a perfect picture, 1 where nothing is gained
     over a grey one. 20 dB of PSNR are a factor of 10.
 
@@ -153,7 +148,7 @@ class ExpectedErrorLoss(AbstractSpectralLoss):
     ) -> Float[Array, ""]:
         if self.alignment == "free":
             response = freely_aligned(scene, motion, response, num_frequencies)
-        squared = expected_squared_error(scene, motion, response, num_frequencies)
+        squared = LinearErrors(scene, motion, response, num_frequencies).unknown
         return _over_contrast(scene, squared)
 
 
@@ -162,7 +157,7 @@ class WorstSpeedLoss(AbstractSpectralLoss):
     r"""Expected RMS error over the picture's deviation at the scene's worst speed.
 
     $(\sum_i E_i^\beta)^{1/2\beta}/\sigma_f$ over the squared errors $E_i$ of one filter for all
-    speeds at each speed that occurs (`squared_errors_by_speed`), in the units of
+    speeds at each speed that occurs (`LinearErrors.unknown_by_speed`), in the units of
     `ExpectedErrorLoss`, which it never falls below: a smooth maximum, which exceeds the largest of
     $n$ by at most a factor of $n^{1/2\beta}$, 0.01 dB for nine speeds. The filter is that of the
     least mean error, by the scene's weights. `Metrics.worst_speed_psnr` measures the maximum
@@ -175,18 +170,13 @@ class WorstSpeedLoss(AbstractSpectralLoss):
     def of_response(
         self, scene: Scene, motion: AbstractMotion, response: Response, num_frequencies: int
     ) -> Float[Array, ""]:
-        errors = squared_errors_by_speed(scene, motion, response, num_frequencies)
+        errors = LinearErrors(scene, motion, response, num_frequencies).unknown_by_speed
         occurring = jnp.where(scene.weights > 0, errors, 0.0)
-        return _over_contrast(scene, _smooth_maximum(occurring))
-
-
-def _smooth_maximum(values: Float[Array, "n"]) -> Float[Array, ""]:
-    """Maximum of values of at least 0, and up to a factor of $n^{1/1000}$ more."""
-    largest = jax.lax.stop_gradient(jnp.max(values))
-    some = largest > 0
-    share = jnp.where(some, values / jnp.where(some, largest, 1.0), 1.0)
-    total = jnp.sum(share**_SHARPNESS_OF_SPEEDS) ** (1 / _SHARPNESS_OF_SPEEDS)
-    return jnp.where(some, largest * total, 0.0)
+        largest = jax.lax.stop_gradient(jnp.max(occurring))
+        some = largest > 0
+        share = jnp.where(some, occurring / jnp.where(some, largest, 1.0), 1.0)
+        maximum = largest * jnp.sum(share**1000) ** (1 / 1000)  # beta is 1,000
+        return _over_contrast(scene, jnp.where(some, maximum, 0.0))
 
 
 UNKNOWN_SPEED = SpeedKnowledge(
@@ -238,9 +228,8 @@ class FoundSpeedLoss(AbstractSpectralLoss):
         self, scene: Scene, motion: AbstractMotion, response: Response, num_frequencies: int
     ) -> Float[Array, ""]:
         require_whole(scene, "FoundSpeedLoss")
-        known = known_speed_squared_error(scene, motion, response, num_frequencies)
-        unknown = expected_squared_error(scene, motion, response, num_frequencies)
-        known, unknown = _over_contrast(scene, known), _over_contrast(scene, unknown)
+        errors = LinearErrors(scene, motion, response, num_frequencies)
+        known, unknown = (_over_contrast(scene, x) for x in (errors.known, errors.unknown))
         share = found_share_of(scene, motion, response.efficiency, self.share).astype(known.dtype)
         # The mix of `found_psnr`, whose decibels have no slope where an error is 0.
         some = known > 0
@@ -270,7 +259,7 @@ FOUND_SPEED = SpeedKnowledge(
 class KnownSpeedLoss(AbstractSpectralLoss):
     r"""Expected RMS error over the picture's deviation, of a decoder that knows the speed.
 
-    The square root of `known_speed_squared_error` over $\sigma_f$, in the units of
+    The square root of `LinearErrors.known` over $\sigma_f$, in the units of
     `ExpectedErrorLoss`, which it never exceeds: each speed has a linear filter of its own.
     `Metrics.known_speed_psnr` measures the same error.
     """
@@ -280,7 +269,7 @@ class KnownSpeedLoss(AbstractSpectralLoss):
     def of_response(
         self, scene: Scene, motion: AbstractMotion, response: Response, num_frequencies: int
     ) -> Float[Array, ""]:
-        squared = known_speed_squared_error(scene, motion, response, num_frequencies)
+        squared = LinearErrors(scene, motion, response, num_frequencies).known
         return _over_contrast(scene, squared)
 
 
@@ -336,11 +325,7 @@ def loss_of_decoder(scene: Scene) -> AbstractLoss:
 
 
 def loss_of_level(level: str) -> AbstractLoss:
-    """The loss of the decoder whose expected PSNR a metric is.
-
-    Raises:
-        ValueError: if it is the metric of no decoder.
-    """
+    """The loss of the decoder whose expected PSNR a metric is."""
     for each in SPEED_KNOWLEDGE.values():
         if level in (each.level, each.toleranced_level):
             return each.loss()

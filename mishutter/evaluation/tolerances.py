@@ -1,7 +1,6 @@
 """The cost of each tolerance of a scene: where an engineer's money is best spent."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -10,7 +9,7 @@ from jaxtyping import Array, Float
 from mishutter._core.checks import require_known
 from mishutter._core.compiling import compiled, outside_trace
 from mishutter.evaluation.ensembles import without_tolerances
-from mishutter.evaluation.errors import expected_squared_error, unaware_squared_error
+from mishutter.evaluation.errors import LinearErrors
 from mishutter.evaluation.needs import ONLY_SPECTRA, Plan
 from mishutter.evaluation.response import Records, compute_records, response_from
 from mishutter.evaluation.views import sampled_view
@@ -35,8 +34,7 @@ class ToleranceCost:
 
     name: str  # The field of `Tolerances`; "all" for all of them together
     size: str  # The tolerance in words, with its unit
-    # Fall of the expected PSNR for a decoder that knows the distribution of the errors; dB
-    cost: float
+    cost: float  # Fall of the PSNR for a decoder that knows the distribution of the errors; dB
     unaware_cost: float  # Fall for a decoder that is made for a camera without errors; dB
 
 
@@ -45,8 +43,7 @@ class ToleranceCosts:
     """Costs of the tolerances of a scene for a design."""
 
     expected_psnr: float  # Expected PSNR of a camera without errors; dB
-    # Cost of each tolerance that is not 0, and last of all of them together
-    rows: tuple[ToleranceCost, ...]
+    rows: tuple[ToleranceCost, ...]  # Cost of each tolerance above 0, and of all together
 
     @property
     def largest(self) -> ToleranceCost | None:
@@ -113,10 +110,14 @@ def tolerance_costs(
     rows, nominal = [], 0.0
     for name in (*names, _ALL):
         some = tolerances if name == _ALL else tolerances.alone(name)
-        levels = _levels(eqx.tree_at(lambda s: s.tolerances, scene, some), motion, shutter)
-        nominal, size = levels.nominal, "" if name == _ALL else _size(scene, name)
-        cost, unaware_cost = nominal - levels.aware, nominal - levels.unaware
-        rows.append(ToleranceCost(name, size, cost, unaware_cost))
+        own = eqx.tree_at(lambda s: s.tolerances, scene, some)
+        view = sampled_view(own, motion, shutter, ONLY_SPECTRA)
+        without = view._replace(scene=without_tolerances(view.scene))
+        records = compute_records(view), compute_records(without)
+        errors = _errors(view.scene, view.motion, *records, view.plan)
+        nominal, aware, unaware = (float(level) for level in -10 * jnp.log10(jnp.stack(errors)))
+        size = "" if name == _ALL else _size(scene, name)
+        rows.append(ToleranceCost(name, size, nominal - aware, nominal - unaware))
     return ToleranceCosts(nominal, tuple(rows))
 
 
@@ -128,34 +129,12 @@ def _size(scene: Scene, name: str) -> str:
     return f"{size} in {float(scene.tolerances.drive_step) * 1e6:.4g} us"  # type: ignore[union-attr]
 
 
-class _Levels(NamedTuple):
-    """Expected PSNR without errors, with them, and with them by an unaware decoder; dB."""
-
-    nominal: float
-    aware: float
-    unaware: float
-
-
-def _levels(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> _Levels:
-    """Expected PSNR of a design."""
-    view = sampled_view(scene, motion, shutter, ONLY_SPECTRA)
-    without = view._replace(scene=without_tolerances(view.scene))
-    errors = _errors(
-        view.scene, view.motion, compute_records(view), compute_records(without), view.plan
-    )
-    return _Levels(*(float(level) for level in -10 * jnp.log10(jnp.stack(errors))))
-
-
 @compiled
 def _errors(
     scene: Scene, motion: AbstractMotion, recorded: Records, without: Records, plan: Plan
 ) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
-    """Squared errors in the order of `_Levels`."""
+    """Squared errors without tolerances, within them, and within them by an unaware decoder."""
     nominal_scene = without_tolerances(scene)
-    response = response_from(scene, recorded, plan)
-    nominal = response_from(nominal_scene, without, plan)
-    return (
-        expected_squared_error(nominal_scene, motion, nominal),
-        expected_squared_error(scene, motion, response),
-        unaware_squared_error(scene, motion, response, nominal),
-    )
+    nominal = LinearErrors(nominal_scene, motion, response_from(nominal_scene, without, plan))
+    within = LinearErrors(scene, motion, response_from(scene, recorded, plan))
+    return nominal.unknown, within.unknown, within.unaware(nominal)

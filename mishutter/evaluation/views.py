@@ -23,7 +23,6 @@ from mishutter.evaluation.needs import (
     plan_of_traced_search,
     reduced,
     require_sizes,
-    spread_of_traced,
     velocity_held,
 )
 from mishutter.model.motion import AbstractMotion, simplified
@@ -39,8 +38,7 @@ class SensorView(NamedTuple):
     scene: Scene  # The scene, with its speeds relative to the sensor
     motion: AbstractMotion  # The motion without velocity, `simplified`
     shutter: AbstractShutter  # Transmittance behind the scene's device
-    # Velocity of the sensor, which was subtracted from all speeds; px/s, scalar
-    velocity: Float[Array, ""]
+    velocity: Float[Array, ""]  # Velocity of the sensor, subtracted from all speeds; px/s
 
 
 class SampledView(NamedTuple):
@@ -54,16 +52,11 @@ class SampledView(NamedTuple):
     shutter: AbstractPiecewiseShutter  # Transmittance behind the scene's device, as pieces
     plan: Plan  # Numbers of taps, frequencies and quadrature nodes
     parts: Parts  # Parts of the response to compute
-    # Quadrature nodes of the shutter where a caller has them; None elsewhere
-    nodes: ExposureQuadrature | None = None
+    nodes: ExposureQuadrature | None = None  # Nodes of the shutter if a caller has them
 
 
 def sensor_view(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> SensorView:
-    """A scene and a design as the sensor sees them.
-
-    Raises:
-        ValueError: if the scene is none, or the motion, or a number of the design is not finite.
-    """
+    """A scene and a design as the sensor sees them; numbers that are not finite are refused."""
     require_numbers(motion)
     simple = simplified(motion)
     panned_scene, without_pan = in_sensor_frame(scene, simple)
@@ -74,11 +67,7 @@ def sensor_view(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) 
 def transmittance(
     scene: Scene, motion: AbstractMotion | ArrayLike, shutter: AbstractShutter
 ) -> AbstractShutter:
-    """Transmittance behind a scene's device.
-
-    Raises:
-        ValueError: if a number of the profile is not finite.
-    """
+    """Transmittance behind a scene's device; numbers that are not finite are refused."""
     require_numbers(shutter)
     return scene.light(shutter, motion)
 
@@ -111,9 +100,6 @@ def sampled_view(
 
     If the plan is made here for a traced motion, running it is an error where the motion needs more
     taps, nodes or frequencies than the plan has.
-
-    Raises:
-        ValueError: if the scene is none, or the motion.
     """
     view = sensor_view(scene, motion, shutter)
     own_plan, view_motion = plan, view.motion
@@ -128,11 +114,7 @@ def sampled_view(
 
 
 def require_view_sizes(plan: Plan, parts: Parts) -> None:
-    """Refuses a plan whose sizes a computation cannot hold, before anything of them is made.
-
-    Raises:
-        ValueError: as `require_sizes`.
-    """
+    """Refuses a plan whose sizes a computation cannot hold, before anything of them is made."""
     require_sizes(plan.num_taps, plan.num_frequencies, kernels=parts.kernels, spectra=parts.spectra)
 
 
@@ -154,7 +136,9 @@ def _refused_beyond(
         if plan_of_traced_search.value is None:
             furthest = most_spread(plan.num_frequencies)
             requirement = f"spread light over at most {furthest:.0f} px"
-            motion = _refused(motion, spread_of_traced(scene, motion) > furthest, requirement)
+            speeds = jnp.where(scene.weights > 0, scene.speeds, 0)
+            spread = jnp.max(jnp.asarray(motion.highest(speeds) - motion.lowest(speeds)))
+            motion = _refused(motion, spread > furthest, requirement)
     return motion
 
 
@@ -171,10 +155,7 @@ def _refused(
 
 
 def require_numbers(part: AbstractMotion | AbstractShutter) -> None:
-    """Refuses known numbers of a motion or shutter that no constructor has seen.
-
-    Functions as `eqx.tree_at` and `jax.tree.map` put them into a module as they are.
-    """
+    """Refuses known numbers that a function as `eqx.tree_at` has put into a motion or shutter."""
     if not isinstance(part, eqx.Module):
         return
     for field in fields(part):

@@ -21,11 +21,9 @@ from mishutter.plane.frames import PlaneFrames
 from mishutter.plane.levels import (
     SEARCHED,
     Fan,
+    Light,
     fan_of,
-    gains_of,
-    light_of,
     require_velocities,
-    signal_of,
 )
 
 LONG = 0.25
@@ -43,14 +41,15 @@ def loss_of_borders(scene: Scene, frames: PlaneFrames, *, width: float) -> float
         width: Length of the sensor's sides, or of an object's by which it is registered; px.
     """
     law = require_velocities(scene)
-    fan, light = fan_of(scene, SEARCHED), light_of(scene)
-    signal = np.asarray(signal_of(fan, light)).ravel()
-    gains = np.asarray(gains_of(light, frames.exposures), np.float64)
+    fan, light = fan_of(scene, SEARCHED), Light.of(scene)
+    signal = np.asarray(light.signal(fan)).ravel()
+    gains = np.asarray(light.gains(frames.exposures), np.float64)
     nodes = frames.nodes(frames.num_panels(law.fastest))
     time = np.asarray(frames.times)[:, None] + np.asarray(nodes.time)
     middle = np.array((time[0, 0] + time[-1, -1]) / 2)
     time, place = time - middle, frames.place(time) - frames.place(middle)[:, None, None]
     weights, shares = np.asarray(nodes.weight), fan.weight.ravel()
+    points = (np.arange(_POINTS) + 0.5) / _POINTS * width
     velocities, masses = law.stand_ins()
     errors = np.zeros(2)
     for velocity, mass in zip(velocities, masses, strict=True):
@@ -61,7 +60,9 @@ def loss_of_borders(scene: Scene, frames: PlaneFrames, *, width: float) -> float
             waves = weights[:, None] * _waves(fan, way)
             whole = np.sum(waves, axis=0)
             most = np.abs(whole) ** 2
-            seen = _seen(way, width)
+            # The sensor sees a point as long as this lies on it both along rows and columns.
+            across, down = (np.abs(points[:, None] + x - width / 2) <= width / 2 for x in way)
+            seen = (down[:, None] & across).reshape(-1, way.shape[1]).astype(np.float64)
             is_seen |= np.any(seen > 0, axis=1)
             part = (whole.conj() * (seen @ waves)).real
             there += gain * np.clip(part, 0.0, most)
@@ -77,11 +78,3 @@ def _waves(fan: Fan, way: np.ndarray) -> np.ndarray:
     radius = fan.radius[:, None]
     across, down = ((radius * turn(fan.direction)).ravel() for turn in (np.cos, np.sin))
     return np.exp(-2j * np.pi * (way[0][:, None] * across + way[1][:, None] * down))
-
-
-def _seen(way: np.ndarray, width: float) -> np.ndarray:
-    """Whether the sensor sees its points after each way; 1 if it does."""
-    points = (np.arange(_POINTS) + 0.5) / _POINTS * width
-    across, down = (np.abs(points[:, None] + each - width / 2) <= width / 2 for each in way)
-    both = down[:, None] & across
-    return both.reshape(-1, way.shape[1]).astype(np.float64)

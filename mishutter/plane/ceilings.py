@@ -15,9 +15,6 @@ from mishutter.model.scene import Scene, require_scene
 from mishutter.model.sensor import noise_power, white_electrons
 from mishutter.plane.levels import MEASURED, Grid, fan_of, require_velocities
 
-_CELLS = 128
-"""Cells that the components along a direction are cut into."""
-
 
 def plane_ceiling(
     scene: Scene, exposures: Float[np.ndarray, "n"], *, grid: Grid = MEASURED
@@ -37,7 +34,7 @@ def plane_ceiling(
     aperture = aperture * pixel_response(radius * np.sin(direction), blur)
     variance = float(scene.picture.deviation) ** 2
     signal = np.asarray(variance * fan.power * aperture**2)
-    cap, cells = signal * np.sum(ratio * each), law.cells(_CELLS)
+    cap, cells = signal * np.sum(ratio * each), law.cells(128)
     lost = 1 / (1 + cap)
     if cells is not None:
         half = law.greatest(direction.ravel()).reshape(direction.shape)

@@ -18,8 +18,8 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
-from mishutter.evaluation.bursts import FrameTimes, moments_of
-from mishutter.evaluation.moving_bursts import ALTERNATING, SINE, SWEEP, way_over_frames
+from mishutter.evaluation.bursts import FrameTimes
+from mishutter.evaluation.moving_bursts import ALTERNATING, SINE, SWEEP, steps_of, way_over_frames
 from mishutter.model.limits import Limits
 from mishutter.model.sequences import TimedFrame
 from mishutter.model.stages import knots_of_exposure
@@ -37,12 +37,10 @@ STILLS, BRACKETED, PAN, CIRCLE, TWO_SINES, CROSSED, RING, FREE = (
     "free path",
 )
 """Ways beside those along one axis."""
-_PIECES_OF_TURN, _LEAST_PIECES = 32, 64
-"""Pieces of constant acceleration that stand for a turn of a sine, and for all of a path."""
+_LEAST_PIECES = 64
+"""Least number of pieces of constant acceleration in a path."""
 _FASTEST = 1.5
 """Top speed of a way that may pay, over that of the fastest thing."""
-_FEWEST_TURNS, _MOST_DRIFT = 0.3, 2.0
-"""Turns over a burst, and turns by which the phase of two sines runs."""
 _DUTY_OF_CROSS = 2 / 3
 """Duty at which the gaps between crossed parabolas take no more acceleration than these."""
 _CLOSE = 1e-3
@@ -128,8 +126,7 @@ class Family(NamedTuple):
 
     kind: str  # Its name
     num_axes: int  # Axes of the stage that it needs
-    # Makes the frames of a number of frames at a point of the unit box
-    made: "Callable[[Room, int, Point], PlaneFrames]"
+    made: "Callable[[Room, int, Point], PlaneFrames]"  # Makes so many frames at a point of a box
     starts: tuple[tuple[float, ...], ...]  # Points that a search begins with
     least: int = 2  # Least number of frames
 
@@ -148,8 +145,7 @@ def _bracketed(room: Room, count: int, point: Point) -> PlaneFrames:
 
 
 def _at_rest(room: Room, exposures: list[float]) -> PlaneFrames:
-    steps = [room.times.period_of(each) for each in exposures[1:]]
-    moments = moments_of(exposures, steps)
+    moments = room.times.moments(exposures)
     whole = moments[-1] - moments[0] + (exposures[0] + exposures[-1]) / 2
     durations = np.full(_LEAST_PIECES, whole / _LEAST_PIECES)
     return PlaneFrames(moments, np.array(exposures), durations, np.zeros((2, _LEAST_PIECES + 1)))
@@ -171,7 +167,7 @@ def _equal(
     angle = room.velocities.axis
     turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
     period = room.times.period_of(exposure)
-    moments = (np.arange(count) - (count - 1) / 2) * period
+    moments = steps_of(count) * period
     missing = max(_LEAST_PIECES - durations.size, 0)
     return _panned(
         room,
@@ -199,10 +195,10 @@ def _two_sines(room: Room, count: int, point: Point) -> PlaneFrames:
     exposure = room.exposure(count, float(point[0]))
     period = room.times.period_of(exposure)
     whole = (count - 1) * period + exposure
-    most = max(2.0, float(count))
-    turns = _FEWEST_TURNS * (most / _FEWEST_TURNS) ** float(point[2])
-    drift = _MOST_DRIFT * float(point[3]) if point.size > 3 else 0.0
-    pieces = max(_LEAST_PIECES, 2 ** math.ceil(math.log2(_PIECES_OF_TURN * (turns + drift / 2))))
+    fewest, most = 0.3, max(2.0, float(count))
+    turns = fewest * (most / fewest) ** float(point[2])
+    drift = 2.0 * float(point[3]) if point.size > 3 else 0.0  # turns by which the phase runs
+    pieces = max(_LEAST_PIECES, 2 ** math.ceil(math.log2(32 * (turns + drift / 2))))
     time = np.linspace(-0.5, 0.5, pieces + 1)
     phases = [2 * np.pi * (turns + sign * drift / 2) * time for sign in (-1, 1)]
     # By these factors trapezoids of the velocities add up to the way of the sines.

@@ -108,7 +108,7 @@ class PlaneFrames(AbstractModule):
         """
         speed = float(np.max(np.hypot(*np.asarray(self.velocities, np.float64)))) + fastest
         length = speed * float(np.max(np.asarray(self.exposures)))
-        panels = 1 + length / _PX_PER_PANEL
+        panels = 1 + length / 9.0  # 16 nodes hold a way of so many px
         step = 2 ** max(0, math.ceil(math.log2(panels)) - 2)
         return step * math.ceil(panels / step)
 
@@ -182,7 +182,3 @@ class PlaneFrames(AbstractModule):
             own = knots._replace(velocities=velocities)
             paths.append(path_of_knots(own, float(self._begin), begin))
         return paths
-
-
-_PX_PER_PANEL = 9.0
-"""Way of a thing on the sensor that 16 nodes hold; px."""

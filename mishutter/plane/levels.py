@@ -27,7 +27,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from mishutter._core.checks import is_concrete, require
+from mishutter._core.checks import all_concrete, require
 from mishutter._core.compiling import compiled
 from mishutter.evaluation.open_frames import power_of_waves
 from mishutter.evaluation.sequences import psnr_of_frames
@@ -39,9 +39,6 @@ from mishutter.model.texture import CORNER_FREQUENCY
 from mishutter.model.velocities import AbstractVelocities, Components, EvenVelocities
 from mishutter.pictures.images import Picture
 from mishutter.plane.frames import PlaneFrames
-
-_DARK = 1e-12
-"""Least noise of a frame over the square of its electrons, for pictures without light or noise."""
 
 
 class Grid(NamedTuple):
@@ -61,11 +58,9 @@ class Fan(NamedTuple):
     """Frequencies along lines through 0, each of which is a scene of one axis."""
 
     radius: Float[Array | np.ndarray, "i"]  # cycles/px, shape `(i,)`
-    # Angles from the axis of the rows at each radius; rad, shape `(i, j)`
-    direction: Float[Array | np.ndarray, "i j"]
+    direction: Float[Array | np.ndarray, "i j"]  # Angles from the rows at each radius; rad
     power: Float[Array | np.ndarray, "i j"]  # Power of a picture of the deviation 1; shape `(i, j)`
-    # Share of the frequencies that each stands for, times `power`; their sum is 1
-    weight: Float[Array | np.ndarray, "i j"]
+    weight: Float[Array | np.ndarray, "i j"]  # Share of the frequencies times `power`; sums to 1
 
 
 def fan_of(scene: Scene, grid: Grid = MEASURED) -> Fan:
@@ -98,7 +93,7 @@ def picture_power_on(
 def _power_of_scene(scene: Scene) -> "Callable[[np.ndarray, np.ndarray], np.ndarray]":
     """Power of a scene's pictures by radius and angle, on a scale of its own."""
     if scene.picture.path is None:
-        return lambda radius, angle: _isotropic(radius + 0 * angle)
+        return lambda radius, angle: ((radius + 0 * angle) ** 2 + CORNER_FREQUENCY**2) ** -1.5
     return power_of(scene.picture.photograph())
 
 
@@ -127,10 +122,6 @@ def _polar(grid: Grid, cutoff: float) -> tuple[np.ndarray, np.ndarray, np.ndarra
         np.vstack([angle, np.hstack([arc, arc + np.pi / 2])]),
         np.vstack([area, np.hstack([share, share])]),
     )
-
-
-def _isotropic(radius: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-    return (radius**2 + CORNER_FREQUENCY**2) ** -1.5
 
 
 def power_of(picture: Picture) -> "_Power":
@@ -229,22 +220,20 @@ def plane_error(
     """Squared error that is left, white = 1, on a fan of directions; see `plane_psnr`."""
     law = require_velocities(scene)
     if num_panels is None:
-        leaves = jax.tree.leaves((frames, law))
-        known = all(map(is_concrete, leaves))
         subject, requirement = "plane_psnr(num_panels=...)", "be given where JAX traces frames"
-        require(known, subject, requirement, num_panels)
+        require(all_concrete((frames, law)), subject, requirement, num_panels)
         num_panels = frames.num_panels(law.fastest)
     parts = law.components(fan.direction.ravel(), num_speeds)
     rows = fan.direction.shape if parts.speeds.shape[0] > 1 else (1, 1)
     parts = Components(*(x.reshape(*rows, -1) for x in parts))
-    light = light_of(scene)
+    light = Light.of(scene)
     dtype = np.dtype(jnp.asarray(frames.times).dtype)
     fan, parts, light = jax.tree.map(lambda x: jnp.asarray(x, dtype), (fan, parts, light))
     return _error(fan, parts, light, frames, num_panels)
 
 
 class Light(NamedTuple):
-    """Numbers of light, noise and picture, as a scene has them."""
+    """Light, noise and picture of a scene."""
 
     rate: Float[Array, ""]
     read: Float[Array, ""]
@@ -252,43 +241,33 @@ class Light(NamedTuple):
     deviation: Float[Array, ""]
     blur: Float[Array, ""]
 
+    @staticmethod
+    def of(scene: Scene) -> "Light":
+        """That of a scene."""
+        picture = scene.picture
+        numbers = scene.photon_rate, scene.read_noise, picture.mean_level, picture.deviation
+        return Light(*numbers, scene.optics.lens_blur)
 
-def light_of(scene: Scene) -> Light:
-    """Those of a scene."""
-    picture = scene.picture
-    numbers = scene.photon_rate, scene.read_noise, picture.mean_level, picture.deviation
-    return Light(*numbers, scene.optics.lens_blur)
+    def signal(self, fan: Fan) -> Float[Array, "i j"]:
+        r"""$SP$ of a picture behind the pixels and the lens."""
+        aperture = pixel_response(fan.radius[:, None] * jnp.cos(fan.direction), self.blur)
+        down = fan.radius[:, None] * jnp.sin(fan.direction)
+        aperture = aperture * pixel_response(down, self.blur)
+        return self.deviation**2 * fan.power * aperture**2
 
-
-def signal_of(fan: Fan, light: Light) -> Float[Array, "i j"]:
-    r"""$SP$ of a picture behind the pixels and the lens."""
-    aperture = pixel_response(fan.radius[:, None] * jnp.cos(fan.direction), light.blur)
-    aperture = aperture * pixel_response(fan.radius[:, None] * jnp.sin(fan.direction), light.blur)
-    return light.deviation**2 * fan.power * aperture**2
-
-
-def gains_of(light: Light, exposures: Float[Array | np.ndarray, "n"]) -> Float[Array, "n"]:
-    r"""$e_k^2/N_k$ of frames."""
-    electrons = white_electrons(light.rate, jnp.asarray(exposures))
-    noise = noise_power(1.0, light.mean, electrons, light.read)
-    noise = jnp.maximum(noise, _DARK * jnp.maximum(electrons, 1.0) ** 2)
-    return electrons * (electrons / noise)
+    def gains(self, exposures: Float[Array | np.ndarray, "n"]) -> Float[Array, "n"]:
+        r"""$e_k^2/N_k$ of frames."""
+        electrons = white_electrons(self.rate, jnp.asarray(exposures))
+        noise = noise_power(1.0, self.mean, electrons, self.read)
+        # Pictures without light or noise have a finite ratio as well.
+        noise = jnp.maximum(noise, 1e-12 * jnp.maximum(electrons, 1.0) ** 2)
+        return electrons * (electrons / noise)
 
 
 @compiled
 def _error(
     fan: Fan, parts: Components, light: Light, frames: PlaneFrames, num_panels: int
 ) -> Float[Array, ""]:
-    gained = _gained(fan, parts, light, frames, num_panels)
-    signal = signal_of(fan, light)[..., None]
-    lost = jnp.sum(parts.weights / (1 + signal * gained), axis=-1)
-    return light.deviation**2 * jnp.sum(fan.weight * lost)
-
-
-def _gained(
-    fan: Fan, parts: Components, light: Light, frames: PlaneFrames, num_panels: int
-) -> Float[Array, "i j l"]:
-    r"""$\sum_k e_k^2|H_k|^2/N_k$ at each frequency and component of the velocities."""
     nodes = frames.nodes(num_panels)
     turns = 2 * jnp.pi * jnp.asarray(fan.radius)
     across = turns[:, None] * jnp.cos(fan.direction)
@@ -298,6 +277,8 @@ def _gained(
     # Directions with the same components of the velocities share the waves of these.
     groups = (*passing.shape[:2], shape[1] // passing.shape[1], -1)
 
+    # A descent holds the waves of one frame at a time.
+    @jax.checkpoint
     def add(gained: Array, frame: tuple[Array, ...]) -> tuple[Array, None]:
         time, x, y, share = frame
         phase = across[..., None] * x[None, None] + down[..., None] * y[None, None]
@@ -305,10 +286,12 @@ def _gained(
         power = power_of_waves(phase.reshape(groups), ways, nodes.weight[None, None, None])
         return gained + share * power.reshape(shape), None
 
-    each: Any = (nodes.time, *nodes.place, gains_of(light, frames.exposures))
-    # A descent holds the waves of one frame at a time.
-    add = jax.checkpoint(add)
-    return jax.lax.scan(add, jnp.zeros(shape, nodes.time.dtype), each)[0]
+    each: Any = (nodes.time, *nodes.place, light.gains(frames.exposures))
+    # $\sum_k e_k^2|H_k|^2/N_k$ at each frequency and component of the velocities.
+    gained = jax.lax.scan(add, jnp.zeros(shape, nodes.time.dtype), each)[0]
+    signal = light.signal(fan)[..., None]
+    lost = jnp.sum(parts.weights / (1 + signal * gained), axis=-1)
+    return light.deviation**2 * jnp.sum(fan.weight * lost)
 
 
 def cross_motion_loss(scene: Scene, frames: PlaneFrames, *, across: float = 0.1) -> float:

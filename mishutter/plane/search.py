@@ -35,28 +35,12 @@ from mishutter.plane.levels import (
     require_velocities,
 )
 
-_MOST_FRAMES = 64
-"""Most frames of a burst in the plane."""
-_NUM_NUMBERS = 4
-"""Numbers of frames, from one to all, that each way is tried with."""
-_LEAST_PANELS, _LEAST_PIECES = 8, 512
-"""Panels and pieces up to which all frames share a program: these cost less than another."""
-_FEW_FRAMES = 2
-"""Frames up to which a search has the grid of levels: they leave ripples of 0.2 dB."""
-_NUM_FIRSTS = 2
-"""Numbers of frames of each way that are searched further."""
-_STEP, _FEW_STEPS, _MOST_STEPS = 0.12, 10, 20
-"""Step of a simplex, and its steps for each number, of every way and of the best of a kind."""
+_MOST_STEPS = 20
+"""Most steps of the simplex of the best of a kind, for each of its numbers."""
 _AS_GOOD = 0.05
 """Decibels below the best at which simpler frames are preferred, and that a free path must gain."""
-_MAY_BE_BEST = 0.5
-"""Decibels below the best at which a way may come to that by a longer simplex."""
 _OF_DESCENT = Grid(28, 12, 24)
 """The grid of a free path, other than that by which it is measured: it exploits no ripple."""
-_MOST_WAVES, _DESCENT_STEPS = 24, 50
-"""Most waves that are added to a velocity of each axis, and most steps of a descent."""
-_STIFF = 30.0
-"""Weight of what a free path takes beyond a limit, before it is slowed down to that."""
 
 
 @final
@@ -199,20 +183,22 @@ def best_in_plane(
         progress(0.2 * number / len(tries))
         every = (search.found(family, count, np.array(x)) for x in family.starts)
         starts.append(min(every, key=_error))
+    # The best two numbers of frames of each way are searched further.
     firsts = [
         first
         for kind in dict.fromkeys(start.family.kind for start in starts)
-        for first in sorted((x for x in starts if x.family.kind == kind), key=_error)[:_NUM_FIRSTS]
+        for first in sorted((x for x in starts if x.family.kind == kind), key=_error)[:2]
     ]
     for number, first in enumerate(firsts):
         progress(0.2 + 0.5 * number / len(firsts))
-        each, family = search.improved(first, _FEW_STEPS), first.family
+        each, family = search.improved(first, 10), first.family
         before = found.get(family.kind)
         if before is None or each.level > before.level + _gain(each, before):
             found[family.kind] = each
     most = max(each.level for each in found.values())
+    # A way that is 0.5 dB below the best may come to that by a longer simplex.
     near = {
-        kind: search.improved(each, _MOST_STEPS) if each.level > most - _MAY_BE_BEST else each
+        kind: search.improved(each, _MOST_STEPS) if each.level > most - 0.5 else each
         for kind, each in found.items()
     }
     bursts = [search.burst(each) for each in near.values()]
@@ -272,8 +258,7 @@ class _Search(NamedTuple):
     scene: Scene  # The scene
     room: Room  # Its velocities, limits and times
     least: int  # Least number of frames that something registers
-    # The fans of directions of few frames, whose ripple is greatest, and of more
-    fans: tuple[Fan, Fan]
+    fans: tuple[Fan, Fan]  # Fans for few frames, whose ripple is greatest, and for more
 
     @staticmethod
     def of(scene: Scene) -> "_Search":
@@ -281,8 +266,7 @@ class _Search(NamedTuple):
         longest = 2 * float(scene.limits.max_half_exposure)
         none = BurstMode(frames_per_s=1 / longest, max_frames=1)
         times = FrameTimes.of(scene, none if scene.burst is None else scene.burst)
-        most = _MOST_FRAMES if times.max_frames is None else min(times.max_frames, _MOST_FRAMES)
-        times = times._replace(max_frames=most)
+        times = times._replace(max_frames=min(times.max_frames or 64, 64))
         room = Room(scene.velocities, scene.limits, times)  # type: ignore[arg-type]
         told = scene.decoder_speed == "known"
         least = 1 if told else 2
@@ -292,8 +276,7 @@ class _Search(NamedTuple):
     def counts(self) -> list[int]:
         """Numbers of frames to try."""
         possible = self.room.times.numbers_of_frames
-        tried = some_numbers(possible[-1], _NUM_NUMBERS)
-        return [count for count in tried if count in possible]
+        return [count for count in some_numbers(possible[-1], 4) if count in possible]
 
     @property
     def tries(self) -> Iterator[tuple[Family, int]]:
@@ -309,17 +292,28 @@ class _Search(NamedTuple):
         """A point of a way with its error."""
         whole, panels = self.sized(family.made(self.room, count, point))
         single = jax.tree.map(lambda x: np.asarray(x, np.float32), whole)
-        is_many = count > _FEW_FRAMES
+        is_many = count > 2  # so few leave ripples of 0.2 dB
         num_speeds = (SEARCHED if is_many else MEASURED).num_speeds
         error = plane_error(self.scene, single, self.fans[is_many], num_speeds, panels)
         return _Found(float(error), family, count, point)
 
     def sized(self, frames: PlaneFrames) -> tuple[PlaneFrames, int]:
-        """Frames and panels of their nodes, of few sizes: each is a program to compile."""
+        """Frames and panels of their nodes, of few sizes: each is a program to compile.
+
+        Frames without an exposure follow the others, on a path with pieces without a length.
+        """
+        # Up to 8 panels and 512 pieces cost less than another program.
         panels = frames.num_panels(self.scene.velocities.fastest)  # type: ignore[union-attr]
-        panels = max(_power_of_2(panels), _LEAST_PANELS)
-        pieces = max(_power_of_2(frames.durations.size), _LEAST_PIECES)
-        return _padded(frames, _power_of_2(frames.num_frames), pieces), panels
+        panels = max(_power_of_2(panels), 8)
+        count, pieces = frames.num_frames, frames.durations.size
+        missing, more = _power_of_2(count) - count, max(_power_of_2(pieces), 512) - pieces
+        padded = PlaneFrames(
+            np.pad(frames.times, (0, missing), mode="edge"),
+            np.pad(frames.exposures, (0, missing)),
+            np.pad(frames.durations, (0, more)),
+            np.pad(frames.velocities, ((0, 0), (0, more)), mode="edge"),
+        )
+        return padded, panels
 
     def improved(self, first: _Found, steps: int) -> _Found:
         """The end of a simplex from a point, of at most some steps for each number."""
@@ -333,7 +327,7 @@ class _Search(NamedTuple):
             best = min(best, each, key=_error)
             return each.error
 
-        inwards = np.diag(np.where(first.point > 0.5, -_STEP, _STEP))
+        inwards = np.diag(np.where(first.point > 0.5, -0.12, 0.12))
         simplex = first.point + np.concatenate([np.zeros((1, size)), inwards])
         options: dict[str, Any] = {
             "initial_simplex": simplex,
@@ -363,17 +357,15 @@ class _Search(NamedTuple):
     def freed(self, burst: PlaneBurst) -> PlaneBurst:
         """The end of a descent from a burst, by waves in the velocities."""
         start = burst.frames
-        waves = min(2 * burst.num_frames + 8, _MOST_WAVES)
+        waves = min(2 * burst.num_frames + 8, 24)
         panels = start.num_panels(1.1 * self.scene.velocities.fastest)  # type: ignore[union-attr]
         # Single precision holds levels to 1e-4 dB, in a third of the time.
         dtype = np.dtype(np.float32)
         fan = fan_of(self.scene, _OF_DESCENT)
         begin = jax.tree.map(lambda x: jnp.asarray(x, dtype), start)
         scale = float(np.max(self.room.half_axes))
-        numbers = jnp.zeros((2, waves), dtype)
-        end = _descended(
-            numbers, begin, self.scene, fan, scale=jnp.asarray(scale, dtype), panels=panels
-        )
+        numbers, unit = jnp.zeros((2, waves), dtype), jnp.asarray(scale, dtype)
+        end = _descended(numbers, begin, self.scene, fan, scale=unit, panels=panels)
         freed = np.asarray(_with_waves(end, begin, scale).velocities, np.float64)
         frames = eqx.tree_at(lambda x: x.velocities, start, freed)
         return self.measured(FREE, 2, self.room.within(frames))
@@ -382,17 +374,6 @@ class _Search(NamedTuple):
 def _power_of_2(count: int) -> int:
     """The next power of 2."""
     return 2 ** math.ceil(math.log2(count))
-
-
-def _padded(frames: PlaneFrames, count: int, pieces: int) -> PlaneFrames:
-    """Frames, and after them some without an exposure, on a path with pieces without a length."""
-    missing, more = count - frames.num_frames, pieces - frames.durations.size
-    return PlaneFrames(
-        np.pad(frames.times, (0, missing), mode="edge"),
-        np.pad(frames.exposures, (0, missing)),
-        np.pad(frames.durations, (0, more)),
-        np.pad(frames.velocities, ((0, 0), (0, more)), mode="edge"),
-    )
 
 
 def _with_waves(
@@ -434,8 +415,9 @@ def _descended(
     def loss(numbers: Array, _: None) -> Array:
         frames = _with_waves(numbers, start, scale)
         error = plane_error(scene, frames, fan, _OF_DESCENT.num_speeds, panels)
-        return jnp.log(error / reference) + _STIFF * excess(frames)
+        # Limits are soft: a path beyond them is slowed down to them afterwards.
+        return jnp.log(error / reference) + 30.0 * excess(frames)
 
     solver = optx.BFGS(rtol=1e-4, atol=1e-5)
-    end = optx.minimise(loss, solver, numbers, max_steps=_DESCENT_STEPS, throw=False)
+    end = optx.minimise(loss, solver, numbers, max_steps=50, throw=False)
     return end.value

@@ -34,7 +34,7 @@ from mishutter import (
     optimise,
 )
 from mishutter.evaluation import losses, speed_knowledge
-from mishutter.evaluation.errors import expected_squared_error, squared_errors_by_speed
+from mishutter.evaluation.errors import LinearErrors
 from mishutter.evaluation.found_speed import open_time, smear_difference
 from mishutter.evaluation.losses import smooth_condition_number, value_of
 
@@ -161,9 +161,9 @@ def test_errors_of_speeds_have_the_expected_error_for_a_mean(tolerances):
     scene = Scene(speeds, weights, **light, tolerances=tolerances)
     view = sampled_view(scene, MOTION, TukeyShutter(0.6), ONLY_SPECTRA, sizes(scene, MOTION))
     parts = view.scene, view.motion, compute_response(view)
-    errors = squared_errors_by_speed(*parts)
+    errors = LinearErrors(*parts).unknown_by_speed
     mean = float(jnp.sum(view.scene.weights * errors))
-    assert mean == pytest.approx(float(expected_squared_error(*parts)), rel=1e-12)
+    assert mean == pytest.approx(float(LinearErrors(*parts).unknown), rel=1e-12)
     worst = float(jnp.max(errors[:3]))
     assert float(errors[3]) > worst
     loss = float(WorstSpeedLoss()(scene, MOTION, TukeyShutter(0.6)))

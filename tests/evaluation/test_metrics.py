@@ -31,7 +31,7 @@ from mishutter import (
 )
 
 # The error as a share of 1, to its last digits; metrics hold it in decibels.
-from mishutter.evaluation.errors import expected_squared_error, spectral_levels
+from mishutter.evaluation.errors import LinearErrors, spectral_levels
 from mishutter.evaluation.needs import ONLY_SPECTRA, Plan, sizes
 from mishutter.evaluation.response import compute_response
 from mishutter.evaluation.speed_knowledge import KNOWN_SPEED, SPEED_KNOWLEDGE, UNKNOWN_SPEED
@@ -399,7 +399,7 @@ def test_extremes_of_light_and_noise_give_finite_errors(rate, noise, shutter):
         scene = Scene(SPEEDS, WEIGHTS, photon_rate=rate, read_noise=read_noise)
         motion = ParabolicMotion(acceleration=MOTION.acceleration, half_exposure=half_exposure)
         view = sampled_view(scene, motion, shutter, ONLY_SPECTRA, Plan(64, 256, 64, 256))
-        return expected_squared_error(scene, motion, compute_response(view))
+        return LinearErrors(scene, motion, compute_response(view)).unknown
 
     value, gradient = jax.value_and_grad(error, argnums=(0, 1))(HALF_EXPOSURE, noise)
     assert np.isfinite(value)

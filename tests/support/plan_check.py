@@ -7,7 +7,7 @@ import numpy as np
 
 from mishutter._core.checks import common_dtype, require_known
 from mishutter.evaluation.ensembles import without_tolerances
-from mishutter.evaluation.errors import expected_squared_error
+from mishutter.evaluation.errors import LinearErrors
 from mishutter.evaluation.losses import AbstractLoss, value_of
 from mishutter.evaluation.metrics import _as_designed
 from mishutter.evaluation.needs import EVERY_PART, ONLY_SPECTRA, Plan, sizes
@@ -54,10 +54,10 @@ def metrics_by(
 def squared_error_within(
     scene: Scene, motion: AbstractMotion, shutter: AbstractShutter, *, plan: Plan
 ) -> jax.Array:
-    """The `expected_squared_error` of a design within the scene's tolerances."""
+    """The squared error of a design within the scene's tolerances."""
     view = sampled_view(scene, motion, shutter, ONLY_SPECTRA, plan)
     response, count = compute_response(view), view.plan.num_frequencies
-    return expected_squared_error(view.scene, view.motion, response, count)
+    return LinearErrors(view.scene, view.motion, response, count).unknown
 
 
 def plan_error(
