@@ -265,6 +265,11 @@ def shown(value: object) -> str:
     return f"{array.size} of {low}" if low == high else f"{array.size} from {low} to {high}"
 
 
+def own_message(error: BaseException) -> str:
+    """The message of an error; that of an `eqx.error_if` stands amid a stack and advice."""
+    return str(error).rsplit("EquinoxRuntimeError: ", 1)[-1].split("\n\n---", 1)[0]
+
+
 def fields_text(instance: Any) -> str:
     """The name of a dataclass and its fields that are not None, in one line.
 

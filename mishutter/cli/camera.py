@@ -13,10 +13,10 @@ from mishutter.cli.options import (
     DECODERS,
     DecoderName,
     JsonOption,
-    SceneArgument,
     named_decoder,
     option,
     path_option,
+    scene_argument,
     scene_of,
 )
 
@@ -36,7 +36,9 @@ _LINEAR = "PSNR / dB, linear light"
 
 @takes_camera_files
 def simulate(
-    scene_file: SceneArgument = None,
+    scene_file: Annotated[
+        Path | None, scene_argument("the design's, or the built-in scene")
+    ] = None,
     *,
     subject: Annotated[
         Path | None,

@@ -23,7 +23,7 @@ from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Table
 
-from mishutter._core.checks import describe
+from mishutter._core.checks import describe, own_message
 from mishutter._core.compiling import keep_compiled_programs
 from mishutter._core.files import strict_json
 from mishutter._core.progress import note
@@ -43,9 +43,7 @@ def error_line(error: BaseException, arguments: Sequence[str] = ()) -> str | Non
     if isinstance(error, _PARSER.UsageError):
         return _one_line(_usage_line(error, arguments))
     if type(error).__name__ == "EquinoxRuntimeError":
-        # The message of an `eqx.error_if` stands amid a stack and advice.
-        innermost = str(error).rsplit("EquinoxRuntimeError: ", 1)[-1]
-        return _one_line(innermost.split("\n\n---", 1)[0])
+        return _one_line(own_message(error))
     if isinstance(error, OSError) and error.strerror:
         # What the package writes has a name, but for standard output.
         name = f"'{error.filename}'" if error.filename is not None else "the output"

@@ -178,8 +178,8 @@ def cameras(
 ) -> Cameras:
     """The camera as designed, as driven and as measured, each only if it has a file.
 
-    Without any of these it has a window of some name. Without a scene it is the design's, or of an
-    example along one axis the built-in one.
+    Without any of these it has a window of some name. Without a scene it is the design's, and of an
+    example without a design the built-in one.
     """
     from mishutter.design.design import GIVEN, Design, given_design
     from mishutter.evaluation.views import transmittance
@@ -189,16 +189,18 @@ def cameras(
 
     _require_table(files)
     saved = None if design is None else design_of(design)
+    if scene is None and saved is not None:
+        scene = saved.scene
+    elif scene is None and of_example:
+        scene = scene_of(None)
     if saved is not None and not isinstance(saved, Design):
         for name, path in (("--drive", files.drive), ("--measured", files.measured)):
             requirement = "be left out for a design in the plane: its table is along one axis"
             require(path is None, name, requirement, str(path))
-        return Cameras({AS_DESIGNED: saved if scene is None else replace(saved, scene=scene)})
+        return Cameras({AS_DESIGNED: replace(saved, scene=scene)})
     designs: dict[str, AbstractDesign] = {}
     motion = None
-    scene = scene_of(None) if scene is None and of_example else scene
-    if design is not None and saved is not None:
-        scene = saved.scene if scene is None else scene
+    if design is not None and saved is not None and scene is not None:
         note_other_device(design, saved, scene)
         motion = saved.motion
         profile = transmittance(scene, motion, saved.command)

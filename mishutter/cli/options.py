@@ -72,14 +72,14 @@ def as_path(text: str | Path) -> Path:
 
 path_option = partial(option, parser=as_path)
 
-SceneArgument = Annotated[
-    Path | None,
-    typer.Argument(
-        metavar="SCENE.toml",
-        parser=as_path,
-        help="Scene file: speeds, noise and limits of the camera [default: the built-in scene].",
-    ),
-]
+
+def scene_argument(default: str) -> Any:
+    """The file of a scene, and what stands for it in words."""
+    text = f"Scene file: speeds, noise and limits of the camera [default: {default}]."
+    return typer.Argument(metavar="SCENE.toml", parser=as_path, help=text)
+
+
+SceneArgument = Annotated[Path | None, scene_argument("the built-in scene")]
 OutOption = Annotated[
     Path | None, path_option(OUTPUT, "--out DIR", "Folder for files; created if it does not exist.")
 ]

@@ -19,6 +19,7 @@ import tornado.netutil
 import tornado.web
 import tornado.websocket
 
+from mishutter._core.checks import own_message
 from mishutter._core.validation import validated
 from mishutter.explore.fields import page_fields
 from mishutter.explore.pictures import MOST_BYTES
@@ -395,5 +396,4 @@ def _plain(value: object) -> object:
 
 
 def _one_line(error: BaseException) -> str:
-    text = str(error).rsplit("EquinoxRuntimeError: ", 1)[-1].split("\n\n---", 1)[0]
-    return " ".join(text.split())[:500] or type(error).__name__
+    return " ".join(own_message(error).split())[:500] or type(error).__name__

@@ -33,7 +33,7 @@ from mishutter import (
 from mishutter.cli import app
 from mishutter.cli.laboratory import note_other_device
 from mishutter.design.design import GIVEN, given_design
-from mishutter.model.scene import in_sensor_frame
+from mishutter.model.scene import in_sensor_frame, scene_text
 from mishutter.search.rivals import is_finished
 
 LEVEL = (0.55 + 0.3 * np.sin(np.arange(11 * 90) * 0.37).reshape(11, 90)) * 255
@@ -73,6 +73,20 @@ def test_each_bad_trace_is_one_line(slug, folder, tmp_path, capsys):
     line = refused(capsys, *given, "--measured", tmp_path / "trace.csv", "--out", out)
     assert message in line
     assert not out.exists()
+
+
+def test_a_design_is_simulated_on_its_own_scene(folder, tmp_path, capsys):
+    """Without a scene file the sensor's noise is that of the design's scene, not the built-in's."""
+    own = Design.load(folder / "design.json")
+    (tmp_path / "own.toml").write_text(scene_text(own.scene))
+    given = ["--design", folder / "design.json", "--subject", folder / "photo.png"]
+
+    def captured(*scene):
+        out = tmp_path / str(len(scene))
+        assert cli.main(["simulate", *map(str, [*scene, *given, "--out", out])]) == 0
+        return (out / "captured.png").read_bytes()
+
+    assert captured() == captured(tmp_path / "own.toml")
 
 
 OPTIONS = {

@@ -276,6 +276,7 @@ def test_nothing_that_rests_leaves_a_sensor_at_rest():
 BURST = BurstMode(frames_per_s=58.0, max_frames=3, window=0.046)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("best", [best_still_burst, best_moving_burst])
 def test_a_burst_that_is_found_holds_its_losses(best):
     """That by the width where the scene says it; a single exposure has neither."""
