@@ -16,25 +16,12 @@ PICTURE = "picture.png"
 """Name of the picture beside the scene file."""
 _FAST = 0.98
 """Quantile of the speeds, by area, that the scene reaches."""
-_TWO_WAY = 0.05
-"""Share of the moving area in the rarer direction from which on speeds have either sign."""
-_NUM_SPEEDS = 9
-_ONE_AXIS = 0.05
-"""Speed across over that along up to which one axis explains the motion."""
 _ACROSS = (0.0, 0.1, 0.2, 0.3)
-_COSTS = (0.0, 0.26, 0.91, 1.67)
-_COSTS_DESIGNED = (0.0, 0.20, 0.42, 0.55)
-"""Loss of gain, dB, of a design for none and of one for it (`benchmarks/cross_motion.py`)."""
+"""Speeds across over those along of which the loss of gain is known."""
 _WHOLE = 0.9
 """Share that moves from which on the picture moves as a whole."""
-_STROKE_PX, _STROKE_UM = 45.0, 155.0
-_TOP_SPEED_PX, _TOP_SPEED_MM = 2.0e4, 69.0
-_LONGEST_MS, _SHORTEST_MS = 40.0, 0.5
-"""Limits of the built-in scene, which are assumed."""
 _SHARE_ERROR = 0.05
 """Error of the share that moves, by clips of known truth."""
-_FARTHEST = 1e4
-"""Longest way of an object over an exposure that a scene file may have; px."""
 
 
 class AlongAxis(NamedTuple):
@@ -65,7 +52,7 @@ def along_axis(objects: Sequence[MovingObject]) -> AlongAxis | None:
     along, across = -velocities[:, index], velocities[:, 1 - index]
     fast = _quantile(np.abs(along), area, _FAST)
     ways = np.array([area[along > 0].sum(), area[along < 0].sum()]) / area.sum()
-    is_two_way = bool(ways.min() >= _TWO_WAY)
+    is_two_way = bool(ways.min() >= 0.05)  # of the moving area goes the rarer way
     if is_two_way:
         speeds = -fast, fast
     else:
@@ -104,7 +91,7 @@ def _quantile(values: np.ndarray, weights: np.ndarray, share: float) -> float:
 
 def across_sentences(along: AlongAxis) -> list[str]:
     """The share of the motion that goes across the axis, its cost, and a remedy."""
-    if along.across <= _ONE_AXIS:
+    if along.across <= 0.05:
         return [f"One axis explains the motion: {along.across:.0%} of the speed goes across it."]
     words = f"{along.across:.0%} of the speed goes across the {along.axis}, which smears"
     if along.across > _ACROSS[-1]:
@@ -113,8 +100,9 @@ def across_sentences(along: AlongAxis) -> list[str]:
             "all of its gain: trust only the options at rest."
         )
     else:
-        cost = float(np.interp(along.across, _ACROSS, _COSTS))
-        designed = float(np.interp(along.across, _ACROSS, _COSTS_DESIGNED))
+        # Decibels that a design for none and one for it lose (`benchmarks/cross_motion.py`).
+        cost = float(np.interp(along.across, _ACROSS, (0.0, 0.26, 0.91, 1.67)))
+        designed = float(np.interp(along.across, _ACROSS, (0.0, 0.20, 0.42, 0.55)))
         first = (
             f"{words[0].upper() + words[1:]}: in the light of the built-in scene that costs "
             f"{cost:.1f} dB of a moving sensor's gain, or {designed:.1f} dB by a design for it."
@@ -140,6 +128,16 @@ class SceneParts(NamedTuple):
     pixel_pitch: float | None
     px_per_mm: float | None
 
+    @property
+    def along(self) -> AlongAxis | None:
+        """The motion along one axis of the picture; None if nothing moves."""
+        return along_axis(self.motion.objects)
+
+    @property
+    def fastest(self) -> float:
+        """Greatest speed along the axis; px/s."""
+        return 0.0 if self.along is None else max(map(abs, self.along.speeds))
+
 
 def scene_text(parts: SceneParts) -> str:
     """The text of the scene file."""
@@ -151,10 +149,24 @@ def scene_text(parts: SceneParts) -> str:
         _view(parts),
         _occlusion(parts),
         _errors(parts),
-        _burst(parts),
+        [
+            "[burst]",
+            f"frames_per_s = {parts.clip.frames_per_s:g}  # as given",
+            "# dead_time_ms = 0.1  # of the data sheet",
+        ],
         _limits(parts),
-        _decoder(),
-        _picture(parts),
+        [
+            "# Assumed: one filter restores all speeds. A decoder that registers frames knows "
+            "them.",
+            "# [decoder]",
+            '# speed = "known"',
+        ],
+        [
+            "# The still parts, averaged over frames; the power of their lines is that of the "
+            "clip, less the noise, before the pixels.",
+            "[picture]",
+            f'path = "{PICTURE}"',
+        ],
     )
     return "\n\n".join("\n".join(lines) for lines in sections if lines) + "\n"
 
@@ -188,8 +200,7 @@ def _head(parts: SceneParts) -> list[str]:
 
 
 def _speeds(parts: SceneParts) -> list[str]:
-    along = along_axis(parts.motion.objects)
-    lines = ["[speeds]"]
+    along, lines = parts.along, ["[speeds]"]
     for number, each in enumerate(parts.motion.objects, 1):
         down, right = each.velocity
         lines.append(
@@ -217,7 +228,7 @@ def _speeds(parts: SceneParts) -> list[str]:
         lines.append("# One speed was seen: widen this where others occur.")
         return [*lines, f"list_px_per_s = [{_digits((low + high) / 2)}]"]
     ends = f"min_px_per_s = {_digits(low)}, max_px_per_s = {_digits(high)}"
-    return [*lines, f"uniform = {{ {ends}, count = {_NUM_SPEEDS} }}"]
+    return [*lines, f"uniform = {{ {ends}, count = 9 }}"]
 
 
 def _light(parts: SceneParts) -> list[str]:
@@ -266,8 +277,7 @@ def _sensor(parts: SceneParts) -> list[str]:
         lines.append(
             f"# System gain {noise.gain.value:.4g} +- {noise.gain.error:.2g} levels per electron."
         )
-    along = along_axis(parts.motion.objects)
-    axis = "rows" if along is None else along.axis
+    axis = "rows" if parts.along is None else parts.along.axis
     rows, columns = parts.clip.frames.shape[1:]
     width = columns if axis == "rows" else rows
     lines += [f'axis = "{axis}"', f"width_px = {width}  # of the frames, along the axis"]
@@ -282,19 +292,16 @@ def _sensor(parts: SceneParts) -> list[str]:
 def _view(parts: SceneParts) -> list[str]:
     if parts.px_per_mm is None:
         return []
-    along = along_axis(parts.motion.objects)
-    fast = 0.0 if along is None else max(map(abs, along.speeds))
     return [
         "[view]",
         f"px_per_mm = {parts.px_per_mm:.6g}  # as given; the fastest moves at "
-        f"{fast / parts.px_per_mm:.4g} mm/s",
+        f"{parts.fastest / parts.px_per_mm:.4g} mm/s",
     ]
 
 
 def _occlusion(parts: SceneParts) -> list[str]:
-    motion = parts.motion
+    motion, along = parts.motion, parts.along
     share = 1 - motion.share_at_rest
-    along = along_axis(motion.objects)
     if along is None:
         return []
     if share >= _WHOLE:
@@ -331,7 +338,7 @@ def _narrowest(motion: Motion, axis: Axis) -> float:
 
 def _errors(parts: SceneParts) -> list[str]:
     """The errors again, as `optimise` reads them."""
-    noise, along = parts.noise, along_axis(parts.motion.objects)
+    noise, along = parts.noise, parts.along
     rate = noise.electrons_at_white
     errors = {
         "photon_rate_per_s": rate and rate.error / parts.clip.longest_exposure,
@@ -344,51 +351,18 @@ def _errors(parts: SceneParts) -> list[str]:
     return [note, "[errors]", *lines] if lines else []
 
 
-def _burst(parts: SceneParts) -> list[str]:
-    return [
-        "[burst]",
-        f"frames_per_s = {parts.clip.frames_per_s:g}  # as given",
-        "# dead_time_ms = 0.1  # of the data sheet",
-    ]
-
-
 def _limits(parts: SceneParts) -> list[str]:
-    along = along_axis(parts.motion.objects)
-    fast = 0.0 if along is None else max(map(abs, along.speeds))
-    longest = min(_LONGEST_MS, _FARTHEST / max(fast, 1e-9) / 2 * 1e3)
+    # A scene file may have no object that goes further than 10,000 px over an exposure.
+    longest = min(40.0, 1e4 / max(parts.fastest, 1e-9) / 2 * 1e3)
+    reach = ["max_stroke_mm = 0.155", "max_top_speed_mm_per_s = 69"]
     if parts.pixel_pitch is None:
-        reach = [
-            f"max_stroke_px = {_STROKE_PX:g}",
-            f"max_top_speed_px_per_s = {_TOP_SPEED_PX:g}",
-        ]
-    else:
-        reach = [
-            f"max_stroke_mm = {_STROKE_UM / 1e3:g}",
-            f"max_top_speed_mm_per_s = {_TOP_SPEED_MM:g}",
-        ]
+        reach = ["max_stroke_px = 45", "max_top_speed_px_per_s = 20000"]
     return [
         "# Assumed: the piezo stage of the built-in scene. Write what yours does.",
         "[limits]",
         *reach,
-        f"min_half_exposure_ms = {_SHORTEST_MS:g}",
+        "min_half_exposure_ms = 0.5",
         f"max_half_exposure_ms = {_digits(longest)}",
-    ]
-
-
-def _decoder() -> list[str]:
-    return [
-        "# Assumed: one filter restores all speeds. A decoder that registers frames knows them.",
-        "# [decoder]",
-        '# speed = "known"',
-    ]
-
-
-def _picture(parts: SceneParts) -> list[str]:
-    return [
-        "# The still parts, averaged over frames; the power of their lines is that of the clip, "
-        "less the noise, before the pixels.",
-        "[picture]",
-        f'path = "{PICTURE}"',
     ]
 
 
