@@ -73,15 +73,15 @@ def _by_total_variation(
     decoder: TotalVariationDecoder, found: Likeliest, mean: float
 ) -> np.ndarray:
     """The minimum of `TotalVariationDecoder`, with the responses of the plane."""
-    canvas, frames = found.canvas, complete(found)
-    error = _error(canvas, frames.density)
+    canvas, (data, density) = found.canvas, complete(found)
+    error = _error(canvas, density)
     coupling = EDGES * decoder.strength / THRESHOLD
     scale, threshold = error / coupling, THRESHOLD * math.sqrt(error)
     turns = sum(2 - 2 * np.cos(2 * np.pi * f) for f in frequencies_along(canvas.shape))
     smooth = SMOOTH * scale / canvas.power
     smooth[0, 0] = 0.0  # the level is free
-    inverse = 1 / (scale * frames.density + smooth + turns)
-    data, picture = scale * frames.data, found.picture
+    inverse = 1 / (scale * density + smooth + turns)
+    data, picture = scale * data, found.picture
     split = _differences(picture)
     dual = np.zeros_like(split)
     for _ in range(decoder.num_iterations):
@@ -106,12 +106,12 @@ def _differences(picture: np.ndarray) -> Float[np.ndarray, "2 m n"]:
 
 def _by_denoiser(decoder: PlugAndPlayDecoder, found: Likeliest, mean: float) -> np.ndarray:
     """The steps of `PlugAndPlayDecoder`, with the responses of the plane."""
-    canvas, picture, frames = found.canvas, found.picture, complete(found)
-    error = _error(canvas, frames.density)
+    canvas, picture, (data, density) = found.canvas, found.picture, complete(found)
+    error = _error(canvas, density)
     for sigma in (decoder.falling * math.sqrt(error)).tolist():
         weight = decoder.strength / sigma**2
-        target = frames.data + weight * canvas.spectrum(picture)
-        estimate = canvas.picture(target / (frames.density + weight))
+        target = data + weight * canvas.spectrum(picture)
+        estimate = canvas.picture(target / (density + weight))
         picture = decoder.denoised(estimate + mean, sigma) - mean
     return picture
 

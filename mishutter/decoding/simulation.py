@@ -427,17 +427,13 @@ def _portions(
     num_rows: int, at_once: int, beyond: int, report: Progress
 ) -> Iterator[tuple[slice, slice, slice]]:
     """Rows of each portion, those with more around them, and where those begin in these."""
-    for first, past in itertools.pairwise(_mirrored_portions(num_rows, at_once)):
+    count = -(-num_rows // at_once)
+    if num_rows % 2 and count % 2 == 0:
+        count += 1  # the middle row has a portion to be in
+    # Portions are of about equal size; a picture that is turned over has the same.
+    upper = -(-np.arange(count // 2 + 1) * num_rows // count)
+    for first, past in itertools.pairwise(np.union1d(upper, num_rows - upper).tolist()):
         report("restoring", first / num_rows)
         above = min(first, beyond)
         around = slice(first - above, past + beyond)
         yield slice(first, past), around, slice(above, above + past - first)
-
-
-def _mirrored_portions(num_rows: int, at_once: int) -> list[int]:
-    """Ends of portions of about equal size; a picture that is turned over has the same."""
-    count = -(-num_rows // at_once)
-    if num_rows % 2 and count % 2 == 0:
-        count += 1  # the middle row has a portion to be in
-    upper = -(-np.arange(count // 2 + 1) * num_rows // count)
-    return np.union1d(upper, num_rows - upper).tolist()

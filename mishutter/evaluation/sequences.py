@@ -24,7 +24,7 @@ from mishutter.model.exposures import Lights
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.optics import frequencies, pixel_response
 from mishutter.model.scene import Scene, power_on_grid
-from mishutter.model.sensor import noise_power, white_electrons
+from mishutter.model.sensor import DARK, noise_power, white_electrons
 from mishutter.model.sequences import FrameSequence, TimedFrame
 from mishutter.model.shutters.windows import RectShutter
 
@@ -34,8 +34,6 @@ _PLACES = 4
 """Points that stand for a part of a sensor."""
 _LEAST_FREQUENCIES, _DIGIT = 512, 32
 """Fewest frequencies, of which losses need fewer than levels, and those that share a digit."""
-_DARK = 1e-12
-"""Least noise of a frame, for pictures without light or noise; white = 1."""
 
 
 class FrameNodes(NamedTuple):
@@ -148,7 +146,7 @@ def _waves_at(
     blur, rate = float(scene.optics.lens_blur), float(scene.photon_rate)
     electrons = np.array([white_electrons(rate, end - begin) for begin, end in lights])
     mean, read = float(scene.picture.mean_level), float(scene.read_noise)
-    noise = np.maximum(noise_power(1.0, mean, electrons, read), _DARK * electrons.clip(1.0) ** 2)
+    noise = np.maximum(noise_power(1.0, mean, electrons, read), DARK * electrons.clip(1.0) ** 2)
     aperture = np.asarray(pixel_response(frequency, blur)) * np.sqrt(power)
     scale = aperture * (electrons / np.sqrt(noise))[:, None]
     for speed in speeds.tolist():

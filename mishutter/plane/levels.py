@@ -34,14 +34,11 @@ from mishutter.evaluation.sequences import psnr_of_frames
 from mishutter.model.exposures import AbstractExposures, Lights
 from mishutter.model.optics import NYQUIST_FREQUENCY, pixel_response
 from mishutter.model.scene import Scene, require_scene
-from mishutter.model.sensor import noise_power, white_electrons
+from mishutter.model.sensor import DARK, noise_power, white_electrons
 from mishutter.model.texture import CORNER_FREQUENCY
 from mishutter.model.velocities import AbstractVelocities, Components, EvenVelocities
 from mishutter.pictures.images import Picture
 from mishutter.plane.frames import PlaneFrames
-
-_DARK = 1e-12
-"""Least noise of a frame over the square of its electrons, for pictures without light or noise."""
 
 
 class Grid(NamedTuple):
@@ -271,7 +268,7 @@ def gains_of(light: Light, exposures: Float[Array | np.ndarray, "n"]) -> Float[A
     r"""$e_k^2/N_k$ of frames."""
     electrons = white_electrons(light.rate, jnp.asarray(exposures))
     noise = noise_power(1.0, light.mean, electrons, light.read)
-    noise = jnp.maximum(noise, _DARK * jnp.maximum(electrons, 1.0) ** 2)
+    noise = jnp.maximum(noise, DARK * jnp.maximum(electrons, 1.0) ** 2)
     return electrons * (electrons / noise)
 
 
