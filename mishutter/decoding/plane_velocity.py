@@ -161,7 +161,10 @@ def _searched(own: Own, law: AbstractVelocities) -> _Search:
     # Velocities are sought in binned frames of 32 px or more, and judged in those of 64.
     sizes = [2**k for k in range(6) if own.has(32, 2**k)] or [1]
     judged = max((each for each in sizes if own.has(64, each)), default=1)
-    counts = _doubled(len(own.frames))
+    # Each of these numbers of frames, from two on, is about half of the next.
+    counts = [len(own.frames)]
+    while counts[0] > 2:
+        counts.insert(0, (counts[0] + 1) // 2)
     size, stages = sizes[-1], [(sizes[-1], count) for count in counts[1:]]
     stages += [(each, counts[-1]) for each in reversed(sizes[:-1]) if each >= judged]
     step = _PX_A_STEP * size / own.duration_of(counts[0])
@@ -186,11 +189,6 @@ def _searched(own: Own, law: AbstractVelocities) -> _Search:
     still = [end for end in ends if end is best or _size(end) < _NEAR * step]
     still.sort(key=lambda end: -_value(level, end))
     return _Search(level, still, [_value(level, end) for end in still], middle, step)
-
-
-def _doubled(count: int) -> list[int]:
-    """Numbers of frames from two to all, of which each is about half of the next."""
-    return [count] if count <= 2 else [*_doubled((count + 1) // 2), count]
 
 
 def _beside(ratio: float) -> Float[np.ndarray, "b 2"]:

@@ -6,7 +6,6 @@ from functools import partial
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
@@ -132,23 +131,12 @@ def capture_and_restore(
         full_well=full_well,
         adc_bits=adc_bits,
     )
-    is_exposed = isinstance(subject, Layers | Footage)
     if isinstance(subject, Layers | Footage):
         report("exposing", 0.0)
-        image = np.asarray(capture(subject.transposed(axis), key=key))
+        captured = np.asarray(capture(subject.transposed(axis), key=key))
     else:
         image = transposed(as_radiance(subject, "capture_and_restore(subject=...)"), axis)
-    captured = np.zeros((0, 0, 1))
-    num_rows = image.shape[0]
-    for first in range(0, num_rows, rows_at_once):
-        report("capturing", 0.5 * first / num_rows)
-        part = jnp.asarray(image[first : first + rows_at_once])
-        if not is_exposed:
-            own_key = None if key is None else jax.random.fold_in(key, first)
-            part = capture(part, key=own_key)
-        if first == 0:
-            captured = np.empty((num_rows, *part.shape[1:]), part.dtype)
-        captured[first : first + rows_at_once] = part
+        captured = np.concatenate(_taken(image, capture, key, rows_at_once, report))
     model = blur_model(scene, motion, shutter)
     restored, relative = _in_portions(
         captured, chosen, model, rows_at_once, lambda text, share: report(text, 0.5 + 0.5 * share)
@@ -184,41 +172,24 @@ def burst_and_restore(
     require_key("burst_and_restore(key=...)", key)
     chosen = decoder_or_ensemble(decoder, "burst_and_restore")
     report = progress if progress is not None else lambda text, share: None
+    take = partial(
+        simulate_frames, frames=frames, speed=speed, full_well=full_well, adc_bits=adc_bits
+    )
     if in_plane:
         report("capturing", 0.0)
-        taken = simulate_frames(
-            subject,
-            scene,
-            frames,
-            speed=speed,
-            key=key,
-            full_well=full_well,
-            adc_bits=adc_bits,
-        )
+        taken = take(subject, scene, key=key)
         report("restoring", 0.2)
         restored, found = restore_frames(taken, scene, frames, decoder=chosen)
         report("done", 1.0)
         return Simulation.of(np.asarray(taken), np.asarray(restored), found)
     axis, along = scene.sensor.axis, scene.along_rows()
-    take = partial(
-        simulate_frames,
-        scene=along,
-        frames=frames,
-        speed=speed,
-        full_well=full_well,
-        adc_bits=adc_bits,
-    )
+    take = partial(take, scene=along)
     if isinstance(subject, Layers):
         report("exposing", 0.0)
         captured = np.asarray(take(subject.transposed(axis), key=key))
     else:
         image = transposed(as_radiance(subject, "burst_and_restore(subject=...)"), axis)
-        num_rows, taken = image.shape[0], []
-        for first in range(0, num_rows, rows_at_once):
-            report("capturing", 0.5 * first / num_rows)
-            own_key = None if key is None else jax.random.fold_in(key, first)
-            taken.append(take(np.asarray(image[first : first + rows_at_once]), key=own_key))
-        captured = np.concatenate(taken, axis=1)
+        captured = np.concatenate(_taken(image, take, key, rows_at_once, report), axis=1)
     restored, estimate = _frames_in_portions(
         captured,
         along,
@@ -230,6 +201,18 @@ def burst_and_restore(
     )
     report("done", 1.0)
     return Simulation.of(transposed(captured, axis), transposed(restored, axis), estimate)
+
+
+def _taken(
+    image: ArrayLike, capture: Callable, key: Array | None, rows_at_once: int, report: Progress
+) -> list[np.ndarray]:
+    """Captures of a few rows at a time, each with noise of its own."""
+    rows, taken = np.asarray(image), []
+    for first in range(0, len(rows), rows_at_once):
+        report("capturing", 0.5 * first / len(rows))
+        own_key = None if key is None else jax.random.fold_in(key, first)
+        taken.append(np.asarray(capture(rows[first : first + rows_at_once], key=own_key)))
+    return taken
 
 
 def photograph_by_frames(

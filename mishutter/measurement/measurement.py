@@ -18,7 +18,6 @@ from mishutter.measurement.noise import Noise, noise_of
 from mishutter.measurement.scene import (
     PICTURE,
     AlongAxis,
-    SceneParts,
     across_sentences,
     along_axis,
     missing_keys,
@@ -67,17 +66,7 @@ class Measurement:
     @property
     def scene_text(self) -> str:
         """The scene file: each number with its error and source, or the reason for none."""
-        return scene_text(
-            SceneParts(
-                self.name,
-                self.clip,
-                self.noise,
-                self.motion,
-                self.level_difference,
-                self.pixel_pitch,
-                self.px_per_mm,
-            )
-        )
+        return scene_text(self)
 
     @property
     def missing(self) -> tuple[str, ...]:

@@ -2,15 +2,16 @@
 
 import tomllib
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from mishutter.measurement.clip import Clip
-from mishutter.measurement.estimates import Estimate, Refusal
+from mishutter.measurement.estimates import Refusal
 from mishutter.measurement.motion import Motion, MovingObject
-from mishutter.measurement.noise import Noise
 from mishutter.pictures.images import Axis
+
+if TYPE_CHECKING:
+    from mishutter.measurement.measurement import Measurement
 
 PICTURE = "picture.png"
 """Name of the picture beside the scene file."""
@@ -117,44 +118,22 @@ def across_sentences(along: AlongAxis) -> list[str]:
     return sentences
 
 
-class SceneParts(NamedTuple):
-    """Everything that a scene file says."""
-
-    name: str
-    clip: Clip
-    noise: Noise
-    motion: Motion
-    level_difference: Estimate
-    pixel_pitch: float | None
-    px_per_mm: float | None
-
-    @property
-    def along(self) -> AlongAxis | None:
-        """The motion along one axis of the picture; None if nothing moves."""
-        return along_axis(self.motion.objects)
-
-    @property
-    def fastest(self) -> float:
-        """Greatest speed along the axis; px/s."""
-        return 0.0 if self.along is None else max(map(abs, self.along.speeds))
-
-
-def scene_text(parts: SceneParts) -> str:
+def scene_text(found: "Measurement") -> str:
     """The text of the scene file."""
     sections = (
-        _head(parts),
-        _speeds(parts),
-        _light(parts),
-        _sensor(parts),
-        _view(parts),
-        _occlusion(parts),
-        _errors(parts),
+        _head(found),
+        _speeds(found),
+        _light(found),
+        _sensor(found),
+        _view(found),
+        _occlusion(found),
+        _errors(found),
         [
             "[burst]",
-            f"frames_per_s = {parts.clip.frames_per_s:g}  # as given",
+            f"frames_per_s = {found.clip.frames_per_s:g}  # as given",
             "# dead_time_ms = 0.1  # of the data sheet",
         ],
-        _limits(parts),
+        _limits(found),
         [
             "# Assumed: one filter restores all speeds. A decoder that registers frames knows "
             "them.",
@@ -178,20 +157,20 @@ def missing_keys(text: str) -> tuple[str, ...]:
     return tuple(f"[{s}] {key}" for s, key in keys if key not in tables.get(s, {}))
 
 
-def _head(parts: SceneParts) -> list[str]:
-    clip, (count, rows, columns) = parts.clip, parts.clip.frames.shape
+def _head(found: "Measurement") -> list[str]:
+    clip, (count, rows, columns) = found.clip, found.clip.frames.shape
     exposure = (
         "exposures of unknown length"
         if clip.exposure is None
         else f"exposures of {clip.exposure * 1e3:g} ms"
     )
     lines = [
-        f"A scene measured by `mishutter measure` from {parts.name}: {count} frames of {rows} x "
+        f"A scene measured by `mishutter measure` from {found.name}: {count} frames of {rows} x "
         f"{columns} at {clip.frames_per_s:g} frames/s, {exposure}.",
         "A number after +- is a standard deviation.",
     ]
     lines += [f"{word[0].upper() + word[1:]}." for word in clip.words]
-    lines += [refusal.text[0].upper() + refusal.text[1:] for refusal in parts.noise.refusals]
+    lines += [refusal.text[0].upper() + refusal.text[1:] for refusal in found.noise.refusals]
     lines.append(
         "Assumed, not measured: [limits] (the stage), [decoder], a lens that passes all that is "
         "seen, and that the clip shows what the camera will see."
@@ -199,17 +178,17 @@ def _head(parts: SceneParts) -> list[str]:
     return [f"# {line}" for line in lines]
 
 
-def _speeds(parts: SceneParts) -> list[str]:
-    along, lines = parts.along, ["[speeds]"]
-    for number, each in enumerate(parts.motion.objects, 1):
+def _speeds(found: "Measurement") -> list[str]:
+    along, lines = found.along, ["[speeds]"]
+    for number, each in enumerate(found.motion.objects, 1):
         down, right = each.velocity
         lines.append(
             f"# object {number}: {right:.1f} +- {each.error[1]:.1g} px/s to the right, {down:.1f} "
             f"+- {each.error[0]:.1g} px/s down, {each.area} px"
         )
-    if parts.motion.share_unexplained > 0.005:
+    if found.motion.share_unexplained > 0.005:
         lines.append(
-            f"# {parts.motion.share_unexplained:.1%} of the picture changes without a velocity: it "
+            f"# {found.motion.share_unexplained:.1%} of the picture changes without a velocity: it "
             "deforms, diffuses, flickers or is too small."
         )
     if along is None:
@@ -231,22 +210,22 @@ def _speeds(parts: SceneParts) -> list[str]:
     return [*lines, f"uniform = {{ {ends}, count = 9 }}"]
 
 
-def _light(parts: SceneParts) -> list[str]:
-    electrons = parts.noise.electrons_at_white
+def _light(found: "Measurement") -> list[str]:
+    electrons = found.noise.electrons_at_white
     if electrons is None:
-        return ["[light]", f"# photon_rate_per_s = 1.0e5  # {_reason(parts.noise.refusals)}"]
-    time = parts.clip.longest_exposure
+        return ["[light]", f"# photon_rate_per_s = 1.0e5  # {_reason(found.noise.refusals)}"]
+    time = found.clip.longest_exposure
     rate, error = electrons.value / time, electrons.error / time
     told = f"{electrons.value:.4g} +- {electrons.error:.2g} e- at white"
     limit = ""
-    if parts.clip.exposure is None:
+    if found.clip.exposure is None:
         limit = (
             f" A LOWER LIMIT: exposures are taken for the whole {time * 1e3:g} ms between frames "
             "(give --exposure-ms)."
         )
     line = f"photon_rate_per_s = {rate:.4g}"
-    note = f"# +- {error:.2g}; {told} in {time * 1e3:g} ms, {parts.noise.sources[0]}.{limit}"
-    return ["[light]", f"# White is level {parts.clip.white:g} of the file.", f"{line}  {note}"]
+    note = f"# +- {error:.2g}; {told} in {time * 1e3:g} ms, {found.noise.sources[0]}.{limit}"
+    return ["[light]", f"# White is level {found.clip.white:g} of the file.", f"{line}  {note}"]
 
 
 def _reason(refusals: Sequence[Refusal]) -> str:
@@ -255,8 +234,8 @@ def _reason(refusals: Sequence[Refusal]) -> str:
     return f"not known: {(reasons or list(refusals))[0].reason}"
 
 
-def _sensor(parts: SceneParts) -> list[str]:
-    noise, lines = parts.noise, ["[sensor]"]
+def _sensor(found: "Measurement") -> list[str]:
+    noise, lines = found.noise, ["[sensor]"]
     if noise.read_noise is None:
         lines.append(f"# read_noise_e = 4.0  # {_reason(noise.refusals)}")
     else:
@@ -277,30 +256,30 @@ def _sensor(parts: SceneParts) -> list[str]:
         lines.append(
             f"# System gain {noise.gain.value:.4g} +- {noise.gain.error:.2g} levels per electron."
         )
-    axis = "rows" if parts.along is None else parts.along.axis
-    rows, columns = parts.clip.frames.shape[1:]
+    axis = "rows" if found.along is None else found.along.axis
+    rows, columns = found.clip.frames.shape[1:]
     width = columns if axis == "rows" else rows
     lines += [f'axis = "{axis}"', f"width_px = {width}  # of the frames, along the axis"]
-    if parts.pixel_pitch is not None:
-        lines.append(f"pixel_pitch_um = {parts.pixel_pitch * 1e6:.6g}  # as given")
+    if found.pixel_pitch is not None:
+        lines.append(f"pixel_pitch_um = {found.pixel_pitch * 1e6:.6g}  # as given")
     else:
         lines.append("# pixel_pitch_um = 3.45  # not told (--pixel-pitch-um)")
     lines.append("# full_well_e = 10000  # of the data sheet")
     return lines
 
 
-def _view(parts: SceneParts) -> list[str]:
-    if parts.px_per_mm is None:
+def _view(found: "Measurement") -> list[str]:
+    if found.px_per_mm is None:
         return []
     return [
         "[view]",
-        f"px_per_mm = {parts.px_per_mm:.6g}  # as given; the fastest moves at "
-        f"{parts.fastest / parts.px_per_mm:.4g} mm/s",
+        f"px_per_mm = {found.px_per_mm:.6g}  # as given; the fastest moves at "
+        f"{_fastest(found) / found.px_per_mm:.4g} mm/s",
     ]
 
 
-def _occlusion(parts: SceneParts) -> list[str]:
-    motion, along = parts.motion, parts.along
+def _occlusion(found: "Measurement") -> list[str]:
+    motion, along = found.motion, found.along
     share = 1 - motion.share_at_rest
     if along is None:
         return []
@@ -312,7 +291,7 @@ def _occlusion(parts: SceneParts) -> list[str]:
         width = _narrowest(motion, along.axis)
         return [f"{moves}, object by object.", "[objects]", f"width_px = {width:.1f}  {note}"]
     width = motion.width[0 if along.axis == "rows" else 1]
-    difference = parts.level_difference
+    difference = found.level_difference
     key = f"level_difference = {difference.value:.3f}"
     note = f"+- {difference.error:.2g}; mean light of what moves less that of the rest"
     is_known = np.isfinite(difference.error)
@@ -336,26 +315,26 @@ def _narrowest(motion: Motion, axis: Axis) -> float:
     return min(widths, default=motion.width[1 - lines])
 
 
-def _errors(parts: SceneParts) -> list[str]:
+def _errors(found: "Measurement") -> list[str]:
     """The errors again, as `optimise` reads them."""
-    noise, along = parts.noise, parts.along
+    noise, along = found.noise, found.along
     rate = noise.electrons_at_white
     errors = {
-        "photon_rate_per_s": rate and rate.error / parts.clip.longest_exposure,
+        "photon_rate_per_s": rate and rate.error / found.clip.longest_exposure,
         "read_noise_e": noise.read_noise and noise.read_noise.error,
         "object_speed_px_per_s": along and along.error,
-        "front_share": _SHARE_ERROR if along and 1 - parts.motion.share_at_rest < _WHOLE else None,
+        "front_share": _SHARE_ERROR if along and 1 - found.motion.share_at_rest < _WHOLE else None,
     }
     lines = [f"{key} = {error:.2g}" for key, error in errors.items() if error is not None]
     note = "# The errors above: the answer says how far the gain moves within two of each."
     return [note, "[errors]", *lines] if lines else []
 
 
-def _limits(parts: SceneParts) -> list[str]:
+def _limits(found: "Measurement") -> list[str]:
     # A scene file may have no object that goes further than 10,000 px over an exposure.
-    longest = min(40.0, 1e4 / max(parts.fastest, 1e-9) / 2 * 1e3)
+    longest = min(40.0, 1e4 / max(_fastest(found), 1e-9) / 2 * 1e3)
     reach = ["max_stroke_mm = 0.155", "max_top_speed_mm_per_s = 69"]
-    if parts.pixel_pitch is None:
+    if found.pixel_pitch is None:
         reach = ["max_stroke_px = 45", "max_top_speed_px_per_s = 20000"]
     return [
         "# Assumed: the piezo stage of the built-in scene. Write what yours does.",
@@ -364,6 +343,11 @@ def _limits(parts: SceneParts) -> list[str]:
         "min_half_exposure_ms = 0.5",
         f"max_half_exposure_ms = {_digits(longest)}",
     ]
+
+
+def _fastest(found: "Measurement") -> float:
+    """Greatest speed along the axis; px/s."""
+    return 0.0 if found.along is None else max(map(abs, found.along.speeds))
 
 
 def _digits(value: float) -> str:

@@ -33,8 +33,8 @@ from mishutter.pictures.images import LUMINANCE, transposed
 _fast_length: Callable[[int], int] = scipy.fft.next_fast_len  # type: ignore[assignment]
 _TAPER = 0.25
 """Share of a row in which the window rises and falls."""
-_MOST_ROWS, _MOST_COLUMNS = 512, 1024
-"""Most rows and columns of a tile, whose rows may be as long as four blurs."""
+_MOST_ROWS = 512
+"""Most rows of a tile."""
 _MOST_BANDS, _LEAST_ROWS = 4, 64
 """Most bands of rows whose speeds are compared, and the fewest rows of a band."""
 _FREEDOM = 4.0
@@ -81,15 +81,8 @@ class Energies(NamedTuple):
     distance: float  # Squared Mahalanobis distance of the picture's spectrum from the prior's mean
 
 
-def windows(
-    rows: int, columns: int
-) -> tuple[Float[np.ndarray, "{rows}"], Float[np.ndarray, "{columns}"]]:
-    """Windows of a tile: a sine down its columns; along its rows flat except near the ends."""
-    down = np.sin(np.pi * (np.arange(rows) + 0.5) / rows)
-    return down, _flat_window(columns)
-
-
-def _flat_window(count: int) -> np.ndarray:
+def _flat_window(count: int) -> Float[np.ndarray, "{count}"]:
+    """A window that is flat except near the ends."""
     from_end = np.minimum(np.arange(count) + 0.5, count - np.arange(count) - 0.5) / count
     return np.sin(np.pi / 2 * np.minimum(2 * from_end / _TAPER, 1)) ** 2
 
@@ -133,8 +126,8 @@ def bands(rows: int, columns: int) -> Bands:
 def log_power(tile: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "b k"]:
     """Unbiased logarithm of the power of a tile, by band and along the rows."""
     rows, columns = tile.shape
-    layout, (down, across) = bands(rows, columns), windows(rows, columns)
-    window = (down[:, None] * across).astype(tile.dtype)
+    layout, down = bands(rows, columns), np.sin(np.pi * (np.arange(rows) + 0.5) / rows)
+    window = (down[:, None] * _flat_window(columns)).astype(tile.dtype)
     deviation = tile - np.sum(tile * window) / np.sum(window)
     spectrum = rfftn(deviation * window)[:, layout.along]
     power = np.abs(spectrum) ** 2 / np.sum(window**2)
@@ -382,20 +375,6 @@ def posterior_of(
     return Posterior(speeds, weights / weights.sum(), reach, statistics.width)
 
 
-def tiles_of(
-    irradiance: Float[np.ndarray, "rows columns"], num_taps: int
-) -> list[list[np.ndarray]]:
-    """Cuts a picture into rows of tiles of about equal size; each tile gives evidence.
-
-    There are at least two rows of tiles where the picture is high enough for that, so that a part
-    of the picture at another speed shows in one of them.
-    """
-    widest = max(_MOST_COLUMNS, 4 * num_taps)
-    rows, columns = -(-irradiance.shape[0] // _MOST_ROWS), -(-irradiance.shape[1] // widest)
-    rows = max(rows, min(_MOST_BANDS, irradiance.shape[0] // _LEAST_ROWS))
-    return [np.array_split(band, columns, axis=1) for band in np.array_split(irradiance, rows)]
-
-
 class SpeedEstimate(NamedTuple):
     """The speed of a whole picture, estimated from one capture of it.
 
@@ -617,15 +596,22 @@ def parts_of(
     noise: float,
     statistics: Prior,
 ) -> list[list[Energies]]:
-    """The evidence of each tile, by bands of rows from top to bottom."""
-    bands_of_tiles = tiles_of(irradiance, model.num_taps)
-    tiles = [(i, tile) for i, band in enumerate(bands_of_tiles) for tile in band]
+    """The evidence of tiles of about equal size, by bands of rows from top to bottom.
+
+    There are at least two bands where the picture is high enough for that, so that a part of the
+    picture at another speed shows in one of them.
+    """
+    rows, columns = irradiance.shape
+    count = max(-(-rows // _MOST_ROWS), min(_MOST_BANDS, rows // _LEAST_ROWS))
+    across = -(-columns // max(1024, 4 * model.num_taps))
+    parts = [np.array_split(band, across, axis=1) for band in np.array_split(irradiance, count)]
+    tiles = [(i, tile) for i, band in enumerate(parts) for tile in band]
     widths = {tile.shape[1] for _, tile in tiles}
-    blurs = {columns: Blurs.of(model.responses_at(speeds, columns), columns) for columns in widths}
+    blurs = {width: Blurs.of(model.responses_at(speeds, width), width) for width in widths}
 
     def evidence(place: tuple[int, np.ndarray]) -> tuple[int, Energies]:
         index, tile = place
         return index, energies(tile, blurs[tile.shape[1]], noise, statistics)
 
     pieces = list(in_threads(evidence, tiles, num_processors()))
-    return [[e for i, e in pieces if i == index] for index in range(len(bands_of_tiles))]
+    return [[e for i, e in pieces if i == index] for index in range(count)]
