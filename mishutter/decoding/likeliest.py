@@ -120,9 +120,7 @@ class Likeliest(NamedTuple):
 
 
 def likeliest(
-    canvas: Canvas,
-    responses: Complex[np.ndarray, "frames ..."],
-    tolerance: float = TOLERANCE,
+    canvas: Canvas, responses: Complex[np.ndarray, "frames ..."], tolerance: float = TOLERANCE
 ) -> Likeliest:
     """The likeliest pictures, by conjugate gradients on all of them at once."""
     dtype, shape = canvas.frames.dtype, canvas.shape
@@ -170,9 +168,7 @@ def likeliest(
     return Likeliest(canvas, responses, picture, product(target, picture) / 2)
 
 
-def complete(
-    found: Likeliest,
-) -> tuple[Complex[np.ndarray, "..."], Float[np.ndarray, "..."]]:
+def complete(found: Likeliest) -> tuple[Complex[np.ndarray, "..."], Float[np.ndarray, "..."]]:
     r"""All that frames tell which go on beyond their borders, as the likeliest pictures do.
 
     With $\hat d = \sum_k \bar A_k\hat g_k/N_k$ and $\rho = \sum_k |A_k|^2/N_k$ the misfit of a
@@ -190,13 +186,11 @@ def complete(
 
 
 class Volume(NamedTuple):
-    """Half the logarithm of the determinant of the frames' covariance, over that of their noise.
+    """The volume of the Gaussian about the likeliest picture."""
 
-    And how many numbers of each frame the likeliest picture leaves to the noise.
-    """
-
+    # Half the logarithm of the determinant of the frames' covariance, over that of their noise
     logarithm: float
-    freedoms: Float[np.ndarray, "frames"]
+    freedoms: Float[np.ndarray, "frames"]  # Numbers of each frame that are left to the noise
 
 
 def volume_of(
@@ -314,11 +308,7 @@ def _in_tiles(values: Float[np.ndarray, "*planes rows columns"]) -> Float[np.nda
 
 
 def electrons_of(scene: Scene, exposures: RowLike) -> Float[np.ndarray, "frames"]:
-    """Electrons of a white pixel in each frame.
-
-    Raises:
-        ValueError: if the scene has no light.
-    """
+    """Electrons of a white pixel in each frame."""
     electrons = white_electrons(float(scene.photon_rate), np.asarray(exposures, np.float64))
     has_light, requirement = float(np.min(electrons)) > 0, "have a photon rate above 0 e-/s"
     require(has_light, "restore_frames(scene=...)", requirement, 0.0)
@@ -328,10 +318,7 @@ def electrons_of(scene: Scene, exposures: RowLike) -> Float[np.ndarray, "frames"
 def noises_of(
     scene: Scene, exposures: RowLike, mean_level: float, share: float = 1.0
 ) -> Float[np.ndarray, "frames"]:
-    """Variance of the noise in each frame of a picture of some mean level; white = 1.
-
-    Colours have a share of it where they are one grey.
-    """
+    """Variance of the noise in frames of a mean level, or a share of it for one grey; white = 1."""
     electrons, read = electrons_of(scene, exposures), float(scene.read_noise)
     noises = noise_power(1.0, max(mean_level, 0.0), electrons, read, unit=electrons)
     return np.maximum(share * noises, DARK)

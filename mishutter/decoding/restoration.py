@@ -144,11 +144,7 @@ def deconvolve(
 
 
 def restored_light(irradiance: Planes, decoder: AbstractDecoder, model: BlurModel) -> Planes:
-    """Light of a picture from its capture: the one road, by which every restoration goes.
-
-    Raises:
-        ValueError: if the model's scene has no light.
-    """
+    """Light of a picture from its capture: the one road, by which every restoration goes."""
     has_light, subject = model.electrons > 0, "deconvolve(scene=...)"
     require(has_light, subject, "have a photon rate above 0 e-/s", model.electrons)
     planes = as_float(rows_last(distinct_colours(irradiance)))
@@ -204,14 +200,7 @@ def restore_photograph(
     """
     chosen = decoder_or_ensemble(decoder, "restore_photograph")
     results = restore_by_each(
-        picture,
-        scene,
-        motion,
-        shutter,
-        {"": chosen},
-        speeds=speeds,
-        num_seeds=num_seeds,
-        key=key,
+        picture, scene, motion, shutter, {"": chosen}, speeds=speeds, num_seeds=num_seeds, key=key
     )
     return results[""]
 
@@ -230,11 +219,7 @@ def restore_by_each(
     least_taps: int = 1,
     decoder_speed: DecoderSpeed | None = None,
 ) -> dict[str, RestoredPhotograph]:
-    """`restore_photograph` by several decoders, from the same captures.
-
-    Raises:
-        ValueError: as `restore_photograph`.
-    """
+    """`restore_photograph` by several decoders, from the same captures."""
     require_scene(scene)
     require_positive_int("restore_photograph(num_seeds=...)", num_seeds)
     require_key("restore_photograph(key=...)", key)

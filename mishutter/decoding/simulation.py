@@ -162,9 +162,6 @@ def burst_and_restore(
     """`capture_and_restore` of the frames of a burst, whose speed the decoder finds in them.
 
     In the plane they are restored at once, and not a few rows at a time.
-
-    Raises:
-        ValueError: as `simulate_frames`.
     """
     in_plane, frames = len(exposures.axes) == 2, exposures.frames
     require_scene(scene, in_plane=in_plane)
@@ -314,11 +311,7 @@ def restored_capture(
     speed: float | RowLike | None = None,
     progress: Progress | None = None,
 ) -> Restoration:
-    """`restore`, with the speed that was found.
-
-    Raises:
-        ValueError: as `restore`.
-    """
+    """`restore`, with the speed that was found."""
     exposures = design.exposures
     if not isinstance(design, Design):
         stack = _stack_of(capture, exposures.num_frames, "rows")

@@ -71,12 +71,7 @@ def clip_of(
     exposure: float | int | None,  # s
     white: float | int | None,
 ) -> Clip:
-    """A clip from files or an array.
-
-    Raises:
-        ValueError: if a number is out of its range, or the frames are no clip.
-        OSError: if a file cannot be read.
-    """
+    """A clip from files or an array."""
     requirement, subject = "be a number above 0", "measure(frames_per_s=...)"
     require(_is_above_zero(frames_per_s), subject, requirement, frames_per_s)
     if exposure is not None:
@@ -115,12 +110,7 @@ def clip_of(
 
 
 def read_levels_of(source: Source, subject: str, most: int | None = None) -> Levels:
-    """Levels of files, of a folder's pictures in the order of their names, or of an array.
-
-    Raises:
-        ValueError: if they are compressed with loss, or no pictures of one size and finite levels.
-        OSError: if a file cannot be read.
-    """
+    """Levels of files, of a folder's pictures in the order of their names, or of an array."""
     if isinstance(source, np.ndarray):
         return _of_array(source, subject, most)
     paths = [source] if isinstance(source, str | Path) else list(source)

@@ -7,7 +7,7 @@ more and more frames.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -324,13 +324,12 @@ def _is_same(one: MovingObject, other: MovingObject) -> bool:
 
 
 def _in_seconds(each: MovingObject, unit: float, scale: int, first: int) -> MovingObject:
-    return MovingObject(
+    return replace(
+        each,
         velocity=(each.velocity[0] * unit, each.velocity[1] * unit),
         error=(each.error[0] * unit, each.error[1] * unit),
         centre=(each.centre[0] * scale, each.centre[1] * scale),
         area=each.area * scale**2,
-        lead=each.lead,
-        residual=each.residual,
         frame=each.frame + first,
     )
 

@@ -56,11 +56,7 @@ def noise_of(
     flats: np.ndarray | None,
     black: float | None,
 ) -> Noise:
-    """The noise of a clip, with dark frames and flat fields where there are some.
-
-    Raises:
-        ValueError: if dark frames or flat fields have another size, or flat fields are no pairs.
-    """
+    """The noise of a clip, with dark frames and flat fields where there are some."""
     _check_others(clip, dark, flats, black)
     known, of_black, dark, refusals = _black_of(clip, dark, black)
     blocks = photon_transfer.blocks_of(pairwise(steady), clip.ends)

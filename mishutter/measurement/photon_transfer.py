@@ -107,10 +107,8 @@ class Law:
         return (2 / self.gain * np.sqrt(self(frames))).astype(np.float32)
 
     def exceeds_steps(self, level: np.ndarray, step: float) -> Bool[np.ndarray, "..."]:
-        """Whether noise spreads a level over several steps, whose rounding adds its own.
-
-        Below 0.4 steps, without that of rounding, the place between steps decides it.
-        """
+        """Whether noise spreads a level over several steps, whose rounding adds its own."""
+        # Below 0.4 steps, without that of rounding, the place between steps decides it.
         return self(level) >= (0.4**2 + 1 / 12) * step**2
 
 

@@ -249,9 +249,6 @@ def blur_model(
 
     The blur is that of the scene's speeds with its weights; the noise is
     $N = \eta\bar f/p + (\sigma/p)^2$; the picture's spectrum is the scene's.
-
-    Raises:
-        ValueError: if light would fall over more than 8,192 px.
     """
     require_known("blur_model", scene=scene, motion=motion)
     view = sensor_view(scene, motion, shutter)

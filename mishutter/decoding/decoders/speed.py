@@ -490,11 +490,7 @@ def estimate_speed(
 
 
 def speed_in(planes: ArrayLike, model: BlurModel) -> SpeedEstimate:
-    """The speed of one picture, relative to the sensor.
-
-    Raises:
-        ValueError: if the capture is traced, or if the scene has a background.
-    """
+    """The speed of one picture, relative to the sensor."""
     require_whole(model.layers, "the speed to be found")
     concrete, got = is_concrete(planes), Unquoted("a tracer")
     require(concrete, "estimate_speed(capture=...)", "be known, not traced", got)
@@ -516,37 +512,13 @@ def speed_in(planes: ArrayLike, model: BlurModel) -> SpeedEstimate:
             )
         return SpeedEstimate(posterior.speed, posterior.error, not doubt, speeds, flat, doubt)
     parts = parts_of(irradiance, model, speeds, noise, statistics)
-    verdict = judged(parts, speeds, reach, statistics)
-    return SpeedEstimate(
-        speed=verdict.whole.speed,
-        error=verdict.whole.error,
-        trusted=not verdict.doubt,
-        speeds=speeds,
-        weights=verdict.weights,
-        doubt=verdict.doubt,
-        second_speed=verdict.second_speed,
-        is_unusual=verdict.is_unusual,
-    )
-
-
-class Verdict(NamedTuple):
-    """The posterior of all rows, the weights of the speeds, and any doubt about a single speed.
-
-    `second_speed`, px/s, is the speed of rows that disagree with the rest; None if none do.
-    `is_unusual` says that the spectrum is beyond a quantile of the prior's distances.
-    """
-
-    whole: Posterior
-    weights: Float[np.ndarray, "s"]
-    doubt: str
-    second_speed: float | None
-    is_unusual: bool
+    return judged(parts, speeds, reach, statistics)[0]
 
 
 def judged(
     parts: list[list[Energies]], speeds: Float[np.ndarray, "s"], reach: float, statistics: Prior
-) -> Verdict:
-    """Judges the evidence of the bands of a picture, all together and each by itself."""
+) -> tuple[SpeedEstimate, Posterior]:
+    """The estimate by the bands of a picture, all together and each by itself, and by all alone."""
     all_parts = [part for band in parts for part in band]
     whole = posterior_of(all_parts, speeds, reach, statistics)
     each = [posterior_of(band, speeds, reach, statistics) for band in parts]
@@ -566,7 +538,17 @@ def judged(
     # One in a hundred of the prior's pictures, those farthest from its mean, are unusual.
     furthest = chdtri(len(statistics.mean), 0.01)
     is_unusual = bool(np.mean([part.distance for part in all_parts]) > furthest)
-    return Verdict(whole, weights, doubt, second, is_unusual)
+    estimate = SpeedEstimate(
+        speed=whole.speed,
+        error=whole.error,
+        trusted=not doubt,
+        speeds=speeds,
+        weights=weights,
+        doubt=doubt,
+        second_speed=second,
+        is_unusual=is_unusual,
+    )
+    return estimate, whole
 
 
 def luminance_shares(count: int) -> Float[np.ndarray, "{count}"]:
