@@ -119,7 +119,7 @@ def _doubt_of_one_frame(found: Evidence, words: Words) -> str:
     # A frame is off by so many px and by so many of its own errors.
     sure = np.maximum(0.35, _SURE_SHIFT * math.sqrt(spread) * found.fit.shift_errors)
     far = np.max(np.abs(shifts) / sure, axis=1)
-    others = found.fit.misfits - np.median(found.fit.misfits)
+    others = found.fit.misfits - np.median(found.fit.misfits)  # above the middle one of all
     if np.max(far) > 1:
         which = int(np.argmax(far))
         off = ", ".join(f"{shift:+.1f}" for shift in shifts[which])

@@ -58,11 +58,6 @@ def method_in_plane(decoder: AbstractDecoder) -> Decode:
     return partial(decode, decoder)  # type: ignore[arg-type]
 
 
-def _by_ensemble(decoder: AbstractDecoder, found: Likeliest, mean: float) -> np.ndarray:
-    """The likeliest picture itself."""
-    return found.picture
-
-
 def _by_total_variation(
     decoder: TotalVariationDecoder, found: Likeliest, mean: float
 ) -> np.ndarray:
@@ -111,7 +106,7 @@ def _by_denoiser(decoder: PlugAndPlayDecoder, found: Likeliest, mean: float) -> 
 
 
 _DECODERS: dict[type[AbstractDecoder], Callable[..., np.ndarray]] = {
-    EnsembleDecoder: _by_ensemble,
+    EnsembleDecoder: lambda decoder, found, mean: found.picture,
     TotalVariationDecoder: _by_total_variation,
     PlugAndPlayDecoder: _by_denoiser,
 }

@@ -133,7 +133,7 @@ def capture_and_restore(
     )
     if isinstance(subject, Layers | Footage):
         report("exposing", 0.0)
-        captured = np.asarray(capture(subject.transposed(axis), key=key))
+        captured = np.array(capture(subject.transposed(axis), key=key))
     else:
         image = transposed(as_radiance(subject, "capture_and_restore(subject=...)"), axis)
         captured = np.concatenate(_taken(image, capture, key, rows_at_once, report))

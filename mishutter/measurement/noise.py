@@ -66,7 +66,7 @@ def noise_of(
     low = float(np.quantile(whole.mean, 0.001)) if whole.mean.size else 0.0
     span = (min(0.0, low), low) if known is None else (known.value, known.value)
     law = photon_transfer.rough_law(blocks, clip.step) if transfer is None else transfer.law
-    is_still = transfer is not None and transfer.share >= 0.03
+    is_still = transfer is not None and transfer.share >= 0.03  # of the blocks
     if transfer is None or not (is_still or flats is not None):
         usual = float(np.median(whole.variance)) if whole.variance.size else 0.0
         transfer, signs = None, [too_few(clip, float(blocks.is_whole.mean()), usual)]
@@ -139,10 +139,11 @@ def _doubts(
     if narrow is not None:
         return [narrow]
     brightest = float(transfer.law(np.quantile(transfer.blocks.mean, 0.99)))
+    # Steps hide all noise where that of the brightest blocks is less than a third of one.
     if brightest - clip.step**2 / 12 < (0.3 * clip.step) ** 2:
         return [Refusal(NOISE, BELOW_STEPS, MORE_BITS)]
     gain = _gain_of(transfer)
-    if gain.error < 0.25 * gain.value:
+    if gain.error < 0.25 * gain.value:  # electrons of a greater error are not written
         return []
     gamma = shot_gamma(transfer, clip.step)
     coded = f", as under a gamma of {gamma:.2g}" if gamma is not None and gamma > 1 else ""

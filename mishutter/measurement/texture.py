@@ -82,6 +82,7 @@ def light_of_texture(
     noise = float(np.average(variance, weights=window**2))
     still = light - np.average(light, weights=window)
     power = _power(window * still) / np.mean(window**2)
+    # A little is kept, however little is signal.
     signal = np.maximum(power - noise, 0.02 * power)
     mirrored = _mirrored(light - light.mean())
     gain = np.sqrt(signal / np.maximum(_power(light - light.mean()), 1e-30))
