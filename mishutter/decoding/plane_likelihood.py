@@ -172,6 +172,24 @@ class Slope(NamedTuple):
     changes: list[Float[np.ndarray, "n rows columns"]]  # Of the frames, by each component
     scores: Float[np.ndarray, "2 n rows columns"]  # The slope but for volumes, by pixel
 
+    def by_place(self, level: Level) -> tuple[Float[np.ndarray, "2 t"], Float[np.ndarray, "t"]]:
+        """Sums of scores over tiles of the picture, and the pixels of the frames in each.
+
+        A place of the picture pulls in all frames at once: tiles move as it does.
+        """
+        shape = level.canvas.sensor
+        side = max(min(shape) / TILES, 1.0)
+        middles = level.instants.middles(self.velocity / level.canvas.size)
+        rows, columns = (
+            np.floor((np.arange(count) - places[:, None]) / side).astype(int)
+            for count, places in zip(shape, middles[::-1], strict=True)
+        )
+        rows, columns = rows - np.min(rows), columns - np.min(columns)
+        places = (rows[:, :, None] * (np.max(columns) + 1) + columns[:, None]).ravel()
+        pixels = np.bincount(places)
+        pulls = np.stack([np.bincount(places, score.ravel()) for score in self.scores])
+        return pulls[:, pixels > 0], pixels[pixels > 0].astype(np.float64)
+
 
 def slope_at(level: Level, velocity: Float[np.ndarray, "2"], tolerance: float = TOLERANCE) -> Slope:
     """The slope at a velocity."""
@@ -271,7 +289,7 @@ def peak_near(level: Level, climb: Climb) -> Peak:
         [(near.value - slope_at(level, climb.best + side * e).value) / side for e in np.eye(2)]
     )
     curvature = _bounded(climb.information, (curvature + curvature.T) / 2, (0.01, 1.0))
-    pulls, pixels = _by_place(level, near)
+    pulls, pixels = near.by_place(level)
     total = np.sum(pulls, axis=1, keepdims=True)
     own = pulls - total * pixels / np.sum(pixels)
     # Volumes, whose slope the frames' balances, are of that model too: photographs may have none.
@@ -289,24 +307,3 @@ def _bounded(
     values, vectors = np.linalg.eigh(np.linalg.solve(root, np.linalg.solve(root, matrix).T))
     back = root @ vectors
     return (back * np.clip(values, *ends)) @ back.T
-
-
-def _by_place(
-    level: Level, slope: Slope
-) -> tuple[Float[np.ndarray, "2 t"], Float[np.ndarray, "t"]]:
-    """Sums of scores over tiles of the picture, and the pixels of the frames in each.
-
-    A place of the picture pulls in all frames at once: tiles move as it does.
-    """
-    shape = level.canvas.sensor
-    side = max(min(shape) / TILES, 1.0)
-    middles = level.instants.middles(slope.velocity / level.canvas.size)
-    rows, columns = (
-        np.floor((np.arange(count) - places[:, None]) / side).astype(int)
-        for count, places in zip(shape, middles[::-1], strict=True)
-    )
-    rows, columns = rows - np.min(rows), columns - np.min(columns)
-    places = (rows[:, :, None] * (np.max(columns) + 1) + columns[:, None]).ravel()
-    pixels = np.bincount(places)
-    pulls = np.stack([np.bincount(places, score.ravel()) for score in slope.scores])
-    return pulls[:, pixels > 0], pixels[pixels > 0].astype(np.float64)

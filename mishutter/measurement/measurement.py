@@ -15,14 +15,7 @@ from mishutter.measurement.clip import Clip, Source, clip_of, read_levels_of
 from mishutter.measurement.estimates import Estimate
 from mishutter.measurement.motion import Motion, motion_of
 from mishutter.measurement.noise import Noise, noise_of
-from mishutter.measurement.scene import (
-    PICTURE,
-    AlongAxis,
-    across_sentences,
-    along_axis,
-    missing_keys,
-    scene_text,
-)
+from mishutter.measurement.scene import PICTURE, AlongAxis, along_axis, missing_keys, scene_text
 from mishutter.measurement.signs import shot_gamma
 from mishutter.measurement.texture import averaged, light_of_texture
 from mishutter.model.scene import Scene, scene_of_tables
@@ -192,7 +185,7 @@ class Measurement:
             share = f"{motion.share_unexplained:.1%} of the picture"
             lines.append(f"{share} changes without a velocity: it deforms, diffuses or flickers.")
         if self.along is not None:
-            lines += across_sentences(self.along)
+            lines += self.along.sentences
         return lines
 
 

@@ -37,6 +37,34 @@ class AlongAxis(NamedTuple):
     is_two_way: bool  # Whether objects move both ways
     fastest: float  # Fast speed in whatever direction; px/s
 
+    @property
+    def sentences(self) -> list[str]:
+        """The share of the motion that goes across the axis, its cost, and a remedy."""
+        if self.across <= 0.05:
+            return [f"One axis explains the motion: {self.across:.0%} of the speed goes across it."]
+        words = f"{self.across:.0%} of the speed goes across the {self.axis}, which smears"
+        if self.across > _ACROSS[-1]:
+            first = (
+                f"No one axis explains the motion: {words}. From 30 % on that costs a moving "
+                "sensor all of its gain: trust only the options at rest."
+            )
+        else:
+            # Decibels that a design for none and one for it lose (`benchmarks/cross_motion.py`).
+            cost = float(np.interp(self.across, _ACROSS, (0.0, 0.26, 0.91, 1.67)))
+            designed = float(np.interp(self.across, _ACROSS, (0.0, 0.20, 0.42, 0.55)))
+            first = (
+                f"{words[0].upper() + words[1:]}: in the light of the built-in scene that costs "
+                f"{cost:.1f} dB of a moving sensor's gain, or {designed:.1f} dB by a design for it."
+            )
+        sentences = [first]
+        if self.across_turned < 0.7 * self.across:
+            way = "clockwise" if self.turn > 0 else "anticlockwise"
+            sentences.append(
+                f"A camera turned by {abs(self.turn):.0f} degrees {way} has "
+                f"{self.across_turned:.0%} across."
+            )
+        return sentences
+
 
 def along_axis(objects: Sequence[MovingObject]) -> AlongAxis | None:
     """The axis of the picture along which most moves, and how fast; None if nothing does.
@@ -88,34 +116,6 @@ def _quantile(values: np.ndarray, weights: np.ndarray, share: float) -> float:
     order = np.argsort(values)
     below = np.cumsum(weights[order]) / weights.sum()
     return float(values[order][int(np.searchsorted(below, min(share, below[-1])))])
-
-
-def across_sentences(along: AlongAxis) -> list[str]:
-    """The share of the motion that goes across the axis, its cost, and a remedy."""
-    if along.across <= 0.05:
-        return [f"One axis explains the motion: {along.across:.0%} of the speed goes across it."]
-    words = f"{along.across:.0%} of the speed goes across the {along.axis}, which smears"
-    if along.across > _ACROSS[-1]:
-        first = (
-            f"No one axis explains the motion: {words}. From 30 % on that costs a moving sensor "
-            "all of its gain: trust only the options at rest."
-        )
-    else:
-        # Decibels that a design for none and one for it lose (`benchmarks/cross_motion.py`).
-        cost = float(np.interp(along.across, _ACROSS, (0.0, 0.26, 0.91, 1.67)))
-        designed = float(np.interp(along.across, _ACROSS, (0.0, 0.20, 0.42, 0.55)))
-        first = (
-            f"{words[0].upper() + words[1:]}: in the light of the built-in scene that costs "
-            f"{cost:.1f} dB of a moving sensor's gain, or {designed:.1f} dB by a design for it."
-        )
-    sentences = [first]
-    if along.across_turned < 0.7 * along.across:
-        way = "clockwise" if along.turn > 0 else "anticlockwise"
-        sentences.append(
-            f"A camera turned by {abs(along.turn):.0f} degrees {way} has "
-            f"{along.across_turned:.0%} across."
-        )
-    return sentences
 
 
 def scene_text(found: "Measurement") -> str:
@@ -193,7 +193,7 @@ def _speeds(found: "Measurement") -> list[str]:
         )
     if along is None:
         return [*lines, "# Nothing was seen to move.", "list_px_per_s = [0.0]"]
-    lines += [f"# {sentence}" for sentence in across_sentences(along)]
+    lines += [f"# {sentence}" for sentence in along.sentences]
     low, high = along.speeds
     sign = "left" if along.axis == "rows" else "up"
     lines.append(
