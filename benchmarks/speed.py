@@ -219,13 +219,13 @@ def score(trials: list[Trial], known: Prior) -> Score:
     truth = np.array([t.speed for t in trials])
     steps = np.array([t.tried[1] - t.tried[0] for t in trials])
     density = [
-        np.interp(t.speed, t.tried, f.whole.weights) for t, f in zip(trials, found, strict=True)
+        np.interp(t.speed, t.tried, p.weights) for t, (_, p) in zip(trials, found, strict=True)
     ]
     logs = np.log(np.maximum(density, 1e-9) / steps)
-    off = np.abs([f.whole.speed for f in found] - truth)
-    errors, sure = np.array([f.whole.error for f in found]), np.array([not f.doubt for f in found])
+    off = np.abs([e.speed for e, _ in found] - truth)
+    errors, sure = np.array([e.error for e, _ in found]), np.array([e.trusted for e, _ in found])
     one, two = (np.mean(off[sure] < n * errors[sure]) if np.any(sure) else np.nan for n in (1, 2))
-    denied = np.mean([f.doubt.startswith("Some rows") for f in found])
+    denied = np.mean([e.doubt.startswith("Some rows") for e, _ in found])
     wrong = off > FAR
     many = int(np.sum(wrong & sure))
     means = float(logs.mean()), float(wrong.mean()), float(sure.mean())
@@ -234,11 +234,11 @@ def score(trials: list[Trial], known: Prior) -> Score:
 
 def width(trials: list[Trial], known: Prior) -> float:
     """Of error bars that hold 68 % of the errors of estimates that are trusted."""
-    ratios = []
+    ratios, known = [], known._replace(width=1.0)
     for trial in trials:
-        found = estimator.judged(trial.parts, trial.tried, trial.reach, known._replace(width=1.0))
-        if not found.doubt:
-            ratios.append(abs(found.whole.speed - trial.speed) / found.whole.error)
+        found, _ = estimator.judged(trial.parts, trial.tried, trial.reach, known)
+        if found.trusted:
+            ratios.append(abs(found.speed - trial.speed) / found.error)
     return float(np.quantile(ratios, 0.683))
 
 

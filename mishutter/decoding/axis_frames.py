@@ -51,8 +51,6 @@ Planes = Float[np.ndarray, "colours frames rows columns"]
 TOLERANCE_OF_SPEED = 1e-2
 """Residual at which conjugate gradients of a likelihood end: likelihoods of speeds differ by less
 than by the picture's own statistics."""
-_AT_ONCE = 2**16
-"""Pixels of canvas for which likelihoods are computed together."""
 
 
 class Rows(NamedTuple):
@@ -94,7 +92,7 @@ class Rows(NamedTuple):
     ) -> Float[np.ndarray, "s rows"]:
         """Logarithms of the likelihood of each row of the frames, over that of no picture."""
         count, columns = self.frames[..., 0].size, self.frames.shape[-1]
-        at_once = max(1, _AT_ONCE // (count * fast_length(columns)))
+        at_once = max(1, 2**16 // (count * fast_length(columns)))  # px of canvas together
         values = []
         for some in np.split(speeds, range(at_once, speeds.size, at_once)):
             found = self.likeliest(some, tolerance)
@@ -148,16 +146,11 @@ def restored_on_axis(
     canvas, (data, density) = found.canvas, complete(found)
     spectrum = data / np.sqrt(np.maximum(density, LEAST_POWER) * density[..., :1])
     capture = np.moveaxis(canvas.picture(spectrum) + level[..., None], 0, -1)
-    light = restored_light(as_float(capture), decoder, _as_one(rows, scene, taken, speed))
-    return np.asarray(light)[:, canvas.window[-1]]
-
-
-def _as_one(rows: Rows, scene: Scene, taken: Sequence[TimedFrame], speed: float) -> BlurModel:
-    """The blur and noise of the one capture that the complete frames are as good as."""
+    # The complete frames are as good as one capture of this blur and noise.
     electrons = float(np.sum(electrons_of(scene, [one.exposure for one in taken])))
     noise = 1 / float(np.sum(1 / rows.noises))
     read_variance = max(noise - rows.model.mean_level / electrons, 0.0)
-    return replace(
+    as_one = replace(
         rows.model,
         speeds=np.array([speed]),
         weights=np.ones(1),
@@ -167,3 +160,4 @@ def _as_one(rows: Rows, scene: Scene, taken: Sequence[TimedFrame], speed: float)
         read_noise=electrons * math.sqrt(read_variance),
         complete=CompleteFrames(tuple(taken), speed, tuple(rows.noises.tolist())),
     )
+    return np.asarray(restored_light(as_float(capture), decoder, as_one))[:, canvas.window[-1]]

@@ -34,19 +34,12 @@ from mishutter.evaluation.sequences import nodes_of_frames
 from mishutter.model.scene import Scene
 from mishutter.model.sequences import TimedFrame
 
-_ROWS_OF_SPEED, _ROWS_OF_SEARCH = 32, 4
-"""Rows that tell a picture's speed, and those of most detail, one a band, in which it is sought."""
+_ROWS_OF_SPEED = 32
+"""Rows that tell a picture's speed."""
 _PX_A_STEP = 0.7
 """Displacement over the sequence between neighbouring speeds that are tried."""
-_MOST_SPEEDS, _MOST_RESPONSES = 4096, 3000
-"""Most speeds that are tried, and the speeds times frames above which fewer frames tell where to
-look."""
-_CANDIDATES = 4
-"""Peaks of the likelihood of some rows that all rows judge."""
-_FEW_SPEEDS = 17
-"""Speeds at whose mean a picture's power is estimated."""
-_ASIDE = np.array([-8.0, 5.0])
-"""Displacements from frame to frame by which frames that fit nowhere are off; px."""
+_MOST_SPEEDS = 4096
+"""Most speeds that are tried."""
 _WORDS = Words(
     "speed",
     "their order, a lost or repeated frame, another design, two objects, motion across the axis, a "
@@ -54,20 +47,8 @@ _WORDS = Words(
     "of the rows fit better",
     BEYOND,
 )
-_MOST_MOVES = 8
-"""Times that a peak is looked for within a step."""
 _REACH = 3.0
 """Steps about the speed that is found within which no other is a rival."""
-
-
-class _Search(NamedTuple):
-    """Speeds at which the likelihood of some rows is high, of all speeds that are tried."""
-
-    low: float  # Least speed that is tried; px/s
-    high: float  # Greatest one
-    step: float  # Step between speeds for all frames; px/s
-    peaks: list[float]  # Speeds at which it is highest nearby, the highest first; px/s
-    middle: float  # Median of the likelihood's logarithm over all speeds, below its top
 
 
 class _Peak(NamedTuple):
@@ -76,6 +57,43 @@ class _Peak(NamedTuple):
     speed: float
     value: float
     width: float
+
+
+class _Tried(NamedTuple):
+    """Speeds that are tried; px/s."""
+
+    low: float
+    high: float
+    step: float  # For all frames
+
+    def highest(self, rows: Rows, speed: float, steps: float = 0.1) -> _Peak:
+        """The peak of the likelihood near a speed, among those that are tried, to some steps."""
+        from scipy.optimize import minimize_scalar
+
+        tolerance = TOLERANCE_OF_SPEED * steps / 0.1
+
+        def loss(value: float) -> float:
+            return -float(np.sum(rows.logarithms(np.array([value]), tolerance)))
+
+        if self.low == self.high:
+            return _Peak(speed, -loss(speed), 0.0)
+        peak, least = speed, math.inf
+        for _ in range(8):
+            low, high = max(self.low, peak - self.step), min(self.high, peak + self.step)
+            options = {"xatol": steps * self.step}
+            end: Any = minimize_scalar(loss, bounds=(low, high), method="bounded", options=options)
+            peak, least = float(end.x), float(end.fun)
+            beyond_low = low > self.low and peak < low + 0.1 * self.step
+            if not beyond_low and not (high < self.high and peak > high - 0.1 * self.step):
+                break
+        side = 0.2 * self.step
+        near = rows.logarithms(peak + side * np.array([-1.0, 0.0, 1.0]), tolerance)
+        curvature = max(-float(np.sum(np.diff(near, 2, axis=0))) / side**2, 1e-300)
+        # Rows of photographs pull to either side by more than Gaussian ones of their spectrum.
+        scores = (near[2] - near[0]) / (2 * side)
+        disagreement = scores.size * float(np.var(scores))
+        width = math.sqrt(max(curvature, disagreement)) / curvature
+        return _Peak(peak, -least, min((self.high - self.low) / math.sqrt(12), width))
 
 
 def speed_on_axis(planes: Planes, scene: Scene, taken: Sequence[TimedFrame]) -> SpeedEstimate:
@@ -101,19 +119,20 @@ def _speed_along_rows(planes: Planes, scene: Scene, taken: Sequence[TimedFrame])
     some = np.linspace(0, num_rows - 1, min(_ROWS_OF_SPEED, num_rows)).astype(int)
     grey, (low, high) = grey[:, np.unique(some)], _range_to_try(scene)
     rows = _rows_of_speed(grey, scene, taken, float(shares @ shares))
-    search = _searched(rows, taken, low, high)
-    values = np.sum(rows.logarithms(np.array(search.peaks)), axis=1)
-    ends = [_Peak(*each, 0.0) for each in zip(search.peaks, values.tolist(), strict=True)]
+    tried, peaks, middle = _searched(rows, taken, low, high)
+    values = np.sum(rows.logarithms(np.array(peaks)), axis=1)
+    ends = [_Peak(*each, 0.0) for each in zip(peaks, values.tolist(), strict=True)]
     ends.sort(key=lambda end: -end.value)
     gains = np.maximum(1 + rows.fit(ends[0].speed).gains, BLACK)[:, None, None]
     # What all gains share is a picture that its prior holds back.
     rows = rows._replace(frames=rows.frames / (gains / np.mean(gains)))
-    best = _highest(rows, ends[0].speed, search, 0.01)
+    best = tried.highest(rows, ends[0].speed, 0.01)
     fit, duration, top = rows.fit(best.speed), _duration(taken), ends[0].value
-    asides = best.speed + _ASIDE * max(len(taken) - 1, 1) / duration
+    # Frames that fit nowhere are off by so many px from frame to frame.
+    asides = best.speed + np.array([-8.0, 5.0]) * max(len(taken) - 1, 1) / duration
     error = math.hypot(math.sqrt(fit.spread) * best.width, FLOOR / duration)
     error = min(error, (high - low) / math.sqrt(12))
-    beside = [end for end in ends if abs(end.speed - best.speed) > _REACH * search.step]
+    beside = [end for end in ends if abs(end.speed - best.speed) > _REACH * tried.step]
     evidence = Evidence(
         frames=grey,
         noises=rows.noises,
@@ -123,8 +142,8 @@ def _speed_along_rows(planes: Planes, scene: Scene, taken: Sequence[TimedFrame])
         elsewhere=float(np.mean([rows.fit(each).misfit for each in asides])),
         rivals=[Rival(end.speed, top - end.value, rows.fit(end.speed)) for end in beside],
         lead=top,
-        middle=search.middle,
-        is_within=low + 0.1 * search.step < best.speed < high - 0.1 * search.step,
+        middle=middle,
+        is_within=low + 0.1 * tried.step < best.speed < high - 0.1 * tried.step,
         is_only=low == high,
     )
     doubt = evidence.doubt(error * duration, _WORDS)
@@ -149,7 +168,7 @@ def _rows_of_speed(
     noise_share: float,
 ) -> Rows:
     """Rows as bright and as rich in detail as they are, with levels that tell no speed."""
-    few = np.linspace(*_range_to_try(scene), _FEW_SPEEDS)
+    few = np.linspace(*_range_to_try(scene), 17)
     rows, _ = rows_of(grey, scene, taken, nodes_of_frames(taken, float(np.max(np.abs(few)))))
     exposures = [one.exposure for one in taken]
     noises = noises_of(scene, exposures, float(np.mean(grey)), noise_share)
@@ -172,10 +191,14 @@ def _duration(taken: Sequence[TimedFrame]) -> float:
     return max(max(times) - min(times), max(frame.exposure for frame in taken))
 
 
-def _searched(rows: Rows, taken: Sequence[TimedFrame], low: float, high: float) -> _Search:
-    """The likelihood of some rows, at speeds between which the picture moves by less than a pixel.
+def _searched(
+    rows: Rows, taken: Sequence[TimedFrame], low: float, high: float
+) -> tuple[_Tried, list[float], float]:
+    """Speeds at which the likelihood of some rows is highest nearby, the highest first.
 
-    Of many frames those in the middle tell where to look with all of them.
+    They are sought among speeds between which the picture moves by less than a pixel, and come with
+    the median of the likelihood's logarithm over all of these, below its top. Of many frames those
+    in the middle tell where to look with all of them.
     """
     order = np.argsort([frame.time for frame in taken])
     size = len(taken)
@@ -184,7 +207,7 @@ def _searched(rows: Rows, taken: Sequence[TimedFrame], low: float, high: float) 
         few = order[start : start + size]
         coarse = _PX_A_STEP / _duration([taken[k] for k in few])
         count = 2 + int((high - low) / coarse)
-        if size <= 2 or size * count <= _MOST_RESPONSES:
+        if size <= 2 or size * count <= 3000:
             break
         size -= 1
     step, most = _PX_A_STEP / _duration(taken), coarse * (_MOST_SPEEDS - 2)
@@ -192,8 +215,9 @@ def _searched(rows: Rows, taken: Sequence[TimedFrame], low: float, high: float) 
         f"have speeds within {most:,.0f} px/s of each other, so that frames tell them apart"
     )
     require(count <= _MOST_SPEEDS, "restore_frames(scene=...)", requirement, high - low)
+    # The row of most detail in each of some bands is looked at.
     detail = np.sum(np.diff(rows.frames, axis=-1) ** 2, axis=(0, 2))
-    bands = np.array_split(np.arange(detail.size), min(_ROWS_OF_SEARCH, detail.size))
+    bands = np.array_split(np.arange(detail.size), min(4, detail.size))
     some = [band[np.argmax(detail[band])] for band in bands]
     all_frames = rows._replace(frames=rows.frames[:, some])
     speeds = np.linspace(low, high, count) if low < high else np.array([low])
@@ -201,7 +225,7 @@ def _searched(rows: Rows, taken: Sequence[TimedFrame], low: float, high: float) 
     values = np.sum(of_rows, axis=1)
     beside = np.concatenate([[-np.inf], values, [-np.inf]])
     places = np.flatnonzero((values >= beside[:-2]) & (values > beside[2:]))
-    places = places[np.argsort(-values[places])][:_CANDIDATES].tolist()
+    places = places[np.argsort(-values[places])][:4].tolist()
     # Rows of a second object may be too dim to show among all.
     for place in np.argmax(of_rows, axis=0).tolist():
         if min(abs(place - other) for other in places) > _REACH:
@@ -212,36 +236,5 @@ def _searched(rows: Rows, taken: Sequence[TimedFrame], low: float, high: float) 
         near = np.clip(peaks[:, None] + fine, low, high)
         tops = [np.argmax(np.sum(all_frames.logarithms(some), axis=1)) for some in near]
         peaks = near[np.arange(len(near)), tops]
-    search = _Search(low, high, step, [], middle)
-    tops = [_highest(all_frames, speed, search).speed for speed in peaks.tolist()]
-    return search._replace(peaks=tops)
-
-
-def _highest(rows: Rows, speed: float, search: _Search, steps: float = 0.1) -> _Peak:
-    """The peak of the likelihood near a speed, within those that are tried, to so many steps."""
-    from scipy.optimize import minimize_scalar
-
-    tolerance = TOLERANCE_OF_SPEED * steps / 0.1
-
-    def loss(value: float) -> float:
-        return -float(np.sum(rows.logarithms(np.array([value]), tolerance)))
-
-    if search.low == search.high:
-        return _Peak(speed, -loss(speed), 0.0)
-    peak, least = speed, math.inf
-    for _ in range(_MOST_MOVES):
-        low, high = max(search.low, peak - search.step), min(search.high, peak + search.step)
-        options = {"xatol": steps * search.step}
-        end: Any = minimize_scalar(loss, bounds=(low, high), method="bounded", options=options)
-        peak, least = float(end.x), float(end.fun)
-        beyond_low = low > search.low and peak < low + 0.1 * search.step
-        if not beyond_low and not (high < search.high and peak > high - 0.1 * search.step):
-            break
-    side = 0.2 * search.step
-    near = rows.logarithms(peak + side * np.array([-1.0, 0.0, 1.0]), tolerance)
-    curvature = max(-float(np.sum(np.diff(near, 2, axis=0))) / side**2, 1e-300)
-    # Rows of photographs pull to either side by more than Gaussian ones of their spectrum would.
-    scores = (near[2] - near[0]) / (2 * side)
-    disagreement = scores.size * float(np.var(scores))
-    width = math.sqrt(max(curvature, disagreement)) / curvature
-    return _Peak(peak, -least, min((search.high - search.low) / math.sqrt(12), width))
+    tried = _Tried(low, high, step)
+    return tried, [tried.highest(all_frames, each).speed for each in peaks.tolist()], middle

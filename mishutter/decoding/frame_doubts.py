@@ -1,4 +1,7 @@
-"""Frames of one picture, along one axis or in the plane: what is trusted of them, and why not."""
+"""Frames of one picture, along one axis or in the plane: what is trusted of them, and why not.
+
+`python -m benchmarks.trust` shows what the numbers here keep and catch.
+"""
 
 import itertools
 import math
@@ -13,32 +16,17 @@ from mishutter.decoding.likeliest import Fit
 TRIED_BEYOND = 0.03
 """Share of the range of the scene's speeds that is tried beyond either end."""
 
-# What is trusted: `python -m benchmarks.trust` shows what these numbers keep and catch.
-_LEAD, _LEAD_OF_ROW, _OTHER_ROWS = 100.0, 30.0, 0.1
-"""Logarithm of likelihood by which the speed that is found must lead, that by which a row prefers
-another, and the share of such rows that is doubted."""
+_LEAD = 100.0
+"""Logarithm of likelihood by which the speed that is found must lead."""
 WORTH = 0.1
 """Share of the likelihood that counts in weights: photographs are no Gaussian rows, and alike from
 row to row."""
-_REGISTERED = 1.0
-"""Error of a picture's way over the sequence above which no speed is trusted; px."""
 FLOOR = 0.005
 """Least error of a picture's way over the sequence; px."""
-_MISFITS, _UNEXPLAINED = (1.25, 1.8), (0.45, 0.25)
-"""Misfits from which frames are doubted, and their least share of the misfit of frames that are
-registered elsewhere: bright frames show all that a camera does besides."""
-_AS_WELL = 0.25
-"""Part of the way to that misfit within which another speed fits as well."""
-_SHIFT, _SURE_SHIFT = 0.35, 4.0
-"""Shift of one frame from where its time puts it that is doubted, px, and in its own errors."""
-_OTHER, _OTHER_SHARE = 0.4, 0.5
-"""Misfit of one frame above the middle one of all that is doubted, over the misfit of all, and as a
-share of that of frames registered elsewhere."""
-_SHARED = 0.2
-"""Least share of a frame that a neighbouring one must see."""
-BLACK, _SATURATED = 0.1, 0.5
-"""Level of a black frame over that of the brightest, and share of equal pixels of a saturated one.
-"""
+_SURE_SHIFT = 4.0
+"""Standard errors beyond which a frame's shift or level is certain."""
+BLACK = 0.1
+"""Level of a black frame over that of the brightest."""
 
 
 class Words(NamedTuple):
@@ -98,26 +86,24 @@ def odd_frame(
     unlike = np.mean(np.diff(frames, axis=-1) ** 2, axis=pixels)
     is_black &= unlike >= np.var(frames, axis=pixels)
     is_top = np.mean(frames == np.max(frames, axis=pixels, keepdims=True), axis=pixels)
-    is_saturated = (is_top > _SATURATED) & (levels >= np.median(levels))
+    is_saturated = (is_top > 0.5) & (levels >= np.median(levels))
     for is_odd, word in ((is_saturated, "saturated"), (is_black, "black")):
         if np.any(is_odd) and not np.all(is_odd):
             return f"Frame {int(np.argmax(is_odd)) + 1} of {len(levels)} is {word}."
     return ""
 
 
-def _equal_frames(found: Evidence) -> str:
-    """Words for two frames that are the same, though at places that are not, if two are."""
+def _doubt_of_fit(found: Evidence, words: Words) -> str:
+    """The doubt of frames that do not fit one picture as they should, or of which two are equal."""
+    misfit, expected, same = found.compared.misfit, _expected(found), ""
     for first, second in itertools.combinations(range(len(found.frames)), 2):
         is_apart = np.linalg.norm(found.places[:, first] - found.places[:, second]) > 1
         if is_apart and np.array_equal(found.frames[first], found.frames[second]):
-            return f"frames {first + 1} and {second + 1} are the same"
-    return ""
-
-
-def _doubt_of_fit(found: Evidence, words: Words) -> str:
-    """The doubt of frames that do not fit one picture as they should, or of which two are equal."""
-    misfit, expected, same = found.compared.misfit, _expected(found), _equal_frames(found)
-    limits = zip(_MISFITS, _UNEXPLAINED, strict=True)
+            same = f"frames {first + 1} and {second + 1} are the same"
+            break
+    # Bright frames show all that a camera does besides: their misfit is also a large part of that
+    # of frames that are registered elsewhere.
+    limits = (1.25, 0.45), (1.8, 0.25)
     if any(misfit > least and misfit - 1 > share * expected for least, share in limits):
         because = same or f"{words.reasons}, or more noise than the scene says"
         return (
@@ -130,14 +116,15 @@ def _doubt_of_fit(found: Evidence, words: Words) -> str:
 def _doubt_of_one_frame(found: Evidence, words: Words) -> str:
     """The doubt of a frame that is not where its time puts it, or shows another picture."""
     shifts, spread = found.fit.shifts, found.fit.spread
-    sure = np.maximum(_SHIFT, _SURE_SHIFT * math.sqrt(spread) * found.fit.shift_errors)
+    # A frame is off by so many px and by so many of its own errors.
+    sure = np.maximum(0.35, _SURE_SHIFT * math.sqrt(spread) * found.fit.shift_errors)
     far = np.max(np.abs(shifts) / sure, axis=1)
-    others = found.fit.misfits - np.median(found.fit.misfits)
+    others = found.fit.misfits - np.median(found.fit.misfits)  # above the middle one of all
     if np.max(far) > 1:
         which = int(np.argmax(far))
         off = ", ".join(f"{shift:+.1f}" for shift in shifts[which])
         return f"Frame {which + 1} of {far.size} is {off} px off its place: {words.reasons}."
-    if np.max(others) > max(_OTHER * spread, _OTHER_SHARE * _expected(found)):
+    if np.max(others) > max(0.4 * spread, 0.5 * _expected(found)):
         which = int(np.argmax(others))
         frame = f"Frame {which + 1} of {far.size} does not fit the picture of the others"
         return f"{frame} (misfit {found.fit.misfits[which]:.3g}): {words.reasons}."
@@ -149,7 +136,7 @@ def _doubt_of_steps(found: Evidence) -> str:
     steps = np.abs(np.diff(found.places, axis=1))
     sensor = found.frames.shape[: -len(steps) - 1 : -1]
     shared = np.prod(np.maximum(1 - steps / np.array(sensor)[:, None], 0), axis=0)
-    if np.all(shared >= _SHARED):
+    if np.all(shared >= 0.2):  # of a frame
         return ""
     furthest = np.max(np.linalg.norm(steps, axis=0))
     pixels = " x ".join(map(str, sensor))
@@ -164,13 +151,14 @@ def _doubt_of_rivals(found: Evidence, error: float, words: Words) -> str:
     spread, misfit = found.fit.spread, found.compared.misfit
     if not found.is_within:
         return words.beyond
-    if not error < _REGISTERED or len(found.frames) == 1:
+    if not error < 1 or len(found.frames) == 1:
         return LITTLE
-    as_well = misfit + _AS_WELL * max(found.elsewhere - misfit, 0.0)
+    # Another fits as well within a part of the way to frames that are registered elsewhere.
+    as_well = misfit + 0.25 * max(found.elsewhere - misfit, 0.0)
     for rival in found.rivals:
         name = ", ".join(f"{each:,.0f}" for each in np.atleast_1d(rival.motion))
-        prefers = np.mean(rival.fit.parts - found.compared.parts > _LEAD_OF_ROW * spread)
-        if prefers > _OTHER_ROWS:
+        prefers = np.mean(rival.fit.parts - found.compared.parts > 30 * spread)
+        if prefers > 0.1:
             return f"At {name} px/s {prefers:.0%} {words.parts}: there may be two objects."
         if rival.below < _LEAD * spread or rival.fit.misfit <= as_well:
             if found.middle < _LEAD * spread:

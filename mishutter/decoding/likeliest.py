@@ -35,19 +35,11 @@ from mishutter.camera.rows import irfftn, rfftn
 from mishutter.decoding.decoders.base import density_of
 from mishutter.decoding.decoders.linear import mean_over_dft
 from mishutter.model.scene import Scene
-from mishutter.model.sensor import noise_power, white_electrons
+from mishutter.model.sensor import DARK, noise_power, white_electrons
 
-TOLERANCE, _MOST_STEPS = 1e-3, 200
-"""Residual at which conjugate gradients end, as a share of the first one, and most steps: the level
-is within 0.01 dB of its limit."""
-_DARK = 1e-12
-"""Least variance of the noise, for pictures without light or noise; white = 1."""
-_BANDS, _LEAST_DETAIL = 6, 1e-4
-"""Bands of frequencies in which a picture's power is estimated, and its least power, over that
-which the scene expects."""
-_FLICKER, _LARGEST_SHIFT = 0.2, 10.0
-"""Gain or black level, and shift, px, by which a frame may differ from the others, as standard
-deviations."""
+TOLERANCE = 1e-3
+"""Residual at which conjugate gradients end, as a share of the first one: the level is within
+0.01 dB of its limit."""
 TILES = 8
 """Parts of a picture along each axis whose likelihoods are compared."""
 
@@ -128,9 +120,7 @@ class Likeliest(NamedTuple):
 
 
 def likeliest(
-    canvas: Canvas,
-    responses: Complex[np.ndarray, "frames ..."],
-    tolerance: float = TOLERANCE,
+    canvas: Canvas, responses: Complex[np.ndarray, "frames ..."], tolerance: float = TOLERANCE
 ) -> Likeliest:
     """The likeliest pictures, by conjugate gradients on all of them at once."""
     dtype, shape = canvas.frames.dtype, canvas.shape
@@ -161,7 +151,7 @@ def likeliest(
     picture, residual, step = np.zeros_like(target), target.copy(), target * inverse
     size = product(residual, step)
     least = tolerance**2 * size
-    for _ in range(_MOST_STEPS):
+    for _ in range(200):
         is_active = size > least
         if not np.any(is_active):
             break
@@ -178,18 +168,12 @@ def likeliest(
     return Likeliest(canvas, responses, picture, product(target, picture) / 2)
 
 
-class Complete(NamedTuple):
-    r"""Frames that go on beyond their borders, as the misfit of a picture's spectrum has them.
+def complete(found: Likeliest) -> tuple[Complex[np.ndarray, "..."], Float[np.ndarray, "..."]]:
+    r"""All that frames tell which go on beyond their borders, as the likeliest pictures do.
 
-    It is $\tfrac12\sum(\rho|\hat f|^2 - 2\,\Re\,\bar{\hat f}\hat d)$.
+    With $\hat d = \sum_k \bar A_k\hat g_k/N_k$ and $\rho = \sum_k |A_k|^2/N_k$ the misfit of a
+    picture is $\tfrac12\sum(\rho|\hat f|^2 - 2\,\Re\,\bar{\hat f}\hat d)$.
     """
-
-    data: Complex[np.ndarray, "..."]  # $\hat d = \sum_k \bar A_k\hat g_k/N_k$
-    density: Float[np.ndarray, "..."]  # $\rho = \sum_k |A_k|^2/N_k$
-
-
-def complete(found: Likeliest) -> Complete:
-    """The frames of the likeliest pictures, each with these beyond its borders."""
     canvas = found.canvas
 
     def completed() -> Iterator[np.ndarray]:
@@ -198,18 +182,15 @@ def complete(found: Likeliest) -> Complete:
             whole[canvas.window] = frame
             yield whole
 
-    data = canvas.gathered(found.responses, completed())
-    return Complete(data, canvas.density(found.responses))
+    return canvas.gathered(found.responses, completed()), canvas.density(found.responses)
 
 
 class Volume(NamedTuple):
-    """Half the logarithm of the determinant of the frames' covariance, over that of their noise.
+    """The volume of the Gaussian about the likeliest picture."""
 
-    And how many numbers of each frame the likeliest picture leaves to the noise.
-    """
-
+    # Half the logarithm of the determinant of the frames' covariance, over that of their noise
     logarithm: float
-    freedoms: Float[np.ndarray, "frames"]
+    freedoms: Float[np.ndarray, "frames"]  # Numbers of each frame that are left to the noise
 
 
 def volume_of(
@@ -274,8 +255,8 @@ def fit_of(found: Likeliest, space: Volume, mean: float = 0.0) -> Fit:
     residual = canvas.known(canvas.frames) - canvas.known(seen)
     gains, offsets = np.zeros((2, num_frames))
     shifts, errors = np.zeros((2, num_frames, num_axes))
-    largest = [_LARGEST_SHIFT / canvas.size] * num_axes
-    expected = np.diag(np.array([_FLICKER, _FLICKER, *largest]) ** -2.0)
+    # Standard deviations by which a frame may differ: of its gain, black level, and shift, 10 px.
+    expected = np.diag(np.array([0.2, 0.2, *[10.0 / canvas.size] * num_axes]) ** -2.0)
     for k, noise in enumerate(canvas.noises if num_frames > 1 else []):
         spectrum = found.spectrum * found.responses[k]
         changes = [seen[k] + mean, np.ones_like(seen[k])]
@@ -327,11 +308,7 @@ def _in_tiles(values: Float[np.ndarray, "*planes rows columns"]) -> Float[np.nda
 
 
 def electrons_of(scene: Scene, exposures: RowLike) -> Float[np.ndarray, "frames"]:
-    """Electrons of a white pixel in each frame.
-
-    Raises:
-        ValueError: if the scene has no light.
-    """
+    """Electrons of a white pixel in each frame."""
     electrons = white_electrons(float(scene.photon_rate), np.asarray(exposures, np.float64))
     has_light, requirement = float(np.min(electrons)) > 0, "have a photon rate above 0 e-/s"
     require(has_light, "restore_frames(scene=...)", requirement, 0.0)
@@ -341,13 +318,10 @@ def electrons_of(scene: Scene, exposures: RowLike) -> Float[np.ndarray, "frames"
 def noises_of(
     scene: Scene, exposures: RowLike, mean_level: float, share: float = 1.0
 ) -> Float[np.ndarray, "frames"]:
-    """Variance of the noise in each frame of a picture of some mean level; white = 1.
-
-    Colours have a share of it where they are one grey.
-    """
+    """Variance of the noise in frames of a mean level, or a share of it for one grey; white = 1."""
     electrons, read = electrons_of(scene, exposures), float(scene.read_noise)
     noises = noise_power(1.0, max(mean_level, 0.0), electrons, read, unit=electrons)
-    return np.maximum(share * noises, _DARK)
+    return np.maximum(share * noises, DARK)
 
 
 class Detail(NamedTuple):
@@ -382,11 +356,11 @@ def detail_of(
     power = np.mean(power.reshape(len(frames), -1, *power.shape[-num_axes:]), axis=1)
     recorded = sum(one / noise - 1 for one, noise in zip(power, noises, strict=True))
     grid = (*expected.shape[:-1], 2 * (expected.shape[-1] - 1))
-    edges = np.geomspace(lowest, 0.5, _BANDS + 1)
+    edges = np.geomspace(lowest, 0.5, 7)
     scales = []
     for ends in itertools.pairwise(edges):
         shown, told = _mean_between(recorded, shape, *ends), _mean_between(expected, grid, *ends)
-        scales.append(max(shown / told, _LEAST_DETAIL) if told > 0 else 1.0)
+        scales.append(max(shown / told, 1e-4) if told > 0 else 1.0)
     return Detail(np.sqrt(edges[:-1] * edges[1:]), np.array(scales))
 
 

@@ -19,13 +19,7 @@ from mishutter.decoding.decoders.total_variation import (
     THRESHOLD,
     TotalVariationDecoder,
 )
-from mishutter.decoding.likeliest import (
-    Canvas,
-    Likeliest,
-    complete,
-    frequencies_along,
-    noises_of,
-)
+from mishutter.decoding.likeliest import Canvas, Likeliest, complete, frequencies_along, noises_of
 from mishutter.decoding.plane_likelihood import Own, Prior
 from mishutter.model.scene import Scene
 from mishutter.plane.frames import PlaneFrames
@@ -64,24 +58,19 @@ def method_in_plane(decoder: AbstractDecoder) -> Decode:
     return partial(decode, decoder)  # type: ignore[arg-type]
 
 
-def _by_ensemble(decoder: AbstractDecoder, found: Likeliest, mean: float) -> np.ndarray:
-    """The likeliest picture itself."""
-    return found.picture
-
-
 def _by_total_variation(
     decoder: TotalVariationDecoder, found: Likeliest, mean: float
 ) -> np.ndarray:
     """The minimum of `TotalVariationDecoder`, with the responses of the plane."""
-    canvas, frames = found.canvas, complete(found)
-    error = _error(canvas, frames.density)
+    canvas, (data, density) = found.canvas, complete(found)
+    error = _error(canvas, density)
     coupling = EDGES * decoder.strength / THRESHOLD
     scale, threshold = error / coupling, THRESHOLD * math.sqrt(error)
     turns = sum(2 - 2 * np.cos(2 * np.pi * f) for f in frequencies_along(canvas.shape))
     smooth = SMOOTH * scale / canvas.power
     smooth[0, 0] = 0.0  # the level is free
-    inverse = 1 / (scale * frames.density + smooth + turns)
-    data, picture = scale * frames.data, found.picture
+    inverse = 1 / (scale * density + smooth + turns)
+    data, picture = scale * data, found.picture
     split = _differences(picture)
     dual = np.zeros_like(split)
     for _ in range(decoder.num_iterations):
@@ -106,18 +95,18 @@ def _differences(picture: np.ndarray) -> Float[np.ndarray, "2 m n"]:
 
 def _by_denoiser(decoder: PlugAndPlayDecoder, found: Likeliest, mean: float) -> np.ndarray:
     """The steps of `PlugAndPlayDecoder`, with the responses of the plane."""
-    canvas, picture, frames = found.canvas, found.picture, complete(found)
-    error = _error(canvas, frames.density)
+    canvas, picture, (data, density) = found.canvas, found.picture, complete(found)
+    error = _error(canvas, density)
     for sigma in (decoder.falling * math.sqrt(error)).tolist():
         weight = decoder.strength / sigma**2
-        target = frames.data + weight * canvas.spectrum(picture)
-        estimate = canvas.picture(target / (frames.density + weight))
+        target = data + weight * canvas.spectrum(picture)
+        estimate = canvas.picture(target / (density + weight))
         picture = decoder.denoised(estimate + mean, sigma) - mean
     return picture
 
 
 _DECODERS: dict[type[AbstractDecoder], Callable[..., np.ndarray]] = {
-    EnsembleDecoder: _by_ensemble,
+    EnsembleDecoder: lambda decoder, found, mean: found.picture,
     TotalVariationDecoder: _by_total_variation,
     PlugAndPlayDecoder: _by_denoiser,
 }

@@ -42,20 +42,10 @@ from mishutter.plane.levels import picture_power_on
 
 ROUGHLY = 3e-2
 """Residual at which conjugate gradients of a search end, as a share of the first one."""
-_MARGIN, _LEAST_MARGIN = 32, 4
-"""Pixels of the sensor, and of the canvas, beyond the furthest displacement, in which the waves of
-the sensor's ends die away."""
 GRID = 64
 """Frequencies along each axis by which volumes are computed."""
 _FINE = (256, 256)
 """Frequencies along each axis by which detail is finer than a pixel."""
-_SIDE, _FURTHEST = 0.1, 1.0
-"""Displacements over the frames for slopes of volumes, and the furthest of one step; binned px."""
-_BESIDE, _FLATTEST = 0.15, 0.01
-"""Part of the furthest step over which a curvature changes a slope, and the least curvature, over
-that of the model."""
-_UNKNOWN = 64.0
-"""Standard error of a velocity of which frames tell nothing, as a displacement over these."""
 
 
 class Prior(NamedTuple):
@@ -127,8 +117,13 @@ class Own(NamedTuple):
         instants = instants_of(self.taken, fastest, size)
         instants = instants if part is None else instants.part(part)
         part = slice(None) if part is None else part
-        binned = _binned(self.frames[part], size)
-        beyond = max(_MARGIN // size, _LEAST_MARGIN)
+        binned = self.frames[part]
+        if size > 1:
+            rows, columns = (count // size for count in binned.shape[1:])
+            squares = binned[:, : rows * size, : columns * size]
+            binned = squares.reshape(-1, rows, size, columns, size).mean(axis=(2, 4))
+        # Waves of the sensor's ends die away in so many of its pixels, and of the canvas.
+        beyond = max(32 // size, 4)
         down, across = (reach + beyond for reach in reach_in_plane(instants, velocities / size))
         shape = fast_length(binned.shape[1] + 2 * down), fast_length(binned.shape[2] + 2 * across)
         grid = min(GRID, shape[0]), min(GRID, shape[1])
@@ -162,14 +157,6 @@ class Own(NamedTuple):
         return max(float(np.max(lasts)), float(np.max(self.taken.exposures)))
 
 
-def _binned(frames: Float[np.ndarray, "n rows columns"], size: int) -> np.ndarray:
-    if size == 1:
-        return frames
-    rows, columns = (count // size for count in frames.shape[1:])
-    whole = frames[:, : rows * size, : columns * size]
-    return whole.reshape(-1, rows, size, columns, size).mean(axis=(2, 4))
-
-
 def logarithm(level: Level, velocity: np.ndarray, tolerance: float = ROUGHLY) -> float:
     """Logarithm of the likelihood of a velocity, over that of no picture."""
     gain = float(level.likeliest(velocity, tolerance).gains)
@@ -185,6 +172,24 @@ class Slope(NamedTuple):
     changes: list[Float[np.ndarray, "n rows columns"]]  # Of the frames, by each component
     scores: Float[np.ndarray, "2 n rows columns"]  # The slope but for volumes, by pixel
 
+    def by_place(self, level: Level) -> tuple[Float[np.ndarray, "2 t"], Float[np.ndarray, "t"]]:
+        """Sums of scores over tiles of the picture, and the pixels of the frames in each.
+
+        A place of the picture pulls in all frames at once: tiles move as it does.
+        """
+        shape = level.canvas.sensor
+        side = max(min(shape) / TILES, 1.0)
+        middles = level.instants.middles(self.velocity / level.canvas.size)
+        rows, columns = (
+            np.floor((np.arange(count) - places[:, None]) / side).astype(int)
+            for count, places in zip(shape, middles[::-1], strict=True)
+        )
+        rows, columns = rows - np.min(rows), columns - np.min(columns)
+        places = (rows[:, :, None] * (np.max(columns) + 1) + columns[:, None]).ravel()
+        pixels = np.bincount(places)
+        pulls = np.stack([np.bincount(places, score.ravel()) for score in self.scores])
+        return pulls[:, pixels > 0], pixels[pixels > 0].astype(np.float64)
+
 
 def slope_at(level: Level, velocity: Float[np.ndarray, "2"], tolerance: float = TOLERANCE) -> Slope:
     """The slope at a velocity."""
@@ -199,7 +204,7 @@ def slope_at(level: Level, velocity: Float[np.ndarray, "2"], tolerance: float = 
     for frequency in frequencies_along(canvas.shape):
         turned = (2j * np.pi / size * frequency).astype(moved.dtype) * found.spectrum
         changes.append(np.stack([canvas.seen(turned * one) for one in moved]))
-    side = _SIDE * _furthest(level)
+    side = 0.1 * _furthest(level)
     volumes = np.array(
         [
             level.volume(velocity + side * e).logarithm
@@ -214,8 +219,8 @@ def slope_at(level: Level, velocity: Float[np.ndarray, "2"], tolerance: float = 
 
 
 def _furthest(level: Level) -> float:
-    """The greatest step; px/s."""
-    return _FURTHEST * level.canvas.size / max(float(np.ptp(level.instants.time)), 1e-300)
+    """The greatest step, a binned pixel over the frames; px/s."""
+    return level.canvas.size / max(float(np.ptp(level.instants.time)), 1e-300)
 
 
 def _stepped(
@@ -253,8 +258,8 @@ def climbed(level: Level, velocity: Float[np.ndarray, "2"], tolerance: float = T
         beside.append(change - own.seen)
     noises = canvas.noises[:, None, None]
     information = np.array([[np.sum(d * r / noises) for r in beside] for d in here.changes])
-    # Pictures without detail tell nothing of their velocity.
-    information = (information + information.T) / 2 + np.eye(2) / (_UNKNOWN * furthest) ** 2
+    # Pictures without detail tell nothing of their velocity, whose error is then 64 such steps.
+    information = (information + information.T) / 2 + np.eye(2) / (64 * furthest) ** 2
     return Climb(velocity, here.found, here.value, information, furthest)
 
 
@@ -279,12 +284,12 @@ def peak_near(level: Level, climb: Climb) -> Peak:
     places of the picture pull, and the peak follows by the curvature that it has. The model's own
     curvature, of a picture with as much detail everywhere, is its bound.
     """
-    near, side = slope_at(level, climb.best), _BESIDE * climb.furthest
+    near, side = slope_at(level, climb.best), 0.15 * climb.furthest
     curvature = np.stack(
         [(near.value - slope_at(level, climb.best + side * e).value) / side for e in np.eye(2)]
     )
-    curvature = _bounded(climb.information, (curvature + curvature.T) / 2, (_FLATTEST, 1.0))
-    pulls, pixels = _by_place(level, near)
+    curvature = _bounded(climb.information, (curvature + curvature.T) / 2, (0.01, 1.0))
+    pulls, pixels = near.by_place(level)
     total = np.sum(pulls, axis=1, keepdims=True)
     own = pulls - total * pixels / np.sum(pixels)
     # Volumes, whose slope the frames' balances, are of that model too: photographs may have none.
@@ -302,24 +307,3 @@ def _bounded(
     values, vectors = np.linalg.eigh(np.linalg.solve(root, np.linalg.solve(root, matrix).T))
     back = root @ vectors
     return (back * np.clip(values, *ends)) @ back.T
-
-
-def _by_place(
-    level: Level, slope: Slope
-) -> tuple[Float[np.ndarray, "2 t"], Float[np.ndarray, "t"]]:
-    """Sums of scores over tiles of the picture, and the pixels of the frames in each.
-
-    A place of the picture pulls in all frames at once: tiles move as it does.
-    """
-    shape = level.canvas.sensor
-    side = max(min(shape) / TILES, 1.0)
-    middles = level.instants.middles(slope.velocity / level.canvas.size)
-    rows, columns = (
-        np.floor((np.arange(count) - places[:, None]) / side).astype(int)
-        for count, places in zip(shape, middles[::-1], strict=True)
-    )
-    rows, columns = rows - np.min(rows), columns - np.min(columns)
-    places = (rows[:, :, None] * (np.max(columns) + 1) + columns[:, None]).ravel()
-    pixels = np.bincount(places)
-    pulls = np.stack([np.bincount(places, score.ravel()) for score in slope.scores])
-    return pulls[:, pixels > 0], pixels[pixels > 0].astype(np.float64)

@@ -41,21 +41,13 @@ from mishutter.model.velocities import AbstractVelocities
 from mishutter.plane.frames import PlaneFrames
 from mishutter.plane.levels import require_velocities
 
-_COARSEST, _JUDGED, _MOST_HALVINGS = 32, 64, 6
-"""Least pixels along the shorter side of binned frames in which a velocity is sought, and of those
-in which it is judged; numbers of times that pixels are doubled."""
-_PX_A_STEP, _REACH, _SAME = 1.4, 1.5, 0.5
+_PX_A_STEP, _REACH = 1.4, 1.5
 """Displacement over the frames between neighbouring velocities that are tried, binned px, and steps
-about a peak of these, and about one that is climbed, within which there is no other."""
+about a peak of these within which there is no other."""
 _MOST_ALONG = 64
 """Most steps from rest to the fastest velocity that is tried."""
-_CANDIDATES, _MOST_CLIMBS, _NEAR = 6, 4, 0.1
-"""Peaks that are followed, most steps up each, and the part of a step within which one is reached.
-"""
-_MIDDLING = 0.7
-"""Share of the greatest velocity that stands for all in a mean."""
-_ASIDE = np.array([[-8.0, 3.0], [4.0, 6.0]])
-"""Displacements from frame to frame by which frames that fit nowhere are off; px."""
+_NEAR = 0.1
+"""Part of a step within which a peak is reached."""
 _WORDS = Words(
     "velocity",
     "their order, a lost or repeated frame, another design or path, two objects, a velocity beyond "
@@ -130,7 +122,7 @@ def velocity_in_plane(
         if size == 1:
             break
         size //= 2
-    return _estimate(_Found(own, law, search, peak_near(level, climb), level, grey, mean))
+    return _Found(own, law, search, peak_near(level, climb), level, grey, mean).estimate()
 
 
 def _with_own_detail(own: Own) -> Own:
@@ -139,7 +131,8 @@ def _with_own_detail(own: Own) -> Own:
     grid = (GRID, GRID)
     fastest = require_velocities(scene).fastest
     instants = instants_of(own.taken, fastest)
-    few = _MIDDLING * fastest * np.array([[1.0, 0.0], [0.0, 1.0], [0.7, 0.7], [0.7, -0.7]])
+    # These stand for all velocities in a mean.
+    few = 0.7 * fastest * np.array([[1.0, 0.0], [0.0, 1.0], [0.7, 0.7], [0.7, -0.7]])
     passed = [np.abs(responses_in_plane(instants, each, grid)) ** 2 for each in few]
     density = np.sum(np.mean(passed, axis=0) / own.noises[:, None, None], axis=0)
     expected = density * aperture_on(scene.optics, grid) ** 2 * own.prior.on(grid)
@@ -165,9 +158,13 @@ def _searched(own: Own, law: AbstractVelocities) -> _Search:
     Neighbouring frames, whose likelihood has wide peaks, come first, then twice as many at once, up
     to all of them, which are looked at on ever smaller pixels.
     """
-    sizes = [2**k for k in range(_MOST_HALVINGS) if own.has(_COARSEST, 2**k)] or [1]
-    judged = max((each for each in sizes if own.has(_JUDGED, each)), default=1)
-    counts = _doubled(len(own.frames))
+    # Velocities are sought in binned frames of 32 px or more, and judged in those of 64.
+    sizes = [2**k for k in range(6) if own.has(32, 2**k)] or [1]
+    judged = max((each for each in sizes if own.has(64, each)), default=1)
+    # Each of these numbers of frames, from two on, is about half of the next.
+    counts = [len(own.frames)]
+    while counts[0] > 2:
+        counts.insert(0, (counts[0] + 1) // 2)
     size, stages = sizes[-1], [(sizes[-1], count) for count in counts[1:]]
     stages += [(each, counts[-1]) for each in reversed(sizes[:-1]) if each >= judged]
     step = _PX_A_STEP * size / own.duration_of(counts[0])
@@ -194,11 +191,6 @@ def _searched(own: Own, law: AbstractVelocities) -> _Search:
     return _Search(level, still, [_value(level, end) for end in still], middle, step)
 
 
-def _doubled(count: int) -> list[int]:
-    """Numbers of frames from two to all, of which each is about half of the next."""
-    return [count] if count <= 2 else [*_doubled((count + 1) // 2), count]
-
-
 def _beside(ratio: float) -> Float[np.ndarray, "b 2"]:
     """Steps about a velocity that leave no gap between coarser ones, which are so much larger."""
     reach = math.ceil((ratio - 1) / 2 - 1e-9)
@@ -220,7 +212,7 @@ def _values(
 def _top(level: Level, velocity: np.ndarray, step: float) -> Climb:
     """The last of some climbs from a velocity."""
     climb = climbed(level, velocity, ROUGHLY)
-    for _ in range(_MOST_CLIMBS):
+    for _ in range(4):
         if _size(climb) < _NEAR * step:
             break
         climb = climbed(level, climb.best, ROUGHLY)
@@ -258,7 +250,7 @@ def _peaks(
         near = np.hypot(*(velocities - here).T) <= apart
         if values[place] == np.max(values[near]):
             chosen.append(here)
-        if len(chosen) == _CANDIDATES:
+        if len(chosen) == 6:
             break
     return chosen
 
@@ -274,49 +266,48 @@ class _Found(NamedTuple):
     grey: Float[np.ndarray, "n rows columns"]  # The frames as they came
     mean: float  # Their mean level
 
+    def estimate(self) -> VelocityEstimate:
+        """The estimate of the velocity."""
+        own, best, judged = self.own, self.peak.best, self.evidence()
+        spread, least = judged.fit.spread, (FLOOR / own.duration) ** 2
+        covariance = spread * self.peak.covariance + least * np.eye(2)
+        error = math.sqrt(float(np.max(np.linalg.eigvalsh(covariance))))
+        doubt = judged.doubt(error * own.duration, _WORDS)
+        below = np.array([0.0, *(below for _, below, _ in judged.rivals)])
+        weights = np.exp(WORTH / spread * (np.min(below) - below))
+        return VelocityEstimate(
+            best,
+            covariance,
+            doubt == "",
+            np.array([best, *(velocity for velocity, _, _ in judged.rivals)]),
+            weights / np.sum(weights),
+            doubt,
+            judged.fit.misfit if len(own.frames) > 1 else None,
+        )
 
-def _estimate(found: _Found) -> VelocityEstimate:
-    """The estimate of a velocity that was found."""
-    own, best, judged = found.own, found.peak.best, _evidence(found)
-    spread, least = judged.fit.spread, (FLOOR / own.duration) ** 2
-    covariance = spread * found.peak.covariance + least * np.eye(2)
-    error = math.sqrt(float(np.max(np.linalg.eigvalsh(covariance))))
-    doubt = judged.doubt(error * own.duration, _WORDS)
-    below = np.array([0.0, *(below for _, below, _ in judged.rivals)])
-    weights = np.exp(WORTH / spread * (np.min(below) - below))
-    return VelocityEstimate(
-        best,
-        covariance,
-        doubt == "",
-        np.array([best, *(velocity for velocity, _, _ in judged.rivals)]),
-        weights / np.sum(weights),
-        doubt,
-        judged.fit.misfit if len(own.frames) > 1 else None,
-    )
-
-
-def _evidence(found: _Found) -> Evidence:
-    """How frames fit the velocity that was found, and all others in question."""
-    own, law, search, best = found.own, found.law, found.search, found.peak.best
-    ends: list[tuple[np.ndarray, float]] = []
-    for end, value in zip(search.ends, search.values, strict=True):
-        known = [best, *(velocity for velocity, _ in ends)]
-        if all(np.hypot(*(end.best - each)) > _SAME * search.step for each in known):
-            ends.append((end.best, search.values[0] - value))
-    asides = best + _ASIDE * max(len(own.frames) - 1, 1) / own.duration
-    velocities = np.array([best, *asides, *(velocity for velocity, _ in ends)])
-    level = own.level(velocities, search.level.canvas.size)
-    fits = [level.fit(each, level.likeliest(each, ROUGHLY), found.mean) for each in velocities]
-    others = fits[1 + len(asides) :]
-    return Evidence(
-        frames=found.grey,
-        noises=own.noises,
-        places=found.level.instants.middles(best),
-        fit=found.level.fit(found.peak.near.velocity, found.peak.near.found, found.mean),
-        compared=fits[0],
-        elsewhere=float(np.mean([fit.misfit for fit in fits[1 : 1 + len(asides)]])),
-        rivals=[Rival(*end, fit) for end, fit in zip(ends, others, strict=True)],
-        lead=search.values[0],
-        middle=search.middle,
-        is_within=bool(law.within(best[None], TRIED_BEYOND * law.fastest)[0]),
-    )
+    def evidence(self) -> Evidence:
+        """How the frames fit the velocity, and all others in question."""
+        own, law, search, best = self.own, self.law, self.search, self.peak.best
+        ends: list[tuple[np.ndarray, float]] = []
+        for end, value in zip(search.ends, search.values, strict=True):
+            known = [best, *(velocity for velocity, _ in ends)]
+            if all(np.hypot(*(end.best - each)) > 0.5 * search.step for each in known):
+                ends.append((end.best, search.values[0] - value))
+        # Frames that fit nowhere are off by so many px from frame to frame.
+        asides = np.array([[-8.0, 3.0], [4.0, 6.0]]) * max(len(own.frames) - 1, 1) / own.duration
+        velocities = np.array([best, *(best + asides), *(velocity for velocity, _ in ends)])
+        level = own.level(velocities, search.level.canvas.size)
+        fits = [level.fit(each, level.likeliest(each, ROUGHLY), self.mean) for each in velocities]
+        others = fits[1 + len(asides) :]
+        return Evidence(
+            frames=self.grey,
+            noises=own.noises,
+            places=self.level.instants.middles(best),
+            fit=self.level.fit(self.peak.near.velocity, self.peak.near.found, self.mean),
+            compared=fits[0],
+            elsewhere=float(np.mean([fit.misfit for fit in fits[1 : 1 + len(asides)]])),
+            rivals=[Rival(*end, fit) for end, fit in zip(ends, others, strict=True)],
+            lead=search.values[0],
+            middle=search.middle,
+            is_within=bool(law.within(best[None], TRIED_BEYOND * law.fastest)[0]),
+        )

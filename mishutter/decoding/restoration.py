@@ -47,9 +47,6 @@ from mishutter.model.scene import Scene, require_scene
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.pictures.images import Axis, Picture, pixels_along, transposed
 
-_CAPTURES_AT_ONCE = 4
-"""Most captures at a time, each of which holds a picture and its restorations."""
-
 
 class RestoredPhotograph(NamedTuple):
     """A photograph captured and restored at several speeds."""
@@ -80,8 +77,8 @@ class RestoredPhotograph(NamedTuple):
 
     def at(self, *indices: int) -> "RestoredPhotograph":
         """The figures and pictures of one or some of the speeds, alone."""
-        each = {name: getattr(self, name)[list(indices)] for name in _AT_EACH_SPEED}
-        return self._replace(**each)
+        names = set(self._fields) - {"mean_psnr", "expected_psnr", "reference"}
+        return self._replace(**{name: getattr(self, name)[list(indices)] for name in names})
 
     def transposed(self, axis: Axis) -> "RestoredPhotograph":
         """The same with pictures that are `transposed` by an axis."""
@@ -96,19 +93,6 @@ class RestoredPhotograph(NamedTuple):
     def without_pictures(self) -> "RestoredPhotograph":
         """The levels at all speeds, and pictures at none."""
         return self._replace(captured=self.captured[:0].copy(), restored=self.restored[:0].copy())
-
-
-_AT_EACH_SPEED = (
-    "speeds",
-    "psnr",
-    "linear_psnr",
-    "standard_error",
-    "linear_standard_error",
-    "own_expected_psnr",
-    "captured",
-    "restored",
-    "doubts",
-)
 
 
 @alone_in_blas()
@@ -160,11 +144,7 @@ def deconvolve(
 
 
 def restored_light(irradiance: Planes, decoder: AbstractDecoder, model: BlurModel) -> Planes:
-    """Light of a picture from its capture: the one road, by which every restoration goes.
-
-    Raises:
-        ValueError: if the model's scene has no light.
-    """
+    """Light of a picture from its capture: the one road, by which every restoration goes."""
     has_light, subject = model.electrons > 0, "deconvolve(scene=...)"
     require(has_light, subject, "have a photon rate above 0 e-/s", model.electrons)
     planes = as_float(rows_last(distinct_colours(irradiance)))
@@ -220,14 +200,7 @@ def restore_photograph(
     """
     chosen = decoder_or_ensemble(decoder, "restore_photograph")
     results = restore_by_each(
-        picture,
-        scene,
-        motion,
-        shutter,
-        {"": chosen},
-        speeds=speeds,
-        num_seeds=num_seeds,
-        key=key,
+        picture, scene, motion, shutter, {"": chosen}, speeds=speeds, num_seeds=num_seeds, key=key
     )
     return results[""]
 
@@ -246,11 +219,7 @@ def restore_by_each(
     least_taps: int = 1,
     decoder_speed: DecoderSpeed | None = None,
 ) -> dict[str, RestoredPhotograph]:
-    """`restore_photograph` by several decoders, from the same captures.
-
-    Raises:
-        ValueError: as `restore_photograph`.
-    """
+    """`restore_photograph` by several decoders, from the same captures."""
     require_scene(scene)
     require_positive_int("restore_photograph(num_seeds=...)", num_seeds)
     require_key("restore_photograph(key=...)", key)
@@ -310,7 +279,7 @@ def restore_by_each(
     on_sensor = blurred_at_speeds(
         radiance, scene, motion, shutter, relative.tolist(), least_taps=least_taps
     )
-    count = min(num_processors(), _CAPTURES_AT_ONCE)
+    count = min(num_processors(), 4)  # each capture holds a picture and its restorations
     trials = list(in_threads(tried, enumerate(on_sensor), count))
     rows = np.moveaxis(reference[:, inner], 1, 2).astype(np.float64)
     expected, own_expected = _expected_levels(model, knowledge, rows, relative)

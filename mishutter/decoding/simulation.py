@@ -6,7 +6,6 @@ from functools import partial
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
@@ -132,23 +131,12 @@ def capture_and_restore(
         full_well=full_well,
         adc_bits=adc_bits,
     )
-    is_exposed = isinstance(subject, Layers | Footage)
     if isinstance(subject, Layers | Footage):
         report("exposing", 0.0)
-        image = np.asarray(capture(subject.transposed(axis), key=key))
+        captured = np.array(capture(subject.transposed(axis), key=key))
     else:
         image = transposed(as_radiance(subject, "capture_and_restore(subject=...)"), axis)
-    captured = np.zeros((0, 0, 1))
-    num_rows = image.shape[0]
-    for first in range(0, num_rows, rows_at_once):
-        report("capturing", 0.5 * first / num_rows)
-        part = jnp.asarray(image[first : first + rows_at_once])
-        if not is_exposed:
-            own_key = None if key is None else jax.random.fold_in(key, first)
-            part = capture(part, key=own_key)
-        if first == 0:
-            captured = np.empty((num_rows, *part.shape[1:]), part.dtype)
-        captured[first : first + rows_at_once] = part
+        captured = np.concatenate(_taken(image, capture, key, rows_at_once, report))
     model = blur_model(scene, motion, shutter)
     restored, relative = _in_portions(
         captured, chosen, model, rows_at_once, lambda text, share: report(text, 0.5 + 0.5 * share)
@@ -174,9 +162,6 @@ def burst_and_restore(
     """`capture_and_restore` of the frames of a burst, whose speed the decoder finds in them.
 
     In the plane they are restored at once, and not a few rows at a time.
-
-    Raises:
-        ValueError: as `simulate_frames`.
     """
     in_plane, frames = len(exposures.axes) == 2, exposures.frames
     require_scene(scene, in_plane=in_plane)
@@ -184,41 +169,24 @@ def burst_and_restore(
     require_key("burst_and_restore(key=...)", key)
     chosen = decoder_or_ensemble(decoder, "burst_and_restore")
     report = progress if progress is not None else lambda text, share: None
+    take = partial(
+        simulate_frames, frames=frames, speed=speed, full_well=full_well, adc_bits=adc_bits
+    )
     if in_plane:
         report("capturing", 0.0)
-        taken = simulate_frames(
-            subject,
-            scene,
-            frames,
-            speed=speed,
-            key=key,
-            full_well=full_well,
-            adc_bits=adc_bits,
-        )
+        taken = take(subject, scene, key=key)
         report("restoring", 0.2)
         restored, found = restore_frames(taken, scene, frames, decoder=chosen)
         report("done", 1.0)
         return Simulation.of(np.asarray(taken), np.asarray(restored), found)
     axis, along = scene.sensor.axis, scene.along_rows()
-    take = partial(
-        simulate_frames,
-        scene=along,
-        frames=frames,
-        speed=speed,
-        full_well=full_well,
-        adc_bits=adc_bits,
-    )
+    take = partial(take, scene=along)
     if isinstance(subject, Layers):
         report("exposing", 0.0)
         captured = np.asarray(take(subject.transposed(axis), key=key))
     else:
         image = transposed(as_radiance(subject, "burst_and_restore(subject=...)"), axis)
-        num_rows, taken = image.shape[0], []
-        for first in range(0, num_rows, rows_at_once):
-            report("capturing", 0.5 * first / num_rows)
-            own_key = None if key is None else jax.random.fold_in(key, first)
-            taken.append(take(np.asarray(image[first : first + rows_at_once]), key=own_key))
-        captured = np.concatenate(taken, axis=1)
+        captured = np.concatenate(_taken(image, take, key, rows_at_once, report), axis=1)
     restored, estimate = _frames_in_portions(
         captured,
         along,
@@ -230,6 +198,18 @@ def burst_and_restore(
     )
     report("done", 1.0)
     return Simulation.of(transposed(captured, axis), transposed(restored, axis), estimate)
+
+
+def _taken(
+    image: ArrayLike, capture: Callable, key: Array | None, rows_at_once: int, report: Progress
+) -> list[np.ndarray]:
+    """Captures of a few rows at a time, each with noise of its own."""
+    rows, taken = np.asarray(image), []
+    for first in range(0, len(rows), rows_at_once):
+        report("capturing", 0.5 * first / len(rows))
+        own_key = None if key is None else jax.random.fold_in(key, first)
+        taken.append(np.asarray(capture(rows[first : first + rows_at_once], key=own_key)))
+    return taken
 
 
 def photograph_by_frames(
@@ -331,11 +311,7 @@ def restored_capture(
     speed: float | RowLike | None = None,
     progress: Progress | None = None,
 ) -> Restoration:
-    """`restore`, with the speed that was found.
-
-    Raises:
-        ValueError: as `restore`.
-    """
+    """`restore`, with the speed that was found."""
     exposures = design.exposures
     if not isinstance(design, Design):
         stack = _stack_of(capture, exposures.num_frames, "rows")
@@ -427,17 +403,13 @@ def _portions(
     num_rows: int, at_once: int, beyond: int, report: Progress
 ) -> Iterator[tuple[slice, slice, slice]]:
     """Rows of each portion, those with more around them, and where those begin in these."""
-    for first, past in itertools.pairwise(_mirrored_portions(num_rows, at_once)):
+    count = -(-num_rows // at_once)
+    if num_rows % 2 and count % 2 == 0:
+        count += 1  # the middle row has a portion to be in
+    # Portions are of about equal size; a picture that is turned over has the same.
+    upper = -(-np.arange(count // 2 + 1) * num_rows // count)
+    for first, past in itertools.pairwise(np.union1d(upper, num_rows - upper).tolist()):
         report("restoring", first / num_rows)
         above = min(first, beyond)
         around = slice(first - above, past + beyond)
         yield slice(first, past), around, slice(above, above + past - first)
-
-
-def _mirrored_portions(num_rows: int, at_once: int) -> list[int]:
-    """Ends of portions of about equal size; a picture that is turned over has the same."""
-    count = -(-num_rows // at_once)
-    if num_rows % 2 and count % 2 == 0:
-        count += 1  # the middle row has a portion to be in
-    upper = -(-np.arange(count // 2 + 1) * num_rows // count)
-    return np.union1d(upper, num_rows - upper).tolist()

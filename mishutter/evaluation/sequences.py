@@ -23,7 +23,7 @@ from mishutter.evaluation.response import nodes_in_time
 from mishutter.model.exposures import Lights
 from mishutter.model.optics import frequencies, pixel_response
 from mishutter.model.scene import Scene, power_on_grid
-from mishutter.model.sensor import noise_power, white_electrons
+from mishutter.model.sensor import DARK, noise_power, white_electrons
 from mishutter.model.sequences import FrameSequence, TimedFrame
 from mishutter.model.shutters.windows import RectShutter
 
@@ -132,8 +132,7 @@ def _waves_at(
     blur, rate = float(scene.optics.lens_blur), float(scene.photon_rate)
     electrons = np.array([white_electrons(rate, end - begin) for begin, end in lights])
     mean, read = float(scene.picture.mean_level), float(scene.read_noise)
-    # Pictures without light or noise have a finite ratio as well.
-    noise = np.maximum(noise_power(1.0, mean, electrons, read), 1e-12 * electrons.clip(1.0) ** 2)
+    noise = np.maximum(noise_power(1.0, mean, electrons, read), DARK * electrons.clip(1.0) ** 2)
     aperture = np.asarray(pixel_response(frequency, blur)) * np.sqrt(power)
     scale = aperture * (electrons / np.sqrt(noise))[:, None]
     for speed in speeds.tolist():

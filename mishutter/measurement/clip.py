@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Shaped
 
 from mishutter._core.checks import Unquoted, require, shape_of
-from mishutter.pictures.files import PICTURE_SUFFIXES, Decoded
+from mishutter.pictures.files import PICTURE_SUFFIXES
 from mishutter.pictures.images import decoded_pages
 
 Source: TypeAlias = str | Path | np.ndarray | Sequence[str | Path]
@@ -19,20 +19,10 @@ MOST_FRAMES = 64
 """Frames of a clip that are read; further ones would make no number better that matters."""
 LEAST_SIDE = 48
 """Rows and columns of the least frame: a tile, of which one velocity is found."""
-_LOSSLESS = (1, 5, 8, 32773, 32946, 34925, 50000)
-"""Numbers of the compressions of TIFFs that keep every level."""
 _VIDEO = (
     *(".3gp", ".asf", ".avi", ".flv", ".gif", ".m2ts", ".m4v", ".mkv", ".mov", ".mp4"),
     *(".mpeg", ".mpg", ".mts", ".ogv", ".ts", ".webm", ".wmv"),
 )
-_NEEDS = "be uncompressed frames, as PNG, TIFF, PGM or .npy"
-_PILE = 1.5
-"""Ratio of the pixels at the least or greatest level to those at the next, above which it cuts off.
-
-Noise spreads a level that is met over those beside it; a converter that ends there does not.
-"""
-_PILE_SHARE, _FEW = 1e-4, 10
-"""Share of the pixels, and their number, that a tail of noise may leave at the end by chance."""
 
 
 class Levels(NamedTuple):
@@ -81,12 +71,7 @@ def clip_of(
     exposure: float | int | None,  # s
     white: float | int | None,
 ) -> Clip:
-    """A clip from files or an array.
-
-    Raises:
-        ValueError: if a number is out of its range, or the frames are no clip.
-        OSError: if a file cannot be read.
-    """
+    """A clip from files or an array."""
     requirement, subject = "be a number above 0", "measure(frames_per_s=...)"
     require(_is_above_zero(frames_per_s), subject, requirement, frames_per_s)
     if exposure is not None:
@@ -108,7 +93,11 @@ def clip_of(
     requirement = "hold frames that each were exposed: record at the camera's own frame rate"
     got = Unquoted(f"frame {same[0] + 1} equal to the one before it" if same else "")
     require(not same, subject, requirement, got)
-    step = _step(frames) if levels.is_whole else 0.0
+    step = 0.0
+    if levels.is_whole:
+        # The greatest common step is 16 where 12 bits are stored in the upper ones of 16.
+        distinct = np.unique(frames.astype(np.int64))
+        step = float(np.gcd.reduce(np.diff(distinct))) if distinct.size > 1 else 1.0
     return Clip(
         frames=frames,
         frames_per_s=float(frames_per_s),
@@ -121,12 +110,7 @@ def clip_of(
 
 
 def read_levels_of(source: Source, subject: str, most: int | None = None) -> Levels:
-    """Levels of files, of a folder's pictures in the order of their names, or of an array.
-
-    Raises:
-        ValueError: if they are compressed with loss, or no pictures of one size and finite levels.
-        OSError: if a file cannot be read.
-    """
+    """Levels of files, of a folder's pictures in the order of their names, or of an array."""
     if isinstance(source, np.ndarray):
         return _of_array(source, subject, most)
     paths = [source] if isinstance(source, str | Path) else list(source)
@@ -158,24 +142,17 @@ def cut_off(frames: Shaped[np.ndarray, "frames rows columns"], step: float) -> t
     """Levels at and beyond which a file cuts off; infinite where it does not."""
     if step == 0:
         return -np.inf, np.inf
-    counts = np.bincount(np.rint(frames.ravel() / step).astype(np.int64) - _least(frames, step))
+    low, high = float(frames.min()), float(frames.max())
+    least = int(np.rint(low / step))
+    counts = np.bincount(np.rint(frames.ravel() / step).astype(np.int64) - least)
     ends = []
     for end, beside in ((0, 1), (-1, -2)):
         few = counts[beside] if counts.size > 1 else 0
-        ends.append(counts[end] > max(_PILE * few, _PILE_SHARE * frames.size, _FEW))
-    low, high = float(frames.min()), float(frames.max())
+        # Noise spreads a level that is met over those beside it; a converter that ends there does
+        # not. A tail of noise may leave some pixels there by chance.
+        ends.append(counts[end] > max(1.5 * few, 1e-4 * frames.size, 10))
     # Where black is above level 0, dark parts lie on few levels and are not cut off.
     return low if ends[0] and low <= 0 else -np.inf, high if ends[1] else np.inf
-
-
-def _least(frames: np.ndarray, step: float) -> int:
-    return int(np.rint(float(frames.min()) / step))
-
-
-def _step(frames: np.ndarray) -> float:
-    """Greatest common step of levels: 16 where 12 bits are stored in the upper ones of 16."""
-    levels = np.unique(frames.astype(np.int64))
-    return float(np.gcd.reduce(np.diff(levels))) if levels.size > 1 else 1.0
 
 
 def _depth(frames: np.ndarray, full: float) -> tuple[float, str]:
@@ -223,10 +200,9 @@ def _of_array(array: np.ndarray, subject: str, most: int | None, name: str = "")
     require(bool(finite.all()), subject, "hold finite levels", got)
     if not is_whole:
         return Levels(frames, float(frames.max()), False, words)
-    most_bits, greatest = 16, int(array.max())
-    requirement = f"hold levels of 8 to {most_bits} bits"
-    in_range = greatest < 1 << most_bits and int(array.min()) >= 0
-    require(in_range, subject, requirement, Unquoted(f"{greatest}{place}"))
+    greatest = int(array.max())
+    in_range = greatest < 1 << 16 and int(array.min()) >= 0
+    require(in_range, subject, "hold levels of 8 to 16 bits", Unquoted(f"{greatest}{place}"))
     full = 255.0 if array.dtype.itemsize == 1 else 65535.0
     full, guess = _depth(frames, full) if name == "" else (full, "")
     return Levels(frames, full, True, words, guess)
@@ -236,7 +212,7 @@ def _of_file(path: Path, subject: str, most: int | None) -> Levels:
     """Levels of the frames of a file, if it holds every one as the camera gave it."""
     kind = _lossy_kind(path)
     got = Unquoted(f"{kind}, {str(path)!r}, which changes the noise: record without compression")
-    require(not kind, subject, _NEEDS, got)
+    require(not kind, subject, "be uncompressed frames, as PNG, TIFF, PGM or .npy", got)
     if path.suffix.lower() == ".npy":
         try:
             array = np.load(path, mmap_mode="r", allow_pickle=False)
@@ -246,8 +222,15 @@ def _of_file(path: Path, subject: str, most: int | None) -> Levels:
             raise
         return _of_array(np.asarray(array), subject, most, str(path))
     pages = decoded_pages(path, most)
-    words = []
-    frames = np.stack([_grey(page, path, words) for page in pages])
+    words, planes = [], []
+    for page in pages:
+        colour = page.colour
+        is_grey = colour.shape[2] == 1 or np.array_equal(colour[..., 0], colour[..., 1])
+        if not is_grey:
+            words.append("frames are in colour: their green is measured")
+        # Green levels are interpolated no more than others.
+        planes.append(colour[..., 0 if is_grey else 1].astype(np.float32))
+    frames = np.stack(planes)
     finite = bool(np.isfinite(frames).all())
     got = Unquoted(f"NaN or an infinity in {str(path)!r}")
     require(finite, subject, "hold finite levels", got)
@@ -266,15 +249,6 @@ def _first(most: int | None) -> str:
     return f"the first {most} frames are read"
 
 
-def _grey(page: Decoded, path: Path, words: list[str]) -> Float[np.ndarray, "rows columns"]:
-    """Levels of a page; the green ones of colours, which are interpolated no more than others."""
-    colour = page.colour
-    if colour.shape[2] == 1 or np.array_equal(colour[..., 0], colour[..., 1]):
-        return colour[..., 0].astype(np.float32)
-    words.append("frames are in colour: their green is measured")
-    return colour[..., 1].astype(np.float32)
-
-
 def _lossy_kind(path: Path) -> str:
     """The kind of a file that does not hold every level; `""` of others."""
     with path.open("rb") as file:
@@ -290,6 +264,7 @@ def _lossy_kind(path: Path) -> str:
 
         with tifffile.TiffFile(path) as file:
             scheme = getattr(file.pages[0], "compression", 1)
-        if int(scheme) not in _LOSSLESS:
+        # These compressions keep every level.
+        if int(scheme) not in (1, 5, 8, 32773, 32946, 34925, 50000):
             return f"a TIFF compressed by {getattr(scheme, 'name', scheme)}"
     return ""

@@ -15,15 +15,7 @@ from mishutter.measurement.clip import Clip, Source, clip_of, read_levels_of
 from mishutter.measurement.estimates import Estimate
 from mishutter.measurement.motion import Motion, motion_of
 from mishutter.measurement.noise import Noise, noise_of
-from mishutter.measurement.scene import (
-    PICTURE,
-    AlongAxis,
-    SceneParts,
-    across_sentences,
-    along_axis,
-    missing_keys,
-    scene_text,
-)
+from mishutter.measurement.scene import PICTURE, AlongAxis, along_axis, missing_keys, scene_text
 from mishutter.measurement.signs import shot_gamma
 from mishutter.measurement.texture import averaged, light_of_texture
 from mishutter.model.scene import Scene, scene_of_tables
@@ -31,15 +23,8 @@ from mishutter.model.scene_units import View
 from mishutter.model.texture import Texture
 from mishutter.pictures.images import Picture, write_picture
 
-_STEADY_WORD = "the exposure drifts by {share:.1%} from frame to frame, which was divided out"
-_GAMMA_WORD = "a gamma of {gamma:.2g} with little read noise would explain the noise as well"
-_BLOCK = 32
-"""Side of the squares whose means say how far a mean level is known; px."""
 VELOCITIES = "velocities.csv"
-VELOCITY_COLUMNS = (
-    *("object", "right_px_per_s", "right_error_px_per_s", "down_px_per_s", "down_error_px_per_s"),
-    *("area_px", "lead", "residual", "frame", "column_px", "row_px"),
-)
+"""Name of the objects' velocities beside the scene file."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,17 +59,7 @@ class Measurement:
     @property
     def scene_text(self) -> str:
         """The scene file: each number with its error and source, or the reason for none."""
-        return scene_text(
-            SceneParts(
-                self.name,
-                self.clip,
-                self.noise,
-                self.motion,
-                self.level_difference,
-                self.pixel_pitch,
-                self.px_per_mm,
-            )
-        )
+        return scene_text(self)
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -132,7 +107,10 @@ class Measurement:
     @property
     def velocities_text(self) -> str:
         """The objects as CSV: velocity to the right and down, errors, area, lead and residual."""
-        lines = [",".join(VELOCITY_COLUMNS)]
+        lines = [
+            "object,right_px_per_s,right_error_px_per_s,down_px_per_s,down_error_px_per_s,"
+            "area_px,lead,residual,frame,column_px,row_px"
+        ]
         for number, each in enumerate(self.motion.objects, 1):
             (down, right), (down_error, right_error) = each.velocity, each.error
             values = (right, right_error, down, down_error)
@@ -207,7 +185,7 @@ class Measurement:
             share = f"{motion.share_unexplained:.1%} of the picture"
             lines.append(f"{share} changes without a velocity: it deforms, diffuses or flickers.")
         if self.along is not None:
-            lines += across_sentences(self.along)
+            lines += self.along.sentences
         return lines
 
 
@@ -301,11 +279,13 @@ def noise_from(
     told = None if black is None else float(black)
     noise = noise_of(clip, steady, read["dark"], read["flats"], told)
     if drift:
-        clip = clip.with_frames(steady, _STEADY_WORD.format(share=drift))
+        word = f"the exposure drifts by {drift:.1%} from frame to frame, which was divided out"
+        clip = clip.with_frames(steady, word)
     if noise.transfer is not None and noise.electrons_at_white is not None and dark is None:
         gamma = shot_gamma(noise.transfer, clip.step)
         if gamma is not None:
-            clip = clip.with_frames(clip.frames, _GAMMA_WORD.format(gamma=gamma))
+            word = f"a gamma of {gamma:.2g} with little read noise would explain the noise as well"
+            clip = clip.with_frames(clip.frames, word)
     return clip, noise
 
 
@@ -315,7 +295,7 @@ def _level_difference(levels: np.ndarray, motion: Motion) -> Estimate:
     for mask in (motion.labels > 0, motion.labels == 0):
         if not mask.any():
             return Estimate(0.0, np.inf)
-        rows, columns = np.indices(levels.shape) // _BLOCK
+        rows, columns = np.indices(levels.shape) // 32  # px
         number = (rows * (columns.max() + 1) + columns)[mask]
         total = np.bincount(number, levels[mask])
         count = np.bincount(number)

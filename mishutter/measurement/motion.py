@@ -7,7 +7,7 @@ more and more frames.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -25,31 +25,16 @@ _WINDOW = 4
 """Frames that are swept at once."""
 _AROUND = 2
 """Frames to either side of the reference by which pixels are labelled."""
-_FINE, _ROUGH = 1.0, 2.0
-"""Gaussians under which velocities are refined; px."""
-_MOST_OBJECTS, _MOST_MISSES = 12, 4
-_LEAST_GAIN = 0.1, 0.4
-"""Gain of a tile that counts, in logarithms of its residual, and of all tiles that is followed."""
-_OWN_TILE = 0.3
 _LEAST_AREA = 500
 """Pixels of the least object."""
 _EXPLAINED = 4.0
 """Residual over noise along the best velocity beyond which none explains a pixel."""
-_BETTER = 0.7
-"""Residual over that of the velocities before beyond which a velocity wins no pixel."""
-_AT_REST = 0.15
-"""Residual by which rest may be worse where nothing tells."""
 _SMOOTHING = 2.5
 """Gaussian that the residuals of pixels are averaged under; px."""
-_FAR, _MOST_SQUARE = 50.0, 50.0
-_EDGE = 4
-"""Pixels from an object's edge within which another's light may be seen; px."""
-_SMOOTH_EDGE = 6.0
-"""Gaussian under which the outlines of objects count for their widths; px."""
+_FAR = 50.0
+"""Residual over noise of a pixel that is not seen, and the greatest that counts."""
 _SEPARATE = 0.5
 """Distance of velocities over the labelled frames within which they are one; px."""
-_SHIFT = 0.05
-"""Error of a shift that splines and exposures leave; px."""
 _WIDE = 5
 """Half the width of an area without a velocity that is no object's edge; px."""
 
@@ -99,6 +84,11 @@ class _View(NamedTuple):
     labels: np.ndarray
     trust: np.ndarray
 
+    @property
+    def moving(self) -> Bool[np.ndarray, "rows columns"]:
+        """Pixels that move; specks, and parts of objects without texture, end no run of them."""
+        return ndimage.gaussian_filter((self.labels != 0).astype(float), 6.0) > 0.5
+
 
 def motion_of(
     frames: Float[np.ndarray, "frames rows columns"],
@@ -115,25 +105,31 @@ def motion_of(
         rows, columns = (n // scale for n in size)
         cut = frames[:, : rows * scale, : columns * scale]
         frames = cut.reshape(-1, rows, scale, columns, scale).mean(axis=(2, 4)) * scale
-    fine, rough = Smoothed.of(frames, _FINE), Smoothed.of(frames, _ROUGH)
+    fine, rough = Smoothed.of(frames, 1.0), Smoothed.of(frames, 2.0)
     count = len(frames)
-    references = _references(count)
+    # Objects are looked for in the places of frames that are spread over the clip.
+    parts = min(3, max(1, count // 5))
+    references = [int((i + 0.5) * count / parts) for i in range(parts)]
     views = []
     for number, reference in enumerate(references, 1):
         progress(f"velocities, reference frame {number} of {len(references)}")
         views.append(_view(frames, fine, rough, reference))
     unit = scale * frames_per_s
-    objects = _joined([view.objects for view in views])
+    # Each object is listed once: as the best known of its appearances.
+    objects: list[MovingObject] = []
+    for each in sorted((o for view in views for o in view.objects), key=lambda o: sum(o.error)):
+        if not any(_is_same(each, other) for other in objects):
+            objects.append(each)
+    objects.sort(key=lambda each: -each.area)
     middle = views[len(views) // 2]
     # The objects of the frame that is shown have the numbers of the list.
-    numbers = [_place(each, objects) + 1 for each in middle.objects]
+    numbers = [
+        next(i for i, other in enumerate(objects, 1) if other is each or _is_same(each, other))
+        for each in middle.objects
+    ]
     labels = np.array([0, *numbers, -1])[middle.labels]
     enlarged = [_enlarged(each, scale, size) for each in (labels, middle.trust)]
-    # Specks, and parts without texture that are left out of an object, end no run.
-    masks = [
-        ndimage.gaussian_filter((view.labels != 0).astype(float), _SMOOTH_EDGE) > 0.5
-        for view in views
-    ]
+    masks = [view.moving for view in views]
     return Motion(
         objects=tuple(_in_seconds(each, unit, scale, first) for each in objects),
         labels=enlarged[0],
@@ -146,19 +142,15 @@ def motion_of(
     )
 
 
-def _references(count: int) -> list[int]:
-    """Frames in whose places objects are looked for, spread over a clip."""
-    parts = min(3, max(1, count // 5))
-    return [int((i + 0.5) * count / parts) for i in range(parts)]
-
-
 def _view(frames: np.ndarray, fine: Smoothed, rough: Smoothed, reference: int) -> _View:
     count = len(frames)
     around = range(max(0, reference - _AROUND), min(count, reference + _AROUND + 1))
     everywhere = np.ones(frames.shape[1:], bool)
     velocities, sweeps = [np.zeros(2)], []
     costs = [_costs(fine, velocities[0], reference, around)]
-    for stride in _strides(count, reference):
+    # What is slow is swept over as long a time as there is.
+    longest = max(1, (count - 1) // (_WINDOW - 1))
+    for stride in [1, longest] if longest > 2 else [1]:
         numbers = _window(count, reference, stride)
         sweep = swept(frames[numbers], list(numbers).index(reference), stride)
         sweeps.append(sweep)
@@ -168,14 +160,14 @@ def _view(frames: np.ndarray, fine: Smoothed, rough: Smoothed, reference: int) -
             if near.any():
                 current = np.minimum(current, sweep.logarithms[near].min(axis=0))
         tried, misses = sweep.near(np.zeros(2), 0.9), 0
-        while len(velocities) <= _MOST_OBJECTS and misses < _MOST_MISSES:
+        while len(velocities) <= 12 and misses < 4:
             gain = _gain(sweep, current)
             gain[tried] = 0
             best = int(gain.argmax())
-            if gain[best] < _LEAST_GAIN[1]:
+            if gain[best] < 0.4:  # over all tiles, in logarithms of residuals
                 break
             tried |= sweep.near(sweep.velocities[best], 0.9)
-            tiles = current - sweep.logarithms[best] > _OWN_TILE
+            tiles = current - sweep.logarithms[best] > 0.3  # those of its own
             mask = sweep.mask(tiles, frames.shape[1:]) if tiles.any() else everywhere
             velocity = sweep.velocities[best]
             region = Region(rough, reference, around, mask)
@@ -183,9 +175,9 @@ def _view(frames: np.ndarray, fine: Smoothed, rough: Smoothed, reference: int) -
             velocity = region.descended(velocity, 0.25 * sweep.step, 0.1)
             region = region._replace(frames=fine)
             velocity = region.descended(velocity, 0.1, 0.025)
-            cost = _costs(fine, velocity, reference, around) + _AT_REST
-            before = np.min(costs, axis=0)
-            won = (cost < _BETTER * before) & (cost < _EXPLAINED)
+            # Where nothing tells, rest may be a little worse.
+            cost = _costs(fine, velocity, reference, around) + 0.15
+            won = (cost < 0.7 * np.min(costs, axis=0)) & (cost < _EXPLAINED)
             area = ndimage.binary_opening(won, iterations=3).sum()
             apart = min(np.hypot(*(velocity - other)) for other in velocities) * _AROUND
             if area < _LEAST_AREA or apart < _SEPARATE:
@@ -199,12 +191,6 @@ def _view(frames: np.ndarray, fine: Smoothed, rough: Smoothed, reference: int) -
     return _labelled(fine, reference, np.array(velocities), np.array(costs), sweeps[0])
 
 
-def _strides(count: int, reference: int) -> list[int]:
-    """Frames from one that is swept to the next: one, and for what is slow as many as fit."""
-    longest = max(1, (count - 1) // (_WINDOW - 1))
-    return [1, longest] if longest > 2 else [1]
-
-
 def _window(count: int, reference: int, stride: int) -> np.ndarray:
     """Numbers of the frames that are swept, the reference among them."""
     length = min(_WINDOW, 1 + (count - 1) // stride)
@@ -216,7 +202,7 @@ def _window(count: int, reference: int, stride: int) -> np.ndarray:
 def _gain(sweep: Sweep, current: np.ndarray) -> Float[np.ndarray, "velocities"]:
     """Logarithms of residuals by which each velocity is better, over all tiles."""
     logarithms = sweep.logarithms
-    gains = np.where(np.isfinite(logarithms), current - logarithms - _LEAST_GAIN[0], 0)
+    gains = np.where(np.isfinite(logarithms), current - logarithms - 0.1, 0)  # less counts as none
     return np.maximum(gains, 0).sum(axis=(1, 2), where=np.isfinite(gains))
 
 
@@ -243,7 +229,7 @@ def _costs(
         count = seen[chosen].sum(axis=0)
         mean = np.where(seen[chosen], values[chosen], 0).sum(axis=0) / np.maximum(count, 1)
         squares = np.where(seen[chosen], (values[chosen] - mean) ** 2, 0).sum(axis=0)
-        residual = np.minimum(squares / np.maximum(count - 1, 1) / fine.variance, _MOST_SQUARE)
+        residual = np.minimum(squares / np.maximum(count - 1, 1) / fine.variance, _FAR)
         known = (count > 1).astype(float)
         total = ndimage.gaussian_filter(residual * known, _SMOOTHING)
         weight = ndimage.gaussian_filter(known, _SMOOTHING)
@@ -280,7 +266,8 @@ def _object(
 ) -> MovingObject:
     """An object, its velocity refined over more and more frames."""
     count = len(fine.coefficients)
-    inner = ndimage.binary_erosion(mask, iterations=_EDGE)
+    # At an object's edge another's light may be seen.
+    inner = ndimage.binary_erosion(mask, iterations=4)
     inner = inner if inner.sum() >= _LEAST_AREA // 2 else mask
     farthest = max(reference, count - 1 - reference)
     reach, used, residual, covariance = 1, 1, np.inf, np.eye(2)
@@ -294,7 +281,8 @@ def _object(
         if residual < np.inf and left > _EXPLAINED * max(residual, 1.0):
             break
         velocity, covariance, residual, used = other, spread, left, reach
-    error = np.sqrt(np.diag(covariance) + (_SHIFT / used) ** 2)
+    # Splines and exposures leave an error of a shift, in px.
+    error = np.sqrt(np.diag(covariance) + (0.05 / used) ** 2)
     rows, columns = np.nonzero(mask)
     return MovingObject(
         velocity=(float(velocity[0]), float(velocity[1])),
@@ -325,20 +313,6 @@ def _lead(sweep: Sweep, velocity: np.ndarray, mask: np.ndarray) -> float:
     return float(0.1 * gap * pixels * (_WINDOW - 1) / 2) if np.isfinite(gap) else 0.0
 
 
-def _joined(views: list[list[MovingObject]]) -> list[MovingObject]:
-    """Objects of several reference frames, each once: as the best known of its appearances."""
-    kept: list[MovingObject] = []
-    for each in sorted((o for objects in views for o in objects), key=lambda o: sum(o.error)):
-        if not any(_is_same(each, other) for other in kept):
-            kept.append(each)
-    return sorted(kept, key=lambda o: -o.area)
-
-
-def _place(each: MovingObject, objects: Sequence[MovingObject]) -> int:
-    """Place of an object, or of its better known appearance, in a list."""
-    return next(i for i, other in enumerate(objects) if other is each or _is_same(each, other))
-
-
 def _is_same(one: MovingObject, other: MovingObject) -> bool:
     """Whether two appearances have one velocity, and places that it joins."""
     v, w = np.array(one.velocity), np.array(other.velocity)
@@ -350,13 +324,12 @@ def _is_same(one: MovingObject, other: MovingObject) -> bool:
 
 
 def _in_seconds(each: MovingObject, unit: float, scale: int, first: int) -> MovingObject:
-    return MovingObject(
+    return replace(
+        each,
         velocity=(each.velocity[0] * unit, each.velocity[1] * unit),
         error=(each.error[0] * unit, each.error[1] * unit),
         centre=(each.centre[0] * scale, each.centre[1] * scale),
         area=each.area * scale**2,
-        lead=each.lead,
-        residual=each.residual,
         frame=each.frame + first,
     )
 

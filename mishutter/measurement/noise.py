@@ -1,8 +1,7 @@
 """The noise of a camera in electrons, or why a clip does not tell it."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from itertools import pairwise
 
 import numpy as np
 
@@ -21,26 +20,9 @@ from mishutter.measurement.signs import (
     too_narrow,
 )
 
-_MODEL = 0.012
-"""Error of a gain that no resampling shows, as a share, on clips of photographs of known truth."""
-_READ_MODEL = 0.03
-"""The same of the read noise, to which few blocks at rest are dark."""
-_NO_ENDS = -np.inf, np.inf
 READ = "the read noise"
 _LEAST_OF_A_STEP = 0.5
 """Noise below which rounding is no noise of its own; steps."""
-_LEAST_AT_WHITE = 0.3
-"""Noise of the brightest blocks below which steps hide all noise; steps."""
-_MOST_ERROR = 0.25
-"""Error of the electrons, as a share, beyond which they are not written."""
-_MOST_READ_ERROR = 0.4
-_LEAST_AT_REST = 0.03
-_MOST_CUT = 0.03
-"""Share of dark pixels at level 0 that changes their mean and variance by little."""
-_PATTERN = 0.1
-"""Share of one dark frame's noise that may be its fixed pattern."""
-_SATURATION = 0.7
-"""Share of white up to which flat fields count (EMVA 1288)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,90 +56,79 @@ def noise_of(
     flats: np.ndarray | None,
     black: float | None,
 ) -> Noise:
-    """The noise of a clip, with dark frames and flat fields where there are some.
-
-    Raises:
-        ValueError: if dark frames or flat fields have another size, or flat fields are no pairs.
-    """
+    """The noise of a clip, with dark frames and flat fields where there are some."""
     _check_others(clip, dark, flats, black)
-    told = _black_of(clip, dark, black)
-    known, dark = told.black, told.dark
-    refusals = [] if told.refusal is None else [told.refusal]
-    blocks = photon_transfer.blocks_of(photon_transfer.pairs_of(steady), clip.ends)
+    known, of_black, dark, refusals = _black_of(clip, dark, black)
+    blocks = photon_transfer.blocks_of(pairwise(steady), clip.ends)
     transfer = photon_transfer.transfer_of(blocks, _others(clip, dark, flats), clip.step)
-    low = _darkest(blocks)
+    # Black does not lie above the darkest block.
+    whole = blocks.where(blocks.is_whole)
+    low = float(np.quantile(whole.mean, 0.001)) if whole.mean.size else 0.0
     span = (min(0.0, low), low) if known is None else (known.value, known.value)
     law = photon_transfer.rough_law(blocks, clip.step) if transfer is None else transfer.law
-    is_still = transfer is not None and transfer.share >= _LEAST_AT_REST
+    is_still = transfer is not None and transfer.share >= 0.03  # of the blocks
     if transfer is None or not (is_still or flats is not None):
-        transfer, signs = None, [_too_few(clip, blocks)]
+        usual = float(np.median(whole.variance)) if whole.variance.size else 0.0
+        transfer, signs = None, [too_few(clip, float(blocks.is_whole.mean()), usual)]
     else:
         signs = signs_of(clip, steady, transfer, None if known is None else known.value)
         signs = signs or _doubts(clip, transfer, known, dark is not None or flats is not None)
     if transfer is None or signs:
         unknown = None, None, None, known, span, None
-        return Noise(*unknown, law, transfer, (*refusals, *signs), ("", "", told.source))
+        return Noise(*unknown, law, transfer, (*refusals, *signs), ("", "", of_black))
     gain = _gain_of(transfer)
     if known is None:  # no noise has a square below 0
         span = min(max(span[0], -law.dark / gain.value), low), low
     middle = sum(span) / 2
-    errors = gain.error / gain.value, _deviation(known, span) / (clip.white - middle)
+    # A number that may lie anywhere in a range has this deviation.
+    deviation = (span[1] - span[0]) / np.sqrt(12) if known is None else known.error
+    errors = gain.error / gain.value, deviation / (clip.white - middle)
     electrons = (clip.white - middle) / gain.value
     texts = [_frames_text(clip.num_frames, "")]
     texts += [_frames_text(len(flats), "flat")] if flats is not None else []
     source = f"photon transfer over {' and '.join(texts)}"
-    read = _read_of(clip, transfer, span, known, dark)
+    read, ends, of_read, unread = _read_of(clip, transfer, span, known, dark)
     return Noise(
         electrons_at_white=Estimate(electrons, electrons * float(np.hypot(*errors))),
-        read_noise=read.value,
-        read_noise_range=read.ends,
+        read_noise=read,
+        read_noise_range=ends,
         black=known,
         black_range=span,
         gain=gain,
         law=law,
         transfer=transfer,
-        refusals=(*refusals, *([] if read.refusal is None else [read.refusal])),
-        sources=(source, read.source or source, told.source),
+        refusals=(*refusals, *unread),
+        sources=(source, of_read or source, of_black),
     )
 
 
-class _Black(NamedTuple):
+def _black_of(
+    clip: Clip, dark: np.ndarray | None, black: float | None
+) -> tuple[Estimate | None, str, np.ndarray | None, list[Refusal]]:
     """Black and its source, the dark frames that show noise, and why they may not."""
-
-    black: Estimate | None
-    source: str
-    dark: np.ndarray | None
-    refusal: Refusal | None = None
-
-
-def _black_of(clip: Clip, dark: np.ndarray | None, black: float | None) -> _Black:
     told = None if black is None else Estimate(black, 0.0)
     source = "" if black is None else "as given"
     if dark is None:
-        return _Black(told, source, None)
-    if np.mean(dark <= 0) > _MOST_CUT and clip.step > 0:
+        return told, source, None, []
+    # A few dark pixels at level 0 change their mean and variance by little.
+    if np.mean(dark <= 0) > 0.03 and clip.step > 0:
         reason = "dark frames are cut off at their lowest level"
         remedy = "Raise the camera's black level (offset) until dark frames show all noise"
-        return _Black(told, source, None, Refusal("the level of black", reason, remedy))
+        return told, source, None, [Refusal("the level of black", reason, remedy)]
     if told is not None:
-        return _Black(told, source, dark)
+        return told, source, dark, []
     each = dark.mean(axis=(1, 2), dtype=np.float64)
     # Rounding alone decides the level of frames whose noise is below the steps.
     doubt = clip.step / (100 if dark[0].std() > _LEAST_OF_A_STEP * clip.step else 3)
     error = float(np.hypot(each.std() / np.sqrt(each.size), doubt))
-    return _Black(Estimate(float(each.mean()), error), _frames_text(len(dark), "dark"), dark)
-
-
-def _too_few(clip: Clip, blocks: Blocks) -> Refusal:
-    whole = blocks.where(blocks.is_whole)
-    usual = float(np.median(whole.variance)) if whole.variance.size else 0.0
-    return too_few(clip, float(blocks.is_whole.mean()), usual)
+    return Estimate(float(each.mean()), error), _frames_text(len(dark), "dark"), dark, []
 
 
 def _gain_of(transfer: Transfer) -> Estimate:
     """System gain; levels per electron."""
     spread, value = transfer.lines[:, 1].std(), transfer.law.gain
-    return Estimate(value, float(np.hypot(spread, _MODEL * value)))
+    # Clips of photographs of known truth have this error besides, which no resampling shows.
+    return Estimate(value, float(np.hypot(spread, 0.012 * value)))
 
 
 def _doubts(
@@ -168,10 +139,11 @@ def _doubts(
     if narrow is not None:
         return [narrow]
     brightest = float(transfer.law(np.quantile(transfer.blocks.mean, 0.99)))
-    if brightest - clip.step**2 / 12 < (_LEAST_AT_WHITE * clip.step) ** 2:
+    # Steps hide all noise where that of the brightest blocks is less than a third of one.
+    if brightest - clip.step**2 / 12 < (0.3 * clip.step) ** 2:
         return [Refusal(NOISE, BELOW_STEPS, MORE_BITS)]
     gain = _gain_of(transfer)
-    if gain.error < _MOST_ERROR * gain.value:
+    if gain.error < 0.25 * gain.value:  # electrons of a greater error are not written
         return []
     gamma = shot_gamma(transfer, clip.step)
     coded = f", as under a gamma of {gamma:.2g}" if gamma is not None and gamma > 1 else ""
@@ -182,46 +154,41 @@ def _doubts(
     return [Refusal(NOISE, reason, remedy)]
 
 
-class _Read(NamedTuple):
-    """Read noise, its range where black is not known, its source, and why there may be none."""
-
-    value: Estimate | None
-    ends: tuple[float, float] | None
-    source: str
-    refusal: Refusal | None = None
-
-
 def _read_of(
     clip: Clip,
     transfer: Transfer,
     span: tuple[float, float],
     known: Estimate | None,
     dark: np.ndarray | None,
-) -> _Read:
-    """The read noise: the root of the variance at black, less that of rounding."""
+) -> tuple[Estimate | None, tuple[float, float] | None, str, list[Refusal]]:
+    """Read noise, its range where black is not known, its source, and why there may be none.
+
+    It is the root of the variance at black, less that of rounding.
+    """
     gain, rounding = _gain_of(transfer), clip.step**2 / 12
     squares = [transfer.law.dark + gain.value * b - rounding for b in span]
+    ends, source = None, ""
     if known is None:
         low, high = (float(np.sqrt(max(s, 0.0)) / gain.value) for s in squares)
-        text = "an interval: black is not known (add two dark frames, --dark)"
-        read = _Read(Estimate((low + high) / 2, (high - low) / 4), (low, high), text)
-        greatest = high
+        read, ends, greatest = Estimate((low + high) / 2, (high - low) / 4), (low, high), high
+        source = "an interval: black is not known (add two dark frames, --dark)"
     else:
         samples = transfer.lines[:, 0] + transfer.lines[:, 1] * known.value - rounding
-        value = _root(squares[0], float(np.maximum(samples, 0).std()), gain)
-        text = _frames_text(len(dark), "dark") if dark is not None and len(dark) > 1 else ""
-        if dark is not None and len(dark) == 1:
-            value, text = _of_one_dark(dark[0], value, clip.step, gain, text)
-        read, greatest = _Read(value, None, text), value.value
+        read = _root(squares[0], float(np.maximum(samples, 0).std()), gain)
+        if dark is not None and len(dark) > 1:
+            source = _frames_text(len(dark), "dark")
+        elif dark is not None:
+            read, source = _of_one_dark(dark[0], read, clip.step, gain)
+        greatest = read.value
     least = _LEAST_OF_A_STEP * clip.step / gain.value
     if greatest < least:
         reason = f"it is below half a step of the file, {least:.3g} e-"
-        return _Read(None, None, "", Refusal(READ, reason, MORE_BITS))
-    value, error = read.value  # type: ignore[misc]
-    if known is not None and error > _MOST_READ_ERROR * value:
+        return None, None, "", [Refusal(READ, reason, MORE_BITS)]
+    value, error = read
+    if known is not None and error > 0.4 * value:
         reason = f"what stands still is too bright to show it ({value:.2g} +- {error:.2g} e-)"
-        return _Read(None, None, "", Refusal(READ, reason, "Add two dark frames (--dark)"))
-    return read
+        return None, None, "", [Refusal(READ, reason, "Add two dark frames (--dark)")]
+    return read, ends, source, []
 
 
 def _check_others(
@@ -246,9 +213,10 @@ def _others(clip: Clip, dark: np.ndarray | None, flats: np.ndarray | None) -> Bl
     """Blocks of pairs of dark frames, and of pairs of flat fields below saturation."""
     parts = []
     if dark is not None and len(dark) > 1:
-        parts.append(photon_transfer.blocks_of(photon_transfer.pairs_of(dark), _NO_ENDS))
+        parts.append(photon_transfer.blocks_of(pairwise(dark), (-np.inf, np.inf)))
     if flats is not None:
-        pairs = [pair for pair in _couples(flats) if np.mean(pair) < _SATURATION * clip.white]
+        couples = zip(flats[::2], flats[1::2], strict=True)
+        pairs = [pair for pair in couples if np.mean(pair) < 0.7 * clip.white]  # EMVA 1288
         if pairs:
             parts.append(photon_transfer.blocks_of(pairs, clip.ends))
     if not parts:
@@ -256,43 +224,27 @@ def _others(clip: Clip, dark: np.ndarray | None, flats: np.ndarray | None) -> Bl
     return parts[0] if len(parts) == 1 else parts[0] + parts[1]
 
 
-def _couples(frames: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    return zip(frames[::2], frames[1::2], strict=True)
-
-
-def _darkest(blocks: Blocks) -> float:
-    """Level of the darkest block, above which black does not lie."""
-    levels = blocks.mean[blocks.is_whole]
-    return float(np.quantile(levels, 0.001)) if levels.size else 0.0
-
-
-def _deviation(known: Estimate | None, span: tuple[float, float]) -> float:
-    """Error of black: its own, or that of a number somewhere in a range."""
-    return (span[1] - span[0]) / np.sqrt(12) if known is None else known.error
-
-
 def _root(square: float, error: float, gain: Estimate) -> Estimate:
     """Read noise in electrons by its square in levels."""
     level = float(np.sqrt(max(square, 0.0)))
     spread = error / (2 * level) if level**2 > error else float(np.sqrt(error))
     value = level / gain.value
-    share = float(np.hypot(gain.error / gain.value, _READ_MODEL))
+    # Few blocks at rest are dark: clips of known truth have this error besides.
+    share = float(np.hypot(gain.error / gain.value, 0.03))
     return Estimate(value, float(np.hypot(spread / gain.value, value * share)))
 
 
 def _of_one_dark(
-    dark: np.ndarray, read: Estimate, step: float, gain: Estimate, text: str
+    dark: np.ndarray, read: Estimate, step: float, gain: Estimate
 ) -> tuple[Estimate, str]:
-    """The better of the clip's read noise and that of one dark frame, over its neighbours.
-
-    One frame counts its fixed pattern as noise.
-    """
+    """The better of the clip's read noise and that of one dark frame, with the latter's source."""
     differences = np.diff(dark.astype(np.float64), axis=1)
     square = float(np.mean(differences**2)) / 2 - step**2 / 12
     value = float(np.sqrt(max(square, 0.0))) / gain.value
-    error = value * float(np.hypot(_PATTERN, gain.error / gain.value))
+    # A tenth of one frame's noise may be its fixed pattern.
+    error = value * float(np.hypot(0.1, gain.error / gain.value))
     if error >= read.error:
-        return read, text
+        return read, ""
     return Estimate(value, error), "one dark frame, whose fixed pattern counts as noise (give two)"
 
 

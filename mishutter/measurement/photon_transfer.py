@@ -8,9 +8,8 @@ not those of independent pixels, or beyond what noise makes of a block in a thou
 which something moves strongly rejects those around it.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -25,22 +24,11 @@ _CLUSTER = 4
 """Blocks along a side of what is resampled together."""
 _FREEDOM = (_SIDE // _PART) ** 2 * (_PART**2 - 1)
 """Degrees of freedom of a block's variance about the means of its quarters."""
-_RARE, _NEVER = 1e-3, 1e-6
-"""Chances of noise beyond which a block is left out, and beyond which its neighbours are too."""
-_ROUNDS, _RESAMPLES = 8, 400
 _BINS = 16
-_SHARED = 1.5
-"""Variance of a mean over pairs of successive frames, each frame in two, over that of others."""
 _STEADY = 0.003
 """Deviation of the frames' exposures, as a share, that needs no correction."""
-_FLAT = 0.02
-"""Rise of the variance over all levels, as a share, that counts as none."""
-_LEAST_NOISE = 0.4
-"""Noise without that of rounding, in steps, below which the place between steps decides it."""
-LEAST_BLOCKS = 60
+_LEAST_BLOCKS = 60
 """Fewest blocks at rest from which a law is taken."""
-
-
 _COLUMNS = ("mean", "variance", "parts", "texture", "is_whole", "cluster")
 
 
@@ -66,7 +54,12 @@ class Blocks:
         shift = self.parts / (2 * expected / _PART**2)
         spread = self.variance / expected * _FREEDOM
         # What moves a little shows in several blocks side by side, beside others of the level.
-        unusual = (spread / np.maximum(self._usual(spread), 1.0)).reshape(self.shape)
+        whole = np.flatnonzero(self.is_whole)
+        order = whole[np.argsort(self.mean[whole])]
+        bins = [part for part in np.array_split(order, _BINS) if part.size]
+        levels = [float(np.median(self.mean[part])) for part in bins]
+        usual = np.interp(self.mean, levels, [float(np.median(spread[part])) for part in bins])
+        unusual = (spread / np.maximum(usual, 1.0)).reshape(self.shape)
         around = ndimage.uniform_filter1d(unusual, 3, axis=1, mode="nearest")
         around = ndimage.uniform_filter1d(around, 3, axis=2, mode="nearest").ravel()
         chances = (
@@ -75,17 +68,9 @@ class Blocks:
             stats.chi2.sf(9 * _FREEDOM * around / few, 9 * _FREEDOM / few),
         )
         least = np.min(chances, axis=0)
-        is_strong = (least < _NEVER).reshape(self.shape)
+        is_strong = (least < 1e-6).reshape(self.shape)
         grown = np.asarray(ndimage.binary_dilation(is_strong, np.ones((1, 3, 3))), bool)
-        return grown.ravel() | (least < _RARE)
-
-    def _usual(self, values: np.ndarray) -> Float[np.ndarray, "blocks"]:
-        """Medians of values over whole blocks of similar levels."""
-        whole = np.flatnonzero(self.is_whole)
-        order = whole[np.argsort(self.mean[whole])]
-        bins = [part for part in np.array_split(order, _BINS) if part.size]
-        levels = [float(np.median(self.mean[part])) for part in bins]
-        return np.interp(self.mean, levels, [float(np.median(values[part])) for part in bins])
+        return grown.ravel() | (least < 1e-3)
 
     def __add__(self, other: "Blocks") -> "Blocks":
         """The blocks of both; their pairs are counted as one shape that nothing is asked of."""
@@ -117,13 +102,14 @@ class Law:
         r"""Levels of unit noise: $\int dm/\sqrt{d + k m}$, the variance-stabilising transform."""
         middle = float(np.mean(frames))
         rise = self.gain * float(np.ptp(frames))
-        if abs(rise) < _FLAT * float(self(np.array(middle))):
+        if abs(rise) < 0.02 * float(self(np.array(middle))):
             return (frames / np.sqrt(self(np.array(middle)))).astype(np.float32)
         return (2 / self.gain * np.sqrt(self(frames))).astype(np.float32)
 
     def exceeds_steps(self, level: np.ndarray, step: float) -> Bool[np.ndarray, "..."]:
         """Whether noise spreads a level over several steps, whose rounding adds its own."""
-        return self(level) >= (_LEAST_NOISE**2 + 1 / 12) * step**2
+        # Below 0.4 steps, without that of rounding, the place between steps decides it.
+        return self(level) >= (0.4**2 + 1 / 12) * step**2
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,20 +125,16 @@ class Transfer:
     # Whether a block of the clip is at rest and whole; shape `(pairs, rows, columns)`
     at_rest: Bool[np.ndarray, "pairs rows columns"]
 
-    def curve(self, num_bins: int = _BINS) -> Float[np.ndarray, "4 bins"]:
+    def curve(self) -> Float[np.ndarray, "4 bins"]:
         """Mean level, variance, its error, and number of blocks, in bins of equally many blocks."""
         order = np.argsort(self.blocks.mean)
-        bins = [part for part in np.array_split(order, num_bins) if part.size]
+        bins = [part for part in np.array_split(order, _BINS) if part.size]
         level = np.array([self.blocks.mean[part].mean() for part in bins])
         variance = np.array([self.blocks.variance[part].mean() for part in bins])
         count = np.array([part.size for part in bins])
-        error = self.law(level) * np.sqrt(2 / _FREEDOM * _SHARED / count)
+        # Each frame is in two pairs, by which means over these vary 1.5 times as much.
+        error = self.law(level) * np.sqrt(2 / _FREEDOM * 1.5 / count)
         return np.stack([level, variance, error, count.astype(float)])
-
-
-def pairs_of(frames: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Frames beside those that follow them."""
-    return pairwise(frames)
 
 
 def blocks_of(pairs: Iterable[tuple[np.ndarray, np.ndarray]], ends: tuple[float, float]) -> Blocks:
@@ -167,12 +149,10 @@ def blocks_of(pairs: Iterable[tuple[np.ndarray, np.ndarray]], ends: tuple[float,
         variance = _means(within, _SIDE // _PART) * (_PART**2 / (_PART**2 - 1) / 2)
         is_cut = (np.minimum(first, second) <= ends[0]) | (np.maximum(first, second) >= ends[1])
         shape = mean.shape
-        count = (_SIDE // _PART) ** 2
-        squares = _means(parts * parts, _SIDE // _PART) * count
+        squares = _means(parts * parts, _SIDE // _PART) * (_SIDE // _PART) ** 2
         texture = np.maximum(_means(middle.astype(np.float64) ** 2, _SIDE) - mean**2, 0)
         is_whole = _means(is_cut.astype(np.float32), _SIDE) == 0
-        each = (mean, variance, squares, texture, is_whole)
-        columns.append(tuple(map(np.ravel, each)))
+        columns.append(tuple(map(np.ravel, (mean, variance, squares, texture, is_whole))))
     rows, cols = np.indices(shape)
     across = -(-shape[1] // _CLUSTER)
     cluster = (rows // _CLUSTER * across + cols // _CLUSTER).ravel()
@@ -188,26 +168,25 @@ def _means(pixels: np.ndarray, side: int) -> np.ndarray:
     return cut.reshape(rows, side, columns, side).mean(axis=(1, 3), dtype=np.float64)
 
 
-def transfer_of(clip: Blocks, others: Blocks | None, step: float, seed: int = 0) -> Transfer | None:
+def transfer_of(clip: Blocks, others: Blocks | None, step: float) -> Transfer | None:
     """The law of the noise, by blocks at rest; None if too few are."""
     floor = max(step**2 / 24, 1e-12)
     law = _first_law(clip, floor)
     if law is None:
         return None
     chosen, blocks = clip.is_whole, clip
-    for _ in range(_ROUNDS):
+    for _ in range(8):
         chosen = clip.is_whole & ~clip.moves(law)
         blocks = clip.where(chosen & law.exceeds_steps(clip.mean, step))
         if others is not None:
             blocks = blocks + others.where(others.is_whole & law.exceeds_steps(others.mean, step))
-        if blocks.mean.size < LEAST_BLOCKS:
+        if blocks.mean.size < _LEAST_BLOCKS:
             return None
         dark, gain = _Sums.of(blocks, law).lines()[0]
         law = replace(law, dark=float(dark), gain=float(gain))
     sums = _Sums.of(blocks, law)
-    rng = np.random.default_rng(seed)
     count = len(sums.each)
-    times = rng.multinomial(count, np.full(count, 1 / count), size=_RESAMPLES)
+    times = np.random.default_rng(0).multinomial(count, np.full(count, 1 / count), size=400)
     curvature = float(sums.curvatures()[0]), float(sums.curvatures(times).std())
     share = float(np.sum(chosen) / max(np.sum(clip.is_whole), 1))
     at_rest = chosen.reshape(clip.shape)
@@ -226,7 +205,7 @@ def rough_law(clip: Blocks, step: float) -> Law:
 def _first_law(clip: Blocks, floor: float) -> Law | None:
     """The line through the lower quartiles of the variance at some levels."""
     blocks = clip.where(clip.is_whole)
-    if blocks.mean.size < LEAST_BLOCKS:
+    if blocks.mean.size < _LEAST_BLOCKS:
         return None
     order = np.argsort(blocks.mean)
     bins = np.array_split(order, 12)

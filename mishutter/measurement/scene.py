@@ -2,39 +2,27 @@
 
 import tomllib
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from mishutter.measurement.clip import Clip
-from mishutter.measurement.estimates import Estimate, Refusal
+from mishutter.measurement.estimates import Refusal
 from mishutter.measurement.motion import Motion, MovingObject
-from mishutter.measurement.noise import Noise
 from mishutter.pictures.images import Axis
+
+if TYPE_CHECKING:
+    from mishutter.measurement.measurement import Measurement
 
 PICTURE = "picture.png"
 """Name of the picture beside the scene file."""
 _FAST = 0.98
 """Quantile of the speeds, by area, that the scene reaches."""
-_TWO_WAY = 0.05
-"""Share of the moving area in the rarer direction from which on speeds have either sign."""
-_NUM_SPEEDS = 9
-_ONE_AXIS = 0.05
-"""Speed across over that along up to which one axis explains the motion."""
 _ACROSS = (0.0, 0.1, 0.2, 0.3)
-_COSTS = (0.0, 0.26, 0.91, 1.67)
-_COSTS_DESIGNED = (0.0, 0.20, 0.42, 0.55)
-"""Loss of gain, dB, of a design for none and of one for it (`benchmarks/cross_motion.py`)."""
+"""Speeds across over those along of which the loss of gain is known."""
 _WHOLE = 0.9
 """Share that moves from which on the picture moves as a whole."""
-_STROKE_PX, _STROKE_UM = 45.0, 155.0
-_TOP_SPEED_PX, _TOP_SPEED_MM = 2.0e4, 69.0
-_LONGEST_MS, _SHORTEST_MS = 40.0, 0.5
-"""Limits of the built-in scene, which are assumed."""
 _SHARE_ERROR = 0.05
 """Error of the share that moves, by clips of known truth."""
-_FARTHEST = 1e4
-"""Longest way of an object over an exposure that a scene file may have; px."""
 
 
 class AlongAxis(NamedTuple):
@@ -48,6 +36,34 @@ class AlongAxis(NamedTuple):
     across_turned: float  # Speed across over that along after that
     is_two_way: bool  # Whether objects move both ways
     fastest: float  # Fast speed in whatever direction; px/s
+
+    @property
+    def sentences(self) -> list[str]:
+        """The share of the motion that goes across the axis, its cost, and a remedy."""
+        if self.across <= 0.05:
+            return [f"One axis explains the motion: {self.across:.0%} of the speed goes across it."]
+        words = f"{self.across:.0%} of the speed goes across the {self.axis}, which smears"
+        if self.across > _ACROSS[-1]:
+            first = (
+                f"No one axis explains the motion: {words}. From 30 % on that costs a moving "
+                "sensor all of its gain: trust only the options at rest."
+            )
+        else:
+            # Decibels that a design for none and one for it lose (`benchmarks/cross_motion.py`).
+            cost = float(np.interp(self.across, _ACROSS, (0.0, 0.26, 0.91, 1.67)))
+            designed = float(np.interp(self.across, _ACROSS, (0.0, 0.20, 0.42, 0.55)))
+            first = (
+                f"{words[0].upper() + words[1:]}: in the light of the built-in scene that costs "
+                f"{cost:.1f} dB of a moving sensor's gain, or {designed:.1f} dB by a design for it."
+            )
+        sentences = [first]
+        if self.across_turned < 0.7 * self.across:
+            way = "clockwise" if self.turn > 0 else "anticlockwise"
+            sentences.append(
+                f"A camera turned by {abs(self.turn):.0f} degrees {way} has "
+                f"{self.across_turned:.0%} across."
+            )
+        return sentences
 
 
 def along_axis(objects: Sequence[MovingObject]) -> AlongAxis | None:
@@ -65,7 +81,7 @@ def along_axis(objects: Sequence[MovingObject]) -> AlongAxis | None:
     along, across = -velocities[:, index], velocities[:, 1 - index]
     fast = _quantile(np.abs(along), area, _FAST)
     ways = np.array([area[along > 0].sum(), area[along < 0].sum()]) / area.sum()
-    is_two_way = bool(ways.min() >= _TWO_WAY)
+    is_two_way = bool(ways.min() >= 0.05)  # of the moving area goes the rarer way
     if is_two_way:
         speeds = -fast, fast
     else:
@@ -102,59 +118,34 @@ def _quantile(values: np.ndarray, weights: np.ndarray, share: float) -> float:
     return float(values[order][int(np.searchsorted(below, min(share, below[-1])))])
 
 
-def across_sentences(along: AlongAxis) -> list[str]:
-    """The share of the motion that goes across the axis, its cost, and a remedy."""
-    if along.across <= _ONE_AXIS:
-        return [f"One axis explains the motion: {along.across:.0%} of the speed goes across it."]
-    words = f"{along.across:.0%} of the speed goes across the {along.axis}, which smears"
-    if along.across > _ACROSS[-1]:
-        first = (
-            f"No one axis explains the motion: {words}. From 30 % on that costs a moving sensor "
-            "all of its gain: trust only the options at rest."
-        )
-    else:
-        cost = float(np.interp(along.across, _ACROSS, _COSTS))
-        designed = float(np.interp(along.across, _ACROSS, _COSTS_DESIGNED))
-        first = (
-            f"{words[0].upper() + words[1:]}: in the light of the built-in scene that costs "
-            f"{cost:.1f} dB of a moving sensor's gain, or {designed:.1f} dB by a design for it."
-        )
-    sentences = [first]
-    if along.across_turned < 0.7 * along.across:
-        way = "clockwise" if along.turn > 0 else "anticlockwise"
-        sentences.append(
-            f"A camera turned by {abs(along.turn):.0f} degrees {way} has "
-            f"{along.across_turned:.0%} across."
-        )
-    return sentences
-
-
-class SceneParts(NamedTuple):
-    """Everything that a scene file says."""
-
-    name: str
-    clip: Clip
-    noise: Noise
-    motion: Motion
-    level_difference: Estimate
-    pixel_pitch: float | None
-    px_per_mm: float | None
-
-
-def scene_text(parts: SceneParts) -> str:
+def scene_text(found: "Measurement") -> str:
     """The text of the scene file."""
     sections = (
-        _head(parts),
-        _speeds(parts),
-        _light(parts),
-        _sensor(parts),
-        _view(parts),
-        _occlusion(parts),
-        _errors(parts),
-        _burst(parts),
-        _limits(parts),
-        _decoder(),
-        _picture(parts),
+        _head(found),
+        _speeds(found),
+        _light(found),
+        _sensor(found),
+        _view(found),
+        _occlusion(found),
+        _errors(found),
+        [
+            "[burst]",
+            f"frames_per_s = {found.clip.frames_per_s:g}  # as given",
+            "# dead_time_ms = 0.1  # of the data sheet",
+        ],
+        _limits(found),
+        [
+            "# Assumed: one filter restores all speeds. A decoder that registers frames knows "
+            "them.",
+            "# [decoder]",
+            '# speed = "known"',
+        ],
+        [
+            "# The still parts, averaged over frames; the power of their lines is that of the "
+            "clip, less the noise, before the pixels.",
+            "[picture]",
+            f'path = "{PICTURE}"',
+        ],
     )
     return "\n\n".join("\n".join(lines) for lines in sections if lines) + "\n"
 
@@ -166,20 +157,20 @@ def missing_keys(text: str) -> tuple[str, ...]:
     return tuple(f"[{s}] {key}" for s, key in keys if key not in tables.get(s, {}))
 
 
-def _head(parts: SceneParts) -> list[str]:
-    clip, (count, rows, columns) = parts.clip, parts.clip.frames.shape
+def _head(found: "Measurement") -> list[str]:
+    clip, (count, rows, columns) = found.clip, found.clip.frames.shape
     exposure = (
         "exposures of unknown length"
         if clip.exposure is None
         else f"exposures of {clip.exposure * 1e3:g} ms"
     )
     lines = [
-        f"A scene measured by `mishutter measure` from {parts.name}: {count} frames of {rows} x "
+        f"A scene measured by `mishutter measure` from {found.name}: {count} frames of {rows} x "
         f"{columns} at {clip.frames_per_s:g} frames/s, {exposure}.",
         "A number after +- is a standard deviation.",
     ]
     lines += [f"{word[0].upper() + word[1:]}." for word in clip.words]
-    lines += [refusal.text[0].upper() + refusal.text[1:] for refusal in parts.noise.refusals]
+    lines += [refusal.text[0].upper() + refusal.text[1:] for refusal in found.noise.refusals]
     lines.append(
         "Assumed, not measured: [limits] (the stage), [decoder], a lens that passes all that is "
         "seen, and that the clip shows what the camera will see."
@@ -187,23 +178,22 @@ def _head(parts: SceneParts) -> list[str]:
     return [f"# {line}" for line in lines]
 
 
-def _speeds(parts: SceneParts) -> list[str]:
-    along = along_axis(parts.motion.objects)
-    lines = ["[speeds]"]
-    for number, each in enumerate(parts.motion.objects, 1):
+def _speeds(found: "Measurement") -> list[str]:
+    along, lines = found.along, ["[speeds]"]
+    for number, each in enumerate(found.motion.objects, 1):
         down, right = each.velocity
         lines.append(
             f"# object {number}: {right:.1f} +- {each.error[1]:.1g} px/s to the right, {down:.1f} "
             f"+- {each.error[0]:.1g} px/s down, {each.area} px"
         )
-    if parts.motion.share_unexplained > 0.005:
+    if found.motion.share_unexplained > 0.005:
         lines.append(
-            f"# {parts.motion.share_unexplained:.1%} of the picture changes without a velocity: it "
+            f"# {found.motion.share_unexplained:.1%} of the picture changes without a velocity: it "
             "deforms, diffuses, flickers or is too small."
         )
     if along is None:
         return [*lines, "# Nothing was seen to move.", "list_px_per_s = [0.0]"]
-    lines += [f"# {sentence}" for sentence in across_sentences(along)]
+    lines += [f"# {sentence}" for sentence in along.sentences]
     low, high = along.speeds
     sign = "left" if along.axis == "rows" else "up"
     lines.append(
@@ -217,25 +207,25 @@ def _speeds(parts: SceneParts) -> list[str]:
         lines.append("# One speed was seen: widen this where others occur.")
         return [*lines, f"list_px_per_s = [{_digits((low + high) / 2)}]"]
     ends = f"min_px_per_s = {_digits(low)}, max_px_per_s = {_digits(high)}"
-    return [*lines, f"uniform = {{ {ends}, count = {_NUM_SPEEDS} }}"]
+    return [*lines, f"uniform = {{ {ends}, count = 9 }}"]
 
 
-def _light(parts: SceneParts) -> list[str]:
-    electrons = parts.noise.electrons_at_white
+def _light(found: "Measurement") -> list[str]:
+    electrons = found.noise.electrons_at_white
     if electrons is None:
-        return ["[light]", f"# photon_rate_per_s = 1.0e5  # {_reason(parts.noise.refusals)}"]
-    time = parts.clip.longest_exposure
+        return ["[light]", f"# photon_rate_per_s = 1.0e5  # {_reason(found.noise.refusals)}"]
+    time = found.clip.longest_exposure
     rate, error = electrons.value / time, electrons.error / time
     told = f"{electrons.value:.4g} +- {electrons.error:.2g} e- at white"
     limit = ""
-    if parts.clip.exposure is None:
+    if found.clip.exposure is None:
         limit = (
             f" A LOWER LIMIT: exposures are taken for the whole {time * 1e3:g} ms between frames "
             "(give --exposure-ms)."
         )
     line = f"photon_rate_per_s = {rate:.4g}"
-    note = f"# +- {error:.2g}; {told} in {time * 1e3:g} ms, {parts.noise.sources[0]}.{limit}"
-    return ["[light]", f"# White is level {parts.clip.white:g} of the file.", f"{line}  {note}"]
+    note = f"# +- {error:.2g}; {told} in {time * 1e3:g} ms, {found.noise.sources[0]}.{limit}"
+    return ["[light]", f"# White is level {found.clip.white:g} of the file.", f"{line}  {note}"]
 
 
 def _reason(refusals: Sequence[Refusal]) -> str:
@@ -244,8 +234,8 @@ def _reason(refusals: Sequence[Refusal]) -> str:
     return f"not known: {(reasons or list(refusals))[0].reason}"
 
 
-def _sensor(parts: SceneParts) -> list[str]:
-    noise, lines = parts.noise, ["[sensor]"]
+def _sensor(found: "Measurement") -> list[str]:
+    noise, lines = found.noise, ["[sensor]"]
     if noise.read_noise is None:
         lines.append(f"# read_noise_e = 4.0  # {_reason(noise.refusals)}")
     else:
@@ -266,35 +256,31 @@ def _sensor(parts: SceneParts) -> list[str]:
         lines.append(
             f"# System gain {noise.gain.value:.4g} +- {noise.gain.error:.2g} levels per electron."
         )
-    along = along_axis(parts.motion.objects)
-    axis = "rows" if along is None else along.axis
-    rows, columns = parts.clip.frames.shape[1:]
+    axis = "rows" if found.along is None else found.along.axis
+    rows, columns = found.clip.frames.shape[1:]
     width = columns if axis == "rows" else rows
     lines += [f'axis = "{axis}"', f"width_px = {width}  # of the frames, along the axis"]
-    if parts.pixel_pitch is not None:
-        lines.append(f"pixel_pitch_um = {parts.pixel_pitch * 1e6:.6g}  # as given")
+    if found.pixel_pitch is not None:
+        lines.append(f"pixel_pitch_um = {found.pixel_pitch * 1e6:.6g}  # as given")
     else:
         lines.append("# pixel_pitch_um = 3.45  # not told (--pixel-pitch-um)")
     lines.append("# full_well_e = 10000  # of the data sheet")
     return lines
 
 
-def _view(parts: SceneParts) -> list[str]:
-    if parts.px_per_mm is None:
+def _view(found: "Measurement") -> list[str]:
+    if found.px_per_mm is None:
         return []
-    along = along_axis(parts.motion.objects)
-    fast = 0.0 if along is None else max(map(abs, along.speeds))
     return [
         "[view]",
-        f"px_per_mm = {parts.px_per_mm:.6g}  # as given; the fastest moves at "
-        f"{fast / parts.px_per_mm:.4g} mm/s",
+        f"px_per_mm = {found.px_per_mm:.6g}  # as given; the fastest moves at "
+        f"{_fastest(found) / found.px_per_mm:.4g} mm/s",
     ]
 
 
-def _occlusion(parts: SceneParts) -> list[str]:
-    motion = parts.motion
+def _occlusion(found: "Measurement") -> list[str]:
+    motion, along = found.motion, found.along
     share = 1 - motion.share_at_rest
-    along = along_axis(motion.objects)
     if along is None:
         return []
     if share >= _WHOLE:
@@ -305,7 +291,7 @@ def _occlusion(parts: SceneParts) -> list[str]:
         width = _narrowest(motion, along.axis)
         return [f"{moves}, object by object.", "[objects]", f"width_px = {width:.1f}  {note}"]
     width = motion.width[0 if along.axis == "rows" else 1]
-    difference = parts.level_difference
+    difference = found.level_difference
     key = f"level_difference = {difference.value:.3f}"
     note = f"+- {difference.error:.2g}; mean light of what moves less that of the rest"
     is_known = np.isfinite(difference.error)
@@ -329,67 +315,39 @@ def _narrowest(motion: Motion, axis: Axis) -> float:
     return min(widths, default=motion.width[1 - lines])
 
 
-def _errors(parts: SceneParts) -> list[str]:
+def _errors(found: "Measurement") -> list[str]:
     """The errors again, as `optimise` reads them."""
-    noise, along = parts.noise, along_axis(parts.motion.objects)
+    noise, along = found.noise, found.along
     rate = noise.electrons_at_white
     errors = {
-        "photon_rate_per_s": rate and rate.error / parts.clip.longest_exposure,
+        "photon_rate_per_s": rate and rate.error / found.clip.longest_exposure,
         "read_noise_e": noise.read_noise and noise.read_noise.error,
         "object_speed_px_per_s": along and along.error,
-        "front_share": _SHARE_ERROR if along and 1 - parts.motion.share_at_rest < _WHOLE else None,
+        "front_share": _SHARE_ERROR if along and 1 - found.motion.share_at_rest < _WHOLE else None,
     }
     lines = [f"{key} = {error:.2g}" for key, error in errors.items() if error is not None]
     note = "# The errors above: the answer says how far the gain moves within two of each."
     return [note, "[errors]", *lines] if lines else []
 
 
-def _burst(parts: SceneParts) -> list[str]:
-    return [
-        "[burst]",
-        f"frames_per_s = {parts.clip.frames_per_s:g}  # as given",
-        "# dead_time_ms = 0.1  # of the data sheet",
-    ]
-
-
-def _limits(parts: SceneParts) -> list[str]:
-    along = along_axis(parts.motion.objects)
-    fast = 0.0 if along is None else max(map(abs, along.speeds))
-    longest = min(_LONGEST_MS, _FARTHEST / max(fast, 1e-9) / 2 * 1e3)
-    if parts.pixel_pitch is None:
-        reach = [
-            f"max_stroke_px = {_STROKE_PX:g}",
-            f"max_top_speed_px_per_s = {_TOP_SPEED_PX:g}",
-        ]
-    else:
-        reach = [
-            f"max_stroke_mm = {_STROKE_UM / 1e3:g}",
-            f"max_top_speed_mm_per_s = {_TOP_SPEED_MM:g}",
-        ]
+def _limits(found: "Measurement") -> list[str]:
+    # A scene file may have no object that goes further than 10,000 px over an exposure.
+    longest = min(40.0, 1e4 / max(_fastest(found), 1e-9) / 2 * 1e3)
+    reach = ["max_stroke_mm = 0.155", "max_top_speed_mm_per_s = 69"]
+    if found.pixel_pitch is None:
+        reach = ["max_stroke_px = 45", "max_top_speed_px_per_s = 20000"]
     return [
         "# Assumed: the piezo stage of the built-in scene. Write what yours does.",
         "[limits]",
         *reach,
-        f"min_half_exposure_ms = {_SHORTEST_MS:g}",
+        "min_half_exposure_ms = 0.5",
         f"max_half_exposure_ms = {_digits(longest)}",
     ]
 
 
-def _decoder() -> list[str]:
-    return [
-        "# Assumed: one filter restores all speeds. A decoder that registers frames knows them.",
-        "# [decoder]",
-        '# speed = "known"',
-    ]
-
-
-def _picture(parts: SceneParts) -> list[str]:
-    return [
-        "# The still parts, averaged over frames; the power of their lines is that of the clip, "
-        "less the noise, before the pixels.",
-        "[picture]",
-        f'path = "{PICTURE}"',
-    ]
+def _fastest(found: "Measurement") -> float:
+    """Greatest speed along the axis; px/s."""
+    return 0.0 if found.along is None else max(map(abs, found.along.speeds))
 
 
 def _digits(value: float) -> str:

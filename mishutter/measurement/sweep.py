@@ -20,16 +20,8 @@ TILE = 48
 _COARSE, _HALF = 4, 2
 """Pixels that are averaged for the sweep, and steps in which averages are moved; px."""
 _JUMP = TILE // 2
-_STEP = 4.8
-"""Step of the velocities that are swept, in px over the frames."""
-_REACH = 0.375
-"""Furthest that anything moves over the swept frames, as a share of the shorter side."""
-_MOST_RESIDUAL = 5000.0
-_LEAST_SEEN = 0.6
-"""Share of a tile that must be seen in two frames."""
 _MARGIN = 2
 """Pixels at the border that splines do not reach without invention."""
-_MOST_MOVES = 24
 _ROBUST = 9.0
 """Square of a residual, in variances of noise, from which on it counts as something hidden."""
 
@@ -154,25 +146,19 @@ def swept(frames: Float[np.ndarray, "frames rows columns"], reference: int, stri
     """The residuals of successive frames of unit noise."""
     count, rows, columns = frames.shape
     span = (count - 1) * stride
-    step, most = _STEP / span, _REACH * min(rows, columns) / span
+    # Over the frames, a step is 4.8 px, and nothing moves by more than a part of the shorter side.
+    step, most = 4.8 / span, 0.375 * min(rows, columns) / span
     side = np.arange(-int(most / step) - 1, int(most / step) + 2) * step
     grid = np.array([(y, x) for y in side for x in side if np.hypot(y, x) <= most + step])
-    parts = _halves(frames)
-    residuals = np.array([_residual(parts, v * stride, reference) for v in grid])
-    return Sweep(grid, residuals, step)
-
-
-def _halves(frames: np.ndarray) -> Float[np.ndarray, "2 2 frames down across"]:
-    """Means over squares of unit noise, four times, from places half a square apart."""
-    count, rows, columns = frames.shape
+    # Squares are averaged to unit noise four times, from places half a square apart.
     down, across = rows // _COARSE - 1, columns // _COARSE - 1
     parts = np.empty((2, 2, count, down, across), np.float32)
-    for i in range(2):
-        for j in range(2):
-            cut = frames[:, i * _HALF :, j * _HALF :][:, : down * _COARSE, : across * _COARSE]
-            squares = cut.reshape(count, down, _COARSE, across, _COARSE)
-            parts[i, j] = squares.mean(axis=(2, 4)) * _COARSE
-    return parts
+    for i, j in np.ndindex(2, 2):
+        cut = frames[:, i * _HALF :, j * _HALF :][:, : down * _COARSE, : across * _COARSE]
+        squares = cut.reshape(count, down, _COARSE, across, _COARSE)
+        parts[i, j] = squares.mean(axis=(2, 4)) * _COARSE
+    residuals = np.array([_residual(parts, v * stride, reference) for v in grid])
+    return Sweep(grid, residuals, step)
 
 
 def _residual(parts: np.ndarray, move: np.ndarray, reference: int) -> np.ndarray:
@@ -192,9 +178,10 @@ def _residual(parts: np.ndarray, move: np.ndarray, reference: int) -> np.ndarray
         count[down, across] += 1
     is_seen = count > 1
     residual = (squares - total * total / np.maximum(count, 1)) / np.maximum(count - 1, 1)
-    residual = np.where(is_seen, np.minimum(residual, _MOST_RESIDUAL), 0)
-    seen, whole = _tiles(is_seen), (TILE // _COARSE) ** 2
-    return np.where(seen > _LEAST_SEEN * whole, _tiles(residual) / np.maximum(seen, 1), np.inf)
+    residual = np.where(is_seen, np.minimum(residual, 5000.0), 0)
+    # So much of a tile must be seen in two frames.
+    seen, least = _tiles(is_seen), 0.6 * (TILE // _COARSE) ** 2
+    return np.where(seen > least, _tiles(residual) / np.maximum(seen, 1), np.inf)
 
 
 def _tiles(pixels: np.ndarray) -> np.ndarray:
@@ -236,7 +223,7 @@ class Region(NamedTuple):
     def descended(self, velocity: np.ndarray, first: float, last: float) -> np.ndarray:
         """The end of a search along both axes in steps that are halved where none is better."""
         best, step = self.cost(velocity), first
-        for _ in range(_MOST_MOVES):
+        for _ in range(24):
             if step < last:
                 break
             for move in ((1, 0), (-1, 0), (0, 1), (0, -1)):
@@ -294,8 +281,7 @@ def _weighted(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
     return (weights * values).sum(axis=0) / np.maximum(weights.sum(axis=0), 1e-3)
 
 
-def _block_sums(pixels: np.ndarray, side: int = 8) -> Float[np.ndarray, "blocks"]:
-    """Sums over squares, those at the edges of what is there."""
-    rows, columns = pixels.shape
-    down, across = (np.arange(0, n, side) for n in (rows, columns))
+def _block_sums(pixels: np.ndarray) -> Float[np.ndarray, "blocks"]:
+    """Sums over squares of 8 px, those at the edges of what is there."""
+    down, across = (np.arange(0, n, 8) for n in pixels.shape)
     return np.add.reduceat(np.add.reduceat(pixels, down, axis=0), across, axis=1).ravel()

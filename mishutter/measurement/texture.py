@@ -13,15 +13,8 @@ from mishutter.pictures.images import Axis, transposed
 
 _AROUND = 2
 """Frames to either side along which an object is averaged."""
-_ALIKE, _SMOOTHING = 3.0, 1.5
-"""Residual over noise up to which a frame shows the same as the reference, under a Gaussian; px."""
-_LEAST_SIGNAL = 0.02
-"""Share of the power at a frequency that is kept however little of it is signal."""
-_SMOOTH_SHARE = 32
-_SOFT = 4.0
-"""Gaussian by whose width the window of the still parts falls at their outlines; px."""
-_LEAST_STILL = 0.05
-"""Share of the picture below which the still parts show no spectrum."""
+_SMOOTHING = 1.5
+"""Gaussian under which frames are compared with the reference; px."""
 
 
 class Averaged(NamedTuple):
@@ -44,7 +37,7 @@ def averaged(frames: np.ndarray, unit: np.ndarray, motion: Motion, frames_per_s:
             is_alike = np.ones(total.shape, bool)
         else:
             residual = (ndimage.gaussian_filter(unit[k], _SMOOTHING) - own) ** 2 / usual
-            is_alike = ndimage.gaussian_filter(residual, _SMOOTHING) < _ALIKE
+            is_alike = ndimage.gaussian_filter(residual, _SMOOTHING) < 3
         total += np.where(is_alike, frames[k], 0)
         count += is_alike
     mean = total / count
@@ -80,16 +73,17 @@ def light_of_texture(
     their noise $N$: a scene is seen through its pixels again. Lines go on mirrored.
     """
     black, white = ends
-    inside = 2 * ndimage.gaussian_filter(at_rest.astype(float), _SOFT) - 1
+    inside = 2 * ndimage.gaussian_filter(at_rest.astype(float), 4.0) - 1
     window = transposed(np.maximum(inside, 0), axis)
-    if window.mean() < _LEAST_STILL:
+    if window.mean() < 0.05:  # so little shows no spectrum
         window = np.ones_like(window)
     light = transposed((picture.levels - black) / (white - black), axis)
     variance = transposed(law(picture.levels) / picture.num_frames, axis) / (white - black) ** 2
     noise = float(np.average(variance, weights=window**2))
     still = light - np.average(light, weights=window)
     power = _power(window * still) / np.mean(window**2)
-    signal = np.maximum(power - noise, _LEAST_SIGNAL * power)
+    # A little is kept, however little is signal.
+    signal = np.maximum(power - noise, 0.02 * power)
     mirrored = _mirrored(light - light.mean())
     gain = np.sqrt(signal / np.maximum(_power(light - light.mean()), 1e-30))
     gain /= np.sinc(np.fft.rfftfreq(mirrored.shape[1]))
@@ -105,5 +99,5 @@ def _mirrored(lines: np.ndarray) -> np.ndarray:
 def _power(lines: np.ndarray) -> Float[np.ndarray, "frequencies"]:
     """Power of lines that go on mirrored, averaged over neighbouring frequencies."""
     power = np.mean(np.abs(np.fft.rfft(_mirrored(lines))) ** 2, axis=0) / (2 * lines.shape[1])
-    width = max(3, power.size // _SMOOTH_SHARE)
+    width = max(3, power.size // 32)
     return np.maximum(ndimage.uniform_filter1d(power, width, mode="nearest"), 1e-30)

@@ -18,6 +18,8 @@ from mishutter._core.modules import AbstractModule
 from mishutter.pictures.images import Axis
 
 Numbers = Array | np.ndarray | np.floating | float
+DARK = 1e-12
+"""Least variance of the noise of a frame, for pictures without light or noise; white = 1."""
 
 
 @final

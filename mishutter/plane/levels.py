@@ -34,7 +34,7 @@ from mishutter.evaluation.sequences import psnr_of_frames
 from mishutter.model.exposures import AbstractExposures, Lights
 from mishutter.model.optics import NYQUIST_FREQUENCY, pixel_response
 from mishutter.model.scene import Scene, require_scene
-from mishutter.model.sensor import noise_power, white_electrons
+from mishutter.model.sensor import DARK, noise_power, white_electrons
 from mishutter.model.texture import CORNER_FREQUENCY
 from mishutter.model.velocities import AbstractVelocities, Components, EvenVelocities
 from mishutter.pictures.images import Picture
@@ -259,8 +259,7 @@ class Light(NamedTuple):
         r"""$e_k^2/N_k$ of frames."""
         electrons = white_electrons(self.rate, jnp.asarray(exposures))
         noise = noise_power(1.0, self.mean, electrons, self.read)
-        # Pictures without light or noise have a finite ratio as well.
-        noise = jnp.maximum(noise, 1e-12 * jnp.maximum(electrons, 1.0) ** 2)
+        noise = jnp.maximum(noise, DARK * jnp.maximum(electrons, 1.0) ** 2)
         return electrons * (electrons / noise)
 
 

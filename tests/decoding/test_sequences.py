@@ -169,8 +169,7 @@ def climbed(monkeypatch, start, logarithms):
         Rows, "logarithms", lambda _, speeds, tolerance: logarithms(speeds[:, None])
     )
     rows = rows_about(np.zeros((2, 3, 64)), SCENE, stills(2), 0.0)
-    search = axis_speed._Search(low=-3000.0, high=3000.0, step=14.0, peaks=[start], middle=0.0)
-    return axis_speed._highest(rows, start, search, 0.01)
+    return axis_speed._Tried(low=-3000.0, high=3000.0, step=14.0).highest(rows, start, 0.01)
 
 
 def rows_about(planes, scene, frames, speed):
@@ -200,10 +199,10 @@ def test_pictures_are_near_enough_their_likeliest_to_tell_the_speed(monkeypatch,
         picture, bright, frames, speed=3700.0, num_columns=200, key=jax.random.key(3)
     )
     rows = rows_about(np.asarray(captures, np.float64), bright, frames, 4500.0)
-    search = axis_speed._Search(low=-4500.0, high=4500.0, step=8.4, peaks=[3700.0], middle=0.0)
-    peak = axis_speed._highest(rows, 3700.0, search, 0.01)
+    tried = axis_speed._Tried(low=-4500.0, high=4500.0, step=8.4)
+    peak = tried.highest(rows, 3700.0, 0.01)
     monkeypatch.setattr(axis_speed, "TOLERANCE_OF_SPEED", 1e-4)
-    limit = axis_speed._highest(rows, 3700.0, search, 0.01)
+    limit = tried.highest(rows, 3700.0, 0.01)
     assert abs(peak.speed - limit.speed) < 0.3 * limit.width
 
 

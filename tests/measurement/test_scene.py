@@ -10,7 +10,7 @@ from support.clips import ClipOf, Thing
 import mishutter as ms
 from mishutter.measurement.motion import Motion, MovingObject
 from mishutter.measurement.photon_transfer import Law
-from mishutter.measurement.scene import across_sentences, along_axis
+from mishutter.measurement.scene import along_axis
 from mishutter.measurement.texture import Averaged, light_of_texture
 from mishutter.pictures.images import row_power_spectrum
 
@@ -113,15 +113,15 @@ def test_things_that_go_up_have_a_positive_speed():
 def test_motion_across_the_axis_is_told_with_its_cost():
     """And the turn of the camera that leaves less; beyond 30 % no one axis explains it."""
     slanted = along_axis([an_object(300, 60, 5000), an_object(-250, -50, 4000)])
-    first, second = across_sentences(slanted)
+    first, second = slanted.sentences
     assert "20% of the speed goes across the rows" in first
     assert "costs 0.9 dB" in first
     assert second == "A camera turned by 11 degrees clockwise has 0% across."
     crossed = along_axis([an_object(300, 20, 5000), an_object(-10, 280, 4000)])
-    (only,) = across_sentences(crossed)
+    (only,) = crossed.sentences
     assert only.startswith("No one axis explains the motion: 93% of the speed goes across")
     straight = along_axis([an_object(300, 3, 5000)])
-    assert across_sentences(straight)[0].startswith("One axis explains the motion: 1%")
+    assert straight.sentences[0].startswith("One axis explains the motion: 1%")
 
 
 def test_the_picture_has_the_power_of_the_light():

@@ -19,7 +19,6 @@ from mishutter.decoding.decoders.base import blur_model
 
 # Periodic rows in place of continued ones, for which decoders have no argument.
 from mishutter.decoding.decoders.borders import Continuation
-from mishutter.decoding.image_quality import measure_quality
 from mishutter.pictures.images import shipped_picture
 
 NUM_ROWS, COLUMNS = 128, 336
@@ -76,17 +75,19 @@ def measured(name, decoder, photon_rate):
     with wrapped_borders():
         wrapped = ms.deconvolve(captured, known, motion, shutter, decoder=decoder)
     reference = _by_scikit_image(captured[..., 0], known, decoder)[..., None]
-    border = {
-        key: measure_quality(truth, np.asarray(value), border=BORDER)
-        for key, value in (
-            ("border", found),
-            ("recorded", whole.restored[0][middle]),
-            ("wrapped", wrapped),
-            ("reference", reference),
-        )
-    }
-    psnr = {key: value.border_psnr for key, value in border.items()}
-    return Borders(inner=border["border"].inner_psnr, **psnr)
+    each = (found, whole.restored[0][middle], wrapped, reference)
+    (inner, border), *others = (inside_and_at_border(truth, np.asarray(one)) for one in each)
+    return Borders(inner, border, *(level for _, level in others))
+
+
+def inside_and_at_border(truth, restored):
+    """PSNR between the borders, and of the borders alone; with gamma, dB."""
+    columns = np.arange(truth.shape[1])
+    is_inside = (columns >= BORDER) & (columns < columns.size - BORDER)
+    return [
+        float(ms.psnr(truth[:, some], restored[:, some], gamma=True))
+        for some in (is_inside, ~is_inside)
+    ]
 
 
 def wrapped_borders():

@@ -13,11 +13,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-_BLOCKS = range(32, 129, 16)
-_COST_OF_COPY = 16
-"""Cost of copying a block into a window, in units of a row of its product; measured on two
-cores."""
-
 
 @final
 class BandedConvolution(eqx.Module):
@@ -63,21 +58,14 @@ def banded(kernel: Float[np.ndarray, "taps"]) -> BandedConvolution:
     """The convolution with a kernel, in blocks of a size that suits its length."""
     taps = np.trim_zeros(np.asarray(kernel), "b")
     taps = taps if taps.size else np.zeros(1)
-    block = min(_BLOCKS, key=lambda size: (_cost(taps.size, size), -size))
-    blocks = _num_blocks(taps.size, block)
+    # Blocks on which a block of the result depends, itself included: $J + 1$.
+    counts = {size: 1 + -(-(taps.size - 1) // size) for size in range(32, 129, 16)}
+    # Copying a block into a window costs as much as 16 rows of its product, measured on two cores.
+    block = min(counts, key=lambda size: (counts[size] * (size + 16), -size))
+    blocks = counts[block]
     forward = np.zeros((blocks * block, block))
     for column in range(block):
         last = (blocks - 1) * block + column
         forward[last - taps.size + 1 : last + 1, column] = taps[::-1]
     # All blocks share one matrix, so that its adjoint is the same one turned by half a turn.
     return BandedConvolution(forward, np.ascontiguousarray(forward[::-1, ::-1]))
-
-
-def _cost(num_taps: int, block: int) -> int:
-    """Cost of one pixel, in units of a multiplication."""
-    return _num_blocks(num_taps, block) * (block + _COST_OF_COPY)
-
-
-def _num_blocks(num_taps: int, block: int) -> int:
-    """Blocks on which a block of the result depends, itself included: $J + 1$."""
-    return 1 + -(-(num_taps - 1) // block)

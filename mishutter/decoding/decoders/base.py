@@ -237,6 +237,7 @@ class AbstractDecoder(AbstractModule):
 
 
 @alone_in_blas()
+@outside_trace()  # numbers also where the capture is traced
 def blur_model(
     scene: Scene,  # concrete
     motion: AbstractMotion,  # concrete
@@ -248,21 +249,8 @@ def blur_model(
 
     The blur is that of the scene's speeds with its weights; the noise is
     $N = \eta\bar f/p + (\sigma/p)^2$; the picture's spectrum is the scene's.
-
-    Raises:
-        ValueError: if light would fall over more than 8,192 px.
     """
     require_known("blur_model", scene=scene, motion=motion)
-    with outside_trace():  # numbers also where the capture is traced
-        return _known_blur(scene, motion, shutter, least_taps)
-
-
-def _known_blur(
-    scene: Scene,
-    motion: AbstractMotion,
-    shutter: AbstractShutter,
-    least_taps: int,
-) -> BlurModel:
     view = sensor_view(scene, motion, shutter)
     # Where the sensor's own velocity is too much, the motion is to blame.
     blur_length(motion, *scene.speeds.tolist(), subject="scene")

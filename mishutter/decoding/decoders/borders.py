@@ -19,9 +19,6 @@ from jaxtyping import Array, Float
 from mishutter.camera.rows import fast_length
 from mishutter.decoding.decoders.base import BlurModel
 
-_MAX_CONTEXT = 320
-_RELATIVE_JITTER = 1e-10
-
 
 @final
 class Continuation(eqx.Module):
@@ -54,7 +51,7 @@ def continuation(model: BlurModel, columns: int) -> Continuation:
     # jump.
     length = fast_length(columns + max(3 * reach, 128))
     # Pixels further from the gap than a kernel hardly predict it, and equations cost their cube.
-    context = min(columns // 2, max(reach, 64), _MAX_CONTEXT)
+    context = min(columns // 2, max(reach, 64), 320)
     covariance = np.fft.irfft(captured_spectrum(model, length), length)
     prediction = _prediction(covariance.tobytes(), length - columns, context)
     return Continuation(prediction, columns, length, context)
@@ -75,6 +72,6 @@ def _prediction(periodic_covariance: bytes, gap: int, context: int) -> np.ndarra
     ends = np.concatenate([np.arange(-context, 0), gap + np.arange(context)])
     among = covariance[np.abs(ends[:, None] - ends) % covariance.size]
     # Without noise neighbouring pixels are so alike that the matrix is singular to rounding.
-    among[np.diag_indices_from(among)] += _RELATIVE_JITTER * covariance[0]
+    among[np.diag_indices_from(among)] += 1e-10 * covariance[0]
     across = covariance[np.abs(np.arange(gap)[:, None] - ends) % covariance.size]
     return cho_solve(cho_factor(among), across.T).T if context else np.zeros((gap, 0))

@@ -4,7 +4,7 @@
 """
 
 import math
-from typing import NamedTuple, final
+from typing import final
 
 import jax.numpy as jnp
 import numpy as np
@@ -60,23 +60,20 @@ def ensemble_filter(model: BlurModel, length: int) -> Complex[np.ndarray, "{leng
     return power * np.conj(mean) / (power * (np.abs(mean) ** 2 + spread) + model.noise)
 
 
-class Misfit(NamedTuple):
-    r"""The parts of a picture's misfit, $|g - m f|^2 / (N + S v)$, on the grid of a DFT."""
+def misfit_of(
+    model: BlurModel, length: int
+) -> tuple[Complex[np.ndarray, "k"], Float[np.ndarray, "k"], Float[np.ndarray, "k"], float]:
+    r"""Parts of the misfit that decoders weigh with a prior, $|g - m f|^2 / (N + S v)$; nowhere 0.
 
-    mean: Complex[np.ndarray, "k"]  # Mean response over the speeds, $m$
-    power: Float[np.ndarray, "k"]  # Power of the picture, $S$
-    # Noise, and power that the spread of the speeds leaves, $N + S v$
-    disturbance: Float[np.ndarray, "k"]
-    error: float  # Squared error that the ensemble filter is expected to leave
-
-
-def misfit_of(model: BlurModel, length: int) -> Misfit:
-    """The misfit that decoders weigh with a prior, for all speeds; nowhere 0."""
+    They are the mean response over the speeds, $m$, the power of the picture, $S$, and the noise
+    with the power that the spread of the speeds leaves, $N + S v$, on the grid of a DFT; and the
+    squared error that the ensemble filter is expected to leave.
+    """
     mean, spread = model.mean_and_spread(length)
     power = np.maximum(model.picture_spectrum(length), LEAST_POWER)
     disturbance = np.maximum(model.noise, LEAST_POWER) + power * spread
     error = max(expected_squared_error(model, length), LEAST_POWER)
-    return Misfit(mean, power, disturbance, error)
+    return mean, power, disturbance, error
 
 
 def expected_residual(model: BlurModel, length: int) -> float:

@@ -24,24 +24,9 @@ from mishutter.decoding.decoders.linear import (
     expected_squared_error,
     wiener_filter,
 )
-from mishutter.decoding.decoders.total_variation import (
-    EDGES,
-    adjoint_differences,
-    differences,
-)
+from mishutter.decoding.decoders.total_variation import EDGES, adjoint_differences, differences
 
 _LEAST = 1e-6
-_DARKEST = 0.02
-"""Least share of its light that a pixel starts with: no step leads away from 0."""
-_TILE = 128
-"""Rows that one loop iterates on: few enough that they stay in the cache."""
-_LEAST_BLURRED = 0.1
-"""Least blur of an estimate, as a share of the capture: taps of a band-limited kernel are below 0
-here and there, and so may be the blur of an estimate that ends sharply in the dark."""
-_LEAST_VARIANCE = 0.1
-"""Light in the dark whose noise counts, as a share of a plane's mean."""
-_LEAST_NORM = 0.2
-"""Least that a step divides by, as a share of the light: edges push by no more than a few times."""
 
 
 @final
@@ -101,7 +86,9 @@ class RichardsonLucyDecoder(AbstractDecoder):
             penalty = _Penalty(np.asarray(strength), np.asarray(dark))
         else:
             response, filtering = model.assumed_response(length), wiener_filter
-        method = _Method(self.num_iterations, self.accelerated, _LEAST_BLURRED)
+        # Taps of a band-limited kernel are below 0 here and there, and so may be the blur of an
+        # estimate that ends sharply in the dark: it is at least a tenth of the capture.
+        method = _Method(self.num_iterations, self.accelerated, least_blurred=0.1)
         first = filtering(model, length) if self.start == "wiener" else None
         return _restored(
             captured,
@@ -187,6 +174,18 @@ class _State(NamedTuple):
     change_before: Array | None
     flow: Array | None
 
+    @property
+    def extrapolated(self) -> Array:
+        """Prevents many small steps the same way, row by row."""
+        estimate, before, change, change_before, _ = self
+        if before is None or change is None or change_before is None:
+            return estimate
+        overlap = jnp.sum(change * change_before, axis=-1, keepdims=True)
+        size = jnp.sum(change_before**2, axis=-1, keepdims=True)
+        moves = size > jnp.finfo(size.dtype).tiny ** 0.5  # whose square is a number yet
+        stride = jnp.clip(jnp.where(moves, overlap / jnp.where(moves, size, 1), 0), 0, 1)
+        return jnp.maximum(estimate + stride * (estimate - before), 0)
+
 
 Operator = BandedConvolution | _Blur
 
@@ -233,31 +232,10 @@ def _restored(
     if first_filter is not None:
         spectrum = jnp.fft.rfft(rows)
         filtered = jnp.fft.irfft(spectrum * along_rows(first_filter, spectrum), extension.length)
-        start = jnp.maximum(filtered + mean / norm, _DARKEST * start)
+        # No step leads away from 0.
+        start = jnp.maximum(filtered + mean / norm, 0.02 * start)
     estimate = _iterated(data, start, operator, norm, method, penalty=penalty)
     return estimate[..., : extension.columns]
-
-
-def _extrapolated(state: _State) -> Array:
-    """Prevents many small steps the same way, row by row."""
-    estimate, before, change, change_before, _ = state
-    if before is None or change is None or change_before is None:
-        return estimate
-    overlap = jnp.sum(change * change_before, axis=-1, keepdims=True)
-    size = jnp.sum(change_before**2, axis=-1, keepdims=True)
-    moves = size > jnp.finfo(size.dtype).tiny ** 0.5  # whose square is a number yet
-    stride = jnp.clip(jnp.where(moves, overlap / jnp.where(moves, size, 1), 0), 0, 1)
-    return jnp.maximum(estimate + stride * (estimate - before), 0)
-
-
-def _next_flow(flow: Array, estimate: Array, weight: Array) -> Array:
-    """A step along the differences, as long as is stable beside steps of the estimate."""
-    rows = jnp.pad(estimate, ((1, 1), (0, 0)), mode="edge")
-    pairs = jnp.maximum(rows, jnp.roll(rows, -1, axis=1))
-    largest = jnp.maximum(pairs[:-1], pairs[1:])
-    longer = flow + differences(estimate) / (8 * weight * jnp.maximum(largest, _LEAST))[None]
-    size = jnp.sum(longer**2, axis=0, keepdims=True)
-    return longer / jnp.sqrt(jnp.maximum(size, 1))
 
 
 def _step(
@@ -269,12 +247,19 @@ def _step(
     least_blurred: float,
     penalty: _Penalty | None,
 ) -> _State:
-    begin = _extrapolated(state)
+    begin = state.extrapolated
     dark, flow, weight = jnp.zeros((), data.dtype), state.flow, norm
     if penalty is not None and flow is not None:
         strength, dark = (jnp.asarray(v, data.dtype) for v in penalty)
-        flow = _next_flow(flow, begin, strength / norm)
-        weight = jnp.maximum(norm + strength * adjoint_differences(flow), _LEAST_NORM * norm)
+        # The flow goes along the differences, as far as is stable beside steps of the estimate.
+        rows = jnp.pad(begin, ((1, 1), (0, 0)), mode="edge")
+        pairs = jnp.maximum(rows, jnp.roll(rows, -1, axis=1))
+        largest = jnp.maximum(jnp.maximum(pairs[:-1], pairs[1:]), _LEAST)
+        longer = flow + differences(begin) / (8 * (strength / norm) * largest)[None]
+        size = jnp.sum(longer**2, axis=0, keepdims=True)
+        flow = longer / jnp.sqrt(jnp.maximum(size, 1))
+        # Edges push by no more than a few times.
+        weight = jnp.maximum(norm + strength * adjoint_differences(flow), 0.2 * norm)
     total = data + dark
     blurred_again = jnp.maximum(operator(begin) + dark, jnp.maximum(least_blurred * total, 1e-12))
     # Taps of a band-limited kernel are below 0 here and there, which must not make light negative.
@@ -295,7 +280,7 @@ def _iterated(
 ) -> Array:
     """Steps, a few rows at a time: differences reach one row further with each of them."""
     rows, length = data.shape[-2:]
-    count = -(-rows // _TILE)
+    count = -(-rows // 128)  # few enough rows that a loop's stay in the cache
     tile, beyond = -(-rows // count), 0 if penalty is None else method.num_iterations + 1
     if tile + 2 * beyond >= rows:
         count, tile, beyond = 1, rows, 0
@@ -312,7 +297,8 @@ def _iterated(
         data, start, mean = item
         weights = penalty
         if weights is not None:
-            dark = jnp.asarray(weights.dark, data.dtype) + _LEAST_VARIANCE * mean
+            # The noise of so much light counts in the dark.
+            dark = jnp.asarray(weights.dark, data.dtype) + 0.1 * mean
             weights = weights._replace(dark=dark)
 
         def step(_: Array, state: _State) -> _State:

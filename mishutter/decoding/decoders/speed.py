@@ -23,6 +23,7 @@ from mishutter._core.parallel import alone_in_blas, in_threads, num_processors
 from mishutter.camera.capture import as_pixels, distinct_colours
 from mishutter.camera.rows import irfftn, rfftn, rows_last
 from mishutter.decoding.decoders.base import BlurModel, blur_model
+from mishutter.decoding.decoders.linear import LEAST_POWER
 from mishutter.evaluation.found_speed import LEAST_DIFFERENCE
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene, require_scene, require_whole
@@ -30,32 +31,18 @@ from mishutter.model.shutters.base import AbstractShutter
 from mishutter.pictures.images import LUMINANCE, transposed
 
 _fast_length: Callable[[int], int] = scipy.fft.next_fast_len  # type: ignore[assignment]
-STEP = 2.0
-"""Step between the speeds that are tried, as smear over the exposure; px."""
-_LEAST_STEPS, _MOST_STEPS = 32, 512
-_BEYOND = 0.1
-"""Distance beyond the scene's speeds to which others are tried, as a share of their range."""
 _TAPER = 0.25
 """Share of a row in which the window rises and falls."""
-_MOST_ROWS, _MOST_COLUMNS, _MOST_BLURS = 512, 1024, 4
-"""Most rows and columns of a tile; its rows may be longer, up to so many lengths of the blur."""
+_MOST_ROWS = 512
+"""Most rows of a tile."""
 _MOST_BANDS, _LEAST_ROWS = 4, 64
 """Most bands of rows whose speeds are compared, and the fewest rows of a band."""
-_LEAST_COLUMNS = 64
 _FREEDOM = 4.0
 """Degrees of freedom of Student's t: a photograph's spectrum has lines that no smooth one has."""
 _OCTAVES = ((0.008, 0.018), (0.018, 0.04), (0.04, 0.09), (0.09, 0.2))
 """Bands along the rows in which edges count; cycles/px."""
-_LEAST_POWER = 1e-14
-"""Least variance of the noise: prevents a logarithm of 0 for a camera without noise."""
 LITTLE = "The picture has too little detail to show its speed."
 BEYOND = "The speed may lie beyond those of the scene."
-_DENIED = 0.01
-"""A band of rows has another speed if it gives the speed of all rows less than this probability."""
-_UNUSUAL = 0.01
-"""Share of the prior's pictures, those farthest from its mean, that count as unusual."""
-_NUM_STEPS, _NUM_MORE_STEPS = 12, 4
-"""Steps to the likeliest spectrum for all speeds together, then from there for each speed."""
 _LOWEST = 2
 """Number of DFT frequencies left out at either end, where the window leaks."""
 
@@ -94,15 +81,8 @@ class Energies(NamedTuple):
     distance: float  # Squared Mahalanobis distance of the picture's spectrum from the prior's mean
 
 
-def windows(
-    rows: int, columns: int
-) -> tuple[Float[np.ndarray, "{rows}"], Float[np.ndarray, "{columns}"]]:
-    """Windows of a tile: a sine down its columns; along its rows flat except near the ends."""
-    down = np.sin(np.pi * (np.arange(rows) + 0.5) / rows)
-    return down, _flat_window(columns)
-
-
-def _flat_window(count: int) -> np.ndarray:
+def _flat_window(count: int) -> Float[np.ndarray, "{count}"]:
+    """A window that is flat except near the ends."""
     from_end = np.minimum(np.arange(count) + 0.5, count - np.arange(count) - 0.5) / count
     return np.sin(np.pi / 2 * np.minimum(2 * from_end / _TAPER, 1)) ** 2
 
@@ -146,8 +126,8 @@ def bands(rows: int, columns: int) -> Bands:
 def log_power(tile: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "b k"]:
     """Unbiased logarithm of the power of a tile, by band and along the rows."""
     rows, columns = tile.shape
-    layout, (down, across) = bands(rows, columns), windows(rows, columns)
-    window = (down[:, None] * across).astype(tile.dtype)
+    layout, down = bands(rows, columns), np.sin(np.pi * (np.arange(rows) + 0.5) / rows)
+    window = (down[:, None] * _flat_window(columns)).astype(tile.dtype)
     deviation = tile - np.sum(tile * window) / np.sum(window)
     spectrum = rfftn(deviation * window)[:, layout.along]
     power = np.abs(spectrum) ** 2 / np.sum(window**2)
@@ -176,11 +156,11 @@ class Blurs(NamedTuple):
     power: Float[np.ndarray, "s k"]  # $|H_s|^2$, as the spectrum of a windowed row shows it
     phases: Complex[np.ndarray, "s k"]  # Factors that undo the phase of $H_s$
 
-
-def _blurs(responses: Complex[np.ndarray, "s k"], columns: int) -> Blurs:
-    """Blurs from their responses."""
-    phases = np.conj(responses) / (np.abs(responses) + 1e-9)
-    return Blurs(_power_through_window(responses, columns), phases.astype(np.complex64))
+    @staticmethod
+    def of(responses: Complex[np.ndarray, "s k"], columns: int) -> "Blurs":
+        """Blurs from their responses."""
+        phases = np.conj(responses) / (np.abs(responses) + 1e-9)
+        return Blurs(_power_through_window(responses, columns), phases.astype(np.complex64))
 
 
 def _spectrum_energy(
@@ -231,8 +211,9 @@ def _spectrum_energy(
             coefficients = coefficients + np.clip(step, -1.5, 1.5)
         return coefficients
 
-    first = stepped(statistics.mean[None], power.mean(axis=0, keepdims=True), _NUM_STEPS)
-    coefficients = stepped(np.repeat(first, len(power), axis=0), power, _NUM_MORE_STEPS)
+    # The likeliest spectrum for all speeds together comes first, from there that for each speed.
+    first = stepped(statistics.mean[None], power.mean(axis=0, keepdims=True), 12)
+    coefficients = stepped(np.repeat(first, len(power), axis=0), power, 4)
     energy, curvature, _ = fit(coefficients, power)
     deviation = coefficients - statistics.mean
     energy += np.einsum("si,ij,sj->s", deviation, statistics.precision, deviation) / 2
@@ -359,17 +340,17 @@ def speeds_to_try(model: BlurModel) -> tuple[Float[np.ndarray, "s"], float]:
     """
     occurs = model.speeds[model.weights > 0]
     low, high = float(np.min(occurs)), float(np.max(occurs))
-    beyond = _BEYOND * (high - low)
+    beyond = 0.1 * (high - low)
     if beyond == 0:
         return occurs[:1], np.inf
     low, high = low - beyond, high + beyond
-    reach = STEP / float(2 * model.motion.half_exposure)
+    reach = 2 / float(2 * model.motion.half_exposure)  # by which the smear differs by 2 px
     fastest = max(abs(low), abs(high))
     probes = np.array([0.7 * fastest, -0.7 * fastest, 0.7 * fastest + reach])
     response, opposite, neighbour = model.responses_at(probes, _MOST_ROWS)
     if _likeness(opposite, response) > _likeness(neighbour, response):
         low, high = max(low, -high, 0.0), fastest
-    count = int(np.clip(np.ceil((high - low) / reach), _LEAST_STEPS, _MOST_STEPS))
+    count = int(np.clip(np.ceil((high - low) / reach), 32, 512))
     speeds = np.linspace(low, high, count + 1)
     return speeds, max(reach, float(speeds[1] - speeds[0]))
 
@@ -392,20 +373,6 @@ def posterior_of(
     energy = energy + statistics.phase_weight * waves @ phase
     weights = np.exp(np.min(energy) - energy)
     return Posterior(speeds, weights / weights.sum(), reach, statistics.width)
-
-
-def tiles_of(
-    irradiance: Float[np.ndarray, "rows columns"], num_taps: int
-) -> list[list[np.ndarray]]:
-    """Cuts a picture into rows of tiles of about equal size; each tile gives evidence.
-
-    There are at least two rows of tiles where the picture is high enough for that, so that a part
-    of the picture at another speed shows in one of them.
-    """
-    widest = max(_MOST_COLUMNS, _MOST_BLURS * num_taps)
-    rows, columns = -(-irradiance.shape[0] // _MOST_ROWS), -(-irradiance.shape[1] // widest)
-    rows = max(rows, min(_MOST_BANDS, irradiance.shape[0] // _LEAST_ROWS))
-    return [np.array_split(band, columns, axis=1) for band in np.array_split(irradiance, rows)]
 
 
 class SpeedEstimate(NamedTuple):
@@ -461,14 +428,6 @@ class SpeedEstimate(NamedTuple):
             return estimate
         second = pan + sign * self.second_speed
         return estimate._replace(second_speed=second, doubt=_doubt_of_two(second, speed))
-
-
-def _doubt_of_short(difference: float) -> str:
-    """The doubt of a scene over whose speeds the blur differs by too few px."""
-    return (
-        f"The blur differs by only {difference:.1f} px over the speeds of the scene, which cannot "
-        f"be told from a soft photograph: finding a speed takes {LEAST_DIFFERENCE:g} px or more."
-    )
 
 
 def _doubt_of_two(second: float, speed: float) -> str:
@@ -531,11 +490,7 @@ def estimate_speed(
 
 
 def speed_in(planes: ArrayLike, model: BlurModel) -> SpeedEstimate:
-    """The speed of one picture, relative to the sensor.
-
-    Raises:
-        ValueError: if the capture is traced, or if the scene has a background.
-    """
+    """The speed of one picture, relative to the sensor."""
     require_whole(model.layers, "the speed to be found")
     concrete, got = is_concrete(planes), Unquoted("a tracer")
     require(concrete, "estimate_speed(capture=...)", "be known, not traced", got)
@@ -544,44 +499,26 @@ def speed_in(planes: ArrayLike, model: BlurModel) -> SpeedEstimate:
     speeds, reach = speeds_to_try(model)
     difference = model.smear_difference
     is_short = difference <= LEAST_DIFFERENCE
-    is_narrow = irradiance.shape[1] < max(_LEAST_COLUMNS, model.num_taps)
+    is_narrow = irradiance.shape[1] < max(64, model.num_taps)
     if speeds.size == 1 or is_short or is_narrow or not np.ptp(irradiance) > 0:
         flat = np.full(speeds.size, 1 / speeds.size)
         posterior = Posterior(speeds, flat, np.inf, 1.0)
-        doubt = "" if speeds.size == 1 else _doubt_of_short(difference) if is_short else LITTLE
+        doubt = "" if speeds.size == 1 else LITTLE
+        if doubt and is_short:
+            doubt = (
+                f"The blur differs by only {difference:.1f} px over the speeds of the scene, which "
+                "cannot be told from a soft photograph: finding a speed takes "
+                f"{LEAST_DIFFERENCE:g} px or more."
+            )
         return SpeedEstimate(posterior.speed, posterior.error, not doubt, speeds, flat, doubt)
     parts = parts_of(irradiance, model, speeds, noise, statistics)
-    verdict = judged(parts, speeds, reach, statistics)
-    return SpeedEstimate(
-        speed=verdict.whole.speed,
-        error=verdict.whole.error,
-        trusted=not verdict.doubt,
-        speeds=speeds,
-        weights=verdict.weights,
-        doubt=verdict.doubt,
-        second_speed=verdict.second_speed,
-        is_unusual=verdict.is_unusual,
-    )
-
-
-class Verdict(NamedTuple):
-    """The posterior of all rows, the weights of the speeds, and any doubt about a single speed.
-
-    `second_speed`, px/s, is the speed of rows that disagree with the rest; None if none do.
-    `is_unusual` says that the spectrum is beyond a quantile of the prior's distances.
-    """
-
-    whole: Posterior
-    weights: Float[np.ndarray, "s"]
-    doubt: str
-    second_speed: float | None
-    is_unusual: bool
+    return judged(parts, speeds, reach, statistics)[0]
 
 
 def judged(
     parts: list[list[Energies]], speeds: Float[np.ndarray, "s"], reach: float, statistics: Prior
-) -> Verdict:
-    """Judges the evidence of the bands of a picture, all together and each by itself."""
+) -> tuple[SpeedEstimate, Posterior]:
+    """The estimate by the bands of a picture, all together and each by itself, and by all alone."""
     all_parts = [part for band in parts for part in band]
     whole = posterior_of(all_parts, speeds, reach, statistics)
     each = [posterior_of(band, speeds, reach, statistics) for band in parts]
@@ -591,16 +528,27 @@ def judged(
         doubt = BEYOND
     elif not is_sure:
         doubt = LITTLE
-    denials = [p for p in each if p.around(whole.speed) < _DENIED]
+    denials = [p for p in each if p.around(whole.speed) < 0.01]
     denials = [p for p in denials if is_sure or p.trusted(statistics.trust)]
     if denials:
         second = min(denials, key=lambda p: p.around(whole.speed)).speed
         doubt = _doubt_of_two(second, whole.speed)
         # The disagreement is as likely a false alarm as a second speed.
         weights = (whole.weights + np.mean([p.weights for p in each], axis=0)) / 2
-    furthest = chdtri(len(statistics.mean), _UNUSUAL)
+    # One in a hundred of the prior's pictures, those farthest from its mean, are unusual.
+    furthest = chdtri(len(statistics.mean), 0.01)
     is_unusual = bool(np.mean([part.distance for part in all_parts]) > furthest)
-    return Verdict(whole, weights, doubt, second, is_unusual)
+    estimate = SpeedEstimate(
+        speed=whole.speed,
+        error=whole.error,
+        trusted=not doubt,
+        speeds=speeds,
+        weights=weights,
+        doubt=doubt,
+        second_speed=second,
+        is_unusual=is_unusual,
+    )
+    return estimate, whole
 
 
 def luminance_shares(count: int) -> Float[np.ndarray, "{count}"]:
@@ -619,7 +567,8 @@ def luminance(
     irradiance = np.zeros(planes.shape[1:], np.float32)
     for weight, plane in zip(share.astype(np.float32), planes, strict=True):
         irradiance += weight * plane.astype(np.float32)
-    return irradiance, max(float(noise), _LEAST_POWER)
+    # A camera without noise has no logarithm of 0 either.
+    return irradiance, max(float(noise), LEAST_POWER)
 
 
 def parts_of(
@@ -629,15 +578,22 @@ def parts_of(
     noise: float,
     statistics: Prior,
 ) -> list[list[Energies]]:
-    """The evidence of each tile, by bands of rows from top to bottom."""
-    bands_of_tiles = tiles_of(irradiance, model.num_taps)
-    tiles = [(i, tile) for i, band in enumerate(bands_of_tiles) for tile in band]
+    """The evidence of tiles of about equal size, by bands of rows from top to bottom.
+
+    There are at least two bands where the picture is high enough for that, so that a part of the
+    picture at another speed shows in one of them.
+    """
+    rows, columns = irradiance.shape
+    count = max(-(-rows // _MOST_ROWS), min(_MOST_BANDS, rows // _LEAST_ROWS))
+    across = -(-columns // max(1024, 4 * model.num_taps))
+    parts = [np.array_split(band, across, axis=1) for band in np.array_split(irradiance, count)]
+    tiles = [(i, tile) for i, band in enumerate(parts) for tile in band]
     widths = {tile.shape[1] for _, tile in tiles}
-    blurs = {columns: _blurs(model.responses_at(speeds, columns), columns) for columns in widths}
+    blurs = {width: Blurs.of(model.responses_at(speeds, width), width) for width in widths}
 
     def evidence(place: tuple[int, np.ndarray]) -> tuple[int, Energies]:
         index, tile = place
         return index, energies(tile, blurs[tile.shape[1]], noise, statistics)
 
     pieces = list(in_threads(evidence, tiles, num_processors()))
-    return [[e for i, e in pieces if i == index] for index in range(len(bands_of_tiles))]
+    return [[e for i, e in pieces if i == index] for index in range(count)]

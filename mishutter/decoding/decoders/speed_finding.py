@@ -17,18 +17,6 @@ from mishutter.evaluation.speed_knowledge import SpeedKnowledge
 
 ROWS_TO_FIND = 256
 """Rows of a photograph from which its speed is found: a few rows do not tell it."""
-_DOUBT = 0.5
-"""Weight of the scene's own speeds where the posterior spreads over all speeds. Among multiples of
-d and of its square, this one makes the true speeds of the prior's photographs likeliest, if open
-shutters capture them.
-"""
-_UNUSUAL_POWER = 0.4
-"""Power that probabilities are raised to if the picture is unlike those of the prior. Of 0.2, 0.3,
-0.4, 0.5 and 0.7 it is the highest with which the ensemble filter loses at most 0.3 dB on each
-photograph of the prior, with open shutters of 30 and 38 ms and each of four noises.
-"""
-_LEAST_WEIGHT = 1e-3
-"""Least probability of a speed that is restored for; the scene's own speeds stand for the rest."""
 
 
 @final
@@ -67,8 +55,8 @@ class Informed(NamedTuple):
 
     decoder: AbstractDecoder
     model: BlurModel
+    # The estimate relative to the sensor; None for a decoder that looks for no speed
     estimate: SpeedEstimate | None
-    """Estimate relative to the sensor; None for a decoder that looks for no speed."""
 
 
 def informed(
@@ -103,10 +91,15 @@ def at_speed(model: BlurModel, estimate: SpeedEstimate) -> BlurModel:
     else:
         mode = int(np.argmax(estimate.weights))
         near = float(np.sum(estimate.weights[max(mode - 1, 0) : mode + 2]))
-        doubt = _DOUBT * (1 - near) ** 2
-        power = _UNUSUAL_POWER if estimate.is_unusual else 1.0
+        # Among multiples of 1 - near and of its square, this one makes the true speeds of the
+        # prior's photographs likeliest, if open shutters capture them.
+        doubt = 0.5 * (1 - near) ** 2
+        # Of 0.2, 0.3, 0.4, 0.5 and 0.7 this is the highest power with which the ensemble filter
+        # loses at most 0.3 dB on each photograph of the prior, with open shutters of 30 and 38 ms
+        # and each of four noises.
+        power = 0.4 if estimate.is_unusual else 1.0
         share = estimate.weights**power / np.sum(estimate.weights**power)
-        is_likely = share >= _LEAST_WEIGHT
+        is_likely = share >= 1e-3  # the scene's own speeds stand for the rest
         share = share[is_likely] / np.sum(share[is_likely])
         speeds = np.concatenate([estimate.speeds[is_likely], model.speeds])
         weights = np.concatenate([(1 - doubt) * share, doubt * model.weights])

@@ -15,9 +15,6 @@ from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel
 from mishutter.decoding.decoders.borders import Continuation, continuation
 from mishutter.decoding.decoders.linear import expected_residual
 
-_RANGE = (1e-9, 1e9)
-_NUM_HALVINGS = 40
-
 
 @final
 class TikhonovDecoder(AbstractDecoder):
@@ -81,7 +78,7 @@ def _regularised(
 
 def _root(rising: Callable[[Array], Array], dtype: DTypeLike) -> Array:
     """Logarithm at which a function is zero, or the end of the range that is nearest to it."""
-    low, high = jnp.log(jnp.asarray(_RANGE, dtype))
+    low, high = jnp.log(jnp.asarray((1e-9, 1e9), dtype))
     is_below, is_above = rising(low) >= 0, rising(high) <= 0
     is_outside = is_below | is_above
 
@@ -93,6 +90,6 @@ def _root(rising: Callable[[Array], Array], dtype: DTypeLike) -> Array:
     ends = {"lower": low, "upper": high}
     middle = (low + high) / 2
     solution = optimistix.root_find(
-        line_outside, bisection, middle, options=ends, max_steps=_NUM_HALVINGS, throw=False
+        line_outside, bisection, middle, options=ends, max_steps=40, throw=False
     )
     return jnp.where(is_below, low, jnp.where(is_above, high, solution.value))
