@@ -69,7 +69,7 @@ class Rows(NamedTuple):
 
     def middles(self, speed: float) -> Float[np.ndarray, "1 frames"]:
         """The mean way of a thing in each frame; px."""
-        return np.array([[np.mean(one.displacement(speed)) for one in self.nodes]])
+        return np.array([[one.displacement(speed) @ one.weight for one in self.nodes]])
 
     def likeliest(self, speeds: RowLike, tolerance: float = TOLERANCE) -> Likeliest:
         """The likeliest pictures at some speeds."""
