@@ -11,7 +11,7 @@ from mishutter._core.parallel import in_threads, num_processors
 from mishutter.blur.waves import waves_on_dft
 from mishutter.camera.layers import Layer, Layers
 from mishutter.camera.rows import MARGIN, blur_length, continued, fast_length, period_of
-from mishutter.evaluation.needs import sized_for
+from mishutter.evaluation.needs import Plan
 from mishutter.evaluation.response import nodes_in_time
 from mishutter.evaluation.sequences import FrameNodes
 from mishutter.model.motion import AbstractMotion
@@ -105,7 +105,7 @@ def _exposed(visible: Layers, exposure: _Exposure, layers: Layers) -> np.ndarray
 def nodes_for(velocity: float) -> int:
     """Quadrature nodes for light displaced by at most `velocity` px per half exposure."""
     # Never fewer than 512, so that cameras of most exposures share one compiled program.
-    return max(512, sized_for(0.0, velocity).num_nodes)
+    return max(512, Plan.of_travel(0.0, velocity).num_nodes)
 
 
 def _image(layers: Layers, index: int, exposure: _Exposure) -> _Image:

@@ -33,7 +33,6 @@ from mishutter.evaluation.needs import (
     num_frequencies,
     occurring_speeds,
     reduced,
-    sized_for,
 )
 from mishutter.evaluation.response import (
     Records,
@@ -90,7 +89,7 @@ class Sizes(NamedTuple):
         velocity = 2 * sag + smear
         # Every kernel beyond this length is refused.
         reach_of_plan = np.minimum(np.maximum(reach, longest), 1 << 17)
-        num_taps = _of_whole(reach_of_plan, lambda x: sized_for(x, 0.0).num_taps)
+        num_taps = _of_whole(reach_of_plan, lambda x: Plan.of_travel(x, 0.0).num_taps)
         spread = np.asarray(motions.kernel_length(np.max(abs(occurring_speeds(scene)))))
         aside = np.minimum(np.ceil(smear), num_taps // 2)
         aside = np.where(turns, 0, aside).astype(int)
@@ -101,15 +100,15 @@ class Sizes(NamedTuple):
         halves, index = np.unique(half, return_inverse=True)
         return Sizes(
             num_taps=num_taps,
-            dft_length=_of_whole(reach_of_plan, lambda x: sized_for(x, 0.0).dft_length),
+            dft_length=_of_whole(reach_of_plan, lambda x: Plan.of_travel(x, 0.0).dft_length),
             num_frequencies=num_frequencies(scene, spread),
             num_reached_taps=np.minimum(num_reached, num_taps).astype(int),
             num_still_taps=np.minimum(np.ceil(sag) + 1, num_taps).astype(int),
-            num_nodes=_of_whole(velocity, lambda x: sized_for(0.0, x).num_nodes),
+            num_nodes=_of_whole(velocity, lambda x: Plan.of_travel(0.0, x).num_nodes),
             aside=aside,
             num_effective_speeds=np.array([effective_speeds(scene, x) for x in halves], int)[index],
             num_frequencies_within=num_frequencies(scene, spread_within),
-            num_nodes_within=_of_whole(velocity_within, lambda x: sized_for(0.0, x).num_nodes),
+            num_nodes_within=_of_whole(velocity_within, lambda x: Plan.of_travel(0.0, x).num_nodes),
         )
 
 

@@ -17,7 +17,7 @@ from jaxtyping import Complex, Float
 
 from mishutter._core.compiling import outside_trace
 from mishutter._core.parallel import alone_in_blas
-from mishutter.evaluation.needs import distinct_speeds, sized_for
+from mishutter.evaluation.needs import Plan, distinct_speeds
 from mishutter.evaluation.open_frames import in_parts, psnr_of_error
 from mishutter.evaluation.response import nodes_in_time
 from mishutter.model.exposures import Lights
@@ -63,8 +63,10 @@ def nodes_of_frames(
         middle = float(np.interp(0.0, times, places))
         for frame, (begin, end) in zip(frames, lights, strict=True):
             half = (end - begin) / 2
-            count = sized_for(0.0, (float(frame.motion.top_speed) + fastest) * half).num_nodes
-            tau, weight = nodes_in_time(RectShutter(), frame.motion, count)
+            velocity = (float(frame.motion.top_speed) + fastest) * half
+            tau, weight = nodes_in_time(
+                RectShutter(), frame.motion, Plan.of_travel(0.0, velocity).num_nodes
+            )
             time = (begin + end) / 2 + half * np.asarray(tau, np.float64)[0]
             way = np.asarray(frame.motion.position(time - frame.time), np.float64)
             place = frame.position + way - middle

@@ -19,11 +19,8 @@ from mishutter.evaluation.needs import (
     Parts,
     Plan,
     automatic,
-    most_spread,
     plan_of_traced_search,
     reduced,
-    require_sizes,
-    velocity_held,
 )
 from mishutter.model.motion import AbstractMotion, simplified
 from mishutter.model.scene import Scene, in_sensor_frame
@@ -105,17 +102,12 @@ def sampled_view(
     own_plan, view_motion = plan, view.motion
     if own_plan is None:
         own_plan = automatic(view.scene, view_motion, shutter)
-    require_view_sizes(own_plan, parts)
+    own_plan.require_feasible(parts)
     is_traced = not all_concrete(primal_values((view.scene.speeds, view_motion)))
     if is_traced and plan is None:
         view_motion = _refused_beyond(own_plan, view.scene, view_motion, parts)
     scene = reduced(view.scene, own_plan)
     return SampledView(scene, view_motion, piecewise(view.shutter), own_plan, parts)
-
-
-def require_view_sizes(plan: Plan, parts: Parts) -> None:
-    """Refuses a plan whose sizes a computation cannot hold, before anything of them is made."""
-    require_sizes(plan.num_taps, plan.num_frequencies, kernels=parts.kernels, spectra=parts.spectra)
 
 
 def _refused_beyond(
@@ -129,16 +121,14 @@ def _refused_beyond(
         motion = _refused(motion, reach > plan.num_taps, requirement)
     if parts.spectra:
         velocity = (motion.speed_gain + fastest) * motion.half_exposure
-        most = velocity_held(plan.num_nodes)
-        requirement = f"be passed at no more than {most} px per half exposure"
-        motion = _refused(motion, velocity > most, requirement)
+        requirement = f"be passed at no more than {plan.velocity_held} px per half exposure"
+        motion = _refused(motion, velocity > plan.velocity_held, requirement)
         # A search takes fewer frequencies than hold all light, where its designs allow that.
         if plan_of_traced_search.value is None:
-            furthest = most_spread(plan.num_frequencies)
-            requirement = f"spread light over at most {furthest:.0f} px"
+            requirement = f"spread light over at most {plan.spread_held:.0f} px"
             speeds = jnp.where(scene.weights > 0, scene.speeds, 0)
             spread = jnp.max(jnp.asarray(motion.highest(speeds) - motion.lowest(speeds)))
-            motion = _refused(motion, spread > furthest, requirement)
+            motion = _refused(motion, spread > plan.spread_held, requirement)
     return motion
 
 

@@ -34,7 +34,7 @@ from mishutter.evaluation.needs import (
     size_class,
 )
 from mishutter.evaluation.response import Response, compute_records, compute_response, response_from
-from mishutter.evaluation.views import planned_view, require_view_sizes
+from mishutter.evaluation.views import planned_view
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene
 from mishutter.model.shutters.base import AbstractAdjustableShutter
@@ -151,7 +151,7 @@ def objective_of(
 ) -> SearchedObjective:
     """The cheapest exact form of the loss over the space."""
     is_of_response = isinstance(loss, AbstractResponseLoss)
-    require_view_sizes(plan, loss.parts if is_of_response else ONLY_SPECTRA)
+    plan.require_feasible(loss.parts if is_of_response else ONLY_SPECTRA)
     scene = reduced(scene, plan)
     linear = isinstance(space.shutter, AbstractAdjustableShutter) and space.shutter.linear
     linear = linear and (scene.device is None or scene.device.is_linear)
