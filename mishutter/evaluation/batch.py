@@ -38,7 +38,6 @@ from mishutter.evaluation.response import (
     Records,
     Response,
     kernels_and_efficiency,
-    response_from,
     spectra_of,
 )
 from mishutter.evaluation.views import transmittance
@@ -391,7 +390,7 @@ def _kernel_numbers(
             kernels, efficiency = kernels_and_efficiency(
                 profile, motion, speeds, first, num_taps=_TAPS
             )
-            some = response_from(scene, Records(kernels, jnp.zeros(0), efficiency), plan)
+            some = Records(kernels, jnp.zeros(0), efficiency).response(scene, plan)
             # A block without light of an object at rest goes to the room behind its kernel.
             start = ((block - need.still_block) * _TAPS,)
             taps = jax.lax.dynamic_update_slice(taps, some.still_kernel, start)

@@ -33,7 +33,7 @@ from mishutter.evaluation.needs import (
     reduced,
     size_class,
 )
-from mishutter.evaluation.response import Response, compute_records, compute_response, response_from
+from mishutter.evaluation.response import Response, compute_response
 from mishutter.evaluation.views import planned_view
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene
@@ -194,7 +194,7 @@ def _responses_of_each(scene: Scene, space: DesignSpace, plan: Plan, parts: Part
     def one(corner: Float[Array, "size"]) -> Response:
         profile = space.shutter_at(corner, space.motion.half_exposure)
         view = planned_view(scene, space.motion, profile, plan, parts=parts)
-        return response_from(scene, compute_records(view), plan)
+        return compute_response(view)
 
     dtype = common_dtype(space.motion.half_exposure, scene.speeds)
     corners = jnp.eye(space.size + 1, space.size, -1, dtype=dtype)
