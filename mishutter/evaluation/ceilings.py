@@ -43,12 +43,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core.checks import as_float, require, require_known, require_scalar
-from mishutter.evaluation.layers import (
-    Frequencies,
-    LayerSampling,
-    background_of,
-    with_shares,
-)
+from mishutter.evaluation.layers import Background
 from mishutter.evaluation.needs import distinct_speeds, frequency_counts
 from mishutter.model.occlusion import Occlusion
 from mishutter.model.optics import NUM_FREQUENCIES, NYQUIST_FREQUENCY, frequencies, pixel_response
@@ -239,8 +234,7 @@ def _least_error_of_layers(scene: Scene, half: float, of_objects: Times) -> floa
     """
     if np.isinf(half):
         return 0.0
-    sampling = LayerSampling(Frequencies.of_grid(NUM_FREQUENCIES), 65)
-    scene = with_shares(scene, background_of(scene), sampling)
+    scene = Background.of(scene).behind(scene, num_effective_speeds=65)
     occlusion: Occlusion = scene.occlusion  # type: ignore[assignment]
     shares = jax.tree.map(lambda x: np.asarray(x, np.float64), occlusion.shares)
     frequency, weights = frequencies(NUM_FREQUENCIES), np.asarray(scene.weights, np.float64)

@@ -19,7 +19,7 @@ from mishutter.evaluation.ensembles import (
     error_weights,
     without_tolerances,
 )
-from mishutter.evaluation.layers import layer_moments
+from mishutter.evaluation.layers import LayerMoments
 from mishutter.evaluation.needs import ONLY_SPECTRA, Plan
 from mishutter.evaluation.response import Records, Response
 from mishutter.evaluation.views import sampled_view
@@ -103,7 +103,7 @@ class LinearErrors:
 
         aperture = along(_aperture(scene, num_frequencies, np.dtype(dtype)))
         if scene.occlusion is not None:
-            mean, spread = layer_moments(scene, motion, response.spectra, of_each=of_each)
+            mean, spread = LayerMoments.of(scene, motion, response.spectra, of_each=of_each)
             if not of_each:
                 mean, spread = mean[0], spread[0]
         else:

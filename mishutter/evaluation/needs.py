@@ -24,11 +24,9 @@ from mishutter.evaluation.ensembles import ensemble_of
 from mishutter.evaluation.layers import (
     LEAST_EFFECTIVE_SPEEDS,
     SEARCHED_EFFECTIVE_SPEEDS,
+    Background,
     Frequencies,
-    LayerSampling,
-    background_of,
     num_effective_speeds,
-    with_shares,
 )
 from mishutter.model.motion import AbstractMotion, ParabolicMotion
 from mishutter.model.optics import NUM_FREQUENCIES
@@ -279,7 +277,7 @@ def effective_speeds(
         return 0
     # A traced exposure counts as the longest.
     half = half_exposure if is_concrete(half_exposure) else scene.limits.max_half_exposure
-    background = background_of(scene)
+    background = Background.of(scene)
     if not all_concrete((scene.speeds, background, half)):
         return LEAST_EFFECTIVE_SPEEDS
     speeds = np.append(occurring_speeds(scene), np.asarray(background.speeds))
@@ -317,9 +315,8 @@ def reduced(scene: Scene, plan: Plan) -> Scene:
     fewer = scene.without_metadata(speeds=speeds, weights=weights, power_spectrum=power)
     if scene.occlusion is None:
         return fewer
-    grid = Frequencies.of_grid(plan.num_frequencies)
-    sampling = LayerSampling(grid, plan.num_effective_speeds, plan.folds)
-    return with_shares(fewer, background_of(scene), sampling)
+    grid, num_speeds = Frequencies.of_grid(plan.num_frequencies), plan.num_effective_speeds
+    return Background.of(scene).behind(fewer, grid, num_speeds, folds=plan.folds)
 
 
 def needed_speeds(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> Scene:
@@ -339,7 +336,7 @@ def folds_speeds(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter)
     if scene.occlusion is None or not scene.occlusion.has_edges:
         return True
     # Two layers are recorded alike where the speeds of the background mirror one another as well.
-    background = background_of(scene)
+    background = Background.of(scene)
     if not (scene.speeds_known and all_concrete(background)):
         return False
     speeds, weights = (np.asarray(x) for x in background)
