@@ -147,7 +147,7 @@ class Background(NamedTuple):
         grid = grid or Frequencies.of_grid(NUM_FREQUENCIES)
         fineness = _Fineness.of(num_effective_speeds, scene.speeds.size * np.size(self.speeds))
         occlusion = scene.occlusion.with_shares(None)  # type: ignore[union-attr]
-        shares = _shares(scene.with_occlusion(None), occlusion, self, grid, fineness, folds)
+        shares = _shares(scene.with_occlusion(None), occlusion, self, grid, fineness, folds=folds)
         return scene.with_occlusion(occlusion.with_shares(shares))
 
 
@@ -158,6 +158,7 @@ def _shares(
     background: Background,
     grid: Frequencies,
     fineness: _Fineness,
+    *,
     folds: bool,
 ) -> LayerShares:
     dtype = np.dtype(scene.speeds.dtype)

@@ -22,7 +22,7 @@ from mishutter.evaluation.bursts import FrameTimes
 from mishutter.evaluation.moving_bursts import ALTERNATING, SINE, SWEEP, steps_of, way_over_frames
 from mishutter.model.limits import Limits
 from mishutter.model.sequences import TimedFrame
-from mishutter.model.stages import knots_of_exposure
+from mishutter.model.stages import Knots
 from mishutter.model.velocities import AbstractVelocities
 from mishutter.plane.frames import PlaneFrames
 
@@ -266,7 +266,7 @@ FAMILIES = (
 
 def frames_of(frames: Sequence[TimedFrame], angle: float = 0.0) -> PlaneFrames:
     """Frames along one axis as frames in the plane, of which the gaps say nothing."""
-    every = [(frame, knots_of_exposure(frame.motion)) for frame in frames]
+    every = [(frame, Knots.of_exposure(frame.motion)) for frame in frames]
     lengths = [knots.durations for _, knots in every]
     for index, ((before, _), (frame, _)) in enumerate(itertools.pairwise(every)):
         gap = frame.time - before.time - (frame.exposure + before.exposure) / 2

@@ -11,7 +11,7 @@ from mishutter._core.checks import as_numpy, namespace_of
 from mishutter._core.modules import AbstractModule
 from mishutter.model.exposures import AT_REST
 from mishutter.model.limits import Limits
-from mishutter.model.stages import Knots, StagePath, StageUse, path_of_knots, use_of_knots
+from mishutter.model.stages import Knots, StagePath, StageUse
 
 _DIRECTIONS = np.arange(16) * np.pi / 16
 """Directions along which two axes keep a limit together."""
@@ -150,7 +150,7 @@ class PlaneFrames(AbstractModule):
         units = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         if limits.axes == "disc":  # between two directions there may be that much more
             units = units / np.cos(_DIRECTIONS[1] / 2)
-        use = use_of_knots(knots._replace(velocities=units @ knots.velocities))
+        use = knots._replace(velocities=units @ knots.velocities).use
         return StageUse(*(np.max(each) for each in use))
 
     def acceleration(self, limits: Limits) -> float:
@@ -180,5 +180,5 @@ class PlaneFrames(AbstractModule):
         for velocities, places in zip(knots.velocities, knots.positions, strict=True):
             begin = float(places[knots.first] - (np.min(places) + np.max(places)) / 2)
             own = knots._replace(velocities=velocities)
-            paths.append(path_of_knots(own, float(self._begin), begin))
+            paths.append(own.path(float(self._begin), begin))
         return paths
