@@ -40,7 +40,7 @@ class FrameNodes(NamedTuple):
 
     time: Float[np.ndarray, "q"]  # Time from the middle of the sequence; s
     place: Float[np.ndarray, "q"]  # Place of the sensor, from that at the middle of all; px
-    weight: Float[np.ndarray, "q"]  # Share of the exposure, of an open shutter
+    weight: Float[np.ndarray, "q"]  # Share of the exposure, times the transmittance
 
     def displacement(self, speed: float) -> Float[np.ndarray, "q"]:
         """Way of a thing on the sensor since the middle of the sequence; px."""
