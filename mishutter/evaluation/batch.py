@@ -182,13 +182,6 @@ class Rules(NamedTuple):
         )
 
 
-class LightLevels(NamedTuple):
-    """Light and noise that designs are measured in, each with each."""
-
-    photon_rates: Float[Array | np.ndarray, "*p"]  # Photo-electrons a second at a white pixel; e-/s
-    read_noises: Float[Array | np.ndarray, "*r"]  # e-; shape `(r,)`
-
-
 class _Need(NamedTuple):
     """Numbers of a design that the loops need; of many designs on a leading axis."""
 
@@ -280,7 +273,7 @@ def measure(
     shapes: Shapes,
     sizes: Sizes,
     metrics: Sequence[str],
-    levels: LightLevels,
+    levels: Sequence[Float[Array | np.ndarray, "_"]],  # Photon rates, e-/s, and read noises, e-
     boxes: Float[np.ndarray, "n k"] | None = None,
 ) -> dict[str, np.ndarray]:
     """Some of the `Metrics` of a shutter, or of one for each design, on `n` motions; by name."""
@@ -312,7 +305,7 @@ def measure(
             metrics=of_kernels,
         )
         values |= designs.by_parts(kernels, np.arange(count))
-    levels = LightLevels(*(jnp.asarray(x, dtype) for x in levels))
+    levels = [jnp.asarray(x, dtype) for x in levels]
     in_groups = partial(_of_picture, designs=pictured, rules=rules, shapes=shapes, levels=levels)
     of_picture = [metric for metric in chosen if metric.parts.spectra or metric.sees_light]
     names = tuple(metric.name for metric in of_picture if not metric.within_tolerances)
@@ -320,7 +313,7 @@ def measure(
         values |= in_groups(designed, sizes, metrics=names)
     names = tuple(metric.name for metric in of_picture if metric.within_tolerances)
     if names and scene.tolerances is None:
-        shape = count, levels.photon_rates.size, levels.read_noises.size
+        shape = count, *(x.size for x in levels)
         values |= {name: np.full(shape, np.nan, dtype) for name in names}
     elif names:
         values |= in_groups(scene, sizes.within_tolerances, metrics=names)
@@ -334,7 +327,7 @@ def _of_picture(
     designs: _Designs,
     rules: Rules,
     shapes: Shapes,
-    levels: LightLevels,
+    levels: Sequence[Float[Array | np.ndarray, "_"]],
     metrics: tuple[str, ...],
 ) -> dict[str, np.ndarray]:
     """Metrics of transfer functions of designs, by groups of equal sizes."""
@@ -420,13 +413,13 @@ def _picture_numbers(
     *,
     rules: Rules,
     scene: Scene,
-    levels: LightLevels,
+    levels: Sequence[Float[Array | np.ndarray, "_"]],
     num_frequencies: int,
     metrics: tuple[str, ...],
 ) -> dict[str, Array]:
     """Metrics of transfer functions."""
     chosen = named_metrics(metrics)
-    each_pair = jnp.meshgrid(levels.photon_rates, levels.read_noises, indexing="ij")
+    each_pair = jnp.meshgrid(*levels, indexing="ij")
     rates, noises = (x.ravel() for x in each_pair)
 
     def of_design(design: _Designs) -> dict[str, Array]:
@@ -442,8 +435,8 @@ def _picture_numbers(
             evaluation = Evaluation(own, motion, response)
             return {m.name: m.formula(evaluation) for m in chosen if m.sees_light}
 
-        shape = levels.photon_rates.size, levels.read_noises.size
         by_level = jax.lax.map(of_light, (rates, noises))
+        shape = each_pair[0].shape
         values = {name: level.reshape(shape) for name, level in by_level.items()}
         evaluation = Evaluation(scene, motion, response)
         return values | {m.name: m.formula(evaluation) for m in chosen if not m.sees_light}

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mishutter._core.parallel import in_threads, num_threads
-from mishutter.evaluation.batch import LightLevels, Rules, Shapes, Sizes, measure, scenes_for
+from mishutter.evaluation.batch import Rules, Shapes, Sizes, measure, scenes_for
 from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.metrics import METRICS, named_metrics
 from mishutter.evaluation.needs import ONLY_SPECTRA, Parts, automatic
@@ -154,7 +154,7 @@ class Engine:
         grid, scene = self.grid, prepared.scenes[frame]
         rates = scene.photon_rate if grid.photon_rates is None else grid.photon_rates
         noises = scene.read_noise if grid.read_noises is None else grid.read_noises
-        levels = LightLevels(*(np.atleast_1d(np.asarray(level)) for level in (rates, noises)))
+        levels = [np.atleast_1d(np.asarray(level)) for level in (rates, noises)]
         metrics = dict.fromkeys(("efficiency", *grid.metrics), np.zeros(0))
         halves = np.asarray(motions.half_exposure)
         for index, rules in self._rules_at(prepared, halves) if halves.size else ():
