@@ -19,7 +19,7 @@ from jaxtyping import Float
 from mishutter._core.checks import Unquoted, require
 from mishutter._core.columns import text_of
 from mishutter._core.files import contents
-from mishutter.hardware.traces import Trace, has_two_levels, require_ascending, require_samples
+from mishutter.hardware.traces import Trace, has_two_levels, require_samples
 
 _UNITS = {"ns": 1e-9, "us": 1e-6, "\u03bcs": 1e-6, "ms": 1e-3}
 _UNITS |= dict.fromkeys(("s", "sec", "second", "seconds"), 1.0)
@@ -92,7 +92,7 @@ def read_trace(path: str | Path, *, column: str | None = None) -> Trace:
     block, name, levels = columns.block, columns.name, columns.others
     chosen = _chosen(levels, columns.headings, column, name)
     trace = Trace(columns.time, block.numbers(chosen, name))
-    require_ascending(trace, name)
+    trace.require_ascending(name)
     if len(levels) > 1 and has_two_levels(trace.level):
         rows = (_cells(line, block.separator) for line in block.lines)
         require_samples(np.array([[_at(row, c) for c in levels] for row in rows]), name)
