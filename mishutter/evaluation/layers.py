@@ -406,16 +406,15 @@ class LayerMoments(NamedTuple):
         highest = number - np.argmax(occurs[:, ::-1], axis=1)
         counts[speeds.size - num_effective :] = np.where(np.any(occurs, axis=1), highest, 0)
         spectra = responses(speeds, counts)
-        return jax.tree.map(np.asarray, _moments_on_dft(scene, motion, jnp.asarray(spectra)))
+        moments = _moments(scene, motion, jnp.asarray(spectra), of_each=False)
+        return jax.tree.map(np.asarray, moments)
 
 
 def _squared(value: Array) -> Array:
     return value.real**2 + value.imag**2
 
 
-@compiled
-def _moments_on_dft(scene: Scene, motion: AbstractMotion, spectra: Array) -> LayerMoments:
-    return LayerMoments.of(scene, motion, spectra, of_each=False)
+_moments = compiled(LayerMoments.of)
 
 
 def _texture_weights(
