@@ -53,10 +53,10 @@ def instants_of(frames: PlaneFrames, fastest: float, size: int = 1) -> Instants:
         for k, sign in ((0, -1), (-1, 1))
     )
     middle = np.array((first + last) / 2)
-    nodes = small.nodes(small.num_panels(fastest / size))
-    time = np.asarray(frames.times, np.float64)[:, None] + np.asarray(nodes.time, np.float64)
+    time, _, weight = small.nodes(small.num_panels(fastest / size))
+    time = np.asarray(frames.times, np.float64)[:, None] + np.asarray(time, np.float64)
     place = np.asarray(small.place(time) - small.place(middle)[:, None, None], np.float64)
-    return Instants(time - middle, place, np.asarray(nodes.weight, np.float64))
+    return Instants(time - middle, place, np.asarray(weight, np.float64))
 
 
 def reach_in_plane(instants: Instants, velocities: Float[np.ndarray, "s 2"]) -> tuple[int, int]:
