@@ -26,7 +26,7 @@ from mishutter.explore.answers import (
     with_room,
 )
 from mishutter.explore.fields import Tables, scene_text
-from mishutter.explore.pictures import Reader, png_of_figure, reader, restored, uploaded
+from mishutter.explore.pictures import Reader, png_of_figure, reader, uploaded
 from mishutter.model.scene import Scene, scene_of_tables
 from mishutter.model.scene_file import example_scene_text
 from mishutter.model.scene_schema import SceneFile, Speed
@@ -211,7 +211,7 @@ class Session:
             photograph = read(scene.picture.white, scene.picture.linear, scene.sensor.axis)
             yield {
                 "kind": "photograph",
-                **restored(photograph, scene, pictured, request.speed, check),
+                **photograph.restored(scene, pictured, request.speed, check),
             }
         for _ in self.ahead(request.scene):
             check()
