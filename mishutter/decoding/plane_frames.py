@@ -19,13 +19,7 @@ from mishutter.decoding.decoders.total_variation import (
     THRESHOLD,
     TotalVariationDecoder,
 )
-from mishutter.decoding.likeliest import (
-    Canvas,
-    Likeliest,
-    complete,
-    frequencies_along,
-    noises_of,
-)
+from mishutter.decoding.likeliest import Canvas, Likeliest, complete, frequencies_along, noises_of
 from mishutter.decoding.plane_likelihood import Own, Prior
 from mishutter.model.scene import Scene
 from mishutter.plane.frames import PlaneFrames

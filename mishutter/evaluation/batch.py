@@ -20,11 +20,7 @@ from mishutter.blur.quadrature import ExposureQuadrature, exposure_quadrature
 from mishutter.blur.spectrum import condition_number
 from mishutter.blur.waves import BLOCK
 from mishutter.evaluation.ensembles import ensemble_of, without_tolerances
-from mishutter.evaluation.metrics import (
-    Evaluation,
-    KernelSums,
-    named_metrics,
-)
+from mishutter.evaluation.metrics import Evaluation, KernelSums, named_metrics
 from mishutter.evaluation.needs import (
     Plan,
     effective_speeds,
@@ -34,12 +30,7 @@ from mishutter.evaluation.needs import (
     occurring_speeds,
     reduced,
 )
-from mishutter.evaluation.response import (
-    Records,
-    Response,
-    kernels_and_efficiency,
-    spectra_of,
-)
+from mishutter.evaluation.response import Records, Response, kernels_and_efficiency, spectra_of
 from mishutter.evaluation.views import transmittance
 from mishutter.model.alignment import reach_of_parabola
 from mishutter.model.devices import least_efficiency

@@ -15,13 +15,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 
 from mishutter._core.checks import all_concrete, is_concrete, primal_values, require_finite
 from mishutter.blur.quadrature import ExposureQuadrature
-from mishutter.evaluation.needs import (
-    Parts,
-    Plan,
-    automatic,
-    plan_of_traced_search,
-    reduced,
-)
+from mishutter.evaluation.needs import Parts, Plan, automatic, plan_of_traced_search, reduced
 from mishutter.model.motion import AbstractMotion, simplified
 from mishutter.model.scene import Scene, in_sensor_frame
 from mishutter.model.shutters.base import AbstractPiecewiseShutter, AbstractShutter, piecewise
@@ -37,12 +31,15 @@ class SensorView(NamedTuple):
     shutter: AbstractShutter  # Transmittance behind the scene's device
     velocity: Float[Array, ""]  # Velocity of the sensor, subtracted from all speeds; px/s
 
+    def sampled(
+        self, plan: Plan, parts: Parts, nodes: ExposureQuadrature | None = None
+    ) -> "SampledView":
+        """The view of a `reduced` scene in the sizes of a plan, for which the caller answers."""
+        return SampledView(self.scene, self.motion, piecewise(self.shutter), plan, parts, nodes)
+
 
 class SampledView(NamedTuple):
-    """A scene and a design in the frame of the sensor, and the sizes of their response.
-
-    `respond` computes the response.
-    """
+    """A scene and a design in the frame of the sensor, and the sizes of their response."""
 
     scene: Scene  # The speeds that the plan keeps, relative to the sensor; no picture, no motion
     motion: AbstractMotion  # The motion without velocity, `simplified`
@@ -69,23 +66,6 @@ def transmittance(
     return scene.light(shutter, motion)
 
 
-def planned_view(
-    scene: Scene,
-    motion: AbstractMotion,
-    shutter: AbstractShutter,
-    plan: Plan,
-    *,
-    parts: Parts,
-    nodes: ExposureQuadrature | None = None,
-) -> SampledView:
-    """A `reduced` scene and a design as the sensor sees them, in the sizes of a plan.
-
-    The caller answers for the sizes: a search checks them once for all of its designs.
-    """
-    view = sensor_view(scene, motion, shutter)
-    return SampledView(view.scene, view.motion, piecewise(view.shutter), plan, parts, nodes)
-
-
 def sampled_view(
     scene: Scene,
     motion: AbstractMotion,
@@ -99,15 +79,12 @@ def sampled_view(
     taps, nodes or frequencies than the plan has.
     """
     view = sensor_view(scene, motion, shutter)
-    own_plan, view_motion = plan, view.motion
-    if own_plan is None:
-        own_plan = automatic(view.scene, view_motion, shutter)
+    own_plan = automatic(view.scene, view.motion, shutter) if plan is None else plan
     own_plan.require_feasible(parts)
-    is_traced = not all_concrete(primal_values((view.scene.speeds, view_motion)))
+    is_traced = not all_concrete(primal_values((view.scene.speeds, view.motion)))
     if is_traced and plan is None:
-        view_motion = _refused_beyond(own_plan, view.scene, view_motion, parts)
-    scene = reduced(view.scene, own_plan)
-    return SampledView(scene, view_motion, piecewise(view.shutter), own_plan, parts)
+        view = view._replace(motion=_refused_beyond(own_plan, view.scene, view.motion, parts))
+    return view._replace(scene=reduced(view.scene, own_plan)).sampled(own_plan, parts)
 
 
 def _refused_beyond(

@@ -17,14 +17,7 @@ from mishutter._core.files import contents, strict_json
 from mishutter._core.validation import Section, in_section, parsed, validated
 from mishutter.design.design import Design
 from mishutter.evaluation.views import transmittance
-from mishutter.explore.answers import (
-    OPTIMISED,
-    curves,
-    first_answer,
-    shown_rows,
-    table,
-    with_room,
-)
+from mishutter.explore.answers import OPTIMISED, curves, first_answer, shown_rows, table, with_room
 from mishutter.explore.fields import Tables, scene_text
 from mishutter.explore.pictures import Reader, png_of_figure, reader, uploaded
 from mishutter.model.scene import Scene, scene_of_tables

@@ -30,6 +30,21 @@ class Trace(NamedTuple):
     # Levels in any unit, proportional to the light but for an offset, with either sign
     level: Float[np.ndarray, "n"]
 
+    @staticmethod
+    def of(trace: "TraceLike", name: str) -> "Trace":
+        """A trace as arrays; any row of finite times and one of as many finite levels are one."""
+        rows: Any = trace
+        is_pair = (isinstance(rows, Sequence) or np.ndim(rows) > 0) and len(rows) == 2
+        require(is_pair, name, "be a `Trace`, or times and levels", trace)
+        time, level = rows
+        for row in (time, level):
+            require_finite(name, row)
+        shapes = np.shape(time), np.shape(level)
+        fits = len(shapes[0]) == 1 and shapes[0] == shapes[1]
+        requirement = "have a row of times and one of as many levels"
+        require(fits, name, requirement, Unquoted(f"shapes {shapes[0]} and {shapes[1]}"))
+        return Trace(np.asarray(time, np.float64), np.asarray(level, np.float64))
+
     def require_ascending(self, name: str) -> None:
         """Refuse times that fall, or are all one; rounded ones may be equal."""
         time = np.asarray(self.time)
@@ -95,21 +110,6 @@ class MeasuredProfile(NamedTuple):
     notes: tuple[str, ...] = ()
 
 
-def as_trace(trace: TraceLike, name: str) -> Trace:
-    """A trace as arrays; any row of finite times and one of as many finite levels are one."""
-    rows: Any = trace
-    is_pair = (isinstance(rows, Sequence) or np.ndim(rows) > 0) and len(rows) == 2
-    require(is_pair, name, "be a `Trace`, or times and levels", trace)
-    time, level = rows
-    for row in (time, level):
-        require_finite(name, row)
-    shapes = np.shape(time), np.shape(level)
-    fits = len(shapes[0]) == 1 and shapes[0] == shapes[1]
-    requirement = "have a row of times and one of as many levels"
-    require(fits, name, requirement, Unquoted(f"shapes {shapes[0]} and {shapes[1]}"))
-    return Trace(np.asarray(time, np.float64), np.asarray(level, np.float64))
-
-
 def has_two_levels(level: Float[np.ndarray, "n"]) -> bool:
     """Whether each level is the least or the greatest, and these differ."""
     low, high = np.min(level), np.max(level)
@@ -162,7 +162,7 @@ def measured_profile(
         ValueError: if times fall or leave a gap in the exposure, a number is not finite, the
             levels do not tell open from closed, or they are a list of transitions.
     """
-    trace = as_trace(trace, name)
+    trace = Trace.of(trace, name)
     numbers = {"half_exposure": half_exposure, "middle": middle, "closed": closed, "opened": opened}
     for argument, number in numbers.items():
         if number is not None:
@@ -208,7 +208,7 @@ def for_a_fit(trace: TraceLike, half_exposure: float, name: str) -> tuple[Trace,
     Neighbouring samples become their mean, within the exposure and outside it apart, as the
     profile may jump at its ends. A trace without samples of the closed shutter stays upright.
     """
-    trace = as_trace(trace, name)
+    trace = Trace.of(trace, name)
     tau = trace.time / half_exposure
     is_known = int(np.sum(np.abs(tau) > 1)) >= _LEAST_CLOSED
     closed = None if is_known else float(np.min(trace.level))

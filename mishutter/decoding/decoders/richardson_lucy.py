@@ -24,11 +24,7 @@ from mishutter.decoding.decoders.linear import (
     expected_squared_error,
     wiener_filter,
 )
-from mishutter.decoding.decoders.total_variation import (
-    EDGES,
-    adjoint_differences,
-    differences,
-)
+from mishutter.decoding.decoders.total_variation import EDGES, adjoint_differences, differences
 
 _LEAST = 1e-6
 _DARKEST = 0.02

@@ -16,7 +16,7 @@ from mishutter.design.design import Design, given_design
 from mishutter.hardware.calibration.likelihood import Setting, Solution
 from mishutter.hardware.calibration.measurements import Measurements, SensorLevels, TargetPicture
 from mishutter.hardware.calibration.uncertainty import WIDEST, error_bars
-from mishutter.hardware.traces import TraceLike, as_trace
+from mishutter.hardware.traces import Trace, TraceLike
 from mishutter.model.limits import Limits
 from mishutter.model.motion import AbstractMotion, ParabolicMotion
 from mishutter.model.scene import Scene, require_scene, scene_text
@@ -324,7 +324,7 @@ def _measurements(
         measurements = Measurements(pictures, sensor or SensorLevels())
     if trace is None:
         return measurements
-    return measurements._replace(trace=as_trace(trace, "fit(trace=...)"))
+    return measurements._replace(trace=Trace.of(trace, "fit(trace=...)"))
 
 
 def _camera(
