@@ -32,7 +32,7 @@ from mishutter.evaluation.needs import (
 )
 from mishutter.evaluation.response import Records, Response, kernels_and_efficiency, spectra_of
 from mishutter.evaluation.views import transmittance
-from mishutter.model.alignment import reach_of_parabola
+from mishutter.model.alignment import Reach
 from mishutter.model.devices import least_efficiency
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene
@@ -121,7 +121,7 @@ def _travel_within(
     accelerations, shifted = (np.asarray(x, np.float64) for x in ensemble)
     half = np.asarray(motions.half_exposure, np.float64)[:, None]
     sag, smear = accelerations * half**2, np.moveaxis(shifted, -1, 0) * half
-    spread, velocity = map(np.asarray, reach_of_parabola(sag, np.max(np.abs(smear), axis=0)))
+    spread, velocity = map(np.asarray, Reach.of_parabola(sag, np.max(np.abs(smear), axis=0)))
     return spread.max(axis=1), velocity.max(axis=1)
 
 

@@ -24,7 +24,7 @@ from mishutter.evaluation.needs import Plan, size_class
 from mishutter.evaluation.views import SampledView, require_numbers
 from mishutter.model.motion import AbstractMotion, simplified
 from mishutter.model.scene import Scene
-from mishutter.model.shutters.base import AbstractPiecewiseShutter, AbstractShutter, piecewise
+from mishutter.model.shutters.base import AbstractShutter, piecewise
 from mishutter.model.shutters.polynomials import in_one_form
 from mishutter.model.tolerances import Tolerances
 
@@ -116,9 +116,7 @@ def folded(kernel: Float[Array, "n"], plan: Plan) -> tuple[Float[Array, "k"], in
     return jnp.sum(rows, axis=0), length
 
 
-@eqx.filter_jit
-def _efficiency(profile: AbstractPiecewiseShutter, dtype: np.dtype) -> Float[Array, ""]:
-    return mean_transmittance(profile, dtype)
+_efficiency = eqx.filter_jit(mean_transmittance)
 
 
 def kernel_phase(motion: AbstractMotion, num_taps: int) -> float | Float[Array, ""]:

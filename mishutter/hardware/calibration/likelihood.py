@@ -64,7 +64,7 @@ class _Arrays(NamedTuple):
     trace_basis: Float[np.ndarray, "samples coefficients"]  # B-splines at its samples
     trace_deviation: Float[np.ndarray, ""]  # Standard deviation of its levels
 
-    def residuals(self, values: Array | np.ndarray, num_taps: int) -> Array:
+    def residuals(self, values: Any, num_taps: int) -> Array:
         """Residuals of pictures, trace, bounds and ties, at parameters in their own scales.
 
         Coefficients stray below 0, where no transmittance is, by a standard deviation of 0.01.
@@ -169,12 +169,6 @@ class Solution(NamedTuple):
     matrix: Float[np.ndarray, "residuals parameters"]  # Their Jacobian
     expected: Float[np.ndarray, "pictures columns"]  # Expected levels
     noise: Float[np.ndarray, "pictures columns"]  # Standard deviations of the levels in this round
-
-
-def _with_blur(values: np.ndarray, added: float) -> np.ndarray:
-    """The same parameters with `added` variance of the lens, px^2, of which 0.3 px are left."""
-    variance = max(float(values[3]) ** 2 + added, 0.3**2)
-    return np.concatenate([values[:3], [np.sqrt(variance)], values[4:]])
 
 
 @dataclass(frozen=True, eq=False)
