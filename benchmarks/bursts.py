@@ -31,7 +31,7 @@ from support.frames import alternating_frames, panned_frames, sine_frames, sweep
 from benchmarks import harness
 from mishutter import BurstMode, FreeMotion, Limits, Scene, TimedFrame
 from mishutter.evaluation.bursts import StillBursts
-from mishutter.evaluation.needs import larger, sizes
+from mishutter.evaluation.needs import Plan, sizes
 from mishutter.evaluation.sequences import loss_of_width, registration
 
 TOP_SPEED, TRAVEL = 4500.0, 110.0
@@ -173,7 +173,7 @@ def best_moving(
 
     bounds = [(0.0, 4.0), (0.3, MOST_SHARE)]
     ends = [frames_at(np.array([x, MOST_SHARE])) for x in bounds[0]]
-    plan = reduce(larger, (sizes(seen_by(scene, each), each.motion) for each in ends))
+    plan = reduce(Plan.holding, (sizes(seen_by(scene, each), each.motion) for each in ends))
 
     def loss(place: Float[np.ndarray, "2"]) -> float:
         return -float(burst_psnr(scene, [frames_at(place)], plan=plan))
@@ -457,7 +457,7 @@ def best_level(scene: Scene, frames: Callable[[float, float, float], list[FrameG
         return frames(longest * 0.01**x, longest * 0.01**y, z * TOP_SPEED)
 
     ends = [each for y in (0, 1) for each in frames_at(np.array([0.0, y, MOST_SHARE]))]
-    plan = reduce(larger, (sizes(seen_by(scene, each), each.motion) for each in ends))
+    plan = reduce(Plan.holding, (sizes(seen_by(scene, each), each.motion) for each in ends))
     found = [
         minimize(
             lambda place: -float(burst_psnr(scene, frames_at(place), plan=plan)),

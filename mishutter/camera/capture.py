@@ -41,7 +41,7 @@ from mishutter.camera.rows import (
     require_border,
     rows_last,
 )
-from mishutter.evaluation.needs import sized_for
+from mishutter.evaluation.needs import Plan
 from mishutter.evaluation.response import pixel_responses
 from mishutter.evaluation.views import sensor_view
 from mishutter.model.motion import AbstractMotion
@@ -304,7 +304,7 @@ def kernel_layout(
 ) -> tuple[int, int]:
     """Number of taps that hold every speed, and the index of the tap at no displacement."""
     longest = blur_length(motion, *speeds, subject=subject)
-    num_taps = max(least_taps, sized_for(longest - 1, 0.0).num_taps)
+    num_taps = max(least_taps, Plan.of_travel(longest - 1, 0.0).num_taps)
     if motion.is_straight:
         return num_taps, num_taps // 2
     return num_taps, 0 if motion.turn > 0 else num_taps - 1

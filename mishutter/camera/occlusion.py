@@ -11,22 +11,12 @@ from mishutter._core.parallel import in_threads, num_processors
 from mishutter.blur.waves import waves_on_dft
 from mishutter.camera.layers import Layer, Layers
 from mishutter.camera.rows import MARGIN, blur_length, continued, fast_length, period_of
-from mishutter.evaluation.needs import sized_for
+from mishutter.evaluation.needs import Plan
 from mishutter.evaluation.response import nodes_in_time
 from mishutter.evaluation.sequences import FrameNodes
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.optics import Optics
 from mishutter.model.shutters.base import AbstractShutter
-
-
-class _Exposure(NamedTuple):
-    """Quadrature nodes over an exposure, and the optics that its light passes through."""
-
-    time: Float[np.ndarray, "q"]  # Time since the layers were at their own places; s
-    # Quadrature weight times transmittance, as a share of a fully open exposure
-    weight: Float[np.ndarray, "q"]
-    path: Float[np.ndarray, "q"]  # Position of the sensor since then; px
-    optics: Optics  # The lens
 
 
 class _Image(NamedTuple):
@@ -39,10 +29,43 @@ class _Image(NamedTuple):
     num_columns: int  # Columns before it is continued
     rows: slice  # Rows of the sensor that it covers
 
+    @staticmethod
+    def of(layers: Layers, index: int, nodes: FrameNodes) -> "_Image":
+        """That of a layer over an exposure, by its number."""
+        layer, (num_rows, _, channels) = layers.layers[index], layers.shape
+        top, left = (layer.top, layer.left) if index else (0, 0)
+        rows = slice(max(top, 0), min(top + _height(layer), num_rows))
+        own_rows = slice(rows.start - top, rows.stop - top)
+        radiance = np.moveaxis(layer.picture.light[own_rows], -1, 0).astype(np.float64)
+        radiance = np.broadcast_to(radiance, (channels, *radiance.shape[1:]))
+        radiance = radiance * layer.matte[own_rows]
+        border = "zero" if index else layers.border
+        displacement = nodes.displacement(layer.speed)
+        num_columns = radiance.shape[-1]
+        period = period_of(num_columns, _reach(displacement), border)
+        radiance = continued(radiance, period, border)
+        return _Image(radiance, displacement, layer.speed, left, num_columns, rows)
+
     @property
     def aside(self) -> int:
         """Columns to either side that it reaches while it is displaced; px."""
         return _reach(self.displacement) + MARGIN
+
+    def responses(
+        self, weights: Float[np.ndarray, "n q"], optics: Optics, period: int
+    ) -> Complex[np.ndarray, "n k"]:
+        """Responses of the pixels to it, on the grid of a DFT, for some weights of the nodes."""
+        count = period // 2 + 1
+        aperture = np.sinc(np.arange(count) / period) * optics.response(period)
+        return np.asarray(waves_on_dft(self.displacement[None], weights, period, count)) * aperture
+
+    def add(self, total: np.ndarray, irradiance: np.ndarray, left: int) -> None:
+        """Add its periodic irradiance, of first column `left`, to some rows of the sensor."""
+        first = max(self.left - self.aside, 0)
+        last = min(self.left + self.num_columns + self.aside, total.shape[-1])
+        if first < last:
+            columns = np.arange(first - left, last - left) % irradiance.shape[-1]
+            total[..., first:last] += irradiance[..., columns]
 
 
 def expose_layers(
@@ -72,32 +95,32 @@ def expose_layers(
     # Images that change while they are displaced ask for as many nodes once more.
     num_nodes = nodes_for(2 * (float(motion.speed_gain) + fastest) * half)
     tau, weight = (np.asarray(x)[0] for x in nodes_in_time(shutter, motion, num_nodes))
-    exposure = _Exposure(tau * half, weight, np.asarray(motion.position(tau * half)), optics)
-    return _exposed(visible, exposure, layers)
+    nodes = FrameNodes(tau * half, np.asarray(motion.position(tau * half)), weight)
+    return _exposed(visible, nodes, optics, layers)
 
 
 def expose_layers_in_frame(layers: Layers, frame: FrameNodes, optics: Optics) -> np.ndarray:
     """Irradiance of the sensor in a frame of a sequence, by where layers are in its middle."""
     visible = _visible(_in_fewest_colours(layers), frame.time, frame.place)
-    return _exposed(visible, _Exposure(frame.time, frame.weight, frame.place, optics), layers)
+    return _exposed(visible, frame, optics, layers)
 
 
-def _exposed(visible: Layers, exposure: _Exposure, layers: Layers) -> np.ndarray:
+def _exposed(visible: Layers, nodes: FrameNodes, optics: Optics, layers: Layers) -> np.ndarray:
     """The light of visible layers, in the colours of all."""
     rows, columns, channels = visible.shape
     total = np.zeros((channels, rows, columns))
     for index in range(len(visible.layers)):
-        image = _image(visible, index, exposure)
+        image = _Image.of(visible, index, nodes)
         period = image.radiance.shape[-1]
-        response = _responses(image, exposure, exposure.weight[None], period)
+        response = image.responses(nodes.weight[None], optics, period)
         irradiance = np.fft.irfft(np.fft.rfft(image.radiance) * response, period)
-        _add(total[:, image.rows], irradiance, image, image.left)
+        image.add(total[:, image.rows], irradiance, image.left)
         first, last = image.rows.start, image.rows.stop
         others = visible.layers[index + 1 :]
         front = [m for m in others if m.top < last and m.top + _height(m) > first]
         # The sum of all light is exact without instants; only columns near hidden parts take them.
         if front:
-            _hide(total, image, front, exposure)
+            _hide(total, image, front, nodes, optics)
     picture = np.moveaxis(total, 0, -1).astype(layers.layers[0].picture.light.dtype)
     return np.ascontiguousarray(np.broadcast_to(picture, layers.shape))
 
@@ -105,52 +128,21 @@ def _exposed(visible: Layers, exposure: _Exposure, layers: Layers) -> np.ndarray
 def nodes_for(velocity: float) -> int:
     """Quadrature nodes for light displaced by at most `velocity` px per half exposure."""
     # Never fewer than 512, so that cameras of most exposures share one compiled program.
-    return max(512, sized_for(0.0, velocity).num_nodes)
-
-
-def _image(layers: Layers, index: int, exposure: _Exposure) -> _Image:
-    layer, (num_rows, _, channels) = layers.layers[index], layers.shape
-    top, left = (layer.top, layer.left) if index else (0, 0)
-    rows = slice(max(top, 0), min(top + _height(layer), num_rows))
-    own_rows = slice(rows.start - top, rows.stop - top)
-    radiance = np.moveaxis(layer.picture.light[own_rows], -1, 0).astype(np.float64)
-    radiance = np.broadcast_to(radiance, (channels, *radiance.shape[1:])) * layer.matte[own_rows]
-    border = "zero" if index else layers.border
-    displacement = exposure.path - layer.speed * exposure.time
-    num_columns = radiance.shape[-1]
-    period = period_of(num_columns, _reach(displacement), border)
-    radiance = continued(radiance, period, border)
-    return _Image(radiance, displacement, layer.speed, left, num_columns, rows)
+    return max(512, Plan.of_travel(0.0, velocity).num_nodes)
 
 
 def _reach(displacement: np.ndarray) -> int:
     return int(np.ceil(np.max(np.abs(displacement))))
 
 
-def _responses(
-    image: _Image, exposure: _Exposure, weights: Float[np.ndarray, "n q"], period: int
-) -> Complex[np.ndarray, "n k"]:
-    """Responses of the pixels to a layer, on the grid of a DFT, for some weights of the nodes."""
-    count = period // 2 + 1
-    aperture = np.sinc(np.arange(count) / period) * exposure.optics.response(period)
-    return np.asarray(waves_on_dft(image.displacement[None], weights, period, count)) * aperture
-
-
-def _add(total: np.ndarray, irradiance: np.ndarray, image: _Image, left: int) -> None:
-    """Add a periodic irradiance whose first column lies at `left` to some rows of the sensor."""
-    first = max(image.left - image.aside, 0)
-    last = min(image.left + image.num_columns + image.aside, total.shape[-1])
-    if first < last:
-        columns = np.arange(first - left, last - left) % irradiance.shape[-1]
-        total[..., first:last] += irradiance[..., columns]
-
-
-def _hide(total: np.ndarray, image: _Image, front: Sequence[Layer], exposure: _Exposure) -> None:
+def _hide(
+    total: np.ndarray, image: _Image, front: Sequence[Layer], nodes: FrameNodes, optics: Optics
+) -> None:
     """Take away the irradiance of a layer that layers in front of it stop."""
     first = max(image.rows.start, min(m.top for m in front))
     last = min(image.rows.stop, max(m.top + _height(m) for m in front))
     rates = [image.speed - m.speed for m in front]
-    longest, fastest = np.max(np.abs(exposure.time)), max(map(abs, rates))
+    longest, fastest = np.max(np.abs(nodes.time)), max(map(abs, rates))
     way = int(np.ceil(fastest * longest))
     low = max(
         min(m.left for m in front) - way - image.left, -image.aside, -image.left - 2 * image.aside
@@ -170,10 +162,10 @@ def _hide(total: np.ndarray, image: _Image, front: Sequence[Layer], exposure: _E
     finer = 1 + -(-len(front) // 2)
     column = origin + np.arange(finer * period) / finer
     is_inside = (column >= -image.aside) & (column < image.num_columns + image.aside)
-    times, weights = _instants(exposure, fastest)
+    times, weights = _instants(nodes, fastest)
     turns = -2j * np.pi / period * np.arange(period // 2 + 1)
     shifts = [np.exp(np.multiply.outer(times * rate, turns)) for rate in rates]
-    responses = _responses(image, exposure, weights, period)
+    responses = image.responses(weights, optics, period)
     rows_at_once = 8  # whose images stay in a processor's cache from one instant to the next
 
     def hide(begin: int) -> None:
@@ -190,28 +182,28 @@ def _hide(total: np.ndarray, image: _Image, front: Sequence[Layer], exposure: _E
             clearness = np.prod([1 - _finer(m, period, finer) for m in shifted], axis=0)
             spectrum = np.fft.rfft(radiance * (1 - clearness))[..., : period // 2 + 1]
             loss -= spectrum * (response / finer)
-        _add(total[:, begin:end], np.fft.irfft(loss, period), image, place)
+        image.add(total[:, begin:end], np.fft.irfft(loss, period), place)
 
     for _ in in_threads(hide, range(first, last, rows_at_once), num_processors()):
         pass
 
 
 def _instants(
-    exposure: _Exposure, fastest: float
+    nodes: FrameNodes, fastest: float
 ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n q"]]:
     """Times of images that give those between, and the weight of each image at each node."""
     step = 0.5 / fastest if fastest > 0 else np.inf  # the fastest layer moves by half a pixel
-    longest, around = np.max(np.abs(exposure.time)), 8  # images to either side of a time
+    longest, around = np.max(np.abs(nodes.time)), 8  # images to either side of a time
     if longest < step / around / 1e3:  # nothing moves
-        return np.zeros(1), exposure.weight[None]
-    first = int(np.floor(np.min(exposure.time) / step)) - around
-    last = int(np.ceil(np.max(exposure.time) / step)) + around
+        return np.zeros(1), nodes.weight[None]
+    first = int(np.floor(np.min(nodes.time) / step)) - around
+    last = int(np.ceil(np.max(nodes.time) / step)) + around
     times = step * np.arange(first, last + 1)
-    apart = (exposure.time[None] - times[:, None]) / step
+    apart = (nodes.time[None] - times[:, None]) / step
     # A Kaiser-Bessel window makes the interpolation by a sinc short.
     inside = np.sqrt(np.maximum(1 - (apart / around) ** 2, 0))
     window = np.where(np.abs(apart) < around, np.i0(12.5 * inside), 0.0)
-    return times, exposure.weight * np.sinc(apart) * window / np.i0(12.5)
+    return times, nodes.weight * np.sinc(apart) * window / np.i0(12.5)
 
 
 def _finer(spectrum: np.ndarray, period: int, finer: int) -> np.ndarray:

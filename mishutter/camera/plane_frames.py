@@ -30,6 +30,20 @@ class Instants(NamedTuple):
     place: Float[np.ndarray, "2 n q"]  # Places along rows and columns from that in the middle; px
     weight: Float[np.ndarray, "q"]  # Share of the exposure
 
+    @staticmethod
+    def of(frames: PlaneFrames, fastest: float, size: int = 1) -> "Instants":
+        """Quadrature nodes of concrete frames, for things up to a speed, on pixels of some size."""
+        small = eqx.tree_at(lambda x: x.velocities, frames, np.asarray(frames.velocities) / size)
+        first, last = (
+            float(frames.times[k]) + sign * float(frames.exposures[k]) / 2
+            for k, sign in ((0, -1), (-1, 1))
+        )
+        middle = np.array((first + last) / 2)
+        time, _, weight = small.nodes(small.num_panels(fastest / size))
+        time = np.asarray(frames.times, np.float64)[:, None] + np.asarray(time, np.float64)
+        place = np.asarray(small.place(time) - small.place(middle)[:, None, None], np.float64)
+        return Instants(time - middle, place, np.asarray(weight, np.float64))
+
     def displacement(self, velocity: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2 n q"]:
         """Way of a thing on the sensor since the middle of the frames; px."""
         return self.place - velocity[:, None, None] * self.time
@@ -44,26 +58,18 @@ class Instants(NamedTuple):
         middle = np.mean(place, axis=(1, 2), keepdims=True)
         return Instants(time - np.mean(time), place - middle, self.weight)
 
+    def reach(self, velocities: Float[np.ndarray, "s 2"]) -> tuple[int, int]:
+        """Furthest displacement down the columns and along the rows at some velocities; px."""
+        each = [np.max(np.abs(self.displacement(v)), axis=(1, 2)) for v in velocities]
+        across, down = np.max(each, axis=0).tolist()
+        return math.ceil(down), math.ceil(across)
 
-def instants_of(frames: PlaneFrames, fastest: float, size: int = 1) -> Instants:
-    """Quadrature nodes of concrete frames, for things up to a speed, on pixels of some size."""
-    small = eqx.tree_at(lambda x: x.velocities, frames, np.asarray(frames.velocities) / size)
-    first, last = (
-        float(frames.times[k]) + sign * float(frames.exposures[k]) / 2
-        for k, sign in ((0, -1), (-1, 1))
-    )
-    middle = np.array((first + last) / 2)
-    nodes = small.nodes(small.num_panels(fastest / size))
-    time = np.asarray(frames.times, np.float64)[:, None] + np.asarray(nodes.time, np.float64)
-    place = np.asarray(small.place(time) - small.place(middle)[:, None, None], np.float64)
-    return Instants(time - middle, place, np.asarray(nodes.weight, np.float64))
-
-
-def reach_in_plane(instants: Instants, velocities: Float[np.ndarray, "s 2"]) -> tuple[int, int]:
-    """Furthest displacement down the columns and along the rows at some velocities; px."""
-    each = [np.max(np.abs(instants.displacement(v)), axis=(1, 2)) for v in velocities]
-    across, down = np.max(each, axis=0).tolist()
-    return math.ceil(down), math.ceil(across)
+    def responses(
+        self, velocity: Float[np.ndarray, "2"], shape: tuple[int, ...]
+    ) -> Complex[np.ndarray, "n m k"]:
+        """Responses at a velocity, displacements included, but for the `aperture_on`."""
+        displaced = self.displacement(velocity)
+        return waves_in_plane(displaced, self.weight[None], frequencies_on(shape))
 
 
 def require_reach_in_plane(
@@ -74,8 +80,8 @@ def require_reach_in_plane(
     requirement = f"displace light by at most {MAX_REACH} px"
     # Before there are as many nodes as such a displacement would need.
     require(speed * frames.duration <= 2 * MAX_REACH, subject, requirement, speed * frames.duration)
-    instants = instants_of(frames, speed)
-    reach = max(reach_in_plane(instants, velocity[None]))
+    instants = Instants.of(frames, speed)
+    reach = max(instants.reach(velocity[None]))
     require(reach <= MAX_REACH, subject, requirement, reach)
     return instants
 
@@ -96,14 +102,6 @@ def aperture_on(optics: Optics, shape: tuple[int, int], size: int = 1) -> Float[
     return np.sinc(down)[:, None] * np.sinc(across) * lens
 
 
-def responses_in_plane(
-    instants: Instants, velocity: Float[np.ndarray, "2"], shape: tuple[int, ...]
-) -> Complex[np.ndarray, "n m k"]:
-    """Responses of the frames at a velocity, displacements included, but for the `aperture_on`."""
-    displaced = instants.displacement(velocity)
-    return waves_in_plane(displaced, instants.weight[None], frequencies_on(shape))
-
-
 def exposed_in_plane(
     radiance: Planes,
     optics: Optics,
@@ -116,7 +114,7 @@ def exposed_in_plane(
     Beyond its borders the picture goes on mirrored.
     """
     instants = require_reach_in_plane("simulate_frames(speed=..., frames=...)", frames, velocity)
-    reach = [each + MARGIN for each in reach_in_plane(instants, velocity[None])]
+    reach = [each + MARGIN for each in instants.reach(velocity[None])]
     picture = radiance if radiance.ndim == 3 else radiance[..., None]
     light = np.asarray(distinct_colours(picture))
     around, window = zip(*map(_around, light.shape, size, reach, ("rows", "columns")), strict=True)
@@ -127,7 +125,7 @@ def exposed_in_plane(
     spectrum = np.fft.rfft2(mirrored) * aperture_on(optics, period)
     for k in range(frames.num_frames):
         one = Instants(instants.time[k : k + 1], instants.place[:, k : k + 1], instants.weight)
-        response = responses_in_plane(one, velocity, period)[0]
+        response = one.responses(velocity, period)[0]
         irradiance = np.fft.irfft2(spectrum * response, period)[:, *window].astype(dtype)
         exposed = every_colour(np.moveaxis(irradiance, 0, -1), picture)
         yield exposed if radiance.ndim == 3 else exposed[..., 0]

@@ -381,6 +381,18 @@ class Delivery(NamedTuple):
     backgrounds: bool  # Whether the gain before a background is computed
     verbose: bool  # Whether every table is printed
 
+    def photographed(self, result: "Report") -> "Report":
+        """Adds the scene's photograph, captured and restored by each design."""
+        from mishutter.report.restored import photograph_of, photographs
+
+        rows, scene, every = result.rows, result.scene, self.every_photograph
+        picture = photograph_of(scene, rows, note=note) if self.num_seeds > 0 else None
+        if picture is None:
+            return result
+        with progress_bar("photograph", len(rows), _WHY_NO_STEP) as bar:
+            shown = photographs(picture, scene, rows, self.num_seeds, every=every, begin=bar.next)
+        return replace(result, photographs=shown)
+
 
 def _deliver(result: "Report", delivery: Delivery, next_step: str = "") -> None:
     """Prints the answer at once, then adds photographs, then writes files.
@@ -402,7 +414,7 @@ def _deliver(result: "Report", delivery: Delivery, next_step: str = "") -> None:
     shows = delivery.verbose or delivery.every_photograph or delivery.num_seeds > 1
     result = replace(result, every=shows)
     if shows or delivery.as_json or folder is not None:
-        result = _photographed(result, delivery)
+        result = delivery.photographed(result)
     if result.photographs is not None and shows and not delivery.as_json:
         with closable_output():
             decoder = result.comparison.rows[0].decoder
@@ -431,19 +443,6 @@ def _before_backgrounds(result: "Report") -> "Report":
     with progress_bar("before a background", len(STILL_SHARES), _WHY_NO_STEP) as counter:
         gains = background_gains(result.scene, begin=counter.next)
     return replace(result, backgrounds=gains)
-
-
-def _photographed(result: "Report", delivery: Delivery) -> "Report":
-    """Adds the scene's photograph, captured and restored by each design."""
-    from mishutter.report.restored import photograph_of, photographs
-
-    rows, num_seeds, every = result.rows, delivery.num_seeds, delivery.every_photograph
-    picture = photograph_of(result.scene, rows, note=note) if num_seeds > 0 else None
-    if picture is None:
-        return result
-    with progress_bar("photograph", len(rows), _WHY_NO_STEP) as counter:
-        shown = photographs(picture, result.scene, rows, num_seeds, every=every, begin=counter.next)
-    return replace(result, photographs=shown)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -110,6 +110,39 @@ class CameraFiles(NamedTuple):
         ),
     ] = None
 
+    def require_table(self) -> None:
+        """Raises `ValueError` if there are numbers of a drive table but no table."""
+        numbers = {
+            "--half-exposure-ms": self.half_exposure_ms,
+            "--position-scale-px": self.position_scale_px,
+            "--drive-steps": self.num_steps,
+        }
+        requirement = (
+            "stand beside --drive: a trace is as long as the design's exposure, or the scene's"
+        )
+        for name, value in numbers.items():
+            require(self.drive is not None or value is None, name, requirement, value)
+
+    def trace_and_profile(
+        self, motion: "AbstractMotion", path: Path
+    ) -> "tuple[Trace, MeasuredProfile]":
+        """A trace and the profile that it shows; every oddity is noted on standard error."""
+        from mishutter.hardware.trace_files import read_trace
+        from mishutter.hardware.traces import measured_profile
+
+        trace = read_trace(path, column=self.column)
+        profile = measured_profile(
+            trace,
+            half_exposure=float(motion.half_exposure),
+            middle=self.middle_ms * 1e-3,
+            closed=self.closed,
+            opened=self.opened,
+            name=str(path),
+        )
+        for sentence in profile.notes:
+            note(f"{path}: {sentence}")
+        return trace, profile
+
 
 def takes_camera_files(command: Callable[..., None]) -> Callable[..., None]:
     """Gives a command the options of `CameraFiles`, which reach it as its argument `files`.
@@ -187,7 +220,7 @@ def cameras(
     from mishutter.model.shutters.kinds import named_shutter
     from mishutter.plane.design import design_of
 
-    _require_table(files)
+    files.require_table()
     saved = None if design is None else design_of(design)
     if scene is None and saved is not None:
         scene = saved.scene
@@ -227,42 +260,7 @@ def cameras(
         designs[window] = given_design(scene, motion, named_shutter(window), origin)
     if files.measured is None:
         return Cameras(designs)
-    trace, profile = _measured(motion, files, files.measured)
+    trace, profile = files.trace_and_profile(motion, files.measured)
     origin = f"Measured by {files.measured.name}."
     camera = given_design(scene, motion, profile.shutter, origin, is_measured=True)
     return Cameras(designs | {AS_MEASURED: camera}, trace, profile)
-
-
-def _require_table(files: CameraFiles) -> None:
-    """Raises `ValueError` if there are numbers of a drive table but no table."""
-    numbers = {
-        "--half-exposure-ms": files.half_exposure_ms,
-        "--position-scale-px": files.position_scale_px,
-        "--drive-steps": files.num_steps,
-    }
-    requirement = (
-        "stand beside --drive: a trace is as long as the design's exposure, or the scene's"
-    )
-    for name, value in numbers.items():
-        require(files.drive is not None or value is None, name, requirement, value)
-
-
-def _measured(
-    motion: "AbstractMotion", files: CameraFiles, path: Path
-) -> "tuple[Trace, MeasuredProfile]":
-    """A trace and the profile that it shows; every oddity is noted on standard error."""
-    from mishutter.hardware.trace_files import read_trace
-    from mishutter.hardware.traces import measured_profile
-
-    trace = read_trace(path, column=files.column)
-    profile = measured_profile(
-        trace,
-        half_exposure=float(motion.half_exposure),
-        middle=files.middle_ms * 1e-3,
-        closed=files.closed,
-        opened=files.opened,
-        name=str(path),
-    )
-    for sentence in profile.notes:
-        note(f"{path}: {sentence}")
-    return trace, profile

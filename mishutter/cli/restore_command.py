@@ -147,7 +147,7 @@ def restore(
     speed = None if speed_text is None else speed_for(camera, speed_text, scene_file)
     read = (read_captures(path, black=black, white=white, linear=linear) for path in captures)
     seen = list(itertools.chain(*read))
-    labels = _labels_of(seen)
+    labels = _Label.of_all(seen)
     folder, method = writable_folder(out), named_decoder(decoder)
     written, found = [], {}
     is_one = len(seen) == 1 or burst is not None
@@ -225,20 +225,20 @@ class _Label(NamedTuple):
     name: str
     stem: str
 
-
-def _labels_of(seen: "list[Capture]") -> list[_Label]:
-    """Labels of captures, with those of their folders where files have the same name."""
-    stems = [capture.stem for capture in seen]
-    if len(set(stems)) == len(stems):
-        return [_Label(capture.name, capture.stem) for capture in seen]
-    folders = [capture.path.resolve().parent.name for capture in seen]
-    labels = [
-        _Label(f"{folder}/{capture.name}", f"{folder}_{capture.stem}")
-        for folder, capture in zip(folders, seen, strict=True)
-    ]
-    names = [label.name for label in labels]
-    require(len(set(labels)) == len(labels), "CAPTURE", "be of different names", names)
-    return labels
+    @staticmethod
+    def of_all(seen: "list[Capture]") -> "list[_Label]":
+        """Labels of captures, with those of their folders where files have the same name."""
+        stems = [capture.stem for capture in seen]
+        if len(set(stems)) == len(stems):
+            return [_Label(capture.name, capture.stem) for capture in seen]
+        folders = [capture.path.resolve().parent.name for capture in seen]
+        labels = [
+            _Label(f"{folder}/{capture.name}", f"{folder}_{capture.stem}")
+            for folder, capture in zip(folders, seen, strict=True)
+        ]
+        names = [label.name for label in labels]
+        require(len(set(labels)) == len(labels), "CAPTURE", "be of different names", names)
+        return labels
 
 
 def _together(

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mishutter._core.checks import require
-from mishutter.camera.plane_frames import aperture_on, instants_of, responses_in_plane
+from mishutter.camera.plane_frames import Instants, aperture_on
 from mishutter.decoding.decoders.speed import luminance_shares
 from mishutter.decoding.frame_doubts import (
     BLACK,
@@ -130,10 +130,10 @@ def _with_own_detail(own: Own) -> Own:
     scene, shape = own.prior.scene, own.frames.shape[1:]
     grid = (GRID, GRID)
     fastest = require_velocities(scene).fastest
-    instants = instants_of(own.taken, fastest)
+    instants = Instants.of(own.taken, fastest)
     # These stand for all velocities in a mean.
     few = 0.7 * fastest * np.array([[1.0, 0.0], [0.0, 1.0], [0.7, 0.7], [0.7, -0.7]])
-    passed = [np.abs(responses_in_plane(instants, each, grid)) ** 2 for each in few]
+    passed = [np.abs(instants.responses(each, grid)) ** 2 for each in few]
     density = np.sum(np.mean(passed, axis=0) / own.noises[:, None, None], axis=0)
     expected = density * aperture_on(scene.optics, grid) ** 2 * own.prior.on(grid)
     lowest = max(2 / min(shape), 1 / GRID)

@@ -17,13 +17,7 @@ from mishutter._core.checks import Unquoted, require, shown
 from mishutter._core.columns import table_text
 from mishutter._core.files import contents, strict_json, write_text
 from mishutter._core.validation import parsed, validated
-from mishutter.design.schema import (
-    FORMAT,
-    SAVED_SCENE,
-    SavedDesign,
-    SavedMotion,
-    SavedSequence,
-)
+from mishutter.design.schema import FORMAT, SAVED_SCENE, SavedDesign, SavedMotion, SavedSequence
 from mishutter.evaluation.metrics import Metrics, SequenceMetrics, evaluate
 from mishutter.evaluation.speed_knowledge import (
     KNOWN_SPEED,

@@ -20,11 +20,7 @@ from mishutter.blur.quadrature import ExposureQuadrature, exposure_quadrature
 from mishutter.blur.spectrum import condition_number
 from mishutter.blur.waves import BLOCK
 from mishutter.evaluation.ensembles import ensemble_of, without_tolerances
-from mishutter.evaluation.metrics import (
-    Evaluation,
-    KernelSums,
-    named_metrics,
-)
+from mishutter.evaluation.metrics import Evaluation, KernelSums, named_metrics
 from mishutter.evaluation.needs import (
     Plan,
     effective_speeds,
@@ -33,17 +29,10 @@ from mishutter.evaluation.needs import (
     num_frequencies,
     occurring_speeds,
     reduced,
-    sized_for,
 )
-from mishutter.evaluation.response import (
-    Records,
-    Response,
-    kernels_and_efficiency,
-    response_from,
-    spectra_of,
-)
+from mishutter.evaluation.response import Records, Response, kernels_and_efficiency, spectra_of
 from mishutter.evaluation.views import transmittance
-from mishutter.model.alignment import reach_of_parabola
+from mishutter.model.alignment import Reach
 from mishutter.model.devices import least_efficiency
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene
@@ -90,7 +79,7 @@ class Sizes(NamedTuple):
         velocity = 2 * sag + smear
         # Every kernel beyond this length is refused.
         reach_of_plan = np.minimum(np.maximum(reach, longest), 1 << 17)
-        num_taps = _of_whole(reach_of_plan, lambda x: sized_for(x, 0.0).num_taps)
+        num_taps = _of_whole(reach_of_plan, lambda x: Plan.of_travel(x, 0.0).num_taps)
         spread = np.asarray(motions.kernel_length(np.max(abs(occurring_speeds(scene)))))
         aside = np.minimum(np.ceil(smear), num_taps // 2)
         aside = np.where(turns, 0, aside).astype(int)
@@ -101,15 +90,15 @@ class Sizes(NamedTuple):
         halves, index = np.unique(half, return_inverse=True)
         return Sizes(
             num_taps=num_taps,
-            dft_length=_of_whole(reach_of_plan, lambda x: sized_for(x, 0.0).dft_length),
+            dft_length=_of_whole(reach_of_plan, lambda x: Plan.of_travel(x, 0.0).dft_length),
             num_frequencies=num_frequencies(scene, spread),
             num_reached_taps=np.minimum(num_reached, num_taps).astype(int),
             num_still_taps=np.minimum(np.ceil(sag) + 1, num_taps).astype(int),
-            num_nodes=_of_whole(velocity, lambda x: sized_for(0.0, x).num_nodes),
+            num_nodes=_of_whole(velocity, lambda x: Plan.of_travel(0.0, x).num_nodes),
             aside=aside,
             num_effective_speeds=np.array([effective_speeds(scene, x) for x in halves], int)[index],
             num_frequencies_within=num_frequencies(scene, spread_within),
-            num_nodes_within=_of_whole(velocity_within, lambda x: sized_for(0.0, x).num_nodes),
+            num_nodes_within=_of_whole(velocity_within, lambda x: Plan.of_travel(0.0, x).num_nodes),
         )
 
 
@@ -132,7 +121,7 @@ def _travel_within(
     accelerations, shifted = (np.asarray(x, np.float64) for x in ensemble)
     half = np.asarray(motions.half_exposure, np.float64)[:, None]
     sag, smear = accelerations * half**2, np.moveaxis(shifted, -1, 0) * half
-    spread, velocity = map(np.asarray, reach_of_parabola(sag, np.max(np.abs(smear), axis=0)))
+    spread, velocity = map(np.asarray, Reach.of_parabola(sag, np.max(np.abs(smear), axis=0)))
     return spread.max(axis=1), velocity.max(axis=1)
 
 
@@ -182,13 +171,6 @@ class Rules(NamedTuple):
         return Rules(
             jnp.asarray(tau), jnp.asarray(weight), jnp.asarray(blocks), rules[0].efficiency
         )
-
-
-class LightLevels(NamedTuple):
-    """Light and noise that designs are measured in, each with each."""
-
-    photon_rates: Float[Array | np.ndarray, "*p"]  # Photo-electrons a second at a white pixel; e-/s
-    read_noises: Float[Array | np.ndarray, "*r"]  # e-; shape `(r,)`
 
 
 class _Need(NamedTuple):
@@ -282,7 +264,7 @@ def measure(
     shapes: Shapes,
     sizes: Sizes,
     metrics: Sequence[str],
-    levels: LightLevels,
+    levels: Sequence[Float[Array | np.ndarray, "_"]],  # Photon rates, e-/s, and read noises, e-
     boxes: Float[np.ndarray, "n k"] | None = None,
 ) -> dict[str, np.ndarray]:
     """Some of the `Metrics` of a shutter, or of one for each design, on `n` motions; by name."""
@@ -314,7 +296,7 @@ def measure(
             metrics=of_kernels,
         )
         values |= designs.by_parts(kernels, np.arange(count))
-    levels = LightLevels(*(jnp.asarray(x, dtype) for x in levels))
+    levels = [jnp.asarray(x, dtype) for x in levels]
     in_groups = partial(_of_picture, designs=pictured, rules=rules, shapes=shapes, levels=levels)
     of_picture = [metric for metric in chosen if metric.parts.spectra or metric.sees_light]
     names = tuple(metric.name for metric in of_picture if not metric.within_tolerances)
@@ -322,7 +304,7 @@ def measure(
         values |= in_groups(designed, sizes, metrics=names)
     names = tuple(metric.name for metric in of_picture if metric.within_tolerances)
     if names and scene.tolerances is None:
-        shape = count, levels.photon_rates.size, levels.read_noises.size
+        shape = count, *(x.size for x in levels)
         values |= {name: np.full(shape, np.nan, dtype) for name in names}
     elif names:
         values |= in_groups(scene, sizes.within_tolerances, metrics=names)
@@ -336,7 +318,7 @@ def _of_picture(
     designs: _Designs,
     rules: Rules,
     shapes: Shapes,
-    levels: LightLevels,
+    levels: Sequence[Float[Array | np.ndarray, "_"]],
     metrics: tuple[str, ...],
 ) -> dict[str, np.ndarray]:
     """Metrics of transfer functions of designs, by groups of equal sizes."""
@@ -392,7 +374,7 @@ def _kernel_numbers(
             kernels, efficiency = kernels_and_efficiency(
                 profile, motion, speeds, first, num_taps=_TAPS
             )
-            some = response_from(scene, Records(kernels, jnp.zeros(0), efficiency), plan)
+            some = Records(kernels, jnp.zeros(0), efficiency).response(scene, plan)
             # A block without light of an object at rest goes to the room behind its kernel.
             start = ((block - need.still_block) * _TAPS,)
             taps = jax.lax.dynamic_update_slice(taps, some.still_kernel, start)
@@ -422,13 +404,13 @@ def _picture_numbers(
     *,
     rules: Rules,
     scene: Scene,
-    levels: LightLevels,
+    levels: Sequence[Float[Array | np.ndarray, "_"]],
     num_frequencies: int,
     metrics: tuple[str, ...],
 ) -> dict[str, Array]:
     """Metrics of transfer functions."""
     chosen = named_metrics(metrics)
-    each_pair = jnp.meshgrid(levels.photon_rates, levels.read_noises, indexing="ij")
+    each_pair = jnp.meshgrid(*levels, indexing="ij")
     rates, noises = (x.ravel() for x in each_pair)
 
     def of_design(design: _Designs) -> dict[str, Array]:
@@ -444,8 +426,8 @@ def _picture_numbers(
             evaluation = Evaluation(own, motion, response)
             return {m.name: m.formula(evaluation) for m in chosen if m.sees_light}
 
-        shape = levels.photon_rates.size, levels.read_noises.size
         by_level = jax.lax.map(of_light, (rates, noises))
+        shape = each_pair[0].shape
         values = {name: level.reshape(shape) for name, level in by_level.items()}
         evaluation = Evaluation(scene, motion, response)
         return values | {m.name: m.formula(evaluation) for m in chosen if not m.sees_light}

@@ -43,12 +43,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core.checks import as_float, require, require_known, require_scalar
-from mishutter.evaluation.layers import (
-    Frequencies,
-    LayerSampling,
-    background_of,
-    with_shares,
-)
+from mishutter.evaluation.layers import Background
 from mishutter.evaluation.needs import distinct_speeds, frequency_counts
 from mishutter.model.occlusion import Occlusion
 from mishutter.model.optics import NUM_FREQUENCIES, NYQUIST_FREQUENCY, frequencies, pixel_response
@@ -123,9 +118,9 @@ def ceiling(
         is_range = in_equal_steps(scene) and distinct_speeds(scene, folds=False)[0].size > 2
     bounds: list[Times] = []
     if is_range:
-        bounds.append(times_of_cells(scene))
+        bounds.append(Times.of_cells(scene))
     if not continuous:
-        bounds.append(times_of_list(scene, half))
+        bounds.append(Times.of_list(scene, half))
     if scene.occlusion is not None:
         errors = [_least_error_of_layers(scene, half, times) for times in bounds]
     else:
@@ -169,6 +164,31 @@ class Times(NamedTuple):
 
     frequency: Float[np.ndarray, "k"]  # Frequencies, ascending up to 0.5; cycles/px, shape `(k,)`
     bound: Float[np.ndarray, "k"]  # The bound at these; cycles s/px, shape `(k,)`
+
+    @staticmethod
+    def of_list(scene: Scene, half: float) -> "Times":
+        r"""$f T\lambda(Tf)$ for exactly the speeds of the list."""
+        # The lowest frequency is below every grid. Each is 1.006 times the last: the bound of the
+        # largest eigenvalue is too high by no more than that, and the ceiling by 0.03 dB.
+        knots = np.geomspace(1e-6, NYQUIST_FREQUENCY, 2048)
+        if np.isinf(half):
+            return Times(knots, np.full(knots.shape, np.inf))
+        speeds, weights = (x.astype(np.float64) for x in distinct_speeds(scene, folds=False))
+        shares = np.sqrt(weights[:, None] * weights)
+        turns = 2 * half * (speeds[:, None] - speeds)
+        largest = [np.linalg.eigvalsh(shares * np.sinc(turns * f))[-1] for f in knots]
+        return Times(knots, knots * half * np.array(largest))
+
+    @staticmethod
+    def of_cells(scene: Scene) -> "Times":
+        """Half the largest density of speeds that are spread evenly over equal cells."""
+        subject, requirement = "ceiling(scene=...)", "hold two or more speeds in equal steps"
+        steps = in_equal_steps(scene)
+        require(steps, subject, f"{requirement} where it is `continuous`", scene.speeds)
+        speeds, weights = distinct_speeds(scene, folds=False)
+        # As many equal cells as speeds cover the range, each with the weight of one speed.
+        density = float(np.max(weights)) * speeds.size / float(np.ptp(speeds))
+        return Times(np.array([NYQUIST_FREQUENCY]), np.array([density / 2]))
 
     def at(self, frequency: Float[np.ndarray, "m"]) -> Float[np.ndarray, "m"]:
         """A bound at other frequencies, up to 0.5 cycles/px, which may be higher than the best."""
@@ -239,8 +259,7 @@ def _least_error_of_layers(scene: Scene, half: float, of_objects: Times) -> floa
     """
     if np.isinf(half):
         return 0.0
-    sampling = LayerSampling(Frequencies.of_grid(NUM_FREQUENCIES), 65)
-    scene = with_shares(scene, background_of(scene), sampling)
+    scene = Background.of(scene).behind(scene, num_effective_speeds=65)
     occlusion: Occlusion = scene.occlusion  # type: ignore[assignment]
     shares = jax.tree.map(lambda x: np.asarray(x, np.float64), occlusion.shares)
     frequency, weights = frequencies(NUM_FREQUENCIES), np.asarray(scene.weights, np.float64)
@@ -278,31 +297,6 @@ def _largest(shares: Float[np.ndarray, "k"], gram: Float[np.ndarray, "k k"]) -> 
     # which interpolation may have taken below 0.
     factor = np.linalg.cholesky(gram + 1e-12 * np.eye(shares.size))  # keeps it regular
     return float(np.linalg.eigvalsh(factor.T @ (shares[:, None] * factor))[-1])
-
-
-def times_of_list(scene: Scene, half: float) -> Times:
-    r"""$f T\lambda(Tf)$ for exactly the speeds of the list."""
-    # The lowest frequency is below every grid. Each is 1.006 times the last: the bound of the
-    # largest eigenvalue is too high by no more than that, and the ceiling by 0.03 dB.
-    knots = np.geomspace(1e-6, NYQUIST_FREQUENCY, 2048)
-    if np.isinf(half):
-        return Times(knots, np.full(knots.shape, np.inf))
-    speeds, weights = (x.astype(np.float64) for x in distinct_speeds(scene, folds=False))
-    shares = np.sqrt(weights[:, None] * weights)
-    turns = 2 * half * (speeds[:, None] - speeds)
-    largest = [np.linalg.eigvalsh(shares * np.sinc(turns * f))[-1] for f in knots]
-    return Times(knots, knots * half * np.array(largest))
-
-
-def times_of_cells(scene: Scene) -> Times:
-    """Half the largest density of speeds that are spread evenly over equal cells."""
-    subject, requirement = "ceiling(scene=...)", "hold two or more speeds in equal steps"
-    steps = in_equal_steps(scene)
-    require(steps, subject, f"{requirement} where it is `continuous`", scene.speeds)
-    speeds, weights = distinct_speeds(scene, folds=False)
-    # As many equal cells as speeds cover the range, each with the weight of one speed.
-    density = float(np.max(weights)) * speeds.size / float(np.ptp(speeds))
-    return Times(np.array([NYQUIST_FREQUENCY]), np.array([density / 2]))
 
 
 def in_equal_steps(scene: Scene) -> bool:

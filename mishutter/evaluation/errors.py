@@ -19,9 +19,9 @@ from mishutter.evaluation.ensembles import (
     error_weights,
     without_tolerances,
 )
-from mishutter.evaluation.layers import layer_moments
+from mishutter.evaluation.layers import LayerMoments
 from mishutter.evaluation.needs import ONLY_SPECTRA, Plan
-from mishutter.evaluation.response import Records, Response, compute_records, response_from
+from mishutter.evaluation.response import Records, Response
 from mishutter.evaluation.views import sampled_view
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.optics import frequencies, frequency_grid, pixel_response
@@ -103,7 +103,7 @@ class LinearErrors:
 
         aperture = along(_aperture(scene, num_frequencies, np.dtype(dtype)))
         if scene.occlusion is not None:
-            mean, spread = layer_moments(scene, motion, response.spectra, of_each=of_each)
+            mean, spread = LayerMoments.of(scene, motion, response.spectra, of_each=of_each)
             if not of_each:
                 mean, spread = mean[0], spread[0]
         else:
@@ -250,7 +250,7 @@ def spectral_levels(
         with np.errstate(divide="ignore"):
             return DecoderLevels(1 / np.asarray(lost) - 1, -10 * np.log10(errors)[places])
 
-    both = _levels_of_records(view.scene, view.motion, compute_records(view), plan)
+    both = _levels_of_records(view.scene, view.motion, Records.of(view), plan)
     return SpectralLevels(
         frequencies(plan.num_frequencies), speeds, *(levels(*each) for each in both)
     )
@@ -261,7 +261,7 @@ def _levels_of_records(
     scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan
 ) -> tuple[tuple[Float[Array, "m"], Float[Array, "n"]], ...]:
     """Share of the power lost at each frequency, squared error at each speed: unknown, known."""
-    errors = LinearErrors(scene, motion, response_from(scene, recorded, plan), plan.num_frequencies)
+    errors = LinearErrors(scene, motion, recorded.response(scene, plan), plan.num_frequencies)
     unknown = errors.every.lost, errors.unknown_by_speed
     return unknown, (errors.lost_known, errors.known_by_speed)
 

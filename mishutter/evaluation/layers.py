@@ -124,36 +124,31 @@ class Background(NamedTuple):
     speeds: Array | np.ndarray
     weights: Array | np.ndarray
 
+    @staticmethod
+    def of(scene: Scene) -> "Background":
+        """The background of a scene, whose objects may be folded to one direction already."""
+        occlusion: Occlusion = scene.occlusion  # type: ignore[assignment]
+        if (shares := occlusion.shares) is not None:
+            return Background(shares.background_speeds, shares.background_weights)
+        if occlusion.background == "moving":
+            return Background(scene.speeds, scene.weights)
+        still = jnp.asarray(occlusion.background_speed, scene.speeds.dtype)[None]
+        return Background(still, jnp.ones(1, scene.speeds.dtype))
 
-def background_of(scene: Scene) -> Background:
-    """The background of a scene, whose objects may be folded to one direction already."""
-    occlusion: Occlusion = scene.occlusion  # type: ignore[assignment]
-    if occlusion.shares is not None:
-        return Background(occlusion.shares.background_speeds, occlusion.shares.background_weights)
-    if occlusion.background == "moving":
-        return Background(scene.speeds, scene.weights)
-    still = jnp.asarray(occlusion.background_speed, scene.speeds.dtype)[None]
-    return Background(still, jnp.ones(1, scene.speeds.dtype))
-
-
-class LayerSampling(NamedTuple):
-    """Frequencies and effective speeds at which the shares of two layers are computed; static."""
-
-    grid: Frequencies  # The frequencies
-    num_effective_speeds: int = SEARCHED_EFFECTIVE_SPEEDS  # Effective speeds; 25, or 65 at least
-    folds: bool = False  # Whether `+s` and `-s` are taken for one effective speed
-
-
-def with_shares(
-    scene: Scene, background: Background, sampling: LayerSampling | None = None
-) -> Scene:
-    """A scene of two layers that knows the `LayerShares` of its picture."""
-    sampling = sampling or LayerSampling(Frequencies.of_grid(NUM_FREQUENCIES))
-    num_pairs = scene.speeds.size * np.size(background.speeds)
-    fineness = _Fineness.of(sampling.num_effective_speeds, num_pairs)
-    occlusion = scene.occlusion.with_shares(None)  # type: ignore[union-attr]
-    shares = _shares(scene.with_occlusion(None), occlusion, background, sampling, fineness)
-    return scene.with_occlusion(occlusion.with_shares(shares))
+    def behind(
+        self,
+        scene: Scene,
+        grid: Frequencies | None = None,  # None for that of pictures
+        num_effective_speeds: int = SEARCHED_EFFECTIVE_SPEEDS,  # 25, or 65 at least
+        *,
+        folds: bool = False,  # Whether `+s` and `-s` are taken for one effective speed
+    ) -> Scene:
+        """A scene of two layers that knows the `LayerShares` of its picture."""
+        grid = grid or Frequencies.of_grid(NUM_FREQUENCIES)
+        fineness = _Fineness.of(num_effective_speeds, scene.speeds.size * np.size(self.speeds))
+        occlusion = scene.occlusion.with_shares(None)  # type: ignore[union-attr]
+        shares = _shares(scene.with_occlusion(None), occlusion, self, grid, fineness, folds=folds)
+        return scene.with_occlusion(occlusion.with_shares(shares))
 
 
 @compiled
@@ -161,10 +156,11 @@ def _shares(
     scene: Scene,
     occlusion: Occlusion,
     background: Background,
-    sampling: LayerSampling,
+    grid: Frequencies,
     fineness: _Fineness,
+    *,
+    folds: bool,
 ) -> LayerShares:
-    grid, folds = sampling.grid, sampling.folds
     dtype = np.dtype(scene.speeds.dtype)
     frequency = jnp.asarray(grid.values(dtype))
     power = picture_power(scene, grid.num_known, dtype)
@@ -356,70 +352,69 @@ class LayerMoments(NamedTuple):
     mean: Complex[Array, "objects frequencies"]  # $m$, aligned; complex, shape `(o, m)`
     spread: Float[Array, "objects frequencies"]  # $v$: the power of a capture is $S_r(|m|^2 + v)$
 
+    @staticmethod
+    def of(
+        scene: Scene, motion: AbstractMotion, spectra: Complex[Array, "rows kept"], *, of_each: bool
+    ) -> "LayerMoments":
+        r"""Moments of a capture of two layers, by transfer functions at the `computed_speeds`.
 
-def layer_moments(
-    scene: Scene, motion: AbstractMotion, spectra: Complex[Array, "rows kept"], *, of_each: bool
-) -> LayerMoments:
-    r"""Moments of a capture of two layers, by transfer functions at the `computed_speeds`.
+        $m = \sum W_r H_r + W_b m_b$ over the rigid textures and the beat, whose own moments $m_b$
+        and $v_b$ are known at fewer frequencies, and
+        $v = \sum W_r |H_r - m|^2 + W_b(|m_b - m|^2 + v_b)$; over the tolerances, each weight is
+        that of an error too.
+        """
+        shares: LayerShares = scene.occlusion.shares  # type: ignore[union-attr]
+        real, num_kept = np.dtype(spectra.real.dtype), spectra.shape[1]
+        every = spectra.reshape(error_weights(scene).size, -1, num_kept)
+        errors = jnp.asarray(error_weights(scene), real)
+        textures, weight = _texture_weights(scene, num_kept, real, of_each=of_each)
+        rows, beat_rows = every[:, : textures.shape[1]], every[:, textures.shape[1] :]
+        shared = (x.astype(spectra.dtype) for x in (errors, textures))
+        mean = jnp.einsum("e,orf,erf->of", *shared, rows)
+        beat = None
+        if shares.speeds.size:
+            beat = _beat_moments(scene, motion, beat_rows, of_each=of_each)
+            mean = mean + weight.astype(mean.dtype) * beat.mean
+        # Deviations are squared, because where blurs are alike the mean of squares and the square
+        # of the mean nearly cancel.
+        deviations = _squared(rows[None] - mean[:, None, None])
+        spread = jnp.einsum("e,orf,oerf->of", errors, textures, deviations)
+        if beat is not None:
+            spread = spread + weight * (_squared(beat.mean - mean) + beat.spread)
+        return LayerMoments(mean, spread)
 
-    $m = \sum W_r H_r + W_b m_b$ over the rigid textures and the beat, whose own moments $m_b$ and
-    $v_b$ are known at fewer frequencies, and
-    $v = \sum W_r |H_r - m|^2 + W_b(|m_b - m|^2 + v_b)$; over the tolerances, each weight is that of
-    an error too.
-    """
-    shares: LayerShares = scene.occlusion.shares  # type: ignore[union-attr]
-    real, num_kept = np.dtype(spectra.real.dtype), spectra.shape[1]
-    every = spectra.reshape(error_weights(scene).size, -1, num_kept)
-    errors = jnp.asarray(error_weights(scene), real)
-    textures, weight = _texture_weights(scene, num_kept, real, of_each=of_each)
-    rows, beat_rows = every[:, : textures.shape[1]], every[:, textures.shape[1] :]
-    mean = jnp.einsum("e,orf,erf->of", *(x.astype(spectra.dtype) for x in (errors, textures)), rows)
-    beat = None
-    if shares.speeds.size:
-        beat = _beat_moments(scene, motion, beat_rows, of_each=of_each)
-        mean = mean + weight.astype(mean.dtype) * beat.mean
-    # Deviations are squared, because where blurs are alike the mean of squares and the square of
-    # the mean nearly cancel.
-    spread = jnp.einsum(
-        "e,orf,oerf->of", errors, textures, _squared(rows[None] - mean[:, None, None])
-    )
-    if beat is not None:
-        spread = spread + weight * (_squared(beat.mean - mean) + beat.spread)
-    return LayerMoments(mean, spread)
+    @staticmethod
+    def on_dft(
+        scene: Scene,  # concrete
+        motion: AbstractMotion,
+        length: int,
+        responses: Callable[[np.ndarray, np.ndarray], np.ndarray],
+    ) -> "LayerMoments":
+        """Moments of a capture of two layers on the grid of a DFT; NumPy arrays of shape `(1, m)`.
+
+        They are of the camera as it was designed, without the errors that its tolerances allow.
+        """
+        scene, grid = without_tolerances(scene), Frequencies.of_dft(length)
+        # A filter of so many effective speeds is exact to 0.01 dB.
+        scene = Background.of(scene).behind(scene, grid, 97)
+        speeds = np.asarray(computed_speeds(scene))
+        # The beat moves fast where its waves are long beside those of the matte, and there alone:
+        # each speed occurs up to some frequency. The effective speeds come last among all.
+        occurs = np.any(np.asarray(scene.occlusion.shares.beat) != 0, axis=(0, 1))  # type: ignore[union-attr]
+        num_effective, number = occurs.shape
+        counts = np.full(speeds.size, number)
+        highest = number - np.argmax(occurs[:, ::-1], axis=1)
+        counts[speeds.size - num_effective :] = np.where(np.any(occurs, axis=1), highest, 0)
+        spectra = responses(speeds, counts)
+        moments = _moments(scene, motion, jnp.asarray(spectra), of_each=False)
+        return jax.tree.map(np.asarray, moments)
 
 
 def _squared(value: Array) -> Array:
     return value.real**2 + value.imag**2
 
 
-def moments_on_dft(
-    scene: Scene,  # concrete
-    motion: AbstractMotion,
-    length: int,
-    responses: Callable[[np.ndarray, np.ndarray], np.ndarray],
-) -> LayerMoments:
-    """Moments of a capture of two layers on the grid of a DFT; NumPy arrays of shape `(1, m)`.
-
-    They are of the camera as it was designed, without the errors that its tolerances allow.
-    """
-    scene, grid = without_tolerances(scene), Frequencies.of_dft(length)
-    # A filter of so many effective speeds is exact to 0.01 dB.
-    scene = with_shares(scene, background_of(scene), LayerSampling(grid, 97))
-    speeds = np.asarray(computed_speeds(scene))
-    # The beat moves fast where its waves are long beside those of the matte, and there alone: each
-    # speed occurs up to some frequency. The effective speeds come last among all.
-    occurs = np.any(np.asarray(scene.occlusion.shares.beat) != 0, axis=(0, 1))  # type: ignore[union-attr]
-    num_effective, number = occurs.shape
-    counts = np.full(speeds.size, number)
-    highest = number - np.argmax(occurs[:, ::-1], axis=1)
-    counts[speeds.size - num_effective :] = np.where(np.any(occurs, axis=1), highest, 0)
-    spectra = responses(speeds, counts)
-    return jax.tree.map(np.asarray, _moments_on_dft(scene, motion, jnp.asarray(spectra)))
-
-
-@compiled
-def _moments_on_dft(scene: Scene, motion: AbstractMotion, spectra: Array) -> LayerMoments:
-    return layer_moments(scene, motion, spectra, of_each=False)
+_moments = compiled(LayerMoments.of)
 
 
 def _texture_weights(

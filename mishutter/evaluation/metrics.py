@@ -24,13 +24,7 @@ from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.errors import LinearErrors
 from mishutter.evaluation.found_speed import found_psnr, found_share_of
 from mishutter.evaluation.needs import EVERY_PART, ONLY_SPECTRA, Parts, Plan
-from mishutter.evaluation.response import (
-    Records,
-    Response,
-    compute_records,
-    kernel_phase,
-    response_from,
-)
+from mishutter.evaluation.response import Records, Response, kernel_phase
 from mishutter.evaluation.views import nan_unless_defined, sampled_view
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.optics import frequency_grid
@@ -326,10 +320,10 @@ def evaluate(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> 
     within = {}
     if scene.tolerances is not None:
         seen = sampled_view(scene, motion, shutter, ONLY_SPECTRA)
-        within = _within_tolerances(seen.scene, seen.motion, compute_records(seen), seen.plan)
+        within = _within_tolerances(seen.scene, seen.motion, Records.of(seen), seen.plan)
         scene = without_tolerances(scene)
     view = sampled_view(scene, motion, shutter, EVERY_PART)
-    values, phase = _as_designed(view.scene, view.motion, compute_records(view), view.plan)
+    values, phase = _as_designed(view.scene, view.motion, Records.of(view), view.plan)
     values, within = nan_unless_defined((values, within), motion, shutter)
     return Metrics(
         condition_number=values["condition_number"],
@@ -354,7 +348,7 @@ def _as_designed(
     scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan
 ) -> tuple[dict[str, Float[Array, ""]], Float[Array, ""]]:
     """The metrics of a camera without errors by name, and the phase of its kernels."""
-    response = response_from(scene, recorded, plan)
+    response = recorded.response(scene, plan)
     condition = condition_number(response.still_kernel, num_frequencies=plan.dft_length)
     kernels = KernelSums(*response.squares, condition)
     evaluation = Evaluation(scene, motion, response, kernels)
@@ -368,7 +362,7 @@ def _within_tolerances(
     scene: Scene, motion: AbstractMotion, recorded: Records, plan: Plan
 ) -> dict[str, Float[Array, ""]]:
     """The metrics of a camera within the scene's tolerances, by name."""
-    response = response_from(scene, recorded, plan)
+    response = recorded.response(scene, plan)
     evaluation = Evaluation(scene, motion, response, num_frequencies=plan.num_frequencies)
     return {m.name: m.formula(evaluation) for m in METRICS.values() if m.within_tolerances}
 

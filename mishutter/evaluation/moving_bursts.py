@@ -41,15 +41,7 @@ from mishutter.model.motion import (
 )
 from mishutter.model.scene import Scene
 from mishutter.model.sequences import SINE, FrameSequence, TimedFrame, sine_between
-from mishutter.model.stages import (
-    Knots,
-    StageUse,
-    from_rest_to_rest,
-    knots_of,
-    place_at_begin,
-    run_up,
-    use_of_knots,
-)
+from mishutter.model.stages import Knots, StageUse, place_at_begin, run_up
 
 ONE_PARABOLA, SWEEP, ALTERNATING, FAN = (
     "one parabola",
@@ -128,7 +120,7 @@ class _Way:
         # Without a limit on the jerk the run-up need not lead to an acceleration.
         ends = (0.0, 0.0) if jerk is None else self.rates[[0, -1]].tolist()
         accelerations = top_speed * ends[0], top_speed * ends[1]
-        return from_rest_to_rest(within, accelerations, acceleration, jerk)
+        return within.from_rest_to_rest(accelerations, acceleration, jerk)
 
     def in_frames(self, top_speed: float, pan: float) -> Places:
         """Makes the places of the sensor in the frames that differ, at times within them; px."""
@@ -254,8 +246,8 @@ class _Room:
                 velocities = np.repeat(velocity[:, None], 2, axis=1)
                 within = Knots(np.array([duration]), velocities, None, 0, 1)
                 none = np.zeros(velocity.shape)
-                knots = from_rest_to_rest(within, (none, none), self.acceleration, self.jerk)
-                return self._share(use_of_knots(knots), 0.0)
+                knots = within.from_rest_to_rest((none, none), self.acceleration, self.jerk)
+                return self._share(knots.use, 0.0)
 
             most = _largest_within(share, min(most, abs(pan)))
         return min(max(pan, -most), most)
@@ -274,7 +266,7 @@ class _Room:
             knots = way.knots(top, of_stage, self.acceleration, self.jerk)
             # From a frame at rest on, the run-up is one of the burst.
             knots = knots._replace(first=0) if num_rests else knots
-            return self._share(use_of_knots(knots), beside)
+            return self._share(knots.use, beside)
 
         return _largest_within(share, most)
 
@@ -505,7 +497,7 @@ class _Try(NamedTuple):
         room, way = self.search.room, place.way
         velocity = room.panned(place.pan) + place.top_speed * float(way.velocities[0])
         rate = place.top_speed * float(way.rates[0]) if room.jerk is not None else 0.0
-        return knots_of(0.0, run_up(velocity, rate, room.acceleration, room.jerk))
+        return Knots.of(0.0, run_up(velocity, rate, room.acceleration, room.jerk))
 
     def _gap(self, place: _Place) -> float:
         """Time from the last frame at rest to the first that moves; s."""

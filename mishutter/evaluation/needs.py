@@ -8,6 +8,7 @@ mirror one another under a symmetric shutter; taps that no object reaches; terms
 `sizes` holds everything all the same, and is what a plan is tested against.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -23,11 +24,9 @@ from mishutter.evaluation.ensembles import ensemble_of
 from mishutter.evaluation.layers import (
     LEAST_EFFECTIVE_SPEEDS,
     SEARCHED_EFFECTIVE_SPEEDS,
+    Background,
     Frequencies,
-    LayerSampling,
-    background_of,
     num_effective_speeds,
-    with_shares,
 )
 from mishutter.model.motion import AbstractMotion, ParabolicMotion
 from mishutter.model.optics import NUM_FREQUENCIES
@@ -58,6 +57,30 @@ another search.
 """
 
 
+class Parts(NamedTuple):
+    """Parts of a response."""
+
+    kernels: bool  # The kernel of an object at rest
+    spectra: bool  # Transfer functions at the scene's speeds
+    differences: bool  # Kernels at the scene's speeds, less the one at rest
+
+    @staticmethod
+    def of_all(every: Iterable["Parts"]) -> "Parts":
+        """The parts that any of some needs asks for."""
+        return Parts(*map(any, zip(*every, strict=True)))
+
+    def refuse(
+        self, num_taps: Int[np.ndarray, "*shape"], num_frequencies: Int[np.ndarray, "*shape"]
+    ) -> Bool[np.ndarray, "*shape"]:
+        """Whether `Plan.require_feasible` refuses designs of some sizes."""
+        long_kernels = self.kernels & (num_taps > _MAX_LENGTH)
+        return np.asarray(long_kernels | (self.spectra & (num_frequencies > _OF_ONE_SPEED[2])))
+
+
+EVERY_PART = Parts(kernels=True, spectra=True, differences=True)
+ONLY_SPECTRA = Parts(kernels=False, spectra=True, differences=False)
+
+
 @dataclass(frozen=True)
 class Plan:
     """The parts to compute; static, hashable, and equal for scenes of equal needs."""
@@ -76,6 +99,52 @@ class Plan:
     # Effective speeds of the beat between objects and the background that they hide; 0 for a
     # picture that moves as a whole
     num_effective_speeds: int = 0
+
+    @staticmethod
+    def of_travel(reach: float, velocity: float) -> "Plan":
+        """Sizes for kernels of `reach` px on paths of at most `velocity` px per half exposure."""
+        num_taps = _rounded_up(reach + 1.0)
+        phase = 2 * np.pi * 0.5 * 2 * velocity
+        num_nodes = _rounded_up(phase / _PHASE_PER_NODE + 4 * _SPARE_NODES)
+        return Plan(num_taps, default_num_frequencies(num_taps), NUM_FREQUENCIES, num_nodes)
+
+    def holding(self, other: "Plan") -> "Plan":
+        """Sizes large enough for both plans."""
+        return Plan(
+            max(self.num_taps, other.num_taps),
+            max(self.dft_length, other.dft_length),
+            max(self.num_frequencies, other.num_frequencies),
+            max(self.num_nodes, other.num_nodes),
+            loss_dft_length=self.loss_dft_length,
+            num_effective_speeds=max(self.num_effective_speeds, other.num_effective_speeds),
+        )
+
+    def coarser(self) -> "Plan":
+        """The plan with the few effective speeds of a search, enough to tell designs apart."""
+        count = min(self.num_effective_speeds, SEARCHED_EFFECTIVE_SPEEDS)
+        return replace(self, num_effective_speeds=count)
+
+    @property
+    def velocity_held(self) -> int:
+        """The greatest velocity, px per half exposure, for which the nodes are exact to 1e-7."""
+        # Twice that for which `of_travel` chooses their number.
+        return int(2 * (self.num_nodes - 4 * _SPARE_NODES) * _PHASE_PER_NODE / (2 * np.pi))
+
+    @property
+    def spread_held(self) -> float:
+        """Length over which light may fall for the number of frequencies; px."""
+        return self.num_frequencies / _FREQUENCIES_PER_PX
+
+    def require_feasible(self, parts: Parts) -> None:
+        """Refuses sizes that a computation cannot hold, before anything of them is made."""
+        where = "at the scene's speeds, wherever a search may take it"
+        requirement = f"blur over fewer than {_MAX_LENGTH} px {where}"
+        is_short = not parts.kernels or self.num_taps <= _MAX_LENGTH
+        require(is_short, "motion", requirement, self.num_taps)
+        most = _OF_ONE_SPEED[2]
+        furthest = f"spread light over at most {most / _FREQUENCIES_PER_PX:.0f} px {where}"
+        got = Unquoted(f"what takes {self.num_frequencies} frequencies")
+        require(not parts.spectra or self.num_frequencies <= most, "motion", furthest, got)
 
 
 def distinct_speeds(
@@ -104,14 +173,31 @@ class Extent(NamedTuple):
     velocity: float  # Its greatest velocity; px per half exposure
     spread: float  # Length over which light of the speeds that occur falls; px
 
+    @staticmethod
+    def of(scene: Scene, motion: AbstractMotion) -> "Extent":
+        """Travel of the light of a concrete scene on a motion."""
+        speeds = occurring_speeds(scene)
+        with outside_trace():
+            reach = motion.reach(float(scene.max_speed))
+            spread = np.max(np.asarray(motion.highest(speeds) - motion.lowest(speeds)))
+        return Extent(float(reach.length), float(reach.velocity), float(spread))
 
-def extent(scene: Scene, motion: AbstractMotion) -> Extent:
-    """Travel of the light of a concrete scene on a motion."""
-    speeds = occurring_speeds(scene)
-    with outside_trace():
-        reach = motion.reach(float(scene.max_speed))
-        spread = np.max(np.asarray(motion.highest(speeds) - motion.lowest(speeds)))
-    return Extent(float(reach.length), float(reach.velocity), float(spread))
+    @staticmethod
+    def within_tolerances(scene: Scene, motion: AbstractMotion) -> "Extent":
+        """Travel of the light of a concrete scene on a motion, within its tolerances."""
+        if scene.tolerances is None:
+            return Extent.of(scene, motion)
+        with jax.ensure_compile_time_eval():
+            dtype = np.dtype(scene.speeds.dtype)
+            ensemble = ensemble_of(scene.speeds, scene.tolerances, motion, dtype)
+            weights = jnp.tile(scene.weights, scene.tolerances.num_speeds)
+            weights = weights / scene.tolerances.num_speeds
+            extents, half = [], motion.half_exposure
+            for acceleration, speeds in zip(*ensemble, strict=True):
+                shifted = ParabolicMotion(acceleration=acceleration, half_exposure=half)
+                own = scene.without_metadata(speeds=speeds, weights=weights)
+                extents.append(Extent.of(own, shifted))
+        return Extent(*map(max, zip(*extents, strict=True)))
 
 
 def occurring_speeds(scene: Scene) -> Float[np.ndarray, "n"]:
@@ -138,7 +224,7 @@ def num_frequencies(
 
 
 def frequency_counts() -> list[int]:
-    """Every number of frequencies that `num_frequencies` chooses and `require_sizes` passes."""
+    """Every number of frequencies that is chosen and that `Plan.require_feasible` passes."""
     counts = [NUM_FREQUENCIES]
     while counts[-1] < _OF_ONE_SPEED[2]:
         counts.append(size_class(counts[-1] + 1))
@@ -150,34 +236,6 @@ def longest_within_limits(scene: Scene) -> float:
     stroke = scene.limits.max_stroke
     # Where the stroke is traced, no longer kernel is expected than 256 px.
     return min(4 * float(stroke), _MAX_LENGTH - 1.0) if is_concrete(stroke) else 256.0
-
-
-def too_long(
-    num_taps: Int[np.ndarray, "*shape"],
-    num_frequencies: Int[np.ndarray, "*shape"],
-    *,
-    kernels: bool,
-    spectra: bool,
-) -> Bool[np.ndarray, "*shape"]:
-    """Whether `require_sizes` refuses designs of some sizes."""
-    long_kernels = kernels & (num_taps > _MAX_LENGTH)
-    return np.asarray(long_kernels | (spectra & (num_frequencies > _OF_ONE_SPEED[2])))
-
-
-def require_sizes(num_taps: int, num_frequencies: int, *, kernels: bool, spectra: bool) -> None:
-    """Refuses designs whose light travels too far for a computation."""
-    where = "at the scene's speeds, wherever a search may take it"
-    requirement = f"blur over fewer than {_MAX_LENGTH} px {where}"
-    require(not kernels or num_taps <= _MAX_LENGTH, "motion", requirement, num_taps)
-    most = _OF_ONE_SPEED[2]
-    furthest = f"spread light over at most {most_spread(most):.0f} px {where}"
-    got = Unquoted(f"what takes {num_frequencies} frequencies")
-    require(not spectra or num_frequencies <= most, "motion", furthest, got)
-
-
-def most_spread(num_frequencies: int) -> float:
-    """Length over which light may fall for a number of frequencies; px."""
-    return num_frequencies / _FREQUENCIES_PER_PX
 
 
 def size_class(count: int) -> int:
@@ -198,21 +256,17 @@ def sizes(scene: Scene, motion: AbstractMotion) -> Plan:
     scene, motion = in_sensor_frame(*primal_values((scene, motion)))
     longest = longest_within_limits(scene)
     is_concrete_scene = all_concrete((scene.speeds, motion, scene.limits.max_stroke))
-    travel = furthest(scene, motion) if is_concrete_scene else Extent(longest, longest, longest)
+    travel = Extent(longest, longest, longest)
+    if is_concrete_scene:
+        travel = Extent.within_tolerances(scene, motion)
     own = replace(
-        sized_for(max(travel.reach, longest), max(travel.velocity, longest)),
+        Plan.of_travel(max(travel.reach, longest), max(travel.velocity, longest)),
         num_frequencies=int(num_frequencies(scene, travel.spread)),
-        loss_dft_length=sized_for(longest, longest).dft_length,
+        loss_dft_length=Plan.of_travel(longest, longest).dft_length,
         num_effective_speeds=effective_speeds(scene, motion.half_exposure),
     )
     plan_of_search = plan_of_traced_search.value
-    return own if is_concrete_scene or plan_of_search is None else larger(plan_of_search, own)
-
-
-def coarser(plan: Plan) -> Plan:
-    """A plan with the few effective speeds of a search, which are enough to tell designs apart."""
-    count = min(plan.num_effective_speeds, SEARCHED_EFFECTIVE_SPEEDS)
-    return replace(plan, num_effective_speeds=count)
+    return own if is_concrete_scene or plan_of_search is None else plan_of_search.holding(own)
 
 
 def effective_speeds(
@@ -223,55 +277,12 @@ def effective_speeds(
         return 0
     # A traced exposure counts as the longest.
     half = half_exposure if is_concrete(half_exposure) else scene.limits.max_half_exposure
-    background = background_of(scene)
+    background = Background.of(scene)
     if not all_concrete((scene.speeds, background, half)):
         return LEAST_EFFECTIVE_SPEEDS
     speeds = np.append(occurring_speeds(scene), np.asarray(background.speeds))
     count = num_effective_speeds(float(np.ptp(speeds)) / 2 * float(half))
     return 1 + size_class(count - 1)  # near exposures share a program
-
-
-def furthest(scene: Scene, motion: AbstractMotion) -> Extent:
-    """Travel of the light of a concrete scene on a motion, within its tolerances."""
-    if scene.tolerances is None:
-        return extent(scene, motion)
-    with jax.ensure_compile_time_eval():
-        dtype = np.dtype(scene.speeds.dtype)
-        ensemble = ensemble_of(scene.speeds, scene.tolerances, motion, dtype)
-        weights = jnp.tile(scene.weights, scene.tolerances.num_speeds)
-        weights = weights / scene.tolerances.num_speeds
-        extents = []
-        for acceleration, speeds in zip(*ensemble, strict=True):
-            half = motion.half_exposure
-            shifted = ParabolicMotion(acceleration=acceleration, half_exposure=half)
-            extents.append(extent(scene.without_metadata(speeds=speeds, weights=weights), shifted))
-    return Extent(*map(max, zip(*extents, strict=True)))
-
-
-def larger(first: Plan, second: Plan) -> Plan:
-    """Sizes large enough for both plans."""
-    return Plan(
-        max(first.num_taps, second.num_taps),
-        max(first.dft_length, second.dft_length),
-        max(first.num_frequencies, second.num_frequencies),
-        max(first.num_nodes, second.num_nodes),
-        loss_dft_length=first.loss_dft_length,
-        num_effective_speeds=max(first.num_effective_speeds, second.num_effective_speeds),
-    )
-
-
-def sized_for(reach: float, velocity: float) -> Plan:
-    """Sizes for kernels of `reach` px on paths of at most `velocity` px per half exposure."""
-    num_taps = _rounded_up(reach + 1.0)
-    phase = 2 * np.pi * 0.5 * 2 * velocity
-    num_nodes = _rounded_up(phase / _PHASE_PER_NODE + 4 * _SPARE_NODES)
-    return Plan(num_taps, default_num_frequencies(num_taps), NUM_FREQUENCIES, num_nodes)
-
-
-def velocity_held(num_nodes: int) -> int:
-    """The greatest velocity, px per half exposure, for which a number of nodes is exact to 1e-7."""
-    # Twice that for which `sized_for` chooses this number.
-    return int(2 * (num_nodes - 4 * _SPARE_NODES) * _PHASE_PER_NODE / (2 * np.pi))
 
 
 def _rounded_up(count: float) -> int:
@@ -285,18 +296,6 @@ def automatic(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) ->
     """The plan of a scene in the frame of its motion: exact, and one for all within the limits."""
     folds, still = folds_speeds(scene, motion, shutter), scene.nothing_moves
     return replace(sizes(scene, motion), skips=True, folds=folds, still=still)
-
-
-class Parts(NamedTuple):
-    """Parts of a response."""
-
-    kernels: bool  # The kernel of an object at rest
-    spectra: bool  # Transfer functions at the scene's speeds
-    differences: bool  # Kernels at the scene's speeds, less the one at rest
-
-
-EVERY_PART = Parts(kernels=True, spectra=True, differences=True)
-ONLY_SPECTRA = Parts(kernels=False, spectra=True, differences=False)
 
 
 def reduced(scene: Scene, plan: Plan) -> Scene:
@@ -316,9 +315,8 @@ def reduced(scene: Scene, plan: Plan) -> Scene:
     fewer = scene.without_metadata(speeds=speeds, weights=weights, power_spectrum=power)
     if scene.occlusion is None:
         return fewer
-    grid = Frequencies.of_grid(plan.num_frequencies)
-    sampling = LayerSampling(grid, plan.num_effective_speeds, plan.folds)
-    return with_shares(fewer, background_of(scene), sampling)
+    grid, num_speeds = Frequencies.of_grid(plan.num_frequencies), plan.num_effective_speeds
+    return Background.of(scene).behind(fewer, grid, num_speeds, folds=plan.folds)
 
 
 def needed_speeds(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> Scene:
@@ -338,7 +336,7 @@ def folds_speeds(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter)
     if scene.occlusion is None or not scene.occlusion.has_edges:
         return True
     # Two layers are recorded alike where the speeds of the background mirror one another as well.
-    background = background_of(scene)
+    background = Background.of(scene)
     if not (scene.speeds_known and all_concrete(background)):
         return False
     speeds, weights = (np.asarray(x) for x in background)

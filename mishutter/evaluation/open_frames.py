@@ -28,7 +28,7 @@ from jaxtyping import Array, Float
 from mishutter._core.checks import all_concrete, namespace_of
 from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.errors import residual_fraction
-from mishutter.evaluation.layers import background_of
+from mishutter.evaluation.layers import Background
 from mishutter.evaluation.needs import distinct_speeds, sizes
 from mishutter.model.motion import LinearMotion
 from mishutter.model.optics import frequencies, pixel_response
@@ -49,7 +49,7 @@ def in_parts(scene: Scene) -> Scene:
     space = np if all_concrete((scene.speeds, scene.weights, layers)) else jnp
     speeds, weights, share, *behind = (
         space.asarray(x)
-        for x in (scene.speeds, scene.weights, layers.front_share, *background_of(scene))
+        for x in (scene.speeds, scene.weights, layers.front_share, *Background.of(scene))
     )
     return scene.with_occlusion(None).without_metadata(
         speeds=space.concatenate([speeds, behind[0]]),

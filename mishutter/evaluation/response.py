@@ -24,7 +24,7 @@ from mishutter.evaluation.needs import Plan, size_class
 from mishutter.evaluation.views import SampledView, require_numbers
 from mishutter.model.motion import AbstractMotion, simplified
 from mishutter.model.scene import Scene
-from mishutter.model.shutters.base import AbstractPiecewiseShutter, AbstractShutter, piecewise
+from mishutter.model.shutters.base import AbstractShutter, piecewise
 from mishutter.model.shutters.polynomials import in_one_form
 from mishutter.model.tolerances import Tolerances
 
@@ -59,49 +59,48 @@ class Records(NamedTuple):
     spectra: Inexact[Array, "s m"]  # Transfer functions; complex, shape `(s, m)`
     efficiency: Float[Array, ""]  # Mean transmittance over the exposure; scalar
 
+    @staticmethod
+    def of(view: SampledView) -> "Records":
+        """Kernels and transfer functions, each by one compiled program for all callers.
+
+        Without differences among the parts, or where nothing in the scene moves, the kernel at rest
+        is the only one.
+        """
+        scene, motion, profile, plan, parts, nodes = view
+        dtype = common_dtype(*jax.tree.leaves((scene.speeds, motion, profile)))
+        if all_concrete((profile, motion, scene.speeds)):
+            profile = in_one_form(profile, dtype)
+        nothing = device_constant(np.zeros(0, dtype))
+        kernels, spectra, efficiency = nothing, nothing, None
+        if parts.kernels:
+            speeds = scene.speeds if parts.differences and not plan.still else scene.speeds[:0]
+            rest = np.zeros(1, speeds.dtype)
+            speeds = np.append(rest, speeds) if is_concrete(speeds) else jnp.append(rest, speeds)
+            kernels, efficiency = _kernels_and_efficiency(profile, motion, speeds, plan.num_taps)
+        if parts.spectra:
+            if nodes is None:
+                nodes = exposure_quadrature(profile, plan.num_nodes, dtype, motion.piece_ends)
+            spectra = spectra_of(scene, nodes, motion, plan.num_frequencies, plan.num_kept)
+            efficiency = nodes.efficiency
+        if efficiency is None:
+            efficiency = _efficiency(profile, dtype)
+        return Records(kernels, spectra, efficiency)
+
+    def response(self, scene: Scene, plan: Plan) -> Response:
+        """The response, from which losses and metrics follow."""
+        still = differences = spectrum = jnp.zeros(0, self.efficiency.dtype)
+        if self.kernels.size:
+            still = self.kernels[0]
+            spectrum = jnp.fft.rfft(*folded(still, plan))
+            num_moving = self.kernels.shape[0] - 1
+            shares = jnp.sqrt(scene.weights[:num_moving].astype(still.dtype))[:, None]
+            differences = shares * (self.kernels[1:] - still[None])
+        return Response(still, spectrum, differences, self.spectra, self.efficiency)
+
 
 def compute_response(view: SampledView) -> Response:
     """The parts of a design's response to a scene that a view asks for."""
-    return response_from(view.scene, compute_records(view), view.plan)
-
-
-def compute_records(view: SampledView) -> Records:
-    """Kernels and transfer functions, each by one compiled program for all callers.
-
-    Without differences among the parts, or where nothing in the scene moves, the kernel at rest is
-    the only one.
-    """
-    scene, motion, profile, plan, parts, nodes = view
-    dtype = common_dtype(*jax.tree.leaves((scene.speeds, motion, profile)))
-    if all_concrete((profile, motion, scene.speeds)):
-        profile = in_one_form(profile, dtype)
-    nothing = device_constant(np.zeros(0, dtype))
-    kernels, spectra, efficiency = nothing, nothing, None
-    if parts.kernels:
-        speeds = scene.speeds if parts.differences and not plan.still else scene.speeds[:0]
-        rest = np.zeros(1, speeds.dtype)
-        speeds = np.append(rest, speeds) if is_concrete(speeds) else jnp.append(rest, speeds)
-        kernels, efficiency = _kernels_and_efficiency(profile, motion, speeds, plan.num_taps)
-    if parts.spectra:
-        if nodes is None:
-            nodes = exposure_quadrature(profile, plan.num_nodes, dtype, motion.piece_ends)
-        spectra = spectra_of(scene, nodes, motion, plan.num_frequencies, plan.num_kept)
-        efficiency = nodes.efficiency
-    if efficiency is None:
-        efficiency = _efficiency(profile, dtype)
-    return Records(kernels, spectra, efficiency)
-
-
-def response_from(scene: Scene, recorded: Records, plan: Plan) -> Response:
-    """The response, from which losses and metrics follow."""
-    still = differences = spectrum = jnp.zeros(0, recorded.efficiency.dtype)
-    if recorded.kernels.size:
-        still = recorded.kernels[0]
-        spectrum = jnp.fft.rfft(*folded(still, plan))
-        num_moving = recorded.kernels.shape[0] - 1
-        shares = jnp.sqrt(scene.weights[:num_moving].astype(still.dtype))[:, None]
-        differences = shares * (recorded.kernels[1:] - still[None])
-    return Response(still, spectrum, differences, recorded.spectra, recorded.efficiency)
+    return Records.of(view).response(view.scene, view.plan)
 
 
 def folded(kernel: Float[Array, "n"], plan: Plan) -> tuple[Float[Array, "k"], int]:
@@ -117,9 +116,7 @@ def folded(kernel: Float[Array, "n"], plan: Plan) -> tuple[Float[Array, "k"], in
     return jnp.sum(rows, axis=0), length
 
 
-@eqx.filter_jit
-def _efficiency(profile: AbstractPiecewiseShutter, dtype: np.dtype) -> Float[Array, ""]:
-    return mean_transmittance(profile, dtype)
+_efficiency = eqx.filter_jit(mean_transmittance)
 
 
 def kernel_phase(motion: AbstractMotion, num_taps: int) -> float | Float[Array, ""]:

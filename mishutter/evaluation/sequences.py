@@ -17,7 +17,7 @@ from jaxtyping import Complex, Float
 
 from mishutter._core.compiling import outside_trace
 from mishutter._core.parallel import alone_in_blas
-from mishutter.evaluation.needs import distinct_speeds, sized_for
+from mishutter.evaluation.needs import Plan, distinct_speeds
 from mishutter.evaluation.open_frames import in_parts, psnr_of_error
 from mishutter.evaluation.response import nodes_in_time
 from mishutter.model.exposures import Lights
@@ -40,7 +40,7 @@ class FrameNodes(NamedTuple):
 
     time: Float[np.ndarray, "q"]  # Time from the middle of the sequence; s
     place: Float[np.ndarray, "q"]  # Place of the sensor, from that at the middle of all; px
-    weight: Float[np.ndarray, "q"]  # Share of the exposure, of an open shutter
+    weight: Float[np.ndarray, "q"]  # Share of the exposure, times the transmittance
 
     def displacement(self, speed: float) -> Float[np.ndarray, "q"]:
         """Way of a thing on the sensor since the middle of the sequence; px."""
@@ -63,8 +63,10 @@ def nodes_of_frames(
         middle = float(np.interp(0.0, times, places))
         for frame, (begin, end) in zip(frames, lights, strict=True):
             half = (end - begin) / 2
-            count = sized_for(0.0, (float(frame.motion.top_speed) + fastest) * half).num_nodes
-            tau, weight = nodes_in_time(RectShutter(), frame.motion, count)
+            velocity = (float(frame.motion.top_speed) + fastest) * half
+            tau, weight = nodes_in_time(
+                RectShutter(), frame.motion, Plan.of_travel(0.0, velocity).num_nodes
+            )
             time = (begin + end) / 2 + half * np.asarray(tau, np.float64)[0]
             way = np.asarray(frame.motion.position(time - frame.time), np.float64)
             place = frame.position + way - middle
@@ -102,7 +104,7 @@ def registration(
     """
     parts = in_parts(scene)
     speeds, _ = distinct_speeds(parts, folds=False)
-    every = [_registered(waves, num_samples) for waves in _waves_at(parts, frames, speeds)]
+    every = [waves.registered(num_samples) for waves in _Waves.of(parts, frames, speeds)]
     deviation, loss = np.array(every).T
     return Registration(speeds, deviation, loss)
 
@@ -116,28 +118,87 @@ class _Waves(NamedTuple):
     ways: list[Float[np.ndarray, "q"]]  # Way of a thing at the nodes of each frame; px
     nodes: list[FrameNodes]  # Instants of each frame
 
+    @staticmethod
+    def of(
+        scene: Scene,
+        frames: Sequence[TimedFrame],
+        speeds: Float[np.ndarray, "n"],
+        lights: Lights | None = None,
+    ) -> Iterator["_Waves"]:
+        """The frames at each of some speeds, in whole or as long as they are lit."""
+        lights = _lights_of(frames) if lights is None else lights
+        nodes = nodes_of_frames(frames, float(np.max(np.abs(speeds))), lights)
+        reach = max(float(np.ptp(x.displacement(float(s)))) for x in nodes for s in speeds[[0, -1]])
+        count = _DIGIT * math.ceil(max(512, 2 * reach) / _DIGIT)
+        frequency, power = frequencies(count), power_on_grid(scene, count)
+        blur, rate = float(scene.optics.lens_blur), float(scene.photon_rate)
+        electrons = np.array([white_electrons(rate, end - begin) for begin, end in lights])
+        mean, read = float(scene.picture.mean_level), float(scene.read_noise)
+        noise = noise_power(1.0, mean, electrons, read)
+        noise = np.maximum(noise, DARK * electrons.clip(1.0) ** 2)
+        aperture = np.asarray(pixel_response(frequency, blur)) * np.sqrt(power)
+        scale = aperture * (electrons / np.sqrt(noise))[:, None]
+        for speed in speeds.tolist():
+            ways = [some.displacement(speed) for some in nodes]
+            yield _Waves(power, frequency, scale, ways, nodes)
 
-def _waves_at(
-    scene: Scene,
-    frames: Sequence[TimedFrame],
-    speeds: Float[np.ndarray, "n"],
-    lights: Lights | None = None,
-) -> Iterator[_Waves]:
-    """The frames at each of some speeds, in whole or as long as they are lit."""
-    lights = _lights_of(frames) if lights is None else lights
-    nodes = nodes_of_frames(frames, float(np.max(np.abs(speeds))), lights)
-    reach = max(float(np.ptp(x.displacement(float(s)))) for x in nodes for s in speeds[[0, -1]])
-    count = _DIGIT * math.ceil(max(512, 2 * reach) / _DIGIT)
-    frequency, power = frequencies(count), power_on_grid(scene, count)
-    blur, rate = float(scene.optics.lens_blur), float(scene.photon_rate)
-    electrons = np.array([white_electrons(rate, end - begin) for begin, end in lights])
-    mean, read = float(scene.picture.mean_level), float(scene.read_noise)
-    noise = np.maximum(noise_power(1.0, mean, electrons, read), DARK * electrons.clip(1.0) ** 2)
-    aperture = np.asarray(pixel_response(frequency, blur)) * np.sqrt(power)
-    scale = aperture * (electrons / np.sqrt(noise))[:, None]
-    for speed in speeds.tolist():
-        ways = [some.displacement(speed) for some in nodes]
-        yield _Waves(power, frequency, scale, ways, nodes)
+    @alone_in_blas()
+    def registered(self, num_samples: int) -> tuple[float, float]:
+        """Deviation, px/s, and loss, dB, at one speed."""
+        sums = np.stack(
+            [
+                np.stack([np.ones_like(way), some.time])
+                @ _on_grid(way, some.weight, self.frequency.size)
+                for way, some in zip(self.ways, self.nodes, strict=True)
+            ],
+            axis=1,
+        )
+        omega, power = 2 * np.pi * self.frequency, self.power
+        seen, slope = self.scale * sums[0], self.scale * sums[1] * 1j * omega
+        density = np.sum(np.abs(seen) ** 2, axis=0)
+        every = 1 + density
+        common = np.sum(seen.conj() * slope, axis=0)
+        # What is common to all frames, and the rest, in which they differ.
+        changed, turned = common.real, common.imag
+        squares = density * np.sum(np.abs(slope) ** 2, axis=0)
+        differing = np.maximum(squares - np.abs(common) ** 2, 0)
+        information = np.mean(2 * (changed / every) ** 2 + differing / every)
+        over = np.divide(power, density, where=density > 0, out=np.zeros_like(power))
+        blurred = changed**2 * (1 - density) ** 2 / every**3
+        excess = np.mean(over * (blurred + differing / every**2 + turned**2 / every))
+        shift = np.mean(power * omega * turned / every)
+        if shift:
+            excess -= shift**2 / np.mean(power * omega**2 * density / every)
+        error, nothing = float(np.mean(power / every)), float(np.mean(power))
+        if information <= 0:
+            return math.inf, decibels_over(nothing, error) if excess > 0 else 0.0
+        variance = float(1 / (num_samples * information))
+        # With so uncertain a speed, returning the mean is better.
+        return math.sqrt(variance), decibels_over(min(error + variance * excess, nothing), error)
+
+    def errors_of_width(self, width: float | int) -> tuple[float, float]:
+        """Errors on a sensor of a width, and on one that sees all."""
+        ends = np.array([end for way in self.ways for end in (np.min(way), np.max(way))])
+        # Between neighbours of these places no frame begins or ends to see a point.
+        parts = np.unique(np.clip([0.0, width, *-ends, *(width - ends)], 0, width))
+        steps = (np.arange(_PLACES) + 0.5) / _PLACES
+        points = (parts[:-1, None] + np.diff(parts)[:, None] * steps).ravel()
+        shares = np.repeat(np.diff(parts) / width / _PLACES, _PLACES)
+        there = np.zeros((points.size, self.power.size))
+        every = np.zeros(self.power.size)
+        for k, (way, some) in enumerate(zip(self.ways, self.nodes, strict=True)):
+            order = np.argsort(way)
+            waves_in_order = _on_grid(way[order], some.weight[order], self.power.size)
+            # `np.cumsum` along the first axis takes many times as long.
+            added = np.array([*itertools.accumulate(waves_in_order, initial=0 * waves_in_order[0])])
+            # From the first to the last place at which the sensor sees a point.
+            begin, end = (np.searchsorted(way[order], x - points) for x in (0.0, width))
+            squared, whole = self.scale[k] ** 2, np.abs(added[-1]) ** 2
+            part = (added[-1].conj() * (added[end] - added[begin])).real
+            there += squared * np.clip(part, 0.0, whole)
+            every += squared * whole
+        errors = np.mean(self.power / (1 + there), axis=1)
+        return float(shares @ errors), float(np.mean(self.power / (1 + every)))
 
 
 def _on_grid(
@@ -154,42 +215,6 @@ def _on_grid(
 
 
 @alone_in_blas()
-def _registered(waves: _Waves, num_samples: int) -> tuple[float, float]:
-    """Deviation, px/s, and loss, dB, at one speed."""
-    sums = np.stack(
-        [
-            np.stack([np.ones_like(way), some.time])
-            @ _on_grid(way, some.weight, waves.frequency.size)
-            for way, some in zip(waves.ways, waves.nodes, strict=True)
-        ],
-        axis=1,
-    )
-    omega, power = 2 * np.pi * waves.frequency, waves.power
-    seen, slope = waves.scale * sums[0], waves.scale * sums[1] * 1j * omega
-    density = np.sum(np.abs(seen) ** 2, axis=0)
-    every = 1 + density
-    common = np.sum(seen.conj() * slope, axis=0)
-    # What is common to all frames, and the rest, in which they differ.
-    changed, turned = common.real, common.imag
-    differing = np.maximum(density * np.sum(np.abs(slope) ** 2, axis=0) - np.abs(common) ** 2, 0)
-    information = np.mean(2 * (changed / every) ** 2 + differing / every)
-    over = np.divide(power, density, where=density > 0, out=np.zeros_like(power))
-    excess = np.mean(
-        over
-        * (changed**2 * (1 - density) ** 2 / every**3 + differing / every**2 + turned**2 / every)
-    )
-    shift = np.mean(power * omega * turned / every)
-    if shift:
-        excess -= shift**2 / np.mean(power * omega**2 * density / every)
-    error, nothing = float(np.mean(power / every)), float(np.mean(power))
-    if information <= 0:
-        return math.inf, decibels_over(nothing, error) if excess > 0 else 0.0
-    variance = float(1 / (num_samples * information))
-    # With so uncertain a speed, returning the mean is better.
-    return math.sqrt(variance), decibels_over(min(error + variance * excess, nothing), error)
-
-
-@alone_in_blas()
 def psnr_of_frames(
     scene: Scene, frames: Sequence[TimedFrame], *, lights: Lights | None = None
 ) -> float:
@@ -197,7 +222,7 @@ def psnr_of_frames(
     parts = in_parts(scene)
     speeds, weights = distinct_speeds(parts, folds=False)
     errors = []
-    for waves in _waves_at(parts, frames, speeds, lights):
+    for waves in _Waves.of(parts, frames, speeds, lights):
         density = np.zeros_like(waves.power)
         for way, some, scale in zip(waves.ways, waves.nodes, waves.scale, strict=True):
             passed = np.sum(_on_grid(way, some.weight, waves.power.size), axis=0)
@@ -220,34 +245,9 @@ def loss_of_width(scene: Scene, frames: Sequence[TimedFrame], *, width: float | 
     """
     parts = in_parts(scene)
     speeds, weights = distinct_speeds(parts, folds=False)
-    errors = [_errors_of_width(waves, width) for waves in _waves_at(parts, frames, speeds)]
+    errors = [waves.errors_of_width(width) for waves in _Waves.of(parts, frames, speeds)]
     ends, whole = np.asarray(weights, np.float64) @ np.array(errors)
     return decibels_over(ends, whole)
-
-
-def _errors_of_width(waves: _Waves, width: float | int) -> tuple[float, float]:
-    """Errors on a sensor of a width, and on one that sees all."""
-    ends = np.array([end for way in waves.ways for end in (np.min(way), np.max(way))])
-    # Between neighbours of these places no frame begins or ends to see a point.
-    parts = np.unique(np.clip([0.0, width, *-ends, *(width - ends)], 0, width))
-    steps = (np.arange(_PLACES) + 0.5) / _PLACES
-    points = (parts[:-1, None] + np.diff(parts)[:, None] * steps).ravel()
-    shares = np.repeat(np.diff(parts) / width / _PLACES, _PLACES)
-    there = np.zeros((points.size, waves.power.size))
-    every = np.zeros(waves.power.size)
-    for k, (way, some) in enumerate(zip(waves.ways, waves.nodes, strict=True)):
-        order = np.argsort(way)
-        waves_in_order = _on_grid(way[order], some.weight[order], waves.power.size)
-        # `np.cumsum` along the first axis takes many times as long.
-        added = np.array([*itertools.accumulate(waves_in_order, initial=0 * waves_in_order[0])])
-        # From the first to the last place at which the sensor sees a point.
-        begin, end = (np.searchsorted(way[order], x - points) for x in (0.0, width))
-        squared, whole = waves.scale[k] ** 2, np.abs(added[-1]) ** 2
-        part = (added[-1].conj() * (added[end] - added[begin])).real
-        there += squared * np.clip(part, 0.0, whole)
-        every += squared * whole
-    errors = np.mean(waves.power / (1 + there), axis=1)
-    return float(shares @ errors), float(np.mean(waves.power / (1 + every)))
 
 
 def with_losses(scene: Scene, sequence: FrameSequence) -> FrameSequence:

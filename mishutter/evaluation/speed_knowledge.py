@@ -14,12 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from mishutter._core.checks import require
-from mishutter.evaluation.errors import (
-    DecoderLevels,
-    LinearErrors,
-    SpectralLevels,
-    freely_aligned,
-)
+from mishutter.evaluation.errors import DecoderLevels, LinearErrors, SpectralLevels, freely_aligned
 from mishutter.evaluation.found_speed import FOUND_SHARE, Number, found_share, found_share_of
 from mishutter.evaluation.losses import AbstractLoss, AbstractResponseLoss
 from mishutter.evaluation.metrics import METRICS, Metrics, SequenceMetrics

@@ -11,7 +11,7 @@ from mishutter._core.compiling import compiled, outside_trace
 from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.errors import LinearErrors
 from mishutter.evaluation.needs import ONLY_SPECTRA, Plan
-from mishutter.evaluation.response import Records, compute_records, response_from
+from mishutter.evaluation.response import Records
 from mishutter.evaluation.views import sampled_view
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene, require_scene
@@ -113,7 +113,7 @@ def tolerance_costs(
         own = eqx.tree_at(lambda s: s.tolerances, scene, some)
         view = sampled_view(own, motion, shutter, ONLY_SPECTRA)
         without = view._replace(scene=without_tolerances(view.scene))
-        records = compute_records(view), compute_records(without)
+        records = Records.of(view), Records.of(without)
         errors = _errors(view.scene, view.motion, *records, view.plan)
         nominal, aware, unaware = (float(level) for level in -10 * jnp.log10(jnp.stack(errors)))
         size = "" if name == _ALL else _size(scene, name)
@@ -135,6 +135,6 @@ def _errors(
 ) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
     """Squared errors without tolerances, within them, and within them by an unaware decoder."""
     nominal_scene = without_tolerances(scene)
-    nominal = LinearErrors(nominal_scene, motion, response_from(nominal_scene, without, plan))
-    within = LinearErrors(scene, motion, response_from(scene, recorded, plan))
+    nominal = LinearErrors(nominal_scene, motion, without.response(nominal_scene, plan))
+    within = LinearErrors(scene, motion, recorded.response(scene, plan))
     return nominal.unknown, within.unknown, within.unaware(nominal)

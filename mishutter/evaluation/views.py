@@ -15,16 +15,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 
 from mishutter._core.checks import all_concrete, is_concrete, primal_values, require_finite
 from mishutter.blur.quadrature import ExposureQuadrature
-from mishutter.evaluation.needs import (
-    Parts,
-    Plan,
-    automatic,
-    most_spread,
-    plan_of_traced_search,
-    reduced,
-    require_sizes,
-    velocity_held,
-)
+from mishutter.evaluation.needs import Parts, Plan, automatic, plan_of_traced_search, reduced
 from mishutter.model.motion import AbstractMotion, simplified
 from mishutter.model.scene import Scene, in_sensor_frame
 from mishutter.model.shutters.base import AbstractPiecewiseShutter, AbstractShutter, piecewise
@@ -40,12 +31,15 @@ class SensorView(NamedTuple):
     shutter: AbstractShutter  # Transmittance behind the scene's device
     velocity: Float[Array, ""]  # Velocity of the sensor, subtracted from all speeds; px/s
 
+    def sampled(
+        self, plan: Plan, parts: Parts, nodes: ExposureQuadrature | None = None
+    ) -> "SampledView":
+        """The view of a `reduced` scene in the sizes of a plan, for which the caller answers."""
+        return SampledView(self.scene, self.motion, piecewise(self.shutter), plan, parts, nodes)
+
 
 class SampledView(NamedTuple):
-    """A scene and a design in the frame of the sensor, and the sizes of their response.
-
-    `respond` computes the response.
-    """
+    """A scene and a design in the frame of the sensor, and the sizes of their response."""
 
     scene: Scene  # The speeds that the plan keeps, relative to the sensor; no picture, no motion
     motion: AbstractMotion  # The motion without velocity, `simplified`
@@ -72,23 +66,6 @@ def transmittance(
     return scene.light(shutter, motion)
 
 
-def planned_view(
-    scene: Scene,
-    motion: AbstractMotion,
-    shutter: AbstractShutter,
-    plan: Plan,
-    *,
-    parts: Parts,
-    nodes: ExposureQuadrature | None = None,
-) -> SampledView:
-    """A `reduced` scene and a design as the sensor sees them, in the sizes of a plan.
-
-    The caller answers for the sizes: a search checks them once for all of its designs.
-    """
-    view = sensor_view(scene, motion, shutter)
-    return SampledView(view.scene, view.motion, piecewise(view.shutter), plan, parts, nodes)
-
-
 def sampled_view(
     scene: Scene,
     motion: AbstractMotion,
@@ -102,20 +79,12 @@ def sampled_view(
     taps, nodes or frequencies than the plan has.
     """
     view = sensor_view(scene, motion, shutter)
-    own_plan, view_motion = plan, view.motion
-    if own_plan is None:
-        own_plan = automatic(view.scene, view_motion, shutter)
-    require_view_sizes(own_plan, parts)
-    is_traced = not all_concrete(primal_values((view.scene.speeds, view_motion)))
+    own_plan = automatic(view.scene, view.motion, shutter) if plan is None else plan
+    own_plan.require_feasible(parts)
+    is_traced = not all_concrete(primal_values((view.scene.speeds, view.motion)))
     if is_traced and plan is None:
-        view_motion = _refused_beyond(own_plan, view.scene, view_motion, parts)
-    scene = reduced(view.scene, own_plan)
-    return SampledView(scene, view_motion, piecewise(view.shutter), own_plan, parts)
-
-
-def require_view_sizes(plan: Plan, parts: Parts) -> None:
-    """Refuses a plan whose sizes a computation cannot hold, before anything of them is made."""
-    require_sizes(plan.num_taps, plan.num_frequencies, kernels=parts.kernels, spectra=parts.spectra)
+        view = view._replace(motion=_refused_beyond(own_plan, view.scene, view.motion, parts))
+    return view._replace(scene=reduced(view.scene, own_plan)).sampled(own_plan, parts)
 
 
 def _refused_beyond(
@@ -129,16 +98,14 @@ def _refused_beyond(
         motion = _refused(motion, reach > plan.num_taps, requirement)
     if parts.spectra:
         velocity = (motion.speed_gain + fastest) * motion.half_exposure
-        most = velocity_held(plan.num_nodes)
-        requirement = f"be passed at no more than {most} px per half exposure"
-        motion = _refused(motion, velocity > most, requirement)
+        requirement = f"be passed at no more than {plan.velocity_held} px per half exposure"
+        motion = _refused(motion, velocity > plan.velocity_held, requirement)
         # A search takes fewer frequencies than hold all light, where its designs allow that.
         if plan_of_traced_search.value is None:
-            furthest = most_spread(plan.num_frequencies)
-            requirement = f"spread light over at most {furthest:.0f} px"
+            requirement = f"spread light over at most {plan.spread_held:.0f} px"
             speeds = jnp.where(scene.weights > 0, scene.speeds, 0)
             spread = jnp.max(jnp.asarray(motion.highest(speeds) - motion.lowest(speeds)))
-            motion = _refused(motion, spread > furthest, requirement)
+            motion = _refused(motion, spread > plan.spread_held, requirement)
     return motion
 
 

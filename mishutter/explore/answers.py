@@ -12,7 +12,7 @@ from mishutter.design.design import Design
 from mishutter.evaluation.errors import SpectralLevels, spectral_levels
 from mishutter.evaluation.found_speed import found_psnr, smear_difference_of
 from mishutter.evaluation.metrics import Metrics, evaluate
-from mishutter.evaluation.needs import coarser, sizes
+from mishutter.evaluation.needs import sizes
 from mishutter.evaluation.response import kernel_phase, kernels_at_speeds
 from mishutter.evaluation.speed_knowledge import SpeedKnowledge, knowledge_of, loss_of_decoder
 from mishutter.evaluation.views import sensor_view
@@ -51,7 +51,7 @@ def first_answer(scene: Scene, before: Design, turn: int = 0) -> Design:
     furthest = ParabolicMotion(
         acceleration=sag / half**2, half_exposure=half, velocity=motion.velocity
     )
-    shared = coarser(plan(roomy, furthest, command, loss=loss, free="shutter").sizes)
+    shared = plan(roomy, furthest, command, loss=loss, free="shutter").sizes.coarser()
     # The starts are the profile so far and one beside it; 20 steps end 1e-4 dB better.
     settings = SearchSettings(loss, shared, num_starts=2, max_steps=8)
     design = best_design(Start(roomy, motion, command, ("shutter",)), settings)

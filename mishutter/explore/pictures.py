@@ -48,6 +48,61 @@ class Photograph:
     part: Picture  # Rows from the middle, along which things move
     texture: Texture  # Statistics of the whole
 
+    def restored(
+        self,
+        scene: Scene,
+        rows: Mapping[str, Row],
+        speed: float,  # px/s
+        check: Callable[[], None],
+    ) -> dict[str, object]:
+        """Captures and restores it at one speed by each of some designs."""
+        speeds = [*np.asarray(scene.speeds).tolist(), speed]
+        longest = max(kernel_layout(row.motion, *speeds, 0.0)[0] for row in rows.values())
+        least, columns = least_columns(longest), self.part.light.shape[1]
+        pixels = pixels_along(scene.sensor.axis)
+        requirement = f"have at least {least} {pixels}, to be restored from this blur"
+        require(columns >= least, "the photograph", requirement, columns)
+        width = min(columns, max(least, 400 + longest))
+        first = (columns - width) // 2
+        knowledge = knowledge_of(scene)
+        # Extents of what is restored within a second.
+        num_rows = ROWS_TO_FIND if knowledge.finds_speed else 112
+        window = middle_rows(self.part.light, num_rows)[:, first : first + width]
+        part = Picture(light=transposed(window, scene.sensor.axis).copy())
+        designs, reference = [], None
+        for name, row in rows.items():
+            check()
+            result = restore_by_each(
+                part,
+                scene,
+                row.motion,
+                row.shutter,
+                {name: EnsembleDecoder()},
+                speeds=[speed],
+                num_seeds=1,
+                least_taps=longest,
+            )[name]
+            reference, found = result.reference, None
+            if knowledge.finds_speed:
+                estimate = estimate_speed(result.captured[0], scene, row.motion, row.shutter)
+                numbers = ("speed", "error", "trusted", "doubt", "tells_nothing")
+                found = {number: getattr(estimate, number) for number in numbers}
+            designs.append(
+                {
+                    "name": name,
+                    "psnr": float(result.linear_psnr[0]),
+                    "captured": _png(result.brightened(0)),
+                    "restored": _png(result.restored[0]),
+                    "aside": knowledge.aside,
+                    "found": found,
+                }
+            )
+        return {
+            "speed": speed,
+            "reference": None if reference is None else _png(reference),
+            "designs": designs,
+        }
+
 
 Reader = Callable[[float | None, bool, Axis], Photograph]
 """Reads a photograph, by `white` and `linear` of `read_picture` and the axis of a scene."""
@@ -97,62 +152,6 @@ def uploaded(name: str, content: bytes) -> Reader:
     photograph = reader(name, read)
     photograph(None, False, "rows")
     return photograph
-
-
-def restored(
-    photograph: Photograph,
-    scene: Scene,
-    rows: Mapping[str, Row],
-    speed: float,  # px/s
-    check: Callable[[], None],
-) -> dict[str, object]:
-    """Captures and restores a photograph at one speed by each of some designs."""
-    speeds = [*np.asarray(scene.speeds).tolist(), speed]
-    longest = max(kernel_layout(row.motion, *speeds, 0.0)[0] for row in rows.values())
-    least, columns = least_columns(longest), photograph.part.light.shape[1]
-    pixels = pixels_along(scene.sensor.axis)
-    requirement = f"have at least {least} {pixels}, to be restored from this blur"
-    require(columns >= least, "the photograph", requirement, columns)
-    width = min(columns, max(least, 400 + longest))
-    first = (columns - width) // 2
-    knowledge = knowledge_of(scene)
-    # Extents of what is restored within a second.
-    num_rows = ROWS_TO_FIND if knowledge.finds_speed else 112
-    window = middle_rows(photograph.part.light, num_rows)[:, first : first + width]
-    part = Picture(light=transposed(window, scene.sensor.axis).copy())
-    designs, reference = [], None
-    for name, row in rows.items():
-        check()
-        result = restore_by_each(
-            part,
-            scene,
-            row.motion,
-            row.shutter,
-            {name: EnsembleDecoder()},
-            speeds=[speed],
-            num_seeds=1,
-            least_taps=longest,
-        )[name]
-        reference, found = result.reference, None
-        if knowledge.finds_speed:
-            estimate = estimate_speed(result.captured[0], scene, row.motion, row.shutter)
-            numbers = ("speed", "error", "trusted", "doubt", "tells_nothing")
-            found = {number: getattr(estimate, number) for number in numbers}
-        designs.append(
-            {
-                "name": name,
-                "psnr": float(result.linear_psnr[0]),
-                "captured": _png(result.brightened(0)),
-                "restored": _png(result.restored[0]),
-                "aside": knowledge.aside,
-                "found": found,
-            }
-        )
-    return {
-        "speed": speed,
-        "reference": None if reference is None else _png(reference),
-        "designs": designs,
-    }
 
 
 def png_of_figure(figure: "Figure") -> str:

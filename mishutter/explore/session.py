@@ -17,16 +17,9 @@ from mishutter._core.files import contents, strict_json
 from mishutter._core.validation import Section, in_section, parsed, validated
 from mishutter.design.design import Design
 from mishutter.evaluation.views import transmittance
-from mishutter.explore.answers import (
-    OPTIMISED,
-    curves,
-    first_answer,
-    shown_rows,
-    table,
-    with_room,
-)
+from mishutter.explore.answers import OPTIMISED, curves, first_answer, shown_rows, table, with_room
 from mishutter.explore.fields import Tables, scene_text
-from mishutter.explore.pictures import Reader, png_of_figure, reader, restored, uploaded
+from mishutter.explore.pictures import Reader, png_of_figure, reader, uploaded
 from mishutter.model.scene import Scene, scene_of_tables
 from mishutter.model.scene_file import example_scene_text
 from mishutter.model.scene_schema import SceneFile, Speed
@@ -211,7 +204,7 @@ class Session:
             photograph = read(scene.picture.white, scene.picture.linear, scene.sensor.axis)
             yield {
                 "kind": "photograph",
-                **restored(photograph, scene, pictured, request.speed, check),
+                **photograph.restored(scene, pictured, request.speed, check),
             }
         for _ in self.ahead(request.scene):
             check()

@@ -89,6 +89,31 @@ class _Samples(NamedTuple):
     edges: Float[np.ndarray, "edges"] | None = None
     unread: tuple[str, ...] = ()  # Settings that are not read, as the file has them
 
+    def half(self, motion: AbstractMotion, argument: float | None, name: str) -> float:
+        """The half exposure of a file, or the reader's argument, which may not differ from it."""
+        own = self.half_exposure
+        if own is None:
+            return float(motion.half_exposure) if argument is None else argument
+        is_same = argument is None or abs(argument - own) <= 1e-6 * own
+        requirement = f"have the half exposure that was given, {argument or own:g} s"
+        require(is_same, name, requirement, Unquoted(f"{own:g} s"))
+        return own
+
+    def doubts(self) -> Iterator[str]:
+        """Sentences about what a file may mean otherwise than it is read."""
+        if self.unread:
+            lines = describe(Unquoted(", ".join(self.unread)))
+            instead = ", and no SampleRate: its exposure is the design's, or as given"
+            instead = "" if self.half_exposure else instead
+            yield f"it has settings that are not read, {lines}{instead}"
+        least = -1.0 if self.drive is None else float(np.min(self.drive))
+        # A shutter that stays open has the same drive, 1, on a scale from 0 to 1.
+        if 0 <= least < 1:
+            yield (
+                f"its shutter never closes: its least drive is {least:g}, where -1 is closed and 1 "
+                "is open; a drive from 0 for closed to 1 for open must be doubled, less 1"
+            )
+
 
 # Writing
 
@@ -263,7 +288,7 @@ def read_drive(
         require_positive_int("read_drive(num_steps=...)", num_steps)
     name = str(path)
     samples = _samples(contents(path), name, num_steps)
-    half = _half_exposure(samples, motion, half_exposure, name)
+    half = samples.half(motion, half_exposure, name)
     if samples.edges is not None:
         steps = _steps_of_pulses(samples.edges, half, name)
     elif samples.drive is not None:
@@ -277,25 +302,9 @@ def read_drive(
     if samples.share is not None and position_scale is not None:
         position = samples.share * position_scale
     drive = Drive(ChippedShutter(steps), _motion(position, half, motion, name))
-    for doubt in _doubts(samples):
+    for doubt in samples.doubts():
         warnings.warn(f"{name}: {doubt}", DriveWarning, stacklevel=2)
     return drive
-
-
-def _doubts(samples: _Samples) -> Iterator[str]:
-    """Sentences about what a file may mean otherwise than it is read."""
-    if samples.unread:
-        lines = describe(Unquoted(", ".join(samples.unread)))
-        instead = ", and no SampleRate: its exposure is the design's, or as given"
-        instead = "" if samples.half_exposure else instead
-        yield f"it has settings that are not read, {lines}{instead}"
-    least = -1.0 if samples.drive is None else float(np.min(samples.drive))
-    # A shutter that stays open has the same drive, 1, on a scale from 0 to 1.
-    if 0 <= least < 1:
-        yield (
-            f"its shutter never closes: its least drive is {least:g}, where -1 is closed and 1 is "
-            "open; a drive from 0 for closed to 1 for open must be doubled, less 1"
-        )
 
 
 def require_levels(function: str, floor: float, ceiling: float) -> None:
@@ -513,19 +522,6 @@ def _from_npy(content: bytes, name: str) -> _Samples:
     share, gate = (numbers[k] if len(numbers) > k else None for k in (1, 2))
     drive, share = _gated(numbers[0], share, gate, name)
     return _Samples(drive=drive, share=share)
-
-
-def _half_exposure(
-    samples: _Samples, motion: AbstractMotion, argument: float | None, name: str
-) -> float:
-    """The half exposure of a file, or the reader's argument, which may not differ from it."""
-    own = samples.half_exposure
-    if own is None:
-        return float(motion.half_exposure) if argument is None else argument
-    is_same = argument is None or abs(argument - own) <= 1e-6 * own
-    requirement = f"have the half exposure that was given, {argument or own:g} s"
-    require(is_same, name, requirement, Unquoted(f"{own:g} s"))
-    return own
 
 
 def _motion(

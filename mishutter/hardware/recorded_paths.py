@@ -141,19 +141,19 @@ def with_recorded_path(
     planned = taken.place(_times(taken.lights))
     if isinstance(design, Design):
         pan = taken.pan
-        frames = tuple(_frame(spline, frame, pan) for frame in taken.frames)
+        frames = tuple(spline.frame(frame, pan) for frame in taken.frames)
         if design.sequence is None:
             recorded = replace(design, motion=frames[0].motion)
         else:
             recorded = replace(design, sequence=replace(design.sequence, frames=frames))
-        return recorded, _difference(spline, taken.lights, planned, np.array([pan]))
+        return recorded, spline.difference(taken.lights, planned, np.array([pan]))
     turns = scene.limits.pans == "camera" and design.burst.num_axes > 0
     pan = pan_of(scene.velocities, scene.limits) * turns
     times, exposures = (np.asarray(x, np.float64) for x in (taken.times, taken.exposures))
     velocities = spline.velocities + pan[:, None]
     frames = PlaneFrames(times, exposures, np.diff(spline.knots), velocities)
     recorded = replace(design, burst=replace(design.burst, frames=frames))
-    return recorded, _difference(spline, taken.lights, planned, pan)
+    return recorded, spline.difference(taken.lights, planned, pan)
 
 
 class _Spline(NamedTuple):
@@ -199,46 +199,45 @@ class _Spline(NamedTuple):
         spline = make_lsq_spline(time[some], path.place[:, some].T, whole, 2)
         return _Spline(edges, lambda at: np.moveaxis(spline(at), -1, 0), spline(edges, 1).T)
 
+    def frame(self, frame: TimedFrame, pan: float) -> TimedFrame:
+        """A frame on the recorded path of its exposure."""
+        half = frame.exposure / 2
+        rounding = _ROUNDING * (self.knots[-1] - self.knots[0])
+        lit = np.abs(self.knots - frame.time) <= half + rounding
+        edges, velocities = self.knots[lit], self.velocities[0, lit]
+        motion = FreeMotion(
+            accelerations=np.diff(velocities) / np.diff(edges) / 2,
+            half_exposure=half,
+            velocity=float(np.interp(frame.time, edges, velocities)) + pan,
+        )
+        place = float(self.place(np.array([frame.time]))[0, 0])
+        return TimedFrame(motion, frame.time, place + pan * frame.time)
 
-def _frame(spline: _Spline, frame: TimedFrame, pan: float) -> TimedFrame:
-    """A frame on the recorded path of its exposure."""
-    half = frame.exposure / 2
-    rounding = _ROUNDING * (spline.knots[-1] - spline.knots[0])
-    lit = np.abs(spline.knots - frame.time) <= half + rounding
-    edges, velocities = spline.knots[lit], spline.velocities[0, lit]
-    motion = FreeMotion(
-        accelerations=np.diff(velocities) / np.diff(edges) / 2,
-        half_exposure=half,
-        velocity=float(np.interp(frame.time, edges, velocities)) + pan,
-    )
-    place = float(spline.place(np.array([frame.time]))[0, 0])
-    return TimedFrame(motion, frame.time, place + pan * frame.time)
+    def difference(
+        self,
+        lights: Lights,
+        planned: Float[np.ndarray, "axes n q"],  # px
+        pan: Float[np.ndarray, "axes"],  # px/s
+    ) -> PathDifference:
+        """The difference of the recorded path from the planned one, and its doubt."""
+        times = _times(lights)
+        apart = self.place(times) + np.multiply.outer(pan, times) - planned
+        weight = np.array([end - begin for begin, end in lights])
+        weight = np.broadcast_to(weight[:, None] / weight.sum() / _POINTS, times.shape)
+        apart = apart - np.sum(weight * apart, axis=(1, 2), keepdims=True)
+        squares = np.sum(apart**2, axis=0)
+        rms, greatest = float(np.sqrt(np.sum(weight * squares))), float(np.sqrt(np.max(squares)))
+        travel = float(np.max(np.ptp(planned, axis=(1, 2))))
+        doubt = ""
+        if rms > max(1.0, 0.1 * travel):
+            doubt = (
+                f"The recorded path is {rms:.3g} px r.m.s. from the planned one, which travels "
+                f"{travel:.3g} px: another design, or a clock, sign, axis or unit that is not its "
+                "own."
+            )
+        return PathDifference(rms, greatest, doubt)
 
 
 def _times(lights: Lights) -> Float[np.ndarray, "n q"]:
     """Times of each exposure at which paths are compared; s."""
     return np.array([np.linspace(begin, end, _POINTS + 2)[1:-1] for begin, end in lights])
-
-
-def _difference(
-    spline: _Spline,
-    lights: Lights,
-    planned: Float[np.ndarray, "axes n q"],  # px
-    pan: Float[np.ndarray, "axes"],  # px/s
-) -> PathDifference:
-    """The difference of the recorded path from the planned one, and its doubt."""
-    times = _times(lights)
-    apart = spline.place(times) + np.multiply.outer(pan, times) - planned
-    weight = np.array([end - begin for begin, end in lights])
-    weight = np.broadcast_to(weight[:, None] / weight.sum() / _POINTS, times.shape)
-    apart = apart - np.sum(weight * apart, axis=(1, 2), keepdims=True)
-    squares = np.sum(apart**2, axis=0)
-    rms, greatest = float(np.sqrt(np.sum(weight * squares))), float(np.sqrt(np.max(squares)))
-    travel = float(np.max(np.ptp(planned, axis=(1, 2))))
-    doubt = ""
-    if rms > max(1.0, 0.1 * travel):
-        doubt = (
-            f"The recorded path is {rms:.3g} px r.m.s. from the planned one, which travels "
-            f"{travel:.3g} px: another design, or a clock, sign, axis or unit that is not its own."
-        )
-    return PathDifference(rms, greatest, doubt)

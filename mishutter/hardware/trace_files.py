@@ -19,7 +19,7 @@ from jaxtyping import Float
 from mishutter._core.checks import Unquoted, require
 from mishutter._core.columns import text_of
 from mishutter._core.files import contents
-from mishutter.hardware.traces import Trace, has_two_levels, require_ascending, require_samples
+from mishutter.hardware.traces import Trace, has_two_levels, require_samples
 
 _UNITS = {"ns": 1e-9, "us": 1e-6, "\u03bcs": 1e-6, "ms": 1e-3}
 _UNITS |= dict.fromkeys(("s", "sec", "second", "seconds"), 1.0)
@@ -49,6 +49,36 @@ class _Block(NamedTuple):
     columns: tuple[int, ...]  # Columns that are numbers in each of them
     separator: str | None  # Character between cells; None for white space
 
+    @staticmethod
+    def of(lines: list[str], name: str) -> "_Block":
+        """The lines of numbers of a file, by those columns that most of its lines have."""
+        lines = [line for line in lines if line.strip()]
+        requirement = "hold lines of numbers in columns, as those of times and levels are"
+        require(bool(lines), name, requirement, Unquoted("an empty file"))
+        # Nine lines, spread over the file, tell the separator and the columns.
+        places = np.unique(np.linspace(0, len(lines) - 1, 9).astype(int))
+        sample = [lines[k] for k in places[::-1]]
+        separator = _separator(sample)
+        rows = [_cells(line, separator) for line in sample]
+        numbers = ((row, _numeric(row)) for row in rows)
+        patterns = Counter((own, _begins_with_name(row, own[0])) for row, own in numbers if own)
+        require(bool(patterns), name, requirement, Unquoted(lines[0]))
+        (columns, are_named), _ = patterns.most_common(1)[0]
+
+        def holds(line: str) -> bool:
+            row = _cells(line, separator)
+            is_setting = not are_named and _begins_with_name(row, columns[0])
+            return set(columns) <= set(_numeric(row)) and not is_setting
+
+        stop = next(k for k in range(len(lines), 0, -1) if holds(lines[k - 1]))
+        first = next(k for k in range(stop) if all(map(holds, lines[k : min(k + 3, stop)])))
+        header = [_heading_cells(line, separator) for line in lines[:first]]
+        named = (row for row in header if len(row) > 1)
+        ragged = next((row for row in named if len(_numeric(row)) == len(row)), None)
+        requirement = "hold as many numbers in each line (decimal commas need another separator)"
+        require(ragged is None, name, requirement, Unquoted(",".join(ragged or ())))
+        return _Block(header, lines[first:stop], columns, separator)
+
     def numbers(self, column: int, name: str) -> np.ndarray:
         """The numbers of a column, of a file of a name; shape `(n,)`."""
         has_commas = self.separator != "," or '"' in self.lines[0]
@@ -68,6 +98,79 @@ class _Block(NamedTuple):
             return numbers
         rows = (line for line in self.lines if not line.lstrip().startswith("#"))
         return np.array([_checked(line, self.separator, column, name) for line in rows])
+
+    def headings(self) -> tuple[list[str], list[str]]:
+        """Cells that name the columns, and those below them that hold their units, if any do."""
+        rows = (row for row in self.header if not _is_setting(row, self.columns))
+        above, below = ([], [], *rows)[-2:]
+        is_named = any(_split(cell)[0].casefold() in _TIMES for cell in below)
+        is_unit = any(_bare(cell) in _UNITS for cell in below)
+        if not is_named and (is_unit or _numeric(below)):
+            names, units = above, below
+        else:
+            names, units = below, []
+        # A line of one cell is the last of the settings, above columns without names.
+        return (names if sum(map(bool, names)) > 1 else []), units
+
+    def time_by_settings(self, names: Sequence[str], name: str) -> tuple[list[int], np.ndarray]:
+        """The column of no level, if there is one, and the times, of a block without units."""
+        settings = dict(self.settings())
+        unit = next((settings[key][0] for key in _CLOCK_UNITS if settings.get(key)), "")
+        own_factor = _UNITS.get(_bare(unit))
+        requirement = "have its times in s, ms, us or ns"
+        require(own_factor is not None or not unit, name, requirement, Unquoted(unit))
+        factor = 1.0 if own_factor is None else own_factor
+        interval = _quantity(settings, _INTERVALS, "sample interval", factor, name)
+        start = _quantity(settings, _STARTS, "start", factor, name) or 0.0
+        clocks = [c for c in self.columns if _split(_at(names, c))[0].casefold() in _TIMES]
+        requirement = self.how_to_name_times()
+        rows = [",".join(row) for row in self.header[-2:]]
+        got = Unquoted(" / ".join(rows) or self.lines[0])
+        column = (*clocks, *self.columns)[0]
+        is_time = bool(clocks) or (interval is None and len(self.columns) > 1)
+        has_times = own_factor is not None and is_time
+        require(has_times or interval is not None, name, requirement, got)
+        numbers = self.numbers(column, name)
+        times = _in_seconds(numbers, factor)
+        if has_times or interval is None:
+            return [column], times
+        step = (numbers[-1] - numbers[0]) / max(numbers.size - 1, 1)
+        if len(self.columns) > 1 and abs(step * factor - interval) <= 0.01 * interval:
+            return [column], times
+        if len(self.columns) > 1 and bool(np.all(np.diff(numbers) == 1)):
+            return [column], start + interval * numbers
+        return [], start + interval * np.arange(numbers.size)
+
+    def how_to_name_times(self) -> str:
+        """The requirement on a file that does not say the times of its levels."""
+        if len(self.columns) == 1:
+            how = "as `Sample Interval,1e-5 s` above its numbers would"
+            return f"give the time from one of its levels to the next, {how}"
+        places = dict(zip(self.columns, ("time (s)", "level"), strict=False))
+        heading = ",".join(places.get(c, "") for c in range(max(places) + 1))
+        how = f"as `{heading}` above its numbers would say"
+        return f"name s, ms, us or ns as the unit of a column of times, {how}"
+
+    def settings(self) -> Iterator[tuple[str, list[str]]]:
+        """Settings and their values: beside their names, below them, or after `=` in one cell.
+
+        They stand above the block, or beside its first 64 lines.
+        """
+        first = self.columns[0]
+        beside = [_cells(line, self.separator)[:first] for line in self.lines[:64]]
+        rows = [row for row in (*self.header, *beside) if row]
+        for row in rows:
+            yield _key(row[0]), [cell for cell in row[1:] if cell]
+            for cell in row:
+                for sign in "=:":
+                    key, _, value = cell.partition(sign)
+                    if value:
+                        yield _key(key), [value.strip()]
+        for above, below in pairwise(self.header):
+            # A line of names holds no number: `Sample Interval 1e-5` is none, in white space.
+            for key, value in () if _numeric(above) else zip(above, below, strict=False):
+                if _key(key) in (*_INTERVALS, *_STARTS) and _number(value) is not None:
+                    yield _key(key), [value]
 
 
 def read_trace(path: str | Path, *, column: str | None = None) -> Trace:
@@ -92,7 +195,7 @@ def read_trace(path: str | Path, *, column: str | None = None) -> Trace:
     block, name, levels = columns.block, columns.name, columns.others
     chosen = _chosen(levels, columns.headings, column, name)
     trace = Trace(columns.time, block.numbers(chosen, name))
-    require_ascending(trace, name)
+    trace.require_ascending(name)
     if len(levels) > 1 and has_two_levels(trace.level):
         rows = (_cells(line, block.separator) for line in block.lines)
         require_samples(np.array([[_at(row, c) for c in levels] for row in rows]), name)
@@ -140,15 +243,15 @@ def _place_of(heading: str) -> tuple[str, str]:
 def timed_columns(path: str | Path) -> TimedColumns:
     """The columns of a file beside its times, as `read_trace` reads them."""
     name = str(path)
-    block = _block(text_of(contents(path), name).splitlines(), name)
-    names, units = _headings(block)
+    block = _Block.of(text_of(contents(path), name).splitlines(), name)
+    names, units = block.headings()
     factors = {c: _factor(_at(units, c), _at(names, c)) for c in block.columns}
     clocks = [c for c, factor in factors.items() if factor is not None]
     if clocks:
         factor = factors[clocks[0]]
         time = _in_seconds(block.numbers(clocks[0], name), factor or 1.0)
     else:
-        clocks, time = _time_by_settings(block, names, name)
+        clocks, time = block.time_by_settings(names, name)
     others = [c for c in block.columns if c not in clocks]
     unnamed = [c for c in others if names and not _at(names, c)]
     requirement = "have a name above each column of numbers (decimal commas need another separator)"
@@ -163,39 +266,6 @@ def _in_seconds(numbers: np.ndarray, factor: float) -> np.ndarray:
 
 def _at(cells: Sequence[str], column: int) -> str:
     return cells[column] if column < len(cells) else ""
-
-
-# The block
-
-
-def _block(lines: list[str], name: str) -> _Block:
-    """The lines of numbers of a file, by those columns that most of its lines have."""
-    lines = [line for line in lines if line.strip()]
-    requirement = "hold lines of numbers in columns, as those of times and levels are"
-    require(bool(lines), name, requirement, Unquoted("an empty file"))
-    # Nine lines, spread over the file, tell the separator and the columns.
-    places = np.unique(np.linspace(0, len(lines) - 1, 9).astype(int))
-    sample = [lines[k] for k in places[::-1]]
-    separator = _separator(sample)
-    rows = [_cells(line, separator) for line in sample]
-    patterns = Counter(
-        (numeric, _begins_with_name(row, numeric[0])) for row in rows if (numeric := _numeric(row))
-    )
-    require(bool(patterns), name, requirement, Unquoted(lines[0]))
-    (columns, are_named), _ = patterns.most_common(1)[0]
-
-    def holds(line: str) -> bool:
-        row = _cells(line, separator)
-        is_setting = not are_named and _begins_with_name(row, columns[0])
-        return set(columns) <= set(_numeric(row)) and not is_setting
-
-    stop = next(k for k in range(len(lines), 0, -1) if holds(lines[k - 1]))
-    first = next(k for k in range(stop) if all(map(holds, lines[k : min(k + 3, stop)])))
-    header = [_heading_cells(line, separator) for line in lines[:first]]
-    ragged = next((row for row in header if len(row) > 1 and len(_numeric(row)) == len(row)), None)
-    requirement = "hold as many numbers in each line (decimal commas need another separator)"
-    require(ragged is None, name, requirement, Unquoted(",".join(ragged or ())))
-    return _Block(header, lines[first:stop], columns, separator)
 
 
 def _begins_with_name(row: Sequence[str], column: int) -> bool:
@@ -273,20 +343,6 @@ def _checked(line: str, separator: str | None, column: int, name: str) -> float:
 # The headings and settings beside the block
 
 
-def _headings(block: _Block) -> tuple[list[str], list[str]]:
-    """Cells that name the columns, and those below them that hold their units, if any do."""
-    rows = (row for row in block.header if not _is_setting(row, block.columns))
-    above, below = ([], [], *rows)[-2:]
-    is_named = any(_split(cell)[0].casefold() in _TIMES for cell in below)
-    is_unit = any(_bare(cell) in _UNITS for cell in below)
-    if not is_named and (is_unit or _numeric(below)):
-        names, units = above, below
-    else:
-        names, units = below, []
-    # A line of one cell is the last of the settings, above columns without names.
-    return (names if sum(map(bool, names)) > 1 else []), units
-
-
 def _is_setting(row: Sequence[str], columns: Sequence[int]) -> bool:
     """Whether a line above the numbers names no columns.
 
@@ -351,71 +407,6 @@ def _of_name(columns: Sequence[int], names: Sequence[str], name: str) -> list[in
     folded = name.strip().casefold()
     texts = {c: (_at(names, c), _split(_at(names, c))[0]) for c in columns}
     return [c for c, each in texts.items() if folded in [text.casefold() for text in each]]
-
-
-def _time_by_settings(
-    block: _Block, names: Sequence[str], name: str
-) -> tuple[list[int], np.ndarray]:
-    """The column that no level is in, if there is one, and the times, of a block without units."""
-    settings = dict(_settings(block))
-    unit = next((settings[key][0] for key in _CLOCK_UNITS if settings.get(key)), "")
-    own_factor = _UNITS.get(_bare(unit))
-    requirement = "have its times in s, ms, us or ns"
-    require(own_factor is not None or not unit, name, requirement, Unquoted(unit))
-    factor = 1.0 if own_factor is None else own_factor
-    interval = _quantity(settings, _INTERVALS, "sample interval", factor, name)
-    start = _quantity(settings, _STARTS, "start", factor, name) or 0.0
-    clocks = [c for c in block.columns if _split(_at(names, c))[0].casefold() in _TIMES]
-    requirement = _how_to_name_times(block)
-    rows = [",".join(row) for row in block.header[-2:]]
-    got = Unquoted(" / ".join(rows) or block.lines[0])
-    column = (*clocks, *block.columns)[0]
-    is_time = bool(clocks) or (interval is None and len(block.columns) > 1)
-    has_times = own_factor is not None and is_time
-    require(has_times or interval is not None, name, requirement, got)
-    numbers = block.numbers(column, name)
-    times = _in_seconds(numbers, factor)
-    if has_times or interval is None:
-        return [column], times
-    step = (numbers[-1] - numbers[0]) / max(numbers.size - 1, 1)
-    if len(block.columns) > 1 and abs(step * factor - interval) <= 0.01 * interval:
-        return [column], times
-    if len(block.columns) > 1 and bool(np.all(np.diff(numbers) == 1)):
-        return [column], start + interval * numbers
-    return [], start + interval * np.arange(numbers.size)
-
-
-def _how_to_name_times(block: _Block) -> str:
-    """The requirement on a file that does not say the times of its levels."""
-    if len(block.columns) == 1:
-        how = "as `Sample Interval,1e-5 s` above its numbers would"
-        return f"give the time from one of its levels to the next, {how}"
-    places = dict(zip(block.columns, ("time (s)", "level"), strict=False))
-    heading = ",".join(places.get(c, "") for c in range(max(places) + 1))
-    how = f"as `{heading}` above its numbers would say"
-    return f"name s, ms, us or ns as the unit of a column of times, {how}"
-
-
-def _settings(block: _Block) -> Iterator[tuple[str, list[str]]]:
-    """Settings and their values: beside their names, below them, or after `=` in one cell.
-
-    They stand above the block, or beside its first 64 lines.
-    """
-    first = block.columns[0]
-    beside = [_cells(line, block.separator)[:first] for line in block.lines[:64]]
-    rows = [row for row in (*block.header, *beside) if row]
-    for row in rows:
-        yield _key(row[0]), [cell for cell in row[1:] if cell]
-        for cell in row:
-            for sign in "=:":
-                key, _, value = cell.partition(sign)
-                if value:
-                    yield _key(key), [value.strip()]
-    for above, below in pairwise(block.header):
-        # A line of names holds no number: `Sample Interval 1e-5` is none, in white space.
-        for key, value in () if _numeric(above) else zip(above, below, strict=False):
-            if _key(key) in (*_INTERVALS, *_STARTS) and _number(value) is not None:
-                yield _key(key), [value]
 
 
 def _key(text: str) -> str:

@@ -30,6 +30,69 @@ class Trace(NamedTuple):
     # Levels in any unit, proportional to the light but for an offset, with either sign
     level: Float[np.ndarray, "n"]
 
+    @staticmethod
+    def of(trace: "TraceLike", name: str) -> "Trace":
+        """A trace as arrays; any row of finite times and one of as many finite levels are one."""
+        rows: Any = trace
+        is_pair = (isinstance(rows, Sequence) or np.ndim(rows) > 0) and len(rows) == 2
+        require(is_pair, name, "be a `Trace`, or times and levels", trace)
+        time, level = rows
+        for row in (time, level):
+            require_finite(name, row)
+        shapes = np.shape(time), np.shape(level)
+        fits = len(shapes[0]) == 1 and shapes[0] == shapes[1]
+        requirement = "have a row of times and one of as many levels"
+        require(fits, name, requirement, Unquoted(f"shapes {shapes[0]} and {shapes[1]}"))
+        return Trace(np.asarray(time, np.float64), np.asarray(level, np.float64))
+
+    def require_ascending(self, name: str) -> None:
+        """Refuse times that fall, or are all one; rounded ones may be equal."""
+        time = np.asarray(self.time)
+        falls = np.diff(time) < 0
+        got = Unquoted(f"{time[1 + int(np.argmax(falls))]:g} s" if np.any(falls) else "one time")
+        ascends = not np.any(falls) and time.size > 0 and bool(time[-1] > time[0])
+        require(ascends, name, "have times that ascend", got)
+
+    def within_exposure(
+        self, half_exposure: float, middle: float, name: str
+    ) -> Float[np.ndarray, "n"]:
+        """Normalised time of each sample; the exposure is covered without a gap."""
+        tau = (np.asarray(self.time) - middle) / half_exposure
+        inside = np.abs(tau) <= 1
+        count = int(inside.sum())
+        begin, end = (f"{1e3 * (middle + side * half_exposure):.6g}" for side in (-1, 1))
+        exposure = f"the exposure, {begin} to {end} ms by its clock"
+        first, last = float(np.min(self.time)), float(np.max(self.time))
+        span = f"times from {first * 1e3:.4g} to {last * 1e3:.4g} ms"
+        longest = 2 * _LONGEST_GAP
+        reaches = bool(np.min(tau) <= longest - 1 and np.max(tau) >= 1 - longest)
+        requirement = (
+            f"reach over {exposure}, or be read with that clock's mid-exposure: `middle` or "
+            "`--mid-exposure-ms`"
+        )
+        require(reaches, name, requirement, Unquoted(span))
+        requirement = f"have at least {_LEAST} samples within {exposure}"
+        require(count >= _LEAST, name, requirement, Unquoted(f"{count} of {span}"))
+        ends = np.concatenate([[-1.0], tau[inside], [1.0]])
+        gap = float(np.max(np.diff(ends))) / 2
+        requirement = f"have no gap above 1/16 of {exposure}"
+        got = Unquoted(f"one of {gap * half_exposure * 2e3:.3g} ms")
+        require(gap <= _LONGEST_GAP, name, requirement, got)
+        return tau
+
+    def span_of_shifts(self, half_exposure: float, middle: float) -> tuple[float, float]:
+        """Least and greatest shift of mid-exposure at which it still covers the exposure; s.
+
+        Shifts are at most a quarter of the exposure either way, and never cross a gap of the trace.
+        """
+        time, begin, end = np.asarray(self.time), middle - half_exposure, middle + half_exposure
+        gaps = np.flatnonzero(np.diff(time) > _LONGEST_GAP * 2 * half_exposure)
+        firsts, lasts = [time[0], *time[gaps + 1]], [*time[gaps], time[-1]]
+        first = max((t for t in firsts if t <= begin), default=begin)
+        last = min((t for t in lasts if t >= end), default=end)
+        most = half_exposure / 2
+        return max(float(first - begin), -most), min(float(last - end), most)
+
 
 TraceLike = Trace | ArrayLike | Sequence[RowLike]
 """A trace, or any two rows of times and levels."""
@@ -45,30 +108,6 @@ class MeasuredProfile(NamedTuple):
     # Sentences for whoever trusts the profile: that the trace is cut off or inverted, or its levels
     # are those of a shutter that rests open
     notes: tuple[str, ...] = ()
-
-
-def as_trace(trace: TraceLike, name: str) -> Trace:
-    """A trace as arrays; any row of finite times and one of as many finite levels are one."""
-    rows: Any = trace
-    is_pair = (isinstance(rows, Sequence) or np.ndim(rows) > 0) and len(rows) == 2
-    require(is_pair, name, "be a `Trace`, or times and levels", trace)
-    time, level = rows
-    for row in (time, level):
-        require_finite(name, row)
-    shapes = np.shape(time), np.shape(level)
-    fits = len(shapes[0]) == 1 and shapes[0] == shapes[1]
-    requirement = "have a row of times and one of as many levels"
-    require(fits, name, requirement, Unquoted(f"shapes {shapes[0]} and {shapes[1]}"))
-    return Trace(np.asarray(time, np.float64), np.asarray(level, np.float64))
-
-
-def require_ascending(trace: Trace, name: str) -> None:
-    """Refuse a trace whose times fall, or are all one; rounded ones may be equal."""
-    time = np.asarray(trace.time)
-    falls = np.diff(time) < 0
-    got = Unquoted(f"{time[1 + int(np.argmax(falls))]:g} s" if np.any(falls) else "one time")
-    ascends = not np.any(falls) and time.size > 0 and bool(time[-1] > time[0])
-    require(ascends, name, "have times that ascend", got)
 
 
 def has_two_levels(level: Float[np.ndarray, "n"]) -> bool:
@@ -89,48 +128,6 @@ def require_samples(rows: np.ndarray, name: str) -> None:
     requirement = "hold samples, of which many fall in each rest of the shutter"
     got = Unquoted(f"a list of transitions, {len(rows)} lines of which each is at a change")
     require(not is_list, name, requirement, got)
-
-
-def within_exposure(
-    trace: Trace, half_exposure: float, middle: float, name: str
-) -> Float[np.ndarray, "n"]:
-    """Normalised time of each sample; the exposure is covered without a gap."""
-    tau = (np.asarray(trace.time) - middle) / half_exposure
-    inside = np.abs(tau) <= 1
-    count = int(inside.sum())
-    begin, end = (f"{1e3 * (middle + side * half_exposure):.6g}" for side in (-1, 1))
-    exposure = f"the exposure, {begin} to {end} ms by its clock"
-    first, last = float(np.min(trace.time)), float(np.max(trace.time))
-    span = f"times from {first * 1e3:.4g} to {last * 1e3:.4g} ms"
-    longest = 2 * _LONGEST_GAP
-    reaches = bool(np.min(tau) <= longest - 1 and np.max(tau) >= 1 - longest)
-    requirement = (
-        f"reach over {exposure}, or be read with that clock's mid-exposure: `middle` or "
-        "`--mid-exposure-ms`"
-    )
-    require(reaches, name, requirement, Unquoted(span))
-    requirement = f"have at least {_LEAST} samples within {exposure}"
-    require(count >= _LEAST, name, requirement, Unquoted(f"{count} of {span}"))
-    ends = np.concatenate([[-1.0], tau[inside], [1.0]])
-    gap = float(np.max(np.diff(ends))) / 2
-    requirement = f"have no gap above 1/16 of {exposure}"
-    got = Unquoted(f"one of {gap * half_exposure * 2e3:.3g} ms")
-    require(gap <= _LONGEST_GAP, name, requirement, got)
-    return tau
-
-
-def span_of_shifts(trace: Trace, half_exposure: float, middle: float) -> tuple[float, float]:
-    """Least and greatest shift of mid-exposure at which a trace still covers the exposure; s.
-
-    Shifts are at most a quarter of the exposure either way, and never cross a gap of the trace.
-    """
-    time, begin, end = np.asarray(trace.time), middle - half_exposure, middle + half_exposure
-    gaps = np.flatnonzero(np.diff(time) > _LONGEST_GAP * 2 * half_exposure)
-    firsts, lasts = [time[0], *time[gaps + 1]], [*time[gaps], time[-1]]
-    first = max((t for t in firsts if t <= begin), default=begin)
-    last = min((t for t in lasts if t >= end), default=end)
-    most = half_exposure / 2
-    return max(float(first - begin), -most), min(float(last - end), most)
 
 
 def measured_profile(
@@ -165,7 +162,7 @@ def measured_profile(
         ValueError: if times fall or leave a gap in the exposure, a number is not finite, the
             levels do not tell open from closed, or they are a list of transitions.
     """
-    trace = as_trace(trace, name)
+    trace = Trace.of(trace, name)
     numbers = {"half_exposure": half_exposure, "middle": middle, "closed": closed, "opened": opened}
     for argument, number in numbers.items():
         if number is not None:
@@ -173,10 +170,10 @@ def measured_profile(
             require_finite(f"measured_profile({argument}=...)", number)
     subject = "measured_profile(half_exposure=...)"
     require(half_exposure > 0, subject, "be above 0 s", half_exposure)
-    require_ascending(trace, name)
+    trace.require_ascending(name)
     if has_two_levels(np.asarray(trace.level)):
         require_samples(np.asarray(trace.level)[:, None], name)
-    tau = within_exposure(trace, half_exposure, middle, name)
+    tau = trace.within_exposure(half_exposure, middle, name)
     inside = np.abs(tau) <= 1
     levels = np.asarray(trace.level, np.float64)
     dark = levels[~inside]
@@ -211,7 +208,7 @@ def for_a_fit(trace: TraceLike, half_exposure: float, name: str) -> tuple[Trace,
     Neighbouring samples become their mean, within the exposure and outside it apart, as the
     profile may jump at its ends. A trace without samples of the closed shutter stays upright.
     """
-    trace = as_trace(trace, name)
+    trace = Trace.of(trace, name)
     tau = trace.time / half_exposure
     is_known = int(np.sum(np.abs(tau) > 1)) >= _LEAST_CLOSED
     closed = None if is_known else float(np.min(trace.level))

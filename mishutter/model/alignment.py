@@ -34,6 +34,11 @@ class Reach(NamedTuple):
     length: Lengths  # Length of the longest kernel; px
     velocity: Lengths  # Its greatest velocity; px per half exposure
 
+    @staticmethod
+    def of_parabola(sag: Lengths, smear: Lengths) -> "Reach":
+        """The travel of light from objects up to a speed, on parabolas."""
+        return Reach(length_on_parabola(sag, smear), 2 * abs(sag) + smear)
+
 
 class PathPieces(NamedTuple):
     """Pieces of constant acceleration of the path of points over the sensor; `(..., pieces)`."""
@@ -113,8 +118,3 @@ def length_on_parabola(sag: Lengths, smear: Lengths) -> Lengths:
 def magnitude(value: Lengths) -> Lengths:
     """$|x|$, whose derivative at 0 is 1."""
     return namespace_of(value).where(value < 0, -value, value)
-
-
-def reach_of_parabola(sag: Lengths, smear: Lengths) -> Reach:
-    """The travel of light from objects up to a speed, on parabolas."""
-    return Reach(length_on_parabola(sag, smear), 2 * abs(sag) + smear)

@@ -452,7 +452,7 @@ class Limits(AbstractModule):
         Args:
             motion: Motion of the sensor.
         """
-        share = _travel_share(self, motion)
+        share = self._travel_share(motion)
         for limit in LIMITS:
             if not limit.is_solved:
                 taken, there = limit.demand(self, motion)
@@ -620,23 +620,22 @@ class Limits(AbstractModule):
         numbers = {"acceleration": rest, "half_exposure": half_exposure, "velocity": velocity}
         return self.largest("acceleration", rest, most, numbers, shape)
 
+    def _travel_share(self, motion: AbstractMotion) -> Array:
+        """The share of travel and top speed that a motion takes with its run-up and its run-out."""
+        use = stage_use(self.of_stage(motion), self.max_acceleration, self.max_jerk)
+        share = jnp.zeros_like(use.travel)
+        if self.max_travel is not None:
+            share = jnp.maximum(share, use.travel / self.max_travel)
+        if self.max_jerk is not None:
+            velocity = jnp.asarray(motion.velocity)
+            by_camera = velocity if self.pans == "camera" else jnp.zeros_like(velocity)
+            beside = jnp.abs(by_camera) - jnp.abs(self._frame(velocity))
+            most = jnp.maximum(self.max_top_speed, np.finfo(share.dtype).tiny)
+            share = jnp.maximum(share, (use.top_speed + beside) / most)
+        return share
 
-def _travel_share(limits: Limits, motion: AbstractMotion) -> Array:
-    """The share of travel and top speed that a motion takes with its run-up and its run-out."""
-    use = stage_use(limits.of_stage(motion), limits.max_acceleration, limits.max_jerk)
-    share = jnp.zeros_like(use.travel)
-    if limits.max_travel is not None:
-        share = jnp.maximum(share, use.travel / limits.max_travel)
-    if limits.max_jerk is not None:
-        velocity = jnp.asarray(motion.velocity)
-        by_camera = velocity if limits.pans == "camera" else jnp.zeros_like(velocity)
-        beside = jnp.abs(by_camera) - jnp.abs(limits._frame(velocity))
-        most = jnp.maximum(limits.max_top_speed, np.finfo(share.dtype).tiny)
-        share = jnp.maximum(share, (use.top_speed + beside) / most)
-    return share
 
-
-_compiled_travel_share = compiled(_travel_share)
+_compiled_travel_share = compiled(Limits._travel_share)
 
 
 @compiled

@@ -4,10 +4,7 @@ from typing import final
 
 from jaxtyping import Array, ArrayLike
 
-from mishutter._core.checks import (
-    as_float,
-    require_number,
-)
+from mishutter._core.checks import as_float, require_number
 from mishutter._core.modules import AbstractModule
 
 

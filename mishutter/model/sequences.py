@@ -11,20 +11,7 @@ from jaxtyping import Float
 
 from mishutter.model.exposures import AT_REST, AbstractExposures
 from mishutter.model.motion import AbstractMotion
-from mishutter.model.stages import (
-    Knots,
-    Piece,
-    StagePath,
-    StageUse,
-    accelerations_of,
-    from_rest_to_rest,
-    knots_of,
-    knots_of_exposure,
-    path_of_knots,
-    place_at_begin,
-    run_up,
-    use_of_knots,
-)
+from mishutter.model.stages import Knots, Piece, StagePath, StageUse, place_at_begin, run_up
 
 if TYPE_CHECKING:
     from mishutter.model.limits import Limits
@@ -163,7 +150,7 @@ class FrameSequence(AbstractFrames):
     @property
     def stroke(self) -> float:
         """Travel of the stage from the first light to the last, without run-up and run-out; px."""
-        return float(use_of_knots(self._knots(None, None)).stroke)
+        return float(self._knots(None, None).use.stroke)
 
     def stage_path_within(self, limits: "Limits") -> StagePath | None:
         return limits.stage_path_of_frames(self)
@@ -179,7 +166,7 @@ class FrameSequence(AbstractFrames):
             max_jerk: As `stage_path` takes it.
         """
         path = self.stage_path(max_acceleration=max_acceleration, max_jerk=max_jerk)
-        return use_of_knots(self._knots(None, None)) if path is None else path.use
+        return self._knots(None, None).use if path is None else path.use
 
     def stage_path(
         self, *, max_acceleration: float | None = None, max_jerk: float | None = None
@@ -210,12 +197,12 @@ class FrameSequence(AbstractFrames):
             jumps = np.any(gains > _SINGLE * np.max(np.abs(at_once.velocities)))
             if jumps or (self.moves and self.num_rests > 0):
                 return None
-            most = float(use_of_knots(at_once).acceleration)
+            most = float(at_once.use.acceleration)
         knots = self._knots(most, max_jerk) if most > 0 else None
         if knots is None or not np.any(knots.velocities):
             return None
         first = self.frames[0]
-        return path_of_knots(knots, first.time - first.exposure / 2, self._ends(first)[0])
+        return knots.path(first.time - first.exposure / 2, self._ends(first)[0])
 
     def _of_stage(self, frame: TimedFrame) -> AbstractMotion:
         """The motion of the stage over a frame, beside a camera that turns."""
@@ -229,8 +216,8 @@ class FrameSequence(AbstractFrames):
 
     def _knots(self, most: float | None, jerk: float | None) -> Knots:
         """The way of the stage from rest to rest at a greatest acceleration and jerk."""
-        lit = [knots_of_exposure(self._of_stage(frame)) for frame in self.frames]
-        pieces = _pieces_of(lit[0])
+        lit = [Knots.of_exposure(self._of_stage(frame)) for frame in self.frames]
+        pieces = lit[0].pieces
         for (frame, own), (after, other) in pairwise(zip(self.frames, lit, strict=True)):
             gap = after.time - frame.time - (after.exposure + frame.exposure) / 2
             way = self._ends(after)[0] - self._ends(frame)[1]
@@ -238,7 +225,7 @@ class FrameSequence(AbstractFrames):
             if gap <= 1e-9 * (after.time - frame.time):  # but for rounding
                 pieces.append(Piece(0.0, end))
             elif not np.any(own.velocities):
-                rate = float(accelerations_of(other)[0])
+                rate = float(other.accelerations[0])
                 pieces += _from_rest(way, gap, end, run_up(end, rate, most, jerk))
             elif self.kind == SINE:
                 pan = float(self._of_stage(frame).velocity)
@@ -246,20 +233,16 @@ class FrameSequence(AbstractFrames):
             else:
                 scale = sum(float(np.ptp(each.positions)) for each in (own, other))
                 pieces += _with_least_acceleration(way, gap, start, end, scale)
-            pieces += _pieces_of(other)
-        ends = float(accelerations_of(lit[0])[0]), float(accelerations_of(lit[-1])[-1])
-        return from_rest_to_rest(knots_of(lit[0].velocities[0], pieces), ends, most, jerk)
-
-
-def _pieces_of(knots: Knots) -> list[Piece]:
-    return [Piece(*each) for each in zip(knots.durations, knots.velocities[1:], strict=True)]
+            pieces += other.pieces
+        ends = float(lit[0].accelerations[0]), float(lit[-1].accelerations[-1])
+        return Knots.of(lit[0].velocities[0], pieces).from_rest_to_rest(ends, most, jerk)
 
 
 def _from_rest(way: float, gap: float, end: float, ups: list[Piece]) -> list[Piece]:
     """From a frame at rest, as late as a run-up or a constant acceleration lets the stage start."""
     if not way and not end:
         return [Piece(gap, 0.0)]
-    knots = knots_of(0.0, ups)
+    knots = Knots.of(0.0, ups)
     duration, place = float(np.sum(knots.durations)), float(knots.positions[-1])
     # Numbers of frames may be those of single precision.
     if abs(place - way) <= _SINGLE * abs(way) and duration <= gap * (1 + _SINGLE):

@@ -22,10 +22,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from mishutter._core.checks import (
-    as_float,
-    require_number,
-)
+from mishutter._core.checks import as_float, require_number
 from mishutter._core.modules import AbstractModule
 from mishutter.model.motion import FreeMotion
 from mishutter.model.stages import StagePath

@@ -5,7 +5,7 @@ goes from $u_0$ to $u_1$ by
 
 $$u(\sigma) = u_0 + (u_1 - u_0 - \kappa)\,\sigma + \kappa\,\sigma^2, \qquad \kappa = jd^2/2,$$
 
-with $\sigma$ from 0 to 1, and the stage travels $d\,(u_0 + u_1)/2 - jd^3/12$. `use_of_knots` has
+with $\sigma$ from 0 to 1, and the stage travels $d\,(u_0 + u_1)/2 - jd^3/12$. `Knots.use` has
 what such a path asks of a stage, of one exposure or many; whatever says it, searches within it or
 writes it to a file asks there.
 
@@ -58,6 +58,34 @@ class Knots(NamedTuple):
     first: int  # Number of the knot at the first light
     last: int  # Number of the knot at the last light
 
+    @staticmethod
+    def of(start: Any, pieces: list[Piece]) -> "Knots":
+        """The way of some pieces from a velocity, px/s, all of which are lit."""
+        durations, ends, jerks = zip(*pieces, strict=True)
+        is_linear = all(isinstance(jerk, float) and jerk == 0 for jerk in jerks)
+        # Every number takes part, so that all arrays have the shape and the type of all.
+        nothing = sum(0 * (duration + end + jerk) for duration, end, jerk in pieces)
+        space = _space(nothing)
+
+        def joined(values: Any) -> Any:
+            return space.stack([nothing + x for x in values], axis=-1)
+
+        jerk = None if is_linear else joined(jerks)
+        return Knots(joined(durations), joined((start, *ends)), jerk, 0, len(pieces))
+
+    @staticmethod
+    def of_exposure(motion: AbstractMotion) -> "Knots":
+        """The way of the stage over an exposure, in double precision; concrete."""
+        return Knots.of_motion(jax.tree.map(lambda number: np.asarray(number, np.float64), motion))
+
+    @staticmethod
+    def of_motion(motion: AbstractMotion) -> "Knots":
+        """The way of the stage over an exposure; of the shape of stacked motions."""
+        half, velocities = motion.half_exposure[..., None], motion.end_velocities
+        lengths = np.diff(np.array(motion.piece_ends, float)).astype(half.dtype)
+        across = lengths.reshape((1,) * (half.ndim - 1) + (-1,))
+        return Knots(half * across, velocities, None, 0, lengths.size)
+
     @property
     def positions(self) -> Any:
         """Positions from that at the first knot; px."""
@@ -67,41 +95,95 @@ class Knots(NamedTuple):
             ways = ways - self.jerks * d**3 / 12
         return space.concatenate([0 * ways[..., :1], space.cumsum(ways, -1)], -1)
 
+    @property
+    def accelerations(self) -> Float[np.ndarray, "n"]:
+        """Accelerations with which its pieces begin, of a concrete way; px/s^2."""
+        d = self.durations
+        bends = 0.0 if self.jerks is None else self.jerks * d * d / 2
+        return (np.diff(self.velocities) - bends) / np.where(_lasts(d), d, np.inf)
 
-def use_of_knots(knots: Knots) -> StageUse:
-    """The demands of a path on a stage, turning points within its pieces included."""
-    d, v, jerks, first, last = knots
-    space, begin, end = _space(d, v), v[..., :-1], v[..., 1:]
-    places, gain = knots.positions, end - begin
-    if jerks is None:
-        bend = jerk = 0 * gain
-        shares, fastest = [_share(begin, begin - end)], abs(v)
-    else:
-        bend = jerks * d * d / 2
-        jerk = space.where(_lasts(d), abs(jerks), 0.0)
-        shares = _roots(bend, gain - bend, begin)
-        crest = _share(bend - gain, 2 * bend)
-        turning = abs(begin + crest * (gain - bend + crest * bend))
-        fastest = space.concatenate([abs(v), turning], axis=-1)
-    extremes = [
-        (places[..., :-1] + d * s * (begin + s * ((gain - bend) / 2 + s * bend / 3)))
-        for s in shares
-    ]
+    @property
+    def pieces(self) -> list[Piece]:
+        """Its pieces, where the velocity is linear in each."""
+        return [Piece(*each) for each in zip(self.durations, self.velocities[1:], strict=True)]
 
-    def span(start: int, stop: int) -> Any:
-        every = [places[..., start : stop + 1], *(x[..., start:stop] for x in extremes)]
-        every = space.concatenate(every, axis=-1)
-        return space.max(every, axis=-1) - space.min(every, axis=-1)
+    @property
+    def use(self) -> StageUse:
+        """Its demands on a stage, turning points within its pieces included."""
+        d, v, jerks, first, last = self
+        space, begin, end = _space(d, v), v[..., :-1], v[..., 1:]
+        places, gain = self.positions, end - begin
+        if jerks is None:
+            bend = jerk = 0 * gain
+            shares, fastest = [_share(begin, begin - end)], abs(v)
+        else:
+            bend = jerks * d * d / 2
+            jerk = space.where(_lasts(d), abs(jerks), 0.0)
+            shares = _roots(bend, gain - bend, begin)
+            crest = _share(bend - gain, 2 * bend)
+            turning = abs(begin + crest * (gain - bend + crest * bend))
+            fastest = space.concatenate([abs(v), turning], axis=-1)
+        extremes = [
+            (places[..., :-1] + d * s * (begin + s * ((gain - bend) / 2 + s * bend / 3)))
+            for s in shares
+        ]
 
-    lasting = space.where(_lasts(d), d, np.inf)
-    steepest = space.maximum(abs(gain - bend), abs(gain + bend)) / lasting
-    return StageUse(
-        span(0, d.shape[-1]),
-        span(first, last),
-        space.max(fastest, axis=-1),
-        space.max(steepest, axis=-1),
-        space.max(jerk, axis=-1),
-    )
+        def span(start: int, stop: int) -> Any:
+            every = [places[..., start : stop + 1], *(x[..., start:stop] for x in extremes)]
+            every = space.concatenate(every, axis=-1)
+            return space.max(every, axis=-1) - space.min(every, axis=-1)
+
+        lasting = space.where(_lasts(d), d, np.inf)
+        steepest = space.maximum(abs(gain - bend), abs(gain + bend)) / lasting
+        return StageUse(
+            span(0, d.shape[-1]),
+            span(first, last),
+            space.max(fastest, axis=-1),
+            space.max(steepest, axis=-1),
+            space.max(jerk, axis=-1),
+        )
+
+    def from_rest_to_rest(
+        self,
+        accelerations: tuple[Any, Any],  # px/s^2, of its shape
+        max_acceleration: Any = None,  # px/s^2
+        max_jerk: Any = None,  # px/s^3
+    ) -> "Knots":
+        """The way from rest through this one, lit from its first knot to its last, to rest."""
+        begin, end = accelerations
+        start, stop = self.velocities[..., 0], self.velocities[..., -1]
+        before = run_up(start, begin, max_acceleration, max_jerk)
+        # Backwards in time a run-out is a run-up to the opposite velocity.
+        after = run_up(-stop, end, max_acceleration, max_jerk)[::-1]
+        nothing, space = 0 * start, _space(start)
+
+        def joined(first: list[Any], middle: Any, last: list[Any]) -> Any:
+            low, high = ([(nothing + x)[..., None] for x in each] for each in (first, last))
+            return space.concatenate([*low, nothing[..., None] + middle, *high], axis=-1)
+
+        is_linear = self.jerks is None and max_jerk is None
+        first = len(before)
+        rising, falling = ([x.duration for x in each] for each in (before, after))
+        durations = joined(rising, self.durations, falling)
+        starts, stops = [0.0, *(x.end for x in before[:-1])], [*(-x.end for x in after[1:]), 0.0]
+        velocities, jerks = joined(starts, self.velocities, stops), None
+        if not is_linear:
+            own = 0 * self.durations if self.jerks is None else self.jerks
+            jerks = joined([x.jerk for x in before], own, [-x.jerk for x in after])
+        return Knots(durations, velocities, jerks, first, first + self.durations.shape[-1])
+
+    def path(self, time: float, place: float) -> "StagePath":
+        """The path whose first light is at a time, s, and a place, px."""
+        lasts = np.append(_lasts(self.durations), True)
+        times = np.append(0.0, np.cumsum(self.durations))
+        times, positions = (
+            x - x[self.first] + start for x, start in ((times, time), (self.positions, place))
+        )
+        exposure = float(times[self.first]), float(times[self.last])
+        kept = lasts[:-1]
+        jerks = np.zeros(kept.size) if self.jerks is None else self.jerks
+        knots = times[lasts], positions[lasts], self.velocities[lasts]
+        return StagePath(*knots, self.accelerations[kept], jerks[kept], exposure)
 
 
 def _lasts(durations: Any) -> Any:
@@ -155,50 +237,6 @@ def run_up(
     ]
 
 
-def from_rest_to_rest(
-    within: Knots,
-    accelerations: tuple[Any, Any],  # px/s^2, of its shape
-    max_acceleration: Any = None,  # px/s^2
-    max_jerk: Any = None,  # px/s^3
-) -> Knots:
-    """The way from rest through one that is lit from its first knot to its last, to rest."""
-    begin, end = accelerations
-    start, stop = within.velocities[..., 0], within.velocities[..., -1]
-    before = run_up(start, begin, max_acceleration, max_jerk)
-    # Backwards in time a run-out is a run-up to the opposite velocity.
-    after = run_up(-stop, end, max_acceleration, max_jerk)[::-1]
-    nothing, space = 0 * start, _space(start)
-
-    def joined(first: list[Any], middle: Any, last: list[Any]) -> Any:
-        columns = [[(nothing + x)[..., None] for x in each] for each in (first, last)]
-        return space.concatenate([*columns[0], nothing[..., None] + middle, *columns[1]], axis=-1)
-
-    is_linear = within.jerks is None and max_jerk is None
-    first = len(before)
-    durations = joined([x.duration for x in before], within.durations, [x.duration for x in after])
-    starts, stops = [0.0, *(x.end for x in before[:-1])], [*(-x.end for x in after[1:]), 0.0]
-    velocities, jerks = joined(starts, within.velocities, stops), None
-    if not is_linear:
-        own = 0 * within.durations if within.jerks is None else within.jerks
-        jerks = joined([x.jerk for x in before], own, [-x.jerk for x in after])
-    return Knots(durations, velocities, jerks, first, first + within.durations.shape[-1])
-
-
-def knots_of(start: Any, pieces: list[Piece]) -> Knots:
-    """The way of some pieces from a velocity, px/s, all of which are lit."""
-    durations, ends, jerks = zip(*pieces, strict=True)
-    is_linear = all(isinstance(jerk, float) and jerk == 0 for jerk in jerks)
-    # Every number takes part, so that all arrays have the shape and the type of all.
-    nothing = sum(0 * (duration + end + jerk) for duration, end, jerk in pieces)
-    space = _space(nothing)
-
-    def joined(values: Any) -> Any:
-        return space.stack([nothing + x for x in values], axis=-1)
-
-    jerk = None if is_linear else joined(jerks)
-    return Knots(joined(durations), joined((start, *ends)), jerk, 0, len(pieces))
-
-
 def _space(*values: Any) -> Any:
     """JAX's NumPy where a value is an array of JAX."""
     return jnp if any(isinstance(value, jax.Array) for value in values) else np
@@ -212,7 +250,7 @@ def stage_use(
     """The demands of a motion on a stage, from rest to rest; of the shape of stacked motions."""
     rates = 2 * motion.piece_accelerations
     ends = rates[..., 0], rates[..., -1]
-    return use_of_knots(from_rest_to_rest(_knots(motion), ends, max_acceleration, max_jerk))
+    return Knots.of_motion(motion).from_rest_to_rest(ends, max_acceleration, max_jerk).use
 
 
 class StagePath(NamedTuple):
@@ -233,7 +271,7 @@ class StagePath(NamedTuple):
         """Its demands on a stage."""
         first, last = (int(np.argmin(abs(self.times - time))) for time in self.exposure)
         jerks = self.jerks if np.any(self.jerks) else None
-        return use_of_knots(Knots(np.diff(self.times), self.velocities, jerks, first, last))
+        return Knots(np.diff(self.times), self.velocities, jerks, first, last).use
 
     @property
     def travel(self) -> float:
@@ -301,51 +339,16 @@ def stage_path(
     is_smooth = jerk is None or motion.accelerates_constantly
     requirement = "be left out for a free path, whose acceleration jumps between pieces"
     require(is_smooth, "stage_path(max_jerk=...)", requirement, max_jerk)
-    within = knots_of_exposure(motion)
-    ends = accelerations_of(within)[[0, -1]]
-    knots = from_rest_to_rest(within, (ends[0], ends[1]), most, jerk)
-    return path_of_knots(knots, -half, place_at_begin(motion))
-
-
-def knots_of_exposure(motion: AbstractMotion) -> Knots:
-    """The way of the stage over an exposure, in double precision; concrete."""
-    return _knots(jax.tree.map(lambda number: np.asarray(number, np.float64), motion))
-
-
-def _knots(motion: AbstractMotion) -> Knots:
-    half, velocities = motion.half_exposure[..., None], motion.end_velocities
-    lengths = np.diff(np.array(motion.piece_ends, float)).astype(half.dtype)
-    across = lengths.reshape((1,) * (half.ndim - 1) + (-1,))
-    return Knots(half * across, velocities, None, 0, lengths.size)
+    within = Knots.of_exposure(motion)
+    ends = within.accelerations[[0, -1]]
+    knots = within.from_rest_to_rest((ends[0], ends[1]), most, jerk)
+    return knots.path(-half, place_at_begin(motion))
 
 
 def place_at_begin(motion: AbstractMotion) -> float:
     """Place at the beginning of an exposure, from that at mid-exposure; px."""
     begin = np.array([-float(motion.half_exposure)])
     return float(np.asarray(motion.position(begin))[0])
-
-
-def accelerations_of(knots: Knots) -> Float[np.ndarray, "n"]:
-    """Accelerations with which the pieces of a concrete way begin; px/s^2."""
-    d = knots.durations
-    bends = 0.0 if knots.jerks is None else knots.jerks * d * d / 2
-    return (np.diff(knots.velocities) - bends) / np.where(_lasts(d), d, np.inf)
-
-
-def path_of_knots(knots: Knots, time: float, place: float) -> StagePath:
-    """A path whose first light is at a time, s, and a place, px."""
-    lasts = np.append(_lasts(knots.durations), True)
-    times = np.append(0.0, np.cumsum(knots.durations))
-    times, positions = (
-        x - x[knots.first] + start for x, start in ((times, time), (knots.positions, place))
-    )
-    exposure = float(times[knots.first]), float(times[knots.last])
-    kept = lasts[:-1]
-    jerks = np.zeros(kept.size) if knots.jerks is None else knots.jerks
-    rates = accelerations_of(knots)
-    return StagePath(
-        times[lasts], positions[lasts], knots.velocities[lasts], rates[kept], jerks[kept], exposure
-    )
 
 
 def _above_zero(subject: str, value: ArrayLike) -> float:

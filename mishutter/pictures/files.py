@@ -59,6 +59,15 @@ class Decoded(NamedTuple):
     # A meaning of the values that the file states and that is not read; `""` for none
     doubt: str = ""
 
+    @staticmethod
+    def of(pixels: np.ndarray, has_more: bool) -> "Decoded":
+        """Splits opacity, the last of two or four channels, from grey or colour."""
+        pixels = pixels[..., None] if pixels.ndim == 2 else pixels
+        full = float(np.iinfo(pixels.dtype).max)
+        if pixels.shape[2] not in (2, 4):
+            return Decoded(pixels, None, full, has_more)
+        return Decoded(pixels[..., :-1], _share(pixels[..., -1], full), full, has_more)
+
 
 def is_tiff(path: Path) -> bool:
     """Whether a file begins as a TIFF does."""
@@ -140,7 +149,7 @@ def _decoded_png(path: Path) -> Decoded:
         orientation = file.getexif().get(_ORIENTATION, 1)
         has_more = _has_more(file)
     pixels = _upright(imagecodecs.png_decode(content), orientation)
-    return _with_alpha_last(pixels, has_more)._replace(exponent=exponent, doubt=doubt)
+    return Decoded.of(pixels, has_more)._replace(exponent=exponent, doubt=doubt)
 
 
 def _png_chunks(content: bytes) -> dict[bytes, bytes]:
@@ -201,15 +210,6 @@ def _png_coding(chunks: dict[bytes, bytes]) -> tuple[float | None, str]:
         return None, f"its numbers are coded by {coded}, and are read as if by gamma 2.2"
     gamma = int.from_bytes(chunks.get(b"gAMA", b""), "big") / 1e5
     return (round(1 / gamma, 2) if gamma > 0 and b"sRGB" not in chunks else None), ""
-
-
-def _with_alpha_last(pixels: np.ndarray, has_more: bool) -> Decoded:
-    """Splits opacity, the last of two or four channels, from grey or colour."""
-    pixels = pixels[..., None] if pixels.ndim == 2 else pixels
-    full = float(np.iinfo(pixels.dtype).max)
-    if pixels.shape[2] not in (2, 4):
-        return Decoded(pixels, None, full, has_more)
-    return Decoded(pixels[..., :-1], _share(pixels[..., -1], full), full, has_more)
 
 
 def _share(alpha: np.ndarray, full: float) -> np.ndarray:
@@ -339,7 +339,7 @@ def _decoded_by_pillow(path: Path, page: int = 0) -> Decoded:
         else:
             mode = "RGBA" if has_alpha else "L" if upright.mode == "1" else "RGB"
         pixels = np.asarray(upright.convert(mode) if mode != upright.mode else upright)
-    return _with_alpha_last(pixels, has_more)
+    return Decoded.of(pixels, has_more)
 
 
 def _require_whole_jpeg(file: "Image.Image", content: bytes) -> None:

@@ -18,13 +18,7 @@ import numpy as np
 from mishutter.evaluation.sequences import decibels_over
 from mishutter.model.scene import Scene
 from mishutter.plane.frames import PlaneFrames
-from mishutter.plane.levels import (
-    SEARCHED,
-    Fan,
-    Light,
-    fan_of,
-    require_velocities,
-)
+from mishutter.plane.levels import SEARCHED, Fan, Light, require_velocities
 
 LONG = 0.25
 """Way of a thing within one frame, over the sensor's width, above which moving frames lose more."""
@@ -41,14 +35,14 @@ def loss_of_borders(scene: Scene, frames: PlaneFrames, *, width: float) -> float
         width: Length of the sensor's sides, or of an object's by which it is registered; px.
     """
     law = require_velocities(scene)
-    fan, light = fan_of(scene, SEARCHED), Light.of(scene)
+    fan, light = Fan.of(scene, SEARCHED), Light.of(scene)
     signal = np.asarray(light.signal(fan)).ravel()
     gains = np.asarray(light.gains(frames.exposures), np.float64)
-    nodes = frames.nodes(frames.num_panels(law.fastest))
-    time = np.asarray(frames.times)[:, None] + np.asarray(nodes.time)
+    time, _, weights = map(np.asarray, frames.nodes(frames.num_panels(law.fastest)))
+    time = np.asarray(frames.times)[:, None] + time
     middle = np.array((time[0, 0] + time[-1, -1]) / 2)
     time, place = time - middle, frames.place(time) - frames.place(middle)[:, None, None]
-    weights, shares = np.asarray(nodes.weight), fan.weight.ravel()
+    shares = fan.weight.ravel()
     points = (np.arange(_POINTS) + 0.5) / _POINTS * width
     velocities, masses = law.stand_ins()
     errors = np.zeros(2)

@@ -13,7 +13,7 @@ from mishutter.evaluation.open_frames import psnr_of_error
 from mishutter.model.optics import pixel_response
 from mishutter.model.scene import Scene, require_scene
 from mishutter.model.sensor import noise_power, white_electrons
-from mishutter.plane.levels import MEASURED, Grid, fan_of, require_velocities
+from mishutter.plane.levels import MEASURED, Fan, Grid, require_velocities
 
 
 def plane_ceiling(
@@ -24,7 +24,7 @@ def plane_ceiling(
     A list of velocities has the cap alone, as a path may dwell at each.
     """
     require_scene(scene, in_plane=True)
-    fan, law = fan_of(scene, grid), require_velocities(scene)
+    fan, law = Fan.of(scene, grid), require_velocities(scene)
     each = np.asarray(white_electrons(float(scene.photon_rate), np.asarray(exposures)))
     noise = noise_power(1.0, float(scene.picture.mean_level), each, float(scene.read_noise))
     ratio = each / np.maximum(noise, 1e-12 * np.maximum(each, 1.0) ** 2)

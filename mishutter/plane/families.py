@@ -22,7 +22,7 @@ from mishutter.evaluation.bursts import FrameTimes
 from mishutter.evaluation.moving_bursts import ALTERNATING, SINE, SWEEP, steps_of, way_over_frames
 from mishutter.model.limits import Limits
 from mishutter.model.sequences import TimedFrame
-from mishutter.model.stages import knots_of_exposure
+from mishutter.model.stages import Knots
 from mishutter.model.velocities import AbstractVelocities
 from mishutter.plane.frames import PlaneFrames
 
@@ -103,6 +103,39 @@ class Room(NamedTuple):
         )
         return max(float(taken) / float(there) for taken, there in pairs if there is not None)
 
+    def panned(self, frames: PlaneFrames) -> PlaneFrames:
+        """The frames with the pan of the camera, within the limits."""
+        return self.within(_moved(frames, self.pan))
+
+    def at_rest(self, exposures: list[float]) -> PlaneFrames:
+        """Frames at rest, one after the other."""
+        moments = self.times.moments(exposures)
+        whole = moments[-1] - moments[0] + (exposures[0] + exposures[-1]) / 2
+        durations = np.full(_LEAST_PIECES, whole / _LEAST_PIECES)
+        velocities = np.zeros((2, _LEAST_PIECES + 1))
+        return PlaneFrames(moments, np.array(exposures), durations, velocities)
+
+    def equal(
+        self, exposure: float, velocities: np.ndarray, durations: np.ndarray, count: int
+    ) -> PlaneFrames:
+        """Frames of one exposure on a path along the law's axes; px/s."""
+        angle = self.velocities.axis
+        turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+        period = self.times.period_of(exposure)
+        moments = steps_of(count) * period
+        missing = max(_LEAST_PIECES - durations.size, 0)
+        durations = np.append(durations, np.zeros(missing))
+        velocities = np.pad(turn @ velocities, ((0, 0), (0, missing)), mode="edge")
+        return self.panned(PlaneFrames(moments, np.full(count, exposure), durations, velocities))
+
+    def by_frame(
+        self, count: int, exposure: float, ends: Float[np.ndarray, "2 n 2"]
+    ) -> PlaneFrames:
+        """Frames of constant acceleration from one velocity to another, and gaps as well."""
+        gap = self.times.period_of(exposure) - exposure
+        durations = np.tile([exposure, max(gap, 0.0)], count)[:-1]
+        return self.equal(exposure, ends.reshape(2, -1), durations, count)
+
 
 def pan_of(velocities: AbstractVelocities, limits: Limits) -> Float[np.ndarray, "2"]:
     """Velocity along with the mean of the things, as the limits allow it; px/s."""
@@ -132,7 +165,7 @@ class Family(NamedTuple):
 
 
 def _stills(room: Room, count: int, point: Point) -> PlaneFrames:
-    return _at_rest(room, [room.exposure(count, float(point[0]))] * count)
+    return room.at_rest([room.exposure(count, float(point[0]))] * count)
 
 
 def _bracketed(room: Room, count: int, point: Point) -> PlaneFrames:
@@ -141,43 +174,11 @@ def _bracketed(room: Room, count: int, point: Point) -> PlaneFrames:
     times = room.times
     left = times.window - (count - 1) * times.period_of(short) - times.dead_time
     longest = max(min(times.longest, left), short)
-    return _at_rest(room, [short * (longest / short) ** float(point[1]), *[short] * (count - 1)])
-
-
-def _at_rest(room: Room, exposures: list[float]) -> PlaneFrames:
-    moments = room.times.moments(exposures)
-    whole = moments[-1] - moments[0] + (exposures[0] + exposures[-1]) / 2
-    durations = np.full(_LEAST_PIECES, whole / _LEAST_PIECES)
-    return PlaneFrames(moments, np.array(exposures), durations, np.zeros((2, _LEAST_PIECES + 1)))
+    return room.at_rest([short * (longest / short) ** float(point[1]), *[short] * (count - 1)])
 
 
 def _panning(room: Room, count: int, point: Point) -> PlaneFrames:
-    return _panned(room, _stills(room, count, point))
-
-
-def _panned(room: Room, frames: PlaneFrames) -> PlaneFrames:
-    """The frames with the pan of the camera, within the limits."""
-    return room.within(_moved(frames, room.pan))
-
-
-def _equal(
-    room: Room, exposure: float, velocities: np.ndarray, durations: np.ndarray, count: int
-) -> PlaneFrames:
-    """Frames of one exposure on a path along the law's axes; px/s."""
-    angle = room.velocities.axis
-    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-    period = room.times.period_of(exposure)
-    moments = steps_of(count) * period
-    missing = max(_LEAST_PIECES - durations.size, 0)
-    return _panned(
-        room,
-        PlaneFrames(
-            moments,
-            np.full(count, exposure),
-            np.append(durations, np.zeros(missing)),
-            np.pad(turn @ velocities, ((0, 0), (0, missing)), mode="edge"),
-        ),
-    )
+    return room.panned(_stills(room, count, point))
 
 
 def _one_axis(kind: str) -> "Callable[[Room, int, Point], PlaneFrames]":
@@ -186,7 +187,7 @@ def _one_axis(kind: str) -> "Callable[[Room, int, Point], PlaneFrames]":
         way = way_over_frames(kind, count, exposure / 2, room.times.period_of(exposure))
         top = _FASTEST * float(point[1]) * room.half_axes[0]
         velocities = top * np.stack([way.velocities, 0 * way.velocities])
-        return _equal(room, exposure, velocities, way.durations, count)
+        return room.equal(exposure, velocities, way.durations, count)
 
     return made
 
@@ -211,16 +212,7 @@ def _two_sines(room: Room, count: int, point: Point) -> PlaneFrames:
             speeds[1] * shares[1] * np.cos(phases[1]),
         ]
     )
-    return _equal(room, exposure, velocities, np.full(pieces, whole / pieces), count)
-
-
-def _by_frame(
-    room: Room, count: int, exposure: float, ends: Float[np.ndarray, "2 n 2"]
-) -> PlaneFrames:
-    """Frames of constant acceleration from one velocity to another, and gaps as well."""
-    gap = room.times.period_of(exposure) - exposure
-    durations = np.tile([exposure, max(gap, 0.0)], count)[:-1]
-    return _equal(room, exposure, ends.reshape(2, -1), durations, count)
+    return room.equal(exposure, velocities, np.full(pieces, whole / pieces), count)
 
 
 def _crossed(room: Room, count: int, point: Point) -> PlaneFrames:
@@ -233,7 +225,7 @@ def _crossed(room: Room, count: int, point: Point) -> PlaneFrames:
     for k in range(count):
         ends[k % 2, k] = speeds[k % 2] * np.array([-1, 1]) * (-1.0) ** (k // 2)
     times = room.times._replace(period=period)
-    return _by_frame(room._replace(times=times), count, exposure, ends)
+    return room._replace(times=times).by_frame(count, exposure, ends)
 
 
 def _ring(room: Room, count: int, point: Point) -> PlaneFrames:
@@ -241,7 +233,7 @@ def _ring(room: Room, count: int, point: Point) -> PlaneFrames:
     angles = 2 * np.pi * (np.arange(count) + 0.5) / count
     speeds = _FASTEST * float(point[1]) * room.half_axes
     ends = speeds[:, None] * np.stack([np.cos(angles), np.sin(angles)])
-    return _by_frame(room, count, exposure, np.repeat(ends[..., None], 2, axis=2))
+    return room.by_frame(count, exposure, np.repeat(ends[..., None], 2, axis=2))
 
 
 def _turning(*drift: float) -> tuple[tuple[float, ...], ...]:
@@ -266,7 +258,7 @@ FAMILIES = (
 
 def frames_of(frames: Sequence[TimedFrame], angle: float = 0.0) -> PlaneFrames:
     """Frames along one axis as frames in the plane, of which the gaps say nothing."""
-    every = [(frame, knots_of_exposure(frame.motion)) for frame in frames]
+    every = [(frame, Knots.of_exposure(frame.motion)) for frame in frames]
     lengths = [knots.durations for _, knots in every]
     for index, ((before, _), (frame, _)) in enumerate(itertools.pairwise(every)):
         gap = frame.time - before.time - (frame.exposure + before.exposure) / 2

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import replace
-from typing import NamedTuple, final
+from typing import final
 
 import numpy as np
 from jaxtyping import Array, Float
@@ -11,18 +11,11 @@ from mishutter._core.checks import as_numpy, namespace_of
 from mishutter._core.modules import AbstractModule
 from mishutter.model.exposures import AT_REST
 from mishutter.model.limits import Limits
-from mishutter.model.stages import Knots, StagePath, StageUse, path_of_knots, use_of_knots
+from mishutter.model.motion import Numbers
+from mishutter.model.stages import Knots, StagePath, StageUse
 
 _DIRECTIONS = np.arange(16) * np.pi / 16
 """Directions along which two axes keep a limit together."""
-
-
-class Nodes(NamedTuple):
-    """Quadrature nodes of frames."""
-
-    time: Float[Array | np.ndarray, "n q"]  # Times from mid-exposure; s
-    place: Float[Array | np.ndarray, "2 n q"]  # Places of the sensor along rows and columns; px
-    weight: Float[Array | np.ndarray, "q"]  # Share of the exposure
 
 
 @final
@@ -82,8 +75,11 @@ class PlaneFrames(AbstractModule):
         share, elapsed = share[None], elapsed[None]
         return places[:, piece] + elapsed * (start + share * (end - start) / 2)
 
-    def nodes(self, num_panels: int) -> Nodes:
-        """Gauss-Legendre nodes of each frame.
+    def nodes(self, num_panels: int) -> tuple[Numbers, Numbers, Numbers]:
+        """Gauss-Legendre nodes of each frame: times from mid-exposure, places and weights.
+
+        Times, s, are of the shape `(n, q)`, and places along rows and columns, px, of `(2, n, q)`.
+        The sum of the weights, of shape `(q,)`, is 1.
 
         Args:
             num_panels: Panels of 16 nodes in each.
@@ -98,7 +94,7 @@ class PlaneFrames(AbstractModule):
         place = self.place(times[:, None] + time)
         # Only |K| counts: places near 0 have small phases.
         place = place - place[..., :1]
-        return Nodes(time, place, space.asarray(weight))
+        return time, place, space.asarray(weight)
 
     def num_panels(self, fastest: float) -> int:
         """Number of panels of nodes for all things up to a speed; of concrete frames.
@@ -150,7 +146,7 @@ class PlaneFrames(AbstractModule):
         units = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         if limits.axes == "disc":  # between two directions there may be that much more
             units = units / np.cos(_DIRECTIONS[1] / 2)
-        use = use_of_knots(knots._replace(velocities=units @ knots.velocities))
+        use = knots._replace(velocities=units @ knots.velocities).use
         return StageUse(*(np.max(each) for each in use))
 
     def acceleration(self, limits: Limits) -> float:
@@ -180,5 +176,5 @@ class PlaneFrames(AbstractModule):
         for velocities, places in zip(knots.velocities, knots.positions, strict=True):
             begin = float(places[knots.first] - (np.min(places) + np.max(places)) / 2)
             own = knots._replace(velocities=velocities)
-            paths.append(path_of_knots(own, float(self._begin), begin))
+            paths.append(own.path(float(self._begin), begin))
         return paths

@@ -62,17 +62,17 @@ class Fan(NamedTuple):
     power: Float[Array | np.ndarray, "i j"]  # Power of a picture of the deviation 1; shape `(i, j)`
     weight: Float[Array | np.ndarray, "i j"]  # Share of the frequencies times `power`; sums to 1
 
+    @staticmethod
+    def of(scene: Scene, grid: Grid = MEASURED) -> "Fan":
+        """Those of half of the plane, which stand for both halves, and a picture's power there.
 
-def fan_of(scene: Scene, grid: Grid = MEASURED) -> Fan:
-    """Frequencies of half of the plane, which stand for both halves, and a picture's power there.
-
-    The power is that of the scene's photograph, or the isotropic one where it brings none.
-    """
-    cutoff = min(float(scene.optics.cutoff_frequency), NYQUIST_FREQUENCY)
-    radius, angle, area = _polar(grid, cutoff)
-    shape = _power_of_scene(scene)(radius[:, None], angle)
-    total = np.sum(area * shape)
-    return Fan(radius, angle, shape / total, area * shape / total)
+        The power is that of the scene's photograph, or the isotropic one where it brings none.
+        """
+        cutoff = min(float(scene.optics.cutoff_frequency), NYQUIST_FREQUENCY)
+        radius, angle, area = _polar(grid, cutoff)
+        shape = _power_of_scene(scene)(radius[:, None], angle)
+        total = np.sum(area * shape)
+        return Fan(radius, angle, shape / total, area * shape / total)
 
 
 def picture_power_on(
@@ -188,7 +188,7 @@ def plane_psnr(
         ValueError: if the scene is of one axis, or the frames are traced without `num_panels`.
     """
     require_scene(scene, in_plane=True)
-    error = plane_error(scene, frames, fan_of(scene, grid), grid.num_speeds, num_panels)
+    error = plane_error(scene, frames, Fan.of(scene, grid), grid.num_speeds, num_panels)
     return -10 * jnp.log10(error)
 
 
@@ -267,7 +267,7 @@ class Light(NamedTuple):
 def _error(
     fan: Fan, parts: Components, light: Light, frames: PlaneFrames, num_panels: int
 ) -> Float[Array, ""]:
-    nodes = frames.nodes(num_panels)
+    times, places, weight = frames.nodes(num_panels)
     turns = 2 * jnp.pi * jnp.asarray(fan.radius)
     across = turns[:, None] * jnp.cos(fan.direction)
     down = turns[:, None] * jnp.sin(fan.direction)
@@ -282,12 +282,12 @@ def _error(
         time, x, y, share = frame
         phase = across[..., None] * x[None, None] + down[..., None] * y[None, None]
         ways = passing[..., None] * time[None, None, None]
-        power = power_of_waves(phase.reshape(groups), ways, nodes.weight[None, None, None])
+        power = power_of_waves(phase.reshape(groups), ways, weight[None, None, None])
         return gained + share * power.reshape(shape), None
 
-    each: Any = (nodes.time, *nodes.place, light.gains(frames.exposures))
+    each: Any = (times, *places, light.gains(frames.exposures))
     # $\sum_k e_k^2|H_k|^2/N_k$ at each frequency and component of the velocities.
-    gained = jax.lax.scan(add, jnp.zeros(shape, nodes.time.dtype), each)[0]
+    gained = jax.lax.scan(add, jnp.zeros(shape, times.dtype), each)[0]
     signal = light.signal(fan)[..., None]
     lost = jnp.sum(parts.weights / (1 + signal * gained), axis=-1)
     return light.deviation**2 * jnp.sum(fan.weight * lost)

@@ -29,7 +29,6 @@ from mishutter.plane.levels import (
     SEARCHED,
     Fan,
     Grid,
-    fan_of,
     plane_error,
     plane_psnr,
     require_velocities,
@@ -270,7 +269,7 @@ class _Search(NamedTuple):
         room = Room(scene.velocities, scene.limits, times)  # type: ignore[arg-type]
         told = scene.decoder_speed == "known"
         least = 1 if told else 2
-        return _Search(scene, room, least, (fan_of(scene, MEASURED), fan_of(scene, SEARCHED)))
+        return _Search(scene, room, least, (Fan.of(scene, MEASURED), Fan.of(scene, SEARCHED)))
 
     @property
     def counts(self) -> list[int]:
@@ -361,7 +360,7 @@ class _Search(NamedTuple):
         panels = start.num_panels(1.1 * self.scene.velocities.fastest)  # type: ignore[union-attr]
         # Single precision holds levels to 1e-4 dB, in a third of the time.
         dtype = np.dtype(np.float32)
-        fan = fan_of(self.scene, _OF_DESCENT)
+        fan = Fan.of(self.scene, _OF_DESCENT)
         begin = jax.tree.map(lambda x: jnp.asarray(x, dtype), start)
         scale = float(np.max(self.room.half_axes))
         numbers, unit = jnp.zeros((2, waves), dtype), jnp.asarray(scale, dtype)

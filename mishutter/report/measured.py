@@ -4,7 +4,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from mishutter.design.design import given_design
-from mishutter.hardware.traces import MeasuredProfile, Trace, measured_profile, span_of_shifts
+from mishutter.hardware.traces import MeasuredProfile, Trace, measured_profile
 from mishutter.model.scene import Scene
 from mishutter.search.rows import LEAST_SHOWN, Row
 
@@ -80,7 +80,7 @@ def measured_camera(
 
     best: Any = minimize_scalar(
         loss,
-        bounds=span_of_shifts(trace, half, middle),
+        bounds=trace.span_of_shifts(half, middle),
         method="bounded",
         options={"xatol": 1e-3 * half},
     )

@@ -56,6 +56,51 @@ class _Map(NamedTuple):
     rival: str  # The rival that a gain is over; empty for a metric that is no gain
     pans: bool  # Whether any design pans: its stroke is then more than its sag
 
+    def in_colours(self, axes: "Axes") -> tuple[np.ndarray, np.ndarray]:
+        """Draws it in colours; returns the places of its values on the axes."""
+        from matplotlib.colors import Normalize
+
+        exposure, a, values, label, rival, pans = self
+        _scale(axes.set_xscale, axes.xaxis, exposure)
+        _scale(axes.set_yscale, axes.yaxis, a)
+        x, y = _edges(exposure, axes.get_xscale()), _edges(a, axes.get_yscale())
+        shown = np.ma.masked_invalid(values)
+        low, high = float(shown.min()), float(shown.max())
+        # Colours of gains go from the highest down to its opposite, or to the lowest.
+        darkest = max(low, -high) if rival and high > 0 else low
+        norm = Normalize(darkest, high)
+        picture = axes.pcolormesh(x, y, shown, cmap=MAP_COLOURS, norm=norm, rasterized=True)
+        axes.patch.set(hatch="///", edgecolor="0.6", facecolor="0.95")
+        _contours(axes, exposure, a, ~np.isnan(values), pans)
+        if rival and low < 0 < high:
+            limits = axes.axis()
+            for colour, width in (("white", 4.0), ("black", 2.2)):
+                axes.contour(exposure, a, shown, [0.0], colors=colour, linewidths=width)
+            axes.plot([], [], color="black", linewidth=2.2, label=_as_good(rival))
+            axes.axis(limits)
+            axes.figure.legend(loc="lower center", fontsize="small")
+        extend = "min" if low < darkest else "neither"
+        axes.figure.colorbar(picture, ax=axes, label=label, extend=extend)
+        axes.set(xlabel=_EXPOSURE, ylabel=_ACCELERATION)
+        x, y = np.meshgrid(exposure, a)
+        return x, y
+
+    def as_line(self, axes: "Axes") -> tuple[np.ndarray, np.ndarray]:
+        """Draws a single row or column as a line; returns the places of its points on the axes."""
+        exposure, a, values, label, rival, _ = self
+        row = a.size == 1
+        x, y = exposure if row else a, values.ravel()
+        axes.plot(x, y, marker="o", markersize=4, color="black")
+        if rival:
+            axes.axhline(0, color="black", linestyle="dashed", label=_as_good(rival))
+            axes.legend(fontsize="small")
+        draw_grid(axes)
+        _scale(axes.set_xscale, axes.xaxis, x)
+        along = f"{_EXPOSURE}, at $a$ = {a[0]:.4g} px/s²"
+        across = f"{_ACCELERATION}, at $2T$ = {exposure[0]:.4g} ms"
+        axes.set(xlabel=along if row else across, ylabel=label)
+        return x, y
+
 
 def write_pictures(dataset: "xarray.Dataset", scene: Scene, folder: Path) -> list[str]:
     """Writes every picture of a sweep to a folder; returns their names."""
@@ -108,9 +153,9 @@ def plot_map(
     room = {"left": 0.95, "right": 0.75, "top": 0.65}  # the bar of colours stands within it
     leave_room(figure, num_rows=1, num_columns=1, **room)
     axes = figure.subplots()
-    draw = _draw_map if min(values.shape) > 1 else _draw_line
     rival = _text(dataset, metric).partition("gain over ")[2]
-    x, y = draw(axes, _Map(2e3 * half, a, values, _label(dataset, metric), rival, _pans(dataset)))
+    drawn = _Map(2e3 * half, a, values, _label(dataset, metric), rival, _pans(dataset))
+    x, y = drawn.in_colours(axes) if min(values.shape) > 1 else drawn.as_line(axes)
     if figure.legends:  # below the map
         leave_room(figure, num_rows=1, num_columns=1, bottom=0.85, **room)
     best = int(np.nanargmin(values) if smaller else np.nanargmax(values))
@@ -169,36 +214,6 @@ def _values(
     return values.transpose("acceleration", "half_exposure").values
 
 
-def _draw_map(axes: "Axes", drawn: _Map) -> tuple[np.ndarray, np.ndarray]:
-    """Draws a map in colours; returns the places of its values on the axes."""
-    from matplotlib.colors import Normalize
-
-    exposure, a, values, label, rival, pans = drawn
-    _scale(axes.set_xscale, axes.xaxis, exposure)
-    _scale(axes.set_yscale, axes.yaxis, a)
-    x, y = _edges(exposure, axes.get_xscale()), _edges(a, axes.get_yscale())
-    shown = np.ma.masked_invalid(values)
-    low, high = float(shown.min()), float(shown.max())
-    # Colours of gains go from the highest down to its opposite, or to the lowest.
-    darkest = max(low, -high) if rival and high > 0 else low
-    norm = Normalize(darkest, high)
-    picture = axes.pcolormesh(x, y, shown, cmap=MAP_COLOURS, norm=norm, rasterized=True)
-    axes.patch.set(hatch="///", edgecolor="0.6", facecolor="0.95")
-    _contours(axes, exposure, a, ~np.isnan(values), pans)
-    if rival and low < 0 < high:
-        limits = axes.axis()
-        for colour, width in (("white", 4.0), ("black", 2.2)):
-            axes.contour(exposure, a, shown, [0.0], colors=colour, linewidths=width)
-        axes.plot([], [], color="black", linewidth=2.2, label=_as_good(rival))
-        axes.axis(limits)
-        axes.figure.legend(loc="lower center", fontsize="small")
-    extend = "min" if low < darkest else "neither"
-    axes.figure.colorbar(picture, ax=axes, label=label, extend=extend)
-    axes.set(xlabel=_EXPOSURE, ylabel=_ACCELERATION)
-    x, y = np.meshgrid(exposure, a)
-    return x, y
-
-
 def _as_good(rival: str) -> str:
     article = "the " if rival.startswith("best ") else ""
     return f"0 dB: as good as {article}{rival}"
@@ -210,22 +225,6 @@ def _edges(values: np.ndarray, scale: str) -> np.ndarray:
     middles = along[:-1] + np.diff(along) / 2
     edges = np.concatenate([2 * along[:1] - middles[:1], middles, 2 * along[-1:] - middles[-1:]])
     return np.exp(edges) if scale == "log" else edges
-
-
-def _draw_line(axes: "Axes", drawn: _Map) -> tuple[np.ndarray, np.ndarray]:
-    """Draws a single row or column as a line; returns the places of its points on the axes."""
-    exposure, a, values, label, rival, _ = drawn
-    row = a.size == 1
-    x, y = exposure if row else a, values.ravel()
-    axes.plot(x, y, marker="o", markersize=4, color="black")
-    if rival:
-        axes.axhline(0, color="black", linestyle="dashed", label=_as_good(rival))
-        axes.legend(fontsize="small")
-    draw_grid(axes)
-    _scale(axes.set_xscale, axes.xaxis, x)
-    at = f"{_EXPOSURE}, at $a$ = {a[0]:.4g} px/s²"
-    axes.set(xlabel=at if row else f"{_ACCELERATION}, at $2T$ = {exposure[0]:.4g} ms", ylabel=label)
-    return x, y
 
 
 def _on_axes(axes: "Axes", places: np.ndarray) -> np.ndarray:

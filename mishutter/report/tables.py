@@ -23,6 +23,17 @@ class Column(NamedTuple):
     cell: Callable[[Row, float], str]
     note: str = ""  # Its meaning, below the table; empty where other lines say it
 
+    @staticmethod
+    def of_metric(name: str) -> "Column":
+        """The column of a metric by its name."""
+        metric = METRICS[name]
+
+        def cell(row: Row, _: float) -> str:
+            value = getattr(row.metrics, name, None)  # a burst has few of them
+            return "–" if value is None else format(float(value), metric.form)
+
+        return Column(metric.heading, cell)
+
 
 class Table(NamedTuple):
     """A table as text; its first column holds names, the others numbers."""
@@ -54,16 +65,6 @@ def _or_dash(level: float | None) -> str:
     return "–" if level is None else f"{level:.2f}"
 
 
-def _of_metric(name: str) -> Column:
-    metric = METRICS[name]
-
-    def cell(row: Row, _: float) -> str:
-        value = getattr(row.metrics, name, None)  # a burst has few of them
-        return "–" if value is None else format(float(value), metric.form)
-
-    return Column(metric.heading, cell)
-
-
 _LEVELS = (
     Column("PSNR dB", lambda row, _: f"{row.psnr:.2f}"),
     Column(
@@ -73,7 +74,7 @@ _LEVELS = (
     ),
     Column("worst speed", lambda row, _: _or_dash(row.worst_psnr)),
 )
-_LIGHT = _of_metric("efficiency")._replace(note="share that the shutter passes")
+_LIGHT = Column.of_metric("efficiency")._replace(note="share that the shutter passes")
 _MOTION = (
     Column(
         "stroke px",
@@ -98,7 +99,7 @@ _WITHIN = Column(
 )
 _OF_ROWS = (*_LEVELS, _LIGHT, *_MOTION)
 _OF_KERNELS = tuple(
-    _of_metric(metric.name)
+    Column.of_metric(metric.name)
     for metric in METRICS.values()
     if not metric.sees_light and metric.heading != _LIGHT.heading
 )

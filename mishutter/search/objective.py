@@ -33,8 +33,8 @@ from mishutter.evaluation.needs import (
     reduced,
     size_class,
 )
-from mishutter.evaluation.response import Response, compute_records, compute_response, response_from
-from mishutter.evaluation.views import planned_view, require_view_sizes
+from mishutter.evaluation.response import Response, compute_response
+from mishutter.evaluation.views import sensor_view
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene
 from mishutter.model.shutters.base import AbstractAdjustableShutter
@@ -95,9 +95,8 @@ class SpectralObjective(AbstractObjective):
 
     def __call__(self, point: Float[Array, "size"]) -> Float[Array, ""]:
         shutter, motion = self.space.at(point)
-        view = planned_view(
-            self.scene, motion, shutter, self.plan, parts=ONLY_SPECTRA, nodes=self.nodes
-        )
+        view = sensor_view(self.scene, motion, shutter)
+        view = view.sampled(self.plan, ONLY_SPECTRA, self.nodes)
         count = self.plan.num_frequencies
         value = self.loss.of_response(view.scene, view.motion, compute_response(view), count)
         return one_real_number(self.loss, value).astype(point.dtype)
@@ -151,7 +150,7 @@ def objective_of(
 ) -> SearchedObjective:
     """The cheapest exact form of the loss over the space."""
     is_of_response = isinstance(loss, AbstractResponseLoss)
-    require_view_sizes(plan, loss.parts if is_of_response else ONLY_SPECTRA)
+    plan.require_feasible(loss.parts if is_of_response else ONLY_SPECTRA)
     scene = reduced(scene, plan)
     linear = isinstance(space.shutter, AbstractAdjustableShutter) and space.shutter.linear
     linear = linear and (scene.device is None or scene.device.is_linear)
@@ -193,8 +192,8 @@ def _responses_of_each(scene: Scene, space: DesignSpace, plan: Plan, parts: Part
 
     def one(corner: Float[Array, "size"]) -> Response:
         profile = space.shutter_at(corner, space.motion.half_exposure)
-        view = planned_view(scene, space.motion, profile, plan, parts=parts)
-        return response_from(scene, compute_records(view), plan)
+        view = sensor_view(scene, space.motion, profile)
+        return compute_response(view.sampled(plan, parts))
 
     dtype = common_dtype(space.motion.half_exposure, scene.speeds)
     corners = jnp.eye(space.size + 1, space.size, -1, dtype=dtype)

@@ -20,16 +20,13 @@ from mishutter.evaluation.losses import (
 )
 from mishutter.evaluation.needs import (
     EVERY_PART,
+    ONLY_SPECTRA,
+    Extent,
     Parts,
     Plan,
-    coarser,
     distinct_speeds,
-    extent,
     folds_speeds,
-    larger,
-    require_sizes,
     size_class,
-    sized_for,
     sizes,
 )
 from mishutter.model.motion import AbstractMotion, simplified
@@ -44,7 +41,7 @@ def needs_of(loss: AbstractLoss) -> tuple[Parts, bool]:
     of_response = [term for term in terms if isinstance(term, AbstractResponseLoss)]
     if len(of_response) < len(terms):  # a loss of the user's own may be made from everything
         return EVERY_PART, False
-    parts = Parts(*map(any, zip(*(term.parts for term in of_response), strict=True)))
+    parts = Parts.of_all(term.parts for term in of_response)
     return parts, all(term.decoder_speed is not None for term in of_response if term.parts.spectra)
 
 
@@ -133,7 +130,7 @@ def full_sizes(scene: Scene, motion: AbstractMotion, space: DesignSpace | None) 
     if "acceleration" in space.free and "path" not in space.free:
         spaces.append(space.without_acceleration())
     motions = [_motion_at(each, corner) for each in spaces for corner in corners]
-    return reduce(larger, [sizes(scene, motion) for motion in motions])
+    return reduce(Plan.holding, [sizes(scene, motion) for motion in motions])
 
 
 def design_at(
@@ -177,7 +174,7 @@ def _exact_sizes(
     still = not pans and scene.nothing_moves
     num_kept = full.num_frequencies
     if spectra and only_error:
-        require_sizes(full.num_taps, num_kept, kernels=False, spectra=True)
+        full.require_feasible(ONLY_SPECTRA)
         powers = np.flatnonzero(power_on_grid(scene, full.num_frequencies))
         last = int(powers[-1]) + 1 if powers.size else 1
         num_kept = min(full.num_frequencies, size_class(max(16, last)))
@@ -185,9 +182,9 @@ def _exact_sizes(
     if space is None or set(space.free) == {"shutter"}:
         # Where a search follows, the sizes hold every speed that the motion keeps up with. So, and
         # by rounding to two sizes an octave, scenes of other speeds share a program.
-        travel, longest = extent(scene, motion), 0.0 if space is None else 4 * float(motion.sag)
+        travel, longest = Extent.of(scene, motion), 0.0 if space is None else 4 * float(motion.sag)
         velocity = num_kept / full.num_frequencies * max(travel.velocity, longest)
-        tight = sized_for(max(travel.reach, longest), velocity)
+        tight = Plan.of_travel(max(travel.reach, longest), velocity)
         num_taps = min(num_taps, size_class(tight.num_taps))
         if only_error:
             num_nodes = min(num_nodes, size_class(tight.num_nodes))
@@ -200,4 +197,4 @@ def _exact_sizes(
         folds=folds,
         still=still,
     )
-    return exact if space is None else coarser(exact)
+    return exact if space is None else exact.coarser()

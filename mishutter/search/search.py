@@ -105,6 +105,13 @@ class SearchSettings(NamedTuple):
         return plan_of_scene(*start, loss=self.loss, free=space.free).sizes
 
 
+class KnownDesign(NamedTuple):
+    """A command and a motion that a search starts from, beside its own starts."""
+
+    command: AbstractShutter
+    motion: AbstractMotion
+
+
 class Start(NamedTuple):
     """The arguments of `optimise` that define the problem of a search."""
 
@@ -112,18 +119,12 @@ class Start(NamedTuple):
     motion: AbstractMotion | None = None  # Motion to start from; None for the scene's
     shutter: AbstractShutter | None = None  # Profile to start from; None for one of free form
     free: tuple[str, ...] | None = None  # Parts that may move; None for the default
+    more: tuple[KnownDesign, ...] = ()  # Designs to start from as well
 
     @property
     def first_motion(self) -> AbstractMotion:
         """The motion to start from, the scene's by default."""
         return self.scene.motion if self.motion is None else self.motion
-
-
-class KnownDesign(NamedTuple):
-    """A command and a motion that a search starts from, beside its own starts."""
-
-    command: AbstractShutter
-    motion: AbstractMotion
 
 
 class SearchFailedError(RuntimeError):
@@ -253,7 +254,7 @@ def _with_bursts(design: Design, loss: AbstractLoss, *, is_shown: bool) -> Desig
 @outside_trace()
 def best_design(start: Start, settings: SearchSettings) -> Design:
     """`optimise`, for callers that share a plan between searches."""
-    scene, _, shutter, names = start
+    scene, _, shutter, names, _ = start
     device = scene.device
     moves = shutter is None or is_adjustable(shutter) if names is None else "shutter" in names
     if moves and device is not None and (device.lags or device.levels is not None):
@@ -314,16 +315,14 @@ def _without_needless_device(design: Design, loss: AbstractLoss) -> Design:
     return replace(design, shutter=command, loss=value, history=history, notes=notes)
 
 
-def _optimised(
-    start: Start, settings: SearchSettings, more: tuple[KnownDesign, ...] = ()
-) -> Design:
+def _optimised(start: Start, settings: SearchSettings) -> Design:
     """The best design of a transmittance that can be differentiated by the coordinates."""
-    scene, motion, shutter, names = start
+    scene, motion, shutter, names, _ = start
     if names is not None and "path" in names:
-        return _on_free_path(start, names, settings, more)
+        return _on_free_path(start, names, settings)
     if names is None:
         motion, names = moved_by_default(scene, motion, shutter, settings.loss)
-    best, *others = _searched(Start(scene, motion, shutter, names), settings, more)
+    best, *others = _searched(start._replace(motion=motion, free=names), settings)
     if not others:
         return best
     (straight,) = others
@@ -337,12 +336,7 @@ def _optimised(
     return replace(best, straight=straight) if {"shutter", "half_exposure"} <= {*names} else best
 
 
-def _on_free_path(
-    start: Start,
-    names: tuple[str, ...],
-    settings: SearchSettings,
-    more: tuple[KnownDesign, ...],
-) -> Design:
+def _on_free_path(start: Start, names: tuple[str, ...], settings: SearchSettings) -> Design:
     """The better of the best design of constant acceleration, and of one from there on.
 
     Without a free path as the motion, it begins with that of the first design.
@@ -352,10 +346,10 @@ def _on_free_path(
     num_free_pieces(scene, motion.as_free_path())
     steady_names = [name for name in (*names, "acceleration") if name != "path"]
     steady_start = start._replace(motion=steady, free=tuple(steady_names))
-    design = _optimised(steady_start, settings._replace(plan=None), more)
+    design = _optimised(steady_start, settings._replace(plan=None))
     if motion.accelerates_constantly:
         motion = steady if design.motion.is_straight else design.motion
-    return _beyond(design, motion, names, settings._replace(progress=None), more)
+    return _beyond(design, motion, names, settings._replace(progress=None), start.more)
 
 
 def _beyond(
@@ -370,7 +364,7 @@ def _beyond(
     scene, command, half = design.scene, design.command, design.motion.half_exposure
     of_speeds = path_of_speeds(scene, half, path.accelerations.size)
     more = (*more, KnownDesign(command, design.motion), KnownDesign(command, of_speeds))
-    (on_path,) = _searched(Start(scene, path, command, tuple(names)), settings, more)
+    (on_path,) = _searched(Start(scene, path, command, tuple(names), more), settings)
     # A free path asks for more of a stage, and has to lower the loss by more than searches scatter.
     if on_path.loss >= design.loss * (1 - _SAME):
         note = "A free path does not pay: at constant acceleration the loss is no larger."
@@ -393,7 +387,7 @@ def _through_device(start: Start, settings: SearchSettings) -> Design:
         relaxed = with_device(scene, device.relaxed)
         designs = (each for each in (blind, blind.straight) if each)
         more = tuple(KnownDesign(each.command, each.motion) for each in designs)
-        best = _optimised(start._replace(scene=relaxed), settings, more)
+        best = _optimised(start._replace(scene=relaxed, more=more), settings)
     if device.levels is not None:
         best = _of_levels(scene, (best, blind), start.free, settings)
     profile = transmittance(scene, blind.motion, blind.command)
@@ -506,12 +500,10 @@ def free_by_default(
     return names
 
 
-def _searched(
-    start: Start, settings: SearchSettings, more: tuple[KnownDesign, ...]
-) -> list[Design]:
+def _searched(start: Start, settings: SearchSettings) -> list[Design]:
     """The best design, and where the acceleration may move the best without acceleration."""
     frame = start.first_motion
-    shutter, names = start.shutter, start.free or ()
+    shutter, names, more = start.shutter, start.free or (), start.more
     scene, motion = search_frame(start.scene, frame, names)
     if shutter is None:
         pans = "velocity" in names

@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Float
 
 from mishutter._core.parallel import in_threads, num_threads
-from mishutter.evaluation.batch import LightLevels, Rules, Shapes, Sizes, measure, scenes_for
+from mishutter.evaluation.batch import Rules, Shapes, Sizes, measure, scenes_for
 from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.metrics import METRICS, named_metrics
-from mishutter.evaluation.needs import automatic, coarser, too_long
+from mishutter.evaluation.needs import ONLY_SPECTRA, Parts, automatic
 from mishutter.evaluation.views import transmittance
 from mishutter.model.motion import ParabolicMotion
 from mishutter.model.scene import Scene
@@ -67,12 +67,10 @@ class Engine:
         grid = self.grid
         rows, columns = np.nonzero(outside == 0)
         sizes = Sizes.of(scene, self._motions(rows, columns))
-        is_too_long = too_long(
-            sizes.num_taps,
-            np.maximum(sizes.num_frequencies, sizes.num_frequencies_within),
-            kernels=any(metric.parts.kernels for metric in self.metrics),
-            spectra=any(metric.parts.spectra for metric in self.metrics) or grid.search is not None,
-        )
+        searched = [] if grid.search is None else [ONLY_SPECTRA]
+        parts = Parts.of_all([*searched, *(metric.parts for metric in self.metrics)])
+        num_frequencies = np.maximum(sizes.num_frequencies, sizes.num_frequencies_within)
+        is_too_long = parts.refuse(sizes.num_taps, num_frequencies)
         outside[rows[is_too_long], columns[is_too_long]] = _mark("blur_too_long")
         return Sizes(*(size[~is_too_long] for size in sizes))
 
@@ -156,7 +154,7 @@ class Engine:
         grid, scene = self.grid, prepared.scenes[frame]
         rates = scene.photon_rate if grid.photon_rates is None else grid.photon_rates
         noises = scene.read_noise if grid.read_noises is None else grid.read_noises
-        levels = LightLevels(*(np.atleast_1d(np.asarray(level)) for level in (rates, noises)))
+        levels = [np.atleast_1d(np.asarray(level)) for level in (rates, noises)]
         metrics = dict.fromkeys(("efficiency", *grid.metrics), np.zeros(0))
         halves = np.asarray(motions.half_exposure)
         for index, rules in self._rules_at(prepared, halves) if halves.size else ():
@@ -217,7 +215,7 @@ def _best_profiles(
         # A plan for every motion within the limits lets points share programs.
         shared = SearchSettings(
             settings.loss,
-            coarser(automatic(scene, motion, profile)),
+            automatic(scene, motion, profile).coarser(),
             seed=settings.seed,
             max_steps=settings.max_steps,
         )

@@ -19,7 +19,7 @@ from mishutter import (
     example_picture,
     simulate_frames,
 )
-from mishutter.camera.plane_frames import exposed_in_plane, instants_of
+from mishutter.camera.plane_frames import Instants, exposed_in_plane
 from mishutter.plane.families import frames_of
 
 SCENE = scene_of("A")
@@ -97,7 +97,7 @@ def test_places_are_from_the_middle_of_the_frames_on_any_clock():
     later = PlaneFrames(
         frames.times + 7.0, *(frames.exposures, frames.durations, frames.velocities)
     )
-    for first, second in zip(instants_of(frames, 900.0), instants_of(later, 900.0), strict=True):
+    for first, second in zip(Instants.of(frames, 900.0), Instants.of(later, 900.0), strict=True):
         np.testing.assert_allclose(first, second, atol=1e-9)
     single = PlaneFrames(*(np.asarray(x, np.float32) for x in vars(frames).values()))
     picture = np.asarray(example_picture().light)[:80, :90, 1].astype(np.float32)

@@ -25,7 +25,7 @@ from mishutter import (
     restore_frames,
     simulate_frames,
 )
-from mishutter.camera.plane_frames import aperture_on, instants_of, responses_in_plane
+from mishutter.camera.plane_frames import Instants, aperture_on
 from mishutter.decoding.likeliest import noises_of
 from mishutter.decoding.plane_likelihood import Own, Prior, climbed, logarithm
 from mishutter.decoding.plane_velocity import VelocityEstimate, velocity_in_plane
@@ -46,8 +46,8 @@ def a_field(frames: PlaneFrames, velocity: np.ndarray, size: int, seed: int, sce
     shape = (whole, whole)
     power = Prior(SCENE).on(shape)
     field = np.fft.irfft2(np.fft.rfft2(rng.normal(size=shape)) * np.sqrt(power), shape)
-    instants = instants_of(frames, float(np.hypot(*velocity)))
-    responses = responses_in_plane(instants, velocity, shape) * aperture_on(SCENE.optics, shape)
+    instants = Instants.of(frames, float(np.hypot(*velocity)))
+    responses = instants.responses(velocity, shape) * aperture_on(SCENE.optics, shape)
     seen = np.fft.irfft2(np.fft.rfft2(field) * responses, shape)
     noises = noises_of(scene, frames.exposures, 0.25)[:, None, None]
     middle = slice(size // 2, size // 2 + size)

@@ -24,7 +24,7 @@ from mishutter import (
 )
 
 # Instants and counts are steps of the ceiling, which returns a single number.
-from mishutter.evaluation.ceilings import times_of_list
+from mishutter.evaluation.ceilings import Times
 from mishutter.evaluation.needs import Plan, frequency_counts
 
 LONGEST = 0.012
@@ -78,7 +78,7 @@ def _eigenvalues(scene, half):
 def test_two_speeds_have_their_closed_form():
     """The eigenvalue is 1/2 + sqrt((p - q)^2/4 + p q sinc^2), to all digits."""
     scene = Scene([-410.0, 930.0], [0.3, 0.7], photon_rate=1e5, read_noise=2.0)
-    knots, times = times_of_list(scene, 0.013)
+    knots, times = Times.of_list(scene, 0.013)
     with mp.workdps(50):
         for f, found in zip(knots[::64], times[::64], strict=True):
             p, q = (mp.mpf(float(x)) for x in scene.weights)
@@ -90,7 +90,7 @@ def test_two_speeds_have_their_closed_form():
 def test_three_speeds_have_the_eigenvalue_of_fifty_digits():
     """Of uneven speeds and weights, at frequencies of some and of many turns."""
     scene = Scene([-410.0, 37.0, 930.0], [0.3, 0.25, 0.45], photon_rate=1e5, read_noise=2.0)
-    knots, times = times_of_list(scene, 0.17)
+    knots, times = Times.of_list(scene, 0.17)
     speeds, weights = ([mp.mpf(float(x)) for x in row] for row in (scene.speeds, scene.weights))
     with mp.workdps(50):
         for f, found in zip(knots[7::128], times[7::128], strict=True):
@@ -109,13 +109,13 @@ def test_three_speeds_have_the_eigenvalue_of_fifty_digits():
 @pytest.mark.parametrize("name", SCENES)
 def test_the_eigenvalue_by_frequency_never_falls(name):
     """So few eigenvalues bound those between, and the longest exposure bounds all."""
-    _, times = times_of_list(SCENES[name], LONGEST)
+    _, times = Times.of_list(SCENES[name], LONGEST)
     assert np.all(np.diff(times) > -ROUNDING)
 
 
 def test_the_eigenvalue_alone_rises_again():
     """The largest at the longest exposure is not the largest of all."""
-    knots, times = times_of_list(Scene([0.0, 900.0], photon_rate=1e5, read_noise=2.0), 0.013)
+    knots, times = Times.of_list(Scene([0.0, 900.0], photon_rate=1e5, read_noise=2.0), 0.013)
     assert np.max(np.diff(times / knots)) / 0.013 > 1e-3
 
 

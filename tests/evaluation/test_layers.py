@@ -31,7 +31,7 @@ from mishutter.decoding.decoders.linear import expected_squared_error
 from mishutter.evaluation.errors import spectral_levels
 
 # Sizes and shares of a search, which no argument asks for.
-from mishutter.evaluation.layers import Frequencies, LayerSampling, background_of, with_shares
+from mishutter.evaluation.layers import Background, Frequencies
 from mishutter.evaluation.losses import value_of
 from mishutter.evaluation.needs import effective_speeds, sizes
 from mishutter.evaluation.speed_knowledge import KNOWN_SPEED, UNKNOWN_SPEED
@@ -198,7 +198,7 @@ def test_a_picture_of_layers_has_no_power_above_the_cutoff():
     front, width, frequency = 0.55, 23.0, (np.arange(256) + 0.5) / 512
     occlusion = Occlusion(front_share=front, object_width=width)
     scene = scene_of(occlusion, [-900.0, 700.0], optics=Optics(cutoff_frequency=cutoff))
-    shares = with_shares(scene, background_of(scene), LayerSampling(grid)).occlusion.shares
+    shares = Background.of(scene).behind(scene, grid).occlusion.shares
     power = np.asarray(shares.power)
     assert np.all(power[frequency > cutoff] == 0)
     step = 1e-5

@@ -31,7 +31,7 @@ from mishutter.evaluation.errors import spectral_levels
 
 # Metrics ask for all parts at once; no other folder does.
 from mishutter.evaluation.needs import EVERY_PART, ONLY_SPECTRA, Plan
-from mishutter.evaluation.response import compute_records
+from mishutter.evaluation.response import Records
 from mishutter.evaluation.views import sampled_view, sensor_view
 from mishutter.search.planning import plan
 
@@ -117,7 +117,7 @@ def test_what_the_sensor_sees_is_seen_so_again():
     first = sensor_view(SCENE, PANNING, TukeyShutter(0.41))
     once = sampled_view(SCENE, PANNING, TukeyShutter(0.41), EVERY_PART, SMALL)
     twice = sampled_view(first.scene, first.motion, first.shutter, EVERY_PART, SMALL)
-    for one, other in zip(compute_records(once), compute_records(twice), strict=True):
+    for one, other in zip(Records.of(once), Records.of(twice), strict=True):
         np.testing.assert_array_equal(one, other)
 
 
@@ -138,7 +138,7 @@ def test_a_traced_motion_that_exceeds_its_sizes_is_refused():
 
     def kernels(acceleration):
         motion = ParabolicMotion(acceleration=acceleration, half_exposure=HALF)
-        return compute_records(sampled_view(SCENE, motion, HannShutter(), EVERY_PART)).kernels
+        return Records.of(sampled_view(SCENE, motion, HannShutter(), EVERY_PART)).kernels
 
     assert np.all(np.isfinite(jax.jit(kernels)(52_000.0)))
     with pytest.raises(Exception, match=r"keep light within .* px of where it is aligned"):

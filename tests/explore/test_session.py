@@ -253,7 +253,7 @@ def test_the_speed_that_is_found_stands_beside_the_picture():
         )
         for name, motion in (("snapshot", StillCamera(half_exposure=0.001)), ("open", PARABOLA))
     }
-    shown = pictures.restored(taken, scene, rows, 2960.0, lambda: None)["designs"]
+    shown = taken.restored(scene, rows, 2960.0, lambda: None)["designs"]
     short, told = (each["found"] for each in shown)
     assert not short["trusted"]
     assert short["tells_nothing"]

@@ -8,7 +8,7 @@ import pytest
 from support.cases import MOTIONS
 
 from mishutter import FreeMotion, HannShutter, ParabolicMotion, blur_kernel
-from mishutter.model.alignment import reach_of_parabola
+from mishutter.model.alignment import Reach
 
 SPEEDS = np.array([-61.0, 0.0, 23.0, 140.0])
 TAU = np.linspace(-1, 1, 41)
@@ -86,7 +86,7 @@ def test_light_reaches_as_far_as_the_fastest_object(sag, smear):
     """Over the whole exposure: to both sides of a sensor at rest, from the lowest place on."""
     tau, speeds = np.linspace(-1, 1, 2001), np.linspace(-smear, smear, 201)[:, None]
     travelled = np.max(np.ptp(sag * tau**2 - speeds * tau, axis=1))
-    found = reach_of_parabola(np.asarray(sag), np.asarray(smear))
+    found = Reach.of_parabola(np.asarray(sag), np.asarray(smear))
     assert float(found.length) == pytest.approx(travelled, rel=1e-6)
     assert float(found.velocity) == pytest.approx(np.max(np.abs(2 * sag * tau - speeds)))
 

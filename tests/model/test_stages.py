@@ -16,7 +16,7 @@ from mishutter import (
     TimedFrame,
     stage_path,
 )
-from mishutter.model.stages import knots_of, run_up, stage_use
+from mishutter.model.stages import Knots, run_up, stage_use
 
 CASES = {
     "turns": (4.1e5, 0.01, 700.0, 1.1e6, None),
@@ -273,7 +273,7 @@ def test_a_run_up_of_limited_jerk_leads_to_a_burst():
     """Out of a frame at rest, and to the acceleration with which the next frame begins."""
     acceleration, jerk, half = 3.1e5, 6e8, 0.004
     own = 1.7e5
-    within = knots_of(0.0, run_up(-own * half, own, acceleration, jerk))
+    within = Knots.of(0.0, run_up(-own * half, own, acceleration, jerk))
     duration, way = float(np.sum(within.durations)), float(within.positions[-1])
     motion = ParabolicMotion(acceleration=own / 2, half_exposure=half)
     place = way - float(motion.position(half))

@@ -31,7 +31,6 @@ from mishutter.plane.levels import (
     Fan,
     Grid,
     cross_motion_loss,
-    fan_of,
     plane_error,
     power_of,
 )
@@ -211,7 +210,7 @@ def test_a_listed_velocity_that_the_sensor_follows_is_as_sharp_as_stillness():
     velocity = np.array([[1900.0], [-700.0]]) * np.ones((1, 2))
     still = np.array([0.0]), np.array([0.03]), np.array([0.03])
     level = float(plane_psnr(scene, PlaneFrames(*still, velocity), grid=COARSE))
-    fan = fan_of(scene, COARSE)
+    fan = Fan.of(scene, COARSE)
     r, a = fan.radius[:, None], fan.direction
     aperture = np.sinc(r * np.cos(a)) ** 2 * np.sinc(r * np.sin(a)) ** 2
     e = 3e4 * 0.03
@@ -225,7 +224,7 @@ def test_a_lens_that_passes_less_leaves_no_power_above_its_cutoff():
         scene = Scene.any_direction(
             1900.0, photon_rate=1.0, read_noise=1.0, optics=Optics(cutoff_frequency=cutoff)
         )
-        fan = fan_of(scene)
+        fan = Fan.of(scene)
         assert fan.weight.sum() == pytest.approx(1)
         x = np.abs(fan.radius[:, None] * np.stack([np.cos(fan.direction), np.sin(fan.direction)]))
         assert x.max() < cutoff
@@ -274,9 +273,9 @@ def test_the_ceiling_of_uneven_speeds_is_lower_than_that_of_their_peak():
     peaked = Scene(speeds, np.exp(-((speeds / 900) ** 2) / 2), **light)
     long = {"max_half_exposure": 0.03, "continuous": True}
     even, own = float(ceiling(Scene(speeds, **light), **long)), float(ceiling(peaked, **long))
-    from mishutter.evaluation.ceilings import _least_error, _Power, times_of_cells
+    from mishutter.evaluation.ceilings import Times, _least_error, _Power
 
-    peak = _least_error(peaked, 0.03, times_of_cells(peaked), _Power.of(peaked, 512))
+    peak = _least_error(peaked, 0.03, Times.of_cells(peaked), _Power.of(peaked, 512))
     assert even < own < psnr_of_error(peak) - 0.05
 
 

@@ -6,7 +6,7 @@ from support.designs import MOTION, SCENE
 
 from mishutter import HannShutter, SplineShutter, evaluate, measured_profile
 from mishutter.design.design import given_design
-from mishutter.hardware.traces import Trace, span_of_shifts
+from mishutter.hardware.traces import Trace
 from mishutter.report.measured import MeasuredCamera, measured_camera
 from mishutter.search.rows import OWN_BEST_MOTION, Row
 
@@ -72,9 +72,9 @@ def test_shifts_end_where_the_trace_does():
     """They end at a gap too, and at a quarter of the exposure."""
     time = np.linspace(-HALF - 3e-3, HALF + 9e-3, 2001)
     level = np.asarray(HannShutter().transmittance(time / HALF))
-    assert span_of_shifts(Trace(time, level), HALF, 0.0) == pytest.approx((-3e-3, HALF / 2))
+    assert Trace(time, level).span_of_shifts(HALF, 0.0) == pytest.approx((-3e-3, HALF / 2))
     whole = (time < HALF + 1e-3) | (time > HALF + 4e-3)
-    span = span_of_shifts(Trace(time[whole], level[whole]), HALF, 0.0)
+    span = Trace(time[whole], level[whole]).span_of_shifts(HALF, 0.0)
     assert span == pytest.approx((-3e-3, 1e-3), abs=2e-5)
     inside = np.abs(time) < HALF
-    assert span_of_shifts(Trace(time[inside], level[inside]), HALF, 0.0) == (0.0, 0.0)
+    assert Trace(time[inside], level[inside]).span_of_shifts(HALF, 0.0) == (0.0, 0.0)

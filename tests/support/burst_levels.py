@@ -15,7 +15,7 @@ from mishutter import StillCamera
 from mishutter._core.checks import as_numpy
 from mishutter._core.compiling import compiled
 from mishutter.evaluation.errors import LinearErrors
-from mishutter.evaluation.needs import ONLY_SPECTRA, Plan, larger, sizes
+from mishutter.evaluation.needs import ONLY_SPECTRA, Plan, sizes
 from mishutter.evaluation.open_frames import in_parts
 from mishutter.evaluation.response import Response, compute_response
 from mishutter.evaluation.views import sampled_view
@@ -85,7 +85,7 @@ def _exposed(
 def plan_of_frames(scene: Scene, frames: Sequence[FrameGroup]) -> Plan:
     """Sizes that hold the motions of some frames, and all within the scene's limits."""
     scene = in_parts(scene)
-    return reduce(larger, (sizes(seen_by(scene, each), each.motion) for each in frames))
+    return reduce(Plan.holding, (sizes(seen_by(scene, each), each.motion) for each in frames))
 
 
 def seen_by(scene: Scene, frames: FrameGroup) -> Scene:

@@ -11,7 +11,7 @@ from mishutter.evaluation.errors import LinearErrors
 from mishutter.evaluation.losses import AbstractLoss, value_of
 from mishutter.evaluation.metrics import _as_designed
 from mishutter.evaluation.needs import EVERY_PART, ONLY_SPECTRA, Plan, sizes
-from mishutter.evaluation.response import compute_records, compute_response
+from mishutter.evaluation.response import Records, compute_response
 from mishutter.evaluation.views import sampled_view
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene
@@ -48,7 +48,7 @@ def metrics_by(
     """The metrics of a camera without errors, by a plan; with everything computed without one."""
     own = sizes(scene, motion) if plan is None else plan
     view = sampled_view(without_tolerances(scene), motion, shutter, EVERY_PART, own)
-    return _as_designed(view.scene, view.motion, compute_records(view), view.plan)[0]
+    return _as_designed(view.scene, view.motion, Records.of(view), view.plan)[0]
 
 
 def squared_error_within(

@@ -21,7 +21,7 @@ from mishutter.camera.capture import captured_response, captured_responses_below
 from mishutter.camera.rows import blur_length
 from mishutter.camera.sequences import responses_of_frames
 from mishutter.evaluation.found_speed import open_time, smear_difference
-from mishutter.evaluation.layers import background_of, moments_on_dft, with_shares
+from mishutter.evaluation.layers import Background, LayerMoments
 from mishutter.evaluation.needs import needed_speeds
 from mishutter.evaluation.sequences import nodes_of_frames
 from mishutter.evaluation.views import sensor_view
@@ -135,7 +135,7 @@ class BlurModel(eqx.Module):
         if layers is not None:
             one = layers.without_metadata(speeds=speeds, weights=weights)
             with outside_trace():
-                layers = with_shares(one, background_of(layers))
+                layers = Background.of(layers).behind(one)
         return replace(self, speeds=speeds, weights=weights, num_taps=num_taps, layers=layers)
 
     def responses(self, length: int) -> Complex[np.ndarray, "s {length}//2+1"]:
@@ -182,7 +182,7 @@ class BlurModel(eqx.Module):
 
         $m = \sum p_i H_i$ and $v = \sum p_i |H_i - m|^2$: a capture is $m f$ and an error of power
         $N + S v$. Where objects hide a background the sums are over the parts of the picture
-        (`evaluation.layer_moments`).
+        (`evaluation.LayerMoments`).
 
         Args:
             length: Pixels of the DFT.
@@ -193,7 +193,7 @@ class BlurModel(eqx.Module):
             return mean, self.weights @ np.abs(responses - mean) ** 2
         with outside_trace():
             at = partial(self._responses_below, length=length)
-            moments = moments_on_dft(self.layers, self.motion, length, at)
+            moments = LayerMoments.on_dft(self.layers, self.motion, length, at)
         return np.asarray(moments.mean[0]), np.asarray(moments.spread[0])
 
     def picture_spectrum(self, length: int) -> Float[np.ndarray, "{length}//2+1"]:
@@ -267,7 +267,7 @@ def blur_model(
     layers = None
     if scene.occlusion is not None:
         layers = scene.without_metadata()
-        scene = with_shares(layers, background_of(scene))
+        scene = Background.of(scene).behind(layers)
     power = picture_power(scene, NUM_FREQUENCIES, np.dtype(scene.speeds.dtype))
     return BlurModel(
         motion=motion,

@@ -13,16 +13,10 @@ from jaxtyping import Float
 from mishutter._core.checks import Unquoted, as_float, fields_text, require, require_positive_int
 from mishutter._core.progress import counts
 from mishutter.design.design import Design, given_design
-from mishutter.hardware.calibration.likelihood import (
-    Setting,
-    Solution,
-    likeliest_start,
-    num_first_rounds,
-    solved,
-)
+from mishutter.hardware.calibration.likelihood import Setting, Solution
 from mishutter.hardware.calibration.measurements import Measurements, SensorLevels, TargetPicture
 from mishutter.hardware.calibration.uncertainty import WIDEST, error_bars
-from mishutter.hardware.traces import TraceLike, as_trace
+from mishutter.hardware.traces import Trace, TraceLike
 from mishutter.model.limits import Limits
 from mishutter.model.motion import AbstractMotion, ParabolicMotion
 from mishutter.model.scene import Scene, require_scene, scene_text
@@ -294,12 +288,12 @@ def fit(
     is_unknown = any(picture.speed is None for picture in data.pictures)
     # Normalised speeds from which a fit of an unknown one starts.
     shares = [0.1 * k for k in range(-6, 7)] if is_unknown else [0.0]
-    num_rounds = num_first_rounds(setting, shares) + 2
+    num_rounds = setting.num_first_rounds(shares) + 2
     wait = "compiling (first run only), or pictures are fitted, which takes a while"
     with counts(progress, "fitting", num_rounds, wait) as counter:
-        best = likeliest_start(setting, shares, counter.next)
+        best = setting.likeliest_start(shares, counter.next)
         counter.next("the likeliest camera")
-        best = solved(setting, best.values, setting.noise(best.expected), setting.near_sent())
+        best = setting.solved(best.values, setting.noise(best.expected), setting.near_sent())
         counter.next("error bars")
         best, own_errors, delay_error, blind = error_bars(setting, best)
     share = float(best.values[0])
@@ -330,7 +324,7 @@ def _measurements(
         measurements = Measurements(pictures, sensor or SensorLevels())
     if trace is None:
         return measurements
-    return measurements._replace(trace=as_trace(trace, "fit(trace=...)"))
+    return measurements._replace(trace=Trace.of(trace, "fit(trace=...)"))
 
 
 def _camera(

@@ -7,7 +7,6 @@ takes several rounds, each with the variances of the levels that the round befor
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -65,6 +64,112 @@ class _Arrays(NamedTuple):
     trace_basis: Float[np.ndarray, "samples coefficients"]  # B-splines at its samples
     trace_deviation: Float[np.ndarray, ""]  # Standard deviation of its levels
 
+    def residuals(self, values: Any, num_taps: int) -> Array:
+        """Residuals of pictures, trace, bounds and ties, at parameters in their own scales.
+
+        Coefficients stray below 0, where no transmittance is, by a standard deviation of 0.01.
+        That prevents a fit of another stage with a profile that opens with a step down, which gives
+        nearly the pictures of one that opens with a step up.
+        """
+        x = values * self.scales
+        a, v, speed, blur = x[:4]
+        num_pictures, num_columns = self.levels.shape
+        count = self.trace_basis.shape[1]
+        coefficients = x[4 : 4 + count]
+        position, gain, background = x[4 + count : -2].reshape(num_pictures, 3).T
+        relative = jnp.where(self.is_unknown, speed, self.speeds) - v
+        taps = kernels(coefficients, a, self.half_exposure, relative, num_taps)
+        begin = position - relative**2 / (4 * a) - MOVED / FINE
+        irradiance = collected(taps, begin, blur, self.is_edge, num_columns)
+        expected = background[:, None] + gain[:, None] * irradiance
+        trace = x[-2] * (self.trace_basis @ coefficients) + x[-1]
+        return jnp.concatenate(
+            [
+                jnp.ravel((expected - self.levels) / self.deviation),
+                (trace - self.trace) / self.trace_deviation,
+                jnp.minimum(coefficients, 0) / 0.01,
+                self.ties @ values - self.aims,
+            ]
+        )
+
+
+_residuals = compiled(_Arrays.residuals)
+
+
+@eqx.filter_jit
+def _linearised(values: Array, arrays: _Arrays, num_taps: int) -> tuple[Array, Array]:
+    """Residuals and their Jacobian.
+
+    Each picture has three parameters of its own, and the trace has two, each of which moves the
+    rows of that picture or of the trace alone. Three directions therefore give the derivatives by
+    all of them: the first parameters of all pictures and the trace, the second, and the third.
+    """
+    residual, derivative = jax.linearize(lambda x: arrays.residuals(x, num_taps), values)
+    num_pictures, num_columns = arrays.levels.shape
+    shared = values.size - 3 * num_pictures - 2
+    direction = np.append(np.arange(shared), shared + np.arange(3 * num_pictures + 2) % 3)
+    directions = np.arange(shared + 3)[:, None] == direction[None]
+    slopes = jax.vmap(derivative, out_axes=1)(jnp.asarray(directions, values.dtype))
+    column_owner = np.append(np.full(shared, -1), np.arange(3 * num_pictures + 2) // 3)
+    row_owner = np.repeat(np.arange(num_pictures), num_columns)
+    row_owner = np.append(row_owner, np.full(arrays.trace.size, num_pictures))
+    row_owner = np.append(row_owner, np.full(arrays.trace_basis.shape[1], num_pictures + 1))
+    is_moved = (column_owner[None] == -1) | (column_owner[None] == row_owner[:, None])
+    data_rows = jnp.where(is_moved, slopes[: row_owner.size, direction], 0)
+    return residual, jnp.concatenate([data_rows, arrays.ties])
+
+
+@eqx.filter_custom_jvp
+def _residuals_by_matrix(values: Array, *, arrays: _Arrays, num_taps: int) -> Array:
+    """Residuals whose derivative is a product with their Jacobian.
+
+    It prevents the minimiser from compiling the kernel's derivative in each of the three places
+    that ask for one.
+    """
+    return arrays.residuals(values, num_taps)
+
+
+@_residuals_by_matrix.def_jvp
+def _by_matrix(
+    primals: tuple[Array], tangents: tuple[Array], *, arrays: _Arrays, num_taps: int
+) -> tuple[Array, Array]:
+    residual, matrix = _linearised(*primals, arrays, num_taps)
+    return residual, matrix @ tangents[0]
+
+
+@compiled
+def _least_squares(start: Any, arrays: _Arrays, num_taps: int) -> tuple[Array, Array, Array]:
+    """Parameters, the residuals and their Jacobian where the minimiser ends."""
+    import optimistix as optx
+
+    def residuals(values: Array, arrays: _Arrays) -> Array:
+        return _residuals_by_matrix(values, arrays=arrays, num_taps=num_taps)
+
+    # At changes by the rounding of the sum of squares it would refuse step after step.
+    solver = optx.LevenbergMarquardt(rtol=1e-3, atol=1e-3)
+    solution = optx.least_squares(residuals, solver, start, arrays, max_steps=30, throw=False)
+    end = solution.state.f_info
+    return solution.value, end.residual, end.jac.as_matrix()
+
+
+class Ties(NamedTuple):
+    """Linear combinations of the parameters that are held near values."""
+
+    # Coefficients of each combination, over its standard deviation
+    rows: Float[np.ndarray, "k parameters"]
+    aims: Float[np.ndarray, "k"]  # The values, over the same
+
+
+class Solution(NamedTuple):
+    """The end of a round."""
+
+    loss: float  # Sum of squares, of the ties and bounds too
+    values: Float[np.ndarray, "parameters"]  # Parameters, in their own scales
+    residual: Float[np.ndarray, "residuals"]  # Residuals of the data and the pins
+    matrix: Float[np.ndarray, "residuals parameters"]  # Their Jacobian
+    expected: Float[np.ndarray, "pictures columns"]  # Expected levels
+    noise: Float[np.ndarray, "pictures columns"]  # Standard deviations of the levels in this round
+
 
 @dataclass(frozen=True, eq=False)
 class Setting:
@@ -72,7 +177,7 @@ class Setting:
 
     names: tuple[str, ...]  # Names of the parameters
     arrays: _Arrays  # The data of the residuals
-    pins: "Ties"  # Combinations of the parameters that keep their value
+    pins: Ties  # Combinations of the parameters that keep their value
     profiles: tuple[np.ndarray, ...]  # Mean of the rows of each picture
     measurements: Measurements  # The measurements themselves
     sent_motion: ParabolicMotion  # The motion as sent
@@ -188,7 +293,7 @@ class Setting:
         """Residuals of the data and the pins at some parameters, each over its noise."""
         rows, aims = self.pins
         arrays = self.arrays._replace(deviation=noise, ties=rows, aims=aims)
-        return self.without_bounds(_compiled_residuals(values, arrays, self.num_taps))
+        return self.without_bounds(_residuals(arrays, values, self.num_taps))
 
     def without_bounds(self, rows: Array | np.ndarray) -> np.ndarray:
         """Residuals, or rows of their Jacobian, without those that keep coefficients above 0."""
@@ -207,12 +312,12 @@ class Setting:
         levels = gaussian_filter1d(self.arrays.levels, width, axis=1, mode="nearest")
         return replace(self, arrays=self.arrays._replace(levels=levels))
 
-    def near(self, coefficients: np.ndarray, deviation: float) -> "Ties":
+    def near(self, coefficients: np.ndarray, deviation: float) -> Ties:
         """Ties that hold the profile's coefficients near these."""
         rows = np.eye(len(self.names))[4 : 4 + len(self.coefficients)]
         return Ties(rows / deviation, coefficients / deviation)
 
-    def near_sent(self) -> "Ties":
+    def near_sent(self) -> Ties:
         """Ties that hold the profile's coefficients loosely near those that were sent."""
         return self.near(self.coefficients, RANGE)
 
@@ -264,6 +369,68 @@ class Setting:
             start[4 + count + 3 * k] = position / float(scales[4 + count + 3 * k])
         return start
 
+    def solved(
+        self,
+        values: np.ndarray,
+        noise: np.ndarray,
+        ties: Ties,
+        pull: tuple[np.ndarray, float] | None = None,
+    ) -> Solution:
+        """The end of one round of a fit."""
+        rows = np.zeros((values.size + 1, values.size))
+        aims = np.zeros(values.size + 1)
+        rows[: len(ties.rows)], aims[: len(ties.rows)] = ties
+        if pull is not None:
+            rows[-1], aims[-1] = pull
+        arrays = self.arrays._replace(
+            deviation=noise,
+            ties=np.concatenate([self.pins.rows, rows]),
+            aims=np.concatenate([self.pins.aims, aims]),
+        )
+        end = _least_squares(values, arrays, self.num_taps)
+        values, residual, matrix = (np.asarray(each) for each in end)
+        levels = np.asarray(arrays.levels)
+        expected = levels + residual[: levels.size].reshape(levels.shape) * noise
+        loss = float(np.sum(residual[:-1] ** 2))
+        residual, matrix = (self.without_bounds(x)[: -len(rows)] for x in (residual, matrix))
+        return Solution(loss, values, residual, matrix, expected, noise)
+
+    def num_first_rounds(self, shares: Sequence[float]) -> int:
+        """Number of fits that `likeliest_start` makes."""
+        num_others = len(self.likely_profiles()) - 1
+        num_rough = len(shares) + num_others * min(_NUM_SPEEDS, len(shares))
+        return num_rough + min(_NUM_ENDS, num_rough)
+
+    def likeliest_start(self, shares: Sequence[float], begin: Callable[[str], None]) -> Solution:
+        """The end of the likeliest of several first rounds.
+
+        A picture shows a jump of the profile as a step at a place of its own. A camera whose steps
+        lie right in some of the pictures and wrong in the others is a local minimum, of which
+        smoothed pictures have fewer. The stage and the shutter explain the same light, so that a
+        profile held near one of another shape leads to another stage, and a free one to wherever it
+        began. First rounds therefore fit smoothed pictures from several profiles, near which they
+        stay, and the pictures themselves from the likeliest of these cameras.
+        """
+        noise, smooth = self.noise(np.asarray(self.arrays.levels)), self.smoothed(_WIDTH)
+
+        def rough(profile: np.ndarray, share: float) -> Solution:
+            begin("smoothed pictures")
+            start = _with_blur(self.start(profile, share), _WIDTH**2)
+            return smooth.solved(start, noise, self.near(profile, 0.1))
+
+        sent, *others = self.likely_profiles()
+        as_sent = {share: rough(sent, share) for share in shares}
+        best_shares = sorted(shares, key=lambda share: as_sent[share].loss)[:_NUM_SPEEDS]
+        roughs = [as_sent[share] for share in best_shares]
+        roughs += [rough(profile, share) for profile in others for share in best_shares]
+        roughs = sorted(roughs, key=lambda end: end.loss)[:_NUM_ENDS]
+        ends = []
+        for end in roughs:
+            begin("the pictures themselves")
+            start = _with_blur(end.values, -(_WIDTH**2))
+            ends.append(self.solved(start, noise, self.near_sent()))
+        return min(ends, key=lambda end: end.loss)
+
 
 def _strength_and_place(profile: np.ndarray, is_edge: bool) -> tuple[float, float]:
     """Step of an edge or sum of a point, levels, and the place of a sharp edge or centroid, px."""
@@ -307,183 +474,6 @@ def _trace_samples(
     rows = np.concatenate([basis, np.zeros((dark.size, count))])
     noise = profile.noise * (profile.opened - profile.closed)
     return np.concatenate([levels[is_inside], dark]), rows, noise
-
-
-def _residuals(values: Array, arrays: _Arrays, num_taps: int) -> Array:
-    """Residuals of pictures, trace, bounds and ties, at parameters in their own scales.
-
-    Coefficients stray below 0, where no transmittance is, by a standard deviation of 0.01. That
-    prevents a fit of another stage with a profile that opens with a step down, which gives nearly
-    the pictures of one that opens with a step up.
-    """
-    x = values * arrays.scales
-    a, v, speed, blur = x[:4]
-    num_pictures, num_columns = arrays.levels.shape
-    count = arrays.trace_basis.shape[1]
-    coefficients = x[4 : 4 + count]
-    position, gain, background = x[4 + count : -2].reshape(num_pictures, 3).T
-    relative = jnp.where(arrays.is_unknown, speed, arrays.speeds) - v
-    taps = kernels(coefficients, a, arrays.half_exposure, relative, num_taps)
-    begin = position - relative**2 / (4 * a) - MOVED / FINE
-    irradiance = collected(taps, begin, blur, arrays.is_edge, num_columns)
-    expected = background[:, None] + gain[:, None] * irradiance
-    trace = x[-2] * (arrays.trace_basis @ coefficients) + x[-1]
-    return jnp.concatenate(
-        [
-            jnp.ravel((expected - arrays.levels) / arrays.deviation),
-            (trace - arrays.trace) / arrays.trace_deviation,
-            jnp.minimum(coefficients, 0) / 0.01,
-            arrays.ties @ values - arrays.aims,
-        ]
-    )
-
-
-@compiled
-def _compiled_residuals(values: Any, arrays: _Arrays, num_taps: int) -> Array:
-    return _residuals(values, arrays, num_taps)
-
-
-@eqx.filter_jit
-def _linearised(values: Array, arrays: _Arrays, num_taps: int) -> tuple[Array, Array]:
-    """Residuals and their Jacobian.
-
-    Each picture has three parameters of its own, and the trace has two, each of which moves the
-    rows of that picture or of the trace alone. Three directions therefore give the derivatives by
-    all of them: the first parameters of all pictures and the trace, the second, and the third.
-    """
-    residuals = partial(_residuals, arrays=arrays, num_taps=num_taps)
-    residual, derivative = jax.linearize(residuals, values)
-    num_pictures, num_columns = arrays.levels.shape
-    shared = values.size - 3 * num_pictures - 2
-    direction = np.append(np.arange(shared), shared + np.arange(3 * num_pictures + 2) % 3)
-    directions = np.arange(shared + 3)[:, None] == direction[None]
-    slopes = jax.vmap(derivative, out_axes=1)(jnp.asarray(directions, values.dtype))
-    column_owner = np.append(np.full(shared, -1), np.arange(3 * num_pictures + 2) // 3)
-    row_owner = np.repeat(np.arange(num_pictures), num_columns)
-    row_owner = np.append(row_owner, np.full(arrays.trace.size, num_pictures))
-    row_owner = np.append(row_owner, np.full(arrays.trace_basis.shape[1], num_pictures + 1))
-    is_moved = (column_owner[None] == -1) | (column_owner[None] == row_owner[:, None])
-    data_rows = jnp.where(is_moved, slopes[: row_owner.size, direction], 0)
-    return residual, jnp.concatenate([data_rows, arrays.ties])
-
-
-@eqx.filter_custom_jvp
-def _residuals_by_matrix(values: Array, *, arrays: _Arrays, num_taps: int) -> Array:
-    """Residuals whose derivative is a product with their Jacobian.
-
-    It prevents the minimiser from compiling the kernel's derivative in each of the three places
-    that ask for one.
-    """
-    return _residuals(values, arrays, num_taps)
-
-
-@_residuals_by_matrix.def_jvp
-def _by_matrix(
-    primals: tuple[Array], tangents: tuple[Array], *, arrays: _Arrays, num_taps: int
-) -> tuple[Array, Array]:
-    residual, matrix = _linearised(*primals, arrays, num_taps)
-    return residual, matrix @ tangents[0]
-
-
-@compiled
-def _least_squares(start: Any, arrays: _Arrays, num_taps: int) -> tuple[Array, Array, Array]:
-    """Parameters, the residuals and their Jacobian where the minimiser ends."""
-    import optimistix as optx
-
-    def residuals(values: Array, arrays: _Arrays) -> Array:
-        return _residuals_by_matrix(values, arrays=arrays, num_taps=num_taps)
-
-    # At changes by the rounding of the sum of squares it would refuse step after step.
-    solver = optx.LevenbergMarquardt(rtol=1e-3, atol=1e-3)
-    solution = optx.least_squares(residuals, solver, start, arrays, max_steps=30, throw=False)
-    end = solution.state.f_info
-    return solution.value, end.residual, end.jac.as_matrix()
-
-
-class Ties(NamedTuple):
-    """Linear combinations of the parameters that are held near values."""
-
-    # Coefficients of each combination, over its standard deviation
-    rows: Float[np.ndarray, "k parameters"]
-    aims: Float[np.ndarray, "k"]  # The values, over the same
-
-
-class Solution(NamedTuple):
-    """The end of a round."""
-
-    loss: float  # Sum of squares, of the ties and bounds too
-    values: Float[np.ndarray, "parameters"]  # Parameters, in their own scales
-    residual: Float[np.ndarray, "residuals"]  # Residuals of the data and the pins
-    matrix: Float[np.ndarray, "residuals parameters"]  # Their Jacobian
-    expected: Float[np.ndarray, "pictures columns"]  # Expected levels
-    noise: Float[np.ndarray, "pictures columns"]  # Standard deviations of the levels in this round
-
-
-def solved(
-    setting: Setting,
-    values: np.ndarray,
-    noise: np.ndarray,
-    ties: Ties,
-    pull: tuple[np.ndarray, float] | None = None,
-) -> Solution:
-    """The end of one round of a fit."""
-    rows = np.zeros((values.size + 1, values.size))
-    aims = np.zeros(values.size + 1)
-    rows[: len(ties.rows)], aims[: len(ties.rows)] = ties
-    if pull is not None:
-        rows[-1], aims[-1] = pull
-    arrays = setting.arrays._replace(
-        deviation=noise,
-        ties=np.concatenate([setting.pins.rows, rows]),
-        aims=np.concatenate([setting.pins.aims, aims]),
-    )
-    end = _least_squares(values, arrays, setting.num_taps)
-    values, residual, matrix = (np.asarray(each) for each in end)
-    levels = np.asarray(arrays.levels)
-    expected = levels + residual[: levels.size].reshape(levels.shape) * noise
-    loss = float(np.sum(residual[:-1] ** 2))
-    residual, matrix = (setting.without_bounds(x)[: -len(rows)] for x in (residual, matrix))
-    return Solution(loss, values, residual, matrix, expected, noise)
-
-
-def num_first_rounds(setting: Setting, shares: Sequence[float]) -> int:
-    """Number of fits that `likeliest_start` makes."""
-    num_others = len(setting.likely_profiles()) - 1
-    num_rough = len(shares) + num_others * min(_NUM_SPEEDS, len(shares))
-    return num_rough + min(_NUM_ENDS, num_rough)
-
-
-def likeliest_start(
-    setting: Setting, shares: Sequence[float], begin: Callable[[str], None]
-) -> Solution:
-    """The end of the likeliest of several first rounds.
-
-    A picture shows a jump of the profile as a step at a place of its own. A camera whose steps
-    lie right in some of the pictures and wrong in the others is a local minimum, of which smoothed
-    pictures have fewer. The stage and the shutter explain the same light, so that a profile held
-    near one of another shape leads to another stage, and a free one to wherever it began. First
-    rounds therefore fit smoothed pictures from several profiles, near which they stay, and the
-    pictures themselves from the likeliest of these cameras.
-    """
-    noise, smooth = setting.noise(np.asarray(setting.arrays.levels)), setting.smoothed(_WIDTH)
-
-    def rough(profile: np.ndarray, share: float) -> Solution:
-        begin("smoothed pictures")
-        start = _with_blur(setting.start(profile, share), _WIDTH**2)
-        return solved(smooth, start, noise, setting.near(profile, 0.1))
-
-    sent, *others = setting.likely_profiles()
-    as_sent = {share: rough(sent, share) for share in shares}
-    best_shares = sorted(shares, key=lambda share: as_sent[share].loss)[:_NUM_SPEEDS]
-    roughs = [as_sent[share] for share in best_shares]
-    roughs += [rough(profile, share) for profile in others for share in best_shares]
-    roughs = sorted(roughs, key=lambda end: end.loss)[:_NUM_ENDS]
-    ends = []
-    for end in roughs:
-        begin("the pictures themselves")
-        start = _with_blur(end.values, -(_WIDTH**2))
-        ends.append(solved(setting, start, noise, setting.near_sent()))
-    return min(ends, key=lambda end: end.loss)
 
 
 def _with_blur(values: np.ndarray, added: float) -> np.ndarray:

@@ -8,7 +8,7 @@ are those of the profile likelihood.
 import numpy as np
 from jaxtyping import Float
 
-from mishutter.hardware.calibration.likelihood import RANGE, Setting, Solution, Ties, solved
+from mishutter.hardware.calibration.likelihood import RANGE, Setting, Solution, Ties
 
 WIDEST = 1 / 3
 """Greatest error bar of an identifiable parameter, in its own scale."""
@@ -36,7 +36,7 @@ def error_bars(
     values, best, ends = solution.values, solution, []
     # A last round begins again at a lower end that a pull has found, twice at most.
     for _ in range(3):
-        best = solved(setting, values, noise, ties)
+        best = setting.solved(values, noise, ties)
         ends = _pulled(setting, best, ties)
         lowest = min(ends, key=lambda each: each.loss, default=best)
         if lowest.loss >= best.loss - 0.01:
@@ -80,7 +80,7 @@ def _pulled(setting: Setting, best: Solution, ties: Ties) -> list[Solution]:
                 pull = row, float(row @ best.values) + 2 * side
                 is_lower = np.sum(residual**2) + 2**2 < np.sum(best.residual**2) + 4**2
                 start = best.values + step * is_lower
-                ends.append(solved(setting, start, best.noise, ties, pull))
+                ends.append(setting.solved(start, best.noise, ties, pull))
     return ends
 
 
