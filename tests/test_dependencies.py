@@ -23,8 +23,8 @@ EXTRAS = [
 ]
 BRIDGES = [Requirement(text) for text in PROJECT["optional-dependencies"]["torch"]]
 """Packages of users whom `mishutter.torch` meets in theirs."""
-NEVER_IMPORTED = {"jaxlib"}
-"""A package that is declared for others: a build of it to avoid."""
+NEVER_IMPORTED = {"jaxlib", "scikit-image"}
+"""A package that is declared for a build of it to avoid, and one whose photographs are read."""
 NEVER_DECLARED = {"deepinv"}
 """A package for which something is made by whoever has it."""
 

@@ -278,12 +278,12 @@ def test_the_verdict_is_printed_before_anything_is_photographed(report, capsys, 
     """What is known is on standard output when the first capture begins; a document is whole."""
     seen: list[str] = []
 
-    def photographed(result, delivery):
+    def photographed(delivery, result):
         seen.append(capsys.readouterr().out)
         return result
 
     # Only what is printed before it matters, and both take long.
-    monkeypatch.setattr(app, "_photographed", photographed)
+    monkeypatch.setattr(app.Delivery, "photographed", photographed)
     monkeypatch.setattr(
         "mishutter.report.backgrounds.background_gains", lambda scene, begin: (HALF_STILL,)
     )
@@ -311,7 +311,7 @@ def test_a_background_comes_last_or_not_at_all(report, asked, monkeypatch):
         order.append("background")
         return (HALF_STILL,)
 
-    monkeypatch.setattr(app, "_photographed", lambda result, delivery: result)
+    monkeypatch.setattr(app.Delivery, "photographed", lambda delivery, result: result)
     monkeypatch.setattr("mishutter.report.documents.write_report", files)
     monkeypatch.setattr("mishutter.report.backgrounds.background_gains", gains)
     monkeypatch.setattr(
