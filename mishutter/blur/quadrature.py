@@ -165,7 +165,7 @@ def _shared_panels(
 
 @lru_cache
 def _panel_rule(num_panels: int, num_nodes: int) -> tuple[np.ndarray, np.ndarray]:
-    """Composite Gauss-Legendre rule on [0, 1]; no panel has more than 128 nodes.
+    """Composite Gauss-Legendre rule on [0, 1]; a panel has 12 to 128 nodes.
 
     NumPy takes a second to compute a single rule of a thousand nodes.
     """

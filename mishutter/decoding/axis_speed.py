@@ -207,6 +207,7 @@ def _searched(
         few = order[start : start + size]
         coarse = _PX_A_STEP / _duration([taken[k] for k in few])
         count = 2 + int((high - low) / coarse)
+        # Above so many speeds times frames, fewer frames tell where to look.
         if size <= 2 or size * count <= 3000:
             break
         size -= 1

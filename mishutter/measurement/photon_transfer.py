@@ -68,6 +68,8 @@ class Blocks:
             stats.chi2.sf(9 * _FREEDOM * around / few, 9 * _FREEDOM / few),
         )
         least = np.min(chances, axis=0)
+        # Noise is beyond 1e-3 in a block of a thousand, which is left out; beyond 1e-6 something
+        # moves so strongly that its neighbours are too.
         is_strong = (least < 1e-6).reshape(self.shape)
         grown = np.asarray(ndimage.binary_dilation(is_strong, np.ones((1, 3, 3))), bool)
         return grown.ravel() | (least < 1e-3)
@@ -102,6 +104,7 @@ class Law:
         r"""Levels of unit noise: $\int dm/\sqrt{d + k m}$, the variance-stabilising transform."""
         middle = float(np.mean(frames))
         rise = self.gain * float(np.ptp(frames))
+        # So small a share of the variance counts as no rise.
         if abs(rise) < 0.02 * float(self(np.array(middle))):
             return (frames / np.sqrt(self(np.array(middle)))).astype(np.float32)
         return (2 / self.gain * np.sqrt(self(frames))).astype(np.float32)

@@ -106,6 +106,7 @@ def _repeats(clip: Clip, transfer: Transfer) -> Refusal | None:
     if not equal:
         return None
     share, usual = np.concatenate(equal).mean(), np.concatenate(expected).mean()
+    # So many pixels may repeat, over those that noise repeats and beyond them.
     if share <= 1.3 * usual + 0.03:
         return None
     reason = (

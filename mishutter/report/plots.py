@@ -63,7 +63,7 @@ _AT_REST = 0.05
 """Travel below which a stage is drawn at rest; px."""
 _EAR = 0.02
 """Least rise of transmittance towards an end of the exposure that is an ear."""
-_LINE = 0.21
+LINE = 0.21
 """Height of a line of a legend; inches."""
 MAP_COLOURS = "viridis"
 """Colours of maps, which rise from dark to light in a grey printout and to every eye.
@@ -158,7 +158,7 @@ def plot_profiles(designs: Named, *, explains_ears: bool = True) -> "Figure":
     _legend(figure, axes)
     if ears and explains_ears:
         axes.plot(*zip(*ears, strict=True), "o", markersize=13, fillstyle="none", color="0.4")
-        height = _grow(figure, below=2 * _LINE)
+        height = _grow(figure, below=2 * LINE)
         # The legend keeps its distance from the upper edge.
         figure.legends[0].set_bbox_to_anchor((0.5, 1 - 0.05 / height))
         figure.text(
@@ -338,7 +338,7 @@ def plot_option(scene: Scene, row: Row, title: str = "") -> "Figure":
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     lines = textwrap.wrap(shown_name(title, len(title)), _LETTERS_OF_A_LINE)
     figure.suptitle("\n".join(lines), fontsize="small", y=1 - 0.06 / figure.get_size_inches()[1])
-    leave_room(figure, top=0.45 + _LINE * len(lines), num_rows=1 + is_shaped)
+    leave_room(figure, top=0.45 + LINE * len(lines), num_rows=1 + is_shaped)
     return figure
 
 
@@ -725,7 +725,7 @@ def _legend(figure: "Figure", axes: "Axes", title: str | None = None) -> None:
     handles, labels = axes.get_legend_handles_labels()
     columns = 2 if max(map(len, labels), default=0) <= 34 else 1
     num_lines = -(-len(labels) // columns) + (title is not None)
-    place = 0.5, 1 - 0.05 / _grow(figure, above=_LINE * (num_lines + 1))
+    place = 0.5, 1 - 0.05 / _grow(figure, above=LINE * (num_lines + 1))
     figure.legend(
         handles, labels, loc="upper center", bbox_to_anchor=place, ncols=columns, title=title
     )

@@ -18,6 +18,7 @@ from mishutter.model.scene import Scene
 from mishutter.model.shutters.kinds import shutter_from_dict
 from mishutter.model.shutters.spline import SplineShutter
 from mishutter.report.plots import (
+    LINE,
     MAP_COLOURS,
     draw_grid,
     leave_room,
@@ -343,7 +344,7 @@ def plot_front(
     )
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
     num_lines = -(-len(axes.get_legend_handles_labels()[1]) // 3)
-    leave_room(figure, left=0.9, top=0.2 + 0.21 * num_lines, rows=1.0, num_rows=2)
+    leave_room(figure, left=0.9, top=0.2 + LINE * num_lines, rows=1.0, num_rows=2)
     shown = _spread(_on_axes(axes, places), num_profiles)
     columns = rows[1].subgridspec(1, max(1, len(shown)))
     for column, index in enumerate(shown):
