@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 AT_REST = 0.05
 """Travel over an exposure below which its sensor counts as standing still; px."""
+_MOST_NAMED = 3
+"""Different exposures that are named one by one."""
 Lights = list[tuple[float, float]]
 """First and last light of exposures; s."""
 
@@ -96,6 +98,9 @@ class AbstractExposures(ABC):
             (f"{exposure * 1e3:.3g} ms", index < num_rests)
             for index, exposure in enumerate(self.exposures)
         )
+        if len(kinds) > _MOST_NAMED:
+            at_rest = [f"{num_rests} at rest"] if num_rests else []
+            return ", ".join([f"{self.num_frames} of {self._range} ms", *at_rest])
         return " and ".join(
             f"{count} of {exposure}{' at rest' if is_still else ''}"
             for (exposure, is_still), count in kinds.items()
@@ -105,9 +110,16 @@ class AbstractExposures(ABC):
     def lengths(self) -> str:
         """Exposures in words: each that occurs, with its number where stills differ in them."""
         kinds = Counter(f"{exposure * 1e3:.3g}" for exposure in self.exposures)
+        if len(kinds) > _MOST_NAMED:
+            return f"{self._range} ms"
         if self.moves or set(kinds.values()) == {1} or len(kinds) == 1:
             return f"{' and '.join(kinds)} ms"
         return f"{' and '.join(f'{count} of {exposure}' for exposure, count in kinds.items())} ms"
+
+    @property
+    def _range(self) -> str:
+        """The least and the greatest exposure; ms."""
+        return f"{min(self.exposures) * 1e3:.3g} to {max(self.exposures) * 1e3:.3g}"
 
     def of_one_gain(self, frames: Iterable[np.ndarray]) -> list[np.ndarray]:
         """Frames as a sensor of one gain has them: in units of the white of the longest."""

@@ -485,7 +485,7 @@ class Limits(AbstractModule):
         Args:
             sequence: The frames, within these limits.
         """
-        return sequence.stage_path(**self._of_run_up)
+        return sequence.stage_path(**self._of_run_up(sequence))
 
     def with_travel(self, sequence: FrameSequence) -> FrameSequence:
         """A sequence that says the travel of its `stage_path_of_frames`.
@@ -501,13 +501,15 @@ class Limits(AbstractModule):
         Args:
             sequence: The frames, within these limits.
         """
-        return sequence.stage_use(**self._of_run_up)
+        return sequence.stage_use(**self._of_run_up(sequence))
 
-    @property
-    def _of_run_up(self) -> dict[str, float | None]:
-        """The limits of a run-up."""
-        limits = {"max_acceleration": self.max_acceleration, "max_jerk": self.max_jerk}
-        return {name: None if x is None else float(x) for name, x in limits.items()}
+    def _of_run_up(self, sequence: FrameSequence) -> dict[str, float | None]:
+        """The limits of a stage from rest to the frames, between them and back to rest."""
+        names = "max_acceleration", "max_jerk"
+        limits = {name: getattr(self, name) for name in names}
+        every = {name: None if x is None else float(x) for name, x in limits.items()}
+        # What a camera turns by is no longer the stage's.
+        return every | {"max_top_speed": float(self.max_top_speed) - abs(sequence.pan)}
 
     def travel_beyond(self, path: StagePath | None) -> float | None:
         """Travel of a path of the stage where it is more than is allowed; px. None elsewhere.

@@ -1,5 +1,6 @@
 """Frames that a camera takes one after the other of the same picture, and what its sensor does."""
 
+import math
 from abc import abstractmethod
 from dataclasses import dataclass
 from itertools import pairwise
@@ -11,7 +12,16 @@ from jaxtyping import Float
 
 from mishutter.model.exposures import AT_REST, AbstractExposures
 from mishutter.model.motion import AbstractMotion
-from mishutter.model.stages import Knots, Piece, StagePath, StageUse, place_at_begin, run_up
+from mishutter.model.stages import (
+    Knots,
+    Piece,
+    StagePath,
+    StageUse,
+    extent,
+    place_at_begin,
+    run_up,
+    transfer,
+)
 
 if TYPE_CHECKING:
     from mishutter.model.limits import Limits
@@ -155,7 +165,13 @@ class FrameSequence(AbstractFrames):
     def stage_path_within(self, limits: "Limits") -> StagePath | None:
         return limits.stage_path_of_frames(self)
 
-    def stage_use(self, *, max_acceleration: float | None, max_jerk: float | None) -> StageUse:
+    def stage_use(
+        self,
+        *,
+        max_acceleration: float | None,
+        max_jerk: float | None,
+        max_top_speed: float | None = None,
+    ) -> StageUse:
         """The demands of the frames on a stage that runs up to them from rest.
 
         Where no path can be written, since no limit says how the stage reaches a velocity, it does
@@ -164,25 +180,30 @@ class FrameSequence(AbstractFrames):
         Args:
             max_acceleration: As `stage_path` takes it.
             max_jerk: As `stage_path` takes it.
+            max_top_speed: As `stage_path` takes it.
         """
-        path = self.stage_path(max_acceleration=max_acceleration, max_jerk=max_jerk)
+        most = {"max_acceleration": max_acceleration, "max_top_speed": max_top_speed}
+        path = self.stage_path(**most, max_jerk=max_jerk)
         return self._knots(None, None).use if path is None else path.use
 
     def stage_path(
-        self, *, max_acceleration: float | None = None, max_jerk: float | None = None
+        self,
+        *,
+        max_acceleration: float | None = None,
+        max_jerk: float | None = None,
+        max_top_speed: float | None = None,
     ) -> StagePath | None:
         r"""The whole path of the stage: rest, run-up, frames, run-out, rest.
 
-        From the end of a frame at the place $p$ and the velocity $v$ to the beginning of the next,
-        at $q$ and $u$ after the time $g$, the stage takes the least acceleration that leads there:
-        $A$ and then $-A$, with $A^2 g^2 - 4dA - (u - v)^2 = 0$ and $d = q - p - g(u + v)/2$.
-        Between frames on a sine it follows that, and to one that moves it runs up from one at rest
-        as late as it can.
+        Between frames the stage follows the gentlest `transfer` of a ramp, a coast and a ramp that
+        takes no more travel than those at the greatest acceleration. Between frames on a sine it
+        follows that, and to one that moves it runs up from one at rest as late as it can.
 
         Args:
-            max_acceleration: Greatest acceleration of the run-up and the run-out; px/s^2. None for
-                the greatest of the rest of the path.
+            max_acceleration: Greatest acceleration of the run-up, the run-out and the ways between
+                frames; px/s^2. None for the greatest of the rest of the path.
             max_jerk: Greatest jerk of the run-up and the run-out; px/s^3.
+            max_top_speed: Greatest speed between frames; px/s.
 
         Returns:
             The path; None where the stage stays at rest. None also where `max_acceleration` is
@@ -198,7 +219,7 @@ class FrameSequence(AbstractFrames):
             if jumps or (self.moves and self.num_rests > 0):
                 return None
             most = float(at_once.use.acceleration)
-        knots = self._knots(most, max_jerk) if most > 0 else None
+        knots = self._knots(most, max_jerk, max_top_speed) if most > 0 else None
         if knots is None or not np.any(knots.velocities):
             return None
         first = self.frames[0]
@@ -214,31 +235,53 @@ class FrameSequence(AbstractFrames):
         end = np.asarray(motion.position(np.array([float(motion.half_exposure)])))
         return place + place_at_begin(motion), place + float(end[0])
 
-    def _knots(self, most: float | None, jerk: float | None) -> Knots:
-        """The way of the stage from rest to rest at a greatest acceleration and jerk."""
-        lit = [Knots.of_exposure(self._of_stage(frame)) for frame in self.frames]
-        pieces = lit[0].pieces
-        for (frame, own), (after, other) in pairwise(zip(self.frames, lit, strict=True)):
-            gap = after.time - frame.time - (after.exposure + frame.exposure) / 2
-            way = self._ends(after)[0] - self._ends(frame)[1]
-            start, end = float(own.velocities[-1]), float(other.velocities[0])
-            if gap <= 1e-9 * (after.time - frame.time):  # but for rounding
-                pieces.append(Piece(0.0, end))
-            elif not np.any(own.velocities):
-                rate = float(other.accelerations[0])
-                pieces += _from_rest(way, gap, end, run_up(end, rate, most, jerk))
-            elif self.kind == SINE:
-                pan = float(self._of_stage(frame).velocity)
-                pieces += _along_sine(way, gap, start - pan, frame.exposure / 2, pan=pan, end=end)
-            else:
-                scale = sum(float(np.ptp(each.positions)) for each in (own, other))
-                pieces += _with_least_acceleration(way, gap, start, end, scale)
-            pieces += other.pieces
-        ends = float(lit[0].accelerations[0]), float(lit[-1].accelerations[-1])
-        return Knots.of(lit[0].velocities[0], pieces).from_rest_to_rest(ends, most, jerk)
+    def _knots(
+        self, most: float | None, jerk: float | None, top_speed: float | None = None
+    ) -> Knots:
+        """The way of the stage from rest to rest at a greatest acceleration, jerk and speed."""
+        ends = [self._ends(frame) for frame in self.frames]
+
+        def whole(span: tuple[float, float] | None) -> Knots:
+            lit = [Knots.of_exposure(self._of_stage(frame)) for frame in self.frames]
+            pieces = lit[0].pieces
+            each = zip(self.frames, lit, ends, strict=True)
+            for (frame, own, places), (after, other, others) in pairwise(each):
+                gap = after.time - frame.time - (after.exposure + frame.exposure) / 2
+                way, start, end = others[0] - places[1], own.velocities[-1], other.velocities[0]
+                ends_of_gap = float(way), float(gap), float(start), float(end)
+                if gap <= 1e-9 * (after.time - frame.time):  # but for rounding
+                    pieces.append(Piece(0.0, end))
+                elif not np.any(own.velocities) and (
+                    late := _from_rest(
+                        way, gap, end, run_up(end, float(other.accelerations[0]), most, jerk)
+                    )
+                ):
+                    pieces += late
+                elif self.kind == SINE:
+                    pan = float(self._of_stage(frame).velocity)
+                    half = frame.exposure / 2
+                    pieces += _along_sine(way, gap, start - pan, half, pan=pan, end=end)
+                else:
+                    near = None if span is None else (span[0] - places[1], span[1] - places[1])
+                    scale = sum(float(np.ptp(each.positions)) for each in (own, other))
+                    pieces += transfer(
+                        *ends_of_gap, acceleration=most, top_speed=top_speed, span=near, scale=scale
+                    )
+                pieces += other.pieces
+            rates = float(lit[0].accelerations[0]), float(lit[-1].accelerations[-1])
+            return Knots.of(lit[0].velocities[0], pieces).from_rest_to_rest(rates, most, jerk)
+
+        if most is None or len(self.frames) == 1:
+            return whole(None)
+        # No wider than by the greatest acceleration, at which the stage turns round soonest.
+        steepest = whole((math.inf, -math.inf))
+        low, high = extent(steepest)
+        begin = ends[0][0] - float(steepest.positions[steepest.first])
+        margin = 1e-9 * (high - low)
+        return whole((low + begin - margin, high + begin + margin))
 
 
-def _from_rest(way: float, gap: float, end: float, ups: list[Piece]) -> list[Piece]:
+def _from_rest(way: float, gap: float, end: float, ups: list[Piece]) -> list[Piece] | None:
     """From a frame at rest, as late as a run-up or a constant acceleration lets the stage start."""
     if not way and not end:
         return [Piece(gap, 0.0)]
@@ -247,10 +290,10 @@ def _from_rest(way: float, gap: float, end: float, ups: list[Piece]) -> list[Pie
     # Numbers of frames may be those of single precision.
     if abs(place - way) <= _SINGLE * abs(way) and duration <= gap * (1 + _SINGLE):
         return [Piece(max(gap - duration, 0.0), 0.0), *ups]
-    if end * way > 0 and 2 * way / end <= gap:
-        rise = 2 * way / end
+    rise = 2 * way / end if end else 0.0
+    if rise > 0 and duration <= rise <= gap:
         return [Piece(gap - rise, 0.0), Piece(rise, end)]
-    return _with_least_acceleration(way, gap, 0.0, end, abs(way))
+    return None
 
 
 def _along_sine(
@@ -272,18 +315,3 @@ def sine_between(half: float, gap: float) -> Float[np.ndarray, "n"]:
     period, num_pieces = gap + 2 * half, 32
     times = half + gap * np.arange(1, num_pieces) / num_pieces
     return np.sin(np.pi * times / period) / np.sin(np.pi * half / period)
-
-
-def _with_least_acceleration(
-    way: float, gap: float, start: float, end: float, scale: float
-) -> list[Piece]:
-    """By an acceleration and then its opposite, or by one if that errs less than rounding."""
-    gain = end - start
-    aside = 2 * (way - gap * (end + start) / 2)
-    if abs(aside) <= _SINGLE * scale:
-        return [Piece(gap, end)]
-    root = np.hypot(aside, gap * gain)
-    # The difference of two like numbers is avoided by the root of the sign of `aside`.
-    rate = (aside + (root if aside >= 0 else -root)) / gap**2
-    first = float(np.clip((gap + gain / rate) / 2, 0.0, gap))
-    return [Piece(first, start + rate * first), Piece(gap - first, end)]

@@ -16,6 +16,7 @@ rest in the time $|U|/A + A/J$, or $2\sqrt{|U|/J}$ where $A$ is not reached ($|U
 any acceleration at either end. A run-out is such a run-up backwards.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import jax
@@ -25,6 +26,9 @@ from jaxtyping import Array, ArrayLike, Float, Int
 
 from mishutter._core.checks import require, require_finite, require_known, require_scalar
 from mishutter.model.motion import AbstractMotion, safe_root
+
+_SINGLE = 1e-5
+"""Share of a number below which it is one of rounding, in single precision."""
 
 
 class StageUse(NamedTuple):
@@ -357,3 +361,90 @@ def _above_zero(subject: str, value: ArrayLike) -> float:
     number = float(np.asarray(value))
     require(number > 0, subject, "be above 0", value)
     return number
+
+
+def transfer(
+    way: float,  # px
+    gap: float,  # s
+    start: float,  # px/s
+    end: float,  # px/s
+    *,
+    acceleration: float | None = None,  # px/s^2
+    top_speed: float | None = None,  # px/s
+    span: tuple[float, float] | None = None,  # px
+    scale: float = 0.0,  # px
+) -> list[Piece]:
+    r"""A ramp to some velocity, a coast and a ramp: the gentlest such way from one velocity to another.
+
+    A ramp at the acceleration $A$ from $w$ to $q$ and one to $u$ leave the way
+    $qg - [(q - w)|q - w| + (q - u)|q - u|]/2A$ in the time $g$, which grows with $q$. The least $A$ is
+    that of two ramps without a coast, $A^2g^2 - 4dA - (u - w)^2 = 0$ with
+    $d = |\mathrm{way} - g(u + w)/2|$, and where they would exceed the top speed $V$ that of a coast at it.
+
+    Args:
+        way: Way from the one to the other.
+        gap: Time from the one to the other, above 0.
+        start: Velocity at the beginning, $w$.
+        end: Velocity at the end, $u$.
+        acceleration: Greatest acceleration, which is used where a gentler way would leave `span`;
+            a way that needs more takes that.
+        top_speed: Greatest speed.
+        span: Lowest and highest place to keep to, from that at the beginning.
+        scale: Size of the places that the way is a difference of, for its rounding.
+    """
+    aside = 2 * (way - gap * (end + start) / 2)
+    if abs(aside) <= _SINGLE * max(scale, abs(way) + gap * max(abs(start), abs(end))):
+        return [Piece(gap, end)]
+    least = (abs(aside) + math.hypot(aside, gap * (end - start))) / gap**2
+    sign = math.copysign(1.0, aside)
+    if top_speed is not None:
+        peak = (start + end + sign * least * gap) / 2
+        spare = top_speed * gap - sign * way
+        if abs(peak) > top_speed and spare > 0:
+            squares = (top_speed - sign * start) ** 2 + (top_speed - sign * end) ** 2
+            least = max(least, squares / (2 * spare))
+
+    def pieces(most: float) -> list[Piece]:
+        q = _coasting(way, gap, start, end, most)
+        rise, fall = abs(q - start) / most, abs(end - q) / most
+        return [Piece(rise, q), Piece(max(gap - rise - fall, 0.0), q), Piece(fall, end)]
+
+    def leaves(most: float) -> bool:
+        places = Knots.of(start, pieces(most))
+        low, high = extent(places)
+        return low < span[0] or high > span[1]  # type: ignore[index]
+
+    if acceleration is None or acceleration <= least or span is None or not leaves(least):
+        return pieces(least)
+    low, high = least, acceleration
+    for _ in range(20):
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if leaves(middle) else (low, middle)
+    return pieces(high)
+
+
+def _coasting(way: float, gap: float, start: float, end: float, most: float) -> float:
+    """The velocity between two ramps that leads over a way."""
+
+    def way_at(q: float) -> float:
+        lost = (q - start) * abs(q - start) + (q - end) * abs(q - end)
+        return q * gap - lost / (2 * most)
+
+    low, high = sorted((start, end))
+    ways = way_at(low), way_at(high)
+    if ways[0] <= way <= ways[1]:
+        share = (way - ways[0]) / (ways[1] - ways[0]) if ways[1] > ways[0] else 0.0
+        return low + share * (high - low)
+    # Above both velocities two ramps lose by squares, and below both they gain by them.
+    sign = 1.0 if way > ways[1] else -1.0
+    half = (sign * (start + end) + most * gap) / 2
+    rest = (start**2 + end**2) / 2 + sign * most * way
+    return sign * rest / (half + math.sqrt(max(half**2 - rest, 0.0)))
+
+
+def extent(knots: Knots) -> tuple[float, float]:
+    """Lowest and highest place of a way, from its beginning; px."""
+    begin, end = knots.velocities[:-1], knots.velocities[1:]
+    turns = knots.positions[:-1] + knots.durations * begin * _share(begin, begin - end) / 2
+    places = np.concatenate([knots.positions, turns])
+    return float(np.min(places)), float(np.max(places))

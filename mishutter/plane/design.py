@@ -17,9 +17,8 @@ from mishutter.model.arguments import Part, arguments_of, table_of
 from mishutter.model.scene import Scene
 from mishutter.model.stages import StagePath
 from mishutter.model.velocities import AbstractVelocities
-from mishutter.plane.families import of_stage
+from mishutter.plane.bursts import PlaneBurst, of_stage
 from mishutter.plane.frames import PlaneFrames
-from mishutter.plane.search import PlaneBurst
 
 Row = list[float]
 

@@ -8,14 +8,14 @@ from jaxtyping import Array
 
 from mishutter.design.design import Design
 from mishutter.evaluation.bursts import FrameTimes, StillBursts, window_of
-from mishutter.evaluation.moving_bursts import ALTERNATING, FAN, SINE, SWEEP
 from mishutter.evaluation.sequences import REGION
 from mishutter.model.devices import AbstractDevice
 from mishutter.model.exposures import AbstractExposures
 from mishutter.model.scene import Scene
 from mishutter.model.scene_units import GRAVITY
-from mishutter.model.sequences import FrameSequence
-from mishutter.plane.families import CIRCLE, CROSSED, FREE, PAN, RING, TWO_SINES
+from mishutter.model.sequences import SINE, FrameSequence
+from mishutter.plane.families import CIRCLE, CROSSED, RING, TWO_SINES
+from mishutter.search.frame_search import ALTERNATING, FAN, FOLLOW, FREE, PAN, SWEEP
 from mishutter.search.rivals import PLAIN_RATE, PLAIN_STILLS, Entry, taken_names
 from mishutter.search.rows import BEST_SNAPSHOT, SHUTTER, Row, best_row
 from mishutter.search.space import beyond_limits, forbids_free_path
@@ -33,6 +33,9 @@ _WAYS = {
     SWEEP: "goes out and back once at a constant acceleration",
     ALTERNATING: "turns back in the middle of each frame at a constant acceleration",
     FAN: "takes another constant velocity in each frame",
+    FOLLOW: "follows the objects at {speeds} and flies back between frames, {turns}",
+    PAN: "pans at {speeds}",
+    FREE: "takes a path of its own in each frame",
 }
 """The way of a stage over frames."""
 _VERBS = {
@@ -41,6 +44,7 @@ _VERBS = {
     SWEEP: "sweeps {way}",
     ALTERNATING: "swings {way}",
     FAN: "takes a constant speed in each, over {way}",
+    FOLLOW: "follows the objects and flies back between frames, over {way}",
     CIRCLE: "circles over {way}",
     TWO_SINES: "follows two sines over {way}",
     CROSSED: "swings {way} along two axes in turn",
@@ -230,7 +234,8 @@ def _on_stage(scene: Scene, rows: Sequence[Row], choice: Row) -> str:
         return added
     rests = frames.num_rests
     rest = f"rests in the first {'frame' if rests == 1 else f'{rests} frames'}, then "
-    way = f"{rest if rests else ''}{_WAYS.get(frames.kind, 'swings')}"
+    doing = _WAYS.get(frames.kind, "swings").format(speeds=_speeds(frames), turns=_turns(frames))
+    way = f"{rest if rests else ''}{doing}"
     use = scene.limits.use_of_frames(frames)
     numbers = stage_numbers(
         float(use.travel), float(use.top_speed), float(use.acceleration), scene.sensor.pixel_pitch
@@ -239,6 +244,19 @@ def _on_stage(scene: Scene, rows: Sequence[Row], choice: Row) -> str:
     if scene.limits.max_acceleration is None:
         run_up = "reached at once, as [limits] max_acceleration_g or _px_per_s2 says no limit"
     return f"{added} It {way}: {numbers}, {run_up}."
+
+
+def _speeds(frames: FrameSequence) -> str:
+    """Velocities at which the frames that move do, in words."""
+    moving = [abs(float(x.motion.velocity)) for x in frames.frames if not x.is_still]
+    few = sorted({float(f"{speed:.2g}") for speed in (min(moving), max(moving))})
+    return f"{' to '.join(f'{speed:,g}' for speed in few)} px/s"
+
+
+def _turns(frames: FrameSequence) -> str:
+    """How often the stage flies back between frames."""
+    count = frames.num_frames - frames.num_rests - 1
+    return {1: "once", 2: "twice"}.get(count, f"{count} times")
 
 
 def stage_adds(gain: float) -> str:

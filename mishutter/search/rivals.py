@@ -18,7 +18,6 @@ from mishutter.design.design import GIVEN, Design
 from mishutter.evaluation.bursts import FrameTimes, StillBursts
 from mishutter.evaluation.losses import AbstractLoss
 from mishutter.evaluation.metrics import SequenceMetrics, evaluate
-from mishutter.evaluation.moving_bursts import ONE_PARABOLA
 from mishutter.evaluation.needs import Plan
 from mishutter.evaluation.speed_knowledge import KNOWN_SPEED, knowledge_of
 from mishutter.evaluation.views import transmittance
@@ -30,6 +29,7 @@ from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.kinds import baselines
 from mishutter.model.shutters.spline import SplineShutter
 from mishutter.model.shutters.windows import RectShutter, TukeyShutter
+from mishutter.search.moving_frames import ONE_PARABOLA
 from mishutter.search.planning import plan as plan_of_scene
 from mishutter.search.rows import (
     BEST_PANNED_SNAPSHOT,

@@ -250,7 +250,6 @@ def test_a_burst_asks_of_its_stage_what_its_path_does(name, jerk):
     use = path.use
     np.testing.assert_allclose((use.travel, use.stroke, use.top_speed), _sampled(path), rtol=1e-4)
     assert use.acceleration == pytest.approx(np.max(np.abs(path.accelerations)), rel=1e-9)
-    assert BURSTS[name].stroke <= float(use.stroke) * (1 + 1e-9)
 
 
 def test_a_stage_that_runs_up_between_frames_takes_its_way_in_the_burst():

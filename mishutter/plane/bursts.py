@@ -1,0 +1,105 @@
+"""Frames of a sensor that moves in the plane, with their level and what they ask of a stage."""
+
+from dataclasses import dataclass
+from typing import ClassVar, final
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float
+
+from mishutter.model.exposures import AbstractExposures
+from mishutter.model.limits import Limits
+from mishutter.model.scene import Scene, require_scene
+from mishutter.model.stages import StagePath, StageUse
+from mishutter.model.velocities import AbstractVelocities
+from mishutter.plane.frames import PlaneFrames
+from mishutter.plane.levels import require_velocities
+
+
+@final
+@dataclass(frozen=True)
+class PlaneBurst(AbstractExposures):
+    """Frames of a sensor that moves in the plane, and their level.
+
+    Attributes:
+        kind: The way of the sensor, in words.
+        num_axes: Axes of the stage that it needs; 0 at rest.
+        frames: The frames and the path through them.
+        psnr: PSNR of the best linear decoder that finds the velocity; dB.
+        use: Demands on an axis of the stage, from rest to rest.
+        width_loss: Loss by things that enter and leave the scene's sensor or object, a square of
+            its width; dB. None of one frame, and where no width is known.
+    """
+
+    kind: str
+    num_axes: int
+    frames: PlaneFrames
+    psnr: float
+    use: StageUse
+    width_loss: float | None = None
+    axes: ClassVar = ("_x", "_y")
+
+    @property
+    def level(self) -> float:
+        """PSNR on a sensor of the scene's width; dB."""
+        return self.psnr - (self.width_loss or 0.0)
+
+    @property
+    def times(self) -> list[float]:
+        """Mid-exposures; s."""
+        return np.asarray(self.frames.times).tolist()
+
+    @property
+    def exposures(self) -> list[float]:
+        """Exposure of each frame; s."""
+        return np.asarray(self.frames.exposures).tolist()
+
+    @property
+    def rests(self) -> list[bool]:
+        """Whether the sensor stands still in all frames, for each."""
+        return [self.frames.stays] * self.num_frames
+
+    def place(self, times: Float[np.ndarray, "n q"]) -> Float[np.ndarray, "2 n q"]:
+        """Places of the sensor at some times; px.
+
+        Args:
+            times: Times in each exposure; s.
+        """
+        return np.asarray(self.frames.place(times), np.float64)
+
+    def stage_paths(self, scene: Scene) -> dict[str, StagePath]:
+        """The paths of the stage along rows and columns, each about the middle of its travel.
+
+        Args:
+            scene: The scene, whose limits say how the stage runs up.
+        """
+        require_scene(scene, in_plane=True)
+        frames = self.frames
+        if self.num_axes:
+            frames = of_stage(frames, require_velocities(scene), scene.limits)
+        return dict(zip(self.axes, frames.stage_paths(scene.limits), strict=False))
+
+    @property
+    def text(self) -> str:
+        """The frames in words, and their level."""
+        loss = self.width_loss
+        less = "" if loss is None else f", less {loss:.2g} by the width of the sensor"
+        return f"{self.kind}, {self.setting}: {self.psnr:.2f} dB{less}"
+
+    def __repr__(self) -> str:
+        return f"PlaneBurst({self.text})"
+
+
+def pan_of(velocities: AbstractVelocities, limits: Limits) -> Float[np.ndarray, "2"]:
+    """Velocity along with the mean of the things, as the limits allow it; px/s."""
+    centre, most = velocities.centre, float(limits.max_pan)
+    speed = float(np.hypot(*centre))
+    return centre * min(1.0, most / speed) if speed > 0 else centre
+
+
+def of_stage(frames: PlaneFrames, velocities: AbstractVelocities, limits: Limits) -> PlaneFrames:
+    """Frames that move as the stage makes them, beside a camera that turns."""
+    if limits.pans != "camera":
+        return frames
+    velocity = frames.velocities - pan_of(velocities, limits)[:, None]
+    return eqx.tree_at(lambda x: x.velocities, frames, velocity)

@@ -1,0 +1,241 @@
+r"""The level of frames of piecewise constant acceleration in closed form, with its gradient.
+
+A decoder that registers the frames leaves the error
+
+$$E = \sum_m w_m S_m\,\overline{\frac{1}{1 + S_m P_m\sum_k g_k|H_k|^2}},\qquad g_k = e_k^2/N_k,$$
+
+at frequencies $\mathbf f_m$ of one axis or two, in the mean over velocities $\mathbf v$
+(`mishutter.evaluation`). Over a piece of constant acceleration the phase is
+$\varphi + bx + cx^2$ with $x$ from -1 to 1, and
+
+$$\frac12\int_{-1}^1 e^{-i(bx + cx^2)}\,dx = \frac{e^{ib^2/4c}}{2r}\,
+\bigl[C - iS\bigr]_{b/\pi r - r}^{b/\pi r + r},\qquad r = \sqrt{2c/\pi},$$
+
+by Fresnel's integrals $C$ and $S$. A frame's numbers change that frame alone, and the derivatives
+by $b$ and $c$ follow by parts, so that a gradient costs little more than a level. Nothing here
+compiles.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Complex, Float
+
+from mishutter.evaluation.needs import distinct_speeds
+from mishutter.evaluation.open_frames import in_parts
+from mishutter.model.optics import NYQUIST_FREQUENCY, frequencies, pixel_response
+from mishutter.model.scene import Scene, power_on_grid
+from mishutter.model.sensor import DARK
+
+_NUM_FREQUENCIES, _NUM_LITERAL = 48, 256
+"""Frequencies of a search, and of a level that is told."""
+_NUM_POWERS = 8192
+"""Frequencies of an axis at which its power is known."""
+_NUM_SPEEDS = 17
+"""Speeds that stand for a range at each frequency."""
+_LEAST_RANGE = 5
+"""Speeds in equal steps that are a range and no list."""
+_GOLDEN = (5**0.5 - 1) / 2
+_STRAIGHT = 3e-3
+"""Phase by acceleration below which a piece is expanded about constant velocity; rad."""
+_NEARLY_STRAIGHT = 3e-2
+"""The same for the moments, which lose twice as many digits to differences."""
+_NEAR_0 = 1e-2
+"""Phase by velocity below which the responses are expanded about rest; rad."""
+
+
+class Frames(NamedTuple):
+    """Frames of a sensor on one axis or two, and the way of its stage between them."""
+
+    exposure: Float[np.ndarray, "n"]  # s
+    # Velocities of the sensor at the ends of equal pieces of each frame; px/s
+    velocity: Float[np.ndarray, "n j+1 axes"]
+    gap: Float[np.ndarray, "n-1"]  # Time from the end of each frame to the next; s
+    place: Float[np.ndarray, "n axes"]  # Place of the stage at the begin of each frame; px
+    pan: Float[np.ndarray, "axes"]  # Velocity at which the camera turns beside the stage; px/s
+
+    @property
+    def steps(self) -> Float[np.ndarray, "n 1"]:
+        """Durations of the pieces of each frame; s."""
+        return (self.exposure / (self.velocity.shape[-2] - 1))[..., None]
+
+
+class Levels(NamedTuple):
+    """Errors of frames of a scene, for a decoder that registers them."""
+
+    frequency: Float[np.ndarray, "m axes"]  # cycles/px
+    temporal: Float[np.ndarray, "m l"]  # Of things at each frequency, $\mathbf f\mathbf v$; Hz
+    weight: Float[np.ndarray, "m l"]  # Above 0: power of the picture that each stands for
+    signal: Float[np.ndarray, "m"]  # Power of the picture behind the pixels
+    rate: float  # Photo-electrons of white a second
+    mean: float  # Mean of the picture; white = 1
+    read: float  # Read noise; e-
+    floor: float  # Least variance of the noise; white = 1
+
+    @staticmethod
+    def on_axis(scene: Scene, *, literal: bool = False) -> "Levels":
+        """Those of a scene of one axis, in which each part moves on its own.
+
+        Speeds in equal steps stand for a range, unless they are to be taken literally.
+        """
+        parts = in_parts(scene)
+        speeds, weights = (np.asarray(x, np.float64) for x in distinct_speeds(parts, folds=False))
+        x, step = np.polynomial.legendre.leggauss(_NUM_LITERAL if literal else _NUM_FREQUENCIES)
+        root, cutoff = (x + 1) / 2, min(float(scene.optics.cutoff_frequency), NYQUIST_FREQUENCY)
+        # Low frequencies, at which a picture has most of its power, are dense.
+        frequency, share = cutoff * root**2, 2 * cutoff * root * step
+        count = _NUM_POWERS
+        power = np.interp(frequency, frequencies(count), power_on_grid(parts, count))
+        power *= float(parts.picture.deviation) ** 2 / (share @ power)
+        weights = weights / weights.sum()
+        if not literal:
+            speeds, weights = _sampled(speeds, weights, frequency.size)
+        aperture = np.asarray(pixel_response(frequency, float(scene.optics.lens_blur))) ** 2
+        return Levels.of_light(
+            scene, frequency[:, None], frequency[:, None] * speeds, (share * power)[:, None] * weights, power * aperture
+        )
+
+    @staticmethod
+    def of_light(scene: Scene, *numbers: np.ndarray) -> "Levels":
+        """Errors with the light and the noise of a scene."""
+        mean, read = float(scene.picture.mean_level), float(scene.read_noise)
+        return Levels(*numbers, float(scene.photon_rate), mean, read, DARK)  # type: ignore[misc]
+
+    def gains(
+        self, exposure: Float[np.ndarray, "n"]
+    ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
+        """Power of white over that of the noise, and its derivative by the exposure."""
+        electrons = self.rate * exposure
+        noise = self.mean * electrons + self.read**2
+        least = self.floor * electrons**2
+        gain = electrons**2 / np.maximum(noise, least)
+        slope = self.rate * electrons * (self.mean * electrons + 2 * self.read**2) / noise**2
+        return gain, np.where(noise > least, slope, 0.0)
+
+    def errors(self, frames: Frames) -> Float[np.ndarray, "m l"]:
+        """Error that is left at each frequency by each velocity; white = 1."""
+        power = np.abs(self._responses(frames)[0]) ** 2
+        gained = np.tensordot(self.gains(frames.exposure)[0], power, 1)
+        return self.weight / (1 + self.signal[:, None] * gained)
+
+    def level(self, frames: Frames) -> float:
+        """PSNR of the best linear decoder that registers the frames; dB."""
+        return -10 * float(np.log10(np.sum(self.errors(frames))))
+
+    def slope(
+        self, frames: Frames
+    ) -> tuple[float, Float[np.ndarray, "n"], Float[np.ndarray, "n j+1 axes"]]:
+        r"""$10\log_{10} E$ and its derivatives by the exposures and the velocities."""
+        whole, by_piece = self._responses(frames)
+        power, (gain, by_exposure) = np.abs(whole) ** 2, self.gains(frames.exposure)
+        left = self.weight / (1 + self.signal[:, None] * np.tensordot(gain, power, 1))
+        error = float(np.sum(left))
+        # Derivative by the summed gain, and by each frame's power.
+        by_gain = -left * left * self.signal[:, None] / self.weight
+        by_power = gain[:, None, None] * by_gain
+        slope = by_exposure * np.sum(by_gain * power, axis=(1, 2))
+        phases, geometry = by_piece
+        turned = 2 * whole.conj() * by_power
+        # For each of the three numbers of a phase: what it changes, and how it follows.
+        by_velocity = 0.0
+        for (response, value), matrix in zip(phases, geometry, strict=True):
+            pulled = np.imag(turned[:, None] * response)  # Re(-i z) = Im z
+            slope = slope + np.sum(pulled * value, axis=(1, 2, 3)) / frames.exposure
+            on_frequency = np.sum(pulled, axis=3) @ self.frequency  # (n, j, axes)
+            by_velocity = by_velocity + np.einsum("nja,jv->nva", on_frequency, matrix)
+        scale = 10 / np.log(10) / error
+        by_velocity = by_velocity * frames.steps[..., None]
+        return 10 * np.log10(error), scale * slope, scale * by_velocity
+
+    def _responses(self, frames: Frames):
+        """Responses of the frames, and what their derivatives follow from."""
+        count = frames.velocity.shape[1] - 1
+        geometry = _geometry(count)
+        steps = frames.steps[..., None]
+        ways = [matrix @ frames.velocity @ self.frequency.T * steps for matrix in geometry]
+        b, c, phase = ways
+        # Things move as well: their velocity changes the linear part and the place.
+        temporal = self.temporal
+        middle = np.arange(count) + 0.5
+        b = b[..., None] - np.pi * frames.steps[..., None, None] * temporal
+        times = (steps * middle[:, None])[..., None]
+        phase = phase[..., None] - 2 * np.pi * times * temporal
+        c = np.broadcast_to(c[..., None], b.shape)
+        h, m1, m2 = chirps(b, c)
+        if count > 1:
+            wave = np.exp(-1j * phase) / count
+            h, m1, m2 = h * wave, m1 * wave, m2 * wave
+        phases = ((m1, b), (m2, c), (h, phase))
+        return np.sum(h, axis=1), (phases, geometry)
+
+
+def _geometry(count: int):
+    """Matrices from velocities at the ends of pieces to the numbers of a phase, over a duration."""
+    first, last = np.eye(count, count + 1), np.eye(count, count + 1, 1)
+    mean = (first + last) / 2
+    # Way from the begin of the frame to the middle of each piece.
+    before = np.tril(np.ones((count, count)), -1) @ mean + (3 * first + last) / 8
+    return np.pi * mean, np.pi / 4 * (last - first), 2 * np.pi * before
+
+
+def chirps(
+    b: Float[np.ndarray, "*shape"], c: Float[np.ndarray, "*shape"]
+) -> tuple[
+    Complex[np.ndarray, "*shape"], Complex[np.ndarray, "*shape"], Complex[np.ndarray, "*shape"]
+]:
+    r"""$\frac12\int x^k e^{-i(bx + cx^2)}\,dx$ over (-1, 1) for $k = 0, 1, 2$."""
+    from scipy.special import fresnel
+
+    flips = c < 0
+    b, c = np.where(flips, -b, b), np.abs(c)
+    curved, most = c > _STRAIGHT, c > _NEARLY_STRAIGHT
+    safe = np.where(curved, c, 1.0)
+    r = np.sqrt(2 / np.pi * safe)
+    middle = b / (np.pi * r)
+    (s1, c1), (s2, c2) = fresnel(middle - r), fresnel(middle + r)
+    turn = np.exp(1j * b * b / (4 * safe))
+    whole = turn * ((c2 - c1) - 1j * (s2 - s1)) / (2 * r)
+    up, down = np.exp(-1j * (b + safe)), np.exp(1j * (b - safe))
+    first = (0.5j * (up - down) - b * whole) / (2 * safe)
+    second = (0.5j * (up + down) - 1j * whole - b * first) / (2 * safe)
+    every = whole, first, second
+    if not np.all(most):
+        flat, kinds = _straight(b, c), (curved, most, most)
+        every = [np.where(*each) for each in zip(kinds, every, flat, strict=True)]
+    return tuple(np.where(flips, x.conj(), x) for x in every)  # type: ignore[return-value]
+
+
+def _straight(b, c):
+    """The same about constant velocity, to the first order in `c`."""
+    near = np.abs(b) < _NEAR_0
+    z = np.where(near, 1.0, b)
+    sine, cosine, square = np.sin(z), np.cos(z), b * b
+    even = np.where(near, 1 - square / 6, sine / z)
+    odd = np.where(near, -b / 3 * (1 - square / 10), (cosine - even) / z)  # derivative of `even`
+    second = np.where(near, -1 / 3 + square / 10, -even - 2 * odd / z)
+    third = np.where(near, b / 5, -odd - 2 * second / z + 2 * odd / z**2)
+    fourth = np.where(near, 1 / 5, -second - 2 * third / z + 4 * second / z**2 - 4 * odd / z**3)
+    # The k-th derivative of the whole is $(-i)^k$ times the k-th moment.
+    return even + 1j * c * second, 1j * odd - c * third, -second - 1j * c * fourth
+
+
+def _sampled(
+    speeds: Float[np.ndarray, "n"], weights: Float[np.ndarray, "n"], count: int
+) -> tuple[Float[np.ndarray, "{count} l"], Float[np.ndarray, "l"]]:
+    """Speeds at each of some frequencies, and their weights.
+
+    Speeds in equal steps stand for a range: each for all up to the middles between it and its
+    neighbours. Few of them, which would be exploited by frames that follow each, are other ones at
+    each frequency: those of a lattice, whose mean over speeds and frequencies is exact to far
+    finer details.
+    """
+    steps = np.diff(speeds)
+    is_range = speeds.size >= _LEAST_RANGE and np.ptp(steps) <= 1e-3 * np.mean(steps)
+    if not is_range:
+        return np.tile(speeds, (count, 1)), weights
+    ends = np.concatenate([speeds[:1], (speeds[1:] + speeds[:-1]) / 2, speeds[-1:]])
+    each = -(-_NUM_SPEEDS // speeds.size)
+    turns = np.arange(count) * _GOLDEN % 1
+    share = (np.arange(each) + turns[:, None]) / each
+    places = ends[:-1, None] + np.diff(ends)[:, None] * share[:, None]
+    return places.reshape(count, -1), np.repeat(weights / each, each)
