@@ -207,7 +207,7 @@ class Tie(NamedTuple):
             return [np.array([x, 0.0, at, 0.5]) for x in (0.5, 0.75)]
         if self.kind in (CIRCLE, TWO_SINES):
             phases = [] if self.kind == CIRCLE else [0.15]
-            return [np.array([1.0, 0.0, at, 0.48, turns, *phases]) for turns in (0.25, 0.5, 0.75)]
+            return [np.array([1.0, 0.0, at, 0.48, turns, *phases]) for turns in (0.5, 0.25, 0.75)]
         if self.kind in (PAN, FOLLOW):
             return [np.array([x, 0.0, at, 0.0]) for x in (0.6, 0.9)]
         return [np.array([x, 0.0, at, y]) for x, y in ((0.98, 0.5), (0.9, 0.25))]
@@ -363,12 +363,12 @@ class Search(NamedTuple):
         starts = [shaken(firsts[kind].frames, draw, self.room, 0.01, 0.0) for kind in [*kinds][:3]]
         return [*tied, *(descent.from_frames(start, FREE) for start in starts)]
 
-    def again(self, best: End) -> list[End]:
+    def again(self, best: End, times: int = _RESTARTS) -> list[End]:
         """Ends of descents from near the best."""
         count, pieces = best.frames.exposure.size, best.frames.velocity.shape[1] - 1
         descent, draw = Descent(self.levels, self.room, (count, pieces, self.axes)), np.random.default_rng(1)
         found = [best]
-        for _ in range(_RESTARTS):
+        for _ in range(times):
             start = shaken(max(found, key=_level).frames, draw, self.room, 0.05, 0.1)
             found.append(descent.from_frames(start, FREE))
         return found[1:]

@@ -216,11 +216,10 @@ def kind_of(sequence: FrameSequence) -> str:
     aside = np.abs(ends[:, 1] - ends[:, 0]) * lengths / 8
     is_steady = bool(np.all(aside < np.maximum(_STRAIGHT, 0.02 * np.abs(middle) * lengths)))
     one_way = bool(np.all(ends >= 0) or np.all(ends <= 0))
-    # What the sensor would travel from frame to frame, without flying back.
-    steps = np.diff([frame.time for frame in moving])
+    # Between frames the sensor goes against their velocity.
     ways = np.diff([frame.position for frame in moving])
-    ahead = (middle[1:] + middle[:-1]) / 2 * steps
-    returns = bool(np.all(ways * np.sign(ahead) < 0.5 * np.abs(ahead)))
+    between = ways - (middle[1:] * lengths[1:] + middle[:-1] * lengths[:-1]) / 2
+    returns = bool(np.all(between * np.sign(middle[0]) < -_STRAIGHT))
     if one_way and len(moving) > 1 and returns:
         return FOLLOW
     if is_steady:

@@ -15,6 +15,7 @@ from mishutter.evaluation.bursts import FrameTimes, some_numbers
 from mishutter.model.scene import Scene, require_scene
 from mishutter.model.sensor import BurstMode
 from mishutter.model.stages import Knots, transfer
+from mishutter.model.velocities import AbstractVelocities
 from mishutter.plane.borders import loss_of_borders
 from mishutter.plane.bursts import PlaneBurst, of_stage, pan_of
 from mishutter.plane.ceilings import plane_ceiling
@@ -178,13 +179,19 @@ class _PlaneSearch(NamedTuple):
             ends += [(end, 1) for end in one.ways(count, law)]
         bursts = self.best(ends, one)
         if self.scene.limits.axes != "one":
-            two, ends = self.stage(2), []
+            two, along = self.stage(2), [end for end, axes in ends if axes]
+            ends = []
             for number, count in enumerate(counts):
-                progress(0.4 + 0.3 * number / len(counts))
+                progress(0.4 + 0.2 * number / len(counts))
+                ends += [(end, 2) for end in two.ways(count, law, most=1)]
+            good = [end for end, _ in ends if end.frames is not None]
+            if good:
+                count = max(good, key=lambda end: end.level).frames.exposure.size
                 ends += [(end, 2) for end in two.ways(count, law)]
             of_two = self.best(ends, two)
             progress(0.7)
-            free = two.free([end for end, _ in ends], law)
+            flat = [x._replace(frames=_on_plane(x.frames, one.unit)) for x in along if x.frames]
+            free = two.free(flat, [end for end, _ in ends])
             known = {burst.kind for burst in bursts}
             bursts += [burst for burst in of_two if burst.kind not in known]
             top = max(burst.level for burst in bursts)
@@ -251,7 +258,7 @@ class _Stage(NamedTuple):
     levels: Levels
     room: Room
 
-    def tie(self, kind: str, shape: tuple[int, int, int], law) -> Tie:
+    def tie(self, kind: str, shape: tuple[int, int, int], law: AbstractVelocities) -> Tie:
         """Frames of few numbers, about the mean of the things."""
         parts = law.components(np.array([law.axis]), _SEARCHED.num_speeds)
         speeds = np.asarray(parts.speeds)[np.asarray(parts.weights) > 0] - float(
@@ -272,8 +279,8 @@ class _Stage(NamedTuple):
         tie = self.tie(BRACKETED if of_two else STILLS, descent.shape, law)
         return max((descent.tied(tie, x) for x in tie.starts), key=lambda end: end.level)
 
-    def ways(self, count: int, law) -> list[End]:
-        """The best frames of each way of few numbers."""
+    def ways(self, count: int, law: AbstractVelocities, most: int | None = None) -> list[End]:
+        """The best frames of each way of few numbers, from all starts or some."""
         axes = self.unit.shape[0]
         pieces = {1: WAYS, 2: (CIRCLE, TWO_SINES, CROSSED, RING)}[axes]
         ends = []
@@ -282,30 +289,30 @@ class _Stage(NamedTuple):
             tie = self.tie(kind, (count, number, axes), law)
             if tie.exists:
                 descent = Descent(self.levels, self.room, tie.shape)
-                ends.append(max((descent.tied(tie, x) for x in tie.starts), key=lambda e: e.level))
+                starts = tie.starts[: most or len(tie.starts)]
+                ends.append(max((descent.tied(tie, x) for x in starts), key=lambda e: e.level))
         return ends
 
-    def free(self, ends: list[End], law) -> list[End]:
-        """Ends of descents in which each frame has numbers of its own."""
-        good = sorted((x for x in ends if x.frames is not None), key=lambda end: -end.level)
-        counts = [x.frames.exposure.size for x in good if x.frames.exposure.size <= MOST_FREE]
-        if not counts:
-            return []
-        count, axes = counts[0], 2
-        pieces = max(-(-_ALL_PIECES // count), 1)
-        shape = count, pieces, axes
-        descent, draw = Descent(self.levels, self.room, shape), np.random.default_rng(count)
-        starts = [x.frames for x in good if x.frames.exposure.size == count][:2]
-        back = self.tie(WAYS[-1], (count, 1, axes), law)
-        if back.exists:
-            starts.append(back.frames(back.starts[0]))
-        search = Search(self.levels, self.room, axes, lambda shape: [], lambda n: pieces)
-        found = [
-            descent.from_frames(_shaken(_resampled(x, pieces), draw, self.room), FREE)
-            for x in starts
-        ]
-        best = max(found, key=lambda end: end.level)
-        return found + (search.again(best) if best.frames is not None else [])
+    def free(self, *ends: list[End]) -> list[End]:
+        """Ends of descents in which each frame has numbers of its own, from the best of each kind."""
+        found = []
+        for some in ends:
+            few = [x for x in some if x.frames is not None and x.frames.exposure.size <= MOST_FREE]
+            if not few:
+                continue
+            best = max(few, key=lambda end: end.level).frames
+            count = best.exposure.size
+            pieces = max(-(-_ALL_PIECES // count), 1)
+            descent = Descent(self.levels, self.room, (count, pieces, 2))
+            start = _shaken(_resampled(best, pieces), np.random.default_rng(count), self.room)
+            found.append(descent.from_frames(start, FREE))
+        found = [end for end in found if end.frames is not None]
+        if found:
+            best = max(found, key=lambda end: end.level)
+            pieces = best.frames.velocity.shape[1] - 1
+            search = Search(self.levels, self.room, 2, lambda shape: [], lambda count: pieces)
+            found += search.again(best, times=1)
+        return found
 
     def made(self, frames: Frames) -> PlaneFrames:
         """The frames and the path of the sensor through them, in the plane."""
@@ -352,6 +359,13 @@ def _resampled(frames: Frames, pieces: int) -> Frames:
     new = np.linspace(0, 1, pieces + 1)
     rows = [[np.interp(new, old, x) for x in each.T] for each in frames.velocity]
     return frames._replace(velocity=np.moveaxis(np.array(rows), 1, 2))
+
+
+def _on_plane(frames: Frames, unit: Float[np.ndarray, "1 2"]) -> Frames:
+    """Frames along one axis by their components along rows and columns."""
+    middle = np.mean(frames.place)
+    place = middle + (frames.place - middle) @ unit
+    return frames._replace(velocity=frames.velocity @ unit, place=place, pan=frames.pan @ unit)
 
 
 def _shaken(frames: Frames, draw: np.random.Generator, room: Room) -> Frames:
