@@ -141,7 +141,7 @@ In the laboratory
     DriveTable                what it returns
     frame_table               triggers of a burst's frames, and the path of the stage through them
     FrameTable                what it returns
-    read_drive                reads a drive table of any format
+    read_drive                reads a drive table in csv or npy
     Drive                     a drive table as it was read
     design_from_drive         the design that a drive table makes
     read_path                 reads the path of a stage as an encoder recorded it

@@ -111,7 +111,6 @@ LABORATORY = [
             ("--position-scale-px", "31", "position_scale", 31.0),
             ("--floor", "0.07", "floor", 0.07),
             ("--ceiling", "0.83", "ceiling", 0.83),
-            ("--drive-steps", "19", "num_steps", 19),
         )
     ),
     *(
