@@ -127,15 +127,6 @@ FreePathsOption = Annotated[
         "more than half of a comparison's time. `free_paths` in the scene does the same.",
     ),
 ]
-BackgroundsOption = Annotated[
-    bool,
-    option(
-        OUTPUT,
-        "--backgrounds",
-        "Also compute how much gain of one exposure remains where part of the picture "
-        "stands still, and draw such a picture.",
-    ),
-]
 VerboseOption = Annotated[
     bool,
     option(

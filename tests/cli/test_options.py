@@ -89,10 +89,7 @@ PROFILE, READ_PICTURE = (
     "mishutter.pictures.images.read_picture",
 )
 TABLES = "mishutter.report.tables.comparison_tables"
-PHOTOGRAPHS, BACKGROUNDS = (
-    "mishutter.report.restored.photographs",
-    "mishutter.report.backgrounds.background_gains",
-)
+PHOTOGRAPHS = "mishutter.report.restored.photographs"
 
 LABORATORY = [
     Option(["--drive", "drive.csv"], READ_DRIVE, lambda a: a["path"].name, "drive.csv"),
@@ -150,9 +147,6 @@ OPTIONS = {
         Option(["--noise-seeds", "3"], PHOTOGRAPHS, _named("num_seeds"), 3),
         Option(["--every-photograph"], PHOTOGRAPHS, _named("every"), True),
         *JUDGED,
-        Option(
-            ["--backgrounds"], BACKGROUNDS, lambda a: "scene" in a, True, ("--noise-seeds", "0")
-        ),
         Option(["--verbose"], PLAN, lambda a: "loss" in a, True),
     ],
     "compare": [
@@ -164,9 +158,6 @@ OPTIONS = {
         Option(["--noise-seeds", "3"], PHOTOGRAPHS, _named("num_seeds"), 3),
         Option(["--every-photograph"], PHOTOGRAPHS, _named("every"), True),
         *JUDGED,
-        Option(
-            ["--backgrounds"], BACKGROUNDS, lambda a: "scene" in a, True, ("--noise-seeds", "0")
-        ),
         Option(["--verbose"], TABLES, lambda a: "comparison" in a, True),
     ],
     "sweep": [

@@ -123,18 +123,6 @@ def squared_error_of(
     return _error_of_filter(model, power, model.responses_at(speeds, length), noise, length=length)
 
 
-def squared_error_in(model: BlurModel, world: BlurModel, length: int = 1024) -> float:
-    r"""Error that the ensemble filter of one scene is expected to leave of pictures of another.
-
-    $2\int_0^{1/2} [S\,(|1 - Gm|^2 + |G|^2 v) + N |G|^2]\,df$ with the filter $G$ of one, and the
-    spectrum $S$, the noise $N$ and the `mean_and_spread` of the other. Of its own scene it is
-    `expected_squared_error`. Where objects hide a background, both layers count.
-    """
-    power, (mean, spread) = world.picture_spectrum(length), world.mean_and_spread(length)
-    disturbance = power * spread + world.noise
-    return float(_error_of_filter(model, power, mean, disturbance, length=length))
-
-
 def _error_of_filter(
     model: BlurModel,
     power: np.ndarray,  # shape `(m,)`
