@@ -127,7 +127,6 @@ Captures and their restoration
     psnr                      peak signal-to-noise ratio
     EnsembleDecoder           the best linear filter for all speeds of a scene
     WienerDecoder             Wiener's filter for a still object
-    TikhonovDecoder           regularised deconvolution
     TotalVariationDecoder     the likeliest picture of few edges
     RichardsonLucyDecoder     the same in counts of photons
     PlugAndPlayDecoder        a denoiser of your own in place of a prior

@@ -35,7 +35,6 @@ from .decoding.decoders.richardson_lucy import richardson_lucy as richardson_luc
 from .decoding.decoders.speed import SpeedEstimate as SpeedEstimate
 from .decoding.decoders.speed import estimate_speed as estimate_speed
 from .decoding.decoders.speed_finding import SpeedFindingDecoder as SpeedFindingDecoder
-from .decoding.decoders.tikhonov import TikhonovDecoder as TikhonovDecoder
 from .decoding.decoders.total_variation import TotalVariationDecoder as TotalVariationDecoder
 from .decoding.image_quality import psnr as psnr
 from .decoding.plane_velocity import VelocityEstimate as VelocityEstimate

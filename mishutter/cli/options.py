@@ -43,7 +43,6 @@ class DecoderName(Enum):
     ENSEMBLE = "ensemble"
     WIENER = "wiener"
     RICHARDSON_LUCY = "richardson-lucy"
-    TIKHONOV = "tikhonov"
     TOTAL_VARIATION = "total-variation"
     SPEED_FINDING = "speed-finding"
 
@@ -203,14 +202,12 @@ def named_decoder(name: DecoderName) -> "AbstractDecoder":
     from mishutter.decoding.decoders.linear import EnsembleDecoder, WienerDecoder
     from mishutter.decoding.decoders.richardson_lucy import RichardsonLucyDecoder
     from mishutter.decoding.decoders.speed_finding import SpeedFindingDecoder
-    from mishutter.decoding.decoders.tikhonov import TikhonovDecoder
     from mishutter.decoding.decoders.total_variation import TotalVariationDecoder
 
     return {
         DecoderName.ENSEMBLE: EnsembleDecoder,
         DecoderName.WIENER: WienerDecoder,
         DecoderName.RICHARDSON_LUCY: RichardsonLucyDecoder,
-        DecoderName.TIKHONOV: TikhonovDecoder,
         DecoderName.TOTAL_VARIATION: TotalVariationDecoder,
         DecoderName.SPEED_FINDING: SpeedFindingDecoder,
     }[name]()

@@ -14,7 +14,7 @@ from mishutter._core.checks import require
 from mishutter._core.compiling import compiled
 from mishutter.camera.rows import along_rows
 from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel
-from mishutter.decoding.decoders.borders import Continuation, captured_spectrum, continuation
+from mishutter.decoding.decoders.borders import Continuation, continuation
 from mishutter.evaluation.errors import residual_fraction
 
 LEAST_POWER = 1e-14
@@ -74,17 +74,6 @@ def misfit_of(
     disturbance = np.maximum(model.noise, LEAST_POWER) + power * spread
     error = max(expected_squared_error(model, length), LEAST_POWER)
     return mean, power, disturbance, error
-
-
-def expected_residual(model: BlurModel, length: int) -> float:
-    r"""Power of a capture less the mean response of the ensemble filter's estimate.
-
-    $\overline{|1 - m G|^2 (S \sum p_i |H_i|^2 + N)}
-    = \overline{(N + S v)^2 / (S \sum p_i |H_i|^2 + N)}$ over the grid of a DFT.
-    """
-    _, spread = model.mean_and_spread(length)
-    error = model.noise + model.picture_spectrum(length) * spread
-    return float(mean_over_dft(error**2 / captured_spectrum(model, length), length))
 
 
 def wiener_filter(model: BlurModel, length: int) -> Complex[np.ndarray, "{length}//2+1"]:
