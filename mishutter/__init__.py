@@ -163,7 +163,6 @@ Folders, whose further names are for those who extend the package
 """
 
 import difflib as _difflib
-import warnings as _warnings
 
 import lazy_loader as _lazy
 
@@ -171,25 +170,11 @@ _get, __dir__, _names = _lazy.attach_stub(__name__, __file__)
 
 __version__ = "0.2.0"
 
-_RENAMED = {
-    "Burst": "BurstMode",
-    "FirstOrderShutter": "FirstOrderDevice",
-    "Frames": "Footage",
-    "IdealShutter": "IdealDevice",
-    "SwitchedShutter": "SwitchedDevice",
-    "read_noise": "read_noise_from_dynamic_range",
-}
-"""Names of the version before, which go on working in this one."""
-
 
 def __getattr__(name: str) -> object:
     """A public name, whose module is imported at its first use."""
     if name in _names:
         return _get(name)
-    if name in _RENAMED:
-        words = f"mishutter.{name} is mishutter.{_RENAMED[name]} from this version on"
-        _warnings.warn(words, FutureWarning, stacklevel=2)
-        return _get(_RENAMED[name])
     if name == "__all__":
         # With a list, `help` would write out all of every class and function. Without one,
         # `from mishutter import *`, which asks for it first, takes the names that are imported.

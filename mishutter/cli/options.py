@@ -131,7 +131,7 @@ VerboseOption = Annotated[
     option(
         OUTPUT,
         "--verbose",
-        "Also print which stills match the answer, the tables of all rows, and, before a "
+        "Also print the losses of a real sensor, the tables of all rows, and, before a "
         "search, which parts are computed or skipped.",
     ),
 ]

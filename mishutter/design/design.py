@@ -1,7 +1,6 @@
 """A finished design, and the file that it is written to and read back from exactly."""
 
 import json
-import warnings
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
 from enum import StrEnum
@@ -156,16 +155,6 @@ class Design(AbstractDesign):
     def ending(self) -> str:
         """The end of the search and what else is to be known of it, in sentences."""
         return " ".join((self.outcome, *self.notes))
-
-    @property
-    def blind_psnr(self) -> float | None:
-        """`psnr_ignoring_lag` by its name of the version before."""
-        warnings.warn(
-            "Design.blind_psnr is Design.psnr_ignoring_lag from this version on",
-            FutureWarning,
-            stacklevel=2,
-        )
-        return self.psnr_ignoring_lag
 
     @property
     def command(self) -> AbstractShutter:

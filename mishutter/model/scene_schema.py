@@ -1,11 +1,11 @@
 """The keys of a scene file, their units and ranges."""
 
-from typing import Annotated, ClassVar, Literal, final
+from typing import Annotated, Literal, final
 
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
 from mishutter._core.validation import Section
-from mishutter.model.decoder_speeds import DecoderSpeed, as_decoder_speed
+from mishutter.model.decoder_speeds import DecoderSpeed
 from mishutter.model.occlusion import Background
 from mishutter.model.optics import WIDEST_BLUR
 from mishutter.pictures.images import Axis
@@ -276,7 +276,7 @@ class TolerancesSection(Section):
 class DecoderSection(Section):
     """The decoder that restores the pictures, and its knowledge of the speed."""
 
-    speed: Annotated[DecoderSpeed, BeforeValidator(as_decoder_speed)] = "unknown"
+    speed: DecoderSpeed = "unknown"
 
 
 @final
@@ -311,8 +311,6 @@ class PictureSection(Section):
 @final
 class SceneFile(Section):
     """A whole scene file."""
-
-    renamed: ClassVar = {"rivals": "burst"}
 
     speeds: Speeds
     light: Light

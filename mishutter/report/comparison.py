@@ -83,8 +83,7 @@ class Comparison:
         judgement: The rows of one exposure by a decoder on photographs; None without those.
         options: The options by what they need, the worst first; gains are over the best snapshot
             at rest, which is one of them.
-        details: Sentences that stand beside all tables: the stills that match the choice, and what
-            a real sensor takes from it.
+        details: Sentences that stand beside all tables: what a real sensor takes from the choice.
     """
 
     rows: tuple[Row, ...]
@@ -401,5 +400,5 @@ def with_verdict(
         choice,
         gain_range=within,
         options=tuple(options_of(at_best, choice, entries)),
-        details=tuple(details_of(scene, choice)) if details else (),
+        details=tuple(details_of(choice.sequence)) if details else (),
     )
