@@ -26,6 +26,7 @@ Designs and their rivals
     optimise                  searches for the best design for a scene
     compare                   designs, snapshots, windows, stills and bursts; the answer
     Design                    a shutter and a motion, their quality and their file
+    plot_design               draws a design: its shutter, its path and its frames in time
     Comparison                what `compare` returns: rows, verdict and gain
     evaluate                  metrics of a design
     Metrics                   what `evaluate` returns

@@ -121,6 +121,7 @@ from .pictures.images import row_power_spectrum as row_power_spectrum
 from .pictures.images import write_picture as write_picture
 from .report.comparison import Comparison as Comparison
 from .report.comparison import compare as compare
+from .report.plots import plot_design as plot_design
 from .report.sweep_plots import plot_front as plot_front
 from .report.sweep_plots import plot_map as plot_map
 from .search.parameters import DesignParameters as DesignParameters

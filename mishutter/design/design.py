@@ -5,10 +5,9 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
 from enum import StrEnum
 from functools import cached_property
-from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, final
 
 import numpy as np
 
@@ -33,9 +32,6 @@ from mishutter.model.sequences import FrameSequence, OneExposure, TimedFrame
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.kinds import shutter_from_dict, shutter_to_dict
 from mishutter.model.shutters.polynomials import profile_of
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 GIVEN = "none: the camera is given"
 """The name of the loss of a design that no search has found."""
@@ -74,11 +70,6 @@ class AbstractDesign(ABC):
     @abstractmethod
     def frames_document(self) -> dict[str, Any]:
         """The frames of a burst as plain numbers, by the name that a design's file has for them."""
-
-    def plot(self) -> "Figure":
-        """A figure of the shutter and the sensor's path in time, or of the frames of a burst."""
-        # Figures stand on a floor above, which imports designs.
-        return import_module("mishutter.report.plots").plot_design(self)
 
     def save(self, path: str | Path) -> None:
         """Write the design to one JSON file, whole or not at all.

@@ -88,7 +88,7 @@ PROFILE, READ_PICTURE = (
     "mishutter.hardware.traces.measured_profile",
     "mishutter.pictures.images.read_picture",
 )
-TABLES = "mishutter.report.tables.comparison_tables"
+TABLES = "mishutter.report.comparison.comparison_tables"
 PHOTOGRAPHS = "mishutter.report.restored.photographs"
 
 LABORATORY = [
@@ -158,7 +158,7 @@ OPTIONS = {
         Option(["--noise-seeds", "3"], PHOTOGRAPHS, _named("num_seeds"), 3),
         Option(["--every-photograph"], PHOTOGRAPHS, _named("every"), True),
         *JUDGED,
-        Option(["--verbose"], TABLES, lambda a: "comparison" in a, True),
+        Option(["--verbose"], TABLES, lambda a: "rows" in a, True),
     ],
     "sweep": [
         Option(["--acceleration", "1e4:4e4:3"], SWEEP, _row("accelerations"), [1e4, 2.5e4, 4e4]),
