@@ -155,7 +155,7 @@ class DriveTable(AbstractTable):
         half = self.exposure / 2
         return path_csv(self.paths, {"exposure": (-half, half)}, count, self.design.scene)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """The table and its metrics, as plain numbers."""
         blind = self.blind_metrics()
         decoder = knowledge_of_saved(self.design.loss_name, self.design.scene)

@@ -100,7 +100,7 @@ def figure_6(numbers: SpeedNumbers, readings: Iterable[str]) -> Figure:
     return figure
 
 
-def _line(name: str) -> dict[str, Any]:
+def _line(name: str) -> dict[str, object]:
     return {"label": _label(name), "markersize": 5, "linewidth": 1.3, **_STYLE[name]}
 
 

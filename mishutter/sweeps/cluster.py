@@ -26,7 +26,7 @@ _engines: dict[str, Engine] = {}
 
 
 @contextmanager
-def connection(scheduler: Any) -> Iterator[Any]:
+def connection(scheduler: object) -> Iterator[object]:
     """A client of a scheduler, which must answer within seconds, for as long as it is used."""
     try:
         from distributed import Client
