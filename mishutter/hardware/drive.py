@@ -7,7 +7,7 @@ metrics tell the loss by them.
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, final
+from typing import final
 
 import jax
 import numpy as np

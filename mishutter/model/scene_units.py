@@ -32,7 +32,7 @@ from mishutter._core.checks import (
 )
 from mishutter._core.validation import Section
 from mishutter.model.arguments import argument_names
-from mishutter.model.scene_schema import Light, SensorSection, ViewSection
+from mishutter.model.scene_schema import SPEED_UNITS, Light, SensorSection, ViewSection
 
 GRAVITY = 9.80665
 """Standard gravity; m/s^2."""
@@ -51,8 +51,6 @@ _METRES = {
 _PHOTONS_PER_LUX = 6.02214076e23 * 1e-6 / 54
 """Photons of sunlight between 400 and 700 nm by lux, second and square metre: 1.1e16."""
 _NOTHING = Unquoted("nothing")
-SPEED_UNITS = ("px_per_s", "um_per_s", "mm_per_s", "m_per_s", "km_per_h", "deg_per_s")
-"""Units of the speeds of things, as the names of keys end in them."""
 FASTEST = 1e7
 """Greatest speed of a thing, px/s."""
 _KEYS = {

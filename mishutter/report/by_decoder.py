@@ -1,7 +1,7 @@
 """Cameras judged by a decoder of one's own, on photographs that each of them captures."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import numpy as np
