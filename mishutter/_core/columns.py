@@ -3,7 +3,6 @@
 import codecs
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -13,7 +12,7 @@ Units = Mapping[str, float]
 """Allowed units of a column, each with its factor to SI units or pixels."""
 
 
-def table_text(columns: Mapping[tuple[str, str], Iterable[Any]]) -> str:
+def table_text(columns: Mapping[tuple[str, str], Iterable[object]]) -> str:
     """Columns, by their names and units, as text; numbers have nine digits."""
     lines = [*zip(*columns, strict=True)]
     rows = zip(*columns.values(), strict=True)

@@ -49,7 +49,7 @@ def in_section(place: Place) -> str:
 
 
 def validated(
-    model: type[File], tables: Any, name: str, key_name: Callable[[Place], str] = dotted
+    model: type[File], tables: object, name: str, key_name: Callable[[Place], str] = dotted
 ) -> File:
     """Tables of a file, validated by their schema.
 

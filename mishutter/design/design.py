@@ -7,7 +7,7 @@ from enum import StrEnum
 from functools import cached_property
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, final
+from typing import final
 
 import numpy as np
 
@@ -63,12 +63,12 @@ class AbstractDesign(ABC):
         """The frames of its burst, or its one exposure."""
 
     @abstractmethod
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Everything in the design as plain numbers, lists and text."""
 
     @property
     @abstractmethod
-    def frames_document(self) -> dict[str, Any]:
+    def frames_document(self) -> dict[str, object]:
         """The frames of a burst as plain numbers, by the name that a design's file has for them."""
 
     def save(self, path: str | Path) -> None:
@@ -133,7 +133,7 @@ class Design(AbstractDesign):
         return self.sequence or OneExposure.of(self.motion, self.scene.limits)
 
     @property
-    def frames_document(self) -> dict[str, Any]:
+    def frames_document(self) -> dict[str, object]:
         """The frames of its burst as plain numbers, by their name in its file."""
         return {} if self.sequence is None else {"sequence": sequence_to_dict(self.sequence)}
 
@@ -198,7 +198,7 @@ class Design(AbstractDesign):
         }
         return "\n".join(["Design", *(f"  {name:<9} {text}" for name, text in lines.items())])
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Everything in the design as plain numbers, lists and text."""
         level_of, level = next(iter(self.levels.items()))
         if self.sequence is not None:
@@ -311,7 +311,7 @@ def metrics_to_dict(metrics: Metrics | SequenceMetrics) -> dict[str, float | int
     }
 
 
-def motion_to_dict(motion: AbstractMotion) -> dict[str, Any]:
+def motion_to_dict(motion: AbstractMotion) -> dict[str, object]:
     """Kind and numbers of a motion."""
     return {
         "kind": type(motion).__name__,
@@ -319,7 +319,7 @@ def motion_to_dict(motion: AbstractMotion) -> dict[str, Any]:
     }
 
 
-def sequence_to_dict(sequence: FrameSequence) -> dict[str, Any]:
+def sequence_to_dict(sequence: FrameSequence) -> dict[str, object]:
     """Kind, level and frames of a sequence, whose places are of the stage."""
     frames = [
         {

@@ -22,6 +22,7 @@ from typing import Any, NamedTuple, final
 import numpy as np
 
 from mishutter._core.checks import (
+    Numbers,
     RowLike,
     Unquoted,
     as_numpy,
@@ -132,7 +133,7 @@ class View:
     def __repr__(self) -> str:
         return fields_text(self)
 
-    def speed(self, value: RowLike, unit: str) -> Any:
+    def speed(self, value: RowLike, unit: str) -> Numbers | np.floating:
         """Speeds of things on the sensor; px/s, in the shape of `value`.
 
         Args:
@@ -146,7 +147,7 @@ class View:
         key = _unit("View.speed", unit, SPEED_UNITS)
         return _numbers("View.speed", value) * self._of_things(key, f"a speed in {unit}")
 
-    def length(self, value: RowLike, unit: str) -> Any:
+    def length(self, value: RowLike, unit: str) -> Numbers | np.floating:
         """Lengths of things on the sensor; px, in the shape of `value`.
 
         Args:
@@ -159,7 +160,7 @@ class View:
         key = _unit("View.length", unit, ("px", "um", "mm", "m"))
         return _numbers("View.length", value) * self._of_things(key, f"a length in {unit}")
 
-    def stage(self, value: RowLike, unit: str) -> Any:
+    def stage(self, value: RowLike, unit: str) -> Numbers | np.floating:
         """Lengths, speeds or accelerations of the sensor itself; in px and seconds.
 
         Args:
@@ -180,7 +181,7 @@ class View:
         f_number: float | int,
         quantum_efficiency: float | int,
         lens_transmission: float | int = 1.0,
-    ) -> Any:
+    ) -> Numbers | np.floating:
         """Photo-electrons a second at white, diffuse things, in sunlight; e-/s.
 
         Args:
@@ -268,7 +269,7 @@ def _unit(function: str, unit: str, units: tuple[str, ...]) -> str:
     return texts[plain]
 
 
-def _numbers(function: str, value: RowLike, name: str = "value") -> Any:
+def _numbers(function: str, value: RowLike, name: str = "value") -> Numbers:
     require_finite(f"{function}({name}=...)", value)
     return as_numpy(value)[0]
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import ArrayLike
@@ -175,7 +175,7 @@ class Comparison:
         """The best snapshot at rest, over which the gains of options are."""
         return self.row(BEST_SNAPSHOT)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """The table as plain numbers and text."""
         rows = [
             {
@@ -209,7 +209,7 @@ class Comparison:
             }
             for row in self.options
         ]
-        document: dict[str, Any] = {
+        document: dict[str, object] = {
             "rows": rows,
             "rivals": rivals,
             "verdict": self.verdict,
@@ -262,9 +262,9 @@ class Comparison:
 def compare(
     scene: Scene,
     motion: AbstractMotion | Design,
-    shutters: Mapping[str, Any] | Sequence[Any] | Entry | None = None,
+    shutters: Mapping[str, object] | Sequence[object] | Entry | None = None,
     *,
-    loss: AbstractLoss | Callable[..., Any] | None = None,
+    loss: AbstractLoss | Callable[..., object] | None = None,
     free_paths: bool = False,
     every: bool = True,
     decoder: AbstractDecoder | None = None,

@@ -8,7 +8,7 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from mishutter._core.checks import Unquoted, as_float, fields_text, require, require_positive_int
 from mishutter._core.progress import counts
@@ -198,11 +198,11 @@ def _limits_with(limits: Limits, motion: ParabolicMotion) -> tuple[Limits, list[
     margin = 1 + 8 * float(np.finfo(a.dtype).eps)
     names: list[str] = []
 
-    def replaced(limits: Limits, name: str, value: Any) -> Limits:
+    def replaced(limits: Limits, name: str, value: Array | np.ndarray) -> Limits:
         names.append(name)
         return eqx.tree_at(lambda each: getattr(each, name), limits, value)
 
-    def widened(limits: Limits, **least: Any) -> Limits:
+    def widened(limits: Limits, **least: Array | np.ndarray) -> Limits:
         for name, bound in least.items():
             own = getattr(limits, name)
             if own is not None and float(bound) > float(own):
