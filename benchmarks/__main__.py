@@ -39,6 +39,7 @@ ALL = (
     "free_motion",
     "tolerances",
     "devices",
+    "slots",
     "stages",
     "independent",
     "told",

@@ -93,9 +93,7 @@ def picture(rows: list[dict]) -> None:
     figure, axes = plt.subplots(figsize=(6.4, 1.2 + 0.28 * len(rows)), layout="constrained")
     places = range(len(rows))
     whole, verdict = ([r[f"seconds to the {part}"] for r in rows] for part in ("end", "verdict"))
-    axes.barh(
-        places, whole, color="0.8", edgecolor="black", label="backgrounds, photographs, files"
-    )
+    axes.barh(places, whole, color="0.8", edgecolor="black", label="photographs, files")
     axes.barh(places, verdict, color="0.2", label="until the verdict")
     axes.set_yticks(places, [f"{r['command']}, {r['run']}" for r in rows])
     axes.invert_yaxis()

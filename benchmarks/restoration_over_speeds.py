@@ -26,7 +26,6 @@ MIRRORED = 100
 DECODERS = {
     "ensemble": ms.EnsembleDecoder(),
     "Wiener": ms.WienerDecoder(),
-    "Tikhonov": ms.TikhonovDecoder(),
     "total variation": ms.TotalVariationDecoder(),
     "Richardson-Lucy": ms.RichardsonLucyDecoder(),
 }

@@ -26,6 +26,7 @@ Designs and their rivals
     optimise                  searches for the best design for a scene
     compare                   designs, snapshots, windows, stills and bursts; the answer
     Design                    a shutter and a motion, their quality and their file
+    plot_design               draws a design: its shutter, its path and its frames in time
     Comparison                what `compare` returns: rows, verdict and gain
     evaluate                  metrics of a design
     Metrics                   what `evaluate` returns
@@ -127,7 +128,6 @@ Captures and their restoration
     psnr                      peak signal-to-noise ratio
     EnsembleDecoder           the best linear filter for all speeds of a scene
     WienerDecoder             Wiener's filter for a still object
-    TikhonovDecoder           regularised deconvolution
     TotalVariationDecoder     the likeliest picture of few edges
     RichardsonLucyDecoder     the same in counts of photons
     PlugAndPlayDecoder        a denoiser of your own in place of a prior
@@ -141,7 +141,7 @@ In the laboratory
     DriveTable                what it returns
     frame_table               triggers of a burst's frames, and the path of the stage through them
     FrameTable                what it returns
-    read_drive                reads a drive table of any format
+    read_drive                reads a drive table in csv or npy
     Drive                     a drive table as it was read
     design_from_drive         the design that a drive table makes
     read_path                 reads the path of a stage as an encoder recorded it
@@ -164,7 +164,6 @@ Folders, whose further names are for those who extend the package
 """
 
 import difflib as _difflib
-import warnings as _warnings
 
 import lazy_loader as _lazy
 
@@ -172,25 +171,11 @@ _get, __dir__, _names = _lazy.attach_stub(__name__, __file__)
 
 __version__ = "0.2.0"
 
-_RENAMED = {
-    "Burst": "BurstMode",
-    "FirstOrderShutter": "FirstOrderDevice",
-    "Frames": "Footage",
-    "IdealShutter": "IdealDevice",
-    "SwitchedShutter": "SwitchedDevice",
-    "read_noise": "read_noise_from_dynamic_range",
-}
-"""Names of the version before, which go on working in this one."""
-
 
 def __getattr__(name: str) -> object:
     """A public name, whose module is imported at its first use."""
     if name in _names:
         return _get(name)
-    if name in _RENAMED:
-        words = f"mishutter.{name} is mishutter.{_RENAMED[name]} from this version on"
-        _warnings.warn(words, FutureWarning, stacklevel=2)
-        return _get(_RENAMED[name])
     if name == "__all__":
         # With a list, `help` would write out all of every class and function. Without one,
         # `from mishutter import *`, which asks for it first, takes the names that are imported.

@@ -35,7 +35,6 @@ from .decoding.decoders.richardson_lucy import richardson_lucy as richardson_luc
 from .decoding.decoders.speed import SpeedEstimate as SpeedEstimate
 from .decoding.decoders.speed import estimate_speed as estimate_speed
 from .decoding.decoders.speed_finding import SpeedFindingDecoder as SpeedFindingDecoder
-from .decoding.decoders.tikhonov import TikhonovDecoder as TikhonovDecoder
 from .decoding.decoders.total_variation import TotalVariationDecoder as TotalVariationDecoder
 from .decoding.image_quality import psnr as psnr
 from .decoding.plane_velocity import VelocityEstimate as VelocityEstimate
@@ -122,6 +121,7 @@ from .pictures.images import row_power_spectrum as row_power_spectrum
 from .pictures.images import write_picture as write_picture
 from .report.comparison import Comparison as Comparison
 from .report.comparison import compare as compare
+from .report.plots import plot_design as plot_design
 from .report.sweep_plots import plot_front as plot_front
 from .report.sweep_plots import plot_map as plot_map
 from .search.parameters import DesignParameters as DesignParameters

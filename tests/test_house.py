@@ -295,24 +295,6 @@ def test_a_name_that_is_not_there_is_answered_with_the_nearest(asked, near):
         getattr(mishutter, asked)
 
 
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ("Burst", "BurstMode"),
-        ("FirstOrderShutter", "FirstOrderDevice"),
-        ("Frames", "Footage"),
-        ("IdealShutter", "IdealDevice"),
-        ("SwitchedShutter", "SwitchedDevice"),
-        ("read_noise", "read_noise_from_dynamic_range"),
-    ],
-)
-def test_a_name_of_the_version_before_works_and_says_the_new_one(old, new):
-    """It is the same object."""
-    with pytest.warns(FutureWarning, match=rf"mishutter\.{old} is mishutter\.{new}\b"):
-        found = getattr(mishutter, old)
-    assert found is getattr(mishutter, new)
-
-
 def test_public_names_are_those_that_a_type_checker_reads():
     """A name that is imported when it is asked for is the one of the folder it is said to be of."""
     for node in public_imports():

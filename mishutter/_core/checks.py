@@ -15,6 +15,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
+from types import ModuleType
 from typing import Any, TypeVar
 
 import jax
@@ -27,6 +28,8 @@ _Tree = TypeVar("_Tree")
 _Kind = TypeVar("_Kind")
 RowLike = ArrayLike | Sequence[float]
 """An array, or a plain list of numbers."""
+Numbers = Array | np.ndarray
+"""Arrays of NumPy where they are known, of JAX elsewhere."""
 
 
 def all_concrete(tree: PyTree) -> bool:
@@ -49,12 +52,12 @@ def as_numpy(*values: Any) -> tuple[Any, ...]:
     return tuple(map(np.asarray, values)) if all_concrete(values) else values
 
 
-def namespace_of(*values: Any) -> Any:
+def namespace_of(*values: object) -> ModuleType:
     """NumPy if all of `values` are NumPy arrays, `jax.numpy` otherwise."""
     return np if all(isinstance(x, np.ndarray) for x in values) else jnp
 
 
-def as_array_like(value: Any, parameter: Any) -> Any:
+def as_array_like(value: object, parameter: Any) -> Any:
     """Converts a concrete parameter to NumPy if `value` is a NumPy array."""
     is_numpy = isinstance(value, np.ndarray) and is_concrete(parameter)
     return np.asarray(parameter) if is_numpy else parameter

@@ -3,7 +3,6 @@
 import codecs
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -13,7 +12,7 @@ Units = Mapping[str, float]
 """Allowed units of a column, each with its factor to SI units or pixels."""
 
 
-def table_text(columns: Mapping[tuple[str, str], Iterable[Any]]) -> str:
+def table_text(columns: Mapping[tuple[str, str], Iterable[object]]) -> str:
     """Columns, by their names and units, as text; numbers have nine digits."""
     lines = [*zip(*columns, strict=True)]
     rows = zip(*columns.values(), strict=True)
@@ -52,11 +51,10 @@ def cells(line: str) -> list[str]:
     return [cell.strip() for cell in line.split(",")]
 
 
-def number_rows(lines: Iterable[str], count: int, name: str, *, least_rows: int = 1) -> np.ndarray:
-    """Rows of finite numbers, `count` in each; shape `(rows, count)`; `least_rows` is 0 or 1."""
+def number_rows(lines: Iterable[str], count: int, name: str) -> np.ndarray:
+    """Rows of finite numbers, `count` in each; shape `(rows, count)`."""
     rows = [cells(line) for line in lines]
-    is_enough = len(rows) >= least_rows
-    require(is_enough, name, "hold at least one row of numbers", Unquoted("none"))
+    require(bool(rows), name, "hold at least one row of numbers", Unquoted("none"))
     ragged = next((row for row in rows if len(row) != count), None)
     if ragged is not None:
         got = Unquoted(f"{len(ragged)} in '{describe(Unquoted(','.join(ragged)))}'")
@@ -85,10 +83,8 @@ def _is_number(cell: str) -> bool:
 def unit_columns(
     lines: Sequence[str],
     name: str,
-    possible: Mapping[str, Units | None],  # None for any unit
+    possible: Mapping[str, Units],
     required: Sequence[str],
-    *,
-    least_rows: int = 1,
 ) -> dict[str, np.ndarray]:
     """Columns by their names, in SI units or pixels."""
     names = cells(lines[0])
@@ -104,11 +100,10 @@ def unit_columns(
     require(len(units) == len(names), name, "have a unit for each column in its second line", got)
     for column, unit in zip(names, units, strict=True):
         allowed = possible[column]
-        is_allowed = allowed is None or unit in allowed
-        requirement = f"have `{column}` in {' or '.join(allowed or ())} by its second line"
-        require(is_allowed, name, requirement, unit)
-        factors.append(1.0 if allowed is None else allowed[unit])
-    numbers = number_rows(lines[2:], len(names), name, least_rows=least_rows)
+        requirement = f"have `{column}` in {' or '.join(allowed)} by its second line"
+        require(unit in allowed, name, requirement, unit)
+        factors.append(allowed[unit])
+    numbers = number_rows(lines[2:], len(names), name)
     # A factor below 1 is one over a whole number, which is exact where the factor is not: 1e-3.
     return {
         column: numbers[:, k] / round(1 / factor) if factor < 1 else numbers[:, k] * factor

@@ -93,12 +93,12 @@ def short_names(paths: Iterable[Path], taken: Iterable[str] = ()) -> dict[str, P
     return {next((e for e in each if counts[e] == 1), str(p)): p for p, each in ends.items()}
 
 
-def strict_json(document: Any) -> str:
+def strict_json(document: object) -> str:
     """Standard JSON: infinities become the text `"Infinity"`, and NaN becomes null."""
     return json.dumps(_plain(document), allow_nan=False, indent=1)
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: Any) -> object:
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if hasattr(value, "tolist"):

@@ -4,7 +4,7 @@ import difflib
 import inspect
 from collections.abc import Collection, Sequence
 from functools import cache
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import equinox as eqx
 
@@ -16,7 +16,7 @@ _Kind = TypeVar("_Kind", bound=eqx.Module)
 class AbstractModule(eqx.Module):
     """A module that refuses an unknown argument in a line which names the class and the nearest."""
 
-    def __new__(cls: type[_Kind], *_: Any, **named: Any) -> _Kind:
+    def __new__(cls: type[_Kind], *_: object, **named: object) -> _Kind:
         known = _arguments(cls)
         if known is not None:
             require_arguments(cls.__name__, named, known)

@@ -8,10 +8,13 @@ from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from functools import cache, lru_cache
 from threading import Lock
-from typing import Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import jax
 import numpy as np
+
+if TYPE_CHECKING:
+    from threadpoolctl import ThreadpoolController
 
 _Arguments = ParamSpec("_Arguments")
 _Item = TypeVar("_Item")
@@ -127,7 +130,7 @@ def alone_in_blas() -> Iterator[None]:
 
 
 @lru_cache
-def _thread_pools() -> Any:
+def _thread_pools() -> "ThreadpoolController":
     """The BLAS libraries of the process, SciPy's own included, which an import must load first."""
     import scipy.linalg  # noqa: F401
     from threadpoolctl import ThreadpoolController

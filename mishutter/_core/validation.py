@@ -6,7 +6,7 @@ nearest known one.
 
 import difflib
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, TypeVar
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -20,9 +20,6 @@ class Section(BaseModel):
     """A table of a file: it has known keys alone, converts nothing and holds finite numbers."""
 
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
-
-    renamed: ClassVar[Mapping[str, str]] = {}
-    """Keys of earlier versions, each with the key that replaces it, which an error names."""
 
 
 File = TypeVar("File", bound=Section)
@@ -52,7 +49,7 @@ def in_section(place: Place) -> str:
 
 
 def validated(
-    model: type[File], tables: Any, name: str, key_name: Callable[[Place], str] = dotted
+    model: type[File], tables: object, name: str, key_name: Callable[[Place], str] = dotted
 ) -> File:
     """Tables of a file, validated by their schema.
 
@@ -102,16 +99,15 @@ def requirement(problem: Mapping[str, Any]) -> str:
 def _unknown_key(model: type[Section], place: Place, key_name: Callable[[Place], str]) -> str:
     """An error about an unknown key, which suggests keys.
 
-    It suggests the key that has replaced it, or else almost the same key of the same table or of
-    another, or else the nearest key of the same table, or else all keys of a small table.
+    It suggests almost the same key of the same table or of another, or else the nearest key of the
+    same table, or else all keys of a small table.
     """
     *tables, key = place
     names = tuple(part for part in tables if isinstance(part, str))
     places = [p for p in _known_keys(model) if p != names]
     siblings = [p for p in places if p[:-1] == names]
     nearest = (
-        [p for p in siblings if not tables and p[-1] == model.renamed.get(key)]
-        or [p for p in siblings if key and p[-1].startswith(key)]
+        [p for p in siblings if key and p[-1].startswith(key)]
         or _close(key, siblings, cutoff=0.9)
         or _close(key, places, cutoff=0.9)
         or _close(key, siblings, cutoff=0.6)

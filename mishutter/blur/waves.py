@@ -9,6 +9,7 @@ every frequency (Dutt and Rokhlin, SIAM J. Sci. Comput.
 import math
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
+from types import ModuleType
 from typing import Any, NamedTuple
 
 import jax
@@ -17,7 +18,7 @@ import numpy as np
 from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Complex, Float, Int
 
-from mishutter._core.checks import namespace_of
+from mishutter._core.checks import Numbers, namespace_of
 from mishutter._core.compiling import in_full_precision
 from mishutter.model.optics import frequency_grid
 
@@ -75,7 +76,10 @@ def waves_in_plane(
 
 
 def _sums_of_products(
-    places: tuple[Any, Any], weight: Any, frequencies: tuple[np.ndarray, np.ndarray], space: Any
+    places: tuple[Numbers, Numbers],
+    weight: Numbers,
+    frequencies: tuple[np.ndarray, np.ndarray],
+    space: ModuleType,
 ) -> Any:
     """Sums over $q$ of waves of the first places times those of the second, for all pairs."""
     dtype = np.result_type(places[0].dtype, np.complex64)

@@ -56,7 +56,6 @@ from mishutter.cli.laboratory import (
 )
 from mishutter.cli.measure_command import measure
 from mishutter.cli.options import (
-    BackgroundsOption,
     CoefficientsOption,
     EveryPhotographOption,
     FreeOption,
@@ -173,7 +172,6 @@ def optimise(
     every_photograph: EveryPhotographOption = False,
     pictures: PicturesOption = None,
     decoder: JudgeOption = None,
-    backgrounds: BackgroundsOption = False,
     verbose: VerboseOption = False,
 ) -> None:
     """Find the best exposures, sensor motion and shutter for a scene, beside simpler cameras."""
@@ -189,7 +187,6 @@ def optimise(
             "--every-photograph": every_photograph,
             "--pictures": pictures,
             "--decoder": decoder,
-            "--backgrounds": backgrounds,
         }
         refuse_in_plane(beside)
         optimise_in_plane(scene, scene_file, out, as_json=json)
@@ -210,7 +207,7 @@ def optimise(
             max_steps=max_steps,
             progress=True,
         )
-    delivery = Delivery(folder, json, noise_seeds, every_photograph, backgrounds, verbose)
+    delivery = Delivery(folder, json, noise_seeds, every_photograph, verbose)
     with interruptible(lambda: _after_search(scene_file, folder)):
         if folder is not None:
             design.save(folder / "design.json")
@@ -261,7 +258,6 @@ def compare(
     every_photograph: EveryPhotographOption = False,
     pictures: PicturesOption = None,
     decoder: JudgeOption = None,
-    backgrounds: BackgroundsOption = False,
     verbose: VerboseOption = False,
 ) -> None:
     """Compare shutters, saved designs, drive tables or traces with simpler cameras."""
@@ -291,7 +287,7 @@ def compare(
         motion = next(iter(saved.values())).motion if len(saved) == 1 else scene.motion
     judge = judge_of(decoder, pictures)
     folder = None if out is None else writable_folder(out)
-    delivery = Delivery(folder, json, noise_seeds, every_photograph, backgrounds, verbose)
+    delivery = Delivery(folder, json, noise_seeds, every_photograph, verbose)
     with interruptible(lambda: AGAIN):
         entries = saved | windows
         result = _compared(
@@ -378,7 +374,6 @@ class Delivery(NamedTuple):
     as_json: bool  # Whether standard output is one JSON document, and not tables
     num_seeds: int  # Captures of the photograph at each speed; 0 takes none
     every_photograph: bool  # Whether the photograph is restored at every speed, by three decoders
-    backgrounds: bool  # Whether the gain before a background is computed
     verbose: bool  # Whether every table is printed
 
     def photographed(self, result: "Report") -> "Report":
@@ -395,13 +390,9 @@ class Delivery(NamedTuple):
 
 
 def _deliver(result: "Report", delivery: Delivery, next_step: str = "") -> None:
-    """Prints the answer at once, then adds photographs, then writes files.
-
-    A background comes last, when all that was asked for is there.
-    """
+    """Prints the answer at once, then adds photographs, then writes files."""
     from mishutter.cli.tables import print_comparison, print_photographs
-    from mishutter.report.backgrounds import background_line
-    from mishutter.report.documents import write_background, write_report
+    from mishutter.report.documents import write_report
 
     folder = delivery.folder
 
@@ -422,27 +413,8 @@ def _deliver(result: "Report", delivery: Delivery, next_step: str = "") -> None:
     files = []
     if folder is not None:
         files = write_report(result, folder, wrote=wrote)
-    if delivery.backgrounds:
-        result = _before_backgrounds(result)
-        if result.backgrounds and not delivery.as_json:
-            with closable_output():
-                print_text(f"\n{background_line(result.backgrounds)}")
-        if folder is not None:
-            files += write_background(result, folder, wrote=wrote)
     if delivery.as_json:
         write_json(result.to_dict() | {"files": files})
-
-
-def _before_backgrounds(result: "Report") -> "Report":
-    """Adds the gains that remain where part of the picture stands still."""
-    from mishutter.report.backgrounds import STILL_SHARES, background_gains
-
-    row = result.comparison.rows[0]
-    if row.at_worst or row.decoder.knows_speed:
-        return result
-    with progress_bar("before a background", len(STILL_SHARES), _WHY_NO_STEP) as counter:
-        gains = background_gains(result.scene, begin=counter.next)
-    return replace(result, backgrounds=gains)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

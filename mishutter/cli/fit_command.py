@@ -39,7 +39,7 @@ def fit(
         Path, path_option(CAMERA, "--design FILE", "Design by which the camera was built.")
     ],
     drive: Annotated[
-        Path | None, path_option(CAMERA, "--drive FILE", "Drive table that was sent, as CSV.")
+        Path | None, path_option(CAMERA, "--drive FILE", "Drive table that was sent, csv or npy.")
     ] = None,
     num_coefficients: Annotated[
         int,

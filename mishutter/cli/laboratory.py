@@ -38,7 +38,7 @@ class CameraFiles(NamedTuple):
         path_option(
             CAMERA,
             "--drive FILE",
-            "Drive table, in any format of `export`; the design supplies what the file lacks.",
+            "Drive table, csv or npy of `export`; the design supplies what the file lacks.",
         ),
     ] = None
     measured: Annotated[
@@ -76,15 +76,6 @@ class CameraFiles(NamedTuple):
     ] = None
     floor: FloorOption = 0.0
     ceiling: CeilingOption = 1.0
-    num_steps: Annotated[
-        int | None,
-        option(
-            CAMERA,
-            "--drive-steps N",
-            "Number of steps of the exposure, for a Rigol file that is padded with zeros.",
-            min=1,
-        ),
-    ] = None
     middle_ms: Annotated[
         float,
         option(
@@ -115,7 +106,6 @@ class CameraFiles(NamedTuple):
         numbers = {
             "--half-exposure-ms": self.half_exposure_ms,
             "--position-scale-px": self.position_scale_px,
-            "--drive-steps": self.num_steps,
         }
         requirement = (
             "stand beside --drive: a trace is as long as the design's exposure, or the scene's"
@@ -251,7 +241,6 @@ def cameras(
             position_scale=files.position_scale_px,
             floor=files.floor,
             ceiling=files.ceiling,
-            num_steps=files.num_steps,
         )
         motion = driven.motion
         designs[AS_DRIVEN] = driven

@@ -43,7 +43,6 @@ class DecoderName(Enum):
     ENSEMBLE = "ensemble"
     WIENER = "wiener"
     RICHARDSON_LUCY = "richardson-lucy"
-    TIKHONOV = "tikhonov"
     TOTAL_VARIATION = "total-variation"
     SPEED_FINDING = "speed-finding"
 
@@ -127,21 +126,12 @@ FreePathsOption = Annotated[
         "more than half of a comparison's time. `free_paths` in the scene does the same.",
     ),
 ]
-BackgroundsOption = Annotated[
-    bool,
-    option(
-        OUTPUT,
-        "--backgrounds",
-        "Also compute how much gain of one exposure remains where part of the picture "
-        "stands still, and draw such a picture.",
-    ),
-]
 VerboseOption = Annotated[
     bool,
     option(
         OUTPUT,
         "--verbose",
-        "Also print which stills match the answer, the tables of all rows, and, before a "
+        "Also print the losses of a real sensor, the tables of all rows, and, before a "
         "search, which parts are computed or skipped.",
     ),
 ]
@@ -212,14 +202,12 @@ def named_decoder(name: DecoderName) -> "AbstractDecoder":
     from mishutter.decoding.decoders.linear import EnsembleDecoder, WienerDecoder
     from mishutter.decoding.decoders.richardson_lucy import RichardsonLucyDecoder
     from mishutter.decoding.decoders.speed_finding import SpeedFindingDecoder
-    from mishutter.decoding.decoders.tikhonov import TikhonovDecoder
     from mishutter.decoding.decoders.total_variation import TotalVariationDecoder
 
     return {
         DecoderName.ENSEMBLE: EnsembleDecoder,
         DecoderName.WIENER: WienerDecoder,
         DecoderName.RICHARDSON_LUCY: RichardsonLucyDecoder,
-        DecoderName.TIKHONOV: TikhonovDecoder,
         DecoderName.TOTAL_VARIATION: TotalVariationDecoder,
         DecoderName.SPEED_FINDING: SpeedFindingDecoder,
     }[name]()

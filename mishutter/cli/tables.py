@@ -13,7 +13,6 @@ if TYPE_CHECKING:
 
 def print_comparison(report: "Report", *, verbose: bool = False, next_step: str = "") -> None:
     """Prints the answer, and where it is `verbose` every table and the outcome of the search."""
-    from mishutter.report.tables import comparison_tables
     from mishutter.search.rows import SAME_MOTION
     from mishutter.search.space import fills
 
@@ -26,7 +25,7 @@ def print_comparison(report: "Report", *, verbose: bool = False, next_step: str 
     if not verbose:
         return
     print_text("\n".join(["", *comparison.details, ""] if comparison.details else [""]))
-    for table in comparison_tables(comparison):
+    for table in comparison.tables:
         print_table(table.title, table.columns, table.rows)
         print_text("\n".join([*table.notes, ""]))
     same = [row for row in comparison.rows if row.reading == SAME_MOTION]

@@ -1,15 +1,13 @@
 """A finished design, and the file that it is written to and read back from exactly."""
 
 import json
-import warnings
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
 from enum import StrEnum
 from functools import cached_property
-from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, final
+from typing import final
 
 import numpy as np
 
@@ -34,9 +32,6 @@ from mishutter.model.sequences import FrameSequence, OneExposure, TimedFrame
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.kinds import shutter_from_dict, shutter_to_dict
 from mishutter.model.shutters.polynomials import profile_of
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 GIVEN = "none: the camera is given"
 """The name of the loss of a design that no search has found."""
@@ -68,18 +63,13 @@ class AbstractDesign(ABC):
         """The frames of its burst, or its one exposure."""
 
     @abstractmethod
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Everything in the design as plain numbers, lists and text."""
 
     @property
     @abstractmethod
-    def frames_document(self) -> dict[str, Any]:
+    def frames_document(self) -> dict[str, object]:
         """The frames of a burst as plain numbers, by the name that a design's file has for them."""
-
-    def plot(self) -> "Figure":
-        """A figure of the shutter and the sensor's path in time, or of the frames of a burst."""
-        # Figures stand on a floor above, which imports designs.
-        return import_module("mishutter.report.plots").plot_design(self)
 
     def save(self, path: str | Path) -> None:
         """Write the design to one JSON file, whole or not at all.
@@ -143,7 +133,7 @@ class Design(AbstractDesign):
         return self.sequence or OneExposure.of(self.motion, self.scene.limits)
 
     @property
-    def frames_document(self) -> dict[str, Any]:
+    def frames_document(self) -> dict[str, object]:
         """The frames of its burst as plain numbers, by their name in its file."""
         return {} if self.sequence is None else {"sequence": sequence_to_dict(self.sequence)}
 
@@ -156,16 +146,6 @@ class Design(AbstractDesign):
     def ending(self) -> str:
         """The end of the search and what else is to be known of it, in sentences."""
         return " ".join((self.outcome, *self.notes))
-
-    @property
-    def blind_psnr(self) -> float | None:
-        """`psnr_ignoring_lag` by its name of the version before."""
-        warnings.warn(
-            "Design.blind_psnr is Design.psnr_ignoring_lag from this version on",
-            FutureWarning,
-            stacklevel=2,
-        )
-        return self.psnr_ignoring_lag
 
     @property
     def command(self) -> AbstractShutter:
@@ -218,7 +198,7 @@ class Design(AbstractDesign):
         }
         return "\n".join(["Design", *(f"  {name:<9} {text}" for name, text in lines.items())])
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Everything in the design as plain numbers, lists and text."""
         level_of, level = next(iter(self.levels.items()))
         if self.sequence is not None:
@@ -331,7 +311,7 @@ def metrics_to_dict(metrics: Metrics | SequenceMetrics) -> dict[str, float | int
     }
 
 
-def motion_to_dict(motion: AbstractMotion) -> dict[str, Any]:
+def motion_to_dict(motion: AbstractMotion) -> dict[str, object]:
     """Kind and numbers of a motion."""
     return {
         "kind": type(motion).__name__,
@@ -339,7 +319,7 @@ def motion_to_dict(motion: AbstractMotion) -> dict[str, Any]:
     }
 
 
-def sequence_to_dict(sequence: FrameSequence) -> dict[str, Any]:
+def sequence_to_dict(sequence: FrameSequence) -> dict[str, object]:
     """Kind, level and frames of a sequence, whose places are of the stage."""
     frames = [
         {

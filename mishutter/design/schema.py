@@ -4,7 +4,6 @@ import math
 from typing import Annotated, Literal, final
 
 from pydantic import (
-    AliasChoices,
     AllowInfNan,
     BaseModel,
     BeforeValidator,
@@ -107,6 +106,4 @@ class SavedDesign(Part):
     outcome: str
     notes: list[str] = Field(default_factory=list)
     certificate: Result
-    psnr_ignoring_lag: Result | None = Field(
-        None, validation_alias=AliasChoices("psnr_ignoring_lag", "blind_psnr")
-    )
+    psnr_ignoring_lag: Result | None = None

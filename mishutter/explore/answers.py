@@ -204,7 +204,7 @@ def table(comparison: "Comparison") -> Numbers:
     from mishutter.report.tables import page_table
 
     shown = shown_rows(comparison)
-    wide = page_table(comparison, list(shown.values()))
+    wide = page_table(list(shown.values()), within=comparison.costs is not None)
     cells = zip(shown, wide.rows, strict=True)
     first, _, answer = comparison.text().partition("\n")
     return {

@@ -7,7 +7,7 @@ metrics tell the loss by them.
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, final
+from typing import final
 
 import jax
 import numpy as np
@@ -155,7 +155,7 @@ class DriveTable(AbstractTable):
         half = self.exposure / 2
         return path_csv(self.paths, {"exposure": (-half, half)}, count, self.design.scene)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """The table and its metrics, as plain numbers."""
         blind = self.blind_metrics()
         decoder = knowledge_of_saved(self.design.loss_name, self.design.scene)
@@ -259,19 +259,17 @@ def design_from_drive(
     position_scale: float | None = None,
     floor: float = 0.0,
     ceiling: float = 1.0,
-    num_steps: int | None = None,
 ) -> Design:
     """The design of a scene's camera with a drive table; nothing is searched for.
 
     Args:
-        path: A file of any of `DRIVE_FORMATS`.
+        path: A file that `read_drive` reads.
         scene: The scene that it is measured on.
         motion: The motion that the table was made for; the scene's by default.
         half_exposure: As in `read_drive`.
         position_scale: As in `read_drive`.
         floor: As in `read_drive`.
         ceiling: As in `read_drive`.
-        num_steps: As in `read_drive`.
 
     Raises:
         ValueError: as `read_drive`.
@@ -286,7 +284,6 @@ def design_from_drive(
         position_scale=position_scale,
         floor=floor,
         ceiling=ceiling,
-        num_steps=num_steps,
     )
     actual = drive.motion
     if scene.limits.pans == "camera" and not is_known_zero(intended.velocity):

@@ -1,14 +1,14 @@
-r"""Drive tables as files that laboratories load, written and read back.
+r"""Drive tables as files that laboratories load; `csv` and `npy` are also read back.
 
-| format | file | travels with it | the reader must be told |
-|---|---|---|---|
-| `csv` | names, units, one row a step | half exposure, transmittance, position | nothing |
-| `column` | one column, -1 to 1 | drive | half exposure, levels |
-| `keysight` | `SampleRate=` and columns | half exposure, drive, position, gate | levels, scale |
-| `rigol` | 16-bit little-endian words, the low 14 bits | drive | half exposure, levels, steps |
-| `siglent` | EasyWave CSV: settings, then time and drive | drive, half exposure | levels |
-| `npy` | (channels, samples): drive, position, gate | those | half exposure, levels, scale |
-| `pulses` | time closed and time open of each pulse, us | open and closed | half exposure |
+| format | file | travels with it |
+|---|---|---|
+| `csv` | names, units, one row a step | half exposure, transmittance, position |
+| `column` | one column, -1 to 1 | drive |
+| `keysight` | `SampleRate=` and columns | half exposure, drive, position, gate |
+| `rigol` | 16-bit little-endian words, the low 14 bits | drive |
+| `siglent` | EasyWave CSV: settings, then time and drive | drive, half exposure |
+| `npy` | (channels, samples): drive, position, gate | those |
+| `pulses` | time closed and time open of each pulse, us | open and closed |
 
 A drive of -1 is the lowest level, whose transmittance is the floor, and one of 1 the highest,
 whose transmittance is the ceiling: these are the levels. Positions are in [-1, 1], and the scale
@@ -18,10 +18,9 @@ drive alone. `docs/drive_formats.md` quotes the makers' descriptions.
 """
 
 import io
-import re
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -30,13 +29,11 @@ from jaxtyping import Bool, Float, Int
 
 from mishutter._core.checks import (
     Unquoted,
-    describe,
     fields_text,
     require,
     require_finite,
-    require_positive_int,
 )
-from mishutter._core.columns import cells, number_rows, text_lines, unit_columns
+from mishutter._core.columns import cells, text_lines, unit_columns
 from mishutter._core.files import contents, write_bytes
 from mishutter.design.design import AbstractDesign
 from mishutter.model.motion import AbstractMotion, ParabolicMotion, steady
@@ -47,8 +44,6 @@ MAX_STEPS = 100_000
 _WORDS = (1 << 14) - 1
 _SAME = 1e-8
 """Relative difference of two times below which they are one, written to nine digits."""
-_HARDWARE = ("Y1", "Y2", "SampleMarker1", "SyncMarker1", "SampleMarker2", "SyncMarker2")
-_PULSES = {"wait": {"us": 1e-6}, "width": {"us": 1e-6}}
 _TABLE = {
     "begin": {"ms": 1e-3},
     "wanted_transmittance": {"1": 1.0},
@@ -85,9 +80,6 @@ class _Samples(NamedTuple):
     # Position of the sensor at the beginning of each step; px
     position: Float[np.ndarray, "steps"] | None = None
     share: Float[np.ndarray, "steps"] | None = None  # Position on a scale from -1 to 1
-    # Times at which pulses begin and end, by turns; s
-    edges: Float[np.ndarray, "edges"] | None = None
-    unread: tuple[str, ...] = ()  # Settings that are not read, as the file has them
 
     def half(self, motion: AbstractMotion, argument: float | None, name: str) -> float:
         """The half exposure of a file, or the reader's argument, which may not differ from it."""
@@ -99,20 +91,17 @@ class _Samples(NamedTuple):
         require(is_same, name, requirement, Unquoted(f"{own:g} s"))
         return own
 
-    def doubts(self) -> Iterator[str]:
-        """Sentences about what a file may mean otherwise than it is read."""
-        if self.unread:
-            lines = describe(Unquoted(", ".join(self.unread)))
-            instead = ", and no SampleRate: its exposure is the design's, or as given"
-            instead = "" if self.half_exposure else instead
-            yield f"it has settings that are not read, {lines}{instead}"
+    @property
+    def doubt(self) -> str | None:
+        """A sentence about what a file may mean otherwise than it is read."""
         least = -1.0 if self.drive is None else float(np.min(self.drive))
         # A shutter that stays open has the same drive, 1, on a scale from 0 to 1.
-        if 0 <= least < 1:
-            yield (
-                f"its shutter never closes: its least drive is {least:g}, where -1 is closed and 1 "
-                "is open; a drive from 0 for closed to 1 for open must be doubled, less 1"
-            )
+        if not 0 <= least < 1:
+            return None
+        return (
+            f"its shutter never closes: its least drive is {least:g}, where -1 is closed and 1 "
+            "is open; a drive from 0 for closed to 1 for open must be doubled, less 1"
+        )
 
 
 # Writing
@@ -160,7 +149,7 @@ class AbstractTable(ABC):
         Args:
             path: The file.
             form: One of `DRIVE_FORMATS`, of which each has a channel that is open in exposures and
-                closed between them; `read_drive` says what travels with each.
+                closed between them.
 
         Raises:
             ValueError: if there is no such format, or pulses are asked for of more than two levels.
@@ -254,9 +243,8 @@ def read_drive(
     position_scale: float | None = None,
     floor: float = 0.0,
     ceiling: float = 1.0,
-    num_steps: int | None = None,
 ) -> Drive:
-    """Read a drive table in any of `DRIVE_FORMATS`, unchanged, also one that was edited.
+    """Read a drive table in `csv` or `npy`, unchanged, also one that was edited.
 
     The contents say which format it is.
 
@@ -264,19 +252,17 @@ def read_drive(
         path: The file.
         motion: The motion that it was made for: a file without time, or without the sensor's
             position, says nothing of it.
-        half_exposure: $T$, s, of a file that holds no time; that of `motion` by default.
-        position_scale: Position at a value of 1, px; without it positions on a scale are left out.
-        floor: Transmittance of the lowest level, of a file that holds drives alone.
-        ceiling: Transmittance of the highest level of such a file.
-        num_steps: Steps of the exposure, of a Rigol file that a generator has filled up with zeros.
+        half_exposure: $T$, s, of an array, which holds no time; that of `motion` by default.
+        position_scale: Position at a value of 1 in an array, px; without it they are left out.
+        floor: Transmittance of the lowest level of an array, which holds drives alone.
+        ceiling: Transmittance of its highest level.
 
     Raises:
         ValueError: if the file is none of them, or an argument is out of its range.
         OSError: if it cannot be read.
 
     Warns:
-        DriveWarning: if the file has settings that are not read, or its drives, from -1 to 1,
-            never close the shutter further than by half.
+        DriveWarning: if its drives, from -1 to 1, never close the shutter further than by half.
     """
     require(isinstance(motion, AbstractMotion), "read_drive(motion=...)", "be a motion", motion)
     for key, value in (("half_exposure", half_exposure), ("position_scale", position_scale)):
@@ -284,26 +270,20 @@ def read_drive(
             require_finite(f"read_drive({key}=...)", value)
             require(value > 0, f"read_drive({key}=...)", "be above 0", value)
     require_levels("read_drive", floor, ceiling)
-    if num_steps is not None:
-        require_positive_int("read_drive(num_steps=...)", num_steps)
     name = str(path)
-    samples = _samples(contents(path), name, num_steps)
+    samples = _samples(contents(path), name)
     half = samples.half(motion, half_exposure, name)
-    if samples.edges is not None:
-        steps = _steps_of_pulses(samples.edges, half, name)
-    elif samples.drive is not None:
+    if samples.drive is not None:
         steps = floor + (ceiling - floor) * (samples.drive + 1) / 2
     else:
         steps = np.asarray(samples.transmittance)
-    is_complete = num_steps is None or num_steps == len(steps)
-    require(is_complete, name, f"have the {num_steps} steps that were given", len(steps))
     require(len(steps) <= MAX_STEPS, name, f"hold at most {MAX_STEPS} steps", len(steps))
     position = samples.position
     if samples.share is not None and position_scale is not None:
         position = samples.share * position_scale
     drive = Drive(ChippedShutter(steps), _motion(position, half, motion, name))
-    for doubt in samples.doubts():
-        warnings.warn(f"{name}: {doubt}", DriveWarning, stacklevel=2)
+    if samples.doubt is not None:
+        warnings.warn(f"{name}: {samples.doubt}", DriveWarning, stacklevel=2)
     return drive
 
 
@@ -316,33 +296,14 @@ def require_levels(function: str, floor: float, ceiling: float) -> None:
     require(floor < ceiling <= 1, subject, f"lie above the floor {floor:g} and up to 1", ceiling)
 
 
-def _samples(content: bytes, name: str, num_steps: int | None) -> _Samples:
+def _samples(content: bytes, name: str) -> _Samples:
     if content.startswith(b"\x93NUMPY"):
         return _from_npy(content, name)
-    if name.lower().endswith(".raf"):
-        return _from_rigol(content, name, num_steps)
     lines = text_lines(content, name)
-    names = cells(lines[0])
-    if set(names) & {"begin", "transmittance"}:
-        return _from_table(lines, name)
-    if set(names) & {"wait", "width"}:
-        return _from_pulses(lines, name)
-    if names[0].startswith("data len"):  # some files of EasyWave have "data lenth"
-        return _from_siglent(lines, name)
-    if "=" in lines[0] or names[0] in _HARDWARE:
-        return _from_keysight(lines, name)
-    kinds = ", ".join(DRIVE_FORMATS)
-    are_numbers = all(_is_value(cell) for cell in names)
-    require(are_numbers, name, f"be a drive table of a known format ({kinds})", lines[0])
-    return _Samples(drive=_within("a drive", number_rows(lines, 1, name)[:, 0], -1.0, name))
-
-
-def _is_value(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
+    is_table = bool(set(cells(lines[0])) & {"begin", "transmittance"})
+    requirement = "be a drive table in csv, with columns begin and transmittance, or npy"
+    require(is_table, name, requirement, lines[0])
+    return _from_table(lines, name)
 
 
 def _within(noun: str, values: np.ndarray, least: float, name: str) -> np.ndarray:
@@ -374,73 +335,6 @@ def _from_table(lines: list[str], name: str) -> _Samples:
     return _Samples(half, transmittance=transmittance, position=columns.get("sensor_position"))
 
 
-def _from_pulses(lines: list[str], name: str) -> _Samples:
-    # A shutter that stays closed has a list without a row.
-    columns = unit_columns(lines, name, _PULSES, tuple(_PULSES), least_rows=0)
-    wait, width = columns["wait"], columns["width"]
-    least = float(wait.min(initial=np.inf)) * 1e6
-    require(least >= 0, name, "wait at least 0 us for each pulse", least)
-    least = float(width.min(initial=np.inf)) * 1e6
-    require(least > 0, name, "have pulses wider than 0 us", least)
-    return _Samples(edges=np.cumsum(np.ravel(np.transpose([wait, width]))))
-
-
-def _steps_of_pulses(edges: np.ndarray, half: float, name: str) -> np.ndarray:
-    """Mean of pulses over the fewest equal steps that have their edges, or over 2,048."""
-    shares, last = edges / (2 * half), float(edges.max(initial=0.0))
-    requirement = f"end its pulses within the exposure of {half * 2e6:g} us"
-    got = Unquoted(f"{last * 1e6:g} us")
-    require(last / (2 * half) <= 1 + _SAME, name, requirement, got)
-    most = 2048
-    counts = range(1, most + 1)
-    fitting = (n for n in counts if np.all(np.abs(shares * n - np.rint(shares * n)) < 1e-6))
-    count = next(fitting, most)
-    shares = np.minimum(shares * count, count)
-    shares = np.where(np.abs(shares - np.rint(shares)) < 1e-6, np.rint(shares), shares)
-    # Time open until the end of each step: open time grows over pulses and rests between them.
-    open_time = np.concatenate([[0.0], np.cumsum(np.diff(shares)[::2])])
-    times = np.concatenate([[0.0], shares, [count]])
-    open_time = np.interp(np.arange(count + 1), times, np.repeat(open_time, 2))
-    return np.clip(np.diff(open_time), 0, 1)
-
-
-def _from_keysight(lines: list[str], name: str) -> _Samples:
-    heading = next((k for k, line in enumerate(lines) if "=" not in line), len(lines))
-    settings, unread = _settings(lines[:heading], "=", ("samplerate", "setconfig"), name)
-    require(heading < len(lines), name, "have a line of columns, as Y1,Y2,SampleMarker1", lines[-1])
-    names = cells(lines[heading])
-    for column in names:
-        require(column in _HARDWARE, name, f"have columns of {', '.join(_HARDWARE)}", column)
-    require("Y1" in names, name, "have the shutter's column Y1", Unquoted(lines[heading]))
-    require(len(set(names)) == len(names), name, "have each column once", Unquoted(lines[heading]))
-    numbers = number_rows(lines[heading + 1 :], len(names), name)
-    columns = dict(zip(names, numbers.T, strict=True))
-    drive, share = _gated(columns["Y1"], columns.get("Y2"), columns.get("SampleMarker1"), name)
-    half = None
-    if "samplerate" in settings:
-        units = {"": 1.0, "Hz": 1.0, "kHz": 1e3, "MHz": 1e6, "GHz": 1e9}
-        text = settings["samplerate"]
-        number = text.rstrip("GMkHz").rstrip()
-        unit = text[len(number) :].strip()
-        rate = float(number) * units[unit] if unit in units and _is_value(number) else np.nan
-        is_rate = bool(np.isfinite(rate)) and rate > 0
-        require(is_rate, name, "have a SampleRate above 0 in Hz, kHz, MHz or GHz", text)
-        half = drive.size / rate / 2
-    return _Samples(half, drive=drive, share=share, unread=unread)
-
-
-def _settings(
-    lines: list[str], sign: str, known: Sequence[str], name: str
-) -> tuple[dict[str, str], tuple[str, ...]]:
-    """Values of settings by the letters and digits of their names; lines of settings not known."""
-    rows = [[*line.split(sign), ""] for line in lines]
-    keys = [re.sub(r"[\W_]+", "", row[0].casefold()) for row in rows]
-    twice = next((line for line, key in zip(lines, keys, strict=True) if keys.count(key) > 1), "")
-    require(not twice, name, "have each of its settings once", Unquoted(twice))
-    unread = tuple(line for line, key in zip(lines, keys, strict=True) if key not in known)
-    return {key: row[1].strip() for key, row in zip(keys, rows, strict=True)}, unread
-
-
 def _gated(
     drive: np.ndarray, share: np.ndarray | None, gate: np.ndarray | None, name: str
 ) -> tuple[np.ndarray, np.ndarray | None]:
@@ -456,53 +350,6 @@ def _gated(
         share = None if share is None else share[gate == 1]
     drive = _within("a drive", drive, -1.0, name)
     return drive, None if share is None else _within("a position", share, -1.0, name)
-
-
-def _from_siglent(lines: list[str], name: str) -> _Samples:
-    heading = next((k for k, line in enumerate(lines) if cells(line)[0] == "xpos"), len(lines) - 1)
-    known = ("frequency", "amp", "offset", "phase")
-    settings, unread = _settings(lines[1:heading], ",", known, name)
-    settings = {"phase": "0"} | settings
-    scale, begin = "values are from -1 to 1", "values begin with the exposure"
-    for key, wanted, reason in (("amp", 2.0, scale), ("offset", 0.0, scale), ("phase", 0.0, begin)):
-        value = settings.get(key, "")
-        is_wanted = _is_value(value) and float(value) == wanted
-        requirement = f"have {key},{wanted:g}, by which {reason}"
-        require(is_wanted, name, requirement, Unquoted(f"{key},{value}"))
-    value = settings.get("frequency", "")
-    is_positive = _is_value(value) and 0 < float(value) < np.inf
-    require(is_positive, name, "have a frequency above 0 Hz", value)
-    drive = number_rows(lines[heading + 1 :], 2, name)[:, 1]
-    length = cells(lines[0])[-1]
-    require(length == str(drive.size), name, f"hold its data length, {length} values", drive.size)
-    drive = _within("a drive", drive, -1.0, name)
-    return _Samples(1 / float(value) / 2, drive=drive, unread=unread)
-
-
-def _from_rigol(content: bytes, name: str, num_steps: int | None) -> _Samples:
-    """The words of the exposure, without the zeros up to the length that a generator takes.
-
-    A profile may be closed at its ends: the caller must give the number of steps where there are
-    many more zeros at the end than at the beginning.
-    """
-    is_even = len(content) > 0 and len(content) % 2 == 0
-    require(is_even, name, "hold 16-bit words, 2 bytes a step", Unquoted(f"{len(content)} bytes"))
-    words = np.frombuffer(content, "<u2")
-    highest = int(words.max())
-    require(highest <= _WORDS, name, f"hold words of 14 bits, up to {_WORDS}", highest)
-    if num_steps is None:
-        before = int(np.argmax(words > 0))
-        after = int(np.argmax(words[::-1] > 0)) if words.any() else words.size
-        # The smallest generator fills a file up to 8,192 words.
-        is_filled = words.size >= 8192 and after - before > words.size / 8
-        requirement = "hold the exposure alone, or be read with `num_steps` or `--drive-steps`"
-        got = Unquoted(f"{words.size} words, the last {after} of them 0")
-        require(not is_filled, name, requirement, got)
-    else:
-        words, rest = words[:num_steps], words[num_steps:]
-        got = Unquoted(f"{np.count_nonzero(rest)} other words")
-        require(not rest.any(), name, f"hold zeros alone after {num_steps} steps", got)
-    return _Samples(drive=2 * words.astype(np.float64) / _WORDS - 1)
 
 
 def _from_npy(content: bytes, name: str) -> _Samples:

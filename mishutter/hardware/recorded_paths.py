@@ -6,6 +6,7 @@ velocity is linear in each piece, as that of the package's paths is, so that pla
 follow from it exactly, and the noise of the encoder is averaged.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -160,7 +161,7 @@ class _Spline(NamedTuple):
     """A quadratic spline along each axis, from the first light to the last."""
 
     knots: Float[np.ndarray, "k"]  # Ends of its pieces, on the clock of the frames; s
-    place: Any  # Places at some times, px; shape `(axes, *times)`
+    place: Callable[[np.ndarray], np.ndarray]  # Places at some times, px; shape `(axes, *times)`
     velocities: Float[np.ndarray, "axes k"]  # Those at the knots; px/s
 
     @staticmethod

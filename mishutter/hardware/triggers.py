@@ -132,7 +132,7 @@ class FrameTable(AbstractTable):
         lights = {f"frame {number}": lit for number, lit in enumerate(self.lights, 1)}
         return path_csv(self.paths, lights, self.begin.size, self.design.scene)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """The table as plain numbers."""
         return {
             "mishutter": package_version(),

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core.checks import namespace_of
+from mishutter._core.checks import Numbers, namespace_of
 
 _LEAST_SAG = 1e-15
 """Sag down to which a sensor is said to turn, px: powers of less leave the range of 32 bits, and
@@ -43,13 +43,13 @@ class Reach(NamedTuple):
 class PathPieces(NamedTuple):
     """Pieces of constant acceleration of the path of points over the sensor; `(..., pieces)`."""
 
-    sag: Any  # A, px
-    velocity: Any  # U, px per half exposure, at the base
-    position: Any  # X, px from mid-exposure, at the base
+    sag: Numbers  # A, px
+    velocity: Numbers  # U, px per half exposure, at the base
+    position: Numbers  # X, px from mid-exposure, at the base
     base: np.ndarray  # the time nearest to mid-exposure, in units of T
     begin: np.ndarray
     end: np.ndarray
-    travel: Any  # from mid-exposure to the base, px, at most
+    travel: Numbers  # from mid-exposure to the base, px, at most
 
     @property
     def is_at_rest(self) -> Any:
@@ -58,7 +58,7 @@ class PathPieces(NamedTuple):
         least = precision.tiny**0.25 + 4 * precision.eps * self.travel
         return (abs(self.sag) * length + abs(self.velocity)) * length < least
 
-    def vertex(self, turns: Any) -> tuple[Any, Any]:
+    def vertex(self, turns: Numbers) -> tuple[Numbers, Numbers]:
         """Time from the base to the vertex and its position, of the pieces that turn."""
         space = namespace_of(self.velocity)
         time = -self.velocity / (2 * space.where(turns, self.sag, 1.0))

@@ -19,7 +19,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike, Float, PyTree
 
 from mishutter._core.checks import (
     all_concrete,
@@ -653,9 +653,9 @@ def _largest(limits: Limits, name: str, low: Number, high: Number, numbers: Any)
 def largest_within_one(
     low: Float[Array, ""],
     high: Float[Array, ""],
-    parameters: Any,
+    parameters: PyTree,
     *,
-    function: Callable[[Float[Array, ""], Any], Float[Array, ""]],
+    function: Callable[[Float[Array, ""], PyTree], Float[Array, ""]],
 ) -> Float[Array, ""]:
     r"""Largest $x$ of an interval with $g(x, p) <= 1$; the lower end where there is none; scalar.
 
@@ -677,10 +677,10 @@ def largest_within_one(
 
 @largest_within_one.def_jvp
 def _largest_within_one_jvp(
-    primals: tuple[Array, Array, Any],
-    tangents: tuple[Array | None, Array | None, Any],
+    primals: tuple[Array, Array, PyTree],
+    tangents: tuple[Array | None, Array | None, PyTree],
     *,
-    function: Callable[[Array, Any], Array],
+    function: Callable[[Array, PyTree], Array],
 ) -> tuple[Array, Array]:
     low, high, parameters = primals
     root = largest_within_one(low, high, parameters, function=function)

@@ -35,7 +35,7 @@ from mishutter._core.files import contents, write_text
 from mishutter._core.modules import AbstractModule, require_arguments
 from mishutter._core.validation import in_section, parsed, validated
 from mishutter.model.arguments import argument_names, made_of
-from mishutter.model.decoder_speeds import DecoderSpeed, DecoderWord, as_decoder_speed
+from mishutter.model.decoder_speeds import DecoderSpeed
 from mishutter.model.devices import AbstractDevice
 from mishutter.model.limits import Limits
 from mishutter.model.measurement_errors import MeasurementErrors
@@ -160,7 +160,7 @@ class Scene(AbstractModule):
         occlusion: Occlusion | None = None,
         objects: Objects | None = None,
         errors: MeasurementErrors | None = None,
-        decoder_speed: DecoderWord = "unknown",
+        decoder_speed: DecoderSpeed = "unknown",
         motion: AbstractMotion | None = None,
         velocities: AbstractVelocities | None = None,
         given_motion: AbstractMotion | None = None,
@@ -181,7 +181,7 @@ class Scene(AbstractModule):
         self.occlusion = occlusion
         self.objects = objects
         self.errors = errors
-        self.decoder_speed = as_decoder_speed(decoder_speed)
+        self.decoder_speed = decoder_speed
         self.velocities = velocities
         self.given_motion = given_motion if motion is None else motion
 

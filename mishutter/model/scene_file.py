@@ -436,7 +436,10 @@ def _picture(
     section: PictureSection, axis: Axis, folder: Path, textures: Textures | None
 ) -> Texture:
     """The texture of a photograph, or of what stands for one."""
-    levels: dict[str, Any] = {"mean_level": section.mean_level, "deviation": section.deviation}
+    levels: dict[str, float | None] = {
+        "mean_level": section.mean_level,
+        "deviation": section.deviation,
+    }
     levels_in_file = {name: value for name, value in levels.items() if value is not None}
     own = section.path not in (None, EXAMPLE_PICTURE)
     for key in ("white", "linear"):

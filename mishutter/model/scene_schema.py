@@ -1,11 +1,11 @@
 """The keys of a scene file, their units and ranges."""
 
-from typing import Annotated, ClassVar, Literal, final
+from typing import Annotated, Any, Literal, final
 
-from pydantic import BeforeValidator, Field
+from pydantic import Field, create_model
 
 from mishutter._core.validation import Section
-from mishutter.model.decoder_speeds import DecoderSpeed, as_decoder_speed
+from mishutter.model.decoder_speeds import DecoderSpeed
 from mishutter.model.occlusion import Background
 from mishutter.model.optics import WIDEST_BLUR
 from mishutter.pictures.images import Axis
@@ -28,78 +28,46 @@ White = Annotated[float, Field(gt=0, le=1e9)]
 """Value of a picture's file that is white."""
 
 
+SPEED_UNITS = ("px_per_s", "um_per_s", "mm_per_s", "m_per_s", "km_per_h", "deg_per_s")
+"""Units of the speeds of things, as the names of keys end in them."""
+
+
+def _in_each_unit(**kinds: Any) -> type[Section]:
+    """A table of optional keys for some speeds, one in each unit, as `max_px_per_s` and so on."""
+    fields: dict[str, Any] = {
+        f"{name}_{unit}": (kind | None, None)
+        for name, kind in kinds.items()
+        for unit in SPEED_UNITS
+    }
+    return create_model("InEachUnit", __base__=Section, **fields)
+
+
 @final
-class Uniform(Section):
+class Uniform(_in_each_unit(min=Speed, max=Speed)):
     """Equally likely speeds at equal steps, from one to another, both in one unit."""
 
-    min_px_per_s: Speed | None = None
-    max_px_per_s: Speed | None = None
-    min_um_per_s: Speed | None = None
-    max_um_per_s: Speed | None = None
-    min_mm_per_s: Speed | None = None
-    max_mm_per_s: Speed | None = None
-    min_m_per_s: Speed | None = None
-    max_m_per_s: Speed | None = None
-    min_km_per_h: Speed | None = None
-    max_km_per_h: Speed | None = None
-    min_deg_per_s: Speed | None = None
-    max_deg_per_s: Speed | None = None
     count: Count
 
 
 @final
-class Normal(Section):
+class Normal(_in_each_unit(mean=Speed, deviation=PositiveSpeed)):
     """Normally distributed speeds: centres of equal steps over three deviations, by density."""
 
-    mean_px_per_s: Speed | None = None
-    deviation_px_per_s: PositiveSpeed | None = None
-    mean_um_per_s: Speed | None = None
-    deviation_um_per_s: PositiveSpeed | None = None
-    mean_mm_per_s: Speed | None = None
-    deviation_mm_per_s: PositiveSpeed | None = None
-    mean_m_per_s: Speed | None = None
-    deviation_m_per_s: PositiveSpeed | None = None
-    mean_km_per_h: Speed | None = None
-    deviation_km_per_h: PositiveSpeed | None = None
-    mean_deg_per_s: Speed | None = None
-    deviation_deg_per_s: PositiveSpeed | None = None
     count: Count
 
 
 @final
-class AnyDirection(Section):
+class AnyDirection(
+    _in_each_unit(
+        max=PositiveSpeed,
+        along=PositiveSpeed,
+        across=SizeOfSpeed,
+        speed=PositiveSpeed,
+        list=ListOfVelocities,
+    )
+):
     """Velocities in any direction: a disc or an ellipse that they fill, a ring, or a list."""
 
-    max_px_per_s: PositiveSpeed | None = None
-    max_um_per_s: PositiveSpeed | None = None
-    max_mm_per_s: PositiveSpeed | None = None
-    max_m_per_s: PositiveSpeed | None = None
-    max_km_per_h: PositiveSpeed | None = None
-    max_deg_per_s: PositiveSpeed | None = None
-    along_px_per_s: PositiveSpeed | None = None
-    along_um_per_s: PositiveSpeed | None = None
-    along_mm_per_s: PositiveSpeed | None = None
-    along_m_per_s: PositiveSpeed | None = None
-    along_km_per_h: PositiveSpeed | None = None
-    along_deg_per_s: PositiveSpeed | None = None
-    across_px_per_s: SizeOfSpeed | None = None
-    across_um_per_s: SizeOfSpeed | None = None
-    across_mm_per_s: SizeOfSpeed | None = None
-    across_m_per_s: SizeOfSpeed | None = None
-    across_km_per_h: SizeOfSpeed | None = None
-    across_deg_per_s: SizeOfSpeed | None = None
-    speed_px_per_s: PositiveSpeed | None = None
-    speed_um_per_s: PositiveSpeed | None = None
-    speed_mm_per_s: PositiveSpeed | None = None
-    speed_m_per_s: PositiveSpeed | None = None
-    speed_km_per_h: PositiveSpeed | None = None
-    speed_deg_per_s: PositiveSpeed | None = None
-    list_px_per_s: ListOfVelocities | None = None
-    list_um_per_s: ListOfVelocities | None = None
-    list_mm_per_s: ListOfVelocities | None = None
-    list_m_per_s: ListOfVelocities | None = None
-    list_km_per_h: ListOfVelocities | None = None
-    list_deg_per_s: ListOfVelocities | None = None
     angle_deg: Annotated[float, Field(ge=-360, le=360)] | None = None
     weights: list[Share] | None = None
 
@@ -276,7 +244,7 @@ class TolerancesSection(Section):
 class DecoderSection(Section):
     """The decoder that restores the pictures, and its knowledge of the speed."""
 
-    speed: Annotated[DecoderSpeed, BeforeValidator(as_decoder_speed)] = "unknown"
+    speed: DecoderSpeed = "unknown"
 
 
 @final
@@ -311,8 +279,6 @@ class PictureSection(Section):
 @final
 class SceneFile(Section):
     """A whole scene file."""
-
-    renamed: ClassVar = {"rivals": "burst"}
 
     speeds: Speeds
     light: Light

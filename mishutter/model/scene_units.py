@@ -22,6 +22,7 @@ from typing import Any, NamedTuple, final
 import numpy as np
 
 from mishutter._core.checks import (
+    Numbers,
     RowLike,
     Unquoted,
     as_numpy,
@@ -32,7 +33,7 @@ from mishutter._core.checks import (
 )
 from mishutter._core.validation import Section
 from mishutter.model.arguments import argument_names
-from mishutter.model.scene_schema import Light, SensorSection, ViewSection
+from mishutter.model.scene_schema import SPEED_UNITS, Light, SensorSection, ViewSection
 
 GRAVITY = 9.80665
 """Standard gravity; m/s^2."""
@@ -51,8 +52,6 @@ _METRES = {
 _PHOTONS_PER_LUX = 6.02214076e23 * 1e-6 / 54
 """Photons of sunlight between 400 and 700 nm by lux, second and square metre: 1.1e16."""
 _NOTHING = Unquoted("nothing")
-SPEED_UNITS = ("px_per_s", "um_per_s", "mm_per_s", "m_per_s", "km_per_h", "deg_per_s")
-"""Units of the speeds of things, as the names of keys end in them."""
 FASTEST = 1e7
 """Greatest speed of a thing, px/s."""
 _KEYS = {
@@ -134,7 +133,7 @@ class View:
     def __repr__(self) -> str:
         return fields_text(self)
 
-    def speed(self, value: RowLike, unit: str) -> Any:
+    def speed(self, value: RowLike, unit: str) -> Numbers | np.floating:
         """Speeds of things on the sensor; px/s, in the shape of `value`.
 
         Args:
@@ -148,7 +147,7 @@ class View:
         key = _unit("View.speed", unit, SPEED_UNITS)
         return _numbers("View.speed", value) * self._of_things(key, f"a speed in {unit}")
 
-    def length(self, value: RowLike, unit: str) -> Any:
+    def length(self, value: RowLike, unit: str) -> Numbers | np.floating:
         """Lengths of things on the sensor; px, in the shape of `value`.
 
         Args:
@@ -161,7 +160,7 @@ class View:
         key = _unit("View.length", unit, ("px", "um", "mm", "m"))
         return _numbers("View.length", value) * self._of_things(key, f"a length in {unit}")
 
-    def stage(self, value: RowLike, unit: str) -> Any:
+    def stage(self, value: RowLike, unit: str) -> Numbers | np.floating:
         """Lengths, speeds or accelerations of the sensor itself; in px and seconds.
 
         Args:
@@ -182,7 +181,7 @@ class View:
         f_number: float | int,
         quantum_efficiency: float | int,
         lens_transmission: float | int = 1.0,
-    ) -> Any:
+    ) -> Numbers | np.floating:
         """Photo-electrons a second at white, diffuse things, in sunlight; e-/s.
 
         Args:
@@ -270,7 +269,7 @@ def _unit(function: str, unit: str, units: tuple[str, ...]) -> str:
     return texts[plain]
 
 
-def _numbers(function: str, value: RowLike, name: str = "value") -> Any:
+def _numbers(function: str, value: RowLike, name: str = "value") -> Numbers:
     require_finite(f"{function}({name}=...)", value)
     return as_numpy(value)[0]
 

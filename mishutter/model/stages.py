@@ -17,6 +17,8 @@ any acceleration at either end. A run-out is such a run-up backwards.
 """
 
 import math
+from collections.abc import Iterable
+from types import ModuleType
 from typing import Any, NamedTuple
 
 import jax
@@ -24,11 +26,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
-from mishutter._core.checks import require, require_finite, require_known, require_scalar
+from mishutter._core.checks import Numbers, require, require_finite, require_known, require_scalar
 from mishutter.model.motion import AbstractMotion, safe_root
 
 _SINGLE = 1e-5
 """Share of a number below which it is one of rounding, in single precision."""
+Number = Numbers | np.floating | float
+"""One number, or many of any shape."""
 
 
 class StageUse(NamedTuple):
@@ -47,23 +51,25 @@ class StageUse(NamedTuple):
 class Piece(NamedTuple):
     """A piece of constant jerk, of any shape."""
 
-    duration: Any  # s
-    end: Any  # Velocity at its end; px/s
-    jerk: Any = 0.0  # px/s^3
+    duration: Number  # s
+    end: Number  # Velocity at its end; px/s
+    jerk: Number = 0.0  # px/s^3
 
 
 class Knots(NamedTuple):
     """A path of a stage, of any shape but for the last axis, which holds its pieces."""
 
-    durations: Any  # Durations of the pieces; s, `(..., n)`
+    durations: Numbers  # Durations of the pieces; s, `(..., n)`
     # Velocities at their beginnings and at the end of the last; px/s, `(..., n + 1)`
     velocities: Any
-    jerks: Any | None  # Jerks; px/s^3, `(..., n)`. None where the velocity is linear in each piece
+    jerks: (
+        Numbers | None
+    )  # Jerks; px/s^3, `(..., n)`. None where the velocity is linear in each piece
     first: int  # Number of the knot at the first light
     last: int  # Number of the knot at the last light
 
     @staticmethod
-    def of(start: Any, pieces: list[Piece]) -> "Knots":
+    def of(start: Number, pieces: list[Piece]) -> "Knots":
         """The way of some pieces from a velocity, px/s, all of which are lit."""
         durations, ends, jerks = zip(*pieces, strict=True)
         is_linear = all(isinstance(jerk, float) and jerk == 0 for jerk in jerks)
@@ -71,7 +77,7 @@ class Knots(NamedTuple):
         nothing = sum(0 * (duration + end + jerk) for duration, end, jerk in pieces)
         space = _space(nothing)
 
-        def joined(values: Any) -> Any:
+        def joined(values: Iterable[Number]) -> Numbers:
             return space.stack([nothing + x for x in values], axis=-1)
 
         jerk = None if is_linear else joined(jerks)
@@ -91,7 +97,7 @@ class Knots(NamedTuple):
         return Knots(half * across, velocities, None, 0, lengths.size)
 
     @property
-    def positions(self) -> Any:
+    def positions(self) -> Numbers:
         """Positions from that at the first knot; px."""
         space, d = _space(self.durations, self.velocities), self.durations
         ways = d * (self.velocities[..., :-1] + self.velocities[..., 1:]) / 2
@@ -149,7 +155,7 @@ class Knots(NamedTuple):
 
     def from_rest_to_rest(
         self,
-        accelerations: tuple[Any, Any],  # px/s^2, of its shape
+        accelerations: tuple[Number, Number],  # px/s^2, of its shape
         max_acceleration: Any = None,  # px/s^2
         max_jerk: Any = None,  # px/s^3
     ) -> "Knots":
@@ -161,7 +167,7 @@ class Knots(NamedTuple):
         after = run_up(-stop, end, max_acceleration, max_jerk)[::-1]
         nothing, space = 0 * start, _space(start)
 
-        def joined(first: list[Any], middle: Any, last: list[Any]) -> Any:
+        def joined(first: list[Number], middle: Numbers, last: list[Number]) -> Numbers:
             low, high = ([(nothing + x)[..., None] for x in each] for each in (first, last))
             return space.concatenate([*low, nothing[..., None] + middle, *high], axis=-1)
 
@@ -178,32 +184,34 @@ class Knots(NamedTuple):
 
     def path(self, time: float, place: float) -> "StagePath":
         """The path whose first light is at a time, s, and a place, px."""
-        lasts = np.append(_lasts(self.durations), True)
-        times = np.append(0.0, np.cumsum(self.durations))
+        durations = np.asarray(self.durations)
+        lasts = np.append(_lasts(durations), True)
+        times = np.append(0.0, np.cumsum(durations))
         times, positions = (
-            x - x[self.first] + start for x, start in ((times, time), (self.positions, place))
+            x - x[self.first] + start
+            for x, start in ((times, time), (np.asarray(self.positions), place))
         )
         exposure = float(times[self.first]), float(times[self.last])
         kept = lasts[:-1]
-        jerks = np.zeros(kept.size) if self.jerks is None else self.jerks
+        jerks = np.zeros(kept.size) if self.jerks is None else np.asarray(self.jerks)
         knots = times[lasts], positions[lasts], self.velocities[lasts]
         return StagePath(*knots, self.accelerations[kept], jerks[kept], exposure)
 
 
-def _lasts(durations: Any) -> Any:
+def _lasts(durations: Numbers) -> Numbers:
     """Whether each piece is longer than one that rounding makes, whose velocities say nothing."""
     least = 64 * np.finfo(durations.dtype).eps
     return durations > least * _space(durations).sum(durations, axis=-1, keepdims=True)
 
 
-def _share(part: Any, whole: Any) -> Any:
+def _share(part: Number, whole: Number) -> Numbers:
     """A quotient where it is between 0 and 1; 0 elsewhere."""
     space = _space(part, whole)
     is_within = ((part > 0) == (whole > 0)) & (part != 0) & (abs(part) < abs(whole))
     return space.where(is_within, part / space.where(is_within, whole, 1.0), 0.0)
 
 
-def _roots(square: Any, linear: Any, constant: Any) -> list[Any]:
+def _roots(square: Numbers, linear: Numbers, constant: Numbers) -> list[Numbers]:
     """The shares of a piece at which a velocity is 0, without a difference of like numbers."""
     space = _space(square, linear, constant)
     left = linear * linear - 4 * square * constant
@@ -217,7 +225,10 @@ def _roots(square: Any, linear: Any, constant: Any) -> list[Any]:
 
 
 def run_up(
-    velocity: Any, acceleration: Any, max_acceleration: Any = None, max_jerk: Any = None
+    velocity: Number,
+    acceleration: Number,
+    max_acceleration: Any = None,
+    max_jerk: Any = None,
 ) -> list[Piece]:
     """The quickest pieces from rest to a velocity and, if jerk is limited, an acceleration."""
     if max_jerk is None:
@@ -241,7 +252,7 @@ def run_up(
     ]
 
 
-def _space(*values: Any) -> Any:
+def _space(*values: object) -> ModuleType:
     """JAX's NumPy where a value is an array of JAX."""
     return jnp if any(isinstance(value, jax.Array) for value in values) else np
 

@@ -8,7 +8,7 @@ along a direction, which are the speeds of a scene of one axis.
 import math
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Any, NamedTuple, final
+from typing import NamedTuple, final
 
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
@@ -97,7 +97,7 @@ class AbstractVelocities(AbstractModule):
 
     @property
     @abstractmethod
-    def table(self) -> dict[str, Any]:
+    def table(self) -> dict[str, object]:
         """The keys of a scene file that stand for the law."""
 
     @property
@@ -208,7 +208,7 @@ class EvenVelocities(AbstractVelocities):
         return f"up to {along:,.5g} px/s along and {across:,.5g} px/s across an axis{turned}"
 
     @property
-    def table(self) -> dict[str, Any]:
+    def table(self) -> dict[str, object]:
         if self._is_disc:
             return {"max_px_per_s": float(self.along)}
         return {
@@ -268,7 +268,7 @@ class RingOfVelocities(AbstractVelocities):
         return f"{float(self.speed):,.5g} px/s in any direction"
 
     @property
-    def table(self) -> dict[str, Any]:
+    def table(self) -> dict[str, object]:
         return {"speed_px_per_s": float(self.speed)}
 
 
@@ -356,5 +356,5 @@ class ListedVelocities(AbstractVelocities):
         return f"{self.velocities.shape[0]} velocities of up to {self.fastest:,.5g} px/s"
 
     @property
-    def table(self) -> dict[str, Any]:
+    def table(self) -> dict[str, object]:
         return {"list_px_per_s": self.velocities.tolist(), "weights": self.weights.tolist()}

@@ -4,7 +4,6 @@
 """
 
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -100,7 +99,7 @@ def figure_6(numbers: SpeedNumbers, readings: Iterable[str]) -> Figure:
     return figure
 
 
-def _line(name: str) -> dict[str, Any]:
+def _line(name: str) -> dict[str, object]:
     return {"label": _label(name), "markersize": 5, "linewidth": 1.3, **_STYLE[name]}
 
 

@@ -1,7 +1,7 @@
 """Cameras judged by a decoder of one's own, on photographs that each of them captures."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import numpy as np
@@ -41,7 +41,7 @@ class OnPictures(NamedTuple):
         error = float(np.std(differences, ddof=1) / np.sqrt(differences.size))
         return self._replace(gain=float(np.mean(differences)), standard_error=error)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """The numbers, plain."""
         return {
             "gain_db": self.gain,
@@ -59,7 +59,7 @@ class Judgement(NamedTuple):
     num_pictures: int  # Number of photographs
     cameras: Mapping[str, OnPictures]  # The cameras
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """The decoder, and the numbers of each camera."""
         cameras = {name: camera.to_dict() for name, camera in self.cameras.items()}
         return {"decoder": self.decoder, "num_pictures": self.num_pictures, "cameras": cameras}

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import ArrayLike
@@ -25,7 +25,7 @@ from mishutter.pictures.images import Picture
 from mishutter.report.by_decoder import Judgement, judged_by, pictures_to_judge
 from mishutter.report.gain_range import gain_range
 from mishutter.report.plots import plot_levels
-from mishutter.report.tables import comparison_tables
+from mishutter.report.tables import Table, comparison_tables
 from mishutter.report.verdict import (
     comparison_notes,
     details_of,
@@ -52,7 +52,9 @@ from mishutter.search.rows import (
     Row,
     best_of_each_purchase,
     best_row,
+    best_snapshot_of,
     choice_of,
+    gain_over,
 )
 
 if TYPE_CHECKING:
@@ -83,8 +85,7 @@ class Comparison:
         judgement: The rows of one exposure by a decoder on photographs; None without those.
         options: The options by what they need, the worst first; gains are over the best snapshot
             at rest, which is one of them.
-        details: Sentences that stand beside all tables: the stills that match the choice, and what
-            a real sensor takes from it.
+        details: Sentences that stand beside all tables: what a real sensor takes from the choice.
     """
 
     rows: tuple[Row, ...]
@@ -117,8 +118,7 @@ class Comparison:
     @property
     def snapshot(self) -> Row:
         """The best snapshot that the scene allows; gains in tables of rows are relative to it."""
-        rows = (row for row in self.rows if row.reading == OWN_BEST_MOTION)
-        return best_row(row for row in rows if row.name in SNAPSHOTS)
+        return best_snapshot_of(self.rows)
 
     @property
     def is_coded(self) -> bool:
@@ -144,7 +144,7 @@ class Comparison:
         Args:
             level: The expected PSNR; dB.
         """
-        return _gain(level, self.snapshot.level)
+        return gain_over(level, self.snapshot.level)
 
     def over_nothing(self, level: float) -> float:
         """Gain of an expected PSNR over the best camera that takes nothing to buy; dB.
@@ -152,7 +152,7 @@ class Comparison:
         Args:
             level: The expected PSNR; dB.
         """
-        return _gain(level, self.rivals["nothing"].level)
+        return gain_over(level, self.rivals["nothing"].level)
 
     def row(self, name: str, reading: str = OWN_BEST_MOTION) -> Row:
         """The row of a shutter in a reading.
@@ -175,7 +175,7 @@ class Comparison:
         """The best snapshot at rest, over which the gains of options are."""
         return self.row(BEST_SNAPSHOT)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """The table as plain numbers and text."""
         rows = [
             {
@@ -209,7 +209,7 @@ class Comparison:
             }
             for row in self.options
         ]
-        document: dict[str, Any] = {
+        document: dict[str, object] = {
             "rows": rows,
             "rivals": rivals,
             "verdict": self.verdict,
@@ -236,6 +236,12 @@ class Comparison:
         chosen = None if self.choice is None else self.choice.name
         return plot_levels({row.name: row.level for row in rows}, self.ceiling, chosen)
 
+    @property
+    def tables(self) -> list[Table]:
+        """Every table of the rows, in the order in which they are read."""
+        frames = "" if self.sequence is None else self.sequence.text
+        return comparison_tables(self.rows, self.ceiling, self.costs, self.judgement, frames)
+
     def text(self, *, verbose: bool = False) -> str:
         """The answer with its table of options, as the command and the page show it.
 
@@ -247,13 +253,8 @@ class Comparison:
             parts.insert(0, options_table(self.options, self.options_baseline, self.ceiling))
         if verbose:
             parts += ["\n".join(self.details)] if self.details else []
-            parts += [table.text() for table in comparison_tables(self)]
+            parts += [table.text() for table in self.tables]
         return "\n\n".join([first, *parts])
-
-
-def _gain(level: float, other: float) -> float:
-    """Gain of a level over another; dB. Equal ones, infinite too, have none, where `-` has NaN."""
-    return 0.0 if level == other else level - other
 
 
 @alone_in_blas()
@@ -261,9 +262,9 @@ def _gain(level: float, other: float) -> float:
 def compare(
     scene: Scene,
     motion: AbstractMotion | Design,
-    shutters: Mapping[str, Any] | Sequence[Any] | Entry | None = None,
+    shutters: Mapping[str, object] | Sequence[object] | Entry | None = None,
     *,
-    loss: AbstractLoss | Callable[..., Any] | None = None,
+    loss: AbstractLoss | Callable[..., object] | None = None,
     free_paths: bool = False,
     every: bool = True,
     decoder: AbstractDecoder | None = None,
@@ -401,5 +402,5 @@ def with_verdict(
         choice,
         gain_range=within,
         options=tuple(options_of(at_best, choice, entries)),
-        details=tuple(details_of(scene, choice)) if details else (),
+        details=tuple(details_of(choice.sequence)) if details else (),
     )

@@ -12,9 +12,7 @@ from mishutter.decoding.restoration import RestoredPhotograph
 from mishutter.design.design import Design
 from mishutter.model.scene import Scene
 from mishutter.report import plots
-from mishutter.report.backgrounds import STILL_SHARES, BackgroundGain, before_still_background
 from mishutter.report.comparison import Comparison
-from mishutter.report.layered import layered_captures, layered_scene
 from mishutter.report.measured import MeasuredCamera
 from mishutter.report.restored import ENSEMBLE, Photographs, pictured_speeds, shown_speeds
 from mishutter.report.verdict import option_name
@@ -30,12 +28,11 @@ from mishutter.search.rows import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_DESIGN, _DOCUMENT, _LAYERS = "design.json", "report.json", "layers.png"
+_DESIGN, _DOCUMENT = "design.json", "report.json"
 _TO_BUILD = "build.json"
 """File of the camera to build, if the verdict names another one than the design."""
 _PICTURES = frozenset(
-    f"{name}.png"
-    for name in ("profile", "kernels", "transfer", "psnr", "answer", "photograph", "layers")
+    f"{name}.png" for name in ("profile", "kernels", "transfer", "psnr", "answer", "photograph")
 )
 """Pictures of which a run may write fewer than an earlier one."""
 _MOST_ROWS = 3
@@ -52,8 +49,6 @@ class Report:
     # The photograph restored by each on its own best motion; None without one
     photographs: Photographs | None = None
     design: Design | None = None  # The result of a search; None without one
-    # Gains of the best cameras where part of the picture stands still
-    backgrounds: tuple[BackgroundGain, ...] = ()
     # A measured shutter beside its design; None without a trace
     measured: MeasuredCamera | None = None
     every: bool = False  # Whether pictures show designs that the answer does not recommend
@@ -137,32 +132,8 @@ class Report:
             **design,
             "comparison": self.comparison.to_dict(),
             **measured,
-            "before_a_background": [
-                {"still_share": each.still_share, "gain_db": each.gain} for each in self.backgrounds
-            ],
             "photographs": photographs,
         }
-
-
-def _layered(report: Report, rows: dict[str, Row]) -> "Figure":
-    """Draws an object before a background by the design, the snapshot and the best for both."""
-    scene, backgrounds = report.scene, report.backgrounds
-    layers = scene.occlusion
-    moves = layers is not None and layers.background == "moving"
-    behind = shown_speeds(scene)[0] if moves else 0.0
-    front = pictured_speeds(scene)[0]
-    axis = scene.sensor.axis
-    subject = layered_scene(scene.picture.photograph().transposed(axis), behind, front)
-    few: dict[str, Row | Design] = {
-        name: row for name, row in rows.items() if name in (*report.names[:1], *SNAPSHOTS)
-    }
-    if backgrounds and backgrounds[-1].camera is not None:
-        name = "designed for this" if backgrounds[-1].is_named else "snapshot for this"
-        few |= {name: backgrounds[-1].camera}
-    world = before_still_background(scene, STILL_SHARES[-1]) if layers is None else scene
-    captures = layered_captures(subject, world.along_rows(), few)
-    shown = {name: capture.transposed(axis) for name, capture in captures.items()}
-    return plots.plot_layers(subject.transposed(axis), shown, whole=layers is None)
 
 
 def write_report(
@@ -198,23 +169,6 @@ def _writers(report: Report) -> dict[str, Callable[[Path], None]]:
         plots.save_figure(drawn(), path)
 
     return writers | {name: partial(save, drawn) for name, drawn in _drawings(report).items()}
-
-
-def write_background(
-    report: Report,
-    folder: Path,
-    *,
-    draws: bool = True,
-    wrote: Callable[[str], None] = lambda name: None,
-) -> list[str]:
-    """Writes the document again, with the gains before a background, and draws such a picture."""
-    _write_document(report, folder / _DOCUMENT)
-    if not draws or report.design is None or report.photographs is None:
-        return []
-    rows = replace(report, every=True).cameras
-    plots.save_figure(_layered(report, rows), folder / _LAYERS)
-    wrote(_LAYERS)
-    return [_LAYERS]
 
 
 def _write_document(report: Report, path: Path) -> None:

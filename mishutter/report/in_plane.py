@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Array
@@ -142,7 +142,7 @@ class PlaneReport:
             f"rest {run_up}."
         )
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """The answer as plain numbers and text."""
         first = self.search.snapshot
         law = self.scene.velocities
@@ -181,7 +181,7 @@ def _name(burst: PlaneBurst) -> str:
     return f"{counted(burst)}{_way(burst).partition(' over ')[0]}, {burst.lengths}"
 
 
-def _document(burst: PlaneBurst, first: PlaneBurst) -> dict[str, Any]:
+def _document(burst: PlaneBurst, first: PlaneBurst) -> dict[str, object]:
     return {
         "kind": burst.kind,
         "name": _name(burst),

@@ -36,7 +36,6 @@ from mishutter.model.shutters.spline import SplineShutter
 from mishutter.model.stages import StagePath
 from mishutter.model.velocities import AbstractVelocities
 from mishutter.pictures.images import Axis, Picture, to_display, transposed
-from mishutter.report.layered import LayeredCapture, LayeredScene
 from mishutter.search.rows import SHUTTER, Row
 
 if TYPE_CHECKING:
@@ -49,14 +48,6 @@ Named = Mapping[str, tuple[AbstractMotion, AbstractShutter]]
 _COLOURS = ("#0072b2", "#d55e00", "#000000", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 _DASHES = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)), (0, (1, 3)), (0, (8, 3)))
 _NUM_POINTS = 1001
-_LAYERED_WIDTH = 2.5
-"""Width of a panel of a layered scene; inches. Wider ones leave small letters on a page."""
-_ONE_FILTER = (
-    "Each is restored by the best single filter\nfor objects before a background, which\n"
-    "knows neither speed nor position.\n\n"
-    "PSNR in linear light. Expected: mean over\nsuch layers at any place. Behind: pixels\n"
-    "that the object never covers. In front:\npixels that it alone covers."
-)
 _CELL, _TITLE = 1.6, 0.4
 """Width of a magnified detail, and height of its title; inches."""
 _AT_REST = 0.05
@@ -487,53 +478,6 @@ def plot_psnr(results: Mapping[str, RestoredPhotograph], *, linear: bool = True)
 
 def _kind(linear: bool) -> str:
     return "linear light" if linear else "gamma-coded"
-
-
-def plot_layers(
-    subject: LayeredScene,
-    captures: Mapping[str, LayeredCapture],
-    *,
-    whole: bool = False,  # the title says so
-) -> "Figure":
-    """Draws a background and an object in front of it, captured and restored by several cameras."""
-    require(len(captures) > 0, "plot_layers(captures=...)", "hold a capture", 0)
-    rows, columns = subject.truth.shape[:2]
-    height = _LAYERED_WIDTH * rows / columns + 1.4 * _TITLE
-    across = 1 + len(captures)
-    figure = new_figure(across * _LAYERED_WIDTH, 2 * height + _TITLE)
-    leave_room(
-        figure,
-        left=0.1,
-        right=0.1,
-        bottom=0.1,
-        top=2 * _TITLE + 0.1,
-        columns=0.15,
-        rows=1.4 * _TITLE,
-        num_rows=2,
-        num_columns=across,
-    )
-    panels = figure.subplots(2, across, squeeze=False)
-    back, front = (layer.speed for layer in subject.layers.layers)
-    title = f"An object before a {'still' if back == 0 else 'moving'} background"
-    if whole:
-        title += ": the verdict is about a picture that moves as a whole; this one does not"
-    figure.suptitle(title, fontsize="medium")
-    title = f"the scene: {back:g} px/s behind,\n{front:g} px/s in front, outlined"
-    _show(panels[0, 0], subject.truth, title)
-    for colour, style in (("black", "-"), ("white", "--")):
-        outline = {"colors": colour, "linestyles": style, "linewidths": 1.2}
-        panels[0, 0].contour(subject.matte, [0.5], **outline)
-    panels[1, 0].axis("off")
-    panels[1, 0].text(0.5, 0.5, _ONE_FILTER, ha="center", va="center", fontsize="small")
-    for (name, capture), (top, bottom) in zip(captures.items(), panels.T[1:], strict=True):
-        title = f"{shown_name(name, 30)}, {capture.exposure * 1e3:.3g} ms,\ncaptured"
-        _show(top, capture.captured, title)
-        levels = (
-            f"expected {capture.expected_psnr:.1f} dB, restored {capture.psnr:.1f} dB\n"
-            f"behind {capture.background_psnr:.1f} dB, in front {capture.object_psnr:.1f} dB"
-        )
-        _show(bottom, capture.restored, levels)
-    return figure
 
 
 def plot_photograph(

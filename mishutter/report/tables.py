@@ -4,12 +4,18 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from mishutter.evaluation.metrics import METRICS, Metrics
-from mishutter.search.rows import OWN_BEST_MOTION, Row, cameras_of
+from mishutter.search.rows import (
+    OWN_BEST_MOTION,
+    Row,
+    best_of_each_purchase,
+    best_snapshot_of,
+    cameras_of,
+    gain_over,
+)
 
 if TYPE_CHECKING:
     from mishutter.evaluation.tolerances import ToleranceCosts
     from mishutter.report.by_decoder import Judgement
-    from mishutter.report.comparison import Comparison
 
 _GAP = "  "
 """Space between the columns of a table as text."""
@@ -118,27 +124,36 @@ def joined_name(camera: Iterable[Row]) -> str:
     return "\n".join(lines)
 
 
-def comparison_tables(comparison: "Comparison") -> list[Table]:
+def comparison_tables(
+    rows: Sequence[Row],
+    ceiling: float,  # dB
+    costs: "ToleranceCosts | None",
+    judgement: "Judgement | None",
+    frames: str,  # Those of the best option in words, if it has some
+) -> list[Table]:
     """Every table of the rows of a comparison, in the order in which they are read.
 
     Rows that are the same camera are one, with all of its names.
     """
-    within = () if comparison.costs is None else (_WITHIN,)
-    judged = () if comparison.judgement is None else _on_pictures(comparison.judgement)
+    within = () if costs is None else (_WITHIN,)
+    judged = () if judgement is None else _on_pictures(judgement)
+    snapshot = best_snapshot_of(rows).level
     tables = []
-    for reading in dict.fromkeys(row.reading for row in comparison.rows):
-        cameras = cameras_of(row for row in comparison.rows if row.reading == reading)
+    for reading in dict.fromkeys(row.reading for row in rows):
+        cameras = cameras_of(row for row in rows if row.reading == reading)
         columns = (*_OF_ROWS, *within, *(judged if reading == OWN_BEST_MOTION else ()))
         if reading == OWN_BEST_MOTION:
             notes = _notes([camera[0] for camera in cameras], columns)
-            if comparison.sequence is not None:
-                notes += (f"{'frames':<11}{_GAP}{comparison.sequence.text}",)
-            tables += [_table(reading, columns, _cells(comparison, cameras, columns), notes)]
-            tables += [_purchases(comparison, within)]
-            tables += [] if comparison.costs is None else [_costs(comparison.costs)]
+            if frames:
+                notes += (f"{'frames':<11}{_GAP}{frames}",)
+            numbers = f"{ceiling:.2f}", f"{gain_over(ceiling, snapshot):+.2f}"
+            bound = ("ceiling", *numbers, *[""] * (len(columns) - len(numbers)))
+            cells = *_cells(cameras, columns, snapshot), bound
+            tables += [_table(reading, columns, cells, notes), _purchases(rows, within)]
+            tables += [] if costs is None else [_costs(costs)]
         else:
-            tables += [_table(reading, columns, _cells(comparison, cameras, columns))]
-            kernels = _cells(comparison, cameras, _OF_KERNELS)
+            tables += [_table(reading, columns, _cells(cameras, columns, snapshot))]
+            kernels = _cells(cameras, _OF_KERNELS, snapshot)
             note = _condition_note(cameras)
             tables += [_table(f"kernels, {reading}", _OF_KERNELS, kernels, (note,))]
     return tables
@@ -165,24 +180,21 @@ def _on_pictures(judgement: "Judgement") -> tuple[Column, ...]:
 
 
 def _cells(
-    comparison: "Comparison", cameras: Sequence[list[Row]], columns: Sequence[Column]
+    cameras: Sequence[list[Row]],
+    columns: Sequence[Column],
+    snapshot: float,  # Level of the best snapshot, dB
 ) -> tuple[tuple[str, ...], ...]:
-    """The rows of a table of cameras, and the ceiling where the table has levels at their best."""
-    rows = [
-        row_cells(comparison, camera[0], columns, name=joined_name(camera)) for camera in cameras
-    ]
-    if columns is not _OF_KERNELS and cameras[0][0].reading == OWN_BEST_MOTION:
-        level = comparison.ceiling
-        numbers = f"{level:.2f}", f"{comparison.over_snapshot(level):+.2f}"
-        rows.append(("ceiling", *numbers, *[""] * (len(columns) - len(numbers))))
-    return tuple(rows)
+    """The rows of a table of cameras."""
+    return tuple(
+        _row_cells(camera[0], columns, snapshot, name=joined_name(camera)) for camera in cameras
+    )
 
 
-def page_table(comparison: "Comparison", rows: Sequence[Row]) -> Table:
-    """One wide table of some rows, levels and kernels together."""
-    within = () if comparison.costs is None else (_WITHIN,)
-    columns = (*_OF_ROWS, *within, *_OF_KERNELS)
-    return _table("", columns, tuple(row_cells(comparison, row, columns) for row in rows))
+def page_table(rows: Sequence[Row], *, within: bool) -> Table:
+    """One wide table of some rows, levels, also within tolerances, and kernels together."""
+    columns = (*_OF_ROWS, *([_WITHIN] if within else []), *_OF_KERNELS)
+    snapshot = best_snapshot_of(rows).level
+    return _table("", columns, tuple(_row_cells(row, columns, snapshot) for row in rows))
 
 
 def _table(
@@ -195,18 +207,17 @@ def _table(
     return Table(title.capitalize(), heads, rows, notes)
 
 
-def row_cells(
-    comparison: "Comparison",
+def _row_cells(
     row: Row,
     columns: Sequence[Column],
+    other: float,  # Level over which the gain is, dB
     *,
-    gain: float | None = None,  # dB
     name: str | None = None,
 ) -> tuple[str, ...]:
-    """The name of a row, then its cells; the gain is over the best snapshot by default."""
-    gain = comparison.over_snapshot(row.level) if gain is None else gain
+    """The name of a row, then its cells."""
     name = row.name if name is None else name
     frames = "" if row.num_frames == 1 else f", {row.num_frames} frames"
+    gain = gain_over(row.level, other)
     return (f"{name}{frames}", *(column.cell(row, gain) for column in columns))
 
 
@@ -227,16 +238,15 @@ def _notes(rows: Sequence[Row], columns: Sequence[Column]) -> tuple[str, ...]:
     return tuple(f"{heading:<11}{_GAP}{meaning}" for heading, meaning in meanings.items())
 
 
-def _purchases(comparison: "Comparison", within: tuple[Column, ...]) -> Table:
+def _purchases(rows: Sequence[Row], within: tuple[Column, ...]) -> Table:
     """The best row of each purchase."""
-    columns = (*_LEVELS, *_MOTION, *within)
-    rows = []
-    for purchase, row in comparison.rivals.items():
-        gain = comparison.over_nothing(row.level)
-        name, *numbers = row_cells(comparison, row, columns, gain=gain)
-        rows.append((f"{purchase}: {name}", *numbers))
+    columns, rivals = (*_LEVELS, *_MOTION, *within), best_of_each_purchase(rows)
+    lines = []
+    for purchase, row in rivals.items():
+        name, *numbers = _row_cells(row, columns, rivals["nothing"].level)
+        lines.append((f"{purchase}: {name}", *numbers))
     heads = ("purchase: its best", *(column.heading for column in columns))
-    return Table("Gain of each purchase over buying nothing", heads, tuple(rows))
+    return Table("Gain of each purchase over buying nothing", heads, tuple(lines))
 
 
 def _costs(costs: "ToleranceCosts") -> Table:

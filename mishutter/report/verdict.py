@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from jaxtyping import Array
 
 from mishutter.design.design import Design
-from mishutter.evaluation.bursts import FrameTimes, StillBursts, window_of
+from mishutter.evaluation.bursts import FrameTimes, window_of
 from mishutter.evaluation.sequences import REGION
 from mishutter.model.devices import AbstractDevice
 from mishutter.model.exposures import AbstractExposures
@@ -26,8 +26,6 @@ _ADDS = 0.1
 """Gain of a shaped shutter below which it adds nothing; dB."""
 _SHOWN = 0.05
 """Least difference of levels that one decimal shows, and loss that is said; dB."""
-_MOST_RATE = 1000.0
-"""The greatest frame rate at which stills are looked for that match a camera; 1/s."""
 _WAYS = {
     SINE: "swings on a sine that turns in the middle of each frame",
     SWEEP: "goes out and back once at a constant acceleration",
@@ -326,34 +324,16 @@ def camera_words(scene: Scene, *, frames: bool, stage: bool) -> list[str]:
     return [*said, "global shutter"]
 
 
-def details_of(scene: Scene, choice: Row) -> list[str]:
-    """Stills that match the choice, and the losses of a real sensor."""
-    frames, said = choice.sequence, []
-    is_still = not choice.needs or choice.needs == ("registration",)
-    if scene.occlusion is None and not is_still:
-        rate = StillBursts(scene, at_worst=choice.at_worst).rate_that_equals(
-            choice.level, most=_MOST_RATE
-        )
+def details_of(frames: FrameSequence | None) -> list[str]:
+    """The losses of the choice's frames by a real sensor."""
+    if frames is None:
+        return []
+    said = [points_that_leave(frames.width_loss)]
+    if (frames.registration_loss or 0.0) >= _SHOWN:
         said.append(
-            f"No camera at rest matches this at up to {_MOST_RATE:.0f} frames/s."
-            if rate is None
-            else f"A camera at rest matches this at {math.ceil(rate)} frames/s."
+            f"Registration by {REGION} x {REGION} px costs {frames.registration_loss:.2f} dB "
+            "at the worst speed, which the level does not count."
         )
-        if frames is not None:
-            time = frames.duration
-            level = frames.worst_psnr if choice.at_worst else frames.psnr
-            count = StillBursts(scene, at_worst=choice.at_worst, window=time).number_that_equals(
-                level, most=math.ceil(_MOST_RATE * time)
-            )
-            equal = "better than any number of" if count is None else f"equal to {count}"
-            said.append(f"Its {choice.num_frames} frames are {equal} stills in the same time.")
-    if frames is not None:
-        said.append(points_that_leave(frames.width_loss))
-        if (frames.registration_loss or 0.0) >= _SHOWN:
-            said.append(
-                f"Registration by {REGION} x {REGION} px costs {frames.registration_loss:.2f} dB "
-                "at the worst speed, which the level does not count."
-            )
     return [paragraph(sentence) for sentence in said if sentence]
 
 

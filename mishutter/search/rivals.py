@@ -215,11 +215,6 @@ def _unaccelerated(scene: Scene) -> AbstractMotion:
 
 def snapshots(search: RivalSearch) -> list[Row]:
     """Searches for the best snapshots: at rest and, where the limits allow a pan, panned."""
-    return [_row(name, design) for name, design in snapshot_designs(search).items()]
-
-
-def snapshot_designs(search: RivalSearch) -> dict[str, Design]:
-    """The best snapshots by their names, of which no metric is computed."""
     scene, still = search.scene, _camera_at_rest(search.scene)
     settings = SearchSettings(search.loss, _roomy_plan(scene, still, search.loss))
     at_rest = best_design(Start(scene, still, RectShutter()), settings)
@@ -229,7 +224,7 @@ def snapshot_designs(search: RivalSearch) -> dict[str, Design]:
         # Where the speeds lie evenly about 0, no pan is better than none.
         is_still = float(pan.velocity) == 0
         designs[BEST_PANNED_SNAPSHOT] = at_rest if is_still else search.best(pan, RectShutter())
-    return designs
+    return [_row(name, design) for name, design in designs.items()]
 
 
 def _roomy_plan(scene: Scene, still: AbstractMotion, loss: AbstractLoss) -> Plan:

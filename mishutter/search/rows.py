@@ -272,6 +272,17 @@ def simplest_of(options: "Iterable[tuple[float, tuple[int, ...], Choice]]") -> "
         level, rank, top = min(near, key=lambda each: (each[1], -each[0]))
 
 
+def best_snapshot_of(rows: Iterable[Row]) -> Row:
+    """The best snapshot that a scene allows, at rest or panned, among rows at their own motions."""
+    own = (row for row in rows if row.reading == OWN_BEST_MOTION)
+    return best_row(row for row in own if row.name in SNAPSHOTS)
+
+
+def gain_over(level: float, other: float) -> float:
+    """Gain of a level over another; dB. Equal ones, infinite too, have none, where `-` has NaN."""
+    return 0.0 if level == other else level - other
+
+
 def best_of_each_purchase(rows: Iterable[Row]) -> dict[str, Row]:
     """The best row of each purchase, the least first; no burst, which is another camera.
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
@@ -19,6 +19,9 @@ from mishutter.sweeps.blocks import Arrays, Engine
 from mishutter.sweeps.grid import Block, Grid
 from mishutter.sweeps.store import AbstractBlocks, StoredBlocks
 
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
 _LOG = logging.getLogger("mishutter.sweep")
 _SECONDS_TO_ANSWER = 10
 _SHARED = "`sweep(store=...)` must be a folder that all workers share"
@@ -26,7 +29,7 @@ _engines: dict[str, Engine] = {}
 
 
 @contextmanager
-def connection(scheduler: Any) -> Iterator[Any]:
+def connection(scheduler: object) -> "Iterator[Client]":
     """A client of a scheduler, which must answer within seconds, for as long as it is used."""
     try:
         from distributed import Client
@@ -59,7 +62,7 @@ def connection(scheduler: Any) -> Iterator[Any]:
 
 
 def compute_remotely(
-    grid: Grid, missing: list[Block], blocks: AbstractBlocks, client: Any, store: str | None
+    grid: Grid, missing: list[Block], blocks: AbstractBlocks, client: "Client", store: str | None
 ) -> Iterator[Block]:
     """Compute blocks on a cluster, in whatever order they are finished.
 
@@ -91,7 +94,7 @@ def compute_remotely(
             raise ValueError(f"{_SHARED}; got {got}.")
 
 
-def _result(task: Any) -> Arrays | None:
+def _result(task: "Future") -> Arrays | None:
     """The result of a worker for a block."""
     from distributed import KilledWorker
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import equinox as eqx
 import numpy as np
@@ -58,7 +58,7 @@ def sweep(
     photon_rates: RowLike | None = None,
     read_noises: RowLike | None = None,
     store: str | Path | None = None,
-    scheduler: Any = None,
+    scheduler: object = None,
     progress: Progress | bool | None = None,
 ) -> "xarray.Dataset":
     r"""Measure shutters at every acceleration and exposure of a grid.
@@ -168,7 +168,7 @@ def _check_searchable(grid: Grid, decoders: Sequence[SpeedKnowledge]) -> None:
 
 
 def _filled(
-    grid: Grid, store: str | Path | None, scheduler: Any, progress: Progress | bool | None
+    grid: Grid, store: str | Path | None, scheduler: object, progress: Progress | bool | None
 ) -> "xarray.Dataset":
     """The results of a grid, of which a store may hold some."""
     with nullcontext() if scheduler is None else connection(scheduler) as client:

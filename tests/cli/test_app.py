@@ -43,7 +43,6 @@ from mishutter import (
     read_scene,
 )
 from mishutter._core.progress import working
-from mishutter.cli import app
 from mishutter.design import design as finished
 
 # The face is `main` alone, which never waits long enough without a bar to say so.
@@ -571,17 +570,6 @@ def test_free_paths_and_backgrounds_are_asked_for(asked, small_scene, monkeypatc
     for command in ("optimise", "compare"):
         assert cli.main([command, str(small_scene), *options]) == 2
     assert seen == [asked] * 2
-    monkeypatch.setattr(app, "_compared", lambda *given, **others: None)
-    monkeypatch.setattr(app, "_next_step", lambda *given: "")
-    monkeypatch.setattr(
-        app, "_deliver", lambda result, how, next_step: seen.append(how.backgrounds)
-    )
-    monkeypatch.setattr(app, "_beside_design", lambda *given: None)
-    monkeypatch.setattr(app, "replace", lambda *given, **others: None)
-    options = ["--backgrounds"] if asked else []
-    for command in ("optimise", "compare"):
-        assert cli.main([command, str(small_scene), *options]) == 0
-    assert seen == [asked] * 4
 
 
 def given_design(scene):

@@ -17,7 +17,7 @@ from mishutter import Design, FittedCamera, ParabolicMotion, Scene, SplineShutte
 # A fit whose transmittance exceeds 1 needs a bench that is wrong; its text is checked alone.
 from mishutter.cli import fit_command
 from mishutter.hardware.calibration import estimation
-from mishutter.hardware.calibration.estimation import Estimate
+from mishutter.measurement.estimates import Estimate
 
 SPEEDS = (-1500.0, 0.0, 1700.0)
 HEAD = "[sensor]\nread_noise_e = 3\n"

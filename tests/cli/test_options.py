@@ -88,11 +88,8 @@ PROFILE, READ_PICTURE = (
     "mishutter.hardware.traces.measured_profile",
     "mishutter.pictures.images.read_picture",
 )
-TABLES = "mishutter.report.tables.comparison_tables"
-PHOTOGRAPHS, BACKGROUNDS = (
-    "mishutter.report.restored.photographs",
-    "mishutter.report.backgrounds.background_gains",
-)
+TABLES = "mishutter.report.comparison.comparison_tables"
+PHOTOGRAPHS = "mishutter.report.restored.photographs"
 
 LABORATORY = [
     Option(["--drive", "drive.csv"], READ_DRIVE, lambda a: a["path"].name, "drive.csv"),
@@ -111,7 +108,6 @@ LABORATORY = [
             ("--position-scale-px", "31", "position_scale", 31.0),
             ("--floor", "0.07", "floor", 0.07),
             ("--ceiling", "0.83", "ceiling", 0.83),
-            ("--drive-steps", "19", "num_steps", 19),
         )
     ),
     *(
@@ -151,9 +147,6 @@ OPTIONS = {
         Option(["--noise-seeds", "3"], PHOTOGRAPHS, _named("num_seeds"), 3),
         Option(["--every-photograph"], PHOTOGRAPHS, _named("every"), True),
         *JUDGED,
-        Option(
-            ["--backgrounds"], BACKGROUNDS, lambda a: "scene" in a, True, ("--noise-seeds", "0")
-        ),
         Option(["--verbose"], PLAN, lambda a: "loss" in a, True),
     ],
     "compare": [
@@ -165,10 +158,7 @@ OPTIONS = {
         Option(["--noise-seeds", "3"], PHOTOGRAPHS, _named("num_seeds"), 3),
         Option(["--every-photograph"], PHOTOGRAPHS, _named("every"), True),
         *JUDGED,
-        Option(
-            ["--backgrounds"], BACKGROUNDS, lambda a: "scene" in a, True, ("--noise-seeds", "0")
-        ),
-        Option(["--verbose"], TABLES, lambda a: "comparison" in a, True),
+        Option(["--verbose"], TABLES, lambda a: "rows" in a, True),
     ],
     "sweep": [
         Option(["--acceleration", "1e4:4e4:3"], SWEEP, _row("accelerations"), [1e4, 2.5e4, 4e4]),

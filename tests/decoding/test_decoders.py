@@ -20,7 +20,6 @@ import mishutter as ms
 from mishutter.decoding import decoders
 
 # The filters themselves; decoders apply them to rows whose borders are continued.
-from mishutter.decoding.decoders.banded import banded
 from mishutter.decoding.decoders.base import blur_model
 from mishutter.decoding.decoders.borders import Continuation, continuation
 from mishutter.decoding.decoders.linear import (
@@ -39,9 +38,6 @@ from mishutter.decoding.decoders.richardson_lucy import (
     _restored,
     richardson_lucy,
 )
-
-# The minimiser alone, as above.
-from mishutter.decoding.decoders.tikhonov import _regularised
 from mishutter.decoding.restoration import restore_by_each
 
 PLAIN = ms.RichardsonLucyDecoder(30, accelerated=False, until_noise=False, start="capture")
@@ -55,7 +51,6 @@ def of_few_edges(picture, noise):
 DECODERS = {
     "ensemble": ms.EnsembleDecoder(),
     "wiener": ms.WienerDecoder(),
-    "tikhonov": ms.TikhonovDecoder(),
     "total variation": ms.TotalVariationDecoder(),
     "richardson-lucy": PLAIN,
     "accelerated": ms.RichardsonLucyDecoder(30, until_noise=False, start="capture"),
@@ -209,20 +204,6 @@ def test_a_black_capture_in_single_precision_has_a_slope():
     assert np.all(np.isfinite(slopes))
 
 
-@pytest.mark.parametrize("num_taps", [1, 37, 46, 65, 150])
-def test_banded_product_is_the_periodic_convolution(num_taps):
-    """The banded product and its adjoint are the convolution and the correlation of the DFT."""
-    rng = np.random.default_rng(8)
-    taps = rng.random(num_taps)
-    operator = banded(taps)
-    length = 5 * operator.block
-    rows = rng.random((3, length))
-    response = np.fft.rfft(taps, length)
-    for found, factor in ((operator, response), (operator.back, response.conj())):
-        wanted = np.fft.irfft(np.fft.rfft(rows) * factor, length)
-        np.testing.assert_allclose(found(jnp.asarray(rows)), wanted, atol=1e-11)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("num_taps", [51, 41])
 def test_richardson_lucy_is_that_of_scikit_image(num_taps):
@@ -338,37 +319,6 @@ def test_pictures_narrower_than_the_kernel(name, columns):
     assert found.shape == rows.shape
     assert found.dtype == jnp.float32
     assert bool(jnp.all(jnp.isfinite(found)))
-
-
-def test_tikhonov_weighs_second_differences():
-    """Of periodic rows the filter is one with one strength at every frequency."""
-    around = Continuation(np.zeros((0, 0)), 64, 64, 0)
-    rows = np.random.default_rng(6).random((3, 64))
-    response, noise, gain = np.fft.rfft([0.5, 0.3, 0.1], 64), np.asarray(1e-3), np.asarray(1.3)
-    found = np.asarray(_regularised(jnp.asarray(rows), around, response, noise, gain))
-    mean = rows.mean(axis=1, keepdims=True)
-    given, restored = (np.fft.rfft(x)[:, 1:] for x in (rows - mean, found - 1.3 * mean))
-    penalty = np.conj(response[1:]) * given / restored - np.abs(response[1:]) ** 2
-    strength = penalty / np.abs(np.exp(2j * np.pi * np.arange(1, 33) / 64) - 1) ** 4
-    np.testing.assert_allclose(strength, np.full((3, 32), strength[0, -1].real), rtol=1e-7)
-    assert strength[0, -1].real > 0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("noise", [0.0, 1e3], ids=["none", "more than the capture"])
-def test_tikhonov_rests_at_an_end_of_its_range(noise):
-    """Where no strength leaves the noise it does not move, and the decoder is linear."""
-    around = Continuation(np.zeros((0, 0)), 64, 64, 0)
-    response = np.fft.rfft([0.5, 0.3, 0.1], 64)
-
-    def restored(rows):
-        return _regularised(rows, around, response, np.asarray(noise), np.asarray(1.3))
-
-    rows = jnp.asarray(np.random.default_rng(6).random((3, 64)))
-    found, change = jax.jvp(restored, (rows,), (rows,))
-    np.testing.assert_allclose(change, found, atol=1e-12)
-    flat = jnp.full((3, 64), 0.2)
-    np.testing.assert_allclose(jax.jvp(restored, (flat,), (flat,))[1], restored(flat), atol=1e-12)
 
 
 @pytest.mark.slow

@@ -17,8 +17,8 @@ from mishutter import (
     RingOfVelocities,
     Scene,
     SpeedFindingDecoder,
-    TikhonovDecoder,
     TotalVariationDecoder,
+    WienerDecoder,
     example_picture,
     plane_psnr,
     psnr,
@@ -253,8 +253,8 @@ def test_decoders_of_the_plane_restore_with_their_prior():
     assert levels["total variation"] > levels["ensemble"] + 0.3
     assert levels["finding"] == levels["total variation"]
     assert levels["denoiser"] > levels["ensemble"] + 0.1
-    with pytest.raises(ValueError, match=r"TotalVariationDecoder.+got 'TikhonovDecoder'"):
-        restore_frames(captures, SCENE, frames, speed=VELOCITY, decoder=TikhonovDecoder())
+    with pytest.raises(ValueError, match=r"TotalVariationDecoder.+got 'WienerDecoder'"):
+        restore_frames(captures, SCENE, frames, speed=VELOCITY, decoder=WienerDecoder())
 
 
 @pytest.mark.slow

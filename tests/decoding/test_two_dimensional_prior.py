@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.optimize import brentq, minimize
+from scipy.optimize import minimize
 from support.cameras import camera, scene
 
 import mishutter as ms
@@ -19,8 +19,6 @@ from mishutter.decoding.decoders.base import blur_model
 # Filters and operators of a decoder, checked against their formulas; it returns only a picture.
 from mishutter.decoding.decoders.borders import continuation
 from mishutter.decoding.decoders.linear import (
-    ensemble_filter,
-    expected_residual,
     expected_squared_error,
 )
 from mishutter.decoding.decoders.total_variation import adjoint_differences, differences
@@ -54,48 +52,6 @@ def test_the_spread_is_what_the_mean_response_misses():
     passed = model.weights @ np.abs(responses) ** 2
     np.testing.assert_allclose(np.abs(mean) ** 2 + spread, passed, rtol=1e-9)
     assert np.max(spread) > 1e-3
-
-
-def test_what_the_ensemble_filter_leaves_of_a_capture():
-    """The closed form is what the filter misses of a capture's spectrum, over all of a DFT."""
-    model, length = model_of(), 600
-    mean, _ = model.mean_and_spread(length)
-    captured = model.picture_spectrum(length) * (
-        model.weights @ np.abs(model.responses(length)) ** 2
-    )
-    left = np.abs(1 - mean * ensemble_filter(model, length)) ** 2 * (captured + model.noise)
-    whole = np.concatenate([left, left[1:-1][::-1]])
-    assert expected_residual(model, length) == pytest.approx(np.mean(whole), rel=1e-10)
-
-
-@pytest.mark.parametrize("speed", [0.0, 1500.0])
-def test_tikhonov_leaves_what_is_expected(speed):
-    """What the estimate leaves unexplained by the mean response, not the noise.
-
-    The estimate is that of the formula, by the strength that another solver finds.
-    """
-    model = model_of()
-    captured = np.asarray(captured_at(speed))
-    estimate = np.asarray(ms.TikhonovDecoder().restore(jnp.asarray(captured), model))
-    extension = continuation(model, captured.shape[1])
-    length, columns = extension.length, captured.shape[1]
-    mean, _ = model.mean_and_spread(length)
-    spectrum = np.fft.rfft(np.asarray(extension.deviations(jnp.asarray(captured))[0]))
-    bend = np.abs(np.fft.rfft([-2.0, 1.0, *np.zeros(length - 3), 1.0])) ** 2
-    wanted = expected_residual(model, length)
-
-    def estimated(logarithm):
-        return np.conj(mean) * spectrum / (np.abs(mean) ** 2 + np.exp(logarithm) * bend)
-
-    def excess(logarithm):
-        left = np.fft.irfft(spectrum - mean * estimated(logarithm), length)[:, :columns]
-        return np.mean(left**2) / wanted - 1
-
-    best = brentq(excess, np.log(1e-9), np.log(1e9), xtol=1e-12)
-    level = captured.mean(axis=1, keepdims=True) / model.efficiency
-    exact = np.fft.irfft(estimated(best), length)[:, :columns] + level
-    np.testing.assert_allclose(estimate, exact, atol=1e-6)
-    assert abs(wanted / model.noise - 1) > 0.3
 
 
 @pytest.mark.slow
@@ -195,18 +151,6 @@ def test_rows_that_go_together_tell_more(speed):
     assert together > level(ms.TotalVariationDecoder(), captured[:, None]) + 0.5
 
 
-@pytest.mark.parametrize("speed", [0.0, 1000.0, 2000.0])
-def test_tikhonov_is_nearly_the_best_filter(speed):
-    """It knows the speeds, so that it is within 0.5 dB of the ensemble filter at each."""
-    model, light = model_of(), portrait()
-    captured = captured_at(speed)
-    levels = [
-        ms.psnr(light[:, 60:-60], np.asarray(d.restore(captured, model))[:, 60:-60])
-        for d in (ms.TikhonovDecoder(), ms.EnsembleDecoder())
-    ]
-    assert levels[0] > levels[1] - 0.5
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("rows", [1, 2, 5])
 def test_total_variation_of_few_rows(rows):
@@ -266,9 +210,8 @@ def test_portions_know_the_rows_beside_them(decoder, nearer):
         (ms.TotalVariationDecoder(), 40),
         (ms.TotalVariationDecoder(), 41),
         (ms.RichardsonLucyDecoder(), 41),
-        (ms.TikhonovDecoder(), 40),
     ],
-    ids=["total variation, even", "total variation, odd", "Richardson-Lucy", "Tikhonov"],
+    ids=["total variation, even", "total variation, odd", "Richardson-Lucy"],
 )
 def test_portions_of_a_picture_turned_over_are_the_same(decoder, rows):
     """Of an even and an odd number of rows, which the portions do not divide."""

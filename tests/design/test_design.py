@@ -177,19 +177,6 @@ def test_a_saved_design_knows_how_its_photograph_is_read(design, tmp_path):
     assert (read.white, read.linear) == (None, False)
 
 
-def test_a_level_is_read_by_its_name_of_the_version_before(design, tmp_path):
-    """From a file, and of a design, which warns."""
-    path = tmp_path / "design.json"
-    replace(design, psnr_ignoring_lag=31.7).save(path)
-    text = path.read_text("utf-8")
-    assert text.count('"psnr_ignoring_lag"') == 1
-    path.write_text(text.replace('"psnr_ignoring_lag"', '"blind_psnr"'))
-    read = Design.load(path)
-    assert read.psnr_ignoring_lag == 31.7
-    with pytest.warns(FutureWarning, match=r"is Design\.psnr_ignoring_lag"):
-        assert read.blind_psnr == 31.7
-
-
 @pytest.mark.slow
 def test_a_saved_design_gives_back_its_metrics(design, tmp_path):
     """One JSON file, loaded to bit-identical metrics, shutter and scene."""

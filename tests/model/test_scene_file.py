@@ -80,17 +80,6 @@ def test_a_file_names_the_decoder(speed, tmp_path):
         read_scene(written(tmp_path, text.replace(speed, "guessed")))
 
 
-def test_an_older_word_for_the_decoder_is_read(tmp_path):
-    """`told`, of earlier files and scripts, is today's `known`, and is written as that."""
-    scene = Scene.load(str(written(tmp_path, f'{EXAMPLE}\n[decoder]\nspeed = "told"\n')))
-    assert scene.decoder_speed == "known"
-    assert 'speed = "known"' in scene_text(scene)
-    of_script = Scene.uniform(
-        max_speed=700.0, num_speeds=3, photon_rate=2e5, read_noise=6.0, decoder_speed="told"
-    )
-    assert of_script.decoder_speed == "known"
-
-
 def test_picture_paths_start_at_the_file(tmp_path, monkeypatch):
     """A relative path is taken from the scene file's folder, wherever one stands."""
     folder = tmp_path / "scenes"
@@ -574,17 +563,13 @@ def test_free_paths_are_a_word_on_the_stage(tmp_path):
             r"`\[burst\] dead_time_ms` must be shorter than the 8 ms from frame to frame; got 8",
         ),
         (
-            "[rivals]\nframes_per_s = 130\nmax_frames = 3",
-            r"the file must hold known keys only, perhaps `\[burst\]`; got 'rivals'\.",
-        ),
-        (
             "[burst]\nframes_per_s = 130\nmax_frames = 3\nfree_paths = true",
             r"perhaps `\[limits\] free_paths`",
         ),
     ],
 )
 def test_a_burst_that_a_file_cannot_have(keys, message, tmp_path):
-    """One line names the key, also of a section and a key that earlier versions had elsewhere."""
+    """One line names the key, also of one that another section has."""
     path = tmp_path / "scene.toml"
     path.write_text(WITHOUT_BURST + f"\n{keys}\n")
     with pytest.raises(ValueError, match=message):

@@ -22,7 +22,6 @@ from mishutter.decoding.restoration import restore_by_each
 from mishutter.report import by_decoder
 from mishutter.report.by_decoder import Judgement, OnPictures, judged_by, pictures_to_judge
 from mishutter.report.restored import longest_kernel
-from mishutter.report.tables import comparison_tables
 from mishutter.search.rivals import BEST_STILL_BURST
 from mishutter.search.rows import BEST_SNAPSHOT
 
@@ -44,7 +43,7 @@ def test_the_table_and_the_document_have_them():
     """A column of gains and one of exposures; a burst has neither, nor have other tables."""
     table = verdict({BEST_SNAPSHOT: 23.0, "mine": 24.4, BEST_STILL_BURST: 24.5}, "mine")
     judged = replace(table, judgement=JUDGEMENT)
-    first, *others = comparison_tables(judged)
+    first, *others = judged.tables
     shown = {
         row[0].partition(",")[0]: dict(zip(first.columns, row, strict=True)) for row in first.rows
     }
@@ -54,7 +53,7 @@ def test_the_table_and_the_document_have_them():
     assert shown[BEST_STILL_BURST]["on pictures"] == "–"
     assert any("on 3 pictures by MyDecoder" in note for note in first.notes)
     assert all("on pictures" not in other.columns for other in others)
-    assert "on pictures" not in comparison_tables(table)[0].columns
+    assert "on pictures" not in table.tables[0].columns
     document = judged.to_dict()["on_pictures"]
     assert document["cameras"]["mine"]["gain_db"] == CAMERA.gain
     assert document["cameras"]["mine"]["exposure_share"] == 0.85

@@ -25,7 +25,7 @@ from mishutter import (
 )
 from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE
 from mishutter.report.comparison import with_verdict
-from mishutter.report.tables import comparison_tables, page_table
+from mishutter.report.tables import page_table
 from mishutter.search.rivals import BEST_STILL_BURST, BEST_TUKEY, CODED_AT_REST, taken_names
 from mishutter.search.rows import BEST_PANNED_SNAPSHOT, BEST_SNAPSHOT, OWN_BEST_MOTION, SAME_MOTION
 
@@ -155,7 +155,7 @@ def test_gains_are_over_the_best_snapshot_that_is_allowed():
 
 def table_lines(comparison):
     """The lines of its first table as text, split into cells, without its notes."""
-    lines = comparison_tables(comparison)[0].text().splitlines()
+    lines = comparison.tables[0].text().splitlines()
     end = next(i for i, line in enumerate(lines) if line.startswith("ceiling"))
     return [re.split(r"\s{2,}", line) for line in lines[2 : end + 1]]
 
@@ -223,7 +223,7 @@ def test_a_scene_of_one_speed_is_panned():
 def test_the_table_as_text():
     """Each number stands under its name, in the units that are named; all lines end alike."""
     comparison = verdict({"a": 21.5, BEST_SNAPSHOT: 24.0}, "a")
-    table = comparison_tables(comparison)[0].text()
+    table = comparison.tables[0].text()
     title, header, line, other, ceiling, note, *_ = table.splitlines()
     m = comparison.row("a").metrics
     assert title == OWN_BEST_MOTION.capitalize()
@@ -241,10 +241,10 @@ def test_the_table_as_text():
 def test_everybody_sees_one_table():
     """The command's and the page's cells are those of the text, and each column has its note."""
     comparison = verdict({"a": 24.5, BEST_SNAPSHOT: 24.0}, "a")
-    first, *others = comparison_tables(comparison)
+    first, *others = comparison.tables
     tables = "\n\n".join(each.text() for each in (first, *others))
     assert comparison.text(verbose=True).endswith(f"\n\n{tables}")
-    wide = page_table(comparison, comparison.rows)
+    wide = page_table(comparison.rows, within=False)
     assert wide.columns[: len(first.columns)] == first.columns
     for cells, row in zip(wide.rows, first.rows, strict=False):
         assert cells[: len(row)] == row

@@ -36,17 +36,14 @@ from mishutter.cli.tables import print_comparison, print_photographs
 from mishutter.design.design import given_design
 from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE
 from mishutter.pictures.images import write_picture
-from mishutter.report.backgrounds import BackgroundGain, background_line
 
 # The names of the files alone: to write the pictures takes seconds.
 from mishutter.report.documents import (
     Report,
     _drawings,
     _writers,
-    write_background,
     write_report,
 )
-from mishutter.report.plots import new_figure
 from mishutter.report.restored import Photographs, photograph_of, photographs, shown_speeds
 from mishutter.search.rivals import BEST_CODED_STILL, BEST_STILL_BURST, BEST_TUKEY
 from mishutter.search.rows import (
@@ -66,7 +63,6 @@ DESIGNS = {
     BEST_SNAPSHOT: (StillCamera(half_exposure=1.3e-3), RectShutter()),
 }
 PANNED = LinearMotion(half_exposure=17.5e-3, velocity=-12345.0)
-HALF_STILL = BackgroundGain(0.5, 0.414)
 
 
 @pytest.fixture(scope="module")
@@ -284,45 +280,13 @@ def test_the_verdict_is_printed_before_anything_is_photographed(report, capsys, 
 
     # Only what is printed before it matters, and both take long.
     monkeypatch.setattr(app.Delivery, "photographed", photographed)
-    monkeypatch.setattr(
-        "mishutter.report.backgrounds.background_gains", lambda scene, begin: (HALF_STILL,)
-    )
-    spoken = app.Delivery(
-        None, as_json=False, num_seeds=1, every_photograph=False, backgrounds=True, verbose=True
-    )
+    spoken = app.Delivery(None, as_json=False, num_seeds=1, every_photograph=False, verbose=True)
     app._deliver(report, spoken)
     app._deliver(report, spoken._replace(as_json=True))
     assert seen[0].startswith("A verdict.\n")
     assert "Same motion" in seen[0]
-    assert seen[1].strip() == background_line((HALF_STILL,))  # after everything else
+    assert seen[1] == ""
     assert json.loads(capsys.readouterr().out)["files"] == []
-
-
-@pytest.mark.parametrize("asked", [False, True])
-def test_a_background_comes_last_or_not_at_all(report, asked, monkeypatch):
-    """After every file, where it is asked for: nobody waits for what is not shown."""
-    order: list[str] = []
-
-    def files(result, folder, wrote):
-        order.append("files")
-        return ["design.json"]
-
-    def gains(scene, begin):
-        order.append("background")
-        return (HALF_STILL,)
-
-    monkeypatch.setattr(app.Delivery, "photographed", lambda delivery, result: result)
-    monkeypatch.setattr("mishutter.report.documents.write_report", files)
-    monkeypatch.setattr("mishutter.report.backgrounds.background_gains", gains)
-    monkeypatch.setattr(
-        "mishutter.report.documents.write_background",
-        lambda result, folder, wrote: order.append("a picture") or [],
-    )
-    row = report.comparison.row("Hann")
-    judged = replace(report, comparison=replace(report.comparison, choice=row))
-    asked_for = app.Delivery(Path("unused"), False, 1, False, backgrounds=asked, verbose=False)
-    app._deliver(judged, asked_for)
-    assert order == ["files", *(["background", "a picture"] if asked else [])]
 
 
 def test_an_answer_ends_with_a_command_that_goes_on(report, tmp_path):
@@ -348,26 +312,6 @@ def test_an_answer_ends_with_a_command_that_goes_on(report, tmp_path):
     )
     own = app._next_step(judged, Path("my own/belt.toml"), None).split("  # ")[0]
     assert own == "mishutter optimise 'my own/belt.toml' --out belt"
-
-
-def test_a_background_is_drawn_beside_a_document_of_its_gains(report, monkeypatch, tmp_path):
-    """Where a design has a photograph to show; elsewhere the document alone is written again."""
-    drawn = new_figure(2.0, 1.5)
-    module = sys.modules["mishutter.report.documents"]
-    monkeypatch.setattr(module, "_layered", lambda report, rows: drawn)
-    with_gains = replace(report, backgrounds=(HALF_STILL,))
-    assert write_background(with_gains, tmp_path) == []
-    saved = json.loads((tmp_path / "report.json").read_text("utf-8"))
-    assert saved["before_a_background"] == [{"still_share": 0.5, "gain_db": 0.414}]
-    whole = replace(
-        with_gains,
-        design=given_design(SCENE, MOTION, HannShutter(), ""),
-        photographs=Photographs({}, {}),
-    )
-    assert write_background(whole, tmp_path, draws=False) == []
-    told: list[str] = []
-    assert write_background(whole, tmp_path, wrote=told.append) == told == ["layers.png"]
-    assert (tmp_path / "layers.png").read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.slow

@@ -33,6 +33,7 @@ from mishutter import (
     gain_over,
     optimise,
     pareto_front,
+    plot_design,
     sweep,
 )
 from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE
@@ -78,7 +79,7 @@ FIGURES = {
     "kernels": lambda: plot_kernels(DESIGNS, [0.0, 700.0]),
     "transfer": lambda: plot_transfer(SCENE, DESIGNS),
     "psnr": lambda: plot_psnr({"rect": photograph(21), "Hann": photograph(24)}),
-    "design": lambda: a_design(HannShutter()).plot(),
+    "design": lambda: plot_design(a_design(HannShutter())),
     "levels": lambda: plot_levels({"rect": 21.3, "Hann": 22.7, "own": 24.1}, 27.9, "own"),
     "drive": lambda: plot_drive(drive_table(a_design(HannShutter()), num_levels=5)),
     "map": lambda: plot_map(swept(), "gain"),
@@ -104,7 +105,7 @@ def test_a_design_draws_its_shutter_and_its_path():
     device = FirstOrderDevice(rise_time=7e-4, fall_time=1.3e-3)
     scene = Scene([-310.0, 420.0], photon_rate=2e5, read_noise=3.0, device=device)
     seen = scene.light(HannShutter(), MOTION)
-    top, bottom = replace(a_design(seen), scene=scene, motion=MOTION).plot().axes
+    top, bottom = plot_design(replace(a_design(seen), scene=scene, motion=MOTION)).axes
     (path,) = bottom.get_lines()
     time, place = path.get_data()
     np.testing.assert_allclose(time[[0, -1]], [-6.1, 6.1])
@@ -118,7 +119,7 @@ def test_a_design_draws_its_shutter_and_its_path():
 def test_a_design_of_a_burst_draws_its_frames():
     """The frames are what is to be taken, and the path is the stage's through them."""
     design = a_burst_design()
-    (axes,) = design.plot().axes
+    (axes,) = plot_design(design).axes
     frames = [patch for patch in axes.patches if patch.get_alpha() is None]
     assert len(frames) == len(design.sequence.frames)
     assert axes.get_ylabel() == "stage position / px"

@@ -27,7 +27,6 @@ from mishutter import (
     compare,
     optimise,
 )
-from mishutter.evaluation.bursts import StillBursts
 from mishutter.evaluation.moving_bursts import ALTERNATING, FAN, SINE, SWEEP
 from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE
 from mishutter.model.limits import LEAST_STROKE
@@ -459,24 +458,6 @@ def test_before_a_background_an_answer_says_why_frames_are_at_rest(background, w
     assert f"objects over 37% of the picture, 83 px wide, before a {words};" in said
     alone = SCENE.with_occlusion(layers)
     assert "left out" not in answer({BEST_SNAPSHOT: 22.0, "rect": 23.0}, scene=alone).verdict
-
-
-def test_details_say_which_stills_match_the_choice():
-    """The least rate of a camera at rest, and the number of stills in the time of moving frames."""
-    single = answer({BEST_SNAPSHOT: 22.0, "rect": 24.5})
-    rate = StillBursts(BURST).rate_that_equals(24.5, most=1000.0)
-    assert single.details == (f"A camera at rest matches this at {math.ceil(rate)} frames/s.",)
-    moving = answer(OF_FRAMES | {BEST_MOVING_BURST: 27.9}, moving=3)
-    level = moving.sequence.psnr
-    count = StillBursts(BURST, window=0.08).number_that_equals(level, most=80)
-    assert moving.details[1] == f"Its 3 frames are equal to {count} stills in the same time."
-    none = answer({BEST_SNAPSHOT: 22.0, "rect": 64.5})
-    assert none.details == ("No camera at rest matches this at up to 1000 frames/s.",)
-    best = replace(moving.choice, sequence=replace(moving.sequence, psnr=59.0))
-    rows = [best if row.name == BEST_MOVING_BURST else row for row in moving.rows]
-    said = with_verdict(rows, {}, BURST).details[1]
-    assert said == "Its 3 frames are better than any number of stills in the same time."
-    assert answer({BEST_SNAPSHOT: 22.0, BEST_STILL_BURST: 24.0}).details == ()
 
 
 def test_details_say_what_a_real_sensor_takes():

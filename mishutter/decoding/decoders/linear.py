@@ -14,7 +14,7 @@ from mishutter._core.checks import require
 from mishutter._core.compiling import compiled
 from mishutter.camera.rows import along_rows
 from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel
-from mishutter.decoding.decoders.borders import Continuation, captured_spectrum, continuation
+from mishutter.decoding.decoders.borders import Continuation, continuation
 from mishutter.evaluation.errors import residual_fraction
 
 LEAST_POWER = 1e-14
@@ -76,17 +76,6 @@ def misfit_of(
     return mean, power, disturbance, error
 
 
-def expected_residual(model: BlurModel, length: int) -> float:
-    r"""Power of a capture less the mean response of the ensemble filter's estimate.
-
-    $\overline{|1 - m G|^2 (S \sum p_i |H_i|^2 + N)}
-    = \overline{(N + S v)^2 / (S \sum p_i |H_i|^2 + N)}$ over the grid of a DFT.
-    """
-    _, spread = model.mean_and_spread(length)
-    error = model.noise + model.picture_spectrum(length) * spread
-    return float(mean_over_dft(error**2 / captured_spectrum(model, length), length))
-
-
 def wiener_filter(model: BlurModel, length: int) -> Complex[np.ndarray, "{length}//2+1"]:
     """Wiener's filter on the grid of a DFT."""
     power, response = model.picture_spectrum(length), model.assumed_response(length)
@@ -121,18 +110,6 @@ def squared_error_of(
     power = np.mean(np.abs(spectrum.reshape(-1, spectrum.shape[-1])) ** 2, axis=0) / length
     noise = model.noise_at(float(np.mean(rows)))
     return _error_of_filter(model, power, model.responses_at(speeds, length), noise, length=length)
-
-
-def squared_error_in(model: BlurModel, world: BlurModel, length: int = 1024) -> float:
-    r"""Error that the ensemble filter of one scene is expected to leave of pictures of another.
-
-    $2\int_0^{1/2} [S\,(|1 - Gm|^2 + |G|^2 v) + N |G|^2]\,df$ with the filter $G$ of one, and the
-    spectrum $S$, the noise $N$ and the `mean_and_spread` of the other. Of its own scene it is
-    `expected_squared_error`. Where objects hide a background, both layers count.
-    """
-    power, (mean, spread) = world.picture_spectrum(length), world.mean_and_spread(length)
-    disturbance = power * spread + world.noise
-    return float(_error_of_filter(model, power, mean, disturbance, length=length))
 
 
 def _error_of_filter(

@@ -14,8 +14,7 @@ from jaxtyping import Array, ArrayLike, Complex, Float
 from mishutter._core.checks import require, require_finite, require_positive_int, shape_of
 from mishutter._core.compiling import compiled
 from mishutter.camera.capture import as_pixels
-from mishutter.camera.rows import along_rows, blurred
-from mishutter.decoding.decoders.banded import BandedConvolution, banded
+from mishutter.camera.rows import along_rows, blurred, fast_length
 from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel
 from mishutter.decoding.decoders.borders import Continuation, continuation
 from mishutter.decoding.decoders.linear import (
@@ -131,8 +130,8 @@ def richardson_lucy(
     require(taps.ndim == 1 and taps.size >= 1, subject, "be one row of taps", shape_of(taps))
     require_finite(subject, taps)
     columns, middle = rows.shape[-1], (taps.size - 1) // 2
-    operator = banded(taps)
-    length = -(-(columns + taps.size) // operator.block) * operator.block
+    length = fast_length(columns + taps.size)
+    operator = _Blur(np.fft.rfft(taps, length))
     return _dark(rows, operator, middle, length, np.asarray(start), num_iterations=num_iterations)
 
 
@@ -187,13 +186,10 @@ class _State(NamedTuple):
         return jnp.maximum(estimate + stride * (estimate - before), 0)
 
 
-Operator = BandedConvolution | _Blur
-
-
 @compiled
 def _dark(
     rows: Array,
-    operator: BandedConvolution,
+    operator: _Blur,
     origin: int,
     length: int,
     start: ArrayLike,
@@ -241,7 +237,7 @@ def _restored(
 def _step(
     state: _State,
     data: Array,
-    operator: Operator,
+    operator: _Blur,
     norm: Array,
     *,
     least_blurred: float,
@@ -272,7 +268,7 @@ def _step(
 def _iterated(
     data: Array,
     start: Array,
-    operator: Operator,
+    operator: _Blur,
     norm: Array,
     method: _Method,
     *,

@@ -3,12 +3,12 @@
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from mishutter._core.checks import Unquoted, as_float, fields_text, require, require_positive_int
 from mishutter._core.progress import counts
@@ -17,6 +17,7 @@ from mishutter.hardware.calibration.likelihood import Setting, Solution
 from mishutter.hardware.calibration.measurements import Measurements, SensorLevels, TargetPicture
 from mishutter.hardware.calibration.uncertainty import WIDEST, error_bars
 from mishutter.hardware.traces import Trace, TraceLike
+from mishutter.measurement.estimates import Estimate
 from mishutter.model.limits import Limits
 from mishutter.model.motion import AbstractMotion, ParabolicMotion
 from mishutter.model.scene import Scene, require_scene, scene_text
@@ -25,15 +26,6 @@ from mishutter.model.shutters.spline import SplineShutter, spline_basis
 
 _IMPLAUSIBLE = 0.003
 """Probability of residuals as great, or as small, of a right fit, below which a fit is doubted."""
-
-
-class Estimate(NamedTuple):
-    """A number with its error bar."""
-
-    value: float  # The number
-    # Standard deviation, as `mishutter.hardware.calibration.uncertainty` derives it; infinite if
-    # the number is not identifiable
-    error: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +37,8 @@ class FittedCamera:
         shutter: The transmittance.
         coefficients: Its B-spline coefficients before they are clipped to [0, 1].
         coefficient_errors: Their error bars.
-        estimates: The other numbers by name, with their units in the name.
+        estimates: The other numbers by name, with their units in the name; an error is infinite
+            where the number is not identifiable.
         not_identifiable: Sentences about numbers that the measurements do not determine.
         names: Names of the pictures.
         levels: Mean of the rows of each picture.
@@ -205,11 +198,11 @@ def _limits_with(limits: Limits, motion: ParabolicMotion) -> tuple[Limits, list[
     margin = 1 + 8 * float(np.finfo(a.dtype).eps)
     names: list[str] = []
 
-    def replaced(limits: Limits, name: str, value: Any) -> Limits:
+    def replaced(limits: Limits, name: str, value: Array | np.ndarray) -> Limits:
         names.append(name)
         return eqx.tree_at(lambda each: getattr(each, name), limits, value)
 
-    def widened(limits: Limits, **least: Any) -> Limits:
+    def widened(limits: Limits, **least: Array | np.ndarray) -> Limits:
         for name, bound in least.items():
             own = getattr(limits, name)
             if own is not None and float(bound) > float(own):

@@ -36,7 +36,7 @@ class ShutterKind:
     is_baseline: bool = False  # Whether every comparison shows it
 
     @property
-    def fields(self) -> dict[str, Any]:
+    def fields(self) -> dict[str, object]:
         """Arguments that make one, with their types."""
         return {field.name: field.type for field in fields(self.shutter)}
 

@@ -2,7 +2,7 @@
 
 import math
 from functools import lru_cache
-from typing import Any, ClassVar, final
+from typing import ClassVar, final
 
 import jax.numpy as jnp
 import numpy as np
@@ -121,13 +121,13 @@ def _profile_of(shutter: AbstractShutter, tau: ArrayLike) -> tuple[Array, Array]
 @compiled
 def _interpolated_by_program(
     profile: AbstractPiecewiseShutter, dtype: np.dtype
-) -> tuple[PolynomialShutter, Any] | None:
+) -> tuple[PolynomialShutter, Array | np.bool_] | None:
     return _interpolated(profile, jnp.asarray(profile.breakpoints(dtype)))
 
 
 def _interpolated(
     profile: AbstractPiecewiseShutter, ends: Float[Array | np.ndarray, "ends"]
-) -> tuple[PolynomialShutter, Any] | None:
+) -> tuple[PolynomialShutter, Array | np.bool_] | None:
     """Interpolants between equal parts of the pieces, and whether they are exact to rounding."""
     space, num_pieces, dtype = namespace_of(ends), ends.size - 1, np.dtype(ends.dtype)
     if num_pieces > _NUM_PIECES:

@@ -26,6 +26,7 @@ from mishutter.model.shutters.base import (
     AbstractAdjustableShutter,
     AbstractShutter,
     Cells,
+    Length,
     Offsets,
     Pieces,
     Sides,
@@ -101,7 +102,7 @@ class SplineShutter(AbstractAdjustableShutter):
         """B-spline coefficients in `[0, 1]`; shape `(n,)`."""
         return self._coefficients(self.parameters)
 
-    def _coefficients(self, parameters: Any) -> Any:
+    def _coefficients(self, parameters: Length) -> Length:
         folded = _fold(parameters)
         if not self.symmetric:
             return folded
@@ -189,7 +190,7 @@ def fitted_boxes(
     return boxes
 
 
-def _fold(parameters: Any) -> Any:
+def _fold(parameters: Length) -> Length:
     space, inside = namespace_of(parameters), (parameters >= 0) & (parameters <= 1)
     return space.where(inside, parameters, abs(space.mod(parameters + 1, 2.0) - 1))
 
