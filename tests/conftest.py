@@ -37,11 +37,11 @@ if "XLA_FLAGS" not in os.environ:
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-from jaxtyping import install_import_hook
+from support import run_time_types
 
-install_import_hook("mishutter", "beartype.beartype")
+run_time_types.check_types_of("mishutter")  # before anything imports the package
 
-import jax  # noqa: E402 - the hook must stand before anything imports the package
+import jax  # noqa: E402
 import pytest  # noqa: E402
 
 from mishutter._core.compiling import mend_compilation_cache  # noqa: E402
@@ -77,6 +77,7 @@ def _refuse_programs(event, **_):
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup():
     """Processes that share a cache may read an entry that another is still writing."""
+    run_time_types.calls.clear()
     mend_compilation_cache()
 
 
