@@ -1,8 +1,9 @@
 """Settings that every test runs under: 64-bit, no implicit promotion of types or ranks.
 
-The annotations of the package are checked at run time (jaxtyping with beartype): every call in the
-test's own process holds arguments and return values to their types and shapes, a traced function
-at each trace. A subprocess that a test starts runs the package as a user does, unchecked.
+The annotations of the package are checked at run time (jaxtyping with beartype): a function's first
+calls in each test, or its first traces, hold arguments and return values to their types and shapes
+(`support/run_time_types.py`). A subprocess that a test starts runs the package as a user does,
+unchecked.
 
 Compiled programs are dropped after each module and kept on disk for all processes of the run.
 Modules with most slow tests run first.

@@ -4,8 +4,15 @@ import jax
 import numpy as np
 import pytest
 
-from mishutter import PlaneFrames, Scene, StillCamera, TimedFrame, example_picture
-from mishutter import restore_frames, simulate_frames
+from mishutter import (
+    PlaneFrames,
+    Scene,
+    StillCamera,
+    TimedFrame,
+    example_picture,
+    restore_frames,
+    simulate_frames,
+)
 from mishutter.decoding.frame_doubts import Evidence, Words
 from mishutter.decoding.likeliest import Fit, noises_of
 from mishutter.decoding.plane_likelihood import Own, Prior

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.plane import a_plane_design, frames_of, scene_of
+from support.plane import a_plane_design, scene_of
 
 from mishutter import (
     Limits,
