@@ -385,16 +385,15 @@ def test_a_process_whose_reader_leaves_says_nothing_of_it():
     assert done.stderr == b""
 
 
+STILL_SCENE = f"[speeds]\nlist_px_per_s = [0]\n[light]{ON_PARABOLAS.partition('[light]')[2]}"
+"""Nothing moves in it, for which little is compiled."""
+
+
 @pytest.mark.slow
 def test_a_design_whose_reader_leaves_is_kept(small_scene, tmp_path):
-    """`mishutter optimise --out DIR 2>&1 | head -1` ends with 0 and all files.
-
-    Nothing moves in the scene, for which little is compiled.
-    """
+    """`mishutter optimise --out DIR 2>&1 | head -1` ends with 0 and all files."""
     scene = small_scene.with_name("still.toml")
-    speeds, others = ON_PARABOLAS.split("[light]")
-    assert "list_px_per_s" in speeds
-    scene.write_text(f"[speeds]\nlist_px_per_s = [0]\n[light]{others}")
+    scene.write_text(STILL_SCENE)
     options = [str(scene), *SMALL_SEARCH, "--out", str(tmp_path / "kept")]
     with unread() as stream:
         done = subprocess.run(
@@ -430,7 +429,9 @@ def test_cameras_are_judged_on_photographs(small_scene, tmp_path, capsys):
     for name, first in (("a.png", 100), ("b.png", 300)):
         write_picture(crops / name, example_picture().light[first : first + 6, :240])
     chosen = ["--shutter", "tukey:0.3", "--noise-seeds", "0", "--decoder", "wiener"]
-    assert cli.main(["compare", str(small_scene), *chosen, "--pictures", str(crops), "--json"]) == 0
+    still = small_scene.with_name("still.toml")
+    still.write_text(STILL_SCENE)
+    assert cli.main(["compare", str(still), *chosen, "--pictures", str(crops), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)["comparison"]
     assert "\nBy WienerDecoder on 2 pictures" in told["verdict"]
     judged = told["on_pictures"]["cameras"]
