@@ -9,6 +9,7 @@ from support.plane import a_plane_design, scene_of
 from mishutter import (
     Limits,
     ListedVelocities,
+    PlaneBurst,
     PlaneDesign,
     PlaneFrames,
     Scene,
@@ -17,6 +18,8 @@ from mishutter import (
 )
 from mishutter.plane.borders import loss_of_borders
 from mishutter.plane.ceilings import plane_ceiling
+from mishutter.plane.search import PlaneSearch
+from mishutter.report.in_plane import PlaneReport
 
 
 def stills(times, exposure) -> PlaneFrames:
@@ -81,11 +84,16 @@ def test_places_of_triggers_are_those_of_the_frames():
     assert np.min(np.abs(np.diff(wanted))) > 0.1
 
 
-def test_what_a_sensor_loses_stands_in_the_level():
-    """0.7 dB by its width are taken from the level of the formula."""
-    burst = replace(a_plane_design().burst, width_loss=0.7)
+def test_what_a_sensor_loses_stands_in_the_gain():
+    """0.7 dB by its width are taken from the level of the formula, and from the gain over one."""
+    design = a_plane_design()
+    burst = replace(design.burst, width_loss=0.7)
     assert burst.level == pytest.approx(27.25 - 0.7)
     assert replace(burst, width_loss=None).level == 27.25
+    one = PlaneBurst("stills", 0, stills([0.0], 0.003), 24.5, burst.use)
+    report = PlaneReport(design.scene, PlaneSearch(one, (burst,), 28.0))
+    (told,) = report.to_dict()["ways"]
+    assert told["gain_db"] == pytest.approx(27.25 - 0.7 - 24.5)
 
 
 def test_velocities_that_never_occur_are_not_the_fastest():
