@@ -1,8 +1,9 @@
 """Settings that every test runs under: 64-bit, no implicit promotion of types or ranks.
 
-The annotations of the package are checked at run time (jaxtyping with beartype): every call in the
-test's own process holds arguments and return values to their types and shapes, a traced function
-at each trace. A subprocess that a test starts runs the package as a user does, unchecked.
+The annotations of the package are checked at run time (jaxtyping with beartype): a function's first
+calls in each test, or its first traces, hold arguments and return values to their types and shapes
+(`support/run_time_types.py`). A subprocess that a test starts runs the package as a user does,
+unchecked.
 
 Compiled programs are dropped after each module and kept on disk for all processes of the run.
 Modules with most slow tests run first.
@@ -37,11 +38,11 @@ if "XLA_FLAGS" not in os.environ:
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-from jaxtyping import install_import_hook
+from support import run_time_types
 
-install_import_hook("mishutter", "beartype.beartype")
+run_time_types.check_types_of("mishutter")  # before anything imports the package
 
-import jax  # noqa: E402 - the hook must stand before anything imports the package
+import jax  # noqa: E402
 import pytest  # noqa: E402
 
 from mishutter._core.compiling import mend_compilation_cache  # noqa: E402
@@ -77,6 +78,7 @@ def _refuse_programs(event, **_):
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup():
     """Processes that share a cache may read an entry that another is still writing."""
+    run_time_types.calls.clear()
     mend_compilation_cache()
 
 

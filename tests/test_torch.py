@@ -82,6 +82,17 @@ def test_it_is_the_capture_on_every_path(slug):
     np.testing.assert_allclose(learnt.numpy(), expected, atol=1e-13)
 
 
+def test_it_is_the_capture_behind_a_device_that_lags():
+    """The fixed operator, as the learnt one, has the light that comes through."""
+    device = FirstOrderDevice(rise_time=7e-4, fall_time=1.3e-3)
+    scene = Scene([-310.0, 420.0], photon_rate=2.3e5, read_noise=3.7, device=device)
+    light = pictures(1, 1, 3, 101)
+    expected = captured(light, scene, MOTION, "zero")
+    late = Blur(scene, MOTION, SHUTTER, speed=SPEED, border="zero")(torch.from_numpy(light))
+    np.testing.assert_allclose(late.numpy(), expected, atol=1e-13)
+    assert np.max(np.abs(captured(light, SCENE, MOTION, "zero") - expected)) > 1e-3
+
+
 def test_it_convolves_with_the_kernel_of_numpy():
     """Of a picture without detail finer than 0.4 cycles/px, in the dark beyond its borders."""
     taps = np.sinc(0.6 * np.arange(-60, 61)) * np.hanning(121)

@@ -431,6 +431,7 @@ def test_an_answer_says_how_the_stage_moves_over_the_frames(how, way):
     assert "The stage" not in at_rest
 
 
+@pytest.mark.slow
 def test_a_camera_without_a_stage_has_a_stroke_of_zero():
     """No option then needs a stage, and the order for frames of two exposures reads as one."""
     rows = Limits(max_stroke=0.0)

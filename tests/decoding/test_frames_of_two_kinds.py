@@ -1,0 +1,116 @@
+"""Frames of unequal exposures, sides and steps; errors that end at a floor; binned noise."""
+
+import jax
+import numpy as np
+import pytest
+
+from mishutter import (
+    PlaneFrames,
+    Scene,
+    StillCamera,
+    TimedFrame,
+    example_picture,
+    restore_frames,
+    simulate_frames,
+)
+from mishutter.decoding.frame_doubts import Evidence, Words
+from mishutter.decoding.likeliest import Fit, noises_of
+from mishutter.decoding.plane_likelihood import Own, Prior
+
+PICTURE = np.asarray(example_picture().light)[100:220, 200:330, 1].astype(np.float64)
+
+
+def in_plane(times, exposures) -> PlaneFrames:
+    """Frames at rest, for things that move in any direction."""
+    return PlaneFrames(np.array(times), np.array(exposures), np.ones(1), np.zeros((2, 2)))
+
+
+def on_axis(times, exposures) -> list[TimedFrame]:
+    """Frames at rest, for things that move along rows."""
+    pairs = zip(times, exposures, strict=True)
+    return [TimedFrame(StillCamera(half_exposure=each / 2), time) for time, each in pairs]
+
+
+def scene_of(axes: int, photon_rate: float) -> Scene:
+    light = {"photon_rate": photon_rate, "read_noise": 2.0}
+    if axes == 2:
+        return Scene.any_direction(150.0, **light)
+    return Scene(np.linspace(-150.0, 150.0, 5), decoder_speed="found", **light)
+
+
+KINDS = {
+    1: (on_axis, 60.0, {"num_columns": 100}),
+    2: (in_plane, np.array([60.0, -45.0]), {"num_rows": 80, "num_columns": 90}),
+}
+
+
+@pytest.mark.parametrize("axes", KINDS)
+def test_short_before_long_is_long_before_short_backwards(axes):
+    """The same captures in the other order, of things that move the other way, are one picture."""
+    make, velocity, size = KINDS[axes]
+    scene, times, exposures = scene_of(axes, 3e5), (-0.12, 0.07), (0.02, 0.11)
+    frames = make(times, exposures)
+    captures = simulate_frames(
+        PICTURE[:90], scene, frames, speed=velocity, key=jax.random.key(1), **size
+    )
+    back = make(tuple(-t for t in times[::-1]), exposures[::-1])
+    one, other = (
+        np.asarray(restore_frames(taken, scene, each, speed=speed).light)
+        for taken, each, speed in (
+            (captures, frames, velocity),
+            (captures[::-1], back, -velocity),
+        )
+    )
+    np.testing.assert_allclose(one, other, atol=1e-10)
+    wrong = restore_frames(captures[::-1], scene, frames, speed=-velocity).light
+    assert np.max(np.abs(np.asarray(wrong) - one)) > 0.1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("axes", KINDS)
+def test_in_bright_light_a_velocity_errs_by_the_floor(axes):
+    """By 0.005 px over the 59.5 ms between two frames, 0.084 px/s, and by no more than that."""
+    make, velocity, size = KINDS[axes]
+    scene, frames = scene_of(axes, 1e8), make((-0.0297, 0.0298), (2e-3, 2e-3))
+    captures = simulate_frames(
+        PICTURE, scene, frames, speed=velocity, key=jax.random.key(1), **size
+    )
+    estimate = restore_frames(captures, scene, frames).estimate
+    assert estimate.error == pytest.approx(0.005 / 0.0595, rel=0.02)
+    assert estimate.trusted
+
+
+@pytest.mark.parametrize(("size", "misfit"), [(1, 0.90), (4, 0.73)])
+def test_binned_noise_is_as_strong_as_its_pixels_say(size, misfit):
+    """And detail that is finer than binned pixels counts as noise: without it they fit better."""
+    scene, frames = scene_of(2, 1e4), in_plane((-0.0297, 0.0298), (2e-3, 2e-3))
+    noises = noises_of(scene, frames.exposures, 0.25)
+    noise = np.random.default_rng(4).normal(size=(2, 256, 240))
+    own = Own(np.sqrt(noises)[:, None, None] * noise, noises, frames, Prior(scene))
+    level, rest = own.level(np.zeros((1, 2)), size), np.zeros(2)
+    fit = level.fit(rest, level.likeliest(rest), 0.25)
+    assert fit.misfit == pytest.approx(misfit, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("step", "doubt"), [((120.0, 0.0), ""), ((0.0, 120.0), "moves by 120 px"), ((0.0, 30.0), "")]
+)
+def test_steps_are_measured_by_the_side_along_them(step, doubt):
+    """Of 60 x 200 px, 120 along rows leave 40 % of a frame in the next, and down none of it."""
+    one, some = np.ones(2), np.zeros((2, 2))
+    fit = Fit(1.0, one, 0 * one, 0 * one, some, some + 0.01, np.zeros(4))
+    frames = np.random.default_rng(2).normal(0.3, 0.1, (2, 60, 200))
+    found = Evidence(
+        frames=frames,
+        noises=0.01 * one,
+        places=np.array([[0.0, step[0]], [0.0, step[1]]]),
+        fit=fit,
+        compared=fit,
+        elsewhere=9.0,
+        rivals=[],
+        lead=1e6,
+        middle=1e6,
+        is_within=True,
+    )
+    said = found.doubt(0.1, Words("velocity", "reasons", "parts", "beyond"))
+    assert doubt in said if doubt else said == ""

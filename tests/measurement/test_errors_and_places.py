@@ -1,0 +1,78 @@
+"""Errors by their size, and places by the frame and the axis that they are in."""
+
+import numpy as np
+import pytest
+from support.clips import ClipOf, Thing
+
+from mishutter.measurement.clip import clip_of
+from mishutter.measurement.estimates import Estimate
+from mishutter.measurement.motion import Motion, MovingObject, motion_of
+from mishutter.measurement.noise import _root
+from mishutter.measurement.scene import along_axis
+from mishutter.measurement.texture import averaged
+
+
+def an_object(velocity, error) -> MovingObject:
+    return MovingObject(velocity, error, (50.0, 60.0), 4000, 9.0, 1.0, 2)
+
+
+@pytest.mark.parametrize(
+    ("velocity", "axis", "error"), [((20.0, 300.0), "rows", 2.0), ((300.0, 20.0), "columns", 9.0)]
+)
+def test_the_error_of_a_speed_is_that_along_its_axis(velocity, axis, error):
+    """Of an object known to 9 px/s down and 2 px/s across; its size errs by what lies along it."""
+    each = an_object(velocity, (9.0, 2.0))
+    along = along_axis([each])
+    assert (along.axis, along.error) == (axis, error)
+    down, across = np.array(velocity) / np.hypot(*velocity)
+    assert each.speed.error == pytest.approx(np.hypot(9 * down, 2 * across))
+
+
+@pytest.mark.parametrize(
+    ("square", "error", "wanted"),
+    [
+        (4.0, 0.4, (4.0, 0.2)),  # the root of 4 +- 0.4 is 2 +- 0.1
+        (0.09, 0.16, (0.6, 0.8)),  # that of 0.09 +- 0.16 is as uncertain as the root of 0.16
+    ],
+)
+def test_two_errors_of_a_root_add_up_by_their_squares(square, error, wanted):
+    """That of the square, and that of the gain beside the 3 % of clips of known truth."""
+    value, of_square = wanted
+    found = _root(square, error, Estimate(0.5, 0.02))
+    assert found.value == pytest.approx(value)
+    assert found.error == pytest.approx(np.hypot(of_square, value * np.hypot(0.04, 0.03)))
+
+
+def test_frames_of_noise_alone_are_averaged_as_a_whole():
+    """A frame shows the same as another unless it is unlike it: 8 are worth 7.7 or more."""
+    frames = np.random.default_rng(3).normal(size=(8, 192, 240)).astype(np.float32)
+    shape = frames.shape[1:]
+    still = Motion((), np.zeros(shape, int), np.ones(shape), 3, 1.0, 0.0, (0.0, 0.0), 8)
+    mean = averaged(frames, frames, still, 50.0)
+    assert 7.7 < np.mean(mean.num_frames) < 7.85
+    assert np.var(mean.levels) * 7.75 == pytest.approx(1, abs=0.06)
+
+
+def test_files_are_read_up_to_the_most_frames_of_all(tmp_path):
+    """Two of 40 frames give 64: all of the first, and the first 24 of the second."""
+    frames = np.random.default_rng(4).integers(70, 900, (80, 48, 49)).astype(np.uint16)
+    files = [tmp_path / "a.npy", tmp_path / "b.npy"]
+    for file, part in zip(files, (frames[:40], frames[40:]), strict=True):
+        np.save(file, part)
+    clip = clip_of(files, 50.0, None, None)
+    np.testing.assert_array_equal(clip.frames, frames[:64])
+
+
+def test_an_object_of_a_long_clip_is_at_its_centre_in_its_frame():
+    """Of 22 frames the middle 16 are looked at, and frames are counted from the clip's first."""
+    thing = Thing((70, 94), (28, 34), (100.0, -150.0), "chelsea.png")
+    clip = ClipOf((thing,), size=(144, 192), num_frames=22, num_instants=1)
+    frames = np.stack([clip.light(time) for time in clip.times])
+    frames = 50 * frames + np.random.default_rng(5).normal(size=frames.shape)
+    motion = motion_of(frames.astype(np.float32), clip.frames_per_s)
+    each = motion.objects[0]
+    assert each.velocity == pytest.approx(thing.velocity, abs=1)
+    time = clip.times[each.frame]
+    place = np.array(thing.centre) + np.array(thing.velocity) * time
+    assert each.centre == pytest.approx(tuple(place), abs=5)
+    assert motion.frame == 3 + 8

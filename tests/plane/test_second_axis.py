@@ -1,0 +1,105 @@
+"""Frames in the plane along either axis, at the ends of their ranges, and off their centre."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.plane import a_plane_design, scene_of
+
+from mishutter import (
+    Limits,
+    ListedVelocities,
+    PlaneBurst,
+    PlaneDesign,
+    PlaneFrames,
+    Scene,
+    frame_table,
+    plane_psnr,
+)
+from mishutter.plane.borders import loss_of_borders
+from mishutter.plane.ceilings import plane_ceiling
+from mishutter.plane.search import PlaneSearch
+from mishutter.report.in_plane import PlaneReport
+
+
+def stills(times, exposure) -> PlaneFrames:
+    """Frames at rest."""
+    exposures = np.full(len(times), exposure)
+    return PlaneFrames(np.array(times), exposures, np.ones(1), np.zeros((2, 2)))
+
+
+@pytest.mark.parametrize("velocity", [(800.0, 0.0), (0.0, -800.0), (800.0, -400.0)])
+def test_a_place_turns_the_waves_of_its_own_axis(velocity):
+    """Frames that are blurred lose at the borders by their own levels, whatever the direction.
+
+    Things move by 1.6 px within a frame and by 8 px between two: in which of the two a point is
+    seen decides its level, as the frames are short. A place along rows turns no wave of vertical
+    frequency.
+    """
+    scene = Scene.any_direction(ListedVelocities([velocity]), photon_rate=1e6, read_noise=9.0)
+    both = stills([-0.005, 0.005], 2e-3)
+    of_both, of_one = (
+        10 ** (-float(plane_psnr(scene, frames)) / 10) for frames in (both, stills([0.0], 2e-3))
+    )
+    across, down = np.abs(velocity) * 0.01 / 20
+    twice, unseen = (1 - across) * (1 - down), across * down / 2
+    mean = (twice * of_both + (1 - twice - unseen) * of_one) / (1 - unseen)
+    loss = loss_of_borders(scene, both, width=20.0)
+    assert loss == pytest.approx(10 * np.log10(mean / of_both), rel=0.03)
+
+
+@pytest.mark.parametrize("slug", ["A", "B"])
+def test_the_ceiling_of_what_hardly_moves_is_one_still(slug):
+    """At 1 px/s no path is better than none, and the budget over velocities does not bind."""
+    scene = scene_of(slug)
+    slow = Scene.any_direction(1.0, photon_rate=scene.photon_rate, read_noise=scene.read_noise)
+    level = float(plane_psnr(slow, stills([0.0], 0.013)))
+    assert plane_ceiling(slow, np.array([0.013])) == pytest.approx(level, abs=1e-3)
+
+
+def test_a_list_off_centre_is_read_with_what_its_stage_does(tmp_path):
+    """The camera turns with the mean velocity, and the stage of the saved design does the rest."""
+    law = ListedVelocities([[900.0, 300.0], [1100.0, 500.0]])
+    limits = Limits(max_half_exposure=0.01, max_acceleration=9e5, pans="camera")
+    design = a_plane_design(law, limits)
+    design.save(tmp_path / "design.json")
+    read = PlaneDesign.load(tmp_path / "design.json")
+    assert read.burst.use != design.frames.use(limits)  # of a stage that pans by itself
+    travels = [
+        np.ptp(path.at(np.linspace(*path.times[[0, -1]], 40_001))[0]) for path in read.stage_paths
+    ]
+    assert read.burst.use.travel == pytest.approx(max(travels), rel=1e-3)
+    speeds = [np.max(np.abs(path.at(path.times)[1])) for path in read.stage_paths]
+    assert read.burst.use.top_speed == pytest.approx(max(speeds), rel=1e-6)
+
+
+def test_places_of_triggers_are_those_of_the_frames():
+    """Along each axis, at mid-exposure of each of three unequal frames, but for a constant."""
+    design = a_plane_design()
+    places = frame_table(design, num_steps=97).places
+    wanted = np.asarray(design.frames.place(np.array(design.burst.times)))
+    assert list(places) == ["stage x / px", "stage y / px"]
+    for own, place in zip(places.values(), wanted, strict=True):
+        np.testing.assert_allclose(np.diff(own), np.diff(place), atol=1e-6)
+    assert np.min(np.abs(np.diff(wanted))) > 0.1
+
+
+def test_what_a_sensor_loses_stands_in_the_gain():
+    """0.7 dB by its width are taken from the level of the formula, and from the gain over one."""
+    design = a_plane_design()
+    burst = replace(design.burst, width_loss=0.7)
+    assert burst.level == pytest.approx(27.25 - 0.7)
+    assert replace(burst, width_loss=None).level == 27.25
+    one = PlaneBurst("stills", 0, stills([0.0], 0.003), 24.5, burst.use)
+    report = PlaneReport(design.scene, PlaneSearch(one, (burst,), 28.0))
+    (told,) = report.to_dict()["ways"]
+    assert told["gain_db"] == pytest.approx(27.25 - 0.7 - 24.5)
+
+
+def test_velocities_that_never_occur_are_not_the_fastest():
+    """With the weights 0 and 1 the fastest is the second's, and so is the axis."""
+    law = ListedVelocities([[900.0, 0.0], [-60.0, 80.0]], [0.0, 1.0])
+    assert law.fastest == pytest.approx(100)
+    assert law.axis % np.pi == pytest.approx(np.arctan2(80, -60) % np.pi)
+    scene = Scene.any_direction(law, photon_rate=3e4, read_noise=9.0)
+    assert float(scene.max_speed) == pytest.approx(100)
