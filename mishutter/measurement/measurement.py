@@ -10,13 +10,13 @@ from jaxtyping import Float
 from mishutter._core.checks import Unquoted, require
 from mishutter._core.files import write_text
 from mishutter._core.progress import counts
-from mishutter.measurement import photon_transfer
 from mishutter.measurement.clip import Clip, Source, clip_of, read_levels_of
 from mishutter.measurement.estimates import Estimate
 from mishutter.measurement.motion import Motion, motion_of
 from mishutter.measurement.noise import Noise, noise_of
 from mishutter.measurement.scene import PICTURE, AlongAxis, along_axis, missing_keys, scene_text
-from mishutter.measurement.signs import shot_gamma
+from mishutter.measurement.signs import detail_excess, is_moved, shot_gamma
+from mishutter.measurement.steady import steady
 from mishutter.measurement.texture import averaged, light_of_texture
 from mishutter.model.scene import Scene, scene_of_tables
 from mishutter.model.scene_units import View
@@ -269,18 +269,25 @@ def noise_from(
     flats: Source | None = None,
     black: float | int | None = None,
 ) -> tuple[Clip, Noise]:
-    """The frames of a clip, divided by an exposure that drifts, and their noise; see `measure`."""
+    """The frames of a clip, made alike, and their noise; see `measure`."""
     others = {"dark": dark, "flats": flats}
     read = {
         key: None if source is None else read_levels_of(source, f"measure({key}=...)").frames
         for key, source in others.items()
     }
-    steady, drift = photon_transfer.steady(clip.frames, clip.step)
+    alike = steady(clip.frames, clip.step)
     told = None if black is None else float(black)
-    noise = noise_of(clip, steady, read["dark"], read["flats"], told)
-    if drift:
-        word = f"the exposure drifts by {drift:.1%} from frame to frame, which was divided out"
-        clip = clip.with_frames(steady, word)
+    noise = noise_of(clip, alike, read["dark"], read["flats"], told)
+    for word in alike.words:
+        clip = clip.with_frames(alike.same, word)
+    if noise.transfer is not None and noise.electrons_at_white is not None:
+        excess = detail_excess(clip, alike, noise.transfer)
+        if is_moved(excess):
+            word = (
+                f"what has detail has {excess.value:.0%} more noise: the camera, its focus or what "
+                "it sees moves a little, and noise may be too high"
+            )
+            clip = clip.with_frames(clip.frames, word)
     if noise.transfer is not None and noise.electrons_at_white is not None and dark is None:
         gamma = shot_gamma(noise.transfer, clip.step)
         if gamma is not None:
