@@ -217,15 +217,15 @@ def _gaps(files: Sequence[Path]) -> list[str]:
 def _check_lost(frames: Float[np.ndarray, "frames rows columns"]) -> None:
     """Refuses a frame whose rows hold one level each, as those of a buffer that was lost do.
 
-    Rows that are stuck, or dark in all frames, are in each of them.
+    Rows that are stuck, or dark, hold one level in most frames.
     """
-    constant = np.sum(frames.max(axis=2) == frames.min(axis=2), axis=1)
-    extra = constant - np.median(constant)
-    worst, rows = int(np.argmax(extra)), frames.shape[1]
-    got = Unquoted(f"frame {worst + 1}, in which {constant[worst]} of {rows} rows hold one level")
+    constant = frames.max(axis=2) == frames.min(axis=2)
+    lost = np.sum(constant & (constant.mean(axis=0) < 0.5), axis=1)
+    worst, rows = int(np.argmax(lost)), frames.shape[1]
+    got = Unquoted(f"frame {worst + 1}, in which {lost[worst]} of {rows} rows hold one level")
     requirement = "hold frames that each were exposed: give those before or after a lost one"
-    # A part of the picture that is cut off at black changes with what moves.
-    require(bool(extra[worst] <= 0.1 * rows), "measure(clip=...)", requirement, got)
+    # Rows that are cut off at black change with what moves.
+    require(bool(lost[worst] <= 0.25 * rows), "measure(clip=...)", requirement, got)
 
 
 def _of_array(array: np.ndarray, subject: str, most: int | None, name: str = "") -> Levels:

@@ -251,6 +251,8 @@ def measure(
         counter.next("velocities")
         unit = noise.law.of_unit_noise(frames.frames)
         motion = motion_of(unit, frames.frames_per_s)
+        for word in motion.words:
+            frames = frames.with_frames(frames.frames, word)
         picture = averaged(frames.frames, unit, motion, frames.frames_per_s)
         along = along_axis(motion.objects)
         axis = "rows" if along is None else along.axis

@@ -45,7 +45,7 @@ def signs_of(clip: Clip, steady: Steady, transfer: Transfer, black: float | None
     # Edges that move make noise that neighbours and frames share, and that no level explains.
     if is_moved(excess) and (any(others) or excess.value > _MOST_DETAIL):
         reason = f"what has detail has {excess.value:.0%} more of it: the camera or its focus moves"
-        remedy = "Stand the camera on something firm, lock its focus, and record again"
+        remedy = "Stand the camera on something firm, lock its focus, and record with one gain"
         others = [Refusal(NOISE, reason, remedy)]
     return [sign for sign in (*coded, *others) if sign is not None]
 
@@ -160,13 +160,18 @@ def detail_excess(clip: Clip, steady: Steady, transfer: Transfer) -> Estimate:
     rest = transfer.at_rest & transfer.law.exceeds_steps(level, clip.step)
     detail = np.broadcast_to(detail / transfer.law(level), rest.shape)[rest]
     spread = (transfer.clip.variance / transfer.law(transfer.clip.mean)).reshape(rest.shape)[rest]
-    low, high = np.quantile(detail, (0.5, 0.8))
-    few, many = spread[detail <= low], spread[detail >= high]
-    if min(few.size, many.size) < 30:
-        return Estimate(0.0, np.inf)
-    # Each frame is in two pairs.
-    error = float(np.hypot(*(x.std() * np.sqrt(1.5 / x.size) for x in (few, many))))
-    return Estimate(float(many.mean() - few.mean()), error)
+    level = np.broadcast_to(level, rest.shape)[rest]
+    excesses, squares = [], []
+    # Blocks of one level are compared, so that no curve of the noise counts.
+    for part in np.array_split(np.argsort(level), 8):
+        if part.size < 30:
+            return Estimate(0.0, np.inf)
+        low, high = np.quantile(detail[part], (0.5, 0.8))
+        few, many = spread[part][detail[part] <= low], spread[part][detail[part] >= high]
+        excesses.append(many.mean() - few.mean())
+        # Each frame is in two pairs.
+        squares.append(1.5 * (few.var() / few.size + many.var() / many.size))
+    return Estimate(float(np.mean(excesses)), float(np.sqrt(np.sum(squares))) / len(squares))
 
 
 def _is_filtered(clip: Clip, steady: Steady, transfer: Transfer) -> Refusal | None:
@@ -274,7 +279,7 @@ def _bends(transfer: Transfer, black: float | None, step: float) -> Refusal | No
     if leap is not None and misfit < 0.3 * min(straight, *fits):
         reason = f"the variance leaps at level {leap:.3g}, as of a sensor that reads with two gains"
         remedy = "Record with one gain (one readout, no high dynamic range)"
-    elif is_gamma and gain > 4:
+    elif is_gamma and gamma > 1 and gain > 4:
         reason = f"the variance over the mean is bent as by a gamma of {gamma:.2g}"
         remedy = "Switch gamma off, or record raw frames: levels must be proportional to light"
     return Refusal(NOISE, reason, remedy)
