@@ -17,7 +17,7 @@ from mishutter.measurement.noise import Noise, noise_of
 from mishutter.measurement.scene import PICTURE, AlongAxis, along_axis, missing_keys, scene_text
 from mishutter.measurement.signs import detail_excess, is_moved, shot_gamma
 from mishutter.measurement.steady import steady
-from mishutter.measurement.texture import averaged, light_of_texture
+from mishutter.measurement.texture import averaged, is_mosaic, light_of_texture
 from mishutter.model.scene import Scene, scene_of_tables
 from mishutter.model.scene_units import View
 from mishutter.model.texture import Texture
@@ -254,6 +254,12 @@ def measure(
         for word in motion.words:
             frames = frames.with_frames(frames.frames, word)
         picture = averaged(frames.frames, unit, motion, frames.frames_per_s)
+        if is_mosaic(picture.levels):
+            word = (
+                "pixels alternate as under a mosaic of colour filters, which the picture holds as "
+                "texture: measure one colour alone"
+            )
+            frames = frames.with_frames(frames.frames, word)
         along = along_axis(motion.objects)
         axis = "rows" if along is None else along.axis
         ends = noise.black_level, frames.white

@@ -306,7 +306,7 @@ def _object(
     inner = inner if inner.sum() >= _LEAST_AREA // 2 else mask
     farthest = max(reference, count - 1 - reference)
     reach, used, residual, covariance = 1, 1, np.inf, np.eye(2)
-    while reach < farthest or residual == np.inf:
+    while True:
         reach = min(2 * reach, farthest)
         numbers = range(max(0, reference - reach), min(count, reference + reach + 1))
         region = Region(fine, reference, numbers, inner)
@@ -316,6 +316,8 @@ def _object(
         if residual < np.inf and left > _EXPLAINED * max(residual, 1.0):
             break
         velocity, covariance, residual, used = other, spread, left, reach
+        if reach >= farthest:
+            break
     # Splines and exposures leave an error of a shift, in px.
     error = np.sqrt(np.diag(covariance) + (0.05 / used) ** 2)
     # A clip without one of its frames shows every other step right.
@@ -361,9 +363,7 @@ def _track(
     return times, np.array([places[number] for number in times])
 
 
-def _leap(
-    times: np.ndarray, places: np.ndarray, velocity: np.ndarray
-) -> tuple[int, int] | None:
+def _leap(times: np.ndarray, places: np.ndarray, velocity: np.ndarray) -> tuple[int, int] | None:
     """The frame after which an object goes several times its usual step, and how many times."""
     if len(times) < 4:
         return None
