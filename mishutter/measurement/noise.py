@@ -1,6 +1,6 @@
 """The noise of a camera in electrons, or why a clip does not tell it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -62,6 +62,8 @@ def noise_of(
     known, of_black, dark, refusals = _black_of(clip, dark, black)
     blocks = photon_transfer.blocks_of(steady, pairs_of(clip.num_frames), clip.ends)
     transfer = photon_transfer.transfer_of(blocks, _others(clip, dark, flats), clip.step)
+    if transfer is not None:
+        transfer = replace(transfer, error=steady.error)
     # Black does not lie above the darkest block.
     whole = blocks.where(blocks.is_whole)
     low = float(np.quantile(whole.mean, 0.001)) if whole.mean.size else 0.0
@@ -136,7 +138,7 @@ def _gain_of(transfer: Transfer) -> Estimate:
     """System gain; levels per electron."""
     spread, value = transfer.lines[:, 1].std(), transfer.law.gain
     # Clips of photographs of known truth have this error besides, which no resampling shows.
-    return Estimate(value, float(np.hypot(spread, 0.012 * value)))
+    return Estimate(value, float(np.hypot(spread, np.hypot(0.012, transfer.error) * value)))
 
 
 def _doubts(

@@ -125,6 +125,7 @@ class Transfer:
     curvature: Estimate  # Variance at either end of the levels that is square in the level
     # Whether a block of the clip is at rest and whole; shape `(pairs, rows, columns)`
     at_rest: Bool[np.ndarray, "pairs rows columns"]
+    error: float = 0.0  # Error of the variance besides, of all blocks alike; a share
 
     def curve(self) -> Float[np.ndarray, "4 bins"]:
         """Mean level, variance, its error, and number of blocks, in bins of equally many blocks."""
@@ -159,9 +160,7 @@ def blocks_of(
         weights = 1 / frames.gains[[i, j]] ** 2
         scale = float(weights.mean())
         first, second = frames.levels[i], frames.levels[j]
-        difference = (frames.same[j] - frames.same[i]) / np.float32(
-            np.sqrt(scale * (1 + frames.added(i, j)))
-        )
+        difference = (frames.same[j] - frames.same[i]) / np.float32(np.sqrt(scale))
         one, other = (weights / weights.sum()).astype(np.float32)
         middle = one * first + other * second
         mean = means(middle, SIDE)

@@ -46,13 +46,15 @@ class Steady(NamedTuple):
         """Frames that are alike as they are."""
         return Steady(frames, frames, np.ones(len(frames)))
 
-    def added(self, i: int, j: int) -> float:
-        """Noise that is added to a pair's by that of the mean picture, which was moved; a share."""
+    @property
+    def error(self) -> float:
+        """Error of the noise by the motions that were taken out; a share."""
         if self.moves is None:
             return 0.0
-        # The noise of a pixel is kept in it by so much where it is interpolated.
-        kept = np.prod(np.sinc(self.moves[j] - self.moves[i]))
-        return float(1 - kept) / len(self.levels)
+        # A frame keeps so much of a pixel's noise where it is interpolated; the mean picture, which
+        # is moved in its place, has a part of each frame's noise, and less detail than they.
+        kept = np.prod(np.sinc(np.diff(self.moves, axis=0)), axis=1)
+        return float(np.mean(1 - kept)) / len(self.levels)
 
     @property
     def words(self) -> list[str]:

@@ -13,7 +13,7 @@ from mishutter.pictures.images import Axis, transposed
 
 _AROUND = 2
 """Frames to either side along which an object is averaged."""
-_LINE = 8.0
+_LINE = 5.0
 """Power of a line in the spectrum over that beside it, from which on pixels are a mosaic's."""
 _SMOOTHING = 1.5
 """Gaussian under which frames are compared with the reference; px."""
