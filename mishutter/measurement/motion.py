@@ -164,42 +164,41 @@ def _words(objects: Sequence[MovingObject], first: int) -> list[str]:
 def _view(frames: np.ndarray, fine: Smoothed, rough: Smoothed, reference: int) -> _View:
     count = len(frames)
     around = range(max(0, reference - _AROUND), min(count, reference + _AROUND + 1))
-    everywhere = np.ones(frames.shape[1:], bool)
-    velocities, sweeps = [np.zeros(2)], []
-    costs = [_costs(fine, velocities[0], reference, around)]
-
-    def refined(velocity: np.ndarray, width: float, mask: np.ndarray) -> np.ndarray:
-        region = Region(rough, reference, around, mask)
-        velocity = region.best_of_grid(velocity, width)
-        velocity = region.descended(velocity, 0.25 * width, 0.1)
-        return region._replace(frames=fine).descended(velocity, 0.1, 0.025)
-
-    def is_new(velocity: np.ndarray) -> bool:
-        """Whether a velocity explains what none before it does; if so, it is added."""
-        # Where nothing tells, rest may be a little worse.
-        cost = _costs(fine, velocity, reference, around) + 0.15
-        won = (cost < 0.7 * np.min(costs, axis=0)) & (cost < _EXPLAINED)
-        area = ndimage.binary_opening(won, iterations=3).sum()
-        apart = min(np.hypot(*(velocity - other)) for other in velocities) * _AROUND
-        if area < _LEAST_AREA or apart < _SEPARATE:
-            return False
-        velocities.append(velocity)
-        costs.append(cost)
-        return True
-
+    search = _Search(fine, rough, reference, around, [], [])
+    search.add(np.zeros(2), _costs(fine, np.zeros(2), reference, around))
     # What is slow is swept over as long a time as there is.
-    longest = max(1, (count - 1) // (_WINDOW - 1))
-    for stride in sorted({1, longest}):
+    sweeps = []
+    for stride in sorted({1, max(1, (count - 1) // (_WINDOW - 1))}):
         numbers = _window(count, reference, stride)
-        sweep = swept(frames[numbers], list(numbers).index(reference), stride)
-        sweeps.append(sweep)
+        sweeps.append(swept(frames[numbers], list(numbers).index(reference), stride))
+        search.over(sweeps[-1])
+    # What is slower than a step of the sweeps changes where no velocity explains it.
+    search.about_rest(2 * sweeps[-1].step)
+    return _labelled(fine, reference, np.array(search.velocities), np.array(search.costs), sweeps)
+
+
+class _Search(NamedTuple):
+    """A search for the velocities of what is seen in a reference frame."""
+
+    fine: Smoothed
+    rough: Smoothed
+    reference: int
+    around: Sequence[int]  # Frames by which pixels are labelled
+    velocities: list[np.ndarray]  # Those that were found; px a frame
+    costs: list[np.ndarray]  # Residual of each pixel along each
+
+    def add(self, velocity: np.ndarray, cost: np.ndarray) -> None:
+        """Add a velocity."""
+        self.velocities.append(velocity)
+        self.costs.append(cost)
+
+    def over(self, sweep: Sweep) -> None:
+        """Add the velocities of a sweep that explain most of the tiles, one after the other."""
         current = sweep.logarithms[np.all(sweep.velocities == 0, axis=1)][0]
-        for velocity in velocities[1:]:
-            near = sweep.near(velocity, 1.1)
-            if near.any():
-                current = np.minimum(current, sweep.logarithms[near].min(axis=0))
+        for velocity in self.velocities[1:]:
+            current = _explained(current, sweep, velocity)
         tried, misses = sweep.near(np.zeros(2), 0.9), 0
-        while len(velocities) <= 12 and misses < 4:
+        while len(self.velocities) <= 12 and misses < 4:
             gain = _gain(sweep, current)
             gain[tried] = 0
             best = int(gain.argmax())
@@ -207,21 +206,47 @@ def _view(frames: np.ndarray, fine: Smoothed, rough: Smoothed, reference: int) -
                 break
             tried |= sweep.near(sweep.velocities[best], 0.9)
             tiles = current - sweep.logarithms[best] > 0.3  # those of its own
-            mask = sweep.mask(tiles, frames.shape[1:]) if tiles.any() else everywhere
-            velocity = refined(sweep.velocities[best], sweep.step, mask)
-            if not is_new(velocity):
+            shape = self.costs[0].shape
+            mask = sweep.mask(tiles, shape) if tiles.any() else np.ones(shape, bool)
+            velocity = self.refined(sweep.velocities[best], sweep.step, mask)
+            if self.is_new(velocity):
+                current = _explained(current, sweep, velocity)
+            else:
                 misses += 1
-                continue
-            near = sweep.near(velocity, 1.1)
-            if near.any():
-                current = np.minimum(current, sweep.logarithms[near].min(axis=0))
-    # What is slower than a step of the sweeps changes where no velocity explains it.
-    changes = ndimage.binary_opening(np.min(costs, axis=0) > _EXPLAINED / 2, iterations=2)
-    parts, count = ndimage.label(changes)  # type: ignore[misc]
-    for part in range(1, count + 1):
-        if np.sum(parts == part) >= _LEAST_AREA // 2:
-            is_new(refined(np.zeros(2), 2 * sweeps[-1].step, parts == part))
-    return _labelled(fine, reference, np.array(velocities), np.array(costs), sweeps)
+
+    def about_rest(self, width: float) -> None:
+        """Add velocities near rest, of what no other explains."""
+        changes = ndimage.binary_opening(np.min(self.costs, axis=0) > _EXPLAINED / 2, iterations=2)
+        parts = np.empty(changes.shape, np.int32)
+        ndimage.label(changes, output=parts)
+        for part in range(1, int(parts.max()) + 1):
+            if np.sum(parts == part) >= _LEAST_AREA // 2:
+                self.is_new(self.refined(np.zeros(2), width, parts == part))
+
+    def refined(self, velocity: np.ndarray, width: float, mask: np.ndarray) -> np.ndarray:
+        """The best velocity of a part of the picture, within a width about one."""
+        region = Region(self.rough, self.reference, self.around, mask)
+        velocity = region.best_of_grid(velocity, width)
+        velocity = region.descended(velocity, 0.25 * width, 0.1)
+        return region._replace(frames=self.fine).descended(velocity, 0.1, 0.025)
+
+    def is_new(self, velocity: np.ndarray) -> bool:
+        """Whether a velocity explains what none before it does; if so, it is added."""
+        # Where nothing tells, rest may be a little worse.
+        cost = _costs(self.fine, velocity, self.reference, self.around) + 0.15
+        won = (cost < 0.7 * np.min(self.costs, axis=0)) & (cost < _EXPLAINED)
+        area = ndimage.binary_opening(won, iterations=3).sum()
+        apart = min(np.hypot(*(velocity - other)) for other in self.velocities) * _AROUND
+        is_new = bool(area >= _LEAST_AREA and apart >= _SEPARATE)
+        if is_new:
+            self.add(velocity, cost)
+        return is_new
+
+
+def _explained(current: np.ndarray, sweep: Sweep, velocity: np.ndarray) -> np.ndarray:
+    """Logarithms of the residuals of tiles after one more velocity."""
+    near = sweep.near(velocity, 1.1)
+    return np.minimum(current, sweep.logarithms[near].min(axis=0)) if near.any() else current
 
 
 def _window(count: int, reference: int, stride: int) -> np.ndarray:

@@ -109,7 +109,7 @@ AXES = {
         {"metadata": {"axes": "TCYX"}},
         "first of C",
     ),
-    "depths of an OME-TIFF": ("a.ome.tif", CHANNELS, {"metadata": {"axes": "TZYX"}}, "first of Z"),
+    "depths of an OME-TIFF": ("a.ome.tif", CHANNELS, {"metadata": {"axes": "TZYX"}}, "of Z is"),
     "channels of ImageJ": (
         "a.tif",
         CHANNELS,
