@@ -210,8 +210,8 @@ def measure(
 
     Args:
         clip: Frames at equal times of one exposure, uncompressed and linear: PNG, TIFF (each
-            page), PGM or `.npy` files, a folder of them, or levels of shape
-            `(frames, rows, columns)`, 8 to 16 bits.
+            page, or those of the first channel), PGM or `.npy` files, a folder of them in the order
+            of their numbers, or levels of shape `(frames, rows, columns)`, 8 to 16 bits.
         frames_per_s: Frames a second.
         exposure: Exposure of a frame, s. Without it the rate of photons is a lower limit.
         dark: Frames of a covered lens with the same settings; two or more tell the read noise.

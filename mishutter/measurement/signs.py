@@ -293,7 +293,7 @@ def _leap(level: np.ndarray, variance: np.ndarray, error: np.ndarray) -> tuple[f
 
     So a sensor reads with two gains, the brighter part with more noise.
     """
-    fits = [(np.inf, None)]
+    fits: list[tuple[float, float | None]] = [(np.inf, None)]
     for k in range(2, level.size - 2):
         # Blocks of one bin lie to either side of the leap.
         used = np.arange(level.size) != k

@@ -91,6 +91,7 @@ def steady(frames: np.ndarray, step: float) -> Steady:
         return Steady.of(frames)
     if _size(moves) > max(_LEAST_SHAKE, _CERTAIN * error):
         # The mean of frames that shake is blurred, which makes their motions look smaller.
+        more = moves
         for _ in range(2):
             registered = _moved_back(series.same, moves)
             more, _, focus = _moves(registered)
@@ -196,7 +197,7 @@ def _moves(
     found, errors = [], []
     for frame in frames:
         change = (ndimage.gaussian_filter(frame, 1.0) - smooth)[some].ravel().astype(np.float64)
-        value, kept = np.zeros(3), np.ones(change.size, bool)
+        value, inverse, kept = np.zeros(3), np.zeros((3, 3)), np.ones(change.size, bool)
         for _ in range(4):
             residual = change - columns @ value
             kept = np.abs(residual) <= 6 * max(float(np.median(np.abs(residual[kept]))), 1e-9)
