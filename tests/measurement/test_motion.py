@@ -151,7 +151,7 @@ def test_slow_objects_are_found(speed, count):
     assert each.velocity == pytest.approx((15 * speed, -50 * speed), abs=2.5)
 
 
-@pytest.mark.parametrize("lost", [(4,), (2, 3)])
+@pytest.mark.parametrize("lost", [(4,), pytest.param((2, 3), marks=pytest.mark.slow)])
 def test_a_lost_frame_is_seen_and_counted(lost):
     """An object goes two or three times as far there; its velocity is that of other frames."""
     motion = moving(1.2, -0.3, 9 + len(lost), lost)
@@ -162,10 +162,10 @@ def test_a_lost_frame_is_seen_and_counted(lost):
     assert moving(1.2, -0.3, 8).words == ()
 
 
-@pytest.mark.parametrize("seed", [2])
-def test_noise_of_rows_makes_no_object(seed):
+@pytest.mark.slow
+def test_noise_of_rows_makes_no_object():
     """Among dim points that stand still."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(2)
     rows, columns = np.mgrid[:256, :256]
     light = 3 * np.exp(-rows / 40)
     for y, x in rng.uniform(5, 250, (15, 2)):
