@@ -24,7 +24,7 @@ def measure(
             metavar="CLIP",
             parser=as_path,
             help="Frames of a camera at rest: uncompressed PNG, TIFF (each page), PGM or .npy "
-            "files, or a folder of them.",
+            "files, or a folder of them, in the order of their numbers.",
             show_default=False,
         ),
     ],

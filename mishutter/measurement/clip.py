@@ -1,5 +1,6 @@
 """Clips: frames of a camera at rest as its files hold them, and files that hold no clip."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,8 +10,8 @@ import numpy as np
 from jaxtyping import Float, Shaped
 
 from mishutter._core.checks import Unquoted, require, shape_of
-from mishutter.pictures.files import PICTURE_SUFFIXES
-from mishutter.pictures.images import decoded_pages
+from mishutter.pictures.files import PICTURE_SUFFIXES, is_tiff
+from mishutter.pictures.images import decoded_pages, frames_of_tiff
 
 Source: TypeAlias = str | Path | np.ndarray | Sequence[str | Path]
 """Files, a folder of them, or an array of `(frames, rows, columns)`."""
@@ -93,6 +94,7 @@ def clip_of(
     requirement = "hold frames that each were exposed: record at the camera's own frame rate"
     got = Unquoted(f"frame {same[0] + 1} equal to the one before it" if same else "")
     require(not same, subject, requirement, got)
+    _check_lost(frames)
     step = 0.0
     if levels.is_whole:
         # The greatest common step is 16 where 12 bits are stored in the upper ones of 16.
@@ -110,13 +112,16 @@ def clip_of(
 
 
 def read_levels_of(source: Source, subject: str, most: int | None = None) -> Levels:
-    """Levels of files, of a folder's pictures in the order of their names, or of an array."""
+    """Levels of files, of a folder's pictures in the order of their numbers, or of an array."""
     if isinstance(source, np.ndarray):
         return _of_array(source, subject, most)
     paths = [source] if isinstance(source, str | Path) else list(source)
     files = [file for path in paths for file in _files(Path(path), subject)]
     require(len(files) > 0, subject, "name a file", Unquoted("none"))
-    parts, words, count = [], [], 0
+    # A shell, too, lists `frame_10` before `frame_2`.
+    if files == sorted(files):
+        files.sort(key=_by_numbers)
+    parts, words, count = [], _gaps(files), 0
     for file in files:
         if most is not None and count >= most:
             break
@@ -159,10 +164,12 @@ def _depth(frames: np.ndarray, full: float) -> tuple[float, str]:
     """White of levels that fill fewer bits than their file has, and a sentence that says so."""
     most = float(frames.max())
     depth = next((bits for bits in (8, 10, 12, 14) if most < 1 << bits), 16)
-    if full != np.iinfo(np.uint16).max or depth == 16:
+    if full not in (np.iinfo(np.uint16).max, np.iinfo(np.int16).max) or depth == 16:
         return full, ""
     white = float((1 << depth) - 1)
-    text = f"no level exceeds {most:g} of 65535: white is taken for {white:g}, as of {depth} bits"
+    text = (
+        f"no level exceeds {most:g} of {full:g}: white is taken for {white:g}, as of {depth} bits"
+    )
     return white, f"{text} (set --white if it is another)"
 
 
@@ -179,7 +186,46 @@ def _files(path: Path, subject: str) -> list[Path]:
     names = (*PICTURE_SUFFIXES, ".npy")
     files = sorted(p for p in path.iterdir() if p.suffix.lower() in names)
     require(len(files) > 0, subject, "name a folder of frames", str(path))
-    return files
+    return sorted(files, key=_by_numbers)
+
+
+def _by_numbers(path: Path) -> list[str | int]:
+    """The name of a file as a list of its texts and numbers, by which files are in order."""
+    return [int(x) if k % 2 else x for k, x in enumerate(re.split(r"(\d+)", path.name))]
+
+
+def _gaps(files: Sequence[Path]) -> list[str]:
+    """A sentence on numbers that are missing in the names of files that one number tells apart."""
+    names = [_by_numbers(file) for file in files]
+    if len(names) < 3 or len({len(name) for name in names}) > 1:
+        return []
+    varied = [each for each in zip(*names, strict=True) if len(set(each)) > 1]
+    if len(varied) != 1 or isinstance(varied[0][0], str):
+        return []
+    steps = np.diff(np.array(varied[0], float))
+    # Times in names are equally far apart but for rounding.
+    wide = np.flatnonzero(steps > 1.5 * np.median(steps))
+    if not 0 < wide.size <= len(steps) // 2 or np.any(steps <= 0):
+        return []
+    first = int(wide[0])
+    return [
+        f"the names of files leave out a number after {files[first].name!r}, before "
+        f"{files[first + 1].name!r}: if a frame is missing there, velocities are too high"
+    ]
+
+
+def _check_lost(frames: Float[np.ndarray, "frames rows columns"]) -> None:
+    """Refuses a frame whose rows hold one level each, as those of a buffer that was lost do.
+
+    Rows that are stuck, or dark, hold one level in most frames.
+    """
+    constant = frames.max(axis=2) == frames.min(axis=2)
+    lost = np.sum(constant & (constant.mean(axis=0) < 0.5), axis=1)
+    worst, rows = int(np.argmax(lost)), frames.shape[1]
+    got = Unquoted(f"frame {worst + 1}, in which {lost[worst]} of {rows} rows hold one level")
+    requirement = "hold frames that each were exposed: give those before or after a lost one"
+    # Rows that are cut off at black change with what moves.
+    require(bool(lost[worst] <= 0.25 * rows), "measure(clip=...)", requirement, got)
 
 
 def _of_array(array: np.ndarray, subject: str, most: int | None, name: str = "") -> Levels:
@@ -192,7 +238,7 @@ def _of_array(array: np.ndarray, subject: str, most: int | None, name: str = "")
     requirement = "be of shape (frames, rows, columns)"
     require(is_stack, subject, requirement, Unquoted(f"{shape_of(array)}{place}"))
     words = () if most is None or len(array) <= most else (_first(most),)
-    array = array[:most]
+    array = np.asarray(array[:most])
     is_whole = array.dtype.kind in "ui"
     frames = array.astype(np.float32)
     finite = np.isfinite(frames).all(axis=(1, 2))
@@ -200,10 +246,14 @@ def _of_array(array: np.ndarray, subject: str, most: int | None, name: str = "")
     require(bool(finite.all()), subject, "hold finite levels", got)
     if not is_whole:
         return Levels(frames, float(frames.max()), False, words)
-    greatest = int(array.max())
-    in_range = greatest < 1 << 16 and int(array.min()) >= 0
-    require(in_range, subject, "hold levels of 8 to 16 bits", Unquoted(f"{greatest}{place}"))
-    full = 255.0 if array.dtype.itemsize == 1 else 65535.0
+    # Levels below 0 are those of a camera or program that takes black off.
+    low, high = int(array.min()), int(array.max())
+    in_range = high < 1 << 16 and low >= -(1 << 15)
+    requirement = (
+        "hold levels of 8 to 16 bits (give others as floating-point numbers, with --white)"
+    )
+    require(in_range, subject, requirement, Unquoted(f"{low} to {high}{place}"))
+    full = float(min(np.iinfo(array.dtype).max, np.iinfo(np.uint16).max))
     full, guess = _depth(frames, full) if name == "" else (full, "")
     return Levels(frames, full, True, words, guess)
 
@@ -220,7 +270,13 @@ def _of_file(path: Path, subject: str, most: int | None) -> Levels:
             reason = Unquoted(f"{str(path)!r}: {error}")
             require(False, subject, "hold an array of numbers", reason)
             raise
-        return _of_array(np.asarray(array), subject, most, str(path))
+        return _of_array(array, subject, most, str(path))
+    stack = frames_of_tiff(path, most) if is_tiff(path) else None
+    if stack is not None:
+        levels = _of_array(stack.frames, subject, most, str(path))
+        words = [stack.word] if stack.word else []
+        words += [_first(most)] if stack.has_more else []
+        return levels._replace(words=tuple(words))
     pages = decoded_pages(path, most)
     words, planes = [], []
     for page in pages:

@@ -10,14 +10,14 @@ from jaxtyping import Float
 from mishutter._core.checks import Unquoted, require
 from mishutter._core.files import write_text
 from mishutter._core.progress import counts
-from mishutter.measurement import photon_transfer
 from mishutter.measurement.clip import Clip, Source, clip_of, read_levels_of
 from mishutter.measurement.estimates import Estimate
 from mishutter.measurement.motion import Motion, motion_of
 from mishutter.measurement.noise import Noise, noise_of
 from mishutter.measurement.scene import PICTURE, AlongAxis, along_axis, missing_keys, scene_text
-from mishutter.measurement.signs import shot_gamma
-from mishutter.measurement.texture import averaged, light_of_texture
+from mishutter.measurement.signs import detail_excess, is_moved, shot_gamma
+from mishutter.measurement.steady import steady
+from mishutter.measurement.texture import averaged, is_mosaic, light_of_texture
 from mishutter.model.scene import Scene, scene_of_tables
 from mishutter.model.scene_units import View
 from mishutter.model.texture import Texture
@@ -210,8 +210,8 @@ def measure(
 
     Args:
         clip: Frames at equal times of one exposure, uncompressed and linear: PNG, TIFF (each
-            page), PGM or `.npy` files, a folder of them, or levels of shape
-            `(frames, rows, columns)`, 8 to 16 bits.
+            page, or those of the first channel), PGM or `.npy` files, a folder of them in the order
+            of their numbers, or levels of shape `(frames, rows, columns)`, 8 to 16 bits.
         frames_per_s: Frames a second.
         exposure: Exposure of a frame, s. Without it the rate of photons is a lower limit.
         dark: Frames of a covered lens with the same settings; two or more tell the read noise.
@@ -251,7 +251,15 @@ def measure(
         counter.next("velocities")
         unit = noise.law.of_unit_noise(frames.frames)
         motion = motion_of(unit, frames.frames_per_s)
+        for word in motion.words:
+            frames = frames.with_frames(frames.frames, word)
         picture = averaged(frames.frames, unit, motion, frames.frames_per_s)
+        if is_mosaic(picture.levels):
+            word = (
+                "pixels alternate as under a mosaic of colour filters, which the picture holds as "
+                "texture: measure one colour alone"
+            )
+            frames = frames.with_frames(frames.frames, word)
         along = along_axis(motion.objects)
         axis = "rows" if along is None else along.axis
         ends = noise.black_level, frames.white
@@ -269,18 +277,25 @@ def noise_from(
     flats: Source | None = None,
     black: float | int | None = None,
 ) -> tuple[Clip, Noise]:
-    """The frames of a clip, divided by an exposure that drifts, and their noise; see `measure`."""
+    """The frames of a clip, made alike, and their noise; see `measure`."""
     others = {"dark": dark, "flats": flats}
     read = {
         key: None if source is None else read_levels_of(source, f"measure({key}=...)").frames
         for key, source in others.items()
     }
-    steady, drift = photon_transfer.steady(clip.frames, clip.step)
+    alike = steady(clip.frames, clip.step)
     told = None if black is None else float(black)
-    noise = noise_of(clip, steady, read["dark"], read["flats"], told)
-    if drift:
-        word = f"the exposure drifts by {drift:.1%} from frame to frame, which was divided out"
-        clip = clip.with_frames(steady, word)
+    noise = noise_of(clip, alike, read["dark"], read["flats"], told)
+    for word in alike.words:
+        clip = clip.with_frames(alike.same, word)
+    if noise.transfer is not None and noise.electrons_at_white is not None:
+        excess = detail_excess(clip, alike, noise.transfer)
+        if is_moved(excess):
+            word = (
+                f"what has detail has {excess.value:.0%} more noise: the camera, its focus or what "
+                "it sees moves a little, and noise may be too high"
+            )
+            clip = clip.with_frames(clip.frames, word)
     if noise.transfer is not None and noise.electrons_at_white is not None and dark is None:
         gamma = shot_gamma(noise.transfer, clip.step)
         if gamma is not None:

@@ -35,6 +35,8 @@ _FAR = 50.0
 """Residual over noise of a pixel that is not seen, and the greatest that counts."""
 _SEPARATE = 0.5
 """Distance of velocities over the labelled frames within which they are one; px."""
+_STEP_ERROR = 0.05
+"""Error of a step of an object from one frame to the next; px."""
 _WIDE = 5
 """Half the width of an area without a velocity that is no object's edge; px."""
 
@@ -50,6 +52,8 @@ class MovingObject:
     lead: float  # Logarithm of the likelihood over that of the best other velocity, a tenth of it
     residual: float  # Residual over noise along the velocity
     frame: int  # Number of the reference frame, from 0
+    # Frame from which to the next it goes so many times as far as usual; None if it moves evenly
+    leap: tuple[int, int] | None = None
 
     @property
     def speed(self) -> Estimate:
@@ -75,6 +79,7 @@ class Motion:
     # Mean length of runs of what moves, along rows and along columns; px
     width: tuple[float, float]
     num_frames: int  # Frames that were looked at
+    words: tuple[str, ...] = ()  # Sentences on objects that do not move evenly
 
 
 class _View(NamedTuple):
@@ -139,28 +144,61 @@ def motion_of(
         share_unexplained=float(np.mean([np.mean(view.labels < 0) for view in views])),
         width=(scale * _run(masks, 1), scale * _run(masks, 0)),
         num_frames=count,
+        words=tuple(_words(objects, first)),
     )
+
+
+def _words(objects: Sequence[MovingObject], first: int) -> list[str]:
+    """Sentences on steps of objects that tell of a frame that was lost."""
+    leaps: dict[tuple[int, int], list[str]] = {}
+    for number, each in enumerate(objects, 1):
+        if each.leap is not None:
+            leaps.setdefault(each.leap, []).append(str(number))
+    return [
+        f"object {' and '.join(numbers)} goes {several} times as far as usual from frame "
+        f"{first + frame + 1} to the next: frames seem to be lost there, and are counted"
+        for (frame, several), numbers in leaps.items()
+    ]
 
 
 def _view(frames: np.ndarray, fine: Smoothed, rough: Smoothed, reference: int) -> _View:
     count = len(frames)
     around = range(max(0, reference - _AROUND), min(count, reference + _AROUND + 1))
-    everywhere = np.ones(frames.shape[1:], bool)
-    velocities, sweeps = [np.zeros(2)], []
-    costs = [_costs(fine, velocities[0], reference, around)]
+    search = _Search(fine, rough, reference, around, [], [])
+    search.add(np.zeros(2), _costs(fine, np.zeros(2), reference, around))
     # What is slow is swept over as long a time as there is.
-    longest = max(1, (count - 1) // (_WINDOW - 1))
-    for stride in [1, longest] if longest > 2 else [1]:
+    sweeps = []
+    for stride in sorted({1, max(1, (count - 1) // (_WINDOW - 1))}):
         numbers = _window(count, reference, stride)
-        sweep = swept(frames[numbers], list(numbers).index(reference), stride)
-        sweeps.append(sweep)
+        sweeps.append(swept(frames[numbers], list(numbers).index(reference), stride))
+        search.over(sweeps[-1])
+    # What is slower than a step of the sweeps changes where no velocity explains it.
+    search.about_rest(2 * sweeps[-1].step)
+    return _labelled(fine, reference, np.array(search.velocities), np.array(search.costs), sweeps)
+
+
+class _Search(NamedTuple):
+    """A search for the velocities of what is seen in a reference frame."""
+
+    fine: Smoothed
+    rough: Smoothed
+    reference: int
+    around: Sequence[int]  # Frames by which pixels are labelled
+    velocities: list[np.ndarray]  # Those that were found; px a frame
+    costs: list[np.ndarray]  # Residual of each pixel along each
+
+    def add(self, velocity: np.ndarray, cost: np.ndarray) -> None:
+        """Add a velocity."""
+        self.velocities.append(velocity)
+        self.costs.append(cost)
+
+    def over(self, sweep: Sweep) -> None:
+        """Add the velocities of a sweep that explain most of the tiles, one after the other."""
         current = sweep.logarithms[np.all(sweep.velocities == 0, axis=1)][0]
-        for velocity in velocities[1:]:
-            near = sweep.near(velocity, 1.1)
-            if near.any():
-                current = np.minimum(current, sweep.logarithms[near].min(axis=0))
+        for velocity in self.velocities[1:]:
+            current = _explained(current, sweep, velocity)
         tried, misses = sweep.near(np.zeros(2), 0.9), 0
-        while len(velocities) <= 12 and misses < 4:
+        while len(self.velocities) <= 12 and misses < 4:
             gain = _gain(sweep, current)
             gain[tried] = 0
             best = int(gain.argmax())
@@ -168,34 +206,54 @@ def _view(frames: np.ndarray, fine: Smoothed, rough: Smoothed, reference: int) -
                 break
             tried |= sweep.near(sweep.velocities[best], 0.9)
             tiles = current - sweep.logarithms[best] > 0.3  # those of its own
-            mask = sweep.mask(tiles, frames.shape[1:]) if tiles.any() else everywhere
-            velocity = sweep.velocities[best]
-            region = Region(rough, reference, around, mask)
-            velocity = region.best_of_grid(velocity, sweep.step)
-            velocity = region.descended(velocity, 0.25 * sweep.step, 0.1)
-            region = region._replace(frames=fine)
-            velocity = region.descended(velocity, 0.1, 0.025)
-            # Where nothing tells, rest may be a little worse.
-            cost = _costs(fine, velocity, reference, around) + 0.15
-            won = (cost < 0.7 * np.min(costs, axis=0)) & (cost < _EXPLAINED)
-            area = ndimage.binary_opening(won, iterations=3).sum()
-            apart = min(np.hypot(*(velocity - other)) for other in velocities) * _AROUND
-            if area < _LEAST_AREA or apart < _SEPARATE:
+            shape = self.costs[0].shape
+            mask = sweep.mask(tiles, shape) if tiles.any() else np.ones(shape, bool)
+            velocity = self.refined(sweep.velocities[best], sweep.step, mask)
+            if self.is_new(velocity):
+                current = _explained(current, sweep, velocity)
+            else:
                 misses += 1
-                continue
-            velocities.append(velocity)
-            costs.append(cost)
-            near = sweep.near(velocity, 1.1)
-            if near.any():
-                current = np.minimum(current, sweep.logarithms[near].min(axis=0))
-    return _labelled(fine, reference, np.array(velocities), np.array(costs), sweeps[0])
+
+    def about_rest(self, width: float) -> None:
+        """Add velocities near rest, of what no other explains."""
+        changes = ndimage.binary_opening(np.min(self.costs, axis=0) > _EXPLAINED / 2, iterations=2)
+        parts = np.empty(changes.shape, np.int32)
+        ndimage.label(changes, output=parts)
+        for part in range(1, int(parts.max()) + 1):
+            if np.sum(parts == part) >= _LEAST_AREA // 2:
+                self.is_new(self.refined(np.zeros(2), width, parts == part))
+
+    def refined(self, velocity: np.ndarray, width: float, mask: np.ndarray) -> np.ndarray:
+        """The best velocity of a part of the picture, within a width about one."""
+        region = Region(self.rough, self.reference, self.around, mask)
+        velocity = region.best_of_grid(velocity, width)
+        velocity = region.descended(velocity, 0.25 * width, 0.1)
+        return region._replace(frames=self.fine).descended(velocity, 0.1, 0.025)
+
+    def is_new(self, velocity: np.ndarray) -> bool:
+        """Whether a velocity explains what none before it does; if so, it is added."""
+        # Where nothing tells, rest may be a little worse.
+        cost = _costs(self.fine, velocity, self.reference, self.around) + 0.15
+        won = (cost < 0.7 * np.min(self.costs, axis=0)) & (cost < _EXPLAINED)
+        area = ndimage.binary_opening(won, iterations=3).sum()
+        apart = min(np.hypot(*(velocity - other)) for other in self.velocities) * _AROUND
+        is_new = bool(area >= _LEAST_AREA and apart >= _SEPARATE)
+        if is_new:
+            self.add(velocity, cost)
+        return is_new
+
+
+def _explained(current: np.ndarray, sweep: Sweep, velocity: np.ndarray) -> np.ndarray:
+    """Logarithms of the residuals of tiles after one more velocity."""
+    near = sweep.near(velocity, 1.1)
+    return np.minimum(current, sweep.logarithms[near].min(axis=0)) if near.any() else current
 
 
 def _window(count: int, reference: int, stride: int) -> np.ndarray:
     """Numbers of the frames that are swept, the reference among them."""
-    length = min(_WINDOW, 1 + (count - 1) // stride)
-    before = min(length // 2, reference // stride)
-    before = max(before, length - 1 - (count - 1 - reference) // stride)
+    earlier, later = reference // stride, (count - 1 - reference) // stride
+    length = min(_WINDOW, earlier + 1 + later)
+    before = max(min(length // 2, earlier), length - 1 - later)
     return reference + stride * (np.arange(length) - before)
 
 
@@ -238,7 +296,7 @@ def _costs(
 
 
 def _labelled(
-    fine: Smoothed, reference: int, velocities: np.ndarray, costs: np.ndarray, sweep: Sweep
+    fine: Smoothed, reference: int, velocities: np.ndarray, costs: np.ndarray, sweeps: list[Sweep]
 ) -> _View:
     """The objects: connected pixels of one velocity, each with a velocity of its own."""
     best, least = costs.argmin(axis=0), costs.min(axis=0)
@@ -251,7 +309,9 @@ def _labelled(
             mask = np.asarray(ndimage.binary_fill_holes(parts == part))
             if mask.sum() < _LEAST_AREA:
                 continue
-            each = _object(fine, reference, velocities[number], mask, sweep)
+            each = _object(fine, reference, velocities[number], mask, sweeps)
+            if each.lead <= 0:  # noise has made it up
+                continue
             objects.append(each)
             labels[mask & (labels == 0)] = len(objects)
     near = np.asarray(ndimage.binary_dilation(labels > 0, iterations=_WIDE))
@@ -262,7 +322,7 @@ def _labelled(
 
 
 def _object(
-    fine: Smoothed, reference: int, velocity: np.ndarray, mask: np.ndarray, sweep: Sweep
+    fine: Smoothed, reference: int, velocity: np.ndarray, mask: np.ndarray, sweeps: list[Sweep]
 ) -> MovingObject:
     """An object, its velocity refined over more and more frames."""
     count = len(fine.coefficients)
@@ -271,7 +331,7 @@ def _object(
     inner = inner if inner.sum() >= _LEAST_AREA // 2 else mask
     farthest = max(reference, count - 1 - reference)
     reach, used, residual, covariance = 1, 1, np.inf, np.eye(2)
-    while reach < farthest or residual == np.inf:
+    while True:
         reach = min(2 * reach, farthest)
         numbers = range(max(0, reference - reach), min(count, reference + reach + 1))
         region = Region(fine, reference, numbers, inner)
@@ -281,18 +341,66 @@ def _object(
         if residual < np.inf and left > _EXPLAINED * max(residual, 1.0):
             break
         velocity, covariance, residual, used = other, spread, left, reach
+        if reach >= farthest:
+            break
     # Splines and exposures leave an error of a shift, in px.
     error = np.sqrt(np.diag(covariance) + (0.05 / used) ** 2)
+    # A clip without one of its frames shows every other step right.
+    times, places = _track(fine, reference, velocity, inner)
+    leap = _leap(times, places, velocity)
+    if leap is not None:
+        later = np.where(times > leap[0], leap[1] - 1, 0)
+        velocity = np.polyfit(times + later, places, 1)[0]
     rows, columns = np.nonzero(mask)
     return MovingObject(
         velocity=(float(velocity[0]), float(velocity[1])),
         error=(float(error[0]), float(error[1])),
         centre=(float(rows.mean()), float(columns.mean())),
         area=int(mask.sum()),
-        lead=_lead(sweep, velocity, mask),
+        lead=max(_lead(sweep, velocity, mask) for sweep in sweeps),
         residual=residual,
         frame=reference,
+        leap=leap,
     )
+
+
+def _track(
+    fine: Smoothed, reference: int, velocity: np.ndarray, mask: np.ndarray
+) -> tuple[Int[np.ndarray, "frames"], Float[np.ndarray, "frames 2"]]:
+    """Numbers of frames in which an object is seen, and its way since the reference; px."""
+    places = {reference: np.zeros(2)}
+    for way in (-1, 1):
+        place, number = np.zeros(2), reference + way
+        while 0 <= number < len(fine.coefficients):
+            time = number - reference
+            region = Region(fine, reference, sorted((reference, number)), mask)
+            # The next place, or the one after it.
+            starts = [(place + n * way * velocity) / time for n in (1, 2)]
+            start = min(starts, key=region.cost)
+            each = region.descended(start, 0.5 / abs(time), 0.05 / abs(time))
+            each, _, residual = region.polished(each)
+            if residual > _EXPLAINED:
+                break
+            place = each * time
+            places[number] = place
+            number += way
+    times = np.array(sorted(places))
+    return times, np.array([places[number] for number in times])
+
+
+def _leap(times: np.ndarray, places: np.ndarray, velocity: np.ndarray) -> tuple[int, int] | None:
+    """The frame after which an object goes several times its usual step, and how many times."""
+    if len(times) < 4:
+        return None
+    steps = np.diff(places, axis=0) @ velocity / max(float(np.hypot(*velocity)), 1e-12)
+    usual = float(np.median(steps))
+    worst = int(np.argmax(steps))
+    several = round(float(steps[worst] / max(usual, 1e-9)))
+    others = np.delete(steps, worst)
+    spread = 1.4826 * float(np.median(np.abs(others - usual))) + _STEP_ERROR
+    is_whole = abs(steps[worst] - several * usual) < 0.3 * usual
+    is_leap = several >= 2 and is_whole and steps[worst] - usual > 5 * spread
+    return (int(times[worst]), several) if is_leap else None
 
 
 def _lead(sweep: Sweep, velocity: np.ndarray, mask: np.ndarray) -> float:

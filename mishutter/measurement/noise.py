@@ -1,15 +1,15 @@
 """The noise of a camera in electrons, or why a clip does not tell it."""
 
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
 
 from mishutter._core.checks import Unquoted, require
 from mishutter.measurement import photon_transfer
 from mishutter.measurement.clip import Clip
 from mishutter.measurement.estimates import Estimate, Refusal
-from mishutter.measurement.photon_transfer import Blocks, Law, Transfer
+from mishutter.measurement.photon_transfer import Blocks, Law, Transfer, pairs_of
 from mishutter.measurement.signs import (
     BELOW_STEPS,
     MORE_BITS,
@@ -19,6 +19,7 @@ from mishutter.measurement.signs import (
     too_few,
     too_narrow,
 )
+from mishutter.measurement.steady import Steady
 
 READ = "the read noise"
 _LEAST_OF_A_STEP = 0.5
@@ -51,7 +52,7 @@ class Noise:
 
 def noise_of(
     clip: Clip,
-    steady: np.ndarray,
+    steady: Steady,
     dark: np.ndarray | None,
     flats: np.ndarray | None,
     black: float | None,
@@ -59,8 +60,10 @@ def noise_of(
     """The noise of a clip, with dark frames and flat fields where there are some."""
     _check_others(clip, dark, flats, black)
     known, of_black, dark, refusals = _black_of(clip, dark, black)
-    blocks = photon_transfer.blocks_of(pairwise(steady), clip.ends)
+    blocks = photon_transfer.blocks_of(steady, pairs_of(clip.num_frames), clip.ends)
     transfer = photon_transfer.transfer_of(blocks, _others(clip, dark, flats), clip.step)
+    if transfer is not None:
+        transfer = replace(transfer, error=steady.error)
     # Black does not lie above the darkest block.
     whole = blocks.where(blocks.is_whole)
     low = float(np.quantile(whole.mean, 0.001)) if whole.mean.size else 0.0
@@ -110,25 +113,32 @@ def _black_of(
     source = "" if black is None else "as given"
     if dark is None:
         return told, source, None, []
+    usual = [_usual(frame, clip.step) for frame in dark]
     # A few dark pixels at level 0 change their mean and variance by little.
-    if np.mean(dark <= 0) > 0.03 and clip.step > 0:
+    if np.mean(np.concatenate(usual) <= 0) > 0.03 and clip.step > 0:
         reason = "dark frames are cut off at their lowest level"
         remedy = "Raise the camera's black level (offset) until dark frames show all noise"
         return told, source, None, [Refusal("the level of black", reason, remedy)]
     if told is not None:
         return told, source, dark, []
-    each = dark.mean(axis=(1, 2), dtype=np.float64)
+    each = np.array([levels.mean(dtype=np.float64) for levels in usual])
     # Rounding alone decides the level of frames whose noise is below the steps.
-    doubt = clip.step / (100 if dark[0].std() > _LEAST_OF_A_STEP * clip.step else 3)
+    doubt = clip.step / (100 if usual[0].std() > _LEAST_OF_A_STEP * clip.step else 3)
     error = float(np.hypot(each.std() / np.sqrt(each.size), doubt))
     return Estimate(float(each.mean()), error), _frames_text(len(dark), "dark"), dark, []
+
+
+def _usual(dark: np.ndarray, step: float) -> Float[np.ndarray, "pixels"]:
+    """Levels of a dark frame without those of pixels that are stuck, or hot."""
+    away = np.abs(dark - np.median(dark))
+    return dark[away <= 5 * max(1.4826 * float(np.median(away)), step)]
 
 
 def _gain_of(transfer: Transfer) -> Estimate:
     """System gain; levels per electron."""
     spread, value = transfer.lines[:, 1].std(), transfer.law.gain
     # Clips of photographs of known truth have this error besides, which no resampling shows.
-    return Estimate(value, float(np.hypot(spread, 0.012 * value)))
+    return Estimate(value, float(np.hypot(spread, np.hypot(0.012, transfer.error) * value)))
 
 
 def _doubts(
@@ -213,12 +223,14 @@ def _others(clip: Clip, dark: np.ndarray | None, flats: np.ndarray | None) -> Bl
     """Blocks of pairs of dark frames, and of pairs of flat fields below saturation."""
     parts = []
     if dark is not None and len(dark) > 1:
-        parts.append(photon_transfer.blocks_of(pairwise(dark), (-np.inf, np.inf)))
+        ends = -np.inf, np.inf
+        parts.append(photon_transfer.blocks_of(Steady.of(dark), pairs_of(len(dark)), ends))
     if flats is not None:
-        couples = zip(flats[::2], flats[1::2], strict=True)
-        pairs = [pair for pair in couples if np.mean(pair) < 0.7 * clip.white]  # EMVA 1288
+        couples = ((k, k + 1) for k in range(0, len(flats), 2))
+        # EMVA 1288
+        pairs = [(i, j) for i, j in couples if np.mean(flats[i : j + 1]) < 0.7 * clip.white]
         if pairs:
-            parts.append(photon_transfer.blocks_of(pairs, clip.ends))
+            parts.append(photon_transfer.blocks_of(Steady.of(flats), pairs, clip.ends))
     if not parts:
         return None
     return parts[0] if len(parts) == 1 else parts[0] + parts[1]
@@ -238,8 +250,8 @@ def _of_one_dark(
     dark: np.ndarray, read: Estimate, step: float, gain: Estimate
 ) -> tuple[Estimate, str]:
     """The better of the clip's read noise and that of one dark frame, with the latter's source."""
-    differences = np.diff(dark.astype(np.float64), axis=1)
-    square = float(np.mean(differences**2)) / 2 - step**2 / 12
+    differences = np.diff(dark.astype(np.float64), axis=1).ravel()
+    square = float(np.mean(_usual(differences, step) ** 2)) / 2 - step**2 / 12
     value = float(np.sqrt(max(square, 0.0))) / gain.value
     # A tenth of one frame's noise may be its fixed pattern.
     error = value * float(np.hypot(0.1, gain.error / gain.value))

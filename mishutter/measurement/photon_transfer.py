@@ -17,16 +17,13 @@ from jaxtyping import Bool, Float, Int
 from scipy import ndimage, stats
 
 from mishutter.measurement.estimates import Estimate
+from mishutter.measurement.steady import PART, SIDE, Steady, means
 
-_SIDE, _PART = 8, 4
-"""Sides of a block and of its quarters, whose means show what moves; px."""
 _CLUSTER = 4
 """Blocks along a side of what is resampled together."""
-_FREEDOM = (_SIDE // _PART) ** 2 * (_PART**2 - 1)
+_FREEDOM = (SIDE // PART) ** 2 * (PART**2 - 1)
 """Degrees of freedom of a block's variance about the means of its quarters."""
 _BINS = 16
-_STEADY = 0.003
-"""Deviation of the frames' exposures, as a share, that needs no correction."""
 _LEAST_BLOCKS = 60
 """Fewest blocks at rest from which a law is taken."""
 _COLUMNS = ("mean", "variance", "parts", "texture", "is_whole", "cluster")
@@ -50,8 +47,8 @@ class Blocks:
         expected = law(self.mean)
         # Where noise differs over a block, fewer pixels make its sums, which spread more.
         few = 1 + law.gain**2 * self.texture / expected**2
-        quarters = (_SIDE // _PART) ** 2
-        shift = self.parts / (2 * expected / _PART**2)
+        quarters = (SIDE // PART) ** 2
+        shift = self.parts / (2 * expected / PART**2)
         spread = self.variance / expected * _FREEDOM
         # What moves a little shows in several blocks side by side, beside others of the level.
         whole = np.flatnonzero(self.is_whole)
@@ -121,12 +118,14 @@ class Transfer:
 
     law: Law  # The line
     blocks: Blocks  # The blocks at rest
+    clip: Blocks  # Those of the clip's pairs of frames, whether at rest or not
     share: float  # Share of the clip's whole blocks that is at rest
     # Lines of resampled blocks, `dark` and `gain`; shape `(resamples, 2)`
     lines: Float[np.ndarray, "resamples 2"]
     curvature: Estimate  # Variance at either end of the levels that is square in the level
     # Whether a block of the clip is at rest and whole; shape `(pairs, rows, columns)`
     at_rest: Bool[np.ndarray, "pairs rows columns"]
+    error: float = 0.0  # Error of the variance besides, of all blocks alike; a share
 
     def curve(self) -> Float[np.ndarray, "4 bins"]:
         """Mean level, variance, its error, and number of blocks, in bins of equally many blocks."""
@@ -140,21 +139,39 @@ class Transfer:
         return np.stack([level, variance, error, count.astype(float)])
 
 
-def blocks_of(pairs: Iterable[tuple[np.ndarray, np.ndarray]], ends: tuple[float, float]) -> Blocks:
-    """The blocks of pairs of frames."""
+def pairs_of(count: int, lag: int = 1) -> list[tuple[int, int]]:
+    """Numbers of frames that follow each other, so many frames apart."""
+    return [(k, k + lag) for k in range(count - lag)]
+
+
+def blocks_of(
+    frames: Steady, pairs: Iterable[tuple[int, int]], ends: tuple[float, float]
+) -> Blocks:
+    """The blocks of pairs of frames, by their numbers.
+
+    A frame that was divided by its exposure g has the variance (d + k m) / g^2 of its own level m,
+    so that a pair's variance over the mean of 1 / g^2 lies on the line of single frames, at the
+    mean level that is weighted so.
+    """
     columns: list[tuple[np.ndarray, ...]] = []
     shape = (0, 0)
-    for first, second in pairs:
-        difference, middle = second - first, (first + second) / 2
-        mean = _means(middle, _SIDE)
-        parts = _means(difference, _PART)
-        within = _means(difference * difference, _PART) - parts * parts
-        variance = _means(within, _SIDE // _PART) * (_PART**2 / (_PART**2 - 1) / 2)
+    dead = _dead(frames.levels)
+    for i, j in pairs:
+        weights = 1 / frames.gains[[i, j]] ** 2
+        scale = float(weights.mean())
+        first, second = frames.levels[i], frames.levels[j]
+        difference = (frames.same[j] - frames.same[i]) / np.float32(np.sqrt(scale))
+        one, other = (weights / weights.sum()).astype(np.float32)
+        middle = one * first + other * second
+        mean = means(middle, SIDE)
+        parts = means(difference, PART)
+        within = means(difference * difference, PART) - parts * parts
+        variance = means(within, SIDE // PART) * (PART**2 / (PART**2 - 1) / 2)
         is_cut = (np.minimum(first, second) <= ends[0]) | (np.maximum(first, second) >= ends[1])
         shape = mean.shape
-        squares = _means(parts * parts, _SIDE // _PART) * (_SIDE // _PART) ** 2
-        texture = np.maximum(_means(middle.astype(np.float64) ** 2, _SIDE) - mean**2, 0)
-        is_whole = _means(is_cut.astype(np.float32), _SIDE) == 0
+        squares = means(parts * parts, SIDE // PART) * (SIDE // PART) ** 2
+        texture = np.maximum(means(middle.astype(np.float64) ** 2, SIDE) - mean**2, 0)
+        is_whole = means((is_cut | dead).astype(np.float32), SIDE) == 0
         columns.append(tuple(map(np.ravel, (mean, variance, squares, texture, is_whole))))
     rows, cols = np.indices(shape)
     across = -(-shape[1] // _CLUSTER)
@@ -164,11 +181,19 @@ def blocks_of(pairs: Iterable[tuple[np.ndarray, np.ndarray]], ends: tuple[float,
     return Blocks(**joined, shape=(len(columns), shape[0], shape[1]))
 
 
-def _means(pixels: np.ndarray, side: int) -> np.ndarray:
-    """Means over squares; what remains at the edges is left out."""
-    rows, columns = (n // side for n in pixels.shape)
-    cut = pixels[: rows * side, : columns * side]
-    return cut.reshape(rows, side, columns, side).mean(axis=(1, 3), dtype=np.float64)
+def _dead(frames: np.ndarray) -> Bool[np.ndarray, "rows columns"]:
+    """Rows, columns and blocks that are stuck: their levels never change, where others' do."""
+    constant = frames.max(axis=0) == frames.min(axis=0)
+    dead = np.zeros(constant.shape, bool)
+    for axis in (0, 1):
+        share = constant.mean(axis=axis, keepdims=True)
+        dead |= (share > 0.9) & (np.median(share) < 0.5)
+    share = means(constant, SIDE)
+    # Of fewer frames, noise that spans few steps may leave many pixels as they are.
+    if len(frames) >= 4 and np.median(share) < 0.1:
+        rows, columns = (SIDE * n for n in share.shape)
+        dead[:rows, :columns] |= np.kron(share > 0.5, np.ones((SIDE, SIDE), bool))
+    return dead
 
 
 def transfer_of(clip: Blocks, others: Blocks | None, step: float) -> Transfer | None:
@@ -193,7 +218,7 @@ def transfer_of(clip: Blocks, others: Blocks | None, step: float) -> Transfer | 
     curvature = float(sums.curvatures()[0]), float(sums.curvatures(times).std())
     share = float(np.sum(chosen) / max(np.sum(clip.is_whole), 1))
     at_rest = chosen.reshape(clip.shape)
-    return Transfer(law, blocks, share, sums.lines(times), Estimate(*curvature), at_rest)
+    return Transfer(law, blocks, clip, share, sums.lines(times), Estimate(*curvature), at_rest)
 
 
 def rough_law(clip: Blocks, step: float) -> Law:
@@ -257,43 +282,3 @@ class _Sums(NamedTuple):
     def curvatures(self, times: np.ndarray | None = None) -> Float[np.ndarray, "n"]:
         """The part of each that is square in the level, at the ends of the levels."""
         return self._fitted(2, times)[:, 2]
-
-
-def steady(frames: np.ndarray, step: float) -> tuple[np.ndarray, float]:
-    """Frames whose exposure drifts, divided by it, and the standard deviation of the exposures.
-
-    Each frame is a line in the median of all, over blocks of which the tenth that is farthest from
-    it does not count. Frames that do not drift are returned as they are.
-    """
-    means = np.stack([_means(frame, _SIDE) for frame in frames]).reshape(len(frames), -1)
-    usual = np.median(means, axis=0)
-    # Half of the picture at rest holds the median, whatever moves over the rest.
-    shifts = np.median(means - usual, axis=1) / max(abs(float(np.median(usual))), step, 1e-9)
-    if np.ptp(usual) <= step or np.std(shifts) < _STEADY:
-        return frames, 0.0
-    lines = np.array([_robust_line(usual, each) for each in means])
-    offsets, gains, errors = lines.T
-    gains = gains / np.median(gains)
-    deviation = float(np.std(gains))
-    if deviation < max(_STEADY, 3 * float(np.median(errors))):
-        return frames, 0.0
-    corrected = (frames - offsets[:, None, None]) / lines[:, 1, None, None]
-    return corrected.astype(np.float32), deviation
-
-
-def _robust_line(x: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
-    """Offset, slope and the slope's error of the line from which most points deviate least."""
-    kept = np.ones(x.size, bool)
-    offset, slope, error = 0.0, 1.0, np.inf
-    for _ in range(12):
-        mean = x[kept].mean()
-        spread = np.sum((x[kept] - mean) ** 2)
-        if spread <= 0:
-            break
-        slope = float(np.sum((x[kept] - mean) * y[kept]) / spread)
-        offset = float(y[kept].mean() - slope * mean)
-        residual = y - offset - slope * x
-        scale = 1.4826 * float(np.median(np.abs(residual)))
-        error = scale / float(np.sqrt(spread))
-        kept = np.abs(residual) <= 3 * max(scale, 1e-9)
-    return offset, slope, error

@@ -225,7 +225,13 @@ def _light(found: "Measurement") -> list[str]:
         )
     line = f"photon_rate_per_s = {rate:.4g}"
     note = f"# +- {error:.2g}; {told} in {time * 1e3:g} ms, {found.noise.sources[0]}.{limit}"
-    return ["[light]", f"# White is level {found.clip.white:g} of the file.", f"{line}  {note}"]
+    return [
+        "[light]",
+        f"# White is level {found.clip.white:g} of the file.",
+        "# Electrons are effective, by their shot noise: an EMCCD, whose excess noise doubles its "
+        "variance, has twice as many.",
+        f"{line}  {note}",
+    ]
 
 
 def _reason(refusals: Sequence[Refusal]) -> str:

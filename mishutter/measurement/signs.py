@@ -7,11 +7,12 @@ or a smoothing, and hold for other photographs (`benchmarks/measure.py`).
 
 import numpy as np
 from jaxtyping import Float
-from scipy import fft, optimize, special
+from scipy import fft, ndimage, optimize, special
 
 from mishutter.measurement.clip import Clip
-from mishutter.measurement.estimates import Refusal
-from mishutter.measurement.photon_transfer import Transfer
+from mishutter.measurement.estimates import Estimate, Refusal
+from mishutter.measurement.photon_transfer import Transfer, blocks_of, pairs_of
+from mishutter.measurement.steady import SIDE, Steady, means
 
 NOISE = "the noise"
 UNCOMPRESSED = "Record frames as the sensor gives them: PNG or TIFF, no compression, no denoising"
@@ -24,21 +25,37 @@ _LEAST_GAMMA, _GAMMA_CERTAIN = 0.15, 16.0
 """Distance of gamma from 1 that is looked at, and fall of chi squared that proves it."""
 _STRAIGHT = 0.01
 """Distance from a line, as a share of the variance, that a sensor and what moves may leave."""
+_LEAST_DETAIL, _MOST_DETAIL = 0.04, 0.15
+"""Excess of the noise of edges that is doubted, and that forbids a number."""
+_MOST_SHARED = 0.05
+"""Share by which the variance of differences may depend on the time between frames."""
 _MOST_CUT = 0.9
 """Share of the picture that may be cut off where noise is still measured."""
 
 
-def signs_of(
-    clip: Clip, steady: np.ndarray, transfer: Transfer, black: float | None
-) -> list[Refusal]:
+def signs_of(clip: Clip, steady: Steady, transfer: Transfer, black: float | None) -> list[Refusal]:
     """The signs that a clip has, each with its reason and remedy."""
-    signs = (
-        _repeats(clip, transfer),
-        _correlates(steady, transfer.at_rest),
-        _steps_of_eight(clip),
+    coded = [_repeats(clip, transfer), _steps_of_eight(clip)]
+    others = [
+        _correlates(steady.same, transfer.at_rest),
+        _is_filtered(clip, steady, transfer),
         _bends(transfer, black, clip.step),
-    )
-    return [sign for sign in signs if sign is not None]
+    ]
+    excess = detail_excess(clip, steady, transfer)
+    # Edges that move make noise that neighbours and frames share, and that no level explains.
+    if is_moved(excess) and (any(others) or excess.value > _MOST_DETAIL):
+        reason = f"what has detail has {excess.value:.0%} more of it: the camera or its focus moves"
+        remedy = "Stand the camera on something firm, lock its focus, and record with one gain"
+        others = [Refusal(NOISE, reason, remedy)]
+    elif steady.focus and any(others):
+        remedy = "Lock the focus, and record again"
+        others = [Refusal(NOISE, "the focus drifts over the clip, which changes edges", remedy)]
+    return [sign for sign in (*coded, *others) if sign is not None]
+
+
+def is_moved(excess: Estimate) -> bool:
+    """Whether edges have more noise than flat parts, and more than chance gives them."""
+    return excess.value > max(_LEAST_DETAIL, 4 * excess.error)
 
 
 def shot_gamma(transfer: Transfer, step: float) -> float | None:
@@ -135,6 +152,66 @@ def _correlates(frames: np.ndarray, at_rest: np.ndarray) -> Refusal | None:
     return Refusal(NOISE, reason, remedy)
 
 
+def detail_excess(clip: Clip, steady: Steady, transfer: Transfer) -> Estimate:
+    """Variance of what has most detail over that of what has least, beyond what levels explain.
+
+    Noise does not know detail: where edges have more of it, they move.
+    """
+    mean = np.mean(steady.same, axis=0)
+    slopes = ndimage.gaussian_gradient_magnitude(mean, 1.0) ** 2
+    level, detail = (means(x, SIDE) for x in (mean, slopes))
+    rest = transfer.at_rest & transfer.law.exceeds_steps(level, clip.step)
+    detail = np.broadcast_to(detail / transfer.law(level), rest.shape)[rest]
+    spread = (transfer.clip.variance / transfer.law(transfer.clip.mean)).reshape(rest.shape)[rest]
+    level = np.broadcast_to(level, rest.shape)[rest]
+    excesses, squares = [], []
+    # Blocks of one level are compared, so that no curve of the noise counts.
+    for part in np.array_split(np.argsort(level), 8):
+        if part.size < 30:
+            return Estimate(0.0, np.inf)
+        low, high = np.quantile(detail[part], (0.5, 0.8))
+        few, many = spread[part][detail[part] <= low], spread[part][detail[part] >= high]
+        excesses.append(many.mean() - few.mean())
+        # Each frame is in two pairs.
+        squares.append(1.5 * (few.var() / few.size + many.var() / many.size))
+    return Estimate(float(np.mean(excesses)), float(np.sqrt(np.sum(squares))) / len(squares))
+
+
+def _is_filtered(clip: Clip, steady: Steady, transfer: Transfer) -> Refusal | None:
+    r"""Noise that successive frames share, as after a denoising over time.
+
+    Differences of raw frames have one variance, however far apart in time: that of frames two or
+    three apart over that of neighbours is $1 + \rho$ and more for noise that correlates by
+    $\rho$. Flat parts alone are asked, where little motion changes nothing.
+    """
+    worst, error = 0.0, np.inf
+    near = transfer.clip
+    shape = transfer.at_rest.shape
+    near_spread = (near.variance / transfer.law(near.mean)).reshape(shape)
+    texture = (near.texture / transfer.law(near.mean)).reshape(shape)
+    for lag in (2, 3):
+        if clip.num_frames <= lag:
+            break
+        far = blocks_of(steady, pairs_of(clip.num_frames, lag), clip.ends)
+        count = clip.num_frames - lag
+        rest = np.all([transfer.at_rest[k : k + count] for k in range(lag)], axis=0)
+        rest &= far.is_whole.reshape(rest.shape)
+        if rest.sum() < 30:
+            break
+        rest &= texture[:count] <= np.median(texture[:count][rest])
+        spread = (far.variance / transfer.law(far.mean)).reshape(rest.shape)
+        by_one = np.mean([near_spread[k : k + count] for k in range(lag)], axis=0)
+        ratio = float(spread[rest].mean() / by_one[rest].mean())
+        own = 3 / np.sqrt(60 * rest.sum())
+        if abs(ratio - 1) > worst:
+            worst, error = abs(ratio - 1), own
+    if worst <= max(_MOST_SHARED, 4 * error):
+        return None
+    reason = f"the noise of successive frames is alike by {worst:.0%}, as after denoising over time"
+    remedy = "Switch temporal noise reduction off: each frame must be an exposure of its own"
+    return Refusal(NOISE, reason, remedy)
+
+
 def _steps_of_eight(clip: Clip) -> Refusal | None:
     r"""Coefficients of 8 x 8 blocks that are whole numbers, on one of the 64 grids alone: a JPEG's.
 
@@ -200,7 +277,30 @@ def _bends(transfer: Transfer, black: float | None, step: float) -> Refusal | No
     if not (is_bent or is_far or abs(square) > 4.5 * spread):
         return None
     reason = f"the variance over the mean is {bend.max():.0%} from a straight line"
-    if is_gamma and gain > 4:
+    remedy = "Record raw frames with one gain: levels must be proportional to light"
+    misfit, leap = _leap(level, variance, error)
+    if leap is not None and misfit < 0.3 * min(straight, *fits):
+        reason = f"the variance leaps at level {leap:.3g}, as of a sensor that reads with two gains"
+        remedy = "Record with one gain (one readout, no high dynamic range)"
+    elif is_gamma and gamma > 1 and gain > 4:
         reason = f"the variance over the mean is bent as by a gamma of {gamma:.2g}"
-    remedy = "Switch gamma off, or record raw frames: levels must be proportional to light"
+        remedy = "Switch gamma off, or record raw frames: levels must be proportional to light"
     return Refusal(NOISE, reason, remedy)
+
+
+def _leap(level: np.ndarray, variance: np.ndarray, error: np.ndarray) -> tuple[float, float | None]:
+    """The misfit of a variance that leaps up at a level and goes on as steeply, and that level.
+
+    So a sensor reads with two gains, the brighter part with more noise.
+    """
+    fits: list[tuple[float, float | None]] = [(np.inf, None)]
+    for k in range(2, level.size - 2):
+        # Blocks of one bin lie to either side of the leap.
+        used = np.arange(level.size) != k
+        leap = np.arange(level.size) > k
+        columns = np.stack([np.ones(level.size), level, leap], axis=1)[used] / error[used, None]
+        target = variance[used] / error[used]
+        found = np.linalg.lstsq(columns, target)[0]
+        if found[1] > 0 and found[2] > 0:
+            fits.append((float(np.sum((columns @ found - target) ** 2)), float(level[k])))
+    return min(fits, key=lambda fit: fit[0])

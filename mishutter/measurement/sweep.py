@@ -251,6 +251,8 @@ class Region(NamedTuple):
             values, seen = self.frames.along(velocity, self.reference, self.numbers, box)
             seen &= box.of(self.mask)
             seen &= seen.sum(axis=0) > 1
+            if not seen.any():
+                break
             mean = _weighted(values, seen.astype(float))
             weights = seen.astype(float)
             for _ in range(2):

@@ -13,6 +13,8 @@ from mishutter.pictures.images import Axis, transposed
 
 _AROUND = 2
 """Frames to either side along which an object is averaged."""
+_LINE = 5.0
+"""Power of a line in the spectrum over that beside it, from which on pixels are a mosaic's."""
 _SMOOTHING = 1.5
 """Gaussian under which frames are compared with the reference; px."""
 
@@ -101,3 +103,20 @@ def _power(lines: np.ndarray) -> Float[np.ndarray, "frequencies"]:
     power = np.mean(np.abs(np.fft.rfft(_mirrored(lines))) ** 2, axis=0) / (2 * lines.shape[1])
     width = max(3, power.size // 32)
     return np.maximum(ndimage.uniform_filter1d(power, width, mode="nearest"), 1e-30)
+
+
+def is_mosaic(picture: Float[np.ndarray, "rows columns"]) -> bool:
+    """Whether pixels repeat with a period of 2 or 4 along both axes, as under filters of colours.
+
+    Light has no such lines in its spectrum: its power falls towards high frequencies.
+    """
+    return any(all(_has_line(lines, period) for lines in (picture, picture.T)) for period in (2, 4))
+
+
+def _has_line(lines: np.ndarray, period: int) -> bool:
+    """Whether the power about a period is several times that to either side of it."""
+    window = np.hanning(lines.shape[1])
+    power = np.mean(np.abs(np.fft.rfft((lines - lines.mean()) * window)) ** 2, axis=0)
+    away = np.abs(np.fft.rfftfreq(lines.shape[1]) - 1 / period)
+    sides = power[(away > 0.04) & (away < 0.1)]
+    return bool(power[away <= 1 / lines.shape[1]].mean() > _LINE * np.median(sides))

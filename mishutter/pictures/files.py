@@ -75,6 +75,79 @@ def is_tiff(path: Path) -> bool:
         return file.read(8).startswith(_TIFF_SIGNATURES)
 
 
+class GreyFrames(NamedTuple):
+    """Frames of a TIFF in the order of time, as the file holds them."""
+
+    frames: np.ndarray  # Whole or floating-point levels; shape `(frames, rows, columns)`
+    has_more: bool  # Whether the file holds further frames, which are not read
+    word: str  # A sentence on axes that were read otherwise than one would expect; `""` for none
+
+
+def grey_frames(path: Path, most: int | None) -> GreyFrames | None:
+    """The frames of a TIFF by the axes that it states; None if its pages are no plain numbers.
+
+    Of channels, depths and whatever else stands beside time, the first is taken.
+    """
+    import tifffile
+
+    with tifffile.TiffFile(path) as file:
+        series: Any = file.series[0]
+        key = series.keyframe
+        _require_size(key.imagewidth, key.imagelength)
+        tag = key.tags.get(_ORIENTATION)
+        is_plain = (
+            key.photometric == _BLACK_IS_ZERO
+            and key.samplesperpixel == 1
+            and key.dtype is not None
+            and key.bitspersample == 8 * key.dtype.itemsize
+            and (tag is None or tag.value == 1)
+            and not key.is_reduced
+            and series.axes.endswith("YX")
+        )
+        if not is_plain:
+            return None
+        numbers, word = _in_time(series)
+        if len(file.series) > 1 and series.axes == "YX":
+            # Each page was written as a picture of its own.
+            alike = [each for each in file.series if each.shape == series.shape]
+            pages: list[Any] = [each.keyframe for each in alike]
+        elif len(series.pages) < series.size // (key.imagewidth * key.imagelength):
+            # ImageJ describes the first frame of more than 4 GB alone; others follow its bytes.
+            whole = tifffile.memmap(path, mode="r").reshape(-1, key.imagelength, key.imagewidth)
+            return GreyFrames(whole[numbers[:most]], len(numbers) > len(numbers[:most]), word)
+        else:
+            # Frames of one set may lie in many files: those of this one are read.
+            each = (series.pages[number] for number in numbers)
+            pages = [page for page in each if page is not None and page.parent is file]
+        for page in pages[:most]:
+            _require_strips(page, key)
+        frames = [page.asarray().reshape(key.imagelength, key.imagewidth) for page in pages[:most]]
+        return GreyFrames(np.stack(frames), len(pages) > len(frames), word)
+
+
+def _in_time(series: Any) -> tuple[np.ndarray, str]:
+    """Numbers of the pages of a series that follow each other in time, and a word on its axes."""
+    axes, shape = series.axes[:-2], series.shape[:-2]
+    # An axis without a name is of frames; some programs call frames depths, or channels.
+    order = sorted(axes, key=lambda axis: {"T": 0, "Z": 2, "C": 3}.get(axis, 1))
+    numbers = np.arange(math.prod(shape)).reshape(shape)
+    if not order:
+        return numbers.reshape(1), ""
+    time = order[0]
+    if time == "C" and series.kind == "ome":
+        raise ValueError(f"its axes {series.axes} are channels (C) of one time: it holds no clip")
+    others = [k for k in range(len(axes)) if k != axes.index(time)]
+    for k in reversed(others):
+        numbers = numbers.take(0, axis=k)
+    size = " x ".join(map(str, series.shape))
+    words = [f"the axes of the file are {series.axes}, {size}"]
+    if time in "ZC":
+        words.append(f"{'depths' if time == 'Z' else 'channels'} ({time}) are taken for times")
+    if others:
+        words.append(f"the first of {' and '.join(axes[k] for k in others)} is measured")
+    return numbers, ": ".join([words[0], " and ".join(words[1:])]) if len(words) > 1 else ""
+
+
 def header_size(content: bytes) -> tuple[int, int]:
     """Columns and rows of the first whole picture of a file by its header, without decoding it."""
     if content.startswith(_TIFF_SIGNATURES):
@@ -230,11 +303,7 @@ def _decoded_tiff(path: Path, number: int) -> Decoded:
             raise ValueError("a TIFF of reduced pictures alone")
         has_more = next(pages, None) is not None
         _require_size(page.imagewidth, page.imagelength)
-        # Both decoders would leave missing strips or tiles black.
-        held = min(sum(map(bool, page.dataoffsets)), sum(map(bool, page.databytecounts)))
-        expected = math.prod(page.chunked)
-        if held < expected:
-            raise ValueError(f"it holds {held} of its {expected} strips or tiles")
+        _require_strips(page, page)
         meaning = page.photometric
         if meaning in _CONVERTED or (meaning <= _BLACK_IS_ZERO and _has_few_bits(page)):
             if not _has_few_bits(page, most=8):
@@ -248,6 +317,14 @@ def _decoded_tiff(path: Path, number: int) -> Decoded:
         tag = page.tags.get(_ORIENTATION) or first.tags.get(_ORIENTATION)
         pixels = _direct(page, 1 if tag is None else tag.value)
         return pixels._replace(has_more=has_more)
+
+
+def _require_strips(page: Any, key: Any) -> None:
+    """Refuses a page without all strips or tiles, which both decoders would leave black."""
+    held = min(sum(map(bool, page.dataoffsets)), sum(map(bool, page.databytecounts)))
+    expected = math.prod(key.chunked)
+    if held < expected:
+        raise ValueError(f"it holds {held} of its {expected} strips or tiles")
 
 
 def _whole_pages(file: "TiffFile") -> Iterator[tuple[int | None, "TiffPage"]]:

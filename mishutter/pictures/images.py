@@ -5,6 +5,8 @@
 
 import importlib.util
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -27,8 +29,10 @@ from mishutter.pictures.files import (
     MAX_PIXELS,
     PICTURE_FORMATS,
     Decoded,
+    GreyFrames,
     decoded,
     deep_png,
+    grey_frames,
     is_tiff,
     tiff_like,
 )
@@ -254,6 +258,12 @@ def decoded_pages(path: str | Path, most: int | None = None) -> tuple[Decoded, .
     return tuple(files)
 
 
+def frames_of_tiff(path: Path, most: int | None) -> GreyFrames | None:
+    """The frames of a TIFF by the axes that it states; None if its pages are no plain numbers."""
+    with _errors_of_one_line(path):
+        return grey_frames(path, most)
+
+
 def examined(
     path: str | Path, white: ArrayLike | None, linear: bool
 ) -> tuple[Picture, tuple[str, ...]]:
@@ -418,13 +428,20 @@ def row_power_spectrum(picture: Picture, num_frequencies: int = 256) -> RowSpect
 
 
 def _file(path: Path, number: int = 0) -> Decoded:
-    """Decodes a picture of a file; a failure becomes an error of one line with the reason."""
+    """Decodes a picture of a file."""
+    with _errors_of_one_line(path):
+        return decoded(path, number)
+
+
+@contextmanager
+def _errors_of_one_line(path: Path) -> Iterator[None]:
+    """Makes the failure of reading a file an error of one line with the reason."""
     if not path.exists():
         raise FileNotFoundError(f"`{_READ}` must name a file; got {str(path)!r}, not found.")
     if path.is_dir():
         raise IsADirectoryError(f"`{_READ}` must name a file; got the folder {str(path)!r}.")
     try:
-        return decoded(path, number)
+        yield
     except PermissionError as error:
         raise PermissionError(
             f"`{_READ}` must name a readable file; got {str(path)!r}, permission denied."

@@ -72,6 +72,110 @@ def test_piles_at_the_ends_are_cut_off():
     assert cut_off(whole, 1.0) == (-np.inf, np.inf)
 
 
+def as_files(folder, frames, numbers):
+    for frame, number in zip(frames, numbers, strict=True):
+        tifffile.imwrite(folder / f"run7_{number}.tif", frame, photometric="minisblack")
+    return sorted(folder.iterdir())
+
+
+def test_files_are_in_the_order_of_their_numbers(tmp_path):
+    """Of a folder, and as a shell lists them, 10 before 2; a list of another order is kept."""
+    frames = RNG.integers(70, 900, (11, 50, 52)).astype(np.uint16)
+    listed = as_files(tmp_path, frames, range(3, 14))
+    assert listed[0].name == "run7_10.tif"
+    for source in (tmp_path, listed):
+        clip = a_clip(source)
+        np.testing.assert_array_equal(clip.frames, frames)
+        assert not any("names" in word for word in clip.words)
+    np.testing.assert_array_equal(a_clip(listed[::-1]).frames[-1], frames[7])
+
+
+def test_a_number_that_is_missing_is_said(tmp_path):
+    """With the files on either side; numbers in steps of 20 are not missing."""
+    frames = RNG.integers(70, 900, (6, 50, 52)).astype(np.uint16)
+    as_files(tmp_path, frames, (8, 9, 10, 12, 13, 14))
+    (word,) = (word for word in a_clip(tmp_path).words if "names" in word)
+    assert "after 'run7_10.tif', before 'run7_12.tif'" in word
+    (tmp_path / "steps").mkdir()
+    as_files(tmp_path / "steps", frames, (80, 100, 121, 140, 160, 181))
+    assert not any("names" in word for word in a_clip(tmp_path / "steps").words)
+
+
+CHANNELS = RNG.integers(70, 900, (3, 2, 50, 52)).astype(np.uint16)
+AXES = {
+    "channels of an OME-TIFF": (
+        "a.ome.tif",
+        CHANNELS,
+        {"metadata": {"axes": "TCYX"}},
+        "first of C",
+    ),
+    "depths of an OME-TIFF": ("a.ome.tif", CHANNELS, {"metadata": {"axes": "TZYX"}}, "of Z is"),
+    "channels of ImageJ": (
+        "a.tif",
+        CHANNELS,
+        {"imagej": True, "metadata": {"axes": "TCYX"}},
+        "3 x 2 x 50 x 52: the first of C is measured",
+    ),
+    "frames that are called channels": (
+        "a.tif",
+        CHANNELS[:, 0],
+        {"imagej": True},
+        "channels (C) are taken for times",
+    ),
+    "more than 4 GB of ImageJ": (
+        "a.tif",
+        CHANNELS,
+        {"imagej": True, "truncate": True, "metadata": {"axes": "TCYX"}},
+        "first of C",
+    ),
+    "axes without a name": ("a.tif", CHANNELS, {"photometric": "minisblack"}, "first of Q"),
+}
+
+
+@pytest.mark.parametrize("slug", AXES)
+def test_frames_follow_each_other_in_time(slug, tmp_path):
+    """By the axes that a file states: of channels and depths the first is measured, which is said.
+
+    ImageJ describes the first frame of a file of more than 4 GB alone.
+    """
+    name, frames, settings, words = AXES[slug]
+    tifffile.imwrite(tmp_path / name, frames, **settings)
+    clip = a_clip(tmp_path / name)
+    np.testing.assert_array_equal(clip.frames, CHANNELS[:, 0])
+    assert any(words in word for word in clip.words)
+
+
+def test_channels_of_one_time_are_no_clip(tmp_path):
+    """The line names the axes of the file."""
+    tifffile.imwrite(tmp_path / "a.ome.tif", CHANNELS[0], metadata={"axes": "CYX"})
+    with pytest.raises(ValueError, match=r"its axes CYX are channels \(C\) of one time"):
+        a_clip(tmp_path / "a.ome.tif")
+
+
+@pytest.mark.parametrize("kind", [np.int16, np.int32, np.uint32])
+def test_whole_numbers_of_other_kinds_are_read(kind, tmp_path):
+    """From TIFFs and arrays, below 0 too, where black was taken off."""
+    levels = FRAMES.astype(kind) - (100 if kind != np.uint32 else 0)
+    tifffile.imwrite(tmp_path / "a.tif", levels, photometric="minisblack")
+    for source in (levels, tmp_path / "a.tif"):
+        clip = a_clip(source)
+        np.testing.assert_array_equal(clip.frames, levels)
+        assert clip.white == 1023
+
+
+@pytest.mark.parametrize("rows", [slice(None), slice(20, None)])
+@pytest.mark.parametrize("level", [0, 900])
+def test_a_frame_that_was_lost_is_named(rows, level):
+    """All of it, or the rows that did not arrive; rows that are so in all frames are no sign."""
+    frames = RNG.integers(70, 900, (5, 51, 62)).astype(np.uint16)
+    stuck = frames.copy()
+    stuck[:, rows][:, :20] = level
+    a_clip(stuck)
+    frames[3, rows] = level
+    with pytest.raises(ValueError, match=r"got frame 4, in which \d+ of 51 rows hold one level"):
+        a_clip(frames)
+
+
 def jpeg(path):
     Image.fromarray(FRAMES[0].astype(np.uint8)).save(path / "a.jpg", quality=95)
     return path / "a.jpg"

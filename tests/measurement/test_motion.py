@@ -133,3 +133,44 @@ def test_the_right_velocity_leaves_noise_alone():
     near = sweep.near(np.array([4.0, -8.0]), 0.9)
     assert np.nanmedian(sweep.residuals[near].min(axis=0)) < 1.5
     assert np.nanmedian(sweep.residuals[sweep.near(np.array([-6.0, 6.0]), 0.9)]) > 3
+
+
+def moving(right, down, count, lost=()):
+    """A clip of one object that goes so many px a frame, of which frames were lost."""
+    speed = 50.0 * down, 50.0 * right
+    clip = ClipOf(
+        (Thing((75, 78), (34, 32), speed, "coffee.png"),), (150, 156), "camera.png", count, seed=3
+    )
+    return found(clip, np.delete(clip.levels(), lost, axis=0))
+
+
+@pytest.mark.parametrize(("speed", "count"), [(0.4, 8), (0.8, 8), (0.8, 10), (1.3, 9)])
+def test_slow_objects_are_found(speed, count):
+    """Below 1.4 px a frame, in clips of 8 to 10 frames."""
+    (each,) = moving(-speed, 0.3 * speed, count).objects
+    assert each.velocity == pytest.approx((15 * speed, -50 * speed), abs=2.5)
+
+
+@pytest.mark.parametrize("lost", [(4,), pytest.param((2, 3), marks=pytest.mark.slow)])
+def test_a_lost_frame_is_seen_and_counted(lost):
+    """An object goes two or three times as far there; its velocity is that of other frames."""
+    motion = moving(1.2, -0.3, 9 + len(lost), lost)
+    (each,) = motion.objects
+    assert each.velocity == pytest.approx((-15, 60), abs=2)
+    (word,) = motion.words
+    assert f"{1 + len(lost)} times as far as usual from frame {lost[0]} to the next" in word
+    assert moving(1.2, -0.3, 8).words == ()
+
+
+@pytest.mark.slow
+def test_noise_of_rows_makes_no_object():
+    """Among dim points that stand still."""
+    rng = np.random.default_rng(2)
+    rows, columns = np.mgrid[:256, :256]
+    light = 3 * np.exp(-rows / 40)
+    for y, x in rng.uniform(5, 250, (15, 2)):
+        light = light + 50 * np.exp(-((rows - y) ** 2 + (columns - x) ** 2) / 2)
+    noise = [1.2 * rng.normal(size=(256, 1)) + 4.8 * rng.normal(size=(256, 256)) for _ in range(5)]
+    levels = np.rint(500 + light + np.array(noise)).astype(np.uint16)
+    frames, noise = noise_from(clip_of(levels, 10.0, None, None))
+    assert motion_of(noise.law.of_unit_noise(frames.frames), 10.0).objects == ()

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from PIL import Image
+from scipy import ndimage
 from support.clips import ClipOf, Thing
 
 from mishutter.measurement.clip import clip_of
@@ -239,3 +240,108 @@ def test_a_gamma_without_read_noise_is_doubted():
     frames, noise = found(coded(1.5), EIGHT)
     assert noise.electrons_at_white is None or "a gamma of 1." in frames.words[-1]
     assert not any("gamma" in word for word in found()[0].words)
+
+
+STILL = replace(CLIP, things=(), num_frames=7)
+LIT = STILL.exposed(0.0)
+
+
+def recorded(pictures, seed=5, clip=STILL):
+    rng = np.random.default_rng(seed)
+    return np.stack([clip.recorded(np.clip(each, 0, 1), rng) for each in pictures])
+
+
+def is_right(noise):
+    """Whether the numbers are those of the camera, within three errors and 5 and 15 %."""
+    return holds(noise.electrons_at_white, 3100, 0.05) and holds(noise.read_noise, 4.3, 0.15)
+
+
+@pytest.mark.parametrize("share", [0.15, 0.5])
+def test_noise_reduction_over_time_is_refused(share):
+    """Frames that hold a share of the one before them are less unlike it than those after that."""
+    frames = [each.astype(float) for each in recorded([LIT] * 14)]
+    for k in range(1, len(frames)):
+        frames[k] = (1 - share) * frames[k] + share * frames[k - 1]
+    _, noise = found(np.rint(frames[7:]).astype(np.uint16), dark=STILL.dark())
+    assert noise.electrons_at_white is None
+    assert any("denoising over time" in each.reason for each in noise.refusals)
+    assert is_right(found(recorded([LIT] * 14), dark=STILL.dark())[1])
+
+
+@pytest.mark.parametrize(
+    "gains", [np.linspace(0.5, 1, 7), np.array([1, 0.54, 0.84, 0.74, 0.6, 0.75, 0.78])]
+)
+def test_a_lamp_that_warms_up_or_flashes_changes_no_number(gains):
+    """A frame that is divided by its exposure has more noise where that is short."""
+    frames, noise = found(recorded([gain * LIT for gain in gains]), dark=STILL.dark())
+    assert is_right(noise)
+    assert any("exposure drifts" in word for word in frames.words)
+
+
+def test_what_is_stuck_changes_no_number():
+    """Rows at 0 and at white, a column, and a bar of white; the dark frames have them too."""
+
+    def stuck(frames):
+        frames = frames.copy()
+        frames[:, 50:53], frames[:, 120:124] = 0, CLIP.full
+        frames[:, :, 77] = 500
+        frames[:, 8:40, 150:190] = CLIP.full
+        return frames
+
+    _, noise = found(stuck(recorded([LIT] * 7)), dark=stuck(STILL.dark()))
+    assert is_right(noise)
+    assert abs(noise.black.value - 64) < 0.1
+    (alone,) = (found(stuck(recorded([LIT] * 7)), dark=stuck(STILL.dark(1)))[1],)
+    assert is_right(alone)
+
+
+@pytest.mark.parametrize("shake", [0.05, 0.2])
+def test_a_shaking_camera_changes_no_number(shake):
+    """Its motion is taken out, which is said; the errors grow by what that may leave."""
+    moves = shake * np.random.default_rng(2).normal(size=(7, 2))
+    pictures = [ndimage.shift(LIT, move, order=3, mode="nearest") for move in moves]
+    frames, noise = found(recorded(pictures), dark=STILL.dark())
+    assert abs(noise.electrons_at_white.value - 3100) < 2 * noise.electrons_at_white.error
+    assert abs(noise.read_noise.value - 4.3) < 2 * noise.read_noise.error
+    assert noise.electrons_at_white.error < 0.05 * 3100
+    (word,) = (word for word in frames.words if "shakes" in word)
+    size = np.sqrt(np.mean(np.sum((moves - moves.mean(axis=0)) ** 2, axis=1)))
+    assert float(word.split()[4]) == pytest.approx(size, rel=0.15)
+    assert not any("shakes" in word for word in found()[0].words)
+
+
+def test_edges_that_move_are_no_gamma():
+    """A camera that rolls by a third of a degree makes noise of edges, which is doubted."""
+    angles = 0.3 * np.random.default_rng(2).normal(size=7)
+    pictures = [ndimage.rotate(LIT, a, reshape=False, order=3, mode="nearest") for a in angles]
+    frames, noise = found(recorded(pictures), dark=STILL.dark())
+    assert noise.refusals or "noise is too high" in " ".join(frames.words)
+    assert all("gamma" not in each.text for each in noise.refusals)
+
+
+def test_a_focus_that_drifts_is_said():
+    """By how much blur changes over the clip."""
+    pictures = [ndimage.gaussian_filter(LIT, 0.1 * k) for k in range(7)]
+    frames, noise = found(recorded(pictures), dark=STILL.dark())
+    assert any("focus drifts by 0.59 px" in word for word in frames.words)
+    assert all("denoising" not in each.text for each in noise.refusals)
+    assert not any("focus" in word for word in found()[0].words)
+
+
+@pytest.mark.parametrize("name", ["brick.png", "coins.png", "cell.png"])
+def test_a_picture_that_pans_tells_no_exposure(name):
+    """Other detail comes into each place, which is no drift of the lamp."""
+    clip = ClipOf((Thing((96, 112), (900, 900), (60.0, 200.0), name),), (192, 224), name)
+    assert not any("drifts" in word for word in found(clip.levels(), clip)[0].words)
+
+
+def test_a_sensor_of_two_gains_is_told_no_gamma():
+    """Its bright part has more read noise, by which the variance leaps."""
+    rng = np.random.default_rng(4)
+    light = np.broadcast_to(np.linspace(60, 9000, 224), (8, 192, 224))
+    electrons = rng.poisson(light)
+    noisy = electrons + np.where(electrons < 3000, 2, 60) * rng.normal(size=light.shape)
+    _, noise = found(np.rint(100 + 4 * noisy).clip(0).astype(np.uint16), black=100.0)
+    (refusal,) = noise.refusals
+    assert "two gains" in refusal.reason
+    assert "gamma" not in refusal.text

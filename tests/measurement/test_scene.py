@@ -62,6 +62,7 @@ def test_each_number_has_its_error_and_source(measurement):
         (line,) = (each for each in lines if each.startswith(key) and "#" in each)
         assert all(word in line for word in words), line
     assert any("Assumed, not measured: [limits]" in line for line in lines)
+    assert any(line.startswith("# Electrons are effective") for line in lines)
     assert sum(line.startswith("# object ") for line in lines) == 2
 
 
@@ -73,6 +74,19 @@ def test_without_an_exposure_the_light_is_a_lower_limit():
     assert float(found.scene.photon_rate) == pytest.approx(3000 * 50, rel=0.06)
     assert "A LOWER LIMIT" in found.scene_text
     assert tomllib.loads(found.scene_text)["speeds"] == {"list_px_per_s": [0.0]}
+
+
+@pytest.mark.parametrize("width", [1, 2])
+def test_a_mosaic_of_colours_is_said(width):
+    """Filters over single pixels or squares of four; the picture would hold them as texture."""
+    still = replace(CLIP, things=(), size=(96, 110))
+    told = {"frames_per_s": 50, "white": CLIP.full, "black": still.black_level}
+    rows, columns = (index // width % 2 for index in np.indices(still.size))
+    filters = np.where(rows == columns, np.where(rows == 0, 0.5, 0.6), 1.0)
+    rng = np.random.default_rng(3)
+    levels = np.stack([still.recorded(filters * still.exposed(0.0), rng) for _ in range(4)])
+    assert any("mosaic" in word for word in ms.measure(levels, **told).clip.words)
+    assert not any("mosaic" in word for word in ms.measure(still.levels(), **told).clip.words)
 
 
 def test_what_is_not_known_is_a_commented_key():
