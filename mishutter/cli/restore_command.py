@@ -43,8 +43,8 @@ def restore(
         typer.Argument(
             metavar="CAPTURE",
             parser=as_path,
-            help="Captures as PNG, JPEG, TIFF, BMP, WebP, PGM or PPM; each page of a TIFF is one "
-            "capture.",
+            help="Captures as PNG, JPEG, TIFF, BMP, WebP, PGM or PPM, or a folder of them, in the "
+            "order of the numbers in their names; each page of a TIFF is one capture.",
             show_default=False,
         ),
     ],
@@ -145,16 +145,18 @@ def restore(
         camera, apart = _recorded(camera, stage_path, files)
     burst = camera.sequence
     speed = None if speed_text is None else speed_for(camera, speed_text, scene_file)
-    read = (read_captures(path, black=black, white=white, linear=linear) for path in captures)
+    paths = itertools.chain(*map(_files_of, captures))
+    read = (read_captures(path, black=black, white=white, linear=linear) for path in paths)
     seen = list(itertools.chain(*read))
     labels = _Label.of_all(seen)
     folder, method = writable_folder(out), named_decoder(decoder)
     written, found = [], {}
     is_one = len(seen) == 1 or burst is not None
     for capture, label, light in _together(seen, labels, burst):
+        names = label.name if burst is None else _names_of(labels)
         with (
             interruptible(lambda: AGAIN),
-            progress_bar(f"restoring {label.name}", _TICKS) as update,
+            progress_bar(f"restoring {names}", _TICKS) as update,
         ):
             result = restored_capture(
                 light,
@@ -163,7 +165,7 @@ def restore(
                 speed=speed,
                 progress=lambda text, share, update=update: update(int(share * _TICKS), text),
             )
-        _note_brightness(label.name, result.light)
+        _note_brightness(names, result.light)
         stem = "" if is_one else f"{label.stem}_"
         write_picture(folder / f"{stem}restored.png", result.light)
         written.append(f"{stem}restored.png")
@@ -177,14 +179,14 @@ def restore(
                 for each, one in (zip(labels, seen, strict=True) if is_one else [(label, capture)])
             },
             result.light,
-            camera=f"{shown_name(label.name)}: {camera_text(camera)}",
+            camera=f"{shown_name(names)}: {camera_text(camera)}",
             decoder=f"by the {decoder.value} decoder",
         )
         save_figure(figure, folder / f"{stem}side_by_side.png")
         written.append(f"{stem}side_by_side.png")
         found[label.name] = result.found
         if result.found is not None and result.found.doubt:
-            note(f"warning: {label.name}: {result.found.doubt}")
+            note(f"warning: {names}: {result.found.doubt}")
     if json:
         speeds = {
             name: None if each is None else estimate_document(each) for name, each in found.items()
@@ -193,12 +195,16 @@ def restore(
         write_json({"decoder": decoder.value, "files": written, "found": speeds} | path)
     else:
         rows = [
-            [name, *speed_found(each, in_burst=burst is not None)]
+            [
+                name if burst is None else _names_of(labels),
+                *speed_found(each, in_burst=burst is not None),
+            ]
             for name, each in found.items()
             if each is not None
         ]
         if rows:
-            print_table("Speed found", ["capture", "px/s", ""], rows)
+            title = "Speed found" if speed is None else "Speed"
+            print_table(title, ["capture" if burst is None else "frames", "px/s", ""], rows)
     note(f"{folder}: {', '.join(written)}")
 
 
@@ -239,6 +245,23 @@ class _Label(NamedTuple):
         names = [label.name for label in labels]
         require(len(set(labels)) == len(labels), "CAPTURE", "be of different names", names)
         return labels
+
+
+def _files_of(path: Path) -> list[Path]:
+    """A file, or the pictures of a folder."""
+    from mishutter.pictures.files import PICTURE_FORMATS, pictures_in
+
+    if not path.is_dir():
+        return [path]
+    files = pictures_in(path)
+    require(bool(files), "CAPTURE", f"be a folder with pictures as {PICTURE_FORMATS}", str(path))
+    return files
+
+
+def _names_of(labels: list[_Label]) -> str:
+    """The frames of a burst in words: the first and the last."""
+    names = [label.name for label in labels]
+    return names[0] if len(names) == 1 else f"{names[0]} to {names[-1]}"
 
 
 def _together(
