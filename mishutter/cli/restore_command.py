@@ -77,8 +77,18 @@ def restore(
             CAMERA,
             "--stage-path FILE",
             "Path that an encoder recorded, in place of the planned one: text with columns "
-            "`time (ms)` and `x (um)`, and `y (um)` of two axes, in any such units or px. "
+            "`time (ms)` and `x (um)`, and `y (um)` of two axes, in any such units, px, or those "
+            "of --stage-scale-px. "
             "--mid-exposure-ms is the reading of its clock at the middle of the burst.",
+        ),
+    ] = None,
+    stage_scale: Annotated[
+        float | None,
+        option(
+            CAMERA,
+            "--stage-scale-px PX",
+            "Pixels that a place of 1 in --stage-path is, for an encoder in counts or volts; below "
+            "0 where it counts backwards.",
         ),
     ] = None,
     black: Annotated[
@@ -142,7 +152,10 @@ def restore(
 
     camera, apart = _camera(scene_file, design, files, shutter), None
     if stage_path is not None:
-        camera, apart = _recorded(camera, stage_path, files)
+        camera, apart = _recorded(camera, stage_path, files, stage_scale)
+    else:
+        requirement = "be left out without --stage-path"
+        require(stage_scale is None, "--stage-scale-px", requirement, stage_scale)
     burst = camera.sequence
     speed = None if speed_text is None else speed_for(camera, speed_text, scene_file)
     paths = itertools.chain(*map(_files_of, captures))
@@ -209,14 +222,15 @@ def restore(
 
 
 def _recorded(
-    camera: "AbstractDesign", stage_path: Path, files: CameraFiles
+    camera: "AbstractDesign", stage_path: Path, files: CameraFiles, scale: float | None
 ) -> "tuple[AbstractDesign, PathDifference]":
     """A camera whose stage was where an encoder recorded it; notes how far that is off."""
     from mishutter.hardware.recorded_paths import read_path, with_recorded_path
     from mishutter.hardware.stage_files import pitch_of
 
     num_axes = len(camera.exposures.axes)
-    path = read_path(stage_path, num_axes=num_axes, pixel_pitch=pitch_of(camera.scene))
+    pitch = pitch_of(camera.scene)
+    path = read_path(stage_path, num_axes=num_axes, pixel_pitch=pitch, scale=scale)
     middle = files.middle_ms * 1e-3
     recorded, apart = with_recorded_path(camera, path, middle=middle, name=str(stage_path))
     note(f"the recorded path is {apart.text} from the planned one, wherever the whole stands")

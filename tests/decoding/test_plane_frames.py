@@ -209,7 +209,7 @@ def test_a_velocity_that_is_told_is_judged():
     assert (told.trusted, told.doubt, told.error) == (True, "", 0.0)
     np.testing.assert_array_equal(told.velocity, VELOCITY)
     assert told.misfit == pytest.approx(1.1, abs=0.15)
-    beside = VELOCITY + [90.0, 0.0]
+    beside = VELOCITY + np.array([90.0, 0.0])
     for light, velocity, reason in (
         (captures, beside, "px off its place: another velocity, rows and columns exchanged"),
         (np.swapaxes(captures, 1, 2), VELOCITY, "do not fit one picture at one velocity"),
