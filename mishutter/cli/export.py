@@ -231,7 +231,7 @@ def _note_ends(table: "DriveTable | FrameTable", *, returns: bool) -> None:
 
 
 def _write(
-    table: "DriveTable | FrameTable", folder: Path, form: FormatName, *, returns: bool
+    table: "DriveTable | FrameTable", folder: Path, form: FormatName, *, returns: bool = False
 ) -> list[str]:
     """Writes a table, its triggers, its picture and the path of its stage; returns their names."""
     from mishutter.hardware.drive_files import DRIVE_FORMATS
