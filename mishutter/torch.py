@@ -4,7 +4,7 @@ Pictures are tensors of light, white = 1, whose last two axes are rows and colum
 colours come before them. What comes back has their precision and lies on their device.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial, reduce
 from typing import Any, NamedTuple, final
 
@@ -16,7 +16,14 @@ import torch
 from jaxtyping import Array, ArrayLike, Float
 from torch import Tensor
 
-from mishutter._core.checks import require, require_finite, require_scalar, shape_of
+from mishutter._core.checks import (
+    Unquoted,
+    all_concrete,
+    require,
+    require_finite,
+    require_scalar,
+    shape_of,
+)
 from mishutter.camera.capture import (
     captured_columns,
     captured_response,
@@ -35,13 +42,15 @@ Camera = Callable[..., tuple[AbstractMotion, AbstractShutter]]
 """A motion and a shutter as a function of arrays."""
 
 
-def differentiable(function: Callable[..., Array]) -> Callable[..., Tensor]:
-    """A function of JAX as one that PyTorch differentiates, once.
+def differentiable(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A function of JAX as one that PyTorch differentiates, as often as JAX does.
 
-    Kernels, losses and metrics of the package are such functions.
+    Kernels, losses and metrics of the package are such functions. What it returns is one array, or
+    several in tuples and dictionaries. `torch.func` transforms it as a function of its own.
 
     Raises:
-        ValueError: by the function, where an argument is no tensor of floating-point numbers.
+        ValueError: by the function, where an argument or a value is no tensor of floating-point
+            numbers.
 
     Examples:
         >>> import torch
@@ -56,39 +65,126 @@ def differentiable(function: Callable[..., Array]) -> Callable[..., Tensor]:
         -0.50
     """
 
-    def of_tensors(*tensors: Tensor) -> Tensor:
-        for index, tensor in enumerate(tensors):
-            subject, requirement = f"differentiable(...)[{index}]", "be a tensor of floating point"
-            is_tensor = isinstance(tensor, Tensor) and tensor.is_floating_point()
-            require(is_tensor, subject, requirement, getattr(tensor, "dtype", tensor))
+    def of_tensors(*tensors: Tensor) -> Any:
+        _require_floating("differentiable(...)", tensors)
         require(bool(tensors), "differentiable(...)", "be called with a tensor", 0)
-        return _OfJax.apply(function, *tensors)
+        structures = []
+
+        def flat(*arrays: Array) -> tuple[Array, ...]:
+            leaves, structure = jax.tree.flatten(function(*arrays))
+            structures.append(structure)
+            values = tuple(map(jnp.asarray, leaves))
+            are_real = bool(values) and all(
+                jnp.issubdtype(value.dtype, jnp.floating) for value in values
+            )
+            got = Unquoted(", ".join(str(value.dtype) for value in values) or None)
+            requirement = "return arrays of floating point"
+            require(are_real, "differentiable(function=...)", requirement, got)
+            return values
+
+        values = _OfJax.apply(_Call(flat), *tensors)
+        return jax.tree.unflatten(structures[-1], values)
 
     return of_tensors
 
 
+class _Call:
+    """A function of JAX whose values are a tuple, and what pulls their changes back."""
+
+    def __init__(self, function: Callable[..., tuple[Array, ...]]):
+        self.function = function
+        self.pull: Callable[..., tuple[Array, ...]] | None = None
+
+    def linearised(self, *arrays: Array) -> tuple[Array, ...]:
+        """The values; what pulls back stays with the call."""
+        values, pull = jax.vjp(self.function, *arrays)
+        kinds = [value.dtype for value in values]
+        self.pull = lambda *changes: pull(tuple(map(jnp.astype, changes, kinds)))
+        return values
+
+    def pulled_back(self, num_values: int) -> "_Call":
+        """Changes of the arguments, as a function of changes of the values and the arguments."""
+
+        def pulled(*arrays: Array) -> tuple[Array, ...]:
+            values, pull = jax.vjp(self.function, *arrays[num_values:])
+            changes = zip(arrays, values, strict=False)
+            return pull(tuple(change.astype(value.dtype) for change, value in changes))
+
+        return _Call(pulled)
+
+    def pushed(self, num_arguments: int) -> "_Call":
+        """Changes of the values, as a function of the arguments and of their changes."""
+
+        def pushed(*arrays: Array) -> tuple[Array, ...]:
+            return jax.jvp(self.function, arrays[:num_arguments], arrays[num_arguments:])[1]
+
+        return _Call(pushed)
+
+
 class _OfJax(torch.autograd.Function):
-    """The value of a function of JAX, and what its derivatives pull back."""
+    """The values of a function of JAX, whose derivatives are such functions again."""
 
     @staticmethod
-    def forward(ctx: Any, function: Callable[..., Array], *tensors: Tensor) -> Tensor:
-        value, ctx.pull = jax.vjp(function, *map(_as_array, tensors))
-        ctx.kind, ctx.like = value.dtype, [(each.dtype, each.device) for each in tensors]
+    def forward(call: _Call, *tensors: Tensor) -> tuple[Tensor, ...]:
+        is_differentiated = any(each.requires_grad for each in tensors)
+        function = call.linearised if is_differentiated else call.function
+        values = function(*map(_as_array, tensors))
         widest = reduce(torch.promote_types, [each.dtype for each in tensors])
-        return _as_tensor(value, widest, tensors[0].device)
+        return tuple(_as_tensor(value, widest, tensors[0].device) for value in values)
 
     @staticmethod
-    @torch.autograd.function.once_differentiable
-    def backward(  # pyright: ignore[reportIncompatibleMethodOverride] - as the decorator makes it
-        ctx: Any, change: Tensor
-    ) -> tuple[Tensor | None, ...]:
-        slopes = ctx.pull(_as_array(change).astype(ctx.kind))
-        pairs = zip(slopes, ctx.like, strict=True)
-        return None, *(_as_tensor(slope, *like) for slope, like in pairs)
+    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: tuple[Tensor, ...]) -> None:
+        ctx.call, *tensors = inputs
+        ctx.save_for_backward(*tensors)
+        ctx.save_for_forward(*tensors)
+
+    @staticmethod
+    def backward(ctx: Any, *changes: Tensor) -> tuple[Tensor | None, ...]:
+        call, tensors = ctx.call, ctx.saved_tensors
+        if call.pull is None or torch.is_grad_enabled():  # the slopes may have slopes of their own
+            slopes = _OfJax.apply(call.pulled_back(len(changes)), *changes, *tensors)
+        else:
+            slopes = _OfJax.apply(_Call(call.pull), *changes)
+        return None, *(slope.to(each) for slope, each in zip(slopes, tensors, strict=True))
+
+    @staticmethod
+    def jvp(ctx: Any, *changes: Any) -> tuple[Tensor, ...]:
+        _, *changes_of_tensors = changes
+        call = ctx.call.pushed(len(changes_of_tensors))
+        return _OfJax.apply(call, *ctx.saved_tensors, *changes_of_tensors)
+
+    @staticmethod
+    def vmap(
+        info: Any, in_dims: tuple[int | None, ...], *inputs: Any
+    ) -> tuple[tuple[Tensor, ...], tuple[int, ...]]:
+        call, *tensors = inputs
+        values = _OfJax.apply(_Call(jax.vmap(call.function, in_dims[1:])), *tensors)
+        return values, (0,) * len(values)
+
+
+def _require_floating(subject: str, tensors: Iterable[Tensor]) -> None:
+    for index, tensor in enumerate(tensors):
+        is_floating = isinstance(tensor, Tensor) and tensor.is_floating_point()
+        got = getattr(tensor, "dtype", tensor)
+        require(is_floating, f"{subject}[{index}]", "be a tensor of floating point", got)
 
 
 def _as_array(tensor: Tensor) -> Array:
     return jnp.asarray(tensor.detach().cpu().numpy())
+
+
+def _numbers_of(subject: str, tensors: Iterable[Tensor]) -> list[Array]:
+    """The numbers of tensors, also within a function that `torch.func` differentiates."""
+    numbers: list[Array] = []
+
+    def record(*arrays: Array) -> tuple[Array, ...]:
+        numbers.extend(arrays)
+        return arrays
+
+    _OfJax.apply(_Call(record), *(tensor.detach() for tensor in tensors))
+    got = Unquoted("a batch of `torch.vmap`")
+    require(all_concrete(numbers), subject, "be the same for all pictures", got)
+    return numbers
 
 
 def _as_tensor(array: ArrayLike, dtype: Any, device: Any) -> Tensor:
@@ -218,16 +314,18 @@ def blurred(
     the network that restores, or of a speed that is fitted.
 
     Raises:
-        ValueError: as `Blur`, or if the numbers are those of no motion or shutter.
+        ValueError: as `Blur`, or if the numbers are those of no motion or shutter, or differ within
+            a `torch.vmap`.
     """
     require_scene(scene)
     require_border("blurred(border=...)", border)
     rows = _along(pictures, scene, "blurred(pictures=...)")
     told = speed if isinstance(speed, Tensor) else torch.tensor(speed, dtype=torch.float64)
-    number = told.detach().cpu().numpy()
+    _require_floating("blurred(numbers=...)", numbers)
+    (number,) = _numbers_of("blurred(speed=...)", [told])
     require_scalar("blurred(speed=...)", number)
     require_finite("blurred(speed=...)", number)
-    motion, _ = camera(*map(_as_array, numbers))
+    motion, _ = camera(*_numbers_of("blurred(numbers=...)", numbers) if numbers else ())
     require(isinstance(motion, AbstractMotion), "blurred(camera=...)", "return a motion", motion)
     layout = _Layout.of(motion, float(number), rows.shape[-1], border)
     sizes = layout.period, layout.num_nodes
@@ -270,7 +368,7 @@ def physics(
 
     `A` and `A_adjoint` are those of `Blur`, and the noise is that of `simulate_capture`, Poisson of
     the scene's light and Gaussian of its read noise; `A_dagger`, `prox_l2` and deepinv's solvers
-    follow. deepinv is not installed with this package (`pip install deepinv`).
+    follow. deepinv is an extra of the package (`pip install 'mishutter[deepinv]'`).
 
     Raises:
         ValueError: as `Blur`, or if the scene has no light.
@@ -304,13 +402,15 @@ def _along(pictures: Tensor, scene: Scene, subject: str) -> Tensor:
     is_light = isinstance(pictures, Tensor) and pictures.dtype in kinds
     requirement = "be a tensor of 32 or 64 bits"
     require(is_light, subject, requirement, getattr(pictures, "dtype", pictures))
-    has_pixels = pictures.ndim >= 2 and 0 not in pictures.shape
+    has_pixels = pictures.ndim >= 2 and 0 not in pictures.shape[-2:]
     require(has_pixels, subject, "have rows and columns", shape_of(pictures))
     return pictures if scene.sensor.axis == "rows" else pictures.mT
 
 
 def _filtered(rows: Tensor, response: Tensor) -> Tensor:
     """Periodic rows through a response on the grid of their DFT."""
+    if not rows.numel():  # PyTorch transforms no empty batch
+        return rows
     return torch.fft.irfft(torch.fft.rfft(rows) * response, rows.shape[-1])
 
 

@@ -44,6 +44,8 @@ MOTIONS = {
     "still": StillCamera(half_exposure=0.0071),
     "free path": FreeMotion(accelerations=[0.9e5, 2.1e5], half_exposure=0.0093, velocity=-21.0),
 }
+BY_TORCH_JIT = pytest.mark.filterwarnings("ignore:.torch.jit.script. is deprecated")
+"""Which PyTorch calls when it differentiates forwards."""
 BORDERS = ["reflect", "edge", "wrap", "zero", "scene"]
 
 
@@ -205,6 +207,81 @@ def test_a_function_of_jax_has_its_own_gradient():
     torch.testing.assert_close(scale.grad, 4 * sines.float())
 
 
+def waves(row, scale):
+    """A function of JAX whose derivatives of every order are not 0, with several values."""
+    return {"waves": jnp.sin(row) * row[::-1] ** 2 * scale, "product": (jnp.prod(row) ** 2,)}
+
+
+WAVES = differentiable(waves)
+
+
+def first_wave(row):
+    return WAVES(row, 0.7 * row[1])["waves"][0]
+
+
+@BY_TORCH_JIT
+def test_second_derivatives_are_those_of_jax():
+    """Backwards twice, forwards after that, and of a penalty on a slope beside another term."""
+    (row,) = numbers([0.3, 1.1, 2.3])
+    hessian = torch.autograd.functional.hessian(first_wave, row.detach())
+    expected = jax.hessian(lambda row: waves(row, 0.7 * row[1])["waves"][0])
+    expected = torch.tensor(np.array(expected(jnp.asarray(row.detach().numpy()))))
+    torch.testing.assert_close(hessian, expected)
+    torch.testing.assert_close(torch.func.hessian(first_wave)(row.detach()), expected)
+    slope = torch.autograd.grad(first_wave(row), row, create_graph=True)[0]
+    (slope.square().sum() + row.sum()).backward()
+    torch.testing.assert_close(row.grad, 1 + 2 * expected @ slope.detach())
+
+
+def test_functions_of_torch_transform_it():
+    """`vmap` and `grad`, one within the other too, with an argument that stays."""
+    rows = torch.from_numpy(pictures(2, 3))
+    scales = torch.tensor([0.7, -1.3], dtype=torch.float64)
+    values = torch.func.vmap(WAVES)(rows, scales)["waves"]
+    torch.testing.assert_close(values, torch.stack([*map(_waves_of, rows, scales)]))
+    alone = torch.func.vmap(WAVES, in_dims=(None, 0))(rows[1], scales)["product"][0]
+    assert alone.shape == (2,)
+    slopes = torch.func.vmap(torch.func.grad(first_wave))(rows)
+    each = [torch.autograd.functional.jacobian(first_wave, row) for row in rows]
+    torch.testing.assert_close(slopes, torch.stack(each))
+
+
+def _waves_of(row, scale):
+    return WAVES(row, scale)["waves"]
+
+
+def test_a_learnt_camera_is_differentiated_by_functions_of_torch():
+    """A gradient by a number is that of `backward`; a batch of cameras is a line."""
+    light = torch.from_numpy(pictures(2, 60))
+    (rise,) = numbers(1.3)
+
+    def light_of(rise, light):
+        def camera(rise):
+            return ParabolicMotion(acceleration=1e5 * rise, half_exposure=0.0117), HannShutter()
+
+        return blurred(light, SCENE, camera, rise).square().sum()
+
+    light_of(rise, light).backward()
+    slope = torch.func.grad(light_of)(rise.detach(), light)
+    torch.testing.assert_close(slope, rise.grad)
+    assert float(slope.abs()) > 1e-4
+    assert torch.func.grad(light_of, argnums=1)(rise.detach(), light).shape == light.shape
+    line = r"`blurred\(numbers=...\)` must be the same for all pictures; got a batch"
+    with pytest.raises(ValueError, match=line):
+        torch.func.vmap(light_of, in_dims=(0, None))(torch.tensor([1.1, 1.3]), light)
+
+
+def test_an_empty_batch_has_empty_captures():
+    """As layers of PyTorch have them, with a gradient; and so has a function of JAX."""
+    blur = Blur(ALONG_COLUMNS, MOTION, SHUTTER, speed=SPEED, border="scene")
+    empty = torch.zeros(0, 3, 120, 91, requires_grad=True)
+    capture = blur(empty)
+    assert capture.shape == (0, *blur(torch.zeros(3, 120, 91)).shape)
+    assert blur.adjoint(capture).shape == empty.shape
+    differentiable(jnp.sin)(capture).sum().backward()
+    assert empty.grad.shape == empty.shape
+
+
 class LinearPhysics(torch.nn.Module):
     """What is used of the class of deepinv 0.5."""
 
@@ -282,6 +359,21 @@ WRONG = {
         differentiable(jnp.add)(torch.ones(2), torch.tensor([3, 4]))
     ),
     "`differentiable(...)` must be called with a tensor; got 0": lambda: differentiable(jnp.add)(),
+    "`differentiable(function=...)` must return arrays of floating point; got bool": lambda: (
+        differentiable(jnp.isnan)(torch.ones(2))
+    ),
+    "`differentiable(function=...)` must return arrays of floating point; got None": lambda: (
+        differentiable(lambda row: None)(torch.ones(2))
+    ),
+    "`blurred(numbers=...)[1]` must be a tensor of floating point; got torch.int64": lambda: (
+        blurred(torch.ones(3, 90), SCENE, of_spline, torch.ones(5), torch.tensor(3), torch.ones(()))
+    ),
+    "`ParabolicMotion(acceleration=...)` must be a scalar; got shape (2,)": lambda: blurred(
+        torch.ones(3, 90), SCENE, of_spline, torch.ones(5), torch.ones(2), torch.ones(())
+    ),
+    "`Blur(...)(pictures=...)` must have rows and columns; got shape torch.Size([2, 0])": lambda: (
+        Blur(SCENE, MOTION, SHUTTER)(torch.ones(2, 0))
+    ),
 }
 
 

@@ -75,10 +75,10 @@ def condition_number(kernel: RowLike, *, num_frequencies: int | None = None) -> 
     # The slope of `abs` is NaN at a zero of the response; that of its square is 0.
     power = response.real**2 + response.imag**2
     least = jnp.min(power)
-    # Up to 8 roundings of the sum of the taps count as zero.
-    invertible = least > (8 * jnp.finfo(taps.dtype).eps) ** 2
-    ratio = jnp.where(invertible, jnp.max(power) / jnp.where(invertible, least, 1.0), 1.0)
-    return jnp.where(invertible, jnp.sqrt(ratio), jnp.inf)
+    # Up to 8 roundings of the sum of the taps count as zero, and NaN stays.
+    has_zero = least <= (8 * jnp.finfo(taps.dtype).eps) ** 2
+    ratio = jnp.where(has_zero, 1.0, jnp.max(power) / jnp.where(has_zero, 1.0, least))
+    return jnp.where(has_zero, jnp.inf, jnp.sqrt(ratio))
 
 
 def default_num_frequencies(num_taps: int) -> int:

@@ -299,16 +299,17 @@ def _warn_beyond(scene: "Scene", speed: float | tuple[float, float]) -> None:
 
 
 def speed_found(estimate: "Estimate", *, in_burst: bool) -> tuple[str, str]:
-    """A speed that was found in a capture or a burst with its error, and its trust, in words."""
+    """The speed of a capture or a burst, with its error if it was found, and its trust in words."""
     from mishutter.decoding.plane_velocity import VelocityEstimate
 
     if isinstance(estimate, VelocityEstimate):
         x, y = estimate.velocity
-        value = f"{x:,.0f}, {y:,.0f} +- {estimate.error:,.2g}"
+        value, error = f"{x:,.0f}, {y:,.0f}", f"{estimate.error:,.2g}"
     elif estimate.tells_nothing:
         return "none", "restored for all speeds of the scene"
     else:
-        value = f"{estimate.speed:,.0f} +- {estimate.error:,.0f}"
+        value, error = f"{estimate.speed:,.0f}", f"{estimate.error:,.0f}"
+    value += f" +- {error}" if estimate.error > 0 else ", as told"
     instead = "for this speed anyway" if in_burst else "for all likely speeds"
     return value, "trusted" if estimate.trusted else f"not trusted: restored {instead}"
 

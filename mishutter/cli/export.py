@@ -88,6 +88,14 @@ def export(
             "array of (channels, samples). pulses: closed and open time of each pulse, us.",
         ),
     ] = FormatName.CSV,
+    returns: Annotated[
+        bool,
+        option(
+            TABLE,
+            "--return",
+            "Let stage.csv end where it begins, for exposures that are repeated.",
+        ),
+    ] = False,
 ) -> None:
     """Write the drive table of a saved design: one level per step, and its effect on the level.
 
@@ -117,7 +125,7 @@ def export(
             ceiling=ceiling,
             carries_error=pulses,
         )
-        files = [] if folder is None else _write(table, folder, form)
+        files = [] if folder is None else _write(table, folder, form, returns=returns)
         if _BY_CONTENT[form]:
             T, scale = float(saved.motion.half_exposure) * 1e3, table.position_scale
             numbers = f"T = {T!r} ms, 1 is {scale!r} px, levels from {floor:g} to {ceiling:g}"
@@ -126,7 +134,8 @@ def export(
     else:
         told = {"--levels": num_levels is None, "--floor": floor == 0, "--ceiling": ceiling == 1}
         table = _frames(saved, told, num_steps, form)
-        files = [] if folder is None else _write(table, folder, form)
+        files = [] if folder is None else _write(table, folder, form, returns=returns)
+    _note_motion_at_ends(table, form)
     _deliver(table, files, folder, form, as_json=json)
 
 
@@ -187,7 +196,43 @@ def _deliver(
         note(f"{folder}: {', '.join(files)}")
 
 
-def _write(table: "DriveTable | FrameTable", folder: Path, form: FormatName) -> list[str]:
+def _note_motion_at_ends(table: "DriveTable | FrameTable", form: FormatName) -> None:
+    """Notes that samples of a stage hold no run-up, where it moves at the first or last light."""
+    import numpy as np
+
+    if form not in (FormatName.KEYSIGHT, FormatName.NPY):
+        return
+    ends = table.begin[0] + np.array([0.0, table.exposure])
+    speeds = np.array([path.at(ends)[1] for path in table.paths.values()])
+    if np.any(abs(speeds) > 1):
+        first, last = (", ".join(f"{speed:,.0f}" for speed in each) for each in speeds.T)
+        note(
+            f"--format {form.value} has no run-up: its places begin at {first} px/s and end at "
+            f"{last} px/s; stage.csv of --out goes from rest to rest"
+        )
+
+
+def _note_ends(table: "DriveTable | FrameTable", *, returns: bool) -> None:
+    """Notes where each axis of a stage ends that does not end where it begins."""
+    from mishutter.hardware.stage_files import ways_of, with_way_back
+
+    ways = ways_of(table.paths)
+    if max(map(abs, ways.values())) < 0.005:
+        return
+    names = {"": "the stage"} if len(ways) == 1 else {end: end.strip("_") for end in ways}
+    words = ", ".join(f"{names[end]} {round(way, 2) + 0.0:+.2f} px" for end, way in ways.items())
+    if returns:
+        (path, *_), limits = table.paths.values(), table.design.scene.limits
+        (back, *_) = with_way_back(table.paths, limits).values()
+        then = f"goes back in {1e3 * (back.times[-1] - path.times[-1]):.3g} ms"
+    else:
+        then = "--return adds the way back"
+    note(f"stage.csv comes to rest away from where it begins: {words}; {then}")
+
+
+def _write(
+    table: "DriveTable | FrameTable", folder: Path, form: FormatName, *, returns: bool = False
+) -> list[str]:
     """Writes a table, its triggers, its picture and the path of its stage; returns their names."""
     from mishutter.hardware.drive_files import DRIVE_FORMATS
     from mishutter.hardware.triggers import FrameTable
@@ -202,9 +247,10 @@ def _write(table: "DriveTable | FrameTable", folder: Path, form: FormatName) -> 
     else:
         save_figure(plot_drive(table), folder / "drive.png")
         files += ["drive.png"]
-    path = table.stage_csv()
+    path = table.stage_csv(returns=returns)
     if path is not None:
         write_text(folder / "stage.csv", path)
+        _note_ends(table, returns=returns)
         beyond = table.travel_beyond_limit
         if beyond is not None:
             note(

@@ -43,8 +43,8 @@ def restore(
         typer.Argument(
             metavar="CAPTURE",
             parser=as_path,
-            help="Captures as PNG, JPEG, TIFF, BMP, WebP, PGM or PPM; each page of a TIFF is one "
-            "capture.",
+            help="Captures as PNG, JPEG, TIFF, BMP, WebP, PGM or PPM, or a folder of them, in the "
+            "order of the numbers in their names; each page of a TIFF is one capture.",
             show_default=False,
         ),
     ],
@@ -77,8 +77,18 @@ def restore(
             CAMERA,
             "--stage-path FILE",
             "Path that an encoder recorded, in place of the planned one: text with columns "
-            "`time (ms)` and `x (um)`, and `y (um)` of two axes, in any such units or px. "
+            "`time (ms)` and `x (um)`, and `y (um)` of two axes, in any such units, px, or those "
+            "of --stage-scale-px. "
             "--mid-exposure-ms is the reading of its clock at the middle of the burst.",
+        ),
+    ] = None,
+    stage_scale: Annotated[
+        float | None,
+        option(
+            CAMERA,
+            "--stage-scale-px PX",
+            "Pixels that a place of 1 in --stage-path is, for an encoder in counts or volts; below "
+            "0 where it counts backwards.",
         ),
     ] = None,
     black: Annotated[
@@ -142,19 +152,24 @@ def restore(
 
     camera, apart = _camera(scene_file, design, files, shutter), None
     if stage_path is not None:
-        camera, apart = _recorded(camera, stage_path, files)
+        camera, apart = _recorded(camera, stage_path, files, stage_scale)
+    else:
+        requirement = "be left out without --stage-path"
+        require(stage_scale is None, "--stage-scale-px", requirement, stage_scale)
     burst = camera.sequence
     speed = None if speed_text is None else speed_for(camera, speed_text, scene_file)
-    read = (read_captures(path, black=black, white=white, linear=linear) for path in captures)
+    paths = itertools.chain(*map(_files_of, captures))
+    read = (read_captures(path, black=black, white=white, linear=linear) for path in paths)
     seen = list(itertools.chain(*read))
     labels = _Label.of_all(seen)
     folder, method = writable_folder(out), named_decoder(decoder)
     written, found = [], {}
     is_one = len(seen) == 1 or burst is not None
     for capture, label, light in _together(seen, labels, burst):
+        names = label.name if burst is None else _names_of(labels)
         with (
             interruptible(lambda: AGAIN),
-            progress_bar(f"restoring {label.name}", _TICKS) as update,
+            progress_bar(f"restoring {names}", _TICKS) as update,
         ):
             result = restored_capture(
                 light,
@@ -163,7 +178,7 @@ def restore(
                 speed=speed,
                 progress=lambda text, share, update=update: update(int(share * _TICKS), text),
             )
-        _note_brightness(label.name, result.light)
+        _note_brightness(names, result.light)
         stem = "" if is_one else f"{label.stem}_"
         write_picture(folder / f"{stem}restored.png", result.light)
         written.append(f"{stem}restored.png")
@@ -177,14 +192,14 @@ def restore(
                 for each, one in (zip(labels, seen, strict=True) if is_one else [(label, capture)])
             },
             result.light,
-            camera=f"{shown_name(label.name)}: {camera_text(camera)}",
+            camera=f"{shown_name(names)}: {camera_text(camera)}",
             decoder=f"by the {decoder.value} decoder",
         )
         save_figure(figure, folder / f"{stem}side_by_side.png")
         written.append(f"{stem}side_by_side.png")
         found[label.name] = result.found
         if result.found is not None and result.found.doubt:
-            note(f"warning: {label.name}: {result.found.doubt}")
+            note(f"warning: {names}: {result.found.doubt}")
     if json:
         speeds = {
             name: None if each is None else estimate_document(each) for name, each in found.items()
@@ -193,24 +208,29 @@ def restore(
         write_json({"decoder": decoder.value, "files": written, "found": speeds} | path)
     else:
         rows = [
-            [name, *speed_found(each, in_burst=burst is not None)]
+            [
+                name if burst is None else _names_of(labels),
+                *speed_found(each, in_burst=burst is not None),
+            ]
             for name, each in found.items()
             if each is not None
         ]
         if rows:
-            print_table("Speed found", ["capture", "px/s", ""], rows)
+            title = "Speed found" if speed is None else "Speed"
+            print_table(title, ["capture" if burst is None else "frames", "px/s", ""], rows)
     note(f"{folder}: {', '.join(written)}")
 
 
 def _recorded(
-    camera: "AbstractDesign", stage_path: Path, files: CameraFiles
+    camera: "AbstractDesign", stage_path: Path, files: CameraFiles, scale: float | None
 ) -> "tuple[AbstractDesign, PathDifference]":
     """A camera whose stage was where an encoder recorded it; notes how far that is off."""
     from mishutter.hardware.recorded_paths import read_path, with_recorded_path
     from mishutter.hardware.stage_files import pitch_of
 
     num_axes = len(camera.exposures.axes)
-    path = read_path(stage_path, num_axes=num_axes, pixel_pitch=pitch_of(camera.scene))
+    pitch = pitch_of(camera.scene)
+    path = read_path(stage_path, num_axes=num_axes, pixel_pitch=pitch, scale=scale)
     middle = files.middle_ms * 1e-3
     recorded, apart = with_recorded_path(camera, path, middle=middle, name=str(stage_path))
     note(f"the recorded path is {apart.text} from the planned one, wherever the whole stands")
@@ -239,6 +259,23 @@ class _Label(NamedTuple):
         names = [label.name for label in labels]
         require(len(set(labels)) == len(labels), "CAPTURE", "be of different names", names)
         return labels
+
+
+def _files_of(path: Path) -> list[Path]:
+    """A file, or the pictures of a folder."""
+    from mishutter.pictures.files import PICTURE_FORMATS, pictures_in
+
+    if not path.is_dir():
+        return [path]
+    files = pictures_in(path)
+    require(bool(files), "CAPTURE", f"be a folder with pictures as {PICTURE_FORMATS}", str(path))
+    return files
+
+
+def _names_of(labels: list[_Label]) -> str:
+    """The frames of a burst in words: the first and the last."""
+    names = [label.name for label in labels]
+    return names[0] if len(names) == 1 else f"{names[0]} to {names[-1]}"
 
 
 def _together(

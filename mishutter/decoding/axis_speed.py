@@ -6,6 +6,7 @@ climbed and judged by more.
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -40,13 +41,16 @@ _PX_A_STEP = 0.7
 """Displacement over the sequence between neighbouring speeds that are tried."""
 _MOST_SPEEDS = 4096
 """Most speeds that are tried."""
+_REASONS = (
+    "their order, a lost or repeated frame, another design, two objects, motion across the axis"
+)
 _WORDS = Words(
     "speed",
-    "their order, a lost or repeated frame, another design, two objects, motion across the axis, a "
-    "speed beyond the scene's",
+    f"{_REASONS}, a speed beyond the scene's",
     "of the rows fit better",
     BEYOND,
 )
+_TOLD = _WORDS._replace(reasons=f"another speed, {_REASONS}")
 _REACH = 3.0
 """Steps about the speed that is found within which no other is a rival."""
 
@@ -96,9 +100,13 @@ class _Tried(NamedTuple):
         return _Peak(peak, -least, min((self.high - self.low) / math.sqrt(12), width))
 
 
-def speed_on_axis(planes: Planes, scene: Scene, taken: Sequence[TimedFrame]) -> SpeedEstimate:
-    """The speed at which the frames show one picture, and whether they do."""
+def speed_on_axis(
+    planes: Planes, scene: Scene, taken: Sequence[TimedFrame], told: float | None = None
+) -> SpeedEstimate:
+    """The speed at which the frames show one picture, and whether they do; of a told one that."""
     planes = planes.astype(np.float64)
+    if told is not None:  # no other is in question
+        scene = replace(scene, speeds=np.array([told]), weights=None)
     estimate = _speed_along_rows(planes, scene, taken)
     if estimate.trusted or min(planes.shape[2:]) <= _ROWS_OF_SPEED:
         return estimate
@@ -146,7 +154,7 @@ def _speed_along_rows(planes: Planes, scene: Scene, taken: Sequence[TimedFrame])
         is_within=low + 0.1 * tried.step < best.speed < high - 0.1 * tried.step,
         is_only=low == high,
     )
-    doubt = evidence.doubt(error * duration, _WORDS)
+    doubt = evidence.doubt(error * duration, _WORDS if low < high else _TOLD)
     known = sorted([best, *beside], key=lambda end: end.speed)
     values = np.array([end.value for end in known])
     weights = np.exp(WORTH / fit.spread * (values - np.max(values)))

@@ -23,7 +23,7 @@ from mishutter.decoding.frame_doubts import (
     Rival,
     Words,
 )
-from mishutter.decoding.likeliest import detail_of, follows, noises_of
+from mishutter.decoding.likeliest import Fit, detail_of, follows, noises_of
 from mishutter.decoding.plane_likelihood import (
     GRID,
     ROUGHLY,
@@ -48,13 +48,14 @@ _MOST_ALONG = 64
 """Most steps from rest to the fastest velocity that is tried."""
 _NEAR = 0.1
 """Part of a step within which a peak is reached."""
+_REASONS = "their order, a lost or repeated frame, another design or path, two objects"
 _WORDS = Words(
     "velocity",
-    "their order, a lost or repeated frame, another design or path, two objects, a velocity beyond "
-    "the scene's",
+    f"{_REASONS}, a velocity beyond the scene's",
     "of the picture fits better",
     "The velocity may lie beyond those of the scene.",
 )
+_TOLD = _WORDS._replace(reasons=f"another velocity, rows and columns exchanged, {_REASONS}")
 
 
 class VelocityEstimate(NamedTuple):
@@ -103,18 +104,12 @@ def velocity_in_plane(
     planes: Float[np.ndarray, "colours n rows columns"], scene: Scene, taken: PlaneFrames
 ) -> VelocityEstimate:
     """The velocity at which the frames show one picture, and whether they do."""
-    law, shares = require_velocities(scene), luminance_shares(len(planes))
-    grey = np.tensordot(shares, planes, 1)
+    law = require_velocities(scene)
+    grey, own = _own_of(planes, scene, taken)
     mean = float(np.mean(grey))
-    noises = noises_of(scene, taken.exposures, mean, float(shares @ shares))
-    own = _with_own_detail(Own((grey - mean).astype(np.float32), noises, taken, Prior(scene)))
     search = _searched(own, law)
     fit = search.level.fit(search.ends[0].velocity, search.ends[0].found, mean)
-    # Gains and black levels that change from frame to frame tell no velocity.
-    changes = follows(len(own.frames)) * np.stack([fit.gains, fit.offsets])[..., None, None]
-    gains = np.maximum(1 + changes[0] - np.mean(changes[0]), BLACK)
-    steady = (own.frames + mean - changes[1]) / gains - mean
-    own = own._replace(frames=steady.astype(np.float32), noises=noises / gains.ravel() ** 2)
+    own = _steady(own, fit, mean)
     climb, size = search.ends[0], search.level.canvas.size
     while True:
         level = own.level(climb.best[None], size)
@@ -123,6 +118,74 @@ def velocity_in_plane(
             break
         size //= 2
     return _Found(own, law, search, peak_near(level, climb), level, grey, mean).estimate()
+
+
+def told_in_plane(
+    planes: Float[np.ndarray, "colours n rows columns"],
+    scene: Scene,
+    taken: PlaneFrames,
+    velocity: Float[np.ndarray, "2"],
+) -> VelocityEstimate:
+    """The velocity that was told, and whether the frames show one picture at it."""
+    grey, own = _own_of(planes, scene, taken)
+    mean = float(np.mean(grey))
+    velocities = np.array([velocity, *(velocity + _asides(own))])
+    level = own.level(velocities, _sizes_of(own)[1])
+    found = level.likeliest(velocity, ROUGHLY)
+    own = _steady(own, level.fit(velocity, found, mean), mean)
+    level = own.level(velocities, level.canvas.size)
+    fits = [level.fit(each, level.likeliest(each, ROUGHLY), mean) for each in velocities]
+    evidence = Evidence(
+        frames=grey,
+        noises=own.noises,
+        places=level.instants.middles(velocity),
+        fit=fits[0],
+        compared=fits[0],
+        elsewhere=float(np.mean([fit.misfit for fit in fits[1:]])),
+        rivals=[],
+        lead=math.inf,
+        middle=0.0,
+        is_within=True,
+        is_only=True,
+    )
+    doubt = evidence.doubt(0.0, _TOLD)
+    ends = velocities[:1], np.ones(1)
+    return VelocityEstimate(
+        velocity, np.zeros((2, 2)), doubt == "", *ends, doubt, misfit=fits[0].misfit
+    )
+
+
+def _own_of(
+    planes: Float[np.ndarray, "colours n rows columns"], scene: Scene, taken: PlaneFrames
+) -> tuple[Float[np.ndarray, "n rows columns"], Own]:
+    """The grey frames as they came, and about their mean with what is known of them."""
+    shares = luminance_shares(len(planes))
+    grey = np.tensordot(shares, planes, 1)
+    mean = float(np.mean(grey))
+    noises = noises_of(scene, taken.exposures, mean, float(shares @ shares))
+    own = Own((grey - mean).astype(np.float32), noises, taken, Prior(scene))
+    return grey, _with_own_detail(own)
+
+
+def _steady(own: Own, fit: Fit, mean: float) -> Own:
+    """The frames without changes of gain and black level, which tell no velocity."""
+    changes = follows(len(own.frames)) * np.stack([fit.gains, fit.offsets])[..., None, None]
+    gains = np.maximum(1 + changes[0] - np.mean(changes[0]), BLACK)
+    steady = (own.frames + mean - changes[1]) / gains - mean
+    noises = own.noises / gains.ravel() ** 2
+    return own._replace(frames=steady.astype(np.float32), noises=noises)
+
+
+def _asides(own: Own) -> Float[np.ndarray, "2 2"]:
+    """Velocities aside at which frames that fit nowhere are off by so many px between them."""
+    return np.array([[-8.0, 3.0], [4.0, 6.0]]) * max(len(own.frames) - 1, 1) / own.duration
+
+
+def _sizes_of(own: Own) -> tuple[list[int], int]:
+    """Sizes of binned pixels by which velocities are sought, and that by which they are judged."""
+    # They are sought in binned frames of 32 px or more, and judged in those of 64.
+    sizes = [2**k for k in range(6) if own.has(32, 2**k)] or [1]
+    return sizes, max((each for each in sizes if own.has(64, each)), default=1)
 
 
 def _with_own_detail(own: Own) -> Own:
@@ -158,9 +221,7 @@ def _searched(own: Own, law: AbstractVelocities) -> _Search:
     Neighbouring frames, whose likelihood has wide peaks, come first, then twice as many at once, up
     to all of them, which are looked at on ever smaller pixels.
     """
-    # Velocities are sought in binned frames of 32 px or more, and judged in those of 64.
-    sizes = [2**k for k in range(6) if own.has(32, 2**k)] or [1]
-    judged = max((each for each in sizes if own.has(64, each)), default=1)
+    sizes, judged = _sizes_of(own)
     # Each of these numbers of frames, from two on, is about half of the next.
     counts = [len(own.frames)]
     while counts[0] > 2:
@@ -293,8 +354,7 @@ class _Found(NamedTuple):
             known = [best, *(velocity for velocity, _ in ends)]
             if all(np.hypot(*(end.best - each)) > 0.5 * search.step for each in known):
                 ends.append((end.best, search.values[0] - value))
-        # Frames that fit nowhere are off by so many px from frame to frame.
-        asides = np.array([[-8.0, 3.0], [4.0, 6.0]]) * max(len(own.frames) - 1, 1) / own.duration
+        asides = _asides(own)
         velocities = np.array([best, *(best + asides), *(velocity for velocity, _ in ends)])
         level = own.level(velocities, search.level.canvas.size)
         fits = [level.fit(each, level.likeliest(each, ROUGHLY), self.mean) for each in velocities]

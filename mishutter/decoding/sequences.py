@@ -17,7 +17,11 @@ from mishutter.decoding.decoders.base import AbstractDecoder
 from mishutter.decoding.decoders.linear import decoder_or_ensemble
 from mishutter.decoding.decoders.speed import SpeedEstimate
 from mishutter.decoding.plane_frames import method_in_plane, restored_in_plane
-from mishutter.decoding.plane_velocity import VelocityEstimate, velocity_in_plane
+from mishutter.decoding.plane_velocity import (
+    VelocityEstimate,
+    told_in_plane,
+    velocity_in_plane,
+)
 from mishutter.model.scene import Scene, require_scene, require_whole
 from mishutter.model.sequences import TimedFrame
 from mishutter.pictures.images import Axis, transposed
@@ -30,7 +34,8 @@ class RestoredFrames(NamedTuple):
     Attributes:
         light: Light of the picture where the sensor is at the middle of the sequence, white = 1;
             the shape of a frame.
-        estimate: The speed that was found, and its doubt; None where it was given.
+        estimate: The speed that was found or given, and its doubt; the error of a given one is 0.
+            None where it was given for one frame.
     """
 
     light: Planes
@@ -58,7 +63,8 @@ def restore_frames(
         speed: The speed of the picture, px/s; by default it is found in the frames, and trusted
             where they fit one picture at that speed, and at no other as well. For frames in the
             plane its velocity along rows and columns, of which the estimate is a
-            `VelocityEstimate`.
+            `VelocityEstimate`. One that is given is judged like one that is found: by whether the
+            frames fit one picture at it.
 
     Raises:
         ValueError: if the scene has a background, no light, or more speeds than frames can tell
@@ -86,32 +92,55 @@ def restore_frames(
     if speed is not None:
         speed = require_speed("restore_frames(speed=...)", speed, frames)
     chosen = decoder_or_ensemble(decoder, "restore_frames")
-    axis: Axis = "rows" if in_plane else scene.sensor.axis
-    estimate = None
     if isinstance(frames, PlaneFrames):
         decode = method_in_plane(chosen)
-        light, planes = _planes_of(captures, frames.num_frames, axis)
+        light, planes = _planes_of(captures, frames.num_frames, "rows")
         if speed is None:
             estimate = velocity_in_plane(planes, scene, frames)
-            speed = estimate.velocity
-        picture = restored_in_plane(planes, scene, frames, decode, np.asarray(speed))
-    else:
-        light, planes = _planes_of(captures, len(frames), axis)
-        if speed is None:
-            estimate = speed_on_axis(planes, scene, frames)
-            speed = estimate.speed
-        picture = restored_on_axis(planes, scene, frames, chosen, float(speed))
-    picture = every_colour(picture, light[0]) if light.ndim == 4 else picture[..., 0]
-    return RestoredFrames(as_float(transposed(picture, axis)), estimate)
+            velocity = estimate.velocity
+        else:
+            estimate, velocity = None, np.asarray(speed, np.float64)
+            if frames.num_frames > 1:
+                estimate = told_in_plane(planes, scene, frames, velocity)
+        picture = restored_in_plane(planes, scene, frames, decode, velocity)
+        return RestoredFrames(_as_frame(picture, light, "rows"), estimate)
+    told = None if speed is None else float(speed)
+    if told is not None and len(frames) == 1:
+        return RestoredFrames(picture_at(captures, scene, frames, chosen, told), None)
+    found = speed_of_frames(captures, scene, frames, told)
+    return RestoredFrames(picture_at(captures, scene, frames, chosen, found.speed), found)
 
 
 @alone_in_blas()
 def speed_of_frames(
-    captures: ArrayLike | Sequence[ArrayLike], scene: Scene, frames: Sequence[TimedFrame]
+    captures: ArrayLike | Sequence[ArrayLike],
+    scene: Scene,
+    frames: Sequence[TimedFrame],
+    told: float | None = None,
 ) -> SpeedEstimate:
-    """The speed that `restore_frames` finds, without the picture."""
+    """The speed that `restore_frames` finds, or is told, without the picture."""
     _, planes = _planes_of(captures, len(frames), scene.sensor.axis)
-    return speed_on_axis(planes, scene, frames)
+    return speed_on_axis(planes, scene, frames, told)
+
+
+@alone_in_blas()
+def picture_at(
+    captures: ArrayLike | Sequence[ArrayLike],
+    scene: Scene,
+    frames: Sequence[TimedFrame],
+    decoder: AbstractDecoder,
+    speed: float,
+) -> Planes:
+    """The picture that `restore_frames` restores at a speed, which nothing judges."""
+    light, planes = _planes_of(captures, len(frames), scene.sensor.axis)
+    picture = restored_on_axis(planes, scene, frames, decoder, speed)
+    return _as_frame(picture, light, scene.sensor.axis)
+
+
+def _as_frame(picture: Float[np.ndarray, "rows columns colours"], light: Any, axis: Axis) -> Planes:
+    """A picture of distinct colours in the form of a frame."""
+    whole: Any = every_colour(picture, light[0]) if light.ndim == 4 else picture[..., 0]
+    return as_float(transposed(whole, axis))
 
 
 def _planes_of(

@@ -35,7 +35,7 @@ from mishutter.decoding.restoration import (
     levels_of,
     restored_light,
 )
-from mishutter.decoding.sequences import restore_frames, speed_of_frames
+from mishutter.decoding.sequences import picture_at, restore_frames, speed_of_frames
 from mishutter.design.design import AbstractDesign, Design
 from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE, knowledge_of
 from mishutter.evaluation.views import sensor_view
@@ -255,7 +255,8 @@ class Restoration(NamedTuple):
     """A restored capture."""
 
     light: np.ndarray  # Light of the picture, white = 1; the shape of the capture
-    found: Estimate | None  # The speed that was found in it; None where none was looked for
+    # The speed that was found in it, or told for frames; None where neither was judged
+    found: Estimate | None
 
 
 def restore(
@@ -387,15 +388,13 @@ def _frames_in_portions(
     """The same of the frames of a burst, whose decoder knows the speed that is found in them."""
     estimate, num_rows = None, captured.shape[1]
     chosen = decoder.inner if isinstance(decoder, SpeedFindingDecoder) else decoder
-    if speed is None:
-        report("finding the speed", 0.0)
-        estimate = speed_of_frames(captured, scene, frames)
+    if speed is None or len(frames) > 1:
+        report("finding the speed" if speed is None else "judging the speed", 0.0)
+        estimate = speed_of_frames(captured, scene, frames, speed)
         speed = estimate.speed
     restored = np.empty_like(captured[0])
     for here, around, inner in _portions(num_rows, rows_at_once, chosen.rows_beyond, report):
-        few = captured[:, around]
-        light = restore_frames(few, scene, frames, decoder=chosen, speed=speed).light
-        restored[here] = light[inner]
+        restored[here] = picture_at(captured[:, around], scene, frames, chosen, speed)[inner]
     return Restoration(restored, estimate)
 
 

@@ -1,8 +1,8 @@
-"""Bursts of a camera at rest: several frames of a picture in place of one exposure, registered.
+"""Frames that a camera has time for, and the best that it takes at rest and registers.
 
-Levels take registration to be perfect, and to cost nothing. A decoder that registers frames knows
-the speed, so that their level is that of `burst_psnr`. Objects that are hidden in some frames do
-not count. `with_losses` adds the cost of registration, and of objects that leave the sensor.
+Levels take registration to be perfect, and to cost nothing: a decoder that registers frames knows
+the speed. What registration costs, and what objects that leave the sensor do, is added by
+`mishutter.evaluation.sequences.with_losses`.
 """
 
 import math

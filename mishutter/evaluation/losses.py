@@ -119,7 +119,7 @@ def value_of(
         view = sampled_view(scene, motion, shutter, loss.parts, plan)
         count = view.plan.num_frequencies
         value = _of_response(loss, view.scene, view.motion, compute_response(view), count)
-        value = nan_unless_defined(value, motion, shutter)
+        value = nan_unless_defined(value, motion, shutter, scene)
     else:
         value = loss(scene, motion, shutter)
     return one_real_number(loss, value)

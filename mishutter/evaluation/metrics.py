@@ -324,7 +324,8 @@ def evaluate(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> 
         scene = without_tolerances(scene)
     view = sampled_view(scene, motion, shutter, EVERY_PART)
     values, phase = _as_designed(view.scene, view.motion, Records.of(view), view.plan)
-    values, within = nan_unless_defined((values, within), motion, shutter)
+    measured = values, within, phase
+    values, within, phase = nan_unless_defined(measured, motion, shutter, scene)
     return Metrics(
         condition_number=values["condition_number"],
         kernel_difference=values["kernel_difference"],

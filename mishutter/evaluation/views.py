@@ -17,7 +17,7 @@ from mishutter._core.checks import all_concrete, is_concrete, primal_values, req
 from mishutter.blur.quadrature import ExposureQuadrature
 from mishutter.evaluation.needs import Parts, Plan, automatic, plan_of_traced_search, reduced
 from mishutter.model.motion import AbstractMotion, simplified
-from mishutter.model.scene import Scene, in_sensor_frame
+from mishutter.model.scene import Scene, in_sensor_frame, require_known_numbers
 from mishutter.model.shutters.base import AbstractPiecewiseShutter, AbstractShutter, piecewise
 
 _Values = TypeVar("_Values")
@@ -51,6 +51,7 @@ class SampledView(NamedTuple):
 
 def sensor_view(scene: Scene, motion: AbstractMotion, shutter: AbstractShutter) -> SensorView:
     """A scene and a design as the sensor sees them; numbers that are not finite are refused."""
+    require_known_numbers(scene)
     require_numbers(motion)
     simple = simplified(motion)
     panned_scene, without_pan = in_sensor_frame(scene, simple)
@@ -134,17 +135,23 @@ def require_numbers(part: AbstractMotion | AbstractShutter) -> None:
 
 
 def nan_unless_defined(
-    values: _Values, motion: AbstractMotion, shutter: AbstractShutter
+    values: _Values, motion: AbstractMotion, shutter: AbstractShutter, scene: Scene | None = None
 ) -> _Values:
     """Values of a design, or NaN where one of its traced numbers is none, or no time is exposed.
 
     A branch that a comparison with NaN chooses would else give a level, and the best of all. Known
-    numbers are checked where the design enters.
+    numbers are checked where the design enters. Limits of a scene may be infinite.
     """
-    numbers = [x for x in jax.tree.leaves((motion, shutter)) if not is_concrete(x)]
-    if not numbers:
+
+    def traced(tree: object) -> list[Array]:
+        return [x for x in jax.tree.leaves(tree) if not is_concrete(x) and eqx.is_inexact_array(x)]
+
+    design, of_scene = traced((motion, shutter)), traced(scene)
+    if not design and not of_scene:
         return values
-    defined = motion.half_exposure > 0
-    for number in filter(eqx.is_inexact_array, numbers):
+    defined = jnp.asarray(motion.half_exposure > 0)
+    for number in design:
         defined = defined & jnp.all(jnp.isfinite(number))
+    for number in of_scene:
+        defined = defined & ~jnp.any(jnp.isnan(number))
     return jax.tree.map(lambda x: jnp.where(defined, x, jnp.nan), values)

@@ -143,17 +143,18 @@ class DriveTable(AbstractTable):
         design = self.design
         return OneExposure.of(design.motion, design.scene.limits).stage_paths(design.scene)
 
-    def stage_csv(self) -> str | None:
+    def stage_csv(self, *, returns: bool = False) -> str | None:
         """The sensor's path from rest to rest as text, at equal steps of time.
 
         Rows are at the steps of the table, and as many between each two as make 256 of an exposure
         in fewer steps: a stage that is sent so few positions leaves its path. Where the scene says
         how its stage follows, the last column is the command for it. None where the limits have no
-        `stage_path`.
+        `stage_path`. One that `returns` goes back to where it began, within the limits.
         """
         count = self.begin.size * -(-_NUM_STEPS // self.begin.size)
         half = self.exposure / 2
-        return path_csv(self.paths, {"exposure": (-half, half)}, count, self.design.scene)
+        lights, scene = {"exposure": (-half, half)}, self.design.scene
+        return path_csv(self.paths, lights, count, scene, returns=returns)
 
     def to_dict(self) -> dict[str, object]:
         """The table and its metrics, as plain numbers."""

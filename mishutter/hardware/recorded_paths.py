@@ -56,26 +56,41 @@ class PathDifference(NamedTuple):
 
 
 def read_path(
-    path: str | Path, *, num_axes: int = 1, pixel_pitch: float | None = None
+    path: str | Path,
+    *,
+    num_axes: int = 1,
+    pixel_pitch: float | None = None,
+    scale: float | None = None,
 ) -> RecordedPath:
     """Read the times and places that an encoder recorded, from text in columns under headings.
 
     Times are in s, ms, us or ns, and places in px, nm, um, mm or m, by the headings or the line
-    below them: `time (ms),x (um),y (um)`. The `stage.csv` of `export` is such a file.
+    below them: `time (ms),x (um),y (um)`. The `stage.csv` of `export` is such a file. Places in
+    counts or volts have a `scale`.
 
     Args:
         path: A file, as `read_trace` takes it.
         num_axes: Axes of the stage, 1 or 2.
         pixel_pitch: Distance of the pixels, for places that are not in px; m.
+        scale: Pixels that a place of 1 in the file is, whatever its unit, below 0 where places
+            count backwards; px.
 
     Raises:
-        ValueError: if columns or units are missing, times fall, or a number is not finite.
+        ValueError: if columns or units are missing, times fall, a number is not finite, or the
+            scale is 0.
         OSError: if the file cannot be read.
     """
+    if scale is not None:
+        require_scalar("read_path(scale=...)", scale)
+        require_finite("read_path(scale=...)", scale)
+        require(scale != 0, "read_path(scale=...)", "be above or below 0 px", scale)
     columns = timed_columns(path)
+    names = _names_in(columns, num_axes, str(path))
     places = [
-        columns.numbers(name) / _unit(columns, name, pixel_pitch, str(path))
-        for name in _names_in(columns, num_axes, str(path))
+        columns.numbers(name) * scale
+        if scale is not None
+        else columns.numbers(name) / _unit(columns, name, pixel_pitch, str(path))
+        for name in names
     ]
     time = columns.time
     steps = np.diff(time)
@@ -89,14 +104,21 @@ def _names_in(columns: TimedColumns, num_axes: int, name: str) -> tuple[str, ...
     got = Unquoted(", ".join(columns.names) or "none")
     if num_axes == 2:
         both = [pair for pair in _NAMES if set(pair) <= set(columns.names)]
-        requirement = "have columns x and y, for a stage of two axes"
+        requirement = (
+            "have columns x and y, for a stage of two axes, under a line such as "
+            "`time (ms),x (um),y (um)`"
+        )
         require(bool(both), name, requirement, got)
         return both[0]
     usual = ("x", "sensor_position", "position", "place", "stage_x")
     alone = [each for each in usual if each in columns.names]
     one = alone or (columns.names if len(columns.names) == 1 else [])
     is_one = bool(one) and not any(set(pair) <= set(columns.names) for pair in _NAMES)
-    require(is_one, name, "have one column of places, such as x, for a stage of one axis", got)
+    requirement = (
+        "have one column of places, for a stage of one axis, under a line such as "
+        "`time (ms),x (um)`"
+    )
+    require(is_one, name, requirement, got)
     return (one[0],)
 
 
@@ -105,7 +127,10 @@ def _unit(columns: TimedColumns, column: str, pitch: float | None, name: str) ->
     unit = columns.unit(column).casefold()
     if unit == "px":
         return 1.0
-    requirement = f"have the unit of {column} by its heading, px, nm, um, mm or m: `{column} (um)`"
+    requirement = (
+        f"have the unit of {column} by its heading, px, nm, um, mm or m, as `{column} (um)`, or a "
+        "scale for counts and volts: `--stage-scale-px` or `scale`, px for each"
+    )
     require(unit in METRES, name, requirement, Unquoted(unit or "no unit"))
     requirement = f"be in px, or the scene say pixel_pitch_um, for {column} in {unit}"
     require(pitch is not None, name, requirement, Unquoted("no pitch"))

@@ -234,6 +234,9 @@ def _place_of(heading: str) -> tuple[str, str]:
     """Name and unit of a heading such as `x (um)` or `stage_x_um`, case-folded."""
     heading = heading.strip().casefold()
     name, _, last = heading.rpartition("_")
+    if heading.endswith((")", "]")):  # of any unit, such as counts
+        own, unit = _split(heading)
+        return own.strip(), _bare(unit)
     for own, unit in (_split(heading), (name, last)):
         if _bare(unit) in ("px", *METRES):
             return own.strip(), _bare(unit)

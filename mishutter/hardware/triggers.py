@@ -123,14 +123,16 @@ class FrameTable(AbstractTable):
         columns = {("begin", "ms"): begin, ("end", "ms"): end, ("exposure", "ms"): end - begin}
         return table_text({("frame", "1"): numbers} | columns)
 
-    def stage_csv(self) -> str | None:
+    def stage_csv(self, *, returns: bool = False) -> str | None:
         """The path of the stage from rest to rest; None where no limit says how it moves.
 
         Rows are at the steps of the table. Where the scene says how its stage follows, a column
-        has the command for each axis.
+        has the command for each axis. One that `returns` goes back to where it began, within the
+        limits of the stage.
         """
         lights = {f"frame {number}": lit for number, lit in enumerate(self.lights, 1)}
-        return path_csv(self.paths, lights, self.begin.size, self.design.scene)
+        count, scene = self.begin.size, self.design.scene
+        return path_csv(self.paths, lights, count, scene, returns=returns)
 
     def to_dict(self) -> dict[str, object]:
         """The table as plain numbers."""

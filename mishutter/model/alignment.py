@@ -110,9 +110,9 @@ def length_on_parabola(sag: Lengths, smear: Lengths) -> Lengths:
     $(|m| + 2B)^2/4B$ where it turns within the exposure, and $2|m|$ where it does not.
     """
     space, size, depth = namespace_of(sag, smear), abs(smear), magnitude(sag)
-    is_within = size <= 2 * depth
-    safe = space.where(is_within & turns(depth), depth, 1.0)
-    return space.where(is_within, depth + size + size * (size / (4 * safe)), 2 * size)
+    is_beyond = size > 2 * depth
+    safe = space.where(is_beyond | (depth <= _LEAST_SAG), 1.0, depth)
+    return space.where(is_beyond, 2 * size, depth + size + size * (size / (4 * safe)))
 
 
 def magnitude(value: Lengths) -> Lengths:

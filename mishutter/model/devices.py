@@ -49,6 +49,7 @@ from mishutter.model.shutters.base import (
     Sides,
     Values,
     piecewise,
+    within_exposure,
 )
 from mishutter.model.shutters.chips import ChippedShutter
 from mishutter.model.slots import diffused, slot_means
@@ -500,7 +501,7 @@ class TransmittedShutter(AbstractPiecewiseShutter):
 
     def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
         passed = self._passed(self.profile.transmittance(tau))
-        return jnp.where(jnp.abs(jnp.asarray(tau)) <= 1, passed, jnp.zeros_like(passed))
+        return within_exposure(jnp.asarray(tau), passed)
 
     def dtype(self) -> np.dtype | None:
         own = self.profile.dtype()

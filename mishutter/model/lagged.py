@@ -23,6 +23,7 @@ from mishutter.model.shutters.base import (
     above_zero,
     polynomial,
     uniform_breakpoints,
+    within_exposure,
 )
 
 # Of the mean of 1 - exp(-y) over [0, y] divided by y, the highest power first.
@@ -52,7 +53,7 @@ class LaggedShutter(AbstractPiecewiseShutter):
         share = jnp.maximum(tau - begins[slot], 0) / self.constants[slot]
         decay, growth = jnp.exp(-share), -jnp.expm1(-share)
         state = self.starts[slot] * decay + self.levels[slot] * growth
-        return jnp.where(jnp.abs(tau) <= 1, state, jnp.zeros_like(state))
+        return within_exposure(tau, state)
 
     def dtype(self) -> np.dtype | None:
         return np.dtype(self.levels.dtype)

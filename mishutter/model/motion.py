@@ -280,7 +280,8 @@ class AbstractMotion(AbstractModule):
         if all_concrete((bends, gains)):
             at_rest = self.lowest(speed) if gains else self.highest(speed)
             return at_rest if bends else 0 * at_rest
-        return jnp.where(bends, jnp.where(gains, self.lowest(speed), self.highest(speed)), 0.0)
+        at_rest = jnp.where(gains, self.lowest(speed), self.highest(speed))
+        return jnp.where(bends, at_rest, jax.lax.stop_gradient(0 * at_rest))
 
     def lowest(self, speed: RowLike) -> Positions:
         r"""Lowest position of objects on the sensor, $\min_t x(t) - s t$; px, shape of `speed`."""

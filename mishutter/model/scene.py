@@ -471,8 +471,17 @@ def require_scene(scene: object, *, in_plane: bool = False) -> None:
     """Refuse an object that is not a scene, such as the path of a scene's file."""
     requirement = "be a `Scene`, as `Scene.load(path)` reads one from a file"
     require(isinstance(scene, Scene), "scene", requirement, scene)
+    require_known_numbers(scene)  # type: ignore[arg-type]
     if not in_plane:
         require_one_axis(scene)  # type: ignore[arg-type]
+
+
+def require_known_numbers(scene: Scene) -> None:
+    """Refuse NaN that a function as `eqx.tree_at` has put into a scene; limits may be infinite."""
+    for path, value in jax.tree_util.tree_leaves_with_path(scene):
+        if is_concrete(value) and np.asarray(value).dtype.kind == "f":
+            subject, is_defined = jax.tree_util.keystr(path), not np.isnan(value).any()
+            require(is_defined, f"scene{subject}", "be a number", value)
 
 
 def require_one_axis(scene: Scene) -> None:

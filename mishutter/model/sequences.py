@@ -98,7 +98,7 @@ class AbstractFrames(AbstractExposures):
 @final
 @dataclass(frozen=True)
 class OneExposure(AbstractFrames):
-    """An exposure alone, about the time 0, which has a shutter of its own."""
+    """An exposure alone, about the time 0; the shutter over it is its design's."""
 
     frames: tuple[TimedFrame]
     pan: float = 0.0

@@ -343,6 +343,8 @@ def stage_path(
     is_motion = isinstance(motion, AbstractMotion)
     require(is_motion, "stage_path(motion=...)", "be a motion", motion)
     require_known("stage_path", motion=motion, limits=(max_acceleration, max_jerk))
+    for number in jax.tree.leaves(motion):
+        require_finite("stage_path(motion=...)", number)
     subject = "stage_path(max_acceleration=...)"
     limited = max_acceleration is not None or max_jerk is not None
     require(limited, subject, "be given where the jerk is not limited", max_acceleration)

@@ -45,9 +45,16 @@ from mishutter.search.space import DesignSpace
 class AbstractObjective(eqx.Module):
     """A scalar function of box coordinates."""
 
-    @abstractmethod
     def __call__(self, point: Float[Array, "size"]) -> Float[Array, ""]:
-        """Loss of the design at a point of the unit box, differentiable there."""
+        """Loss of the design at a point of the unit box, differentiable there; NaN of a NaN.
+
+        A branch that a comparison with NaN chooses would else give the best loss of all.
+        """
+        return jnp.where(jnp.any(jnp.isnan(point)), jnp.nan, self.value(point))
+
+    @abstractmethod
+    def value(self, point: Float[Array, "size"]) -> Float[Array, ""]:
+        """The loss at a point whose coordinates are numbers."""
 
     @property
     @abstractmethod
@@ -69,7 +76,7 @@ class DesignObjective(AbstractObjective):
     space: DesignSpace
     plan: Plan = eqx.field(static=True)
 
-    def __call__(self, point: Float[Array, "size"]) -> Float[Array, ""]:
+    def value(self, point: Float[Array, "size"]) -> Float[Array, ""]:
         shutter, motion = self.space.at(point)
         # A loss of the user's may call `evaluate`, which cannot plan for numbers that are traced.
         with plan_of_traced_search(self.plan):
@@ -93,7 +100,7 @@ class SpectralObjective(AbstractObjective):
     nodes: ExposureQuadrature | None
     plan: Plan = eqx.field(static=True)
 
-    def __call__(self, point: Float[Array, "size"]) -> Float[Array, ""]:
+    def value(self, point: Float[Array, "size"]) -> Float[Array, ""]:
         shutter, motion = self.space.at(point)
         view = sensor_view(self.scene, motion, shutter)
         view = view.sampled(self.plan, ONLY_SPECTRA, self.nodes)
@@ -121,7 +128,7 @@ class LinearObjective(AbstractObjective):
     # Frequencies of the grid that transfer functions stand on
     num_frequencies: int = eqx.field(static=True)
 
-    def __call__(self, point: Float[Array, "size"]) -> Float[Array, ""]:
+    def value(self, point: Float[Array, "size"]) -> Float[Array, ""]:
         row = self.basis[0] + point @ self.basis[1:]
         ends = np.cumsum([math.prod(shape) for shape in self.shapes[:-1]]).tolist()
         flat = zip(jnp.split(row, ends), self.shapes, strict=True)

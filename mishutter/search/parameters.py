@@ -18,6 +18,7 @@ from mishutter._core.checks import (
 from mishutter._core.modules import AbstractModule
 from mishutter.evaluation.losses import LossFunction, as_loss
 from mishutter.evaluation.speed_knowledge import loss_of_decoder
+from mishutter.evaluation.views import nan_unless_defined
 from mishutter.model.devices import command_of
 from mishutter.model.motion import AbstractMotion, is_known_zero, simplified
 from mishutter.model.scene import Scene, require_scene
@@ -147,7 +148,7 @@ class DesignParameters(AbstractModule):
         motion = simplified(motion)
         moving = motion.without_velocity() if self._pans_as_it_did else motion
         point = jnp.clip(self.space.point_of(command, moving), _NEAREST, 1 - _NEAREST)
-        return jnp.log(point) - jnp.log1p(-point)
+        return nan_unless_defined(jnp.log(point) - jnp.log1p(-point), motion, command)
 
     def loss(self, loss: LossFunction | None = None) -> Callable[[RowLike], Float[Array, ""]]:
         """A loss as a function of the numbers: what `optimise` minimises, in the same time.

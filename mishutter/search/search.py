@@ -19,7 +19,7 @@ from mishutter.evaluation.losses import AbstractLoss, LossFunction, as_loss, val
 from mishutter.evaluation.metrics import evaluate
 from mishutter.evaluation.needs import Plan
 from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE, loss_of_decoder
-from mishutter.evaluation.views import transmittance
+from mishutter.evaluation.views import require_numbers, transmittance
 from mishutter.model.devices import AbstractDevice, command_of, stays_open
 from mishutter.model.motion import AbstractMotion, is_known_zero
 from mishutter.model.scene import Scene, require_scene
@@ -210,6 +210,8 @@ def optimise(
     require(is_motion, "optimise(motion=...)", "be a motion", motion)
     is_shutter = isinstance(shutter, AbstractShutter | None)
     require(is_shutter, "optimise(shutter=...)", "be a shutter, as `HannShutter()`", shutter)
+    for part in filter(None, (motion, shutter)):
+        require_numbers(part)
     shutter = None if shutter is None else command_of(shutter)
     if num_starts is not None:
         require_positive_int("optimise(num_starts=...)", num_starts)

@@ -1,6 +1,7 @@
 """`restore` from the command line: captures that a camera has taken, in any file that is read."""
 
 import json
+import re
 
 import jax
 import numpy as np
@@ -248,6 +249,26 @@ def test_frames_of_one_name_in_folders(burst_desk, capsys):
     assert found["1/img.png"]["misfit"] > 0
     twice = refused(capsys, "restore", "1/img.png", "1/img.png", *told[:-1])
     assert "must be of different names" in twice
+
+
+def test_a_folder_holds_the_frames(burst_desk, capsys):
+    """In the order of their numbers, 2 before 10; the table and a warning name them all."""
+    folder, _ = burst_desk
+    (folder / "frames").mkdir()
+    for old, new in (("frame_1", "f2"), ("frame_2", "f10")):
+        (folder / "taken" / f"{old}.png").rename(folder / "frames" / f"{new}.png")
+    command = ["restore", "frames", "--design", "design.json", "--out", "back"]
+    assert cli.main(command) == 0
+    out, err = capsys.readouterr()
+    assert re.search(r"f2.png to f10.png +64\d \+- \d", out)
+    assert "warning" not in err
+    assert cli.main([*command, "--speed", "900"]) == 0
+    out, err = capsys.readouterr()
+    assert re.search(r"f2.png to f10.png +900, as told +not trusted: restored for this", out)
+    assert "warning: f2.png to f10.png: " in err
+    (folder / "empty").mkdir()
+    line = refused(capsys, "restore", "empty", *command[2:])
+    assert "`CAPTURE` must be a folder with pictures as PNG, JPEG" in line
 
 
 def test_frames_that_do_not_fit_are_warned_of(burst_desk, capsys):

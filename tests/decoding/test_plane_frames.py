@@ -202,6 +202,24 @@ def test_frames_that_fit_no_picture_are_not_trusted(spoilt, doubt):
         assert estimate.doubt == ""
 
 
+def test_a_velocity_that_is_told_is_judged():
+    """As one that is found: another velocity, exchanged axes and exchanged frames do not fit."""
+    captures, _, frames = shown(size=(80, 80))
+    told = restore_frames(captures, SCENE, frames, speed=VELOCITY).estimate
+    assert (told.trusted, told.doubt, told.error) == (True, "", 0.0)
+    np.testing.assert_array_equal(told.velocity, VELOCITY)
+    assert told.misfit == pytest.approx(1.1, abs=0.15)
+    beside = VELOCITY + np.array([90.0, 0.0])
+    for light, velocity, reason in (
+        (captures, beside, "px off its place: another velocity, rows and columns exchanged"),
+        (np.swapaxes(captures, 1, 2), VELOCITY, "do not fit one picture at one velocity"),
+        (captures[[0, 2, 1, 3]], VELOCITY, "do not fit one picture at one velocity"),
+    ):
+        estimate = restore_frames(light, SCENE, frames, speed=velocity).estimate
+        assert not estimate.trusted
+        assert reason in estimate.doubt
+
+
 @pytest.mark.slow
 def test_frames_whose_gain_changes_tell_the_velocity():
     """By some per cent from frame to frame, and a black level that does."""

@@ -589,6 +589,27 @@ def test_what_is_wrong_with_captures_is_said():
         restore_frames(frames, SCENE, stills(3))
 
 
+def test_a_speed_that_is_told_is_judged():
+    """As one that is found: another speed, exchanged axes and exchanged frames do not fit."""
+    frames = stills(4)
+    picture = example_picture().luminance[150:190, 100:280]
+    key = jax.random.key(0)
+    captures = np.asarray(simulate_frames(picture, SCENE, frames, speed=1234.0, key=key))
+    told = restore_frames(captures, SCENE, frames, speed=1234.0).estimate
+    assert (told.speed, told.error, told.trusted, told.doubt) == (1234.0, 0.0, True, "")
+    assert told.misfit == pytest.approx(1, abs=0.15)
+    off = 1.5 / (frames[-1].time - frames[0].time)
+    reasons = {
+        "px off its place: another speed, their order": (captures, 1234.0 + off),
+        "moves along its columns, at 1,234 px/s": (np.swapaxes(captures, 1, 2), 1234.0),
+        "The frames do not fit one picture at one speed": (captures[[0, 2, 1, 3]], 1234.0),
+    }
+    for reason, (light, speed) in reasons.items():
+        estimate = restore_frames(light, SCENE, frames, speed=speed).estimate
+        assert not estimate.trusted
+        assert reason in estimate.doubt
+
+
 @pytest.mark.parametrize("speed", [np.nan, np.inf])
 def test_a_speed_that_is_told_is_finite(speed):
     """No canvas holds a picture that is displaced without bound."""

@@ -128,11 +128,28 @@ def test_files_of_encoders_are_read_in_their_units(heading, unit, tmp_path):
     np.testing.assert_allclose(read.place, path.place, rtol=1e-7)
 
 
+@pytest.mark.parametrize("scale", [0.031, -0.47])
+def test_counts_and_volts_have_a_scale(scale, tmp_path):
+    """One number is so many pixels on both axes, whatever the headings say of its unit."""
+    path, file = recorded(a_plane_design().stage_paths, count=40), tmp_path / "path.csv"
+    rows = np.transpose([1e3 * path.time, *(path.place / scale)])
+    lines = [",".join(f"{x:.9g}" for x in row) for row in rows]
+    for heading in ("time (ms),x,y", "time (ms),x (V),y (V)", "time (ms),x (um),y (um)"):
+        file.write_text("\n".join([heading, *lines]), encoding="utf-8")
+        read = read_path(file, num_axes=2, scale=scale)
+        np.testing.assert_allclose(read.place, path.place, rtol=1e-7)
+    for wrong in (0.0, np.nan):
+        with pytest.raises(ValueError, match=r"`read_path\(scale=...\)` must be"):
+            read_path(file, num_axes=2, scale=wrong)
+
+
 REFUSED = {
     "two axes for one": (1, "time (ms),x (px),y (px)\n0,1,2\n1,2,3", "one column of places"),
     "one axis for two": (2, "time (ms),x (px)\n0,1\n1,2", "have columns x and y"),
     "no pitch": (1, "time (ms),x (um)\n0,1\n1,2", "pixel_pitch_um"),
     "no unit": (1, "time (ms),x\n0,1\n1,2", "have the unit of x by its heading"),
+    "counts": (1, "time (ms),x (counts)\n0,1\n1,2", "or a scale for counts and volts: `--stage"),
+    "names": (1, "time (ms),encoder 1,encoder 2\n0,1,1\n1,2,2", "such as `time .ms.,x .um."),
     "falling times": (1, "time (ms),x (px)\n0,1\n1,2\n0.5,3", "have times that ascend"),
 }
 
@@ -197,3 +214,7 @@ def test_restore_takes_the_recorded_path(tmp_path, monkeypatch, capsys):
         )
     assert levels["recorded"] > levels["planned"] + 1
     assert "reach over all exposures" in refused(capsys, *command, *taken[:2])
+    scaled = ["--stage-scale-px", str(1 / 4.8)]
+    assert "be left out without --stage-path" in refused(capsys, *command, *scaled)
+    assert cli.main([*command, *taken, *scaled, "--out", "scaled", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["path"]["rms"] == pytest.approx(found["rms"])

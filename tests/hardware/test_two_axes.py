@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import re
 from dataclasses import replace
 from itertools import groupby
 
@@ -14,6 +15,7 @@ from support.plane import a_plane_design
 
 from mishutter import Limits, PlaneDesign, SecondOrderStage, Sensor, cli, frame_table, plane_psnr
 from mishutter.hardware.drive_files import DRIVE_FORMATS, WITH_POSITIONS, drive_bytes
+from mishutter.hardware.stage_files import with_way_back
 
 PITCH = Sensor(pixel_pitch=4.8e-6)
 
@@ -44,6 +46,35 @@ def test_both_axes_are_where_the_frames_want_them():
         np.testing.assert_allclose(own[f"sensor_position_{axis}_um"][lit], 4.8 * found, rtol=1e-6)
         speeds = own[f"sensor_velocity_{axis}"], own[f"sensor_velocity_{axis}_mm_per_s"]
         np.testing.assert_allclose(speeds[1], 4.8e-3 * speeds[0], rtol=1e-6)
+
+
+@pytest.mark.parametrize("axes", ["each", "disc"])
+@pytest.mark.parametrize("jerk", [None, 3e7])
+def test_the_stage_goes_back_to_where_it_began(axes, jerk):
+    """Each axis in the same time, from rest to rest, as fast as one of the limits lets it."""
+    x, y = a_plane_design().stage_paths
+    x = x._replace(positions=x.positions - np.linspace(0, 7.3, x.positions.size))
+    limits = Limits(max_acceleration=4e4, max_top_speed=170.0, max_jerk=jerk, axes=axes)
+    paths = {"_x": x, "_y": y}
+    back = with_way_back(paths, limits)
+    start, end = x.times[-1], back["_x"].times[-1]
+    time = np.linspace(start, end, 4001)
+    moved = np.array([path.at(time) for path in back.values()])
+    np.testing.assert_array_equal(back["_x"].times, back["_y"].times)
+    for path, own, (place, speed) in zip(back.values(), paths.values(), moved, strict=True):
+        assert path.positions[-1] == pytest.approx(path.positions[0], abs=1e-9)
+        assert place[0] == pytest.approx(own.positions[-1], abs=1e-9)
+        assert speed[[0, -1]].tolist() == [0.0, 0.0]
+        np.testing.assert_allclose(np.gradient(place, time)[1:-1], speed[1:-1], atol=0.1)
+    size = np.hypot if axes == "disc" else np.maximum
+    rates = np.abs(np.gradient(moved[:, 1], time, axis=1))
+    jerks = np.abs([path.jerks[-4:] for path in back.values()])
+    uses = [
+        np.max(size(*np.abs(moved[:, 1]))) / 170.0,
+        np.max(size(*rates)) / 4e4,
+        0.0 if jerk is None else np.max(size(*jerks)) / jerk,
+    ]
+    assert max(uses) == pytest.approx(1, abs=2e-3)
 
 
 def test_the_servo_of_each_axis_is_sent_more():
@@ -120,6 +151,19 @@ def test_export_writes_both_axes(tmp_path, capsys):
     out, err = capsys.readouterr()
     assert "stage x / px  stage y / px" in out
     assert "channels" not in err
+    _, y = (path.positions[-1] - path.positions[0] for path in a_plane_design().stage_paths)
+    assert f"away from where it begins: x +0.00 px, y {y:+.2f} px; --return adds" in err
+    assert cli.main([*command, "--out", str(tmp_path / "back"), "--return", "--format", "npy"]) == 0
+    err = capsys.readouterr().err
+    assert re.search(r"; goes back in \d+(\.\d+)? ms", err)
+    assert re.search(
+        r"--format npy has no run-up: its places begin at -?[\d,]+, -?[\d,]+ px/s", err
+    )
+    own = columns_of((tmp_path / "back" / "stage.csv").read_text("utf-8"))
+    assert [part for part, _ in groupby(own["part"])][-3:] == ["run-out", "return", "rest"]
+    for axis in "xy":
+        places = own[f"sensor_position_{axis}"]
+        assert places[-1] == pytest.approx(places[0], abs=1e-6)
     written = {path.name for path in (tmp_path / "lab").iterdir()}
     assert written == {"drive.csv", "frames.csv", "drive.png", "stage.csv"}
     assert cli.main([*command, "--format", "siglent", "--json"]) == 0

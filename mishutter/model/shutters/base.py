@@ -267,6 +267,12 @@ def _piece_at(time: Float[Array, "*shape"], ends: Float[Array, "ends"]) -> Int[A
     return jnp.sum(time[..., None] >= row, axis=-1, dtype=jnp.int32)
 
 
+def within_exposure(tau: Array, value: Array) -> Array:
+    """The value at normalised times of an exposure, 0 at others and NaN at none."""
+    outside = jnp.where(jnp.isnan(tau), tau, 0.0).astype(value.dtype)
+    return jnp.where(jnp.abs(tau) <= 1, value, outside)
+
+
 def uniform_breakpoints(num_pieces: int, dtype: np.dtype) -> Float[Array, "{num_pieces}+1"]:
     """Ends of equal pieces, from -1 to 1."""
     ends = np.arange(-num_pieces, num_pieces + 1, 2) / num_pieces

@@ -24,6 +24,7 @@ from mishutter.model.shutters.base import (
     Sides,
     Values,
     uniform_breakpoints,
+    within_exposure,
 )
 
 RASKAR_CODE = tuple(map(float, "1010000111000001010000110011110111010111001001100111"))
@@ -65,7 +66,7 @@ class ChippedShutter(AbstractAdjustableShutter):
         ends = uniform_breakpoints(count, np.dtype(tau.dtype))
         chip = jnp.clip(jnp.searchsorted(ends, tau, side="right") - 1, 0, count - 1)
         value = self.transmittances.astype(tau.dtype)[chip]
-        return jnp.where(jnp.abs(tau) <= 1, value, jnp.zeros_like(value))
+        return within_exposure(tau, value)
 
     def dtype(self) -> np.dtype | None:
         return np.dtype(self.transmittances.dtype)

@@ -23,6 +23,7 @@ from mishutter.model.shutters.base import (
     piecewise,
     polynomial,
     polynomial_means,
+    within_exposure,
 )
 
 _NUM_PIECES, _DEGREE = 24, 9
@@ -43,7 +44,7 @@ class PolynomialShutter(AbstractPiecewiseShutter):
         piece = jnp.clip(jnp.searchsorted(ends, tau, side="right") - 1, 0, ends.size - 2)
         powers = [looked_up(power, piece) for power in self.powers.T]
         value = polynomial(powers, (tau - ends[piece]) / self._lengths()[piece] - 0.5)
-        return jnp.where(jnp.abs(tau) <= 1, jnp.clip(value, 0, 1), jnp.zeros_like(value))
+        return within_exposure(tau, jnp.clip(value, 0, 1))
 
     def dtype(self) -> np.dtype | None:
         return np.dtype(self.powers.dtype)

@@ -37,6 +37,7 @@ from mishutter.model.shutters.base import (
     piecewise,
     split_control,
     uniform_breakpoints,
+    within_exposure,
     within_unit,
 )
 from mishutter.model.shutters.polynomials import profile_of
@@ -116,7 +117,7 @@ class SplineShutter(AbstractAdjustableShutter):
         position = (jnp.clip(tau, -1, 1) + 1) * (count / 2)
         piece = jnp.clip(position.astype(jnp.int32), 0, count - 1)
         value = bernstein_value(split_control(control[piece]), position - piece.astype(tau.dtype))
-        return jnp.where(jnp.abs(tau) <= 1, within_unit(value), jnp.zeros_like(value))
+        return within_exposure(tau, within_unit(value))
 
     def dtype(self) -> np.dtype | None:
         return np.dtype(self.parameters.dtype)

@@ -33,6 +33,7 @@ from mishutter.model.shutters.base import (
     above_zero,
     polynomial,
     uniform_breakpoints,
+    within_exposure,
 )
 
 _MIN_SIGMA, _MAX_SIGMA = 0.05, 5.0
@@ -49,7 +50,7 @@ class RectShutter(AbstractPiecewiseShutter):
 
     def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
         tau = as_float(tau)
-        return _inside(tau, jnp.ones_like(tau))
+        return within_exposure(tau, jnp.ones_like(tau))
 
     def dtype(self) -> np.dtype | None:
         return None
@@ -75,7 +76,7 @@ class HannShutter(AbstractPiecewiseShutter):
 
     def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
         tau = as_float(tau)
-        return _inside(tau, jnp.sin((jnp.pi / 2) * (1 - jnp.abs(tau))) ** 2)
+        return within_exposure(tau, jnp.sin((jnp.pi / 2) * (1 - jnp.abs(tau))) ** 2)
 
     def dtype(self) -> np.dtype | None:
         return None
@@ -102,7 +103,7 @@ class TriangleShutter(AbstractPiecewiseShutter):
 
     def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
         tau = as_float(tau)
-        return _inside(tau, 1 - jnp.abs(tau))
+        return within_exposure(tau, 1 - jnp.abs(tau))
 
     def dtype(self) -> np.dtype | None:
         return None
@@ -147,7 +148,7 @@ class GaussianShutter(AbstractAdjustableShutter):
 
     def transmittance(self, tau: ArrayLike) -> Float[Array, "..."]:
         tau = jnp.asarray(tau, common_dtype(self.sigma, tau))
-        return _inside(tau, self._profile(tau))
+        return within_exposure(tau, self._profile(tau))
 
     def _profile(self, tau: Array | np.ndarray) -> Any:
         sigma = as_array_like(tau, self.sigma)
@@ -208,7 +209,7 @@ class TukeyShutter(AbstractAdjustableShutter):
         depth = jnp.maximum(1 - jnp.abs(tau), 0)
         taper = self.taper.astype(tau.dtype)
         ramp = jnp.sin((jnp.pi / 2) * jnp.minimum(depth / above_zero(taper), 1)) ** 2
-        return _inside(tau, jnp.where(depth >= taper, 1.0, ramp))
+        return within_exposure(tau, jnp.where(depth >= taper, 1.0, ramp))
 
     def dtype(self) -> np.dtype | None:
         return np.dtype(self.taper.dtype)
@@ -253,10 +254,6 @@ def _whole_roundings(length: Length) -> Length:
         return np.asarray(np.maximum(np.round(length / rounding), 1) * rounding)
     whole = jnp.maximum(jnp.round(length / rounding), 1) * rounding
     return length + jax.lax.stop_gradient(whole - length)
-
-
-def _inside(tau: Array, value: Array) -> Array:
-    return jnp.where(jnp.abs(tau) <= 1, value, jnp.zeros_like(value))
 
 
 def _sinc_series(first: int) -> list[Fraction]:
