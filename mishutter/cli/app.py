@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from mishutter._core.files import short_names, writable_folder
+from mishutter._core.files import ONE_EXPOSURE, short_names, writable_folder
 from mishutter._core.progress import note, progress_bar, working
 from mishutter.cli.camera import reproduce, simulate
 from mishutter.cli.console import (
@@ -70,11 +70,11 @@ from mishutter.cli.options import (
     SeedsOption,
     ShuttersOption,
     VerboseOption,
+    design_option,
     judge_of,
     loss_of,
     names_of,
     option,
-    path_option,
     scene_of,
 )
 from mishutter.cli.plan_command import plan, plan_of_search, plan_text
@@ -213,7 +213,7 @@ def optimise(
     delivery = Delivery(folder, json, noise_seeds, every_photograph, backgrounds, verbose)
     with interruptible(lambda: _after_search(scene_file, folder)):
         if folder is not None:
-            design.save(folder / "design.json")
+            replace(design, sequence=None).save(folder / ONE_EXPOSURE)
         entries = {"optimised": design}
         result = _compared(
             scene,
@@ -230,14 +230,14 @@ def optimise(
 
 def _next_step(result: "Report", scene_file: Path | None, folder: Path | None) -> str:
     """The command that goes on from an answer: to a folder of files, or from its design."""
-    return next_step(scene_file, folder, None if folder is None else result.file_to_build)
+    return next_step(scene_file, folder, result.file_to_build)
 
 
 def _after_search(scene_file: Path | None, folder: Path | None) -> str:
     """The message of an interrupt that comes between the end of a search and its report."""
     if folder is None:
         return f"{AGAIN}; with --out DIR the design is saved as soon as the search ends"
-    design = shlex.join(["--design", str(folder / "design.json")])
+    design = shlex.join(["--design", str(folder / ONE_EXPOSURE)])
     scene = "" if scene_file is None else f" {shlex.quote(str(scene_file))}"
     return f"the design is saved; `mishutter compare{scene} {design}` continues from it"
 
@@ -249,7 +249,7 @@ def compare(
     *,
     designs: Annotated[
         list[Path] | None,
-        path_option(DESIGN, "--design FILE", "Saved design to show; repeat for more."),
+        design_option(DESIGN, "--design FILE", "Saved design to show; repeat for more."),
     ] = None,
     shutters: ShuttersOption = None,
     files: CameraFiles,

@@ -13,6 +13,7 @@ from mishutter.cli.options import (
     DECODERS,
     DecoderName,
     JsonOption,
+    design_option,
     named_decoder,
     option,
     path_option,
@@ -65,7 +66,7 @@ def simulate(
         ),
     ] = False,
     design: Annotated[
-        Path | None, path_option(DESIGN, "--design FILE", "Saved design to use.")
+        Path | None, design_option(DESIGN, "--design FILE", "Saved design to use.")
     ] = None,
     shutter: Annotated[
         str | None,

@@ -305,11 +305,10 @@ def start_jax() -> None:
     keep_compiled_programs()
 
 
-def next_step(scene_file: Path | None, folder: Path | None, design: str | None = None) -> str:
+def next_step(scene_file: Path | None, folder: Path | None, design: str) -> str:
     """The command that goes on from an answer: to a folder of files, or from its design."""
     if folder is not None:
-        file = folder / (design or "design.json")
-        export = ["mishutter", "export", str(file), "--out", str(folder / "lab")]
+        export = ["mishutter", "export", str(folder / design), "--out", str(folder / "lab")]
         return f"{shlex.join(export)}  # the files that drive the camera"
     scene, name = ([], "design") if scene_file is None else ([str(scene_file)], scene_file.stem)
     again = shlex.join(["mishutter", "optimise", *scene, "--out", name])

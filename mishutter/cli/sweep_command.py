@@ -127,7 +127,7 @@ def sweep(
     folder = None if out is None else writable_folder(out)
     points: list[int] = []
     with (
-        interruptible(lambda: _after_points(points, total, store)),
+        interruptible(lambda: _after_points(points, total, store, is_search=optimise)),
         _notes(),
         progress_bar("sweeping", total, WHY_NO_POINT) as update,
     ):
@@ -156,11 +156,16 @@ def sweep(
     _deliver(dataset, scene, folder, json)
 
 
-def _after_points(points: list[int], total: int, store: Path | None) -> str:
+def _after_points(points: list[int], total: int, store: Path | None, *, is_search: bool) -> str:
     """The message of an interrupted sweep: the points that its store holds, and how to go on."""
     if store is None:
         return f"{AGAIN}; with --store PATH a sweep goes on where it was interrupted"
     done = points[-1] if points else 0
+    if is_search:  # which tells its points before their block is whole
+        return (
+            f"{done} of {total} points were found, and those of whole blocks are saved in {store}; "
+            "the same command computes the others"
+        )
     return f"{done} of {total} points are saved in {store}; the same command computes the others"
 
 

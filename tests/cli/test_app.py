@@ -405,7 +405,10 @@ def test_a_design_whose_reader_leaves_is_kept(small_scene, tmp_path):
             check=False,
         )
     assert done.returncode == 0
-    assert {file.name for file in (tmp_path / "kept").iterdir()} > {"design.json", "answer.png"}
+    assert {file.name for file in (tmp_path / "kept").iterdir()} > {
+        "recommended.json",
+        "answer.png",
+    }
 
 
 @pytest.mark.slow
@@ -616,10 +619,10 @@ def test_json_is_one_strict_document(optimised):
 
 @pytest.mark.slow
 def test_a_saved_design_has_the_same_metrics(optimised):
-    """`design.json` loads back to the metrics that were printed."""
+    """`one_exposure.json` loads back to the metrics that were printed."""
     folder, text = optimised
     printed = json.loads(text)["design"]["metrics"]
-    loaded = Design.load(folder / "design.json").metrics
+    loaded = Design.load(folder / "one_exposure.json").metrics
     for name in ("condition_number", "expected_psnr", "efficiency", "bound_share"):
         assert float(getattr(loaded, name)) == pytest.approx(printed[name], rel=1e-12)
 
@@ -639,7 +642,7 @@ def test_the_profile_has_its_units(optimised):
     """The CSV names its columns, then their units, then spans the exposure in ms."""
     folder, _ = optimised
     names, units, *rows = (folder / "profile.csv").read_text("utf-8").splitlines()
-    design = Design.load(folder / "design.json")
+    design = Design.load(folder / "one_exposure.json")
     assert names == "time,tau,transmittance"
     assert units == "ms,1,1"
     time, tau, _ = np.array([[float(cell) for cell in row.split(",")] for row in rows]).T
@@ -665,9 +668,9 @@ def test_compare_reads_designs_back(optimised, small_scene, capsys):
     """`compare` shows saved designs, of any name, at the metrics they were saved with."""
     folder, _ = optimised
     other = folder.parent / "Hann.json"
-    other.write_bytes((folder / "design.json").read_bytes())
-    design = Design.load(folder / "design.json")
-    options = ["--design", str(folder / "design.json"), "--design", str(other)]
+    other.write_bytes((folder / "one_exposure.json").read_bytes())
+    design = Design.load(folder / "one_exposure.json")
+    options = ["--design", str(folder / "one_exposure.json"), "--design", str(other)]
     options += ["--noise-seeds", "0"]
     assert cli.main(["compare", str(small_scene), *options, "--verbose"]) == 0
     out, err = capsys.readouterr()
@@ -676,13 +679,13 @@ def test_compare_reads_designs_back(optimised, small_scene, capsys):
     own_best, _ = tables.split("Same motion")
     lines = {line.split()[0]: line for line in own_best.splitlines() if line.split()}
     assert "Hann" in lines
-    assert "design = made/Hann" in lines["design"]
-    assert f"{float(design.metrics.expected_psnr):.2f}" in lines["design"]
+    assert "one_exposure = made/Hann" in lines["one_exposure"]
+    assert f"{float(design.metrics.expected_psnr):.2f}" in lines["one_exposure"]
     assert re.match(r"Take .*: [\d.]+ dB", verdict)
     assert cli.main(["compare", str(small_scene), *options]) == 0
     short = capsys.readouterr().out
     assert short.splitlines()[0] == verdict.splitlines()[0]
-    assert " design: " in short  # a saved design is an option by its name
+    assert " one_exposure: " in short  # a saved design is an option by its name
     assert "Own best motion" not in short
     *_, last = short.splitlines()
     again = f"mishutter optimise {small_scene} --out scene"
@@ -696,7 +699,7 @@ def test_a_search_makes_no_nan(optimised, small_scene):
     The command did, into its folder; so do searches on free paths, of a shutter that is shaped and
     of one that stays open.
     """
-    assert (optimised[0] / "design.json").exists()
+    assert (optimised[0] / "recommended.json").exists()
     place = small_scene.with_name("free.toml")
     place.write_text(SMALL_SCENE)
     scene, few = read_scene(place), {"num_coefficients": 6, "num_starts": 2, "max_steps": 3}
