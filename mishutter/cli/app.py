@@ -3,10 +3,12 @@
 Modules that take seconds to import are imported inside the commands.
 """
 
+import itertools
 import shlex
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 from platform import python_version
@@ -94,6 +96,7 @@ if TYPE_CHECKING:
 
 _WHY_NO_STEP = "compiling (first run only)"
 """Why a step of what follows the verdict takes a while."""
+_IMPORT = "--import"
 _INTERRUPTED = 130
 """The exit code of an interrupt, which the parser of the command line returns too."""
 
@@ -130,8 +133,26 @@ def _options(
             help="Show the versions of mishutter, jax, jaxlib and Python, and exit.",
         ),
     ] = False,
+    modules: Annotated[
+        list[str] | None,
+        typer.Option(
+            _IMPORT,
+            metavar="MODULE",
+            help="Python module that registers a shutter of your own, of which a design is; "
+            "before or after the command.",
+        ),
+    ] = None,
 ) -> None:
     """Options shared by all commands."""
+    for name in modules or []:
+        sys.path.insert(0, "")  # as `python -m` does, for modules in the current folder
+        try:
+            import_module(name)
+        except ImportError as error:
+            requirement = f"be a module that can be imported; got {name!r}: {error}"
+            raise ValueError(f"`{_IMPORT}` must {requirement}.") from None
+        finally:
+            sys.path.remove("")
 
 
 @app.command(cls=GroupedCommand, rich_help_panel=TO_BEGIN)
@@ -454,8 +475,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
+def _imports_first(words: Sequence[str]) -> list[str]:
+    """The arguments with `--import` and its module, which all commands share, before the others."""
+    first: list[str] = []
+    rest: list[str] = []
+    others = iter(words)
+    for word in others:
+        if word == _IMPORT and word is not words[-1]:
+            first += [word, *itertools.islice(others, 1)]
+        elif word.startswith(f"{_IMPORT}="):
+            first.append(word)
+        else:
+            rest.append(word)
+    return [*first, *rest]
+
+
 def _run(words: Sequence[str]) -> int:
-    command = typer.main.get_command(app)
+    command, words = typer.main.get_command(app), _imports_first(words)
     try:
         with ends_when_asked(), doubts_as_notes():
             code = command.main(words, prog_name="mishutter", standalone_mode=False)

@@ -32,6 +32,7 @@ from support.command_line import (
     no_constant,
     refused,
 )
+from support.drive import a_design
 
 from mishutter import (
     HannShutter,
@@ -44,10 +45,12 @@ from mishutter import (
 )
 from mishutter._core.progress import working
 from mishutter.cli import app
+from mishutter.cli.options import as_design
 from mishutter.design import design as finished
 
 # The face is `main` alone, which never waits long enough without a bar to say so.
 from mishutter.design.design import Design
+from mishutter.model.shutters import kinds
 from mishutter.pictures.images import write_picture
 
 
@@ -719,3 +722,58 @@ def test_what_cannot_be_counted_gives_a_sign_of_life(monkeypatch, is_terminal):
     with working("counting the grains of sand"):
         time.sleep(0.01)
     assert ("counting the grains of sand" in stream.getvalue()) == is_terminal
+
+
+OWN_SHUTTER = """
+from typing import final
+import jax
+import jax.numpy as jnp
+from mishutter import AbstractShutter, register_shutter
+
+@register_shutter
+@final
+class DimShutter(AbstractShutter):
+    light: jax.Array
+
+    def transmittance(self, tau):
+        return self.light + 0.0 * jnp.asarray(tau)
+"""
+
+
+@pytest.mark.parametrize("words", [["--import", "own_{}"], ["--import=own_{}"]], ids=len)
+def test_a_design_of_an_own_shutter_names_its_module(words, tmp_path, monkeypatch, capsys):
+    """The line says what to import; with that, before or after the command, it is read."""
+    monkeypatch.chdir(tmp_path)
+    name = f"own_{len(words)}"
+    (tmp_path / f"{name}.py").write_text(OWN_SHUTTER)
+    design = a_design(HannShutter()).to_dict()
+    design["shutter"] = {"kind": "DimShutter", "module": name, "light": 0.75}
+    (tmp_path / "own.json").write_text(json.dumps(design))
+    command = ["export", "own.json", "--steps", "3"]
+    before = list(kinds.KINDS)
+    try:
+        assert cli.main(command) == 2
+        assert f"a module that is imported, as by `--import {name}`" in capsys.readouterr().err
+        told = [word.format(len(words)) for word in words]
+        for given in ([*command, *told], [*told, *command]):
+            assert cli.main(given) == 0
+            assert ",0.75," in capsys.readouterr().out
+        saved = Design.load("own.json").to_dict()["shutter"]
+        assert saved == design["shutter"]
+    finally:
+        kinds.KINDS[:] = before
+    assert cli.main([*command, "--import", "nobodys_module"]) == 2
+    assert "must be a module that can be imported" in capsys.readouterr().err
+
+
+def test_a_folder_and_names_of_another_version_are_designs(tmp_path, capsys):
+    """A folder stands for its recommendation, whichever version wrote it."""
+    a_design(HannShutter()).save(tmp_path / "design.json")
+    for asked in (tmp_path, tmp_path / "recommended.json", tmp_path / "build.json"):
+        assert as_design(asked) == tmp_path / "design.json"
+    assert "recommended.json is design.json in this folder" in capsys.readouterr().err
+    for name in ("build.json", "recommended.json"):
+        a_design(HannShutter()).save(tmp_path / name)
+        assert as_design(tmp_path) == tmp_path / name
+    assert as_design(tmp_path / "design.json") == tmp_path / "design.json"
+    assert as_design(tmp_path / "other.json") == tmp_path / "other.json"
