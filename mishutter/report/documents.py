@@ -246,6 +246,7 @@ def _drawings(report: Report) -> "dict[str, Callable[[], Figure]]":
         return drawings
     designs = {name: (row.motion, row.shutter) for name, row in report.cameras.items()}
     knowledge = next(iter(report.cameras.values())).decoder.name
+    levels_of_answer = {name: row.level for name, row in report.cameras.items()}
     some = dict(itertools.islice(designs.items(), _MOST_ROWS))
     drawings |= {
         "profile.png": lambda: plots.plot_profiles(
@@ -253,7 +254,7 @@ def _drawings(report: Report) -> "dict[str, Callable[[], Figure]]":
             explains_ears=choice is not None and SHUTTER in choice.required_hardware,
         ),
         "kernels.png": lambda: plots.plot_kernels(some, shown_speeds(scene)),
-        "transfer.png": lambda: plots.plot_transfer(scene, designs, knowledge),
+        "transfer.png": lambda: plots.plot_transfer(scene, designs, knowledge, levels_of_answer),
     }
     if report.photographs is not None:
         levels = report.photograph_levels

@@ -125,7 +125,7 @@ USAGE = {
     "shutter-unknown": (["compare", "--shutter", "hamming"], "must be one of rect, hann, "),
     "shutter-value": (["compare", "--shutter", "tukey:wide"], "must have a finite number after"),
     "shutter-nan": (["compare", "--shutter", "tukey:nan"], "must have a finite number after"),
-    "shutter-range": (["compare", "--shutter", "tukey:1.5"], "`TukeyShutter(taper=...)` must"),
+    "shutter-range": (["compare", "--shutter", "tukey:1.5"], "error: `taper` must"),
     "shutter-no-value": (["compare", "--shutter", "hann:0.5"], "must give hann no parameter"),
     "missing-design": (["compare", "--design", "no.json"], "must exist; got: file not found"),
     "out-unnamed": (["optimise", "--out", ""], "`--out` must be a path of at least one character"),
