@@ -334,7 +334,9 @@ def plot_option(scene: Scene, row: Row, title: str = "") -> "Figure":
         below.plot(tau * half * 1e3, transmittance, **next(line_styles()))
         below.set(xlabel="time from the middle / ms", ylabel="transmittance", ylim=(-0.02, 1.05))
     travel = ", at rest" if is_still else f", {row.stroke:.3g} px from first to last light"
-    axes.lines[0].set_label(f"stage{travel}")
+    part = "stage" if scene.limits.moves else "sensor"
+    axes.lines[0].set_label(f"{part}{travel}")
+    axes.set_ylabel(f"{part} position / px")
     if np.ptp(np.concatenate([line.get_ydata() for line in axes.lines])) < _AT_REST:
         axes.set_ylim(-1, 1)
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
@@ -788,8 +790,9 @@ def plot_plane(scene: Scene, burst: AbstractExposures, title: str = "") -> "Figu
     if not burst.moves:
         figure, (below,) = _new(1, height=2.6)
         _draw_exposures(below, burst.lights, {})
-        below.lines[0].set_label("stage, at rest")
-        below.set_ylim(-1, 1)
+        part = "stage" if scene.limits.moves else "sensor"
+        below.lines[0].set_label(f"{part}, at rest")
+        below.set(ylim=(-1, 1), ylabel=f"{part} position / px")
         below.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
         return _titled(figure, title)
     figure = new_figure(7.4, 6.2)
