@@ -10,6 +10,10 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+RECOMMENDED, ONE_EXPOSURE = "recommended.json", "one_exposure.json"
+"""Designs in the folder of an answer: of what is recommended, and of the best single exposure."""
+FORMER = ("build.json", "design.json")
+"""Names in version 0.2: of what is recommended, and without it of that or of one exposure."""
 _MOST_BYTES = 1 << 26
 """More than any scene or design; the bound stops the reading of an endless `/dev/zero`."""
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH

@@ -92,8 +92,10 @@ class Counter:
         with self._lock:
             count = f"{min(self.done + bool(self._running), self.total)} of {self.total}"
             name = self._running[0] if self._running else self._message
-            name += f" {self._shares[name]:.0%}" if name in self._shares else ""
             is_stuck = time.monotonic() - self._last >= _PAUSE
+            # A share that stays says less than why.
+            shows = name in self._shares and not is_stuck
+            name += f" {self._shares[name]:.0%}" if shows else ""
         words = f"{name}, {count}" if name else count
         return f"{words} ({self._why})" if is_stuck and self._why else words
 

@@ -21,6 +21,9 @@ class Section(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
 
+    renamed: ClassVar[Mapping[str, str]] = {}
+    """Keys of earlier versions or of other words, each with the key that an error names instead."""
+
 
 File = TypeVar("File", bound=Section)
 
@@ -88,6 +91,7 @@ def requirement(problem: Mapping[str, Any]) -> str:
         "too_short": "hold at least {min_length} value",
         "too_long": "hold at most {max_length} values",
         "string_too_short": "not be empty",
+        "value_error": "{error}",  # of a schema that has words of its own
     }
     if problem["type"] not in sentences:
         return f"hold: {problem['msg']}"
@@ -106,8 +110,10 @@ def _unknown_key(model: type[Section], place: Place, key_name: Callable[[Place],
     names = tuple(part for part in tables if isinstance(part, str))
     places = [p for p in _known_keys(model) if p != names]
     siblings = [p for p in places if p[:-1] == names]
+    renamed = _section(model, names).renamed
     nearest = (
-        [p for p in siblings if key and p[-1].startswith(key)]
+        [p for p in [*siblings, *places] if p[-1] == renamed.get(key)]
+        or [p for p in siblings if key and p[-1].startswith(key)]
         or _close(key, siblings, cutoff=0.9)
         or _close(key, places, cutoff=0.9)
         or _close(key, siblings, cutoff=0.6)
@@ -117,6 +123,15 @@ def _unknown_key(model: type[Section], place: Place, key_name: Callable[[Place],
     hint = f", perhaps `{key_name(nearest[0])}`" if nearest else every
     where = f"`{key_name(tuple(tables))}`" if tables else "the file"
     return f"{where} must hold known keys only{hint}; got {describe(key)}."
+
+
+def _section(model: type[Section], names: Place) -> type[Section]:
+    """The schema of a table within a file."""
+    for name in names:
+        annotation = model.model_fields[name].annotation
+        options = [annotation, *getattr(annotation, "__args__", ())]
+        model = next(o for o in options if isinstance(o, type) and issubclass(o, Section))
+    return model
 
 
 def _close(key: str, places: list[Place], cutoff: float) -> list[Place]:

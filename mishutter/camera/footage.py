@@ -136,7 +136,8 @@ def read_frames(
         raise FileNotFoundError(f"`{_READ}` must name a folder or a video; got {got}.")
     if path.is_dir():
         names = sorted(p for p in path.iterdir() if p.suffix.lower() in PICTURE_SUFFIXES)
-        require(len(names) >= 1, _READ, "hold pictures", str(path))
+        got = Unquoted(f"folder {str(path)!r}, which has none")
+        require(len(names) >= 1, _READ, "hold pictures", got)
         return Footage(_pictures(names, white_level, linear), len(names), border)
     kinds = ", ".join(suffix[1:] for suffix in VIDEO_SUFFIXES)
     is_video = path.suffix.lower() in VIDEO_SUFFIXES

@@ -3,10 +3,12 @@
 Modules that take seconds to import are imported inside the commands.
 """
 
+import itertools
 import shlex
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 from platform import python_version
@@ -14,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from mishutter._core.files import short_names, writable_folder
+from mishutter._core.files import ONE_EXPOSURE, short_names, writable_folder
 from mishutter._core.progress import note, progress_bar, working
 from mishutter.cli.camera import reproduce, simulate
 from mishutter.cli.console import (
@@ -69,11 +71,11 @@ from mishutter.cli.options import (
     SeedsOption,
     ShuttersOption,
     VerboseOption,
+    design_option,
     judge_of,
     loss_of,
     names_of,
     option,
-    path_option,
     scene_of,
 )
 from mishutter.cli.plan_command import plan, plan_of_search, plan_text
@@ -93,6 +95,7 @@ if TYPE_CHECKING:
 
 _WHY_NO_STEP = "compiling (first run only)"
 """Why a step of what follows the verdict takes a while."""
+_IMPORT = "--import"
 _INTERRUPTED = 130
 """The exit code of an interrupt, which the parser of the command line returns too."""
 
@@ -129,8 +132,26 @@ def _options(
             help="Show the versions of mishutter, jax, jaxlib and Python, and exit.",
         ),
     ] = False,
+    modules: Annotated[
+        list[str] | None,
+        typer.Option(
+            _IMPORT,
+            metavar="MODULE",
+            help="Python module that registers a shutter of your own, of which a design is; "
+            "before or after the command.",
+        ),
+    ] = None,
 ) -> None:
     """Options shared by all commands."""
+    for name in modules or []:
+        sys.path.insert(0, "")  # as `python -m` does, for modules in the current folder
+        try:
+            import_module(name)
+        except ImportError as error:
+            requirement = f"be a module that can be imported; got {name!r}: {error}"
+            raise ValueError(f"`{_IMPORT}` must {requirement}.") from None
+        finally:
+            sys.path.remove("")
 
 
 @app.command(cls=GroupedCommand, rich_help_panel=TO_BEGIN)
@@ -210,7 +231,7 @@ def optimise(
     delivery = Delivery(folder, json, noise_seeds, every_photograph, verbose)
     with interruptible(lambda: _after_search(scene_file, folder)):
         if folder is not None:
-            design.save(folder / "design.json")
+            replace(design, sequence=None).save(folder / ONE_EXPOSURE)
         entries = {"optimised": design}
         result = _compared(
             scene,
@@ -227,14 +248,14 @@ def optimise(
 
 def _next_step(result: "Report", scene_file: Path | None, folder: Path | None) -> str:
     """The command that goes on from an answer: to a folder of files, or from its design."""
-    return next_step(scene_file, folder, None if folder is None else result.file_to_build)
+    return next_step(scene_file, folder, result.file_to_build)
 
 
 def _after_search(scene_file: Path | None, folder: Path | None) -> str:
     """The message of an interrupt that comes between the end of a search and its report."""
     if folder is None:
         return f"{AGAIN}; with --out DIR the design is saved as soon as the search ends"
-    design = shlex.join(["--design", str(folder / "design.json")])
+    design = shlex.join(["--design", str(folder / ONE_EXPOSURE)])
     scene = "" if scene_file is None else f" {shlex.quote(str(scene_file))}"
     return f"the design is saved; `mishutter compare{scene} {design}` continues from it"
 
@@ -246,7 +267,7 @@ def compare(
     *,
     designs: Annotated[
         list[Path] | None,
-        path_option(DESIGN, "--design FILE", "Saved design to show; repeat for more."),
+        design_option(DESIGN, "--design FILE", "Saved design to show; repeat for more."),
     ] = None,
     shutters: ShuttersOption = None,
     files: CameraFiles,
@@ -426,8 +447,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
+def _imports_first(words: Sequence[str]) -> list[str]:
+    """The arguments with `--import` and its module, which all commands share, before the others."""
+    first: list[str] = []
+    rest: list[str] = []
+    others = iter(words)
+    for word in others:
+        if word == _IMPORT and word is not words[-1]:
+            first += [word, *itertools.islice(others, 1)]
+        elif word.startswith(f"{_IMPORT}="):
+            first.append(word)
+        else:
+            rest.append(word)
+    return [*first, *rest]
+
+
 def _run(words: Sequence[str]) -> int:
-    command = typer.main.get_command(app)
+    command, words = typer.main.get_command(app), _imports_first(words)
     try:
         with ends_when_asked(), doubts_as_notes():
             code = command.main(words, prog_name="mishutter", standalone_mode=False)

@@ -4,7 +4,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from mishutter._core.files import writable_folder
+from mishutter._core.files import ONE_EXPOSURE, writable_folder
 from mishutter._core.progress import note, progress_bar
 from mishutter.cli.console import AGAIN, interruptible, print_table, start_jax, write_json
 from mishutter.cli.help import DESIGN, OUTPUT, PICTURES, SENSOR
@@ -13,6 +13,7 @@ from mishutter.cli.options import (
     DECODERS,
     DecoderName,
     JsonOption,
+    design_option,
     named_decoder,
     option,
     path_option,
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
     from mishutter.pictures.images import Picture
 
 _NUM_TICKS = 100
+_LEAST_ERROR = 0.01
+"""Least error of a speed that is printed; px/s."""
 _LINEAR = "PSNR / dB, linear light"
 
 
@@ -65,7 +68,7 @@ def simulate(
         ),
     ] = False,
     design: Annotated[
-        Path | None, path_option(DESIGN, "--design FILE", "Saved design to use.")
+        Path | None, design_option(DESIGN, "--design FILE", "Saved design to use.")
     ] = None,
     shutter: Annotated[
         str | None,
@@ -217,6 +220,11 @@ def _simulated(
         return {"captured": result.captured}, result
     if isinstance(subject, Footage):
         raise ValueError("`--subject` must be a photograph or layers for a burst; got footage.")
+    if scene.occlusion is not None:
+        raise ValueError(
+            f"`--design` must be of one exposure, as {ONE_EXPOSURE} beside an answer, to be "
+            "simulated before a background; got frames and [occlusion]."
+        )
     result = burst_and_restore(subject, scene, camera.exposures, **settings)
     frames = camera.exposures.of_one_gain(result.captured)
     # A shell lists names of equal length in the order of their numbers.
@@ -290,12 +298,17 @@ def _warn_beyond(scene: "Scene", speed: float | tuple[float, float]) -> None:
         size, fastest = math.hypot(*speed), float(scene.max_speed)
         if size > fastest:
             note(
-                f"warning: --speed is {size:,.5g} px/s in all; the scene's go up to {fastest:,.5g}"
+                f"warning: --speed is {size:,.5g} px/s in all; the scene's go up to {fastest:,.5g} "
+                "px/s. Is its unit missing, as in 0.9m/s,0.2m/s?"
             )
         return
     slowest, fastest = float(scene.speeds.min()), float(scene.speeds.max())
-    if not min(slowest, 0) <= speed <= max(fastest, 0):
-        note(f"warning: --speed is {speed:g} px/s; the scene's are {slowest:g} to {fastest:g}")
+    # 0 is the default, and a picture at rest.
+    if speed != 0 and not slowest <= speed <= fastest:
+        note(
+            f"warning: --speed is {speed:g} px/s; the scene's are {slowest:g} to {fastest:g} px/s. "
+            "Is its unit missing, as in 0.9m/s?"
+        )
 
 
 def speed_found(estimate: "Estimate", *, in_burst: bool) -> tuple[str, str]:
@@ -304,14 +317,21 @@ def speed_found(estimate: "Estimate", *, in_burst: bool) -> tuple[str, str]:
 
     if isinstance(estimate, VelocityEstimate):
         x, y = estimate.velocity
-        value, error = f"{x:,.0f}, {y:,.0f}", f"{estimate.error:,.2g}"
+        value, error = f"{x:,.0f}, {y:,.0f}", _error_words(estimate.error)
     elif estimate.tells_nothing:
         return "none", "restored for all speeds of the scene"
     else:
-        value, error = f"{estimate.speed:,.0f}", f"{estimate.error:,.0f}"
-    value += f" +- {error}" if estimate.error > 0 else ", as told"
+        value, error = f"{estimate.speed:,.0f}", _error_words(estimate.error)
+    value += f" {error}" if estimate.error > 0 else ", as told"
     instead = "for this speed anyway" if in_burst else "for all likely speeds"
     return value, "trusted" if estimate.trusted else f"not trusted: restored {instead}"
+
+
+def _error_words(error: float) -> str:
+    """The error of a speed, px/s; that of frames without noise is only of rounding."""
+    if error < _LEAST_ERROR:
+        return f"+- less than {_LEAST_ERROR:g}"
+    return f"+- {error:,.0f}" if error >= 10 else f"+- {error:.2g}"
 
 
 def estimate_document(estimate: "Estimate") -> dict[str, object]:

@@ -34,6 +34,10 @@ if TYPE_CHECKING:
 
 AGAIN = "no result was saved; the same command starts again, with what it has compiled so far"
 """Message of an interrupt of work that saves nothing before its end."""
+_OF_PYTHON = re.compile(r"`[A-Za-z_.]+\((\w+)=\.\.\.\)`")
+"""An argument of a function as errors name it."""
+_OF_COMMANDS = {"path": "the path", "capture": "the capture", "captures": "the captures"}
+"""Words for arguments that commands have by other names than functions."""
 _PARSER: Any = sys.modules[typer.BadParameter.__module__]
 """The errors of the command line parser, whichever Click it was built on."""
 
@@ -92,6 +96,8 @@ def _value_line(error: Any) -> str:
 
 def _one_line(message: str) -> str:
     text = " ".join(message.split()).removesuffix(".")
+    # Whoever types commands knows no names of functions.
+    text = _OF_PYTHON.sub(lambda each: _OF_COMMANDS.get(each[1], f"`{each[1]}`"), text)
     return text if "; got" in text else f"the command line must be valid; got: {text}"
 
 
@@ -305,11 +311,10 @@ def start_jax() -> None:
     keep_compiled_programs()
 
 
-def next_step(scene_file: Path | None, folder: Path | None, design: str | None = None) -> str:
+def next_step(scene_file: Path | None, folder: Path | None, design: str) -> str:
     """The command that goes on from an answer: to a folder of files, or from its design."""
     if folder is not None:
-        file = folder / (design or "design.json")
-        export = ["mishutter", "export", str(file), "--out", str(folder / "lab")]
+        export = ["mishutter", "export", str(folder / design), "--out", str(folder / "lab")]
         return f"{shlex.join(export)}  # the files that drive the camera"
     scene, name = ([], "design") if scene_file is None else ([str(scene_file)], scene_file.stem)
     again = shlex.join(["mishutter", "optimise", *scene, "--out", name])

@@ -15,7 +15,7 @@ from mishutter._core.progress import note, working
 from mishutter.cli.console import print_table, start_jax, write_json
 from mishutter.cli.help import TABLE
 from mishutter.cli.laboratory import CeilingOption, FloorOption
-from mishutter.cli.options import JsonOption, OutOption, as_path, option
+from mishutter.cli.options import JsonOption, OutOption, as_design, option
 
 if TYPE_CHECKING:
     from mishutter.design.design import AbstractDesign, Design
@@ -50,7 +50,7 @@ _TO_LIMIT = "set max_acceleration_g or max_acceleration_px_per_s2 in [limits] of
 
 def export(
     design: Annotated[
-        Path, typer.Argument(metavar="DESIGN.json", parser=as_path, help="Saved design.")
+        Path, typer.Argument(metavar="DESIGN.json", parser=as_design, help="Saved design.")
     ],
     *,
     out: OutOption = None,

@@ -13,7 +13,7 @@ from mishutter._core.progress import note, working
 from mishutter.cli.console import print_table, print_text, start_jax, write_json
 from mishutter.cli.help import CAMERA, SEARCH
 from mishutter.cli.laboratory import AS_DESIGNED, AS_DRIVEN
-from mishutter.cli.options import JsonOption, OutOption, as_path, option, path_option
+from mishutter.cli.options import JsonOption, OutOption, as_path, design_option, option, path_option
 
 if TYPE_CHECKING:
     from mishutter.design.design import Design
@@ -36,7 +36,7 @@ def fit(
     ],
     *,
     design: Annotated[
-        Path, path_option(CAMERA, "--design FILE", "Design by which the camera was built.")
+        Path, design_option(CAMERA, "--design FILE", "Design by which the camera was built.")
     ],
     drive: Annotated[
         Path | None, path_option(CAMERA, "--drive FILE", "Drive table that was sent, csv or npy.")

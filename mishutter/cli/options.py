@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mishutter._core.checks import require
+from mishutter._core.files import FORMER, RECOMMENDED
+from mishutter._core.progress import note
 from mishutter.cli.help import DESIGN, MOVES, OUTPUT, PICTURES
 
 if TYPE_CHECKING:
@@ -69,7 +71,24 @@ def as_path(text: str | Path) -> Path:
     return Path(text)
 
 
+def as_design(text: str | Path) -> Path:
+    """The path of a saved design: a file, or the folder of an answer, whose recommendation it is.
+
+    A folder of one version is read by the names of the other, with a note.
+    """
+    path = as_path(text)
+    path = path / RECOMMENDED if path.is_dir() else path
+    if path.exists() or path.name not in (RECOMMENDED, *FORMER):
+        return path
+    others = (path.with_name(name) for name in (RECOMMENDED, *FORMER))
+    other = next((each for each in others if each.exists()), path)
+    if other != path:
+        note(f"{path} is {other.name} in this folder, which is read")
+    return other
+
+
 path_option = partial(option, parser=as_path)
+design_option = partial(option, parser=as_design)
 
 
 def scene_argument(default: str) -> Any:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mishutter._core.checks import Unquoted, require
-from mishutter._core.files import writable_folder
+from mishutter._core.files import RECOMMENDED, writable_folder
 from mishutter._core.progress import note, progress_bar
 from mishutter.cli.console import (
     AGAIN,
@@ -27,6 +27,27 @@ def refuse_in_plane(options: Mapping[str, object]) -> None:
         require(not value, name, requirement, Unquoted("it"))
 
 
+def _require_frames(scene: "Scene") -> None:
+    """Refuses a camera without time for the two frames that tell a velocity."""
+    from mishutter.evaluation.bursts import FrameTimes
+
+    if scene.decoder_speed == "known":
+        return
+    burst, tell = scene.burst, "things in any direction: two frames tell a velocity"
+    if burst is None:
+        require(False, "[burst]", f"be given for {tell}", Unquoted("nothing"))
+        return
+    is_several = burst.max_frames is None or burst.max_frames > 1
+    require(is_several, "[burst] max_frames", f"be at least 2 for {tell}", burst.max_frames)
+    times = FrameTimes.of(scene, burst)
+    least = 1e3 * (times.period + times.shortest)
+    requirement = (
+        f"be at least {least:.4g}, in which {float(burst.frames_per_s):g} frames/s make two"
+    )
+    got = Unquoted(f"{1e3 * times.window:.4g}")
+    require(times.holds_several, "[burst] window_ms", requirement, got)
+
+
 def optimise_in_plane(
     scene: "Scene", scene_file: Path | None, out: Path | None, *, as_json: bool
 ) -> None:
@@ -34,6 +55,7 @@ def optimise_in_plane(
     from mishutter.plane.search import best_in_plane
     from mishutter.report.in_plane import PlaneReport, write_plane_report
 
+    _require_frames(scene)
     folder = None if out is None else writable_folder(out)
     with (
         interruptible(lambda: AGAIN),
@@ -46,7 +68,7 @@ def optimise_in_plane(
     if not as_json:
         with closable_output():
             print_text(report.text())
-            print_text(f"Next: {next_step(scene_file, folder)}")
+            print_text(f"Next: {next_step(scene_file, folder, RECOMMENDED)}")
     files = []
     if folder is not None:
         files = write_plane_report(

@@ -19,6 +19,7 @@ from mishutter.cli.options import (
     DecoderName,
     JsonOption,
     as_path,
+    design_option,
     named_decoder,
     option,
     path_option,
@@ -51,7 +52,7 @@ def restore(
     *,
     design: Annotated[
         Path | None,
-        path_option(
+        design_option(
             DESIGN,
             "--design FILE",
             "Saved design by which the camera was built. Its scene is used unless --scene is "

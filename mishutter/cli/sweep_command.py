@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from mishutter._core.checks import require
 from mishutter._core.files import writable_folder
 from mishutter._core.progress import note, progress_bar
 from mishutter.cli.console import (
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 
     from mishutter.model.scene import Scene
 
-_RANGES = "`--acceleration`, `--half-exposure` and `--velocity`"
+_RANGES = "`--acceleration`, `--exposure` and `--velocity`"
 _NUM_VALUES = 40
 _MOST_POINTS = 10_000_000
 """More points do not fit into memory, and their Pareto front takes too long."""
@@ -55,13 +56,15 @@ def sweep(
             "acceleration [default: up to the limits].",
         ),
     ] = None,
-    half_exposure: Annotated[
+    exposure: Annotated[
         str | None,
         option(
-            MAP,
-            "--half-exposure A:B:N",
-            "N half exposures from A to B, ms [default: within the limits].",
+            MAP, "--exposure A:B:N", "N exposures from A to B, ms [default: within the limits]."
         ),
+    ] = None,
+    half_exposure: Annotated[
+        str | None,
+        option(MAP, "--half-exposure A:B:N", "Halves of these, of version 0.2.", hidden=True),
     ] = None,
     velocity: Annotated[
         str | None,
@@ -97,7 +100,7 @@ def sweep(
     if loss is not None and not optimise:
         raise ValueError(f"`--loss` must stand beside --optimise; got '{loss.value}' alone.")
     accelerations = _values("--acceleration", acceleration, log, bound="at least 0")
-    half_exposures = _values("--half-exposure", half_exposure, log, bound="above 0")
+    half_exposures = _half_exposures(exposure, half_exposure, log)
     velocities = _values("--velocity", velocity, log=False)
     start_jax()
     import numpy as np
@@ -115,8 +118,6 @@ def sweep(
         half_exposures = np.array([shortest])
         if longest > shortest:
             half_exposures = np.geomspace(shortest, longest, _NUM_VALUES)
-    else:
-        half_exposures = half_exposures * 1e-3
     frames = frames_of([scene], velocities)
     if accelerations is None:
         slowest = min(abs(frame.velocity) for frame in frames)
@@ -127,7 +128,7 @@ def sweep(
     folder = None if out is None else writable_folder(out)
     points: list[int] = []
     with (
-        interruptible(lambda: _after_points(points, total, store)),
+        interruptible(lambda: _after_points(points, total, store, is_search=optimise)),
         _notes(),
         progress_bar("sweeping", total, WHY_NO_POINT) as update,
     ):
@@ -156,12 +157,29 @@ def sweep(
     _deliver(dataset, scene, folder, json)
 
 
-def _after_points(points: list[int], total: int, store: Path | None) -> str:
+def _after_points(points: list[int], total: int, store: Path | None, *, is_search: bool) -> str:
     """The message of an interrupted sweep: the points that its store holds, and how to go on."""
     if store is None:
         return f"{AGAIN}; with --store PATH a sweep goes on where it was interrupted"
     done = points[-1] if points else 0
+    if is_search:  # which tells its points before their block is whole
+        return (
+            f"{done} of {total} points were found, and those of whole blocks are saved in {store}; "
+            "the same command computes the others"
+        )
     return f"{done} of {total} points are saved in {store}; the same command computes the others"
+
+
+def _half_exposures(whole: str | None, half: str | None, log: bool) -> "np.ndarray | None":
+    """Half exposures, s, from exposures or the halves of version 0.2, ms."""
+    exposures = _values("--exposure", whole, log, bound="above 0")
+    halves = _values("--half-exposure", half, log, bound="above 0")
+    require(
+        exposures is None or halves is None, "--half-exposure", "not stand beside --exposure", half
+    )
+    if exposures is not None:
+        return exposures * 0.5e-3
+    return None if halves is None else halves * 1e-3
 
 
 def _values(

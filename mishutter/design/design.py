@@ -30,7 +30,7 @@ from mishutter.model.motion import AbstractMotion, FreeMotion, ParabolicMotion
 from mishutter.model.scene import Scene
 from mishutter.model.sequences import FrameSequence, OneExposure, TimedFrame
 from mishutter.model.shutters.base import AbstractShutter
-from mishutter.model.shutters.kinds import shutter_from_dict, shutter_to_dict
+from mishutter.model.shutters.kinds import module_of, shutter_from_dict, shutter_to_dict
 from mishutter.model.shutters.polynomials import profile_of
 
 GIVEN = "none: the camera is given"
@@ -208,7 +208,7 @@ class Design(AbstractDesign):
             "level_of": level_of,
             "format": FORMAT,
             "mishutter": package_version(),
-            "shutter": shutter_to_dict(self.command),
+            "shutter": shutter_to_dict(self.command) | module_of(self.command),
             "motion": motion_to_dict(self.motion),
             "metrics": metrics_to_dict(self.metrics),
             "outcome": str(self.outcome),

@@ -6,6 +6,7 @@ import tempfile
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, final
 
@@ -24,8 +25,8 @@ from mishutter.model.scene import Scene, scene_of_tables
 from mishutter.model.scene_file import example_scene_text
 from mishutter.model.scene_schema import SceneFile, Speed
 from mishutter.model.shutters.chips import ChippedShutter
-from mishutter.model.texture import EXAMPLE_PICTURE, Texture
-from mishutter.pictures.images import Axis, example_picture, read_picture
+from mishutter.model.texture import SHIPPED, Texture, photograph_at
+from mishutter.pictures.images import Axis, read_picture
 from mishutter.search.search import optimise
 
 if TYPE_CHECKING:
@@ -94,7 +95,7 @@ def beginning(path: Path | None) -> Beginning:
     """The scene file that the page begins with, and the photographs that it may name."""
     content = example_scene_text().encode() if path is None else contents(path)
     tables = _tables(content, "example_scene.toml" if path is None else str(path))
-    photographs = {EXAMPLE_PICTURE: reader(EXAMPLE_PICTURE, lambda *_: example_picture())}
+    photographs = {place: reader(place, partial(photograph_at, place)) for place in SHIPPED}
     section = tables.get("picture", {})
     place = section.get("path") if isinstance(section, Mapping) else None
     if path is not None and isinstance(place, str) and place not in photographs:

@@ -281,6 +281,11 @@ class Limits(AbstractModule):
         return eqx.tree_at(lambda each: each.stage, self, None, is_leaf=lambda part: part is None)
 
     @property
+    def moves(self) -> bool:
+        """Whether there is a stage, which a stroke of 0 denies."""
+        return float(self.max_stroke) > LEAST_STROKE * (1 + 1e-6)
+
+    @property
     def has_stage(self) -> bool:
         """Whether travel, acceleration or jerk of the stage is limited."""
         return any(getattr(self, name) is not None for name in _OF_STAGE)

@@ -67,7 +67,7 @@ from mishutter.model.scene_schema import (
 from mishutter.model.scene_units import SceneWarning, table_of
 from mishutter.model.sensor import BurstMode, Sensor
 from mishutter.model.shutters.base import AbstractShutter
-from mishutter.model.texture import EXAMPLE_PICTURE, Texture
+from mishutter.model.texture import LIKE, SHIPPED, Texture
 from mishutter.model.tolerances import Tolerances
 from mishutter.model.velocities import AbstractVelocities, EvenVelocities
 
@@ -665,14 +665,18 @@ def scene_tables(scene: Scene) -> dict[str, dict[str, object]]:
             "mean_level": float(picture.mean_level),
             "deviation": float(picture.deviation),
         }
+    elif picture.path in LIKE:
+        tables["picture"] = {"like": picture.path}
     else:
         # A file in any folder may hold the path from the root.
-        is_example = picture.path == EXAMPLE_PICTURE
+        is_shipped = picture.path in SHIPPED
         tables["picture"] = {
-            "path": picture.path if is_example else str(Path(picture.path).absolute()),
+            "path": picture.path if is_shipped else str(Path(picture.path).absolute()),
             "white": picture.white,
             "linear": picture.linear or None,
         }
+    if not scene.limits.moves:
+        tables["limits"]["max_stroke_px"] = 0.0
     if scene.velocities is None and scene.limits.axes == "each":
         del tables["limits"]["axes"]
     # A section refuses each of these numbers without the one that it goes with.

@@ -54,7 +54,7 @@ from mishutter.model.scene_units import (
 )
 from mishutter.model.sensor import BurstMode, Sensor
 from mishutter.model.servos import SecondOrderStage
-from mishutter.model.texture import EXAMPLE_PICTURE, Texture, photograph_at
+from mishutter.model.texture import PHOTOGRAPH, SHIPPED, Texture, photograph_at
 from mishutter.model.tolerances import Tolerances
 from mishutter.model.velocities import (
     AbstractVelocities,
@@ -187,7 +187,8 @@ def _speeds(file: SceneFile, scales: Scales) -> dict[str, Any]:
         law = _any_direction(section.any_direction, scales)
         beside = "stand beside speeds along one axis, as uniform, and not beside any_direction"
         for name in ("occlusion", "tolerances", "motion"):
-            require(getattr(file, name) is None, f"[{name}]", beside, Unquoted("both"))
+            way = "; say [objects] for things of some width" if name == "occlusion" else ""
+            require(getattr(file, name) is None, f"[{name}]", beside + way, Unquoted("both"))
         return {"velocities": law}
     if section.uniform is not None:
         unit, speeds, weights = _uniform(section.uniform)
@@ -441,18 +442,22 @@ def _picture(
         "deviation": section.deviation,
     }
     levels_in_file = {name: value for name, value in levels.items() if value is not None}
-    own = section.path not in (None, EXAMPLE_PICTURE)
+    path, kind = section.path, section.like
+    require(kind is None or path is None, "[picture] like", "not stand beside path", kind)
+    path = path if kind in (None, PHOTOGRAPH) else kind
+    own = path is not None and path not in SHIPPED
     for key in ("white", "linear"):
         requirement = "stand beside the path of a photograph of one's own"
-        got = Unquoted("no path" if section.path is None else section.path)
+        got = Unquoted("no path" if path is None else path)
         require(own or getattr(section, key) is None, f"[picture] {key}", requirement, got)
-    if section.path is None:
+    if path is None:
         return made_of(Texture, levels_in_file)
     subject = f"[picture] {next(iter(levels_in_file), '')}"
-    require(not levels_in_file, subject, "not stand beside path", section.path)
+    beside = "path" if kind is None else "like"
+    require(not levels_in_file, subject, f"not stand beside {beside}", path)
     white, linear = section.white, bool(section.linear)
     if textures is not None:
-        return textures(section.path, white, linear, axis)
-    place = str((folder / section.path).absolute()) if own else EXAMPLE_PICTURE
+        return textures(path, white, linear, axis)
+    place = str((folder / path).absolute()) if own else path
     picture = photograph_at(place, white, linear)
     return Texture.of_photograph(picture, place, white=white, linear=linear, axis=axis)

@@ -24,6 +24,18 @@ Exposure = Annotated[float, Field(ge=2e-3, le=2e5)]
 LongestStroke = Annotated[float, Field(ge=0, le=1e4)]
 TopSpeed = Annotated[float, Field(ge=1e-3, le=1e7)]
 Share = Annotated[float, Field(ge=0, le=1)]
+
+
+def _without_stage(value: object) -> object:
+    """Tells whoever writes that there is no stage how a file says so."""
+    if isinstance(value, int | float) and value == 0:  # as False is
+        raise ValueError(
+            "be left out where there is no stage, as `[limits] max_stroke_px = 0` says"
+        )
+    return value
+
+
+WithStage = BeforeValidator(_without_stage)
 White = Annotated[float, Field(gt=0, le=1e9)]
 """Value of a picture's file that is white."""
 
@@ -191,6 +203,8 @@ class StageSection(Section):
 class BurstSection(Section):
     """Frames that the camera may take in place of one exposure."""
 
+    renamed: ClassVar = {"frames": "max_frames", "count": "max_frames", "window": "window_ms"}
+
     frames_per_s: Annotated[float, Field(gt=0, le=1e6)]
     max_frames: Annotated[int, Field(ge=1, le=1000)] | None = None
     window_ms: Annotated[float, Field(ge=1e-3, le=1e6)] | None = None
@@ -200,6 +214,8 @@ class BurstSection(Section):
 @final
 class LimitsSection(Section):
     """The furthest that the mechanism and the exposure may reach."""
+
+    renamed: ClassVar = {"stage": "max_stroke_px"}
 
     max_stroke_px: LongestStroke = 200.0
     max_stroke_mm: Annotated[float, Field(ge=0, le=1e3)] | None = None
@@ -211,8 +227,8 @@ class LimitsSection(Section):
     max_exposure_ms: Exposure | None = None
     max_pan_px_per_s: Annotated[float, Field(ge=0, le=1e7)] | None = None
     max_pan_deg_per_s: Annotated[float, Field(ge=0, le=1e6)] | None = None
-    max_travel_px: Annotated[float, Field(ge=1e-3, le=1e6)] | None = None
-    max_travel_mm: Annotated[float, Field(ge=1e-6, le=1e3)] | None = None
+    max_travel_px: Annotated[float, WithStage, Field(ge=1e-3, le=1e6)] | None = None
+    max_travel_mm: Annotated[float, WithStage, Field(ge=1e-6, le=1e3)] | None = None
     max_acceleration_px_per_s2: Annotated[float, Field(gt=0, le=1e14)] | None = None
     max_acceleration_g: Annotated[float, Field(gt=0, le=1e6)] | None = None
     max_jerk_px_per_s3: Annotated[float, Field(gt=0, le=1e18)] | None = None
@@ -269,6 +285,7 @@ class MotionSection(Section):
 class PictureSection(Section):
     """The photograph, or what stands for one."""
 
+    like: Literal["photograph", "print", "cells"] | None = None
     path: Annotated[str, Field(min_length=1)] | None = None
     white: White | None = None
     linear: bool | None = None
@@ -280,6 +297,8 @@ class PictureSection(Section):
 class SceneFile(Section):
     """A whole scene file."""
 
+    renamed: ClassVar = {"rivals": "burst", "frames": "max_frames"}
+
     speeds: Speeds
     light: Light
     sensor: SensorSection
@@ -290,7 +309,7 @@ class SceneFile(Section):
     shutter: ShutterSection | None = None
     optics: OpticsSection = OpticsSection()
     limits: LimitsSection = LimitsSection()
-    stage: StageSection | None = None
+    stage: Annotated[StageSection | None, WithStage] = None
     burst: BurstSection | None = None
     tolerances: TolerancesSection | None = None
     decoder: DecoderSection = DecoderSection()

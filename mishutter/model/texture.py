@@ -23,15 +23,24 @@ from mishutter.pictures.images import (
     Axis,
     Picture,
     checked_white,
-    example_picture,
     read_picture,
     row_power_spectrum,
+    shipped_picture,
 )
 
 CORNER_FREQUENCY = 0.01
 """Corner of the spectrum that stands for a photograph where a scene brings none; cycles/px."""
 EXAMPLE_PICTURE = "example"
 """The path of the photograph that scikit-image ships."""
+PHOTOGRAPH = "photograph"
+"""The kind of picture that the spectrum without a picture stands for."""
+LIKE = {"print": "page.png", "cells": "ihc.png"}
+"""Kinds of pictures other than photographs, by one of each that scikit-image ships: a page of a
+book, and stained tissue under a microscope. Their names are paths, as that of the example is."""
+SHIPPED = {EXAMPLE_PICTURE: "motorcycle_left.png"} | LIKE
+"""Pictures that scikit-image ships, by their paths."""
+_FINEST = 0.1
+"""Share of a picture's contrast that its finest detail holds, by which `detail` is judged."""
 
 
 @final
@@ -125,6 +134,16 @@ class Texture(AbstractModule):
             linear=linear,
         )
 
+    @property
+    def detail(self) -> float:
+        """Period than which a tenth of the contrast, as power, is finer; px."""
+        power = np.asarray(self.spectrum_on_grid(NUM_FREQUENCIES, np.dtype(float)))
+        if not np.any(power > 0):
+            return np.inf
+        above = np.append(np.cumsum(power[::-1])[::-1], 0.0) / np.sum(power)
+        edges = np.linspace(0, 0.5, NUM_FREQUENCIES + 1)
+        return float(1 / np.interp(-_FINEST, -above, edges))
+
     def photograph(self) -> Picture:
         """The photograph, read from its file.
 
@@ -164,7 +183,7 @@ class Texture(AbstractModule):
 
 
 def photograph_at(path: str, white: float | None, linear: bool) -> Picture:
-    """The photograph of a path, or that which scikit-image ships."""
-    if path == EXAMPLE_PICTURE:
-        return example_picture()
+    """The photograph of a path, or one that scikit-image ships."""
+    if path in SHIPPED:
+        return shipped_picture(SHIPPED[path])
     return read_picture(path, white=white, linear=linear)

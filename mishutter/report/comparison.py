@@ -30,12 +30,14 @@ from mishutter.report.verdict import (
     comparison_notes,
     details_of,
     headline,
+    on_pan,
     option_name,
     options_of,
     options_table,
     sentences_of,
 )
 from mishutter.search.rivals import (
+    BEST_MOVING_BURST,
     BEST_STILL_BURST,
     Entry,
     RivalSearch,
@@ -342,15 +344,21 @@ def compare(
     search = RivalSearch(scene, loss, motion, entries, free_paths=free_paths, every=every)
     why_no_step = "compiling (first run only), or a long search"
     with counts(progress is True, "comparing", len(searches(search)), why_no_step) as counter:
+        # Of frames the moving ones take the time.
+        labels = {BEST_STILL_BURST: BEST_MOVING_BURST} if scene.limits.moves else {}
+
+        def began(name: str) -> None:
+            counter.began(labels.get(name, name))
 
         def ended(name: str) -> None:
-            counter.ended(name)
+            counter.ended(labels.get(name, name))
             if callable(progress):
                 progress(name)
 
-        search.burst_progress = lambda share: counter.within(BEST_STILL_BURST, share)
-        rows = compared_rows(search, ended, counter.began)
-    table = with_verdict(rows, entries, scene, free_paths=search.free_paths, details=every)
+        frames = labels.get(BEST_STILL_BURST, BEST_STILL_BURST)
+        search.burst_progress = lambda share: counter.within(frames, share)
+        rows = compared_rows(search, ended, began)
+    table = with_verdict(rows, entries, scene, loss, free_paths=search.free_paths, details=every)
     if decoder is None:
         return table
     at_best = [row for row in rows if row.reading == OWN_BEST_MOTION and row.is_of_one_exposure]
@@ -367,11 +375,13 @@ def with_verdict(
     rows: Sequence[Row],
     entries: Mapping[str, Entry],
     scene: Scene,
+    loss: AbstractLoss | None = None,
     *,
     free_paths: bool = False,
     details: bool = True,
 ) -> Comparison:
     """Adds the answer, the gain and the ceiling to the rows of a scene."""
+    loss = loss_of_decoder(scene) if loss is None else loss
     at_best = [row for row in rows if row.reading == OWN_BEST_MOTION]
     single = [row for row in at_best if row.is_of_one_exposure]
     notes = comparison_notes(scene, entries, single, free_paths=free_paths)
@@ -388,7 +398,8 @@ def with_verdict(
     # Nothing registers a single frame: that is one of the single exposures.
     choice = choice_of([*single, *(row for row in at_best if row.num_frames > 1)], entries)
     within = gain_range(scene, choice, at_rest)
-    lines = [headline(choice, at_rest, within), *sentences_of(scene, at_best, choice, notes)]
+    first = headline(choice, at_rest, scene.limits, within)
+    lines = [first, *sentences_of(scene, at_best, choice, (on_pan(scene, choice, loss), *notes))]
     costs = None
     if best.within is not None:
         costs = tolerance_costs(scene, best.motion, best.shutter)

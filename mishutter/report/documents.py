@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mishutter._core.files import strict_json, write_text
+from mishutter._core.files import FORMER, ONE_EXPOSURE, RECOMMENDED, strict_json, write_text
 from mishutter.decoding.restoration import RestoredPhotograph
 from mishutter.design.design import Design
 from mishutter.model.scene import Scene
@@ -28,9 +28,7 @@ from mishutter.search.rows import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_DESIGN, _DOCUMENT = "design.json", "report.json"
-_TO_BUILD = "build.json"
-"""File of the camera to build, if the verdict names another one than the design."""
+_DOCUMENT = "report.json"
 _PICTURES = frozenset(
     f"{name}.png" for name in ("profile", "kernels", "transfer", "psnr", "answer", "photograph")
 )
@@ -92,21 +90,24 @@ class Report:
         }
 
     @property
+    def one_exposure(self) -> Design | None:
+        """The design of the search as one exposure, without the frames that may be better."""
+        return None if self.design is None else replace(self.design, sequence=None)
+
+    @property
     def recommended(self) -> Design | None:
-        """The best option as a design, where the file of the search's design lacks it."""
+        """The best option as a design; None without a search, and where nothing is recommended."""
         choice = self.comparison.choice
-        if self.design is None or choice is None or choice.name in self.names:
+        if self.design is None or choice is None:
             return None
-        if choice.sequence is None:
-            return choice.design
-        own = self.design.sequence
-        is_there = own is not None and own.text == choice.sequence.text
-        return None if is_there else replace(self.design, sequence=choice.sequence)
+        if choice.sequence is not None:
+            return replace(self.design, sequence=choice.sequence)
+        return self.one_exposure if choice.name in self.names else choice.design
 
     @property
     def file_to_build(self) -> str:
         """Name of the file that holds the best option, once a report with a design is written."""
-        return _DESIGN if self.recommended is None else _TO_BUILD
+        return ONE_EXPOSURE if self.recommended is None else RECOMMENDED
 
     def to_dict(self) -> dict[str, object]:
         """Everything in a report as plain numbers, lists and text."""
@@ -141,13 +142,14 @@ def write_report(
 ) -> list[str]:
     """Writes designs, profiles and pictures to a folder; returns the names of the files.
 
-    Pictures that an earlier run wrote are deleted if this report has none of their name.
+    Pictures that an earlier run wrote are deleted if this report has none of their name, and so
+    are its designs under the names of an earlier version.
     """
     writers = _writers(report)
     for name, write in writers.items():
         write(folder / name)
         wrote(name)
-    older = _PICTURES if report.design is None else {*_PICTURES, _TO_BUILD}
+    older = _PICTURES if report.design is None else {*_PICTURES, *FORMER}
     for name in older - set(writers):
         (folder / name).unlink(missing_ok=True)
     return list(writers)
@@ -156,13 +158,13 @@ def write_report(
 def _writers(report: Report) -> dict[str, Callable[[Path], None]]:
     """A function for each file that writes it, by the file's name, in the order of writing."""
     writers: dict[str, Callable[[Path], None]] = {}
-    if report.design is not None:
-        writers[_DESIGN] = report.design.save
+    if report.recommended is not None:
+        writers[RECOMMENDED] = report.recommended.save
+    if report.design is not None and report.one_exposure is not None:
+        writers[ONE_EXPOSURE] = report.one_exposure.save
         # Beside frames to take, the profile of one exposure would be that of another camera.
         if report.every or report.comparison.sequence is None:
             writers["profile.csv"] = report.design.write_profile
-        if report.recommended is not None:
-            writers[_TO_BUILD] = report.recommended.save
     writers[_DOCUMENT] = partial(_write_document, report)
 
     def save(drawn: "Callable[[], Figure]", path: Path) -> None:
@@ -198,6 +200,7 @@ def _drawings(report: Report) -> "dict[str, Callable[[], Figure]]":
         return drawings
     designs = {name: (row.motion, row.shutter) for name, row in report.cameras.items()}
     knowledge = next(iter(report.cameras.values())).decoder.name
+    levels_of_answer = {name: row.level for name, row in report.cameras.items()}
     some = dict(itertools.islice(designs.items(), _MOST_ROWS))
     drawings |= {
         "profile.png": lambda: plots.plot_profiles(
@@ -205,7 +208,7 @@ def _drawings(report: Report) -> "dict[str, Callable[[], Figure]]":
             explains_ears=choice is not None and SHUTTER in choice.required_hardware,
         ),
         "kernels.png": lambda: plots.plot_kernels(some, shown_speeds(scene)),
-        "transfer.png": lambda: plots.plot_transfer(scene, designs, knowledge),
+        "transfer.png": lambda: plots.plot_transfer(scene, designs, knowledge, levels_of_answer),
     }
     if report.photographs is not None:
         levels = report.photograph_levels

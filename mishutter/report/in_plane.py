@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Array
 
-from mishutter._core.files import strict_json, write_text
+from mishutter._core.files import FORMER, RECOMMENDED, strict_json, write_text
 from mishutter.model.scene import Scene
 from mishutter.plane.borders import LONG
 from mishutter.plane.design import PlaneDesign, burst_to_dict
@@ -19,6 +19,7 @@ from mishutter.report import plots
 from mishutter.report.verdict import (
     camera_words,
     counted,
+    detail_words,
     objects_words,
     order_at_rest,
     order_line,
@@ -76,7 +77,7 @@ class PlaneReport:
         gain = choice.level - first.level
         headline = snapshot_line(first.lengths, level)
         if choice is not first:
-            order = order_at_rest(choice)
+            order = order_at_rest(choice, self.scene.limits)
             if choice.num_axes:
                 order = f"{counted(choice)}{_way(choice)}"
             headline = order_line(order, level, (gain,))
@@ -102,6 +103,7 @@ class PlaneReport:
         within = float(scene.max_speed) * longest
         leave = "things that enter and leave are not counted (else say [sensor] width_px)"
         said = [
+            detail_words(scene),
             "" if law is None else law.words,
             objects_words(scene, choice),
             "velocities are found from the frames without error",
@@ -199,10 +201,12 @@ def write_plane_report(
     report: PlaneReport, folder: Path, *, wrote: Callable[[str], None] = lambda name: None
 ) -> list[str]:
     """Writes the design, the document and the picture of an answer; returns the files' names."""
-    report.design.save(folder / "design.json")
-    wrote("design.json")
+    report.design.save(folder / RECOMMENDED)
+    wrote(RECOMMENDED)
     write_text(folder / "report.json", strict_json(report.to_dict()) + "\n")
     wrote("report.json")
     plots.save_figure(report.plot(), folder / "answer.png")
     wrote("answer.png")
-    return ["design.json", "report.json", "answer.png"]
+    for name in FORMER:
+        (folder / name).unlink(missing_ok=True)
+    return [RECOMMENDED, "report.json", "answer.png"]

@@ -210,7 +210,7 @@ def plot_design(design: AbstractDesign) -> "Figure":
 
 
 def plot_levels(levels: Mapping[str, float], most: float, chosen: str | None = None) -> "Figure":
-    """Draws the levels of cameras, the best at the top, and the level that none exceeds."""
+    """Draws the levels of cameras, the best at the top, and the ceiling of one exposure."""
     order = sorted(levels, key=lambda name: levels[name])
     figure = new_figure(7.0, max(0.27 * len(order) + 1.1, 2.6))
     leave_room(figure, left=2.6, top=0.4)
@@ -226,7 +226,9 @@ def plot_levels(levels: Mapping[str, float], most: float, chosen: str | None = N
             va="center",
             fontsize="small",
         )
-    axes.axvline(most, color="black", linestyle="--", label=f"no camera exceeds {most:.2f} dB")
+    axes.axvline(
+        most, color="black", linestyle="--", label=f"ceiling of one exposure: {most:.2f} dB"
+    )
     axes.set_yticks(range(len(order)), [shown_name(name, 30) for name in order], fontsize="small")
     axes.set(xlabel="expected PSNR / dB", ylabel="camera at its best motion")
     axes.margins(x=0.1)
@@ -323,13 +325,20 @@ def plot_option(scene: Scene, row: Row, title: str = "") -> "Figure":
         below.plot(tau * half * 1e3, transmittance, **next(line_styles()))
         below.set(xlabel="time from the middle / ms", ylabel="transmittance", ylim=(-0.02, 1.05))
     travel = ", at rest" if is_still else f", {row.stroke:.3g} px from first to last light"
-    axes.lines[0].set_label(f"stage{travel}")
+    part = "stage" if scene.limits.moves else "sensor"
+    axes.lines[0].set_label(f"{part}{travel}")
+    axes.set_ylabel(f"{part} position / px")
     if np.ptp(np.concatenate([line.get_ydata() for line in axes.lines])) < _AT_REST:
         axes.set_ylim(-1, 1)
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+    return _titled(figure, title, num_rows=1 + is_shaped)
+
+
+def _titled(figure: "Figure", title: str, num_rows: int = 1) -> "Figure":
+    """A figure of panels under the first line of an answer."""
     lines = textwrap.wrap(shown_name(title, len(title)), _LETTERS_OF_A_LINE)
     figure.suptitle("\n".join(lines), fontsize="small", y=1 - 0.06 / figure.get_size_inches()[1])
-    leave_room(figure, top=0.45 + LINE * len(lines), num_rows=1 + is_shaped)
+    leave_room(figure, top=0.45 + LINE * len(lines), num_rows=num_rows)
     return figure
 
 
@@ -411,7 +420,10 @@ def camera_text(design: AbstractDesign) -> str:
 
 
 def plot_transfer(
-    scene: Scene, designs: Named, decoder_speed: DecoderSpeed = "unknown"
+    scene: Scene,
+    designs: Named,
+    decoder_speed: DecoderSpeed = "unknown",
+    answer: Mapping[str, float] | None = None,
 ) -> "Figure":
     """Draws the signal-to-noise ratio of each design at its own exposure, and its error.
 
@@ -420,7 +432,7 @@ def plot_transfer(
     that filter, summed up to each frequency; its last value is that of the expected PSNR. A decoder
     that finds the speed is drawn with the filter that knows it, as it restores where the speed
     that it finds is right. The axis begins where the sum of the first design reaches a hundredth
-    of its end.
+    of its end. Names have that PSNR, or the level that an answer gives them, in dB.
     """
     knowledge = SPEED_KNOWLEDGE[decoder_speed]
     figure, (ratios, errors) = _new(2, height=2.9, share=True)
@@ -436,13 +448,14 @@ def plot_transfer(
         with np.errstate(divide="ignore"):
             level, psnr = 10 * np.log10(ratio), -10 * np.log10(error[-1])
         ratios.semilogx(frequency, np.where(level >= -30.0, level, np.nan), **style)
-        label = f"{shown_name(name)}: {psnr:.2f} dB"
+        label = f"{shown_name(name)}: {psnr if answer is None else answer[name]:.2f} dB"
         errors.semilogx(frequency, error * 1e3, label=label, **style)
     ratios.set_ylabel("signal-to-noise ratio / dB")
     errors.set(ylabel="cumulative squared error / 10⁻³", ylim=(0, None))
     errors.set(xlabel="spatial frequency / (cycles/px)", xlim=(begin, 0.5))
     errors.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    _legend(figure, errors, f"expected PSNR of {knowledge.filter_words}, linear light")
+    of = f" of {knowledge.filter_words}" if answer is None else " as in the answer"
+    _legend(figure, errors, f"expected PSNR{of}, linear light")
     return figure
 
 
@@ -716,8 +729,16 @@ def plot_plane(scene: Scene, burst: AbstractExposures, title: str = "") -> "Figu
     """Draws frames in the plane: their path, their places in time, and their velocities.
 
     Exposures are coloured one by one; the way between them is thin. The outline beside the
-    velocities is that of the things.
+    velocities is that of the things. Of frames at rest there are times alone.
     """
+    if not burst.moves:
+        figure, (below,) = _new(1, height=2.6)
+        _draw_exposures(below, burst.lights, {})
+        part = "stage" if scene.limits.moves else "sensor"
+        below.lines[0].set_label(f"{part}, at rest")
+        below.set(ylim=(-1, 1), ylabel=f"{part} position / px")
+        below.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+        return _titled(figure, title)
     figure = new_figure(7.4, 6.2)
     plane, hodograph = (figure.add_subplot(2, 2, place) for place in (1, 2))
     below = figure.add_subplot(2, 1, 2)

@@ -3,20 +3,45 @@
 import math
 import textwrap
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
 
+import numpy as np
 from jaxtyping import Array
 
 from mishutter.design.design import Design
-from mishutter.evaluation.bursts import FrameTimes, window_of
+from mishutter.evaluation.bursts import FrameTimes, StillBursts, window_of
+from mishutter.evaluation.losses import AbstractLoss
 from mishutter.evaluation.sequences import REGION
 from mishutter.model.devices import AbstractDevice
 from mishutter.model.exposures import AbstractExposures
-from mishutter.model.scene import Scene
+from mishutter.model.limits import Limits
+from mishutter.model.motion import LinearMotion
+from mishutter.model.scene import Scene, in_sensor_frame
 from mishutter.model.scene_units import GRAVITY
+from mishutter.model.sensor import BurstMode
 from mishutter.model.sequences import SINE, FrameSequence
-from mishutter.plane.families import CIRCLE, CROSSED, RING, TWO_SINES
-from mishutter.search.frame_search import ALTERNATING, FAN, FOLLOW, FREE, PAN, SWEEP
-from mishutter.search.rivals import PLAIN_RATE, PLAIN_STILLS, Entry, taken_names
+from mishutter.model.texture import EXAMPLE_PICTURE
+from mishutter.search.frame_search import (
+    ALTERNATING,
+    CIRCLE,
+    CROSSED,
+    FAN,
+    FOLLOW,
+    FREE,
+    PAN,
+    RING,
+    SWEEP,
+    TWO_SINES,
+)
+from mishutter.search.rivals import (
+    PLAIN_RATE,
+    PLAIN_STILLS,
+    Entry,
+    RivalSearch,
+    snapshots,
+    taken_names,
+)
 from mishutter.search.rows import BEST_SNAPSHOT, SHUTTER, Row, best_row
 from mishutter.search.space import beyond_limits, forbids_free_path
 
@@ -26,6 +51,8 @@ _ADDS = 0.1
 """Gain of a shaped shutter below which it adds nothing; dB."""
 _SHOWN = 0.05
 """Least difference of levels that one decimal shows, and loss that is said; dB."""
+_WORTH_A_PAN = 1.0
+"""Gain by a pan from which on a camera that has none is told of it; dB."""
 _WAYS = {
     SINE: "swings on a sine that turns in the middle of each frame",
     SWEEP: "goes out and back once at a constant acceleration",
@@ -134,21 +161,27 @@ def counted(exposures: AbstractExposures) -> str:
     return "one exposure" if exposures.num_frames == 1 else f"{exposures.num_frames} frames"
 
 
-def order_at_rest(exposures: AbstractExposures, aside: str = "") -> str:
-    """The order to take some exposures, in words, with the stage at rest."""
+def order_at_rest(exposures: AbstractExposures, limits: Limits, aside: str = "") -> str:
+    """The order to take some exposures, in words, with the stage at rest if there is one."""
     link = ", " if " of " in exposures.lengths else " of "
+    if not limits.moves:
+        several = exposures.num_frames > 1
+        what = f"{exposures.num_frames} stills" if several else "one exposure at rest"
+        return f"{what}{link}{exposures.lengths}{aside}"
     end = ", and" if link == ", " else " and"
     return f"{counted(exposures)}{link}{exposures.lengths}{aside}{end} keep the stage still"
 
 
-def headline(choice: Row, snapshot: Row, within: tuple[float, float] | None = None) -> str:
+def headline(
+    choice: Row, snapshot: Row, limits: Limits, within: tuple[float, float] | None = None
+) -> str:
     """The first line of an answer: what to take, its level and its gain."""
     level = f"{choice.level:.1f} dB{' at the worst speed' if choice.at_worst else ''}"
     if choice.name == BEST_SNAPSHOT:
         return snapshot_line(choice.exposures.lengths, level)
     gains = (choice.margin_over(snapshot),) if within is None else within
     beside = " at rest" if _is_snapshot(choice) else ""
-    return order_line(_order(choice), level, gains, beside)
+    return order_line(_order(choice, limits), level, gains, beside)
 
 
 def snapshot_line(exposure: str, level: str) -> str:
@@ -162,7 +195,7 @@ def order_line(order: str, level: str, gains: Iterable[float], beside: str = "")
     return f"Take {order}: {level}, {gain} dB better than a snapshot{beside}."
 
 
-def _order(row: Row) -> str:
+def _order(row: Row, limits: Limits) -> str:
     """A row in the words of somebody who is to take it."""
     named = row.name not in (*taken_names(), _OPTIMISED)
     name = f"{row.name}, " if named else ""
@@ -171,7 +204,7 @@ def _order(row: Row) -> str:
         way = _way_of_frames(frames)
         rate = f" at {PLAIN_RATE:.0f} frames/s" if row.name == PLAIN_STILLS else ""
         if way == " at rest":
-            return order_at_rest(row.exposures, rate)
+            return order_at_rest(row.exposures, limits, rate)
         return f"{row.num_frames} frames{way}"
     if _is_snapshot(row):
         return f"{name}a {_what(row)}"
@@ -204,7 +237,37 @@ def sentences_of(
             "The gain is stated within two standard errors of each measured number ([errors] of "
             "the scene), for both cameras unchanged."
         )
-    return [paragraph(sentence) for sentence in (*said, *notes, _assumptions(scene, choice))]
+    sentences = (*said, *notes, _assumptions(scene, choice))
+    return [paragraph(sentence) for sentence in sentences if sentence]
+
+
+def on_pan(scene: Scene, choice: Row, loss: AbstractLoss) -> str:
+    """The gain by following things that all move one way, where nothing moves the sensor."""
+    limits, occurs = scene.limits, np.asarray(scene.weights) > 0
+    speeds = np.asarray(scene.speeds, np.float64)[occurs]
+    slowest, fastest = float(np.min(speeds)), float(np.max(speeds))
+    can_pan = limits.moves or (limits.pans == "camera" and float(limits.max_pan) > 0)
+    if can_pan or slowest * fastest <= 0 or scene.occlusion is not None:
+        return ""
+    velocity = (slowest + fastest) / 2
+    room = replace(limits, pans="camera", max_pan=abs(velocity), max_top_speed=2 * abs(velocity))
+    motion = LinearMotion(half_exposure=limits.max_half_exposure, velocity=velocity)
+    on_it = in_sensor_frame(replace(scene, limits=room, given_motion=None), motion)[0]
+    row = snapshots(RivalSearch(on_it, loss))[0].judged_by(loss, on_it)
+    what, level = f"a snapshot of {row.exposures.lengths}", row.level
+    if choice.num_frames > 1:
+        times = FrameTimes.of(scene, scene.burst or BurstMode(frames_per_s=PLAIN_RATE))
+        stills = StillBursts(on_it, at_worst=choice.at_worst).best_within(times)
+        if stills.psnr > level:
+            what = f"{stills.num_frames} frames of {stills.exposure * 1e3:.3g} ms"
+            level = stills.psnr
+    if level - choice.level < _WORTH_A_PAN:
+        return ""
+    return (
+        f"Following at {velocity:,.4g} px/s, by turning the camera, a mirror or a stage, {what} "
+        f"would reach {level:.1f} dB, {level - choice.level:.1f} dB more (say [limits] pans = "
+        '"camera").'
+    )
 
 
 def _on_shaped_shutters(rows: Sequence[Row], choice: Row) -> str:
@@ -288,8 +351,25 @@ def _assumptions(scene: Scene, choice: Row) -> str:
         decoder = f"the decoder {'finds' if choice.decoder.finds_speed else 'knows'} the speed"
     camera = camera_words(scene, frames=frames is not None, stage="stage" in choice.needs)
     objects = objects_words(scene, choice.exposures)
-    said = [f"all motion along the {scene.sensor.axis}", objects, decoder, *camera]
-    return f"Assumes: {'; '.join(said)}."
+    motion = f"all motion along the {scene.sensor.axis}"
+    return f"Assumes: {'; '.join([detail_words(scene), motion, objects, decoder, *camera])}."
+
+
+def detail_words(scene: Scene) -> str:
+    """The assumption on the detail of pictures, of which levels depend most."""
+    picture = scene.picture
+    if picture.path is None and picture.power_spectrum is not None:
+        kind = "by the scene's spectrum"
+    elif picture.path is None:
+        kind = "as in a photograph"
+    else:
+        kind = "as in " + {EXAMPLE_PICTURE: "the example"}.get(
+            picture.path, Path(picture.path).name
+        )
+    finer = f"a tenth of its contrast is finer than {picture.detail:.3g} px"
+    is_said = picture.path is not None or picture.power_spectrum is not None
+    other = "" if is_said else "; for print, codes or cells say [picture]"
+    return f"detail {kind} ({finer}{other})"
 
 
 def objects_words(scene: Scene, exposures: AbstractExposures) -> str:
@@ -406,10 +486,13 @@ def comparison_notes(
     reason = forbids_free_path(scene)
     if free_paths and reason:
         notes.append(f"No free path is compared: {reason}.")
-    if scene.burst is not None and not FrameTimes.of(scene, scene.burst).holds_several:
-        rate = float(scene.burst.frames_per_s)
+    times = None if scene.burst is None else FrameTimes.of(scene, scene.burst)
+    if scene.burst is not None and times is not None and not times.holds_several:
+        rate, window = float(scene.burst.frames_per_s), 1e3 * times.window
+        more = "" if scene.burst.max_frames == 1 else "; say a longer [burst] window_ms"
         notes.append(
-            f"No burst is compared: at {rate:.3g} frames/s only one frame fits into the window."
+            f"No burst is compared: at {rate:.3g} frames/s only one frame fits into the window of "
+            f"{window:.4g} ms{more}."
         )
     return tuple(notes)
 

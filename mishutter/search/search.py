@@ -23,7 +23,7 @@ from mishutter.evaluation.views import require_numbers, transmittance
 from mishutter.model.devices import AbstractDevice, command_of, stays_open
 from mishutter.model.motion import AbstractMotion, is_known_zero
 from mishutter.model.scene import Scene, require_scene
-from mishutter.model.shutters.base import AbstractShutter, is_adjustable
+from mishutter.model.shutters.base import AbstractShutter, check_bounds, is_adjustable
 from mishutter.model.shutters.chips import ChippedShutter
 from mishutter.model.shutters.spline import SplineShutter
 from mishutter.model.shutters.windows import RectShutter, TukeyShutter
@@ -219,6 +219,8 @@ def optimise(
     require_seed("optimise(seed=...)", seed)
     loss = as_loss(loss_of_decoder(scene) if loss is None else loss, "optimise(loss=...)")
     names = (free,) if isinstance(free, str) else None if free is None else tuple(free)
+    if shutter is not None and (names is None or "shutter" in names):
+        check_bounds(shutter)
     with reports(
         progress,
         "searching",

@@ -1,6 +1,7 @@
 """One block of a sweep: the best profile at each point if asked for, then all metrics."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from operator import itemgetter
 from typing import NamedTuple, cast, final
 
@@ -107,12 +108,19 @@ class Engine:
         for half in np.unique(half_exposures):
             yield np.flatnonzero(half_exposures == half), self._rules(prepared.coordinates, half)
 
-    def computed(self, blocks: Iterable[Block]) -> Iterator[Arrays]:
-        """The variables of blocks, in order; with a search some blocks at a time."""
-        count = num_threads(np.array(jax.devices())) if self.bases else 1
-        return in_threads(self.compute, blocks, count)
+    def computed(
+        self, blocks: Iterable[Block], found: Callable[[Block], None] = lambda block: None
+    ) -> Iterator[Arrays]:
+        """The variables of blocks, in order; with a search some blocks at a time.
 
-    def compute(self, block: Block) -> Arrays:
+        Args:
+            blocks: The blocks.
+            found: Called after each point of a search, with its block.
+        """
+        count = num_threads(np.array(jax.devices())) if self.bases else 1
+        return in_threads(partial(self.compute, found=found), blocks, count)
+
+    def compute(self, block: Block, found: Callable[[Block], None] = lambda block: None) -> Arrays:
         """Every variable of a block, NaN outside the limits; axes of frames left out."""
         grid, at = self.grid, self.grid.place(block)
         everywhere = self.outside[block.frame]
@@ -131,7 +139,8 @@ class Engine:
         ]
         if grid.search is not None:
             scene, profile = self.scenes[block.frame], grid.search.profiles[block.frame]
-            boxes, best = _best_profiles(grid.search, scene, motions, profile)
+            tell = partial(found, block)
+            boxes, best = _best_profiles(grid.search, scene, motions, profile, tell)
             arrays |= {name: _placed(values, inside) for name, values in best.items()}
             basis = self.bases[profile.symmetric]
             metrics.append(self._measured(basis, block.frame, motions, sizes, boxes))
@@ -201,7 +210,11 @@ class Engine:
 
 
 def _best_profiles(
-    settings: Search, scene: Scene, motions: ParabolicMotion, profile: SplineShutter
+    settings: Search,
+    scene: Scene,
+    motions: ParabolicMotion,
+    profile: SplineShutter,
+    found: Callable[[], None],
 ) -> tuple[Float[np.ndarray, "n c"], Arrays]:
     """Coordinates of the best profiles of a kind on some motions of a scene, and variables."""
     accelerations = np.asarray(motions.acceleration)
@@ -222,6 +235,7 @@ def _best_profiles(
         design = best_design(Start(scene, motion, profile, ("shutter",)), shared)
         boxes[index] = cast(SplineShutter, design.command).parameters
         losses[index], converged[index] = design.loss, design.converged
+        found()
     coefficients = boxes
     if profile.symmetric:
         mirrored = boxes[:, : profile.num_coefficients // 2]

@@ -1,7 +1,7 @@
 """Labelled grids of designs over acceleration and exposure: run, store, resume."""
 
 import logging
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -31,7 +31,7 @@ from mishutter.model.shutters.windows import TukeyShutter
 from mishutter.search.search import MAX_STEPS, NUM_COEFFICIENTS, starting_shutter
 from mishutter.sweeps.blocks import Engine
 from mishutter.sweeps.cluster import compute_remotely, connection
-from mishutter.sweeps.grid import OPTIMISED, Grid, Search, checked_axis, decoders_of
+from mishutter.sweeps.grid import OPTIMISED, Block, Grid, Search, checked_axis, decoders_of
 from mishutter.sweeps.store import AbstractBlocks, MemoryBlocks, StoredBlocks
 
 if TYPE_CHECKING:
@@ -186,14 +186,22 @@ def _filled(
         ) as news:
             tell = news or (lambda done, total: None)
             tell(done, num_points)
+            # A search takes long for each point; threads share no block.
+            within = dict.fromkeys(missing, 0)
+
+            def found(block: Block) -> None:
+                within[block] += 1
+                tell(done + sum(within.values()), num_points)
+
             if client is None:
-                computed = _computed_here(grid, missing, blocks)
+                computed = _computed_here(grid, missing, blocks, found)
             else:
                 place = None if store is None else str(Path(store).absolute())
                 computed = compute_remotely(grid, missing, blocks, client, place)
             for block in computed:
                 done += grid.num_points([block])
-                tell(done, num_points)
+                within[block] = 0
+                tell(done + sum(within.values()), num_points)
     _LOG.info("%d block%s computed", len(missing), "" if len(missing) == 1 else "s")
     return blocks.dataset()
 
@@ -202,9 +210,11 @@ WHY_NO_POINT = "compiling (first run only), or a block is computed, whose points
 """Why a sweep tells no point for a while."""
 
 
-def _computed_here(grid: Grid, missing: list, blocks: AbstractBlocks):
+def _computed_here(
+    grid: Grid, missing: list[Block], blocks: AbstractBlocks, found: Callable[[Block], None]
+) -> Iterator[Block]:
     if missing:
-        for block, arrays in zip(missing, Engine(grid).computed(missing), strict=True):
+        for block, arrays in zip(missing, Engine(grid).computed(missing, found), strict=True):
             blocks.write(block, arrays)
             yield block
 

@@ -32,6 +32,7 @@ from support.command_line import (
     no_constant,
     refused,
 )
+from support.drive import a_design
 
 from mishutter import (
     HannShutter,
@@ -43,10 +44,13 @@ from mishutter import (
     read_scene,
 )
 from mishutter._core.progress import working
+from mishutter.cli import app
+from mishutter.cli.options import as_design
 from mishutter.design import design as finished
 
 # The face is `main` alone, which never waits long enough without a bar to say so.
 from mishutter.design.design import Design
+from mishutter.model.shutters import kinds
 from mishutter.pictures.images import write_picture
 
 STILL_SCENE = f"[speeds]\nlist_px_per_s = [0]\n[light]{ON_PARABOLAS.partition('[light]')[2]}"
@@ -131,7 +135,7 @@ USAGE = {
     "shutter-unknown": (["compare", "--shutter", "hamming"], "must be one of rect, hann, "),
     "shutter-value": (["compare", "--shutter", "tukey:wide"], "must have a finite number after"),
     "shutter-nan": (["compare", "--shutter", "tukey:nan"], "must have a finite number after"),
-    "shutter-range": (["compare", "--shutter", "tukey:1.5"], "`TukeyShutter(taper=...)` must"),
+    "shutter-range": (["compare", "--shutter", "tukey:1.5"], "error: `taper` must"),
     "shutter-no-value": (["compare", "--shutter", "hann:0.5"], "must give hann no parameter"),
     "missing-design": (["compare", "--design", "no.json"], "must exist; got: file not found"),
     "out-unnamed": (["optimise", "--out", ""], "`--out` must be a path of at least one character"),
@@ -407,7 +411,10 @@ def test_a_design_whose_reader_leaves_is_kept(still_scene, tmp_path):
             check=False,
         )
     assert done.returncode == 0
-    assert {file.name for file in (tmp_path / "kept").iterdir()} > {"design.json", "answer.png"}
+    assert {file.name for file in (tmp_path / "kept").iterdir()} > {
+        "recommended.json",
+        "answer.png",
+    }
 
 
 @pytest.mark.slow
@@ -606,10 +613,10 @@ def test_json_is_one_strict_document(optimised):
 
 @pytest.mark.slow
 def test_a_saved_design_has_the_same_metrics(optimised):
-    """`design.json` loads back to the metrics that were printed."""
+    """`one_exposure.json` loads back to the metrics that were printed."""
     folder, text = optimised
     printed = json.loads(text)["design"]["metrics"]
-    loaded = Design.load(folder / "design.json").metrics
+    loaded = Design.load(folder / "one_exposure.json").metrics
     for name in ("condition_number", "expected_psnr", "efficiency", "bound_share"):
         assert float(getattr(loaded, name)) == pytest.approx(printed[name], rel=1e-12)
 
@@ -629,7 +636,7 @@ def test_the_profile_has_its_units(optimised):
     """The CSV names its columns, then their units, then spans the exposure in ms."""
     folder, _ = optimised
     names, units, *rows = (folder / "profile.csv").read_text("utf-8").splitlines()
-    design = Design.load(folder / "design.json")
+    design = Design.load(folder / "one_exposure.json")
     assert names == "time,tau,transmittance"
     assert units == "ms,1,1"
     time, tau, _ = np.array([[float(cell) for cell in row.split(",")] for row in rows]).T
@@ -655,9 +662,9 @@ def test_compare_reads_designs_back(optimised, small_scene, capsys):
     """`compare` shows saved designs, of any name, at the metrics they were saved with."""
     folder, _ = optimised
     other = folder.parent / "Hann.json"
-    other.write_bytes((folder / "design.json").read_bytes())
-    design = Design.load(folder / "design.json")
-    options = ["--design", str(folder / "design.json"), "--design", str(other)]
+    other.write_bytes((folder / "one_exposure.json").read_bytes())
+    design = Design.load(folder / "one_exposure.json")
+    options = ["--design", str(folder / "one_exposure.json"), "--design", str(other)]
     options += ["--noise-seeds", "0"]
     assert cli.main(["compare", str(small_scene), *options, "--verbose"]) == 0
     out, err = capsys.readouterr()
@@ -666,13 +673,13 @@ def test_compare_reads_designs_back(optimised, small_scene, capsys):
     own_best, _ = tables.split("Same motion")
     lines = {line.split()[0]: line for line in own_best.splitlines() if line.split()}
     assert "Hann" in lines
-    assert "design = made/Hann" in lines["design"]
-    assert f"{float(design.metrics.expected_psnr):.2f}" in lines["design"]
+    assert "one_exposure = made/Hann" in lines["one_exposure"]
+    assert f"{float(design.metrics.expected_psnr):.2f}" in lines["one_exposure"]
     assert re.match(r"Take .*: [\d.]+ dB", verdict)
     assert cli.main(["compare", str(small_scene), *options]) == 0
     short = capsys.readouterr().out
     assert short.splitlines()[0] == verdict.splitlines()[0]
-    assert " design: " in short  # a saved design is an option by its name
+    assert " one_exposure: " in short  # a saved design is an option by its name
     assert "Own best motion" not in short
     *_, last = short.splitlines()
     again = f"mishutter optimise {small_scene} --out scene"
@@ -686,7 +693,7 @@ def test_a_search_makes_no_nan(optimised, small_scene):
     The command did, into its folder; so do searches on free paths, of a shutter that is shaped and
     of one that stays open.
     """
-    assert (optimised[0] / "design.json").exists()
+    assert (optimised[0] / "recommended.json").exists()
     place = small_scene.with_name("free.toml")
     place.write_text(SMALL_SCENE)
     scene, few = read_scene(place), {"num_coefficients": 6, "num_starts": 2, "max_steps": 3}
@@ -706,3 +713,58 @@ def test_what_cannot_be_counted_gives_a_sign_of_life(monkeypatch, is_terminal):
     with working("counting the grains of sand"):
         time.sleep(0.01)
     assert ("counting the grains of sand" in stream.getvalue()) == is_terminal
+
+
+OWN_SHUTTER = """
+from typing import final
+import jax
+import jax.numpy as jnp
+from mishutter import AbstractShutter, register_shutter
+
+@register_shutter
+@final
+class DimShutter(AbstractShutter):
+    light: jax.Array
+
+    def transmittance(self, tau):
+        return self.light + 0.0 * jnp.asarray(tau)
+"""
+
+
+@pytest.mark.parametrize("words", [["--import", "own_{}"], ["--import=own_{}"]], ids=len)
+def test_a_design_of_an_own_shutter_names_its_module(words, tmp_path, monkeypatch, capsys):
+    """The line says what to import; with that, before or after the command, it is read."""
+    monkeypatch.chdir(tmp_path)
+    name = f"own_{len(words)}"
+    (tmp_path / f"{name}.py").write_text(OWN_SHUTTER)
+    design = a_design(HannShutter()).to_dict()
+    design["shutter"] = {"kind": "DimShutter", "module": name, "light": 0.75}
+    (tmp_path / "own.json").write_text(json.dumps(design))
+    command = ["export", "own.json", "--steps", "3"]
+    before = list(kinds.KINDS)
+    try:
+        assert cli.main(command) == 2
+        assert f"a module that is imported, as by `--import {name}`" in capsys.readouterr().err
+        told = [word.format(len(words)) for word in words]
+        for given in ([*command, *told], [*told, *command]):
+            assert cli.main(given) == 0
+            assert ",0.75," in capsys.readouterr().out
+        saved = Design.load("own.json").to_dict()["shutter"]
+        assert saved == design["shutter"]
+    finally:
+        kinds.KINDS[:] = before
+    assert cli.main([*command, "--import", "nobodys_module"]) == 2
+    assert "must be a module that can be imported" in capsys.readouterr().err
+
+
+def test_a_folder_and_names_of_another_version_are_designs(tmp_path, capsys):
+    """A folder stands for its recommendation, whichever version wrote it."""
+    a_design(HannShutter()).save(tmp_path / "design.json")
+    for asked in (tmp_path, tmp_path / "recommended.json", tmp_path / "build.json"):
+        assert as_design(asked) == tmp_path / "design.json"
+    assert "recommended.json is design.json in this folder" in capsys.readouterr().err
+    for name in ("build.json", "recommended.json"):
+        a_design(HannShutter()).save(tmp_path / name)
+        assert as_design(tmp_path) == tmp_path / name
+    assert as_design(tmp_path / "design.json") == tmp_path / "design.json"
+    assert as_design(tmp_path / "other.json") == tmp_path / "other.json"

@@ -10,15 +10,18 @@ import subprocess
 import sys
 import time
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from PIL import Image
+from support.bursts import a_burst_design
 from support.command_line import SMALL_SCENE, environment, messages, refused
 from support.videos import film
 
 import mishutter as ms
 from mishutter import cli
+from mishutter.cli.camera import _error_words, _warn_beyond
 
 # No message tells this limit to a pixel, and a test just below it would decode 150 megapixels.
 from mishutter.pictures.images import MAX_PIXELS
@@ -192,7 +195,7 @@ USAGE = {
         ["--design", "d.json", "--shutter", "hann"],
         "`--shutter` must be left out with --design; got 'hann'",
     ),
-    "white": (["--white", "-3"], "`read_picture(white=...)` must be above 0; got -3"),
+    "white": (["--white", "-3"], "error: `white` must be above 0; got -3"),
     "seed": (
         ["--seed", str(1 << 63)],
         "`--seed` must be at most 9223372036854775807; got '9223372036854775808'",
@@ -343,3 +346,50 @@ def test_memory_grows_with_the_picture_alone(tmp_path, scene):
         )
         peaks.append(1024 * int(done.stderr.split()[-1]))
     assert peaks[1] - peaks[0] < 100 * 2000 * 3200
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (0.0, "less than 0.01"),
+        (1.9e-15, "less than 0.01"),
+        (0.126, "0.13"),
+        (16.4, "16"),
+        (3e4, "30,000"),
+    ],
+)
+def test_errors_of_speeds_are_numbers_that_mean_something(error, words):
+    """Frames without noise have no error but that of rounding."""
+    assert _error_words(error) == f"+- {words}"
+
+
+@pytest.mark.parametrize(
+    ("speed", "warns"), [(1.2, True), (0.0, False), (310.0, False), (411.0, True)]
+)
+def test_a_speed_outside_those_of_the_scene_asks_for_its_unit(speed, warns, capsys):
+    """Also one between 0 and the slowest; 0 is a picture at rest."""
+    scene = ms.Scene([290.0, 400.0], photon_rate=1e5, read_noise=3)
+    _warn_beyond(scene, speed)
+    told = capsys.readouterr().err
+    assert ("the scene's are 290 to 400 px/s. Is its unit missing" in told) == warns
+
+
+def test_messages_of_commands_hold_no_names_of_functions(tmp_path, scene, monkeypatch, capsys):
+    """A folder without pictures, and an argument that a function refuses."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "adir").mkdir()
+    line = refused(capsys, "simulate", scene, "--subject", "adir", "--out", "out")
+    assert "error: the path must hold pictures; got folder 'adir', which has none" in line
+
+
+def test_frames_before_a_background_are_refused_before_they_are_taken(tmp_path, capsys):
+    """The line names the file that can be simulated."""
+    design = a_burst_design()
+    layers = ms.Occlusion(front_share=0.4, object_width=80.0)
+    scene = replace(design.scene, decoder_speed="known", occlusion=layers)
+    replace(design, scene=scene).save(tmp_path / "recommended.json")
+    ms.write_picture(tmp_path / "a.png", CODED[..., 0] / 255)
+    given = ["--design", tmp_path, "--subject", tmp_path / "a.png", "--out", tmp_path / "out"]
+    line = refused(capsys, "simulate", *given)
+    assert "as one_exposure.json beside an answer" in line
+    assert "capturing" not in line

@@ -25,7 +25,7 @@ COMMANDS = {
     "optimise": (
         f"optimise still.toml {SMALL} --out designs",
         "dB",
-        ("designs/design.json", "designs/report.json", "designs/answer.png"),
+        ("designs/recommended.json", "designs/report.json", "designs/answer.png"),
     ),
     "compare": ("compare still.toml --design camera.json --noise-seeds 0", "dB", ()),
     "sweep": (

@@ -102,7 +102,7 @@ OPTIONS = {
     ),
     "half-exposure": (
         ["compare", "--drive", "{d}", "--half-exposure-ms", "0"],
-        "`read_drive(half_exposure=...)` must be above 0; got 0.0",
+        "error: `half_exposure` must be above 0; got 0.0",
     ),
     "length-of-a-trace": (
         ["simulate", "--measured", "no.csv", "--half-exposure-ms", "18"],

@@ -163,6 +163,12 @@ OPTIONS = {
     "sweep": [
         Option(["--acceleration", "1e4:4e4:3"], SWEEP, _row("accelerations"), [1e4, 2.5e4, 4e4]),
         Option(
+            ["--exposure", "4.4:5.2:3"],
+            SWEEP,
+            _row("half_exposures"),
+            [2.2e-3, 2.4e-3, 2.6e-3],
+        ),
+        Option(
             ["--half-exposure", "2.2:2.6:3"],
             SWEEP,
             _row("half_exposures"),

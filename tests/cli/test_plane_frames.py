@@ -125,7 +125,7 @@ def test_a_scene_is_answered_simulated_and_restored(desk, capsys):
     (desk / "scene.toml").write_text(BACTERIUM, encoding="utf-8")
     answer = printed(capsys, "optimise", "scene.toml", "--out", "answer")
     assert "4 frames" in answer["verdict"]
-    design = ["--design", "answer/design.json"]
+    design = ["--design", "answer/recommended.json"]
     told = ["--speed=26um/s,-17um/s", "--out", "taken"]
     taken = printed(capsys, "simulate", "scene.toml", *design, *told)
     assert taken["found"]["trusted"], taken["found"]["doubt"]
@@ -152,8 +152,8 @@ def test_an_image_stabiliser_is_answered_driven_simulated_and_restored(desk, cap
     truth = a_dark_photo()
     answer = printed(capsys, "optimise", "stabiliser.toml", "--out", "answer")
     assert "8 frames while the stage" in answer["verdict"]
-    design = ["--design", "answer/design.json"]
-    drive = printed(capsys, "export", "answer/design.json", "--out", "lab")
+    design = ["--design", "answer/recommended.json"]
+    drive = printed(capsys, "export", "answer/recommended.json", "--out", "lab")
     assert "stage.csv" in drive["files"]
     taken = printed(
         capsys, "simulate", "stabiliser.toml", *design, "--speed=148,-121", "--out", "taken"

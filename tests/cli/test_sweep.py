@@ -15,11 +15,11 @@ from mishutter import Limits, Scene, cli
 from mishutter.cli.sweep_command import _COLUMNS, _OTHER_METRICS, _point_of, _rows
 from mishutter.evaluation.metrics import METRICS
 
-RANGES = ["--acceleration", "3e4:1.2e5:2", "--half-exposure", "3:9:2"]
+RANGES = ["--acceleration", "3e4:1.2e5:2", "--exposure", "6:18:2"]
 
 MISTAKES = {
     "two-parts": (["--acceleration", "1:2"], "`--acceleration` must be A:B:N, two numbers and a"),
-    "text": (["--half-exposure", "a:b:c"], "`--half-exposure` must be A:B:N, two numbers and a"),
+    "text": (["--exposure", "a:b:c"], "`--exposure` must be A:B:N, two numbers and a"),
     "empty": (["--acceleration", "1e4:2e4:0"], "`--acceleration` must hold at least one value"),
     "reversed": (["--half-exposure", "9:3:4"], "`--half-exposure` must ascend from A to B; got"),
     "nan": (["--acceleration", "nan:1e5:3"], "must run between finite numbers; got 'nan:1e5:3'"),
@@ -27,6 +27,10 @@ MISTAKES = {
     "velocity": (["--velocity", "-1:2"], "`--velocity` must be A:B:N, two numbers and a count"),
     "velocity-reversed": (["--velocity", "-1:-9:4"], "`--velocity` must ascend from A to B; got"),
     "velocity-inf": (["--velocity", "0:inf:4"], "must run between finite numbers; got '0:inf:4'"),
+    "both": (
+        ["--exposure", "6:18:2", "--half-exposure", "3:9:2"],
+        "`--half-exposure` must not stand beside --exposure; got '3:9:2'",
+    ),
     "no-time": (["--half-exposure", "0:3:3"], "`--half-exposure` must be above 0; got '0:3:3'"),
     "one-of-many": (["--acceleration", "1e4:2e4:1"], "must hold two values or more from A to B"),
     "log-zero": (["--log", "--acceleration", "0:1e5:3"], "must begin above 0 with --log; got"),

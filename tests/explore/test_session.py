@@ -410,7 +410,7 @@ def test_an_upload_that_is_no_photograph_is_refused(started, name, content, line
     session.upload("mine.png", picture_file(20, 80))
     with pytest.raises(ValueError, match=line):
         session.upload(name, content)
-    assert session.photographs == ["example", "mine.png"]
+    assert session.photographs == ["example", "print", "cells", "mine.png"]
 
 
 def test_a_picture_of_too_many_pixels_is_refused_by_its_header(started, monkeypatch):
@@ -444,7 +444,7 @@ def test_an_upload_takes_the_place_of_the_one_before(started):
     session = Session(started)
     session.upload("first.png", picture_file(20, 80))
     answer = session.upload("../folder/second.jpg", picture_file(20, 80, "JPEG"))
-    assert answer["photographs"] == ["example", "second.jpg"]
+    assert answer["photographs"] == ["example", "print", "cells", "second.jpg"]
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """A shutter of one's own is exact between the discontinuities it declares, and may be designed."""
 
+import re
 from functools import partial
 from typing import final
 
@@ -233,6 +234,30 @@ def test_wrong_bounds_are_named(bounds, message):
 
     with pytest.raises(ValueError, match=message):
         optimise(example_scene(), shutter=Wrong(jnp.array(0.3)), max_steps=2)
+
+
+@final
+class SoftShutter(AbstractShutter):
+    """Opens and closes along a curve, which a small `ramp` makes too steep to follow."""
+
+    open: jax.Array
+    ramp: jax.Array
+
+    def transmittance(self, tau):
+        return self.open / (1 + jnp.exp(4 * (jnp.abs(jnp.asarray(tau)) - 0.6) / self.ramp))
+
+    def discontinuities(self):
+        return [0.0]
+
+    def bounds(self):
+        return {"open": (0.2, 0.9), "ramp": (0.01, 0.5)}
+
+
+def test_a_range_is_looked_at_before_the_search():
+    """At its ends and in its middle; the line names the values at which it is no shutter."""
+    ends = re.escape("near tau = 0.6") + r"\d* with open = 0\.\d, ramp = 0\.01\.$"
+    with pytest.raises(ValueError, match=ends):
+        optimise(example_scene(), shutter=SoftShutter(jnp.array(0.5), jnp.array(0.3)))
 
 
 @pytest.mark.slow

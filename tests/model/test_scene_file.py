@@ -1,6 +1,9 @@
 """A scene file means what its key names say, and every mistake in one is named in one line."""
 
+import math
 import re
+import tomllib
+from pathlib import Path
 
 import equinox as eqx
 import imagecodecs
@@ -28,7 +31,13 @@ from mishutter import (
     Tolerances,
 )
 from mishutter.model.limits import LEAST_STROKE
-from mishutter.model.scene import example_scene, read_scene, scene_text
+from mishutter.model.scene import (
+    example_scene,
+    read_scene,
+    scene_of_tables,
+    scene_tables,
+    scene_text,
+)
 from mishutter.model.scene_file import example_scene_text
 from mishutter.model.scene_units import SceneWarning
 from mishutter.pictures.images import (
@@ -687,3 +696,39 @@ def test_numbers_that_no_camera_has_are_doubted(key, line, doubt, tmp_path):
     text = re.sub(rf"^{key}.*", line, others, flags=re.MULTILINE)
     with pytest.warns(SceneWarning, match=doubt):
         read_scene(written(tmp_path, text))
+
+
+def test_a_kind_of_picture_stands_for_one_that_is_shipped():
+    """Print has finer detail than a photograph, and a scene of it is written and read back."""
+    photograph = Texture()
+    scenes = {}
+    for kind in ("photograph", "print", "cells"):
+        text = edited("path = ", f'like = "{kind}"')
+        scenes[kind] = scene_of_tables(tomllib.loads(text), "a.toml", Path())
+    assert eqx.tree_equal(scenes["photograph"].picture, photograph)
+    details = {kind: scene.picture.detail for kind, scene in scenes.items()}
+    assert details["print"] < 5 < 17 < details["photograph"] < 18 < details["cells"] < 25
+    page = scenes["print"]
+    assert scene_tables(page)["picture"] == {"like": "print"}
+    assert page.picture.photograph().light.shape == (191, 384, 1)
+
+
+def test_detail_is_the_period_that_leaves_a_tenth_of_the_power():
+    """In closed form for the spectrum of photographs, whose integral is an arc tangent."""
+    share = 0.9 * math.atan(0.5 / 0.01)
+    assert Texture().detail == pytest.approx(1 / (0.01 * math.tan(share)), rel=0.01)
+    assert Texture(power_spectrum=[1.0, 1.0]).detail == pytest.approx(1 / 0.45, rel=1e-6)
+
+
+def test_a_camera_without_a_stage_is_written_as_one():
+    """As the 0 that its file had, and not as the stroke that stands for it."""
+    scene = Scene.uniform(max_speed=9.0, photon_rate=1e4, read_noise=2, limits=Limits(max_stroke=0))
+    assert scene_tables(scene)["limits"]["max_stroke_px"] == 0
+
+
+def test_a_background_in_any_direction_is_told_of_objects():
+    """The refusal names the section that such scenes have."""
+    text = "[speeds]\nany_direction = { max_px_per_s = 90 }\n[light]\nphoton_rate_per_s = 1e4\n"
+    tables = tomllib.loads(text + "[sensor]\nread_noise_e = 2\n[occlusion]\nfront_share = 0.4\n")
+    with pytest.raises(ValueError, match=r"`\[occlusion\]` must .*; say \[objects\] for things of"):
+        scene_of_tables(tables, "a.toml", Path())

@@ -1,6 +1,7 @@
 """The search in the plane: its ways within limits, its order, and the answer."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from mishutter import (
     best_in_plane,
     cli,
 )
+from mishutter.cli.plane_command import _require_frames
 from mishutter.plane.borders import loss_of_borders
 from mishutter.plane.families import FAMILIES, FREE, Room, frames_of
 from mishutter.plane.frames import PlaneFrames
@@ -341,3 +343,31 @@ def test_the_command_answers_and_writes_its_files(tmp_path, capsys):
     design = PlaneDesign.load(tmp_path / "out" / "design.json")
     assert design.burst.kind == document["choice"]
     assert f"Next: mishutter export {tmp_path / 'out' / 'design.json'} --out" in out
+
+
+def test_a_picture_of_stills_has_no_empty_panels():
+    """Exposures over time alone; of moving frames the path and the velocities too."""
+    at_rest, moving = a_burst("stills", 0, 26.0), a_burst("sweep", 1, 26.5)
+    for burst, num_panels in ((at_rest, 1), (moving, 3)):
+        search = PlaneSearch(a_burst("stills", 0, 24.5, 1), (burst,), 27.3)
+        figure = PlaneReport(a_scene(), search).plot()
+        assert len(figure.axes) == num_panels
+
+
+@pytest.mark.parametrize(
+    ("burst", "line"),
+    [
+        (None, "`[burst]` must be given for things in any direction"),
+        (BurstMode(frames_per_s=50.0, max_frames=1), "`[burst] max_frames` must be at least 2"),
+        (
+            BurstMode(frames_per_s=5.0, max_frames=4),
+            "`[burst] window_ms` must be at least 200.2, in",
+        ),
+    ],
+)
+def test_a_camera_that_cannot_tell_a_velocity_is_refused_by_its_keys(burst, line):
+    """Before the search; one that is told the velocity takes one exposure."""
+    scene = replace(a_scene(), burst=burst)
+    with pytest.raises(ValueError, match=re.escape(line)):
+        _require_frames(scene)
+    _require_frames(replace(scene, decoder_speed="known"))

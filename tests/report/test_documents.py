@@ -293,8 +293,8 @@ def test_an_answer_ends_with_a_command_that_goes_on(report, tmp_path):
     """The file of what is recommended, once there is a folder; before that the folder."""
     design = given_design(SCENE, MOTION, HannShutter(), "")
     rows = {row.name: row for row in report.comparison.rows}
-    for name, file in (("Hann", "design.json"), ("rect", "build.json")):
-        row = replace(rows[name], design=design)
+    for name, file in (("Hann", "recommended.json"), (None, "one_exposure.json")):
+        row = None if name is None else replace(rows[name], design=design)
         judged = replace(
             report,
             comparison=replace(report.comparison, choice=row),
@@ -317,7 +317,7 @@ def test_an_answer_ends_with_a_command_that_goes_on(report, tmp_path):
 @pytest.mark.slow
 def test_no_pictures_of_an_earlier_run_are_left(report, tmp_path):
     """Those of a photograph go where this run has none; what is somebody else's stays."""
-    kept, stale = {"design.json", "notes.txt"}, {"psnr.png", "photograph.png"}
+    kept, stale = {"design.json", "notes.txt"}, {"psnr.png", "photograph.png"}  # of no search
     for name in kept | stale:
         (tmp_path / name).write_text("from before")
     told: list[str] = []
@@ -327,32 +327,42 @@ def test_no_pictures_of_an_earlier_run_are_left(report, tmp_path):
     assert not stale & set(written)
 
 
-def test_the_camera_to_build_is_saved_where_it_is_not_the_design(report, tmp_path):
-    """A verdict for a rival leaves its design beside that of the search, to be exported."""
+def test_the_recommendation_is_one_file_beside_the_one_exposure(report, tmp_path):
+    """Whatever it is: the design of the search, or that of a rival."""
     design, rival = (given_design(SCENE, MOTION, s, "") for s in (HannShutter(), RectShutter()))
     rows = {row.name: row for row in report.comparison.rows}
-    for name, files in (("Hann", []), ("rect", ["build.json"])):
+    for name, shutter in (("Hann", HannShutter), ("rect", RectShutter)):
         comparison = replace(report.comparison, choice=replace(rows[name], design=rival))
         given = replace(report, comparison=comparison, names=("Hann",), design=design)
         writers = _writers(given)
         saved = [file for file in writers if file.endswith(".json")]
-        assert saved == ["design.json", *files, "report.json"]
-    writers["build.json"](tmp_path / "build.json")
-    assert isinstance(Design.load(tmp_path / "build.json").shutter, RectShutter)
+        assert saved == ["recommended.json", "one_exposure.json", "report.json"]
+        for file, kind in (("recommended.json", shutter), ("one_exposure.json", HannShutter)):
+            writers[file](tmp_path / file)
+            assert isinstance(Design.load(tmp_path / file).shutter, kind)
 
 
 def test_the_frames_that_a_verdict_names_are_saved(report, tmp_path):
-    """Beside a search of one exposure alone; in the design's own file where it has found them."""
+    """Whether the search has found them or not; the one exposure has none."""
     rows = {row.name: row for row in report.comparison.rows}
     parts = frozenset({STAGE, FRAMES})
     burst = replace(rows["rect"], name="best moving burst", sequence=SEQUENCE, hardware=parts)
     comparison = replace(report.comparison, choice=burst)
-    for design, wanted in ((a_burst_design(None), True), (a_burst_design(), False)):
+    for design in (a_burst_design(None), a_burst_design()):
         writers = _writers(replace(report, comparison=comparison, design=design))
-        assert ("build.json" in writers) == wanted
         file = tmp_path / "saved.json"
-        writers["build.json" if wanted else "design.json"](file)
+        writers["recommended.json"](file)
         assert Design.load(file).sequence.text == SEQUENCE.text
+        writers["one_exposure.json"](file)
+        assert Design.load(file).sequence is None
+
+
+def test_a_recommended_exposure_takes_no_frames(report):
+    """Where the search found frames that the answer does not take, for 0.2 dB, say."""
+    row = report.comparison.row("Hann")
+    comparison = replace(report.comparison, choice=row)
+    judged = replace(report, comparison=comparison, names=("Hann",), design=a_burst_design())
+    assert judged.recommended.sequence is None
 
 
 def test_a_narrow_photograph_is_left_out_with_a_note(report, tmp_path):

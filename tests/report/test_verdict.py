@@ -12,26 +12,36 @@ from support.rows import MOVING, SHORT, STILL, made_up, sequence, verdict
 
 from mishutter import (
     BurstMode,
+    ExpectedErrorLoss,
     FirstOrderDevice,
     FrameSequence,
     HannShutter,
     IdealDevice,
     Limits,
     Occlusion,
+    RectShutter,
     Scene,
     Sensor,
     StillCamera,
     SwitchedDevice,
+    Texture,
     TimedFrame,
     ceiling,
     compare,
+    evaluate,
     optimise,
 )
 from mishutter.evaluation.moving_bursts import ALTERNATING, FAN, SINE, SWEEP
 from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE
 from mishutter.model.limits import LEAST_STROKE
 from mishutter.report.comparison import with_verdict
-from mishutter.report.verdict import device_notes, option_name, order_at_rest
+from mishutter.report.verdict import (
+    detail_words,
+    device_notes,
+    on_pan,
+    option_name,
+    order_at_rest,
+)
 from mishutter.search.rivals import (
     BEST_CODED_STILL,
     BEST_MOVING_BURST,
@@ -383,8 +393,10 @@ def test_an_answer_says_what_it_assumes():
     window = 2e3 * float(SCENE.limits.max_half_exposure)
     stroke, speed = float(SCENE.limits.max_stroke), float(SCENE.limits.max_top_speed)
     assert said.endswith(
-        "Assumes: all motion along the columns; the picture moves as a whole, or its objects are "
-        f"much wider than {way:,} px (else say [objects], or [occlusion] before a background); "
+        "Assumes: detail as in a photograph (a tenth of its contrast is finer than 17.7 px; for "
+        "print, codes or cells say [picture]); all motion along the columns; the picture "
+        f"moves as a whole, or its objects are much wider than {way:,} px (else say [objects], "
+        "or [occlusion] before a background); "
         f"frames are registered without error; frames within {window:g} ms; a stage with a stroke "
         f"of {stroke:g} px and {speed:,g} px/s; a sensor of 517 px; global shutter."
     )
@@ -442,9 +454,64 @@ def test_a_camera_without_a_stage_has_a_stroke_of_zero():
     assert "stage" not in needs
     halves = [0.00355] * 3 + [0.0002] * 2
     frames = [TimedFrame(StillCamera(half_exposure=x), 0.01 * k) for k, x in enumerate(halves)]
-    assert order_at_rest(FrameSequence("stills", tuple(frames), 0.0, 31.0, 30.0)) == (
+    stills = FrameSequence("stills", tuple(frames), 0.0, 31.0, 30.0)
+    assert order_at_rest(stills, Limits(max_stroke=0.7)) == (
         "5 frames, 3 of 7.1 and 2 of 0.4 ms, and keep the stage still"
     )
+    assert order_at_rest(stills, rows) == "5 stills, 3 of 7.1 and 2 of 0.4 ms"
+
+
+@pytest.mark.parametrize(
+    ("path", "power", "words"),
+    [
+        (None, None, "as in a photograph"),
+        (None, [0.0, 0.0, 3.0, 1.0], "by the scene's spectrum"),
+        ("example", None, "as in the example"),
+        ("print", None, "as in print"),
+        ("parts/barcode.png", None, "as in barcode.png"),
+    ],
+)
+def test_an_answer_begins_with_the_detail_that_it_assumes(path, power, words):
+    """Levels depend on nothing as much; who has said nothing is told how to say it."""
+    scene = replace(SCENE, picture=Texture(path=path, power_spectrum=power))
+    said = detail_words(scene)
+    assert said.startswith(f"detail {words} (a tenth of its contrast is finer than ")
+    assert ("say [picture]" in said) == (path is None and power is None)
+
+
+BELT = Scene(
+    [2900.0, 3100.0, 3300.0],
+    photon_rate=1e5,
+    read_noise=4.0,
+    limits=Limits(max_stroke=0.0, max_half_exposure=0.01),
+)
+"""Things that all move one way before a camera that nothing moves."""
+
+
+@pytest.mark.slow
+def test_things_that_all_move_one_way_are_told_of_a_pan():
+    """Where following is worth more than 1 dB, by the level of a snapshot at rest among them."""
+    at_rest = made_up({BEST_SNAPSHOT: 22.0})[0]
+    said = on_pan(BELT, at_rest, ExpectedErrorLoss())
+    follows = replace(BELT, speeds=BELT.speeds - 3100.0)
+    motion = StillCamera(half_exposure=float(said.split("snapshot of ")[1].split(" ms")[0]) / 2e3)
+    level = float(evaluate(follows, motion, RectShutter()).expected_psnr)
+    assert said.startswith("Following at 3,100 px/s, by turning the camera, a mirror or a stage, a")
+    assert f"would reach {level:.1f} dB, {level - 22:.1f} dB more" in said
+    near = replace(at_rest, metrics=replace(at_rest.metrics, expected_psnr=jnp.array(level - 0.9)))
+    assert on_pan(BELT, near, ExpectedErrorLoss()) == ""
+
+
+def test_no_pan_is_told_of_where_one_is_there_or_would_not_help():
+    """A stage, a camera that turns, things that move both ways, and a background at rest."""
+    at_rest = made_up({BEST_SNAPSHOT: 12.0})[0]
+    for changed in (
+        {"speeds": jnp.array([-3.0, 3100.0, 3300.0])},
+        {"limits": replace(BELT.limits, pans="camera")},
+        {"limits": replace(BELT.limits, max_stroke=3.0)},
+        {"occlusion": Occlusion(front_share=0.3)},
+    ):
+        assert on_pan(replace(BELT, **changed), at_rest, ExpectedErrorLoss()) == ""
 
 
 @pytest.mark.parametrize(
@@ -613,7 +680,10 @@ def test_a_note_says_that_a_camera_is_too_slow_for_a_burst(rate, holds_one):
         lambda x: x.burst, SCENE, BurstMode(frames_per_s=rate), is_leaf=lambda x: x is None
     )
     notes = with_verdict(made_up({"a": 24.0, BEST_SNAPSHOT: 23.0}), {}, scene).notes
-    words = "No burst is compared: at 11.7 frames/s only one frame fits into the window."
+    words = (
+        "No burst is compared: at 11.7 frames/s only one frame fits into the window of 60 ms; say "
+        "a longer [burst] window_ms."
+    )
     assert notes == ((words,) if holds_one else ())
 
 

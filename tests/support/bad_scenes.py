@@ -267,6 +267,38 @@ LINES = {
         "`[picture] white` must be above 0; got 0",
     ),
     "level-above-white": ("path", "mean_level = 1.2", "must be at most 1; got 1.2"),
+    "no-stage-by-travel": (
+        "max_travel_mm",
+        "max_travel_px = 0",
+        "`[limits] max_travel_px` must be left out where there is no stage, as `[limits] max_str",
+    ),
+    "no-stage-by-a-key": (
+        "max_travel_mm",
+        "stage = false",
+        "perhaps `[limits] max_stroke_px`; got",
+    ),
+    "no-stage-by-a-section": (
+        "[speeds]",
+        "stage = false\n[speeds]",
+        "as `[limits] max_stroke_px = 0`",
+    ),
+    "frames": (
+        "frames_per_s",
+        "frames_per_s = 15\nframes = 4",
+        "perhaps `[burst] max_frames`; got",
+    ),
+    "frames-above-all": ("[speeds]", "frames = 4\n[speeds]", "perhaps `[burst] max_frames`; got"),
+    "like-and-path": (
+        "path = ",
+        'path = "example"\nlike = "print"',
+        "like` must not stand beside pat",
+    ),
+    "like-nothing": ("path = ", 'like = "prints"', "must be 'photograph', 'print' or 'cells'; got"),
+    "like-with-levels": (
+        "path = ",
+        'like = "cells"\ndeviation = 0.1',
+        "must not stand beside like",
+    ),
 }
 """Slug to the line that is replaced, by what it starts with; its replacement; the error."""
 

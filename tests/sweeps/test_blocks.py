@@ -243,3 +243,17 @@ def test_blocks_at_a_time_change_nothing(monkeypatch):
         monkeypatch.setattr("mishutter.sweeps.blocks.num_threads", lambda devices, n=count: n)
         found.append(sweep(SCENE, **few))
     assert found[0].identical(found[1])
+
+
+@pytest.mark.slow
+def test_a_search_tells_its_points_before_their_block_is_whole():
+    """One after the other, and the block at its end, outside the limits too."""
+    told: list[int] = []
+    axes: dict[str, Any] = {
+        "accelerations": [1e4, 2e4, 2e6],
+        "half_exposures": [8e-3],
+        "metrics": ["expected_psnr"],
+    }
+    news = lambda done, total: told.append(done)  # noqa: E731
+    sweep(LOPSIDED, optimise=True, **axes, max_steps=1, progress=news)
+    assert told == [0, 1, 2, 3]

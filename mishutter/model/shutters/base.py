@@ -42,6 +42,8 @@ Cells = Float[Array, "*cells"]
 _NUM_PIECES, _DEGREE = 64, 5
 _UNIFORM = np.linspace(-1, 1, _NUM_PIECES + 1)
 
+_MOST_CORNERS = 16
+"""Most corners of the ranges of a shutter's parameters at which it is looked at."""
 _PROBES = np.linspace(0, 1, 25)
 """Shares of a piece at which an interpolant is held against its shutter."""
 _SHORT = 1e-7
@@ -378,6 +380,31 @@ def _check_transmittance(shutter: AbstractShutter) -> None:
     rounding = 16 * float(np.finfo(common_dtype(values)).eps)
     require(bool(-rounding <= worst <= 1 + rounding), subject, "lie in [0, 1]", worst)
     _check_discontinuities(shutter, subject)
+
+
+def check_bounds(shutter: AbstractShutter) -> None:
+    """Refuse a shutter that a search may move to where it is none.
+
+    It is looked at with its parameters at the ends of their ranges and in the middle.
+    """
+    if isinstance(shutter, AbstractPiecewiseShutter):
+        return
+    bounded = _bounded(shutter)
+    if not bounded:
+        return
+    corners = itertools.product((0.0, 1.0), repeat=len(bounded))
+    for corner in (*itertools.islice(corners, _MOST_CORNERS), (0.5,) * len(bounded)):
+        shares = dict(zip(bounded, corner, strict=True))
+        values = {
+            name: low + shares[name] * (high - low) for name, (_, low, high) in bounded.items()
+        }
+        box = [np.full(value.size, shares[name]) for name, (value, *_) in bounded.items()]
+        moved = at_coordinates(shutter, as_float(np.concatenate(box)))
+        try:
+            _check_transmittance(moved)
+        except ValueError as error:
+            words = ", ".join(f"{name} = {x:.4g}" for name, x in values.items())
+            raise ValueError(f"{str(error).removesuffix('.')} with {words}.") from None
 
 
 def _check_discontinuities(shutter: AbstractShutter, subject: str) -> None:

@@ -111,6 +111,12 @@ def shutter_to_dict(shutter: AbstractShutter) -> dict[str, object]:
     return {"kind": name} | {field: _plain(getattr(shutter, field)) for field in kind.fields}  # type: ignore[union-attr]
 
 
+def module_of(shutter: AbstractShutter) -> dict[str, str]:
+    """The module to import before a design of a shutter can be read; nothing of our own kinds."""
+    module = type(shutter).__module__
+    return {} if module.startswith("mishutter.") else {"module": module}
+
+
 def _plain(value: object) -> object:
     return np.asarray(value, np.float64).tolist() if hasattr(value, "shape") else value
 
@@ -118,9 +124,12 @@ def _plain(value: object) -> object:
 def shutter_from_dict(data: dict[str, Any]) -> AbstractShutter:
     """The shutter that `shutter_to_dict` wrote."""
     kinds = {kind.shutter.__name__: kind for kind in KINDS}
-    name = data["kind"]
-    arguments = {key: value for key, value in data.items() if key != "kind" and value is not None}
-    require(name in kinds, "shutter.kind", f"be one of {', '.join(kinds)}", name)
+    name, module = data["kind"], data.get("module")
+    others = {"kind", "module"}
+    arguments = {k: value for k, value in data.items() if k not in others and value is not None}
+    of_module = f", or of a module that is imported, as by `--import {module}`"
+    requirement = f"be one of {', '.join(kinds)}{of_module if module else ''}"
+    require(name in kinds, "shutter.kind", requirement, name)
     fields = kinds[name].fields
     for key in fields:
         require(key in arguments, f"shutter.{key}", f"be given for a {name}", Unquoted("nothing"))
