@@ -2,10 +2,12 @@
 
 from abc import abstractmethod
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, final
 
 import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Float
 
@@ -23,9 +25,12 @@ _SINGLE = 1e-5
 """Share of a number below which it is one of rounding, in single precision."""
 
 
+@partial(
+    jax.tree_util.register_dataclass, data_fields=("motion", "time", "position"), meta_fields=()
+)
 @dataclass(frozen=True)
 class TimedFrame:
-    """An exposure of an open shutter, one of a sequence.
+    """An exposure of an open shutter, one of a sequence; all its numbers may be differentiated.
 
     Attributes:
         motion: Motion of the sensor, from its mid-exposure.

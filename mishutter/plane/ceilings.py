@@ -13,7 +13,8 @@ from mishutter.evaluation.open_frames import psnr_of_error
 from mishutter.model.optics import pixel_response
 from mishutter.model.scene import Scene, require_scene
 from mishutter.model.sensor import noise_power, white_electrons
-from mishutter.plane.levels import MEASURED, Fan, Grid, require_velocities
+from mishutter.evaluation.fans import MEASURED, Fan, Grid
+from mishutter.evaluation.levels import require_velocities
 
 
 def plane_ceiling(
