@@ -10,13 +10,13 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import ArrayLike, Float
 
 from mishutter._core.checks import (
     all_concrete,
-    as_numpy,
     common_dtype,
     namespace_of,
     primal_values,
@@ -34,14 +34,14 @@ Frames = Sequence[TimedFrame] | AbstractPath
 
 
 class Instants(NamedTuple):
-    """Instants of exposures, and where the sensor is then."""
+    """Instants of exposures, and where the sensor is then; arrays of JAX where these are traced."""
 
-    time: Float[Array | np.ndarray, "n q"]  # Times from the middle of all; s
+    time: Float[np.ndarray, "n q"]  # Times from the middle of all; s
     # Places of the sensor along each axis, from that in the middle of all; px
-    place: Float[Array | np.ndarray, "axes n q"]
+    place: Float[np.ndarray, "axes n q"]
     # Share of its exposure that each stands for, times the transmittance then
-    weight: Float[Array | np.ndarray, "n q"]
-    exposure: Float[Array | np.ndarray, "n"]  # Time for which each exposure is lit; s
+    weight: Float[np.ndarray, "n q"]
+    exposure: Float[np.ndarray, "n"]  # Time for which each exposure is lit; s
 
     @staticmethod
     def of(
@@ -75,7 +75,7 @@ class Instants(NamedTuple):
 
     def displacement(self, velocity: Float[np.ndarray, "axes"]) -> Float[np.ndarray, "axes n q"]:
         """Way of a thing on the sensor since the middle of all; px."""
-        return np.asarray(self.place) - velocity[:, None, None] * np.asarray(self.time)
+        return self.place - velocity[:, None, None] * self.time
 
     def middles(self, velocity: Float[np.ndarray, "axes"]) -> Float[np.ndarray, "axes n"]:
         """The mean way of a thing in each exposure; px."""
@@ -90,6 +90,12 @@ class Instants(NamedTuple):
         """Those of some of the exposures."""
         time, place, weight, exposure = self
         return Instants(time[index], place[:, index], weight[index], exposure[index])
+
+    def part(self, index: Any) -> "Instants":
+        """Those of some exposures, from the mean of their own times and places on."""
+        some = self.some(index)
+        middle = np.mean(some.place, axis=(1, 2), keepdims=True)
+        return some._replace(time=some.time - np.mean(some.time), place=some.place - middle)
 
 
 def panels_for(way: float) -> int:
@@ -110,17 +116,17 @@ def _nodes(begin: Any, end: Any, cuts: Any, num_panels: int) -> tuple[Any, Any]:
     """Times of nodes and their weights, between two times and at cuts between them; `(n, q)`."""
     space, dtype = namespace_of(begin, end, cuts), begin.dtype
     shares = (np.arange(num_panels + 1) / num_panels).astype(dtype)
-    edges = begin[:, None] + (end - begin)[:, None] * shares
+    edges = begin[:, None] + (end - begin)[:, None] * shares[None]
     if cuts.shape[1]:
         cuts = space.clip(cuts, begin[:, None], end[:, None])
         edges = space.sort(space.concatenate([edges, cuts], axis=1), axis=1)
     x, weight = (part.astype(dtype) for part in np.polynomial.legendre.leggauss(NODES))
     middle, half = (edges[:, 1:] + edges[:, :-1]) / 2, (edges[:, 1:] - edges[:, :-1]) / 2
-    time = (middle[..., None] + half[..., None] * x).reshape(begin.size, -1)
+    time = (middle[..., None] + half[..., None] * x[None, None]).reshape(begin.size, -1)
     # An exposure of no length is no frame, and its nodes have the weights of any other.
     length = space.where(end > begin, end - begin, 1.0)
     share = space.where((end > begin)[:, None], half / length[:, None], 0.5 / half.shape[1])
-    return time, (share[..., None] * weight).reshape(begin.size, -1)
+    return time, (share[..., None] * weight[None, None]).reshape(begin.size, -1)
 
 
 def _on_axis(frames: Sequence[TimedFrame], lights: Lights | None, num_panels: int) -> Instants:
@@ -128,10 +134,11 @@ def _on_axis(frames: Sequence[TimedFrame], lights: Lights | None, num_panels: in
     numbers = [(x.time, x.position, x.motion.half_exposure) for x in frames]
     times, places, halves = _rows(numbers)
     begin, end = _lights(times, 2 * halves, lights)
-    inner = [[float(each) for each in x.motion.piece_ends[1:-1]] for x in frames]
-    most = max(map(len, inner))
-    padded = np.array([each + [1.0] * (most - len(each)) for each in inner]).reshape(len(frames), most)
-    cuts = times[:, None] + halves[:, None] * padded.astype(times.dtype)
+    inner = [[*map(float, x.motion.piece_ends[1:-1])] for x in frames]
+    ends = np.ones((len(frames), max(map(len, inner))), times.dtype)
+    for row, each in zip(ends, inner, strict=True):
+        row[: len(each)] = each
+    cuts = times[:, None] + halves[:, None] * ends
     time, weight = _nodes(begin, end, cuts, num_panels)
     space = namespace_of(times, places, halves)
 
@@ -148,13 +155,15 @@ def _on_axis(frames: Sequence[TimedFrame], lights: Lights | None, num_panels: in
 
 def _on_path(frames: AbstractPath, lights: Lights | None, num_panels: int) -> Instants:
     """Instants of frames along a path, from the middle between the first light and the last."""
-    times, exposures = as_numpy(frames.times, frames.exposures)
+    if all_concrete(frames):
+        frames = jax.tree.map(lambda x: np.asarray(x, np.float64), frames)
+    times, exposures = frames.times, frames.exposures
     begin, end = _lights(times, exposures, lights)
     first, last = _lights(times, exposures, None)
-    middle = (first[0] + last[-1]) / 2
+    middle = (first[:1] + last[-1:]) / 2
     time, weight = _nodes(begin, end, begin[:, None][:, :0], num_panels)
-    place = frames.place(time) - frames.place(middle)[:, None, None]
-    return Instants(time - middle, place, weight, end - begin)
+    place: Any = frames.place(time) - frames.place(middle)[..., None]
+    return Instants(time - middle[0], place, weight, end - begin)
 
 
 def _lights(times: Any, exposures: Any, lights: Lights | None) -> tuple[Any, Any]:

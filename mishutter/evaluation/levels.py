@@ -1,4 +1,4 @@
-r"""The level of exposures, for a decoder that registers them: one formula for an axis and the plane.
+r"""The level of exposures for a decoder that registers them, along an axis and in the plane.
 
 A decoder that finds the velocity $\mathbf v$ of a picture in its exposures restores it from all of
 them. Noise is independent from one to the other, and the error that is left is
@@ -32,6 +32,7 @@ from mishutter._core.checks import (
     all_concrete,
     as_float,
     as_numpy,
+    common_dtype,
     namespace_of,
     primal_values,
     require,
@@ -43,7 +44,7 @@ from mishutter.evaluation.fans import MEASURED, Fan, Grid
 from mishutter.evaluation.instants import NODES, PX_A_PANEL, Frames, Instants
 from mishutter.evaluation.layers import Background
 from mishutter.evaluation.needs import distinct_speeds
-from mishutter.model.exposures import AbstractExposures, Lights
+from mishutter.model.exposures import AbstractExposures, AbstractPath, Lights
 from mishutter.model.optics import pixel_response
 from mishutter.model.scene import Scene, require_one_axis, require_scene
 from mishutter.model.sensor import noise_of_frames
@@ -80,24 +81,24 @@ def exposures_psnr(
         ValueError: if there is no exposure, or they are traced by `jax.jit` without `num_panels`.
     """
     require_scene(scene, in_plane=True)
+    exposures = exposures.frames if isinstance(exposures, AbstractExposures) else exposures
     instants = instants_of(scene, exposures, "exposures_psnr", lights, num_panels)
-    fan = fan_of(scene, instants, grid)
-    return psnr_of(left(scene, instants, fan, grid.num_speeds))
+    error = left(scene, instants, fan_of(scene, instants, grid), grid.num_speeds)
+    return psnr_of(error, common_dtype(*jax.tree.leaves(exposures)))
 
 
 def instants_of(
     scene: Scene,
-    exposures: Frames | AbstractExposures | Instants,
+    frames: Frames | Instants,
     caller: str,
     lights: Lights | None = None,
     num_panels: int | None = None,
 ) -> Instants:
     """Instants of exposures for all velocities of a scene."""
-    if isinstance(exposures, Instants):
-        return exposures
-    frames: Frames = exposures.frames if isinstance(exposures, AbstractExposures) else exposures
-    if not hasattr(frames, "times"):
-        require(len(frames) > 0, f"{caller}(exposures=...)", "hold one exposure at least", 0)  # type: ignore[arg-type]
+    if isinstance(frames, Instants):
+        return frames
+    is_some = isinstance(frames, AbstractPath) or len(frames) > 0
+    require(is_some, f"{caller}(exposures=...)", "hold one exposure at least", 0)
     fastest = 0.0
     if num_panels is None:
         known = primal_values((frames, scene.speeds, scene.weights, scene.velocities))
@@ -206,14 +207,14 @@ class Light(NamedTuple):
 
 @alone_in_blas()
 def left(
-    scene: Scene, instants: Instants, fan: Fan, num_speeds: int, *, compiles: bool = False
+    scene: Scene, instants: Instants, fan: Fan, num_speeds: int, compiled_as: np.dtype | None = None
 ) -> Any:
-    """Squared error that is left, white = 1; by NumPy if all is known and nothing `compiles`."""
+    """Squared error that is left, white = 1; by NumPy if all is known, but for a precision."""
     parts = components_on(scene, fan, num_speeds)
     numbers = fan, parts, Light.of(scene)
-    if all_concrete((numbers, instants)) and not compiles:
+    if all_concrete((numbers, instants)) and compiled_as is None:
         return error_left(*jax.tree.map(np.asarray, (*numbers, instants)))
-    dtype = instants.time.dtype
+    dtype = compiled_as or instants.time.dtype
     return _error_left(*jax.tree.map(lambda x: jnp.asarray(x, dtype), (*numbers, instants)))
 
 
@@ -299,12 +300,12 @@ def power_of_waves(
     return real**2 + imaginary**2
 
 
-def psnr_of(error: Any) -> Float[Array, ""]:
+def psnr_of(error: Any, dtype: np.dtype) -> Float[Array, ""]:
     """The level of a squared error; dB."""
     if not all_concrete(error):
         return -10 * jnp.log10(error)
     with np.errstate(divide="ignore"):
-        return as_float(np.asarray(-10 * np.log10(np.asarray(error)), error.dtype))
+        return as_float(np.asarray(-10 * np.log10(np.asarray(error)), dtype))
 
 
 def psnr_of_error(error: float) -> float:

@@ -89,7 +89,7 @@ class OpenFrames:
     def snr(self, passed: Float[np.ndarray, "n m"], exposure: float) -> Float[np.ndarray, "n m"]:
         """Power of the picture over that of the noise in frames of an exposure."""
         light, signal = self._signal
-        return signal * passed * light.gains(np.asarray(exposure))
+        return signal * passed * light.gains(np.array([exposure]))
 
     def errors(self, gained: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "n"]:
         """Squared error that is left at each speed; white = 1."""

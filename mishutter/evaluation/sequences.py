@@ -6,7 +6,6 @@ $\rho = \sum_k |b_k|^2$ of it and leave the error of `mishutter.evaluation.level
 follow from these $b_k$, for frames of any motion, length and time, along an axis or in the plane.
 """
 
-import itertools
 import math
 from dataclasses import replace
 from typing import NamedTuple
@@ -15,7 +14,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from mishutter._core.parallel import alone_in_blas
-from mishutter.evaluation.fans import MEASURED, SEARCHED, Fan, Grid
+from mishutter.evaluation.fans import MEASURED, SEARCHED, Grid
 from mishutter.evaluation.instants import Frames, Instants
 from mishutter.evaluation.levels import Light, fan_of, instants_of, velocities_of
 from mishutter.model.scene import Scene
@@ -120,9 +119,7 @@ class _Waves(NamedTuple):
         def integral(values: Float[np.ndarray, "m"]) -> Float[np.ndarray, "axes axes"]:
             return (omega * values) @ omega.T
 
-        information = integral(
-            self.share * (2 * (changed / every) ** 2 + differing / every)
-        )
+        information = integral(self.share * (2 * (changed / every) ** 2 + differing / every))
         over = np.divide(self.power, density, where=density > 0, out=np.zeros_like(density))
         blurred = changed**2 * (1 - density) ** 2 / every**3
         excess = integral(over * (blurred + differing / every**2 + turned**2 / every))
@@ -198,7 +195,7 @@ def _points_of(
 
 
 @alone_in_blas()
-def loss_of_width(scene: Scene, frames: Frames, *, width: float) -> float:
+def loss_of_width(scene: Scene, frames: Frames, *, width: float | int) -> float:
     r"""Decibels that frames lose on a sensor, or an object's outline, that things enter and leave.
 
     A point that the sensor sees in a part of the exposures, which alone have the responses

@@ -4,7 +4,7 @@ from abc import abstractmethod
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, Any, final
 
 import equinox as eqx
 import jax
@@ -39,8 +39,9 @@ class TimedFrame:
     """
 
     motion: AbstractMotion
-    time: float
-    position: float = 0.0
+    # Numbers, or ones that JAX traces
+    time: float | Any
+    position: float | Any = 0.0
 
     @property
     def exposure(self) -> float:

@@ -9,12 +9,12 @@ import numpy as np
 from jaxtyping import Float
 
 from mishutter.evaluation.ceilings import water_filled
+from mishutter.evaluation.fans import MEASURED, Fan, Grid
+from mishutter.evaluation.levels import require_velocities
 from mishutter.evaluation.open_frames import psnr_of_error
 from mishutter.model.optics import pixel_response
 from mishutter.model.scene import Scene, require_scene
 from mishutter.model.sensor import noise_power, white_electrons
-from mishutter.evaluation.fans import MEASURED, Fan, Grid
-from mishutter.evaluation.levels import require_velocities
 
 
 def plane_ceiling(

@@ -2,8 +2,10 @@
 
 from dataclasses import replace
 
+import jax
 from jaxtyping import Array, Float
 
+from mishutter._core.checks import common_dtype
 from mishutter.evaluation.fans import MEASURED as MEASURED
 from mishutter.evaluation.fans import SEARCHED as SEARCHED
 from mishutter.evaluation.fans import Fan as Fan
@@ -37,7 +39,8 @@ def plane_psnr(
     require_scene(scene, in_plane=True)
     require_velocities(scene)
     instants = instants_of(scene, frames, "plane_psnr", num_panels=num_panels)
-    return psnr_of(left(scene, instants, Fan.of(scene, grid), grid.num_speeds))
+    error = left(scene, instants, Fan.of(scene, grid), grid.num_speeds)
+    return psnr_of(error, common_dtype(*jax.tree.leaves(frames)))
 
 
 def plane_error(
@@ -50,7 +53,7 @@ def plane_error(
     """Squared error that is left, white = 1, on a fan of directions, by a compiled program."""
     require_velocities(scene)
     instants = instants_of(scene, frames, "plane_psnr", num_panels=num_panels)
-    return left(scene, instants, fan, num_speeds, compiles=True)
+    return left(scene, instants, fan, num_speeds, common_dtype(*jax.tree.leaves(frames)))
 
 
 def cross_motion_loss(scene: Scene, frames: PlaneFrames, *, across: float = 0.1) -> float:

@@ -20,20 +20,13 @@ from mishutter import (
     plane_psnr,
 )
 from mishutter.evaluation.ceilings import ceiling, water_filled
+from mishutter.evaluation.fans import MEASURED, SEARCHED, Fan, Grid, power_of
 from mishutter.evaluation.open_frames import OpenFrames, psnr_of_error
 from mishutter.model.optics import frequencies
 from mishutter.plane.ceilings import plane_ceiling
 from mishutter.plane.families import frames_of
 from mishutter.plane.frames import PlaneFrames
-from mishutter.plane.levels import (
-    MEASURED,
-    SEARCHED,
-    Fan,
-    Grid,
-    cross_motion_loss,
-    plane_error,
-    power_of,
-)
+from mishutter.plane.levels import cross_motion_loss, plane_error
 
 FINE = Grid(40, 16, 48)
 """The grid of the reference."""
@@ -85,11 +78,8 @@ def test_one_axis_is_a_fan_of_one_line():
         return one.on_paths(times, 0.04, 8000.0)
 
     errors = one.errors(sum(one.snr(place(index), 0.04) for index in (0, 1)))
-    count = one.frequency.size
-    weight = one.power[:, None] / one.power.sum()
-    fan = Fan(one.frequency, np.zeros((count, 1)), weight * count, weight)
     # The speeds of `one` are sorted as those of the fan are not: only means are compared.
-    assert psnr_of_error(float(plane_error(scene, frames, fan, 24))) == pytest.approx(
+    assert psnr_of_error(float(plane_error(scene, frames, one.fan, 24))) == pytest.approx(
         psnr_of_error(float(one.weights @ errors)), abs=1e-3
     )
 
