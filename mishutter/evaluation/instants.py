@@ -8,6 +8,7 @@ $\mathbf x_q$ have one component or two. Times are Gauss-Legendre nodes of panel
 
 import math
 from collections.abc import Sequence
+from contextlib import nullcontext
 from typing import Any, NamedTuple
 
 import jax
@@ -22,6 +23,7 @@ from mishutter._core.checks import (
     primal_values,
     require,
 )
+from mishutter._core.compiling import outside_trace
 from mishutter.model.exposures import AbstractPath, Lights
 from mishutter.model.sequences import TimedFrame
 
@@ -67,10 +69,11 @@ class Instants(NamedTuple):
             is_known, requirement = all_concrete((known, fastest)), "be given where JAX traces them"
             require(is_known, "exposures_psnr(num_panels=...)", requirement, num_panels)
             num_panels = panels_for(_longest_way(known, float(np.asarray(fastest))) / size)
-        if isinstance(frames, AbstractPath):
-            instants = _on_path(frames, lights, num_panels)
-        else:
-            instants = _on_axis(frames, lights, num_panels)
+        with outside_trace() if all_concrete(frames) else nullcontext():
+            if isinstance(frames, AbstractPath):
+                instants = _on_path(frames, lights, num_panels)
+            else:
+                instants = _on_axis(frames, lights, num_panels)
         return instants if size == 1 else instants._replace(place=instants.place / size)
 
     def displacement(self, velocity: Float[np.ndarray, "axes"]) -> Float[np.ndarray, "axes n q"]:
@@ -144,12 +147,12 @@ def _on_axis(frames: Sequence[TimedFrame], lights: Lights | None, num_panels: in
 
     def placed(at: Any) -> Any:
         rows = [x.motion.position(one - t) for x, one, t in zip(frames, at, times, strict=True)]
-        return places.reshape(-1, *(1,) * (at.ndim - 1)) + space.stack(rows).astype(times.dtype)
+        return places[:, None] + space.stack(rows).astype(times.dtype)
 
     # The sensor has a place at the middle of the sequence, be a frame exposed then or not.
     near = space.clip(0 * times, times - halves, times + halves)
-    order = space.argsort(near)
-    middle = space.interp(0 * near[0], near[order], placed(near)[order])
+    order, at = space.argsort(near), placed(near[:, None])[:, 0]
+    middle = space.interp(0 * near[0], near[order], at[order])
     return Instants(time, (placed(time) - middle)[None], weight, end - begin)
 
 
