@@ -81,10 +81,10 @@ def exposures_psnr(
         ValueError: if there is no exposure, or they are traced by `jax.jit` without `num_panels`.
     """
     require_scene(scene, in_plane=True)
-    exposures = exposures.frames if isinstance(exposures, AbstractExposures) else exposures
-    instants = instants_of(scene, exposures, "exposures_psnr", lights, num_panels)
+    own: Any = exposures.frames if isinstance(exposures, AbstractExposures) else exposures
+    instants = instants_of(scene, own, "exposures_psnr", lights, num_panels)
     error = left(scene, instants, fan_of(scene, instants, grid), grid.num_speeds)
-    return psnr_of(error, common_dtype(*jax.tree.leaves(exposures)))
+    return psnr_of(error, common_dtype(*jax.tree.leaves(own)))
 
 
 def instants_of(

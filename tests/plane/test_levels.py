@@ -19,11 +19,10 @@ from mishutter import (
     example_picture,
     plane_psnr,
 )
-from mishutter.evaluation.ceilings import ceiling, water_filled
+from mishutter.evaluation.ceilings import ceiling, exposures_ceiling, water_filled
 from mishutter.evaluation.fans import MEASURED, SEARCHED, Fan, Grid, power_of
 from mishutter.evaluation.open_frames import OpenFrames, psnr_of_error
 from mishutter.model.optics import frequencies
-from mishutter.plane.ceilings import plane_ceiling
 from mishutter.plane.families import frames_of
 from mishutter.plane.frames import PlaneFrames
 from mishutter.plane.levels import cross_motion_loss, plane_error
@@ -42,7 +41,7 @@ def test_levels_and_ceilings_are_those_of_the_reference(slug):
         frames = jax.tree.map(np.float32, plane.frames_of(slug, count, kind))
         assert float(plane_psnr(scene, frames, grid=FINE)) == pytest.approx(level, abs=0.01)
     for count, level in ceilings.items():
-        found = plane_ceiling(scene, np.full(count, WINDOW / count), grid=FINE)
+        found = exposures_ceiling(scene, np.full(count, WINDOW / count), grid=FINE)
         assert found == pytest.approx(level, abs=0.01)
 
 
@@ -288,6 +287,6 @@ def test_a_scene_of_one_axis_has_no_level_in_the_plane():
     """The error says what would make one of any direction."""
     scene = Scene.uniform(max_speed=2300.0, photon_rate=3e4, read_noise=9.0)
     line = "`scene` must have velocities in any direction, as `Scene.any_direction` makes it; got"
-    for level in (plane_psnr, lambda scene, frames: plane_ceiling(scene, frames.exposures)):
+    for level in (plane_psnr, lambda scene, frames: exposures_ceiling(scene, frames.exposures)):
         with pytest.raises(ValueError, match=line):
             level(scene, small())
