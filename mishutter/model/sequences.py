@@ -147,7 +147,7 @@ class FrameSequence(AbstractFrames):
         """The frames in words, their level, and its losses on a real sensor."""
         losses = {
             "registration": self.registration_loss,
-            "the width of the sensor": self.width_loss,
+            "borders": self.width_loss,
         }
         said = [f"{loss:.2g} by {cause}" for cause, loss in losses.items() if loss is not None]
         less = f", less {' and '.join(said)}" if said else ""

@@ -330,7 +330,7 @@ def details_of(scene: Scene, choice: Row) -> list[str]:
             equal = "better than any number of" if count is None else f"equal to {count}"
             said.append(f"Its {choice.num_frames} frames are {equal} stills in the same time.")
     if frames is not None:
-        said.append(points_that_leave(frames.width_loss))
+        said.append(points_that_leave(scene, frames.width_loss))
         if (frames.registration_loss or 0.0) >= _SHOWN:
             said.append(
                 f"Registration by {REGION} x {REGION} px costs {frames.registration_loss:.2f} dB "
@@ -339,10 +339,14 @@ def details_of(scene: Scene, choice: Row) -> list[str]:
     return [paragraph(sentence) for sentence in said if sentence]
 
 
-def points_that_leave(loss: float | None) -> str:
-    """The loss by the width of a sensor in a sentence; empty where it is small."""
-    shows = loss is not None and loss >= _SHOWN
-    return f"Points that leave the sensor cost {loss:.2f} dB of the level." if shows else ""
+def points_that_leave(scene: Scene, loss: float | None) -> str:
+    """The loss by the width of a sensor or an object in a sentence; empty where it is small."""
+    if loss is None or loss < _SHOWN:
+        return ""
+    of_object = None if scene.objects is None else scene.objects.width
+    is_object = of_object is not None and float(of_object) == scene.registered_width
+    what = "an object's outline" if is_object else "the sensor"
+    return f"Points that leave {what} cost {loss:.2f} dB of the level."
 
 
 def options_table(options: Sequence[Row], snapshot: Row, most: float) -> str:

@@ -295,7 +295,7 @@ def test_a_burst_that_is_found_holds_its_losses(best):
     bound = registration(scene, burst.frames)
     assert burst.registration_loss == pytest.approx(np.max(bound.loss))
     assert burst.width_loss == loss_of_width(scene, burst.frames, width=430.0)
-    assert f"{burst.width_loss:.2g} by the width of the sensor" in burst.text
+    assert f"{burst.width_loss:.2g} by borders" in burst.text
     objects = scene_of(
         -1900.0,
         0.0,
