@@ -24,8 +24,8 @@ from mishutter.camera.sequences import furthest, responses_of_frames
 from mishutter.decoding.decoders.base import blur_model, density_of
 from mishutter.decoding.decoders.linear import mean_over_dft
 from mishutter.evaluation.bursts import best_still_burst
+from mishutter.evaluation.instants import Instants
 from mishutter.evaluation.moving_bursts import best_moving_burst
-from mishutter.evaluation.sequences import nodes_of_frames
 from mishutter.model.sensor import noise_power, white_electrons
 from mishutter.pictures.images import shipped_picture
 
@@ -111,7 +111,7 @@ def promised(scene: ms.Scene, frames: tuple, speed: float) -> tuple[float, float
     On the sensor a Gaussian picture has the covariance $(S^{-1} + \sum_k A_k^* M A_k/N_k)^{-1}$,
     of which the pixels on the sensor have the mean variance.
     """
-    nodes = nodes_of_frames(frames, abs(speed))
+    nodes = Instants.of(frames, abs(speed))
     margin = int(np.ceil(furthest(nodes, [speed]))) + MARGIN
     length = 2 * (WIDTH // 2 + margin)
     responses = responses_of_frames(nodes, [speed], scene.optics, length)[0]

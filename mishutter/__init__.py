@@ -39,6 +39,7 @@ Designs and their rivals
     PlaneDesign               one of them with its scene, and their file
     PlaneFrames               frames and a path in the plane
     plane_psnr                level of such frames
+    exposures_psnr            level of frames along an axis or in the plane, with derivatives
     FrameSequence             what `best_sequence` returns: frames, their kind and their level
     TimedFrame                one of its frames: motion, time and place
     starting_shutter          the free-form profile that a search starts from

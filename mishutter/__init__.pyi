@@ -47,6 +47,7 @@ from .decoding.simulation import restore as restore
 from .design.design import Design as Design
 from .design.design import Outcome as Outcome
 from .evaluation.ceilings import ceiling as ceiling
+from .evaluation.levels import exposures_psnr as exposures_psnr
 from .evaluation.losses import AbstractLoss as AbstractLoss
 from .evaluation.losses import AbstractResponseLoss as AbstractResponseLoss
 from .evaluation.losses import DesignLoss as DesignLoss

@@ -11,9 +11,9 @@ from mishutter._core.parallel import in_threads, num_processors
 from mishutter.blur.waves import waves_on_dft
 from mishutter.camera.layers import Layer, Layers
 from mishutter.camera.rows import MARGIN, blur_length, continued, fast_length, period_of
+from mishutter.evaluation.instants import Instants
 from mishutter.evaluation.needs import Plan
 from mishutter.evaluation.response import nodes_in_time
-from mishutter.evaluation.sequences import FrameNodes
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.optics import Optics
 from mishutter.model.shutters.base import AbstractShutter
@@ -30,7 +30,7 @@ class _Image(NamedTuple):
     rows: slice  # Rows of the sensor that it covers
 
     @staticmethod
-    def of(layers: Layers, index: int, nodes: FrameNodes) -> "_Image":
+    def of(layers: Layers, index: int, nodes: Instants) -> "_Image":
         """That of a layer over an exposure, by its number."""
         layer, (num_rows, _, channels) = layers.layers[index], layers.shape
         top, left = (layer.top, layer.left) if index else (0, 0)
@@ -40,7 +40,7 @@ class _Image(NamedTuple):
         radiance = np.broadcast_to(radiance, (channels, *radiance.shape[1:]))
         radiance = radiance * layer.matte[own_rows]
         border = "zero" if index else layers.border
-        displacement = nodes.displacement(layer.speed)
+        displacement = nodes.displacement(np.array([layer.speed]))[0, 0]
         num_columns = radiance.shape[-1]
         period = period_of(num_columns, _reach(displacement), border)
         radiance = continued(radiance, period, border)
@@ -94,25 +94,26 @@ def expose_layers(
     fastest = max(abs(speed - v) for speed in speeds)
     # Images that change while they are displaced ask for as many nodes once more.
     num_nodes = nodes_for(2 * (float(motion.speed_gain) + fastest) * half)
-    tau, weight = (np.asarray(x)[0] for x in nodes_in_time(shutter, motion, num_nodes))
-    nodes = FrameNodes(tau * half, np.asarray(motion.position(tau * half)), weight)
+    tau, weight = map(np.asarray, nodes_in_time(shutter, motion, num_nodes))
+    place = np.asarray(motion.position(tau * half))[None]
+    nodes = Instants(tau * half, place, weight, np.full(1, 2 * half))
     return _exposed(visible, nodes, optics, layers)
 
 
-def expose_layers_in_frame(layers: Layers, frame: FrameNodes, optics: Optics) -> np.ndarray:
+def expose_layers_in_frame(layers: Layers, frame: Instants, optics: Optics) -> np.ndarray:
     """Irradiance of the sensor in a frame of a sequence, by where layers are in its middle."""
-    visible = _visible(_in_fewest_colours(layers), frame.time, frame.place)
+    visible = _visible(_in_fewest_colours(layers), frame.time[0], frame.place[0, 0])
     return _exposed(visible, frame, optics, layers)
 
 
-def _exposed(visible: Layers, nodes: FrameNodes, optics: Optics, layers: Layers) -> np.ndarray:
+def _exposed(visible: Layers, nodes: Instants, optics: Optics, layers: Layers) -> np.ndarray:
     """The light of visible layers, in the colours of all."""
     rows, columns, channels = visible.shape
     total = np.zeros((channels, rows, columns))
     for index in range(len(visible.layers)):
         image = _Image.of(visible, index, nodes)
         period = image.radiance.shape[-1]
-        response = image.responses(nodes.weight[None], optics, period)
+        response = image.responses(nodes.weight, optics, period)
         irradiance = np.fft.irfft(np.fft.rfft(image.radiance) * response, period)
         image.add(total[:, image.rows], irradiance, image.left)
         first, last = image.rows.start, image.rows.stop
@@ -136,7 +137,7 @@ def _reach(displacement: np.ndarray) -> int:
 
 
 def _hide(
-    total: np.ndarray, image: _Image, front: Sequence[Layer], nodes: FrameNodes, optics: Optics
+    total: np.ndarray, image: _Image, front: Sequence[Layer], nodes: Instants, optics: Optics
 ) -> None:
     """Take away the irradiance of a layer that layers in front of it stop."""
     first = max(image.rows.start, min(m.top for m in front))
@@ -189,17 +190,17 @@ def _hide(
 
 
 def _instants(
-    nodes: FrameNodes, fastest: float
+    nodes: Instants, fastest: float
 ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n q"]]:
     """Times of images that give those between, and the weight of each image at each node."""
     step = 0.5 / fastest if fastest > 0 else np.inf  # the fastest layer moves by half a pixel
     longest, around = np.max(np.abs(nodes.time)), 8  # images to either side of a time
     if longest < step / around / 1e3:  # nothing moves
-        return np.zeros(1), nodes.weight[None]
+        return np.zeros(1), nodes.weight
     first = int(np.floor(np.min(nodes.time) / step)) - around
     last = int(np.ceil(np.max(nodes.time) / step)) + around
     times = step * np.arange(first, last + 1)
-    apart = (nodes.time[None] - times[:, None]) / step
+    apart = (nodes.time - times[:, None]) / step
     # A Kaiser-Bessel window makes the interpolation by a sinc short.
     inside = np.sqrt(np.maximum(1 - (apart / around) ** 2, 0))
     window = np.where(np.abs(apart) < around, np.i0(12.5 * inside), 0.0)

@@ -14,6 +14,8 @@ import scipy.fft
 from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core.checks import is_concrete, namespace_of, require
+from mishutter.evaluation.instants import Frames, Instants
+from mishutter.model.exposures import AbstractPath
 from mishutter.model.motion import AbstractMotion
 
 rfftn: Callable[..., np.ndarray] = scipy.fft.rfftn  # type: ignore[assignment]
@@ -40,6 +42,24 @@ def blur_length(motion: AbstractMotion, *speeds: float, subject: str) -> float:
     is_short = math.isfinite(longest) and longest <= MAX_REACH
     require(is_short, subject, f"blur over at most {MAX_REACH} px", longest)
     return longest
+
+
+def instants_within_reach(
+    subject: str, frames: Frames, velocity: Float[np.ndarray, "axes"]
+) -> Instants:
+    """Instants of frames at a velocity that displaces light by no more than `MAX_REACH`."""
+    speed = float(np.hypot(*velocity) if velocity.size > 1 else abs(velocity[0]))
+    if isinstance(frames, AbstractPath):
+        latest = float(np.ptp(frames.times) + (frames.exposures[0] + frames.exposures[-1]) / 2)
+    else:
+        latest = max(abs(frame.time) + frame.exposure / 2 for frame in frames)
+    requirement = f"displace light by at most {MAX_REACH} px"
+    # Before there are as many nodes as such a displacement would need.
+    require(speed * latest <= 2 * MAX_REACH, subject, requirement, speed * latest)
+    instants = Instants.of(frames, speed)
+    reach = max(instants.reach(velocity[None]))
+    require(reach <= MAX_REACH, subject, requirement, reach)
+    return instants
 
 
 def require_border(subject: str, border: object) -> None:

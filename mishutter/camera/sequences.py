@@ -30,8 +30,15 @@ from mishutter.camera.capture import as_radiance, distinct_colours, every_colour
 from mishutter.camera.layers import Layers
 from mishutter.camera.occlusion import expose_layers_in_frame
 from mishutter.camera.plane_frames import exposed_in_plane
-from mishutter.camera.rows import MAX_REACH, Planes, channels_last, continued, period_of, rows_last
-from mishutter.evaluation.sequences import FrameNodes, nodes_of_frames
+from mishutter.camera.rows import (
+    Planes,
+    channels_last,
+    continued,
+    instants_within_reach,
+    period_of,
+    rows_last,
+)
+from mishutter.evaluation.instants import Instants
 from mishutter.model.optics import Optics
 from mishutter.model.scene import Scene, require_scene
 from mishutter.model.sequences import TimedFrame
@@ -40,7 +47,7 @@ from mishutter.plane.frames import PlaneFrames
 
 
 def responses_of_frames(
-    nodes: Sequence[FrameNodes], speeds: RowLike, optics: Optics, period: int
+    instants: Instants, speeds: RowLike, optics: Optics, period: int
 ) -> Complex[np.ndarray, "s frames k"]:
     r"""Responses of the frames at some speeds, on the grid of a DFT, displacements included.
 
@@ -50,29 +57,18 @@ def responses_of_frames(
     each = np.asarray(speeds, np.float64)[:, None]
     count = period // 2 + 1
     waves = [
-        waves_on_dft(some.place - each * some.time, some.weight[None], period, count)
-        for some in nodes
+        waves_on_dft(place - each * time, weight[None], period, count)
+        for time, place, weight in zip(
+            instants.time, instants.place[0], instants.weight, strict=True
+        )
     ]
     aperture = np.sinc(np.arange(count) / period) * optics.response(period)
     return np.stack([np.asarray(one) for one in waves], axis=1) * aperture
 
 
-def furthest(nodes: Sequence[FrameNodes], speeds: RowLike) -> float:
-    """Greatest displacement of a picture at some speeds, over all frames; px."""
-    each = np.asarray(speeds, np.float64)[:, None]
-    return max(float(np.max(np.abs(some.place - each * some.time))) for some in nodes)
-
-
-def require_reach(subject: str, frames: Sequence[TimedFrame], speed: float) -> list[FrameNodes]:
-    """Instants of frames at a speed that displaces light by no more than `MAX_REACH`."""
-    latest = max(abs(frame.time) + frame.exposure / 2 for frame in frames)
-    requirement = f"displace light by at most {MAX_REACH} px"
-    # Before there are as many nodes as such a displacement would need.
-    require(abs(speed) * latest <= 2 * MAX_REACH, subject, requirement, abs(speed) * latest)
-    nodes = nodes_of_frames(frames, abs(speed))
-    reach = furthest(nodes, [speed])
-    require(reach <= MAX_REACH, subject, requirement, reach)
-    return nodes
+def furthest(instants: Instants, speeds: RowLike) -> float:
+    """Greatest displacement along an axis of a picture at some speeds, over all frames; px."""
+    return instants.reach(np.asarray(speeds, np.float64)[:, None])[0]
 
 
 @alone_in_blas()
@@ -177,7 +173,8 @@ def _picture_in_frames(
     """Irradiance of the sensor in each frame of a picture that moves as a whole."""
     radiance = transposed(radiance, scene.sensor.axis)
     window = _window(radiance.shape[-1 if radiance.ndim == 2 else -2], num_columns, scene)
-    nodes = require_reach("simulate_frames(speed=..., frames=...)", frames, speed)
+    subject = "simulate_frames(speed=..., frames=...)"
+    nodes = instants_within_reach(subject, frames, np.array([speed]))
     reach = furthest(nodes, [speed])
     planes = np.asarray(rows_last(distinct_colours(radiance)))
     period = period_of(planes.shape[-1], math.ceil(reach), "reflect")
@@ -195,11 +192,12 @@ def _layers_in_frames(
     window = _window(layers.shape[1], num_columns, scene)
     speeds = [layer.speed for layer in layers.layers]
     for speed in speeds:
-        require_reach("Layer(speed=...)", frames, speed)
+        instants_within_reach("Layer(speed=...)", frames, np.array([float(speed)]))
     # Images that change while they are displaced ask for nodes for both.
     swiftest = max(float(frame.motion.top_speed) for frame in frames)
-    nodes = nodes_of_frames(frames, 2 * max(map(abs, speeds)) + swiftest)
-    for one in nodes:
+    instants = Instants.of(frames, 2 * max(map(abs, speeds)) + swiftest)
+    for index in range(len(frames)):
+        one = instants.some([index])
         yield expose_layers_in_frame(layers, one, scene.optics)[:, window]
 
 

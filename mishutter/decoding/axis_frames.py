@@ -15,8 +15,8 @@ from jaxtyping import Float, Int
 
 from mishutter._core.checks import RowLike, as_float
 from mishutter.camera.capture import kernel_layout
-from mishutter.camera.rows import MARGIN, fast_length
-from mishutter.camera.sequences import furthest, require_reach, responses_of_frames
+from mishutter.camera.rows import MARGIN, fast_length, instants_within_reach
+from mishutter.camera.sequences import furthest, responses_of_frames
 from mishutter.decoding.decoders.base import (
     AbstractDecoder,
     BlurModel,
@@ -40,7 +40,7 @@ from mishutter.decoding.likeliest import (
     volume_of,
 )
 from mishutter.decoding.restoration import restored_light
-from mishutter.evaluation.sequences import FrameNodes
+from mishutter.evaluation.instants import Instants
 from mishutter.model.optics import frequencies
 from mishutter.model.scene import Scene
 from mishutter.model.sequences import TimedFrame
@@ -58,18 +58,18 @@ class Rows(NamedTuple):
 
     frames: Float[np.ndarray, "frames *rows columns"]  # Deviations from the level of each row
     noises: Float[np.ndarray, "frames"]  # Variance of the noise in each; white = 1
-    nodes: list[FrameNodes]  # Instants of each
+    nodes: Instants
     model: BlurModel  # The picture's statistics and the lens
     has_levels: bool = True  # Whether the mean of each row in each frame is that of the picture
 
     def of(self, some: Int[np.ndarray, "f"]) -> "Rows":
         """The same of some of the frames."""
-        nodes = [self.nodes[k] for k in some]
-        return self._replace(frames=self.frames[some], noises=self.noises[some], nodes=nodes)
+        frames, noises, nodes = self.frames[some], self.noises[some], self.nodes.some(some)
+        return self._replace(frames=frames, noises=noises, nodes=nodes)
 
     def middles(self, speed: float) -> Float[np.ndarray, "1 frames"]:
         """The mean way of a thing in each frame; px."""
-        return np.array([[one.displacement(speed) @ one.weight for one in self.nodes]])
+        return self.nodes.middles(np.array([speed]))
 
     def likeliest(self, speeds: RowLike, tolerance: float = TOLERANCE) -> Likeliest:
         """The likeliest pictures at some speeds."""
@@ -110,7 +110,7 @@ def rows_of(
     planes: Float[np.ndarray, "*colours frames rows columns"],
     scene: Scene,
     taken: Sequence[TimedFrame],
-    nodes: list[FrameNodes],
+    nodes: Instants,
 ) -> tuple[Rows, Float[np.ndarray, "*colours rows"]]:
     """Deviations of the rows of frames from the level of each row, and that level."""
     model = blur_model(scene, taken[0].motion, RectShutter())
@@ -140,7 +140,7 @@ def restored_on_axis(
     speed: float,
 ) -> Float[np.ndarray, "rows columns colours"]:
     """The picture at a speed."""
-    nodes = require_reach("restore_frames(speed=...)", taken, speed)
+    nodes = instants_within_reach("restore_frames(speed=...)", taken, np.array([speed]))
     rows, level = rows_of(planes.astype(np.float64), scene, taken, nodes)
     found = rows.likeliest([speed])
     canvas, (data, density) = found.canvas, complete(found)

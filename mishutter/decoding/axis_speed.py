@@ -31,7 +31,7 @@ from mishutter.decoding.frame_doubts import (
     Words,
 )
 from mishutter.decoding.likeliest import noises_of
-from mishutter.evaluation.sequences import nodes_of_frames
+from mishutter.evaluation.instants import Instants
 from mishutter.model.scene import Scene
 from mishutter.model.sequences import TimedFrame
 
@@ -177,7 +177,7 @@ def _rows_of_speed(
 ) -> Rows:
     """Rows as bright and as rich in detail as they are, with levels that tell no speed."""
     few = np.linspace(*_range_to_try(scene), 17)
-    rows, _ = rows_of(grey, scene, taken, nodes_of_frames(taken, float(np.max(np.abs(few)))))
+    rows, _ = rows_of(grey, scene, taken, Instants.of(taken, float(np.max(np.abs(few)))))
     exposures = [one.exposure for one in taken]
     noises = noises_of(scene, exposures, float(np.mean(grey)), noise_share)
     # Gains and black levels that change from frame to frame tell no speed.

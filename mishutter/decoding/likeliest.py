@@ -35,7 +35,7 @@ from mishutter.camera.rows import irfftn, rfftn
 from mishutter.decoding.decoders.base import density_of
 from mishutter.decoding.decoders.linear import mean_over_dft
 from mishutter.model.scene import Scene
-from mishutter.model.sensor import DARK, noise_power, white_electrons
+from mishutter.model.sensor import noise_of_frames, white_electrons
 
 TOLERANCE = 1e-3
 """Residual at which conjugate gradients end, as a share of the first one: the level is within
@@ -319,9 +319,10 @@ def noises_of(
     scene: Scene, exposures: RowLike, mean_level: float, share: float = 1.0
 ) -> Float[np.ndarray, "frames"]:
     """Variance of the noise in frames of a mean level, or a share of it for one grey; white = 1."""
-    electrons, read = electrons_of(scene, exposures), float(scene.read_noise)
-    noises = noise_power(1.0, max(mean_level, 0.0), electrons, read, unit=electrons)
-    return np.maximum(share * noises, DARK)
+    electrons_of(scene, exposures)
+    light = float(scene.photon_rate), np.asarray(exposures, np.float64)
+    electrons, noises = noise_of_frames(*light, max(mean_level, 0.0), float(scene.read_noise))
+    return share * noises / electrons**2
 
 
 class Detail(NamedTuple):

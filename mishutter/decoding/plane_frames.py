@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mishutter._core.checks import require
-from mishutter.camera.plane_frames import require_reach_in_plane
+from mishutter.camera.rows import instants_within_reach
 from mishutter.decoding.decoders.base import AbstractDecoder
 from mishutter.decoding.decoders.linear import EnsembleDecoder, mean_over_dft
 from mishutter.decoding.decoders.plug_and_play import PlugAndPlayDecoder
@@ -36,7 +36,7 @@ def restored_in_plane(
     velocity: Float[np.ndarray, "2"],
 ) -> Float[np.ndarray, "rows columns colours"]:
     """The picture at a velocity."""
-    require_reach_in_plane("restore_frames(speed=...)", taken, velocity)
+    instants_within_reach("restore_frames(speed=...)", taken, velocity)
     noises = noises_of(scene, taken.exposures, float(scene.picture.mean_level))
     restored = []
     for plane in planes:

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mishutter.blur.waves import waves_in_plane
-from mishutter.camera.plane_frames import Instants, aperture_on, frequencies_on
+from mishutter.camera.plane_frames import aperture_on, frequencies_on, responses_in_plane
 from mishutter.camera.rows import fast_length
 from mishutter.decoding.decoders.linear import LEAST_POWER, mean_over_dft
 from mishutter.decoding.likeliest import (
@@ -29,9 +29,10 @@ from mishutter.decoding.likeliest import (
     likeliest,
     volume_of,
 )
+from mishutter.evaluation.fans import picture_power_on
+from mishutter.evaluation.instants import Instants
 from mishutter.model.scene import Scene
 from mishutter.plane.frames import PlaneFrames
-from mishutter.plane.levels import picture_power_on
 
 ROUGHLY = 3e-2
 """Residual at which conjugate gradients of a search end, as a share of the first one."""
@@ -76,7 +77,7 @@ class Level(NamedTuple):
     ) -> Likeliest:
         """The likeliest picture at a velocity."""
         frames, shape = self.canvas.frames, self.canvas.shape
-        each = self.instants.responses(velocity / self.canvas.size, shape)
+        each = responses_in_plane(self.instants, velocity / self.canvas.size, shape)
         responses = (each * self.aperture).astype(np.result_type(frames, np.complex64))
         return likeliest(self.canvas, responses, tolerance)
 
@@ -85,7 +86,7 @@ class Level(NamedTuple):
         power, aperture = self.coarse
         shape = power.shape[0], 2 * (power.shape[1] - 1)
         velocity = velocity / self.canvas.size
-        responses = self.instants.responses(velocity, shape) * aperture
+        responses = responses_in_plane(self.instants, velocity, shape) * aperture
         density = np.abs(responses) ** 2 * power / self.canvas.noises[:, None, None]
         return volume_of(density, self.instants.middles(velocity)[::-1], self.canvas.sensor)
 
@@ -107,7 +108,7 @@ class Own(NamedTuple):
     ) -> Level:
         """The frames or some of them, binned, on a canvas for some velocities."""
         fastest = float(np.max(np.hypot(*velocities.T)))
-        instants = Instants.of(self.taken, fastest, size)
+        instants = Instants.of(self.taken, fastest, size=size)
         instants = instants if part is None else instants.part(part)
         part = slice(None) if part is None else part
         binned = self.frames[part]
@@ -117,7 +118,7 @@ class Own(NamedTuple):
             binned = squares.reshape(-1, rows, size, columns, size).mean(axis=(2, 4))
         # Waves of the sensor's ends die away in so many of its pixels, and of the canvas.
         beyond = max(32 // size, 4)
-        down, across = (reach + beyond for reach in instants.reach(velocities / size))
+        across, down = (math.ceil(x) + beyond for x in instants.reach(velocities / size))
         shape = fast_length(binned.shape[1] + 2 * down), fast_length(binned.shape[2] + 2 * across)
         grid = min(GRID, shape[0]), min(GRID, shape[1])
         optics = self.prior.scene.optics

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mishutter._core.checks import require
-from mishutter.camera.plane_frames import Instants, aperture_on
+from mishutter.camera.plane_frames import aperture_on, responses_in_plane
 from mishutter.decoding.decoders.speed import luminance_shares
 from mishutter.decoding.frame_doubts import (
     BLACK,
@@ -36,10 +36,11 @@ from mishutter.decoding.plane_likelihood import (
     logarithm,
     peak_near,
 )
+from mishutter.evaluation.instants import Instants
+from mishutter.evaluation.levels import require_velocities
 from mishutter.model.scene import Scene
 from mishutter.model.velocities import AbstractVelocities
 from mishutter.plane.frames import PlaneFrames
-from mishutter.plane.levels import require_velocities
 
 _PX_A_STEP, _REACH = 1.4, 1.5
 """Displacement over the frames between neighbouring velocities that are tried, binned px, and steps
@@ -196,7 +197,7 @@ def _with_own_detail(own: Own) -> Own:
     instants = Instants.of(own.taken, fastest)
     # These stand for all velocities in a mean.
     few = 0.7 * fastest * np.array([[1.0, 0.0], [0.0, 1.0], [0.7, 0.7], [0.7, -0.7]])
-    passed = [np.abs(instants.responses(each, grid)) ** 2 for each in few]
+    passed = [np.abs(responses_in_plane(instants, each, grid)) ** 2 for each in few]
     density = np.sum(np.mean(passed, axis=0) / own.noises[:, None, None], axis=0)
     expected = density * aperture_on(scene.optics, grid) ** 2 * own.prior.on(grid)
     lowest = max(2 / min(shape), 1 / GRID)

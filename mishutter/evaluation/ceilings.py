@@ -43,11 +43,14 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core.checks import as_float, require, require_known, require_scalar
+from mishutter.evaluation.fans import MEASURED, Fan, Grid
 from mishutter.evaluation.layers import Background
+from mishutter.evaluation.levels import Light, psnr_of_error, require_velocities
 from mishutter.evaluation.needs import distinct_speeds, frequency_counts
 from mishutter.model.occlusion import Occlusion
 from mishutter.model.optics import NUM_FREQUENCIES, NYQUIST_FREQUENCY, frequencies, pixel_response
 from mishutter.model.scene import Scene, power_on_grid, require_scene
+from mishutter.model.velocities import Cells
 
 _STEP_TOLERANCE = 1e-4
 """Share of a step by which equal steps of single precision may differ."""
@@ -127,7 +130,7 @@ def ceiling(
         powers = [_Power.of(scene, n) for n in frequency_counts()]
         errors = [min(_least_error(scene, half, times, x) for x in powers) for times in bounds]
         if is_range:
-            errors.append(min(_poured_error(scene, half, x) for x in powers))
+            errors.append(min(_poured_error(scene, half, n) for n in frequency_counts()))
     with np.errstate(divide="ignore"):
         # Each of the bounds holds, so that the largest of the least errors does.
         return as_float(-10 * np.log10(max(errors)).astype(scene.speeds.dtype))
@@ -211,23 +214,67 @@ class _Power(NamedTuple):
         return _Power(frequency[occurs], power[occurs], num_frequencies)
 
 
-def _poured_error(scene: Scene, half: float, picture: _Power) -> float:
+def _poured_error(scene: Scene, half: float, count: int) -> float:
     """Least expected squared error by 5., of speeds that fill equal cells unevenly; else 0."""
-    frequency, power, num_frequencies = picture
-    speeds, weights = (x.astype(np.float64) for x in distinct_speeds(scene, folds=False))
-    rate, read_noise = float(scene.photon_rate), float(scene.read_noise)
-    is_even = np.ptp(weights) <= _STEP_TOLERANCE * np.max(weights)
-    if is_even or not power.size or rate == 0 or np.isinf(half):
+    light = Light.of(scene)
+    is_noisy = float(light.read) > 0 or float(light.mean) > 0
+    if float(light.rate) == 0 or np.isinf(half) or not is_noisy:
         return 0.0
-    each = rate * 2 * half
-    noise = float(scene.picture.mean_level) * each + read_noise**2
-    if noise == 0:
+    cells = _uneven_cells(scene)
+    if cells is None:
         return 0.0
-    aperture = np.asarray(pixel_response(frequency, float(scene.optics.lens_blur))) ** 2
-    signal = power * aperture * (each / noise)
-    width = np.full(speeds.size, np.ptp(speeds) / speeds.size)
-    lost = water_filled(weights / weights.sum(), width, signal * rate / frequency, signal * each)
-    return float(np.sum(power * lost) / num_frequencies)
+    reach = np.ptp(distinct_speeds(scene, folds=False)[0].astype(np.float64)) / 2
+    return _poured(Fan.of_axis(scene, count), light, np.array([2 * half]), cells, reach)
+
+
+def _uneven_cells(scene: Scene) -> Cells | None:
+    """The equal cells that the speeds of a scene of one axis stand for, where weights differ."""
+    _, weights = (x.astype(np.float64) for x in distinct_speeds(scene, folds=False))
+    if np.ptp(weights) <= _STEP_TOLERANCE * np.max(weights):
+        return None
+    return Cells(np.full(weights.size, 2 / weights.size), weights / weights.sum())
+
+
+def exposures_ceiling(
+    scene: Scene, exposures: Float[np.ndarray, "n"], *, grid: Grid = MEASURED
+) -> float:
+    r"""PSNR that no path of a sensor exceeds over several exposures, registered; dB.
+
+    By Parseval's theorem $\int|K_k|^2\,dq = D_k/|\mathbf f|$ over the components of velocities,
+    and $|K_k| \le D_k$: at each frequency the signal over the noise has a budget and a cap, and
+    the least error pours it like water, as in 5. for one exposure along an axis.
+
+    Args:
+        scene: Velocities in any direction, light and noise. A list of velocities has the cap alone,
+            as a path may dwell at each.
+        exposures: Length of each exposure; s.
+        grid: Sizes of the fan of directions.
+    """
+    require_scene(scene, in_plane=True)
+    law, fan = require_velocities(scene), Fan.of(scene, grid)
+    direction = np.asarray(fan.direction)
+    reach = law.greatest(direction.ravel()).reshape(direction.shape)
+    return psnr_of_error(_poured(fan, Light.of(scene), exposures, law.cells(128), reach))
+
+
+def _poured(
+    fan: Fan,
+    light: Light,
+    exposures: Float[np.ndarray, "n"],
+    cells: Cells | None,  # of the components of velocities along a direction
+    reach: Float[np.ndarray, "i j"] | float,  # their greatest; px/s
+) -> float:
+    """Least squared error over exposures by a budget and a cap, or by the cap alone."""
+    exposures = np.asarray(exposures, np.float64)
+    gains, signal = light.gains(exposures), light.signal(fan)
+    cap = signal * np.sum(gains)
+    lost = 1 / (1 + cap)
+    if cells is not None:
+        each = np.divide(gains, exposures, where=exposures > 0, out=np.zeros_like(gains))
+        budget = signal * np.sum(each)
+        budget = budget / np.maximum(fan.radius[:, None] * reach, np.finfo(float).tiny)
+        lost = water_filled(cells.mass, cells.width, np.minimum(budget, 2 * cap), cap)
+    return float(light.deviation**2 * np.sum(fan.weight * lost))
 
 
 def _least_error(scene: Scene, half: float, times: Times, picture: _Power) -> float:

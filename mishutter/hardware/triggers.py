@@ -10,11 +10,11 @@ from jaxtyping import Bool, Float, Int
 from mishutter._core.checks import require, require_positive_int
 from mishutter._core.columns import table_text
 from mishutter.design.design import AbstractDesign, package_version
+from mishutter.evaluation.levels import exposures_psnr
 from mishutter.hardware.drive_files import MAX_STEPS, AbstractTable
 from mishutter.hardware.stage_files import path_csv
 from mishutter.model.exposures import Lights
 from mishutter.model.stages import StagePath
-from mishutter.plane.levels import psnr_by_lights
 
 
 @final
@@ -58,7 +58,8 @@ class FrameTable(AbstractTable):
     @property
     def gated_psnr(self) -> float:
         """PSNR of the frames by the gate, whose closed steps are dead time; dB."""
-        return psnr_by_lights(self.design.scene, self.exposures, self.gated_lights)
+        scene = self.design.scene
+        return float(exposures_psnr(scene, self.exposures, lights=self.gated_lights))
 
     @property
     def exposure(self) -> float:

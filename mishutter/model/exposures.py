@@ -6,9 +6,11 @@ from collections.abc import Iterable
 from itertools import takewhile
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import equinox as eqx
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
+from mishutter._core.modules import AbstractModule
 from mishutter.model.stages import StagePath
 
 if TYPE_CHECKING:
@@ -20,6 +22,24 @@ _MOST_NAMED = 3
 """Different exposures that are named one by one."""
 Lights = list[tuple[float, float]]
 """First and last light of exposures; s."""
+
+
+class AbstractPath(AbstractModule):
+    """Exposures of an open shutter along a path of the sensor, which is known between them too."""
+
+    times: eqx.AbstractVar[Float[Array | np.ndarray, "n"]]  # Mid-exposures; s
+    exposures: eqx.AbstractVar[Float[Array | np.ndarray, "n"]]  # s
+
+    @property
+    @abstractmethod
+    def top_speed(self) -> float:
+        """Greatest speed of the sensor; px/s, of a concrete path."""
+
+    @abstractmethod
+    def place(
+        self, time: Float[Array | np.ndarray, "*shape"]
+    ) -> Float[Array | np.ndarray, "axes *shape"]:
+        """Place of the sensor at a time, s, from that at the first light; px."""
 
 
 class AbstractExposures(ABC):

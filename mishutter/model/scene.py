@@ -556,14 +556,22 @@ def _power(
 ) -> Float[Array | np.ndarray, "{num_frequencies}"]:
     if scene.occlusion is not None and scene.occlusion.shares is not None:
         return scene.occlusion.shares.power.astype(dtype)
+    space = np if all_concrete(_numbers_of_power(scene)) else jnp
+    deviation = space.asarray(scene.picture.deviation, dtype)
+    return power_of_contrast(scene, num_frequencies, dtype) * deviation**2
+
+
+def power_of_contrast(
+    scene: Scene, num_frequencies: int, dtype: np.dtype = _DOUBLE
+) -> Float[Array | np.ndarray, "{num_frequencies}"]:
+    """The `power_on_grid` of pictures of the deviation 1; by NumPy where they are concrete."""
     numbers = _numbers_of_power(scene)
     space = np if all_concrete(numbers) else jnp
     spectrum = scene.picture.spectrum_on_grid(num_frequencies, dtype)
-    cutoff, deviation = (space.asarray(x, dtype) for x in numbers[1:])
     frequency = frequencies(num_frequencies).astype(dtype)
-    power = space.where(frequency <= cutoff, spectrum, 0)
+    power = space.where(frequency <= space.asarray(numbers[1], dtype), spectrum, 0)
     total = space.mean(power)
-    return power / space.where(total > 0, total, 1.0) * deviation**2
+    return power / space.where(total > 0, total, 1.0)
 
 
 def _numbers_of_power(scene: Scene) -> tuple[Array | None, Array, Array]:

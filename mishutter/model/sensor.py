@@ -3,10 +3,12 @@
 from typing import Any, final, get_args
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from mishutter._core.checks import (
+    all_concrete,
     as_float,
     as_numpy,
     is_concrete,
@@ -140,6 +142,22 @@ def white_electrons(photon_rate: Numbers, exposure: Numbers, throughput: Numbers
     r"""Photo-electrons of a white pixel, $p = R\cdot\eta\cdot 2T$; e-, of NumPy if concrete."""
     rate, exposure = as_numpy(photon_rate, exposure)
     return rate * (throughput * exposure)
+
+
+def noise_of_frames(
+    photon_rate: Numbers, exposure: Numbers, mean_level: Numbers, read_noise: Numbers
+) -> tuple[Any, Any]:
+    """Electrons of white in frames of an open shutter, and the variance of their noise; e-, e-^2.
+
+    The variance is `DARK` of the square of white at least, or of one electron: pictures without
+    light or noise have a level too.
+    """
+    numbers = as_numpy(photon_rate, exposure, mean_level, read_noise)
+    space = np if all_concrete(numbers) else jnp
+    rate, exposure, mean_level, read_noise = numbers
+    electrons = white_electrons(rate, exposure)
+    noise = noise_power(1.0, mean_level, electrons, read_noise)
+    return electrons, space.maximum(noise, DARK * space.maximum(electrons, 1.0) ** 2)
 
 
 def filling_half_exposure(

@@ -3,10 +3,12 @@
 import math
 from abc import abstractmethod
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, Any, final
 
 import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Float
 
@@ -33,9 +35,12 @@ _SINGLE = 1e-5
 """Share of a number below which it is one of rounding, in single precision."""
 
 
+@partial(
+    jax.tree_util.register_dataclass, data_fields=("motion", "time", "position"), meta_fields=()
+)
 @dataclass(frozen=True)
 class TimedFrame:
-    """An exposure of an open shutter, one of a sequence.
+    """An exposure of an open shutter, one of a sequence; all its numbers may be differentiated.
 
     Attributes:
         motion: Motion of the sensor, from its mid-exposure.
@@ -44,8 +49,9 @@ class TimedFrame:
     """
 
     motion: AbstractMotion
-    time: float
-    position: float = 0.0
+    # Numbers, or ones that JAX traces
+    time: float | Any
+    position: float | Any = 0.0
 
     @property
     def exposure(self) -> float:
@@ -151,7 +157,7 @@ class FrameSequence(AbstractFrames):
         """The frames in words, their level, and its losses on a real sensor."""
         losses = {
             "registration": self.registration_loss,
-            "the width of the sensor": self.width_loss,
+            "borders": self.width_loss,
         }
         said = [f"{loss:.2g} by {cause}" for cause, loss in losses.items() if loss is not None]
         less = f", less {' and '.join(said)}" if said else ""

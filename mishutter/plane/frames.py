@@ -8,10 +8,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from mishutter._core.checks import as_numpy, namespace_of
-from mishutter._core.modules import AbstractModule
-from mishutter.model.exposures import AT_REST
+from mishutter.evaluation.instants import panels_for
+from mishutter.model.exposures import AT_REST, AbstractPath
 from mishutter.model.limits import Limits
-from mishutter.model.motion import Numbers
 from mishutter.model.stages import Knots, StagePath, StageUse
 
 _DIRECTIONS = np.arange(16) * np.pi / 16
@@ -19,7 +18,7 @@ _DIRECTIONS = np.arange(16) * np.pi / 16
 
 
 @final
-class PlaneFrames(AbstractModule):
+class PlaneFrames(AbstractPath):
     """Frames of an open shutter, one after the other, and the path of the sensor through them.
 
     The path has pieces of constant acceleration from the first light to the last. All numbers may
@@ -75,44 +74,23 @@ class PlaneFrames(AbstractModule):
         share, elapsed = share[None], elapsed[None]
         return places[:, piece] + elapsed * (start + share * (end - start) / 2)
 
-    def nodes(self, num_panels: int) -> tuple[Numbers, Numbers, Numbers]:
-        """Gauss-Legendre nodes of each frame: times from mid-exposure, places and weights.
-
-        Times, s, are of the shape `(n, q)`, and places along rows and columns, px, of `(2, n, q)`.
-        The sum of the weights, of shape `(q,)`, is 1.
-
-        Args:
-            num_panels: Panels of 16 nodes in each.
-        """
-        x, weight = np.polynomial.legendre.leggauss(16)
-        middles = (2 * np.arange(num_panels) + 1) / num_panels - 1
-        times, exposures = as_numpy(self.times, self.exposures)
-        space, dtype = namespace_of(times, exposures), times.dtype
-        tau = (middles[:, None] + x / num_panels).ravel().astype(dtype)
-        weight = np.tile(weight / (2 * num_panels), num_panels).astype(dtype)
-        time = exposures[:, None] / 2 * tau[None]
-        place = self.place(times[:, None] + time)
-        # Only |K| counts: places near 0 have small phases.
-        place = place - place[..., :1]
-        return time, place, space.asarray(weight)
-
     def num_panels(self, fastest: float) -> int:
         """Number of panels of nodes for all things up to a speed; of concrete frames.
 
         Args:
             fastest: That speed; px/s.
         """
-        speed = float(np.max(np.hypot(*np.asarray(self.velocities, np.float64)))) + fastest
-        length = speed * float(np.max(np.asarray(self.exposures)))
-        panels = 1 + length / 9.0  # 16 nodes hold a way of so many px
-        step = 2 ** max(0, math.ceil(math.log2(panels)) - 2)
-        return step * math.ceil(panels / step)
+        return panels_for((self.top_speed + fastest) * float(np.max(np.asarray(self.exposures))))
+
+    @property
+    def top_speed(self) -> float:
+        """Greatest speed of the sensor; px/s, of concrete frames."""
+        return float(np.max(np.hypot(*np.asarray(self.velocities, np.float64))))
 
     @property
     def stays(self) -> bool:
         """Whether the sensor stands still in all frames; of concrete frames."""
-        speed = np.max(np.hypot(*np.asarray(self.velocities)))
-        return float(speed * np.max(np.asarray(self.exposures))) < AT_REST
+        return self.top_speed * float(np.max(np.asarray(self.exposures))) < AT_REST
 
     def knots(self, limits: Limits) -> Knots:
         """The way from rest to rest, along rows and columns.

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import ArrayLike
 
+from mishutter.evaluation.levels import exposures_psnr
 from mishutter.evaluation.metrics import evaluate
-from mishutter.evaluation.sequences import psnr_of_frames
 from mishutter.model.scene import Scene
 from mishutter.search.rows import Row
 
@@ -34,7 +34,7 @@ def gain_range(scene: Scene, choice: Row, other: Row) -> tuple[float, float] | N
 def _moved(scene: Scene, where: Scene, row: Row) -> float:
     """Level of a row in another scene, less that in its own; dB."""
     if row.sequence is not None:
-        own, moved = (psnr_of_frames(each, row.sequence.frames) for each in (scene, where))
+        own, moved = (float(exposures_psnr(each, row.sequence)) for each in (scene, where))
         return moved - own
     return replace(row, metrics=evaluate(where, row.motion, row.shutter)).level - row.level
 

@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Array
 
 from mishutter._core.files import FORMER, RECOMMENDED, strict_json, write_text
+from mishutter.evaluation.sequences import LONG
 from mishutter.model.scene import Scene
-from mishutter.plane.borders import LONG
 from mishutter.plane.design import PlaneDesign, burst_to_dict
 from mishutter.plane.families import FREE
 from mishutter.plane.search import PlaneBurst, PlaneSearch
@@ -117,7 +117,7 @@ class PlaneReport:
         ]
         sentences = [
             self._stage_words(choice),
-            points_that_leave(choice.width_loss),
+            points_that_leave(scene, choice.width_loss),
             f"Assumes: {'; '.join(filter(None, said))}.",
         ]
         if scene.decoder_speed == "unknown":

@@ -404,11 +404,11 @@ def camera_words(scene: Scene, *, frames: bool, stage: bool) -> list[str]:
     return [*said, "global shutter"]
 
 
-def details_of(frames: FrameSequence | None) -> list[str]:
+def details_of(scene: Scene, frames: FrameSequence | None) -> list[str]:
     """The losses of the choice's frames by a real sensor."""
     if frames is None:
         return []
-    said = [points_that_leave(frames.width_loss)]
+    said = [points_that_leave(scene, frames.width_loss)]
     if (frames.registration_loss or 0.0) >= _SHOWN:
         said.append(
             f"Registration by {REGION} x {REGION} px costs {frames.registration_loss:.2f} dB "
@@ -417,10 +417,14 @@ def details_of(frames: FrameSequence | None) -> list[str]:
     return [paragraph(sentence) for sentence in said if sentence]
 
 
-def points_that_leave(loss: float | None) -> str:
-    """The loss by the width of a sensor in a sentence; empty where it is small."""
-    shows = loss is not None and loss >= _SHOWN
-    return f"Points that leave the sensor cost {loss:.2f} dB of the level." if shows else ""
+def points_that_leave(scene: Scene, loss: float | None) -> str:
+    """The loss by the width of a sensor or an object in a sentence; empty where it is small."""
+    if loss is None or loss < _SHOWN:
+        return ""
+    of_object = None if scene.objects is None else scene.objects.width
+    is_object = of_object is not None and float(of_object) == scene.registered_width
+    what = "an object's outline" if is_object else "the sensor"
+    return f"Points that leave {what} cost {loss:.2f} dB of the level."
 
 
 def options_table(options: Sequence[Row], snapshot: Row, most: float) -> str:

@@ -19,7 +19,8 @@ from mishutter import (
     example_picture,
     simulate_frames,
 )
-from mishutter.camera.plane_frames import Instants, exposed_in_plane
+from mishutter.camera.plane_frames import exposed_in_plane
+from mishutter.evaluation.instants import Instants
 from mishutter.plane.families import frames_of
 
 SCENE = scene_of("A")

@@ -22,7 +22,7 @@ from mishutter import (
     simulate_frames,
 )
 from mishutter.camera.sequences import furthest
-from mishutter.evaluation.sequences import FrameNodes
+from mishutter.evaluation.instants import Instants
 
 SCENE = Scene.uniform(max_speed=2600.0, photon_rate=7e4, read_noise=6)
 RNG = np.random.default_rng(5)
@@ -132,7 +132,7 @@ def test_a_pixel_holds_what_the_scene_says():
 def test_the_furthest_displacement_is_that_of_the_speed():
     """Where the sensor goes with a thing, one of the other direction is displaced further."""
     time = np.array([-0.01, 0.03])
-    nodes = [FrameNodes(time, 700.0 * time, np.array([0.5, 0.5]))]
+    nodes = Instants(time[None], 700.0 * time[None, None], np.full((1, 2), 0.5), np.array([0.05]))
     assert furthest(nodes, [700.0]) == pytest.approx(0.0, abs=1e-12)
     assert furthest(nodes, [-400.0, 100.0]) == pytest.approx(1100 * 0.03)
 

@@ -25,10 +25,11 @@ from mishutter import (
     restore_frames,
     simulate_frames,
 )
-from mishutter.camera.plane_frames import Instants, aperture_on
+from mishutter.camera.plane_frames import aperture_on, responses_in_plane
 from mishutter.decoding.likeliest import noises_of
 from mishutter.decoding.plane_likelihood import Own, Prior, climbed, logarithm
 from mishutter.decoding.plane_velocity import VelocityEstimate, velocity_in_plane
+from mishutter.evaluation.instants import Instants
 from mishutter.model.velocities import EvenVelocities
 
 SCENE = scene_of("A")
@@ -47,7 +48,7 @@ def a_field(frames: PlaneFrames, velocity: np.ndarray, size: int, seed: int, sce
     power = Prior(SCENE).on(shape)
     field = np.fft.irfft2(np.fft.rfft2(rng.normal(size=shape)) * np.sqrt(power), shape)
     instants = Instants.of(frames, float(np.hypot(*velocity)))
-    responses = instants.responses(velocity, shape) * aperture_on(SCENE.optics, shape)
+    responses = responses_in_plane(instants, velocity, shape) * aperture_on(SCENE.optics, shape)
     seen = np.fft.irfft2(np.fft.rfft2(field) * responses, shape)
     noises = noises_of(scene, frames.exposures, 0.25)[:, None, None]
     middle = slice(size // 2, size // 2 + size)

@@ -29,7 +29,7 @@ from mishutter.decoding import axis_speed
 from mishutter.decoding.axis_frames import Rows, rows_of
 from mishutter.decoding.frame_doubts import odd_frame
 from mishutter.decoding.simulation import burst_and_restore
-from mishutter.evaluation.sequences import nodes_of_frames
+from mishutter.evaluation.instants import Instants
 from mishutter.model.sequences import FrameSequence
 
 PERIOD, EXPOSURE, SWING = 1 / 60, 0.0164, 24.0
@@ -174,7 +174,7 @@ def climbed(monkeypatch, start, logarithms):
 
 def rows_about(planes, scene, frames, speed):
     """Rows of frames at a speed, whose levels tell nothing."""
-    nodes = nodes_of_frames(frames, abs(speed))
+    nodes = Instants.of(frames, abs(speed))
     return rows_of(np.asarray(planes), scene, frames, nodes)[0]._replace(has_levels=False)
 
 

@@ -13,7 +13,7 @@ from support.bursts import SEQUENCE, a_burst_design
 from support.command_line import refused
 
 from mishutter import Limits, SecondOrderStage, Sensor, cli, frame_table
-from mishutter.evaluation.sequences import psnr_of_frames
+from mishutter.evaluation.levels import exposures_psnr
 from mishutter.hardware.drive_files import DRIVE_FORMATS, drive_bytes
 from mishutter.model.motion import StillCamera
 from mishutter.model.sequences import TimedFrame
@@ -142,7 +142,7 @@ def test_the_level_counts_a_gate_that_closes():
     groups = [still_frames(1, (end - begin) / 2) for begin, end in table.gated_lights]
     assert table.gated_psnr == pytest.approx(float(burst_psnr(design.scene, groups)), abs=1e-3)
     groups = [still_frames(1, half) for half in (0.0031, 0.0031, 0.0052)]
-    whole = psnr_of_frames(design.scene, design.sequence.frames)
+    whole = exposures_psnr(design.scene, design.sequence.frames)
     assert whole == pytest.approx(float(burst_psnr(design.scene, groups)), abs=1e-3)
     assert abs(whole - table.gated_psnr) > 0.02
     assert table.to_dict()["gated_psnr_db"] == table.gated_psnr

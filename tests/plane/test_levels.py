@@ -19,21 +19,13 @@ from mishutter import (
     example_picture,
     plane_psnr,
 )
-from mishutter.evaluation.ceilings import ceiling, water_filled
+from mishutter.evaluation.ceilings import ceiling, exposures_ceiling, water_filled
+from mishutter.evaluation.fans import MEASURED, SEARCHED, Fan, Grid, power_of
 from mishutter.evaluation.open_frames import OpenFrames, psnr_of_error
 from mishutter.model.optics import frequencies
-from mishutter.plane.ceilings import plane_ceiling
 from mishutter.plane.families import frames_of
 from mishutter.plane.frames import PlaneFrames
-from mishutter.plane.levels import (
-    MEASURED,
-    SEARCHED,
-    Fan,
-    Grid,
-    cross_motion_loss,
-    plane_error,
-    power_of,
-)
+from mishutter.plane.levels import cross_motion_loss, plane_error
 
 FINE = Grid(40, 16, 48)
 """The grid of the reference."""
@@ -49,7 +41,7 @@ def test_levels_and_ceilings_are_those_of_the_reference(slug):
         frames = jax.tree.map(np.float32, plane.frames_of(slug, count, kind))
         assert float(plane_psnr(scene, frames, grid=FINE)) == pytest.approx(level, abs=0.01)
     for count, level in ceilings.items():
-        found = plane_ceiling(scene, np.full(count, WINDOW / count), grid=FINE)
+        found = exposures_ceiling(scene, np.full(count, WINDOW / count), grid=FINE)
         assert found == pytest.approx(level, abs=0.01)
 
 
@@ -85,11 +77,8 @@ def test_one_axis_is_a_fan_of_one_line():
         return one.on_paths(times, 0.04, 8000.0)
 
     errors = one.errors(sum(one.snr(place(index), 0.04) for index in (0, 1)))
-    count = one.frequency.size
-    weight = one.power[:, None] / one.power.sum()
-    fan = Fan(one.frequency, np.zeros((count, 1)), weight * count, weight)
     # The speeds of `one` are sorted as those of the fan are not: only means are compared.
-    assert psnr_of_error(float(plane_error(scene, frames, fan, 24))) == pytest.approx(
+    assert psnr_of_error(float(plane_error(scene, frames, one.fan, 24))) == pytest.approx(
         psnr_of_error(float(one.weights @ errors)), abs=1e-3
     )
 
@@ -298,6 +287,6 @@ def test_a_scene_of_one_axis_has_no_level_in_the_plane():
     """The error says what would make one of any direction."""
     scene = Scene.uniform(max_speed=2300.0, photon_rate=3e4, read_noise=9.0)
     line = "`scene` must have velocities in any direction, as `Scene.any_direction` makes it; got"
-    for level in (plane_psnr, lambda scene, frames: plane_ceiling(scene, frames.exposures)):
+    for level in (plane_psnr, lambda scene, frames: exposures_ceiling(scene, frames.exposures)):
         with pytest.raises(ValueError, match=line):
             level(scene, small())

@@ -17,7 +17,7 @@ from mishutter import (
     TimedFrame,
     evaluate,
 )
-from mishutter.evaluation.sequences import psnr_of_frames
+from mishutter.evaluation.levels import exposures_psnr
 from mishutter.evaluation.speed_knowledge import KNOWN_SPEED
 from mishutter.model.sequences import FrameSequence
 from mishutter.report.gain_range import gain_range
@@ -106,7 +106,7 @@ def test_frames_are_levelled_in_the_other_scene():
     )
     wanted = []
     for scenes in ENDS["read noise"][1]:
-        moved = psnr_of_frames(scenes, frames) - psnr_of_frames(SCENE, frames)
+        moved = exposures_psnr(scenes, frames) - exposures_psnr(SCENE, frames)
         at_rest = evaluate(scenes, STILL, RectShutter()).expected_psnr - still.level
         wanted.append(2.2 + moved - float(at_rest))
     np.testing.assert_allclose(gain_range(scene, burst, still), sorted(wanted), atol=1e-6)

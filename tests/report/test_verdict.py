@@ -18,6 +18,7 @@ from mishutter import (
     HannShutter,
     IdealDevice,
     Limits,
+    Objects,
     Occlusion,
     RectShutter,
     Scene,
@@ -41,6 +42,7 @@ from mishutter.report.verdict import (
     on_pan,
     option_name,
     order_at_rest,
+    points_that_leave,
 )
 from mishutter.search.rivals import (
     BEST_CODED_STILL,
@@ -540,10 +542,23 @@ def test_details_say_what_a_real_sensor_takes():
     assert "Registration" not in said
 
 
+def test_points_leave_what_has_a_width():
+    """A sensor, or the outline of an object where that is narrower or the only one."""
+    light = {"photon_rate": 3e4, "read_noise": 9.0}
+    scenes = {
+        "the sensor": {"sensor": Sensor(width=190.0), "objects": Objects(width=260.0)},
+        "an object's outline": {"objects": Objects(width=260.0)},
+    }
+    for what, parts in scenes.items():
+        said = points_that_leave(Scene([-900.0, 900.0], **light, **parts), 0.391)
+        assert said == f"Points that leave {what} cost 0.39 dB of the level."
+    assert points_that_leave(Scene([900.0], **light, sensor=Sensor(width=90.0)), 0.049) == ""
+
+
 def test_losses_of_a_burst_stand_in_the_tables_and_in_the_file():
     """Whether they matter or not."""
     taken = answer(OF_FRAMES, losses={"width_loss": 0.0413, "registration_loss": 0.00031})
-    less = "30.00 dB, less 0.00031 by registration and 0.041 by the width of the sensor"
+    less = "30.00 dB, less 0.00031 by registration and 0.041 by borders"
     assert less in taken.text(verbose=True)
     assert less not in taken.text()
     saved = taken.to_dict()["sequence"]

@@ -1,6 +1,6 @@
 """The level of several frames by the response of one exposure, which has derivatives.
 
-The package computes it by NumPy (`mishutter.evaluation.open_frames`, where its formula stands).
+The package computes it by NumPy (`mishutter.evaluation.levels`, where its formula stands).
 """
 
 from collections.abc import Sequence
@@ -15,8 +15,8 @@ from mishutter import StillCamera
 from mishutter._core.checks import as_numpy
 from mishutter._core.compiling import compiled
 from mishutter.evaluation.errors import LinearErrors
+from mishutter.evaluation.levels import in_parts
 from mishutter.evaluation.needs import ONLY_SPECTRA, Plan, sizes
-from mishutter.evaluation.open_frames import in_parts
 from mishutter.evaluation.response import Response, compute_response
 from mishutter.evaluation.views import sampled_view
 from mishutter.model.motion import AbstractMotion

@@ -21,9 +21,9 @@ from mishutter.camera.capture import captured_response, captured_responses_below
 from mishutter.camera.rows import blur_length
 from mishutter.camera.sequences import responses_of_frames
 from mishutter.evaluation.found_speed import open_time, smear_difference
+from mishutter.evaluation.instants import Instants
 from mishutter.evaluation.layers import Background, LayerMoments
 from mishutter.evaluation.needs import needed_speeds
-from mishutter.evaluation.sequences import nodes_of_frames
 from mishutter.evaluation.views import sensor_view
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.optics import NUM_FREQUENCIES, Optics, frequencies
@@ -43,7 +43,7 @@ class CompleteFrames:
 
     def response(self, optics: Optics, length: int) -> Float[np.ndarray, "{length}//2+1"]:
         r"""Response of that capture, $\sqrt{\sum_k |A_k|^2/N_k}$ over its value at 0."""
-        nodes = nodes_of_frames(self.frames, abs(self.speed))
+        nodes = Instants.of(self.frames, abs(self.speed))
         responses = responses_of_frames(nodes, np.array([self.speed]), optics, length)[0]
         density = density_of(responses, np.array(self.noises))
         return np.sqrt(density / density[0])

@@ -1,0 +1,185 @@
+r"""Instants of exposures: when light counts, and where the sensor is then.
+
+Levels, losses, captures and restorations take nothing else of exposures: the response of one to a
+thing of the velocity $\mathbf v$ is
+$H = \sum_q w_q\,e^{-2\pi i\,\mathbf f\cdot(\mathbf x_q - \mathbf v\,t_q)}$, where the places
+$\mathbf x_q$ have one component or two. Times are Gauss-Legendre nodes of panels of the exposure.
+"""
+
+import math
+from collections.abc import Sequence
+from contextlib import nullcontext
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import ArrayLike, Float
+
+from mishutter._core.checks import (
+    all_concrete,
+    common_dtype,
+    namespace_of,
+    primal_values,
+    require,
+)
+from mishutter._core.compiling import outside_trace
+from mishutter.model.exposures import AbstractPath, Lights
+from mishutter.model.sequences import TimedFrame
+
+NODES = 16
+"""Nodes of a panel."""
+PX_A_PANEL = 7.0
+"""Way over a panel that its nodes hold to 1e-11 at the highest frequency of an axis; px."""
+Frames = Sequence[TimedFrame] | AbstractPath
+"""Exposures of an open shutter, along one axis or in the plane."""
+
+
+class Instants(NamedTuple):
+    """Instants of exposures, and where the sensor is then; arrays of JAX where these are traced."""
+
+    time: Float[np.ndarray, "n q"]  # Times from the middle of all; s
+    # Places of the sensor along each axis, from that in the middle of all; px
+    place: Float[np.ndarray, "axes n q"]
+    # Share of its exposure that each stands for, times the transmittance then
+    weight: Float[np.ndarray, "n q"]
+    exposure: Float[np.ndarray, "n"]  # Time for which each exposure is lit; s
+
+    @staticmethod
+    def of(
+        frames: Frames,
+        fastest: ArrayLike,
+        *,
+        lights: Lights | None = None,
+        num_panels: int | None = None,
+        size: int = 1,
+    ) -> "Instants":
+        """Instants of exposures for all things up to a speed; by NumPy where they are concrete.
+
+        Args:
+            frames: The exposures.
+            fastest: That speed; px/s.
+            lights: First and last light of each, s, where these are not the exposure's own: a
+                shutter is shorter, or a row is later.
+            num_panels: Panels of 16 nodes in each; by default those that known exposures need.
+            size: Side of the pixels that places are counted in; px.
+        """
+        if num_panels is None:
+            known, fastest = primal_values((frames, fastest))
+            is_known, requirement = all_concrete((known, fastest)), "be given where JAX traces them"
+            require(is_known, "exposures_psnr(num_panels=...)", requirement, num_panels)
+            num_panels = panels_for(_longest_way(known, float(np.asarray(fastest))) / size)
+        with outside_trace() if all_concrete(frames) else nullcontext():
+            if isinstance(frames, AbstractPath):
+                instants = _on_path(frames, lights, num_panels)
+            else:
+                instants = _on_axis(frames, lights, num_panels)
+        return instants if size == 1 else instants._replace(place=instants.place / size)
+
+    def displacement(self, velocity: Float[np.ndarray, "axes"]) -> Float[np.ndarray, "axes n q"]:
+        """Way of a thing on the sensor since the middle of all; px."""
+        return self.place - velocity[:, None, None] * self.time
+
+    def middles(self, velocity: Float[np.ndarray, "axes"]) -> Float[np.ndarray, "axes n"]:
+        """The mean way of a thing in each exposure; px."""
+        return np.sum(self.displacement(velocity) * self.weight, axis=-1)
+
+    def reach(self, velocities: Float[np.ndarray, "s axes"]) -> list[float]:
+        """Furthest displacement along each axis at some velocities; px."""
+        each = [np.max(np.abs(self.displacement(v)), axis=(1, 2)) for v in velocities]
+        return np.max(each, axis=0).tolist()
+
+    def some(self, index: Any) -> "Instants":
+        """Those of some of the exposures."""
+        time, place, weight, exposure = self
+        return Instants(time[index], place[:, index], weight[index], exposure[index])
+
+    def part(self, index: Any) -> "Instants":
+        """Those of some exposures, from the mean of their own times and places on."""
+        some = self.some(index)
+        middle = np.mean(some.place, axis=(1, 2), keepdims=True)
+        return some._replace(time=some.time - np.mean(some.time), place=some.place - middle)
+
+
+def panels_for(way: float) -> int:
+    """Panels of each exposure that hold a way; px. They are of few sizes, as programs are."""
+    panels = 1 + way / PX_A_PANEL
+    step = 2 ** max(0, math.ceil(math.log2(panels)) - 2)
+    return step * math.ceil(panels / step)
+
+
+def _longest_way(frames: Frames, fastest: float) -> float:
+    """Longest way over the sensor within an exposure, of anything up to a speed; px."""
+    if isinstance(frames, AbstractPath):
+        return (frames.top_speed + fastest) * float(np.max(np.asarray(frames.exposures)))
+    return max((float(x.motion.top_speed) + fastest) * float(x.motion.exposure) for x in frames)
+
+
+def _nodes(begin: Any, end: Any, cuts: Any, num_panels: int) -> tuple[Any, Any]:
+    """Times of nodes and their weights, between two times and at cuts between them; `(n, q)`."""
+    space, dtype = namespace_of(begin, end, cuts), begin.dtype
+    shares = (np.arange(num_panels + 1) / num_panels).astype(dtype)
+    edges = begin[:, None] + (end - begin)[:, None] * shares[None]
+    if cuts.shape[1]:
+        cuts = space.clip(cuts, begin[:, None], end[:, None])
+        edges = space.sort(space.concatenate([edges, cuts], axis=1), axis=1)
+    x, weight = (part.astype(dtype) for part in np.polynomial.legendre.leggauss(NODES))
+    middle, half = (edges[:, 1:] + edges[:, :-1]) / 2, (edges[:, 1:] - edges[:, :-1]) / 2
+    time = (middle[..., None] + half[..., None] * x[None, None]).reshape(begin.size, -1)
+    # An exposure of no length is no frame, and its nodes have the weights of any other.
+    length = space.where(end > begin, end - begin, 1.0)
+    share = space.where((end > begin)[:, None], half / length[:, None], 0.5 / half.shape[1])
+    return time, (share[..., None] * weight[None, None]).reshape(begin.size, -1)
+
+
+def _on_axis(frames: Sequence[TimedFrame], lights: Lights | None, num_panels: int) -> Instants:
+    """Instants of frames along an axis, on the clock of their own times."""
+    numbers = [(x.time, x.position, x.motion.half_exposure) for x in frames]
+    times, places, halves = _rows(numbers)
+    begin, end = _lights(times, 2 * halves, lights)
+    inner = [[*map(float, x.motion.piece_ends[1:-1])] for x in frames]
+    ends = np.ones((len(frames), max(map(len, inner))), times.dtype)
+    for row, each in zip(ends, inner, strict=True):
+        row[: len(each)] = each
+    cuts = times[:, None] + halves[:, None] * ends
+    time, weight = _nodes(begin, end, cuts, num_panels)
+    space = namespace_of(times, places, halves)
+
+    def placed(at: Any) -> Any:
+        rows = [x.motion.position(one - t) for x, one, t in zip(frames, at, times, strict=True)]
+        return places[:, None] + space.stack(rows).astype(times.dtype)
+
+    # The sensor has a place at the middle of the sequence, be a frame exposed then or not.
+    near = space.clip(0 * times, times - halves, times + halves)
+    order, at = space.argsort(near), placed(near[:, None])[:, 0]
+    middle = space.interp(0 * near[0], near[order], at[order])
+    return Instants(time, (placed(time) - middle)[None], weight, end - begin)
+
+
+def _on_path(frames: AbstractPath, lights: Lights | None, num_panels: int) -> Instants:
+    """Instants of frames along a path, from the middle between the first light and the last."""
+    if all_concrete(frames):
+        frames = jax.tree.map(lambda x: np.asarray(x, np.float64), frames)
+    times, exposures = frames.times, frames.exposures
+    begin, end = _lights(times, exposures, lights)
+    first, last = _lights(times, exposures, None)
+    middle = (first[:1] + last[-1:]) / 2
+    time, weight = _nodes(begin, end, begin[:, None][:, :0], num_panels)
+    place: Any = frames.place(time) - frames.place(middle)[..., None]
+    return Instants(time - middle[0], place, weight, end - begin)
+
+
+def _lights(times: Any, exposures: Any, lights: Lights | None) -> tuple[Any, Any]:
+    """First and last light of exposures."""
+    if lights is None:
+        return times - exposures / 2, times + exposures / 2
+    begin, end = np.transpose(np.asarray(lights)).astype(times.dtype)
+    return begin, end
+
+
+def _rows(numbers: Sequence[tuple[Any, ...]]) -> Any:
+    """Columns of numbers: of NumPy, in double precision, where all are concrete."""
+    if all_concrete(numbers):
+        return np.array(numbers, np.float64).T
+    dtype = common_dtype(*(x for row in numbers for x in row if hasattr(x, "dtype")))
+    return jnp.array([[jnp.asarray(x, dtype) for x in row] for row in numbers]).T

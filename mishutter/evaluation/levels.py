@@ -1,0 +1,313 @@
+r"""The level of exposures for a decoder that registers them, along an axis and in the plane.
+
+A decoder that finds the velocity $\mathbf v$ of a picture in its exposures restores it from all of
+them. Noise is independent from one to the other, and the error that is left is
+
+$$E = \int S(\mathbf f)\,\overline{\frac{1}{1 + S P\sum_k e_k^2|H_k|^2/N_k}}\,d\mathbf f,
+\qquad
+H_k = \frac1{D_k}\int e^{-2\pi i\,\mathbf f\cdot(\mathbf x_k(t) - \mathbf v\,t)}\,dt,$$
+
+in the mean over velocities, with $e_k$ electrons of white, $N_k = \bar f e_k + \sigma^2$ and
+$P = \operatorname{sinc}^2 f_x\operatorname{sinc}^2 f_y$ behind the lens. Exposures of any path and
+length may be mixed. Only $|H_k|$ counts: the direction of a parabola, its place and the gaps
+between exposures do not matter.
+
+Of a picture before a background the decoder knows the speed of both layers and which part is which,
+and each part is restored by the filter of its speed: the error is the mean over the parts. Edges,
+where one hides the other, do not count.
+
+NumPy computes known numbers, so that a search compiles nothing; JAX computes traced ones, with
+derivatives by all of them.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from mishutter._core.checks import (
+    all_concrete,
+    as_float,
+    as_numpy,
+    common_dtype,
+    namespace_of,
+    primal_values,
+    require,
+)
+from mishutter._core.compiling import compiled
+from mishutter._core.parallel import alone_in_blas
+from mishutter.evaluation.ensembles import without_tolerances
+from mishutter.evaluation.fans import MEASURED, Fan, Grid
+from mishutter.evaluation.instants import NODES, PX_A_PANEL, Frames, Instants
+from mishutter.evaluation.layers import Background
+from mishutter.evaluation.needs import distinct_speeds
+from mishutter.model.exposures import AbstractExposures, AbstractPath, Lights
+from mishutter.model.optics import pixel_response
+from mishutter.model.scene import Scene, require_one_axis, require_scene
+from mishutter.model.sensor import noise_of_frames
+from mishutter.model.velocities import AbstractVelocities, Components
+
+_AT_ONCE = 2**20
+"""Waves of an exposure that NumPy computes at a time."""
+
+
+def exposures_psnr(
+    scene: Scene,
+    exposures: Frames | AbstractExposures | Instants,
+    *,
+    lights: Lights | None = None,
+    grid: Grid = MEASURED,
+    num_panels: int | None = None,
+) -> Float[Array, ""]:
+    """PSNR of the best linear decoder that registers exposures, in linear light; dB.
+
+    Nothing is compiled for known numbers. The level has derivatives by all numbers of the
+    exposures, of the light and of the velocities.
+
+    Args:
+        scene: Velocities, light and noise.
+        exposures: Exposures of an open shutter: `TimedFrame`s, `PlaneFrames`, or what holds some,
+            as the result of `best_sequence`. They may move along the axis of the scene, along the
+            rows of one in the plane, or in the plane.
+        lights: First and last light of each, s, where a gate shortens it.
+        grid: Sizes of the fan of directions, for a scene in the plane.
+        num_panels: Panels of 16 nodes in each exposure, for ways of 7 px each; by default those
+            that they need, which are not known inside `jax.jit`.
+
+    Raises:
+        ValueError: if there is no exposure, or they are traced by `jax.jit` without `num_panels`.
+    """
+    require_scene(scene, in_plane=True)
+    own: Any = exposures.frames if isinstance(exposures, AbstractExposures) else exposures
+    instants = instants_of(scene, own, "exposures_psnr", lights, num_panels)
+    error = left(scene, instants, fan_of(scene, instants, grid), grid.num_speeds)
+    return psnr_of(error, common_dtype(*jax.tree.leaves(own)))
+
+
+def instants_of(
+    scene: Scene,
+    frames: Frames | Instants,
+    caller: str,
+    lights: Lights | None = None,
+    num_panels: int | None = None,
+) -> Instants:
+    """Instants of exposures for all velocities of a scene."""
+    if isinstance(frames, Instants):
+        return frames
+    is_some = isinstance(frames, AbstractPath) or len(frames) > 0
+    require(is_some, f"{caller}(exposures=...)", "hold one exposure at least", 0)
+    fastest = 0.0
+    if num_panels is None:
+        known = primal_values((frames, scene.speeds, scene.weights, scene.velocities))
+        requirement = "be given where JAX traces exposures or velocities"
+        require(all_concrete(known), f"{caller}(num_panels=...)", requirement, num_panels)
+        fastest = fastest_of(primal_values(scene))
+    return Instants.of(frames, fastest, lights=lights, num_panels=num_panels)
+
+
+def fan_of(scene: Scene, instants: Instants, grid: Grid) -> Fan:
+    """The frequencies that hold the responses of exposures."""
+    if scene.velocities is not None:
+        return Fan.of(scene, grid)
+    way = instants.time.shape[1] / NODES * PX_A_PANEL
+    return Fan.of_axis(scene, 32 * math.ceil(max(512, 2 * way) / 32))
+
+
+def in_parts(scene: Scene) -> Scene:
+    """The scene as parts that move on their own, a background among them, without tolerances."""
+    require_one_axis(scene)
+    layers, scene = scene.occlusion, without_tolerances(scene)
+    if layers is None:
+        return scene
+    space = np if all_concrete((scene.speeds, scene.weights, layers)) else jnp
+    speeds, weights, share, *behind = (
+        space.asarray(x)
+        for x in (scene.speeds, scene.weights, layers.front_share, *Background.of(scene))
+    )
+    return scene.with_occlusion(None).without_metadata(
+        speeds=space.concatenate([speeds, behind[0]]),
+        weights=space.concatenate([share * weights, (1 - share) * behind[1]]),
+    )
+
+
+def fastest_of(scene: Scene) -> float:
+    """Greatest speed that occurs in a known scene, of either sign; px/s."""
+    return float((scene if scene.velocities is not None else in_parts(scene)).max_speed)
+
+
+def velocities_of(scene: Scene) -> tuple[Float[np.ndarray, "v axes"], Float[np.ndarray, "v"]]:
+    """Velocities that stand for those of a known scene, and their weights."""
+    if scene.velocities is not None:
+        return scene.velocities.stand_ins()
+    speeds, weights = (x.astype(np.float64) for x in distinct_speeds(in_parts(scene), folds=False))
+    return speeds[:, None], weights / weights.sum()
+
+
+def require_velocities(scene: Scene) -> AbstractVelocities:
+    """The law of a scene's velocities; an error where it is of one axis."""
+    law = scene.velocities
+    requirement = "have velocities in any direction, as `Scene.any_direction` makes it"
+    require(law is not None, "scene", requirement, scene)
+    return law  # type: ignore[return-value]
+
+
+def components_on(scene: Scene, fan: Fan, num_speeds: int) -> Components:
+    """Components of the velocities along each line of a fan, `(i, j, l)`, or `(1, 1, l)` if alike.
+
+    Args:
+        scene: The scene.
+        fan: The fan, which is known.
+        num_speeds: Number of those that stand for a law.
+    """
+    if scene.velocities is None:
+        parts = in_parts(scene)
+        speeds, weights = parts.speeds, parts.weights
+        if parts.speeds_known:
+            speeds, weights = distinct_speeds(parts, folds=False)
+        return Components(speeds[None, None], (weights / weights.sum())[None, None])
+    direction = np.asarray(fan.direction)
+    parts = scene.velocities.components(direction.ravel(), num_speeds)
+    rows = direction.shape if parts.speeds.shape[0] > 1 else (1, 1)
+    return Components(*(x.reshape(*rows, -1) for x in parts))
+
+
+class Light(NamedTuple):
+    """Light, noise and picture of a scene; of NumPy where they are known."""
+
+    rate: Any  # e-/s
+    read: Any  # e-
+    mean: Any  # white = 1
+    deviation: Any  # white = 1
+    blur: Any  # px
+
+    @staticmethod
+    def of(scene: Scene) -> "Light":
+        """That of a scene."""
+        picture = scene.picture
+        numbers = scene.photon_rate, scene.read_noise, picture.mean_level, picture.deviation
+        return Light(*as_numpy(*numbers, scene.optics.lens_blur))
+
+    def signal(self, fan: Fan) -> Float[Array | np.ndarray, "i j"]:
+        r"""$SP$ of a picture behind the pixels and the lens."""
+        space = namespace_of(fan.radius, fan.direction)
+        power = self.deviation**2 * fan.power
+        for turn in (space.cos, space.sin):
+            response = pixel_response(fan.radius[:, None] * turn(fan.direction), self.blur)
+            power = power * response**2
+        return power
+
+    def gains(self, exposures: Float[Array | np.ndarray, "n"]) -> Float[Array | np.ndarray, "n"]:
+        r"""$e_k^2/N_k$ of exposures."""
+        electrons, noise = noise_of_frames(self.rate, exposures, self.mean, self.read)
+        return electrons * (electrons / noise)
+
+
+@alone_in_blas()
+def left(
+    scene: Scene, instants: Instants, fan: Fan, num_speeds: int, compiled_as: np.dtype | None = None
+) -> Any:
+    """Squared error that is left, white = 1; by NumPy if all is known, but for a precision."""
+    parts = components_on(scene, fan, num_speeds)
+    numbers = fan, parts, Light.of(scene)
+    if all_concrete((numbers, instants)) and compiled_as is None:
+        return error_left(*jax.tree.map(np.asarray, (*numbers, instants)))
+    dtype = compiled_as or instants.time.dtype
+    return _error_left(*jax.tree.map(lambda x: jnp.asarray(x, dtype), (*numbers, instants)))
+
+
+def error_left(fan: Fan, parts: Components, light: Light, instants: Instants) -> Any:
+    """Squared error that is left, of numbers that are all of NumPy or all of JAX."""
+    space = namespace_of(fan.radius)
+    gained = gained_by(fan, parts, instants, light.gains(instants.exposure))
+    lost = space.sum(parts.weights / (1 + light.signal(fan)[..., None] * gained), axis=-1)
+    return light.deviation**2 * space.sum(fan.weight * lost)
+
+
+_error_left = compiled(error_left)
+
+
+def gained_by(
+    fan: Fan, parts: Components, instants: Instants, gains: Float[Array | np.ndarray, "n"]
+) -> Float[Array | np.ndarray, "i j l"]:
+    r"""$\sum_k g_k|H_k|^2$ at each frequency and component of the velocities."""
+    time, place, weight, _ = instants
+    # Only |H| counts: places and times near 0 have small phases.
+    time, place = time - (time[:, :1] + time[:, -1:]) / 2, place - place[..., :1]
+    shape = (*fan.direction.shape, parts.speeds.shape[-1])
+    if namespace_of(time, fan.radius) is np:
+        total = np.zeros(shape)
+        each = (shape[1] + parts.speeds.shape[1] * shape[2]) * time.shape[1]
+        for rows in np.array_split(np.arange(shape[0]), math.ceil(shape[0] * each / _AT_ONCE)):
+            own = Fan(fan.radius[rows], *(x[rows] for x in fan[1:]))
+            along = jax.tree.map(lambda x, rows=rows: x[rows] if len(x) > 1 else x, parts)
+            for k in np.flatnonzero(gains):
+                total[rows] += gains[k] * passed(own, along, time[k], place[:, k], weight[k])
+        return total
+
+    # A descent holds the waves of one exposure at a time.
+    @jax.checkpoint
+    def add(total: Array, exposure: tuple[Array, ...]) -> tuple[Array, None]:
+        gain, *nodes = exposure
+        return total + gain * passed(fan, parts, *nodes), None
+
+    each = gains, time, jnp.moveaxis(place, 1, 0), weight
+    return jax.lax.scan(add, jnp.zeros(shape, time.dtype), each)[0]
+
+
+def passed(
+    fan: Fan,
+    parts: Components,
+    time: Float[Array | np.ndarray, "q"],
+    place: Float[Array | np.ndarray, "axes q"],
+    weight: Float[Array | np.ndarray, "q"],
+) -> Float[Array | np.ndarray, "i j l"]:
+    r"""$|H|^2$ of an exposure at each frequency and component of the velocities."""
+    space = namespace_of(fan.radius, time)
+    turns = 2 * np.pi * fan.radius[:, None, None]
+    along = sum(
+        turn(fan.direction)[..., None] * way[None, None]
+        for turn, way in zip((space.cos, space.sin), place, strict=False)
+    )
+    ways = (turns * parts.speeds)[..., None] * time[None, None, None]
+    # Directions with the same components of the velocities share the waves of these.
+    groups = (*ways.shape[:2], fan.direction.shape[1] // ways.shape[1], -1)
+    power = power_of_waves((turns * along).reshape(groups), ways, weight[None, None, None])
+    return power.reshape(*fan.direction.shape, -1)
+
+
+def power_of_waves(
+    on_sensor: Float[Array | np.ndarray, "*f k q"],  # Phases of the places of a sensor; rad
+    passing: Float[Array | np.ndarray, "*f n q"],  # Phases of the ways of things; rad
+    weight: Float[Array | np.ndarray, "#*f #k q"],
+) -> Float[Array | np.ndarray, "*f k n"]:
+    r"""$|\sum_q w_q e^{i(\beta_q - \alpha_q)}|^2$ for each sensor and thing.
+
+    A wave of a difference is a product of waves, so that the sums are products of matrices, in real
+    numbers.
+    """
+    space = namespace_of(on_sensor, passing, weight)
+    sensor = space.concatenate(
+        [weight * space.cos(on_sensor), weight * space.sin(on_sensor)], axis=-1
+    )
+    cosine, sine = space.cos(passing), space.sin(passing)
+    real, imaginary = (
+        sensor @ space.swapaxes(space.concatenate(pair, axis=-1), -1, -2)
+        for pair in ((cosine, sine), (sine, -cosine))
+    )
+    return real**2 + imaginary**2
+
+
+def psnr_of(error: Any, dtype: np.dtype) -> Float[Array, ""]:
+    """The level of a squared error; dB."""
+    if not all_concrete(error):
+        return -10 * jnp.log10(error)
+    with np.errstate(divide="ignore"):
+        return as_float(np.asarray(-10 * np.log10(np.asarray(error)), dtype))
+
+
+def psnr_of_error(error: float) -> float:
+    """The level of a squared error; dB. Without any error it is infinite."""
+    return -10 * math.log10(error) if error > 0 else math.inf
