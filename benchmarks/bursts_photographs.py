@@ -25,7 +25,7 @@ from mishutter.decoding.decoders.base import blur_model, density_of
 from mishutter.decoding.decoders.linear import mean_over_dft
 from mishutter.evaluation.bursts import best_still_burst
 from mishutter.evaluation.instants import Instants
-from mishutter.evaluation.moving_bursts import best_moving_burst
+from mishutter.search.moving_frames import best_moving_burst
 from mishutter.model.sensor import noise_power, white_electrons
 from mishutter.pictures.images import shipped_picture
 

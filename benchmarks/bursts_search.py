@@ -22,7 +22,7 @@ from scipy.special import fresnel
 from benchmarks import harness
 from mishutter import BurstMode, FrameSequence, Limits, Occlusion, Scene
 from mishutter.evaluation.bursts import best_still_burst
-from mishutter.evaluation.moving_bursts import best_moving_burst
+from mishutter.search.moving_frames import best_moving_burst
 
 ALLOWED = 0.01 + 0.05
 """How much better than the package's a burst may be: that it finds, and that is less simple; dB."""

@@ -16,7 +16,7 @@ from benchmarks import harness
 from benchmarks.bursts_photographs import decibels
 from benchmarks.photographs import PHOTOGRAPHS
 from mishutter.evaluation.bursts import best_still_burst
-from mishutter.evaluation.moving_bursts import best_moving_burst
+from mishutter.search.moving_frames import best_moving_burst
 from mishutter.pictures.images import Picture, shipped_picture
 
 SIZE, BORDER = 256, 48

@@ -25,7 +25,7 @@ from mishutter import (  # noqa: E402
 )
 from mishutter.decoding.restoration import restore_by_each  # noqa: E402
 from mishutter.evaluation.bursts import StillBursts  # noqa: E402
-from mishutter.evaluation.moving_bursts import best_moving_burst  # noqa: E402
+from mishutter.search.moving_frames import best_moving_burst  # noqa: E402
 
 SPEED, RATE, MOST = 3000.0, 60.0, 4
 """Of the picture, px/s; of the camera's frames, 1/s; of frames in a burst."""

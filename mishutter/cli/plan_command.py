@@ -42,7 +42,7 @@ def plan(
     start_jax()
     scene = scene_of(scene_file)
     if scene.velocities is not None:
-        from mishutter.plane.search import grid_words
+        from mishutter.search.plane_frames import grid_words
 
         if json:
             write_json({"scene": understood(scene), "search": grid_words()})

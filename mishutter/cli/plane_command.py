@@ -52,8 +52,8 @@ def optimise_in_plane(
     scene: "Scene", scene_file: Path | None, out: Path | None, *, as_json: bool
 ) -> None:
     """Searches for frames, prints the answer, and writes its files."""
-    from mishutter.plane.search import best_in_plane
     from mishutter.report.in_plane import PlaneReport, write_plane_report
+    from mishutter.search.plane_frames import best_in_plane
 
     _require_frames(scene)
     folder = None if out is None else writable_folder(out)

@@ -212,8 +212,8 @@ class Session:
 
     def _of_plane(self, scene: Scene, key: str, check: Check) -> Answer:
         """The answer for things that move in any direction, with the path of its stage."""
-        from mishutter.plane.search import best_in_plane
         from mishutter.report.in_plane import PlaneReport
+        from mishutter.search.plane_frames import best_in_plane
 
         if self._in_plane is None or self._in_plane[0] != key:
             search = best_in_plane(scene, progress=lambda share: check())

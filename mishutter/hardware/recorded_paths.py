@@ -21,7 +21,7 @@ from mishutter.hardware.trace_files import METRES, TimedColumns, timed_columns
 from mishutter.model.exposures import Lights
 from mishutter.model.motion import FreeMotion
 from mishutter.model.sequences import TimedFrame
-from mishutter.plane.families import pan_of
+from mishutter.plane.bursts import pan_of
 from mishutter.plane.frames import PlaneFrames
 
 _NAMES = ("x", "y"), ("sensor_position_x", "sensor_position_y"), ("stage_x", "stage_y")

@@ -203,7 +203,7 @@ class StageSection(Section):
 class BurstSection(Section):
     """Frames that the camera may take in place of one exposure."""
 
-    renamed: ClassVar = {"frames": "max_frames", "count": "max_frames", "window": "window_ms"}
+    renamed: ClassVar[Mapping[str, str]] = {"frames": "max_frames", "count": "max_frames", "window": "window_ms"}
 
     frames_per_s: Annotated[float, Field(gt=0, le=1e6)]
     max_frames: Annotated[int, Field(ge=1, le=1000)] | None = None
@@ -215,7 +215,7 @@ class BurstSection(Section):
 class LimitsSection(Section):
     """The furthest that the mechanism and the exposure may reach."""
 
-    renamed: ClassVar = {"stage": "max_stroke_px"}
+    renamed: ClassVar[Mapping[str, str]] = {"stage": "max_stroke_px"}
 
     max_stroke_px: LongestStroke = 200.0
     max_stroke_mm: Annotated[float, Field(ge=0, le=1e3)] | None = None
@@ -297,7 +297,7 @@ class PictureSection(Section):
 class SceneFile(Section):
     """A whole scene file."""
 
-    renamed: ClassVar = {"rivals": "burst", "frames": "max_frames"}
+    renamed: ClassVar[Mapping[str, str]] = {"rivals": "burst", "frames": "max_frames"}
 
     speeds: Speeds
     light: Light

@@ -1,5 +1,8 @@
 """Frames of a sensor that moves in the plane, with their level and what they ask of a stage."""
 
+import itertools
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, final
 
@@ -7,13 +10,14 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
+from mishutter.evaluation.levels import require_velocities
 from mishutter.model.exposures import AbstractExposures
 from mishutter.model.limits import Limits
 from mishutter.model.scene import Scene, require_scene
-from mishutter.model.stages import StagePath, StageUse
+from mishutter.model.sequences import TimedFrame
+from mishutter.model.stages import Knots, StagePath, StageUse
 from mishutter.model.velocities import AbstractVelocities
 from mishutter.plane.frames import PlaneFrames
-from mishutter.plane.levels import require_velocities
 
 
 @final
@@ -103,3 +107,19 @@ def of_stage(frames: PlaneFrames, velocities: AbstractVelocities, limits: Limits
         return frames
     velocity = frames.velocities - pan_of(velocities, limits)[:, None]
     return eqx.tree_at(lambda x: x.velocities, frames, velocity)
+
+
+def frames_of(frames: Sequence[TimedFrame], angle: float = 0.0) -> PlaneFrames:
+    """Frames along one axis as frames in the plane, of which the gaps say nothing."""
+    every = [(frame, Knots.of_exposure(frame.motion)) for frame in frames]
+    lengths = [knots.durations for _, knots in every]
+    for index, ((before, _), (frame, _)) in enumerate(itertools.pairwise(every)):
+        gap = frame.time - before.time - (frame.exposure + before.exposure) / 2
+        lengths[index] = np.append(lengths[index], max(gap, 0.0))
+    along = np.concatenate([knots.velocities for _, knots in every])
+    return PlaneFrames(
+        np.array([frame.time for frame, _ in every]),
+        np.array([frame.exposure for frame, _ in every]),
+        np.concatenate(lengths),
+        np.stack([math.cos(angle) * along, math.sin(angle) * along]),
+    )

@@ -6,10 +6,7 @@ import jax
 from jaxtyping import Array, Float
 
 from mishutter._core.checks import common_dtype
-from mishutter.evaluation.fans import MEASURED as MEASURED
-from mishutter.evaluation.fans import SEARCHED as SEARCHED
-from mishutter.evaluation.fans import Fan as Fan
-from mishutter.evaluation.fans import Grid as Grid
+from mishutter.evaluation.fans import MEASURED, Fan, Grid
 from mishutter.evaluation.levels import instants_of, left, psnr_of, require_velocities
 from mishutter.model.scene import Scene, require_scene
 from mishutter.model.velocities import EvenVelocities
@@ -41,19 +38,6 @@ def plane_psnr(
     instants = instants_of(scene, frames, "plane_psnr", num_panels=num_panels)
     error = left(scene, instants, Fan.of(scene, grid), grid.num_speeds)
     return psnr_of(error, common_dtype(*jax.tree.leaves(frames)))
-
-
-def plane_error(
-    scene: Scene,
-    frames: PlaneFrames,
-    fan: Fan,  # concrete
-    num_speeds: int = MEASURED.num_speeds,
-    num_panels: int | None = None,
-) -> Float[Array, ""]:
-    """Squared error that is left, white = 1, on a fan of directions, by a compiled program."""
-    require_velocities(scene)
-    instants = instants_of(scene, frames, "plane_psnr", num_panels=num_panels)
-    return left(scene, instants, fan, num_speeds, common_dtype(*jax.tree.leaves(frames)))
 
 
 def cross_motion_loss(scene: Scene, frames: PlaneFrames, *, across: float = 0.1) -> float:

@@ -413,5 +413,5 @@ def with_verdict(
         choice,
         gain_range=within,
         options=tuple(options_of(at_best, choice, entries)),
-        details=tuple(details_of(choice.sequence)) if details else (),
+        details=tuple(details_of(scene, choice.sequence)) if details else (),
     )

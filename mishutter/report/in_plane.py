@@ -12,9 +12,8 @@ from jaxtyping import Array
 from mishutter._core.files import FORMER, RECOMMENDED, strict_json, write_text
 from mishutter.evaluation.sequences import LONG
 from mishutter.model.scene import Scene
+from mishutter.plane.bursts import PlaneBurst
 from mishutter.plane.design import PlaneDesign, burst_to_dict
-from mishutter.plane.families import FREE
-from mishutter.plane.search import PlaneBurst, PlaneSearch
 from mishutter.report import plots
 from mishutter.report.verdict import (
     camera_words,
@@ -31,6 +30,8 @@ from mishutter.report.verdict import (
     stage_numbers,
     table_of_levels,
 )
+from mishutter.search.frame_search import FREE
+from mishutter.search.plane_frames import PlaneSearch
 from mishutter.search.rows import simplest_of
 
 if TYPE_CHECKING:

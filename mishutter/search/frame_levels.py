@@ -21,8 +21,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Complex, Float
 
+from mishutter.evaluation.levels import in_parts
 from mishutter.evaluation.needs import distinct_speeds
-from mishutter.evaluation.open_frames import in_parts
 from mishutter.model.optics import NYQUIST_FREQUENCY, frequencies, pixel_response
 from mishutter.model.scene import Scene, power_on_grid
 from mishutter.model.sensor import DARK
@@ -92,7 +92,11 @@ class Levels(NamedTuple):
             speeds, weights = _sampled(speeds, weights, frequency.size)
         aperture = np.asarray(pixel_response(frequency, float(scene.optics.lens_blur))) ** 2
         return Levels.of_light(
-            scene, frequency[:, None], frequency[:, None] * speeds, (share * power)[:, None] * weights, power * aperture
+            scene,
+            frequency[:, None],
+            frequency[:, None] * speeds,
+            (share * power)[:, None] * weights,
+            power * aperture,
         )
 
     @staticmethod

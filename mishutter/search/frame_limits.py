@@ -67,7 +67,9 @@ class Room(NamedTuple):
             times.shortest,
         )
 
-    def split(self, x: Float[np.ndarray, "*b v"], count: int, pieces: int, axes: int) -> tuple[Frames, np.ndarray]:
+    def split(
+        self, x: Float[np.ndarray, "*b v"], count: int, pieces: int, axes: int
+    ) -> tuple[Frames, np.ndarray]:
         """Frames, and the lower end of the travel, from numbers of the order of 1."""
         sizes = np.cumsum([count, count * (pieces + 1) * axes, count - 1, count * axes, axes])
         exposure, velocity, gap, place, pan, low = np.split(x, sizes, axis=-1)
@@ -84,7 +86,11 @@ class Room(NamedTuple):
     def joined(self, frames: Frames) -> Float[np.ndarray, "v"]:
         """The numbers of frames, whose travel is about its middle."""
         period, axes = self.times.period, frames.pan.size
-        low = (self.stroke - min(self.travel, 1e9 * self.stroke)) / 2 if np.isfinite(self.travel) else 0.0
+        low = (
+            (self.stroke - min(self.travel, 1e9 * self.stroke)) / 2
+            if np.isfinite(self.travel)
+            else 0.0
+        )
         parts = (
             frames.exposure / period,
             frames.velocity.ravel() / self.speed,
@@ -126,11 +132,19 @@ class Room(NamedTuple):
 
         return -most(-w, -u), most(w, u)
 
-    def slack(self, x: Float[np.ndarray, "*b v"], count: int, pieces: int, axes: int) -> Float[np.ndarray, "*b c"]:
+    def slack(
+        self, x: Float[np.ndarray, "*b v"], count: int, pieces: int, axes: int
+    ) -> Float[np.ndarray, "*b c"]:
         """Numbers of the order of 1 that are at least 0 within the limits."""
         frames, low = self.split(x, count, pieces, axes)
         T, v, g, y, pan = frames
-        A, V, S, s0, P = self.acceleration, self.top_speed, self.stroke, self.speed, self.times.period
+        A, V, S, s0, P = (
+            self.acceleration,
+            self.top_speed,
+            self.stroke,
+            self.speed,
+            self.times.period,
+        )
         stage = v - pan[..., None, None, :]
         step = (T / pieces)[..., None, None]
         first, last = stage[..., :-1, :], stage[..., 1:, :]
@@ -138,7 +152,9 @@ class Room(NamedTuple):
         ways = np.cumsum(step * (first + last) / 2, axis=-2)
         knots = y[..., None, :] + np.concatenate([0 * ways[..., :1, :], ways], axis=-2)
         steep = np.where(np.abs(gain) > 1e-9 * s0, gain, 1e-9 * s0)
-        turns = knots[..., :-1, :] - np.where(first * last < 0, first * first * step / (2 * steep), 0.0)
+        turns = knots[..., :-1, :] - np.where(
+            first * last < 0, first * first * step / (2 * steep), 0.0
+        )
         end, lead = knots[..., -1, :], x.shape[:-1]
         # Along each axis, or along several directions where two axes keep limits together.
         unit, share = np.eye(axes), 1.0
@@ -190,7 +206,12 @@ class Room(NamedTuple):
             a, w, u, gap = part * A, stage[..., :-1, -1, :], stage[..., 1:, 0, :], g[..., None]
             way, leave, meet = y[..., 1:, :] - end[..., :-1, :], end[..., :-1, :], y[..., 1:, :]
             least, most = self.reach(w, u, gap, part)
-            for z in ((a * gap - u + w) / s0, (a * gap + u - w) / s0, (most - way) / S, (way - least) / S):
+            for z in (
+                (a * gap - u + w) / s0,
+                (a * gap + u - w) / s0,
+                (most - way) / S,
+                (way - least) / S,
+            ):
                 add(z, 1)
             # The stage goes on ahead where it may coast at no less than 0, and back likewise.
             rest = way - (w * np.abs(w) + u * np.abs(u)) / (2 * a)

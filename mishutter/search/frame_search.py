@@ -9,7 +9,7 @@ starts of the free search, and are preferred where they are as good.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -106,8 +106,16 @@ class Descent:
         constraints = {"type": "ineq", "fun": slack, "jac": steps}
         options = {"maxiter": most, "ftol": 1e-6}
         try:
-            minimize(counted, start, jac=True, bounds=bounds, method="SLSQP", options=options,
-                     constraints=constraints, callback=watch)
+            minimize(
+                counted,
+                start,
+                jac=True,
+                bounds=bounds,
+                method="SLSQP",
+                options=options,
+                constraints=constraints,
+                callback=watch,
+            )
         except StopIteration:
             pass
         return best[1]
@@ -274,7 +282,10 @@ class Tie(NamedTuple):
             between = (stage[:-1, -1] + stage[1:, 0]) / 2 * gap[:, None]
             place[1:] = np.cumsum(ways[:-1] + between, axis=0)
             knots = place[:, None] + np.cumsum(
-                np.concatenate([np.zeros((count, 1, axes)), step * (stage[:, 1:] + stage[:, :-1]) / 2], 1), axis=1
+                np.concatenate(
+                    [np.zeros((count, 1, axes)), step * (stage[:, 1:] + stage[:, :-1]) / 2], 1
+                ),
+                axis=1,
             )
             place += room.stroke / 2 - (np.max(knots, (0, 1)) + np.min(knots, (0, 1))) / 2
         return Frames(np.full(count, exposure), velocity, gap, place, pan)
@@ -288,7 +299,10 @@ class Tie(NamedTuple):
             longest = max(min(times.longest, left), exposure)
             lengths[0] = exposure * (longest / exposure) ** share
         gap = np.array([times.period_of(x) - x for x in lengths[1:]])
-        rest, middle = np.zeros((count, pieces + 1, axes)), np.full((count, axes), self.room.stroke / 2)
+        rest, middle = (
+            np.zeros((count, pieces + 1, axes)),
+            np.full((count, axes), self.room.stroke / 2),
+        )
         return Frames(lengths, rest, gap, middle, np.zeros(axes))
 
     def _on_two_axes(self, z: np.ndarray, clock: np.ndarray, within: np.ndarray) -> np.ndarray:
@@ -366,7 +380,10 @@ class Search(NamedTuple):
     def again(self, best: End, times: int = _RESTARTS) -> list[End]:
         """Ends of descents from near the best."""
         count, pieces = best.frames.exposure.size, best.frames.velocity.shape[1] - 1
-        descent, draw = Descent(self.levels, self.room, (count, pieces, self.axes)), np.random.default_rng(1)
+        descent, draw = (
+            Descent(self.levels, self.room, (count, pieces, self.axes)),
+            np.random.default_rng(1),
+        )
         found = [best]
         for _ in range(times):
             start = shaken(max(found, key=_level).frames, draw, self.room, 0.05, 0.1)

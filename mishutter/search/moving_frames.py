@@ -52,7 +52,7 @@ _BEYOND = 1.05
 
 @outside_trace()
 @alone_in_blas()
-def best_moving_frames(
+def best_moving_burst(
     scene: Scene, *, progress: Callable[[float], None] = lambda share: None
 ) -> FrameSequence | None:
     """The frames of least error of a sensor that moves; None without `scene.burst`.
@@ -68,7 +68,7 @@ def best_moving_frames(
         scene: Speeds, light, noise, limits and burst.
         progress: Called with the share of the search that is done.
     """
-    require_known("best_moving_frames", scene=scene)
+    require_known("best_moving_burst", scene=scene)
     if scene.burst is None:
         return None
     times, limits = FrameTimes.of(scene, scene.burst), scene.limits
@@ -154,7 +154,13 @@ def _chosen(scene: Scene, found: list[_Found]) -> FrameSequence | None:
     near = [each for each in found if each.level >= top - _AS_GOOD]
     best = min(near, key=lambda each: (each.simplicity, -each.level))
     own = best.sequence
-    kind = ONE_PARABOLA if own.num_frames == 1 else kind_of(own) if best.simplicity == _simplicity(FREE) else own.kind
+    kind = (
+        ONE_PARABOLA
+        if own.num_frames == 1
+        else kind_of(own)
+        if best.simplicity == _simplicity(FREE)
+        else own.kind
+    )
     psnr, worst = levels_of(scene, own.frames)
     return scene.limits.with_travel(replace(own, kind=kind, psnr=psnr, worst_psnr=worst))
 
@@ -165,7 +171,9 @@ def levels_of(scene: Scene, frames: Sequence[TimedFrame]) -> tuple[float, float]
     count = max(len(frame.motion.end_velocities) for frame in frames) - 1
     for frame in frames:
         ends = np.asarray(frame.motion.end_velocities, np.float64)
-        velocities.append(np.interp(np.linspace(0, 1, count + 1), np.linspace(0, 1, ends.size), ends))
+        velocities.append(
+            np.interp(np.linspace(0, 1, count + 1), np.linspace(0, 1, ends.size), ends)
+        )
         exposures.append(frame.exposure)
     none, exposure = np.zeros((len(frames), 1)), np.array(exposures)
     made = Frames(exposure, np.array(velocities)[..., None], exposure[1:], none, np.zeros(1))
@@ -184,7 +192,11 @@ def sequence_of(frames: Frames, kind: str) -> FrameSequence:
     middles = begins + exposure / 2 - (begins[-1] + exposure[-1]) / 2
     every = []
     for velocity, time, length, place in zip(
-        frames.velocity[..., 0], middles.tolist(), exposure.tolist(), frames.place[:, 0].tolist(), strict=True
+        frames.velocity[..., 0],
+        middles.tolist(),
+        exposure.tolist(),
+        frames.place[:, 0].tolist(),
+        strict=True,
     ):
         motion, of_stage = (_motion(x, length / 2) for x in (velocity, velocity - pan))
         every.append(TimedFrame(motion, time, place - place_at_begin(of_stage) + pan * time))
@@ -231,4 +243,3 @@ def kind_of(sequence: FrameSequence) -> str:
     if np.all(gains == gains[0]) and np.all(np.diff(middle) * gains[0] > 0):
         return SWEEP
     return FREE
-

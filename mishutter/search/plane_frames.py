@@ -12,15 +12,16 @@ from mishutter._core.checks import Unquoted, require, require_known
 from mishutter._core.compiling import outside_trace
 from mishutter._core.parallel import alone_in_blas
 from mishutter.evaluation.bursts import FrameTimes, some_numbers
+from mishutter.evaluation.ceilings import exposures_ceiling
+from mishutter.evaluation.fans import MEASURED, Fan, Grid
+from mishutter.evaluation.levels import Light, exposures_psnr, require_velocities
+from mishutter.evaluation.sequences import loss_of_width
 from mishutter.model.scene import Scene, require_scene
 from mishutter.model.sensor import BurstMode
 from mishutter.model.stages import Knots, transfer
 from mishutter.model.velocities import AbstractVelocities
-from mishutter.plane.borders import loss_of_borders
 from mishutter.plane.bursts import PlaneBurst, of_stage, pan_of
-from mishutter.plane.ceilings import plane_ceiling
 from mishutter.plane.frames import PlaneFrames
-from mishutter.plane.levels import MEASURED, Fan, Grid, Light, plane_psnr, require_velocities
 from mishutter.search.frame_levels import Frames, Levels
 from mishutter.search.frame_limits import Room
 from mishutter.search.frame_search import (
@@ -201,7 +202,7 @@ class _PlaneSearch(NamedTuple):
                 bursts.append(best)
         longest = [self.times.longest_of(n) for n in counts]
         exposures = [np.full(n, x) for n, x in zip(counts, longest, strict=True)]
-        ceiling = max(plane_ceiling(self.scene, each) for each in exposures)
+        ceiling = max(exposures_ceiling(self.scene, each) for each in exposures)
         first = self.burst(snapshot, one, 0)
         return PlaneSearch(first, tuple(bursts), ceiling)  # type: ignore[arg-type]
 
@@ -241,12 +242,19 @@ class _PlaneSearch(NamedTuple):
             slower = (1 - 1e-9) / share
             velocity, place = frames.velocity * slower, frames.place * slower
             frames = frames._replace(velocity=velocity, place=place)
-        psnr = float(plane_psnr(self.scene, made, grid=MEASURED))
+        psnr = float(exposures_psnr(self.scene, made))
         width, loss = self.scene.registered_width, None
         if width is not None and made.num_frames > 1:
-            loss = loss_of_borders(self.scene, made, width=width)
+            loss = loss_of_width(self.scene, made, width=width)
         num_axes = 0 if made.stays else num_axes
-        return PlaneBurst(end.kind if num_axes or end.kind == BRACKETED else STILLS, num_axes, made, psnr, use, loss)
+        return PlaneBurst(
+            end.kind if num_axes or end.kind == BRACKETED else STILLS,
+            num_axes,
+            made,
+            psnr,
+            use,
+            loss,
+        )
 
 
 class _Stage(NamedTuple):
@@ -334,13 +342,34 @@ class _Stage(NamedTuple):
             ways = frames.place[k + 1] - whole[k]
             own = []
             for axis in range(axes):
-                start, end = (float(x[axis]) for x in (frames.velocity[k, -1], frames.velocity[k + 1, 0]))
+                start, end = (
+                    float(x[axis]) for x in (frames.velocity[k, -1], frames.velocity[k + 1, 0])
+                )
                 share = math.sqrt(0.5) if self.room.together and axes == 2 else 1.0
                 limits = {"top_speed": share * self.room.top_speed}
-                own.append(Knots.of(start, transfer(float(ways[axis]), gap, start, end, acceleration=share * self.room.acceleration, span=(0.0, 0.0), **limits)))
-            times = np.unique(np.concatenate([np.minimum(np.cumsum(x.durations), gap) for x in own] + [[0.0, gap]]))
+                own.append(
+                    Knots.of(
+                        start,
+                        transfer(
+                            float(ways[axis]),
+                            gap,
+                            start,
+                            end,
+                            acceleration=share * self.room.acceleration,
+                            span=(0.0, 0.0),
+                            **limits,
+                        ),
+                    )
+                )
+            times = np.unique(
+                np.concatenate(
+                    [np.minimum(np.cumsum(x.durations), gap) for x in own] + [[0.0, gap]]
+                )
+            )
             times = times[np.r_[True, np.diff(times) > 1e-12 * gap]]
-            values = np.stack([np.interp(times, np.r_[0, np.cumsum(x.durations)], x.velocities) for x in own], -1)
+            values = np.stack(
+                [np.interp(times, np.r_[0, np.cumsum(x.durations)], x.velocities) for x in own], -1
+            )
             durations += np.diff(times).tolist()
             velocities += [*values[1:]]
         path = np.array(velocities) @ self.unit + self.search.offset
@@ -371,3 +400,16 @@ def _on_plane(frames: Frames, unit: Float[np.ndarray, "1 2"]) -> Frames:
 def _shaken(frames: Frames, draw: np.random.Generator, room: Room) -> Frames:
     noise = 0.01 * room.speed * draw.normal(size=frames.velocity.shape)
     return frames._replace(velocity=frames.velocity + noise)
+
+
+def grid_words() -> str:
+    """The computations of a search in the plane, in words."""
+    radii, angles, speeds, corner = _SEARCHED
+    finer = f"{MEASURED.num_radii} x {MEASURED.num_angles} x {MEASURED.num_speeds}"
+    ways = ", ".join((STILLS, BRACKETED, *WAYS, CIRCLE, TWO_SINES, CROSSED, RING))
+    return (
+        f"The search tries {ways}, and from the best of them a velocity and a place of its own for "
+        f"each frame, over {radii} radii x {angles} directions x {speeds} velocities and {corner} "
+        f"radii of the corners; levels are over {finer}. One filter for all velocities is not "
+        "searched: it gains nothing there."
+    )

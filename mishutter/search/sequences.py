@@ -7,7 +7,7 @@ from mishutter.evaluation.bursts import best_still_burst
 from mishutter.evaluation.sequences import with_losses
 from mishutter.model.scene import Scene, require_scene
 from mishutter.model.sequences import FrameSequence
-from mishutter.search.moving_frames import best_moving_frames
+from mishutter.search.moving_frames import best_moving_burst
 from mishutter.search.rows import simplest_of
 
 
@@ -38,7 +38,7 @@ def best_bursts(
     """
     found = [best_still_burst(scene)]
     if scene.occlusion is None:
-        found.append(best_moving_frames(scene, progress=progress))
+        found.append(best_moving_burst(scene, progress=progress))
     return tuple(with_losses(scene, each) for each in found if each is not None)
 
 

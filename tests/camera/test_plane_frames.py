@@ -21,7 +21,7 @@ from mishutter import (
 )
 from mishutter.camera.plane_frames import exposed_in_plane
 from mishutter.evaluation.instants import Instants
-from mishutter.plane.families import frames_of
+from mishutter.plane.bursts import frames_of
 
 SCENE = scene_of("A")
 

@@ -16,7 +16,7 @@ from mishutter import (
     evaluate,
 )
 from mishutter.evaluation.bursts import StillBursts, best_still_burst
-from mishutter.evaluation.moving_bursts import ONE_PARABOLA, best_moving_burst
+from mishutter.search.moving_frames import ONE_PARABOLA, best_moving_burst
 
 LIMITS = Limits(max_stroke=45.0, max_top_speed=2e4, min_half_exposure=2e-4, max_half_exposure=0.02)
 RATE, NOISE, SPEEDS = 1e5, 8.0, np.linspace(-3000.0, 3000.0, 7)

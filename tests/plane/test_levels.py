@@ -23,7 +23,7 @@ from mishutter.evaluation.ceilings import ceiling, exposures_ceiling, water_fill
 from mishutter.evaluation.fans import MEASURED, SEARCHED, Fan, Grid, power_of
 from mishutter.evaluation.open_frames import OpenFrames, psnr_of_error
 from mishutter.model.optics import frequencies
-from mishutter.plane.families import frames_of
+from mishutter.plane.bursts import frames_of
 from mishutter.plane.frames import PlaneFrames
 from mishutter.plane.levels import cross_motion_loss, plane_error
 

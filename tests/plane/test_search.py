@@ -20,7 +20,7 @@ from mishutter import (
     cli,
 )
 from mishutter.cli.plane_command import _require_frames
-from mishutter.plane.borders import loss_of_borders
+from mishutter.evaluation.sequences import loss_of_width
 from mishutter.plane.families import FAMILIES, FREE, Room, frames_of
 from mishutter.plane.frames import PlaneFrames
 from mishutter.plane.search import PlaneBurst, PlaneSearch, _Search
@@ -204,7 +204,7 @@ def test_frames_are_measured_on_the_sensor_of_the_scene():
     frames = a_burst("circle", 2, 0.0).frames
     wide = a_scene(sensor=Sensor(width=190.0))
     burst = _Search.of(wide).measured("circle", 2, frames)
-    assert burst.width_loss == loss_of_borders(wide, frames, width=190.0) > 0.05
+    assert burst.width_loss == loss_of_width(wide, frames, width=190.0) > 0.05
     assert burst.level == burst.psnr - burst.width_loss
     assert f"less {burst.width_loss:.2g} by the width of the sensor" in burst.text
     assert _Search.of(a_scene()).measured("circle", 2, frames).width_loss is None

@@ -16,9 +16,9 @@ from mishutter import (
     frame_table,
     plane_psnr,
 )
-from mishutter.plane.borders import loss_of_borders
-from mishutter.plane.ceilings import plane_ceiling
-from mishutter.plane.search import PlaneSearch
+from mishutter.evaluation.sequences import loss_of_width
+from mishutter.evaluation.ceilings import exposures_ceiling
+from mishutter.search.plane_frames import PlaneSearch
 from mishutter.report.in_plane import PlaneReport
 
 
@@ -44,7 +44,7 @@ def test_a_place_turns_the_waves_of_its_own_axis(velocity):
     across, down = np.abs(velocity) * 0.01 / 20
     twice, unseen = (1 - across) * (1 - down), across * down / 2
     mean = (twice * of_both + (1 - twice - unseen) * of_one) / (1 - unseen)
-    loss = loss_of_borders(scene, both, width=20.0)
+    loss = loss_of_width(scene, both, width=20.0)
     assert loss == pytest.approx(10 * np.log10(mean / of_both), rel=0.03)
 
 
@@ -54,7 +54,7 @@ def test_the_ceiling_of_what_hardly_moves_is_one_still(slug):
     scene = scene_of(slug)
     slow = Scene.any_direction(1.0, photon_rate=scene.photon_rate, read_noise=scene.read_noise)
     level = float(plane_psnr(slow, stills([0.0], 0.013)))
-    assert plane_ceiling(slow, np.array([0.013])) == pytest.approx(level, abs=1e-3)
+    assert exposures_ceiling(slow, np.array([0.013])) == pytest.approx(level, abs=1e-3)
 
 
 def test_a_list_off_centre_is_read_with_what_its_stage_does(tmp_path):
