@@ -22,7 +22,7 @@ from mishutter.model.scene_units import GRAVITY
 from mishutter.model.sensor import BurstMode
 from mishutter.model.sequences import SINE, FrameSequence
 from mishutter.model.texture import EXAMPLE_PICTURE
-from mishutter.search.frame_search import (
+from mishutter.search.frame_ties import (
     ALTERNATING,
     CIRCLE,
     CROSSED,
