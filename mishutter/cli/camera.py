@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from mishutter.camera.footage import Footage
     from mishutter.camera.layers import Layers
+    from mishutter.decoding.sequences import RestoredFrames
     from mishutter.decoding.simulation import Estimate, Simulation
     from mishutter.design.design import AbstractDesign
     from mishutter.model.scene import Scene
@@ -130,6 +131,7 @@ def simulate(
 
     from mishutter.design.design import Design
     from mishutter.pictures.images import Picture, write_picture
+    from mishutter.report.objects import write_objects
     from mishutter.report.plots import camera_text, plot_capture, save_figure, shown_name
 
     window = "hann" if shutter is None else shutter
@@ -172,6 +174,7 @@ def simulate(
     )
     save_figure(picture, folder / "side_by_side.png")
     written = [*(f"{each}.png" for each in taken), "restored.png", "side_by_side.png"]
+    written += write_objects(folder, result.by_object)
     if not figures:
         note("no PSNR: layers and frames move on their own, so no single picture is the truth")
     if isinstance(speed, tuple) and any(speed):
@@ -191,12 +194,14 @@ def simulate(
         quality = {"quality": figures} if figures else {}
         expected = {"expected_psnr_db": levels} if levels else {}
         speeds = {} if estimate is None else {"found": estimate_document(estimate)}
+        speeds |= objects_document(result.by_object)
         write_json(quality | expected | {"decoder": decoder.value, "files": written} | speeds)
     else:
         _print_numbers(f"Restored by {decoder.value}", "figure", "value", figures)
         if estimate is not None:
             value, trust = speed_found(estimate, in_burst=camera.sequence is not None)
             print_table("Speed found", ["px/s", ""], [[value, trust]])
+        print_objects(result.by_object)
         _print_numbers("Expected of the scene", "camera", _LINEAR, levels)
     note(f"{folder}: {', '.join(written)}")
 
@@ -311,6 +316,42 @@ def speed_found(estimate: "Estimate", *, in_burst: bool) -> tuple[str, str]:
         value = f"{estimate.speed:,.0f} +- {estimate.error:,.0f}"
     instead = "for this speed anyway" if in_burst else "for all likely speeds"
     return value, "trusted" if estimate.trusted else f"not trusted: restored {instead}"
+
+
+def print_objects(found: "RestoredFrames | None") -> None:
+    """Prints a table of the objects that were found, if some were looked for."""
+    if found is None:
+        return
+    rows = []
+    for number, each in enumerate(found.objects, 1):
+        across, down = each.velocity.tolist()
+        size = f"{each.area:,.0f}"
+        trust = "trusted" if each.trusted else f"not trusted: {each.doubt}"
+        speed = f"{across:,.4g}, {down:,.4g} +- {each.error:,.2g}"
+        rows.append([f"{number}", speed, size, trust])
+    if rows:
+        print_table("Objects found", ["", "along rows, columns / px/s", "px", ""], rows)
+    else:
+        note("no object moves: the picture is that of the background")
+
+
+def objects_document(found: "RestoredFrames | None") -> dict[str, object]:
+    """Objects that were found, as JSON has them; empty where none were looked for."""
+    if found is None:
+        return {}
+    each_of = [
+        {
+            "velocity_px_per_s": each.velocity.tolist(),
+            "speed_px_per_s": each.speed,
+            "error_px_per_s": each.error,
+            "area_px": each.area,
+            "place_px": list(each.place),
+            "trusted": each.trusted,
+            "doubt": each.doubt,
+        }
+        for each in found.objects
+    ]
+    return {"objects": each_of}
 
 
 def estimate_document(estimate: "Estimate") -> dict[str, object]:

@@ -145,8 +145,10 @@ def shows_objects(
     """Whether frames are restored object by object: as asked, or as a scene says."""
     if by_object is not None:
         return by_object
+    if scene.occlusion is not None:
+        return scene.occlusion.background == "still"
     # Objects that are registered one by one may be before a sensor that moves.
-    return scene.occlusion is not None or (scene.objects is not None and is_at_rest(frames))
+    return scene.objects is not None and is_at_rest(frames)
 
 
 @alone_in_blas()

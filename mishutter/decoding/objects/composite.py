@@ -60,7 +60,8 @@ def composite(
         layers: Light of each on its canvas.
         one: That frame restored alone.
     """
-    sight, stills, shape = misfit.sight, arrangement.stills, arrangement.stills.shape
+    sight, shape = misfit.sight, arrangement.stills.shape
+    stills = sight.stills  # of one colour
     # A prior bends edges, which would count as unexplained.
     model = sight.frames(explaining(misfit))
     noise = [stills.noise(smoothed(np.maximum(one, 0), 0.7), k) for k, one in enumerate(model)]

@@ -119,8 +119,8 @@ def _shown(
     clear = along.seen * (along.shares(over.astype(np.float32), ways) <= 0.1)
     weighed = stills.weights[:, None, None] * clear
     worth = np.maximum(np.sum(weighed, axis=0), 1e-9)
-    light: np.ndarray = np.einsum("klm,klm->lm", weighed, along.frames) / worth
-    have = clear.any(axis=0).astype(np.float32)
+    light = np.asarray(np.einsum("klm,klm->lm", weighed, along.frames) / worth)
+    have = np.max(clear, axis=0).astype(np.float32)
     squares, known = np.zeros(over.shape, np.float32), np.zeros(over.shape, bool)
     for k, way in enumerate(ways):
         shown = moved(light, window, way, stills.shape)
