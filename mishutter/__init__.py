@@ -109,6 +109,7 @@ Pictures
     Layer                     a picture that moves, and where it is opaque
     Layers                    layers from back to front
     read_layers               reads a layered scene
+    write_layers              writes a layered scene
     Footage                   frames of a video, as a subject
     read_frames               reads them from a folder or a video
 
@@ -121,6 +122,7 @@ Captures and their restoration
     simulate_frames           the frames of a burst, of a moving picture
     restore_frames            one picture from all of them, and its speed or velocity
     RestoredFrames            what it returns
+    FoundObject               an object that it found before a background
     VelocityEstimate          the velocity that frames in the plane tell
     estimate_speed            the speed of a picture, from one capture of it
     SpeedEstimate             what it returns

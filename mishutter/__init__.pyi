@@ -24,6 +24,7 @@ from .camera.footage import read_frames as read_frames
 from .camera.layers import Layer as Layer
 from .camera.layers import Layers as Layers
 from .camera.layers import read_layers as read_layers
+from .camera.layers import write_layers as write_layers
 from .camera.sequences import simulate_frames as simulate_frames
 from .decoding.decoders.base import AbstractDecoder as AbstractDecoder
 from .decoding.decoders.base import BlurModel as BlurModel
@@ -41,6 +42,7 @@ from .decoding.image_quality import psnr as psnr
 from .decoding.plane_velocity import VelocityEstimate as VelocityEstimate
 from .decoding.restoration import deconvolve as deconvolve
 from .decoding.restoration import restore_photograph as restore_photograph
+from .decoding.objects.restored import FoundObject as FoundObject
 from .decoding.sequences import RestoredFrames as RestoredFrames
 from .decoding.sequences import restore_frames as restore_frames
 from .decoding.simulation import capture_and_restore as capture_and_restore
