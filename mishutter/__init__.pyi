@@ -39,10 +39,10 @@ from .decoding.decoders.speed_finding import SpeedFindingDecoder as SpeedFinding
 from .decoding.decoders.tikhonov import TikhonovDecoder as TikhonovDecoder
 from .decoding.decoders.total_variation import TotalVariationDecoder as TotalVariationDecoder
 from .decoding.image_quality import psnr as psnr
+from .decoding.objects.restored import FoundObject as FoundObject
 from .decoding.plane_velocity import VelocityEstimate as VelocityEstimate
 from .decoding.restoration import deconvolve as deconvolve
 from .decoding.restoration import restore_photograph as restore_photograph
-from .decoding.objects.restored import FoundObject as FoundObject
 from .decoding.sequences import RestoredFrames as RestoredFrames
 from .decoding.sequences import restore_frames as restore_frames
 from .decoding.simulation import capture_and_restore as capture_and_restore

@@ -9,10 +9,10 @@ import matplotlib as mpl
 
 mpl.use("agg")
 
-import matplotlib.pyplot as plt  # noqa: E402
-import numpy as np  # noqa: E402
+import matplotlib.pyplot as plt
+import numpy as np
 
-from mishutter import read_picture  # noqa: E402
+from mishutter import read_picture
 
 PANELS = {
     "frame 2, of 20 ms": "shot/frame_2.png",
