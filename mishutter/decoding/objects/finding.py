@@ -18,6 +18,8 @@ _LEAST_EVIDENCE = 60.0
 """Logarithm of the likelihood of a thing over none below which there is none."""
 _LEAST_AREA = 150
 """Pixels of the least thing."""
+_GUESSED = 0.6
+"""Error of a velocity over that of the first guess from which on frames tell nothing of it."""
 _SEPARATE = 1.5
 """Way between two velocities over the frames within which they are one; px."""
 
@@ -70,7 +72,18 @@ def found_in(
         arrangement.place()
     if not is_told:
         _refine_velocities(arrangement)
+        for number in range(len(arrangement.things) - 1, -1, -1):
+            if _tells_nothing(arrangement.things[number]):
+                arrangement.drop(number)
     return arrangement
+
+
+def _tells_nothing(thing: Thing) -> bool:
+    """Whether a sliver is left, or one whose velocity is that of the first guess alone."""
+    own = np.linalg.eigvalsh(thing.covariance)
+    own = own[own > 0]  # along the axes on which things move
+    is_guessed = bool(np.min(own, initial=np.inf) > (_GUESSED * thing.uncertainty) ** 2)
+    return thing.area < _LEAST_AREA or thing.evidence < _LEAST_EVIDENCE or is_guessed
 
 
 def _of_known_outlines(stills: Stills, labels: Int[np.ndarray, "rows columns"]) -> Arrangement:
