@@ -14,9 +14,9 @@ from mishutter.decoding.objects.stills import Stills
 from mishutter.decoding.objects.velocities import refine_velocity
 
 _ROUNDS, _SHARPENINGS = 4, 2
-_LEAST_EVIDENCE = 60.0
+_LEAST_EVIDENCE = 150.0
 """Logarithm of the likelihood of a thing over none below which there is none."""
-_LEAST_AREA = 150
+_LEAST_AREA = 200
 """Pixels of the least thing."""
 _GUESSED = 0.6
 """Error of a velocity over that of the first guess from which on frames tell nothing of it."""
