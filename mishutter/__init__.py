@@ -122,7 +122,6 @@ Captures and their restoration
     simulate_frames           the frames of a burst, of a moving picture
     restore_frames            one picture from all of them, and its speed or velocity
     RestoredFrames            what it returns
-    FoundObject               an object that it found before a background
     VelocityEstimate          the velocity that frames in the plane tell
     estimate_speed            the speed of a picture, from one capture of it
     SpeedEstimate             what it returns

@@ -39,7 +39,6 @@ from .decoding.decoders.speed_finding import SpeedFindingDecoder as SpeedFinding
 from .decoding.decoders.tikhonov import TikhonovDecoder as TikhonovDecoder
 from .decoding.decoders.total_variation import TotalVariationDecoder as TotalVariationDecoder
 from .decoding.image_quality import psnr as psnr
-from .decoding.objects.restored import FoundObject as FoundObject
 from .decoding.plane_velocity import VelocityEstimate as VelocityEstimate
 from .decoding.restoration import deconvolve as deconvolve
 from .decoding.restoration import restore_photograph as restore_photograph

@@ -21,7 +21,7 @@ _COLOURS = np.array(
         [0.94, 0.89, 0.26],
     ]
 )
-"""Of the background, which is black, and of objects."""
+"""Colours of the background, which is black, and of objects."""
 
 
 def write_objects(folder: Path, found: RestoredFrames | None) -> list[str]:
