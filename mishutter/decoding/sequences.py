@@ -26,8 +26,13 @@ from mishutter.pictures.images import Axis, transposed
 from mishutter.plane.frames import PlaneFrames
 
 
-class RestoredFrames(NamedTuple):
-    """A picture that was restored from the frames of a sequence.
+class _Pair(NamedTuple):
+    light: Planes
+    estimate: SpeedEstimate | VelocityEstimate | None
+
+
+class RestoredFrames(_Pair):
+    """A picture that was restored from the frames of a sequence, and an estimate: a pair.
 
     Attributes:
         light: Light of the picture where the sensor is at the middle of the sequence, white = 1;
@@ -41,8 +46,7 @@ class RestoredFrames(NamedTuple):
         layers: The background and the objects as a layered scene, from back to front.
     """
 
-    light: Planes
-    estimate: SpeedEstimate | VelocityEstimate | None
+    # No parts of the pair
     objects: tuple[FoundObject, ...] = ()
     labels: Int[np.ndarray, "rows columns"] | None = None
     trust: Bool[np.ndarray, "rows columns"] | None = None
@@ -116,7 +120,10 @@ def restore_frames(
         turned = transposed(found.light, axis)
         picture = every_colour(turned, light[0]) if light.ndim == 4 else turned[..., 0]
         light = as_float(transposed(picture, axis))
-        return RestoredFrames(light, None, found.objects, found.labels, found.trust, found.layers)
+        result = RestoredFrames(light, None)
+        result.objects, result.layers = found.objects, found.layers
+        result.labels, result.trust = found.labels, found.trust
+        return result
     require_whole(scene, "restore_frames")
     if speed is not None:
         speed = require_speed("restore_frames(speed=...)", cast(Any, speed), frames)
