@@ -38,7 +38,6 @@ Designs and their rivals
     PlaneBurst                one of them: frames, path and level
     PlaneDesign               one of them with its scene, and their file
     PlaneFrames               frames and a path in the plane
-    plane_psnr                level of such frames
     exposures_psnr            level of frames along an axis or in the plane, with derivatives
     FrameSequence             what `best_sequence` returns: frames, their kind and their level
     TimedFrame                one of its frames: motion, time and place
