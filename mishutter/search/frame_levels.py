@@ -154,9 +154,7 @@ class Levels(NamedTuple):
         by_velocity *= frames.steps[..., None]
         return -psnr_of_error(error), scale * by_exposure / exposure, scale * by_velocity
 
-    def _responses(
-        self, frames: Frames
-    ) -> tuple[Complex[np.ndarray, "n m l"], list["_Phase"]]:
+    def _responses(self, frames: Frames) -> tuple[Complex[np.ndarray, "n m l"], list["_Phase"]]:
         """Responses of the frames, and the phases that they follow from."""
         count, steps = frames.velocity.shape[1] - 1, frames.steps[..., None]
         first, last = np.eye(count, count + 1), np.eye(count, count + 1, 1)

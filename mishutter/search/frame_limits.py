@@ -217,7 +217,7 @@ class Room(NamedTuple):
 
     def _between(self, frames: Frames, own: "_Way", low: np.ndarray, shape: Shape) -> Slack:
         """Ways from frame to frame, and where the stage turns round in between."""
-        # Along two axes, each of which follows a way of its own, limits of both together are shared.
+        # Each axis follows a way of its own: two share limits that they keep together.
         share = float(np.sqrt(0.5)) if self.together and shape.axes == 2 else 1.0
         rate, gap = share * self.acceleration, frames.gap[..., None]
         leave, meet = own.stage[..., :-1, -1, :], own.stage[..., 1:, 0, :]
@@ -229,7 +229,7 @@ class Room(NamedTuple):
             (most - way) / self.stroke,
             (way - least) / self.stroke,
         ]
-        # Between frames it coasts at no less than 0, or at no more, and turns round at one end only.
+        # Between frames it coasts at no less than 0, or no more, and turns round at one end only.
         rest = way - (leave * np.abs(leave) + meet * np.abs(meet)) / (2 * rate)
         ahead = np.maximum((leave + meet - rate * gap) * gap, rest) / self.stroke
         back = np.maximum(-(leave + meet + rate * gap) * gap, -rest) / self.stroke

@@ -138,8 +138,7 @@ def _chosen(scene: Scene, found: list[_Found]) -> FrameSequence:
         found = sorted(found, key=lambda each: -each.level)[:_ON_SENSOR]
         losses = (_loss(scene, each.sequence, width) for each in found)
         found = [
-            replace(each, level=each.level - loss)
-            for each, loss in zip(found, losses, strict=True)
+            replace(each, level=each.level - loss) for each, loss in zip(found, losses, strict=True)
         ]
     top = max(each.level for each in found)
     near = [each for each in found if each.level >= top - _AS_GOOD]
