@@ -1,8 +1,9 @@
 """The keys of a scene file, their units and ranges."""
 
-from typing import Annotated, Any, Literal, final
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Literal, final
 
-from pydantic import Field, create_model
+from pydantic import BeforeValidator, Field, create_model
 
 from mishutter._core.validation import Section
 from mishutter.model.decoder_speeds import DecoderSpeed
