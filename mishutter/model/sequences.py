@@ -265,7 +265,7 @@ class FrameSequence(AbstractFrames):
                     )
                 ):
                     pieces += late
-                elif self.kind == SINE:
+                elif self.kind == SINE and np.any(own.velocities):
                     pan = float(self._of_stage(frame).velocity)
                     half = frame.exposure / 2
                     pieces += _along_sine(way, gap, start - pan, half, pan=pan, end=end)

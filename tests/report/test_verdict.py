@@ -32,9 +32,9 @@ from mishutter import (
     evaluate,
     optimise,
 )
-from mishutter.evaluation.moving_bursts import ALTERNATING, FAN, SINE, SWEEP
 from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE
 from mishutter.model.limits import LEAST_STROKE
+from mishutter.model.sequences import SINE
 from mishutter.report.comparison import with_verdict
 from mishutter.report.verdict import (
     detail_words,
@@ -44,6 +44,7 @@ from mishutter.report.verdict import (
     order_at_rest,
     points_that_leave,
 )
+from mishutter.search.frame_search import ALTERNATING, FAN, SWEEP
 from mishutter.search.rivals import (
     BEST_CODED_STILL,
     BEST_MOVING_BURST,
