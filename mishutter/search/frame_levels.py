@@ -113,8 +113,8 @@ class Levels(NamedTuple):
         noise = self.mean * electrons + self.read**2
         least = self.floor * electrons**2
         gain = electrons**2 / np.maximum(noise, least)
-        slope = self.rate * electrons * (self.mean * electrons + 2 * self.read**2) / noise**2
-        return gain, np.where(noise > least, slope, 0.0)
+        slope = self.rate * electrons * (self.mean * electrons + 2 * self.read**2)
+        return gain, np.where(noise > least, slope / np.maximum(noise, least) ** 2, 0.0)
 
     def errors(self, frames: Frames) -> Float[np.ndarray, "m l"]:
         """Error that is left at each frequency by each velocity; white = 1."""
