@@ -111,6 +111,7 @@ Pictures
     Layer                     a picture that moves, and where it is opaque
     Layers                    layers from back to front
     read_layers               reads a layered scene
+    write_layers              writes a layered scene
     Footage                   frames of a video, as a subject
     read_frames               reads them from a folder or a video
 
