@@ -50,7 +50,7 @@ class Frames(NamedTuple):
 
     exposure: Float[np.ndarray, "n"]  # s
     # Velocities of the sensor at the ends of equal pieces of each frame; px/s
-    velocity: Float[np.ndarray, "n j+1 axes"]
+    velocity: Float[np.ndarray, "n ends axes"]
     gap: Float[np.ndarray, "n-1"]  # Time from the end of each frame to the next; s
     place: Float[np.ndarray, "n axes"]  # Place of the stage at the begin of each frame; px
     pan: Float[np.ndarray, "axes"]  # Velocity at which the camera turns beside the stage; px/s
@@ -129,7 +129,7 @@ class Levels(NamedTuple):
 
     def slope(
         self, frames: Frames
-    ) -> tuple[float, Float[np.ndarray, "n"], Float[np.ndarray, "n j+1 axes"]]:
+    ) -> tuple[float, Float[np.ndarray, "n"], Float[np.ndarray, "n ends axes"]]:
         r"""$10\log_{10} E$ and its derivatives by the exposures and the velocities."""
         whole, phases, exposure = *self._responses(frames), frames.exposure
         power, signal = np.abs(whole) ** 2, self.signal[:, None]
