@@ -139,7 +139,7 @@ class Tie(NamedTuple):
 
     def _on_axis(
         self, z: Numbers, clock: np.ndarray, share: np.ndarray, period: float
-    ) -> Float[np.ndarray, "n j+1"]:
+    ) -> Float[np.ndarray, "n ends"]:
         """Velocities beside the mean along the direction; px/s."""
         number, top = np.arange(self.shape.number)[:, None], self._most * z[3]
         if self.kind == SWEEP:
