@@ -1,7 +1,6 @@
 """Exposures, sensor motion and shutters to photograph moving things in dim light.
 
-Begin with `optimise(example_scene())`; `python -m mishutter` is the command line. `help(name)`
-describes a name; these are all names, by purpose.
+Begin with `optimise(example_scene())`; `help(name)` describes a name. All names, by purpose:
 
 Scenes
     Scene                     speeds, light, noise and limits; its `load` and `save` are of a file
@@ -38,6 +37,7 @@ Designs and their rivals
     PlaneBurst                one of them: frames, path and level
     PlaneDesign               one of them with its scene, and their file
     PlaneFrames               frames and a path in the plane
+    plane_psnr                level of such frames
     exposures_psnr            level of frames along an axis or in the plane, with derivatives
     FrameSequence             what `best_sequence` returns: frames, their kind and their level
     TimedFrame                one of its frames: motion, time and place
