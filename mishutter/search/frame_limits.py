@@ -1,4 +1,4 @@
-r"""What a stage allows between frames and in them, as smooth inequalities.
+r"""A stage allows frames, and ways between them, within smooth inequalities.
 
 From the velocity $w$ at the end of a frame to $u$ at the begin of the next, after the gap $g$, a
 stage of the acceleration $A$ and the top speed $V$ reaches every way between a least and a
