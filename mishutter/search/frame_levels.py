@@ -108,7 +108,7 @@ class Levels(NamedTuple):
         """
         fan, light = Fan.of(scene, grid, turned=True), Light.of(scene)
         turn = np.stack([np.cos(fan.direction), np.sin(fan.direction)], axis=-1)
-        frequency = (fan.radius[:, None, None] * turn).reshape(-1, 2)
+        frequency = np.asarray(fan.radius[:, None, None] * turn, np.float64).reshape(-1, 2)
         parts = require_velocities(scene).components(np.ravel(fan.direction), grid.num_speeds)
         speeds, shares = (np.asarray(x, np.float64) for x in parts)
         temporal = np.hypot(*frequency.T)[:, None] * speeds - (frequency @ offset)[:, None]

@@ -1,4 +1,4 @@
-r"""What a stage allows between frames and in them, as smooth inequalities.
+r"""A stage allows frames, and ways between them, within smooth inequalities.
 
 From the velocity $w$ at the end of a frame to $u$ at the begin of the next, after the gap $g$, a
 stage of the acceleration $A$ and the top speed $V$ reaches every way between a least and a
@@ -38,7 +38,7 @@ Slack = list[np.ndarray]
 class Shape(NamedTuple):
     """Sizes of frames."""
 
-    count: int  # Number of frames
+    number: int  # Number of frames
     pieces: int  # Pieces of constant acceleration in each
     axes: int  # Axes of the stage
 
@@ -149,7 +149,7 @@ class Room(NamedTuple):
         frames, low = self.split(x, shape)
         way = _Way.of(frames, self.speed)
         every = [*self._speeds(frames, way, shape), *self._places(way, low, shape)]
-        if shape.count > 1:
+        if shape.number > 1:
             every += [*self._times(frames), *self._between(frames, way, low, shape)]
         return np.concatenate([each.reshape(*x.shape[:-1], -1) for each in every], axis=-1)
 

@@ -108,7 +108,7 @@ class Descent(NamedTuple):
         """The error that is left, dB, and its derivatives by all numbers."""
         frames, _ = self.room.split(x, self.shape)
         error, by_exposure, by_velocity = self.levels.slope(frames)
-        slope, count = np.zeros_like(x), self.shape.count
+        slope, count = np.zeros_like(x), self.shape.number
         slope[:count] = by_exposure * self.room.times.period
         slope[count : count + by_velocity.size] = by_velocity.ravel() * self.room.speed
         return error, slope

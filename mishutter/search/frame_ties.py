@@ -70,7 +70,7 @@ class Tie(NamedTuple):
     @property
     def exists(self) -> bool:
         """Whether there are such frames of this number."""
-        return self.shape.count > 1 or self.kind in _OF_ONE_FRAME
+        return self.shape.number > 1 or self.kind in _OF_ONE_FRAME
 
     @property
     def starts(self) -> list[Numbers]:
@@ -124,7 +124,7 @@ class Tie(NamedTuple):
 
     def _times(self, z: Numbers) -> tuple[float, float]:
         """The exposure of each frame and the time from one to the next; s."""
-        times, count = self.room.times, self.shape.count
+        times, count = self.room.times, self.shape.number
         shortest, longest = times.shortest, times.longest_of(count)
         if self.kind == CROSSED:
             longest = min(longest, _DUTY_OF_CROSS * times.period_of(longest))
@@ -139,9 +139,9 @@ class Tie(NamedTuple):
 
     def _on_axis(
         self, z: Numbers, clock: np.ndarray, share: np.ndarray, period: float
-    ) -> Float[np.ndarray, "n j+1"]:
+    ) -> Float[np.ndarray, "n ends"]:
         """Velocities beside the mean along the direction; px/s."""
-        number, top = np.arange(self.shape.count)[:, None], self._most * z[3]
+        number, top = np.arange(self.shape.number)[:, None], self._most * z[3]
         if self.kind == SWEEP:
             return top * clock / np.max(np.abs(clock))
         if self.kind == ALTERNATING:
@@ -158,7 +158,7 @@ class Tie(NamedTuple):
         self, z: Numbers, clock: np.ndarray, share: np.ndarray
     ) -> Float[np.ndarray, "n j+1 2"]:
         """Velocities beside the mean, along the direction and across it; px/s."""
-        count = self.shape.count
+        count = self.shape.number
         each = np.zeros((*clock.shape, 2))
         if self.kind == RING:
             angle = 2 * np.pi * (np.arange(count) + 0.5) / count

@@ -54,7 +54,9 @@ def test_the_answer_comes_with_the_path_in_the_plane(found):
         (answer,) = session.rest(asked, lambda: None)
     assert len(found) == 1
     assert float(found[0].velocities.fastest) == 1700
-    report = PlaneReport(found[0], plane_frames.best_in_plane(found[0], progress=lambda share: None))
+    report = PlaneReport(
+        found[0], plane_frames.best_in_plane(found[0], progress=lambda share: None)
+    )
     assert answer["verdict"] == report.text().splitlines()[0]
     assert "ceiling of any path" in answer["answer"]
     picture = Image.open(io.BytesIO(base64.b64decode(answer["picture"])))

@@ -632,7 +632,7 @@ def test_people_are_answered_right():
     """Their scenes, by the rows that a command computes.
 
     A belt with a stage moves it while frames are taken; a microscope that takes twenty frames of
-    what swims takes them at rest; a telephone sweeps its stabiliser, which gains 1.1 dB over rest.
+    what swims takes them at rest; a telephone moves its stabiliser, which gains 1.1 dB over rest.
     """
     for slug, (scene, needs, words) in PEOPLE.items():
         design = optimise(scene, num_starts=2, max_steps=40, num_coefficients=6)
@@ -665,7 +665,7 @@ PEOPLE = {
     "a telephone at 240 frames/s": (
         _scene(900.0, -900.0, 3e5, 1.5, 0.1, burst=BurstMode(frames_per_s=240.0, max_frames=16)),
         ("registration", "stage"),
-        "Take 16 frames while the stage sweeps",
+        "Take 16 frames while the stage takes a constant speed in each",
     ),
 }
 
