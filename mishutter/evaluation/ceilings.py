@@ -253,7 +253,7 @@ def exposures_ceiling(
     require_scene(scene, in_plane=True)
     law, fan = require_velocities(scene), Fan.of(scene, grid)
     direction = np.asarray(fan.direction)
-    reach = law.greatest(direction.ravel()).reshape(direction.shape)
+    reach = law.half_range(direction.ravel()).reshape(direction.shape)
     return psnr_of_error(_poured(fan, Light.of(scene), exposures, law.cells(128), reach))
 
 
@@ -262,7 +262,7 @@ def _poured(
     light: Light,
     exposures: Float[np.ndarray, "n"],
     cells: Cells | None,  # of the components of velocities along a direction
-    reach: Float[np.ndarray, "i j"] | float,  # their greatest; px/s
+    reach: Float[np.ndarray, "i j"] | float,  # half of their range; px/s
 ) -> float:
     """Least squared error over exposures by a budget and a cap, or by the cap alone."""
     exposures = np.asarray(exposures, np.float64)

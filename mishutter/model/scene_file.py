@@ -207,15 +207,22 @@ def _speeds(file: SceneFile, scales: Scales) -> dict[str, Any]:
 def _any_direction(form: AnyDirection, scales: Scales) -> AbstractVelocities:
     """The law of velocities: a disc, an ellipse, a ring, or a list."""
     place, names = "[speeds] any_direction", ("max", "along", "speed", "list")
-    told = {name: told_in(form, name, SPEED_UNITS, place) for name in (*names, "across")}
+    told = {name: told_in(form, name, SPEED_UNITS, place) for name in (*names, "across", "mean")}
     laws = [name for name in names if told[name][1] is not None]
     requirement = "hold one of max_px_per_s, along_px_per_s, speed_px_per_s and list_px_per_s"
     require(len(laws) == 1, place, requirement, Unquoted(" and ".join(laws) or "none of them"))
     law = laws[0]
-    beside = {"across": told["across"][1], "angle_deg": form.angle_deg, "weights": form.weights}
-    own = {"along": ("across", "angle_deg"), "list": ("weights",)}.get(law, ())
+    beside = {
+        "across": told["across"][1],
+        "angle_deg": form.angle_deg,
+        "weights": form.weights,
+        "mean": told["mean"][1],
+    }
+    every = {"along": ("across", "angle_deg", "mean"), "list": ("weights",), "max": ("mean",)}
+    own = every.get(law, ())
+    goes_with = {"weights": "list", "mean": "max_px_per_s or along"}
     for name, value in beside.items():
-        requirement = f"go with {'list' if name == 'weights' else 'along'}_px_per_s"
+        requirement = f"go with {goes_with.get(name, 'along')}_px_per_s"
         require(value is None or name in own, f"{place}.{name}", requirement, Unquoted(law))
     unit, value = told[law]
     scale = scales.of_things(unit, f"{place} in {unit}")
@@ -230,15 +237,21 @@ def _any_direction(form: AnyDirection, scales: Scales) -> AbstractVelocities:
         return ListedVelocities(numbers, form.weights)
     if law == "speed":
         return RingOfVelocities(numbers)
+    of_mean, mean = told["mean"]
+    middle = np.zeros(2)
+    if mean is not None:
+        middle = np.array(mean) * scales.of_things(of_mean, f"{place} in {of_mean}")
+        furthest = float(np.hypot(*middle)) + fastest
+        require(furthest <= FASTEST, place, f"be at most {FASTEST:g} px/s", furthest)
     if law == "max":
-        return EvenVelocities(numbers)
+        return EvenVelocities(numbers, mean=middle)
     other, across = told["across"]
     require(across is not None, f"{place}.across_{unit}", "be given", Unquoted("nothing"))
     require(other == unit, place, "be in one unit", Unquoted(f"along_{unit} and across_{other}"))
     requirement = f"be at most along_{unit} = {value:g}"
     require(across <= value, f"{place}.across_{unit}", requirement, across)
     angle = math.radians(form.angle_deg or 0.0)
-    return EvenVelocities(numbers, across * scale, angle=angle)
+    return EvenVelocities(numbers, across * scale, angle=angle, mean=middle)
 
 
 def _pair(form: Uniform | Normal, place: str, names: tuple[str, str]) -> tuple[str, float, float]:

@@ -77,6 +77,7 @@ class AnyDirection(
         across=SizeOfSpeed,
         speed=PositiveSpeed,
         list=ListOfVelocities,
+        mean=Velocity,
     )
 ):
     """Velocities in any direction: a disc or an ellipse that they fill, a ring, or a list."""

@@ -42,7 +42,7 @@ class Components(NamedTuple):
 class Cells(NamedTuple):
     """Cells that the components along a direction are cut into, which cover their range."""
 
-    # Width of each over the greatest component; shape `(m,)`, their sum is 2
+    # Width of each over half the range; shape `(m,)`, their sum is 2
     width: Float[np.ndarray, "m"]
     mass: Float[np.ndarray, "m"]  # Share of the velocities in it; shape `(m,)`
 
@@ -67,6 +67,10 @@ class AbstractVelocities(AbstractModule):
     @abstractmethod
     def greatest(self, direction: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
         """Greatest component along directions, rad, of either sign; px/s, of a concrete law."""
+
+    @abstractmethod
+    def half_range(self, direction: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
+        """Half of the range of components along directions, rad; px/s, of a concrete law."""
 
     @abstractmethod
     def cells(self, count: int) -> Cells | None:
@@ -110,37 +114,50 @@ class AbstractVelocities(AbstractModule):
 class EvenVelocities(AbstractVelocities):
     r"""Velocities that fill an ellipse evenly; a disc where both half axes are one.
 
-    Along the direction $\theta$ the greatest component is
-    $h = \sqrt{a^2\cos^2(\theta - \alpha) + b^2\sin^2(\theta - \alpha)}$, and components $hu$ have
-    the density $\tfrac2\pi\sqrt{1 - u^2}$, which Gauss-Chebyshev nodes of the second kind
-    integrate.
+    Along the direction $\theta$ components are within
+    $h = \sqrt{a^2\cos^2(\theta - \alpha) + b^2\sin^2(\theta - \alpha)}$ of that of the mean, and
+    those of $hu$ beside it have the density $\tfrac2\pi\sqrt{1 - u^2}$, which Gauss-Chebyshev nodes
+    of the second kind integrate.
 
     Args:
         along: Half of the longer axis, $a$; px/s.
         across: Half of the shorter, $b$; px/s, at most `along`. That by default.
         angle: Angle of the longer axis from that of the rows, $\alpha$; rad.
+        mean: Velocity in the middle of the ellipse along rows and columns, as of all that a drone
+            sees that flies on; px/s, shape `(2,)`. At rest by default.
 
     Raises:
-        ValueError: if a number is no finite scalar, `along` is not above 0, or `across` not from 0
-            to it.
+        ValueError: if a number is no finite scalar, `along` is not above 0, `across` not from 0
+            to it, or `mean` is not two finite numbers.
     """
 
     along: Array
     across: Array
     angle: Array
+    mean: Array
 
     def __init__(
-        self, along: ArrayLike, across: ArrayLike | None = None, *, angle: ArrayLike = 0.0
+        self,
+        along: ArrayLike,
+        across: ArrayLike | None = None,
+        *,
+        angle: ArrayLike = 0.0,
+        mean: ArrayLike | Sequence[float] = (0.0, 0.0),
     ):
         self.along = as_float(along, "EvenVelocities(along=...)")
         across = self.along if across is None else across
         self.across = as_float(across, "EvenVelocities(across=...)")
         self.angle = as_float(angle, "EvenVelocities(angle=...)")
+        pair = np.asarray(mean) if isinstance(mean, Sequence) else mean
+        self.mean = as_float(pair, "EvenVelocities(mean=...)")
 
     def __check_init__(self) -> None:
         for name in ("along", "across", "angle"):
             require_scalar(f"EvenVelocities({name}=...)", getattr(self, name))
             require_finite(f"EvenVelocities({name}=...)", getattr(self, name))
+        subject, shape = "EvenVelocities(mean=...)", self.mean.shape
+        require(shape == (2,), subject, "be two components", shape_of(self.mean))
+        require_finite(subject, self.mean)
         require_at_least("EvenVelocities(along=...)", self.along, "above 0", strict=True)
         require_at_least("EvenVelocities(across=...)", self.across, "at least 0")
         if all_concrete((self.along, self.across)):
@@ -155,11 +172,19 @@ class EvenVelocities(AbstractVelocities):
         space, dtype = namespace_of(along, direction), along.dtype
         u = np.cos(turns).astype(dtype)[None]
         weights = (2 * step / np.pi * np.sin(turns) ** 2).astype(dtype)[None]
-        if self._is_disc:
+        if self._is_disc and self._is_centred:
             return Components(along * u, weights)
-        turn = direction.astype(dtype) - angle
+        turn, (mean,) = direction.astype(dtype) - angle, as_numpy(self.mean)
         half = space.hypot(along * space.cos(turn), across * space.sin(turn))
-        return Components(half[:, None] * u, np.tile(weights, (half.size, 1)))
+        angles = direction.astype(dtype)
+        middle = mean[0] * space.cos(angles) + mean[1] * space.sin(angles)
+        speeds = middle[:, None] + half[:, None] * u
+        return Components(speeds, np.tile(weights, (half.size, 1)))
+
+    @property
+    def _is_centred(self) -> bool:
+        """Whether the mean is known to be at rest."""
+        return all_concrete(self.mean) and not np.any(np.asarray(self.mean))
 
     @property
     def _is_disc(self) -> bool:
@@ -169,11 +194,15 @@ class EvenVelocities(AbstractVelocities):
         return float(self.along) - float(self.across) <= 1e-12 * float(self.along)
 
     def greatest(self, direction: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
+        middle = np.stack([np.cos(direction), np.sin(direction)], axis=-1) @ self.centre
+        return np.abs(middle) + self.half_range(direction)
+
+    def half_range(self, direction: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
         turn = direction - float(self.angle)
         return np.hypot(float(self.along) * np.cos(turn), float(self.across) * np.sin(turn))
 
     def within(self, velocities: Float[np.ndarray, "k 2"], beyond: float) -> Bool[np.ndarray, "k"]:
-        along, across = self._axes @ velocities.T
+        along, across = self._axes @ (velocities - self.centre).T
         halves = float(self.along) + beyond, float(self.across) + beyond
         return np.hypot(along / halves[0], across / halves[1]) <= 1
 
@@ -183,38 +212,46 @@ class EvenVelocities(AbstractVelocities):
 
     def stand_ins(self) -> tuple[np.ndarray, np.ndarray]:
         each, weights = _on_rings(np.sqrt((np.arange(3) + 0.5) / 3))  # rings of equal areas
-        return each * [float(self.along), float(self.across)] @ self._axes, weights
+        return each * [float(self.along), float(self.across)] @ self._axes + self.centre, weights
 
     @property
     def _axes(self) -> Float[np.ndarray, "2 2"]:
         """Directions along and across the longer axis; a row each."""
-        cosine, sine = math.cos(self.axis), math.sin(self.axis)
+        cosine, sine = math.cos(float(self.angle)), math.sin(float(self.angle))
         return np.array([[cosine, sine], [-sine, cosine]])
 
     @property
     def axis(self) -> float:
-        return float(self.angle)
+        if self._is_centred:
+            return float(self.angle)
+        angles = np.linspace(0.0, np.pi, 3600, endpoint=False)
+        return float(angles[np.argmax(self.greatest(angles))])
 
     @property
     def centre(self) -> Float[np.ndarray, "2"]:
-        return np.zeros(2)
+        return np.asarray(self.mean, np.float64)
 
     @property
     def words(self) -> str:
         along, across = float(self.along), float(self.across)
+        x, y = self.centre
+        about = "" if self._is_centred else f" about ({x:,.5g}, {y:,.5g}) px/s"
         if self._is_disc:
-            return f"up to {along:,.5g} px/s in any direction"
-        turned = f" at {math.degrees(self.axis):.3g} degrees" if self.axis else ""
-        return f"up to {along:,.5g} px/s along and {across:,.5g} px/s across an axis{turned}"
+            return f"up to {along:,.5g} px/s in any direction{about}"
+        degrees = math.degrees(float(self.angle))
+        turned = f" at {degrees:.3g} degrees" if degrees else ""
+        return f"up to {along:,.5g} px/s along and {across:,.5g} px/s across an axis{turned}{about}"
 
     @property
     def table(self) -> dict[str, object]:
+        mean = {} if self._is_centred else {"mean_px_per_s": self.centre.tolist()}
         if self._is_disc:
-            return {"max_px_per_s": float(self.along)}
+            return {"max_px_per_s": float(self.along), **mean}
         return {
             "along_px_per_s": float(self.along),
             "across_px_per_s": float(self.across),
-            "angle_deg": math.degrees(self.axis),
+            "angle_deg": math.degrees(float(self.angle)),
+            **mean,
         }
 
 
@@ -244,6 +281,9 @@ class RingOfVelocities(AbstractVelocities):
 
     def greatest(self, direction: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
         return np.full(direction.shape, float(self.speed))
+
+    def half_range(self, direction: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
+        return self.greatest(direction)
 
     def within(self, velocities: Float[np.ndarray, "k 2"], beyond: float) -> Bool[np.ndarray, "k"]:
         return np.abs(np.hypot(*velocities.T) - float(self.speed)) <= beyond
@@ -330,6 +370,10 @@ class ListedVelocities(AbstractVelocities):
     def greatest(self, direction: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
         units = np.stack([np.cos(direction), np.sin(direction)], axis=-1)
         return np.max(np.abs(units @ self._occurring.T), axis=1)
+
+    def half_range(self, direction: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
+        units = np.stack([np.cos(direction), np.sin(direction)], axis=-1)
+        return np.ptp(units @ self._occurring.T, axis=1) / 2
 
     def within(self, velocities: Float[np.ndarray, "k 2"], beyond: float) -> Bool[np.ndarray, "k"]:
         apart = np.moveaxis(velocities[:, None] - self._occurring, -1, 0)

@@ -54,7 +54,13 @@ class PlaneReport:
         # Beside a free path stands what a stage of two resonant axes does.
         beside = [max(two, key=lambda burst: burst.level)] if free and two else []
         several = [x for x in (*few, *beside) if x is few[0] or x.num_frames > 1 or x.num_axes]
-        return tuple(sorted(several, key=lambda burst: burst.level))
+        # What needs more axes than another and is no better is no option.
+        worth = [
+            x
+            for x in several
+            if not any(y.num_axes < x.num_axes and y.level >= x.level for y in several)
+        ]
+        return tuple(sorted(worth, key=lambda burst: burst.level))
 
     @property
     def choice(self) -> PlaneBurst:

@@ -69,7 +69,7 @@ _VERBS = {
     SWEEP: "sweeps {way}",
     ALTERNATING: "swings {way}",
     FAN: "takes a constant speed in each, over {way}",
-    FOLLOW: "follows the objects and flies back between frames, over {way}",
+    FOLLOW: "follows the objects and flies back between frames over {way}",
     CIRCLE: "circles over {way}",
     TWO_SINES: "follows two sines over {way}",
     CROSSED: "swings {way} along two axes in turn",

@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mishutter.plane.families import FAMILIES, FREE, Room, frames_of
+from mishutter.plane.search import PlaneBurst, PlaneSearch, _Search
 from support.bursts import SEQUENCE
 
 from mishutter import (
@@ -21,9 +23,7 @@ from mishutter import (
 )
 from mishutter.cli.plane_command import _require_frames
 from mishutter.evaluation.sequences import loss_of_width
-from mishutter.plane.families import FAMILIES, FREE, Room, frames_of
 from mishutter.plane.frames import PlaneFrames
-from mishutter.plane.search import PlaneBurst, PlaneSearch, _Search
 from mishutter.report.in_plane import PlaneReport
 
 LIMITS = Limits(max_stroke=24.0, max_half_exposure=0.01, max_acceleration=9e5, max_travel=31.0)

@@ -6,6 +6,7 @@ import pytest
 from mishutter import (
     EvenVelocities,
     ListedVelocities,
+    PlaneFrames,
     RectShutter,
     RingOfVelocities,
     Scene,
@@ -13,7 +14,9 @@ from mishutter import (
     ceiling,
     evaluate,
     optimise,
+    plane_psnr,
 )
+from mishutter.evaluation.ceilings import exposures_ceiling
 from mishutter.model.velocities import AbstractVelocities
 
 LIGHT = {"photon_rate": 3e4, "read_noise": 9.0}
@@ -23,6 +26,15 @@ LAWS = {
     "ellipse": (
         EvenVelocities(2700.0, 400.0, angle=np.radians(25.0)),
         "{ along_px_per_s = 2700.0, across_px_per_s = 400.0, angle_deg = 25.0 }",
+    ),
+    "disc about a mean": (
+        EvenVelocities(300.0, mean=[2000.0, -40.0]),
+        "{ max_px_per_s = 300.0, mean_px_per_s = [2000, -40] }",
+    ),
+    "ellipse about a mean": (
+        EvenVelocities(2700.0, 400.0, angle=np.radians(25.0), mean=[10.0, 700.0]),
+        "{ along_px_per_s = 2700.0, across_px_per_s = 400.0, angle_deg = 25.0, "
+        "mean_px_per_s = [10, 700] }",
     ),
     "ring": (RingOfVelocities(1300.0), "{ speed_px_per_s = 1300.0 }"),
     "list": (
@@ -42,8 +54,8 @@ def drawn(law: AbstractVelocities, count: int = 200_000) -> np.ndarray:
     if isinstance(law, ListedVelocities):
         return np.asarray(law.velocities)[rng.choice(3, count, p=np.asarray(law.weights))]
     ellipse = share[:, None] * unit * [float(law.along), float(law.across)]
-    c, s = np.cos(law.axis), np.sin(law.axis)
-    return ellipse @ np.array([[c, s], [-s, c]])
+    c, s = np.cos(float(law.angle)), np.sin(float(law.angle))
+    return ellipse @ np.array([[c, s], [-s, c]]) + np.asarray(law.mean)
 
 
 @pytest.mark.parametrize("slug", LAWS)
@@ -190,3 +202,38 @@ def test_what_computes_along_one_axis_refuses_a_scene_of_any_direction(user):
     line = "`scene` must move along one axis here; .*; got up to 2,700 px/s in any direction"
     with pytest.raises(ValueError, match=line):
         user(scene)
+
+
+def test_velocities_about_a_mean_are_those_at_rest_for_a_sensor_that_moves_along():
+    """Components, levels and ceilings of an ellipse, on a pan at its mean velocity."""
+    mean = np.array([900.0, -350.0])
+    away, at_rest = (
+        EvenVelocities(400.0, 250.0, angle=0.4, mean=mean),
+        EvenVelocities(400.0, 250.0, angle=0.4),
+    )
+    angles = np.array([0.2, 1.9])
+    apart = away.components(angles, 8).speeds - at_rest.components(angles, 8).speeds
+    wanted = np.cos(angles) * mean[0] + np.sin(angles) * mean[1]
+    np.testing.assert_allclose(apart, np.tile(wanted[:, None], 8), rtol=1e-12)
+    np.testing.assert_allclose(away.stand_ins()[0] - at_rest.stand_ins()[0], np.tile(mean, (24, 1)))
+    assert away.within(mean[None], 0.0)[0]
+    assert not away.within(np.zeros((1, 2)), 0.0)[0]
+    assert away.fastest == pytest.approx(
+        np.max(away.greatest(np.linspace(0, np.pi, 9999))), rel=1e-6
+    )
+    path = {"times": np.array([0.0]), "exposures": np.array([0.02]), "durations": np.array([0.02])}
+    still, panned = (
+        PlaneFrames(**path, velocities=np.tile(v[:, None], 2)) for v in (0 * mean, mean)
+    )
+    scenes = [Scene.any_direction(law, photon_rate=3e4, read_noise=9.0) for law in (at_rest, away)]
+    levels = [float(plane_psnr(x, y)) for x, y in zip(scenes, (still, panned), strict=True)]
+    assert levels[1] == pytest.approx(levels[0], rel=1e-9)
+    ceilings = [exposures_ceiling(scene, np.array([0.02, 0.01])) for scene in scenes]
+    assert ceilings[1] == pytest.approx(ceilings[0], rel=1e-12)
+
+
+@pytest.mark.parametrize("mean", [[1.0], [np.nan, 0.0], 3.0])
+def test_a_mean_velocity_is_two_finite_numbers(mean):
+    """An error names the argument."""
+    with pytest.raises(ValueError, match=r"EvenVelocities\(mean=...\)"):
+        EvenVelocities(300.0, mean=mean)
