@@ -41,7 +41,7 @@ class _Kinked(AbstractObjective):
     left: float
     right: float
 
-    def __call__(self, point: Array) -> Array:
+    def value(self, point: Array) -> Array:
         over = point[0] - 0.4
         slope = jnp.where(over < 0, self.left, self.right)
         return 1 + slope * over + 40 * (point[1] - 0.5 * point[0] - 0.1) ** 2
