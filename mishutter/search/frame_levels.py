@@ -56,7 +56,7 @@ class Frames(NamedTuple):
     pan: Float[np.ndarray, "axes"]  # Velocity at which the camera turns beside the stage; px/s
 
     @property
-    def steps(self) -> Float[np.ndarray, "n 1"]:
+    def steps(self) -> Float[np.ndarray, "*b n 1"]:
         """Durations of the pieces of each frame; s."""
         return (self.exposure / (self.velocity.shape[-2] - 1))[..., None]
 

@@ -156,7 +156,7 @@ class Tie(NamedTuple):
 
     def _on_two_axes(
         self, z: Numbers, clock: np.ndarray, share: np.ndarray
-    ) -> Float[np.ndarray, "n j+1 2"]:
+    ) -> Float[np.ndarray, "n ends 2"]:
         """Velocities beside the mean, along the direction and across it; px/s."""
         count = self.shape.number
         each = np.zeros((*clock.shape, 2))
