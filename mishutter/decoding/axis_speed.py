@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mishutter._core.checks import require
+from mishutter.camera.rows import instants_within_reach
 from mishutter.decoding.axis_frames import (
     TOLERANCE_OF_SPEED,
     Planes,
@@ -106,6 +107,7 @@ def speed_on_axis(
     """The speed at which the frames show one picture, and whether they do; of a told one that."""
     planes = planes.astype(np.float64)
     if told is not None:  # no other is in question
+        instants_within_reach("restore_frames(speed=...)", taken, np.array([told]))
         scene = replace(scene, speeds=np.array([told]), weights=None)
     estimate = _speed_along_rows(planes, scene, taken)
     if estimate.trusted or min(planes.shape[2:]) <= _ROWS_OF_SPEED:

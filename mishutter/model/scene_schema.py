@@ -233,8 +233,8 @@ class LimitsSection(Section):
     max_exposure_ms: Exposure | None = None
     max_pan_px_per_s: Annotated[float, Field(ge=0, le=1e7)] | None = None
     max_pan_deg_per_s: Annotated[float, Field(ge=0, le=1e6)] | None = None
-    max_travel_px: Annotated[float, WithStage, Field(ge=1e-3, le=1e6)] | None = None
-    max_travel_mm: Annotated[float, WithStage, Field(ge=1e-6, le=1e3)] | None = None
+    max_travel_px: Annotated[float, Field(ge=1e-3, le=1e6), WithStage] | None = None
+    max_travel_mm: Annotated[float, Field(ge=1e-6, le=1e3), WithStage] | None = None
     max_acceleration_px_per_s2: Annotated[float, Field(gt=0, le=1e14)] | None = None
     max_acceleration_g: Annotated[float, Field(gt=0, le=1e6)] | None = None
     max_jerk_px_per_s3: Annotated[float, Field(gt=0, le=1e18)] | None = None

@@ -41,7 +41,7 @@ class _Kinked(AbstractObjective):
     left: float
     right: float
 
-    def __call__(self, point: Array) -> Array:
+    def value(self, point: Array) -> Array:
         over = point[0] - 0.4
         slope = jnp.where(over < 0, self.left, self.right)
         return 1 + slope * over + 40 * (point[1] - 0.5 * point[0] - 0.1) ** 2
@@ -80,14 +80,14 @@ def test_a_polish_that_a_kink_holds_up_is_finished(left, right, start):
     end = finished(objective, polish(objective, np.array(start), max_steps=50), KINK, max_steps=50)
     least = 1.0 if right > 0 else 1 + 0.6 * right
     assert end.loss == pytest.approx(least, rel=POLISHED)
-    assert end.loss == pytest.approx(float(objective(end.point)), rel=1e-14)
+    assert end.loss == pytest.approx(float(objective(jnp.asarray(end.point))), rel=1e-14)
     assert is_minimum(end.certificate, end.loss)
 
 
 def test_a_polish_that_gave_up_is_begun_anew():
     """It goes on where it was, counts all of its steps, and keeps to the steps it may take."""
     objective, start = _Kinked(0.0, 0.0), np.array([0.2, 0.9])
-    given_up = Polished(start, float(objective(start)), 1.0, np.full(7, 2.0))
+    given_up = Polished(start, float(objective(jnp.asarray(start))), 1.0, np.full(7, 2.0))
     end = finished(objective, given_up, NO_BENDS, max_steps=50)
     assert is_minimum(end.certificate, end.loss)
     assert 7 < end.num_steps < 50
