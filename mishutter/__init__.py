@@ -1,7 +1,6 @@
 """Exposures, sensor motion and shutters to photograph moving things in dim light.
 
-Begin with `optimise(example_scene())`; `python -m mishutter` is the command line. `help(name)`
-describes a name; these are all names, by purpose.
+Begin with `optimise(example_scene())`; `help(name)` describes a name. All names, by purpose:
 
 Scenes
     Scene                     speeds, light, noise and limits; its `load` and `save` are of a file
@@ -111,6 +110,7 @@ Pictures
     Layer                     a picture that moves, and where it is opaque
     Layers                    layers from back to front
     read_layers               reads a layered scene
+    write_layers              writes a layered scene
     Footage                   frames of a video, as a subject
     read_frames               reads them from a folder or a video
 

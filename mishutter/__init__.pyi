@@ -24,6 +24,7 @@ from .camera.footage import read_frames as read_frames
 from .camera.layers import Layer as Layer
 from .camera.layers import Layers as Layers
 from .camera.layers import read_layers as read_layers
+from .camera.layers import write_layers as write_layers
 from .camera.sequences import simulate_frames as simulate_frames
 from .decoding.decoders.base import AbstractDecoder as AbstractDecoder
 from .decoding.decoders.base import BlurModel as BlurModel

@@ -14,11 +14,18 @@ from jaxtyping import Float
 from pydantic import Field
 
 from mishutter._core.checks import Unquoted, require, require_finite
-from mishutter._core.files import contents
+from mishutter._core.files import contents, write_text
 from mishutter._core.validation import Section, parsed, validated
 from mishutter.camera.rows import PAD_MODES
 from mishutter.model.scene_schema import Speed, White
-from mishutter.pictures.images import Axis, Picture, read_opacity, read_picture
+from mishutter.pictures.images import (
+    GAMMA,
+    Axis,
+    Picture,
+    read_opacity,
+    read_picture,
+    write_picture,
+)
 
 _FARTHEST = 10**9
 """Columns or rows that a layer's corner may lie from the sensor's."""
@@ -133,6 +140,38 @@ class _LayerEntry(Section):
 class _LayersFile(Section):
     border: str = "reflect"
     layers: list[_LayerEntry] = Field(min_length=1)
+
+
+def write_layers(folder: str | Path, layers: Layers) -> list[str]:
+    """Write a layered scene as `layers.toml`, which `read_layers` reads, and its pictures.
+
+    Args:
+        folder: An existing folder.
+        layers: The layers.
+
+    Returns:
+        The names of the files: `layers.toml`, and `layer_0.png` of the background and on, with the
+        matte of each thing before it beside it.
+
+    Raises:
+        OSError: if a file cannot be written.
+    """
+    folder, lines, written = Path(folder), [f'border = "{layers.border}"'], ["layers.toml"]
+    for number, layer in enumerate(layers.layers):
+        name = f"layer_{number}.png"
+        write_picture(folder / name, layer.picture)
+        lines += ["", "[[layers]]", f'picture = "{name}"']
+        written.append(name)
+        if layer.picture.matte is not None:
+            # Files of pictures are gamma-coded, and those of mattes are read as they are.
+            write_picture(folder / f"matte_{number}.png", layer.matte.astype(np.float64) ** GAMMA)
+            lines.append(f'matte = "matte_{number}.png"')
+            written.append(f"matte_{number}.png")
+        if number:
+            lines += [f"speed_px_per_s = {float(layer.speed):.6g}"]
+            lines += [f"left = {layer.left}", f"top = {layer.top}"]
+    write_text(folder / "layers.toml", "\n".join([*lines, ""]))
+    return written
 
 
 def is_layers_file(path: str | Path) -> bool:

@@ -4,7 +4,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from mishutter._core.files import ONE_EXPOSURE, writable_folder
+from mishutter._core.files import writable_folder
 from mishutter._core.progress import note, progress_bar
 from mishutter.cli.console import AGAIN, interruptible, print_table, start_jax, write_json
 from mishutter.cli.help import DESIGN, OUTPUT, PICTURES, SENSOR
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from mishutter.camera.footage import Footage
     from mishutter.camera.layers import Layers
+    from mishutter.decoding.sequences import RestoredFrames
     from mishutter.decoding.simulation import Estimate, Simulation
     from mishutter.design.design import AbstractDesign
     from mishutter.model.scene import Scene
@@ -133,6 +134,7 @@ def simulate(
 
     from mishutter.design.design import Design
     from mishutter.pictures.images import Picture, write_picture
+    from mishutter.report.objects import write_objects
     from mishutter.report.plots import camera_text, plot_capture, save_figure, shown_name
 
     window = "hann" if shutter is None else shutter
@@ -175,6 +177,7 @@ def simulate(
     )
     save_figure(picture, folder / "side_by_side.png")
     written = [*(f"{each}.png" for each in taken), "restored.png", "side_by_side.png"]
+    written += write_objects(folder, result.by_object)
     if not figures:
         note("no PSNR: layers and frames move on their own, so no single picture is the truth")
     if isinstance(speed, tuple) and any(speed):
@@ -194,12 +197,14 @@ def simulate(
         quality = {"quality": figures} if figures else {}
         expected = {"expected_psnr_db": levels} if levels else {}
         speeds = {} if estimate is None else {"found": estimate_document(estimate)}
+        speeds |= objects_document(result.by_object)
         write_json(quality | expected | {"decoder": decoder.value, "files": written} | speeds)
     else:
         _print_numbers(f"Restored by {decoder.value}", "figure", "value", figures)
         if estimate is not None:
             value, trust = speed_found(estimate, in_burst=camera.sequence is not None)
             print_table("Speed found", ["px/s", ""], [[value, trust]])
+        print_objects(result.by_object)
         _print_numbers("Expected of the scene", "camera", _LINEAR, levels)
     note(f"{folder}: {', '.join(written)}")
 
@@ -220,10 +225,10 @@ def _simulated(
         return {"captured": result.captured}, result
     if isinstance(subject, Footage):
         raise ValueError("`--subject` must be a photograph or layers for a burst; got footage.")
-    if scene.occlusion is not None:
+    if scene.occlusion is not None and camera.exposures.moves:
         raise ValueError(
-            f"`--design` must be of one exposure, as {ONE_EXPOSURE} beside an answer, to be "
-            "simulated before a background; got frames and [occlusion]."
+            "`--design` must be of frames at rest, or of one exposure, to be simulated before a "
+            "background; got frames during which the sensor moves, and [occlusion]."
         )
     result = burst_and_restore(subject, scene, camera.exposures, **settings)
     frames = camera.exposures.of_one_gain(result.captured)
@@ -332,6 +337,42 @@ def _error_words(error: float) -> str:
     if error < _LEAST_ERROR:
         return f"+- less than {_LEAST_ERROR:g}"
     return f"+- {error:,.0f}" if error >= 10 else f"+- {error:.2g}"
+
+
+def print_objects(found: "RestoredFrames | None") -> None:
+    """Prints a table of the objects that were found, if some were looked for."""
+    if found is None:
+        return
+    rows = []
+    for number, each in enumerate(found.objects, 1):
+        across, down = each.velocity.tolist()
+        size = f"{each.area:,.0f}"
+        trust = "trusted" if each.trusted else f"not trusted: {each.doubt}"
+        speed = f"{across:,.4g}, {down:,.4g} +- {each.error:,.2g}"
+        rows.append([f"{number}", speed, size, trust])
+    if rows:
+        print_table("Objects found", ["", "along rows, columns / px/s", "px", ""], rows)
+    else:
+        note("no object moves: the picture is that of the background")
+
+
+def objects_document(found: "RestoredFrames | None") -> dict[str, object]:
+    """Objects that were found, as JSON has them; empty where none were looked for."""
+    if found is None:
+        return {}
+    each_of = [
+        {
+            "velocity_px_per_s": each.velocity.tolist(),
+            "speed_px_per_s": each.speed,
+            "error_px_per_s": each.error,
+            "area_px": each.area,
+            "place_px": list(each.place),
+            "trusted": each.trusted,
+            "doubt": each.doubt,
+        }
+        for each in found.objects
+    ]
+    return {"objects": each_of}
 
 
 def estimate_document(estimate: "Estimate") -> dict[str, object]:

@@ -10,7 +10,12 @@ import typer
 from mishutter._core.checks import Unquoted, require
 from mishutter._core.files import writable_folder
 from mishutter._core.progress import note, progress_bar
-from mishutter.cli.camera import estimate_document, speed_found
+from mishutter.cli.camera import (
+    estimate_document,
+    objects_document,
+    print_objects,
+    speed_found,
+)
 from mishutter.cli.console import AGAIN, interruptible, print_table, start_jax, write_json
 from mishutter.cli.help import CAMERA, DESIGN, OUTPUT, PICTURES
 from mishutter.cli.laboratory import CameraFiles, cameras, speed_for, takes_camera_files
@@ -127,12 +132,31 @@ def restore(
         ),
     ] = DecoderName.ENSEMBLE,
     speed_text: Annotated[
-        str | None,
+        list[str] | None,
         option(
             PICTURES,
             "--speed SPEED",
             "Speed of the whole picture, if it is known: px/s, or with a unit of --scene, "
-            "such as 0.9m/s. For a design in the plane its velocity, such as 1500,-800.",
+            "such as 0.9m/s. For a design in the plane its velocity, such as 1500,-800. Of objects "
+            "one each: --speed 900 --speed=-400.",
+        ),
+    ] = None,
+    objects: Annotated[
+        bool,
+        option(
+            PICTURES,
+            "--objects",
+            "Restore the frames of a burst object by object before a background at rest "
+            "[default: as the scene's [occlusion] or [objects] says].",
+        ),
+    ] = False,
+    outlines: Annotated[
+        Path | None,
+        path_option(
+            PICTURES,
+            "--outlines FILE",
+            "Picture of the objects' outlines at the middle of the burst, if they are known: black "
+            "is the background, and each other value an object.",
         ),
     ] = None,
     out: Annotated[
@@ -144,11 +168,14 @@ def restore(
     """Restore captures of a real camera.
 
     Each capture is restored on its own. If the design takes a burst, the captures are its frames in
-    their order, and one picture is restored from all of them.
+    their order, and one picture is restored from all of them. Where its scene has a background,
+    objects are found in them, with their velocities, and restored one by one.
     """
     start_jax()
+    from mishutter.decoding.sequences import shows_objects
     from mishutter.decoding.simulation import restored_capture
-    from mishutter.pictures.images import read_captures, write_picture
+    from mishutter.pictures.images import read_captures, read_labels, write_picture
+    from mishutter.report.objects import write_objects
     from mishutter.report.plots import camera_text, plot_capture, save_figure, shown_name
 
     camera, apart = _camera(scene_file, design, files, shutter), None
@@ -158,13 +185,17 @@ def restore(
         requirement = "be left out without --stage-path"
         require(stage_scale is None, "--stage-scale-px", requirement, stage_scale)
     burst = camera.sequence
-    speed = None if speed_text is None else speed_for(camera, speed_text, scene_file)
+    each = [speed_for(camera, text, scene_file) for text in speed_text or []]
+    labels_told = None if outlines is None else read_labels(outlines)
+    is_by_object = (objects or len(each) > 1 or labels_told is not None) or None
+    shown = burst is not None and shows_objects(camera.scene, burst.frames, is_by_object)
+    speed = None if not each else each if shown else each[0]
     paths = itertools.chain(*map(_files_of, captures))
     read = (read_captures(path, black=black, white=white, linear=linear) for path in paths)
     seen = list(itertools.chain(*read))
     labels = _Label.of_all(seen)
     folder, method = writable_folder(out), named_decoder(decoder)
-    written, found = [], {}
+    written, found, by_object = [], {}, None
     is_one = len(seen) == 1 or burst is not None
     for capture, label, light in _together(seen, labels, burst):
         names = label.name if burst is None else _names_of(labels)
@@ -176,7 +207,9 @@ def restore(
                 light,
                 camera,
                 decoder=method,
-                speed=speed,
+                speed=speed,  # type: ignore[arg-type]
+                outlines=labels_told,
+                by_object=is_by_object,
                 progress=lambda text, share, update=update: update(int(share * _TICKS), text),
             )
         _note_brightness(names, result.light)
@@ -198,6 +231,8 @@ def restore(
         )
         save_figure(figure, folder / f"{stem}side_by_side.png")
         written.append(f"{stem}side_by_side.png")
+        written += write_objects(folder, result.by_object)
+        by_object = result.by_object
         found[label.name] = result.found
         if result.found is not None and result.found.doubt:
             note(f"warning: {names}: {result.found.doubt}")
@@ -206,7 +241,8 @@ def restore(
             name: None if each is None else estimate_document(each) for name, each in found.items()
         }
         path = {} if apart is None else {"path": apart._asdict()}
-        write_json({"decoder": decoder.value, "files": written, "found": speeds} | path)
+        document = {"decoder": decoder.value, "files": written, "found": speeds}
+        write_json(document | path | objects_document(by_object))
     else:
         rows = [
             [
@@ -219,6 +255,7 @@ def restore(
         if rows:
             title = "Speed found" if speed is None else "Speed"
             print_table(title, ["capture" if burst is None else "frames", "px/s", ""], rows)
+        print_objects(by_object)
     note(f"{folder}: {', '.join(written)}")
 
 

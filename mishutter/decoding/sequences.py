@@ -1,14 +1,15 @@
 """One picture from the frames of a sequence: its speed, and its restoration from all of them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, cast
 
 import numpy as np
-from jaxtyping import ArrayLike, Float
+from jaxtyping import ArrayLike, Bool, Float, Int
 
 from mishutter._core.checks import RowLike, as_float, require, require_known, shape_of
 from mishutter._core.parallel import alone_in_blas
 from mishutter.camera.capture import as_pixels, distinct_colours, every_colour
+from mishutter.camera.layers import Layers
 from mishutter.camera.rows import Planes, rows_last
 from mishutter.camera.sequences import require_speed
 from mishutter.decoding.axis_frames import restored_on_axis
@@ -16,6 +17,7 @@ from mishutter.decoding.axis_speed import speed_on_axis
 from mishutter.decoding.decoders.base import AbstractDecoder
 from mishutter.decoding.decoders.linear import decoder_or_ensemble
 from mishutter.decoding.decoders.speed import SpeedEstimate
+from mishutter.decoding.objects.restored import FoundObject, Known, is_at_rest, restored_objects
 from mishutter.decoding.plane_frames import method_in_plane, restored_in_plane
 from mishutter.decoding.plane_velocity import (
     VelocityEstimate,
@@ -28,18 +30,32 @@ from mishutter.pictures.images import Axis, transposed
 from mishutter.plane.frames import PlaneFrames
 
 
-class RestoredFrames(NamedTuple):
-    """A picture that was restored from the frames of a sequence.
+class _Pair(NamedTuple):
+    light: Planes
+    estimate: SpeedEstimate | VelocityEstimate | None
+
+
+class RestoredFrames(_Pair):
+    """A picture that was restored from the frames of a sequence, and an estimate: a pair.
 
     Attributes:
         light: Light of the picture where the sensor is at the middle of the sequence, white = 1;
             the shape of a frame.
         estimate: The speed that was found or given, and its doubt; the error of a given one is 0.
-            None where it was given for one frame.
+            None where it was given for one frame, and of objects.
+        objects: The objects that were found before the background, the largest first, each with
+            `velocity` and `speed`, `error`, px/s, `area`, px, `place`, `trusted` and `doubt`.
+        labels: Number of the object that each pixel shows, from 1, and 0 for the background; shape
+            of a frame. None of a picture that moves as a whole, as the next two.
+        trust: Whether the frames agree on each pixel, away from outlines.
+        layers: The background and the objects as a layered scene, from back to front.
     """
 
-    light: Planes
-    estimate: SpeedEstimate | VelocityEstimate | None
+    # No parts of the pair
+    objects: tuple[FoundObject, ...] = ()
+    labels: Int[np.ndarray, "rows columns"] | None = None
+    trust: Bool[np.ndarray, "rows columns"] | None = None
+    layers: Layers | None = None
 
 
 @alone_in_blas()
@@ -49,9 +65,16 @@ def restore_frames(
     frames: Sequence[TimedFrame] | PlaneFrames,
     *,
     decoder: AbstractDecoder | None = None,
-    speed: float | RowLike | None = None,
+    speed: float | RowLike | Sequence[RowLike] | None = None,
+    outlines: Int[np.ndarray, "rows columns"] | None = None,
+    by_object: bool | None = None,
+    progress: Callable[[str, float], None] | None = None,
 ) -> RestoredFrames:
     """Restore the picture that the frames of a sequence show, each point from those that see it.
+
+    Of several things before a background at rest each is found, and restored along its own
+    velocity, where the sensor is at rest. Where they do not explain the frames, as of what turns or
+    walks, the picture is that of the frame nearest to the middle, and not trusted.
 
     Args:
         captures: Light of each frame in units of its exposure of white, as `simulate_frames` gives
@@ -64,12 +87,17 @@ def restore_frames(
             where they fit one picture at that speed, and at no other as well. For frames in the
             plane its velocity along rows and columns, of which the estimate is a
             `VelocityEstimate`. One that is given is judged like one that is found: by whether the
-            frames fit one picture at it.
+            frames fit one picture at it. Of objects a row of theirs, if they are known.
+        outlines: Number of the object that each pixel shows at the middle, from 1, and 0 for the
+            background, if that is known; shape of a frame.
+        by_object: Whether to restore object by object; by default where the scene has an occlusion,
+            or objects, or the outlines are given.
+        progress: Called with a sentence and the share done, object by object.
 
     Raises:
-        ValueError: if the scene has a background, no light, or more speeds than frames can tell
-            apart; the captures are traced, not finite, or not of so many frames; or `speed` is not
-            a finite scalar, or displaces light by more than 8,192 px.
+        ValueError: if the sensor moves before a background, the scene has no light, or more speeds
+            than frames can tell apart; the captures are traced, not finite, or not of so many
+            frames; or `speed` is not a finite scalar, or displaces light by more than 8,192 px.
 
     Examples:
         >>> import jax
@@ -87,11 +115,24 @@ def restore_frames(
     """
     in_plane = isinstance(frames, PlaneFrames)
     require_scene(scene, in_plane=in_plane)
-    require_whole(scene, "restore_frames")
     require_known("restore_frames", captures=captures, speed=speed)
-    if speed is not None:
-        speed = require_speed("restore_frames(speed=...)", speed, frames)
     chosen = decoder_or_ensemble(decoder, "restore_frames")
+    if outlines is not None or shows_objects(scene, frames, by_object):
+        count = frames.num_frames if isinstance(frames, PlaneFrames) else len(frames)
+        axis: Axis = "rows" if in_plane else scene.sensor.axis
+        light, planes = _planes_of(captures, count, axis)
+        known = Known(speed, outlines)  # type: ignore[arg-type]
+        found = restored_objects(planes, scene, frames, chosen, known, progress=progress)
+        turned = transposed(found.light, axis)
+        picture = every_colour(turned, light[0]) if light.ndim == 4 else turned[..., 0]
+        light = as_float(transposed(picture, axis))
+        result = RestoredFrames(light, None)
+        result.objects, result.layers = found.objects, found.layers
+        result.labels, result.trust = found.labels, found.trust
+        return result
+    require_whole(scene, "restore_frames")
+    if speed is not None:
+        speed = require_speed("restore_frames(speed=...)", cast(Any, speed), frames)
     if isinstance(frames, PlaneFrames):
         decode = method_in_plane(chosen)
         light, planes = _planes_of(captures, frames.num_frames, "rows")
@@ -109,6 +150,18 @@ def restore_frames(
         return RestoredFrames(picture_at(captures, scene, frames, chosen, told), None)
     found = speed_of_frames(captures, scene, frames, told)
     return RestoredFrames(picture_at(captures, scene, frames, chosen, found.speed), found)
+
+
+def shows_objects(
+    scene: Scene, frames: Sequence[TimedFrame] | PlaneFrames, by_object: bool | None = None
+) -> bool:
+    """Whether frames are restored object by object: as asked, or as a scene says."""
+    if by_object is not None:
+        return by_object
+    if scene.occlusion is not None:
+        return scene.occlusion.background == "still"
+    # Objects that are registered one by one may be before a sensor that moves.
+    return scene.objects is not None and is_at_rest(frames)
 
 
 @alone_in_blas()

@@ -27,6 +27,7 @@ from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel, blur_mo
 from mishutter.decoding.decoders.linear import decoder_or_ensemble
 from mishutter.decoding.decoders.speed import SpeedEstimate
 from mishutter.decoding.decoders.speed_finding import SpeedFindingDecoder, decoder_of, informed
+from mishutter.decoding.objects.restored import Known
 from mishutter.decoding.plane_velocity import VelocityEstimate
 from mishutter.decoding.restoration import (
     RestoredPhotograph,
@@ -35,7 +36,13 @@ from mishutter.decoding.restoration import (
     levels_of,
     restored_light,
 )
-from mishutter.decoding.sequences import picture_at, restore_frames, speed_of_frames
+from mishutter.decoding.sequences import (
+    RestoredFrames,
+    picture_at,
+    restore_frames,
+    shows_objects,
+    speed_of_frames,
+)
 from mishutter.design.design import AbstractDesign, Design
 from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE, knowledge_of
 from mishutter.evaluation.views import sensor_view
@@ -45,6 +52,7 @@ from mishutter.model.scene import Scene, require_scene
 from mishutter.model.sequences import FrameSequence, TimedFrame
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.pictures.images import Axis, Picture, transposed
+from mishutter.plane.frames import PlaneFrames
 
 Estimate = SpeedEstimate | VelocityEstimate
 Progress = Callable[[str, float], None]
@@ -65,6 +73,8 @@ class Simulation(_Pictures):
     # The estimate of the `SpeedFindingDecoder`, which is no part of the pair; None by other
     # decoders
     found: Estimate | None = None
+    # The frames restored object by object, which are no part of the pair either; None of others
+    by_object: RestoredFrames | None = None
 
     @classmethod
     def of(
@@ -172,13 +182,20 @@ def burst_and_restore(
     take = partial(
         simulate_frames, frames=frames, speed=speed, full_well=full_well, adc_bits=adc_bits
     )
+    if shows_objects(scene, frames):
+        report("capturing", 0.0)
+        taken = np.asarray(take(subject, scene, key=key))
+        result = _by_object(taken, scene, frames, chosen, report=_after(report, 0.2))
+        simulation = Simulation.of(taken, np.asarray(result.light), None)
+        simulation.by_object = result
+        return simulation
     if in_plane:
         report("capturing", 0.0)
         taken = take(subject, scene, key=key)
         report("restoring", 0.2)
-        restored, found = restore_frames(taken, scene, frames, decoder=chosen)
+        result = restore_frames(taken, scene, frames, decoder=chosen)
         report("done", 1.0)
-        return Simulation.of(np.asarray(taken), np.asarray(restored), found)
+        return Simulation.of(np.asarray(taken), np.asarray(result.light), result.estimate)
     axis, along = scene.sensor.axis, scene.along_rows()
     take = partial(take, scene=along)
     if isinstance(subject, Layers):
@@ -187,7 +204,7 @@ def burst_and_restore(
     else:
         image = transposed(as_radiance(subject, "burst_and_restore(subject=...)"), axis)
         captured = np.concatenate(_taken(image, take, key, rows_at_once, report), axis=1)
-    restored, estimate = _frames_in_portions(
+    restored, estimate, _ = _frames_in_portions(
         captured,
         along,
         frames,
@@ -198,6 +215,34 @@ def burst_and_restore(
     )
     report("done", 1.0)
     return Simulation.of(transposed(captured, axis), transposed(restored, axis), estimate)
+
+
+def _after(report: Progress, share: float) -> Progress:
+    """A report of the work that is left when a share of it is done."""
+    return lambda text, done: report(text, share + (1 - share) * done)
+
+
+def _by_object(
+    captures: np.ndarray,
+    scene: Scene,
+    frames: Sequence[TimedFrame] | PlaneFrames,
+    decoder: AbstractDecoder,
+    *,
+    known: Known | None = None,
+    report: Progress,
+) -> RestoredFrames:
+    """Frames restored object by object, whole."""
+    known = Known() if known is None else known
+    return restore_frames(
+        captures,
+        scene,
+        frames,
+        decoder=decoder,
+        speed=known.speeds,  # type: ignore[arg-type]
+        outlines=known.outlines,
+        by_object=True,
+        progress=report,
+    )
 
 
 def _taken(
@@ -257,6 +302,7 @@ class Restoration(NamedTuple):
     light: np.ndarray  # Light of the picture, white = 1; the shape of the capture
     # The speed that was found in it, or told for frames; None where neither was judged
     found: Estimate | None
+    by_object: RestoredFrames | None = None  # The frames restored object by object; None of others
 
 
 def restore(
@@ -264,7 +310,7 @@ def restore(
     design: AbstractDesign,
     *,
     decoder: AbstractDecoder | None = None,
-    speed: float | RowLike | None = None,
+    speed: float | RowLike | Sequence[RowLike] | None = None,
 ) -> np.ndarray:
     """Restore what a camera has taken, within memory of a few times its own size.
 
@@ -280,7 +326,7 @@ def restore(
         design: The camera and its scene.
         decoder: The method; the ensemble filter by default.
         speed: The speed of all that is seen, where it is known; px/s. In the plane its velocity
-            along rows and columns.
+            along rows and columns. Of objects before a background a row of theirs.
 
     Returns:
         Light of the picture, white = 1; the shape of `capture`, or of one of its frames, whose
@@ -309,11 +355,29 @@ def restored_capture(
     design: AbstractDesign,
     *,
     decoder: AbstractDecoder | None = None,
-    speed: float | RowLike | None = None,
+    speed: float | RowLike | Sequence[RowLike] | None = None,
+    outlines: np.ndarray | None = None,
+    by_object: bool | None = None,
     progress: Progress | None = None,
 ) -> Restoration:
-    """`restore`, with the speed that was found."""
+    """`restore`, with the speed or the objects that were found."""
     exposures = design.exposures
+    if design.sequence is not None and (
+        outlines is not None or shows_objects(design.scene, exposures.frames, by_object)
+    ):
+        stack = _stack_of(capture, exposures.num_frames, "rows")
+        chosen = decoder_or_ensemble(decoder, "restore")
+        result = _by_object(
+            stack,
+            design.scene,
+            exposures.frames,
+            chosen,
+            known=Known(speed, outlines),  # type: ignore[arg-type]
+            report=progress or (lambda text, share: None),
+        )
+        return Restoration(np.asarray(result.light), None, result)
+    words = "be left out for one exposure, of which no objects can be told"
+    require(not by_object, "restore(by_object=...)", words, by_object)
     if not isinstance(design, Design):
         stack = _stack_of(capture, exposures.num_frames, "rows")
         result = restore_frames(stack, design.scene, exposures.frames, decoder=decoder, speed=speed)
@@ -322,7 +386,7 @@ def restored_capture(
     axis, chosen = design.scene.sensor.axis, decoder_or_ensemble(decoder, "restore")
     report = progress or (lambda text, share: None)
     if speed is not None:
-        require_finite("restore(speed=...)", speed)
+        require_finite("restore(speed=...)", np.asarray(speed))
         require_scalar("restore(speed=...)", np.asarray(speed))
         speed = float(speed)  # type: ignore[arg-type]
     if design.sequence is not None:

@@ -30,6 +30,8 @@ class Grid(NamedTuple):
     num_corner: int = 4  # Further radii, in the corners of the square of frequencies
 
 
+GOLDEN = (5**0.5 - 1) / 2
+"""Share of a step by which points of a lattice follow each other, row by row."""
 SEARCHED, MEASURED = Grid(24, 8, 16), Grid(32, 16, 32)
 """Grids of searches, whose optimum exploits what a coarser one leaves out, and of levels."""
 
@@ -43,13 +45,23 @@ class Fan(NamedTuple):
     weight: Float[Array | np.ndarray, "i j"]  # Share of the frequencies times `power`; sums to 1
 
     @staticmethod
-    def of(scene: Scene, grid: Grid = MEASURED) -> "Fan":
+    def of(scene: Scene, grid: Grid = MEASURED, *, turned: bool = False) -> "Fan":
         """Those of half of the plane, which stand for both halves, and a picture's power there.
 
         The power is that of the scene's photograph, or the isotropic one where it brings none.
+
+        Args:
+            scene: The scene.
+            grid: Sizes of the fan.
+            turned: Whether each radius has directions of its own, for a search that would exploit
+                what lies between few that are alike.
         """
         cutoff = min(float(scene.optics.cutoff_frequency), NYQUIST_FREQUENCY)
         radius, angle, area = _polar(grid, cutoff)
+        if turned:
+            turns = np.arange(grid.num_radii) * GOLDEN % 1 - 0.5
+            own = np.pad(turns, (0, radius.size - turns.size)) * np.pi / grid.num_angles
+            angle = angle + own[:, None]
         shape = _power_of_scene(scene)(radius[:, None], angle)
         total = np.sum(area * shape)
         return Fan(radius, angle, shape / total, area * shape / total)

@@ -1,8 +1,9 @@
 """The keys of a scene file, their units and ranges."""
 
-from typing import Annotated, Any, Literal, final
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Literal, final
 
-from pydantic import Field, create_model
+from pydantic import BeforeValidator, Field, create_model
 
 from mishutter._core.validation import Section
 from mishutter.model.decoder_speeds import DecoderSpeed
@@ -203,7 +204,11 @@ class StageSection(Section):
 class BurstSection(Section):
     """Frames that the camera may take in place of one exposure."""
 
-    renamed: ClassVar[Mapping[str, str]] = {"frames": "max_frames", "count": "max_frames", "window": "window_ms"}
+    renamed: ClassVar[Mapping[str, str]] = {
+        "frames": "max_frames",
+        "count": "max_frames",
+        "window": "window_ms",
+    }
 
     frames_per_s: Annotated[float, Field(gt=0, le=1e6)]
     max_frames: Annotated[int, Field(ge=1, le=1000)] | None = None

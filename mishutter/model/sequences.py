@@ -166,7 +166,9 @@ class FrameSequence(AbstractFrames):
     @property
     def stroke(self) -> float:
         """Travel of the stage from the first light to the last, without run-up and run-out; px."""
-        return float(self._knots(None, None).use.stroke)
+        gentle = float(self._knots(None, None).use.stroke)
+        # Within the limits that `travel` is of, a stage may have to turn round sooner.
+        return min(gentle, self.travel) if self.travel else gentle
 
     def stage_path_within(self, limits: "Limits") -> StagePath | None:
         return limits.stage_path_of_frames(self)
@@ -263,7 +265,7 @@ class FrameSequence(AbstractFrames):
                     )
                 ):
                     pieces += late
-                elif self.kind == SINE:
+                elif self.kind == SINE and np.any(own.velocities):
                     pan = float(self._of_stage(frame).velocity)
                     half = frame.exposure / 2
                     pieces += _along_sine(way, gap, start - pan, half, pan=pan, end=end)

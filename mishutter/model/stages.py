@@ -387,12 +387,13 @@ def transfer(
     span: tuple[float, float] | None = None,  # px
     scale: float = 0.0,  # px
 ) -> list[Piece]:
-    r"""A ramp to some velocity, a coast and a ramp: the gentlest such way from one velocity to another.
+    r"""The gentlest way from one velocity to another: a ramp to a third, a coast and a ramp.
 
     A ramp at the acceleration $A$ from $w$ to $q$ and one to $u$ leave the way
-    $qg - [(q - w)|q - w| + (q - u)|q - u|]/2A$ in the time $g$, which grows with $q$. The least $A$ is
-    that of two ramps without a coast, $A^2g^2 - 4dA - (u - w)^2 = 0$ with
-    $d = |\mathrm{way} - g(u + w)/2|$, and where they would exceed the top speed $V$ that of a coast at it.
+    $qg - [(q - w)|q - w| + (q - u)|q - u|]/2A$ in the time $g$, which grows with $q$. The least $A$
+    is that of two ramps without a coast, $A^2g^2 - 4dA - (u - w)^2 = 0$ with
+    $d = |\mathrm{way} - g(u + w)/2|$, and where they would exceed the top speed $V$ that of a coast
+    at it.
 
     Args:
         way: Way from the one to the other.

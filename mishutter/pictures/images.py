@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from jaxtyping import ArrayLike, Float, Shaped
+from jaxtyping import ArrayLike, Float, Int, Shaped
 
 from mishutter._core.checks import (
     Unquoted,
@@ -327,6 +327,15 @@ def read_opacity(path: str | Path) -> Float[np.ndarray, "rows columns"]:
     """Read a grey picture as opacity: its values as the file holds them, without gamma."""
     path = Path(path)
     return np.clip(Picture(_shares(_file(path), path, None)).luminance, 0, 1)
+
+
+def read_labels(path: str | Path) -> Int[np.ndarray, "rows columns"]:
+    """Read a picture of labels: 0 where it is black, and a number from 1 for each other value."""
+    path = Path(path)
+    codes = _shares(_file(path), path, None)
+    _, labels = np.unique(codes.reshape(-1, codes.shape[2]), axis=0, return_inverse=True)
+    has_black = bool(np.all(codes.min(axis=(0, 1)) == 0) and np.any(np.all(codes == 0, axis=2)))
+    return labels.reshape(codes.shape[:2]) + (0 if has_black else 1)
 
 
 def example_picture() -> Picture:

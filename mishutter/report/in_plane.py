@@ -30,7 +30,7 @@ from mishutter.report.verdict import (
     stage_numbers,
     table_of_levels,
 )
-from mishutter.search.frame_search import FREE
+from mishutter.search.frame_ties import FREE
 from mishutter.search.plane_frames import PlaneSearch
 from mishutter.search.rows import simplest_of
 

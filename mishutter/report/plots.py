@@ -63,6 +63,8 @@ None is grey, as the place of what is not computed is.
 """
 _LETTERS_OF_A_LINE = 92
 """Most letters of a line above a picture, in small letters."""
+_LETTERS_OF_A_PANEL = 48
+"""Letters that fit above a picture."""
 
 
 def new_figure(width: float, height: float) -> "Figure":
@@ -625,20 +627,26 @@ def plot_capture(
     """Draws a capture beside its restoration, and beside the subject if that is a photograph."""
     frames = captured if isinstance(captured, Mapping) else {"captured": captured}
     names, last = list(frames), len(frames) - 1
+    lines = textwrap.wrap(camera, _LETTERS_OF_A_PANEL) or [""]
+    # Names of panels stand in one line.
+    below = "\n" * len(lines)
     shown = {
-        f"{names[k].replace('_', ' ')}\n{'' if k else camera}": frames[names[k]]
+        f"{names[k].replace('_', ' ')}" + (below if k else "\n".join(["", *lines])): frames[
+            names[k]
+        ]
         for k in sorted({0, (last + 1) // 2, last})
     }
     if isinstance(subject, Picture):
-        shown = {"the scene, at rest\n": subject.light} | shown
-    shown[f"restored\n{decoder}"] = restored
+        shown = {f"the scene, at rest{below}": subject.light} | shown
+    shown[f"restored\n{decoder}{below[1:]}"] = restored
     rows, columns = restored.shape[:2]
     width = 4.0
     height = float(np.clip(rows / columns, 1 / 16, 3.0))  # widths
     # A very long picture is stretched to its panel, so that it is visible.
     aspect = "auto" if max(rows / columns, columns / rows) > 16 else "equal"
-    figure = new_figure(len(shown) * width + 0.2, width * height + 0.5)
-    margins = {"left": 0.1, "right": 0.1, "bottom": 0.05, "top": 0.45, "columns": 0.1}
+    top = 0.45 + 0.14 * (len(lines) - 1)
+    figure = new_figure(len(shown) * width + 0.2, width * height + 0.05 + top)
+    margins = {"left": 0.1, "right": 0.1, "bottom": 0.05, "top": top, "columns": 0.1}
     leave_room(figure, num_rows=1, num_columns=len(shown), **margins)
     panels = figure.subplots(1, len(shown), squeeze=False)
     for axes, (title, picture) in zip(panels[0], shown.items(), strict=True):

@@ -22,7 +22,7 @@ from mishutter.model.scene_units import GRAVITY
 from mishutter.model.sensor import BurstMode
 from mishutter.model.sequences import SINE, FrameSequence
 from mishutter.model.texture import EXAMPLE_PICTURE
-from mishutter.search.frame_search import (
+from mishutter.search.frame_ties import (
     ALTERNATING,
     CIRCLE,
     CROSSED,
@@ -223,10 +223,9 @@ def sentences_of(
     said = [_on_shaped_shutters([row for row in rows if row.is_of_one_exposure], choice)]
     if scene.burst is not None and scene.occlusion is not None:
         said.append(
-            "Levels of frames assume known speeds and outlines of the objects, and ignore "
-            "occlusion edges, which cost stills 0.9 dB in simulations. Moving frames are left "
-            "out: edges cost them half as much again, and no decoder of this package finds "
-            "outlines."
+            "Levels of frames assume known speeds and outlines of the objects, which `restore` "
+            "finds in frames at rest, and ignore occlusion edges, which cost stills 0.9 dB in "
+            "simulations. Moving frames are left out: edges cost them half as much again."
         )
     if choice.hides_speed:
         said.append("The speed cannot be found: the blur differs too little between the speeds.")

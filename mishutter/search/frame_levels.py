@@ -21,11 +21,11 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Complex, Float
 
-from mishutter.evaluation.levels import in_parts
+from mishutter.evaluation.fans import GOLDEN, Fan, Grid
+from mishutter.evaluation.levels import Light, in_parts, psnr_of_error, require_velocities
 from mishutter.evaluation.needs import distinct_speeds
 from mishutter.model.optics import NYQUIST_FREQUENCY, frequencies, pixel_response
 from mishutter.model.scene import Scene, power_on_grid
-from mishutter.model.sensor import DARK
 
 _NUM_FREQUENCIES, _NUM_LITERAL = 48, 256
 """Frequencies of a search, and of a level that is told."""
@@ -35,7 +35,8 @@ _NUM_SPEEDS = 17
 """Speeds that stand for a range at each frequency."""
 _LEAST_RANGE = 5
 """Speeds in equal steps that are a range and no list."""
-_GOLDEN = (5**0.5 - 1) / 2
+_SHIFT = 1e-5
+"""Share of an exposure over which the slope of its gain is taken."""
 _STRAIGHT = 3e-3
 """Phase by acceleration below which a piece is expanded about constant velocity; rad."""
 _NEARLY_STRAIGHT = 3e-2
@@ -49,7 +50,7 @@ class Frames(NamedTuple):
 
     exposure: Float[np.ndarray, "n"]  # s
     # Velocities of the sensor at the ends of equal pieces of each frame; px/s
-    velocity: Float[np.ndarray, "n j+1 axes"]
+    velocity: Float[np.ndarray, "n ends axes"]
     gap: Float[np.ndarray, "n-1"]  # Time from the end of each frame to the next; s
     place: Float[np.ndarray, "n axes"]  # Place of the stage at the begin of each frame; px
     pan: Float[np.ndarray, "axes"]  # Velocity at which the camera turns beside the stage; px/s
@@ -64,13 +65,10 @@ class Levels(NamedTuple):
     """Errors of frames of a scene, for a decoder that registers them."""
 
     frequency: Float[np.ndarray, "m axes"]  # cycles/px
-    temporal: Float[np.ndarray, "m l"]  # Of things at each frequency, $\mathbf f\mathbf v$; Hz
-    weight: Float[np.ndarray, "m l"]  # Above 0: power of the picture that each stands for
+    temporal: Float[np.ndarray, "m l"]  # Of things at each frequency, $fv$; Hz
+    weight: Float[np.ndarray, "m l"]  # Power of the picture that each stands for
     signal: Float[np.ndarray, "m"]  # Power of the picture behind the pixels
-    rate: float  # Photo-electrons of white a second
-    mean: float  # Mean of the picture; white = 1
-    read: float  # Read noise; e-
-    floor: float  # Least variance of the noise; white = 1
+    light: Light  # Light and noise
 
     @staticmethod
     def on_axis(scene: Scene, *, literal: bool = False) -> "Levels":
@@ -84,102 +82,114 @@ class Levels(NamedTuple):
         root, cutoff = (x + 1) / 2, min(float(scene.optics.cutoff_frequency), NYQUIST_FREQUENCY)
         # Low frequencies, at which a picture has most of its power, are dense.
         frequency, share = cutoff * root**2, 2 * cutoff * root * step
-        count = _NUM_POWERS
-        power = np.interp(frequency, frequencies(count), power_on_grid(parts, count))
-        power *= float(parts.picture.deviation) ** 2 / (share @ power)
+        power = np.interp(frequency, frequencies(_NUM_POWERS), power_on_grid(parts, _NUM_POWERS))
+        power *= float(parts.picture.deviation) ** 2 / max(share @ power, np.finfo(float).tiny)
         weights = weights / weights.sum()
         if not literal:
             speeds, weights = _sampled(speeds, weights, frequency.size)
         aperture = np.asarray(pixel_response(frequency, float(scene.optics.lens_blur))) ** 2
-        return Levels.of_light(
-            scene,
-            frequency[:, None],
-            frequency[:, None] * speeds,
-            (share * power)[:, None] * weights,
-            power * aperture,
-        )
+        each, along = (share * power)[:, None] * weights, frequency[:, None]
+        return Levels(along, along * speeds, each, power * aperture, Light.of(scene))
 
     @staticmethod
-    def of_light(scene: Scene, *numbers: np.ndarray) -> "Levels":
-        """Errors with the light and the noise of a scene."""
-        mean, read = float(scene.picture.mean_level), float(scene.read_noise)
-        return Levels(*numbers, float(scene.photon_rate), mean, read, DARK)  # type: ignore[misc]
+    def in_plane(
+        scene: Scene,
+        grid: Grid,
+        unit: Float[np.ndarray, "axes 2"],
+        offset: Float[np.ndarray, "2"],
+    ) -> "Levels":
+        """Those of a scene in the plane, by the velocities of a stage along some axes.
 
-    def gains(
-        self, exposure: Float[np.ndarray, "n"]
-    ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
-        """Power of white over that of the noise, and its derivative by the exposure."""
-        electrons = self.rate * exposure
-        noise = self.mean * electrons + self.read**2
-        least = self.floor * electrons**2
-        gain = electrons**2 / np.maximum(noise, least)
-        slope = self.rate * electrons * (self.mean * electrons + 2 * self.read**2) / noise**2
-        return gain, np.where(noise > least, slope, 0.0)
+        Args:
+            scene: Velocities in any direction, light and noise.
+            grid: Sizes of the fan of frequencies.
+            unit: Directions of the axes.
+            offset: Velocity of all of the camera beside the stage; px/s.
+        """
+        fan, light = Fan.of(scene, grid, turned=True), Light.of(scene)
+        turn = np.stack([np.cos(fan.direction), np.sin(fan.direction)], axis=-1)
+        frequency = np.asarray(fan.radius[:, None, None] * turn, np.float64).reshape(-1, 2)
+        parts = require_velocities(scene).components(np.ravel(fan.direction), grid.num_speeds)
+        speeds, shares = (np.asarray(x, np.float64) for x in parts)
+        temporal = np.hypot(*frequency.T)[:, None] * speeds - (frequency @ offset)[:, None]
+        power = float(scene.picture.deviation) ** 2 * np.ravel(np.asarray(fan.weight))
+        weight = np.broadcast_to(power[:, None] * shares, temporal.shape)
+        signal = np.ravel(np.asarray(light.signal(fan), np.float64))
+        return Levels(frequency @ unit.T, temporal, weight, signal, light)
 
     def errors(self, frames: Frames) -> Float[np.ndarray, "m l"]:
         """Error that is left at each frequency by each velocity; white = 1."""
         power = np.abs(self._responses(frames)[0]) ** 2
-        gained = np.tensordot(self.gains(frames.exposure)[0], power, 1)
+        gained = np.tensordot(np.asarray(self.light.gains(frames.exposure)), power, 1)
         return self.weight / (1 + self.signal[:, None] * gained)
 
     def level(self, frames: Frames) -> float:
         """PSNR of the best linear decoder that registers the frames; dB."""
-        return -10 * float(np.log10(np.sum(self.errors(frames))))
+        return psnr_of_error(float(np.sum(self.errors(frames))))
 
     def slope(
         self, frames: Frames
-    ) -> tuple[float, Float[np.ndarray, "n"], Float[np.ndarray, "n j+1 axes"]]:
+    ) -> tuple[float, Float[np.ndarray, "n"], Float[np.ndarray, "n ends axes"]]:
         r"""$10\log_{10} E$ and its derivatives by the exposures and the velocities."""
-        whole, by_piece = self._responses(frames)
-        power, (gain, by_exposure) = np.abs(whole) ** 2, self.gains(frames.exposure)
-        left = self.weight / (1 + self.signal[:, None] * np.tensordot(gain, power, 1))
+        whole, phases, exposure = *self._responses(frames), frames.exposure
+        power, signal = np.abs(whole) ** 2, self.signal[:, None]
+        gain = np.asarray(self.light.gains(exposure))
+        over = 1 + signal * np.tensordot(gain, power, 1)
+        left = self.weight / over
         error = float(np.sum(left))
-        # Derivative by the summed gain, and by each frame's power.
-        by_gain = -left * left * self.signal[:, None] / self.weight
+        # Derivatives by the summed gain, and by the power of each frame.
+        by_gain = -left * signal / over
         by_power = gain[:, None, None] * by_gain
-        slope = by_exposure * np.sum(by_gain * power, axis=(1, 2))
-        phases, geometry = by_piece
+        ends = (np.asarray(self.light.gains(exposure * x)) for x in (1 + _SHIFT, 1 - _SHIFT))
+        by_exposure = np.subtract(*ends) / (2 * _SHIFT) * np.sum(by_gain * power, axis=(1, 2))
         turned = 2 * whole.conj() * by_power
-        # For each of the three numbers of a phase: what it changes, and how it follows.
-        by_velocity = 0.0
-        for (response, value), matrix in zip(phases, geometry, strict=True):
-            pulled = np.imag(turned[:, None] * response)  # Re(-i z) = Im z
-            slope = slope + np.sum(pulled * value, axis=(1, 2, 3)) / frames.exposure
-            on_frequency = np.sum(pulled, axis=3) @ self.frequency  # (n, j, axes)
-            by_velocity = by_velocity + np.einsum("nja,jv->nva", on_frequency, matrix)
-        scale = 10 / np.log(10) / error
-        by_velocity = by_velocity * frames.steps[..., None]
-        return 10 * np.log10(error), scale * slope, scale * by_velocity
+        by_velocity = np.zeros(frames.velocity.shape)
+        for phase in phases:
+            # The derivative of the wave is $-i$ times its moment, of which the real part counts.
+            pulled = np.imag(turned[:, None] * phase.moment)
+            # All phases are proportional to the exposure.
+            by_exposure = by_exposure + np.sum(pulled * phase.value, axis=(1, 2, 3))
+            by_velocity += phase.matrix.T @ (np.sum(pulled, axis=3) @ self.frequency)
+        scale = 10 / np.log(10) / max(error, np.finfo(float).tiny)
+        by_velocity *= frames.steps[..., None]
+        return -psnr_of_error(error), scale * by_exposure / exposure, scale * by_velocity
 
-    def _responses(self, frames: Frames):
-        """Responses of the frames, and what their derivatives follow from."""
-        count = frames.velocity.shape[1] - 1
-        geometry = _geometry(count)
-        steps = frames.steps[..., None]
-        ways = [matrix @ frames.velocity @ self.frequency.T * steps for matrix in geometry]
-        b, c, phase = ways
-        # Things move as well: their velocity changes the linear part and the place.
-        temporal = self.temporal
-        middle = np.arange(count) + 0.5
-        b = b[..., None] - np.pi * frames.steps[..., None, None] * temporal
-        times = (steps * middle[:, None])[..., None]
-        phase = phase[..., None] - 2 * np.pi * times * temporal
-        c = np.broadcast_to(c[..., None], b.shape)
-        h, m1, m2 = chirps(b, c)
+    def _responses(self, frames: Frames) -> tuple[Complex[np.ndarray, "n m l"], list["_Phase"]]:
+        """Responses of the frames, and the phases that they follow from."""
+        count, steps = frames.velocity.shape[1] - 1, frames.steps[..., None]
+        first, last = np.eye(count, count + 1), np.eye(count, count + 1, 1)
+        mean = (first + last) / 2
+        # Ways from the begin of a frame to the middles of its pieces.
+        before = np.tril(np.ones((count, count)), -1) @ mean + (3 * first + last) / 8
+        matrices = np.pi * mean, np.pi / 4 * (last - first), 2 * np.pi * before
+        linear, square, middle = (
+            (matrix @ frames.velocity @ self.frequency.T * steps)[..., None] for matrix in matrices
+        )
+        # What moves changes the linear part and the place.
+        linear = linear - np.pi * steps[..., None] * self.temporal
+        halves = (np.arange(count) + 0.5)[:, None, None]
+        middle = middle - 2 * np.pi * steps[..., None] * halves * self.temporal
+        square = np.broadcast_to(square, linear.shape)
+        moments = chirps(linear, square)
         if count > 1:
-            wave = np.exp(-1j * phase) / count
-            h, m1, m2 = h * wave, m1 * wave, m2 * wave
-        phases = ((m1, b), (m2, c), (h, phase))
-        return np.sum(h, axis=1), (phases, geometry)
+            wave = np.exp(-1j * middle) / count
+            moments = moments[0] * wave, moments[1] * wave, moments[2] * wave
+        whole, first_moment, second = moments
+        phases = [
+            _Phase(first_moment, linear, matrices[0]),
+            _Phase(second, square, matrices[1]),
+            _Phase(whole, middle, matrices[2]),
+        ]
+        # The place of a frame that is one piece does not count.
+        return np.sum(whole, axis=1), phases if count > 1 else phases[:2]
 
 
-def _geometry(count: int):
-    """Matrices from velocities at the ends of pieces to the numbers of a phase, over a duration."""
-    first, last = np.eye(count, count + 1), np.eye(count, count + 1, 1)
-    mean = (first + last) / 2
-    # Way from the begin of the frame to the middle of each piece.
-    before = np.tril(np.ones((count, count)), -1) @ mean + (3 * first + last) / 8
-    return np.pi * mean, np.pi / 4 * (last - first), 2 * np.pi * before
+class _Phase(NamedTuple):
+    """A number of the phase over a piece, and what it follows from."""
+
+    moment: Complex[np.ndarray, "n j m l"]  # Derivative of the response by it, times $i$
+    value: Float[np.ndarray, "n j m l"]  # rad
+    matrix: Float[np.ndarray, "j j+1"]  # From the velocities at the ends of pieces, over a duration
 
 
 def chirps(
@@ -209,7 +219,9 @@ def chirps(
     return tuple(np.where(flips, x.conj(), x) for x in every)  # type: ignore[return-value]
 
 
-def _straight(b, c):
+def _straight(
+    b: Float[np.ndarray, "*shape"], c: Float[np.ndarray, "*shape"]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The same about constant velocity, to the first order in `c`."""
     near = np.abs(b) < _NEAR_0
     z = np.where(near, 1.0, b)
@@ -239,7 +251,7 @@ def _sampled(
         return np.tile(speeds, (count, 1)), weights
     ends = np.concatenate([speeds[:1], (speeds[1:] + speeds[:-1]) / 2, speeds[-1:]])
     each = -(-_NUM_SPEEDS // speeds.size)
-    turns = np.arange(count) * _GOLDEN % 1
+    turns = np.arange(count) * GOLDEN % 1
     share = (np.arange(each) + turns[:, None]) / each
     places = ends[:-1, None] + np.diff(ends)[:, None] * share[:, None]
     return places.reshape(count, -1), np.repeat(weights / each, each)

@@ -1,4 +1,4 @@
-r"""What a stage allows between frames and in them, as smooth inequalities.
+r"""A stage allows frames, and ways between them, within smooth inequalities.
 
 From the velocity $w$ at the end of a frame to $u$ at the begin of the next, after the gap $g$, a
 stage of the acceleration $A$ and the top speed $V$ reaches every way between a least and a
@@ -6,10 +6,10 @@ greatest. The greatest is a ramp up to the velocity $q$ and one down,
 
 $$D_+ = \frac{2q^2 - w^2 - u^2}{2A},\qquad q = \frac{Ag + w + u}2,$$
 
-and where $q > V$ a ramp, a coast at $V$ and a ramp; the least is that of $-w, -u$, mirrored. All ways
-between are a ramp to some velocity, a coast and a ramp (`mishutter.model.stages.transfer`). Such a
-way turns round only where it stops: past the end of a frame by $w^2/2A$ if it then goes back, and
-before the begin of the next by $u^2/2A$ if it comes from beyond.
+and where $q > V$ a ramp, a coast at $V$ and a ramp; the least is that of $-w, -u$, mirrored. All
+ways between are a ramp to some velocity, a coast and a ramp (`mishutter.model.stages.transfer`).
+Such a way turns round only where it stops: past the end of a frame by $w^2/2A$ if it then goes
+back, and before the begin of the next by $u^2/2A$ if it comes from beyond.
 """
 
 from typing import NamedTuple
@@ -29,6 +29,18 @@ _LEAST_GAP = 1e-3
 """Time between frames of numbers of their own, in periods: no way is to be driven in less."""
 _DIRECTIONS = 8
 """Directions along which two axes keep a limit together."""
+_TINY = 1e-9
+"""Change of a velocity, over that of the fastest thing, by which nothing turns round."""
+
+Slack = list[np.ndarray]
+
+
+class Shape(NamedTuple):
+    """Sizes of frames."""
+
+    number: int  # Number of frames
+    pieces: int  # Pieces of constant acceleration in each
+    axes: int  # Axes of the stage
 
 
 class Room(NamedTuple):
@@ -36,7 +48,7 @@ class Room(NamedTuple):
 
     times: FrameTimes  # When frames may be exposed
     acceleration: float  # px/s^2
-    is_limited: bool  # Whether the acceleration is, or stands for any
+    runs_up: bool  # Whether the acceleration is limited, or a stage has any velocity at once
     top_speed: float  # px/s
     stroke: float  # From the first light to the last; px
     travel: float  # From rest to rest; px, infinite for any
@@ -44,7 +56,6 @@ class Room(NamedTuple):
     turns: bool  # Whether the camera turns to pan
     together: bool  # Whether two axes keep limits together
     speed: float  # Scale of velocities; px/s
-    least_exposure: float  # s
 
     @staticmethod
     def of(limits: Limits, times: FrameTimes, fastest: float) -> "Room":
@@ -52,10 +63,10 @@ class Room(NamedTuple):
         keep = 1 - _MARGIN
         top = keep * float(limits.max_top_speed)
         most, travel = limits.max_acceleration, limits.max_travel
-        any_rate = _AT_ONCE * top / min(times.period, times.window)
+        at_once = _AT_ONCE * top / min(times.period, times.window)
         return Room(
             times,
-            any_rate if most is None else keep * float(most),
+            at_once if most is None else keep * float(most),
             most is not None,
             top,
             keep * float(limits.max_stroke),
@@ -64,13 +75,13 @@ class Room(NamedTuple):
             limits.pans == "camera",
             limits.axes == "disc",
             max(fastest, 1e-3 * min(top, 1.0)),
-            times.shortest,
         )
 
     def split(
-        self, x: Float[np.ndarray, "*b v"], count: int, pieces: int, axes: int
-    ) -> tuple[Frames, np.ndarray]:
-        """Frames, and the lower end of the travel, from numbers of the order of 1."""
+        self, x: Float[np.ndarray, "*b v"], shape: Shape
+    ) -> tuple[Frames, Float[np.ndarray, "*b axes"]]:
+        """Frames, and the lower end of the travel, px, from numbers of the order of 1."""
+        count, pieces, axes = shape
         sizes = np.cumsum([count, count * (pieces + 1) * axes, count - 1, count * axes, axes])
         exposure, velocity, gap, place, pan, low = np.split(x, sizes, axis=-1)
         lead, period = x.shape[:-1], self.times.period
@@ -84,152 +95,177 @@ class Room(NamedTuple):
         return frames, low * self.stroke
 
     def joined(self, frames: Frames) -> Float[np.ndarray, "v"]:
-        """The numbers of frames, whose travel is about its middle."""
-        period, axes = self.times.period, frames.pan.size
-        low = (
-            (self.stroke - min(self.travel, 1e9 * self.stroke)) / 2
-            if np.isfinite(self.travel)
-            else 0.0
-        )
+        """The numbers of frames, whose travel is about the middle of the stroke."""
+        period = self.times.period
+        low = (1 - self.travel / self.stroke) / 2 if np.isfinite(self.travel) else 0.0
         parts = (
             frames.exposure / period,
             frames.velocity.ravel() / self.speed,
             frames.gap / period,
             frames.place.ravel() / self.stroke,
             frames.pan / self.speed,
-            np.full(axes, low / self.stroke),
+            np.full(frames.pan.size, low),
         )
         return np.concatenate(parts)
 
-    def bounds(self, count: int, pieces: int, axes: int) -> Float[np.ndarray, "v 2"]:
+    def bounds(self, shape: Shape) -> Float[np.ndarray, "v 2"]:
         """Least and greatest value of each number."""
-        period, times = self.times.period, self.times
-        top = self.top_speed / self.speed
-        pan = self.max_pan / self.speed if self.turns else 0.0
-        far = self.travel / self.stroke if np.isfinite(self.travel) else 0.0
+        (count, pieces, axes), times, period = shape, self.times, self.times.period
+        top, pan = self.top_speed / self.speed, self.max_pan / self.speed if self.turns else 0.0
         longest = min(times.longest, times.window) if count > 1 else times.longest
+        far = (-self.travel / self.stroke, 1.0) if np.isfinite(self.travel) else (0.0, 0.0)
         rows = [
             (count, times.shortest / period, max(longest, times.shortest) / period),
             (count * (pieces + 1) * axes, -top, top),
             (count - 1, max(times.dead_time / period, _LEAST_GAP), max(times.window / period, 1.0)),
             (count * axes, 0.0, 1.0),
             (axes, -pan, pan),
-            (axes, min(1 - far, 0.0) if far else 0.0, max(1 - far, 0.0) if far else 0.0),
+            (axes, *far),
         ]
-        if far:
-            rows[-1] = (axes, -far, 1.0)
         return np.concatenate([np.tile([[low, high]], (n, 1)) for n, low, high in rows])
 
-    def reach(self, w, u, gap, share: float = 1.0):
-        """Least and greatest way from one velocity to another in a time."""
-        A, V = share * self.acceleration, share * self.top_speed
+    def reach(
+        self,
+        leave: Float[np.ndarray, "*b"],
+        meet: Float[np.ndarray, "*b"],
+        gap: Float[np.ndarray, "*#b"],
+        share: float = 1.0,
+    ) -> tuple[Float[np.ndarray, "*b"], Float[np.ndarray, "*b"]]:
+        """Least and greatest way, px, from one velocity to another, px/s, in a time, s.
 
-        def most(w, u):
-            q = (A * gap + u + w) / 2
-            squares = u * u + w * w
-            coasting = 2 * V * V - squares + 2 * V * (A * gap - (2 * V - u - w))
-            return np.where(q <= V, 2 * q * q - squares, coasting) / (2 * A)
+        They are those at a share of the greatest acceleration and of the top speed.
+        """
+        rate, top = share * self.acceleration, share * self.top_speed
 
-        return -most(-w, -u), most(w, u)
+        def most(w: np.ndarray, u: np.ndarray) -> np.ndarray:
+            peak, squares = (rate * gap + u + w) / 2, u * u + w * w
+            coasting = 2 * top * top - squares + 2 * top * (rate * gap - (2 * top - u - w))
+            return np.where(peak <= top, 2 * peak * peak - squares, coasting) / (2 * rate)
 
-    def slack(
-        self, x: Float[np.ndarray, "*b v"], count: int, pieces: int, axes: int
-    ) -> Float[np.ndarray, "*b c"]:
+        return -most(-leave, -meet), most(leave, meet)
+
+    def slack(self, x: Float[np.ndarray, "*b v"], shape: Shape) -> Float[np.ndarray, "*b c"]:
         """Numbers of the order of 1 that are at least 0 within the limits."""
-        frames, low = self.split(x, count, pieces, axes)
-        T, v, g, y, pan = frames
-        A, V, S, s0, P = (
-            self.acceleration,
-            self.top_speed,
-            self.stroke,
-            self.speed,
-            self.times.period,
-        )
-        stage = v - pan[..., None, None, :]
-        step = (T / pieces)[..., None, None]
-        first, last = stage[..., :-1, :], stage[..., 1:, :]
-        gain = last - first
-        ways = np.cumsum(step * (first + last) / 2, axis=-2)
-        knots = y[..., None, :] + np.concatenate([0 * ways[..., :1, :], ways], axis=-2)
-        steep = np.where(np.abs(gain) > 1e-9 * s0, gain, 1e-9 * s0)
-        turns = knots[..., :-1, :] - np.where(
-            first * last < 0, first * first * step / (2 * steep), 0.0
-        )
-        end, lead = knots[..., -1, :], x.shape[:-1]
-        # Along each axis, or along several directions where two axes keep limits together.
-        unit, share = np.eye(axes), 1.0
-        if self.together and axes == 2:
-            angle = np.arange(_DIRECTIONS) * np.pi / _DIRECTIONS
-            unit, share = np.stack([np.cos(angle), np.sin(angle)]), np.cos(angle[1] / 2)
-        every: list = []
+        frames, low = self.split(x, shape)
+        way = _Way.of(frames, self.speed)
+        every = [*self._speeds(frames, way, shape), *self._places(way, low, shape)]
+        if shape.number > 1:
+            every += [*self._times(frames), *self._between(frames, way, low, shape)]
+        return np.concatenate([each.reshape(*x.shape[:-1], -1) for each in every], axis=-1)
 
-        def add(z, size: int) -> None:
-            every.append(z.reshape(*lead, -1) if size else z)
+    def _directions(self, axes: int) -> tuple[Float[np.ndarray, "axes d"], float]:
+        """Directions along which limits are kept, and the share of a limit along each."""
+        if not (self.together and axes == 2):
+            return np.eye(axes), 1.0
+        angle = np.arange(_DIRECTIONS) * np.pi / _DIRECTIONS
+        return np.stack([np.cos(angle), np.sin(angle)]), float(np.cos(angle[1] / 2))
 
-        def inside(place, low, span) -> None:
-            """Places lie from `low` to `low + span`, or in the disc of that diameter."""
-            about = (place - low - span / 2) @ unit
-            for sign in (1, -1):
-                add((share * span / 2 + sign * about) / S, 1)
-
+    def _speeds(self, frames: Frames, way: "_Way", shape: Shape) -> Slack:
+        """Accelerations and velocities within frames."""
+        (unit, share), rate = self._directions(shape.axes), self.acceleration
+        gain, every = np.diff(way.stage, axis=-2) @ unit, []
         for sign in (1, -1):
-            add((share * A * step + sign * gain @ unit) / s0, 1)
-        if self.together and axes == 2:
-            for sign in (1, -1):
-                add((share * V + sign * v @ unit) / s0, 1)
-        if self.turns:
-            size = np.linalg.norm(pan, axis=-1) if axes > 1 else np.abs(pan[..., 0])
-            for sign in (1, -1):
-                add((V - size[..., None, None, None] + sign * stage) / s0, 1)
-        elif self.max_pan < V:
-            mean = np.mean((first + last) / 2, axis=(-3, -2))
-            for sign in (1, -1):
-                add((self.max_pan + sign * mean) / s0, 1)
-        boxes = []
-        if self.stroke < self.travel:
-            boxes.append((0.0 * low, S, False))
-        if np.isfinite(self.travel):
-            boxes.append((low, self.travel, True))
-        for begin, span, _ in boxes:
-            shown = begin[..., None, None, :]
-            inside(knots, shown, span)
-            inside(turns, shown, span)
-        if np.isfinite(self.travel) and self.is_limited:
-            u, w = stage[..., 0, 0, :], stage[..., -1, -1, :]
-            # Both axes run up for as long as the faster one needs.
-            size = np.linalg.norm if self.together else np.max
-            before, after = (size(np.abs(z), axis=-1, keepdims=True) / (2 * A) for z in (u, w))
-            inside(y[..., 0, :] - u * before, low, self.travel)
-            inside(end[..., -1, :] + w * after, low, self.travel)
-        if count > 1:
-            part = np.sqrt(0.5) if self.together and axes == 2 else 1.0
-            a, w, u, gap = part * A, stage[..., :-1, -1, :], stage[..., 1:, 0, :], g[..., None]
-            way, leave, meet = y[..., 1:, :] - end[..., :-1, :], end[..., :-1, :], y[..., 1:, :]
-            least, most = self.reach(w, u, gap, part)
-            for z in (
-                (a * gap - u + w) / s0,
-                (a * gap + u - w) / s0,
-                (most - way) / S,
-                (way - least) / S,
-            ):
-                add(z, 1)
-            # The stage goes on ahead where it may coast at no less than 0, and back likewise.
-            rest = way - (w * np.abs(w) + u * np.abs(u)) / (2 * a)
-            ahead = np.maximum((w + u - a * gap) * gap, rest) / S
-            back = np.maximum(-(w + u + a * gap) * gap, -rest) / S
-            for begin, span, rests in boxes:
-                base = begin[..., None, :]
-                for place, speed, spared in (
-                    (leave, w, (ahead, back)),
-                    (meet, -u, (back, ahead)),
+            every.append((share * rate * way.step + sign * gain) / self.speed)
+            if unit.shape[1] > shape.axes:
+                every.append((share * self.top_speed + sign * frames.velocity @ unit) / self.speed)
+            if self.turns:  # the stage moves beside the camera
+                turning = np.linalg.norm(frames.pan, axis=-1)[..., None, None, None]
+                every.append((self.top_speed - turning + sign * way.stage) / self.speed)
+            elif self.max_pan < self.top_speed:
+                mean = np.mean(way.stage[..., 1:, :] + way.stage[..., :-1, :], axis=(-3, -2)) / 2
+                every.append((self.max_pan + sign * mean) / self.speed)
+        return every
+
+    def _boxes(self, low: np.ndarray) -> list[tuple[np.ndarray, float, bool]]:
+        """Lower end and length of the stroke and of the travel, and whether it is at rest at last.
+
+        A travel within the stroke holds that too.
+        """
+        boxes = [(0 * low, self.stroke, False)] if self.stroke < self.travel else []
+        return boxes + ([(low, self.travel, True)] if np.isfinite(self.travel) else [])
+
+    def _inside(self, place: np.ndarray, low: np.ndarray, span: float, axes: int) -> Slack:
+        """Places from `low` to `low + span`, or in the disc of that diameter."""
+        unit, share = self._directions(axes)
+        about = (place - low - span / 2) @ unit
+        return [(share * span / 2 + sign * about) / self.stroke for sign in (1, -1)]
+
+    def _places(self, way: "_Way", low: np.ndarray, shape: Shape) -> Slack:
+        """Places of the stage within frames, and where it begins and ends at rest."""
+        every: Slack = []
+        for begin, span, rests in self._boxes(low):
+            for place in (way.knots, way.turns):
+                every += self._inside(place, begin[..., None, None, :], span, shape.axes)
+            if rests and self.runs_up:
+                first, last = way.stage[..., 0, 0, :], way.stage[..., -1, -1, :]
+                # Both axes run up for as long as the faster one needs.
+                size = np.linalg.norm if self.together else np.max
+                for place, velocity, sign in (
+                    (way.knots[..., 0, 0, :], first, -1),
+                    (way.knots[..., -1, -1, :], last, 1),
                 ):
-                    stop = np.maximum(speed, 0.0) ** 2 / (2 * a)
-                    room = (base + span - place - stop) / S
-                    add(room if rests else np.maximum(room, spared[0]), 1)
-                    stop = np.minimum(speed, 0.0) ** 2 / (2 * a)
-                    room = (place - base - stop) / S
-                    add(room if rests else np.maximum(room, spared[1]), 1)
-            add((g + T[..., 1:]) / P - 1, 1)
-            whole = np.sum(T, axis=-1) + np.sum(g, axis=-1)
-            add((self.times.window - whole)[..., None] / P, 1)
-        return np.concatenate(every, axis=-1)
+                    half = size(np.abs(velocity), axis=-1, keepdims=True) / (2 * self.acceleration)
+                    every += self._inside(place + sign * velocity * half, begin, span, shape.axes)
+        return every
+
+    def _times(self, frames: Frames) -> Slack:
+        """Times between frames, and of all of them."""
+        period = self.times.period
+        whole = np.sum(frames.exposure, axis=-1) + np.sum(frames.gap, axis=-1)
+        steps = frames.gap + frames.exposure[..., 1:]
+        return [steps / period - 1, (self.times.window - whole)[..., None] / period]
+
+    def _between(self, frames: Frames, own: "_Way", low: np.ndarray, shape: Shape) -> Slack:
+        """Ways from frame to frame, and where the stage turns round in between."""
+        # Each axis follows a way of its own: two share limits that they keep together.
+        share = float(np.sqrt(0.5)) if self.together and shape.axes == 2 else 1.0
+        rate, gap = share * self.acceleration, frames.gap[..., None]
+        leave, meet = own.stage[..., :-1, -1, :], own.stage[..., 1:, 0, :]
+        end, begin = own.knots[..., :-1, -1, :], own.knots[..., 1:, 0, :]
+        way, (least, most) = begin - end, self.reach(leave, meet, gap, share)
+        every = [
+            (rate * gap - meet + leave) / self.speed,
+            (rate * gap + meet - leave) / self.speed,
+            (most - way) / self.stroke,
+            (way - least) / self.stroke,
+        ]
+        # Between frames it coasts at no less than 0, or no more, and turns round at one end only.
+        rest = way - (leave * np.abs(leave) + meet * np.abs(meet)) / (2 * rate)
+        ahead = np.maximum((leave + meet - rate * gap) * gap, rest) / self.stroke
+        back = np.maximum(-(leave + meet + rate * gap) * gap, -rest) / self.stroke
+        for base, span, rests in self._boxes(low):
+            floor, roof = base[..., None, :], base[..., None, :] + span
+            for place, speed, above, below in (
+                (end, leave, ahead, back),
+                (begin, -meet, back, ahead),
+            ):
+                up, down = (np.maximum(x, 0.0) ** 2 / (2 * rate) for x in (speed, -speed))
+                for left, spared in (
+                    ((roof - place - up) / self.stroke, above),
+                    ((place - down - floor) / self.stroke, below),
+                ):
+                    # A stage that comes to rest in the end has room to stop wherever it moves.
+                    every.append(left if rests else np.maximum(left, spared))
+        return every
+
+
+class _Way(NamedTuple):
+    """Velocities and places of a stage within frames."""
+
+    stage: Float[np.ndarray, "*b n j+1 axes"]  # Velocities at the ends of pieces; px/s
+    step: Float[np.ndarray, "*b n 1 1"]  # Durations of pieces; s
+    knots: Float[np.ndarray, "*b n j+1 axes"]  # Places there; px
+    turns: Float[np.ndarray, "*b n j axes"]  # Places where it turns round in a piece; px
+
+    @staticmethod
+    def of(frames: Frames, speed: float) -> "_Way":
+        """Those of frames; `speed` is the scale of velocities, px/s."""
+        stage = frames.velocity - frames.pan[..., None, None, :]
+        step = frames.steps[..., None]
+        first, last = stage[..., :-1, :], stage[..., 1:, :]
+        ways = np.cumsum(step * (first + last) / 2, axis=-2)
+        ways = np.concatenate([0 * ways[..., :1, :], ways], axis=-2)
+        knots, gain = frames.place[..., None, :] + ways, last - first
+        steep = np.where(np.abs(gain) > _TINY * speed, gain, _TINY * speed)
+        past = np.where(first * last < 0, first * first * step / (2 * steep), 0.0)
+        return _Way(stage, step, knots, knots[..., :-1, :] - past)

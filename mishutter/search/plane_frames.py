@@ -1,7 +1,7 @@
 """The best frames of things that move in any direction, on stages of no axis, one or two."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -13,8 +13,8 @@ from mishutter._core.compiling import outside_trace
 from mishutter._core.parallel import alone_in_blas
 from mishutter.evaluation.bursts import FrameTimes, some_numbers
 from mishutter.evaluation.ceilings import exposures_ceiling
-from mishutter.evaluation.fans import MEASURED, Fan, Grid
-from mishutter.evaluation.levels import Light, exposures_psnr, require_velocities
+from mishutter.evaluation.fans import MEASURED, Grid
+from mishutter.evaluation.levels import exposures_psnr, require_velocities
 from mishutter.evaluation.sequences import loss_of_width
 from mishutter.model.scene import Scene, require_scene
 from mishutter.model.sensor import BurstMode
@@ -23,30 +23,36 @@ from mishutter.model.velocities import AbstractVelocities
 from mishutter.plane.bursts import PlaneBurst, of_stage, pan_of
 from mishutter.plane.frames import PlaneFrames
 from mishutter.search.frame_levels import Frames, Levels
-from mishutter.search.frame_limits import Room
+from mishutter.search.frame_limits import Room, Shape
 from mishutter.search.frame_search import (
+    BEYOND,
+    MOST_FREE,
+    Descent,
+    End,
+    again,
+    best_of,
+    shaken,
+)
+from mishutter.search.frame_ties import (
     BRACKETED,
     CIRCLE,
     CROSSED,
-    FREE,
-    MOST_FREE,
     RING,
     STILLS,
     TWO_SINES,
     WAYS,
-    Descent,
-    End,
-    Search,
+    WAYS_ON_TWO_AXES,
     Tie,
 )
 
 _AS_GOOD = 0.05
 """Decibels below the best at which simpler frames are preferred, and that a free path must gain."""
 _SEARCHED = Grid(24, 8, 16)
-"""The grid of a search, other than that by which levels are told: it exploits no ripple."""
-_ALL_PIECES = 12
-"""Pieces of constant acceleration in all frames of a free path, at least."""
-_BEYOND = 1.05
+"""The grid of a search."""
+_MOST = 64
+"""Most frames of a search."""
+_PIECES_OF_SINES, _PIECES_OF_FREE = 16, 16
+"""Pieces of constant acceleration in all frames of two sines and of a free path, at least."""
 
 
 @dataclass(frozen=True)
@@ -109,9 +115,9 @@ class _PlaneSearch(NamedTuple):
     """The part that is the same of all stages and numbers of frames."""
 
     scene: Scene
+    law: AbstractVelocities
     times: FrameTimes
-    fan: Fan
-    least: int  # Least number of frames that something registers
+    counts: list[int]  # Numbers of frames to try
     offset: Float[np.ndarray, "2"]  # Velocity of a camera that turns; px/s
 
     @staticmethod
@@ -120,141 +126,113 @@ class _PlaneSearch(NamedTuple):
         longest = 2 * float(scene.limits.max_half_exposure)
         none = BurstMode(frames_per_s=1 / longest, max_frames=1)
         times = FrameTimes.of(scene, none if scene.burst is None else scene.burst)
-        times = times._replace(max_frames=min(times.max_frames or 64, 64))
-        least = 1 if scene.decoder_speed == "known" else 2
-        law, limits = require_velocities(scene), scene.limits
-        offset = pan_of(law, limits) if limits.pans == "camera" else np.zeros(2)
-        search = _PlaneSearch(scene, times, Fan.of(scene, _SEARCHED), least, offset)
+        times = times._replace(max_frames=min(times.max_frames or _MOST, _MOST))
+        least, possible = 1 if scene.decoder_speed == "known" else 2, times.numbers_of_frames
+        counts = [n for n in some_numbers(possible[-1], 4) if n in possible and n >= least]
         requirement = (
             'have a burst with time for two frames, or `decoder_speed="known"`: frames tell it'
         )
-        has_counts = search.counts[-1] >= least
-        require(has_counts, "scene", requirement, Unquoted("one exposure of unknown velocity"))
-        return search
-
-    @property
-    def counts(self) -> list[int]:
-        """Numbers of frames to try."""
-        possible = self.times.numbers_of_frames
-        return [count for count in some_numbers(possible[-1], 4) if count in possible]
-
-    def levels(self, unit: Float[np.ndarray, "axes 2"]) -> Levels:
-        """Errors by the velocities of a stage along some axes."""
-        fan, law, scene = self.fan, require_velocities(self.scene), self.scene
-        turn = np.stack([np.cos(fan.direction), np.sin(fan.direction)], axis=-1)
-        frequency = (fan.radius[:, None, None] * turn).reshape(-1, 2)
-        parts = law.components(np.ravel(fan.direction), _SEARCHED.num_speeds)
-        speeds, shares = (np.asarray(x, np.float64) for x in parts)
-        temporal = np.hypot(*frequency.T)[:, None] * speeds - (frequency @ self.offset)[:, None]
-        variance = float(scene.picture.deviation) ** 2
-        weight = variance * np.ravel(fan.weight)[:, None] * shares
-        is_there = np.max(weight, axis=0) > 0
-        weight = np.broadcast_to(weight, temporal.shape)[:, is_there]
-        signal = np.ravel(np.asarray(Light.of(scene).signal(fan), np.float64))
-        passes = np.max(weight, axis=1) > 0
-        numbers = (frequency @ unit.T, temporal[:, is_there], weight, signal)
-        return Levels.of_light(scene, *(x[passes] for x in numbers))
-
-    def stage(self, num_axes: int) -> "_Stage":
-        """A stage of one axis along the fastest things, or of two."""
-        law, limits = require_velocities(self.scene), self.scene.limits
-        angle = law.axis
-        along = np.array([math.cos(angle), math.sin(angle)])
-        unit = along[None] if num_axes == 1 else np.eye(2)
-        top = float(limits.max_top_speed) - float(np.hypot(*self.offset))
-        room = Room.of(limits, self.times, law.fastest)
-        room = room._replace(top_speed=min(room.top_speed, top), turns=False)
-        return _Stage(self, unit, along, self.levels(unit), room)
+        got = Unquoted("one exposure of unknown velocity")
+        require(bool(counts), "scene", requirement, got)
+        law = require_velocities(scene)
+        turns = scene.limits.pans == "camera"
+        offset = pan_of(law, scene.limits) if turns else np.zeros(2)
+        return _PlaneSearch(scene, law, times, counts, offset)
 
     def found(self, progress: Callable[[float], None]) -> PlaneSearch:
         """The best frames of each kind."""
-        one, law = self.stage(1), require_velocities(self.scene)
-        counts = [count for count in self.counts if count >= self.least]
-        ends: list[tuple[End, int]] = []
-        snapshot = one.stills(1)
-        for number, count in enumerate(counts):
-            progress(0.4 * number / len(counts))
-            ends += [(one.stills(count), 0)]
-            if count > 1:
-                ends += [(one.stills(count, of_two=True), 0)]
-            ends += [(end, 1) for end in one.ways(count, law)]
-        bursts = self.best(ends, one)
+        one, number = self.stage(1), len(self.counts)
+        still: list[End | None] = []
+        along: list[End | None] = []
+        for index, count in enumerate(self.counts):
+            progress(0.4 * index / number)
+            still += [one.best(kind, count) for kind in (STILLS, BRACKETED)]
+            along += [one.best(kind, count) for kind in WAYS]
+        bursts = self._bursts(one, still, 0) + self._bursts(one, along, 1)
         if self.scene.limits.axes != "one":
-            two, along = self.stage(2), [end for end, axes in ends if axes]
-            ends = []
-            for number, count in enumerate(counts):
-                progress(0.4 + 0.2 * number / len(counts))
-                ends += [(end, 2) for end in two.ways(count, law, most=1)]
-            good = [end for end, _ in ends if end.frames is not None]
-            if good:
-                count = max(good, key=lambda end: end.level).frames.exposure.size
-                ends += [(end, 2) for end in two.ways(count, law)]
-            of_two = self.best(ends, two)
-            progress(0.7)
-            flat = [x._replace(frames=_on_plane(x.frames, one.unit)) for x in along if x.frames]
-            free = two.free(flat, [end for end, _ in ends])
-            known = {burst.kind for burst in bursts}
-            bursts += [burst for burst in of_two if burst.kind not in known]
-            top = max(burst.level for burst in bursts)
-            several = [self.burst(end, two, 2) for end in free]
-            best = max((x for x in several if x), key=lambda x: x.level, default=None)
-            if best is not None and best.level >= top + _AS_GOOD:
-                bursts.append(best)
-        longest = [self.times.longest_of(n) for n in counts]
-        exposures = [np.full(n, x) for n, x in zip(counts, longest, strict=True)]
+            bursts += self._on_two_axes(one, along, bursts, progress)
+        snapshot = self._bursts(one, [one.best(STILLS, 1)], 0)[0]
+        exposures = [np.full(n, self.times.longest_of(n)) for n in self.counts]
         ceiling = max(exposures_ceiling(self.scene, each) for each in exposures)
-        first = self.burst(snapshot, one, 0)
-        return PlaneSearch(first, tuple(bursts), ceiling)  # type: ignore[arg-type]
+        return PlaneSearch(snapshot, tuple(bursts), ceiling)
 
-    def best(self, ends: list[tuple[End, int]], stage: "_Stage") -> list[PlaneBurst]:
+    def _on_two_axes(
+        self,
+        one: "_Stage",
+        along: "Sequence[End | None]",
+        bursts: Sequence[PlaneBurst],
+        progress: Callable[[float], None],
+    ) -> list[PlaneBurst]:
+        """The best frames of each way on two axes, and free ones where they are better."""
+        stage, ends = self.stage(2), []
+        for index, count in enumerate(self.counts):
+            progress(0.4 + 0.2 * index / len(self.counts))
+            ends += [stage.best(kind, count, most=1) for kind in WAYS_ON_TWO_AXES]
+        if best := best_of(ends):  # at its number of frames from all starts
+            count = best.frames.exposure.size
+            ends += [stage.best(kind, count) for kind in WAYS_ON_TWO_AXES]
+        progress(0.7)
+        flat = [
+            None if end is None else end._replace(frames=_on_plane(end.frames, one.unit))
+            for end in along
+        ]
+        made = self._bursts(stage, ends, 2)
+        free = self._bursts(stage, stage.free(flat, ends), 2)
+        top = max(burst.level for burst in (*bursts, *made))
+        return made + [burst for burst in free if burst.level >= top + _AS_GOOD]
+
+    def _bursts(
+        self, stage: "_Stage", ends: "Sequence[End | None]", num_axes: int
+    ) -> list[PlaneBurst]:
         """The best frames of each kind, fewer where more gain too little."""
-        kinds: dict[str, tuple[End, int]] = {}
-        for end, axes in ends:
-            before = kinds.get(end.kind)
-            if end.frames is not None and (
-                before is None or end.level > before[0].level + _AS_GOOD / 2
-            ):
-                kinds[end.kind] = end, axes
-        made = [self.burst(end, stage, axes) for end, axes in kinds.values()]
-        return [burst for burst in made if burst is not None]
+        kinds: dict[str, End] = {}
+        for end in ends:
+            if end is not None:
+                before = kinds.get(end.kind)
+                if before is None or end.level > before.level + _AS_GOOD / 2:
+                    kinds[end.kind] = end
+        every = (self._burst(stage, end, num_axes) for end in kinds.values())
+        return [burst for burst in every if burst is not None]
 
-    def burst(self, end: End, stage: "_Stage", num_axes: int) -> PlaneBurst | None:
+    def _burst(self, stage: "_Stage", end: End, num_axes: int) -> PlaneBurst | None:
         """Frames with their level, within the limits; None where they are far from them."""
-        limits, law = self.scene.limits, require_velocities(self.scene)
-        if end.frames is None:
-            return None
-        frames = end.frames
+        limits, frames = self.scene.limits, end.frames
         for _ in range(3):
             made = stage.made(frames)
-            use = of_stage(made, law, limits).use(limits)
-            accelerated = of_stage(made, law, limits).acceleration(limits)
+            driven = of_stage(made, self.law, limits)
+            use = driven.use(limits)
             pairs = (
                 (use.stroke, limits.max_stroke),
                 (use.travel, limits.max_travel),
                 (use.top_speed, limits.max_top_speed),
-                (accelerated, limits.max_acceleration),
+                (driven.acceleration(limits), limits.max_acceleration),
             )
-            share = max(float(a) / float(b) for a, b in pairs if b is not None)
+            share = max(float(taken) / float(there) for taken, there in pairs if there is not None)
             if share <= 1:
                 break
-            if share > _BEYOND:
+            if share > BEYOND:
                 return None
-            slower = (1 - 1e-9) / share
+            slower = (1 - 1e-7) / share
             velocity, place = frames.velocity * slower, frames.place * slower
             frames = frames._replace(velocity=velocity, place=place)
-        psnr = float(exposures_psnr(self.scene, made))
+        else:
+            return None
         width, loss = self.scene.registered_width, None
         if width is not None and made.num_frames > 1:
             loss = loss_of_width(self.scene, made, width=width)
-        num_axes = 0 if made.stays else num_axes
-        return PlaneBurst(
-            end.kind if num_axes or end.kind == BRACKETED else STILLS,
-            num_axes,
-            made,
-            psnr,
-            use,
-            loss,
-        )
+        axes = 0 if made.stays else num_axes
+        kind = end.kind if axes or not num_axes else STILLS
+        return PlaneBurst(kind, axes, made, float(exposures_psnr(self.scene, made)), use, loss)
+
+    def stage(self, num_axes: int) -> "_Stage":
+        """A stage of one axis along the fastest things, or of two."""
+        along = np.array([math.cos(self.law.axis), math.sin(self.law.axis)])
+        unit = along[None] if num_axes == 1 else np.eye(2)
+        room = Room.of(self.scene.limits, self.times, self.law.fastest)
+        top = float(self.scene.limits.max_top_speed) - float(np.hypot(*self.offset))
+        room = room._replace(top_speed=min(room.top_speed, top), turns=False)
+        levels = Levels.in_plane(self.scene, _SEARCHED, unit, self.offset)
+        return _Stage(self, unit, along, levels, room)
 
 
 class _Stage(NamedTuple):
@@ -266,127 +244,85 @@ class _Stage(NamedTuple):
     levels: Levels
     room: Room
 
-    def tie(self, kind: str, shape: tuple[int, int, int], law: AbstractVelocities) -> Tie:
+    def best(self, kind: str, count: int, most: int | None = None) -> End | None:
+        """The best frames of a way of few numbers, from all starts or some."""
+        sines = kind in (CIRCLE, TWO_SINES)
+        pieces = max(-(-_PIECES_OF_SINES // count), 1) if sines else 1
+        tie = self._tie(kind, Shape(count, pieces, self.unit.shape[0]))
+        return Descent(self.levels, self.room, tie.shape).best(tie, most) if tie.exists else None
+
+    def _tie(self, kind: str, shape: Shape) -> Tie:
         """Frames of few numbers, about the mean of the things."""
-        parts = law.components(np.array([law.axis]), _SEARCHED.num_speeds)
-        speeds = np.asarray(parts.speeds)[np.asarray(parts.weights) > 0] - float(
-            self.along @ self.search.offset
-        )
-        centre = law.centre - self.search.offset
+        law, offset = self.search.law, self.search.offset
+        speeds, weights = law.components(np.array([law.axis]), _SEARCHED.num_speeds)
+        occurring = np.asarray(speeds)[np.asarray(weights) > 0] - self.along @ offset
+        centre = law.centre - offset
         aside = centre - (centre @ self.along) * self.along
-        across = float(law.greatest(np.array([law.axis + np.pi / 2]))[0])
-        unit, mean = self.unit @ self.along, self.unit @ aside
-        ends = float(np.min(speeds)), float(np.max(speeds))
-        return Tie(kind, self.room, shape, *ends, unit, mean, math.inf, across)
+        widest = float(law.greatest(np.array([law.axis + np.pi / 2]))[0])
+        ends = float(np.min(occurring)), float(np.max(occurring))
+        unit, across = self.unit @ self.along, self.unit @ aside
+        return Tie(kind, self.room, shape, *ends, unit, across, widest=widest)
 
-    def stills(self, count: int, *, of_two: bool = False) -> End:
-        """Frames at rest of one exposure or two."""
-        axes = self.unit.shape[0]
-        descent = Descent(self.levels, self.room, (count, 1, axes))
-        law = require_velocities(self.search.scene)
-        tie = self.tie(BRACKETED if of_two else STILLS, descent.shape, law)
-        return max((descent.tied(tie, x) for x in tie.starts), key=lambda end: end.level)
-
-    def ways(self, count: int, law: AbstractVelocities, most: int | None = None) -> list[End]:
-        """The best frames of each way of few numbers, from all starts or some."""
-        axes = self.unit.shape[0]
-        pieces = {1: WAYS, 2: (CIRCLE, TWO_SINES, CROSSED, RING)}[axes]
-        ends = []
-        for kind in pieces:
-            number = max(-(-_PIECES // count), 1) if kind in (CIRCLE, TWO_SINES) else 1
-            tie = self.tie(kind, (count, number, axes), law)
-            if tie.exists:
-                descent = Descent(self.levels, self.room, tie.shape)
-                starts = tie.starts[: most or len(tie.starts)]
-                ends.append(max((descent.tied(tie, x) for x in starts), key=lambda e: e.level))
-        return ends
-
-    def free(self, *ends: list[End]) -> list[End]:
-        """Ends of descents in which each frame has numbers of its own, from the best of each kind."""
+    def free(self, *ends: "Sequence[End | None]") -> list[End]:
+        """Ends of descents in which each frame has numbers of its own, from the best of each."""
         found = []
         for some in ends:
-            few = [x for x in some if x.frames is not None and x.frames.exposure.size <= MOST_FREE]
-            if not few:
-                continue
-            best = max(few, key=lambda end: end.level).frames
-            count = best.exposure.size
-            pieces = max(-(-_ALL_PIECES // count), 1)
-            descent = Descent(self.levels, self.room, (count, pieces, 2))
-            start = _shaken(_resampled(best, pieces), np.random.default_rng(count), self.room)
-            found.append(descent.from_frames(start, FREE))
-        found = [end for end in found if end.frames is not None]
-        if found:
-            best = max(found, key=lambda end: end.level)
-            pieces = best.frames.velocity.shape[1] - 1
-            search = Search(self.levels, self.room, 2, lambda shape: [], lambda count: pieces)
-            found += search.again(best, times=1)
-        return found
+            best = best_of([x for x in some if x and x.frames.exposure.size <= MOST_FREE])
+            if best is not None:
+                count = best.frames.exposure.size
+                shape = Shape(count, max(-(-_PIECES_OF_FREE // count), 1), 2)
+                start = _resampled(best.frames, shape.pieces)
+                start = shaken(start, np.random.default_rng(count), self.room, 0.01)
+                found.append(Descent(self.levels, self.room, shape).free(start))
+        best = best_of(found)
+        if best is None:
+            return []
+        return [best, *again(self.levels, self.room, best, times=1)]
 
     def made(self, frames: Frames) -> PlaneFrames:
         """The frames and the path of the sensor through them, in the plane."""
-        count, ends, axes = frames.velocity.shape
-        durations: list[float] = []
-        velocities = [frames.velocity[0, 0]]
-        step = frames.exposure / (ends - 1)
-        whole = frames.place + step[:, None] * np.sum(
-            (frames.velocity[:, 1:] + frames.velocity[:, :-1]) / 2, axis=1
-        )
+        count, ends, _ = frames.velocity.shape
+        step = frames.steps
+        ways = step * np.sum(frames.velocity[:, 1:] + frames.velocity[:, :-1], axis=1) / 2
+        between = frames.place[1:] - frames.place[:-1] - ways[:-1]
+        durations, velocities = [], [frames.velocity[:1, 0]]
         for k in range(count):
-            durations += [float(step[k])] * (ends - 1)
-            velocities += [*frames.velocity[k, 1:]]
-            if k + 1 == count:
-                break
-            gap = float(frames.gap[k])
-            if gap <= 1e-9 * frames.exposure[k]:
-                continue
-            ways = frames.place[k + 1] - whole[k]
-            own = []
-            for axis in range(axes):
-                start, end = (
-                    float(x[axis]) for x in (frames.velocity[k, -1], frames.velocity[k + 1, 0])
-                )
-                share = math.sqrt(0.5) if self.room.together and axes == 2 else 1.0
-                limits = {"top_speed": share * self.room.top_speed}
-                own.append(
-                    Knots.of(
-                        start,
-                        transfer(
-                            float(ways[axis]),
-                            gap,
-                            start,
-                            end,
-                            acceleration=share * self.room.acceleration,
-                            span=(0.0, 0.0),
-                            **limits,
-                        ),
-                    )
-                )
-            times = np.unique(
-                np.concatenate(
-                    [np.minimum(np.cumsum(x.durations), gap) for x in own] + [[0.0, gap]]
-                )
-            )
-            times = times[np.r_[True, np.diff(times) > 1e-12 * gap]]
-            values = np.stack(
-                [np.interp(times, np.r_[0, np.cumsum(x.durations)], x.velocities) for x in own], -1
-            )
-            durations += np.diff(times).tolist()
-            velocities += [*values[1:]]
-        path = np.array(velocities) @ self.unit + self.search.offset
+            durations.append(np.full(ends - 1, step[k, 0]))
+            velocities.append(frames.velocity[k, 1:])
+            if k + 1 < count and frames.gap[k] > 1e-9 * frames.exposure[k]:
+                pair = frames.velocity[k, -1], frames.velocity[k + 1, 0]
+                times, values = self._between(between[k], float(frames.gap[k]), *pair)
+                durations.append(times)
+                velocities.append(values)
+        path = np.concatenate(velocities) @ self.unit + self.search.offset
         begins = np.concatenate([[0.0], np.cumsum(frames.exposure[:-1] + frames.gap)])
         middles = begins + frames.exposure / 2 - (begins[-1] + frames.exposure[-1]) / 2
-        return PlaneFrames(middles, frames.exposure, np.array(durations), path.T)
+        return PlaneFrames(middles, frames.exposure, np.concatenate(durations), path.T)
 
-
-_PIECES = 16
-"""Pieces in all frames of two sines, at least."""
+    def _between(
+        self, way: np.ndarray, gap: float, leave: np.ndarray, meet: np.ndarray
+    ) -> tuple[Float[np.ndarray, "p"], Float[np.ndarray, "p axes"]]:
+        """Durations of the pieces between two frames, and the velocities at their ends."""
+        share = math.sqrt(0.5) if self.room.together and way.size == 2 else 1.0
+        most, top = share * self.room.acceleration, share * self.room.top_speed
+        own = []
+        for each, start, end in zip(way.tolist(), leave.tolist(), meet.tolist(), strict=True):
+            pieces = transfer(
+                each, gap, start, end, acceleration=most, top_speed=top, span=(0.0, 0.0)
+            )
+            knots = Knots.of(start, pieces)
+            own.append((np.append(0.0, np.cumsum(knots.durations)), knots.velocities))
+        times = np.unique(np.clip(np.concatenate([times for times, _ in own]), 0.0, gap))
+        times = times[np.append(True, np.diff(times) > 1e-9 * gap)]
+        times[-1] = gap
+        values = [np.interp(times, *each) for each in own]
+        return np.diff(times), np.stack(values, axis=-1)[1:]
 
 
 def _resampled(frames: Frames, pieces: int) -> Frames:
     """The frames by the velocities at the ends of other pieces."""
-    old = np.linspace(0, 1, frames.velocity.shape[1])
-    new = np.linspace(0, 1, pieces + 1)
-    rows = [[np.interp(new, old, x) for x in each.T] for each in frames.velocity]
+    old, new = (np.linspace(0, 1, n + 1) for n in (frames.velocity.shape[1] - 1, pieces))
+    rows = [[np.interp(new, old, axis) for axis in frame.T] for frame in frames.velocity]
     return frames._replace(velocity=np.moveaxis(np.array(rows), 1, 2))
 
 
@@ -395,11 +331,6 @@ def _on_plane(frames: Frames, unit: Float[np.ndarray, "1 2"]) -> Frames:
     middle = np.mean(frames.place)
     place = middle + (frames.place - middle) @ unit
     return frames._replace(velocity=frames.velocity @ unit, place=place, pan=frames.pan @ unit)
-
-
-def _shaken(frames: Frames, draw: np.random.Generator, room: Room) -> Frames:
-    noise = 0.01 * room.speed * draw.normal(size=frames.velocity.shape)
-    return frames._replace(velocity=frames.velocity + noise)
 
 
 def grid_words() -> str:

@@ -44,7 +44,6 @@ from mishutter import (
     read_scene,
 )
 from mishutter._core.progress import working
-from mishutter.cli import app
 from mishutter.cli.options import as_design
 from mishutter.design import design as finished
 

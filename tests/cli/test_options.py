@@ -84,6 +84,7 @@ READ_DRIVE, READ_TRACE = (
     "mishutter.hardware.drive.design_from_drive",
     "mishutter.hardware.trace_files.read_trace",
 )
+STAGE = "mishutter.hardware.drive.path_csv"
 PROFILE, READ_PICTURE = (
     "mishutter.hardware.traces.measured_profile",
     "mishutter.pictures.images.read_picture",
@@ -253,6 +254,13 @@ OPTIONS = {
         Option(
             ["--stage-path", "encoder.csv"], READ_PATH, _named("path"), Path("encoder.csv"), GIVEN
         ),
+        Option(
+            ["--stage-scale-px", "-0.3"],
+            READ_PATH,
+            _named("scale"),
+            -0.3,
+            (*GIVEN, "--stage-path", "encoder.csv"),
+        ),
     ],
     "explore": [
         Option(["--port", "8765"], EXPLORE, _named("port"), 8765),
@@ -268,6 +276,7 @@ OPTIONS = {
         Option(["--floor", "0.07"], TABLE, _named("floor"), 0.07),
         Option(["--ceiling", "0.83"], TABLE, _named("ceiling"), 0.83),
         Option(["--format", "pulses"], TABLE, _named("carries_error"), True),
+        Option(["--return"], STAGE, _named("returns"), True, ("--out", "drive")),
     ],
     "measure": [
         Option(["--frames-per-s", "61"], MEASURE, _named("frames_per_s"), 61.0),

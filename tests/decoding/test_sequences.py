@@ -379,7 +379,7 @@ def test_a_picture_that_moves_along_its_columns():
         (np.full((3, 4, 30), np.inf), SCENE, "captures=...)` must be finite"),
         (
             np.ones((3, 4, 30)),
-            SCENE.with_occlusion(Occlusion(front_share=0.4)),
+            SCENE.with_occlusion(Occlusion(front_share=0.4, background="moving")),
             "must move as a whole for restore_frames",
         ),
         (

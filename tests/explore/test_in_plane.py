@@ -18,7 +18,7 @@ from mishutter.explore.session import (
     SupersededError,
     with_design,
 )
-from mishutter.plane import search
+from mishutter.search import plane_frames
 from mishutter.report.in_plane import PlaneReport
 
 TABLES = {
@@ -40,7 +40,7 @@ def found(monkeypatch):
         scenes.append(scene)
         return PlaneSearch(burst, (burst,), 28.5)
 
-    monkeypatch.setattr(search, "best_in_plane", best)
+    monkeypatch.setattr(plane_frames, "best_in_plane", best)
     return scenes
 
 
@@ -54,7 +54,9 @@ def test_the_answer_comes_with_the_path_in_the_plane(found):
         (answer,) = session.rest(asked, lambda: None)
     assert len(found) == 1
     assert float(found[0].velocities.fastest) == 1700
-    report = PlaneReport(found[0], search.best_in_plane(found[0], progress=lambda share: None))
+    report = PlaneReport(
+        found[0], plane_frames.best_in_plane(found[0], progress=lambda share: None)
+    )
     assert answer["verdict"] == report.text().splitlines()[0]
     assert "ceiling of any path" in answer["answer"]
     picture = Image.open(io.BytesIO(base64.b64decode(answer["picture"])))

@@ -123,7 +123,7 @@ def test_without_errors_there_is_no_range():
 def test_a_first_line_names_the_range():
     """Once, where its ends are the same to a tenth."""
     rows = row(SCENE, "a", MOTION, HannShutter()), row(SCENE, BEST_SNAPSHOT, STILL, RectShutter())
-    assert "2.6 to 3.3 dB better than a snapshot" in headline(*rows, (2.58, 3.31))
-    assert ", 2.6 dB better than a snapshot" in headline(*rows, (2.58, 2.61))
+    assert "2.6 to 3.3 dB better than a snapshot" in headline(*rows, SCENE.limits, (2.58, 3.31))
+    assert ", 2.6 dB better than a snapshot" in headline(*rows, SCENE.limits, (2.58, 2.61))
     plain = f"{rows[0].margin_over(rows[1]):.1f} dB better than a snapshot"
-    assert plain in headline(*rows)
+    assert plain in headline(*rows, SCENE.limits)

@@ -32,9 +32,9 @@ from mishutter import (
     evaluate,
     optimise,
 )
-from mishutter.evaluation.moving_bursts import ALTERNATING, FAN, SINE, SWEEP
 from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE
 from mishutter.model.limits import LEAST_STROKE
+from mishutter.model.sequences import SINE
 from mishutter.report.comparison import with_verdict
 from mishutter.report.verdict import (
     detail_words,
@@ -44,6 +44,7 @@ from mishutter.report.verdict import (
     order_at_rest,
     points_that_leave,
 )
+from mishutter.search.frame_search import ALTERNATING, FAN, SWEEP
 from mishutter.search.rivals import (
     BEST_CODED_STILL,
     BEST_MOVING_BURST,
@@ -631,7 +632,7 @@ def test_people_are_answered_right():
     """Their scenes, by the rows that a command computes.
 
     A belt with a stage moves it while frames are taken; a microscope that takes twenty frames of
-    what swims takes them at rest; a telephone sweeps its stabiliser, which gains 1.1 dB over rest.
+    what swims takes them at rest; a telephone moves its stabiliser, which gains 1.1 dB over rest.
     """
     for slug, (scene, needs, words) in PEOPLE.items():
         design = optimise(scene, num_starts=2, max_steps=40, num_coefficients=6)
@@ -664,7 +665,7 @@ PEOPLE = {
     "a telephone at 240 frames/s": (
         _scene(900.0, -900.0, 3e5, 1.5, 0.1, burst=BurstMode(frames_per_s=240.0, max_frames=16)),
         ("registration", "stage"),
-        "Take 16 frames while the stage sweeps",
+        "Take 16 frames while the stage takes a constant speed in each",
     ),
 }
 

@@ -5,11 +5,15 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from mishutter import FreeMotion, ParabolicMotion, StillCamera
-from mishutter.evaluation.moving_bursts import steps_of
 from support.burst_levels import FrameGroup
 
 _PIECES_OF_SINE = 32
 """Pieces of constant acceleration that stand for a sine within a frame."""
+
+
+def steps_of(num_frames: int) -> np.ndarray:
+    """Places of frames from the middle of a burst, in periods."""
+    return np.arange(num_frames) - (num_frames - 1) / 2
 
 
 def alternating_frames(

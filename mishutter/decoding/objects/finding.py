@@ -1,0 +1,161 @@
+"""The things of frames: velocities, outlines and order, in turn."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from mishutter.decoding.objects.arrangement import Arrangement, Thing
+from mishutter.decoding.objects.candidates import candidates, within
+from mishutter.decoding.objects.grids import moved, splines
+from mishutter.decoding.objects.outlines import Along, cut_out, mean_lights, sharpen
+from mishutter.decoding.objects.stills import Stills
+from mishutter.decoding.objects.velocities import refine_velocity
+
+_ROUNDS, _SHARPENINGS = 4, 2
+_LEAST_EVIDENCE = 150.0
+"""Logarithm of the likelihood of a thing over none below which there is none."""
+_LEAST_AREA = 200
+"""Pixels of the least thing."""
+_GUESSED = 0.6
+"""Error of a velocity over that of the first guess from which on frames tell nothing of it."""
+_SEPARATE = 1.5
+"""Way between two velocities over the frames within which they are one; px."""
+
+
+class Told(NamedTuple):
+    """Things that are partly known beforehand."""
+
+    velocities: Float[np.ndarray, "n 2"] | None = None  # Down and across; px/s
+    # Number of the thing that a pixel shows at the time 0, from 1; 0 for the background
+    labels: Int[np.ndarray, "rows columns"] | None = None
+
+
+def found_in(
+    stills: Stills, told: Told | None = None, progress: Callable[[str, float], None] | None = None
+) -> Arrangement:
+    """The things of frames of about one exposure.
+
+    Args:
+        stills: The frames.
+        told: What is known of the things: their velocities, or their outlines.
+        progress: Called with a sentence and the share done.
+    """
+    told = Told() if told is None else told
+    report = (lambda text, share: None) if progress is None else progress
+    report("looking for things that move", 0.0)
+    if told.labels is not None:
+        return _of_known_outlines(stills, told.labels)
+    arrangement, is_told = candidates(stills, told.velocities), told.velocities is not None
+    for turn in range(_ROUNDS):
+        report("velocities and outlines", 0.3 + 0.12 * turn)
+        lights = mean_lights(arrangement) if turn else None
+        for number, thing in enumerate(arrangement.things):
+            if thing.area > 0 and not is_told:
+                refine_velocity(arrangement, number, lights)
+        _merge(arrangement)
+        put_in_order(arrangement)
+        cut_out(arrangement)
+        things = arrangement.things
+        weak = [
+            number
+            for number, thing in enumerate(things)
+            if thing.evidence < _LEAST_EVIDENCE or thing.area < _LEAST_AREA
+        ]
+        if weak and turn:
+            arrangement.drop(min(weak, key=lambda number: things[number].evidence))
+        arrangement.place()
+    for turn in range(_SHARPENINGS):
+        report("outlines from pixels that show two things", 0.8 + 0.1 * turn)
+        sharpen(arrangement)
+        arrangement.place()
+    if not is_told:
+        _refine_velocities(arrangement)
+        for number in range(len(arrangement.things) - 1, -1, -1):
+            if _tells_nothing(arrangement.things[number]):
+                arrangement.drop(number)
+    return arrangement
+
+
+def _tells_nothing(thing: Thing) -> bool:
+    """Whether a sliver is left, or one whose velocity is that of the first guess alone."""
+    own = np.linalg.eigvalsh(thing.covariance)
+    own = own[own > 0]  # along the axes on which things move
+    is_guessed = bool(np.min(own, initial=np.inf) > (_GUESSED * thing.uncertainty) ** 2)
+    return thing.area < _LEAST_AREA or thing.evidence < _LEAST_EVIDENCE or is_guessed
+
+
+def _of_known_outlines(stills: Stills, labels: Int[np.ndarray, "rows columns"]) -> Arrangement:
+    """Things of known outlines, and their velocities and order."""
+    arrangement = within(stills, labels)
+    for _ in range(2):
+        put_in_order(arrangement)
+        _refine_velocities(arrangement)
+    return arrangement
+
+
+def _refine_velocities(arrangement: Arrangement) -> None:
+    """Refines all velocities by the same light of the layers."""
+    lights = mean_lights(arrangement)
+    for number in range(len(arrangement.things)):
+        refine_velocity(arrangement, number, lights)
+    arrangement.place()
+
+
+def put_in_order(arrangement: Arrangement) -> None:
+    """Puts the thing in front whose light, as seen elsewhere, is seen where two overlap."""
+    stills, coefficients = arrangement.stills, splines(arrangement.stills.light)
+    for i in range(len(arrangement.things)):
+        for j in range(i + 1, len(arrangement.things)):
+            over = (arrangement.cover[i] > 0.5) & (arrangement.cover[j] > 0.5)
+            if over.sum() <= 10:
+                continue
+            first, second = (
+                _shown(stills, coefficients, arrangement.things[n], over) for n in (i, j)
+            )
+            both = first[1] & second[1]
+            lead = float(np.sum((second[0] - first[0])[both]))
+            order = arrangement.order
+            a, b = order.index(i), order.index(j)
+            if both.sum() > 10 and abs(lead) > 20 and (lead > 0) != (a < b):
+                order[a], order[b] = j, i
+    arrangement.place()
+
+
+def _shown(
+    stills: Stills, coefficients: np.ndarray, thing: Thing, over: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Squares over the noise that the frames have by a thing's light, and where it is known."""
+    ways, window = stills.ways(thing.velocity), thing.window
+    along = Along.of(stills, coefficients, window, thing.velocity)
+    clear = along.seen * (along.shares(over.astype(np.float32), ways) <= 0.1)
+    weighed = stills.weights[:, None, None] * clear
+    worth = np.maximum(np.sum(weighed, axis=0), 1e-9)
+    light = np.asarray(np.einsum("klm,klm->lm", weighed, along.frames) / worth)
+    have = np.max(clear, axis=0).astype(np.float32)
+    squares, known = np.zeros(over.shape, np.float32), np.zeros(over.shape, bool)
+    for k, way in enumerate(ways):
+        shown = moved(light, window, way, stills.shape)
+        noise = 1.3 * stills.noise(shown, k)
+        squares[k] = np.minimum((stills.light[k] - shown) ** 2 / noise, 12)
+        known[k] = (moved(have, window, way, stills.shape) > 0.99) & over[k]
+    return squares, known
+
+
+def _merge(arrangement: Arrangement) -> None:
+    """Leaves out things of another's velocity, or of rest, whose pixels are then that one's."""
+    for number in range(len(arrangement.things) - 1, -1, -1):
+        thing = arrangement.things[number]
+        span = arrangement.stills.span
+        others = [other.velocity for other in arrangement.things[:number]]
+        near = [
+            k
+            for k, velocity in enumerate([np.zeros(2), *others])
+            if np.hypot(*(thing.velocity - velocity)) * span < _SEPARATE
+        ]
+        if near or thing.area < 1:
+            if near and near[0]:
+                other = arrangement.things[near[0] - 1]
+                other.matte = np.maximum(other.matte, thing.matte)
+            arrangement.drop(number)

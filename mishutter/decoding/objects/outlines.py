@@ -1,0 +1,291 @@
+r"""Outlines of things, by what explains each pixel of the frames.
+
+A pixel belongs to a thing where each frame, given the others along the thing's velocity, is
+likelier than given the others along all else that may be seen there: the background at rest, with
+and without the thing before it, and other things. The logarithms of the likelihoods are of
+differences under a Gaussian, so that half of the pixels at an outline say nothing; of the masks
+that they allow the one of the shortest outline is taken.
+
+Within some pixels of that, the light of a pixel says how much of it the thing covers:
+$g = (b * m)\,a + (1 - b * m)\,h$ with the light $a$ of the thing, $h$ of what is behind it, and the
+matte $m$ under the box $b$ of its way within the exposure.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy import ndimage
+from scipy.special import erfinv
+
+from mishutter.camera.rows import irfftn, rfftn
+from mishutter.decoding.objects.arrangement import Arrangement
+from mishutter.decoding.objects.grids import (
+    Mask,
+    Window,
+    filled,
+    from_outline,
+    moved,
+    of_few_edges,
+    smoothed,
+    splines,
+)
+from mishutter.decoding.objects.stills import Stills
+
+PURE = 0.9
+"""Share of a pixel above which one layer is all that it shows."""
+_SMOOTHING = 1.0
+"""Gaussian under which frames are compared; px."""
+_INDEPENDENT = 1 / (4 * np.pi * _SMOOTHING**2)
+"""Independent numbers a pixel under it, and the variance of a white noise that is left."""
+_MISPLACED = 0.15
+"""Error of a place that differences of frames may have without telling anything; px."""
+_MOST = 8.0
+"""Greatest logarithm of a likelihood ratio that one pixel of one frame brings."""
+_BIAS = 0.04
+"""The lead of all else, where nothing tells."""
+_EDGE, _FINE_EDGE = 1.5, 1.0
+"""Logarithms of likelihoods that a pixel of outline has to bring: at first, and from mixed ones."""
+_INNER = 8
+"""Pixels within an outline that are hardly of another thing."""
+_LIGHT = 1.0
+"""Gaussian under which the light of a layer is taken for that near the outline; px."""
+_GREATEST = 30.0
+"""Most that one pixel tells of its own cover, in inverse variances."""
+_SHARP = 1.0
+"""Gaussian through which a step is taken for an outline's; px."""
+_REACH = 6.0
+"""Pixels about an outline whose cover is solved for."""
+_MIXED = 0.85
+"""Cover from which on a pixel tells of the light of what covers it."""
+
+
+class _Given(NamedTuple):
+    """Frames by the mean of the others."""
+
+    logarithms: Float[np.ndarray, "frames rows columns"]  # Of the likelihood a pixel
+    others: Float[np.ndarray, "rows columns"]  # Worth of all frames that see it, in typical frames
+
+
+def _given_others(stills: Stills, frames: np.ndarray, seen: np.ndarray) -> _Given:
+    """How likely each frame is by those others that see the same, where `seen` is 1."""
+    weights = (stills.weights[:, None, None] * seen).astype(np.float32)
+    total, worth = np.sum(weights * frames, axis=0), np.sum(weights, axis=0)
+    known = worth > 0.2
+    mean = total / np.maximum(worth, 1e-9)
+    near = smoothed(known.astype(np.float32), 5.0)
+    wide = smoothed(np.where(known, mean, 0), 5.0) / np.maximum(near, 1e-6)
+    level = smoothed(np.where(known, mean, wide), 1.2)
+    slope = sum(each**2 for each in np.gradient(level))
+    unknown = 0.5 * float(np.var(stills.light[stills.middle]))
+    logarithms = np.empty(frames.shape, np.float32)
+    for k, frame in enumerate(frames):
+        own = weights[k]
+        rest = worth - own
+        is_told = rest > 0.2
+        told = (total - own * frame) / np.maximum(rest, 1e-9)
+        left = smoothed(frame - np.where(is_told, told, wide), _SMOOTHING)
+        alone, typical = stills.noise(level, k), stills.typical_noise(level)
+        least = _INDEPENDENT * (alone + typical / np.maximum(rest, 0.5))
+        is_near = smoothed(is_told.astype(np.float32), _SMOOTHING) > 0.5
+        variance = least + np.where(is_near, 0, unknown) + _MISPLACED**2 * slope
+        logarithms[k] = -0.5 * left**2 / variance - 0.5 * np.log(variance / least)
+    return _Given(logarithms, worth)
+
+
+def pure(share: np.ndarray) -> np.ndarray:
+    """1 where a pixel shows one layer alone, and 0 elsewhere."""
+    return (share > PURE).astype(np.float32)
+
+
+class Along(NamedTuple):
+    """Frames in a window about a thing that goes with it."""
+
+    frames: Float[np.ndarray, "frames rows columns"]
+    seen: Float[np.ndarray, "frames rows columns"]  # 1 where the frame reaches
+    window: Window
+
+    @staticmethod
+    def of(
+        stills: Stills, coefficients: np.ndarray, window: Window, velocity: np.ndarray
+    ) -> "Along":
+        """Those about a velocity."""
+        ways = stills.ways(velocity)
+        pairs = zip(coefficients, ways, strict=True)
+        frames = [window.taken(one, way, is_spline=True) for one, way in pairs]
+        seen = [window.seen(way, stills.shape) for way in ways]
+        return Along(np.stack(frames), np.stack(seen).astype(np.float32), window)
+
+    def shares(self, stack: np.ndarray, ways: np.ndarray) -> np.ndarray:
+        """Shares of the frames' pixels, 0 beyond their borders."""
+        pairs = zip(stack, ways, self.seen, strict=True)
+        return np.stack([self.window.taken(one, way) * seen for one, way, seen in pairs])
+
+
+def cut_out(arrangement: Arrangement) -> None:
+    """Draws the outline of each thing anew, all by the same light."""
+    stills, things = arrangement.stills, arrangement.things
+    coefficients = splines(stills.light)
+    rest = _given_others(stills, stills.light, pure(arrangement.ground))
+    own: list[tuple[Along, _Given]] = []
+    for number, thing in enumerate(things):
+        along = Along.of(stills, coefficients, thing.window, thing.velocity)
+        front = along.shares(arrangement.front[number], stills.ways(thing.velocity))
+        along = along._replace(seen=along.seen * pure(front))
+        own.append((along, _given_others(stills, along.frames, along.seen)))
+    outlines = []
+    for number, thing in enumerate(things):
+        along, given = own[number]
+        ways = stills.ways(thing.velocity)
+        other = _otherwise(arrangement, number, rest.logarithms)
+        for behind in reversed(arrangement.order):
+            if behind == number:
+                continue
+            its, likely = own[behind]
+            for k, way in enumerate(stills.ways(things[behind].velocity)):
+                there = moved(likely.logarithms[k] + 20.0, its.window, way, stills.shape) - 20.0
+                hidden = arrangement.cover[behind][k] > 0.5
+                other[k] = np.where(hidden, there, other[k])
+        against = np.stack(
+            [along.window.taken(one, way) for one, way in zip(other, ways, strict=True)]
+        )
+        lead = np.clip(given.logarithms - against, -_MOST, _MOST) * along.seen
+        lead = np.sum(lead, axis=0) * _INDEPENDENT
+        lead = np.where(given.others > 1.2 * np.min(stills.weights), lead, 0) - _BIAS
+        outlines.append((along.window, lead))
+    for thing, (window, lead) in zip(things, outlines, strict=True):
+        start = window.of(thing.matte)
+        mask = of_few_edges(start, lambda _, lead=lead: -lead, _EDGE, 0.35, 150) > 0.5
+        thing.matte = window.placed(mask.astype(np.float32), stills.shape)
+        thing.evidence = float(np.sum(lead * mask))
+
+
+def _otherwise(arrangement: Arrangement, number: int, rest: np.ndarray) -> np.ndarray:
+    """The likelihoods by the background at rest, whether or not a thing is before it."""
+    stills, thing = arrangement.stills, arrangement.things[number]
+    ways = stills.ways(thing.velocity)
+    part = thing.window.swept(np.vstack([ways - 8.0, ways + 8.0]), stills.shape)
+    clear = np.ones(stills.light.shape, np.float32)
+    for other in arrangement.order:
+        if other != number:
+            clear = clear * (1 - arrangement.cover[other])
+    inner = ndimage.binary_erosion(thing.matte > 0.5, iterations=_INNER).astype(np.float32)
+    less = clear * (1 - arrangement.covered(thing, inner))
+    here = replace(stills, light=part.of(stills.light))
+    likely = rest.copy()
+    for share in (clear, less):
+        seen = pure(part.of(share))
+        given = _given_others(here, here.light, seen)
+        np.maximum(part.of(likely), given.logarithms, out=part.of(likely))
+    return likely
+
+
+class Lights(NamedTuple):
+    """Light of the layers, as blurred within the exposures."""
+
+    ground: Float[np.ndarray, "rows columns"]
+    known: Mask  # 1 where a frame shows the background
+    things: list[Float[np.ndarray, "rows columns"]]  # Each where it is at the time 0
+
+
+def mean_lights(arrangement: Arrangement) -> Lights:
+    """Light of each layer, by the mean of the frames in which its pixels are its own.
+
+    Pixels that are nearly so tell as well, less the light of what is behind.
+    """
+    stills, coefficients = arrangement.stills, splines(arrangement.stills.light)
+    weights = stills.weights[:, None, None].astype(np.float32)
+    seen = (arrangement.ground > 0.95) * weights
+    worth = np.sum(seen, axis=0)
+    ground = np.sum(seen * stills.light, axis=0) / np.maximum(worth, 1e-9)
+    known = worth > 0
+    lights = Lights(
+        filled(ground, known), known.astype(np.float32), [np.zeros(0)] * len(arrangement.things)
+    )
+    for number in reversed(arrangement.order):
+        thing = arrangement.things[number]
+        ways = stills.ways(thing.velocity)
+        along = Along.of(stills, coefficients, thing.window, thing.velocity)
+        front = along.shares(arrangement.front[number], ways)
+        cover = along.shares(arrangement.cover[number], ways)
+        hidden = behind_in_frames(arrangement, lights, number)
+        pairs = zip(hidden, ways, strict=True)
+        behind = np.stack([along.window.taken(one, way) for one, way in pairs])
+        tells = (along.seen > 0) & (front > 0.95) & (cover > _MIXED)
+        share = cover * tells
+        weighed = share * weights
+        total = np.sum(weighed * (along.frames - (1 - cover) * behind), axis=0)
+        one = np.sum(weighed * share, axis=0)
+        known = one > 0.9 * _MIXED**2 * float(np.min(stills.weights))
+        lights.things[number] = filled(total / np.maximum(one, 1e-9), known)
+    return lights
+
+
+def behind_in_frames(arrangement: Arrangement, lights: Lights, number: int) -> np.ndarray:
+    """Light of the frames without a thing and those before it."""
+    stills = arrangement.stills
+    light = np.broadcast_to(lights.ground.astype(np.float32), stills.light.shape).copy()
+    for other in arrangement.behind(number):
+        thing, own = arrangement.things[other], lights.things[other]
+        window = thing.window
+        for k, way in enumerate(stills.ways(thing.velocity)):
+            cover = arrangement.cover[other][k]
+            shown = moved(own, window, way, stills.shape)
+            light[k] += cover * (shown - light[k])
+    return light
+
+
+def sharpen(arrangement: Arrangement) -> None:
+    """Solves the outlines again, from the light of pixels that show two layers."""
+    stills, coefficients = arrangement.stills, splines(arrangement.stills.light)
+    lights = mean_lights(arrangement)
+    smooth = lights._replace(
+        ground=smoothed(lights.ground, _LIGHT), things=[smoothed(a, _LIGHT) for a in lights.things]
+    )
+    for number, thing in enumerate(arrangement.things):
+        ways = stills.ways(thing.velocity)
+        along = Along.of(stills, coefficients, thing.window, thing.velocity)
+        front = along.shares(arrangement.front[number], ways)
+        hidden = behind_in_frames(arrangement, smooth, number)
+        behind = np.stack(
+            [along.window.taken(one, way) for one, way in zip(hidden, ways, strict=True)]
+        )
+        own = smooth.things[number]
+        known, contrast = (front > PURE) & (along.seen > 0), own - behind
+        level, spread = np.maximum(behind, own), 1 + 1.5 / stills.count
+        noise = np.stack([stills.noise(each, k) for k, each in enumerate(level)])
+        weight = known / (noise * spread)
+        square = np.sum(weight * contrast**2, axis=0)
+        cross = np.sum(weight * contrast * (along.frames - behind), axis=0)
+        scale = np.minimum(1, _GREATEST / np.maximum(square, 1e-9))
+        square, cross = square * scale, cross * scale - _BIAS
+        thing.matte = _solved(
+            along.window, thing.matte, thing.velocity * stills.exposure, square, cross
+        )
+
+
+def _solved(
+    window: Window, matte: Mask, blur: Float[np.ndarray, "2"], square: Mask, cross: Mask
+) -> Mask:
+    """The matte of least misfit and few edges, with edges as sharp as a pixel's."""
+    part = window.of(matte)
+    inside = part > 0.5
+    distance = from_outline(inside)
+    near = (distance <= _REACH).astype(np.float32)
+    shape = part.shape
+    size = tuple(n + 32 for n in shape)
+    down, across = np.fft.fftfreq(size[0])[:, None], np.fft.rfftfreq(size[1])
+    box = np.sinc(down * blur[0] + across * blur[1]).astype(np.float32)
+
+    def blurred(mask: Mask) -> Mask:
+        return irfftn(rfftn(np.pad(mask, 16)) * box, size)[16:-16, 16:-16]
+
+    square, cross = square.astype(np.float32), cross.astype(np.float32)
+    step = 1 / (float(square.max()) / 2 + 4)
+    slope = lambda u: near * blurred(blurred(u) * square - cross)  # noqa: E731
+    solved = of_few_edges(part, slope, _FINE_EDGE, step, 60)
+    # A step that is seen through a Gaussian says where it is.
+    through = np.clip(smoothed(np.where(near > 0, solved, part), _SHARP), 1e-4, 1 - 1e-4)
+    distance = erfinv(2 * through - 1) * np.sqrt(2 * (_SHARP**2 + 1 / 12))
+    return window.placed(np.clip(0.5 + distance, 0, 1).astype(np.float32), matte.shape)

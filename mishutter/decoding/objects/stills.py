@@ -1,0 +1,112 @@
+"""Frames of a sensor at rest, and their noise."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+_ALIKE = 1.3
+"""Exposures that blur a thing alike: the longest over the shortest of them."""
+_MIDDLE = 0.3
+"""Level at which frames are weighed."""
+_DARKEST = 0.002
+"""Level below which noise is taken to be that of this level, as counts below 0 say nothing."""
+
+
+Level = Any
+"""Levels of pixels, of any shape; white = 1."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stills:
+    """Frames of a sensor at rest, in which things move.
+
+    A thing of the velocity `v`, down and across, is at `p + v t` where it is at `p` at the time 0,
+    that of the picture.
+    """
+
+    light: Float[np.ndarray, "frames rows columns"]  # White = 1
+    times: Float[np.ndarray, "frames"]  # Mid-exposures; s
+    exposures: Float[np.ndarray, "frames"]  # s
+    electrons: Float[np.ndarray, "frames"]  # Photo-electrons of a white pixel
+    read_noise: float  # e-
+    fastest: float  # Greatest speed; px/s
+    moves: tuple[bool, bool]  # Whether things move down the columns, and across them
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.light.shape[1], self.light.shape[2]
+
+    @property
+    def count(self) -> int:
+        """Number of frames."""
+        return len(self.times)
+
+    @property
+    def middle(self) -> int:
+        """The frame nearest to the time 0; the shortest of two."""
+        return int(np.lexsort((self.exposures, np.round(np.abs(self.times), 9)))[0])
+
+    @property
+    def span(self) -> float:
+        """Time from the first frame to the last; s."""
+        return float(np.ptp(self.times))
+
+    @property
+    def exposure(self) -> float:
+        """Mean exposure; s."""
+        return float(np.mean(self.exposures))
+
+    def ways(self, velocity: Float[np.ndarray, "2"]) -> Float[np.ndarray, "frames 2"]:
+        """Way of a thing since the time 0, in each frame; px."""
+        return self.times[:, None] * velocity
+
+    def noise(self, level: Level, frame: int) -> Level:
+        """Variance of a pixel of some level in a frame."""
+        return self._noise(level, float(self.electrons[frame]))
+
+    def typical_noise(self, level: Level) -> Level:
+        """The same of a frame that is as good as the frames are in the mean."""
+        each, counts = np.unique(self.electrons, return_counts=True)
+        pairs = zip(each.tolist(), counts.tolist(), strict=True)
+        return self.count / sum(count / self._noise(level, one) for one, count in pairs)
+
+    def _noise(self, level: Level, electrons: float) -> Level:
+        return np.maximum(level, _DARKEST) / electrons + (self.read_noise / electrons) ** 2
+
+    @property
+    def weights(self) -> Float[np.ndarray, "frames"]:
+        """Worth of each frame beside that of a typical one, at a middle level."""
+        level = np.float64(_MIDDLE)
+        each = np.array([float(self.noise(level, k)) for k in range(self.count)])
+        return float(self.typical_noise(level)) / each
+
+    def only(self, chosen: Bool[np.ndarray, "frames"]) -> "Stills":
+        """Some of the frames."""
+        return replace(
+            self,
+            light=self.light[chosen],
+            times=self.times[chosen],
+            exposures=self.exposures[chosen],
+            electrons=self.electrons[chosen],
+        )
+
+    @property
+    def alike(self) -> Bool[np.ndarray, "frames"]:
+        """The frames in which things are looked for.
+
+        Those of one exposure blur a thing alike, the shortest least. Two tell a velocity, and four
+        make it clear what hides what.
+        """
+        shortest = np.sort(self.exposures)
+        groups = [self._of(each) for each in shortest.tolist()]
+        for least in (4, 3, 2):
+            for group in groups:
+                if group.sum() >= min(least, self.count):
+                    return group
+        return np.ones(self.count, bool)
+
+    def _of(self, exposure: float) -> Bool[np.ndarray, "frames"]:
+        return (self.exposures >= exposure * 0.999) & (self.exposures <= exposure * _ALIKE)

@@ -1,0 +1,129 @@
+"""Several things before a background, restored object by object from frames of a sensor at rest."""
+
+import numpy as np
+import pytest
+from support.moving_things import Thing, decibels, frames_of, shown, texture
+
+import mishutter as ms
+from mishutter.decoding.objects.candidates import candidates
+from mishutter.decoding.objects.finding import found_in
+from mishutter.decoding.objects.grids import Window, moved, splines
+from mishutter.decoding.objects.stills import Stills
+
+RATE, READ_NOISE, FASTEST = 1e5, 8.0, 900.0
+TIMES = np.array([-0.03, -0.01, 0.01, 0.03])
+EXPOSURES = np.full(4, 0.004)
+
+
+def ground(seed=5, size=128):
+    return texture(np.random.default_rng(seed), size)
+
+
+def thing(seed, centre, radius, velocity, light=None):
+    own = texture(np.random.default_rng(seed), 96, 0.45) if light is None else light
+    return Thing(own, centre, radius, velocity)
+
+
+def stills(frames, times=TIMES, exposures=EXPOSURES):
+    electrons = RATE * np.asarray(exposures)
+    light = np.asarray(frames, np.float32)
+    return Stills(light, times, exposures, electrons, READ_NOISE, FASTEST, (True, True))
+
+
+def plane_frames(times=TIMES, exposures=EXPOSURES):
+    duration = times[-1] - times[0] + (exposures[0] + exposures[-1]) / 2
+    return ms.PlaneFrames(
+        times=times - times[0] + exposures[0] / 2,
+        exposures=exposures,
+        durations=np.array([duration]),
+        velocities=np.zeros((2, 2)),
+    )
+
+
+def in_any_direction(**others):
+    others = {"photon_rate": RATE, "read_noise": READ_NOISE} | others
+    return ms.Scene.any_direction(FASTEST, **others)
+
+
+TWO = (
+    thing(7, (52.3, 44.1), 23.0, (310.0, -240.0)),
+    thing(8, (80.6, 88.2), 20.0, (-150.0, 420.0)),
+)
+
+
+@pytest.fixture(scope="module")
+def two():
+    """Frames of two things, and the picture in the middle."""
+    random = np.random.default_rng(3)
+    return frames_of(ground(), TWO, TIMES, EXPOSURES, random), shown(ground(), TWO, 0.0)
+
+
+def test_part_of_a_picture_moves_by_parts_of_a_pixel():
+    """A spline at displaced pixels, and its way back, are those of a smooth function."""
+    down, across = np.mgrid[:40, :50]
+    wave = np.sin(0.2 * down) * np.cos(0.15 * across)
+    window = Window(8, 9, 20, 22)
+    taken = window.taken(splines(wave[None])[0], np.array([1.3, -2.6]), is_spline=True)
+    wanted = window.of(np.sin(0.2 * (down + 1.3)) * np.cos(0.15 * (across - 2.6)))
+    np.testing.assert_allclose(taken, wanted, atol=2e-4)
+    put = moved(window.of(wave), window, np.array([1.3, -2.6]), wave.shape)
+    inner = Window(12, 9, 14, 12)
+    wanted = np.sin(0.2 * (down - 1.3)) * np.cos(0.15 * (across + 2.6))
+    np.testing.assert_allclose(inner.of(put), inner.of(wanted), atol=0.02)
+
+
+@pytest.mark.slow
+def test_two_things_are_found_with_their_velocities_and_outlines(two):
+    """Both velocities are within three errors, both mattes within a pixel of their outlines."""
+    frames, (_, mattes) = two
+    found = found_in(stills(frames))
+    assert len(found.things) == 2
+    alphas = found.alphas()
+    for each, matte in zip(TWO, mattes, strict=True):
+        near = min(range(2), key=lambda n: np.hypot(*(found.things[n].velocity - each.velocity)))
+        own = found.things[near]
+        apart = own.velocity - np.array(each.velocity)
+        assert apart @ np.linalg.solve(own.covariance, apart) < 3**2 * 2
+        outline = 2 * np.pi * each.radius
+        assert np.sum(np.abs(alphas[near + 1] - matte)) < outline
+
+
+@pytest.mark.slow
+def test_a_thing_without_texture_is_told_by_its_outline():
+    """A flat disc before a textured background is found, and its error is honest."""
+    disc = thing(0, (60.2, 70.7), 26.0, (-180.0, 260.0), np.full((96, 96), 0.2))
+    for seed in (11, 12):
+        frames = frames_of(ground(), [disc], TIMES, EXPOSURES, np.random.default_rng(seed))
+        (own,) = found_in(stills(frames)).things
+        apart = own.velocity - np.array(disc.velocity)
+        assert np.hypot(*apart) < 5
+        assert apart @ np.linalg.solve(own.covariance, apart) < 4**2 * 2
+
+
+def test_nothing_is_found_where_nothing_moves():
+    """Noise makes no objects."""
+    random = np.random.default_rng(4)
+    frames = frames_of(ground(), [], TIMES, EXPOSURES, random)
+    assert candidates(stills(frames)).things == []
+
+
+@pytest.mark.slow
+def test_the_picture_is_far_better_than_that_of_one_frame(two):
+    """The linear picture is 3 dB above the frame's, and what is trusted is right."""
+    frames, (truth, _) = two
+    scene = in_any_direction(objects=ms.Objects(width=40.0))
+    found = ms.restore_frames(frames, scene, plane_frames())
+    alone = plane_frames(TIMES[1:2], EXPOSURES[1:2])
+    one = ms.restore_frames(frames[1:2], in_any_direction(), alone, speed=np.zeros(2))
+    single = shown(ground(), TWO, TIMES[1])[0]
+    assert decibels(found.light, truth) > decibels(one.light, single) + 3
+    assert [each.trusted for each in found.objects] == [True, True]
+    error = np.abs(np.asarray(found.light) - truth)
+    noise = np.sqrt(truth / (RATE * 0.004) + (READ_NOISE / (RATE * 0.004)) ** 2)
+    assert np.mean(found.trust) > 0.8
+    assert np.mean(error[found.trust] > 3 * noise[found.trust]) < 0.01
+    assert found.labels is not None
+    assert set(np.unique(found.labels)) == {0, 1, 2}
+    # To the left and up, as speeds of the package are.
+    speeds = sorted(float(each.velocity[0]) for each in found.objects)
+    np.testing.assert_allclose(speeds, [-420.0, 240.0], atol=6)
