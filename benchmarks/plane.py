@@ -14,8 +14,6 @@ from typing import Any
 import jax
 import numpy as np
 from jaxtyping import Float
-from mishutter.plane.families import BRACKETED, FAMILIES, STILLS, TWO_SINES
-from mishutter.plane.search import _Search
 from scipy.optimize import minimize_scalar
 
 from benchmarks import harness
@@ -31,12 +29,12 @@ from benchmarks.bursts import (
     gains_on_grid,
 )
 from mishutter import BurstMode, Limits, PlaneFrames, Scene, plane_psnr
-from mishutter.plane.levels import SEARCHED
+from mishutter.evaluation.fans import SEARCHED
+from mishutter.search.frame_ties import BRACKETED, STILLS, TWO_SINES
+from mishutter.search.plane_frames import _PlaneSearch
 
 TOP_SPEED = 4500.0
 """Of the things in any direction, as of those of the other map along one axis; px/s."""
-STEPS = 30
-"""Steps of a simplex for each number."""
 ANY = (0.0, math.inf)
 CLASSES = (
     ("4 or more", (0.0, 0.5), (0.0, 0.7)),
@@ -85,13 +83,11 @@ def cell(count: int, light: float, noise: float) -> dict[str, Any]:
     """The best bursts of a camera that takes so many frames within the window."""
     rate = count / WINDOW
     scene = scene_of(light, noise, BurstMode(frames_per_s=rate, max_frames=count, window=WINDOW))
-    search = _Search.of(scene)
+    search = _PlaneSearch.of(scene)
+    one, two = search.stage(1), search.stage(2)
     found = {}
-    for family in FAMILIES:
-        if family.kind in (STILLS, BRACKETED, TWO_SINES):
-            every = [search.found(family, count, np.array(x)) for x in family.starts]
-            best = search.improved(min(every, key=lambda each: each.error), STEPS)
-            found[family.kind] = search.burst(best)
+    for stage, kind, axes in ((one, STILLS, 0), (one, BRACKETED, 0), (two, TWO_SINES, 2)):
+        (found[kind],) = search._bursts(stage, [stage.best(kind, count)], axes)
     still = found[STILLS]
     exposure = float(still.frames.exposures[0])
     mean = float(scene.picture.mean_level)

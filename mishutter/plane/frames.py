@@ -105,7 +105,7 @@ class PlaneFrames(AbstractPath):
         durations = np.asarray(self.durations, np.float64)
         most = math.inf if limits.max_acceleration is None else float(limits.max_acceleration)
         times = [
-            math.hypot(*v) / most if limits.axes == "disc" else float(np.max(np.abs(v))) / most
+            float(np.max(np.abs(v))) / most if limits.axes == "each" else math.hypot(*v) / most
             for v in (velocities[:, 0], velocities[:, -1])
         ]
         rest = np.zeros((2, 1))
@@ -121,6 +121,9 @@ class PlaneFrames(AbstractPath):
         """
         knots = self.knots(limits)
         angles = _DIRECTIONS if limits.axes == "disc" else np.array([0.0, np.pi / 2])
+        if limits.axes == "one":
+            x, y = knots.velocities[:, np.argmax(np.hypot(*knots.velocities))]
+            angles = np.array([math.atan2(y, x)])
         units = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         if limits.axes == "disc":  # between two directions there may be that much more
             units = units / np.cos(_DIRECTIONS[1] / 2)
@@ -134,7 +137,7 @@ class PlaneFrames(AbstractPath):
             limits: Those of the stage.
         """
         gains = np.diff(np.asarray(self.velocities))
-        size = np.hypot(*gains) if limits.axes == "disc" else np.max(np.abs(gains), axis=0)
+        size = np.max(np.abs(gains), axis=0) if limits.axes == "each" else np.hypot(*gains)
         d = np.asarray(self.durations)
         if np.any(size[d == 0] > 0):
             return math.inf

@@ -77,6 +77,11 @@ class Room(NamedTuple):
             max(fastest, 1e-3 * min(top, 1.0)),
         )
 
+    @property
+    def length(self) -> float:
+        """Scale of places; px."""
+        return min(self.stroke, self.travel)
+
     def split(
         self, x: Float[np.ndarray, "*b v"], shape: Shape
     ) -> tuple[Frames, Float[np.ndarray, "*b axes"]]:
@@ -89,22 +94,22 @@ class Room(NamedTuple):
             exposure * period,
             velocity.reshape(*lead, count, pieces + 1, axes) * self.speed,
             gap * period,
-            place.reshape(*lead, count, axes) * self.stroke,
+            place.reshape(*lead, count, axes) * self.length,
             pan * self.speed,
         )
-        return frames, low * self.stroke
+        return frames, low * self.length
 
     def joined(self, frames: Frames) -> Float[np.ndarray, "v"]:
         """The numbers of frames, whose travel is about the middle of the stroke."""
         period = self.times.period
-        low = (1 - self.travel / self.stroke) / 2 if np.isfinite(self.travel) else 0.0
+        low = (self.stroke - self.travel) / 2 if np.isfinite(self.travel) else 0.0
         parts = (
             frames.exposure / period,
             frames.velocity.ravel() / self.speed,
             frames.gap / period,
-            frames.place.ravel() / self.stroke,
+            frames.place.ravel() / self.length,
             frames.pan / self.speed,
-            np.full(frames.pan.size, low),
+            np.full(frames.pan.size, low / self.length),
         )
         return np.concatenate(parts)
 
@@ -113,12 +118,13 @@ class Room(NamedTuple):
         (count, pieces, axes), times, period = shape, self.times, self.times.period
         top, pan = self.top_speed / self.speed, self.max_pan / self.speed if self.turns else 0.0
         longest = min(times.longest, times.window) if count > 1 else times.longest
-        far = (-self.travel / self.stroke, 1.0) if np.isfinite(self.travel) else (0.0, 0.0)
+        most = self.stroke / self.length
+        far = (-self.travel / self.length, most) if np.isfinite(self.travel) else (0.0, 0.0)
         rows = [
             (count, times.shortest / period, max(longest, times.shortest) / period),
             (count * (pieces + 1) * axes, -top, top),
             (count - 1, max(times.dead_time / period, _LEAST_GAP), max(times.window / period, 1.0)),
-            (count * axes, 0.0, 1.0),
+            (count * axes, 0.0, most),
             (axes, -pan, pan),
             (axes, *far),
         ]
@@ -188,7 +194,7 @@ class Room(NamedTuple):
         """Places from `low` to `low + span`, or in the disc of that diameter."""
         unit, share = self._directions(axes)
         about = (place - low - span / 2) @ unit
-        return [(share * span / 2 + sign * about) / self.stroke for sign in (1, -1)]
+        return [(share * span / 2 + sign * about) / self.length for sign in (1, -1)]
 
     def _places(self, way: "_Way", low: np.ndarray, shape: Shape) -> Slack:
         """Places of the stage within frames, and where it begins and ends at rest."""
@@ -226,13 +232,13 @@ class Room(NamedTuple):
         every = [
             (rate * gap - meet + leave) / self.speed,
             (rate * gap + meet - leave) / self.speed,
-            (most - way) / self.stroke,
-            (way - least) / self.stroke,
+            (most - way) / self.length,
+            (way - least) / self.length,
         ]
         # Between frames it coasts at no less than 0, or no more, and turns round at one end only.
         rest = way - (leave * np.abs(leave) + meet * np.abs(meet)) / (2 * rate)
-        ahead = np.maximum((leave + meet - rate * gap) * gap, rest) / self.stroke
-        back = np.maximum(-(leave + meet + rate * gap) * gap, -rest) / self.stroke
+        ahead = np.maximum((leave + meet - rate * gap) * gap, rest) / self.length
+        back = np.maximum(-(leave + meet + rate * gap) * gap, -rest) / self.length
         for base, span, rests in self._boxes(low):
             floor, roof = base[..., None, :], base[..., None, :] + span
             for place, speed, above, below in (
@@ -241,8 +247,8 @@ class Room(NamedTuple):
             ):
                 up, down = (np.maximum(x, 0.0) ** 2 / (2 * rate) for x in (speed, -speed))
                 for left, spared in (
-                    ((roof - place - up) / self.stroke, above),
-                    ((place - down - floor) / self.stroke, below),
+                    ((roof - place - up) / self.length, above),
+                    ((place - down - floor) / self.length, below),
                 ):
                     # A stage that comes to rest in the end has room to stop wherever it moves.
                     every.append(left if rests else np.maximum(left, spared))

@@ -18,7 +18,7 @@ from jaxtyping import Float
 from mishutter.model.sequences import SINE
 from mishutter.search.frame_levels import Frames, Levels
 from mishutter.search.frame_limits import Room, Shape
-from mishutter.search.frame_ties import FOLLOW, FREE, PAN, Numbers, Tie
+from mishutter.search.frame_ties import BRACKETED, FOLLOW, FREE, PAN, Numbers, Tie
 
 MOST_FREE = 24
 """Frames up to which each has numbers of its own."""
@@ -27,11 +27,14 @@ BEYOND = 1.05
 _STEP, _STEP_OF_TIE = 1e-7, 1e-6
 """Steps of the differences of limits, whose numbers are of the order of 1, and of ties."""
 _PIECES_OF_SINE = 8
+_STARTS = 4
 _AS_GOOD = 0.02
 """Decibels below the best at which still fewer frames are tried."""
 _MOST_STEPS, _MOST_STEPS_OF_TIE, _RESTARTS = 60, 40, 3
 _STALLS, _LEAST_GAIN = 6, 1e-3
 """Steps without a gain of so many dB after which a descent ends."""
+_KEPT = 1e-6
+"""Excess of a limit that is one of rounding."""
 _NEARLY = 3e-3
 """Excess of a limit at which a step counts: the nearest numbers within it are found in the end."""
 
@@ -67,7 +70,7 @@ class Descent(NamedTuple):
         limits = {"type": "ineq", "fun": slack, "jac": steps}
         first = np.clip(room.joined(start), *bounds.T)
         end = _climbed(self._error, first, bounds, limits, _MOST_STEPS)
-        return None if end is None else self._end(FREE, _nearest(end, bounds, limits))
+        return self._end(FREE, _nearest(end, bounds, limits))
 
     def tied(self, tie: Tie, start: Numbers) -> End | None:
         """The end of a descent of the numbers of a tie; None where none is within the limits."""
@@ -94,13 +97,16 @@ class Descent(NamedTuple):
         limits = {"type": "ineq", "fun": slack, "jac": steps}
         bounds = np.tile([[0.0, 1.0]], (start.size, 1))
         end = _climbed(error, start, bounds, limits, _MOST_STEPS_OF_TIE)
-        return None if end is None else self._end(tie.kind, whole(end))
+        return self._end(tie.kind, whole(_nearest(end, bounds, limits)))
 
     def best(self, tie: Tie, most: int | None = None) -> End | None:
         """The best end of descents from all starts of a tie, or from some."""
         return best_of([self.tied(tie, start) for start in tie.starts[:most]])
 
-    def _end(self, kind: str, x: Point) -> End:
+    def _end(self, kind: str, x: Point) -> End | None:
+        """The frames of a point, if it is within the limits."""
+        if float(np.min(self.room.slack(x, self.shape))) < -_KEPT:
+            return None
         frames, _ = self.room.split(x, self.shape)
         return End(kind, frames, self.levels.level(frames))
 
@@ -125,8 +131,8 @@ def _climbed(
     bounds: np.ndarray,
     limits: dict[str, Any],
     most: int,
-) -> np.ndarray | None:
-    """The best point of a descent within limits, but for what `_nearest` mends."""
+) -> np.ndarray:
+    """The best point of a descent within limits, but for what `_nearest` mends, or its last."""
     from scipy.optimize import minimize
 
     least, best, stalls, calls = math.inf, None, 0, 0
@@ -163,7 +169,7 @@ def _climbed(
             constraints=limits,
             callback=watch,
         )
-    return best
+    return latest[0] if best is None else best
 
 
 def _nearest(x: Point, bounds: np.ndarray, limits: dict[str, Any]) -> Point:
@@ -221,11 +227,12 @@ class Search(NamedTuple):
         if count > MOST_FREE or not self.is_free:
             return tied
         found = {end.kind: end for end in tied if end is not None}
-        # From a pan each frame may turn into anything, as it is far from all limits.
-        order = [*(kind for kind in (PAN, FOLLOW) if kind in found)]
+        # From a pan each frame may turn into anything, as it is far from all limits; others begin
+        # with flights back, and with one long exposure.
+        order = [*(kind for kind in (PAN, FOLLOW, BRACKETED) if kind in found)]
         order += sorted(found, key=lambda kind: -found[kind].level)
         draw, descent = np.random.default_rng(count), Descent(self.levels, self.room, shape)
-        starts = [found[kind].frames for kind in [*dict.fromkeys(order)][:3]]
+        starts = [found[kind].frames for kind in [*dict.fromkeys(order)][:_STARTS]]
         return [*tied, *(descent.free(shaken(x, draw, self.room, 0.01)) for x in starts)]
 
 

@@ -27,10 +27,21 @@ from mishutter.model.stages import place_at_begin
 from mishutter.search.frame_levels import Frames, Levels
 from mishutter.search.frame_limits import Room, Shape
 from mishutter.search.frame_search import BEYOND, End, Search
-from mishutter.search.frame_ties import ALTERNATING, FAN, FOLLOW, FREE, PAN, SWEEP, WAYS, Tie
+from mishutter.search.frame_ties import (
+    ALTERNATING,
+    BRACKETED,
+    FAN,
+    FOLLOW,
+    FREE,
+    PAN,
+    STILLS,
+    SWEEP,
+    WAYS,
+    Tie,
+)
 
 ONE_PARABOLA = "one parabola"
-_SIMPLEST_FIRST = (PAN, SWEEP, SINE, ALTERNATING, FAN, FOLLOW, FREE)
+_SIMPLEST_FIRST = (STILLS, BRACKETED, PAN, SWEEP, SINE, ALTERNATING, FAN, FOLLOW, FREE)
 _AS_GOOD = 0.05
 """Decibels below the best at which a simpler way is preferred."""
 _MOST = 64
@@ -68,7 +79,7 @@ def best_moving_burst(
     counts = [n for n in times.numbers_of_frames if least <= n <= _MOST]
     slowest, fastest = (float(x) for x in in_parts(scene).speed_range)
     room = Room.of(limits, times, max(abs(slowest), abs(fastest)))
-    kinds = WAYS if limits.max_jerk is None else (PAN, SWEEP, SINE)
+    kinds = (STILLS, BRACKETED, *(WAYS if limits.max_jerk is None else (PAN, SWEEP, SINE)))
     jerk = math.inf if limits.max_jerk is None else float(limits.max_jerk)
 
     def ties(shape: Shape) -> list[Tie]:
