@@ -279,8 +279,15 @@ class FrameSequence(AbstractFrames):
             rates = float(lit[0].accelerations[0]), float(lit[-1].accelerations[-1])
             return Knots.of(lit[0].velocities[0], pieces).from_rest_to_rest(rates, most, jerk)
 
-        if most is None or len(self.frames) == 1:
+        if len(self.frames) == 1:
             return whole(None)
+        if most is None:
+            # A stage of any acceleration stays where it is in some frame.
+            lit = [extent(Knots.of_exposure(self._of_stage(frame))) for frame in self.frames]
+            low = min(begin + way[0] for (begin, _), way in zip(ends, lit, strict=True))
+            high = max(begin + way[1] for (begin, _), way in zip(ends, lit, strict=True))
+            margin = 1e-3 * (high - low)
+            return whole((low - margin, high + margin))
         # No wider than by the greatest acceleration, at which the stage turns round soonest.
         steepest = whole((math.inf, -math.inf))
         low, high = extent(steepest)

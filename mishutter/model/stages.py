@@ -29,6 +29,8 @@ from jaxtyping import Array, ArrayLike, Float, Int
 from mishutter._core.checks import Numbers, require, require_finite, require_known, require_scalar
 from mishutter.model.motion import AbstractMotion, safe_root
 
+_AT_ONCE = 1e9
+"""Acceleration over the least that is needed, as which any counts where none is limited."""
 _SINGLE = 1e-5
 """Share of a number below which it is one of rounding, in single precision."""
 Number = Numbers | np.floating | float
@@ -428,9 +430,10 @@ def transfer(
         low, high = extent(places)
         return low < span[0] or high > span[1]  # type: ignore[index]
 
-    if acceleration is None or acceleration <= least or span is None or not leaves(least):
+    most = _AT_ONCE * least if acceleration is None else acceleration
+    if most <= least or span is None or not leaves(least):
         return pieces(least)
-    low, high = least, acceleration
+    low, high = least, most
     for _ in range(20):
         middle = math.sqrt(low * high)
         low, high = (middle, high) if leaves(middle) else (low, middle)

@@ -21,8 +21,9 @@ from mishutter.evaluation.bursts import FrameTimes
 from mishutter.model.limits import Limits
 from mishutter.search.frame_levels import Frames
 
-_MARGIN = 1e-5
-"""Share by which limits are kept, as a solver keeps constraints to some digits only."""
+_MARGIN, _MARGIN_AT_ONCE = 1e-5, 2e-3
+"""Shares by which limits are kept, as a solver keeps constraints to some digits only: and by which
+a stage of any acceleration keeps its stroke, as it turns round beyond frames."""
 _AT_ONCE = 1e4
 """Acceleration, in top speeds over the least time between frames, that stands for any."""
 _LEAST_GAP = 1e-3
@@ -69,7 +70,7 @@ class Room(NamedTuple):
             at_once if most is None else keep * float(most),
             most is not None,
             top,
-            keep * float(limits.max_stroke),
+            (keep if most is not None else 1 - _MARGIN_AT_ONCE) * float(limits.max_stroke),
             np.inf if travel is None else keep * float(travel),
             min(float(limits.max_pan), top),
             limits.pans == "camera",

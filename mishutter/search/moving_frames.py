@@ -113,7 +113,7 @@ class _Found:
         for _ in range(3):
             sequence = sequence_of(frames, end.kind)
             share = _share(scene, sequence)
-            if share <= 1:
+            if share <= 1 + 1e-7:
                 return _Found(sequence, levels.level(frames))
             if share > BEYOND:
                 return None

@@ -208,7 +208,7 @@ class _PlaneSearch(NamedTuple):
                 (driven.acceleration(limits), limits.max_acceleration),
             )
             share = max(float(taken) / float(there) for taken, there in pairs if there is not None)
-            if share <= 1:
+            if share <= 1 + 1e-7:
                 break
             if share > BEYOND:
                 return None
