@@ -25,9 +25,9 @@ from mishutter.decoding.decoders.base import blur_model, density_of
 from mishutter.decoding.decoders.linear import mean_over_dft
 from mishutter.evaluation.bursts import best_still_burst
 from mishutter.evaluation.instants import Instants
-from mishutter.search.moving_frames import best_moving_burst
 from mishutter.model.sensor import noise_power, white_electrons
 from mishutter.pictures.images import shipped_picture
+from mishutter.search.moving_frames import best_moving_burst
 
 TUNED_ON = "motorcycle_left.png"
 """The photograph that showed, while the decoder was written, that it works."""

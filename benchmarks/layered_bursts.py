@@ -16,8 +16,8 @@ from benchmarks import harness
 from benchmarks.bursts_photographs import decibels
 from benchmarks.photographs import PHOTOGRAPHS
 from mishutter.evaluation.bursts import best_still_burst
-from mishutter.search.moving_frames import best_moving_burst
 from mishutter.pictures.images import Picture, shipped_picture
+from mishutter.search.moving_frames import best_moving_burst
 
 SIZE, BORDER = 256, 48
 """Rows and columns of a picture, and columns at either end that are not judged; px."""

@@ -14,6 +14,8 @@ from typing import Any
 import jax
 import numpy as np
 from jaxtyping import Float
+from mishutter.plane.families import BRACKETED, FAMILIES, STILLS, TWO_SINES
+from mishutter.plane.search import _Search
 from scipy.optimize import minimize_scalar
 
 from benchmarks import harness
@@ -29,9 +31,7 @@ from benchmarks.bursts import (
     gains_on_grid,
 )
 from mishutter import BurstMode, Limits, PlaneFrames, Scene, plane_psnr
-from mishutter.plane.families import BRACKETED, FAMILIES, STILLS, TWO_SINES
 from mishutter.plane.levels import SEARCHED
-from mishutter.plane.search import _Search
 
 TOP_SPEED = 4500.0
 """Of the things in any direction, as of those of the other map along one axis; px/s."""

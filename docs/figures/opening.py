@@ -57,8 +57,8 @@ def main():
     show(axes[0, 1], result.captured[0], name, first)
     show(axes[1, 1], result.restored[0], f"restored: {result.linear_psnr[0]:.1f} dB", first)
     still, moving = best_bursts(scene)
-    names = f"{still.num_frames} frames at rest,", f"{moving.num_frames} frames, the"
-    ways = "the second:", "second moving:"
+    names = f"{still.num_frames} frames at rest,", f"{moving.num_frames} frames,"
+    ways = "the second:", "the sensor moving:"
     for column, frames, above, way in zip(axes.T[2:], (still, moving), names, ways, strict=True):
         result = burst_and_restore(
             light,

@@ -33,14 +33,15 @@ def draw_options() -> None:
     for place, option in enumerate(options):
         level, is_choice = option["psnr_db"], option["row"] == comparison["choice"]
         axes.barh(place, level - 23, left=23, color="#0072b2" if is_choice else "0.75")
-        axes.text(level - 0.05, place, f"{level:.1f}", va="center", ha="right", fontsize="small")
+        axes.text(23.05, place, f"{level:.1f}", va="center", fontsize="small")
     most = comparison["ceiling_db"]
     axes.axvline(most, color="k", linestyle="--")
     axes.text(most - 0.05, -0.1, "ceiling of one exposure", ha="right", fontsize="small")
     axes.set_yticks(range(len(options)), [option["name"] for option in options])
-    axes.set(xlabel="expected PSNR / dB", xlim=(23, most + 0.2))
+    top = max(most, *(option["psnr_db"] for option in options))
+    axes.set(xlabel="expected PSNR / dB", xlim=(23, top + 0.1))
     axes.tick_params(labelsize="small")
-    figure.subplots_adjust(left=0.36, right=0.98, bottom=0.2, top=0.97)
+    figure.subplots_adjust(left=0.43, right=0.98, bottom=0.2, top=0.97)
     save_figure(figure, HERE / "verdict_options.png")
 
 

@@ -130,15 +130,19 @@ def _climbed(
     from scipy.optimize import minimize
 
     least, best, stalls, calls = math.inf, None, 0, 0
+    latest: tuple[np.ndarray, float] = start, math.inf
 
     def counted(x: np.ndarray) -> tuple[float, np.ndarray]:
-        nonlocal calls
-        calls += 1
-        return error(x)
+        nonlocal calls, latest
+        value, slope = error(x)
+        calls, latest = calls + 1, (x.copy(), value)
+        return value, slope
 
     def watch(x: np.ndarray) -> None:
         nonlocal least, best, stalls
-        if float(np.min(limits["fun"](x))) >= -_NEARLY and (value := error(x)[0]) < least:
+        # A step ends at the point that was asked for last.
+        value = latest[1] if np.array_equal(x, latest[0]) else error(x)[0]
+        if value < least and float(np.min(limits["fun"](x))) >= -_NEARLY:
             stalls = 0 if value < least - _LEAST_GAIN else stalls + 1
             least, best = value, x.copy()
         elif best is not None:

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from mishutter.evaluation.moving_bursts import _Room, _Search, _Try
 from support.burst_levels import FrameGroup, burst_psnr
 
 from mishutter import Limits, Occlusion, Scene, Sensor
 from mishutter.evaluation.bursts import FrameTimes
-from mishutter.evaluation.moving_bursts import _Room, _Search, _Try
 from mishutter.evaluation.open_frames import OpenFrames, psnr_of_error
 
 SPEEDS = np.linspace(-3100.0, 3700.0, 6)

@@ -18,8 +18,8 @@ from mishutter.explore.session import (
     SupersededError,
     with_design,
 )
-from mishutter.search import plane_frames
 from mishutter.report.in_plane import PlaneReport
+from mishutter.search import plane_frames
 
 TABLES = {
     "speeds": {"any_direction": {"max_px_per_s": 1700.0}},

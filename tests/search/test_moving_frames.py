@@ -38,6 +38,7 @@ def _in_window(speeds, num_frames, *, rate=None, dead_time=0.0, weights=None, se
 def _belt():
     """Things on a belt at 4,560 to 5,040 px/s, over a stage that flies back between 5 frames."""
     limits = Limits(
+        max_stroke=1e4,
         max_travel=87.0,
         max_top_speed=11594.0,
         max_acceleration=4.26e6,

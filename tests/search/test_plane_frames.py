@@ -23,8 +23,11 @@ from mishutter import (
 )
 from mishutter.cli.plane_command import _require_frames
 from mishutter.evaluation.sequences import loss_of_width
+from mishutter.plane.bursts import PlaneBurst, frames_of
 from mishutter.plane.frames import PlaneFrames
 from mishutter.report.in_plane import PlaneReport
+from mishutter.search.frame_ties import FREE
+from mishutter.search.plane_frames import PlaneSearch
 
 LIMITS = Limits(max_stroke=24.0, max_half_exposure=0.01, max_acceleration=9e5, max_travel=31.0)
 BURST = BurstMode(frames_per_s=90.0, window=0.05, max_frames=4)
@@ -34,43 +37,6 @@ def a_scene(limits: Limits = LIMITS, **others) -> Scene:
     law = EvenVelocities(1700.0, 1100.0, angle=0.3)
     parts = {"photon_rate": 3e4, "read_noise": 9.0, "limits": limits, "burst": BURST}
     return Scene.any_direction(law, **(parts | others))
-
-
-def a_room(limits: Limits) -> Room:
-    return _Search.of(a_scene(limits)).room
-
-
-@pytest.mark.parametrize("axes", ["each", "disc"])
-@pytest.mark.parametrize("kind", [family.kind for family in FAMILIES])
-def test_ways_keep_the_limits(kind, axes):
-    """Travel, stroke, speed and acceleration by places and velocities of the path itself."""
-    limits = Limits(
-        max_stroke=24.0,
-        max_half_exposure=0.01,
-        max_acceleration=9e5,
-        max_travel=31.0,
-        max_top_speed=1500.0,
-        axes=axes,
-    )
-    family = next(each for each in FAMILIES if each.kind == kind)
-    point = np.array([0.9, 0.8, 0.7, 0.4])[: len(family.starts[0])]
-    frames = family.made(a_room(limits), 3, point)
-    assert frames.num_frames == 3
-    assert frames.duration <= 0.05 * (1 + 1e-9)
-    knots = frames.knots(limits)
-    turns = np.linspace(0, np.pi, 37) if axes == "disc" else np.array([0, np.pi / 2])
-    units = np.stack([np.cos(turns), np.sin(turns)], axis=-1)
-    velocity = units @ knots.velocities
-    lasts = knots.durations > 0
-    gains = np.abs(np.diff(velocity))
-    assert gains[:, ~lasts].max(initial=0) < 1e-6
-    assert (gains[:, lasts] / knots.durations[lasts]).max() <= 9e5 * (1 + 1e-6)
-    assert np.abs(velocity).max() <= 1500 * (1 + 1e-6)
-    steps = (velocity[:, 1:] + velocity[:, :-1]) / 2 * knots.durations
-    place = np.cumsum(steps, axis=1)
-    assert np.ptp(place, axis=1).max() <= 31 * (1 + 1e-2)
-    lit = place[:, knots.first - 1 : knots.last]
-    assert np.ptp(lit, axis=1).max() <= 24 * (1 + 1e-6)
 
 
 def test_a_path_is_where_its_velocities_lead():
@@ -86,39 +52,87 @@ def test_a_path_is_where_its_velocities_lead():
     np.testing.assert_allclose(place[1], [0, 0, 0, 0.6], atol=1e-12)
 
 
-def test_one_axis_of_a_stage_gets_ways_along_it():
-    """A stage of one axis follows no way of two, nor a free path; the axis is that of the law."""
-    search = _Search.of(a_scene(Limits(max_half_exposure=0.01, axes="one")))
-    families = {family.kind: family for family, _ in search.tries}
-    assert max(family.num_axes for family in families.values()) == 1
-    frames = families["sweep"].made(search.room, 3, np.array([1.0, 0.6]))
-    x, y = np.asarray(frames.velocities)
-    np.testing.assert_allclose(y, x * np.tan(0.3), atol=1e-6)
+def _along(turns: np.ndarray, knots) -> np.ndarray:
+    """Velocities of a path along some directions."""
+    return np.stack([np.cos(turns), np.sin(turns)], axis=-1) @ knots.velocities
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("axes", ["one", "each", "disc"])
+def test_frames_keep_the_limits(axes):
+    """Travel, stroke, speed and acceleration by places and velocities of the path itself."""
+    most, top = 9e5, 1500.0
+    limits = replace(LIMITS, axes=axes, max_top_speed=top)
+    burst = BurstMode(frames_per_s=90.0, window=0.035, max_frames=3)
+    found = best_in_plane(a_scene(limits, burst=burst))
+    assert max(each.num_axes for each in found.bursts) == (1 if axes == "one" else 2)
+    turns = np.linspace(0, np.pi, 37) if axes == "disc" else np.array([0, np.pi / 2])
+    for each in found.bursts:
+        assert each.num_frames <= 3
+        assert each.frames.duration <= 0.035 * (1 + 1e-6)
+        if each.frames.stays:
+            continue
+        own = turns if each.num_axes == 2 else np.array([0, np.pi / 2])
+        knots = each.frames.knots(limits)
+        velocity, lasts = _along(own, knots), knots.durations > 0
+        if each.num_axes == 1:  # along that of the fastest things
+            across = _along(np.array([0.3 + np.pi / 2]), knots)
+            np.testing.assert_allclose(across, 0, atol=1e-6)
+        gains = np.abs(np.diff(velocity))
+        assert (gains[:, lasts] / knots.durations[lasts]).max() <= most * (1 + 1e-3)
+        assert np.abs(velocity).max() <= top * (1 + 1e-3)
+        place = np.cumsum((velocity[:, 1:] + velocity[:, :-1]) / 2 * knots.durations, axis=1)
+        assert np.ptp(place, axis=1).max() <= 31 * (1 + 1e-2)
+        lit = place[:, knots.first - 1 : knots.last]
+        assert np.ptp(lit, axis=1).max() <= 24 * (1 + 1e-3)
+
+
+@pytest.mark.slow
+def test_paths_of_the_stage_are_those_of_the_frames(searched):
+    """Along each axis within a frame, but for a constant, and at rest before and after."""
+    scene = a_scene()
+    burst = max(searched.bursts, key=lambda each: each.level)
+    paths = list(burst.stage_paths(scene).values())
+    assert len(paths) == 2
+    for time, exposure in zip(burst.times, burst.exposures, strict=True):
+        within = time + np.linspace(-0.49, 0.49, 9) * exposure
+        wanted = burst.place(within[None])[:, 0]
+        for path, own in zip(paths, wanted, strict=True):
+            np.testing.assert_allclose(np.diff(path.at(within)[0]), np.diff(own), atol=1e-3)
+    for path in paths:
+        assert np.all(path.at(path.times[[0, -1]] + np.array([-1.0, 1.0]))[1] == 0)
+
+
+@pytest.mark.slow
 def test_frames_pan_with_velocities_that_have_a_mean():
-    """Things that all move one way are followed; frames at rest are not panned.
-
-    Of a camera that turns the stage makes the rest of the motion, within its stroke.
-    """
+    """Things that all move one way are followed; a camera that turns leaves its stage the rest."""
     law = ListedVelocities([[900.0, 300.0], [1100.0, 500.0]])
-    scene = Scene.any_direction(law, photon_rate=3e4, read_noise=9.0, burst=BURST, limits=LIMITS)
-    search = _Search.of(scene)
-    kinds = {family.kind: family for family, _ in search.tries}
-    assert "pan" in kinds
-    loose = replace(scene, limits=Limits(max_half_exposure=0.01))
-    room = _Search.of(loose).room
-    frames = kinds["pan"].made(room, 2, np.array([0.5]))
-    np.testing.assert_allclose(frames.velocities.T, np.tile([1000.0, 400.0], (65, 1)))
-    assert not np.any(kinds["stills"].made(room, 2, np.array([0.5])).velocities)
-    turning = replace(scene, limits=Limits(max_stroke=5.0, max_half_exposure=0.01, pans="camera"))
-    room = _Search.of(turning).room
-    frames = kinds["circle"].made(room, 2, np.array([1.0, 0.9, 0.5]))
-    assert np.ptp(np.cumsum(frames.velocities, axis=1), axis=1).max() > 0
-    use = room.of_stage(frames).use(turning.limits)
-    assert float(use.stroke) == pytest.approx(5, rel=2e-3)
-    assert float(frames.use(turning.limits).stroke) > 20
-    assert "pan" not in {family.kind for family, _ in _Search.of(a_scene()).tries}
+    burst = BurstMode(frames_per_s=90.0, window=0.023, max_frames=2)
+    light = {"photon_rate": 3e4, "read_noise": 9.0, "burst": burst}
+    levels = {}
+    for pans in ("stage", "camera"):
+        limits = Limits(max_stroke=5.0, max_half_exposure=0.01, pans=pans)
+        scene = Scene.any_direction(law, limits=limits, **light)
+        found = best_in_plane(scene)
+        best = max(found.bursts, key=lambda each: each.level)
+        levels[pans] = best.level
+        assert float(best.use.stroke) <= 5 * (1 + 1e-3)
+        middle = np.mean(best.frames.velocities, axis=1)
+        if pans == "camera":
+            np.testing.assert_allclose(middle, [1000.0, 400.0], rtol=0.25)
+            assert float(best.frames.use(limits).stroke) > 10
+    assert levels["camera"] > levels["stage"] + 0.5
+
+
+@pytest.mark.slow
+def test_a_camera_without_a_stage_takes_stills():
+    """A stroke of 0 leaves frames at rest, of one exposure or two, and one exposure."""
+    found = best_in_plane(a_scene(Limits(max_stroke=0.0, max_half_exposure=0.01, axes="one")))
+    assert found.snapshot.num_frames == 1
+    for each in found.bursts:
+        assert float(each.use.stroke) < 0.01
+    assert max(each.level for each in found.bursts) > found.snapshot.level
+    assert max(each.level for each in found.bursts) < found.ceiling
 
 
 @pytest.fixture(scope="module")
@@ -199,17 +213,17 @@ def test_frames_that_lose_more_at_the_borders_of_a_sensor_are_not_recommended():
     assert "leave are not counted (else say [sensor] width_px)" in " ".join(report.text().split())
 
 
+@pytest.mark.slow
 def test_frames_are_measured_on_the_sensor_of_the_scene():
-    """Several frames have a loss by its width, or by that of an object; one has none."""
-    frames = a_burst("circle", 2, 0.0).frames
-    wide = a_scene(sensor=Sensor(width=190.0))
-    burst = _Search.of(wide).measured("circle", 2, frames)
-    assert burst.width_loss == loss_of_width(wide, frames, width=190.0) > 0.05
-    assert burst.level == burst.psnr - burst.width_loss
-    assert f"less {burst.width_loss:.2g} by the width of the sensor" in burst.text
-    assert _Search.of(a_scene()).measured("circle", 2, frames).width_loss is None
-    one = a_burst("circle", 2, 0.0, 1).frames
-    assert _Search.of(wide).measured("circle", 2, one).width_loss is None
+    """Several frames have a loss by its width; one has none."""
+    burst = BurstMode(frames_per_s=90.0, window=0.023, max_frames=2)
+    wide = a_scene(replace(LIMITS, axes="one"), sensor=Sensor(width=190.0), burst=burst)
+    found = best_in_plane(wide)
+    assert found.snapshot.width_loss is None
+    for each in found.bursts:
+        assert each.width_loss == loss_of_width(wide, each.frames, width=190.0) > 0
+        assert each.level == each.psnr - each.width_loss
+        assert f"less {each.width_loss:.2g} by the width of the sensor" in each.text
 
 
 def test_a_snapshot_is_told_to_be_taken_where_nothing_is_worth_more():
@@ -340,9 +354,9 @@ def test_the_command_answers_and_writes_its_files(tmp_path, capsys):
     document = json.loads((tmp_path / "out" / "report.json").read_text("utf-8"))
     assert document["verdict"] in out
     assert (tmp_path / "out" / "answer.png").stat().st_size > 10_000
-    design = PlaneDesign.load(tmp_path / "out" / "design.json")
+    design = PlaneDesign.load(tmp_path / "out" / "recommended.json")
     assert design.burst.kind == document["choice"]
-    assert f"Next: mishutter export {tmp_path / 'out' / 'design.json'} --out" in out
+    assert f"Next: mishutter export {tmp_path / 'out' / 'recommended.json'} --out" in out
 
 
 def test_a_picture_of_stills_has_no_empty_panels():
