@@ -6,8 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mishutter.plane.families import FAMILIES, FREE, Room, frames_of
-from mishutter.plane.search import PlaneBurst, PlaneSearch, _Search
 from support.bursts import SEQUENCE
 
 from mishutter import (
