@@ -173,6 +173,9 @@ FUNCTIONS = {
         (TRACE, 0.015, 0.001),
     ),
     "optimise": lambda: Asked(_named(ms.optimise, "scene", "motion", "shutter"), (), DESIGN),
+    "exposures_psnr": lambda: Asked(
+        lambda frames: ms.exposures_psnr(SCENE, frames, num_panels=2), (), (FRAMES,)
+    ),
     "plane_psnr": lambda: Asked(
         lambda frames: ms.plane_psnr(scene_of("A"), frames, num_panels=2),
         (frames_of("A", 2, "still"),),
@@ -233,8 +236,8 @@ FUNCTIONS = {
 NOT_ASKED = {
     NO_NUMBER: "baselines example_picture example_scene keep_compiled_programs register_shutter",
     OF_FILES: "design_from_drive read_drive read_frames read_layers read_measurements read_path "
-    "read_picture read_scene read_trace row_power_spectrum write_picture",
-    OF_DESIGN: "drive_table frame_table",
+    "read_picture read_scene read_trace row_power_spectrum write_layers write_picture",
+    OF_DESIGN: "drive_table frame_table plot_design",
     OF_MAP: "best_points gain_over gain_over_snapshot light_map pareto_front plot_front plot_map",
     OF_TARGETS: "fit",
 }

@@ -149,7 +149,10 @@ class DriveTable(AbstractTable):
         Rows are at the steps of the table, and as many between each two as make 256 of an exposure
         in fewer steps: a stage that is sent so few positions leaves its path. Where the scene says
         how its stage follows, the last column is the command for it. None where the limits have no
-        `stage_path`. One that `returns` goes back to where it began, within the limits.
+        `stage_path`.
+
+        Args:
+            returns: Whether the path goes back to where it began, within the limits.
         """
         count = self.begin.size * -(-_NUM_STEPS // self.begin.size)
         half = self.exposure / 2

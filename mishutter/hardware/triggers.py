@@ -128,8 +128,10 @@ class FrameTable(AbstractTable):
         """The path of the stage from rest to rest; None where no limit says how it moves.
 
         Rows are at the steps of the table. Where the scene says how its stage follows, a column
-        has the command for each axis. One that `returns` goes back to where it began, within the
-        limits of the stage.
+        has the command for each axis.
+
+        Args:
+            returns: Whether the path goes back to where it began, within the limits of the stage.
         """
         lights = {f"frame {number}": lit for number, lit in enumerate(self.lights, 1)}
         count, scene = self.begin.size, self.design.scene

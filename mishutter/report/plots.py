@@ -184,6 +184,9 @@ def plot_design(design: AbstractDesign) -> "Figure":
 
     Where frames of a burst are better, or are in the plane, these are drawn, with the path of the
     stage through them.
+
+    Args:
+        design: A design along an axis or in the plane.
     """
     if not isinstance(design, Design):
         return plot_plane(design.scene, design.exposures)
