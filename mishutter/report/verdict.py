@@ -56,7 +56,7 @@ _WORTH_A_PAN = 1.0
 _WAYS = {
     SINE: "swings on a sine that turns in the middle of each frame",
     SWEEP: "goes out and back once at a constant acceleration",
-    ALTERNATING: "turns back in the middle of each frame at a constant acceleration",
+    ALTERNATING: "turns back in each frame",
     FAN: "takes another constant velocity in each frame",
     FOLLOW: "follows the objects at {speeds} and flies back between frames, {turns}",
     PAN: "pans at {speeds}",
@@ -69,7 +69,7 @@ _VERBS = {
     SWEEP: "sweeps {way}",
     ALTERNATING: "swings {way}",
     FAN: "takes a constant speed in each, over {way}",
-    FOLLOW: "follows the objects and flies back between frames over {way}",
+    FOLLOW: "follows the objects and flies back over {way}",
     CIRCLE: "circles over {way}",
     TWO_SINES: "follows two sines over {way}",
     CROSSED: "swings {way} along two axes in turn",

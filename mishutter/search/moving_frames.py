@@ -233,7 +233,8 @@ def kind_of(sequence: FrameSequence) -> str:
         return PAN if is_one else FAN
     if np.all(ends[:, 0] * ends[:, 1] < 0):
         return ALTERNATING
-    rises = np.sign(gains) * np.sign(gains[0])
-    if np.all(rises > 0) and np.all(np.diff(middle) * gains[0] > 0):
+    rates = gains / lengths
+    is_even = np.ptp(rates) < 0.5 * np.max(np.abs(rates))
+    if is_even and np.all(np.diff(middle) * gains[0] > 0):
         return SWEEP
     return FREE

@@ -417,7 +417,7 @@ def test_an_answer_says_what_it_assumes():
 @pytest.mark.parametrize(
     ("how", "way"),
     [
-        ({"kind": ALTERNATING}, "turns back in the middle of each frame"),
+        ({"kind": ALTERNATING}, "turns back in each frame"),
         ({"kind": SWEEP, "moving": 3, "rests": 1}, "rests in the first frame, then goes out and"),
         ({"kind": SINE, "moving": 5, "rests": 2}, "rests in the first 2 frames, then swings on a"),
         ({"kind": FAN}, "takes another constant velocity in each frame"),
