@@ -87,9 +87,8 @@ def best_moving_burst(
         every = (Tie(kind, room, shape, *ends) for kind in kinds)
         return [tie for tie in every if tie.exists]
 
-    levels = Levels.on_axis(scene)
-    search = Search(levels, room, ties, _pieces, limits.max_jerk is None)
-    ends = (_Found.of(scene, end, levels) for end in search.ends(counts, progress))
+    search = Search(Levels.on_axis(scene), room, ties, _pieces, limits.max_jerk is None)
+    ends = (_Found.of(scene, end) for end in search.ends(counts, progress))
     found = [end for end in ends if end is not None]
     return _chosen(scene, found) if found else None
 
@@ -107,14 +106,17 @@ class _Found:
     level: float  # dB
 
     @staticmethod
-    def of(scene: Scene, end: End, levels: Levels) -> "_Found | None":
+    def of(scene: Scene, end: End) -> "_Found | None":
         """The end of a descent, brought within the limits; None where it is far from them."""
         frames = end.frames
+        if scene.limits.pans == "camera":
+            frames = _spared(scene, frames)
         for _ in range(3):
             sequence = sequence_of(frames, end.kind)
             share = _share(scene, sequence)
             if share <= 1 + 1e-7:
-                return _Found(sequence, levels.level(frames))
+                # Ends are judged by the level that is told, at the scene's own speeds.
+                return _Found(sequence, levels_of(scene, sequence.frames)[0])
             if share > BEYOND:
                 return None
             slower = (1 - 1e-7) / share
@@ -126,6 +128,22 @@ class _Found:
     def order(self) -> tuple[int, float]:
         """The simplest come first, and of these the best."""
         return _SIMPLEST_FIRST.index(self.sequence.kind), -self.level
+
+
+def _spared(scene: Scene, frames: Frames) -> Frames:
+    """The frames with a camera that turns along with the mean of them, if the limits allow it.
+
+    The level knows nothing of who moves the sensor: the less the stage, the better.
+    """
+    most = float(scene.limits.max_pan)
+    pan = np.clip(np.mean(frames.velocity, axis=(0, 1)), -most, most)
+    stage = frames.velocity - pan
+    ways = frames.steps * np.sum(stage[:, 1:] + stage[:, :-1], axis=1) / 2
+    between = frames.gap[:, None] * (stage[1:, 0] + stage[:-1, -1]) / 2
+    place = np.concatenate([0 * pan[None], np.cumsum(ways[:-1] + between, axis=0)])
+    turned = frames._replace(pan=pan, place=place)
+    shares = [_share(scene, sequence_of(each, FREE)) for each in (frames, turned)]
+    return turned if shares[1] < shares[0] else frames
 
 
 def _share(scene: Scene, sequence: FrameSequence) -> float:
