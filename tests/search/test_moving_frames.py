@@ -13,7 +13,7 @@ from mishutter.evaluation.sequences import loss_of_width
 from mishutter.model.stages import Knots, extent, transfer
 from mishutter.search.frame_levels import Frames, Levels, chirps
 from mishutter.search.frame_limits import Room, Shape
-from mishutter.search.frame_ties import FOLLOW, FREE, SWEEP
+from mishutter.search.frame_ties import FOLLOW, FREE, PAN, SWEEP
 from mishutter.search.moving_frames import best_moving_burst, sequence_of
 
 SIMPLER = 0.05 + 0.005
@@ -449,10 +449,11 @@ def test_a_sensor_chooses_the_path_that_leaves_most_on_it():
 
 @pytest.mark.slow
 def test_the_simplest_of_equals_is_taken():
-    """A sweep has all but 0.05 dB of the best of a longer stroke, which a shorter has not."""
-    free, bound = (best_moving_burst(_in_window(BOTH_WAYS, 4, max_stroke=x)) for x in (130.0, 60.0))
-    assert free.kind == SWEEP != bound.kind
-    assert free.psnr >= bound.psnr - SIMPLER
+    """Things of nearly one speed are followed on one pan, which a path of each frame's own equals."""
+    alike = best_moving_burst(_in_window(np.linspace(950.0, 960.0, 5), 4, max_stroke=120.0))
+    apart = best_moving_burst(_in_window(BOTH_WAYS, 4, max_stroke=120.0))
+    assert alike.kind == PAN != apart.kind
+    assert np.ptp([float(frame.motion.velocity) for frame in alike.frames]) == pytest.approx(0.0)
 
 
 @pytest.mark.slow
