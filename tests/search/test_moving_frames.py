@@ -438,13 +438,14 @@ def test_two_frames_may_follow_one_direction():
 
 @pytest.mark.slow
 def test_a_sensor_chooses_the_path_that_leaves_most_on_it():
-    """Four frames of a sweep are best without an end, and look beside a narrow sensor."""
+    """The best four frames without an end look beside a narrow sensor, which swings."""
     endless = best_moving_burst(_in_window(BOTH_WAYS, 4, max_stroke=130.0))
     narrow = _in_window(BOTH_WAYS, 4, max_stroke=130.0, sensor=Sensor(width=512.0))
     burst = best_moving_burst(narrow)
-    assert (endless.kind, burst.kind) == (SWEEP, "alternating parabolas")
+    assert burst.kind == "alternating parabolas"
+    assert endless.psnr > burst.psnr
     lost, less = (loss_of_width(narrow, x.frames, width=512.0) for x in (endless, burst))
-    assert burst.psnr - less > endless.psnr - lost + 0.2
+    assert burst.psnr - less > endless.psnr - lost + 0.1
 
 
 @pytest.mark.slow
