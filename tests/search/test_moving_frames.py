@@ -450,7 +450,7 @@ def test_a_sensor_chooses_the_path_that_leaves_most_on_it():
 
 @pytest.mark.slow
 def test_the_simplest_of_equals_is_taken():
-    """Things of nearly one speed are followed on one pan, which a path of each frame's own equals."""
+    """Things of nearly one speed are followed on one pan, which a freer path only equals."""
     alike = best_moving_burst(_in_window(np.linspace(950.0, 960.0, 5), 4, max_stroke=120.0))
     apart = best_moving_burst(_in_window(BOTH_WAYS, 4, max_stroke=120.0))
     assert alike.kind == PAN != apart.kind
