@@ -330,7 +330,7 @@ def test_an_interrupt_after_the_search_keeps_the_design(still_scene, monkeypatch
     assert cli.main(command[1:]) == 130
     (motion, found), (again, read) = compared
     assert eqx.tree_equal(again, motion)
-    assert eqx.tree_equal(read["design"].shutter, found["optimised"].shutter)
+    assert eqx.tree_equal(read["one_exposure"].shutter, found["optimised"].shutter)
 
 
 def test_a_termination_is_143(monkeypatch):
