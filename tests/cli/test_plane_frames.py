@@ -229,4 +229,5 @@ def test_frames_are_restored_by_the_recorded_path(desk, capsys):
     assert recorded > planned + 1
     (desk / "one.csv").write_text("t (ms),x (px)\n0,1\n1,2", "utf-8")
     line = refused(capsys, *command, "--stage-path", "one.csv")
-    assert "must have columns x and y, for a stage of two axes; got x" in line
+    assert "must have columns x and y, for a stage of two axes, under a line such as" in line
+    assert line.rstrip().endswith("`time (ms),x (um),y (um)`; got x")
