@@ -4,7 +4,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from mishutter._core.files import writable_folder
+from mishutter._core.files import ONE_EXPOSURE, writable_folder
 from mishutter._core.progress import note, progress_bar
 from mishutter.cli.console import AGAIN, interruptible, print_table, start_jax, write_json
 from mishutter.cli.help import DESIGN, OUTPUT, PICTURES, SENSOR
@@ -227,8 +227,8 @@ def _simulated(
         raise ValueError("`--subject` must be a photograph or layers for a burst; got footage.")
     if scene.occlusion is not None and camera.exposures.moves:
         raise ValueError(
-            "`--design` must be of frames at rest, or of one exposure, to be simulated before a "
-            "background; got frames during which the sensor moves, and [occlusion]."
+            f"`--design` must be of frames at rest, or of one exposure, as {ONE_EXPOSURE} beside an "
+            "answer, to be simulated before a background; got frames that move, and [occlusion]."
         )
     result = burst_and_restore(subject, scene, camera.exposures, **settings)
     frames = camera.exposures.of_one_gain(result.captured)
