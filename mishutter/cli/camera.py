@@ -227,8 +227,8 @@ def _simulated(
         raise ValueError("`--subject` must be a photograph or layers for a burst; got footage.")
     if scene.occlusion is not None and camera.exposures.moves:
         raise ValueError(
-            f"`--design` must be of frames at rest, or of one exposure, as {ONE_EXPOSURE} beside an "
-            "answer, to be simulated before a background; got frames that move, and [occlusion]."
+            f"`--design` must be of frames at rest, or of one exposure, as {ONE_EXPOSURE} beside "
+            "an answer, to be simulated before a background; got frames that move, and [occlusion]."
         )
     result = burst_and_restore(subject, scene, camera.exposures, **settings)
     frames = camera.exposures.of_one_gain(result.captured)
