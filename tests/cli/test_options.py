@@ -303,7 +303,8 @@ OPTIONS = {
     ],
 }
 """Cases by command. `--out` and `--json` are held by the tests of each command's files."""
-HELD_ELSEWHERE = {"--out", "--json", "--help"}
+# `test_objects.py` restores by the last two.
+HELD_ELSEWHERE = {"--out", "--json", "--help", "--objects", "--outlines"}
 REQUIRED = {
     "reproduce": ["--out", "page"],
     "restore": ["other.png"],
