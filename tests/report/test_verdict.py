@@ -44,7 +44,7 @@ from mishutter.report.verdict import (
     order_at_rest,
     points_that_leave,
 )
-from mishutter.search.frame_search import ALTERNATING, FAN, SWEEP
+from mishutter.search.frame_ties import ALTERNATING, FAN, SWEEP
 from mishutter.search.rivals import (
     BEST_CODED_STILL,
     BEST_MOVING_BURST,
@@ -665,7 +665,7 @@ PEOPLE = {
     "a telephone at 240 frames/s": (
         _scene(900.0, -900.0, 3e5, 1.5, 0.1, burst=BurstMode(frames_per_s=240.0, max_frames=16)),
         ("registration", "stage"),
-        "Take 16 frames while the stage takes a constant speed in each",
+        "Take 16 frames while the stage sweeps",
     ),
 }
 
