@@ -1,6 +1,5 @@
 """Clips: frames of a camera at rest as its files hold them, and files that hold no clip."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Shaped
 
 from mishutter._core.checks import Unquoted, require, shape_of
-from mishutter.pictures.files import PICTURE_SUFFIXES, is_tiff
+from mishutter.pictures.files import PICTURE_SUFFIXES, by_numbers, is_tiff
 from mishutter.pictures.images import decoded_pages, frames_of_tiff
 
 Source: TypeAlias = str | Path | np.ndarray | Sequence[str | Path]
@@ -120,7 +119,7 @@ def read_levels_of(source: Source, subject: str, most: int | None = None) -> Lev
     require(len(files) > 0, subject, "name a file", Unquoted("none"))
     # A shell, too, lists `frame_10` before `frame_2`.
     if files == sorted(files):
-        files.sort(key=_by_numbers)
+        files.sort(key=lambda path: by_numbers(path.name))
     parts, words, count = [], _gaps(files), 0
     for file in files:
         if most is not None and count >= most:
@@ -186,17 +185,12 @@ def _files(path: Path, subject: str) -> list[Path]:
     names = (*PICTURE_SUFFIXES, ".npy")
     files = sorted(p for p in path.iterdir() if p.suffix.lower() in names)
     require(len(files) > 0, subject, "name a folder of frames", str(path))
-    return sorted(files, key=_by_numbers)
-
-
-def _by_numbers(path: Path) -> list[str | int]:
-    """The name of a file as a list of its texts and numbers, by which files are in order."""
-    return [int(x) if k % 2 else x for k, x in enumerate(re.split(r"(\d+)", path.name))]
+    return sorted(files, key=lambda path: by_numbers(path.name))
 
 
 def _gaps(files: Sequence[Path]) -> list[str]:
     """A sentence on numbers that are missing in the names of files that one number tells apart."""
-    names = [_by_numbers(file) for file in files]
+    names = [by_numbers(file.name) for file in files]
     if len(names) < 3 or len({len(name) for name in names}) > 1:
         return []
     varied = [each for each in zip(*names, strict=True) if len(set(each)) > 1]

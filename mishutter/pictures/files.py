@@ -50,10 +50,10 @@ logging.getLogger("tifffile").addHandler(logging.NullHandler())
 def pictures_in(folder: Path) -> list[Path]:
     """The pictures of a folder in the order of the numbers in their names: 2 before 10."""
     files = (path for path in folder.iterdir() if path.suffix.lower() in PICTURE_SUFFIXES)
-    return sorted(files, key=lambda path: _by_numbers(path.name))
+    return sorted(files, key=lambda path: by_numbers(path.name))
 
 
-def _by_numbers(name: str) -> list[str | int]:
+def by_numbers(name: str) -> list[str | int]:
     """A name as its texts and numbers in turn."""
     return [int(x) if k % 2 else x for k, x in enumerate(re.split(r"(\d+)", name))]
 
