@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Complex, Float, Int
 
 from mishutter._core.checks import RowLike, as_float
 from mishutter.camera.capture import kernel_layout
@@ -40,6 +40,7 @@ from mishutter.decoding.likeliest import (
     volume_of,
 )
 from mishutter.decoding.restoration import restored_light
+from mishutter.decoding.rolling import RowTimes, instants_of_rows
 from mishutter.evaluation.instants import Instants
 from mishutter.model.optics import frequencies
 from mishutter.model.scene import Scene
@@ -58,18 +59,34 @@ class Rows(NamedTuple):
 
     frames: Float[np.ndarray, "frames *rows columns"]  # Deviations from the level of each row
     noises: Float[np.ndarray, "frames"]  # Variance of the noise in each; white = 1
-    nodes: Instants
+    nodes: Instants  # Of each frame, or of each row of it where these are exposed in turn
     model: BlurModel  # The picture's statistics and the lens
     has_levels: bool = True  # Whether the mean of each row in each frame is that of the picture
 
     def of(self, some: Int[np.ndarray, "f"]) -> "Rows":
         """The same of some of the frames."""
-        frames, noises, nodes = self.frames[some], self.noises[some], self.nodes.some(some)
-        return self._replace(frames=frames, noises=noises, nodes=nodes)
+        nodes = self.nodes.some(self._exposures[some].ravel())
+        return self._replace(frames=self.frames[some], noises=self.noises[some], nodes=nodes)
 
-    def middles(self, speed: float) -> Float[np.ndarray, "1 frames"]:
-        """The mean way of a thing in each frame; px."""
-        return self.nodes.middles(np.array([speed]))
+    def of_rows(self, some: Int[np.ndarray, "r"]) -> "Rows":
+        """The same of some of the rows."""
+        own = self._exposures
+        nodes = self.nodes if own.shape[1] == 1 else self.nodes.some(own[:, some].ravel())
+        return self._replace(frames=self.frames[..., some, :], nodes=nodes)
+
+    @property
+    def _exposures(self) -> Int[np.ndarray, "frames delays"]:
+        """Number of the exposure of each row, or of all rows, in each frame."""
+        return np.arange(self.nodes.exposure.size).reshape(len(self.noises), -1)
+
+    def middles(self, speed: float) -> Float[np.ndarray, "1 frames delays"]:
+        """The mean way of a thing in each frame and row; px."""
+        return self.nodes.middles(np.array([speed]))[:, self._exposures]
+
+    def responses(self, speeds: RowLike, length: int) -> Complex[np.ndarray, "frames s delays k"]:
+        """Responses of the frames, and of their rows."""
+        each = responses_of_frames(self.nodes, speeds, self.model.optics, length)
+        return np.moveaxis(each[:, self._exposures], 1, 0)
 
     def likeliest(self, speeds: RowLike, tolerance: float = TOLERANCE) -> Likeliest:
         """The likeliest pictures at some speeds."""
@@ -78,14 +95,16 @@ class Rows(NamedTuple):
         power = np.maximum(self.model.picture_spectrum(length), LEAST_POWER)
         levels = self.has_levels
         canvas = Canvas(self.frames, self.noises, power, (margin,), (length,), has_levels=levels)
-        responses = responses_of_frames(self.nodes, speeds, self.model.optics, length)
-        return likeliest(canvas, np.moveaxis(responses, 1, 0)[:, :, None], tolerance)
+        return likeliest(canvas, self.responses(speeds, length), tolerance)
 
     def volume(self, found: Likeliest, place: int, speed: float) -> Volume:
-        """The volume of one row at a speed, whose pictures have a place among the likeliest."""
-        power = found.canvas.power / self.noises[:, None]
-        density = np.abs(found.responses[:, place, 0]) ** 2 * power
-        return volume_of(density, self.middles(speed), found.canvas.sensor)
+        """The volume of each row at a speed, whose pictures have a place among the likeliest."""
+        power = found.canvas.power / self.noises[:, None, None]
+        density = np.abs(found.responses[:, place]) ** 2 * power
+        each = zip(np.moveaxis(density, 1, 0), np.moveaxis(self.middles(speed), 2, 0), strict=True)
+        volumes = [volume_of(*one, found.canvas.sensor) for one in each]
+        freedoms = np.mean([one.freedoms for one in volumes], axis=0)
+        return Volume(np.array([one.logarithm for one in volumes]), freedoms)
 
     def logarithms(
         self, speeds: Float[np.ndarray, "s"], tolerance: float = TOLERANCE_OF_SPEED
@@ -97,7 +116,7 @@ class Rows(NamedTuple):
         for some in np.split(speeds, range(at_once, speeds.size, at_once)):
             found = self.likeliest(some, tolerance)
             volumes = [self.volume(found, k, speed).logarithm for k, speed in enumerate(some)]
-            values.append(found.gains - np.array(volumes)[:, None])
+            values.append(found.gains - np.array(volumes))
         return np.concatenate(values)
 
     def fit(self, speed: float) -> Fit:
@@ -124,8 +143,7 @@ def with_own_detail(rows: Rows, tried: Float[np.ndarray, "s"]) -> Rows:
     """The rows with the power of pictures that are as rich in detail, for some speeds."""
     model, columns = rows.model, rows.frames.shape[-1]
     length = fast_length(columns)
-    responses = responses_of_frames(rows.nodes, tried, model.optics, length)
-    density = np.mean(density_of(np.moveaxis(responses, 1, 0), rows.noises), axis=0)
+    density = np.mean(density_of(rows.responses(tried, length), rows.noises), axis=(0, 1))
     expected = density * model.picture_spectrum(length)
     detail = detail_of(rows.frames, rows.noises, (length,), expected, 2 / columns)
     power = detail.at(frequencies(model.power.size)) * model.power
@@ -138,12 +156,16 @@ def restored_on_axis(
     taken: Sequence[TimedFrame],
     decoder: AbstractDecoder,
     speed: float,
+    times: RowTimes,
 ) -> Float[np.ndarray, "rows columns colours"]:
     """The picture at a speed."""
-    nodes = instants_within_reach("restore_frames(speed=...)", taken, np.array([speed]))
+    instants_within_reach("restore_frames(speed=...)", taken, np.array([speed]))
+    nodes = instants_of_rows(taken, scene, abs(speed), times.across)
     rows, level = rows_of(planes.astype(np.float64), scene, taken, nodes)
-    found = rows.likeliest([speed])
-    canvas, (data, density) = found.canvas, complete(found)
+    found, few = rows.likeliest([speed]), rows.of_rows(np.arange(0, planes.shape[2], 8))
+    whole = CompleteFrames(few.nodes, speed, rows.noises)
+    density = whole.density(rows.model.optics, found.canvas.shape[0])
+    canvas, data = found.canvas, complete(found, density if times.is_rolling else None)
     spectrum = data / np.sqrt(np.maximum(density, LEAST_POWER) * density[..., :1])
     capture = np.moveaxis(canvas.picture(spectrum) + level[..., None], 0, -1)
     # The complete frames are as good as one capture of this blur and noise.
@@ -158,6 +180,6 @@ def restored_on_axis(
         efficiency=1.0,
         electrons=electrons,
         read_noise=electrons * math.sqrt(read_variance),
-        complete=CompleteFrames(tuple(taken), speed, tuple(rows.noises.tolist())),
+        complete=whole,
     )
     return np.asarray(restored_light(as_float(capture), decoder, as_one))[:, canvas.window[-1]]

@@ -32,7 +32,7 @@ from mishutter.decoding.frame_doubts import (
     Words,
 )
 from mishutter.decoding.likeliest import noises_of
-from mishutter.evaluation.instants import Instants
+from mishutter.decoding.rolling import RowTimes, instants_of_rows
 from mishutter.model.scene import Scene
 from mishutter.model.sequences import TimedFrame
 
@@ -102,18 +102,22 @@ class _Tried(NamedTuple):
 
 
 def speed_on_axis(
-    planes: Planes, scene: Scene, taken: Sequence[TimedFrame], told: float | None = None
+    planes: Planes,
+    scene: Scene,
+    taken: Sequence[TimedFrame],
+    times: RowTimes,
+    told: float | None = None,
 ) -> SpeedEstimate:
     """The speed at which the frames show one picture, and whether they do; of a told one that."""
     planes = planes.astype(np.float64)
     if told is not None:  # no other is in question
         instants_within_reach("restore_frames(speed=...)", taken, np.array([told]))
         scene = replace(scene, speeds=np.array([told]), weights=None)
-    estimate = _speed_along_rows(planes, scene, taken)
+    estimate = _speed_along_rows(planes, scene, taken, times)
     if estimate.trusted or min(planes.shape[2:]) <= _ROWS_OF_SPEED:
         return estimate
     # The frames may be turned, or their motion be along the other axis.
-    across = _speed_along_rows(np.swapaxes(planes, 2, 3), scene, taken)
+    across = _speed_along_rows(np.swapaxes(planes, 2, 3), scene, taken, times.turned)
     if not across.trusted:
         return estimate
     axis = "rows" if scene.sensor.axis == "columns" else "columns"
@@ -122,13 +126,15 @@ def speed_on_axis(
     )
 
 
-def _speed_along_rows(planes: Planes, scene: Scene, taken: Sequence[TimedFrame]) -> SpeedEstimate:
+def _speed_along_rows(
+    planes: Planes, scene: Scene, taken: Sequence[TimedFrame], times: RowTimes
+) -> SpeedEstimate:
     """The same, of pictures that move along their rows."""
     shares = luminance_shares(len(planes))
     grey, num_rows = np.tensordot(shares, planes, 1), planes.shape[2]
-    some = np.linspace(0, num_rows - 1, min(_ROWS_OF_SPEED, num_rows)).astype(int)
-    grey, (low, high) = grey[:, np.unique(some)], _range_to_try(scene)
-    rows = _rows_of_speed(grey, scene, taken, float(shares @ shares))
+    some = np.unique(np.linspace(0, num_rows - 1, min(_ROWS_OF_SPEED, num_rows)).astype(int))
+    grey, (low, high) = grey[:, some], _range_to_try(scene)
+    rows = _rows_of_speed(grey, scene, taken, times.of_rows(some), float(shares @ shares))
     tried, peaks, middle = _searched(rows, taken, low, high)
     values = np.sum(rows.logarithms(np.array(peaks)), axis=1)
     ends = [_Peak(*each, 0.0) for each in zip(peaks, values.tolist(), strict=True)]
@@ -146,7 +152,7 @@ def _speed_along_rows(planes: Planes, scene: Scene, taken: Sequence[TimedFrame])
     evidence = Evidence(
         frames=grey,
         noises=rows.noises,
-        places=rows.middles(best.speed),
+        places=np.mean(rows.middles(best.speed), axis=-1),
         fit=fit,
         compared=fit,
         elsewhere=float(np.mean([rows.fit(each).misfit for each in asides])),
@@ -175,11 +181,13 @@ def _rows_of_speed(
     grey: Float[np.ndarray, "frames rows columns"],
     scene: Scene,
     taken: Sequence[TimedFrame],
+    times: RowTimes,
     noise_share: float,
 ) -> Rows:
     """Rows as bright and as rich in detail as they are, with levels that tell no speed."""
     few = np.linspace(*_range_to_try(scene), 17)
-    rows, _ = rows_of(grey, scene, taken, Instants.of(taken, float(np.max(np.abs(few)))))
+    nodes = instants_of_rows(taken, scene, float(np.max(np.abs(few))), times.across)
+    rows, _ = rows_of(grey, scene, taken, nodes)
     exposures = [one.exposure for one in taken]
     noises = noises_of(scene, exposures, float(np.mean(grey)), noise_share)
     # Gains and black levels that change from frame to frame tell no speed.
@@ -230,7 +238,7 @@ def _searched(
     detail = np.sum(np.diff(rows.frames, axis=-1) ** 2, axis=(0, 2))
     bands = np.array_split(np.arange(detail.size), min(4, detail.size))
     some = [band[np.argmax(detail[band])] for band in bands]
-    all_frames = rows._replace(frames=rows.frames[:, some])
+    all_frames = rows.of_rows(np.array(some))
     speeds = np.linspace(low, high, count) if low < high else np.array([low])
     of_rows = all_frames.of(few).logarithms(speeds)
     values = np.sum(of_rows, axis=1)

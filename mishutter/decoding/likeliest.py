@@ -114,6 +114,11 @@ class Likeliest(NamedTuple):
         return self.canvas.picture(self.spectrum)
 
     @property
+    def density(self) -> Float[np.ndarray, "..."]:
+        """Signal by noise of the frames."""
+        return self.canvas.density(self.responses)
+
+    @property
     def seen(self) -> Float[np.ndarray, "frames ..."]:
         """The frames that the pictures give."""
         return np.stack([self.canvas.seen(self.spectrum * one) for one in self.responses])
@@ -168,13 +173,19 @@ def likeliest(
     return Likeliest(canvas, responses, picture, product(target, picture) / 2)
 
 
-def complete(found: Likeliest) -> tuple[Complex[np.ndarray, "..."], Float[np.ndarray, "..."]]:
+def complete(
+    found: Likeliest, density: Float[np.ndarray, "*k"] | None = None
+) -> Complex[np.ndarray, "..."]:
     r"""All that frames tell which go on beyond their borders, as the likeliest pictures do.
 
     With $\hat d = \sum_k \bar A_k\hat g_k/N_k$ and $\rho = \sum_k |A_k|^2/N_k$ the misfit of a
-    picture is $\tfrac12\sum(\rho|\hat f|^2 - 2\,\Re\,\bar{\hat f}\hat d)$.
+    picture is $\tfrac12\sum(\rho|\hat f|^2 - 2\,\Re\,\bar{\hat f}\hat d)$. Frames whose rows have
+    responses of their own are completed to those of a density $\rho$ for all rows, of which the
+    likeliest picture is the same: $\hat d = (\rho + 1/S)\hat f$.
     """
     canvas = found.canvas
+    if density is not None:
+        return (density + 1 / canvas.power) * found.spectrum
 
     def completed() -> Iterator[np.ndarray]:
         for frame, response in zip(canvas.frames, found.responses, strict=True):
@@ -182,14 +193,15 @@ def complete(found: Likeliest) -> tuple[Complex[np.ndarray, "..."], Float[np.nda
             whole[canvas.window] = frame
             yield whole
 
-    return canvas.gathered(found.responses, completed()), canvas.density(found.responses)
+    return canvas.gathered(found.responses, completed())
 
 
 class Volume(NamedTuple):
     """The volume of the Gaussian about the likeliest picture."""
 
-    # Half the logarithm of the determinant of the frames' covariance, over that of their noise
-    logarithm: float
+    # Half the logarithm of the determinant of the frames' covariance, over that of their noise, or
+    # that of each row
+    logarithm: float | Float[np.ndarray, "rows"]
     freedoms: Float[np.ndarray, "frames"]  # Numbers of each frame that are left to the noise
 
 

@@ -62,7 +62,7 @@ def _by_total_variation(
     decoder: TotalVariationDecoder, found: Likeliest, mean: float
 ) -> np.ndarray:
     """The minimum of `TotalVariationDecoder`, with the responses of the plane."""
-    canvas, (data, density) = found.canvas, complete(found)
+    canvas, data, density = found.canvas, complete(found), found.density
     error = _error(canvas, density)
     coupling = EDGES * decoder.strength / THRESHOLD
     scale, threshold = error / coupling, THRESHOLD * math.sqrt(error)
@@ -95,7 +95,7 @@ def _differences(picture: np.ndarray) -> Float[np.ndarray, "2 m n"]:
 
 def _by_denoiser(decoder: PlugAndPlayDecoder, found: Likeliest, mean: float) -> np.ndarray:
     """The steps of `PlugAndPlayDecoder`, with the responses of the plane."""
-    canvas, picture, (data, density) = found.canvas, found.picture, complete(found)
+    canvas, picture, data, density = found.canvas, found.picture, complete(found), found.density
     error = _error(canvas, density)
     for sigma in (decoder.falling * math.sqrt(error)).tolist():
         weight = decoder.strength / sigma**2
