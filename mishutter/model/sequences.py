@@ -5,7 +5,7 @@ from abc import abstractmethod
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import equinox as eqx
 import jax
@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from mishutter.model.exposures import AT_REST, AbstractExposures
 from mishutter.model.motion import AbstractMotion
+from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.stages import (
     Knots,
     Piece,
@@ -104,20 +105,25 @@ class AbstractFrames(AbstractExposures):
 @final
 @dataclass(frozen=True)
 class OneExposure(AbstractFrames):
-    """An exposure alone, about the time 0; the shutter over it is its design's."""
+    """An exposure alone, about the time 0, which may have a shaped shutter."""
 
-    frames: tuple[TimedFrame]
+    motion: AbstractMotion
+    shutter: AbstractShutter  # The transmittance behind the device
     pan: float = 0.0
-    kind: str = "one exposure"
+    kind: ClassVar = "one exposure"
 
     @staticmethod
-    def of(motion: AbstractMotion, limits: "Limits") -> "OneExposure":
+    def of(motion: AbstractMotion, shutter: AbstractShutter, limits: "Limits") -> "OneExposure":
         """The exposure of a motion, whose pan the limits give to the stage or to the camera."""
         pan = float(motion.velocity) if limits.pans == "camera" else 0.0
-        return OneExposure((TimedFrame(motion, 0.0),), pan)
+        return OneExposure(motion, shutter, pan)
+
+    @property
+    def frames(self) -> tuple[TimedFrame, ...]:
+        return (TimedFrame(self.motion, 0.0),)
 
     def stage_path_within(self, limits: "Limits") -> StagePath | None:
-        return limits.stage_path(self.frames[0].motion)
+        return limits.stage_path(self.motion)
 
 
 @final
