@@ -100,7 +100,7 @@ class Rows(NamedTuple):
     def volume(self, found: Likeliest, place: int, speed: float) -> Volume:
         """The volume of each row at a speed, whose pictures have a place among the likeliest."""
         power = found.canvas.power / self.noises[:, None, None]
-        density = np.abs(found.responses[:, place]) ** 2 * power
+        density = np.abs(np.asarray(found.responses)[:, place]) ** 2 * power
         each = zip(np.moveaxis(density, 1, 0), np.moveaxis(self.middles(speed), 2, 0), strict=True)
         volumes = [volume_of(*one, found.canvas.sensor) for one in each]
         freedoms = np.mean([one.freedoms for one in volumes], axis=0)

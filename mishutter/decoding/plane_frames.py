@@ -20,7 +20,7 @@ from mishutter.decoding.decoders.total_variation import (
     TotalVariationDecoder,
 )
 from mishutter.decoding.likeliest import Canvas, Likeliest, complete, frequencies_along, noises_of
-from mishutter.decoding.plane_likelihood import Own, Prior
+from mishutter.decoding.plane_likelihood import Own
 from mishutter.model.scene import Scene
 from mishutter.plane.frames import PlaneFrames
 
@@ -41,7 +41,7 @@ def restored_in_plane(
     restored = []
     for plane in planes:
         mean = plane.dtype.type(np.mean(plane))
-        level = Own(plane - mean, noises, taken, Prior(scene)).level(velocity[None])
+        level = Own.of(plane - mean, noises, taken, scene).level(velocity[None])
         picture = decode(level.likeliest(velocity), float(mean))
         restored.append(picture[level.canvas.window] + mean)
     return np.stack(restored, axis=-1)

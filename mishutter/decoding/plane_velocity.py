@@ -164,7 +164,7 @@ def _own_of(
     grey = np.tensordot(shares, planes, 1)
     mean = float(np.mean(grey))
     noises = noises_of(scene, taken.exposures, mean, float(shares @ shares))
-    own = Own((grey - mean).astype(np.float32), noises, taken, Prior(scene))
+    own = Own.of((grey - mean).astype(np.float32), noises, taken, scene)
     return grey, _with_own_detail(own)
 
 
@@ -288,7 +288,7 @@ def _size(climb: Climb) -> float:
 
 def _value(level: Level, climb: Climb) -> float:
     """Logarithm of the likelihood before a step."""
-    return float(climb.found.gains) - level.volume(climb.velocity).logarithm
+    return float(climb.found.gains) - float(level.volume(climb.velocity).logarithm)
 
 
 def _velocities_to_try(law: AbstractVelocities, step: float) -> Float[np.ndarray, "s 2"]:
