@@ -27,7 +27,7 @@ from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel, blur_mo
 from mishutter.decoding.decoders.linear import decoder_or_ensemble
 from mishutter.decoding.decoders.speed import SpeedEstimate
 from mishutter.decoding.decoders.speed_finding import SpeedFindingDecoder, decoder_of, informed
-from mishutter.decoding.objects.restored import Known
+from mishutter.decoding.objects.restored import Known, is_at_rest
 from mishutter.decoding.plane_velocity import VelocityEstimate
 from mishutter.decoding.restoration import (
     RestoredPhotograph,
@@ -182,7 +182,8 @@ def burst_and_restore(
     take = partial(
         simulate_frames, frames=frames, speed=speed, full_well=full_well, adc_bits=adc_bits
     )
-    if shows_objects(scene, frames):
+    several = isinstance(subject, Layers) and len(subject.layers) > 1 and is_at_rest(frames)
+    if shows_objects(scene, frames, by_object=several or None):
         report("capturing", 0.0)
         taken = np.asarray(take(subject, scene, key=key))
         result = _by_object(taken, scene, frames, chosen, report=_after(report, 0.2))
