@@ -113,7 +113,7 @@ def rows_of(
     way = path.top_speed * float(np.max(np.asarray(path.exposures)))
     x, weight = np.polynomial.legendre.leggauss(_DELAYS if way >= AT_REST else 1)
     return [
-        (share, instants_of(scene, path, caller, lights, num_panels, delay))
+        (share, instants_of(scene, path, caller, lights, num_panels, delay=delay))
         for delay, share in zip((x * readout / 2).tolist(), (weight / 2).tolist(), strict=True)
     ]
 
@@ -141,6 +141,7 @@ def instants_of(
     caller: str,
     lights: Lights | None = None,
     num_panels: int | None = None,
+    *,
     delay: float = 0.0,
 ) -> Instants:
     """Instants of exposures for all velocities of a scene, for a row of some delay."""
