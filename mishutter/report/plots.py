@@ -188,9 +188,9 @@ def plot_design(design: AbstractDesign) -> "Figure":
     Args:
         design: A design along an axis or in the plane.
     """
-    if not isinstance(design, Design):
-        return plot_plane(design.scene, design.exposures)
-    if design.sequence is not None:
+    if not isinstance(design, Design) and design.exposures.moves:
+        return _plot_plane(design.scene, design.exposures)
+    if not isinstance(design, Design) or design.sequence is not None:
         return plot_frames(frame_table(design))
     motion = design.motion
     figure, (top, bottom) = _new(2, height=2.4, share=True)
@@ -309,8 +309,11 @@ def _draw_exposures(axes: "Axes", lights: Lights, paths: Mapping[str, StagePath]
 def plot_option(scene: Scene, row: Row, title: str = "") -> "Figure":
     """Draws an option of an answer: its exposures in time, and the path of the stage.
 
-    Behind a shaped shutter a second panel has the transmittance.
+    Behind a shaped shutter a second panel has the transmittance. In the plane the path and its
+    velocities have panels of their own, if the stage moves.
     """
+    if row.is_in_plane and row.stroke >= _AT_REST:
+        return _plot_plane(scene, row.exposures, title)
     motion, exposures, is_still = row.motion, row.exposures, row.stroke < _AT_REST
     half, paths = float(motion.half_exposure), {} if is_still else exposures.stage_paths(scene)
     is_shaped = SHUTTER in row.required_hardware
@@ -736,20 +739,12 @@ def draw_grid(axes: "Axes") -> None:
     axes.grid(True, color="0.88", linewidth=0.6)
 
 
-def plot_plane(scene: Scene, burst: AbstractExposures, title: str = "") -> "Figure":
+def _plot_plane(scene: Scene, burst: AbstractExposures, title: str = "") -> "Figure":
     """Draws frames in the plane: their path, their places in time, and their velocities.
 
     Exposures are coloured one by one; the way between them is thin. The outline beside the
-    velocities is that of the things. Of frames at rest there are times alone.
+    velocities is that of the things.
     """
-    if not burst.moves:
-        figure, (below,) = _new(1, height=2.6)
-        _draw_exposures(below, burst.lights, {})
-        part = "stage" if scene.limits.moves else "sensor"
-        below.lines[0].set_label(f"{part}, at rest")
-        below.set(ylim=(-1, 1), ylabel=f"{part} position / px")
-        below.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
-        return _titled(figure, title)
     figure = new_figure(7.4, 6.2)
     plane, hodograph = (figure.add_subplot(2, 2, place) for place in (1, 2))
     below = figure.add_subplot(2, 1, 2)
