@@ -130,7 +130,7 @@ class Design(AbstractDesign):
     @property
     def exposures(self) -> AbstractExposures:
         """The frames of its burst, or its one exposure."""
-        return self.sequence or OneExposure.of(self.motion, self.scene.limits)
+        return self.sequence or OneExposure.of(self.motion, self.shutter, self.scene.limits)
 
     @property
     def frames_document(self) -> dict[str, object]:

@@ -35,11 +35,16 @@ class AbstractPath(AbstractModule):
     def top_speed(self) -> float:
         """Greatest speed of the sensor; px/s, of a concrete path."""
 
+    @property
+    @abstractmethod
+    def bends(self) -> Float[np.ndarray, "k"]:
+        """Times at which its velocity or its acceleration jumps; s, of a concrete path."""
+
     @abstractmethod
     def place(
         self, time: Float[Array | np.ndarray, "*shape"]
     ) -> Float[Array | np.ndarray, "axes *shape"]:
-        """Place of the sensor at a time, s, from that at the first light; px."""
+        """Place of the sensor at a time, s, from one place for all; px."""
 
 
 class AbstractExposures(ABC):

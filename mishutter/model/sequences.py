@@ -2,18 +2,21 @@
 
 import math
 from abc import abstractmethod
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
-from mishutter.model.exposures import AT_REST, AbstractExposures
+from mishutter._core.checks import require_known
+from mishutter.model.exposures import AT_REST, AbstractExposures, AbstractPath
 from mishutter.model.motion import AbstractMotion
+from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.stages import (
     Knots,
     Piece,
@@ -104,20 +107,25 @@ class AbstractFrames(AbstractExposures):
 @final
 @dataclass(frozen=True)
 class OneExposure(AbstractFrames):
-    """An exposure alone, about the time 0; the shutter over it is its design's."""
+    """An exposure alone, about the time 0, which may have a shaped shutter."""
 
-    frames: tuple[TimedFrame]
+    motion: AbstractMotion
+    shutter: AbstractShutter  # The transmittance behind the device
     pan: float = 0.0
-    kind: str = "one exposure"
+    kind: ClassVar = "one exposure"
 
     @staticmethod
-    def of(motion: AbstractMotion, limits: "Limits") -> "OneExposure":
+    def of(motion: AbstractMotion, shutter: AbstractShutter, limits: "Limits") -> "OneExposure":
         """The exposure of a motion, whose pan the limits give to the stage or to the camera."""
         pan = float(motion.velocity) if limits.pans == "camera" else 0.0
-        return OneExposure((TimedFrame(motion, 0.0),), pan)
+        return OneExposure(motion, shutter, pan)
+
+    @property
+    def frames(self) -> tuple[TimedFrame, ...]:
+        return (TimedFrame(self.motion, 0.0),)
 
     def stage_path_within(self, limits: "Limits") -> StagePath | None:
-        return limits.stage_path(self.frames[0].motion)
+        return limits.stage_path(self.motion)
 
 
 @final
@@ -134,6 +142,8 @@ class FrameSequence(AbstractFrames):
             that they were found for; in linear light, dB.
         worst_psnr: The same at the worst of the scene's speeds; dB.
         pan: Velocity at which the camera turns meanwhile, which the stage does not follow; px/s.
+        lead: Time for which the way goes on before the first light and after the last, for rows
+            that are exposed earlier and later; s.
         registration_loss: Least loss, at the worst of the speeds, of a decoder that finds the speed
             in 64 x 64 px of the frames; dB. None of one frame.
         width_loss: Loss by things that enter and leave the scene's sensor; dB. None of one frame,
@@ -148,6 +158,7 @@ class FrameSequence(AbstractFrames):
     pan: float = 0.0
     registration_loss: float | None = None
     width_loss: float | None = None
+    lead: float = 0.0
 
     def __repr__(self) -> str:
         return f"FrameSequence({self.text})"
@@ -165,8 +176,8 @@ class FrameSequence(AbstractFrames):
 
     @property
     def stroke(self) -> float:
-        """Travel of the stage from the first light to the last, without run-up and run-out; px."""
-        gentle = float(self._knots(None, None).use.stroke)
+        """Travel of the stage from the first light of any row to the last, without run-ups; px."""
+        gentle = float(self._knots(None, None).use.travel)
         # Within the limits that `travel` is of, a stage may have to turn round sooner.
         return min(gentle, self.travel) if self.travel else gentle
 
@@ -233,6 +244,39 @@ class FrameSequence(AbstractFrames):
         first = self.frames[0]
         return knots.path(first.time - first.exposure / 2, self._ends(first)[0])
 
+    def path(self, limits: "Limits") -> "AxisPath":
+        """Its frames and the way of the sensor through them, from rest to rest.
+
+        A stage reaches a velocity at once where no limit says how.
+
+        Args:
+            limits: Those of the stage.
+        """
+        stage = self.stage_path_within(limits)
+        if stage is None:
+            first = self.frames[0]
+            begin = first.time - first.exposure / 2, self._ends(first)[0]
+            stage = self._knots(None, None).path(*begin)
+        return AxisPath(np.array(self.times), np.array(self.exposures), stage, self.pan)
+
+    def for_rows(self, readout: float, limits: "Limits") -> "FrameSequence":
+        """The frames, with a way that goes on while rows are exposed earlier and later.
+
+        It does not go on where the stage would leave its limits so: then the first and the last
+        rows see how it comes from rest, and goes back to it.
+
+        Args:
+            readout: Time from the first row to the last; s.
+            limits: Those of the stage.
+        """
+        going_on = replace(self, lead=readout / 2)
+        if not self.moves or not readout:
+            return replace(self, lead=0.0)
+        travel = float(limits.use_of_frames(going_on).travel)
+        pairs = (travel, limits.max_travel), (going_on.stroke, limits.max_stroke)
+        fits = all(most is None or own <= float(most) * (1 + _SINGLE) for own, most in pairs)
+        return going_on if fits else replace(self, lead=0.0)
+
     def _of_stage(self, frame: TimedFrame) -> AbstractMotion:
         """The motion of the stage over a frame, beside a camera that turns."""
         return frame.motion.panned(frame.motion.velocity - self.pan) if self.pan else frame.motion
@@ -277,7 +321,11 @@ class FrameSequence(AbstractFrames):
                     )
                 pieces += other.pieces
             rates = float(lit[0].accelerations[0]), float(lit[-1].accelerations[-1])
-            return Knots.of(lit[0].velocities[0], pieces).from_rest_to_rest(rates, most, jerk)
+            way = Knots.of(lit[0].velocities[0], pieces)
+            if self.lead:
+                way = way.led(self.lead)
+                rates = float(way.accelerations[0]), float(way.accelerations[-1])
+            return way.from_rest_to_rest(rates, most, jerk)
 
         if len(self.frames) == 1:
             return whole(None)
@@ -294,6 +342,53 @@ class FrameSequence(AbstractFrames):
         begin = ends[0][0] - float(steepest.positions[steepest.first])
         margin = 1e-9 * (high - low)
         return whole((low + begin - margin, high + begin + margin))
+
+
+@final
+class AxisPath(AbstractPath):
+    """Frames along one axis, and the path of the sensor through them, from rest to rest.
+
+    Attributes:
+        times: Mid-exposures, ascending; s, shape `(n,)`.
+        exposures: Exposures; s, shape `(n,)`.
+        stage: The path of the stage.
+        pan: Velocity at which the camera turns meanwhile; px/s.
+    """
+
+    times: Float[np.ndarray, "n"]
+    exposures: Float[np.ndarray, "n"]
+    stage: StagePath
+    pan: float
+
+    @staticmethod
+    def of(frames: Sequence[TimedFrame], readout: float, limits: "Limits") -> "AxisPath":
+        """The path of frames whose rows are read one after another.
+
+        Args:
+            frames: The frames, which are known.
+            readout: Time from the first row to the last; s.
+            limits: Those of the stage.
+        """
+        require_known("AxisPath.of", frames=frames)
+        alone = FrameSequence("", tuple(frames), 0.0, 0.0, 0.0)
+        return alone.for_rows(readout, limits).path(limits)
+
+    @property
+    def top_speed(self) -> float:
+        return float(np.max(np.abs(self.stage.velocities + self.pan)))
+
+    @property
+    def bends(self) -> Float[np.ndarray, "k"]:
+        return self.stage.times
+
+    def place(self, time: Float[Array | np.ndarray, "*shape"]) -> Float[np.ndarray, "1 *shape"]:
+        """Place of the sensor; px.
+
+        Args:
+            time: Time on the clock of `times`; s.
+        """
+        known = np.asarray(time)
+        return (self.stage.at(known)[0] + self.pan * known)[None]
 
 
 def _from_rest(way: float, gap: float, end: float, ups: list[Piece]) -> list[Piece] | None:

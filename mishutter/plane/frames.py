@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 from typing import final
 
+import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -11,7 +12,7 @@ from mishutter._core.checks import as_numpy, namespace_of
 from mishutter.evaluation.instants import panels_for
 from mishutter.model.exposures import AT_REST, AbstractPath
 from mishutter.model.limits import Limits
-from mishutter.model.stages import Knots, StagePath, StageUse
+from mishutter.model.stages import Knots, StagePath, StageUse, led
 
 _DIRECTIONS = np.arange(16) * np.pi / 16
 """Directions along which two axes keep a limit together."""
@@ -29,12 +30,15 @@ class PlaneFrames(AbstractPath):
         exposures: Exposures, of which 0 is no frame; s, shape `(n,)`.
         durations: Durations of the pieces, of which some may be 0; s, shape `(p,)`.
         velocities: Velocities along rows and columns at their ends; px/s, shape `(2, p + 1)`.
+        lead: Time for which the path goes on before the first light and after the last, for rows
+            that are exposed earlier and later; s.
     """
 
     times: Float[Array | np.ndarray, "n"]
     exposures: Float[Array | np.ndarray, "n"]
     durations: Float[Array | np.ndarray, "p"]
     velocities: Float[Array | np.ndarray, "2 p+1"]
+    lead: float = eqx.field(static=True, default=0.0)
 
     @property
     def num_frames(self) -> int:
@@ -51,15 +55,31 @@ class PlaneFrames(AbstractPath):
     def _begin(self) -> Array | np.ndarray | np.floating:
         return self.times[0] - self.exposures[0] / 2
 
+    def for_rows(self, readout: float, limits: Limits) -> "PlaneFrames":
+        """Known frames, with a path that goes on while rows are exposed earlier and later.
+
+        It does not go on where the stage would leave its limits so: then the first and the last
+        rows see how it comes from rest, and goes back to it.
+
+        Args:
+            readout: Time from the first row to the last; s.
+            limits: Those of the stage.
+        """
+        going_on = replace(self, lead=0.0 if self.stays else readout / 2)
+        use = going_on.use(limits)
+        pairs = (use.travel, limits.max_travel), (use.stroke, limits.max_stroke)
+        fits = all(most is None or float(own) <= float(most) * 1.00001 for own, most in pairs)
+        return going_on if fits else replace(self, lead=0.0)
+
     def place(
         self, time: Float[Array | np.ndarray, "*shape"]
     ) -> Float[Array | np.ndarray, "2 *shape"]:
-        """Place of the sensor, from that at the first light; px.
+        """Place of the sensor, from that at the begin of the path; px.
 
         Args:
             time: Time on the clock of `times`; s.
         """
-        d, v, time, begin = as_numpy(self.durations, self.velocities, time, self._begin)
+        d, v, time, begin = as_numpy(*self._pieces, time, self._begin - self.lead)
         space = namespace_of(d, v, time, begin)
         ends = space.concatenate([space.zeros_like(d[:1]), space.cumsum(d)])
         places = Knots(d[None], v, None, 0, d.size).positions
@@ -73,6 +93,14 @@ class PlaneFrames(AbstractPath):
         start, end = v[:, piece], v[:, piece + 1]
         share, elapsed = share[None], elapsed[None]
         return places[:, piece] + elapsed * (start + share * (end - start) / 2)
+
+    @property
+    def _pieces(self) -> tuple[Array | np.ndarray, Array | np.ndarray]:
+        """Durations and velocities of the path with its lead."""
+        if not self.lead:
+            return self.durations, self.velocities
+        durations, velocities = (np.asarray(x, float) for x in (self.durations, self.velocities))
+        return led(durations, velocities, self.lead)[:2]
 
     def num_panels(self, fastest: float) -> int:
         """Number of panels of nodes for all things up to a speed; of concrete frames.
@@ -88,6 +116,11 @@ class PlaneFrames(AbstractPath):
         return float(np.max(np.hypot(*np.asarray(self.velocities, np.float64))))
 
     @property
+    def bends(self) -> Float[np.ndarray, "k"]:
+        begin = float(self._begin) - self.lead
+        return begin + np.append(0.0, np.cumsum(np.asarray(self._pieces[0])))
+
+    @property
     def stays(self) -> bool:
         """Whether the sensor stands still in all frames; of concrete frames."""
         return self.top_speed * float(np.max(np.asarray(self.exposures))) < AT_REST
@@ -101,8 +134,7 @@ class PlaneFrames(AbstractPath):
         Args:
             limits: Those of the stage.
         """
-        velocities = np.asarray(self.velocities, np.float64)
-        durations = np.asarray(self.durations, np.float64)
+        durations, velocities = (np.asarray(x, np.float64) for x in self._pieces)
         most = math.inf if limits.max_acceleration is None else float(limits.max_acceleration)
         times = [
             float(np.max(np.abs(v))) / most if limits.axes == "each" else math.hypot(*v) / most
@@ -157,5 +189,5 @@ class PlaneFrames(AbstractPath):
         for velocities, places in zip(knots.velocities, knots.positions, strict=True):
             begin = float(places[knots.first] - (np.min(places) + np.max(places)) / 2)
             own = knots._replace(velocities=velocities)
-            paths.append(own.path(float(self._begin), begin))
+            paths.append(own.path(float(self._begin) - self.lead, begin))
         return paths
