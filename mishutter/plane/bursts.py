@@ -111,6 +111,7 @@ def burst_of(
     num_axes: int,
     frames: PlaneFrames,
     psnr: float,
+    *,
     width_loss: float | None = None,
 ) -> PlaneBurst:
     """Frames with what they ask of a stage, beside a camera that turns where they move."""

@@ -133,7 +133,9 @@ def _burst(saved: "_SavedFrames", scene: Scene) -> PlaneBurst:
         np.array(saved.piece_durations_s),
         np.array(saved.velocities_px_per_s),
     )
-    return burst_of(scene, saved.kind, saved.num_axes, frames, saved.psnr_db, saved.width_loss_db)
+    return burst_of(
+        scene, saved.kind, saved.num_axes, frames, saved.psnr_db, width_loss=saved.width_loss_db
+    )
 
 
 @final

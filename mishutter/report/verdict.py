@@ -383,7 +383,7 @@ def _assumptions(scene: Scene, choice: Row) -> str:
 
 
 def _on_borders(scene: Scene, choice: Row) -> list[str]:
-    """What levels in the plane do not count of the borders of the sensor."""
+    """The losses by the borders of the sensor that levels in the plane do not count."""
     width, longest = scene.registered_width, max(choice.exposures.exposures)
     if width is None:
         return ["things that enter and leave are not counted (else say [sensor] width_px)"]
