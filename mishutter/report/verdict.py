@@ -314,16 +314,13 @@ def _on_stage(scene: Scene, rows: Sequence[Row], choice: Row) -> str:
     doing = _WAYS.get(frames.kind, "swings").format(speeds=_speeds(frames), turns=_turns(frames))
     way = f"{rest if rests else ''}{doing}"
     axes = ""
-    if isinstance(frames, PlaneBurst):
-        travel, top_speed = _at_most(frames.travel), _at_most(float(frames.use.top_speed))
-        acceleration = float(frames.use.acceleration)
+    use = frames.use if isinstance(frames, PlaneBurst) else frames.use_within(scene.limits)
+    travel, top_speed = float(use.travel), float(use.top_speed)
+    if choice.is_in_plane:
+        travel, top_speed = _at_most(travel), _at_most(top_speed)
         axes = ", both axes" if scene.limits.axes == "disc" else ", each axis"
-    else:
-        use = scene.limits.use_of_frames(frames)
-        travel, top_speed, acceleration = (
-            float(x) for x in (use.travel, use.top_speed, use.acceleration)
-        )
-    numbers = _stage_numbers(travel, top_speed, acceleration, scene.sensor.pixel_pitch)
+    pitch = scene.sensor.pixel_pitch
+    numbers = _stage_numbers(travel, top_speed, float(use.acceleration), pitch)
     run_up = "run-up from rest included"
     if scene.limits.max_acceleration is None:
         run_up = "reached at once, as [limits] max_acceleration_g or _px_per_s2 says no limit"

@@ -148,7 +148,7 @@ def _spared(scene: Scene, frames: Frames) -> Frames:
 
 def _share(scene: Scene, sequence: FrameSequence) -> float:
     """Greatest share of a limit that the path of a stage takes."""
-    limits, use = scene.limits, scene.limits.use_of_frames(sequence)
+    limits, use = scene.limits, sequence.use_within(scene.limits)
     pairs = [
         (use.stroke, limits.max_stroke),
         # What the camera turns by is no longer the stage's.
@@ -175,7 +175,7 @@ def _chosen(scene: Scene, found: list[_Found]) -> FrameSequence:
     kind = kind_of(best) if best.kind == FREE else best.kind
     kind = ONE_PARABOLA if best.num_frames == 1 else kind
     psnr, worst = levels_of(scene, best.frames)
-    return scene.limits.with_travel(replace(best, kind=kind, psnr=psnr, worst_psnr=worst))
+    return replace(best, kind=kind, psnr=psnr, worst_psnr=worst).with_travel(scene.limits)
 
 
 def _loss(scene: Scene, sequence: FrameSequence, width: float) -> float:

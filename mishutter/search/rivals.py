@@ -296,7 +296,7 @@ def _bursts(search: RivalSearch) -> list[Row]:
         limits = design.scene.limits
         one = OneExposure.of(design.motion, design.shutter, limits)
         whole = FrameSequence(ONE_PARABOLA, one.frames, 0.0, *map(float, levels), pan=one.pan)
-        moving.append(limits.with_travel(whole))
+        moving.append(whole.with_travel(limits))
     found = {BEST_STILL_BURST: still}
     if moving:
         found[BEST_MOVING_BURST] = max(moving, key=level_on_sensor)
