@@ -38,6 +38,7 @@ from mishutter.search.rows import (
     ONE_EXPOSURE,
     OWN_BEST_MOTION,
     SAME_MOTION,
+    SHUTTER,
     SNAPSHOTS,
     STAGE,
     Row,
@@ -92,7 +93,8 @@ class RivalSearch:
         self.entries = {} if entries is None else entries
         self.free_paths = free_paths or scene.limits.free_paths
         self.burst_progress: Callable[[float], None] = lambda share: None
-        windows = baselines() if every else {OPEN: RectShutter()}
+        is_open = not every or scene.sensor.is_rolling
+        windows = {OPEN: RectShutter()} if is_open else baselines()
         self.windows = {n: window for n, window in windows.items() if n not in self.entries}
         self.open_on_parabola = once(lambda: self.best(self.start, RectShutter()))
         self.shaped_on_parabola = once(lambda: self.shaped_entry() or self.best(self.start))
@@ -187,8 +189,14 @@ def compared_rows(search: RivalSearch, step: Step, begin: Step = lambda name: No
             for row in rows
         }
     order = dict.fromkeys((*search.entries, *taken_names()))
-    names = [name for name in order if name in at_best]
+    names = [name for name in order if name in at_best and _is_alike(at_best[name], scene)]
     return [*(at_best[name] for name in names), *map(judge, on_motion)]
+
+
+def _is_alike(row: Row, scene: Scene) -> bool:
+    """Whether all rows of a picture see the same profile and path, or are restored by their own."""
+    is_simple = SHUTTER not in row.required_hardware and row.motion.is_straight
+    return is_simple or not row.is_of_one_exposure or not scene.sensor.is_rolling
 
 
 def _middle_exposure(scene: Scene) -> Float[np.ndarray, ""]:
@@ -264,7 +272,8 @@ def _coded_stills(search: RivalSearch) -> list[Row]:
 
 def _takes_free_path(search: RivalSearch) -> bool:
     """Whether free paths are asked for, and the sensor may follow one."""
-    if not search.free_paths or forbids_free_path(search.scene):
+    is_rolling = search.scene.sensor.is_rolling
+    if not search.free_paths or is_rolling or forbids_free_path(search.scene):
         return False
     return "acceleration" in free_by_default(search.scene, search.start, RectShutter())
 
@@ -330,10 +339,15 @@ RIVALS = (
         (BEST_TUKEY,),
         ONE_EXPOSURE,
         lambda search: [_row(BEST_TUKEY, search.best(search.start, TukeyShutter(0.5)))],
-        is_asked=lambda search: search.every,
+        is_asked=lambda search: search.every and not search.scene.sensor.is_rolling,
     ),
     Rival(SNAPSHOTS, frozenset({STAGE}), snapshots),
-    Rival((BEST_CODED_STILL, CODED_AT_REST), ONE_EXPOSURE, _coded_stills),
+    Rival(
+        (BEST_CODED_STILL, CODED_AT_REST),
+        ONE_EXPOSURE,
+        _coded_stills,
+        is_asked=lambda search: not search.scene.sensor.is_rolling,
+    ),
     Rival(
         (BEST_STILL_BURST, BEST_MOVING_BURST),
         frozenset({STAGE, FRAMES}),

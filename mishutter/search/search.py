@@ -213,6 +213,14 @@ def optimise(
     for part in filter(None, (motion, shutter)):
         require_numbers(part)
     shutter = None if shutter is None else command_of(shutter)
+    if scene.sensor.is_rolling:
+        shutter = RectShutter() if shutter is None else shutter
+        requirement = (
+            "be open, as `RectShutter()`, before rows that are exposed one after another: each "
+            "would see another part of a profile"
+        )
+        is_open = isinstance(shutter, RectShutter)
+        require(is_open, "optimise(shutter=...)", requirement, shutter)
     if num_starts is not None:
         require_positive_int("optimise(num_starts=...)", num_starts)
     require_positive_int("optimise(max_steps=...)", max_steps)
