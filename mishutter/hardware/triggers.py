@@ -22,6 +22,8 @@ from mishutter.model.stages import StagePath
 class FrameTable(AbstractTable):
     """A burst in equal steps from its first light to its last, on the clock of its middle.
 
+    Of rows that are exposed one after another it is the light of the first, which a trigger begins.
+
     Attributes:
         design: The design, which has a `sequence`, or one of frames in the plane.
         begin: Beginning of each step; s.
@@ -44,8 +46,13 @@ class FrameTable(AbstractTable):
 
     @property
     def lights(self) -> Lights:
-        """First and last light of each frame, exactly; s."""
-        return self.exposures.lights
+        """First and last light of each frame, exactly; those of the row that is read first; s."""
+        return first_lights(self.design)
+
+    @property
+    def lead(self) -> float:
+        """Time from the first row to the middle one; s."""
+        return self.design.scene.sensor.readout_time / 2
 
     @property
     def gated_lights(self) -> Lights:
@@ -58,8 +65,9 @@ class FrameTable(AbstractTable):
     @property
     def gated_psnr(self) -> float:
         """PSNR of the frames by the gate, whose closed steps are dead time; dB."""
-        scene = self.design.scene
-        return float(exposures_psnr(scene, self.exposures, lights=self.gated_lights))
+        scene, lead = self.design.scene, self.lead
+        lights = [(begin + lead, end + lead) for begin, end in self.gated_lights]
+        return float(exposures_psnr(scene, self.exposures, lights=lights))
 
     @property
     def exposure(self) -> float:
@@ -151,6 +159,12 @@ class FrameTable(AbstractTable):
         }
 
 
+def first_lights(design: AbstractDesign) -> Lights:
+    """First and last light of each frame in the row that is read first, which a trigger begins."""
+    lead = design.scene.sensor.readout_time / 2
+    return [(begin - lead, end - lead) for begin, end in design.exposures.lights]
+
+
 def frame_table(design: AbstractDesign, *, num_steps: int | None = None) -> FrameTable:
     """The triggers of a burst's frames, and its stage, in equal steps.
 
@@ -168,7 +182,7 @@ def frame_table(design: AbstractDesign, *, num_steps: int | None = None) -> Fram
     is_design = isinstance(design, AbstractDesign)
     require(is_design, subject, "be a `Design`, or a `PlaneDesign`", design)
     require(design.sequence is not None, subject, "hold the frames of a burst", design.sequence)
-    lights = design.exposures.lights
+    lights = first_lights(design)
     count = 256 * len(lights) if num_steps is None else num_steps
     require_positive_int("frame_table(num_steps=...)", count)
     require(count <= MAX_STEPS, "frame_table(num_steps=...)", f"be at most {MAX_STEPS}", count)

@@ -20,7 +20,7 @@ from mishutter.model.motion import LinearMotion
 from mishutter.model.scene import Scene, in_sensor_frame
 from mishutter.model.scene_units import GRAVITY
 from mishutter.model.sensor import BurstMode
-from mishutter.model.sequences import SINE
+from mishutter.model.sequences import SINE, FrameSequence
 from mishutter.model.texture import EXAMPLE_PICTURE
 from mishutter.plane.bursts import PlaneBurst
 from mishutter.search.frame_ties import (
