@@ -173,12 +173,12 @@ def with_recorded_path(
         else:
             recorded = replace(design, sequence=replace(design.sequence, frames=frames))
         return recorded, spline.difference(taken.lights, planned, np.array([pan]))
-    turns = scene.limits.pans == "camera" and design.burst.num_axes > 0
+    turns = scene.limits.pans == "camera" and taken.num_axes > 0
     pan = pan_of(scene.velocities, scene.limits) * turns
     times, exposures = (np.asarray(x, np.float64) for x in (taken.times, taken.exposures))
     velocities = spline.velocities + pan[:, None]
     frames = PlaneFrames(times, exposures, np.diff(spline.knots), velocities)
-    recorded = replace(design, burst=replace(design.burst, frames=frames))
+    recorded = replace(design, sequence=replace(taken, frames=frames))
     return recorded, spline.difference(taken.lights, planned, pan)
 
 

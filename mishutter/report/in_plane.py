@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Array
 
 from mishutter._core.files import FORMER, RECOMMENDED, strict_json, write_text
+from mishutter.design.design import PlaneDesign, plane_burst_to_dict
 from mishutter.evaluation.sequences import LONG
 from mishutter.model.scene import Scene
 from mishutter.plane.bursts import PlaneBurst
-from mishutter.plane.design import PlaneDesign, burst_to_dict
 from mishutter.report import plots
 from mishutter.report.verdict import (
     camera_words,
@@ -162,7 +162,7 @@ class PlaneReport:
             "ceiling_db": self.search.ceiling,
             "options": [_document(x, first) for x in self.options],
             "ways": [_document(x, first) for x in self.search.bursts],
-            "frames": burst_to_dict(self.choice),
+            "frames": plane_burst_to_dict(self.choice),
         }
 
     def plot(self) -> "Figure":

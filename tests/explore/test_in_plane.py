@@ -33,7 +33,7 @@ TABLES = {
 @pytest.fixture
 def found(monkeypatch):
     """The search, in place of one that takes seconds, and the scenes that it was asked for."""
-    burst, scenes = a_plane_design().burst, []
+    burst, scenes = a_plane_design().sequence, []
 
     def best(scene, *, progress):
         progress(0.5)

@@ -353,7 +353,7 @@ def test_the_command_answers_and_writes_its_files(tmp_path, capsys):
     assert document["verdict"] in out
     assert (tmp_path / "out" / "answer.png").stat().st_size > 10_000
     design = PlaneDesign.load(tmp_path / "out" / "recommended.json")
-    assert design.burst.kind == document["choice"]
+    assert design.sequence.kind == document["choice"]
     assert f"Next: mishutter export {tmp_path / 'out' / 'recommended.json'} --out" in out
 
 
