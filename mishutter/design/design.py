@@ -40,7 +40,7 @@ from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.kinds import module_of, shutter_from_dict, shutter_to_dict
 from mishutter.model.shutters.polynomials import profile_of
 from mishutter.model.stages import StagePath
-from mishutter.plane.bursts import PlaneBurst, of_stage
+from mishutter.plane.bursts import PlaneBurst, burst_of
 from mishutter.plane.frames import PlaneFrames
 
 Kind = TypeVar("Kind", bound="AbstractDesign")
@@ -89,9 +89,8 @@ class AbstractDesign(ABC):
         """The frames of its burst as plain numbers, by their name in its file."""
         if self.sequence is None:
             return {}
-        if isinstance(self.sequence, PlaneBurst):
-            return {"plane": plane_burst_to_dict(self.sequence)}
-        return {"sequence": sequence_to_dict(self.sequence)}
+        name = "plane" if isinstance(self.sequence, PlaneBurst) else "sequence"
+        return {name: frames_to_dict(self.sequence)}
 
     @classmethod
     def load(cls: type[Kind], path: str | Path) -> Kind:
@@ -285,7 +284,7 @@ class Design(AbstractDesign):
             loss_name=file.loss_name,
             best_start_loss=file.best_start_loss,
             notes=tuple(file.notes),
-            sequence=None if file.sequence is None else _sequence(file.sequence),
+            sequence=None if file.sequence is None else _sequence(file.sequence, scene),
             psnr_ignoring_lag=file.psnr_ignoring_lag,
         )
 
@@ -358,12 +357,10 @@ class PlaneDesign(AbstractDesign):
             np.array(saved.exposures_s),
             np.array(saved.piece_durations_s),
             np.array(saved.velocities_px_per_s),
+            saved.lead_s,
         )
-        use = of_stage(frames, scene.velocities, scene.limits).use(scene.limits)
-        burst = PlaneBurst(
-            saved.kind, saved.num_axes, frames, saved.psnr_db, use, saved.width_loss_db
-        )
-        return PlaneDesign(scene, burst)
+        ways = scene, saved.kind, saved.num_axes, frames, saved.psnr_db
+        return PlaneDesign(scene, burst_of(*ways, width_loss=saved.width_loss_db))
 
 
 def given_design(
@@ -419,39 +416,37 @@ def motion_to_dict(motion: AbstractMotion) -> dict[str, object]:
     }
 
 
-def sequence_to_dict(sequence: FrameSequence) -> dict[str, object]:
-    """Kind, level and frames of a sequence, whose places are of the stage."""
-    frames = [
+def frames_to_dict(burst: FrameSequence | PlaneBurst) -> dict[str, object]:
+    """Kind, level and frames of a burst; on an axis the places are of the stage."""
+    if isinstance(burst, PlaneBurst):
+        frames = burst.frames
+        return {
+            "kind": burst.kind,
+            "num_axes": burst.num_axes,
+            "psnr_db": burst.psnr,
+            "width_loss_db": burst.width_loss,
+            "times_s": np.asarray(frames.times).tolist(),
+            "exposures_s": np.asarray(frames.exposures).tolist(),
+            "piece_durations_s": np.asarray(frames.durations).tolist(),
+            "velocities_px_per_s": np.asarray(frames.velocities).tolist(),
+            **({"lead_s": frames.lead} if frames.lead else {}),
+        }
+    along = [
         {
             "time_s": frame.time,
             "position_px": frame.position,
             "motion": motion_to_dict(frame.motion),
         }
-        for frame in sequence.frames
+        for frame in burst.frames
     ]
-    levels = {"psnr_db": sequence.psnr, "worst_speed_psnr_db": sequence.worst_psnr}
+    levels = {"psnr_db": burst.psnr, "worst_speed_psnr_db": burst.worst_psnr}
     losses = {
-        "registration_loss_db": sequence.registration_loss,
-        "width_loss_db": sequence.width_loss,
+        "registration_loss_db": burst.registration_loss,
+        "width_loss_db": burst.width_loss,
     }
     known = {name: loss for name, loss in losses.items() if loss is not None}
-    ways = {"travel_px": sequence.travel, "pan_px_per_s": sequence.pan}
-    return {"kind": sequence.kind, **ways, **levels, **known, "frames": frames}
-
-
-def plane_burst_to_dict(burst: PlaneBurst) -> dict[str, object]:
-    """Kind, level, frames and path of a burst in the plane."""
-    frames = burst.frames
-    return {
-        "kind": burst.kind,
-        "num_axes": burst.num_axes,
-        "psnr_db": burst.psnr,
-        "width_loss_db": burst.width_loss,
-        "times_s": np.asarray(frames.times).tolist(),
-        "exposures_s": np.asarray(frames.exposures).tolist(),
-        "piece_durations_s": np.asarray(frames.durations).tolist(),
-        "velocities_px_per_s": np.asarray(frames.velocities).tolist(),
-    }
+    ways = {"travel_px": burst.travel, "pan_px_per_s": burst.pan}
+    return {"kind": burst.kind, **ways, **levels, **known, "frames": along}
 
 
 def scene_to_dict(scene: Scene) -> dict[str, object]:
@@ -459,8 +454,8 @@ def scene_to_dict(scene: Scene) -> dict[str, object]:
     return SAVED_SCENE.model_validate(scene, from_attributes=True).model_dump()
 
 
-def _sequence(saved: SavedSequence) -> FrameSequence:
-    return FrameSequence(
+def _sequence(saved: SavedSequence, scene: Scene) -> FrameSequence:
+    frames = FrameSequence(
         saved.kind,
         tuple(TimedFrame(_motion(one.motion), one.time_s, one.position_px) for one in saved.frames),
         saved.travel_px,
@@ -470,6 +465,7 @@ def _sequence(saved: SavedSequence) -> FrameSequence:
         saved.registration_loss_db,
         saved.width_loss_db,
     )
+    return frames.for_rows(scene.sensor.readout_time, scene.limits)
 
 
 def _motion(saved: SavedMotion) -> AbstractMotion:

@@ -94,6 +94,7 @@ class SavedPlaneBurst(Part):
     exposures_s: Annotated[list[float], Field(min_length=1)]
     piece_durations_s: Annotated[list[float], Field(min_length=1)]
     velocities_px_per_s: Annotated[list[list[float]], Field(min_length=2, max_length=2)]
+    lead_s: float = 0.0
 
     @model_validator(mode="after")
     def _is_whole(self) -> "SavedPlaneBurst":
