@@ -9,7 +9,7 @@ are searched first; they are the starts of the free search, and preferred where 
 
 import contextlib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -121,7 +121,7 @@ class Descent(NamedTuple):
         return error, slope
 
 
-def best_of(ends: "list[End | None]") -> End | None:
+def best_of(ends: Sequence["End | None"]) -> End | None:
     """The end of the highest level of those that are within their limits."""
     return max((end for end in ends if end is not None), key=lambda end: end.level, default=None)
 
@@ -213,7 +213,7 @@ class Search(NamedTuple):
                 break
             best = max(best, top)
             count = max((number for number in fewer if number <= 0.8 * count), default=fewer[0])
-        most = best_of([*every])
+        most = best_of(every)
         if most is not None and self.is_free and most.frames.exposure.size <= MOST_FREE:
             every += again(self.levels, self.room, most)
             every += self._exchanges(best_of(every))
