@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -215,15 +215,14 @@ class _PlaneSearch(NamedTuple):
             frames = frames._replace(velocity=velocity, place=place)
         else:
             return None
-        made = made.for_rows(self.scene.sensor.readout_time, limits)
-        use = of_stage(made, self.law, limits).use(limits)
+        made = burst.frames.for_rows(self.scene.sensor.readout_time, limits)
         width, loss = self.scene.registered_width, None
-        if width is not None and burst.num_frames > 1:
-            loss = loss_of_width(self.scene, burst.frames, width=width)
+        if width is not None and made.num_frames > 1:
+            loss = loss_of_width(self.scene, made, width=width)
         axes = 0 if driven.stays else num_axes
         kind = end.kind if axes or not num_axes else STILLS
-        psnr = float(exposures_psnr(self.scene, burst.frames))
-        return replace(burst, kind=kind, num_axes=axes, psnr=psnr, width_loss=loss)
+        psnr = float(exposures_psnr(self.scene, made))
+        return burst_of(self.scene, kind, axes, made, psnr, width_loss=loss)
 
     def stage(self, num_axes: int) -> "_Stage":
         """A stage of one axis along the fastest things, or of two."""
