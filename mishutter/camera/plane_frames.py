@@ -61,7 +61,8 @@ def exposed_in_plane(
     reach = [math.ceil(each) + MARGIN for each in reversed(instants.reach(velocity[None]))]
     picture = radiance if radiance.ndim == 3 else radiance[..., None]
     light = np.asarray(distinct_colours(picture))
-    around, window = zip(*map(_around, light.shape, size, reach, ("rows", "columns")), strict=True)
+    sides = map(seen_along, light.shape, size, reach, ("rows", "columns"))
+    around, window = zip(*sides, strict=True)
     light = np.moveaxis(light[around], -1, 0)
     dtype, (rows, columns) = light.dtype, light.shape[1:]
     period = (2 * rows, 2 * columns)
@@ -74,7 +75,7 @@ def exposed_in_plane(
         yield exposed if radiance.ndim == 3 else exposed[..., 0]
 
 
-def _around(count: int, size: int | None, reach: int, word: str) -> tuple[slice, slice]:
+def seen_along(count: int, size: int | None, reach: int, word: str) -> tuple[slice, slice]:
     """The part of a picture that frames see along one axis, and the sensor's in that part."""
     size = count if size is None else size
     subject = f"simulate_frames(num_{word}=...)"

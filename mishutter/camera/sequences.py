@@ -30,6 +30,7 @@ from mishutter.camera.capture import as_radiance, distinct_colours, every_colour
 from mishutter.camera.layers import Layers
 from mishutter.camera.occlusion import expose_layers_in_frame
 from mishutter.camera.plane_frames import exposed_in_plane
+from mishutter.camera.plane_layers import layers_in_plane
 from mishutter.camera.rows import (
     Planes,
     channels_last,
@@ -119,21 +120,26 @@ def simulate_frames(
     in_plane = isinstance(frames, PlaneFrames)
     require_scene(scene, in_plane=in_plane)
     require_known("simulate_frames", speed=speed, frames=frames)
-    value = require_speed("simulate_frames(speed=...)", speed, frames)
+    subject = "simulate_frames(speed=...)"
+    if isinstance(picture, Layers):
+        require(not np.any(speed), subject, "be left to layers", speed)
+        value = np.zeros(2)
+    else:
+        value = require_speed(subject, speed, frames)
     require_key("simulate_frames(key=...)", key)
     if isinstance(frames, PlaneFrames):
-        subject, is_one = "simulate_frames(picture=...)", not isinstance(picture, Layers)
-        require(is_one, subject, "be one picture for frames in the plane", picture)
-        radiance = as_radiance(picture, "simulate_frames(picture=...)")  # type: ignore[arg-type]
         size = num_rows, num_columns
-        exposed = exposed_in_plane(radiance, scene.optics, frames, value, size)
+        if isinstance(picture, Layers):
+            exposed = layers_in_plane(picture, scene.optics, frames, size)
+        else:
+            radiance = as_radiance(picture, "simulate_frames(picture=...)")
+            exposed = exposed_in_plane(radiance, scene.optics, frames, value, size)
         axis, exposures = "rows", np.asarray(frames.exposures).tolist()
     else:
         require(len(frames) > 0, "simulate_frames(frames=...)", "hold one frame at least", 0)
         subject = "simulate_frames(num_rows=...)"
         require(num_rows is None, subject, "be left out along one axis", num_rows)
         if isinstance(picture, Layers):
-            require(not value, "simulate_frames(speed=...)", "be left to layers", speed)
             exposed = _layers_in_frames(picture, scene, frames, num_columns)
         else:
             radiance = as_radiance(picture, "simulate_frames(picture=...)")
@@ -190,7 +196,7 @@ def _layers_in_frames(
     """Irradiance of the sensor in each frame of layers, which hide one another."""
     layers = layers.transposed(scene.sensor.axis)
     window = _window(layers.shape[1], num_columns, scene)
-    speeds = [layer.speed for layer in layers.layers]
+    speeds = [layer.along_rows for layer in layers.layers]
     for speed in speeds:
         instants_within_reach("Layer(speed=...)", frames, np.array([float(speed)]))
     # Images that change while they are displaced ask for nodes for both.

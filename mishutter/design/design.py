@@ -130,7 +130,7 @@ class Design(AbstractDesign):
     @property
     def exposures(self) -> AbstractExposures:
         """The frames of its burst, or its one exposure."""
-        return self.sequence or OneExposure.of(self.motion, self.scene.limits)
+        return self.sequence or OneExposure.of(self.motion, self.shutter, self.scene.limits)
 
     @property
     def frames_document(self) -> dict[str, object]:
@@ -360,13 +360,13 @@ def _built(file: SavedDesign) -> Design:
         loss_name=file.loss_name,
         best_start_loss=file.best_start_loss,
         notes=tuple(file.notes),
-        sequence=None if file.sequence is None else _sequence(file.sequence),
+        sequence=None if file.sequence is None else _sequence(file.sequence, scene),
         psnr_ignoring_lag=file.psnr_ignoring_lag,
     )
 
 
-def _sequence(saved: SavedSequence) -> FrameSequence:
-    return FrameSequence(
+def _sequence(saved: SavedSequence, scene: Scene) -> FrameSequence:
+    frames = FrameSequence(
         saved.kind,
         tuple(TimedFrame(_motion(one.motion), one.time_s, one.position_px) for one in saved.frames),
         saved.travel_px,
@@ -376,6 +376,7 @@ def _sequence(saved: SavedSequence) -> FrameSequence:
         saved.registration_loss_db,
         saved.width_loss_db,
     )
+    return frames.for_rows(scene.sensor.readout_time, scene.limits)
 
 
 def _motion(saved: SavedMotion) -> AbstractMotion:

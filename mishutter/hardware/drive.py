@@ -5,7 +5,7 @@ levels between a floor above 0 and a ceiling below 1. The table lists the levels
 metrics tell the loss by them.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import final
 
@@ -24,7 +24,6 @@ from mishutter.hardware.drive_files import MAX_STEPS, AbstractTable, read_drive,
 from mishutter.hardware.stage_files import path_csv
 from mishutter.model.motion import AbstractMotion, is_known_zero
 from mishutter.model.scene import Scene, require_scene
-from mishutter.model.sequences import OneExposure
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.chips import ChippedShutter
 from mishutter.model.slots import diffused, slot_means
@@ -140,8 +139,7 @@ class DriveTable(AbstractTable):
     @property
     def paths(self) -> dict[str, StagePath]:
         """The path of the stage through the one exposure."""
-        design = self.design
-        return OneExposure.of(design.motion, design.scene.limits).stage_paths(design.scene)
+        return replace(self.design, sequence=None).exposures.stage_paths(self.design.scene)
 
     def stage_csv(self, *, returns: bool = False) -> str | None:
         """The sensor's path from rest to rest as text, at equal steps of time.

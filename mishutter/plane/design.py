@@ -123,6 +123,7 @@ def burst_to_dict(burst: PlaneBurst) -> dict[str, Any]:
         "exposures_s": np.asarray(frames.exposures).tolist(),
         "piece_durations_s": np.asarray(frames.durations).tolist(),
         "velocities_px_per_s": np.asarray(frames.velocities).tolist(),
+        **({"lead_s": frames.lead} if frames.lead else {}),
     }
 
 
@@ -132,6 +133,7 @@ def _burst(saved: "_SavedFrames", scene: Scene) -> PlaneBurst:
         np.array(saved.exposures_s),
         np.array(saved.piece_durations_s),
         np.array(saved.velocities_px_per_s),
+        saved.lead_s,
     )
     law, limits = scene.velocities, scene.limits
     use = of_stage(frames, law, limits).use(limits)  # type: ignore[arg-type]
@@ -157,6 +159,7 @@ class _SavedFrames(Part):
     exposures_s: Annotated[Row, Field(min_length=1)]
     piece_durations_s: Annotated[Row, Field(min_length=1)]
     velocities_px_per_s: Annotated[list[Row], Field(min_length=2, max_length=2)]
+    lead_s: float = 0.0
 
     @model_validator(mode="after")
     def _is_whole(self) -> "_SavedFrames":

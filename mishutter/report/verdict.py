@@ -296,7 +296,7 @@ def _on_stage(scene: Scene, rows: Sequence[Row], choice: Row) -> str:
     rest = f"rests in the first {'frame' if rests == 1 else f'{rests} frames'}, then "
     doing = _WAYS.get(frames.kind, "swings").format(speeds=_speeds(frames), turns=_turns(frames))
     way = f"{rest if rests else ''}{doing}"
-    use = scene.limits.use_of_frames(frames)
+    use = frames.use_within(scene.limits)
     numbers = stage_numbers(
         float(use.travel), float(use.top_speed), float(use.acceleration), scene.sensor.pixel_pitch
     )

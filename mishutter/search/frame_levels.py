@@ -22,6 +22,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from mishutter.evaluation.fans import GOLDEN, Fan, Grid
+from mishutter.evaluation.instants import Instants
 from mishutter.evaluation.levels import Light, in_parts, psnr_of_error, require_velocities
 from mishutter.evaluation.needs import distinct_speeds
 from mishutter.model.optics import NYQUIST_FREQUENCY, frequencies, pixel_response
@@ -121,6 +122,22 @@ class Levels(NamedTuple):
         """Error that is left at each frequency by each velocity; white = 1."""
         power = np.abs(self._responses(frames)[0]) ** 2
         gained = np.tensordot(np.asarray(self.light.gains(frames.exposure)), power, 1)
+        return self.weight / (1 + self.signal[:, None] * gained)
+
+    def errors_at(self, instants: Instants) -> Float[np.ndarray, "m l"]:
+        """The same of frames by their instants, on any path."""
+        gained = np.zeros(self.temporal.shape)
+        ways = -2j * np.pi * np.moveaxis(instants.place, 0, -1)
+        for way, time, weight, gain in zip(
+            ways,
+            instants.time,
+            instants.weight,
+            np.asarray(self.light.gains(instants.exposure)),
+            strict=True,
+        ):
+            on_sensor = weight * np.exp(self.frequency @ way.T)
+            passing = np.exp(2j * np.pi * self.temporal[..., None] * time)
+            gained += gain * np.abs(np.einsum("mq,mlq->ml", on_sensor, passing)) ** 2
         return self.weight / (1 + self.signal[:, None] * gained)
 
     def level(self, frames: Frames) -> float:

@@ -217,6 +217,8 @@ class _PlaneSearch(NamedTuple):
             frames = frames._replace(velocity=velocity, place=place)
         else:
             return None
+        made = made.for_rows(self.scene.sensor.readout_time, limits)
+        use = of_stage(made, self.law, limits).use(limits)
         width, loss = self.scene.registered_width, None
         if width is not None and made.num_frames > 1:
             loss = loss_of_width(self.scene, made, width=width)

@@ -21,7 +21,7 @@ from mishutter.model.devices import least_efficiency
 from mishutter.model.exposures import AbstractExposures
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene
-from mishutter.model.sequences import FrameSequence, OneExposure, TimedFrame
+from mishutter.model.sequences import FrameSequence, OneExposure
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.polynomials import profile_of
 from mishutter.model.shutters.windows import RectShutter
@@ -86,7 +86,7 @@ class Row:
     def exposures(self) -> AbstractExposures:
         """The frames of a burst, or the one exposure."""
         pan = float(self.motion.velocity) if self.turns else 0.0
-        return self.sequence or OneExposure((TimedFrame(self.motion, 0.0),), pan)
+        return self.sequence or OneExposure(self.motion, self.shutter, pan)
 
     @cached_property
     def stroke(self) -> float:

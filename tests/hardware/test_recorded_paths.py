@@ -64,7 +64,7 @@ def test_a_burst_along_one_axis_is_where_the_encoder_was(pans):
     """Place, velocity and path of each frame; a camera that turns adds its pan to the stage."""
     design, pan = a_burst_design(), 150.0 * (pans == "camera")
     design = replace(design, sequence=replace(design.sequence, pan=pan))
-    path = design.scene.limits.stage_path_of_frames(design.sequence)
+    path = design.sequence.stage_path_within(design.scene.limits)
     built, apart = with_recorded_path(design, recorded([path]), middle=CLOCK)
     pairs = list(zip(design.sequence.frames, built.sequence.frames, strict=True))
     shift = pairs[0][1].position - pairs[0][0].position
@@ -181,7 +181,7 @@ def test_restore_takes_the_recorded_path(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     design = a_burst_design(sensor=ms.Sensor(pixel_pitch=4.8e-6))
     design.save("design.json")
-    path = design.scene.limits.stage_path_of_frames(design.sequence)
+    path = design.sequence.stage_path_within(design.scene.limits)
     strayed = recorded([path], bend=2.5)
     built, _ = with_recorded_path(design, strayed, middle=CLOCK)
     rows = zip(strayed.time * 1e3, strayed.place[0] * 4.8, strict=True)

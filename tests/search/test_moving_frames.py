@@ -77,7 +77,7 @@ def pair():
 
 def _shares(limits, burst):
     """Shares of the limits that the exported path takes, by its places at many times."""
-    path = limits.stage_path_of_frames(burst)
+    path = burst.stage_path_within(limits)
     times = np.linspace(path.times[0], path.times[-1], 100_001)
     place, velocity = path.at(times)
     lit = place[(times >= path.exposure[0]) & (times <= path.exposure[1])]
@@ -277,7 +277,7 @@ def test_nothing_limits_the_acceleration():
     burst = best_moving_burst(scene)
     assert burst.psnr >= 31.02 - SIMPLER
     # It turns round beyond its frames, in a time that is not 0: 0.2 % are left for that.
-    stroke = float(scene.limits.use_of_frames(burst).stroke)
+    stroke = float(burst.use_within(scene.limits).stroke)
     assert stroke == pytest.approx(37, rel=4e-3)
     assert stroke <= 37
 
@@ -288,7 +288,7 @@ def test_a_limit_on_the_jerk_holds_over_a_burst():
     jerk = 4e7
     scene = _in_window(BOTH_WAYS, 4, max_acceleration=6e5, max_jerk=jerk)
     found = best_moving_burst(scene)
-    path = scene.limits.stage_path_of_frames(found)
+    path = found.stage_path_within(scene.limits)
     assert found.kind in (SWEEP, "sine")
     assert float(path.use.jerk) <= jerk * (1 + 1e-6)
     assert path.jerks.any()

@@ -282,8 +282,8 @@ def _layer(thing: Thing, light: list[np.ndarray], axis: Axis, *, in_plane: bool)
     matte = window.of(thing.matte)
     picture = _picture([window.of(one) for one in light], matte, axis)
     top, left = (window.top, window.left) if axis == "rows" else (window.left, window.top)
-    # A layer moves along one axis, whatever the object does.
-    speed = 0.0 if in_plane else -float(thing.velocity[1])
+    across, along = (-thing.velocity).tolist()
+    speed = (along, across) if in_plane else along
     return Layer(picture, speed, left=left, top=top)
 
 
