@@ -4,12 +4,15 @@ Layers are as wrong as things are that turn or change their shape; one frame res
 Of the two, $x_l$ and $x_1$, the mean $x_l + w (x_1 - x_l)$ of the least expected error in the
 neighbourhood of a pixel has
 
-$$w = \frac{\langle (y - x_l)(x_1 - x_l) \rangle - (c_1 - c_l)}{\langle (x_1 - x_l)^2 \rangle}$$
+$$w = \frac{\langle (y - x_l)(x_1 - x_l) \rangle - (c_1 - c_l)}
+           {\langle (x_1 - x_l)^2 + q^2 \rangle}$$
 
-with the frame $y$, and with $c_1$ and $c_l$, how much of the frame's noise each has taken over
+with the frame $y$; with $q$, by which the frame differs from one without its exposure's blur, which
+layers are freed of; and with $c_1$ and $c_l$, how much of the frame's noise each has taken over
 (Stein's lemma). That of a decoder of any kind is told by what it makes of a little more noise.
 """
 
+import math
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -19,7 +22,7 @@ from scipy import ndimage
 
 from mishutter.decoding.decoders.base import AbstractDecoder
 from mishutter.decoding.objects.arrangement import Arrangement
-from mishutter.decoding.objects.grids import Mask, Window, smoothed, splines
+from mishutter.decoding.objects.grids import Mask, Window, moved, smoothed, splines
 from mishutter.decoding.objects.light import (
     Knowledge,
     Layers,
@@ -69,8 +72,14 @@ class Alone(NamedTuple):
         taken_over = smoothed((noise * signs)[0] * changes, _TAKEN_OVER)
         return Alone(whole_of(window, light[0], stills.shape), shown, np.maximum(taken_over, 0))
 
-    def share(self, misfit: Misfit, layers: Layers) -> Mask:
-        """Share of this frame in the mean of it and of layers that errs least."""
+    def share(self, misfit: Misfit, layers: Layers, blur: np.ndarray) -> Mask:
+        """Share of this frame in the mean of it and of layers that errs least.
+
+        Args:
+            misfit: Misfit of the layers.
+            layers: Light of each on its canvas.
+            blur: Change of the frame by the ways of things within its exposure.
+        """
         sight = misfit.sight
         number = sight.stills.middle
         frame, noise = sight.stills.light[number], 1 / sight.inverse[number]
@@ -82,7 +91,8 @@ class Alone(NamedTuple):
             square = np.maximum(smoothed(apart**2, sigma), 1e-9)
             error = np.sqrt(smoothed(noise, sigma) * square / (4 * np.pi * sigma**2))
             excess = smoothed(left * apart, sigma) - less - _CERTAIN * error
-            share = np.maximum(share, np.clip(excess / square, 0, 1))
+            risk = square + smoothed(blur**2, sigma)
+            share = np.maximum(share, np.clip(excess / risk, 0, 1))
         return share
 
 
@@ -143,7 +153,9 @@ def composite(arrangement: Arrangement, misfit: Misfit, layers: Layers, alone: A
     model = sight.frames(explaining(misfit))
     noise = [stills.noise(smoothed(np.maximum(one, 0), 0.7), k) for k, one in enumerate(model)]
     squares = (stills.light - model) ** 2 / np.stack(noise)
-    doubt = alone.share(misfit, layers)
+    pairs = zip(sight.sheets, layers, strict=True)
+    lights = [whole_of(sheet.window, own, shape) for sheet, own in pairs]
+    doubt = alone.share(misfit, layers, _blur(arrangement, lights))
     spline = splines(alone.light[None])[0]
     light, single = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
     mean_square, num_seen = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
@@ -152,10 +164,8 @@ def composite(arrangement: Arrangement, misfit: Misfit, layers: Layers, alone: A
     velocities = [np.zeros(2), *(thing.velocity for thing in arrangement.things)]
     whole = Window.whole(shape)
     for number, (alpha, velocity) in enumerate(zip(arrangement.alphas(), velocities, strict=True)):
-        sheet = sight.sheets[number]
-        own = whole_of(sheet.window, layers[number], shape)
         window = whole if number == 0 else Window.around(alpha, 4)
-        share, here = window.of(alpha), window.of(own).copy()
+        share, here = window.of(alpha), window.of(lights[number]).copy()
         way = velocity * stills.times[stills.middle]
         weight = window.taken(doubt, way) * window.seen(way, shape)
         here += weight * (window.taken(spline, way, is_spline=True) - here)
@@ -176,6 +186,27 @@ def whole_of(window: Window, part: np.ndarray, shape: tuple[int, int]) -> np.nda
     whole = np.zeros(shape, np.float32)
     window.add(whole, part)
     return whole
+
+
+def _blur(arrangement: Arrangement, lights: list[np.ndarray]) -> np.ndarray:
+    """Light at the middle of the middle exposure, less its mean over that exposure."""
+    stills, things = arrangement.stills, arrangement.things
+    number, shape = stills.middle, stills.shape
+    time, exposure = float(stills.times[number]), float(stills.exposures[number])
+
+    def at(time: float) -> np.ndarray:
+        light = lights[0].copy()
+        for other in reversed(arrangement.order):
+            thing, own = things[other], lights[other + 1]
+            window, way = thing.window, thing.velocity * time
+            matte = moved(window.of(thing.matte), window, way, shape)
+            light += matte * (moved(window.of(own), window, way, shape) - light)
+        return light
+
+    fastest = max((float(np.hypot(*thing.velocity)) for thing in things), default=0.0)
+    steps = max(1, math.ceil(fastest * exposure / 1.5))
+    shares = (np.arange(steps) + 0.5) / steps - 0.5
+    return at(time) - np.mean([at(time + exposure * share) for share in shares.tolist()], axis=0)
 
 
 def _along(
