@@ -17,7 +17,7 @@ from mishutter.model.arguments import Part, arguments_of, table_of
 from mishutter.model.scene import Scene
 from mishutter.model.stages import StagePath
 from mishutter.model.velocities import AbstractVelocities
-from mishutter.plane.bursts import PlaneBurst, of_stage
+from mishutter.plane.bursts import PlaneBurst, burst_of
 from mishutter.plane.frames import PlaneFrames
 
 Row = list[float]
@@ -135,9 +135,9 @@ def _burst(saved: "_SavedFrames", scene: Scene) -> PlaneBurst:
         np.array(saved.velocities_px_per_s),
         saved.lead_s,
     )
-    law, limits = scene.velocities, scene.limits
-    use = of_stage(frames, law, limits).use(limits)  # type: ignore[arg-type]
-    return PlaneBurst(saved.kind, saved.num_axes, frames, saved.psnr_db, use, saved.width_loss_db)
+    return burst_of(
+        scene, saved.kind, saved.num_axes, frames, saved.psnr_db, width_loss=saved.width_loss_db
+    )
 
 
 @final

@@ -20,7 +20,7 @@ from mishutter.model.scene import Scene, require_scene
 from mishutter.model.sensor import BurstMode
 from mishutter.model.stages import Knots, transfer
 from mishutter.model.velocities import AbstractVelocities
-from mishutter.plane.bursts import PlaneBurst, of_stage, pan_of
+from mishutter.plane.bursts import PlaneBurst, burst_of, of_stage, turned_by
 from mishutter.plane.frames import PlaneFrames
 from mishutter.search.frame_levels import Frames, Levels
 from mishutter.search.frame_limits import Room, Shape
@@ -135,9 +135,7 @@ class _PlaneSearch(NamedTuple):
         got = Unquoted("one exposure of unknown velocity")
         require(bool(counts), "scene", requirement, got)
         law = require_velocities(scene)
-        turns = scene.limits.pans == "camera"
-        offset = pan_of(law, scene.limits) if turns else np.zeros(2)
-        return _PlaneSearch(scene, law, times, counts, offset)
+        return _PlaneSearch(scene, law, times, counts, turned_by(law, scene.limits))
 
     def found(self, progress: Callable[[float], None]) -> PlaneSearch:
         """The best frames of each kind."""
@@ -151,7 +149,8 @@ class _PlaneSearch(NamedTuple):
         bursts = self._bursts(one, still, 0) + self._bursts(one, along, 1)
         if self.scene.limits.axes != "one":
             bursts += self._on_two_axes(one, along, bursts, progress)
-        snapshot = self._bursts(one, [one.best(STILLS, 1)], 0)[0]
+        at_rest = self._replace(offset=np.zeros(2)).stage(1)
+        snapshot = self._bursts(at_rest, [at_rest.best(STILLS, 1)], 0)[0]
         exposures = [np.full(n, self.times.longest_of(n)) for n in self.counts]
         ceiling = max(exposures_ceiling(self.scene, each) for each in exposures)
         return PlaneSearch(snapshot, tuple(bursts), ceiling)
@@ -198,9 +197,8 @@ class _PlaneSearch(NamedTuple):
         """Frames with their level, within the limits; None where they are far from them."""
         limits, frames = self.scene.limits, end.frames
         for _ in range(3):
-            made = stage.made(frames)
-            driven = of_stage(made, self.law, limits)
-            use = driven.use(limits)
+            burst = burst_of(self.scene, end.kind, num_axes, stage.made(frames), math.nan)
+            use, driven = burst.use, of_stage(burst.frames, np.array(burst.pan))
             pairs = (
                 (use.stroke, limits.max_stroke),
                 (use.travel, limits.max_travel),
@@ -217,14 +215,14 @@ class _PlaneSearch(NamedTuple):
             frames = frames._replace(velocity=velocity, place=place)
         else:
             return None
-        made = made.for_rows(self.scene.sensor.readout_time, limits)
-        use = of_stage(made, self.law, limits).use(limits)
+        made = burst.frames.for_rows(self.scene.sensor.readout_time, limits)
         width, loss = self.scene.registered_width, None
         if width is not None and made.num_frames > 1:
             loss = loss_of_width(self.scene, made, width=width)
-        axes = 0 if made.stays else num_axes
+        axes = 0 if driven.stays else num_axes
         kind = end.kind if axes or not num_axes else STILLS
-        return PlaneBurst(kind, axes, made, float(exposures_psnr(self.scene, made)), use, loss)
+        psnr = float(exposures_psnr(self.scene, made))
+        return burst_of(self.scene, kind, axes, made, psnr, width_loss=loss)
 
     def stage(self, num_axes: int) -> "_Stage":
         """A stage of one axis along the fastest things, or of two."""

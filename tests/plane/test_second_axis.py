@@ -18,7 +18,7 @@ from mishutter import (
 )
 from mishutter.evaluation.ceilings import exposures_ceiling
 from mishutter.evaluation.sequences import loss_of_width
-from mishutter.report.in_plane import PlaneReport
+from mishutter.report.in_plane import answer_in_plane
 from mishutter.search.plane_frames import PlaneSearch
 
 
@@ -88,9 +88,10 @@ def test_what_a_sensor_loses_stands_in_the_gain():
     assert burst.level == pytest.approx(27.25 - 0.7)
     assert replace(burst, width_loss=None).level == 27.25
     one = PlaneBurst("stills", 0, stills([0.0], 0.003), 24.5, burst.use)
-    report = PlaneReport(design.scene, PlaneSearch(one, (burst,), 28.0))
-    (told,) = report.to_dict()["ways"]
+    answer = answer_in_plane(design.scene, PlaneSearch(one, (burst,), 28.0))
+    told = answer.to_dict()["options"][-1]
     assert told["gain_db"] == pytest.approx(27.25 - 0.7 - 24.5)
+    assert told["width_loss_db"] == 0.7
 
 
 def test_velocities_that_never_occur_are_not_the_fastest():
