@@ -386,7 +386,7 @@ def test_the_command_answers_and_writes_its_files(tmp_path, capsys):
     assert (tmp_path / "out" / "answer.png").stat().st_size > 10_000
     design = PlaneDesign.load(tmp_path / "out" / "recommended.json")
     (row,) = (each for each in document["rows"] if each["name"] == document["choice"])
-    assert design.burst.kind == row["kind"]
+    assert design.sequence.kind == row["kind"]
     assert f"Next: mishutter export {tmp_path / 'out' / 'recommended.json'} --out" in out
 
 
