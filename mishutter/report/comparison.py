@@ -12,7 +12,7 @@ from mishutter._core.compiling import outside_trace
 from mishutter._core.parallel import alone_in_blas
 from mishutter._core.progress import counts
 from mishutter.decoding.decoders.base import AbstractDecoder
-from mishutter.design.design import Design, metrics_to_dict, motion_to_dict, sequence_to_dict
+from mishutter.design.design import Design, frames_to_dict, metrics_to_dict, motion_to_dict
 from mishutter.evaluation.ceilings import ceiling
 from mishutter.evaluation.losses import AbstractLoss, as_loss
 from mishutter.evaluation.speed_knowledge import loss_of_decoder
@@ -21,8 +21,6 @@ from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene, require_scene
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.pictures.images import Picture
-from mishutter.plane.bursts import PlaneBurst
-from mishutter.plane.design import burst_to_dict
 from mishutter.report.by_decoder import Judgement, judged_by, pictures_to_judge
 from mishutter.report.gain_range import gain_range
 from mishutter.report.plots import plot_levels
@@ -236,10 +234,7 @@ class Comparison:
         if self.judgement is not None:
             document["on_pictures"] = self.judgement.to_dict()
         if self.sequence is not None:
-            frames = self.sequence
-            is_in_plane = isinstance(frames, PlaneBurst)
-            written = burst_to_dict(frames) if is_in_plane else sequence_to_dict(frames)
-            document["sequence"] = written
+            document["sequence"] = frames_to_dict(self.sequence)
         return document
 
     def plot(self) -> "Figure":
@@ -365,7 +360,7 @@ def compare(
             must = f"call no other shutter one of {', '.join(taken_names())}"
             require(may_be_named(entry, name), subject, must, name)
     search = RivalSearch(scene, loss, motion, entries, free_paths=free_paths, every=every)
-    why_no_step = "compiling (first run only), or a long search"
+    why_no_step = "compiling, or a long search"
     with counts(progress is True, "comparing", len(searches(search)), why_no_step) as counter:
         # Of frames the moving ones take the time.
         labels = {BEST_STILL_BURST: BEST_MOVING_BURST} if scene.limits.moves else {}

@@ -11,6 +11,7 @@ from jaxtyping import Array
 
 from mishutter.design.design import Design
 from mishutter.evaluation.bursts import FrameTimes, StillBursts, window_of
+from mishutter.evaluation.levels import require_velocities
 from mishutter.evaluation.losses import AbstractLoss
 from mishutter.evaluation.sequences import LONG, REGION
 from mishutter.model.devices import AbstractDevice
@@ -36,6 +37,7 @@ from mishutter.search.frame_ties import (
     TWO_SINES,
 )
 from mishutter.search.moving_frames import loss_untold
+from mishutter.search.plane_frames import stills_on_pan
 from mishutter.search.rivals import (
     PLAIN_RATE,
     PLAIN_STILLS,
@@ -265,8 +267,7 @@ def on_pan(scene: Scene, choice: Row, loss: AbstractLoss) -> str:
     limits, occurs = scene.limits, np.asarray(scene.weights) > 0
     speeds = np.asarray(scene.speeds, np.float64)[occurs]
     slowest, fastest = float(np.min(speeds)), float(np.max(speeds))
-    can_pan = limits.moves or (limits.pans == "camera" and float(limits.max_pan) > 0)
-    if can_pan or slowest * fastest <= 0 or scene.occlusion is not None:
+    if _moves(limits) or slowest * fastest <= 0 or scene.occlusion is not None:
         return ""
     velocity = (slowest + fastest) / 2
     room = replace(limits, pans="camera", max_pan=abs(velocity), max_top_speed=2 * abs(velocity))
@@ -280,10 +281,33 @@ def on_pan(scene: Scene, choice: Row, loss: AbstractLoss) -> str:
         if stills.psnr > level:
             what = f"{stills.num_frames} frames of {stills.exposure * 1e3:.3g} ms"
             level = stills.psnr
+    return _following(f"{velocity:,.4g}", what, level, choice)
+
+
+def on_pan_in_plane(scene: Scene, choice: Row) -> str:
+    """The same where things move in any direction about a mean."""
+    law = require_velocities(scene)
+    x, y = law.centre.tolist()
+    is_one_way = math.hypot(x, y) > law.half_range(np.array([math.atan2(y, x)]))[0]
+    if _moves(scene.limits) or not is_one_way:
+        return ""
+    burst = stills_on_pan(scene)
+    what = f"{burst.num_frames} frames" if burst.num_frames > 1 else "a snapshot"
+    what += f" of {burst.lengths}"
+    return _following(f"({x:,.4g}, {y:,.4g})", what, burst.level, choice)
+
+
+def _moves(limits: Limits) -> bool:
+    """Whether something may move the sensor."""
+    return limits.moves or (limits.pans == "camera" and float(limits.max_pan) > 0)
+
+
+def _following(velocity: str, what: str, level: float, choice: Row) -> str:
+    """The sentence on exposures that follow at a velocity, px/s; empty where they gain little."""
     if level - choice.level < _WORTH_A_PAN:
         return ""
     return (
-        f"Following at {velocity:,.4g} px/s, by turning the camera, a mirror or a stage, {what} "
+        f"Following at {velocity} px/s, by turning the camera, a mirror or a stage, {what} "
         f"would reach {level:.1f} dB, {level - choice.level:.1f} dB more (say [limits] pans = "
         '"camera").'
     )

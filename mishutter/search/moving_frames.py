@@ -25,7 +25,7 @@ from mishutter.model.motion import (
 from mishutter.model.scene import Scene
 from mishutter.model.sequences import SINE, FrameSequence, TimedFrame
 from mishutter.model.stages import place_at_begin
-from mishutter.search.frame_levels import Frames, Levels
+from mishutter.search.frame_levels import Frames, Levels, is_range
 from mishutter.search.frame_limits import Room, Shape
 from mishutter.search.frame_search import BEYOND, End, Search
 from mishutter.search.frame_ties import (
@@ -90,7 +90,11 @@ def best_moving_burst(
         every = (Tie(kind, room, shape, *ends) for kind in kinds)
         return [tie for tie in every if tie.exists]
 
-    search = Search(Levels.on_axis(scene), room, ties, _pieces, limits.max_jerk is None)
+    # A frame may follow one thing of a few; a range has none to follow.
+    speeds = np.unique([*np.asarray(in_parts(scene).speeds, np.float64), 0.0])
+    followed = () if is_range(np.asarray(in_parts(scene).speeds)) else tuple(speeds.tolist())
+    levels, is_free = Levels.on_axis(scene), limits.max_jerk is None
+    search = Search(levels, room, ties, _pieces, followed, is_free)
     ends = (_Found.of(scene, end) for end in search.ends(counts, progress))
     found = [end for end in ends if end is not None]
     return _chosen(scene, found) if found else None
@@ -98,7 +102,7 @@ def best_moving_burst(
 
 def _pieces(count: int) -> int:
     """Pieces of each of so many frames: few frames gain by more."""
-    return {1: 6, 2: 2}.get(count, 1)
+    return {1: 6, 2: 2, 3: 2}.get(count, 1)
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,7 @@ def test_frames_in_the_plane_are_where_the_encoder_was():
     for row, place in zip(own, wanted, strict=True):
         np.testing.assert_allclose(row - row[7], place - place[7], atol=1e-3)
     np.testing.assert_array_equal(built.frames.times, design.frames.times)
-    assert built.burst.kind == design.burst.kind
+    assert built.sequence.kind == design.sequence.kind
     assert apart.doubt == ""
     bend = 0.4 * np.sin(2 * np.pi * 40 * time + np.arange(2)[:, None])
     bend = bend - np.mean(bend, axis=1)[:, None]
