@@ -61,7 +61,6 @@ from mishutter.cli.options import (
     CoefficientsOption,
     EveryPhotographOption,
     FreeOption,
-    FreePathsOption,
     JsonOption,
     JudgeOption,
     LossOption,
@@ -170,7 +169,6 @@ def optimise(
     json: JsonOption = False,
     loss: LossOption = None,
     free: FreeOption = None,
-    free_paths: FreePathsOption = False,
     num_coefficients: CoefficientsOption = 24,
     num_starts: Annotated[
         int | None,
@@ -204,7 +202,6 @@ def optimise(
         beside = {
             "--loss": loss,
             "--free": free,
-            "--free-paths": free_paths,
             "--every-photograph": every_photograph,
             "--pictures": pictures,
             "--decoder": decoder,
@@ -238,7 +235,6 @@ def optimise(
             design.motion,
             entries,
             chosen,
-            free_paths=free_paths,
             every=verbose or json,
             judge=judge,
         )
@@ -274,7 +270,6 @@ def compare(
     out: OutOption = None,
     json: JsonOption = False,
     loss: LossOption = None,
-    free_paths: FreePathsOption = False,
     noise_seeds: SeedsOption = 1,
     every_photograph: EveryPhotographOption = False,
     pictures: PicturesOption = None,
@@ -316,7 +311,6 @@ def compare(
             motion,
             entries,
             loss_of(loss, scene),
-            free_paths=free_paths,
             every=verbose or json or not entries,
             judge=judge,
         )
@@ -344,7 +338,6 @@ def _compared(
     entries: "Mapping[str, AbstractShutter | Design]",
     loss: "AbstractLoss",
     *,
-    free_paths: bool,
     every: bool,
     judge: "tuple[AbstractDecoder | None, list[Picture]]",
 ) -> "Report":
@@ -357,7 +350,6 @@ def _compared(
         motion,
         entries,
         loss=loss,
-        free_paths=free_paths,
         every=every,
         decoder=decoder,
         pictures=pictures,

@@ -43,7 +43,7 @@ from mishutter.search.rivals import (
     taken_names,
 )
 from mishutter.search.rows import BEST_SNAPSHOT, SHUTTER, Row, best_row
-from mishutter.search.space import beyond_limits, forbids_free_path
+from mishutter.search.space import beyond_limits
 
 _OPTIMISED = "optimised"
 """Name of the design of a search, which an answer calls by what it is."""
@@ -465,8 +465,6 @@ def comparison_notes(
     scene: Scene,
     entries: Mapping[str, Entry],
     rows: Sequence[Row],
-    *,
-    free_paths: bool = False,
 ) -> tuple[str, ...]:
     """Sentences for the foot of the tables."""
     notes = device_notes(scene.device)
@@ -486,9 +484,6 @@ def comparison_notes(
         notes.append(
             "Levels ignore the tolerances: those apply to one filter and the mean over speeds."
         )
-    reason = forbids_free_path(scene)
-    if free_paths and reason:
-        notes.append(f"No free path is compared: {reason}.")
     times = None if scene.burst is None else FrameTimes.of(scene, scene.burst)
     if scene.burst is not None and times is not None and not times.holds_several:
         rate, window = float(scene.burst.frames_per_s), 1e3 * times.window
