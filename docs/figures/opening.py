@@ -21,7 +21,7 @@ from mishutter import (  # noqa: E402
 )
 from mishutter.decoding.image_quality import psnr  # noqa: E402
 from mishutter.decoding.restoration import behind_optics  # noqa: E402
-from mishutter.decoding.simulation import burst_and_restore  # noqa: E402
+from mishutter.decoding.simulation import capture_and_restore  # noqa: E402
 from mishutter.search.sequences import best_bursts  # noqa: E402
 
 ROWS, COLUMNS = slice(80, 400), slice(305, 425)
@@ -60,7 +60,7 @@ def main():
     names = f"{still.num_frames} frames at rest,", f"{moving.num_frames} frames,"
     ways = "the second:", "the sensor moving:"
     for column, frames, above, way in zip(axes.T[2:], (still, moving), names, ways, strict=True):
-        result = burst_and_restore(
+        result = capture_and_restore(
             light,
             scene,
             frames,

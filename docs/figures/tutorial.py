@@ -13,7 +13,7 @@ import numpy as np
 jax.config.update("jax_enable_x64", True)
 
 from mishutter import Design, example_picture  # noqa: E402
-from mishutter.decoding.simulation import burst_and_restore  # noqa: E402
+from mishutter.decoding.simulation import capture_and_restore  # noqa: E402
 from mishutter.pictures.images import to_display  # noqa: E402
 from mishutter.report.plots import new_figure, save_figure  # noqa: E402
 
@@ -50,7 +50,7 @@ def draw_photograph() -> None:
     design = Design.load("slides/recommended.json")
     light = example_picture().light[100:356]
     key = jax.random.key(0)
-    result = burst_and_restore(light, design.scene, design.exposures, speed=SPEED, key=key)
+    result = capture_and_restore(light, design.scene, design.exposures, speed=SPEED, key=key)
     shown = [("at rest", light), *zip(("frame 1", "frame 2"), result.captured, strict=True)]
     shown.append(("restored", result.restored))
     figure = new_figure(9.6, 1.5)

@@ -78,7 +78,7 @@ from mishutter.cli.options import (
     scene_of,
 )
 from mishutter.cli.plan_command import plan, plan_of_search, plan_text
-from mishutter.cli.plane_command import optimise_in_plane, refuse_in_plane
+from mishutter.cli.plane_command import optimised_in_plane, refuse_in_plane
 from mishutter.cli.restore_command import restore
 from mishutter.cli.sweep_command import sweep
 
@@ -207,7 +207,10 @@ def optimise(
             "--decoder": decoder,
         }
         refuse_in_plane(beside)
-        optimise_in_plane(scene, scene_file, out, as_json=json)
+        folder = None if out is None else writable_folder(out)
+        result = optimised_in_plane(scene)
+        delivery = Delivery(folder, json, 0, every_photograph=False, verbose=verbose)
+        _deliver(result, delivery, _next_step(result, scene_file, folder))
         return
     chosen = loss_of(loss, scene)
     judge = judge_of(decoder, pictures)

@@ -217,11 +217,10 @@ def _simulated(
 ) -> "tuple[dict[str, np.ndarray], Simulation]":
     """The records of a subject, by the names of their files, and the picture restored from them."""
     from mishutter.camera.footage import Footage
-    from mishutter.decoding.simulation import burst_and_restore, capture_and_restore
-    from mishutter.design.design import Design
+    from mishutter.decoding.simulation import capture_and_restore
 
-    if isinstance(camera, Design) and camera.sequence is None:
-        result = capture_and_restore(subject, scene, camera.motion, camera.shutter, **settings)
+    if camera.sequence is None:
+        result = capture_and_restore(subject, scene, camera.exposures, **settings)
         return {"captured": result.captured}, result
     if isinstance(subject, Footage):
         raise ValueError("`--subject` must be a photograph or layers for a burst; got footage.")
@@ -230,7 +229,7 @@ def _simulated(
             f"`--design` must be of frames at rest, or of one exposure, as {ONE_EXPOSURE} beside "
             "an answer, to be simulated before a background; got frames that move, and [occlusion]."
         )
-    result = burst_and_restore(subject, scene, camera.exposures, **settings)
+    result = capture_and_restore(subject, scene, camera.exposures, **settings)
     frames = camera.exposures.of_one_gain(result.captured)
     # A shell lists names of equal length in the order of their numbers.
     digits = len(str(len(frames)))

@@ -27,7 +27,7 @@ from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel, blur_mo
 from mishutter.decoding.decoders.linear import decoder_or_ensemble
 from mishutter.decoding.decoders.speed import SpeedEstimate
 from mishutter.decoding.decoders.speed_finding import SpeedFindingDecoder, decoder_of, informed
-from mishutter.decoding.objects.restored import Known
+from mishutter.decoding.objects.restored import Known, is_at_rest
 from mishutter.decoding.plane_velocity import VelocityEstimate
 from mishutter.decoding.restoration import (
     RestoredPhotograph,
@@ -43,16 +43,16 @@ from mishutter.decoding.sequences import (
     shows_objects,
     speed_of_frames,
 )
-from mishutter.design.design import AbstractDesign, Design
+from mishutter.design.design import AbstractDesign
 from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE, knowledge_of
 from mishutter.evaluation.views import sensor_view
 from mishutter.model.exposures import AbstractExposures
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene, require_scene
-from mishutter.model.sequences import FrameSequence, TimedFrame
+from mishutter.model.sequences import FrameSequence, OneExposure, TimedFrame
 from mishutter.model.shutters.base import AbstractShutter
+from mishutter.model.shutters.windows import RectShutter
 from mishutter.pictures.images import Axis, Picture, transposed
-from mishutter.plane.frames import PlaneFrames
 
 Estimate = SpeedEstimate | VelocityEstimate
 Progress = Callable[[str, float], None]
@@ -70,29 +70,28 @@ class _Pictures(NamedTuple):
 class Simulation(_Pictures):
     """A capture and its restoration: a pair."""
 
-    # The estimate of the `SpeedFindingDecoder`, which is no part of the pair; None by other
-    # decoders
+    # The estimate of the speed that a decoder has found, which is no part of the pair; None of none
     found: Estimate | None = None
     # The frames restored object by object, which are no part of the pair either; None of others
     by_object: RestoredFrames | None = None
 
-    @classmethod
-    def of(
-        cls, captured: np.ndarray, restored: np.ndarray, estimate: Estimate | None
-    ) -> "Simulation":
-        """A pair, and the estimate of the speed."""
-        pair = cls(captured, restored)
-        pair.found = estimate
-        return pair
+
+class Restoration(NamedTuple):
+    """A restored capture."""
+
+    light: np.ndarray  # Light of the picture, white = 1; the shape of the capture
+    # The speed that was found in it, or told for frames; None where neither was judged
+    found: Estimate | None
+    by_object: RestoredFrames | None = None  # The frames restored object by object; None of others
 
 
 def capture_and_restore(
     subject: Picture | Layers | Footage | ArrayLike,
     scene: Scene,
-    motion: AbstractMotion,
-    shutter: AbstractShutter,
+    motion: AbstractMotion | AbstractExposures,
+    shutter: AbstractShutter | None = None,
     *,
-    speed: float = 0.0,
+    speed: float | RowLike = 0.0,
     decoder: AbstractDecoder | None = None,
     key: Array | None = None,
     border: str = "reflect",
@@ -106,143 +105,140 @@ def capture_and_restore(
     Blur and noise are along rows, so that rows can be done in any portions; a decoder that knows
     how rows go together is given a few more above and below (`rows_beyond`), and one that finds the
     speed finds it in all of them. One that sets its strength by the residual of a plane does so for
-    each portion.
+    each portion. Frames in the plane, and those that are restored object by object, are done at
+    once.
 
     Args:
-        subject: A photograph, a layered scene, or footage.
+        subject: A photograph, a layered scene, or footage, of which no burst is taken.
         scene: Light and noise, and what the decoder may know.
-        motion: Motion of the sensor.
-        shutter: Transmittance over the exposure.
-        speed: Speed of a photograph, px/s; 0 for layers and frames.
+        motion: Motion of the sensor; or the exposures of a design, as `Design.exposures` has them,
+            of which a burst is restored by the speed that the decoder finds in it.
+        shutter: Transmittance over the exposure of a motion; open by default.
+        speed: Speed of a photograph, px/s; its velocity in the plane; 0 for layers and footage.
         decoder: The method, whatever the scene says of decoders; the ensemble filter by default.
         key: JAX key of the noise; None for none.
-        border: As in `simulate_capture`, for a photograph.
+        border: As in `simulate_capture`, for a photograph; that of a burst is "reflect".
         full_well: Most electrons a pixel holds, e-; by default as many as the scene says.
         adc_bits: Bits of the converter; None for no rounding.
         rows_at_once: Most rows of a portion, or columns if the scene's objects move along these.
         progress: Called with a sentence and the share done.
 
+    Returns:
+        What was captured, of a burst all frames, and the picture restored from it.
+
     Raises:
-        ValueError: as `simulate_capture`.
+        ValueError: as `simulate_capture` and `simulate_frames`.
     """
-    require_scene(scene)
-    require_positive_int("capture_and_restore(rows_at_once=...)", rows_at_once)
-    require_key("capture_and_restore(key=...)", key)
-    axis, scene = scene.sensor.axis, scene.along_rows()
-    chosen = decoder_or_ensemble(decoder, "capture_and_restore")
+    function = "capture_and_restore"
+    if isinstance(motion, AbstractExposures):
+        exposures = motion
+        require(shutter is None, f"{function}(shutter=...)", "be left to the exposures", shutter)
+    else:
+        exposures = OneExposure(motion, RectShutter() if shutter is None else shutter)
+    in_plane, is_one = len(exposures.axes) == 2, isinstance(exposures, OneExposure)
+    require_scene(scene, in_plane=in_plane)
+    require_positive_int(f"{function}(rows_at_once=...)", rows_at_once)
+    require_key(f"{function}(key=...)", key)
+    chosen = decoder_or_ensemble(decoder, function)
     report = progress if progress is not None else lambda text, share: None
-    capture = partial(
-        simulate_capture,
-        scene=scene,
-        motion=motion,
-        shutter=shutter,
-        speed=speed,
-        border=border,
-        full_well=full_well,
-        adc_bits=adc_bits,
-    )
+    axis, along = scene.sensor.axis, scene.along_rows()
+    options = {"speed": speed, "full_well": full_well, "adc_bits": adc_bits}
+    if isinstance(exposures, OneExposure):
+        camera = exposures.motion, exposures.shutter
+        capture = partial(simulate_capture, motion=camera[0], shutter=camera[1], border=border)
+    else:
+        words = "be of one exposure for footage, or another border than 'reflect'"
+        is_taken = border == "reflect" and not isinstance(subject, Footage)
+        require(is_taken, f"{function}(motion=...)", words, exposures)
+        capture = partial(simulate_frames, frames=exposures.frames)
+    take = partial(capture, scene=along, **options)
     if isinstance(subject, Layers | Footage):
         report("exposing", 0.0)
-        captured = np.array(capture(subject.transposed(axis), key=key))
+        captured = np.array(take(subject.transposed(axis), key=key))
     else:
-        image = transposed(as_radiance(subject, "capture_and_restore(subject=...)"), axis)
-        captured = np.concatenate(_taken(image, capture, key, rows_at_once, report))
-    model = blur_model(scene, motion, shutter)
-    restored, relative = _in_portions(
-        captured, chosen, model, rows_at_once, lambda text, share: report(text, 0.5 + 0.5 * share)
-    )
-    estimate = None if relative is None else relative.of(scene, motion)
-    report("done", 1.0)
-    return Simulation.of(transposed(captured, axis), transposed(restored, axis), estimate)
-
-
-def burst_and_restore(
-    subject: Picture | Layers | ArrayLike,
-    scene: Scene,
-    exposures: AbstractExposures,
-    *,
-    speed: float | RowLike = 0.0,  # 0 for layers; a velocity in the plane
-    decoder: AbstractDecoder | None = None,
-    key: Array | None = None,
-    full_well: float | None = None,
-    adc_bits: int | None = None,
-    rows_at_once: int = _ROWS_AT_ONCE,
-    progress: Progress | None = None,
-) -> Simulation:
-    """`capture_and_restore` of the frames of a burst, whose speed the decoder finds in them.
-
-    In the plane they are restored at once, and not a few rows at a time.
-    """
-    in_plane, frames = len(exposures.axes) == 2, exposures.frames
-    require_scene(scene, in_plane=in_plane)
-    require_positive_int("burst_and_restore(rows_at_once=...)", rows_at_once)
-    require_key("burst_and_restore(key=...)", key)
-    chosen = decoder_or_ensemble(decoder, "burst_and_restore")
-    report = progress if progress is not None else lambda text, share: None
-    take = partial(
-        simulate_frames, frames=frames, speed=speed, full_well=full_well, adc_bits=adc_bits
-    )
-    if shows_objects(scene, frames):
-        report("capturing", 0.0)
-        taken = np.asarray(take(subject, scene, key=key))
-        result = _by_object(taken, scene, frames, chosen, report=_after(report, 0.2))
-        simulation = Simulation.of(taken, np.asarray(result.light), None)
-        simulation.by_object = result
-        return simulation
-    if in_plane:
-        report("capturing", 0.0)
-        taken = take(subject, scene, key=key)
-        report("restoring", 0.2)
-        result = restore_frames(taken, scene, frames, decoder=chosen)
-        report("done", 1.0)
-        return Simulation.of(np.asarray(taken), np.asarray(result.light), result.estimate)
-    axis, along = scene.sensor.axis, scene.along_rows()
-    take = partial(take, scene=along)
-    if isinstance(subject, Layers):
-        report("exposing", 0.0)
-        captured = np.asarray(take(subject.transposed(axis), key=key))
-    else:
-        image = transposed(as_radiance(subject, "burst_and_restore(subject=...)"), axis)
-        captured = np.concatenate(_taken(image, take, key, rows_at_once, report), axis=1)
-    restored, estimate, _ = _frames_in_portions(
+        image = np.asarray(transposed(as_radiance(subject, f"{function}(subject=...)"), axis))
+        if in_plane or (not is_one and shows_objects(scene, exposures.frames)):
+            report("capturing", 0.0)
+            captured = np.asarray(take(image, key=key))
+        else:
+            taken = _taken(image, take, key, rows_at_once, report)
+            captured = np.concatenate(taken, axis=0 if is_one else 1)
+    captured = _turned(captured, axis, exposures)
+    # Layers that a sensor at rest sees move on their own.
+    is_several = isinstance(subject, Layers) and len(subject.layers) > 1
+    several = is_several and not is_one and is_at_rest(exposures.frames)
+    result = _restored(
         captured,
-        along,
-        frames,
+        scene,
+        exposures,
         chosen,
-        speed=None,
+        known=Known(),
+        by_object=several or None,
         rows_at_once=rows_at_once,
         report=lambda text, share: report(text, 0.5 + 0.5 * share),
     )
     report("done", 1.0)
-    return Simulation.of(transposed(captured, axis), transposed(restored, axis), estimate)
+    simulation = Simulation(captured, result.light)
+    simulation.found, simulation.by_object = result.found, result.by_object
+    return simulation
 
 
-def _after(report: Progress, share: float) -> Progress:
-    """A report of the work that is left when a share of it is done."""
-    return lambda text, done: report(text, share + (1 - share) * done)
+def _turned(captured: np.ndarray, axis: Axis, exposures: AbstractExposures) -> np.ndarray:
+    """A capture, or each frame of a burst, `transposed`."""
+    if isinstance(exposures, OneExposure) or axis == "rows":
+        return np.asarray(transposed(captured, axis))
+    return np.stack([transposed(frame, axis) for frame in captured])
 
 
-def _by_object(
-    captures: np.ndarray,
+def _restored(
+    captured: np.ndarray,
     scene: Scene,
-    frames: Sequence[TimedFrame] | PlaneFrames,
+    exposures: AbstractExposures,
     decoder: AbstractDecoder,
     *,
-    known: Known | None = None,
+    known: Known,
+    by_object: bool | None = None,
+    rows_at_once: int = _ROWS_AT_ONCE,
     report: Progress,
-) -> RestoredFrames:
-    """Frames restored object by object, whole."""
-    known = Known() if known is None else known
-    return restore_frames(
-        captures,
-        scene,
-        frames,
-        decoder=decoder,
-        speed=known.speeds,  # type: ignore[arg-type]
-        outlines=known.outlines,
-        by_object=True,
-        progress=report,
-    )
+) -> Restoration:
+    """What a camera has taken, restored by the speed or the objects that are known or found."""
+    axis, along, told = scene.sensor.axis, scene.along_rows(), known.speeds
+    is_one, frames = isinstance(exposures, OneExposure), exposures.frames
+    shows = known.outlines is not None or shows_objects(scene, frames, by_object)
+    is_by_object = shows and not is_one
+    if is_by_object or len(exposures.axes) == 2:
+        report("restoring", 0.0)
+        result = restore_frames(
+            captured,
+            scene,
+            frames,
+            decoder=decoder,
+            speed=told,  # type: ignore[arg-type]
+            outlines=known.outlines,
+            by_object=is_by_object,
+            progress=report,
+        )
+        light = np.asarray(result.light)
+        return Restoration(light, result.estimate, result if is_by_object else None)
+    speed = None
+    if told is not None:
+        require_finite("restore(speed=...)", np.asarray(told))
+        require_scalar("restore(speed=...)", np.asarray(told))
+        speed = float(told)  # type: ignore[arg-type]
+    turned = _turned(captured, axis, exposures)
+    if isinstance(exposures, OneExposure):
+        motion, shutter = exposures.motion, exposures.shutter
+        model = blur_model(along, motion, shutter)
+        if speed is not None:
+            model = model.knowing(speed - float(sensor_view(along, motion, shutter).velocity))
+        light, relative = _in_portions(turned, decoder, model, rows_at_once, report)
+        found = None if relative is None else relative.of(along, motion)
+        restored = Restoration(light, found)
+    else:
+        restored = _frames_in_portions(
+            turned, along, frames, decoder, speed=speed, rows_at_once=rows_at_once, report=report
+        )
+    return restored._replace(light=transposed(restored.light, axis))
 
 
 def _taken(
@@ -277,7 +273,7 @@ def photograph_by_frames(
     middle = sequence.num_frames // 2
     for index, speed in enumerate(speeds):
         own_key = jax.random.fold_in(key, index)
-        result = burst_and_restore(picture, scene, sequence, speed=speed, key=own_key)
+        result = capture_and_restore(picture, scene, sequence, speed=speed, key=own_key)
         taken = sequence.frames[middle]
         frame, light = (transposed(x, axis) for x in (result.captured[middle], result.restored))
         moved = round(speed * taken.time - taken.position)
@@ -294,15 +290,6 @@ def photograph_by_frames(
         restored=np.stack(restored),
         doubts=np.array(doubts, object),
     ).transposed(axis)
-
-
-class Restoration(NamedTuple):
-    """A restored capture."""
-
-    light: np.ndarray  # Light of the picture, white = 1; the shape of the capture
-    # The speed that was found in it, or told for frames; None where neither was judged
-    found: Estimate | None
-    by_object: RestoredFrames | None = None  # The frames restored object by object; None of others
 
 
 def restore(
@@ -361,60 +348,34 @@ def restored_capture(
     progress: Progress | None = None,
 ) -> Restoration:
     """`restore`, with the speed or the objects that were found."""
-    exposures = design.exposures
-    if design.sequence is not None and (
-        outlines is not None or shows_objects(design.scene, exposures.frames, by_object)
-    ):
-        stack = _stack_of(capture, exposures.num_frames, "rows")
-        chosen = decoder_or_ensemble(decoder, "restore")
-        result = _by_object(
-            stack,
-            design.scene,
-            exposures.frames,
-            chosen,
-            known=Known(speed, outlines),  # type: ignore[arg-type]
-            report=progress or (lambda text, share: None),
-        )
-        return Restoration(np.asarray(result.light), None, result)
-    words = "be left out for one exposure, of which no objects can be told"
-    require(not by_object, "restore(by_object=...)", words, by_object)
-    if not isinstance(design, Design):
-        stack = _stack_of(capture, exposures.num_frames, "rows")
-        result = restore_frames(stack, design.scene, exposures.frames, decoder=decoder, speed=speed)
-        return Restoration(np.asarray(result.light), result.estimate)
-    scene, motion, shutter = design.scene.along_rows(), design.motion, design.shutter
-    axis, chosen = design.scene.sensor.axis, decoder_or_ensemble(decoder, "restore")
-    report = progress or (lambda text, share: None)
-    if speed is not None:
-        require_finite("restore(speed=...)", np.asarray(speed))
-        require_scalar("restore(speed=...)", np.asarray(speed))
-        speed = float(speed)  # type: ignore[arg-type]
-    if design.sequence is not None:
-        frames = exposures.frames
-        stack = _stack_of(capture, len(frames), axis)
-        found = _frames_in_portions(
-            stack, scene, frames, chosen, speed=speed, rows_at_once=_ROWS_AT_ONCE, report=report
-        )
-        return found._replace(light=transposed(found.light, axis))
-    pixels = transposed(np.asarray(as_pixels(capture, "restore(capture=...)")), axis)
-    model = blur_model(scene, motion, shutter)
-    if speed is not None:
-        model = model.knowing(speed - float(sensor_view(scene, motion, shutter).velocity))
-    elif knowledge_of(scene).knows_speed:  # nobody tells it
-        chosen = decoder_of(SPEED_KNOWLEDGE["found"], chosen)
-    light, relative = _in_portions(pixels, chosen, model, _ROWS_AT_ONCE, report)
-    estimate = None if relative is None else relative.of(scene, motion)
-    return Restoration(transposed(light, axis), estimate)
+    scene, exposures = design.scene, design.exposures
+    chosen = decoder_or_ensemble(decoder, "restore")
+    if isinstance(exposures, OneExposure):
+        words = "be left out for one exposure, of which no objects can be told"
+        require(not by_object and outlines is None, "restore(by_object=...)", words, by_object)
+        pixels = np.asarray(as_pixels(capture, "restore(capture=...)"))
+        if speed is None and knowledge_of(scene).knows_speed:  # nobody tells it
+            chosen = decoder_of(SPEED_KNOWLEDGE["found"], chosen)
+    else:
+        pixels = _stack_of(capture, exposures.num_frames)
+    return _restored(
+        pixels,
+        scene,
+        exposures,
+        chosen,
+        known=Known(speed, outlines),  # type: ignore[arg-type]
+        by_object=by_object,
+        report=progress or (lambda text, share: None),
+    )
 
 
-def _stack_of(captures: Picture | ArrayLike, num_frames: int, axis: Axis) -> np.ndarray:
-    """The frames of a burst, whose things move along their rows once they are turned."""
-    subject = "restore(capture=...)"
-    light = np.asarray(as_pixels(captures, subject))
+def _stack_of(captures: Picture | ArrayLike, num_frames: int) -> np.ndarray:
+    """The frames of a burst."""
+    light = np.asarray(as_pixels(captures, "restore(capture=...)"))
     is_stack = light.ndim in (3, 4) and light.shape[0] == num_frames
     requirement = f"be the {num_frames} frames of the design's burst, of rows and columns"
-    require(is_stack, subject, requirement, shape_of(light))
-    return np.stack([np.asarray(transposed(one, axis)) for one in light])
+    require(is_stack, "restore(capture=...)", requirement, shape_of(light))
+    return light
 
 
 def _in_portions(

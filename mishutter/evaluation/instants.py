@@ -25,7 +25,7 @@ from mishutter._core.checks import (
 )
 from mishutter._core.compiling import outside_trace
 from mishutter.model.exposures import AbstractPath, Lights
-from mishutter.model.sequences import TimedFrame
+from mishutter.model.sequences import AxisPath, TimedFrame
 
 NODES = 16
 """Nodes of a panel."""
@@ -53,16 +53,19 @@ class Instants(NamedTuple):
         lights: Lights | None = None,
         num_panels: int | None = None,
         size: int = 1,
+        delay: float = 0.0,
     ) -> "Instants":
         """Instants of exposures for all things up to a speed; by NumPy where they are concrete.
 
         Args:
             frames: The exposures.
             fastest: That speed; px/s.
-            lights: First and last light of each, s, where these are not the exposure's own: a
-                shutter is shorter, or a row is later.
+            lights: First and last light of each, s, where these are not the exposure's own, but
+                those of a shorter shutter.
             num_panels: Panels of 16 nodes in each; by default those that known exposures need.
             size: Side of the pixels that places are counted in; px.
+            delay: Time by which a row is exposed later than the middle of all, and sees the later
+                part of the path; s. Frames along an axis have one as an `AxisPath`.
         """
         if num_panels is None:
             known, fastest = primal_values((frames, fastest))
@@ -71,8 +74,10 @@ class Instants(NamedTuple):
             num_panels = panels_for(_longest_way(known, float(np.asarray(fastest))) / size)
         with outside_trace() if all_concrete(frames) else nullcontext():
             if isinstance(frames, AbstractPath):
-                instants = _on_path(frames, lights, num_panels)
+                instants = _on_path(frames, lights, num_panels, delay)
             else:
+                requirement = "be 0 for frames without the path between them, as `AxisPath` has it"
+                require(delay == 0, "Instants.of(delay=...)", requirement, delay)
                 instants = _on_axis(frames, lights, num_panels)
         return instants if size == 1 else instants._replace(place=instants.place / size)
 
@@ -156,7 +161,9 @@ def _on_axis(frames: Sequence[TimedFrame], lights: Lights | None, num_panels: in
     return Instants(time, (placed(time) - middle)[None], weight, end - begin)
 
 
-def _on_path(frames: AbstractPath, lights: Lights | None, num_panels: int) -> Instants:
+def _on_path(
+    frames: AbstractPath, lights: Lights | None, num_panels: int, delay: float
+) -> Instants:
     """Instants of frames along a path, from the middle between the first light and the last."""
     if all_concrete(frames):
         frames = jax.tree.map(lambda x: np.asarray(x, np.float64), frames)
@@ -164,9 +171,24 @@ def _on_path(frames: AbstractPath, lights: Lights | None, num_panels: int) -> In
     begin, end = _lights(times, exposures, lights)
     first, last = _lights(times, exposures, None)
     middle = (first[:1] + last[-1:]) / 2
-    time, weight = _nodes(begin, end, begin[:, None][:, :0], num_panels)
+    begin, end = begin + delay, end + delay
+    cuts = begin[:, None][:, :0]
+    if isinstance(frames, AxisPath) or delay:
+        cuts = _within(frames.bends, begin, end)
+    time, weight = _nodes(begin, end, cuts, num_panels)
     place: Any = frames.place(time) - frames.place(middle)[..., None]
     return Instants(time - middle[0], place, weight, end - begin)
+
+
+def _within(
+    bends: Float[np.ndarray, "k"], begin: Float[np.ndarray, "n"], end: Float[np.ndarray, "n"]
+) -> Float[np.ndarray, "n c"]:
+    """Bends of a path within each exposure, beside its end where there are fewer than in others."""
+    inner = [bends[(bends > low) & (bends < high)] for low, high in zip(begin, end, strict=True)]
+    cuts = np.tile(end[:, None], max(each.size for each in inner))
+    for row, each in zip(cuts, inner, strict=True):
+        row[: each.size] = each
+    return cuts
 
 
 def _lights(times: Any, exposures: Any, lights: Lights | None) -> tuple[Any, Any]:

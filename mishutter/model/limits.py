@@ -12,7 +12,6 @@ T \le \begin{cases} \sqrt{S/a} - |v|/2a & |v| < \sqrt{Sa}\\ S/2|v| & \text{else.
 
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
-from dataclasses import replace
 from typing import Any, ClassVar, Literal, NamedTuple, final
 
 import equinox as eqx
@@ -39,9 +38,8 @@ from mishutter.model.motion import (
     acceleration_of_stroke,
     is_known_zero,
 )
-from mishutter.model.sequences import FrameSequence
 from mishutter.model.servos import SecondOrderStage
-from mishutter.model.stages import StagePath, StageUse, stage_path, stage_use
+from mishutter.model.stages import StagePath, stage_path, stage_use
 
 Number = Float[Array | np.ndarray | np.floating, ""]
 LEAST_STROKE = 1e-3
@@ -425,37 +423,17 @@ class Limits(AbstractModule):
         most = motion.greatest_acceleration if runs_up_at_once else most
         return stage_path(motion, max_acceleration=most, max_jerk=jerk)
 
-    def stage_path_of_frames(self, sequence: FrameSequence) -> StagePath | None:
-        """The path of the stage from rest through frames to rest, as `FrameSequence` has it.
+    def of_run_up(self, pan: float) -> tuple[float | None, float | None, float]:
+        """Greatest acceleration, jerk and speed of a stage beside a camera that turns; in px and s.
 
         Args:
-            sequence: The frames, within these limits.
+            pan: Velocity at which the camera turns; px/s.
         """
-        return sequence.stage_path(**self._of_run_up(sequence))
-
-    def with_travel(self, sequence: FrameSequence) -> FrameSequence:
-        """A sequence that says the travel of its `stage_path_of_frames`.
-
-        Args:
-            sequence: The frames, within these limits.
-        """
-        return replace(sequence, travel=float(self.use_of_frames(sequence).travel))
-
-    def use_of_frames(self, sequence: FrameSequence) -> StageUse:
-        """The demands of frames on the stage, which runs up to them from rest.
-
-        Args:
-            sequence: The frames, within these limits.
-        """
-        return sequence.stage_use(**self._of_run_up(sequence))
-
-    def _of_run_up(self, sequence: FrameSequence) -> dict[str, float | None]:
-        """The limits of a stage from rest to the frames, between them and back to rest."""
-        names = "max_acceleration", "max_jerk"
-        limits = {name: getattr(self, name) for name in names}
-        every = {name: None if x is None else float(x) for name, x in limits.items()}
+        most, jerk = (
+            None if x is None else float(x) for x in (self.max_acceleration, self.max_jerk)
+        )
         # What a camera turns by is no longer the stage's.
-        return every | {"max_top_speed": float(self.max_top_speed) - abs(sequence.pan)}
+        return most, jerk, float(self.max_top_speed) - abs(pan)
 
     def travel_beyond(self, path: StagePath | None) -> float | None:
         """Travel of a path of the stage where it is more than is allowed; px. None elsewhere.

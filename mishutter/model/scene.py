@@ -50,6 +50,7 @@ from mishutter.model.scene_file import (
     file_text,
     in_file,
     scene_arguments,
+    sensor_table,
 )
 from mishutter.model.scene_schema import (
     BurstSection,
@@ -60,7 +61,6 @@ from mishutter.model.scene_schema import (
     OcclusionSection,
     OpticsSection,
     SceneFile,
-    SensorSection,
     StageSection,
     TolerancesSection,
 )
@@ -224,6 +224,11 @@ class Scene(AbstractModule):
         require(whole, "Scene(decoder_speed=...)", words, self.decoder_speed)
         is_valid = isinstance(self.given_motion, AbstractMotion | None)
         require(is_valid, "Scene(motion=...)", "be a motion", self.given_motion)
+        if self.burst is not None and all_concrete((self.sensor.readout, self.burst.frames_per_s)):
+            period, readout = 1 / float(self.burst.frames_per_s), self.sensor.readout_time
+            requirement = f"be read within the {period * 1e3:g} ms from frame to frame"
+            is_read, got = readout <= period * (1 + 1e-9), Unquoted(f"{readout * 1e3:g} ms")
+            require(is_read, "Scene(sensor=...)", requirement, got)
         for doubt in self._doubts():
             warnings.warn(doubt, SceneWarning, stacklevel=3)
 
@@ -661,7 +666,7 @@ def scene_tables(scene: Scene) -> dict[str, dict[str, object]]:
         tables["speeds"] = {"any_direction": scene.velocities.table}
     tables["light"] = {"photon_rate_per_s": float(scene.photon_rate)}
     tables["sensor"] = {"read_noise_e": float(scene.read_noise)}
-    tables["sensor"] |= table_of(scene.sensor, SensorSection)
+    tables["sensor"] |= sensor_table(scene.sensor)
     tables["decoder"] = {"speed": scene.decoder_speed}
     if scene.device is not None:
         tables["shutter"] = device_table(scene.device)

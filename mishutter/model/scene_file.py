@@ -36,6 +36,7 @@ from mishutter.model.scene_schema import (
     OcclusionSection,
     PictureSection,
     SceneFile,
+    SensorSection,
     ShutterSection,
     StageSection,
     TolerancesSection,
@@ -123,6 +124,14 @@ def device_table(device: AbstractDevice) -> dict[str, object]:
     return table
 
 
+def sensor_table(sensor: Sensor) -> dict[str, object]:
+    """The keys of `[sensor]` that stand for it; rows that are not read in turn have no order."""
+    table = table_of(sensor, SensorSection)
+    if not sensor.is_rolling:
+        del table["rows_read"]
+    return table
+
+
 @contextmanager
 def in_file(name: str) -> Iterator[None]:
     """Names the file in the errors of what is built from it."""
@@ -150,12 +159,17 @@ def scene_arguments(file: SceneFile, folder: Path, textures: Textures | None) ->
     why = "no single speed describes a picture with a background"
     requirement = f"be 'unknown' or 'known' beside [occlusion]: {why}"
     require(is_whole, "[decoder] speed", requirement, file.decoder.speed)
+    sensor = _of_kind(Sensor, _with_readout(file.sensor), "[sensor]", scales)
+    if file.burst is not None and sensor is not None:
+        period, readout = 1e3 / file.burst.frames_per_s, sensor.readout_time * 1e3
+        requirement = f"be at most the {period:g} ms from frame to frame"
+        require(readout <= period * (1 + 1e-6), "[sensor] readout_ms", requirement, readout)
     return moving | {
         "photon_rate": photon_rate(file.light, scales),
         "read_noise": read_noise_in(file.sensor),
         "picture": _picture(file.picture, file.sensor.axis, folder, textures),
         "optics": _of_kind(Optics, file.optics, "[optics]", scales),
-        "sensor": _of_kind(Sensor, file.sensor, "[sensor]", scales),
+        "sensor": sensor,
         "limits": limits,
         "device": None if file.shutter is None else _device(file.shutter, scales),
         "burst": _burst(file.burst, scales),
@@ -300,6 +314,20 @@ def _of_kind(
 ) -> _Kind | None:
     """The object whose arguments a section holds; None without the section."""
     return None if section is None else made_of(kind, arguments_in(section, kind, place, scales))
+
+
+def _with_readout(section: SensorSection) -> SensorSection:
+    """The sensor by the time of all its rows, where the file gives it or that of each row."""
+    line, rows = section.line_time_us, section.rows
+    if line is None:
+        requirement = "stand beside line_time_us, the time from one row to the next"
+        require(rows is None, "[sensor] rows", requirement, rows)
+        return section
+    is_alone = section.readout_ms is None
+    require(is_alone, "[sensor] line_time_us", "not stand beside readout_ms", line)
+    requirement = "be given where line_time_us is: the number of rows that are read"
+    require(rows is not None, "[sensor] rows", requirement, Unquoted("nothing"))
+    return section.model_copy(update={"readout_ms": line * (rows - 1) / 1e3})  # type: ignore[operator]
 
 
 def _burst(section: BurstSection | None, scales: Scales) -> BurstMode | None:

@@ -9,6 +9,7 @@ from mishutter._core.validation import Section
 from mishutter.model.decoder_speeds import DecoderSpeed
 from mishutter.model.occlusion import Background
 from mishutter.model.optics import WIDEST_BLUR
+from mishutter.model.sensor import RowsRead
 from mishutter.pictures.images import Axis
 
 Speed = Annotated[float, Field(ge=-1e7, le=1e7)]
@@ -162,12 +163,24 @@ class ErrorsSection(Section):
 class SensorSection(Section):
     """Noise of the sensor, what a pixel holds, which way things move, and how far it reaches."""
 
+    renamed: ClassVar[Mapping[str, str]] = {
+        "readout": "readout_ms",
+        "rolling": "readout_ms",
+        "rolling_shutter": "readout_ms",
+        "row_time_us": "line_time_us",
+        "num_rows": "rows",
+    }
+
     read_noise_e: Annotated[float, Field(ge=0, le=1e6)] | None = None
     dynamic_range_db: Annotated[float, Field(ge=1, le=200)] | None = None
     full_well_e: Annotated[float, Field(gt=0, le=1e9)] | None = None
     pixel_pitch_um: Annotated[float, Field(ge=0.1, le=1000)] | None = None
     axis: Axis = "rows"
     width_px: Annotated[float, Field(gt=0, le=1e6)] | None = None
+    readout_ms: Annotated[float, Field(ge=0, le=1e4)] | None = None
+    line_time_us: Annotated[float, Field(ge=0, le=1e5)] | None = None
+    rows: Annotated[int, Field(ge=2, le=10**6)] | None = None
+    rows_read: RowsRead | None = None
 
 
 @final

@@ -1,6 +1,6 @@
 """The sensor: its pixels, their photo-electrons and noise, and the frames that it reads out."""
 
-from typing import Any, final, get_args
+from typing import Any, Literal, final, get_args
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -20,6 +20,8 @@ from mishutter._core.modules import AbstractModule
 from mishutter.pictures.images import Axis
 
 Numbers = Array | np.ndarray | np.floating | float
+RowsRead = Literal["down", "up"]
+"""The way in which a sensor reads its rows one after another."""
 DARK = 1e-12
 """Least variance of the noise of a frame, for pictures without light or noise; white = 1."""
 
@@ -36,16 +38,22 @@ class Sensor(AbstractModule):
         width: Length of the sensor along that axis, or of both sides for things in any direction,
             for the loss of bursts by objects that enter and leave; unlimited by default; px.
         pixel_pitch: Distance of its pixels, by which the path of a stage is written in um too; m.
+        readout: Time from the exposure of the first row to that of the last: each row of a rolling
+            shutter sees everything later than the one before. 0 for a global shutter; None where
+            nothing says it, as which it is taken; s.
+        rows_read: Whether rows are read `"down"` from the top of pictures, or `"up"`.
 
     Raises:
-        ValueError: if `full_well`, `width` or `pixel_pitch` is no scalar above 0, or `axis` is
-            neither.
+        ValueError: if `full_well`, `width` or `pixel_pitch` is no scalar above 0, `readout` is
+            below 0, or `axis` or `rows_read` is neither.
     """
 
     full_well: Array | None
     width: Array | None
     pixel_pitch: Array | None
+    readout: Array | None
     axis: Axis = eqx.field(static=True)
+    rows_read: RowsRead = eqx.field(static=True)
 
     def __init__(
         self,
@@ -54,19 +62,49 @@ class Sensor(AbstractModule):
         axis: Axis = "rows",
         width: ArrayLike | None = None,
         pixel_pitch: ArrayLike | None = None,
+        readout: ArrayLike | None = None,
+        rows_read: RowsRead = "down",
     ):
         numbers = {"full_well": full_well, "width": width, "pixel_pitch": pixel_pitch}
-        for name, value in numbers.items():
+        for name, value in (numbers | {"readout": readout}).items():
             setattr(self, name, None if value is None else as_float(value, f"Sensor({name}=...)"))
         self.axis = axis
+        self.rows_read = rows_read
 
     def __check_init__(self) -> None:
         for name in ("full_well", "width", "pixel_pitch"):
             value, subject = getattr(self, name), f"Sensor({name}=...)"
             if value is not None:
                 require_number(subject, value, "above 0", strict=True)
+        if self.readout is not None:
+            require_number("Sensor(readout=...)", self.readout, "at least 0")
         is_axis = self.axis in get_args(Axis)
         require(is_axis, "Sensor(axis=...)", "be 'rows' or 'columns'", self.axis)
+        is_way = self.rows_read in get_args(RowsRead)
+        require(is_way, "Sensor(rows_read=...)", "be 'down' or 'up'", self.rows_read)
+
+    @property
+    def readout_time(self) -> float:
+        """Time from its first row to its last, 0 where nothing says it; s, of a known sensor."""
+        return 0.0 if self.readout is None else float(self.readout)
+
+    @property
+    def is_rolling(self) -> bool:
+        """Whether its rows are known to be exposed one after another."""
+        return self.readout_time > 0
+
+    def row_delays(self, num_rows: int) -> Float[np.ndarray, "{num_rows}"]:
+        """Times by which each row of a picture is exposed later than the middle of all rows; s.
+
+        Args:
+            num_rows: Rows of the picture, over which the readout lasts.
+
+        Raises:
+            ValueError: if `num_rows` is not a whole number above 0.
+        """
+        require_positive_int("Sensor.row_delays(num_rows=...)", num_rows)
+        half = self.readout_time / 2 * (1 if self.rows_read == "down" else -1)
+        return np.linspace(-half, half, num_rows) if num_rows > 1 else np.zeros(1)
 
 
 @final

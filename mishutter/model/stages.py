@@ -175,6 +175,7 @@ class Knots(NamedTuple):
 
         is_linear = self.jerks is None and max_jerk is None
         first = len(before)
+        lit = first + self.first, first + self.last
         rising, falling = ([x.duration for x in each] for each in (before, after))
         durations = joined(rising, self.durations, falling)
         starts, stops = [0.0, *(x.end for x in before[:-1])], [*(-x.end for x in after[1:]), 0.0]
@@ -182,7 +183,17 @@ class Knots(NamedTuple):
         if not is_linear:
             own = 0 * self.durations if self.jerks is None else self.jerks
             jerks = joined([x.jerk for x in before], own, [-x.jerk for x in after])
-        return Knots(durations, velocities, jerks, first, first + self.durations.shape[-1])
+        return Knots(durations, velocities, jerks, *lit)
+
+    def led(self, lead: float) -> "Knots":
+        """A known way along each axis that goes on for a time before and after it, as `led`."""
+        velocities = np.atleast_2d(self.velocities)
+        durations, velocities, first = led(np.asarray(self.durations), velocities, lead)
+        last, jerks = first + self.durations.size, self.jerks
+        if jerks is not None:
+            jerks = np.pad(jerks, (first, durations.size - last))
+        velocities = velocities if self.velocities.ndim > 1 else velocities[0]
+        return Knots(durations, velocities, jerks, first, last)
 
     def path(self, time: float, place: float) -> "StagePath":
         """The path whose first light is at a time, s, and a place, px."""
@@ -268,6 +279,41 @@ def stage_use(
     rates = 2 * motion.piece_accelerations
     ends = rates[..., 0], rates[..., -1]
     return Knots.of_motion(motion).from_rest_to_rest(ends, max_acceleration, max_jerk).use
+
+
+def led(
+    durations: Float[np.ndarray, "p"], velocities: Float[np.ndarray, "axes p+1"], lead: float
+) -> tuple[Float[np.ndarray, "q"], Float[np.ndarray, "axes q+1"], int]:
+    """Pieces of a path that goes on for a time before its begin and after its end.
+
+    It goes on as its own mirror image: along its velocity there at the same speeds, and across it
+    at opposite ones. Alternating parabolas and sines alternate, a circle turns on, a pan pans, and
+    no speed or acceleration grows. Its own first piece has the number that is the third result.
+
+    Args:
+        durations: Durations of its pieces; s.
+        velocities: Velocities at their ends; px/s.
+        lead: That time; s.
+    """
+    before, first = _mirrored(durations, velocities, lead)
+    after, last = _mirrored(durations[::-1], velocities[:, ::-1], lead)
+    whole = [first[:, :0:-1], velocities, last[:, 1:]]
+    every = np.concatenate([before[::-1], durations, after])
+    return every, np.concatenate(whole, axis=1), before.size
+
+
+def _mirrored(
+    durations: Float[np.ndarray, "p"], velocities: Float[np.ndarray, "axes p+1"], lead: float
+) -> tuple[Float[np.ndarray, "q"], Float[np.ndarray, "axes q+1"]]:
+    """Pieces from the begin of a path backwards for a time; the last goes on for what is left."""
+    ends = np.append(0.0, np.cumsum(durations))
+    inner = ends[(ends > 0) & (ends < lead)]
+    times = np.unique([0.0, *inner, lead])
+    _, firsts = np.unique(ends, return_index=True)
+    each = np.array([np.interp(times, ends[firsts], v[firsts]) for v in velocities])
+    size = float(np.linalg.norm(velocities[:, 0]))
+    unit = velocities[:, 0] / size if size > 0 else 0 * velocities[:, 0]
+    return np.diff(times), 2 * unit[:, None] * (unit @ each) - each
 
 
 class StagePath(NamedTuple):

@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 from typing import final
 
+import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -11,7 +12,7 @@ from mishutter._core.checks import as_numpy, namespace_of
 from mishutter.evaluation.instants import panels_for
 from mishutter.model.exposures import AT_REST, AbstractPath
 from mishutter.model.limits import Limits
-from mishutter.model.stages import Knots, StagePath, StageUse
+from mishutter.model.stages import Knots, StagePath, StageUse, led
 
 _DIRECTIONS = np.arange(16) * np.pi / 16
 """Directions along which two axes keep a limit together."""
@@ -21,20 +22,23 @@ _DIRECTIONS = np.arange(16) * np.pi / 16
 class PlaneFrames(AbstractPath):
     """Frames of an open shutter, one after the other, and the path of the sensor through them.
 
-    The path has pieces of constant acceleration from the first light to the last. All numbers may
-    be differentiated.
+    The path has pieces of constant acceleration from the first light of any row to the last. All
+    numbers may be differentiated.
 
     Attributes:
         times: Mid-exposures, ascending; s, shape `(n,)`.
         exposures: Exposures, of which 0 is no frame; s, shape `(n,)`.
         durations: Durations of the pieces, of which some may be 0; s, shape `(p,)`.
         velocities: Velocities along rows and columns at their ends; px/s, shape `(2, p + 1)`.
+        lead: Time by which the path begins before the first light, and ends after the last, for
+            rows that are exposed earlier and later; s.
     """
 
     times: Float[Array | np.ndarray, "n"]
     exposures: Float[Array | np.ndarray, "n"]
     durations: Float[Array | np.ndarray, "p"]
     velocities: Float[Array | np.ndarray, "2 p+1"]
+    lead: float = eqx.field(static=True, default=0.0)
 
     @property
     def num_frames(self) -> int:
@@ -51,15 +55,43 @@ class PlaneFrames(AbstractPath):
     def _begin(self) -> Array | np.ndarray | np.floating:
         return self.times[0] - self.exposures[0] / 2
 
+    def for_rows(self, readout: float, limits: Limits) -> "PlaneFrames":
+        """Known frames, with a path that goes on while rows are exposed earlier and later.
+
+        It does not go on where the stage would leave its limits so: then the first and the last
+        rows see how it comes from rest, and goes back to it.
+
+        Args:
+            readout: Time from the first row to the last; s.
+            limits: Those of the stage.
+        """
+        if self.lead or self.stays or not readout:
+            return self
+        durations, velocities, _ = led(*self._known, readout / 2)
+        going_on = replace(self, durations=durations, velocities=velocities, lead=readout / 2)
+        use = going_on.use(limits)
+        pairs = (use.travel, limits.max_travel), (use.stroke, limits.max_stroke)
+        if all(most is None or float(own) <= float(most) * 1.00001 for own, most in pairs):
+            return going_on
+        knots = self.knots(limits)
+        rest = max(readout / 2 - float(min(knots.durations[0], knots.durations[-1])), 0.0)
+        ends = np.zeros((2, 1))
+        return replace(
+            self,
+            durations=np.r_[rest, knots.durations, rest],
+            velocities=np.hstack([ends, knots.velocities, ends]),
+            lead=rest + float(knots.durations[0]),
+        )
+
     def place(
         self, time: Float[Array | np.ndarray, "*shape"]
     ) -> Float[Array | np.ndarray, "2 *shape"]:
-        """Place of the sensor, from that at the first light; px.
+        """Place of the sensor, from that at the begin of the path; px.
 
         Args:
             time: Time on the clock of `times`; s.
         """
-        d, v, time, begin = as_numpy(self.durations, self.velocities, time, self._begin)
+        d, v, time, begin = as_numpy(self.durations, self.velocities, time, self._begin - self.lead)
         space = namespace_of(d, v, time, begin)
         ends = space.concatenate([space.zeros_like(d[:1]), space.cumsum(d)])
         places = Knots(d[None], v, None, 0, d.size).positions
@@ -73,6 +105,11 @@ class PlaneFrames(AbstractPath):
         start, end = v[:, piece], v[:, piece + 1]
         share, elapsed = share[None], elapsed[None]
         return places[:, piece] + elapsed * (start + share * (end - start) / 2)
+
+    @property
+    def _known(self) -> tuple[Float[np.ndarray, "p"], Float[np.ndarray, "2 p+1"]]:
+        """Its pieces, of a concrete path."""
+        return np.asarray(self.durations, np.float64), np.asarray(self.velocities, np.float64)
 
     def num_panels(self, fastest: float) -> int:
         """Number of panels of nodes for all things up to a speed; of concrete frames.
@@ -88,6 +125,11 @@ class PlaneFrames(AbstractPath):
         return float(np.max(np.hypot(*np.asarray(self.velocities, np.float64))))
 
     @property
+    def bends(self) -> Float[np.ndarray, "k"]:
+        begin = float(self._begin) - self.lead
+        return begin + np.append(0.0, np.cumsum(self._known[0]))
+
+    @property
     def stays(self) -> bool:
         """Whether the sensor stands still in all frames; of concrete frames."""
         return self.top_speed * float(np.max(np.asarray(self.exposures))) < AT_REST
@@ -101,8 +143,7 @@ class PlaneFrames(AbstractPath):
         Args:
             limits: Those of the stage.
         """
-        velocities = np.asarray(self.velocities, np.float64)
-        durations = np.asarray(self.durations, np.float64)
+        durations, velocities = self._known
         most = math.inf if limits.max_acceleration is None else float(limits.max_acceleration)
         times = [
             float(np.max(np.abs(v))) / most if limits.axes == "each" else math.hypot(*v) / most
@@ -157,5 +198,5 @@ class PlaneFrames(AbstractPath):
         for velocities, places in zip(knots.velocities, knots.positions, strict=True):
             begin = float(places[knots.first] - (np.min(places) + np.max(places)) / 2)
             own = knots._replace(velocities=velocities)
-            paths.append(own.path(float(self._begin), begin))
+            paths.append(own.path(float(self._begin) - self.lead, begin))
         return paths

@@ -12,14 +12,13 @@ from mishutter._core.compiling import outside_trace
 from mishutter._core.parallel import alone_in_blas
 from mishutter._core.progress import counts
 from mishutter.decoding.decoders.base import AbstractDecoder
-from mishutter.design.design import Design, metrics_to_dict, motion_to_dict, sequence_to_dict
+from mishutter.design.design import Design, frames_to_dict, metrics_to_dict, motion_to_dict
 from mishutter.evaluation.ceilings import ceiling
 from mishutter.evaluation.losses import AbstractLoss, as_loss
 from mishutter.evaluation.speed_knowledge import loss_of_decoder
 from mishutter.evaluation.tolerances import ToleranceCosts, tolerance_costs
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene, require_scene
-from mishutter.model.sequences import FrameSequence
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.pictures.images import Picture
 from mishutter.report.by_decoder import Judgement, judged_by, pictures_to_judge
@@ -50,7 +49,10 @@ from mishutter.search.rivals import (
 from mishutter.search.rows import (
     BEST_SNAPSHOT,
     OWN_BEST_MOTION,
+    SECOND_AXIS,
     SNAPSHOTS,
+    STAGE,
+    Frames,
     Row,
     best_of_each_purchase,
     best_row,
@@ -126,10 +128,12 @@ class Comparison:
     def is_coded(self) -> bool:
         """Whether the choice is one exposure of a sensor that accelerates or a shaped shutter."""
         choice = self.choice
-        return choice is not None and choice.is_of_one_exposure and choice.name not in SNAPSHOTS
+        if choice is None or choice.is_in_plane:
+            return False
+        return choice.is_of_one_exposure and choice.name not in SNAPSHOTS
 
     @property
-    def sequence(self) -> FrameSequence | None:
+    def sequence(self) -> Frames | None:
         """The frames of the best option; None without any.
 
         Where that is one exposure, since nothing is said to register objects, they are those that
@@ -183,9 +187,9 @@ class Comparison:
             {
                 "reading": row.reading,
                 "name": row.name,
-                "motion": motion_to_dict(row.motion),
+                "motion": None if row.is_in_plane else motion_to_dict(row.motion),
                 "loss": row.loss,
-                "num_frames": row.num_frames,
+                **_frames_of(row),
                 "psnr_db": row.psnr,
                 "worst_speed_psnr_db": row.worst_psnr,
                 "metrics": metrics_to_dict(row.metrics),
@@ -205,6 +209,7 @@ class Comparison:
             {
                 "name": option_name(row),
                 "row": row.name,
+                **_frames_of(row),
                 "psnr_db": row.level,
                 "gain_db": row.margin_over(self.options_baseline),
                 "needs": list(row.needs),
@@ -229,7 +234,7 @@ class Comparison:
         if self.judgement is not None:
             document["on_pictures"] = self.judgement.to_dict()
         if self.sequence is not None:
-            document["sequence"] = sequence_to_dict(self.sequence)
+            document["sequence"] = frames_to_dict(self.sequence)
         return document
 
     def plot(self) -> "Figure":
@@ -257,6 +262,19 @@ class Comparison:
             parts += ["\n".join(self.details)] if self.details else []
             parts += [table.text() for table in self.tables]
         return "\n\n".join([first, *parts])
+
+
+def _frames_of(row: Row) -> dict[str, object]:
+    """The frames of a row as a document has them: one exposure has no travel and no loss."""
+    frames = row.sequence
+    return {
+        "kind": row.exposures.kind,
+        "num_frames": row.num_frames,
+        "num_axes": len(row.parts & {STAGE, SECOND_AXIS}),
+        "exposures_s": row.exposures.exposures,
+        "travel_px": None if frames is None else frames.travel,
+        "width_loss_db": None if frames is None else frames.width_loss,
+    }
 
 
 @alone_in_blas()

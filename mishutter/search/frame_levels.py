@@ -22,6 +22,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from mishutter.evaluation.fans import GOLDEN, Fan, Grid
+from mishutter.evaluation.instants import Instants
 from mishutter.evaluation.levels import Light, in_parts, psnr_of_error, require_velocities
 from mishutter.evaluation.needs import distinct_speeds
 from mishutter.model.optics import NYQUIST_FREQUENCY, frequencies, pixel_response
@@ -119,8 +120,28 @@ class Levels(NamedTuple):
 
     def errors(self, frames: Frames) -> Float[np.ndarray, "m l"]:
         """Error that is left at each frequency by each velocity; white = 1."""
+        return self.weight / (1 + np.sum(self.gained(frames), axis=0))
+
+    def gained(self, frames: Frames) -> Float[np.ndarray, "n m l"]:
+        """Ratio of signal to noise that each frame adds at each frequency for each velocity."""
+        gain = np.asarray(self.light.gains(frames.exposure))[:, None]
         power = np.abs(self._responses(frames)[0]) ** 2
-        gained = np.tensordot(np.asarray(self.light.gains(frames.exposure)), power, 1)
+        return (gain * self.signal)[..., None] * power
+
+    def errors_at(self, instants: Instants) -> Float[np.ndarray, "m l"]:
+        """The same of frames by their instants, on any path."""
+        gained = np.zeros(self.temporal.shape)
+        ways = -2j * np.pi * np.moveaxis(instants.place, 0, -1)
+        for way, time, weight, gain in zip(
+            ways,
+            instants.time,
+            instants.weight,
+            np.asarray(self.light.gains(instants.exposure)),
+            strict=True,
+        ):
+            on_sensor = weight * np.exp(self.frequency @ way.T)
+            passing = np.exp(2j * np.pi * self.temporal[..., None] * time)
+            gained += gain * np.abs(np.einsum("mq,mlq->ml", on_sensor, passing)) ** 2
         return self.weight / (1 + self.signal[:, None] * gained)
 
     def level(self, frames: Frames) -> float:
@@ -235,6 +256,12 @@ def _straight(
     return even + 1j * c * second, 1j * odd - c * third, -second - 1j * c * fourth
 
 
+def is_range(speeds: Float[np.ndarray, "n"]) -> bool:
+    """Whether ascending speeds are so many in equal steps that they stand for a range."""
+    steps = np.diff(speeds)
+    return speeds.size >= _LEAST_RANGE and bool(np.ptp(steps) <= 1e-3 * np.mean(steps))
+
+
 def _sampled(
     speeds: Float[np.ndarray, "n"], weights: Float[np.ndarray, "n"], count: int
 ) -> tuple[Float[np.ndarray, "{count} l"], Float[np.ndarray, "l"]]:
@@ -245,9 +272,7 @@ def _sampled(
     each frequency: those of a lattice, whose mean over speeds and frequencies is exact to far
     finer details.
     """
-    steps = np.diff(speeds)
-    is_range = speeds.size >= _LEAST_RANGE and np.ptp(steps) <= 1e-3 * np.mean(steps)
-    if not is_range:
+    if not is_range(speeds):
         return np.tile(speeds, (count, 1)), weights
     ends = np.concatenate([speeds[:1], (speeds[1:] + speeds[:-1]) / 2, speeds[-1:]])
     each = -(-_NUM_SPEEDS // speeds.size)

@@ -269,9 +269,10 @@ def _bursts(search: RivalSearch) -> list[Row]:
     if moving and is_told:  # a burst may be no more than one exposure of an open shutter
         design = search.open_on_parabola()
         levels = design.metrics.known_speed_psnr, design.metrics.worst_known_speed_psnr
-        one, limits = OneExposure.of(design.motion, design.scene.limits), design.scene.limits
+        limits = design.scene.limits
+        one = OneExposure.of(design.motion, design.shutter, limits)
         whole = FrameSequence(ONE_PARABOLA, one.frames, 0.0, *map(float, levels), pan=one.pan)
-        moving.append(limits.with_travel(whole))
+        moving.append(whole.with_travel(limits))
     found = {BEST_STILL_BURST: still}
     if moving:
         found[BEST_MOVING_BURST] = max(moving, key=level_on_sensor)

@@ -57,6 +57,10 @@ def _type_of(name: str) -> Callable[[dict[str, Any]], str]:
     return lambda arguments: type(arguments[name]).__name__
 
 
+def _shutter_taken(arguments: dict[str, Any]) -> str:
+    return type(arguments["motion"].shutter).__name__
+
+
 def _row(name: str) -> Callable[[dict[str, Any]], Any]:
     return lambda arguments: (
         None if arguments[name] is None else np.round(arguments[name], 9).tolist()
@@ -210,10 +214,10 @@ OPTIONS = {
         Option(
             ["--design", "design.json"],
             CAPTURE,
-            lambda a: float(a["motion"].half_exposure),
+            lambda a: float(a["motion"].motion.half_exposure),
             pytest.approx(9.7e-3),
         ),
-        Option(["--shutter", "tukey:0.3"], CAPTURE, _type_of("shutter"), "TukeyShutter"),
+        Option(["--shutter", "tukey:0.3"], CAPTURE, _shutter_taken, "TukeyShutter"),
         *LABORATORY,
         Option(["--speed", "37"], CAPTURE, _named("speed"), 37.0),
         Option(["--decoder", "wiener"], CAPTURE, _type_of("decoder"), "WienerDecoder"),

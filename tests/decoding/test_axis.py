@@ -12,12 +12,15 @@ from support.photographs import photograph
 
 from mishutter import (
     Footage,
+    FrameSequence,
     Layer,
     Layers,
     Limits,
     Picture,
     Scene,
     Sensor,
+    StillCamera,
+    TimedFrame,
     TotalVariationDecoder,
     TukeyShutter,
     capture_and_restore,
@@ -108,6 +111,25 @@ def test_captured_and_restored_in_portions(kind):
     down = capture_and_restore(subject_down(kind, exchanged(LIGHT)), DOWN, *CAMERA, **options)
     for one, other in zip(down, across, strict=True):
         np.testing.assert_array_equal(one, exchanged(other))
+
+
+@pytest.mark.parametrize("light", [LIGHT, LIGHT[..., 0]], ids=["colours", "grey"])
+def test_a_burst_captured_and_restored_in_portions(light):
+    """The same of its frames, each of which is turned by itself."""
+    frames = tuple(TimedFrame(StillCamera(half_exposure=1e-3), time) for time in (-0.013, 0.011))
+    burst = FrameSequence("stills", frames, 0.0, 31.0, 30.0)
+    options = {"speed": 450.0, "key": jax.random.key(3), "rows_at_once": 20}
+    down_light = light.swapaxes(0, 1)
+    across = capture_and_restore(light, ACROSS, burst, **options)
+    down = capture_and_restore(down_light, DOWN, burst, **options)
+    assert down.captured.shape == (2, *down_light.shape)
+    np.testing.assert_array_equal(down.captured, across.captured.swapaxes(1, 2))
+    np.testing.assert_array_equal(down.restored, across.restored.swapaxes(0, 1))
+    assert down.found.speed == across.found.speed
+    with pytest.raises(ValueError, match=r"motion=...\)` must be of one exposure for footage"):
+        capture_and_restore(light, ACROSS, burst, border="edge")
+    with pytest.raises(ValueError, match=r"shutter=...\)` must be left to the exposures; got"):
+        capture_and_restore(light, ACROSS, burst, CAMERA[1])
 
 
 @pytest.mark.slow

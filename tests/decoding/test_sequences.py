@@ -28,7 +28,7 @@ from mishutter import (
 from mishutter.decoding import axis_speed
 from mishutter.decoding.axis_frames import Rows, rows_of
 from mishutter.decoding.frame_doubts import odd_frame
-from mishutter.decoding.simulation import burst_and_restore
+from mishutter.decoding.simulation import capture_and_restore
 from mishutter.evaluation.instants import Instants
 from mishutter.model.sequences import FrameSequence
 
@@ -620,10 +620,10 @@ def test_a_speed_that_is_told_is_finite(speed):
 
 @pytest.mark.parametrize("shape", [(3,), (2, 2)])
 def test_a_burst_is_refused_before_it_is_captured(shape):
-    """Numbers that are no key are named at once, as by `capture_and_restore`."""
+    """Numbers that are no key are named at once, as of one exposure."""
     sequence, news = FrameSequence("stills", tuple(stills(3)), 0.0, 30.0, 29.0), []
-    with pytest.raises(ValueError, match=r"`burst_and_restore\(key=...\)` must be one key"):
-        burst_and_restore(
+    with pytest.raises(ValueError, match=r"`capture_and_restore\(key=...\)` must be one key"):
+        capture_and_restore(
             np.full((3, 90), 0.4),
             SCENE,
             sequence,

@@ -62,6 +62,7 @@ def test_exposures_are_numbered_where_stills_differ():
 
 def test_a_camera_that_turns_makes_the_pan_of_an_exposure():
     """The stage makes what is left."""
-    assert OneExposure.of(_one().motion, LIMITS).pan == 0.0
+    one = _one()
+    assert OneExposure.of(one.motion, one.shutter, LIMITS).pan == 0.0
     turning = Limits(max_stroke=40.0, max_half_exposure=0.012, pans="camera")
-    assert OneExposure.of(_one().motion, turning).pan == 350.0
+    assert OneExposure.of(one.motion, one.shutter, turning).pan == 350.0

@@ -1,5 +1,7 @@
 """The sensor: its width, in Python and in files, its noise, and when its pixels are full."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -35,6 +37,56 @@ def test_the_width_of_a_sensor_is_that_along_the_motion():
     assert scene.without_metadata().sensor.width is None
     assert "width=1944" in repr(scene.sensor)
     assert Sensor().width is None
+
+
+def test_rows_are_exposed_one_after_another():
+    """The middle of the rows is at 0, and a sensor that reads upwards begins with the last."""
+    down = Sensor(readout=0.03)
+    np.testing.assert_allclose(down.row_delays(4), [-0.015, -0.005, 0.005, 0.015], rtol=1e-6)
+    up = Sensor(readout=0.03, rows_read="up").row_delays(5)
+    np.testing.assert_allclose(up, [0.015, 0.0075, 0, -0.0075, -0.015], rtol=1e-6)
+    assert not Sensor().is_rolling
+    assert not np.any(Sensor().row_delays(3))
+    assert down.row_delays(1) == 0
+
+
+@pytest.mark.parametrize(
+    ("keys", "wanted"),
+    [
+        ("readout_ms = 12.5", (12.5, "down")),
+        ('line_time_us = 25\nrows = 401\nrows_read = "up"', (10.0, "up")),
+        ("readout_ms = 0", (0.0, "down")),
+        ("", (0.0, "down")),
+        ("line_time_us = 25", "`[sensor] rows` must be given where line_time_us is"),
+        ("rows = 401", "`[sensor] rows` must stand beside line_time_us"),
+        ("line_time_us = 5\nreadout_ms = 2\nrows = 9", "must not stand beside readout_ms"),
+        ("readout_ms = -1", "`[sensor] readout_ms` must be at least 0; got -1"),
+        ('rows_read = "left"', "`[sensor] rows_read` must be 'down' or 'up'"),
+        ("readout_ms = 20.5", "`[sensor] readout_ms` must be at most the 20 ms from frame to f"),
+        ("rolling_shutter = 9", "perhaps `[sensor] readout_ms`"),
+    ],
+)
+def test_the_keys_of_a_rolling_sensor(keys, wanted, tmp_path):
+    """A readout is that of all rows, or of each row and their number, and is written back."""
+    path, text = tmp_path / "scene.toml", scene_text(Scene([310.0], **LIGHT))
+    burst = "[burst]\nframes_per_s = 50"
+    path.write_text(text.replace("[sensor]", f"{burst}\n\n[sensor]\n{keys}"))
+    if isinstance(wanted, str):
+        with pytest.raises(ValueError, match=re.escape(wanted)):
+            Scene.load(path)
+        return
+    sensor = Scene.load(path).sensor
+    assert sensor.readout_time * 1e3 == pytest.approx(wanted[0], rel=1e-6)
+    assert sensor.rows_read == wanted[1]
+    Scene.load(path).save(tmp_path / "again.toml")
+    again = Scene.load(tmp_path / "again.toml").sensor
+    assert (again.readout_time, again.rows_read) == (sensor.readout_time, sensor.rows_read)
+
+
+def test_a_readout_that_is_none_is_refused():
+    """One line says the argument."""
+    with pytest.raises(ValueError, match=r"readout=...\)` must be at least 0"):
+        Sensor(readout=-0.1)
 
 
 def test_noise_is_that_of_equation_four_in_every_unit():

@@ -434,7 +434,7 @@ def test_an_answer_says_how_the_stage_moves_over_the_frames(how, way):
     said = comparison.verdict.replace("\n", " ")
     assert "The stage adds 2.5 dB to the best option without one. It " in said
     assert f"It {way}" in said
-    use = scene.limits.use_of_frames(comparison.choice.sequence)
+    use = comparison.choice.sequence.use_within(scene.limits)
     assert f": {float(use.travel):.3g} px at up to" in said
     assert f"({float(use.travel) * 3:.3g} um, {float(use.top_speed) * 3e-3:.3g} mm/s, " in said
     assert ", run-up from rest included." in said
