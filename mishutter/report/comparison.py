@@ -355,7 +355,7 @@ def compare(
             must = f"call no other shutter one of {', '.join(taken_names())}"
             require(may_be_named(entry, name), subject, must, name)
     search = RivalSearch(scene, loss, motion, entries, every=every)
-    why_no_step = "compiling (first run only), or a long search"
+    why_no_step = "compiling, or a long search"
     with counts(progress is True, "comparing", len(searches(search)), why_no_step) as counter:
         # Of frames the moving ones take the time.
         labels = {BEST_STILL_BURST: BEST_MOVING_BURST} if scene.limits.moves else {}

@@ -222,7 +222,7 @@ def optimise(
         "searching",
         max_steps,
         words=lambda step, loss: (step, f"loss {loss:.6g}"),
-        why="compiling (first run only), or a long minimisation",
+        why="compiling, or a long minimisation",
     ) as news:
         settings = SearchSettings(loss, None, num_coefficients, num_starts, seed, max_steps, news)
         best = best_design(Start(scene, motion, shutter, names), settings)
