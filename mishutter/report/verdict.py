@@ -47,7 +47,7 @@ from mishutter.search.rivals import (
     taken_names,
 )
 from mishutter.search.rows import BEST_SNAPSHOT, SHUTTER, STAGE, Frames, Row, best_row
-from mishutter.search.space import beyond_limits, forbids_free_path
+from mishutter.search.space import beyond_limits
 
 _OPTIMISED = "optimised"
 """Name of the design of a search, which an answer calls by what it is."""
@@ -533,8 +533,6 @@ def comparison_notes(
     scene: Scene,
     entries: Mapping[str, Entry],
     rows: Sequence[Row],
-    *,
-    free_paths: bool = False,
 ) -> tuple[str, ...]:
     """Sentences for the foot of the tables."""
     notes = device_notes(scene.device)
@@ -554,9 +552,6 @@ def comparison_notes(
         notes.append(
             "Levels ignore the tolerances: those apply to one filter and the mean over speeds."
         )
-    reason = forbids_free_path(scene)
-    if free_paths and reason:
-        notes.append(f"No free path is compared: {reason}.")
     times = None if scene.burst is None else FrameTimes.of(scene, scene.burst)
     if scene.burst is not None and times is not None and not times.holds_several:
         rate, window = float(scene.burst.frames_per_s), 1e3 * times.window

@@ -7,9 +7,9 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from support.designs import SCENE, on_parabolas
+from support.designs import SCENE
 from support.rolling import frames_on_parabolas
-from support.rows import MOVING, SHORT, STILL, made_up, sequence, verdict
+from support.rows import MOVING, ON_FREE_PATH, SHORT, STILL, made_up, sequence, verdict
 
 from mishutter import (
     BurstMode,
@@ -52,7 +52,6 @@ from mishutter.search.rivals import (
     BEST_MOVING_BURST,
     BEST_STILL_BURST,
     CODED_AT_REST,
-    OPEN_ON_FREE_PATH,
     PLAIN_STILLS,
 )
 from mishutter.search.rows import BEST_PANNED_SNAPSHOT, BEST_SNAPSHOT, FRAMES, STAGE
@@ -152,12 +151,12 @@ CHOICES = {
         PLAIN_STILLS,
     ),
     "a parabola within two tenths of a free path": (
-        {"rect": 26.55, OPEN_ON_FREE_PATH: 26.7, BEST_SNAPSHOT: 24.0},
+        {"rect": 26.55, ON_FREE_PATH: 26.7, BEST_SNAPSHOT: 24.0},
         "rect",
     ),
     "a free path beyond them": (
-        {"rect": 26.55, OPEN_ON_FREE_PATH: 26.76, BEST_SNAPSHOT: 24.0},
-        OPEN_ON_FREE_PATH,
+        {"rect": 26.55, ON_FREE_PATH: 26.76, BEST_SNAPSHOT: 24.0},
+        ON_FREE_PATH,
     ),
     "the user's own of equals": ({"a": 25.0, "Hann": 25.12, BEST_SNAPSHOT: 23.0}, "a"),
     "a window that is better than the user's": (
@@ -705,21 +704,12 @@ def test_a_note_says_that_a_camera_is_too_slow_for_a_burst(rate, holds_one):
     assert notes == ((words,) if holds_one else ())
 
 
-def test_a_note_says_why_free_paths_that_were_asked_for_are_missing():
-    """Of a stage whose jerk is limited, and of tolerances; nothing of what was not asked for."""
-    rows = made_up({"a": 24.0, BEST_SNAPSHOT: 23.0})
-    for scene, why in ((on_parabolas(SCENE), "the jerk of the stage"), (SCENE, "")):
-        asked = with_verdict(rows, {}, scene, free_paths=True).notes
-        assert [f"No free path is compared: {why}" in note for note in asked] == [True] * bool(why)
-        assert with_verdict(rows, {}, scene).notes == ()
-
-
 def test_the_best_of_a_purchase_is_the_simplest_of_one_level():
     """Where searches end in one place; a level that is higher, however little, is the best."""
-    levels = {"a": 25.0, OPEN_ON_FREE_PATH: 25.0, "rect": 25.0, BEST_SNAPSHOT: 24.0}
+    levels = {"a": 25.0, ON_FREE_PATH: 25.0, "rect": 25.0, BEST_SNAPSHOT: 24.0}
     assert {row.name for row in verdict(levels).rivals.values()} == {BEST_SNAPSHOT, "rect"}
-    higher = verdict(levels | {OPEN_ON_FREE_PATH: 25.02})
-    assert higher.rivals["a stage"].name == OPEN_ON_FREE_PATH
+    higher = verdict(levels | {ON_FREE_PATH: 25.02})
+    assert higher.rivals["a stage"].name == ON_FREE_PATH
 
 
 def test_what_leaks_is_a_share_of_what_passes():
