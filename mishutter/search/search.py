@@ -26,7 +26,7 @@ from mishutter.model.scene import Scene, require_scene
 from mishutter.model.shutters.base import AbstractShutter, check_bounds, is_adjustable
 from mishutter.model.shutters.chips import ChippedShutter
 from mishutter.model.shutters.spline import SplineShutter
-from mishutter.model.shutters.windows import TukeyShutter
+from mishutter.model.shutters.windows import RectShutter, TukeyShutter
 from mishutter.search.objective import AbstractObjective, SearchedObjective, objective_of
 from mishutter.search.planning import design_at
 from mishutter.search.planning import plan as plan_of_scene
