@@ -1,11 +1,11 @@
-"""Objects in front of one another, each at its own speed, and their file.
+"""Objects in front of one another, each at its own velocity, and their file.
 
-A layered scene in TOML has a table `[[layers]]` with picture, matte and speed for each.
+A layered scene in TOML has a table `[[layers]]` with picture, matte and velocity for each.
 """
 
 import tomllib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -13,11 +13,11 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field
 
-from mishutter._core.checks import Unquoted, require, require_finite
+from mishutter._core.checks import RowLike, Unquoted, require, require_finite
 from mishutter._core.files import contents, write_text
 from mishutter._core.validation import Section, parsed, validated
 from mishutter.camera.rows import PAD_MODES
-from mishutter.model.scene_schema import Speed, White
+from mishutter.model.scene_schema import Speed, Velocity, White
 from mishutter.pictures.images import (
     GAMMA,
     Axis,
@@ -35,20 +35,21 @@ _Name = Annotated[str, Field(min_length=1)]
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """A picture that moves along its rows; its matte says where it is.
+    """A picture that moves; its matte says where it is.
 
     Attributes:
         picture: The picture; opaque where it has no matte.
-        speed: Speed on the sensor, either sign; px/s.
+        speed: Speed on the sensor along its rows, either sign; or its velocity along rows and
+            columns, to the left and up, for frames in the plane; px/s.
         left: Column of the sensor under its first column at mid-exposure.
         top: Row of the sensor under its first row.
 
-    Where the scene's `axis` is `"columns"` it moves along its columns, and the corner is where it
-    is at mid-exposure all the same.
+    Where the scene's `axis` is `"columns"` one speed is along its columns, and the corner is where
+    it is at mid-exposure all the same.
     """
 
     picture: Picture
-    speed: float = 0.0
+    speed: float | RowLike = 0.0
     left: int = 0
     top: int = 0
 
@@ -56,6 +57,8 @@ class Layer:
         picture = self.picture
         require(isinstance(picture, Picture), "Layer(picture=...)", "be a `Picture`", picture)
         require_finite("Layer(speed=...)", self.speed)
+        words = "be a speed, or a velocity along rows and columns"
+        require(np.shape(self.speed) in ((), (2,)), "Layer(speed=...)", words, self.speed)
         for name, place in (("left", self.left), ("top", self.top)):
             is_near = -_FARTHEST <= place <= _FARTHEST
             require(is_near, f"Layer({name}=...)", f"lie within {_FARTHEST:g} px", place)
@@ -66,8 +69,24 @@ class Layer:
         Args:
             axis: The axis along which things move.
         """
-        left, top = (self.left, self.top) if axis == "rows" else (self.top, self.left)
-        return Layer(self.picture.transposed(axis), self.speed, left=left, top=top)
+        if axis == "rows":
+            return self
+        speed = self.speed if np.ndim(self.speed) == 0 else self.velocity[::-1]
+        return Layer(self.picture.transposed(axis), speed, left=self.top, top=self.left)
+
+    @property
+    def velocity(self) -> Float[np.ndarray, "2"]:
+        """Its velocity along rows and columns, to the left and up; px/s."""
+        speed = np.asarray(self.speed, np.float64)
+        return speed if speed.ndim else np.array([float(speed), 0.0])
+
+    @property
+    def along_rows(self) -> float:
+        """Its speed along the rows, for what serves no other direction; px/s."""
+        along, across = self.velocity
+        words = "be along the axis of the scene; frames in the plane take any velocity"
+        require(across == 0, "Layer(speed=...)", words, self.speed)
+        return float(along)
 
     @property
     def matte(self) -> Float[np.ndarray, "rows columns"]:
@@ -120,6 +139,16 @@ class Layers:
         """
         return Layers(tuple(layer.transposed(axis) for layer in self.layers), self.border)
 
+    def on_rows(self, rows: slice) -> "Layers":
+        """The layers of some rows of the sensor alone.
+
+        Args:
+            rows: Those rows, at least one.
+        """
+        first, *others = self.layers
+        own = replace(first, picture=replace(first.picture, light=first.picture.light[rows]))
+        return replace(self, layers=(own, *(replace(x, top=x.top - rows.start) for x in others)))
+
     @property
     def shape(self) -> tuple[int, int, int]:
         """Rows, columns and channels of the sensor."""
@@ -132,7 +161,8 @@ class _LayerEntry(Section):
     white: White | None = None
     linear: bool = False
     matte: _Name | None = None
-    speed_px_per_s: Speed = 0.0
+    speed_px_per_s: Speed | None = None
+    velocity_px_per_s: Velocity | None = None
     left: _Place = 0
     top: _Place = 0
 
@@ -168,7 +198,13 @@ def write_layers(folder: str | Path, layers: Layers) -> list[str]:
             lines.append(f'matte = "matte_{number}.png"')
             written.append(f"matte_{number}.png")
         if number:
-            lines += [f"speed_px_per_s = {float(layer.speed):.6g}"]
+            each = [f"{x:.6g}" for x in np.ravel(layer.speed)]
+            is_velocity = np.ndim(layer.speed) > 0
+            lines += [
+                f"velocity_px_per_s = [{', '.join(each)}]"
+                if is_velocity
+                else f"speed_px_per_s = {each[0]}"
+            ]
             lines += [f"left = {layer.left}", f"top = {layer.top}"]
     write_text(folder / "layers.toml", "\n".join([*lines, ""]))
     return written
@@ -193,7 +229,7 @@ def read_layers(path: str | Path) -> Layers:
     [[layers]]
     picture = "car.png"           # its alpha is its matte
     matte = "car_matte.png"       # or a grey picture of the same size; 0 is transparent
-    speed_px_per_s = 1200.0
+    speed_px_per_s = 1200.0       # or velocity_px_per_s = [1200, -300], along rows and columns
     left = 40                     # column and row of its corner at mid-exposure
     top = 80
     ```
@@ -225,5 +261,9 @@ def read_layers(path: str | Path) -> Layers:
             requirement = f"be as large as its picture, {columns} x {rows} px"
             require(matte.shape == (rows, columns), "read_layers(matte=...)", requirement, got)
             picture = Picture(picture.light, matte, picture.name)
-        layers.append(Layer(picture, entry.speed_px_per_s, entry.left, entry.top))
+        speed, velocity = entry.speed_px_per_s, entry.velocity_px_per_s
+        words = "be left out beside `velocity_px_per_s`"
+        is_one = speed is None or velocity is None
+        require(is_one, "read_layers(speed_px_per_s=...)", words, speed)
+        layers.append(Layer(picture, velocity or speed or 0.0, entry.left, entry.top))
     return Layers(tuple(layers), border=file.border)

@@ -40,11 +40,12 @@ class _Image(NamedTuple):
         radiance = np.broadcast_to(radiance, (channels, *radiance.shape[1:]))
         radiance = radiance * layer.matte[own_rows]
         border = "zero" if index else layers.border
-        displacement = nodes.displacement(np.array([layer.speed]))[0, 0]
+        speed = layer.along_rows
+        displacement = nodes.displacement(np.array([speed]))[0, 0]
         num_columns = radiance.shape[-1]
         period = period_of(num_columns, _reach(displacement), border)
         radiance = continued(radiance, period, border)
-        return _Image(radiance, displacement, layer.speed, left, num_columns, rows)
+        return _Image(radiance, displacement, speed, left, num_columns, rows)
 
     @property
     def aside(self) -> int:
@@ -87,8 +88,8 @@ def expose_layers(
 
     Layers that are not `visible_layers` are left out, and equal colours are computed once.
     """
-    visible = visible_layers(_in_fewest_colours(layers), motion)
-    speeds = [layer.speed for layer in visible.layers]
+    visible = visible_layers(in_fewest_colours(layers), motion)
+    speeds = [layer.along_rows for layer in visible.layers]
     blur_length(motion, *speeds, subject="Layer(speed=...)")
     half, v = float(motion.half_exposure), float(motion.velocity)
     fastest = max(abs(speed - v) for speed in speeds)
@@ -102,7 +103,7 @@ def expose_layers(
 
 def expose_layers_in_frame(layers: Layers, frame: Instants, optics: Optics) -> np.ndarray:
     """Irradiance of the sensor in a frame of a sequence, by where layers are in its middle."""
-    visible = _visible(_in_fewest_colours(layers), frame.time[0], frame.place[0, 0])
+    visible = _visible(in_fewest_colours(layers), frame.time[0], frame.place[0, 0])
     return _exposed(visible, frame, optics, layers)
 
 
@@ -142,7 +143,7 @@ def _hide(
     """Take away the irradiance of a layer that layers in front of it stop."""
     first = max(image.rows.start, min(m.top for m in front))
     last = min(image.rows.stop, max(m.top + _height(m) for m in front))
-    rates = [image.speed - m.speed for m in front]
+    rates = [image.speed - m.along_rows for m in front]
     longest, fastest = np.max(np.abs(nodes.time)), max(map(abs, rates))
     way = int(np.ceil(fastest * longest))
     low = max(
@@ -163,7 +164,7 @@ def _hide(
     finer = 1 + -(-len(front) // 2)
     column = origin + np.arange(finer * period) / finer
     is_inside = (column >= -image.aside) & (column < image.num_columns + image.aside)
-    times, weights = _instants(nodes, fastest)
+    times, weights = images_between(nodes, fastest)
     turns = -2j * np.pi / period * np.arange(period // 2 + 1)
     shifts = [np.exp(np.multiply.outer(times * rate, turns)) for rate in rates]
     responses = image.responses(weights, optics, period)
@@ -189,7 +190,7 @@ def _hide(
         pass
 
 
-def _instants(
+def images_between(
     nodes: Instants, fastest: float
 ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n q"]]:
     """Times of images that give those between, and the weight of each image at each node."""
@@ -233,7 +234,7 @@ def _height(layer: Layer) -> int:
     return layer.picture.light.shape[0]
 
 
-def _in_fewest_colours(layers: Layers) -> Layers:
+def in_fewest_colours(layers: Layers) -> Layers:
     """The layers in one colour, where all of their colours are equal."""
     pictures = [layer.picture for layer in layers.layers]
     if not all(np.all(picture.light == picture.light[..., :1]) for picture in pictures):
@@ -257,7 +258,7 @@ def _visible(layers: Layers, time: Float[np.ndarray, "q"], path: Float[np.ndarra
     first, *others = layers.layers
     (rows, columns, _), seen = layers.shape, [first]
     for layer in others:
-        displacement, (height, width) = path - layer.speed * time, layer.matte.shape
+        displacement, (height, width) = path - layer.along_rows * time, layer.matte.shape
         meets_rows = layer.top < rows and layer.top + height > 0
         # The margin is wide beside what the path does between instants.
         begin = layer.left + np.min(displacement) - MARGIN

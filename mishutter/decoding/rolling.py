@@ -25,9 +25,10 @@ from mishutter.camera.plane_frames import frequencies_on
 from mishutter.camera.rows import fast_length, irfftn, rfftn
 from mishutter.decoding.likeliest import AbstractRolledFrame, Canvas
 from mishutter.evaluation.instants import Instants
+from mishutter.evaluation.levels import path_for_rows
 from mishutter.model.scene import Scene
 from mishutter.model.sensor import Sensor
-from mishutter.model.sequences import AxisPath, TimedFrame
+from mishutter.model.sequences import TimedFrame
 from mishutter.plane.frames import PlaneFrames
 
 _WIDTH, _FINER = 8, 1.5
@@ -55,11 +56,6 @@ class RowTimes(NamedTuple):
         """Whether rows differ in their times."""
         return self.delays.size > 1
 
-    @property
-    def across(self) -> Float[np.ndarray, "d"]:
-        """Delays of rows that are pictures of their own, or the one of all."""
-        return np.zeros(1) if self.is_along else self.delays
-
     def of_rows(self, some: slice | np.ndarray) -> "RowTimes":
         """Those of some rows."""
         is_same = self.is_along or not self.is_rolling
@@ -81,7 +77,7 @@ def instants_of_rows(
     """Instants of frames along an axis, at some delays of each of them in turn."""
     if delays.size == 1 and delays[0] == 0:
         return Instants.of(taken, fastest)
-    path = AxisPath.of(taken, scene.sensor.readout_time, scene.limits)
+    path = path_for_rows(scene, taken)
     each = [Instants.of(path, fastest, delay=delay) for delay in delays.tolist()]
     count = max(one.time.shape[1] for one in each)
 

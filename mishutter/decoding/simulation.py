@@ -27,7 +27,7 @@ from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel, blur_mo
 from mishutter.decoding.decoders.linear import decoder_or_ensemble
 from mishutter.decoding.decoders.speed import SpeedEstimate
 from mishutter.decoding.decoders.speed_finding import SpeedFindingDecoder, decoder_of, informed
-from mishutter.decoding.objects.restored import Known
+from mishutter.decoding.objects.restored import Known, is_at_rest
 from mishutter.decoding.plane_velocity import VelocityEstimate
 from mishutter.decoding.restoration import (
     RestoredPhotograph,
@@ -168,12 +168,16 @@ def capture_and_restore(
             taken = _taken(image, take, key, rows_at_once, report)
             captured = np.concatenate(taken, axis=0 if is_one else 1)
         captured = _turned(captured, axis, exposures)
+    # Layers that a sensor at rest sees move on their own.
+    is_several = isinstance(subject, Layers) and len(subject.layers) > 1
+    several = is_several and not is_one and is_at_rest(exposures.frames)
     result = _restored(
         captured,
         scene,
         exposures,
         chosen,
         known=Known(),
+        by_object=several or None,
         rows_at_once=rows_at_once,
         report=lambda text, share: report(text, 0.5 + 0.5 * share),
     )

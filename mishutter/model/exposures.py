@@ -4,17 +4,16 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Iterable
 from itertools import takewhile
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
 from mishutter._core.modules import AbstractModule
+from mishutter.model.limits import Limits
+from mishutter.model.scene import Scene
 from mishutter.model.stages import StagePath
-
-if TYPE_CHECKING:
-    from mishutter.model.scene import Scene
 
 AT_REST = 0.05
 """Travel over an exposure below which its sensor counts as standing still; px."""
@@ -34,6 +33,15 @@ class AbstractPath(AbstractModule):
     @abstractmethod
     def top_speed(self) -> float:
         """Greatest speed of the sensor; px/s, of a concrete path."""
+
+    @abstractmethod
+    def for_rows(self, readout: float, limits: Limits) -> "AbstractPath":
+        """A known path that goes on while rows are exposed earlier and later, within limits.
+
+        Args:
+            readout: Time from the first row to the last; s.
+            limits: Those of the stage.
+        """
 
     @property
     @abstractmethod
@@ -77,7 +85,7 @@ class AbstractExposures(ABC):
         """Places of the sensor at some times of each exposure, from one place for all; px."""
 
     @abstractmethod
-    def stage_paths(self, scene: "Scene") -> dict[str, StagePath]:
+    def stage_paths(self, scene: Scene) -> dict[str, StagePath]:
         """The path of the stage along each axis, from rest to rest, by the ending of its columns.
 
         The run-up takes the greatest acceleration of the scene's limits, or that of the rest of the

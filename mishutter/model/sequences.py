@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, ClassVar, final
+from typing import Any, ClassVar, final
 
 import equinox as eqx
 import jax
@@ -15,7 +15,9 @@ from jaxtyping import Array, Float
 
 from mishutter._core.checks import require_known
 from mishutter.model.exposures import AT_REST, AbstractExposures, AbstractPath
+from mishutter.model.limits import Limits
 from mishutter.model.motion import AbstractMotion
+from mishutter.model.scene import Scene, require_scene
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.stages import (
     Knots,
@@ -27,10 +29,6 @@ from mishutter.model.stages import (
     run_up,
     transfer,
 )
-
-if TYPE_CHECKING:
-    from mishutter.model.limits import Limits
-    from mishutter.model.scene import Scene
 
 SINE = "sine"
 """Kind of a sequence whose stage follows a sine between its frames too."""
@@ -92,13 +90,10 @@ class AbstractFrames(AbstractExposures):
         return np.array([[place + np.asarray(way, np.float64) for place, way in ways]])
 
     @abstractmethod
-    def stage_path_within(self, limits: "Limits") -> StagePath | None:
+    def stage_path_within(self, limits: Limits) -> StagePath | None:
         """The path of the stage from rest to rest, within some limits."""
 
-    def stage_paths(self, scene: "Scene") -> dict[str, StagePath]:
-        # A scene has limits, which ask sequences for their paths.
-        from mishutter.model.scene import require_scene
-
+    def stage_paths(self, scene: Scene) -> dict[str, StagePath]:
         require_scene(scene)
         path = self.stage_path_within(scene.limits)
         return {} if path is None else {"": path}
@@ -115,7 +110,7 @@ class OneExposure(AbstractFrames):
     kind: ClassVar = "one exposure"
 
     @staticmethod
-    def of(motion: AbstractMotion, shutter: AbstractShutter, limits: "Limits") -> "OneExposure":
+    def of(motion: AbstractMotion, shutter: AbstractShutter, limits: Limits) -> "OneExposure":
         """The exposure of a motion, whose pan the limits give to the stage or to the camera."""
         pan = float(motion.velocity) if limits.pans == "camera" else 0.0
         return OneExposure(motion, shutter, pan)
@@ -124,7 +119,7 @@ class OneExposure(AbstractFrames):
     def frames(self) -> tuple[TimedFrame, ...]:
         return (TimedFrame(self.motion, 0.0),)
 
-    def stage_path_within(self, limits: "Limits") -> StagePath | None:
+    def stage_path_within(self, limits: Limits) -> StagePath | None:
         return limits.stage_path(self.motion)
 
 
@@ -137,7 +132,7 @@ class FrameSequence(AbstractFrames):
         kind: The path of the sensor over the sequence, in words.
         frames: The frames.
         travel: Travel of the stage, from its lowest to its highest position, from rest to rest, as
-            `stage_path` has it; px.
+            `stage_path_within` has it; px.
         psnr: PSNR of the best linear decoder, which knows the speed from the frames, in the scene
             that they were found for; in linear light, dB.
         worst_psnr: The same at the worst of the scene's speeds; dB.
@@ -181,37 +176,27 @@ class FrameSequence(AbstractFrames):
         # Within the limits that `travel` is of, a stage may have to turn round sooner.
         return min(gentle, self.travel) if self.travel else gentle
 
-    def stage_path_within(self, limits: "Limits") -> StagePath | None:
-        return limits.stage_path_of_frames(self)
-
-    def stage_use(
-        self,
-        *,
-        max_acceleration: float | None,
-        max_jerk: float | None,
-        max_top_speed: float | None = None,
-    ) -> StageUse:
+    def use_within(self, limits: Limits) -> StageUse:
         """The demands of the frames on a stage that runs up to them from rest.
 
         Where no path can be written, since no limit says how the stage reaches a velocity, it does
         so at once.
 
         Args:
-            max_acceleration: As `stage_path` takes it.
-            max_jerk: As `stage_path` takes it.
-            max_top_speed: As `stage_path` takes it.
+            limits: Those of the stage.
         """
-        most = {"max_acceleration": max_acceleration, "max_top_speed": max_top_speed}
-        path = self.stage_path(**most, max_jerk=max_jerk)
+        path = self.stage_path_within(limits)
         return self._knots(None, None).use if path is None else path.use
 
-    def stage_path(
-        self,
-        *,
-        max_acceleration: float | None = None,
-        max_jerk: float | None = None,
-        max_top_speed: float | None = None,
-    ) -> StagePath | None:
+    def with_travel(self, limits: Limits) -> "FrameSequence":
+        """The sequence with the travel of its path within some limits.
+
+        Args:
+            limits: Those of the stage.
+        """
+        return replace(self, travel=float(self.use_within(limits).travel))
+
+    def stage_path_within(self, limits: Limits) -> StagePath | None:
         r"""The whole path of the stage: rest, run-up, frames, run-out, rest.
 
         Between frames the stage follows the gentlest `transfer` of a ramp, a coast and a ramp that
@@ -219,17 +204,15 @@ class FrameSequence(AbstractFrames):
         follows that, and to one that moves it runs up from one at rest as late as it can.
 
         Args:
-            max_acceleration: Greatest acceleration of the run-up, the run-out and the ways between
-                frames; px/s^2. None for the greatest of the rest of the path.
-            max_jerk: Greatest jerk of the run-up and the run-out; px/s^3.
-            max_top_speed: Greatest speed between frames; px/s.
+            limits: Those of the stage. Without one of its acceleration that is the greatest of the
+                rest of the path.
 
         Returns:
-            The path; None where the stage stays at rest. None also where `max_acceleration` is
-            missing and needed: the frames do not say how fast a stage reaches a velocity that it
-            keeps, or from one to the next.
+            The path; None where the stage stays at rest. None also where a limit of the
+            acceleration is missing and needed: the frames do not say how fast a stage reaches a
+            velocity that it keeps, or from one to the next.
         """
-        most = max_acceleration
+        most, jerk, top_speed = limits.of_run_up(self.pan)
         if most is None:
             at_once = self._knots(None, None)
             within = slice(at_once.first, at_once.last)
@@ -238,13 +221,13 @@ class FrameSequence(AbstractFrames):
             if jumps or (self.moves and self.num_rests > 0):
                 return None
             most = float(at_once.use.acceleration)
-        knots = self._knots(most, max_jerk, max_top_speed) if most > 0 else None
+        knots = self._knots(most, jerk, top_speed) if most > 0 else None
         if knots is None or not np.any(knots.velocities):
             return None
         first = self.frames[0]
         return knots.path(first.time - first.exposure / 2, self._ends(first)[0])
 
-    def path(self, limits: "Limits") -> "AxisPath":
+    def path(self, limits: Limits) -> "AxisPath":
         """Its frames and the way of the sensor through them, from rest to rest.
 
         A stage reaches a velocity at once where no limit says how.
@@ -259,7 +242,7 @@ class FrameSequence(AbstractFrames):
             stage = self._knots(None, None).path(*begin)
         return AxisPath(np.array(self.times), np.array(self.exposures), stage, self.pan)
 
-    def for_rows(self, readout: float, limits: "Limits") -> "FrameSequence":
+    def for_rows(self, readout: float, limits: Limits) -> "FrameSequence":
         """The frames, with a way that goes on while rows are exposed earlier and later.
 
         It does not go on where the stage would leave its limits so: then the first and the last
@@ -272,7 +255,7 @@ class FrameSequence(AbstractFrames):
         going_on = replace(self, lead=readout / 2)
         if not self.moves or not readout:
             return replace(self, lead=0.0)
-        travel = float(limits.use_of_frames(going_on).travel)
+        travel = float(going_on.use_within(limits).travel)
         pairs = (travel, limits.max_travel), (going_on.stroke, limits.max_stroke)
         fits = all(most is None or own <= float(most) * (1 + _SINGLE) for own, most in pairs)
         return going_on if fits else replace(self, lead=0.0)
@@ -361,7 +344,7 @@ class AxisPath(AbstractPath):
     pan: float
 
     @staticmethod
-    def of(frames: Sequence[TimedFrame], readout: float, limits: "Limits") -> "AxisPath":
+    def of(frames: Sequence[TimedFrame], readout: float, limits: Limits) -> "AxisPath":
         """The path of frames whose rows are read one after another.
 
         Args:
@@ -372,6 +355,9 @@ class AxisPath(AbstractPath):
         require_known("AxisPath.of", frames=frames)
         alone = FrameSequence("", tuple(frames), 0.0, 0.0, 0.0)
         return alone.for_rows(readout, limits).path(limits)
+
+    def for_rows(self, readout: float, limits: Limits) -> "AxisPath":
+        return self
 
     @property
     def top_speed(self) -> float:

@@ -24,6 +24,7 @@ from mishutter.evaluation.instants import Instants
 from mishutter.plane.bursts import frames_of
 
 SCENE = scene_of("A")
+LAYERS = Layers((Layer(Picture(np.ones((40, 50, 1)))),))
 
 
 def test_one_axis_is_a_line_of_the_plane():
@@ -103,7 +104,7 @@ def test_places_are_from_the_middle_of_the_frames_on_any_clock():
     single = PlaneFrames(*(np.asarray(x, np.float32) for x in vars(frames).values()))
     picture = np.asarray(example_picture().light)[:80, :90, 1].astype(np.float32)
     pair = [
-        next(exposed_in_plane(picture, SCENE.optics, each, np.array([9.0, 40.0]), (None, None)))
+        next(exposed_in_plane(picture, SCENE, each, np.array([9.0, 40.0]), (None, None)))
         for each in (frames, single)
     ]
     assert pair[0].dtype == np.float32
@@ -119,14 +120,12 @@ def test_places_are_from_the_middle_of_the_frames_on_any_clock():
         ({"speed": (9e6, 0.0)}, "displace light by at most 8192 px"),
         ({"num_rows": 41}, r"num_rows=\.\.\.\)` must be at most the picture's 40 rows; got 41"),
         ({"num_columns": 0}, "num_columns"),
-        (
-            {"picture": Layers((Layer(Picture(np.ones((40, 50, 1)))),))},
-            "be one picture for frames in the plane",
-        ),
+        ({"picture": LAYERS}, "be left to layers"),
+        ({"picture": LAYERS, "speed": 0.0, "num_rows": 41}, "at most the picture's 40 rows"),
     ],
 )
 def test_frames_in_the_plane_are_refused(changed, message):
-    """A velocity without a direction, a sensor beyond the picture, layers: in a line each."""
+    """A velocity without a direction or beside layers, a sensor beyond the picture: a line each."""
     arguments = {"picture": np.full((40, 50), 0.3), "speed": (1.0, 0.0)} | changed
     with pytest.raises(ValueError, match=message):
         simulate_frames(arguments.pop("picture"), SCENE, known_frames("A", 2, "sines"), **arguments)

@@ -41,7 +41,7 @@ def test_frames_in_the_plane_are_where_the_encoder_was():
     for row, place in zip(own, wanted, strict=True):
         np.testing.assert_allclose(row - row[7], place - place[7], atol=1e-3)
     np.testing.assert_array_equal(built.frames.times, design.frames.times)
-    assert built.burst.kind == design.burst.kind
+    assert built.sequence.kind == design.sequence.kind
     assert apart.doubt == ""
     bend = 0.4 * np.sin(2 * np.pi * 40 * time + np.arange(2)[:, None])
     bend = bend - np.mean(bend, axis=1)[:, None]
@@ -64,7 +64,7 @@ def test_a_burst_along_one_axis_is_where_the_encoder_was(pans):
     """Place, velocity and path of each frame; a camera that turns adds its pan to the stage."""
     design, pan = a_burst_design(), 150.0 * (pans == "camera")
     design = replace(design, sequence=replace(design.sequence, pan=pan))
-    path = design.scene.limits.stage_path_of_frames(design.sequence)
+    path = design.sequence.stage_path_within(design.scene.limits)
     built, apart = with_recorded_path(design, recorded([path]), middle=CLOCK)
     pairs = list(zip(design.sequence.frames, built.sequence.frames, strict=True))
     shift = pairs[0][1].position - pairs[0][0].position
@@ -181,7 +181,7 @@ def test_restore_takes_the_recorded_path(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     design = a_burst_design(sensor=ms.Sensor(pixel_pitch=4.8e-6))
     design.save("design.json")
-    path = design.scene.limits.stage_path_of_frames(design.sequence)
+    path = design.sequence.stage_path_within(design.scene.limits)
     strayed = recorded([path], bend=2.5)
     built, _ = with_recorded_path(design, strayed, middle=CLOCK)
     rows = zip(strayed.time * 1e3, strayed.place[0] * 4.8, strict=True)

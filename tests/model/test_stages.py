@@ -107,6 +107,32 @@ def test_more_motion_never_takes_less():
                 assert np.all(np.diff(values) >= -1e-12 * values.max())
 
 
+def test_a_free_path_of_a_parabola_uses_a_stage_as_the_parabola_does():
+    """Travel from rest to rest, panned or not, with an acceleration of the run-up and without."""
+    for velocity in (0.0, 300.0, -4000.0):
+        parabola = ParabolicMotion(acceleration=2e5, half_exposure=0.007, velocity=velocity)
+        path = FreeMotion.fit(parabola, num_pieces=5)
+        for most in (None, 5e5):
+            limits = Limits(max_travel=90.0, max_acceleration=most)
+            wanted = float(limits.stage_share_of(parabola))
+            assert float(limits.stage_share_of(path)) == pytest.approx(wanted, rel=1e-12)
+
+
+def test_travel_of_a_path_is_that_of_its_steps():
+    """Run-up, exposure and run-out, stepped through in time, span what is told."""
+    path = FreeMotion(accelerations=[3e5, -1e5, 2e5, 5e4], half_exposure=0.004, velocity=250.0)
+    most = 8e5
+    times = np.linspace(-0.004, 0.004, 200_001)
+    x, u = np.asarray(path.position(times)), np.asarray(path.velocity_at(times))
+    before = x[0] - np.sign(u[0]) * u[0] ** 2 / (2 * most)
+    after = x[-1] + np.sign(u[-1]) * u[-1] ** 2 / (2 * most)
+    wanted = max(*x, before, after) - min(*x, before, after)
+    use = stage_use(path, most)
+    assert stage_path(path, max_acceleration=most).travel == pytest.approx(wanted, rel=1e-9)
+    assert float(use.travel) == pytest.approx(wanted, rel=1e-9)
+    assert float(use.top_speed) == pytest.approx(np.max(np.abs(u)), rel=1e-12)
+
+
 @pytest.mark.parametrize(
     ("arguments", "requirement"),
     [
@@ -192,7 +218,7 @@ def test_a_path_leads_through_all_frames(name, pan):
         (one.time, one.position + pan * one.time, one.motion.panned(one.motion.velocity + pan))
         for one in BURSTS[name].frames
     ]
-    path = burst(*frames, pan=pan).stage_path(max_acceleration=most)
+    path = burst(*frames, pan=pan).stage_path_within(Limits(max_acceleration=most))
     for one in BURSTS[name].frames:
         elapsed = np.linspace(-0.999, 0.999, 9) * float(one.motion.half_exposure)
         place, velocity = path.at(one.time + elapsed)
@@ -209,10 +235,10 @@ def test_a_path_leads_through_all_frames(name, pan):
 
 def test_between_frames_a_stage_takes_the_least_acceleration():
     """Swings that meet at one velocity need none, and a sweep goes on along its parabola."""
-    swings = BURSTS["swings"].stage_path()
+    swings = BURSTS["swings"].stage_path_within(Limits())
     between = (swings.times[:-1] >= -0.002 - 1e-9) & (swings.times[:-1] < 0.002 - 1e-9)
     np.testing.assert_allclose(swings.accelerations[between], 0.0, atol=1e-3)
-    sweep = BURSTS["sweep"].stage_path()
+    sweep = BURSTS["sweep"].stage_path_within(Limits())
     np.testing.assert_allclose(np.abs(sweep.accelerations), 4e5, rtol=1e-5)
 
 
@@ -224,11 +250,15 @@ def test_a_path_without_a_limit_ends_where_it_is_told():
     )
     at_rest = burst((-0.01, 1.0, still), (0.01, 1.0, still))
     steady = burst((-0.01, -0.8, moving), (0.01, 0.8, moving))
-    assert BURSTS["one at rest"].stage_path() is None
-    assert steady.stage_path() is None
-    assert at_rest.stage_path() is at_rest.stage_path(max_acceleration=9e5) is None
+    assert BURSTS["one at rest"].stage_path_within(Limits()) is None
+    assert steady.stage_path_within(Limits()) is None
+    assert (
+        at_rest.stage_path_within(Limits())
+        is at_rest.stage_path_within(Limits(max_acceleration=9e5))
+        is None
+    )
     limits = Limits(max_acceleration=9e5, max_travel=2.0)
-    path = limits.stage_path_of_frames(steady)
+    path = steady.stage_path_within(limits)
     assert path.travel == pytest.approx(80 * 0.026 + 80**2 / 9e5, rel=1e-4)
     assert limits.travel_beyond(path) == path.travel
     assert Limits(max_acceleration=9e5, max_travel=2.2).travel_beyond(path) is None
@@ -246,7 +276,7 @@ def _sampled(path):
 @pytest.mark.parametrize("name", BURSTS)
 def test_a_burst_asks_of_its_stage_what_its_path_does(name, jerk):
     """Travel, stroke and top speed are those of the path at many times, run-ups included."""
-    path = BURSTS[name].stage_path(max_acceleration=1.2e6, max_jerk=jerk)
+    path = BURSTS[name].stage_path_within(Limits(max_acceleration=1.2e6, max_jerk=jerk))
     use = path.use
     np.testing.assert_allclose((use.travel, use.stroke, use.top_speed), _sampled(path), rtol=1e-4)
     assert use.acceleration == pytest.approx(np.max(np.abs(path.accelerations)), rel=1e-9)
@@ -262,7 +292,7 @@ def test_a_stage_that_runs_up_between_frames_takes_its_way_in_the_burst():
         (-0.013, at_rest, StillCamera(half_exposure=0.0004)),
         (0.009, 0.0, moving.panned(0.0)),
     )
-    use = frames.stage_path(max_acceleration=acceleration).use
+    use = frames.stage_path_within(Limits(max_acceleration=acceleration)).use
     assert float(use.stroke) == pytest.approx(at_rest, rel=1e-9)
     assert frames.stroke == pytest.approx(at_rest, rel=1e-9)
     assert float(use.acceleration) == pytest.approx(speed / half, rel=1e-9)
@@ -279,7 +309,7 @@ def test_a_run_up_of_limited_jerk_leads_to_a_burst():
     frames = burst(
         (-duration - 0.001, 0.0, StillCamera(half_exposure=0.0005)), (half, place, motion)
     )
-    path = frames.stage_path(max_acceleration=acceleration, max_jerk=jerk)
+    path = frames.stage_path_within(Limits(max_acceleration=acceleration, max_jerk=jerk))
     assert float(path.use.jerk) == pytest.approx(jerk, rel=1e-9)
     ends = path.accelerations + path.jerks * np.diff(path.times)
     # No acceleration jumps, from rest to rest.
@@ -291,5 +321,5 @@ def test_a_velocity_that_jumps_has_no_path():
     """Frames at two velocities that touch: no limit says how, and no stage can."""
     first, second = (LinearMotion(half_exposure=0.004, velocity=v) for v in (-300.0, 500.0))
     touching = burst((-0.004, 0.0, first), (0.004, 0.8, second))
-    assert touching.stage_path() is None
+    assert touching.stage_path_within(Limits()) is None
     assert touching.stroke == pytest.approx(4.0)

@@ -17,7 +17,14 @@ from mishutter.decoding.decoders.speed import luminance_shares
 from mishutter.decoding.decoders.speed_finding import SpeedFindingDecoder
 from mishutter.decoding.decoders.total_variation import TotalVariationDecoder
 from mishutter.decoding.objects.arrangement import Arrangement, Thing
-from mishutter.decoding.objects.composite import Composite, composite, labels_of, trusted, whole_of
+from mishutter.decoding.objects.composite import (
+    Alone,
+    Composite,
+    composite,
+    labels_of,
+    trusted,
+    whole_of,
+)
 from mishutter.decoding.objects.finding import Told, found_in
 from mishutter.decoding.objects.grids import Window
 from mishutter.decoding.objects.light import Knowledge, Misfit, Sight, light_of
@@ -131,17 +138,14 @@ def restored_objects(
         report("light of the layers", 0.6 + 0.4 * number / len(alone))
         known_of = _knowledge(scene, stills, in_plane=in_plane)
         misfit = Misfit.of(Sight.of(stills, found, known_of))
-        only = np.arange(stills.count) == stills.middle
-        single = Misfit.of(Sight.of(stills.only(only), None, known_of))
-        window = single.sight.sheets[0].window
-        one = whole_of(window, light_of(single, decoder)[0], stills.shape)
         layers = light_of(misfit, decoder)
-        composites.append(composite(found, misfit, layers, one))
+        alone_of = Alone.of(stills, known_of, decoder)
+        composites.append(composite(found, misfit, layers, alone_of))
         pairs = zip(misfit.sight.sheets, layers, strict=True)
         light.append([whole_of(sheet.window, own, stills.shape) for sheet, own in pairs])
     whole = composites[0]._replace(
         misfit=np.mean([one.misfit for one in composites], axis=0),
-        single=np.max([one.single for one in composites], axis=0),
+        alone=np.max([one.alone for one in composites], axis=0),
     )
     report("done", 1.0)
     return _result(found, light, (composites, whole), axis, in_plane=in_plane)
@@ -278,8 +282,8 @@ def _layer(thing: Thing, light: list[np.ndarray], axis: Axis, *, in_plane: bool)
     matte = window.of(thing.matte)
     picture = _picture([window.of(one) for one in light], matte, axis)
     top, left = (window.top, window.left) if axis == "rows" else (window.left, window.top)
-    # A layer moves along one axis, whatever the object does.
-    speed = 0.0 if in_plane else -float(thing.velocity[1])
+    across, along = (-thing.velocity).tolist()
+    speed = (along, across) if in_plane else along
     return Layer(picture, speed, left=left, top=top)
 
 
