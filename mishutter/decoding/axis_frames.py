@@ -192,6 +192,7 @@ def restored_on_axis(
     taken: Sequence[TimedFrame],
     decoder: AbstractDecoder,
     speed: float,
+    *,
     times: RowTimes,
 ) -> Float[np.ndarray, "rows columns colours"]:
     """The picture at a speed."""

@@ -25,15 +25,18 @@ from mishutter.decoding.decoders.speed import BEYOND, SpeedEstimate, luminance_s
 from mishutter.decoding.frame_doubts import (
     BLACK,
     FLOOR,
+    ROLLS_ABOVE,
     TRIED_BEYOND,
     WORTH,
     Evidence,
     Rival,
     Words,
+    doubt_of_rows,
 )
 from mishutter.decoding.likeliest import noises_of
 from mishutter.decoding.rolling import RowTimes, instants_of_rows
 from mishutter.model.scene import Scene
+from mishutter.model.sensor import Sensor
 from mishutter.model.sequences import TimedFrame
 
 _ROWS_OF_SPEED = 32
@@ -47,7 +50,8 @@ the picture's variance that they have: a fine pattern is looked at pixel by pixe
 _MOST_SPEEDS = 4096
 """Most speeds that are tried."""
 _REASONS = (
-    "their order, a lost or repeated frame, another design, two objects, motion across the axis"
+    "their order, a lost or repeated frame, another design, two objects, a rolling "
+    "shutter, motion across the axis"
 )
 _WORDS = Words(
     "speed",
@@ -167,6 +171,17 @@ def _speed_along_rows(
         is_only=low == high,
     )
     doubt = evidence.doubt(error * duration, _WORDS if low < high else _TOLD)
+    if not doubt and not times.is_rolling and len(taken) > 1 and fit.misfit > ROLLS_ABOVE:
+
+        def misfit_by(sensor: Sensor) -> float:
+            """The misfit of rows that are read one after another."""
+            rolling = replace(scene, sensor=sensor)
+            delays = sensor.row_delays(num_rows)[some]
+            nodes = instants_of_rows(taken, rolling, abs(best.speed), delays)
+            return rows._replace(nodes=nodes).fit(best.speed).misfit
+
+        longest = max(frame.exposure for frame in taken)
+        doubt = doubt_of_rows(scene.sensor, longest, fit.misfit, misfit_by)
     known = sorted([best, *beside], key=lambda end: end.speed)
     values = np.array([end.value for end in known])
     weights = np.exp(WORTH / fit.spread * (values - np.max(values)))

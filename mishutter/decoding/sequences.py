@@ -186,12 +186,13 @@ def picture_at(
     frames: Sequence[TimedFrame],
     decoder: AbstractDecoder,
     speed: float,
+    *,
     times: RowTimes | None = None,
 ) -> Planes:
     """The picture that `restore_frames` restores at a speed, which nothing judges."""
     light, planes = _planes_of(captures, len(frames), scene.sensor.axis)
     times = RowTimes.of(scene.sensor, planes.shape) if times is None else times
-    picture = restored_on_axis(planes, scene, frames, decoder, speed, times)
+    picture = restored_on_axis(planes, scene, frames, decoder, speed, times=times)
     return _as_frame(picture, light, scene.sensor.axis)
 
 

@@ -432,7 +432,7 @@ def _frames_in_portions(
     restored = np.empty_like(captured[0])
     for here, around, inner in _portions(num_rows, rows_at_once, chosen.rows_beyond, report):
         part, own = captured[:, around], times.of_rows(around)
-        restored[here] = picture_at(part, scene, frames, chosen, speed, own)[inner]
+        restored[here] = picture_at(part, scene, frames, chosen, speed, times=own)[inner]
     return Restoration(restored, estimate)
 
 
