@@ -41,7 +41,7 @@ def alternating():
     ]
 
 
-def gaussian_captures(readout, rows=48, columns=1024):
+def gaussian_captures(readout, rows=32, columns=1024):
     """Periodic rows of a Gaussian spectrum, and four noisy frames of each at its own time."""
     rng, f = np.random.default_rng(0), np.fft.fftfreq(columns)
     rows_of_light = np.fft.ifft(np.fft.fft(rng.normal(size=(rows, columns))) / (abs(f) + 0.01)).real
