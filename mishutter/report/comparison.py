@@ -401,7 +401,7 @@ def with_verdict(
     if np.isposinf(snapshot.level):
         said = "This scene's picture holds no detail: there is nothing to restore or to gain."
         return Comparison(tuple(rows), said, 0.0, np.inf, notes)
-    coded = [row for row in single if row.name not in SNAPSHOTS]
+    coded = [row for row in single if row.name not in SNAPSHOTS] or single
     best = best_row([row for row in coded if row.name in entries] or coded)
     most = float(ceiling(scene))
     if most < max(row.level for row in coded):  # a design that dwells at the listed speeds

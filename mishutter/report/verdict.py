@@ -21,7 +21,7 @@ from mishutter.model.motion import LinearMotion
 from mishutter.model.scene import Scene, in_sensor_frame
 from mishutter.model.scene_units import GRAVITY
 from mishutter.model.sensor import BurstMode
-from mishutter.model.sequences import SINE
+from mishutter.model.sequences import SINE, FrameSequence
 from mishutter.model.texture import EXAMPLE_PICTURE
 from mishutter.plane.bursts import PlaneBurst
 from mishutter.search.frame_ties import (
@@ -36,6 +36,7 @@ from mishutter.search.frame_ties import (
     SWEEP,
     TWO_SINES,
 )
+from mishutter.search.moving_frames import loss_untold
 from mishutter.search.plane_frames import stills_on_pan
 from mishutter.search.rivals import (
     PLAIN_RATE,
@@ -237,6 +238,11 @@ def sentences_of(
     """The lines below the table of options: the shutter, notes, and what is assumed."""
     rows = list(rows)
     said = [_on_shaped_shutters([row for row in rows if row.is_of_one_exposure], choice)]
+    if scene.sensor.is_rolling:
+        said = [
+            "One exposure behind a shaped shutter, or on a path that accelerates, is left out: "
+            "rows that are exposed one after another would each see another part of it."
+        ]
     if scene.burst is not None and scene.occlusion is not None:
         said.append(
             "Levels of frames assume known speeds and outlines of the objects, which `restore` "
@@ -468,7 +474,8 @@ def _camera_words(scene: Scene, choice: Row) -> list[str]:
         stroke, speed = float(limits.max_stroke), float(limits.max_top_speed)
         said.append(f"a stage with a stroke of {stroke:,.4g} px and {speed:,g} px/s")
     said += [] if width is None else [f"a sensor of {float(width):,.6g} px"]
-    return [*said, "global shutter"]
+    readout = scene.sensor.readout_time
+    return [*said, f"rows read within {readout * 1e3:,.4g} ms" if readout else "global shutter"]
 
 
 def details_of(scene: Scene, frames: Frames | None) -> list[str]:
@@ -481,6 +488,14 @@ def details_of(scene: Scene, frames: Frames | None) -> list[str]:
         said.append(
             f"Registration by {REGION} x {REGION} px costs {registration:.2f} dB "
             "at the worst speed, which the level does not count."
+        )
+    is_told = scene.sensor.readout is not None or frames.num_frames == 1
+    if isinstance(frames, FrameSequence) and frames.moves and not is_told:
+        readout, lost = loss_untold(scene, frames)
+        said.append(
+            f"Behind rows that are read one after another within {readout * 1e3:.3g} ms, as a "
+            f"telephone's, a decoder that is not told would lose {lost:.1f} dB (say [sensor] "
+            "readout_ms)."
         )
     return [paragraph(sentence) for sentence in said if sentence]
 

@@ -38,6 +38,7 @@ from mishutter.search.rows import (
     ONE_EXPOSURE,
     OWN_BEST_MOTION,
     SAME_MOTION,
+    SHUTTER,
     SNAPSHOTS,
     STAGE,
     Row,
@@ -87,7 +88,8 @@ class RivalSearch:
         self.start = next(parabolas, steady)
         self.entries = {} if entries is None else entries
         self.burst_progress: Callable[[float], None] = lambda share: None
-        windows = baselines() if every else {OPEN: RectShutter()}
+        is_open = not every or scene.sensor.is_rolling
+        windows = {OPEN: RectShutter()} if is_open else baselines()
         self.windows = {n: window for n, window in windows.items() if n not in self.entries}
         self.open_on_parabola = once(lambda: self.best(self.start, RectShutter()))
 
@@ -181,8 +183,14 @@ def compared_rows(search: RivalSearch, step: Step, begin: Step = lambda name: No
             for row in rows
         }
     order = dict.fromkeys((*search.entries, *taken_names()))
-    names = [name for name in order if name in at_best]
+    names = [name for name in order if name in at_best and _is_alike(at_best[name], scene)]
     return [*(at_best[name] for name in names), *map(judge, on_motion)]
+
+
+def _is_alike(row: Row, scene: Scene) -> bool:
+    """Whether all rows of a picture see the same profile and path, or are restored by their own."""
+    is_simple = SHUTTER not in row.required_hardware and row.motion.is_straight
+    return is_simple or not row.is_of_one_exposure or not scene.sensor.is_rolling
 
 
 def _middle_exposure(scene: Scene) -> Float[np.ndarray, ""]:
@@ -306,10 +314,15 @@ RIVALS = (
         (BEST_TUKEY,),
         ONE_EXPOSURE,
         lambda search: [_row(BEST_TUKEY, search.best(search.start, TukeyShutter(0.5)))],
-        is_asked=lambda search: search.every,
+        is_asked=lambda search: search.every and not search.scene.sensor.is_rolling,
     ),
     Rival(SNAPSHOTS, frozenset({STAGE}), snapshots),
-    Rival((BEST_CODED_STILL, CODED_AT_REST), ONE_EXPOSURE, _coded_stills),
+    Rival(
+        (BEST_CODED_STILL, CODED_AT_REST),
+        ONE_EXPOSURE,
+        _coded_stills,
+        is_asked=lambda search: not search.scene.sensor.is_rolling,
+    ),
     Rival(
         (BEST_STILL_BURST, BEST_MOVING_BURST),
         frozenset({STAGE, FRAMES}),

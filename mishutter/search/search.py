@@ -26,7 +26,7 @@ from mishutter.model.scene import Scene, require_scene
 from mishutter.model.shutters.base import AbstractShutter, check_bounds, is_adjustable
 from mishutter.model.shutters.chips import ChippedShutter
 from mishutter.model.shutters.spline import SplineShutter
-from mishutter.model.shutters.windows import TukeyShutter
+from mishutter.model.shutters.windows import RectShutter, TukeyShutter
 from mishutter.search.objective import AbstractObjective, SearchedObjective, objective_of
 from mishutter.search.planning import design_at
 from mishutter.search.planning import plan as plan_of_scene
@@ -209,6 +209,14 @@ def optimise(
     for part in filter(None, (motion, shutter)):
         require_numbers(part)
     shutter = None if shutter is None else command_of(shutter)
+    if scene.sensor.is_rolling:
+        shutter = RectShutter() if shutter is None else shutter
+        requirement = (
+            "be open, as `RectShutter()`, before rows that are exposed one after another: each "
+            "would see another part of a profile"
+        )
+        is_open = isinstance(shutter, RectShutter)
+        require(is_open, "optimise(shutter=...)", requirement, shutter)
     if num_starts is not None:
         require_positive_int("optimise(num_starts=...)", num_starts)
     require_positive_int("optimise(max_steps=...)", max_steps)

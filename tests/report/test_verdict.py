@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from support.designs import SCENE
+from support.rolling import frames_on_parabolas
 from support.rows import MOVING, ON_FREE_PATH, SHORT, STILL, made_up, sequence, verdict
 
 from mishutter import (
@@ -45,6 +46,7 @@ from mishutter.report.verdict import (
     points_that_leave,
 )
 from mishutter.search.frame_ties import ALTERNATING, FAN, SWEEP
+from mishutter.search.moving_frames import loss_untold
 from mishutter.search.rivals import (
     BEST_CODED_STILL,
     BEST_MOVING_BURST,
@@ -538,7 +540,7 @@ def test_details_say_what_a_real_sensor_takes():
     assert "Registration by 64 x 64 px costs 0.07 dB at the worst speed, which" in said
     little = {"width_loss": 0.049, "registration_loss": 0.049}
     said = " ".join(answer(OF_FRAMES, losses=little).details)
-    assert "sensor" not in said
+    assert "Points that leave" not in said
     assert "Registration" not in said
 
 
@@ -728,3 +730,24 @@ def test_a_device_says_itself_how_late_it_is():
     assert late.lag_words == words
     assert device_notes(late) == [words, "It holds any level over each of 11 slots."]
     assert IdealDevice(levels=5).lag_words == SwitchedDevice().lag_words == ""
+
+
+def test_rows_that_are_read_in_turn_are_said():
+    """The assumption names the readout, and shaped shutters are left out with their reason."""
+    rolling = replace(SCENE, sensor=Sensor(readout=0.0125))
+    said = " ".join(verdict({BEST_SNAPSHOT: 25.0, "a": 25.1}, scene=rolling).verdict.split())
+    assert "rows read within 12.5 ms." in said
+    assert (
+        "One exposure behind a shaped shutter, or on a path that accelerates, is left out" in said
+    )
+    with pytest.raises(ValueError, match=r"optimise\(shutter=...\)` must be open, as `RectShut"):
+        optimise(rolling, shutter=HannShutter())
+
+
+def test_what_a_decoder_loses_that_is_not_told_the_rows():
+    """Parabolas that alternate lose 2 dB at 5 ms, and 4.5 at 10."""
+    scene = Scene(np.linspace(-4500, 4500, 9), photon_rate=1e5, read_noise=8.0)
+    frames = FrameSequence("", tuple(frames_on_parabolas()), 0.0, 0.0, 0.0)
+    assert loss_untold(scene, frames) == pytest.approx((0.01, 4.45), abs=0.1)
+    fast = replace(scene, burst=BurstMode(frames_per_s=200))
+    assert loss_untold(fast, frames) == pytest.approx((0.005, 2.09), abs=0.1)
