@@ -97,9 +97,7 @@ def test_bursts_are_one_camera_by_all_their_frames(opened):
     assert burst.is_same_camera_as(changed(burst, exposures=same))
     assert not burst.is_free
     assert changed(burst, exposures=sequence(FREE, 2)).is_free
-    with pytest.raises(
-        ValueError, match=r"exposures=...\)` must be of one exposure along an axis; got"
-    ):
+    with pytest.raises(ValueError, match=r"must be of one exposure along an axis; got"):
         _ = burst.motion
 
 
