@@ -37,7 +37,6 @@ ALL = (
     "restoration_over_speeds",
     "speed",
     "scenes",
-    "free_motion",
     "tolerances",
     "devices",
     "slots",

@@ -138,7 +138,7 @@ def sweep(
             points.append(done)
             seconds, computed = time.perf_counter() - begin, done - points[0]
             has_rate = computed and seconds > 0
-            update(done, f"{computed / seconds:.0f} points/s" if has_rate else "")
+            update(done, f"{computed / seconds:.2g} points/s" if has_rate else "")
 
         dataset = run(
             scene,

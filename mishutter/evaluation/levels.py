@@ -82,15 +82,31 @@ def exposures_psnr(
             that they need, which are not known inside `jax.jit`.
 
     Raises:
-        ValueError: if there is no exposure, or they are traced by `jax.jit` without `num_panels`,
-            or by JAX for a sensor whose rows are exposed one after another.
+        ValueError: if there is no exposure, they are traced by `jax.jit` without `num_panels`, or
+            by JAX for a sensor whose rows are exposed one after another; or if something passes
+            more than 10 px of the sensor in a panel, while the program runs if numbers are traced.
     """
     require_scene(scene, in_plane=True)
+    return level_of(scene, exposures, "exposures_psnr", lights, grid, num_panels)
+
+
+def level_of(
+    scene: Scene,
+    exposures: Frames | AbstractExposures | Instants,
+    caller: str,
+    lights: Lights | None,
+    grid: Grid,
+    num_panels: int | None,
+) -> Float[Array, ""]:
+    """The level of exposures, of panels that hold their ways."""
     own: Any = exposures.frames if isinstance(exposures, AbstractExposures) else exposures
-    error = sum(
-        share * left(scene, instants, fan_of(scene, instants, grid), grid.num_speeds)
-        for share, instants in rows_of(scene, exposures, "exposures_psnr", lights, num_panels)
-    )
+    error: Any = 0.0
+    for share, instants in rows_of(scene, exposures, caller, lights, num_panels):
+        fan = fan_of(scene, instants, grid)
+        if num_panels is not None:
+            speeds = components_on(scene, fan, grid.num_speeds).speeds
+            instants = instants.held(speeds, f"{caller}(num_panels=...)", num_panels)
+        error += share * left(scene, instants, fan, grid.num_speeds)
     return psnr_of(error, common_dtype(*jax.tree.leaves(own)))
 
 

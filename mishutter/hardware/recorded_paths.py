@@ -177,7 +177,7 @@ def with_recorded_path(
     times, exposures = (np.asarray(x, np.float64) for x in (taken.times, taken.exposures))
     velocities = spline.velocities + pan[:, None]
     frames = PlaneFrames(times, exposures, np.diff(spline.knots), velocities)
-    recorded = replace(design, burst=replace(design.burst, frames=frames))
+    recorded = replace(design, sequence=replace(taken, frames=frames))
     return recorded, spline.difference(taken.lights, planned, pan)
 
 

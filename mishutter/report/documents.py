@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING
 
 from mishutter._core.files import FORMER, ONE_EXPOSURE, RECOMMENDED, strict_json, write_text
 from mishutter.decoding.restoration import RestoredPhotograph
-from mishutter.design.design import AbstractDesign, Design
+from mishutter.design.design import AbstractDesign, Design, PlaneDesign
 from mishutter.model.scene import Scene
 from mishutter.plane.bursts import PlaneBurst
-from mishutter.plane.design import PlaneDesign
 from mishutter.report import plots
 from mishutter.report.comparison import Comparison
 from mishutter.report.measured import MeasuredCamera
@@ -74,7 +73,7 @@ class Report:
             # Searches that end in one place differ by rounding; the first of them is pictured.
             best = [max(coded, key=lambda name: round(coded[name].level, 3))] if coded else []
             order += [*self.names, *best]
-        return {name: rows[name] for name in dict.fromkeys(order)}
+        return {name: rows[name] for name in dict.fromkeys(order) if name in rows}
 
     @property
     def cameras(self) -> dict[str, Row]:

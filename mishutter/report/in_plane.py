@@ -14,6 +14,7 @@ from mishutter.report.verdict import (
     best_of_each_need,
     details_of,
     headline,
+    on_pan_in_plane,
     options_of,
     sentences_of,
 )
@@ -49,10 +50,10 @@ def answer_in_plane(scene: Scene, search: PlaneSearch) -> Comparison:
     others = (burst for burst in search.bursts if burst.num_frames > 1 or burst.moves)
     rows = [snapshot, *(_row(_name(burst), burst) for burst in others)]
     choice = choice_of(best_of_each_need(rows))
-    lines = [headline(choice, snapshot, scene.limits), *sentences_of(scene, rows, choice)]
+    said = sentences_of(scene, rows, choice, (on_pan_in_plane(scene, choice),))
     return Comparison(
         tuple(rows),
-        "\n".join(lines),
+        "\n".join([headline(choice, snapshot, scene.limits), *said]),
         choice.margin_over(snapshot),
         search.ceiling,
         choice=choice,

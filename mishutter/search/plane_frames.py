@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -111,6 +111,16 @@ def best_in_plane(
     return _PlaneSearch.of(scene).found(progress)
 
 
+def stills_on_pan(scene: Scene) -> PlaneBurst:
+    """The best exposures of a camera that turned along with the mean of the things."""
+    speed = float(np.hypot(*require_velocities(scene).centre))
+    room = replace(scene.limits, pans="camera", max_pan=speed, max_top_speed=2 * speed)
+    search = _PlaneSearch.of(replace(scene, limits=room))
+    one = search.stage(1)
+    ends = [one.best(STILLS, count) for count in sorted({1, *search.counts})]
+    return max(search._bursts(one, ends, 0), key=lambda burst: burst.level)
+
+
 class _PlaneSearch(NamedTuple):
     """The part that is the same of all stages and numbers of frames."""
 
@@ -139,15 +149,16 @@ class _PlaneSearch(NamedTuple):
 
     def found(self, progress: Callable[[float], None]) -> PlaneSearch:
         """The best frames of each kind."""
-        one, number = self.stage(1), len(self.counts)
+        one, number, limits = self.stage(1), len(self.counts), self.scene.limits
         still: list[End | None] = []
         along: list[End | None] = []
         for index, count in enumerate(self.counts):
             progress(0.4 * index / number)
             still += [one.best(kind, count) for kind in (STILLS, BRACKETED)]
-            along += [one.best(kind, count) for kind in WAYS]
+            if limits.moves:
+                along += [one.best(kind, count) for kind in WAYS]
         bursts = self._bursts(one, still, 0) + self._bursts(one, along, 1)
-        if self.scene.limits.axes != "one":
+        if limits.moves and limits.axes != "one":
             bursts += self._on_two_axes(one, along, bursts, progress)
         at_rest = self._replace(offset=np.zeros(2)).stage(1)
         snapshot = self._bursts(at_rest, [at_rest.best(STILLS, 1)], 0)[0]

@@ -33,7 +33,7 @@ TABLES = {
 @pytest.fixture
 def found(monkeypatch):
     """The search, in place of one that takes seconds, and the scenes that it was asked for."""
-    burst, scenes = a_plane_design().burst, []
+    burst, scenes = a_plane_design().sequence, []
     at_rest = PlaneFrames(np.zeros(1), np.full(1, 0.003), np.ones(1), np.zeros((2, 2)))
     one = replace(burst, kind="stills", num_axes=0, frames=at_rest, psnr=24.5)
     one = replace(one, use=one.frames.use(Limits(max_half_exposure=0.01)))

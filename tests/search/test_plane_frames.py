@@ -24,7 +24,7 @@ from mishutter.evaluation.sequences import loss_of_width
 from mishutter.plane.bursts import PlaneBurst, frames_of
 from mishutter.plane.frames import PlaneFrames
 from mishutter.report.documents import Report
-from mishutter.report.in_plane import answer_in_plane
+from mishutter.report.in_plane import answer_in_plane, compare_in_plane
 from mishutter.report.plots import plot_design
 from mishutter.search.frame_ties import FREE
 from mishutter.search.plane_frames import PlaneSearch
@@ -278,6 +278,29 @@ def test_one_filter_is_refused_with_its_reason():
     assert "One filter" not in told
 
 
+def test_a_camera_that_nothing_moves_is_told_of_a_pan():
+    """Things that all move one way: the level that it names is that of a camera that turns."""
+    law = EvenVelocities(300.0, mean=(1600.0, -1200.0))
+    limits = Limits(max_stroke=0.0, max_half_exposure=0.01)
+    parts = {"photon_rate": 3e4, "read_noise": 9.0}
+    parts |= {"burst": BurstMode(frames_per_s=90.0, window=0.023, max_frames=2)}
+    said = compare_in_plane(Scene.any_direction(law, limits=limits, **parts))
+    turning = replace(limits, pans="camera")
+    turned = compare_in_plane(Scene.any_direction(law, limits=turning, **parts))
+    assert turned.choice.needs == ("registration", "turning camera")
+    assert turned.options_baseline.level == pytest.approx(said.options_baseline.level, abs=1e-9)
+    more = turned.choice.margin_over(said.choice)
+    text = " ".join(said.text().split())
+    assert "Following at (1,600, -1,200) px/s, by turning the camera, a mirror or a stage" in text
+    assert f"would reach {turned.choice.level:.1f} dB, {more:.1f} dB more" in text
+    assert "Following" not in turned.text()
+    about_rest = EvenVelocities(2100.0, mean=(1600.0, -1200.0))
+    assert (
+        "Following"
+        not in compare_in_plane(Scene.any_direction(about_rest, limits=limits, **parts)).text()
+    )
+
+
 def test_frames_along_one_axis_are_frames_in_the_plane():
     """Each frame of a sequence has its own path, whatever lies between them."""
     frames = frames_of(SEQUENCE.frames, 0.4)
@@ -363,7 +386,7 @@ def test_the_command_answers_and_writes_its_files(tmp_path, capsys):
     assert (tmp_path / "out" / "answer.png").stat().st_size > 10_000
     design = PlaneDesign.load(tmp_path / "out" / "recommended.json")
     (row,) = (each for each in document["rows"] if each["name"] == document["choice"])
-    assert design.burst.kind == row["kind"]
+    assert design.sequence.kind == row["kind"]
     assert f"Next: mishutter export {tmp_path / 'out' / 'recommended.json'} --out" in out
 
 

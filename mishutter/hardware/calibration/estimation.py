@@ -282,7 +282,7 @@ def fit(
     # Normalised speeds from which a fit of an unknown one starts.
     shares = [0.1 * k for k in range(-6, 7)] if is_unknown else [0.0]
     num_rounds = setting.num_first_rounds(shares) + 2
-    wait = "compiling (first run only), or pictures are fitted, which takes a while"
+    wait = "compiling, or pictures are fitted, which takes a while"
     with counts(progress, "fitting", num_rounds, wait) as counter:
         best = setting.likeliest_start(shares, counter.next)
         counter.next("the likeliest camera")
