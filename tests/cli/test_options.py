@@ -289,6 +289,8 @@ OPTIONS = {
         Option(["--white", "4095"], MEASURE, _named("white"), 4095.0),
         Option(["--pixel-pitch-um", "3.5"], MEASURE, _named("pixel_pitch"), pytest.approx(3.5e-6)),
         Option(["--px-per-mm", "7"], MEASURE, _named("px_per_mm"), 7.0),
+        Option(["--readout-ms", "12"], MEASURE, _named("readout"), pytest.approx(0.012)),
+        Option(["--rows-read", "up"], MEASURE, _named("rows_read"), "up"),
     ],
     "fit": [
         Option(
