@@ -36,7 +36,6 @@ ALL = (
     "restoration_over_speeds",
     "speed",
     "scenes",
-    "free_motion",
     "tolerances",
     "devices",
     "slots",

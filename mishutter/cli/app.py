@@ -61,7 +61,6 @@ from mishutter.cli.options import (
     CoefficientsOption,
     EveryPhotographOption,
     FreeOption,
-    FreePathsOption,
     JsonOption,
     JudgeOption,
     LossOption,
@@ -170,7 +169,6 @@ def optimise(
     json: JsonOption = False,
     loss: LossOption = None,
     free: FreeOption = None,
-    free_paths: FreePathsOption = False,
     num_coefficients: CoefficientsOption = 24,
     num_starts: Annotated[
         int | None,
@@ -204,7 +202,6 @@ def optimise(
         beside = {
             "--loss": loss,
             "--free": free,
-            "--free-paths": free_paths,
             "--every-photograph": every_photograph,
             "--pictures": pictures,
             "--decoder": decoder,
@@ -241,7 +238,6 @@ def optimise(
             design.motion,
             entries,
             chosen,
-            free_paths=free_paths,
             every=verbose or json,
             judge=judge,
         )
@@ -277,7 +273,6 @@ def compare(
     out: OutOption = None,
     json: JsonOption = False,
     loss: LossOption = None,
-    free_paths: FreePathsOption = False,
     noise_seeds: SeedsOption = 1,
     every_photograph: EveryPhotographOption = False,
     pictures: PicturesOption = None,
@@ -319,7 +314,6 @@ def compare(
             motion,
             entries,
             loss_of(loss, scene),
-            free_paths=free_paths,
             every=verbose or json or not entries,
             judge=judge,
         )
@@ -347,7 +341,6 @@ def _compared(
     entries: "Mapping[str, AbstractShutter | Design]",
     loss: "AbstractLoss",
     *,
-    free_paths: bool,
     every: bool,
     judge: "tuple[AbstractDecoder | None, list[Picture]]",
 ) -> "Report":
@@ -360,7 +353,6 @@ def _compared(
         motion,
         entries,
         loss=loss,
-        free_paths=free_paths,
         every=every,
         decoder=decoder,
         pictures=pictures,

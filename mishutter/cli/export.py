@@ -173,6 +173,11 @@ def _deliver(
         sys.stdout.write(drive_bytes(table, form.value).decode())
         return
     if isinstance(table, FrameTable):
+        if table.lead:
+            note(
+                "a trigger begins the exposure of the row that is read first: the middle one comes "
+                f"{table.lead * 1e3:.4g} ms later, and the last {table.lead * 2e3:.4g} ms"
+            )
         step = table.step
         touching = sum(after - before < step for (_, before), (after, _) in pairwise(table.lights))
         if touching:

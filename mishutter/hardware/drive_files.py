@@ -114,6 +114,17 @@ STEPS = 256
 """Steps of an exposure in a table whose number of them nobody says."""
 
 
+def first_lights(design: AbstractDesign) -> Lights:
+    """First and last light of each exposure in the row that is read first, as triggers begin it."""
+    lead = _lead(design)
+    return [(begin - lead, end - lead) for begin, end in design.exposures.lights]
+
+
+def _lead(design: AbstractDesign) -> float:
+    """Time from the first row to the middle one of frames, which triggers begin; s."""
+    return 0.0 if design.sequence is None else design.scene.sensor.readout_time / 2
+
+
 class AbstractTable(ABC):
     """Equal steps of time from the first light of a design's exposures to the last."""
 
@@ -140,8 +151,13 @@ class AbstractTable(ABC):
 
     @property
     def lights(self) -> Lights:
-        """First and last light of each exposure, exactly; s."""
-        return self.exposures.lights
+        """First and last light of each exposure, exactly, in the row that is read first; s."""
+        return first_lights(self.design)
+
+    @property
+    def lead(self) -> float:
+        """Time from the first row's light to that of the middle one; s."""
+        return _lead(self.design)
 
     @property
     def exposure(self) -> float:

@@ -10,7 +10,7 @@ from mishutter._core.checks import require, require_positive_int
 from mishutter._core.columns import table_text
 from mishutter.design.design import AbstractDesign
 from mishutter.evaluation.levels import exposures_psnr
-from mishutter.hardware.drive_files import STEPS, AbstractTable
+from mishutter.hardware.drive_files import STEPS, AbstractTable, first_lights
 from mishutter.hardware.stage_files import MAX_STEPS
 from mishutter.model.exposures import Lights
 from mishutter.model.sequences import FrameSequence
@@ -21,6 +21,8 @@ from mishutter.plane.bursts import PlaneBurst
 @dataclass(frozen=True, eq=False, repr=False)
 class FrameTable(AbstractTable):
     """A burst in equal steps from its first light to its last, on the clock of its middle.
+
+    Of rows that are exposed one after another it is the light of the first, which a trigger begins.
 
     Attributes:
         design: The design, which has a `sequence`, or one of frames in the plane.
@@ -52,8 +54,9 @@ class FrameTable(AbstractTable):
     @property
     def gated_psnr(self) -> float:
         """PSNR of the frames by the gate, whose closed steps are dead time; dB."""
-        scene = self.design.scene
-        return float(exposures_psnr(scene, self.exposures, lights=self.gated_lights))
+        scene, lead = self.design.scene, self.lead
+        lights = [(begin + lead, end + lead) for begin, end in self.gated_lights]
+        return float(exposures_psnr(scene, self.exposures, lights=lights))
 
     @property
     def gate(self) -> Bool[np.ndarray, "n"]:
@@ -132,7 +135,7 @@ def frame_table(design: AbstractDesign, *, num_steps: int | None = None) -> Fram
     is_design = isinstance(design, AbstractDesign)
     require(is_design, subject, "be a `Design`, or a `PlaneDesign`", design)
     require(design.sequence is not None, subject, "hold the frames of a burst", design.sequence)
-    lights = design.exposures.lights
+    lights = first_lights(design)
     count = STEPS * len(lights) if num_steps is None else num_steps
     require_positive_int("frame_table(num_steps=...)", count)
     require(count <= MAX_STEPS, "frame_table(num_steps=...)", f"be at most {MAX_STEPS}", count)

@@ -270,6 +270,10 @@ def _sensor(found: "Measurement") -> list[str]:
         lines.append(f"pixel_pitch_um = {found.pixel_pitch * 1e6:.6g}  # as given")
     else:
         lines.append("# pixel_pitch_um = 3.45  # not told (--pixel-pitch-um)")
+    if found.sensor is not None:
+        lines.append(f"readout_ms = {found.sensor.readout_time * 1e3:.6g}  # as given")
+        if found.sensor.is_rolling:
+            lines.append(f'rows_read = "{found.sensor.rows_read}"')
     lines.append("# full_well_e = 10000  # of the data sheet")
     return lines
 

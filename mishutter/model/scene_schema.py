@@ -254,7 +254,6 @@ class LimitsSection(Section):
     max_jerk_g_per_s: Annotated[float, Field(gt=0, le=1e9)] | None = None
     pans: Literal["stage", "camera"] = "stage"
     axes: Literal["one", "each", "disc"] = "each"
-    free_paths: bool = False
 
 
 @final

@@ -285,7 +285,6 @@ def compare(
     shutters: Mapping[str, object] | Sequence[object] | Entry | None = None,
     *,
     loss: AbstractLoss | Callable[..., object] | None = None,
-    free_paths: bool = False,
     every: bool = True,
     decoder: AbstractDecoder | None = None,
     pictures: Iterable[Picture | ArrayLike] = (),
@@ -306,10 +305,7 @@ def compare(
     too; the best snapshot, which is an open shutter at rest, and where the sensor may pan the best
     panned snapshot; the best coded still, which is a free profile without acceleration, and where
     that pans the best one at rest; the best still burst of a scene that has a `BurstMode`, and the
-    best moving one where there is no background; and without either stills at 30 frames/s. An open
-    shutter and a free profile on the best free path, which take more than half of the time and a
-    stage that follows any path, are searched for where they are asked for, unless the scene has
-    tolerances or limits the jerk of its stage; the ceiling holds for them too.
+    best moving one where there is no background; and without either stills at 30 frames/s.
 
     A `decoder` and `pictures` add a column, a line of the verdict and a `judgement`: each camera of
     one exposure captures the photographs at every speed of the scene, with an exposure that is
@@ -326,7 +322,6 @@ def compare(
         loss: The loss that tunes the motions, or a function of scene, motion and shutter. The loss
             of the scene's decoder is the default, and replaces a loss that ignores the number of
             photons.
-        free_paths: Whether free paths are compared too, also where the scene does not ask for them.
         every: Whether every row is computed, or only those of the answer: your own, an open
             shutter, snapshots, coded stills and bursts at their own best motions.
         decoder: Your own decoder, or one of the package's.
@@ -359,7 +354,7 @@ def compare(
         for name, entry in entries.items():
             must = f"call no other shutter one of {', '.join(taken_names())}"
             require(may_be_named(entry, name), subject, must, name)
-    search = RivalSearch(scene, loss, motion, entries, free_paths=free_paths, every=every)
+    search = RivalSearch(scene, loss, motion, entries, every=every)
     why_no_step = "compiling, or a long search"
     with counts(progress is True, "comparing", len(searches(search)), why_no_step) as counter:
         # Of frames the moving ones take the time.
@@ -376,7 +371,7 @@ def compare(
         frames = labels.get(BEST_STILL_BURST, BEST_STILL_BURST)
         search.burst_progress = lambda share: counter.within(frames, share)
         rows = compared_rows(search, ended, began)
-    table = with_verdict(rows, entries, scene, loss, free_paths=search.free_paths, details=every)
+    table = with_verdict(rows, entries, scene, loss, details=every)
     if decoder is None:
         return table
     at_best = [row for row in rows if row.reading == OWN_BEST_MOTION and row.is_of_one_exposure]
@@ -395,19 +390,18 @@ def with_verdict(
     scene: Scene,
     loss: AbstractLoss | None = None,
     *,
-    free_paths: bool = False,
     details: bool = True,
 ) -> Comparison:
     """Adds the answer, the gain and the ceiling to the rows of a scene."""
     loss = loss_of_decoder(scene) if loss is None else loss
     at_best = [row for row in rows if row.reading == OWN_BEST_MOTION]
     single = [row for row in at_best if row.is_of_one_exposure]
-    notes = comparison_notes(scene, entries, single, free_paths=free_paths)
+    notes = comparison_notes(scene, entries, single)
     snapshot = best_row(row for row in single if row.name in SNAPSHOTS)
     if np.isposinf(snapshot.level):
         said = "This scene's picture holds no detail: there is nothing to restore or to gain."
         return Comparison(tuple(rows), said, 0.0, np.inf, notes)
-    coded = [row for row in single if row.name not in SNAPSHOTS]
+    coded = [row for row in single if row.name not in SNAPSHOTS] or single
     best = best_row([row for row in coded if row.name in entries] or coded)
     most = float(ceiling(scene))
     if most < max(row.level for row in coded):  # a design that dwells at the listed speeds

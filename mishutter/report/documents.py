@@ -73,7 +73,7 @@ class Report:
             # Searches that end in one place differ by rounding; the first of them is pictured.
             best = [max(coded, key=lambda name: round(coded[name].level, 3))] if coded else []
             order += [*self.names, *best]
-        return {name: rows[name] for name in dict.fromkeys(order)}
+        return {name: rows[name] for name in dict.fromkeys(order) if name in rows}
 
     @property
     def cameras(self) -> dict[str, Row]:

@@ -21,7 +21,7 @@ from mishutter.model.motion import LinearMotion
 from mishutter.model.scene import Scene, in_sensor_frame
 from mishutter.model.scene_units import GRAVITY
 from mishutter.model.sensor import BurstMode
-from mishutter.model.sequences import SINE
+from mishutter.model.sequences import SINE, FrameSequence
 from mishutter.model.texture import EXAMPLE_PICTURE
 from mishutter.plane.bursts import PlaneBurst
 from mishutter.search.frame_ties import (
@@ -36,6 +36,7 @@ from mishutter.search.frame_ties import (
     SWEEP,
     TWO_SINES,
 )
+from mishutter.search.moving_frames import loss_untold
 from mishutter.search.plane_frames import stills_on_pan
 from mishutter.search.rivals import (
     PLAIN_RATE,
@@ -46,7 +47,7 @@ from mishutter.search.rivals import (
     taken_names,
 )
 from mishutter.search.rows import BEST_SNAPSHOT, SHUTTER, STAGE, Frames, Row, best_row
-from mishutter.search.space import beyond_limits, forbids_free_path
+from mishutter.search.space import beyond_limits
 
 _OPTIMISED = "optimised"
 """Name of the design of a search, which an answer calls by what it is."""
@@ -166,8 +167,13 @@ def _way_of_frames(frames: Frames, *, short: bool = False) -> str:
         which = "second" if frames.num_frames == 2 else "last" if moving == 1 else f"last {moving}"
         return f", the {which} moving" if short else f", the stage moving during the {which}"
     travel = _at_most(frames.travel) if isinstance(frames, PlaneBurst) else frames.travel
-    way = _VERBS.get(frames.kind, "swings {way}").format(way=f"{travel:.3g} px")
+    way = _VERBS.get(frames.kind, "swings {way}").format(way=f"{_three_digits(travel)} px")
     return f" while the stage {way}"
+
+
+def _three_digits(value: float) -> str:
+    """A number in words, without an exponent: 1,330."""
+    return f"{float(f'{value:.3g}'):,g}"
 
 
 def _at_most(value: float) -> float:
@@ -218,7 +224,7 @@ def _order(row: Row, limits: Limits) -> str:
         return f"{_counted(frames)}{way}"
     if _is_snapshot(row):
         return f"{name}a {_what(row)}"
-    size = "" if row.motion.is_straight else f" of {row.stroke:.3g} px"
+    size = "" if row.motion.is_straight else f" of {_three_digits(row.stroke)} px"
     if SHUTTER not in row.required_hardware:
         path = f" while the stage follows {_path(row)[3:]}" if size else f" {_path(row)}"
         return f"{name}one exposure{path}{size}"
@@ -232,6 +238,11 @@ def sentences_of(
     """The lines below the table of options: the shutter, notes, and what is assumed."""
     rows = list(rows)
     said = [_on_shaped_shutters([row for row in rows if row.is_of_one_exposure], choice)]
+    if scene.sensor.is_rolling:
+        said = [
+            "One exposure behind a shaped shutter, or on a path that accelerates, is left out: "
+            "rows that are exposed one after another would each see another part of it."
+        ]
     if scene.burst is not None and scene.occlusion is not None:
         said.append(
             "Levels of frames assume known speeds and outlines of the objects, which `restore` "
@@ -370,12 +381,15 @@ def _stage_numbers(
     travel: float, top_speed: float, acceleration: float, pitch: Array | None
 ) -> str:
     """The demands of a path on a stage, in um, mm/s and g too where the pixel pitch is known."""
-    words = f"{travel:.3g} px at up to {float(f'{top_speed:.3g}'):,g} px/s"
+    words = f"{_three_digits(travel)} px at up to {_three_digits(top_speed)} px/s"
     if pitch is None:
         rate = f"{float(f'{acceleration:.2g}'):,g} px/s^2"
         return f"{words} and {rate}" if acceleration else words
     p = float(pitch)  # m
-    physical = [f"{travel * p * 1e6:.3g} um", f"{top_speed * p * 1e3:.3g} mm/s"]
+    physical = [
+        f"{_three_digits(travel * p * 1e6)} um",
+        f"{_three_digits(top_speed * p * 1e3)} mm/s",
+    ]
     # A velocity that is reached at once has no acceleration.
     physical += [f"{acceleration * p / GRAVITY:.2g} g"] if acceleration else []
     return f"{words} ({', '.join(physical)})"
@@ -460,7 +474,8 @@ def _camera_words(scene: Scene, choice: Row) -> list[str]:
         stroke, speed = float(limits.max_stroke), float(limits.max_top_speed)
         said.append(f"a stage with a stroke of {stroke:,.4g} px and {speed:,g} px/s")
     said += [] if width is None else [f"a sensor of {float(width):,.6g} px"]
-    return [*said, "global shutter"]
+    readout = scene.sensor.readout_time
+    return [*said, f"rows read within {readout * 1e3:,.4g} ms" if readout else "global shutter"]
 
 
 def details_of(scene: Scene, frames: Frames | None) -> list[str]:
@@ -473,6 +488,14 @@ def details_of(scene: Scene, frames: Frames | None) -> list[str]:
         said.append(
             f"Registration by {REGION} x {REGION} px costs {registration:.2f} dB "
             "at the worst speed, which the level does not count."
+        )
+    is_told = scene.sensor.readout is not None or frames.num_frames == 1
+    if isinstance(frames, FrameSequence) and frames.moves and not is_told:
+        readout, lost = loss_untold(scene, frames)
+        said.append(
+            f"Behind rows that are read one after another within {readout * 1e3:.3g} ms, as a "
+            f"telephone's, a decoder that is not told would lose {lost:.1f} dB (say [sensor] "
+            "readout_ms)."
         )
     return [paragraph(sentence) for sentence in said if sentence]
 
@@ -518,8 +541,6 @@ def comparison_notes(
     scene: Scene,
     entries: Mapping[str, Entry],
     rows: Sequence[Row],
-    *,
-    free_paths: bool = False,
 ) -> tuple[str, ...]:
     """Sentences for the foot of the tables."""
     notes = device_notes(scene.device)
@@ -539,9 +560,6 @@ def comparison_notes(
         notes.append(
             "Levels ignore the tolerances: those apply to one filter and the mean over speeds."
         )
-    reason = forbids_free_path(scene)
-    if free_paths and reason:
-        notes.append(f"No free path is compared: {reason}.")
     times = None if scene.burst is None else FrameTimes.of(scene, scene.burst)
     if scene.burst is not None and times is not None and not times.holds_several:
         rate, window = float(scene.burst.frames_per_s), 1e3 * times.window

@@ -43,6 +43,8 @@ from mishutter.search.frame_ties import (
 
 ONE_PARABOLA = "one parabola"
 _SIMPLEST_FIRST = (STILLS, BRACKETED, PAN, SWEEP, SINE, ALTERNATING, FAN, FOLLOW, FREE)
+_OF_TELEPHONES = 0.01
+"""Time within which a telephone reads its rows; s."""
 _AS_GOOD = 0.05
 """Decibels below the best at which a simpler way is preferred."""
 _MOST = 64
@@ -195,6 +197,21 @@ def _loss(scene: Scene, sequence: FrameSequence) -> float:
         together = float(np.sum(levels.errors_at(Instants.of(path, scene.max_speed))))
         lost += decibels_over(float(np.sum(_errors_by_rows(scene, sequence, levels))), together)
     return lost
+
+
+def loss_untold(scene: Scene, sequence: FrameSequence) -> tuple[float, float]:
+    """A telephone's readout, s, and decibels that a decoder would lose which is not told it.
+
+    It knows the speed, and takes all rows for exposed at once.
+    """
+    levels, readout = Levels.on_axis(scene), _OF_TELEPHONES
+    if scene.burst is not None:
+        readout = min(readout, 1 / float(scene.burst.frames_per_s))
+    sensor = replace(scene.sensor, readout=readout)
+    rows = rows_of(replace(scene, sensor=sensor), sequence, "loss_untold")
+    middle = rows[len(rows) // 2][1]
+    lost = sum(share * 10 ** (levels.lost_untold(middle, seen) / 10) for share, seen in rows)
+    return readout, 10 * float(np.log10(lost))
 
 
 def _errors_by_rows(

@@ -477,7 +477,6 @@ def test_a_scene_written_is_the_scene_read(slug, tmp_path):
             max_pan=250.0,
             max_travel=120.0,
             max_jerk=2e10,
-            free_paths=True,
             stage=SecondOrderStage(bandwidth=43.0, damping=0.35),
         ),
         device=DEVICES[slug],
@@ -554,15 +553,6 @@ def test_a_stroke_of_zero_is_a_camera_without_a_stage(unit, tmp_path):
             assert float(Scene.load(path).limits.max_stroke) == LEAST_STROKE
 
 
-def test_free_paths_are_a_word_on_the_stage(tmp_path):
-    """A file that says that the stage follows any path asks for rivals that do."""
-    path = tmp_path / "scene.toml"
-    text = example_scene_text()
-    for said in (False, True):
-        path.write_text(text.replace("# free_paths = true", "free_paths = true") if said else text)
-        assert Scene.load(path).limits.free_paths == said
-
-
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
@@ -573,8 +563,8 @@ def test_free_paths_are_a_word_on_the_stage(tmp_path):
             r"`\[burst\] dead_time_ms` must be shorter than the 8 ms from frame to frame; got 8",
         ),
         (
-            "[burst]\nframes_per_s = 130\nmax_frames = 3\nfree_paths = true",
-            r"perhaps `\[limits\] free_paths`",
+            "[burst]\nframes_per_s = 130\nmax_frames = 3\nmax_pan_px_per_s = 9",
+            r"perhaps `\[limits\] max_pan_px_per_s`",
         ),
     ],
 )
