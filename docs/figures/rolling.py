@@ -67,7 +67,7 @@ def main():
     light = np.tile((data.coffee()[:, :400].mean(axis=-1) / 255) ** 2.2, (1, 2))
     still = [TimedFrame(StillCamera(half_exposure=5e-4), 0.0)]
     for panel, readout, name in zip(
-        right, (0.0, READOUT), ("all rows at once", "15 ms"), strict=True
+        right, (0.0, READOUT), ("all rows at once", "rows within 15 ms"), strict=True
     ):
         scene = Scene([4500.0], **LIGHT, sensor=Sensor(readout=readout))
         taken = simulate_frames(light, scene, still, speed=4500.0, num_columns=400)
