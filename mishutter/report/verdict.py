@@ -167,8 +167,13 @@ def _way_of_frames(frames: Frames, *, short: bool = False) -> str:
         which = "second" if frames.num_frames == 2 else "last" if moving == 1 else f"last {moving}"
         return f", the {which} moving" if short else f", the stage moving during the {which}"
     travel = _at_most(frames.travel) if isinstance(frames, PlaneBurst) else frames.travel
-    way = _VERBS.get(frames.kind, "swings {way}").format(way=f"{travel:.3g} px")
+    way = _VERBS.get(frames.kind, "swings {way}").format(way=f"{_three_digits(travel)} px")
     return f" while the stage {way}"
+
+
+def _three_digits(value: float) -> str:
+    """A number in words, without an exponent: 1,330."""
+    return f"{float(f'{value:.3g}'):,g}"
 
 
 def _at_most(value: float) -> float:
@@ -219,7 +224,7 @@ def _order(row: Row, limits: Limits) -> str:
         return f"{_counted(frames)}{way}"
     if _is_snapshot(row):
         return f"{name}a {_what(row)}"
-    size = "" if row.motion.is_straight else f" of {row.stroke:.3g} px"
+    size = "" if row.motion.is_straight else f" of {_three_digits(row.stroke)} px"
     if SHUTTER not in row.required_hardware:
         path = f" while the stage follows {_path(row)[3:]}" if size else f" {_path(row)}"
         return f"{name}one exposure{path}{size}"
@@ -376,12 +381,15 @@ def _stage_numbers(
     travel: float, top_speed: float, acceleration: float, pitch: Array | None
 ) -> str:
     """The demands of a path on a stage, in um, mm/s and g too where the pixel pitch is known."""
-    words = f"{travel:.3g} px at up to {float(f'{top_speed:.3g}'):,g} px/s"
+    words = f"{_three_digits(travel)} px at up to {_three_digits(top_speed)} px/s"
     if pitch is None:
         rate = f"{float(f'{acceleration:.2g}'):,g} px/s^2"
         return f"{words} and {rate}" if acceleration else words
     p = float(pitch)  # m
-    physical = [f"{travel * p * 1e6:.3g} um", f"{top_speed * p * 1e3:.3g} mm/s"]
+    physical = [
+        f"{_three_digits(travel * p * 1e6)} um",
+        f"{_three_digits(top_speed * p * 1e3)} mm/s",
+    ]
     # A velocity that is reached at once has no acceleration.
     physical += [f"{acceleration * p / GRAVITY:.2g} g"] if acceleration else []
     return f"{words} ({', '.join(physical)})"
