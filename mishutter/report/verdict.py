@@ -454,7 +454,8 @@ def _objects_words(scene: Scene, exposures: AbstractExposures) -> str:
         )
         return (
             f"objects over {float(layers.front_share):.0%} of the picture{width} before a "
-            f"{'background at rest' if layers.background == 'still' else 'moving background'}"
+            f"{'background at rest' if layers.background == 'still' else 'moving background'} with "
+            "detail like theirs (before one that is dark and empty say [objects])"
         )
     if scene.objects is not None:
         return f"objects at least {float(scene.objects.width):,.4g} px wide, each registered"

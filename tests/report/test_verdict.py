@@ -527,7 +527,8 @@ def test_before_a_background_an_answer_says_why_frames_are_at_rest(background, w
     levels = {BEST_SNAPSHOT: 22.0, BEST_STILL_BURST: 24.0}
     said = answer(levels, scene=BURST.with_occlusion(layers)).verdict.replace("\n", " ")
     assert "Moving frames are left out: edges cost them half as much again" in said
-    assert f"objects over 37% of the picture, 83 px wide, before a {words};" in said
+    assert f"objects over 37% of the picture, 83 px wide, before a {words} with detail" in said
+    assert "(before one that is dark and empty say [objects]);" in said
     alone = SCENE.with_occlusion(layers)
     assert "left out" not in answer({BEST_SNAPSHOT: 22.0, "rect": 23.0}, scene=alone).verdict
 
