@@ -32,6 +32,7 @@ ALL = (
     "layered_loss",
     "layered_photographs",
     "layered_bursts",
+    "objects",
     "restoration",
     "restoration_over_speeds",
     "speed",

@@ -82,6 +82,30 @@ class Motion:
     words: tuple[str, ...] = ()  # Sentences on objects that do not move evenly
 
 
+def read_in_turn(motion: Motion, row: float) -> Motion:
+    r"""The motion of a clip whose rows are exposed one after another, as all at once would show it.
+
+    What goes down by $v$ while rows are read downwards, each $\tau$ later, is met $1/(1 - v\tau)$
+    times as late: velocities and heights that are seen are as much larger.
+
+    Args:
+        motion: The motion that the clip shows.
+        row: Time from one row to the next below it, below 0 where rows are read upwards; s.
+    """
+    objects = []
+    for each in motion.objects:
+        share = 1 / (1 + each.velocity[0] * row)
+        down, right = (share * x for x in each.velocity)
+        # An error downwards changes the share too.
+        error = share**2 * each.error[0], share * each.error[1] + abs(right * row) * each.error[0]
+        objects.append(replace(each, velocity=(down, right), error=error))
+    area = [float(each.area) for each in motion.objects]
+    shares = [1 - each.velocity[0] * row for each in objects]
+    along, height = motion.width
+    width = along, height * float(np.average(shares, weights=area)) if objects else height
+    return replace(motion, objects=tuple(objects), width=width)
+
+
 class _View(NamedTuple):
     """A reference frame with its labels and objects."""
 

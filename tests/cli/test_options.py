@@ -166,6 +166,12 @@ OPTIONS = {
     "sweep": [
         Option(["--acceleration", "1e4:4e4:3"], SWEEP, _row("accelerations"), [1e4, 2.5e4, 4e4]),
         Option(
+            ["--stage-acceleration", "2e4:8e4:3"],
+            SWEEP,
+            _row("accelerations"),
+            [1e4, 2.5e4, 4e4],
+        ),
+        Option(
             ["--exposure", "4.4:5.2:3"],
             SWEEP,
             _row("half_exposures"),
@@ -289,6 +295,8 @@ OPTIONS = {
         Option(["--white", "4095"], MEASURE, _named("white"), 4095.0),
         Option(["--pixel-pitch-um", "3.5"], MEASURE, _named("pixel_pitch"), pytest.approx(3.5e-6)),
         Option(["--px-per-mm", "7"], MEASURE, _named("px_per_mm"), 7.0),
+        Option(["--readout-ms", "12"], MEASURE, _named("readout"), pytest.approx(0.012)),
+        Option(["--rows-read", "up"], MEASURE, _named("rows_read"), "up"),
     ],
     "fit": [
         Option(

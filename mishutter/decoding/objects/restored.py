@@ -128,7 +128,7 @@ def restored_objects(
     require(is_known, "restore_frames(decoder=...)", words, type(decoder).__name__)
     report = (lambda text, share: None) if progress is None else progress
     axis: Axis = "rows" if in_plane else axis
-    grey, alone = _stills(planes, scene, frames)
+    grey, alone = stills_of(planes, scene, frames)
     told = _told(known, axis, in_plane=in_plane, shape=grey.shape)
     few = grey.only(grey.alike)
     sought = found_in(few, told, lambda text, share: report(text, 0.6 * share))
@@ -136,7 +136,7 @@ def restored_objects(
     light, composites = [], []
     for number, stills in enumerate(alone):
         report("light of the layers", 0.6 + 0.4 * number / len(alone))
-        known_of = _knowledge(scene, stills, in_plane=in_plane)
+        known_of = knowledge_of(scene, stills, in_plane=in_plane)
         misfit = Misfit.of(Sight.of(stills, found, known_of))
         layers = light_of(misfit, decoder)
         alone_of = Alone.of(stills, known_of, decoder)
@@ -151,7 +151,7 @@ def restored_objects(
     return _result(found, light, (composites, whole), axis, in_plane=in_plane)
 
 
-def _stills(
+def stills_of(
     planes: np.ndarray, scene: Scene, frames: Sequence[TimedFrame] | PlaneFrames
 ) -> tuple[Stills, list[Stills]]:
     """The luminance of frames, and their colours."""
@@ -182,7 +182,7 @@ def _stills(
     return grey, alone
 
 
-def _knowledge(scene: Scene, stills: Stills, *, in_plane: bool) -> Knowledge:
+def knowledge_of(scene: Scene, stills: Stills, *, in_plane: bool) -> Knowledge:
     """The power of pictures, of as much contrast as the frames have, and the pixel's response."""
     frame = stills.light[stills.middle]
     noise = float(stills.noise(np.float32(frame.mean()), stills.middle))
