@@ -46,7 +46,7 @@ TILES = 8
 
 
 class AbstractRolledFrame(ABC):
-    """What a picture leaves in a frame whose rows have responses of their own."""
+    """The way from a picture to a frame whose rows have responses of their own."""
 
     @abstractmethod
     def seen(self, spectrum: Complex[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
@@ -63,7 +63,7 @@ class AbstractRolledFrame(ABC):
 
 
 Responses = Complex[np.ndarray, "frames ..."] | Sequence[AbstractRolledFrame]
-"""What a picture leaves in each frame: a response on the canvas, or one for each row."""
+"""The way from a picture to each frame: a response on the canvas, or one for each row."""
 
 
 class Canvas(NamedTuple):

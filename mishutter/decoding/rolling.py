@@ -170,7 +170,7 @@ class RowsInPlane(NamedTuple):
         *,
         by_time: bool = False,
     ) -> "list[FrameInPlane]":
-        r"""What a picture leaves in each, to a share of the noise; or its derivative.
+        r"""The way from a picture to each, to a share of the noise; or its derivative.
 
         The derivative is that by the velocity, but for the factor $2\pi i\,\mathbf f$.
         """
