@@ -31,6 +31,7 @@ from mishutter.search.frame_ties import (
     FAN,
     FOLLOW,
     FREE,
+    MOST_FREE,
     PAN,
     RING,
     SWEEP,
@@ -359,7 +360,14 @@ def _on_stage(scene: Scene, rows: Sequence[Row], choice: Row) -> str:
     run_up = "run-up from rest included"
     if scene.limits.max_acceleration is None:
         run_up = "reached at once, as [limits] max_acceleration_g or _px_per_s2 says no limit"
-    return f"{added} It {way}: {numbers}{axes}, {run_up}."
+    said = f"{added} It {way}: {numbers}{axes}, {run_up}."
+    slowest, fastest = (0.0, 0.0) if choice.is_in_plane else map(float, scene.speed_range)
+    if frames.num_frames > MOST_FREE and slowest * fastest > 0:
+        said += (
+            f" More than {MOST_FREE} frames are searched on ways of few numbers alone, which may "
+            "lose 1 dB where everything moves one way."
+        )
+    return said
 
 
 def _speeds(frames: AbstractExposures) -> str:

@@ -558,6 +558,16 @@ def test_points_leave_what_has_a_width():
     assert points_that_leave(Scene([900.0], **light, sensor=Sensor(width=90.0)), 0.049) == ""
 
 
+@pytest.mark.parametrize(("number", "slowest"), [(25, 500.0), (24, 500.0), (25, -500.0)])
+def test_an_answer_says_where_its_frames_were_searched_on_simple_ways(number, slowest):
+    """More than 24 frames of things that move one way."""
+    light = {"photon_rate": 1e5, "read_noise": 10.0, "limits": SCENE.limits}
+    rows = of_bursts(OF_FRAMES, moving=number)
+    said = with_verdict(rows, {}, Scene([slowest, 3000.0], **light)).verdict
+    is_said = "More than 24 frames are searched" in said.replace("\n", " ")
+    assert is_said == (number > 24 and slowest > 0)
+
+
 def test_losses_of_a_burst_stand_in_the_tables_and_in_the_file():
     """Whether they matter or not."""
     taken = answer(OF_FRAMES, losses={"width_loss": 0.0413, "registration_loss": 0.00031})
