@@ -239,7 +239,8 @@ class Design(AbstractDesign):
         is_design = isinstance(data, dict) and "format" in data
         require(is_design, name, "be a design saved by mishutter", type(data).__name__)
         is_of_one_axis = "plane" not in data
-        requirement = "be a design along one axis; `PlaneDesign.load` reads those in the plane"
+        serve = "`optimise`, `export`, `simulate` and `restore` serve others"
+        requirement = f"be a design along one axis here; {serve}"
         require(is_of_one_axis, name, requirement, Unquoted("frames in the plane"))
         is_current = data["format"] == FORMAT
         require(is_current, name, f"be of design format {FORMAT}", data["format"])

@@ -95,7 +95,7 @@ def test_each_kind_of_design_refuses_the_file_of_the_other(tmp_path):
     plane, axis = tmp_path / "plane.json", tmp_path / "axis.json"
     a_plane_design().save(plane)
     a_burst_design().save(axis)
-    with pytest.raises(ValueError, match=r"`PlaneDesign.load` reads those in the plane; got"):
+    with pytest.raises(ValueError, match=r"`simulate` and `restore` serve others; got"):
         Design.load(plane)
     with pytest.raises(ValueError, match=r"`Design.load` reads this one; got a design along one"):
         PlaneDesign.load(axis)
