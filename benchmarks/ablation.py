@@ -2,7 +2,7 @@
 
 Searches of every kind are done once with the whole search and once without each of its parts: the
 six scenes of the pages, bright and dim light, random speeds, short strokes, the design loss,
-devices that lag or have levels, tolerances, stages and free paths. The first of a search compiles;
+devices that lag or have levels, tolerances and stages. The first of a search compiles;
 the others of it share its programs. Run `python -m benchmarks.ablation`: 15 minutes of one core.
 """
 
@@ -27,7 +27,6 @@ from mishutter import (
     Limits,
     LinearMotion,
     ParabolicMotion,
-    RectShutter,
     Scene,
     SplineShutter,
     StillCamera,
@@ -180,22 +179,6 @@ def _of_stages() -> dict[str, Search]:
     }
 
 
-def _of_paths() -> dict[str, Search]:
-    free = {"path", "acceleration", "half_exposure"}
-    both_ways, one_way = (
-        _small(),
-        Scene(np.linspace(100, 1800, 5), photon_rate=2e5, read_noise=6.0, limits=SMALL),
-    )
-    shaped = partial(optimise, num_coefficients=12)
-    return {
-        "free path, open": partial(optimise, both_ways, shutter=RectShutter(), free=free),
-        "free path, shaped": partial(shaped, both_ways, free=free | {"shutter"}),
-        "free path, one way": partial(
-            optimise, one_way, shutter=RectShutter(), free=free | {"velocity"}
-        ),
-    }
-
-
 def _of_other_kinds() -> dict[str, Search]:
     still, half = StillCamera(half_exposure=2e-3), 4e-3
     spline = SplineShutter.fit(TukeyShutter(0.4), 11)
@@ -227,7 +210,6 @@ def searches() -> dict[str, Search]:
         _of_devices,
         _of_tolerances,
         _of_stages,
-        _of_paths,
         _of_other_kinds,
     )
     return {name: search for kind in kinds for name, search in kind().items()}

@@ -18,8 +18,6 @@ import numpy as np
 from benchmarks import harness
 from mishutter import (
     Design,
-    LinearMotion,
-    RectShutter,
     Scene,
     evaluate,
     example_scene,
@@ -73,11 +71,6 @@ objects are of 30 px. Each of these is the best for a picture that moves as a wh
 its row, or for the built-in scene. Their gains at the nine speeds of the table, dB:
 
 {kept}
-
-What a free path and a pan add there, each over the best snapshot at rest; dB. A snapshot that may
-pan begins its search at a quarter of the greatest speed.
-
-{paths}
 """
 FILE = """
 [speeds]
@@ -212,26 +205,6 @@ def cells(lights: Sequence[Light], worlds: Sequence[World]) -> Iterator[dict[str
             yield row
 
 
-OF_PATHS = (WHOLE, STILL[0], STILL[1], MOVING[0])
-"""Worlds in which free paths and pans are searched as well."""
-
-
-def of_paths(world: World, light: Light) -> dict[str, Any]:
-    """Gains over the best snapshot of free paths, and of a snapshot that pans; dB."""
-    scene = scene_of(world, light, SPEEDS)
-    best = best_of(scene)
-    path = {"acceleration", "half_exposure", "path"}
-    half = best.snapshot.motion.half_exposure
-    pan = LinearMotion(half_exposure=half, velocity=scene.max_speed / 4)
-    gains = {
-        "shaped on a free path": optimise(scene, free={*path, "shutter"}, num_starts=NUM_STARTS),
-        "open on a free path": optimise(scene, shutter=RectShutter(), free=path),
-        "panned snapshot": optimise(scene, pan, RectShutter(), free={"half_exposure", "velocity"}),
-    }
-    over = {name: best._replace(design=each).gain for name, each in gains.items()}
-    return {"world": world.name, "light": light.name, "shaped parabola": best.gain} | over
-
-
 def kept() -> list[dict[str, Any]]:
     """Gains of designs for a picture that moves as a whole, there and where both layers move."""
     light = LIGHTS[0]
@@ -316,15 +289,9 @@ def table_of_kept(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 def text_of(
     rows: Sequence[dict[str, Any]],
     designs: Sequence[dict[str, Any]],
-    paths: Sequence[dict[str, Any]],
 ) -> str:
-    """The section of the results: every cell, designs that are kept, and free paths."""
+    """The section of the results: every cell, and designs that are kept."""
     gains, best, others = table_of_gains(rows), table_of_designs(rows), table_of_kept(designs)
-    over = [
-        {"picture": row["world"]}
-        | {k: shown_gain(x) for k, x in row.items() if isinstance(x, float)}
-        for row in paths
-    ]
 
     def apart(world: World) -> float:
         return float(np.ptp([row[world.name] for row in designs]))
@@ -337,7 +304,6 @@ def text_of(
         whole=apart(WHOLE),
         narrow=apart(MOVING[-1]),
         kept=harness.table(others, list(others[0])),
-        paths=harness.table(over, list(over[0])),
     )
 
 
@@ -345,13 +311,11 @@ def main() -> None:
     """Measure, store and print."""
     jax.config.update("jax_enable_x64", True)
     rows: list[dict[str, Any]] = []
-    paths: list[dict[str, Any]] = []
     stored("gains", cells(LIGHTS, FIRST), rows)
-    stored("gains_of_paths", (of_paths(world, LIGHTS[0]) for world in OF_PATHS), paths)
     stored("gains", cells(LIGHTS, [world for world in WORLDS if world not in FIRST]), rows)
     designs = kept()
     harness.write("gains_of_kept", designs)
-    harness.section("gains", text_of(rows, designs, paths))
+    harness.section("gains", text_of(rows, designs))
 
 
 if __name__ == "__main__":

@@ -80,8 +80,6 @@ SNAPSHOT = Mode(coded=False, pans=False, accelerates=False)
 PANNED_SNAPSHOT = Mode(coded=False, pans=True, accelerates=False)
 CODED_STILL = Mode(coded=True, pans=True, accelerates=False)
 ACCELERATED = Mode(coded=True, pans=True, accelerates=True)
-OPEN_PATH = Mode(coded=False, pans=True, accelerates=True, is_free=True)
-SHAPED_PATH = Mode(coded=True, pans=True, accelerates=True, is_free=True)
 OPEN_TOLD = Mode(coded=False, pans=True, accelerates=True, is_told=True)
 SHAPED_TOLD = Mode(coded=True, pans=True, accelerates=True, is_told=True)
 ROWS = {
@@ -89,8 +87,6 @@ ROWS = {
     "best snapshot": (SNAPSHOT,),
     "best panned snapshot": (PANNED_SNAPSHOT,),
     "best coded still": (CODED_STILL,),
-    "open on a free path": (OPEN_PATH,),
-    "shaped on a free path": (SHAPED_PATH,),
 }
 """Rows of the comparison, and the cameras the best of which each is."""
 
@@ -469,7 +465,7 @@ def _differing(points: list[np.ndarray], losses: list[float], count: int) -> lis
 
 def compared(scene: Scene) -> tuple[Comparison, dict[str, dict[str, float]]]:
     """A comparison, and its rows `beside` those of this search."""
-    table = compare(scene, optimise(scene), free_paths=True)
+    table = compare(scene, optimise(scene))
     names = {row.name for row in table.rows}
     return table, beside(scene, {name: table.row(name) for name in ROWS if name in names})
 
@@ -563,7 +559,6 @@ def command_agrees(scene: Scene, *, of_photograph: bool) -> bool:
             "optimise",
             str(file),
             "--json",
-            "--free-paths",
         ]
         printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
         design = optimise(Scene.load(file))

@@ -16,11 +16,10 @@ NOTE = (
 
 
 def designs(scene: Scene) -> dict[str, Design]:
-    """The best parabola, and the best free path of an open shutter."""
-    free = {"path", "acceleration", "half_exposure"}
+    """The best parabolas of a shaped and of an open shutter."""
     return {
         "parabola, shaped": optimise(scene),
-        "free path, open": optimise(scene, shutter=RectShutter(), free=free),
+        "parabola, open": optimise(scene, shutter=RectShutter()),
     }
 
 

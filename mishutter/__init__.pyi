@@ -140,11 +140,11 @@ from .sweeps.trade_offs import light_map as light_map
 from .sweeps.trade_offs import pareto_front as pareto_front
 
 __version__: str
+from .design.design import PlaneDesign as PlaneDesign
 from .model.velocities import EvenVelocities as EvenVelocities
 from .model.velocities import ListedVelocities as ListedVelocities
 from .model.velocities import RingOfVelocities as RingOfVelocities
 from .plane.bursts import PlaneBurst as PlaneBurst
-from .plane.design import PlaneDesign as PlaneDesign
 from .plane.frames import PlaneFrames as PlaneFrames
 from .plane.levels import plane_psnr as plane_psnr
 from .search.plane_frames import PlaneSearch as PlaneSearch

@@ -174,7 +174,7 @@ FUNCTIONS = {
     ),
     "optimise": lambda: Asked(_named(ms.optimise, "scene", "motion", "shutter"), (), DESIGN),
     "exposures_psnr": lambda: Asked(
-        lambda frames: ms.exposures_psnr(SCENE, frames, num_panels=2), (), (FRAMES,)
+        lambda frames: ms.exposures_psnr(SCENE, frames, num_panels=8), (), (FRAMES,)
     ),
     "plane_psnr": lambda: Asked(
         lambda frames: ms.plane_psnr(scene_of("A"), frames, num_panels=2),

@@ -9,14 +9,15 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-from mishutter import Scene, best_in_plane  # noqa: E402
-from mishutter.report.in_plane import PlaneReport  # noqa: E402
+from mishutter import Scene  # noqa: E402
+from mishutter.report.documents import Report  # noqa: E402
+from mishutter.report.in_plane import compare_in_plane  # noqa: E402
 
 
 def main():
     """Draw the figure and save it beside this script."""
     scene = Scene.load("drone.toml")
-    figure = PlaneReport(scene, best_in_plane(scene)).plot()
+    figure = Report(scene, compare_in_plane(scene), ()).plot()
     figure.savefig(Path(__file__).with_suffix(".png"), dpi=110)
 
 

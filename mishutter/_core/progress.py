@@ -88,33 +88,39 @@ class Counter:
 
     @property
     def place(self) -> str:
-        """The part that the work is at, as "best Tukey, 3 of 8", and why it stays there."""
+        """The part that the work is at, as "best Tukey, 3 of 8"."""
         with self._lock:
             count = f"{min(self.done + bool(self._running), self.total)} of {self.total}"
             name = self._running[0] if self._running else self._message
-            is_stuck = time.monotonic() - self._last >= _PAUSE
             # A share that stays says less than why.
-            shows = name in self._shares and not is_stuck
+            shows = name in self._shares and not self._is_stuck
             name += f" {self._shares[name]:.0%}" if shows else ""
-        words = f"{name}, {count}" if name else count
-        return f"{words} ({self._why})" if is_stuck and self._why else words
+        return f"{name}, {count}" if name else count
+
+    @property
+    def _is_stuck(self) -> bool:
+        return time.monotonic() - self._last >= _PAUSE
 
     def __str__(self) -> str:
         now = time.monotonic()
         words = f"{self.place} after {now - self._begin:.0f} s"
         done, since = self._first or (0, now)
-        if done < self.done < self.total and self.total >= _MANY:
+        # Steps that have stopped tell nothing of those to come.
+        if done < self.done < self.total >= _MANY and not self._is_stuck:
             remaining = (self.total - self.done) * (now - since) / (self.done - done)
             words += f", about {remaining:.0f} s to go"
-        return words
+        # Without a step or a name there is no other sign of life.
+        is_silent = not (self.done or self._running or self._message)
+        is_told = self._why and (self._is_stuck or is_silent)
+        return f"{words} ({self._why})" if is_told else words
 
 
 @contextmanager
 def progress_bar(label: str, total: int, why: str = "") -> Iterator[Counter]:
     """Shows progress on standard error; yields the counter to move.
 
-    A terminal shows a bar with the elapsed time, and with the remaining time of many steps, and so
-    does a notebook that has widgets; a file gets a line now and then.
+    A terminal shows a bar beside it, and so does a notebook that has widgets; a file gets a line
+    now and then. Both have the elapsed time, and the remaining time of many steps.
     """
     counter = Counter(total, why)
     console = _console()
@@ -122,14 +128,8 @@ def progress_bar(label: str, total: int, why: str = "") -> Iterator[Counter]:
         with _lines(lambda: f"{label}: {counter}"):
             yield counter
         return
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        ProgressColumn,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
+    from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn
+    from rich.table import Column
     from rich.text import Text
 
     class Place(ProgressColumn):
@@ -137,15 +137,12 @@ def progress_bar(label: str, total: int, why: str = "") -> Iterator[Counter]:
 
         def render(self, task: "Task") -> Text:
             bar.update(task.id, completed=counter.share)
-            return Text(counter.place)
+            return Text(str(counter))
 
     bar = Progress(
         TextColumn("{task.description}"),
         BarColumn(bar_width=16),  # beside it a name has room on a terminal of 80 columns
-        Place(),
-        TimeElapsedColumn(),
-        TextColumn("gone"),
-        *([TimeRemainingColumn(), TextColumn("to go")] if total >= _MANY else []),
+        Place(Column(no_wrap=True, overflow="ellipsis")),
         console=console,
         transient=True,
     )

@@ -5,7 +5,7 @@ A layered scene in TOML has a table `[[layers]]` with picture, matte and velocit
 
 import tomllib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -138,6 +138,16 @@ class Layers:
             axis: The axis along which things move.
         """
         return Layers(tuple(layer.transposed(axis) for layer in self.layers), self.border)
+
+    def on_rows(self, rows: slice) -> "Layers":
+        """The layers of some rows of the sensor alone.
+
+        Args:
+            rows: Those rows, at least one.
+        """
+        first, *others = self.layers
+        own = replace(first, picture=replace(first.picture, light=first.picture.light[rows]))
+        return replace(self, layers=(own, *(replace(x, top=x.top - rows.start) for x in others)))
 
     @property
     def shape(self) -> tuple[int, int, int]:

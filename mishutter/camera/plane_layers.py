@@ -18,6 +18,7 @@ from mishutter.camera.occlusion import images_between, in_fewest_colours
 from mishutter.camera.plane_frames import aperture_on, frequencies_on, seen_along
 from mishutter.camera.rows import (
     MARGIN,
+    bands_of,
     continued,
     fast_length,
     instants_within_reach,
@@ -27,6 +28,7 @@ from mishutter.camera.rows import (
 )
 from mishutter.evaluation.instants import Instants
 from mishutter.model.optics import Optics
+from mishutter.model.scene import Scene
 from mishutter.plane.frames import PlaneFrames
 
 _BOTH = (-2, -1)
@@ -95,7 +97,7 @@ class _Sheet(NamedTuple):
 
 
 def layers_in_plane(
-    layers: Layers, optics: Optics, frames: PlaneFrames, size: tuple[int | None, int | None]
+    layers: Layers, scene: Scene, frames: PlaneFrames, size: tuple[int | None, int | None]
 ) -> Iterator[Float[np.ndarray | Array, "rows columns channels"]]:
     """Irradiance of the sensor of so many rows and columns in each frame of layers."""
     velocities = [layer.velocity for layer in layers.layers]
@@ -103,25 +105,37 @@ def layers_in_plane(
         instants_within_reach("Layer(speed=...)", frames, velocity)
     # Images that change while they are displaced ask for nodes for both.
     fastest = max(float(np.hypot(*each)) for each in velocities)
-    instants = Instants.of(frames, 2 * fastest + frames.top_speed)
     few = in_fewest_colours(layers)
     counts = layers.shape[:2]
     _, windows = zip(*map(seen_along, counts, size, counts, ("rows", "columns")), strict=True)
+    both = fastest + frames.top_speed
+    bands = bands_of(scene.sensor, windows[0].stop - windows[0].start, both)
+    nodes = [Instants.of(frames, both + fastest, delay=band.delay) for band in bands]
     for k in range(frames.num_frames):
-        frame = instants.some([k])
-        total = np.zeros((few.shape[2], *few.shape[:2]))
-        sheets = [_Sheet.of(few, index, frame) for index in range(len(few.layers))]
-        for index, sheet in enumerate(sheets):
-            period = sheet.radiance.shape[1:]
-            passes = waves_in_plane(sheet.displacement, frame.weight, frequencies_on(period))[0]
-            spectrum = rfftn(sheet.radiance, axes=_BOTH) * (passes * aperture_on(optics, period))
-            sheet.add(total, irfftn(spectrum, period, axes=_BOTH), (0, 0))
-            for group in _groups(sheet, sheets[index + 1 :], frame, few.shape[:2]):
-                _hide(total, sheet, group, frame, optics)
-        light = np.moveaxis(total, 0, -1)[windows[0], windows[1]]
+        parts = [
+            _exposed(few, instants.some([k]), scene.optics)[windows[0]][band.rows, windows[1]]
+            for instants, band in zip(nodes, bands, strict=True)
+        ]
+        light = np.concatenate(parts)
         shape = (*light.shape[:2], layers.shape[2])
         dtype = layers.layers[0].picture.light.dtype
         yield np.ascontiguousarray(np.broadcast_to(light.astype(dtype), shape))
+
+
+def _exposed(
+    layers: Layers, frame: Instants, optics: Optics
+) -> Float[np.ndarray, "rows columns channels"]:
+    """Irradiance of all pixels in one frame."""
+    total = np.zeros((layers.shape[2], *layers.shape[:2]))
+    sheets = [_Sheet.of(layers, index, frame) for index in range(len(layers.layers))]
+    for index, sheet in enumerate(sheets):
+        period = sheet.radiance.shape[1:]
+        passes = waves_in_plane(sheet.displacement, frame.weight, frequencies_on(period))[0]
+        spectrum = rfftn(sheet.radiance, axes=_BOTH) * (passes * aperture_on(optics, period))
+        sheet.add(total, irfftn(spectrum, period, axes=_BOTH), (0, 0))
+        for group in _groups(sheet, sheets[index + 1 :], frame, layers.shape[:2]):
+            _hide(total, sheet, group, frame, optics)
+    return np.moveaxis(total, 0, -1)
 
 
 def _reach(displacement: np.ndarray) -> Corner:

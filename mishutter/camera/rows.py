@@ -4,19 +4,21 @@ Arrays hold rows on their last axis. A row of `W` pixels becomes one period of a
 which the discrete Fourier transform is the spectrum of the band-limited scene through its pixels.
 """
 
+import itertools
 import math
 from collections.abc import Callable
-from typing import Any, Literal, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import jax.numpy as jnp
 import numpy as np
 import scipy.fft
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike, Complex, Float
 
 from mishutter._core.checks import is_concrete, namespace_of, require
 from mishutter.evaluation.instants import Frames, Instants
 from mishutter.model.exposures import AbstractPath
 from mishutter.model.motion import AbstractMotion
+from mishutter.model.sensor import Sensor
 
 rfftn: Callable[..., np.ndarray] = scipy.fft.rfftn  # type: ignore[assignment]
 irfftn: Callable[..., np.ndarray] = scipy.fft.irfftn  # type: ignore[assignment]
@@ -27,6 +29,8 @@ Border = Literal["scene", "reflect", "edge", "wrap", "zero"]
 PAD_MODES = {"reflect": "symmetric", "edge": "edge", "wrap": "wrap", "zero": "constant"}
 MARGIN = 64
 """Pixels beyond the reach of the blur, in which the waves of an end of the picture die away."""
+ONE_BAND = 0.05
+"""Way of anything over the time in which the rows of a band are exposed one after another; px."""
 MAX_REACH = 1 << 13
 """Furthest that light of a capture may be displaced; px."""
 
@@ -44,8 +48,49 @@ def blur_length(motion: AbstractMotion, *speeds: float, subject: str) -> float:
     return longest
 
 
+class Band(NamedTuple):
+    """Rows of a picture that are exposed at once, as far as anything moves meanwhile."""
+
+    delay: float  # Time by which they are exposed later than the middle of all rows; s
+    rows: slice
+
+
+def bands_of(sensor: Sensor, num_rows: int, fastest: float, most: float = ONE_BAND) -> list[Band]:
+    """Rows of a sensor in bands over which nothing moves by more than a way.
+
+    Args:
+        sensor: The sensor.
+        num_rows: Rows of the picture.
+        fastest: Greatest speed of anything on the sensor; px/s.
+        most: That way; px. 0 for each row by itself.
+    """
+    delays = sensor.row_delays(num_rows)
+    way = fastest * abs(float(delays[-1] - delays[0]))
+    count = 1 if way <= most else num_rows if most == 0 else min(num_rows, math.ceil(way / most))
+    edges = np.round(np.linspace(0, num_rows, count + 1)).astype(int).tolist()
+    rows = [slice(*pair) for pair in itertools.pairwise(edges)]
+    return [Band(float(np.mean(delays[each])), each) for each in rows]
+
+
+def pixel_by_pixel(
+    spectrum: Complex[np.ndarray, "... k"],
+    response: Complex[np.ndarray, "pixels k"],
+    first: int,
+    period: int,
+) -> Float[np.ndarray, "... pixels"]:
+    """Pixels of periodic rows, from one on, each through a response of its own."""
+    count = spectrum.shape[-1]
+    places = first + np.arange(response.shape[0])
+    waves = np.exp(2j * np.pi / period * (np.multiply.outer(places, np.arange(count)) % period))
+    weight = np.full(count, 2 / period)
+    weight[0] = 1 / period
+    if period % 2 == 0:
+        weight[-1] = 1 / period
+    return np.real(spectrum @ (response * waves * weight).T)
+
+
 def instants_within_reach(
-    subject: str, frames: Frames, velocity: Float[np.ndarray, "axes"]
+    subject: str, frames: Frames, velocity: Float[np.ndarray, "axes"], delay: float = 0.0
 ) -> Instants:
     """Instants of frames at a velocity that displaces light by no more than `MAX_REACH`."""
     speed = float(np.hypot(*velocity) if velocity.size > 1 else abs(velocity[0]))
@@ -56,7 +101,7 @@ def instants_within_reach(
     requirement = f"displace light by at most {MAX_REACH} px"
     # Before there are as many nodes as such a displacement would need.
     require(speed * latest <= 2 * MAX_REACH, subject, requirement, speed * latest)
-    instants = Instants.of(frames, speed)
+    instants = Instants.of(frames, speed, delay=delay)
     reach = max(instants.reach(velocity[None]))
     require(reach <= MAX_REACH, subject, requirement, reach)
     return instants

@@ -33,13 +33,16 @@ from mishutter.camera.plane_frames import exposed_in_plane
 from mishutter.camera.plane_layers import layers_in_plane
 from mishutter.camera.rows import (
     Planes,
+    bands_of,
     channels_last,
     continued,
     instants_within_reach,
     period_of,
+    pixel_by_pixel,
     rows_last,
 )
 from mishutter.evaluation.instants import Instants
+from mishutter.evaluation.levels import path_for_rows
 from mishutter.model.optics import Optics
 from mishutter.model.scene import Scene, require_scene
 from mishutter.model.sequences import TimedFrame
@@ -48,22 +51,24 @@ from mishutter.plane.frames import PlaneFrames
 
 
 def responses_of_frames(
-    instants: Instants, speeds: RowLike, optics: Optics, period: int
+    instants: Instants, speeds: RowLike, optics: Optics, period: int, bin: int = 1
 ) -> Complex[np.ndarray, "s frames k"]:
     r"""Responses of the frames at some speeds, on the grid of a DFT, displacements included.
 
     $\operatorname{sinc}(f)\,O(f)\,\frac{1}{2T_k}\int e^{-2\pi i f (c_k(t) - s t)}\,dt$ over the
-    exposure of frame $k$.
+    exposure of frame $k$; where means of some neighbouring pixels are taken, of these, and below
+    their frequency of sampling.
     """
     each = np.asarray(speeds, np.float64)[:, None]
-    count = period // 2 + 1
+    count = period // bin // 2 + 1
     waves = [
         waves_on_dft(place - each * time, weight[None], period, count)
         for time, place, weight in zip(
             instants.time, instants.place[0], instants.weight, strict=True
         )
     ]
-    aperture = np.sinc(np.arange(count) / period) * optics.response(period)
+    frequency = np.arange(count) / period
+    aperture = np.sinc(bin * frequency) * optics.response(period)[:count]
     return np.stack([np.asarray(one) for one in waves], axis=1) * aperture
 
 
@@ -128,12 +133,13 @@ def simulate_frames(
         value = require_speed(subject, speed, frames)
     require_key("simulate_frames(key=...)", key)
     if isinstance(frames, PlaneFrames):
+        frames = frames.for_rows(scene.sensor.readout_time, scene.limits)
         size = num_rows, num_columns
         if isinstance(picture, Layers):
-            exposed = layers_in_plane(picture, scene.optics, frames, size)
+            exposed = layers_in_plane(picture, scene, frames, size)
         else:
             radiance = as_radiance(picture, "simulate_frames(picture=...)")
-            exposed = exposed_in_plane(radiance, scene.optics, frames, value, size)
+            exposed = exposed_in_plane(radiance, scene, frames, value, size)
         axis, exposures = "rows", np.asarray(frames.exposures).tolist()
     else:
         require(len(frames) > 0, "simulate_frames(frames=...)", "hold one frame at least", 0)
@@ -179,15 +185,23 @@ def _picture_in_frames(
     """Irradiance of the sensor in each frame of a picture that moves as a whole."""
     radiance = transposed(radiance, scene.sensor.axis)
     window = _window(radiance.shape[-1 if radiance.ndim == 2 else -2], num_columns, scene)
-    subject = "simulate_frames(speed=..., frames=...)"
-    nodes = instants_within_reach(subject, frames, np.array([speed]))
-    reach = furthest(nodes, [speed])
+    subject, along = "simulate_frames(speed=..., frames=...)", scene.sensor.axis == "columns"
+    path = path_for_rows(scene, frames) if scene.sensor.is_rolling else frames
     planes = np.asarray(rows_last(distinct_colours(radiance)))
+    num_rows = window.stop - window.start if along else planes.shape[-2]
+    bands = bands_of(scene.sensor, num_rows, math.inf if scene.sensor.is_rolling else 0.0, 0.0)
+    nodes = [instants_within_reach(subject, path, np.array([speed]), x.delay) for x in bands]
+    reach = max(furthest(each, [speed]) for each in nodes)
     period = period_of(planes.shape[-1], math.ceil(reach), "reflect")
     spectrum = np.fft.rfft(np.asarray(continued(planes, period, "reflect")))
-    for response in responses_of_frames(nodes, [speed], scene.optics, period)[0]:
-        irradiance = np.fft.irfft(spectrum * response, period)[..., window].astype(planes.dtype)
-        yield every_colour(channels_last(irradiance, radiance), radiance)
+    for k in range(len(frames)):
+        each = (responses_of_frames(x.some([k]), [speed], scene.optics, period) for x in nodes)
+        response = np.concatenate([*each], axis=1)[0]
+        if along and len(bands) > 1:
+            irradiance = pixel_by_pixel(spectrum, response, window.start, period)
+        else:
+            irradiance = np.fft.irfft(spectrum * response, period)[..., window]
+        yield every_colour(channels_last(irradiance.astype(planes.dtype), radiance), radiance)
 
 
 def _layers_in_frames(
@@ -201,10 +215,18 @@ def _layers_in_frames(
         instants_within_reach("Layer(speed=...)", frames, np.array([float(speed)]))
     # Images that change while they are displaced ask for nodes for both.
     swiftest = max(float(frame.motion.top_speed) for frame in frames)
-    instants = Instants.of(frames, 2 * max(map(abs, speeds)) + swiftest)
+    fastest, along = 2 * max(map(abs, speeds)) + swiftest, scene.sensor.axis == "columns"
+    path = path_for_rows(scene, frames) if scene.sensor.is_rolling else frames
+    num_rows = window.stop - window.start if along else layers.shape[0]
+    bands = bands_of(scene.sensor, num_rows, fastest)
+    nodes = [Instants.of(path, fastest, delay=band.delay) for band in bands]
     for index in range(len(frames)):
-        one = instants.some([index])
-        yield expose_layers_in_frame(layers, one, scene.optics)[:, window]
+        parts = []
+        for instants, band in zip(nodes, bands, strict=True):
+            own = layers if along else layers.on_rows(band.rows)
+            light = expose_layers_in_frame(own, instants.some([index]), scene.optics)[:, window]
+            parts.append(light[:, band.rows] if along else light)
+        yield np.concatenate(parts, axis=1 if along else 0)
 
 
 def _window(num_columns: int, of_sensor: int | None, scene: Scene) -> slice:

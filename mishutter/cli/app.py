@@ -61,7 +61,6 @@ from mishutter.cli.options import (
     CoefficientsOption,
     EveryPhotographOption,
     FreeOption,
-    FreePathsOption,
     JsonOption,
     JudgeOption,
     LossOption,
@@ -79,7 +78,7 @@ from mishutter.cli.options import (
     scene_of,
 )
 from mishutter.cli.plan_command import plan, plan_of_search, plan_text
-from mishutter.cli.plane_command import optimise_in_plane, refuse_in_plane
+from mishutter.cli.plane_command import optimised_in_plane, refuse_in_plane
 from mishutter.cli.restore_command import restore
 from mishutter.cli.sweep_command import sweep
 
@@ -170,7 +169,6 @@ def optimise(
     json: JsonOption = False,
     loss: LossOption = None,
     free: FreeOption = None,
-    free_paths: FreePathsOption = False,
     num_coefficients: CoefficientsOption = 24,
     num_starts: Annotated[
         int | None,
@@ -204,13 +202,15 @@ def optimise(
         beside = {
             "--loss": loss,
             "--free": free,
-            "--free-paths": free_paths,
             "--every-photograph": every_photograph,
             "--pictures": pictures,
             "--decoder": decoder,
         }
         refuse_in_plane(beside)
-        optimise_in_plane(scene, scene_file, out, as_json=json)
+        folder = None if out is None else writable_folder(out)
+        result = optimised_in_plane(scene)
+        delivery = Delivery(folder, json, 0, every_photograph=False, verbose=verbose)
+        _deliver(result, delivery, _next_step(result, scene_file, folder))
         return
     chosen = loss_of(loss, scene)
     judge = judge_of(decoder, pictures)
@@ -238,7 +238,6 @@ def optimise(
             design.motion,
             entries,
             chosen,
-            free_paths=free_paths,
             every=verbose or json,
             judge=judge,
         )
@@ -274,7 +273,6 @@ def compare(
     out: OutOption = None,
     json: JsonOption = False,
     loss: LossOption = None,
-    free_paths: FreePathsOption = False,
     noise_seeds: SeedsOption = 1,
     every_photograph: EveryPhotographOption = False,
     pictures: PicturesOption = None,
@@ -316,7 +314,6 @@ def compare(
             motion,
             entries,
             loss_of(loss, scene),
-            free_paths=free_paths,
             every=verbose or json or not entries,
             judge=judge,
         )
@@ -344,7 +341,6 @@ def _compared(
     entries: "Mapping[str, AbstractShutter | Design]",
     loss: "AbstractLoss",
     *,
-    free_paths: bool,
     every: bool,
     judge: "tuple[AbstractDecoder | None, list[Picture]]",
 ) -> "Report":
@@ -357,7 +353,6 @@ def _compared(
         motion,
         entries,
         loss=loss,
-        free_paths=free_paths,
         every=every,
         decoder=decoder,
         pictures=pictures,

@@ -145,6 +145,8 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]
     number is cut. The first column is wrapped at half the width of the terminal then.
     """
     console = _console()
+    # A table would break its title at its own width.
+    console.print(title, style="bold", markup=False, highlight=False, soft_wrap=True)
     cells = [
         [line for row in rows for line in str(row[index]).splitlines()]
         for index in range(len(columns))
@@ -158,13 +160,7 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]
     for part in _parts(least, console.width):
         room = max(console.width, _across(least, part))
         widths = full if _across(full, part) <= room else least
-        table = Table(
-            title=title,
-            title_justify="left",
-            title_style="bold",
-            box=box.SIMPLE_HEAD,
-            padding=(0, 1, 0, 0),
-        )
+        table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
         for index in part:
             justify = "right" if index else "left"
             table.add_column(columns[index], justify=justify, width=widths[index])
@@ -172,7 +168,6 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]
             table.add_row(*(row[index] for index in part))
         console.width = room
         console.print(table)
-        title = ""
 
 
 def _parts(widths: Sequence[int], room: int) -> list[list[int]]:

@@ -110,11 +110,10 @@ def export(
     if form in (FormatName.RIGOL, FormatName.NPY) and out is None and not json:
         raise ValueError(f"`--out` must be given for a binary file; got --format {form.value}.")
     start_jax()
-    from mishutter.design.design import Design
+    from mishutter.design.design import AbstractDesign, Design
     from mishutter.hardware.drive import drive_table
-    from mishutter.plane.design import design_of
 
-    saved = design_of(design)
+    saved = AbstractDesign.load(design)
     folder = None if out is None else writable_folder(out)
     if isinstance(saved, Design) and saved.sequence is None:
         table = drive_table(
@@ -174,13 +173,18 @@ def _deliver(
         sys.stdout.write(drive_bytes(table, form.value).decode())
         return
     if isinstance(table, FrameTable):
-        step = table.exposure / table.begin.size
+        if table.lead:
+            note(
+                "a trigger begins the exposure of the row that is read first: the middle one comes "
+                f"{table.lead * 1e3:.4g} ms later, and the last {table.lead * 2e3:.4g} ms"
+            )
+        step = table.step
         touching = sum(after - before < step for (_, before), (after, _) in pairwise(table.lights))
         if touching:
             note(
                 f"the gate closes for one step of {step * 1e3:.3g} ms at the end of {touching} "
                 "frames that the next one follows at once: a camera exposed by the width of this "
-                f"trigger has {table.gated_psnr:.2f} dB of {table.exposures.psnr:.2f}; frames.csv "
+                f"trigger has {table.gated_psnr:.2f} dB of {table.sequence.psnr:.2f}; frames.csv "
                 "has the exact times, for a camera that starts at a rising edge and times its own "
                 "exposure"
             )
@@ -267,7 +271,7 @@ def _write(
 
 def _print_frames(table: "FrameTable") -> None:
     """Prints when frames are exposed, and where the sensor or its stage is then."""
-    taken = table.exposures
+    taken = table.sequence
     rows = [
         [str(k), f"{time * 1e3:.2f}", f"{exposure * 1e3:.3g}", *(f"{x:.2f}" for x in places)]
         for k, (time, exposure, *places) in enumerate(

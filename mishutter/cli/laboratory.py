@@ -204,26 +204,25 @@ def cameras(
     Without any of these it has a window of some name. Without a scene it is the design's, and of an
     example without a design the built-in one.
     """
-    from mishutter.design.design import GIVEN, Design, given_design
+    from mishutter.design.design import GIVEN, AbstractDesign, Design, PlaneDesign, given_design
     from mishutter.evaluation.views import transmittance
     from mishutter.hardware.drive import design_from_drive
     from mishutter.model.shutters.kinds import named_shutter
-    from mishutter.plane.design import design_of
 
     files.require_table()
-    saved = None if design is None else design_of(design)
+    saved = None if design is None else AbstractDesign.load(design)
     if scene is None and saved is not None:
         scene = saved.scene
     elif scene is None and of_example:
         scene = scene_of(None)
-    if saved is not None and not isinstance(saved, Design):
+    if isinstance(saved, PlaneDesign):
         for name, path in (("--drive", files.drive), ("--measured", files.measured)):
             requirement = "be left out for a design in the plane: its table is along one axis"
             require(path is None, name, requirement, str(path))
         return Cameras({AS_DESIGNED: replace(saved, scene=scene)})
     designs: dict[str, AbstractDesign] = {}
     motion = None
-    if design is not None and saved is not None and scene is not None:
+    if design is not None and isinstance(saved, Design) and scene is not None:
         note_other_device(design, saved, scene)
         motion = saved.motion
         profile = transmittance(scene, motion, saved.command)

@@ -2,7 +2,7 @@
 
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, get_args
 
 import typer
 
@@ -12,6 +12,7 @@ from mishutter._core.progress import note
 from mishutter.cli.console import print_table, print_text, write_json
 from mishutter.cli.help import CAMERA, OUTPUT, PICTURES
 from mishutter.cli.options import JsonOption, as_path, option, path_option
+from mishutter.model.sensor import RowsRead
 
 if TYPE_CHECKING:
     from mishutter.measurement.measurement import Measurement
@@ -78,6 +79,18 @@ def measure(
             "Pixels per millimetre of the scene, by a ruler in the picture.",
         ),
     ] = None,
+    readout_ms: Annotated[
+        float | None,
+        option(
+            CAMERA,
+            "--readout-ms R",
+            "Time from the first row to the last of a sensor whose rows are exposed one after "
+            "another.",
+        ),
+    ] = None,
+    rows_read: Annotated[
+        str, option(CAMERA, "--rows-read WAY", "Whether its rows are read down or up.")
+    ] = "down",
     out: Annotated[
         Path,
         path_option(
@@ -97,6 +110,8 @@ def measure(
     from mishutter.report.measurement_plots import plot_motion, plot_noise
     from mishutter.report.plots import save_figure
 
+    is_way = rows_read in get_args(RowsRead)
+    require(is_way, "--rows-read", "be 'down' or 'up'", rows_read)
     require(out.suffix.lower() == ".toml", "--out", "end in `.toml`", str(out))
     folder = writable_folder(out.parent)
     measurement = measured(
@@ -109,6 +124,8 @@ def measure(
         white=white,
         pixel_pitch=None if pixel_pitch_um is None else pixel_pitch_um * 1e-6,
         px_per_mm=px_per_mm,
+        readout=None if readout_ms is None else readout_ms * 1e-3,
+        rows_read=rows_read,  # type: ignore[arg-type]
         progress=True,
     )
     files = [*measurement.save(folder / out.name), "noise.png", "motion.png"]

@@ -136,15 +136,6 @@ CoefficientsOption = Annotated[
         max=512,
     ),
 ]
-FreePathsOption = Annotated[
-    bool,
-    option(
-        DESIGN,
-        "--free-paths",
-        "Also compare free paths, which need a stage that can follow any path. They take "
-        "more than half of a comparison's time. `free_paths` in the scene does the same.",
-    ),
-]
 VerboseOption = Annotated[
     bool,
     option(

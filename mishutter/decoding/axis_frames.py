@@ -61,6 +61,14 @@ class Rows(NamedTuple):
     nodes: Instants
     model: BlurModel  # The picture's statistics and the lens
     has_levels: bool = True  # Whether the mean of each row in each frame is that of the picture
+    bin: int = 1  # Pixels of the sensor that are one of these
+
+    def binned(self, bin: int) -> "Rows":
+        """The means of so many neighbouring pixels, the last few left out."""
+        count = self.frames.shape[-1] // bin
+        pixels = self.frames[..., : count * bin].reshape(*self.frames.shape[:-1], count, bin)
+        frames = pixels.mean(axis=-1)
+        return self._replace(frames=frames, noises=self.noises / bin, bin=self.bin * bin)
 
     def of(self, some: Int[np.ndarray, "f"]) -> "Rows":
         """The same of some of the frames."""
@@ -69,16 +77,17 @@ class Rows(NamedTuple):
 
     def middles(self, speed: float) -> Float[np.ndarray, "1 frames"]:
         """The mean way of a thing in each frame; px."""
-        return self.nodes.middles(np.array([speed]))
+        return self.nodes.middles(np.array([speed])) / self.bin
 
     def likeliest(self, speeds: RowLike, tolerance: float = TOLERANCE) -> Likeliest:
         """The likeliest pictures at some speeds."""
-        margin = math.ceil(furthest(self.nodes, speeds)) + MARGIN
+        margin = math.ceil((furthest(self.nodes, speeds) + MARGIN) / self.bin)
         length = fast_length(self.frames.shape[-1] + 2 * margin)
-        power = np.maximum(self.model.picture_spectrum(length), LEAST_POWER)
+        period, count = length * self.bin, length // 2 + 1
+        power = np.maximum(self.model.picture_spectrum(period)[:count], LEAST_POWER) / self.bin
         levels = self.has_levels
         canvas = Canvas(self.frames, self.noises, power, (margin,), (length,), has_levels=levels)
-        responses = responses_of_frames(self.nodes, speeds, self.model.optics, length)
+        responses = responses_of_frames(self.nodes, speeds, self.model.optics, period, self.bin)
         return likeliest(canvas, np.moveaxis(responses, 1, 0)[:, :, None], tolerance)
 
     def volume(self, found: Likeliest, place: int, speed: float) -> Volume:

@@ -39,7 +39,11 @@ from mishutter.model.sequences import TimedFrame
 _ROWS_OF_SPEED = 32
 """Rows that tell a picture's speed."""
 _PX_A_STEP = 0.7
-"""Displacement over the sequence between neighbouring speeds that are tried."""
+"""Displacement over the sequence between neighbouring speeds that are tried, in pixels of what is
+looked at."""
+_BINS, _LEAST_BINS, _LEAST_DETAIL = (4, 2), 64, 0.5
+"""Pixels whose mean is looked at first, the least of these means in a row, and the least share of
+the picture's variance that they have: a fine pattern is looked at pixel by pixel."""
 _MOST_SPEEDS = 4096
 """Most speeds that are tried."""
 _REASONS = (
@@ -206,16 +210,17 @@ def _searched(
 ) -> tuple[_Tried, list[float], float]:
     """Speeds at which the likelihood of some rows is highest nearby, the highest first.
 
-    They are sought among speeds between which the picture moves by less than a pixel, and come with
-    the median of the likelihood's logarithm over all of these, below its top. Of many frames those
-    in the middle tell where to look with all of them.
+    Means of some pixels tell where to look, and of many frames those in the middle, at speeds
+    between which the picture moves by less than such a mean; and then all pixels of all frames. The
+    peaks come with the median of the likelihood's logarithm over all of these speeds, below its
+    top.
     """
     order = np.argsort([frame.time for frame in taken])
-    size = len(taken)
+    size, bin = len(taken), _largest_bin(rows)
     while True:
         start = (len(taken) - size) // 2
         few = order[start : start + size]
-        coarse = _PX_A_STEP / _duration([taken[k] for k in few])
+        coarse = bin * _PX_A_STEP / _duration([taken[k] for k in few])
         count = 2 + int((high - low) / coarse)
         # Above so many speeds times frames, fewer frames tell where to look.
         if size <= 2 or size * count <= 3000:
@@ -232,7 +237,7 @@ def _searched(
     some = [band[np.argmax(detail[band])] for band in bands]
     all_frames = rows._replace(frames=rows.frames[:, some])
     speeds = np.linspace(low, high, count) if low < high else np.array([low])
-    of_rows = all_frames.of(few).logarithms(speeds)
+    of_rows = all_frames.of(few).binned(bin).logarithms(speeds)
     values = np.sum(of_rows, axis=1)
     beside = np.concatenate([[-np.inf], values, [-np.inf]])
     places = np.flatnonzero((values >= beside[:-2]) & (values > beside[2:]))
@@ -242,10 +247,21 @@ def _searched(
         if min(abs(place - other) for other in places) > _REACH:
             places.append(place)
     peaks, middle = speeds[places], float(np.max(values) - np.median(values))
-    if size < len(taken):
+    if coarse > step:
         fine = step * np.arange(-math.ceil(coarse / step), math.ceil(coarse / step) + 1)
         near = np.clip(peaks[:, None] + fine, low, high)
         tops = [np.argmax(np.sum(all_frames.logarithms(some), axis=1)) for some in near]
         peaks = near[np.arange(len(near)), tops]
     tried = _Tried(low, high, step)
     return tried, [tried.highest(all_frames, each).speed for each in peaks.tolist()], middle
+
+
+def _largest_bin(rows: Rows) -> int:
+    """Pixels whose means have most of what frames show."""
+
+    def variance(of: Rows) -> float:
+        return float(np.mean(np.var(of.frames, axis=-1)) - np.mean(of.noises))
+
+    least = _LEAST_DETAIL * max(variance(rows), 0.0)
+    some = [n for n in _BINS if rows.frames.shape[-1] >= n * _LEAST_BINS]
+    return next((n for n in some if variance(rows.binned(n)) >= least), 1)

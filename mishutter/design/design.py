@@ -7,7 +7,7 @@ from enum import StrEnum
 from functools import cached_property
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import final
+from typing import ClassVar, TypeVar, final
 
 import numpy as np
 
@@ -15,7 +15,14 @@ from mishutter._core.checks import Unquoted, require, shown
 from mishutter._core.columns import table_text
 from mishutter._core.files import contents, strict_json, write_text
 from mishutter._core.validation import parsed, validated
-from mishutter.design.schema import FORMAT, SAVED_SCENE, SavedDesign, SavedMotion, SavedSequence
+from mishutter.design.schema import (
+    FORMAT,
+    SAVED_SCENE,
+    SavedDesign,
+    SavedMotion,
+    SavedPlaneDesign,
+    SavedSequence,
+)
 from mishutter.evaluation.metrics import Metrics, SequenceMetrics, evaluate
 from mishutter.evaluation.speed_knowledge import (
     KNOWN_SPEED,
@@ -32,9 +39,18 @@ from mishutter.model.sequences import FrameSequence, OneExposure, TimedFrame
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.kinds import module_of, shutter_from_dict, shutter_to_dict
 from mishutter.model.shutters.polynomials import profile_of
+from mishutter.model.stages import StagePath
+from mishutter.plane.bursts import PlaneBurst, burst_of
+from mishutter.plane.frames import PlaneFrames
+
+Kind = TypeVar("Kind", bound="AbstractDesign")
 
 GIVEN = "none: the camera is given"
 """The name of the loss of a design that no search has found."""
+
+
+BY_REGISTRATION = "by a decoder that registers the frames"
+"""The decoder by which the level of a burst is, in words."""
 
 
 class Outcome(StrEnum):
@@ -55,7 +71,9 @@ class AbstractDesign(ABC):
     """
 
     scene: Scene
-    sequence: AbstractExposures | None
+    sequence: FrameSequence | PlaneBurst | None
+    ways: ClassVar[str]
+    """The ways of its sensor, in words."""
 
     @property
     @abstractmethod
@@ -67,9 +85,37 @@ class AbstractDesign(ABC):
         """Everything in the design as plain numbers, lists and text."""
 
     @property
-    @abstractmethod
     def frames_document(self) -> dict[str, object]:
-        """The frames of a burst as plain numbers, by the name that a design's file has for them."""
+        """The frames of its burst as plain numbers, by their name in its file."""
+        if self.sequence is None:
+            return {}
+        name = "plane" if isinstance(self.sequence, PlaneBurst) else "sequence"
+        return {name: frames_to_dict(self.sequence)}
+
+    @classmethod
+    def load(cls: type[Kind], path: str | Path) -> Kind:
+        """Read a design; its metrics are evaluated anew.
+
+        Args:
+            path: The file.
+
+        Raises:
+            ValueError: if the file is not a design of this format, or is one of the other class.
+            OSError: if it cannot be read.
+        """
+        name = str(path)
+        data = parsed(json.loads, contents(path), name, "JSON")
+        is_design = isinstance(data, dict) and "format" in data
+        require(is_design, name, "be a design saved by mishutter", type(data).__name__)
+        kind = PlaneDesign if "plane" in data else Design
+        requirement, got = f"be read by `{kind.__name__}.load`", Unquoted(f"a design {kind.ways}")
+        require(issubclass(kind, cls), name, requirement, got)
+        require(data["format"] == FORMAT, name, f"be of design format {FORMAT}", data["format"])
+        file = validated(kind.schema, data, name)
+        try:
+            return kind.of_file(file)  # type: ignore[return-value]
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from None
 
     def save(self, path: str | Path) -> None:
         """Write the design to one JSON file, whole or not at all.
@@ -126,16 +172,13 @@ class Design(AbstractDesign):
     sequence: FrameSequence | None = None
     bursts: tuple[FrameSequence, ...] = ()
     psnr_ignoring_lag: float | None = None
+    ways: ClassVar = "along one axis"
+    schema: ClassVar = SavedDesign
 
     @property
     def exposures(self) -> AbstractExposures:
         """The frames of its burst, or its one exposure."""
         return self.sequence or OneExposure.of(self.motion, self.shutter, self.scene.limits)
-
-    @property
-    def frames_document(self) -> dict[str, object]:
-        """The frames of its burst as plain numbers, by their name in its file."""
-        return {} if self.sequence is None else {"sequence": sequence_to_dict(self.sequence)}
 
     @property
     def converged(self) -> bool:
@@ -202,7 +245,7 @@ class Design(AbstractDesign):
         """Everything in the design as plain numbers, lists and text."""
         level_of, level = next(iter(self.levels.items()))
         if self.sequence is not None:
-            level_of, level = "by a decoder that registers the frames", self.sequence.psnr
+            level_of, level = BY_REGISTRATION, self.sequence.psnr
         parts = {
             "level_db": level,
             "level_of": level_of,
@@ -224,31 +267,26 @@ class Design(AbstractDesign):
         return saved | whole
 
     @staticmethod
-    def load(path: str | Path) -> "Design":
-        """Read a design; its metrics are evaluated anew.
-
-        Args:
-            path: The file.
-
-        Raises:
-            ValueError: if the file is not a design of this format.
-            OSError: if it cannot be read.
-        """
-        name = str(path)
-        data = parsed(json.loads, contents(path), name, "JSON")
-        is_design = isinstance(data, dict) and "format" in data
-        require(is_design, name, "be a design saved by mishutter", type(data).__name__)
-        is_of_one_axis = "plane" not in data
-        serve = "`optimise`, `export`, `simulate` and `restore` serve others"
-        requirement = f"be a design along one axis here; {serve}"
-        require(is_of_one_axis, name, requirement, Unquoted("frames in the plane"))
-        is_current = data["format"] == FORMAT
-        require(is_current, name, f"be of design format {FORMAT}", data["format"])
-        file = validated(SavedDesign, data, name)
-        try:
-            return _built(file)
-        except ValueError as error:
-            raise ValueError(f"{name}: {error}") from None
+    def of_file(file: SavedDesign) -> "Design":
+        """The design of a file."""
+        motion = _motion(file.motion)
+        scene = file.scene.built(motion=motion)
+        is_end, ends = file.outcome in set(Outcome), "be the end of a search in a sentence"
+        require(is_end, "outcome", ends, file.outcome)
+        return Design(
+            shutter=transmittance(scene, motion, shutter_from_dict(file.shutter.model_dump())),
+            motion=motion,
+            scene=scene,
+            loss=file.loss,
+            history=np.array(file.history),
+            outcome=Outcome(file.outcome),
+            certificate=file.certificate,
+            loss_name=file.loss_name,
+            best_start_loss=file.best_start_loss,
+            notes=tuple(file.notes),
+            sequence=None if file.sequence is None else _sequence(file.sequence, scene),
+            psnr_ignoring_lag=file.psnr_ignoring_lag,
+        )
 
     def write_profile(self, path: str | Path) -> None:
         """Write the profile as CSV with a line of units: time, normalised time, transmittance.
@@ -265,6 +303,64 @@ class Design(AbstractDesign):
         time = tau * float(self.motion.half_exposure) * 1e3
         columns = {("time", "ms"): time, ("tau", "1"): tau, ("transmittance", "1"): transmittance}
         write_text(path, table_text(columns))
+
+
+@final
+@dataclass(frozen=True)
+class PlaneDesign(AbstractDesign):
+    """Frames of a sensor that moves in the plane, and the scene that they are for.
+
+    Attributes:
+        scene: The scene, of velocities in any direction.
+        sequence: The frames, the path through them, and their level.
+    """
+
+    scene: Scene
+    sequence: PlaneBurst
+    ways: ClassVar = "in the plane"
+    schema: ClassVar = SavedPlaneDesign
+
+    @property
+    def exposures(self) -> PlaneBurst:
+        """The frames, as those of any design."""
+        return self.sequence
+
+    @property
+    def frames(self) -> PlaneFrames:
+        """The frames, and the path of the sensor through them."""
+        return self.sequence.frames
+
+    @property
+    def stage_paths(self) -> tuple[StagePath, ...] | None:
+        """The paths of the stage along rows and columns, as `PlaneBurst.stage_paths` has them."""
+        return (*self.sequence.stage_paths(self.scene).values(),) or None
+
+    def to_dict(self) -> dict[str, object]:
+        """Everything in the design as plain numbers, lists and text."""
+        whole = {
+            "level_db": self.sequence.psnr,
+            "level_of": BY_REGISTRATION,
+            "format": FORMAT,
+            "mishutter": package_version(),
+            **self.frames_document,
+            "scene": self.scene,
+            "velocities": self.scene.velocities,
+        }
+        return SavedPlaneDesign.model_validate(whole, from_attributes=True).model_dump()
+
+    @staticmethod
+    def of_file(file: SavedPlaneDesign) -> "PlaneDesign":
+        """The design of a file."""
+        scene, saved = file.scene.built(velocities=file.velocities.built()), file.plane
+        frames = PlaneFrames(
+            np.array(saved.times_s),
+            np.array(saved.exposures_s),
+            np.array(saved.piece_durations_s),
+            np.array(saved.velocities_px_per_s),
+            saved.lead_s,
+        )
+        ways = scene, saved.kind, saved.num_axes, frames, saved.psnr_db
+        return PlaneDesign(scene, burst_of(*ways, width_loss=saved.width_loss_db))
 
 
 def given_design(
@@ -320,24 +416,37 @@ def motion_to_dict(motion: AbstractMotion) -> dict[str, object]:
     }
 
 
-def sequence_to_dict(sequence: FrameSequence) -> dict[str, object]:
-    """Kind, level and frames of a sequence, whose places are of the stage."""
-    frames = [
+def frames_to_dict(burst: FrameSequence | PlaneBurst) -> dict[str, object]:
+    """Kind, level and frames of a burst; on an axis the places are of the stage."""
+    if isinstance(burst, PlaneBurst):
+        frames = burst.frames
+        return {
+            "kind": burst.kind,
+            "num_axes": burst.num_axes,
+            "psnr_db": burst.psnr,
+            "width_loss_db": burst.width_loss,
+            "times_s": np.asarray(frames.times).tolist(),
+            "exposures_s": np.asarray(frames.exposures).tolist(),
+            "piece_durations_s": np.asarray(frames.durations).tolist(),
+            "velocities_px_per_s": np.asarray(frames.velocities).tolist(),
+            **({"lead_s": frames.lead} if frames.lead else {}),
+        }
+    along = [
         {
             "time_s": frame.time,
             "position_px": frame.position,
             "motion": motion_to_dict(frame.motion),
         }
-        for frame in sequence.frames
+        for frame in burst.frames
     ]
-    levels = {"psnr_db": sequence.psnr, "worst_speed_psnr_db": sequence.worst_psnr}
+    levels = {"psnr_db": burst.psnr, "worst_speed_psnr_db": burst.worst_psnr}
     losses = {
-        "registration_loss_db": sequence.registration_loss,
-        "width_loss_db": sequence.width_loss,
+        "registration_loss_db": burst.registration_loss,
+        "width_loss_db": burst.width_loss,
     }
     known = {name: loss for name, loss in losses.items() if loss is not None}
-    ways = {"travel_px": sequence.travel, "pan_px_per_s": sequence.pan}
-    return {"kind": sequence.kind, **ways, **levels, **known, "frames": frames}
+    ways = {"travel_px": burst.travel, "pan_px_per_s": burst.pan}
+    return {"kind": burst.kind, **ways, **levels, **known, "frames": along}
 
 
 def scene_to_dict(scene: Scene) -> dict[str, object]:
@@ -345,29 +454,8 @@ def scene_to_dict(scene: Scene) -> dict[str, object]:
     return SAVED_SCENE.model_validate(scene, from_attributes=True).model_dump()
 
 
-def _built(file: SavedDesign) -> Design:
-    motion = _motion(file.motion)
-    scene = file.scene.built(motion=motion)
-    is_end, ends = file.outcome in set(Outcome), "be the end of a search in a sentence"
-    require(is_end, "outcome", ends, file.outcome)
-    return Design(
-        shutter=transmittance(scene, motion, shutter_from_dict(file.shutter.model_dump())),
-        motion=motion,
-        scene=scene,
-        loss=file.loss,
-        history=np.array(file.history),
-        outcome=Outcome(file.outcome),
-        certificate=file.certificate,
-        loss_name=file.loss_name,
-        best_start_loss=file.best_start_loss,
-        notes=tuple(file.notes),
-        sequence=None if file.sequence is None else _sequence(file.sequence),
-        psnr_ignoring_lag=file.psnr_ignoring_lag,
-    )
-
-
-def _sequence(saved: SavedSequence) -> FrameSequence:
-    return FrameSequence(
+def _sequence(saved: SavedSequence, scene: Scene) -> FrameSequence:
+    frames = FrameSequence(
         saved.kind,
         tuple(TimedFrame(_motion(one.motion), one.time_s, one.position_px) for one in saved.frames),
         saved.travel_px,
@@ -377,6 +465,7 @@ def _sequence(saved: SavedSequence) -> FrameSequence:
         saved.registration_loss_db,
         saved.width_loss_db,
     )
+    return frames.for_rows(scene.sensor.readout_time, scene.limits)
 
 
 def _motion(saved: SavedMotion) -> AbstractMotion:

@@ -1,7 +1,7 @@
 """The schema by which a design's file is written and checked."""
 
 import math
-from typing import Annotated, Literal, final
+from typing import Annotated, ClassVar, Literal, final
 
 from pydantic import (
     AllowInfNan,
@@ -12,8 +12,9 @@ from pydantic import (
     model_validator,
 )
 
-from mishutter.model.arguments import Part, arguments_of
+from mishutter.model.arguments import Part, arguments_of, table_of
 from mishutter.model.scene import Scene
+from mishutter.model.velocities import AbstractVelocities
 
 FORMAT = 2
 """Version of the file format."""
@@ -81,18 +82,63 @@ class SavedSequence(Part):
     frames: Annotated[list[SavedFrame], Field(min_length=1)]
 
 
+@final
+class SavedPlaneBurst(Part):
+    """Frames in the plane with the path through them, and their level."""
+
+    kind: str
+    num_axes: Annotated[int, Field(ge=0, le=2)]
+    psnr_db: Result
+    width_loss_db: float | None = None
+    times_s: Annotated[list[float], Field(min_length=1)]
+    exposures_s: Annotated[list[float], Field(min_length=1)]
+    piece_durations_s: Annotated[list[float], Field(min_length=1)]
+    velocities_px_per_s: Annotated[list[list[float]], Field(min_length=2, max_length=2)]
+    lead_s: float = 0.0
+
+    @model_validator(mode="after")
+    def _is_whole(self) -> "SavedPlaneBurst":
+        count, ends = len(self.times_s), len(self.piece_durations_s) + 1
+        if len(self.exposures_s) != count:
+            raise ValueError(f"{count} frames have as many exposures")
+        if any(len(row) != ends for row in self.velocities_px_per_s):
+            raise ValueError(f"{ends - 1} pieces have {ends} velocities along each axis")
+        return self
+
+
 SAVED_SCENE = arguments_of(Scene, "motion")
 """The arguments of `Scene`, but for the motion, which has a table of its own."""
 
 
 @final
-class SavedDesign(Part):
-    """A whole design; its level and metrics are for whoever reads the file, and evaluated anew."""
+class SavedPlaneScene(arguments_of(Scene, "motion", "speeds", "weights")):  # type: ignore[misc]
+    """The arguments of a scene of any direction, whose law of velocities has a table of its own."""
+
+    made: ClassVar = staticmethod(Scene.any_direction)
+
+
+class SavedExposures(Part):
+    """What any design's file has; the level stands first, for whoever reads the file."""
 
     level_db: object = None
     level_of: object = None
     format: int
     mishutter: str = "unknown"
+
+
+@final
+class SavedPlaneDesign(SavedExposures):
+    """Frames in the plane, and their scene."""
+
+    plane: SavedPlaneBurst
+    scene: SavedPlaneScene
+    velocities: table_of(AbstractVelocities)  # type: ignore[valid-type]
+
+
+@final
+class SavedDesign(SavedExposures):
+    """A whole design; its level and metrics are for whoever reads the file, and evaluated anew."""
+
     shutter: SavedShutter
     motion: SavedMotion
     sequence: SavedSequence | None = None

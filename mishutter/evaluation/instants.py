@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -31,6 +32,8 @@ NODES = 16
 """Nodes of a panel."""
 PX_A_PANEL = 7.0
 """Way over a panel that its nodes hold to 1e-11 at the highest frequency of an axis; px."""
+_MOST_PX_A_PANEL = 10.0
+"""Way over a panel beyond which its nodes are refused: they hold it to 1e-7; px."""
 Frames = Sequence[TimedFrame] | AbstractPath
 """Exposures of an open shutter, along one axis or in the plane."""
 
@@ -71,7 +74,9 @@ class Instants(NamedTuple):
             known, fastest = primal_values((frames, fastest))
             is_known, requirement = all_concrete((known, fastest)), "be given where JAX traces them"
             require(is_known, "exposures_psnr(num_panels=...)", requirement, num_panels)
-            num_panels = panels_for(_longest_way(known, float(np.asarray(fastest))) / size)
+            way = _longest_way(known, float(np.asarray(fastest))) / size
+            require(np.isfinite(way), "exposures_psnr(exposures=...)", "be finite numbers", way)
+            num_panels = panels_for(way)
         with outside_trace() if all_concrete(frames) else nullcontext():
             if isinstance(frames, AbstractPath):
                 instants = _on_path(frames, lights, num_panels, delay)
@@ -80,6 +85,27 @@ class Instants(NamedTuple):
                 require(delay == 0, "Instants.of(delay=...)", requirement, delay)
                 instants = _on_axis(frames, lights, num_panels)
         return instants if size == 1 else instants._replace(place=instants.place / size)
+
+    def held(self, speeds: ArrayLike, subject: str, num_panels: int) -> "Instants":
+        """These instants, which are an error where a thing passes more in a panel than it holds.
+
+        The error is raised while the program runs where numbers are traced.
+        """
+        known = primal_values((self.time, self.place, speeds))
+        space = np if all_concrete(known) else jnp
+        time, place, speeds = (space.asarray(x) for x in known)
+        steps = space.linalg.norm(space.diff(place), axis=0)
+        steps = steps + space.max(space.abs(speeds)) * space.diff(time)
+        # Steps between nodes, the last of which leads into the next panel.
+        steps = space.concatenate([steps, 0 * steps[:, :1]], axis=1)
+        ways = steps.reshape(*steps.shape[:1], -1, NODES)[..., :-1].sum(axis=-1)
+        requirement = f"be so many that nothing passes more than {_MOST_PX_A_PANEL:g} px in a panel"
+        exceeds = ways.max() > _MOST_PX_A_PANEL
+        if all_concrete(exceeds):
+            require(not exceeds, subject, requirement, num_panels)
+            return self
+        message = f"`{subject}` must {requirement}; got {num_panels}."
+        return self._replace(weight=eqx.error_if(jnp.asarray(self.weight), exceeds, message))
 
     def displacement(self, velocity: Float[np.ndarray, "axes"]) -> Float[np.ndarray, "axes n q"]:
         """Way of a thing on the sensor since the middle of all; px."""

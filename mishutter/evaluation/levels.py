@@ -36,6 +36,7 @@ from mishutter._core.checks import (
     namespace_of,
     primal_values,
     require,
+    require_known,
 )
 from mishutter._core.compiling import compiled
 from mishutter._core.parallel import alone_in_blas
@@ -45,12 +46,15 @@ from mishutter.evaluation.instants import NODES, PX_A_PANEL, Frames, Instants
 from mishutter.evaluation.layers import Background
 from mishutter.evaluation.needs import distinct_speeds
 from mishutter.evaluation.strips import Strips
-from mishutter.model.exposures import AbstractExposures, AbstractPath, Lights
+from mishutter.model.exposures import AT_REST, AbstractExposures, AbstractPath, Lights
 from mishutter.model.optics import pixel_response
 from mishutter.model.scene import Scene, require_one_axis, require_scene
 from mishutter.model.sensor import noise_of_frames
+from mishutter.model.sequences import AxisPath, FrameSequence
 from mishutter.model.velocities import AbstractVelocities, Components
 
+_DELAYS = 5
+"""Rows that stand for all of those that are exposed one after another."""
 _AT_ONCE = 2**20
 """Waves of an exposure that NumPy computes at a time."""
 
@@ -79,13 +83,73 @@ def exposures_psnr(
             that they need, which are not known inside `jax.jit`.
 
     Raises:
-        ValueError: if there is no exposure, or they are traced by `jax.jit` without `num_panels`.
+        ValueError: if there is no exposure, they are traced by `jax.jit` without `num_panels`, or
+            by JAX for a sensor whose rows are exposed one after another; or if something passes
+            more than 10 px of the sensor in a panel, while the program runs if numbers are traced.
     """
     require_scene(scene, in_plane=True)
+    return level_of(scene, exposures, "exposures_psnr", lights, grid, num_panels)
+
+
+def level_of(
+    scene: Scene,
+    exposures: Frames | AbstractExposures | Instants,
+    caller: str,
+    lights: Lights | None,
+    grid: Grid,
+    num_panels: int | None,
+) -> Float[Array, ""]:
+    """The level of exposures, of panels that hold their ways."""
     own: Any = exposures.frames if isinstance(exposures, AbstractExposures) else exposures
-    instants = instants_of(scene, own, "exposures_psnr", lights, num_panels)
-    error = left(scene, instants, fan_of(scene, instants, grid), grid.num_speeds)
+    error: Any = 0.0
+    for share, instants in rows_of(scene, exposures, caller, lights, num_panels):
+        fan = fan_of(scene, instants, grid)
+        if num_panels is not None:
+            speeds = components_on(scene, fan, grid.num_speeds).speeds
+            instants = instants.held(speeds, f"{caller}(num_panels=...)", num_panels)
+        error += share * left(scene, instants, fan, grid.num_speeds)
     return psnr_of(error, common_dtype(*jax.tree.leaves(own)))
+
+
+def rows_of(
+    scene: Scene,
+    exposures: Frames | AbstractExposures | Instants,
+    caller: str,
+    lights: Lights | None = None,
+    num_panels: int | None = None,
+) -> list[tuple[float, Instants]]:
+    """Instants of exposures for rows that stand for all, and the share of each.
+
+    They are nodes of the mean over the rows' delays, or one where all rows see the same.
+    """
+    readout = scene.sensor.readout_time
+    frames: Any = exposures.frames if isinstance(exposures, AbstractExposures) else exposures
+    if not readout or isinstance(frames, Instants) or not len_of(frames):
+        return [(1.0, instants_of(scene, frames, caller, lights, num_panels))]
+    path = path_for_rows(scene, exposures)  # type: ignore[arg-type]
+    way = path.top_speed * float(np.max(np.asarray(path.exposures)))
+    x, weight = np.polynomial.legendre.leggauss(_DELAYS if way >= AT_REST else 1)
+    return [
+        (share, instants_of(scene, path, caller, lights, num_panels, delay=delay))
+        for delay, share in zip((x * readout / 2).tolist(), (weight / 2).tolist(), strict=True)
+    ]
+
+
+def path_for_rows(scene: Scene, exposures: Frames | AbstractExposures) -> AbstractPath:
+    """Known frames with the path that rows of a scene's sensor see between them and beyond."""
+    readout, limits = scene.sensor.readout_time, scene.limits
+    if isinstance(exposures, FrameSequence):
+        return exposures.for_rows(readout, limits).path(limits)
+    frames: Any = exposures.frames if isinstance(exposures, AbstractExposures) else exposures
+    require_known("path_for_rows", frames=frames, sensor=scene.sensor)
+    if isinstance(frames, AbstractPath):
+        return frames.for_rows(readout, limits)
+    return AxisPath.of(frames, readout, limits)
+
+
+def len_of(frames: Frames) -> int:
+    """Number of exposures."""
+    return frames.times.shape[0] if isinstance(frames, AbstractPath) else len(frames)
 
 
 def instants_of(
@@ -94,19 +158,20 @@ def instants_of(
     caller: str,
     lights: Lights | None = None,
     num_panels: int | None = None,
+    *,
+    delay: float = 0.0,
 ) -> Instants:
-    """Instants of exposures for all velocities of a scene."""
+    """Instants of exposures for all velocities of a scene, for a row of some delay."""
     if isinstance(frames, Instants):
         return frames
-    is_some = isinstance(frames, AbstractPath) or len(frames) > 0
-    require(is_some, f"{caller}(exposures=...)", "hold one exposure at least", 0)
+    require(len_of(frames) > 0, f"{caller}(exposures=...)", "hold one exposure at least", 0)
     fastest = 0.0
     if num_panels is None:
         known = primal_values((frames, scene.speeds, scene.weights, scene.velocities))
         requirement = "be given where JAX traces exposures or velocities"
         require(all_concrete(known), f"{caller}(num_panels=...)", requirement, num_panels)
         fastest = fastest_of(primal_values(scene))
-    return Instants.of(frames, fastest, lights=lights, num_panels=num_panels)
+    return Instants.of(frames, fastest, lights=lights, num_panels=num_panels, delay=delay)
 
 
 def fan_of(scene: Scene, instants: Instants, grid: Grid) -> Fan:

@@ -89,7 +89,8 @@ class SequenceMetrics:
 
     efficiency: float  # Throughput of each exposure
     known_speed_psnr: float  # PSNR of the best linear decoder, which knows the speed; dB
-    worst_known_speed_psnr: float  # The same at the worst of the scene's speeds; dB
+    # The same at the worst of the scene's speeds; dB. None in the plane
+    worst_known_speed_psnr: float | None
 
 
 class KernelSums(NamedTuple):

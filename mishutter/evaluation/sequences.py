@@ -16,7 +16,8 @@ from jaxtyping import Complex, Float
 from mishutter._core.parallel import alone_in_blas
 from mishutter.evaluation.fans import MEASURED, SEARCHED, Grid
 from mishutter.evaluation.instants import Frames, Instants
-from mishutter.evaluation.levels import Light, fan_of, instants_of, velocities_of
+from mishutter.evaluation.levels import Light, fan_of, rows_of, velocities_of
+from mishutter.model.exposures import AbstractExposures
 from mishutter.model.scene import Scene
 from mishutter.model.sequences import FrameSequence
 
@@ -43,7 +44,9 @@ class Registration(NamedTuple):
 
 
 @alone_in_blas()
-def registration(scene: Scene, frames: Frames, *, num_samples: int = REGION**2) -> Registration:
+def registration(
+    scene: Scene, frames: Frames | AbstractExposures, *, num_samples: int = REGION**2
+) -> Registration:
     r"""The Cramer-Rao bound of the velocity from a region of the frames, and what it costs.
 
     Frames have the covariance $C = bb^* + 1$ at each frequency, and
@@ -60,10 +63,13 @@ def registration(scene: Scene, frames: Frames, *, num_samples: int = REGION**2) 
     """
     every = _Waves.of(scene, frames, MEASURED)
     velocities, _ = velocities_of(scene)
-    deviation, loss = zip(*(every.registered(v, num_samples) for v in velocities), strict=True)
-    each = velocities, np.array(deviation)
-    speeds, deviation = (x if x.shape[1] > 1 else x[:, 0] for x in each)
-    return Registration(speeds, deviation, np.array(loss))
+    deviation, loss = np.zeros_like(velocities), np.zeros(len(velocities))
+    for share, waves in every:
+        found = [waves.registered(v, num_samples) for v in velocities]
+        deviation += share * np.array([each for each, _ in found])
+        loss += share * np.array([each for _, each in found])
+    speeds, deviation = (x if x.shape[1] > 1 else x[:, 0] for x in (velocities, deviation))
+    return Registration(speeds, deviation, loss)
 
 
 class _Waves(NamedTuple):
@@ -77,9 +83,16 @@ class _Waves(NamedTuple):
     instants: Instants
 
     @staticmethod
-    def of(scene: Scene, frames: Frames, grid: Grid) -> "_Waves":
-        """The frames of a scene, which are known."""
-        instants = instants_of(scene, frames, "registration")
+    def of(
+        scene: Scene, frames: Frames | AbstractExposures, grid: Grid
+    ) -> "list[tuple[float, _Waves]]":
+        """The frames of a scene, which are known, for rows that stand for all and their shares."""
+        rows = rows_of(scene, frames, "registration")
+        return [(share, _Waves.of_row(scene, instants, grid)) for share, instants in rows]
+
+    @staticmethod
+    def of_row(scene: Scene, instants: Instants, grid: Grid) -> "_Waves":
+        """The frames of a scene at the instants that a row sees."""
         fan, light = fan_of(scene, instants, grid), Light.of(scene)
         turns = (np.cos, np.sin)[: instants.place.shape[0]]
         frequency = np.stack([(fan.radius[:, None] * f(fan.direction)).ravel() for f in turns])
@@ -195,7 +208,7 @@ def _points_of(
 
 
 @alone_in_blas()
-def loss_of_width(scene: Scene, frames: Frames, *, width: float | int) -> float:
+def loss_of_width(scene: Scene, frames: Frames | AbstractExposures, *, width: float | int) -> float:
     r"""Decibels that frames lose on a sensor, or an object's outline, that things enter and leave.
 
     A point that the sensor sees in a part of the exposures, which alone have the responses
@@ -216,9 +229,12 @@ def loss_of_width(scene: Scene, frames: Frames, *, width: float | int) -> float:
         width: Length of the sensor along the axis, or of its sides in the plane, or those of an
             object by which it is registered; px.
     """
-    waves = _Waves.of(scene, frames, SEARCHED)
     velocities, weights = velocities_of(scene)
-    ends, whole = weights @ np.array([waves.errors_of_width(v, float(width)) for v in velocities])
+    errors = [
+        share * (weights @ np.array([waves.errors_of_width(v, float(width)) for v in velocities]))
+        for share, waves in _Waves.of(scene, frames, SEARCHED)
+    ]
+    ends, whole = np.sum(errors, axis=0)
     return decibels_over(float(ends), float(whole))
 
 
@@ -226,9 +242,9 @@ def with_losses(scene: Scene, sequence: FrameSequence) -> FrameSequence:
     """A sequence of several frames with its losses by registration and by the sensor's width."""
     if sequence.num_frames == 1:
         return sequence
-    frames, width = sequence.frames, scene.registered_width
-    ends = None if width is None else loss_of_width(scene, frames, width=width)
-    worst = float(np.max(registration(scene, frames).loss))
+    width = scene.registered_width
+    ends = None if width is None else loss_of_width(scene, sequence, width=width)
+    worst = float(np.max(registration(scene, sequence).loss))
     return replace(sequence, registration_loss=worst, width_loss=ends)
 
 

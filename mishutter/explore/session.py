@@ -31,7 +31,7 @@ from mishutter.search.search import optimise
 
 if TYPE_CHECKING:
     from mishutter.report.comparison import Comparison
-    from mishutter.report.in_plane import PlaneReport
+    from mishutter.report.documents import Report
 
 DRAWN = "drawn"
 NUM_CHIPS = 64
@@ -145,7 +145,7 @@ class Session:
         self._key = "" if started.design is None else self._key_of(started.tables)
         self._is_finished = started.design is not None
         self._compared: tuple[str, Comparison] | None = None
-        self._in_plane: tuple[str, PlaneReport] | None = None
+        self._in_plane: tuple[str, Report] | None = None
 
     def copy(self) -> "Session":
         """Another session with the same state."""
@@ -212,14 +212,14 @@ class Session:
 
     def _of_plane(self, scene: Scene, key: str, check: Check) -> Answer:
         """The answer for things that move in any direction, with the path of its stage."""
-        from mishutter.report.in_plane import PlaneReport
-        from mishutter.search.plane_frames import best_in_plane
+        from mishutter.report.documents import Report
+        from mishutter.report.in_plane import compare_in_plane
 
         if self._in_plane is None or self._in_plane[0] != key:
-            search = best_in_plane(scene, progress=lambda share: check())
-            self._in_plane = key, PlaneReport(scene, search)
+            result = compare_in_plane(scene, progress=lambda share: check())
+            self._in_plane = key, Report(scene, result, ())
         report = self._in_plane[1]
-        verdict, _, answer = report.text().partition("\n")
+        verdict, _, answer = report.comparison.text().partition("\n")
         return {
             "kind": "plane",
             "verdict": verdict,
@@ -325,10 +325,13 @@ class Session:
         return {"text": scene_text(order.scene)}
 
     def _save_design(self, order: Order) -> Answer:
-        if self._in_plane is not None and self._in_plane[0] == self._key_of(order.scene):
-            return {"text": strict_json(self._in_plane[1].design.to_dict()) + "\n"}
-        require(self._is_finished, "a design", "be finished before it is saved", "an earlier one")
-        return {"text": strict_json(self._current.to_dict()) + "\n"}
+        key, report = self._in_plane or ("", None)
+        design = None
+        if report is not None and key == self._key_of(order.scene):
+            design = report.recommended
+        is_finished = self._is_finished or design is not None
+        require(is_finished, "a design", "be finished before it is saved", "an earlier one")
+        return {"text": strict_json((design or self._current).to_dict()) + "\n"}
 
     def _recipe(self, order: Order) -> Answer:
         text = str(self._save_scene(order)["text"])

@@ -15,22 +15,18 @@ from jaxtyping import Bool, Float, Int
 
 from mishutter._core.checks import common_dtype, require, require_positive_int
 from mishutter._core.columns import table_text
-from mishutter.design.design import Design, given_design, metrics_to_dict, package_version
+from mishutter.design.design import Design, given_design, metrics_to_dict
 from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.metrics import Metrics, evaluate
 from mishutter.evaluation.speed_knowledge import knowledge_of_saved
 from mishutter.evaluation.views import transmittance
-from mishutter.hardware.drive_files import MAX_STEPS, AbstractTable, read_drive, require_levels
-from mishutter.hardware.stage_files import path_csv
+from mishutter.hardware.drive_files import STEPS, AbstractTable, read_drive, require_levels
+from mishutter.hardware.stage_files import MAX_STEPS
 from mishutter.model.motion import AbstractMotion, is_known_zero
 from mishutter.model.scene import Scene, require_scene
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.chips import ChippedShutter
 from mishutter.model.slots import diffused, slot_means
-from mishutter.model.stages import StagePath
-
-_NUM_STEPS = 256
-"""Steps of a table for a device that asks for no number of its own."""
 
 
 @final
@@ -54,11 +50,6 @@ class DriveTable(AbstractTable):
     level: Int[np.ndarray, "n"]
     transmittance: Float[np.ndarray, "n"]
     num_levels: int
-
-    @property
-    def exposure(self) -> float:
-        """Exposure that the steps share; s."""
-        return float(self.design.motion.exposure)
 
     @property
     def position(self) -> Float[np.ndarray, "n"]:
@@ -136,27 +127,6 @@ class DriveTable(AbstractTable):
             }
         )
 
-    @property
-    def paths(self) -> dict[str, StagePath]:
-        """The path of the stage through the one exposure."""
-        return replace(self.design, sequence=None).exposures.stage_paths(self.design.scene)
-
-    def stage_csv(self, *, returns: bool = False) -> str | None:
-        """The sensor's path from rest to rest as text, at equal steps of time.
-
-        Rows are at the steps of the table, and as many between each two as make 256 of an exposure
-        in fewer steps: a stage that is sent so few positions leaves its path. Where the scene says
-        how its stage follows, the last column is the command for it. None where the limits have no
-        `stage_path`.
-
-        Args:
-            returns: Whether the path goes back to where it began, within the limits.
-        """
-        count = self.begin.size * -(-_NUM_STEPS // self.begin.size)
-        half = self.exposure / 2
-        lights, scene = {"exposure": (-half, half)}, self.design.scene
-        return path_csv(self.paths, lights, count, scene, returns=returns)
-
     def to_dict(self) -> dict[str, object]:
         """The table and its metrics, as plain numbers."""
         blind = self.blind_metrics()
@@ -164,18 +134,14 @@ class DriveTable(AbstractTable):
         metrics = {"metrics": self.metrics(), "metrics_of_design": self.design.metrics}
         metrics |= {} if blind is None else {"metrics_of_blind_stage": blind}
         return {
-            "mishutter": package_version(),
+            **self.head,
             "num_levels": self.num_levels,
             "half_exposure_ms": float(self.design.motion.half_exposure) * 1e3,
-            "position_scale_px": self.position_scale,
-            "step_ms": self.exposure * 1e3 / self.begin.size,
-            "begin_ms": (self.begin * 1e3).tolist(),
             "wanted_transmittance": self.wanted.tolist(),
             "level": self.level.tolist(),
             "transmittance": self.transmittance.tolist(),
             "passed_transmittance": self.passed_transmittance.tolist(),
             "settling_time_ms": self.settling_time * 1e3,
-            "sensor_position_px": self.position.tolist(),
             "sensor_velocity_px_per_s": self.velocity.tolist(),
             "decoder_speed": decoder.name,
             **{
@@ -226,7 +192,7 @@ def drive_table(
     require(isinstance(design, Design), "drive_table(design=...)", "be a `Design`", design)
     device = design.scene.device
     if num_steps is None:
-        num_steps = (device and device.num_slots) or _NUM_STEPS
+        num_steps = (device and device.num_slots) or STEPS
     if num_levels is None:
         num_levels = (device and device.levels) or 256
     require_positive_int("drive_table(num_steps=...)", num_steps)
@@ -235,6 +201,8 @@ def drive_table(
     require_positive_int("drive_table(num_levels=...)", num_levels)
     require(num_levels >= 2, "drive_table(num_levels=...)", "be at least 2", num_levels)
     require_levels("drive_table", floor, ceiling)
+    if design.sequence is not None:
+        design = replace(design, sequence=None)
     half = float(design.motion.half_exposure)
     dtype = common_dtype(*jax.tree.leaves((design.command, design.motion)))
     means = np.asarray(slot_means(design.command, num_steps, dtype), np.float64)

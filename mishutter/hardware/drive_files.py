@@ -21,6 +21,7 @@ import io
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
@@ -35,12 +36,14 @@ from mishutter._core.checks import (
 )
 from mishutter._core.columns import cells, text_lines, unit_columns
 from mishutter._core.files import contents, write_bytes
-from mishutter.design.design import AbstractDesign
+from mishutter.design.design import AbstractDesign, package_version
+from mishutter.hardware.stage_files import MAX_STEPS, path_csv
+from mishutter.model.exposures import AbstractExposures, Lights
 from mishutter.model.motion import AbstractMotion, ParabolicMotion, steady
+from mishutter.model.sequences import OneExposure
 from mishutter.model.shutters.chips import ChippedShutter
 from mishutter.model.stages import StagePath
 
-MAX_STEPS = 100_000
 _WORDS = (1 << 14) - 1
 _SAME = 1e-8
 """Relative difference of two times below which they are one, written to nine digits."""
@@ -107,6 +110,21 @@ class _Samples(NamedTuple):
 # Writing
 
 
+STEPS = 256
+"""Steps of an exposure in a table whose number of them nobody says."""
+
+
+def first_lights(design: AbstractDesign) -> Lights:
+    """First and last light of each exposure in the row that is read first, as triggers begin it."""
+    lead = _lead(design)
+    return [(begin - lead, end - lead) for begin, end in design.exposures.lights]
+
+
+def _lead(design: AbstractDesign) -> float:
+    """Time from the first row to the middle one of frames, which triggers begin; s."""
+    return 0.0 if design.sequence is None else design.scene.sensor.readout_time / 2
+
+
 class AbstractTable(ABC):
     """Equal steps of time from the first light of a design's exposures to the last."""
 
@@ -115,9 +133,7 @@ class AbstractTable(ABC):
     level: Int[np.ndarray, "n"]  # Level of the shutter in each
     num_levels: int
     transmittance: Float[np.ndarray, "n"]  # Transmittance at that level
-    exposure: float  # Time that the steps share; s
     gate: Bool[np.ndarray, "n"]  # Whether light is recorded in each step
-    paths: dict[str, StagePath]  # The path of the stage along each axis, as exposures have it
     # Position of the stage at the beginning of each step, along each of two axes; px
     position: Float[np.ndarray, "*axes n"]
 
@@ -127,6 +143,66 @@ class AbstractTable(ABC):
 
     def __repr__(self) -> str:
         return fields_text(self)
+
+    @property
+    def exposures(self) -> AbstractExposures:
+        """The exposures of the design."""
+        return self.design.exposures
+
+    @property
+    def lights(self) -> Lights:
+        """First and last light of each exposure, exactly, in the row that is read first; s."""
+        return first_lights(self.design)
+
+    @property
+    def lead(self) -> float:
+        """Time from the first row's light to that of the middle one; s."""
+        return _lead(self.design)
+
+    @property
+    def exposure(self) -> float:
+        """Time that the steps share; s."""
+        return self.lights[-1][1] - self.lights[0][0]
+
+    @property
+    def step(self) -> float:
+        """Time of a step; s."""
+        return self.exposure / self.begin.size
+
+    @cached_property
+    def paths(self) -> dict[str, StagePath]:
+        """The path of the stage along each axis, from rest to rest, by the ending of its columns.
+
+        There is none where the stage stays at rest, or no limit says how it moves.
+        """
+        return self.exposures.stage_paths(self.design.scene)
+
+    def stage_csv(self, *, returns: bool = False) -> str | None:
+        """The path of the stage from rest to rest as text; None where there is none.
+
+        Rows are at the steps of the table, and as many between each two as make 256 of an exposure
+        in fewer steps: a stage that is sent so few positions leaves its path. Where the scene says
+        how its stage follows, a column has the command for each axis.
+
+        Args:
+            returns: Whether the path goes back to where it began, within the limits of the stage.
+        """
+        count = self.begin.size * -(-STEPS * len(self.lights) // self.begin.size)
+        lights = {f"frame {number}": lit for number, lit in enumerate(self.lights, 1)}
+        if isinstance(self.exposures, OneExposure):
+            lights = {"exposure": self.lights[0]}
+        return path_csv(self.paths, lights, count, self.design.scene, returns=returns)
+
+    @property
+    def head(self) -> dict[str, object]:
+        """What a document has of any table, as plain numbers."""
+        return {
+            "mishutter": package_version(),
+            "step_ms": self.step * 1e3,
+            "position_scale_px": self.position_scale,
+            "begin_ms": (self.begin * 1e3).tolist(),
+            "sensor_position_px": self.position.tolist(),
+        }
 
     @property
     def position_scale(self) -> float:

@@ -21,7 +21,7 @@ from mishutter.hardware.trace_files import METRES, TimedColumns, timed_columns
 from mishutter.model.exposures import Lights
 from mishutter.model.motion import FreeMotion
 from mishutter.model.sequences import TimedFrame
-from mishutter.plane.bursts import pan_of
+from mishutter.plane.bursts import pan_over
 from mishutter.plane.frames import PlaneFrames
 
 _NAMES = ("x", "y"), ("sensor_position_x", "sensor_position_y"), ("stage_x", "stage_y")
@@ -160,7 +160,7 @@ def with_recorded_path(
     require_finite("with_recorded_path(middle=...)", middle)
     for row in path:
         require_finite(name, row)
-    taken, scene = design.exposures, design.scene
+    taken = design.exposures
     got, axes = Unquoted(f"{len(path.place)}"), len(taken.axes)
     require(len(path.place) == axes, name, f"have places along {axes} axes", got)
     spline = _Spline.through(path, taken.lights, middle, name)
@@ -173,12 +173,11 @@ def with_recorded_path(
         else:
             recorded = replace(design, sequence=replace(design.sequence, frames=frames))
         return recorded, spline.difference(taken.lights, planned, np.array([pan]))
-    turns = scene.limits.pans == "camera" and design.burst.num_axes > 0
-    pan = pan_of(scene.velocities, scene.limits) * turns
+    pan = pan_over(design.scene, taken.frames)
     times, exposures = (np.asarray(x, np.float64) for x in (taken.times, taken.exposures))
     velocities = spline.velocities + pan[:, None]
     frames = PlaneFrames(times, exposures, np.diff(spline.knots), velocities)
-    recorded = replace(design, burst=replace(design.burst, frames=frames))
+    recorded = replace(design, sequence=replace(taken, frames=frames))
     return recorded, spline.difference(taken.lights, planned, pan)
 
 

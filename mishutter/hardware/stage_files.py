@@ -8,11 +8,11 @@ from jaxtyping import Int
 
 from mishutter._core.checks import require
 from mishutter._core.columns import table_text
-from mishutter.hardware.drive_files import MAX_STEPS
 from mishutter.model.limits import Limits
 from mishutter.model.scene import Scene
 from mishutter.model.stages import StagePath
 
+MAX_STEPS = 100_000
 _NEAR = 1e-3
 """Way below which a stage is where it began; px."""
 

@@ -1,26 +1,28 @@
 """The frames of a burst as a laboratory needs them: their triggers, and the path of the stage."""
 
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, final
+from typing import final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from mishutter._core.checks import require, require_positive_int
 from mishutter._core.columns import table_text
-from mishutter.design.design import AbstractDesign, package_version
+from mishutter.design.design import AbstractDesign
 from mishutter.evaluation.levels import exposures_psnr
-from mishutter.hardware.drive_files import MAX_STEPS, AbstractTable
-from mishutter.hardware.stage_files import path_csv
+from mishutter.hardware.drive_files import STEPS, AbstractTable, first_lights
+from mishutter.hardware.stage_files import MAX_STEPS
 from mishutter.model.exposures import Lights
-from mishutter.model.stages import StagePath
+from mishutter.model.sequences import FrameSequence
+from mishutter.plane.bursts import PlaneBurst
 
 
 @final
 @dataclass(frozen=True, eq=False, repr=False)
 class FrameTable(AbstractTable):
     """A burst in equal steps from its first light to its last, on the clock of its middle.
+
+    Of rows that are exposed one after another it is the light of the first, which a trigger begins.
 
     Attributes:
         design: The design, which has a `sequence`, or one of frames in the plane.
@@ -38,33 +40,23 @@ class FrameTable(AbstractTable):
     """Levels of the shutter: open, and closed between frames."""
 
     @property
-    def exposures(self) -> Any:
+    def sequence(self) -> FrameSequence | PlaneBurst:
         """The frames, which know their level."""
-        return self.design.exposures
-
-    @property
-    def lights(self) -> Lights:
-        """First and last light of each frame, exactly; s."""
-        return self.exposures.lights
+        return self.design.sequence  # type: ignore[return-value]
 
     @property
     def gated_lights(self) -> Lights:
         """First and last light of each frame by the gate; s."""
-        step = self.exposure / self.begin.size
         numbers = range(1, len(self.lights) + 1)
         own = (self.begin[self.frame == number] for number in numbers)
-        return [(float(each[0]), float(each[-1] + step)) for each in own]
+        return [(float(each[0]), float(each[-1] + self.step)) for each in own]
 
     @property
     def gated_psnr(self) -> float:
         """PSNR of the frames by the gate, whose closed steps are dead time; dB."""
-        scene = self.design.scene
-        return float(exposures_psnr(scene, self.exposures, lights=self.gated_lights))
-
-    @property
-    def exposure(self) -> float:
-        """Time that the steps share; s."""
-        return self.lights[-1][1] - self.lights[0][0]
+        scene, lead = self.design.scene, self.lead
+        lights = [(begin + lead, end + lead) for begin, end in self.gated_lights]
+        return float(exposures_psnr(scene, self.exposures, lights=lights))
 
     @property
     def gate(self) -> Bool[np.ndarray, "n"]:
@@ -80,14 +72,6 @@ class FrameTable(AbstractTable):
     def transmittance(self) -> Float[np.ndarray, "n"]:
         """Transmittance at that level."""
         return self.gate.astype(float)
-
-    @cached_property
-    def paths(self) -> dict[str, StagePath]:
-        """The path of the stage along each axis, from rest to rest, by the ending of its columns.
-
-        There is none where the stage stays at rest, or no limit says how it moves.
-        """
-        return self.exposures.stage_paths(self.design.scene)
 
     @property
     def places(self) -> dict[str, np.ndarray]:
@@ -124,29 +108,12 @@ class FrameTable(AbstractTable):
         columns = {("begin", "ms"): begin, ("end", "ms"): end, ("exposure", "ms"): end - begin}
         return table_text({("frame", "1"): numbers} | columns)
 
-    def stage_csv(self, *, returns: bool = False) -> str | None:
-        """The path of the stage from rest to rest; None where no limit says how it moves.
-
-        Rows are at the steps of the table. Where the scene says how its stage follows, a column
-        has the command for each axis.
-
-        Args:
-            returns: Whether the path goes back to where it began, within the limits of the stage.
-        """
-        lights = {f"frame {number}": lit for number, lit in enumerate(self.lights, 1)}
-        count, scene = self.begin.size, self.design.scene
-        return path_csv(self.paths, lights, count, scene, returns=returns)
-
     def to_dict(self) -> dict[str, object]:
         """The table as plain numbers."""
         return {
-            "mishutter": package_version(),
-            "step_ms": self.exposure * 1e3 / self.begin.size,
-            "position_scale_px": self.position_scale,
-            "begin_ms": (self.begin * 1e3).tolist(),
+            **self.head,
             "frame": self.frame.tolist(),
             "gated_psnr_db": self.gated_psnr,
-            "sensor_position_px": self.position.tolist(),
             **self.design.frames_document,
         }
 
@@ -168,8 +135,8 @@ def frame_table(design: AbstractDesign, *, num_steps: int | None = None) -> Fram
     is_design = isinstance(design, AbstractDesign)
     require(is_design, subject, "be a `Design`, or a `PlaneDesign`", design)
     require(design.sequence is not None, subject, "hold the frames of a burst", design.sequence)
-    lights = design.exposures.lights
-    count = 256 * len(lights) if num_steps is None else num_steps
+    lights = first_lights(design)
+    count = STEPS * len(lights) if num_steps is None else num_steps
     require_positive_int("frame_table(num_steps=...)", count)
     require(count <= MAX_STEPS, "frame_table(num_steps=...)", f"be at most {MAX_STEPS}", count)
     duration = lights[-1][1] - lights[0][0]

@@ -7,19 +7,20 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from mishutter._core.checks import Unquoted, require
+from mishutter._core.checks import Unquoted, require, require_finite
 from mishutter._core.files import write_text
 from mishutter._core.progress import counts
 from mishutter.measurement.clip import Clip, Source, clip_of, read_levels_of
 from mishutter.measurement.estimates import Estimate
-from mishutter.measurement.motion import Motion, motion_of
+from mishutter.measurement.motion import Motion, motion_of, read_in_turn
 from mishutter.measurement.noise import Noise, noise_of
 from mishutter.measurement.scene import PICTURE, AlongAxis, along_axis, missing_keys, scene_text
 from mishutter.measurement.signs import detail_excess, is_moved, shot_gamma
-from mishutter.measurement.steady import steady
+from mishutter.measurement.steady import bands_of_light, steady
 from mishutter.measurement.texture import averaged, is_mosaic, light_of_texture
 from mishutter.model.scene import Scene, scene_of_tables
 from mishutter.model.scene_units import View
+from mishutter.model.sensor import RowsRead, Sensor
 from mishutter.model.texture import Texture
 from mishutter.pictures.images import Picture, write_picture
 
@@ -40,6 +41,7 @@ class Measurement:
         level_difference: Mean light of what moves less that of the rest.
         pixel_pitch: Pixel pitch, m; None if it was not given.
         px_per_mm: Pixels per millimetre of the scene; None if it was not given.
+        sensor: When its rows are exposed; None if it was not given.
     """
 
     name: str
@@ -50,6 +52,7 @@ class Measurement:
     level_difference: Estimate
     pixel_pitch: float | int | None
     px_per_mm: float | int | None
+    sensor: Sensor | None = None
 
     @property
     def along(self) -> AlongAxis | None:
@@ -200,6 +203,8 @@ def measure(
     white: float | int | None = None,
     pixel_pitch: float | int | None = None,
     px_per_mm: float | int | None = None,
+    readout: float | int | None = None,
+    rows_read: RowsRead = "down",
     progress: bool = False,
 ) -> Measurement:
     r"""Measure noise, velocities and texture from a clip of a camera at rest.
@@ -220,6 +225,10 @@ def measure(
         white: Level of white [default: the greatest of the file's depth].
         pixel_pitch: Distance of the sensor's pixels; m.
         px_per_mm: Pixels of a millimetre of things.
+        readout: Time from the exposure of the first row to that of the last, of a sensor whose rows
+            are exposed one after another; s. Velocities and heights are those that all rows at once
+            would show.
+        rows_read: Whether they are read `"down"` or `"up"`.
         progress: Whether progress is shown on standard error.
 
     Returns:
@@ -241,6 +250,12 @@ def measure(
         1.0
     """
     View(pixel_pitch=pixel_pitch, px_per_mm=px_per_mm)
+    sensor = None if readout is None else Sensor(readout=readout, rows_read=rows_read)
+    if readout is not None:
+        require_finite("measure(readout=...)", readout)
+        requirement = f"be at least 0, within the {1e3 / frames_per_s:g} ms from frame to frame"
+        is_read = 0 <= readout <= 1 / frames_per_s
+        require(is_read, "measure(readout=...)", requirement, Unquoted(f"{readout * 1e3:g} ms"))
     name = clip.name if isinstance(clip, Path) else clip if isinstance(clip, str) else ""
     if not isinstance(clip, str | Path | np.ndarray):
         name = f"{Path(next(iter(clip), '')).name} and others"
@@ -251,6 +266,9 @@ def measure(
         counter.next("velocities")
         unit = noise.law.of_unit_noise(frames.frames)
         motion = motion_of(unit, frames.frames_per_s)
+        if sensor is not None:
+            delays = sensor.row_delays(frames.frames.shape[1])
+            motion = read_in_turn(motion, float(np.mean(np.diff(delays))))
         for word in motion.words:
             frames = frames.with_frames(frames.frames, word)
         picture = averaged(frames.frames, unit, motion, frames.frames_per_s)
@@ -267,7 +285,9 @@ def measure(
         levels = (picture.levels - ends[0]) / (ends[1] - ends[0])
     difference = _level_difference(levels, motion)
     name = Path(name).name if name else "an array"
-    return Measurement(name, frames, noise, motion, light, difference, pixel_pitch, px_per_mm)
+    return Measurement(
+        name, frames, noise, motion, light, difference, pixel_pitch, px_per_mm, sensor
+    )
 
 
 def noise_from(
@@ -288,6 +308,14 @@ def noise_from(
     noise = noise_of(clip, alike, read["dark"], read["flats"], told)
     for word in alike.words:
         clip = clip.with_frames(alike.same, word)
+    bands = bands_of_light(alike.same)
+    if bands:
+        word = (
+            f"the light differs by {bands:.1%} in bands of rows that change from frame to frame: "
+            "lamps flicker on the mains while rows are read one after another, and noise may be "
+            "too high; take daylight, or lamps on direct current"
+        )
+        clip = clip.with_frames(clip.frames, word)
     if noise.transfer is not None and noise.electrons_at_white is not None:
         excess = detail_excess(clip, alike, noise.transfer)
         if is_moved(excess):

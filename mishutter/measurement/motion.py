@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
 from mishutter.measurement.estimates import Estimate
-from mishutter.measurement.sweep import TILE, Box, Region, Smoothed, Sweep, swept
+from mishutter.measurement.sweep import ROBUST, TILE, Box, Region, Smoothed, Sweep, swept
 
 MOST_FRAMES = 16
 """Frames about the middle of a clip in which motion is looked for."""
@@ -80,6 +80,30 @@ class Motion:
     width: tuple[float, float]
     num_frames: int  # Frames that were looked at
     words: tuple[str, ...] = ()  # Sentences on objects that do not move evenly
+
+
+def read_in_turn(motion: Motion, row: float) -> Motion:
+    r"""The motion of a clip whose rows are exposed one after another, as all at once would show it.
+
+    What goes down by $v$ while rows are read downwards, each $\tau$ later, is met $1/(1 - v\tau)$
+    times as late: velocities and heights that are seen are as much larger.
+
+    Args:
+        motion: The motion that the clip shows.
+        row: Time from one row to the next below it, below 0 where rows are read upwards; s.
+    """
+    objects = []
+    for each in motion.objects:
+        share = 1 / (1 + each.velocity[0] * row)
+        down, right = (share * x for x in each.velocity)
+        # An error downwards changes the share too.
+        error = share**2 * each.error[0], share * each.error[1] + abs(right * row) * each.error[0]
+        objects.append(replace(each, velocity=(down, right), error=error))
+    area = [float(each.area) for each in motion.objects]
+    shares = [1 - each.velocity[0] * row for each in objects]
+    along, height = motion.width
+    width = along, height * float(np.average(shares, weights=area)) if objects else height
+    return replace(motion, objects=tuple(objects), width=width)
 
 
 class _View(NamedTuple):
@@ -309,7 +333,7 @@ def _labelled(
             mask = np.asarray(ndimage.binary_fill_holes(parts == part))
             if mask.sum() < _LEAST_AREA:
                 continue
-            each = _object(fine, reference, velocities[number], mask, sweeps)
+            each, mask = _object(fine, reference, velocities[number], mask, sweeps)
             if each.lead <= 0:  # noise has made it up
                 continue
             objects.append(each)
@@ -323,8 +347,8 @@ def _labelled(
 
 def _object(
     fine: Smoothed, reference: int, velocity: np.ndarray, mask: np.ndarray, sweeps: list[Sweep]
-) -> MovingObject:
-    """An object, its velocity refined over more and more frames."""
+) -> tuple[MovingObject, Bool[np.ndarray, "rows columns"]]:
+    """An object, its velocity refined over more and more frames, and its own pixels."""
     count = len(fine.coefficients)
     # At an object's edge another's light may be seen.
     inner = ndimage.binary_erosion(mask, iterations=4)
@@ -351,8 +375,12 @@ def _object(
     if leap is not None:
         later = np.where(times > leap[0], leap[1] - 1, 0)
         velocity = np.polyfit(times + later, places, 1)[0]
+    else:  # until it turns, or is hidden
+        numbers = range(max(0, reference - used), min(count, reference + used + 1))
+        own = _unlike_rest(fine, reference, velocity, mask, numbers)
+        mask = own if own.sum() >= _LEAST_AREA // 2 else mask
     rows, columns = np.nonzero(mask)
-    return MovingObject(
+    each = MovingObject(
         velocity=(float(velocity[0]), float(velocity[1])),
         error=(float(error[0]), float(error[1])),
         centre=(float(rows.mean()), float(columns.mean())),
@@ -362,6 +390,37 @@ def _object(
         frame=reference,
         leap=leap,
     )
+    return each, mask
+
+
+def _unlike_rest(
+    fine: Smoothed, reference: int, velocity: np.ndarray, mask: np.ndarray, numbers: Sequence[int]
+) -> Bool[np.ndarray, "rows columns"]:
+    """The pixels of a mask that differ, on their way, from what stands still behind them.
+
+    Beside an object, what is dark and flat seems to move as well: its own pixels pass before more.
+    """
+    rows, columns = mask.shape
+    frames, _ = fine.along(np.zeros(2), reference, numbers, Box(0, rows, 0, columns))
+    pixels = np.argwhere(mask)
+    ways = [np.rint(velocity * (k - reference)).astype(int) for k in numbers]
+    insides = [np.all((pixels + w >= 0) & (pixels + w < mask.shape), axis=1) for w in ways]
+    covered = np.zeros(frames.shape, bool)
+    for cover, way, inside in zip(covered, ways, insides, strict=True):
+        cover[tuple((pixels + way)[inside].T)] = True
+    times_seen = np.sum(~covered, axis=0)
+    behind = np.sum(frames, axis=0, where=~covered) / np.maximum(times_seen, 1)
+    unlike = np.minimum((frames - behind) ** 2 / fine.variance, ROBUST)
+    total, count = np.zeros(len(pixels)), np.zeros(len(pixels))
+    for each, way, inside in zip(unlike, ways, insides, strict=True):
+        at = tuple((pixels + way)[inside].T)
+        is_known = times_seen[at] > 0
+        total[inside] += np.where(is_known, each[at], 0)
+        count[inside] += is_known
+    mean = np.zeros(mask.shape)
+    mean[mask] = np.where(count > 0, total / np.maximum(count, 1), ROBUST)
+    own = mask & (ndimage.gaussian_filter(mean, 1.0) > 2)
+    return np.asarray(ndimage.binary_fill_holes(own), bool)
 
 
 def _track(

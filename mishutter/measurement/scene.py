@@ -270,6 +270,10 @@ def _sensor(found: "Measurement") -> list[str]:
         lines.append(f"pixel_pitch_um = {found.pixel_pitch * 1e6:.6g}  # as given")
     else:
         lines.append("# pixel_pitch_um = 3.45  # not told (--pixel-pitch-um)")
+    if found.sensor is not None:
+        lines.append(f"readout_ms = {found.sensor.readout_time * 1e3:.6g}  # as given")
+        if found.sensor.is_rolling:
+            lines.append(f'rows_read = "{found.sensor.rows_read}"')
     lines.append("# full_well_e = 10000  # of the data sheet")
     return lines
 
@@ -338,7 +342,7 @@ def _errors(found: "Measurement") -> list[str]:
 
 def _limits(found: "Measurement") -> list[str]:
     # A scene file may have no object that goes further than 10,000 px over an exposure.
-    longest = min(40.0, 1e4 / max(_fastest(found), 1e-9) / 2 * 1e3)
+    longest = min(80.0, 1e4 / max(_fastest(found), 1e-9) * 1e3)
     reach = ["max_stroke_mm = 0.155", "max_top_speed_mm_per_s = 69"]
     if found.pixel_pitch is None:
         reach = ["max_stroke_px = 45", "max_top_speed_px_per_s = 20000"]
@@ -346,8 +350,8 @@ def _limits(found: "Measurement") -> list[str]:
         "# Assumed: the piezo stage of the built-in scene. Write what yours does.",
         "[limits]",
         *reach,
-        "min_half_exposure_ms = 0.5",
-        f"max_half_exposure_ms = {_digits(longest)}",
+        "min_exposure_ms = 1",
+        f"max_exposure_ms = {_digits(longest)}",
     ]
 
 

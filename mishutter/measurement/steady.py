@@ -26,6 +26,8 @@ _MOST_PIXELS = 250_000
 """Pixels of a frame by which its motion is found."""
 _CERTAIN = 5.0
 """Errors beyond which a shake is taken for one."""
+_LEAST_OF_BANDS, _LEAST_BANDS, _CERTAIN_BANDS = 4, 0.003, 8.0
+"""Frames, and blocks of rows, that show bands; their least share, and errors of a certain one."""
 _LEAST_FOCUS, _CERTAIN_FOCUS = 0.05, 8.0
 """Change of the square of the blur that changes no noise, px^2, and errors that make it certain."""
 
@@ -102,6 +104,29 @@ def steady(frames: np.ndarray, step: float) -> Steady:
     value, error = focus
     is_certain = value > max(_LEAST_FOCUS, _CERTAIN_FOCUS * error)
     return series._replace(focus=value if is_certain else 0.0)
+
+
+def bands_of_light(frames: Float[np.ndarray, "frames rows columns"]) -> float:
+    """Share by which the light of rows differs in bands that change from frame to frame.
+
+    Lamps that flicker on the mains light the rows of a rolling shutter unlike. Bands are alike in
+    neighbouring blocks of rows, as noise is not; 0 if none are certain.
+    """
+    blocks = np.array([means(frame, SIDE) for frame in frames])
+    usual = np.median(blocks, axis=0)
+    if len(frames) < _LEAST_OF_BANDS or min(usual.shape) < _LEAST_OF_BANDS:
+        return 0.0
+    seen = usual > np.quantile(usual, 0.25)
+    ratio = np.where(seen, blocks / np.where(seen, usual, 1.0), np.nan)
+    lit = np.sum(seen, axis=1) >= _LEAST_OF_BANDS
+    if np.sum(lit) < _LEAST_OF_BANDS:
+        return 0.0
+    rows = np.nanmedian(ratio[:, lit], axis=2)
+    rows = rows - np.mean(rows, axis=1, keepdims=True)
+    products = rows[:, 1:] * rows[:, :-1]
+    value, error = float(np.mean(products)), float(np.std(products)) / np.sqrt(products.size)
+    is_certain = value > max(_LEAST_BANDS**2, _CERTAIN_BANDS * error)
+    return float(np.sqrt(value)) if is_certain else 0.0
 
 
 def _of_one_exposure(frames: np.ndarray, step: float) -> Steady:

@@ -22,7 +22,7 @@ _COARSE, _HALF = 4, 2
 _JUMP = TILE // 2
 _MARGIN = 2
 """Pixels at the border that splines do not reach without invention."""
-_ROBUST = 9.0
+ROBUST = 9.0
 """Square of a residual, in variances of noise, from which on it counts as something hidden."""
 
 
@@ -211,7 +211,7 @@ class Region(NamedTuple):
         counted = seen & (count > 1)
         if not counted.any():
             return np.inf
-        squares = (values - mean)[counted] ** 2 / (_ROBUST * self.frames.variance)
+        squares = (values - mean)[counted] ** 2 / (ROBUST * self.frames.variance)
         return float(np.log1p(squares).sum() / (count - 1)[count > 1].sum())
 
     def best_of_grid(self, velocity: np.ndarray, width: float) -> np.ndarray:
@@ -257,7 +257,7 @@ class Region(NamedTuple):
             weights = seen.astype(float)
             for _ in range(2):
                 squares = (values - mean) ** 2
-                scale = max(_ROBUST * noise, 3 * float(np.median(squares[seen])))
+                scale = max(ROBUST * noise, 3 * float(np.median(squares[seen])))
                 weights = np.where(seen, 1 / (1 + (squares / scale) ** 2), 0)
                 mean = _weighted(values, weights)
             away = times - _weighted(np.broadcast_to(times, values.shape), weights)

@@ -11,7 +11,7 @@ from functools import cache
 from typing import Annotated, Any, ClassVar, TypeVar, Union, get_args, get_origin
 
 from jaxtyping import ArrayLike
-from pydantic import BeforeValidator, create_model, field_validator
+from pydantic import BeforeValidator, create_model, field_validator, model_validator
 
 from mishutter._core.checks import RowLike
 from mishutter._core.validation import Section
@@ -40,6 +40,15 @@ class Arguments(Part):
     """A table of the arguments of a class; `arguments_of` makes a schema of one."""
 
     made: ClassVar[Callable[..., Any]]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_former(cls, table: Any) -> Any:
+        """Leaves out the arguments that a class has no longer, which it names `former`."""
+        former = getattr(cls.made, "former", ())
+        if not isinstance(table, dict):
+            return table
+        return {name: value for name, value in table.items() if name not in former}
 
     def built(self, **others: object) -> Any:
         """The object of these arguments."""

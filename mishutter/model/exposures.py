@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from mishutter._core.modules import AbstractModule
+from mishutter.model.limits import Limits
 from mishutter.model.scene import Scene
 from mishutter.model.stages import StagePath
 
@@ -34,6 +35,15 @@ class AbstractPath(AbstractModule):
     @abstractmethod
     def top_speed(self) -> float:
         """Greatest speed of the sensor; px/s, of a concrete path."""
+
+    @abstractmethod
+    def for_rows(self, readout: float, limits: Limits) -> "AbstractPath":
+        """A known path that goes on while rows are exposed earlier and later, within limits.
+
+        Args:
+            readout: Time from the first row to the last; s.
+            limits: Those of the stage.
+        """
 
     @property
     @abstractmethod

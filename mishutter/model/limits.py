@@ -33,12 +33,10 @@ from mishutter._core.compiling import compiled
 from mishutter._core.modules import AbstractModule
 from mishutter.model.motion import (
     AbstractMotion,
-    FreeMotion,
     ParabolicMotion,
     Positions,
     acceleration_of_stroke,
     is_known_zero,
-    largest_of,
 )
 from mishutter.model.servos import SecondOrderStage
 from mishutter.model.stages import StagePath, stage_path, stage_use
@@ -140,36 +138,6 @@ LIMITS = (
 """All limits of a motion, in the order in which errors name them."""
 
 
-class PathShape(NamedTuple):
-    """A free path whose acceleration and half exposure are left open."""
-
-    # Accelerations of its equal pieces, as multiples of their mean; shape `(K,)`
-    pieces: Float[Array, "k"]
-    # Velocity at mid-exposure from which others are counted, in units of the mean acceleration
-    # times the half exposure; scalar
-    velocity: Float[Array, ""]
-
-    def own_velocity(
-        self,
-        acceleration: Float[Array, ""],
-        half_exposure: Float[Array, ""],
-        max_pan: Float[Array, ""],
-    ) -> Float[Array, ""]:
-        """Velocity at mid-exposure from which others are counted, within the pan; px/s."""
-        return jnp.clip(self.velocity * acceleration * half_exposure, -max_pan, max_pan)
-
-    def path(
-        self, acceleration: Array, half_exposure: Array, velocity: Array, max_pan: Array
-    ) -> FreeMotion:
-        """The path with a mean acceleration, px/s^2, and a velocity beside its own, px/s."""
-        own = self.own_velocity(acceleration, half_exposure, max_pan)
-        return FreeMotion(
-            accelerations=acceleration * self.pieces,
-            half_exposure=half_exposure,
-            velocity=own + velocity,
-        )
-
-
 @final
 class Limits(AbstractModule):
     """The furthest that the mechanism and the exposure may reach.
@@ -193,8 +161,6 @@ class Limits(AbstractModule):
         axes: Axes of the stage, where things move in any direction: `"one"`, along that of the
             fastest; `"each"` of two, which keeps the limits by itself; or `"disc"`, two that keep
             them together.
-        free_paths: Whether the stage follows any path within these limits: comparisons then search
-            for rivals on paths that are no parabola, which takes more than half of their time.
         stage: How the stage follows what it is sent, which says what to send; by default it is
             where it is sent at once.
         frame_velocity: Velocity of the frame that motions are in, which `in_sensor_frame` sets;
@@ -202,7 +168,7 @@ class Limits(AbstractModule):
 
     Raises:
         ValueError: if one is not a positive scalar (`max_pan` at least 0), the exposures are out
-            of order, `pans` is neither, `free_paths` is no truth value, or `stage` is no stage.
+            of order, `pans` is neither, or `stage` is no stage.
     """
 
     max_stroke: Array
@@ -217,8 +183,8 @@ class Limits(AbstractModule):
     stage: SecondOrderStage | None
     pans: Literal["stage", "camera"] = eqx.field(static=True)
     axes: Literal["one", "each", "disc"] = eqx.field(static=True)
-    free_paths: bool = eqx.field(static=True)
     handed_on: ClassVar = ("frame_velocity",)
+    former: ClassVar = ("free_paths",)
 
     def __init__(
         self,
@@ -233,7 +199,6 @@ class Limits(AbstractModule):
         max_jerk: ArrayLike | None = None,
         pans: Literal["stage", "camera"] = "stage",
         axes: Literal["one", "each", "disc"] = "each",
-        free_paths: bool = False,
         stage: SecondOrderStage | None = None,
         frame_velocity: ArrayLike | None = None,
     ):
@@ -252,7 +217,7 @@ class Limits(AbstractModule):
             "frame_velocity": frame_velocity,
         }.items():
             setattr(self, name, None if value is None else as_float(value, f"Limits({name}=...)"))
-        self.pans, self.axes, self.free_paths, self.stage = pans, axes, free_paths, stage
+        self.pans, self.axes, self.stage = pans, axes, stage
 
     def __check_init__(self) -> None:
         stage = [name for name in _OF_STAGE if getattr(self, name) is not None]
@@ -264,8 +229,6 @@ class Limits(AbstractModule):
         require(self.pans in kinds, "Limits(pans=...)", "be 'stage' or 'camera'", self.pans)
         kinds = ("one", "each", "disc")
         require(self.axes in kinds, "Limits(axes=...)", "be 'one', 'each' or 'disc'", self.axes)
-        are_asked = isinstance(self.free_paths, bool)
-        require(are_asked, "Limits(free_paths=...)", "be True or False", self.free_paths)
         is_stage = isinstance(self.stage, SecondOrderStage | None)
         require(is_stage, "Limits(stage=...)", "be a `SecondOrderStage`", self.stage)
         if is_concrete(self.min_half_exposure) and is_concrete(self.max_half_exposure):
@@ -359,32 +322,21 @@ class Limits(AbstractModule):
             half_exposure: $T$; s.
             velocity: Velocity at mid-exposure; px/s.
         """
+        space = namespace_of(half_exposure)
         by_stroke = self.acceleration_by_stroke(half_exposure, velocity)
-        by_speed = self._acceleration_by_speed(half_exposure, velocity)
-        return namespace_of(half_exposure).minimum(by_stroke, by_speed)
-
-    def _acceleration_by_speed(
-        self, half_exposure: Positions, velocity: ArrayLike = 0.0
-    ) -> Positions:
-        """Largest mean acceleration that the top speed leaves beside a pan; px/s^2."""
         top, v = (as_array_like(half_exposure, x) for x in (self.max_top_speed, velocity))
-        return namespace_of(half_exposure).maximum(top - abs(v), 0) / (2 * half_exposure)
+        by_speed = space.maximum(top - abs(v), 0) / (2 * half_exposure)
+        return space.minimum(by_stroke, by_speed)
 
-    def largest_acceleration(
-        self, half_exposure: Number, velocity: Number, shape: PathShape | None = None
-    ) -> Number:
+    def largest_acceleration(self, half_exposure: Number, velocity: Number) -> Number:
         """Largest acceleration within stroke, top speed and the stage's reach; px/s^2, scalar.
 
         Args:
             half_exposure: $T$; s.
-            velocity: Velocity at mid-exposure, of a path beside its own; px/s.
-            shape: Shape of a free path, whose mean acceleration it then is; None of a parabola.
+            velocity: Velocity at mid-exposure; px/s.
         """
-        if shape is None:
-            most = self.acceleration_of_path(half_exposure, velocity)
-        else:
-            most = self._acceleration_by_speed(half_exposure, velocity)
-        return self.acceleration_of_stage(most, half_exposure, velocity, shape)
+        most = self.acceleration_of_path(half_exposure, velocity)
+        return self.acceleration_of_stage(most, half_exposure, velocity)
 
     def velocity_by_stroke(
         self, acceleration: Float[Array, ""], half_exposure: Float[Array, ""]
@@ -421,7 +373,6 @@ class Limits(AbstractModule):
         acceleration: Float[Array, ""],
         half_exposure: Float[Array, ""],
         velocity: Float[Array, ""],
-        shape: PathShape | None = None,
     ) -> Float[Array, ""]:
         """Share in use of what the stage reaches: the greatest of all limits without a formula.
 
@@ -429,25 +380,15 @@ class Limits(AbstractModule):
         never falls with the acceleration, px/s^2, the half exposure, s, or the size of the
         velocity, px/s, in the frame of the stage.
 
-        With the `shape` of a free path it is that of the path, whose velocity is counted from the
-        shape's own. Stroke and top speed count there too, which have closed forms for a parabola
-        alone.
-
         Args:
             acceleration: $a$; px/s^2.
             half_exposure: $T$; s.
             velocity: Velocity at mid-exposure; px/s.
-            shape: Shape of a free path; None of a parabola.
         """
-        if shape is None:
-            motion = ParabolicMotion(
-                acceleration=acceleration, half_exposure=half_exposure, velocity=velocity
-            )
-            return self.stage_share_of(motion)
-        path = shape.path(acceleration, half_exposure, velocity, self.max_pan)
-        stroke = self.of_stage(path).stroke / self.max_stroke
-        solved = jnp.maximum(path.top_speed / self.max_top_speed, stroke)
-        return jnp.maximum(self.stage_share_of(path), solved)
+        motion = ParabolicMotion(
+            acceleration=acceleration, half_exposure=half_exposure, velocity=velocity
+        )
+        return self.stage_share_of(motion)
 
     def stage_share_of(self, motion: AbstractMotion) -> Float[Array, ""]:
         """The `stage_share` of a motion; scalar.
@@ -528,7 +469,6 @@ class Limits(AbstractModule):
         low: Number,
         high: Number,
         numbers: Mapping[str, Number],
-        shape: PathShape | None = None,
     ) -> Float[Array, ""]:
         """Largest value of a number of a motion that the stage reaches; scalar.
 
@@ -540,9 +480,8 @@ class Limits(AbstractModule):
             low: Least value.
             high: Greatest value.
             numbers: The numbers of a motion in which it takes its place.
-            shape: That of a free path, as `stage_share` takes it.
         """
-        return _largest(self, name, low, high, {**numbers, "shape": shape})
+        return _largest(self, name, low, high, {**numbers})
 
     def fullest_motion(self, velocity: ArrayLike = 0.0) -> ParabolicMotion:
         """The longest stroke at the highest top speed that the limits allow.
@@ -586,24 +525,22 @@ class Limits(AbstractModule):
         return self.acceleration_of_stage(acceleration, half, velocity), half, velocity
 
     def acceleration_of_stage(
-        self, most: Number, half_exposure: Number, velocity: Number, shape: PathShape | None = None
+        self, most: Number, half_exposure: Number, velocity: Number
     ) -> Number:
         """Largest acceleration up to `most` that the stage reaches; px/s^2, scalar.
 
         Args:
             most: Acceleration above which none is looked for; px/s^2.
             half_exposure: $T$; s.
-            velocity: Velocity at mid-exposure, of a path beside its own; px/s.
-            shape: Shape of a free path, whose mean acceleration it then is; None of a parabola.
+            velocity: Velocity at mid-exposure; px/s.
         """
         if self.max_acceleration is not None:
-            steepest = 1.0 if shape is None else largest_of(shape.pieces)
-            most = jnp.minimum(most, self.max_acceleration / (2 * steepest))
-        if shape is None and not self.has_stage:
+            most = jnp.minimum(most, self.max_acceleration / 2)
+        if not self.has_stage:
             return most
         rest = jnp.zeros_like(most)
         numbers = {"acceleration": rest, "half_exposure": half_exposure, "velocity": velocity}
-        return self.largest("acceleration", rest, most, numbers, shape)
+        return self.largest("acceleration", rest, most, numbers)
 
     def _travel_share(self, motion: AbstractMotion) -> Array:
         """The share of travel and top speed that a motion takes with its run-up and its run-out."""

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import fields, replace
 from fractions import Fraction
 from functools import lru_cache
-from typing import Any, NamedTuple, cast, final
+from typing import Any, NamedTuple, final
 
 import equinox as eqx
 import jax
@@ -123,13 +123,13 @@ class AbstractMotion(AbstractModule):
     def fixed(self) -> FixedParts:
         """Parts that a search leaves as they are: of a straight path that it is straight."""
         if self.is_straight and is_known_zero(self.velocity):
-            return FixedParts({"path", "acceleration", "velocity"}, "leave a still camera at rest")
+            return FixedParts({"acceleration", "velocity"}, "leave a still camera at rest")
         if self.is_straight:
-            return FixedParts({"path", "acceleration"}, "leave a pan its constant velocity")
+            return FixedParts({"acceleration"}, "leave a pan its constant velocity")
         if self.accelerates_constantly:
             return FixedParts(set(), "move")
         names = {"half_exposure", "acceleration", "velocity"}
-        return FixedParts(names, "name path, or leave a free path as it is")
+        return FixedParts(names, "leave a free path as it is")
 
     @property
     def mirrors(self) -> bool:
@@ -151,10 +151,6 @@ class AbstractMotion(AbstractModule):
         """The motion, or its mirror image where a sign is -1 rather than 1."""
         scaled = jax.tree.map(lambda number: number * sign, self)
         return replace(scaled, half_exposure=self.half_exposure)
-
-    def as_free_path(self) -> "FreeMotion":
-        """The motion as a path of several pieces."""
-        return FreeMotion.fit(self) if self.accelerates_constantly else cast(FreeMotion, self)
 
     @property
     def exposure(self) -> Float[Array, "..."]:

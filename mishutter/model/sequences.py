@@ -356,6 +356,9 @@ class AxisPath(AbstractPath):
         alone = FrameSequence("", tuple(frames), 0.0, 0.0, 0.0)
         return alone.for_rows(readout, limits).path(limits)
 
+    def for_rows(self, readout: float, limits: Limits) -> "AxisPath":
+        return self
+
     @property
     def top_speed(self) -> float:
         return float(np.max(np.abs(self.stage.velocities + self.pan)))

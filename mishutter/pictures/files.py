@@ -155,7 +155,7 @@ def _in_time(series: Any) -> tuple[np.ndarray, str]:
     if time in "ZC":
         words.append(f"{'depths' if time == 'Z' else 'channels'} ({time}) are taken for times")
     if others:
-        words.append(f"the first of {' and '.join(axes[k] for k in others)} is measured")
+        words.append(f"the first of {' and '.join(axes[k] for k in others)} is taken")
     return numbers, ": ".join([words[0], " and ".join(words[1:])]) if len(words) > 1 else ""
 
 

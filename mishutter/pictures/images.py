@@ -222,7 +222,7 @@ def read_captures(
     """Read what a camera has recorded, as `read_picture` does, whatever its values are.
 
     A capture that a dark frame was taken from is below 0 by its noise, and a highlight may be above
-    white. A TIFF holds as many captures as it has pages of full size.
+    white. A TIFF holds as many captures as its axes have times, or as it has pages of full size.
     """
     path, white = Path(path), checked_white("read_captures(white=...)", white)
     require_scalar("read_captures(black=...)", black)
@@ -250,9 +250,19 @@ def read_captures(
 
 
 def decoded_pages(path: str | Path, most: int | None = None) -> tuple[Decoded, ...]:
-    """The pictures of a file as it holds them: a TIFF has one for each page of full size."""
+    """The pictures of a file as it holds them.
+
+    A TIFF of plain grey numbers has one for each time of its axes, and others one for each page of
+    full size.
+    """
     path = Path(path)
     files = [_file(path)]
+    stack = frames_of_tiff(path, most) if is_tiff(path) else None
+    if stack is not None:
+        if stack.word:
+            warnings.warn(f"{path}: {stack.word}", PictureWarning, stacklevel=3)
+        first = files[0]._replace(has_more=stack.has_more)
+        return tuple(first._replace(colour=frame[..., None]) for frame in stack.frames)
     while files[-1].has_more and is_tiff(path) and (most is None or len(files) < most):
         files.append(_file(path, len(files)))
     return tuple(files)

@@ -33,6 +33,8 @@ class PlaneBurst(AbstractExposures):
         use: Demands on an axis of the stage, from rest to rest.
         width_loss: Loss by things that enter and leave the scene's sensor or object, a square of
             its width; dB. None of one frame, and where no width is known.
+        pan: Velocity at which the camera turns meanwhile along rows and columns, which the stage
+            does not follow; px/s.
     """
 
     kind: str
@@ -41,12 +43,23 @@ class PlaneBurst(AbstractExposures):
     psnr: float
     use: StageUse
     width_loss: float | None = None
+    pan: tuple[float, ...] = (0.0, 0.0)
     axes: ClassVar = ("_x", "_y")
 
     @property
     def level(self) -> float:
         """PSNR on a sensor of the scene's width; dB."""
         return self.psnr - (self.width_loss or 0.0)
+
+    @property
+    def travel(self) -> float:
+        """Travel of an axis of the stage, from rest to rest; px."""
+        return float(self.use.travel)
+
+    @property
+    def stroke(self) -> float:
+        """Travel of an axis of the stage from the first light to the last; px."""
+        return float(self.use.stroke)
 
     @property
     def times(self) -> list[float]:
@@ -78,9 +91,7 @@ class PlaneBurst(AbstractExposures):
             scene: The scene, whose limits say how the stage runs up.
         """
         require_scene(scene, in_plane=True)
-        frames = self.frames
-        if self.num_axes:
-            frames = of_stage(frames, require_velocities(scene), scene.limits)
+        frames = of_stage(self.frames, pan_over(scene, self.frames))
         return dict(zip(self.axes, frames.stage_paths(scene.limits), strict=False))
 
     @property
@@ -94,18 +105,38 @@ class PlaneBurst(AbstractExposures):
         return f"PlaneBurst({self.text})"
 
 
-def pan_of(velocities: AbstractVelocities, limits: Limits) -> Float[np.ndarray, "2"]:
-    """Velocity along with the mean of the things, as the limits allow it; px/s."""
-    centre, most = velocities.centre, float(limits.max_pan)
+def burst_of(
+    scene: Scene,
+    kind: str,
+    num_axes: int,
+    frames: PlaneFrames,
+    psnr: float,
+    *,
+    width_loss: float | None = None,
+) -> PlaneBurst:
+    """Frames with what they ask of a stage, beside a camera that turns where they move."""
+    pan = pan_over(scene, frames)
+    use = of_stage(frames, pan).use(scene.limits)
+    return PlaneBurst(kind, num_axes, frames, psnr, use, width_loss, (*pan.tolist(),))
+
+
+def pan_over(scene: Scene, frames: PlaneFrames) -> Float[np.ndarray, "2"]:
+    """Velocity at which the camera turns over frames, 0 if they are at rest; px/s."""
+    return np.zeros(2) if frames.stays else turned_by(require_velocities(scene), scene.limits)
+
+
+def turned_by(velocities: AbstractVelocities, limits: Limits) -> Float[np.ndarray, "2"]:
+    """Velocity of a camera that pans by turning along with the mean of the things; px/s."""
+    centre, most = velocities.centre, float(limits.max_pan) if limits.pans == "camera" else 0.0
     speed = float(np.hypot(*centre))
     return centre * min(1.0, most / speed) if speed > 0 else centre
 
 
-def of_stage(frames: PlaneFrames, velocities: AbstractVelocities, limits: Limits) -> PlaneFrames:
-    """Frames that move as the stage makes them, beside a camera that turns."""
-    if limits.pans != "camera":
+def of_stage(frames: PlaneFrames, pan: Float[np.ndarray, "2"]) -> PlaneFrames:
+    """Frames that move as the stage makes them, beside a camera that turns at a velocity, px/s."""
+    if not np.any(pan):
         return frames
-    velocity = frames.velocities - pan_of(velocities, limits)[:, None]
+    velocity = frames.velocities - pan[:, None]
     return eqx.tree_at(lambda x: x.velocities, frames, velocity)
 
 

@@ -22,16 +22,16 @@ _DIRECTIONS = np.arange(16) * np.pi / 16
 class PlaneFrames(AbstractPath):
     """Frames of an open shutter, one after the other, and the path of the sensor through them.
 
-    The path has pieces of constant acceleration from the first light to the last. All numbers may
-    be differentiated.
+    The path has pieces of constant acceleration from the first light of any row to the last. All
+    numbers may be differentiated.
 
     Attributes:
         times: Mid-exposures, ascending; s, shape `(n,)`.
         exposures: Exposures, of which 0 is no frame; s, shape `(n,)`.
         durations: Durations of the pieces, of which some may be 0; s, shape `(p,)`.
         velocities: Velocities along rows and columns at their ends; px/s, shape `(2, p + 1)`.
-        lead: Time for which the path goes on before the first light and after the last, for rows
-            that are exposed earlier and later; s.
+        lead: Time by which the path begins before the first light, and ends after the last, for
+            rows that are exposed earlier and later; s.
     """
 
     times: Float[Array | np.ndarray, "n"]
@@ -65,11 +65,23 @@ class PlaneFrames(AbstractPath):
             readout: Time from the first row to the last; s.
             limits: Those of the stage.
         """
-        going_on = replace(self, lead=0.0 if self.stays else readout / 2)
+        if self.lead or self.stays or not readout:
+            return self
+        durations, velocities, _ = led(*self._known, readout / 2)
+        going_on = replace(self, durations=durations, velocities=velocities, lead=readout / 2)
         use = going_on.use(limits)
         pairs = (use.travel, limits.max_travel), (use.stroke, limits.max_stroke)
-        fits = all(most is None or float(own) <= float(most) * 1.00001 for own, most in pairs)
-        return going_on if fits else replace(self, lead=0.0)
+        if all(most is None or float(own) <= float(most) * 1.00001 for own, most in pairs):
+            return going_on
+        knots = self.knots(limits)
+        rest = max(readout / 2 - float(min(knots.durations[0], knots.durations[-1])), 0.0)
+        ends = np.zeros((2, 1))
+        return replace(
+            self,
+            durations=np.r_[rest, knots.durations, rest],
+            velocities=np.hstack([ends, knots.velocities, ends]),
+            lead=rest + float(knots.durations[0]),
+        )
 
     def place(
         self, time: Float[Array | np.ndarray, "*shape"]
@@ -79,7 +91,7 @@ class PlaneFrames(AbstractPath):
         Args:
             time: Time on the clock of `times`; s.
         """
-        d, v, time, begin = as_numpy(*self._pieces, time, self._begin - self.lead)
+        d, v, time, begin = as_numpy(self.durations, self.velocities, time, self._begin - self.lead)
         space = namespace_of(d, v, time, begin)
         ends = space.concatenate([space.zeros_like(d[:1]), space.cumsum(d)])
         places = Knots(d[None], v, None, 0, d.size).positions
@@ -95,12 +107,9 @@ class PlaneFrames(AbstractPath):
         return places[:, piece] + elapsed * (start + share * (end - start) / 2)
 
     @property
-    def _pieces(self) -> tuple[Array | np.ndarray, Array | np.ndarray]:
-        """Durations and velocities of the path with its lead."""
-        if not self.lead:
-            return self.durations, self.velocities
-        durations, velocities = (np.asarray(x, float) for x in (self.durations, self.velocities))
-        return led(durations, velocities, self.lead)[:2]
+    def _known(self) -> tuple[Float[np.ndarray, "p"], Float[np.ndarray, "2 p+1"]]:
+        """Its pieces, of a concrete path."""
+        return np.asarray(self.durations, np.float64), np.asarray(self.velocities, np.float64)
 
     def num_panels(self, fastest: float) -> int:
         """Number of panels of nodes for all things up to a speed; of concrete frames.
@@ -118,7 +127,7 @@ class PlaneFrames(AbstractPath):
     @property
     def bends(self) -> Float[np.ndarray, "k"]:
         begin = float(self._begin) - self.lead
-        return begin + np.append(0.0, np.cumsum(np.asarray(self._pieces[0])))
+        return begin + np.append(0.0, np.cumsum(self._known[0]))
 
     @property
     def stays(self) -> bool:
@@ -134,7 +143,7 @@ class PlaneFrames(AbstractPath):
         Args:
             limits: Those of the stage.
         """
-        durations, velocities = (np.asarray(x, np.float64) for x in self._pieces)
+        durations, velocities = self._known
         most = math.inf if limits.max_acceleration is None else float(limits.max_acceleration)
         times = [
             float(np.max(np.abs(v))) / most if limits.axes == "each" else math.hypot(*v) / most

@@ -2,12 +2,10 @@
 
 from dataclasses import replace
 
-import jax
 from jaxtyping import Array, Float
 
-from mishutter._core.checks import common_dtype
-from mishutter.evaluation.fans import MEASURED, Fan, Grid
-from mishutter.evaluation.levels import instants_of, left, psnr_of, require_velocities
+from mishutter.evaluation.fans import MEASURED, Grid
+from mishutter.evaluation.levels import level_of, require_velocities
 from mishutter.model.scene import Scene, require_scene
 from mishutter.model.velocities import EvenVelocities
 from mishutter.plane.frames import PlaneFrames
@@ -31,13 +29,12 @@ def plane_psnr(
         num_panels: Panels of 16 nodes in each frame; by default those that concrete frames need.
 
     Raises:
-        ValueError: if the scene is of one axis, or the frames are traced without `num_panels`.
+        ValueError: if the scene is of one axis, the frames are traced without `num_panels`, or
+            something passes more than 10 px in a panel.
     """
     require_scene(scene, in_plane=True)
     require_velocities(scene)
-    instants = instants_of(scene, frames, "plane_psnr", num_panels=num_panels)
-    error = left(scene, instants, Fan.of(scene, grid), grid.num_speeds)
-    return psnr_of(error, common_dtype(*jax.tree.leaves(frames)))
+    return level_of(scene, frames, "plane_psnr", None, grid, num_panels)
 
 
 def cross_motion_loss(scene: Scene, frames: PlaneFrames, *, across: float = 0.1) -> float:

@@ -12,14 +12,13 @@ from mishutter._core.compiling import outside_trace
 from mishutter._core.parallel import alone_in_blas
 from mishutter._core.progress import counts
 from mishutter.decoding.decoders.base import AbstractDecoder
-from mishutter.design.design import Design, metrics_to_dict, motion_to_dict, sequence_to_dict
+from mishutter.design.design import Design, frames_to_dict, metrics_to_dict, motion_to_dict
 from mishutter.evaluation.ceilings import ceiling
 from mishutter.evaluation.losses import AbstractLoss, as_loss
 from mishutter.evaluation.speed_knowledge import loss_of_decoder
 from mishutter.evaluation.tolerances import ToleranceCosts, tolerance_costs
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene, require_scene
-from mishutter.model.sequences import FrameSequence
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.pictures.images import Picture
 from mishutter.report.by_decoder import Judgement, judged_by, pictures_to_judge
@@ -50,7 +49,10 @@ from mishutter.search.rivals import (
 from mishutter.search.rows import (
     BEST_SNAPSHOT,
     OWN_BEST_MOTION,
+    SECOND_AXIS,
     SNAPSHOTS,
+    STAGE,
+    Frames,
     Row,
     best_of_each_purchase,
     best_row,
@@ -126,10 +128,12 @@ class Comparison:
     def is_coded(self) -> bool:
         """Whether the choice is one exposure of a sensor that accelerates or a shaped shutter."""
         choice = self.choice
-        return choice is not None and choice.is_of_one_exposure and choice.name not in SNAPSHOTS
+        if choice is None or choice.is_in_plane:
+            return False
+        return choice.is_of_one_exposure and choice.name not in SNAPSHOTS
 
     @property
-    def sequence(self) -> FrameSequence | None:
+    def sequence(self) -> Frames | None:
         """The frames of the best option; None without any.
 
         Where that is one exposure, since nothing is said to register objects, they are those that
@@ -183,9 +187,9 @@ class Comparison:
             {
                 "reading": row.reading,
                 "name": row.name,
-                "motion": motion_to_dict(row.motion),
+                "motion": None if row.is_in_plane else motion_to_dict(row.motion),
                 "loss": row.loss,
-                "num_frames": row.num_frames,
+                **_frames_of(row),
                 "psnr_db": row.psnr,
                 "worst_speed_psnr_db": row.worst_psnr,
                 "metrics": metrics_to_dict(row.metrics),
@@ -205,6 +209,7 @@ class Comparison:
             {
                 "name": option_name(row),
                 "row": row.name,
+                **_frames_of(row),
                 "psnr_db": row.level,
                 "gain_db": row.margin_over(self.options_baseline),
                 "needs": list(row.needs),
@@ -229,7 +234,7 @@ class Comparison:
         if self.judgement is not None:
             document["on_pictures"] = self.judgement.to_dict()
         if self.sequence is not None:
-            document["sequence"] = sequence_to_dict(self.sequence)
+            document["sequence"] = frames_to_dict(self.sequence)
         return document
 
     def plot(self) -> "Figure":
@@ -259,6 +264,19 @@ class Comparison:
         return "\n\n".join([first, *parts])
 
 
+def _frames_of(row: Row) -> dict[str, object]:
+    """The frames of a row as a document has them: one exposure has no travel and no loss."""
+    frames = row.sequence
+    return {
+        "kind": row.exposures.kind,
+        "num_frames": row.num_frames,
+        "num_axes": len(row.parts & {STAGE, SECOND_AXIS}),
+        "exposures_s": row.exposures.exposures,
+        "travel_px": None if frames is None else frames.travel,
+        "width_loss_db": None if frames is None else frames.width_loss,
+    }
+
+
 @alone_in_blas()
 @outside_trace()
 def compare(
@@ -267,7 +285,6 @@ def compare(
     shutters: Mapping[str, object] | Sequence[object] | Entry | None = None,
     *,
     loss: AbstractLoss | Callable[..., object] | None = None,
-    free_paths: bool = False,
     every: bool = True,
     decoder: AbstractDecoder | None = None,
     pictures: Iterable[Picture | ArrayLike] = (),
@@ -288,10 +305,7 @@ def compare(
     too; the best snapshot, which is an open shutter at rest, and where the sensor may pan the best
     panned snapshot; the best coded still, which is a free profile without acceleration, and where
     that pans the best one at rest; the best still burst of a scene that has a `BurstMode`, and the
-    best moving one where there is no background; and without either stills at 30 frames/s. An open
-    shutter and a free profile on the best free path, which take more than half of the time and a
-    stage that follows any path, are searched for where they are asked for, unless the scene has
-    tolerances or limits the jerk of its stage; the ceiling holds for them too.
+    best moving one where there is no background; and without either stills at 30 frames/s.
 
     A `decoder` and `pictures` add a column, a line of the verdict and a `judgement`: each camera of
     one exposure captures the photographs at every speed of the scene, with an exposure that is
@@ -308,7 +322,6 @@ def compare(
         loss: The loss that tunes the motions, or a function of scene, motion and shutter. The loss
             of the scene's decoder is the default, and replaces a loss that ignores the number of
             photons.
-        free_paths: Whether free paths are compared too, also where the scene does not ask for them.
         every: Whether every row is computed, or only those of the answer: your own, an open
             shutter, snapshots, coded stills and bursts at their own best motions.
         decoder: Your own decoder, or one of the package's.
@@ -341,8 +354,8 @@ def compare(
         for name, entry in entries.items():
             must = f"call no other shutter one of {', '.join(taken_names())}"
             require(may_be_named(entry, name), subject, must, name)
-    search = RivalSearch(scene, loss, motion, entries, free_paths=free_paths, every=every)
-    why_no_step = "compiling (first run only), or a long search"
+    search = RivalSearch(scene, loss, motion, entries, every=every)
+    why_no_step = "compiling, or a long search"
     with counts(progress is True, "comparing", len(searches(search)), why_no_step) as counter:
         # Of frames the moving ones take the time.
         labels = {BEST_STILL_BURST: BEST_MOVING_BURST} if scene.limits.moves else {}
@@ -358,7 +371,7 @@ def compare(
         frames = labels.get(BEST_STILL_BURST, BEST_STILL_BURST)
         search.burst_progress = lambda share: counter.within(frames, share)
         rows = compared_rows(search, ended, began)
-    table = with_verdict(rows, entries, scene, loss, free_paths=search.free_paths, details=every)
+    table = with_verdict(rows, entries, scene, loss, details=every)
     if decoder is None:
         return table
     at_best = [row for row in rows if row.reading == OWN_BEST_MOTION and row.is_of_one_exposure]
@@ -377,19 +390,18 @@ def with_verdict(
     scene: Scene,
     loss: AbstractLoss | None = None,
     *,
-    free_paths: bool = False,
     details: bool = True,
 ) -> Comparison:
     """Adds the answer, the gain and the ceiling to the rows of a scene."""
     loss = loss_of_decoder(scene) if loss is None else loss
     at_best = [row for row in rows if row.reading == OWN_BEST_MOTION]
     single = [row for row in at_best if row.is_of_one_exposure]
-    notes = comparison_notes(scene, entries, single, free_paths=free_paths)
+    notes = comparison_notes(scene, entries, single)
     snapshot = best_row(row for row in single if row.name in SNAPSHOTS)
     if np.isposinf(snapshot.level):
         said = "This scene's picture holds no detail: there is nothing to restore or to gain."
         return Comparison(tuple(rows), said, 0.0, np.inf, notes)
-    coded = [row for row in single if row.name not in SNAPSHOTS]
+    coded = [row for row in single if row.name not in SNAPSHOTS] or single
     best = best_row([row for row in coded if row.name in entries] or coded)
     most = float(ceiling(scene))
     if most < max(row.level for row in coded):  # a design that dwells at the listed speeds

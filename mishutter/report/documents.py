@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 from mishutter._core.files import FORMER, ONE_EXPOSURE, RECOMMENDED, strict_json, write_text
 from mishutter.decoding.restoration import RestoredPhotograph
-from mishutter.design.design import Design
+from mishutter.design.design import AbstractDesign, Design, PlaneDesign
 from mishutter.model.scene import Scene
+from mishutter.plane.bursts import PlaneBurst
 from mishutter.report import plots
 from mishutter.report.comparison import Comparison
 from mishutter.report.measured import MeasuredCamera
@@ -72,7 +73,7 @@ class Report:
             # Searches that end in one place differ by rounding; the first of them is pictured.
             best = [max(coded, key=lambda name: round(coded[name].level, 3))] if coded else []
             order += [*self.names, *best]
-        return {name: rows[name] for name in dict.fromkeys(order)}
+        return {name: rows[name] for name in dict.fromkeys(order) if name in rows}
 
     @property
     def cameras(self) -> dict[str, Row]:
@@ -95,9 +96,11 @@ class Report:
         return None if self.design is None else replace(self.design, sequence=None)
 
     @property
-    def recommended(self) -> Design | None:
+    def recommended(self) -> AbstractDesign | None:
         """The best option as a design; None without a search, and where nothing is recommended."""
         choice = self.comparison.choice
+        if choice is not None and isinstance(choice.sequence, PlaneBurst):
+            return PlaneDesign(self.scene, choice.sequence)
         if self.design is None or choice is None:
             return None
         if choice.sequence is not None:
@@ -108,6 +111,13 @@ class Report:
     def file_to_build(self) -> str:
         """Name of the file that holds the best option, once a report with a design is written."""
         return ONE_EXPOSURE if self.recommended is None else RECOMMENDED
+
+    def plot(self) -> "Figure":
+        """Draws the best option under the first line of the answer; all rows without one."""
+        choice = self.comparison.choice
+        if choice is None:
+            return self.comparison.plot()
+        return plots.plot_option(self.scene, choice, self.comparison.verdict.splitlines()[0])
 
     def to_dict(self) -> dict[str, object]:
         """Everything in a report as plain numbers, lists and text."""
@@ -129,9 +139,14 @@ class Report:
                 }
                 for name, result in results.items()
             }
+        law, answer = self.scene.velocities, self.comparison.to_dict()
+        velocities = {} if law is None else {"velocities": law.table}
         return {
             **design,
-            "comparison": self.comparison.to_dict(),
+            **velocities,
+            **answer,
+            # Programs look for the answer here too.
+            "comparison": answer,
             **measured,
             "photographs": photographs,
         }
@@ -149,7 +164,7 @@ def write_report(
     for name, write in writers.items():
         write(folder / name)
         wrote(name)
-    older = _PICTURES if report.design is None else {*_PICTURES, *FORMER}
+    older = _PICTURES if report.recommended is None else {*_PICTURES, *FORMER}
     for name in older - set(writers):
         (folder / name).unlink(missing_ok=True)
     return list(writers)
@@ -183,8 +198,7 @@ def _drawings(report: Report) -> "dict[str, Callable[[], Figure]]":
     drawings: dict[str, Callable[[], Figure]] = {}
     choice = comparison.choice
     if choice is not None:
-        title = comparison.verdict.splitlines()[0]
-        drawings["answer.png"] = lambda: plots.plot_option(scene, choice, title)
+        drawings["answer.png"] = report.plot
     if report.photographs is not None:
         shown = report.photographs.shown
         few = dict(itertools.islice(report.rows.items(), _MOST_ROWS))
@@ -196,7 +210,7 @@ def _drawings(report: Report) -> "dict[str, Callable[[], Figure]]":
         drawings["photograph.png"] = lambda: plots.plot_photograph(
             restored, pictured_speeds(scene), axis=scene.sensor.axis, asides=asides
         )
-    if not (report.every or comparison.is_coded):
+    if scene.velocities is not None or not (report.every or comparison.is_coded):
         return drawings
     designs = {name: (row.motion, row.shutter) for name, row in report.cameras.items()}
     knowledge = next(iter(report.cameras.values())).decoder.name

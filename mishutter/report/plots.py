@@ -27,7 +27,7 @@ from mishutter.hardware.drive import DriveTable
 from mishutter.hardware.triggers import FrameTable, frame_table
 from mishutter.model.decoder_speeds import DecoderSpeed
 from mishutter.model.devices import command_of
-from mishutter.model.exposures import AbstractExposures, Lights
+from mishutter.model.exposures import Lights
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene, picture_power
 from mishutter.model.shutters.base import AbstractShutter
@@ -36,6 +36,7 @@ from mishutter.model.shutters.spline import SplineShutter
 from mishutter.model.stages import StagePath
 from mishutter.model.velocities import AbstractVelocities
 from mishutter.pictures.images import Axis, Picture, to_display, transposed
+from mishutter.plane.bursts import PlaneBurst
 from mishutter.search.rows import SHUTTER, Row
 
 if TYPE_CHECKING:
@@ -188,9 +189,10 @@ def plot_design(design: AbstractDesign) -> "Figure":
     Args:
         design: A design along an axis or in the plane.
     """
-    if not isinstance(design, Design):
-        return plot_plane(design.scene, design.exposures)
-    if design.sequence is not None:
+    burst = design.exposures
+    if isinstance(burst, PlaneBurst) and burst.moves:
+        return _plot_plane(design.scene, burst)
+    if not isinstance(design, Design) or design.sequence is not None:
         return plot_frames(frame_table(design))
     motion = design.motion
     figure, (top, bottom) = _new(2, height=2.4, share=True)
@@ -309,8 +311,11 @@ def _draw_exposures(axes: "Axes", lights: Lights, paths: Mapping[str, StagePath]
 def plot_option(scene: Scene, row: Row, title: str = "") -> "Figure":
     """Draws an option of an answer: its exposures in time, and the path of the stage.
 
-    Behind a shaped shutter a second panel has the transmittance.
+    Behind a shaped shutter a second panel has the transmittance. In the plane the path and its
+    velocities have panels of their own, if the stage moves.
     """
+    if isinstance(row.sequence, PlaneBurst) and row.stroke >= _AT_REST:
+        return _plot_plane(scene, row.sequence, title)
     motion, exposures, is_still = row.motion, row.exposures, row.stroke < _AT_REST
     half, paths = float(motion.half_exposure), {} if is_still else exposures.stage_paths(scene)
     is_shaped = SHUTTER in row.required_hardware
@@ -736,20 +741,12 @@ def draw_grid(axes: "Axes") -> None:
     axes.grid(True, color="0.88", linewidth=0.6)
 
 
-def plot_plane(scene: Scene, burst: AbstractExposures, title: str = "") -> "Figure":
+def _plot_plane(scene: Scene, burst: PlaneBurst, title: str = "") -> "Figure":
     """Draws frames in the plane: their path, their places in time, and their velocities.
 
     Exposures are coloured one by one; the way between them is thin. The outline beside the
-    velocities is that of the things. Of frames at rest there are times alone.
+    velocities is that of the things.
     """
-    if not burst.moves:
-        figure, (below,) = _new(1, height=2.6)
-        _draw_exposures(below, burst.lights, {})
-        part = "stage" if scene.limits.moves else "sensor"
-        below.lines[0].set_label(f"{part}, at rest")
-        below.set(ylim=(-1, 1), ylabel=f"{part} position / px")
-        below.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
-        return _titled(figure, title)
     figure = new_figure(7.4, 6.2)
     plane, hodograph = (figure.add_subplot(2, 2, place) for place in (1, 2))
     below = figure.add_subplot(2, 1, 2)
@@ -757,7 +754,7 @@ def plot_plane(scene: Scene, burst: AbstractExposures, title: str = "") -> "Figu
         draw_grid(axes)
     frames, begin = burst.frames, burst.lights[0][0]
     time = begin + np.linspace(0, burst.duration * (1 - 1e-9), 8 * _NUM_POINTS)
-    place = np.asarray(frames.place(time))
+    place = np.asarray(frames.place(time)) - np.outer(burst.pan, time)
     place = place - np.mean(place, axis=1)[:, None]
     ends = begin + np.append(0.0, np.cumsum(frames.durations))
     velocity = np.stack([np.interp(time, ends, v) for v in np.asarray(frames.velocities)])
@@ -776,7 +773,7 @@ def plot_plane(scene: Scene, burst: AbstractExposures, title: str = "") -> "Figu
         hodograph.legend(loc="upper right", fontsize="small")
     for axis, row, style in zip(("rows", "columns"), place, line_styles(), strict=False):
         below.plot(time * 1e3, row, label=f"along {axis}", **style)
-    plane.set(xlabel="along rows / px", ylabel="along columns / px", title="path")
+    plane.set(xlabel="along rows / px", ylabel="along columns / px", title="path of the stage")
     hodograph.set(xlabel="along rows / px/s", ylabel="along columns / px/s", title="velocities")
     for axes in (plane, hodograph):
         axes.set_aspect("equal", "datalim")
@@ -790,7 +787,10 @@ def plot_plane(scene: Scene, burst: AbstractExposures, title: str = "") -> "Figu
 
 def _outline(law: AbstractVelocities, angles: Float[np.ndarray, "n"]) -> Float[np.ndarray, "2 n"]:
     """The outline of the least convex area that holds all velocities, by its tangents; px/s."""
-    reach = law.greatest(angles)
+    speeds, weights = (np.asarray(x) for x in law.components(angles, 2))
+    ends = [np.where(weights > 0, speeds, sign * np.inf) for sign in (1, -1)]
+    middle = (np.min(ends[0], axis=1) + np.max(ends[1], axis=1)) / 2
+    reach = middle + law.half_range(angles)
     slope = np.gradient(reach, angles)
     cosine, sine = np.cos(angles), np.sin(angles)
     return np.stack([reach * cosine - slope * sine, reach * sine + slope * cosine])

@@ -15,6 +15,7 @@ from mishutter.decoding.restoration import RestoredPhotograph, least_columns, re
 from mishutter.decoding.simulation import photograph_by_frames
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene
+from mishutter.model.sequences import FrameSequence
 from mishutter.pictures.images import Picture, middle_rows, pixels_along, transposed
 from mishutter.search.rows import Row
 
@@ -97,7 +98,7 @@ def photographs(
     shown: dict[str, RestoredPhotograph] = {}
     for name, row in rows.items():
         begin(name)
-        if row.sequence is not None:
+        if isinstance(row.sequence, FrameSequence):
             moving = pictured_speeds(scene)
             shown[name] = photograph_by_frames(
                 picture, scene, row.sequence, speeds=moving, key=fixed_key()

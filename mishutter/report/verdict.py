@@ -11,10 +11,11 @@ from jaxtyping import Array
 
 from mishutter.design.design import Design
 from mishutter.evaluation.bursts import FrameTimes, StillBursts, window_of
+from mishutter.evaluation.levels import require_velocities
 from mishutter.evaluation.losses import AbstractLoss
-from mishutter.evaluation.sequences import REGION
+from mishutter.evaluation.sequences import LONG, REGION
 from mishutter.model.devices import AbstractDevice
-from mishutter.model.exposures import AbstractExposures
+from mishutter.model.exposures import AT_REST, AbstractExposures
 from mishutter.model.limits import Limits
 from mishutter.model.motion import LinearMotion
 from mishutter.model.occlusion import Occlusion
@@ -23,6 +24,7 @@ from mishutter.model.scene_units import GRAVITY
 from mishutter.model.sensor import BurstMode
 from mishutter.model.sequences import SINE, FrameSequence
 from mishutter.model.texture import EXAMPLE_PICTURE
+from mishutter.plane.bursts import PlaneBurst
 from mishutter.search.frame_ties import (
     ALTERNATING,
     CIRCLE,
@@ -35,6 +37,8 @@ from mishutter.search.frame_ties import (
     SWEEP,
     TWO_SINES,
 )
+from mishutter.search.moving_frames import loss_untold
+from mishutter.search.plane_frames import stills_on_pan
 from mishutter.search.rivals import (
     PLAIN_RATE,
     PLAIN_STILLS,
@@ -43,8 +47,8 @@ from mishutter.search.rivals import (
     snapshots,
     taken_names,
 )
-from mishutter.search.rows import BEST_SNAPSHOT, SHUTTER, Row, best_row
-from mishutter.search.space import beyond_limits, forbids_free_path
+from mishutter.search.rows import BEST_SNAPSHOT, SHUTTER, STAGE, Frames, Row, best_row
+from mishutter.search.space import beyond_limits
 
 _OPTIMISED = "optimised"
 """Name of the design of a search, which an answer calls by what it is."""
@@ -61,6 +65,10 @@ _WAYS = {
     FAN: "takes another constant velocity in each frame",
     FOLLOW: "follows the objects at {speeds} and flies back between frames, {turns}",
     PAN: "pans at {speeds}",
+    CIRCLE: "circles",
+    TWO_SINES: "follows two sines",
+    CROSSED: "swings along two axes in turn",
+    RING: "takes another constant velocity in each frame",
     FREE: "takes a path of its own in each frame",
 }
 """The way of a stage over frames."""
@@ -88,20 +96,12 @@ def options_of(rows: Iterable[Row], choice: Row, own: Collection[str] = ()) -> l
     """
     several = [row for row in rows if row.is_of_one_exposure or row.num_frames > 1]
     kept = {BEST_SNAPSHOT, choice.name, *(name for name in own if name != _OPTIMISED)}
-    groups: dict[object, list[Row]] = {}
-    for row in several:
-        groups.setdefault((row.needs, row.motion.accelerates_constantly), []).append(row)
-    best = []
-    for group in groups.values():
-        top = best_row(group)
-        near = [row for row in group if top.margin_over(row) < _SHOWN]
-        least = min(row.rank for row in near)
-        best.append(best_row(row for row in near if row.rank == least))
-    shown = {row.name: row for row in (*(row for row in several if row.name in kept), *best)}
+    named = (row for row in several if row.name in kept)
+    shown = {row.name: row for row in (*named, *best_of_each_need(several))}
 
     def is_needless(row: Row) -> bool:
         return any(
-            {*other.needs} <= {*row.needs} and row.margin_over(other) < _SHOWN
+            other.parts <= row.parts and row.margin_over(other) < _SHOWN
             for other in shown.values()
             if other is not row and other.rank <= row.rank
         )
@@ -110,28 +110,46 @@ def options_of(rows: Iterable[Row], choice: Row, own: Collection[str] = ()) -> l
     return sorted(options, key=lambda row: (row.level, row.rank))
 
 
+def best_of_each_need(rows: Iterable[Row]) -> list[Row]:
+    """The best of the rows that need the same, or a simpler one that is as good."""
+    groups: dict[object, list[Row]] = {}
+    for row in rows:
+        groups.setdefault((row.parts, row.is_free), []).append(row)
+    best = []
+    for group in groups.values():
+        top = best_row(group)
+        near = [row for row in group if top.margin_over(row) < _SHOWN]
+        least = min(row.rank for row in near)
+        best.append(best_row(row for row in near if row.rank == least))
+    return best
+
+
 def option_name(row: Row) -> str:
     """A row in the words of a table of options: what is exposed, on which path, for how long."""
     name = f"{_what(row)}, {row.exposures.lengths}"
     if row.name == PLAIN_STILLS:
         name += f", at {PLAIN_RATE:.0f} frames/s"
-    elif row.num_frames == 1 and row.decoder.knows_speed:
+    elif row.num_frames == 1 and row.decoder.knows_speed and not row.is_in_plane:
         name += f", speed {'found' if row.decoder.finds_speed else 'known'}"
-    is_named = row.name not in (*taken_names(), _OPTIMISED)
-    return f"{row.name}: {name}" if is_named else name
+    return f"{row.name}: {name}" if _is_named(row) else name
+
+
+def _is_named(row: Row) -> bool:
+    """Whether a row has a name of the user's."""
+    return row.sequence is None and row.name not in (*taken_names(), _OPTIMISED)
 
 
 def _what(row: Row) -> str:
     frames = row.sequence
-    if frames is not None and row.num_frames > 1:
-        return f"{row.num_frames} frames{_way_of_frames(frames, short=True)}"
+    if frames is not None and (row.num_frames > 1 or frames.moves):
+        return f"{_counted(frames)}{_way_of_frames(frames, short=True)}"
     return f"{'snapshot' if _is_snapshot(row) else 'one exposure'} {_path(row)}"
 
 
 def _is_snapshot(row: Row) -> bool:
     """Whether a row is an ordinary exposure without acceleration, whatever search found it."""
     is_open = SHUTTER not in row.required_hardware
-    return row.is_of_one_exposure and is_open and row.motion.is_straight
+    return row.is_of_one_exposure and is_open and row.is_straight
 
 
 def _path(row: Row) -> str:
@@ -141,23 +159,31 @@ def _path(row: Row) -> str:
     return "on a parabola" if row.motion.accelerates_constantly else "on a free path"
 
 
-def _way_of_frames(frames: FrameSequence, *, short: bool = False) -> str:
+def _way_of_frames(frames: Frames, *, short: bool = False) -> str:
     """The way of the sensor over several frames."""
-    if not frames.moves:
-        return " while the camera turns" if frames.pan else " at rest"
+    if not frames.moves or frames.stroke < AT_REST:
+        return " while the camera turns" if np.any(frames.pan) else " at rest"
     rests, moving = frames.num_rests, frames.num_frames - frames.num_rests
     if rests:
         which = "second" if frames.num_frames == 2 else "last" if moving == 1 else f"last {moving}"
         return f", the {which} moving" if short else f", the stage moving during the {which}"
-    return stage_does(frames.kind, f"{frames.travel:.3g} px")
+    travel = _at_most(frames.travel) if isinstance(frames, PlaneBurst) else frames.travel
+    way = _VERBS.get(frames.kind, "swings {way}").format(way=f"{_three_digits(travel)} px")
+    return f" while the stage {way}"
 
 
-def stage_does(kind: str, way: str) -> str:
-    """The verb of a stage over frames, by their kind and its travel in px."""
-    return f" while the stage {_VERBS.get(kind, 'swings {way}').format(way=way)}"
+def _three_digits(value: float) -> str:
+    """A number in words, without an exponent: 1,330."""
+    return f"{float(f'{value:.3g}'):,g}"
 
 
-def counted(exposures: AbstractExposures) -> str:
+def _at_most(value: float) -> float:
+    """A number rounded up to two digits: a search in the plane does not settle the next."""
+    size = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return math.ceil(value / size - 1e-6) * size
+
+
+def _counted(exposures: AbstractExposures) -> str:
     """The number of exposures, in words."""
     return "one exposure" if exposures.num_frames == 1 else f"{exposures.num_frames} frames"
 
@@ -170,7 +196,7 @@ def order_at_rest(exposures: AbstractExposures, limits: Limits, aside: str = "")
         what = f"{exposures.num_frames} stills" if several else "one exposure at rest"
         return f"{what}{link}{exposures.lengths}{aside}"
     end = ", and" if link == ", " else " and"
-    return f"{counted(exposures)}{link}{exposures.lengths}{aside}{end} keep the stage still"
+    return f"{_counted(exposures)}{link}{exposures.lengths}{aside}{end} keep the stage still"
 
 
 def headline(
@@ -179,37 +205,27 @@ def headline(
     """The first line of an answer: what to take, its level and its gain."""
     level = f"{choice.level:.1f} dB{' at the worst speed' if choice.at_worst else ''}"
     if choice.name == BEST_SNAPSHOT:
-        return snapshot_line(choice.exposures.lengths, level)
+        exposure = choice.exposures.lengths
+        return f"Take a snapshot of {exposure} at rest: {level}; no other option is worth more."
     gains = (choice.margin_over(snapshot),) if within is None else within
-    beside = " at rest" if _is_snapshot(choice) else ""
-    return order_line(_order(choice, limits), level, gains, beside)
-
-
-def snapshot_line(exposure: str, level: str) -> str:
-    """The first line of an answer that is a snapshot of an exposure, with its level."""
-    return f"Take a snapshot of {exposure} at rest: {level}; no other option is worth more."
-
-
-def order_line(order: str, level: str, gains: Iterable[float], beside: str = "") -> str:
-    """The first line of an answer: what to take, its level, and its gain or its ends, dB."""
     gain = " to ".join(dict.fromkeys(f"{end:.1f}" for end in gains))
-    return f"Take {order}: {level}, {gain} dB better than a snapshot{beside}."
+    beside = " at rest" if _is_snapshot(choice) else ""
+    return f"Take {_order(choice, limits)}: {level}, {gain} dB better than a snapshot{beside}."
 
 
 def _order(row: Row, limits: Limits) -> str:
     """A row in the words of somebody who is to take it."""
-    named = row.name not in (*taken_names(), _OPTIMISED)
-    name = f"{row.name}, " if named else ""
+    name = f"{row.name}, " if _is_named(row) else ""
     frames = row.sequence
     if frames is not None:
         way = _way_of_frames(frames)
         rate = f" at {PLAIN_RATE:.0f} frames/s" if row.name == PLAIN_STILLS else ""
         if way == " at rest":
             return order_at_rest(row.exposures, limits, rate)
-        return f"{row.num_frames} frames{way}"
+        return f"{_counted(frames)}{way}"
     if _is_snapshot(row):
         return f"{name}a {_what(row)}"
-    size = "" if row.motion.is_straight else f" of {row.stroke:.3g} px"
+    size = "" if row.motion.is_straight else f" of {_three_digits(row.stroke)} px"
     if SHUTTER not in row.required_hardware:
         path = f" while the stage follows {_path(row)[3:]}" if size else f" {_path(row)}"
         return f"{name}one exposure{path}{size}"
@@ -221,13 +237,24 @@ def sentences_of(
     scene: Scene, rows: Iterable[Row], choice: Row, notes: Iterable[str] = ()
 ) -> list[str]:
     """The lines below the table of options: the shutter, notes, and what is assumed."""
+    rows = list(rows)
     said = [_on_shaped_shutters([row for row in rows if row.is_of_one_exposure], choice)]
+    if scene.sensor.is_rolling:
+        said = [
+            "One exposure behind a shaped shutter, or on a path that accelerates, is left out: "
+            "rows that are exposed one after another would each see another part of it."
+        ]
     if scene.burst is not None and scene.occlusion is not None:
         said.append(_on_background(scene.occlusion))
     if choice.hides_speed:
         said.append("The speed cannot be found: the blur differs too little between the speeds.")
-    if "stage" in choice.needs:
-        said.append(_on_stage(scene, [*rows], choice))
+    if STAGE in choice.required_hardware:
+        said.append(_on_stage(scene, rows, choice))
+    if scene.velocities is not None and scene.decoder_speed == "unknown":
+        said.append(
+            "One filter for all velocities is not offered: no moving camera beats the best still "
+            "frame by it where things move in any direction."
+        )
     if scene.errors is not None and choice.name != BEST_SNAPSHOT:
         said.append(
             "The gain is stated within two standard errors of each measured number ([errors] of "
@@ -242,8 +269,7 @@ def on_pan(scene: Scene, choice: Row, loss: AbstractLoss) -> str:
     limits, occurs = scene.limits, np.asarray(scene.weights) > 0
     speeds = np.asarray(scene.speeds, np.float64)[occurs]
     slowest, fastest = float(np.min(speeds)), float(np.max(speeds))
-    can_pan = limits.moves or (limits.pans == "camera" and float(limits.max_pan) > 0)
-    if can_pan or slowest * fastest <= 0 or scene.occlusion is not None:
+    if _moves(limits) or slowest * fastest <= 0 or scene.occlusion is not None:
         return ""
     velocity = (slowest + fastest) / 2
     room = replace(limits, pans="camera", max_pan=abs(velocity), max_top_speed=2 * abs(velocity))
@@ -257,10 +283,33 @@ def on_pan(scene: Scene, choice: Row, loss: AbstractLoss) -> str:
         if stills.psnr > level:
             what = f"{stills.num_frames} frames of {stills.exposure * 1e3:.3g} ms"
             level = stills.psnr
+    return _following(f"{velocity:,.4g}", what, level, choice)
+
+
+def on_pan_in_plane(scene: Scene, choice: Row) -> str:
+    """The same where things move in any direction about a mean."""
+    law = require_velocities(scene)
+    x, y = law.centre.tolist()
+    is_one_way = math.hypot(x, y) > law.half_range(np.array([math.atan2(y, x)]))[0]
+    if _moves(scene.limits) or not is_one_way:
+        return ""
+    burst = stills_on_pan(scene)
+    what = f"{burst.num_frames} frames" if burst.num_frames > 1 else "a snapshot"
+    what += f" of {burst.lengths}"
+    return _following(f"({x:,.4g}, {y:,.4g})", what, burst.level, choice)
+
+
+def _moves(limits: Limits) -> bool:
+    """Whether something may move the sensor."""
+    return limits.moves or (limits.pans == "camera" and float(limits.max_pan) > 0)
+
+
+def _following(velocity: str, what: str, level: float, choice: Row) -> str:
+    """The sentence on exposures that follow at a velocity, px/s; empty where they gain little."""
     if level - choice.level < _WORTH_A_PAN:
         return ""
     return (
-        f"Following at {velocity:,.4g} px/s, by turning the camera, a mirror or a stage, {what} "
+        f"Following at {velocity} px/s, by turning the camera, a mirror or a stage, {what} "
         f"would reach {level:.1f} dB, {level - choice.level:.1f} dB more (say [limits] pans = "
         '"camera").'
     )
@@ -268,6 +317,8 @@ def on_pan(scene: Scene, choice: Row, loss: AbstractLoss) -> str:
 
 def _on_shaped_shutters(rows: Sequence[Row], choice: Row) -> str:
     """The gain of a shaped shutter over an open one, of one exposure."""
+    if not any(SHUTTER in row.hardware for row in rows):
+        return ""
     shaped = [row for row in rows if SHUTTER in row.required_hardware]
     steady = best_row(row for row in rows if row not in shaped)
     best = best_row(shaped) if shaped else steady
@@ -284,8 +335,9 @@ def _on_shaped_shutters(rows: Sequence[Row], choice: Row) -> str:
 def _on_stage(scene: Scene, rows: Sequence[Row], choice: Row) -> str:
     """The gain by the stage, its path over frames, and what that takes of it."""
     several = (row for row in rows if row.is_of_one_exposure or row.num_frames > 1)
-    without = best_row(row for row in several if "stage" not in row.needs)
-    added = stage_adds(choice.margin_over(without))
+    without = best_row(row for row in several if STAGE not in row.required_hardware)
+    gain = choice.margin_over(without)
+    added = f"The stage adds {gain:.1f} dB to the best option without one."
     frames = choice.sequence
     if frames is None or not frames.moves:
         return added
@@ -293,42 +345,48 @@ def _on_stage(scene: Scene, rows: Sequence[Row], choice: Row) -> str:
     rest = f"rests in the first {'frame' if rests == 1 else f'{rests} frames'}, then "
     doing = _WAYS.get(frames.kind, "swings").format(speeds=_speeds(frames), turns=_turns(frames))
     way = f"{rest if rests else ''}{doing}"
-    use = frames.use_within(scene.limits)
-    numbers = stage_numbers(
-        float(use.travel), float(use.top_speed), float(use.acceleration), scene.sensor.pixel_pitch
-    )
+    axes = ""
+    use = frames.use if isinstance(frames, PlaneBurst) else frames.use_within(scene.limits)
+    travel, top_speed = float(use.travel), float(use.top_speed)
+    if choice.is_in_plane:
+        travel, top_speed = _at_most(travel), _at_most(top_speed)
+        axes = ", both axes" if scene.limits.axes == "disc" else ", each axis"
+    pitch = scene.sensor.pixel_pitch
+    numbers = _stage_numbers(travel, top_speed, float(use.acceleration), pitch)
     run_up = "run-up from rest included"
     if scene.limits.max_acceleration is None:
         run_up = "reached at once, as [limits] max_acceleration_g or _px_per_s2 says no limit"
-    return f"{added} It {way}: {numbers}, {run_up}."
+    return f"{added} It {way}: {numbers}{axes}, {run_up}."
 
 
-def _speeds(frames: FrameSequence) -> str:
-    """Velocities at which the frames that move do, in words."""
-    moving = [abs(float(x.motion.velocity)) for x in frames.frames if not x.is_still]
-    few = sorted({float(f"{speed:.2g}") for speed in (min(moving), max(moving))})
+def _speeds(frames: AbstractExposures) -> str:
+    """Mean speeds over the frames that move, in words."""
+    ends = np.array(frames.lights)
+    ways = np.hypot.reduce(np.diff(frames.place(ends), axis=-1)[..., 0])
+    moving = (ways / np.diff(ends)[:, 0])[~np.array(frames.rests)]
+    few = sorted({float(f"{speed:.2g}") for speed in (np.min(moving), np.max(moving))})
     return f"{' to '.join(f'{speed:,g}' for speed in few)} px/s"
 
 
-def _turns(frames: FrameSequence) -> str:
+def _turns(frames: AbstractExposures) -> str:
     """How often the stage flies back between frames."""
     count = frames.num_frames - frames.num_rests - 1
     return {1: "once", 2: "twice"}.get(count, f"{count} times")
 
 
-def stage_adds(gain: float) -> str:
-    """The sentence on what a stage is worth, dB."""
-    return f"The stage adds {gain:.1f} dB to the best option without one."
-
-
-def stage_numbers(travel: float, top_speed: float, acceleration: float, pitch: Array | None) -> str:
+def _stage_numbers(
+    travel: float, top_speed: float, acceleration: float, pitch: Array | None
+) -> str:
     """The demands of a path on a stage, in um, mm/s and g too where the pixel pitch is known."""
-    words = f"{travel:.3g} px at up to {float(f'{top_speed:.3g}'):,g} px/s"
+    words = f"{_three_digits(travel)} px at up to {_three_digits(top_speed)} px/s"
     if pitch is None:
         rate = f"{float(f'{acceleration:.2g}'):,g} px/s^2"
         return f"{words} and {rate}" if acceleration else words
     p = float(pitch)  # m
-    physical = [f"{travel * p * 1e6:.3g} um", f"{top_speed * p * 1e3:.3g} mm/s"]
+    physical = [
+        f"{_three_digits(travel * p * 1e6)} um",
+        f"{_three_digits(top_speed * p * 1e3)} mm/s",
+    ]
     # A velocity that is reached at once has no acceleration.
     physical += [f"{acceleration * p / GRAVITY:.2g} g"] if acceleration else []
     return f"{words} ({', '.join(physical)})"
@@ -350,8 +408,14 @@ def _on_background(layers: Occlusion) -> str:
 
 def _assumptions(scene: Scene, choice: Row) -> str:
     """The assumptions of a level: of the motion, of the objects, of the decoder."""
-    frames = choice.sequence
-    if frames is not None:
+    frames, law, beside = choice.sequence, scene.velocities, []
+    motion = f"all motion along the {scene.sensor.axis}" if law is None else law.words
+    if law is not None:
+        decoder = "velocities are found from the frames without error"
+        if choice.num_frames == 1:
+            decoder = "the decoder knows the velocity"
+        beside = _on_borders(scene, choice)
+    elif frames is not None:
         decoder = "frames are registered without error"
         if choice.name == PLAIN_STILLS:
             decoder = f"a camera that takes {PLAIN_RATE:.0f} frames/s; {decoder}"
@@ -359,10 +423,20 @@ def _assumptions(scene: Scene, choice: Row) -> str:
         decoder = "one filter restores all speeds"
     else:
         decoder = f"the decoder {'finds' if choice.decoder.finds_speed else 'knows'} the speed"
-    camera = camera_words(scene, frames=frames is not None, stage="stage" in choice.needs)
-    objects = objects_words(scene, choice.exposures)
-    motion = f"all motion along the {scene.sensor.axis}"
-    return f"Assumes: {'; '.join([detail_words(scene), motion, objects, decoder, *camera])}."
+    objects = _objects_words(scene, choice.exposures)
+    said = [detail_words(scene), motion, objects, decoder, *beside, *_camera_words(scene, choice)]
+    return f"Assumes: {'; '.join(said)}."
+
+
+def _on_borders(scene: Scene, choice: Row) -> list[str]:
+    """The losses by the borders of the sensor that levels in the plane do not count."""
+    width, longest = scene.registered_width, max(choice.exposures.exposures)
+    if width is None:
+        return ["things that enter and leave are not counted (else say [sensor] width_px)"]
+    within = float(scene.max_speed) * longest
+    if STAGE not in choice.required_hardware or within <= LONG * width:
+        return []
+    return [f"borders cost more than is counted: things move by {within:.0f} px within a frame"]
 
 
 def detail_words(scene: Scene) -> str:
@@ -382,7 +456,7 @@ def detail_words(scene: Scene) -> str:
     return f"detail {kind} ({finer}{other})"
 
 
-def objects_words(scene: Scene, exposures: AbstractExposures) -> str:
+def _objects_words(scene: Scene, exposures: AbstractExposures) -> str:
     """The assumption on the width of the objects, which move while there are exposures."""
     layers = scene.occlusion
     if layers is not None:
@@ -403,26 +477,36 @@ def objects_words(scene: Scene, exposures: AbstractExposures) -> str:
     )
 
 
-def camera_words(scene: Scene, *, frames: bool, stage: bool) -> list[str]:
+def _camera_words(scene: Scene, choice: Row) -> list[str]:
     """The assumptions on the time for frames, on the stage, and on the sensor."""
-    limits, width = scene.limits, scene.sensor.width
+    limits, width, frames = scene.limits, scene.sensor.width, choice.num_frames > 1
     said = [f"frames within {1e3 * window_of(scene):,.4g} ms"] if frames else []
-    if stage:
+    if STAGE in choice.required_hardware:
         stroke, speed = float(limits.max_stroke), float(limits.max_top_speed)
         said.append(f"a stage with a stroke of {stroke:,.4g} px and {speed:,g} px/s")
     said += [] if width is None else [f"a sensor of {float(width):,.6g} px"]
-    return [*said, "global shutter"]
+    readout = scene.sensor.readout_time
+    return [*said, f"rows read within {readout * 1e3:,.4g} ms" if readout else "global shutter"]
 
 
-def details_of(scene: Scene, frames: FrameSequence | None) -> list[str]:
+def details_of(scene: Scene, frames: Frames | None) -> list[str]:
     """The losses of the choice's frames by a real sensor."""
     if frames is None:
         return []
     said = [points_that_leave(scene, frames.width_loss)]
-    if (frames.registration_loss or 0.0) >= _SHOWN:
+    registration = None if isinstance(frames, PlaneBurst) else frames.registration_loss
+    if registration is not None and registration >= _SHOWN:
         said.append(
-            f"Registration by {REGION} x {REGION} px costs {frames.registration_loss:.2f} dB "
+            f"Registration by {REGION} x {REGION} px costs {registration:.2f} dB "
             "at the worst speed, which the level does not count."
+        )
+    is_told = scene.sensor.readout is not None or frames.num_frames == 1
+    if isinstance(frames, FrameSequence) and frames.moves and not is_told:
+        readout, lost = loss_untold(scene, frames)
+        said.append(
+            f"Behind rows that are read one after another within {readout * 1e3:.3g} ms, as a "
+            f"telephone's, a decoder that is not told would lose {lost:.1f} dB (say [sensor] "
+            "readout_ms)."
         )
     return [paragraph(sentence) for sentence in said if sentence]
 
@@ -439,25 +523,17 @@ def points_that_leave(scene: Scene, loss: float | None) -> str:
 
 def options_table(options: Sequence[Row], snapshot: Row, most: float) -> str:
     """The table of options, under a line that says of what the decibels are."""
-    where = "at the worst speed" if snapshot.at_worst else "mean over all speeds"
-    lines = [
-        (
-            option_name(row),
-            row.level,
-            None if row is snapshot else row.margin_over(snapshot),
-            ", ".join(row.needs) or "nothing",
-        )
-        for row in options
-    ]
-    gain = most - snapshot.level if most != snapshot.level else 0.0
-    return table_of_levels([*lines, ("ceiling of one exposure", most, gain, "-")], where)
-
-
-def table_of_levels(options: Sequence[tuple[str, float, float | None, str]], where: str) -> str:
-    """A table of options, under a line that says of what the decibels are."""
+    mean, bound = "mean over all speeds", "ceiling of one exposure"
+    if snapshot.is_in_plane:
+        mean, bound = "mean over all velocities", "ceiling of any path"
+    where = "at the worst speed" if snapshot.at_worst else mean
     lines = [("option", "dB", "gain", "needs")]
-    for name, level, over, needs in options:
-        lines.append((name, f"{level:.1f}", "-" if over is None else f"{over:+.1f}", needs))
+    for row in options:
+        over = "-" if row is snapshot else f"{row.margin_over(snapshot):+.1f}"
+        needs = ", ".join(row.needs) or "nothing"
+        lines.append((option_name(row), f"{row.level:.1f}", over, needs))
+    gain = most - snapshot.level if most != snapshot.level else 0.0
+    lines.append((bound, f"{most:.1f}", f"{gain:+.1f}", "-"))
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     table = [
         f" {name.ljust(widths[0])}  {level.rjust(widths[1])}  {over.rjust(widths[2])}  {needs}"
@@ -476,8 +552,6 @@ def comparison_notes(
     scene: Scene,
     entries: Mapping[str, Entry],
     rows: Sequence[Row],
-    *,
-    free_paths: bool = False,
 ) -> tuple[str, ...]:
     """Sentences for the foot of the tables."""
     notes = device_notes(scene.device)
@@ -497,9 +571,6 @@ def comparison_notes(
         notes.append(
             "Levels ignore the tolerances: those apply to one filter and the mean over speeds."
         )
-    reason = forbids_free_path(scene)
-    if free_paths and reason:
-        notes.append(f"No free path is compared: {reason}.")
     times = None if scene.burst is None else FrameTimes.of(scene, scene.burst)
     if scene.burst is not None and times is not None and not times.holds_several:
         rate, window = float(scene.burst.frames_per_s), 1e3 * times.window

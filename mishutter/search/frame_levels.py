@@ -22,6 +22,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from mishutter.evaluation.fans import GOLDEN, Fan, Grid
+from mishutter.evaluation.instants import Instants
 from mishutter.evaluation.levels import Light, in_parts, psnr_of_error, require_velocities
 from mishutter.evaluation.needs import distinct_speeds
 from mishutter.model.optics import NYQUIST_FREQUENCY, frequencies, pixel_response
@@ -41,6 +42,8 @@ _STRAIGHT = 3e-3
 """Phase by acceleration below which a piece is expanded about constant velocity; rad."""
 _NEARLY_STRAIGHT = 3e-2
 """The same for the moments, which lose twice as many digits to differences."""
+_ASIDE = 20
+"""Places to either side at which a picture is looked for; px."""
 _NEAR_0 = 1e-2
 """Phase by velocity below which the responses are expanded about rest; rad."""
 
@@ -119,9 +122,48 @@ class Levels(NamedTuple):
 
     def errors(self, frames: Frames) -> Float[np.ndarray, "m l"]:
         """Error that is left at each frequency by each velocity; white = 1."""
+        return self.weight / (1 + np.sum(self.gained(frames), axis=0))
+
+    def gained(self, frames: Frames) -> Float[np.ndarray, "n m l"]:
+        """Ratio of signal to noise that each frame adds at each frequency for each velocity."""
+        gain = np.asarray(self.light.gains(frames.exposure))[:, None]
         power = np.abs(self._responses(frames)[0]) ** 2
-        gained = np.tensordot(np.asarray(self.light.gains(frames.exposure)), power, 1)
+        return (gain * self.signal)[..., None] * power
+
+    def errors_at(self, instants: Instants) -> Float[np.ndarray, "m l"]:
+        """The same of frames by their instants, on any path."""
+        gain = np.asarray(self.light.gains(instants.exposure))
+        gained = np.tensordot(gain, np.abs(self._waves_at(instants)) ** 2, 1)
         return self.weight / (1 + self.signal[:, None] * gained)
+
+    def lost_untold(self, told: Instants, seen: Instants) -> float:
+        """Decibels that a decoder loses which takes frames for others, and finds their place.
+
+        Args:
+            told: Instants that its filters are for.
+            seen: Those of the frames.
+        """
+        gain = np.asarray(self.light.gains(told.exposure))[:, None, None]
+        mine, truth = (self._waves_at(each) for each in (told, seen))
+        over = 1 + self.signal[:, None] * np.sum(gain * np.abs(mine) ** 2, axis=0)
+        filters = self.signal[:, None] * gain * mine.conj() / over
+        passed = np.sum(filters * truth, axis=0)
+        # Noise of the power 1/g in each frame, in units of the picture behind the pixels.
+        noise = np.sum(np.abs(filters) ** 2 / gain, axis=0) / self.signal[:, None]
+        shifts = np.exp(2j * np.pi * self.frequency[:, :1] * np.arange(-_ASIDE, _ASIDE + 1))
+        each = [np.abs(1 - passed * turn[:, None]) ** 2 + noise for turn in shifts.T]
+        least = np.min([np.sum(self.weight * one, axis=0) for one in each], axis=0)
+        return 10 * float(np.log10(np.sum(least) / np.sum(self.weight / over)))
+
+    def _waves_at(self, instants: Instants) -> Complex[np.ndarray, "n m l"]:
+        """Responses of frames by their instants."""
+        every = []
+        ways = -2j * np.pi * np.moveaxis(instants.place, 0, -1)
+        for way, time, weight in zip(ways, instants.time, instants.weight, strict=True):
+            on_sensor = weight * np.exp(self.frequency @ way.T)
+            passing = np.exp(2j * np.pi * self.temporal[..., None] * time)
+            every.append(np.einsum("mq,mlq->ml", on_sensor, passing))
+        return np.array(every)
 
     def level(self, frames: Frames) -> float:
         """PSNR of the best linear decoder that registers the frames; dB."""
@@ -235,6 +277,12 @@ def _straight(
     return even + 1j * c * second, 1j * odd - c * third, -second - 1j * c * fourth
 
 
+def is_range(speeds: Float[np.ndarray, "n"]) -> bool:
+    """Whether ascending speeds are so many in equal steps that they stand for a range."""
+    steps = np.diff(speeds)
+    return speeds.size >= _LEAST_RANGE and bool(np.ptp(steps) <= 1e-3 * np.mean(steps))
+
+
 def _sampled(
     speeds: Float[np.ndarray, "n"], weights: Float[np.ndarray, "n"], count: int
 ) -> tuple[Float[np.ndarray, "{count} l"], Float[np.ndarray, "l"]]:
@@ -245,9 +293,7 @@ def _sampled(
     each frequency: those of a lattice, whose mean over speeds and frequencies is exact to far
     finer details.
     """
-    steps = np.diff(speeds)
-    is_range = speeds.size >= _LEAST_RANGE and np.ptp(steps) <= 1e-3 * np.mean(steps)
-    if not is_range:
+    if not is_range(speeds):
         return np.tile(speeds, (count, 1)), weights
     ends = np.concatenate([speeds[:1], (speeds[1:] + speeds[:-1]) / 2, speeds[-1:]])
     each = -(-_NUM_SPEEDS // speeds.size)

@@ -9,7 +9,7 @@ are searched first; they are the starts of the free search, and preferred where 
 
 import contextlib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,6 +28,7 @@ _STEP, _STEP_OF_TIE = 1e-7, 1e-6
 """Steps of the differences of limits, whose numbers are of the order of 1, and of ties."""
 _PIECES_OF_SINE = 8
 _STARTS = 4
+_EXCHANGES, _ROUNDS = 4, 3
 _AS_GOOD = 0.02
 """Decibels below the best at which still fewer frames are tried."""
 _MOST_STEPS, _MOST_STEPS_OF_TIE, _RESTARTS = 60, 40, 3
@@ -120,7 +121,7 @@ class Descent(NamedTuple):
         return error, slope
 
 
-def best_of(ends: "list[End | None]") -> End | None:
+def best_of(ends: Sequence["End | None"]) -> End | None:
     """The end of the highest level of those that are within their limits."""
     return max((end for end in ends if end is not None), key=lambda end: end.level, default=None)
 
@@ -195,6 +196,7 @@ class Search(NamedTuple):
     room: Room
     ties: Callable[[Shape], list[Tie]]  # Ways of few numbers, of some shape
     pieces: Callable[[int], int]  # Pieces of each of so many frames
+    followed: tuple[float, ...]  # Velocities of things that a frame may follow each; px/s
     is_free: bool  # Whether each frame may have numbers of its own
 
     def ends(self, counts: list[int], progress: Callable[[float], None]) -> list[End]:
@@ -211,10 +213,26 @@ class Search(NamedTuple):
                 break
             best = max(best, top)
             count = max((number for number in fewer if number <= 0.8 * count), default=fewer[0])
-        most = best_of([*every])
+        most = best_of(every)
         if most is not None and self.is_free and most.frames.exposure.size <= MOST_FREE:
             every += again(self.levels, self.room, most)
+            every += self._exchanges(best_of(every))
         return every
+
+    def _exchanges(self, best: End | None) -> list[End]:
+        """Ends of descents from frames of which one follows another thing."""
+        if best is None or best.frames.exposure.size == 1 or not self.followed:
+            return []
+        count, ends, axes = best.frames.velocity.shape
+        descent = Descent(self.levels, self.room, Shape(count, ends - 1, axes))
+        found = [best]
+        for _ in range(_ROUNDS):
+            starts = exchanged(self.levels, self.room, best.frames, self.followed, _EXCHANGES)
+            found += [end for end in map(descent.free, starts) if end is not None]
+            last, best = best, max(found, key=lambda end: end.level)
+            if best.level < last.level + _AS_GOOD:
+                break
+        return found[1:]
 
     def _of_number(self, count: int) -> list[End | None]:
         """Ends of descents of so many frames."""
@@ -233,7 +251,56 @@ class Search(NamedTuple):
         order += sorted(found, key=lambda kind: -found[kind].level)
         draw, descent = np.random.default_rng(count), Descent(self.levels, self.room, shape)
         starts = [found[kind].frames for kind in [*dict.fromkeys(order)][:_STARTS]]
+        if self.followed:
+            starts.append(one_by_one(self.levels, self.room, shape, self.followed))
         return [*tied, *(descent.free(shaken(x, draw, self.room, 0.01)) for x in starts)]
+
+
+def one_by_one(levels: Levels, room: Room, shape: Shape, followed: tuple[float, ...]) -> Frames:
+    """Frames that each follow the thing by which they gain most beside those before."""
+    count, times = shape.number, room.times
+    most = min(times.longest, max(times.window / count - times.dead_time, times.shortest))
+    every = _following(room, shape.pieces, followed, most)
+    gains, gained, chosen = levels.gained(every), 0.0, []
+    for _ in range(count):
+        left = [np.sum(levels.weight / (1 + gained + gain)) for gain in gains]
+        chosen.append(int(np.argmin(left)))
+        gained = gained + gains[chosen[-1]]
+    # Neighbours go the same way, so that the stage flies back least.
+    chosen.sort(key=lambda k: followed[k])
+    exposure = every.exposure[chosen]
+    gap = np.maximum(times.period - exposure[1:], times.dead_time)
+    return Frames(exposure, every.velocity[chosen], gap, every.place[chosen], every.pan)
+
+
+def exchanged(
+    levels: Levels, room: Room, best: Frames, followed: tuple[float, ...], times: int
+) -> list[Frames]:
+    """Frames of which one follows another thing: those by which a level would gain most."""
+    own, pieces = levels.gained(best), best.velocity.shape[1] - 1
+    whole, tries = np.sum(own, axis=0), []
+    for frame, length in enumerate(best.exposure):
+        every = _following(room, pieces, followed, float(length))
+        for thing, gain in enumerate(levels.gained(every)):
+            near = np.ptp([*best.velocity[frame].ravel(), followed[thing]]) < 0.02 * room.speed
+            left = np.inf if near else np.sum(levels.weight / (1 + whole - own[frame] + gain))
+            tries.append((float(left), frame, thing, every))
+    found = []
+    for _, frame, thing, every in sorted(tries, key=lambda each: each[0])[:times]:
+        exposure, velocity = best.exposure.copy(), best.velocity.copy()
+        exposure[frame], velocity[frame] = every.exposure[thing], every.velocity[thing]
+        found.append(best._replace(exposure=exposure, velocity=velocity))
+    return found
+
+
+def _following(room: Room, pieces: int, followed: tuple[float, ...], longest: float) -> Frames:
+    """A frame that follows each thing, as long as its way is within the stroke."""
+    velocity = np.clip(followed, -room.top_speed, room.top_speed)
+    with np.errstate(divide="ignore"):
+        exposure = np.clip(room.length / np.abs(velocity), room.times.shortest, longest)
+    each = np.repeat(velocity[:, None, None], pieces + 1, axis=1)
+    place = np.where(each[:, 0] < 0, room.length, 0.0)
+    return Frames(exposure, each, exposure[1:], place, np.zeros(1))
 
 
 def again(levels: Levels, room: Room, best: End, times: int = _RESTARTS) -> list[End]:

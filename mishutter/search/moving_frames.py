@@ -11,8 +11,9 @@ from mishutter._core.checks import require_known
 from mishutter._core.compiling import outside_trace
 from mishutter._core.parallel import alone_in_blas
 from mishutter.evaluation.bursts import FrameTimes
-from mishutter.evaluation.levels import in_parts, psnr_of_error
-from mishutter.evaluation.sequences import loss_of_width
+from mishutter.evaluation.instants import Instants
+from mishutter.evaluation.levels import in_parts, path_for_rows, psnr_of_error, rows_of
+from mishutter.evaluation.sequences import decibels_over, loss_of_width
 from mishutter.evaluation.speed_knowledge import knowledge_of
 from mishutter.model.motion import (
     AbstractMotion,
@@ -24,7 +25,7 @@ from mishutter.model.motion import (
 from mishutter.model.scene import Scene
 from mishutter.model.sequences import SINE, FrameSequence, TimedFrame
 from mishutter.model.stages import place_at_begin
-from mishutter.search.frame_levels import Frames, Levels
+from mishutter.search.frame_levels import Frames, Levels, is_range
 from mishutter.search.frame_limits import Room, Shape
 from mishutter.search.frame_search import BEYOND, End, Search
 from mishutter.search.frame_ties import (
@@ -42,6 +43,8 @@ from mishutter.search.frame_ties import (
 
 ONE_PARABOLA = "one parabola"
 _SIMPLEST_FIRST = (STILLS, BRACKETED, PAN, SWEEP, SINE, ALTERNATING, FAN, FOLLOW, FREE)
+_OF_TELEPHONES = 0.01
+"""Time within which a telephone reads its rows; s."""
 _AS_GOOD = 0.05
 """Decibels below the best at which a simpler way is preferred."""
 _MOST = 64
@@ -87,7 +90,11 @@ def best_moving_burst(
         every = (Tie(kind, room, shape, *ends) for kind in kinds)
         return [tie for tie in every if tie.exists]
 
-    search = Search(Levels.on_axis(scene), room, ties, _pieces, limits.max_jerk is None)
+    # A frame may follow one thing of a few; a range has none to follow.
+    speeds = np.unique([*np.asarray(in_parts(scene).speeds, np.float64), 0.0])
+    followed = () if is_range(np.asarray(in_parts(scene).speeds)) else tuple(speeds.tolist())
+    levels, is_free = Levels.on_axis(scene), limits.max_jerk is None
+    search = Search(levels, room, ties, _pieces, followed, is_free)
     ends = (_Found.of(scene, end) for end in search.ends(counts, progress))
     found = [end for end in ends if end is not None]
     return _chosen(scene, found) if found else None
@@ -95,7 +102,7 @@ def best_moving_burst(
 
 def _pieces(count: int) -> int:
     """Pieces of each of so many frames: few frames gain by more."""
-    return {1: 6, 2: 2}.get(count, 1)
+    return {1: 6, 2: 2, 3: 2}.get(count, 1)
 
 
 @dataclass(frozen=True)
@@ -161,11 +168,10 @@ def _share(scene: Scene, sequence: FrameSequence) -> float:
 
 def _chosen(scene: Scene, found: list[_Found]) -> FrameSequence:
     """The simplest frames of those that are as good as the best on the scene's sensor."""
-    width = scene.registered_width
-    if width is not None:
+    if scene.registered_width is not None or scene.sensor.is_rolling:
         # Frames that are as good without an end differ by some decibels on a narrow sensor.
         found = sorted(found, key=lambda each: -each.level)[:_ON_SENSOR]
-        losses = (_loss(scene, each.sequence, width) for each in found)
+        losses = (_loss(scene, each.sequence) for each in found)
         found = [
             replace(each, level=each.level - loss) for each, loss in zip(found, losses, strict=True)
         ]
@@ -174,14 +180,52 @@ def _chosen(scene: Scene, found: list[_Found]) -> FrameSequence:
     best = min(near, key=lambda each: each.order).sequence
     kind = kind_of(best) if best.kind == FREE else best.kind
     kind = ONE_PARABOLA if best.num_frames == 1 else kind
+    best = best.for_rows(scene.sensor.readout_time, scene.limits)
     psnr, worst = levels_of(scene, best.frames)
+    if best.moves and scene.sensor.is_rolling:
+        psnr, worst = _levels_by_rows(scene, best)
     return replace(best, kind=kind, psnr=psnr, worst_psnr=worst).with_travel(scene.limits)
 
 
-def _loss(scene: Scene, sequence: FrameSequence, width: float) -> float:
-    """Decibels that frames lose on a sensor of a width."""
-    one = sequence.num_frames == 1
-    return 0.0 if one else loss_of_width(scene, sequence.frames, width=width)
+def _loss(scene: Scene, sequence: FrameSequence) -> float:
+    """Decibels that frames lose on a sensor of the scene's width, and by its rows."""
+    width, lost = scene.registered_width, 0.0
+    if width is not None and sequence.num_frames > 1:
+        lost += loss_of_width(scene, sequence, width=width)
+    if sequence.moves and scene.sensor.is_rolling:
+        levels, path = Levels.on_axis(scene), path_for_rows(scene, sequence)
+        together = float(np.sum(levels.errors_at(Instants.of(path, scene.max_speed))))
+        lost += decibels_over(float(np.sum(_errors_by_rows(scene, sequence, levels))), together)
+    return lost
+
+
+def loss_untold(scene: Scene, sequence: FrameSequence) -> tuple[float, float]:
+    """A telephone's readout, s, and decibels that a decoder would lose which is not told it.
+
+    It knows the speed, and takes all rows for exposed at once.
+    """
+    levels, readout = Levels.on_axis(scene), _OF_TELEPHONES
+    if scene.burst is not None:
+        readout = min(readout, 1 / float(scene.burst.frames_per_s))
+    sensor = replace(scene.sensor, readout=readout)
+    rows = rows_of(replace(scene, sensor=sensor), sequence, "loss_untold")
+    middle = rows[len(rows) // 2][1]
+    lost = sum(share * 10 ** (levels.lost_untold(middle, seen) / 10) for share, seen in rows)
+    return readout, 10 * float(np.log10(lost))
+
+
+def _errors_by_rows(
+    scene: Scene, sequence: FrameSequence, levels: Levels
+) -> Float[np.ndarray, "m l"]:
+    """Errors of frames in the mean over rows that are exposed one after another."""
+    rows = rows_of(scene, sequence, "best_moving_burst")
+    return sum((share * levels.errors_at(each) for share, each in rows), np.zeros(()))
+
+
+def _levels_by_rows(scene: Scene, sequence: FrameSequence) -> tuple[float, float]:
+    """As `levels_of`, in the mean over rows that are exposed one after another."""
+    levels = Levels.on_axis(scene, literal=True)
+    return _mean_and_worst(levels, np.sum(_errors_by_rows(scene, sequence, levels), axis=0))
 
 
 def levels_of(scene: Scene, frames: Sequence[TimedFrame]) -> tuple[float, float]:
@@ -194,7 +238,11 @@ def levels_of(scene: Scene, frames: Sequence[TimedFrame]) -> tuple[float, float]
         velocity, none = np.array([ends[k] for k in alike])[..., None], np.zeros((len(alike), 1))
         part = Frames(exposure[alike], velocity, exposure[alike[1:]], none, np.zeros(1))
         gained = gained + levels.weight / np.maximum(levels.errors(part), np.finfo(float).tiny) - 1
-    by_speed = np.sum(levels.weight / (1 + gained), axis=0)
+    return _mean_and_worst(levels, np.sum(levels.weight / (1 + gained), axis=0))
+
+
+def _mean_and_worst(levels: Levels, by_speed: Float[np.ndarray, "l"]) -> tuple[float, float]:
+    """The level of the errors at each speed in the mean, and at the worst of them; dB."""
     shares = np.sum(levels.weight, axis=0) / max(np.sum(levels.weight), np.finfo(float).tiny)
     worst = np.max(by_speed / np.maximum(shares, np.finfo(float).tiny))
     return psnr_of_error(float(np.sum(by_speed))), psnr_of_error(float(worst))

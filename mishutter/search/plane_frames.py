@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +20,7 @@ from mishutter.model.scene import Scene, require_scene
 from mishutter.model.sensor import BurstMode
 from mishutter.model.stages import Knots, transfer
 from mishutter.model.velocities import AbstractVelocities
-from mishutter.plane.bursts import PlaneBurst, of_stage, pan_of
+from mishutter.plane.bursts import PlaneBurst, burst_of, of_stage, turned_by
 from mishutter.plane.frames import PlaneFrames
 from mishutter.search.frame_levels import Frames, Levels
 from mishutter.search.frame_limits import Room, Shape
@@ -111,6 +111,16 @@ def best_in_plane(
     return _PlaneSearch.of(scene).found(progress)
 
 
+def stills_on_pan(scene: Scene) -> PlaneBurst:
+    """The best exposures of a camera that turned along with the mean of the things."""
+    speed = float(np.hypot(*require_velocities(scene).centre))
+    room = replace(scene.limits, pans="camera", max_pan=speed, max_top_speed=2 * speed)
+    search = _PlaneSearch.of(replace(scene, limits=room))
+    one = search.stage(1)
+    ends = [one.best(STILLS, count) for count in sorted({1, *search.counts})]
+    return max(search._bursts(one, ends, 0), key=lambda burst: burst.level)
+
+
 class _PlaneSearch(NamedTuple):
     """The part that is the same of all stages and numbers of frames."""
 
@@ -135,23 +145,23 @@ class _PlaneSearch(NamedTuple):
         got = Unquoted("one exposure of unknown velocity")
         require(bool(counts), "scene", requirement, got)
         law = require_velocities(scene)
-        turns = scene.limits.pans == "camera"
-        offset = pan_of(law, scene.limits) if turns else np.zeros(2)
-        return _PlaneSearch(scene, law, times, counts, offset)
+        return _PlaneSearch(scene, law, times, counts, turned_by(law, scene.limits))
 
     def found(self, progress: Callable[[float], None]) -> PlaneSearch:
         """The best frames of each kind."""
-        one, number = self.stage(1), len(self.counts)
+        one, number, limits = self.stage(1), len(self.counts), self.scene.limits
         still: list[End | None] = []
         along: list[End | None] = []
         for index, count in enumerate(self.counts):
             progress(0.4 * index / number)
             still += [one.best(kind, count) for kind in (STILLS, BRACKETED)]
-            along += [one.best(kind, count) for kind in WAYS]
+            if limits.moves:
+                along += [one.best(kind, count) for kind in WAYS]
         bursts = self._bursts(one, still, 0) + self._bursts(one, along, 1)
-        if self.scene.limits.axes != "one":
+        if limits.moves and limits.axes != "one":
             bursts += self._on_two_axes(one, along, bursts, progress)
-        snapshot = self._bursts(one, [one.best(STILLS, 1)], 0)[0]
+        at_rest = self._replace(offset=np.zeros(2)).stage(1)
+        snapshot = self._bursts(at_rest, [at_rest.best(STILLS, 1)], 0)[0]
         exposures = [np.full(n, self.times.longest_of(n)) for n in self.counts]
         ceiling = max(exposures_ceiling(self.scene, each) for each in exposures)
         return PlaneSearch(snapshot, tuple(bursts), ceiling)
@@ -198,9 +208,8 @@ class _PlaneSearch(NamedTuple):
         """Frames with their level, within the limits; None where they are far from them."""
         limits, frames = self.scene.limits, end.frames
         for _ in range(3):
-            made = stage.made(frames)
-            driven = of_stage(made, self.law, limits)
-            use = driven.use(limits)
+            burst = burst_of(self.scene, end.kind, num_axes, stage.made(frames), math.nan)
+            use, driven = burst.use, of_stage(burst.frames, np.array(burst.pan))
             pairs = (
                 (use.stroke, limits.max_stroke),
                 (use.travel, limits.max_travel),
@@ -217,12 +226,14 @@ class _PlaneSearch(NamedTuple):
             frames = frames._replace(velocity=velocity, place=place)
         else:
             return None
+        made = burst.frames.for_rows(self.scene.sensor.readout_time, limits)
         width, loss = self.scene.registered_width, None
         if width is not None and made.num_frames > 1:
             loss = loss_of_width(self.scene, made, width=width)
-        axes = 0 if made.stays else num_axes
+        axes = 0 if driven.stays else num_axes
         kind = end.kind if axes or not num_axes else STILLS
-        return PlaneBurst(kind, axes, made, float(exposures_psnr(self.scene, made)), use, loss)
+        psnr = float(exposures_psnr(self.scene, made))
+        return burst_of(self.scene, kind, axes, made, psnr, width_loss=loss)
 
     def stage(self, num_axes: int) -> "_Stage":
         """A stage of one axis along the fastest things, or of two."""

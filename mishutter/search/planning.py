@@ -84,7 +84,7 @@ class SearchPlan(NamedTuple):
         if self.space is None:
             return skips
         free, shutter = self.space.free, self.space.shutter
-        fixed = [name for name in FREE_NAMES if name not in (*free, "path")]
+        fixed = [name for name in FREE_NAMES if name not in free]
         if fixed:
             skips.append(f"These parts are fixed: {', '.join(fixed)}.")
         linear = isinstance(shutter, AbstractAdjustableShutter) and shutter.linear
@@ -117,17 +117,10 @@ def full_sizes(scene: Scene, motion: AbstractMotion, space: DesignSpace | None) 
         return sizes(scene, motion)
     # Corners of the motion's coordinates, and the middle velocity, at which two speeds are one.
     ends = [(0, 0.5, 1) if name == "velocity" else (0, 1) for name in space.free_of_motion]
-    profile, paths = np.full(space.num_profile_coordinates, 0.5), np.eye(space.num_path_coordinates)
-    # A path travels furthest with all of its acceleration in one piece, or in one of each half.
-    if paths.size and not space.path_mirrors:
-        first, last = np.split(paths, 2)
-        pairs = [one + other for one, other in product(first[[0, -1]], last[[0, -1]])]
-        paths = np.concatenate([paths, pairs])
-    shapes = [np.concatenate([profile, path]) for path in paths] or [profile]
-    points = product(shapes, product(*ends))
-    corners = [np.concatenate(point).astype(space.dtype) for point in points]
+    profile = np.full(space.num_profile_coordinates, 0.5)
+    corners = [np.append(profile, point).astype(space.dtype) for point in product(*ends)]
     spaces = [space]
-    if "acceleration" in space.free and "path" not in space.free:
+    if "acceleration" in space.free:
         spaces.append(space.without_acceleration())
     motions = [_motion_at(each, corner) for each in spaces for corner in corners]
     return reduce(Plan.holding, [sizes(scene, motion) for motion in motions])
@@ -169,8 +162,7 @@ def _exact_sizes(
     """The plan that leaves out all work that cannot change a result."""
     full = full_sizes(scene, motion, space)
     pans = space is not None and "velocity" in space.free
-    one_sided = space is not None and "path" in space.free and not space.path_mirrors
-    folds = folds_speeds(scene, motion, shutter) and not (pans or one_sided)
+    folds = folds_speeds(scene, motion, shutter) and not pans
     still = not pans and scene.nothing_moves
     num_kept = full.num_frequencies
     if spectra and only_error:

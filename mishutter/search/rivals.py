@@ -1,4 +1,4 @@
-"""Rivals of a design: snapshots, the best Tukey, coded stills, bursts and free paths.
+"""Rivals of a design: snapshots, the best Tukey, coded stills and bursts.
 
 A new rival is a function that searches for it, and a line of `RIVALS`.
 """
@@ -38,6 +38,7 @@ from mishutter.search.rows import (
     ONE_EXPOSURE,
     OWN_BEST_MOTION,
     SAME_MOTION,
+    SHUTTER,
     SNAPSHOTS,
     STAGE,
     Row,
@@ -47,10 +48,9 @@ from mishutter.search.search import (
     Start,
     best_design,
     free_by_default,
-    on_free_path,
 )
 from mishutter.search.sequences import best_bursts, level_on_sensor
-from mishutter.search.space import forbids_free_path, mirrors
+from mishutter.search.space import mirrors
 
 OPEN = "rect"
 BEST_TUKEY = "best Tukey"
@@ -58,8 +58,6 @@ BEST_CODED_STILL = "best coded still"
 CODED_AT_REST = "best coded at rest"
 BEST_STILL_BURST = "best still burst"
 BEST_MOVING_BURST = "best moving burst"
-OPEN_ON_FREE_PATH = "open on a free path"
-SHAPED_ON_FREE_PATH = "shaped on a free path"
 PLAIN_RATE = 30.0
 """Frame rate that every camera has; 1/s."""
 PLAIN_STILLS = f"stills at {PLAIN_RATE:.0f} frames/s"
@@ -79,7 +77,6 @@ class RivalSearch:
         motion: AbstractMotion | None = None,
         entries: Mapping[str, Entry] | None = None,
         *,
-        free_paths: bool = False,
         every: bool = True,
     ) -> None:
         self.scene, self.loss, self.every = scene, loss, every
@@ -90,12 +87,11 @@ class RivalSearch:
         parabolas = (m for m in motions if m.accelerates_constantly and not m.is_straight)
         self.start = next(parabolas, steady)
         self.entries = {} if entries is None else entries
-        self.free_paths = free_paths or scene.limits.free_paths
         self.burst_progress: Callable[[float], None] = lambda share: None
-        windows = baselines() if every else {OPEN: RectShutter()}
+        is_open = not every or scene.sensor.is_rolling
+        windows = {OPEN: RectShutter()} if is_open else baselines()
         self.windows = {n: window for n, window in windows.items() if n not in self.entries}
         self.open_on_parabola = once(lambda: self.best(self.start, RectShutter()))
-        self.shaped_on_parabola = once(lambda: self.shaped_entry() or self.best(self.start))
 
     def best(
         self,
@@ -187,8 +183,14 @@ def compared_rows(search: RivalSearch, step: Step, begin: Step = lambda name: No
             for row in rows
         }
     order = dict.fromkeys((*search.entries, *taken_names()))
-    names = [name for name in order if name in at_best]
+    names = [name for name in order if name in at_best and _is_alike(at_best[name], scene)]
     return [*(at_best[name] for name in names), *map(judge, on_motion)]
+
+
+def _is_alike(row: Row, scene: Scene) -> bool:
+    """Whether all rows of a picture see the same profile and path, or are restored by their own."""
+    is_simple = SHUTTER not in row.required_hardware and row.motion.is_straight
+    return is_simple or not row.is_of_one_exposure or not scene.sensor.is_rolling
 
 
 def _middle_exposure(scene: Scene) -> Float[np.ndarray, ""]:
@@ -252,7 +254,7 @@ def _coded_stills(search: RivalSearch) -> list[Row]:
     """The best free profile without acceleration, and where that pans the best at rest."""
     scene = search.scene
     # The search for a free profile holds the best one without acceleration.
-    shaped = search.shaped_on_parabola() if _takes_free_path(search) else search.shaped_entry()
+    shaped = search.shaped_entry()
     best = None if shaped is None else shaped.straight
     if best is None:
         best = search.best(_unaccelerated(scene))
@@ -260,24 +262,6 @@ def _coded_stills(search: RivalSearch) -> list[Row]:
     if not still.pans:
         return [still]
     return [still, _row(CODED_AT_REST, search.best(_camera_at_rest(scene)))]
-
-
-def _takes_free_path(search: RivalSearch) -> bool:
-    """Whether free paths are asked for, and the sensor may follow one."""
-    if not search.free_paths or forbids_free_path(search.scene):
-        return False
-    return "acceleration" in free_by_default(search.scene, search.start, RectShutter())
-
-
-def _on_free_paths(search: RivalSearch) -> list[Row]:
-    """Free paths of an open and of a shaped shutter, which begin with one another's designs."""
-    loss, start = search.loss, search.start
-    shaped, steady = search.shaped_on_parabola(), search.open_on_parabola()
-    on_path = on_free_path(steady, start, loss=loss)
-    # What can do more starts from what can do less, so that it never ends lower.
-    beside = [design for design in (steady, on_path) if not design.motion.is_straight]
-    best = on_free_path(shaped, start, loss=loss, shaped=True, beside=beside)
-    return [_row(OPEN_ON_FREE_PATH, on_path), _row(SHAPED_ON_FREE_PATH, best)]
 
 
 def _bursts(search: RivalSearch) -> list[Row]:
@@ -330,10 +314,15 @@ RIVALS = (
         (BEST_TUKEY,),
         ONE_EXPOSURE,
         lambda search: [_row(BEST_TUKEY, search.best(search.start, TukeyShutter(0.5)))],
-        is_asked=lambda search: search.every,
+        is_asked=lambda search: search.every and not search.scene.sensor.is_rolling,
     ),
     Rival(SNAPSHOTS, frozenset({STAGE}), snapshots),
-    Rival((BEST_CODED_STILL, CODED_AT_REST), ONE_EXPOSURE, _coded_stills),
+    Rival(
+        (BEST_CODED_STILL, CODED_AT_REST),
+        ONE_EXPOSURE,
+        _coded_stills,
+        is_asked=lambda search: not search.scene.sensor.is_rolling,
+    ),
     Rival(
         (BEST_STILL_BURST, BEST_MOVING_BURST),
         frozenset({STAGE, FRAMES}),
@@ -345,12 +334,6 @@ RIVALS = (
         frozenset({FRAMES}),
         _plain_stills,
         is_asked=lambda search: search.scene.burst is None and search.scene.occlusion is None,
-    ),
-    Rival(
-        (OPEN_ON_FREE_PATH, SHAPED_ON_FREE_PATH),
-        ONE_EXPOSURE,
-        _on_free_paths,
-        is_asked=_takes_free_path,
     ),
 )
 """All rivals, in the order of their rows. Searches for the last take longest, and begin first."""

@@ -25,8 +25,12 @@ from mishutter.model.sequences import FrameSequence, OneExposure
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.polynomials import profile_of
 from mishutter.model.shutters.windows import RectShutter
+from mishutter.plane.bursts import PlaneBurst
+from mishutter.search.frame_ties import BRACKETED, FREE, STILLS, WAYS, WAYS_ON_TWO_AXES
 
 Choice = TypeVar("Choice")
+Frames = FrameSequence | PlaneBurst
+"""Exposures along an axis, or in the plane."""
 
 BEST_SNAPSHOT = "best snapshot"
 BEST_PANNED_SNAPSHOT = "best panned snapshot"
@@ -34,9 +38,18 @@ SNAPSHOTS = (BEST_SNAPSHOT, BEST_PANNED_SNAPSHOT)
 SAME_MOTION = "same motion"
 OWN_BEST_MOTION = "own best motion"
 STAGE, SHUTTER, FRAMES = "a stage", "a shutter", "a burst of frames"
+SECOND_AXIS, TURNS = "a second axis of the stage", "a turning camera"
 """Parts that a camera may require beside a sensor at rest with an ordinary shutter."""
-_NEEDS = {FRAMES: "registration", STAGE: "stage", SHUTTER: "shaped shutter"}
+_NEEDS = {
+    FRAMES: "registration",
+    STAGE: "stage",
+    SECOND_AXIS: "stage of two axes",
+    SHUTTER: "shaped shutter",
+    TURNS: "turning camera",
+}
 """The needs of these parts in words: any camera takes frames, and software registers."""
+_IN_PLANE = (STILLS, BRACKETED, *WAYS, *WAYS_ON_TWO_AXES, FREE)
+"""The ways of frames in the plane, the simplest first."""
 ONE_EXPOSURE = frozenset({STAGE, SHUTTER})
 """Parts that a camera of one exposure may require."""
 _PURCHASES = {
@@ -70,8 +83,9 @@ class Row:
     metrics: Metrics | SequenceMetrics
     turns: bool = False  # Whether turning the camera makes the pan, and not the stage
     decoder: SpeedKnowledge = UNKNOWN_SPEED  # Knowledge of the speed that the judging decoder has
-    # The frames of a burst, of which the motion is that of one; None of one exposure
-    sequence: FrameSequence | None = None
+    # The frames of a burst, of which the motion is that of one, and all exposures in the plane,
+    # which have no motion along an axis; None of one exposure
+    sequence: Frames | None = None
     # Whether it is judged at the worst speed, and not by the mean over speeds
     at_worst: bool = False
     # The design that a search found; None for the reading *same motion* and for a burst
@@ -108,22 +122,47 @@ class Row:
         """
         efficiency = np.asarray(self.metrics.efficiency)
         is_open = efficiency >= min(1 - 1e-6, least_efficiency(efficiency.dtype))
-        idle = {STAGE: self.stroke < _STANDS_STILL, SHUTTER: is_open}
+        stays = self.stroke < _STANDS_STILL
+        idle = {STAGE: stays, SECOND_AXIS: stays, SHUTTER: is_open}
         return frozenset(part for part in self.hardware if not idle.get(part, False))
 
     @cached_property
+    def parts(self) -> frozenset[str]:
+        """The same, with a camera that turns where that makes the pan."""
+        frames = self.sequence
+        turns = self.turns and self.pans if frames is None else bool(np.any(frames.pan))
+        return self.required_hardware | ({TURNS} if turns else set())
+
+    @cached_property
     def needs(self) -> tuple[str, ...]:
-        """The same in words, with a camera that turns where that makes the pan."""
-        parts = [words for part, words in _NEEDS.items() if part in self.required_hardware]
-        turns = self.sequence.pan != 0 if self.sequence is not None else self.turns and self.pans
-        return (*parts, "turning camera") if turns else tuple(parts)
+        """Its parts in words."""
+        parts = self.parts - {STAGE} if SECOND_AXIS in self.parts else self.parts
+        return tuple(words for part, words in _NEEDS.items() if part in parts)
+
+    @property
+    def is_in_plane(self) -> bool:
+        """Whether its sensor moves along rows and columns."""
+        return len(self.exposures.axes) == 2
+
+    @property
+    def is_free(self) -> bool:
+        """Whether its sensor follows a path of no constant acceleration."""
+        if self.is_in_plane:
+            return self.exposures.kind == FREE
+        return not self.motion.accelerates_constantly
+
+    @property
+    def is_straight(self) -> bool:
+        """Whether its sensor is at rest, or pans at a constant velocity."""
+        return not self.exposures.moves if self.is_in_plane else self.motion.is_straight
 
     @property
     def rank(self) -> tuple[int, int, int]:
         """Rows in the order of what they need: software before hardware, then simple paths."""
-        num_hardware = sum(need != _NEEDS[FRAMES] for need in self.needs)
-        path = 1 if self.motion.accelerates_constantly else 2
-        return num_hardware, len(self.needs), 0 if self.motion.is_straight else path
+        path = 0 if self.is_straight else 2 if self.is_free else 1
+        if self.is_in_plane:
+            path = _IN_PLANE.index(self.exposures.kind)
+        return len(self.parts - {FRAMES}), len(self.parts), path
 
     @property
     def num_frames(self) -> int:

@@ -48,7 +48,6 @@ from mishutter.search.space import (
     beyond_limits,
     design_space,
     mirrors,
-    num_free_pieces,
     search_frame,
 )
 from mishutter.search.starts import (
@@ -56,8 +55,6 @@ from mishutter.search.starts import (
     cover,
     lowest_of_valleys,
     lowest_places,
-    path_boxes,
-    path_of_speeds,
     point_at,
     screened,
     start_boxes,
@@ -175,8 +172,7 @@ def optimise(
         loss: The loss to be minimised, or a function of scene, motion and shutter; the
             expected error by default, of the decoder that the scene names.
         free: Parts that may move: `"shutter"`, `"half_exposure"`, `"velocity"`, `"acceleration"`;
-            by default all that can, unless the loss ignores light. `"path"` frees the acceleration
-            too, and the path becomes a `FreeMotion`.
+            by default all that can, unless the loss ignores light.
         num_coefficients: Coefficients of the free-form profile without a `shutter`.
         num_starts: Number of starts; by default 12 for a profile alone, 16 otherwise, and more
             for few speeds.
@@ -213,6 +209,14 @@ def optimise(
     for part in filter(None, (motion, shutter)):
         require_numbers(part)
     shutter = None if shutter is None else command_of(shutter)
+    if scene.sensor.is_rolling:
+        shutter = RectShutter() if shutter is None else shutter
+        requirement = (
+            "be open, as `RectShutter()`, before rows that are exposed one after another: each "
+            "would see another part of a profile"
+        )
+        is_open = isinstance(shutter, RectShutter)
+        require(is_open, "optimise(shutter=...)", requirement, shutter)
     if num_starts is not None:
         require_positive_int("optimise(num_starts=...)", num_starts)
     require_positive_int("optimise(max_steps=...)", max_steps)
@@ -226,7 +230,7 @@ def optimise(
         "searching",
         max_steps,
         words=lambda step, loss: (step, f"loss {loss:.6g}"),
-        why="compiling (first run only), or a long minimisation",
+        why="compiling, or a long minimisation",
     ) as news:
         settings = SearchSettings(loss, None, num_coefficients, num_starts, seed, max_steps, news)
         best = best_design(Start(scene, motion, shutter, names), settings)
@@ -268,38 +272,6 @@ def best_design(start: Start, settings: SearchSettings) -> Design:
     return _without_needless_device(best, settings.loss)
 
 
-@alone_in_blas()
-def on_free_path(
-    design: Design,
-    start: AbstractMotion,
-    *,
-    loss: AbstractLoss,
-    shaped: bool = False,
-    beside: Sequence[Design] = (),
-) -> Design:
-    """The best design on a free path that begins at the motion of another.
-
-    `optimise(free={"path", ...})` returns the same where it passes by the other design. The result
-    is never worse than the designs that it begins with.
-    """
-    scene, command = design.scene, design.command
-    free = free_by_default(scene, start, None if shaped else command)
-    names = tuple(name for name in (*free, "path") if shaped or name != "shutter")
-    device = scene.device
-    if shaped and device is not None and device.levels is not None:
-        best = optimise(scene, start, command, free=names, loss=loss)
-    else:
-        opened: AbstractShutter = RectShutter()
-        if isinstance(command, SplineShutter):
-            count = command.num_coefficients
-            opened = SplineShutter.fit(opened, count, symmetric=command.symmetric)
-        more = tuple(KnownDesign(opened, each.motion) for each in beside)
-        path = start if design.motion.is_straight else design.motion
-        best = _beyond(design, path, names, SearchSettings(loss), more)
-        best = _without_needless_device(best, loss)
-    return min((best, design, *beside), key=lambda each: each.loss)
-
-
 def _without_needless_device(design: Design, loss: AbstractLoss) -> Design:
     """A design as its profile is measured: one that has come to stay open needs no device.
 
@@ -322,8 +294,6 @@ def _without_needless_device(design: Design, loss: AbstractLoss) -> Design:
 def _optimised(start: Start, settings: SearchSettings) -> Design:
     """The best design of a transmittance that can be differentiated by the coordinates."""
     scene, motion, shutter, names, _ = start
-    if names is not None and "path" in names:
-        return _on_free_path(start, names, settings)
     if names is None:
         motion, names = moved_by_default(scene, motion, shutter, settings.loss)
     best, *others = _searched(start._replace(motion=motion, free=names), settings)
@@ -338,43 +308,6 @@ def _optimised(start: Start, settings: SearchSettings) -> Design:
         best = replace(straight, notes=(*straight.notes, note))
     best = replace(best, history=history, best_start_loss=start_loss)
     return replace(best, straight=straight) if {"shutter", "half_exposure"} <= {*names} else best
-
-
-def _on_free_path(start: Start, names: tuple[str, ...], settings: SearchSettings) -> Design:
-    """The better of the best design of constant acceleration, and of one from there on.
-
-    Without a free path as the motion, it begins with that of the first design.
-    """
-    scene, motion = start.scene, start.first_motion
-    steady = motion if motion.accelerates_constantly else scene.fullest_motion
-    num_free_pieces(scene, motion.as_free_path())
-    steady_names = [name for name in (*names, "acceleration") if name != "path"]
-    steady_start = start._replace(motion=steady, free=tuple(steady_names))
-    design = _optimised(steady_start, settings._replace(plan=None))
-    if motion.accelerates_constantly:
-        motion = steady if design.motion.is_straight else design.motion
-    return _beyond(design, motion, names, settings._replace(progress=None), start.more)
-
-
-def _beyond(
-    design: Design,
-    path: AbstractMotion,
-    names: Sequence[str],
-    settings: SearchSettings,
-    more: tuple[KnownDesign, ...],
-) -> Design:
-    """The better of a design of constant acceleration, and of one on a free path from there on."""
-    path = path.as_free_path()
-    scene, command, half = design.scene, design.command, design.motion.half_exposure
-    of_speeds = path_of_speeds(scene, half, path.accelerations.size)
-    more = (*more, KnownDesign(command, design.motion), KnownDesign(command, of_speeds))
-    (on_path,) = _searched(Start(scene, path, command, tuple(names), more), settings)
-    # A free path asks for more of a stage, and has to lower the loss by more than searches scatter.
-    if on_path.loss >= design.loss * (1 - _SAME):
-        note = "A free path does not pay: at constant acceleration the loss is no larger."
-        return replace(design, notes=(*design.notes, note))
-    history = np.append(design.history, np.minimum(on_path.history, design.history[-1]))
-    return replace(on_path, history=history, best_start_loss=design.best_start_loss)
 
 
 def _through_device(start: Start, settings: SearchSettings) -> Design:
@@ -519,7 +452,7 @@ def _searched(start: Start, settings: SearchSettings) -> list[Design]:
     plan = settings.plan_of(scene, space)
     best = [_best_of_space(scene, space, plan, settings, more)]
     # The logarithmic coordinate of the acceleration does not reach 0, where a camera may be best.
-    if "acceleration" in space.free and "path" not in space.free:
+    if "acceleration" in space.free:
         settings = settings._replace(progress=None)
         best.append(_best_of_space(scene, space.without_acceleration(), plan, settings, more))
     designs = []
@@ -549,8 +482,8 @@ def _best_of_space(
     history = _History(losses, settings)
     if starts.num_tried:
         boxes = _minima(objective, boxes[: starts.num_tried], starts.num_lasting, history)
-    steps = min(starts.steps_to_tell, max_steps)
-    ends = _polished(objective, boxes[: starts.num_polished], steps, history)
+    # After so many steps of each polish the best one goes on alone.
+    ends = _polished(objective, boxes[: starts.num_polished], min(60, max_steps), history)
     end = finished(objective, ends[0], space.bends, max_steps=max_steps)
     point, value, certificate = end.point, end.loss, end.certificate
     lowest = int(np.argmin(losses))
@@ -642,7 +575,6 @@ class _Starts(NamedTuple):
     num_polished: int = _NUM_POLISHED
     num_tried: int = 0  # Where none is tried, the lowest of the points are polished as they are
     num_lasting: int = 0  # Number of tries to minimise from
-    steps_to_tell: int = 60  # Steps of each polish after which the best one goes on alone
 
 
 def _starts(
@@ -661,12 +593,6 @@ def _starts(
     num_starts = settings.num_starts or by_default
     starts = start_boxes(space, num_starts, settings.seed)
     before = [point_at(space, each.command, each.motion)[None] for each in more]
-    if space.num_path_coordinates:
-        boxes = path_boxes(space, np.concatenate([*before, starts[:1]]))
-        # Valleys of paths that need not mirror themselves differ by up to 0.1 dB, and neither
-        # their starts nor a few steps reveal the lowest.
-        num_polished = _NUM_POLISHED if space.path_mirrors else 12
-        return _Starts(boxes, num_polished, steps_to_tell=settings.max_steps)
     # A grid covers few coordinates, and its lowest points are in the right valleys already.
     if space.size <= GRID_COORDINATES:
         if more:  # the best of the designs takes the place of the first

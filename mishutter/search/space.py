@@ -1,30 +1,22 @@
 r"""The designs a solver may reach, as a unit box.
 
-A point of the box is a shutter's coordinates, then those of a free path, then half exposure,
-velocity and acceleration, each only if it is free. The half exposure and the acceleration are
-logarithmic between bounds that hold stroke, top speed and exposure at every point: the half
-exposure between its limits, and the acceleration between the slowest that keeps up with what the
-given motion keeps up with, or with all objects at the best velocity, if that is less, and the
-largest that $aT^2 \le$ stroke and $2aT \le$ top speed allow. The velocity lies between the slowest
-and the fastest object, as far as that acceleration leaves it any of the top speed and, where the
-stage pans, of the stroke (`mishutter.model.limits`). A stage that
-begins and ends at rest travels further than the exposure (`mishutter.model.stages`), which bounds
-all three where its travel, its acceleration or its jerk is limited. Where a pixel holds so many
-electrons and no more, a half exposure ends where white fills it, sooner the more light the shutter
-lets through. So a given motion within the limits is a point of the box.
-
-A free path has equal pieces. Coordinates of it are the logarithms of the shares that they have in
-the acceleration, which is their mean: so the speeds gained to both ends are $2aT$ on the mean, and
-in the middle of the box the path is a parabola. Where the sensor sees as many objects to either
-side, it is the same forwards and backwards. A path that bends more before mid-exposure than after
-it takes the least stroke at a velocity of its own, at which it ends where it began: where the stage
-pans, the acceleration is bounded at that velocity, and others are counted from it.
+A point of the box is a shutter's coordinates, then half exposure, velocity and acceleration, each
+only if it is free. The half exposure and the acceleration are logarithmic between bounds that hold
+stroke, top speed and exposure at every point: the half exposure between its limits, and the
+acceleration between the slowest that keeps up with what the given motion keeps up with, or with all
+objects at the best velocity, if that is less, and the largest that $aT^2 \le$ stroke and
+$2aT \le$ top speed allow. The velocity lies between the slowest and the fastest object, as far as
+that acceleration leaves it any of the top speed and, where the stage pans, of the stroke
+(`mishutter.model.limits`). A stage that begins and ends at rest travels further than the exposure
+(`mishutter.model.stages`), which bounds all three where its travel, its acceleration or its jerk is
+limited. Where a pixel holds so many electrons and no more, a half exposure ends where white fills
+it, sooner the more light the shutter lets through. So a given motion within the limits is a point
+of the box.
 
 Coordinates are those of the profile that is sent to the scene's device. The shutter of a design
 is the transmittance that light sees.
 """
 
-import math
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
@@ -36,14 +28,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from mishutter._core.checks import Unquoted, common_dtype, device_constant, require
+from mishutter._core.checks import common_dtype, device_constant, require
 from mishutter._core.compiling import compiled
 from mishutter.evaluation.views import transmittance
 from mishutter.model.devices import AbstractDevice
-from mishutter.model.limits import Limits, PathShape
+from mishutter.model.limits import Limits
 from mishutter.model.motion import (
     AbstractMotion,
-    FreeMotion,
     ParabolicMotion,
     is_known_zero,
     simplified,
@@ -59,15 +50,10 @@ from mishutter.model.shutters.base import (
 )
 from mishutter.model.shutters.windows import RectShutter
 
-FREE_NAMES = ("shutter", "path", "half_exposure", "velocity", "acceleration")
+FREE_NAMES = ("shutter", "half_exposure", "velocity", "acceleration")
 _ROUNDING = 1e-6
 _TIMES_AT_ONCE = 8
 """Half exposures a call: one compiled program serves the first round and the halvings."""
-_MOST_PIECES_DIFFER = 20.0
-"""Largest ratio of a free path's acceleration on a piece to its mean, and of the mean to that."""
-_MEETING = 0.5
-"""Coordinate of the half exposure at which a free path comes to its stroke and its top speed
-together: a kink whose place in the box is the same for every path."""
 _SLOWEST = 1e-2
 """Share of the largest acceleration that is explored where every object is at rest."""
 
@@ -119,48 +105,31 @@ class DesignSpace(eqx.Module):
     free: tuple[str, ...] = eqx.field(static=True)  # Parts that may move
     # Number of coordinates that belong to the shutter
     num_profile_coordinates: int = eqx.field(static=True)
-    # Number of coordinates, after these, that belong to a free path
-    num_path_coordinates: int = eqx.field(static=True)
-    # Whether these belong to one half of the path, which the other mirrors
-    path_mirrors: bool = eqx.field(static=True)
 
     @property
     def size(self) -> int:
         """Number of coordinates of a point of the box."""
-        return self.num_shape_coordinates + len(self.free_of_motion)
-
-    @property
-    def num_shape_coordinates(self) -> int:
-        """Number of coordinates of profile and path, which come before the motion's numbers."""
-        return self.num_profile_coordinates + self.num_path_coordinates
+        return self.num_profile_coordinates + len(self.free_of_motion)
 
     def at(self, point: Float[Array, "size"]) -> tuple[AbstractShutter, AbstractMotion]:
         """The design at a point of the box: the shutter behind the device, and the motion."""
         shutter = self._profile_at(point)
-        share = dict(zip(self.free_of_motion, point[self.num_shape_coordinates :], strict=True))
+        share = dict(zip(self.free_of_motion, point[self.num_profile_coordinates :], strict=True))
         if not share:
             return self.transmittance(shutter, self.motion.half_exposure), self.motion
         half_exposure, velocity = self.motion.half_exposure, self.motion.velocity
-        shape = self._shape(point[self.num_profile_coordinates : self.num_shape_coordinates])
         acceleration = self.motion.mean_acceleration
         # The order matters: the bounds of each number depend on those before it.
         if "half_exposure" in share:
-            bounds = self._half_exposure_bounds(shutter)
-            half_exposure = self._half_exposure_at(bounds, shape, share["half_exposure"])
+            half_exposure = self._half_exposure_bounds(shutter).at(share["half_exposure"])
         if "acceleration" in share:
-            acceleration = self._acceleration_bounds(half_exposure, shape).at(share["acceleration"])
+            acceleration = self._acceleration_bounds(half_exposure).at(share["acceleration"])
         if "velocity" in share:
-            low, high = self._velocity_bounds(acceleration, half_exposure, shape)
+            low, high = self._velocity_bounds(acceleration, half_exposure)
             velocity = low + share["velocity"] * (high - low)
-        if shape is None:
-            motion: AbstractMotion = ParabolicMotion(
-                acceleration=acceleration, half_exposure=half_exposure, velocity=velocity
-            )
-        else:
-            pieces = acceleration * shape.pieces
-            motion = FreeMotion(
-                accelerations=pieces, half_exposure=half_exposure, velocity=velocity
-            )
+        motion = ParabolicMotion(
+            acceleration=acceleration, half_exposure=half_exposure, velocity=velocity
+        )
         return self.transmittance(shutter, half_exposure), motion
 
     def shutter_at(
@@ -173,22 +142,6 @@ class DesignSpace(eqx.Module):
         """The profile that is sent to the device at a point of the box."""
         count = self.num_profile_coordinates
         return at_coordinates(self.shutter, jnp.asarray(point[:count])) if count else self.shutter
-
-    def _shape(self, point: Float[Array, "pieces"]) -> PathShape | None:
-        """The shape of a free path at its coordinates; None without any."""
-        if not self.num_path_coordinates:
-            return None
-        shares = jnp.exp((2 * point - 1) * math.log(_MOST_PIECES_DIFFER))
-        pieces = shares / jnp.mean(shares)
-        if self.path_mirrors:
-            pieces = jnp.concatenate([pieces[::-1], pieces])
-        pans = "velocity" in self.free and self.limits.pans == "stage"
-        velocity = jnp.zeros_like(pieces[0])
-        if pans:  # at which the path ends where it began, in units of $aT$
-            ends = np.array([-1, 1], pieces.dtype)
-            begin, end = jnp.asarray(_unit_path(pieces, velocity).position_of(ends, 0.0))
-            velocity = (begin - end) / 2
-        return PathShape(pieces, velocity)
 
     @property
     def of_motion(self) -> "DesignSpace":
@@ -215,7 +168,7 @@ class DesignSpace(eqx.Module):
     @property
     def free_of_motion(self) -> tuple[str, ...]:
         """Numbers of the motion that may move, in the order of their coordinates."""
-        return tuple(name for name in FREE_NAMES[2:] if name in self.free)
+        return tuple(name for name in FREE_NAMES[1:] if name in self.free)
 
     @property
     def dtype(self) -> np.dtype:
@@ -248,15 +201,12 @@ class DesignSpace(eqx.Module):
         """Half exposures, as coordinates, at which another limit bounds a free acceleration.
 
         Stroke, top speed, the demand of the objects and of the motion, and the least acceleration
-        that is explored give way to one another where two of them meet. For a free path only the
-        place where stroke and top speed meet is known.
+        that is explored give way to one another where two of them meet.
         """
-        index = self.num_shape_coordinates
+        index = self.num_profile_coordinates
         moves = {"acceleration", "half_exposure"} <= set(self.free)
         if not moves or is_known_zero(self.strongest):
             return Bends(index, np.zeros(0))
-        if self.num_path_coordinates:
-            return Bends(index, np.array([_MEETING]))
         if self.fills_by_profile:
             return Bends(index, np.zeros(0))  # the exposures there are others for each profile
         low, high = (float(bound) for bound in self._half_exposure_bounds(self.shutter))
@@ -314,25 +264,21 @@ class DesignSpace(eqx.Module):
         parts = []
         if "shutter" in self.free:
             parts.append(jnp.clip(coordinates(shutter), 0, 1).astype(dtype))
-        shape = None
-        if "path" in self.free:
-            parts.append(self._coordinates_of_path(motion).astype(dtype))
-            shape = self._shape(parts[-1])
         half_exposure = motion.half_exposure
         if "half_exposure" in self.free:
             bounds = self._half_exposure_bounds(shutter)
-            share = self._half_exposure_share(bounds, shape, half_exposure)
+            share = bounds.share(half_exposure)
             parts.append(share.astype(dtype)[None])
-            half_exposure = self._half_exposure_at(bounds, shape, share)
+            half_exposure = bounds.at(share)
         if not self.free_of_motion:
             return jnp.concatenate(parts)
         acceleration, share = motion.mean_acceleration, None
         if "acceleration" in self.free:
-            bounds = self._acceleration_bounds(half_exposure, shape)
+            bounds = self._acceleration_bounds(half_exposure)
             share = bounds.share(acceleration)
             acceleration = bounds.at(share)
         if "velocity" in self.free:
-            low, high = self._velocity_bounds(acceleration, half_exposure, shape)
+            low, high = self._velocity_bounds(acceleration, half_exposure)
             width = jnp.where(high > low, high - low, 1.0)
             place = jnp.where(high > low, (motion.velocity - low) / width, 0.5)
             parts.append(jnp.clip(place, 0, 1).astype(dtype)[None])
@@ -340,79 +286,16 @@ class DesignSpace(eqx.Module):
             parts.append(share.astype(dtype)[None])
         return jnp.concatenate(parts)
 
-    def _half_exposure_at(
-        self, bounds: Interval, shape: PathShape | None, share: Float[Array, ""]
-    ) -> Float[Array, ""]:
-        """The half exposure at a coordinate; s."""
-        if shape is None:
-            return bounds.at(share)
-        middle, before = self._meeting(bounds, shape), share < _MEETING
-        part = Interval(
-            jnp.where(before, bounds.low, middle), jnp.where(before, middle, bounds.high)
-        )
-        return part.at(jnp.where(before, share / _MEETING, (share - _MEETING) / (1 - _MEETING)))
-
-    def _half_exposure_share(
-        self, bounds: Interval, shape: PathShape | None, half_exposure: Float[Array, ""]
-    ) -> Float[Array, ""]:
-        """The coordinate of a half exposure, s."""
-        if shape is None:
-            return bounds.share(half_exposure)
-        middle = self._meeting(bounds, shape)
-        before = _MEETING * Interval(bounds.low, middle).share(half_exposure)
-        after = Interval(middle, bounds.high).share(half_exposure)
-        after = _MEETING + (1 - _MEETING) * after
-        return jnp.where(half_exposure < middle, before, after)
-
-    def _meeting(self, bounds: Interval, shape: PathShape) -> Float[Array, ""]:
-        """Half exposure at which a path comes to its stroke and its top speed together; s."""
-        path = _unit_path(shape.pieces, shape.velocity)
-        times = self.limits.max_stroke / path.stroke * path.top_speed
-        return jnp.clip(times / self.limits.max_top_speed, bounds.low, bounds.high)
-
-    def _coordinates_of_path(self, motion: AbstractMotion) -> Float[Array, "pieces"]:
-        """Coordinates of a path: the middle of the box for a parabola."""
-        num_pieces = self.num_path_coordinates * (2 if self.path_mirrors else 1)
-        accelerations = FreeMotion.fit(motion, num_pieces=num_pieces).accelerations
-        shares = jnp.maximum(accelerations, 0)
-        mean = jnp.mean(shares)
-        shares = jnp.where(mean > 0, shares / jnp.where(mean > 0, mean, 1.0), 1.0)
-        if self.path_mirrors:
-            before, after = jnp.split(shares, 2)
-            shares = (before[::-1] + after) / 2
-        least = jnp.asarray(1 / _MOST_PIECES_DIFFER, shares.dtype)
-        logarithm = jnp.log(jnp.maximum(shares, least)) / math.log(_MOST_PIECES_DIFFER)
-        return jnp.clip((1 + logarithm) / 2, 0, 1)
-
-    def _velocity_bounds(
-        self, acceleration: Float[Array, ""], half: Float[Array, ""], shape: PathShape | None
-    ) -> Interval:
+    def _velocity_bounds(self, acceleration: Float[Array, ""], half: Float[Array, ""]) -> Interval:
         """Least and greatest velocity at mid-exposure; px/s."""
-        leftwards = rightwards = self._largest_pan(acceleration, half, shape)
-        if shape is not None:  # a pan to the left is one to the right on the path run backwards
-            backwards = PathShape(shape.pieces[::-1], -shape.velocity)
-            leftwards = self._largest_pan(acceleration, half, backwards)
-        return Interval(
-            jnp.clip(self.slowest, -leftwards, rightwards),
-            jnp.clip(self.fastest, -leftwards, rightwards),
-        )
-
-    def _largest_pan(
-        self, acceleration: Float[Array, ""], half: Float[Array, ""], shape: PathShape | None
-    ) -> Float[Array, ""]:
-        """Greatest velocity to the right at mid-exposure that the limits leave a motion; px/s."""
-        rest = jnp.zeros_like(half)
-        numbers = {"acceleration": acceleration, "half_exposure": half, "velocity": rest}
-        most = self.limits.max_pan
-        if shape is not None:
-            own = shape.own_velocity(acceleration, half, most)
-            return own + self.limits.largest("velocity", rest, most - own, numbers, shape)
-        most = jnp.clip(self.limits.max_top_speed - 2 * acceleration * half, 0, most)
-        by_stroke = self.limits.velocity_by_stroke(acceleration, half)
+        rest, limits = jnp.zeros_like(half), self.limits
+        most = jnp.clip(limits.max_top_speed - 2 * acceleration * half, 0, limits.max_pan)
+        by_stroke = limits.velocity_by_stroke(acceleration, half)
         most = most if by_stroke is None else jnp.minimum(most, by_stroke)
-        if self.limits.has_stage:
-            most = self.limits.largest("velocity", rest, most, numbers)
-        return most
+        if limits.has_stage:
+            numbers = {"acceleration": acceleration, "half_exposure": half, "velocity": rest}
+            most = limits.largest("velocity", rest, most, numbers)
+        return Interval(jnp.clip(self.slowest, -most, most), jnp.clip(self.fastest, -most, most))
 
     def transmittance(
         self, shutter: AbstractShutter, half_exposure: Float[Array, ""]
@@ -452,12 +335,10 @@ class DesignSpace(eqx.Module):
             high = self.limits.largest("half_exposure", low, high, numbers)
         return Interval(low, high)
 
-    def _acceleration_bounds(
-        self, half_exposure: Float[Array, ""], shape: PathShape | None = None
-    ) -> Interval:
-        """Least and greatest acceleration, of a free path the mean; px/s^2."""
+    def _acceleration_bounds(self, half_exposure: Float[Array, ""]) -> Interval:
+        """Least and greatest acceleration; px/s^2."""
         rest = jnp.zeros_like(half_exposure)
-        high = self.limits.largest_acceleration(half_exposure, rest, shape)
+        high = self.limits.largest_acceleration(half_exposure, rest)
         high = jnp.minimum(high, self.strongest)
         keeping_up = jnp.clip(self.demand / (2 * half_exposure), _SLOWEST * high, high)
         gain = jnp.abs(self.motion.mean_acceleration) * self.motion.half_exposure
@@ -469,13 +350,6 @@ def _active_limits(
     space: DesignSpace, half_exposures: Float[Array | np.ndarray, "k"]
 ) -> Int[Array, "k"]:
     return jax.vmap(space.active_limits)(jnp.asarray(half_exposures))
-
-
-def _unit_path(pieces: Float[Array, "pieces"], velocity: Float[Array, ""]) -> FreeMotion:
-    """The path of such pieces with a mean acceleration and a half exposure of 1."""
-    return FreeMotion(
-        accelerations=pieces, half_exposure=jnp.ones((), pieces.dtype), velocity=velocity
-    )
 
 
 def search_frame(
@@ -496,8 +370,7 @@ def design_space(
 ) -> DesignSpace:
     """The space of what `free` names, within the scene's limits.
 
-    The scene and the motion are those of the `search_frame`. A free path has a free acceleration,
-    and begins as the path of the motion. Errors name the `function`.
+    The scene and the motion are those of the `search_frame`. Errors name the `function`.
     """
     names = (free,) if isinstance(free, str) else tuple(free)
     subject = f"{function}(free=...)"
@@ -511,15 +384,7 @@ def design_space(
             "for free to name it",
             type(shutter).__name__,
         )
-    frees_path = "path" in names
-    fixed = set() if frees_path and not motion.accelerates_constantly else motion.fixed.names
-    require(not fixed & set(names), subject, motion.fixed.request, free)
-    path_mirrors = frees_path and "velocity" not in names and mirrors(scene, 0.0)
-    num_path = 0
-    if frees_path:
-        names = (*names, "acceleration")
-        motion = path = motion.as_free_path()
-        num_path = num_free_pieces(scene, path) // (2 if path_mirrors else 1)
+    require(not motion.fixed.names & set(names), subject, motion.fixed.request, free)
     dtype = common_dtype(motion.half_exposure, scene.speeds)
     ordered = tuple(name for name in FREE_NAMES if name in names)
     num_profile = num_coordinates(shutter) if "shutter" in ordered else 0
@@ -541,30 +406,7 @@ def design_space(
         strongest=device_constant(np.full((), np.inf, dtype)),
         free=ordered,
         num_profile_coordinates=num_profile,
-        num_path_coordinates=num_path,
-        path_mirrors=path_mirrors,
     )
-
-
-def num_free_pieces(scene: Scene, path: FreeMotion) -> int:
-    """Number of pieces of a path that a search may move: even, of equal length."""
-    subject, named = "optimise(free=...)", Unquoted("path")
-    requirement = "be a path of an even number of equal pieces, as FreeMotion.fit makes it, to move"
-    count = path.accelerations.size
-    are_equal = len(set(path.durations or ())) <= 1
-    require(are_equal and count % 2 == 0, "optimise(motion=...)", requirement, type(path).__name__)
-    forbidden = forbids_free_path(scene)
-    require(forbidden is None, subject, f"leave the path where {forbidden}", named)
-    return count
-
-
-def forbids_free_path(scene: Scene) -> str | None:
-    """The reason for which no path may be free in a scene, in words; None where one may."""
-    if scene.limits.max_jerk is not None:
-        return "the jerk of the stage is limited: between pieces it jumps"
-    if scene.tolerances is not None:
-        return "the scene has tolerances, which are of a parabola"
-    return None
 
 
 def mirrors(scene: Scene, velocity: float) -> bool:
@@ -611,11 +453,11 @@ def _filling(scene: Scene, shutter: AbstractShutter | None) -> float | None:
 def all_that_can_move(
     scene: Scene, motion: AbstractMotion, shutter: AbstractShutter | None
 ) -> tuple[str, ...]:
-    """Parts that may move, but for a path: a camera at rest stays, and so does a fixed window.
+    """Parts that may move: a camera at rest stays, and so does a fixed window.
 
     Without a shutter the profile is of free form.
     """
-    fixed = {"path", *motion.fixed.names}
+    fixed = set(motion.fixed.names)
     if is_known_zero(scene.limits.max_pan):
         fixed.add("velocity")
     if shutter is not None and not is_adjustable(shutter):

@@ -14,12 +14,12 @@ from functools import lru_cache
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float, Int
+from jaxtyping import Array, Float, Int
 from numpy.lib.stride_tricks import sliding_window_view
 
 from mishutter._core.compiling import compiled
 from mishutter._core.parallel import in_threads, num_processors
-from mishutter.model.motion import AbstractMotion, FreeMotion, simplified
+from mishutter.model.motion import AbstractMotion, simplified
 from mishutter.model.scene import Scene
 from mishutter.model.shutters.base import AbstractShutter, coordinates
 from mishutter.model.shutters.spline import SplineShutter, coefficient_times, fitted_boxes
@@ -95,54 +95,6 @@ def point_at(
 
 
 _point_at, _coordinates = compiled(DesignSpace.point_of), compiled(coordinates)
-
-
-def path_boxes(
-    space: DesignSpace, boxes: Float[np.ndarray, "n size"]
-) -> Float[np.ndarray, "more size"]:
-    """Designs, and others beside each whose paths turn faster or slower towards their ends.
-
-    Where the pan is free, all of them occur also at its least and at its greatest: paths that turn
-    sharply before mid-exposure and paths that do so after it lie in different valleys.
-    """
-    first = space.num_profile_coordinates
-    outwards = np.linspace(-1, 1, space.num_path_coordinates, dtype=boxes.dtype)
-    # A path that mirrors itself has coordinates for one half alone.
-    if not space.path_mirrors:
-        outwards = 2 * np.abs(outwards) - 1
-    path = slice(first, first + outwards.size)
-    _, places = np.unique(np.round(boxes, 6), axis=0, return_index=True)
-    boxes = boxes[np.sort(places)]
-    others = [boxes]
-    for tilt in (0.1, -0.1, 0.3, -0.3):  # at either end of the path
-        others.append(boxes.copy())
-        others[-1][:, path] = np.clip(boxes[:, path] + boxes.dtype.type(tilt) * outwards, 0, 1)
-    if "velocity" in space.free:
-        pan = space.num_shape_coordinates + space.free_of_motion.index("velocity")
-        everywhere = np.concatenate(others)
-        for end in (0, 1):
-            others.append(everywhere.copy())
-            others[-1][:, pan] = end
-    return np.concatenate(others)
-
-
-def path_of_speeds(scene: Scene, half_exposure: ArrayLike, num_pieces: int) -> FreeMotion:
-    r"""A path that keeps up with every object for a time in proportion to its weight.
-
-    Its velocity is the quantile function of the speeds, $s$ at the time $t$ up to which objects no
-    faster than $s$ weigh $(t + T) / 2T$ of all, joined by straight lines. The last and the first
-    object have half of their time beyond the ends.
-    """
-    order = np.argsort(np.asarray(scene.speeds))
-    speeds, weights = np.asarray(scene.speeds)[order], np.asarray(scene.weights)[order]
-    middles = (np.cumsum(weights) - weights / 2) / np.sum(weights)
-    half = np.asarray(half_exposure)
-    velocity = np.interp(np.linspace(0, 1, num_pieces + 1), middles, speeds).astype(half.dtype)
-    return FreeMotion(
-        accelerations=np.diff(velocity) * num_pieces / (4 * half),
-        half_exposure=half,
-        velocity=velocity[num_pieces // 2],
-    )
 
 
 @lru_cache

@@ -206,7 +206,7 @@ def _filled(
     return blocks.dataset()
 
 
-WHY_NO_POINT = "compiling (first run only), or a block is computed, whose points end together"
+WHY_NO_POINT = "compiling, or a block is computed, whose points end together"
 """Why a sweep tells no point for a while."""
 
 

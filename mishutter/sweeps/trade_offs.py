@@ -210,7 +210,7 @@ def best_snapshots(
         return "{:.3g} e-/s with {:.3g} e-".format(*light)
 
     lights = list(product(rates, noises))
-    why = "compiling (first run only), or snapshots at rest and panned are searched for"
+    why = "compiling, or snapshots at rest and panned are searched for"
     with counts(progress, "best snapshots", len(lights), why) as counter:
         rows = np.array(list(in_threads(best, lights, num_processors())))
     psnr, half_exposure, velocity = rows.reshape(rates.size, noises.size, 3).transpose(2, 0, 1)

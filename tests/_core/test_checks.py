@@ -185,7 +185,7 @@ def test_a_motion_shows_its_numbers():
         (
             Limits(max_stroke=38.5, max_top_speed=4800.0, max_half_exposure=0.04, max_pan=0.0),
             "Limits(max_stroke=38.5, max_top_speed=4800, min_half_exposure=0.0001, "
-            "max_half_exposure=0.04, max_pan=0, pans='stage', axes='each', free_paths=False)",
+            "max_half_exposure=0.04, max_pan=0, pans='stage', axes='each')",
         ),
         (IdealDevice(transmission=0.4), "IdealDevice(transmission=0.4, leakage=0)"),
         (TukeyShutter(0.35), "TukeyShutter(taper=0.35)"),

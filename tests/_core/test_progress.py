@@ -82,23 +82,36 @@ def test_a_counter_names_what_it_is_at():
 
 
 def test_a_counter_that_stays_says_why(monkeypatch):
-    """After ten seconds without a step, until the next one, and after the last that is counted."""
+    """Before the first step, and after ten seconds without one, the last that is counted too."""
     now = [1000.0]
     monkeypatch.setattr(time, "monotonic", lambda: now[0])
     counter = Counter(4, "programs are compiled")
+    assert str(counter) == "0 of 4 after 0 s (programs are compiled)"
     counter.began("rect")
     now[0] += 9.75
-    assert counter.place == "rect, 1 of 4"
+    assert str(counter) == "rect, 1 of 4 after 10 s"
     now[0] += 0.5
-    assert counter.place == "rect, 1 of 4 (programs are compiled)"
-    assert str(counter) == "rect, 1 of 4 (programs are compiled) after 10 s"
+    assert str(counter) == "rect, 1 of 4 after 10 s (programs are compiled)"
     counter.ended("rect")
-    assert counter.place == "1 of 4"
+    assert str(counter) == "1 of 4 after 10 s"
     now[0] += 25
-    assert counter.place == "1 of 4 (programs are compiled)"
+    assert str(counter) == "1 of 4 after 35 s (programs are compiled)"
     counter(4, "loss 0.25")
     now[0] += 25
-    assert counter.place == "loss 0.25, 4 of 4 (programs are compiled)"
+    assert str(counter) == "loss 0.25, 4 of 4 after 60 s (programs are compiled)"
+
+
+def test_a_counter_that_stays_promises_no_end(monkeypatch):
+    """The pace of steps that have stopped tells nothing of those to come."""
+    now = [1000.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    counter = Counter(400, "compiling")
+    counter(0)
+    now[0] += 4
+    counter(100)
+    assert str(counter) == "100 of 400 after 4 s, about 12 s to go"
+    now[0] += 11
+    assert str(counter) == "100 of 400 after 15 s (compiling)"
 
 
 def test_a_counter_moves_within_a_part(monkeypatch):
@@ -155,9 +168,7 @@ def test_a_terminal_has_a_bar(monkeypatch):
             time.sleep(0.02)
     shown = terminal.getvalue()
     assert "comparing" in shown
-    assert "best Tukey, 1 of 8" in shown
-    assert "gone" in shown
-    assert " after " not in shown
+    assert "best Tukey, 1 of 8 after 0 s" in shown
 
 
 @pytest.mark.parametrize("has_widgets", [True, False])

@@ -104,7 +104,7 @@ def test_places_are_from_the_middle_of_the_frames_on_any_clock():
     single = PlaneFrames(*(np.asarray(x, np.float32) for x in vars(frames).values()))
     picture = np.asarray(example_picture().light)[:80, :90, 1].astype(np.float32)
     pair = [
-        next(exposed_in_plane(picture, SCENE.optics, each, np.array([9.0, 40.0]), (None, None)))
+        next(exposed_in_plane(picture, SCENE, each, np.array([9.0, 40.0]), (None, None)))
         for each in (frames, single)
     ]
     assert pair[0].dtype == np.float32

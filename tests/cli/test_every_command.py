@@ -10,7 +10,7 @@ import urllib.request
 import numpy as np
 import pytest
 from support.clips import ClipOf, Thing
-from support.command_line import ON_PARABOLAS, SMALL_SEARCH, environment
+from support.command_line import SMALL_SCENE, SMALL_SEARCH, environment
 from support.drive import a_design
 from support.laboratory import COMMAND, expected, recorded
 from typer.main import get_command
@@ -72,7 +72,7 @@ COMMANDS = {
 def desk(tmp_path_factory):
     """A folder with a scene in which nothing moves, a photograph, a design and a measurement."""
     place = tmp_path_factory.mktemp("desk")
-    speeds, others = ON_PARABOLAS.split("[light]")
+    speeds, others = SMALL_SCENE.split("[light]")
     assert "list_px_per_s" in speeds
     (place / "still.toml").write_text(f"[speeds]\nlist_px_per_s = [0]\n[light]{others}")
     write_picture(place / "photo.png", example_picture().light[100:109, :150])

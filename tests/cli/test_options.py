@@ -148,7 +148,6 @@ OPTIONS = {
         Option(["--starts", "3"], SEARCH, _named("num_starts"), 3),
         Option(["--steps", "5"], SEARCH, _named("max_steps"), 5),
         Option(["--seed", "8"], SEARCH, _named("seed"), 8),
-        Option(["--free-paths"], COMPARE, _named("free_paths"), True),
         Option(["--noise-seeds", "3"], PHOTOGRAPHS, _named("num_seeds"), 3),
         Option(["--every-photograph"], PHOTOGRAPHS, _named("every"), True),
         *JUDGED,
@@ -159,7 +158,6 @@ OPTIONS = {
         Option(["--shutter", "tukey:0.3"], COMPARE, lambda a: [*a["shutters"]], ["tukey:0.3"]),
         *LABORATORY,
         Option(LOSS[0], COMPARE, *LOSS[1:]),
-        Option(["--free-paths"], COMPARE, _named("free_paths"), True),
         Option(["--noise-seeds", "3"], PHOTOGRAPHS, _named("num_seeds"), 3),
         Option(["--every-photograph"], PHOTOGRAPHS, _named("every"), True),
         *JUDGED,
@@ -167,6 +165,12 @@ OPTIONS = {
     ],
     "sweep": [
         Option(["--acceleration", "1e4:4e4:3"], SWEEP, _row("accelerations"), [1e4, 2.5e4, 4e4]),
+        Option(
+            ["--stage-acceleration", "2e4:8e4:3"],
+            SWEEP,
+            _row("accelerations"),
+            [1e4, 2.5e4, 4e4],
+        ),
         Option(
             ["--exposure", "4.4:5.2:3"],
             SWEEP,
@@ -291,6 +295,8 @@ OPTIONS = {
         Option(["--white", "4095"], MEASURE, _named("white"), 4095.0),
         Option(["--pixel-pitch-um", "3.5"], MEASURE, _named("pixel_pitch"), pytest.approx(3.5e-6)),
         Option(["--px-per-mm", "7"], MEASURE, _named("px_per_mm"), 7.0),
+        Option(["--readout-ms", "12"], MEASURE, _named("readout"), pytest.approx(0.012)),
+        Option(["--rows-read", "up"], MEASURE, _named("rows_read"), "up"),
     ],
     "fit": [
         Option(

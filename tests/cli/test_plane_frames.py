@@ -176,8 +176,8 @@ def test_an_image_stabiliser_in_python(desk):
     scene = ms.Scene.load("stabiliser.toml")
     search = ms.best_in_plane(scene)
     design = ms.PlaneDesign(scene, max(search.simplest, key=lambda burst: burst.psnr))
-    assert design.burst.num_axes == 2
-    assert design.burst.psnr > search.snapshot.psnr + 2.5
+    assert design.sequence.num_axes == 2
+    assert design.sequence.psnr > search.snapshot.psnr + 2.5
     assert "sensor_position_y" in ms.frame_table(design).stage_csv()
     captures = ms.simulate_frames(
         truth, scene, design.frames, speed=(-175.0, 96.0), key=jax.random.key(4)

@@ -332,11 +332,12 @@ def test_a_design_that_pans_gives_back_its_metrics(design, tmp_path):
     assert not np.array_equal(panning.metrics.expected_psnr, design.metrics.expected_psnr)
 
 
-def test_a_design_from_before_sensors_panned_is_loaded(design, tmp_path):
-    """Without a velocity it has none, and its largest pan is the top speed."""
+def test_a_design_of_an_earlier_version_is_loaded(design, tmp_path):
+    """Without a velocity it has none, and its largest pan is the top speed, a former key none."""
     data = json.loads(strict_json(design.to_dict()))
     assert data["motion"].pop("velocity") == 0
     del data["scene"]["limits"]["max_pan"]
+    data["scene"]["limits"]["free_paths"] = False
     (tmp_path / "design.json").write_text(json.dumps(data))
     loaded = Design.load(tmp_path / "design.json")
     assert float(loaded.motion.velocity) == 0

@@ -3,13 +3,14 @@
 import base64
 import io
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from PIL import Image
 from support.plane import a_plane_design
 
-from mishutter import PlaneDesign, PlaneSearch
+from mishutter import Limits, PlaneDesign, PlaneFrames, PlaneSearch
 from mishutter.explore.session import (
     Beginning,
     Order,
@@ -18,8 +19,7 @@ from mishutter.explore.session import (
     SupersededError,
     with_design,
 )
-from mishutter.report.in_plane import PlaneReport
-from mishutter.search import plane_frames
+from mishutter.report import in_plane
 
 TABLES = {
     "speeds": {"any_direction": {"max_px_per_s": 1700.0}},
@@ -33,14 +33,17 @@ TABLES = {
 @pytest.fixture
 def found(monkeypatch):
     """The search, in place of one that takes seconds, and the scenes that it was asked for."""
-    burst, scenes = a_plane_design().burst, []
+    burst, scenes = a_plane_design().sequence, []
+    at_rest = PlaneFrames(np.zeros(1), np.full(1, 0.003), np.ones(1), np.zeros((2, 2)))
+    one = replace(burst, kind="stills", num_axes=0, frames=at_rest, psnr=24.5)
+    one = replace(one, use=one.frames.use(Limits(max_half_exposure=0.01)))
 
     def best(scene, *, progress):
         progress(0.5)
         scenes.append(scene)
-        return PlaneSearch(burst, (burst,), 28.5)
+        return PlaneSearch(one, (burst,), 28.5)
 
-    monkeypatch.setattr(plane_frames, "best_in_plane", best)
+    monkeypatch.setattr(in_plane, "best_in_plane", best)
     return scenes
 
 
@@ -54,10 +57,8 @@ def test_the_answer_comes_with_the_path_in_the_plane(found):
         (answer,) = session.rest(asked, lambda: None)
     assert len(found) == 1
     assert float(found[0].velocities.fastest) == 1700
-    report = PlaneReport(
-        found[0], plane_frames.best_in_plane(found[0], progress=lambda share: None)
-    )
-    assert answer["verdict"] == report.text().splitlines()[0]
+    own = in_plane.compare_in_plane(found[0])
+    assert answer["verdict"] == own.text().splitlines()[0]
     assert "ceiling of any path" in answer["answer"]
     picture = Image.open(io.BytesIO(base64.b64decode(answer["picture"])))
     assert np.ptp(np.asarray(picture.convert("L"))) > 200

@@ -31,7 +31,6 @@ max_stroke_px = 7.3
 max_top_speed_px_per_s = 1300
 min_half_exposure_ms = 2.1
 max_half_exposure_ms = 17
-max_jerk_px_per_s3 = 1e15
 [picture]
 path = "example"
 """

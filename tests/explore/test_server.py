@@ -12,13 +12,13 @@ import tornado.httpserver
 import tornado.netutil
 import tornado.websocket
 from PIL import Image
-from support.command_line import ON_PARABOLAS
+from support.command_line import SMALL_SCENE
 
 # The face starts a server that never returns; these tests run it on a loop of their own.
 from mishutter.explore import server
 from mishutter.explore.session import Beginning, with_design
 
-TABLES = tomllib.loads(ON_PARABOLAS.replace('path = "photo.png"', "mean_level = 0.23"))
+TABLES = tomllib.loads(SMALL_SCENE.replace('path = "photo.png"', "mean_level = 0.23"))
 del TABLES["motion"]
 KINDS = ("pin", "unpin")
 _PATIENCE = 240

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import tifffile
 from PIL import Image
-from support.command_line import ON_PARABOLAS
+from support.command_line import SMALL_SCENE
 from support.drive import a_design
 
 from mishutter import (
@@ -40,7 +40,7 @@ from mishutter.pictures.images import LUMINANCE
 from mishutter.search.rows import Row
 from mishutter.search.space import beyond_limits
 
-TABLES = tomllib.loads(ON_PARABOLAS.replace('path = "photo.png"', "mean_level = 0.23"))
+TABLES = tomllib.loads(SMALL_SCENE.replace('path = "photo.png"', "mean_level = 0.23"))
 del TABLES["motion"]
 ROWS = ("optimised", "best snapshot")
 PARABOLA = ParabolicMotion(acceleration=45 / 0.015**2, half_exposure=0.015)

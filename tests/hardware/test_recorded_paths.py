@@ -15,6 +15,7 @@ import mishutter as ms
 from mishutter import cli
 from mishutter.design.design import given_design
 from mishutter.hardware.recorded_paths import RecordedPath, read_path, with_recorded_path
+from mishutter.plane.bursts import of_stage, pan_over
 
 CLOCK = 0.7
 """The middle of the frames on the encoder's clock; s."""
@@ -41,12 +42,39 @@ def test_frames_in_the_plane_are_where_the_encoder_was():
     for row, place in zip(own, wanted, strict=True):
         np.testing.assert_allclose(row - row[7], place - place[7], atol=1e-3)
     np.testing.assert_array_equal(built.frames.times, design.frames.times)
-    assert built.burst.kind == design.burst.kind
+    assert built.sequence.kind == design.sequence.kind
     assert apart.doubt == ""
     bend = 0.4 * np.sin(2 * np.pi * 40 * time + np.arange(2)[:, None])
     bend = bend - np.mean(bend, axis=1)[:, None]
     assert apart.rms == pytest.approx(np.sqrt(np.mean(np.sum(bend**2, axis=0))), rel=0.02)
     assert apart.greatest == pytest.approx(np.max(np.hypot(*bend)), rel=0.05)
+
+
+def test_a_camera_that_turns_pans_along_both_axes():
+    """Its pan, which differs along rows and columns, is added to the path of the stage."""
+    law = ms.ListedVelocities(np.array([[900.0, -400.0], [1100.0, -100.0]]), np.array([0.5, 0.5]))
+    limits = ms.Limits(max_half_exposure=0.01, max_acceleration=9e5, pans="camera")
+    design = a_plane_design(law, limits)
+    pan = pan_over(design.scene, design.frames)
+    assert pan[0] > -2 * pan[1] > 0
+    path = recorded(of_stage(design.frames, pan).stage_paths(limits))
+    built, apart = with_recorded_path(design, path, middle=CLOCK)
+    assert apart.rms < 2e-3
+    times = np.linspace(-0.012, 0.01, 7)
+    wanted, own = (np.asarray(each.frames.place(times)) for each in (design, built))
+    np.testing.assert_allclose(own - own[:, :1], wanted - wanted[:, :1], atol=5e-3)
+
+
+def test_a_doubt_names_the_travel_of_the_axis_that_goes_furthest():
+    """Be it the first or the second: ten times as far as a path may differ from it."""
+    design = a_plane_design()
+    velocities = design.frames.velocities
+    for own in (velocities, velocities[::-1]):
+        frames = replace(design.frames, velocities=own)
+        turned = replace(design, sequence=replace(design.sequence, frames=frames))
+        path = recorded(turned.stage_paths)
+        _, apart = with_recorded_path(turned, path._replace(place=-path.place), middle=CLOCK)
+        assert "which travels 5.59 px" in apart.doubt
 
 
 def test_the_noise_of_an_encoder_is_averaged():

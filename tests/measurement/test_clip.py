@@ -11,6 +11,7 @@ from PIL import Image
 
 import mishutter as ms
 from mishutter.measurement.clip import clip_of, cut_off, read_levels_of
+from mishutter.pictures.images import PictureWarning, read_captures
 
 RNG = np.random.default_rng(4)
 FRAMES = RNG.integers(70, 900, (3, 51, 62)).astype(np.uint16)
@@ -114,7 +115,7 @@ AXES = {
         "a.tif",
         CHANNELS,
         {"imagej": True, "metadata": {"axes": "TCYX"}},
-        "3 x 2 x 50 x 52: the first of C is measured",
+        "3 x 2 x 50 x 52: the first of C is taken",
     ),
     "frames that are called channels": (
         "a.tif",
@@ -134,15 +135,20 @@ AXES = {
 
 @pytest.mark.parametrize("slug", AXES)
 def test_frames_follow_each_other_in_time(slug, tmp_path):
-    """By the axes that a file states: of channels and depths the first is measured, which is said.
+    """By the axes that a file states: of channels and depths the first is taken, which is said.
 
-    ImageJ describes the first frame of a file of more than 4 GB alone.
+    ImageJ describes the first frame of a file of more than 4 GB alone. Captures to be restored are
+    those that a clip is measured by.
     """
     name, frames, settings, words = AXES[slug]
     tifffile.imwrite(tmp_path / name, frames, **settings)
     clip = a_clip(tmp_path / name)
     np.testing.assert_array_equal(clip.frames, CHANNELS[:, 0])
     assert any(words in word for word in clip.words)
+    with pytest.warns(PictureWarning, match=re.escape(words)):
+        captures = read_captures(tmp_path / name, white=65535.0, linear=True)
+    light = np.stack([each.light[..., 0] for each in captures])
+    np.testing.assert_allclose(light * 65535, CHANNELS[:, 0], rtol=1e-6)
 
 
 def test_channels_of_one_time_are_no_clip(tmp_path):

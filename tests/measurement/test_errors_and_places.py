@@ -74,5 +74,5 @@ def test_an_object_of_a_long_clip_is_at_its_centre_in_its_frame():
     assert each.velocity == pytest.approx(thing.velocity, abs=1)
     time = clip.times[each.frame]
     place = np.array(thing.centre) + np.array(thing.velocity) * time
-    assert each.centre == pytest.approx(tuple(place), abs=6)
+    assert each.centre == pytest.approx(tuple(place), abs=3)
     assert motion.frame == 3 + 8

@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from mishutter import FreeMotion, Limits, ParabolicMotion
+from mishutter import Limits, ParabolicMotion
 from mishutter.model import limits
-from mishutter.model.limits import LIMITS, Limit, PathShape, largest_within_one
+from mishutter.model.limits import LIMITS, Limit, largest_within_one
 from mishutter.sweeps.grid import REASONS
 
 NARROW = Limits(
@@ -87,11 +87,6 @@ def test_a_new_limit_is_one_entry_of_the_list(monkeypatch):
     numbers = (jnp.asarray(x) for x in (a, half, 0.0))
     assert float(NARROW.demands(parabola)["heat"].taken) == pytest.approx(wanted * 3e8)
     assert float(NARROW.stage_share(*numbers)) == pytest.approx(wanted)
-    path = FreeMotion(accelerations=[2e5, 5e5, 2e5], half_exposure=half)
-    shape = PathShape(jnp.array([2.0, 5.0, 2.0]) / 3, jnp.asarray(0.0))
-    share = NARROW.stage_share(jnp.asarray(3e5), jnp.asarray(half), jnp.asarray(0.0), shape)
-    steepest = float(path.greatest_acceleration)
-    assert float(share) == pytest.approx(steepest**2 * half / 3e8)
 
 
 def _within(low, high, parameters):
@@ -149,15 +144,3 @@ def test_of_a_function_that_ignores_its_parameters():
 
     np.testing.assert_array_equal(jax.grad(largest)(numbers), [0, 1, 0])
     np.testing.assert_array_equal(jax.jacfwd(largest)(numbers), [0, 1, 0])
-
-
-def test_the_steepest_piece_of_a_free_path_keeps_the_limit_on_acceleration():
-    """The mean acceleration is below that of a parabola by the steepest piece's share, 1.75."""
-    wide = Limits(max_stroke=1e6, max_top_speed=1e7, max_half_exposure=0.013, max_acceleration=9e5)
-    shape = PathShape(jnp.array([0.5, 1.75, 0.75]), jnp.array(0.0))
-    numbers = jnp.array(1e9), jnp.array(7e-3), jnp.array(0.0)
-    most = wide.acceleration_of_stage(*numbers, shape)
-    assert float(most) == pytest.approx(9e5 / 2 / 1.75, rel=1e-9)
-    assert float(wide.acceleration_of_stage(*numbers)) == pytest.approx(9e5 / 2, rel=1e-9)
-    path = shape.path(most, numbers[1], numbers[2], wide.max_pan)
-    assert float(path.greatest_acceleration) == pytest.approx(9e5, rel=1e-9)

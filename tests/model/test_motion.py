@@ -49,7 +49,7 @@ def test_errors_name_the_constructor(make):
 
 def test_what_a_search_leaves_follows_from_numbers_that_are_known():
     """Whoever made the motion; a traced acceleration may be any."""
-    straight, still = {"path", "acceleration"}, {"path", "acceleration", "velocity"}
+    straight, still = {"acceleration"}, {"acceleration", "velocity"}
     for motion, names in (
         (LinearMotion(half_exposure=HALF, velocity=PAN), straight),
         (ParabolicMotion(acceleration=0.0, half_exposure=HALF, velocity=PAN), straight),

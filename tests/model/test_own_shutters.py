@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from support.designs import SCENE, on_parabolas
+from support.designs import SCENE
 
 from mishutter import (
     AbstractShutter,
@@ -265,7 +265,7 @@ def test_one_with_parameters_is_designed_saved_and_compared(tmp_path):
     """The best slit is a shorter open exposure, so it ends where the best rect does."""
     before = list(kinds.KINDS)
     register_shutter(DeclaredSlit)
-    scene = on_parabolas(SCENE)
+    scene = SCENE
     try:
         design = optimise(scene, shutter=DeclaredSlit(jnp.array(0.6)), num_starts=4)
         design.save(tmp_path / "slit.json")

@@ -2,39 +2,17 @@
 
 import numpy as np
 import pytest
+from support.rolling import PERIOD, alternating, frames_on_parabolas
 
 from mishutter import Limits, PlaneFrames, TimedFrame
 from mishutter.evaluation.instants import Instants
-from mishutter.model.motion import FreeMotion, LinearMotion, ParabolicMotion
+from mishutter.model.motion import LinearMotion
 from mishutter.model.sequences import AxisPath
-
-PERIOD, STROKE, COUNT = 0.02, 54.6, 4
-
-
-def alternating(time):
-    """Parabolas of alternating direction, one a frame; px."""
-    frame = np.floor(time / PERIOD)
-    share = (time / PERIOD - frame - 0.5) * 2
-    return np.where(frame % 2 == 0, 1, -1) * STROKE / 2 * (share**2 - 1)
-
-
-def frames():
-    """Frames on them, without gaps."""
-    every = []
-    for k in range(COUNT):
-        time, rate = (k - 1.5) * PERIOD, STROKE / 2 / (PERIOD / 2) ** 2
-        motion = (
-            ParabolicMotion(acceleration=rate, half_exposure=PERIOD / 2)
-            if k % 2 == 0
-            else FreeMotion(accelerations=[-rate], half_exposure=PERIOD / 2)
-        )
-        every.append(TimedFrame(motion, time, float(alternating(time))))
-    return every
 
 
 def test_a_row_sees_the_part_of_the_path_that_is_later():
     """Beyond the first and the last light alternating parabolas alternate."""
-    path = AxisPath.of(frames(), 0.02, Limits())
+    path = AxisPath.of(frames_on_parabolas(), 0.02, Limits())
     for delay in (-0.01, 0.0, 0.004, 0.01):
         instants = Instants.of(path, 900.0, delay=delay)
         np.testing.assert_allclose(np.sum(instants.weight, axis=1), 1, rtol=1e-9)
@@ -77,4 +55,4 @@ def test_a_path_that_does_not_fit_comes_from_rest():
 def test_frames_without_a_path_have_no_rows():
     """What the stage does between frames is not known of frames alone."""
     with pytest.raises(ValueError, match=r"Instants.of\(delay=...\)` must be 0 for frames without"):
-        Instants.of(frames(), 0.0, delay=0.001)
+        Instants.of(frames_on_parabolas(), 0.0, delay=0.001)

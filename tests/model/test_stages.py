@@ -107,6 +107,32 @@ def test_more_motion_never_takes_less():
                 assert np.all(np.diff(values) >= -1e-12 * values.max())
 
 
+def test_a_free_path_of_a_parabola_uses_a_stage_as_the_parabola_does():
+    """Travel from rest to rest, panned or not, with an acceleration of the run-up and without."""
+    for velocity in (0.0, 300.0, -4000.0):
+        parabola = ParabolicMotion(acceleration=2e5, half_exposure=0.007, velocity=velocity)
+        path = FreeMotion.fit(parabola, num_pieces=5)
+        for most in (None, 5e5):
+            limits = Limits(max_travel=90.0, max_acceleration=most)
+            wanted = float(limits.stage_share_of(parabola))
+            assert float(limits.stage_share_of(path)) == pytest.approx(wanted, rel=1e-12)
+
+
+def test_travel_of_a_path_is_that_of_its_steps():
+    """Run-up, exposure and run-out, stepped through in time, span what is told."""
+    path = FreeMotion(accelerations=[3e5, -1e5, 2e5, 5e4], half_exposure=0.004, velocity=250.0)
+    most = 8e5
+    times = np.linspace(-0.004, 0.004, 200_001)
+    x, u = np.asarray(path.position(times)), np.asarray(path.velocity_at(times))
+    before = x[0] - np.sign(u[0]) * u[0] ** 2 / (2 * most)
+    after = x[-1] + np.sign(u[-1]) * u[-1] ** 2 / (2 * most)
+    wanted = max(*x, before, after) - min(*x, before, after)
+    use = stage_use(path, most)
+    assert stage_path(path, max_acceleration=most).travel == pytest.approx(wanted, rel=1e-9)
+    assert float(use.travel) == pytest.approx(wanted, rel=1e-9)
+    assert float(use.top_speed) == pytest.approx(np.max(np.abs(u)), rel=1e-12)
+
+
 @pytest.mark.parametrize(
     ("arguments", "requirement"),
     [

@@ -31,14 +31,14 @@ LAWS = {
 def test_a_design_comes_back_from_its_file(slug, tmp_path):
     """Scene, law of velocities, frames, path and level are those that were saved, bit for bit."""
     design = a_plane_design(LAWS[slug])
-    design = replace(design, burst=replace(design.burst, width_loss=0.31))
+    design = replace(design, sequence=replace(design.sequence, width_loss=0.31))
     design.save(tmp_path / "design.json")
     read = PlaneDesign.load(tmp_path / "design.json")
     assert eqx.tree_equal(read.scene, design.scene)
     assert eqx.tree_equal(read.frames, design.frames)
-    assert (read.burst.kind, read.burst.num_axes) == (design.burst.kind, 2)
-    assert (read.burst.psnr, read.burst.width_loss) == (design.burst.psnr, 0.31)
-    assert read.burst.use == design.burst.use
+    assert (read.sequence.kind, read.sequence.num_axes) == (design.sequence.kind, 2)
+    assert (read.sequence.psnr, read.sequence.width_loss) == (design.sequence.psnr, 0.31)
+    assert read.sequence.use == design.sequence.use
 
 
 def test_the_stage_goes_from_rest_to_rest_through_the_path():
@@ -62,7 +62,7 @@ def test_a_stage_has_no_path_that_no_limit_sets():
     """At rest there is none, and none through velocities that jump; else the way's own rate."""
     design = a_plane_design()
     free = replace(design.scene, limits=Limits(max_half_exposure=0.01))
-    unlimited = PlaneDesign(free, design.burst)
+    unlimited = PlaneDesign(free, design.sequence)
     rates = [np.max(np.abs(path.accelerations)) for path in unlimited.stage_paths]
     gains = np.abs(np.diff(design.frames.velocities)) / design.frames.durations
     assert max(rates) == pytest.approx(np.max(gains), rel=1e-9)
@@ -72,7 +72,7 @@ def test_a_stage_has_no_path_that_no_limit_sets():
         (np.array([0.02, 0.0, 0.03]), np.array([[300.0, 300, -90, -90], [0.0, 40, 40, 40]])),
     )
     for frames in (jumps, eqx.tree_at(lambda x: x.velocities, jumps, np.zeros((2, 4)))):
-        other = PlaneDesign(free, replace(design.burst, frames=frames))
+        other = PlaneDesign(free, replace(design.sequence, frames=frames))
         assert other.stage_paths is None
 
 
@@ -81,7 +81,7 @@ def test_a_camera_that_turns_leaves_the_rest_to_its_stage():
     law = ListedVelocities([[900.0, 300.0], [1100.0, 500.0]])
     turning = Limits(max_half_exposure=0.01, max_acceleration=9e5, pans="camera")
     by_stage = a_plane_design(law, Limits(max_half_exposure=0.01, max_acceleration=9e5))
-    by_camera = PlaneDesign(replace(by_stage.scene, limits=turning), by_stage.burst)
+    by_camera = PlaneDesign(replace(by_stage.scene, limits=turning), by_stage.sequence)
     time = np.linspace(-0.015, 0.015, 7)
     for whole, rest, pan in zip(
         by_stage.stage_paths, by_camera.stage_paths, (1000.0, 400.0), strict=True
@@ -95,9 +95,12 @@ def test_each_kind_of_design_refuses_the_file_of_the_other(tmp_path):
     plane, axis = tmp_path / "plane.json", tmp_path / "axis.json"
     a_plane_design().save(plane)
     a_burst_design().save(axis)
-    with pytest.raises(ValueError, match=r"`simulate` and `restore` serve others; got"):
+    with pytest.raises(
+        ValueError,
+        match=r"be read by `PlaneDesign.load`; got a design in the plane",
+    ):
         Design.load(plane)
-    with pytest.raises(ValueError, match=r"`Design.load` reads this one; got a design along one"):
+    with pytest.raises(ValueError, match=r"be read by `Design.load`; got a design along one axis"):
         PlaneDesign.load(axis)
     data = json.loads(plane.read_text("utf-8"))
     data["plane"]["exposures_s"] = [0.01]
@@ -115,7 +118,7 @@ def test_a_command_along_one_axis_refuses_it(tmp_path, capsys):
     """`compare` names the file and what it holds."""
     a_plane_design().save(tmp_path / "plane.json")
     line = refused(capsys, "compare", "--design", str(tmp_path / "plane.json"))
-    assert "got frames in the plane" in line
+    assert "got a design in the plane" in line
 
 
 def test_its_figure_has_the_path_and_its_velocities():

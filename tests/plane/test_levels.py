@@ -150,7 +150,7 @@ def test_the_level_has_the_slopes_of_differences():
             read_noise=read,
             optics=Optics(lens_blur=blur),
         )
-        return plane_psnr(scene, path, grid=COARSE, num_panels=8)
+        return plane_psnr(scene, path, grid=COARSE, num_panels=12)
 
     numbers = (jax.tree.map(jnp.asarray, frames), tuple(map(jnp.asarray, (3e4, 9.0, 0.4, 2100.0))))
     slope = jax.grad(level)(numbers)
@@ -171,12 +171,12 @@ def test_the_level_has_the_slopes_of_differences():
 def test_single_precision_and_a_batch_have_the_same_levels():
     """Frames of 32 bits keep them, to 1e-4 dB; `jit` and `vmap` change nothing."""
     scene = Scene.any_direction(RingOfVelocities(1900.0), photon_rate=3e4, read_noise=9.0)
-    level = float(plane_psnr(scene, small(), grid=COARSE, num_panels=8))
-    single = plane_psnr(scene, small(np.float32), grid=COARSE, num_panels=8)
+    level = float(plane_psnr(scene, small(), grid=COARSE, num_panels=12))
+    single = plane_psnr(scene, small(np.float32), grid=COARSE, num_panels=12)
     assert single.dtype == np.float32
     assert float(single) == pytest.approx(level, abs=1e-4)
     two = jax.tree.map(lambda x: jnp.stack([x, 0.8 * x]), small())
-    batch = jax.jit(jax.vmap(lambda frames: plane_psnr(scene, frames, grid=COARSE, num_panels=8)))(
+    batch = jax.jit(jax.vmap(lambda frames: plane_psnr(scene, frames, grid=COARSE, num_panels=12)))(
         two
     )
     assert float(batch[0]) == pytest.approx(level, abs=1e-9)
@@ -184,8 +184,10 @@ def test_single_precision_and_a_batch_have_the_same_levels():
 
 
 def test_traced_frames_need_their_number_of_panels():
-    """Without it the error says so, in place of a level that is wrong."""
+    """Without it the error says so, in place of a level that is wrong; so it does of too few."""
     scene = Scene.any_direction(RingOfVelocities(1900.0), photon_rate=3e4, read_noise=9.0)
+    with pytest.raises(RuntimeError, match=r"nothing passes more than 10 px in a panel; got 4"):
+        jax.jit(lambda frames: plane_psnr(scene, frames, grid=COARSE, num_panels=4))(small())
     with pytest.raises(ValueError, match=r"plane_psnr\(num_panels=...\)` must be given where JAX"):
         jax.jit(lambda frames: plane_psnr(scene, frames))(small())
 

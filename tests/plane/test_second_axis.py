@@ -18,7 +18,7 @@ from mishutter import (
 )
 from mishutter.evaluation.ceilings import exposures_ceiling
 from mishutter.evaluation.sequences import loss_of_width
-from mishutter.report.in_plane import PlaneReport
+from mishutter.report.in_plane import answer_in_plane
 from mishutter.search.plane_frames import PlaneSearch
 
 
@@ -61,20 +61,20 @@ def test_a_list_off_centre_is_read_with_what_its_stage_does(tmp_path):
     design = a_plane_design(law, limits)
     design.save(tmp_path / "design.json")
     read = PlaneDesign.load(tmp_path / "design.json")
-    assert read.burst.use != design.frames.use(limits)  # of a stage that pans by itself
+    assert read.sequence.use != design.frames.use(limits)  # of a stage that pans by itself
     travels = [
         np.ptp(path.at(np.linspace(*path.times[[0, -1]], 40_001))[0]) for path in read.stage_paths
     ]
-    assert read.burst.use.travel == pytest.approx(max(travels), rel=1e-3)
+    assert read.sequence.use.travel == pytest.approx(max(travels), rel=1e-3)
     speeds = [np.max(np.abs(path.at(path.times)[1])) for path in read.stage_paths]
-    assert read.burst.use.top_speed == pytest.approx(max(speeds), rel=1e-6)
+    assert read.sequence.use.top_speed == pytest.approx(max(speeds), rel=1e-6)
 
 
 def test_places_of_triggers_are_those_of_the_frames():
     """Along each axis, at mid-exposure of each of three unequal frames, but for a constant."""
     design = a_plane_design()
     places = frame_table(design, num_steps=97).places
-    wanted = np.asarray(design.frames.place(np.array(design.burst.times)))
+    wanted = np.asarray(design.frames.place(np.array(design.sequence.times)))
     assert list(places) == ["stage x / px", "stage y / px"]
     for own, place in zip(places.values(), wanted, strict=True):
         np.testing.assert_allclose(np.diff(own), np.diff(place), atol=1e-6)
@@ -84,13 +84,14 @@ def test_places_of_triggers_are_those_of_the_frames():
 def test_what_a_sensor_loses_stands_in_the_gain():
     """0.7 dB by its width are taken from the level of the formula, and from the gain over one."""
     design = a_plane_design()
-    burst = replace(design.burst, width_loss=0.7)
+    burst = replace(design.sequence, width_loss=0.7)
     assert burst.level == pytest.approx(27.25 - 0.7)
     assert replace(burst, width_loss=None).level == 27.25
     one = PlaneBurst("stills", 0, stills([0.0], 0.003), 24.5, burst.use)
-    report = PlaneReport(design.scene, PlaneSearch(one, (burst,), 28.0))
-    (told,) = report.to_dict()["ways"]
+    answer = answer_in_plane(design.scene, PlaneSearch(one, (burst,), 28.0))
+    told = answer.to_dict()["options"][-1]
     assert told["gain_db"] == pytest.approx(27.25 - 0.7 - 24.5)
+    assert told["width_loss_db"] == 0.7
 
 
 def test_velocities_that_never_occur_are_not_the_fastest():

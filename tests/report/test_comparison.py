@@ -7,7 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from support.designs import MOST_JERK, MOTION, OUTLIER, SCENE, SLOW, on_parabolas
+from support.designs import MOTION, OUTLIER, SCENE, SLOW
 from support.rows import made_up, verdict
 
 from mishutter import (
@@ -32,13 +32,12 @@ from mishutter.search.rows import BEST_PANNED_SNAPSHOT, BEST_SNAPSHOT, OWN_BEST_
 ROUNDING_DB = 1e-9
 
 
-SMALL, RARE = on_parabolas(SCENE), on_parabolas(OUTLIER)
 TOLD = Scene.uniform(
     max_speed=2000.0,
     num_speeds=5,
     photon_rate=1e5,
     read_noise=10.0,
-    limits=SMALL.limits,
+    limits=SCENE.limits,
     decoder_speed="known",
 )
 """The small scene, for a decoder that knows the speed."""
@@ -48,7 +47,7 @@ TOLD = Scene.uniform(
 def table():
     """Of two baselines under their own names, and of a shutter that is one of them."""
     hann, gaussian = HannShutter(), GaussianShutter()
-    return compare(RARE, SLOW, {"Hann": hann, "Gaussian": gaussian, "mine": hann})
+    return compare(OUTLIER, SLOW, {"Hann": hann, "Gaussian": gaussian, "mine": hann})
 
 
 @pytest.mark.slow
@@ -66,7 +65,7 @@ def test_its_own_best_motion_is_never_below_the_same_motion(table):
 def test_nothing_to_restore_is_said_in_words():
     """A scene without detail: no decibels of infinity, and no gain; a list has numbers as names."""
     grey = eqx.tree_at(
-        lambda scene: scene.picture.deviation, SMALL, jnp.zeros_like(SMALL.picture.deviation)
+        lambda scene: scene.picture.deviation, SCENE, jnp.zeros_like(SCENE.picture.deviation)
     )
     table = compare(grey, MOTION, [HannShutter()])
     assert "there is nothing to restore" in table.verdict
@@ -112,7 +111,7 @@ def test_a_scene_names_the_decoder_that_all_are_judged_by():
     The design alone is compared on its own motion, as "optimised".
     """
     design = optimise(TOLD, num_starts=6)
-    same = optimise(SMALL, loss=KnownSpeedLoss(), num_starts=6)
+    same = optimise(SCENE, loss=KnownSpeedLoss(), num_starts=6)
     assert float(design.loss) == float(same.loss)
     comparison = compare(TOLD, design)
     assert {row.decoder.name for row in comparison.rows} == {"known"}
@@ -123,7 +122,7 @@ def test_a_scene_names_the_decoder_that_all_are_judged_by():
     assert [row["worst_speed_psnr_db"] for row in comparison.to_dict()["rows"]] == worst
     assert all(low < mean for low, mean in zip(worst, levels, strict=True))
     assert comparison.row("optimised", SAME_MOTION).motion is design.motion
-    of_loss = compare(SMALL, same.motion, {"optimised": same}, loss=KnownSpeedLoss())
+    of_loss = compare(SCENE, same.motion, {"optimised": same}, loss=KnownSpeedLoss())
     assert comparison.text() == of_loss.text()
 
 
@@ -131,11 +130,11 @@ def test_a_scene_names_the_decoder_that_all_are_judged_by():
 def test_a_search_for_the_worst_speed_is_better_there_and_worse_in_the_mean():
     """Than one for the mean; a comparison judges every row by it, below the ceiling."""
     loss = WorstSpeedLoss()
-    for_worst, for_mean = (optimise(SMALL, loss=x, num_starts=6) for x in (loss, None))
+    for_worst, for_mean = (optimise(SCENE, loss=x, num_starts=6) for x in (loss, None))
     worst, mean = (for_worst.metrics, for_mean.metrics)
     assert float(worst.worst_speed_psnr) > float(mean.worst_speed_psnr)
     assert float(worst.expected_psnr) < float(mean.expected_psnr)
-    comparison = compare(SMALL, for_worst, loss=loss)
+    comparison = compare(SCENE, for_worst, loss=loss)
     rows = [row for row in comparison.rows if row.is_of_one_exposure]
     levels = [float(row.metrics.worst_speed_psnr) for row in rows]
     assert [row.level for row in rows] == levels
@@ -209,7 +208,6 @@ def test_a_scene_of_one_speed_is_panned():
         max_top_speed=2e4,
         min_half_exposure=5e-4,
         max_half_exposure=0.03,
-        max_jerk=MOST_JERK,
         pans="camera",
     )
     scene = Scene([1500.0], photon_rate=1e5, read_noise=4.0, limits=turned)

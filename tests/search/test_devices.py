@@ -5,7 +5,7 @@ from functools import cache
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from support.designs import LIMITS, MOTION, PARABOLAS, SCENE
+from support.designs import LIMITS, MOTION, SCENE
 
 from mishutter import (
     BurstMode,
@@ -209,7 +209,7 @@ def test_a_shutter_that_loses_light_is_not_built():
     scene = _scene(
         device=IdealDevice(transmission=0.3),
         burst=BurstMode(frames_per_s=200, max_frames=4),
-        limits=PARABOLAS,
+        limits=LIMITS,
     )
     found = compare(scene, optimise(scene, MOTION, num_starts=4))
     assert "shaped shutter" not in found.choice.needs
@@ -312,7 +312,7 @@ def test_a_sweep_searches_no_levels():
 @pytest.mark.slow
 def test_a_comparison_is_of_light_and_names_the_blind_drive():
     """Windows go through the device, the open shutter does not, and the notes say what it does."""
-    scene = _scene(device=SLOW, limits=PARABOLAS)
+    scene = _scene(device=SLOW, limits=LIMITS)
     found = optimise(scene, MOTION, num_starts=4)
     table = compare(scene, found)
     losses, times, slots, blind = table.notes

@@ -484,3 +484,40 @@ def test_moving_is_never_worse_than_stills(slug):
     found = best_moving_burst(scene)
     assert found.psnr >= best_still_burst(scene).psnr - SIMPLER
     assert np.isfinite([found.psnr, found.worst_psnr, found.travel]).all()
+
+
+@pytest.mark.parametrize(
+    ("speeds", "weights", "rate", "light", "stage", "level"),
+    [
+        # More frames for the commoner thing: a fan of even steps ends at 37.7 dB.
+        ((-1490, 1560), (0.69, 0.31), 20.7, (3.4e4, 6.0), (43.7, 2900, 9.6e6), 39.2),
+        # Five things of unequal shares: without an exchange of one, 42.3 dB.
+        (
+            (-1310, 178, 263, 905, 1200),
+            (1, 20, 46, 28, 5),
+            25.0,
+            (2e5, 5.0),
+            (27.7, 3300, 2e7),
+            42.6,
+        ),
+    ],
+)
+def test_each_frame_may_follow_another_thing(speeds, weights, rate, light, stage, level):
+    stroke, top, acceleration = stage
+    limits = Limits(
+        max_stroke=stroke,
+        max_travel=stroke,
+        max_top_speed=top,
+        max_acceleration=acceleration,
+        min_half_exposure=1e-4,
+        max_half_exposure=0.04,
+    )
+    scene = Scene(
+        np.array(speeds, float),
+        np.array(weights, float),
+        photon_rate=light[0],
+        read_noise=light[1],
+        limits=limits,
+        burst=BurstMode(frames_per_s=rate, max_frames=6, window=6.5 / rate),
+    )
+    assert best_moving_burst(scene).psnr > level

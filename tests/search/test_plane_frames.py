@@ -23,7 +23,9 @@ from mishutter.cli.plane_command import _require_frames
 from mishutter.evaluation.sequences import loss_of_width
 from mishutter.plane.bursts import PlaneBurst, frames_of
 from mishutter.plane.frames import PlaneFrames
-from mishutter.report.in_plane import PlaneReport
+from mishutter.report.documents import Report
+from mishutter.report.in_plane import answer_in_plane, compare_in_plane
+from mishutter.report.plots import plot_design
 from mishutter.search.frame_ties import FREE
 from mishutter.search.plane_frames import PlaneSearch
 
@@ -177,13 +179,18 @@ def test_the_simplest_of_equals_is_recommended(one, two, free, kind):
     bursts += [a_burst("circle", 2, two - 0.06), a_burst("two sines", 2, two)]
     bursts += [a_burst(FREE, 2, free)] if free else []
     search = PlaneSearch(a_burst("stills", 0, 24.5, 1), tuple(bursts), 27.3)
-    report = PlaneReport(a_scene(), search)
-    assert report.choice.kind == kind
-    text = report.text()
-    level = f"{report.choice.psnr:.1f} dB, {report.choice.psnr - 24.5:.1f} dB better"
+    answer = answer_in_plane(a_scene(), search)
+    assert answer.choice.exposures.kind == kind
+    text = answer.text()
+    level = f"{answer.choice.psnr:.1f} dB, {answer.choice.psnr - 24.5:.1f} dB better"
     assert level in text.splitlines()[0]
     assert "ceiling of any path" in text
-    assert json.loads(json.dumps(report.to_dict()))["choice"] == kind
+    document = json.loads(json.dumps(answer.to_dict()))
+    assert document["choice"] == answer.choice.name
+    assert [each["kind"] for each in document["rows"]] == [
+        "stills",
+        *(each.kind for each in bursts),
+    ]
 
 
 def test_frames_that_lose_more_at_the_borders_of_a_sensor_are_not_recommended():
@@ -192,23 +199,23 @@ def test_frames_that_lose_more_at_the_borders_of_a_sensor_are_not_recommended():
     sines = replace(a_burst("two sines", 2, 26.6), width_loss=0.72)
     search = PlaneSearch(a_burst("stills", 0, 24.5, 1), (stills, sines), 27.3)
     wide = a_scene(sensor=Sensor(width=190.0))
-    report = PlaneReport(wide, search)
-    assert report.choice.kind == "stills"
-    text = " ".join(report.text().split())
+    answer = answer_in_plane(wide, search)
+    assert answer.choice.exposures.kind == "stills"
+    text = " ".join(answer.text().split())
     assert "25.8 dB, 1.3 dB better" in text
-    assert "Points that leave the sensor cost 0.21 dB of the level." in text
+    assert answer.details == ("Points that leave the sensor cost 0.21 dB of the level.",)
     assert "not counted" not in text
-    assert report.to_dict()["options"][1]["width_loss_db"] == 0.21
+    assert answer.to_dict()["options"][1]["width_loss_db"] == 0.21
     assert "borders cost more" not in text
     sines = replace(sines, width_loss=0.3)
     narrow = a_scene(sensor=Sensor(width=54.0))
-    text = PlaneReport(narrow, replace(search, bursts=(stills, sines))).text()
+    text = answer_in_plane(narrow, replace(search, bursts=(stills, sines))).text()
     assert "borders cost more than is counted: things move by 14 px" in " ".join(text.split())
     sines = replace(sines, width_loss=0.72)
     bare = [replace(each, width_loss=None) for each in (stills, sines)]
-    report = PlaneReport(a_scene(), replace(search, bursts=tuple(bare)))
-    assert report.choice.kind == "two sines"
-    assert "leave are not counted (else say [sensor] width_px)" in " ".join(report.text().split())
+    answer = answer_in_plane(a_scene(), replace(search, bursts=tuple(bare)))
+    assert answer.choice.exposures.kind == "two sines"
+    assert "leave are not counted (else say [sensor] width_px)" in " ".join(answer.text().split())
 
 
 @pytest.mark.slow
@@ -227,7 +234,7 @@ def test_frames_are_measured_on_the_sensor_of_the_scene():
 def test_a_snapshot_is_told_to_be_taken_where_nothing_is_worth_more():
     """Frames that gain less than 0.2 dB over it are left."""
     search = PlaneSearch(a_burst("stills", 0, 24.5, 1), (a_burst("stills", 0, 24.6),), 25.0)
-    first = PlaneReport(a_scene(), search).text().splitlines()[0]
+    first = answer_in_plane(a_scene(), search).text().splitlines()[0]
     assert first == "Take a snapshot of 8 ms at rest: 24.5 dB; no other option is worth more."
 
 
@@ -235,19 +242,21 @@ def test_a_run_up_that_nothing_limits_is_said():
     """Its travel is counted where the limits have an acceleration."""
     bursts = a_burst("stills", 0, 24.5, 1), (a_burst("two sines", 2, 26.0),)
     search = PlaneSearch(*bursts, 27.3)
-    text = " ".join(PlaneReport(a_scene(), search).text().split())
+    text = " ".join(answer_in_plane(a_scene(), search).text().split())
     assert "each axis, run-up from rest included." in text
-    text = " ".join(PlaneReport(a_scene(Limits(max_stroke=24.0)), search).text().split())
-    assert "run-up from rest at once: say [limits] max_acceleration_px_per_s2." in text
+    text = " ".join(answer_in_plane(a_scene(Limits(max_stroke=24.0)), search).text().split())
+    assert "each axis, reached at once, as [limits] max_acceleration_g or _px_per_s2 says" in text
 
 
 def test_a_camera_that_turns_leaves_its_stage_where_it_is():
-    """Its answer states a travel of 0, which has no digits to round."""
+    """Its answer needs no stage, and no path of one is drawn."""
     at_rest = a_burst("stills", 0, 24.5, 1)
-    turning = replace(a_burst("pan", 1, 27.0), use=at_rest.use)
-    text = PlaneReport(a_scene(), PlaneSearch(at_rest, (turning,), 28.0)).text()
-    assert text.startswith("Take 4 frames while the stage pans: 27.0 dB, 2.5 dB better")
-    assert "It travels 0 px at up to 0 px/s" in text.replace("\n", " ")
+    turning = replace(a_burst("stills", 1, 27.0), use=at_rest.use, pan=(700.0, 700.0))
+    answer = answer_in_plane(a_scene(), PlaneSearch(at_rest, (turning,), 28.0))
+    first, *_ = answer.text().splitlines()
+    assert first == "Take 4 frames while the camera turns: 27.0 dB, 2.5 dB better than a snapshot."
+    assert answer.choice.needs == ("registration", "turning camera")
+    assert len(Report(a_scene(), answer, ()).plot().axes) == 1
 
 
 @pytest.mark.parametrize(("travel", "said"), [(24.49, "25 px"), (241.0, "250 px"), (0.5, "0.5 px")])
@@ -256,17 +265,40 @@ def test_a_travel_is_rounded_up(travel, said):
     burst = a_burst("sweep", 1, 27.0)
     burst = replace(burst, use=burst.use._replace(travel=np.asarray(travel)))
     search = PlaneSearch(a_burst("stills", 0, 24.5, 1), (burst,), 28.0)
-    first, *_ = PlaneReport(a_scene(), search).text().splitlines()
+    first, *_ = answer_in_plane(a_scene(), search).text().splitlines()
     assert f"the stage sweeps {said}:" in first
 
 
 def test_one_filter_is_refused_with_its_reason():
     """A scene of one filter for all velocities is told why frames are registered all the same."""
     search = PlaneSearch(a_burst("stills", 0, 24.5, 1), (a_burst("stills", 0, 26.0),), 27.0)
-    told = PlaneReport(a_scene(), search).text()
-    untold = PlaneReport(a_scene(decoder_speed="unknown"), search).text()
+    told = answer_in_plane(a_scene(), search).text()
+    untold = answer_in_plane(a_scene(decoder_speed="unknown"), search).text()
     assert "One filter for all velocities is not offered" in " ".join(untold.split())
     assert "One filter" not in told
+
+
+def test_a_camera_that_nothing_moves_is_told_of_a_pan():
+    """Things that all move one way: the level that it names is that of a camera that turns."""
+    law = EvenVelocities(300.0, mean=(1600.0, -1200.0))
+    limits = Limits(max_stroke=0.0, max_half_exposure=0.01)
+    parts = {"photon_rate": 3e4, "read_noise": 9.0}
+    parts |= {"burst": BurstMode(frames_per_s=90.0, window=0.023, max_frames=2)}
+    said = compare_in_plane(Scene.any_direction(law, limits=limits, **parts))
+    turning = replace(limits, pans="camera")
+    turned = compare_in_plane(Scene.any_direction(law, limits=turning, **parts))
+    assert turned.choice.needs == ("registration", "turning camera")
+    assert turned.options_baseline.level == pytest.approx(said.options_baseline.level, abs=1e-9)
+    more = turned.choice.margin_over(said.choice)
+    text = " ".join(said.text().split())
+    assert "Following at (1,600, -1,200) px/s, by turning the camera, a mirror or a stage" in text
+    assert f"would reach {turned.choice.level:.1f} dB, {more:.1f} dB more" in text
+    assert "Following" not in turned.text()
+    about_rest = EvenVelocities(2100.0, mean=(1600.0, -1200.0))
+    assert (
+        "Following"
+        not in compare_in_plane(Scene.any_direction(about_rest, limits=limits, **parts)).text()
+    )
 
 
 def test_frames_along_one_axis_are_frames_in_the_plane():
@@ -350,10 +382,11 @@ def test_the_command_answers_and_writes_its_files(tmp_path, capsys):
     out, _ = capsys.readouterr()
     assert out.startswith("Take ")
     document = json.loads((tmp_path / "out" / "report.json").read_text("utf-8"))
-    assert document["verdict"] in out
+    assert document["verdict"].splitlines()[0] in out
     assert (tmp_path / "out" / "answer.png").stat().st_size > 10_000
     design = PlaneDesign.load(tmp_path / "out" / "recommended.json")
-    assert design.burst.kind == document["choice"]
+    (row,) = (each for each in document["rows"] if each["name"] == document["choice"])
+    assert design.sequence.kind == row["kind"]
     assert f"Next: mishutter export {tmp_path / 'out' / 'recommended.json'} --out" in out
 
 
@@ -362,8 +395,9 @@ def test_a_picture_of_stills_has_no_empty_panels():
     at_rest, moving = a_burst("stills", 0, 26.0), a_burst("sweep", 1, 26.5)
     for burst, num_panels in ((at_rest, 1), (moving, 3)):
         search = PlaneSearch(a_burst("stills", 0, 24.5, 1), (burst,), 27.3)
-        figure = PlaneReport(a_scene(), search).plot()
-        assert len(figure.axes) == num_panels
+        report = Report(a_scene(), answer_in_plane(a_scene(), search), ())
+        assert len(report.plot().axes) == num_panels
+        assert len(plot_design(report.recommended).axes) == num_panels
 
 
 @pytest.mark.parametrize(

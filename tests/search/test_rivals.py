@@ -6,7 +6,7 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from support.designs import MOTION, SCENE, SLOW, on_parabolas
+from support.designs import MOTION, SCENE, SLOW
 from support.helpers import ROUNDING
 from support.rows import made_up
 
@@ -34,7 +34,6 @@ from mishutter.search.rivals import (
     BEST_STILL_BURST,
     BEST_TUKEY,
     CODED_AT_REST,
-    OPEN_ON_FREE_PATH,
     PLAIN_STILLS,
     RIVALS,
     Rival,
@@ -91,7 +90,7 @@ def test_a_level_within_tolerances_is_of_one_filter_and_the_mean_of_speeds():
 @pytest.mark.slow
 def test_designs_keep_or_start_from_their_own_motions():
     """A design that this loss found for this scene stays as it is; another is tuned."""
-    loss, scene = ExpectedErrorLoss(), on_parabolas(SCENE)
+    loss, scene = ExpectedErrorLoss(), SCENE
     finished = optimise(scene, SLOW, HannShutter(), loss=loss, free="acceleration")
     elsewhere = scene.without_metadata(weights=np.array([0.2, 0.3, 0.2, 0.2, 0.1]))
     other = optimise(elsewhere, MOTION, HannShutter(), loss=loss, free="half_exposure")
@@ -128,17 +127,12 @@ def _asked(scene, **how):
 
 
 def test_rivals_are_searched_for_where_they_are_asked_for():
-    """Free paths by an argument or by the scene, where the stage may take one; bursts by frames."""
+    """Bursts where the scene has frames, stills at a plain rate where it has none."""
     always = {BEST_TUKEY, BEST_SNAPSHOT, BEST_CODED_STILL}
-    free = always | {OPEN_ON_FREE_PATH}
     light = {"photon_rate": 6e4, "read_noise": 4.0}
-    by_scene = Scene([-900.0, 900.0], limits=Limits(max_stroke=17, free_paths=True), **light)
     burst = Scene([-900.0, 900.0], burst=BurstMode(frames_per_s=130.0, max_frames=3), **light)
     layered = SCENE.with_occlusion(Occlusion(front_share=0.6))
-    plain = always | {PLAIN_STILLS}
-    assert _asked(SCENE) == plain
-    assert _asked(SCENE, free_paths=True) == _asked(by_scene) == free | {PLAIN_STILLS}
-    assert _asked(on_parabolas(SCENE), free_paths=True) == plain
+    assert _asked(SCENE) == always | {PLAIN_STILLS}
     assert _asked(burst) == always | {BEST_STILL_BURST}
     assert _asked(layered) == always  # frames that are aligned for objects blur what is behind
 

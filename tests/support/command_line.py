@@ -27,8 +27,6 @@ stroke_px = 6.1
 [picture]
 path = "photo.png"
 """
-ON_PARABOLAS = SMALL_SCENE.replace("[motion]", "max_jerk_px_per_s3 = 1e15\n[motion]")
-"""The same for a stage that takes no free path, whose rivals take most of a comparison's time."""
 
 
 _SIGN_OF_LIFE = re.compile(r"[a-z ]+( \.\.\.|: (.+, )?\d+ of \d+ after \d+ s.*)")

@@ -1,7 +1,5 @@
 """A small scene that searches run on in seconds."""
 
-import equinox as eqx
-
 from mishutter import Limits, ParabolicMotion, Scene
 from mishutter.evaluation.needs import Plan
 
@@ -15,8 +13,6 @@ _BOUNDS = {
     "max_half_exposure": 0.03,
 }
 LIMITS = Limits(**_BOUNDS)
-MOST_JERK = 1e15
-"""A jerk that no design here comes near, of which no stage takes a free path; px/s^3."""
 SCENE = Scene.uniform(
     max_speed=2000.0, num_speeds=5, photon_rate=1e5, read_noise=10.0, limits=LIMITS
 )
@@ -32,11 +28,3 @@ OUTLIER = Scene(
 """Rare objects that are left behind at less loss than keeping up with them costs."""
 SLOW = ParabolicMotion(acceleration=15.0 / 9e-4, half_exposure=3e-2)
 """A motion that leaves them behind."""
-
-PARABOLAS = Limits(**_BOUNDS, max_jerk=MOST_JERK)
-"""The same limits for a stage that takes no free path: rivals on one take most of the time."""
-
-
-def on_parabolas(scene: Scene) -> Scene:
-    """A scene of the limits here, for a stage that takes no free path."""
-    return eqx.tree_at(lambda each: each.limits, scene, PARABOLAS)

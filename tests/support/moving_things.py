@@ -7,12 +7,14 @@ from scipy import ndimage
 
 
 class Thing(NamedTuple):
-    """A round thing with a texture."""
+    """A thing with a texture, round or of two lobes, that may turn as it moves."""
 
     light: np.ndarray  # Larger than it
     centre: tuple[float, float]  # Row and column at the time 0
     radius: float  # px
     velocity: tuple[float, float]  # Down and across; px/s
+    lobes: float = 0.0  # By which share its radius rises and falls, twice about it
+    turn: float = 0.0  # rad/s
 
 
 def texture(random, size, mean=0.35, spread=0.12):
@@ -27,12 +29,15 @@ def shown(ground, things, time):
     """The picture at a time, and the matte of each thing."""
     rows, columns = np.mgrid[: ground.shape[0], : ground.shape[1]].astype(float)
     picture, mattes = ground, []
-    for light, centre, radius, velocity in things:
+    for light, centre, radius, velocity, lobes, turn in things:
         y, x = (
             at - middle - v * time
             for at, middle, v in zip((rows, columns), centre, velocity, strict=True)
         )
-        matte = np.clip(0.5 + radius - np.hypot(y, x), 0, 1)
+        cos, sin = np.cos(turn * time), np.sin(turn * time)
+        y, x = cos * y - sin * x, sin * y + cos * x
+        reach = radius * (1 + lobes * np.cos(2 * np.arctan2(y, x)))
+        matte = np.clip(0.5 + reach - np.hypot(y, x), 0, 1)
         middle = light.shape[0] // 2
         own = ndimage.map_coordinates(light, [y + middle, x + middle], order=3, mode="mirror")
         picture = picture * (1 - matte) + matte * own

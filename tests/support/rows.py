@@ -25,7 +25,6 @@ from mishutter.search.rivals import (
     BEST_CODED_STILL,
     BEST_STILL_BURST,
     CODED_AT_REST,
-    OPEN_ON_FREE_PATH,
 )
 from mishutter.search.rows import (
     BEST_PANNED_SNAPSHOT,
@@ -43,8 +42,9 @@ STILL = StillCamera(half_exposure=1.3e-3)
 PANNED = LinearMotion(half_exposure=2e-3, velocity=-1500.0)
 MOVING = ParabolicMotion(acceleration=21.875 / 1e-4, half_exposure=1e-2, velocity=-12345.0)
 FREE = FreeMotion(accelerations=[1e5, 3e5, 1e5], half_exposure=1e-2)
+ON_FREE_PATH = "of mine, on a free path"
 OF_THEIR_KIND = {
-    OPEN_ON_FREE_PATH: (FREE, RectShutter()),
+    ON_FREE_PATH: (FREE, RectShutter()),
     BEST_SNAPSHOT: (STILL, RectShutter()),
     BEST_PANNED_SNAPSHOT: (PANNED, RectShutter()),
     BEST_CODED_STILL: (PANNED, HannShutter()),

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray
-from support.command_line import ON_PARABOLAS
+from support.command_line import SMALL_SCENE
 from support.sweeps import SCENE, asked_for, grid, many
 
 import mishutter
@@ -505,7 +505,7 @@ def test_a_store_made_read_only_half_way(tmp_path, capsys):
     """One line and exit code 2; made writable again, the rest is computed, bit for bit."""
     store, other = tmp_path / "a.zarr", tmp_path / "whole.zarr"
     scene = tmp_path / "scene.toml"
-    scene.write_text(ON_PARABOLAS.split("[picture]")[0])
+    scene.write_text(SMALL_SCENE.split("[picture]")[0])
     command = ["sweep", str(scene), *RANGES]
     code = READ_ONLY_HALF_WAY.format(command=[*command, "--store", str(store)])
     path = os.pathsep.join([str(Path(mishutter.__file__).parent.parent), *sys.path])

@@ -1,22 +1,111 @@
-"""The picture of all layers at one instant, and where to trust it."""
+r"""The picture of all layers at one instant, and where to trust it.
 
+Layers are as wrong as things are that turn or change their shape; one frame restored alone is not.
+Of the two, $x_l$ and $x_1$, the mean $x_l + w (x_1 - x_l)$ of the least expected error in the
+neighbourhood of a pixel has
+
+$$w = \frac{\langle (y - x_l)(x_1 - x_l) \rangle - (c_1 - c_l)}
+           {\langle (x_1 - x_l)^2 + q^2 \rangle}$$
+
+with the frame $y$; with $q$, by which the frame differs from one without its exposure's blur, which
+layers are freed of; and with $c_1$ and $c_l$, how much of the frame's noise each has taken over
+(Stein's lemma). That of a decoder of any kind is told by what it makes of a little more noise.
+"""
+
+import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
+from mishutter.decoding.decoders.base import AbstractDecoder
 from mishutter.decoding.objects.arrangement import Arrangement
-from mishutter.decoding.objects.grids import Mask, Window, smoothed, splines
-from mishutter.decoding.objects.light import Layers, Misfit, explaining
+from mishutter.decoding.objects.grids import Mask, Window, moved, smoothed, splines
+from mishutter.decoding.objects.light import (
+    Knowledge,
+    Layers,
+    Misfit,
+    Sight,
+    explaining,
+    light_of,
+)
 from mishutter.decoding.objects.stills import Stills
 
-_UNEXPLAINED = 2.5
-"""Mean square of a residual over its noise from which on a pixel is another frame's own."""
+_NEIGHBOURHOODS = (2.0, 6.0)
+"""Gaussians under which layers and frame are weighed: what is left is strong, or wide; px."""
+_CERTAIN = 2.0
+"""Standard deviations by which the share of the frame is taken to be less than it seems."""
+_MORE_NOISE = 0.3
+"""Noise by which a decoder is tried, in standard deviations of a frame's."""
+_TAKEN_OVER = 6.0
+"""Gaussian under which the noise that a decoder takes over is averaged; px."""
+_MOST_ALONE = 0.25
+"""Share of the frame from which on a pixel is not trusted."""
 _MOST_MISFIT = 1.5
 """Mean square of the residuals along a layer, over its expectation, of pixels that are trusted."""
 _AWAY = 2.0
 """Pixels from an outline within which none is trusted."""
+
+
+class Alone(NamedTuple):
+    """The frame nearest to the instant, restored as a still."""
+
+    light: Float[np.ndarray, "rows columns"]
+    shown: Float[np.ndarray, "rows columns"]  # The frame of that light
+    taken_over: Float[np.ndarray, "rows columns"]  # Covariance of that with the frame's noise
+
+    @staticmethod
+    def of(stills: Stills, known: Knowledge, decoder: AbstractDecoder) -> "Alone":
+        """That of the frames."""
+        frame = stills.only(np.arange(stills.count) == stills.middle)
+        sight = Sight.of(frame, None, known)
+        misfit, window = Misfit.of(sight), sight.sheets[0].window
+        light = light_of(misfit, decoder)
+        shown = sight.frames(light)[0]
+        signs = np.random.default_rng(0).choice([-1.0, 1.0], frame.light.shape).astype(np.float32)
+        noise = np.sqrt(1 / sight.inverse)
+        noisier = replace(frame, light=frame.light + _MORE_NOISE * noise * signs)
+        other = light_of(Misfit.of(replace(sight, stills=noisier)), decoder)
+        changes = (sight.frames(other)[0] - shown) / _MORE_NOISE
+        taken_over = smoothed((noise * signs)[0] * changes, _TAKEN_OVER)
+        return Alone(whole_of(window, light[0], stills.shape), shown, np.maximum(taken_over, 0))
+
+    def share(self, misfit: Misfit, layers: Layers, blur: np.ndarray) -> Mask:
+        """Share of this frame in the mean of it and of layers that errs least.
+
+        Args:
+            misfit: Misfit of the layers.
+            layers: Light of each on its canvas.
+            blur: Change of the frame by the ways of things within its exposure.
+        """
+        sight = misfit.sight
+        number = sight.stills.middle
+        frame, noise = sight.stills.light[number], 1 / sight.inverse[number]
+        shown = sight.frames(layers)[number]
+        left, apart = frame - shown, self.shown - shown
+        less = self.taken_over * (1 - _told(misfit, number))
+        share = np.zeros_like(frame)
+        for sigma in _NEIGHBOURHOODS:
+            square = np.maximum(smoothed(apart**2, sigma), 1e-9)
+            error = np.sqrt(smoothed(noise, sigma) * square / (4 * np.pi * sigma**2))
+            excess = smoothed(left * apart, sigma) - less - _CERTAIN * error
+            risk = square + smoothed(blur**2, sigma)
+            share = np.maximum(share, np.clip(excess / risk, 0, 1))
+        return share
+
+
+def _told(misfit: Misfit, frame: int) -> Mask:
+    """Share of what the frames tell of the layers that a frame does, where it shows them."""
+    sight = misfit.sight
+    total = np.zeros(sight.stills.shape, np.float32)
+    for sheet, shares, density in zip(sight.sheets, sight.shares, misfit.densities, strict=True):
+        here = sheet.window.aside(sheet.ways[frame])
+        own = (shares[frame] * sheet.matte) ** 2 * here.cut(sight.inverse[frame])
+        cover = np.clip(sheet.shown(sheet.spectrum(np.ones_like(own)), frame), 0, 1)
+        here.add(total, shares[frame] * cover * own / np.maximum(density, 1e-9))
+    return np.clip(total, 0, 1)
 
 
 class Composite(NamedTuple):
@@ -26,7 +115,7 @@ class Composite(NamedTuple):
     # Mean square, over their noise, of the residuals of the frames that see a pixel's layer there
     misfit: Float[np.ndarray, "rows columns"]
     num_seen: Float[np.ndarray, "rows columns"]  # Frames that do
-    single: Mask  # Share of the frame nearest to the instant, restored alone
+    alone: Mask  # Share of the frame nearest to the instant, restored alone
 
 
 def labels_of(arrangement: Arrangement) -> Int[np.ndarray, "rows columns"]:
@@ -43,22 +132,20 @@ def trusted(arrangement: Arrangement, found: Composite) -> Bool[np.ndarray, "row
     is_away = np.ones(edge.shape, bool)
     if edge.any():
         is_away = np.asarray(ndimage.distance_transform_edt(~edge)) > _AWAY
-    agree = (found.misfit < _MOST_MISFIT) & (found.single < 0.5)
+    agree = (found.misfit < _MOST_MISFIT) & (found.alone < _MOST_ALONE)
     return agree & (found.num_seen > 1.5) & is_away
 
 
-def composite(
-    arrangement: Arrangement, misfit: Misfit, layers: Layers, one: np.ndarray
-) -> Composite:
+def composite(arrangement: Arrangement, misfit: Misfit, layers: Layers, alone: Alone) -> Composite:
     """The picture of layers at the time 0.
 
-    Where they do not explain the frame nearest to it, that frame restored alone stands instead.
+    Where they do not explain the frame nearest to it, that frame restored alone takes their place.
 
     Args:
         arrangement: The things.
         misfit: Misfit of the layers.
         layers: Light of each on its canvas.
-        one: That frame restored alone.
+        alone: That frame restored alone.
     """
     sight, shape = misfit.sight, arrangement.stills.shape
     stills = sight.stills  # of one colour
@@ -66,9 +153,10 @@ def composite(
     model = sight.frames(explaining(misfit))
     noise = [stills.noise(smoothed(np.maximum(one, 0), 0.7), k) for k, one in enumerate(model)]
     squares = (stills.light - model) ** 2 / np.stack(noise)
-    middle = stills.middle
-    doubt = np.clip((smoothed(squares[middle], 1.0) - _UNEXPLAINED) / 2, 0, 1)
-    spline = splines(one[None])[0]
+    pairs = zip(sight.sheets, layers, strict=True)
+    lights = [whole_of(sheet.window, own, shape) for sheet, own in pairs]
+    doubt = alone.share(misfit, layers, _blur(arrangement, lights))
+    spline = splines(alone.light[None])[0]
     light, single = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
     mean_square, num_seen = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
     labels = labels_of(arrangement)
@@ -76,12 +164,12 @@ def composite(
     velocities = [np.zeros(2), *(thing.velocity for thing in arrangement.things)]
     whole = Window.whole(shape)
     for number, (alpha, velocity) in enumerate(zip(arrangement.alphas(), velocities, strict=True)):
-        sheet = sight.sheets[number]
-        own = whole_of(sheet.window, layers[number], shape)
         window = whole if number == 0 else Window.around(alpha, 4)
-        share, here = window.of(alpha), window.of(own).copy()
-        way = velocity * stills.times[middle]
-        weight = window.taken(doubt, way) * window.seen(way, shape)
+        share, here = window.of(alpha), window.of(lights[number]).copy()
+        way = velocity * stills.times[stills.middle]
+        # The frame shows something else where it hides what is seen at the time 0.
+        shown = window.taken(seen[number][stills.middle], way) / np.maximum(share, 0.01)
+        weight = window.taken(doubt, way) * window.seen(way, shape) * np.minimum(shown, 1)
         here += weight * (window.taken(spline, way, is_spline=True) - here)
         window.of(single)[...] += share * weight
         window.of(light)[...] += share * here
@@ -100,6 +188,27 @@ def whole_of(window: Window, part: np.ndarray, shape: tuple[int, int]) -> np.nda
     whole = np.zeros(shape, np.float32)
     window.add(whole, part)
     return whole
+
+
+def _blur(arrangement: Arrangement, lights: list[np.ndarray]) -> np.ndarray:
+    """Light at the middle of the middle exposure, less its mean over that exposure."""
+    stills, things = arrangement.stills, arrangement.things
+    number, shape = stills.middle, stills.shape
+    time, exposure = float(stills.times[number]), float(stills.exposures[number])
+
+    def at(time: float) -> np.ndarray:
+        light = lights[0].copy()
+        for other in reversed(arrangement.order):
+            thing, own = things[other], lights[other + 1]
+            window, way = thing.window, thing.velocity * time
+            matte = moved(window.of(thing.matte), window, way, shape)
+            light += matte * (moved(window.of(own), window, way, shape) - light)
+        return light
+
+    fastest = max((float(np.hypot(*thing.velocity)) for thing in things), default=0.0)
+    steps = max(1, math.ceil(fastest * exposure / 1.5))
+    shares = (np.arange(steps) + 0.5) / steps - 0.5
+    return at(time) - np.mean([at(time + exposure * share) for share in shares.tolist()], axis=0)
 
 
 def _along(

@@ -13,7 +13,7 @@ from mishutter.decoding.objects.outlines import Along, cut_out, mean_lights, sha
 from mishutter.decoding.objects.stills import Stills
 from mishutter.decoding.objects.velocities import refine_velocity
 
-_ROUNDS, _SHARPENINGS = 4, 2
+_ROUNDS, _SHARPENINGS = 4, 4
 _LEAST_EVIDENCE = 150.0
 """Logarithm of the likelihood of a thing over none below which there is none."""
 _LEAST_AREA = 200
@@ -67,7 +67,7 @@ def found_in(
             arrangement.drop(min(weak, key=lambda number: things[number].evidence))
         arrangement.place()
     for turn in range(_SHARPENINGS):
-        report("outlines from pixels that show two things", 0.8 + 0.1 * turn)
+        report("outlines from pixels that show two things", 0.8 + 0.05 * turn)
         sharpen(arrangement)
         arrangement.place()
     if not is_told:

@@ -46,8 +46,9 @@ Layers = list[np.ndarray]
 
 _BORDER = 16
 """Pixels of a canvas about a layer, which keep its ends apart."""
-_TOLERANCE = 2e-3
-"""Residual at which conjugate gradients end, as a share of the first one."""
+_TOLERANCE = 1e-3
+"""Residual at which conjugate gradients end, as a share of the first one: larger ones show as
+ripples in bright light."""
 _LEVELS = 3
 """Levels of noise, at most, at which a denoiser is called for a layer."""
 _WEAK = 0.02
@@ -277,7 +278,7 @@ class Misfit:
         """The curvature of the misfit, applied to layers."""
         return self.sight.layers(self.sight.inverse * self.sight.frames(layers))
 
-    def solved(self, target: Layers, start: Layers, prior: "Prior", *, most: int = 60) -> Layers:
+    def solved(self, target: Layers, start: Layers, prior: "Prior", *, most: int = 200) -> Layers:
         """The layers whose misfit and prior balance a target, by conjugate gradients."""
         sheets, layers = self.sight.sheets, [one.copy() for one in start]
         inverses = [

@@ -17,7 +17,14 @@ from mishutter.decoding.decoders.speed import luminance_shares
 from mishutter.decoding.decoders.speed_finding import SpeedFindingDecoder
 from mishutter.decoding.decoders.total_variation import TotalVariationDecoder
 from mishutter.decoding.objects.arrangement import Arrangement, Thing
-from mishutter.decoding.objects.composite import Composite, composite, labels_of, trusted, whole_of
+from mishutter.decoding.objects.composite import (
+    Alone,
+    Composite,
+    composite,
+    labels_of,
+    trusted,
+    whole_of,
+)
 from mishutter.decoding.objects.finding import Told, found_in
 from mishutter.decoding.objects.grids import Window
 from mishutter.decoding.objects.light import Knowledge, Misfit, Sight, light_of
@@ -121,7 +128,7 @@ def restored_objects(
     require(is_known, "restore_frames(decoder=...)", words, type(decoder).__name__)
     report = (lambda text, share: None) if progress is None else progress
     axis: Axis = "rows" if in_plane else axis
-    grey, alone = _stills(planes, scene, frames)
+    grey, alone = stills_of(planes, scene, frames)
     told = _told(known, axis, in_plane=in_plane, shape=grey.shape)
     few = grey.only(grey.alike)
     sought = found_in(few, told, lambda text, share: report(text, 0.6 * share))
@@ -129,25 +136,22 @@ def restored_objects(
     light, composites = [], []
     for number, stills in enumerate(alone):
         report("light of the layers", 0.6 + 0.4 * number / len(alone))
-        known_of = _knowledge(scene, stills, in_plane=in_plane)
+        known_of = knowledge_of(scene, stills, in_plane=in_plane)
         misfit = Misfit.of(Sight.of(stills, found, known_of))
-        only = np.arange(stills.count) == stills.middle
-        single = Misfit.of(Sight.of(stills.only(only), None, known_of))
-        window = single.sight.sheets[0].window
-        one = whole_of(window, light_of(single, decoder)[0], stills.shape)
         layers = light_of(misfit, decoder)
-        composites.append(composite(found, misfit, layers, one))
+        alone_of = Alone.of(stills, known_of, decoder)
+        composites.append(composite(found, misfit, layers, alone_of))
         pairs = zip(misfit.sight.sheets, layers, strict=True)
         light.append([whole_of(sheet.window, own, stills.shape) for sheet, own in pairs])
     whole = composites[0]._replace(
         misfit=np.mean([one.misfit for one in composites], axis=0),
-        single=np.max([one.single for one in composites], axis=0),
+        alone=np.max([one.alone for one in composites], axis=0),
     )
     report("done", 1.0)
     return _result(found, light, (composites, whole), axis, in_plane=in_plane)
 
 
-def _stills(
+def stills_of(
     planes: np.ndarray, scene: Scene, frames: Sequence[TimedFrame] | PlaneFrames
 ) -> tuple[Stills, list[Stills]]:
     """The luminance of frames, and their colours."""
@@ -178,7 +182,7 @@ def _stills(
     return grey, alone
 
 
-def _knowledge(scene: Scene, stills: Stills, *, in_plane: bool) -> Knowledge:
+def knowledge_of(scene: Scene, stills: Stills, *, in_plane: bool) -> Knowledge:
     """The power of pictures, of as much contrast as the frames have, and the pixel's response."""
     frame = stills.light[stills.middle]
     noise = float(stills.noise(np.float32(frame.mean()), stills.middle))

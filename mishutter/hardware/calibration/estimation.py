@@ -163,6 +163,9 @@ class FittedCamera:
             for name, each in self.estimates.items()
             if not name.rpartition("_")[2].isdigit()  # numbers of a single picture
         }
+        if a := self.estimates.get("acceleration_px_per_s2"):
+            numbers = f"{2 * a.value:.6g} +- {2 * a.error:.2g}"
+            lines["acceleration_px_per_s2"] = f"stage_acceleration_px_per_s2 = {numbers}"
         notes = {
             "": [
                 "A camera as it was built: [motion], from measurements; numbers with error bars.",
@@ -282,7 +285,7 @@ def fit(
     # Normalised speeds from which a fit of an unknown one starts.
     shares = [0.1 * k for k in range(-6, 7)] if is_unknown else [0.0]
     num_rounds = setting.num_first_rounds(shares) + 2
-    wait = "compiling (first run only), or pictures are fitted, which takes a while"
+    wait = "compiling, or pictures are fitted, which takes a while"
     with counts(progress, "fitting", num_rounds, wait) as counter:
         best = setting.likeliest_start(shares, counter.next)
         counter.next("the likeliest camera")

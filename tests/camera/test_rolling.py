@@ -1,0 +1,126 @@
+"""Captures of sensors whose rows are exposed one after another."""
+
+import numpy as np
+import pytest
+from support.rolling import PERIOD, frames_on_parabolas
+
+from mishutter import (
+    HannShutter,
+    Layer,
+    Layers,
+    Picture,
+    PlaneFrames,
+    RectShutter,
+    Scene,
+    Sensor,
+    StillCamera,
+    TimedFrame,
+    simulate_capture,
+    simulate_frames,
+)
+from mishutter.evaluation.levels import path_for_rows
+
+LIGHT = {"photon_rate": 1e5, "read_noise": 8.0}
+READOUT, SPEED = 0.018, 700.0
+SHAPE = 24, 256
+WITHIN = 1e-3
+"""Error of bands of rows; white = 1."""
+
+
+def picture(shape=SHAPE, axis=None):
+    """Light of few frequencies, of one axis where the other would be blurred by the pixels."""
+    down, across = np.meshgrid(*map(np.arange, shape), indexing="ij")
+    down, across = (0 * x if axis not in (None, k) else x for k, x in enumerate((down, across)))
+    waves = np.cos(0.21 * across + 0.13 * down) + np.cos(0.07 * across - 0.3 * down + 1)
+    return 0.4 + 0.12 * waves
+
+
+def scene_of(sensor, plane=False):
+    """A scene of a sensor."""
+    return (
+        Scene.any_direction(900.0, **LIGHT, sensor=sensor)
+        if plane
+        else Scene([SPEED], **LIGHT, sensor=sensor)
+    )
+
+
+def in_plane(scene, axis):
+    """The path of the frames on parabolas, along rows or columns of the plane."""
+    path = path_for_rows(scene, frames_on_parabolas())
+    knots = path.stage.times
+    inner = (knots > -2 * PERIOD + 1e-6) & (knots < 2 * PERIOD - 1e-6)
+    times = np.concatenate([[-2 * PERIOD], knots[inner], [2 * PERIOD]])
+    velocities = np.zeros((2, times.size))
+    velocities[axis] = path.stage.at(times)[1]
+    return PlaneFrames(path.times, path.exposures, np.diff(times), velocities)
+
+
+def test_each_row_is_that_of_a_global_shutter_later():
+    """A row of a sensor at rest sees the picture where it has moved meanwhile."""
+    frames = frames_on_parabolas()
+    rolling = scene_of(Sensor(readout=READOUT))
+    taken = np.asarray(simulate_frames(picture(), rolling, frames, speed=SPEED))
+    path = path_for_rows(rolling, frames)
+    delays, middle = rolling.sensor.row_delays(SHAPE[0]), float(path.place(np.zeros(1))[0, 0])
+    x, weight = np.polynomial.legendre.leggauss(200)
+    column = np.arange(120, 136)
+    for row in (0, 7, 23):
+        for k in range(4):
+            time = (k - 1.5) * PERIOD + delays[row] + x * PERIOD / 2
+            way = path.place(time)[0] - middle - SPEED * time
+            at = column[:, None] - way
+            waves = np.cos(0.21 * at + 0.13 * row) * np.sinc(0.21 / 2 / np.pi)
+            waves = waves + np.cos(0.07 * at - 0.3 * row + 1) * np.sinc(0.07 / 2 / np.pi)
+            wanted = 0.4 + 0.12 * waves @ (weight / 2)
+            np.testing.assert_allclose(taken[k, row, column], wanted, atol=4e-3)
+
+
+@pytest.mark.parametrize("rows_read", ["down", "up"])
+def test_along_the_rows_and_in_the_plane_are_one(rows_read):
+    """Rows by themselves agree with the bands of frames in the plane."""
+    sensor = Sensor(readout=READOUT, rows_read=rows_read)
+    along = scene_of(sensor)
+    taken = simulate_frames(picture(axis=1), along, frames_on_parabolas(), speed=SPEED)
+    frames = in_plane(along, axis=0)
+    plane = simulate_frames(picture(axis=1), scene_of(sensor, True), frames, speed=(SPEED, 0.0))
+    np.testing.assert_allclose(plane, taken, atol=WITHIN)
+
+
+def test_along_the_columns_and_in_the_plane_are_one():
+    """Along the readout each pixel of the motion has its own time."""
+    sensor, shape = Sensor(readout=READOUT, axis="columns"), (160, 20)
+    along = scene_of(sensor)
+    taken = simulate_frames(picture(shape, axis=0), along, frames_on_parabolas(), speed=SPEED)
+    frames = in_plane(along, axis=1)
+    rolling = scene_of(Sensor(readout=READOUT), True)
+    plane = simulate_frames(picture(shape, axis=0), rolling, frames, speed=(0.0, SPEED))
+    np.testing.assert_allclose(plane, taken, atol=WITHIN)
+
+
+@pytest.mark.parametrize("axis", ["rows", "columns"])
+def test_layers_are_taken_row_by_row(axis):
+    """A background alone is the picture of the same rows."""
+    shape = SHAPE if axis == "rows" else SHAPE[::-1]
+    light = picture(shape).astype(np.float32)
+    scene = scene_of(Sensor(readout=0.004, axis=axis))
+    one = Layers((Layer(Picture(light[..., None]), SPEED),))
+    taken = simulate_frames(one, scene, frames_on_parabolas())
+    wanted = simulate_frames(light[..., None], scene, frames_on_parabolas(), speed=SPEED)
+    np.testing.assert_allclose(taken, wanted, atol=WITHIN)
+
+
+@pytest.mark.parametrize("axis", ["rows", "columns"])
+def test_a_snapshot_is_sheared_or_stretched(axis):
+    """One exposure at rest is the only still of a burst."""
+    shape = SHAPE if axis == "rows" else SHAPE[::-1]
+    scene, still = scene_of(Sensor(readout=0.01, axis=axis)), StillCamera(half_exposure=0.004)
+    taken = simulate_capture(picture(shape), scene, still, RectShutter(), speed=SPEED)
+    wanted = simulate_frames(picture(shape), scene, [TimedFrame(still, 0.0)], speed=SPEED)[0]
+    np.testing.assert_allclose(taken, wanted, atol=1e-5)
+
+
+def test_a_shaped_shutter_before_rows_that_are_read_in_turn_is_refused():
+    """With its reason."""
+    scene, still = scene_of(Sensor(readout=0.01)), StillCamera(half_exposure=0.004)
+    with pytest.raises(ValueError, match=r"`simulate_capture\(shutter=...\)` must have an open"):
+        simulate_capture(picture(), scene, still, HannShutter())

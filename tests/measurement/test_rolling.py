@@ -1,0 +1,52 @@
+"""Clips of sensors whose rows are read one after another."""
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from mishutter import measure
+from mishutter.measurement.motion import Motion, MovingObject, read_in_turn
+from mishutter.measurement.steady import bands_of_light
+
+
+@pytest.mark.parametrize(("row", "seen"), [(5e-5, 1 / 0.96), (-5e-5, 1 / 1.04), (0.0, 1.0)])
+def test_velocities_and_heights_are_those_of_all_rows_at_once(row, seen):
+    """What goes down at 800 px/s is met later by rows that are read downwards."""
+    velocity, error = (800 * seen, 1500 * seen), (3.0, 2.0)
+    one = MovingObject(velocity, error, (9.0, 9.0), 700, 1.0, 1.0, 3)
+    labels = np.zeros((4, 4))
+    motion = Motion((one,), labels.astype(int), labels, 3, 0.5, 0.0, (40.0, 60.0 * seen), 8)
+    found = read_in_turn(motion, row)
+    assert found.objects[0].velocity == pytest.approx((800, 1500), rel=1e-12)
+    assert found.objects[0].error[0] == pytest.approx(3.0 / seen**2, rel=1e-12)
+    assert found.width == pytest.approx((40.0, 60.0), rel=1e-12)
+
+
+def picture():
+    """Light of a picture; e-."""
+    noise = np.random.default_rng(5).normal(size=(160, 240))
+    return np.clip(1200 + 1500 * ndimage.gaussian_filter(noise, 2), 200, 4000)
+
+
+@pytest.mark.parametrize(("swing", "least", "most"), [(0.0, 0.0, 0.0), (0.03, 0.018, 0.023)])
+def test_the_mains_light_rows_in_bands(swing, least, most):
+    """At 100 Hz the rows of 20 ms see two periods; row noise is none."""
+    draw, rows, frames = np.random.default_rng(2), np.arange(160) / 159, np.arange(8)
+    phase = 2 * np.pi * 100 * (frames[:, None] / 30.3 + 0.02 * rows)
+    light = picture() * (1 + swing * np.cos(phase))[:, :, None]
+    clip = draw.poisson(light) + draw.normal(size=(8, 160, 1)) * 5
+    assert least <= bands_of_light(clip) <= most
+
+
+def test_a_clip_with_bands_says_so_and_the_file_has_the_readout():
+    """The scene file holds the readout, and the sentence is at its head."""
+    draw, rows = np.random.default_rng(3), np.arange(160) / 159
+    phase = 2 * np.pi * 100 * (np.arange(8)[:, None] / 30.3 + 0.02 * rows)
+    light = picture() * (1 + 0.05 * np.cos(phase))[:, :, None]
+    clip = np.rint(draw.poisson(light) + 64).astype(np.uint16)
+    found = measure(clip, frames_per_s=30.3, black=64, readout=0.02, rows_read="up")
+    assert "in bands of rows that change from frame to frame" in found.scene_text
+    assert "readout_ms = 20  # as given" in found.scene_text
+    assert 'rows_read = "up"' in found.scene_text
+    with pytest.raises(ValueError, match=r"readout=...\)` must be at least 0, within the 33"):
+        measure(clip, frames_per_s=30.3, black=64, readout=0.04)
