@@ -82,6 +82,11 @@ class AbstractExposures(ABC):
     def rests(self) -> list[bool]:
         """Whether the sensor stands still in each."""
 
+    @property
+    @abstractmethod
+    def stroke(self) -> float:
+        """Travel of the stage, or of an axis of it, from the first light to the last; px."""
+
     @abstractmethod
     def place(self, times: Float[np.ndarray, "n q"]) -> Float[np.ndarray, "axes n q"]:
         """Places of the sensor at some times of each exposure, from one place for all; px."""

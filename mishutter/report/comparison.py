@@ -187,7 +187,7 @@ class Comparison:
             {
                 "reading": row.reading,
                 "name": row.name,
-                "motion": None if row.is_in_plane else motion_to_dict(row.motion),
+                "motion": None if row.sequence else motion_to_dict(row.motion),
                 "loss": row.loss,
                 **_frames_of(row),
                 "psnr_db": row.psnr,

@@ -19,6 +19,7 @@ from mishutter import (
     RingOfVelocities,
     plot_design,
 )
+from mishutter.plane.bursts import turned_by
 
 LAWS = {
     "ellipse": EvenVelocities(1700.0, 1100.0, angle=0.3),
@@ -88,6 +89,15 @@ def test_a_camera_that_turns_leaves_the_rest_to_its_stage():
     ):
         apart = whole.at(time)[0] - rest.at(time)[0]
         np.testing.assert_allclose(np.diff(apart), pan * np.diff(time), rtol=1e-6)
+
+
+@pytest.mark.parametrize(("most", "speed"), [(130.0, 130.0), (5000.0, np.hypot(1000, 400))])
+def test_a_camera_turns_no_faster_than_it_can(most, speed):
+    """Along the mean velocity of the things, with its speed or the fastest that it turns at."""
+    law = ListedVelocities([[900.0, 300.0], [1100.0, 500.0]])
+    pan = turned_by(law, Limits(pans="camera", max_pan=most))
+    np.testing.assert_allclose(pan, speed * np.array([5.0, 2.0]) / np.sqrt(29))
+    assert not turned_by(law, Limits(max_pan=most)).any()
 
 
 def test_each_kind_of_design_refuses_the_file_of_the_other(tmp_path):
