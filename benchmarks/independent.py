@@ -613,7 +613,9 @@ def measured(name: str, scene: Scene) -> dict[str, Any]:
     anew = max(figure["independent"] for figure in figures.values())
     facts = {
         "best dB": f"{best:.3f} / {anew:.3f}",
-        "of a limit": max(most_used(scene, row.motion) for row in table.rows),
+        "of a limit": max(
+            most_used(scene, row.motion) for row in table.rows if row.sequence is None
+        ),
         "rises": purchases_rise(table),
         "command": command_agrees(scene, of_photograph=scene.picture.power_spectrum is not None),
     }

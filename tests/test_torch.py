@@ -203,6 +203,8 @@ def test_a_function_of_jax_has_its_own_gradient():
     sines, cosines = row.detach().sin().sum(), row.detach().cos()
     expected = sines * scale.detach() * torch.tensor([1.0, 3.0])
     torch.testing.assert_close(value.detach(), expected.double())
+    narrow_first = differentiable(lambda scale, row: function(row, scale))
+    torch.testing.assert_close(narrow_first(scale.detach(), row.detach()), expected.double())
     torch.testing.assert_close(row.grad, 4 * scale.detach() * cosines)
     torch.testing.assert_close(scale.grad, 4 * sines.float())
 

@@ -38,6 +38,7 @@ from mishutter.camera.rows import (
     continued,
     fast_length,
     period_of,
+    pixel_by_pixel,
     require_border,
     rows_last,
 )
@@ -47,8 +48,9 @@ from mishutter.evaluation.views import sensor_view
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.optics import NYQUIST_FREQUENCY, WIDEST_BLUR, Optics, lens_response
 from mishutter.model.scene import Scene, require_scene
-from mishutter.model.sensor import white_electrons
+from mishutter.model.sensor import Sensor, white_electrons
 from mishutter.model.shutters.base import AbstractShutter
+from mishutter.model.shutters.windows import RectShutter
 from mishutter.pictures.images import Picture, pixels_along, transposed
 
 _ROLL_OFF = 0.4
@@ -106,7 +108,8 @@ def simulate_capture(
     Raises:
         ValueError: if an argument is out of its range, light is below 0, the scene has
             no light and noise is asked for, or the picture is narrower than the blur with
-            `border="scene"`.
+            `border="scene"`; or if rows are exposed one after another and the shutter is shaped,
+            the motion accelerates, or the subject is no picture.
 
     Examples:
         >>> import jax
@@ -125,6 +128,16 @@ def simulate_capture(
     require_border("simulate_capture(border=...)", border)
     _check_noise(scene, key)
     shutter, exposure = sensor_view(scene, motion, shutter).shutter, motion.exposure
+    if scene.sensor.is_rolling:
+        is_alike = motion.is_straight and isinstance(shutter, RectShutter)
+        requirement = (
+            "have an open shutter and no acceleration before rows that are exposed one after "
+            "another, which would each see another part of a profile or a path"
+        )
+        require(is_alike, "simulate_capture(shutter=...)", requirement, shutter)
+        is_picture = not isinstance(picture, Layers | Footage)
+        requirement = "be a picture, or frames be taken, where rows are exposed one after another"
+        require(is_picture, "simulate_capture(picture=...)", requirement, type(picture).__name__)
     if isinstance(picture, Layers | Footage):
         are_defaults = speed == 0 and displacement == 0 and border == "reflect"
         subject = "simulate_capture(speed=..., displacement=..., border=...)"
@@ -155,8 +168,14 @@ def simulate_capture(
     response = captured_response(motion, shutter, [speed], period)[0]
     response = _through_lens(scene, response, period, displacement)
     planes = rows_last(distinct_colours(radiance))
-    irradiance = channels_last(_exposed(planes, response, period, border)[..., window], radiance)
-    irradiance = every_colour(irradiance, radiance)
+    if scene.sensor.is_rolling:
+        way = float(motion.velocity) - speed
+        exposed = _by_rows(
+            scene.sensor, np.asarray(planes), response, way, (period, border, window)
+        )
+    else:
+        exposed = _exposed(planes, response, period, border)[..., window]
+    irradiance = every_colour(channels_last(exposed, radiance), radiance)
     levels = recorded_by(scene, irradiance, exposure, key, full_well=full_well, adc_bits=adc_bits)
     return as_float(transposed(levels, scene.sensor.axis))
 
@@ -376,6 +395,24 @@ def _through_lens(
 def _exposed(planes: Planes, response: ArrayLike, period: int, border: str) -> Planes:
     """One period of blurred rows, by one program for all columns that a camera may record."""
     return as_numpy(_blurred(planes, response, period, border))[0]
+
+
+def _by_rows(
+    sensor: Sensor,
+    planes: np.ndarray,
+    response: ArrayLike,
+    way: float,  # Of the sensor before the picture; px/s
+    sizes: tuple[int, str, slice],
+) -> np.ndarray:
+    """Blurred rows, each displaced by what has moved until it is exposed."""
+    period, border, window = sizes
+    along, spectrum = sensor.axis == "columns", np.fft.rfft(continued(planes, period, border))
+    delays = sensor.row_delays(window.stop - window.start if along else planes.shape[-2])
+    frequency = np.arange(spectrum.shape[-1]) / period
+    each = np.asarray(response) * np.exp(np.multiply.outer(-2j * np.pi * way * delays, frequency))
+    if along:
+        return pixel_by_pixel(spectrum, each, window.start, period).astype(planes.dtype)
+    return np.fft.irfft(spectrum * each, period)[..., window].astype(planes.dtype)
 
 
 @compiled

@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple, get_args
 import jax.numpy as jnp
 import numpy as np
 import scipy.fft
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike, Complex, Float
 
 from mishutter._core.checks import is_concrete, namespace_of, require
 from mishutter.evaluation.instants import Frames, Instants
@@ -70,6 +70,23 @@ def bands_of(sensor: Sensor, num_rows: int, fastest: float, most: float = ONE_BA
     edges = np.round(np.linspace(0, num_rows, count + 1)).astype(int).tolist()
     rows = [slice(*pair) for pair in itertools.pairwise(edges)]
     return [Band(float(np.mean(delays[each])), each) for each in rows]
+
+
+def pixel_by_pixel(
+    spectrum: Complex[np.ndarray, "... k"],
+    response: Complex[np.ndarray, "pixels k"],
+    first: int,
+    period: int,
+) -> Float[np.ndarray, "... pixels"]:
+    """Pixels of periodic rows, from one on, each through a response of its own."""
+    count = spectrum.shape[-1]
+    places = first + np.arange(response.shape[0])
+    waves = np.exp(2j * np.pi / period * (np.multiply.outer(places, np.arange(count)) % period))
+    weight = np.full(count, 2 / period)
+    weight[0] = 1 / period
+    if period % 2 == 0:
+        weight[-1] = 1 / period
+    return np.real(spectrum @ (response * waves * weight).T)
 
 
 def instants_within_reach(

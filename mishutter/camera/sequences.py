@@ -38,6 +38,7 @@ from mishutter.camera.rows import (
     continued,
     instants_within_reach,
     period_of,
+    pixel_by_pixel,
     rows_last,
 )
 from mishutter.evaluation.instants import Instants
@@ -197,27 +198,10 @@ def _picture_in_frames(
         each = (responses_of_frames(x.some([k]), [speed], scene.optics, period) for x in nodes)
         response = np.concatenate([*each], axis=1)[0]
         if along and len(bands) > 1:
-            irradiance = _pixel_by_pixel(spectrum, response, window.start, period)
+            irradiance = pixel_by_pixel(spectrum, response, window.start, period)
         else:
             irradiance = np.fft.irfft(spectrum * response, period)[..., window]
         yield every_colour(channels_last(irradiance.astype(planes.dtype), radiance), radiance)
-
-
-def _pixel_by_pixel(
-    spectrum: Complex[np.ndarray, "... k"],
-    response: Complex[np.ndarray, "pixels k"],
-    first: int,
-    period: int,
-) -> Float[np.ndarray, "... pixels"]:
-    """Pixels of periodic rows, from one on, each through a response of its own."""
-    count = spectrum.shape[-1]
-    places = first + np.arange(response.shape[0])
-    waves = np.exp(2j * np.pi / period * (np.multiply.outer(places, np.arange(count)) % period))
-    weight = np.full(count, 2 / period)
-    weight[0] = 1 / period
-    if period % 2 == 0:
-        weight[-1] = 1 / period
-    return np.real(spectrum @ (response * waves * weight).T)
 
 
 def _layers_in_frames(

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
     from mishutter.model.scene import Scene
 
-_RANGES = "`--acceleration`, `--exposure` and `--velocity`"
+_RANGES = "`--stage-acceleration`, `--exposure` and `--velocity`"
 _NUM_VALUES = 40
 _MOST_POINTS = 10_000_000
 """More points do not fit into memory, and their Pareto front takes too long."""
@@ -47,14 +47,17 @@ _MOST_POINTS = 10_000_000
 def sweep(
     scene_file: SceneArgument = None,
     *,
-    acceleration: Annotated[
+    stage_acceleration: Annotated[
         str | None,
         option(
             MAP,
-            "--acceleration A:B:N",
-            "N accelerations from A to B, px/s^2: the `a` of x = a t^2, half the mechanical "
-            "acceleration [default: up to the limits].",
+            "--stage-acceleration A:B:N",
+            "N accelerations of the stage from A to B, px/s^2 [default: up to the limits].",
         ),
+    ] = None,
+    acceleration: Annotated[
+        str | None,
+        option(MAP, "--acceleration A:B:N", "Halves of these, of version 0.2.", hidden=True),
     ] = None,
     exposure: Annotated[
         str | None,
@@ -99,8 +102,10 @@ def sweep(
     """Map acceleration and exposure: the best points, and trade-offs between metrics."""
     if loss is not None and not optimise:
         raise ValueError(f"`--loss` must stand beside --optimise; got '{loss.value}' alone.")
-    accelerations = _values("--acceleration", acceleration, log, bound="at least 0")
-    half_exposures = _half_exposures(exposure, half_exposure, log)
+    wholes, halves = {"--stage-acceleration": stage_acceleration}, {"--acceleration": acceleration}
+    accelerations = _halves(wholes, halves, log, "at least 0")
+    wholes, halves = {"--exposure": exposure}, {"--half-exposure": half_exposure}
+    half_exposures = _halves(wholes, halves, log, "above 0", 1e-3)
     velocities = _values("--velocity", velocity, log=False)
     start_jax()
     import numpy as np
@@ -170,16 +175,22 @@ def _after_points(points: list[int], total: int, store: Path | None, *, is_searc
     return f"{done} of {total} points are saved in {store}; the same command computes the others"
 
 
-def _half_exposures(whole: str | None, half: str | None, log: bool) -> "np.ndarray | None":
-    """Half exposures, s, from exposures or the halves of version 0.2, ms."""
-    exposures = _values("--exposure", whole, log, bound="above 0")
-    halves = _values("--half-exposure", half, log, bound="above 0")
-    require(
-        exposures is None or halves is None, "--half-exposure", "not stand beside --exposure", half
+def _halves(
+    wholes: dict[str, str | None],
+    halves: dict[str, str | None],
+    log: bool,
+    bound: str,
+    unit: float = 1.0,
+) -> "np.ndarray | None":
+    """Half of the numbers of one option, or those of another, which version 0.2 had."""
+    (name, whole), (former, half) = next(iter(wholes.items())), next(iter(halves.items()))
+    of_whole, of_half = (
+        _values(each, text, log, bound=bound) for each, text in ((name, whole), (former, half))
     )
-    if exposures is not None:
-        return exposures * 0.5e-3
-    return None if halves is None else halves * 1e-3
+    require(of_whole is None or of_half is None, former, f"not stand beside {name}", half)
+    if of_whole is not None:
+        return of_whole * (unit / 2)
+    return None if of_half is None else of_half * unit
 
 
 def _values(
@@ -257,7 +268,7 @@ _COLUMNS = (
     "best",
     "shutter",
     "v px/s",
-    "a px/s²",
+    "stage px/s²",
     "open ms",
     "stroke px",
     "PSNR dB",
@@ -295,6 +306,7 @@ def _deliver(dataset: "xarray.Dataset", scene: "Scene", folder: Path | None, as_
             "best": best,
             "best_snapshot": {
                 level: float(snapshot[level][0, 0]),
+                "exposure_ms": float(snapshot.half_exposure[0, 0]) * 2e3,
                 "half_exposure_ms": float(snapshot.half_exposure[0, 0]) * 1e3,
                 "velocity_px_per_s": float(snapshot.velocity[0, 0]),
             },
@@ -325,6 +337,9 @@ def _point_of(point: "xarray.Dataset", scene: "Scene", level: str) -> dict[str, 
     numbers: dict[str, str | float] = {
         "shutter": str(point.shutter.values),
         "velocity_px_per_s": velocity + 0.0,
+        "stage_acceleration_px_per_s2": 2 * a,
+        "exposure_ms": half * 2e3,
+        # Halves of these, which programs may read.
         "acceleration_px_per_s2": a,
         "half_exposure_ms": half * 1e3,
         "stroke_px": float(scene.limits.of_stage(motion).stroke),
@@ -343,17 +358,15 @@ def _rows(best: dict[str, dict[str, str | float]], others: list[str]) -> list[li
 
 
 def _cells(point: dict[str, str | float], others: list[str]) -> list[str]:
-    """The cells of a point under the names of `_COLUMNS`, then others in their formats.
-
-    A table speaks of the whole exposure.
-    """
+    """The cells of a point under the names of `_COLUMNS`, then others in their formats."""
     formats = (".1f", ".3g", ".4g", ".3f", ".2f", "+.2f", "+.2f", *others)
-    ends = tuple(filter(None, str(point["at_end_of"]).split(", ")))
-    left_out = ("shutter", "top_speed_px_per_s", "at_end_of")
+    # Names of axes of the results, which are of halves.
+    ends = tuple(filter(None, str(point["at_end_of"]).replace("half_", "").split(", ")))
+    halves = ("acceleration_px_per_s2", "half_exposure_ms")
+    left_out = ("shutter", "top_speed_px_per_s", "at_end_of", *halves)
     numbers = {name: value for name, value in point.items() if name not in left_out}
-    numbers["half_exposure_ms"] = 2 * float(numbers["half_exposure_ms"])
     cells = [
-        format(value, form) + "*" * name.startswith(ends)
+        format(value, form) + "*" * name.removeprefix("stage_").startswith(ends)
         for (name, value), form in zip(numbers.items(), formats, strict=True)
     ]
     return [str(point["shutter"]), *cells]

@@ -39,7 +39,7 @@ def print_comparison(report: "Report", *, verbose: bool = False, next_step: str 
             f"{design.ending}\n"
             f"Loss {design.loss:.6g} ({design.best_start_loss:.6g} at the best start), "
             f"gradient {design.certificate:.1e}.\n"
-            f"a = {at_most}{float(design.motion.greatest_acceleration) / 2:.6g} px/s^2, "
+            f"Stage {at_most}{float(design.motion.greatest_acceleration):.6g} px/s^2, "
             f"v = {float(design.motion.velocity) + 0.0:.6g} px/s, "
             f"open for {float(design.motion.exposure) * 1e3:.4g} ms.\n"
         )

@@ -193,7 +193,7 @@ class Session:
         others = {
             name: curves(scene, row.motion, row.shutter)
             for name, row in chosen.items()
-            if name != OPTIMISED
+            if name != OPTIMISED and row.sequence is None
         }
         pictured = {name: row for name, row in chosen.items() if row.is_of_one_exposure}
         follows = scene.picture.path is not None and bool(pictured)

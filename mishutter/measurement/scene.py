@@ -342,7 +342,7 @@ def _errors(found: "Measurement") -> list[str]:
 
 def _limits(found: "Measurement") -> list[str]:
     # A scene file may have no object that goes further than 10,000 px over an exposure.
-    longest = min(40.0, 1e4 / max(_fastest(found), 1e-9) / 2 * 1e3)
+    longest = min(80.0, 1e4 / max(_fastest(found), 1e-9) * 1e3)
     reach = ["max_stroke_mm = 0.155", "max_top_speed_mm_per_s = 69"]
     if found.pixel_pitch is None:
         reach = ["max_stroke_px = 45", "max_top_speed_px_per_s = 20000"]
@@ -350,8 +350,8 @@ def _limits(found: "Measurement") -> list[str]:
         "# Assumed: the piezo stage of the built-in scene. Write what yours does.",
         "[limits]",
         *reach,
-        "min_half_exposure_ms = 0.5",
-        f"max_half_exposure_ms = {_digits(longest)}",
+        "min_exposure_ms = 1",
+        f"max_exposure_ms = {_digits(longest)}",
     ]
 
 

@@ -23,6 +23,9 @@ _SIDE = 8
 _GAMMAS = np.arange(0.3, 3.51, 0.05)
 _LEAST_GAMMA, _GAMMA_CERTAIN = 0.15, 16.0
 """Distance of gamma from 1 that is looked at, and fall of chi squared that proves it."""
+_LEAP_CERTAIN = 40.0
+"""Fall of chi squared that proves a leap of the variance: photographs of one gain reach 8, and two
+gains 100 where the brighter of 900 electrons have 8 of read noise in place of 2."""
 _STRAIGHT = 0.01
 """Distance from a line, as a share of the variance, that a sensor and what moves may leave."""
 _LEAST_DETAIL, _MOST_DETAIL = 0.04, 0.15
@@ -274,12 +277,15 @@ def _bends(transfer: Transfer, black: float | None, step: float) -> Refusal | No
     is_far = np.any(bend > np.maximum(0.2, 8.0 * error / transfer.law(level)))
     square, spread = transfer.curvature
     spread = np.hypot(spread, _STRAIGHT * float(transfer.law(np.median(transfer.blocks.mean))))
-    if not (is_bent or is_far or abs(square) > 4.5 * spread):
+    misfit, leap = _leap(level, variance, error)
+    leaps = leap is not None and misfit < 0.3 * min(straight, *fits)
+    if not (is_bent or is_far or abs(square) > 4.5 * spread) and not (
+        leaps and straight - misfit > _LEAP_CERTAIN
+    ):
         return None
     reason = f"the variance over the mean is {bend.max():.0%} from a straight line"
     remedy = "Record raw frames with one gain: levels must be proportional to light"
-    misfit, leap = _leap(level, variance, error)
-    if leap is not None and misfit < 0.3 * min(straight, *fits):
+    if leaps:
         reason = f"the variance leaps at level {leap:.3g}, as of a sensor that reads with two gains"
         remedy = "Record with one gain (one readout, no high dynamic range)"
     elif is_gamma and gamma > 1 and gain > 4:

@@ -51,6 +51,7 @@ from mishutter.model.scene_file import (
     in_file,
     scene_arguments,
     sensor_table,
+    whole_numbers,
 )
 from mishutter.model.scene_schema import (
     BurstSection,
@@ -657,6 +658,7 @@ def scene_tables(scene: Scene) -> dict[str, dict[str, object]]:
     tables: dict[str, dict[str, object]] = {
         name: table_of(part, section) for name, (part, section) in parts.items() if part is not None
     }
+    tables["limits"] = whole_numbers(tables["limits"])
     if scene.velocities is None:
         tables["speeds"] = {
             "list_px_per_s": scene.speeds.tolist(),
@@ -671,7 +673,7 @@ def scene_tables(scene: Scene) -> dict[str, dict[str, object]]:
     if scene.device is not None:
         tables["shutter"] = device_table(scene.device)
     if scene.given_motion is not None and scene.given_motion.accelerates_constantly:
-        tables["motion"] = table_of(steady(scene.given_motion), MotionSection)
+        tables["motion"] = whole_numbers(table_of(steady(scene.given_motion), MotionSection))
     picture = scene.picture
     if picture.path is None:
         tables["picture"] = {

@@ -115,6 +115,16 @@ def _toml(value: object) -> str:
     return json.dumps(value)
 
 
+def whole_numbers(table: Mapping[str, object]) -> dict[str, object]:
+    """A table with whole exposures and accelerations of the stage, in place of their halves."""
+    wholes = {f"{end}half_exposure_ms": f"{end}exposure_ms" for end in ("", "min_", "max_")}
+    wholes["acceleration_px_per_s2"] = "stage_acceleration_px_per_s2"
+    return {
+        wholes.get(name, name): 2 * value if name in wholes else value  # type: ignore[operator]
+        for name, value in table.items()
+    }
+
+
 def device_table(device: AbstractDevice) -> dict[str, object]:
     """The keys of `[shutter]` that stand for a device."""
     table = table_of(device, ShutterSection)
@@ -144,16 +154,16 @@ def in_file(name: str) -> Iterator[None]:
 
 def scene_arguments(file: SceneFile, folder: Path, textures: Textures | None) -> dict[str, Any]:
     """Arguments of `Scene` that a file gives."""
-    file = file.model_copy(update={"limits": _with_halves(file.limits)})
     scales = _scales(file)
     moving = _speeds(file, scales)
     limits = _limits(file.limits, file.stage, scales)
     law = moving.get("velocities")
     fastest = float(np.max(np.abs(moving["speeds"]))) if law is None else law.fastest
-    travel = fastest * 2 * file.limits.max_half_exposure_ms / 1000
-    got = Unquoted(f"{travel:g} px in {2 * file.limits.max_half_exposure_ms:g} ms")
+    longest = _exposures(file.limits)[1]
+    travel = fastest * longest / 1000
+    got = Unquoted(f"{travel:g} px in {longest:g} ms")
     requirement = "let the fastest object travel at most 10000 px"
-    require(travel <= 1e4, "[limits] max_half_exposure_ms", requirement, got)
+    require(travel <= 1e4, "[limits] max_exposure_ms", requirement, got)
     occlusion = _occlusion(file.occlusion, scales)
     is_whole = occlusion is None or file.decoder.speed != "found"
     why = "no single speed describes a picture with a background"
@@ -364,22 +374,24 @@ def _device(section: ShutterSection, scales: Scales) -> AbstractDevice:
     return made_of(next(kind for kind in DEVICES if kind.has(arguments)), arguments)
 
 
-def _with_halves(section: LimitsSection) -> LimitsSection:
-    """The limits of half exposures, where the file gives them or those of whole ones."""
-    halves = {}
-    for end in ("min", "max"):
-        half, whole = f"{end}_half_exposure_ms", getattr(section, f"{end}_exposure_ms")
-        if whole is not None:
-            is_alone = half not in section.model_fields_set
-            require(is_alone, f"[limits] {end}_exposure_ms", f"not stand beside {half}", whole)
-            halves[half] = whole / 2
-    return section.model_copy(update=halves)
+def _exposures(section: LimitsSection) -> list[float]:
+    """The least and the greatest whole exposure, ms, where the file gives them or their halves."""
+    wholes = []
+    for end, default in (("min", 0.2), ("max", 1000.0)):
+        name, whole = f"{end}_half_exposure_ms", getattr(section, f"{end}_exposure_ms")
+        half = getattr(section, name)
+        is_alone = half is None or whole is None
+        require(is_alone, f"[limits] {end}_exposure_ms", f"not stand beside {name}", whole)
+        wholes.append(whole if whole is not None else default if half is None else 2 * half)
+    return wholes
 
 
 def _limits(section: LimitsSection, stage: StageSection | None, scales: Scales) -> Limits:
-    shortest, longest = section.min_half_exposure_ms, section.max_half_exposure_ms
-    requirement = f"be at least min_half_exposure_ms = {shortest:g}"
-    require(longest >= shortest, "[limits] max_half_exposure_ms", requirement, longest)
+    shortest, longest = _exposures(section)
+    requirement = f"be at least min_exposure_ms = {shortest:g}"
+    require(longest >= shortest, "[limits] max_exposure_ms", requirement, longest)
+    halves = {"min_half_exposure_ms": shortest / 2, "max_half_exposure_ms": longest / 2}
+    section = section.model_copy(update=halves)
     turns = section.max_pan_deg_per_s is None or section.pans == "camera"
     requirement = 'stand beside pans = "camera": a stage does not turn'
     require(turns, "[limits] max_pan_deg_per_s", requirement, section.max_pan_deg_per_s)
@@ -425,17 +437,24 @@ def _motion(
 ) -> ParabolicMotion | None:
     if section is None:
         return None
-    place, half = "[motion]", section.half_exposure_ms
-    low, high = limits.min_half_exposure_ms, limits.max_half_exposure_ms
+    place, half, whole = "[motion]", section.half_exposure_ms, section.exposure_ms
+    is_alone = half is None or whole is None
+    require(is_alone, f"{place} exposure_ms", "not stand beside half_exposure_ms", whole)
+    whole = whole if half is None else 2 * half
+    if whole is None:
+        raise ValueError(f"`{place} exposure_ms` must be given; got nothing.")
+    low, high = _exposures(limits)
     requirement = f"lie in the limits {low:g} to {high:g}"
-    require(low <= half <= high, f"{place} half_exposure_ms", requirement, half)
+    require(low <= whole <= high, f"{place} exposure_ms", requirement, whole)
     lengths = {f"{name}_{unit}": unit for name in ("sag", "stroke") for unit in ("px", "mm")}
-    forms = [*lengths, "acceleration_px_per_s2"]
+    # The second is that of x = a t^2, of earlier versions.
+    accelerations = {"stage_acceleration_px_per_s2": 0.5, "acceleration_px_per_s2": 1.0}
+    forms = [*lengths, *accelerations]
     forms_in_file = [name for name in forms if getattr(section, name) is not None]
-    requirement = f"hold one of {', '.join(forms[:-1])} and {forms[-1]}"
+    requirement = f"hold one of {', '.join(forms[:-2])} and {forms[-2]}"
     got = Unquoted(" and ".join(forms_in_file) or "neither")
     require(len(forms_in_file) == 1, place, requirement, got)
-    T, form = half / 1000, forms_in_file[0]
+    T, form = whole / 2000, forms_in_file[0]
     requirement = "be left out where max_stroke_px = 0 says that there is no stage"
     has_stage = float(reach.max_stroke) > LEAST_STROKE or not getattr(section, form)
     require(has_stage, place, requirement, Unquoted(f"{form} = {getattr(section, form):g}"))
@@ -450,7 +469,8 @@ def _motion(
         depth = number * scales.of_stage(lengths[form], subject)
         motion = ParabolicMotion.from_sag(depth, half_exposure=T, velocity=v)
     else:
-        motion = ParabolicMotion(acceleration=number, half_exposure=T, velocity=v)
+        a = number * accelerations[form]
+        motion = ParabolicMotion(acceleration=a, half_exposure=T, velocity=v)
     demands = reach.demands(motion)
     for limit in LIMITS:
         if limit.name in demands:

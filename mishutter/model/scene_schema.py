@@ -240,9 +240,9 @@ class LimitsSection(Section):
     max_stroke_mm: Annotated[float, Field(ge=0, le=1e3)] | None = None
     max_top_speed_px_per_s: TopSpeed = 1e5
     max_top_speed_mm_per_s: Annotated[float, Field(gt=0, le=1e6)] | None = None
-    min_half_exposure_ms: Milliseconds = 0.1
+    min_half_exposure_ms: Milliseconds | None = None
     min_exposure_ms: Exposure | None = None
-    max_half_exposure_ms: Milliseconds = 500.0
+    max_half_exposure_ms: Milliseconds | None = None
     max_exposure_ms: Exposure | None = None
     max_pan_px_per_s: Annotated[float, Field(ge=0, le=1e7)] | None = None
     max_pan_deg_per_s: Annotated[float, Field(ge=0, le=1e6)] | None = None
@@ -283,16 +283,19 @@ class DecoderSection(Section):
 
 @final
 class MotionSection(Section):
-    """A half exposure, the sag or the acceleration, and a velocity, all of the sensor.
+    """An exposure, the sag or the acceleration, and a velocity, all of the sensor.
 
-    The stroke is the sag of a stage that does not pan.
+    The stroke is the sag of a stage that does not pan. The acceleration is half of that of the
+    stage.
     """
 
-    half_exposure_ms: Milliseconds
+    half_exposure_ms: Milliseconds | None = None
+    exposure_ms: Exposure | None = None
     sag_px: Annotated[float, Field(ge=0, le=1e4)] | None = None
     sag_mm: Annotated[float, Field(ge=0, le=1e3)] | None = None
     stroke_px: Annotated[float, Field(ge=0, le=1e4)] | None = None
     stroke_mm: Annotated[float, Field(ge=0, le=1e3)] | None = None
+    stage_acceleration_px_per_s2: Annotated[float, Field(ge=0, le=1e14)] | None = None
     acceleration_px_per_s2: Annotated[float, Field(ge=0, le=1e14)] | None = None
     velocity_px_per_s: Speed = 0.0
     velocity_mm_per_s: Speed | None = None

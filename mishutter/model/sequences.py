@@ -119,6 +119,11 @@ class OneExposure(AbstractFrames):
     def frames(self) -> tuple[TimedFrame, ...]:
         return (TimedFrame(self.motion, 0.0),)
 
+    @property
+    def stroke(self) -> float:
+        of_stage = self.motion.without_velocity() if self.pan else self.motion
+        return float(of_stage.stroke)
+
     def stage_path_within(self, limits: Limits) -> StagePath | None:
         return limits.stage_path(self.motion)
 

@@ -1,13 +1,10 @@
 """The answer of a search in the plane: its frames as rows of a comparison."""
 
 from collections.abc import Callable
-from dataclasses import replace
 
 from mishutter.evaluation.metrics import SequenceMetrics
 from mishutter.evaluation.speed_knowledge import KNOWN_SPEED
-from mishutter.model.motion import StillCamera
 from mishutter.model.scene import Scene
-from mishutter.model.shutters.windows import RectShutter
 from mishutter.plane.bursts import PlaneBurst
 from mishutter.report.comparison import Comparison
 from mishutter.report.verdict import (
@@ -71,10 +68,8 @@ def _name(burst: PlaneBurst) -> str:
 
 
 def _row(name: str, burst: PlaneBurst) -> Row:
-    """Frames in the plane as a row, which has no motion along an axis."""
-    still = StillCamera(half_exposure=max(burst.exposures) / 2)
+    """Frames in the plane as a row."""
     parts = [FRAMES] if burst.num_frames > 1 else []
     parts += [STAGE, SECOND_AXIS][: burst.num_axes]
     metrics = SequenceMetrics(1.0, burst.level, None)
-    row = Row(OWN_BEST_MOTION, name, RectShutter(), still, None, metrics)
-    return replace(row, decoder=KNOWN_SPEED, sequence=burst, hardware=frozenset(parts))
+    return Row(OWN_BEST_MOTION, name, burst, None, metrics, KNOWN_SPEED, hardware=frozenset(parts))

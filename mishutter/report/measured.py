@@ -76,7 +76,7 @@ def measured_camera(
             opened=profile.opened,
         )
         camera = given_design(scene, row.motion, moved.shutter, "Shifted.", is_measured=True)
-        return -replace(row, shutter=camera.shutter, metrics=camera.metrics).level
+        return -replace(row, exposures=camera.exposures, metrics=camera.metrics).level
 
     best: Any = minimize_scalar(
         loss,

@@ -314,15 +314,15 @@ def plot_option(scene: Scene, row: Row, title: str = "") -> "Figure":
     Behind a shaped shutter a second panel has the transmittance. In the plane the path and its
     velocities have panels of their own, if the stage moves.
     """
-    if isinstance(row.sequence, PlaneBurst) and row.stroke >= _AT_REST:
-        return _plot_plane(scene, row.sequence, title)
-    motion, exposures, is_still = row.motion, row.exposures, row.stroke < _AT_REST
-    half, paths = float(motion.half_exposure), {} if is_still else exposures.stage_paths(scene)
+    exposures, is_still = row.exposures, row.stroke < _AT_REST
+    if isinstance(exposures, PlaneBurst) and not is_still:
+        return _plot_plane(scene, exposures, title)
+    paths = {} if is_still else exposures.stage_paths(scene)
     is_shaped = SHUTTER in row.required_hardware
     figure, (axes, *others) = _new(1 + is_shaped, height=2.6, share=True)
     _draw_exposures(axes, exposures.lights, paths)
-    if not paths and not is_still:  # no limit says how the stage gets there
-        axes.lines[0].remove()
+    if not (paths or is_still or isinstance(exposures, PlaneBurst)):
+        axes.lines[0].remove()  # no limit says how the stage gets there
         for frame in exposures.frames:
             time = np.linspace(-frame.exposure / 2, frame.exposure / 2, _NUM_POINTS)
             place = np.asarray(frame.motion.position(time)) + frame.position
@@ -330,9 +330,9 @@ def plot_option(scene: Scene, row: Row, title: str = "") -> "Figure":
             axes.plot((time + frame.time) * 1e3, place, label=label, **next(line_styles()))
     for below in others:
         axes.set_xlabel("")
-        tau = np.linspace(-1, 1, _NUM_POINTS)
-        transmittance, _ = profile_of(row.shutter, tau.astype(np.dtype(motion.half_exposure.dtype)))
-        below.plot(tau * half * 1e3, transmittance, **next(line_styles()))
+        tau, half = np.linspace(-1, 1, _NUM_POINTS), row.motion.half_exposure
+        transmittance, _ = profile_of(row.shutter, tau.astype(np.dtype(half.dtype)))
+        below.plot(tau * float(half) * 1e3, transmittance, **next(line_styles()))
         below.set(xlabel="time from the middle / ms", ylabel="transmittance", ylim=(-0.02, 1.05))
     travel = ", at rest" if is_still else f", {row.stroke:.3g} px from first to last light"
     part = "stage" if scene.limits.moves else "sensor"

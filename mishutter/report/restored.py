@@ -17,6 +17,7 @@ from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene
 from mishutter.model.sequences import FrameSequence
 from mishutter.pictures.images import Picture, middle_rows, pixels_along, transposed
+from mishutter.plane.bursts import PlaneBurst
 from mishutter.search.rows import Row
 
 ENSEMBLE = "ensemble"
@@ -66,7 +67,7 @@ def photograph_of(
     picture, axis = scene.picture.photograph(), scene.sensor.axis
     light = middle_rows(transposed(picture.light, axis), count)
     width = light.shape[1]
-    enough = least_columns(longest_kernel(scene, [row.motion for row in rows.values()]))
+    enough = least_columns(longest_kernel(scene, _motions(rows)))
     if width >= enough:
         return Picture(light=transposed(light, axis), name=picture.name)
     note(
@@ -92,7 +93,7 @@ def photographs(
     chosen: dict[str, AbstractDecoder] = {ENSEMBLE: EnsembleDecoder()}
     if every:
         chosen |= {"Wiener": WienerDecoder(), "Richardson-Lucy": RichardsonLucyDecoder()}
-    longest = longest_kernel(scene, [row.motion for row in rows.values()])
+    longest = longest_kernel(scene, _motions(rows))
     speeds = None if every else shown_speeds(scene)
     levels: dict[str, dict[str, RestoredPhotograph]] = {name: {} for name in chosen}
     shown: dict[str, RestoredPhotograph] = {}
@@ -121,6 +122,12 @@ def photographs(
         for decoder, result in results.items():
             levels[decoder][name] = result.without_pictures()
     return Photographs(levels, shown)
+
+
+def _motions(rows: Mapping[str, Row]) -> list[AbstractMotion]:
+    """Motions over all exposures of rows along an axis."""
+    along = (row.exposures for row in rows.values() if not isinstance(row.exposures, PlaneBurst))
+    return [frame.motion for exposures in along for frame in exposures.frames]
 
 
 def pictured_speeds(scene: Scene) -> list[float]:

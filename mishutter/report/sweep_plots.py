@@ -41,8 +41,8 @@ Place = tuple[float, float]
 
 _DECADES = 3
 """Number of decades of sags and of gains in speed that have lines."""
-_EXPOSURE = "exposure $2T$ / ms"
-_ACCELERATION = "acceleration $a$ / (px/s²)"
+_EXPOSURE = "exposure / ms"
+_ACCELERATION = "acceleration of the stage / (px/s²)"
 _LETTERS = 20
 """Most letters of a name."""
 
@@ -51,7 +51,7 @@ class _Map(NamedTuple):
     """Values over exposure and acceleration, and their names."""
 
     exposure: Float[np.ndarray, "t"]  # Exposures, from first to last light; ms
-    a: Float[np.ndarray, "a"]  # Accelerations; px/s^2
+    acceleration: Float[np.ndarray, "a"]  # Those of the stage, twice the `a`; px/s^2
     values: Float[np.ndarray, "a t"]  # The metric; NaN outside the limits
     label: str  # Name and unit of the metric
     rival: str  # The rival that a gain is over; empty for a metric that is no gain
@@ -61,10 +61,11 @@ class _Map(NamedTuple):
         """Draws it in colours; returns the places of its values on the axes."""
         from matplotlib.colors import Normalize
 
-        exposure, a, values, label, rival, pans = self
+        exposure, acceleration, values, label, rival, pans = self
         _scale(axes.set_xscale, axes.xaxis, exposure)
-        _scale(axes.set_yscale, axes.yaxis, a)
-        x, y = _edges(exposure, axes.get_xscale()), _edges(a, axes.get_yscale())
+        _scale(axes.set_yscale, axes.yaxis, acceleration)
+        x = _edges(exposure, axes.get_xscale())
+        y = _edges(acceleration, axes.get_yscale())
         shown = np.ma.masked_invalid(values)
         low, high = float(shown.min()), float(shown.max())
         # Colours of gains go from the highest down to its opposite, or to the lowest.
@@ -72,33 +73,33 @@ class _Map(NamedTuple):
         norm = Normalize(darkest, high)
         picture = axes.pcolormesh(x, y, shown, cmap=MAP_COLOURS, norm=norm, rasterized=True)
         axes.patch.set(hatch="///", edgecolor="0.6", facecolor="0.95")
-        _contours(axes, exposure, a, ~np.isnan(values), pans)
+        _contours(axes, exposure, acceleration, ~np.isnan(values), pans)
         if rival and low < 0 < high:
             limits = axes.axis()
             for colour, width in (("white", 4.0), ("black", 2.2)):
-                axes.contour(exposure, a, shown, [0.0], colors=colour, linewidths=width)
+                axes.contour(exposure, acceleration, shown, [0.0], colors=colour, linewidths=width)
             axes.plot([], [], color="black", linewidth=2.2, label=_as_good(rival))
             axes.axis(limits)
             axes.figure.legend(loc="lower center", fontsize="small")
         extend = "min" if low < darkest else "neither"
         axes.figure.colorbar(picture, ax=axes, label=label, extend=extend)
         axes.set(xlabel=_EXPOSURE, ylabel=_ACCELERATION)
-        x, y = np.meshgrid(exposure, a)
+        x, y = np.meshgrid(exposure, acceleration)
         return x, y
 
     def as_line(self, axes: "Axes") -> tuple[np.ndarray, np.ndarray]:
         """Draws a single row or column as a line; returns the places of its points on the axes."""
-        exposure, a, values, label, rival, _ = self
-        row = a.size == 1
-        x, y = exposure if row else a, values.ravel()
+        exposure, acceleration, values, label, rival, _ = self
+        row = acceleration.size == 1
+        x, y = exposure if row else acceleration, values.ravel()
         axes.plot(x, y, marker="o", markersize=4, color="black")
         if rival:
             axes.axhline(0, color="black", linestyle="dashed", label=_as_good(rival))
             axes.legend(fontsize="small")
         draw_grid(axes)
         _scale(axes.set_xscale, axes.xaxis, x)
-        along = f"{_EXPOSURE}, at $a$ = {a[0]:.4g} px/s²"
-        across = f"{_ACCELERATION}, at $2T$ = {exposure[0]:.4g} ms"
+        along = f"{_EXPOSURE}, at {acceleration[0]:.4g} px/s²"
+        across = f"{_ACCELERATION}, at {exposure[0]:.4g} ms"
         axes.set(xlabel=along if row else across, ylabel=label)
         return x, y
 
@@ -155,7 +156,7 @@ def plot_map(
     leave_room(figure, num_rows=1, num_columns=1, **room)
     axes = figure.subplots()
     rival = _text(dataset, metric).partition("gain over ")[2]
-    drawn = _Map(2e3 * half, a, values, _label(dataset, metric), rival, _pans(dataset))
+    drawn = _Map(2e3 * half, 2 * a, values, _label(dataset, metric), rival, _pans(dataset))
     x, y = drawn.in_colours(axes) if min(values.shape) > 1 else drawn.as_line(axes)
     if figure.legends:  # below the map
         leave_room(figure, num_rows=1, num_columns=1, bottom=0.85, **room)
@@ -189,7 +190,7 @@ def _place(values: "xarray.DataArray", shutter: str | None, smaller: bool) -> st
     best = values[values.argmin(...) if smaller else values.argmax(...)]
     a, half = float(best.acceleration), float(best.half_exposure)
     velocity = float(best.velocity) if "velocity" in best.coords else 0.0
-    words = [f"{2e3 * half:.3g} ms", f"{a:.3g} px/s²"]
+    words = [f"{2e3 * half:.3g} ms", f"{2 * a:.3g} px/s²"]
     words += [f"pan {velocity:.4g} px/s"] if velocity else []
     words += [f"{'sag' if velocity else 'stroke'} {a * half**2:.3g} px"]
     is_one = shutter is not None or "shutter" not in best.coords
@@ -252,12 +253,12 @@ def _pans(dataset: "xarray.Dataset") -> bool:
 
 
 def _contours(
-    axes: "Axes", exposure: np.ndarray, a: np.ndarray, within: np.ndarray, pans: bool
+    axes: "Axes", exposure: np.ndarray, acceleration: np.ndarray, within: np.ndarray, pans: bool
 ) -> None:
     """Draws labelled lines of equal sag and of equal gain in speed in the largest decades."""
     limits = axes.axis()
-    x, y = (np.geomspace(values[0], values[-1], 200) for values in (exposure, a))
-    half, halves = exposure * 5e-4, x * 5e-4
+    x, y = (np.geomspace(values[0], values[-1], 200) for values in (exposure, acceleration))
+    half, halves, a = exposure * 5e-4, x * 5e-4, acceleration / 2
     for name, style, unit, along, powers in (
         ("sag" if pans else "stroke", "dashed", "px", 0.25, lambda t, a: a + 2 * t),
         (
@@ -276,7 +277,7 @@ def _contours(
             for decade in range(first, last + 1)
             for share in ((1, 2, 5) if last - first < _DECADES - 1 else (1,))
         }
-        values = powers(np.log10(halves), np.log10(y)[:, None])
+        values = powers(np.log10(halves), np.log10(y / 2)[:, None])
         levels = [level for level in texts if values.min() < level < values.max()]
         if not levels:
             continue

@@ -89,13 +89,13 @@ _MOTION = (
     ),
     Column(
         "pan px/s",
-        lambda row, _: f"{round(float(row.motion.velocity)) + 0:d}",
+        lambda row, _: "-" if row.sequence else f"{round(float(row.motion.velocity)) + 0:d}",
         "velocity at mid-exposure",
     ),
     Column(
         "open ms",
-        lambda row, _: f"{float(row.motion.exposure) * 1e3:.2f}",
-        "from first to last light",
+        lambda row, _: f"{max(row.exposures.exposures) * 1e3:.2f}",
+        "from first to last light, of the longest frame",
     ),
 )
 _WITHIN = Column(

@@ -160,10 +160,10 @@ def compared_rows(search: RivalSearch, step: Step, begin: Step = lambda name: No
     entries = {**search.entries, **search.windows} if search.every else {}
     commands = {n: e.command if isinstance(e, Design) else e for n, e in entries.items()}
     shutters = {name: transmittance(scene, motion, each) for name, each in commands.items()}
-    measure, turns = partial(evaluate, scene, motion), _turns(scene)
+    measure = partial(evaluate, scene, motion)
     on_motion = [
-        Row(SAME_MOTION, name, shutter, motion, None, measure(shutter), turns)
-        for name, shutter in shutters.items()
+        Row(SAME_MOTION, name, OneExposure.of(motion, each, scene.limits), None, measure(each))
+        for name, each in shutters.items()
     ]
     judge = partial(Row.judged_by, loss=search.loss, scene=scene)
     at_best = {}
@@ -285,7 +285,7 @@ def _bursts(search: RivalSearch) -> list[Row]:
     if moving:
         found[BEST_MOVING_BURST] = max(moving, key=level_on_sensor)
     # One frame is no burst: it has rows of its own.
-    return [_row_of_burst(name, scene, each) for name, each in found.items() if each.num_frames > 1]
+    return [_row_of_burst(name, each) for name, each in found.items() if each.num_frames > 1]
 
 
 def _plain_stills(search: RivalSearch) -> list[Row]:
@@ -296,17 +296,14 @@ def _plain_stills(search: RivalSearch) -> list[Row]:
     best = stills.best_within(times)
     if best.num_frames == 1:
         return []
-    return [_row_of_burst(PLAIN_STILLS, search.scene, stills.sequence([best], times))]
+    return [_row_of_burst(PLAIN_STILLS, stills.sequence([best], times))]
 
 
-def _row_of_burst(name: str, scene: Scene, sequence: FrameSequence) -> Row:
-    """A burst as a row: the motion of one of its frames, and the level of all."""
-    moving = [frame for frame in sequence.frames if not frame.is_still]
-    motion = (moving or sequence.frames[-1:])[0].motion
+def _row_of_burst(name: str, sequence: FrameSequence) -> Row:
+    """A burst as a row, of the level of all its frames."""
     levels = (level_on_sensor(sequence, at_worst=at_worst) for at_worst in (False, True))
     metrics = SequenceMetrics(1.0, *levels)
-    row = Row(OWN_BEST_MOTION, name, RectShutter(), motion, None, metrics, _turns(scene))
-    return replace(row, decoder=KNOWN_SPEED, sequence=sequence)
+    return Row(OWN_BEST_MOTION, name, sequence, None, metrics, KNOWN_SPEED)
 
 
 RIVALS = (
@@ -372,11 +369,5 @@ def _are_equal(first: PyTree, second: PyTree) -> bool:
 
 
 def _row(name: str, design: Design) -> Row:
-    shutter, motion, loss, metrics = design.shutter, design.motion, design.loss, design.metrics
-    turns = _turns(design.scene)
-    return Row(OWN_BEST_MOTION, name, shutter, motion, loss, metrics, turns, design=design)
-
-
-def _turns(scene: Scene) -> bool:
-    """Whether the camera is turned to pan."""
-    return scene.limits.pans == "camera"
+    one = OneExposure.of(design.motion, design.shutter, design.scene.limits)
+    return Row(OWN_BEST_MOTION, name, one, design.loss, design.metrics, design=design)

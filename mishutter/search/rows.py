@@ -8,6 +8,7 @@ from typing import TypeVar
 import numpy as np
 from jaxtyping import Float
 
+from mishutter._core.checks import Unquoted, require
 from mishutter.design.design import Design
 from mishutter.evaluation.losses import AbstractLoss
 from mishutter.evaluation.metrics import Metrics, SequenceMetrics
@@ -18,7 +19,6 @@ from mishutter.evaluation.speed_knowledge import (
     knowledge_of,
 )
 from mishutter.model.devices import least_efficiency
-from mishutter.model.exposures import AbstractExposures
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene
 from mishutter.model.sequences import FrameSequence, OneExposure
@@ -72,20 +72,15 @@ _NUM_TIMES = 512
 
 @dataclass(frozen=True)
 class Row:
-    """One shutter on one motion."""
+    """One camera: its exposures, and how good they are."""
 
     reading: str  # `"same motion"` or `"own best motion"`
-    name: str  # Name of the shutter
-    shutter: AbstractShutter  # The profile
-    motion: AbstractMotion  # The motion it is measured on
+    name: str  # Name of the shutter, or of the way of its frames
+    exposures: OneExposure | Frames  # What it takes
     loss: float | None  # Value of the loss that tuned it; None on the same motion
     # Its metrics; of a burst those that a decoder has which registers its frames
     metrics: Metrics | SequenceMetrics
-    turns: bool = False  # Whether turning the camera makes the pan, and not the stage
     decoder: SpeedKnowledge = UNKNOWN_SPEED  # Knowledge of the speed that the judging decoder has
-    # The frames of a burst, of which the motion is that of one, and all exposures in the plane,
-    # which have no motion along an axis; None of one exposure
-    sequence: Frames | None = None
     # Whether it is judged at the worst speed, and not by the mean over speeds
     at_worst: bool = False
     # The design that a search found; None for the reading *same motion* and for a burst
@@ -96,11 +91,26 @@ class Row:
         """The name and the level; the table has the rest."""
         return f"Row({self.reading!r}, {self.name!r}, {self.level:.2f} dB, {self.setting})"
 
-    @cached_property
-    def exposures(self) -> AbstractExposures:
-        """The frames of a burst, or the one exposure."""
-        pan = float(self.motion.velocity) if self.turns else 0.0
-        return self.sequence or OneExposure(self.motion, self.shutter, pan)
+    @property
+    def sequence(self) -> Frames | None:
+        """The frames of a burst, and any exposures in the plane; None of one exposure."""
+        return None if isinstance(self.exposures, OneExposure) else self.exposures
+
+    @property
+    def motion(self) -> AbstractMotion:
+        """The motion over the one exposure, of a row without a `sequence`."""
+        return self._one.motion
+
+    @property
+    def shutter(self) -> AbstractShutter:
+        """The profile of the one exposure, of a row without a `sequence`."""
+        return self._one.shutter
+
+    @property
+    def _one(self) -> OneExposure:
+        is_one, got = isinstance(self.exposures, OneExposure), Unquoted(self.exposures.kind)
+        require(is_one, "Row(exposures=...)", "be of one exposure along an axis", got)
+        return self.exposures  # type: ignore[return-value]
 
     @cached_property
     def stroke(self) -> float:
@@ -109,10 +119,7 @@ class Row:
         It is that over the exposure or over a burst, with the pan, unless turning the camera makes
         that.
         """
-        if self.sequence is not None:
-            return self.sequence.stroke
-        of_stage = self.motion.without_velocity() if self.turns else self.motion
-        return float(of_stage.stroke)
+        return self.exposures.stroke
 
     @cached_property
     def required_hardware(self) -> frozenset[str]:
@@ -129,8 +136,7 @@ class Row:
     @cached_property
     def parts(self) -> frozenset[str]:
         """The same, with a camera that turns where that makes the pan."""
-        frames = self.sequence
-        turns = self.turns and self.pans if frames is None else bool(np.any(frames.pan))
+        turns = bool(np.any(self.exposures.pan)) and (self.sequence is not None or self.pans)
         return self.required_hardware | ({TURNS} if turns else set())
 
     @cached_property
@@ -147,14 +153,16 @@ class Row:
     @property
     def is_free(self) -> bool:
         """Whether its sensor follows a path of no constant acceleration."""
-        if self.is_in_plane:
+        if isinstance(self.exposures, PlaneBurst):
             return self.exposures.kind == FREE
-        return not self.motion.accelerates_constantly
+        return not all(frame.motion.accelerates_constantly for frame in self.exposures.frames)
 
     @property
     def is_straight(self) -> bool:
         """Whether its sensor is at rest, or pans at a constant velocity."""
-        return not self.exposures.moves if self.is_in_plane else self.motion.is_straight
+        if isinstance(self.exposures, PlaneBurst):
+            return not self.exposures.moves
+        return all(frame.motion.is_straight for frame in self.exposures.frames)
 
     @property
     def rank(self) -> tuple[int, int, int]:
@@ -176,7 +184,9 @@ class Row:
 
     @property
     def pans(self) -> bool:
-        """Whether the pan of the sensor is more than counts as standing still."""
+        """Whether the pan of one exposure is more than counts as standing still."""
+        if self.sequence is not None:
+            return False
         return abs(float(self.motion.velocity)) * float(self.motion.exposure) >= _STANDS_STILL
 
     @cached_property
@@ -185,25 +195,37 @@ class Row:
 
         Of rows that require the same parts, one of a lesser kind is simpler.
         """
-        return not self.motion.accelerates_constantly, not isinstance(self.shutter, RectShutter)
+        is_open = self.sequence is not None or isinstance(self.shutter, RectShutter)
+        return self.is_free, not is_open
 
     @cached_property
-    def _course(self) -> "tuple[Float[np.ndarray, 'times'], Float[np.ndarray, 'times']]":
-        """Transmittance, and position of the sensor in px, over the exposure.
+    def _course(
+        self,
+    ) -> "tuple[Float[np.ndarray, 'times'], Float[np.ndarray, 'axes frames times']]":
+        """Transmittance, and position of the sensor in px, over each exposure.
 
         The times lie inside: windows that jump at their ends may have either value there.
         """
-        half = self.motion.half_exposure
-        tau = ((np.arange(_NUM_TIMES) + 0.5) * 2 / _NUM_TIMES - 1).astype(half.dtype)
-        return profile_of(self.shutter, tau)[0], np.asarray(self.motion.position(tau * half))
+        tau = (np.arange(_NUM_TIMES) + 0.5) * 2 / _NUM_TIMES - 1
+        if self.sequence is None:
+            half = self.motion.half_exposure
+            tau = tau.astype(half.dtype)
+            place = np.asarray(self.motion.position(tau * half))[None, None]
+            return profile_of(self.shutter, tau)[0], place
+        begin, end = np.transpose(self.exposures.lights)[..., None]
+        times = begin + (end - begin) * (tau + 1) / 2
+        return np.ones_like(tau), self.exposures.place(times)
 
     def is_same_camera_as(self, other: "Row") -> bool:
         """Whether another row is this camera: two searches may end in one place.
 
         It passes the same light on the same path, and has the same level by the same decoder.
         """
-        own, others = float(self.motion.exposure), float(other.motion.exposure)
-        if self.num_frames != other.num_frames or abs(own - others) > _SAME_SHARE * own:
+        kinds = [(each.num_frames, each.is_in_plane) for each in (self, other)]
+        if kinds[0] != kinds[1]:
+            return False
+        own, others = (np.array([x.exposures, x.times]) for x in (self.exposures, other.exposures))
+        if np.any(np.abs(own - others) > _SAME_SHARE * own[0]):
             return False
         if abs(self.margin_over(other)) >= LEAST_SHOWN:
             return False
@@ -249,6 +271,8 @@ class Row:
     @property
     def setting(self) -> str:
         """Exposure, pan and stroke of the motion with units; a pan alone is without its stroke."""
+        if self.sequence is not None:
+            return self.sequence.setting
         motion = self.motion
         parts = [f"{float(motion.exposure) * 1e3:.3g} ms"]
         if self.pans:

@@ -4,7 +4,20 @@ import numpy as np
 import pytest
 from support.rolling import PERIOD, frames_on_parabolas
 
-from mishutter import Layer, Layers, Picture, PlaneFrames, Scene, Sensor, simulate_frames
+from mishutter import (
+    HannShutter,
+    Layer,
+    Layers,
+    Picture,
+    PlaneFrames,
+    RectShutter,
+    Scene,
+    Sensor,
+    StillCamera,
+    TimedFrame,
+    simulate_capture,
+    simulate_frames,
+)
 from mishutter.evaluation.levels import path_for_rows
 
 LIGHT = {"photon_rate": 1e5, "read_noise": 8.0}
@@ -94,3 +107,20 @@ def test_layers_are_taken_row_by_row(axis):
     taken = simulate_frames(one, scene, frames_on_parabolas())
     wanted = simulate_frames(light[..., None], scene, frames_on_parabolas(), speed=SPEED)
     np.testing.assert_allclose(taken, wanted, atol=WITHIN)
+
+
+@pytest.mark.parametrize("axis", ["rows", "columns"])
+def test_a_snapshot_is_sheared_or_stretched(axis):
+    """One exposure at rest is the only still of a burst."""
+    shape = SHAPE if axis == "rows" else SHAPE[::-1]
+    scene, still = scene_of(Sensor(readout=0.01, axis=axis)), StillCamera(half_exposure=0.004)
+    taken = simulate_capture(picture(shape), scene, still, RectShutter(), speed=SPEED)
+    wanted = simulate_frames(picture(shape), scene, [TimedFrame(still, 0.0)], speed=SPEED)[0]
+    np.testing.assert_allclose(taken, wanted, atol=1e-5)
+
+
+def test_a_shaped_shutter_before_rows_that_are_read_in_turn_is_refused():
+    """With its reason."""
+    scene, still = scene_of(Sensor(readout=0.01)), StillCamera(half_exposure=0.004)
+    with pytest.raises(ValueError, match=r"`simulate_capture\(shutter=...\)` must have an open"):
+        simulate_capture(picture(), scene, still, HannShutter())

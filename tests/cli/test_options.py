@@ -166,6 +166,12 @@ OPTIONS = {
     "sweep": [
         Option(["--acceleration", "1e4:4e4:3"], SWEEP, _row("accelerations"), [1e4, 2.5e4, 4e4]),
         Option(
+            ["--stage-acceleration", "2e4:8e4:3"],
+            SWEEP,
+            _row("accelerations"),
+            [1e4, 2.5e4, 4e4],
+        ),
+        Option(
             ["--exposure", "4.4:5.2:3"],
             SWEEP,
             _row("half_exposures"),

@@ -1,9 +1,9 @@
-"""What frames tell before a motion is looked for."""
+"""What frames tell before a motion is looked for, and the likeliest picture of some."""
 
 import numpy as np
 import pytest
 
-from mishutter.decoding.likeliest import detail_of
+from mishutter.decoding.likeliest import Canvas, detail_of, likeliest, volume_of
 
 
 @pytest.mark.parametrize("shape", [(1024,), (256, 1024)])
@@ -20,3 +20,37 @@ def test_detail_is_told_where_it_is(shape):
     told = detail_of(frames, noises, shape, expected, 0.04)
     assert told.radius.size >= 5
     np.testing.assert_allclose(told.scale, 0.1 / told.radius, rtol=0.15)
+
+
+def test_the_likeliest_picture_solves_the_normal_equations():
+    """Of two frames of unequal noise, on a canvas of unequal sides that reaches beyond them."""
+    random, shape, noises = np.random.default_rng(6), (9, 14), np.array([0.2, 0.7])
+    down, across = np.fft.fftfreq(9)[:, None], np.fft.rfftfreq(14)
+    power = 1 / (0.3 + 40 * down**2 + 9 * across**2)
+    canvas = Canvas(random.normal(size=(2, 6, 10)), noises, power, (1, 3), shape)
+    responses = canvas.spectrum(random.normal(size=(2, *shape)) * np.array([[[0.3]], [[0.1]]]))
+    units = canvas.spectrum(np.eye(126).reshape(126, *shape))
+    seen = [canvas.seen(units * one).reshape(126, -1).T for one in responses]
+    prior = canvas.picture(units / power).reshape(126, -1)
+    normal = prior + sum(a.T @ a / n for a, n in zip(seen, noises, strict=True))
+    each = zip(seen, canvas.frames, noises, strict=True)
+    target = sum(a.T @ frame.ravel() / n for a, frame, n in each)
+    found = likeliest(canvas, responses, tolerance=1e-10)
+    expected = np.linalg.solve(normal, target)
+    np.testing.assert_allclose(found.picture.ravel(), expected, atol=1e-9)
+    assert float(found.gains) == pytest.approx(target @ expected / 2)
+
+
+def test_the_volume_counts_each_part_for_the_frames_that_see_it():
+    """Of two frames of 6 x 10 pixels, the second 2 down and 3 across: 4 x 7 are seen by both."""
+    random = np.random.default_rng(7)
+    whole = np.abs(np.fft.fft2(random.normal(size=(2, 9, 14)))) ** 2 / 90
+    volume = volume_of(whole[..., :8], np.array([[0.0, 2.0], [0.0, 3.0]]), (6, 10))
+    logarithms = [np.mean(np.log1p(each)) for each in (whole[0], whole[1], np.sum(whole, axis=0))]
+    alone, both = 60 - 28, 28
+    expected = (alone * (logarithms[0] + logarithms[1]) + both * logarithms[2]) / 2
+    assert volume.logarithm == pytest.approx(expected)
+    shares = [np.mean(each / (1 + each)) for each in whole]
+    together = [np.mean(each / (1 + np.sum(whole, axis=0))) for each in whole]
+    left = [alone * (1 - a) + both * (1 - b) for a, b in zip(shares, together, strict=True)]
+    np.testing.assert_allclose(volume.freedoms, left)

@@ -173,7 +173,7 @@ def test_without_a_motion_the_limits_are_used_up(tmp_path):
 
 @pytest.mark.parametrize(
     ("limit", "stroke", "top_speed"),
-    [("max_half_exposure_ms = 3", 30, 2e4), ("min_half_exposure_ms = 9", 45, 1e4)],
+    [("max_exposure_ms = 6", 30, 2e4), ("min_exposure_ms = 18", 45, 1e4)],
 )
 def test_without_a_motion_an_exposure_may_be_the_limit(limit, stroke, top_speed, tmp_path):
     """Where it is too short for the stroke, or too long for the speed."""
@@ -191,9 +191,10 @@ def test_the_optics_cut_off_where_they_say(tmp_path):
 
 
 def test_an_acceleration_may_be_given(tmp_path):
-    """`acceleration_px_per_s2` is the `a` of `x = a t^2`."""
-    path = written(tmp_path, edited("stroke_px", "acceleration_px_per_s2 = 3.1e5"))
-    assert read_scene(path).motion.acceleration == pytest.approx(3.1e5, rel=1e-14)
+    """That of the stage, or the `a` of `x = a t^2`, which is half of it."""
+    for line in ("stage_acceleration_px_per_s2 = 6.2e5", "acceleration_px_per_s2 = 3.1e5"):
+        path = written(tmp_path, edited("stroke_px", line))
+        assert read_scene(path).motion.acceleration == pytest.approx(3.1e5, rel=1e-14)
 
 
 def test_a_velocity_may_be_given(tmp_path):
@@ -651,13 +652,15 @@ def test_a_scene_that_a_file_does_not_hold_is_not_saved(slug, tmp_path):
 
 
 def test_whole_exposures_are_twice_the_half(tmp_path):
-    """`max_exposure_ms` and `min_exposure_ms` stand in place of the halves, not beside them."""
-    text = edited("max_half_exposure_ms", "max_exposure_ms = 34")
-    text = re.sub(r"^min_half_exposure_ms.*", "min_exposure_ms = 3", text, flags=re.MULTILINE)
-    limits = read_scene(written(tmp_path, text)).limits
-    assert float(limits.max_half_exposure) == pytest.approx(0.017, rel=1e-15)
-    assert float(limits.min_half_exposure) == pytest.approx(0.0015, rel=1e-15)
-    both = edited("max_half_exposure_ms", "max_half_exposure_ms = 17\nmax_exposure_ms = 34")
+    """Halves, of earlier versions, are read in place of whole exposures, not beside them."""
+    text = edited("max_exposure_ms", "max_half_exposure_ms = 17")
+    text = re.sub(r"^min_exposure_ms.*", "min_half_exposure_ms = 1.5", text, flags=re.MULTILINE)
+    text = re.sub(r"^exposure_ms.*", "half_exposure_ms = 9.5", text, flags=re.MULTILINE)
+    scene = read_scene(written(tmp_path, text))
+    assert float(scene.limits.max_half_exposure) == pytest.approx(0.017, rel=1e-15)
+    assert float(scene.limits.min_half_exposure) == pytest.approx(0.0015, rel=1e-15)
+    assert float(scene.motion.half_exposure) == pytest.approx(0.0095, rel=1e-15)
+    both = edited("max_exposure_ms", "max_half_exposure_ms = 17\nmax_exposure_ms = 34")
     line = r"`\[limits\] max_exposure_ms` must not stand beside max_half_exposure_ms; got 34"
     with pytest.raises(ValueError, match=line):
         read_scene(written(tmp_path, both))

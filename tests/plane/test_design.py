@@ -19,6 +19,7 @@ from mishutter import (
     RingOfVelocities,
     plot_design,
 )
+from mishutter.plane.bursts import turned_by
 
 LAWS = {
     "ellipse": EvenVelocities(1700.0, 1100.0, angle=0.3),
@@ -90,6 +91,15 @@ def test_a_camera_that_turns_leaves_the_rest_to_its_stage():
         np.testing.assert_allclose(np.diff(apart), pan * np.diff(time), rtol=1e-6)
 
 
+@pytest.mark.parametrize(("most", "speed"), [(130.0, 130.0), (5000.0, np.hypot(1000, 400))])
+def test_a_camera_turns_no_faster_than_it_can(most, speed):
+    """Along the mean velocity of the things, with its speed or the fastest that it turns at."""
+    law = ListedVelocities([[900.0, 300.0], [1100.0, 500.0]])
+    pan = turned_by(law, Limits(pans="camera", max_pan=most))
+    np.testing.assert_allclose(pan, speed * np.array([5.0, 2.0]) / np.sqrt(29))
+    assert not turned_by(law, Limits(max_pan=most)).any()
+
+
 def test_each_kind_of_design_refuses_the_file_of_the_other(tmp_path):
     """One line names the class that reads it, and says which keys are not whole."""
     plane, axis = tmp_path / "plane.json", tmp_path / "axis.json"
@@ -124,6 +134,6 @@ def test_a_command_along_one_axis_refuses_it(tmp_path, capsys):
 def test_its_figure_has_the_path_and_its_velocities():
     """One panel for each, and one for the places in time, in which each exposure is shaded."""
     plane, hodograph, below = plot_design(a_plane_design()).axes
-    assert (plane.get_title(), hodograph.get_title()) == ("path", "velocities")
+    assert (plane.get_title(), hodograph.get_title()) == ("path of the stage", "velocities")
     assert len(below.lines) == 2
     assert len(below.patches) == 3

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from support.designs import SCENE
-from support.rows import MOVING, STILL, made_up, verdict
+from support.rows import MOVING, STILL, changed, made_up, verdict
 
 from mishutter import (
     Limits,
@@ -113,8 +113,8 @@ def few():
         max_speed=2800.0, num_speeds=5, photon_rate=3e4, read_noise=10, limits=limits
     )
     still, moving = made_up({BEST_SNAPSHOT: 23.0, "Hann": 24.4})
-    still = replace(still, motion=StillCamera(half_exposure=2.2e-3))
-    moving = replace(moving, motion=ParabolicMotion.from_stroke(16.0, half_exposure=6e-3))
+    still = changed(still, motion=StillCamera(half_exposure=2.2e-3))
+    moving = changed(moving, motion=ParabolicMotion.from_stroke(16.0, half_exposure=6e-3))
     return scene, [still, moving]
 
 

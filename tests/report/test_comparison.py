@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from support.designs import MOTION, OUTLIER, SCENE, SLOW
-from support.rows import made_up, verdict
+from support.rows import changed, made_up, verdict
 
 from mishutter import (
     GaussianShutter,
@@ -163,7 +163,7 @@ def test_a_camera_is_one_row_by_all_of_its_names():
     """Two searches that end in one place are one row; each name still finds its own."""
     rows = made_up({"mine": 25.5, "rect": 26.75, BEST_TUKEY: 26.75, BEST_SNAPSHOT: 24.0})
     mine, opened, tapered, snapshot = rows
-    tapered = replace(tapered, motion=opened.motion, shutter=TukeyShutter(1e-6))
+    tapered = changed(tapered, motion=opened.motion, shutter=TukeyShutter(1e-6))
     panned = replace(snapshot, name=BEST_PANNED_SNAPSHOT)
     rows = [mine, opened, tapered, snapshot, panned]
     comparison = with_verdict(rows, {"mine": HannShutter()}, SCENE)

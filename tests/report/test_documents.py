@@ -14,7 +14,7 @@ import pytest
 from support.bursts import SEQUENCE, a_burst_design
 from support.designs import LIMITS, MOTION, SCENE
 from support.photographs import photograph
-from support.rows import sequence
+from support.rows import changed, sequence
 
 from mishutter import (
     Comparison,
@@ -35,6 +35,7 @@ from mishutter.cli import app
 from mishutter.cli.tables import print_comparison, print_photographs
 from mishutter.design.design import given_design
 from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE
+from mishutter.model.sequences import OneExposure
 from mishutter.pictures.images import write_picture
 
 # The names of the files alone: to write the pictures takes seconds.
@@ -68,7 +69,7 @@ PANNED = LinearMotion(half_exposure=17.5e-3, velocity=-12345.0)
 @pytest.fixture(scope="module")
 def report():
     rows = [
-        Row(reading, name, shutter, motion, 0.3, evaluate(SCENE, motion, shutter))
+        Row(reading, name, OneExposure(motion, shutter), 0.3, evaluate(SCENE, motion, shutter))
         for reading in (OWN_BEST_MOTION, SAME_MOTION)
         for name, (motion, shutter) in DESIGNS.items()
     ]
@@ -149,9 +150,9 @@ def test_tables_fit_eighty_columns(report, monkeypatch):
     """None goes on below another, and each column is explained on a line of its own."""
     rows = report.comparison.rows
     others = [
-        replace(rows[0], name=BEST_PANNED_SNAPSHOT, motion=PANNED),
-        replace(rows[0], name=BEST_STILL_BURST, motion=PANNED, sequence=sequence(PANNED, 8)),
-        replace(rows[1], name=BEST_CODED_STILL, motion=PANNED),
+        changed(rows[0], name=BEST_PANNED_SNAPSHOT, motion=PANNED),
+        replace(rows[0], name=BEST_STILL_BURST, exposures=sequence(PANNED, 8)),
+        changed(rows[1], name=BEST_CODED_STILL, motion=PANNED),
     ]
     table = replace(report.comparison, rows=(*rows[:4], *others, *rows[4:]))
     terminal = Terminal()
@@ -196,20 +197,20 @@ def _rivals(report, levels, velocity=0.0):
     pan = LinearMotion(half_exposure=1.3e-3, velocity=velocity)
     rows = [
         *(row for row in report.comparison.rows if row.reading == OWN_BEST_MOTION),
-        replace(report.comparison.row(BEST_SNAPSHOT), name=BEST_PANNED_SNAPSHOT, motion=pan),
+        changed(report.comparison.row(BEST_SNAPSHOT), name=BEST_PANNED_SNAPSHOT, motion=pan),
         replace(report.comparison.row("Hann"), name="optimised"),
         replace(report.comparison.row("Hann"), name="Gaussian"),
         replace(
             report.comparison.row("rect"),
             name=BEST_STILL_BURST,
-            sequence=sequence(report.comparison.row("rect").motion, 3),
+            exposures=sequence(report.comparison.row("rect").motion, 3),
             hardware=frozenset({STAGE, FRAMES}),
         ),
     ]
     psnr = {row.name: jnp.asarray(levels.get(row.name, 20.0)) for row in rows}
     metrics = {row.name: replace(row.metrics, expected_psnr=psnr[row.name]) for row in rows}
-    changed = tuple(replace(row, metrics=metrics[row.name]) for row in rows)
-    return Comparison(changed, "A verdict.", 0.1, 31.0)
+    measured = tuple(replace(row, metrics=metrics[row.name]) for row in rows)
+    return Comparison(measured, "A verdict.", 0.1, 31.0)
 
 
 PICTURED = {
@@ -346,7 +347,7 @@ def test_the_frames_that_a_verdict_names_are_saved(report, tmp_path):
     """Whether the search has found them or not; the one exposure has none."""
     rows = {row.name: row for row in report.comparison.rows}
     parts = frozenset({STAGE, FRAMES})
-    burst = replace(rows["rect"], name="best moving burst", sequence=SEQUENCE, hardware=parts)
+    burst = replace(rows["rect"], name="best moving burst", exposures=SEQUENCE, hardware=parts)
     comparison = replace(report.comparison, choice=burst)
     for design in (a_burst_design(None), a_burst_design()):
         writers = _writers(replace(report, comparison=comparison, design=design))

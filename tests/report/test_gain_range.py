@@ -19,14 +19,16 @@ from mishutter import (
 )
 from mishutter.evaluation.levels import exposures_psnr
 from mishutter.evaluation.speed_knowledge import KNOWN_SPEED
-from mishutter.model.sequences import FrameSequence
+from mishutter.model.sequences import FrameSequence, OneExposure
 from mishutter.report.gain_range import gain_range
 from mishutter.report.verdict import headline
 from mishutter.search.rows import BEST_SNAPSHOT, FRAMES, OWN_BEST_MOTION, Row
 
 
 def row(scene, name, motion, shutter):
-    return Row(OWN_BEST_MOTION, name, shutter, motion, None, evaluate(scene, motion, shutter))
+    return Row(
+        OWN_BEST_MOTION, name, OneExposure(motion, shutter), None, evaluate(scene, motion, shutter)
+    )
 
 
 def gain(scene):
@@ -100,7 +102,7 @@ def test_frames_are_levelled_in_the_other_scene():
         still,
         name="burst",
         metrics=metrics,
-        sequence=sequence,
+        exposures=sequence,
         decoder=KNOWN_SPEED,
         hardware=frozenset({FRAMES}),
     )

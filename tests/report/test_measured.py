@@ -7,6 +7,7 @@ from support.designs import MOTION, SCENE
 from mishutter import HannShutter, SplineShutter, evaluate, measured_profile
 from mishutter.design.design import given_design
 from mishutter.hardware.traces import Trace
+from mishutter.model.sequences import OneExposure
 from mishutter.report.measured import MeasuredCamera, measured_camera
 from mishutter.search.rows import OWN_BEST_MOTION, Row
 
@@ -26,7 +27,13 @@ def measured(late):
     profile = measured_profile(trace, half_exposure=HALF, closed=0.1, opened=2.1)
     camera = given_design(SCENE, MOTION, profile.shutter, "Measured.", is_measured=True)
     rows = {
-        name: Row(OWN_BEST_MOTION, name, shutter, MOTION, None, evaluate(SCENE, MOTION, shutter))
+        name: Row(
+            OWN_BEST_MOTION,
+            name,
+            OneExposure(MOTION, shutter),
+            None,
+            evaluate(SCENE, MOTION, shutter),
+        )
         for name, shutter in (("designed", PROFILE), ("measured", camera.shutter))
     }
     names = {"measured": "measured", "designed": "designed"}

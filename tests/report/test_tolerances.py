@@ -16,6 +16,7 @@ from mishutter import (
 
 # A table of the terminal, whose folder's face is `main` alone; a command would search.
 from mishutter.cli.tables import print_comparison
+from mishutter.model.sequences import OneExposure
 from mishutter.report.documents import Report
 from mishutter.search.rows import BEST_SNAPSHOT, OWN_BEST_MOTION, Row
 
@@ -31,7 +32,13 @@ def comparison():
     still = StillCamera(half_exposure=1.3e-3)
     cameras = {"own": (MOTION, TukeyShutter(0.7)), BEST_SNAPSHOT: (still, RectShutter())}
     rows = [
-        Row(OWN_BEST_MOTION, name, shutter, motion, 0.1, evaluate(scene, motion, shutter))
+        Row(
+            OWN_BEST_MOTION,
+            name,
+            OneExposure(motion, shutter),
+            0.1,
+            evaluate(scene, motion, shutter),
+        )
         for name, (motion, shutter) in cameras.items()
     ]
     costs = tolerance_costs(scene, MOTION, rows[0].shutter)
@@ -44,7 +51,11 @@ def test_rows_are_judged_within_tolerances(comparison):
     row = comparison.row("own")
     assert row.level == float(row.metrics.toleranced_psnr) < float(row.metrics.expected_psnr)
     plain = Row(
-        OWN_BEST_MOTION, "own", row.shutter, MOTION, 0.1, evaluate(SCENE, MOTION, row.shutter)
+        OWN_BEST_MOTION,
+        "own",
+        OneExposure(MOTION, row.shutter),
+        0.1,
+        evaluate(SCENE, MOTION, row.shutter),
     )
     assert plain.level == float(plain.metrics.expected_psnr) == float(row.metrics.expected_psnr)
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from support.designs import SCENE
 from support.rolling import frames_on_parabolas
-from support.rows import MOVING, ON_FREE_PATH, SHORT, STILL, made_up, sequence, verdict
+from support.rows import MOVING, ON_FREE_PATH, SHORT, STILL, made_up, sequence, turned, verdict
 
 from mishutter import (
     BurstMode,
@@ -92,7 +92,7 @@ def of_bursts(levels, still=6, moving=4, rests=0, kind=ALTERNATING, losses=(), d
                 decoder=SPEED_KNOWLEDGE["known"],
                 metrics=metrics,
                 hardware=frozenset(parts),
-                sequence=paths[row.name],
+                exposures=paths[row.name],
             )
         rows.append(own)
     return rows
@@ -336,7 +336,7 @@ def test_frames_of_two_exposures_say_how_many_have_each():
     short = TimedFrame(StillCamera(half_exposure=3e-4), 0.9)
     for count, words in ((2, "2 of 2.6 and 1 of 0.6 ms"), (1, "2.6 and 0.6 ms")):
         frames = (*row.sequence.frames[:count], short)
-        changed = replace(row, sequence=replace(row.sequence, frames=frames))
+        changed = replace(row, exposures=replace(row.sequence, frames=frames))
         assert option_name(changed) == f"{count + 1} frames at rest, {words}"
 
 
@@ -352,7 +352,7 @@ def test_a_single_frame_is_no_burst():
 def test_a_pan_is_not_free(turns, needs):
     """It needs what makes it: the stage, or a camera that turns."""
     levels = {"a": 21.0, BEST_SNAPSHOT: 13.91, BEST_PANNED_SNAPSHOT: 26.25}
-    rows = [replace(row, turns=turns) for row in made_up(levels)]
+    rows = turned(made_up(levels)) if turns else made_up(levels)
     comparison = with_verdict(rows, {}, SCENE)
     assert comparison.choice.name == BEST_PANNED_SNAPSHOT
     assert comparison.choice.needs == needs
@@ -526,10 +526,15 @@ def test_before_a_background_an_answer_says_why_frames_are_at_rest(background, w
     layers = Occlusion(front_share=0.37, object_width=83.0, background=background)
     levels = {BEST_SNAPSHOT: 22.0, BEST_STILL_BURST: 24.0}
     said = answer(levels, scene=BURST.with_occlusion(layers)).verdict.replace("\n", " ")
-    assert "Moving frames are left out: edges cost them half as much again" in said
-    assert f"objects over 37% of the picture, 83 px wide, before a {words};" in said
+    assert "Moving frames are left out: objects are found in frames at rest alone" in said
+    assert ("it reached such levels within 0.3 dB" in said) == (background == "still")
+    assert f"objects over 37% of the picture, 83 px wide, before a {words} with detail" in said
+    assert "(before one that is dark and empty say [objects]);" in said
     alone = SCENE.with_occlusion(layers)
     assert "left out" not in answer({BEST_SNAPSHOT: 22.0, "rect": 23.0}, scene=alone).verdict
+    parts = Occlusion(front_share=0.37, background=background)
+    said = answer(levels, scene=BURST.with_occlusion(parts)).verdict.replace("\n", " ")
+    assert ("for want of `object_width_px`" in said) == (background == "still")
 
 
 def test_details_say_what_a_real_sensor_takes():
@@ -555,6 +560,16 @@ def test_points_leave_what_has_a_width():
         said = points_that_leave(Scene([-900.0, 900.0], **light, **parts), 0.391)
         assert said == f"Points that leave {what} cost 0.39 dB of the level."
     assert points_that_leave(Scene([900.0], **light, sensor=Sensor(width=90.0)), 0.049) == ""
+
+
+@pytest.mark.parametrize(("number", "slowest"), [(25, 500.0), (24, 500.0), (25, -500.0)])
+def test_an_answer_says_where_its_frames_were_searched_on_simple_ways(number, slowest):
+    """More than 24 frames of things that move one way."""
+    light = {"photon_rate": 1e5, "read_noise": 10.0, "limits": SCENE.limits}
+    rows = of_bursts(OF_FRAMES, moving=number)
+    said = with_verdict(rows, {}, Scene([slowest, 3000.0], **light)).verdict
+    is_said = "More than 24 frames are searched" in said.replace("\n", " ")
+    assert is_said == (number > 24 and slowest > 0)
 
 
 def test_losses_of_a_burst_stand_in_the_tables_and_in_the_file():
@@ -675,7 +690,7 @@ def test_the_owner_of_nothing_buys_the_stage_that_pans():
     """Gains of purchases are over the snapshot at rest, unless the camera is turned to pan."""
     levels = {"a": 24.75, BEST_SNAPSHOT: 21.5, BEST_PANNED_SNAPSHOT: 23.25}
     bought = {
-        turns: with_verdict([replace(row, turns=turns) for row in made_up(levels)], {}, SCENE)
+        turns: with_verdict(turned(made_up(levels)) if turns else made_up(levels), {}, SCENE)
         for turns in (False, True)
     }
     over = {

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import pytest
 from support.designs import MOTION, SCENE
-from support.rows import FREE, made_up, sequence
+from support.rows import FREE, changed, made_up, sequence
 
 from mishutter import (
     ChippedShutter,
@@ -15,6 +15,7 @@ from mishutter import (
     ParabolicMotion,
     RectShutter,
     SplineShutter,
+    TimedFrame,
     TukeyShutter,
 )
 from mishutter.evaluation.metrics import SequenceMetrics, evaluate
@@ -42,7 +43,7 @@ OTHERS = {
     "another level": lambda row: {
         "metrics": replace(row.metrics, expected_psnr=jnp.asarray(26.375))
     },
-    "several frames": lambda row: {"sequence": sequence(row.motion, 3)},
+    "several frames": lambda row: {"exposures": sequence(row.motion, 3)},
 }
 
 
@@ -64,7 +65,7 @@ def opened():
 @pytest.mark.parametrize("slug", SAME)
 def test_rows_of_one_camera(slug, opened):
     """Whatever led to it, a camera that does the same is the same, from either side."""
-    other = replace(opened, name="other", **SAME[slug](opened))
+    other = changed(opened, name="other", **SAME[slug](opened))
     assert opened.is_same_camera_as(other)
     assert other.is_same_camera_as(opened)
     assert [[row.name for row in each] for each in cameras_of([opened, other])] == [
@@ -75,17 +76,35 @@ def test_rows_of_one_camera(slug, opened):
 @pytest.mark.parametrize("slug", OTHERS)
 def test_rows_of_two_cameras(slug, opened):
     """What somebody would build differently, or read another level of, stays apart."""
-    other = replace(opened, name="other", **OTHERS[slug](opened))
+    other = changed(opened, name="other", **OTHERS[slug](opened))
     assert not opened.is_same_camera_as(other)
     assert not other.is_same_camera_as(opened)
     names = [[row.name for row in each] for each in cameras_of([opened, other, opened])]
     assert names == [["rect", "rect"], ["other"]]
 
 
+def test_bursts_are_one_camera_by_all_their_frames(opened):
+    """Neither the first nor the last stands for the others; a burst has no motion of its own."""
+    frames = sequence(MOTION, 3)
+    burst = changed(opened, exposures=frames)
+    first, *_, last = frames.frames
+    for other in (replace(first, time=-0.001), replace(last, position=0.1), TimedFrame(FREE, 0.06)):
+        parts = frames.frames[1:] if other.time < 0 else frames.frames[:-1]
+        each = (other, *parts) if other.time < 0 else (*parts, other)
+        assert not burst.is_same_camera_as(changed(burst, exposures=replace(frames, frames=each)))
+    near = replace(last, position=0.01)
+    same = replace(frames, frames=(*frames.frames[:-1], near))
+    assert burst.is_same_camera_as(changed(burst, exposures=same))
+    assert not burst.is_free
+    assert changed(burst, exposures=sequence(FREE, 2)).is_free
+    with pytest.raises(ValueError, match=r"must be of one exposure along an axis; got"):
+        _ = burst.motion
+
+
 def test_a_profile_in_reverse_is_another_camera(opened):
     """Though all of its metrics are the same where speeds lie evenly about 0."""
-    rising = replace(opened, shutter=OPENING)
-    falling = replace(opened, shutter=ChippedShutter(OPENING.transmittances[::-1]))
+    rising = changed(opened, shutter=OPENING)
+    falling = changed(opened, shutter=ChippedShutter(OPENING.transmittances[::-1]))
     assert not rising.is_same_camera_as(falling)
 
 
@@ -101,10 +120,10 @@ def test_a_shutter_that_stays_open_is_not_required(dtype, opened):
 @pytest.mark.parametrize("order", [1, -1])
 def test_the_best_of_equals_is_the_simplest(opened, order):
     """A rounding prefers no window that stays open, and no pan that stands still; 0.2 mdB do."""
-    window = replace(opened, name="best Tukey", shutter=TukeyShutter(0.0))
+    window = changed(opened, name="best Tukey", shutter=TukeyShutter(0.0))
     hann = made_up({"Hann": 26.25})[0]
     still, panned = made_up({BEST_SNAPSHOT: 26.25, BEST_PANNED_SNAPSHOT: 26.25})
-    at_rest = replace(panned, motion=still.motion)
+    at_rest = changed(panned, motion=still.motion)
     for simple, other in ((opened, window), (opened, hann), (still, panned), (still, opened)):
         for above, best in ((4e-15, simple), (2e-4, other)):
             level = jnp.asarray(26.25 + above)
@@ -120,7 +139,7 @@ def test_the_best_of_equals_is_the_simplest(opened, order):
 def test_an_option_is_the_simplest_of_equals():
     """What needs a stage alone is the open shutter, and not the window that ends in it."""
     rows = made_up({BEST_SNAPSHOT: 23.0, "rect": 24.5, "optimised": 25.0})
-    window = replace(rows[1], name="best Tukey", shutter=TukeyShutter(0.0))
+    window = changed(rows[1], name="best Tukey", shutter=TukeyShutter(0.0))
     metrics = replace(window.metrics, expected_psnr=jnp.asarray(24.5 + 4e-15))
     case = with_verdict(
         [*rows, replace(window, metrics=metrics)], {"optimised": RectShutter()}, SCENE
@@ -141,7 +160,7 @@ def test_a_device_that_loses_light_is_required():
         (TukeyShutter(0.0), False),
     ):
         shutter = transmittance(scene, MOTION, command)
-        row = replace(
+        row = changed(
             made_up({"a": 24.0})[0], shutter=shutter, metrics=evaluate(scene, MOTION, shutter)
         )
         assert (SHUTTER in row.required_hardware) == is_required
@@ -150,7 +169,7 @@ def test_a_device_that_loses_light_is_required():
 def test_a_burst_has_the_metrics_of_its_decoder():
     """Its levels and its light: no kernel of one frame is the blur of all."""
     frames = sequence(MOTION, 3)
-    row = _row_of_burst("best moving burst", SCENE, frames)
+    row = _row_of_burst("best moving burst", frames)
     assert row.metrics == SequenceMetrics(1.0, frames.psnr, frames.worst_psnr)
     assert (row.psnr, row.worst_psnr, row.within) == (frames.psnr, frames.worst_psnr, None)
     assert SHUTTER not in row.required_hardware

@@ -42,7 +42,7 @@ LINES = {
     "key-of-another-section": (_RATE, "read_noise = 3", "perhaps `[sensor] read_noise_e`"),
     "key-of-no-section": (
         _RATE,
-        "exposure_ms = 3",
+        "iso = 400",
         "`[light]` must hold known keys only (photon_rate_per_s, white_e, white_ms,",
     ),
     "unknown-section": ("[light]", "[lihgt]", "perhaps `[light]`; got 'lihgt'"),
@@ -113,20 +113,31 @@ LINES = {
         "uniform = { min_px_per_s = 1, max_px_per_s = 2, count = 2 }\nweights = [0.5, 0.5]",
         "must go with list_px_per_s; got uniform",
     ),
-    "zero-exposure": ("half_exposure_ms", "half_exposure_ms = 0", "must be at least 0.001; got 0"),
+    "zero-exposure": ("exposure_ms", "exposure_ms = 0", "must be at least 0.002; got 0"),
+    "zero-half-exposure": (
+        "exposure_ms",
+        "half_exposure_ms = 0",
+        "must be at least 0.001; got 0",
+    ),
+    "no-exposure": ("exposure_ms", "", "`[motion] exposure_ms` must be given; got nothing"),
+    "two-exposures": (
+        "exposure_ms",
+        "exposure_ms = 20\nhalf_exposure_ms = 10",
+        "`[motion] exposure_ms` must not stand beside half_exposure_ms; got 20",
+    ),
     "exposure-beyond-limits": (
-        "half_exposure_ms",
-        "half_exposure_ms = 99",
-        "must lie in the limits 0.5 to 40; got 99",
+        "exposure_ms",
+        "exposure_ms = 99",
+        "must lie in the limits 1 to 80; got 99",
     ),
     "limits-reversed": (
-        "max_half_exposure_ms",
-        "max_half_exposure_ms = 0.1",
-        "must be at least min_half_exposure_ms = 0.5; got 0.1",
+        "max_exposure_ms",
+        "max_exposure_ms = 0.2",
+        "must be at least min_exposure_ms = 1; got 0.2",
     ),
     "smear-of-a-mile": (
-        "max_half_exposure_ms",
-        "max_half_exposure_ms = 90000",
+        "max_exposure_ms",
+        "max_exposure_ms = 180000",
         "must let the fastest object travel at most 10000 px; got 810000 px",
     ),
     "stroke-beyond-limits": (
@@ -203,7 +214,8 @@ LINES = {
     "no-stroke": (
         "stroke_px",
         "",
-        "hold one of sag_px, sag_mm, stroke_px, stroke_mm and acceleration_px_per_s2; got neither",
+        "hold one of sag_px, sag_mm, stroke_px, stroke_mm and stage_acceleration_px_per_s2; "
+        "got neither",
     ),
     "stroke-and-acceleration": (
         "stroke_px",

@@ -20,6 +20,7 @@ from mishutter import (
     evaluate,
 )
 from mishutter.model.motion import AbstractMotion
+from mishutter.model.sequences import OneExposure
 from mishutter.report.comparison import with_verdict
 from mishutter.search.rivals import (
     BEST_CODED_STILL,
@@ -60,8 +61,7 @@ def made_up(levels: dict[str, float]) -> list[Row]:
         Row(
             OWN_BEST_MOTION,
             name,
-            shutter,
-            motion,
+            OneExposure(motion, shutter),
             0.25,
             replace(metrics, expected_psnr=jnp.asarray(level), efficiency=shutter.efficiency()),
             hardware=ONE_EXPOSURE | {FRAMES} if name == BEST_STILL_BURST else ONE_EXPOSURE,
@@ -69,6 +69,18 @@ def made_up(levels: dict[str, float]) -> list[Row]:
         for name, level in levels.items()
         for motion, shutter in [OF_THEIR_KIND.get(name, (MOTION, HannShutter()))]
     ]
+
+
+def changed(row: Row, **parts: object) -> Row:
+    """A row of which some parts are others, or the motion, the shutter or the pan of its camera."""
+    own = {name: parts.pop(name) for name in ("motion", "shutter", "pan") if name in parts}
+    exposures = replace(parts.pop("exposures", row.exposures), **own)
+    return replace(row, exposures=exposures, **parts)
+
+
+def turned(rows: list[Row]) -> list[Row]:
+    """Rows of cameras that turn to pan, which their stages do not."""
+    return [changed(row, pan=float(row.motion.velocity)) for row in rows]
 
 
 def verdict(levels: dict[str, float], *names: str, scene: Scene = SCENE) -> Comparison:

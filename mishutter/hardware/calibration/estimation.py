@@ -163,6 +163,9 @@ class FittedCamera:
             for name, each in self.estimates.items()
             if not name.rpartition("_")[2].isdigit()  # numbers of a single picture
         }
+        if a := self.estimates.get("acceleration_px_per_s2"):
+            numbers = f"{2 * a.value:.6g} +- {2 * a.error:.2g}"
+            lines["acceleration_px_per_s2"] = f"stage_acceleration_px_per_s2 = {numbers}"
         notes = {
             "": [
                 "A camera as it was built: [motion], from measurements; numbers with error bars.",
