@@ -526,11 +526,15 @@ def test_before_a_background_an_answer_says_why_frames_are_at_rest(background, w
     layers = Occlusion(front_share=0.37, object_width=83.0, background=background)
     levels = {BEST_SNAPSHOT: 22.0, BEST_STILL_BURST: 24.0}
     said = answer(levels, scene=BURST.with_occlusion(layers)).verdict.replace("\n", " ")
-    assert "Moving frames are left out: edges cost them half as much again" in said
+    assert "Moving frames are left out: objects are found in frames at rest alone" in said
+    assert ("it reached such levels within 0.3 dB" in said) == (background == "still")
     assert f"objects over 37% of the picture, 83 px wide, before a {words} with detail" in said
     assert "(before one that is dark and empty say [objects]);" in said
     alone = SCENE.with_occlusion(layers)
     assert "left out" not in answer({BEST_SNAPSHOT: 22.0, "rect": 23.0}, scene=alone).verdict
+    parts = Occlusion(front_share=0.37, background=background)
+    said = answer(levels, scene=BURST.with_occlusion(parts)).verdict.replace("\n", " ")
+    assert ("for want of `object_width_px`" in said) == (background == "still")
 
 
 def test_details_say_what_a_real_sensor_takes():
