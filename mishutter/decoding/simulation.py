@@ -205,7 +205,7 @@ def _restored(
     rows_at_once: int = _ROWS_AT_ONCE,
     report: Progress,
 ) -> Restoration:
-    """A picture that a camera has taken, restored by the speed or the objects that are known or found."""
+    """The picture by the speed or the objects that are known or found in a capture."""
     axis, along, told = scene.sensor.axis, scene.along_rows(), known.speeds
     is_one, frames = isinstance(exposures, OneExposure), exposures.frames
     shows = known.outlines is not None or shows_objects(scene, frames, by_object)
