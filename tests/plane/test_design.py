@@ -134,6 +134,6 @@ def test_a_command_along_one_axis_refuses_it(tmp_path, capsys):
 def test_its_figure_has_the_path_and_its_velocities():
     """One panel for each, and one for the places in time, in which each exposure is shaded."""
     plane, hodograph, below = plot_design(a_plane_design()).axes
-    assert (plane.get_title(), hodograph.get_title()) == ("path", "velocities")
+    assert (plane.get_title(), hodograph.get_title()) == ("path of the stage", "velocities")
     assert len(below.lines) == 2
     assert len(below.patches) == 3
