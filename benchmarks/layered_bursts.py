@@ -29,7 +29,7 @@ TEXT = """## Occlusion edges and frames
 Four frames of {count} photographs, {size} x {size} px, before each of which details of three others
 move as ellipses of 72 to 130 px at 250 to 1,140 px/s, a fifth of the picture, at 1e5 e-/s and 8 e-.
 PSNR, dB, restored by a decoder that knows velocities and outlines, and without edges: each part of
-the picture as if its layer were all that is seen. The formula's levels, which ignore edges, are
+the picture as if its layer were all that is seen. The formula's levels, with what edges cost, are
 {still:.2f} dB for the best stills and {moving:.2f} dB for the best moving frames of such a scene.
 
 {table}"""
@@ -125,11 +125,22 @@ def bursts_of(occlusion: ms.Occlusion) -> dict[str, tuple]:
     still, moving = best_still_burst(camera(occlusion)), best_moving_burst(camera(occlusion))
     if still is None or moving is None:
         raise RuntimeError("the camera takes no burst")
-    short, shorter = (ms.StillCamera(half_exposure=half) for half in (0.002, 0.0015))
+    long, short, shorter = (ms.StillCamera(half_exposure=half) for half in (0.01, 0.002, 0.0015))
     parabola = ms.ParabolicMotion(acceleration=7.5 / 0.01**2, half_exposure=0.00999)
     times = (-0.03, -0.01, 0.01, 0.03)
     mixed = (shorter, parabola, parabola, parabola)
-    return {
+    orders = {
+        "3, 20, 20, 3": (1, 0, 0, 1),
+        "20, 3, 20, 3": (0, 1, 0, 1),
+        "20, 20, 3, 3": (0, 0, 1, 1),
+    }
+    paired = {
+        f"stills of {name} ms": tuple(
+            ms.TimedFrame((long, shorter)[k], time) for k, time in zip(order, times, strict=True)
+        )
+        for name, order in orders.items()
+    }
+    return paired | {
         still.text: still.frames,
         moving.text: moving.frames,
         "stills of 4 ms": tuple(ms.TimedFrame(short, time) for time in times),

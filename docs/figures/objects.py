@@ -15,8 +15,8 @@ import numpy as np
 from mishutter import read_picture
 
 PANELS = {
-    "frame 2, of 20 ms": "shot/frame_2.png",
-    "frame 3, of 3.23 ms": "shot/frame_3.png",
+    "frame 3, of 20 ms": "shot/frame_3.png",
+    "frame 2, of 2.85 ms": "shot/frame_2.png",
     "restored from four frames": "found/restored.png",
     "labels": "found/labels.png",
     "trust": "found/trust.png",

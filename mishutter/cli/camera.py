@@ -217,6 +217,7 @@ def _simulated(
 ) -> "tuple[dict[str, np.ndarray], Simulation]":
     """The records of a subject, by the names of their files, and the picture restored from them."""
     from mishutter.camera.footage import Footage
+    from mishutter.camera.layers import Layers
     from mishutter.decoding.simulation import capture_and_restore
 
     if camera.sequence is None:
@@ -230,6 +231,8 @@ def _simulated(
             "an answer, to be simulated before a background; got frames that move, and [occlusion]."
         )
     result = capture_and_restore(subject, scene, camera.exposures, **settings)
+    if isinstance(subject, Layers) and result.by_object is None:
+        note("restored at one speed: several objects are found in frames at rest alone")
     frames = camera.exposures.of_one_gain(result.captured)
     # A shell lists names of equal length in the order of their numbers.
     digits = len(str(len(frames)))

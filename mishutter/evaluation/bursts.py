@@ -7,6 +7,7 @@ the speed. What registration costs, and what objects that leave the sensor do, i
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import groupby, product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +23,8 @@ from mishutter.model.sequences import FrameSequence, TimedFrame
 STILLS = "stills"
 _MOST_FRAMES = 1000
 """Most frames of a camera that does not say how many it takes."""
+_MOST_IN_ALL_ORDERS = 6
+"""Most frames that are tried in every order; long ones of more are outside or apart."""
 
 
 class StillBurst(NamedTuple):
@@ -94,7 +97,9 @@ def moments_of(exposures: Sequence[float], steps: Sequence[float]) -> Float[np.n
 class StillBursts:
     """The bursts of a camera at rest within the window of a scene's burst, by NumPy alone.
 
-    Without a burst the window is as long as the longest exposure.
+    Before a background a frame hides strips beside objects, the wider the further it is from the
+    middle, so that the order of long and short frames counts. Without a burst the window is as long
+    as the longest exposure.
     """
 
     def __init__(
@@ -107,15 +112,31 @@ class StillBursts:
         self._shortest, self._longest = _exposures(scene)
         self._frames = OpenFrames.of(scene, self._longest, folds=True)
 
-    def error(self, num_frames: int, exposure: float) -> float:
-        """Squared error that is left by some frames of an exposure, s; white = 1."""
-        return self._error([(num_frames, exposure)], at_worst=self._at_worst)
+    def error(self, num_frames: int, exposure: float, times: "FrameTimes | None" = None) -> float:
+        """Squared error that is left by some frames of an exposure, s; white = 1.
 
-    def _error(self, kinds: Sequence[tuple[int, float]], *, at_worst: bool) -> float:
-        """The error of numbers of frames of some exposures together."""
-        frames = self._frames
-        gained: Any = sum(n * frames.snr(frames.at_rest(x), x) for n, x in kinds)
-        return frames.error(gained, at_worst=at_worst)
+        Of frames at no times nothing is hidden.
+        """
+        return self._error([(num_frames, exposure)], times, at_worst=self._at_worst)
+
+    def _error(
+        self, kinds: Sequence[tuple[int, float]], times: "FrameTimes | None", *, at_worst: bool
+    ) -> float:
+        """The error of numbers of frames of some exposures, one after the other."""
+        frames, numbers = self._frames, dict.fromkeys((x for _, x in kinds), 0)
+        for number, exposure in kinds:
+            numbers[exposure] += number
+        gained: Any = sum(n * frames.snr(frames.at_rest(x), x) for x, n in numbers.items())
+        hidden = 0.0
+        if self.hides and times is not None:
+            exposures = np.repeat([x for _, x in kinds], [n for n, _ in kinds])
+            hidden = frames.error_of_edges(exposures, times.moments(exposures.tolist()))
+        return frames.error(gained, at_worst=at_worst, hidden=hidden)
+
+    @property
+    def hides(self) -> bool:
+        """Whether the order of frames counts, as objects hide other strips in each."""
+        return self._frames.strips is not None
 
     def sequence(self, kinds: Sequence[StillBurst], times: "FrameTimes") -> FrameSequence:
         """Frames of one exposure or two, one after the other."""
@@ -125,7 +146,7 @@ class StillBursts:
             TimedFrame(StillCamera(half_exposure=exposure / 2), moment)
             for exposure, moment in zip(exposures, moments, strict=True)
         )
-        worst = psnr_of_error(self._error([kind[:2] for kind in kinds], at_worst=True))
+        worst = psnr_of_error(self._error([kind[:2] for kind in kinds], times, at_worst=True))
         return FrameSequence(STILLS, frames, 0.0, kinds[0].psnr, worst)
 
     def best(
@@ -144,7 +165,7 @@ class StillBursts:
         def level(number: int) -> float:
             count = every[-number]
             if count not in tried:
-                tried[count] = self._of(count, times.longest_of(count))
+                tried[count] = self._of(count, times.longest_of(count), times)
             return tried[count].psnr
 
         _first_best(level, len(every))
@@ -152,28 +173,54 @@ class StillBursts:
         return max(tried.values(), key=lambda burst: burst.psnr)
 
     def best_bracketed(self, times: FrameTimes) -> tuple[list[StillBurst], float]:
-        """Frames of two exposures, the longer first, and their level together; dB."""
+        """Frames of two exposures in their order, and their level together; dB.
+
+        The longer come first where the order does not count.
+        """
         from scipy.optimize import minimize
 
         found, at_worst = [], self._at_worst
         equal = self.best_within(times, of_several=times.holds_several)
         for count in sorted({times.numbers_of_frames[-1], equal.num_frames}):
-            alike = self._of(count, times.longest_of(count))
-            found.append((10 ** (-alike.psnr / 10), (count,), (alike.exposure,)))
-            for num_long in some_numbers(count - 1):
-                pair = _Pair(times, num_long, count - num_long)
+            alike = self._of(count, times.longest_of(count), times)
+            found.append((10 ** (-alike.psnr / 10), [(count, alike.exposure)]))
+            for order in self._orders(count):
+                pair = _Pair(times, order)
 
                 def left(place: Float[np.ndarray, "2"], pair: _Pair) -> float:
-                    return self._error(pair.at(place), at_worst=at_worst)
+                    return self._error(pair.at(place), times, at_worst=at_worst)
 
-                start, bounds = pair.start(alike.exposure), [(0, 1)] * 2
+                # Not all valleys are seen from one place.
+                start, bounds = min(pair.starts, key=lambda x: left(x, pair)), [(0, 1)] * 2
                 end: Any = minimize(left, start, (pair,), method="Nelder-Mead", bounds=bounds)
-                numbers, exposures = zip(*pair.at(end.x), strict=True)
-                found.append((float(end.fun), numbers, exposures))
-        error, numbers, exposures = min(found)
+                found.append((float(end.fun), pair.at(end.x)))
+        error, kinds = min(found)
         level = psnr_of_error(error)
-        pairs = sorted(zip(exposures, numbers, strict=True), reverse=True)
-        return [StillBurst(n, float(x), level) for x, n in pairs], level
+        return [StillBurst(n, float(x), level) for n, x in kinds], level
+
+    def _orders(self, count: int) -> list[tuple[bool, ...]]:
+        """Orders of longer and shorter frames: the longer first where the order does not count."""
+        first = [(True,) * n + (False,) * (count - n) for n in some_numbers(count - 1)]
+        if not self.hides:
+            return first
+        # One sharp frame does not tell outlines from blur: `restore` lost up to 6 dB by three of 20
+        # ms and one of 6 ms, and nothing by two and two; and 0.2 dB where neither is in the middle.
+        least = min(2, count - 1)
+        near = slice((count - 1) // 2, count // 2 + 1)
+        if count <= _MOST_IN_ALL_ORDERS:
+            every = [
+                order
+                for order in product((True, False), repeat=count)
+                if 1 <= sum(order) <= count - least and not all(order[near])
+            ]
+            # Backwards the same strips are hidden.
+            return [order for order in every if order >= order[::-1]]
+        orders = []
+        for long in {min(sum(order), count - least): None for order in first}:
+            places = np.arange(count)
+            inwards = np.argsort(np.argsort(-np.abs(places - (count - 1) / 2), kind="stable"))
+            orders += [inwards < long, places * long % count < long]
+        return [tuple(order.tolist()) for order in orders]
 
     def number_that_equals(self, psnr: float, *, most: int) -> int | None:
         """The least number of frames without gaps between them that has a level, or None."""
@@ -216,7 +263,7 @@ class StillBursts:
         rate = (count - 1) / (self._window - exposure)
         return rate if rate <= most else None
 
-    def _of(self, num_frames: int, longest: float) -> StillBurst:
+    def _of(self, num_frames: int, longest: float, times: "FrameTimes | None" = None) -> StillBurst:
         """Some frames of the best exposure up to the longest, s."""
         from scipy.optimize import minimize_scalar
 
@@ -225,13 +272,13 @@ class StillBursts:
         places = [*ends]
         if ends[0] < ends[1]:
             end: Any = minimize_scalar(
-                lambda place: self.error(num_frames, math.exp(place)),
+                lambda place: self.error(num_frames, math.exp(place), times),
                 bounds=ends,
                 method="bounded",
                 options={"xatol": 1e-3},
             )
             places.append(float(end.x))
-        error, place = min((self.error(num_frames, math.exp(x)), x) for x in places)
+        error, place = min((self.error(num_frames, math.exp(x), times), x) for x in places)
         return StillBurst(num_frames, math.exp(place), psnr_of_error(error))
 
 
@@ -239,8 +286,17 @@ class _Pair(NamedTuple):
     """Frames of two exposures."""
 
     times: FrameTimes  # When frames may be exposed
-    num_long: int  # Number of those that come first, and may be longer than all alike could be
-    num_short: int  # Number of the others
+    order: tuple[bool, ...]  # Which may be longer than all alike could be
+
+    @property
+    def num_long(self) -> int:
+        """Number of the longer ones."""
+        return sum(self.order)
+
+    @property
+    def num_short(self) -> int:
+        """Number of the others."""
+        return len(self.order) - self.num_long
 
     @property
     def _most(self) -> float:
@@ -253,16 +309,16 @@ class _Pair(NamedTuple):
         return max(self.times.longest_of(self.num_long, beside), exposure)
 
     def at(self, place: Float[np.ndarray, "2"]) -> list[tuple[int, float]]:
-        """Numbers and exposures, s, at shares of the exposures of the others and of the first."""
+        """Numbers and exposures, s, in order, at shares of those of the others and of the long."""
         short = _between(self.times.shortest, self._most, place[0])
         long = _between(short, self._longest(short), place[1])
-        return [(self.num_long, long), (self.num_short, short)]
+        exposures = {True: long, False: short}
+        return [(len([*run]), exposures[is_long]) for is_long, run in groupby(self.order)]
 
-    def start(self, exposure: float) -> Float[np.ndarray, "2"]:
-        """Shares at which the others have an exposure, s, and the first are as long as can be."""
-        low, high = self.times.shortest, self._most
-        share = math.log(exposure / low) / math.log(high / low) if high > low else 0.0
-        return np.array([min(max(share, 0.0), 1.0), 1.0])
+    @property
+    def starts(self) -> list[Float[np.ndarray, "2"]]:
+        """Shares to start from, where the long last half as long as they can, and nearly so."""
+        return [np.array(x) for x in product(np.linspace(0.0, 1.0, 9), (0.5, 0.98))]
 
 
 def _between(low: float, high: float, share: float) -> float:

@@ -13,8 +13,8 @@ length may be mixed. Only $|H_k|$ counts: the direction of a parabola, its place
 between exposures do not matter.
 
 Of a picture before a background the decoder knows the speed of both layers and which part is which,
-and each part is restored by the filter of its speed: the error is the mean over the parts. Edges,
-where one hides the other, do not count.
+and each part is restored by the filter of its speed: the error is the mean over the parts, and what
+edges cost, of `mishutter.evaluation.strips`.
 
 NumPy computes known numbers, so that a search compiles nothing; JAX computes traced ones, with
 derivatives by all of them.
@@ -45,6 +45,7 @@ from mishutter.evaluation.fans import MEASURED, Fan, Grid
 from mishutter.evaluation.instants import NODES, PX_A_PANEL, Frames, Instants
 from mishutter.evaluation.layers import Background
 from mishutter.evaluation.needs import distinct_speeds
+from mishutter.evaluation.strips import Strips
 from mishutter.model.exposures import AT_REST, AbstractExposures, AbstractPath, Lights
 from mishutter.model.optics import pixel_response
 from mishutter.model.scene import Scene, require_one_axis, require_scene
@@ -276,19 +277,36 @@ def left(
 ) -> Any:
     """Squared error that is left, white = 1; by NumPy if all is known, but for a precision."""
     parts = components_on(scene, fan, num_speeds)
-    numbers = fan, parts, Light.of(scene)
-    if all_concrete((numbers, instants)) and compiled_as is None:
-        return error_left(*jax.tree.map(np.asarray, (*numbers, instants)))
+    numbers = fan, parts, Light.of(scene), instants, Strips.of(scene)
+    if all_concrete(numbers) and compiled_as is None:
+        return error_left(*jax.tree.map(np.asarray, numbers))
     dtype = compiled_as or instants.time.dtype
-    return _error_left(*jax.tree.map(lambda x: jnp.asarray(x, dtype), (*numbers, instants)))
+    return _error_left(*jax.tree.map(lambda x: jnp.asarray(x, dtype), numbers))
 
 
-def error_left(fan: Fan, parts: Components, light: Light, instants: Instants) -> Any:
+def error_left(
+    fan: Fan, parts: Components, light: Light, instants: Instants, strips: Strips | None
+) -> Any:
     """Squared error that is left, of numbers that are all of NumPy or all of JAX."""
-    space = namespace_of(fan.radius)
-    gained = gained_by(fan, parts, instants, light.gains(instants.exposure))
-    lost = space.sum(parts.weights / (1 + light.signal(fan)[..., None] * gained), axis=-1)
-    return light.deviation**2 * space.sum(fan.weight * lost)
+    space, signal = namespace_of(fan.radius), light.signal(fan)
+    gains = light.gains(instants.exposure)
+    gained = gained_by(fan, parts, instants, gains)
+    lost = space.sum(parts.weights / (1 + signal[..., None] * gained), axis=-1)
+    total = light.deviation**2 * space.sum(fan.weight * lost)
+    if strips is None:
+        return total
+    middles = space.sum(instants.time * instants.weight, axis=1)
+    shares, told = strips.beside(middles, instants.exposure)
+    alone = [slice(k, k + 1) for k in range(gains.shape[0])]
+    behind = space.stack(
+        [gained_by(fan, strips.background, instants.some(k), gains[k])[..., 0] for k in alone]
+    )
+    # Of each strip, and then of what all frames see.
+    seen = space.concatenate([told, space.ones_like(told[:1])])
+    known = 1 + signal[None] * space.tensordot(seen, behind, 1)
+    errors = light.deviation**2 * space.sum(fan.weight[None] / known, axis=(1, 2))
+    outlines = light.deviation**2 * strips.outlines(instants.exposure)
+    return total + space.sum(shares * (errors[:-1] - errors[-1])) + outlines
 
 
 _error_left = compiled(error_left)

@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Iterable
-from itertools import takewhile
+from itertools import pairwise, takewhile
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -19,6 +19,8 @@ AT_REST = 0.05
 """Travel over an exposure below which its sensor counts as standing still; px."""
 _MOST_NAMED = 3
 """Different exposures that are named one by one."""
+_MOST_LISTED = 6
+"""Most frames whose exposures are said in their order, where long and short ones take turns."""
 Lights = list[tuple[float, float]]
 """First and last light of exposures; s."""
 
@@ -152,6 +154,10 @@ class AbstractExposures(ABC):
             return f"{self._range} ms"
         if self.moves or set(kinds.values()) == {1} or len(kinds) == 1:
             return f"{' and '.join(kinds)} ms"
+        every = [f"{exposure * 1e3:.3g}" for exposure in self.exposures]
+        num_runs = 1 + sum(one != other for one, other in pairwise(every))
+        if num_runs > len(kinds) and len(every) <= _MOST_LISTED:  # in an order that counts
+            return f"{', '.join(every[:-1])} and {every[-1]} ms"
         return f"{' and '.join(f'{count} of {exposure}' for exposure, count in kinds.items())} ms"
 
     @property

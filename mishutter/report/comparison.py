@@ -201,7 +201,7 @@ class Comparison:
                 "name": row.name,
                 "expected_psnr_db": row.level,
                 "over_nothing_db": self.over_nothing(row.level),
-                "motion": motion_to_dict(row.motion),
+                "motion": None if row.is_in_plane else motion_to_dict(row.motion),
             }
             for purchase, row in self.rivals.items()
         }

@@ -18,6 +18,7 @@ from mishutter.model.devices import AbstractDevice
 from mishutter.model.exposures import AT_REST, AbstractExposures
 from mishutter.model.limits import Limits
 from mishutter.model.motion import LinearMotion
+from mishutter.model.occlusion import Occlusion
 from mishutter.model.scene import Scene, in_sensor_frame
 from mishutter.model.scene_units import GRAVITY
 from mishutter.model.sensor import BurstMode
@@ -31,6 +32,7 @@ from mishutter.search.frame_ties import (
     FAN,
     FOLLOW,
     FREE,
+    MOST_FREE,
     PAN,
     RING,
     SWEEP,
@@ -244,11 +246,7 @@ def sentences_of(
             "rows that are exposed one after another would each see another part of it."
         ]
     if scene.burst is not None and scene.occlusion is not None:
-        said.append(
-            "Levels of frames assume known speeds and outlines of the objects, which `restore` "
-            "finds in frames at rest, and ignore occlusion edges, which cost stills 0.9 dB in "
-            "simulations. Moving frames are left out: edges cost them half as much again."
-        )
+        said.append(_on_background(scene.occlusion))
     if choice.hides_speed:
         said.append("The speed cannot be found: the blur differs too little between the speeds.")
     if STAGE in choice.required_hardware:
@@ -359,7 +357,14 @@ def _on_stage(scene: Scene, rows: Sequence[Row], choice: Row) -> str:
     run_up = "run-up from rest included"
     if scene.limits.max_acceleration is None:
         run_up = "reached at once, as [limits] max_acceleration_g or _px_per_s2 says no limit"
-    return f"{added} It {way}: {numbers}{axes}, {run_up}."
+    said = f"{added} It {way}: {numbers}{axes}, {run_up}."
+    slowest, fastest = (0.0, 0.0) if choice.is_in_plane else map(float, scene.speed_range)
+    if frames.num_frames > MOST_FREE and slowest * fastest > 0:
+        said += (
+            f" More than {MOST_FREE} frames are searched on ways of few numbers alone, which may "
+            "lose 1 dB where everything moves one way."
+        )
+    return said
 
 
 def _speeds(frames: AbstractExposures) -> str:
@@ -393,6 +398,20 @@ def _stage_numbers(
     # A velocity that is reached at once has no acceleration.
     physical += [f"{acceleration * p / GRAVITY:.2g} g"] if acceleration else []
     return f"{words} ({', '.join(physical)})"
+
+
+def _on_background(layers: Occlusion) -> str:
+    """The knowledge of objects before a background that levels of frames take for granted."""
+    why = "Moving frames are left out: objects are found in frames at rest alone."
+    if layers.background == "moving":
+        return f"Levels of frames assume known speeds and outlines, and ignore edges. {why}"
+    if not layers.has_edges:
+        return f"Levels of frames ignore edges, for want of `object_width_px`. {why}"
+    return (
+        "Levels of frames count what edges cost. `restore` finds speeds and outlines in frames at "
+        "rest; it reached such levels within 0.3 dB in the mean over photographs, which differ by "
+        f"1.6 dB (standard deviation). {why}"
+    )
 
 
 def _assumptions(scene: Scene, choice: Row) -> str:

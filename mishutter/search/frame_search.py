@@ -18,10 +18,8 @@ from jaxtyping import Float
 from mishutter.model.sequences import SINE
 from mishutter.search.frame_levels import Frames, Levels
 from mishutter.search.frame_limits import Room, Shape
-from mishutter.search.frame_ties import BRACKETED, FOLLOW, FREE, PAN, Numbers, Tie
+from mishutter.search.frame_ties import BRACKETED, FOLLOW, FREE, MOST_FREE, PAN, Numbers, Tie
 
-MOST_FREE = 24
-"""Frames up to which each has numbers of its own."""
 BEYOND = 1.05
 """Share of a limit that frames are slowed down from, as a solver keeps limits to some digits."""
 _STEP, _STEP_OF_TIE = 1e-7, 1e-6

@@ -42,6 +42,8 @@ STILLS, BRACKETED, CIRCLE, TWO_SINES, CROSSED, RING = (
 """Frames at rest, and ways along two axes."""
 WAYS, WAYS_ON_TWO_AXES = (PAN, SWEEP, ALTERNATING, FAN, FOLLOW), (CIRCLE, TWO_SINES, CROSSED, RING)
 _OF_ONE_FRAME = STILLS, PAN, ALTERNATING, CIRCLE, TWO_SINES
+MOST_FREE = 24
+"""Frames up to which each has numbers of its own."""
 _FASTEST = 1.5
 """Top speed of a way that may pay, over that of the fastest thing."""
 _DUTY_OF_CROSS = 2 / 3
@@ -80,7 +82,8 @@ class Tie(NamedTuple):
         if self.kind in (STILLS, BRACKETED):
             return [np.array([x, 0.0, at, 0.5]) for x in (0.5, 0.75)]
         if self.kind in (PAN, FOLLOW):
-            return [np.array([x, 0.0, at, 0.0]) for x in (0.6, 0.9)]
+            spread = 0.1 if self.kind == FOLLOW and self.shape.number > MOST_FREE else 0.0
+            return [np.array([x, 0.0, at, spread]) for x in (0.6, 0.9)]
         if self.kind in (CIRCLE, TWO_SINES):
             drift = [0.15] if self.kind == TWO_SINES else []
             return [np.array([1.0, 0.0, at, 0.48, turns, *drift]) for turns in (0.5, 0.25, 0.75)]
@@ -146,7 +149,8 @@ class Tie(NamedTuple):
             return top * clock / np.max(np.abs(clock))
         if self.kind == ALTERNATING:
             return top * (-1.0) ** number * 2 * share
-        if self.kind == FAN:
+        # Up to so many frames follow things alike, and the free search spreads them.
+        if self.kind == FAN or (self.kind == FOLLOW and number.size > MOST_FREE):
             return top * np.linspace(-1, 1, number.size)[:, None] + 0 * share
         if self.kind == SINE:
             turn, within = np.pi / period, np.ptp(clock[0]) * share

@@ -26,7 +26,6 @@ from mishutter.search.frame_levels import Frames, Levels
 from mishutter.search.frame_limits import Room, Shape
 from mishutter.search.frame_search import (
     BEYOND,
-    MOST_FREE,
     Descent,
     End,
     again,
@@ -37,6 +36,7 @@ from mishutter.search.frame_ties import (
     BRACKETED,
     CIRCLE,
     CROSSED,
+    MOST_FREE,
     RING,
     STILLS,
     TWO_SINES,

@@ -33,8 +33,7 @@ def best_bursts(
 ) -> tuple[FrameSequence, ...]:
     """The best burst of a sensor at rest, and that of one that moves; none without `scene.burst`.
 
-    Before a background there is only that at rest: occlusion edges, which levels ignore, cost
-    moving frames half as much again, and no decoder of this package restores them.
+    Before a background there is only that at rest: `restore` finds objects in such frames alone.
     """
     found = [best_still_burst(scene)]
     if scene.occlusion is None:

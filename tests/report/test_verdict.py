@@ -526,11 +526,15 @@ def test_before_a_background_an_answer_says_why_frames_are_at_rest(background, w
     layers = Occlusion(front_share=0.37, object_width=83.0, background=background)
     levels = {BEST_SNAPSHOT: 22.0, BEST_STILL_BURST: 24.0}
     said = answer(levels, scene=BURST.with_occlusion(layers)).verdict.replace("\n", " ")
-    assert "Moving frames are left out: edges cost them half as much again" in said
+    assert "Moving frames are left out: objects are found in frames at rest alone" in said
+    assert ("it reached such levels within 0.3 dB" in said) == (background == "still")
     assert f"objects over 37% of the picture, 83 px wide, before a {words} with detail" in said
     assert "(before one that is dark and empty say [objects]);" in said
     alone = SCENE.with_occlusion(layers)
     assert "left out" not in answer({BEST_SNAPSHOT: 22.0, "rect": 23.0}, scene=alone).verdict
+    parts = Occlusion(front_share=0.37, background=background)
+    said = answer(levels, scene=BURST.with_occlusion(parts)).verdict.replace("\n", " ")
+    assert ("for want of `object_width_px`" in said) == (background == "still")
 
 
 def test_details_say_what_a_real_sensor_takes():
@@ -556,6 +560,16 @@ def test_points_leave_what_has_a_width():
         said = points_that_leave(Scene([-900.0, 900.0], **light, **parts), 0.391)
         assert said == f"Points that leave {what} cost 0.39 dB of the level."
     assert points_that_leave(Scene([900.0], **light, sensor=Sensor(width=90.0)), 0.049) == ""
+
+
+@pytest.mark.parametrize(("number", "slowest"), [(25, 500.0), (24, 500.0), (25, -500.0)])
+def test_an_answer_says_where_its_frames_were_searched_on_simple_ways(number, slowest):
+    """More than 24 frames of things that move one way."""
+    light = {"photon_rate": 1e5, "read_noise": 10.0, "limits": SCENE.limits}
+    rows = of_bursts(OF_FRAMES, moving=number)
+    said = with_verdict(rows, {}, Scene([slowest, 3000.0], **light)).verdict
+    is_said = "More than 24 frames are searched" in said.replace("\n", " ")
+    assert is_said == (number > 24 and slowest > 0)
 
 
 def test_losses_of_a_burst_stand_in_the_tables_and_in_the_file():

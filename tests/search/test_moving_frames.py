@@ -13,7 +13,7 @@ from mishutter.evaluation.sequences import loss_of_width
 from mishutter.model.stages import Knots, extent, transfer
 from mishutter.search.frame_levels import Frames, Levels, chirps
 from mishutter.search.frame_limits import Room, Shape
-from mishutter.search.frame_ties import FOLLOW, FREE, PAN, SWEEP
+from mishutter.search.frame_ties import FOLLOW, FREE, PAN, SWEEP, Tie
 from mishutter.search.moving_frames import best_moving_burst, sequence_of
 
 SIMPLER = 0.05 + 0.005
@@ -313,6 +313,18 @@ def test_moving_frames_have_the_times_of_still_ones():
     assert np.min(np.diff(ends)) >= (1 - 1e-6) / 110
     assert np.min(begins[1:] - ends[:-1]) >= 0.0031 * (1 - 1e-6)
     assert burst.duration <= 0.022 * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("number", [24, 25])
+def test_frames_that_are_not_searched_freely_follow_things_of_each_speed(number):
+    """More than 24 that fly back differ in velocity, as no free search spreads theirs."""
+    burst = BurstMode(frames_per_s=400.0, max_frames=number)
+    scene = Scene([500.0, 3000.0], photon_rate=1e5, read_noise=2.0, burst=burst)
+    room = Room.of(scene.limits, FrameTimes.of(scene, burst), 3000.0)
+    tie = Tie(FOLLOW, room, Shape(number, 1, 1), 500.0, 3000.0, np.ones(1), np.zeros(1))
+    velocity = tie.frames(np.array([0.5, 0.0, 0.5, 0.2])).velocity[..., 0]
+    assert np.all(np.diff(velocity, axis=1) == 0)
+    assert (np.ptp(velocity) > 100) == (number > 24)
 
 
 # ---- the frames that are found ----------------------------------------------------------------
