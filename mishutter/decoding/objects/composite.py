@@ -169,7 +169,7 @@ def composite(arrangement: Arrangement, misfit: Misfit, layers: Layers, alone: A
         way = velocity * stills.times[stills.middle]
         # The frame shows something else where it hides what is seen at the time 0.
         shown = window.taken(seen[number][stills.middle], way) / np.maximum(share, 0.01)
-        weight = window.taken(doubt, way) * window.seen(way, shape) * np.minimum(shown, 1)
+        weight = window.taken(doubt, way) * window.seen(way, shape) * np.minimum(2 * shown, 1)
         here += weight * (window.taken(spline, way, is_spline=True) - here)
         window.of(single)[...] += share * weight
         window.of(light)[...] += share * here
