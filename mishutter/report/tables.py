@@ -227,7 +227,7 @@ def _notes(rows: Sequence[Row], columns: Sequence[Column]) -> tuple[str, ...]:
     row, bounded = rows[0], "nothing exceeds it"
     bursts: dict[str, str] = {}
     if any(each.num_frames > 1 for each in rows):
-        bounded = "no single exposure exceeds it"
+        bounded = bounded if row.is_in_plane else "no single exposure exceeds it"
         bursts = {"bursts": "of frames that are registered, so that each speed is known"}
     decoder = row.decoder
     of_level = decoder.worst_words if row.at_worst else f"of {decoder.level_words}"

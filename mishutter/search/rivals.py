@@ -189,7 +189,7 @@ def compared_rows(search: RivalSearch, step: Step, begin: Step = lambda name: No
 
 def _is_alike(row: Row, scene: Scene) -> bool:
     """Whether all rows of a picture see the same profile and path, or are restored by their own."""
-    is_simple = SHUTTER not in row.required_hardware and row.motion.is_straight
+    is_simple = SHUTTER not in row.required_hardware and row.is_straight
     return is_simple or not row.is_of_one_exposure or not scene.sensor.is_rolling
 
 

@@ -83,3 +83,13 @@ def test_an_object_of_a_long_clip_is_at_its_centre_in_its_frame(name, behind, ve
     place = np.array(thing.centre) + np.array(thing.velocity) * time
     assert each.centre == pytest.approx(tuple(place), abs=error)
     assert motion.frame == 3 + 8
+
+
+def test_the_error_of_a_velocity_in_bright_light_is_the_floor_over_the_duration():
+    """Noise leaves nothing of it: 0.05 px over 13 frames of 20 ms."""
+    thing = Thing((70, 94), (28, 34), (100.0, -150.0), "chelsea.png")
+    clip = ClipOf((thing,), size=(144, 192), num_frames=22, num_instants=1)
+    frames = 2000 * np.stack([clip.light(time) for time in clip.times])
+    frames = frames + np.random.default_rng(5).normal(size=frames.shape)
+    each = motion_of(frames.astype(np.float32), clip.frames_per_s).objects[0]
+    assert each.error == pytest.approx((0.05 / 13 * 50,) * 2, rel=1e-3)
