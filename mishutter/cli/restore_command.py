@@ -34,9 +34,11 @@ from mishutter.cli.options import (
 if TYPE_CHECKING:
     import numpy as np
 
+    from mishutter.decoding.simulation import Estimate
     from mishutter.design.design import AbstractDesign
     from mishutter.hardware.recorded_paths import PathDifference
     from mishutter.model.exposures import AbstractExposures
+    from mishutter.model.scene import Scene
     from mishutter.pictures.images import Capture
 
 _TICKS = 100
@@ -234,8 +236,10 @@ def restore(
         written += write_objects(folder, result.by_object)
         by_object = result.by_object
         found[label.name] = result.found
-        if result.found is not None and result.found.doubt:
-            note(f"warning: {names}: {result.found.doubt}")
+        if result.found is not None:
+            if result.found.doubt:
+                note(f"warning: {names}: {result.found.doubt}")
+            _note_shutter(camera.scene, result.found)
     if json:
         speeds = {
             name: None if each is None else estimate_document(each) for name, each in found.items()
@@ -367,6 +371,28 @@ def _camera(
     elif scene is not None and shutter is None:
         raise ValueError("`--design, --drive, --measured or --shutter` must be given; got None.")
     return [*cameras(scene, design, files, window=shutter).designs.values()][-1]
+
+
+def _note_shutter(scene: "Scene", found: "Estimate") -> None:
+    """Notes that rows are taken to be exposed together, where their delay would change the speed.
+
+    Frames at rest cannot show it: with rows read one after another they are those of another speed.
+    """
+    import numpy as np
+
+    from mishutter.decoding.plane_velocity import VelocityEstimate
+
+    in_plane = isinstance(found, VelocityEstimate)
+    if scene.sensor.readout is not None or not (in_plane or scene.sensor.axis == "columns"):
+        return
+    along = found.velocity[1] if isinstance(found, VelocityEstimate) else found.speed
+    off = abs(found.speed * float(np.asarray(along))) * 1e-5
+    if off >= 0.05:
+        what = "velocity" if in_plane else "speed"
+        note(
+            f"assumes a global shutter: each 10 us from row to row would change the {what} by "
+            f"{off:.2g} px/s; `[sensor] readout_ms` tells it"
+        )
 
 
 def _note_brightness(name: str, light: "np.ndarray") -> None:

@@ -25,15 +25,18 @@ from mishutter.decoding.decoders.speed import BEYOND, SpeedEstimate, luminance_s
 from mishutter.decoding.frame_doubts import (
     BLACK,
     FLOOR,
+    ROLLS_ABOVE,
     TRIED_BEYOND,
     WORTH,
     Evidence,
     Rival,
     Words,
+    doubt_of_rows,
 )
 from mishutter.decoding.likeliest import noises_of
-from mishutter.evaluation.instants import Instants
+from mishutter.decoding.rolling import RowTimes, instants_of_rows
 from mishutter.model.scene import Scene
+from mishutter.model.sensor import Sensor
 from mishutter.model.sequences import TimedFrame
 
 _ROWS_OF_SPEED = 32
@@ -47,7 +50,8 @@ the picture's variance that they have: a fine pattern is looked at pixel by pixe
 _MOST_SPEEDS = 4096
 """Most speeds that are tried."""
 _REASONS = (
-    "their order, a lost or repeated frame, another design, two objects, motion across the axis"
+    "their order, a lost or repeated frame, another design, two objects, a rolling "
+    "shutter, motion across the axis"
 )
 _WORDS = Words(
     "speed",
@@ -106,18 +110,22 @@ class _Tried(NamedTuple):
 
 
 def speed_on_axis(
-    planes: Planes, scene: Scene, taken: Sequence[TimedFrame], told: float | None = None
+    planes: Planes,
+    scene: Scene,
+    taken: Sequence[TimedFrame],
+    times: RowTimes,
+    told: float | None = None,
 ) -> SpeedEstimate:
     """The speed at which the frames show one picture, and whether they do; of a told one that."""
     planes = planes.astype(np.float64)
     if told is not None:  # no other is in question
         instants_within_reach("restore_frames(speed=...)", taken, np.array([told]))
         scene = replace(scene, speeds=np.array([told]), weights=None)
-    estimate = _speed_along_rows(planes, scene, taken)
+    estimate = _speed_along_rows(planes, scene, taken, times)
     if estimate.trusted or min(planes.shape[2:]) <= _ROWS_OF_SPEED:
         return estimate
     # The frames may be turned, or their motion be along the other axis.
-    across = _speed_along_rows(np.swapaxes(planes, 2, 3), scene, taken)
+    across = _speed_along_rows(np.swapaxes(planes, 2, 3), scene, taken, times.turned)
     if not across.trusted:
         return estimate
     axis = "rows" if scene.sensor.axis == "columns" else "columns"
@@ -126,13 +134,15 @@ def speed_on_axis(
     )
 
 
-def _speed_along_rows(planes: Planes, scene: Scene, taken: Sequence[TimedFrame]) -> SpeedEstimate:
+def _speed_along_rows(
+    planes: Planes, scene: Scene, taken: Sequence[TimedFrame], times: RowTimes
+) -> SpeedEstimate:
     """The same, of pictures that move along their rows."""
     shares = luminance_shares(len(planes))
     grey, num_rows = np.tensordot(shares, planes, 1), planes.shape[2]
-    some = np.linspace(0, num_rows - 1, min(_ROWS_OF_SPEED, num_rows)).astype(int)
-    grey, (low, high) = grey[:, np.unique(some)], _range_to_try(scene)
-    rows = _rows_of_speed(grey, scene, taken, float(shares @ shares))
+    some = np.unique(np.linspace(0, num_rows - 1, min(_ROWS_OF_SPEED, num_rows)).astype(int))
+    grey, (low, high) = grey[:, some], _range_to_try(scene)
+    rows = _rows_of_speed(grey, scene, taken, times.of_rows(some), float(shares @ shares))
     tried, peaks, middle = _searched(rows, taken, low, high)
     values = np.sum(rows.logarithms(np.array(peaks)), axis=1)
     ends = [_Peak(*each, 0.0) for each in zip(peaks, values.tolist(), strict=True)]
@@ -150,7 +160,7 @@ def _speed_along_rows(planes: Planes, scene: Scene, taken: Sequence[TimedFrame])
     evidence = Evidence(
         frames=grey,
         noises=rows.noises,
-        places=rows.middles(best.speed),
+        places=np.mean(rows.middles(best.speed), axis=-1),
         fit=fit,
         compared=fit,
         elsewhere=float(np.mean([rows.fit(each).misfit for each in asides])),
@@ -161,6 +171,17 @@ def _speed_along_rows(planes: Planes, scene: Scene, taken: Sequence[TimedFrame])
         is_only=low == high,
     )
     doubt = evidence.doubt(error * duration, _WORDS if low < high else _TOLD)
+    if not doubt and not times.is_rolling and len(taken) > 1 and fit.misfit > ROLLS_ABOVE:
+
+        def misfit_by(sensor: Sensor) -> float:
+            """The misfit of rows that are read one after another."""
+            rolling = replace(scene, sensor=sensor)
+            delays = sensor.row_delays(num_rows)[some]
+            nodes = instants_of_rows(taken, rolling, abs(best.speed), delays)
+            return rows._replace(nodes=nodes).fit(best.speed).misfit
+
+        longest = max(frame.exposure for frame in taken)
+        doubt = doubt_of_rows(scene.sensor, longest, fit.misfit, misfit_by)
     known = sorted([best, *beside], key=lambda end: end.speed)
     values = np.array([end.value for end in known])
     weights = np.exp(WORTH / fit.spread * (values - np.max(values)))
@@ -179,11 +200,13 @@ def _rows_of_speed(
     grey: Float[np.ndarray, "frames rows columns"],
     scene: Scene,
     taken: Sequence[TimedFrame],
+    times: RowTimes,
     noise_share: float,
 ) -> Rows:
     """Rows as bright and as rich in detail as they are, with levels that tell no speed."""
     few = np.linspace(*_range_to_try(scene), 17)
-    rows, _ = rows_of(grey, scene, taken, Instants.of(taken, float(np.max(np.abs(few)))))
+    nodes = instants_of_rows(taken, scene, float(np.max(np.abs(few))), times.delays)
+    rows, _ = rows_of(grey, scene, taken, nodes, is_along=times.is_along)
     exposures = [one.exposure for one in taken]
     noises = noises_of(scene, exposures, float(np.mean(grey)), noise_share)
     # Gains and black levels that change from frame to frame tell no speed.
@@ -235,7 +258,7 @@ def _searched(
     detail = np.sum(np.diff(rows.frames, axis=-1) ** 2, axis=(0, 2))
     bands = np.array_split(np.arange(detail.size), min(4, detail.size))
     some = [band[np.argmax(detail[band])] for band in bands]
-    all_frames = rows._replace(frames=rows.frames[:, some])
+    all_frames = rows.of_rows(np.array(some))
     speeds = np.linspace(low, high, count) if low < high else np.array([low])
     of_rows = all_frames.of(few).binned(bin).logarithms(speeds)
     values = np.sum(of_rows, axis=1)

@@ -5,6 +5,8 @@
 
 import itertools
 import math
+from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +14,7 @@ from jaxtyping import Float
 
 from mishutter.decoding.decoders.speed import LITTLE
 from mishutter.decoding.likeliest import Fit
+from mishutter.model.sensor import Sensor
 
 TRIED_BEYOND = 0.03
 """Share of the range of the scene's speeds that is tried beyond either end."""
@@ -25,6 +28,8 @@ FLOOR = 0.005
 """Least error of a picture's way over the sequence; px."""
 _SURE_SHIFT = 4.0
 """Standard errors beyond which a frame's shift or level is certain."""
+ROLLS_ABOVE = 1.15
+"""Misfit above which a rolling shutter may be why, which fits better by half of what is above 1."""
 BLACK = 0.1
 """Level of a black frame over that of the brightest."""
 
@@ -72,6 +77,26 @@ class Evidence(NamedTuple):
             or _doubt_of_steps(self)
             or ("" if self.is_only else _doubt_of_rivals(self, error, words))
         )
+
+
+def doubt_of_rows(
+    sensor: Sensor, exposure: float, misfit: float, misfit_by: Callable[[Sensor], float]
+) -> str:
+    """The doubt of frames that rows which are exposed in turn explain better, by some readouts."""
+    best, least = None, 1 + 0.5 * (misfit - 1)
+    for share in (0.25, 0.5, 1.0):
+        for way in ("down", "up"):
+            rolling = replace(sensor, readout=share * exposure, rows_read=way)
+            by_it = misfit_by(rolling)
+            if by_it < least:
+                best, least = rolling, by_it
+    if best is None:
+        return ""
+    return (
+        f"A rolling shutter of about {best.readout_time * 1e3:.2g} ms from the first row to the "
+        f"last, read {best.rows_read}, fits the frames better (misfit {least:.3g}, not "
+        f"{misfit:.3g}): give the scene its readout."
+    )
 
 
 def odd_frame(

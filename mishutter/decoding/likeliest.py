@@ -23,7 +23,8 @@ pictures of their own. Arrays have the frames first, then any motions and rows.
 import itertools
 import math
 import operator
-from collections.abc import Iterable, Iterator
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Sequence
 from functools import reduce
 from typing import Any, NamedTuple
 
@@ -42,6 +43,27 @@ TOLERANCE = 1e-3
 0.01 dB of its limit."""
 TILES = 8
 """Parts of a picture along each axis whose likelihoods are compared."""
+
+
+class AbstractRolledFrame(ABC):
+    """The way from a picture to a frame whose rows have responses of their own."""
+
+    @abstractmethod
+    def seen(self, spectrum: Complex[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+        """The frame that a picture leaves, from half of its DFT on the canvas."""
+
+    @abstractmethod
+    def told(self, frame: Float[np.ndarray, "..."]) -> Complex[np.ndarray, "..."]:
+        """The adjoint: half of the DFT of what a frame tells of the picture."""
+
+    @property
+    @abstractmethod
+    def power(self) -> Float[np.ndarray, "..."]:
+        """Square of the response in the mean over rows."""
+
+
+Responses = Complex[np.ndarray, "frames ..."] | Sequence[AbstractRolledFrame]
+"""The way from a picture to each frame: a response on the canvas, or one for each row."""
 
 
 class Canvas(NamedTuple):
@@ -86,24 +108,42 @@ class Canvas(NamedTuple):
         """The sensor's part of pictures."""
         return self.picture(spectrum)[self.window]
 
-    def gathered(
-        self, responses: Complex[np.ndarray, "frames ..."], wholes: Iterable[np.ndarray]
-    ) -> Complex[np.ndarray, "..."]:
-        r"""All that frames on the canvas tell of the picture, $\sum_k \bar A_k \hat g_k / N_k$."""
-        noises = self.noises.astype(self.frames.dtype)
-        each = zip(responses, noises, wholes, strict=True)
-        return reduce(operator.iadd, (a.conj() * self.spectrum(g / n) for a, n, g in each))
+    def through(self, response: Any, spectrum: Complex[np.ndarray, "..."]) -> np.ndarray:
+        """The sensor's part of pictures through a response."""
+        if isinstance(response, AbstractRolledFrame):
+            return response.seen(spectrum)
+        return self.seen(spectrum * response)
 
-    def density(self, responses: Complex[np.ndarray, "frames ..."]) -> Float[np.ndarray, "..."]:
-        r"""Signal by noise of the frames, $\sum_k |A_k|^2/N_k$."""
-        return density_of(responses, self.noises.astype(self.frames.dtype))
+    def told(self, response: Any, frame: Float[np.ndarray, "..."]) -> Complex[np.ndarray, "..."]:
+        """The adjoint of `through`, of a frame less its levels where nothing is known of them."""
+        if isinstance(response, AbstractRolledFrame):
+            return response.told(self.known(frame))
+        shape = self.shape
+        whole = np.zeros((*frame.shape[: -len(shape)], *shape), self.frames.dtype)
+        whole[self.window] = self.known(frame)
+        return response.conj() * self.spectrum(whole)
+
+    def gathered(
+        self, responses: Responses, frames: Iterable[np.ndarray]
+    ) -> Complex[np.ndarray, "..."]:
+        r"""All that frames tell of the picture, $\sum_k \bar A_k \hat g_k / N_k$."""
+        noises = self.noises.astype(self.frames.dtype)
+        each = zip(responses, noises, frames, strict=True)
+        return reduce(operator.iadd, (self.told(a, g / n) for a, n, g in each))
+
+    def density(self, responses: Responses) -> Float[np.ndarray, "..."]:
+        r"""Signal by noise of the frames, $\sum_k |A_k|^2/N_k$, in the mean over rows."""
+        noises = self.noises.astype(self.frames.dtype)
+        if isinstance(responses, np.ndarray):
+            return density_of(responses, noises)
+        return reduce(operator.iadd, (a.power / n for a, n in zip(responses, noises, strict=True)))
 
 
 class Likeliest(NamedTuple):
     """The likeliest pictures of frames."""
 
     canvas: Canvas
-    responses: Complex[np.ndarray, "frames ..."]
+    responses: Responses
     spectrum: Complex[np.ndarray, "..."]
     # How much better than no picture each explains the frames, as a logarithm of likelihood
     gains: Float[np.ndarray, "*pictures"]
@@ -114,30 +154,23 @@ class Likeliest(NamedTuple):
         return self.canvas.picture(self.spectrum)
 
     @property
+    def density(self) -> Float[np.ndarray, "..."]:
+        """Signal by noise of the frames."""
+        return self.canvas.density(self.responses)
+
+    @property
     def seen(self) -> Float[np.ndarray, "frames ..."]:
         """The frames that the pictures give."""
-        return np.stack([self.canvas.seen(self.spectrum * one) for one in self.responses])
+        return np.stack([self.canvas.through(one, self.spectrum) for one in self.responses])
 
 
-def likeliest(
-    canvas: Canvas, responses: Complex[np.ndarray, "frames ..."], tolerance: float = TOLERANCE
-) -> Likeliest:
+def likeliest(canvas: Canvas, responses: Responses, tolerance: float = TOLERANCE) -> Likeliest:
     """The likeliest pictures, by conjugate gradients on all of them at once."""
     dtype, shape = canvas.frames.dtype, canvas.shape
     prior = 1 / canvas.power
     # The sensor sees a share of the canvas; elsewhere the prior alone holds the picture.
     share = math.prod(canvas.sensor) / math.prod(shape)
     inverse = 1 / (share * canvas.density(responses) + prior)
-
-    def gathered(frames: Iterable[np.ndarray]) -> np.ndarray:
-        """Spectra of the pictures that frames on the sensor would be made of."""
-
-        def alone(frame: np.ndarray) -> np.ndarray:
-            whole = np.zeros((*frame.shape[: -len(shape)], *shape), dtype)
-            whole[canvas.window] = canvas.known(frame)
-            return whole
-
-        return canvas.gathered(responses, map(alone, frames))
 
     def product(first: np.ndarray, second: np.ndarray) -> np.ndarray:
         """Inner products of pictures, from half of their spectra."""
@@ -147,7 +180,7 @@ def likeliest(
         """A number for each picture."""
         return numbers.astype(dtype).reshape(*numbers.shape, *[1] * len(shape))
 
-    target = gathered(canvas.frames)
+    target = canvas.gathered(responses, canvas.frames)
     picture, residual, step = np.zeros_like(target), target.copy(), target * inverse
     size = product(residual, step)
     least = tolerance**2 * size
@@ -155,7 +188,7 @@ def likeliest(
         is_active = size > least
         if not np.any(is_active):
             break
-        image = gathered(canvas.seen(step * one) for one in responses)
+        image = canvas.gathered(responses, (canvas.through(one, step) for one in responses))
         image += prior * step
         stride = size / np.maximum(product(step, image), 1e-300)
         stride = along(np.where(is_active, stride, 0.0))
@@ -168,28 +201,35 @@ def likeliest(
     return Likeliest(canvas, responses, picture, product(target, picture) / 2)
 
 
-def complete(found: Likeliest) -> tuple[Complex[np.ndarray, "..."], Float[np.ndarray, "..."]]:
+def complete(
+    found: Likeliest, density: Float[np.ndarray, "*k"] | None = None
+) -> Complex[np.ndarray, "..."]:
     r"""All that frames tell which go on beyond their borders, as the likeliest pictures do.
 
     With $\hat d = \sum_k \bar A_k\hat g_k/N_k$ and $\rho = \sum_k |A_k|^2/N_k$ the misfit of a
-    picture is $\tfrac12\sum(\rho|\hat f|^2 - 2\,\Re\,\bar{\hat f}\hat d)$.
+    picture is $\tfrac12\sum(\rho|\hat f|^2 - 2\,\Re\,\bar{\hat f}\hat d)$. Frames whose rows have
+    responses of their own are completed to those of a density $\rho$ for all rows, of which the
+    likeliest picture is the same: $\hat d = (\rho + 1/S)\hat f$.
     """
-    canvas = found.canvas
-
-    def completed() -> Iterator[np.ndarray]:
-        for frame, response in zip(canvas.frames, found.responses, strict=True):
-            whole = canvas.picture(found.spectrum * response)
-            whole[canvas.window] = frame
-            yield whole
-
-    return canvas.gathered(found.responses, completed()), canvas.density(found.responses)
+    canvas, responses = found.canvas, found.responses
+    if density is not None or not isinstance(responses, np.ndarray):
+        own = found.density if density is None else density
+        return (own + 1 / canvas.power) * found.spectrum
+    data: Any = 0.0
+    noises = canvas.noises.astype(canvas.frames.dtype)
+    for frame, response, noise in zip(canvas.frames, responses, noises, strict=True):
+        whole = canvas.picture(found.spectrum * response)
+        whole[canvas.window] = frame
+        data = data + np.conj(response) * canvas.spectrum(whole / noise)
+    return data
 
 
 class Volume(NamedTuple):
     """The volume of the Gaussian about the likeliest picture."""
 
-    # Half the logarithm of the determinant of the frames' covariance, over that of their noise
-    logarithm: float
+    # Half the logarithm of the determinant of the frames' covariance, over that of their noise, or
+    # that of each row
+    logarithm: float | Float[np.ndarray, "rows"]
     freedoms: Float[np.ndarray, "frames"]  # Numbers of each frame that are left to the noise
 
 
@@ -258,11 +298,11 @@ def fit_of(found: Likeliest, space: Volume, mean: float = 0.0) -> Fit:
     # Standard deviations by which a frame may differ: of its gain, black level, and shift, 10 px.
     expected = np.diag(np.array([0.2, 0.2, *[10.0 / canvas.size] * num_axes]) ** -2.0)
     for k, noise in enumerate(canvas.noises if num_frames > 1 else []):
-        spectrum = found.spectrum * found.responses[k]
         changes = [seen[k] + mean, np.ones_like(seen[k])]
         for frequency in frequencies_along(canvas.shape):
-            turn = (-2j * np.pi * frequency).astype(spectrum.dtype)
-            changes.append(canvas.seen(turn * spectrum).reshape(shape[1:]))
+            turn = (-2j * np.pi * frequency).astype(found.spectrum.dtype)
+            change = canvas.through(found.responses[k], turn * found.spectrum)
+            changes.append(change.reshape(shape[1:]))
         design = np.stack([canvas.known(one).ravel() for one in changes], axis=1)
         design = design.astype(np.float64)
         inverse = np.linalg.inv(design.T @ design / noise + expected)

@@ -20,7 +20,7 @@ from mishutter.decoding.decoders.total_variation import (
     TotalVariationDecoder,
 )
 from mishutter.decoding.likeliest import Canvas, Likeliest, complete, frequencies_along, noises_of
-from mishutter.decoding.plane_likelihood import Own, Prior
+from mishutter.decoding.plane_likelihood import Own
 from mishutter.model.scene import Scene
 from mishutter.plane.frames import PlaneFrames
 
@@ -41,7 +41,7 @@ def restored_in_plane(
     restored = []
     for plane in planes:
         mean = plane.dtype.type(np.mean(plane))
-        level = Own(plane - mean, noises, taken, Prior(scene)).level(velocity[None])
+        level = Own.of(plane - mean, noises, taken, scene).level(velocity[None])
         picture = decode(level.likeliest(velocity), float(mean))
         restored.append(picture[level.canvas.window] + mean)
     return np.stack(restored, axis=-1)
@@ -62,7 +62,7 @@ def _by_total_variation(
     decoder: TotalVariationDecoder, found: Likeliest, mean: float
 ) -> np.ndarray:
     """The minimum of `TotalVariationDecoder`, with the responses of the plane."""
-    canvas, (data, density) = found.canvas, complete(found)
+    canvas, data, density = found.canvas, complete(found), found.density
     error = _error(canvas, density)
     coupling = EDGES * decoder.strength / THRESHOLD
     scale, threshold = error / coupling, THRESHOLD * math.sqrt(error)
@@ -95,7 +95,7 @@ def _differences(picture: np.ndarray) -> Float[np.ndarray, "2 m n"]:
 
 def _by_denoiser(decoder: PlugAndPlayDecoder, found: Likeliest, mean: float) -> np.ndarray:
     """The steps of `PlugAndPlayDecoder`, with the responses of the plane."""
-    canvas, picture, (data, density) = found.canvas, found.picture, complete(found)
+    canvas, picture, data, density = found.canvas, found.picture, complete(found), found.density
     error = _error(canvas, density)
     for sigma in (decoder.falling * math.sqrt(error)).tolist():
         weight = decoder.strength / sigma**2

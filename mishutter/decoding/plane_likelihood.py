@@ -23,12 +23,14 @@ from mishutter.decoding.likeliest import (
     Detail,
     Fit,
     Likeliest,
+    Responses,
     Volume,
     fit_of,
     frequencies_along,
     likeliest,
     volume_of,
 )
+from mishutter.decoding.rolling import RowsInPlane
 from mishutter.evaluation.fans import picture_power_on
 from mishutter.evaluation.instants import Instants
 from mishutter.model.scene import Scene
@@ -71,24 +73,39 @@ class Level(NamedTuple):
     instants: Instants
     aperture: Float[np.ndarray, "m k"]
     coarse: tuple[np.ndarray, np.ndarray]  # Power and aperture on the grid of volumes
+    rows: RowsInPlane | None  # Where they are exposed one after another
 
     def likeliest(
         self, velocity: Float[np.ndarray, "2"], tolerance: float = TOLERANCE
     ) -> Likeliest:
         """The likeliest picture at a velocity."""
-        frames, shape = self.canvas.frames, self.canvas.shape
-        each = responses_in_plane(self.instants, velocity / self.canvas.size, shape)
-        responses = (each * self.aperture).astype(np.result_type(frames, np.complex64))
-        return likeliest(self.canvas, responses, tolerance)
+        return likeliest(self.canvas, self.responses(velocity, tolerance), tolerance)
+
+    def responses(
+        self, velocity: Float[np.ndarray, "2"], tolerance: float, *, by_time: bool = False
+    ) -> Responses:
+        r"""Responses at a velocity, or derivatives by it but for $2\pi i\,\mathbf f$."""
+        canvas, velocity = self.canvas, velocity / self.canvas.size
+        if self.rows is not None:
+            share = 0.5 if tolerance == ROUGHLY else 0.03  # of the noise
+            return self.rows.frames(velocity, canvas, self.aperture, share, by_time=by_time)
+        instants = self.instants
+        weight = instants.weight * instants.time if by_time else instants.weight
+        waves = waves_in_plane(
+            instants.displacement(velocity), weight, frequencies_on(canvas.shape)
+        )
+        return (waves * self.aperture).astype(np.result_type(canvas.frames, np.complex64))
 
     def volume(self, velocity: Float[np.ndarray, "2"]) -> Volume:
         """The volume of the likelihood of a velocity, on a coarse grid."""
         power, aperture = self.coarse
         shape = power.shape[0], 2 * (power.shape[1] - 1)
-        velocity = velocity / self.canvas.size
-        responses = responses_in_plane(self.instants, velocity, shape) * aperture
-        density = np.abs(responses) ** 2 * power / self.canvas.noises[:, None, None]
-        return volume_of(density, self.instants.middles(velocity)[::-1], self.canvas.sensor)
+        velocity, volumes = velocity / self.canvas.size, []
+        for one in [self.instants] if self.rows is None else self.rows.some:
+            responses = responses_in_plane(one, velocity, shape) * aperture
+            density = np.abs(responses) ** 2 * power / self.canvas.noises[:, None, None]
+            volumes.append(volume_of(density, one.middles(velocity)[::-1], self.canvas.sensor))
+        return Volume(*(np.mean(part, axis=0) for part in zip(*volumes, strict=True)))
 
     def fit(self, velocity: Float[np.ndarray, "2"], found: Likeliest, mean: float) -> Fit:
         """How the frames fit the likeliest picture at a velocity, about a mean level."""
@@ -102,6 +119,21 @@ class Own(NamedTuple):
     noises: Float[np.ndarray, "n"]  # Variance of the noise in each; white = 1
     taken: PlaneFrames
     prior: Prior
+    delays: Float[np.ndarray, "rows"] | None = None  # Of rows that are exposed in turn; s
+
+    @staticmethod
+    def of(
+        frames: Float[np.ndarray, "n rows columns"],
+        noises: Float[np.ndarray, "n"],
+        taken: PlaneFrames,
+        scene: Scene,
+    ) -> "Own":
+        """Those of the sensor of a scene."""
+        sensor, delays = scene.sensor, None
+        if sensor.is_rolling:
+            taken = taken.for_rows(sensor.readout_time, scene.limits)
+            delays = sensor.row_delays(frames.shape[1])
+        return Own(frames, noises, taken, Prior(scene), delays)
 
     def level(
         self, velocities: Float[np.ndarray, "s 2"], size: int = 1, part: slice | None = None
@@ -110,15 +142,20 @@ class Own(NamedTuple):
         fastest = float(np.max(np.hypot(*velocities.T)))
         instants = Instants.of(self.taken, fastest, size=size)
         instants = instants if part is None else instants.part(part)
-        part = slice(None) if part is None else part
+        part, rows = slice(None) if part is None else part, None
+        if self.delays is not None:
+            first = part.start or 0
+            rows = RowsInPlane.of(self.taken, instants, first, self.delays, size)
         binned = self.frames[part]
         if size > 1:
-            rows, columns = (count // size for count in binned.shape[1:])
-            squares = binned[:, : rows * size, : columns * size]
-            binned = squares.reshape(-1, rows, size, columns, size).mean(axis=(2, 4))
+            down, across = (count // size for count in binned.shape[1:])
+            squares = binned[:, : down * size, : across * size]
+            binned = squares.reshape(-1, down, size, across, size).mean(axis=(2, 4))
         # Waves of the sensor's ends die away in so many of its pixels, and of the canvas.
         beyond = max(32 // size, 4)
-        across, down = (math.ceil(x) + beyond for x in instants.reach(velocities / size))
+        ends = [instants] if rows is None else [rows.at(d) for d in rows.delays[[0, -1]].tolist()]
+        reach = np.max([one.reach(velocities / size) for one in [instants, *ends]], axis=0)
+        across, down = (math.ceil(x) + beyond for x in reach)
         shape = fast_length(binned.shape[1] + 2 * down), fast_length(binned.shape[2] + 2 * across)
         grid = min(GRID, shape[0]), min(GRID, shape[1])
         optics = self.prior.scene.optics
@@ -133,6 +170,7 @@ class Own(NamedTuple):
             instants,
             aperture.astype(dtype),
             (self.prior.on(grid, size), aperture_on(optics, grid, size)),
+            rows,
         )
 
     def has(self, least: int, size: int) -> bool:
@@ -154,7 +192,7 @@ class Own(NamedTuple):
 def logarithm(level: Level, velocity: np.ndarray, tolerance: float = ROUGHLY) -> float:
     """Logarithm of the likelihood of a velocity, over that of no picture."""
     gain = float(level.likeliest(velocity, tolerance).gains)
-    return gain - level.volume(velocity).logarithm
+    return gain - float(level.volume(velocity).logarithm)
 
 
 class Slope(NamedTuple):
@@ -187,17 +225,13 @@ class Slope(NamedTuple):
 
 def slope_at(level: Level, velocity: Float[np.ndarray, "2"], tolerance: float = TOLERANCE) -> Slope:
     """The slope at a velocity."""
-    canvas, instants, size = level.canvas, level.instants, level.canvas.size
+    canvas, size = level.canvas, level.canvas.size
     found = level.likeliest(velocity, tolerance)
     residual = canvas.frames - found.seen
-    displaced = instants.displacement(velocity / size)
-    weight = instants.weight * instants.time
-    moved = waves_in_plane(displaced, weight, frequencies_on(canvas.shape)) * level.aperture
-    moved = moved.astype(found.responses.dtype)
-    changes = []
+    moved, changes = level.responses(velocity, tolerance, by_time=True), []
     for frequency in frequencies_along(canvas.shape):
-        turned = (2j * np.pi / size * frequency).astype(moved.dtype) * found.spectrum
-        changes.append(np.stack([canvas.seen(turned * one) for one in moved]))
+        turned = (2j * np.pi / size * frequency).astype(found.spectrum.dtype) * found.spectrum
+        changes.append(np.stack([canvas.through(one, turned) for one in moved]))
     side = 0.1 * _furthest(level)
     volumes = np.array(
         [

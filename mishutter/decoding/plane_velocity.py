@@ -17,11 +17,13 @@ from mishutter.decoding.decoders.speed import luminance_shares
 from mishutter.decoding.frame_doubts import (
     BLACK,
     FLOOR,
+    ROLLS_ABOVE,
     TRIED_BEYOND,
     WORTH,
     Evidence,
     Rival,
     Words,
+    doubt_of_rows,
 )
 from mishutter.decoding.likeliest import Fit, detail_of, follows, noises_of
 from mishutter.decoding.plane_likelihood import (
@@ -39,6 +41,7 @@ from mishutter.decoding.plane_likelihood import (
 from mishutter.evaluation.instants import Instants
 from mishutter.evaluation.levels import require_velocities
 from mishutter.model.scene import Scene
+from mishutter.model.sensor import Sensor
 from mishutter.model.velocities import AbstractVelocities
 from mishutter.plane.frames import PlaneFrames
 
@@ -49,7 +52,9 @@ _MOST_ALONG = 64
 """Most steps from rest to the fastest velocity that is tried."""
 _NEAR = 0.1
 """Part of a step within which a peak is reached."""
-_REASONS = "their order, a lost or repeated frame, another design or path, two objects"
+_REASONS = (
+    "their order, a lost or repeated frame, another design or path, two objects, a rolling shutter"
+)
 _WORDS = Words(
     "velocity",
     f"{_REASONS}, a velocity beyond the scene's",
@@ -150,10 +155,30 @@ def told_in_plane(
         is_only=True,
     )
     doubt = evidence.doubt(0.0, _TOLD)
+    doubt = doubt or _doubt_of_rows(own, level.canvas.size, velocity, evidence, mean)
     ends = velocities[:1], np.ones(1)
     return VelocityEstimate(
         velocity, np.zeros((2, 2)), doubt == "", *ends, doubt, misfit=fits[0].misfit
     )
+
+
+def _doubt_of_rows(
+    own: Own, size: int, velocity: Float[np.ndarray, "2"], judged: Evidence, mean: float
+) -> str:
+    """The doubt of frames of a moving sensor that a rolling shutter explains better."""
+    misfit, scene = judged.compared.misfit, own.prior.scene
+    if own.delays is not None or own.taken.stays or len(own.frames) == 1 or misfit < ROLLS_ABOVE:
+        return ""
+
+    def misfit_by(sensor: Sensor) -> float:
+        """The misfit of rows that are read one after another."""
+        path = own.taken.for_rows(sensor.readout_time, scene.limits)
+        rolling = own._replace(taken=path, delays=sensor.row_delays(own.frames.shape[1]))
+        level = rolling.level(velocity[None], size)
+        return level.fit(velocity, level.likeliest(velocity, ROUGHLY), mean).misfit
+
+    longest = float(np.max(own.taken.exposures))
+    return doubt_of_rows(scene.sensor, longest, misfit, misfit_by)
 
 
 def _own_of(
@@ -164,7 +189,7 @@ def _own_of(
     grey = np.tensordot(shares, planes, 1)
     mean = float(np.mean(grey))
     noises = noises_of(scene, taken.exposures, mean, float(shares @ shares))
-    own = Own((grey - mean).astype(np.float32), noises, taken, Prior(scene))
+    own = Own.of((grey - mean).astype(np.float32), noises, taken, scene)
     return grey, _with_own_detail(own)
 
 
@@ -288,7 +313,7 @@ def _size(climb: Climb) -> float:
 
 def _value(level: Level, climb: Climb) -> float:
     """Logarithm of the likelihood before a step."""
-    return float(climb.found.gains) - level.volume(climb.velocity).logarithm
+    return float(climb.found.gains) - float(level.volume(climb.velocity).logarithm)
 
 
 def _velocities_to_try(law: AbstractVelocities, step: float) -> Float[np.ndarray, "s 2"]:
@@ -335,6 +360,7 @@ class _Found(NamedTuple):
         covariance = spread * self.peak.covariance + least * np.eye(2)
         error = math.sqrt(float(np.max(np.linalg.eigvalsh(covariance))))
         doubt = judged.doubt(error * own.duration, _WORDS)
+        doubt = doubt or _doubt_of_rows(own, self.search.level.canvas.size, best, judged, self.mean)
         below = np.array([0.0, *(below for _, below, _ in judged.rivals)])
         weights = np.exp(WORTH / spread * (np.min(below) - below))
         return VelocityEstimate(

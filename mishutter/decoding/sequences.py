@@ -24,6 +24,7 @@ from mishutter.decoding.plane_velocity import (
     told_in_plane,
     velocity_in_plane,
 )
+from mishutter.decoding.rolling import RowTimes
 from mishutter.model.scene import Scene, require_scene, require_whole
 from mishutter.model.sequences import TimedFrame
 from mishutter.pictures.images import Axis, transposed
@@ -170,10 +171,12 @@ def speed_of_frames(
     scene: Scene,
     frames: Sequence[TimedFrame],
     told: float | None = None,
+    times: RowTimes | None = None,
 ) -> SpeedEstimate:
     """The speed that `restore_frames` finds, or is told, without the picture."""
     _, planes = _planes_of(captures, len(frames), scene.sensor.axis)
-    return speed_on_axis(planes, scene, frames, told)
+    times = RowTimes.of(scene.sensor, planes.shape) if times is None else times
+    return speed_on_axis(planes, scene, frames, times, told)
 
 
 @alone_in_blas()
@@ -183,10 +186,13 @@ def picture_at(
     frames: Sequence[TimedFrame],
     decoder: AbstractDecoder,
     speed: float,
+    *,
+    times: RowTimes | None = None,
 ) -> Planes:
     """The picture that `restore_frames` restores at a speed, which nothing judges."""
     light, planes = _planes_of(captures, len(frames), scene.sensor.axis)
-    picture = restored_on_axis(planes, scene, frames, decoder, speed)
+    times = RowTimes.of(scene.sensor, planes.shape) if times is None else times
+    picture = restored_on_axis(planes, scene, frames, decoder, speed, times=times)
     return _as_frame(picture, light, scene.sensor.axis)
 
 

@@ -36,6 +36,7 @@ from mishutter.decoding.restoration import (
     levels_of,
     restored_light,
 )
+from mishutter.decoding.rolling import RowTimes
 from mishutter.decoding.sequences import (
     RestoredFrames,
     picture_at,
@@ -152,9 +153,12 @@ def capture_and_restore(
         require(is_taken, f"{function}(motion=...)", words, exposures)
         capture = partial(simulate_frames, frames=exposures.frames)
     take = partial(capture, scene=along, **options)
-    if isinstance(subject, Layers | Footage):
+    if scene.sensor.is_rolling and not is_one:
+        report("capturing", 0.0)
+        captured = np.asarray(capture(subject, scene=scene, key=key, **options))
+    elif isinstance(subject, Layers | Footage):
         report("exposing", 0.0)
-        captured = np.array(take(subject.transposed(axis), key=key))
+        captured = _turned(np.array(take(subject.transposed(axis), key=key)), axis, exposures)
     else:
         image = np.asarray(transposed(as_radiance(subject, f"{function}(subject=...)"), axis))
         if in_plane or (not is_one and shows_objects(scene, exposures.frames)):
@@ -163,7 +167,7 @@ def capture_and_restore(
         else:
             taken = _taken(image, take, key, rows_at_once, report)
             captured = np.concatenate(taken, axis=0 if is_one else 1)
-    captured = _turned(captured, axis, exposures)
+        captured = _turned(captured, axis, exposures)
     # Layers that a sensor at rest sees move on their own.
     is_several = isinstance(subject, Layers) and len(subject.layers) > 1
     several = is_several and not is_one and is_at_rest(exposures.frames)
@@ -201,7 +205,7 @@ def _restored(
     rows_at_once: int = _ROWS_AT_ONCE,
     report: Progress,
 ) -> Restoration:
-    """What a camera has taken, restored by the speed or the objects that are known or found."""
+    """The picture by the speed or the objects that are known or found in a capture."""
     axis, along, told = scene.sensor.axis, scene.along_rows(), known.speeds
     is_one, frames = isinstance(exposures, OneExposure), exposures.frames
     shows = known.outlines is not None or shows_objects(scene, frames, by_object)
@@ -236,7 +240,14 @@ def _restored(
         restored = Restoration(light, found)
     else:
         restored = _frames_in_portions(
-            turned, along, frames, decoder, speed=speed, rows_at_once=rows_at_once, report=report
+            turned,
+            along,
+            frames,
+            decoder,
+            speed=speed,
+            times=RowTimes.of(scene.sensor, turned.shape[1:3]),
+            rows_at_once=rows_at_once,
+            report=report,
         )
     return restored._replace(light=transposed(restored.light, axis))
 
@@ -407,6 +418,7 @@ def _frames_in_portions(
     decoder: AbstractDecoder,
     *,
     speed: float | None,
+    times: RowTimes,
     rows_at_once: int,
     report: Progress,
 ) -> Restoration:
@@ -415,11 +427,12 @@ def _frames_in_portions(
     chosen = decoder.inner if isinstance(decoder, SpeedFindingDecoder) else decoder
     if speed is None or len(frames) > 1:
         report("finding the speed" if speed is None else "judging the speed", 0.0)
-        estimate = speed_of_frames(captured, scene, frames, speed)
+        estimate = speed_of_frames(captured, scene, frames, speed, times)
         speed = estimate.speed
     restored = np.empty_like(captured[0])
     for here, around, inner in _portions(num_rows, rows_at_once, chosen.rows_beyond, report):
-        restored[here] = picture_at(captured[:, around], scene, frames, chosen, speed)[inner]
+        part, own = captured[:, around], times.of_rows(around)
+        restored[here] = picture_at(part, scene, frames, chosen, speed, times=own)[inner]
     return Restoration(restored, estimate)
 
 

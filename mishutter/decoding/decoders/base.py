@@ -29,23 +29,26 @@ from mishutter.model.motion import AbstractMotion
 from mishutter.model.optics import NUM_FREQUENCIES, Optics, frequencies
 from mishutter.model.scene import Scene, picture_power
 from mishutter.model.sensor import noise_power, white_electrons
-from mishutter.model.sequences import TimedFrame
 from mishutter.model.shutters.base import AbstractShutter
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CompleteFrames:
     """Frames of a sequence that go on beyond their borders, and so are as good as one capture."""
 
-    frames: tuple[TimedFrame, ...]  # The frames
+    nodes: Instants  # Of the frames, or of some rows of each
     speed: float  # Speed of the picture; px/s
-    noises: tuple[float, ...]  # Variance of the noise in each, white = 1
+    noises: Float[np.ndarray, "frames"]  # Variance of the noise in each, white = 1
+
+    def density(self, optics: Optics, length: int) -> Float[np.ndarray, "{length}//2+1"]:
+        r"""Signal by noise of that capture, $\sum_k |A_k|^2/N_k$, in the mean over rows."""
+        responses = responses_of_frames(self.nodes, np.array([self.speed]), optics, length)[0]
+        each = responses.reshape(len(self.noises), -1, length // 2 + 1)
+        return np.mean(density_of(each, self.noises), axis=0)
 
     def response(self, optics: Optics, length: int) -> Float[np.ndarray, "{length}//2+1"]:
-        r"""Response of that capture, $\sqrt{\sum_k |A_k|^2/N_k}$ over its value at 0."""
-        nodes = Instants.of(self.frames, abs(self.speed))
-        responses = responses_of_frames(nodes, np.array([self.speed]), optics, length)[0]
-        density = density_of(responses, np.array(self.noises))
+        """The square root of that over its value at 0."""
+        density = self.density(optics, length)
         return np.sqrt(density / density[0])
 
 

@@ -1,0 +1,141 @@
+"""Frames of a sensor whose rows are exposed one after another, against a reference of its own."""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+from support.plane import frames_of
+
+from mishutter import (
+    FreeMotion,
+    PlaneFrames,
+    Scene,
+    Sensor,
+    StillCamera,
+    TimedFrame,
+    example_picture,
+    restore_frames,
+    simulate_frames,
+)
+from mishutter.decoding.decoders.linear import mean_over_dft
+from mishutter.decoding.likeliest import noises_of
+from mishutter.decoding.plane_likelihood import Own
+
+EXPOSURE, STROKE, SPEED = 0.02, 54.6, 2000.0
+SCENE = Scene.uniform(max_speed=4500.0, photon_rate=1e5, read_noise=8)
+PLANE = Scene.any_direction(2800.0, photon_rate=3e4, read_noise=10.0)
+VELOCITY = np.array([1500.0, -800.0])
+
+
+def alternating():
+    """Four parabolas of alternating direction, one after the other."""
+    a = STROKE / 2 / (EXPOSURE / 2) ** 2
+    return [
+        TimedFrame(
+            FreeMotion(accelerations=[(-1) ** k * a], half_exposure=EXPOSURE / 2),
+            (k - 1.5) * EXPOSURE,
+            STROKE * (k % 2),
+        )
+        for k in range(4)
+    ]
+
+
+def gaussian_captures(readout, rows=32, columns=1024):
+    """Periodic rows of a Gaussian spectrum, and four noisy frames of each at its own time."""
+    rng, f = np.random.default_rng(0), np.fft.fftfreq(columns)
+    rows_of_light = np.fft.ifft(np.fft.fft(rng.normal(size=(rows, columns))) / (abs(f) + 0.01)).real
+    light = np.clip(0.25 + 0.2 * rows_of_light / 20, 0, 1)
+    x, weight = np.polynomial.legendre.leggauss(160)
+    captures, white = np.empty((4, rows, columns)), 1e5 * EXPOSURE
+    for y, k in np.ndindex(rows, 4):
+        time = (k - 1.5) * EXPOSURE + (y / (rows - 1) - 0.5) * readout + x * EXPOSURE / 2
+        number = np.floor(time / EXPOSURE)
+        place = (time - (number + 0.5) * EXPOSURE) / (EXPOSURE / 2)
+        way = np.where(number % 2 == 0, 1, -1) * STROKE / 2 * (place**2 - 1) - SPEED * time
+        response = np.exp(-2j * np.pi * f[:, None] * way) @ (weight / 2) * np.sinc(f)
+        clean = np.clip(np.fft.ifft(response * np.fft.fft(light[y])).real, 0, None)
+        captures[k, y] = (rng.poisson(clean * white) + rng.normal(size=columns) * 8) / white
+    return captures, light
+
+
+def psnr(found, light):
+    return -10 * np.log10(np.mean((np.asarray(found) - light)[:, 128:-128] ** 2))
+
+
+@pytest.mark.parametrize(("readout", "known", "untold"), [(0.005, 31.9, 30.7), (0.02, 31.3, 26.4)])
+def test_rows_are_restored_by_kernels_of_their_own(readout, known, untold):
+    """The levels are those of a NumPy program with the same filter, of 96 rows."""
+    captures, light = gaussian_captures(readout)
+    rolling = replace(SCENE, sensor=Sensor(readout=readout))
+    told = restore_frames(captures, rolling, alternating(), speed=SPEED)
+    assert psnr(told.light, light) == pytest.approx(known, abs=0.15)
+    assert told.estimate.misfit == pytest.approx(1, abs=0.03)
+    assert told.estimate.trusted
+    taken_as_global = restore_frames(captures, SCENE, alternating(), speed=SPEED)
+    assert psnr(taken_as_global.light, light) == pytest.approx(untold, abs=0.25)
+    assert not taken_as_global.estimate.trusted
+    assert "rolling shutter" in taken_as_global.estimate.doubt
+
+
+def test_a_doubt_says_which_readout_fits():
+    """And in which way rows are read."""
+    captures, _ = gaussian_captures(0.005, rows=24)
+    flipped = captures[:, ::-1]
+    for frames, way in ((captures, "down"), (flipped, "up")):
+        doubt = restore_frames(frames, SCENE, alternating(), speed=SPEED).estimate.doubt
+        assert (
+            f"A rolling shutter of about 5 ms from the first row to the last, read {way}" in doubt
+        )
+
+
+def test_stills_that_are_read_along_the_motion_tell_the_speed():
+    """Taken as those of a global shutter, they tell that divided by what a row's delay makes."""
+    still = StillCamera(half_exposure=7e-4)
+    frames = [TimedFrame(still, (k - 1.5) * EXPOSURE) for k in range(4)]
+    scene = replace(SCENE, sensor=Sensor(axis="columns", readout=0.01))
+    picture = np.asarray(example_picture().light)[:320, 100:116, 1]
+    taken = {"num_columns": 192, "key": jax.random.key(2)}
+    captures = simulate_frames(picture, scene, frames, speed=SPEED, **taken)
+    found = restore_frames(captures, scene, frames).estimate
+    assert abs(found.speed - SPEED) < 4 * found.error < 20
+    as_global = replace(SCENE, sensor=Sensor(axis="columns"))
+    untold = restore_frames(captures, as_global, frames).estimate.speed
+    assert untold == pytest.approx(SPEED / (1 + SPEED * 0.01 / 191), rel=0.01)
+
+
+@pytest.mark.parametrize("kind", ["still", "circle"])
+def test_rows_of_the_plane_are_those_of_their_own_instants(kind):
+    """To a share of the noise; and what a frame tells is the adjoint of what a picture leaves."""
+    rng, frames = np.random.default_rng(0), frames_of("A", 4, kind)
+    rolling = replace(PLANE, sensor=Sensor(readout=0.01, rows_read="up"))
+    noises = noises_of(rolling, frames.exposures, 0.25)
+    own = Own.of(rng.normal(size=(4, 60, 70)), noises, frames, rolling)
+    for size in (1, 2):
+        level = own.level(VELOCITY[None], size)
+        canvas, shape = level.canvas, level.canvas.shape
+        response = level.responses(VELOCITY, 1e-3)[1]
+        light = canvas.spectrum(rng.normal(size=shape)) * np.sqrt(canvas.power) * level.aperture
+        seen, frame = response.seen(light), rng.normal(size=canvas.sensor)
+        told = mean_over_dft(np.real(response.told(frame).conj() * light), *shape)
+        assert float(told) == pytest.approx(np.sum(frame * seen), rel=1e-9)
+        for row in (0, 11, len(seen) - 1):
+            there = level.rows.at(float(level.rows.delays[row]))
+            exact = level._replace(rows=None, instants=there).responses(VELOCITY, 1e-3)[1]
+            error = np.mean((canvas.seen(light * exact)[row] - seen[row]) ** 2)
+            assert error < 0.03 * canvas.noises[1]
+
+
+@pytest.mark.slow
+def test_a_velocity_along_the_readout_is_found():
+    """That of stills whose rows are read 50 us after one another."""
+    times = (np.arange(4) - 1.5) * 0.02
+    frames = PlaneFrames(times, np.full(4, 2.7e-3), np.array([0.0627]), np.zeros((2, 2)))
+    scene = replace(PLANE, sensor=Sensor(readout=50e-6 * 95))
+    picture = np.asarray(example_picture().light)[100:340, 200:460, 1].astype(np.float64)
+    taken = {"num_rows": 96, "num_columns": 96, "key": jax.random.key(3)}
+    captures = simulate_frames(picture, scene, frames, speed=VELOCITY, **taken)
+    found = restore_frames(captures, scene, frames).estimate
+    assert np.all(np.abs(found.velocity - VELOCITY) < 4 * found.error)
+    untold = restore_frames(captures, PLANE, frames).estimate.velocity
+    assert untold == pytest.approx(VELOCITY / (1 - 800 * 50e-6), rel=0.01)
