@@ -33,6 +33,7 @@ ALL = (
     "layered_photographs",
     "layered_bursts",
     "objects",
+    "footage",
     "restoration",
     "restoration_over_speeds",
     "speed",

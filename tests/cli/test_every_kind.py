@@ -1,0 +1,103 @@
+"""Each kind of scene is planned and explored; designs of some go through every command."""
+
+import shlex
+
+import numpy as np
+import pytest
+
+from mishutter import Layer, Layers, Picture, cli, example_picture, write_layers
+from mishutter.explore import server
+from mishutter.pictures.images import write_picture
+
+TWO_WAYS = "uniform = { min_px_per_s = -900, max_px_per_s = 900, count = 3 }"
+ONE_WAY = "uniform = { min_px_per_s = 200, max_px_per_s = 1100, count = 3 }"
+ANY = "any_direction = { max_px_per_s = 700 }"
+BURST = "[burst]\nframes_per_s = 60\nmax_frames = 4\nwindow_ms = 60\n"
+SCENE = """[speeds]
+{speeds}
+[light]
+photon_rate_per_s = 1e5
+[sensor]
+read_noise_e = 6
+axis = "{axis}"
+[limits]
+max_stroke_px = 12
+max_exposure_ms = 12
+[picture]
+path = "photo.png"
+{sections}"""
+KINDS = {
+    "along rows": (TWO_WAYS, ""),
+    "along columns": (TWO_WAYS, BURST),
+    "one-way speeds": (ONE_WAY, BURST),
+    "known speeds": (TWO_WAYS, BURST + '[decoder]\nspeed = "known"\n'),
+    "background": (TWO_WAYS, BURST + "[occlusion]\nfront_share = 0.3\nobject_width_px = 40\n"),
+    "objects": (TWO_WAYS, BURST + "[objects]\nwidth_px = 60\n"),
+    "any direction": (ANY, BURST),
+    "objects in any direction": (ANY, BURST + "[objects]\nwidth_px = 60\n"),
+    "servo": (TWO_WAYS, "[stage]\nbandwidth_hz = 300\n"),
+    "device": (TWO_WAYS, "[shutter]\ntransmission = 0.8\nrise_ms = 1\nlevels = 16\n"),
+    "tolerances": (
+        TWO_WAYS,
+        "[tolerances]\nobject_speed_px_per_s = 10\nacceleration_share = 0.02\n",
+    ),
+}
+"""Speeds, and what else the file of the scene says."""
+SMALL = "--starts 1 --steps 2 --coefficients 6 --noise-seeds 1"
+CHAIN = {
+    "export": "export {design} --out {out}",
+    "simulate a photograph": "simulate --design {design} --subject photo.png --speed={speed} "
+    "--out {out}",
+    "restore": "restore {frames} --design {design} --out {out}",
+    "simulate layers": "simulate --design {design} --subject layers.toml --out {out}",
+    "compare": "compare {scene} --design {design} --noise-seeds 0",
+    "sweep": "sweep {scene} --acceleration 1e3:9e3:2 --half-exposure 3:5:2 --shutter hann "
+    "--out {out}",
+}
+"""What is typed once `optimise` has made a design."""
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory):
+    """A folder with a scene of each kind, a photograph, and a layered scene."""
+    place = tmp_path_factory.mktemp("desk")
+    for kind, (speeds, sections) in KINDS.items():
+        axis = "columns" if kind == "along columns" else "rows"
+        text = SCENE.format(speeds=speeds, axis=axis, sections=sections)
+        (place / f"{kind}.toml").write_text(text, encoding="utf-8")
+    light = np.asarray(example_picture().light)
+    ground = Picture(light[100:164, :96])
+    write_picture(place / "photo.png", ground)
+    down, across = np.mgrid[:24, :30]
+    matte = np.clip(11 - np.hypot(down - 11.5, 0.75 * (across - 14.5)), 0, 1)
+    thing = Layer(Picture(light[200:224, 300:330], matte), 500.0, left=30, top=20)
+    write_layers(place, Layers((Layer(ground), thing)))
+    return place
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_it_is_understood_and_explored(kind, desk, monkeypatch, capsys):
+    """`plan` says what it is, and `explore` would serve its page."""
+    monkeypatch.chdir(desk)
+    assert cli.main(["plan", f"{kind}.toml"]) == 0
+    assert "as understood" in capsys.readouterr().out.replace(", as it is", " as")
+    served = []
+    monkeypatch.setattr(server, "serve", lambda started, **others: served.append(started))
+    assert cli.main(["explore", f"{kind}.toml", "--no-browser"]) == 0
+    assert len(served) == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["along columns", "one-way speeds"])
+def test_its_design_goes_through_every_command(kind, desk, monkeypatch, capsys):
+    """It is exported, simulated, restored, compared and swept."""
+    monkeypatch.chdir(desk)
+    own, scene = kind.replace(" ", "_"), shlex.quote(f"{kind}.toml")
+    assert cli.main(shlex.split(f"optimise {scene} {SMALL} --out {own}")) == 0
+    assert "dB" in capsys.readouterr().out
+    names = {"scene": scene, "speed": "300", "design": f"{own}/recommended.json"}
+    for number, (command, line) in enumerate(CHAIN.items()):
+        taken = shlex.join(sorted(map(str, (desk / own / "1").glob("frame_*.png"))))
+        typed = shlex.split(line.format(**names, out=f"{own}/{number}", frames=taken))
+        assert cli.main(typed) == 0, f"{command}: {capsys.readouterr().err}"
+        assert "".join(capsys.readouterr()), command
