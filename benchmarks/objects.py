@@ -153,8 +153,8 @@ def inner(picture: np.ndarray) -> np.ndarray:
 def photograph(name: str, size: int, random: np.random.Generator) -> np.ndarray:
     """A piece of a photograph in linear light; small ones go on mirrored."""
     if name == "grace_hopper.jpg":
-        with matplotlib.cbook.get_sample_data(name) as file:
-            light = np.asarray(read_picture(file.name).luminance, float)
+        path = matplotlib.cbook.get_sample_data(name, asfileobj=False)
+        light = np.asarray(read_picture(str(path)).luminance, float)
     else:
         light = np.asarray(shipped_picture(name).luminance, float)
     light = np.pad(light, [(0, max(0, size - n)) for n in light.shape], mode="symmetric")
@@ -171,6 +171,7 @@ def scene(number: int) -> Scene:
     furthest = (num_frames - 1) / 2 * PERIOD
     for k in range(count):
         radius = float(random.uniform(27, 56))
+        centre, velocity = np.zeros(2), np.zeros(2)
         for _ in range(500):
             angle, speed = random.uniform(0, 2 * np.pi), random.uniform(124, 1140)
             velocity = speed * np.array([np.sin(angle), np.cos(angle)])

@@ -48,7 +48,7 @@ class Case(NamedTuple):
     def scene(self) -> ms.Scene:
         """The scene, whose sensor is a rolling one."""
         axis = "columns" if self.way == "along columns" else "rows"
-        light = {"photon_rate": RATE, "read_noise": READ}
+        light: Any = {"photon_rate": RATE, "read_noise": READ}
         sensor = ms.Sensor(readout=self.readout, axis=axis)
         if self.way == "in the plane":
             return ms.Scene.any_direction(FASTEST, **light, sensor=sensor)
@@ -97,9 +97,9 @@ def measured(case: Case, name: str, number: int) -> dict[str, float]:
     untold = replace(scene, sensor=replace(scene.sensor, readout=None))
     for word, own in (("told", scene), ("untold", untold)):
         found = ms.restore_frames(taken, own, frames)
-        row[word] = decibels(np.mean((np.asarray(found.light) - truth)[inner] ** 2))
-        row[f"trusted_{word}"] = float(found.estimate.trusted)
         estimate: Any = found.estimate
+        row[word] = decibels(np.mean((np.asarray(found.light) - truth)[inner] ** 2))
+        row[f"trusted_{word}"] = float(estimate.trusted)
         own_speed = estimate.velocity if case.way == "in the plane" else estimate.speed
         off = float(np.linalg.norm(np.atleast_1d(own_speed - speed)))
         row[f"within_{word}"] = float(off <= 2 * estimate.error)

@@ -118,7 +118,7 @@ class SavedPlaneScene(arguments_of(Scene, "motion", "speeds", "weights")):  # ty
 
 
 class SavedExposures(Part):
-    """What any design's file has; the level stands first, for whoever reads the file."""
+    """The part that files of all designs share; the level stands first, for whoever reads it."""
 
     level_db: object = None
     level_of: object = None

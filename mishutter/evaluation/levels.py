@@ -88,16 +88,18 @@ def exposures_psnr(
             more than 10 px of the sensor in a panel, while the program runs if numbers are traced.
     """
     require_scene(scene, in_plane=True)
-    return level_of(scene, exposures, "exposures_psnr", lights, grid, num_panels)
+    caller = "exposures_psnr"
+    return level_of(scene, exposures, caller, grid, lights=lights, num_panels=num_panels)
 
 
 def level_of(
     scene: Scene,
     exposures: Frames | AbstractExposures | Instants,
     caller: str,
-    lights: Lights | None,
     grid: Grid,
-    num_panels: int | None,
+    *,
+    lights: Lights | None = None,
+    num_panels: int | None = None,
 ) -> Float[Array, ""]:
     """The level of exposures, of panels that hold their ways."""
     own: Any = exposures.frames if isinstance(exposures, AbstractExposures) else exposures

@@ -1,4 +1,4 @@
-r"""What edges cost frames of objects before a background at rest: strips beside them, and outlines.
+r"""Edges of objects before a background at rest cost frames strips beside them, and outlines.
 
 The picture is that of the middle of the frames. A point of the background that an object uncovers a
 time $\tau$ before it, or covers as long after it, is in frame $k$ for the share $u_k(\tau)$ of its

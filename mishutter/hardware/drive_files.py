@@ -195,7 +195,7 @@ class AbstractTable(ABC):
 
     @property
     def head(self) -> dict[str, object]:
-        """What a document has of any table, as plain numbers."""
+        """The part that documents of all tables share, as plain numbers."""
         return {
             "mishutter": package_version(),
             "step_ms": self.step * 1e3,

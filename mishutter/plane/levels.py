@@ -34,7 +34,7 @@ def plane_psnr(
     """
     require_scene(scene, in_plane=True)
     require_velocities(scene)
-    return level_of(scene, frames, "plane_psnr", None, grid, num_panels)
+    return level_of(scene, frames, "plane_psnr", grid, num_panels=num_panels)
 
 
 def cross_motion_loss(scene: Scene, frames: PlaneFrames, *, across: float = 0.1) -> float:
