@@ -108,8 +108,8 @@ class AbstractDesign(ABC):
         is_design = isinstance(data, dict) and "format" in data
         require(is_design, name, "be a design saved by mishutter", type(data).__name__)
         kind = PlaneDesign if "plane" in data else Design
-        requirement, got = f"be read by `{kind.__name__}.load`", Unquoted(f"a design {kind.ways}")
-        require(issubclass(kind, cls), name, requirement, got)
+        if not issubclass(kind, cls):
+            require(False, name, f"be a design {cls.ways}", Unquoted(f"a design {kind.ways}"))
         require(data["format"] == FORMAT, name, f"be of design format {FORMAT}", data["format"])
         file = validated(kind.schema, data, name)
         try:

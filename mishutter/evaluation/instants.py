@@ -75,7 +75,7 @@ class Instants(NamedTuple):
             is_known, requirement = all_concrete((known, fastest)), "be given where JAX traces them"
             require(is_known, "exposures_psnr(num_panels=...)", requirement, num_panels)
             way = _longest_way(known, float(np.asarray(fastest))) / size
-            require(np.isfinite(way), "exposures_psnr(exposures=...)", "be finite numbers", way)
+            require(math.isfinite(way), "exposures_psnr(exposures=...)", "be finite numbers", way)
             num_panels = panels_for(way)
         with outside_trace() if all_concrete(frames) else nullcontext():
             if isinstance(frames, AbstractPath):

@@ -158,8 +158,8 @@ def test_a_range_with_zero_and_one_point(scene_file, tmp_path, capsys):
     assert cli.main(["sweep", scene_file, "--acceleration", "3e4:9e4:2", *options[2:4]]) == 0
     out = capsys.readouterr().out
     best = next(line for line in out.splitlines() if line.startswith(" expected_psnr"))
-    # Of two accelerations both are ends; the exposure is the only one.
-    assert best.split()[3:5] == ["9e+04*", "6"]
+    # Of two accelerations, twice $a$ of the paper, both are ends; the exposure is the only one.
+    assert best.split()[3:5] == ["1.8e+05*", "6"]
     assert "Best points of the sweep (* at an end of its range)" in out
 
 
