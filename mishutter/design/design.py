@@ -268,7 +268,11 @@ class Design(AbstractDesign):
 
     @staticmethod
     def of_file(file: SavedDesign) -> "Design":
-        """The design of a file."""
+        """The design of a file.
+
+        Args:
+            file: What the file says.
+        """
         motion = _motion(file.motion)
         scene = file.scene.built(motion=motion)
         is_end, ends = file.outcome in set(Outcome), "be the end of a search in a sentence"
@@ -350,7 +354,11 @@ class PlaneDesign(AbstractDesign):
 
     @staticmethod
     def of_file(file: SavedPlaneDesign) -> "PlaneDesign":
-        """The design of a file."""
+        """The design of a file.
+
+        Args:
+            file: What the file says.
+        """
         scene, saved = file.scene.built(velocities=file.velocities.built()), file.plane
         frames = PlaneFrames(
             np.array(saved.times_s),

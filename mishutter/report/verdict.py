@@ -409,8 +409,8 @@ def _on_background(layers: Occlusion) -> str:
         return f"Levels of frames ignore edges, for want of `object_width_px`. {why}"
     return (
         "Levels of frames count what edges cost. `restore` finds speeds and outlines in frames at "
-        "rest; at 1e5 e-/s it reached such levels within 0.4 dB in the mean over photographs, which "
-        f"differ by 1.6 dB (standard deviation), and in dim light 1 dB less. {why}"
+        "rest; at 1e5 e-/s it reached such levels within 0.4 dB in the mean over photographs, "
+        f"which differ by 1.6 dB (standard deviation), and in dim light 1 dB less. {why}"
     )
 
 

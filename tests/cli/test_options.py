@@ -88,7 +88,7 @@ READ_DRIVE, READ_TRACE = (
     "mishutter.hardware.drive.design_from_drive",
     "mishutter.hardware.trace_files.read_trace",
 )
-STAGE = "mishutter.hardware.drive.path_csv"
+STAGE = "mishutter.hardware.drive_files.path_csv"
 PROFILE, READ_PICTURE = (
     "mishutter.hardware.traces.measured_profile",
     "mishutter.pictures.images.read_picture",
