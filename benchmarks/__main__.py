@@ -16,6 +16,7 @@ ALL = (
     "compiles",
     "scaling",
     "stress",
+    "strips",
     "capture",
     "photographs",
     "by_decoder",

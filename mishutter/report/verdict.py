@@ -409,8 +409,8 @@ def _on_background(layers: Occlusion) -> str:
         return f"Levels of frames ignore edges, for want of `object_width_px`. {why}"
     return (
         "Levels of frames count what edges cost. `restore` finds speeds and outlines in frames at "
-        "rest; at 1e5 e-/s it reached such levels within 0.4 dB in the mean over photographs, "
-        f"which differ by 1.6 dB (standard deviation), and in dim light 1 dB less. {why}"
+        "rest; at 1e5 e-/s it came to 1 dB below such levels in the mean over photographs when told "
+        f"the speeds, and to 2 dB below where it found them, by 2 dB more or less. {why}"
     )
 
 

@@ -101,7 +101,8 @@ def test_places_are_from_the_middle_of_the_frames_on_any_clock():
     )
     for first, second in zip(Instants.of(frames, 900.0), Instants.of(later, 900.0), strict=True):
         np.testing.assert_allclose(first, second, atol=1e-9)
-    single = PlaneFrames(*(np.asarray(x, np.float32) for x in vars(frames).values()))
+    arrays = frames.times, frames.exposures, frames.durations, frames.velocities
+    single = PlaneFrames(*(np.asarray(x, np.float32) for x in arrays))
     picture = np.asarray(example_picture().light)[:80, :90, 1].astype(np.float32)
     pair = [
         next(exposed_in_plane(picture, SCENE, each, np.array([9.0, 40.0]), (None, None)))
