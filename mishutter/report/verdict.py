@@ -409,8 +409,8 @@ def _on_background(layers: Occlusion) -> str:
         return f"Levels of frames ignore edges, for want of `object_width_px`. {why}"
     return (
         "Levels of frames count what edges cost. `restore` finds speeds and outlines in frames at "
-        "rest; at 1e5 e-/s it came to 1 dB below such levels in the mean over photographs when told "
-        f"the speeds, and to 2 dB below where it found them, by 2 dB more or less. {why}"
+        "rest; at 1e5 e-/s it came to 1 dB below such levels in the mean over photographs when "
+        f"told the speeds, and to 2 dB below where it found them, by 2 dB more or less. {why}"
     )
 
 
