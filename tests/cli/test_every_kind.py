@@ -91,7 +91,7 @@ def test_it_is_understood_and_explored(kind, desk, monkeypatch, capsys):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_its_design_goes_through_every_command(kind, desk, monkeypatch, capsys):
-    """It is exported, simulated, restored, compared and swept, or a line says what is in the way."""
+    """It is exported, simulated, restored, compared and swept, or a line says why not."""
     monkeypatch.chdir(desk)
     own, scene = kind.replace(" ", "_"), shlex.quote(f"{kind}.toml")
     in_plane = KINDS[kind][0] == ANY
