@@ -79,14 +79,24 @@ def pixel_by_pixel(
     period: int,
 ) -> Float[np.ndarray, "... pixels"]:
     """Pixels of periodic rows, from one on, each through a response of its own."""
-    count = spectrum.shape[-1]
-    places = first + np.arange(response.shape[0])
-    waves = np.exp(2j * np.pi / period * (np.multiply.outer(places, np.arange(count)) % period))
-    weight = np.full(count, 2 / period)
-    weight[0] = 1 / period
+    waves = waves_at(first, response.shape[0], period)
+    return np.real(spectrum @ (response * waves * (counted_in(period) / period)).T)
+
+
+def waves_at(first: int, count: int, period: int) -> Complex[np.ndarray, "{count} k"]:
+    """Waves of half of a DFT at pixels from one on."""
+    places = first + np.arange(count)
+    turns = np.multiply.outer(places, np.arange(period // 2 + 1)) % period
+    return np.exp(2j * np.pi / period * turns)
+
+
+def counted_in(period: int) -> Float[np.ndarray, "k"]:
+    """How often the whole of a DFT has each frequency of its half."""
+    counted = np.full(period // 2 + 1, 2.0)
+    counted[0] = 1.0
     if period % 2 == 0:
-        weight[-1] = 1 / period
-    return np.real(spectrum @ (response * waves * weight).T)
+        counted[-1] = 1.0
+    return counted
 
 
 def instants_within_reach(

@@ -15,7 +15,7 @@ from jaxtyping import Complex, Float, Int
 
 from mishutter._core.checks import RowLike, as_float
 from mishutter.camera.capture import kernel_layout
-from mishutter.camera.rows import MARGIN, fast_length, instants_within_reach
+from mishutter.camera.rows import MARGIN, fast_length, instants_within_reach, waves_at
 from mishutter.camera.sequences import furthest, responses_of_frames
 from mishutter.decoding.decoders.base import (
     AbstractDecoder,
@@ -112,15 +112,15 @@ class Rows(NamedTuple):
         """The likeliest pictures at some speeds."""
         margin = math.ceil((furthest(self.nodes, speeds) + MARGIN) / self.bin)
         length = fast_length(self.frames.shape[-1] + 2 * margin)
-        period, count = length * self.bin, length // 2 + 1
-        power = np.maximum(self.model.picture_spectrum(period)[:count], LEAST_POWER) / self.bin
+        period = length * self.bin
+        power = self.model.picture_spectrum(period)[: length // 2 + 1]
+        power = np.maximum(power, LEAST_POWER) / self.bin
         levels = self.has_levels
         canvas = Canvas(self.frames, self.noises, power, (margin,), (length,), has_levels=levels)
         responses = self.responses(speeds, period)
         if not self.is_along:
             return likeliest(canvas, responses, tolerance)
-        places = np.arange(self.frames.shape[-1])[:, None] + margin
-        waves = np.exp(2j * np.pi / length * (places * np.arange(count) % length))
+        waves = waves_at(margin, self.frames.shape[-1], length)
         return likeliest(canvas, [FrameAlong(one * waves) for one in responses], tolerance)
 
     def volume(self, found: Likeliest, place: int, speed: float) -> Volume:

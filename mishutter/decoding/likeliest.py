@@ -32,7 +32,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from mishutter._core.checks import RowLike, require
-from mishutter.camera.rows import irfftn, rfftn
+from mishutter.camera.rows import counted_in, irfftn, rfftn
 from mishutter.decoding.decoders.base import density_of
 from mishutter.decoding.decoders.linear import mean_over_dft
 from mishutter.model.scene import Scene
@@ -240,9 +240,9 @@ def volume_of(
 ) -> Volume:
     """That of a picture without ends, in each part of it for the frames that see that."""
     *down, num_across = density.shape[1:]
-    counted = np.full(density.shape[1:], 2.0)
-    counted[..., [0, -1]] = 1.0
-    weight = counted.ravel() / math.prod([*down, 2 * (num_across - 1)])
+    period = 2 * (num_across - 1)
+    counted = np.broadcast_to(counted_in(period), density.shape[1:])
+    weight = counted.ravel() / math.prod([*down, period])
     density = density.reshape(len(density), -1)
     sees, areas = _parts(places, sensor)
     each = sees @ density

@@ -22,7 +22,7 @@ from jaxtyping import Complex, Float
 
 from mishutter.blur.waves import waves_in_plane
 from mishutter.camera.plane_frames import frequencies_on
-from mishutter.camera.rows import fast_length, irfftn, rfftn
+from mishutter.camera.rows import counted_in, fast_length, irfftn, rfftn
 from mishutter.decoding.likeliest import AbstractRolledFrame, Canvas
 from mishutter.evaluation.instants import Instants
 from mishutter.evaluation.levels import path_for_rows
@@ -103,9 +103,8 @@ class FrameAlong(AbstractRolledFrame):
     def __init__(self, matrix: Complex[np.ndarray, "s columns k"]):
         """Takes the response of each pixel, times the wave there from the begin of the canvas."""
         self.matrix = matrix
-        count = np.full(matrix.shape[-1], 2.0)
-        count[[0, -1]] = 1.0
-        self._share = count / (2 * (matrix.shape[-1] - 1))
+        period = 2 * (matrix.shape[-1] - 1)
+        self._share = counted_in(period) / period
 
     def seen(self, spectrum: Complex[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
         return np.real((spectrum * self._share) @ np.swapaxes(self.matrix, 1, 2))
@@ -220,9 +219,7 @@ def _on_grid(power: Float[np.ndarray, "m k"], grid: tuple[int, int]) -> Float[np
     rows, columns = power.shape[0], 2 * (power.shape[1] - 1)
     i = np.round(down * rows).astype(int) % rows
     j = np.round(across * columns).astype(int)
-    count = np.full(j.size, 2.0)
-    count[[0, -1]] = 1.0
-    return power[np.ix_(i, j)] * count / math.prod(grid)
+    return power[np.ix_(i, j)] * counted_in(grid[1]) / math.prod(grid)
 
 
 def _few_delays(

@@ -44,6 +44,8 @@ from mishutter.model.stages import StagePath, stage_path, stage_use
 Number = Float[Array | np.ndarray | np.floating, ""]
 LEAST_STROKE = 1e-3
 """A sensor that may move by less than this stands still; px."""
+_SINGLE = 1e-5
+"""Share of a limit by which a way in single precision may be beyond it."""
 _OF_STAGE = ("max_travel", "max_acceleration", "max_jerk")
 """Limits that a scene may do without, and that the search bounds motions by."""
 
@@ -434,6 +436,18 @@ class Limits(AbstractModule):
         )
         # What a camera turns by is no longer the stage's.
         return most, jerk, float(self.max_top_speed) - abs(pan)
+
+    def have_room_for(self, *, travel: float, stroke: float) -> bool:
+        """Whether a way is within them, to single precision.
+
+        Args:
+            travel: From rest to rest; px.
+            stroke: From the first light to the last; px.
+        """
+        uses = [LimitUse(np.asarray(stroke), np.asarray(self.max_stroke))]
+        if self.max_travel is not None:
+            uses.append(LimitUse(np.asarray(travel), np.asarray(self.max_travel)))
+        return all(bool(use.is_met(_SINGLE)) for use in uses)
 
     def travel_beyond(self, path: StagePath | None) -> float | None:
         """Travel of a path of the stage where it is more than is allowed; px. None elsewhere.

@@ -261,8 +261,7 @@ class FrameSequence(AbstractFrames):
         if not self.moves or not readout:
             return replace(self, lead=0.0)
         travel = float(going_on.use_within(limits).travel)
-        pairs = (travel, limits.max_travel), (going_on.stroke, limits.max_stroke)
-        fits = all(most is None or own <= float(most) * (1 + _SINGLE) for own, most in pairs)
+        fits = limits.have_room_for(travel=travel, stroke=going_on.stroke)
         return going_on if fits else replace(self, lead=0.0)
 
     def _of_stage(self, frame: TimedFrame) -> AbstractMotion:

@@ -70,8 +70,7 @@ class PlaneFrames(AbstractPath):
         durations, velocities, _ = led(*self._known, readout / 2)
         going_on = replace(self, durations=durations, velocities=velocities, lead=readout / 2)
         use = going_on.use(limits)
-        pairs = (use.travel, limits.max_travel), (use.stroke, limits.max_stroke)
-        if all(most is None or float(own) <= float(most) * 1.00001 for own, most in pairs):
+        if limits.have_room_for(travel=float(use.travel), stroke=float(use.stroke)):
             return going_on
         knots = self.knots(limits)
         rest = max(readout / 2 - float(min(knots.durations[0], knots.durations[-1])), 0.0)
