@@ -27,8 +27,8 @@ from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel, blur_mo
 from mishutter.decoding.decoders.linear import decoder_or_ensemble
 from mishutter.decoding.decoders.speed import SpeedEstimate
 from mishutter.decoding.decoders.speed_finding import SpeedFindingDecoder, decoder_of, informed
+from mishutter.decoding.frame_velocity import VelocityEstimate
 from mishutter.decoding.objects.restored import Known, is_at_rest
-from mishutter.decoding.plane_velocity import VelocityEstimate
 from mishutter.decoding.restoration import (
     RestoredPhotograph,
     behind_optics,
