@@ -2,13 +2,18 @@
 
 import numpy as np
 import pytest
+from scipy import ndimage
 from support.clips import ClipOf, Thing
 
-from mishutter.measurement.clip import clip_of
+from mishutter.measurement import motion as motion_module
+from mishutter.measurement.clip import Clip, clip_of
 from mishutter.measurement.estimates import Estimate
 from mishutter.measurement.motion import Motion, MovingObject, motion_of
 from mishutter.measurement.noise import _root
+from mishutter.measurement.photon_transfer import Law, Transfer, blocks_of, pairs_of
 from mishutter.measurement.scene import along_axis
+from mishutter.measurement.signs import detail_excess
+from mishutter.measurement.steady import Steady
 from mishutter.measurement.texture import averaged
 
 
@@ -93,3 +98,38 @@ def test_the_error_of_a_velocity_in_bright_light_is_the_floor_over_the_duration(
     frames = frames + np.random.default_rng(5).normal(size=frames.shape)
     each = motion_of(frames.astype(np.float32), clip.frames_per_s).objects[0]
     assert each.error == pytest.approx((0.05 / 13 * 50,) * 2, rel=1e-3)
+
+
+def test_the_error_of_what_detail_adds_is_its_scatter():
+    """Of a picture at rest, in pairs that share their frames, over 150 clips of noise."""
+    random, law = np.random.default_rng(3), Law(25.0, 0.0, 1e-12)
+    light = 100 + 300 * ndimage.gaussian_filter(random.normal(size=(80, 72)), 2)
+    found = []
+    for _ in range(150):
+        frames = (light + 5 * random.normal(size=(6, 80, 72))).astype(np.float32)
+        clip = Clip(frames, 50.0, None, 4095.0, 0.0, (-np.inf, np.inf))
+        blocks, rest = blocks_of(Steady.of(frames), pairs_of(6), clip.ends), Estimate(0.0, 1.0)
+        transfer = Transfer(
+            law, blocks, blocks, 1.0, np.zeros((2, 2)), rest, np.ones(blocks.shape, bool)
+        )
+        found.append(detail_excess(clip, Steady.of(frames), transfer))
+    values, errors = np.transpose(found)
+    assert np.std(values) == pytest.approx(np.sqrt(np.mean(errors**2)), rel=0.1)
+    assert abs(np.mean(values)) < np.mean(errors) / 2
+
+
+def test_a_large_frame_is_measured_on_larger_pixels(monkeypatch):
+    """Velocity, place and area are those of the frame's own pixels."""
+    monkeypatch.setattr(motion_module, "MOST_PIXELS", 10_000)
+    thing = Thing((70, 94), (44, 52), (200.0, -300.0), "chelsea.png")
+    clip = ClipOf((thing,), (144, 192), "astronaut.png", num_frames=5, num_instants=1)
+    frames = 50 * np.stack([clip.light(time) for time in clip.times])
+    frames = frames + np.random.default_rng(5).normal(size=frames.shape)
+    motion = motion_of(frames.astype(np.float32), clip.frames_per_s)
+    each = motion.objects[0]
+    assert each.velocity == pytest.approx(thing.velocity, abs=4)
+    assert each.centre == pytest.approx(thing.centre, abs=4)
+    assert each.area == pytest.approx(np.pi * 44 * 52, rel=0.15)
+    assert motion.labels.shape == clip.size
+    assert np.sum(motion.labels == 1) == pytest.approx(each.area, rel=0.02)
+    assert motion.width[0] == pytest.approx(np.pi / 2 * 52, rel=0.15)
