@@ -261,7 +261,9 @@ def _told(burst: _Burst, velocity: Float[np.ndarray, "axes"]) -> VelocityEstimat
     instants_within_reach("restore_frames(speed=...)", burst.own.taken, velocity)
     velocities = np.array([velocity, *(velocity + burst.asides)])
     size = _sizes_of(burst.own)[1]
-    burst = burst.steady(burst.own.level(velocities, size).fit(velocity, burst.mean, burst.tolerance))
+    burst = burst.steady(
+        burst.own.level(velocities, size).fit(velocity, burst.mean, burst.tolerance)
+    )
     level = burst.own.level(velocities, size)
     fits = [level.fit(each, burst.mean, burst.tolerance) for each in velocities]
     evidence = Evidence(

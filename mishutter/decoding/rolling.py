@@ -87,21 +87,21 @@ class RowsInTurn:
         size: int,  # Pixels of the sensor along a side of these
     ):
         """Takes the instants of some frames of a path, from one on."""
-        self._path, self._instants, self._size = path, instants, size
+        self.path, self.instants, self._size = path, instants, size
         self.is_along = times.is_along
         self.delays = binned_along(times.delays, 0, size) if self.is_along else times.delays
         self._times = np.sum(instants.time * instants.weight, axis=1)
         # Their clock and their places may begin elsewhere than the path's.
-        self._clock = float(path.times[first] - self._times[0])
-        begin = np.asarray(path.place(instants.time[:1, :1] + self._clock)) / size
+        self.clock = float(path.times[first] - self._times[0])
+        begin = np.asarray(path.place(instants.time[:1, :1] + self.clock)) / size
         self._start = begin - instants.place[:, :1, :1]
         self._few: tuple[list[Instants], Float[np.ndarray, "n rows f"]] | None = None
 
     def at(self, delay: float) -> Instants:
         """Instants of a row."""
-        time = self._instants.time + delay
-        place = np.asarray(self._path.place(time + self._clock)) / self._size - self._start
-        return self._instants._replace(time=time, place=place)
+        time = self.instants.time + delay
+        place = np.asarray(self.path.place(time + self.clock)) / self._size - self._start
+        return self.instants._replace(time=time, place=place)
 
     @cached_property
     def some(self) -> list[Instants]:
@@ -134,7 +134,7 @@ class RowsInTurn:
         if self._few is None:
             self._few = self._found(canvas)
         few, weights = self._few
-        times = self._instants.time - self._times[:, None]
+        times = self.instants.time - self._times[:, None]
         still = [
             one._replace(time=times, place=one.place - _mean_place(one)[..., None]) for one in few
         ]
@@ -159,12 +159,12 @@ class RowsInTurn:
 
         delays, count = self.delays, len(self._times)
         low, high = float(np.min(delays)), float(np.max(delays))
-        way = self._path.top_speed * (high - low) / canvas.size
+        way = self.path.top_speed * (high - low) / canvas.size
         if way == 0:
-            return [self._instants], np.ones((count, delays.size, 1))
+            return [self.instants], np.ones((count, delays.size, 1))
         tried = np.linspace(low, high, min(2 * math.ceil(way) + 3, _MOST_TRIED))
         there = [self.at(each) for each in tried.tolist()]
-        nodes = np.linspace(0, self._instants.time.shape[1] - 1, _TIMES).astype(int)
+        nodes = np.linspace(0, self.instants.time.shape[1] - 1, _TIMES).astype(int)
         places = np.stack([one.place - _mean_place(one)[..., None] for one in there], axis=2)
         places = places[..., nodes].astype(np.float32)
         grid = tuple(map(min, _GRIDS[len(canvas.shape) - 1], canvas.shape))

@@ -19,8 +19,8 @@ from mishutter import (
     simulate_frames,
 )
 from mishutter.decoding.decoders.linear import mean_over_dft
+from mishutter.decoding.frame_likelihood import Own, Prior
 from mishutter.decoding.likeliest import noises_of
-from mishutter.decoding.plane_likelihood import Own
 from mishutter.decoding.rolling import RowTimes
 
 EXPOSURE, STROKE, SPEED = 0.02, 54.6, 2000.0
@@ -111,18 +111,19 @@ def test_rows_of_the_plane_are_those_of_their_own_instants(kind):
     rng, frames = np.random.default_rng(0), frames_of("A", 4, kind)
     rolling = replace(PLANE, sensor=Sensor(readout=0.01, rows_read="up"))
     noises = noises_of(rolling, frames.exposures, 0.25)
-    own = Own.of(rng.normal(size=(4, 60, 70)), noises, frames, rolling)
+    times = RowTimes.of(rolling.sensor, (60, 70), in_plane=True)
+    own = Own(rng.normal(size=(4, 60, 70)), noises, frames, Prior(rolling), times)
     for size in (1, 2):
         level = own.level(VELOCITY[None], size)
         canvas, shape = level.canvas, level.canvas.shape
-        response = level.responses(VELOCITY, 1e-3)[1]
+        response = level.responses(VELOCITY[None])[1]
         light = canvas.spectrum(rng.normal(size=shape)) * np.sqrt(canvas.power) * level.aperture
-        seen, frame = response.seen(light), rng.normal(size=canvas.sensor)
-        told = mean_over_dft(np.real(response.told(frame).conj() * light), *shape)
+        seen, frame = response.seen(light[None])[0], rng.normal(size=canvas.sensor)
+        told = mean_over_dft(np.real(response.told(frame)[0].conj() * light), *shape)
         assert float(told) == pytest.approx(np.sum(frame * seen), rel=1e-9)
         for row in (0, 11, len(seen) - 1):
             there = level.rows.at(float(level.rows.delays[row]))
-            exact = level._replace(rows=None, instants=there).responses(VELOCITY, 1e-3)[1]
+            exact = level._replace(rows=None, instants=there).responses(VELOCITY[None])[1, 0]
             error = np.mean((canvas.seen(light * exact)[row] - seen[row]) ** 2)
             assert error < 0.03 * canvas.noises[1]
 
@@ -132,13 +133,14 @@ def test_three_rows_stand_for_all(size):
     """They lie within the rows, and the way to each is that of the path in pixels of the frames."""
     frames = frames_of("A", 4, "circle")
     rolling = replace(PLANE, sensor=Sensor(readout=0.01))
-    own = Own.of(np.zeros((4, 60, 70)), np.full(4, 0.1), frames, rolling)
+    times = RowTimes.of(rolling.sensor, (60, 70), in_plane=True)
+    own = Own(np.zeros((4, 60, 70)), np.full(4, 0.1), frames, Prior(rolling), times)
     rows = own.level(VELOCITY[None], size).rows
     middle, ends = rows.instants, (rows.delays[-1] - rows.delays[0]) / 2
     shares = [np.mean(each.time - middle.time) / ends for each in rows.some]
     np.testing.assert_allclose(shares, [-np.sqrt(0.6), 0, np.sqrt(0.6)], atol=1e-6)
     for each in rows.some:
-        way = own.taken.place(each.time + rows.clock) - own.taken.place(middle.time + rows.clock)
+        way = rows.path.place(each.time + rows.clock) - rows.path.place(middle.time + rows.clock)
         np.testing.assert_allclose(each.place - middle.place, way / size, atol=1e-4)
 
 
