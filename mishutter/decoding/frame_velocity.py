@@ -81,6 +81,8 @@ _TOLERANCES = TOLERANCE, ROUGHLY
 _PX_A_STEP = 0.7, 1.4
 """Displacement over the frames between neighbouring velocities that are tried, of one component and
 of two; binned px."""
+_APART = 3.0, 0.5
+"""Such steps from the velocity that is found within which no other is a rival."""
 
 
 class VelocityEstimate(NamedTuple):
@@ -302,8 +304,9 @@ def _found(burst: _Burst) -> VelocityEstimate:
     peak, size = peak_near(level, climb), search.level.canvas.size
     best = peak.best
     apart: list[np.ndarray] = [best]
+    least = _APART[own.num_axes - 1] * search.step
     for end in search.ends:
-        if all(np.linalg.norm(end.best - each) > 0.5 * search.step for each in apart):
+        if all(np.linalg.norm(end.best - each) > least for each in apart):
             apart.append(end.best)
     velocities = np.array([*apart, *(best + burst.asides)])
     judged = own.level(velocities, size)
@@ -325,8 +328,8 @@ def _found(burst: _Burst) -> VelocityEstimate:
         middle=search.middle,
         is_within=bool(law.within(best[None], TRIED_BEYOND * law.fastest)[0]),
     )
-    spread, least = evidence.fit.spread, (FLOOR / own.duration) ** 2
-    covariance = spread * peak.covariance + least * np.eye(best.size)
+    spread, floor = evidence.fit.spread, (FLOOR / own.duration) ** 2
+    covariance = spread * peak.covariance + floor * np.eye(best.size)
     if isinstance(law, _Speeds):  # any of them, if the frames tell none
         covariance = np.minimum(
             covariance, (law.high - law.low + 2 * TRIED_BEYOND * law.fastest) ** 2 / 12

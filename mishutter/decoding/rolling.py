@@ -110,9 +110,14 @@ class RowsInTurn:
         return [self.at(float(half * x)) for x in np.polynomial.legendre.leggauss(3)[0]]
 
     @cached_property
+    def _every(self) -> list[Instants]:
+        """Those of each row."""
+        return [self.at(each) for each in self.delays.tolist()]
+
+    @cached_property
     def _places(self) -> Float[np.ndarray, "axes n rows"]:
         """Mean place of the sensor in each frame, for each row."""
-        return np.stack([_mean_place(self.at(each)) for each in self.delays.tolist()], axis=-1)
+        return np.stack([_mean_place(one) for one in self._every], axis=-1)
 
     def responses(
         self,
@@ -127,9 +132,9 @@ class RowsInTurn:
         Or its derivative by the velocity, but for the factor $2\pi i\,\mathbf f$.
         """
         if not self.is_along and self.delays.size <= _MOST_TRIED:
-            every = map(self.at, self.delays.tolist())
+            every = self._every
             if by_time:
-                every = (one._replace(weight=one.weight * one.time) for one in every)
+                every = [one._replace(weight=one.weight * one.time) for one in every]
             return np.stack([waves(one, velocities) for one in every], axis=2)
         if self._few is None:
             self._few = self._found(canvas)
