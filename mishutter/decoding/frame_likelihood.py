@@ -388,17 +388,17 @@ class Peak(NamedTuple):
         return _stepped(self.near.velocity, self.curvature, self.near.value, self.furthest)
 
 
-def peak_near(level: Level, climb: Climb) -> Peak:
+def peak_near(level: Level, climb: Climb, tolerance: float = TOLERANCE) -> Peak:
     """The peak by a step of Newton from the end of a climb.
 
     The error is that of a likelihood whose model is not the pictures': slopes scatter by what
     places of the picture pull, and the peak follows by the curvature that it has. The model's own
     curvature, of a picture with as much detail everywhere, is its bound.
     """
-    near, side = slope_at(level, climb.best), 0.15 * climb.furthest
+    near, side = slope_at(level, climb.best, tolerance), 0.15 * climb.furthest
     curvature = np.stack(
         [
-            (near.value - slope_at(level, climb.best + side * e).value) / side
+            (near.value - slope_at(level, climb.best + side * e, tolerance).value) / side
             for e in np.eye(near.value.size)
         ]
     )

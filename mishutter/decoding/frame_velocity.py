@@ -78,6 +78,8 @@ _TOLD = (
 )
 _TOLERANCES = TOLERANCE, ROUGHLY
 """Residuals at which conjugate gradients of a fit that is compared end, of rows and of pictures."""
+_FINALLY = TOLERANCE / 10, TOLERANCE
+"""The same of the peak: the slopes of rows, which cost little, are those of the likeliest ones."""
 _PX_A_STEP = 0.7, 1.4
 """Displacement over the frames between neighbouring velocities that are tried, of one component and
 of two; binned px."""
@@ -236,7 +238,8 @@ class _Burst(NamedTuple):
             return level.fit(velocity, self.mean, self.tolerance).misfit
 
         longest = float(np.max(exposures_of(own.taken)))
-        return doubt_of_rows(own.prior.scene.sensor, longest, misfit, misfit_by)
+        count = own.frames.size // size**own.num_axes
+        return doubt_of_rows(own.prior.scene.sensor, longest, misfit, count, misfit_by)
 
 
 def velocity_of_frames(
@@ -294,14 +297,14 @@ def _found(burst: _Burst) -> VelocityEstimate:
     velocities = np.array([climb.best, *(end.best for end in search.ends[1:])])
     judged = burst.own.level(velocities, size)
     burst = burst.steady(judged.fit(climb.velocity, burst.mean, burst.tolerance))
-    own = burst.own
+    own, finally_ = burst.own, _FINALLY[burst.own.num_axes - 1]
     while True:
         level = own.level(climb.best[None], size)
-        climb = climbed(level, climb.best)
+        climb = climbed(level, climb.best, finally_)
         if size == 1:
             break
         size //= 2
-    peak, size = peak_near(level, climb), search.level.canvas.size
+    peak, size = peak_near(level, climb, finally_), search.level.canvas.size
     best = peak.best
     apart: list[np.ndarray] = [best]
     least = _APART[own.num_axes - 1] * search.step

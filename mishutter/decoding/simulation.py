@@ -18,7 +18,13 @@ from mishutter._core.checks import (
     require_scalar,
     shape_of,
 )
-from mishutter.camera.capture import as_pixels, as_radiance, distinct_colours, simulate_capture
+from mishutter.camera.capture import (
+    as_pixels,
+    as_radiance,
+    distinct_colours,
+    require_alike_rows,
+    simulate_capture,
+)
 from mishutter.camera.footage import Footage
 from mishutter.camera.layers import Layers
 from mishutter.camera.rows import rows_last
@@ -230,7 +236,11 @@ def _restored(
         require_scalar("restore(speed=...)", np.asarray(told))
         speed = float(told)  # type: ignore[arg-type]
     turned = _turned(captured, axis, exposures)
-    if isinstance(exposures, OneExposure):
+    is_rolling = scene.sensor.is_rolling
+    if isinstance(exposures, OneExposure) and is_rolling:
+        require_alike_rows("restore(design=...)", exposures.motion, exposures.shutter)
+    # Rows that are exposed in turn see the same but further on, by a way that a speed tells.
+    if isinstance(exposures, OneExposure) and not (is_rolling and speed is not None):
         motion, shutter = exposures.motion, exposures.shutter
         model = blur_model(along, motion, shutter)
         if speed is not None:
@@ -239,13 +249,14 @@ def _restored(
         found = None if relative is None else relative.of(along, motion)
         restored = Restoration(light, found)
     else:
+        burst = turned[None] if is_one else turned
         restored = _frames_in_portions(
-            turned,
+            burst,
             along,
             frames,
             decoder,
             speed=speed,
-            times=RowTimes.of(scene.sensor, turned.shape[1:3]),
+            times=RowTimes.of(scene.sensor, burst.shape[1:3]),
             rows_at_once=rows_at_once,
             report=report,
         )

@@ -8,14 +8,19 @@ import pytest
 from support.plane import frames_of
 
 from mishutter import (
+    Design,
     FreeMotion,
+    ParabolicMotion,
     PlaneFrames,
+    RectShutter,
     Scene,
     Sensor,
     StillCamera,
     TimedFrame,
     example_picture,
+    restore,
     restore_frames,
+    simulate_capture,
     simulate_frames,
 )
 from mishutter.decoding.decoders.linear import mean_over_dft
@@ -149,6 +154,27 @@ def test_rows_are_timed_down_the_columns():
     along, across = (Sensor(readout=0.01, axis=axis) for axis in ("columns", "rows"))
     assert RowTimes.of(across, (4, 48, 80)).delays.size == 48
     assert RowTimes.of(along, (4, 80, 48)).delays.size == 48
+
+
+def test_one_exposure_that_is_told_its_speed_is_restored_by_its_rows():
+    """Its shear is taken out; without a speed it stays, and of a parabola nothing is restored."""
+    scene = Scene.uniform(
+        max_speed=900.0, photon_rate=1e6, read_noise=2, sensor=Sensor(readout=0.02)
+    )
+    picture = np.asarray(example_picture().light)[200:240, :, 1]
+    still = StillCamera(half_exposure=5e-4)
+    capture = simulate_capture(
+        picture, scene, still, RectShutter(), speed=900.0, key=jax.random.key(1)
+    )
+    design = Design(scene, still, RectShutter())
+    told = np.asarray(restore(capture, design, speed=900.0))
+    sheared = np.asarray(restore(capture, replace(design, scene=SCENE), speed=900.0))
+    inner = slice(64, -64)
+    error, other = (np.mean((each - picture)[:, inner] ** 2) for each in (told, sheared))
+    assert error < 0.1 * other
+    moving = ParabolicMotion(acceleration=2e5, half_exposure=0.01)
+    with pytest.raises(ValueError, match=r"restore\(design=...\).+no acceleration before rows"):
+        restore(capture, Design(scene, moving, RectShutter()))
 
 
 @pytest.mark.slow
