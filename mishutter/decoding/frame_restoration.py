@@ -53,7 +53,7 @@ def restored_in_plane(
 ) -> Float[np.ndarray, "rows columns colours"]:
     """The picture at a velocity."""
     times = RowTimes.of(scene.sensor, planes.shape, in_plane=True)
-    means = np.mean(planes, axis=(1, 2, 3))
+    means = np.stack([np.mean(plane) for plane in planes])
     every = _likeliest(planes - means[:, None, None, None], scene, taken, velocity, times)[1]
     restored = [
         decode(found, mean)[found.canvas.window] + mean
