@@ -115,6 +115,7 @@ class Composite(NamedTuple):
     """A picture of layers."""
 
     light: Float[np.ndarray, "rows columns"]
+    lights: list[Float[np.ndarray, "rows columns"]]  # Of each layer, as it is in it
     # Mean square, over their noise, of the residuals of the frames that see a pixel's layer there
     misfit: Float[np.ndarray, "rows columns"]
     num_seen: Float[np.ndarray, "rows columns"]  # Frames that do
@@ -161,6 +162,7 @@ def composite(arrangement: Arrangement, misfit: Misfit, layers: Layers, alone: A
     doubt = alone.share(misfit, layers, _blur(arrangement, lights))
     spline = splines(alone.light[None])[0]
     light, single = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    final = [one.copy() for one in lights]
     mean_square, num_seen = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
     labels = labels_of(arrangement)
     seen = [arrangement.ground, *(arrangement.seen(n) for n in range(len(arrangement.things)))]
@@ -168,7 +170,7 @@ def composite(arrangement: Arrangement, misfit: Misfit, layers: Layers, alone: A
     whole = Window.whole(shape)
     for number, (alpha, velocity) in enumerate(zip(arrangement.alphas(), velocities, strict=True)):
         window = whole if number == 0 else Window.around(alpha, 4)
-        share, here = window.of(alpha), window.of(lights[number]).copy()
+        share, here = window.of(alpha), window.of(final[number])
         way = stills.ways(velocity)[stills.middle]
         # The frame shows something else where it hides what is seen at the time 0.
         shown = window.taken(seen[number][stills.middle], way) / np.maximum(share, 0.01)
@@ -185,7 +187,7 @@ def composite(arrangement: Arrangement, misfit: Misfit, layers: Layers, alone: A
         is_own = window.of(labels) == number
         window.of(mean_square)[is_own] = (left / np.maximum(least, 1e-3))[is_own]
         window.of(num_seen)[is_own] = count[is_own]
-    return Composite(light, mean_square, num_seen, single)
+    return Composite(light, final, mean_square, num_seen, single)
 
 
 def whole_of(window: Window, part: np.ndarray, shape: tuple[int, int]) -> np.ndarray:

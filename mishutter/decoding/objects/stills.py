@@ -6,6 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from mishutter.evaluation.instants import NODES, Instants
+
 _ALIKE = 1.3
 """Exposures that blur a thing alike: the longest over the shortest of them."""
 _MIDDLE = 0.3
@@ -58,8 +60,8 @@ class Stills:
     read_noise: float  # e-
     fastest: float  # Greatest speed; px/s
     moves: tuple[bool, bool]  # Whether things move down the columns, and across them
-    # Places of the sensor, down and across, at the ends of equal steps of each exposure; px
-    places: Float[np.ndarray, "frames ends 2"] | None = None
+    # The sensor's places, down and across, in panels of each exposure; None of one at rest
+    instants: Instants | None = None
     parts: tuple[Part, ...] = field(init=False)  # Of all frames, in their order
 
     def __post_init__(self) -> None:
@@ -68,22 +70,30 @@ class Stills:
     def _parts(self) -> list[Part]:
         parts, none = [], np.zeros(2)
         for k, (time, exposure) in enumerate(zip(self.times, self.exposures, strict=True)):
-            ends = np.zeros((2, 2)) if self.places is None else self.places[k]
-            if np.max(np.ptp(ends, axis=0)) < _AT_REST:
-                parts.append(Part(k, 1.0, float(time), float(exposure), ends.mean(axis=0), none))
+            alone, instants = Part(k, 1.0, float(time), float(exposure), none, none), self.instants
+            if instants is None:
+                parts.append(alone)
                 continue
-            count = len(ends) - 1
-            step = float(exposure) / count
-            for number, way in enumerate(np.diff(ends, axis=0)):
-                middle = float(time) + step * (number + 0.5 - count / 2)
-                place = ends[number] + way / 2
-                parts.append(Part(k, 1 / count, middle, step, place, way / step))
+            time, place, weight, _ = instants.some(k)
+            if np.max(np.ptp(place, axis=1)) < _AT_REST:
+                parts.append(alone._replace(place=place @ weight))
+                continue
+            panels = (x.reshape(-1, NODES) for x in (time, weight, *place))
+            for t, w, *at in zip(*panels, strict=True):
+                share = float(np.sum(w))
+                if share > 0:
+                    middle, centre = w @ t / share, np.array([w @ x for x in at]) / share
+                    late = w * (t - middle)
+                    velocity = np.array([late @ x for x in at]) / (late @ t)
+                    lasting = share * float(exposure)
+                    parts.append(Part(k, share, float(middle), lasting, centre, velocity))
         return parts
 
     @property
     def rests(self) -> Bool[np.ndarray, "frames"]:
         """Whether the sensor stands still in each frame."""
-        return np.bincount([part.frame for part in self.parts]) == 1
+        moving = {part.frame for part in self.parts if np.any(part.velocity)}
+        return np.array([k not in moving for k in range(self.count)])
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -113,14 +123,9 @@ class Stills:
     def ways(self, velocity: Float[np.ndarray, "2"]) -> Float[np.ndarray, "frames 2"]:
         """Mean way of a thing since the time 0, in each frame; px."""
         ways = self.times[:, None] * velocity
-        return ways if self.places is None else ways + self._mean_places
-
-    @property
-    def _mean_places(self) -> Float[np.ndarray, "frames 2"]:
-        means = np.zeros((self.count, 2))
         for part in self.parts:
-            means[part.frame] += part.share * part.place
-        return means
+            ways[part.frame] += part.share * part.place
+        return ways
 
     def noise(self, level: Level, frame: int) -> Level:
         """Variance of a pixel of some level in a frame."""
@@ -150,7 +155,7 @@ class Stills:
             times=self.times[chosen],
             exposures=self.exposures[chosen],
             electrons=self.electrons[chosen],
-            places=None if self.places is None else self.places[chosen],
+            instants=None if self.instants is None else self.instants.some(chosen),
         )
 
     @property
