@@ -140,6 +140,9 @@ def restored_objects(
     grey, alone = stills_of(planes, scene, frames, readout)
     told = _told(known, axis, readout, in_plane=in_plane, shape=grey.shape)
     few = grey.only(grey.alike)
+    if told.labels is None or told.velocities is None:
+        words = "be of a sensor at rest twice, or `speed` and `outlines` be given, to find objects"
+        require(int(grey.rests.sum()) > 1, subject, words, Unquoted(f"{grey.rests.sum()} at rest"))
     sought = found_in(few, told, lambda text, share: report(text, 0.6 * share))
     found = Arrangement(grey, sought.things, sought.order)
     light, composites = [], []
@@ -188,7 +191,7 @@ def _set_right(whole: _Whole, readout: Readout, shown: list[list[np.ndarray]]) -
         pairs = zip(layers, seen, strict=True)
         return [readout.set_right(layer, velocity, order) for layer, velocity in pairs]
 
-    mattes = upright([np.zeros(0), *(thing.matte for thing in found.things)], 1)[1:]
+    mattes = upright([whole.light[0][0], *(thing.matte for thing in found.things)], 1)[1:]
     things = [
         replace(
             thing,
@@ -201,8 +204,8 @@ def _set_right(whole: _Whole, readout: Readout, shown: list[list[np.ndarray]]) -
     right = Arrangement(found.stills, things, found.order)
     labels, alphas, colours = labels_of(right), right.alphas(), [upright(x, 3) for x in shown]
     picture = np.stack([sum(a * x for a, x in zip(alphas, y, strict=True)) for y in colours], -1)
-    own = [whole.trust & (whole.labels == number) for number in range(len(seen))]
-    trust = np.take_along_axis(np.stack(upright(own, 0)), labels[None], axis=0)[0]
+    own = [np.float32(whole.trust & (whole.labels == number)) for number in range(len(seen))]
+    trust = np.take_along_axis(np.stack(upright(own, 0)), labels[None], axis=0)[0] > 0.5
     return _Whole(right, [upright(x, 3) for x in whole.light], picture, labels, trust)
 
 
@@ -286,12 +289,15 @@ def _told(
         labels = np.asarray(transposed(np.asarray(known.outlines, int), axis))
         words = f"be a picture of {shape[0]} x {shape[1]} px, as the frames are"
         require(labels.shape == shape, "restore_frames(outlines=...)", words, labels.shape)
-    elif known.speeds is not None:
+    if known.speeds is not None:
         speeds = -np.atleast_1d(np.asarray(known.speeds, np.float64))
         speeds = np.atleast_2d(speeds) if in_plane else speeds.reshape(-1, 1)
         words = "be a velocity along rows and columns of each object" if in_plane else "be a row"
         fits = speeds.shape[1:] == ((2,) if in_plane else (1,))
         require(fits, "restore_frames(speed=...)", words, known.speeds)
+        if labels is not None:
+            count, words = int(labels.max()), "be one of each outline, in the order of their values"
+            require(len(speeds) == count, "restore_frames(speed=...)", words, known.speeds)
         velocities = speeds[:, ::-1] if in_plane else np.pad(speeds, ((0, 0), (1, 0)))
         velocities = readout.seen(velocities)
     return Told(velocities, labels)
