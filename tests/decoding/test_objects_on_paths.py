@@ -135,7 +135,7 @@ def test_a_rolling_shutter_shears_no_restored_thing(rows_read):
     thing = Thing(texture(np.random.default_rng(7), 96, 0.45), (42.3, 45.1), 19.0, (420.0, -300.0))
     exposures, random = np.full(4, 0.004), np.random.default_rng(3)
     delays = sensor.row_delays(88)
-    frames = frames_of(ground, [thing], TIMES, exposures, random, delays=delays)
+    frames = frames_of(ground, [thing], TIMES, exposures, random, delays=tuple(delays))
     path = ms.PlaneFrames(
         times=TIMES - TIMES[0] + 0.002,
         exposures=exposures,

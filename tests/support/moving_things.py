@@ -45,7 +45,7 @@ def shown(ground, things, time):
     return picture, mattes
 
 
-def frames_of(ground, things, times, exposures, random, rate=1e5, read_noise=8.0, delays=0.0):
+def frames_of(ground, things, times, exposures, random, rate=1e5, read_noise=8.0, delays=(0.0,)):
     """Frames with noise, each the mean of eight instants of its exposure, of rows with delays."""
     frames, late = [], np.reshape(delays, (-1, 1))
     for time, exposure in zip(times, exposures, strict=True):

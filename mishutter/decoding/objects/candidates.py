@@ -96,7 +96,7 @@ def candidates(stills: Stills, velocities: Float[np.ndarray, "n 2"] | None = Non
     things = []
     for number, one in enumerate(found[1:], 1):
         velocity = grid[one].astype(np.float64)
-        back = -velocity * stills.times[middle]
+        back = -stills.ways(velocity)[middle]
         matte = ndimage.shift((fine == number).astype(np.float32), back, order=0)
         things.append(Thing(velocity, matte, velocity.copy(), 0.4 * step))
     return Arrangement(stills, things, list(range(len(things))))

@@ -204,7 +204,8 @@ def _set_right(whole: _Whole, readout: Readout, shown: list[list[np.ndarray]]) -
     right = Arrangement(found.stills, things, found.order)
     labels, alphas, colours = labels_of(right), right.alphas(), [upright(x, 3) for x in shown]
     picture = np.stack([sum(a * x for a, x in zip(alphas, y, strict=True)) for y in colours], -1)
-    own = [np.float32(whole.trust & (whole.labels == number)) for number in range(len(seen))]
+    each = ((whole.trust & (whole.labels == number)) for number in range(len(seen)))
+    own = [one.astype(np.float32) for one in each]
     trust = np.take_along_axis(np.stack(upright(own, 0)), labels[None], axis=0)[0] > 0.5
     return _Whole(right, [upright(x, 3) for x in whole.light], picture, labels, trust)
 

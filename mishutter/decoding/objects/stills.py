@@ -175,4 +175,6 @@ class Stills:
 
     def _of(self, exposure: float) -> Bool[np.ndarray, "frames"]:
         is_alike = (self.exposures >= exposure * 0.999) & (self.exposures <= exposure * _ALIKE)
-        return is_alike & self.rests
+        places = self.ways(np.zeros(2))
+        beside = np.max(np.abs(places - places[self.middle]), axis=1)
+        return is_alike & self.rests & (beside < _AT_REST)
