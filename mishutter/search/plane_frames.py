@@ -274,9 +274,7 @@ class _Stage(NamedTuple):
         unit, across = self.unit @ self.along, self.unit @ aside
         return Tie(kind, self.room, shape, *ends, unit, across, widest=widest)
 
-    def free(
-        self, *ends: "Sequence[End | None]", progress: Callable[[float], None]
-    ) -> list[End]:
+    def free(self, *ends: "Sequence[End | None]", progress: Callable[[float], None]) -> list[End]:
         """Ends of descents in which each frame has numbers of its own, from the best of each."""
         found = []
         for index, some in enumerate(ends):
