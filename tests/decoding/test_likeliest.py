@@ -6,6 +6,7 @@ import pytest
 from mishutter import Scene
 from mishutter.decoding.likeliest import (
     Canvas,
+    complete,
     detail_of,
     fit_of,
     likeliest,
@@ -47,6 +48,14 @@ def test_the_likeliest_picture_solves_the_normal_equations():
     expected = np.linalg.solve(normal, target)
     np.testing.assert_allclose(found.picture.ravel(), expected, atol=1e-9)
     assert float(found.gains) == pytest.approx(target @ expected / 2)
+    # What frames go on as tells the same picture, by all of the canvas.
+    density = np.sum(np.abs(responses) ** 2 / noises[:, None, None], axis=0)
+    np.testing.assert_allclose(found.density, density)
+    whole = (density + 1 / power) * found.spectrum
+    np.testing.assert_allclose(complete(found), whole, atol=1e-6 * np.max(np.abs(whole)))
+    np.testing.assert_allclose(
+        complete(found, 3 * density)[1:], (whole + 2 * density * found.spectrum)[1:]
+    )
 
 
 def test_the_volume_counts_each_part_for_the_frames_that_see_it():
@@ -84,6 +93,25 @@ def test_a_frame_that_is_displaced_is_said_to_be_so(count):
     np.testing.assert_allclose(np.mean(shifts, axis=0)[-1], [0.3, -0.1], atol=0.015)
     share = np.mean(errors) / np.sqrt(np.mean(np.var(shifts, axis=0)))
     assert 1 < share < 1.7
+
+
+def test_a_frame_of_another_gain_and_black_level_is_told():
+    """A tenth brighter, and 0.03 of white above the others, of which the picture has a quarter."""
+    random, shape, noises = np.random.default_rng(4), (40, 48), np.full(4, 1e-4)
+    down, across = np.fft.fftfreq(40)[:, None], np.fft.rfftfreq(48)
+    power = 1e-3 / (0.02 + down**2 + across**2)
+    picture = np.fft.irfft2(np.fft.rfft2(random.normal(size=shape)) * np.sqrt(power), shape)
+    frames = np.stack([picture] * 4)
+    frames[2] = 1.1 * (picture + 0.3) - 0.3 + 0.03
+    frames += 0.01 * random.normal(size=frames.shape)
+    canvas = Canvas(frames, noises, power, (0, 0), shape)
+    responses = np.ones((4, *power.shape), complex)
+    space = volume_of(np.stack([power / 1e-4] * 4), np.zeros((2, 4)), shape)
+    fit = fit_of(likeliest(canvas, responses, 1e-6), space, mean=0.3)
+    np.testing.assert_allclose(fit.gains, 0.1 * (np.arange(4) == 2) - 0.025, atol=0.005)
+    np.testing.assert_allclose(fit.offsets, 0.03 * (np.arange(4) == 2) - 0.0075, atol=0.003)
+    assert fit.misfit == pytest.approx(1, abs=0.1)
+    np.testing.assert_allclose(fit.misfits, 1, atol=0.15)
 
 
 def test_the_noise_of_one_grey_of_three_is_a_third():

@@ -189,6 +189,15 @@ def test_the_error_of_a_shake_is_what_noise_makes_of_one():
     np.testing.assert_allclose(apart[4] - apart[0], [0.2, -0.1], atol=0.02)
 
 
+def test_the_noise_of_a_shake_that_was_taken_out_has_an_error():
+    """Frames that are apart along both axes keep so much of their noise as a sinc of each lets."""
+    frames = np.zeros((5, 8, 8))
+    moves = np.array([[0.0, 0.0], [0.25, 0.5], [0.0, 0.0], [0.25, 0.5], [0.0, 0.0]])
+    assert Steady.of(frames).error == 0
+    steady = Steady.of(frames)._replace(moves=moves)
+    assert steady.error == pytest.approx((1 - np.sinc(0.25) * np.sinc(0.5)) / 5)
+
+
 def test_the_error_of_a_level_difference_is_its_scatter():
     """Of light that differs from square to square of 32 px, and is a tenth brighter to the left."""
     random, labels = np.random.default_rng(3), np.zeros((256, 320), int)

@@ -126,3 +126,20 @@ def test_a_stage_runs_up_to_the_first_velocity_and_out_from_the_last(axes, size)
         assert path.times[-1] - path.exposure[1] == pytest.approx(out)
         np.testing.assert_allclose(path.at(np.array(path.exposure))[1], own)
         np.testing.assert_allclose(path.accelerations[[0, -1]], [own[0] / up, -own[1] / out])
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.1, 0.7, 1.9])
+def test_two_axes_together_hold_a_path_in_any_direction(turn):
+    """As one number: no less than along the path, and no more than by a half of 16 directions."""
+    unit = np.array([np.cos(turn), np.sin(turn)])
+    velocities = np.outer(unit, [200.0, 400.0])
+    frames = PlaneFrames(np.zeros(1), np.array([0.01]), np.array([0.01]), velocities)
+    disc, each = (Limits(max_half_exposure=0.01, axes=axes) for axes in ("disc", "each"))
+    most = 1 / np.cos(np.pi / 32) + 1e-6
+    for found, wanted in zip(frames.use(disc)[1:4], (3.0, 400.0, 2e4), strict=True):
+        assert 1 - 1e-6 <= found / wanted <= most
+    for found, wanted in zip(frames.use(each)[1:4], (3.0, 400.0, 2e4), strict=True):
+        assert found == pytest.approx(wanted * np.max(np.abs(unit)))
+    assert frames.acceleration(disc) == pytest.approx(2e4)
+    assert frames.acceleration(each) == pytest.approx(2e4 * np.max(np.abs(unit)))
+    assert frames.top_speed == pytest.approx(400)
