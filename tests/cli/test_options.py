@@ -84,6 +84,7 @@ LABORATORY = [
     ("--drive drive.csv", Named(READ_DRIVE, "path"), "drive.csv"),
     ("--measured trace.csv", Named(READ_TRACE, "path"), "trace.csv"),
     ("--measured-column diode", Named(READ_TRACE, "column"), "diode", "--measured trace.csv"),
+    ("--exposure-ms 14.6", Named(READ_DRIVE, "half_exposure"), 7.3e-3, "--drive drive.csv"),
     ("--half-exposure-ms 7.3", Named(READ_DRIVE, "half_exposure"), 7.3e-3, "--drive drive.csv"),
     ("--position-scale-px 31", Named(READ_DRIVE, "position_scale"), 31.0, "--drive drive.csv"),
     ("--floor 0.07", Named(READ_DRIVE, "floor"), 0.07, "--drive drive.csv"),
