@@ -16,9 +16,9 @@ from jaxtyping import Array, ArrayLike, Complex, Float
 
 from mishutter._core.checks import is_concrete, namespace_of, require
 from mishutter.evaluation.instants import Frames, Instants
-from mishutter.model.exposures import AbstractPath
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.sensor import Sensor
+from mishutter.model.sequences import FramePath
 
 rfftn: Callable[..., np.ndarray] = scipy.fft.rfftn  # type: ignore[assignment]
 irfftn: Callable[..., np.ndarray] = scipy.fft.irfftn  # type: ignore[assignment]
@@ -104,7 +104,7 @@ def instants_within_reach(
 ) -> Instants:
     """Instants of frames at a velocity that displaces light by no more than `MAX_REACH`."""
     speed = float(np.hypot(*velocity) if velocity.size > 1 else abs(velocity[0]))
-    if isinstance(frames, AbstractPath):
+    if isinstance(frames, FramePath):
         latest = float(np.ptp(frames.times) + (frames.exposures[0] + frames.exposures[-1]) / 2)
     else:
         latest = max(abs(frame.time) + frame.exposure / 2 for frame in frames)

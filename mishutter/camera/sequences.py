@@ -45,9 +45,8 @@ from mishutter.evaluation.instants import Instants
 from mishutter.evaluation.levels import path_for_rows
 from mishutter.model.optics import Optics
 from mishutter.model.scene import Scene, require_scene
-from mishutter.model.sequences import TimedFrame
+from mishutter.model.sequences import PlaneFrames, TimedFrame
 from mishutter.pictures.images import Picture, pixels_along, transposed
-from mishutter.plane.frames import PlaneFrames
 
 
 def responses_of_frames(

@@ -28,8 +28,7 @@ from mishutter.evaluation.instants import Instants
 from mishutter.evaluation.levels import path_for_rows
 from mishutter.model.scene import Scene
 from mishutter.model.sensor import Sensor
-from mishutter.model.sequences import TimedFrame
-from mishutter.plane.frames import PlaneFrames
+from mishutter.model.sequences import PlaneFrames, TimedFrame
 
 _WIDTH, _FINER = 8, 1.5
 """Points of the fine grid that a place between pixels is interpolated from, and how fine it is."""

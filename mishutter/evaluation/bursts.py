@@ -15,10 +15,11 @@ from jaxtyping import Float
 
 from mishutter._core.checks import require, require_known
 from mishutter.evaluation.open_frames import OpenFrames, psnr_of_error
+from mishutter.model.exposures import Exposures
 from mishutter.model.motion import StillCamera
 from mishutter.model.scene import Scene
 from mishutter.model.sensor import BurstMode, filling_half_exposure
-from mishutter.model.sequences import FrameSequence, TimedFrame
+from mishutter.model.sequences import TimedFrame
 
 STILLS = "stills"
 _MOST_FRAMES = 1000
@@ -138,7 +139,7 @@ class StillBursts:
         """Whether the order of frames counts, as objects hide other strips in each."""
         return self._frames.strips is not None
 
-    def sequence(self, kinds: Sequence[StillBurst], times: "FrameTimes") -> FrameSequence:
+    def sequence(self, kinds: Sequence[StillBurst], times: "FrameTimes") -> Exposures:
         """Frames of one exposure or two, one after the other."""
         exposures = [kind.exposure for kind in kinds for _ in range(kind.num_frames)]
         moments = times.moments(exposures).tolist()
@@ -147,7 +148,7 @@ class StillBursts:
             for exposure, moment in zip(exposures, moments, strict=True)
         )
         worst = psnr_of_error(self._error([kind[:2] for kind in kinds], times, at_worst=True))
-        return FrameSequence(STILLS, frames, 0.0, kinds[0].psnr, worst)
+        return Exposures(STILLS, frames, 0.0, kinds[0].psnr, worst)
 
     def best(
         self, frames_per_s: float, *, max_frames: int | None = None, dead_time: float = 0.0
@@ -347,7 +348,7 @@ def some_numbers(most: int, num: int = 12) -> list[int]:
     return np.unique(np.geomspace(1, most, num).round().astype(int)).tolist() if most else []
 
 
-def best_still_burst(scene: Scene) -> FrameSequence | None:
+def best_still_burst(scene: Scene) -> Exposures | None:
     """The burst of least error of a camera at rest; None without `scene.burst`.
 
     The frames follow each other at the rate of the burst at most, with its dead time between them,

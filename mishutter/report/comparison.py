@@ -17,6 +17,7 @@ from mishutter.evaluation.ceilings import ceiling
 from mishutter.evaluation.losses import AbstractLoss, as_loss
 from mishutter.evaluation.speed_knowledge import loss_of_decoder
 from mishutter.evaluation.tolerances import ToleranceCosts, tolerance_costs
+from mishutter.model.exposures import Exposures
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene, require_scene
 from mishutter.model.shutters.base import AbstractShutter
@@ -52,7 +53,6 @@ from mishutter.search.rows import (
     SECOND_AXIS,
     SNAPSHOTS,
     STAGE,
-    Frames,
     Row,
     best_of_each_purchase,
     best_row,
@@ -133,7 +133,7 @@ class Comparison:
         return choice.is_of_one_exposure and choice.name not in SNAPSHOTS
 
     @property
-    def sequence(self) -> Frames | None:
+    def sequence(self) -> Exposures | None:
         """The frames of the best option; None without any.
 
         Where that is one exposure, since nothing is said to register objects, they are those that

@@ -15,6 +15,7 @@ from mishutter.evaluation.instants import Instants
 from mishutter.evaluation.levels import in_parts, path_for_rows, psnr_of_error, rows_of
 from mishutter.evaluation.sequences import decibels_over, loss_of_width
 from mishutter.evaluation.speed_knowledge import knowledge_of
+from mishutter.model.exposures import Exposures
 from mishutter.model.motion import (
     AbstractMotion,
     FreeMotion,
@@ -23,7 +24,7 @@ from mishutter.model.motion import (
     StillCamera,
 )
 from mishutter.model.scene import Scene
-from mishutter.model.sequences import SINE, FrameSequence, TimedFrame
+from mishutter.model.sequences import SINE, TimedFrame
 from mishutter.model.stages import place_at_begin
 from mishutter.search.frame_levels import Frames, Levels, is_range
 from mishutter.search.frame_limits import Room, Shape
@@ -59,7 +60,7 @@ _STRAIGHT = 0.25
 @alone_in_blas()
 def best_moving_burst(
     scene: Scene, *, progress: Callable[[float], None] = lambda share: None
-) -> FrameSequence | None:
+) -> Exposures | None:
     """The frames of least error of a sensor that moves; None without `scene.burst`.
 
     Each frame has a length, a velocity at its begin and one at its end, and a place, and the stage
@@ -109,7 +110,7 @@ def _pieces(count: int) -> int:
 class _Found:
     """Frames within the limits, and their level."""
 
-    sequence: FrameSequence
+    sequence: Exposures
     level: float  # dB
 
     @staticmethod
@@ -153,7 +154,7 @@ def _spared(scene: Scene, frames: Frames) -> Frames:
     return turned if shares[1] < shares[0] else frames
 
 
-def _share(scene: Scene, sequence: FrameSequence) -> float:
+def _share(scene: Scene, sequence: Exposures) -> float:
     """Greatest share of a limit that the path of a stage takes."""
     limits, use = scene.limits, sequence.use_within(scene.limits)
     pairs = [
@@ -166,7 +167,7 @@ def _share(scene: Scene, sequence: FrameSequence) -> float:
     return max(float(taken) / float(there) for taken, there in pairs if there is not None)
 
 
-def _chosen(scene: Scene, found: list[_Found]) -> FrameSequence:
+def _chosen(scene: Scene, found: list[_Found]) -> Exposures:
     """The simplest frames of those that are as good as the best on the scene's sensor."""
     if scene.registered_width is not None or scene.sensor.is_rolling:
         # Frames that are as good without an end differ by some decibels on a narrow sensor.
@@ -187,7 +188,7 @@ def _chosen(scene: Scene, found: list[_Found]) -> FrameSequence:
     return replace(best, kind=kind, psnr=psnr, worst_psnr=worst).with_travel(scene.limits)
 
 
-def _loss(scene: Scene, sequence: FrameSequence) -> float:
+def _loss(scene: Scene, sequence: Exposures) -> float:
     """Decibels that frames lose on a sensor of the scene's width, and by its rows."""
     width, lost = scene.registered_width, 0.0
     if width is not None and sequence.num_frames > 1:
@@ -199,7 +200,7 @@ def _loss(scene: Scene, sequence: FrameSequence) -> float:
     return lost
 
 
-def loss_untold(scene: Scene, sequence: FrameSequence) -> tuple[float, float]:
+def loss_untold(scene: Scene, sequence: Exposures) -> tuple[float, float]:
     """A telephone's readout, s, and decibels that a decoder would lose which is not told it.
 
     It knows the speed, and takes all rows for exposed at once.
@@ -214,15 +215,13 @@ def loss_untold(scene: Scene, sequence: FrameSequence) -> tuple[float, float]:
     return readout, 10 * float(np.log10(lost))
 
 
-def _errors_by_rows(
-    scene: Scene, sequence: FrameSequence, levels: Levels
-) -> Float[np.ndarray, "m l"]:
+def _errors_by_rows(scene: Scene, sequence: Exposures, levels: Levels) -> Float[np.ndarray, "m l"]:
     """Errors of frames in the mean over rows that are exposed one after another."""
     rows = rows_of(scene, sequence, "best_moving_burst")
     return sum((share * levels.errors_at(each) for share, each in rows), np.zeros(()))
 
 
-def _levels_by_rows(scene: Scene, sequence: FrameSequence) -> tuple[float, float]:
+def _levels_by_rows(scene: Scene, sequence: Exposures) -> tuple[float, float]:
     """As `levels_of`, in the mean over rows that are exposed one after another."""
     levels = Levels.on_axis(scene, literal=True)
     return _mean_and_worst(levels, np.sum(_errors_by_rows(scene, sequence, levels), axis=0))
@@ -248,7 +247,7 @@ def _mean_and_worst(levels: Levels, by_speed: Float[np.ndarray, "l"]) -> tuple[f
     return psnr_of_error(float(np.sum(by_speed))), psnr_of_error(float(worst))
 
 
-def sequence_of(frames: Frames, kind: str) -> FrameSequence:
+def sequence_of(frames: Frames, kind: str) -> Exposures:
     """Frames along one axis, with the motion and the time of each."""
     exposure, pan = frames.exposure, float(frames.pan[0])
     begins = np.concatenate([[0.0], np.cumsum(exposure[:-1] + frames.gap)])
@@ -262,7 +261,7 @@ def sequence_of(frames: Frames, kind: str) -> FrameSequence:
         every.append(TimedFrame(motion, time, begin - place_at_begin(of_stage) + pan * time))
     first = every[0].position
     moved = (TimedFrame(x.motion, x.time, x.position - first) for x in every)
-    return FrameSequence(kind, tuple(moved), 0.0, 0.0, 0.0, pan)
+    return Exposures(kind, tuple(moved), 0.0, 0.0, 0.0, pan)
 
 
 def _motion(velocities: Float[np.ndarray, "k"], half: float) -> AbstractMotion:
@@ -279,7 +278,7 @@ def _motion(velocities: Float[np.ndarray, "k"], half: float) -> AbstractMotion:
     return FreeMotion(accelerations=rates, half_exposure=half, velocity=middle)
 
 
-def kind_of(sequence: FrameSequence) -> str:
+def kind_of(sequence: Exposures) -> str:
     """The way of a sensor over frames, told from their motions and places."""
     moving = [frame for frame in sequence.frames if not frame.is_still]
     if not moving:

@@ -15,7 +15,7 @@ import mishutter as ms
 from mishutter import cli
 from mishutter.design.design import given_design
 from mishutter.hardware.recorded_paths import RecordedPath, read_path, with_recorded_path
-from mishutter.plane.bursts import of_stage, pan_over
+from mishutter.model.exposures import of_stage, pan_over
 
 CLOCK = 0.7
 """The middle of the frames on the encoder's clock; s."""

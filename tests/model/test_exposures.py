@@ -8,7 +8,6 @@ from support.bursts import LIMITS, SEQUENCE, a_burst_design
 from support.plane import a_plane_design
 
 from mishutter import FrameSequence, Limits, ParabolicMotion, StillCamera, TimedFrame
-from mishutter.model.sequences import OneExposure
 
 
 def _one():

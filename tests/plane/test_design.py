@@ -19,7 +19,7 @@ from mishutter import (
     RingOfVelocities,
     plot_design,
 )
-from mishutter.plane.bursts import turned_by
+from mishutter.model.exposures import turned_by
 
 LAWS = {
     "ellipse": EvenVelocities(1700.0, 1100.0, angle=0.3),

@@ -7,9 +7,9 @@ import pytest
 from support.plane import a_plane_design, scene_of
 
 from mishutter import (
+    Exposures,
     Limits,
     ListedVelocities,
-    PlaneBurst,
     PlaneDesign,
     PlaneFrames,
     Scene,
@@ -87,7 +87,7 @@ def test_what_a_sensor_loses_stands_in_the_gain():
     burst = replace(design.sequence, width_loss=0.7)
     assert burst.level == pytest.approx(27.25 - 0.7)
     assert replace(burst, width_loss=None).level == 27.25
-    one = PlaneBurst("stills", 0, stills([0.0], 0.003), 24.5, burst.use)
+    one = Exposures("stills", stills([0.0], 0.003), psnr=24.5)
     answer = answer_in_plane(design.scene, PlaneSearch(one, (burst,), 28.0))
     told = answer.to_dict()["options"][-1]
     assert told["gain_db"] == pytest.approx(27.25 - 0.7 - 24.5)

@@ -32,9 +32,8 @@ from mishutter.decoding.objects.stills import Stills
 from mishutter.evaluation.fans import picture_power_on
 from mishutter.model.scene import Scene
 from mishutter.model.sensor import white_electrons
-from mishutter.model.sequences import TimedFrame
+from mishutter.model.sequences import PlaneFrames, TimedFrame
 from mishutter.pictures.images import Axis, Picture, transposed
-from mishutter.plane.frames import PlaneFrames
 
 Progress = Callable[[str, float], None]
 
