@@ -107,7 +107,7 @@ def instants_within_reach(
     if isinstance(frames, FramePath):
         latest = float(np.ptp(frames.times) + (frames.exposures[0] + frames.exposures[-1]) / 2)
     else:
-        latest = max(abs(frame.time) + frame.exposure / 2 for frame in frames)
+        latest = max(abs(float(frame.time)) + frame.exposure / 2 for frame in frames)
     requirement = f"displace light by at most {MAX_REACH} px"
     # Before there are as many nodes as such a displacement would need.
     require(speed * latest <= 2 * MAX_REACH, subject, requirement, speed * latest)

@@ -242,7 +242,7 @@ def _restored(
         restored = _frames_in_portions(
             turned,
             along,
-            frames,
+            exposures.along,
             decoder,
             speed=speed,
             times=RowTimes.of(scene.sensor, turned.shape[1:3]),
@@ -285,7 +285,7 @@ def photograph_by_frames(
     for index, speed in enumerate(speeds):
         own_key = jax.random.fold_in(key, index)
         result = capture_and_restore(picture, scene, sequence, speed=speed, key=own_key)
-        taken = sequence.frames[middle]
+        taken = sequence.along[middle]
         frame, light = (transposed(x, axis) for x in (result.captured[middle], result.restored))
         moved = round(speed * taken.time - taken.position)
         captured.append(np.roll(frame, moved, axis=1))

@@ -169,10 +169,10 @@ def with_recorded_path(
         times, exposures = (np.asarray(x, np.float64) for x in (taken.times, taken.exposures))
         velocities = spline.velocities + pan[:, None]
         frames = FramePath(times, exposures, np.diff(spline.knots), velocities)
-    if design.sequence is None:
-        recorded = replace(design, motion=frames[0].motion)
-    else:
-        recorded = replace(design, sequence=replace(taken, frames=frames))
+    as_recorded = replace(taken, frames=frames)
+    is_one = design.sequence is None
+    changed = {"motion": as_recorded.motion} if is_one else {"sequence": as_recorded}
+    recorded = replace(design, **changed)
     return recorded, spline.difference(taken.lights, planned, pan)
 
 

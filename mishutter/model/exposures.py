@@ -151,7 +151,7 @@ class Exposures:
         """Mid-exposures, from the middle of all; s."""
         if self.path is not None:
             return np.asarray(self.path.times).tolist()
-        return [frame.time for frame in self.along]  # type: ignore[misc]
+        return [float(frame.time) for frame in self.along]
 
     @property
     def exposures(self) -> list[float]:
@@ -170,8 +170,8 @@ class Exposures:
     @property
     def stroke(self) -> float:
         """Travel of the stage, or of an axis, from the first light of any row to the last; px."""
-        if self.lit_travel is not None:
-            return self.lit_travel
+        if self.path is not None or self.lit_travel is not None:
+            return self.lit_travel or 0.0
         gentle = float(self._knots(None, None).use.travel)
         # Within the limits that `travel` is of, a stage may have to turn round sooner.
         return min(gentle, self.travel) if self.travel else gentle
@@ -296,6 +296,26 @@ class Exposures:
         path = self.stage_path_within(limits)
         return self._knots(None, None).use if path is None else path.use
 
+    def share_of(self, limits: Limits) -> float:
+        """Greatest share of a limit that the path of a stage takes.
+
+        Args:
+            limits: Those of the stage.
+        """
+        use = self.use_within(limits)
+        acceleration = use.acceleration
+        if self.path is not None:  # but for run-ups, which take all that there is
+            acceleration = of_stage(self.path, self._turning).acceleration(limits)
+        pairs = (
+            (use.stroke, limits.max_stroke),
+            # What the camera turns by is no longer the stage's.
+            (float(use.top_speed) + float(np.linalg.norm(self._turning)), limits.max_top_speed),
+            (use.travel, limits.max_travel),
+            (acceleration, limits.max_acceleration),
+        )
+        shares = (float(taken) / float(there) for taken, there in pairs if there is not None)
+        return max(shares)
+
     def with_travel(self, limits: Limits) -> "Exposures":
         """The sequence with the travel of its path within some limits.
 
@@ -325,7 +345,7 @@ class Exposures:
         knots, first = self._knots_within(limits), self.along[0]
         if knots is None:
             return None
-        return knots.path(first.time - first.exposure / 2, self._ends(first)[0])
+        return knots.path(float(first.time) - first.exposure / 2, self._ends(first)[0])
 
     def _knots_within(self, limits: Limits) -> Knots | None:
         """The way of the stage from rest to rest within some limits, where they say one."""
@@ -405,9 +425,9 @@ class Exposures:
             pieces = lit[0].pieces
             each = zip(self.along, lit, ends, strict=True)
             for (frame, own, places), (after, other, others) in pairwise(each):
-                gap = after.time - frame.time - (after.exposure + frame.exposure) / 2
+                gap = float(after.time - frame.time) - (after.exposure + frame.exposure) / 2
                 way, start, end = others[0] - places[1], own.velocities[-1], other.velocities[0]
-                ends_of_gap = float(way), float(gap), float(start), float(end)
+                ends_of_gap = float(way), gap, float(start), float(end)
                 if gap <= 1e-9 * (after.time - frame.time):  # but for rounding
                     pieces.append(Piece(0.0, end))
                 elif not np.any(own.velocities) and (
@@ -490,7 +510,7 @@ def turned_by(velocities: AbstractVelocities, limits: Limits) -> Float[np.ndarra
     return centre * min(1.0, most / speed) if speed > 0 else centre
 
 
-def of_stage(frames: FramePath, pan: Float[np.ndarray, "2"]) -> FramePath:
+def of_stage(frames: FramePath, pan: Float[np.ndarray, "axes"]) -> FramePath:
     """Frames that move as the stage makes them, beside a camera that turns at a velocity, px/s."""
     if not np.any(pan):
         return frames

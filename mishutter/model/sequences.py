@@ -47,8 +47,8 @@ class TimedFrame:
     """
 
     motion: AbstractMotion
-    time: float
-    position: float = 0.0
+    time: float | Array
+    position: float | Array = 0.0
 
     @property
     def exposure(self) -> float:

@@ -30,7 +30,7 @@ from mishutter.model.devices import command_of
 from mishutter.model.exposures import Exposures
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene, picture_power
-from mishutter.model.sequences import Lights
+from mishutter.model.sequences import FramePath, Lights
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.polynomials import profile_of
 from mishutter.model.shutters.spline import SplineShutter
@@ -752,12 +752,13 @@ def _plot_plane(scene: Scene, burst: Exposures, title: str = "") -> "Figure":
     below = figure.add_subplot(2, 1, 2)
     for axes in (plane, hodograph, below):
         draw_grid(axes)
-    frames, begin = burst.frames, burst.lights[0][0]
+    path: FramePath = burst.path  # type: ignore[assignment]
+    begin = burst.lights[0][0]
     time = begin + np.linspace(0, burst.duration * (1 - 1e-9), 8 * _NUM_POINTS)
-    place = np.asarray(frames.place(time)) - np.outer(burst.pan, time)
+    place = np.asarray(path.place(time)) - np.outer(burst.pan, time)
     place = place - np.mean(place, axis=1)[:, None]
-    ends = begin + np.append(0.0, np.cumsum(frames.durations))
-    velocity = np.stack([np.interp(time, ends, v) for v in np.asarray(frames.velocities)])
+    ends = begin + np.append(0.0, np.cumsum(path.durations))
+    velocity = np.stack([np.interp(time, ends, v) for v in np.asarray(path.velocities)])
     plane.plot(*place, color="0.7", linewidth=0.7)
     hodograph.plot(*velocity, color="0.7", linewidth=0.7)
     _shade(below, burst.lights)

@@ -28,7 +28,7 @@ from mishutter.model.sequences import SINE, TimedFrame
 from mishutter.model.stages import place_at_begin
 from mishutter.search.frame_levels import Frames, Levels, is_range
 from mishutter.search.frame_limits import Room, Shape
-from mishutter.search.frame_search import BEYOND, End, Search
+from mishutter.search.frame_search import End, Search, within
 from mishutter.search.frame_ties import (
     ALTERNATING,
     BRACKETED,
@@ -119,18 +119,11 @@ class _Found:
         frames = end.frames
         if scene.limits.pans == "camera":
             frames = _spared(scene, frames)
-        for _ in range(3):
-            sequence = sequence_of(frames, end.kind)
-            share = _share(scene, sequence)
-            if share <= 1 + 1e-7:
-                # Ends are judged by the level that is told, at the scene's own speeds.
-                return _Found(sequence, levels_of(scene, sequence.frames)[0])
-            if share > BEYOND:
-                return None
-            slower = (1 - 1e-7) / share
-            velocity = frames.pan + (frames.velocity - frames.pan) * slower
-            frames = frames._replace(velocity=velocity, place=frames.place * slower)
-        return None
+        sequence = within(scene.limits, frames, lambda slowed: sequence_of(slowed, end.kind))
+        if sequence is None:
+            return None
+        # Ends are judged by the level that is told, at the scene's own speeds.
+        return _Found(sequence, levels_of(scene, sequence.along)[0])
 
     @property
     def order(self) -> tuple[int, float]:
@@ -150,21 +143,8 @@ def _spared(scene: Scene, frames: Frames) -> Frames:
     between = frames.gap[:, None] * (stage[1:, 0] + stage[:-1, -1]) / 2
     place = np.concatenate([0 * pan[None], np.cumsum(ways[:-1] + between, axis=0)])
     turned = frames._replace(pan=pan, place=place)
-    shares = [_share(scene, sequence_of(each, FREE)) for each in (frames, turned)]
+    shares = [sequence_of(each, FREE).share_of(scene.limits) for each in (frames, turned)]
     return turned if shares[1] < shares[0] else frames
-
-
-def _share(scene: Scene, sequence: Exposures) -> float:
-    """Greatest share of a limit that the path of a stage takes."""
-    limits, use = scene.limits, sequence.use_within(scene.limits)
-    pairs = [
-        (use.stroke, limits.max_stroke),
-        # What the camera turns by is no longer the stage's.
-        (float(use.top_speed) + abs(sequence.pan), limits.max_top_speed),
-        (use.travel, limits.max_travel),
-        (use.acceleration, limits.max_acceleration),
-    ]
-    return max(float(taken) / float(there) for taken, there in pairs if there is not None)
 
 
 def _chosen(scene: Scene, found: list[_Found]) -> Exposures:
@@ -182,7 +162,7 @@ def _chosen(scene: Scene, found: list[_Found]) -> Exposures:
     kind = kind_of(best) if best.kind == FREE else best.kind
     kind = ONE_PARABOLA if best.num_frames == 1 else kind
     best = best.for_rows(scene.sensor.readout_time, scene.limits)
-    psnr, worst = levels_of(scene, best.frames)
+    psnr, worst = levels_of(scene, best.along)
     if best.moves and scene.sensor.is_rolling:
         psnr, worst = _levels_by_rows(scene, best)
     return replace(best, kind=kind, psnr=psnr, worst_psnr=worst).with_travel(scene.limits)
@@ -280,14 +260,14 @@ def _motion(velocities: Float[np.ndarray, "k"], half: float) -> AbstractMotion:
 
 def kind_of(sequence: Exposures) -> str:
     """The way of a sensor over frames, told from their motions and places."""
-    moving = [frame for frame in sequence.frames if not frame.is_still]
+    moving = [frame for frame in sequence.along if not frame.is_still]
     if not moving:
         return FREE
     ends = np.array([np.asarray(x.motion.end_velocities, np.float64)[[0, -1]] for x in moving])
     lengths, middle = np.array([x.exposure for x in moving]), np.mean(ends, axis=1)
     gains = ends[:, 1] - ends[:, 0]
     # Between frames a stage that follows things goes against their velocity.
-    ways = np.diff([frame.position for frame in moving])
+    ways = np.diff([float(frame.position) for frame in moving])
     between = ways - (middle[1:] * lengths[1:] + middle[:-1] * lengths[:-1]) / 2
     one_way = bool(np.all(ends >= 0) or np.all(ends <= 0))
     if one_way and len(moving) > 1 and np.all(between * np.sign(middle[0]) < -_STRAIGHT):

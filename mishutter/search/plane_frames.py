@@ -16,7 +16,7 @@ from mishutter.evaluation.ceilings import exposures_ceiling
 from mishutter.evaluation.fans import MEASURED, Grid
 from mishutter.evaluation.levels import exposures_psnr
 from mishutter.evaluation.sequences import loss_of_width
-from mishutter.model.exposures import Exposures, exposures_in_plane, of_stage, turned_by
+from mishutter.model.exposures import Exposures, exposures_in_plane, turned_by
 from mishutter.model.scene import Scene, require_scene, require_velocities
 from mishutter.model.sensor import BurstMode
 from mishutter.model.sequences import FramePath
@@ -25,12 +25,12 @@ from mishutter.model.velocities import AbstractVelocities
 from mishutter.search.frame_levels import Frames, Levels
 from mishutter.search.frame_limits import Room, Shape
 from mishutter.search.frame_search import (
-    BEYOND,
     Descent,
     End,
     again,
     best_of,
     shaken,
+    within,
 )
 from mishutter.search.frame_ties import (
     BRACKETED,
@@ -206,32 +206,20 @@ class _PlaneSearch(NamedTuple):
 
     def _burst(self, stage: "_Stage", end: End, num_axes: int) -> Exposures | None:
         """Frames with their level, within the limits; None where they are far from them."""
-        limits, frames = self.scene.limits, end.frames
-        for _ in range(3):
-            burst = exposures_in_plane(self.scene, end.kind, stage.made(frames), math.nan)
-            path: FramePath = burst.path  # type: ignore[assignment]
-            use, driven = burst.use_within(limits), of_stage(path, np.array(burst.pan))
-            pairs = (
-                (use.stroke, limits.max_stroke),
-                (use.travel, limits.max_travel),
-                (use.top_speed, limits.max_top_speed),
-                (driven.acceleration(limits), limits.max_acceleration),
-            )
-            share = max(float(taken) / float(there) for taken, there in pairs if there is not None)
-            if share <= 1 + 1e-7:
-                break
-            if share > BEYOND:
-                return None
-            slower = (1 - 1e-7) / share
-            velocity, place = frames.velocity * slower, frames.place * slower
-            frames = frames._replace(velocity=velocity, place=place)
-        else:
+        limits = self.scene.limits
+
+        def exposures_of(frames: Frames) -> Exposures:
+            return exposures_in_plane(self.scene, end.kind, stage.made(frames), math.nan)
+
+        burst = within(limits, end.frames, exposures_of)
+        if burst is None:
             return None
+        path: FramePath = burst.path  # type: ignore[assignment]
         made = path.for_rows(self.scene.sensor.readout_time, limits)
         width, loss = self.scene.registered_width, None
         if width is not None and made.num_frames > 1:
             loss = loss_of_width(self.scene, made, width=width)
-        kind = STILLS if num_axes and driven.stays else end.kind
+        kind = end.kind if burst.num_axes or not num_axes else STILLS
         psnr = float(exposures_psnr(self.scene, made))
         return exposures_in_plane(self.scene, kind, made, psnr, width_loss=loss)
 

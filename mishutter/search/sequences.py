@@ -43,7 +43,7 @@ def best_bursts(
 
 def level_on_sensor(burst: Exposures, *, at_worst: bool = False) -> float:
     """PSNR of a burst, less what it loses on a sensor of the scene's width; dB."""
-    level = burst.worst_psnr if at_worst else burst.psnr
+    level = burst.psnr if burst.worst_psnr is None or not at_worst else burst.worst_psnr
     return level - (burst.width_loss or 0.0)
 
 

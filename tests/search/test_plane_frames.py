@@ -115,7 +115,7 @@ def test_frames_pan_with_velocities_that_have_a_mean():
         found = best_in_plane(scene)
         best = max(found.bursts, key=lambda each: each.level)
         levels[pans] = best.level
-        assert float(best.use.stroke) <= 5 * (1 + 1e-3)
+        assert best.stroke <= 5 * (1 + 1e-3)
         middle = np.mean(best.frames.velocities, axis=1)
         if pans == "camera":
             np.testing.assert_allclose(middle, [1000.0, 400.0], rtol=0.25)
@@ -129,7 +129,7 @@ def test_a_camera_without_a_stage_takes_stills():
     found = best_in_plane(a_scene(Limits(max_stroke=0.0, max_half_exposure=0.01, axes="one")))
     assert found.snapshot.num_frames == 1
     for each in found.bursts:
-        assert float(each.use.stroke) < 0.01
+        assert each.stroke < 0.01
     assert max(each.level for each in found.bursts) > found.snapshot.level
     assert max(each.level for each in found.bursts) < found.ceiling
 
@@ -265,8 +265,7 @@ def test_a_camera_that_turns_leaves_its_stage_where_it_is():
 @pytest.mark.parametrize(("travel", "said"), [(24.49, "25 px"), (241.0, "250 px"), (0.5, "0.5 px")])
 def test_a_travel_is_rounded_up(travel, said):
     """A stage that follows what is said follows the path."""
-    burst = a_burst("sweep", 1, 27.0)
-    burst = replace(burst, use=burst.use._replace(travel=np.asarray(travel)))
+    burst = replace(a_burst("sweep", 1, 27.0), travel=travel)
     search = PlaneSearch(a_burst("stills", 0, 24.5, 1), (burst,), 28.0)
     first, *_ = answer_in_plane(a_scene(), search).text().splitlines()
     assert f"the stage sweeps {said}:" in first

@@ -99,7 +99,7 @@ def is_at_rest(frames: Sequence[TimedFrame] | PlaneFrames) -> bool:
         times = np.asarray(frames.times)
         places = np.asarray(frames.place(np.linspace(times[0], times[-1], 65)))
         return float(np.max(np.ptp(places, axis=1))) < _AT_REST
-    places = [frame.position for frame in frames]
+    places = [float(frame.position) for frame in frames]
     return all(frame.is_still for frame in frames) and float(np.ptp(places)) < _AT_REST
 
 
