@@ -42,7 +42,7 @@ from mishutter.camera.rows import (
     rows_last,
 )
 from mishutter.evaluation.instants import Instants
-from mishutter.evaluation.levels import path_for_rows
+from mishutter.model.exposures import path_for_rows
 from mishutter.model.optics import Optics
 from mishutter.model.scene import Scene, require_scene
 from mishutter.model.sequences import PlaneFrames, TimedFrame

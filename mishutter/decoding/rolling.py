@@ -25,7 +25,7 @@ from mishutter.camera.plane_frames import frequencies_on
 from mishutter.camera.rows import counted_in, fast_length, irfftn, rfftn
 from mishutter.decoding.likeliest import AbstractRolledFrame, Canvas
 from mishutter.evaluation.instants import Instants
-from mishutter.evaluation.levels import path_for_rows
+from mishutter.model.exposures import path_for_rows
 from mishutter.model.scene import Scene
 from mishutter.model.sensor import Sensor
 from mishutter.model.sequences import PlaneFrames, TimedFrame

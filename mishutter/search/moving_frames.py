@@ -12,10 +12,10 @@ from mishutter._core.compiling import outside_trace
 from mishutter._core.parallel import alone_in_blas
 from mishutter.evaluation.bursts import FrameTimes
 from mishutter.evaluation.instants import Instants
-from mishutter.evaluation.levels import in_parts, path_for_rows, psnr_of_error, rows_of
+from mishutter.evaluation.levels import in_parts, psnr_of_error, rows_of
 from mishutter.evaluation.sequences import decibels_over, loss_of_width
 from mishutter.evaluation.speed_knowledge import knowledge_of
-from mishutter.model.exposures import Exposures
+from mishutter.model.exposures import Exposures, path_for_rows
 from mishutter.model.motion import (
     AbstractMotion,
     FreeMotion,

@@ -18,7 +18,7 @@ from mishutter import (
     simulate_capture,
     simulate_frames,
 )
-from mishutter.evaluation.levels import path_for_rows
+from mishutter.model.exposures import path_for_rows
 
 LIGHT = {"photon_rate": 1e5, "read_noise": 8.0}
 READOUT, SPEED = 0.018, 700.0
