@@ -77,8 +77,8 @@ from .hardware.trace_files import read_trace as read_trace
 from .hardware.traces import measured_profile as measured_profile
 from .hardware.triggers import FrameTable as FrameTable
 from .hardware.triggers import frame_table as frame_table
-from .measurement.measurement import Measurement as Measurement
 from .measurement.measurement import measure as measure
+from .measurement.scene import Measurement as Measurement
 from .model.devices import FirstOrderDevice as FirstOrderDevice
 from .model.devices import IdealDevice as IdealDevice
 from .model.devices import SwitchedDevice as SwitchedDevice
