@@ -80,7 +80,14 @@ def pixel_by_pixel(
 ) -> Float[np.ndarray, "... pixels"]:
     """Pixels of periodic rows, from one on, each through a response of its own."""
     waves = waves_at(first, response.shape[0], period)
-    return np.real(spectrum @ (response * waves * (counted_in(period) / period)).T)
+    return pixels_through(response * waves, spectrum, period)
+
+
+def pixels_through(
+    matrix: Complex[np.ndarray, "*s pixels k"], spectrum: Complex[np.ndarray, "... k"], period: int
+) -> Float[np.ndarray, "... pixels"]:
+    """Pixels of periodic rows, each through its response times the waves of a DFT there."""
+    return np.real((spectrum * (counted_in(period) / period)) @ np.swapaxes(matrix, -1, -2))
 
 
 def waves_at(first: int, count: int, period: int) -> Complex[np.ndarray, "{count} k"]:

@@ -21,6 +21,7 @@ derivatives by all of them.
 """
 
 import math
+from contextlib import nullcontext
 from typing import Any, NamedTuple
 
 import jax
@@ -37,7 +38,7 @@ from mishutter._core.checks import (
     primal_values,
     require,
 )
-from mishutter._core.compiling import compiled
+from mishutter._core.compiling import compiled, outside_trace
 from mishutter._core.parallel import alone_in_blas
 from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.fans import MEASURED, Fan, Grid
@@ -180,11 +181,12 @@ def in_parts(scene: Scene) -> Scene:
     layers, scene = scene.occlusion, without_tolerances(scene)
     if layers is None:
         return scene
-    space = np if all_concrete((scene.speeds, scene.weights, layers)) else jnp
-    speeds, weights, share, *behind = (
-        space.asarray(x)
-        for x in (scene.speeds, scene.weights, layers.front_share, *Background.of(scene))
-    )
+    is_known = all_concrete((scene.speeds, scene.weights, layers))
+    space = np if is_known else jnp
+    # A scene may be known inside a function that is traced by others of its numbers.
+    with outside_trace() if is_known else nullcontext():
+        numbers = scene.speeds, scene.weights, layers.front_share, *Background.of(scene)
+        speeds, weights, share, *behind = (space.asarray(x) for x in numbers)
     return scene.with_occlusion(None).without_metadata(
         speeds=space.concatenate([speeds, behind[0]]),
         weights=space.concatenate([share * weights, (1 - share) * behind[1]]),
