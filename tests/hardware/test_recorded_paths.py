@@ -104,6 +104,17 @@ def test_a_burst_along_one_axis_is_where_the_encoder_was(pans):
     assert apart.rms < 1e-3
 
 
+def test_a_frame_counts_in_the_difference_as_long_as_it_is_exposed():
+    """Of a stage that is 0.8 px aside in the first of 4.2 and 13.6 ms, and not in the second."""
+    design = a_burst_design()
+    path = recorded([design.sequence.stage_path_within(design.scene.limits)], count=4000)
+    aside = 0.8 * np.clip((path.time - CLOCK + 0.0065) / 0.008, 0, 1)
+    _, apart = with_recorded_path(design, path._replace(place=path.place - aside), middle=CLOCK)
+    share = 4.2 / 17.8
+    assert apart.rms == pytest.approx(0.8 * np.sqrt(share * (1 - share)), rel=0.01)
+    assert apart.greatest == pytest.approx(0.8 * (1 - share), rel=0.01)
+
+
 def test_one_exposure_takes_a_recorded_path():
     """Its motion is the recorded one, with the velocity at mid-exposure."""
     motion = ms.ParabolicMotion(acceleration=3.1e4, half_exposure=7e-3, velocity=90.0)

@@ -148,6 +148,16 @@ def test_the_level_counts_a_gate_that_closes():
     assert table.to_dict()["gated_psnr_db"] == table.gated_psnr
 
 
+@pytest.mark.parametrize("readout", [0.0, 4e-3])
+def test_a_gate_opens_on_the_path_of_the_middle_row(readout):
+    """Triggers are on the clock of the first row; a gate of exact steps costs nothing there."""
+    design = a_burst_design(sensor=Sensor(readout=readout))
+    table = frame_table(design, num_steps=269)
+    np.testing.assert_allclose(table.gated_lights, np.array(LIGHTS) - readout / 2, atol=1e-7)
+    whole = float(exposures_psnr(design.scene, design.sequence))
+    assert table.gated_psnr == pytest.approx(whole, abs=1e-3)
+
+
 def test_export_says_what_a_gate_costs(tmp_path, capsys):
     """And which file has exact times, for a camera that needs no gate."""
     _touching().save(tmp_path / "design.json")

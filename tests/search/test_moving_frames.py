@@ -254,6 +254,18 @@ def test_slack_is_what_the_exported_path_leaves(given):
     assert 10 < np.sum(kept) < 110
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_stage_beside_a_camera_that_turns_has_what_is_left_of_the_top_speed(sign):
+    """Of 3000 px/s, the camera's 500 less, as the sensor sees both at once."""
+    room = _room(max_acceleration=8e5, max_top_speed=3000.0, max_pan=900.0, pans="camera")
+    for speed, fits in ((2490.0, True), (2510.0, False)):
+        velocity = np.full((1, 2, 1), sign * speed + 500.0)
+        place = np.array([[30.0 - sign * speed * 5e-4]])
+        frames = Frames(np.array([1e-3]), velocity, np.zeros(0), place, np.array([500.0]))
+        slack = room.slack(room.joined(frames), Shape(1, 1, 1))
+        assert (np.min(slack) >= 0) == fits
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "given",

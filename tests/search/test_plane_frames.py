@@ -19,13 +19,17 @@ from mishutter import (
     cli,
 )
 from mishutter.cli.plane_command import _require_frames
+from mishutter.evaluation.bursts import FrameTimes
+from mishutter.evaluation.fans import Grid
 from mishutter.evaluation.sequences import loss_of_width
 from mishutter.model.exposures import Exposures
 from mishutter.model.sequences import PlaneFrames
 from mishutter.report.documents import Report
 from mishutter.report.in_plane import answer_in_plane, compare_in_plane
 from mishutter.report.plots import plot_design
-from mishutter.search.frame_ties import FREE
+from mishutter.search.frame_levels import Frames, Levels
+from mishutter.search.frame_limits import Room, Shape
+from mishutter.search.frame_ties import FREE, RING, Tie
 from mishutter.search.plane_frames import PlaneSearch
 
 LIMITS = Limits(max_stroke=24.0, max_half_exposure=0.01, max_acceleration=9e5, max_travel=31.0)
@@ -49,6 +53,43 @@ def test_a_path_is_where_its_velocities_lead():
     place = np.asarray(frames.place(np.array([0.0, 0.0025, 0.005, 0.02])))
     np.testing.assert_allclose(place[0], [0, 0.375, 1.0, -0.5], atol=1e-12)
     np.testing.assert_allclose(place[1], [0, 0, 0, 0.6], atol=1e-12)
+
+
+def a_room(limits: Limits = LIMITS) -> Room:
+    scene = a_scene(limits)
+    return Room.of(scene.limits, FrameTimes.of(scene, scene.burst), 1700.0)
+
+
+def test_ways_about_a_mean_are_as_wide_across_as_things_are():
+    """Four velocities on an ellipse, whose axes are along the unit and across it."""
+    unit, across = np.array([0.6, 0.8]), np.array([-0.8, 0.6])
+    tie = Tie(RING, a_room(), Shape(4, 2, 2), -700.0, 1300.0, unit, 40.0 * across, widest=250.0)
+    velocity = tie.frames(np.array([0.5, 0.0, 0.5, 0.4, 0.5])).velocity
+    np.testing.assert_allclose(np.diff(velocity, axis=1), 0, atol=1e-9)
+    beside = velocity[:, 0] - np.mean(velocity[:, 0], axis=0)
+    size = 1.5 * 0.4 * np.sqrt(0.5)
+    np.testing.assert_allclose(np.abs(beside @ unit), size * 1000)
+    np.testing.assert_allclose(np.abs(beside @ across), size * 250)
+    np.testing.assert_allclose(np.mean(velocity[:, 0], axis=0), 300 * unit + 40 * across)
+
+
+def test_a_camera_that_turns_sees_things_at_what_is_left_of_their_velocities():
+    """Frames that move by its pan more have the level of those of a camera that stands."""
+    scene, pan = a_scene(), np.array([300.0, -200.0])
+    draw = np.random.default_rng(4)
+    frames = Frames(
+        np.array([4e-3, 7e-3]),
+        draw.normal(0, 600, (2, 3, 2)),
+        np.array([3e-3]),
+        np.zeros((2, 2)),
+        np.zeros(2),
+    )
+    grid = Grid(8, 6, 8)
+    standing = Levels.in_plane(scene, grid, np.eye(2), np.zeros(2)).level(frames)
+    turning = Levels.in_plane(scene, grid, np.eye(2), pan)
+    beside = frames._replace(velocity=frames.velocity - pan)
+    assert turning.level(beside) == pytest.approx(standing, abs=1e-9)
+    assert abs(turning.level(frames) - standing) > 1e-3
 
 
 def _along(turns: np.ndarray, knots) -> np.ndarray:
