@@ -161,7 +161,7 @@ In the laboratory
     SensorLevels              the conversion of electrons to levels
 
 Folders, whose further names are for those who extend the package
-    blur, camera, decoding, design, evaluation, hardware, measurement, model, pictures, plane,
+    blur, camera, decoding, design, evaluation, hardware, measurement, model, pictures,
     report, search, sweeps
 """
 

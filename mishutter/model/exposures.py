@@ -196,16 +196,8 @@ class Exposures:
         if self.path is None:
             path = self.stage_path_within(limits)
             return {} if path is None else {"": path}
-        driven, most = of_stage(self.path, self._turning), limits.max_acceleration
-        most = driven.acceleration(limits) if most is None else float(most)
-        if driven.stays or not 0 < most < math.inf:
-            return {}
-        knots, paths = driven.knots(replace(limits, max_acceleration=most)), []
-        for velocities, places in zip(knots.velocities, knots.positions, strict=True):
-            begin = float(places[knots.first] - (np.min(places) + np.max(places)) / 2)
-            along = knots._replace(velocities=velocities)
-            paths.append(along.path(float(driven.bends[0]), begin))
-        return dict(zip(self.axes, paths, strict=True))
+        paths = of_stage(self.path, self._turning).stage_paths(limits)
+        return dict(zip(self.axes, paths, strict=False))
 
     @property
     def num_frames(self) -> int:
@@ -493,9 +485,15 @@ def exposures_in_plane(
     """Frames with what they ask of a stage, beside a camera that turns where they move."""
     pan = pan_over(scene, frames)
     use = of_stage(frames, pan).use(scene.limits)
-    travel, stroke, turning = float(use.travel), float(use.stroke), (*pan.tolist(),)
-    levels = {"psnr": psnr, "width_loss": width_loss}
-    return Exposures(kind, frames, travel, pan=turning, lit_travel=stroke, **levels)
+    return Exposures(
+        kind,
+        frames,
+        float(use.travel),
+        psnr,
+        pan=(*pan.tolist(),),
+        width_loss=width_loss,
+        lit_travel=float(use.stroke),
+    )
 
 
 def pan_over(scene: Scene, frames: FramePath) -> Float[np.ndarray, "2"]:

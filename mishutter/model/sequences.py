@@ -19,7 +19,7 @@ from mishutter._core.checks import as_numpy, namespace_of
 from mishutter._core.modules import AbstractModule
 from mishutter.model.limits import Limits
 from mishutter.model.motion import AbstractMotion
-from mishutter.model.stages import Knots, Piece, StageUse, led
+from mishutter.model.stages import Knots, Piece, StagePath, StageUse, led
 
 AT_REST = 0.05
 """Travel over an exposure below which its sensor counts as standing still; px."""
@@ -226,6 +226,23 @@ class FramePath(AbstractModule):
         if np.any(size[d == 0] > 0):
             return math.inf
         return float(np.max(size[d > 0] / d[d > 0], initial=0.0))
+
+    def stage_paths(self, limits: Limits) -> list[StagePath]:
+        """The paths of the stage along each axis, each about the middle of its travel.
+
+        Args:
+            limits: Those of the stage.
+        """
+        most = limits.max_acceleration
+        most = self.acceleration(limits) if most is None else float(most)
+        if self.stays or not 0 < most < math.inf:
+            return []
+        knots, paths = self.knots(replace(limits, max_acceleration=most)), []
+        for velocities, places in zip(knots.velocities, knots.positions, strict=True):
+            begin = float(places[knots.first] - (np.min(places) + np.max(places)) / 2)
+            along = knots._replace(velocities=velocities)
+            paths.append(along.path(float(self._begin) - self.lead, begin))
+        return paths
 
 
 PlaneFrames = FramePath
