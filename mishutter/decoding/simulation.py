@@ -27,7 +27,7 @@ from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel, blur_mo
 from mishutter.decoding.decoders.linear import decoder_or_ensemble
 from mishutter.decoding.decoders.speed import SpeedEstimate
 from mishutter.decoding.decoders.speed_finding import SpeedFindingDecoder, decoder_of, informed
-from mishutter.decoding.objects.restored import Known, is_at_rest
+from mishutter.decoding.objects.restored import Known
 from mishutter.decoding.plane_velocity import VelocityEstimate
 from mishutter.decoding.restoration import (
     RestoredPhotograph,
@@ -170,7 +170,7 @@ def capture_and_restore(
         captured = _turned(captured, axis, exposures)
     # Layers that a sensor at rest sees move on their own.
     is_several = isinstance(subject, Layers) and len(subject.layers) > 1
-    several = is_several and not is_one and is_at_rest(exposures.frames)
+    several = is_several and not is_one and sum(exposures.rests) > 1
     result = _restored(
         captured,
         scene,

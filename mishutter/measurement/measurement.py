@@ -10,7 +10,7 @@ from mishutter.measurement.clip import Clip, Source, clip_of, read_levels_of
 from mishutter.measurement.estimates import Estimate
 from mishutter.measurement.motion import Motion, motion_of, read_in_turn
 from mishutter.measurement.noise import Noise, noise_of
-from mishutter.measurement.scene import Measurement
+from mishutter.measurement.scene import Measurement, along_axis
 from mishutter.measurement.signs import detail_excess, is_moved, shot_gamma
 from mishutter.measurement.steady import bands_of_light, steady
 from mishutter.measurement.texture import averaged, is_mosaic, light_of_texture

@@ -91,8 +91,13 @@ class Report:
 
     @property
     def one_exposure(self) -> Design | None:
-        """The design of the search as one exposure, without the frames that may be better."""
-        return None if self.design is None else replace(self.design, sequence=None)
+        """The design of the search as one exposure, without the frames that may be better.
+
+        None where the answer is frames whatever one exposure reaches, so that none was searched.
+        """
+        if self.design is None or not self.names:
+            return None
+        return replace(self.design, sequence=None)
 
     @property
     def recommended(self) -> AbstractDesign | None:
@@ -163,7 +168,7 @@ def write_report(
     for name, write in writers.items():
         write(folder / name)
         wrote(name)
-    older = _PICTURES if report.recommended is None else {*_PICTURES, *FORMER}
+    older = _PICTURES if report.recommended is None else {*_PICTURES, *FORMER, ONE_EXPOSURE}
     for name in older - set(writers):
         (folder / name).unlink(missing_ok=True)
     return list(writers)

@@ -528,7 +528,7 @@ def plot_photograph(
     require(len(speeds) > 0, "plot_photograph(speeds=...)", "hold a speed", 0)
     aside = SPEED_KNOWLEDGE[decoder_speed].aside
     titles = {
-        name: textwrap.wrap(shown_name(name, 48).replace(" ms", "\u00a0ms"), width=23)
+        name: textwrap.wrap(shown_name(name, 69).replace(" ms", "\u00a0ms"), width=23)
         for name in results
     }
     lines = 1 + max(map(len, titles.values()))

@@ -263,6 +263,14 @@ def sentences_of(
     return [paragraph(sentence) for sentence in sentences if sentence]
 
 
+def on_what_is_left_out(below: float) -> str:
+    """The reason why single exposures are not searched: their ceiling is so far below frames."""
+    return paragraph(
+        f"Other single exposures are left out: their ceiling is {below:.1f} dB below this "
+        "(--verbose searches for them)."
+    )
+
+
 def on_pan(scene: Scene, choice: Row, loss: AbstractLoss) -> str:
     """The gain by following things that all move one way, where nothing moves the sensor."""
     limits, occurs = scene.limits, np.asarray(scene.weights) > 0

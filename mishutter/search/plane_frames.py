@@ -178,16 +178,16 @@ class _PlaneSearch(NamedTuple):
         for index, count in enumerate(self.counts):
             progress(0.4 + 0.2 * index / len(self.counts))
             ends += [stage.best(kind, count, most=1) for kind in WAYS_ON_TWO_AXES]
+        progress(0.6)
         if best := best_of(ends):  # at its number of frames from all starts
             count = best.frames.exposure.size
             ends += [stage.best(kind, count) for kind in WAYS_ON_TWO_AXES]
-        progress(0.7)
         flat = [
             None if end is None else end._replace(frames=_on_plane(end.frames, one.unit))
             for end in along
         ]
         made = self._bursts(stage, ends, 2)
-        free = self._bursts(stage, stage.free(flat, ends), 2)
+        free = self._bursts(stage, stage.free(flat, ends, progress=progress), 2)
         top = max(burst.level for burst in (*bursts, *made))
         return made + [burst for burst in free if burst.level >= top + _AS_GOOD]
 
@@ -262,10 +262,11 @@ class _Stage(NamedTuple):
         unit, across = self.unit @ self.along, self.unit @ aside
         return Tie(kind, self.room, shape, *ends, unit, across, widest=widest)
 
-    def free(self, *ends: "Sequence[End | None]") -> list[End]:
+    def free(self, *ends: "Sequence[End | None]", progress: Callable[[float], None]) -> list[End]:
         """Ends of descents in which each frame has numbers of its own, from the best of each."""
         found = []
-        for some in ends:
+        for index, some in enumerate(ends):
+            progress(0.7 + 0.2 * index / len(ends))
             best = best_of([x for x in some if x and x.frames.exposure.size <= MOST_FREE])
             if best is not None:
                 count = best.frames.exposure.size
@@ -276,6 +277,7 @@ class _Stage(NamedTuple):
         best = best_of(found)
         if best is None:
             return []
+        progress(0.9)
         return [best, *again(self.levels, self.room, best, times=1)]
 
     def made(self, frames: Frames) -> FramePath:

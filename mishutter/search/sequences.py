@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 
+from mishutter._core.progress import counts
 from mishutter.evaluation.bursts import best_still_burst
 from mishutter.evaluation.sequences import with_losses
 from mishutter.model.exposures import Exposures
@@ -39,6 +40,14 @@ def best_bursts(
     if scene.occlusion is None:
         found.append(best_moving_burst(scene, progress=progress))
     return tuple(with_losses(scene, each) for each in found if each is not None)
+
+
+def shown_bursts(scene: Scene, *, is_shown: bool) -> tuple[Exposures, ...]:
+    """As `best_bursts`, with a bar where it is asked for."""
+    with counts(is_shown and scene.burst is not None, "searching", 1) as counter:
+        name = "several frames"
+        counter.next(name)
+        return best_bursts(scene, progress=lambda share: counter.within(name, share))
 
 
 def level_on_sensor(burst: Exposures, *, at_worst: bool = False) -> float:

@@ -350,7 +350,9 @@ def test_the_frames_that_a_verdict_names_are_saved(report, tmp_path):
     burst = replace(rows["rect"], name="best moving burst", exposures=SEQUENCE, hardware=parts)
     comparison = replace(report.comparison, choice=burst)
     for design in (a_burst_design(None), a_burst_design()):
-        writers = _writers(replace(report, comparison=comparison, design=design))
+        judged = replace(report, comparison=comparison, design=design)
+        assert "one_exposure.json" not in _writers(judged)  # none was searched for
+        writers = _writers(replace(judged, names=("optimised",)))
         file = tmp_path / "saved.json"
         writers["recommended.json"](file)
         assert Design.load(file).sequence.text == SEQUENCE.text

@@ -100,11 +100,17 @@ def _along(turns: np.ndarray, knots) -> np.ndarray:
 @pytest.mark.slow
 @pytest.mark.parametrize("axes", ["one", "each", "disc"])
 def test_frames_keep_the_limits(axes):
-    """Travel, stroke, speed and acceleration by places and velocities of the path itself."""
-    most, top = 9e5, 1500.0
+    """Travel, stroke, speed and acceleration by places and velocities of the path itself.
+
+    Progress goes on through the paths of two axes, which take longest.
+    """
+    most, top, shares = 9e5, 1500.0, []
     limits = replace(LIMITS, axes=axes, max_top_speed=top)
     burst = BurstMode(frames_per_s=90.0, window=0.035, max_frames=3)
-    found = best_in_plane(a_scene(limits, burst=burst))
+    found = best_in_plane(a_scene(limits, burst=burst), progress=shares.append)
+    assert shares == sorted(shares)
+    late = [share for share in shares if share >= 0.6]
+    assert late == pytest.approx([] if axes == "one" else [0.6, 0.7, 0.8, 0.9])
     assert max(each.num_axes for each in found.bursts) == (1 if axes == "one" else 2)
     turns = np.linspace(0, np.pi, 37) if axes == "disc" else np.array([0, np.pi / 2])
     for each in found.bursts:
