@@ -11,7 +11,7 @@ from support.command_line import refused
 from support.places import PLACES, best_frames
 
 from mishutter import Scene, cli, measure
-from mishutter.measurement.measurement import Measurement
+from mishutter.measurement.scene import Measurement
 from mishutter.report.measurement_plots import plot_motion, plot_noise
 
 CLIP = ClipOf(
