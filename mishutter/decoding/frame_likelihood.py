@@ -37,12 +37,11 @@ from mishutter.decoding.likeliest import (
 )
 from mishutter.decoding.rolling import GLOBAL, RowsInTurn, RowTimes, binned_along
 from mishutter.evaluation.fans import picture_power_on
-from mishutter.evaluation.instants import Frames, Instants
-from mishutter.evaluation.levels import path_for_rows
-from mishutter.model.exposures import AbstractPath
+from mishutter.evaluation.instants import Instants
+from mishutter.model.exposures import path_for_rows
 from mishutter.model.optics import NUM_FREQUENCIES
 from mishutter.model.scene import Scene, power_on_grid
-from mishutter.plane.frames import PlaneFrames
+from mishutter.model.sequences import FramePath, Frames
 
 ROUGHLY = 3e-2
 """Residual at which conjugate gradients of a search end, as a share of the first one."""
@@ -95,13 +94,13 @@ def waves_of(
 
 def times_of(taken: Frames) -> Float[np.ndarray, "n"]:
     """Mid-exposures; s."""
-    each = taken.times if isinstance(taken, AbstractPath) else [frame.time for frame in taken]
+    each = taken.times if isinstance(taken, FramePath) else [frame.time for frame in taken]
     return np.asarray(each, np.float64)
 
 
 def exposures_of(taken: Frames) -> Float[np.ndarray, "n"]:
     """Exposures; s."""
-    is_path = isinstance(taken, AbstractPath)
+    is_path = isinstance(taken, FramePath)
     each = taken.exposures if is_path else [frame.exposure for frame in taken]
     return np.asarray(each, np.float64)
 
@@ -187,7 +186,7 @@ class Own(NamedTuple):
     @property
     def num_axes(self) -> int:
         """Axes of the plane, or one of an axis."""
-        return 2 if isinstance(self.taken, PlaneFrames) else 1
+        return 2 if isinstance(self.taken, FramePath) else 1
 
     def level(
         self, velocities: Float[np.ndarray, "s axes"], size: int = 1, part: slice = slice(None)

@@ -34,11 +34,9 @@ from mishutter.decoding.likeliest import (
 )
 from mishutter.decoding.restoration import restored_light
 from mishutter.decoding.rolling import RowTimes
-from mishutter.evaluation.instants import Frames
 from mishutter.model.scene import Scene
-from mishutter.model.sequences import TimedFrame
+from mishutter.model.sequences import Frames, PlaneFrames, TimedFrame
 from mishutter.model.shutters.windows import RectShutter
-from mishutter.plane.frames import PlaneFrames
 
 Decode = Callable[[Likeliest, float], np.ndarray]
 """A method that makes a picture of the likeliest one about a mean level."""

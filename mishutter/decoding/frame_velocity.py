@@ -39,12 +39,10 @@ from mishutter.decoding.frame_likelihood import (
 )
 from mishutter.decoding.likeliest import TOLERANCE, Fit, fit_of, follows, noises_of
 from mishutter.decoding.rolling import GLOBAL, RowTimes, binned_along
-from mishutter.evaluation.instants import Frames
-from mishutter.evaluation.levels import require_velocities
-from mishutter.model.scene import Scene
+from mishutter.model.scene import Scene, require_velocities
 from mishutter.model.sensor import Sensor
+from mishutter.model.sequences import Frames, PlaneFrames
 from mishutter.model.velocities import AbstractVelocities
-from mishutter.plane.frames import PlaneFrames
 
 _REACH = 1.5
 """Steps about a peak of velocities that are tried within which there is no other."""

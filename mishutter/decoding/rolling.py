@@ -25,8 +25,8 @@ from jaxtyping import Complex, Float
 from mishutter.camera.rows import counted_in, fast_length, irfftn, rfftn
 from mishutter.decoding.likeliest import AbstractRolledFrame, Canvas, frequencies_along
 from mishutter.evaluation.instants import Instants
-from mishutter.model.exposures import AbstractPath
 from mishutter.model.sensor import Sensor
+from mishutter.model.sequences import FramePath
 
 _WIDTH, _FINER = 8, 1.5
 """Points of the fine grid that a place between pixels is interpolated from, and how fine it is."""
@@ -80,7 +80,7 @@ class RowsInTurn:
 
     def __init__(
         self,
-        path: AbstractPath,
+        path: FramePath,
         instants: Instants,  # Of the middle row
         first: int,  # Number of the first of these frames
         times: RowTimes,
@@ -178,7 +178,7 @@ class RowsInTurn:
             np.exp(np.multiply.outer(place, (-2j * np.pi * f).astype(np.complex64)))
             for place, f in zip(places, frequencies, strict=True)
         ]
-        power = np.sqrt(_on_grid(canvas, grid) / nodes.size).astype(np.float32)
+        power = np.sqrt(_on_grid(canvas.power, grid) / nodes.size).astype(np.float32)
         flat = (reduce(np.multiply, waves) * power).reshape(count, tried.size, -1)
         products = np.real(flat.conj() @ np.swapaxes(flat, 1, 2)).astype(np.float64)
         index, weights = _few_delays(products, _SHARE * canvas.noises)
@@ -203,11 +203,12 @@ def _mean_place(of: Instants) -> Float[np.ndarray, "axes n"]:
     return np.sum(of.place * of.weight, axis=-1)
 
 
-def _on_grid(canvas: Canvas, grid: tuple[int, ...]) -> Float[np.ndarray, "*k"]:
-    """Power of pictures on the coarser grid of another DFT, whose sum is its mean."""
-    each = zip(frequencies_along(grid)[::-1], canvas.shape, strict=True)
+def _on_grid(power: Float[np.ndarray, "..."], grid: tuple[int, ...]) -> Float[np.ndarray, "..."]:
+    """A density on the coarser grid of another DFT, whose sum is its mean power."""
+    lengths = *power.shape[:-1], 2 * (power.shape[-1] - 1)
+    each = zip(frequencies_along(grid)[::-1], lengths, strict=True)
     index = [np.round(f.ravel() * length).astype(int) for f, length in each]
-    return canvas.power[np.ix_(*index)] * counted_in(grid[-1]) / math.prod(grid)
+    return power[np.ix_(*index)] * counted_in(grid[-1]) / math.prod(grid)
 
 
 def _few_delays(

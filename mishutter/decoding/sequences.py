@@ -28,9 +28,8 @@ from mishutter.decoding.frame_velocity import (
 from mishutter.decoding.objects.restored import FoundObject, Known, is_at_rest, restored_objects
 from mishutter.decoding.rolling import RowTimes
 from mishutter.model.scene import Scene, require_scene, require_whole
-from mishutter.model.sequences import TimedFrame
+from mishutter.model.sequences import PlaneFrames, TimedFrame
 from mishutter.pictures.images import Axis, transposed
-from mishutter.plane.frames import PlaneFrames
 
 
 class _Pair(NamedTuple):

@@ -19,7 +19,7 @@ from mishutter import (
     simulate_frames,
 )
 from mishutter.camera.rows import bands_of
-from mishutter.evaluation.levels import path_for_rows
+from mishutter.model.exposures import path_for_rows
 
 LIGHT = {"photon_rate": 1e5, "read_noise": 8.0}
 READOUT, SPEED = 0.018, 700.0
@@ -48,11 +48,11 @@ def scene_of(sensor, plane=False):
 def in_plane(scene, axis):
     """The path of the frames on parabolas, along rows or columns of the plane."""
     path = path_for_rows(scene, frames_on_parabolas())
-    knots = path.stage.times
+    knots = path.bends
     inner = (knots > -2 * PERIOD + 1e-6) & (knots < 2 * PERIOD - 1e-6)
     times = np.concatenate([[-2 * PERIOD], knots[inner], [2 * PERIOD]])
     velocities = np.zeros((2, times.size))
-    velocities[axis] = path.stage.at(times)[1]
+    velocities[axis] = np.interp(times, knots, path.velocities[0])
     return PlaneFrames(path.times, path.exposures, np.diff(times), velocities)
 
 

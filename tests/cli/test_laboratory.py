@@ -102,12 +102,20 @@ OPTIONS = {
     ),
     "half-exposure": (
         ["compare", "--drive", "{d}", "--half-exposure-ms", "0"],
-        "error: `half_exposure` must be above 0; got 0.0",
+        "error: `--half-exposure-ms` must be above 0; got 0.0",
+    ),
+    "exposure": (
+        ["compare", "--drive", "{d}", "--exposure-ms", "-2"],
+        "error: `--exposure-ms` must be above 0; got -2.0",
+    ),
+    "both-exposures": (
+        ["compare", "--drive", "{d}", "--exposure-ms", "36", "--half-exposure-ms", "18"],
+        "`--half-exposure-ms` must not stand beside --exposure-ms; got 18.0",
     ),
     "length-of-a-trace": (
-        ["simulate", "--measured", "no.csv", "--half-exposure-ms", "18"],
-        "`--half-exposure-ms` must stand beside --drive: a trace is as long as the design's "
-        "exposure, or the scene's; got 18.0",
+        ["simulate", "--measured", "no.csv", "--exposure-ms", "18"],
+        "`--exposure-ms` must stand beside --drive: a trace is as long as the design's exposure, "
+        "or the scene's; got 18.0",
     ),
     "floor": (["compare", "--drive", "{d}", "--floor", "2"], "must lie in [0, 1); got 2.0"),
     "bytes-to-the-terminal": (
@@ -139,9 +147,12 @@ def test_export_writes_each_format(form, folder, tmp_path, capsys):
     out, err = capsys.readouterr()
     document = json.loads(out)
     assert ("not in the file: " in err) == (form != "csv")
+    exposure = document["exposure_ms"]
+    assert (f"({exposure!r} ms, 1 is " in err) == (form != "csv")
     name, picture, path = document["files"]
     assert (picture, path) == ("drive.png", "stage.csv")
     design = Design.load(folder / "design.json")
+    assert exposure == pytest.approx(1e3 * float(design.motion.exposure))
     assert (tmp_path / name).stat().st_size > 0
     if form in ("csv", "npy"):
         scale = document["position_scale_px"]
@@ -165,21 +176,6 @@ def test_export_of_an_open_shutter_says_so(tmp_path, capsys):
     assert cli.main(["export", str(tmp_path / "design.json"), "--steps", "4"]) == 0
     said = messages(capsys.readouterr().err)
     assert said == ["the shutter stays open for the whole exposure and needs no drive"]
-
-
-@pytest.mark.slow
-def test_export_names_the_level_before_the_exposure(tmp_path, capsys):
-    """A device that lags is taken to have settled at its first level."""
-    device = FirstOrderDevice(rise_time=1e-3, fall_time=2e-3, delay=3e-4)
-    scene = Scene(SCENE.speeds, photon_rate=1e5, read_noise=10.0, device=device)
-    shutter = scene.light(HannShutter(), MOTION)
-    replace(a_design(shutter), scene=scene).save(tmp_path / "design.json")
-    assert cli.main(["export", str(tmp_path / "design.json"), "--levels", "9"]) == 0
-    out, err = capsys.readouterr()
-    settled = 0.3 + 2 * np.log(1e3) / np.log(9)
-    assert f"to level 0 at least {settled:.3g} ms before the exposure" in err
-    rows = np.array([[float(x) for x in line.split(",")] for line in out.splitlines()[2:]])
-    assert np.max(np.abs(rows[:, 3] - rows[:, 4])) > 0.1
 
 
 @pytest.mark.slow
@@ -222,7 +218,7 @@ def test_text_goes_to_the_terminal(folder, capsys):
     assert cli.main(["export", design, "--format", "column", "--steps", "5"]) == 0
     out, err = capsys.readouterr()
     assert [-1 <= float(line) <= 1 for line in out.splitlines()] == [True] * 5
-    assert "T = 10.0 ms" in err
+    assert "(20.0 ms, 1 is 22.0 px, " in err
 
 
 @pytest.mark.slow

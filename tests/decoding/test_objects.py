@@ -206,3 +206,18 @@ def test_a_velocity_that_nothing_tells_stays_as_uncertain_as_it_was():
     refine_velocity(Arrangement(stills(frames), [one], [0]), 0, None)
     np.testing.assert_allclose(np.sqrt(np.diag(one.covariance)), 30.0, rtol=0.1)
     np.testing.assert_allclose(one.velocity, first, atol=10)
+
+
+def test_a_thing_that_is_left_out_leaves_the_others_in_their_order():
+    """Of three, the last in front: without the first, numbers fall and what hides what stays."""
+    mattes = np.zeros((3, 40, 48), np.float32)
+    for k, matte in enumerate(mattes):
+        matte[8 + 4 * k : 24 + 4 * k, 10 : 20 + 8 * k] = 1
+    things = [Found(np.zeros(2), matte, np.zeros(2), 30.0) for matte in mattes]
+    every = Arrangement(stills(np.full((4, 40, 48), 0.3)), things, [2, 0, 1])
+    seen = every.seen(1) + every.seen(0) * mattes[1]
+    every.drop(0)
+    assert every.order == [1, 0]
+    assert every.behind(1) == [0]
+    np.testing.assert_allclose(every.seen(0), seen, atol=1e-6)
+    np.testing.assert_allclose(every.alphas()[1], mattes[1] * (1 - mattes[2]), atol=1e-6)
