@@ -228,7 +228,8 @@ class Own(NamedTuple):
 
     def _aperture(self, shape: tuple[int, ...], size: int) -> Float[np.ndarray, "*k"]:
         """Response of a pixel of some size behind the lens."""
-        whole = aperture_on(self.prior.scene.optics, (1, *shape)[-2:], size)
+        rows, columns = (1, *shape)[-2:]
+        whole = aperture_on(self.prior.scene.optics, (rows, columns), size)
         return whole if len(shape) == 2 else whole[0]
 
     def of_rows(self, some: Int[np.ndarray, "r"]) -> "Own":
@@ -305,11 +306,11 @@ def slope_at(
         turned = (2j * np.pi / size * frequency).astype(found.spectrum.dtype) * found.spectrum
         changes.append(np.stack([canvas.through(one, turned)[0] for one in moved]))
     side = 0.1 * _furthest(level)
-    ends = [
-        [level.volume(velocity + sign * side * e).logarithm for sign in (1, -1)]
+    volumes = [
+        level.volume(velocity + side * e).logarithm - level.volume(velocity - side * e).logarithm
         for e in np.eye(velocity.size)
     ]
-    volumes = found.gains.size * -np.diff(ends)[:, 0] / (2 * side)
+    volumes = found.gains.size * np.array(volumes) / (2 * side)
     noises = canvas.noises[:, None, None]
     scores = np.stack([d * residual / noises for d in changes])
     value = np.sum(scores, axis=(1, 2, 3), dtype=np.float64) - volumes

@@ -138,11 +138,13 @@ def restore_frames(
     if isinstance(frames, PlaneFrames):
         decode = method_in_plane(chosen)
         light, planes = _planes_of(captures, frames.num_frames, "rows")
-        told, estimate = None if speed is None else np.asarray(speed, np.float64), None
-        if told is None or frames.num_frames > 1:
-            times = RowTimes.of(scene.sensor, planes.shape, in_plane=True)
-            estimate = velocity_of_frames(planes, scene, frames, times, told)
-        velocity = told if estimate is None else estimate.velocity
+        told = None if speed is None else np.asarray(speed, np.float64)
+        if told is not None and frames.num_frames == 1:
+            picture = restored_in_plane(planes, scene, frames, decode, told)
+            return RestoredFrames(_as_frame(picture, light, "rows"), None)
+        times = RowTimes.of(scene.sensor, planes.shape, in_plane=True)
+        estimate = velocity_of_frames(planes, scene, frames, times, told)
+        velocity = estimate.velocity
         picture = restored_in_plane(planes, scene, frames, decode, velocity)
         return RestoredFrames(_as_frame(picture, light, "rows"), estimate)
     told = None if speed is None else float(speed)

@@ -241,7 +241,7 @@ def _restored(
         require_alike_rows("restore(design=...)", exposures.motion, shutter)
     # Rows that are exposed in turn see the same but further on, by a way that a speed tells.
     if shutter is not None and not (is_rolling and speed is not None):
-        motion, shutter = exposures.motion, exposures.shutter
+        motion = exposures.motion
         model = blur_model(along, motion, shutter)
         if speed is not None:
             model = model.knowing(speed - float(sensor_view(along, motion, shutter).velocity))
