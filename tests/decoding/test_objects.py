@@ -5,10 +5,13 @@ import pytest
 from support.moving_things import Thing, decibels, frames_of, shown, texture
 
 import mishutter as ms
+from mishutter.decoding.objects.arrangement import Arrangement
+from mishutter.decoding.objects.arrangement import Thing as Found
 from mishutter.decoding.objects.candidates import candidates
 from mishutter.decoding.objects.finding import found_in
 from mishutter.decoding.objects.grids import Window, moved, splines
 from mishutter.decoding.objects.stills import Stills
+from mishutter.decoding.objects.velocities import refine_velocity
 
 RATE, READ_NOISE, FASTEST = 1e5, 8.0, 900.0
 TIMES = np.array([-0.03, -0.01, 0.01, 0.03])
@@ -98,6 +101,19 @@ def test_a_thing_without_texture_is_told_by_its_outline():
         apart = own.velocity - np.array(disc.velocity)
         assert np.hypot(*apart) < 5
         assert apart @ np.linalg.solve(own.covariance, apart) < 4**2 * 2
+
+
+def test_a_velocity_is_refined_where_frames_are_half_a_stroke_out_of_place():
+    """The mean of frames out of place has too little slope: whole steps by it would swing."""
+    blocks = np.random.default_rng(2).choice([0.2, 0.7], (24, 24))
+    page = thing(0, (60.0, 66.0), 30.0, (310.0, -115.0), np.kron(blocks, np.ones((4, 4))))
+    frames = frames_of(ground(), [page], TIMES, EXPOSURES, np.random.default_rng(13))
+    matte = shown(ground(), [page], 0.0)[1][0].astype(np.float32)
+    for off in ((12.0, 18.0), (0.0, -30.0)):
+        start = np.array(page.velocity) + off
+        own = Found(start, matte, start.copy(), 20.0)
+        refine_velocity(Arrangement(stills(frames), [own], [0]), 0, None)
+        np.testing.assert_allclose(own.velocity, page.velocity, atol=1.0)
 
 
 def test_nothing_is_found_where_nothing_moves():
