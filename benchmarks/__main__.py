@@ -35,6 +35,8 @@ ALL = (
     "strips",
     "objects",
     "footage",
+    "rolling",
+    "kinds",
     "restoration",
     "restoration_over_speeds",
     "speed",

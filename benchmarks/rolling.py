@@ -3,8 +3,12 @@
 Photographs pass a sensor whose stage swings on alternating parabolas along the rows or along the
 columns, or circles in the plane. A decoder that knows the rows' times stands beside one that takes
 all rows for exposed at once.
+
+What `results/rolling.json` holds already is not done again: remove it to begin anew.
 """
 
+import itertools
+import json
 import sys
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -22,18 +26,25 @@ PERIOD, STROKE, COUNT = 0.02, 54.6, 4
 READOUTS = (0.0, 0.005, 0.01, 0.02)
 """From the first row to the last; s."""
 WAYS = ("along rows", "along columns", "in the plane")
+_CASES = tuple(itertools.product(WAYS, READOUTS))
 RATE, READ, FASTEST = 1e5, 8.0, 2800.0
+SWIFT = 1500.0
+"""Greatest velocity of a photograph; px/s."""
 SHAPE = 192, 320
 """Rows and columns of the sensor, or columns and rows where things move along the columns."""
 MARGIN = 32
-"""Pixels at the ends of the sensor that are not judged."""
+"""Pixels at the ends of what all frames see that are not judged."""
+MUCH = 1.0
+"""Loss of a picture from which on its estimate should not be trusted; dB."""
 TEXT = """## Rows that are read one after another
 
-Four frames of 20 ms of {count} photographs, each at a speed of its own up to 2,800 px/s, on
+Four frames of 20 ms of photographs, each at a velocity of its own up to {swift:,.0f} px/s, on
 parabolas of 54.6 px along rows or columns, and on a circle in the plane. "dB" is the mean level of
-the restored picture, away from its borders; "not told" is of a decoder that takes all rows for
-exposed at once. "Within" is the share of velocities that are within two of their errors, and
-"trusted" that of the estimates of the decoder that is not told.
+the restored picture, away from its borders, and "short" what it has less than behind a global
+shutter beside what the level itself loses, in the mean and at worst; "within" is the number of
+velocities that are within two of their errors. "Not told" is of a decoder that takes all rows for
+exposed at once: its mean level, how many of its estimates are trusted, and how many of these though
+their picture has more than {much:g} dB less than the other's.
 
 {table}"""
 
@@ -76,15 +87,14 @@ def measured(case: Case, name: str, number: int) -> dict[str, float]:
     """Levels and velocities of one photograph."""
     light = np.asarray(shipped_picture(name).luminance, np.float64)[:440, :600]
     random = np.random.default_rng(number)
-    size, angle = FASTEST * np.sqrt(random.uniform(0.1, 1)), random.uniform(0, 2 * np.pi)
+    size, angle = SWIFT * np.sqrt(random.uniform(0.1, 1)), random.uniform(0, 2 * np.pi)
     velocity = size * np.array([np.cos(angle), np.sin(angle)])
     rows, columns = SHAPE
-    sensor = {"num_columns": columns}
+    sensor, speed = {"num_columns": columns}, velocity
     if case.way == "in the plane":
         sensor["num_rows"] = rows
-        speed: Any = velocity
     else:
-        speed, light = float(velocity[0]), light[:rows]
+        speed, light = velocity[0], light[:rows]
     if case.way == "along columns":
         light = light.T
     scene, frames = case.scene, case.frames
@@ -92,10 +102,13 @@ def measured(case: Case, name: str, number: int) -> dict[str, float]:
     taken = np.asarray(ms.simulate_frames(light, scene, frames, speed=speed, **sensor, key=key))
     first = [(whole - own) // 2 for whole, own in zip(light.shape, taken.shape[1:], strict=True)]
     truth = light[first[0] :, first[1] :][: taken.shape[1], : taken.shape[2]]
-    inner = tuple(slice(MARGIN, -MARGIN) for _ in range(2))
-    row = {}
+    # What enters or leaves is seen by some of the frames alone.
+    ways = np.abs(velocity) * (COUNT - 1) * PERIOD / 2
+    across, down = {"in the plane": ways, "along rows": (ways[0], 0)}.get(case.way, (0, ways[0]))
+    inner = tuple(slice(edge, -edge) for edge in (MARGIN + int(way) for way in (down, across)))
+    row = {"level": float(ms.exposures_psnr(scene, frames))}
     untold = replace(scene, sensor=replace(scene.sensor, readout=None))
-    for word, own in (("told", scene), ("untold", untold)):
+    for word, own in (("told", scene), ("untold", untold))[: 2 if case.readout else 1]:
         found = ms.restore_frames(taken, own, frames)
         estimate: Any = found.estimate
         row[word] = decibels(np.mean((np.asarray(found.light) - truth)[inner] ** 2))
@@ -106,30 +119,53 @@ def measured(case: Case, name: str, number: int) -> dict[str, float]:
     return row
 
 
-def main() -> None:
-    """Print the table, of as many photographs as are asked for."""
-    count = int(sys.argv[1]) if len(sys.argv) > 1 else len(PHOTOGRAPHS)
+def summary(case: Case, every: list[dict], still: list[dict]) -> dict[str, str]:
+    """The row of a table, from those of photographs, and of the same behind a global shutter."""
+    told, level = (np.array([each[key] for each in every]) for key in ("told", "level"))
+    told_still, level_still = (np.array([x[key] for x in still]) for key in ("told", "level"))
+    short = told_still - told - (level_still - level)
+    within = sum(each["within_told"] for each in every)
+    row = {
+        "way": case.way,
+        "readout, ms": f"{case.readout * 1e3:.0f}",
+        "photographs": f"{len(every)}",
+        "dB": f"{told.mean():.2f}",
+        "short, dB": f"{short.mean():.2f}, {short.max():.2f}" if case.readout else "-",
+        "within": f"{within:.0f}",
+        "not told, dB": "-",
+        "trusted": "-",
+        "though wrong": "-",
+    }
+    if case.readout:
+        untold = np.array([each["untold"] for each in every])
+        trusted = np.array([each["trusted_untold"] for each in every]) > 0
+        row["not told, dB"] = f"{untold.mean():.2f}"
+        row["trusted"] = f"{trusted.sum()}"
+        row["though wrong"] = f"{(trusted & (told - untold > MUCH)).sum()}"
+    return row
+
+
+def main(count: str = f"{len(PHOTOGRAPHS)}", *ways: str) -> None:
+    """Print the table, once so many photographs are restored of some ways, or of all."""
     jax.config.update("jax_enable_x64", True)
+    kept = harness.RESULTS / "rolling.json"
+    rows = json.loads(kept.read_text("utf-8"))["rows"] if kept.exists() else []
+    done = {(row["way"], row["readout"], row["photograph"]): row for row in rows}
+    for case, name in itertools.product(itertools.starmap(Case, _CASES), PHOTOGRAPHS[: int(count)]):
+        at = case.way, case.readout, name
+        if case.way in (ways or WAYS) and at not in done:
+            numbers = measured(case, name, PHOTOGRAPHS.index(name))
+            done[at] = dict(zip(("way", "readout", "photograph"), at, strict=True)) | numbers
+            print(done[at], flush=True)
+            harness.write("rolling", [*done.values()])
     rows = []
-    for way in WAYS:
-        for readout in READOUTS:
-            case = Case(way, readout)
-            every = [measured(case, name, k) for k, name in enumerate(PHOTOGRAPHS[:count])]
-            mean = {key: float(np.mean([each[key] for each in every])) for key in every[0]}
-            row = {
-                "way": way,
-                "readout, ms": f"{readout * 1e3:.0f}",
-                "dB": f"{mean['told']:.2f}",
-                "within": f"{mean['within_told']:.0%}",
-                "not told, dB": f"{mean['untold']:.2f}",
-                "trusted": f"{mean['trusted_untold']:.0%}",
-            }
-            print(row, flush=True)
-            rows.append(row)
-    harness.write("rolling", rows)
-    text = TEXT.format(count=count, table=harness.table(rows, [*rows[0]]))
-    harness.section("rolling", text)
+    for case in itertools.starmap(Case, _CASES):
+        names = [name for name in PHOTOGRAPHS if (*case, name) in done]
+        every, still = ([done[case.way, x, n] for n in names] for x in (case.readout, 0.0))
+        rows += [summary(case, every, still)] if names else []
+    table = harness.table(rows, [*rows[0]])
+    harness.section("rolling", TEXT.format(swift=SWIFT, much=MUCH, table=table))
 
 
 if __name__ == "__main__":
-    main()
+    main(*sys.argv[1:])

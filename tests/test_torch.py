@@ -90,8 +90,11 @@ def test_it_is_the_capture_behind_a_device_that_lags():
     scene = Scene([-310.0, 420.0], photon_rate=2.3e5, read_noise=3.7, device=device)
     light = pictures(1, 1, 3, 101)
     expected = captured(light, scene, MOTION, "zero")
-    late = Blur(scene, MOTION, SHUTTER, speed=SPEED, border="zero")(torch.from_numpy(light))
+    tensor, by_speed = torch.from_numpy(light), {"speed": SPEED, "border": "zero"}
+    late = Blur(scene, MOTION, SHUTTER, **by_speed)(tensor)
+    learnt = blurred(tensor, scene, lambda: (MOTION, SHUTTER), **by_speed)
     np.testing.assert_allclose(late.numpy(), expected, atol=1e-13)
+    np.testing.assert_allclose(learnt.numpy(), expected, atol=1e-6)
     assert np.max(np.abs(captured(light, SCENE, MOTION, "zero") - expected)) > 1e-3
 
 

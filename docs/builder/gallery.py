@@ -75,5 +75,5 @@ def _facts(scene: Scene, design: Design) -> str:
     return (
         f"Speeds {slowest:,.0f} to {fastest:,.0f} px/s, {float(scene.photon_rate):.3g} e-/s at "
         f"white, read noise {float(scene.read_noise):g} e-. Design: {motion_text(design.motion)}, "
-        f"a = {float(design.motion.acceleration):.4g} px/s²."
+        f"the stage accelerates at {float(design.motion.greatest_acceleration):.4g} px/s²."
     )

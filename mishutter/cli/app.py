@@ -86,6 +86,7 @@ if TYPE_CHECKING:
     from mishutter.decoding.decoders.base import AbstractDecoder
     from mishutter.design.design import Design
     from mishutter.evaluation.losses import AbstractLoss
+    from mishutter.model.exposures import Exposures
     from mishutter.model.motion import AbstractMotion
     from mishutter.model.scene import Scene
     from mishutter.model.shutters.base import AbstractShutter
@@ -195,7 +196,9 @@ def optimise(
 ) -> None:
     """Find the best exposures, sensor motion and shutter for a scene, beside simpler cameras."""
     start_jax()
+    from mishutter.search.rivals import RivalSearch
     from mishutter.search.search import optimise as search
+    from mishutter.search.sequences import shown_bursts
 
     scene = scene_of(scene_file)
     if scene.velocities is not None:
@@ -217,30 +220,39 @@ def optimise(
     folder = None if out is None else writable_folder(out)
     if verbose:
         note(plan_text(plan_of_search(scene, chosen, free, num_coefficients)))
-    with interruptible(lambda: AGAIN):
-        design = search(
-            scene,
-            loss=chosen,
-            free=names_of(free),
-            num_coefficients=num_coefficients,
-            num_starts=num_starts,
-            seed=seed,
-            max_steps=max_steps,
-            progress=True,
-        )
     delivery = Delivery(folder, json, noise_seeds, every_photograph, verbose)
-    with interruptible(lambda: _after_search(scene_file, folder)):
-        if folder is not None:
+    every, bursts, design = verbose or json, (), None
+    asks_for_one = every or free is not None or decoder is not None or delivery.shows_every
+    with interruptible(lambda: AGAIN):
+        if not asks_for_one:
+            bursts = shown_bursts(scene, is_shown=True)
+        if not RivalSearch(scene, chosen, every=asks_for_one, bursts=bursts).frames_alone:
+            design = search(
+                scene,
+                loss=chosen,
+                free=names_of(free),
+                num_coefficients=num_coefficients,
+                num_starts=num_starts,
+                seed=seed,
+                max_steps=max_steps,
+                progress=True,
+                bursts=bursts,
+            )
+    with interruptible(lambda: AGAIN if design is None else _after_search(scene_file, folder)):
+        if design is not None and folder is not None:
             replace(design, sequence=None).save(folder / ONE_EXPOSURE)
-        entries = {"optimised": design}
         result = _compared(
             scene,
-            design.motion,
-            entries,
+            scene.motion if design is None else design.motion,
+            {} if design is None else {"optimised": design},
             chosen,
-            every=verbose or json,
+            every=every,
             judge=judge,
+            bursts=bursts,
         )
+        if design is None:  # of the frames, beside the best snapshot
+            snapshot = result.comparison.options_baseline.design
+            design = snapshot and replace(snapshot, sequence=result.comparison.sequence)
         result = replace(result, design=design)
         _deliver(result, delivery, _next_step(result, scene_file, folder))
 
@@ -343,6 +355,7 @@ def _compared(
     *,
     every: bool,
     judge: "tuple[AbstractDecoder | None, list[Picture]]",
+    bursts: "tuple[Exposures, ...]" = (),
 ) -> "Report":
     from mishutter.report.comparison import compare as beside_baselines
     from mishutter.report.documents import Report
@@ -357,6 +370,7 @@ def _compared(
         decoder=decoder,
         pictures=pictures,
         progress=True,
+        bursts=bursts,
     )
     return Report(scene, comparison, tuple(entries))
 
@@ -392,6 +406,11 @@ class Delivery(NamedTuple):
     every_photograph: bool  # Whether the photograph is restored at every speed, by three decoders
     verbose: bool  # Whether every table is printed
 
+    @property
+    def shows_every(self) -> bool:
+        """Whether pictures show designs that the answer does not recommend."""
+        return self.verbose or self.every_photograph or self.num_seeds > 1
+
     def photographed(self, result: "Report") -> "Report":
         """Adds the scene's photograph, captured and restored by each design."""
         from mishutter.report.restored import photograph_of, photographs
@@ -418,7 +437,7 @@ def _deliver(result: "Report", delivery: Delivery, next_step: str = "") -> None:
     if not delivery.as_json:
         with closable_output():  # a reader who has read enough still gets the files
             print_comparison(result, verbose=delivery.verbose, next_step=next_step)
-    shows = delivery.verbose or delivery.every_photograph or delivery.num_seeds > 1
+    shows = delivery.shows_every
     result = replace(result, every=shows)
     if shows or delivery.as_json or folder is not None:
         result = delivery.photographed(result)

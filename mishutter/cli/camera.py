@@ -225,14 +225,16 @@ def _simulated(
         return {"captured": result.captured}, result
     if isinstance(subject, Footage):
         raise ValueError("`--subject` must be a photograph or layers for a burst; got footage.")
-    if scene.occlusion is not None and camera.exposures.moves:
+    exposures = camera.exposures
+    if scene.occlusion is not None and exposures.moves and sum(exposures.rests) < 2:
         raise ValueError(
-            f"`--design` must be of frames at rest, or of one exposure, as {ONE_EXPOSURE} beside "
-            "an answer, to be simulated before a background; got frames that move, and [occlusion]."
+            "`--design` must be of two frames at rest at least, or of one exposure, as "
+            f"{ONE_EXPOSURE} beside an answer, to be simulated before a background; got frames "
+            "that move, and [occlusion]."
         )
     result = capture_and_restore(subject, scene, camera.exposures, **settings)
     if isinstance(subject, Layers) and result.by_object is None:
-        note("restored at one speed: several objects are found in frames at rest alone")
+        note("restored at one speed: several objects are found in two frames at rest or more")
     frames = camera.exposures.of_one_gain(result.captured)
     # A shell lists names of equal length in the order of their numbers.
     digits = len(str(len(frames)))

@@ -37,12 +37,12 @@ class FormatName(Enum):
 
 _BY_CONTENT = {
     FormatName.CSV: "",
-    FormatName.COLUMN: "the half exposure and the levels' transmittances",
+    FormatName.COLUMN: "the exposure and the levels' transmittances",
     FormatName.KEYSIGHT: "the scale of positions and the levels' transmittances",
-    FormatName.RIGOL: "the half exposure and the levels' transmittances",
+    FormatName.RIGOL: "the exposure and the levels' transmittances",
     FormatName.SIGLENT: "the levels' transmittances",
-    FormatName.NPY: "the half exposure, the scale of positions and the levels' transmittances",
-    FormatName.PULSES: "the half exposure",
+    FormatName.NPY: "the exposure, the scale of positions and the levels' transmittances",
+    FormatName.PULSES: "the exposure",
 }
 """Numbers that a file of each format does not hold, and that its reader needs."""
 _TO_LIMIT = "set max_acceleration_g or max_acceleration_px_per_s2 in [limits] of the scene"
@@ -126,8 +126,8 @@ def export(
         )
         files = [] if folder is None else _write(table, folder, form, returns=returns)
         if _BY_CONTENT[form]:
-            T, scale = float(saved.motion.half_exposure) * 1e3, table.position_scale
-            numbers = f"T = {T!r} ms, 1 is {scale!r} px, levels from {floor:g} to {ceiling:g}"
+            exposure, scale = float(saved.motion.half_exposure) * 2e3, table.position_scale
+            numbers = f"{exposure!r} ms, 1 is {scale!r} px, levels from {floor:g} to {ceiling:g}"
             note(f"not in the file: {_BY_CONTENT[form]} ({numbers})")
         _note_what_to_set(table, form)
     else:

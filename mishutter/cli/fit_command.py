@@ -136,7 +136,7 @@ def _print(camera: "FittedCamera", levels: Mapping[str, float]) -> None:
         f"Chi squared for each free level: {camera.reduced_chi_squared:.3f}, which noise alone "
         f"exceeds in {camera.chance:.2g} of fits{IMPLAUSIBLE * bool(camera.doubt)}."
     )
-    rows = [[n, f"{e.value:.6g}", f"{e.error:.2g}"] for n, e in camera.estimates.items()]
+    rows = [[n, f"{e.value:.6g}", f"{e.error:.2g}"] for n, e in camera.estimates_of_stage.items()]
     each = zip(camera.coefficients, camera.coefficient_errors, strict=True)
     rows += [[f"transmittance {k}", f"{c:.4f}", f"{e:.2g}"] for k, (c, e) in enumerate(each)]
     print_table("The camera as built", ["number", "value", "error bar"], rows)

@@ -57,13 +57,17 @@ class CameraFiles(NamedTuple):
             "Column of the trace that holds levels [default: the only one, or `level`].",
         ),
     ] = None
-    half_exposure_ms: Annotated[
+    exposure_ms: Annotated[
         float | None,
         option(
             CAMERA,
-            "--half-exposure-ms MS",
-            "Half exposure of a drive table without times [default: the design's or the scene's].",
+            "--exposure-ms MS",
+            "Exposure of a drive table without times [default: the design's or the scene's].",
         ),
+    ] = None
+    half_exposure_ms: Annotated[
+        float | None,
+        option(CAMERA, "--half-exposure-ms MS", "Half of this, of version 0.2.", hidden=True),
     ] = None
     position_scale_px: Annotated[
         float | None,
@@ -101,9 +105,20 @@ class CameraFiles(NamedTuple):
         ),
     ] = None
 
+    @property
+    def half_exposure(self) -> float | None:
+        """Half of the exposure that a drive table lacks, by whichever option says it; s."""
+        whole, half = self.exposure_ms, self.half_exposure_ms
+        is_alone = whole is None or half is None
+        require(is_alone, "--half-exposure-ms", "not stand beside --exposure-ms", half)
+        for name, value in (("--exposure-ms", whole), ("--half-exposure-ms", half)):
+            require(value is None or value > 0, name, "be above 0", value)
+        return whole * 5e-4 if whole is not None else half and half * 1e-3
+
     def require_table(self) -> None:
         """Raises `ValueError` if there are numbers of a drive table but no table."""
         numbers = {
+            "--exposure-ms": self.exposure_ms,
             "--half-exposure-ms": self.half_exposure_ms,
             "--position-scale-px": self.position_scale_px,
         }
@@ -230,13 +245,12 @@ def cameras(
     if scene is None:
         raise ValueError("`--design or --scene` must be given; got None.")
     motion = scene.motion if motion is None else motion
-    half_exposure = None if files.half_exposure_ms is None else files.half_exposure_ms * 1e-3
     if files.drive is not None:
         driven = design_from_drive(
             files.drive,
             scene,
             motion,
-            half_exposure=half_exposure,
+            half_exposure=files.half_exposure,
             position_scale=files.position_scale_px,
             floor=files.floor,
             ceiling=files.ceiling,

@@ -136,6 +136,8 @@ class DriveTable(AbstractTable):
         return {
             **self.head,
             "num_levels": self.num_levels,
+            "exposure_ms": float(self.design.motion.half_exposure) * 2e3,
+            # Half of this, which programs may read.
             "half_exposure_ms": float(self.design.motion.half_exposure) * 1e3,
             "wanted_transmittance": self.wanted.tolist(),
             "level": self.level.tolist(),

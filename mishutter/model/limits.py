@@ -148,7 +148,8 @@ class Limits(AbstractModule):
         max_stroke: Greatest distance from the lowest to the highest position of the stage over the
             exposure; px. It is $aT^2$ of a parabola without a pan. 0 says that there is no stage,
             and becomes a thousandth of a pixel.
-        max_top_speed: Largest $2aT + |v|$; px/s.
+        max_top_speed: Largest $2aT + |v|$, also where the camera pans; over frames that of the
+            stage, beside which the camera pans no faster than that either; px/s.
         min_half_exposure: Shortest $T$; s.
         max_half_exposure: Longest $T$; s.
         max_pan: Largest $|v|$; px/s. 0 forbids panning; `max_top_speed` by default.

@@ -17,6 +17,7 @@ from mishutter.evaluation.ceilings import ceiling
 from mishutter.evaluation.losses import AbstractLoss, as_loss
 from mishutter.evaluation.speed_knowledge import loss_of_decoder
 from mishutter.evaluation.tolerances import ToleranceCosts, tolerance_costs
+from mishutter.model.exposures import Exposures
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene, require_scene
 from mishutter.model.shutters.base import AbstractShutter
@@ -30,6 +31,7 @@ from mishutter.report.verdict import (
     details_of,
     headline,
     on_pan,
+    on_what_is_left_out,
     option_name,
     options_of,
     options_table,
@@ -52,7 +54,6 @@ from mishutter.search.rows import (
     SECOND_AXIS,
     SNAPSHOTS,
     STAGE,
-    Frames,
     Row,
     best_of_each_purchase,
     best_row,
@@ -133,7 +134,7 @@ class Comparison:
         return choice.is_of_one_exposure and choice.name not in SNAPSHOTS
 
     @property
-    def sequence(self) -> Frames | None:
+    def sequence(self) -> Exposures | None:
         """The frames of the best option; None without any.
 
         Where that is one exposure, since nothing is said to register objects, they are those that
@@ -289,6 +290,7 @@ def compare(
     decoder: AbstractDecoder | None = None,
     pictures: Iterable[Picture | ArrayLike] = (),
     progress: Step | bool | None = None,
+    bursts: tuple[Exposures, ...] = (),
 ) -> Comparison:
     r"""Measure shutters beside the baselines, in two readings.
 
@@ -323,12 +325,15 @@ def compare(
             of the scene's decoder is the default, and replaces a loss that ignores the number of
             photons.
         every: Whether every row is computed, or only those of the answer: your own, an open
-            shutter, snapshots, coded stills and bursts at their own best motions.
+            shutter, snapshots, coded stills and bursts at their own best motions. Where you name
+            none, and the ceiling of one exposure tells that it cannot come within 0.2 dB of frames,
+            they are the snapshots and the bursts.
         decoder: Your own decoder, or one of the package's.
         pictures: Photographs that it restores, two or more; `read_picture` reads one.
         progress: Whether a bar is shown, in a terminal or a notebook; or a function that is called
             with the name of each search once it has ended: a shutter's, or the first of a kind of
             rival.
+        bursts: The best bursts, where an earlier search has found them.
 
     Returns:
         The table and the verdict.
@@ -354,7 +359,7 @@ def compare(
         for name, entry in entries.items():
             must = f"call no other shutter one of {', '.join(taken_names())}"
             require(may_be_named(entry, name), subject, must, name)
-    search = RivalSearch(scene, loss, motion, entries, every=every)
+    search = RivalSearch(scene, loss, motion, entries, every=every, bursts=bursts)
     why_no_step = "compiling, or a long search"
     with counts(progress is True, "comparing", len(searches(search)), why_no_step) as counter:
         # Of frames the moving ones take the time.
@@ -371,7 +376,8 @@ def compare(
         frames = labels.get(BEST_STILL_BURST, BEST_STILL_BURST)
         search.burst_progress = lambda share: counter.within(frames, share)
         rows = compared_rows(search, ended, began)
-    table = with_verdict(rows, entries, scene, loss, details=every)
+    leaves_out = search.frames_alone
+    table = with_verdict(rows, entries, scene, loss, details=every, leaves_out=leaves_out)
     if decoder is None:
         return table
     at_best = [row for row in rows if row.reading == OWN_BEST_MOTION and row.is_of_one_exposure]
@@ -391,6 +397,7 @@ def with_verdict(
     loss: AbstractLoss | None = None,
     *,
     details: bool = True,
+    leaves_out: bool = False,
 ) -> Comparison:
     """Adds the answer, the gain and the ceiling to the rows of a scene."""
     loss = loss_of_decoder(scene) if loss is None else loss
@@ -411,7 +418,10 @@ def with_verdict(
     choice = choice_of([*single, *(row for row in at_best if row.num_frames > 1)], entries)
     within = gain_range(scene, choice, at_rest)
     first = headline(choice, at_rest, scene.limits, within)
-    lines = [first, *sentences_of(scene, at_best, choice, (on_pan(scene, choice, loss), *notes))]
+    lines = [first]
+    if leaves_out and not scene.sensor.is_rolling:
+        lines.append(on_what_is_left_out(choice.level - most))
+    lines += sentences_of(scene, at_best, choice, (on_pan(scene, choice, loss), *notes))
     costs = None
     if best.within is not None:
         costs = tolerance_costs(scene, best.motion, best.shutter)

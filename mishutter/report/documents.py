@@ -11,7 +11,6 @@ from mishutter._core.files import FORMER, ONE_EXPOSURE, RECOMMENDED, strict_json
 from mishutter.decoding.restoration import RestoredPhotograph
 from mishutter.design.design import AbstractDesign, Design, PlaneDesign
 from mishutter.model.scene import Scene
-from mishutter.plane.bursts import PlaneBurst
 from mishutter.report import plots
 from mishutter.report.comparison import Comparison
 from mishutter.report.measured import MeasuredCamera
@@ -92,15 +91,20 @@ class Report:
 
     @property
     def one_exposure(self) -> Design | None:
-        """The design of the search as one exposure, without the frames that may be better."""
-        return None if self.design is None else replace(self.design, sequence=None)
+        """The design of the search as one exposure, without the frames that may be better.
+
+        None where the answer is frames whatever one exposure reaches, so that none was searched.
+        """
+        if self.design is None or not self.names:
+            return None
+        return replace(self.design, sequence=None)
 
     @property
     def recommended(self) -> AbstractDesign | None:
         """The best option as a design; None without a search, and where nothing is recommended."""
         choice = self.comparison.choice
-        if choice is not None and isinstance(choice.sequence, PlaneBurst):
-            return PlaneDesign(self.scene, choice.sequence)
+        if choice is not None and choice.is_in_plane:
+            return PlaneDesign(self.scene, choice.exposures)
         if self.design is None or choice is None:
             return None
         if choice.sequence is not None:
@@ -164,7 +168,7 @@ def write_report(
     for name, write in writers.items():
         write(folder / name)
         wrote(name)
-    older = _PICTURES if report.recommended is None else {*_PICTURES, *FORMER}
+    older = _PICTURES if report.recommended is None else {*_PICTURES, *FORMER, ONE_EXPOSURE}
     for name in older - set(writers):
         (folder / name).unlink(missing_ok=True)
     return list(writers)

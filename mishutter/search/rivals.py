@@ -5,7 +5,7 @@ A new rival is a function that searches for it, and a line of `RIVALS`.
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -16,15 +16,16 @@ from jaxtyping import Float, PyTree
 from mishutter._core.parallel import as_they_end, num_processors, once
 from mishutter.design.design import GIVEN, Design
 from mishutter.evaluation.bursts import FrameTimes, StillBursts
+from mishutter.evaluation.ceilings import ceiling
 from mishutter.evaluation.losses import AbstractLoss
 from mishutter.evaluation.metrics import SequenceMetrics, evaluate
 from mishutter.evaluation.needs import Plan
 from mishutter.evaluation.speed_knowledge import KNOWN_SPEED, knowledge_of
 from mishutter.evaluation.views import transmittance
+from mishutter.model.exposures import Exposures
 from mishutter.model.motion import AbstractMotion, LinearMotion, StillCamera
 from mishutter.model.scene import Scene
 from mishutter.model.sensor import BurstMode
-from mishutter.model.sequences import FrameSequence, OneExposure
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.kinds import baselines
 from mishutter.model.shutters.spline import SplineShutter
@@ -41,7 +42,9 @@ from mishutter.search.rows import (
     SHUTTER,
     SNAPSHOTS,
     STAGE,
+    WORTH_IT,
     Row,
+    choice_of,
 )
 from mishutter.search.search import (
     SearchSettings,
@@ -78,8 +81,9 @@ class RivalSearch:
         entries: Mapping[str, Entry] | None = None,
         *,
         every: bool = True,
+        bursts: tuple[Exposures, ...] = (),
     ) -> None:
-        self.scene, self.loss, self.every = scene, loss, every
+        self.scene, self.loss, self.every, self._bursts = scene, loss, every, bursts
         self.motion = scene.motion if motion is None else motion
         # Searches begin with this motion, the scene's, or the fullest parabola.
         steady = scene.motion if scene.motion.accelerates_constantly else scene.fullest_motion
@@ -89,8 +93,7 @@ class RivalSearch:
         self.entries = {} if entries is None else entries
         self.burst_progress: Callable[[float], None] = lambda share: None
         is_open = not every or scene.sensor.is_rolling
-        windows = {OPEN: RectShutter()} if is_open else baselines()
-        self.windows = {n: window for n, window in windows.items() if n not in self.entries}
+        self._baselines = {OPEN: RectShutter()} if is_open else baselines()
         self.open_on_parabola = once(lambda: self.best(self.start, RectShutter()))
 
     def best(
@@ -110,10 +113,38 @@ class RivalSearch:
                 return entry
         return None
 
-    def bursts(self) -> tuple[FrameSequence, ...]:
+    @property
+    def windows(self) -> dict[str, AbstractShutter]:
+        """The baselines, but for those that an entry is."""
+        if self.frames_alone:
+            return {}
+        return {n: window for n, window in self._baselines.items() if n not in self.entries}
+
+    @cached_property
+    def frames_alone(self) -> bool:
+        """Whether frames are the answer whatever one exposure reaches, and nothing asks for that.
+
+        No simpler camera within 0.2 dB of them would replace them: the ceiling is below.
+        """
+        if self.every or self.entries or self.scene.burst is None:
+            return False
+        rows = [self.judged(row) for row in rows_of_bursts(*self.bursts())]
+        return bool(rows) and choice_of(rows).level - WORTH_IT >= float(ceiling(self.scene))
+
+    def bursts(self) -> tuple[Exposures, ...]:
         """The best bursts, which a search of an entry may have found."""
-        known = (entry.bursts for entry in self._finished_entries() if entry.bursts)
-        return next(known, ()) or best_bursts(self.scene, progress=self.burst_progress)
+        if not self._bursts:
+            known = (entry.bursts for entry in self._finished_entries() if entry.bursts)
+            found = next(known, ()) or best_bursts(self.scene, progress=self.burst_progress)
+            self._bursts = found
+        return self._bursts
+
+    def judged(self, row: Row) -> Row:
+        """A row as the decoder of the loss judges it."""
+        if row.is_of_one_exposure:
+            return row.judged_by(self.loss, self.scene)
+        # A burst keeps its own decoder, which is told the speed by the registration of its frames.
+        return replace(row, at_worst=self.loss.of_worst_speed)
 
     def _finished_entries(self) -> Iterator[Design]:
         """The entries that are results of searches of this scene."""
@@ -162,10 +193,9 @@ def compared_rows(search: RivalSearch, step: Step, begin: Step = lambda name: No
     shutters = {name: transmittance(scene, motion, each) for name, each in commands.items()}
     measure = partial(evaluate, scene, motion)
     on_motion = [
-        Row(SAME_MOTION, name, OneExposure.of(motion, each, scene.limits), None, measure(each))
+        Row(SAME_MOTION, name, Exposures.of_one(motion, each, scene.limits), None, measure(each))
         for name, each in shutters.items()
     ]
-    judge = partial(Row.judged_by, loss=search.loss, scene=scene)
     at_best = {}
 
     def named(name: str, call: Callable[[], list[Row]]) -> tuple[str, list[Row]]:
@@ -175,16 +205,10 @@ def compared_rows(search: RivalSearch, step: Step, begin: Step = lambda name: No
     calls = [partial(named, *item) for item in searches(search).items()]
     for first_name, rows in as_they_end(calls, num_processors()):
         step(first_name)
-        # A burst keeps its own decoder, which is told the speed by the registration of its frames.
-        at_best |= {
-            row.name: judge(row)
-            if row.is_of_one_exposure
-            else replace(row, at_worst=search.loss.of_worst_speed)
-            for row in rows
-        }
+        at_best |= {row.name: search.judged(row) for row in rows}
     order = dict.fromkeys((*search.entries, *taken_names()))
     names = [name for name in order if name in at_best and _is_alike(at_best[name], scene)]
-    return [*(at_best[name] for name in names), *map(judge, on_motion)]
+    return [*(at_best[name] for name in names), *map(search.judged, on_motion)]
 
 
 def _is_alike(row: Row, scene: Scene) -> bool:
@@ -274,13 +298,20 @@ def _bursts(search: RivalSearch) -> list[Row]:
     if not (is_told or FrameTimes.of(scene, burst).holds_several):
         return []
     still, *moving = search.bursts()
-    if moving and is_told:  # a burst may be no more than one exposure of an open shutter
+    if (
+        moving and is_told and not search.frames_alone
+    ):  # a burst may be no more than one exposure of an open shutter
         design = search.open_on_parabola()
         levels = design.metrics.known_speed_psnr, design.metrics.worst_known_speed_psnr
         limits = design.scene.limits
-        one = OneExposure.of(design.motion, design.shutter, limits)
-        whole = FrameSequence(ONE_PARABOLA, one.frames, 0.0, *map(float, levels), pan=one.pan)
+        one = Exposures.of_one(design.motion, design.shutter, limits)
+        whole = Exposures(ONE_PARABOLA, one.frames, 0.0, *map(float, levels), pan=one.pan)
         moving.append(whole.with_travel(limits))
+    return rows_of_bursts(still, *moving)
+
+
+def rows_of_bursts(still: Exposures, *moving: Exposures) -> list[Row]:
+    """The rows of the burst at rest, and of the best of those that move."""
     found = {BEST_STILL_BURST: still}
     if moving:
         found[BEST_MOVING_BURST] = max(moving, key=level_on_sensor)
@@ -299,11 +330,12 @@ def _plain_stills(search: RivalSearch) -> list[Row]:
     return [_row_of_burst(PLAIN_STILLS, stills.sequence([best], times))]
 
 
-def _row_of_burst(name: str, sequence: FrameSequence) -> Row:
+def _row_of_burst(name: str, sequence: Exposures) -> Row:
     """A burst as a row, of the level of all its frames."""
     levels = (level_on_sensor(sequence, at_worst=at_worst) for at_worst in (False, True))
     metrics = SequenceMetrics(1.0, *levels)
-    return Row(OWN_BEST_MOTION, name, sequence, None, metrics, KNOWN_SPEED)
+    parts = frozenset({STAGE, FRAMES})
+    return Row(OWN_BEST_MOTION, name, sequence, None, metrics, KNOWN_SPEED, hardware=parts)
 
 
 RIVALS = (
@@ -318,7 +350,7 @@ RIVALS = (
         (BEST_CODED_STILL, CODED_AT_REST),
         ONE_EXPOSURE,
         _coded_stills,
-        is_asked=lambda search: not search.scene.sensor.is_rolling,
+        is_asked=lambda search: not (search.frames_alone or search.scene.sensor.is_rolling),
     ),
     Rival(
         (BEST_STILL_BURST, BEST_MOVING_BURST),
@@ -369,5 +401,5 @@ def _are_equal(first: PyTree, second: PyTree) -> bool:
 
 
 def _row(name: str, design: Design) -> Row:
-    one = OneExposure.of(design.motion, design.shutter, design.scene.limits)
+    one = Exposures.of_one(design.motion, design.shutter, design.scene.limits)
     return Row(OWN_BEST_MOTION, name, one, design.loss, design.metrics, design=design)

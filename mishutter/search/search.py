@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 from mishutter._core.checks import require, require_known, require_positive_int, require_seed
 from mishutter._core.compiling import outside_trace
 from mishutter._core.parallel import alone_in_blas, in_threads, num_processors
-from mishutter._core.progress import counts, reports
+from mishutter._core.progress import reports
 from mishutter.design.design import Design, Outcome
 from mishutter.evaluation.losses import AbstractLoss, LossFunction, as_loss, value_of
 from mishutter.evaluation.metrics import evaluate
@@ -21,9 +21,9 @@ from mishutter.evaluation.needs import Plan
 from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE, loss_of_decoder
 from mishutter.evaluation.views import require_numbers, transmittance
 from mishutter.model.devices import AbstractDevice, command_of, stays_open
+from mishutter.model.exposures import Exposures
 from mishutter.model.motion import AbstractMotion, is_known_zero
 from mishutter.model.scene import Scene, require_scene
-from mishutter.model.sequences import OneExposure
 from mishutter.model.shutters.base import AbstractShutter, check_bounds, is_adjustable
 from mishutter.model.shutters.chips import ChippedShutter
 from mishutter.model.shutters.spline import SplineShutter
@@ -32,7 +32,7 @@ from mishutter.search.objective import AbstractObjective, SearchedObjective, obj
 from mishutter.search.planning import design_at
 from mishutter.search.planning import plan as plan_of_scene
 from mishutter.search.rows import OWN_BEST_MOTION, Row
-from mishutter.search.sequences import best_bursts, choose_burst
+from mishutter.search.sequences import choose_burst, shown_bursts
 from mishutter.search.slots import searched_slots
 from mishutter.search.solvers import (
     Polished,
@@ -144,6 +144,7 @@ def optimise(
     max_steps: int = MAX_STEPS,
     progress: Progress | bool | None = None,
     throw: bool = False,
+    bursts: tuple[Exposures, ...] = (),
 ) -> Design:
     r"""Search for the design of least loss within the scene's limits.
 
@@ -181,6 +182,7 @@ def optimise(
         max_steps: Steps of each minimisation, and of the polish, at most.
         progress: True shows a bar; a function is called with the steps taken and the least loss.
         throw: Whether an end other than convergence raises.
+        bursts: The best bursts, where an earlier search has found them.
 
     Returns:
         The best design, its `outcome`, which is the end of the search, and as a certificate the
@@ -237,22 +239,21 @@ def optimise(
         best = best_design(Start(scene, motion, shutter, names), settings)
     decoder = loss.decoder_speed
     if names is None and decoder is not None and SPEED_KNOWLEDGE[decoder].knows_speed:
-        best = _with_bursts(best, loss, is_shown=progress is True)
+        found = bursts or shown_bursts(scene, is_shown=progress is True)
+        best = _beside_bursts(best, loss, found)
+    elif bursts:
+        best = replace(best, bursts=bursts)
     if throw and not best.converged:
         raise SearchFailedError(best.ending)
     return best
 
 
-def _with_bursts(design: Design, loss: AbstractLoss, *, is_shown: bool) -> Design:
+def _beside_bursts(design: Design, loss: AbstractLoss, bursts: tuple[Exposures, ...]) -> Design:
     """A design, and the frames to take in its place where these are better."""
     scene = design.scene
-    with counts(is_shown and scene.burst is not None, "searching", 1) as counter:
-        name = "several frames"
-        counter.next(name)
-        bursts = best_bursts(scene, progress=lambda share: counter.within(name, share))
     # Before a background bursts are told more than one exposure, with which they do not compare.
     level = -math.inf if scene.occlusion is not None else next(iter(design.levels.values()))
-    one = OneExposure.of(design.motion, design.shutter, scene.limits)
+    one = Exposures.of_one(design.motion, design.shutter, scene.limits)
     row = Row(OWN_BEST_MOTION, "", one, None, design.metrics)
     instead = choose_burst(bursts, level, row.rank, at_worst=loss.of_worst_speed)
     return replace(design, bursts=bursts, sequence=instead)

@@ -18,7 +18,8 @@ from mishutter import (
     simulate_capture,
     simulate_frames,
 )
-from mishutter.evaluation.levels import path_for_rows
+from mishutter.camera.rows import bands_of
+from mishutter.model.exposures import path_for_rows
 
 LIGHT = {"photon_rate": 1e5, "read_noise": 8.0}
 READOUT, SPEED = 0.018, 700.0
@@ -47,11 +48,11 @@ def scene_of(sensor, plane=False):
 def in_plane(scene, axis):
     """The path of the frames on parabolas, along rows or columns of the plane."""
     path = path_for_rows(scene, frames_on_parabolas())
-    knots = path.stage.times
+    knots = path.bends
     inner = (knots > -2 * PERIOD + 1e-6) & (knots < 2 * PERIOD - 1e-6)
     times = np.concatenate([[-2 * PERIOD], knots[inner], [2 * PERIOD]])
     velocities = np.zeros((2, times.size))
-    velocities[axis] = path.stage.at(times)[1]
+    velocities[axis] = np.interp(times, knots, path.velocities[0])
     return PlaneFrames(path.times, path.exposures, np.diff(times), velocities)
 
 
@@ -107,6 +108,26 @@ def test_layers_are_taken_row_by_row(axis):
     taken = simulate_frames(one, scene, frames_on_parabolas())
     wanted = simulate_frames(light[..., None], scene, frames_on_parabolas(), speed=SPEED)
     np.testing.assert_allclose(taken, wanted, atol=WITHIN)
+
+
+def test_a_band_is_exposed_when_its_rows_are_in_the_mean():
+    """Seven rows of 1 ms in bands over which things move by 2 px; rows may be read upwards."""
+    for way, sign in (("down", 1), ("up", -1)):
+        bands = bands_of(Sensor(readout=6e-3, rows_read=way), 7, 1000.0, 2.0)
+        assert [(band.rows.start, band.rows.stop) for band in bands] == [(0, 2), (2, 5), (5, 7)]
+        delays = [sign * 1e3 * band.delay for band in bands]
+        np.testing.assert_allclose(delays, [-2.5, 0, 2.5], atol=1e-6)
+
+
+def test_a_thing_in_front_is_where_it_is_on_every_row():
+    """Beside a background of the same velocity it is the picture, whatever the bands of rows."""
+    light = picture().astype(np.float32)[..., None]
+    thing = Layer(Picture(light[5:19, 90:150]), SPEED, left=90, top=5)
+    both = Layers((Layer(Picture(light), SPEED), thing))
+    scene = scene_of(Sensor(readout=0.004))
+    taken = simulate_frames(both, scene, frames_on_parabolas())
+    wanted = simulate_frames(light, scene, frames_on_parabolas(), speed=SPEED)
+    np.testing.assert_allclose(taken[:, 6:18], wanted[:, 6:18], atol=0.02)
 
 
 @pytest.mark.parametrize("axis", ["rows", "columns"])

@@ -95,8 +95,16 @@ def test_its_design_goes_through_every_command(kind, desk, monkeypatch, capsys):
     monkeypatch.chdir(desk)
     own, scene = kind.replace(" ", "_"), shlex.quote(f"{kind}.toml")
     in_plane = KINDS[kind][0] == ANY
+    (desk / own).mkdir()
+    (desk / own / "one_exposure.json").write_text("of an earlier scene", encoding="utf-8")
     assert cli.main(shlex.split(f"optimise {scene} {SMALL} --out {own}")) == 0
-    assert "dB" in capsys.readouterr().out
+    answer = capsys.readouterr().out
+    assert "dB" in answer
+    # No single exposure comes near the frames of these scenes.
+    takes_frames = BURST in KINDS[kind][1]
+    leaves_out = "Other single exposures are left out" in answer
+    assert leaves_out == (takes_frames and not in_plane)
+    assert (desk / own / "one_exposure.json").exists() != takes_frames
     speed = "300,-200" if in_plane else "300"
     names = {"scene": scene, "speed": speed, "design": f"{own}/recommended.json"}
     for number, (command, line) in enumerate(CHAIN.items()):

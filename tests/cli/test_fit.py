@@ -142,6 +142,18 @@ def test_a_transmittance_above_1_is_printed_with_its_meaning(capsys):
     assert "above an open" not in capsys.readouterr().out
 
 
+def test_the_acceleration_is_that_of_the_stage(capsys):
+    """Twice `a` with twice its error, in the table and in the document, which has `a` too."""
+    named = {"acceleration_px_per_s2": Estimate(3.1e5, 700.0), "delay_ms": Estimate(0.2, 0.01)}
+    camera = a_camera(estimates=named)
+    fit_command._print(camera, {"as built": 27.3})
+    (row,) = (x for x in capsys.readouterr().out.splitlines() if "acceleration_px_per_s2" in x)
+    assert re.findall(r"[\w.+]+", row) == ["stage_acceleration_px_per_s2", "620000", "1.4e+03"]
+    found = camera.to_dict()["estimates"]
+    assert found["stage_acceleration_px_per_s2"] == {"value": 6.2e5, "error": 1400.0}
+    assert found["acceleration_px_per_s2"]["value"] == 3.1e5
+
+
 @pytest.mark.parametrize("chi_squared", [5.0, 91.0])
 def test_the_doubt_comes_before_the_numbers(chi_squared, capsys):
     """How well the camera explains its pictures is read before 28 rows of what it is."""

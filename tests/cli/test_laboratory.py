@@ -102,12 +102,20 @@ OPTIONS = {
     ),
     "half-exposure": (
         ["compare", "--drive", "{d}", "--half-exposure-ms", "0"],
-        "error: `half_exposure` must be above 0; got 0.0",
+        "error: `--half-exposure-ms` must be above 0; got 0.0",
+    ),
+    "exposure": (
+        ["compare", "--drive", "{d}", "--exposure-ms", "-2"],
+        "error: `--exposure-ms` must be above 0; got -2.0",
+    ),
+    "both-exposures": (
+        ["compare", "--drive", "{d}", "--exposure-ms", "36", "--half-exposure-ms", "18"],
+        "`--half-exposure-ms` must not stand beside --exposure-ms; got 18.0",
     ),
     "length-of-a-trace": (
-        ["simulate", "--measured", "no.csv", "--half-exposure-ms", "18"],
-        "`--half-exposure-ms` must stand beside --drive: a trace is as long as the design's "
-        "exposure, or the scene's; got 18.0",
+        ["simulate", "--measured", "no.csv", "--exposure-ms", "18"],
+        "`--exposure-ms` must stand beside --drive: a trace is as long as the design's exposure, "
+        "or the scene's; got 18.0",
     ),
     "floor": (["compare", "--drive", "{d}", "--floor", "2"], "must lie in [0, 1); got 2.0"),
     "bytes-to-the-terminal": (
@@ -139,9 +147,12 @@ def test_export_writes_each_format(form, folder, tmp_path, capsys):
     out, err = capsys.readouterr()
     document = json.loads(out)
     assert ("not in the file: " in err) == (form != "csv")
+    exposure = document["exposure_ms"]
+    assert (f"({exposure!r} ms, 1 is " in err) == (form != "csv")
     name, picture, path = document["files"]
     assert (picture, path) == ("drive.png", "stage.csv")
     design = Design.load(folder / "design.json")
+    assert exposure == pytest.approx(1e3 * float(design.motion.exposure))
     assert (tmp_path / name).stat().st_size > 0
     if form in ("csv", "npy"):
         scale = document["position_scale_px"]
@@ -222,7 +233,7 @@ def test_text_goes_to_the_terminal(folder, capsys):
     assert cli.main(["export", design, "--format", "column", "--steps", "5"]) == 0
     out, err = capsys.readouterr()
     assert [-1 <= float(line) <= 1 for line in out.splitlines()] == [True] * 5
-    assert "T = 10.0 ms" in err
+    assert "(20.0 ms, 1 is 22.0 px, " in err
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from support.command_line import refused
 from support.places import PLACES, best_frames
 
 from mishutter import Scene, cli, measure
-from mishutter.measurement.measurement import Measurement
+from mishutter.measurement.scene import Measurement
 from mishutter.report.measurement_plots import plot_motion, plot_noise
 
 CLIP = ClipOf(
@@ -54,7 +54,9 @@ def test_a_clip_becomes_a_scene_file(folder, tmp_path, capsys):
 
 def test_json_has_every_number(folder, tmp_path, capsys):
     """One strict document, with the files."""
-    assert cli.main(words(folder, "--out", tmp_path / "found.toml", "--json")) == 0
+    others = ["--out", tmp_path / "found.toml", "--json", "--readout-ms", "4"]
+    assert cli.main(words(folder, *others)) == 0
+    assert "readout_ms = 4  # as given" in (tmp_path / "found.toml").read_text("utf-8")
     document = json.loads(capsys.readouterr().out)
     assert document["noise"]["electrons_at_white"]["value"] == pytest.approx(3000, rel=0.05)
     assert document["objects"][0]["right_px_per_s"] == pytest.approx(260, abs=5)

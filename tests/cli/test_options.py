@@ -109,6 +109,7 @@ LABORATORY = [
     *(
         Option([name, said], READ_DRIVE, _named(argument), value, ("--drive", "drive.csv"))
         for name, said, argument, value in (
+            ("--exposure-ms", "14.6", "half_exposure", pytest.approx(7.3e-3)),
             ("--half-exposure-ms", "7.3", "half_exposure", pytest.approx(7.3e-3)),
             ("--position-scale-px", "31", "position_scale", 31.0),
             ("--floor", "0.07", "floor", 0.07),

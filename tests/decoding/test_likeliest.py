@@ -3,7 +3,16 @@
 import numpy as np
 import pytest
 
-from mishutter.decoding.likeliest import Canvas, detail_of, likeliest, volume_of
+from mishutter import Scene
+from mishutter.decoding.likeliest import (
+    Canvas,
+    complete,
+    detail_of,
+    fit_of,
+    likeliest,
+    noises_of,
+    volume_of,
+)
 
 
 @pytest.mark.parametrize("shape", [(1024,), (256, 1024)])
@@ -39,6 +48,14 @@ def test_the_likeliest_picture_solves_the_normal_equations():
     expected = np.linalg.solve(normal, target)
     np.testing.assert_allclose(found.picture.ravel(), expected, atol=1e-9)
     assert float(found.gains) == pytest.approx(target @ expected / 2)
+    # What frames go on as tells the same picture, by all of the canvas.
+    density = np.sum(np.abs(responses) ** 2 / noises[:, None, None], axis=0)
+    np.testing.assert_allclose(found.density, density)
+    whole = (density + 1 / power) * found.spectrum
+    np.testing.assert_allclose(complete(found), whole, atol=1e-6 * np.max(np.abs(whole)))
+    np.testing.assert_allclose(
+        complete(found, 3 * density)[1:], (whole + 2 * density * found.spectrum)[1:]
+    )
 
 
 def test_the_volume_counts_each_part_for_the_frames_that_see_it():
@@ -54,3 +71,53 @@ def test_the_volume_counts_each_part_for_the_frames_that_see_it():
     together = [np.mean(each / (1 + np.sum(whole, axis=0))) for each in whole]
     left = [alone * (1 - a) + both * (1 - b) for a, b in zip(shares, together, strict=True)]
     np.testing.assert_allclose(volume.freedoms, left)
+
+
+@pytest.mark.parametrize("count", [2, 4])
+def test_a_frame_that_is_displaced_is_said_to_be_so(count):
+    """By its way from the mean of the others; its errors are no less than they scatter."""
+    random, shape, noises = np.random.default_rng(3), (24, 32), np.full(count, 0.01)
+    down, across = np.fft.fftfreq(24)[:, None], np.fft.rfftfreq(32)
+    power, found = 0.02 / (0.02 + down**2 + across**2), []
+    turn = np.exp(-2j * np.pi * (0.3 * across - 0.1 * down))
+    responses = np.ones((count, *power.shape), complex)
+    space = volume_of(power / noises[:, None, None], np.zeros((2, count)), shape)
+    for _ in range(40):
+        picture = np.fft.rfft2(random.normal(size=shape)) * np.sqrt(power)
+        every = [picture] * (count - 1) + [picture * turn]
+        frames = np.fft.irfft2(every, shape) + 0.1 * random.normal(size=(count, *shape))
+        canvas = Canvas(frames, noises, power, (0, 0), shape)
+        found.append(fit_of(likeliest(canvas, responses, 1e-6), space))
+    shifts = np.array([each.shifts for each in found])
+    errors = np.mean([each.shift_errors for each in found], axis=0)
+    np.testing.assert_allclose(np.mean(shifts, axis=0)[-1], [0.3, -0.1], atol=0.015)
+    share = np.mean(errors) / np.sqrt(np.mean(np.var(shifts, axis=0)))
+    assert 1 < share < 1.7
+
+
+def test_a_frame_of_another_gain_and_black_level_is_told():
+    """A tenth brighter, and 0.03 of white above the others, of which the picture has a quarter."""
+    random, shape, noises = np.random.default_rng(4), (40, 48), np.full(4, 1e-4)
+    down, across = np.fft.fftfreq(40)[:, None], np.fft.rfftfreq(48)
+    power = 1e-3 / (0.02 + down**2 + across**2)
+    picture = np.fft.irfft2(np.fft.rfft2(random.normal(size=shape)) * np.sqrt(power), shape)
+    frames = np.stack([picture] * 4)
+    frames[2] = 1.1 * (picture + 0.3) - 0.3 + 0.03
+    frames += 0.01 * random.normal(size=frames.shape)
+    canvas = Canvas(frames, noises, power, (0, 0), shape)
+    responses = np.ones((4, *power.shape), complex)
+    space = volume_of(np.stack([power / 1e-4] * 4), np.zeros((2, 4)), shape)
+    fit = fit_of(likeliest(canvas, responses, 1e-6), space, mean=0.3)
+    np.testing.assert_allclose(fit.gains, 0.1 * (np.arange(4) == 2) - 0.025, atol=0.005)
+    np.testing.assert_allclose(fit.offsets, 0.03 * (np.arange(4) == 2) - 0.0075, atol=0.003)
+    assert fit.misfit == pytest.approx(1, abs=0.1)
+    np.testing.assert_allclose(fit.misfits, 1, atol=0.15)
+
+
+def test_the_noise_of_one_grey_of_three_is_a_third():
+    """Of white pixels of 300 and 1200 electrons, a fifth of them lit, with 8 of read noise."""
+    scene = Scene([0.0], photon_rate=3e4, read_noise=8.0)
+    wanted = np.array([(60 + 64) / 300**2, (240 + 64) / 1200**2])
+    for share in (1.0, 1 / 3):
+        found = noises_of(scene, [0.01, 0.04], 0.2, share)
+        np.testing.assert_allclose(found, share * wanted, rtol=1e-6)

@@ -10,6 +10,7 @@ from mishutter.decoding.objects.arrangement import Thing as Found
 from mishutter.decoding.objects.candidates import candidates
 from mishutter.decoding.objects.finding import found_in
 from mishutter.decoding.objects.grids import Window, moved, splines
+from mishutter.decoding.objects.light import Knowledge, _sheet
 from mishutter.decoding.objects.outlines import given_others
 from mishutter.decoding.objects.stills import Stills
 from mishutter.decoding.objects.velocities import refine_velocity
@@ -195,3 +196,63 @@ def test_what_turns_is_as_good_as_in_the_one_frame(decoder):
     ]
     assert len(worst) > 10
     assert min(worst) > -1
+
+
+def test_frames_count_beside_a_typical_one_by_their_light():
+    """Three short frames and a long one: the noise of a picture that all of them give."""
+    own = stills(np.full((4, 8, 9), 0.3), exposures=np.array([0.004, 0.004, 0.004, 0.016]))
+    noises = [0.3 / n + (READ_NOISE / n) ** 2 for n in RATE * own.exposures]
+    assert own.typical_noise(0.3) == pytest.approx(4 / np.sum(1 / np.array(noises)))
+    np.testing.assert_allclose(own.weights, own.typical_noise(0.3) / noises)
+
+
+def test_an_outline_is_where_a_thing_is_at_the_time_0():
+    """Though all frames are later: in the first it is 20 px further down and 15 to the left."""
+    one = thing(7, (52.0, 70.0), 23.0, (400.0, -300.0))
+    times = np.array([0.05, 0.07, 0.09])
+    frames = frames_of(ground(), [one], times, EXPOSURES[:3], np.random.default_rng(3))
+    found = candidates(stills(frames, times, EXPOSURES[:3]))
+    matte = max(found.things, key=lambda each: each.area).matte
+    place = [np.average(each, weights=matte) for each in np.indices(matte.shape)]
+    assert place == pytest.approx(one.centre, abs=6)
+
+
+@pytest.mark.parametrize("velocity", [(600.0, 0.0), (0.0, 600.0)])
+def test_a_layer_is_blurred_along_its_way(velocity):
+    """Over 3 px in the short frame and 9 in the long one, and not across it."""
+    own = stills(np.full((2, 40, 56), 0.3), np.array([-0.01, 0.02]), np.array([0.005, 0.015]))
+    matte = np.zeros((40, 56), np.float32)
+    matte[15:25, 20:40] = 1
+    known = Knowledge(lambda size: np.ones((size[0], size[1] // 2 + 1)), lambda size: np.ones(()))
+    sheet = _sheet(own, matte, np.array(velocity), known)
+    down, across = np.fft.fftfreq(sheet.size[0])[:, None], np.fft.rfftfreq(sheet.size[1])
+    for response, way in zip(sheet.responses, (3.0, 9.0), strict=True):
+        along = down + 0 * across if velocity[0] else across + 0 * down
+        np.testing.assert_allclose(np.abs(response), np.abs(np.sinc(way * along)), atol=1e-5)
+
+
+def test_a_velocity_that_nothing_tells_stays_as_uncertain_as_it_was():
+    """Within a grey thing no frame tells more than what was known before, 30 px/s."""
+    frames = 0.3 + 0.03 * np.random.default_rng(6).normal(size=(4, 64, 72))
+    matte = np.zeros((64, 72), np.float32)
+    matte[20:50, 15:55] = 1
+    first = np.array([120.0, -80.0])
+    one = Found(first.copy(), matte, first, 30.0)
+    refine_velocity(Arrangement(stills(frames), [one], [0]), 0, None)
+    np.testing.assert_allclose(np.sqrt(np.diag(one.covariance)), 30.0, rtol=0.1)
+    np.testing.assert_allclose(one.velocity, first, atol=10)
+
+
+def test_a_thing_that_is_left_out_leaves_the_others_in_their_order():
+    """Of three, the last in front: without the first, numbers fall and what hides what stays."""
+    mattes = np.zeros((3, 40, 48), np.float32)
+    for k, matte in enumerate(mattes):
+        matte[8 + 4 * k : 24 + 4 * k, 10 : 20 + 8 * k] = 1
+    things = [Found(np.zeros(2), matte, np.zeros(2), 30.0) for matte in mattes]
+    every = Arrangement(stills(np.full((4, 40, 48), 0.3)), things, [2, 0, 1])
+    seen = every.seen(1) + every.seen(0) * mattes[1]
+    every.drop(0)
+    assert every.order == [1, 0]
+    assert every.behind(1) == [0]
+    np.testing.assert_allclose(every.seen(0), seen, atol=1e-6)
+    np.testing.assert_allclose(every.alphas()[1], mattes[1] * (1 - mattes[2]), atol=1e-6)

@@ -21,6 +21,7 @@ from mishutter import (
 from mishutter.decoding.decoders.linear import mean_over_dft
 from mishutter.decoding.likeliest import noises_of
 from mishutter.decoding.plane_likelihood import Own
+from mishutter.decoding.rolling import RowTimes, _on_grid
 
 EXPOSURE, STROKE, SPEED = 0.02, 54.6, 2000.0
 SCENE = Scene.uniform(max_speed=4500.0, photon_rate=1e5, read_noise=8)
@@ -124,6 +125,39 @@ def test_rows_of_the_plane_are_those_of_their_own_instants(kind):
             exact = level._replace(rows=None, instants=there).responses(VELOCITY, 1e-3)[1]
             error = np.mean((canvas.seen(light * exact)[row] - seen[row]) ** 2)
             assert error < 0.03 * canvas.noises[1]
+
+
+@pytest.mark.parametrize("size", [1, 2])
+def test_three_rows_stand_for_all(size):
+    """They lie within the rows, and the way to each is that of the path in pixels of the frames."""
+    frames = frames_of("A", 4, "circle")
+    rolling = replace(PLANE, sensor=Sensor(readout=0.01))
+    own = Own.of(np.zeros((4, 60, 70)), np.full(4, 0.1), frames, rolling)
+    rows = own.level(VELOCITY[None], size).rows
+    middle, ends = rows.instants, (rows.delays[-1] - rows.delays[0]) / 2
+    shares = [np.mean(each.time - middle.time) / ends for each in rows.some]
+    np.testing.assert_allclose(shares, [-np.sqrt(0.6), 0, np.sqrt(0.6)], atol=1e-6)
+    for each in rows.some:
+        way = own.taken.place(each.time + rows.clock) - own.taken.place(middle.time + rows.clock)
+        np.testing.assert_allclose(each.place - middle.place, way / size, atol=1e-4)
+
+
+@pytest.mark.parametrize("grid", [(8, 10), (9, 6)])
+def test_a_coarser_grid_has_the_mean_power(grid):
+    """Of a density that falls along both axes, on a DFT of unequal sides."""
+    down, across = np.fft.fftfreq(72)[:, None], np.fft.rfftfreq(60)
+    wave, other = np.cos(2 * np.pi * down), np.cos(2 * np.pi * across)
+    found = _on_grid(2 + wave + 0.5 * wave * other, grid)
+    assert found.shape == (grid[0], grid[1] // 2 + 1)
+    assert np.sum(found) == pytest.approx(2)
+    assert np.sum(_on_grid(1 + other + 0 * wave, grid)) == pytest.approx(1)
+
+
+def test_rows_are_timed_down_the_columns():
+    """Of a picture of 48 rows of 80 pixels, be it turned or not."""
+    along, across = (Sensor(readout=0.01, axis=axis) for axis in ("columns", "rows"))
+    assert RowTimes.of(across, (4, 48, 80)).delays.size == 48
+    assert RowTimes.of(along, (4, 80, 48)).delays.size == 48
 
 
 @pytest.mark.slow

@@ -15,7 +15,6 @@ import mishutter as ms
 from mishutter import cli
 from mishutter.design.design import given_design
 from mishutter.hardware.recorded_paths import RecordedPath, read_path, with_recorded_path
-from mishutter.plane.bursts import of_stage, pan_over
 
 CLOCK = 0.7
 """The middle of the frames on the encoder's clock; s."""
@@ -55,9 +54,9 @@ def test_a_camera_that_turns_pans_along_both_axes():
     law = ms.ListedVelocities(np.array([[900.0, -400.0], [1100.0, -100.0]]), np.array([0.5, 0.5]))
     limits = ms.Limits(max_half_exposure=0.01, max_acceleration=9e5, pans="camera")
     design = a_plane_design(law, limits)
-    pan = pan_over(design.scene, design.frames)
+    pan = np.array(design.sequence.pan)
     assert pan[0] > -2 * pan[1] > 0
-    path = recorded(of_stage(design.frames, pan).stage_paths(limits))
+    path = recorded(design.stage_paths)
     built, apart = with_recorded_path(design, path, middle=CLOCK)
     assert apart.rms < 2e-3
     times = np.linspace(-0.012, 0.01, 7)
@@ -103,6 +102,17 @@ def test_a_burst_along_one_axis_is_where_the_encoder_was(pans):
         wanted = planned.position + np.asarray(planned.motion.position(tau))
         np.testing.assert_allclose(own - shift, wanted, atol=2e-3)
     assert apart.rms < 1e-3
+
+
+def test_a_frame_counts_in_the_difference_as_long_as_it_is_exposed():
+    """Of a stage that is 0.8 px aside in the first of 4.2 and 13.6 ms, and not in the second."""
+    design = a_burst_design()
+    path = recorded([design.sequence.stage_path_within(design.scene.limits)], count=4000)
+    aside = 0.8 * np.clip((path.time - CLOCK + 0.0065) / 0.008, 0, 1)
+    _, apart = with_recorded_path(design, path._replace(place=path.place - aside), middle=CLOCK)
+    share = 4.2 / 17.8
+    assert apart.rms == pytest.approx(0.8 * np.sqrt(share * (1 - share)), rel=0.01)
+    assert apart.greatest == pytest.approx(0.8 * (1 - share), rel=0.01)
 
 
 def test_one_exposure_takes_a_recorded_path():

@@ -12,7 +12,15 @@ from support.burst_levels import burst_psnr, still_frames
 from support.bursts import SEQUENCE, a_burst_design
 from support.command_line import refused
 
-from mishutter import Limits, SecondOrderStage, Sensor, cli, frame_table
+from mishutter import (
+    Design,
+    Limits,
+    SecondOrderStage,
+    Sensor,
+    cli,
+    frame_table,
+    simulate_frames,
+)
 from mishutter.evaluation.levels import exposures_psnr
 from mishutter.hardware.drive_files import DRIVE_FORMATS, drive_bytes
 from mishutter.model.motion import StillCamera
@@ -65,6 +73,31 @@ def test_a_stage_that_follows_late_is_sent_more():
     assert np.max(np.abs(np.subtract(sent["late"], own["late"]))) > 1
     unlimited = Limits(max_stroke=40, max_half_exposure=0.012)
     assert frame_table(a_burst_design(limits=unlimited)).stage_csv() is None
+
+
+@pytest.mark.parametrize("rows_read", ["down", "up"])
+def test_a_trigger_begins_the_row_that_is_read_first(rows_read, tmp_path):
+    """That row of a capture is where the two files say between each trigger's begin and end."""
+    readout, slope = 0.004, 0.003
+    sensor = Sensor(readout=readout, rows_read=rows_read)
+    a_burst_design(sensor=sensor).save(tmp_path / "design.json")
+    design = Design.load(tmp_path / "design.json")
+    table = frame_table(design)
+    ramp = np.tile(0.2 + slope * np.arange(160.0), (5, 1))
+    taken = np.asarray(simulate_frames(ramp, design.scene, design.sequence.frames, speed=0.0))
+    first, last = (0, -1) if rows_read == "down" else (-1, 0)
+    rows = rows_of(table.stage_csv())
+    time, place = ([float(row[name]) for row in rows] for name in ("time", "sensor_position"))
+    triggers = rows_of(table.frames_csv())
+    middle = 1e3 * (LIGHTS[0][0] + LIGHTS[-1][1]) / 2
+    for frame, trigger in zip(taken, triggers, strict=True):
+        instants = np.linspace(float(trigger["begin"]), float(trigger["end"]), 2001)
+        for row, delay in ((first, 0.0), (last, 1e3 * readout)):
+            seen = np.interp([*(instants + delay), middle], time, place)
+            way = np.mean(seen[:-1]) - seen[-1]
+            moved = np.mean(ramp[row] - frame[row], where=np.arange(160) % 120 > 39) / slope
+            assert moved == pytest.approx(way, abs=0.01), (row, trigger["frame"])
+    assert abs(float(triggers[0]["begin"]) - 1e3 * (LIGHTS[0][0] - readout / 2)) < 1e-6
 
 
 @pytest.mark.parametrize("form", DRIVE_FORMATS)
@@ -146,6 +179,16 @@ def test_the_level_counts_a_gate_that_closes():
     assert whole == pytest.approx(float(burst_psnr(design.scene, groups)), abs=1e-3)
     assert abs(whole - table.gated_psnr) > 0.02
     assert table.to_dict()["gated_psnr_db"] == table.gated_psnr
+
+
+@pytest.mark.parametrize("readout", [0.0, 4e-3])
+def test_a_gate_opens_on_the_path_of_the_middle_row(readout):
+    """Triggers are on the clock of the first row; a gate of exact steps costs nothing there."""
+    design = a_burst_design(sensor=Sensor(readout=readout))
+    table = frame_table(design, num_steps=269)
+    np.testing.assert_allclose(table.gated_lights, np.array(LIGHTS) - readout / 2, atol=1e-7)
+    whole = float(exposures_psnr(design.scene, design.sequence))
+    assert table.gated_psnr == pytest.approx(whole, abs=1e-3)
 
 
 def test_export_says_what_a_gate_costs(tmp_path, capsys):

@@ -2,13 +2,20 @@
 
 import numpy as np
 import pytest
+from scipy import ndimage
 from support.clips import ClipOf, Thing
 
-from mishutter.measurement.clip import clip_of
+from mishutter.measurement import motion as motion_module
+from mishutter.measurement.clip import Clip, clip_of
 from mishutter.measurement.estimates import Estimate
+from mishutter.measurement.measurement import _level_difference
 from mishutter.measurement.motion import Motion, MovingObject, motion_of
 from mishutter.measurement.noise import _root
+from mishutter.measurement.photon_transfer import Law, Transfer, blocks_of, pairs_of, transfer_of
 from mishutter.measurement.scene import along_axis
+from mishutter.measurement.signs import detail_excess
+from mishutter.measurement.steady import Steady, _moves
+from mishutter.measurement.sweep import Region, Smoothed
 from mishutter.measurement.texture import averaged
 
 
@@ -93,3 +100,113 @@ def test_the_error_of_a_velocity_in_bright_light_is_the_floor_over_the_duration(
     frames = frames + np.random.default_rng(5).normal(size=frames.shape)
     each = motion_of(frames.astype(np.float32), clip.frames_per_s).objects[0]
     assert each.error == pytest.approx((0.05 / 13 * 50,) * 2, rel=1e-3)
+
+
+def test_the_error_of_what_detail_adds_is_its_scatter():
+    """Of a picture at rest, in pairs that share their frames, over 150 clips of noise."""
+    random, law = np.random.default_rng(3), Law(25.0, 0.0, 1e-12)
+    light = 100 + 300 * ndimage.gaussian_filter(random.normal(size=(80, 72)), 2)
+    found = []
+    for _ in range(150):
+        frames = (light + 5 * random.normal(size=(6, 80, 72))).astype(np.float32)
+        clip = Clip(frames, 50.0, None, 4095.0, 0.0, (-np.inf, np.inf))
+        blocks, rest = blocks_of(Steady.of(frames), pairs_of(6), clip.ends), Estimate(0.0, 1.0)
+        transfer = Transfer(
+            law, blocks, blocks, 1.0, np.zeros((2, 2)), rest, np.ones(blocks.shape, bool)
+        )
+        found.append(detail_excess(clip, Steady.of(frames), transfer))
+    values, errors = np.transpose(found)
+    assert np.std(values) == pytest.approx(np.sqrt(np.mean(errors**2)), rel=0.1)
+    assert abs(np.mean(values)) < np.mean(errors) / 2
+
+
+def test_a_large_frame_is_measured_on_larger_pixels(monkeypatch):
+    """Velocity, place and area are those of the frame's own pixels."""
+    monkeypatch.setattr(motion_module, "MOST_PIXELS", 10_000)
+    thing = Thing((70, 94), (44, 52), (200.0, -300.0), "chelsea.png")
+    clip = ClipOf((thing,), (144, 192), "astronaut.png", num_frames=5, num_instants=1)
+    frames = 50 * np.stack([clip.light(time) for time in clip.times])
+    frames = frames + np.random.default_rng(5).normal(size=frames.shape)
+    motion = motion_of(frames.astype(np.float32), clip.frames_per_s)
+    each = motion.objects[0]
+    assert each.velocity == pytest.approx(thing.velocity, abs=4)
+    assert each.centre == pytest.approx(thing.centre, abs=4)
+    assert each.area == pytest.approx(np.pi * 44 * 52, rel=0.15)
+    assert motion.labels.shape == clip.size
+    assert np.sum(motion.labels == 1) == pytest.approx(each.area, rel=0.02)
+    assert motion.width[0] == pytest.approx(np.pi / 2 * 52, rel=0.15)
+
+
+def test_errors_of_the_curve_and_the_gain_are_their_scatter():
+    """Of 30 clips of a ramp, 64 levels of black, one a photo-electron and a read noise of 4."""
+    random, light = np.random.default_rng(3), np.linspace(100, 2000, 96) * np.ones((80, 1))
+    gains, errors, apart = [], [], []
+    for _ in range(30):
+        frames = 64 + random.poisson(light, (5, 80, 96)) + 4 * random.normal(size=(5, 80, 96))
+        steady = Steady.of(frames.astype(np.float32))
+        found = transfer_of(blocks_of(steady, pairs_of(5), (-np.inf, np.inf)), None, 0.0)
+        level, variance, error, _ = found.curve()
+        apart.append((variance - (16 + level - 64)) / error)
+        gains.append(found.law.gain)
+        errors.append(found.lines[:, 1].std())
+    assert np.std(apart) == pytest.approx(1, abs=0.1)
+    assert np.mean(gains) == pytest.approx(1, abs=0.01)
+    assert np.mean(errors) == pytest.approx(np.std(gains), rel=0.2)
+
+
+def test_the_error_of_a_velocity_in_dim_light_is_its_scatter():
+    """Down and to the left over three frames, beside the noise of each."""
+    random = np.random.default_rng(3)
+    light = ndimage.gaussian_filter(random.normal(size=(120, 130)), 1.5)
+    mask, velocity = np.zeros((64, 72), bool), np.array([1.0, -2.0])
+    mask[16:48, 16:56] = True
+    velocities, squares = [], []
+    for _ in range(40):
+        moved = [light[20 - k : 84 - k, 20 + 2 * k : 92 + 2 * k] for k in (-1, 0, 1)]
+        frames = 2 * np.stack(moved) / light.std() + random.normal(size=(3, 64, 72))
+        region = Region(Smoothed.of(frames, 1.0), 1, range(3), mask)
+        found, covariance, _ = region.polished(velocity + np.array([0.02, -0.03]))
+        velocities.append(found)
+        squares.append(np.diag(covariance))
+    np.testing.assert_allclose(np.mean(velocities, axis=0), velocity, atol=0.015)
+    scatter = np.std(velocities, axis=0)
+    np.testing.assert_allclose(np.sqrt(np.mean(squares, axis=0)), scatter, rtol=0.25)
+
+
+def test_the_error_of_a_shake_is_what_noise_makes_of_one():
+    """And a frame that is displaced stands beside the mean of all, down before across."""
+    random = np.random.default_rng(3)
+    light = 80 * ndimage.gaussian_filter(random.normal(size=(96, 110)), 1.5)
+    sizes, errors = [], []
+    for _ in range(20):
+        moves, error, _ = _moves((light + random.normal(size=(6, 96, 110))).astype(np.float32))
+        sizes.append(np.mean(np.sum(moves**2, axis=1)))
+        errors.append(error)
+    assert np.mean(errors) == pytest.approx(np.sqrt(np.mean(sizes)), rel=0.2)
+    frames = np.array([light] * 6, np.float32)
+    frames[4] = ndimage.shift(light, (0.2, -0.1), order=3, mode="nearest")
+    apart = _moves(frames)[0]
+    np.testing.assert_allclose(apart[4] - apart[0], [0.2, -0.1], atol=0.02)
+
+
+def test_the_noise_of_a_shake_that_was_taken_out_has_an_error():
+    """Frames that are apart along both axes keep so much of their noise as a sinc of each lets."""
+    frames = np.zeros((5, 8, 8))
+    moves = np.array([[0.0, 0.0], [0.25, 0.5], [0.0, 0.0], [0.25, 0.5], [0.0, 0.0]])
+    assert Steady.of(frames).error == 0
+    steady = Steady.of(frames)._replace(moves=moves)
+    assert steady.error == pytest.approx((1 - np.sinc(0.25) * np.sinc(0.5)) / 5)
+
+
+def test_the_error_of_a_level_difference_is_its_scatter():
+    """Of light that differs from square to square of 32 px, and is a tenth brighter to the left."""
+    random, labels = np.random.default_rng(3), np.zeros((256, 320), int)
+    labels[:, :96] = 1
+    motion = Motion((), labels, labels / 1.0, 0, 0.5, 0.0, (1.0, 1.0), 2)
+    found = []
+    for _ in range(60):
+        squares = 0.3 + 0.1 * random.normal(size=(8, 10)).repeat(32, axis=0).repeat(32, axis=1)
+        found.append(_level_difference(squares + 0.1 * labels, motion))
+    values, errors = np.transpose(found)
+    assert np.mean(values) == pytest.approx(0.1, abs=0.01)
+    assert np.mean(errors) == pytest.approx(np.std(values), rel=0.2)

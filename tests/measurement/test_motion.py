@@ -135,6 +135,19 @@ def test_the_right_velocity_leaves_noise_alone():
     assert np.nanmedian(sweep.residuals[sweep.near(np.array([-6.0, 6.0]), 0.9)]) > 3
 
 
+@pytest.mark.parametrize("reference", [0, 2])
+def test_a_sweep_over_every_other_frame_has_velocities_of_a_frame(reference):
+    """Of four that are two apart, each tile has its least residual there, about any of them."""
+    rng = np.random.default_rng(2)
+    texture = 9 * ndimage.gaussian_filter(rng.normal(size=(96, 144)), 1.5)
+    frames = np.stack([np.roll(texture, (4 * k, -8 * k), (0, 1)) for k in range(4)])
+    frames = (frames + rng.normal(size=frames.shape)).astype(np.float32)
+    sweep = swept(frames, reference, 2)
+    assert sweep.step == pytest.approx(4.8 / 6)
+    best = sweep.velocities[np.argmin(sweep.residuals, axis=0)]
+    np.testing.assert_allclose(np.median(best, axis=(0, 1)), [2, -4], atol=0.6)
+
+
 def moving(right, down, count, lost=()):
     """A clip of one object that goes so many px a frame, of which frames were lost."""
     speed = 50.0 * down, 50.0 * right

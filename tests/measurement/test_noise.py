@@ -9,8 +9,9 @@ from PIL import Image
 from scipy import ndimage
 from support.clips import ClipOf, Thing
 
-from mishutter.measurement.clip import clip_of
+from mishutter.measurement.clip import Clip, clip_of
 from mishutter.measurement.measurement import noise_from
+from mishutter.measurement.noise import _black_of
 
 THINGS = (
     Thing((70, 80), (38, 46), (190.0, 310.0)),
@@ -40,6 +41,13 @@ def test_electrons_and_read_noise_are_found(told):
     assert holds(noise.read_noise, 4.3, 0.15)
     assert abs(noise.black.value - 64) < 0.2
     assert not noise.refusals
+    gain = noise.gain.error / noise.gain.value
+    of_black = noise.black.error / (CLIP.full - noise.black.value)
+    value, error = noise.electrons_at_white
+    assert error == pytest.approx(value * np.hypot(gain, of_black))
+    if "one dark frame" in noise.sources[1]:  # a tenth of it may be fixed pattern
+        value, error = noise.read_noise
+        assert error == pytest.approx(value * np.hypot(0.1, gain))
 
 
 def test_without_black_the_read_noise_is_an_interval():
@@ -48,8 +56,26 @@ def test_without_black_the_read_noise_is_an_interval():
     low, high = noise.read_noise_range
     assert low < 4.3 < high + 0.3
     assert noise.black is None
-    assert noise.black_range[0] <= 64 <= noise.black_range[1] + 1
+    assert noise.read_noise == pytest.approx(((low + high) / 2, (high - low) / 4))
+    least, most = noise.black_range
+    assert least <= 64 <= most + 1
+    of_black = (most - least) / np.sqrt(12) / (CLIP.full - (most + least) / 2)
+    value, error = noise.electrons_at_white
+    gain = noise.gain.error / noise.gain.value
+    assert error == pytest.approx(value * np.hypot(gain, of_black))
     assert "--dark" in noise.sources[1]
+
+
+def test_dark_frames_tell_black_as_well_as_they_agree():
+    """Of two whose means are two levels apart, at steps of 4; a hot pixel counts in neither."""
+    random = np.random.default_rng(3)
+    dark = 64 + 9 * random.normal(size=(2, 60, 70)) + np.array([-1.0, 1.0])[:, None, None]
+    dark[:, 3, 5] = 4000
+    clip = Clip(LEVELS[:2].astype(np.float32), 50.0, None, 4095.0, 4.0, (-np.inf, np.inf))
+    known, source, _, refusals = _black_of(clip, dark.astype(np.float32), None)
+    assert known.value == pytest.approx(64, abs=0.3)
+    assert known.error == pytest.approx(np.hypot(1 / np.sqrt(2), 0.04), rel=0.15)
+    assert (source, refusals) == ("2 dark frames", [])
 
 
 def test_eight_bits_tell_the_electrons_and_not_the_read_noise():

@@ -35,7 +35,7 @@ from mishutter.cli import app
 from mishutter.cli.tables import print_comparison, print_photographs
 from mishutter.design.design import given_design
 from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE
-from mishutter.model.sequences import OneExposure
+from mishutter.model.exposures import Exposures
 from mishutter.pictures.images import write_picture
 
 # The names of the files alone: to write the pictures takes seconds.
@@ -69,7 +69,7 @@ PANNED = LinearMotion(half_exposure=17.5e-3, velocity=-12345.0)
 @pytest.fixture(scope="module")
 def report():
     rows = [
-        Row(reading, name, OneExposure(motion, shutter), 0.3, evaluate(SCENE, motion, shutter))
+        Row(reading, name, Exposures.of_one(motion, shutter), 0.3, evaluate(SCENE, motion, shutter))
         for reading in (OWN_BEST_MOTION, SAME_MOTION)
         for name, (motion, shutter) in DESIGNS.items()
     ]
@@ -350,7 +350,9 @@ def test_the_frames_that_a_verdict_names_are_saved(report, tmp_path):
     burst = replace(rows["rect"], name="best moving burst", exposures=SEQUENCE, hardware=parts)
     comparison = replace(report.comparison, choice=burst)
     for design in (a_burst_design(None), a_burst_design()):
-        writers = _writers(replace(report, comparison=comparison, design=design))
+        judged = replace(report, comparison=comparison, design=design)
+        assert "one_exposure.json" not in _writers(judged)  # none was searched for
+        writers = _writers(replace(judged, names=("optimised",)))
         file = tmp_path / "saved.json"
         writers["recommended.json"](file)
         assert Design.load(file).sequence.text == SEQUENCE.text

@@ -37,7 +37,7 @@ from mishutter import (
     sweep,
 )
 from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE
-from mishutter.model.sequences import OneExposure
+from mishutter.model.exposures import Exposures
 from mishutter.report import sweep_plots
 
 # The curve that a front draws for a profile; a line in pixels does not hold its values.
@@ -128,7 +128,7 @@ def test_a_design_of_a_burst_draws_its_frames():
 
 def test_a_comparison_draws_its_levels():
     """One mark for each camera at its own best motion, the advised one filled, and the ceiling."""
-    of_row = {"exposures": OneExposure(MOTION, HannShutter()), "loss": 0.2}
+    of_row = {"exposures": Exposures.of_one(MOTION, HannShutter()), "loss": 0.2}
     metrics = evaluate(SCENE, MOTION, HannShutter())
     better = eqx.tree_at(lambda each: each.expected_psnr, metrics, metrics.expected_psnr + 1.3)
     best, other, same = (

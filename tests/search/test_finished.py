@@ -12,7 +12,7 @@ from mishutter.design.design import GIVEN as NO_LOSS
 
 # Of the search of a whole comparison these are single steps.
 from mishutter.search.rivals import is_finished
-from mishutter.search.search import _with_bursts
+from mishutter.search.search import _beside_bursts
 from mishutter.search.sequences import choose_burst
 
 GIVEN = replace(a_design(HannShutter()), loss_name=NO_LOSS)
@@ -58,10 +58,8 @@ def test_a_burst_is_taken_by_the_level_that_is_asked_for():
 @pytest.mark.parametrize(("loss", "best"), [(KnownSpeedLoss(), MOVING), (WorstSpeedLoss(), STILL)])
 def test_a_search_takes_the_burst_of_its_loss(loss, best, monkeypatch):
     """That of the worst speed asks for the level there."""
-    # The search for bursts takes seconds, and has tests of its own.
-    monkeypatch.setattr("mishutter.search.search.best_bursts", lambda _, **how: (STILL, MOVING))
     design = a_burst_design(None)
     monkeypatch.setattr(type(design), "levels", property(lambda _: {"level": 20.0}))
-    found = _with_bursts(design, loss, is_shown=False)
+    found = _beside_bursts(design, loss, (STILL, MOVING))
     assert found.sequence is best
     assert found.bursts == (STILL, MOVING)

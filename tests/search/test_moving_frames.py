@@ -254,6 +254,18 @@ def test_slack_is_what_the_exported_path_leaves(given):
     assert 10 < np.sum(kept) < 110
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_stage_beside_a_camera_that_turns_has_what_is_left_of_the_top_speed(sign):
+    """Of 3000 px/s, the camera's 500 less, as the sensor sees both at once."""
+    room = _room(max_acceleration=8e5, max_top_speed=3000.0, max_pan=900.0, pans="camera")
+    for speed, fits in ((2490.0, True), (2510.0, False)):
+        velocity = np.full((1, 2, 1), sign * speed + 500.0)
+        place = np.array([[30.0 - sign * speed * 5e-4]])
+        frames = Frames(np.array([1e-3]), velocity, np.zeros(0), place, np.array([500.0]))
+        slack = room.slack(room.joined(frames), Shape(1, 1, 1))
+        assert (np.min(slack) >= 0) == fits
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "given",
@@ -533,3 +545,14 @@ def test_each_frame_may_follow_another_thing(speeds, weights, rate, light, stage
         burst=BurstMode(frames_per_s=rate, max_frames=6, window=6.5 / rate),
     )
     assert best_moving_burst(scene).psnr > level
+
+
+@pytest.mark.parametrize("pans", ["stage", "camera"])
+def test_the_top_speed_bounds_the_pan_whatever_makes_it(pans):
+    """That of one exposure, and of frames."""
+    limits = Limits(max_stroke=9.0, max_top_speed=1200.0, max_pan=5000.0, pans=pans)
+    for velocity, is_met in ((1190.0, True), (1210.0, False)):
+        motion = ParabolicMotion(acceleration=0.0, half_exposure=1e-3, velocity=velocity)
+        assert limits.demands(motion)["top_speed"].is_met(1e-5) == is_met
+    times = FrameTimes.of(_in_window([3000.0], 4), BurstMode(frames_per_s=50.0))
+    assert Room.of(limits, times, 3000.0).max_pan == pytest.approx(1200.0, rel=1e-3)

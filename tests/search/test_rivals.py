@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import replace
+from functools import partial
 
 import jax.numpy as jnp
 import numpy as np
@@ -24,6 +25,7 @@ from mishutter import (
     StillCamera,
     TimedFrame,
     baselines,
+    ceiling,
     optimise,
 )
 from mishutter._core.parallel import as_they_end, once
@@ -141,6 +143,27 @@ def test_an_answer_needs_fewer_searches():
     """No window and no Tukey: its rows are an open shutter, the user's, and the rivals."""
     search = RivalSearch(SCENE, ExpectedErrorLoss(), every=False)
     assert {*searches(search)} == {"rect", BEST_SNAPSHOT, BEST_CODED_STILL, PLAIN_STILLS}
+
+
+@pytest.mark.parametrize(
+    ("above", "is_alone"),
+    [((-3.0, 0.21), True), ((-3.0, 0.19), False), ((0.15, 0.3), False), ((0.25, 0.3), True)],
+    ids=["far above", "near it", "the simpler one is near it", "the simpler one is far above"],
+)
+def test_no_exposure_is_searched_for_that_cannot_win(above, is_alone):
+    """Its ceiling tells, unless it is asked for; a simpler burst within 0.2 dB is what wins."""
+    most = float(ceiling(SWIFT))
+    bursts = tuple(
+        replace(burst, psnr=most + more, width_loss=None)
+        for burst, more in zip(BURSTS, above, strict=True)
+    )
+    search = partial(RivalSearch, SWIFT, KnownSpeedLoss(), bursts=bursts)
+    frames = {BEST_SNAPSHOT, BEST_STILL_BURST}
+    assert {*searches(search(every=False))} == (
+        frames if is_alone else frames | {"rect", BEST_CODED_STILL}
+    )
+    for asks in (search(), search(every=False, entries={"own": HannShutter()})):
+        assert BEST_CODED_STILL in searches(asks)
 
 
 def test_each_rival_has_names_of_its_own_and_parts_that_are_bought():
@@ -286,7 +309,7 @@ def test_a_search_for_a_decoder_that_registers_finds_frames():
 def test_no_frames_are_looked_for_elsewhere(scene, arguments, monkeypatch):
     """Where a part of one exposure is to move, or one filter restores all speeds."""
     monkeypatch.setattr(
-        "mishutter.search.search.best_bursts", lambda scene: pytest.fail("searched")
+        "mishutter.search.search.shown_bursts", lambda *_, **how: pytest.fail("searched")
     )
     start = {"shutter": RectShutter(), "num_starts": 1, "max_steps": 3}
     design = optimise(scene, **start, **arguments)

@@ -74,6 +74,13 @@ class FittedCamera:
         return self.estimates["lens_blur_px"].value
 
     @property
+    def estimates_of_stage(self) -> dict[str, Estimate]:
+        """The estimates as tables and scenes have them: of the stage's acceleration, not half."""
+        words = {"acceleration_px_per_s2": ("stage_acceleration_px_per_s2", 2.0)}
+        named = ((*words.get(name, (name, 1.0)), each) for name, each in self.estimates.items())
+        return {name: Estimate(x * each.value, x * each.error) for name, x, each in named}
+
+    @property
     def reduced_chi_squared(self) -> float:
         """Chi squared for each degree of freedom; near 1 if the model explains the pictures."""
         return self.chi_squared / self._num_degrees
@@ -97,7 +104,7 @@ class FittedCamera:
                 f"residuals are implausibly large: chi squared for each free level is "
                 f"{reduced:.3g}, which noise alone exceeds in {self.chance:.1g} of fits, and "
                 f"{squares[worst]:.3g} in {self.names[worst]}. The numbers may be wrong by many "
-                "error bars. Check the speeds and their signs, the half exposure and the sensor's "
+                "error bars. Check the speeds and their signs, the exposure and the sensor's "
                 "electrons per level, read noise and black level; then try more coefficients, a "
                 "trace, a design nearer to the camera, or one picture fewer"
             )
@@ -160,12 +167,9 @@ class FittedCamera:
         built = eqx.tree_at(places, built, parts, is_leaf=lambda leaf: leaf is None)
         lines = {
             name: f"{name} = {each.value:.6g} +- {each.error:.2g}"
-            for name, each in self.estimates.items()
+            for name, each in self.estimates_of_stage.items()
             if not name.rpartition("_")[2].isdigit()  # numbers of a single picture
         }
-        if a := self.estimates.get("acceleration_px_per_s2"):
-            numbers = f"{2 * a.value:.6g} +- {2 * a.error:.2g}"
-            lines["acceleration_px_per_s2"] = f"stage_acceleration_px_per_s2 = {numbers}"
         notes = {
             "": [
                 "A camera as it was built: [motion], from measurements; numbers with error bars.",
@@ -184,8 +188,10 @@ class FittedCamera:
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers and sentences of the fit, for JSON."""
+        # Half of the stage's acceleration stays too, which programs may read.
+        estimates = self.estimates_of_stage | self.estimates
         return {
-            "estimates": {name: each._asdict() for name, each in self.estimates.items()},
+            "estimates": {name: each._asdict() for name, each in estimates.items()},
             "transmittance": self.coefficients.tolist(),
             "transmittance_errors": self.coefficient_errors.tolist(),
             "not_identifiable": list(self.not_identifiable),

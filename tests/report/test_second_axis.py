@@ -7,9 +7,9 @@ import pytest
 from support.plane import a_plane_design, scene_of
 
 from mishutter import (
+    Exposures,
     Limits,
     ListedVelocities,
-    PlaneBurst,
     PlaneDesign,
     PlaneFrames,
     Scene,
@@ -61,13 +61,14 @@ def test_a_list_off_centre_is_read_with_what_its_stage_does(tmp_path):
     design = a_plane_design(law, limits)
     design.save(tmp_path / "design.json")
     read = PlaneDesign.load(tmp_path / "design.json")
-    assert read.sequence.use != design.frames.use(limits)  # of a stage that pans by itself
+    use = read.sequence.use_within(limits)
+    assert use != design.frames.use(limits)  # of a stage that pans by itself
     travels = [
         np.ptp(path.at(np.linspace(*path.times[[0, -1]], 40_001))[0]) for path in read.stage_paths
     ]
-    assert read.sequence.use.travel == pytest.approx(max(travels), rel=1e-3)
+    assert use.travel == pytest.approx(max(travels), rel=1e-3)
     speeds = [np.max(np.abs(path.at(path.times)[1])) for path in read.stage_paths]
-    assert read.sequence.use.top_speed == pytest.approx(max(speeds), rel=1e-6)
+    assert use.top_speed == pytest.approx(max(speeds), rel=1e-6)
 
 
 def test_places_of_triggers_are_those_of_the_frames():
@@ -87,7 +88,7 @@ def test_what_a_sensor_loses_stands_in_the_gain():
     burst = replace(design.sequence, width_loss=0.7)
     assert burst.level == pytest.approx(27.25 - 0.7)
     assert replace(burst, width_loss=None).level == 27.25
-    one = PlaneBurst("stills", 0, stills([0.0], 0.003), 24.5, burst.use)
+    one = Exposures("stills", stills([0.0], 0.003), psnr=24.5)
     answer = answer_in_plane(design.scene, PlaneSearch(one, (burst,), 28.0))
     told = answer.to_dict()["options"][-1]
     assert told["gain_db"] == pytest.approx(27.25 - 0.7 - 24.5)
@@ -101,3 +102,45 @@ def test_velocities_that_never_occur_are_not_the_fastest():
     assert law.axis % np.pi == pytest.approx(np.arctan2(80, -60) % np.pi)
     scene = Scene.any_direction(law, photon_rate=3e4, read_noise=9.0)
     assert float(scene.max_speed) == pytest.approx(100)
+
+
+@pytest.mark.parametrize("unit", [(1.0, 0.0), (0.0, 1.0), (0.6, -0.8)])
+def test_one_axis_of_a_stage_lies_along_the_path(unit):
+    """Whatever its direction: 3 px at 200 to 400 px/s in 10 ms, without a limit on the run-up."""
+    velocities = np.outer(unit, [200.0, 400.0])
+    frames = PlaneFrames(np.zeros(1), np.array([0.01]), np.array([0.01]), velocities)
+    use = frames.use(Limits(max_half_exposure=0.01, axes="one"))
+    assert (use.stroke, use.top_speed) == pytest.approx((3.0, 400.0))
+    assert use.acceleration == pytest.approx(2e4)
+
+
+@pytest.mark.parametrize(("axes", "size"), [("each", np.maximum), ("disc", np.hypot)])
+def test_a_stage_runs_up_to_the_first_velocity_and_out_from_the_last(axes, size):
+    """At 1e5 px/s^2, each in its own time, along both axes together."""
+    velocities = np.array([[100.0, -500.0], [-200.0, 300.0]])
+    frames = PlaneFrames(np.zeros(1), np.array([0.01]), np.array([0.01]), velocities)
+    limits = Limits(max_half_exposure=0.01, max_acceleration=1e5, axes=axes)
+    knots = frames.knots(limits)
+    up, out = size(*np.abs(velocities)) / 1e5
+    np.testing.assert_allclose(knots.durations, [up, 0.01, out])
+    for path, own in zip(frames.stage_paths(limits), velocities, strict=True):
+        assert path.times[-1] - path.exposure[1] == pytest.approx(out)
+        np.testing.assert_allclose(path.at(np.array(path.exposure))[1], own)
+        np.testing.assert_allclose(path.accelerations[[0, -1]], [own[0] / up, -own[1] / out])
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.1, 0.7, 1.9])
+def test_two_axes_together_hold_a_path_in_any_direction(turn):
+    """As one number: no less than along the path, and no more than by a half of 16 directions."""
+    unit = np.array([np.cos(turn), np.sin(turn)])
+    velocities = np.outer(unit, [200.0, 400.0])
+    frames = PlaneFrames(np.zeros(1), np.array([0.01]), np.array([0.01]), velocities)
+    disc, each = (Limits(max_half_exposure=0.01, axes=axes) for axes in ("disc", "each"))
+    most = 1 / np.cos(np.pi / 32) + 1e-6
+    for found, wanted in zip(frames.use(disc)[1:4], (3.0, 400.0, 2e4), strict=True):
+        assert 1 - 1e-6 <= found / wanted <= most
+    for found, wanted in zip(frames.use(each)[1:4], (3.0, 400.0, 2e4), strict=True):
+        assert found == pytest.approx(wanted * np.max(np.abs(unit)))
+    assert frames.acceleration(disc) == pytest.approx(2e4)
+    assert frames.acceleration(each) == pytest.approx(2e4 * np.max(np.abs(unit)))
+    assert frames.top_speed == pytest.approx(400)
