@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from mishutter.decoding.simulation import Estimate
     from mishutter.design.design import AbstractDesign
     from mishutter.hardware.recorded_paths import PathDifference
-    from mishutter.model.exposures import AbstractExposures
+    from mishutter.model.exposures import Exposures
     from mishutter.model.scene import Scene
     from mishutter.pictures.images import Capture
 
@@ -321,7 +321,7 @@ def _names_of(labels: list[_Label]) -> str:
 
 
 def _together(
-    seen: "list[Capture]", labels: list[_Label], burst: "AbstractExposures | None"
+    seen: "list[Capture]", labels: list[_Label], burst: "Exposures | None"
 ) -> "list[tuple[Capture, _Label, np.ndarray]]":
     """Light of captures by themselves, or of the frames of a burst beside the first of them."""
     import numpy as np

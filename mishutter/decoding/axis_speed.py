@@ -224,7 +224,7 @@ def _range_to_try(scene: Scene) -> tuple[float, float]:
 
 def _duration(taken: Sequence[TimedFrame]) -> float:
     """Time from the first mid-exposure to the last, or that of one frame; s."""
-    times = [frame.time for frame in taken]
+    times = [float(frame.time) for frame in taken]
     return max(max(times) - min(times), max(frame.exposure for frame in taken))
 
 
@@ -238,7 +238,7 @@ def _searched(
     peaks come with the median of the likelihood's logarithm over all of these speeds, below its
     top.
     """
-    order = np.argsort([frame.time for frame in taken])
+    order = np.argsort([float(frame.time) for frame in taken])
     size, bin = len(taken), _largest_bin(rows)
     while True:
         start = (len(taken) - size) // 2

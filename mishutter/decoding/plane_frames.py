@@ -22,7 +22,7 @@ from mishutter.decoding.decoders.total_variation import (
 from mishutter.decoding.likeliest import Canvas, Likeliest, complete, frequencies_along, noises_of
 from mishutter.decoding.plane_likelihood import Own
 from mishutter.model.scene import Scene
-from mishutter.plane.frames import PlaneFrames
+from mishutter.model.sequences import PlaneFrames
 
 Decode = Callable[[Likeliest, float], np.ndarray]
 """A method that makes a picture of the likeliest one about a mean level."""

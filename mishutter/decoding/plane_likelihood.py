@@ -34,7 +34,7 @@ from mishutter.decoding.rolling import RowsInPlane
 from mishutter.evaluation.fans import picture_power_on
 from mishutter.evaluation.instants import Instants
 from mishutter.model.scene import Scene
-from mishutter.plane.frames import PlaneFrames
+from mishutter.model.sequences import PlaneFrames
 
 ROUGHLY = 3e-2
 """Residual at which conjugate gradients of a search end, as a share of the first one."""

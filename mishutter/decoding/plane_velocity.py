@@ -39,11 +39,10 @@ from mishutter.decoding.plane_likelihood import (
     peak_near,
 )
 from mishutter.evaluation.instants import Instants
-from mishutter.evaluation.levels import require_velocities
-from mishutter.model.scene import Scene
+from mishutter.model.scene import Scene, require_velocities
 from mishutter.model.sensor import Sensor
+from mishutter.model.sequences import PlaneFrames
 from mishutter.model.velocities import AbstractVelocities
-from mishutter.plane.frames import PlaneFrames
 
 _PX_A_STEP, _REACH = 1.4, 1.5
 """Displacement over the frames between neighbouring velocities that are tried, binned px, and steps

@@ -22,14 +22,13 @@ from jaxtyping import Complex, Float
 
 from mishutter.blur.waves import waves_in_plane
 from mishutter.camera.plane_frames import frequencies_on
-from mishutter.camera.rows import counted_in, fast_length, irfftn, rfftn
+from mishutter.camera.rows import counted_in, fast_length, irfftn, pixels_through, rfftn
 from mishutter.decoding.likeliest import AbstractRolledFrame, Canvas
 from mishutter.evaluation.instants import Instants
-from mishutter.evaluation.levels import path_for_rows
+from mishutter.model.exposures import path_for_rows
 from mishutter.model.scene import Scene
 from mishutter.model.sensor import Sensor
-from mishutter.model.sequences import TimedFrame
-from mishutter.plane.frames import PlaneFrames
+from mishutter.model.sequences import PlaneFrames, TimedFrame
 
 _WIDTH, _FINER = 8, 1.5
 """Points of the fine grid that a place between pixels is interpolated from, and how fine it is."""
@@ -103,11 +102,9 @@ class FrameAlong(AbstractRolledFrame):
     def __init__(self, matrix: Complex[np.ndarray, "s columns k"]):
         """Takes the response of each pixel, times the wave there from the begin of the canvas."""
         self.matrix = matrix
-        period = 2 * (matrix.shape[-1] - 1)
-        self._share = counted_in(period) / period
 
     def seen(self, spectrum: Complex[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        return np.real((spectrum * self._share) @ np.swapaxes(self.matrix, 1, 2))
+        return pixels_through(self.matrix, spectrum, 2 * (self.matrix.shape[-1] - 1))
 
     def told(self, frame: Float[np.ndarray, "..."]) -> Complex[np.ndarray, "..."]:
         return frame @ self.matrix.conj()

@@ -26,9 +26,8 @@ from mishutter.decoding.plane_velocity import (
 )
 from mishutter.decoding.rolling import RowTimes
 from mishutter.model.scene import Scene, require_scene, require_whole
-from mishutter.model.sequences import TimedFrame
+from mishutter.model.sequences import PlaneFrames, TimedFrame
 from mishutter.pictures.images import Axis, transposed
-from mishutter.plane.frames import PlaneFrames
 
 
 class _Pair(NamedTuple):

@@ -45,11 +45,11 @@ from jaxtyping import Array, ArrayLike, Float
 from mishutter._core.checks import as_float, require, require_known, require_scalar
 from mishutter.evaluation.fans import MEASURED, Fan, Grid
 from mishutter.evaluation.layers import Background
-from mishutter.evaluation.levels import Light, psnr_of_error, require_velocities
+from mishutter.evaluation.levels import Light, psnr_of_error
 from mishutter.evaluation.needs import distinct_speeds, frequency_counts
 from mishutter.model.occlusion import Occlusion
 from mishutter.model.optics import NUM_FREQUENCIES, NYQUIST_FREQUENCY, frequencies, pixel_response
-from mishutter.model.scene import Scene, power_on_grid, require_scene
+from mishutter.model.scene import Scene, power_on_grid, require_scene, require_velocities
 from mishutter.model.velocities import Cells
 
 _STEP_TOLERANCE = 1e-4

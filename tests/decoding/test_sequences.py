@@ -30,7 +30,7 @@ from mishutter.decoding.axis_frames import Rows, rows_of
 from mishutter.decoding.frame_doubts import odd_frame
 from mishutter.decoding.simulation import capture_and_restore
 from mishutter.evaluation.instants import Instants
-from mishutter.model.sequences import FrameSequence
+from mishutter.model.exposures import FrameSequence
 
 PERIOD, EXPOSURE, SWING = 1 / 60, 0.0164, 24.0
 SCENE = Scene.uniform(max_speed=4500.0, photon_rate=1e5, read_noise=8)

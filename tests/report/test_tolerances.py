@@ -16,7 +16,7 @@ from mishutter import (
 
 # A table of the terminal, whose folder's face is `main` alone; a command would search.
 from mishutter.cli.tables import print_comparison
-from mishutter.model.sequences import OneExposure
+from mishutter.model.exposures import Exposures
 from mishutter.report.documents import Report
 from mishutter.search.rows import BEST_SNAPSHOT, OWN_BEST_MOTION, Row
 
@@ -35,7 +35,7 @@ def comparison():
         Row(
             OWN_BEST_MOTION,
             name,
-            OneExposure(motion, shutter),
+            Exposures.of_one(motion, shutter),
             0.1,
             evaluate(scene, motion, shutter),
         )
@@ -53,7 +53,7 @@ def test_rows_are_judged_within_tolerances(comparison):
     plain = Row(
         OWN_BEST_MOTION,
         "own",
-        OneExposure(MOTION, row.shutter),
+        Exposures.of_one(MOTION, row.shutter),
         0.1,
         evaluate(SCENE, MOTION, row.shutter),
     )

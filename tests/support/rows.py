@@ -19,8 +19,8 @@ from mishutter import (
     TimedFrame,
     evaluate,
 )
+from mishutter.model.exposures import Exposures
 from mishutter.model.motion import AbstractMotion
-from mishutter.model.sequences import OneExposure
 from mishutter.report.comparison import with_verdict
 from mishutter.search.rivals import (
     BEST_CODED_STILL,
@@ -61,7 +61,7 @@ def made_up(levels: dict[str, float]) -> list[Row]:
         Row(
             OWN_BEST_MOTION,
             name,
-            OneExposure(motion, shutter),
+            Exposures.of_one(motion, shutter),
             0.25,
             replace(metrics, expected_psnr=jnp.asarray(level), efficiency=shutter.efficiency()),
             hardware=ONE_EXPOSURE | {FRAMES} if name == BEST_STILL_BURST else ONE_EXPOSURE,

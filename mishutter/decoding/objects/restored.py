@@ -35,9 +35,8 @@ from mishutter.evaluation.fans import picture_power_on
 from mishutter.evaluation.instants import Instants
 from mishutter.model.scene import Scene
 from mishutter.model.sensor import white_electrons
-from mishutter.model.sequences import TimedFrame
+from mishutter.model.sequences import PlaneFrames, TimedFrame
 from mishutter.pictures.images import Axis, Picture, transposed
-from mishutter.plane.frames import PlaneFrames
 
 Progress = Callable[[str, float], None]
 
@@ -105,7 +104,7 @@ def is_at_rest(frames: Sequence[TimedFrame] | PlaneFrames) -> bool:
         times = np.asarray(frames.times)
         places = np.asarray(frames.place(np.linspace(times[0], times[-1], 65)))
         return float(np.max(np.ptp(places, axis=1))) < _AT_REST
-    places = [frame.position for frame in frames]
+    places = [float(frame.position) for frame in frames]
     return all(frame.is_still for frame in frames) and float(np.ptp(places)) < _AT_REST
 
 
