@@ -49,7 +49,7 @@ path = "photograph.png"
 {sections}"""
 TEXT = """## The answer of each kind of scene, and what comes of it
 
-PSNR of the recommended option of a scene of each kind, dB, in the mean over {count} photographs of
+PSNR of the recommended option of a scene of each kind, dB, in the mean over some photographs of
 {rows} x {columns} px: as told, and as found in the picture that was exported, simulated and
 restored by the commands, over the scene's speeds; the difference with its standard deviation over
 the photographs. Before a background and of several objects, two details of {width} px move before
@@ -197,16 +197,18 @@ def main(count: int = len(PHOTOGRAPHS)) -> None:
         own = [row for row in every if row["kind"] == name]
         told, found = (np.array([each[key] for each in own]) for key in ("told", "found"))
         off = found - told
+        spread = f" ± {off.std(ddof=1):.1f}" if len(own) > 1 else ""
         rows.append(
             {
                 "kind of scene": name,
+                "photographs": f"{len(own)}",
                 "told": f"{told.mean():.1f}",
                 "found": f"{found.mean():.1f}",
-                "found less told": f"{off.mean():+.1f} ± {off.std(ddof=1):.1f}",
+                "found less told": f"{off.mean():+.1f}{spread}",
             }
         )
     table = harness.table(rows, [*rows[0]])
-    numbers = {"count": count, "rows": ROWS, "columns": COLUMNS, "width": WIDTH}
+    numbers = {"rows": ROWS, "columns": COLUMNS, "width": WIDTH}
     harness.section("kinds", TEXT.format(table=table, **numbers))
 
 

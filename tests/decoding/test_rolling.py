@@ -21,7 +21,7 @@ from mishutter import (
 from mishutter.decoding.decoders.linear import mean_over_dft
 from mishutter.decoding.likeliest import noises_of
 from mishutter.decoding.plane_likelihood import Own
-from mishutter.decoding.rolling import RowTimes
+from mishutter.decoding.rolling import RowTimes, _on_grid
 
 EXPOSURE, STROKE, SPEED = 0.02, 54.6, 2000.0
 SCENE = Scene.uniform(max_speed=4500.0, photon_rate=1e5, read_noise=8)
@@ -140,6 +140,17 @@ def test_three_rows_stand_for_all(size):
     for each in rows.some:
         way = own.taken.place(each.time + rows.clock) - own.taken.place(middle.time + rows.clock)
         np.testing.assert_allclose(each.place - middle.place, way / size, atol=1e-4)
+
+
+@pytest.mark.parametrize("grid", [(8, 10), (9, 6)])
+def test_a_coarser_grid_has_the_mean_power(grid):
+    """Of a density that falls along both axes, on a DFT of unequal sides."""
+    down, across = np.fft.fftfreq(72)[:, None], np.fft.rfftfreq(60)
+    wave, other = np.cos(2 * np.pi * down), np.cos(2 * np.pi * across)
+    found = _on_grid(2 + wave + 0.5 * wave * other, grid)
+    assert found.shape == (grid[0], grid[1] // 2 + 1)
+    assert np.sum(found) == pytest.approx(2)
+    assert np.sum(_on_grid(1 + other + 0 * wave, grid)) == pytest.approx(1)
 
 
 def test_rows_are_timed_down_the_columns():
