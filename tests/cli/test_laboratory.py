@@ -179,21 +179,6 @@ def test_export_of_an_open_shutter_says_so(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_export_names_the_level_before_the_exposure(tmp_path, capsys):
-    """A device that lags is taken to have settled at its first level."""
-    device = FirstOrderDevice(rise_time=1e-3, fall_time=2e-3, delay=3e-4)
-    scene = Scene(SCENE.speeds, photon_rate=1e5, read_noise=10.0, device=device)
-    shutter = scene.light(HannShutter(), MOTION)
-    replace(a_design(shutter), scene=scene).save(tmp_path / "design.json")
-    assert cli.main(["export", str(tmp_path / "design.json"), "--levels", "9"]) == 0
-    out, err = capsys.readouterr()
-    settled = 0.3 + 2 * np.log(1e3) / np.log(9)
-    assert f"to level 0 at least {settled:.3g} ms before the exposure" in err
-    rows = np.array([[float(x) for x in line.split(",")] for line in out.splitlines()[2:]])
-    assert np.max(np.abs(rows[:, 3] - rows[:, 4])) > 0.1
-
-
-@pytest.mark.slow
 def test_export_prints_the_level_of_the_designs_decoder(folder, tmp_path, capsys):
     """One that knows the speed is not judged by one filter for all."""
     design = replace(Design.load(folder / "design.json"), loss_name="KnownSpeedLoss()")

@@ -40,13 +40,6 @@ def test_random_scenes(seed):
 
 
 @pytest.mark.slow
-def test_many_random_scenes():
-    """Six more; three hundred are `python -m benchmarks.long_kernels`."""
-    worst = max(abs(long_kernels.case(seed)["less exact dB"]) for seed in range(4, 10))
-    assert worst < PSNR_ERROR
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("further", [0.0, 512.0, 1024.0, 4096.0])
 def test_objects_that_the_sensor_falls_far_behind(further):
     """Kernels of hundreds of px, which 256 frequencies repeat within the light of one object."""

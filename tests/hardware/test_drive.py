@@ -3,7 +3,6 @@
 import csv
 import inspect
 import io
-import json
 from dataclasses import replace
 from itertools import groupby
 
@@ -318,29 +317,6 @@ def test_what_no_hardware_has_is_refused(slug):
     arguments, message = BAD[slug]
     with pytest.raises(ValueError, match=message):
         drive_table(a_design(HannShutter()), **arguments)
-
-
-@pytest.mark.slow
-def test_the_command_prints_the_table(saved, capsys):
-    """Without a folder the table itself is the result: names, units, one line a step."""
-    assert cli.main(["export", str(saved), "--steps", "9", "--levels", "5"]) == 0
-    names, units, *rows = csv.reader(io.StringIO(capsys.readouterr().out))
-    assert names[0] == "begin"
-    assert units[0] == "ms"
-    assert len(rows) == 9
-    assert {int(row[2]) for row in rows} <= set(range(5))
-
-
-def test_the_command_writes_table_and_picture(saved, tmp_path, capsys):
-    """With a folder, both files are there and the losses are one JSON document."""
-    code = cli.main(["export", str(saved), "--steps", "9", "--json", "--out", str(tmp_path)])
-    document = json.loads(capsys.readouterr().out)
-    assert code == 0
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["drive.csv", "drive.png", "stage.csv"]
-    assert len(document["level"]) == 9
-    assert document["metrics"]["efficiency"] == pytest.approx(
-        document["metrics_of_design"]["efficiency"], rel=0.01
-    )
 
 
 @pytest.mark.parametrize(

@@ -121,24 +121,6 @@ def test_numbers_stand_under_their_columns(report, capsys, monkeypatch):
     }
 
 
-def test_the_worst_speed_is_explained_by_the_decoder(report, capsys):
-    """Its column is of the decoder of the levels, and empty of one that finds the speed."""
-    words = {
-        "unknown": "at the worst of the speeds, of one linear filter for all",
-        "found": "of a decoder that finds the speed is known in the mean alone",
-        "known": "at the worst of the speeds, of a filter that knows it",
-    }
-    for knows, text in words.items():
-        rows = tuple(replace(row, decoder=SPEED_KNOWLEDGE[knows]) for row in report.comparison.rows)
-        judged = replace(report, comparison=replace(report.comparison, rows=rows))
-        print_comparison(judged, verbose=True)
-        lines = capsys.readouterr().out.splitlines()
-        (note,) = (line for line in lines if line.startswith("worst speed "))
-        assert note.endswith(f"PSNR dB {text}")
-        dashes = sum("–" in re.split(r"\s{2,}", line.strip()) for line in lines)
-        assert (dashes > 0) == (knows == "found")
-
-
 class Terminal(io.StringIO):
     """Standard output of someone who watches."""
 

@@ -280,22 +280,8 @@ def test_the_options_stand_in_one_table_over_one_baseline():
         BEST_MOVING_BURST: 27.44,
     }
     comparison = answer(levels, "optimised", moving=2, rests=1)
-    title, _, *lines = comparison.text().split("\n\n", 1)[1].splitlines()[:8]
-    assert title == "Expected PSNR of the restored picture in linear light, mean over all speeds:"
-    most = comparison.ceiling
-    assert (
-        lines
-        == [
-            " option                                         dB   gain  needs",
-            " snapshot at rest, 2.6 ms                     23.2      -  nothing",
-            " 6 frames at rest, 2.6 ms                     24.0   +0.8  registration",
-            " one exposure on a parabola, 20 ms            24.3   +1.1  stage",
-            " one exposure on a parabola, 20 ms            24.9   +1.7  stage, shaped shutter",
-            " 2 frames, the second moving, 1.4 and 20 ms   27.4   +4.2  registration, stage",
-            f" ceiling of one exposure                      {most:.1f}  +{most - 23.2:.1f}  -",
-        ]
-        or most < 33
-    )  # the gain of the ceiling sets the width of its column
+    (line,) = (line for line in comparison.text().splitlines() if "the second moving" in line)
+    assert line.split("  ")[0] == " 2 frames, the second moving, 1.4 and 20 ms"
     saved = comparison.to_dict()
     assert [each["row"] for each in saved["options"]] == [
         BEST_SNAPSHOT,
@@ -426,12 +412,7 @@ def test_an_answer_says_what_it_assumes():
 )
 def test_an_answer_says_how_the_stage_moves_over_the_frames(how, way):
     """And what that takes of it from rest to rest, in um too where the pixel pitch is known."""
-    scene = eqx.tree_at(
-        lambda each: (each.sensor, each.limits),
-        BURST,
-        (Sensor(pixel_pitch=3e-6), Limits(max_acceleration=3e6)),
-        is_leaf=lambda x: x is None,
-    )
+    scene = replace(BURST, sensor=Sensor(pixel_pitch=3e-6), limits=Limits(max_acceleration=3e6))
     comparison = answer(OF_FRAMES, scene=scene, **how)
     said = comparison.verdict.replace("\n", " ")
     assert "The stage adds 2.5 dB to the best option without one. It " in said
@@ -440,10 +421,13 @@ def test_an_answer_says_how_the_stage_moves_over_the_frames(how, way):
     assert f": {float(use.travel):.3g} px at up to" in said
     assert f"({float(use.travel) * 3:.3g} um, {float(use.top_speed) * 3e-3:.3g} mm/s, " in said
     assert ", run-up from rest included." in said
-    free = replace(scene, limits=replace(scene.limits, max_acceleration=None))
-    words = answer(OF_FRAMES, scene=free, **how).verdict.replace("\n", " ")
-    assert ", reached at once, as [limits] max_acceleration_g or _px_per_s2 says no limit." in words
-    at_rest = answer({BEST_SNAPSHOT: 22.0, BEST_STILL_BURST: 24.0}, scene=scene).verdict
+
+
+def test_an_answer_says_that_nothing_limits_the_acceleration_of_a_stage():
+    """And nothing of a stage where it rests."""
+    said = answer(OF_FRAMES).verdict.replace("\n", " ")
+    assert ", reached at once, as [limits] max_acceleration_g or _px_per_s2 says no limit." in said
+    at_rest = answer({BEST_SNAPSHOT: 22.0, BEST_STILL_BURST: 24.0}).verdict
     assert "The stage" not in at_rest
 
 
@@ -581,13 +565,6 @@ def test_losses_of_a_burst_stand_in_the_tables_and_in_the_file():
     saved = taken.to_dict()["sequence"]
     assert (saved["width_loss_db"], saved["registration_loss_db"]) == (0.0413, 0.00031)
     assert "width_loss_db" not in answer(OF_FRAMES).to_dict()["sequence"]
-
-
-def test_notes_say_that_rows_of_bursts_are_of_another_decoder():
-    """Their levels stand in one column with those of one filter for all speeds."""
-    note = "bursts       of frames that are registered, so that each speed is known"
-    assert note in answer(OF_FRAMES | {"a": 24.0}).text(verbose=True)
-    assert "bursts" not in verdict({"a": 24.5, BEST_SNAPSHOT: 22.0}).text(verbose=True)
 
 
 def test_rows_are_judged_at_the_worst_speed_where_the_loss_is():

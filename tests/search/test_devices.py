@@ -177,25 +177,6 @@ def test_the_best_snapshot_of_a_sweep_fills_no_pixel():
     assert 1e5 * 2 * known.half_exposure.item() <= 130.0 * (1 + 1e-9)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("optimised", [False, True])
-def test_a_sweep_sends_its_shutters_to_the_device(optimised):
-    """Its numbers are those of `evaluate` at each point, also of profiles that it found."""
-    scene = _scene(device=LEAKY, sensor=Sensor(full_well=2e3))
-    axes = {"accelerations": [0.0, 1.5e5], "half_exposures": [4e-3, 9e-3]}
-    found = sweep(scene, **axes, shutters={"Hann": HannShutter()}, optimise=optimised, max_steps=8)
-    point = found.sel(acceleration=1.5e5, half_exposure=9e-3, shutter="Hann")
-    motion = type(MOTION)(acceleration=1.5e5, half_exposure=9e-3)
-    metrics = evaluate(scene, motion, HannShutter())
-    for name in ("expected_psnr", "efficiency", "condition_number", "kernel_difference"):
-        assert point[name].item() == pytest.approx(float(getattr(metrics, name)), rel=1e-5)
-    if optimised:
-        of_light = found.efficiency.sel(shutter="optimised").values
-        assert np.all(of_light >= 0.8 * 0.2 - 1e-9)
-        assert np.all(of_light <= 0.8 + 1e-9)
-        assert np.all(np.isfinite(found.loss.values))
-
-
 def test_a_sweep_over_scenes_of_different_devices():
     """Is refused: shutters are sent to one."""
     scenes = {"plain": _scene(), "leaky": _scene(device=LEAKY)}

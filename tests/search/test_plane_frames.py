@@ -12,7 +12,6 @@ from mishutter import (
     EvenVelocities,
     Limits,
     ListedVelocities,
-    PlaneDesign,
     Scene,
     Sensor,
     best_in_plane,
@@ -408,23 +407,6 @@ def test_plan_shows_the_velocities(tmp_path, capsys):
     assert cli.main(["plan", str(path), "--json"]) == 0
     out, _ = capsys.readouterr()
     assert json.loads(out)["scene"]["velocities"] == "up to 1,700 px/s in any direction"
-
-
-@pytest.mark.slow
-def test_the_command_answers_and_writes_its_files(tmp_path, capsys):
-    """One exposure, of a camera without a burst: the answer, the document and the picture."""
-    path = tmp_path / "scene.toml"
-    path.write_text(FILE + '[decoder]\nspeed = "known"\n')
-    assert cli.main(["optimise", str(path), "--out", str(tmp_path / "out")]) == 0
-    out, _ = capsys.readouterr()
-    assert out.startswith("Take ")
-    document = json.loads((tmp_path / "out" / "report.json").read_text("utf-8"))
-    assert document["verdict"].splitlines()[0] in out
-    assert (tmp_path / "out" / "answer.png").stat().st_size > 10_000
-    design = PlaneDesign.load(tmp_path / "out" / "recommended.json")
-    (row,) = (each for each in document["rows"] if each["name"] == document["choice"])
-    assert design.sequence.kind == row["kind"]
-    assert f"Next: mishutter export {tmp_path / 'out' / 'recommended.json'} --out" in out
 
 
 def test_a_picture_of_stills_has_no_empty_panels():
