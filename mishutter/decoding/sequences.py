@@ -74,9 +74,10 @@ def restore_frames(
 ) -> RestoredFrames:
     """Restore the picture that the frames of a sequence show, each point from those that see it.
 
-    Of several things before a background at rest each is found, and restored along its own
-    velocity, where the sensor is at rest. Where they do not explain the frames, as of what turns or
-    walks, the picture is that of the frame nearest to the middle, and not trusted.
+    Of several things before a background at rest each is found in the frames in which the sensor
+    is at rest, two at least, and restored along its own velocity from all. Where they do not
+    explain the frames, as of what turns or walks, the picture is that of the frame nearest to the
+    middle, and not trusted.
 
     Args:
         captures: Light of each frame in units of its exposure of white, as `simulate_frames` gives
@@ -91,15 +92,18 @@ def restore_frames(
             `VelocityEstimate`. One that is given is judged like one that is found: by whether the
             frames fit one picture at it. Of objects a row of theirs, if they are known.
         outlines: Number of the object that each pixel shows at the middle, from 1, and 0 for the
-            background, if that is known; shape of a frame.
+            background, if that is known; shape of a frame. Speeds beside it are in that order.
+            Behind a rolling shutter they are as frames show them.
         by_object: Whether to restore object by object; by default where the scene has an occlusion,
             or objects, or the outlines are given.
         progress: Called with a sentence and the share done, object by object.
 
     Raises:
-        ValueError: if the sensor moves before a background, the scene has no light, or more speeds
-            than frames can tell apart; the captures are traced, not finite, or not of so many
-            frames; or `speed` is not a finite scalar, or displaces light by more than 8,192 px.
+        ValueError: if the sensor is at rest in less than two frames in which objects are to be
+            found, or moves before a background behind a rolling shutter; the scene has no light, or
+            more speeds than frames can tell apart; the captures are traced, not finite, or not of
+            so many frames; or `speed` is not a finite scalar, or displaces light by more than
+            8,192 px.
 
     Examples:
         >>> import jax
