@@ -88,16 +88,15 @@ def doubt_of_rows(
 ) -> str:
     """The doubt of so many pixels that rows which are exposed in turn explain better.
 
-    Some readout explains half of what is above 1, and its likelihood leads.
+    The likelihood of some readout leads; longer ones are tried as long as they are better.
     """
-    best, least = None, misfit - max(0.5 * (misfit - 1), 2 * _LEAD * max(misfit, 1.0) / count)
+    best, least = None, misfit - 2 * _LEAD * max(misfit, 1.0) / count
     for share in (0.25, 0.5, 1.0):
         tried = [replace(sensor, readout=share * exposure, rows_read=way) for way in ("down", "up")]
         misfits = [misfit_by(each) for each in tried]
-        if min(misfits) < least:
-            best, least = tried[int(np.argmin(misfits))], min(misfits)
-        elif min(misfits) >= misfit:
+        if min(misfits) >= least:
             break
+        best, least = tried[int(np.argmin(misfits))], min(misfits)
     if best is None:
         return ""
     return (
