@@ -132,7 +132,7 @@ def main(count: int = NUM_SCENES) -> None:
     """Measure, store and print, of as many scenes as are asked for."""
     jax.config.update("jax_enable_x64", True)
     path = harness.RESULTS / "moving_objects.json"
-    rows = json.loads(path.read_text())["rows"] if path.is_file() else []
+    rows = json.loads(path.read_text(encoding="utf-8"))["rows"] if path.is_file() else []
     for seed in range(count):
         if all(row["seed"] != seed for row in rows):
             rows += measured(seed)

@@ -36,7 +36,7 @@ $q = 2R\,T\lambda\,/\,(\bar f + \sigma^2/2RT)$.
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -148,7 +148,7 @@ def water_filled(
     root = np.sqrt(mass / width)
     budget, cap = np.broadcast_arrays(np.asarray(budget, float), np.asarray(cap, float))
 
-    def poured(level: Any) -> Any:
+    def poured(level: np.ndarray) -> np.ndarray:
         return np.clip(root * np.exp(level)[..., None] - 1, 0, cap[..., None])
 
     # Between these levels the lowest cell is dry, and the highest is at the cap.

@@ -35,6 +35,10 @@ _MOST_PX_A_PANEL = 10.0
 """Way over a panel beyond which its nodes are refused: they hold it to 1e-7; px."""
 
 
+Index = slice | int | Sequence[int] | np.ndarray
+"""Some of the exposures."""
+
+
 class Instants(NamedTuple):
     """Instants of exposures, and where the sensor is then; arrays of JAX where these are traced."""
 
@@ -117,12 +121,12 @@ class Instants(NamedTuple):
         each = [np.max(np.abs(self.displacement(v)), axis=(1, 2)) for v in velocities]
         return np.max(each, axis=0).tolist()
 
-    def some(self, index: Any) -> "Instants":
+    def some(self, index: Index) -> "Instants":
         """Those of some of the exposures."""
         time, place, weight, exposure = self
         return Instants(time[index], place[:, index], weight[index], exposure[index])
 
-    def part(self, index: Any) -> "Instants":
+    def part(self, index: Index) -> "Instants":
         """Those of some exposures, from the mean of their own times and places on."""
         some = self.some(index)
         middle = np.mean(some.place, axis=(1, 2), keepdims=True)

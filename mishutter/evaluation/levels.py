@@ -22,7 +22,7 @@ derivatives by all of them.
 
 import math
 from contextlib import nullcontext
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -30,6 +30,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from mishutter._core.checks import (
+    Numbers,
     all_concrete,
     as_float,
     as_numpy,
@@ -229,11 +230,11 @@ def components_on(scene: Scene, fan: Fan, num_speeds: int) -> Components:
 class Light(NamedTuple):
     """Light, noise and picture of a scene; of NumPy where they are known."""
 
-    rate: Any  # e-/s
-    read: Any  # e-
-    mean: Any  # white = 1
-    deviation: Any  # white = 1
-    blur: Any  # px
+    rate: Numbers  # e-/s
+    read: Numbers  # e-
+    mean: Numbers  # white = 1
+    deviation: Numbers  # white = 1
+    blur: Numbers  # px
 
     @staticmethod
     def of(scene: Scene) -> "Light":
@@ -260,7 +261,7 @@ class Light(NamedTuple):
 @alone_in_blas()
 def left(
     scene: Scene, instants: Instants, fan: Fan, num_speeds: int, compiled_as: np.dtype | None = None
-) -> Any:
+) -> Numbers | np.floating:
     """Squared error that is left, white = 1; by NumPy if all is known, but for a precision."""
     parts = components_on(scene, fan, num_speeds)
     numbers = fan, parts, Light.of(scene), instants, Strips.of(scene)
@@ -272,7 +273,7 @@ def left(
 
 def error_left(
     fan: Fan, parts: Components, light: Light, instants: Instants, strips: Strips | None
-) -> Any:
+) -> Numbers | np.floating:
     """Squared error that is left, of numbers that are all of NumPy or all of JAX."""
     space, signal = namespace_of(fan.radius), light.signal(fan)
     gains = light.gains(instants.exposure)
@@ -369,7 +370,7 @@ def power_of_waves(
     return real**2 + imaginary**2
 
 
-def psnr_of(error: Any, dtype: np.dtype) -> Float[Array, ""]:
+def psnr_of(error: Numbers | np.floating | float, dtype: np.dtype) -> Float[Array, ""]:
     """The level of a squared error; dB."""
     if not all_concrete(error):
         return -10 * jnp.log10(error)

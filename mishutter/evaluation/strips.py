@@ -14,12 +14,12 @@ place. That leaves $2\sigma^2\delta^2$ there, of pictures of the variance $\sigm
 (`benchmarks/strips.py`), from 3 to 20 ms at 315 to 855 px/s.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Array, Float
 
-from mishutter._core.checks import as_numpy, namespace_of
+from mishutter._core.checks import Numbers, as_numpy, namespace_of
 from mishutter.model.scene import Scene
 from mishutter.model.velocities import Components
 
@@ -32,8 +32,10 @@ _OUTLINES = 0.17
 class Strips(NamedTuple):
     """Objects before a background at rest; of NumPy where they are known."""
 
-    share: Any  # Share of the picture that is not hidden now and is at a time far away
-    edges: Any  # Edges to a pixel, along the way of the objects
+    share: (
+        Numbers | np.floating
+    )  # Share of the picture that is not hidden now and is at a time far away
+    edges: Numbers | np.floating  # Edges to a pixel, along the way of the objects
     speeds: Float[Array | np.ndarray, "v"]  # Of objects before the background; px/s
     rates: Float[Array | np.ndarray, "v"]  # Rates at which edges pass, 1/s
     weights: Float[Array | np.ndarray, "v"]  # How often each occurs
@@ -77,7 +79,7 @@ class Strips(NamedTuple):
         shares = self.share * (kept[:-1] - kept[1:])
         return space.concatenate([shares, shares]), space.concatenate(seen) ** 2
 
-    def outlines(self, exposure: Float[Array | np.ndarray, "n"]) -> Any:
+    def outlines(self, exposure: Float[Array | np.ndarray, "n"]) -> Numbers | np.floating | float:
         """Squared error that outlines leave, over the variance of pictures.
 
         One exposure, of which no outline is found, loses nothing.

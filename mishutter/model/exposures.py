@@ -14,7 +14,7 @@ from jaxtyping import Float
 from mishutter._core.checks import require_known
 from mishutter.model.limits import Limits
 from mishutter.model.motion import AbstractMotion
-from mishutter.model.scene import Scene, require_scene, require_velocities
+from mishutter.model.scene import Scene, require_one_axis, require_scene, require_velocities
 from mishutter.model.sequences import (
     SINE,
     SINGLE,
@@ -191,9 +191,10 @@ class Exposures:
         path where they have none. There is no path where the stage stays at rest, or no limit says
         how it gets to a velocity. In the plane each is about the middle of its travel.
         """
-        require_scene(scene, in_plane=self.path is not None)
+        require_scene(scene, in_plane=True)
         limits = scene.limits
         if self.path is None:
+            require_one_axis(scene)
             path = self.stage_path_within(limits)
             return {} if path is None else {"": path}
         paths = of_stage(self.path, self._turning).stage_paths(limits)

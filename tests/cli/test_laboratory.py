@@ -126,6 +126,11 @@ OPTIONS = {
         ["export", "{j}", "--format", "pulses", "--levels", "9"],
         "`--format pulses` must have 2 levels from 0 to 1; got 9 levels from 0 to 1",
     ),
+    "one-level": (["export", "{j}", "--levels", "1"], "; got '1'"),
+    "ceiling-of-export": (
+        ["export", "{j}", "--ceiling", "0"],
+        "must lie above the floor 0 and up to 1; got 0.0",
+    ),
     "no-such-format": (["export", "{j}", "--format", "wav"], "; got 'wav'"),
 }
 

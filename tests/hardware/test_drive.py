@@ -9,7 +9,6 @@ from itertools import groupby
 import numpy as np
 import pytest
 from scipy.signal import lsim
-from support.command_line import messages
 from support.designs import MOTION, SCENE
 from support.drive import a_design
 
@@ -24,20 +23,12 @@ from mishutter import (
     ParabolicMotion,
     Scene,
     SecondOrderStage,
-    SplineShutter,
     StillCamera,
     SwitchedDevice,
     cli,
     drive_table,
     evaluate,
 )
-
-
-@pytest.fixture(scope="module")
-def saved(tmp_path_factory):
-    path = tmp_path_factory.mktemp("design") / "design.json"
-    a_design(SplineShutter([0.2, 0.7, 0.9, 1.0, 0.4])).save(path)
-    return path
 
 
 def test_step_means_are_the_integral_of_the_profile():
@@ -317,28 +308,6 @@ def test_what_no_hardware_has_is_refused(slug):
     arguments, message = BAD[slug]
     with pytest.raises(ValueError, match=message):
         drive_table(a_design(HannShutter()), **arguments)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["export"], "got nothing"),
-        (["export", "no.json"], "must exist; got: file not found"),
-        (["export", "{saved}", "--levels", "1"], "; got '1'"),
-        (
-            ["export", "{saved}", "--ceiling", "0"],
-            "must lie above the floor 0 and up to 1; got 0.0",
-        ),
-        (["export", "{saved}", "--out", "/dev/null/x"], "must be a writable folder"),
-    ],
-)
-def test_mistakes_are_one_line(arguments, message, saved, capsys):
-    """Exit code 2, nothing on standard output, one line on standard error."""
-    code = cli.main([argument.format(saved=saved) for argument in arguments])
-    out, err = capsys.readouterr()
-    (line,) = messages(err)
-    assert (code, out) == (2, "")
-    assert message in line
 
 
 def test_a_shutter_alone_is_noa_design():

@@ -620,49 +620,6 @@ def test_a_ceiling_that_listed_speeds_exceed_is_theirs():
     assert line.split()[4:] == [f"{level:.1f}", f"{level - 20.0:+.1f}", "-"]
 
 
-@pytest.mark.slow
-def test_people_are_answered_right():
-    """Their scenes, by the rows that a command computes.
-
-    A belt with a stage moves it while frames are taken; a microscope that takes twenty frames of
-    what swims takes them at rest; a telephone moves its stabiliser, which gains 1.1 dB over rest.
-    """
-    for slug, (scene, needs, words) in PEOPLE.items():
-        design = optimise(scene, num_starts=2, max_steps=40, num_coefficients=6)
-        comparison = compare(scene, design, every=False)
-        assert comparison.choice.needs == needs, slug
-        assert words in first(comparison), slug
-        at_rest = comparison.row(BEST_SNAPSHOT).level
-        assert comparison.choice.level > at_rest + 0.5, slug
-        levels = [row.level for row in comparison.options]
-        assert levels == sorted(levels), slug
-
-
-def _scene(fastest, slowest, rate, noise, most_exposure, **others):
-    speeds = np.linspace(slowest, fastest, 9)
-    limits = Limits(max_stroke=40.0, max_half_exposure=most_exposure / 2, max_top_speed=8000.0)
-    return Scene(speeds, photon_rate=rate, read_noise=noise, limits=limits, **others)
-
-
-PEOPLE = {
-    "a belt at 120 frames/s": (
-        _scene(4490.0, 1633.0, 1.8e6, 2.4, 0.025, burst=BurstMode(frames_per_s=120.0)),
-        ("registration", "stage"),
-        "Take 3 frames",
-    ),
-    "a microscope at 100 frames/s": (
-        _scene(250.0, -250.0, 2e3, 1.6, 0.2, burst=BurstMode(frames_per_s=100.0, max_frames=20)),
-        ("registration",),
-        "Take 20 frames",
-    ),
-    "a telephone at 240 frames/s": (
-        _scene(900.0, -900.0, 3e5, 1.5, 0.1, burst=BurstMode(frames_per_s=240.0, max_frames=16)),
-        ("registration", "stage"),
-        "Take 16 frames while the stage sweeps",
-    ),
-}
-
-
 def test_the_owner_of_nothing_buys_the_stage_that_pans():
     """Gains of purchases are over the snapshot at rest, unless the camera is turned to pan."""
     levels = {"a": 24.75, BEST_SNAPSHOT: 21.5, BEST_PANNED_SNAPSHOT: 23.25}

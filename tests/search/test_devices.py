@@ -23,7 +23,6 @@ from mishutter import (
     StillCamera,
     SwitchedDevice,
     compare,
-    drive_table,
     evaluate,
     optimise,
     sweep,
@@ -101,23 +100,6 @@ def test_a_sweep_measures_an_open_profile_without_the_device():
     for name in metrics:
         assert point[name].item() == pytest.approx(float(getattr(opened, name)), rel=1e-5)
     assert point.loss.item() == pytest.approx(0, abs=1e-6)
-
-
-@pytest.mark.slow
-def test_a_design_through_a_device_is_saved(tmp_path):
-    """Its command, its device and its full well come back, and the same numbers."""
-    burst = BurstMode(frames_per_s=99.0, max_frames=2)
-    scene = _scene(device=LEAKY, sensor=Sensor(full_well=4e4), burst=burst)
-    found = optimise(scene, MOTION, HannShutter(), free="half_exposure")
-    found.save(tmp_path / "design.json")
-    read = Design.load(tmp_path / "design.json")
-    assert isinstance(read.command, HannShutter)
-    assert str(read.metrics) == str(found.metrics)
-    assert read.scene.burst.max_frames == 2
-    assert float(read.scene.sensor.full_well) == 4e4
-    levels = drive_table(read, num_steps=16)
-    np.testing.assert_allclose(levels.wanted.mean(), 0.5, atol=1e-6)
-    assert float(levels.metrics().efficiency) == pytest.approx(0.8 * (0.2 + 0.8 / 2), abs=1e-2)
 
 
 SHUTTERS = {"free": None, "Hann": HannShutter(), "rect": RectShutter()}

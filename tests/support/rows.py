@@ -73,7 +73,9 @@ def made_up(levels: dict[str, float]) -> list[Row]:
 
 def changed(row: Row, **parts: object) -> Row:
     """A row of which some parts are others, or the motion, the shutter or the pan of its camera."""
-    own = {name: parts.pop(name) for name in ("motion", "shutter", "pan") if name in parts}
+    own = {name: parts.pop(name) for name in ("shutter", "pan") if name in parts}
+    if "motion" in parts:
+        own["frames"] = (TimedFrame(parts.pop("motion"), 0.0),)
     exposures = replace(parts.pop("exposures", row.exposures), **own)
     return replace(row, exposures=exposures, **parts)
 
