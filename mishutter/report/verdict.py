@@ -415,8 +415,8 @@ def _on_background(layers: Occlusion) -> str:
         return f"Levels of frames ignore edges, for want of `object_width_px`. {why}"
     return (
         "Levels of frames count what edges cost `restore`, which finds speeds and outlines in "
-        "frames at rest: they are its mean over photographs at 1e5 e-/s, of which one is 2 dB "
-        f"above or below. {why}"
+        "frames at rest: told the speeds, they are its mean over photographs at 1e5 e-/s, of which "
+        f"one is 2 dB above or below; where it found them, it lost 1 dB more. {why}"
     )
 
 
