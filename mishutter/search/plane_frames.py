@@ -30,6 +30,7 @@ from mishutter.search.frame_search import (
     End,
     again,
     best_of,
+    near,
     shaken,
 )
 from mishutter.search.frame_ties import (
@@ -290,7 +291,7 @@ class _Stage(NamedTuple):
         if best is None:
             return []
         progress(0.9)
-        return [best, *again(self.levels, self.room, best, times=1)]
+        return [best, *again(self.levels, self.room, best, near(self.room), times=1)]
 
     def made(self, frames: Frames) -> PlaneFrames:
         """The frames and the path of the sensor through them, in the plane."""
