@@ -33,6 +33,7 @@ ALL = (
     "layered_photographs",
     "layered_bursts",
     "strips",
+    "moving_objects",
     "objects",
     "footage",
     "rolling",

@@ -19,7 +19,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import PchipInterpolator
-from scipy.optimize import minimize, minimize_scalar
+from scipy.optimize import brentq, minimize, minimize_scalar
 from support.burst_levels import (
     FrameGroup,
     burst_psnr,
@@ -145,10 +145,23 @@ def cell(window: float, count: int, light: float, noise: float) -> dict[str, Any
         **found[kind],
         "duty": unlimited_exposure(scene, count) * rate,
         # Of a camera that takes as many frames as it likes.
-        "equal frames/s": StillBursts(scene_of(light, noise), window=window).rate_that_equals(
-            found[kind]["moving dB"], most=1e4
+        "equal frames/s": rate_that_equals(
+            StillBursts(scene_of(light, noise), window=window), found[kind]["moving dB"]
         ),
     }
+
+
+def rate_that_equals(stills: StillBursts, psnr: float) -> float | None:
+    """The least frame rate at which frames at rest have a level, or None below 10,000 1/s.
+
+    There is none either where one long exposure has the level.
+    """
+
+    def above(rate: float) -> float:
+        return stills.best(rate).psnr - psnr
+
+    ends = 1.0, 1e4
+    return brentq(above, *ends, rtol=1e-9) if above(ends[0]) < 0 <= above(ends[1]) else None
 
 
 def alternating(count: int, period: float, half: float, speed: float) -> FrameGroup:

@@ -29,11 +29,13 @@ ROWS, COLUMNS, FIRST_ROW = 192, 320, 100
 SPEEDS = (-900, -450, 0, 450, 900)
 """Speeds of the scenes, px/s, at all of which the photograph passes."""
 ONE_WAY = tuple(range(200, 1101, 225))
-DISC, DIRECTIONS = 700.0, 5
+DISC, DIRECTIONS = 700.0, 2
 """Greatest velocity in any direction, px/s, and how many are taken, evenly over the disc."""
 WIDTH = 60
 """Width of the details that move; px."""
 BURST = "[burst]\nframes_per_s = 60\nmax_frames = 4\nwindow_ms = 60\n"
+ALONE = "[burst]\nframes_per_s = 30\nmax_frames = 1\n"
+"""Of a camera whose frames cannot be registered, so that one exposure is the answer."""
 SCENE = """[speeds]
 {speeds}
 [light]
@@ -49,7 +51,7 @@ path = "photograph.png"
 {sections}"""
 TEXT = """## The answer of each kind of scene, and what comes of it
 
-PSNR of the recommended option of a scene of each kind, dB, in the mean over {count} photographs of
+PSNR of the recommended option of a scene of each kind, dB, in the mean over some photographs of
 {rows} x {columns} px: as told, and as found in the picture that was exported, simulated and
 restored by the commands, over the scene's speeds; the difference with its standard deviation over
 the photographs. Before a background and of several objects, two details of {width} px move before
@@ -87,7 +89,7 @@ class Kind(NamedTuple):
 
 
 KINDS = {
-    "along rows": Kind(SPEEDS, ""),
+    "along rows": Kind(SPEEDS, ALONE),
     "along columns": Kind(SPEEDS, BURST, axis="columns"),
     "one-way speeds": Kind(ONE_WAY, BURST),
     "known speeds": Kind(SPEEDS, BURST + '[decoder]\nspeed = "known"\n'),
@@ -101,10 +103,10 @@ KINDS = {
     "objects in any direction": Kind(
         None, BURST + f"[objects]\nwidth_px = {WIDTH}\n", has_layers=True
     ),
-    "servo": Kind(SPEEDS, "[stage]\nbandwidth_hz = 300\n"),
-    "device": Kind(SPEEDS, "[shutter]\ntransmission = 0.8\nrise_ms = 1\nlevels = 16\n"),
+    "servo": Kind(SPEEDS, ALONE + "[stage]\nbandwidth_hz = 300\n"),
+    "device": Kind(SPEEDS, ALONE + "[shutter]\ntransmission = 0.8\nrise_ms = 1\nlevels = 16\n"),
     "tolerances": Kind(
-        SPEEDS, "[tolerances]\nobject_speed_px_per_s = 10\nacceleration_share = 0.02\n"
+        SPEEDS, ALONE + "[tolerances]\nobject_speed_px_per_s = 10\nacceleration_share = 0.02\n"
     ),
 }
 
@@ -168,23 +170,25 @@ def measured(kind: Kind, light: np.ndarray) -> dict:
     answer = typed(
         "optimise", "scene.toml", "--noise-seeds", "0", "--starts", "4", "--out", str(own)
     )
-    (row,) = (x for x in answer["rows"] if x["name"] == answer["choice"])
+    # A shutter stands there at the motion of the design too, which is not its best.
+    told = max(row["psnr_db"] for row in answer["rows"] if row["name"] == answer["choice"])
     typed("export", str(own), "--out", str(own / "lab"))
     light = np.asarray(read_picture("photograph.png").luminance, np.float64)
     error = error_before(kind, light, own) if kind.has_layers else error_alone(kind, own)
     return {
         "option": answer["verdict"].splitlines()[0],
-        "told": row["psnr_db"],
+        "told": told,
         "found": decibels(error),
     }
 
 
-def main(count: int = len(PHOTOGRAPHS)) -> None:
-    """Print the table, once so many photographs are restored."""
+def main(count: str = f"{len(PHOTOGRAPHS)}", *names: str) -> None:
+    """Print the table, once so many photographs are restored of some kinds, or of all."""
     kept = harness.RESULTS / "kinds.json"
     every = json.loads(kept.read_text("utf-8"))["rows"] if kept.exists() else []
-    for photograph, (name, kind) in itertools.product(PHOTOGRAPHS[:count], KINDS.items()):
-        at = {"kind": name, "photograph": photograph}
+    chosen = PHOTOGRAPHS[: int(count)], names or KINDS
+    for photograph, name in itertools.product(*chosen):
+        at, kind = {"kind": name, "photograph": photograph}, KINDS[name]
         if all(at.items() - row.items() for row in every):
             whole = np.asarray(shipped_picture(photograph).luminance, np.float64)
             light = whole[FIRST_ROW : FIRST_ROW + ROWS, :COLUMNS]
@@ -193,22 +197,24 @@ def main(count: int = len(PHOTOGRAPHS)) -> None:
             print(every[-1], flush=True)
             harness.write("kinds", every)
     rows = []
-    for name in KINDS:
+    for name in dict.fromkeys(row["kind"] for row in every):
         own = [row for row in every if row["kind"] == name]
         told, found = (np.array([each[key] for each in own]) for key in ("told", "found"))
         off = found - told
+        spread = f" ± {off.std(ddof=1):.1f}" if len(own) > 1 else ""
         rows.append(
             {
                 "kind of scene": name,
+                "photographs": f"{len(own)}",
                 "told": f"{told.mean():.1f}",
                 "found": f"{found.mean():.1f}",
-                "found less told": f"{off.mean():+.1f} ± {off.std(ddof=1):.1f}",
+                "found less told": f"{off.mean():+.1f}{spread}",
             }
         )
     table = harness.table(rows, [*rows[0]])
-    numbers = {"count": count, "rows": ROWS, "columns": COLUMNS, "width": WIDTH}
+    numbers = {"rows": ROWS, "columns": COLUMNS, "width": WIDTH}
     harness.section("kinds", TEXT.format(table=table, **numbers))
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+    main(*sys.argv[1:])

@@ -98,8 +98,8 @@ def cell(count: int, light: float, noise: float) -> dict[str, Any]:
         "still dB": max(found[STILLS].psnr, found[BRACKETED].psnr),
         "still ms": 1e3 * exposure,
         "moving dB": found[TWO_SINES].psnr,
-        "travel px": float(found[TWO_SINES].use.travel),
-        "top speed": float(found[TWO_SINES].use.top_speed) / TOP_SPEED,
+        "travel px": found[TWO_SINES].travel,
+        "top speed": float(found[TWO_SINES].use_within(scene.limits).top_speed) / TOP_SPEED,
         "duty": unlimited_exposure(scene, count) * rate,
         "signal": mean * light * exposure / noise**2,
     }

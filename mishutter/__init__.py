@@ -34,12 +34,13 @@ Designs and their rivals
     best_sequence             the frames to take of a camera with a `BurstMode`
     best_in_plane             the frames to take of things that move in any direction
     PlaneSearch               what it returns: the best frames of each kind of way
-    PlaneBurst                one of them: frames, path and level
+    PlaneBurst                `Exposures` by another name, of those in the plane
     PlaneDesign               one of them with its scene, and their file
     PlaneFrames               frames and a path in the plane
-    plane_psnr                level of such frames
+    plane_psnr                `exposures_psnr` by another name
     exposures_psnr            level of frames along an axis or in the plane, with derivatives
-    FrameSequence             what `best_sequence` returns: frames, their kind and their level
+    Exposures                 what `best_sequence` returns: frames, their path and their level
+    FrameSequence             `Exposures` by another name, of those along one axis
     TimedFrame                one of its frames: motion, time and place
     starting_shutter          the free-form profile that a search starts from
     DesignParameters          designs within the limits, for your own optimisers
@@ -160,7 +161,7 @@ In the laboratory
     SensorLevels              the conversion of electrons to levels
 
 Folders, whose further names are for those who extend the package
-    blur, camera, decoding, design, evaluation, hardware, measurement, model, pictures, plane,
+    blur, camera, decoding, design, evaluation, hardware, measurement, model, pictures,
     report, search, sweeps
 """
 

@@ -8,7 +8,6 @@ from . import hardware as hardware
 from . import measurement as measurement
 from . import model as model
 from . import pictures as pictures
-from . import plane as plane
 from . import report as report
 from . import search as search
 from . import sweeps as sweeps
@@ -37,8 +36,8 @@ from .decoding.decoders.speed import SpeedEstimate as SpeedEstimate
 from .decoding.decoders.speed import estimate_speed as estimate_speed
 from .decoding.decoders.speed_finding import SpeedFindingDecoder as SpeedFindingDecoder
 from .decoding.decoders.total_variation import TotalVariationDecoder as TotalVariationDecoder
+from .decoding.frame_velocity import VelocityEstimate as VelocityEstimate
 from .decoding.image_quality import psnr as psnr
-from .decoding.plane_velocity import VelocityEstimate as VelocityEstimate
 from .decoding.restoration import deconvolve as deconvolve
 from .decoding.restoration import restore_photograph as restore_photograph
 from .decoding.sequences import RestoredFrames as RestoredFrames
@@ -49,6 +48,7 @@ from .design.design import Design as Design
 from .design.design import Outcome as Outcome
 from .evaluation.ceilings import ceiling as ceiling
 from .evaluation.levels import exposures_psnr as exposures_psnr
+from .evaluation.levels import plane_psnr as plane_psnr
 from .evaluation.losses import AbstractLoss as AbstractLoss
 from .evaluation.losses import AbstractResponseLoss as AbstractResponseLoss
 from .evaluation.losses import DesignLoss as DesignLoss
@@ -77,11 +77,14 @@ from .hardware.trace_files import read_trace as read_trace
 from .hardware.traces import measured_profile as measured_profile
 from .hardware.triggers import FrameTable as FrameTable
 from .hardware.triggers import frame_table as frame_table
-from .measurement.measurement import Measurement as Measurement
 from .measurement.measurement import measure as measure
+from .measurement.scene import Measurement as Measurement
 from .model.devices import FirstOrderDevice as FirstOrderDevice
 from .model.devices import IdealDevice as IdealDevice
 from .model.devices import SwitchedDevice as SwitchedDevice
+from .model.exposures import Exposures as Exposures
+from .model.exposures import FrameSequence as FrameSequence
+from .model.exposures import PlaneBurst as PlaneBurst
 from .model.limits import Limits as Limits
 from .model.measurement_errors import MeasurementErrors as MeasurementErrors
 from .model.motion import FreeMotion as FreeMotion
@@ -98,7 +101,7 @@ from .model.scene_units import View as View
 from .model.scene_units import read_noise_from_dynamic_range as read_noise_from_dynamic_range
 from .model.sensor import BurstMode as BurstMode
 from .model.sensor import Sensor as Sensor
-from .model.sequences import FrameSequence as FrameSequence
+from .model.sequences import PlaneFrames as PlaneFrames
 from .model.sequences import TimedFrame as TimedFrame
 from .model.servos import SecondOrderStage as SecondOrderStage
 from .model.shutters.base import AbstractPiecewiseShutter as AbstractPiecewiseShutter
@@ -144,8 +147,5 @@ from .design.design import PlaneDesign as PlaneDesign
 from .model.velocities import EvenVelocities as EvenVelocities
 from .model.velocities import ListedVelocities as ListedVelocities
 from .model.velocities import RingOfVelocities as RingOfVelocities
-from .plane.bursts import PlaneBurst as PlaneBurst
-from .plane.frames import PlaneFrames as PlaneFrames
-from .plane.levels import plane_psnr as plane_psnr
 from .search.plane_frames import PlaneSearch as PlaneSearch
 from .search.plane_frames import best_in_plane as best_in_plane

@@ -23,7 +23,6 @@ FLOORS = [
     {"search", "measurement"},
     {"camera"},
     {"design"},
-    {"plane"},
     {"evaluation"},
     {"blur"},
     {"model"},

@@ -1,31 +1,24 @@
 """Draw `bursts.png`: a detail by one snapshot, by stills, and by frames of a sensor that moves.
 
-Frames that are alike and registered are restored as one exposure with the light and the read
-noise of all of them. Run it as `python docs/figures/bursts.py`.
+Run it as `python docs/figures/bursts.py`.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
-import equinox as eqx
 import jax
 import matplotlib.pyplot as plt
 import numpy as np
 
 jax.config.update("jax_enable_x64", True)
 
-from opening import LETTERS, ROWS, recorded_from, show  # noqa: E402
+from opening import LETTERS, ROWS, show  # noqa: E402
 
-from mishutter import (  # noqa: E402
-    BurstMode,
-    LinearMotion,
-    RectShutter,
-    TotalVariationDecoder,
-    example_picture,
-    example_scene,
-)
-from mishutter.decoding.restoration import restore_by_each  # noqa: E402
-from mishutter.evaluation.bursts import StillBursts  # noqa: E402
-from mishutter.search.moving_frames import best_moving_burst  # noqa: E402
+from mishutter import BurstMode, TotalVariationDecoder, example_picture, example_scene  # noqa: E402
+from mishutter.decoding.image_quality import psnr  # noqa: E402
+from mishutter.decoding.restoration import behind_optics  # noqa: E402
+from mishutter.decoding.simulation import capture_and_restore  # noqa: E402
+from mishutter.search.sequences import best_bursts  # noqa: E402
 
 SPEED, RATE, MOST = 3000.0, 60.0, 4
 """Of the picture, px/s; of the camera's frames, 1/s; of frames in a burst."""
@@ -34,7 +27,7 @@ SPEED, RATE, MOST = 3000.0, 60.0, 4
 def main():
     """Draw the figure and save it beside this script."""
     plt.rcParams.update({"font.size": LETTERS})
-    light, scene = example_picture().light[ROWS], example_scene()
+    light = example_picture().light[ROWS]
     figure, axes = plt.subplots(2, 4, figsize=(8.4, 3.6), layout="constrained")
     show(axes[0, 0], light, "the scene")
     axes[1, 0].axis("off")
@@ -46,54 +39,32 @@ def main():
         va="center",
         transform=axes[1, 0].transAxes,
     )
-    for (above, below), (name, (count, motion)) in zip(
-        axes.T[1:], bursts(scene).items(), strict=True
-    ):
-        camera = motion, RectShutter()
-        decoders = {name: TotalVariationDecoder()}
-        given = {"speeds": [SPEED], "num_seeds": 1}
-        frame = restore_by_each(light, scene, *camera, decoders, **given)[name]
-        together = added_up(scene, count)
-        result = restore_by_each(light, together, *camera, decoders, decoder_speed="known", **given)
-        first = recorded_from(light, np.asarray(frame.reference))
-        show(above, frame.captured[0], name, first)
-        level = result[name].linear_psnr[0]
-        show(below, result[name].restored[0], f"restored: {level:.1f} dB", first)
-        print(f"{name}: {level:.2f} dB, expected {result[name].expected_psnr:.2f}")
+    snapshot, (stills, moving) = best_bursts(camera(1))[0], best_bursts(camera(MOST))
+    every = {"snapshot": snapshot, "stills": stills, "moving": moving}
+    for (above, below), (name, taken) in zip(axes.T[1:], every.items(), strict=True):
+        result = capture_and_restore(
+            light,
+            camera(MOST),
+            taken,
+            speed=SPEED,
+            decoder=TotalVariationDecoder(),
+            key=jax.random.key(0),
+        )
+        last = taken.frames[-1]
+        size = f"{1e3 * last.exposure:.1f} ms"
+        words = f"{name},\n{size}" if taken.num_frames == 1 else f"1 of {MOST} {name},\n{size}"
+        moved = round(SPEED * last.time - last.position)
+        show(above, np.roll(result.captured[-1], moved, axis=1), words)
+        level = psnr(behind_optics(light, camera(MOST)), result.restored)
+        show(below, result.restored, f"restored: {level:.1f} dB")
+        print(f"{name}: {taken.text}, {level:.2f} dB")
     figure.savefig(Path(__file__).with_suffix(".png"), dpi=125)
 
 
-def added_up(scene, num_frames):
-    """The scene of one exposure that is as good as equal frames together: their |H|^2/N adds up."""
-    levels = scene.photon_rate * num_frames, scene.read_noise * np.sqrt(num_frames)
-    return eqx.tree_at(lambda s: (s.photon_rate, s.read_noise), scene.without_metadata(), levels)
-
-
-def bursts(scene):
-    """Number of frames and motion of each burst, by the text above the first of its frames."""
-    at_rest = StillBursts(scene)
-    snapshot, stills = (at_rest.best(RATE, max_frames=count) for count in (1, MOST))
-    moving = best_moving_burst(with_frames(scene, MOST))
-    return {
-        f"snapshot,\n{1e3 * snapshot.exposure:.1f} ms": (
-            1,
-            LinearMotion(half_exposure=snapshot.exposure / 2),
-        ),
-        f"1 of {stills.num_frames} stills,\n{1e3 * stills.exposure:.1f} ms": (
-            stills.num_frames,
-            LinearMotion(half_exposure=stills.exposure / 2),
-        ),
-        f"1 of {moving.num_frames} moving,\n{1e3 * moving.frames[0].exposure:.0f} ms": (
-            moving.num_frames,
-            moving.frames[0].motion,
-        ),
-    }
-
-
-def with_frames(scene, count):
-    """The scene of a camera that takes so many frames."""
+def camera(count):
+    """The built-in scene of a camera that takes up to so many frames and knows the speed."""
     burst = BurstMode(frames_per_s=RATE, max_frames=count)
-    return eqx.tree_at(lambda s: s.burst, scene, burst, is_leaf=lambda x: x is None)
+    return replace(example_scene(), burst=burst, decoder_speed="known")
 
 
 if __name__ == "__main__":

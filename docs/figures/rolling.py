@@ -23,7 +23,7 @@ from mishutter import (
     TimedFrame,
     simulate_frames,
 )
-from mishutter.model.sequences import AxisPath
+from mishutter.model.exposures import Exposures
 
 PERIOD, READOUT, STROKE = 0.02, 0.015, 54.6
 LIGHT = {"photon_rate": 1e5, "read_noise": 8.0}
@@ -56,7 +56,7 @@ def main():
     left.set(xlim=(-50, 50), ylim=(1, 0), xlabel="time / ms", yticks=[0, 0.5, 1])
     left.set_yticklabels(["first\nrow", "middle", "last\nrow"])
     left.set_title("rows are exposed one after another, within 15 ms", fontsize=10)
-    path = AxisPath.of(frames(), READOUT, Limits())
+    path = Exposures("", tuple(frames())).path_for_rows(READOUT, Limits())
     share = np.linspace(-0.5, 0.5, 201)
     for delay, name in ((-READOUT / 2, "first"), (0.0, "middle"), (READOUT / 2, "last")):
         time = -PERIOD / 2 + share * PERIOD + delay

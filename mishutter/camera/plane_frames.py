@@ -20,7 +20,7 @@ from mishutter.camera.rows import MARGIN, Planes, bands_of, instants_within_reac
 from mishutter.evaluation.instants import Instants
 from mishutter.model.optics import NYQUIST_FREQUENCY, Optics, lens_response
 from mishutter.model.scene import Scene
-from mishutter.plane.frames import PlaneFrames
+from mishutter.model.sequences import PlaneFrames
 
 
 def responses_in_plane(

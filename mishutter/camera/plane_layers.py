@@ -29,7 +29,7 @@ from mishutter.camera.rows import (
 from mishutter.evaluation.instants import Instants
 from mishutter.model.optics import Optics
 from mishutter.model.scene import Scene
-from mishutter.plane.frames import PlaneFrames
+from mishutter.model.sequences import PlaneFrames
 
 _BOTH = (-2, -1)
 _APART = 4

@@ -16,9 +16,9 @@ from jaxtyping import Array, ArrayLike, Complex, Float
 
 from mishutter._core.checks import is_concrete, namespace_of, require
 from mishutter.evaluation.instants import Frames, Instants
-from mishutter.model.exposures import AbstractPath
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.sensor import Sensor
+from mishutter.model.sequences import FramePath
 
 rfftn: Callable[..., np.ndarray] = scipy.fft.rfftn  # type: ignore[assignment]
 irfftn: Callable[..., np.ndarray] = scipy.fft.irfftn  # type: ignore[assignment]
@@ -80,7 +80,14 @@ def pixel_by_pixel(
 ) -> Float[np.ndarray, "... pixels"]:
     """Pixels of periodic rows, from one on, each through a response of its own."""
     waves = waves_at(first, response.shape[0], period)
-    return np.real(spectrum @ (response * waves * (counted_in(period) / period)).T)
+    return pixels_through(response * waves, spectrum, period)
+
+
+def pixels_through(
+    matrix: Complex[np.ndarray, "*s pixels k"], spectrum: Complex[np.ndarray, "... k"], period: int
+) -> Float[np.ndarray, "... pixels"]:
+    """Pixels of periodic rows, each through its response times the waves of a DFT there."""
+    return np.real((spectrum * (counted_in(period) / period)) @ np.swapaxes(matrix, -1, -2))
 
 
 def waves_at(first: int, count: int, period: int) -> Complex[np.ndarray, "{count} k"]:
@@ -104,10 +111,10 @@ def instants_within_reach(
 ) -> Instants:
     """Instants of frames at a velocity that displaces light by no more than `MAX_REACH`."""
     speed = float(np.hypot(*velocity) if velocity.size > 1 else abs(velocity[0]))
-    if isinstance(frames, AbstractPath):
+    if isinstance(frames, FramePath):
         latest = float(np.ptp(frames.times) + (frames.exposures[0] + frames.exposures[-1]) / 2)
     else:
-        latest = max(abs(frame.time) + frame.exposure / 2 for frame in frames)
+        latest = max(abs(float(frame.time)) + frame.exposure / 2 for frame in frames)
     requirement = f"displace light by at most {MAX_REACH} px"
     # Before there are as many nodes as such a displacement would need.
     require(speed * latest <= 2 * MAX_REACH, subject, requirement, speed * latest)

@@ -42,12 +42,11 @@ from mishutter.camera.rows import (
     rows_last,
 )
 from mishutter.evaluation.instants import Instants
-from mishutter.evaluation.levels import path_for_rows
+from mishutter.model.exposures import path_for_rows
 from mishutter.model.optics import Optics
 from mishutter.model.scene import Scene, require_scene
-from mishutter.model.sequences import TimedFrame
+from mishutter.model.sequences import PlaneFrames, TimedFrame
 from mishutter.pictures.images import Picture, pixels_along, transposed
-from mishutter.plane.frames import PlaneFrames
 
 
 def responses_of_frames(

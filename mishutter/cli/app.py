@@ -86,9 +86,9 @@ if TYPE_CHECKING:
     from mishutter.decoding.decoders.base import AbstractDecoder
     from mishutter.design.design import Design
     from mishutter.evaluation.losses import AbstractLoss
+    from mishutter.model.exposures import Exposures
     from mishutter.model.motion import AbstractMotion
     from mishutter.model.scene import Scene
-    from mishutter.model.sequences import FrameSequence
     from mishutter.model.shutters.base import AbstractShutter
     from mishutter.pictures.images import Picture
     from mishutter.report.documents import Report
@@ -355,7 +355,7 @@ def _compared(
     *,
     every: bool,
     judge: "tuple[AbstractDecoder | None, list[Picture]]",
-    bursts: "tuple[FrameSequence, ...]" = (),
+    bursts: "tuple[Exposures, ...]" = (),
 ) -> "Report":
     from mishutter.report.comparison import compare as beside_baselines
     from mishutter.report.documents import Report

@@ -32,7 +32,9 @@ if TYPE_CHECKING:
     from mishutter.model.scene import Scene
     from mishutter.pictures.images import Picture
 
-_NUM_TICKS = 100
+NUM_TICKS = 100
+WHY_RESTORING = "finding what moves and how fast, or compiling"
+"""Why a restoration tells no step for a while."""
 _LEAST_ERROR = 0.01
 """Least error of a speed that is printed; px/s."""
 _LINEAR = "PSNR / dB, linear light"
@@ -148,7 +150,7 @@ def simulate(
     folder = writable_folder(out)
     with (
         interruptible(lambda: AGAIN),
-        progress_bar("capturing and restoring", _NUM_TICKS) as update,
+        progress_bar("capturing and restoring", NUM_TICKS, WHY_RESTORING) as update,
     ):
         settings: dict[str, Any] = {
             "speed": speed,
@@ -156,7 +158,7 @@ def simulate(
             "key": None if noiseless else jax.random.key(seed),
             "full_well": full_well,
             "adc_bits": adc_bits,
-            "progress": lambda text, share: update(int(share * _NUM_TICKS), text),
+            "progress": lambda text, share: update(int(share * NUM_TICKS), text),
         }
         taken, result = _simulated(photographed, scene, camera, settings)
     for each, light in taken.items():
@@ -225,14 +227,16 @@ def _simulated(
         return {"captured": result.captured}, result
     if isinstance(subject, Footage):
         raise ValueError("`--subject` must be a photograph or layers for a burst; got footage.")
-    if scene.occlusion is not None and camera.exposures.moves:
+    exposures = camera.exposures
+    if scene.occlusion is not None and exposures.moves and sum(exposures.rests) < 2:
         raise ValueError(
-            f"`--design` must be of frames at rest, or of one exposure, as {ONE_EXPOSURE} beside "
-            "an answer, to be simulated before a background; got frames that move, and [occlusion]."
+            "`--design` must be of two frames at rest at least, or of one exposure, as "
+            f"{ONE_EXPOSURE} beside an answer, to be simulated before a background; got frames "
+            "that move, and [occlusion]."
         )
     result = capture_and_restore(subject, scene, camera.exposures, **settings)
     if isinstance(subject, Layers) and result.by_object is None:
-        note("restored at one speed: several objects are found in frames at rest alone")
+        note("restored at one speed: several objects are found in two frames at rest or more")
     frames = camera.exposures.of_one_gain(result.captured)
     # A shell lists names of equal length in the order of their numbers.
     digits = len(str(len(frames)))
@@ -257,11 +261,11 @@ def reproduce(
     start_jax()
     from mishutter.paper.reproduction import reproduce as redo
 
-    with interruptible(lambda: AGAIN), progress_bar("reproducing", _NUM_TICKS) as update:
+    with interruptible(lambda: AGAIN), progress_bar("reproducing", NUM_TICKS) as update:
         numbers = redo(
             folder,
             quick=quick,
-            progress=lambda text, share: update(int(share * _NUM_TICKS), text),
+            progress=lambda text, share: update(int(share * NUM_TICKS), text),
         )
     if json:
         write_json(numbers)
@@ -320,7 +324,7 @@ def _warn_beyond(scene: "Scene", speed: float | tuple[float, float]) -> None:
 
 def speed_found(estimate: "Estimate", *, in_burst: bool) -> tuple[str, str]:
     """The speed of a capture or a burst, with its error if it was found, and its trust in words."""
-    from mishutter.decoding.plane_velocity import VelocityEstimate
+    from mishutter.decoding.frame_velocity import VelocityEstimate
 
     if isinstance(estimate, VelocityEstimate):
         x, y = estimate.velocity
@@ -379,7 +383,7 @@ def objects_document(found: "RestoredFrames | None") -> dict[str, object]:
 
 def estimate_document(estimate: "Estimate") -> dict[str, object]:
     """An estimated speed, as JSON has it: null where the capture tells nothing."""
-    from mishutter.decoding.plane_velocity import VelocityEstimate
+    from mishutter.decoding.frame_velocity import VelocityEstimate
 
     numbers: dict[str, object]
     if isinstance(estimate, VelocityEstimate):

@@ -15,7 +15,7 @@ from mishutter.cli.options import JsonOption, as_path, option, path_option
 from mishutter.model.sensor import RowsRead
 
 if TYPE_CHECKING:
-    from mishutter.measurement.measurement import Measurement
+    from mishutter.measurement.scene import Measurement
 
 
 def measure(

@@ -11,6 +11,8 @@ from mishutter._core.checks import Unquoted, require
 from mishutter._core.files import writable_folder
 from mishutter._core.progress import note, progress_bar
 from mishutter.cli.camera import (
+    NUM_TICKS,
+    WHY_RESTORING,
     estimate_document,
     objects_document,
     print_objects,
@@ -37,11 +39,9 @@ if TYPE_CHECKING:
     from mishutter.decoding.simulation import Estimate
     from mishutter.design.design import AbstractDesign
     from mishutter.hardware.recorded_paths import PathDifference
-    from mishutter.model.exposures import AbstractExposures
+    from mishutter.model.exposures import Exposures
     from mishutter.model.scene import Scene
     from mishutter.pictures.images import Capture
-
-_TICKS = 100
 
 
 @takes_camera_files
@@ -203,7 +203,7 @@ def restore(
         names = label.name if burst is None else _names_of(labels)
         with (
             interruptible(lambda: AGAIN),
-            progress_bar(f"restoring {names}", _TICKS) as update,
+            progress_bar(f"restoring {names}", NUM_TICKS, WHY_RESTORING) as update,
         ):
             result = restored_capture(
                 light,
@@ -212,7 +212,7 @@ def restore(
                 speed=speed,  # type: ignore[arg-type]
                 outlines=labels_told,
                 by_object=is_by_object,
-                progress=lambda text, share, update=update: update(int(share * _TICKS), text),
+                progress=lambda text, share, update=update: update(int(share * NUM_TICKS), text),
             )
         _note_brightness(names, result.light)
         stem = "" if is_one else f"{label.stem}_"
@@ -321,7 +321,7 @@ def _names_of(labels: list[_Label]) -> str:
 
 
 def _together(
-    seen: "list[Capture]", labels: list[_Label], burst: "AbstractExposures | None"
+    seen: "list[Capture]", labels: list[_Label], burst: "Exposures | None"
 ) -> "list[tuple[Capture, _Label, np.ndarray]]":
     """Light of captures by themselves, or of the frames of a burst beside the first of them."""
     import numpy as np
@@ -380,7 +380,7 @@ def _note_shutter(scene: "Scene", found: "Estimate") -> None:
     """
     import numpy as np
 
-    from mishutter.decoding.plane_velocity import VelocityEstimate
+    from mishutter.decoding.frame_velocity import VelocityEstimate
 
     in_plane = isinstance(found, VelocityEstimate)
     if scene.sensor.readout is not None or not (in_plane or scene.sensor.axis == "columns"):

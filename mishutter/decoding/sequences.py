@@ -12,23 +12,24 @@ from mishutter.camera.capture import as_pixels, distinct_colours, every_colour
 from mishutter.camera.layers import Layers
 from mishutter.camera.rows import Planes, rows_last
 from mishutter.camera.sequences import require_speed
-from mishutter.decoding.axis_frames import restored_on_axis
-from mishutter.decoding.axis_speed import speed_on_axis
 from mishutter.decoding.decoders.base import AbstractDecoder
 from mishutter.decoding.decoders.linear import decoder_or_ensemble
 from mishutter.decoding.decoders.speed import SpeedEstimate
-from mishutter.decoding.objects.restored import FoundObject, Known, is_at_rest, restored_objects
-from mishutter.decoding.plane_frames import method_in_plane, restored_in_plane
-from mishutter.decoding.plane_velocity import (
-    VelocityEstimate,
-    told_in_plane,
-    velocity_in_plane,
+from mishutter.decoding.frame_restoration import (
+    method_in_plane,
+    restored_in_plane,
+    restored_on_axis,
 )
+from mishutter.decoding.frame_velocity import (
+    VelocityEstimate,
+    speed_on_axis,
+    velocity_of_frames,
+)
+from mishutter.decoding.objects.restored import FoundObject, Known, is_at_rest, restored_objects
 from mishutter.decoding.rolling import RowTimes
 from mishutter.model.scene import Scene, require_scene, require_whole
-from mishutter.model.sequences import TimedFrame
+from mishutter.model.sequences import PlaneFrames, TimedFrame
 from mishutter.pictures.images import Axis, transposed
-from mishutter.plane.frames import PlaneFrames
 
 
 class _Pair(NamedTuple):
@@ -73,9 +74,10 @@ def restore_frames(
 ) -> RestoredFrames:
     """Restore the picture that the frames of a sequence show, each point from those that see it.
 
-    Of several things before a background at rest each is found, and restored along its own
-    velocity, where the sensor is at rest. Where they do not explain the frames, as of what turns or
-    walks, the picture is that of the frame nearest to the middle, and not trusted.
+    Of several things before a background at rest each is found in the frames in which the sensor
+    is at rest, two at least, and restored along its own velocity from all. Where they do not
+    explain the frames, as of what turns or walks, the picture is that of the frame nearest to the
+    middle, and not trusted.
 
     Args:
         captures: Light of each frame in units of its exposure of white, as `simulate_frames` gives
@@ -90,15 +92,18 @@ def restore_frames(
             `VelocityEstimate`. One that is given is judged like one that is found: by whether the
             frames fit one picture at it. Of objects a row of theirs, if they are known.
         outlines: Number of the object that each pixel shows at the middle, from 1, and 0 for the
-            background, if that is known; shape of a frame.
+            background, if that is known; shape of a frame. Speeds beside it are in that order.
+            Behind a rolling shutter they are as frames show them.
         by_object: Whether to restore object by object; by default where the scene has an occlusion,
             or objects, or the outlines are given.
         progress: Called with a sentence and the share done, object by object.
 
     Raises:
-        ValueError: if the sensor moves before a background, the scene has no light, or more speeds
-            than frames can tell apart; the captures are traced, not finite, or not of so many
-            frames; or `speed` is not a finite scalar, or displaces light by more than 8,192 px.
+        ValueError: if the sensor is at rest in less than two frames in which objects are to be
+            found, or moves before a background behind a rolling shutter; the scene has no light, or
+            more speeds than frames can tell apart; the captures are traced, not finite, or not of
+            so many frames; or `speed` is not a finite scalar, or displaces light by more than
+            8,192 px.
 
     Examples:
         >>> import jax
@@ -137,13 +142,13 @@ def restore_frames(
     if isinstance(frames, PlaneFrames):
         decode = method_in_plane(chosen)
         light, planes = _planes_of(captures, frames.num_frames, "rows")
-        if speed is None:
-            estimate = velocity_in_plane(planes, scene, frames)
-            velocity = estimate.velocity
-        else:
-            estimate, velocity = None, np.asarray(speed, np.float64)
-            if frames.num_frames > 1:
-                estimate = told_in_plane(planes, scene, frames, velocity)
+        told = None if speed is None else np.asarray(speed, np.float64)
+        if told is not None and frames.num_frames == 1:
+            picture = restored_in_plane(planes, scene, frames, decode, told)
+            return RestoredFrames(_as_frame(picture, light, "rows"), None)
+        times = RowTimes.of(scene.sensor, planes.shape, in_plane=True)
+        estimate = velocity_of_frames(planes, scene, frames, times, told)
+        velocity = estimate.velocity
         picture = restored_in_plane(planes, scene, frames, decode, velocity)
         return RestoredFrames(_as_frame(picture, light, "rows"), estimate)
     told = None if speed is None else float(speed)

@@ -18,7 +18,13 @@ from mishutter._core.checks import (
     require_scalar,
     shape_of,
 )
-from mishutter.camera.capture import as_pixels, as_radiance, distinct_colours, simulate_capture
+from mishutter.camera.capture import (
+    as_pixels,
+    as_radiance,
+    distinct_colours,
+    require_alike_rows,
+    simulate_capture,
+)
 from mishutter.camera.footage import Footage
 from mishutter.camera.layers import Layers
 from mishutter.camera.rows import rows_last
@@ -27,8 +33,8 @@ from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel, blur_mo
 from mishutter.decoding.decoders.linear import decoder_or_ensemble
 from mishutter.decoding.decoders.speed import SpeedEstimate
 from mishutter.decoding.decoders.speed_finding import SpeedFindingDecoder, decoder_of, informed
-from mishutter.decoding.objects.restored import Known, is_at_rest
-from mishutter.decoding.plane_velocity import VelocityEstimate
+from mishutter.decoding.frame_velocity import VelocityEstimate
+from mishutter.decoding.objects.restored import Known
 from mishutter.decoding.restoration import (
     RestoredPhotograph,
     behind_optics,
@@ -47,10 +53,10 @@ from mishutter.decoding.sequences import (
 from mishutter.design.design import AbstractDesign
 from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE, knowledge_of
 from mishutter.evaluation.views import sensor_view
-from mishutter.model.exposures import AbstractExposures
+from mishutter.model.exposures import Exposures
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene, require_scene
-from mishutter.model.sequences import FrameSequence, OneExposure, TimedFrame
+from mishutter.model.sequences import TimedFrame
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.windows import RectShutter
 from mishutter.pictures.images import Axis, Picture, transposed
@@ -89,7 +95,7 @@ class Restoration(NamedTuple):
 def capture_and_restore(
     subject: Picture | Layers | Footage | ArrayLike,
     scene: Scene,
-    motion: AbstractMotion | AbstractExposures,
+    motion: AbstractMotion | Exposures,
     shutter: AbstractShutter | None = None,
     *,
     speed: float | RowLike = 0.0,
@@ -131,12 +137,12 @@ def capture_and_restore(
         ValueError: as `simulate_capture` and `simulate_frames`.
     """
     function = "capture_and_restore"
-    if isinstance(motion, AbstractExposures):
+    if isinstance(motion, Exposures):
         exposures = motion
         require(shutter is None, f"{function}(shutter=...)", "be left to the exposures", shutter)
     else:
-        exposures = OneExposure(motion, RectShutter() if shutter is None else shutter)
-    in_plane, is_one = len(exposures.axes) == 2, isinstance(exposures, OneExposure)
+        exposures = Exposures.of_one(motion, RectShutter() if shutter is None else shutter)
+    in_plane, is_one = len(exposures.axes) == 2, exposures.shutter is not None
     require_scene(scene, in_plane=in_plane)
     require_positive_int(f"{function}(rows_at_once=...)", rows_at_once)
     require_key(f"{function}(key=...)", key)
@@ -144,7 +150,7 @@ def capture_and_restore(
     report = progress if progress is not None else lambda text, share: None
     axis, along = scene.sensor.axis, scene.along_rows()
     options = {"speed": speed, "full_well": full_well, "adc_bits": adc_bits}
-    if isinstance(exposures, OneExposure):
+    if exposures.shutter is not None:
         camera = exposures.motion, exposures.shutter
         capture = partial(simulate_capture, motion=camera[0], shutter=camera[1], border=border)
     else:
@@ -170,7 +176,7 @@ def capture_and_restore(
         captured = _turned(captured, axis, exposures)
     # Layers that a sensor at rest sees move on their own.
     is_several = isinstance(subject, Layers) and len(subject.layers) > 1
-    several = is_several and not is_one and is_at_rest(exposures.frames)
+    several = is_several and not is_one and sum(exposures.rests) > 1
     result = _restored(
         captured,
         scene,
@@ -187,9 +193,9 @@ def capture_and_restore(
     return simulation
 
 
-def _turned(captured: np.ndarray, axis: Axis, exposures: AbstractExposures) -> np.ndarray:
+def _turned(captured: np.ndarray, axis: Axis, exposures: Exposures) -> np.ndarray:
     """A capture, or each frame of a burst, `transposed`."""
-    if isinstance(exposures, OneExposure) or axis == "rows":
+    if exposures.shutter is not None or axis == "rows":
         return np.asarray(transposed(captured, axis))
     return np.stack([transposed(frame, axis) for frame in captured])
 
@@ -197,7 +203,7 @@ def _turned(captured: np.ndarray, axis: Axis, exposures: AbstractExposures) -> n
 def _restored(
     captured: np.ndarray,
     scene: Scene,
-    exposures: AbstractExposures,
+    exposures: Exposures,
     decoder: AbstractDecoder,
     *,
     known: Known,
@@ -207,7 +213,7 @@ def _restored(
 ) -> Restoration:
     """The picture by the speed or the objects that are known or found in a capture."""
     axis, along, told = scene.sensor.axis, scene.along_rows(), known.speeds
-    is_one, frames = isinstance(exposures, OneExposure), exposures.frames
+    is_one, frames = exposures.shutter is not None, exposures.frames
     shows = known.outlines is not None or shows_objects(scene, frames, by_object)
     is_by_object = shows and not is_one
     if is_by_object or len(exposures.axes) == 2:
@@ -230,8 +236,12 @@ def _restored(
         require_scalar("restore(speed=...)", np.asarray(told))
         speed = float(told)  # type: ignore[arg-type]
     turned = _turned(captured, axis, exposures)
-    if isinstance(exposures, OneExposure):
-        motion, shutter = exposures.motion, exposures.shutter
+    shutter, is_rolling = exposures.shutter, scene.sensor.is_rolling
+    if shutter is not None and is_rolling:
+        require_alike_rows("restore(design=...)", exposures.motion, shutter)
+    # Rows that are exposed in turn see the same but further on, by a way that a speed tells.
+    if shutter is not None and not (is_rolling and speed is not None):
+        motion = exposures.motion
         model = blur_model(along, motion, shutter)
         if speed is not None:
             model = model.knowing(speed - float(sensor_view(along, motion, shutter).velocity))
@@ -239,13 +249,14 @@ def _restored(
         found = None if relative is None else relative.of(along, motion)
         restored = Restoration(light, found)
     else:
+        burst = turned[None] if is_one else turned
         restored = _frames_in_portions(
-            turned,
+            burst,
             along,
-            frames,
+            exposures.along,
             decoder,
             speed=speed,
-            times=RowTimes.of(scene.sensor, turned.shape[1:3]),
+            times=RowTimes.of(scene.sensor, burst.shape[1:3]),
             rows_at_once=rows_at_once,
             report=report,
         )
@@ -267,7 +278,7 @@ def _taken(
 def photograph_by_frames(
     picture: Picture | ArrayLike,
     scene: Scene,
-    sequence: FrameSequence,
+    sequence: Exposures,
     *,
     speeds: Sequence[float],  # px/s
     key: Array,
@@ -285,7 +296,7 @@ def photograph_by_frames(
     for index, speed in enumerate(speeds):
         own_key = jax.random.fold_in(key, index)
         result = capture_and_restore(picture, scene, sequence, speed=speed, key=own_key)
-        taken = sequence.frames[middle]
+        taken = sequence.along[middle]
         frame, light = (transposed(x, axis) for x in (result.captured[middle], result.restored))
         moved = round(speed * taken.time - taken.position)
         captured.append(np.roll(frame, moved, axis=1))
@@ -361,7 +372,7 @@ def restored_capture(
     """`restore`, with the speed or the objects that were found."""
     scene, exposures = design.scene, design.exposures
     chosen = decoder_or_ensemble(decoder, "restore")
-    if isinstance(exposures, OneExposure):
+    if exposures.shutter is not None:
         words = "be left out for one exposure, of which no objects can be told"
         require(not by_object and outlines is None, "restore(by_object=...)", words, by_object)
         pixels = np.asarray(as_pixels(capture, "restore(capture=...)"))

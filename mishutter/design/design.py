@@ -32,16 +32,14 @@ from mishutter.evaluation.speed_knowledge import (
 )
 from mishutter.evaluation.views import transmittance
 from mishutter.model.devices import command_of
-from mishutter.model.exposures import AbstractExposures
+from mishutter.model.exposures import Exposures, exposures_in_plane
 from mishutter.model.motion import AbstractMotion, FreeMotion, ParabolicMotion
 from mishutter.model.scene import Scene
-from mishutter.model.sequences import FrameSequence, OneExposure, TimedFrame
+from mishutter.model.sequences import FramePath, TimedFrame
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.kinds import module_of, shutter_from_dict, shutter_to_dict
 from mishutter.model.shutters.polynomials import profile_of
 from mishutter.model.stages import StagePath
-from mishutter.plane.bursts import PlaneBurst, burst_of
-from mishutter.plane.frames import PlaneFrames
 
 Kind = TypeVar("Kind", bound="AbstractDesign")
 
@@ -71,13 +69,13 @@ class AbstractDesign(ABC):
     """
 
     scene: Scene
-    sequence: FrameSequence | PlaneBurst | None
+    sequence: Exposures | None
     ways: ClassVar[str]
     """The ways of its sensor, in words."""
 
     @property
     @abstractmethod
-    def exposures(self) -> AbstractExposures:
+    def exposures(self) -> Exposures:
         """The frames of its burst, or its one exposure."""
 
     @abstractmethod
@@ -89,7 +87,7 @@ class AbstractDesign(ABC):
         """The frames of its burst as plain numbers, by their name in its file."""
         if self.sequence is None:
             return {}
-        name = "plane" if isinstance(self.sequence, PlaneBurst) else "sequence"
+        name = "sequence" if self.sequence.path is None else "plane"
         return {name: frames_to_dict(self.sequence)}
 
     @classmethod
@@ -169,16 +167,16 @@ class Design(AbstractDesign):
     best_start_loss: float
     notes: tuple[str, ...] = ()
     straight: "Design | None" = None
-    sequence: FrameSequence | None = None
-    bursts: tuple[FrameSequence, ...] = ()
+    sequence: Exposures | None = None
+    bursts: tuple[Exposures, ...] = ()
     psnr_ignoring_lag: float | None = None
     ways: ClassVar = "along one axis"
     schema: ClassVar = SavedDesign
 
     @property
-    def exposures(self) -> AbstractExposures:
+    def exposures(self) -> Exposures:
         """The frames of its burst, or its one exposure."""
-        return self.sequence or OneExposure.of(self.motion, self.shutter, self.scene.limits)
+        return self.sequence or Exposures.of_one(self.motion, self.shutter, self.scene.limits)
 
     @property
     def converged(self) -> bool:
@@ -320,23 +318,23 @@ class PlaneDesign(AbstractDesign):
     """
 
     scene: Scene
-    sequence: PlaneBurst
+    sequence: Exposures
     ways: ClassVar = "in the plane"
     schema: ClassVar = SavedPlaneDesign
 
     @property
-    def exposures(self) -> PlaneBurst:
+    def exposures(self) -> Exposures:
         """The frames, as those of any design."""
         return self.sequence
 
     @property
-    def frames(self) -> PlaneFrames:
+    def frames(self) -> FramePath:
         """The frames, and the path of the sensor through them."""
-        return self.sequence.frames
+        return self.sequence.path  # type: ignore[return-value]
 
     @property
     def stage_paths(self) -> tuple[StagePath, ...] | None:
-        """The paths of the stage along rows and columns, as `PlaneBurst.stage_paths` has them."""
+        """The paths of the stage along rows and columns, as `Exposures.stage_paths` has them."""
         return (*self.sequence.stage_paths(self.scene).values(),) or None
 
     def to_dict(self) -> dict[str, object]:
@@ -360,15 +358,15 @@ class PlaneDesign(AbstractDesign):
             file: What the file says.
         """
         scene, saved = file.scene.built(velocities=file.velocities.built()), file.plane
-        frames = PlaneFrames(
+        frames = FramePath(
             np.array(saved.times_s),
             np.array(saved.exposures_s),
             np.array(saved.piece_durations_s),
             np.array(saved.velocities_px_per_s),
             saved.lead_s,
         )
-        ways = scene, saved.kind, saved.num_axes, frames, saved.psnr_db
-        return PlaneDesign(scene, burst_of(*ways, width_loss=saved.width_loss_db))
+        taken = scene, saved.kind, frames, saved.psnr_db
+        return PlaneDesign(scene, exposures_in_plane(*taken, width_loss=saved.width_loss_db))
 
 
 def given_design(
@@ -424,10 +422,10 @@ def motion_to_dict(motion: AbstractMotion) -> dict[str, object]:
     }
 
 
-def frames_to_dict(burst: FrameSequence | PlaneBurst) -> dict[str, object]:
+def frames_to_dict(burst: Exposures) -> dict[str, object]:
     """Kind, level and frames of a burst; on an axis the places are of the stage."""
-    if isinstance(burst, PlaneBurst):
-        frames = burst.frames
+    if burst.path is not None:
+        frames = burst.path
         return {
             "kind": burst.kind,
             "num_axes": burst.num_axes,
@@ -445,7 +443,7 @@ def frames_to_dict(burst: FrameSequence | PlaneBurst) -> dict[str, object]:
             "position_px": frame.position,
             "motion": motion_to_dict(frame.motion),
         }
-        for frame in burst.frames
+        for frame in burst.along
     ]
     levels = {"psnr_db": burst.psnr, "worst_speed_psnr_db": burst.worst_psnr}
     losses = {
@@ -462,8 +460,8 @@ def scene_to_dict(scene: Scene) -> dict[str, object]:
     return SAVED_SCENE.model_validate(scene, from_attributes=True).model_dump()
 
 
-def _sequence(saved: SavedSequence, scene: Scene) -> FrameSequence:
-    frames = FrameSequence(
+def _sequence(saved: SavedSequence, scene: Scene) -> Exposures:
+    frames = Exposures(
         saved.kind,
         tuple(TimedFrame(_motion(one.motion), one.time_s, one.position_px) for one in saved.frames),
         saved.travel_px,

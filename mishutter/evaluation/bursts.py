@@ -15,10 +15,11 @@ from jaxtyping import Float
 
 from mishutter._core.checks import require, require_known
 from mishutter.evaluation.open_frames import OpenFrames, psnr_of_error
+from mishutter.model.exposures import Exposures
 from mishutter.model.motion import StillCamera
 from mishutter.model.scene import Scene
 from mishutter.model.sensor import BurstMode, filling_half_exposure
-from mishutter.model.sequences import FrameSequence, TimedFrame
+from mishutter.model.sequences import TimedFrame
 
 STILLS = "stills"
 _MOST_FRAMES = 1000
@@ -138,7 +139,7 @@ class StillBursts:
         """Whether the order of frames counts, as objects hide other strips in each."""
         return self._frames.strips is not None
 
-    def sequence(self, kinds: Sequence[StillBurst], times: "FrameTimes") -> FrameSequence:
+    def sequence(self, kinds: Sequence[StillBurst], times: "FrameTimes") -> Exposures:
         """Frames of one exposure or two, one after the other."""
         exposures = [kind.exposure for kind in kinds for _ in range(kind.num_frames)]
         moments = times.moments(exposures).tolist()
@@ -147,7 +148,7 @@ class StillBursts:
             for exposure, moment in zip(exposures, moments, strict=True)
         )
         worst = psnr_of_error(self._error([kind[:2] for kind in kinds], times, at_worst=True))
-        return FrameSequence(STILLS, frames, 0.0, kinds[0].psnr, worst)
+        return Exposures(STILLS, frames, 0.0, kinds[0].psnr, worst)
 
     def best(
         self, frames_per_s: float, *, max_frames: int | None = None, dead_time: float = 0.0
@@ -222,47 +223,6 @@ class StillBursts:
             orders += [inwards < long, places * long % count < long]
         return [tuple(order.tolist()) for order in orders]
 
-    def number_that_equals(self, psnr: float, *, most: int) -> int | None:
-        """The least number of frames without gaps between them that has a level, or None."""
-
-        def level(count: int) -> float:
-            return self._of(count, self._window / count).psnr
-
-        # Levels rise up to a number from which on frames are too short for their light.
-        high = _first_best(level, most, until=psnr)
-        if level(high) < psnr:
-            return None
-        low = 0
-        while high - low > 1:
-            middle = (low + high) // 2
-            low, high = (low, middle) if level(middle) >= psnr else (middle, high)
-        return high
-
-    def rate_that_equals(self, psnr: float, *, most: float) -> float | None:
-        """The least frame rate up to some at which a burst has a level, or None; 1/s."""
-        from scipy.optimize import brentq
-
-        most_frames = min(1 + int(most * self._window), self._max_frames)
-        count = self.number_that_equals(psnr, most=most_frames)
-        if count is None:
-            return None
-        count = max(count, 2)
-        if count > most_frames:
-            return None
-
-        def above(exposure: float) -> float:
-            return psnr_of_error(self.error(count, exposure)) - psnr
-
-        # The shortest frames that are enough leave the longest time for the gaps between them.
-        exposure, best = self._shortest, self._of(count, self._window / count)
-        if best.psnr < psnr:
-            return None  # one long exposure has the level, and read noise takes it from two
-        if above(exposure) < 0:
-            root: Any = brentq(above, exposure, best.exposure)
-            exposure = float(root)
-        rate = (count - 1) / (self._window - exposure)
-        return rate if rate <= most else None
-
     def _of(self, num_frames: int, longest: float, times: "FrameTimes | None" = None) -> StillBurst:
         """Some frames of the best exposure up to the longest, s."""
         from scipy.optimize import minimize_scalar
@@ -326,13 +286,13 @@ def _between(low: float, high: float, share: float) -> float:
     return low * (high / low) ** float(share)
 
 
-def _first_best(level: Callable[[int], float], most: int, *, until: float = math.inf) -> int:
-    """A number from 1 to some at which a level is highest, or high enough where it then falls."""
+def _first_best(level: Callable[[int], float], most: int) -> int:
+    """A number from 1 to some at which a level is highest, where it then falls."""
     best, step = 1, 1
     top = level(best)
-    while top < until and best + step <= most and (after := level(best + step)) > top:
+    while best + step <= most and (after := level(best + step)) > top:
         best, step, top = best + step, 2 * step, after
-    while top < until and step >= 1:
+    while step >= 1:
         near = [n for n in (best - step, best + step) if 1 <= n <= most]
         after, number = max(((level(n), n) for n in near), default=(-math.inf, best))
         if after > top:
@@ -347,7 +307,7 @@ def some_numbers(most: int, num: int = 12) -> list[int]:
     return np.unique(np.geomspace(1, most, num).round().astype(int)).tolist() if most else []
 
 
-def best_still_burst(scene: Scene) -> FrameSequence | None:
+def best_still_burst(scene: Scene) -> Exposures | None:
     """The burst of least error of a camera at rest; None without `scene.burst`.
 
     The frames follow each other at the rate of the burst at most, with its dead time between them,

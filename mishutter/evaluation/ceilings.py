@@ -36,7 +36,7 @@ $q = 2R\,T\lambda\,/\,(\bar f + \sigma^2/2RT)$.
 "The paper" is "Improved motion invariant imaging with time varying shutter functions".
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -45,11 +45,11 @@ from jaxtyping import Array, ArrayLike, Float
 from mishutter._core.checks import as_float, require, require_known, require_scalar
 from mishutter.evaluation.fans import MEASURED, Fan, Grid
 from mishutter.evaluation.layers import Background
-from mishutter.evaluation.levels import Light, psnr_of_error, require_velocities
+from mishutter.evaluation.levels import Light, psnr_of_error
 from mishutter.evaluation.needs import distinct_speeds, frequency_counts
 from mishutter.model.occlusion import Occlusion
 from mishutter.model.optics import NUM_FREQUENCIES, NYQUIST_FREQUENCY, frequencies, pixel_response
-from mishutter.model.scene import Scene, power_on_grid, require_scene
+from mishutter.model.scene import Scene, power_on_grid, require_scene, require_velocities
 from mishutter.model.velocities import Cells
 
 _STEP_TOLERANCE = 1e-4
@@ -148,7 +148,7 @@ def water_filled(
     root = np.sqrt(mass / width)
     budget, cap = np.broadcast_arrays(np.asarray(budget, float), np.asarray(cap, float))
 
-    def poured(level: Any) -> Any:
+    def poured(level: np.ndarray) -> np.ndarray:
         return np.clip(root * np.exp(level)[..., None] - 1, 0, cap[..., None])
 
     # Between these levels the lowest cell is dry, and the highest is at the cap.

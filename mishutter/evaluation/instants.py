@@ -25,8 +25,7 @@ from mishutter._core.checks import (
     require,
 )
 from mishutter._core.compiling import outside_trace
-from mishutter.model.exposures import AbstractPath, Lights
-from mishutter.model.sequences import AxisPath, TimedFrame
+from mishutter.model.sequences import FramePath, Frames, Lights, TimedFrame
 
 NODES = 16
 """Nodes of a panel."""
@@ -34,8 +33,10 @@ PX_A_PANEL = 7.0
 """Way over a panel that its nodes hold to 1e-11 at the highest frequency of an axis; px."""
 _MOST_PX_A_PANEL = 10.0
 """Way over a panel beyond which its nodes are refused: they hold it to 1e-7; px."""
-Frames = Sequence[TimedFrame] | AbstractPath
-"""Exposures of an open shutter, along one axis or in the plane."""
+
+
+Index = slice | int | Sequence[int] | np.ndarray
+"""Some of the exposures."""
 
 
 class Instants(NamedTuple):
@@ -68,7 +69,7 @@ class Instants(NamedTuple):
             num_panels: Panels of 16 nodes in each; by default those that known exposures need.
             size: Side of the pixels that places are counted in; px.
             delay: Time by which a row is exposed later than the middle of all, and sees the later
-                part of the path; s. Frames along an axis have one as an `AxisPath`.
+                part of the path, which is known; s.
         """
         if num_panels is None:
             known, fastest = primal_values((frames, fastest))
@@ -78,10 +79,10 @@ class Instants(NamedTuple):
             require(math.isfinite(way), "exposures_psnr(exposures=...)", "be finite numbers", way)
             num_panels = panels_for(way)
         with outside_trace() if all_concrete(frames) else nullcontext():
-            if isinstance(frames, AbstractPath):
+            if isinstance(frames, FramePath):
                 instants = _on_path(frames, lights, num_panels, delay)
             else:
-                requirement = "be 0 for frames without the path between them, as `AxisPath` has it"
+                requirement = "be 0 for frames without the path between them"
                 require(delay == 0, "Instants.of(delay=...)", requirement, delay)
                 instants = _on_axis(frames, lights, num_panels)
         return instants if size == 1 else instants._replace(place=instants.place / size)
@@ -120,12 +121,12 @@ class Instants(NamedTuple):
         each = [np.max(np.abs(self.displacement(v)), axis=(1, 2)) for v in velocities]
         return np.max(each, axis=0).tolist()
 
-    def some(self, index: Any) -> "Instants":
+    def some(self, index: Index) -> "Instants":
         """Those of some of the exposures."""
         time, place, weight, exposure = self
         return Instants(time[index], place[:, index], weight[index], exposure[index])
 
-    def part(self, index: Any) -> "Instants":
+    def part(self, index: Index) -> "Instants":
         """Those of some exposures, from the mean of their own times and places on."""
         some = self.some(index)
         middle = np.mean(some.place, axis=(1, 2), keepdims=True)
@@ -141,7 +142,7 @@ def panels_for(way: float) -> int:
 
 def _longest_way(frames: Frames, fastest: float) -> float:
     """Longest way over the sensor within an exposure, of anything up to a speed; px."""
-    if isinstance(frames, AbstractPath):
+    if isinstance(frames, FramePath):
         return (frames.top_speed + fastest) * float(np.max(np.asarray(frames.exposures)))
     return max((float(x.motion.top_speed) + fastest) * float(x.motion.exposure) for x in frames)
 
@@ -187,9 +188,7 @@ def _on_axis(frames: Sequence[TimedFrame], lights: Lights | None, num_panels: in
     return Instants(time, (placed(time) - middle)[None], weight, end - begin)
 
 
-def _on_path(
-    frames: AbstractPath, lights: Lights | None, num_panels: int, delay: float
-) -> Instants:
+def _on_path(frames: FramePath, lights: Lights | None, num_panels: int, delay: float) -> Instants:
     """Instants of frames along a path, from the middle between the first light and the last."""
     if all_concrete(frames):
         frames = jax.tree.map(lambda x: np.asarray(x, np.float64), frames)
@@ -199,7 +198,7 @@ def _on_path(
     middle = (first[:1] + last[-1:]) / 2
     begin, end = begin + delay, end + delay
     cuts = begin[:, None][:, :0]
-    if isinstance(frames, AxisPath) or delay:
+    if frames.lead or delay:  # a path for rows
         cuts = _within(frames.bends, begin, end)
     time, weight = _nodes(begin, end, cuts, num_panels)
     place: Any = frames.place(time) - frames.place(middle)[..., None]

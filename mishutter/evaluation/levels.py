@@ -21,7 +21,8 @@ derivatives by all of them.
 """
 
 import math
-from typing import Any, NamedTuple
+from contextlib import nullcontext
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -29,6 +30,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from mishutter._core.checks import (
+    Numbers,
     all_concrete,
     as_float,
     as_numpy,
@@ -36,22 +38,21 @@ from mishutter._core.checks import (
     namespace_of,
     primal_values,
     require,
-    require_known,
 )
-from mishutter._core.compiling import compiled
+from mishutter._core.compiling import compiled, outside_trace
 from mishutter._core.parallel import alone_in_blas
 from mishutter.evaluation.ensembles import without_tolerances
 from mishutter.evaluation.fans import MEASURED, Fan, Grid
-from mishutter.evaluation.instants import NODES, PX_A_PANEL, Frames, Instants
+from mishutter.evaluation.instants import NODES, PX_A_PANEL, Instants
 from mishutter.evaluation.layers import Background
 from mishutter.evaluation.needs import distinct_speeds
 from mishutter.evaluation.strips import Strips
-from mishutter.model.exposures import AT_REST, AbstractExposures, AbstractPath, Lights
+from mishutter.model.exposures import Exposures, frames_of, path_for_rows
 from mishutter.model.optics import pixel_response
 from mishutter.model.scene import Scene, require_one_axis, require_scene
 from mishutter.model.sensor import noise_of_frames
-from mishutter.model.sequences import AxisPath, FrameSequence
-from mishutter.model.velocities import AbstractVelocities, Components
+from mishutter.model.sequences import AT_REST, Frames, Lights, num_frames_of
+from mishutter.model.velocities import Components
 
 _DELAYS = 5
 """Rows that stand for all of those that are exposed one after another."""
@@ -61,7 +62,7 @@ _AT_ONCE = 2**20
 
 def exposures_psnr(
     scene: Scene,
-    exposures: Frames | AbstractExposures | Instants,
+    exposures: Frames | Exposures | Instants,
     *,
     lights: Lights | None = None,
     grid: Grid = MEASURED,
@@ -74,8 +75,8 @@ def exposures_psnr(
 
     Args:
         scene: Velocities, light and noise.
-        exposures: Exposures of an open shutter: `TimedFrame`s, `PlaneFrames`, or what holds some,
-            as the result of `best_sequence`. They may move along the axis of the scene, along the
+        exposures: Exposures of an open shutter: `TimedFrame`s, `PlaneFrames`, or `Exposures`,
+            as `best_sequence` finds them. They may move along the axis of the scene, along the
             rows of one in the plane, or in the plane.
         lights: First and last light of each, s, where a gate shortens it.
         grid: Sizes of the fan of directions, for a scene in the plane.
@@ -92,9 +93,13 @@ def exposures_psnr(
     return level_of(scene, exposures, caller, grid, lights=lights, num_panels=num_panels)
 
 
+plane_psnr = exposures_psnr
+"""Its name in earlier versions, for scenes in the plane."""
+
+
 def level_of(
     scene: Scene,
-    exposures: Frames | AbstractExposures | Instants,
+    exposures: Frames | Exposures | Instants,
     caller: str,
     grid: Grid,
     *,
@@ -102,20 +107,19 @@ def level_of(
     num_panels: int | None = None,
 ) -> Float[Array, ""]:
     """The level of exposures, of panels that hold their ways."""
-    own: Any = exposures.frames if isinstance(exposures, AbstractExposures) else exposures
-    error: Any = 0.0
+    frames, error = _alone(exposures), 0.0
     for share, instants in rows_of(scene, exposures, caller, lights, num_panels):
         fan = fan_of(scene, instants, grid)
         if num_panels is not None:
             speeds = components_on(scene, fan, grid.num_speeds).speeds
             instants = instants.held(speeds, f"{caller}(num_panels=...)", num_panels)
         error += share * left(scene, instants, fan, grid.num_speeds)
-    return psnr_of(error, common_dtype(*jax.tree.leaves(own)))
+    return psnr_of(error, common_dtype(*jax.tree.leaves(frames)))
 
 
 def rows_of(
     scene: Scene,
-    exposures: Frames | AbstractExposures | Instants,
+    exposures: Frames | Exposures | Instants,
     caller: str,
     lights: Lights | None = None,
     num_panels: int | None = None,
@@ -124,11 +128,11 @@ def rows_of(
 
     They are nodes of the mean over the rows' delays, or one where all rows see the same.
     """
-    readout = scene.sensor.readout_time
-    frames: Any = exposures.frames if isinstance(exposures, AbstractExposures) else exposures
-    if not readout or isinstance(frames, Instants) or not len_of(frames):
+    readout, frames = scene.sensor.readout_time, _alone(exposures)
+    if not readout or isinstance(exposures, Instants) or isinstance(frames, Instants):
         return [(1.0, instants_of(scene, frames, caller, lights, num_panels))]
-    path = path_for_rows(scene, exposures)  # type: ignore[arg-type]
+    require(num_frames_of(frames) > 0, f"{caller}(exposures=...)", "hold one exposure at least", 0)
+    path = path_for_rows(scene, exposures)
     way = path.top_speed * float(np.max(np.asarray(path.exposures)))
     x, weight = np.polynomial.legendre.leggauss(_DELAYS if way >= AT_REST else 1)
     return [
@@ -137,21 +141,9 @@ def rows_of(
     ]
 
 
-def path_for_rows(scene: Scene, exposures: Frames | AbstractExposures) -> AbstractPath:
-    """Known frames with the path that rows of a scene's sensor see between them and beyond."""
-    readout, limits = scene.sensor.readout_time, scene.limits
-    if isinstance(exposures, FrameSequence):
-        return exposures.for_rows(readout, limits).path(limits)
-    frames: Any = exposures.frames if isinstance(exposures, AbstractExposures) else exposures
-    require_known("path_for_rows", frames=frames, sensor=scene.sensor)
-    if isinstance(frames, AbstractPath):
-        return frames.for_rows(readout, limits)
-    return AxisPath.of(frames, readout, limits)
-
-
-def len_of(frames: Frames) -> int:
-    """Number of exposures."""
-    return frames.times.shape[0] if isinstance(frames, AbstractPath) else len(frames)
+def _alone(exposures: Frames | Exposures | Instants) -> Frames | Instants:
+    """The frames or instants of exposures."""
+    return exposures if isinstance(exposures, Instants) else frames_of(exposures)
 
 
 def instants_of(
@@ -166,7 +158,7 @@ def instants_of(
     """Instants of exposures for all velocities of a scene, for a row of some delay."""
     if isinstance(frames, Instants):
         return frames
-    require(len_of(frames) > 0, f"{caller}(exposures=...)", "hold one exposure at least", 0)
+    require(num_frames_of(frames) > 0, f"{caller}(exposures=...)", "hold one exposure at least", 0)
     fastest = 0.0
     if num_panels is None:
         known = primal_values((frames, scene.speeds, scene.weights, scene.velocities))
@@ -190,11 +182,12 @@ def in_parts(scene: Scene) -> Scene:
     layers, scene = scene.occlusion, without_tolerances(scene)
     if layers is None:
         return scene
-    space = np if all_concrete((scene.speeds, scene.weights, layers)) else jnp
-    speeds, weights, share, *behind = (
-        space.asarray(x)
-        for x in (scene.speeds, scene.weights, layers.front_share, *Background.of(scene))
-    )
+    is_known = all_concrete((scene.speeds, scene.weights, layers))
+    space = np if is_known else jnp
+    # A scene may be known inside a function that is traced by others of its numbers.
+    with outside_trace() if is_known else nullcontext():
+        numbers = scene.speeds, scene.weights, layers.front_share, *Background.of(scene)
+        speeds, weights, share, *behind = (space.asarray(x) for x in numbers)
     return scene.with_occlusion(None).without_metadata(
         speeds=space.concatenate([speeds, behind[0]]),
         weights=space.concatenate([share * weights, (1 - share) * behind[1]]),
@@ -212,14 +205,6 @@ def velocities_of(scene: Scene) -> tuple[Float[np.ndarray, "v axes"], Float[np.n
         return scene.velocities.stand_ins()
     speeds, weights = (x.astype(np.float64) for x in distinct_speeds(in_parts(scene), folds=False))
     return speeds[:, None], weights / weights.sum()
-
-
-def require_velocities(scene: Scene) -> AbstractVelocities:
-    """The law of a scene's velocities; an error where it is of one axis."""
-    law = scene.velocities
-    requirement = "have velocities in any direction, as `Scene.any_direction` makes it"
-    require(law is not None, "scene", requirement, scene)
-    return law  # type: ignore[return-value]
 
 
 def components_on(scene: Scene, fan: Fan, num_speeds: int) -> Components:
@@ -245,11 +230,11 @@ def components_on(scene: Scene, fan: Fan, num_speeds: int) -> Components:
 class Light(NamedTuple):
     """Light, noise and picture of a scene; of NumPy where they are known."""
 
-    rate: Any  # e-/s
-    read: Any  # e-
-    mean: Any  # white = 1
-    deviation: Any  # white = 1
-    blur: Any  # px
+    rate: Numbers  # e-/s
+    read: Numbers  # e-
+    mean: Numbers  # white = 1
+    deviation: Numbers  # white = 1
+    blur: Numbers  # px
 
     @staticmethod
     def of(scene: Scene) -> "Light":
@@ -276,7 +261,7 @@ class Light(NamedTuple):
 @alone_in_blas()
 def left(
     scene: Scene, instants: Instants, fan: Fan, num_speeds: int, compiled_as: np.dtype | None = None
-) -> Any:
+) -> Numbers | np.floating:
     """Squared error that is left, white = 1; by NumPy if all is known, but for a precision."""
     parts = components_on(scene, fan, num_speeds)
     numbers = fan, parts, Light.of(scene), instants, Strips.of(scene)
@@ -288,7 +273,7 @@ def left(
 
 def error_left(
     fan: Fan, parts: Components, light: Light, instants: Instants, strips: Strips | None
-) -> Any:
+) -> Numbers | np.floating:
     """Squared error that is left, of numbers that are all of NumPy or all of JAX."""
     space, signal = namespace_of(fan.radius), light.signal(fan)
     gains = light.gains(instants.exposure)
@@ -385,7 +370,7 @@ def power_of_waves(
     return real**2 + imaginary**2
 
 
-def psnr_of(error: Any, dtype: np.dtype) -> Float[Array, ""]:
+def psnr_of(error: Numbers | np.floating | float, dtype: np.dtype) -> Float[Array, ""]:
     """The level of a squared error; dB."""
     if not all_concrete(error):
         return -10 * jnp.log10(error)

@@ -53,7 +53,7 @@ class OpenFrames:
 
     def errors(self, gained: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "n"]:
         """Squared error that is left at each speed; white = 1."""
-        return self._signal[0].deviation ** 2 / (1 + gained) @ self.fan.weight[:, 0]
+        return float(self._signal[0].deviation) ** 2 / (1 + gained) @ self.fan.weight[:, 0]
 
     def error(
         self, gained: Float[np.ndarray, "n m"], *, at_worst: bool = False, hidden: float = 0.0

@@ -17,9 +17,8 @@ from mishutter._core.parallel import alone_in_blas
 from mishutter.evaluation.fans import MEASURED, SEARCHED, Grid
 from mishutter.evaluation.instants import Frames, Instants
 from mishutter.evaluation.levels import Light, fan_of, rows_of, velocities_of
-from mishutter.model.exposures import AbstractExposures
+from mishutter.model.exposures import Exposures
 from mishutter.model.scene import Scene
-from mishutter.model.sequences import FrameSequence
 
 REGION = 64
 """Rows and columns of the region by which an object is registered; px."""
@@ -45,7 +44,7 @@ class Registration(NamedTuple):
 
 @alone_in_blas()
 def registration(
-    scene: Scene, frames: Frames | AbstractExposures, *, num_samples: int = REGION**2
+    scene: Scene, frames: Frames | Exposures, *, num_samples: int = REGION**2
 ) -> Registration:
     r"""The Cramer-Rao bound of the velocity from a region of the frames, and what it costs.
 
@@ -83,9 +82,7 @@ class _Waves(NamedTuple):
     instants: Instants
 
     @staticmethod
-    def of(
-        scene: Scene, frames: Frames | AbstractExposures, grid: Grid
-    ) -> "list[tuple[float, _Waves]]":
+    def of(scene: Scene, frames: Frames | Exposures, grid: Grid) -> "list[tuple[float, _Waves]]":
         """The frames of a scene, which are known, for rows that stand for all and their shares."""
         rows = rows_of(scene, frames, "registration")
         return [(share, _Waves.of_row(scene, instants, grid)) for share, instants in rows]
@@ -208,7 +205,7 @@ def _points_of(
 
 
 @alone_in_blas()
-def loss_of_width(scene: Scene, frames: Frames | AbstractExposures, *, width: float | int) -> float:
+def loss_of_width(scene: Scene, frames: Frames | Exposures, *, width: float | int) -> float:
     r"""Decibels that frames lose on a sensor, or an object's outline, that things enter and leave.
 
     A point that the sensor sees in a part of the exposures, which alone have the responses
@@ -238,7 +235,7 @@ def loss_of_width(scene: Scene, frames: Frames | AbstractExposures, *, width: fl
     return decibels_over(float(ends), float(whole))
 
 
-def with_losses(scene: Scene, sequence: FrameSequence) -> FrameSequence:
+def with_losses(scene: Scene, sequence: Exposures) -> Exposures:
     """A sequence of several frames with its losses by registration and by the sensor's width."""
     if sequence.num_frames == 1:
         return sequence

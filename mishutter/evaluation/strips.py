@@ -13,12 +13,12 @@ $b_k = |\mathbf v|T_k$ is the blur of frame $k$, so that it leaves $2\sigma^2\de
 pictures of the variance $\sigma^2$: measured, from 3 to 13 ms at some 650 px/s.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Array, Float
 
-from mishutter._core.checks import as_numpy, namespace_of
+from mishutter._core.checks import Numbers, as_numpy, namespace_of
 from mishutter.model.scene import Scene
 from mishutter.model.velocities import Components
 
@@ -31,8 +31,10 @@ _OUTLINES = 0.009
 class Strips(NamedTuple):
     """Objects before a background at rest; of NumPy where they are known."""
 
-    share: Any  # Share of the picture that is not hidden now and is at a time far away
-    edges: Any  # Edges to a pixel, along the way of the objects
+    share: (
+        Numbers | np.floating
+    )  # Share of the picture that is not hidden now and is at a time far away
+    edges: Numbers | np.floating  # Edges to a pixel, along the way of the objects
     speeds: Float[Array | np.ndarray, "v"]  # Of objects before the background; px/s
     rates: Float[Array | np.ndarray, "v"]  # Rates at which edges pass, 1/s
     weights: Float[Array | np.ndarray, "v"]  # How often each occurs
@@ -76,7 +78,7 @@ class Strips(NamedTuple):
         shares = self.share * (kept[:-1] - kept[1:])
         return space.concatenate([shares, shares]), space.concatenate(seen) ** 2
 
-    def outlines(self, exposure: Float[Array | np.ndarray, "n"]) -> Any:
+    def outlines(self, exposure: Float[Array | np.ndarray, "n"]) -> Numbers | np.floating | float:
         """Squared error that outlines leave, over the variance of pictures.
 
         One exposure, of which no outline is found, loses nothing.

@@ -38,9 +38,9 @@ from mishutter._core.columns import cells, text_lines, unit_columns
 from mishutter._core.files import contents, write_bytes
 from mishutter.design.design import AbstractDesign, package_version
 from mishutter.hardware.stage_files import MAX_STEPS, path_csv
-from mishutter.model.exposures import AbstractExposures, Lights
+from mishutter.model.exposures import Exposures
 from mishutter.model.motion import AbstractMotion, ParabolicMotion, steady
-from mishutter.model.sequences import OneExposure
+from mishutter.model.sequences import Lights
 from mishutter.model.shutters.chips import ChippedShutter
 from mishutter.model.stages import StagePath
 
@@ -145,7 +145,7 @@ class AbstractTable(ABC):
         return fields_text(self)
 
     @property
-    def exposures(self) -> AbstractExposures:
+    def exposures(self) -> Exposures:
         """The exposures of the design."""
         return self.design.exposures
 
@@ -189,7 +189,7 @@ class AbstractTable(ABC):
         """
         count = self.begin.size * -(-STEPS * len(self.lights) // self.begin.size)
         lights = {f"frame {number}": lit for number, lit in enumerate(self.lights, 1)}
-        if isinstance(self.exposures, OneExposure):
+        if self.exposures.shutter is not None:
             lights = {"exposure": self.lights[0]}
         return path_csv(self.paths, lights, count, self.design.scene, returns=returns)
 

@@ -16,13 +16,10 @@ import numpy as np
 from jaxtyping import Float
 
 from mishutter._core.checks import Unquoted, require, require_finite, require_scalar
-from mishutter.design.design import AbstractDesign, Design
+from mishutter.design.design import AbstractDesign
 from mishutter.hardware.trace_files import METRES, TimedColumns, timed_columns
-from mishutter.model.exposures import Lights
 from mishutter.model.motion import FreeMotion
-from mishutter.model.sequences import TimedFrame
-from mishutter.plane.bursts import pan_over
-from mishutter.plane.frames import PlaneFrames
+from mishutter.model.sequences import FramePath, Lights, TimedFrame
 
 _NAMES = ("x", "y"), ("sensor_position_x", "sensor_position_y"), ("stage_x", "stage_y")
 """Names of the places along two axes."""
@@ -165,19 +162,17 @@ def with_recorded_path(
     require(len(path.place) == axes, name, f"have places along {axes} axes", got)
     spline = _Spline.through(path, taken.lights, middle, name)
     planned = taken.place(_times(taken.lights))
-    if isinstance(design, Design):
-        pan = taken.pan
-        frames = tuple(spline.frame(frame, pan) for frame in taken.frames)
-        if design.sequence is None:
-            recorded = replace(design, motion=frames[0].motion)
-        else:
-            recorded = replace(design, sequence=replace(design.sequence, frames=frames))
-        return recorded, spline.difference(taken.lights, planned, np.array([pan]))
-    pan = pan_over(design.scene, taken.frames)
-    times, exposures = (np.asarray(x, np.float64) for x in (taken.times, taken.exposures))
-    velocities = spline.velocities + pan[:, None]
-    frames = PlaneFrames(times, exposures, np.diff(spline.knots), velocities)
-    recorded = replace(design, sequence=replace(taken, frames=frames))
+    pan = np.atleast_1d(taken.pan)
+    if taken.path is None:
+        frames = tuple(spline.frame(frame, float(pan[0])) for frame in taken.along)
+    else:
+        times, exposures = (np.asarray(x, np.float64) for x in (taken.times, taken.exposures))
+        velocities = spline.velocities + pan[:, None]
+        frames = FramePath(times, exposures, np.diff(spline.knots), velocities)
+    as_recorded = replace(taken, frames=frames)
+    is_one = design.sequence is None
+    changed = {"motion": as_recorded.motion} if is_one else {"sequence": as_recorded}
+    recorded = replace(design, **changed)
     return recorded, spline.difference(taken.lights, planned, pan)
 
 

@@ -12,9 +12,8 @@ from mishutter.design.design import AbstractDesign
 from mishutter.evaluation.levels import exposures_psnr
 from mishutter.hardware.drive_files import STEPS, AbstractTable, first_lights
 from mishutter.hardware.stage_files import MAX_STEPS
-from mishutter.model.exposures import Lights
-from mishutter.model.sequences import FrameSequence
-from mishutter.plane.bursts import PlaneBurst
+from mishutter.model.exposures import Exposures
+from mishutter.model.sequences import Lights
 
 
 @final
@@ -40,7 +39,7 @@ class FrameTable(AbstractTable):
     """Levels of the shutter: open, and closed between frames."""
 
     @property
-    def sequence(self) -> FrameSequence | PlaneBurst:
+    def sequence(self) -> Exposures:
         """The frames, which know their level."""
         return self.design.sequence  # type: ignore[return-value]
 

@@ -97,7 +97,8 @@ def read_in_turn(motion: Motion, row: float) -> Motion:
         share = 1 / (1 + each.velocity[0] * row)
         down, right = (share * x for x in each.velocity)
         # An error downwards changes the share too.
-        error = share**2 * each.error[0], share * each.error[1] + abs(right * row) * each.error[0]
+        across = float(np.hypot(each.error[1], right * row * each.error[0]))
+        error = share**2 * each.error[0], share * across
         objects.append(replace(each, velocity=(down, right), error=error))
     area = [float(each.area) for each in motion.objects]
     shares = [1 - each.velocity[0] * row for each in objects]

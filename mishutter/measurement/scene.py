@@ -1,20 +1,29 @@
-"""The scene file of a measured clip: every number with its error and its source."""
+"""A measured clip and its scene file: every number with its error and its source."""
 
 import tomllib
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
-from mishutter.measurement.estimates import Refusal
+from mishutter._core.checks import Unquoted, require
+from mishutter._core.files import write_text
+from mishutter.measurement.clip import Clip
+from mishutter.measurement.estimates import Estimate, Refusal
 from mishutter.measurement.motion import Motion, MovingObject
-from mishutter.pictures.images import Axis
-
-if TYPE_CHECKING:
-    from mishutter.measurement.measurement import Measurement
+from mishutter.measurement.noise import Noise
+from mishutter.model.scene import Scene, scene_of_tables
+from mishutter.model.sensor import Sensor
+from mishutter.model.texture import Texture
+from mishutter.pictures.images import Axis, Picture, write_picture
 
 PICTURE = "picture.png"
 """Name of the picture beside the scene file."""
+VELOCITIES = "velocities.csv"
+"""Name of the objects' velocities beside the scene file."""
 _FAST = 0.98
 """Quantile of the speeds, by area, that the scene reaches."""
 _ACROSS = (0.0, 0.1, 0.2, 0.3)
@@ -118,7 +127,171 @@ def _quantile(values: np.ndarray, weights: np.ndarray, share: float) -> float:
     return float(values[order][int(np.searchsorted(below, min(share, below[-1])))])
 
 
-def scene_text(found: "Measurement") -> str:
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """A camera and its scene, as measured from a clip.
+
+    Attributes:
+        name: Name of the clip.
+        clip: The frames.
+        noise: Noise, as far as it is known, and why not.
+        motion: Objects, and what stands still.
+        light: The still parts, averaged, before the pixels; linear light, white = 1.
+        level_difference: Mean light of what moves less that of the rest.
+        pixel_pitch: Pixel pitch, m; None if it was not given.
+        px_per_mm: Pixels per millimetre of the scene; None if it was not given.
+        sensor: When its rows are exposed; None if it was not given.
+    """
+
+    name: str
+    clip: Clip
+    noise: Noise
+    motion: Motion
+    light: Float[np.ndarray, "rows columns 1"]
+    level_difference: Estimate
+    pixel_pitch: float | int | None
+    px_per_mm: float | int | None
+    sensor: Sensor | None = None
+
+    @property
+    def along(self) -> AlongAxis | None:
+        """The motion along one axis of the picture; None if nothing moves."""
+        return along_axis(self.motion.objects)
+
+    @property
+    def scene_text(self) -> str:
+        """The scene file: each number with its error and source, or the reason for none."""
+        return _scene_text(self)
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Keys of the scene file that its user has to write: the clip does not tell them."""
+        return missing_keys(self.scene_text)
+
+    @property
+    def scene(self) -> Scene:
+        """The scene that the file holds.
+
+        Raises:
+            ValueError: if the clip does not tell the light or the read noise; the reason why.
+        """
+        reasons = "; ".join(each.text for each in self.noise.refusals)
+        got = Unquoted(reasons or "nothing")
+        require(not self.missing, "Measurement.scene", "have light and noise", got)
+
+        def texture(*_: object) -> Texture:
+            axis = "rows" if self.along is None else self.along.axis
+            return Texture.of_photograph(Picture(self.light), PICTURE, axis=axis)
+
+        return scene_of_tables(tomllib.loads(self.scene_text), self.name, Path(), texture)
+
+    def save(self, path: str | Path) -> list[str]:
+        """Write the scene file, and beside it its picture and the velocities.
+
+        Args:
+            path: The scene file, `.toml`.
+
+        Returns:
+            Names of the files.
+
+        Raises:
+            ValueError: if the name ends otherwise.
+            OSError: if a file cannot be written.
+        """
+        path = Path(path)
+        is_toml = path.suffix.lower() == ".toml"
+        require(is_toml, "Measurement.save(path=...)", "end in `.toml`", str(path))
+        write_picture(path.with_name(PICTURE), self.light)
+        write_text(path.with_name(VELOCITIES), self.velocities_text)
+        write_text(path, self.scene_text)
+        return [path.name, PICTURE, VELOCITIES]
+
+    @property
+    def velocities_text(self) -> str:
+        """The objects as CSV: velocity to the right and down, errors, area, lead and residual."""
+        lines = [
+            "object,right_px_per_s,right_error_px_per_s,down_px_per_s,down_error_px_per_s,"
+            "area_px,lead,residual,frame,column_px,row_px"
+        ]
+        for number, each in enumerate(self.motion.objects, 1):
+            (down, right), (down_error, right_error) = each.velocity, each.error
+            values = (right, right_error, down, down_error)
+            row, column = each.centre
+            lines.append(
+                f"{number},{','.join(f'{value:.6g}' for value in values)},{each.area},"
+                f"{each.lead:.4g},{each.residual:.4g},{each.frame},{column:.1f},{row:.1f}"
+            )
+        return "\n".join(lines) + "\n"
+
+    def to_dict(self) -> dict[str, object]:
+        """The numbers, as strict JSON holds them."""
+        noise, motion, along = self.noise, self.motion, self.along
+        numbers = {
+            "electrons_at_white": noise.electrons_at_white,
+            "read_noise_e": noise.read_noise,
+            "black_level": noise.black,
+            "gain_levels_per_e": noise.gain,
+        }
+        return {
+            "frames": self.clip.num_frames,
+            "words": list(self.clip.words),
+            "noise": {name: value and value._asdict() for name, value in numbers.items()},
+            "read_noise_range_e": noise.read_noise_range and list(noise.read_noise_range),
+            "refusals": [each._asdict() for each in noise.refusals],
+            "missing": list(self.missing),
+            "objects": [
+                {
+                    "right_px_per_s": each.velocity[1],
+                    "right_error_px_per_s": each.error[1],
+                    "down_px_per_s": each.velocity[0],
+                    "down_error_px_per_s": each.error[0],
+                    "area_px": each.area,
+                    "lead": each.lead,
+                    "residual": each.residual,
+                }
+                for each in motion.objects
+            ],
+            "share_at_rest": motion.share_at_rest,
+            "share_without_velocity": motion.share_unexplained,
+            "axis": None if along is None else along.axis,
+            "speeds_px_per_s": None if along is None else list(along.speeds),
+            "share_across": None if along is None else along.across,
+        }
+
+    @property
+    def sentences(self) -> list[str]:
+        """Findings in words: light, noise, motion, and what is not known."""
+        noise, motion = self.noise, self.motion
+        lines = []
+        if noise.electrons_at_white is not None:
+            value, error = noise.electrons_at_white
+            lines.append(f"White holds {value:.4g} +- {error:.2g} photo-electrons.")
+        if noise.read_noise_range is not None and noise.read_noise is not None:
+            low, high = noise.read_noise_range
+            lines.append(
+                f"The read noise lies from {low:.2g} to {high:.2g} e-: black is not known."
+            )
+        elif noise.read_noise is not None:
+            value, error = noise.read_noise
+            lines.append(f"The read noise is {value:.3g} +- {error:.2g} e-.")
+        lines += [each.text[0].upper() + each.text[1:] for each in noise.refusals]
+        lines += [f"{word[0].upper() + word[1:]}." for word in self.clip.words]
+        count = len(motion.objects)
+        lines.append(
+            f"{motion.share_at_rest:.0%} of the picture stands still, and {count} "
+            f"object{'s' * (count != 1)} move{'s' * (count == 1)}."
+            if count
+            else "Nothing was seen to move."
+        )
+        if motion.share_unexplained > 0.005:
+            share = f"{motion.share_unexplained:.1%} of the picture"
+            lines.append(f"{share} changes without a velocity: it deforms, diffuses or flickers.")
+        if self.along is not None:
+            lines += self.along.sentences
+        return lines
+
+
+def _scene_text(found: Measurement) -> str:
     """The text of the scene file."""
     sections = (
         _head(found),
@@ -157,7 +330,7 @@ def missing_keys(text: str) -> tuple[str, ...]:
     return tuple(f"[{s}] {key}" for s, key in keys if key not in tables.get(s, {}))
 
 
-def _head(found: "Measurement") -> list[str]:
+def _head(found: Measurement) -> list[str]:
     clip, (count, rows, columns) = found.clip, found.clip.frames.shape
     exposure = (
         "exposures of unknown length"
@@ -178,7 +351,7 @@ def _head(found: "Measurement") -> list[str]:
     return [f"# {line}" for line in lines]
 
 
-def _speeds(found: "Measurement") -> list[str]:
+def _speeds(found: Measurement) -> list[str]:
     along, lines = found.along, ["[speeds]"]
     for number, each in enumerate(found.motion.objects, 1):
         down, right = each.velocity
@@ -210,7 +383,7 @@ def _speeds(found: "Measurement") -> list[str]:
     return [*lines, f"uniform = {{ {ends}, count = 9 }}"]
 
 
-def _light(found: "Measurement") -> list[str]:
+def _light(found: Measurement) -> list[str]:
     electrons = found.noise.electrons_at_white
     if electrons is None:
         return ["[light]", f"# photon_rate_per_s = 1.0e5  # {_reason(found.noise.refusals)}"]
@@ -240,7 +413,7 @@ def _reason(refusals: Sequence[Refusal]) -> str:
     return f"not known: {(reasons or list(refusals))[0].reason}"
 
 
-def _sensor(found: "Measurement") -> list[str]:
+def _sensor(found: Measurement) -> list[str]:
     noise, lines = found.noise, ["[sensor]"]
     if noise.read_noise is None:
         lines.append(f"# read_noise_e = 4.0  # {_reason(noise.refusals)}")
@@ -278,7 +451,7 @@ def _sensor(found: "Measurement") -> list[str]:
     return lines
 
 
-def _view(found: "Measurement") -> list[str]:
+def _view(found: Measurement) -> list[str]:
     if found.px_per_mm is None:
         return []
     return [
@@ -288,7 +461,7 @@ def _view(found: "Measurement") -> list[str]:
     ]
 
 
-def _occlusion(found: "Measurement") -> list[str]:
+def _occlusion(found: Measurement) -> list[str]:
     motion, along = found.motion, found.along
     share = 1 - motion.share_at_rest
     if along is None:
@@ -325,7 +498,7 @@ def _narrowest(motion: Motion, axis: Axis) -> float:
     return min(widths, default=motion.width[1 - lines])
 
 
-def _errors(found: "Measurement") -> list[str]:
+def _errors(found: Measurement) -> list[str]:
     """The errors again, as `optimise` reads them."""
     noise, along = found.noise, found.along
     rate = noise.electrons_at_white
@@ -340,7 +513,7 @@ def _errors(found: "Measurement") -> list[str]:
     return [note, "[errors]", *lines] if lines else []
 
 
-def _limits(found: "Measurement") -> list[str]:
+def _limits(found: Measurement) -> list[str]:
     # A scene file may have no object that goes further than 10,000 px over an exposure.
     longest = min(80.0, 1e4 / max(_fastest(found), 1e-9) * 1e3)
     reach = ["max_stroke_mm = 0.155", "max_top_speed_mm_per_s = 69"]
@@ -355,7 +528,7 @@ def _limits(found: "Measurement") -> list[str]:
     ]
 
 
-def _fastest(found: "Measurement") -> float:
+def _fastest(found: Measurement) -> float:
     """Greatest speed along the axis; px/s."""
     return 0.0 if found.along is None else max(map(abs, found.along.speeds))
 

@@ -473,6 +473,14 @@ class Scene(AbstractModule):
         return slowest, jnp.max(jnp.where(occurs, self.speeds, -jnp.inf))
 
 
+def require_velocities(scene: Scene) -> AbstractVelocities:
+    """The law of a scene's velocities; an error where it is of one axis."""
+    law = scene.velocities
+    requirement = "have velocities in any direction, as `Scene.any_direction` makes it"
+    require(law is not None, "scene", requirement, scene)
+    return law  # type: ignore[return-value]
+
+
 def require_scene(scene: object, *, in_plane: bool = False) -> None:
     """Refuse an object that is not a scene, such as the path of a scene's file."""
     requirement = "be a `Scene`, as `Scene.load(path)` reads one from a file"

@@ -17,9 +17,9 @@ from mishutter.evaluation.ceilings import ceiling
 from mishutter.evaluation.losses import AbstractLoss, as_loss
 from mishutter.evaluation.speed_knowledge import loss_of_decoder
 from mishutter.evaluation.tolerances import ToleranceCosts, tolerance_costs
+from mishutter.model.exposures import Exposures
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene, require_scene
-from mishutter.model.sequences import FrameSequence
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.pictures.images import Picture
 from mishutter.report.by_decoder import Judgement, judged_by, pictures_to_judge
@@ -54,7 +54,6 @@ from mishutter.search.rows import (
     SECOND_AXIS,
     SNAPSHOTS,
     STAGE,
-    Frames,
     Row,
     best_of_each_purchase,
     best_row,
@@ -135,7 +134,7 @@ class Comparison:
         return choice.is_of_one_exposure and choice.name not in SNAPSHOTS
 
     @property
-    def sequence(self) -> Frames | None:
+    def sequence(self) -> Exposures | None:
         """The frames of the best option; None without any.
 
         Where that is one exposure, since nothing is said to register objects, they are those that
@@ -291,7 +290,7 @@ def compare(
     decoder: AbstractDecoder | None = None,
     pictures: Iterable[Picture | ArrayLike] = (),
     progress: Step | bool | None = None,
-    bursts: tuple[FrameSequence, ...] = (),
+    bursts: tuple[Exposures, ...] = (),
 ) -> Comparison:
     r"""Measure shutters beside the baselines, in two readings.
 

@@ -11,7 +11,6 @@ from mishutter._core.files import FORMER, ONE_EXPOSURE, RECOMMENDED, strict_json
 from mishutter.decoding.restoration import RestoredPhotograph
 from mishutter.design.design import AbstractDesign, Design, PlaneDesign
 from mishutter.model.scene import Scene
-from mishutter.plane.bursts import PlaneBurst
 from mishutter.report import plots
 from mishutter.report.comparison import Comparison
 from mishutter.report.measured import MeasuredCamera
@@ -104,8 +103,8 @@ class Report:
     def recommended(self) -> AbstractDesign | None:
         """The best option as a design; None without a search, and where nothing is recommended."""
         choice = self.comparison.choice
-        if choice is not None and isinstance(choice.sequence, PlaneBurst):
-            return PlaneDesign(self.scene, choice.sequence)
+        if choice is not None and choice.is_in_plane:
+            return PlaneDesign(self.scene, choice.exposures)
         if self.design is None or choice is None:
             return None
         if choice.sequence is not None:

@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 from mishutter.evaluation.metrics import SequenceMetrics
 from mishutter.evaluation.speed_knowledge import KNOWN_SPEED
+from mishutter.model.exposures import Exposures
 from mishutter.model.scene import Scene
-from mishutter.plane.bursts import PlaneBurst
 from mishutter.report.comparison import Comparison
 from mishutter.report.verdict import (
     best_of_each_need,
@@ -59,7 +59,7 @@ def answer_in_plane(scene: Scene, search: PlaneSearch) -> Comparison:
     )
 
 
-def _name(burst: PlaneBurst) -> str:
+def _name(burst: Exposures) -> str:
     """The name of a row, by whether the sensor moves, and how."""
     if burst.num_frames == 1:
         return f"one exposure, {burst.kind}"
@@ -67,7 +67,7 @@ def _name(burst: PlaneBurst) -> str:
     return name if burst.kind == STILLS else f"{name}, {burst.kind}"
 
 
-def _row(name: str, burst: PlaneBurst) -> Row:
+def _row(name: str, burst: Exposures) -> Row:
     """Frames in the plane as a row."""
     parts = [FRAMES] if burst.num_frames > 1 else []
     parts += [STAGE, SECOND_AXIS][: burst.num_axes]

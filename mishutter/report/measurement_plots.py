@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import ndimage
 
-from mishutter.measurement.measurement import Measurement
+from mishutter.measurement.scene import Measurement
 from mishutter.pictures.images import to_display
 from mishutter.report.plots import MAP_COLOURS, leave_room, new_figure
 

@@ -27,16 +27,16 @@ from mishutter.hardware.drive import DriveTable
 from mishutter.hardware.triggers import FrameTable, frame_table
 from mishutter.model.decoder_speeds import DecoderSpeed
 from mishutter.model.devices import command_of
-from mishutter.model.exposures import Lights
+from mishutter.model.exposures import Exposures
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene, picture_power
+from mishutter.model.sequences import FramePath, Lights
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.polynomials import profile_of
 from mishutter.model.shutters.spline import SplineShutter
 from mishutter.model.stages import StagePath
 from mishutter.model.velocities import AbstractVelocities
 from mishutter.pictures.images import Axis, Picture, to_display, transposed
-from mishutter.plane.bursts import PlaneBurst
 from mishutter.search.rows import SHUTTER, Row
 
 if TYPE_CHECKING:
@@ -190,7 +190,7 @@ def plot_design(design: AbstractDesign) -> "Figure":
         design: A design along an axis or in the plane.
     """
     burst = design.exposures
-    if isinstance(burst, PlaneBurst) and burst.moves:
+    if burst.path is not None and burst.moves:
         return _plot_plane(design.scene, burst)
     if not isinstance(design, Design) or design.sequence is not None:
         return plot_frames(frame_table(design))
@@ -315,15 +315,15 @@ def plot_option(scene: Scene, row: Row, title: str = "") -> "Figure":
     velocities have panels of their own, if the stage moves.
     """
     exposures, is_still = row.exposures, row.stroke < _AT_REST
-    if isinstance(exposures, PlaneBurst) and not is_still:
+    if exposures.path is not None and not is_still:
         return _plot_plane(scene, exposures, title)
     paths = {} if is_still else exposures.stage_paths(scene)
     is_shaped = SHUTTER in row.required_hardware
     figure, (axes, *others) = _new(1 + is_shaped, height=2.6, share=True)
     _draw_exposures(axes, exposures.lights, paths)
-    if not (paths or is_still or isinstance(exposures, PlaneBurst)):
+    if not (paths or is_still):
         axes.lines[0].remove()  # no limit says how the stage gets there
-        for frame in exposures.frames:
+        for frame in exposures.along:
             time = np.linspace(-frame.exposure / 2, frame.exposure / 2, _NUM_POINTS)
             place = np.asarray(frame.motion.position(time)) + frame.position
             label = None if len(axes.lines) else "stage"
@@ -528,7 +528,7 @@ def plot_photograph(
     require(len(speeds) > 0, "plot_photograph(speeds=...)", "hold a speed", 0)
     aside = SPEED_KNOWLEDGE[decoder_speed].aside
     titles = {
-        name: textwrap.wrap(shown_name(name, 48).replace(" ms", "\u00a0ms"), width=23)
+        name: textwrap.wrap(shown_name(name, 69).replace(" ms", "\u00a0ms"), width=23)
         for name in results
     }
     lines = 1 + max(map(len, titles.values()))
@@ -741,7 +741,7 @@ def draw_grid(axes: "Axes") -> None:
     axes.grid(True, color="0.88", linewidth=0.6)
 
 
-def _plot_plane(scene: Scene, burst: PlaneBurst, title: str = "") -> "Figure":
+def _plot_plane(scene: Scene, burst: Exposures, title: str = "") -> "Figure":
     """Draws frames in the plane: their path, their places in time, and their velocities.
 
     Exposures are coloured one by one; the way between them is thin. The outline beside the
@@ -752,12 +752,13 @@ def _plot_plane(scene: Scene, burst: PlaneBurst, title: str = "") -> "Figure":
     below = figure.add_subplot(2, 1, 2)
     for axes in (plane, hodograph, below):
         draw_grid(axes)
-    frames, begin = burst.frames, burst.lights[0][0]
+    path: FramePath = burst.path  # type: ignore[assignment]
+    begin = burst.lights[0][0]
     time = begin + np.linspace(0, burst.duration * (1 - 1e-9), 8 * _NUM_POINTS)
-    place = np.asarray(frames.place(time)) - np.outer(burst.pan, time)
+    place = np.asarray(path.place(time)) - np.outer(burst.pan, time)
     place = place - np.mean(place, axis=1)[:, None]
-    ends = begin + np.append(0.0, np.cumsum(frames.durations))
-    velocity = np.stack([np.interp(time, ends, v) for v in np.asarray(frames.velocities)])
+    ends = begin + np.append(0.0, np.cumsum(path.durations))
+    velocity = np.stack([np.interp(time, ends, v) for v in np.asarray(path.velocities)])
     plane.plot(*place, color="0.7", linewidth=0.7)
     hodograph.plot(*velocity, color="0.7", linewidth=0.7)
     _shade(below, burst.lights)

@@ -15,9 +15,7 @@ from mishutter.decoding.restoration import RestoredPhotograph, least_columns, re
 from mishutter.decoding.simulation import photograph_by_frames
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene
-from mishutter.model.sequences import FrameSequence
 from mishutter.pictures.images import Picture, middle_rows, pixels_along, transposed
-from mishutter.plane.bursts import PlaneBurst
 from mishutter.search.rows import Row
 
 ENSEMBLE = "ensemble"
@@ -99,7 +97,7 @@ def photographs(
     shown: dict[str, RestoredPhotograph] = {}
     for name, row in rows.items():
         begin(name)
-        if isinstance(row.sequence, FrameSequence):
+        if row.sequence is not None and not row.is_in_plane:
             moving = pictured_speeds(scene)
             shown[name] = photograph_by_frames(
                 picture, scene, row.sequence, speeds=moving, key=fixed_key()
@@ -126,8 +124,7 @@ def photographs(
 
 def _motions(rows: Mapping[str, Row]) -> list[AbstractMotion]:
     """Motions over all exposures of rows along an axis."""
-    along = (row.exposures for row in rows.values() if not isinstance(row.exposures, PlaneBurst))
-    return [frame.motion for exposures in along for frame in exposures.frames]
+    return [frame.motion for row in rows.values() for frame in row.exposures.along]
 
 
 def pictured_speeds(scene: Scene) -> list[float]:

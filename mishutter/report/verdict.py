@@ -11,20 +11,18 @@ from jaxtyping import Array
 
 from mishutter.design.design import Design
 from mishutter.evaluation.bursts import FrameTimes, StillBursts, window_of
-from mishutter.evaluation.levels import require_velocities
 from mishutter.evaluation.losses import AbstractLoss
 from mishutter.evaluation.sequences import LONG, REGION
 from mishutter.model.devices import AbstractDevice
-from mishutter.model.exposures import AT_REST, AbstractExposures
+from mishutter.model.exposures import Exposures
 from mishutter.model.limits import Limits
 from mishutter.model.motion import LinearMotion
 from mishutter.model.occlusion import Occlusion
-from mishutter.model.scene import Scene, in_sensor_frame
+from mishutter.model.scene import Scene, in_sensor_frame, require_velocities
 from mishutter.model.scene_units import GRAVITY
 from mishutter.model.sensor import BurstMode
-from mishutter.model.sequences import SINE, FrameSequence
+from mishutter.model.sequences import AT_REST, SINE
 from mishutter.model.texture import EXAMPLE_PICTURE
-from mishutter.plane.bursts import PlaneBurst
 from mishutter.search.frame_ties import (
     ALTERNATING,
     CIRCLE,
@@ -48,7 +46,7 @@ from mishutter.search.rivals import (
     snapshots,
     taken_names,
 )
-from mishutter.search.rows import BEST_SNAPSHOT, SHUTTER, STAGE, Frames, Row, best_row
+from mishutter.search.rows import BEST_SNAPSHOT, SHUTTER, STAGE, Row, best_row
 from mishutter.search.space import beyond_limits
 
 _OPTIMISED = "optimised"
@@ -160,7 +158,7 @@ def _path(row: Row) -> str:
     return "on a free path" if row.is_free else "on a parabola"
 
 
-def _way_of_frames(frames: Frames, *, short: bool = False) -> str:
+def _way_of_frames(frames: Exposures, *, short: bool = False) -> str:
     """The way of the sensor over several frames."""
     if not frames.moves or frames.stroke < AT_REST:
         return " while the camera turns" if np.any(frames.pan) else " at rest"
@@ -168,7 +166,7 @@ def _way_of_frames(frames: Frames, *, short: bool = False) -> str:
     if rests:
         which = "second" if frames.num_frames == 2 else "last" if moving == 1 else f"last {moving}"
         return f", the {which} moving" if short else f", the stage moving during the {which}"
-    travel = _at_most(frames.travel) if isinstance(frames, PlaneBurst) else frames.travel
+    travel = frames.travel if frames.path is None else _at_most(frames.travel)
     way = _VERBS.get(frames.kind, "swings {way}").format(way=f"{_three_digits(travel)} px")
     return f" while the stage {way}"
 
@@ -184,12 +182,12 @@ def _at_most(value: float) -> float:
     return math.ceil(value / size - 1e-6) * size
 
 
-def _counted(exposures: AbstractExposures) -> str:
+def _counted(exposures: Exposures) -> str:
     """The number of exposures, in words."""
     return "one exposure" if exposures.num_frames == 1 else f"{exposures.num_frames} frames"
 
 
-def order_at_rest(exposures: AbstractExposures, limits: Limits, aside: str = "") -> str:
+def order_at_rest(exposures: Exposures, limits: Limits, aside: str = "") -> str:
     """The order to take some exposures, in words, with the stage at rest if there is one."""
     link = ", " if " of " in exposures.lengths else " of "
     if not limits.moves:
@@ -355,7 +353,7 @@ def _on_stage(scene: Scene, rows: Sequence[Row], choice: Row) -> str:
     doing = _WAYS.get(frames.kind, "swings").format(speeds=_speeds(frames), turns=_turns(frames))
     way = f"{rest if rests else ''}{doing}"
     axes = ""
-    use = frames.use if isinstance(frames, PlaneBurst) else frames.use_within(scene.limits)
+    use = frames.use_within(scene.limits)
     travel, top_speed = float(use.travel), float(use.top_speed)
     if choice.is_in_plane:
         travel, top_speed = _at_most(travel), _at_most(top_speed)
@@ -375,7 +373,7 @@ def _on_stage(scene: Scene, rows: Sequence[Row], choice: Row) -> str:
     return said
 
 
-def _speeds(frames: AbstractExposures) -> str:
+def _speeds(frames: Exposures) -> str:
     """Mean speeds over the frames that move, in words."""
     ends = np.array(frames.lights)
     ways = np.hypot.reduce(np.diff(frames.place(ends), axis=-1)[..., 0])
@@ -384,7 +382,7 @@ def _speeds(frames: AbstractExposures) -> str:
     return f"{' to '.join(f'{speed:,g}' for speed in few)} px/s"
 
 
-def _turns(frames: AbstractExposures) -> str:
+def _turns(frames: Exposures) -> str:
     """How often the stage flies back between frames."""
     count = frames.num_frames - frames.num_rests - 1
     return {1: "once", 2: "twice"}.get(count, f"{count} times")
@@ -472,7 +470,7 @@ def detail_words(scene: Scene) -> str:
     return f"detail {kind} ({finer}{other})"
 
 
-def _objects_words(scene: Scene, exposures: AbstractExposures) -> str:
+def _objects_words(scene: Scene, exposures: Exposures) -> str:
     """The assumption on the width of the objects, which move while there are exposures."""
     layers = scene.occlusion
     if layers is not None:
@@ -506,19 +504,18 @@ def _camera_words(scene: Scene, choice: Row) -> list[str]:
     return [*said, f"rows read within {readout * 1e3:,.4g} ms" if readout else "global shutter"]
 
 
-def details_of(scene: Scene, frames: Frames | None) -> list[str]:
+def details_of(scene: Scene, frames: Exposures | None) -> list[str]:
     """The losses of the choice's frames by a real sensor."""
     if frames is None:
         return []
     said = [points_that_leave(scene, frames.width_loss)]
-    registration = None if isinstance(frames, PlaneBurst) else frames.registration_loss
-    if registration is not None and registration >= _SHOWN:
+    if frames.registration_loss is not None and frames.registration_loss >= _SHOWN:
         said.append(
-            f"Registration by {REGION} x {REGION} px costs {registration:.2f} dB "
+            f"Registration by {REGION} x {REGION} px costs {frames.registration_loss:.2f} dB "
             "at the worst speed, which the level does not count."
         )
     is_told = scene.sensor.readout is not None or frames.num_frames == 1
-    if isinstance(frames, FrameSequence) and frames.moves and not is_told:
+    if frames.path is None and frames.moves and not is_told:
         readout, lost = loss_untold(scene, frames)
         said.append(
             f"Behind rows that are read one after another within {readout * 1e3:.3g} ms, as a "

@@ -23,10 +23,10 @@ from jaxtyping import Complex, Float
 
 from mishutter.evaluation.fans import GOLDEN, Fan, Grid
 from mishutter.evaluation.instants import Instants
-from mishutter.evaluation.levels import Light, in_parts, psnr_of_error, require_velocities
+from mishutter.evaluation.levels import Light, in_parts, psnr_of_error
 from mishutter.evaluation.needs import distinct_speeds
 from mishutter.model.optics import NYQUIST_FREQUENCY, frequencies, pixel_response
-from mishutter.model.scene import Scene, power_on_grid
+from mishutter.model.scene import Scene, power_on_grid, require_velocities
 
 _NUM_FREQUENCIES, _NUM_LITERAL = 48, 256
 """Frequencies of a search, and of a level that is told."""

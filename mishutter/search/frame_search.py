@@ -16,12 +16,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from mishutter.model.exposures import Exposures
+from mishutter.model.limits import Limits
 from mishutter.model.sequences import SINE
 from mishutter.search.frame_levels import Frames, Levels
 from mishutter.search.frame_limits import Room, Shape
 from mishutter.search.frame_ties import BRACKETED, FOLLOW, FREE, MOST_FREE, PAN, Numbers, Tie
 
-BEYOND = 1.05
+_BEYOND = 1.05
 """Share of a limit that frames are slowed down from, as a solver keeps limits to some digits."""
 _STEP, _STEP_OF_TIE = 1e-7, 1e-6
 """Steps of the differences of limits, whose numbers are of the order of 1, and of ties."""
@@ -123,6 +125,23 @@ class Descent(NamedTuple):
 def best_of(ends: Sequence["End | None"]) -> End | None:
     """The end of the highest level of those that are within their limits."""
     return max((end for end in ends if end is not None), key=lambda end: end.level, default=None)
+
+
+def within(
+    limits: Limits, frames: Frames, exposures_of: Callable[[Frames], Exposures]
+) -> Exposures | None:
+    """Frames slowed down until they are within limits; None where they are far from them."""
+    for _ in range(3):
+        exposures = exposures_of(frames)
+        share = exposures.share_of(limits)
+        if share <= 1 + 1e-7:
+            return exposures
+        if share > _BEYOND:
+            return None
+        slower = (1 - 1e-7) / share
+        velocity = frames.pan + (frames.velocity - frames.pan) * slower
+        frames = frames._replace(velocity=velocity, place=frames.place * slower)
+    return None
 
 
 def _climbed(

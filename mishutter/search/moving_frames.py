@@ -12,9 +12,10 @@ from mishutter._core.compiling import outside_trace
 from mishutter._core.parallel import alone_in_blas
 from mishutter.evaluation.bursts import FrameTimes
 from mishutter.evaluation.instants import Instants
-from mishutter.evaluation.levels import in_parts, path_for_rows, psnr_of_error, rows_of
+from mishutter.evaluation.levels import in_parts, psnr_of_error, rows_of
 from mishutter.evaluation.sequences import decibels_over, loss_of_width
 from mishutter.evaluation.speed_knowledge import knowledge_of
+from mishutter.model.exposures import Exposures, path_for_rows
 from mishutter.model.motion import (
     AbstractMotion,
     FreeMotion,
@@ -23,11 +24,11 @@ from mishutter.model.motion import (
     StillCamera,
 )
 from mishutter.model.scene import Scene
-from mishutter.model.sequences import SINE, FrameSequence, TimedFrame
+from mishutter.model.sequences import SINE, TimedFrame
 from mishutter.model.stages import place_at_begin
 from mishutter.search.frame_levels import Frames, Levels, is_range
 from mishutter.search.frame_limits import Room, Shape
-from mishutter.search.frame_search import BEYOND, End, Search
+from mishutter.search.frame_search import End, Search, within
 from mishutter.search.frame_ties import (
     ALTERNATING,
     BRACKETED,
@@ -59,7 +60,7 @@ _STRAIGHT = 0.25
 @alone_in_blas()
 def best_moving_burst(
     scene: Scene, *, progress: Callable[[float], None] = lambda share: None
-) -> FrameSequence | None:
+) -> Exposures | None:
     """The frames of least error of a sensor that moves; None without `scene.burst`.
 
     Each frame has a length, a velocity at its begin and one at its end, and a place, and the stage
@@ -115,7 +116,7 @@ def _pieces(count: int) -> int:
 class _Found:
     """Frames within the limits, and their level."""
 
-    sequence: FrameSequence
+    sequence: Exposures
     level: float  # dB
 
     @staticmethod
@@ -124,18 +125,11 @@ class _Found:
         frames = end.frames
         if scene.limits.pans == "camera":
             frames = _spared(scene, frames)
-        for _ in range(3):
-            sequence = sequence_of(frames, end.kind)
-            share = _share(scene, sequence)
-            if share <= 1 + 1e-7:
-                # Ends are judged by the level that is told, at the scene's own speeds.
-                return _Found(sequence, levels_of(scene, sequence.frames)[0])
-            if share > BEYOND:
-                return None
-            slower = (1 - 1e-7) / share
-            velocity = frames.pan + (frames.velocity - frames.pan) * slower
-            frames = frames._replace(velocity=velocity, place=frames.place * slower)
-        return None
+        sequence = within(scene.limits, frames, lambda slowed: sequence_of(slowed, end.kind))
+        if sequence is None:
+            return None
+        # Ends are judged by the level that is told, at the scene's own speeds.
+        return _Found(sequence, levels_of(scene, sequence.along)[0])
 
     @property
     def order(self) -> tuple[int, float]:
@@ -155,21 +149,8 @@ def _spared(scene: Scene, frames: Frames) -> Frames:
     between = frames.gap[:, None] * (stage[1:, 0] + stage[:-1, -1]) / 2
     place = np.concatenate([0 * pan[None], np.cumsum(ways[:-1] + between, axis=0)])
     turned = frames._replace(pan=pan, place=place)
-    shares = [_share(scene, sequence_of(each, FREE)) for each in (frames, turned)]
+    shares = [sequence_of(each, FREE).share_of(scene.limits) for each in (frames, turned)]
     return turned if shares[1] < shares[0] else frames
-
-
-def _share(scene: Scene, sequence: FrameSequence) -> float:
-    """Greatest share of a limit that the path of a stage takes."""
-    limits, use = scene.limits, sequence.use_within(scene.limits)
-    pairs = [
-        (use.stroke, limits.max_stroke),
-        # What the camera turns by is no longer the stage's.
-        (float(use.top_speed) + abs(sequence.pan), limits.max_top_speed),
-        (use.travel, limits.max_travel),
-        (use.acceleration, limits.max_acceleration),
-    ]
-    return max(float(taken) / float(there) for taken, there in pairs if there is not None)
 
 
 def _is_judged_on_sensor(scene: Scene) -> bool:
@@ -177,7 +158,7 @@ def _is_judged_on_sensor(scene: Scene) -> bool:
     return scene.registered_width is not None or scene.sensor.is_rolling
 
 
-def _chosen(scene: Scene, found: list[_Found]) -> FrameSequence:
+def _chosen(scene: Scene, found: list[_Found]) -> Exposures:
     """The simplest frames of those that are as good as the best on the scene's sensor."""
     if _is_judged_on_sensor(scene):
         # Frames that are as good without an end differ by some decibels on a narrow sensor.
@@ -192,13 +173,13 @@ def _chosen(scene: Scene, found: list[_Found]) -> FrameSequence:
     kind = kind_of(best) if best.kind == FREE else best.kind
     kind = ONE_PARABOLA if best.num_frames == 1 else kind
     best = best.for_rows(scene.sensor.readout_time, scene.limits)
-    psnr, worst = levels_of(scene, best.frames)
+    psnr, worst = levels_of(scene, best.along)
     if best.moves and scene.sensor.is_rolling:
         psnr, worst = _levels_by_rows(scene, best)
     return replace(best, kind=kind, psnr=psnr, worst_psnr=worst).with_travel(scene.limits)
 
 
-def _loss(scene: Scene, sequence: FrameSequence) -> float:
+def _loss(scene: Scene, sequence: Exposures) -> float:
     """Decibels that frames lose on a sensor of the scene's width, and by its rows."""
     width, lost = scene.registered_width, 0.0
     if width is not None and sequence.num_frames > 1:
@@ -210,7 +191,7 @@ def _loss(scene: Scene, sequence: FrameSequence) -> float:
     return lost
 
 
-def loss_untold(scene: Scene, sequence: FrameSequence) -> tuple[float, float]:
+def loss_untold(scene: Scene, sequence: Exposures) -> tuple[float, float]:
     """A telephone's readout, s, and decibels that a decoder would lose which is not told it.
 
     It knows the speed, and takes all rows for exposed at once.
@@ -225,15 +206,13 @@ def loss_untold(scene: Scene, sequence: FrameSequence) -> tuple[float, float]:
     return readout, 10 * float(np.log10(lost))
 
 
-def _errors_by_rows(
-    scene: Scene, sequence: FrameSequence, levels: Levels
-) -> Float[np.ndarray, "m l"]:
+def _errors_by_rows(scene: Scene, sequence: Exposures, levels: Levels) -> Float[np.ndarray, "m l"]:
     """Errors of frames in the mean over rows that are exposed one after another."""
     rows = rows_of(scene, sequence, "best_moving_burst")
     return sum((share * levels.errors_at(each) for share, each in rows), np.zeros(()))
 
 
-def _levels_by_rows(scene: Scene, sequence: FrameSequence) -> tuple[float, float]:
+def _levels_by_rows(scene: Scene, sequence: Exposures) -> tuple[float, float]:
     """As `levels_of`, in the mean over rows that are exposed one after another."""
     levels = Levels.on_axis(scene, literal=True)
     return _mean_and_worst(levels, np.sum(_errors_by_rows(scene, sequence, levels), axis=0))
@@ -259,7 +238,7 @@ def _mean_and_worst(levels: Levels, by_speed: Float[np.ndarray, "l"]) -> tuple[f
     return psnr_of_error(float(np.sum(by_speed))), psnr_of_error(float(worst))
 
 
-def sequence_of(frames: Frames, kind: str) -> FrameSequence:
+def sequence_of(frames: Frames, kind: str) -> Exposures:
     """Frames along one axis, with the motion and the time of each."""
     exposure, pan = frames.exposure, float(frames.pan[0])
     begins = np.concatenate([[0.0], np.cumsum(exposure[:-1] + frames.gap)])
@@ -273,7 +252,7 @@ def sequence_of(frames: Frames, kind: str) -> FrameSequence:
         every.append(TimedFrame(motion, time, begin - place_at_begin(of_stage) + pan * time))
     first = every[0].position
     moved = (TimedFrame(x.motion, x.time, x.position - first) for x in every)
-    return FrameSequence(kind, tuple(moved), 0.0, 0.0, 0.0, pan)
+    return Exposures(kind, tuple(moved), 0.0, 0.0, 0.0, pan)
 
 
 def _motion(velocities: Float[np.ndarray, "k"], half: float) -> AbstractMotion:
@@ -290,16 +269,16 @@ def _motion(velocities: Float[np.ndarray, "k"], half: float) -> AbstractMotion:
     return FreeMotion(accelerations=rates, half_exposure=half, velocity=middle)
 
 
-def kind_of(sequence: FrameSequence) -> str:
+def kind_of(sequence: Exposures) -> str:
     """The way of a sensor over frames, told from their motions and places."""
-    moving = [frame for frame in sequence.frames if not frame.is_still]
+    moving = [frame for frame in sequence.along if not frame.is_still]
     if not moving:
         return FREE
     ends = np.array([np.asarray(x.motion.end_velocities, np.float64)[[0, -1]] for x in moving])
     lengths, middle = np.array([x.exposure for x in moving]), np.mean(ends, axis=1)
     gains = ends[:, 1] - ends[:, 0]
     # Between frames a stage that follows things goes against their velocity.
-    ways = np.diff([frame.position for frame in moving])
+    ways = np.diff([float(frame.position) for frame in moving])
     between = ways - (middle[1:] * lengths[1:] + middle[:-1] * lengths[:-1]) / 2
     one_way = bool(np.all(ends >= 0) or np.all(ends <= 0))
     if one_way and len(moving) > 1 and np.all(between * np.sign(middle[0]) < -_STRAIGHT):

@@ -14,24 +14,24 @@ from mishutter._core.parallel import alone_in_blas
 from mishutter.evaluation.bursts import FrameTimes, some_numbers
 from mishutter.evaluation.ceilings import exposures_ceiling
 from mishutter.evaluation.fans import MEASURED, Grid
-from mishutter.evaluation.levels import exposures_psnr, require_velocities
+from mishutter.evaluation.levels import exposures_psnr
 from mishutter.evaluation.sequences import loss_of_width
-from mishutter.model.scene import Scene, require_scene
+from mishutter.model.exposures import Exposures, exposures_in_plane, turned_by
+from mishutter.model.scene import Scene, require_scene, require_velocities
 from mishutter.model.sensor import BurstMode
+from mishutter.model.sequences import FramePath
 from mishutter.model.stages import Knots, transfer
 from mishutter.model.velocities import AbstractVelocities
-from mishutter.plane.bursts import PlaneBurst, burst_of, of_stage, turned_by
-from mishutter.plane.frames import PlaneFrames
 from mishutter.search.frame_levels import Frames, Levels
 from mishutter.search.frame_limits import Room, Shape
 from mishutter.search.frame_search import (
-    BEYOND,
     Descent,
     End,
     again,
     best_of,
     near,
     shaken,
+    within,
 )
 from mishutter.search.frame_ties import (
     BRACKETED,
@@ -66,12 +66,12 @@ class PlaneSearch:
         ceiling: Level that no path over any number of frames exceeds; dB.
     """
 
-    snapshot: PlaneBurst
-    bursts: tuple[PlaneBurst, ...]
+    snapshot: Exposures
+    bursts: tuple[Exposures, ...]
     ceiling: float
 
     @property
-    def simplest(self) -> tuple[PlaneBurst, ...]:
+    def simplest(self) -> tuple[Exposures, ...]:
         """For each number of axes of a stage, the simplest frames within 0.05 dB of the best."""
         chosen = []
         for axes in sorted({burst.num_axes for burst in self.bursts}):
@@ -112,7 +112,7 @@ def best_in_plane(
     return _PlaneSearch.of(scene).found(progress)
 
 
-def stills_on_pan(scene: Scene) -> PlaneBurst:
+def stills_on_pan(scene: Scene) -> Exposures:
     """The best exposures of a camera that turned along with the mean of the things."""
     speed = float(np.hypot(*require_velocities(scene).centre))
     room = replace(scene.limits, pans="camera", max_pan=speed, max_top_speed=2 * speed)
@@ -171,9 +171,9 @@ class _PlaneSearch(NamedTuple):
         self,
         one: "_Stage",
         along: "Sequence[End | None]",
-        bursts: Sequence[PlaneBurst],
+        bursts: Sequence[Exposures],
         progress: Callable[[float], None],
-    ) -> list[PlaneBurst]:
+    ) -> list[Exposures]:
         """The best frames of each way on two axes, and free ones where they are better."""
         stage, ends = self.stage(2), []
         for index, count in enumerate(self.counts):
@@ -194,7 +194,7 @@ class _PlaneSearch(NamedTuple):
 
     def _bursts(
         self, stage: "_Stage", ends: "Sequence[End | None]", num_axes: int
-    ) -> list[PlaneBurst]:
+    ) -> list[Exposures]:
         """The best frames of each kind, fewer where more gain too little."""
         kinds: dict[str, End] = {}
         for end in ends:
@@ -205,36 +205,24 @@ class _PlaneSearch(NamedTuple):
         every = (self._burst(stage, end, num_axes) for end in kinds.values())
         return [burst for burst in every if burst is not None]
 
-    def _burst(self, stage: "_Stage", end: End, num_axes: int) -> PlaneBurst | None:
+    def _burst(self, stage: "_Stage", end: End, num_axes: int) -> Exposures | None:
         """Frames with their level, within the limits; None where they are far from them."""
-        limits, frames = self.scene.limits, end.frames
-        for _ in range(3):
-            burst = burst_of(self.scene, end.kind, num_axes, stage.made(frames), math.nan)
-            use, driven = burst.use, of_stage(burst.frames, np.array(burst.pan))
-            pairs = (
-                (use.stroke, limits.max_stroke),
-                (use.travel, limits.max_travel),
-                (use.top_speed, limits.max_top_speed),
-                (driven.acceleration(limits), limits.max_acceleration),
-            )
-            share = max(float(taken) / float(there) for taken, there in pairs if there is not None)
-            if share <= 1 + 1e-7:
-                break
-            if share > BEYOND:
-                return None
-            slower = (1 - 1e-7) / share
-            velocity, place = frames.velocity * slower, frames.place * slower
-            frames = frames._replace(velocity=velocity, place=place)
-        else:
+        limits = self.scene.limits
+
+        def exposures_of(frames: Frames) -> Exposures:
+            return exposures_in_plane(self.scene, end.kind, stage.made(frames), math.nan)
+
+        burst = within(limits, end.frames, exposures_of)
+        if burst is None:
             return None
-        made = burst.frames.for_rows(self.scene.sensor.readout_time, limits)
+        path: FramePath = burst.path  # type: ignore[assignment]
+        made = path.for_rows(self.scene.sensor.readout_time, limits)
         width, loss = self.scene.registered_width, None
         if width is not None and made.num_frames > 1:
             loss = loss_of_width(self.scene, made, width=width)
-        axes = 0 if driven.stays else num_axes
-        kind = end.kind if axes or not num_axes else STILLS
+        kind = end.kind if burst.num_axes or not num_axes else STILLS
         psnr = float(exposures_psnr(self.scene, made))
-        return burst_of(self.scene, kind, axes, made, psnr, width_loss=loss)
+        return exposures_in_plane(self.scene, kind, made, psnr, width_loss=loss)
 
     def stage(self, num_axes: int) -> "_Stage":
         """A stage of one axis along the fastest things, or of two."""
@@ -293,7 +281,7 @@ class _Stage(NamedTuple):
         progress(0.9)
         return [best, *again(self.levels, self.room, best, near(self.room), times=1)]
 
-    def made(self, frames: Frames) -> PlaneFrames:
+    def made(self, frames: Frames) -> FramePath:
         """The frames and the path of the sensor through them, in the plane."""
         count, ends, _ = frames.velocity.shape
         step = frames.steps
@@ -311,7 +299,7 @@ class _Stage(NamedTuple):
         path = np.concatenate(velocities) @ self.unit + self.search.offset
         begins = np.concatenate([[0.0], np.cumsum(frames.exposure[:-1] + frames.gap)])
         middles = begins + frames.exposure / 2 - (begins[-1] + frames.exposure[-1]) / 2
-        return PlaneFrames(middles, frames.exposure, np.concatenate(durations), path.T)
+        return FramePath(middles, frames.exposure, np.concatenate(durations), path.T)
 
     def _between(
         self, way: np.ndarray, gap: float, leave: np.ndarray, meet: np.ndarray

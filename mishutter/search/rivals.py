@@ -22,10 +22,10 @@ from mishutter.evaluation.metrics import SequenceMetrics, evaluate
 from mishutter.evaluation.needs import Plan
 from mishutter.evaluation.speed_knowledge import KNOWN_SPEED, knowledge_of
 from mishutter.evaluation.views import transmittance
+from mishutter.model.exposures import Exposures
 from mishutter.model.motion import AbstractMotion, LinearMotion, StillCamera
 from mishutter.model.scene import Scene
 from mishutter.model.sensor import BurstMode
-from mishutter.model.sequences import FrameSequence, OneExposure
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.kinds import baselines
 from mishutter.model.shutters.spline import SplineShutter
@@ -81,7 +81,7 @@ class RivalSearch:
         entries: Mapping[str, Entry] | None = None,
         *,
         every: bool = True,
-        bursts: tuple[FrameSequence, ...] = (),
+        bursts: tuple[Exposures, ...] = (),
     ) -> None:
         self.scene, self.loss, self.every, self._bursts = scene, loss, every, bursts
         self.motion = scene.motion if motion is None else motion
@@ -131,7 +131,7 @@ class RivalSearch:
         rows = [self.judged(row) for row in rows_of_bursts(*self.bursts())]
         return bool(rows) and choice_of(rows).level - WORTH_IT >= float(ceiling(self.scene))
 
-    def bursts(self) -> tuple[FrameSequence, ...]:
+    def bursts(self) -> tuple[Exposures, ...]:
         """The best bursts, which a search of an entry may have found."""
         if not self._bursts:
             known = (entry.bursts for entry in self._finished_entries() if entry.bursts)
@@ -193,7 +193,7 @@ def compared_rows(search: RivalSearch, step: Step, begin: Step = lambda name: No
     shutters = {name: transmittance(scene, motion, each) for name, each in commands.items()}
     measure = partial(evaluate, scene, motion)
     on_motion = [
-        Row(SAME_MOTION, name, OneExposure.of(motion, each, scene.limits), None, measure(each))
+        Row(SAME_MOTION, name, Exposures.of_one(motion, each, scene.limits), None, measure(each))
         for name, each in shutters.items()
     ]
     at_best = {}
@@ -304,13 +304,13 @@ def _bursts(search: RivalSearch) -> list[Row]:
         design = search.open_on_parabola()
         levels = design.metrics.known_speed_psnr, design.metrics.worst_known_speed_psnr
         limits = design.scene.limits
-        one = OneExposure.of(design.motion, design.shutter, limits)
-        whole = FrameSequence(ONE_PARABOLA, one.frames, 0.0, *map(float, levels), pan=one.pan)
+        one = Exposures.of_one(design.motion, design.shutter, limits)
+        whole = Exposures(ONE_PARABOLA, one.frames, 0.0, *map(float, levels), pan=one.pan)
         moving.append(whole.with_travel(limits))
     return rows_of_bursts(still, *moving)
 
 
-def rows_of_bursts(still: FrameSequence, *moving: FrameSequence) -> list[Row]:
+def rows_of_bursts(still: Exposures, *moving: Exposures) -> list[Row]:
     """The rows of the burst at rest, and of the best of those that move."""
     found = {BEST_STILL_BURST: still}
     if moving:
@@ -330,7 +330,7 @@ def _plain_stills(search: RivalSearch) -> list[Row]:
     return [_row_of_burst(PLAIN_STILLS, stills.sequence([best], times))]
 
 
-def _row_of_burst(name: str, sequence: FrameSequence) -> Row:
+def _row_of_burst(name: str, sequence: Exposures) -> Row:
     """A burst as a row, of the level of all its frames."""
     levels = (level_on_sensor(sequence, at_worst=at_worst) for at_worst in (False, True))
     metrics = SequenceMetrics(1.0, *levels)
@@ -401,5 +401,5 @@ def _are_equal(first: PyTree, second: PyTree) -> bool:
 
 
 def _row(name: str, design: Design) -> Row:
-    one = OneExposure.of(design.motion, design.shutter, design.scene.limits)
+    one = Exposures.of_one(design.motion, design.shutter, design.scene.limits)
     return Row(OWN_BEST_MOTION, name, one, design.loss, design.metrics, design=design)

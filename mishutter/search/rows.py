@@ -19,17 +19,15 @@ from mishutter.evaluation.speed_knowledge import (
     knowledge_of,
 )
 from mishutter.model.devices import least_efficiency
+from mishutter.model.exposures import Exposures
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene
-from mishutter.model.sequences import FrameSequence, OneExposure
 from mishutter.model.shutters.base import AbstractShutter
 from mishutter.model.shutters.polynomials import profile_of
 from mishutter.model.shutters.windows import RectShutter
-from mishutter.plane.bursts import PlaneBurst
 from mishutter.search.frame_ties import BRACKETED, FREE, STILLS, WAYS, WAYS_ON_TWO_AXES
 
 Choice = TypeVar("Choice")
-Frames = FrameSequence | PlaneBurst
 """Exposures along an axis, or in the plane."""
 
 BEST_SNAPSHOT = "best snapshot"
@@ -76,7 +74,7 @@ class Row:
 
     reading: str  # `"same motion"` or `"own best motion"`
     name: str  # Name of the shutter, or of the way of its frames
-    exposures: OneExposure | Frames  # What it takes
+    exposures: Exposures  # What it takes
     loss: float | None  # Value of the loss that tuned it; None on the same motion
     # Its metrics; of a burst those that a decoder has which registers its frames
     metrics: Metrics | SequenceMetrics
@@ -92,9 +90,9 @@ class Row:
         return f"Row({self.reading!r}, {self.name!r}, {self.level:.2f} dB, {self.setting})"
 
     @property
-    def sequence(self) -> Frames | None:
+    def sequence(self) -> Exposures | None:
         """The frames of a burst, and any exposures in the plane; None of one exposure."""
-        return None if isinstance(self.exposures, OneExposure) else self.exposures
+        return self.exposures if self.exposures.shutter is None else None
 
     @property
     def motion(self) -> AbstractMotion:
@@ -104,13 +102,13 @@ class Row:
     @property
     def shutter(self) -> AbstractShutter:
         """The profile of the one exposure, of a row without a `sequence`."""
-        return self._one.shutter
+        return self._one.shutter  # type: ignore[return-value]
 
     @property
-    def _one(self) -> OneExposure:
-        is_one, got = isinstance(self.exposures, OneExposure), Unquoted(self.exposures.kind)
+    def _one(self) -> Exposures:
+        is_one, got = self.exposures.shutter is not None, Unquoted(self.exposures.kind)
         require(is_one, "Row(exposures=...)", "be of one exposure along an axis", got)
-        return self.exposures  # type: ignore[return-value]
+        return self.exposures
 
     @cached_property
     def stroke(self) -> float:
@@ -153,16 +151,16 @@ class Row:
     @property
     def is_free(self) -> bool:
         """Whether its sensor follows a path of no constant acceleration."""
-        if isinstance(self.exposures, PlaneBurst):
+        if self.is_in_plane:
             return self.exposures.kind == FREE
-        return not all(frame.motion.accelerates_constantly for frame in self.exposures.frames)
+        return not all(frame.motion.accelerates_constantly for frame in self.exposures.along)
 
     @property
     def is_straight(self) -> bool:
         """Whether its sensor is at rest, or pans at a constant velocity."""
-        if isinstance(self.exposures, PlaneBurst):
+        if self.is_in_plane:
             return not self.exposures.moves
-        return all(frame.motion.is_straight for frame in self.exposures.frames)
+        return all(frame.motion.is_straight for frame in self.exposures.along)
 
     @property
     def rank(self) -> tuple[int, int, int]:

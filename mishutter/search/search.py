@@ -21,9 +21,9 @@ from mishutter.evaluation.needs import Plan
 from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE, loss_of_decoder
 from mishutter.evaluation.views import require_numbers, transmittance
 from mishutter.model.devices import AbstractDevice, command_of, stays_open
+from mishutter.model.exposures import Exposures
 from mishutter.model.motion import AbstractMotion, is_known_zero
 from mishutter.model.scene import Scene, require_scene
-from mishutter.model.sequences import FrameSequence, OneExposure
 from mishutter.model.shutters.base import AbstractShutter, check_bounds, is_adjustable
 from mishutter.model.shutters.chips import ChippedShutter
 from mishutter.model.shutters.spline import SplineShutter
@@ -144,7 +144,7 @@ def optimise(
     max_steps: int = MAX_STEPS,
     progress: Progress | bool | None = None,
     throw: bool = False,
-    bursts: tuple[FrameSequence, ...] = (),
+    bursts: tuple[Exposures, ...] = (),
 ) -> Design:
     r"""Search for the design of least loss within the scene's limits.
 
@@ -248,12 +248,12 @@ def optimise(
     return best
 
 
-def _beside_bursts(design: Design, loss: AbstractLoss, bursts: tuple[FrameSequence, ...]) -> Design:
+def _beside_bursts(design: Design, loss: AbstractLoss, bursts: tuple[Exposures, ...]) -> Design:
     """A design, and the frames to take in its place where these are better."""
     scene = design.scene
     # Before a background bursts are told more than one exposure, with which they do not compare.
     level = -math.inf if scene.occlusion is not None else next(iter(design.levels.values()))
-    one = OneExposure.of(design.motion, design.shutter, scene.limits)
+    one = Exposures.of_one(design.motion, design.shutter, scene.limits)
     row = Row(OWN_BEST_MOTION, "", one, None, design.metrics)
     instead = choose_burst(bursts, level, row.rank, at_worst=loss.of_worst_speed)
     return replace(design, bursts=bursts, sequence=instead)

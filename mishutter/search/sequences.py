@@ -6,13 +6,13 @@ from collections.abc import Callable
 from mishutter._core.progress import counts
 from mishutter.evaluation.bursts import best_still_burst
 from mishutter.evaluation.sequences import with_losses
+from mishutter.model.exposures import Exposures
 from mishutter.model.scene import Scene, require_scene
-from mishutter.model.sequences import FrameSequence
 from mishutter.search.moving_frames import best_moving_burst
 from mishutter.search.rows import simplest_of
 
 
-def best_sequence(scene: Scene) -> FrameSequence | None:
+def best_sequence(scene: Scene) -> Exposures | None:
     """The frames to take of a camera with a `BurstMode`, by a decoder that registers them.
 
     They are those of the best burst of a sensor that moves, or those of one at rest where moving
@@ -31,7 +31,7 @@ def best_sequence(scene: Scene) -> FrameSequence | None:
 
 def best_bursts(
     scene: Scene, *, progress: Callable[[float], None] = lambda share: None
-) -> tuple[FrameSequence, ...]:
+) -> tuple[Exposures, ...]:
     """The best burst of a sensor at rest, and that of one that moves; none without `scene.burst`.
 
     Before a background there is only that at rest: `restore` finds objects in such frames alone.
@@ -42,7 +42,7 @@ def best_bursts(
     return tuple(with_losses(scene, each) for each in found if each is not None)
 
 
-def shown_bursts(scene: Scene, *, is_shown: bool) -> tuple[FrameSequence, ...]:
+def shown_bursts(scene: Scene, *, is_shown: bool) -> tuple[Exposures, ...]:
     """As `best_bursts`, with a bar where it is asked for."""
     with counts(is_shown and scene.burst is not None, "searching", 1) as counter:
         name = "several frames"
@@ -50,19 +50,19 @@ def shown_bursts(scene: Scene, *, is_shown: bool) -> tuple[FrameSequence, ...]:
         return best_bursts(scene, progress=lambda share: counter.within(name, share))
 
 
-def level_on_sensor(burst: FrameSequence, *, at_worst: bool = False) -> float:
+def level_on_sensor(burst: Exposures, *, at_worst: bool = False) -> float:
     """PSNR of a burst, less what it loses on a sensor of the scene's width; dB."""
-    level = burst.worst_psnr if at_worst else burst.psnr
+    level = burst.psnr if burst.worst_psnr is None or not at_worst else burst.worst_psnr
     return level - (burst.width_loss or 0.0)
 
 
 def choose_burst(
-    bursts: tuple[FrameSequence, ...],
+    bursts: tuple[Exposures, ...],
     level: float = -math.inf,
     rank: tuple[int, ...] = (),
     *,
     at_worst: bool = False,
-) -> FrameSequence | None:
+) -> Exposures | None:
     """The burst to take, or None for one exposure that is as good and as simple."""
     several = [burst for burst in bursts if burst.num_frames > 1 or not rank]
     options = [

@@ -19,6 +19,7 @@ from support.time_sampling import captured_footage, captured_layers, captured_pi
 from support.videos import film
 
 import mishutter as ms
+from mishutter.camera.rows import continued, period_of
 from mishutter.decoding.decoders.base import blur_model
 from mishutter.model.sensor import noise_power
 from mishutter.pictures.images import shipped_picture
@@ -456,6 +457,20 @@ def test_footage_is_exposed_frame_by_frame(motion, border):
         breaks = np.linspace(-1, 1, 7)
         wanted = captured_footage(frames, motion, shutter, border=border, breaks=breaks)
         np.testing.assert_allclose(found, wanted, atol=allowed)
+
+
+@pytest.mark.parametrize("columns", [61, 90])
+def test_an_edge_goes_back_to_the_first_pixel_as_it_left_the_last(columns):
+    """The slope is the middle third of the gap, and as far from the one as from the other."""
+    period = period_of(columns, 20, "edge")
+    row = np.linspace(0.2, 0.9, columns)
+    gap = continued(row, period, "edge")[columns:]
+    third = gap.size // 3
+    np.testing.assert_allclose(gap[:third], 0.9)
+    np.testing.assert_allclose(gap[2 * third :], 0.2)
+    slope = gap[third : 2 * third]
+    np.testing.assert_allclose(np.diff(slope), -0.7 / third)
+    np.testing.assert_allclose(slope + slope[::-1], 0.2 + 0.9)
 
 
 @pytest.mark.parametrize("kind", PANNING)

@@ -21,7 +21,6 @@ from mishutter import (
 )
 from mishutter.camera.plane_frames import exposed_in_plane
 from mishutter.evaluation.instants import Instants
-from mishutter.plane.bursts import frames_of
 
 SCENE = scene_of("A")
 LAYERS = Layers((Layer(Picture(np.ones((40, 50, 1)))),))
@@ -47,11 +46,10 @@ def test_one_axis_is_a_line_of_the_plane():
     got = simulate_frames(picture, SCENE, plane, speed=(310.0, 0.0), num_columns=200, num_rows=5)
     assert got.shape == (2, 5, 200)
     np.testing.assert_allclose(got, np.asarray(wanted)[:, 2:7], atol=2e-5)
-    # Equal frames of one axis, at any angle: here down the columns, to which pictures are turned.
+    # A frame at rest sees a picture that moves down the columns as one that is turned.
     still = [TimedFrame(StillCamera(half_exposure=9e-3), 0.0)]
-    down = simulate_frames(
-        picture.T, SCENE, frames_of(still, np.pi / 2), speed=(0.0, 310.0), num_rows=200
-    )
+    at_rest = PlaneFrames(np.zeros(1), np.full(1, 18e-3), np.full(1, 18e-3), np.zeros((2, 2)))
+    down = simulate_frames(picture.T, SCENE, at_rest, speed=(0.0, 310.0), num_rows=200)
     across = simulate_frames(picture, scene, still, speed=310.0, num_columns=200)
     np.testing.assert_allclose(np.asarray(down)[0].T, np.asarray(across)[0], atol=2e-5)
 

@@ -19,7 +19,7 @@ from mishutter import (
     simulate_frames,
 )
 from mishutter.camera.rows import bands_of
-from mishutter.evaluation.levels import path_for_rows
+from mishutter.model.exposures import path_for_rows
 
 LIGHT = {"photon_rate": 1e5, "read_noise": 8.0}
 READOUT, SPEED = 0.018, 700.0
@@ -48,11 +48,11 @@ def scene_of(sensor, plane=False):
 def in_plane(scene, axis):
     """The path of the frames on parabolas, along rows or columns of the plane."""
     path = path_for_rows(scene, frames_on_parabolas())
-    knots = path.stage.times
+    knots = path.bends
     inner = (knots > -2 * PERIOD + 1e-6) & (knots < 2 * PERIOD - 1e-6)
     times = np.concatenate([[-2 * PERIOD], knots[inner], [2 * PERIOD]])
     velocities = np.zeros((2, times.size))
-    velocities[axis] = path.stage.at(times)[1]
+    velocities[axis] = np.interp(times, knots, path.velocities[0])
     return PlaneFrames(path.times, path.exposures, np.diff(times), velocities)
 
 
@@ -119,15 +119,17 @@ def test_a_band_is_exposed_when_its_rows_are_in_the_mean():
         np.testing.assert_allclose(delays, [-2.5, 0, 2.5], atol=1e-6)
 
 
-def test_a_thing_in_front_is_where_it_is_on_every_row():
-    """Beside a background of the same velocity it is the picture, whatever the bands of rows."""
+def test_a_thing_in_front_is_on_its_own_rows():
+    """Far from its ends they show its light, and the others that of the background."""
     light = picture().astype(np.float32)[..., None]
-    thing = Layer(Picture(light[5:19, 90:150]), SPEED, left=90, top=5)
-    both = Layers((Layer(Picture(light), SPEED), thing))
-    scene = scene_of(Sensor(readout=0.004))
-    taken = simulate_frames(both, scene, frames_on_parabolas())
-    wanted = simulate_frames(light, scene, frames_on_parabolas(), speed=SPEED)
-    np.testing.assert_allclose(taken[:, 6:18], wanted[:, 6:18], atol=0.02)
+    thing = Layer(Picture((1 - light)[5:19, 40:216]), SPEED, left=40, top=5)
+    scene, frames = scene_of(Sensor(readout=0.004)), frames_on_parabolas()[:1]
+    taken = simulate_frames(Layers((Layer(Picture(light), SPEED), thing)), scene, frames)
+    behind, own = (simulate_frames(x, scene, frames, speed=SPEED) for x in (light, 1 - light))
+    middle = slice(110, 146)
+    np.testing.assert_allclose(taken[:, 5:19, middle], own[:, 5:19, middle], atol=WITHIN)
+    for rows in (slice(5), slice(19, None)):
+        np.testing.assert_allclose(taken[:, rows], behind[:, rows], atol=WITHIN)
 
 
 @pytest.mark.parametrize("axis", ["rows", "columns"])

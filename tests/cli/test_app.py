@@ -10,6 +10,7 @@ import json
 import os
 import re
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -36,7 +37,6 @@ from support.drive import a_design
 from mishutter import (
     HannShutter,
     cli,
-    example_picture,
     example_scene,
     read_scene,
 )
@@ -175,25 +175,12 @@ def one_pixel(path):
     Image.new("L", (1, 1), 128).save(path)
 
 
-def truncated_jpeg(path):
-    whole = path.with_name("whole.jpg")
-    noise = np.random.default_rng(2).integers(0, 255, (64, 64, 3), dtype=np.uint8)
-    Image.fromarray(noise).save(whole)
-    path.write_bytes(whole.read_bytes()[:700])
-
-
-def text_as_picture(path):
-    path.write_text("not a picture")
-
-
 def narrow(path):
     Image.new("L", (3, 300), 128).save(path)
 
 
 PICTURES = {
     "one-pixel": ("photo.png", one_pixel, "must have rows of at least 8 px; got"),
-    "truncated": ("photo.jpg", truncated_jpeg, "must name a whole PNG, JPEG, TIFF"),
-    "text": ("photo.png", text_as_picture, "must name a whole PNG, JPEG, TIFF"),
     "narrow": ("photo.png", narrow, "must have rows of at least 8 px; got"),
 }
 
@@ -235,27 +222,6 @@ def test_no_folder_is_made_for_what_cannot_be_read(command, tmp_path, capsys):
     """Nothing is left behind where the input is missing."""
     refused(capsys, *command, "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
-def test_a_folder_without_permission(tmp_path, capsys):
-    """So is one that one may not write to."""
-    place = tmp_path / "closed"
-    place.mkdir(mode=0o500)
-    assert "must be a writable folder" in refused(capsys, "compare", "--out", place)
-
-
-def test_an_interrupt_is_130(monkeypatch, capsys):
-    """Ctrl-C ends a command with its own code and no traceback."""
-
-    def interrupt(*_, **__):
-        raise KeyboardInterrupt
-
-    # The first step of a command is where it is interrupted.
-    monkeypatch.setattr("mishutter.model.scene.example_scene", interrupt)
-    assert cli.main(["compare"]) == 130
-    (line,) = messages(capsys.readouterr().err)
-    assert line.startswith("mishutter: interrupted: no result was saved; the same command")
 
 
 @pytest.mark.parametrize(
@@ -393,19 +359,13 @@ def test_a_process_whose_reader_leaves_says_nothing_of_it():
     assert done.stderr == b""
 
 
-@pytest.mark.slow
-def test_a_design_whose_reader_leaves_is_kept(still_scene, tmp_path):
+def test_a_design_whose_reader_leaves_is_kept(still_scene, tmp_path, monkeypatch):
     """`mishutter optimise --out DIR 2>&1 | head -1` ends with 0 and all files."""
     options = [str(still_scene), *SMALL_SEARCH, "--out", str(tmp_path / "kept")]
     with unread() as stream:
-        done = subprocess.run(
-            [sys.executable, "-m", "mishutter", "optimise", *options],
-            stdout=stream,
-            stderr=stream,
-            env=environment(),
-            check=False,
-        )
-    assert done.returncode == 0
+        for name in ("stdout", "stderr"):
+            monkeypatch.setattr(sys, name, stream)
+        assert cli.main(["optimise", *options]) == 0
     assert {file.name for file in (tmp_path / "kept").iterdir()} > {
         "recommended.json",
         "answer.png",
@@ -413,36 +373,14 @@ def test_a_design_whose_reader_leaves_is_kept(still_scene, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "arguments", [["optimise", "no.toml"], ["--bad"], ["compare", "--loss", "x"]]
-)
-def test_nothing_else_reaches_the_terminal(arguments):
+def test_nothing_else_reaches_the_terminal():
     """A process of its own writes one line on standard error and nothing on output."""
-    command = [sys.executable, "-m", "mishutter", *arguments]
+    command = [sys.executable, "-m", "mishutter", "optimise", "no.toml"]
     done = subprocess.run(command, capture_output=True, text=True, env=environment(), check=False)
     assert done.returncode == 2
     assert done.stdout == ""
     (line,) = messages(done.stderr)
     assert line.startswith("mishutter: error: ")
-
-
-@pytest.mark.slow
-def test_cameras_are_judged_on_photographs(still_scene, tmp_path, capsys):
-    """`--pictures` adds a line to the verdict, and the levels of each photograph to the numbers."""
-    crops = tmp_path / "crops"
-    crops.mkdir()
-    for name, first in (("a.png", 100), ("b.png", 300)):
-        write_picture(crops / name, example_picture().light[first : first + 6, :240])
-    chosen = ["--shutter", "tukey:0.3", "--noise-seeds", "0", "--decoder", "wiener"]
-    assert cli.main(["compare", str(still_scene), *chosen, "--pictures", str(crops), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)["comparison"]
-    assert "\nBy WienerDecoder on 2 pictures" in told["verdict"]
-    judged = told["on_pictures"]["cameras"]
-    snapshots = [each for name, each in judged.items() if "snapshot" in name]
-    snapshot = next(each for each in snapshots if each["gain_db"] == 0)
-    levels = [np.array(each["psnr_db"]) for each in (judged["tukey:0.3"], snapshot)]
-    assert levels[0].shape == (2,)
-    assert judged["tukey:0.3"]["gain_db"] == pytest.approx(np.mean(levels[0] - levels[1]))
 
 
 @pytest.mark.slow
@@ -457,30 +395,31 @@ def test_without_a_cache_folder(small_scene, tmp_path):
     assert "num_taps" in json.loads(done.stdout)
 
 
-@pytest.mark.parametrize("named", [False, True])
 @pytest.mark.slow
-def test_programs_are_found_again(small_scene, tmp_path, named):
+def test_programs_are_found_again(still_scene, tmp_path):
     """In the user's cache folder or where the user says, without a word; when cut, made anew."""
-    command = [sys.executable, "-m", "mishutter", "plan", str(small_scene), "--json"]
+    command = [sys.executable, "-m", "mishutter", "plan", str(still_scene), "--json"]
     own, chosen = tmp_path / "own", tmp_path / "chosen"
     others = {"XDG_CACHE_HOME": str(own), "TF_CPP_MIN_LOG_LEVEL": "1"}  # as JAX chooses
     variables = environment(JAX_COMPILATION_CACHE_DIR=str(chosen), **others)
-    if not named:
-        del variables["JAX_COMPILATION_CACHE_DIR"]
-    kept = []
-    for _ in range(2):
+
+    def kept(variables, folder):
         done = subprocess.run(command, capture_output=True, text=True, env=variables, check=True)
         assert not messages(done.stderr)
-        kept.append(sorted(path.name for path in tmp_path.rglob("*-cache")))
-    assert kept[0] == kept[1] != []
-    for path in tmp_path.rglob("*-cache"):
-        path.write_bytes(path.read_bytes()[:99])
-    done = subprocess.run(command, capture_output=True, text=True, env=variables, check=True)
-    assert not messages(done.stderr)
-    assert sorted(path.name for path in tmp_path.rglob("*-cache")) == kept[0]
-    assert all(path.stat().st_size > 99 for path in tmp_path.rglob("*-cache"))
-    assert (chosen if named else own / "mishutter" / "jax").is_dir()
-    assert not (own if named else chosen).exists()
+        found = sorted(path.name for path in folder.rglob("*-cache"))
+        assert found == sorted(path.name for path in tmp_path.rglob("*-cache"))
+        return found
+
+    assert kept(variables, chosen)
+    shutil.rmtree(chosen)
+    del variables["JAX_COMPILATION_CACHE_DIR"]
+    found = []
+    for _ in range(2):
+        found.append(kept(variables, own / "mishutter" / "jax"))
+        for path in own.rglob("*-cache"):
+            assert path.stat().st_size > 99
+            path.write_bytes(path.read_bytes()[:99])
+    assert found[0] == found[1] != []
 
 
 COMMANDS = ("example", "optimise", "compare", "plan", "simulate", "sweep", "reproduce", "export")
@@ -529,14 +468,12 @@ def test_a_shell_completes_commands_and_values(words, found, monkeypatch, capsys
     assert capsys.readouterr().out.split() == [found]
 
 
-@pytest.mark.slow
-def test_help_names_every_command():
-    """`--help` lists the commands, in a process that does not compute anything; so does nothing."""
-    command = [sys.executable, "-m", "mishutter"]
-    shown = [
-        subprocess.run(asked, capture_output=True, text=True, env=environment(), check=True).stdout
-        for asked in ([*command, "--help"], command)
-    ]
+def test_help_names_every_command(capsys):
+    """`--help` lists the commands; so does nothing."""
+    shown = []
+    for asked in (["--help"], []):
+        assert cli.main(asked) == 0
+        shown.append(capsys.readouterr().out)
     assert all(name in shown[0] for name in COMMANDS)
     assert shown[0] == shown[1]
 
@@ -647,23 +584,7 @@ def test_compare_reads_designs_back(optimised, small_scene, capsys):
     assert "one_exposure = made/Hann" in lines["one_exposure"]
     assert f"{float(design.metrics.expected_psnr):.2f}" in lines["one_exposure"]
     assert re.match(r"Take .*: [\d.]+ dB", verdict)
-    assert cli.main(["compare", str(small_scene), *options]) == 0
-    short = capsys.readouterr().out
-    assert short.splitlines()[0] == verdict.splitlines()[0]
-    assert " one_exposure: " in short  # a saved design is an option by its name
-    assert "Own best motion" not in short
-    *_, last = short.splitlines()
-    again = f"mishutter optimise {small_scene} --out scene"
-    assert last == f"Next: {again}  # the design, pictures and a report"
-
-
-@pytest.mark.slow
-def test_a_search_makes_no_nan(optimised):
-    """With `jax_debug_nans`, which ends with the operation that makes one, it runs to its end.
-
-    The command did, into its folder.
-    """
-    assert (optimised[0] / "recommended.json").exists()
+    assert " one_exposure: " in verdict  # a saved design is an option by its name
 
 
 @pytest.mark.parametrize("is_terminal", [True, False])

@@ -118,18 +118,6 @@ def test_a_signal_among_garbage_is_not_lost(number, raised):
         work_after(Sending(number))
 
 
-def test_the_comparison_fits_a_terminal_of_80_columns(monkeypatch, capsys):
-    """One table, each row on one line, with the longest name and wide numbers; in a pipe too."""
-    monkeypatch.setenv("COLUMNS", "80")
-    row = ["best panned snapshot", "126.87", "-11.55", "126.87", "0.758"]
-    row += ["1045.0", "-12345", "1018.35"]
-    columns = ("shutter", "PSNR dB", "gain dB", "worst speed", "light", "stroke px", "pan px/s")
-    print_table("Own best motion", (*columns, "open ms"), [row, ["rect", *row[1:]]])
-    lines = capsys.readouterr().out.splitlines()
-    assert max(map(len, lines)) <= 80
-    assert [line.split()[-1] for line in lines if line.strip()[-1:].isdigit()] == [row[-1]] * 2
-
-
 @pytest.mark.filterwarnings("default")
 @pytest.mark.parametrize("kind", [PictureWarning, DriveWarning])
 def test_a_doubt_about_a_file_is_one_note(kind, capsys):

@@ -71,25 +71,21 @@ def test_a_device_that_is_not_there(variables, raised, line, scene, monkeypatch,
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "variables", [{"JAX_PLATFORMS": "cuda"}, {"JAX_PLATFORMS": "", "JAX_PLATFORM_NAME": "gpu"}]
-)
-def test_a_device_that_jax_does_not_find(variables, scene):
+def test_a_device_that_jax_does_not_find(scene):
     """One line and exit code 2, from a process of its own."""
+    variables = {"JAX_PLATFORMS": "", "JAX_PLATFORM_NAME": "gpu"}
     if any(device.platform == "gpu" for device in jax.devices()):
         pytest.skip("this machine has the device")
     code, out, (line,) = run("-m", "mishutter", "plan", scene, **variables)
     assert (code, out) == (2, "")
-    name = list(variables)[-1]
-    assert line.startswith(f"mishutter: error: `{name}` must name a kind of device")
+    assert line.startswith("mishutter: error: `JAX_PLATFORM_NAME` must name a kind of device")
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="no device is full there")
-@pytest.mark.parametrize("command", [["example"], ["plan", "--json"]])
-def test_output_that_finds_no_room(command):
+def test_output_that_finds_no_room():
     """A redirected result that the disk does not take is an error of one line."""
-    arguments = [sys.executable, "-m", "mishutter", *command]
+    arguments = [sys.executable, "-m", "mishutter", "example"]
     with open("/dev/full", "w") as full:
         done = subprocess.run(
             arguments,

@@ -10,23 +10,17 @@ import urllib.request
 import numpy as np
 import pytest
 from support.clips import ClipOf, Thing
-from support.command_line import SMALL_SCENE, SMALL_SEARCH, environment
+from support.command_line import SMALL_SCENE, environment
 from support.drive import a_design
-from support.laboratory import COMMAND, expected, recorded
+from support.laboratory import COMMAND
 from typer.main import get_command
 
-from mishutter import Design, cli, example_picture
+from mishutter import cli, example_picture
 from mishutter.cli.app import app
 from mishutter.pictures.images import write_picture
 
-SMALL = shlex.join(SMALL_SEARCH)
 COMMANDS = {
     "example": ("example", "[speeds]", ()),
-    "optimise": (
-        f"optimise still.toml {SMALL} --out designs",
-        "dB",
-        ("designs/recommended.json", "designs/report.json", "designs/answer.png"),
-    ),
     "compare": ("compare still.toml --design camera.json --noise-seeds 0", "dB", ()),
     "sweep": (
         "sweep still.toml --acceleration 1e3:9e3:2 --half-exposure 3:5:2 --shutter hann --out maps",
@@ -44,11 +38,6 @@ COMMANDS = {
         "restored.png",
         ("restored/restored.png", "restored/side_by_side.png"),
     ),
-    "reproduce": (
-        "reproduce --quick --out paper",
-        "Published statements",
-        ("paper/REPRODUCTION.md", *(f"paper/figure_{n}.png" for n in (3, 4, 5, 6))),
-    ),
     "export": (
         "export camera.json --levels 16 --steps 8 --out drive",
         "16 levels",
@@ -59,18 +48,15 @@ COMMANDS = {
         "mishutter optimise",
         ("found.toml", "noise.png", "motion.png"),
     ),
-    "fit": (
-        "fit bench.toml --design camera.json --coefficients 9 --out built",
-        "as built",
-        ("built/as_built.json", "built/fit.png"),
-    ),
 }
 """What is typed, a word of what it says, and the files that it writes."""
+ELSEWHERE = {"optimise": "test_app.py", "fit": "test_fit.py", "reproduce": "../paper"}
+"""Those that tests of their numbers run to the end."""
 
 
 @pytest.fixture(scope="module")
 def desk(tmp_path_factory):
-    """A folder with a scene in which nothing moves, a photograph, a design and a measurement."""
+    """A folder with a scene in which nothing moves, a photograph, a clip and a design."""
     place = tmp_path_factory.mktemp("desk")
     speeds, others = SMALL_SCENE.split("[light]")
     assert "list_px_per_s" in speeds
@@ -80,19 +66,12 @@ def desk(tmp_path_factory):
     clip = ClipOf(things, size=(128, 160), background="coins.png", num_frames=4)
     np.save(place / "clip.npy", clip.levels())
     a_design(COMMAND).save(place / "camera.json")
-    motion = Design.load(place / "camera.json").motion
-    rng, listed = np.random.default_rng(5), ["[sensor]\nread_noise_e = 3\n"]
-    for k, speed in enumerate((-1500.0, 0.0, 1700.0)):
-        light = expected(speed, "point", position=30.2, columns=88, motion=motion, shutter=COMMAND)
-        np.save(place / f"{k}.npy", recorded(light, 1e5, rng)[None])
-        listed.append(f'[[picture]]\npath = "{k}.npy"\nspeed_px_per_s = {speed}\n')
-    (place / "bench.toml").write_text("\n".join(listed))
     return place
 
 
 def test_every_command_is_among_them():
     """One that is missing is one that may end in a traceback unseen."""
-    assert {*COMMANDS, "explore"} == set(get_command(app).commands)
+    assert {*COMMANDS, *ELSEWHERE, "explore"} == set(get_command(app).commands)
 
 
 @pytest.mark.parametrize("name", COMMANDS)

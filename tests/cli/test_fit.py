@@ -37,7 +37,6 @@ def folder(tmp_path_factory):
     return place
 
 
-@pytest.mark.slow
 def test_a_camera_is_fitted_and_kept(folder, tmp_path, capsys):
     """Numbers with error bars, a picture, a design on a scene behind its lens, and a scene."""
     given = [folder / "bench.toml", "--design", folder / "design.json", "--coefficients", "9"]
@@ -164,26 +163,6 @@ def test_the_doubt_comes_before_the_numbers(chi_squared, capsys):
     assert first.startswith(chi)
     assert ("IMPLAUSIBLE, see the warning" in " ".join([first, *others])) == (chi_squared == 91.0)
     assert not any("Chi squared" in line for line in others)
-
-
-@pytest.mark.slow
-def test_an_implausible_fit_is_said_aloud(folder, tmp_path, capsys):
-    """Electrons per level that are three times what they are stand as a doubt wherever it goes."""
-    text = (folder / "bench.toml").read_text("utf-8")
-    bench = folder / "other_sensor.toml"
-    bench.write_text(text.replace("[sensor]\n", "[sensor]\nelectrons_per_level = 3.0\n"))
-    given = [bench, "--design", folder / "design.json", "--coefficients", "9", "--out", tmp_path]
-    assert cli.main(["fit", *map(str, given)]) == 0
-    out, err = capsys.readouterr()
-    assert ": IMPLAUSIBLE, see the warning." in out.replace("\n", " ")
-    assert "mishutter: warning: residuals are implausibly large: chi squared" in err
-    assert "# Implausible: residuals are implausibly large" in (
-        tmp_path / "as_built.toml"
-    ).read_text("utf-8")
-    assert cli.main(["fit", *map(str, given[:-2]), "--json"]) == 0
-    out, err = capsys.readouterr()
-    assert json.loads(out)["doubt"].startswith("residuals are implausibly large")
-    assert "mishutter: warning: residuals" in err
 
 
 PICTURE = '[[picture]]\npath = "{0}"\n'

@@ -126,6 +126,11 @@ OPTIONS = {
         ["export", "{j}", "--format", "pulses", "--levels", "9"],
         "`--format pulses` must have 2 levels from 0 to 1; got 9 levels from 0 to 1",
     ),
+    "one-level": (["export", "{j}", "--levels", "1"], "; got '1'"),
+    "ceiling-of-export": (
+        ["export", "{j}", "--ceiling", "0"],
+        "must lie above the floor 0 and up to 1; got 0.0",
+    ),
     "no-such-format": (["export", "{j}", "--format", "wav"], "; got 'wav'"),
 }
 
@@ -176,21 +181,6 @@ def test_export_of_an_open_shutter_says_so(tmp_path, capsys):
     assert cli.main(["export", str(tmp_path / "design.json"), "--steps", "4"]) == 0
     said = messages(capsys.readouterr().err)
     assert said == ["the shutter stays open for the whole exposure and needs no drive"]
-
-
-@pytest.mark.slow
-def test_export_names_the_level_before_the_exposure(tmp_path, capsys):
-    """A device that lags is taken to have settled at its first level."""
-    device = FirstOrderDevice(rise_time=1e-3, fall_time=2e-3, delay=3e-4)
-    scene = Scene(SCENE.speeds, photon_rate=1e5, read_noise=10.0, device=device)
-    shutter = scene.light(HannShutter(), MOTION)
-    replace(a_design(shutter), scene=scene).save(tmp_path / "design.json")
-    assert cli.main(["export", str(tmp_path / "design.json"), "--levels", "9"]) == 0
-    out, err = capsys.readouterr()
-    settled = 0.3 + 2 * np.log(1e3) / np.log(9)
-    assert f"to level 0 at least {settled:.3g} ms before the exposure" in err
-    rows = np.array([[float(x) for x in line.split(",")] for line in out.splitlines()[2:]])
-    assert np.max(np.abs(rows[:, 3] - rows[:, 4])) > 0.1
 
 
 @pytest.mark.slow

@@ -106,10 +106,10 @@ def test_frames_of_layers_become_layers(tmp_path, monkeypatch, capsys):
 
 
 def test_a_sensor_that_moves_before_a_background_is_refused():
-    """One line says that the sensor has to be at rest."""
+    """One line says that the sensor has to be at rest in two frames."""
     scene, moving = design().scene, ms.ParabolicMotion(acceleration=1e5, half_exposure=5e-3)
     frames = [ms.TimedFrame(moving, time) for time in (-0.01, 0.01)]
-    text = "must be of a sensor at rest where objects are restored one by one"
+    text = "must be of a sensor at rest twice, or `speed` and `outlines` be given"
     with pytest.raises(ValueError, match=text):
         ms.restore_frames(np.ones((2, 20, 30)), scene, frames)
 

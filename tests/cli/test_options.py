@@ -5,14 +5,15 @@ arguments is tested beside it. An option that has no case here fails the last te
 """
 
 import contextlib
+import functools
 import inspect
 import pydoc
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import numpy as np
 import pytest
@@ -30,292 +31,192 @@ class ReachedError(Exception):
     """Ends a command at the function that a case looks at."""
 
 
-@dataclass(frozen=True)
-class Option:
-    """A case: the words of an option, the function that it reaches, and a look at its arguments.
+class Named(NamedTuple):
+    """The function that an option reaches, and the argument in which its value stands there.
 
     Attributes:
-        words: Option and value.
         target: The function, by its address.
-        look: The part of the arguments that the option decides.
-        value: What `look` sees with the option, and does not see without it.
-        beside: Words that stand there with the option and without it.
+        name: The argument, or a part of it, as `motion.half_exposure`.
     """
 
-    words: list[str]
     target: str
-    look: Callable[[dict[str, Any]], Any]
-    value: Any
-    beside: tuple[str, ...] = ()
+    name: str
 
 
-def _named(name: str) -> Callable[[dict[str, Any]], Any]:
-    return lambda arguments: arguments[name]
-
-
-def _type_of(name: str) -> Callable[[dict[str, Any]], str]:
-    return lambda arguments: type(arguments[name]).__name__
-
-
-def _shutter_taken(arguments: dict[str, Any]) -> str:
-    return type(arguments["motion"].shutter).__name__
-
-
-def _row(name: str) -> Callable[[dict[str, Any]], Any]:
-    return lambda arguments: (
-        None if arguments[name] is None else np.round(arguments[name], 9).tolist()
-    )
-
-
-def _opens_a_browser(arguments: dict[str, Any]) -> bool:
-    import webbrowser
-
-    opened = []
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(webbrowser, "open", opened.append)
-        arguments["ready"]("http://127.0.0.1:8765")
-    return bool(opened)
+def plain(value: Any) -> Any:
+    """A value as the table writes it: a path by its name, a table by its keys, ours by its kind."""
+    if isinstance(value, Path):
+        return value.name
+    if isinstance(value, list):
+        return [plain(each) for each in value]
+    if isinstance(value, Mapping):
+        return [*value]
+    if isinstance(value, eqx.Module):
+        return type(value).__name__
+    if isinstance(value, jax.Array) and jax.dtypes.issubdtype(value.dtype, jax.dtypes.prng_key):
+        return int(jax.random.key_data(value)[-1])
+    if isinstance(value, jax.Array | np.ndarray):
+        return np.round(value, 9).tolist()
+    return value() if inspect.ismethodwrapper(value) else value
 
 
 SEARCH, COMPARE = "mishutter.search.search.optimise", "mishutter.report.comparison.compare"
 SWEEP, PLAN = "mishutter.sweeps.run.sweep", "mishutter.search.planning.plan"
-CAPTURE, EXPLORE = (
-    "mishutter.decoding.simulation.capture_and_restore",
-    "mishutter.explore.server.serve",
-)
+CAPTURE = "mishutter.decoding.simulation.capture_and_restore"
+RESTORE = "mishutter.decoding.simulation.restored_capture"
+EXPLORE = "mishutter.explore.server.serve"
 TABLE, FIT = "mishutter.hardware.drive.drive_table", "mishutter.hardware.calibration.estimation.fit"
-READ_DRIVE, READ_TRACE = (
-    "mishutter.hardware.drive.design_from_drive",
-    "mishutter.hardware.trace_files.read_trace",
-)
+READ_DRIVE = "mishutter.hardware.drive.design_from_drive"
+READ_TRACE = "mishutter.hardware.trace_files.read_trace"
+READ_PATH = "mishutter.hardware.recorded_paths.read_path"
+READ_PICTURE = "mishutter.pictures.images.read_picture"
+READ_CAPTURES = "mishutter.pictures.images.read_captures"
 STAGE = "mishutter.hardware.drive_files.path_csv"
-PROFILE, READ_PICTURE = (
-    "mishutter.hardware.traces.measured_profile",
-    "mishutter.pictures.images.read_picture",
-)
+PROFILE = "mishutter.hardware.traces.measured_profile"
+MEASURE = "mishutter.measurement.measurement.measure"
 TABLES = "mishutter.report.comparison.comparison_tables"
 PHOTOGRAPHS = "mishutter.report.restored.photographs"
+REPRODUCE = "mishutter.paper.reproduction.reproduce"
 
+GIVEN, ON_PICTURES = "--design design.json", "--pictures photo.png --pictures other.png"
+LOSS = ("--loss known-speed", "loss", "KnownSpeedLoss")
 LABORATORY = [
-    Option(["--drive", "drive.csv"], READ_DRIVE, lambda a: a["path"].name, "drive.csv"),
-    Option(["--measured", "trace.csv"], READ_TRACE, lambda a: a["path"].name, "trace.csv"),
-    Option(
-        ["--measured-column", "diode"],
-        READ_TRACE,
-        _named("column"),
-        "diode",
-        ("--measured", "trace.csv"),
-    ),
-    *(
-        Option([name, said], READ_DRIVE, _named(argument), value, ("--drive", "drive.csv"))
-        for name, said, argument, value in (
-            ("--exposure-ms", "14.6", "half_exposure", pytest.approx(7.3e-3)),
-            ("--half-exposure-ms", "7.3", "half_exposure", pytest.approx(7.3e-3)),
-            ("--position-scale-px", "31", "position_scale", 31.0),
-            ("--floor", "0.07", "floor", 0.07),
-            ("--ceiling", "0.83", "ceiling", 0.83),
-        )
-    ),
-    *(
-        Option([name, said], PROFILE, _named(argument), value, ("--measured", "trace.csv"))
-        for name, said, argument, value in (
-            ("--mid-exposure-ms", "0.4", "middle", pytest.approx(4e-4)),
-            ("--closed-level", "0.021", "closed", 0.021),
-            ("--open-level", "1.49", "opened", 1.49),
-        )
-    ),
+    ("--drive drive.csv", Named(READ_DRIVE, "path"), "drive.csv"),
+    ("--measured trace.csv", Named(READ_TRACE, "path"), "trace.csv"),
+    ("--measured-column diode", Named(READ_TRACE, "column"), "diode", "--measured trace.csv"),
+    ("--exposure-ms 14.6", Named(READ_DRIVE, "half_exposure"), 7.3e-3, "--drive drive.csv"),
+    ("--half-exposure-ms 7.3", Named(READ_DRIVE, "half_exposure"), 7.3e-3, "--drive drive.csv"),
+    ("--position-scale-px 31", Named(READ_DRIVE, "position_scale"), 31.0, "--drive drive.csv"),
+    ("--floor 0.07", Named(READ_DRIVE, "floor"), 0.07, "--drive drive.csv"),
+    ("--ceiling 0.83", Named(READ_DRIVE, "ceiling"), 0.83, "--drive drive.csv"),
+    ("--mid-exposure-ms 0.4", Named(PROFILE, "middle"), 4e-4, "--measured trace.csv"),
+    ("--closed-level 0.021", Named(PROFILE, "closed"), 0.021, "--measured trace.csv"),
+    ("--open-level 1.49", Named(PROFILE, "opened"), 1.49, "--measured trace.csv"),
 ]
-MEASURE = "mishutter.measurement.measurement.measure"
-READ_CAPTURES = "mishutter.pictures.images.read_captures"
-READ_PATH = "mishutter.hardware.recorded_paths.read_path"
-RESTORE, GIVEN = "mishutter.decoding.simulation.restored_capture", ("--design", "design.json")
-ON_PICTURES = ("--pictures", "photo.png", "--pictures", "other.png")
 JUDGED = [
-    Option(["--pictures", "photos"], COMPARE, lambda a: len(a["pictures"]), 3),
-    Option(
-        ["--decoder", "total-variation"],
-        COMPARE,
-        _type_of("decoder"),
-        "TotalVariationDecoder",
-        ON_PICTURES,
-    ),
+    ("--pictures photos", Named(COMPARE, "pictures.__len__"), 3),
+    ("--decoder total-variation", Named(COMPARE, "decoder"), "TotalVariationDecoder", ON_PICTURES),
+    ("--noise-seeds 3", Named(PHOTOGRAPHS, "num_seeds"), 3),
+    ("--every-photograph", Named(PHOTOGRAPHS, "every"), True),
 ]
-LOSS = (["--loss", "known-speed"], _type_of("loss"), "KnownSpeedLoss")
 OPTIONS = {
     "optimise": [
-        Option(LOSS[0], SEARCH, *LOSS[1:]),
-        Option(["--free", "shutter"], SEARCH, _named("free"), ("shutter",)),
-        Option(["--coefficients", "7"], SEARCH, _named("num_coefficients"), 7),
-        Option(["--starts", "3"], SEARCH, _named("num_starts"), 3),
-        Option(["--steps", "5"], SEARCH, _named("max_steps"), 5),
-        Option(["--seed", "8"], SEARCH, _named("seed"), 8),
-        Option(["--noise-seeds", "3"], PHOTOGRAPHS, _named("num_seeds"), 3),
-        Option(["--every-photograph"], PHOTOGRAPHS, _named("every"), True),
+        (LOSS[0], Named(SEARCH, LOSS[1]), LOSS[2]),
+        ("--free shutter", Named(SEARCH, "free"), ("shutter",)),
+        ("--coefficients 7", Named(SEARCH, "num_coefficients"), 7),
+        ("--starts 3", Named(SEARCH, "num_starts"), 3),
+        ("--steps 5", Named(SEARCH, "max_steps"), 5),
+        ("--seed 8", Named(SEARCH, "seed"), 8),
         *JUDGED,
-        Option(["--verbose"], PLAN, lambda a: "loss" in a, True),
+        ("--verbose", Named(PLAN, "loss"), "ExpectedErrorLoss"),
     ],
     "compare": [
-        Option(["--design", "design.json"], COMPARE, lambda a: [*a["shutters"]], ["design"]),
-        Option(["--shutter", "tukey:0.3"], COMPARE, lambda a: [*a["shutters"]], ["tukey:0.3"]),
+        ("--design design.json", Named(COMPARE, "shutters"), ["design"]),
+        ("--shutter tukey:0.3", Named(COMPARE, "shutters"), ["tukey:0.3"]),
+        (LOSS[0], Named(COMPARE, LOSS[1]), LOSS[2]),
         *LABORATORY,
-        Option(LOSS[0], COMPARE, *LOSS[1:]),
-        Option(["--noise-seeds", "3"], PHOTOGRAPHS, _named("num_seeds"), 3),
-        Option(["--every-photograph"], PHOTOGRAPHS, _named("every"), True),
         *JUDGED,
-        Option(["--verbose"], TABLES, lambda a: "rows" in a, True),
+        ("--verbose", Named(TABLES, "rows.__len__"), 3),
     ],
     "sweep": [
-        Option(["--acceleration", "1e4:4e4:3"], SWEEP, _row("accelerations"), [1e4, 2.5e4, 4e4]),
-        Option(
-            ["--stage-acceleration", "2e4:8e4:3"],
-            SWEEP,
-            _row("accelerations"),
-            [1e4, 2.5e4, 4e4],
-        ),
-        Option(
-            ["--exposure", "4.4:5.2:3"],
-            SWEEP,
-            _row("half_exposures"),
-            [2.2e-3, 2.4e-3, 2.6e-3],
-        ),
-        Option(
-            ["--half-exposure", "2.2:2.6:3"],
-            SWEEP,
-            _row("half_exposures"),
-            [2.2e-3, 2.4e-3, 2.6e-3],
-        ),
-        Option(["--velocity", "-90:70:2"], SWEEP, _row("velocities"), [-90.0, 70.0]),
-        Option(
-            ["--log"],
-            SWEEP,
-            _row("accelerations"),
-            [1e4, 2e4, 4e4],
-            ("--acceleration", "1e4:4e4:3"),
-        ),
-        Option(["--optimise"], SWEEP, _named("optimise"), True),
-        Option(LOSS[0], SWEEP, *LOSS[1:], ("--optimise",)),
-        Option(
-            ["--shutter", "tukey:0.3"],
-            SWEEP,
-            lambda a: "tukey:0.3" in (a["shutters"] or {}),
-            True,
-        ),
-        Option(["--coefficients", "7"], SWEEP, _named("num_coefficients"), 7),
-        Option(
-            ["--store", "map.zarr"], SWEEP, lambda a: a["store"] and a["store"].name, "map.zarr"
-        ),
-        Option(["--scheduler", "127.0.0.1:8786"], SWEEP, _named("scheduler"), "127.0.0.1:8786"),
+        ("--acceleration 1e4:4e4:3", Named(SWEEP, "accelerations"), [1e4, 2.5e4, 4e4]),
+        ("--stage-acceleration 2e4:8e4:3", Named(SWEEP, "accelerations"), [1e4, 2.5e4, 4e4]),
+        ("--exposure 4.4:5.2:3", Named(SWEEP, "half_exposures"), [2.2e-3, 2.4e-3, 2.6e-3]),
+        ("--half-exposure 2.2:2.6:3", Named(SWEEP, "half_exposures"), [2.2e-3, 2.4e-3, 2.6e-3]),
+        ("--velocity -90:70:2", Named(SWEEP, "velocities"), [-90.0, 70.0]),
+        ("--log", Named(SWEEP, "accelerations"), [1e4, 2e4, 4e4], "--acceleration 1e4:4e4:3"),
+        ("--optimise", Named(SWEEP, "optimise"), True),
+        (LOSS[0], Named(SWEEP, LOSS[1]), LOSS[2], "--optimise"),
+        ("--shutter tukey:0.3", Named(SWEEP, "shutters"), ["tukey:0.3"]),
+        ("--coefficients 7", Named(SWEEP, "num_coefficients"), 7),
+        ("--store map.zarr", Named(SWEEP, "store"), "map.zarr"),
+        ("--scheduler 127.0.0.1:8786", Named(SWEEP, "scheduler"), "127.0.0.1:8786"),
     ],
     "plan": [
-        Option(LOSS[0], PLAN, *LOSS[1:]),
-        Option(["--free", "shutter"], PLAN, _named("free"), ("shutter",)),
-        Option(["--fixed"], PLAN, _named("free"), ()),
-        Option(["--coefficients", "7"], PLAN, lambda a: a["shutter"].num_coefficients, 7),
+        (LOSS[0], Named(PLAN, LOSS[1]), LOSS[2]),
+        ("--free shutter", Named(PLAN, "free"), ("shutter",)),
+        ("--fixed", Named(PLAN, "free"), ()),
+        ("--coefficients 7", Named(PLAN, "shutter.num_coefficients"), 7),
     ],
     "simulate": [
-        Option(["--subject", "other.png"], READ_PICTURE, lambda a: a["path"].name, "other.png"),
-        Option(
-            ["--white", "4095"], READ_PICTURE, _named("white"), 4095.0, ("--subject", "other.png")
-        ),
-        Option(["--linear"], READ_PICTURE, _named("linear"), True, ("--subject", "other.png")),
-        Option(
-            ["--design", "design.json"],
-            CAPTURE,
-            lambda a: float(a["motion"].motion.half_exposure),
-            pytest.approx(9.7e-3),
-        ),
-        Option(["--shutter", "tukey:0.3"], CAPTURE, _shutter_taken, "TukeyShutter"),
+        ("--subject other.png", Named(READ_PICTURE, "path"), "other.png"),
+        ("--white 4095", Named(READ_PICTURE, "white"), 4095.0, "--subject other.png"),
+        ("--linear", Named(READ_PICTURE, "linear"), True, "--subject other.png"),
+        ("--design design.json", Named(CAPTURE, "motion.motion.half_exposure"), 9.7e-3),
+        ("--shutter tukey:0.3", Named(CAPTURE, "motion.shutter"), "TukeyShutter"),
         *LABORATORY,
-        Option(["--speed", "37"], CAPTURE, _named("speed"), 37.0),
-        Option(["--decoder", "wiener"], CAPTURE, _type_of("decoder"), "WienerDecoder"),
-        Option(["--noiseless"], CAPTURE, _named("key"), None),
-        Option(["--full-well", "1900"], CAPTURE, _named("full_well"), 1900.0),
-        Option(["--adc-bits", "11"], CAPTURE, _named("adc_bits"), 11),
-        Option(["--seed", "8"], CAPTURE, lambda a: a["key"] == jax.random.key(8), True),
+        ("--speed 37", Named(CAPTURE, "speed"), 37.0),
+        ("--decoder wiener", Named(CAPTURE, "decoder"), "WienerDecoder"),
+        ("--noiseless", Named(CAPTURE, "key"), None),
+        ("--full-well 1900", Named(CAPTURE, "full_well"), 1900.0),
+        ("--adc-bits 11", Named(CAPTURE, "adc_bits"), 11),
+        ("--seed 8", Named(CAPTURE, "key"), 8),
     ],
     "restore": [
-        Option(
-            ["--design", "other.json"],
-            RESTORE,
-            lambda a: float(a["design"].motion.half_exposure),
-            pytest.approx(8.1e-3),
-        ),
-        Option(
-            ["--scene", "scene.toml"],
-            RESTORE,
-            lambda a: float(a["design"].scene.limits.max_half_exposure),
-            pytest.approx(17e-3),
+        ("--design other.json", Named(RESTORE, "design.motion.half_exposure"), 8.1e-3),
+        (
+            "--scene scene.toml",
+            Named(RESTORE, "design.scene.limits.max_half_exposure"),
+            17e-3,
             GIVEN,
         ),
-        Option(
-            ["--shutter", "tukey:0.3"],
-            RESTORE,
-            lambda a: type(a["design"].shutter).__name__,
+        (
+            "--shutter tukey:0.3",
+            Named(RESTORE, "design.shutter"),
             "TukeyShutter",
-            ("--scene", "scene.toml"),
+            "--scene scene.toml",
         ),
-        *(replace(each, beside=(*each.beside, *GIVEN)) for each in LABORATORY),
-        Option(["--black", "103"], READ_CAPTURES, _named("black"), 103.0, GIVEN),
-        Option(["--white", "4095"], READ_CAPTURES, _named("white"), 4095.0, GIVEN),
-        Option(["--linear"], READ_CAPTURES, _named("linear"), True, GIVEN),
-        Option(["--decoder", "wiener"], RESTORE, _type_of("decoder"), "WienerDecoder", GIVEN),
-        Option(["--speed", "37"], RESTORE, _named("speed"), 37.0, GIVEN),
-        Option(
-            ["--stage-path", "encoder.csv"], READ_PATH, _named("path"), Path("encoder.csv"), GIVEN
-        ),
-        Option(
-            ["--stage-scale-px", "-0.3"],
-            READ_PATH,
-            _named("scale"),
+        *((*case[:3], " ".join([*case[3:], GIVEN])) for case in LABORATORY),
+        ("--black 103", Named(READ_CAPTURES, "black"), 103.0, GIVEN),
+        ("--white 4095", Named(READ_CAPTURES, "white"), 4095.0, GIVEN),
+        ("--linear", Named(READ_CAPTURES, "linear"), True, GIVEN),
+        ("--decoder wiener", Named(RESTORE, "decoder"), "WienerDecoder", GIVEN),
+        ("--speed 37", Named(RESTORE, "speed"), 37.0, GIVEN),
+        ("--stage-path encoder.csv", Named(READ_PATH, "path"), "encoder.csv", GIVEN),
+        (
+            "--stage-scale-px -0.3",
+            Named(READ_PATH, "scale"),
             -0.3,
-            (*GIVEN, "--stage-path", "encoder.csv"),
+            f"{GIVEN} --stage-path encoder.csv",
         ),
     ],
     "explore": [
-        Option(["--port", "8765"], EXPLORE, _named("port"), 8765),
-        Option(["--host", "0.0.0.0"], EXPLORE, _named("host"), "0.0.0.0"),
-        Option(["--no-browser"], EXPLORE, _opens_a_browser, False),
+        ("--port 8765", Named(EXPLORE, "port"), 8765),
+        ("--host 0.0.0.0", Named(EXPLORE, "host"), "0.0.0.0"),
     ],
-    "reproduce": [
-        Option(["--quick"], "mishutter.paper.reproduction.reproduce", _named("quick"), True)
-    ],
+    "reproduce": [("--quick", Named(REPRODUCE, "quick"), True)],
     "export": [
-        Option(["--steps", "19"], TABLE, _named("num_steps"), 19),
-        Option(["--levels", "5"], TABLE, _named("num_levels"), 5),
-        Option(["--floor", "0.07"], TABLE, _named("floor"), 0.07),
-        Option(["--ceiling", "0.83"], TABLE, _named("ceiling"), 0.83),
-        Option(["--format", "pulses"], TABLE, _named("carries_error"), True),
-        Option(["--return"], STAGE, _named("returns"), True, ("--out", "drive")),
+        ("--steps 19", Named(TABLE, "num_steps"), 19),
+        ("--levels 5", Named(TABLE, "num_levels"), 5),
+        ("--floor 0.07", Named(TABLE, "floor"), 0.07),
+        ("--ceiling 0.83", Named(TABLE, "ceiling"), 0.83),
+        ("--format pulses", Named(TABLE, "carries_error"), True),
+        ("--return", Named(STAGE, "returns"), True, "--out drive"),
     ],
     "measure": [
-        Option(["--frames-per-s", "61"], MEASURE, _named("frames_per_s"), 61.0),
-        Option(["--exposure-ms", "3"], MEASURE, _named("exposure"), pytest.approx(3e-3)),
-        Option(["--dark", "dark.tif"], MEASURE, _named("dark"), [Path("dark.tif")]),
-        Option(["--flat", "flat.tif"], MEASURE, _named("flats"), [Path("flat.tif")]),
-        Option(["--black", "63"], MEASURE, _named("black"), 63.0),
-        Option(["--white", "4095"], MEASURE, _named("white"), 4095.0),
-        Option(["--pixel-pitch-um", "3.5"], MEASURE, _named("pixel_pitch"), pytest.approx(3.5e-6)),
-        Option(["--px-per-mm", "7"], MEASURE, _named("px_per_mm"), 7.0),
-        Option(["--readout-ms", "12"], MEASURE, _named("readout"), pytest.approx(0.012)),
-        Option(["--rows-read", "up"], MEASURE, _named("rows_read"), "up"),
+        ("--frames-per-s 61", Named(MEASURE, "frames_per_s"), 61.0),
+        ("--exposure-ms 3", Named(MEASURE, "exposure"), 3e-3),
+        ("--dark dark.tif", Named(MEASURE, "dark"), ["dark.tif"]),
+        ("--flat flat.tif", Named(MEASURE, "flats"), ["flat.tif"]),
+        ("--black 63", Named(MEASURE, "black"), 63.0),
+        ("--white 4095", Named(MEASURE, "white"), 4095.0),
+        ("--pixel-pitch-um 3.5", Named(MEASURE, "pixel_pitch"), 3.5e-6),
+        ("--px-per-mm 7", Named(MEASURE, "px_per_mm"), 7.0),
+        ("--readout-ms 12", Named(MEASURE, "readout"), 0.012),
+        ("--rows-read up", Named(MEASURE, "rows_read"), "up"),
     ],
     "fit": [
-        Option(
-            ["--design", "other.json"],
-            FIT,
-            lambda a: float(a["motion"].half_exposure),
-            pytest.approx(8.1e-3),
-        ),
-        Option(
-            ["--drive", "drive.csv"], READ_DRIVE, lambda a: a["path"].name, "drive.csv", ("--json",)
-        ),
-        Option(["--coefficients", "7"], FIT, _named("num_coefficients"), 7),
-        Option(["--redesign"], SEARCH, _named("free"), "shutter", ("--json",)),
+        ("--design other.json", Named(FIT, "motion.half_exposure"), 8.1e-3),
+        ("--drive drive.csv", Named(READ_DRIVE, "path"), "drive.csv", "--json"),
+        ("--coefficients 7", Named(FIT, "num_coefficients"), 7),
+        ("--redesign", Named(SEARCH, "free"), "shutter", "--json"),
     ],
 }
-"""Cases by command. `--out` and `--json` are held by the tests of each command's files."""
+"""Cases by command: words, where their value goes, the value, and words that stand there always.
+
+`--out` and `--json` are held by the tests of each command's files."""
 # `test_objects.py` restores by the last two.
-HELD_ELSEWHERE = {"--out", "--json", "--help", "--objects", "--outlines"}
+HELD_ELSEWHERE = {"--out", "--json", "--help", "--objects", "--outlines", "--no-browser"}
 REQUIRED = {
     "reproduce": ["--out", "page"],
     "restore": ["other.png"],
@@ -394,23 +295,39 @@ def arguments_of(monkeypatch, target, words):
     return calls[0] if calls else None
 
 
+def seen(arguments: dict[str, Any], place: Named) -> Any:
+    """What stands at a place, as the table writes it."""
+    name, *parts = place.name.split(".")
+    return plain(functools.reduce(getattr, parts, arguments[name]))
+
+
 CASES = [
-    pytest.param(command, option, id=f"{command} {option.words[0]}")
-    for command, options in OPTIONS.items()
-    for option in options
+    pytest.param(command, case, id=f"{command} {case[0].split()[0]}")
+    for command, cases in OPTIONS.items()
+    for case in cases
 ]
 
 
-@pytest.mark.parametrize(("command", "option"), CASES)
-def test_an_option_reaches_its_function(command, option, desk, designs, monkeypatch):
+@pytest.mark.parametrize(("command", "case"), CASES)
+def test_an_option_reaches_its_function(command, case, desk, designs, monkeypatch):
     """Its value is there with the option, and not without it."""
-    stub(monkeypatch, designs, option.target)
+    option, place, value, *beside = case
+    stub(monkeypatch, designs, place.target)
     first = REQUIRED.get(command, ["scene.toml"])
-    words = [command, *first, *option.beside]
-    with_it = arguments_of(monkeypatch, option.target, [*words, *option.words])
-    assert option.look(with_it) == option.value
-    without = arguments_of(monkeypatch, option.target, words)
-    assert without is None or option.look(without) != option.value
+    words = [command, *first, *" ".join(beside).split()]
+    wanted = pytest.approx(value) if isinstance(value, float) else value
+    assert seen(arguments_of(monkeypatch, place.target, [*words, *option.split()]), place) == wanted
+    without = arguments_of(monkeypatch, place.target, words)
+    assert without is None or seen(without, place) != wanted
+
+
+def test_a_browser_is_opened_unless_it_is_declined(desk, designs, monkeypatch):
+    """At the address of the page, once it is served."""
+    opened = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    for words in ([], ["--no-browser"]):
+        arguments_of(monkeypatch, EXPLORE, ["explore", "scene.toml", *words])["ready"]("http://a")
+    assert opened == ["http://a"]
 
 
 @pytest.mark.parametrize(
@@ -439,5 +356,5 @@ def test_every_option_has_a_case():
     commands = typer.main.get_command(app).commands
     for name, command in commands.items():
         options = {max(p.opts, key=len) for p in command.params if p.opts[0].startswith("-")}
-        held = {option.words[0] for option in OPTIONS.get(name, [])}
+        held = {case[0].split()[0] for case in OPTIONS.get(name, [])}
         assert options - HELD_ELSEWHERE == held, name

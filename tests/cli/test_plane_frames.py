@@ -3,7 +3,6 @@
 import json
 from dataclasses import replace
 
-import jax
 import numpy as np
 import pytest
 from support.command_line import messages, refused
@@ -166,27 +165,6 @@ def test_an_image_stabiliser_is_answered_driven_simulated_and_restored(desk, cap
     levels = [float(ms.psnr(truth, ms.read_picture(name).light)) for name in frames]
     restored = float(ms.psnr(truth, ms.read_picture("out/restored.png").light))
     assert restored > max(levels) + 5
-
-
-@pytest.mark.slow
-def test_an_image_stabiliser_in_python(desk):
-    """The same by the functions of the commands, from the scene to the picture, by four frames."""
-    truth = a_dark_photo()
-    (desk / "stabiliser.toml").write_text(STABILISER.replace("= 16", "= 8"), "utf-8")
-    scene = ms.Scene.load("stabiliser.toml")
-    search = ms.best_in_plane(scene)
-    design = ms.PlaneDesign(scene, max(search.simplest, key=lambda burst: burst.psnr))
-    assert design.sequence.num_axes == 2
-    assert design.sequence.psnr > search.snapshot.psnr + 2.5
-    assert "sensor_position_y" in ms.frame_table(design).stage_csv()
-    captures = ms.simulate_frames(
-        truth, scene, design.frames, speed=(-175.0, 96.0), key=jax.random.key(4)
-    )
-    light, found = ms.restore_frames(captures, scene, design.frames)
-    assert found.trusted, found.doubt
-    assert np.hypot(*(found.velocity - np.array([-175.0, 96.0]))) * 0.5 < 1
-    frames = [float(ms.psnr(truth, np.clip(frame, 0, 1))) for frame in captures]
-    assert float(ms.psnr(truth, light)) > max(frames) + 5
 
 
 @pytest.mark.slow

@@ -72,13 +72,6 @@ def photograph(first=100, last=124):
     return ms.example_picture().light[first:last].astype(np.float64)
 
 
-def portrait():
-    """Rows whose ends differ, as those of most photographs do."""
-    from mishutter.pictures.images import shipped_picture
-
-    return shipped_picture("astronaut.png").luminance[100:228, :, None].astype(np.float64)
-
-
 def recaptured(restored, known):
     """What a restored picture would look like to the camera, without noise."""
     seen = np.maximum(np.asarray(restored), 0)
@@ -236,24 +229,6 @@ def test_wiener_is_that_of_scikit_image():
     wanted = reference(captured, taps[None], 1.0, reg=penalty[None], is_real=True, clip=False)
     found = np.fft.irfft(np.fft.rfft(captured) * wiener_filter(model, length), length)
     np.testing.assert_allclose(found, wanted, atol=1e-9)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", DECODERS)
-def test_borders_are_nearly_as_good_as_the_middle(name):
-    """The outermost kernel length is within 3 dB of the rest where the scene goes on beyond."""
-    decoder, known = DECODERS[name], scene(picture=ms.Texture(mean_level=0.21, deviation=0.2))
-    found = ms.restore_photograph(
-        portrait(),
-        known,
-        camera(),
-        ms.HannShutter(),
-        decoder=decoder,
-        speeds=[0.0],
-        num_seeds=1,
-    )
-    inside, border = borders.inside_and_at_border(found.reference, found.restored[0])
-    assert border > inside - 3
 
 
 @pytest.mark.slow

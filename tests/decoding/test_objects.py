@@ -11,6 +11,7 @@ from mishutter.decoding.objects.candidates import candidates
 from mishutter.decoding.objects.finding import found_in
 from mishutter.decoding.objects.grids import Window, moved, splines
 from mishutter.decoding.objects.light import Knowledge, _sheet
+from mishutter.decoding.objects.outlines import given_others
 from mishutter.decoding.objects.stills import Stills
 from mishutter.decoding.objects.velocities import refine_velocity
 
@@ -102,6 +103,40 @@ def test_a_thing_without_texture_is_told_by_its_outline():
         apart = own.velocity - np.array(disc.velocity)
         assert np.hypot(*apart) < 5
         assert apart @ np.linalg.solve(own.covariance, apart) < 4**2 * 2
+
+
+def test_a_velocity_is_refined_where_frames_are_half_a_stroke_out_of_place():
+    """The mean of frames out of place has too little slope: whole steps by it would swing."""
+    blocks = np.random.default_rng(2).choice([0.2, 0.7], (24, 24))
+    page = thing(0, (60.0, 66.0), 30.0, (310.0, -115.0), np.kron(blocks, np.ones((4, 4))))
+    frames = frames_of(ground(), [page], TIMES, EXPOSURES, np.random.default_rng(13))
+    matte = shown(ground(), [page], 0.0)[1][0].astype(np.float32)
+    for off in ((12.0, 18.0), (0.0, -30.0)):
+        start = np.array(page.velocity) + off
+        own = Found(start, matte, start.copy(), 20.0)
+        refine_velocity(Arrangement(stills(frames), [own], [0]), 0, None)
+        np.testing.assert_allclose(own.velocity, page.velocity, atol=1.0)
+
+
+def test_what_one_frame_alone_shows_is_told_by_the_layer_about_it():
+    """A strip that goes on as a flat layer does is likely, another light in it is not."""
+    random, seen = np.random.default_rng(14), np.ones((3, 40, 60))
+    light = np.where(np.arange(60) < 30, 0.5, np.arange(60) % 7 / 6) * np.ones((40, 1))
+    frames = light + random.normal(0, 0.03, (3, 40, 60))
+    seen[1:, :, 10:16] = 0
+    other = frames.copy()
+    other[0, :, 10:16] += 0.2
+    likely, unlikely = (
+        given_others(stills(each, TIMES[:3], EXPOSURES[:3]), each, seen).logarithms[0]
+        for each in (frames, other)
+    )
+    strip = np.s_[8:-8, 11:15]
+    assert np.mean((likely - unlikely)[strip]) > 1.2
+    assert np.mean(likely[strip]) > -1
+    # Where the layer has texture, its neighbourhood tells little.
+    seen[1:, :, 40:46] = 0
+    textured = given_others(stills(frames, TIMES[:3], EXPOSURES[:3]), frames, seen).logarithms[0]
+    assert np.mean(textured[8:-8, 41:45]) < -1.5
 
 
 def test_nothing_is_found_where_nothing_moves():
@@ -206,3 +241,18 @@ def test_a_velocity_that_nothing_tells_stays_as_uncertain_as_it_was():
     refine_velocity(Arrangement(stills(frames), [one], [0]), 0, None)
     np.testing.assert_allclose(np.sqrt(np.diag(one.covariance)), 30.0, rtol=0.1)
     np.testing.assert_allclose(one.velocity, first, atol=10)
+
+
+def test_a_thing_that_is_left_out_leaves_the_others_in_their_order():
+    """Of three, the last in front: without the first, numbers fall and what hides what stays."""
+    mattes = np.zeros((3, 40, 48), np.float32)
+    for k, matte in enumerate(mattes):
+        matte[8 + 4 * k : 24 + 4 * k, 10 : 20 + 8 * k] = 1
+    things = [Found(np.zeros(2), matte, np.zeros(2), 30.0) for matte in mattes]
+    every = Arrangement(stills(np.full((4, 40, 48), 0.3)), things, [2, 0, 1])
+    seen = every.seen(1) + every.seen(0) * mattes[1]
+    every.drop(0)
+    assert every.order == [1, 0]
+    assert every.behind(1) == [0]
+    np.testing.assert_allclose(every.seen(0), seen, atol=1e-6)
+    np.testing.assert_allclose(every.alphas()[1], mattes[1] * (1 - mattes[2]), atol=1e-6)

@@ -12,31 +12,9 @@ import mishutter as ms
 from benchmarks import photographs
 from benchmarks.scenes import scenes
 
-HALF = 0.009
-MOVING = ms.ParabolicMotion(acceleration=45 / HALF**2, half_exposure=HALF)
 SNAPSHOT = ms.StillCamera(half_exposure=0.0008)
-DIM, BRIGHT = 600 / 0.0016, 2e7
 NUM_INSTANTS = 4000
 WITHIN_DB = 0.15
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("photon_rate", [DIM, BRIGHT])
-@pytest.mark.parametrize(
-    ("motion", "shutter"),
-    [(MOVING, ms.HannShutter()), (SNAPSHOT, ms.RectShutter())],
-    ids=["coded", "snapshot"],
-)
-def test_two_photographs_come_back_as_the_table_promises(motion, shutter, photon_rate):
-    """From 600 electrons up to 360,000, snapshots and coded exposures alike."""
-    scene = ms.Scene.uniform(
-        max_speed=4500.0, num_speeds=5, photon_rate=photon_rate, read_noise=8.0
-    )
-    responses = photographs.sampled_responses(scene, motion, shutter, NUM_INSTANTS)
-    for name in ("camera.png", "coffee.png"):
-        rows = photographs.rows_of(name)[::6]
-        promised, found = photographs.levels(rows, scene, motion, shutter, responses)
-        assert abs(found - promised) < WITHIN_DB
 
 
 NUM_SCENES = 5

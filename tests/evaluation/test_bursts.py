@@ -131,28 +131,6 @@ def test_stills_have_the_level_of_the_formula_of_all_frames(rate):
     assert RATE * best.exposure <= 90.0 * (1 + 1e-6)
 
 
-def test_the_rate_that_equals_a_level_is_the_least():
-    """At it a burst has the level, and just below it none has."""
-    bursts = StillBursts(_scene(burst=None))
-    for level in (28.6, 30.3):
-        rate = bursts.rate_that_equals(level, most=1000.0)
-        assert bursts.best(1.001 * rate).psnr >= level > bursts.best(0.995 * rate).psnr
-    assert bursts.rate_that_equals(30.3, most=40.0) is None
-    assert bursts.rate_that_equals(60.0, most=1000.0) is None
-
-
-def test_two_frames_may_be_too_dark_for_the_level_of_one():
-    """Where nothing moves one long exposure has a level to which read noise lets no burst come."""
-    limits = Limits(min_half_exposure=2e-4, max_half_exposure=0.017)
-    still = Scene([0.0], photon_rate=3e3, read_noise=8.0, limits=limits)
-    bursts = StillBursts(still)
-    one, two = (bursts.best(1.0, max_frames=1).psnr, bursts.error(2, 0.017))
-    level = (one - 10 * np.log10(two)) / 2
-    assert one > level + 0.1 > -10 * np.log10(two) + 0.2
-    assert bursts.number_that_equals(level, most=100) == 1
-    assert bursts.rate_that_equals(level, most=1000.0) is None
-
-
 def test_the_worst_speed_may_judge_stills():
     """Its error is the largest of all, and an object at rest has the least."""
     scene = _scene(burst=None)
@@ -175,25 +153,6 @@ def test_a_second_exposure_never_hurts():
         assert burst.psnr == pytest.approx(float(burst_psnr(scene, groups)), abs=1e-4)
     assert gains[0] >= 0
     assert gains[1] > 0.3
-
-
-def test_stills_without_a_gap_equal_a_level_in_some_number():
-    """The least that does; none equals a level that shorter frames do not come to."""
-    bursts = StillBursts(_scene(burst=None), window=0.031)
-    count = bursts.number_that_equals(29.7, most=100)
-    levels = [bursts.best(n / 0.031 * (1 - 1e-9), max_frames=n).psnr for n in (count - 1, count)]
-    assert levels[0] < 29.7 <= levels[1] + 1e-6
-    assert bursts.number_that_equals(60.0, most=100) is None
-
-
-def test_a_rate_that_equals_a_level_is_one_of_the_camera():
-    """Which takes no more frames than it can."""
-    scene = _scene(burst=BurstMode(frames_per_s=240.0, max_frames=4))
-    free, bound = StillBursts(_scene(burst=None)), StillBursts(scene)
-    count = free.number_that_equals(30.3, most=1000)
-    assert count > 4
-    assert bound.rate_that_equals(30.3, most=1000.0) is None
-    assert bound.rate_that_equals(28.0, most=1000.0) == free.rate_that_equals(28.0, most=1000.0)
 
 
 @pytest.mark.parametrize("share", [1.0, 0.37])

@@ -1,9 +1,7 @@
-"""Stills that equal a level, and of two exposures, where neighbouring readings would differ."""
+"""Stills of two exposures, where neighbouring readings would differ."""
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize_scalar
-from support.stills import errors_of_stills
 
 from mishutter import BurstMode, Limits, Scene
 from mishutter.evaluation.bursts import FrameTimes, StillBursts, best_still_burst
@@ -15,28 +13,6 @@ SPEEDS, WEIGHTS, RATE, NOISE = np.array([100.0, 3000.0]), np.array([0.8, 0.2]), 
 def _scene(**burst):
     given = {"weights": WEIGHTS, "photon_rate": RATE, "read_noise": NOISE, "limits": LIMITS}
     return Scene(SPEEDS, burst=BurstMode(**burst), **given)
-
-
-def _level(num_frames, longest):
-    """Their level at the best exposure up to the longest."""
-    scene = _scene(frames_per_s=240.0)
-    end = minimize_scalar(
-        lambda x: WEIGHTS @ errors_of_stills(num_frames, x, scene),
-        bounds=(4e-4, longest),
-        method="bounded",
-    )
-    return -10 * np.log10(min(end.fun, WEIGHTS @ errors_of_stills(num_frames, longest, scene)))
-
-
-@pytest.mark.parametrize(("window", "count"), [(0.023, 13), (0.037, 17)])
-def test_stills_that_equal_a_level_share_the_window(window, count):
-    """The window leaves each of them less than would be best, so that its length tells."""
-    bursts = StillBursts(_scene(frames_per_s=240.0), window=window)
-    fewer, level = (_level(n, window / n) for n in (count - 1, count))
-    level = (fewer + level) / 2
-    assert fewer < level - 0.01
-    assert _level(count - 1, 2 * window / (count - 1)) > level
-    assert bursts.number_that_equals(level, most=40) == count
 
 
 def test_fewer_frames_of_two_exposures_may_be_best():

@@ -9,7 +9,6 @@ from support.plan_check import metrics_by
 
 from mishutter import (
     ExpectedErrorLoss,
-    FreeMotion,
     HannShutter,
     KnownSpeedLoss,
     Limits,
@@ -348,14 +347,6 @@ def test_single_precision_is_near():
     assert level.dtype == np.float32
     expected = evaluate(scene, SWEPT, HannShutter()).expected_psnr
     np.testing.assert_allclose(level, expected, rtol=0, atol=1e-3)
-
-
-@pytest.mark.slow
-def test_a_free_path_of_one_acceleration_is_a_parabola():
-    """A free path has its own alignment, and the same error where it is the same path."""
-    path = FreeMotion.fit(SWEPT, num_pieces=4)
-    levels = [evaluate(LAYERS["still"], motion, HannShutter()) for motion in (path, SWEPT)]
-    np.testing.assert_allclose(levels[0].expected_psnr, levels[1].expected_psnr, rtol=0, atol=1e-4)
 
 
 @pytest.mark.slow

@@ -135,6 +135,26 @@ def test_one_exposure_has_the_level_of_a_decoder_that_knows_the_speed():
     )
 
 
+def test_a_scene_before_a_background_may_be_made_where_it_is_traced():
+    """By its light, its noise or its share alone; the level and its slope are those outside."""
+    frames, own = frames_of(NUMBERS), (2e4, 3.0, 0.4)
+
+    def level(rate, noise, share):
+        layers = Occlusion(front_share=share, object_width=60.0)
+        scene = Scene(SCENE.speeds, photon_rate=rate, read_noise=noise, occlusion=layers)
+        return exposures_psnr(scene, frames, num_panels=5)
+
+    for index, number in enumerate(own):
+
+        def one(x, index=index):
+            return level(*own[:index], x, *own[index + 1 :])
+
+        traced, slope = jax.jit(jax.value_and_grad(one))(number)
+        assert float(traced) == pytest.approx(float(level(*own)), abs=1e-9)
+        ends = [float(one(number * (1 + sign * 1e-5))) for sign in (1, -1)]
+        assert float(slope) == pytest.approx((ends[0] - ends[1]) / (2e-5 * number), rel=1e-5)
+
+
 def test_lights_shorten_frames_on_the_path_that_they_keep():
     """A gate that closes early is a shorter frame on the same parabola; so is one in the plane."""
     motion = ParabolicMotion(acceleration=9e4, half_exposure=0.006)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from mishutter import (
-    RASKAR_CODE,
     ChippedShutter,
     DesignLoss,
     ExpectedErrorLoss,
@@ -211,31 +210,6 @@ def test_a_traced_motion_is_measured_as_one_that_is_known():
 
 
 @pytest.mark.slow
-def test_a_traced_sensor_without_acceleration_is_measured_as_a_still_camera():
-    """Every figure, at the phase that is reported."""
-    scene = Scene([-1700.0, 0.0, 700.0], photon_rate=7e4, read_noise=6.0)
-
-    def found(acceleration):
-        motion = ParabolicMotion(acceleration=acceleration, half_exposure=HALF_EXPOSURE)
-        return evaluate(scene, motion, SHUTTER)
-
-    known = found(0.0)
-    for stroke in (0.0, 1e-200):
-        traced = jax.jit(found)(stroke / HALF_EXPOSURE**2)
-        assert float(traced.phase) == -0.5 - traced.num_taps // 2
-        for name in (
-            "condition_number",
-            "kernel_difference",
-            "relative_kernel_difference",
-            "efficiency",
-            "expected_psnr",
-            "known_speed_psnr",
-            "bound_share",
-        ):
-            assert np.isclose(getattr(traced, name), getattr(known, name), rtol=1e-9), name
-
-
-@pytest.mark.slow
 def test_a_derivative_is_that_of_the_figure_reported():
     """Of an object much faster than the sensor too, whose kernel no limit foresees."""
     found = _by_acceleration(
@@ -316,18 +290,6 @@ def test_published_condition_numbers(shutter, published):
     motion = ParabolicMotion(acceleration=45 / HALF_EXPOSURE**2, half_exposure=HALF_EXPOSURE)
     kernel = blur_kernel(shutter, motion, num_taps=45)
     assert abs(float(condition_number(kernel)) - published) < 0.01
-
-
-def test_published_condition_number_of_the_flutter_shutter():
-    """Raskar's code on an object of one pixel a chip gives 19.57 over 256 frequencies."""
-    still = StillCamera(half_exposure=HALF_EXPOSURE)
-    kernel = binned_exposure(
-        ChippedShutter(RASKAR_CODE),
-        still,
-        speed=26 / HALF_EXPOSURE,
-        edges=jnp.arange(-26.0, 27.0),
-    )
-    assert abs(float(condition_number(kernel, num_frequencies=256)) - 19.57) < 0.01
 
 
 @pytest.mark.slow

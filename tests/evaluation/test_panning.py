@@ -21,7 +21,6 @@ from mishutter import (
     LinearMotion,
     ParabolicMotion,
     Scene,
-    StillCamera,
     TukeyShutter,
     evaluate,
 )
@@ -89,14 +88,6 @@ def test_metrics_and_losses_are_those_of_shifted_speeds(kind, velocity, precisio
     for loss in LOSSES.values():
         found = loss(scene(moved), panning, shutter)
         assert_alike(found, loss(scene(shifted), still, shutter), dtype)
-
-
-def test_a_line_without_velocity_is_a_camera_at_rest():
-    """With the metrics of a `StillCamera`, which has the velocity 0."""
-    still = StillCamera(half_exposure=HALF)
-    assert float(still.velocity) == 0
-    found = evaluate(scene(), LINE(), TukeyShutter(0.37))
-    assert_alike(found, evaluate(scene(), still, TukeyShutter(0.37)), np.float64)
 
 
 @pytest.mark.slow

@@ -16,7 +16,6 @@ from support.designs import MOTION, SCENE, SMALL
 from support.plan_check import squared_error_within
 
 from mishutter import (
-    Design,
     ExpectedErrorLoss,
     LinearMotion,
     ParabolicMotion,
@@ -333,18 +332,6 @@ def test_a_scene_takes_tolerances_alone():
         Scene([1.0], photon_rate=1e5, read_noise=1.0, tolerances=3)
     with pytest.raises(ValueError, match="must have tolerances; got none"):
         tolerance_costs(SCENE, MOTION, SHUTTER)
-
-
-@pytest.mark.slow
-def test_a_design_keeps_its_tolerances(tmp_path):
-    """In its file, with the level within them."""
-    scene = _with(LOOSE)
-    design = optimise(scene, MOTION, SHUTTER, free="half_exposure", num_starts=1, max_steps=3)
-    design.save(tmp_path / "design.json")
-    back = Design.load(tmp_path / "design.json")
-    assert back.scene.tolerances.num_speeds == 5
-    assert eqx.tree_equal(back.scene.tolerances, scene.tolerances)
-    assert float(back.metrics.toleranced_psnr) == float(design.metrics.toleranced_psnr)
 
 
 def test_a_cost_of_nothing_has_no_sign():

@@ -115,20 +115,16 @@ def test_every_traced_number_of_a_design_counts(make):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("is_free", [False, True], ids=["parabola", "free"])
-def test_levels_of_traced_numbers(is_free):
+def test_levels_of_traced_numbers():
     """Every loss and metric is NaN where a number is, and of a mirrored path the mirror's.
 
     Mirrored are the accelerations, the pan, and how often things move either way.
     """
-    rates = np.array([1.3, 0.7, 1.9]) * 4e4 if is_free else np.array(4e4)
+    rates = np.array([1.3, 0.7, 1.9]) * 4e4
 
     def measured(numbers):
         a, half, pan, speeds, profile = numbers
-        if is_free:
-            motion = FreeMotion(accelerations=a, half_exposure=half, velocity=pan)
-        else:
-            motion = ParabolicMotion(acceleration=a, half_exposure=half, velocity=pan)
+        motion = FreeMotion(accelerations=a, half_exposure=half, velocity=pan)
         scene = eqx.tree_at(lambda s: s.speeds, SCENE, speeds)
         shutter = SplineShutter(profile)
         values = {name: loss(scene, motion, shutter) for name, loss in LOSSES.items()}

@@ -3,7 +3,6 @@
 import tracemalloc
 from functools import partial
 
-import jax
 import numpy as np
 import pytest
 from support.helpers import ROUNDING
@@ -130,16 +129,3 @@ def test_a_plan_keeps_each_speed_once():
     np.testing.assert_allclose(view.scene.weights, [0.5, 0.5])
     assert view.parts == ONLY_SPECTRA
     assert sampled_view(scene, motion, HannShutter(), ONLY_SPECTRA, SMALL).plan is SMALL
-
-
-@pytest.mark.slow
-def test_a_traced_motion_that_exceeds_its_sizes_is_refused():
-    """The sizes of a motion that is traced follow from the limits; beyond them it is an error."""
-
-    def kernels(acceleration):
-        motion = ParabolicMotion(acceleration=acceleration, half_exposure=HALF)
-        return Records.of(sampled_view(SCENE, motion, HannShutter(), EVERY_PART)).kernels
-
-    assert np.all(np.isfinite(jax.jit(kernels)(52_000.0)))
-    with pytest.raises(Exception, match=r"keep light within .* px of where it is aligned"):
-        jax.block_until_ready(jax.jit(kernels)(4e6))

@@ -3,14 +3,13 @@
 import base64
 import io
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from PIL import Image
 from support.plane import a_plane_design
 
-from mishutter import Limits, PlaneDesign, PlaneFrames, PlaneSearch
+from mishutter import Exposures, PlaneDesign, PlaneFrames, PlaneSearch
 from mishutter.explore.session import (
     Beginning,
     Order,
@@ -35,8 +34,7 @@ def found(monkeypatch):
     """The search, in place of one that takes seconds, and the scenes that it was asked for."""
     burst, scenes = a_plane_design().sequence, []
     at_rest = PlaneFrames(np.zeros(1), np.full(1, 0.003), np.ones(1), np.zeros((2, 2)))
-    one = replace(burst, kind="stills", num_axes=0, frames=at_rest, psnr=24.5)
-    one = replace(one, use=one.frames.use(Limits(max_half_exposure=0.01)))
+    one = Exposures("stills", at_rest, psnr=24.5)
 
     def best(scene, *, progress):
         progress(0.5)

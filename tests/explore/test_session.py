@@ -36,7 +36,7 @@ from mishutter.explore import pictures
 from mishutter.explore import session as sessions
 from mishutter.explore.answers import curves, first_answer
 from mishutter.explore.session import Order, Request, Session, SupersededError
-from mishutter.model.sequences import OneExposure
+from mishutter.model.exposures import Exposures
 from mishutter.pictures.images import LUMINANCE
 from mishutter.search.rows import Row
 from mishutter.search.space import beyond_limits
@@ -247,7 +247,7 @@ def test_the_speed_that_is_found_stands_beside_the_picture():
         name: Row(
             "own best motion",
             name,
-            OneExposure(motion, RectShutter()),
+            Exposures.of_one(motion, RectShutter()),
             None,
             evaluate(scene, motion, RectShutter()),
         )

@@ -3,14 +3,12 @@
 import csv
 import inspect
 import io
-import json
 from dataclasses import replace
 from itertools import groupby
 
 import numpy as np
 import pytest
 from scipy.signal import lsim
-from support.command_line import messages
 from support.designs import MOTION, SCENE
 from support.drive import a_design
 
@@ -25,20 +23,12 @@ from mishutter import (
     ParabolicMotion,
     Scene,
     SecondOrderStage,
-    SplineShutter,
     StillCamera,
     SwitchedDevice,
     cli,
     drive_table,
     evaluate,
 )
-
-
-@pytest.fixture(scope="module")
-def saved(tmp_path_factory):
-    path = tmp_path_factory.mktemp("design") / "design.json"
-    a_design(SplineShutter([0.2, 0.7, 0.9, 1.0, 0.4])).save(path)
-    return path
 
 
 def test_step_means_are_the_integral_of_the_profile():
@@ -318,51 +308,6 @@ def test_what_no_hardware_has_is_refused(slug):
     arguments, message = BAD[slug]
     with pytest.raises(ValueError, match=message):
         drive_table(a_design(HannShutter()), **arguments)
-
-
-@pytest.mark.slow
-def test_the_command_prints_the_table(saved, capsys):
-    """Without a folder the table itself is the result: names, units, one line a step."""
-    assert cli.main(["export", str(saved), "--steps", "9", "--levels", "5"]) == 0
-    names, units, *rows = csv.reader(io.StringIO(capsys.readouterr().out))
-    assert names[0] == "begin"
-    assert units[0] == "ms"
-    assert len(rows) == 9
-    assert {int(row[2]) for row in rows} <= set(range(5))
-
-
-def test_the_command_writes_table_and_picture(saved, tmp_path, capsys):
-    """With a folder, both files are there and the losses are one JSON document."""
-    code = cli.main(["export", str(saved), "--steps", "9", "--json", "--out", str(tmp_path)])
-    document = json.loads(capsys.readouterr().out)
-    assert code == 0
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["drive.csv", "drive.png", "stage.csv"]
-    assert len(document["level"]) == 9
-    assert document["metrics"]["efficiency"] == pytest.approx(
-        document["metrics_of_design"]["efficiency"], rel=0.01
-    )
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["export"], "got nothing"),
-        (["export", "no.json"], "must exist; got: file not found"),
-        (["export", "{saved}", "--levels", "1"], "; got '1'"),
-        (
-            ["export", "{saved}", "--ceiling", "0"],
-            "must lie above the floor 0 and up to 1; got 0.0",
-        ),
-        (["export", "{saved}", "--out", "/dev/null/x"], "must be a writable folder"),
-    ],
-)
-def test_mistakes_are_one_line(arguments, message, saved, capsys):
-    """Exit code 2, nothing on standard output, one line on standard error."""
-    code = cli.main([argument.format(saved=saved) for argument in arguments])
-    out, err = capsys.readouterr()
-    (line,) = messages(err)
-    assert (code, out) == (2, "")
-    assert message in line
 
 
 def test_a_shutter_alone_is_noa_design():

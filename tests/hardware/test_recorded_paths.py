@@ -15,7 +15,6 @@ import mishutter as ms
 from mishutter import cli
 from mishutter.design.design import given_design
 from mishutter.hardware.recorded_paths import RecordedPath, read_path, with_recorded_path
-from mishutter.plane.bursts import of_stage, pan_over
 
 CLOCK = 0.7
 """The middle of the frames on the encoder's clock; s."""
@@ -55,9 +54,9 @@ def test_a_camera_that_turns_pans_along_both_axes():
     law = ms.ListedVelocities(np.array([[900.0, -400.0], [1100.0, -100.0]]), np.array([0.5, 0.5]))
     limits = ms.Limits(max_half_exposure=0.01, max_acceleration=9e5, pans="camera")
     design = a_plane_design(law, limits)
-    pan = pan_over(design.scene, design.frames)
+    pan = np.array(design.sequence.pan)
     assert pan[0] > -2 * pan[1] > 0
-    path = recorded(of_stage(design.frames, pan).stage_paths(limits))
+    path = recorded(design.stage_paths)
     built, apart = with_recorded_path(design, path, middle=CLOCK)
     assert apart.rms < 2e-3
     times = np.linspace(-0.012, 0.01, 7)

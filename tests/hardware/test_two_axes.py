@@ -123,7 +123,7 @@ def test_formats_have_a_channel_for_each_axis(form):
 def _of_one_axis(table):
     """The same triggers of a stage at rest."""
     frames = eqx.tree_at(lambda x: x.velocities, table.design.frames, np.zeros((2, 65)))
-    burst = replace(table.design.sequence, frames=frames, num_axes=0)
+    burst = replace(table.design.sequence, frames=frames)
     return frame_table(PlaneDesign(table.design.scene, burst), num_steps=311)
 
 

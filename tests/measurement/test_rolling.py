@@ -19,6 +19,8 @@ def test_velocities_and_heights_are_those_of_all_rows_at_once(row, seen):
     found = read_in_turn(motion, row)
     assert found.objects[0].velocity == pytest.approx((800, 1500), rel=1e-12)
     assert found.objects[0].error[0] == pytest.approx(3.0 / seen**2, rel=1e-12)
+    across = np.hypot(2.0, 1500 * row * 3.0)  # an error downwards changes the share
+    assert found.objects[0].error[1] == pytest.approx(across / seen, rel=1e-12)
     assert found.width == pytest.approx((40.0, 60.0), rel=1e-12)
 
 

@@ -14,7 +14,9 @@ from mishutter.model.servos import SecondOrderStage
 from mishutter.model.tolerances import Tolerances
 
 PARTS = {
-    "limits": Limits(max_stroke=37.3, max_travel=91.7, max_jerk=4.1e9, pans="camera"),
+    "limits": Limits(
+        max_stroke=37.3, max_pan=250.5, max_travel=91.7, max_jerk=4.1e9, pans="camera"
+    ),
     "ideal": IdealDevice(transmission=0.43, levels=5),
     "gradual": FirstOrderDevice(rise_time=7e-4, fall_time=1.3e-3, delay=2e-4, num_slots=24),
     "switched": SwitchedDevice(num_slots=24, min_open=2, min_closed=3),

@@ -7,8 +7,7 @@ import pytest
 from support.bursts import LIMITS, SEQUENCE, a_burst_design
 from support.plane import a_plane_design
 
-from mishutter import FrameSequence, Limits, ParabolicMotion, StillCamera, TimedFrame
-from mishutter.model.sequences import OneExposure
+from mishutter import Exposures, FrameSequence, Limits, ParabolicMotion, StillCamera, TimedFrame
 
 
 def _one():
@@ -63,6 +62,6 @@ def test_exposures_are_numbered_where_stills_differ():
 def test_a_camera_that_turns_makes_the_pan_of_an_exposure():
     """The stage makes what is left."""
     one = _one()
-    assert OneExposure.of(one.motion, one.shutter, LIMITS).pan == 0.0
+    assert Exposures.of_one(one.motion, one.shutter, LIMITS).pan == 0.0
     turning = Limits(max_stroke=40.0, max_half_exposure=0.012, pans="camera")
-    assert OneExposure.of(one.motion, one.shutter, turning).pan == 350.0
+    assert Exposures.of_one(one.motion, one.shutter, turning).pan == 350.0

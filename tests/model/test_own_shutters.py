@@ -12,7 +12,6 @@ from support.designs import SCENE
 
 from mishutter import (
     AbstractShutter,
-    ChippedShutter,
     Design,
     ParabolicMotion,
     RectShutter,
@@ -144,21 +143,6 @@ def test_discontinuities_are_times(place):
 
     with pytest.raises(ValueError, match=r"`Strange.discontinuities\(\)` must be finite numbers"):
         Strange().efficiency()
-
-
-@pytest.mark.slow
-def test_a_steady_jump_where_pieces_meet_need_not_be_declared():
-    """Without a parameter it stays there, and is exact."""
-
-    class HalfOpen(AbstractShutter):
-        def transmittance(self, tau):
-            return jnp.asarray(tau) >= 0
-
-    own = blur_kernel(HalfOpen(), motion_of(HALF_EXPOSURE), speed=SPEED, num_taps=NUM_TAPS)
-    chips = blur_kernel(
-        ChippedShutter([0.0, 1.0]), motion_of(HALF_EXPOSURE), speed=SPEED, num_taps=NUM_TAPS
-    )
-    np.testing.assert_allclose(own, chips, rtol=0, atol=ROUNDING)
 
 
 @pytest.mark.slow

@@ -6,13 +6,13 @@ from support.rolling import PERIOD, alternating, frames_on_parabolas
 
 from mishutter import Limits, PlaneFrames, TimedFrame
 from mishutter.evaluation.instants import Instants
+from mishutter.model.exposures import Exposures
 from mishutter.model.motion import LinearMotion
-from mishutter.model.sequences import AxisPath
 
 
 def test_a_row_sees_the_part_of_the_path_that_is_later():
     """Beyond the first and the last light alternating parabolas alternate."""
-    path = AxisPath.of(frames_on_parabolas(), 0.02, Limits())
+    path = Exposures("", tuple(frames_on_parabolas())).path_for_rows(0.02, Limits())
     for delay in (-0.01, 0.0, 0.004, 0.01):
         instants = Instants.of(path, 900.0, delay=delay)
         np.testing.assert_allclose(np.sum(instants.weight, axis=1), 1, rtol=1e-9)
@@ -42,10 +42,12 @@ def test_a_path_that_does_not_fit_comes_from_rest():
     """Within the travel of the frames alone the first rows see how the stage runs up."""
     pan = LinearMotion(half_exposure=PERIOD / 2, velocity=3000.0)
     two = [TimedFrame(pan, -PERIOD / 2, -30.0), TimedFrame(pan, PERIOD / 2, 30.0)]
-    free = AxisPath.of(two, 0.004, Limits(max_acceleration=4e6))
-    assert free.stage.travel == pytest.approx(120 + 2 * 6 + 3000**2 / 4e6, rel=1e-6)
-    path = AxisPath.of(two, 0.004, Limits(max_acceleration=4e6, max_travel=125.0))
-    assert path.stage.travel == pytest.approx(120 + 3000**2 / 4e6, rel=1e-6)
+    free = Exposures("", tuple(two)).path_for_rows(0.004, Limits(max_acceleration=4e6))
+    assert np.ptp(free.place(free.bends)) == pytest.approx(120 + 2 * 6 + 3000**2 / 4e6, rel=1e-6)
+    path = Exposures("", tuple(two)).path_for_rows(
+        0.004, Limits(max_acceleration=4e6, max_travel=125.0)
+    )
+    assert np.ptp(path.place(path.bends)) == pytest.approx(120 + 3000**2 / 4e6, rel=1e-6)
     early = Instants.of(path, 0.0, delay=-0.002)
     at = path.place(np.array([-0.022, -0.021]))[0]
     assert at[0] == at[1]

@@ -35,7 +35,7 @@ from mishutter.cli import app
 from mishutter.cli.tables import print_comparison, print_photographs
 from mishutter.design.design import given_design
 from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE
-from mishutter.model.sequences import OneExposure
+from mishutter.model.exposures import Exposures
 from mishutter.pictures.images import write_picture
 
 # The names of the files alone: to write the pictures takes seconds.
@@ -69,7 +69,7 @@ PANNED = LinearMotion(half_exposure=17.5e-3, velocity=-12345.0)
 @pytest.fixture(scope="module")
 def report():
     rows = [
-        Row(reading, name, OneExposure(motion, shutter), 0.3, evaluate(SCENE, motion, shutter))
+        Row(reading, name, Exposures.of_one(motion, shutter), 0.3, evaluate(SCENE, motion, shutter))
         for reading in (OWN_BEST_MOTION, SAME_MOTION)
         for name, (motion, shutter) in DESIGNS.items()
     ]
@@ -119,24 +119,6 @@ def test_numbers_stand_under_their_columns(report, capsys, monkeypatch):
         "relative": f"{m.relative_kernel_difference:.3f}",
         "bound": f"{m.bound_share:.3f}",
     }
-
-
-def test_the_worst_speed_is_explained_by_the_decoder(report, capsys):
-    """Its column is of the decoder of the levels, and empty of one that finds the speed."""
-    words = {
-        "unknown": "at the worst of the speeds, of one linear filter for all",
-        "found": "of a decoder that finds the speed is known in the mean alone",
-        "known": "at the worst of the speeds, of a filter that knows it",
-    }
-    for knows, text in words.items():
-        rows = tuple(replace(row, decoder=SPEED_KNOWLEDGE[knows]) for row in report.comparison.rows)
-        judged = replace(report, comparison=replace(report.comparison, rows=rows))
-        print_comparison(judged, verbose=True)
-        lines = capsys.readouterr().out.splitlines()
-        (note,) = (line for line in lines if line.startswith("worst speed "))
-        assert note.endswith(f"PSNR dB {text}")
-        dashes = sum("–" in re.split(r"\s{2,}", line.strip()) for line in lines)
-        assert (dashes > 0) == (knows == "found")
 
 
 class Terminal(io.StringIO):

@@ -19,7 +19,7 @@ from mishutter import (
 )
 from mishutter.evaluation.levels import exposures_psnr
 from mishutter.evaluation.speed_knowledge import KNOWN_SPEED
-from mishutter.model.sequences import FrameSequence, OneExposure
+from mishutter.model.exposures import Exposures, FrameSequence
 from mishutter.report.gain_range import gain_range
 from mishutter.report.verdict import headline
 from mishutter.search.rows import BEST_SNAPSHOT, FRAMES, OWN_BEST_MOTION, Row
@@ -27,7 +27,11 @@ from mishutter.search.rows import BEST_SNAPSHOT, FRAMES, OWN_BEST_MOTION, Row
 
 def row(scene, name, motion, shutter):
     return Row(
-        OWN_BEST_MOTION, name, OneExposure(motion, shutter), None, evaluate(scene, motion, shutter)
+        OWN_BEST_MOTION,
+        name,
+        Exposures.of_one(motion, shutter),
+        None,
+        evaluate(scene, motion, shutter),
     )
 
 

@@ -7,7 +7,7 @@ from support.designs import MOTION, SCENE
 from mishutter import HannShutter, SplineShutter, evaluate, measured_profile
 from mishutter.design.design import given_design
 from mishutter.hardware.traces import Trace
-from mishutter.model.sequences import OneExposure
+from mishutter.model.exposures import Exposures
 from mishutter.report.measured import MeasuredCamera, measured_camera
 from mishutter.search.rows import OWN_BEST_MOTION, Row
 
@@ -30,7 +30,7 @@ def measured(late):
         name: Row(
             OWN_BEST_MOTION,
             name,
-            OneExposure(MOTION, shutter),
+            Exposures.of_one(MOTION, shutter),
             None,
             evaluate(SCENE, MOTION, shutter),
         )

@@ -37,7 +37,7 @@ from mishutter import (
     sweep,
 )
 from mishutter.evaluation.speed_knowledge import SPEED_KNOWLEDGE
-from mishutter.model.sequences import OneExposure
+from mishutter.model.exposures import Exposures
 from mishutter.report import sweep_plots
 
 # The curve that a front draws for a profile; a line in pixels does not hold its values.
@@ -128,7 +128,7 @@ def test_a_design_of_a_burst_draws_its_frames():
 
 def test_a_comparison_draws_its_levels():
     """One mark for each camera at its own best motion, the advised one filled, and the ceiling."""
-    of_row = {"exposures": OneExposure(MOTION, HannShutter()), "loss": 0.2}
+    of_row = {"exposures": Exposures.of_one(MOTION, HannShutter()), "loss": 0.2}
     metrics = evaluate(SCENE, MOTION, HannShutter())
     better = eqx.tree_at(lambda each: each.expected_psnr, metrics, metrics.expected_psnr + 1.3)
     best, other, same = (
@@ -169,16 +169,6 @@ def test_axes_are_labelled(name, figures):
     assert all(axes.get_ylabel() for axes in numbered)
     lowest = [axes for axes in panels if axes.get_label() != "<colorbar>"][-1]
     assert "/ " in lowest.get_xlabel()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["profiles", "transfer"])
-def test_lines_differ_in_style(name, figures):
-    """Two lines of a panel are told apart without colour."""
-    for axes in figures[name].axes:
-        # Matplotlib's public name for every dash pattern of one's own is "--".
-        lines = [str(line._unscaled_dash_pattern) for line in axes.get_lines()]
-        assert len(set(lines)) == len(DESIGNS)
 
 
 NAMES = ["rect", "_design_" + 9 * "of_a_long_name_", "_own", "cost $5 to $\\frac", "run/03/design"]
@@ -407,6 +397,11 @@ def test_a_figure_is_a_whole_png(name, figures, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
 
 
+def test_a_notebook_shows_a_figure(figures):
+    """Also one that never imports `pyplot`, by which a figure would else be shown."""
+    assert figures["levels"]._repr_png_().startswith(b"\x89PNG")
+
+
 GRIDS = {
     "map": {},
     "row": {"acceleration": [2]},
@@ -502,19 +497,6 @@ def test_a_gain_that_is_0_nowhere_has_no_line(sign):
     mesh = figure.axes[0].collections[0]
     gain = np.ma.compressed(mesh.get_array())
     assert (mesh.norm.vmin, mesh.norm.vmax) == (gain.min(), gain.max())
-
-
-def test_the_snapshot_is_named_where_a_gain_is_over_it():
-    """On a map, and beside the level of a single row of points."""
-    psnr = swept().expected_psnr
-    level = float(psnr.isel(acceleration=2).sel(shutter="rect").mean())
-    # Named as `gain_over_snapshot` names it, without the search for a snapshot.
-    gain = (psnr - level).assign_attrs(long_name="gain over best snapshot", units="dB")
-    shown = swept().assign(gain=gain).isel(acceleration=[2])
-    row = plot_map(shown, "gain", shutter="rect").axes[0]
-    (text,) = row.get_legend().get_texts()
-    assert text.get_text() == "0 dB: as good as the best snapshot"
-    assert not plot_map(swept()).legends
 
 
 def test_shutters_of_a_front_are_told_apart_in_grey(figures):
@@ -644,12 +626,6 @@ def test_kernels_without_acceleration_lie_around_mid_exposure():
             np.testing.assert_array_equal(first.edges, second.edges)
 
 
-@pytest.mark.parametrize("name", FIGURES)
-def test_a_notebook_shows_it(name, figures):
-    """Also one that never imports `pyplot`, by which a figure would else be shown."""
-    assert figures[name]._repr_png_().startswith(b"\x89PNG")
-
-
 def test_a_map_of_several_scenes():
     """One of them must be chosen."""
     both = sweep([SCENE, SCENE], **grid(metrics=["efficiency"]))
@@ -710,20 +686,6 @@ def test_a_front_of_nothing():
     assert not figure.axes[0].texts
     with pytest.raises(ValueError, match=r"plot_front\(num_profiles=...\)` must be a positive"):
         plot_front(swept(), FRONT, num_profiles=0)
-
-
-def test_a_capture_side_by_side():
-    """Each picture says what it is; that of the scene is left out where there is none."""
-    light = np.random.default_rng(3).uniform(0.1, 0.9, (23, 31, 1))
-    seen = {"photograph": Picture(light), "layers": None}
-    words = {"camera": "by a Hann shutter, 9 ms", "decoder": "by Wiener, 27.31 dB"}
-    titles = {
-        name: [axes.get_title() for axes in plot_capture(picture, light, light, **words).axes]
-        for name, picture in seen.items()
-    }
-    both = ["captured\nby a Hann shutter, 9 ms", "restored\nby Wiener, 27.31 dB"]
-    assert titles["layers"] == both
-    assert titles["photograph"] == ["the scene, at rest\n", *both]
 
 
 @pytest.mark.parametrize("shape", [(23, 31, 1), (497, 741, 1), (60, 20, 1)])

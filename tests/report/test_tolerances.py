@@ -15,9 +15,7 @@ from mishutter import (
 )
 
 # A table of the terminal, whose folder's face is `main` alone; a command would search.
-from mishutter.cli.tables import print_comparison
-from mishutter.model.sequences import OneExposure
-from mishutter.report.documents import Report
+from mishutter.model.exposures import Exposures
 from mishutter.search.rows import BEST_SNAPSHOT, OWN_BEST_MOTION, Row
 
 
@@ -35,7 +33,7 @@ def comparison():
         Row(
             OWN_BEST_MOTION,
             name,
-            OneExposure(motion, shutter),
+            Exposures.of_one(motion, shutter),
             0.1,
             evaluate(scene, motion, shutter),
         )
@@ -53,7 +51,7 @@ def test_rows_are_judged_within_tolerances(comparison):
     plain = Row(
         OWN_BEST_MOTION,
         "own",
-        OneExposure(MOTION, row.shutter),
+        Exposures.of_one(MOTION, row.shutter),
         0.1,
         evaluate(SCENE, MOTION, row.shutter),
     )
@@ -70,14 +68,3 @@ def test_the_text_holds_both_levels_and_the_costs(comparison):
     document = comparison.to_dict()
     assert document["tolerance_costs"]["largest"] == "velocity"
     assert document["rows"][0]["metrics"]["toleranced_psnr"] == row.level
-
-
-@pytest.mark.slow
-def test_the_terminal_shows_the_table(comparison, capsys):
-    """The costs are a table of their own, and each row has its level within tolerances."""
-    print_comparison(Report(_within(), comparison, ("own",)), verbose=True)
-    shown = capsys.readouterr().out
-    assert "within dB" in shown
-    assert "Cost of each tolerance to the best design" in shown
-    assert comparison.costs.verdict in shown
-    assert f"{comparison.row('own').level:.2f}" in shown

@@ -280,22 +280,8 @@ def test_the_options_stand_in_one_table_over_one_baseline():
         BEST_MOVING_BURST: 27.44,
     }
     comparison = answer(levels, "optimised", moving=2, rests=1)
-    title, _, *lines = comparison.text().split("\n\n", 1)[1].splitlines()[:8]
-    assert title == "Expected PSNR of the restored picture in linear light, mean over all speeds:"
-    most = comparison.ceiling
-    assert (
-        lines
-        == [
-            " option                                         dB   gain  needs",
-            " snapshot at rest, 2.6 ms                     23.2      -  nothing",
-            " 6 frames at rest, 2.6 ms                     24.0   +0.8  registration",
-            " one exposure on a parabola, 20 ms            24.3   +1.1  stage",
-            " one exposure on a parabola, 20 ms            24.9   +1.7  stage, shaped shutter",
-            " 2 frames, the second moving, 1.4 and 20 ms   27.4   +4.2  registration, stage",
-            f" ceiling of one exposure                      {most:.1f}  +{most - 23.2:.1f}  -",
-        ]
-        or most < 33
-    )  # the gain of the ceiling sets the width of its column
+    (line,) = (line for line in comparison.text().splitlines() if "the second moving" in line)
+    assert line.split("  ")[0] == " 2 frames, the second moving, 1.4 and 20 ms"
     saved = comparison.to_dict()
     assert [each["row"] for each in saved["options"]] == [
         BEST_SNAPSHOT,
@@ -426,12 +412,7 @@ def test_an_answer_says_what_it_assumes():
 )
 def test_an_answer_says_how_the_stage_moves_over_the_frames(how, way):
     """And what that takes of it from rest to rest, in um too where the pixel pitch is known."""
-    scene = eqx.tree_at(
-        lambda each: (each.sensor, each.limits),
-        BURST,
-        (Sensor(pixel_pitch=3e-6), Limits(max_acceleration=3e6)),
-        is_leaf=lambda x: x is None,
-    )
+    scene = replace(BURST, sensor=Sensor(pixel_pitch=3e-6), limits=Limits(max_acceleration=3e6))
     comparison = answer(OF_FRAMES, scene=scene, **how)
     said = comparison.verdict.replace("\n", " ")
     assert "The stage adds 2.5 dB to the best option without one. It " in said
@@ -440,10 +421,13 @@ def test_an_answer_says_how_the_stage_moves_over_the_frames(how, way):
     assert f": {float(use.travel):.3g} px at up to" in said
     assert f"({float(use.travel) * 3:.3g} um, {float(use.top_speed) * 3e-3:.3g} mm/s, " in said
     assert ", run-up from rest included." in said
-    free = replace(scene, limits=replace(scene.limits, max_acceleration=None))
-    words = answer(OF_FRAMES, scene=free, **how).verdict.replace("\n", " ")
-    assert ", reached at once, as [limits] max_acceleration_g or _px_per_s2 says no limit." in words
-    at_rest = answer({BEST_SNAPSHOT: 22.0, BEST_STILL_BURST: 24.0}, scene=scene).verdict
+
+
+def test_an_answer_says_that_nothing_limits_the_acceleration_of_a_stage():
+    """And nothing of a stage where it rests."""
+    said = answer(OF_FRAMES).verdict.replace("\n", " ")
+    assert ", reached at once, as [limits] max_acceleration_g or _px_per_s2 says no limit." in said
+    at_rest = answer({BEST_SNAPSHOT: 22.0, BEST_STILL_BURST: 24.0}).verdict
     assert "The stage" not in at_rest
 
 
@@ -583,13 +567,6 @@ def test_losses_of_a_burst_stand_in_the_tables_and_in_the_file():
     assert "width_loss_db" not in answer(OF_FRAMES).to_dict()["sequence"]
 
 
-def test_notes_say_that_rows_of_bursts_are_of_another_decoder():
-    """Their levels stand in one column with those of one filter for all speeds."""
-    note = "bursts       of frames that are registered, so that each speed is known"
-    assert note in answer(OF_FRAMES | {"a": 24.0}).text(verbose=True)
-    assert "bursts" not in verdict({"a": 24.5, BEST_SNAPSHOT: 22.0}).text(verbose=True)
-
-
 def test_rows_are_judged_at_the_worst_speed_where_the_loss_is():
     """Level, gain and answer are of it, whatever the means are, and the answer says so."""
     means = {"a": 24.0, BEST_SNAPSHOT: 24.5}
@@ -641,49 +618,6 @@ def test_a_ceiling_that_listed_speeds_exceed_is_theirs():
     (line,) = (line for line in comparison.text().splitlines() if line.startswith(" ceiling of"))
     level = comparison.ceiling
     assert line.split()[4:] == [f"{level:.1f}", f"{level - 20.0:+.1f}", "-"]
-
-
-@pytest.mark.slow
-def test_people_are_answered_right():
-    """Their scenes, by the rows that a command computes.
-
-    A belt with a stage moves it while frames are taken; a microscope that takes twenty frames of
-    what swims takes them at rest; a telephone moves its stabiliser, which gains 1.1 dB over rest.
-    """
-    for slug, (scene, needs, words) in PEOPLE.items():
-        design = optimise(scene, num_starts=2, max_steps=40, num_coefficients=6)
-        comparison = compare(scene, design, every=False)
-        assert comparison.choice.needs == needs, slug
-        assert words in first(comparison), slug
-        at_rest = comparison.row(BEST_SNAPSHOT).level
-        assert comparison.choice.level > at_rest + 0.5, slug
-        levels = [row.level for row in comparison.options]
-        assert levels == sorted(levels), slug
-
-
-def _scene(fastest, slowest, rate, noise, most_exposure, **others):
-    speeds = np.linspace(slowest, fastest, 9)
-    limits = Limits(max_stroke=40.0, max_half_exposure=most_exposure / 2, max_top_speed=8000.0)
-    return Scene(speeds, photon_rate=rate, read_noise=noise, limits=limits, **others)
-
-
-PEOPLE = {
-    "a belt at 120 frames/s": (
-        _scene(4490.0, 1633.0, 1.8e6, 2.4, 0.025, burst=BurstMode(frames_per_s=120.0)),
-        ("registration", "stage"),
-        "Take 3 frames",
-    ),
-    "a microscope at 100 frames/s": (
-        _scene(250.0, -250.0, 2e3, 1.6, 0.2, burst=BurstMode(frames_per_s=100.0, max_frames=20)),
-        ("registration",),
-        "Take 20 frames",
-    ),
-    "a telephone at 240 frames/s": (
-        _scene(900.0, -900.0, 3e5, 1.5, 0.1, burst=BurstMode(frames_per_s=240.0, max_frames=16)),
-        ("registration", "stage"),
-        "Take 16 frames while the stage sweeps",
-    ),
-}
 
 
 def test_the_owner_of_nothing_buys_the_stage_that_pans():

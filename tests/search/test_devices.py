@@ -23,7 +23,6 @@ from mishutter import (
     StillCamera,
     SwitchedDevice,
     compare,
-    drive_table,
     evaluate,
     optimise,
     sweep,
@@ -103,23 +102,6 @@ def test_a_sweep_measures_an_open_profile_without_the_device():
     assert point.loss.item() == pytest.approx(0, abs=1e-6)
 
 
-@pytest.mark.slow
-def test_a_design_through_a_device_is_saved(tmp_path):
-    """Its command, its device and its full well come back, and the same numbers."""
-    burst = BurstMode(frames_per_s=99.0, max_frames=2)
-    scene = _scene(device=LEAKY, sensor=Sensor(full_well=4e4), burst=burst)
-    found = optimise(scene, MOTION, HannShutter(), free="half_exposure")
-    found.save(tmp_path / "design.json")
-    read = Design.load(tmp_path / "design.json")
-    assert isinstance(read.command, HannShutter)
-    assert str(read.metrics) == str(found.metrics)
-    assert read.scene.burst.max_frames == 2
-    assert float(read.scene.sensor.full_well) == 4e4
-    levels = drive_table(read, num_steps=16)
-    np.testing.assert_allclose(levels.wanted.mean(), 0.5, atol=1e-6)
-    assert float(levels.metrics().efficiency) == pytest.approx(0.8 * (0.2 + 0.8 / 2), abs=1e-2)
-
-
 SHUTTERS = {"free": None, "Hann": HannShutter(), "rect": RectShutter()}
 
 
@@ -175,25 +157,6 @@ def test_the_best_snapshot_of_a_sweep_fills_no_pixel():
     known = best_snapshots(scene)
     assert float(found.metrics.expected_psnr) == pytest.approx(known.expected_psnr.item(), abs=1e-4)
     assert 1e5 * 2 * known.half_exposure.item() <= 130.0 * (1 + 1e-9)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("optimised", [False, True])
-def test_a_sweep_sends_its_shutters_to_the_device(optimised):
-    """Its numbers are those of `evaluate` at each point, also of profiles that it found."""
-    scene = _scene(device=LEAKY, sensor=Sensor(full_well=2e3))
-    axes = {"accelerations": [0.0, 1.5e5], "half_exposures": [4e-3, 9e-3]}
-    found = sweep(scene, **axes, shutters={"Hann": HannShutter()}, optimise=optimised, max_steps=8)
-    point = found.sel(acceleration=1.5e5, half_exposure=9e-3, shutter="Hann")
-    motion = type(MOTION)(acceleration=1.5e5, half_exposure=9e-3)
-    metrics = evaluate(scene, motion, HannShutter())
-    for name in ("expected_psnr", "efficiency", "condition_number", "kernel_difference"):
-        assert point[name].item() == pytest.approx(float(getattr(metrics, name)), rel=1e-5)
-    if optimised:
-        of_light = found.efficiency.sel(shutter="optimised").values
-        assert np.all(of_light >= 0.8 * 0.2 - 1e-9)
-        assert np.all(of_light <= 0.8 + 1e-9)
-        assert np.all(np.isfinite(found.loss.values))
 
 
 def test_a_sweep_over_scenes_of_different_devices():

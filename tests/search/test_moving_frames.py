@@ -255,6 +255,23 @@ def test_slack_is_what_the_exported_path_leaves(given):
 
 
 @pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("moving", [0, 1])
+def test_a_stage_turns_round_beyond_a_frame_that_it_leaves_or_meets(moving, sign):
+    """At 2000 px/s and 8e5 px/s^2 it takes 2.5 px, on the side that it goes to or comes from."""
+    room = _room(max_acceleration=8e5, max_top_speed=3000.0, max_travel=60.0)
+    for aside, fits in ((2.6, True), (2.4, False)):
+        velocity, place = np.zeros((2, 2, 1)), np.full((2, 1), 30.0)
+        velocity[moving] = sign * 2000.0
+        # It leaves the first frame outwards, and meets the second from outside.
+        from_end = aside + (4.0 if moving == 0 else 0.0)
+        goes_up = (sign > 0) == (moving == 0)
+        place[moving] = 60.0 - from_end if goes_up else from_end
+        frames = Frames(np.full(2, 2e-3), velocity, np.array([0.02]), place, np.zeros(1))
+        slack = room.slack(room.joined(frames), Shape(2, 1, 1))
+        assert (np.min(slack) >= 0) == fits
+
+
+@pytest.mark.parametrize("sign", [1, -1])
 def test_a_stage_beside_a_camera_that_turns_has_what_is_left_of_the_top_speed(sign):
     """Of 3000 px/s, the camera's 500 less, as the sensor sees both at once."""
     room = _room(max_acceleration=8e5, max_top_speed=3000.0, max_pan=900.0, pans="camera")

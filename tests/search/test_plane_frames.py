@@ -6,14 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.bursts import SEQUENCE
 
 from mishutter import (
     BurstMode,
     EvenVelocities,
     Limits,
     ListedVelocities,
-    PlaneDesign,
     Scene,
     Sensor,
     best_in_plane,
@@ -23,8 +21,8 @@ from mishutter.cli.plane_command import _require_frames
 from mishutter.evaluation.bursts import FrameTimes
 from mishutter.evaluation.fans import Grid
 from mishutter.evaluation.sequences import loss_of_width
-from mishutter.plane.bursts import PlaneBurst, frames_of
-from mishutter.plane.frames import PlaneFrames
+from mishutter.model.exposures import Exposures
+from mishutter.model.sequences import PlaneFrames
 from mishutter.report.documents import Report
 from mishutter.report.in_plane import answer_in_plane, compare_in_plane
 from mishutter.report.plots import plot_design
@@ -163,7 +161,7 @@ def test_frames_pan_with_velocities_that_have_a_mean():
         found = best_in_plane(scene)
         best = max(found.bursts, key=lambda each: each.level)
         levels[pans] = best.level
-        assert float(best.use.stroke) <= 5 * (1 + 1e-3)
+        assert best.stroke <= 5 * (1 + 1e-3)
         middle = np.mean(best.frames.velocities, axis=1)
         if pans == "camera":
             np.testing.assert_allclose(middle, [1000.0, 400.0], rtol=0.25)
@@ -177,7 +175,7 @@ def test_a_camera_without_a_stage_takes_stills():
     found = best_in_plane(a_scene(Limits(max_stroke=0.0, max_half_exposure=0.01, axes="one")))
     assert found.snapshot.num_frames == 1
     for each in found.bursts:
-        assert float(each.use.stroke) < 0.01
+        assert each.stroke < 0.01
     assert max(each.level for each in found.bursts) > found.snapshot.level
     assert max(each.level for each in found.bursts) < found.ceiling
 
@@ -198,15 +196,19 @@ def test_a_search_orders_ways_as_the_physics_does(searched):
     if FREE in levels:
         assert levels[FREE] >= max(x for kind, x in levels.items() if kind != FREE) + 0.05
     for burst in searched.bursts:
-        assert float(burst.use.travel) <= 31 * 1.01
+        assert burst.travel <= 31 * 1.01
         assert burst.num_frames <= 4
 
 
-def a_burst(kind: str, num_axes: int, psnr: float, count: int = 4) -> PlaneBurst:
+def a_burst(kind: str, num_axes: int, psnr: float, count: int = 4) -> Exposures:
     times = np.arange(count) * 0.01
-    velocities = np.full((2, 2), 700.0 * num_axes)
+    turns = -1.0 if num_axes == 2 else 1.0
+    velocities = 700.0 * num_axes * np.array([[1.0, 1.0], [1.0, turns]])
     frames = PlaneFrames(times, np.full(count, 0.008), np.array([0.04]), velocities)
-    return PlaneBurst(kind, num_axes, frames, psnr, frames.use(LIMITS))
+    use = frames.use(LIMITS)
+    return Exposures(
+        kind, frames, float(use.travel), psnr, pan=(0.0, 0.0), lit_travel=float(use.stroke)
+    )
 
 
 @pytest.mark.parametrize(
@@ -275,7 +277,7 @@ def test_frames_are_measured_on_the_sensor_of_the_scene():
     for each in found.bursts:
         assert each.width_loss == loss_of_width(wide, each.frames, width=190.0) > 0
         assert each.level == each.psnr - each.width_loss
-        assert f"less {each.width_loss:.2g} by the width of the sensor" in each.text
+        assert f"less {each.width_loss:.2g} by borders" in each.text
 
 
 def test_a_snapshot_is_told_to_be_taken_where_nothing_is_worth_more():
@@ -298,7 +300,7 @@ def test_a_run_up_that_nothing_limits_is_said():
 def test_a_camera_that_turns_leaves_its_stage_where_it_is():
     """Its answer needs no stage, and no path of one is drawn."""
     at_rest = a_burst("stills", 0, 24.5, 1)
-    turning = replace(a_burst("stills", 1, 27.0), use=at_rest.use, pan=(700.0, 700.0))
+    turning = replace(a_burst("stills", 1, 27.0), travel=0.0, lit_travel=0.0, pan=(700.0, 700.0))
     answer = answer_in_plane(a_scene(), PlaneSearch(at_rest, (turning,), 28.0))
     first, *_ = answer.text().splitlines()
     assert first == "Take 4 frames while the camera turns: 27.0 dB, 2.5 dB better than a snapshot."
@@ -309,8 +311,7 @@ def test_a_camera_that_turns_leaves_its_stage_where_it_is():
 @pytest.mark.parametrize(("travel", "said"), [(24.49, "25 px"), (241.0, "250 px"), (0.5, "0.5 px")])
 def test_a_travel_is_rounded_up(travel, said):
     """A stage that follows what is said follows the path."""
-    burst = a_burst("sweep", 1, 27.0)
-    burst = replace(burst, use=burst.use._replace(travel=np.asarray(travel)))
+    burst = replace(a_burst("sweep", 1, 27.0), travel=travel)
     search = PlaneSearch(a_burst("stills", 0, 24.5, 1), (burst,), 28.0)
     first, *_ = answer_in_plane(a_scene(), search).text().splitlines()
     assert f"the stage sweeps {said}:" in first
@@ -346,18 +347,6 @@ def test_a_camera_that_nothing_moves_is_told_of_a_pan():
         "Following"
         not in compare_in_plane(Scene.any_direction(about_rest, limits=limits, **parts)).text()
     )
-
-
-def test_frames_along_one_axis_are_frames_in_the_plane():
-    """Each frame of a sequence has its own path, whatever lies between them."""
-    frames = frames_of(SEQUENCE.frames, 0.4)
-    for index, frame in enumerate(SEQUENCE.frames):
-        tau = np.linspace(-0.5, 0.5, 7) * frame.exposure
-        place = np.asarray(frames.place(frame.time + tau * (1 - 1e-9)))
-        own = np.asarray(frame.motion.position(tau))
-        for row, share in zip(place, (np.cos(0.4), np.sin(0.4)), strict=True):
-            np.testing.assert_allclose(row - row[3], share * (own - own[3]), atol=1e-5)
-        assert float(frames.exposures[index]) == pytest.approx(frame.exposure)
 
 
 def test_a_jerk_that_is_limited_is_refused():
@@ -418,23 +407,6 @@ def test_plan_shows_the_velocities(tmp_path, capsys):
     assert cli.main(["plan", str(path), "--json"]) == 0
     out, _ = capsys.readouterr()
     assert json.loads(out)["scene"]["velocities"] == "up to 1,700 px/s in any direction"
-
-
-@pytest.mark.slow
-def test_the_command_answers_and_writes_its_files(tmp_path, capsys):
-    """One exposure, of a camera without a burst: the answer, the document and the picture."""
-    path = tmp_path / "scene.toml"
-    path.write_text(FILE + '[decoder]\nspeed = "known"\n')
-    assert cli.main(["optimise", str(path), "--out", str(tmp_path / "out")]) == 0
-    out, _ = capsys.readouterr()
-    assert out.startswith("Take ")
-    document = json.loads((tmp_path / "out" / "report.json").read_text("utf-8"))
-    assert document["verdict"].splitlines()[0] in out
-    assert (tmp_path / "out" / "answer.png").stat().st_size > 10_000
-    design = PlaneDesign.load(tmp_path / "out" / "recommended.json")
-    (row,) = (each for each in document["rows"] if each["name"] == document["choice"])
-    assert design.sequence.kind == row["kind"]
-    assert f"Next: mishutter export {tmp_path / 'out' / 'recommended.json'} --out" in out
 
 
 def test_a_picture_of_stills_has_no_empty_panels():

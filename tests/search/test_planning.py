@@ -274,23 +274,6 @@ def test_a_second_scene_compiles_nothing(caplog):
     assert len(set(levels)) == len(levels)
 
 
-@pytest.mark.slow
-def test_a_verbose_search_shows_its_plan(capsys, monkeypatch):
-    """It is a message on standard error, the same that `mishutter plan` prints."""
-    assert cli.main(["plan", "--free", "shutter"]) == 0
-    *_, first, last = capsys.readouterr().out.splitlines()
-
-    def search(*_, **__):
-        raise ValueError("the search must be left out; got here")
-
-    # It is printed before the search, which would take the longer part of the test.
-    monkeypatch.setattr("mishutter.search.search.optimise", search)
-    assert cli.main(["optimise", "--verbose", "--free", "shutter"]) == 2
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    assert f"{first}\n{last}" in printed.err
-
-
 def test_a_range_that_mirrors_itself_is_folded_whole():
     """Ends of a range that differ from their mirror images by rounding are one speed."""
     for count in (9, 11, 12):

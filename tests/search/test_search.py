@@ -259,26 +259,6 @@ def test_a_start_that_gives_up_an_outlier_is_not_made_worse(free):
     assert design.loss <= design.best_start_loss
 
 
-@pytest.mark.slow
-def test_each_baseline_has_its_own_best_motion():
-    """Tuned by one loss: free profile <= best Tukey <= Hann and rect."""
-    loss = ExpectedErrorLoss()
-    fixed = ("acceleration", "half_exposure")
-    hann = optimise(SCENE, MOTION, HannShutter(), loss=loss, free=fixed)
-    rect = optimise(SCENE, MOTION, RectShutter(), loss=loss, free=fixed)
-    tukey = optimise(SCENE, MOTION, TukeyShutter(0.5), loss=loss)
-    assert tukey.loss <= min(hann.loss, rect.loss) * (1 + 1e-9)
-
-
-@pytest.mark.slow
-def test_the_best_snapshot_moves_about_a_pixel():
-    """One known speed and bright light: 1.09 px of motion (Tendero et al. 2013)."""
-    scene = type(SCENE)([1500.0], photon_rate=1e7, read_noise=0.0, limits=LIMITS)
-    still = StillCamera(half_exposure=1e-3)
-    found = optimise(scene, still, RectShutter(), loss=ExpectedErrorLoss(), free="half_exposure")
-    assert 0.6 < 1500 * float(found.motion.exposure) < 1.6
-
-
 @pytest.mark.parametrize(
     ("motion", "shutter", "names"),
     [

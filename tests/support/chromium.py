@@ -1,7 +1,6 @@
 """A headless Chromium of this machine, and how scripts drive the live page with it."""
 
 import contextlib
-import os
 import re
 import shutil
 import subprocess
@@ -117,7 +116,3 @@ def resident_bytes(pid):
     """Memory of a process that is resident."""
     status = Path(f"/proc/{pid}/status").read_text("utf-8")
     return int(re.search(r"VmRSS:\s+(\d+)", status)[1]) << 10
-
-
-def is_linux():
-    return os.path.exists("/proc")

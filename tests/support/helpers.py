@@ -23,8 +23,6 @@ DERIVATIVE_OF_TAP = {np.float64: 1e-12, np.float32: 1e-5}
 arithmetic, because all light falls on one tap, is a difference of equal numbers."""
 TRANSFER_ABSOLUTE = {np.float64: 1e-12, np.float32: 2e-6}
 """Error of a transfer function, of modulus at most 1."""
-FORWARD_AGAINST_REVERSE = 1e-12
-"""The same sums in another order."""
 ROUNDING = 1e-14
 """Two compilations of the same formula."""
 

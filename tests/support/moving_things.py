@@ -26,7 +26,7 @@ def texture(random, size, mean=0.35, spread=0.12):
 
 
 def shown(ground, things, time):
-    """The picture at a time, and the matte of each thing."""
+    """The picture at a time, or each row at one of its own, and the matte of each thing."""
     rows, columns = np.mgrid[: ground.shape[0], : ground.shape[1]].astype(float)
     picture, mattes = ground, []
     for light, centre, radius, velocity, lobes, turn in things:
@@ -45,12 +45,12 @@ def shown(ground, things, time):
     return picture, mattes
 
 
-def frames_of(ground, things, times, exposures, random, rate=1e5, read_noise=8.0):
-    """Frames with noise, each the mean of eight instants of its exposure."""
-    frames = []
+def frames_of(ground, things, times, exposures, random, rate=1e5, read_noise=8.0, delays=(0.0,)):
+    """Frames with noise, each the mean of eight instants of its exposure, of rows with delays."""
+    frames, late = [], np.reshape(delays, (-1, 1))
     for time, exposure in zip(times, exposures, strict=True):
         instants = time + exposure * ((np.arange(8) + 0.5) / 8 - 0.5)
-        light = np.mean([shown(ground, things, each)[0] for each in instants], axis=0)
+        light = np.mean([shown(ground, things, each + late)[0] for each in instants], axis=0)
         electrons = rate * exposure
         counts = random.poisson(light * electrons) + random.normal(0, read_noise, light.shape)
         frames.append(counts / electrons)

@@ -9,11 +9,11 @@ from mishutter import (
     BurstMode,
     EvenVelocities,
     Limits,
-    PlaneBurst,
     PlaneDesign,
     PlaneFrames,
     Scene,
 )
+from mishutter.model.exposures import exposures_in_plane
 from mishutter.model.velocities import AbstractVelocities
 
 WINDOW = 0.08
@@ -135,4 +135,4 @@ def a_plane_design(
     phase = np.linspace(-np.pi, np.pi, 65)
     velocities = np.stack([-800.0 * np.sin(1.5 * phase), 700.0 * np.cos(1.8 * phase)])
     frames = PlaneFrames(times, exposures, np.full(64, whole / 64), velocities)
-    return PlaneDesign(scene, PlaneBurst("two sines", 2, frames, 27.25, frames.use(limits)))
+    return PlaneDesign(scene, exposures_in_plane(scene, "two sines", frames, 27.25))

@@ -19,8 +19,8 @@ from mishutter import (
     TimedFrame,
     evaluate,
 )
+from mishutter.model.exposures import Exposures
 from mishutter.model.motion import AbstractMotion
-from mishutter.model.sequences import OneExposure
 from mishutter.report.comparison import with_verdict
 from mishutter.search.rivals import (
     BEST_CODED_STILL,
@@ -61,7 +61,7 @@ def made_up(levels: dict[str, float]) -> list[Row]:
         Row(
             OWN_BEST_MOTION,
             name,
-            OneExposure(motion, shutter),
+            Exposures.of_one(motion, shutter),
             0.25,
             replace(metrics, expected_psnr=jnp.asarray(level), efficiency=shutter.efficiency()),
             hardware=ONE_EXPOSURE | {FRAMES} if name == BEST_STILL_BURST else ONE_EXPOSURE,
@@ -73,7 +73,9 @@ def made_up(levels: dict[str, float]) -> list[Row]:
 
 def changed(row: Row, **parts: object) -> Row:
     """A row of which some parts are others, or the motion, the shutter or the pan of its camera."""
-    own = {name: parts.pop(name) for name in ("motion", "shutter", "pan") if name in parts}
+    own = {name: parts.pop(name) for name in ("shutter", "pan") if name in parts}
+    if "motion" in parts:
+        own["frames"] = (TimedFrame(parts.pop("motion"), 0.0),)
     exposures = replace(parts.pop("exposures", row.exposures), **own)
     return replace(row, exposures=exposures, **parts)
 

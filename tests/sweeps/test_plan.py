@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 import pytest
 from support.plan_check import metrics_by
-from support.random_scenes import random_scene
 
 from mishutter import (
     RASKAR_CODE,
@@ -101,15 +100,6 @@ def compare_sweeps(scenes, axes, shutters):
 def test_nothing_changes(family):
     """80 points of scenes of ten kinds, by a shutter for which speeds fold and by another."""
     assert compare_sweeps(random_scenes(), AXES, FAMILIES[family]) >= 50
-
-
-@pytest.mark.slow
-def test_nothing_changes_on_many_scenes():
-    """Twelve scenes, moving and at rest."""
-    scenes = {str(seed): random_scene(seed)[0] for seed in range(12)}
-    axes = {"accelerations": [0.0, 9e4], "half_exposures": [0.011]}
-    shutters = {"Hann": HannShutter(), "spline": SPLINE}
-    assert compare_sweeps(scenes, axes, shutters) >= 24
 
 
 def speeds_under(shutter, scene):

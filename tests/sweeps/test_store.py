@@ -100,24 +100,6 @@ def test_only_missing_blocks_are_computed(whole, tmp_path, monkeypatch, caplog):
     assert again.load().identical(whole)
 
 
-def test_a_block_cut_short_is_computed_again(whole, tmp_path, monkeypatch):
-    """A disk that fills up in the middle of a block leaves it unmarked."""
-    place = tmp_path / "a.zarr"
-    array = StoredBlocks._array
-
-    def full(self, name):
-        if name == "expected_psnr":
-            raise OSError(28, "No space left on device", str(place))
-        return array(self, name)
-
-    with monkeypatch.context() as patch:
-        # No disk of a test is full; the middle of a block is at its second array.
-        patch.setattr(StoredBlocks, "_array", full)
-        with pytest.raises(OSError, match="No space left"):
-            sweep(SCENE, **many(store=place))
-    assert sweep(SCENE, **many(store=place)).load().identical(whole)
-
-
 MADE = replace(asked_for(150, 2), velocities=np.array([-3.0, 4.0]))
 """A grid of four blocks, in two frames."""
 
@@ -249,20 +231,6 @@ def test_whoever_opens_a_store_is_told_of_a_flipped_bit(tmp_path):
         with pytest.raises(ValueError, match="checksum do not match"):
             xarray.open_zarr(place, chunks=None, consolidated=False).load()
         filled(place)
-
-
-def test_a_computed_sweep_is_made_good(whole, tmp_path, caplog):
-    """The lost block of a whole sweep is computed again, bit for bit, and no other."""
-    place = tmp_path / "a.zarr"
-    sweep(SCENE, **many(store=place))
-    lost(place / "condition_number" / "c" / "1")
-    with caplog.at_level(logging.INFO, logger="mishutter.sweep"):
-        again = sweep(SCENE, **many(store=place))
-    damaged, found, computed = caplog.messages[-3:]
-    assert damaged == f"blocks damaged in '{place}' are computed again: (0, 1, 0)"
-    assert found == "2 of 3 blocks found, 1 to compute"
-    assert computed == "1 block computed"
-    assert again.load().identical(whole)
 
 
 @pytest.mark.slow

@@ -73,15 +73,14 @@ class Arrangement:
         stills, shape = self.stills, self.stills.shape
         window = thing.window
         part = window.of(thing.matte if matte is None else matte).astype(np.float32)
-        ways = stills.ways(thing.velocity)
-        covers = []
-        for way, exposure in zip(ways, stills.exposures.tolist(), strict=True):
-            blur = thing.velocity * exposure
+        covers = np.zeros(stills.light.shape, np.float32)
+        for one in stills.parts:
+            way, blur = one.way(thing.velocity), one.blur(thing.velocity)
             steps = max(1, int(np.ceil(np.hypot(*blur) / 1.5)))
             shares = (np.arange(steps) + 0.5) / steps - 0.5
             each = [moved(part, window, way + blur * share, shape) for share in shares.tolist()]
-            covers.append(np.mean(each, axis=0) if steps > 1 else each[0])
-        return np.stack(covers)
+            covers[one.frame] += np.float32(one.share) * np.mean(each, axis=0)
+        return covers
 
     def behind(self, number: int) -> list[int]:
         """Numbers of the things behind one, from the back to the front."""

@@ -96,18 +96,23 @@ def candidates(stills: Stills, velocities: Float[np.ndarray, "n 2"] | None = Non
     things = []
     for number, one in enumerate(found[1:], 1):
         velocity = grid[one].astype(np.float64)
-        back = -velocity * stills.times[middle]
+        back = -stills.ways(velocity)[middle]
         matte = ndimage.shift((fine == number).astype(np.float32), back, order=0)
         things.append(Thing(velocity, matte, velocity.copy(), 0.4 * step))
     return Arrangement(stills, things, list(range(len(things))))
 
 
-def within(stills: Stills, labels: Int[np.ndarray, "rows columns"]) -> Arrangement:
+def within(
+    stills: Stills,
+    labels: Int[np.ndarray, "rows columns"],
+    velocities: Float[np.ndarray, "n 2"] | None = None,
+) -> Arrangement:
     """Things of known outlines, at the velocities that explain most of them.
 
     Args:
         stills: The frames.
         labels: Number of the thing that a pixel shows at the time 0, from 1; 0 for the background.
+        velocities: The velocities of the things in that order, where they are known; px/s.
     """
     step = 1 / float(np.max(np.abs(stills.times)))
     coefficients, things = splines(stills.light), []
@@ -116,6 +121,10 @@ def within(stills: Stills, labels: Int[np.ndarray, "rows columns"]) -> Arrangeme
     for number in range(1, int(labels.max()) + 1):
         mask = labels == number
         if not mask.any():
+            continue
+        if velocities is not None:
+            own = velocities[number - 1].astype(np.float64)
+            things.append(Thing(own, mask.astype(np.float32), own.copy(), 2 * step))
             continue
         window = Window.around(mask, 0)
         inside = window.of(mask)

@@ -101,10 +101,13 @@ def _told(misfit: Misfit, frame: int) -> Mask:
     sight = misfit.sight
     total = np.zeros(sight.stills.shape, np.float32)
     for sheet, shares, density in zip(sight.sheets, sight.shares, misfit.densities, strict=True):
-        here = sheet.window.aside(sheet.ways[frame])
-        own = (shares[frame] * sheet.matte) ** 2 * here.cut(sight.inverse[frame])
-        cover = np.clip(sheet.shown(sheet.spectrum(np.ones_like(own)), frame), 0, 1)
-        here.add(total, shares[frame] * cover * own / np.maximum(density, 1e-9))
+        opacity = sheet.spectrum(np.ones_like(density))
+        for k, part in enumerate(sight.stills.parts):
+            if part.frame == frame:
+                here = sheet.window.aside(sheet.ways[k])
+                own = (shares[k] * sheet.matte) ** 2 * here.cut(sight.inverse[frame])
+                cover = part.share * shares[k] * np.clip(sheet.shown(opacity, k), 0, 1)
+                here.add(total, (cover * own / np.maximum(density, 1e-9)).astype(np.float32))
     return np.clip(total, 0, 1)
 
 
@@ -112,6 +115,7 @@ class Composite(NamedTuple):
     """A picture of layers."""
 
     light: Float[np.ndarray, "rows columns"]
+    lights: list[Float[np.ndarray, "rows columns"]]  # Of each layer, as it is in it
     # Mean square, over their noise, of the residuals of the frames that see a pixel's layer there
     misfit: Float[np.ndarray, "rows columns"]
     num_seen: Float[np.ndarray, "rows columns"]  # Frames that do
@@ -158,6 +162,7 @@ def composite(arrangement: Arrangement, misfit: Misfit, layers: Layers, alone: A
     doubt = alone.share(misfit, layers, _blur(arrangement, lights))
     spline = splines(alone.light[None])[0]
     light, single = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    final = [one.copy() for one in lights]
     mean_square, num_seen = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
     labels = labels_of(arrangement)
     seen = [arrangement.ground, *(arrangement.seen(n) for n in range(len(arrangement.things)))]
@@ -165,12 +170,14 @@ def composite(arrangement: Arrangement, misfit: Misfit, layers: Layers, alone: A
     whole = Window.whole(shape)
     for number, (alpha, velocity) in enumerate(zip(arrangement.alphas(), velocities, strict=True)):
         window = whole if number == 0 else Window.around(alpha, 4)
-        share, here = window.of(alpha), window.of(lights[number]).copy()
-        way = velocity * stills.times[stills.middle]
+        share, here = window.of(alpha), window.of(final[number])
+        way = stills.ways(velocity)[stills.middle]
         # The frame shows something else where it hides what is seen at the time 0.
         shown = window.taken(seen[number][stills.middle], way) / np.maximum(share, 0.01)
         weight = window.taken(doubt, way) * window.seen(way, shape) * np.minimum(2 * shown, 1)
-        here += weight * (window.taken(spline, way, is_spline=True) - here)
+        # Restored alone it stands where the sensor is at the time 0.
+        own = window.taken(spline, velocity * stills.times[stills.middle], is_spline=True)
+        here += weight * (own - here)
         window.of(single)[...] += share * weight
         window.of(light)[...] += share * here
         total, count = _along(stills, (squares, seen[number]), velocity, window)
@@ -180,7 +187,7 @@ def composite(arrangement: Arrangement, misfit: Misfit, layers: Layers, alone: A
         is_own = window.of(labels) == number
         window.of(mean_square)[is_own] = (left / np.maximum(least, 1e-3))[is_own]
         window.of(num_seen)[is_own] = count[is_own]
-    return Composite(light, mean_square, num_seen, single)
+    return Composite(light, final, mean_square, num_seen, single)
 
 
 def whole_of(window: Window, part: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
@@ -193,22 +200,27 @@ def whole_of(window: Window, part: np.ndarray, shape: tuple[int, int]) -> np.nda
 def _blur(arrangement: Arrangement, lights: list[np.ndarray]) -> np.ndarray:
     """Light at the middle of the middle exposure, less its mean over that exposure."""
     stills, things = arrangement.stills, arrangement.things
-    number, shape = stills.middle, stills.shape
-    time, exposure = float(stills.times[number]), float(stills.exposures[number])
+    number, whole = stills.middle, Window.whole(stills.shape)
 
-    def at(time: float) -> np.ndarray:
-        light = lights[0].copy()
+    def at(place: np.ndarray, time: float) -> np.ndarray:
+        light = whole.taken(lights[0], -place) if place.any() else lights[0].copy()
         for other in reversed(arrangement.order):
             thing, own = things[other], lights[other + 1]
-            window, way = thing.window, thing.velocity * time
-            matte = moved(window.of(thing.matte), window, way, shape)
-            light += matte * (moved(window.of(own), window, way, shape) - light)
+            window, way = thing.window, place + thing.velocity * time
+            matte = moved(window.of(thing.matte), window, way, stills.shape)
+            light += matte * (moved(window.of(own), window, way, stills.shape) - light)
         return light
 
-    fastest = max((float(np.hypot(*thing.velocity)) for thing in things), default=0.0)
-    steps = max(1, math.ceil(fastest * exposure / 1.5))
-    shares = (np.arange(steps) + 0.5) / steps - 0.5
-    return at(time) - np.mean([at(time + exposure * share) for share in shares.tolist()], axis=0)
+    blurred = np.zeros(stills.shape, np.float32)
+    for part in stills.parts:
+        if part.frame == number:
+            ways = [part.blur(thing.velocity) for thing in things]
+            longest = max((float(np.hypot(*way)) for way in ways), default=0.0)
+            steps = max(1, math.ceil(longest / 1.5))
+            late = part.duration * ((np.arange(steps) + 0.5) / steps - 0.5)
+            each = [at(part.place + part.velocity * x, part.time + x) for x in late.tolist()]
+            blurred += np.float32(part.share) * np.mean(each, axis=0)
+    return at(stills.ways(np.zeros(2))[number], float(stills.times[number])) - blurred
 
 
 def _along(

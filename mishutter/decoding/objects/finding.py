@@ -46,7 +46,7 @@ def found_in(
     report = (lambda text, share: None) if progress is None else progress
     report("looking for things that move", 0.0)
     if told.labels is not None:
-        return _of_known_outlines(stills, told.labels)
+        return _of_known_outlines(stills, told.labels, told.velocities)
     arrangement, is_told = candidates(stills, told.velocities), told.velocities is not None
     for turn in range(_ROUNDS):
         report("velocities and outlines", 0.3 + 0.12 * turn)
@@ -86,12 +86,17 @@ def _tells_nothing(thing: Thing) -> bool:
     return thing.area < _LEAST_AREA or thing.evidence < _LEAST_EVIDENCE or is_guessed
 
 
-def _of_known_outlines(stills: Stills, labels: Int[np.ndarray, "rows columns"]) -> Arrangement:
-    """Things of known outlines, and their velocities and order."""
-    arrangement = within(stills, labels)
+def _of_known_outlines(
+    stills: Stills,
+    labels: Int[np.ndarray, "rows columns"],
+    velocities: Float[np.ndarray, "n 2"] | None,
+) -> Arrangement:
+    """Things of known outlines, their order, and their velocities if these are not known."""
+    arrangement = within(stills, labels, velocities)
     for _ in range(2):
         put_in_order(arrangement)
-        _refine_velocities(arrangement)
+        if velocities is None:
+            _refine_velocities(arrangement)
     return arrangement
 
 

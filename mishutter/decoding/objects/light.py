@@ -4,7 +4,8 @@ Frame $k$ is $g_k = \gamma_k\,(P b) + \sum_l \phi_{lk}\,R_{lk}(m_l a_l) + \text{
 background's light $b$ behind the pixel's aperture $P$, where the share $\gamma_k$ of a pixel is
 clear, and the light $a_l$ of each thing within its matte $m_l$, through the response $R_{lk}$ of
 its way up to the frame, and within its exposure, as far as those in front leave a share
-$\phi_{lk}$.
+$\phi_{lk}$. Where the sensor moves the background has a response as well, and a frame is the mean
+over parts of its exposure, so short that what is hidden hardly changes in each.
 Of pictures of the power $S$ the likeliest are the minimum of
 
 $$\sum_k |g_k - A_k(b, a)|^2/N_k + \sum_l \sum |\hat a_l|^2/S ,$$
@@ -75,9 +76,12 @@ class Sheet(NamedTuple):
 
     window: Window  # Place of the canvas at the time 0
     matte: Mask  # On the canvas; 1 for the background
-    # Of each frame, or one for all where nothing moves
-    responses: Complex[np.ndarray, "frames m k"]
-    ways: Int[np.ndarray, "frames 2"]  # Way in whole pixels until each frame
+    # Of each part of the frames, or one for all where nothing moves
+    responses: Complex[np.ndarray, "parts m k"]
+    ways: Int[np.ndarray, "parts 2"]  # Way in whole pixels until each part
+    # The same of whole frames
+    of_frames: Complex[np.ndarray, "frames m k"]
+    until: Int[np.ndarray, "frames 2"]
     power: Float[np.ndarray, "m k"]
 
     @property
@@ -89,12 +93,12 @@ class Sheet(NamedTuple):
         """Half of the DFT of what the layer emits."""
         return rfftn(self.matte * light)
 
-    def shown(self, spectrum: np.ndarray, frame: int) -> np.ndarray:
-        """Light of the layer in a frame."""
-        return irfftn(spectrum * self.responses[frame % len(self.responses)], self.size)
+    def shown(self, spectrum: np.ndarray, part: int) -> np.ndarray:
+        """Light of the layer in a part of a frame."""
+        return irfftn(spectrum * self.responses[part % len(self.responses)], self.size)
 
     def gathered(self, shown: Sequence[np.ndarray]) -> np.ndarray:
-        """The adjoint of `shown`, of all frames, on the layer's pixels."""
+        """The adjoint of `shown`, of all parts, on the layer's pixels."""
         if len(self.responses) == 1:
             total = np.conj(self.responses[0]) * rfftn(sum(shown))
         else:
@@ -113,7 +117,7 @@ class Sight:
 
     stills: Stills
     sheets: list[Sheet]  # The background, then the things
-    shares: list[list[np.ndarray]]  # Share of each sheet's pixels that each frame sees
+    shares: list[list[np.ndarray]]  # Share of each sheet's pixels that each part of frames sees
     inverse: Float[np.ndarray, "frames rows columns"]  # 1 over the noise
     mean: float  # Level about which light is sought
 
@@ -127,7 +131,7 @@ class Sight:
             ]
         ).astype(np.float32)
         ground = _ground(stills, known)
-        clear = np.ones(stills.light.shape, np.float32)
+        clear = [np.ones(stills.shape, np.float32) for _ in stills.parts]
         shares: list[list[np.ndarray]] = [[]]
         sheets = [ground]
         if arrangement is not None:
@@ -138,14 +142,15 @@ class Sight:
             for number in arrangement.order:
                 sheet = sheets[number + 1]
                 opacity = rfftn(sheet.matte)
-                for k in range(stills.count):
-                    here = sheet.window.aside(sheet.ways[k])
+                for k, way in enumerate(sheet.ways):
+                    here = sheet.window.aside(way)
                     shares[number + 1].append(here.cut(clear[k]))
                     cover = np.clip(sheet.shown(opacity, k), 0, 1)
                     less = np.ones_like(clear[k])
                     here.add(less, -cover)
                     clear[k] *= less
-        shares[0] = [ground.window.cut(one) for one in clear]
+        pairs = zip(ground.ways, clear, strict=True)
+        shares[0] = [ground.window.aside(way).cut(one) for way, one in pairs]
         pairs = zip(sheets, shares, strict=True)
         sheets = [_of_own_detail(sheet, seen, stills) for sheet, seen in pairs]
         return Sight(stills, sheets, shares, inverse, float(np.mean(stills.light)))
@@ -156,18 +161,20 @@ class Sight:
         for sheet, shares, light in zip(self.sheets, self.shares, layers, strict=True):
             spectrum = sheet.spectrum(light)
             same = sheet.shown(spectrum, 0) if len(sheet.responses) == 1 else None
-            for k in range(self.stills.count):
+            for k, part in enumerate(self.stills.parts):
                 shown = sheet.shown(spectrum, k) if same is None else same
-                sheet.window.aside(sheet.ways[k]).add(total[k], shares[k] * shown)
+                seen = np.float32(part.share) * shares[k] * shown
+                sheet.window.aside(sheet.ways[k]).add(total[part.frame], seen)
         return total
 
     def layers(self, frames: np.ndarray) -> Layers:
         """The adjoint of `frames`."""
         gathered = []
         for sheet, shares in zip(self.sheets, self.shares, strict=True):
+            each = zip(self.stills.parts, sheet.ways, shares, strict=True)
             parts = [
-                shares[k] * sheet.window.aside(sheet.ways[k]).cut(frames[k])
-                for k in range(self.stills.count)
+                np.float32(part.share) * share * sheet.window.aside(way).cut(frames[part.frame])
+                for part, way, share in each
             ]
             gathered.append(sheet.gathered(parts))
         return gathered
@@ -177,11 +184,19 @@ class Sight:
         found = []
         for sheet, shares in zip(self.sheets, self.shares, strict=True):
             total = np.zeros(sheet.size, np.float32)
-            for k in range(self.stills.count):
-                here = sheet.window.aside(sheet.ways[k]).cut(self.inverse[k])
-                total += shares[k] ** 2 * here
+            for k, seen in enumerate(in_frames(self.stills, shares)):
+                here = sheet.window.aside(sheet.until[k]).cut(self.inverse[k])
+                total += seen**2 * here
             found.append(total * sheet.matte**2)
         return found
+
+
+def in_frames(stills: Stills, shares: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Shares of a layer's pixels that frames see, by those of their parts."""
+    seen = [np.zeros_like(shares[0]) for _ in range(stills.count)]
+    for part, share in zip(stills.parts, shares, strict=True):
+        seen[part.frame] += np.float32(part.share) * share
+    return seen
 
 
 def _canvas(window: Window) -> Window:
@@ -193,28 +208,48 @@ def _canvas(window: Window) -> Window:
 
 def _ground(stills: Stills, known: Knowledge) -> Sheet:
     """The sheet of a picture at rest."""
-    window = _canvas(Window.whole(stills.shape))
-    size = window.rows, window.columns
-    response = known.aperture(size).astype(np.complex64)[None]
-    matte, ways = np.ones(size, np.float32), np.zeros((stills.count, 2), int)
-    return Sheet(window, matte, response, ways, known.power(size).astype(np.float32))
+    none, window = np.zeros(2), Window.whole(stills.shape)
+    if stills.rests.all() and not np.any(stills.ways(none)):
+        window = _canvas(window)
+        size = window.rows, window.columns
+        response = known.aperture(size).astype(np.complex64)[None]
+        matte, ways = np.ones(size, np.float32), np.zeros((stills.count, 2), int)
+        power = known.power(size).astype(np.float32)
+        return Sheet(window, matte, response, ways, response, ways, power)
+    reach = math.ceil(max(float(np.max(np.abs(part.way(none)))) for part in stills.parts)) + 2
+    window = _canvas(window.wider(reach))
+    matte = np.ones((window.rows, window.columns), np.float32)
+    return _moving(stills, window, matte, none, known)
 
 
 def _sheet(stills: Stills, matte: Mask, velocity: np.ndarray, known: Knowledge) -> Sheet:
     """The sheet of a thing."""
-    reach = math.ceil(float(np.hypot(*velocity) * np.max(stills.exposures)) / 2)
-    window = _canvas(Window.around(matte, 2).wider(reach))
+    blurs = [float(np.hypot(*part.blur(velocity))) for part in stills.parts]
+    window = _canvas(Window.around(matte, 2).wider(math.ceil(max(blurs) / 2)))
+    own = window.cut(matte.astype(np.float32))
+    return _moving(stills, window, own, velocity, known)
+
+
+def _moving(
+    stills: Stills, window: Window, matte: Mask, velocity: np.ndarray, known: Knowledge
+) -> Sheet:
+    """The sheet of what moves on the sensor."""
     size = window.rows, window.columns
     (down, across), aperture = frequencies_on(size), known.aperture(size)
-    ways = stills.ways(velocity)
-    whole = np.floor(ways).astype(int)
-    responses = []
-    for rest, exposure in zip(ways - whole, stills.exposures.tolist(), strict=True):
+    ways = np.array([part.way(velocity) for part in stills.parts])
+    whole, until = (np.floor(x).astype(int) for x in (ways, stills.ways(velocity)))
+    responses, of_frames = [], [np.zeros(1)] * stills.count
+    for part, way, first in zip(stills.parts, ways, whole, strict=True):
+        rest, blur = way - first, part.blur(velocity)
         turns = down[:, None] * rest[0] + across * rest[1]
-        blur = np.sinc((down[:, None] * velocity[0] + across * velocity[1]) * exposure)
-        responses.append((aperture * blur * np.exp(-2j * np.pi * turns)).astype(np.complex64))
+        passed = aperture * np.sinc(down[:, None] * blur[0] + across * blur[1])
+        responses.append((passed * np.exp(-2j * np.pi * turns)).astype(np.complex64))
+        aside = first - until[part.frame]
+        turns = down[:, None] * aside[0] + across * aside[1]
+        own = part.share * responses[-1] * np.exp(-2j * np.pi * turns)
+        of_frames[part.frame] = of_frames[part.frame] + own.astype(np.complex64)
     power = known.power(size).astype(np.float32)
-    return Sheet(window, window.cut(matte.astype(np.float32)), np.stack(responses), whole, power)
+    return Sheet(window, matte, np.stack(responses), whole, np.stack(of_frames), until, power)
 
 
 def _of_own_detail(sheet: Sheet, shares: list[np.ndarray], stills: Stills) -> Sheet:
@@ -230,11 +265,11 @@ def _of_own_detail(sheet: Sheet, shares: list[np.ndarray], stills: Stills) -> Sh
     if space < _LEAST_SPACE:
         return sheet
     gathered, alone, density, own = 0.0, 0.0, 0.0, 0.0
-    for k, share in enumerate(shares):
-        light = sheet.window.aside(sheet.ways[k]).cut(stills.light[k])
+    for k, share in enumerate(in_frames(stills, shares)):
+        light = sheet.window.aside(sheet.until[k]).cut(stills.light[k])
         weight = taper * share
         level = float(np.sum(weight * light) / max(float(np.sum(weight)), 1e-9))
-        response = sheet.responses[k % len(sheet.responses)]
+        response = sheet.of_frames[k % len(sheet.of_frames)]
         shown = np.conj(response) * rfftn(weight * (light - level)) * stills.weights[k]
         passed = np.abs(response) ** 2 * stills.weights[k]
         gathered, density = gathered + shown, density + passed
@@ -341,7 +376,7 @@ def _product(one: Layers, other: Layers) -> float:
 
 def _expected(sheet: Sheet, density: np.ndarray) -> np.ndarray:
     """Squared error that the likeliest picture is expected to leave, by its density."""
-    response = np.mean(np.abs(sheet.responses) ** 2, axis=0)
+    response = np.mean(np.abs(sheet.of_frames) ** 2, axis=0)
     most = max(float(density.max()), 1e-6)
     grid = most * np.geomspace(1e-4, 1, 13)
     levels = [_error(sheet, response, each) for each in grid.tolist()]

@@ -68,7 +68,7 @@ class _Given(NamedTuple):
     others: Float[np.ndarray, "rows columns"]  # Worth of all frames that see it, in typical frames
 
 
-def _given_others(stills: Stills, frames: np.ndarray, seen: np.ndarray) -> _Given:
+def given_others(stills: Stills, frames: np.ndarray, seen: np.ndarray) -> _Given:
     """How likely each frame is by those others that see the same, where `seen` is 1."""
     weights = (stills.weights[:, None, None] * seen).astype(np.float32)
     total, worth = np.sum(weights * frames, axis=0), np.sum(weights, axis=0)
@@ -78,7 +78,10 @@ def _given_others(stills: Stills, frames: np.ndarray, seen: np.ndarray) -> _Give
     wide = smoothed(np.where(known, mean, 0), 5.0) / np.maximum(near, 1e-6)
     level = smoothed(np.where(known, mean, wide), 1.2)
     slope = sum(each**2 for each in np.gradient(level))
+    # What no other frame tells is as far from its neighbourhood as the layer is elsewhere.
     unknown = 0.5 * float(np.var(stills.light[stills.middle]))
+    spread = smoothed(np.where(known, (mean - wide) ** 2, 0), 5.0) / np.maximum(near, 1e-6)
+    unknown = np.where(near > 0.02, np.minimum(spread, unknown), unknown)
     logarithms = np.empty(frames.shape, np.float32)
     for k, frame in enumerate(frames):
         own = weights[k]
@@ -127,13 +130,13 @@ def cut_out(arrangement: Arrangement) -> None:
     """Draws the outline of each thing anew, all by the same light."""
     stills, things = arrangement.stills, arrangement.things
     coefficients = splines(stills.light)
-    rest = _given_others(stills, stills.light, pure(arrangement.ground))
+    rest = given_others(stills, stills.light, pure(arrangement.ground))
     own: list[tuple[Along, _Given]] = []
     for number, thing in enumerate(things):
         along = Along.of(stills, coefficients, thing.window, thing.velocity)
         front = along.shares(arrangement.front[number], stills.ways(thing.velocity))
         along = along._replace(seen=along.seen * pure(front))
-        own.append((along, _given_others(stills, along.frames, along.seen)))
+        own.append((along, given_others(stills, along.frames, along.seen)))
     outlines = []
     for number, thing in enumerate(things):
         along, given = own[number]
@@ -152,11 +155,17 @@ def cut_out(arrangement: Arrangement) -> None:
         )
         lead = np.clip(given.logarithms - against, -_MOST, _MOST) * along.seen
         lead = np.sum(lead, axis=0) * _INDEPENDENT
-        lead = np.where(given.others > 1.2 * np.min(stills.weights), lead, 0) - _BIAS
-        outlines.append((along.window, lead))
-    for thing, (window, lead) in zip(things, outlines, strict=True):
+        least = float(np.min(stills.weights))
+        lead = np.where(given.others > 0.2 * least, lead, 0) - _BIAS
+        outlines.append((along.window, lead, given.others > 1.2 * least))
+    for thing, (window, lead, is_told) in zip(things, outlines, strict=True):
         start = window.of(thing.matte)
         mask = of_few_edges(start, lambda _, lead=lead: -lead, _EDGE, 0.35, 150) > 0.5
+        # What one frame alone shows goes on from what several do, or is none of the thing.
+        parts = np.empty(mask.shape, np.int32)
+        ndimage.label(mask, output=parts)
+        shares = ndimage.mean(is_told, parts, np.arange(1, int(parts.max()) + 1))
+        mask = np.isin(parts, 1 + np.flatnonzero(np.asarray(shares) > 0.5))
         thing.matte = window.placed(mask.astype(np.float32), stills.shape)
         thing.evidence = float(np.sum(lead * mask))
 
@@ -176,7 +185,7 @@ def _otherwise(arrangement: Arrangement, number: int, rest: np.ndarray) -> np.nd
     likely = rest.copy()
     for share in (clear, less):
         seen = pure(part.of(share))
-        given = _given_others(here, here.light, seen)
+        given = given_others(here, here.light, seen)
         np.maximum(part.of(likely), given.logarithms, out=part.of(likely))
     return likely
 

@@ -1,5 +1,6 @@
 """Frames of several things before a background, restored object by object."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -19,7 +20,6 @@ from mishutter.decoding.decoders.total_variation import TotalVariationDecoder
 from mishutter.decoding.objects.arrangement import Arrangement, Thing
 from mishutter.decoding.objects.composite import (
     Alone,
-    Composite,
     composite,
     labels_of,
     trusted,
@@ -28,13 +28,15 @@ from mishutter.decoding.objects.composite import (
 from mishutter.decoding.objects.finding import Told, found_in
 from mishutter.decoding.objects.grids import Window
 from mishutter.decoding.objects.light import Knowledge, Misfit, Sight, light_of
+from mishutter.decoding.objects.readout import Readout
 from mishutter.decoding.objects.stills import Stills
+from mishutter.decoding.rolling import GLOBAL, RowTimes
 from mishutter.evaluation.fans import picture_power_on
+from mishutter.evaluation.instants import Instants
 from mishutter.model.scene import Scene
 from mishutter.model.sensor import white_electrons
-from mishutter.model.sequences import TimedFrame
+from mishutter.model.sequences import PlaneFrames, TimedFrame
 from mishutter.pictures.images import Axis, Picture, transposed
-from mishutter.plane.frames import PlaneFrames
 
 Progress = Callable[[str, float], None]
 
@@ -44,6 +46,8 @@ _WIDEST = 1.0
 """Standard error of an object's way over the frames above which it is not trusted; px."""
 _AT_REST = 0.05
 """Way of a sensor over the frames within which it stands still; px."""
+_PART = 1.5
+"""Way of a layer over a part of an exposure; px."""
 
 
 class FoundObject(NamedTuple):
@@ -100,7 +104,7 @@ def is_at_rest(frames: Sequence[TimedFrame] | PlaneFrames) -> bool:
         times = np.asarray(frames.times)
         places = np.asarray(frames.place(np.linspace(times[0], times[-1], 65)))
         return float(np.max(np.ptp(places, axis=1))) < _AT_REST
-    places = [frame.position for frame in frames]
+    places = [float(frame.position) for frame in frames]
     return all(frame.is_still for frame in frames) and float(np.ptp(places)) < _AT_REST
 
 
@@ -113,14 +117,17 @@ def restored_objects(
     *,
     progress: Progress | None = None,
 ) -> RestoredObjects:
-    """The picture at the middle of frames of a sensor at rest, object by object.
+    """The picture at the middle of frames, object by object.
 
-    The planes of a scene along one axis are turned so that things move along their rows.
+    The planes of a scene along one axis are turned so that things move along their rows. Things are
+    found in the frames of a sensor at rest among them, and restored from all.
     """
     subject, axis = "restore_frames(frames=...)", scene.sensor.axis
     in_plane = isinstance(frames, PlaneFrames)
-    words = "be of a sensor at rest where objects are restored one by one"
-    require(is_at_rest(frames), subject, words, Unquoted("frames of one that moves"))
+    rows = RowTimes.of(scene.sensor, planes.shape) if scene.sensor.is_rolling else GLOBAL
+    words = "be of a sensor at rest where rows are exposed one after another before a background"
+    is_seen = is_at_rest(frames) or not rows.is_rolling
+    require(is_seen, subject, words, Unquoted("frames of one that moves"))
     require(planes.shape[1] > 1, subject, "be two at least to tell objects", planes.shape[1])
     decoder = decoder.inner if isinstance(decoder, SpeedFindingDecoder) else decoder
     is_known = isinstance(decoder, EnsembleDecoder | TotalVariationDecoder | PlugAndPlayDecoder)
@@ -128,9 +135,13 @@ def restored_objects(
     require(is_known, "restore_frames(decoder=...)", words, type(decoder).__name__)
     report = (lambda text, share: None) if progress is None else progress
     axis: Axis = "rows" if in_plane else axis
-    grey, alone = stills_of(planes, scene, frames)
-    told = _told(known, axis, in_plane=in_plane, shape=grey.shape)
+    readout = Readout.of(rows)
+    grey, alone = stills_of(planes, scene, frames, readout)
+    told = _told(known, axis, readout, in_plane=in_plane, shape=grey.shape)
     few = grey.only(grey.alike)
+    if told.labels is None or told.velocities is None:
+        words = "be of a sensor at rest twice, or `speed` and `outlines` be given, to find objects"
+        require(int(grey.rests.sum()) > 1, subject, words, Unquoted(f"{grey.rests.sum()} at rest"))
     sought = found_in(few, told, lambda text, share: report(text, 0.6 * share))
     found = Arrangement(grey, sought.things, sought.order)
     light, composites = [], []
@@ -148,11 +159,61 @@ def restored_objects(
         alone=np.max([one.alone for one in composites], axis=0),
     )
     report("done", 1.0)
-    return _result(found, light, (composites, whole), axis, in_plane=in_plane)
+    pictures, labels, trust = (x.light for x in composites), labels_of(found), trusted(found, whole)
+    whole = _Whole(found, light, np.stack([*pictures], axis=-1), labels, trust)
+    if readout.line:
+        whole = _set_right(whole, readout, [one.lights for one in composites])
+    return _result(whole, axis, in_plane=in_plane)
+
+
+class _Whole(NamedTuple):
+    """A picture of things, and the maps of them."""
+
+    found: Arrangement
+    light: list[list[np.ndarray]]  # Of each layer, in each colour
+    picture: Float[np.ndarray, "rows columns colours"]
+    labels: Int[np.ndarray, "rows columns"]
+    trust: Bool[np.ndarray, "rows columns"]
+
+
+def _set_right(whole: _Whole, readout: Readout, shown: list[list[np.ndarray]]) -> _Whole:
+    """The picture as it is at one time, by that of rows that are exposed one after another.
+
+    Args:
+        whole: The latter.
+        readout: The times of the rows.
+        shown: Light of the layers in it, in each colour.
+    """
+    found, seen = whole.found, [np.zeros(2), *(thing.velocity for thing in whole.found.things)]
+
+    def upright(layers: list[np.ndarray], order: int) -> list[np.ndarray]:
+        pairs = zip(layers, seen, strict=True)
+        return [readout.set_right(layer, velocity, order) for layer, velocity in pairs]
+
+    mattes = upright([whole.light[0][0], *(thing.matte for thing in found.things)], 1)[1:]
+    things = [
+        replace(
+            thing,
+            matte=matte,
+            velocity=readout.true(thing.velocity),
+            covariance=readout.covariance(thing.velocity, thing.covariance),
+        )
+        for thing, matte in zip(found.things, mattes, strict=True)
+    ]
+    right = Arrangement(found.stills, things, found.order)
+    labels, alphas, colours = labels_of(right), right.alphas(), [upright(x, 3) for x in shown]
+    picture = np.stack([sum(a * x for a, x in zip(alphas, y, strict=True)) for y in colours], -1)
+    each = ((whole.trust & (whole.labels == number)) for number in range(len(seen)))
+    own = [one.astype(np.float32) for one in each]
+    trust = np.take_along_axis(np.stack(upright(own, 0)), labels[None], axis=0)[0] > 0.5
+    return _Whole(right, [upright(x, 3) for x in whole.light], picture, labels, trust)
 
 
 def stills_of(
-    planes: np.ndarray, scene: Scene, frames: Sequence[TimedFrame] | PlaneFrames
+    planes: np.ndarray,
+    scene: Scene,
+    frames: Sequence[TimedFrame] | PlaneFrames,
+    readout: Readout,
 ) -> tuple[Stills, list[Stills]]:
     """The luminance of frames, and their colours."""
     if isinstance(frames, PlaneFrames):
@@ -168,8 +229,14 @@ def stills_of(
     shares = luminance_shares(len(planes))
     square, read = float(shares @ shares), float(scene.read_noise)
     fastest = float(scene.max_speed)
+    instants = None if is_at_rest(frames) else _instants_of(frames, fastest)
+    if moves[readout.axis]:
+        share = fastest * abs(readout.line)
+        words = "be of less than half a row in the time from row to row"
+        require(share < 0.5, "restore_frames(scene=...)", words, Unquoted(f"{share:.2g}"))
+        fastest = fastest / (1 - share)
     alone = [
-        Stills(one.astype(np.float32), times, exposures, electrons, read, fastest, moves)
+        Stills(one.astype(np.float32), times, exposures, electrons, read, fastest, moves, instants)
         for one in planes
     ]
     # Noise of the mean of colours is that of one of as many more electrons.
@@ -180,6 +247,17 @@ def stills_of(
         read_noise=read / np.sqrt(square),
     )
     return grey, alone
+
+
+def _instants_of(frames: Sequence[TimedFrame] | PlaneFrames, fastest: float) -> Instants:
+    """Places of a sensor that moves, in panels in which no layer moves by much."""
+    instants = Instants.of(frames, fastest)
+    ways = np.sum(np.linalg.norm(np.diff(instants.place), axis=0), axis=1)
+    longest = float(np.max(ways + fastest * instants.exposure))
+    instants = Instants.of(frames, fastest, num_panels=math.ceil(longest / _PART))
+    across, down = instants.place if len(instants.place) > 1 else (*instants.place, 0.0)
+    place = np.stack(np.broadcast_arrays(down, across))
+    return instants._replace(place=place)
 
 
 def knowledge_of(scene: Scene, stills: Stills, *, in_plane: bool) -> Knowledge:
@@ -202,34 +280,32 @@ def knowledge_of(scene: Scene, stills: Stills, *, in_plane: bool) -> Knowledge:
     return Knowledge(power, aperture)
 
 
-def _told(known: Known, axis: Axis, *, in_plane: bool, shape: tuple[int, int]) -> Told:
+def _told(
+    known: Known, axis: Axis, readout: Readout, *, in_plane: bool, shape: tuple[int, int]
+) -> Told:
     """The known objects, in the order down and across, and turned as the frames are."""
     labels = velocities = None
     if known.outlines is not None:
         labels = np.asarray(transposed(np.asarray(known.outlines, int), axis))
         words = f"be a picture of {shape[0]} x {shape[1]} px, as the frames are"
         require(labels.shape == shape, "restore_frames(outlines=...)", words, labels.shape)
-    elif known.speeds is not None:
+    if known.speeds is not None:
         speeds = -np.atleast_1d(np.asarray(known.speeds, np.float64))
         speeds = np.atleast_2d(speeds) if in_plane else speeds.reshape(-1, 1)
         words = "be a velocity along rows and columns of each object" if in_plane else "be a row"
         fits = speeds.shape[1:] == ((2,) if in_plane else (1,))
         require(fits, "restore_frames(speed=...)", words, known.speeds)
+        if labels is not None:
+            count, words = int(labels.max()), "be one of each outline, in the order of their values"
+            require(len(speeds) == count, "restore_frames(speed=...)", words, known.speeds)
         velocities = speeds[:, ::-1] if in_plane else np.pad(speeds, ((0, 0), (1, 0)))
+        velocities = readout.seen(velocities)
     return Told(velocities, labels)
 
 
-def _result(
-    found: Arrangement,
-    light: list[list[np.ndarray]],
-    pictures: tuple[list[Composite], Composite],
-    axis: Axis,
-    *,
-    in_plane: bool,
-) -> RestoredObjects:
+def _result(whole: _Whole, axis: Axis, *, in_plane: bool) -> RestoredObjects:
     """The picture, objects and maps as a user has them, turned back."""
-    composites, whole = pictures
-    labels, trust = labels_of(found), trusted(found, whole)
+    found, light, picture, labels, trust = whole
     areas = [int(np.sum(labels == n + 1)) for n in range(len(found.things))]
     order = np.argsort(areas, kind="stable")[::-1].tolist()
     numbers = np.zeros(len(order) + 1, int)
@@ -241,7 +317,7 @@ def _result(
         for n in reversed(found.order)
     ]
     return RestoredObjects(
-        transposed(np.stack([one.light for one in composites], axis=-1), axis),
+        transposed(picture, axis),
         tuple(objects),
         transposed(numbers[labels], axis),
         transposed(trust, axis),

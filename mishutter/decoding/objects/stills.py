@@ -1,10 +1,12 @@
-"""Frames of a sensor at rest, and their noise."""
+"""Frames of a sensor at rest or on a known path, and their noise."""
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
+
+from mishutter.evaluation.instants import NODES, Instants
 
 _ALIKE = 1.3
 """Exposures that blur a thing alike: the longest over the shortest of them."""
@@ -12,18 +14,43 @@ _MIDDLE = 0.3
 """Level at which frames are weighed."""
 _DARKEST = 0.002
 """Level below which noise is taken to be that of this level, as counts below 0 say nothing."""
+_AT_REST = 0.05
+"""Way of a sensor within which it stands still; px."""
 
 
 Level = Any
 """Levels of pixels, of any shape; white = 1."""
 
 
+class Part(NamedTuple):
+    """A part of an exposure, in which the sensor keeps its velocity.
+
+    All of the exposure where the sensor is at rest. Where it moves, one so short that no layer
+    moves by much: what hides a layer that is blurred then hides it as a whole.
+    """
+
+    frame: int
+    share: float  # Of the exposure
+    time: float  # Its middle; s
+    duration: float  # s
+    place: Float[np.ndarray, "2"]  # Of the sensor in the mean, down and across; px
+    velocity: Float[np.ndarray, "2"]  # Of the sensor; px/s
+
+    def way(self, velocity: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
+        """Way of a thing on the sensor since the time 0; px."""
+        return self.place + velocity * self.time
+
+    def blur(self, velocity: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
+        """Way of a thing on the sensor within it; px."""
+        return (velocity + self.velocity) * self.duration
+
+
 @dataclass(frozen=True, eq=False)
 class Stills:
-    """Frames of a sensor at rest, in which things move.
+    """Frames of a sensor at rest, or on a known path, in which things move.
 
-    A thing of the velocity `v`, down and across, is at `p + v t` where it is at `p` at the time 0,
-    that of the picture.
+    A thing of the velocity `v`, down and across, is at `p + c + v t` where it is at `p` at the time
+    0, that of the picture, and the sensor displaces all by `c`.
     """
 
     light: Float[np.ndarray, "frames rows columns"]  # White = 1
@@ -33,6 +60,40 @@ class Stills:
     read_noise: float  # e-
     fastest: float  # Greatest speed; px/s
     moves: tuple[bool, bool]  # Whether things move down the columns, and across them
+    # The sensor's places, down and across, in panels of each exposure; None of one at rest
+    instants: Instants | None = None
+    parts: tuple[Part, ...] = field(init=False)  # Of all frames, in their order
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parts", tuple(self._parts()))
+
+    def _parts(self) -> list[Part]:
+        parts, none = [], np.zeros(2)
+        for k, (time, exposure) in enumerate(zip(self.times, self.exposures, strict=True)):
+            alone, instants = Part(k, 1.0, float(time), float(exposure), none, none), self.instants
+            if instants is None:
+                parts.append(alone)
+                continue
+            time, place, weight, _ = instants.some(k)
+            if np.max(np.ptp(place, axis=1)) < _AT_REST:
+                parts.append(alone._replace(place=place @ weight))
+                continue
+            panels = (x.reshape(-1, NODES) for x in (time, weight, *place))
+            for t, w, *at in zip(*panels, strict=True):
+                share = float(np.sum(w))
+                if share > 0:
+                    middle, centre = w @ t / share, np.array([w @ x for x in at]) / share
+                    late = w * (t - middle)
+                    velocity = np.array([late @ x for x in at]) / (late @ t)
+                    lasting = share * float(exposure)
+                    parts.append(Part(k, share, float(middle), lasting, centre, velocity))
+        return parts
+
+    @property
+    def rests(self) -> Bool[np.ndarray, "frames"]:
+        """Whether the sensor stands still in each frame."""
+        moving = {part.frame for part in self.parts if np.any(part.velocity)}
+        return np.array([k not in moving for k in range(self.count)])
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -46,8 +107,8 @@ class Stills:
 
     @property
     def middle(self) -> int:
-        """The frame nearest to the time 0; the shortest of two."""
-        return int(np.lexsort((self.exposures, np.round(np.abs(self.times), 9)))[0])
+        """The frame nearest to the time 0; the shortest of two. One at rest, if there is any."""
+        return int(np.lexsort((self.exposures, np.round(np.abs(self.times), 9), ~self.rests))[0])
 
     @property
     def span(self) -> float:
@@ -60,8 +121,11 @@ class Stills:
         return float(np.mean(self.exposures))
 
     def ways(self, velocity: Float[np.ndarray, "2"]) -> Float[np.ndarray, "frames 2"]:
-        """Way of a thing since the time 0, in each frame; px."""
-        return self.times[:, None] * velocity
+        """Mean way of a thing since the time 0, in each frame; px."""
+        ways = self.times[:, None] * velocity
+        for part in self.parts:
+            ways[part.frame] += part.share * part.place
+        return ways
 
     def noise(self, level: Level, frame: int) -> Level:
         """Variance of a pixel of some level in a frame."""
@@ -91,6 +155,7 @@ class Stills:
             times=self.times[chosen],
             exposures=self.exposures[chosen],
             electrons=self.electrons[chosen],
+            instants=None if self.instants is None else self.instants.some(chosen),
         )
 
     @property
@@ -109,4 +174,7 @@ class Stills:
         return np.ones(self.count, bool)
 
     def _of(self, exposure: float) -> Bool[np.ndarray, "frames"]:
-        return (self.exposures >= exposure * 0.999) & (self.exposures <= exposure * _ALIKE)
+        is_alike = (self.exposures >= exposure * 0.999) & (self.exposures <= exposure * _ALIKE)
+        places = self.ways(np.zeros(2))
+        beside = np.max(np.abs(places - places[self.middle]), axis=1)
+        return is_alike & self.rests & (beside < _AT_REST)

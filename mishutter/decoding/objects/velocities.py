@@ -28,6 +28,8 @@ _EDGE = 1.5
 """Gaussian under which a cover is taken for one of known slope; px."""
 _SLOPE_NOISE = 1 / (8 * np.pi)
 """Variance of a slope by noise of unit variance, under a Gaussian of 1 px."""
+_NEAR = 0.005
+"""Way by the last step, at the frame farthest from the picture, at which steps end; px."""
 _BLOCK = 12
 """Side of the parts of a thing that are held to agree on its velocity; px."""
 
@@ -51,7 +53,7 @@ class Told(NamedTuple):
 
 
 def refine_velocity(
-    arrangement: Arrangement, number: int, lights: Lights | None, num_steps: int = 4
+    arrangement: Arrangement, number: int, lights: Lights | None, num_steps: int = 8
 ) -> None:
     """Moves a thing's velocity to where the frames along it differ least.
 
@@ -66,14 +68,20 @@ def refine_velocity(
     among = np.ix_(free, free)
     prior = np.eye(2) / thing.uncertainty**2
     furthest = float(np.max(np.abs(stills.times)))
-    told = told_of(arrangement, number, lights)
+    told, longest, last = told_of(arrangement, number, lights), 1.0, np.zeros(2)
     for _ in range(num_steps):
         pull = told.push + prior @ (thing.first - thing.velocity)
         step = np.zeros(2)
         step[free] = np.linalg.solve((told.information + prior)[among], pull[free])
+        # A mean of frames that are out of place has too little slope: steps by it are too long.
+        if step @ last < 0:
+            longest = furthest * float(np.linalg.norm(last)) / 2
         length = furthest * float(np.linalg.norm(step))
-        thing.velocity = thing.velocity + step * min(1.0, 1 / max(length, 1e-9))
+        last = step * min(1.0, longest / max(length, 1e-9))
+        thing.velocity = thing.velocity + last
         told = told_of(arrangement, number, lights)
+        if length < _NEAR:
+            break
     thing.covariance = np.zeros((2, 2))
     inverse = np.linalg.inv((told.information + prior)[among])
     apart = told.scatter[among]

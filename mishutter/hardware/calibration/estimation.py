@@ -3,7 +3,6 @@
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -186,7 +185,7 @@ class FittedCamera:
         }
         return scene_text(built, notes)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """The numbers and sentences of the fit, for JSON."""
         # Half of the stage's acceleration stays too, which programs may read.
         estimates = self.estimates_of_stage | self.estimates

@@ -8,7 +8,7 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from math import comb
-from typing import Any, ClassVar, TypeVar, final
+from typing import ClassVar, TypeVar, final
 
 import equinox as eqx
 import jax
@@ -125,7 +125,7 @@ class AbstractPiecewiseShutter(AbstractShutter):
         """
 
     @abstractmethod
-    def piece_transmittance(self, offset: Any) -> Any:
+    def piece_transmittance(self, offset: Offsets) -> Values:
         """Each piece's function at offsets, an array, complex ones included; shape `(n, ...)`.
 
         Args:

@@ -17,16 +17,14 @@ from mishutter import (
     Texture,
     TimedFrame,
     example_picture,
-    plane_psnr,
+    exposures_psnr,
 )
 from mishutter.evaluation.ceilings import ceiling, exposures_ceiling, water_filled
 from mishutter.evaluation.fans import MEASURED, SEARCHED, Fan, Grid, power_of
 from mishutter.evaluation.levels import instants_of, left
 from mishutter.evaluation.open_frames import OpenFrames, psnr_of_error
 from mishutter.model.optics import frequencies
-from mishutter.plane.bursts import frames_of
-from mishutter.plane.frames import PlaneFrames
-from mishutter.plane.levels import cross_motion_loss
+from mishutter.model.sequences import PlaneFrames
 
 FINE = Grid(40, 16, 48)
 """The grid of the reference."""
@@ -40,7 +38,7 @@ def test_levels_and_ceilings_are_those_of_the_reference(slug):
     scene, levels, ceilings = plane.scene_of(slug), plane.LEVELS[slug], plane.CEILINGS[slug]
     for (count, kind), level in levels.items():
         frames = jax.tree.map(np.float32, plane.frames_of(slug, count, kind))
-        assert float(plane_psnr(scene, frames, grid=FINE)) == pytest.approx(level, abs=0.01)
+        assert float(exposures_psnr(scene, frames, grid=FINE)) == pytest.approx(level, abs=0.01)
     for count, level in ceilings.items():
         found = exposures_ceiling(scene, np.full(count, WINDOW / count), grid=FINE)
         assert found == pytest.approx(level, abs=0.01)
@@ -52,7 +50,7 @@ def test_the_grids_are_as_fine_as_they_say(grid, most):
     """Four frames on two sines, against the level on the fine grid."""
     for slug in ("A", "B"):
         frames, scene = plane.frames_of(slug, 4, "sines"), plane.scene_of(slug)
-        level = float(plane_psnr(scene, frames, grid=grid))
+        level = float(exposures_psnr(scene, frames, grid=grid))
         assert level == pytest.approx(plane.LEVELS[slug][4, "sines"], abs=most)
 
 
@@ -83,7 +81,7 @@ def test_one_axis_is_a_fan_of_one_line():
         return np.abs(np.tensordot(weight / 2, waves, 1)) ** 2
 
     errors = one.errors(sum(one.snr(passed(index), 0.04) for index in (0, 1)))
-    in_plane = left(scene, instants_of(scene, frames, "plane_psnr"), one.fan, 24)
+    in_plane = left(scene, instants_of(scene, frames, "exposures_psnr"), one.fan, 24)
     # The speeds of `one` are sorted as those of the fan are not: only means are compared.
     assert psnr_of_error(float(in_plane)) == pytest.approx(
         psnr_of_error(float(one.weights @ errors)), abs=1e-3
@@ -117,7 +115,7 @@ def test_a_disc_of_nothing_across_is_the_mean_of_lines_of_one_axis():
         error = one.error(one.snr(one.at_rest(exposure), exposure))
         errors.append(error / aperture)
     expected = psnr_of_error(float(2 * share @ np.array(errors)))
-    level = float(plane_psnr(scene, frames, grid=Grid(96, 96, 48, 16)))
+    level = float(exposures_psnr(scene, frames, grid=Grid(96, 96, 48, 16)))
     assert level == pytest.approx(expected, abs=1e-3)
 
 
@@ -150,7 +148,7 @@ def test_the_level_has_the_slopes_of_differences():
             read_noise=read,
             optics=Optics(lens_blur=blur),
         )
-        return plane_psnr(scene, path, grid=COARSE, num_panels=12)
+        return exposures_psnr(scene, path, grid=COARSE, num_panels=12)
 
     numbers = (jax.tree.map(jnp.asarray, frames), tuple(map(jnp.asarray, (3e4, 9.0, 0.4, 2100.0))))
     slope = jax.grad(level)(numbers)
@@ -171,14 +169,14 @@ def test_the_level_has_the_slopes_of_differences():
 def test_single_precision_and_a_batch_have_the_same_levels():
     """Frames of 32 bits keep them, to 1e-4 dB; `jit` and `vmap` change nothing."""
     scene = Scene.any_direction(RingOfVelocities(1900.0), photon_rate=3e4, read_noise=9.0)
-    level = float(plane_psnr(scene, small(), grid=COARSE, num_panels=12))
-    single = plane_psnr(scene, small(np.float32), grid=COARSE, num_panels=12)
+    level = float(exposures_psnr(scene, small(), grid=COARSE, num_panels=12))
+    single = exposures_psnr(scene, small(np.float32), grid=COARSE, num_panels=12)
     assert single.dtype == np.float32
     assert float(single) == pytest.approx(level, abs=1e-4)
     two = jax.tree.map(lambda x: jnp.stack([x, 0.8 * x]), small())
-    batch = jax.jit(jax.vmap(lambda frames: plane_psnr(scene, frames, grid=COARSE, num_panels=12)))(
-        two
-    )
+    batch = jax.jit(
+        jax.vmap(lambda frames: exposures_psnr(scene, frames, grid=COARSE, num_panels=12))
+    )(two)
     assert float(batch[0]) == pytest.approx(level, abs=1e-9)
     assert float(batch[1]) != pytest.approx(level, abs=1e-2)
 
@@ -187,18 +185,20 @@ def test_traced_frames_need_their_number_of_panels():
     """Without it the error says so, in place of a level that is wrong; so it does of too few."""
     scene = Scene.any_direction(RingOfVelocities(1900.0), photon_rate=3e4, read_noise=9.0)
     with pytest.raises(RuntimeError, match=r"nothing passes more than 10 px in a panel; got 4"):
-        jax.jit(lambda frames: plane_psnr(scene, frames, grid=COARSE, num_panels=4))(small())
-    with pytest.raises(ValueError, match=r"plane_psnr\(num_panels=...\)` must be given where JAX"):
-        jax.jit(lambda frames: plane_psnr(scene, frames))(small())
+        jax.jit(lambda frames: exposures_psnr(scene, frames, grid=COARSE, num_panels=4))(small())
+    with pytest.raises(
+        ValueError, match=r"exposures_psnr\(num_panels=...\)` must be given where JAX"
+    ):
+        jax.jit(lambda frames: exposures_psnr(scene, frames))(small())
 
 
 def test_a_scene_without_light_or_noise_has_a_level():
     """Darkness leaves the picture's variance; without noise no level is NaN."""
     dark = Scene.any_direction(1900.0, photon_rate=0.0, read_noise=9.0)
-    assert float(plane_psnr(dark, small(), grid=COARSE)) == pytest.approx(-20 * np.log10(0.2))
+    assert float(exposures_psnr(dark, small(), grid=COARSE)) == pytest.approx(-20 * np.log10(0.2))
     picture = Texture(mean_level=0.0)
     clean = Scene.any_direction(1900.0, photon_rate=3e4, read_noise=0.0, picture=picture)
-    assert 60 < float(plane_psnr(clean, small(), grid=COARSE)) < 200
+    assert 60 < float(exposures_psnr(clean, small(), grid=COARSE)) < 200
 
 
 def test_a_listed_velocity_that_the_sensor_follows_is_as_sharp_as_stillness():
@@ -207,7 +207,7 @@ def test_a_listed_velocity_that_the_sensor_follows_is_as_sharp_as_stillness():
     scene = Scene.any_direction(law, photon_rate=3e4, read_noise=9.0)
     velocity = np.array([[1900.0], [-700.0]]) * np.ones((1, 2))
     still = np.array([0.0]), np.array([0.03]), np.array([0.03])
-    level = float(plane_psnr(scene, PlaneFrames(*still, velocity), grid=COARSE))
+    level = float(exposures_psnr(scene, PlaneFrames(*still, velocity), grid=COARSE))
     fan = Fan.of(scene, COARSE)
     r, a = fan.radius[:, None], fan.direction
     aperture = np.sinc(r * np.cos(a)) ** 2 * np.sinc(r * np.sin(a)) ** 2
@@ -279,23 +279,28 @@ def test_the_ceiling_of_uneven_speeds_is_lower_than_that_of_their_peak():
 
 @pytest.mark.slow
 def test_motion_across_costs_frames_that_move_more():
-    """A tenth across costs less than a third, nothing across nothing, and stills least."""
-    scene = Scene.uniform(max_speed=2300.0, photon_rate=3e4, read_noise=9.0)
-    swing = ParabolicMotion.from_stroke(9.0, half_exposure=0.007)
-    moving = frames_of([TimedFrame(swing, time) for time in (-0.01, 0.01)])
-    still = frames_of(
-        [TimedFrame(StillCamera(half_exposure=0.0014), time) for time in (-0.01, 0.01)]
+    """A tenth across costs less than a third, and stills least."""
+    swing, still = (
+        [TimedFrame(motion, time) for time in (-0.01, 0.01)]
+        for motion in (
+            ParabolicMotion.from_stroke(9.0, half_exposure=0.007),
+            StillCamera(half_exposure=0.0014),
+        )
     )
-    assert cross_motion_loss(scene, moving, across=0.0) == pytest.approx(0, abs=1e-9)
-    tenth, third = (cross_motion_loss(scene, moving, across=x) for x in (0.1, 0.33))
-    assert 0.01 < tenth < third < 2
-    assert cross_motion_loss(scene, still, across=0.33) < third
+    light = {"photon_rate": 3e4, "read_noise": 9.0}
+
+    def lost(frames: list[TimedFrame], across: float) -> float:
+        laws = EvenVelocities(2300.0, 0.0), EvenVelocities(2300.0, across * 2300.0)
+        levels = [exposures_psnr(Scene.any_direction(law, **light), frames) for law in laws]
+        return float(levels[0] - levels[1])
+
+    assert 0.01 < lost(swing, 0.1) < lost(swing, 0.33) < 2
+    assert lost(still, 0.33) < lost(swing, 0.33)
 
 
-def test_a_scene_of_one_axis_has_no_level_in_the_plane():
+def test_a_scene_of_one_axis_has_no_ceiling_of_frames():
     """The error says what would make one of any direction."""
     scene = Scene.uniform(max_speed=2300.0, photon_rate=3e4, read_noise=9.0)
     line = "`scene` must have velocities in any direction, as `Scene.any_direction` makes it; got"
-    for level in (plane_psnr, lambda scene, frames: exposures_ceiling(scene, frames.exposures)):
-        with pytest.raises(ValueError, match=line):
-            level(scene, small())
+    with pytest.raises(ValueError, match=line):
+        exposures_ceiling(scene, small().exposures)

@@ -7,9 +7,9 @@ import pytest
 from support.plane import a_plane_design, scene_of
 
 from mishutter import (
+    Exposures,
     Limits,
     ListedVelocities,
-    PlaneBurst,
     PlaneDesign,
     PlaneFrames,
     Scene,
@@ -61,13 +61,14 @@ def test_a_list_off_centre_is_read_with_what_its_stage_does(tmp_path):
     design = a_plane_design(law, limits)
     design.save(tmp_path / "design.json")
     read = PlaneDesign.load(tmp_path / "design.json")
-    assert read.sequence.use != design.frames.use(limits)  # of a stage that pans by itself
+    use = read.sequence.use_within(limits)
+    assert use != design.frames.use(limits)  # of a stage that pans by itself
     travels = [
         np.ptp(path.at(np.linspace(*path.times[[0, -1]], 40_001))[0]) for path in read.stage_paths
     ]
-    assert read.sequence.use.travel == pytest.approx(max(travels), rel=1e-3)
+    assert use.travel == pytest.approx(max(travels), rel=1e-3)
     speeds = [np.max(np.abs(path.at(path.times)[1])) for path in read.stage_paths]
-    assert read.sequence.use.top_speed == pytest.approx(max(speeds), rel=1e-6)
+    assert use.top_speed == pytest.approx(max(speeds), rel=1e-6)
 
 
 def test_places_of_triggers_are_those_of_the_frames():
@@ -87,7 +88,7 @@ def test_what_a_sensor_loses_stands_in_the_gain():
     burst = replace(design.sequence, width_loss=0.7)
     assert burst.level == pytest.approx(27.25 - 0.7)
     assert replace(burst, width_loss=None).level == 27.25
-    one = PlaneBurst("stills", 0, stills([0.0], 0.003), 24.5, burst.use)
+    one = Exposures("stills", stills([0.0], 0.003), psnr=24.5)
     answer = answer_in_plane(design.scene, PlaneSearch(one, (burst,), 28.0))
     told = answer.to_dict()["options"][-1]
     assert told["gain_db"] == pytest.approx(27.25 - 0.7 - 24.5)
@@ -143,3 +144,26 @@ def test_two_axes_together_hold_a_path_in_any_direction(turn):
     assert frames.acceleration(disc) == pytest.approx(2e4)
     assert frames.acceleration(each) == pytest.approx(2e4 * np.max(np.abs(unit)))
     assert frames.top_speed == pytest.approx(400)
+
+
+def test_stills_ask_for_no_path_whatever_the_limits():
+    """Along neither axis, though the acceleration is limited."""
+    limits = Limits(max_half_exposure=0.01, max_acceleration=1e5)
+    assert stills([-0.01, 0.01], 0.005).stage_paths(limits) == []
+
+
+@pytest.mark.parametrize("ends", [(400.0, 100.0), (100.0, 400.0)])
+def test_a_path_without_room_to_go_on_lasts_for_all_rows(ends):
+    """Whichever of the run-up and the run-out is shorter: 4 ms before and after the light."""
+    velocities = np.array([ends, (0.0, 0.0)])
+    frames = PlaneFrames(np.zeros(1), np.array([0.01]), np.array([0.01]), velocities)
+    limits = Limits(max_half_exposure=0.01, max_acceleration=1e5, max_stroke=2.6)
+    rows = frames.for_rows(0.008, limits)
+    assert rows.bends[0] <= -0.009 + 1e-9
+    assert rows.bends[-1] >= 0.009 - 1e-9
+    time = np.linspace(-0.009, 0.009, 19)
+    place = np.asarray(rows.place(time))[0]
+    run_up, run_out = np.square(ends) / 2e5
+    assert place[-1] - place[0] == pytest.approx(run_up + 2.5 + run_out)
+    own = np.asarray(frames.place(time[4:15]))[0]
+    np.testing.assert_allclose(place[4:15] - place[4], own, atol=1e-9)

@@ -19,7 +19,7 @@ from mishutter import (
     RingOfVelocities,
     plot_design,
 )
-from mishutter.plane.bursts import turned_by
+from mishutter.model.exposures import exposures_in_plane, turned_by
 
 LAWS = {
     "ellipse": EvenVelocities(1700.0, 1100.0, angle=0.3),
@@ -39,7 +39,7 @@ def test_a_design_comes_back_from_its_file(slug, tmp_path):
     assert eqx.tree_equal(read.frames, design.frames)
     assert (read.sequence.kind, read.sequence.num_axes) == (design.sequence.kind, 2)
     assert (read.sequence.psnr, read.sequence.width_loss) == (design.sequence.psnr, 0.31)
-    assert read.sequence.use == design.sequence.use
+    assert read.sequence.use_within(read.scene.limits) == design.frames.use(design.scene.limits)
 
 
 def test_the_stage_goes_from_rest_to_rest_through_the_path():
@@ -82,7 +82,8 @@ def test_a_camera_that_turns_leaves_the_rest_to_its_stage():
     law = ListedVelocities([[900.0, 300.0], [1100.0, 500.0]])
     turning = Limits(max_half_exposure=0.01, max_acceleration=9e5, pans="camera")
     by_stage = a_plane_design(law, Limits(max_half_exposure=0.01, max_acceleration=9e5))
-    by_camera = PlaneDesign(replace(by_stage.scene, limits=turning), by_stage.sequence)
+    scene = replace(by_stage.scene, limits=turning)
+    by_camera = PlaneDesign(scene, exposures_in_plane(scene, "two sines", by_stage.frames, 27.25))
     time = np.linspace(-0.015, 0.015, 7)
     for whole, rest, pan in zip(
         by_stage.stage_paths, by_camera.stage_paths, (1000.0, 400.0), strict=True
