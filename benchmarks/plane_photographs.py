@@ -17,7 +17,7 @@ from scipy.optimize import minimize_scalar
 import mishutter as ms
 from benchmarks import harness
 from benchmarks.bursts_photographs import decibels
-from mishutter.decoding.plane_velocity import VelocityEstimate, velocity_in_plane
+from mishutter.decoding.frame_velocity import VelocityEstimate, velocity_of_frames
 from mishutter.pictures.images import shipped_picture
 
 PHOTOGRAPHS = (
@@ -218,7 +218,7 @@ def _judged(
 ) -> Judged:
     """The velocity of a photograph."""
     _, captures = taken(name, camera, frames, velocity, seed)
-    return Judged.of(velocity_in_plane(captures[None], camera.scene, frames), velocity, camera)
+    return Judged.of(velocity_of_frames(captures[None], camera.scene, frames), velocity, camera)
 
 
 def report(rows: list[dict[str, Any]]) -> None:

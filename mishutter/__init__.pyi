@@ -36,8 +36,8 @@ from .decoding.decoders.speed import SpeedEstimate as SpeedEstimate
 from .decoding.decoders.speed import estimate_speed as estimate_speed
 from .decoding.decoders.speed_finding import SpeedFindingDecoder as SpeedFindingDecoder
 from .decoding.decoders.total_variation import TotalVariationDecoder as TotalVariationDecoder
+from .decoding.frame_velocity import VelocityEstimate as VelocityEstimate
 from .decoding.image_quality import psnr as psnr
-from .decoding.plane_velocity import VelocityEstimate as VelocityEstimate
 from .decoding.restoration import deconvolve as deconvolve
 from .decoding.restoration import restore_photograph as restore_photograph
 from .decoding.sequences import RestoredFrames as RestoredFrames

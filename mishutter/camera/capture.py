@@ -129,12 +129,7 @@ def simulate_capture(
     _check_noise(scene, key)
     shutter, exposure = sensor_view(scene, motion, shutter).shutter, motion.exposure
     if scene.sensor.is_rolling:
-        is_alike = motion.is_straight and isinstance(shutter, RectShutter)
-        requirement = (
-            "have an open shutter and no acceleration before rows that are exposed one after "
-            "another, which would each see another part of a profile or a path"
-        )
-        require(is_alike, "simulate_capture(shutter=...)", requirement, shutter)
+        require_alike_rows("simulate_capture(shutter=...)", motion, shutter)
         is_picture = not isinstance(picture, Layers | Footage)
         requirement = "be a picture, or frames be taken, where rows are exposed one after another"
         require(is_picture, "simulate_capture(picture=...)", requirement, type(picture).__name__)
@@ -178,6 +173,15 @@ def simulate_capture(
     irradiance = every_colour(channels_last(exposed, radiance), radiance)
     levels = recorded_by(scene, irradiance, exposure, key, full_well=full_well, adc_bits=adc_bits)
     return as_float(transposed(levels, scene.sensor.axis))
+
+
+def require_alike_rows(subject: str, motion: AbstractMotion, shutter: AbstractShutter) -> None:
+    """Refuse an exposure of which rows that are exposed in turn see unlike parts."""
+    requirement = (
+        "have an open shutter and no acceleration before rows that are exposed one after "
+        "another, which would each see another part of a profile or a path"
+    )
+    require(motion.is_straight and isinstance(shutter, RectShutter), subject, requirement, shutter)
 
 
 def blurred_at_speeds(

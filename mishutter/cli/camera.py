@@ -324,7 +324,7 @@ def _warn_beyond(scene: "Scene", speed: float | tuple[float, float]) -> None:
 
 def speed_found(estimate: "Estimate", *, in_burst: bool) -> tuple[str, str]:
     """The speed of a capture or a burst, with its error if it was found, and its trust in words."""
-    from mishutter.decoding.plane_velocity import VelocityEstimate
+    from mishutter.decoding.frame_velocity import VelocityEstimate
 
     if isinstance(estimate, VelocityEstimate):
         x, y = estimate.velocity
@@ -383,7 +383,7 @@ def objects_document(found: "RestoredFrames | None") -> dict[str, object]:
 
 def estimate_document(estimate: "Estimate") -> dict[str, object]:
     """An estimated speed, as JSON has it: null where the capture tells nothing."""
-    from mishutter.decoding.plane_velocity import VelocityEstimate
+    from mishutter.decoding.frame_velocity import VelocityEstimate
 
     numbers: dict[str, object]
     if isinstance(estimate, VelocityEstimate):

@@ -380,7 +380,7 @@ def _note_shutter(scene: "Scene", found: "Estimate") -> None:
     """
     import numpy as np
 
-    from mishutter.decoding.plane_velocity import VelocityEstimate
+    from mishutter.decoding.frame_velocity import VelocityEstimate
 
     in_plane = isinstance(found, VelocityEstimate)
     if scene.sensor.readout is not None or not (in_plane or scene.sensor.axis == "columns"):

@@ -28,8 +28,8 @@ FLOOR = 0.005
 """Least error of a picture's way over the sequence; px."""
 _SURE_SHIFT = 4.0
 """Standard errors beyond which a frame's shift or level is certain."""
-ROLLS_ABOVE = 1.15
-"""Misfit above which a rolling shutter may be why, which fits better by half of what is above 1."""
+ROLLS_ABOVE = 1.03
+"""Misfit above which rows that are exposed in turn are tried."""
 BLACK = 0.1
 """Level of a black frame over that of the brightest."""
 
@@ -80,16 +80,24 @@ class Evidence(NamedTuple):
 
 
 def doubt_of_rows(
-    sensor: Sensor, exposure: float, misfit: float, misfit_by: Callable[[Sensor], float]
+    sensor: Sensor,
+    exposure: float,
+    misfit: float,
+    count: int,
+    misfit_by: Callable[[Sensor], float],
 ) -> str:
-    """The doubt of frames that rows which are exposed in turn explain better, by some readouts."""
-    best, least = None, 1 + 0.5 * (misfit - 1)
+    """The doubt of so many pixels that rows which are exposed in turn explain better.
+
+    Some readout explains half of what is above 1, and its likelihood leads.
+    """
+    best, least = None, misfit - max(0.5 * (misfit - 1), 2 * _LEAD * max(misfit, 1.0) / count)
     for share in (0.25, 0.5, 1.0):
-        for way in ("down", "up"):
-            rolling = replace(sensor, readout=share * exposure, rows_read=way)
-            by_it = misfit_by(rolling)
-            if by_it < least:
-                best, least = rolling, by_it
+        tried = [replace(sensor, readout=share * exposure, rows_read=way) for way in ("down", "up")]
+        misfits = [misfit_by(each) for each in tried]
+        if min(misfits) < least:
+            best, least = tried[int(np.argmin(misfits))], min(misfits)
+        elif min(misfits) >= misfit:
+            break
     if best is None:
         return ""
     return (

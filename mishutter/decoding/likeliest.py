@@ -317,7 +317,7 @@ def fit_of(found: Likeliest, space: Volume, mean: float = 0.0) -> Fit:
     lost += 0 if canvas.has_levels else math.prod(shape[1:-1])
     freedoms = found.gains.size * space.freedoms - lost
     sums = np.sum(squares.reshape(num_frames, -1), axis=1)
-    if found.gains.ndim > 0:
+    if num_axes == 1:
         parts = found.gains.ravel() - space.logarithm
     else:
         parts = -_in_tiles(np.sum(squares, axis=0)) / 2

@@ -1,54 +1,59 @@
 r"""Frames of a rolling shutter, whose rows are exposed one after another.
 
 Row $y$ sees everything $d_y$ later than the middle row: at a velocity it has the response
-$A_k(\mathbf f; d_y)$ of its own. Where rows are read across the motion of an axis, each is a
-picture of its own, and nothing else changes. Where things may move along the readout, a frame at
-$y$ is $\sum_{\mathbf f} A_k(\mathbf f; d_y)\,\hat f\,e^{2\pi i\,\mathbf f\cdot\mathbf u}$ at each
-of its pixels $\mathbf u$.
+$A_k(\mathbf f; d_y)$ of its own. The mean way of a thing up to each row is a phase; what is left of
+$A_k$ changes with the sensor's own way alone, slowly with $d$, and is a sum of its values at few
+delays. Their weights are those of least squares over pictures of the power $S$ and over all times
+of the exposure, so that they are the same for all velocities.
 
-Along one axis that is a product with a matrix. In the plane the mean way of a thing up to each row
-comes first, at any place between pixels, by a non-uniform DFT down the columns; what is left of
-$A_k$ changes slowly with $d$, and is a sum of its values at few delays, whose weights are those of
-least squares over pictures of the power $S$.
+Where rows are read across the motion of an axis, each is a picture of its own, and nothing else
+changes. Where things may move along the readout, a frame at $y$ is
+$\sum_{\mathbf f} A_k(\mathbf f; d_y)\,\hat f\,e^{2\pi i\,\mathbf f\cdot\mathbf u}$ at each of its
+pixels $\mathbf u$: the way along the readout ends at any place between pixels, by a non-uniform
+DFT.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable
+from functools import cached_property, lru_cache, reduce
 from typing import Any, NamedTuple, final
 
 import numpy as np
 import scipy.fft
 from jaxtyping import Complex, Float
 
-from mishutter.blur.waves import waves_in_plane
-from mishutter.camera.plane_frames import frequencies_on
-from mishutter.camera.rows import counted_in, fast_length, irfftn, pixels_through, rfftn
-from mishutter.decoding.likeliest import AbstractRolledFrame, Canvas
+from mishutter.camera.rows import counted_in, fast_length, irfftn, rfftn
+from mishutter.decoding.likeliest import AbstractRolledFrame, Canvas, frequencies_along
 from mishutter.evaluation.instants import Instants
-from mishutter.model.exposures import path_for_rows
-from mishutter.model.scene import Scene
 from mishutter.model.sensor import Sensor
-from mishutter.model.sequences import PlaneFrames, TimedFrame
+from mishutter.model.sequences import FramePath
 
 _WIDTH, _FINER = 8, 1.5
 """Points of the fine grid that a place between pixels is interpolated from, and how fine it is."""
 _MOST_TRIED = 49
 """Most delays at which responses are compared."""
+_TIMES, _GRIDS = 16, ((512,), (64, 64))
+"""Times of an exposure, and frequencies along each axis, at which they are compared."""
+_SHARE = 0.03
+"""Share of the noise that may be left by a sum over few delays."""
+Waves = Callable[[Instants, Float[np.ndarray, "s axes"]], Complex[np.ndarray, "n s *k"]]
+"""The responses of exposures at some velocities."""
 
 
 class RowTimes(NamedTuple):
     """When the rows of pictures are exposed that are turned so that things move along rows."""
 
     delays: Float[np.ndarray, "d"]  # Of each later than the middle; s. A global shutter has one, 0
-    is_along: bool = False  # Whether they were rows across the motion, and are columns here
+    is_along: bool = False  # Whether things move along the readout, as in the plane
 
     @staticmethod
-    def of(sensor: Sensor, shape: tuple[int, ...]) -> "RowTimes":
+    def of(sensor: Sensor, shape: tuple[int, ...], *, in_plane: bool = False) -> "RowTimes":
         """Those of pictures of so many rows and columns, once they are turned."""
         if not sensor.is_rolling:
             return GLOBAL
-        is_along = sensor.axis == "columns"
-        return RowTimes(sensor.row_delays(shape[-1 if is_along else -2]), is_along)
+        is_turned = sensor.axis == "columns" and not in_plane
+        delays = sensor.row_delays(shape[-1 if is_turned else -2])
+        return RowTimes(delays, is_turned or in_plane)
 
     @property
     def is_rolling(self) -> bool:
@@ -70,159 +75,146 @@ GLOBAL = RowTimes(np.zeros(1))
 """All rows at once."""
 
 
-def instants_of_rows(
-    taken: Sequence[TimedFrame], scene: Scene, fastest: float, delays: Float[np.ndarray, "d"]
-) -> Instants:
-    """Instants of frames along an axis, at some delays of each of them in turn."""
-    if delays.size == 1 and delays[0] == 0:
-        return Instants.of(taken, fastest)
-    path = path_for_rows(scene, taken)
-    each = [Instants.of(path, fastest, delay=delay) for delay in delays.tolist()]
-    count = max(one.time.shape[1] for one in each)
+class RowsInTurn:
+    """Frames whose rows are exposed one after another, on the path of their sensor."""
 
-    def together(parts: list[np.ndarray], mode: str) -> np.ndarray:
-        """Nodes of the frames, with all delays of one beside each other."""
-        wide = [(*[(0, 0)] * (each.ndim - 1), (0, count - each.shape[-1])) for each in parts]
-        padded = [np.pad(one, by, mode) for one, by in zip(parts, wide, strict=True)]  # type: ignore[call-overload]
-        whole = np.stack(padded, axis=-2)
-        return whole.reshape(*whole.shape[:-3], -1, count)
-
-    return Instants(
-        together([one.time for one in each], "edge"),
-        together([one.place for one in each], "edge"),
-        together([one.weight for one in each], "constant"),
-        np.repeat(each[0].exposure, delays.size),
-    )
-
-
-@final
-class FrameAlong(AbstractRolledFrame):
-    """A frame along one axis whose rows are read along it: a matrix for each speed."""
-
-    def __init__(self, matrix: Complex[np.ndarray, "s columns k"]):
-        """Takes the response of each pixel, times the wave there from the begin of the canvas."""
-        self.matrix = matrix
-
-    def seen(self, spectrum: Complex[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        return pixels_through(self.matrix, spectrum, 2 * (self.matrix.shape[-1] - 1))
-
-    def told(self, frame: Float[np.ndarray, "..."]) -> Complex[np.ndarray, "..."]:
-        return frame @ self.matrix.conj()
-
-    @property
-    def power(self) -> Float[np.ndarray, "s 1 k"]:
-        return np.mean(np.abs(self.matrix) ** 2, axis=1, keepdims=True)
-
-
-class RowsInPlane(NamedTuple):
-    """Frames in the plane whose rows are exposed one after another."""
-
-    instants: Instants  # Of the middle row
-    path: PlaneFrames
-    clock: float  # Time on the path's clock at which theirs is 0; s
-    start: Float[np.ndarray, "2 1 1"]  # Place on the path at which theirs is 0; px of these frames
-    delays: Float[np.ndarray, "rows"]  # s
-    size: int  # Pixels of the sensor along a side of these
-    tried: Float[np.ndarray, "d"]  # Delays at which responses are compared; s
-    there: list[Instants]  # Those of rows of these delays
-
-    @staticmethod
-    def of(
-        path: PlaneFrames, instants: Instants, first: int, delays: np.ndarray, size: int
-    ) -> "RowsInPlane":
-        """Those of instants from a frame on."""
-        clock = float(path.times[first] - np.sum(instants.weight[0] * instants.time[0]))
-        start = path.place(instants.time + clock) / size - instants.place
-        count = delays.size // size
-        binned = np.mean(delays[: count * size].reshape(count, size), axis=1)
-        low, high = float(np.min(binned)), float(np.max(binned))
-        # Responses change with the sensor's own way: at rest they are those of the middle row.
-        way = 0.0 if path.stays else path.top_speed * (high - low) / size
-        tried = np.linspace(low, high, min(2 * math.ceil(way) + 3, _MOST_TRIED))
-        rows = RowsInPlane(
-            instants, path, clock, np.asarray(start)[:, :1, :1], binned, size, tried, []
-        )
-        rows.there.extend(map(rows.at, tried.tolist()))
-        return rows
+    def __init__(
+        self,
+        path: FramePath,
+        instants: Instants,  # Of the middle row
+        first: int,  # Number of the first of these frames
+        times: RowTimes,
+        size: int,  # Pixels of the sensor along a side of these
+    ):
+        """Takes the instants of some frames of a path, from one on."""
+        self.path, self.instants, self._size = path, instants, size
+        self.is_along = times.is_along
+        self.delays = binned_along(times.delays, 0, size) if self.is_along else times.delays
+        self._times = np.sum(instants.time * instants.weight, axis=1)
+        # Their clock and their places may begin elsewhere than the path's.
+        self.clock = float(path.times[first] - self._times[0])
+        begin = np.asarray(path.place(instants.time[:1, :1] + self.clock)) / size
+        self._start = begin - instants.place[:, :1, :1]
+        self._few: tuple[list[Instants], Float[np.ndarray, "n rows f"]] | None = None
 
     def at(self, delay: float) -> Instants:
         """Instants of a row."""
         time = self.instants.time + delay
-        place = np.asarray(self.path.place(time + self.clock)) / self.size - self.start
+        place = np.asarray(self.path.place(time + self.clock)) / self._size - self._start
         return self.instants._replace(time=time, place=place)
 
-    @property
+    @cached_property
     def some(self) -> list[Instants]:
         """Those of three rows, whose mean is about that of all."""
         half = (self.delays[-1] - self.delays[0]) / 2
         return [self.at(float(half * x)) for x in np.polynomial.legendre.leggauss(3)[0]]
 
-    def frames(
+    @cached_property
+    def _every(self) -> list[Instants]:
+        """Those of each row."""
+        return [self.at(each) for each in self.delays.tolist()]
+
+    @cached_property
+    def _places(self) -> Float[np.ndarray, "axes n rows"]:
+        """Mean place of the sensor in each frame, for each row."""
+        return np.stack([_mean_place(one) for one in self._every], axis=-1)
+
+    def responses(
         self,
-        velocity: Float[np.ndarray, "2"],  # In px of these frames
+        velocities: Float[np.ndarray, "s axes"],
         canvas: Canvas,
-        aperture: Float[np.ndarray, "m k"],
-        tolerance: float,
+        waves: Waves,
         *,
         by_time: bool = False,
-    ) -> "list[FrameInPlane]":
-        r"""The way from a picture to each, to a share of the noise; or its derivative.
+    ) -> "Complex[np.ndarray, 'n s rows k'] | list[FrameInTurn]":
+        r"""The way from a picture to each frame: of rows that are pictures, or along the readout.
 
-        The derivative is that by the velocity, but for the factor $2\pi i\,\mathbf f$.
+        Or its derivative by the velocity, but for the factor $2\pi i\,\mathbf f$.
         """
+        if not self.is_along and self.delays.size <= _MOST_TRIED:
+            every = self._every
+            if by_time:
+                every = [one._replace(weight=one.weight * one.time) for one in every]
+            return np.stack([waves(one, velocities) for one in every], axis=2)
+        if self._few is None:
+            self._few = self._found(canvas)
+        few, weights = self._few
+        times = self.instants.time - self._times[:, None]
+        still = [
+            one._replace(time=times, place=one.place - _mean_place(one)[..., None]) for one in few
+        ]
+        kernels = [waves(one, velocities) for one in still]
+        lasts = self._times[:, None] + self.delays
+        if by_time:  # from the middle of each exposure, and from that of all to it
+            apart = [one._replace(weight=one.weight * one.time) for one in still]
+            kernels = [waves(one, velocities) for one in apart] + kernels
+            weights = np.concatenate([weights, weights * lasts[..., None]], axis=-1)
+        ways = self._places[:, :, None] - velocities.T[:, None, :, None] * lasts[:, None]
+        each = zip(np.stack(kernels, axis=2), weights, np.moveaxis(ways, 1, 0), strict=True)
+        if self.is_along:
+            return [FrameInTurn(*one, canvas) for one in each]
+        turns = -2j * np.pi * frequencies_along(canvas.shape)[0]
+        return np.stack(
+            [weight @ kernel * np.exp(way[0][..., None] * turns) for kernel, weight, way in each]
+        )
+
+    def _found(self, canvas: Canvas) -> tuple[list[Instants], Float[np.ndarray, "n rows f"]]:
+        """Instants of a few delays, and the weights by which their responses give those of rows."""
         from scipy.interpolate import CubicSpline
 
-        tried, each = self.tried, self.there
-        down, across = (min(max(64 // self.size, 16), count) for count in canvas.shape)
-        grid = down, across
-        places = np.array([one.middles(velocity) for one in each])  # (tried, 2, n)
-        power = _on_grid(canvas.power * aperture**2, grid)
-
-        def changed(one: Instants, shape: tuple[int, ...], by_time: bool) -> np.ndarray:
-            """Responses at a delay, without the mean way."""
-            way = one.displacement(velocity) - one.middles(velocity)[..., None]
-            weight = one.weight * one.time if by_time else one.weight
-            single = way.astype(np.float32), weight.astype(np.float32)
-            return waves_in_plane(*single, frequencies_on(shape))
-
-        def products(by_time: bool) -> Float[np.ndarray, "n d d"]:
-            """Covariances of what pictures leave at two delays."""
-            waves = np.stack([changed(one, grid, by_time) for one in each], axis=1)
-            flat = (waves * np.sqrt(power)).reshape(*waves.shape[:2], -1)
-            return np.real(flat.conj() @ np.swapaxes(flat, 1, 2)).astype(np.float64)
-
-        if self.path.stays:
-            index, weights = [1], np.ones((len(canvas.noises), 1, 3))
-        else:
-            own = products(False)
-            most = tolerance * canvas.noises / np.mean(np.einsum("ndd->nd", own), axis=1)
-            own = products(True) if by_time else own
-            index, weights = _few_delays(own, most)
-        rows = np.arange(self.delays.size) + canvas.margin[0]
-        few = [changed(each[j], canvas.shape, by_time) * aperture for j in index]
-        frames = []
-        for k in range(len(canvas.noises)):
-            share, place = (
-                CubicSpline(tried, part)(self.delays) for part in (weights[k].T, places[:, :, k])
-            )
-            kernels = np.stack([one[k] for one in few])
-            frames.append(FrameInPlane(kernels, share, rows - place[:, 1], place[:, 0], canvas))
-        return frames
+        delays, count = self.delays, len(self._times)
+        low, high = float(np.min(delays)), float(np.max(delays))
+        way = self.path.top_speed * (high - low) / canvas.size
+        if way == 0:
+            return [self.instants], np.ones((count, delays.size, 1))
+        tried = np.linspace(low, high, min(2 * math.ceil(way) + 3, _MOST_TRIED))
+        there = [self.at(each) for each in tried.tolist()]
+        nodes = np.linspace(0, self.instants.time.shape[1] - 1, _TIMES).astype(int)
+        places = np.stack([one.place - _mean_place(one)[..., None] for one in there], axis=2)
+        places = places[..., nodes].astype(np.float32)
+        grid = tuple(map(min, _GRIDS[len(canvas.shape) - 1], canvas.shape))
+        frequencies = frequencies_along(grid)
+        waves = [
+            np.exp(np.multiply.outer(place, (-2j * np.pi * f).astype(np.complex64)))
+            for place, f in zip(places, frequencies, strict=True)
+        ]
+        power = np.sqrt(_on_grid(canvas.power, grid) / nodes.size).astype(np.float32)
+        flat = (reduce(np.multiply, waves) * power).reshape(count, tried.size, -1)
+        products = np.real(flat.conj() @ np.swapaxes(flat, 1, 2)).astype(np.float64)
+        index, weights = _few_delays(products, _SHARE * canvas.noises)
+        return [there[k] for k in index], CubicSpline(tried, np.moveaxis(weights, 2, 0))(
+            delays
+        ).transpose(1, 0, 2)
 
 
-def _on_grid(power: Float[np.ndarray, "m k"], grid: tuple[int, int]) -> Float[np.ndarray, "a b"]:
+def binned_along(
+    values: Float[np.ndarray, "..."], axis: int, size: int
+) -> Float[np.ndarray, "..."]:
+    """Means of so many neighbours along an axis, the last few left out."""
+    count = values.shape[axis] // size
+    if size == 1:
+        return values
+    last = np.moveaxis(values, axis, -1)[..., : count * size]
+    return np.moveaxis(last.reshape(*last.shape[:-1], count, size).mean(axis=-1), -1, axis)
+
+
+def _mean_place(of: Instants) -> Float[np.ndarray, "axes n"]:
+    """Mean place of the sensor in each exposure."""
+    return np.sum(of.place * of.weight, axis=-1)
+
+
+def _on_grid(power: Float[np.ndarray, "..."], grid: tuple[int, ...]) -> Float[np.ndarray, "..."]:
     """A density on the coarser grid of another DFT, whose sum is its mean power."""
-    down, across = (np.fft.fftfreq(grid[0]), np.fft.rfftfreq(grid[1]))
-    rows, columns = power.shape[0], 2 * (power.shape[1] - 1)
-    i = np.round(down * rows).astype(int) % rows
-    j = np.round(across * columns).astype(int)
-    return power[np.ix_(i, j)] * counted_in(grid[1]) / math.prod(grid)
+    lengths = *power.shape[:-1], 2 * (power.shape[-1] - 1)
+    each = zip(frequencies_along(grid)[::-1], lengths, strict=True)
+    index = [np.round(f.ravel() * length).astype(int) for f, length in each]
+    return power[np.ix_(*index)] * counted_in(grid[-1]) / math.prod(grid)
 
 
 def _few_delays(
     products: Float[np.ndarray, "n d d"], most: Float[np.ndarray, "n"]
 ) -> tuple[list[int], Float[np.ndarray, "n f d"]]:
-    """A few delays of some, and weights by which their responses give those at all, to a share."""
+    """A few delays of some, and weights by which responses there give those at all, to an error."""
     count = products.shape[1]
     whole, index, weights = np.einsum("ndd->n", products), np.arange(count), products
     for few in range(1, count + 1):
@@ -233,73 +225,103 @@ def _few_delays(
         across = products[:, index]
         weights = np.linalg.solve(among, across)
         left = whole - np.einsum("nfd,nfd->n", across, weights)
-        if np.all(left <= most * whole):
+        if np.all(left <= most * count):
             break
     return index.tolist(), weights
 
 
 @final
-class FrameInPlane(AbstractRolledFrame):
-    """A frame in the plane: responses at few delays, and the mean way up to each row."""
+class FrameInTurn(AbstractRolledFrame):
+    """A frame that is read along the first axis of the DFT: a few responses, and a way to each row.
+
+    Along the other axis of the plane rows are turned; of one axis it is rows of their own.
+    """
 
     def __init__(
         self,
-        kernels: Complex[np.ndarray, "f m k"],
+        kernels: Complex[np.ndarray, "s f *k"],
         share: Float[np.ndarray, "rows f"],  # Of each of them in each row
-        places: Float[np.ndarray, "rows"],  # Place of each row on the canvas
-        shifts: Float[np.ndarray, "rows"],  # Way along the rows; px
+        ways: Float[np.ndarray, "axes s rows"],
         canvas: Canvas,
     ):
-        """Takes what `RowsInPlane.frames` has found."""
+        """Takes what `RowsInTurn` has found, without the mean way."""
         from scipy import sparse
 
         dtype = np.result_type(canvas.frames, np.complex64)
-        (rows, columns), self._canvas = canvas.shape, canvas
-        self._fine = fine = fast_length(math.ceil(_FINER * rows))
-        scale = math.pi * _WIDTH * (1 - 0.5 / _FINER) * 0.98
-        nodes, weights = np.polynomial.legendre.leggauss(4 * _WIDTH)
-        values = np.exp(scale * (np.sqrt(1 - nodes**2) - 1)) * weights * _WIDTH / 2
-        turns = np.pi * _WIDTH * np.fft.fftfreq(rows) * rows / fine
-        spread = np.cos(np.outer(turns, nodes)) @ values
-        self.kernels = kernels.astype(dtype)
-        self._spread = (kernels / spread[:, None]).astype(dtype)
-        turn = -2j * np.pi * shifts[:, None] * np.fft.rfftfreq(columns)
-        self._turn = np.exp(turn).astype(dtype)
-        place = places * (fine / rows)
-        near = np.ceil(place - _WIDTH / 2)[:, None] + np.arange(_WIDTH)
-        window = np.exp(
-            scale * (np.sqrt(np.maximum(1 - ((place[:, None] - near) * 2 / _WIDTH) ** 2, 0)) - 1)
-        )
-        values = share[:, :, None] * window[:, None]
-        index = fine * np.arange(share.shape[1])[:, None] + near[:, None].astype(int) % fine
-        row = np.broadcast_to(np.arange(places.size)[:, None, None], index.shape)
+        self._canvas, self._is_line = canvas, len(canvas.shape) == 1
+        kernels = kernels.astype(dtype)
+        self._kernels = kernels[..., None] if self._is_line else kernels
+        length, count = canvas.shape[0], share.shape[0]
+        self._fine, spread = _fine_grid(length)
+        self._spread = (self._kernels / spread[: self._kernels.shape[2], None]).astype(dtype)
+        place = (np.arange(count) + canvas.margin[0] - ways[-1]) * (self._fine / length)
+        near = np.ceil(place - _WIDTH / 2)[..., None] + np.arange(_WIDTH)
+        values = share[:, :, None] * _window((place[..., None] - near) * 2 / _WIDTH)[:, :, None]
+        block = np.arange(values[:, 0, :, 0].size).reshape(len(place), 1, -1, 1)
+        index = self._fine * block + near[:, :, None].astype(int) % self._fine
+        shape = place.size, self._fine * block.size
+        ends = index[0, 0].size * np.arange(place.size + 1)
         numbers = values.ravel().astype(canvas.frames.dtype)
-        shape = (places.size, fine * share.shape[1])
-        self._rows = sparse.csr_array((numbers, (row.ravel(), index.ravel())), shape)
+        self._rows = sparse.csr_array((numbers, index.ravel(), ends), shape)
+        if not self._is_line:
+            turn = -2j * np.pi * ways[0][..., None] * np.fft.rfftfreq(canvas.shape[1])
+            self._turn = np.exp(turn).astype(dtype)
 
-    def seen(self, spectrum: Complex[np.ndarray, "m k"]) -> Float[np.ndarray, "rows columns"]:
-        passed = self._spread * spectrum
-        (rows, columns), half = self._canvas.shape, spectrum.shape[0] // 2
-        fine = np.zeros((len(passed), self._fine, passed.shape[2]), passed.dtype)
-        fine[:, :half], fine[:, half - rows :] = passed[:, :half], passed[:, half:]
-        waves: Any = scipy.fft.ifft(fine, axis=1, norm="forward", overwrite_x=True)
-        turned = self._turn * (self._rows @ waves.reshape(-1, passed.shape[2]))
-        first = self._canvas.margin[1]
-        whole = irfftn(turned, (columns,), axes=(1,)) / rows
-        return whole[:, first : first + self._canvas.sensor[1]]
+    def seen(self, spectrum: Complex[np.ndarray, "s ..."]) -> Float[np.ndarray, "s rows columns"]:
+        canvas, length = self._canvas, self._canvas.shape[0]
+        if self._is_line:
+            spectrum = np.swapaxes(spectrum, 1, 2) * counted_in(length)[:, None]
+        passed = self._spread * spectrum[:, None]
+        fine = np.zeros((*passed.shape[:2], self._fine, passed.shape[3]), passed.dtype)
+        for part in self._parts(passed.shape[2]):
+            fine[:, :, part] = passed[:, :, part]
+        waves: Any = scipy.fft.ifft(fine, axis=2, norm="forward", overwrite_x=True)
+        rows = self._rows @ waves.reshape(-1, passed.shape[3])
+        rows = rows.reshape(len(spectrum), -1, passed.shape[3]) / length
+        if self._is_line:
+            return np.swapaxes(np.real(rows), 1, 2)
+        return irfftn(self._turn * rows, (canvas.shape[1],), axes=(2,))[..., canvas.window[-1]]
 
-    def told(self, frame: Float[np.ndarray, "rows columns"]) -> Complex[np.ndarray, "m k"]:
-        canvas = self._canvas
-        (rows, columns), first = canvas.shape, canvas.margin[1]
-        whole = np.zeros((len(frame), columns), frame.dtype)
-        whole[:, first : first + frame.shape[1]] = frame
-        turned = self._turn.conj() * rfftn(whole, axes=(1,))
-        fine = (self._rows.T @ turned).reshape(len(self._spread), self._fine, -1)
-        waves: Any = scipy.fft.fft(fine, axis=1, overwrite_x=True)
-        half = rows // 2
-        kept = np.concatenate([waves[:, :half], waves[:, half - rows :]], axis=1)
-        return np.sum(self._spread.conj() * kept, axis=0)
+    def told(self, frame: Float[np.ndarray, "... rows columns"]) -> Complex[np.ndarray, "s ..."]:
+        canvas, count = self._canvas, len(self._kernels)
+        if self._is_line:
+            rows = np.swapaxes(frame, -1, -2)
+        else:
+            whole = np.zeros((*frame.shape[:-1], canvas.shape[1]), frame.dtype)
+            whole[..., canvas.window[-1]] = frame
+            rows = self._turn.conj() * rfftn(whole, axes=(-1,))
+        rows = np.broadcast_to(rows, (count, *rows.shape[-2:]))
+        fine = (self._rows.T @ rows.reshape(-1, rows.shape[2])).reshape(
+            count, -1, self._fine, rows.shape[2]
+        )
+        waves: Any = scipy.fft.fft(fine, axis=2, overwrite_x=True)
+        kept = np.concatenate(
+            [waves[:, :, part] for part in self._parts(self._spread.shape[2])], axis=2
+        )
+        told = np.sum(self._spread.conj() * kept, axis=1)
+        return np.swapaxes(told, 1, 2) if self._is_line else told
+
+    def _parts(self, count: int) -> list[slice]:
+        """Frequencies from 0 up, and those below 0, on this grid and on the fine one."""
+        half = count if self._is_line else count // 2
+        return [slice(0, half), slice(half - count, None)][: 1 if self._is_line else 2]
 
     @property
-    def power(self) -> Float[np.ndarray, "m k"]:
-        return np.mean(np.abs(self.kernels) ** 2, axis=0)
+    def power(self) -> Float[np.ndarray, "s ..."]:
+        power = np.mean(np.abs(self._kernels) ** 2, axis=1)
+        return np.swapaxes(power, 1, 2) if self._is_line else power
+
+
+@lru_cache
+def _fine_grid(length: int) -> tuple[int, Float[np.ndarray, "{length}"]]:
+    """Points of the grid from which places are interpolated, and the transform of the window."""
+    fine = fast_length(math.ceil(_FINER * length))
+    nodes, weights = np.polynomial.legendre.leggauss(4 * _WIDTH)
+    turns = np.pi * _WIDTH * np.fft.fftfreq(length) * length / fine
+    return fine, np.cos(np.outer(turns, nodes)) @ (_window(nodes) * weights) * _WIDTH / 2
+
+
+def _window(place: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+    """Values of the window at places from -1 to 1."""
+    scale = math.pi * _WIDTH * (1 - 0.5 / _FINER) * 0.98
+    return np.exp(scale * (np.sqrt(np.maximum(1 - place**2, 0)) - 1))

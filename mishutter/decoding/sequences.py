@@ -12,18 +12,20 @@ from mishutter.camera.capture import as_pixels, distinct_colours, every_colour
 from mishutter.camera.layers import Layers
 from mishutter.camera.rows import Planes, rows_last
 from mishutter.camera.sequences import require_speed
-from mishutter.decoding.axis_frames import restored_on_axis
-from mishutter.decoding.axis_speed import speed_on_axis
 from mishutter.decoding.decoders.base import AbstractDecoder
 from mishutter.decoding.decoders.linear import decoder_or_ensemble
 from mishutter.decoding.decoders.speed import SpeedEstimate
-from mishutter.decoding.objects.restored import FoundObject, Known, is_at_rest, restored_objects
-from mishutter.decoding.plane_frames import method_in_plane, restored_in_plane
-from mishutter.decoding.plane_velocity import (
-    VelocityEstimate,
-    told_in_plane,
-    velocity_in_plane,
+from mishutter.decoding.frame_restoration import (
+    method_in_plane,
+    restored_in_plane,
+    restored_on_axis,
 )
+from mishutter.decoding.frame_velocity import (
+    VelocityEstimate,
+    speed_on_axis,
+    velocity_of_frames,
+)
+from mishutter.decoding.objects.restored import FoundObject, Known, is_at_rest, restored_objects
 from mishutter.decoding.rolling import RowTimes
 from mishutter.model.scene import Scene, require_scene, require_whole
 from mishutter.model.sequences import PlaneFrames, TimedFrame
@@ -140,13 +142,13 @@ def restore_frames(
     if isinstance(frames, PlaneFrames):
         decode = method_in_plane(chosen)
         light, planes = _planes_of(captures, frames.num_frames, "rows")
-        if speed is None:
-            estimate = velocity_in_plane(planes, scene, frames)
-            velocity = estimate.velocity
-        else:
-            estimate, velocity = None, np.asarray(speed, np.float64)
-            if frames.num_frames > 1:
-                estimate = told_in_plane(planes, scene, frames, velocity)
+        told = None if speed is None else np.asarray(speed, np.float64)
+        if told is not None and frames.num_frames == 1:
+            picture = restored_in_plane(planes, scene, frames, decode, told)
+            return RestoredFrames(_as_frame(picture, light, "rows"), None)
+        times = RowTimes.of(scene.sensor, planes.shape, in_plane=True)
+        estimate = velocity_of_frames(planes, scene, frames, times, told)
+        velocity = estimate.velocity
         picture = restored_in_plane(planes, scene, frames, decode, velocity)
         return RestoredFrames(_as_frame(picture, light, "rows"), estimate)
     told = None if speed is None else float(speed)

@@ -18,7 +18,13 @@ from mishutter._core.checks import (
     require_scalar,
     shape_of,
 )
-from mishutter.camera.capture import as_pixels, as_radiance, distinct_colours, simulate_capture
+from mishutter.camera.capture import (
+    as_pixels,
+    as_radiance,
+    distinct_colours,
+    require_alike_rows,
+    simulate_capture,
+)
 from mishutter.camera.footage import Footage
 from mishutter.camera.layers import Layers
 from mishutter.camera.rows import rows_last
@@ -27,8 +33,8 @@ from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel, blur_mo
 from mishutter.decoding.decoders.linear import decoder_or_ensemble
 from mishutter.decoding.decoders.speed import SpeedEstimate
 from mishutter.decoding.decoders.speed_finding import SpeedFindingDecoder, decoder_of, informed
+from mishutter.decoding.frame_velocity import VelocityEstimate
 from mishutter.decoding.objects.restored import Known
-from mishutter.decoding.plane_velocity import VelocityEstimate
 from mishutter.decoding.restoration import (
     RestoredPhotograph,
     behind_optics,
@@ -230,8 +236,12 @@ def _restored(
         require_scalar("restore(speed=...)", np.asarray(told))
         speed = float(told)  # type: ignore[arg-type]
     turned = _turned(captured, axis, exposures)
-    if exposures.shutter is not None:
-        motion, shutter = exposures.motion, exposures.shutter
+    shutter, is_rolling = exposures.shutter, scene.sensor.is_rolling
+    if shutter is not None and is_rolling:
+        require_alike_rows("restore(design=...)", exposures.motion, shutter)
+    # Rows that are exposed in turn see the same but further on, by a way that a speed tells.
+    if shutter is not None and not (is_rolling and speed is not None):
+        motion = exposures.motion
         model = blur_model(along, motion, shutter)
         if speed is not None:
             model = model.knowing(speed - float(sensor_view(along, motion, shutter).velocity))
@@ -239,13 +249,14 @@ def _restored(
         found = None if relative is None else relative.of(along, motion)
         restored = Restoration(light, found)
     else:
+        burst = turned[None] if is_one else turned
         restored = _frames_in_portions(
-            turned,
+            burst,
             along,
             exposures.along,
             decoder,
             speed=speed,
-            times=RowTimes.of(scene.sensor, turned.shape[1:3]),
+            times=RowTimes.of(scene.sensor, burst.shape[1:3]),
             rows_at_once=rows_at_once,
             report=report,
         )

@@ -14,8 +14,8 @@ from mishutter import (
     simulate_frames,
 )
 from mishutter.decoding.frame_doubts import Evidence, Words
+from mishutter.decoding.frame_likelihood import Own, Prior
 from mishutter.decoding.likeliest import Fit, noises_of
-from mishutter.decoding.plane_likelihood import Own, Prior
 
 PICTURE = np.asarray(example_picture().light)[100:220, 200:330, 1].astype(np.float64)
 
@@ -88,7 +88,7 @@ def test_binned_noise_is_as_strong_as_its_pixels_say(size, misfit):
     noise = np.random.default_rng(4).normal(size=(2, 256, 240))
     own = Own(np.sqrt(noises)[:, None, None] * noise, noises, frames, Prior(scene))
     level, rest = own.level(np.zeros((1, 2)), size), np.zeros(2)
-    fit = level.fit(rest, level.likeliest(rest), 0.25)
+    fit = level.fit(rest, 0.25)
     assert fit.misfit == pytest.approx(misfit, abs=0.03)
 
 

@@ -26,9 +26,9 @@ from mishutter import (
     simulate_frames,
 )
 from mishutter.camera.plane_frames import aperture_on, responses_in_plane
+from mishutter.decoding.frame_likelihood import Own, Prior, climbed
+from mishutter.decoding.frame_velocity import VelocityEstimate, velocity_of_frames
 from mishutter.decoding.likeliest import noises_of
-from mishutter.decoding.plane_likelihood import Own, Prior, climbed, logarithm
-from mishutter.decoding.plane_velocity import VelocityEstimate, velocity_in_plane
 from mishutter.evaluation.instants import Instants
 from mishutter.model.velocities import EvenVelocities
 
@@ -38,7 +38,7 @@ NARROW = Scene.any_direction(900.0, photon_rate=3e4, read_noise=10.0)
 
 
 def estimate_of(captures, scene, frames) -> VelocityEstimate:
-    return velocity_in_plane(np.asarray(captures)[None], scene, frames)
+    return velocity_of_frames(np.asarray(captures)[None], scene, frames)
 
 
 def a_field(frames: PlaneFrames, velocity: np.ndarray, size: int, seed: int, scene=SCENE):
@@ -86,7 +86,7 @@ def test_slopes_of_the_likelihood_are_its_differences():
         level = Own(captures - 0.25, noises, frames, Prior(SCENE)).level(beside[None], size)
         step = climbed(level, beside, 1e-5)
         for axis, side in enumerate(0.5 * np.eye(2)):
-            ends = [logarithm(level, beside + sign * side, 1e-5) for sign in (1, -1)]
+            ends = level.logarithms(beside + np.array([[1], [-1]]) * side, 1e-5)
             assert step.slope[axis] == pytest.approx(ends[0] - ends[1], rel=0.02, abs=0.02)
         errors = np.sqrt(np.diag(np.linalg.inv(step.information)))
         assert np.all(np.abs(step.best - VELOCITY) < 4 * errors)

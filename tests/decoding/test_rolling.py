@@ -8,20 +8,26 @@ import pytest
 from support.plane import frames_of
 
 from mishutter import (
+    Design,
     FreeMotion,
+    ParabolicMotion,
     PlaneFrames,
+    RectShutter,
     Scene,
     Sensor,
     StillCamera,
     TimedFrame,
     example_picture,
+    restore,
     restore_frames,
+    simulate_capture,
     simulate_frames,
 )
 from mishutter.decoding.decoders.linear import mean_over_dft
+from mishutter.decoding.frame_likelihood import Own, Prior
 from mishutter.decoding.likeliest import noises_of
-from mishutter.decoding.plane_likelihood import Own
 from mishutter.decoding.rolling import RowTimes, _on_grid
+from mishutter.design.design import Outcome
 
 EXPOSURE, STROKE, SPEED = 0.02, 54.6, 2000.0
 SCENE = Scene.uniform(max_speed=4500.0, photon_rate=1e5, read_noise=8)
@@ -40,6 +46,12 @@ def alternating():
         )
         for k in range(4)
     ]
+
+
+def design_of(scene, motion):
+    """A camera with an open shutter, as far as `restore` asks."""
+    ended = {"loss": 1.0, "history": np.ones(1), "outcome": Outcome.CONVERGED, "certificate": 0.0}
+    return Design(RectShutter(), motion, scene, **ended, loss_name="mse", best_start_loss=1.0)
 
 
 def gaussian_captures(readout, rows=32, columns=1024):
@@ -111,18 +123,19 @@ def test_rows_of_the_plane_are_those_of_their_own_instants(kind):
     rng, frames = np.random.default_rng(0), frames_of("A", 4, kind)
     rolling = replace(PLANE, sensor=Sensor(readout=0.01, rows_read="up"))
     noises = noises_of(rolling, frames.exposures, 0.25)
-    own = Own.of(rng.normal(size=(4, 60, 70)), noises, frames, rolling)
+    times = RowTimes.of(rolling.sensor, (60, 70), in_plane=True)
+    own = Own(rng.normal(size=(4, 60, 70)), noises, frames, Prior(rolling), times)
     for size in (1, 2):
         level = own.level(VELOCITY[None], size)
         canvas, shape = level.canvas, level.canvas.shape
-        response = level.responses(VELOCITY, 1e-3)[1]
+        response = level.responses(VELOCITY[None])[1]
         light = canvas.spectrum(rng.normal(size=shape)) * np.sqrt(canvas.power) * level.aperture
-        seen, frame = response.seen(light), rng.normal(size=canvas.sensor)
-        told = mean_over_dft(np.real(response.told(frame).conj() * light), *shape)
+        seen, frame = response.seen(light[None])[0], rng.normal(size=canvas.sensor)
+        told = mean_over_dft(np.real(response.told(frame)[0].conj() * light), *shape)
         assert float(told) == pytest.approx(np.sum(frame * seen), rel=1e-9)
         for row in (0, 11, len(seen) - 1):
             there = level.rows.at(float(level.rows.delays[row]))
-            exact = level._replace(rows=None, instants=there).responses(VELOCITY, 1e-3)[1]
+            exact = level._replace(rows=None, instants=there).responses(VELOCITY[None])[1, 0]
             error = np.mean((canvas.seen(light * exact)[row] - seen[row]) ** 2)
             assert error < 0.03 * canvas.noises[1]
 
@@ -132,13 +145,14 @@ def test_three_rows_stand_for_all(size):
     """They lie within the rows, and the way to each is that of the path in pixels of the frames."""
     frames = frames_of("A", 4, "circle")
     rolling = replace(PLANE, sensor=Sensor(readout=0.01))
-    own = Own.of(np.zeros((4, 60, 70)), np.full(4, 0.1), frames, rolling)
+    times = RowTimes.of(rolling.sensor, (60, 70), in_plane=True)
+    own = Own(np.zeros((4, 60, 70)), np.full(4, 0.1), frames, Prior(rolling), times)
     rows = own.level(VELOCITY[None], size).rows
     middle, ends = rows.instants, (rows.delays[-1] - rows.delays[0]) / 2
     shares = [np.mean(each.time - middle.time) / ends for each in rows.some]
     np.testing.assert_allclose(shares, [-np.sqrt(0.6), 0, np.sqrt(0.6)], atol=1e-6)
     for each in rows.some:
-        way = own.taken.place(each.time + rows.clock) - own.taken.place(middle.time + rows.clock)
+        way = rows.path.place(each.time + rows.clock) - rows.path.place(middle.time + rows.clock)
         np.testing.assert_allclose(each.place - middle.place, way / size, atol=1e-4)
 
 
@@ -158,6 +172,28 @@ def test_rows_are_timed_down_the_columns():
     along, across = (Sensor(readout=0.01, axis=axis) for axis in ("columns", "rows"))
     assert RowTimes.of(across, (4, 48, 80)).delays.size == 48
     assert RowTimes.of(along, (4, 80, 48)).delays.size == 48
+
+
+def test_one_exposure_that_is_told_its_speed_is_restored_by_its_rows():
+    """Its shear is taken out; without a speed it stays, and of a parabola nothing is restored."""
+    scene = Scene.uniform(
+        max_speed=900.0, photon_rate=1e6, read_noise=2, sensor=Sensor(readout=0.02)
+    )
+    picture = np.asarray(example_picture().light)[200:240, :, 1]
+    still = StillCamera(half_exposure=5e-4)
+    capture = simulate_capture(
+        picture, scene, still, RectShutter(), speed=900.0, key=jax.random.key(1)
+    )
+    told, sheared = (
+        np.asarray(restore(capture, design_of(each, still), speed=900.0))
+        for each in (scene, replace(scene, sensor=Sensor()))
+    )
+    inner = slice(64, -64)
+    error, other = (np.mean((each - picture)[:, inner] ** 2) for each in (told, sheared))
+    assert error < 0.1 * other
+    moving = ParabolicMotion(acceleration=2e5, half_exposure=0.01)
+    with pytest.raises(ValueError, match=r"restore\(design=...\).+no acceleration before rows"):
+        restore(capture, design_of(scene, moving))
 
 
 @pytest.mark.slow

@@ -25,11 +25,10 @@ from mishutter import (
     simulate_capture,
     simulate_frames,
 )
-from mishutter.decoding import axis_speed
-from mishutter.decoding.axis_frames import Rows, rows_of
 from mishutter.decoding.frame_doubts import odd_frame
+from mishutter.decoding.frame_likelihood import Own, Prior, climbed, peak_near
+from mishutter.decoding.likeliest import noises_of
 from mishutter.decoding.simulation import capture_and_restore
-from mishutter.evaluation.instants import Instants
 from mishutter.model.exposures import FrameSequence
 
 PERIOD, EXPOSURE, SWING = 1 / 60, 0.0164, 24.0
@@ -163,59 +162,65 @@ def test_smooth_pictures_on_narrow_sensors_tell_the_speed(blur, speed, rows, col
     assert abs(estimate.speed - speed) < 2 * estimate.error
 
 
-def climbed(monkeypatch, start, logarithms):
-    """The peak of a likelihood of rows near a start, among speeds up to 3,000 px/s either way."""
-    monkeypatch.setattr(
-        Rows, "logarithms", lambda _, speeds, tolerance: logarithms(speeds[:, None])
+def rows_about(planes, scene, frames):
+    """Rows of frames about their levels, which tell nothing."""
+    planes = np.asarray(planes, np.float64)
+    noises = noises_of(scene, [one.exposure for one in frames], 0.25)
+    rows = planes - np.mean(planes, axis=(0, 2), keepdims=True)
+    return Own(rows, noises, frames, Prior(scene), has_levels=False)
+
+
+@pytest.mark.parametrize(("kind", "size"), [(swings, 1), (stills, 1), (swings, 2)])
+def test_a_likelihood_is_climbed_to_its_top(kind, size):
+    """By its slope, which is that of differences, from a pixel beside; pixels of either size."""
+    frames, speed = kind(4), np.array([913.0])
+    captures = simulate_frames(
+        np.maximum(gaussian_rows(6, 700, 1), 0),
+        SCENE,
+        frames,
+        speed=913.0,
+        num_columns=260,
+        key=jax.random.key(3),
     )
-    rows = rows_about(np.zeros((2, 3, 64)), SCENE, stills(2), 0.0)
-    return axis_speed._Tried(low=-3000.0, high=3000.0, step=14.0).highest(rows, start, 0.01)
-
-
-def rows_about(planes, scene, frames, speed):
-    """Rows of frames at a speed, whose levels tell nothing."""
-    nodes = Instants.of(frames, abs(speed))
-    return rows_of(np.asarray(planes), scene, frames, nodes)[0]._replace(has_levels=False)
-
-
-@pytest.mark.parametrize(
-    ("top", "start", "found"),
-    [(913.0, 905.0, 913.0), (-2207.0, -2180.0, -2207.0), (3100.0, 2995.0, 3000.0)],
-)
-def test_a_likelihood_is_climbed_to_its_top(monkeypatch, top, start, found):
-    """From a start within some steps, to no speed beyond those that are tried."""
-    peak = climbed(monkeypatch, start, lambda speeds: -(((speeds - top) / 40) ** 2))
-    assert peak.speed == pytest.approx(found, abs=0.7)
-    assert peak.speed <= 3000.0
-    assert peak.width == pytest.approx(40 / np.sqrt(2), rel=0.2 if top > 3000 else 1e-3)
+    beside = speed + 6.0
+    level = rows_about(captures, SCENE, frames).level(beside[None], size)
+    step = climbed(level, beside, 1e-6)
+    ends = np.sum(level.logarithms(beside + np.array([[0.5], [-0.5]]), 1e-6), axis=1)
+    assert step.slope[0] == pytest.approx(ends[0] - ends[1], rel=0.02, abs=0.02)
+    again = climbed(level, step.best, 1e-6)
+    assert np.sum(level.logarithms(again.best[None])) > np.sum(level.logarithms(beside[None]))
+    assert abs(again.best - speed) < 4 / np.sqrt(again.information[0, 0])
 
 
 @pytest.mark.parametrize("rows", [slice(120, 126), slice(300, 306)])
-def test_pictures_are_near_enough_their_likeliest_to_tell_the_speed(monkeypatch, rows):
+def test_pictures_are_near_enough_their_likeliest_to_tell_the_speed(rows):
     """Of bright frames, where the error is least: conjugate gradients that go on move it little."""
     bright, frames = Scene.uniform(max_speed=4500.0, photon_rate=1e6, read_noise=2), swings(6)
     picture = np.asarray(example_picture().light)[rows, :, 1]
     captures = simulate_frames(
         picture, bright, frames, speed=3700.0, num_columns=200, key=jax.random.key(3)
     )
-    rows = rows_about(np.asarray(captures, np.float64), bright, frames, 4500.0)
-    tried = axis_speed._Tried(low=-4500.0, high=4500.0, step=8.4)
-    peak = tried.highest(rows, 3700.0, 0.01)
-    monkeypatch.setattr(axis_speed, "TOLERANCE_OF_SPEED", 1e-4)
-    limit = tried.highest(rows, 3700.0, 0.01)
-    assert abs(peak.speed - limit.speed) < 0.3 * limit.width
+    level = rows_about(captures, bright, frames).level(np.array([[3700.0]]))
+    near, limit = (climbed(level, np.array([3700.0]), each) for each in (1e-4, 1e-6))
+    assert abs(near.best - limit.best) < 0.3 / np.sqrt(limit.information[0, 0])
 
 
-@pytest.mark.parametrize("pull", [0.002, 0.3])
-def test_rows_that_disagree_widen_an_error(monkeypatch, pull):
-    """By the spread of their scores over the curvature, where that is more than the model's own."""
-    pulls = pull * np.array([1.0, -2.5, 0.7, 0.8])
-    peak = climbed(monkeypatch, 905.0, lambda v: (v - 913.0) * pulls - ((v - 913.0) / 80) ** 2)
-    curvature = 4 * 2 / 80**2
-    spread = max(curvature, np.sum(pulls**2))
-    assert peak.speed == pytest.approx(913.0, abs=0.2)
-    assert peak.width == pytest.approx(np.sqrt(spread) / curvature, rel=1e-6)
-    assert (peak.width > 1.1 / np.sqrt(curvature)) == (pull > 0.1)
+def test_rows_that_disagree_widen_an_error():
+    """By the spread of what places pull: rows that move by 30 px/s more and less than the mean."""
+    errors = []
+    for apart in (0.0, 30.0):
+        light, frames = np.maximum(gaussian_rows(16, 700, 1), 0), stills(4)
+        parts = [
+            simulate_frames(
+                part, SCENE, frames, speed=913.0 + side, num_columns=260, key=jax.random.key(3)
+            )
+            for part, side in ((light[:8], apart), (light[8:], -apart))
+        ]
+        level = rows_about(np.concatenate(parts, axis=1), SCENE, frames).level(np.array([[913.0]]))
+        peak = peak_near(level, climbed(level, np.array([913.0])))
+        assert peak.best == pytest.approx(913.0, abs=4)
+        errors.append(np.sqrt(peak.covariance[0, 0]))
+    assert errors[1] > 1.5 * errors[0]
 
 
 def dense_covariance(found):
@@ -234,8 +239,8 @@ def test_unknown_levels_are_a_term_of_rank_one_for_each_row_of_a_frame():
     """The likelihood is that of a dense covariance with a level of any size in each frame."""
     frames, columns, speed = stills(3), 120, 900.0
     planes = np.random.default_rng(8).standard_normal((3, 2, columns)).cumsum(axis=-1) / 20
-    rows = rows_about(planes, SCENE, frames, speed)
-    found = rows.likeliest([speed], 1e-6)
+    rows, at = rows_about(planes, SCENE, frames), np.array([[speed]])
+    found = rows.level(at).likeliest(at, 1e-6)
     levels = 1e4 * np.kron(np.eye(3), np.ones((columns, columns)))
     noise, whole = np.diag(np.repeat(rows.noises, columns)), dense_covariance(found)
     flat = np.moveaxis(rows.frames, 1, 0).reshape(2, -1)
@@ -244,7 +249,7 @@ def test_unknown_levels_are_a_term_of_rank_one_for_each_row_of_a_frame():
     ]
     np.testing.assert_allclose(found.gains[0], (squares[0] - squares[1]) / 2, rtol=1e-4)
     lifted = rows._replace(frames=rows.frames + np.array([0.3, -0.1, 0.05])[:, None, None])
-    again = lifted.likeliest([speed], 1e-6).gains
+    again = lifted.level(at).likeliest(at, 1e-6).gains
     np.testing.assert_allclose(again, found.gains, rtol=1e-5)
 
 
@@ -254,7 +259,8 @@ def test_gains_of_frames_are_told_by_their_detail(gains):
     frames, gains = stills(len(gains)), np.array(gains)
     captures, _ = shown(1300.0, frames, rows=slice(120, 132), num_columns=240)
     changed = np.asarray(captures) * gains[:, None, None] + 0.03 * gains[::-1, None, None]
-    found = 1 + rows_about(changed, SCENE, frames, 1300.0).fit(1300.0).gains
+    at = np.array([1300.0])
+    found = 1 + rows_about(changed, SCENE, frames).level(at[None]).fit(at).gains
     np.testing.assert_allclose(found / np.mean(found), gains / np.mean(gains), rtol=0.03)
     estimate = restore_frames(changed, SCENE, frames).estimate
     assert estimate.trusted
@@ -265,10 +271,11 @@ def test_the_volume_is_that_of_a_dense_covariance():
     """Half its log-determinant, and the frames' freedom is the trace of what it leaves to noise."""
     frames, columns, speed = stills(3), 160, 900.0
     planes = np.random.default_rng(2).standard_normal((3, 2, columns))
-    rows = rows_about(planes, SCENE, frames, speed)
-    found = rows.likeliest([speed])
+    rows, at = rows_about(planes, SCENE, frames), np.array([[speed]])
+    level = rows.level(at)
+    found = level.likeliest(at)
     covariance, noise = dense_covariance(found), np.repeat(rows.noises, columns)
-    volume = rows.volume(found, 0, speed)
+    volume = level.volume(at[0])
     half = (np.linalg.slogdet(covariance)[1] - np.sum(np.log(noise))) / 2
     assert volume.logarithm == pytest.approx(half, rel=0.03)
     free = np.diag(np.linalg.inv(covariance)) * noise

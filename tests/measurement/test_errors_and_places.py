@@ -173,6 +173,14 @@ def test_the_error_of_a_velocity_in_dim_light_is_its_scatter():
     np.testing.assert_allclose(np.sqrt(np.mean(squares, axis=0)), scatter, rtol=0.25)
 
 
+def test_runs_begin_at_the_border_too():
+    """Four along rows and seven down the columns, of nine pixels in two pictures."""
+    masks = [np.array([[1, 1, 0, 1], [0, 1, 1, 1]], bool), np.array([[1, 1, 1, 0]], bool)]
+    assert motion_module._run(masks, 1) == pytest.approx(9 / 4)
+    assert motion_module._run(masks, 0) == pytest.approx(9 / 7)
+    assert motion_module._run([np.zeros((2, 3), bool)], 1) == 0
+
+
 def test_the_error_of_a_shake_is_what_noise_makes_of_one():
     """And a frame that is displaced stands beside the mean of all, down before across."""
     random = np.random.default_rng(3)

@@ -144,3 +144,26 @@ def test_two_axes_together_hold_a_path_in_any_direction(turn):
     assert frames.acceleration(disc) == pytest.approx(2e4)
     assert frames.acceleration(each) == pytest.approx(2e4 * np.max(np.abs(unit)))
     assert frames.top_speed == pytest.approx(400)
+
+
+def test_stills_ask_for_no_path_whatever_the_limits():
+    """Along neither axis, though the acceleration is limited."""
+    limits = Limits(max_half_exposure=0.01, max_acceleration=1e5)
+    assert stills([-0.01, 0.01], 0.005).stage_paths(limits) == []
+
+
+@pytest.mark.parametrize("ends", [(400.0, 100.0), (100.0, 400.0)])
+def test_a_path_without_room_to_go_on_lasts_for_all_rows(ends):
+    """Whichever of the run-up and the run-out is shorter: 4 ms before and after the light."""
+    velocities = np.array([ends, (0.0, 0.0)])
+    frames = PlaneFrames(np.zeros(1), np.array([0.01]), np.array([0.01]), velocities)
+    limits = Limits(max_half_exposure=0.01, max_acceleration=1e5, max_stroke=2.6)
+    rows = frames.for_rows(0.008, limits)
+    assert rows.bends[0] <= -0.009 + 1e-9
+    assert rows.bends[-1] >= 0.009 - 1e-9
+    time = np.linspace(-0.009, 0.009, 19)
+    place = np.asarray(rows.place(time))[0]
+    run_up, run_out = np.square(ends) / 2e5
+    assert place[-1] - place[0] == pytest.approx(run_up + 2.5 + run_out)
+    own = np.asarray(frames.place(time[4:15]))[0]
+    np.testing.assert_allclose(place[4:15] - place[4], own, atol=1e-9)

@@ -36,15 +36,15 @@ from mishutter.model.shutters.base import AbstractShutter
 class CompleteFrames:
     """Frames of a sequence that go on beyond their borders, and so are as good as one capture."""
 
-    nodes: Instants  # Of the frames, or of some rows of each
+    nodes: list[Instants]  # Of the frames, or of them in some rows
     speed: float  # Speed of the picture; px/s
     noises: Float[np.ndarray, "frames"]  # Variance of the noise in each, white = 1
 
     def density(self, optics: Optics, length: int) -> Float[np.ndarray, "{length}//2+1"]:
         r"""Signal by noise of that capture, $\sum_k |A_k|^2/N_k$, in the mean over rows."""
-        responses = responses_of_frames(self.nodes, np.array([self.speed]), optics, length)[0]
-        each = responses.reshape(len(self.noises), -1, length // 2 + 1)
-        return np.mean(density_of(each, self.noises), axis=0)
+        speed = np.array([self.speed])
+        each = [responses_of_frames(one, speed, optics, length)[0] for one in self.nodes]
+        return np.mean([density_of(one, self.noises) for one in each], axis=0)
 
     def response(self, optics: Optics, length: int) -> Float[np.ndarray, "{length}//2+1"]:
         """The square root of that over its value at 0."""
@@ -58,6 +58,15 @@ def density_of(
     r"""Signal by noise of frames together, $\sum_k |A_k|^2/N_k$."""
     pairs = zip(responses, noises, strict=True)
     return sum(np.abs(response) ** 2 / noise for response, noise in pairs)  # type: ignore[return-value]
+
+
+def power_at(
+    frequency: Float[np.ndarray, "k"], power: Float[np.ndarray, "m"]
+) -> Float[np.ndarray, "k"]:
+    """Power at some frequencies, by that at the centres of equal steps of (0, 0.5) cycles/px."""
+    # At low frequencies the power falls by a multiple from one centre to the next.
+    logarithm = np.log(np.maximum(power, np.finfo(np.float64).tiny))
+    return np.exp(np.interp(frequency, frequencies(power.size), logarithm))
 
 
 @final
@@ -205,11 +214,7 @@ class BlurModel(eqx.Module):
         Args:
             length: Pixels of the DFT.
         """
-        centres = frequencies(self.power.size)
-        least = np.finfo(np.float64).tiny
-        # At low frequencies the power falls by a multiple from one centre to the next.
-        logarithm = np.log(np.maximum(self.power, least))
-        return np.exp(np.interp(np.fft.rfftfreq(length), centres, logarithm))
+        return power_at(np.fft.rfftfreq(length), self.power)
 
 
 class AbstractDecoder(AbstractModule):

@@ -1,12 +1,12 @@
 """A decoder around any denoiser: half-quadratic splitting."""
 
 from collections.abc import Callable
-from typing import final
+from typing import NamedTuple, final
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Complex, Float
 
 from mishutter._core.checks import Unquoted, require, require_known, require_positive_int
 from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel
@@ -14,6 +14,15 @@ from mishutter.decoding.decoders.borders import continuation
 from mishutter.decoding.decoders.linear import ensemble_filter, misfit_of
 
 Denoiser = Callable[[np.ndarray, float], np.ndarray]
+
+
+class Misfit(NamedTuple):
+    """What captures tell of a picture, on the grid of a DFT."""
+
+    data: Complex[np.ndarray, "*k"]  # The adjoint of the capture over its noise
+    density: Float[np.ndarray, "*k"]  # Signal by noise
+    error: float  # Root mean square error that the ensemble filter is expected to leave
+    mean: float  # Level from which the picture deviates
 
 
 @final
@@ -83,22 +92,42 @@ class PlugAndPlayDecoder(AbstractDecoder):
         length = extension.length
         mean, _, disturbance, error = misfit_of(model, length)
         start = ensemble_filter(model, length)
-        fall = self.falling * np.sqrt(error)
+        density = np.abs(mean) ** 2 / disturbance
 
         restored = []
         for plane in np.asarray(captured, np.float64).reshape(-1, rows, columns):
             deviation, level = (np.asarray(x) for x in extension.deviations(jnp.asarray(plane)))
             centre = np.mean(level)
             spectrum = np.fft.rfft(deviation + level - centre)
-            bright = centre / model.efficiency
-            picture = np.fft.irfft(spectrum * start, length)
-            for sigma in fall.tolist():
-                weight = self.strength / sigma**2
-                target = np.conj(mean) / disturbance * spectrum + weight * np.fft.rfft(picture)
-                estimate = target / (np.abs(mean) ** 2 / disturbance + weight)
-                picture = self.denoised(np.fft.irfft(estimate, length) + bright, sigma) - bright
+            bright = float(centre / model.efficiency)
+            data = np.conj(mean) / disturbance * spectrum
+            misfit = Misfit(data, density, float(np.sqrt(error)), bright)
+            first = np.fft.irfft(spectrum * start, length)
+            picture = self.steps(first, misfit, np.fft.rfft, lambda x: np.fft.irfft(x, length))
             restored.append(picture[:, :columns] + bright)
         return jnp.asarray(np.reshape(restored, captured.shape), captured.dtype)
+
+    def steps(
+        self,
+        picture: Float[np.ndarray, "rows length"],
+        misfit: Misfit,
+        spectrum: Callable[[np.ndarray], np.ndarray],
+        inverse: Callable[[np.ndarray], np.ndarray],
+    ) -> Float[np.ndarray, "rows length"]:
+        """The last picture, from the first one.
+
+        Args:
+            picture: What the ensemble filter restores, about the mean; white = 1.
+            misfit: What the captures tell.
+            spectrum: The DFT of that grid.
+            inverse: Its inverse.
+        """
+        for sigma in (self.falling * misfit.error).tolist():
+            weight = self.strength / sigma**2
+            target = misfit.data + weight * spectrum(picture)
+            estimate = inverse(target / (misfit.density + weight))
+            picture = self.denoised(estimate + misfit.mean, sigma) - misfit.mean
+        return picture
 
     def denoised(self, picture: np.ndarray, sigma: float) -> np.ndarray:
         """The denoised picture, if it is one of the same shape and about the same brightness.

@@ -1,16 +1,17 @@
 """Least squares with a penalty on total variation in two dimensions."""
 
 import math
-from typing import NamedTuple, final
+from collections.abc import Callable
+from typing import Any, NamedTuple, final
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.scipy.fft import dct, idct
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Array, ArrayLike, Complex, Float
 
-from mishutter._core.checks import require, require_positive_int
+from mishutter._core.checks import namespace_of, require, require_positive_int
 from mishutter._core.compiling import compiled
 from mishutter.camera.rows import along_rows
 from mishutter.decoding.decoders.base import AbstractDecoder, BlurModel
@@ -63,19 +64,34 @@ class TotalVariationDecoder(AbstractDecoder):
         extension = continuation(model, captured.shape[-1])
         length = extension.length
         mean, power, disturbance, error = misfit_of(model, length)
-        coupling = EDGES * self.strength / THRESHOLD
-        data = error / disturbance / coupling
-        smooth = SMOOTH * error / power / coupling
+        scales = self.scales(error)
+        data, smooth = scales.data / disturbance, scales.smooth / power
         smooth[0] = 0.0  # a row's level is free
-        threshold = THRESHOLD * np.sqrt(error)
         problem = _Problem(
             data_filter=np.conj(mean) * data,
             curvature=np.abs(mean) ** 2 * data + smooth,
             start=ensemble_filter(model, length),
-            threshold=np.asarray(threshold),
+            threshold=np.asarray(scales.threshold),
             gain=np.asarray(1 / model.efficiency),
         )
         return _split(captured, extension, problem, self.num_iterations)
+
+    def scales(self, error: ArrayLike) -> "Scales":
+        """Weights against the edges' own, where the ensemble filter leaves a squared error.
+
+        Args:
+            error: That error; white = 1.
+        """
+        scale = error / (EDGES * self.strength / THRESHOLD)
+        return Scales(scale, SMOOTH * scale, THRESHOLD * np.sqrt(error))
+
+
+class Scales(NamedTuple):
+    """Weights of a minimisation by steps."""
+
+    data: Any  # Of the misfit
+    smooth: Any  # Of the smooth prior
+    threshold: Any  # Length by which differences shrink
 
 
 class _Problem(NamedTuple):
@@ -109,18 +125,15 @@ def _split(
         inverse = 1 / (curvature.real + jnp.asarray(turns + down[:, None], plane.dtype))
         data = spectrum * data_filter
 
-        def advance(_, state: tuple) -> tuple:
-            _, split, dual = state
-            target = data + _transformed(adjoint_differences(split - dual))
-            estimate = _restored(target * inverse.astype(target.dtype), length)
-            gap = differences(estimate) + dual
-            split = _shrunk(gap, threshold)
-            return estimate, split, gap - split
+        def fitted(edges: Array) -> Array:
+            target = data + _transformed(adjoint_differences(edges))
+            return _restored(target * inverse.astype(target.dtype), length)
 
         first = _restored(spectrum * start, length)
-        split = differences(first)
-        state = (first, split, jnp.zeros_like(split))
-        estimate = jax.lax.fori_loop(0, num_iterations, advance, state)[0]
+        advance = advanced(fitted, differences, threshold)
+        edges = differences(first)
+        state = (first, edges, jnp.zeros_like(edges))
+        estimate = jax.lax.fori_loop(0, num_iterations, lambda _, last: advance(last), state)[0]
         return estimate[:, : extension.columns] + centre * gain
 
     planes = captured.reshape(-1, *captured.shape[-2:])
@@ -159,9 +172,25 @@ def adjoint_differences(
     return jnp.roll(across, 1, axis=1) - across + down[:-1] - down[1:]
 
 
-def _shrunk(differences: Array, threshold: Array) -> Array:
+def advanced(
+    fitted: Callable[[Any], Any], differences: Callable[[Any], Any], threshold: Any
+) -> Callable[[tuple], tuple]:
+    """A step of a picture, its differences and what these lack, by the picture of given ones."""
+
+    def advance(state: tuple) -> tuple:
+        _, edges, dual = state
+        estimate = fitted(edges - dual)
+        gap = differences(estimate) + dual
+        edges = _shrunk(gap, threshold)
+        return estimate, edges, gap - edges
+
+    return advance
+
+
+def _shrunk(differences: Any, threshold: Any) -> Any:
     """Vectors shorter by the threshold, or 0; their slope is finite also where they are 0."""
-    square = jnp.sum(differences**2, axis=0, keepdims=True)
+    space = namespace_of(differences)
+    square = space.sum(differences**2, axis=0, keepdims=True)
     is_longer = square > threshold**2
-    size = jnp.sqrt(jnp.where(is_longer, square, 1))
-    return differences * jnp.where(is_longer, 1 - threshold / size, 0)
+    size = space.sqrt(space.where(is_longer, square, 1))
+    return differences * space.where(is_longer, 1 - threshold / size, 0)
