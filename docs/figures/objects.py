@@ -16,7 +16,7 @@ from mishutter import read_picture
 
 PANELS = {
     "frame 3, of 20 ms": "shot/frame_3.png",
-    "frame 2, of 2.85 ms": "shot/frame_2.png",
+    "frame 2, of 2.32 ms": "shot/frame_2.png",
     "restored from four frames": "found/restored.png",
     "labels": "found/labels.png",
     "trust": "found/trust.png",

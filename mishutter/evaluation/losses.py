@@ -5,13 +5,13 @@ The expected errors of decoders stand beside what those know of the speed, in `s
 
 from abc import abstractmethod
 from collections.abc import Callable
-from typing import ClassVar, TypeGuard, final
+from typing import Any, ClassVar, TypeGuard, final
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Complex, Float
+from jaxtyping import Array, Complex, Float
 
 from mishutter._core.checks import is_concrete, require
 from mishutter._core.compiling import compiled
@@ -239,7 +239,7 @@ def _terms(loss: AbstractLoss) -> list[tuple[AbstractLoss, Factor]]:
     return [(loss, 1.0)]
 
 
-def _plain(weight: ArrayLike) -> ArrayLike:
+def _plain(weight: object) -> Any:
     """The number in a scalar array that is concrete; other weights as they are."""
     is_array = isinstance(weight, np.ndarray | np.generic | jax.Array)
     return weight.item() if is_array and weight.ndim == 0 and is_concrete(weight) else weight

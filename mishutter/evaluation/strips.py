@@ -8,9 +8,10 @@ $p(1 - p)\,r e^{-r\tau}\,d\tau$ of the picture, $r = |\mathbf v|/\ell$, $\ell = 
 objects are the share $p$ of it and of exponential widths, of mean $W$, along their way.
 
 Outlines are found in the frames. The decoder of this package puts an edge, of which there are
-$2p/W$ to a pixel, in its place to $\delta^2 = \kappa/\sum_k(1 + b_k^2)^{-1}$ px², where
-$b_k = |\mathbf v|T_k$ is the blur of frame $k$, so that it leaves $2\sigma^2\delta^2$ there, of
-pictures of the variance $\sigma^2$: measured, from 3 to 13 ms at some 650 px/s.
+$2p/W$ to a pixel, in its place to $\delta^2 = \kappa/\sum_k(1 + b_k^2)^{-1/2}$ px², where
+$b_k = |\mathbf v|T_k$ is the blur of frame $k$: the longer a ramp is, the less it tells of its
+place. That leaves $2\sigma^2\delta^2$ there, of pictures of the variance $\sigma^2$: measured
+(`benchmarks/strips.py`), from 3 to 20 ms at 315 to 855 px/s.
 """
 
 from typing import NamedTuple
@@ -24,7 +25,7 @@ from mishutter.model.velocities import Components
 
 _PARTS = 32
 """Parts of the time on either side of the middle, which hold levels to 0.001 dB."""
-_OUTLINES = 0.009
+_OUTLINES = 0.17
 """Square of the error of an edge in one frame without blur, $\\kappa$; px^2."""
 
 
@@ -85,5 +86,5 @@ class Strips(NamedTuple):
         """
         if exposure.shape[0] == 1:
             return 0.0
-        sharp = 1 / (1 + (self.speeds[:, None] * exposure[None]) ** 2)
+        sharp = 1 / (1 + (self.speeds[:, None] * exposure[None]) ** 2) ** 0.5
         return self.edges * 2 * _OUTLINES * (self.weights @ (1 / sharp.sum(axis=1)))

@@ -93,7 +93,13 @@ class Exposures:
     def of_one(
         motion: AbstractMotion, shutter: AbstractShutter, limits: Limits | None = None
     ) -> "Exposures":
-        """An exposure alone, about the time 0, whose pan limits give to the stage or the camera."""
+        """An exposure alone, about the time 0, whose pan limits give to the stage or the camera.
+
+        Args:
+            motion: Motion of the sensor.
+            shutter: The shutter in front of it.
+            limits: The limits that say what pans; the stage does without them.
+        """
         turns = limits is not None and limits.pans == "camera"
         pan = float(motion.velocity) if turns else 0.0
         return Exposures(ONE_EXPOSURE, (TimedFrame(motion, 0.0),), pan=pan, shutter=shutter)
@@ -177,7 +183,11 @@ class Exposures:
         return min(gentle, self.travel) if self.travel else gentle
 
     def place(self, times: Float[np.ndarray, "n q"]) -> Float[np.ndarray, "axes n q"]:
-        """Places of the sensor at some times of each exposure, from one place for all; px."""
+        """Places of the sensor at some times of each exposure, from one place for all; px.
+
+        Args:
+            times: Times on the clock of the exposures, a row for each; s.
+        """
         if self.path is not None:
             return np.asarray(self.path.place(times), np.float64)
         pairs = zip(self.along, times, strict=True)
@@ -190,6 +200,9 @@ class Exposures:
         The run-up takes the greatest acceleration of the scene's limits, or that of the rest of the
         path where they have none. There is no path where the stage stays at rest, or no limit says
         how it gets to a velocity. In the plane each is about the middle of its travel.
+
+        Args:
+            scene: The scene whose limits the stage has.
         """
         require_scene(scene, in_plane=True)
         limits = scene.limits
@@ -266,12 +279,20 @@ class Exposures:
         return f"{min(self.exposures) * 1e3:.3g} to {max(self.exposures) * 1e3:.3g}"
 
     def of_one_gain(self, frames: Iterable[np.ndarray]) -> list[np.ndarray]:
-        """Frames as a sensor of one gain has them: in units of the white of the longest."""
+        """Frames as a sensor of one gain has them: in units of the white of the longest.
+
+        Args:
+            frames: Light of each exposure, in units of its own white.
+        """
         longest = max(self.exposures)
         return [time / longest * each for time, each in zip(self.exposures, frames, strict=True)]
 
     def of_own_whites(self, frames: Iterable[np.ndarray]) -> list[np.ndarray]:
-        """Frames that a sensor of one gain has recorded, each in units of its own white."""
+        """Frames that a sensor of one gain has recorded, each in units of its own white.
+
+        Args:
+            frames: Light of each exposure, in units of the white of the longest.
+        """
         longest = max(self.exposures)
         return [each / (time / longest) for time, each in zip(self.exposures, frames, strict=True)]
 

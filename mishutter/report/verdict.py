@@ -414,9 +414,9 @@ def _on_background(layers: Occlusion) -> str:
     if not layers.has_edges:
         return f"Levels of frames ignore edges, for want of `object_width_px`. {why}"
     return (
-        "Levels of frames count what edges cost. `restore` finds speeds and outlines in frames at "
-        "rest; at 1e5 e-/s it came to 1 dB below such levels in the mean over photographs when "
-        f"told the speeds, and to 2 dB below where it found them, by 2 dB more or less. {why}"
+        "Levels of frames count what edges cost `restore`, which finds speeds and outlines in "
+        "frames at rest: told the speeds, they are its mean over photographs at 1e5 e-/s, of which "
+        f"one is 2 dB above or below; where it found them, it lost 1 dB more. {why}"
     )
 
 

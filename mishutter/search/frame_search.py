@@ -10,6 +10,7 @@ are searched first; they are the starts of the free search, and preferred where 
 import contextlib
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,7 +32,7 @@ _STARTS = 4
 _EXCHANGES, _ROUNDS = 4, 3
 _AS_GOOD = 0.02
 """Decibels below the best at which still fewer frames are tried."""
-_MOST_STEPS, _MOST_STEPS_OF_TIE, _RESTARTS = 60, 40, 3
+_MOST_STEPS, _MOST_STEPS_OF_TIE = 60, 40
 _STALLS, _LEAST_GAIN = 6, 1e-3
 """Steps without a gain of so many dB after which a descent ends."""
 _KEPT = 1e-6
@@ -213,7 +214,7 @@ class Search(NamedTuple):
     room: Room
     ties: Callable[[Shape], list[Tie]]  # Ways of few numbers, of some shape
     pieces: Callable[[int], int]  # Pieces of each of so many frames
-    followed: tuple[float, ...]  # Velocities of things that a frame may follow each; px/s
+    followed: Callable[[int], tuple[float, ...]]  # Velocities that each of some may follow; px/s
     is_free: bool  # Whether each frame may have numbers of its own
 
     def ends(self, counts: list[int], progress: Callable[[float], None]) -> list[End]:
@@ -232,24 +233,13 @@ class Search(NamedTuple):
             count = max((number for number in fewer if number <= 0.8 * count), default=fewer[0])
         most = best_of(every)
         if most is not None and self.is_free and most.frames.exposure.size <= MOST_FREE:
-            every += again(self.levels, self.room, most)
-            every += self._exchanges(best_of(every))
+            every += again(self.levels, self.room, most, near(self.room))
+            most = best_of(every) or most
+            followed = self.followed(most.frames.exposure.size)
+            if most.frames.exposure.size > 1 and followed:
+                changes = partial(changed, self.levels, self.room, followed)
+                every += again(self.levels, self.room, most, changes, least=_AS_GOOD)
         return every
-
-    def _exchanges(self, best: End | None) -> list[End]:
-        """Ends of descents from frames of which one follows another thing."""
-        if best is None or best.frames.exposure.size == 1 or not self.followed:
-            return []
-        count, ends, axes = best.frames.velocity.shape
-        descent = Descent(self.levels, self.room, Shape(count, ends - 1, axes))
-        found = [best]
-        for _ in range(_ROUNDS):
-            starts = exchanged(self.levels, self.room, best.frames, self.followed, _EXCHANGES)
-            found += [end for end in map(descent.free, starts) if end is not None]
-            last, best = best, max(found, key=lambda end: end.level)
-            if best.level < last.level + _AS_GOOD:
-                break
-        return found[1:]
 
     def _of_number(self, count: int) -> list[End | None]:
         """Ends of descents of so many frames."""
@@ -268,8 +258,8 @@ class Search(NamedTuple):
         order += sorted(found, key=lambda kind: -found[kind].level)
         draw, descent = np.random.default_rng(count), Descent(self.levels, self.room, shape)
         starts = [found[kind].frames for kind in [*dict.fromkeys(order)][:_STARTS]]
-        if self.followed:
-            starts.append(one_by_one(self.levels, self.room, shape, self.followed))
+        if followed := self.followed(count):
+            starts.append(one_by_one(self.levels, self.room, shape, followed))
         return [*tied, *(descent.free(shaken(x, draw, self.room, 0.01)) for x in starts)]
 
 
@@ -290,20 +280,17 @@ def one_by_one(levels: Levels, room: Room, shape: Shape, followed: tuple[float, 
     return Frames(exposure, every.velocity[chosen], gap, every.place[chosen], every.pan)
 
 
-def exchanged(
-    levels: Levels, room: Room, best: Frames, followed: tuple[float, ...], times: int
-) -> list[Frames]:
+def changed(levels: Levels, room: Room, followed: tuple[float, ...], best: Frames) -> list[Frames]:
     """Frames of which one follows another thing: those by which a level would gain most."""
     own, pieces = levels.gained(best), best.velocity.shape[1] - 1
-    whole, tries = np.sum(own, axis=0), []
+    whole, tries, found = np.sum(own, axis=0), [], []
     for frame, length in enumerate(best.exposure):
         every = _following(room, pieces, followed, float(length))
         for thing, gain in enumerate(levels.gained(every)):
             near = np.ptp([*best.velocity[frame].ravel(), followed[thing]]) < 0.02 * room.speed
             left = np.inf if near else np.sum(levels.weight / (1 + whole - own[frame] + gain))
             tries.append((float(left), frame, thing, every))
-    found = []
-    for _, frame, thing, every in sorted(tries, key=lambda each: each[0])[:times]:
+    for _, frame, thing, every in sorted(tries, key=lambda each: each[0])[:_EXCHANGES]:
         exposure, velocity = best.exposure.copy(), best.velocity.copy()
         exposure[frame], velocity[frame] = every.exposure[thing], every.velocity[thing]
         found.append(best._replace(exposure=exposure, velocity=velocity))
@@ -320,16 +307,31 @@ def _following(room: Room, pieces: int, followed: tuple[float, ...], longest: fl
     return Frames(exposure, each, exposure[1:], place, np.zeros(1))
 
 
-def again(levels: Levels, room: Room, best: End, times: int = _RESTARTS) -> list[End]:
-    """Ends of free descents from near the best, each from the best so far."""
-    count, ends, axes = best.frames.velocity.shape
-    descent, draw = Descent(levels, room, Shape(count, ends - 1, axes)), np.random.default_rng(1)
+def again(
+    levels: Levels,
+    room: Room,
+    best: End,
+    starts: Callable[[Frames], list[Frames]],
+    times: int = _ROUNDS,
+    least: float = 0.0,
+) -> list[End]:
+    """Ends of free descents from starts near the best, while that gains so many dB each time."""
     found = [best]
     for _ in range(times):
-        top = max(found, key=lambda end: end.level)
-        end = descent.free(shaken(top.frames, draw, room, 0.05, 0.1))
-        found += [] if end is None else [end]
+        for start in starts(best.frames):
+            count, ends, axes = start.velocity.shape
+            end = Descent(levels, room, Shape(count, ends - 1, axes)).free(start)
+            found += [] if end is None else [end]
+        last, best = best, max(found, key=lambda end: end.level)
+        if best.level < last.level + least:
+            break
     return found[1:]
+
+
+def near(room: Room) -> Callable[[Frames], list[Frames]]:
+    """Starts of other velocities and exposures than those of some frames, drawn at random."""
+    draw = np.random.default_rng(1)
+    return lambda frames: [shaken(frames, draw, room, 0.05, 0.1)]
 
 
 def shaken(

@@ -91,9 +91,15 @@ def best_moving_burst(
         every = (Tie(kind, room, shape, *ends) for kind in kinds)
         return [tie for tie in every if tie.exists]
 
-    # A frame may follow one thing of a few; a range has none to follow.
     speeds = np.unique([*np.asarray(in_parts(scene).speeds, np.float64), 0.0])
-    followed = () if is_range(np.asarray(in_parts(scene).speeds)) else tuple(speeds.tolist())
+    stands_for_more = is_range(np.asarray(in_parts(scene).speeds))
+
+    def followed(count: int) -> tuple[float, ...]:
+        # One of a few frames follows a thing of a list, but serves all of a range. On a sensor
+        # frames that each follow another lose more than they gain.
+        serves_all = _pieces(count) > 1 or _is_judged_on_sensor(scene)
+        return () if stands_for_more and serves_all else tuple(speeds.tolist())
+
     levels, is_free = Levels.on_axis(scene), limits.max_jerk is None
     search = Search(levels, room, ties, _pieces, followed, is_free)
     ends = (_Found.of(scene, end) for end in search.ends(counts, progress))
@@ -147,9 +153,14 @@ def _spared(scene: Scene, frames: Frames) -> Frames:
     return turned if shares[1] < shares[0] else frames
 
 
+def _is_judged_on_sensor(scene: Scene) -> bool:
+    """Whether borders or rows decide between frames that are as good on an endless sensor."""
+    return scene.registered_width is not None or scene.sensor.is_rolling
+
+
 def _chosen(scene: Scene, found: list[_Found]) -> Exposures:
     """The simplest frames of those that are as good as the best on the scene's sensor."""
-    if scene.registered_width is not None or scene.sensor.is_rolling:
+    if _is_judged_on_sensor(scene):
         # Frames that are as good without an end differ by some decibels on a narrow sensor.
         found = sorted(found, key=lambda each: -each.level)[:_ON_SENSOR]
         losses = (_loss(scene, each.sequence) for each in found)

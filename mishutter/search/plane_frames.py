@@ -29,6 +29,7 @@ from mishutter.search.frame_search import (
     End,
     again,
     best_of,
+    near,
     shaken,
     within,
 )
@@ -278,7 +279,7 @@ class _Stage(NamedTuple):
         if best is None:
             return []
         progress(0.9)
-        return [best, *again(self.levels, self.room, best, times=1)]
+        return [best, *again(self.levels, self.room, best, near(self.room), times=1)]
 
     def made(self, frames: Frames) -> FramePath:
         """The frames and the path of the sensor through them, in the plane."""

@@ -528,22 +528,33 @@ def test_moving_is_never_worse_than_stills(slug):
 
 
 @pytest.mark.parametrize(
-    ("speeds", "weights", "rate", "light", "stage", "level"),
+    ("speeds", "weights", "rate", "number", "light", "stage", "level"),
     [
         # More frames for the commoner thing: a fan of even steps ends at 37.7 dB.
-        ((-1490, 1560), (0.69, 0.31), 20.7, (3.4e4, 6.0), (43.7, 2900, 9.6e6), 39.2),
+        ((-1490, 1560), (0.69, 0.31), 20.7, 6, (3.4e4, 6.0), (43.7, 2900, 9.6e6), 39.2),
         # Five things of unequal shares: without an exchange of one, 42.3 dB.
         (
             (-1310, 178, 263, 905, 1200),
             (1, 20, 46, 28, 5),
             25.0,
+            6,
             (2e5, 5.0),
             (27.7, 3300, 2e7),
             42.6,
         ),
+        # A range: swings alone end at 39.9 dB.
+        (
+            np.linspace(-3005, 3005, 9),
+            (1,) * 9,
+            143.0,
+            12,
+            (5.1e5, 3.3),
+            (34.6, 6988, 7.1e7),
+            40.05,
+        ),
     ],
 )
-def test_each_frame_may_follow_another_thing(speeds, weights, rate, light, stage, level):
+def test_each_frame_may_follow_another_thing(speeds, weights, rate, number, light, stage, level):
     stroke, top, acceleration = stage
     limits = Limits(
         max_stroke=stroke,
@@ -559,7 +570,7 @@ def test_each_frame_may_follow_another_thing(speeds, weights, rate, light, stage
         photon_rate=light[0],
         read_noise=light[1],
         limits=limits,
-        burst=BurstMode(frames_per_s=rate, max_frames=6, window=6.5 / rate),
+        burst=BurstMode(frames_per_s=rate, max_frames=number, window=(number + 0.5) / rate),
     )
     assert best_moving_burst(scene).psnr > level
 
