@@ -19,7 +19,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import PchipInterpolator
-from scipy.optimize import brentq, minimize, minimize_scalar
+from scipy.optimize import minimize, minimize_scalar, root_scalar
 from support.burst_levels import (
     FrameGroup,
     burst_psnr,
@@ -160,8 +160,10 @@ def rate_that_equals(stills: StillBursts, psnr: float) -> float | None:
     def above(rate: float) -> float:
         return stills.best(rate).psnr - psnr
 
-    ends = 1.0, 1e4
-    return brentq(above, *ends, rtol=1e-9) if above(ends[0]) < 0 <= above(ends[1]) else None
+    least, most = 1.0, 1e4
+    if above(least) >= 0 or above(most) < 0:
+        return None
+    return float(root_scalar(above, bracket=(least, most), rtol=1e-9).root)
 
 
 def alternating(count: int, period: float, half: float, speed: float) -> FrameGroup:
