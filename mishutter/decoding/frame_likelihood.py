@@ -10,13 +10,12 @@ Along one axis velocities have one component, and each row is a picture of its o
 
 import math
 from functools import reduce
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
-from mishutter.blur.waves import waves_in_plane, waves_on_dft
-from mishutter.camera.plane_frames import aperture_on, frequencies_on
+from mishutter.camera.plane_frames import aperture_on
 from mishutter.camera.rows import fast_length
 from mishutter.decoding.decoders.base import density_of, power_at
 from mishutter.decoding.decoders.linear import LEAST_POWER, mean_over_dft
@@ -35,7 +34,7 @@ from mishutter.decoding.likeliest import (
     likeliest,
     volume_of,
 )
-from mishutter.decoding.rolling import GLOBAL, RowsInTurn, RowTimes, binned_along
+from mishutter.decoding.rolling import GLOBAL, SHARE, RowsInTurn, RowTimes, binned_along, waves_of
 from mishutter.evaluation.fans import picture_power_on
 from mishutter.evaluation.instants import Instants
 from mishutter.model.exposures import path_for_rows
@@ -77,19 +76,6 @@ class Prior(NamedTuple):
         passed = reduce(np.multiply, (np.sinc(size * f) for f in each)) ** 2
         fine = reduce(np.maximum, map(np.abs, each)) > 0.5 / size
         return float(mean_over_dft(self.on(shape) * passed * fine, *shape))
-
-
-def waves_of(
-    instants: Instants, velocities: Float[np.ndarray, "s axes"], shape: tuple[int, ...]
-) -> Complex[np.ndarray, "n s *k"]:
-    """Responses of open pixels at some velocities, displacements included, on the grid of a DFT."""
-    time, weight = instants.time[:, None], instants.weight[:, None]
-    displaced = instants.place[:, :, None] - velocities.T[:, None, :, None] * time
-    if len(shape) == 1:
-        each = zip(displaced[0], weight, strict=True)
-        return np.stack([waves_on_dft(x, w, *shape, shape[0] // 2 + 1) for x, w in each])
-    each = zip(np.moveaxis(displaced, 1, 0), weight, strict=True)
-    return np.stack([waves_in_plane(x, w, frequencies_on(shape)) for x, w in each])
 
 
 def times_of(taken: Frames) -> Float[np.ndarray, "n"]:
@@ -189,22 +175,23 @@ class Own(NamedTuple):
         return 2 if isinstance(self.taken, FramePath) else 1
 
     def level(
-        self, velocities: Float[np.ndarray, "s axes"], size: int = 1, part: slice = slice(None)
+        self,
+        velocities: Float[np.ndarray, "s axes"],
+        size: int = 1,
+        part: slice = slice(None),
+        *,
+        share: float = SHARE,
     ) -> Level:
         """The frames or some of them, binned, on a canvas for some velocities."""
-        fastest, num_axes, rows = (
-            float(np.max(np.linalg.norm(velocities, axis=1))),
-            self.num_axes,
-            None,
-        )
-        path: Any = self.taken
-        if self.times.is_rolling:
-            path = path_for_rows(self.prior.scene, self.taken)
-        instants = Instants.of(path, fastest, size=size)
+        fastest = float(np.max(np.linalg.norm(velocities, axis=1)))
+        num_axes, rows = self.num_axes, None
+        instants = Instants.of(self.taken, fastest, size=size)
         instants = instants if part == slice(None) else instants.part(part)
         ends = [instants]
         if self.times.is_rolling:
-            rows = RowsInTurn(path, instants, part.start or 0, self.times, size)
+            path = path_for_rows(self.prior.scene, self.taken)
+            first = part.start or 0
+            rows = RowsInTurn(path, instants, first, self.times, size, velocities, share)
             ends += [rows.at(delay) for delay in rows.delays[[0, -1]].tolist()]
         binned = self.frames[part]
         for axis in range(-num_axes, 0):

@@ -38,7 +38,7 @@ from mishutter.decoding.frame_likelihood import (
     peak_near,
 )
 from mishutter.decoding.likeliest import TOLERANCE, Fit, fit_of, follows, noises_of
-from mishutter.decoding.rolling import GLOBAL, RowTimes, binned_along
+from mishutter.decoding.rolling import GLOBAL, ROUGH_SHARE, RowTimes, binned_along
 from mishutter.model.scene import Scene, require_velocities
 from mishutter.model.sensor import Sensor
 from mishutter.model.sequences import Frames, PlaneFrames
@@ -440,7 +440,8 @@ def _searched(own: Own, law: _Speeds | AbstractVelocities) -> _Search:
         tops = np.array([some[k] for some, k in zip(near, np.argmax(each, axis=1), strict=True)])
         peaks = _peaks(tops, np.max(each, axis=1), _REACH * step)
     beside = _beside(2.0, own.num_axes)
-    level = own.level(np.concatenate([peak + step * beside for peak in peaks]), size)
+    near = np.concatenate([peak + step * beside for peak in peaks])
+    level = own.level(near, size, share=ROUGH_SHARE)
     ends = [_top(level, peak, step) for peak in peaks]
     best = max(ends, key=lambda end: end.value(level))
     # Peaks may be narrower than a step.
@@ -464,7 +465,7 @@ def _values(
     last, values = len(own.frames) - count, np.zeros((len(velocities), 1))
     for first in sorted({*range(0, last, max(count // 2, 1)), last}):
         part = slice(None) if last == 0 else slice(first, first + count)
-        each = own.level(velocities, size, part).logarithms(velocities)
+        each = own.level(velocities, size, part, share=ROUGH_SHARE).logarithms(velocities)
         values = values + each.reshape(len(velocities), -1)
     return values
 

@@ -3,8 +3,8 @@ r"""Frames of a rolling shutter, whose rows are exposed one after another.
 Row $y$ sees everything $d_y$ later than the middle row: at a velocity it has the response
 $A_k(\mathbf f; d_y)$ of its own. The mean way of a thing up to each row is a phase; what is left of
 $A_k$ changes with the sensor's own way alone, slowly with $d$, and is a sum of its values at few
-delays. Their weights are those of least squares over pictures of the power $S$ and over all times
-of the exposure, so that they are the same for all velocities.
+delays. Their weights are those of least squares over pictures of the power $S$ at some velocities,
+and then the same for all.
 
 Where rows are read across the motion of an axis, each is a picture of its own, and nothing else
 changes. Where things may move along the readout, a frame at $y$ is
@@ -15,13 +15,15 @@ DFT.
 
 import math
 from collections.abc import Callable
-from functools import cached_property, lru_cache, reduce
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple, final
 
 import numpy as np
 import scipy.fft
 from jaxtyping import Complex, Float
 
+from mishutter.blur.waves import waves_in_plane, waves_on_dft
+from mishutter.camera.plane_frames import frequencies_on
 from mishutter.camera.rows import counted_in, fast_length, irfftn, rfftn
 from mishutter.decoding.likeliest import AbstractRolledFrame, Canvas, frequencies_along
 from mishutter.evaluation.instants import Instants
@@ -32,12 +34,25 @@ _WIDTH, _FINER = 8, 1.5
 """Points of the fine grid that a place between pixels is interpolated from, and how fine it is."""
 _MOST_TRIED = 49
 """Most delays at which responses are compared."""
-_TIMES, _GRIDS = 16, ((512,), (64, 64))
-"""Times of an exposure, and frequencies along each axis, at which they are compared."""
-_SHARE = 0.03
-"""Share of the noise that may be left by a sum over few delays."""
+_SOME, _GRIDS = 4, ((512,), (64, 64))
+"""Velocities, and frequencies along each axis, at which they are compared."""
+SHARE, ROUGH_SHARE = 0.03, 0.5
+"""Shares of the noise that a sum over few delays may leave, in pictures and in a search."""
 Waves = Callable[[Instants, Float[np.ndarray, "s axes"]], Complex[np.ndarray, "n s *k"]]
 """The responses of exposures at some velocities."""
+
+
+def waves_of(
+    instants: Instants, velocities: Float[np.ndarray, "s axes"], shape: tuple[int, ...]
+) -> Complex[np.ndarray, "n s *k"]:
+    """Responses of open pixels at some velocities, displacements included, on the grid of a DFT."""
+    time, weight = instants.time[:, None], instants.weight[:, None]
+    displaced = instants.place[:, :, None] - velocities.T[:, None, :, None] * time
+    if len(shape) == 1:
+        each = zip(displaced[0], weight, strict=True)
+        return np.stack([waves_on_dft(x, w, *shape, shape[0] // 2 + 1) for x, w in each])
+    each = zip(np.moveaxis(displaced, 1, 0), weight, strict=True)
+    return np.stack([waves_in_plane(x, w, frequencies_on(shape)) for x, w in each])
 
 
 class RowTimes(NamedTuple):
@@ -85,9 +100,13 @@ class RowsInTurn:
         first: int,  # Number of the first of these frames
         times: RowTimes,
         size: int,  # Pixels of the sensor along a side of these
+        velocities: Float[np.ndarray, "s axes"],  # That are looked at; px/s of the sensor
+        share: float,  # Of the noise, which a sum over few delays may leave
     ):
         """Takes the instants of some frames of a path, from one on."""
-        self.path, self.instants, self._size = path, instants, size
+        some = np.unique(np.linspace(0, len(velocities) - 1, _SOME).astype(int))
+        self._velocities = velocities[some] / size
+        self.path, self.instants, self._size, self._share = path, instants, size, share
         self.is_along = times.is_along
         self.delays = binned_along(times.delays, 0, size) if self.is_along else times.delays
         self._times = np.sum(instants.time * instants.weight, axis=1)
@@ -139,10 +158,7 @@ class RowsInTurn:
         if self._few is None:
             self._few = self._found(canvas)
         few, weights = self._few
-        times = self.instants.time - self._times[:, None]
-        still = [
-            one._replace(time=times, place=one.place - _mean_place(one)[..., None]) for one in few
-        ]
+        still = [self._still(one) for one in few]
         kernels = [waves(one, velocities) for one in still]
         lasts = self._times[:, None] + self.delays
         if by_time:  # from the middle of each exposure, and from that of all to it
@@ -158,6 +174,11 @@ class RowsInTurn:
             [weight @ kernel * np.exp(way[0][..., None] * turns) for kernel, weight, way in each]
         )
 
+    def _still(self, one: Instants) -> Instants:
+        """The instants of a row without its mean way."""
+        times = self.instants.time - self._times[:, None]
+        return one._replace(time=times, place=one.place - _mean_place(one)[..., None])
+
     def _found(self, canvas: Canvas) -> tuple[list[Instants], Float[np.ndarray, "n rows f"]]:
         """Instants of a few delays, and the weights by which their responses give those of rows."""
         from scipy.interpolate import CubicSpline
@@ -169,19 +190,12 @@ class RowsInTurn:
             return [self.instants], np.ones((count, delays.size, 1))
         tried = np.linspace(low, high, min(2 * math.ceil(way) + 3, _MOST_TRIED))
         there = [self.at(each) for each in tried.tolist()]
-        nodes = np.linspace(0, self.instants.time.shape[1] - 1, _TIMES).astype(int)
-        places = np.stack([one.place - _mean_place(one)[..., None] for one in there], axis=2)
-        places = places[..., nodes].astype(np.float32)
         grid = tuple(map(min, _GRIDS[len(canvas.shape) - 1], canvas.shape))
-        frequencies = frequencies_along(grid)
-        waves = [
-            np.exp(np.multiply.outer(place, (-2j * np.pi * f).astype(np.complex64)))
-            for place, f in zip(places, frequencies, strict=True)
-        ]
-        power = np.sqrt(_on_grid(canvas.power, grid) / nodes.size).astype(np.float32)
-        flat = (reduce(np.multiply, waves) * power).reshape(count, tried.size, -1)
+        power = np.sqrt(_on_grid(canvas.power, grid) / len(self._velocities)).astype(np.float32)
+        every = [waves_of(self._still(one), self._velocities, grid) * power for one in there]
+        flat = np.stack(every, axis=1).reshape(count, tried.size, -1)
         products = np.real(flat.conj() @ np.swapaxes(flat, 1, 2)).astype(np.float64)
-        index, weights = _few_delays(products, _SHARE * canvas.noises)
+        index, weights = _few_delays(products, self._share * canvas.noises)
         return [there[k] for k in index], CubicSpline(tried, np.moveaxis(weights, 2, 0))(
             delays
         ).transpose(1, 0, 2)
