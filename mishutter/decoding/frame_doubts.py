@@ -88,9 +88,11 @@ def doubt_of_rows(
 ) -> str:
     """The doubt of so many pixels that rows which are exposed in turn explain better.
 
-    The likelihood of some readout leads; longer ones are tried as long as they are better.
+    The likelihood of some readout leads, by a quarter of what is above 1 at least; longer ones are
+    tried as long as they are better.
     """
-    best, least = None, misfit - 2 * _LEAD * max(misfit, 1.0) / count
+    lead, share = 2 * _LEAD * max(misfit, 1.0) / count, 0.25 * (misfit - 1)
+    best, least = None, misfit - max(lead, share)
     for share in (0.25, 0.5, 1.0):
         tried = [replace(sensor, readout=share * exposure, rows_read=way) for way in ("down", "up")]
         misfits = [misfit_by(each) for each in tried]

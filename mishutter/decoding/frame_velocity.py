@@ -220,21 +220,24 @@ class _Burst(NamedTuple):
         self, evidence: Evidence, velocity: Float[np.ndarray, "axes"], size: int, error: float
     ) -> str:
         """Why a velocity with an error, px/s, is not trusted."""
-        own, misfit = self.own, evidence.compared.misfit
+        own = self.own
         words = (_TOLD if evidence.is_only else _FOUND)[own.num_axes - 1]
         doubt = evidence.doubt(error * own.duration, words)
         stays = isinstance(own.taken, PlaneFrames) and own.taken.stays
-        if doubt or own.times.is_rolling or stays or len(own.frames) == 1 or misfit < ROLLS_ABOVE:
+        if doubt or own.times.is_rolling or stays or len(own.frames) == 1:
             return doubt
+        if evidence.compared.misfit < ROLLS_ABOVE:
+            return ""
 
         def misfit_by(sensor: Sensor) -> float:
-            """The misfit of rows that are read one after another."""
+            """The misfit of a picture at its end, by rows that are read one after another."""
             times = RowTimes.of(sensor, self.shape, in_plane=own.num_axes > 1).of_rows(self.some)
             scene = replace(own.prior.scene, sensor=sensor)
             rolling = own._replace(times=times, prior=own.prior._replace(scene=scene))
             level = rolling.level(velocity[None], size)
-            return level.fit(velocity, self.mean, self.tolerance).misfit
+            return level.fit(velocity, self.mean).misfit
 
+        misfit = own.level(velocity[None], size).fit(velocity, self.mean).misfit
         longest = float(np.max(exposures_of(own.taken)))
         count = own.frames.size // size**own.num_axes
         return doubt_of_rows(own.prior.scene.sensor, longest, misfit, count, misfit_by)
