@@ -194,7 +194,7 @@ class _Burst(NamedTuple):
 
     @property
     def searched(self) -> Own:
-        """What is looked at first: of rows the one of most detail in each of some bands."""
+        """Frames that are looked at first: of rows the one of most detail in each of some bands."""
         if self.own.num_axes > 1:
             return self.own
         detail = np.sum(np.diff(self.own.frames, axis=-1) ** 2, axis=(0, 2))

@@ -483,7 +483,10 @@ def _objects_words(scene: Scene, exposures: Exposures) -> str:
             "detail like theirs (before one that is dark and empty say [objects])"
         )
     if scene.objects is not None:
-        return f"objects at least {float(scene.objects.width):,.4g} px wide, each registered"
+        alone = sum(exposures.rests) < 2 and exposures.num_frames > 1
+        region = " in a picture of its own (several in one need frames at rest: max_stroke_px = 0)"
+        width = f"{float(scene.objects.width):,.4g} px wide"
+        return f"objects at least {width}, each registered{region if alone else ''}"
     way = math.ceil(float(scene.max_speed) * exposures.duration)
     other = ", or [occlusion] before a background" if scene.velocities is None else ""
     return (

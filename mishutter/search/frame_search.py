@@ -312,6 +312,7 @@ def again(
     room: Room,
     best: End,
     starts: Callable[[Frames], list[Frames]],
+    *,
     times: int = _ROUNDS,
     least: float = 0.0,
 ) -> list[End]:

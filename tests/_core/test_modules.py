@@ -60,7 +60,8 @@ MODULES = sorted(
 def test_every_public_module_answers_so(name):
     """A class that is added takes part, and its signature stays what `help` shows."""
     kind = getattr(mishutter, name)
-    with pytest.raises(TypeError, match=re.escape(f"`{name}` has no argument `nothing_like_it`")):
+    told = f"`{kind.__name__}` has no argument `nothing_like_it`"  # Some have a name of before
+    with pytest.raises(TypeError, match=re.escape(told)):
         kind(nothing_like_it=3)
     assert all(
         each.kind is not each.VAR_KEYWORD for each in inspect.signature(kind).parameters.values()

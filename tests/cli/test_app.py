@@ -227,7 +227,7 @@ def test_no_folder_is_made_for_what_cannot_be_read(command, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("place", "arguments", "told"),
     [
-        ("search.search.optimise", ["optimise"], "the same command starts again"),
+        ("search.sequences.shown_bursts", ["optimise"], "the same command starts again"),
         ("report.comparison.compare", ["compare"], "the same command starts again"),
         (
             "decoding.simulation.capture_and_restore",

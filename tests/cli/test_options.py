@@ -25,6 +25,7 @@ import mishutter as ms
 from mishutter import cli
 from mishutter.cli.app import app
 from mishutter.design.design import given_design
+from mishutter.model.shutters.kinds import baselines
 
 
 class ReachedError(Exception):
@@ -127,7 +128,7 @@ OPTIONS = {
         ("--log", Named(SWEEP, "accelerations"), [1e4, 2e4, 4e4], "--acceleration 1e4:4e4:3"),
         ("--optimise", Named(SWEEP, "optimise"), True),
         (LOSS[0], Named(SWEEP, LOSS[1]), LOSS[2], "--optimise"),
-        ("--shutter tukey:0.3", Named(SWEEP, "shutters"), ["tukey:0.3"]),
+        ("--shutter tukey:0.3", Named(SWEEP, "shutters"), [*baselines(), "tukey:0.3"]),
         ("--coefficients 7", Named(SWEEP, "num_coefficients"), 7),
         ("--store map.zarr", Named(SWEEP, "store"), "map.zarr"),
         ("--scheduler 127.0.0.1:8786", Named(SWEEP, "scheduler"), "127.0.0.1:8786"),

@@ -175,7 +175,8 @@ def test_the_error_of_a_velocity_in_dim_light_is_its_scatter():
 
 def test_runs_begin_at_the_border_too():
     """Four along rows and seven down the columns, of nine pixels in two pictures."""
-    masks = [np.array([[1, 1, 0, 1], [0, 1, 1, 1]], bool), np.array([[1, 1, 1, 0]], bool)]
+    of_both = [[1, 1, 0, 1], [0, 1, 1, 1]], [[1, 1, 1, 0], [0, 0, 0, 0]]
+    masks = [np.array(pixels, bool) for pixels in of_both]
     assert motion_module._run(masks, 1) == pytest.approx(9 / 4)
     assert motion_module._run(masks, 0) == pytest.approx(9 / 7)
     assert motion_module._run([np.zeros((2, 3), bool)], 1) == 0

@@ -546,6 +546,16 @@ def test_points_leave_what_has_a_width():
     assert points_that_leave(Scene([900.0], **light, sensor=Sensor(width=90.0)), 0.049) == ""
 
 
+@pytest.mark.parametrize(("moving", "rests"), [(3, 0), (3, 1), (3, 2)])
+def test_an_answer_says_where_several_objects_are_not_told_apart(moving, rests):
+    """Unless two frames or more are at rest."""
+    scene = replace(BURST, objects=Objects(width=61.0))
+    said = answer(OF_FRAMES, scene=scene, kind=SWEEP, moving=moving, rests=rests).verdict
+    said = said.replace("\n", " ")
+    alone = " in a picture of its own (several in one need frames at rest: max_stroke_px = 0)"
+    assert f"objects at least 61 px wide, each registered{alone if rests < 2 else ''};" in said
+
+
 @pytest.mark.parametrize(("number", "slowest"), [(25, 500.0), (24, 500.0), (25, -500.0)])
 def test_an_answer_says_where_its_frames_were_searched_on_simple_ways(number, slowest):
     """More than 24 frames of things that move one way."""

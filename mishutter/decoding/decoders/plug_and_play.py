@@ -17,7 +17,7 @@ Denoiser = Callable[[np.ndarray, float], np.ndarray]
 
 
 class Misfit(NamedTuple):
-    """What captures tell of a picture, on the grid of a DFT."""
+    """Data of captures about a picture, on the grid of a DFT."""
 
     data: Complex[np.ndarray, "*k"]  # The adjoint of the capture over its noise
     density: Float[np.ndarray, "*k"]  # Signal by noise
