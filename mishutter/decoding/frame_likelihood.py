@@ -191,7 +191,9 @@ class Own(NamedTuple):
         if self.times.is_rolling:
             path = path_for_rows(self.prior.scene, self.taken)
             first = part.start or 0
-            rows = RowsInTurn(path, instants, first, self.times, size, velocities, share)
+            rows = RowsInTurn(
+                path, instants, first, self.times, size=size, velocities=velocities, share=share
+            )
             ends += [rows.at(delay) for delay in rows.delays[[0, -1]].tolist()]
         binned = self.frames[part]
         for axis in range(-num_axes, 0):

@@ -99,6 +99,7 @@ class RowsInTurn:
         instants: Instants,  # Of the middle row
         first: int,  # Number of the first of these frames
         times: RowTimes,
+        *,
         size: int,  # Pixels of the sensor along a side of these
         velocities: Float[np.ndarray, "s axes"],  # That are looked at; px/s of the sensor
         share: float,  # Of the noise, which a sum over few delays may leave
