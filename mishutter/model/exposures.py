@@ -143,14 +143,20 @@ class Exposures:
     @property
     def num_axes(self) -> int:
         """Axes of the stage that exposures in the plane need; 0 at rest."""
-        if self.path is None or of_stage(self.path, self._turning).stays:
+        driven = self._driven
+        if driven is None or driven.stays:
             return 0
-        sizes = np.linalg.svd(of_stage(self.path, self._turning).velocities, compute_uv=False)
+        sizes = np.linalg.svd(driven.velocities, compute_uv=False)
         return 1 if sizes[1] <= SINGLE * sizes[0] else 2
 
     @property
     def _turning(self) -> Float[np.ndarray, "axes"]:
         return np.atleast_1d(self.pan)
+
+    @property
+    def _driven(self) -> FramePath | None:
+        """The path of the stage in the plane, beside a camera that turns; None along an axis."""
+        return None if self.path is None else of_stage(self.path, self._turning)
 
     @property
     def times(self) -> list[float]:
@@ -205,13 +211,12 @@ class Exposures:
             scene: The scene whose limits the stage has.
         """
         require_scene(scene, in_plane=True)
-        limits = scene.limits
-        if self.path is None:
+        limits, driven = scene.limits, self._driven
+        if driven is None:
             require_one_axis(scene)
             path = self.stage_path_within(limits)
             return {} if path is None else {"": path}
-        paths = of_stage(self.path, self._turning).stage_paths(limits)
-        return dict(zip(self.axes, paths, strict=False))
+        return dict(zip(self.axes, driven.stage_paths(limits), strict=False))
 
     @property
     def num_frames(self) -> int:
@@ -305,8 +310,8 @@ class Exposures:
         Args:
             limits: Those of the stage.
         """
-        if self.path is not None:
-            return of_stage(self.path, self._turning).use(limits)
+        if (driven := self._driven) is not None:
+            return driven.use(limits)
         path = self.stage_path_within(limits)
         return self._knots(None, None).use if path is None else path.use
 
@@ -317,9 +322,9 @@ class Exposures:
             limits: Those of the stage.
         """
         use = self.use_within(limits)
-        acceleration = use.acceleration
-        if self.path is not None:  # but for run-ups, which take all that there is
-            acceleration = of_stage(self.path, self._turning).acceleration(limits)
+        driven, acceleration = self._driven, use.acceleration
+        if driven is not None:  # but for run-ups, which take all that there is
+            acceleration = driven.acceleration(limits)
         pairs = (
             (use.stroke, limits.max_stroke),
             # What the camera turns by is no longer the stage's.

@@ -122,7 +122,11 @@ class Levels(NamedTuple):
 
     def errors(self, frames: Frames) -> Float[np.ndarray, "m l"]:
         """Error that is left at each frequency by each velocity; white = 1."""
-        return self.weight / (1 + np.sum(self.gained(frames), axis=0))
+        return self.left(np.sum(self.gained(frames), axis=0))
+
+    def left(self, gained: Float[np.ndarray, "m l"]) -> Float[np.ndarray, "m l"]:
+        """The same by the ratio of signal to noise that all frames add."""
+        return self.weight / (1 + gained)
 
     def gained(self, frames: Frames) -> Float[np.ndarray, "n m l"]:
         """Ratio of signal to noise that each frame adds at each frequency for each velocity."""
@@ -134,7 +138,7 @@ class Levels(NamedTuple):
         """The same of frames by their instants, on any path."""
         gain = np.asarray(self.light.gains(instants.exposure))
         gained = np.tensordot(gain, np.abs(self._waves_at(instants)) ** 2, 1)
-        return self.weight / (1 + self.signal[:, None] * gained)
+        return self.left(self.signal[:, None] * gained)
 
     def lost_untold(self, told: Instants, seen: Instants) -> float:
         """Decibels that a decoder loses which takes frames for others, and finds their place.

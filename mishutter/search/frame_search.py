@@ -268,9 +268,10 @@ def one_by_one(levels: Levels, room: Room, shape: Shape, followed: tuple[float, 
     count, times = shape.number, room.times
     most = min(times.longest, max(times.window / count - times.dead_time, times.shortest))
     every = _following(room, shape.pieces, followed, most)
-    gains, gained, chosen = levels.gained(every), 0.0, []
+    gains, chosen = levels.gained(every), []
+    gained = np.zeros_like(gains[0])
     for _ in range(count):
-        left = [np.sum(levels.weight / (1 + gained + gain)) for gain in gains]
+        left = [np.sum(levels.left(gained + gain)) for gain in gains]
         chosen.append(int(np.argmin(left)))
         gained = gained + gains[chosen[-1]]
     # Neighbours go the same way, so that the stage flies back least.
@@ -288,7 +289,7 @@ def changed(levels: Levels, room: Room, followed: tuple[float, ...], best: Frame
         every = _following(room, pieces, followed, float(length))
         for thing, gain in enumerate(levels.gained(every)):
             near = np.ptp([*best.velocity[frame].ravel(), followed[thing]]) < 0.02 * room.speed
-            left = np.inf if near else np.sum(levels.weight / (1 + whole - own[frame] + gain))
+            left = np.inf if near else np.sum(levels.left(whole - own[frame] + gain))
             tries.append((float(left), frame, thing, every))
     for _, frame, thing, every in sorted(tries, key=lambda each: each[0])[:_EXCHANGES]:
         exposure, velocity = best.exposure.copy(), best.velocity.copy()

@@ -222,13 +222,14 @@ def levels_of(scene: Scene, frames: Sequence[TimedFrame]) -> tuple[float, float]
     """The level of frames in the mean over the scene's speeds and at the worst of them; dB."""
     ends = [np.asarray(frame.motion.end_velocities, np.float64) for frame in frames]
     exposure = np.array([frame.exposure for frame in frames])
-    levels, gained = Levels.on_axis(scene, literal=True), 0.0
+    levels, gained = Levels.on_axis(scene, literal=True), []
     for pieces in {each.size for each in ends}:
         alike = [k for k, each in enumerate(ends) if each.size == pieces]
         velocity, none = np.array([ends[k] for k in alike])[..., None], np.zeros((len(alike), 1))
         part = Frames(exposure[alike], velocity, exposure[alike[1:]], none, np.zeros(1))
-        gained = gained + levels.weight / np.maximum(levels.errors(part), np.finfo(float).tiny) - 1
-    return _mean_and_worst(levels, np.sum(levels.weight / (1 + gained), axis=0))
+        gained += [*levels.gained(part)]
+    left = levels.left(np.sum(gained, axis=0))
+    return _mean_and_worst(levels, np.sum(left, axis=0))
 
 
 def _mean_and_worst(levels: Levels, by_speed: Float[np.ndarray, "l"]) -> tuple[float, float]:

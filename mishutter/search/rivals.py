@@ -298,9 +298,8 @@ def _bursts(search: RivalSearch) -> list[Row]:
     if not (is_told or FrameTimes.of(scene, burst).holds_several):
         return []
     still, *moving = search.bursts()
-    if (
-        moving and is_told and not search.frames_alone
-    ):  # a burst may be no more than one exposure of an open shutter
+    # A burst may be no more than one exposure of an open shutter.
+    if moving and is_told and not search.frames_alone:
         design = search.open_on_parabola()
         levels = design.metrics.known_speed_psnr, design.metrics.worst_known_speed_psnr
         limits = design.scene.limits
