@@ -281,7 +281,7 @@ def sharpen(arrangement: Arrangement) -> None:
 
 
 class _Layer(NamedTuple):
-    """What a layer shows along a thing."""
+    """Light of a layer along a thing."""
 
     light: np.ndarray
     doubt: np.ndarray  # Squared error of it, that all frames share
