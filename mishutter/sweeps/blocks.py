@@ -26,7 +26,7 @@ from mishutter.sweeps.grid import MARKS, REASONS, Block, Grid, Search, outside_l
 
 Arrays = dict[str, np.ndarray]
 Found = Callable[[Block, float], None]
-"""What is called with a block and the share of its work that is done."""
+"""A function that is called with a block and the share of its work that is done."""
 
 
 class PreparedShutter(NamedTuple):
