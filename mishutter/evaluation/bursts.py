@@ -118,6 +118,8 @@ class StillBursts:
 
         Of frames at no times nothing is hidden.
         """
+        if num_frames == 1 and self._frames.one_is_untold:
+            return self._frames.error_untold(exposure)
         return self._error([(num_frames, exposure)], times, at_worst=self._at_worst)
 
     def _error(

@@ -85,6 +85,24 @@ class OpenFrames:
         behind = np.abs(speeds) == np.min(np.abs(speeds))
         return float(np.max(each + hidden * behind / np.where(behind, weights, 1.0)))
 
+    @property
+    def one_is_untold(self) -> bool:
+        """Whether one frame alone is restored by one filter: it shows several unknown velocities.
+
+        Along an axis single exposures are searched by the loss of the scene.
+        """
+        is_known = self.scene.decoder_speed == "known"
+        return self.in_plane and self.scene.occlusion is not None and not is_known
+
+    def error_untold(self, exposure: float) -> float:
+        """Squared error that one filter for all velocities leaves of a frame; white = 1."""
+        light, signal = self._signal
+        response = np.sinc(self.fan.radius * exposure * self.speeds)
+        mean, power = (np.sum(self.weights * x, axis=0) for x in (response, response**2))
+        gain = signal * light.gains(np.array([exposure]))
+        lost = 1 - gain * mean**2 / (1 + gain * power)
+        return float(light.deviation**2 * (lost @ self.fan.weight[:, 0]))
+
     def error_of_edges(
         self, exposures: Float[np.ndarray, "n"], moments: Float[np.ndarray, "n"]
     ) -> float:
