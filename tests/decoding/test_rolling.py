@@ -134,7 +134,7 @@ def test_rows_of_the_plane_are_those_of_their_own_instants(kind):
         told = mean_over_dft(np.real(response.told(frame)[0].conj() * light), *shape)
         assert float(told) == pytest.approx(np.sum(frame * seen), rel=1e-9)
         for row in (0, 11, len(seen) - 1):
-            there = level.rows.at(float(level.rows.delays[row]))
+            there = level.rows.paths.at(float(level.rows.paths.delays[row]))
             exact = level._replace(rows=None, instants=there).responses(VELOCITY[None])[1, 0]
             error = np.mean((canvas.seen(light * exact)[row] - seen[row]) ** 2)
             assert error < 0.03 * canvas.noises[1]
@@ -147,7 +147,7 @@ def test_three_rows_stand_for_all(size):
     rolling = replace(PLANE, sensor=Sensor(readout=0.01))
     times = RowTimes.of(rolling.sensor, (60, 70), in_plane=True)
     own = Own(np.zeros((4, 60, 70)), np.full(4, 0.1), frames, Prior(rolling), times)
-    rows = own.level(VELOCITY[None], size).rows
+    rows = own.level(VELOCITY[None], size).rows.paths
     middle, ends = rows.instants, (rows.delays[-1] - rows.delays[0]) / 2
     shares = [np.mean(each.time - middle.time) / ends for each in rows.some]
     np.testing.assert_allclose(shares, [-np.sqrt(0.6), 0, np.sqrt(0.6)], atol=1e-6)
