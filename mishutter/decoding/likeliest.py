@@ -202,12 +202,14 @@ def _by_matrices(
     # Numbers of unit variance: both parts of each frequency, that of the whole DFT counted.
     root = np.sqrt(counted_in(*canvas.shape) * canvas.power / canvas.shape[0])
     factors = []
+
+    def levels(matrix: Complex[np.ndarray, "pixels k"]) -> Complex[np.ndarray, "k"] | float:
+        """The mean over pixels, where nothing is known of that."""
+        return 0.0 if canvas.has_levels else np.mean(matrix, axis=0)
+
     for every in zip(*matrices, strict=True):
         each = zip(every, np.sqrt(canvas.noises), strict=True)
-        parts = [
-            (one - (0 if canvas.has_levels else np.mean(one, axis=0))) / noise
-            for one, noise in each
-        ]
+        parts = [(one - levels(one)) / noise for one, noise in each]
         rows = np.concatenate(parts) * root
         rows = np.concatenate([rows.real, -rows.imag], axis=1)
         factors.append(scipy.linalg.cho_factor(rows.T @ rows + np.eye(rows.shape[1])))

@@ -31,13 +31,13 @@ from mishutter.evaluation.instants import Instants
 from mishutter.model.sensor import Sensor
 from mishutter.model.sequences import FramePath
 
-_WIDTH, _FINER = 8, 1.5
+_WIDTH, _FINER = 6, 1.25
 """Points of the fine grid that a place between pixels is interpolated from, and how fine it is."""
 _MOST_TRIED = 49
 """Most delays at which responses are compared."""
 _SOME, _GRIDS = 3, ((128,), (64, 64))
 """Velocities, and frequencies along each axis, at which they are compared."""
-SHARE, ROUGH_SHARE = 0.03, 0.5
+SHARE, ROUGH_SHARE = 0.003, 0.5
 """Shares of the noise that a sum over few delays may leave, in pictures and in a search."""
 Waves = Callable[[Instants, Float[np.ndarray, "s axes"]], Complex[np.ndarray, "n s *k"]]
 """The responses of exposures at some velocities."""
