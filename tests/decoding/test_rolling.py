@@ -119,10 +119,13 @@ def test_stills_that_are_read_along_the_motion_tell_the_speed():
 
 @pytest.mark.parametrize("kind", ["still", "circle"])
 def test_rows_of_the_plane_are_those_of_their_own_instants(kind):
-    """To a share of the noise; and what a frame tells is the adjoint of what a picture leaves."""
+    """To a share of the noise; and what a frame tells is the adjoint of what a picture leaves.
+
+    All rows of frames at rest tell as much as the middle one, each frame over its own noise.
+    """
     rng, frames = np.random.default_rng(0), frames_of("A", 4, kind)
     rolling = replace(PLANE, sensor=Sensor(readout=0.01, rows_read="up"))
-    noises = noises_of(rolling, frames.exposures, 0.25)
+    noises = noises_of(rolling, frames.exposures, 0.25) * np.array([1.0, 1.5, 0.7, 2.0])
     times = RowTimes.of(rolling.sensor, (60, 70), in_plane=True)
     own = Own(rng.normal(size=(4, 60, 70)), noises, frames, Prior(rolling), times)
     for size in (1, 2):
@@ -138,6 +141,11 @@ def test_rows_of_the_plane_are_those_of_their_own_instants(kind):
             exact = level._replace(rows=None, instants=there).responses(VELOCITY[None])[1, 0]
             error = np.mean((canvas.seen(light * exact)[row] - seen[row]) ** 2)
             assert error < 0.03 * canvas.noises[1]
+        if kind == "still":
+            middle = level._replace(rows=None).responses(VELOCITY[None])[:, 0]
+            told = np.tensordot(1 / canvas.noises, np.abs(middle) ** 2, 1)
+            density = canvas.density(level.responses(VELOCITY[None]))[0]
+            np.testing.assert_allclose(density, told, rtol=1e-6)
 
 
 @pytest.mark.parametrize("has_levels", [False, True])
