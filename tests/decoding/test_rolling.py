@@ -113,7 +113,8 @@ def test_a_long_readout_is_not_missed_by_a_short_one():
         return 2.9 - gain * (2.9 - apart)
 
     doubt = doubt_of_rows(Sensor(), EXPOSURE, 2.9, 40_000, misfit_by)
-    assert doubt.startswith("A rolling shutter of about 20 ms") and "read up" in doubt
+    assert doubt.startswith("A rolling shutter of about 20 ms")
+    assert "read up" in doubt
     assert doubt_of_rows(Sensor(), EXPOSURE, 2.9, 40_000, partial(misfit_by, gain=0.2)) == ""
 
 
