@@ -89,7 +89,7 @@ def bursts_of(count: int, rate: float) -> Bursts:
     still, moving = best_still_burst(camera(count, rate)), best_moving_burst(camera(count, rate))
     if still is None or moving is None:
         raise RuntimeError("the camera takes no burst")
-    return Bursts(still.along, moving.along, moving.kind)
+    return Bursts(still.frames, moving.frames, moving.kind)
 
 
 def speeds_of(seed: int = 7) -> dict[str, float]:

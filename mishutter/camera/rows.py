@@ -15,10 +15,10 @@ import scipy.fft
 from jaxtyping import Array, ArrayLike, Complex, Float
 
 from mishutter._core.checks import is_concrete, namespace_of, require
-from mishutter.evaluation.instants import Frames, Instants
+from mishutter.evaluation.instants import Instants
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.sensor import Sensor
-from mishutter.model.sequences import FramePath
+from mishutter.model.sequences import Frames, frames_in
 
 rfftn: Callable[..., np.ndarray] = scipy.fft.rfftn  # type: ignore[assignment]
 irfftn: Callable[..., np.ndarray] = scipy.fft.irfftn  # type: ignore[assignment]
@@ -111,13 +111,10 @@ def instants_within_reach(
 ) -> Instants:
     """Instants of frames at a velocity that displaces light by no more than `MAX_REACH`."""
     speed = float(np.hypot(*velocity) if velocity.size > 1 else abs(velocity[0]))
-    if isinstance(frames, FramePath):
-        latest = float(np.ptp(frames.times) + (frames.exposures[0] + frames.exposures[-1]) / 2)
-    else:
-        latest = max(abs(float(frame.time)) + frame.exposure / 2 for frame in frames)
+    longest = speed * float(np.max(np.asarray(frames_in(frames).exposures)))
     requirement = f"displace light by at most {MAX_REACH} px"
     # Before there are as many nodes as such a displacement would need.
-    require(speed * latest <= 2 * MAX_REACH, subject, requirement, speed * latest)
+    require(longest <= 2 * MAX_REACH, subject, requirement, longest)
     instants = Instants.of(frames, speed, delay=delay)
     reach = max(instants.reach(velocity[None]))
     require(reach <= MAX_REACH, subject, requirement, reach)

@@ -163,8 +163,8 @@ def with_recorded_path(
     spline = _Spline.through(path, taken.lights, middle, name)
     planned = taken.place(_times(taken.lights))
     pan = np.atleast_1d(taken.pan)
-    if taken.path is None:
-        frames = tuple(spline.frame(frame, float(pan[0])) for frame in taken.along)
+    if not taken.in_plane:
+        frames = tuple(spline.frame(frame, float(pan[0])) for frame in taken.frames)
     else:
         times, exposures = (np.asarray(x, np.float64) for x in (taken.times, taken.exposures))
         velocities = spline.velocities + pan[:, None]

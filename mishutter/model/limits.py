@@ -426,17 +426,13 @@ class Limits(AbstractModule):
         most = motion.greatest_acceleration if runs_up_at_once else most
         return stage_path(motion, max_acceleration=most, max_jerk=jerk)
 
-    def of_run_up(self, pan: float) -> tuple[float | None, float | None, float]:
-        """Greatest acceleration, jerk and speed of a stage beside a camera that turns; in px and s.
+    def beside(self, turning: float) -> "Limits":
+        """The limits of a stage beside a camera that turns: what it turns by is not the stage's.
 
         Args:
-            pan: Velocity at which the camera turns; px/s.
+            turning: Speed at which it turns; px/s.
         """
-        most, jerk = (
-            None if x is None else float(x) for x in (self.max_acceleration, self.max_jerk)
-        )
-        # What a camera turns by is no longer the stage's.
-        return most, jerk, float(self.max_top_speed) - abs(pan)
+        return eqx.tree_at(lambda x: x.max_top_speed, self, self.max_top_speed - turning)
 
     def have_room_for(self, *, travel: float, stroke: float) -> bool:
         """Whether a way is within them, to single precision.

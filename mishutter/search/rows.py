@@ -146,21 +146,21 @@ class Row:
     @property
     def is_in_plane(self) -> bool:
         """Whether its sensor moves along rows and columns."""
-        return len(self.exposures.axes) == 2
+        return self.exposures.in_plane
 
     @property
     def is_free(self) -> bool:
         """Whether its sensor follows a path of no constant acceleration."""
         if self.is_in_plane:
             return self.exposures.kind == FREE
-        return not all(frame.motion.accelerates_constantly for frame in self.exposures.along)
+        return not all(frame.motion.accelerates_constantly for frame in self.exposures.frames)
 
     @property
     def is_straight(self) -> bool:
         """Whether its sensor is at rest, or pans at a constant velocity."""
         if self.is_in_plane:
             return not self.exposures.moves
-        return all(frame.motion.is_straight for frame in self.exposures.along)
+        return all(frame.motion.is_straight for frame in self.exposures.frames)
 
     @property
     def rank(self) -> tuple[int, int, int]:

@@ -77,7 +77,7 @@ def pair():
 
 def _shares(limits, burst):
     """Shares of the limits that the exported path takes, by its places at many times."""
-    path = burst.stage_path_within(limits)
+    path = burst.stage_paths_within(limits).get("")
     times = np.linspace(path.times[0], path.times[-1], 100_001)
     place, velocity = path.at(times)
     lit = place[(times >= path.exposure[0]) & (times <= path.exposure[1])]
@@ -317,7 +317,7 @@ def test_a_limit_on_the_jerk_holds_over_a_burst():
     jerk = 4e7
     scene = _in_window(BOTH_WAYS, 4, max_acceleration=6e5, max_jerk=jerk)
     found = best_moving_burst(scene)
-    path = found.stage_path_within(scene.limits)
+    path = found.stage_paths_within(scene.limits).get("")
     assert found.kind in (SWEEP, "sine")
     assert float(path.use.jerk) <= jerk * (1 + 1e-6)
     assert path.jerks.any()
