@@ -58,7 +58,7 @@ where frames are more than half a pixel off.
 class Bursts(NamedTuple):
     """The bursts that are compared, and the kind of the moving one."""
 
-    still: tuple[ms.TimedFrame, ...]
+    still: Sequence[ms.TimedFrame]
     moving: tuple[ms.TimedFrame, ...]
     kind: str
 
@@ -89,7 +89,7 @@ def bursts_of(count: int, rate: float) -> Bursts:
     still, moving = best_still_burst(camera(count, rate)), best_moving_burst(camera(count, rate))
     if still is None or moving is None:
         raise RuntimeError("the camera takes no burst")
-    return Bursts(still.frames, moving.frames, moving.kind)
+    return Bursts(still.along, moving.along, moving.kind)
 
 
 def speeds_of(seed: int = 7) -> dict[str, float]:

@@ -129,7 +129,7 @@ def long_search(scene: Scene, count: int, seed: int) -> tuple[float, int]:
         descent = Descent(Levels.on_axis(scene), room, Shape(number, ends - 1, 1))
         share, longer = draw.choice([0.02, 0.1, 0.4], 2)
         found.append(descent.free(shaken(top.frames, draw, room, share, longer)))
-    told = [levels_of(scene, sequence_of(x.frames, x.kind).frames)[0] for x in found if x]
+    told = [levels_of(scene, sequence_of(x.frames, x.kind).along)[0] for x in found if x]
     return max(told, default=-np.inf), len(found)
 
 
@@ -141,7 +141,7 @@ def by_quadrature(scene: Scene, sequence: FrameSequence) -> float:
     power = CONTRAST**2 / np.mean(1 / (band**2 + CORNER**2)) / (f**2 + CORNER**2)
     speeds, weights = np.asarray(scene.speeds), np.asarray(scene.weights)
     gained = 0.0
-    for frame in sequence.frames:
+    for frame in sequence.along:
         electrons = frame.exposure * float(scene.photon_rate)
         noise = MEAN / electrons + (float(scene.read_noise) / electrons) ** 2
         gained += np.abs(transfer(frame, f, speeds)) ** 2 / noise

@@ -253,7 +253,7 @@ def _restored(
         restored = _frames_in_portions(
             burst,
             along,
-            frames,
+            exposures.along,
             decoder,
             speed=speed,
             times=RowTimes.of(scene.sensor, burst.shape[1:3]),
@@ -296,9 +296,9 @@ def photograph_by_frames(
     for index, speed in enumerate(speeds):
         own_key = jax.random.fold_in(key, index)
         result = capture_and_restore(picture, scene, sequence, speed=speed, key=own_key)
-        taken = sequence.frames[middle]
+        taken = sequence.along[middle]
         frame, light = (transposed(x, axis) for x in (result.captured[middle], result.restored))
-        moved = round(speed * taken.time - taken.position)
+        moved = round(float(speed * taken.time - taken.position))
         captured.append(np.roll(frame, moved, axis=1))
         restored.append(light)
         doubts.append("" if result.found is None else result.found.doubt)

@@ -164,7 +164,7 @@ def with_recorded_path(
     planned = taken.place(_times(taken.lights))
     pan = np.atleast_1d(taken.pan)
     if not taken.in_plane:
-        frames = tuple(spline.frame(frame, float(pan[0])) for frame in taken.frames)
+        frames = tuple(spline.frame(frame, float(pan[0])) for frame in taken.along)
     else:
         times, exposures = (np.asarray(x, np.float64) for x in (taken.times, taken.exposures))
         velocities = spline.velocities + pan[:, None]

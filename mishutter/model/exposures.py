@@ -10,7 +10,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Float
 
-from mishutter._core.checks import require_known
+from mishutter._core.checks import Unquoted, require, require_known
 from mishutter.model.limits import Limits
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.scene import Scene, require_one_axis, require_scene, require_velocities
@@ -112,9 +112,18 @@ class Exposures:
         return frames_in(self.frames, is_sine=self.kind == SINE)
 
     @property
+    def along(self) -> TimedFrames:
+        """The exposures, of those along an axis."""
+        path = self.path
+        require(
+            isinstance(path, TimedFrames), "exposures", "be along one axis", Unquoted(self.kind)
+        )
+        return path  # type: ignore[return-value]
+
+    @property
     def motion(self) -> AbstractMotion:
         """The motion over the first exposure along an axis."""
-        return self.frames[0].motion  # type: ignore[index]
+        return self.along[0].motion
 
     @property
     def in_plane(self) -> bool:

@@ -124,7 +124,7 @@ def photographs(
 
 def _motions(rows: Mapping[str, Row]) -> list[AbstractMotion]:
     """Motions over all exposures of rows along an axis."""
-    return [frame.motion for row in rows.values() for frame in row.exposures.frames]  # type: ignore[union-attr]
+    return [frame.motion for row in rows.values() for frame in row.exposures.along]
 
 
 def pictured_speeds(scene: Scene) -> list[float]:

@@ -129,7 +129,7 @@ class _Found:
         if sequence is None:
             return None
         # Ends are judged by the level that is told, at the scene's own speeds.
-        return _Found(sequence, levels_of(scene, sequence.frames)[0])
+        return _Found(sequence, levels_of(scene, sequence.along)[0])
 
     @property
     def order(self) -> tuple[int, float]:
@@ -173,7 +173,7 @@ def _chosen(scene: Scene, found: list[_Found]) -> Exposures:
     kind = kind_of(best) if best.kind == FREE else best.kind
     kind = ONE_PARABOLA if best.num_frames == 1 else kind
     best = best.for_rows(scene.sensor.readout_time, scene.limits)
-    psnr, worst = levels_of(scene, best.frames)
+    psnr, worst = levels_of(scene, best.along)
     if best.moves and scene.sensor.is_rolling:
         psnr, worst = _levels_by_rows(scene, best)
     return replace(best, kind=kind, psnr=psnr, worst_psnr=worst).with_travel(scene.limits)
@@ -272,7 +272,7 @@ def _motion(velocities: Float[np.ndarray, "k"], half: float) -> AbstractMotion:
 
 def kind_of(sequence: Exposures) -> str:
     """The way of a sensor over frames, told from their motions and places."""
-    moving = [frame for frame in sequence.frames if not frame.is_still]
+    moving = [frame for frame in sequence.along if not frame.is_still]
     if not moving:
         return FREE
     ends = np.array([np.asarray(x.motion.end_velocities, np.float64)[[0, -1]] for x in moving])

@@ -153,14 +153,14 @@ class Row:
         """Whether its sensor follows a path of no constant acceleration."""
         if self.is_in_plane:
             return self.exposures.kind == FREE
-        return not all(frame.motion.accelerates_constantly for frame in self.exposures.frames)
+        return not all(frame.motion.accelerates_constantly for frame in self.exposures.along)
 
     @property
     def is_straight(self) -> bool:
         """Whether its sensor is at rest, or pans at a constant velocity."""
         if self.is_in_plane:
             return not self.exposures.moves
-        return all(frame.motion.is_straight for frame in self.exposures.frames)
+        return all(frame.motion.is_straight for frame in self.exposures.along)
 
     @property
     def rank(self) -> tuple[int, int, int]:
