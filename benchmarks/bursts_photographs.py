@@ -9,6 +9,7 @@ import itertools
 import math
 import os
 import sys
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from typing import Any, NamedTuple
@@ -59,7 +60,7 @@ class Bursts(NamedTuple):
     """The bursts that are compared, and the kind of the moving one."""
 
     still: Sequence[ms.TimedFrame]
-    moving: tuple[ms.TimedFrame, ...]
+    moving: Sequence[ms.TimedFrame]
     kind: str
 
 

@@ -7,14 +7,15 @@ which the discrete Fourier transform is the spectrum of the band-limited scene t
 import itertools
 import math
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple, get_args
+from types import ModuleType
+from typing import Literal, NamedTuple, get_args
 
 import jax.numpy as jnp
 import numpy as np
 import scipy.fft
 from jaxtyping import Array, ArrayLike, Complex, Float
 
-from mishutter._core.checks import is_concrete, namespace_of, require
+from mishutter._core.checks import Alike, Numbers, is_concrete, namespace_of, require
 from mishutter.evaluation.instants import Instants
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.sensor import Sensor
@@ -136,7 +137,7 @@ def period_of(columns: int, reach: int, border: str) -> int:
     return fast_length(columns + 2 * (reach + MARGIN))
 
 
-def continued(rows: Any, period: int, border: str) -> Any:
+def continued(rows: Alike, period: int, border: str) -> Alike:
     """Rows continued by a border rule to one period of `period_of`, their own pixels first.
 
     Mirrored rows repeat themselves after twice their length. Rows that go on as their last pixel
@@ -195,6 +196,6 @@ def channels_last(planes: Planes, like: ArrayLike) -> Planes:
     return picture[..., 0] if np.ndim(like) == 2 else picture
 
 
-def _in_its_space(values: Any) -> tuple[Any, Any]:
+def _in_its_space(values: ArrayLike) -> tuple[ModuleType, Numbers]:
     """NumPy and its array of concrete rows; JAX's NumPy and the rows where they are traced."""
-    return (np, np.asarray(values)) if is_concrete(values) else (jnp, values)
+    return (np, np.asarray(values)) if is_concrete(values) else (jnp, jnp.asarray(values))

@@ -86,7 +86,8 @@ class Instants(NamedTuple):
             time, weight = _nodes(begin, end, taken.cuts(begin, end, delay), num_panels)
             middle, at = taken.middle
             place = taken.place(time) - at[:, None, None]
-            instants = Instants(time - middle, place, weight, end - begin)
+            since = time - middle
+            instants = Instants(since, place, weight, end - begin)  # type: ignore[arg-type]
         return instants if size == 1 else instants._replace(place=instants.place / size)
 
     def held(self, speeds: ArrayLike, subject: str, num_panels: int) -> "Instants":

@@ -12,7 +12,7 @@ T \le \begin{cases} \sqrt{S/a} - |v|/2a & |v| < \sqrt{Sa}\\ S/2|v| & \text{else.
 
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
-from typing import Any, ClassVar, Literal, NamedTuple, final
+from typing import ClassVar, Literal, NamedTuple, final
 
 import equinox as eqx
 import jax
@@ -572,10 +572,12 @@ _compiled_travel_share = compiled(Limits._travel_share)
 
 
 @compiled
-def _largest(limits: Limits, name: str, low: Number, high: Number, numbers: Any) -> Array:
-    def use(value: Array, parameters: tuple[Limits, Any]) -> Array:
+def _largest(
+    limits: Limits, name: str, low: Number, high: Number, numbers: dict[str, Number]
+) -> Array:
+    def use(value: Array, parameters: tuple[Limits, dict[str, Number]]) -> Array:
         limits, numbers = parameters
-        return limits.stage_share(**(numbers | {name: value}))
+        return limits.stage_share(**{**numbers, name: value})
 
     return largest_within_one(low, high, (limits, numbers), function=use)
 
