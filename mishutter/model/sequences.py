@@ -457,13 +457,13 @@ class TimedFrames(AbstractModule, Sequence[TimedFrame]):
         follows that, and to one that moves it runs up from one at rest as late as it can.
 
         Args:
-            limits: Those of the stage. Without one of its acceleration that is the greatest of the
-                rest of the path.
+            limits: Those of the stage. Without one of its acceleration or its jerk the acceleration
+                is the greatest of the rest of the path.
 
         Returns:
-            The path; none where the stage stays at rest. None also where a limit of the
-            acceleration is missing and needed: the frames do not say how fast a stage reaches a
-            velocity that it keeps, or from one to the next.
+            The path; none where the stage stays at rest. None also where both limits are missing
+            and one is needed: the frames do not say how fast a stage reaches a velocity that it
+            keeps, or from one to the next.
         """
         knots, first = self._knots_within(limits), self.frames[0]
         if knots is None:
@@ -509,7 +509,7 @@ class TimedFrames(AbstractModule, Sequence[TimedFrame]):
             None if x is None else float(x)
             for x in (limits.max_acceleration, limits.max_jerk, limits.max_top_speed)
         )
-        if most is None:
+        if most is None and jerk is None:
             at_once = self._at_once
             within = slice(at_once.first, at_once.last)
             gains = np.abs(np.diff(at_once.velocities)[within])[at_once.durations[within] == 0]
@@ -517,7 +517,7 @@ class TimedFrames(AbstractModule, Sequence[TimedFrame]):
             if jumps or (not all(self.rests) and self.rests[0]):
                 return None
             most = float(at_once.use.acceleration)
-        knots = self._knots(most, jerk, top_speed) if most > 0 else None
+        knots = None if most == 0 else self._knots(most, jerk, top_speed)
         return None if knots is None or not np.any(knots.velocities) else knots
 
     def _knots(

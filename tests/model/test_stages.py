@@ -317,6 +317,26 @@ def test_a_run_up_of_limited_jerk_leads_to_a_burst():
     assert float(path.use.acceleration) <= acceleration * (1 + 1e-9)
 
 
+@pytest.mark.parametrize("velocity", [0.0, 700.0], ids=["swings", "pans"])
+def test_a_limit_of_the_jerk_alone_says_how_a_stage_gets_to_frames(velocity):
+    """As it does of one exposure: no acceleration is limited where no limit says one."""
+    limits, half = Limits(max_jerk=7e8), 0.006
+    motion = LinearMotion(half_exposure=half, velocity=velocity) if velocity else swing(1)
+    (path,) = burst((0.0, 0.0, motion)).stage_paths_within(limits).values()
+    wanted = limits.stage_path(motion)
+    for one, other in zip(path[:-1], wanted[:-1], strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-15)
+
+
+def test_a_pan_over_frames_is_reached_at_a_limit_of_the_jerk_alone():
+    """In the time of two ramps of the acceleration, up to the root of speed times jerk."""
+    moving = LinearMotion(half_exposure=0.006, velocity=700.0)
+    frames = burst((-0.01, -7.0, moving), (0.01, 7.0, moving))
+    (path,) = frames.stage_paths_within(Limits(max_jerk=7e8)).values()
+    assert float(path.use.acceleration) == pytest.approx(np.sqrt(700 * 7e8), rel=1e-9)
+    assert path.exposure[0] - path.times[0] == pytest.approx(2 * np.sqrt(700 / 7e8), rel=1e-9)
+
+
 def test_a_velocity_that_jumps_has_no_path():
     """Frames at two velocities that touch: no limit says how, and no stage can."""
     first, second = (LinearMotion(half_exposure=0.004, velocity=v) for v in (-300.0, 500.0))
