@@ -7,14 +7,24 @@ import numpy as np
 import pytest
 from support.burst_levels import FrameGroup, burst_psnr
 
-from mishutter import BurstMode, Limits, ParabolicMotion, Scene, Sensor, Texture
+from mishutter import (
+    BurstMode,
+    Exposures,
+    FreeMotion,
+    Limits,
+    ParabolicMotion,
+    Scene,
+    Sensor,
+    Texture,
+    TimedFrame,
+)
 from mishutter.evaluation.bursts import FrameTimes, best_still_burst
 from mishutter.evaluation.sequences import loss_of_width
 from mishutter.model.stages import Knots, extent, transfer
 from mishutter.search.frame_levels import Frames, Levels, chirps
 from mishutter.search.frame_limits import Room, Shape
 from mishutter.search.frame_ties import FOLLOW, FREE, PAN, SWEEP, Tie
-from mishutter.search.moving_frames import best_moving_burst, sequence_of
+from mishutter.search.moving_frames import best_moving_burst, kind_of, sequence_of
 
 SIMPLER = 0.05 + 0.005
 """Decibels that simpler frames may be below the best, and those of the search."""
@@ -584,3 +594,17 @@ def test_the_top_speed_bounds_the_pan_whatever_makes_it(pans):
         assert limits.demands(motion)["top_speed"].is_met(1e-5) == is_met
     times = FrameTimes.of(_in_window([3000.0], 4), BurstMode(frames_per_s=50.0))
     assert Room.of(limits, times, 3000.0).max_pan == pytest.approx(1200.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("rate", [4e5, -4e5])
+@pytest.mark.parametrize("turns", [1, -1])
+def test_frames_are_one_sweep_whichever_way_they_bend(rate, turns):
+    """On one parabola over all frames; turned about their middles the frames are none."""
+    half, frames = 0.006, []
+    for time in (-0.02, 0.0, 0.02):
+        motion = FreeMotion(
+            accelerations=[turns * rate / 2], half_exposure=half, velocity=rate * time
+        )
+        frames.append(TimedFrame(motion, time, rate * time**2 / 2))
+    kind = kind_of(Exposures("", tuple(frames), 0.0, 0.0, 0.0))
+    assert (kind == SWEEP) == (turns == 1)
