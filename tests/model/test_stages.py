@@ -1,5 +1,6 @@
 """Stages: run-up and run-out from rest, against the path added up in time."""
 
+import math
 from functools import partial
 
 import jax
@@ -240,6 +241,17 @@ def test_between_frames_a_stage_takes_the_least_acceleration():
     np.testing.assert_allclose(swings.accelerations[between], 0.0, atol=1e-3)
     sweep = BURSTS["sweep"].stage_paths_within(Limits()).get("")
     np.testing.assert_allclose(np.abs(sweep.accelerations), 4e5, rtol=1e-5)
+
+
+@pytest.mark.parametrize("velocity", [900.0, -900.0])
+def test_a_stage_of_any_acceleration_stays_where_its_frames_are(velocity):
+    """Of two ways of 7.2 px in one direction, the second 2 px on, it turns round at their ends."""
+    moving = LinearMotion(half_exposure=0.004, velocity=velocity)
+    on = math.copysign(2.0, velocity)
+    path = burst((-0.01, 0.0, moving), (0.01, on, moving)).stage_path_within(Limits())
+    place = path.at(np.linspace(-0.014, 0.014, 2001))[0] * math.copysign(1, velocity)
+    assert place.min() == pytest.approx(-3.6, abs=0.02)
+    assert place.max() == pytest.approx(5.6, abs=0.02)
 
 
 def test_a_path_without_a_limit_ends_where_it_is_told():

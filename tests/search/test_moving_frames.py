@@ -612,3 +612,17 @@ def test_only_parabolas_that_alternate_are_called_so(rates, kind):
     motions = (FreeMotion(accelerations=each, half_exposure=0.006) for each in rates)
     frames = [TimedFrame(each, 0.013 * k, 4.0 * (k % 2)) for k, each in enumerate(motions)]
     assert kind_of(Exposures(FREE, tuple(frames))) == kind
+
+
+@pytest.mark.parametrize("rate", [4e5, -4e5])
+@pytest.mark.parametrize("turns", [1, -1])
+def test_frames_are_one_sweep_whichever_way_they_bend(rate, turns):
+    """On one parabola over all frames; turned about their middles the frames are none."""
+    half, frames = 0.006, []
+    for time in (-0.02, 0.0, 0.02):
+        motion = FreeMotion(
+            accelerations=[turns * rate / 2], half_exposure=half, velocity=rate * time
+        )
+        frames.append(TimedFrame(motion, time, rate * time**2 / 2))
+    kind = kind_of(Exposures("", tuple(frames), 0.0, 0.0, 0.0))
+    assert (kind == SWEEP) == (turns == 1)
