@@ -276,9 +276,8 @@ def _motion(velocities: Float[np.ndarray, "k"], half: float) -> AbstractMotion:
 def _bend(motion: AbstractMotion) -> float:
     """Greatest change of the velocity beside a parabola's, over that from begin to end."""
     velocities = np.asarray(motion.end_velocities, np.float64)
-    along = np.interp(
-        *(np.asarray(x, float) for x in (motion.piece_ends, (-1, 1))), velocities[[0, -1]]
-    )
+    ends = np.asarray(motion.piece_ends, np.float64)
+    along = np.interp(ends, (-1.0, 1.0), velocities[[0, -1]])
     return float(np.max(np.abs(velocities - along)) / abs(velocities[-1] - velocities[0]))
 
 
