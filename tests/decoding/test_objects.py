@@ -9,11 +9,12 @@ from mishutter.decoding.objects.arrangement import Arrangement
 from mishutter.decoding.objects.arrangement import Thing as Found
 from mishutter.decoding.objects.candidates import candidates
 from mishutter.decoding.objects.finding import found_in
-from mishutter.decoding.objects.grids import Window, moved, splines
+from mishutter.decoding.objects.grids import moved
 from mishutter.decoding.objects.light import Knowledge, _sheet
 from mishutter.decoding.objects.outlines import given_others
 from mishutter.decoding.objects.stills import Stills
 from mishutter.decoding.objects.velocities import refine_velocity
+from mishutter.pictures.registration.windows import Window, splines
 
 RATE, READ_NOISE, FASTEST = 1e5, 8.0, 900.0
 TIMES = np.array([-0.03, -0.01, 0.01, 0.03])

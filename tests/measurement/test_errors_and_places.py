@@ -15,8 +15,8 @@ from mishutter.measurement.photon_transfer import Law, Transfer, blocks_of, pair
 from mishutter.measurement.scene import along_axis
 from mishutter.measurement.signs import detail_excess
 from mishutter.measurement.steady import Steady, _moves
-from mishutter.measurement.sweep import Region, Smoothed
 from mishutter.measurement.texture import averaged
+from mishutter.pictures.registration.sweep import Region, Smoothed
 
 
 def an_object(velocity, error) -> MovingObject:
@@ -164,7 +164,9 @@ def test_the_error_of_a_velocity_in_dim_light_is_its_scatter():
     for _ in range(40):
         moved = [light[20 - k : 84 - k, 20 + 2 * k : 92 + 2 * k] for k in (-1, 0, 1)]
         frames = 2 * np.stack(moved) / light.std() + random.normal(size=(3, 64, 72))
-        region = Region(Smoothed.of(frames, 1.0), 1, range(3), mask)
+        region = Region(
+            Smoothed.of(frames, np.arange(len(frames), dtype=float), 1.0), 1, range(3), mask
+        )
         found, covariance, _ = region.polished(velocity + np.array([0.02, -0.03]))
         velocities.append(found)
         squares.append(np.diag(covariance))
