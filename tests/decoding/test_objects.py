@@ -147,6 +147,21 @@ def test_nothing_is_found_where_nothing_moves():
     assert candidates(stills(frames)).things == []
 
 
+def test_slow_and_touching_things_are_candidates():
+    """One that goes 3 px in all, and two side by side, each within 1.5 px over the frames."""
+    slow = [thing(7, (64.0, 64.0), 26.0, (40.0, -30.0))]
+    beside = [
+        thing(8, (64.0, 40.0), 24.0, (0.0, 150.0)),
+        thing(9, (64.0, 88.0), 24.0, (90.0, 150.0)),
+    ]
+    for things in (slow, beside):
+        frames = frames_of(ground(), things, TIMES, EXPOSURES, np.random.default_rng(4))
+        found = candidates(stills(frames)).things
+        for each in things:
+            away = [np.hypot(*(own.velocity - each.velocity)) * 0.06 for own in found]
+            assert min(away, default=9.0) < 1.5
+
+
 @pytest.mark.slow
 def test_the_picture_is_far_better_than_that_of_one_frame(two):
     """The linear picture is 3 dB above the frame's, and what is trusted is right."""

@@ -158,11 +158,27 @@ def moving(right, down, count, lost=()):
     return found(clip, np.delete(clip.levels(), lost, axis=0))
 
 
-@pytest.mark.parametrize(("speed", "count"), [(0.4, 8), (0.8, 8), (0.8, 10), (1.3, 9)])
+@pytest.mark.parametrize(("speed", "count"), [(0.4, 8), (0.8, 8), (0.8, 10), (1.3, 9), (0.15, 16)])
 def test_slow_objects_are_found(speed, count):
-    """Below 1.4 px a frame, in clips of 8 to 10 frames."""
+    """Below 1.4 px a frame, in clips of 8 to 10 frames; what goes 2 px in all by far frames."""
     (each,) = moving(-speed, 0.3 * speed, count).objects
     assert each.velocity == pytest.approx((15 * speed, -50 * speed), abs=2.5)
+
+
+@pytest.mark.parametrize(
+    ("one", "other"), [((0.0, 50.0), (0.0, -50.0)), ((25.0, 25.0), (0.0, 60.0))]
+)
+def test_slow_objects_that_touch_are_two(one, other):
+    """Six frames in which two halves of what changes go 1 px a frame each, or half as far."""
+    things = (
+        Thing((75, 56), (34, 32), one, "coins.png"),
+        Thing((75, 116), (34, 32), other, "motorcycle_left.png"),
+    )
+    objects = found(ClipOf(things, (150, 172), "camera.png", 6, seed=22)).objects
+    assert len(objects) == 2
+    for velocity in (one, other):
+        away = [np.hypot(*(np.array(each.velocity) - velocity)) for each in objects]
+        assert min(away) < 3
 
 
 @pytest.mark.parametrize("lost", [(4,), pytest.param((2, 3), marks=pytest.mark.slow)])
