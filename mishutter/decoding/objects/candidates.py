@@ -10,8 +10,8 @@ from mishutter.pictures.registration.search import around, explained, searched
 from mishutter.pictures.registration.sweep import Limits, Smoothed
 from mishutter.pictures.registration.windows import Window, splines
 
-_LEAST_AREA = 200
-"""Pixels of the least thing."""
+_LEAST_AREA = 60
+"""Pixels that no other velocity explains: of a thing without texture, strips along its outline."""
 _UNCERTAIN = 0.8
 """Error of a first velocity, over the frames by which it was found; px."""
 _GREATEST = 0.04

@@ -223,7 +223,7 @@ class Search(NamedTuple):
         """Residual of each pixel along a velocity, and the pixels that only it explains."""
         cost = _costs(self.fine, velocity, self.reference, self.around) + _REST
         won = (cost < 0.7 * np.min(self.costs, axis=0)) & (cost < EXPLAINED)
-        return cost, np.asarray(ndimage.binary_opening(won, iterations=3), bool)
+        return cost, np.asarray(ndimage.binary_opening(won, iterations=2), bool)
 
 
 def _explained(current: np.ndarray, sweep: Sweep, velocity: np.ndarray) -> np.ndarray:

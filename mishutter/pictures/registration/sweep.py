@@ -17,10 +17,10 @@ from jaxtyping import Bool, Float
 from mishutter.pictures.registration.refinement import Prior, Told, push_of_light, refined
 from mishutter.pictures.registration.windows import Window, filled, smoothed, splines
 
-_SIDES = (48, 24)
+_SIDES = (48, 16)
 """Sides of tiles, of which one velocity is found; px. In wide ones less is noise, and in narrow
 ones a small thing is not outweighed by what is about it."""
-_MARGINS = (0.1, 0.6)
+_MARGINS = (0.1, 0.9)
 """Lead, in logarithms of residuals, that is noise in each of them."""
 _COARSE, _HALF = 4, 2
 """Pixels that are averaged for the sweep, and steps in which averages are moved; px."""
