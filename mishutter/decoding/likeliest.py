@@ -24,11 +24,12 @@ import itertools
 import math
 import operator
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
-from functools import reduce
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial, reduce
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy.linalg
 from jaxtyping import Complex, Float
 
 from mishutter._core.checks import RowLike, require
@@ -47,6 +48,9 @@ TILES = 8
 
 class AbstractRolledFrame(ABC):
     """The way from a picture to a frame whose rows have responses of their own."""
+
+    matrix: Complex[np.ndarray, "s pixels k"] | None
+    """The same of each pixel, from half of the DFT of a line; None of frames of the plane."""
 
     @abstractmethod
     def seen(self, spectrum: Complex[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
@@ -139,14 +143,23 @@ class Canvas(NamedTuple):
         return reduce(operator.iadd, (a.power / n for a, n in zip(responses, noises, strict=True)))
 
 
+Solve = Callable[[Complex[np.ndarray, "..."]], Complex[np.ndarray, "..."]]
+"""The likeliest pictures, from all that frames tell of them."""
+
+
 class Likeliest(NamedTuple):
     """The likeliest pictures of frames."""
 
     canvas: Canvas
     responses: Responses
+    solve: Solve
     spectrum: Complex[np.ndarray, "..."]
     # How much better than no picture each explains the frames, as a logarithm of likelihood
     gains: Float[np.ndarray, "*pictures"]
+
+    def of(self, frames: Float[np.ndarray, "frames ..."]) -> "Likeliest":
+        """Those of other frames of the same responses."""
+        return _solved(self.canvas._replace(frames=frames), self.responses, self.solve)
 
     @property
     def picture(self) -> Float[np.ndarray, "..."]:
@@ -165,6 +178,58 @@ class Likeliest(NamedTuple):
 
 
 def likeliest(canvas: Canvas, responses: Responses, tolerance: float = TOLERANCE) -> Likeliest:
+    """The likeliest pictures: by a matrix that all share, or by gradients to a residual."""
+    if isinstance(responses, np.ndarray) or responses[0].matrix is None:
+        solve = partial(_by_gradients, canvas, responses, tolerance)
+    else:
+        solve = _by_matrices(canvas, [one.matrix for one in responses])
+    return _solved(canvas, responses, solve)
+
+
+def _solved(canvas: Canvas, responses: Responses, solve: Solve) -> Likeliest:
+    """The likeliest pictures of the frames of a canvas."""
+    target = canvas.gathered(responses, canvas.frames)
+    picture = solve(target)
+    gains = mean_over_dft(np.real(target.conj() * picture), *canvas.shape) / 2
+    return Likeliest(canvas, responses, solve, picture, gains)
+
+
+def _by_matrices(
+    canvas: Canvas,
+    matrices: Sequence[Complex[np.ndarray, "s pixels k"] | None],  # Of frames
+) -> Solve:
+    """The likeliest lines, all of which pass the same pixels."""
+    # Numbers of unit variance: both parts of each frequency, that of the whole DFT counted.
+    root = np.sqrt(counted_in(*canvas.shape) * canvas.power / canvas.shape[0])
+    factors = []
+
+    def levels(matrix: Complex[np.ndarray, "pixels k"]) -> Complex[np.ndarray, "k"] | float:
+        """The mean over pixels, where nothing is known of that."""
+        return 0.0 if canvas.has_levels else np.mean(matrix, axis=0)
+
+    for every in zip(*matrices, strict=True):
+        each = zip(every, np.sqrt(canvas.noises), strict=True)
+        parts = [(one - levels(one)) / noise for one, noise in each]
+        rows = np.concatenate(parts) * root
+        rows = np.concatenate([rows.real, -rows.imag], axis=1)
+        factors.append(scipy.linalg.cho_factor(rows.T @ rows + np.eye(rows.shape[1])))
+
+    def solve(target: Complex[np.ndarray, "s rows k"]) -> Complex[np.ndarray, "s rows k"]:
+        told = np.concatenate([target.real * root, target.imag * root], axis=-1)
+        pairs = zip(factors, told, strict=True)
+        found = np.stack([scipy.linalg.cho_solve(factor, one.T).T for factor, one in pairs])
+        real, imaginary = np.split(found, 2, axis=-1)
+        return (real + 1j * imaginary) * (canvas.power / root)
+
+    return solve
+
+
+def _by_gradients(
+    canvas: Canvas,
+    responses: Responses,
+    tolerance: float,
+    target: Complex[np.ndarray, "..."],
+) -> Complex[np.ndarray, "..."]:
     """The likeliest pictures, by conjugate gradients on all of them at once."""
     dtype, shape = canvas.frames.dtype, canvas.shape
     prior = 1 / canvas.power
@@ -180,7 +245,6 @@ def likeliest(canvas: Canvas, responses: Responses, tolerance: float = TOLERANCE
         """A number for each picture."""
         return numbers.astype(dtype).reshape(*numbers.shape, *[1] * len(shape))
 
-    target = canvas.gathered(responses, canvas.frames)
     picture, residual, step = np.zeros_like(target), target.copy(), target * inverse
     size = product(residual, step)
     least = tolerance**2 * size
@@ -198,7 +262,7 @@ def likeliest(canvas: Canvas, responses: Responses, tolerance: float = TOLERANCE
         following = product(residual, turned)
         step = turned + along(following / np.maximum(size, 1e-300)) * step
         size = following
-    return Likeliest(canvas, responses, picture, product(target, picture) / 2)
+    return picture
 
 
 def complete(
@@ -276,7 +340,7 @@ class Fit(NamedTuple):
     misfits: Float[np.ndarray, "frames"]  # The same of each frame
     gains: Float[np.ndarray, "frames"]  # Gain of each frame beside the picture, less 1
     offsets: Float[np.ndarray, "frames"]  # Its black level; white = 1
-    shifts: Float[np.ndarray, "frames axes"]  # Its displacement from its place, along rows first
+    shifts: Float[np.ndarray, "frames axes"]  # From where the others put it, along rows first
     shift_errors: Float[np.ndarray, "frames axes"]  # Standard errors of these; px
     # Logarithm of the likelihood of each row, or that which the residual has in each tile
     parts: Float[np.ndarray, "parts"]
@@ -295,6 +359,7 @@ def fit_of(found: Likeliest, space: Volume, mean: float = 0.0) -> Fit:
     residual = canvas.known(canvas.frames) - canvas.known(seen)
     gains, offsets = np.zeros((2, num_frames))
     shifts, errors = np.zeros((2, num_frames, num_axes))
+    covariances = np.zeros((num_frames, num_axes, num_axes))
     # Standard deviations by which a frame may differ: of its gain, black level, and shift, 10 px.
     expected = np.diag(np.array([0.2, 0.2, *[10.0 / canvas.size] * num_axes]) ** -2.0)
     for k, noise in enumerate(canvas.noises if num_frames > 1 else []):
@@ -309,7 +374,9 @@ def fit_of(found: Likeliest, space: Volume, mean: float = 0.0) -> Fit:
         change = inverse @ (design.T @ residual[k].ravel()) / noise
         residual[k] -= (design[:, :2] @ change[:2]).reshape(shape[1:])
         gains[k], offsets[k], *shifts[k] = change
-        errors[k] = np.sqrt(np.diag(inverse)[2:])
+        covariances[k] = inverse[2:, 2:]
+    if num_frames > 1:
+        shifts, errors = _from_the_others(shifts, covariances)
     noises = canvas.noises.reshape(-1, *[1] * (len(shape) - 1))
     squares = residual.astype(np.float64) ** 2 / noises
     # Each frame has a gain and a black level, or each of its rows has one.
@@ -321,21 +388,33 @@ def fit_of(found: Likeliest, space: Volume, mean: float = 0.0) -> Fit:
         parts = found.gains.ravel() - space.logarithm
     else:
         parts = -_in_tiles(np.sum(squares, axis=0)) / 2
-    scale = follows(num_frames) * canvas.size
     return Fit(
         float(np.sum(sums) / max(np.sum(freedoms), 1.0)),
         sums / np.maximum(freedoms, 1.0),
         gains,
         offsets,
-        scale * shifts,
-        scale * errors,
+        canvas.size * shifts,
+        canvas.size * errors,
         parts,
     )
 
 
-def follows(num_frames: int) -> float:
-    """Change of one frame over that beside the picture, which has a part in it of all frames."""
-    return num_frames / max(num_frames - 1, 1)
+def _from_the_others(
+    shifts: Float[np.ndarray, "frames axes"], covariances: Float[np.ndarray, "frames axes axes"]
+) -> tuple[Float[np.ndarray, "frames axes"], Float[np.ndarray, "frames axes"]]:
+    r"""Displacements of each frame from where all others are, and their standard errors.
+
+    The picture lies where frames are in the mean, $\sum_j J_j d_j/J$, $J = \sum_j J_j$, by the
+    information $J_j$ that each has of its place. Beside it a frame seems displaced by
+    $r_k = d_k - \sum_j J_j d_j/J$ alone, which is $J^{-1}(J - J_k)$ of its displacement from the
+    mean of the others, and that has the covariance $J_k^{-1} + (J - J_k)^{-1}$.
+    """
+    information = np.linalg.inv(covariances)
+    every = np.sum(information, axis=0)
+    of_others = np.linalg.inv(every - information)
+    displaced = np.einsum("kij,jl,kl->ki", of_others, every, shifts)
+    variances = np.diagonal(covariances + of_others, axis1=1, axis2=2)
+    return displaced, np.sqrt(variances)
 
 
 def _in_tiles(values: Float[np.ndarray, "*planes rows columns"]) -> Float[np.ndarray, "*planes t"]:

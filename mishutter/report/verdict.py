@@ -249,7 +249,8 @@ def sentences_of(
         said.append("The speed cannot be found: the blur differs too little between the speeds.")
     if STAGE in choice.required_hardware:
         said.append(_on_stage(scene, rows, choice))
-    if scene.velocities is not None and scene.decoder_speed == "unknown":
+    one_filter = scene.velocities is not None and scene.decoder_speed == "unknown"
+    if one_filter and scene.occlusion is None:
         said.append(
             "One filter for all velocities is not offered: no moving camera beats the best still "
             "frame by it where things move in any direction."
@@ -488,10 +489,9 @@ def _objects_words(scene: Scene, exposures: Exposures) -> str:
         width = f"{float(scene.objects.width):,.4g} px wide"
         return f"objects at least {width}, each registered{region if alone else ''}"
     way = math.ceil(float(scene.max_speed) * exposures.duration)
-    other = ", or [occlusion] before a background" if scene.velocities is None else ""
     return (
         f"the picture moves as a whole, or its objects are much wider than {way:,} px (else say "
-        f"[objects]{other})"
+        "[objects], or [occlusion] before a background)"
     )
 
 
