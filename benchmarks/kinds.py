@@ -103,6 +103,11 @@ KINDS = {
     "objects in any direction": Kind(
         None, BURST + f"[objects]\nwidth_px = {WIDTH}\n", has_layers=True
     ),
+    "background in any direction": Kind(
+        None,
+        BURST + f"[occlusion]\nfront_share = 0.1\nobject_width_px = {WIDTH}\n",
+        has_layers=True,
+    ),
     "servo": Kind(SPEEDS, ALONE + "[stage]\nbandwidth_hz = 300\n"),
     "device": Kind(SPEEDS, ALONE + "[shutter]\ntransmission = 0.8\nrise_ms = 1\nlevels = 16\n"),
     "tolerances": Kind(

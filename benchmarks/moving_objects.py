@@ -10,7 +10,9 @@ Scenes that `results/moving_objects.json` holds already are not done again.
 
 import json
 import sys
+import tempfile
 from dataclasses import replace
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -93,7 +95,9 @@ def measured(seed: int) -> list[dict]:
             occlusion=ms.Occlusion(front_share=each.share, object_width=each.width),
             decoder_speed="known",
         )
-        own = replace(each.scene(), photon_rate=scene.photon_rate, read_noise=scene.read_noise)
+        with tempfile.TemporaryDirectory() as folder:
+            own = each.scene(Path(folder))
+        own = replace(own, photon_rate=scene.photon_rate, read_noise=scene.read_noise)
         for kind, frames in kinds().items():
             key = jax.random.key(seed)
             taken = np.asarray(ms.simulate_frames(each.layers, scene, frames, key=key))[..., 0]

@@ -1,10 +1,13 @@
 """Is the level of stills before a background what `restore` reaches on layered photographs?
 
-Two ellipses of photographs move along the rows before a third photograph, and four stills of
-several lengths and orders are taken of them. The level is that of the picture's own spectrum; the
-restored picture is that of the middle of the burst, with the speeds told, and on some scenes found.
+Two ellipses of photographs move along the rows, or in any direction, before a third photograph, and
+four stills of several lengths and orders are taken of them. The outlines' share of the level was
+fitted to the first 12 scenes along the rows, and to no other. The level is that of the picture's
+own spectrum; the restored picture is that of the middle of the burst, with the speeds told, and on
+some scenes found.
 """
 
+import json
 import sys
 import tempfile
 import time
@@ -22,6 +25,8 @@ from mishutter.evaluation.bursts import moments_of
 from mishutter.pictures.images import Picture, shipped_picture, write_picture
 
 SIZE, RATE, READ_NOISE, PERIOD = 160, 1e5, 8.0, 0.02
+SIZE_IN_PLANE = 200
+"""Of scenes in which things move in any direction; px."""
 SPEEDS = (0.35, 0.6, 0.95)
 """Of objects, over the fastest thing of the camera."""
 FASTEST = 900.0
@@ -37,16 +42,25 @@ ORDERS = (
     (20, 20, 20, 6),
 )
 """Exposures, ms."""
-NUM_SCENES, NUM_FOUND = 12, 4
-COLUMNS = ("four stills, ms, at 50/s, 1e5 e-/s, 8 e-", "level", "restored", "deviation of a scene")
+GROUPS = {
+    "fitted": ("along the rows, to which outlines were fitted", range(12), False),
+    "fresh": ("along the rows, fresh", range(12, 20), False),
+    "plane": ("in any direction, fresh", range(6), True),
+}
+"""Scenes: their name in the table, their seeds, and whether things move in any direction."""
+NUM_FOUND = {"fitted": 4}
+"""Scenes of a group in which speeds are found too."""
+COLUMNS = ("scenes", "four stills, ms", "level", "told", "told less level", "deviation of a scene")
 TEXT = """## Levels before a background, told and reached
 
-Four stills of {count} scenes of {size} x {size} px: two ellipses of 44 to 80 px, of photographs, at
-315 to 855 px/s before another photograph. Means, dB, of the level and of the picture that `restore`
-gives with the speeds told; on {found} of the scenes it found them too, and lost {loss:.2f} dB in
-the mean and {most:.2f} dB at most. {seconds:.0f} processor seconds.
+Four stills at 50/s, 1e5 e-/s and 8 e-, of {size} x {size} px, or {wide} x {wide} in any direction:
+two ellipses of 44 to 80 px, of photographs, at 315 to 855 px/s before another photograph. Means,
+dB, of the level and of the picture that `restore` gives with the speeds told; with the standard
+error over the scenes, and the deviation of one scene.
 
 {table}
+
+{found}
 """
 
 
@@ -57,31 +71,51 @@ class Layered(NamedTuple):
     truth: np.ndarray
     share: float
     width: float
+    in_plane: bool = False
 
     @property
-    def speeds(self) -> list[float]:
-        """Speeds of the things; px/s."""
-        return [float(np.asarray(layer.velocity)[0]) for layer in self.layers.layers[1:]]
+    def speeds(self) -> list[Any]:
+        """Speeds of the things, or their velocities along rows and columns; px/s."""
+        each = [np.asarray(layer.velocity).tolist() for layer in self.layers.layers[1:]]
+        return each if self.in_plane else [along for along, _ in each]
 
-    def scene(self) -> ms.Scene:
+    def scene(self, folder: Path) -> ms.Scene:
         """The scene as a user would say it, with the picture's own spectrum."""
+        law = f"list_px_per_s = {self.speeds}"
         text = (
-            f"[speeds]\nlist_px_per_s = {self.speeds}\n"
+            f"[speeds]\n{f'any_direction = {{ {law} }}' if self.in_plane else law}\n"
             f"[light]\nphoton_rate_per_s = {RATE}\n[sensor]\nread_noise_e = {READ_NOISE}\n"
             f'[picture]\npath = "truth.png"\n'
             f"[occlusion]\nfront_share = {self.share}\nobject_width_px = {self.width}\n"
         )
-        with tempfile.TemporaryDirectory() as name:
-            folder = Path(name)
-            picture = Picture(np.clip(self.truth, 0, 1)[..., None])
-            write_picture(str(folder / "truth.png"), picture)
-            (folder / "scene.toml").write_text(text, encoding="utf-8")
-            return ms.Scene.load(folder / "scene.toml")
+        picture = Picture(np.clip(self.truth, 0, 1)[..., None])
+        write_picture(str(folder / "truth.png"), picture)
+        (folder / "scene.toml").write_text(text, encoding="utf-8")
+        return ms.Scene.load(folder / "scene.toml")
+
+    @property
+    def wide(self) -> ms.Scene:
+        """The scene of a camera that knows the greatest speed alone."""
+        covered = ms.Occlusion(front_share=self.share, object_width=self.width)
+        numbers = {"photon_rate": RATE, "read_noise": READ_NOISE, "occlusion": covered}
+        if self.in_plane:
+            return ms.Scene.any_direction(1140.0, **numbers)
+        return ms.Scene.uniform(max_speed=1140.0, decoder_speed="known", **numbers)
+
+    def stills(self, order: tuple[int, ...]) -> Any:
+        """Stills of some exposures, ms, one a period or as they end."""
+        frames = stills(order)
+        if not self.in_plane:
+            return frames
+        times, exposures = (np.array([getattr(x, n) for x in frames]) for n in ("time", "exposure"))
+        ends = np.concatenate([times - exposures / 2, times + exposures / 2])
+        return ms.PlaneFrames(times, exposures, np.array([np.ptp(ends)]), np.zeros((2, 2)))
 
 
-def layered(seed: int) -> Layered:
+def layered(seed: int, *, in_plane: bool = False) -> Layered:
     """A scene at random."""
     random = np.random.default_rng([seed, 83])
+    size, first, step = (SIZE_IN_PLANE, 24, 92) if in_plane else (SIZE, 8, 80)
     names = random.permutation([*PHOTOGRAPHS])
 
     def cut(name: str, rows: int, columns: int) -> np.ndarray:
@@ -92,7 +126,7 @@ def layered(seed: int) -> Layered:
         )
         return light[top : top + rows, left : left + columns]
 
-    truth = cut(str(names[0]), SIZE, SIZE)
+    truth = cut(str(names[0]), size, size)
     layers, share, widths = [ms.Layer(Picture(truth[..., None]))], 0.0, []
     for k, speed in enumerate(random.permutation(SPEEDS)[:2]):
         rows, columns = int(random.integers(44, 60)), int(random.integers(56, 80))
@@ -100,15 +134,18 @@ def layered(seed: int) -> Layered:
         radius = np.hypot((down + 0.5) / rows * 2 - 1, (across + 0.5) / columns * 2 - 1)
         matte = np.clip((0.95 - radius) * min(rows, columns) / 2 + 0.5, 0, 1)
         light = cut(str(names[1 + k]), rows, columns)
-        top, left = 8 + 80 * k, int((SIZE - columns) / 2 + random.uniform(-20, 20))
-        velocity = float(speed * FASTEST * random.choice([-1, 1]))
+        top, left = first + step * k, int((size - columns) / 2 + random.uniform(-20, 20))
+        velocity: Any = float(speed * FASTEST * random.choice([-1, 1]))
+        if in_plane:
+            turn = random.uniform(0, 2 * np.pi)
+            velocity = tuple((velocity * np.array([np.cos(turn), np.sin(turn)])).tolist())
         layers.append(ms.Layer(Picture(light[..., None], matte), velocity, left=left, top=top))
         place = slice(top, top + rows), slice(left, left + columns)
         truth = truth.copy()
         truth[place] += matte * (light - truth[place])
-        share += float(np.sum(matte)) / SIZE**2
+        share += float(np.sum(matte)) / size**2
         widths.append(float(np.sum(matte)) / rows)
-    return Layered(ms.Layers(tuple(layers)), truth, share, float(np.mean(widths)))
+    return Layered(ms.Layers(tuple(layers)), truth, share, float(np.mean(widths)), in_plane)
 
 
 def stills(order: tuple[int, ...]) -> list[ms.TimedFrame]:
@@ -121,56 +158,61 @@ def stills(order: tuple[int, ...]) -> list[ms.TimedFrame]:
     ]
 
 
-def measured(seed: int) -> list[dict[str, Any]]:
+def measured(group: str, seed: int, *, finds: bool) -> list[dict[str, Any]]:
     """Levels told and reached of one scene."""
-    each, rows = layered(seed), []
-    scene, wide = (
-        each.scene(),
-        ms.Scene.uniform(
-            max_speed=1140.0,
-            photon_rate=RATE,
-            read_noise=READ_NOISE,
-            occlusion=ms.Occlusion(front_share=each.share, object_width=each.width),
-            decoder_speed="known",
-        ),
-    )
-    for order in ORDERS:
-        frames = stills(order)
-        taken = np.asarray(ms.simulate_frames(each.layers, wide, frames, key=jax.random.key(seed)))
-        row = {"seed": seed, "order": ", ".join(map(str, order))}
-        row["level"] = float(ms.exposures_psnr(scene, frames))
-        for way in ("told", "found")[: 2 if seed < NUM_FOUND else 1]:
-            speed: Any = each.speeds if way == "told" else None
-            light = np.asarray(ms.restore_frames(taken, wide, frames, speed=speed).light)
-            row[way] = decibels(np.mean((np.clip(light[..., 0], 0, 1) - each.truth) ** 2))
-        rows.append(row)
+    each, rows = layered(seed, in_plane=GROUPS[group][2]), []
+    ways = ("told", "found") if finds else ("told",)
+    with tempfile.TemporaryDirectory() as folder:
+        scene = each.scene(Path(folder))
+        for order in ORDERS:
+            frames, key = each.stills(order), jax.random.key(seed)
+            taken = np.asarray(ms.simulate_frames(each.layers, each.wide, frames, key=key))
+            row = {"group": group, "seed": seed, "order": ", ".join(map(str, order))}
+            row["level"] = float(ms.exposures_psnr(scene, frames))
+            for way in ways:
+                speed: Any = each.speeds if way == "told" else None
+                light = np.asarray(ms.restore_frames(taken, each.wide, frames, speed=speed).light)
+                row[way] = decibels(np.mean((np.clip(light[..., 0], 0, 1) - each.truth) ** 2))
+            rows.append(row)
     return rows
 
 
-def main(*arguments: str) -> None:
-    """Measure, store and print, of as many scenes as are asked for."""
+def main(*names: str) -> None:
+    """Measure some groups or all, store and print all."""
     jax.config.update("jax_enable_x64", True)
-    count, begun = int(arguments[0]) if arguments else NUM_SCENES, time.process_time()
-    rows = [row for seed in range(count) for row in measured(seed)]
-    table = []
-    for order in (", ".join(map(str, each)) for each in ORDERS):
-        own = [row for row in rows if row["order"] == order]
-        off = [row["told"] - row["level"] for row in own]
-        means = (np.mean([row[name] for row in own]) for name in ("level", "told"))
-        cells = (order, *(f"{mean:.1f}" for mean in means), f"{np.std(off):.1f}")
-        table.append(dict(zip(COLUMNS, cells, strict=True)))
-    lost = [row["told"] - row["found"] for row in rows if "found" in row]
-    harness.write("strips", rows)
-    text = TEXT.format(
-        count=count,
-        size=SIZE,
-        found=min(count, NUM_FOUND),
-        loss=np.mean(lost),
-        most=np.max(lost),
-        seconds=time.process_time() - begun,
-        table=harness.table(table, list(COLUMNS)),
-    )
-    harness.section("strips", text)
+    kept = harness.RESULTS / "strips.json"
+    every = json.loads(kept.read_text("utf-8"))["rows"] if kept.exists() else []
+    for name in names or GROUPS:
+        every = [row for row in every if row.get("group") != name]
+        for count, seed in enumerate(GROUPS[name][1]):
+            every += measured(name, seed, finds=count < NUM_FOUND.get(name, 0))
+            print(f"{name} {seed}: {time.process_time():.0f} processor seconds", flush=True)
+        harness.write("strips", every)
+    table, found = [], []
+    for name, (words, _, _) in GROUPS.items():
+        group = [row for row in every if row.get("group") == name]
+        orders = [", ".join(map(str, each)) for each in ORDERS]
+        for order in (*orders, "mean of all"):
+            own = [row for row in group if order in (row["order"], "mean of all")]
+            if not own:
+                continue
+            scenes = len({row["seed"] for row in own})
+            off = np.array([row["told"] - row["level"] for row in own])
+            by_scene = off.reshape(scenes, -1).mean(axis=1)
+            level, told = (np.mean([row[key] for row in own]) for key in ("level", "told"))
+            error = by_scene.std(ddof=1) / np.sqrt(scenes)
+            cells = (f"{scenes} {words}", order, f"{level:.1f}", f"{told:.1f}")
+            cells += (f"{off.mean():+.1f} ± {error:.1f}", f"{off.std():.1f}")
+            table.append(dict(zip(COLUMNS, cells, strict=True)))
+        lost = [row["told"] - row["found"] for row in group if "found" in row]
+        if lost:
+            count = len({row["seed"] for row in group if "found" in row})
+            off = f"{np.mean(lost):.2f} dB in the mean and {np.max(lost):.2f} dB at most"
+            found.append(f"{off} on {count} {words}")
+    text = f"Where `restore` found the speeds it lost: {'; '.join(found)}."
+    sizes = {"size": SIZE, "wide": SIZE_IN_PLANE}
+    cells = harness.table(table, list(COLUMNS))
+    harness.section("strips", TEXT.format(table=cells, found=text, **sizes))
 
 
 if __name__ == "__main__":

@@ -60,10 +60,13 @@ class _Image(NamedTuple):
         aperture = np.sinc(np.arange(count) / period) * optics.response(period)
         return np.asarray(waves_on_dft(self.displacement[None], weights, period, count)) * aperture
 
-    def add(self, total: np.ndarray, irradiance: np.ndarray, left: int) -> None:
-        """Add its periodic irradiance, of first column `left`, to some rows of the sensor."""
-        first = max(self.left - self.aside, 0)
+    def add(self, total: np.ndarray, irradiance: np.ndarray, origin: int | None = None) -> None:
+        """Add its periodic irradiance to some rows, or once that of a part from `origin` on."""
+        first, left = max(self.left - self.aside, 0), self.left
         last = min(self.left + self.num_columns + self.aside, total.shape[-1])
+        if origin is not None:  # the margins of a part lie within it
+            left += origin
+            first, last = max(first, left), min(last, left + irradiance.shape[-1])
         if first < last:
             columns = np.arange(first - left, last - left) % irradiance.shape[-1]
             total[..., first:last] += irradiance[..., columns]
@@ -116,7 +119,7 @@ def _exposed(visible: Layers, nodes: Instants, optics: Optics, layers: Layers) -
         period = image.radiance.shape[-1]
         response = image.responses(nodes.weight, optics, period)
         irradiance = np.fft.irfft(np.fft.rfft(image.radiance) * response, period)
-        image.add(total[:, image.rows], irradiance, image.left)
+        image.add(total[:, image.rows], irradiance)
         first, last = image.rows.start, image.rows.stop
         others = visible.layers[index + 1 :]
         front = [m for m in others if m.top < last and m.top + _height(m) > first]
@@ -184,7 +187,7 @@ def _hide(
             clearness = np.prod([1 - _finer(m, period, finer) for m in shifted], axis=0)
             spectrum = np.fft.rfft(radiance * (1 - clearness))[..., : period // 2 + 1]
             loss -= spectrum * (response / finer)
-        image.add(total[:, begin:end], np.fft.irfft(loss, period), place)
+        image.add(total[:, begin:end], np.fft.irfft(loss, period), origin)
 
     for _ in in_threads(hide, range(first, last, rows_at_once), num_processors()):
         pass

@@ -71,14 +71,17 @@ class _Sheet(NamedTuple):
         down, across = _reach(self.displacement)
         return down + MARGIN, across + MARGIN
 
-    def add(self, total: np.ndarray, irradiance: np.ndarray, origin: Corner) -> None:
-        """Add its periodic irradiance, of its own pixel `origin` first, to the sensor."""
+    def add(self, total: np.ndarray, irradiance: np.ndarray, origin: Corner | None = None) -> None:
+        """Add its periodic irradiance to the sensor, or once that of a part, from `origin` on."""
         places, windows = [], []
         for k, size in enumerate(total.shape[1:]):
             corner = self.corner[k] + self.moved[k]
             first = max(corner - self.aside[k], 0)
             last = min(corner + self.matte.shape[k] + self.aside[k], size)
-            begin = corner + origin[k]
+            begin = corner
+            if origin is not None:  # the margins of a part lie within it
+                begin += origin[k]
+                first, last = max(first, begin), min(last, begin + irradiance.shape[k + 1])
             places.append(np.arange(first - begin, last - begin) % irradiance.shape[k + 1])
             windows.append(slice(first, max(first, last)))
         if all(place.size for place in places):
@@ -132,7 +135,7 @@ def _exposed(
         period = sheet.radiance.shape[1:]
         passes = waves_in_plane(sheet.displacement, frame.weight, frequencies_on(period))[0]
         spectrum = rfftn(sheet.radiance, axes=_BOTH) * (passes * aperture_on(optics, period))
-        sheet.add(total, irfftn(spectrum, period, axes=_BOTH), (0, 0))
+        sheet.add(total, irfftn(spectrum, period, axes=_BOTH))
         for group in _groups(sheet, sheets[index + 1 :], frame, layers.shape[:2]):
             _hide(total, sheet, group, frame, optics)
     return np.moveaxis(total, 0, -1)

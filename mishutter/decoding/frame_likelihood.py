@@ -34,13 +34,21 @@ from mishutter.decoding.likeliest import (
     likeliest,
     volume_of,
 )
-from mishutter.decoding.rolling import GLOBAL, SHARE, RowsInTurn, RowTimes, binned_along, waves_of
+from mishutter.decoding.rolling import (
+    GLOBAL,
+    SHARE,
+    RowPaths,
+    RowsInTurn,
+    RowTimes,
+    binned_along,
+    waves_of,
+)
 from mishutter.evaluation.fans import picture_power_on
 from mishutter.evaluation.instants import Instants
 from mishutter.model.exposures import path_for_rows
 from mishutter.model.optics import NUM_FREQUENCIES
 from mishutter.model.scene import Scene, power_on_grid
-from mishutter.model.sequences import FramePath, Frames
+from mishutter.model.sequences import Frames, frames_in
 
 ROUGHLY = 3e-2
 """Residual at which conjugate gradients of a search end, as a share of the first one."""
@@ -80,15 +88,12 @@ class Prior(NamedTuple):
 
 def times_of(taken: Frames) -> Float[np.ndarray, "n"]:
     """Mid-exposures; s."""
-    each = taken.times if isinstance(taken, FramePath) else [frame.time for frame in taken]
-    return np.asarray(each, np.float64)
+    return np.asarray(frames_in(taken).times, np.float64)
 
 
 def exposures_of(taken: Frames) -> Float[np.ndarray, "n"]:
     """Exposures; s."""
-    is_path = isinstance(taken, FramePath)
-    each = taken.exposures if is_path else [frame.exposure for frame in taken]
-    return np.asarray(each, np.float64)
+    return np.asarray(frames_in(taken).exposures, np.float64)
 
 
 class Level(NamedTuple):
@@ -119,7 +124,7 @@ class Level(NamedTuple):
             return each.astype(np.result_type(canvas.frames, np.complex64))
 
         if self.rows is not None:
-            return self.rows.responses(velocities, canvas, waves, by_time=by_time)
+            return self.rows.responses(velocities, waves, by_time=by_time)
         if by_time:
             instants = instants._replace(weight=instants.weight * instants.time)
         each = waves(instants, velocities)
@@ -130,7 +135,7 @@ class Level(NamedTuple):
         power, aperture = self.coarse
         *down, across = power.shape
         velocity, volumes = velocity / self.canvas.size, []
-        for one in [self.instants] if self.rows is None else self.rows.some:
+        for one in [self.instants] if self.rows is None else self.rows.paths.some:
             responses = waves_of(one, velocity[None], (*down, 2 * (across - 1)))[:, 0] * aperture
             noises = self.canvas.noises.reshape(-1, *[1] * power.ndim)
             density = np.abs(responses) ** 2 * power / noises
@@ -172,7 +177,7 @@ class Own(NamedTuple):
     @property
     def num_axes(self) -> int:
         """Axes of the plane, or one of an axis."""
-        return 2 if isinstance(self.taken, FramePath) else 1
+        return frames_in(self.taken).num_axes
 
     def level(
         self,
@@ -184,17 +189,14 @@ class Own(NamedTuple):
     ) -> Level:
         """The frames or some of them, binned, on a canvas for some velocities."""
         fastest = float(np.max(np.linalg.norm(velocities, axis=1)))
-        num_axes, rows = self.num_axes, None
+        num_axes, paths = self.num_axes, None
         instants = Instants.of(self.taken, fastest, size=size)
         instants = instants if part == slice(None) else instants.part(part)
         ends = [instants]
         if self.times.is_rolling:
             path = path_for_rows(self.prior.scene, self.taken)
-            first = part.start or 0
-            rows = RowsInTurn(
-                path, instants, first, self.times, size=size, velocities=velocities, share=share
-            )
-            ends += [rows.at(delay) for delay in rows.delays[[0, -1]].tolist()]
+            paths = RowPaths(path, instants, part.start or 0, self.times, size)
+            ends += [paths.at(delay) for delay in paths.delays[[0, -1]].tolist()]
         binned = self.frames[part]
         for axis in range(-num_axes, 0):
             binned = binned_along(binned, axis, size)
@@ -206,6 +208,7 @@ class Own(NamedTuple):
         noises = self.noises[part] / size**num_axes + self.prior.folded(size, num_axes)
         power = np.maximum(self.prior.on(shape, size), LEAST_POWER).astype(binned.dtype)
         canvas = Canvas(binned, noises, power, margin, shape, self.has_levels, size)
+        rows = None if paths is None else RowsInTurn(paths, canvas, velocities, share)
         # Rows are looked at at all frequencies, pictures at few.
         grid = shape if num_axes == 1 else (min(GRID, shape[0]), min(GRID, shape[1]))
         coarse = self.prior.on(grid, size), self._aperture(grid, size)
@@ -354,7 +357,7 @@ def climbed(
     here, furthest, canvas = slope_at(level, velocity, tolerance), _furthest(level), level.canvas
     beside = []
     for change in here.changes:
-        own = likeliest(canvas._replace(frames=change), here.found.responses, tolerance)
+        own = here.found.of(change)
         beside.append(canvas.known(change - own.seen[:, 0]))
     noises = canvas.noises[:, None, None]
     information = np.array([[np.sum(d * r / noises) for r in beside] for d in here.changes])

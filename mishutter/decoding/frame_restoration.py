@@ -29,7 +29,6 @@ from mishutter.decoding.likeliest import (
     complete,
     electrons_of,
     frequencies_along,
-    likeliest,
     noises_of,
 )
 from mishutter.decoding.restoration import restored_light
@@ -74,7 +73,7 @@ def restored_on_axis(
     rows = np.mean(planes, axis=(1, 3), keepdims=True)
     level, every = _likeliest(planes - rows, scene, taken, np.array([speed]), times)
     canvas, noises = level.canvas, level.canvas.noises
-    nodes = [level.instants] if level.rows is None else level.rows.some
+    nodes = [level.instants] if level.rows is None else level.rows.paths.some
     whole = CompleteFrames(nodes, speed, noises)
     density = whole.density(scene.optics, canvas.shape[0])
     told = density if times.is_rolling else None
@@ -111,9 +110,8 @@ def _likeliest(
     noises = noises_of(scene, exposures_of(taken), float(scene.picture.mean_level))
     own = Own(deviations[0], noises, taken, Prior(scene), times)
     level = own.level(velocity[None])
-    responses = level.responses(velocity[None])
-    each = [level.canvas._replace(frames=frames) for frames in deviations]
-    return level, [likeliest(canvas, responses) for canvas in each]
+    first = level.likeliest(velocity[None])
+    return level, [first, *(first.of(frames) for frames in deviations[1:])]
 
 
 def method_in_plane(decoder: AbstractDecoder) -> Decode:

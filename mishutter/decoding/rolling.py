@@ -16,27 +16,28 @@ DFT.
 import math
 from collections.abc import Callable
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple, final
+from typing import NamedTuple, final
 
+import jax
 import numpy as np
 import scipy.fft
 from jaxtyping import Complex, Float
 
 from mishutter.blur.waves import waves_in_plane, waves_on_dft
 from mishutter.camera.plane_frames import frequencies_on
-from mishutter.camera.rows import counted_in, fast_length, irfftn, rfftn
+from mishutter.camera.rows import counted_in, fast_length, irfftn, pixels_through, rfftn
 from mishutter.decoding.likeliest import AbstractRolledFrame, Canvas, frequencies_along
 from mishutter.evaluation.instants import Instants
 from mishutter.model.sensor import Sensor
 from mishutter.model.sequences import FramePath
 
-_WIDTH, _FINER = 8, 1.5
+_WIDTH, _FINER = 6, 1.25
 """Points of the fine grid that a place between pixels is interpolated from, and how fine it is."""
 _MOST_TRIED = 49
 """Most delays at which responses are compared."""
-_SOME, _GRIDS = 4, ((512,), (64, 64))
+_SOME, _GRIDS = 3, ((128,), (64, 64))
 """Velocities, and frequencies along each axis, at which they are compared."""
-SHARE, ROUGH_SHARE = 0.03, 0.5
+SHARE, ROUGH_SHARE = 0.003, 0.5
 """Shares of the noise that a sum over few delays may leave, in pictures and in a search."""
 Waves = Callable[[Instants, Float[np.ndarray, "s axes"]], Complex[np.ndarray, "n s *k"]]
 """The responses of exposures at some velocities."""
@@ -90,8 +91,8 @@ GLOBAL = RowTimes(np.zeros(1))
 """All rows at once."""
 
 
-class RowsInTurn:
-    """Frames whose rows are exposed one after another, on the path of their sensor."""
+class RowPaths:
+    """Instants of rows that are exposed one after another, on the path of their sensor."""
 
     def __init__(
         self,
@@ -99,23 +100,17 @@ class RowsInTurn:
         instants: Instants,  # Of the middle row
         first: int,  # Number of the first of these frames
         times: RowTimes,
-        *,
         size: int,  # Pixels of the sensor along a side of these
-        velocities: Float[np.ndarray, "s axes"],  # That are looked at; px/s of the sensor
-        share: float,  # Of the noise, which a sum over few delays may leave
     ):
         """Takes the instants of some frames of a path, from one on."""
-        some = np.unique(np.linspace(0, len(velocities) - 1, _SOME).astype(int))
-        self._velocities = velocities[some] / size
-        self.path, self.instants, self._size, self._share = path, instants, size, share
+        self.path, self.instants, self._size = jax.tree.map(np.asarray, path), instants, size
         self.is_along = times.is_along
         self.delays = binned_along(times.delays, 0, size) if self.is_along else times.delays
-        self._times = np.sum(instants.time * instants.weight, axis=1)
+        self.middles = np.sum(instants.time * instants.weight, axis=1)
         # Their clock and their places may begin elsewhere than the path's.
-        self.clock = float(path.times[first] - self._times[0])
+        self.clock = float(path.times[first] - self.middles[0])
         begin = np.asarray(path.place(instants.time[:1, :1] + self.clock)) / size
         self._start = begin - instants.place[:, :1, :1]
-        self._few: tuple[list[Instants], Float[np.ndarray, "n rows f"]] | None = None
 
     def at(self, delay: float) -> Instants:
         """Instants of a row."""
@@ -129,77 +124,87 @@ class RowsInTurn:
         half = (self.delays[-1] - self.delays[0]) / 2
         return [self.at(float(half * x)) for x in np.polynomial.legendre.leggauss(3)[0]]
 
-    @cached_property
-    def _every(self) -> list[Instants]:
-        """Those of each row."""
-        return [self.at(each) for each in self.delays.tolist()]
+    def still(self, one: Instants) -> Instants:
+        """The instants of a row without its mean way."""
+        times = self.instants.time - self.middles[:, None]
+        return one._replace(time=times, place=one.place - _mean_place(one)[..., None])
 
-    @cached_property
-    def _places(self) -> Float[np.ndarray, "axes n rows"]:
-        """Mean place of the sensor in each frame, for each row."""
-        return np.stack([_mean_place(one) for one in self._every], axis=-1)
+
+class RowsInTurn:
+    """The ways from a picture on a canvas to frames whose rows are exposed one after another."""
+
+    def __init__(
+        self,
+        paths: RowPaths,
+        canvas: Canvas,
+        velocities: Float[np.ndarray, "s axes"],  # That are looked at; px/s of the sensor
+        share: float,  # Of the noise, which a sum over few delays may leave
+    ):
+        """Takes rows, and what they are looked at for."""
+        some = np.unique(np.linspace(0, len(velocities) - 1, _SOME).astype(int))
+        self.paths, self._canvas, self._share = paths, canvas, share
+        self._velocities = velocities[some] / canvas.size
 
     def responses(
-        self,
-        velocities: Float[np.ndarray, "s axes"],
-        canvas: Canvas,
-        waves: Waves,
-        *,
-        by_time: bool = False,
-    ) -> "Complex[np.ndarray, 'n s rows k'] | list[FrameInTurn]":
+        self, velocities: Float[np.ndarray, "s axes"], waves: Waves, *, by_time: bool = False
+    ) -> "Complex[np.ndarray, 'n s rows k'] | list[LineInTurn] | list[FrameInTurn]":
         r"""The way from a picture to each frame: of rows that are pictures, or along the readout.
 
         Or its derivative by the velocity, but for the factor $2\pi i\,\mathbf f$.
         """
-        if not self.is_along and self.delays.size <= _MOST_TRIED:
-            every = self._every
+        paths, canvas = self.paths, self._canvas
+        if not paths.is_along and paths.delays.size <= _MOST_TRIED:
+            every = [paths.at(each) for each in paths.delays.tolist()]
             if by_time:
                 every = [one._replace(weight=one.weight * one.time) for one in every]
             return np.stack([waves(one, velocities) for one in every], axis=2)
-        if self._few is None:
-            self._few = self._found(canvas)
-        few, weights = self._few
-        still = [self._still(one) for one in few]
+        few, weights, places = self._few
+        still = [paths.still(one) for one in few]
         kernels = [waves(one, velocities) for one in still]
-        lasts = self._times[:, None] + self.delays
+        lasts = paths.middles[:, None] + paths.delays
         if by_time:  # from the middle of each exposure, and from that of all to it
             apart = [one._replace(weight=one.weight * one.time) for one in still]
             kernels = [waves(one, velocities) for one in apart] + kernels
             weights = np.concatenate([weights, weights * lasts[..., None]], axis=-1)
-        ways = self._places[:, :, None] - velocities.T[:, None, :, None] * lasts[:, None]
+        ways = places[:, :, None] - velocities.T[:, None, :, None] * lasts[:, None]
         each = zip(np.stack(kernels, axis=2), weights, np.moveaxis(ways, 1, 0), strict=True)
-        if self.is_along:
+        if len(canvas.shape) > 1:
             return [FrameInTurn(*one, canvas) for one in each]
-        turns = -2j * np.pi * frequencies_along(canvas.shape)[0]
-        return np.stack(
-            [weight @ kernel * np.exp(way[0][..., None] * turns) for kernel, weight, way in each]
-        )
+        # A pixel along the readout is the picture as far back as it lies before the pixel.
+        (length,), first = canvas.shape, canvas.margin[0]
+        back = -(first + np.arange(paths.delays.size)) if paths.is_along else 0
+        rows = []
+        for kernel, weight, way in each:
+            turn = waves_on_dft(
+                (way[0] + back).reshape(-1, 1), np.ones((1, 1)), length, length // 2 + 1
+            )
+            rows.append(weight @ kernel * turn.reshape(*way.shape[1:], -1))
+        return [LineInTurn(one, canvas) for one in rows] if paths.is_along else np.stack(rows)
 
-    def _still(self, one: Instants) -> Instants:
-        """The instants of a row without its mean way."""
-        times = self.instants.time - self._times[:, None]
-        return one._replace(time=times, place=one.place - _mean_place(one)[..., None])
-
-    def _found(self, canvas: Canvas) -> tuple[list[Instants], Float[np.ndarray, "n rows f"]]:
-        """Instants of a few delays, and the weights by which their responses give those of rows."""
+    @cached_property
+    def _few(
+        self,
+    ) -> tuple[list[Instants], Float[np.ndarray, "n rows f"], Float[np.ndarray, "axes n rows"]]:
+        """Instants of a few delays, weights of their responses in rows, and places of rows."""
         from scipy.interpolate import CubicSpline
 
-        delays, count = self.delays, len(self._times)
-        low, high = float(np.min(delays)), float(np.max(delays))
-        way = self.path.top_speed * (high - low) / canvas.size
+        paths, canvas = self.paths, self._canvas
+        count, low, high = len(paths.middles), *(f(paths.delays).item() for f in (np.min, np.max))
+        way = paths.path.top_speed * (high - low) / canvas.size
+        tried = np.linspace(low, high, min(math.ceil(way / 2) + 5, _MOST_TRIED))
+        there = [paths.at(each) for each in tried.tolist()]
+        places = CubicSpline(tried, np.stack([*map(_mean_place, there)]))(paths.delays)
+        places = np.moveaxis(places, 0, -1)
         if way == 0:
-            return [self.instants], np.ones((count, delays.size, 1))
-        tried = np.linspace(low, high, min(2 * math.ceil(way) + 3, _MOST_TRIED))
-        there = [self.at(each) for each in tried.tolist()]
+            return there[:1], np.ones((count, paths.delays.size, 1)), places
         grid = tuple(map(min, _GRIDS[len(canvas.shape) - 1], canvas.shape))
         power = np.sqrt(_on_grid(canvas.power, grid) / len(self._velocities)).astype(np.float32)
-        every = [waves_of(self._still(one), self._velocities, grid) * power for one in there]
+        every = [waves_of(paths.still(one), self._velocities, grid) * power for one in there]
         flat = np.stack(every, axis=1).reshape(count, tried.size, -1)
         products = np.real(flat.conj() @ np.swapaxes(flat, 1, 2)).astype(np.float64)
         index, weights = _few_delays(products, self._share * canvas.noises)
-        return [there[k] for k in index], CubicSpline(tried, np.moveaxis(weights, 2, 0))(
-            delays
-        ).transpose(1, 0, 2)
+        weights = CubicSpline(tried, np.moveaxis(weights, 2, 0))(paths.delays)
+        return [there[k] for k in index], weights.transpose(1, 0, 2), places
 
 
 def binned_along(
@@ -246,30 +251,46 @@ def _few_delays(
 
 
 @final
-class FrameInTurn(AbstractRolledFrame):
-    """A frame that is read along the first axis of the DFT: a few responses, and a way to each row.
+class LineInTurn(AbstractRolledFrame):
+    """A frame whose pixels along the line of a DFT have responses of their own."""
 
-    Along the other axis of the plane rows are turned; of one axis it is rows of their own.
-    """
+    def __init__(self, matrix: Complex[np.ndarray, "s pixels k"], canvas: Canvas):
+        """Takes the response of each pixel times the waves there."""
+        self.matrix, self._canvas = matrix, canvas
+
+    def seen(self, spectrum: Complex[np.ndarray, "s rows k"]) -> Float[np.ndarray, "s rows pixels"]:
+        return pixels_through(self.matrix, spectrum, *self._canvas.shape)
+
+    def told(self, frame: Float[np.ndarray, "... rows pixels"]) -> Complex[np.ndarray, "s rows k"]:
+        return frame @ self.matrix.conj()
+
+    @property
+    def power(self) -> Float[np.ndarray, "s 1 k"]:
+        return np.mean(np.abs(self.matrix) ** 2, axis=1, keepdims=True)
+
+
+@final
+class FrameInTurn(AbstractRolledFrame):
+    """A frame that is read down the columns: a few responses, and a way to each of its rows."""
+
+    matrix = None
 
     def __init__(
         self,
-        kernels: Complex[np.ndarray, "s f *k"],
+        kernels: Complex[np.ndarray, "s f m k"],
         share: Float[np.ndarray, "rows f"],  # Of each of them in each row
-        ways: Float[np.ndarray, "axes s rows"],
+        ways: Float[np.ndarray, "2 s rows"],
         canvas: Canvas,
     ):
         """Takes what `RowsInTurn` has found, without the mean way."""
         from scipy import sparse
 
         dtype = np.result_type(canvas.frames, np.complex64)
-        self._canvas, self._is_line = canvas, len(canvas.shape) == 1
-        kernels = kernels.astype(dtype)
-        self._kernels = kernels[..., None] if self._is_line else kernels
+        self._canvas, self._kernels = canvas, kernels.astype(dtype)
         length, count = canvas.shape[0], share.shape[0]
         self._fine, spread = _fine_grid(length)
-        self._spread = (self._kernels / spread[: self._kernels.shape[2], None]).astype(dtype)
-        place = (np.arange(count) + canvas.margin[0] - ways[-1]) * (self._fine / length)
+        self._spread = (self._kernels / spread[:, None]).astype(dtype)
+        place = (np.arange(count) + canvas.margin[0] - ways[1]) * (self._fine / length)
         near = np.ceil(place - _WIDTH / 2)[..., None] + np.arange(_WIDTH)
         values = share[:, :, None] * _window((place[..., None] - near) * 2 / _WIDTH)[:, :, None]
         block = np.arange(values[:, 0, :, 0].size).reshape(len(place), 1, -1, 1)
@@ -278,53 +299,42 @@ class FrameInTurn(AbstractRolledFrame):
         ends = index[0, 0].size * np.arange(place.size + 1)
         numbers = values.ravel().astype(canvas.frames.dtype)
         self._rows = sparse.csr_array((numbers, index.ravel(), ends), shape)
-        if not self._is_line:
-            turn = -2j * np.pi * ways[0][..., None] * np.fft.rfftfreq(canvas.shape[1])
-            self._turn = np.exp(turn).astype(dtype)
+        turn = -2j * np.pi * ways[0][..., None] * np.fft.rfftfreq(canvas.shape[1])
+        self._turn = np.exp(turn).astype(dtype)
 
-    def seen(self, spectrum: Complex[np.ndarray, "s ..."]) -> Float[np.ndarray, "s rows columns"]:
+    def seen(self, spectrum: Complex[np.ndarray, "s m k"]) -> Float[np.ndarray, "s rows columns"]:
         canvas, length = self._canvas, self._canvas.shape[0]
-        if self._is_line:
-            spectrum = np.swapaxes(spectrum, 1, 2) * counted_in(length)[:, None]
         passed = self._spread * spectrum[:, None]
         fine = np.zeros((*passed.shape[:2], self._fine, passed.shape[3]), passed.dtype)
-        for part in self._parts(passed.shape[2]):
+        for part in self._parts:
             fine[:, :, part] = passed[:, :, part]
-        waves: Any = scipy.fft.ifft(fine, axis=2, norm="forward", overwrite_x=True)
+        waves = np.asarray(scipy.fft.ifft(fine, axis=2, norm="forward", overwrite_x=True))
         rows = self._rows @ waves.reshape(-1, passed.shape[3])
         rows = rows.reshape(len(spectrum), -1, passed.shape[3]) / length
-        if self._is_line:
-            return np.swapaxes(np.real(rows), 1, 2)
         return irfftn(self._turn * rows, (canvas.shape[1],), axes=(2,))[..., canvas.window[-1]]
 
-    def told(self, frame: Float[np.ndarray, "... rows columns"]) -> Complex[np.ndarray, "s ..."]:
+    def told(self, frame: Float[np.ndarray, "... rows columns"]) -> Complex[np.ndarray, "s m k"]:
         canvas, count = self._canvas, len(self._kernels)
-        if self._is_line:
-            rows = np.swapaxes(frame, -1, -2)
-        else:
-            whole = np.zeros((*frame.shape[:-1], canvas.shape[1]), frame.dtype)
-            whole[..., canvas.window[-1]] = frame
-            rows = self._turn.conj() * rfftn(whole, axes=(-1,))
+        whole = np.zeros((*frame.shape[:-1], canvas.shape[1]), frame.dtype)
+        whole[..., canvas.window[-1]] = frame
+        rows = self._turn.conj() * rfftn(whole, axes=(-1,))
         rows = np.broadcast_to(rows, (count, *rows.shape[-2:]))
         fine = (self._rows.T @ rows.reshape(-1, rows.shape[2])).reshape(
             count, -1, self._fine, rows.shape[2]
         )
-        waves: Any = scipy.fft.fft(fine, axis=2, overwrite_x=True)
-        kept = np.concatenate(
-            [waves[:, :, part] for part in self._parts(self._spread.shape[2])], axis=2
-        )
-        told = np.sum(self._spread.conj() * kept, axis=1)
-        return np.swapaxes(told, 1, 2) if self._is_line else told
-
-    def _parts(self, count: int) -> list[slice]:
-        """Frequencies from 0 up, and those below 0, on this grid and on the fine one."""
-        half = count if self._is_line else count // 2
-        return [slice(0, half), slice(half - count, None)][: 1 if self._is_line else 2]
+        waves = np.asarray(scipy.fft.fft(fine, axis=2, overwrite_x=True))
+        kept = np.concatenate([waves[:, :, part] for part in self._parts], axis=2)
+        return np.sum(self._spread.conj() * kept, axis=1)
 
     @property
-    def power(self) -> Float[np.ndarray, "s ..."]:
-        power = np.mean(np.abs(self._kernels) ** 2, axis=1)
-        return np.swapaxes(power, 1, 2) if self._is_line else power
+    def _parts(self) -> tuple[slice, slice]:
+        """Frequencies from 0 up, and those below 0, on this grid and on the fine one."""
+        half = self._canvas.shape[0] // 2
+        return slice(0, half), slice(-half, None)
+
+    @property
+    def power(self) -> Float[np.ndarray, "s m k"]:
+        return np.mean(np.abs(self._kernels) ** 2, axis=1)
 
 
 @lru_cache

@@ -15,11 +15,11 @@ from jaxtyping import Float
 
 from mishutter._core.checks import require, require_known
 from mishutter.evaluation.open_frames import OpenFrames, psnr_of_error
-from mishutter.model.exposures import Exposures
+from mishutter.model.exposures import Exposures, exposures_in_plane
 from mishutter.model.motion import StillCamera
 from mishutter.model.scene import Scene
 from mishutter.model.sensor import BurstMode, filling_half_exposure
-from mishutter.model.sequences import TimedFrame
+from mishutter.model.sequences import FramePath, TimedFrame
 
 STILLS = "stills"
 _MOST_FRAMES = 1000
@@ -118,6 +118,8 @@ class StillBursts:
 
         Of frames at no times nothing is hidden.
         """
+        if num_frames == 1 and self._frames.one_is_untold:
+            return self._frames.error_untold(exposure)
         return self._error([(num_frames, exposure)], times, at_worst=self._at_worst)
 
     def _error(
@@ -142,10 +144,15 @@ class StillBursts:
     def sequence(self, kinds: Sequence[StillBurst], times: "FrameTimes") -> Exposures:
         """Frames of one exposure or two, one after the other."""
         exposures = [kind.exposure for kind in kinds for _ in range(kind.num_frames)]
-        moments = times.moments(exposures).tolist()
+        moments = times.moments(exposures)
+        if self._frames.in_plane:
+            lasting, rest = np.array(exposures), np.zeros((2, 2))
+            whole = np.ptp(np.concatenate([moments - lasting / 2, moments + lasting / 2]))
+            path = FramePath(moments, lasting, np.array([whole]), rest)
+            return exposures_in_plane(self._frames.scene, STILLS, path, kinds[0].psnr)
         frames = tuple(
             TimedFrame(StillCamera(half_exposure=exposure / 2), moment)
-            for exposure, moment in zip(exposures, moments, strict=True)
+            for exposure, moment in zip(exposures, moments.tolist(), strict=True)
         )
         worst = psnr_of_error(self._error([kind[:2] for kind in kinds], times, at_worst=True))
         return Exposures(STILLS, frames, 0.0, kinds[0].psnr, worst)
@@ -193,7 +200,7 @@ class StillBursts:
 
                 # Not all valleys are seen from one place.
                 start, bounds = min(pair.starts, key=lambda x: left(x, pair)), [(0, 1)] * 2
-                end: Any = minimize(left, start, (pair,), method="Nelder-Mead", bounds=bounds)
+                end = minimize(left, start, (pair,), method="Nelder-Mead", bounds=bounds)
                 found.append((float(end.fun), pair.at(end.x)))
         error, kinds = min(found)
         level = psnr_of_error(error)

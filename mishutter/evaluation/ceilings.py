@@ -246,7 +246,7 @@ def exposures_ceiling(
 
     Args:
         scene: Velocities in any direction, light and noise. A list of velocities has the cap alone,
-            as a path may dwell at each.
+            as a path may dwell at each, and so has a background at rest.
         exposures: Length of each exposure; s.
         grid: Sizes of the fan of directions.
     """
@@ -254,7 +254,11 @@ def exposures_ceiling(
     law, fan = require_velocities(scene), Fan.of(scene, grid)
     direction = np.asarray(fan.direction)
     reach = law.half_range(direction.ravel()).reshape(direction.shape)
-    return psnr_of_error(_poured(fan, Light.of(scene), exposures, law.cells(128), reach))
+    error = _poured(fan, Light.of(scene), exposures, law.cells(128), reach)
+    if scene.occlusion is not None:
+        share = float(scene.occlusion.front_share)
+        error = share * error + (1 - share) * _poured(fan, Light.of(scene), exposures, None, 0.0)
+    return psnr_of_error(error)
 
 
 def _poured(

@@ -48,10 +48,11 @@ from mishutter.evaluation.layers import Background
 from mishutter.evaluation.needs import distinct_speeds
 from mishutter.evaluation.strips import Strips
 from mishutter.model.exposures import Exposures, frames_of, path_for_rows
+from mishutter.model.occlusion import Occlusion
 from mishutter.model.optics import pixel_response
 from mishutter.model.scene import Scene, require_one_axis, require_scene
 from mishutter.model.sensor import noise_of_frames
-from mishutter.model.sequences import AT_REST, Frames, Lights, num_frames_of
+from mishutter.model.sequences import AT_REST, Frames, Lights, frames_in
 from mishutter.model.velocities import Components
 
 _DELAYS = 5
@@ -131,7 +132,8 @@ def rows_of(
     readout, frames = scene.sensor.readout_time, _alone(exposures)
     if not readout or isinstance(exposures, Instants) or isinstance(frames, Instants):
         return [(1.0, instants_of(scene, frames, caller, lights, num_panels))]
-    require(num_frames_of(frames) > 0, f"{caller}(exposures=...)", "hold one exposure at least", 0)
+    count, words = frames_in(frames).num_frames, "hold one exposure at least"
+    require(count > 0, f"{caller}(exposures=...)", words, 0)
     path = path_for_rows(scene, exposures)
     way = path.top_speed * float(np.max(np.asarray(path.exposures)))
     x, weight = np.polynomial.legendre.leggauss(_DELAYS if way >= AT_REST else 1)
@@ -158,7 +160,8 @@ def instants_of(
     """Instants of exposures for all velocities of a scene, for a row of some delay."""
     if isinstance(frames, Instants):
         return frames
-    require(num_frames_of(frames) > 0, f"{caller}(exposures=...)", "hold one exposure at least", 0)
+    count, words = frames_in(frames).num_frames, "hold one exposure at least"
+    require(count > 0, f"{caller}(exposures=...)", words, 0)
     fastest = 0.0
     if num_panels is None:
         known = primal_values((frames, scene.speeds, scene.weights, scene.velocities))
@@ -202,7 +205,11 @@ def fastest_of(scene: Scene) -> float:
 def velocities_of(scene: Scene) -> tuple[Float[np.ndarray, "v axes"], Float[np.ndarray, "v"]]:
     """Velocities that stand for those of a known scene, and their weights."""
     if scene.velocities is not None:
-        return scene.velocities.stand_ins()
+        velocities, weights = (np.asarray(x, np.float64) for x in scene.velocities.stand_ins())
+        if scene.occlusion is None:
+            return velocities, weights
+        share = float(scene.occlusion.front_share)
+        return np.vstack([velocities, np.zeros(2)]), np.append(share * weights, 1 - share)
     speeds, weights = (x.astype(np.float64) for x in distinct_speeds(in_parts(scene), folds=False))
     return speeds[:, None], weights / weights.sum()
 
@@ -224,7 +231,19 @@ def components_on(scene: Scene, fan: Fan, num_speeds: int) -> Components:
     direction = np.asarray(fan.direction)
     parts = scene.velocities.components(direction.ravel(), num_speeds)
     rows = direction.shape if parts.speeds.shape[0] > 1 else (1, 1)
-    return Components(*(x.reshape(*rows, -1) for x in parts))
+    parts = Components(*(x.reshape(*rows, -1) for x in parts))
+    return parts if scene.occlusion is None else _at_rest_too(parts, scene.occlusion)
+
+
+def _at_rest_too(objects: Components, layers: Occlusion) -> Components:
+    """Components of objects and of the background at rest behind them."""
+    (share,) = as_numpy(layers.front_share)
+    space = namespace_of(objects.speeds, objects.weights, share)
+    rest = space.zeros_like(objects.speeds[..., :1])
+    return Components(
+        space.concatenate([objects.speeds, rest], axis=-1),
+        space.concatenate([share * objects.weights, 1 - share + rest], axis=-1),
+    )
 
 
 class Light(NamedTuple):

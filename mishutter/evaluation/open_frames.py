@@ -1,4 +1,4 @@
-"""Errors of frames of open shutters at rest along an axis, for searches that ask for hundreds.
+"""Errors of frames of open shutters at rest, for searches that ask for hundreds.
 
 The formula is that of `mishutter.evaluation.levels`. An open frame at rest has a sinc for its
 response.
@@ -10,8 +10,8 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from mishutter.evaluation.fans import Fan
-from mishutter.evaluation.levels import Light, in_parts
+from mishutter.evaluation.fans import MEASURED, Fan
+from mishutter.evaluation.levels import Light, components_on, in_parts
 from mishutter.evaluation.levels import psnr_of_error as psnr_of_error
 from mishutter.evaluation.needs import distinct_speeds, sizes
 from mishutter.evaluation.strips import Strips
@@ -24,18 +24,34 @@ class OpenFrames:
     """Frames of open shutters, and their errors for a decoder that knows the speed."""
 
     scene: Scene  # Light and noise
-    speeds: Float[np.ndarray, "n"]  # Speeds that occur, ascending; px/s
-    weights: Float[np.ndarray, "n"]  # How often each occurs; their sum is 1
-    fan: Fan  # Frequencies of the axis, and the picture's power at them
+    # Speeds that occur, ascending along an axis, or components in the plane at each frequency; px/s
+    speeds: Float[np.ndarray, "n #m"]
+    weights: Float[np.ndarray, "n #m"]  # How often each occurs; their sum is 1
+    fan: Fan  # Frequencies, a row of one direction each, and the picture's power at them
     strips: Strips | None  # What objects hide of a background at rest
 
     @staticmethod
     def of(scene: Scene, longest: float, *, folds: bool) -> "OpenFrames":
         """The frames of a scene."""
-        strips, scene = Strips.of(scene), in_parts(scene)
+        strips = Strips.of(scene)
+        if scene.velocities is not None:
+            plane = Fan.of(scene)
+            parts = components_on(scene, plane, MEASURED.num_speeds)
+            radius = np.repeat(plane.radius, plane.direction.shape[1])
+            fan = Fan(radius, *(np.ravel(x)[:, None] for x in plane[1:]))
+            each = (np.broadcast_to(x, (*plane.power.shape, x.shape[-1])) for x in parts)
+            speeds, weights = (x.reshape(radius.size, -1).T for x in each)
+            return OpenFrames(scene, speeds, weights, fan, strips)
+        scene = in_parts(scene)
         speeds, weights = (x.astype(np.float64) for x in distinct_speeds(scene, folds=folds))
         count = sizes(scene, LinearMotion(half_exposure=longest / 2)).num_frequencies
-        return OpenFrames(scene, speeds, weights / weights.sum(), Fan.of_axis(scene, count), strips)
+        shares, fan = weights[:, None] / weights.sum(), Fan.of_axis(scene, count)
+        return OpenFrames(scene, speeds[:, None], shares, fan, strips)
+
+    @property
+    def in_plane(self) -> bool:
+        """Whether things move in any direction."""
+        return self.scene.velocities is not None
 
     @cached_property
     def _signal(self) -> tuple[Light, Float[np.ndarray, "m"]]:
@@ -44,16 +60,16 @@ class OpenFrames:
 
     def at_rest(self, exposure: float) -> Float[np.ndarray, "n m"]:
         """Power that passes one frame at rest, by speed and frequency."""
-        return np.sinc(self.fan.radius * exposure * self.speeds[:, None]) ** 2
+        return np.sinc(self.fan.radius * exposure * self.speeds) ** 2
 
     def snr(self, passed: Float[np.ndarray, "n m"], exposure: float) -> Float[np.ndarray, "n m"]:
         """Power of the picture over that of the noise in frames of an exposure."""
         light, signal = self._signal
         return signal * passed * light.gains(np.array([exposure]))
 
-    def errors(self, gained: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "n"]:
-        """Squared error that is left at each speed; white = 1."""
-        return float(self._signal[0].deviation) ** 2 / (1 + gained) @ self.fan.weight[:, 0]
+    def errors(self, gained: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "n m"]:
+        """Squared error that is left by each speed at each frequency; white = 1."""
+        return float(self._signal[0].deviation) ** 2 / (1 + gained) * self.fan.weight[:, 0]
 
     def error(
         self, gained: Float[np.ndarray, "n m"], *, at_worst: bool = False, hidden: float = 0.0
@@ -63,10 +79,29 @@ class OpenFrames:
         What edges leave more of a picture, `error_of_edges`, is the background's.
         """
         errors = self.errors(gained)
-        if hidden:
-            behind = np.abs(self.speeds) == np.min(np.abs(self.speeds))
-            errors = errors + hidden * behind / self.weights[behind]
-        return float(np.max(errors) if at_worst else self.weights @ errors)
+        if not at_worst:
+            return float(np.sum(self.weights * errors)) + hidden
+        each, (speeds, weights) = np.sum(errors, axis=1), (self.speeds[:, 0], self.weights[:, 0])
+        behind = np.abs(speeds) == np.min(np.abs(speeds))
+        return float(np.max(each + hidden * behind / np.where(behind, weights, 1.0)))
+
+    @property
+    def one_is_untold(self) -> bool:
+        """Whether one frame alone is restored by one filter: it shows several unknown velocities.
+
+        Along an axis single exposures are searched by the loss of the scene.
+        """
+        is_known = self.scene.decoder_speed == "known"
+        return self.in_plane and self.scene.occlusion is not None and not is_known
+
+    def error_untold(self, exposure: float) -> float:
+        """Squared error that one filter for all velocities leaves of a frame; white = 1."""
+        light, signal = self._signal
+        response = np.sinc(self.fan.radius * exposure * self.speeds)
+        mean, power = (np.sum(self.weights * x, axis=0) for x in (response, response**2))
+        gain = signal * light.gains(np.array([exposure]))
+        lost = 1 - gain * mean**2 / (1 + gain * power)
+        return float(light.deviation**2 * (lost @ self.fan.weight[:, 0]))
 
     def error_of_edges(
         self, exposures: Float[np.ndarray, "n"], moments: Float[np.ndarray, "n"]

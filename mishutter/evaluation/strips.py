@@ -5,7 +5,8 @@ time $\tau$ before it, or covers as long after it, is in frame $k$ for the share
 exposure, and the frame tells $u_k^2$ as much of it as of others: what it shows besides is the
 object, which all frames see. On either side such points are the share
 $p(1 - p)\,r e^{-r\tau}\,d\tau$ of the picture, $r = |\mathbf v|/\ell$, $\ell = W(1 - p)$, where
-objects are the share $p$ of it and of exponential widths, of mean $W$, along their way.
+objects are the share $p$ of it and of exponential widths, of mean $W$, along their way. Where they
+move in any direction, their strips lie along each of their velocities, of which the mean is taken.
 
 Outlines are found in the frames. The decoder of this package puts an edge, of which there are
 $2p/W$ to a pixel, in its place to $\delta^2 = \kappa/\sum_k(1 + b_k^2)^{-1/2}$ px², where
@@ -50,11 +51,15 @@ class Strips(NamedTuple):
         numbers = scene.speeds, scene.weights, layers.front_share, layers.object_width
         speeds, weights, front, width, behind = as_numpy(*numbers, layers.background_speed)
         space = namespace_of(speeds, front, width)
+        speeds = space.abs(speeds - behind)
+        if scene.velocities is not None:
+            velocities, weights = scene.velocities.stand_ins()
+            speeds = namespace_of(velocities).hypot(velocities[:, 0], velocities[:, 1])
         # Without any gap between objects nothing is behind them.
         length = width * space.where(front < 1, 1 - front, 1.0)
         rest = space.reshape(behind, (1, 1, 1))
         background = Components(rest, space.ones_like(rest))
-        speeds, weights = space.abs(speeds - behind), weights / space.sum(weights)
+        weights = weights / namespace_of(weights).sum(weights)
         numbers = front * (1 - front), 2 * front / width, speeds, speeds / length
         return Strips(*numbers, weights, background)
 

@@ -304,21 +304,28 @@ class Scene(AbstractModule):
             others: The other arguments of `Scene`, but for speeds and weights.
 
         Raises:
-            ValueError: as `Scene`, or if it has parts that are known along one axis alone: a
-                background, tolerances, a motion, or `decoder_speed="unknown"` said.
+            ValueError: as `Scene`, or if it has parts that are known along one axis alone:
+                tolerances, a motion, or a background that moves.
         """
         known = [name for name in argument_names(Scene)[2:] if name != "velocities"]
         require_arguments("Scene.any_direction", others, known)
-        for name in ("occlusion", "tolerances", "motion"):
+        for name in ("tolerances", "motion"):
             subject, part = f"Scene.any_direction({name}=...)", others.get(name)
             require(part is None, subject, "be left to one axis", part)
+        layers = others.get("occlusion")
+        if isinstance(layers, Occlusion):
+            requirement = "be 'still'; without an occlusion every part of a picture moves"
+            subject = "Occlusion(background=...)"
+            require(layers.background != "moving", subject, requirement, layers.background)
         law = velocities
         if not isinstance(law, AbstractVelocities):
             law = EvenVelocities(as_float(law, "Scene.any_direction(velocities=...)"))
         along = np.array([law.axis if all_concrete(law) else 0.0])
         parts = law.components(along, 16)  # speeds that stand for the law along its axis
         own = {"speeds": parts.speeds[0], "weights": parts.weights[0], "velocities": law}
-        return made_of(Scene, {"decoder_speed": "found"} | others | own)
+        # No single velocity describes a picture with a background.
+        knows: dict[str, object] = {} if layers is not None else {"decoder_speed": "found"}
+        return made_of(Scene, knows | others | own)
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> "Scene":

@@ -210,9 +210,11 @@ def _speeds(file: SceneFile, scales: Scales) -> dict[str, Any]:
         require(section.weights is None, "[speeds] weights", "stand in any_direction", "[speeds]")
         law = _any_direction(section.any_direction, scales)
         beside = "stand beside speeds along one axis, as uniform, and not beside any_direction"
-        for name in ("occlusion", "tolerances", "motion"):
-            way = "; say [objects] for things of some width" if name == "occlusion" else ""
-            require(getattr(file, name) is None, f"[{name}]", beside + way, Unquoted("both"))
+        for name in ("tolerances", "motion"):
+            require(getattr(file, name) is None, f"[{name}]", beside, Unquoted("both"))
+        requirement = "be 'still' beside any_direction (leave [occlusion] out where all moves)"
+        moves = file.occlusion is not None and file.occlusion.background == "moving"
+        require(not moves, "[occlusion] background", requirement, "moving")
         return {"velocities": law}
     if section.uniform is not None:
         unit, speeds, weights = _uniform(section.uniform)

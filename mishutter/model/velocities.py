@@ -48,7 +48,7 @@ class Cells(NamedTuple):
 
 
 def _on_rings(radii: Float[np.ndarray, "r"]) -> tuple[np.ndarray, np.ndarray]:
-    """Eight velocities of each of some speeds, and their weights; each ring is turned."""
+    """Eight places on each of some rings, and their weights; each ring is turned."""
     turns = 2 * np.pi / 8 * (np.arange(8) + np.arange(radii.size)[:, None] / radii.size)
     each = np.stack([radii[:, None] * turn(turns) for turn in (np.cos, np.sin)], axis=-1)
     return each.reshape(-1, 2), np.full(turns.size, 1 / turns.size)
@@ -81,8 +81,10 @@ class AbstractVelocities(AbstractModule):
         """Whether velocities of a concrete law occur, or are no further than `beyond`; px/s."""
 
     @abstractmethod
-    def stand_ins(self) -> tuple[Float[np.ndarray, "s 2"], Float[np.ndarray, "s"]]:
-        """A few velocities that stand for all of a concrete law in a mean, and their weights."""
+    def stand_ins(
+        self,
+    ) -> tuple[Float[Array | np.ndarray, "s 2"], Float[Array | np.ndarray, "s"]]:
+        """A few velocities that stand for all in a mean, and their weights."""
 
     @property
     @abstractmethod
@@ -210,9 +212,14 @@ class EvenVelocities(AbstractVelocities):
         ends = np.linspace(0, np.pi, count + 1)
         return Cells(-np.diff(np.cos(ends)), np.diff(ends - np.sin(2 * ends) / 2) / np.pi)
 
-    def stand_ins(self) -> tuple[np.ndarray, np.ndarray]:
+    def stand_ins(self) -> tuple[Array | np.ndarray, Array | np.ndarray]:
         each, weights = _on_rings(np.sqrt((np.arange(3) + 0.5) / 3))  # rings of equal areas
-        return each * [float(self.along), float(self.across)] @ self._axes + self.centre, weights
+        along, across, angle, mean = as_numpy(self.along, self.across, self.angle, self.mean)
+        space = namespace_of(along, across, angle, mean)
+        cosine, sine = space.cos(angle), space.sin(angle)
+        x, y = along * each[:, 0], across * each[:, 1]
+        turned = x * cosine - y * sine + mean[0], x * sine + y * cosine + mean[1]
+        return space.stack(turned, axis=-1), weights
 
     @property
     def _axes(self) -> Float[np.ndarray, "2 2"]:
@@ -292,8 +299,10 @@ class RingOfVelocities(AbstractVelocities):
         ends = np.linspace(0, np.pi, count + 1)
         return Cells(-np.diff(np.cos(ends)), np.full(count, 1 / count))
 
-    def stand_ins(self) -> tuple[np.ndarray, np.ndarray]:
-        return _on_rings(np.array([float(self.speed)]))
+    def stand_ins(self) -> tuple[Array | np.ndarray, Array | np.ndarray]:
+        each, weights = _on_rings(np.ones(1))
+        (speed,) = as_numpy(self.speed)
+        return speed * each, weights
 
     @property
     def axis(self) -> float:
@@ -382,8 +391,9 @@ class ListedVelocities(AbstractVelocities):
     def cells(self, count: int) -> None:
         return None
 
-    def stand_ins(self) -> tuple[np.ndarray, np.ndarray]:
-        return np.asarray(self.velocities, np.float64), np.asarray(self.weights, np.float64)
+    def stand_ins(self) -> tuple[Array | np.ndarray, Array | np.ndarray]:
+        velocities, weights = as_numpy(self.velocities, self.weights)
+        return velocities, weights
 
     @property
     def axis(self) -> float:

@@ -5,8 +5,8 @@ one to the next in any way that it can (`mishutter.search.frame_limits`). What t
 each number is known in closed form (`mishutter.search.frame_levels`), and SciPy's SLSQP climbs from
 a few starts. Frames of few numbers (`mishutter.search.frame_ties`) are the same frames tied. They
 are searched first; they are the starts of the free search, and preferred where they are as good.
-From the best the search goes on with frames that are shaken, follow another thing or come in another
-order.
+From the best the search goes on with frames that are shaken, follow another thing or come in
+another order.
 """
 
 import contextlib

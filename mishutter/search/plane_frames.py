@@ -11,11 +11,16 @@ from jaxtyping import Float
 from mishutter._core.checks import Unquoted, require, require_known
 from mishutter._core.compiling import outside_trace
 from mishutter._core.parallel import alone_in_blas
-from mishutter.evaluation.bursts import FrameTimes, some_numbers
+from mishutter.evaluation.bursts import (
+    FrameTimes,
+    StillBursts,
+    best_still_burst,
+    some_numbers,
+)
 from mishutter.evaluation.ceilings import exposures_ceiling
 from mishutter.evaluation.fans import MEASURED, Grid
 from mishutter.evaluation.levels import exposures_psnr
-from mishutter.evaluation.sequences import loss_of_width
+from mishutter.evaluation.sequences import loss_of_width, with_losses
 from mishutter.model.exposures import Exposures, exposures_in_plane, turned_by
 from mishutter.model.scene import Scene, require_scene, require_velocities
 from mishutter.model.sensor import BurstMode
@@ -90,7 +95,8 @@ def best_in_plane(
 
     A stage of two axes follows a circle, two sines of different frequency, parabolas crossed at
     right angles, or one constant velocity a frame; one of a single axis sweeps, swings on a sine or
-    on parabolas along the axis of the fastest things. Limits hold for each axis, or for both
+    on parabolas along the axis of the fastest things. Before a background there are only frames at
+    rest, in which objects are found. Limits hold for each axis, or for both
     together where they are those of a disc, from rest to rest. From the best way a free path
     descends by its gradient, and is among the bursts where it gains 0.05 dB.
 
@@ -109,7 +115,8 @@ def best_in_plane(
     jerk = scene.limits.max_jerk
     requirement = "be left out in the plane, where ways are of pieces of constant acceleration"
     require(jerk is None, "Limits(max_jerk=...)", requirement, jerk)
-    return _PlaneSearch.of(scene).found(progress)
+    search = _PlaneSearch.of(scene)
+    return search.found(progress) if scene.occlusion is None else search.before_background()
 
 
 def stills_on_pan(scene: Scene) -> Exposures:
@@ -163,9 +170,22 @@ class _PlaneSearch(NamedTuple):
             bursts += self._on_two_axes(one, along, bursts, progress)
         at_rest = self._replace(offset=np.zeros(2)).stage(1)
         snapshot = self._bursts(at_rest, [at_rest.best(STILLS, 1)], 0)[0]
+        return PlaneSearch(snapshot, tuple(bursts), self._ceiling)
+
+    def before_background(self) -> PlaneSearch:
+        """The best frames at rest, in the best order."""
+        stills, times = StillBursts(self.scene), self.times
+        alone = times._replace(max_frames=1)
+        snapshot = stills.sequence([stills.best_within(alone)], alone)
+        found = best_still_burst(self.scene)
+        bursts = () if found is None else (with_losses(self.scene, found),)
+        return PlaneSearch(snapshot, bursts, self._ceiling)
+
+    @property
+    def _ceiling(self) -> float:
+        """Level that no path over any of the numbers of frames exceeds; dB."""
         exposures = [np.full(n, self.times.longest_of(n)) for n in self.counts]
-        ceiling = max(exposures_ceiling(self.scene, each) for each in exposures)
-        return PlaneSearch(snapshot, tuple(bursts), ceiling)
+        return max(exposures_ceiling(self.scene, each) for each in exposures)
 
     def _on_two_axes(
         self,
@@ -215,7 +235,7 @@ class _PlaneSearch(NamedTuple):
         burst = within(limits, end.frames, exposures_of)
         if burst is None:
             return None
-        path: FramePath = burst.path  # type: ignore[assignment]
+        path: FramePath = burst.frames  # type: ignore[assignment]
         made = path.for_rows(self.scene.sensor.readout_time, limits)
         width, loss = self.scene.registered_width, None
         if width is not None and made.num_frames > 1:

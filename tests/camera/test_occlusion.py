@@ -215,6 +215,18 @@ def test_a_layer_wider_than_the_sensor():
     assert error(layers, MOVING) < WAVES
 
 
+def test_what_a_small_thing_hides_is_hidden_once():
+    """On a sensor far wider than it, the background away from it is as if nothing were there."""
+    light = np.full((30, 700, 1), 0.8)
+    thing = Layer(Picture(np.full((20, 24, 1), 0.1)), 90.0, left=500, top=5)
+    both = Layers((Layer(Picture(light)), thing))
+    still = StillCamera(half_exposure=0.005)
+    seen = np.asarray(simulate_capture(both, SCENE, still, RectShutter()))[..., 0]
+    away = np.abs(np.arange(700) - 512) > 60
+    np.testing.assert_allclose(seen[:, away], 0.8, atol=1e-3)
+    assert np.min(seen[:, ~away]) < 0.15
+
+
 def grey(rows, columns):
     return np.repeat(picture(rows, columns, channels=1).light, 3, axis=2)
 

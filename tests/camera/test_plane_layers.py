@@ -131,3 +131,15 @@ def test_one_axis_takes_what_moves_along_it():
         simulate_frames(layers((400.0, 30.0)), scene, frames)
     with pytest.raises(ValueError, match=re.escape("be a speed, or a velocity along rows and")):
         Layer(still.layers[0].picture, (1.0, 2.0, 3.0))
+
+
+def test_what_a_small_thing_hides_is_hidden_once():
+    """On a sensor far wider than it, the background away from it is as if nothing were there."""
+    ground = Layer(Picture(np.full((70, 420, 1), 0.8)))
+    thing = Layer(Picture(np.full((20, 24, 1), 0.1)), (90.0, -60.0), left=310, top=25)
+    frames = PlaneFrames(np.zeros(1), np.full(1, 0.01), np.full(1, 0.01), np.zeros((2, 2)))
+    scene = Scene.any_direction(200.0, photon_rate=1e5, read_noise=2.0)
+    light = np.asarray(simulate_frames(Layers((ground, thing)), scene, frames))[0, ..., 0]
+    away = np.abs(np.arange(420) - 322) > 30
+    np.testing.assert_allclose(light[:, away], 0.8, atol=1e-3)
+    assert np.min(light[:, ~away]) < 0.15

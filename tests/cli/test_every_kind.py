@@ -35,6 +35,10 @@ KINDS = {
     "objects": (TWO_WAYS, BURST + "[objects]\nwidth_px = 60\n"),
     "any direction": (ANY, BURST),
     "objects in any direction": (ANY, BURST + "[objects]\nwidth_px = 60\n"),
+    "background in any direction": (
+        ANY,
+        BURST + "[occlusion]\nfront_share = 0.3\nobject_width_px = 40\n",
+    ),
     "servo": (TWO_WAYS, "[stage]\nbandwidth_hz = 300\n"),
     "device": (TWO_WAYS, "[shutter]\ntransmission = 0.8\nrise_ms = 1\nlevels = 16\n"),
     "tolerances": (

@@ -1,5 +1,7 @@
 """Several things before a background, restored object by object from frames of a sensor at rest."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.moving_things import Thing, decibels, frames_of, shown, texture
@@ -8,10 +10,13 @@ import mishutter as ms
 from mishutter.decoding.objects.arrangement import Arrangement
 from mishutter.decoding.objects.arrangement import Thing as Found
 from mishutter.decoding.objects.candidates import candidates
-from mishutter.decoding.objects.finding import found_in
+from mishutter.decoding.objects.composite import Alone, composite, labels_of, trusted
+from mishutter.decoding.objects.finding import found_in, put_in_order
 from mishutter.decoding.objects.grids import Window, moved, splines
-from mishutter.decoding.objects.light import Knowledge, _sheet
-from mishutter.decoding.objects.outlines import given_others
+from mishutter.decoding.objects.light import Knowledge, Misfit, Sight, _sheet, light_of
+from mishutter.decoding.objects.outlines import given_others, sharpen
+from mishutter.decoding.objects.restored import _instants_of as instants_of
+from mishutter.decoding.objects.restored import knowledge_of
 from mishutter.decoding.objects.stills import Stills
 from mishutter.decoding.objects.velocities import refine_velocity
 
@@ -54,6 +59,25 @@ TWO = (
     thing(7, (52.3, 44.1), 23.0, (310.0, -240.0)),
     thing(8, (80.6, 88.2), 20.0, (-150.0, 420.0)),
 )
+
+
+def crossing():
+    """Two things that overlap at the time 0, the second in front."""
+    return (
+        thing(7, (46.3, 34.1), 15.0, (310.0, -240.0)),
+        thing(8, (50.6, 54.2), 17.0, (-150.0, 420.0)),
+    )
+
+
+def arrangement_of(things, order):
+    """Their frames of 96 x 112 px, with the outlines and velocities that they have."""
+    behind = ground(size=112)[:96]
+    frames = frames_of(behind, things, TIMES, EXPOSURES, np.random.default_rng(3))
+    known = []
+    for one in things:
+        matte = shown(behind, [one], 0.0)[1][0].astype(np.float32)
+        known.append(Found(np.array(one.velocity), matte, np.array(one.velocity), 20.0))
+    return Arrangement(stills(frames), known, list(order))
 
 
 @pytest.fixture(scope="module")
@@ -116,6 +140,37 @@ def test_a_velocity_is_refined_where_frames_are_half_a_stroke_out_of_place():
         own = Found(start, matte, start.copy(), 20.0)
         refine_velocity(Arrangement(stills(frames), [own], [0]), 0, None)
         np.testing.assert_allclose(own.velocity, page.velocity, atol=1.0)
+
+
+def test_an_outline_keeps_what_is_as_dark_as_the_background():
+    """Dark bars that reach it before a dark background stay, however often it is solved."""
+    bars = np.where(np.arange(96) % 12 < 5, 0.1, 0.6) * np.ones((96, 1))
+    one = thing(0, (60.0, 62.0), 30.0, (340.0, 420.0), bars)
+    dark = 0.15 + 0.05 * (ground() - 0.35)
+    frames = frames_of(dark, [one], TIMES, EXPOSURES, np.random.default_rng(4))
+    truth = shown(dark, [one], 0.0)[1][0].astype(np.float32)
+    velocity = np.array(one.velocity)
+    found = Arrangement(stills(frames), [Found(velocity, truth, velocity, 1.0)], [0])
+    for _ in range(6):
+        sharpen(found)
+        found.place()
+    # of 2,830 pixels and an outline of 190
+    assert np.abs(found.things[0].matte - truth).sum() < 200
+
+
+@pytest.mark.slow
+def test_things_that_move_nearly_alike_are_two_where_they_lie_apart():
+    """Two whose velocities differ by 3 px over the frames, less than the first look tells."""
+    alike = (
+        thing(7, (38.0, 40.0), 20.0, (250.0, -300.0)),
+        thing(8, (90.0, 84.0), 20.0, (290.0, -270.0)),
+    )
+    frames = frames_of(ground(), alike, TIMES, EXPOSURES, np.random.default_rng(5))
+    found = found_in(stills(frames)).things
+    assert len(found) == 2
+    for one in alike:
+        away = [np.hypot(*(own.velocity - one.velocity)) for own in found]
+        assert min(away) < 8
 
 
 def test_what_one_frame_alone_shows_is_told_by_the_layer_about_it():
@@ -229,6 +284,56 @@ def test_a_layer_is_blurred_along_its_way(velocity):
     for response, way in zip(sheet.responses, (3.0, 9.0), strict=True):
         along = down + 0 * across if velocity[0] else across + 0 * down
         np.testing.assert_allclose(np.abs(response), np.abs(np.sinc(way * along)), atol=1e-5)
+
+
+@pytest.mark.parametrize("velocity", [(600.0, 250.0), (-150.0, 420.0)])
+def test_parts_of_an_exposure_add_up_to_one_blur(velocity):
+    """Of a sensor that moves at an even velocity, down as across, and a thing that does so too."""
+    exposures, pan = np.array([0.008, 0.015]), np.array([-700.0, 1100.0])
+    path = ms.PlaneFrames(
+        times=np.array([0.01, 0.035]),
+        exposures=exposures,
+        durations=np.array([0.05]),
+        velocities=np.repeat(pan[::-1, None], 2, axis=1),
+    )
+    middle = (0.006 + 0.0425) / 2  # of the light of all
+    own = replace(
+        stills(np.full((2, 72, 90), 0.3), path.times - middle, exposures),
+        instants=instants_of(path, FASTEST),
+    )
+    assert len(own.parts) > 8
+    matte = np.zeros((72, 90), np.float32)
+    matte[25:45, 30:50] = 1
+    known = Knowledge(lambda size: np.ones((size[0], size[1] // 2 + 1)), lambda size: np.ones(()))
+    sheet = _sheet(own, matte, np.array(velocity), known)
+    down, across = np.fft.fftfreq(sheet.size[0])[:, None], np.fft.rfftfreq(sheet.size[1])
+    ways = own.ways(np.array(velocity)) - sheet.until
+    for response, way, exposure in zip(sheet.of_frames, ways, exposures, strict=True):
+        blur = (np.array(velocity) + pan) * exposure
+        turns = down * way[0] + across * way[1]
+        wanted = np.sinc(down * blur[0] + across * blur[1]) * np.exp(-2j * np.pi * turns)
+        np.testing.assert_allclose(response, wanted, atol=1e-4)
+
+
+@pytest.mark.parametrize("order", [[0, 1], [1, 0]])
+def test_the_thing_whose_light_is_seen_where_two_overlap_is_in_front(order):
+    """Of two discs that cross, the second hides the first, whichever was taken to do so."""
+    found = arrangement_of(crossing(), order)
+    put_in_order(found)
+    assert found.order == [1, 0]
+
+
+def test_the_misfit_of_layers_counts_what_the_frames_have_fitted():
+    """Residuals of four frames about their own light have the mean square of three."""
+    found = arrangement_of(crossing(), [1, 0])
+    known = knowledge_of(in_any_direction(), found.stills, in_plane=True)
+    misfit = Misfit.of(Sight.of(found.stills, found, known))
+    layers = light_of(misfit, ms.EnsembleDecoder())
+    alone = Alone.of(found.stills, known, ms.EnsembleDecoder())
+    whole = composite(found, misfit, layers, alone)
+    ground = (labels_of(found) == 0) & trusted(found, whole)
+    assert np.sum(ground) > 8000
+    assert np.mean(whole.misfit[ground]) == pytest.approx(1, abs=0.04)
 
 
 def test_a_velocity_that_nothing_tells_stays_as_uncertain_as_it_was():

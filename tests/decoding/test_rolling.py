@@ -119,10 +119,13 @@ def test_stills_that_are_read_along_the_motion_tell_the_speed():
 
 @pytest.mark.parametrize("kind", ["still", "circle"])
 def test_rows_of_the_plane_are_those_of_their_own_instants(kind):
-    """To a share of the noise; and what a frame tells is the adjoint of what a picture leaves."""
+    """To a share of the noise; and what a frame tells is the adjoint of what a picture leaves.
+
+    All rows of frames at rest tell as much as the middle one, each frame over its own noise.
+    """
     rng, frames = np.random.default_rng(0), frames_of("A", 4, kind)
     rolling = replace(PLANE, sensor=Sensor(readout=0.01, rows_read="up"))
-    noises = noises_of(rolling, frames.exposures, 0.25)
+    noises = noises_of(rolling, frames.exposures, 0.25) * np.array([1.0, 1.5, 0.7, 2.0])
     times = RowTimes.of(rolling.sensor, (60, 70), in_plane=True)
     own = Own(rng.normal(size=(4, 60, 70)), noises, frames, Prior(rolling), times)
     for size in (1, 2):
@@ -134,10 +137,39 @@ def test_rows_of_the_plane_are_those_of_their_own_instants(kind):
         told = mean_over_dft(np.real(response.told(frame)[0].conj() * light), *shape)
         assert float(told) == pytest.approx(np.sum(frame * seen), rel=1e-9)
         for row in (0, 11, len(seen) - 1):
-            there = level.rows.at(float(level.rows.delays[row]))
+            there = level.rows.paths.at(float(level.rows.paths.delays[row]))
             exact = level._replace(rows=None, instants=there).responses(VELOCITY[None])[1, 0]
             error = np.mean((canvas.seen(light * exact)[row] - seen[row]) ** 2)
             assert error < 0.03 * canvas.noises[1]
+        if kind == "still":
+            middle = level._replace(rows=None).responses(VELOCITY[None])[:, 0]
+            told = np.tensordot(1 / canvas.noises, np.abs(middle) ** 2, 1)
+            density = canvas.density(level.responses(VELOCITY[None]))[0]
+            np.testing.assert_allclose(density, told, rtol=1e-6)
+
+
+@pytest.mark.parametrize("has_levels", [False, True])
+def test_lines_along_the_readout_are_the_likeliest(has_levels):
+    """Each pixel sees by its own instants, and what the picture leaves tells no more of it."""
+    rng = np.random.default_rng(0)
+    rolling = replace(SCENE, sensor=Sensor(axis="columns", readout=0.01))
+    noises, speed = noises_of(rolling, [EXPOSURE] * 4, 0.25), np.array([[700.0]])
+    times = RowTimes.of(rolling.sensor, (80, 60))
+    frames = 0.1 * rng.normal(size=(4, 3, 60))
+    own = Own(frames, noises, alternating(), Prior(rolling), times, has_levels)
+    level = own.level(speed)
+    found, canvas = level.likeliest(speed), level.canvas
+    for pixel in (0, 25, 59):
+        there = level.rows.paths.at(float(level.rows.paths.delays[pixel]))
+        exact = level._replace(rows=None, instants=there).responses(speed)[2, 0]
+        light = canvas.spectrum(rng.normal(size=(1, 1, *canvas.shape))) * np.sqrt(canvas.power)
+        error = canvas.seen(light * exact) - found.responses[2].seen(light)
+        assert np.abs(error[0, 0, pixel]) < 0.3 * np.sqrt(canvas.noises[2])
+    left = canvas.known(canvas.frames) - canvas.known(found.seen[:, 0])
+    told = canvas.gathered(found.responses, left)
+    np.testing.assert_allclose(
+        told, found.spectrum / canvas.power, atol=1e-8 * np.max(np.abs(told))
+    )
 
 
 @pytest.mark.parametrize("size", [1, 2])
@@ -147,7 +179,7 @@ def test_three_rows_stand_for_all(size):
     rolling = replace(PLANE, sensor=Sensor(readout=0.01))
     times = RowTimes.of(rolling.sensor, (60, 70), in_plane=True)
     own = Own(np.zeros((4, 60, 70)), np.full(4, 0.1), frames, Prior(rolling), times)
-    rows = own.level(VELOCITY[None], size).rows
+    rows = own.level(VELOCITY[None], size).rows.paths
     middle, ends = rows.instants, (rows.delays[-1] - rows.delays[0]) / 2
     shares = [np.mean(each.time - middle.time) / ends for each in rows.some]
     np.testing.assert_allclose(shares, [-np.sqrt(0.6), 0, np.sqrt(0.6)], atol=1e-6)

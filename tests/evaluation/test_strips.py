@@ -6,8 +6,20 @@ import jax
 import numpy as np
 import pytest
 
-from mishutter import BurstMode, Limits, Occlusion, Scene, StillCamera, TimedFrame, exposures_psnr
+from mishutter import (
+    BurstMode,
+    EvenVelocities,
+    Limits,
+    ListedVelocities,
+    Occlusion,
+    Scene,
+    StillCamera,
+    TimedFrame,
+    exposures_psnr,
+)
 from mishutter.evaluation.bursts import FrameTimes, StillBursts, best_still_burst
+from mishutter.evaluation.fans import Fan
+from mishutter.evaluation.levels import instants_of, left
 from mishutter.evaluation.strips import Strips
 
 LAYERS = Occlusion(front_share=0.23, object_width=74.0)
@@ -94,3 +106,62 @@ def test_long_and_short_stills_come_in_the_best_order():
     # Two valleys: that of one exposure for all is not the deeper one.
     assert found.psnr > StillBursts(own).best_within(times).psnr + 0.6
     assert found.lengths.startswith("20, 2.4")
+
+
+AXIS = -640.0, 0.0, 310.0, 980.0
+TIMES = {
+    "limits": Limits(max_half_exposure=0.01),
+    "burst": BurstMode(frames_per_s=50.0, max_frames=4, window=0.08),
+}
+
+
+def in_plane(velocities, **others):
+    light = {"photon_rate": 1e5, "read_noise": 8.0, "occlusion": LAYERS} | others
+    return Scene.any_direction(velocities, **light)
+
+
+def test_velocities_along_the_rows_have_the_level_of_the_axis():
+    """On the one line of the axis, with the background, the strips and the outlines."""
+    line, plane = scene(), in_plane(ListedVelocities([(speed, 0.0) for speed in AXIS]))
+    frames, fan = stills((0.02, 0.003, 0.011), (-0.02, 0.004, 0.021)), Fan.of_axis(line, 512)
+    errors = [
+        float(left(each, instants_of(each, frames, "exposures_psnr"), fan, 8))
+        for each in (line, plane)
+    ]
+    assert errors[1] == pytest.approx(errors[0], rel=1e-12)
+    bare = plane.with_occlusion(None)
+    whole = float(left(bare, instants_of(bare, frames, "exposures_psnr"), fan, 8))
+    assert whole > 1.1 * errors[0]
+
+
+def test_strips_lie_along_each_velocity_of_a_disc():
+    """Few velocities stand for all: the share that a time uncovers is that of the whole disc."""
+    strips = Strips.of(in_plane(EvenVelocities(980.0)))
+    speeds = 980 * np.sqrt((np.arange(4000) + 0.5) / 4000)
+    for time in (0.003, 0.02, 0.07):
+        covered = np.exp(-time * strips.rates) @ strips.weights
+        wanted = np.mean(np.exp(-time * speeds / (74 * 0.77)))
+        assert 1 - covered == pytest.approx(1 - wanted, rel=0.02)
+
+
+def test_a_level_before_a_background_has_slopes_by_the_velocities():
+    """Those of differences, by the greatest speed of a disc, strips and outlines included."""
+    frames = stills((0.02, 0.003, 0.02, 0.003), (-0.03, -0.01, 0.01, 0.03))
+
+    def level(speed):
+        return exposures_psnr(in_plane(EvenVelocities(speed)), frames, num_panels=3)
+
+    slope = float(jax.grad(level)(700.0))
+    difference = (float(level(710.0)) - float(level(690.0))) / 20
+    assert slope == pytest.approx(difference, rel=1e-2)
+
+
+def test_stills_before_a_background_are_searched_in_the_plane_as_along_the_axis():
+    """The same order, lengths and outlines; the level is that of the exposures in the plane."""
+    speeds = np.linspace(-900.0, 900.0, 7)
+    line = best_still_burst(scene(speeds=speeds, **TIMES))
+    own = in_plane(ListedVelocities([(speed, 0.0) for speed in speeds]), **TIMES)
+    found = best_still_burst(own)
+    assert found.psnr == pytest.approx(float(exposures_psnr(own, found)), abs=1e-4)
+    exposures = [np.array([1e3 * each for each in burst.exposures]) for burst in (line, found)]
+    np.testing.assert_allclose(exposures[1], exposures[0], rtol=0.15)

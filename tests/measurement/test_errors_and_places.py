@@ -13,9 +13,9 @@ from mishutter.measurement.motion import Motion, MovingObject, motion_of
 from mishutter.measurement.noise import _root
 from mishutter.measurement.photon_transfer import Law, Transfer, blocks_of, pairs_of, transfer_of
 from mishutter.measurement.scene import along_axis
-from mishutter.measurement.signs import detail_excess
+from mishutter.measurement.signs import detail_excess, shot_gamma
 from mishutter.measurement.steady import Steady, _moves
-from mishutter.measurement.sweep import Region, Smoothed
+from mishutter.measurement.sweep import Region, Smoothed, swept
 from mishutter.measurement.texture import averaged
 
 
@@ -118,6 +118,34 @@ def test_the_error_of_what_detail_adds_is_its_scatter():
     values, errors = np.transpose(found)
     assert np.std(values) == pytest.approx(np.sqrt(np.mean(errors**2)), rel=0.1)
     assert abs(np.mean(values)) < np.mean(errors) / 2
+
+
+def test_noise_leaves_a_residual_of_one_however_many_frames_see_it():
+    """Along every velocity, also those that leave the sensor within five frames."""
+    frames = np.random.default_rng(8).normal(size=(5, 112, 144)).astype(np.float32)
+    residuals = swept(frames, 1, 1).residuals
+    assert np.mean(residuals) == pytest.approx(1, abs=0.02)
+    np.testing.assert_allclose(np.mean(residuals, axis=(1, 2)), 1, atol=0.1)
+
+
+@pytest.mark.parametrize("step", [1.0, 16.0])
+def test_a_gamma_is_told_without_the_noise_of_steps(step):
+    """Of light whose noise is 0.2 steps^2 where it is bright, be levels 1 or 16 apart."""
+    light = np.linspace(0.02, 1, 72) * np.ones((16, 64, 1))
+    electrons = np.random.default_rng(3).poisson(60_000 * light)
+    frames = (step * np.rint(255 * (electrons / 60_000) ** (1 / 1.5))).astype(np.float32)
+    blocks = blocks_of(Steady.of(frames), pairs_of(16), (-np.inf, np.inf))
+    gain, dark = np.polyfit(blocks.mean, blocks.variance, 1)
+    transfer = Transfer(
+        Law(float(dark), float(gain), 1e-3),
+        blocks,
+        blocks,
+        1.0,
+        np.zeros((2, 2)),
+        Estimate(0.0, 1.0),
+        np.ones(blocks.shape, bool),
+    )
+    assert shot_gamma(transfer, step) == pytest.approx(1.5, abs=0.03)
 
 
 def test_a_large_frame_is_measured_on_larger_pixels(monkeypatch):

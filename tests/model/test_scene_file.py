@@ -687,9 +687,15 @@ def test_a_camera_without_a_stage_is_written_as_one():
     assert scene_tables(scene)["limits"]["max_stroke_px"] == 0
 
 
-def test_a_background_in_any_direction_is_told_of_objects():
-    """The refusal names the section that such scenes have."""
+def test_a_background_of_things_in_any_direction_stands_still():
+    """One that moves is refused with what to leave out, and a still one is written and read."""
     text = "[speeds]\nany_direction = { max_px_per_s = 90 }\n[light]\nphoton_rate_per_s = 1e4\n"
-    tables = tomllib.loads(text + "[sensor]\nread_noise_e = 2\n[occlusion]\nfront_share = 0.4\n")
-    with pytest.raises(ValueError, match=r"`\[occlusion\]` must .*; say \[objects\] for things of"):
-        scene_of_tables(tables, "a.toml", Path())
+    text += "[sensor]\nread_noise_e = 2\n[occlusion]\nfront_share = 0.4\nobject_width_px = 31\n"
+    scene = scene_of_tables(tomllib.loads(text), "a.toml", Path())
+    again = scene_of_tables(tomllib.loads(scene_text(scene)), "a.toml", Path())
+    assert eqx.tree_equal(again.occlusion, Occlusion(front_share=0.4, object_width=31.0))
+    moving = tomllib.loads(text + 'background = "moving"\n')
+    with pytest.raises(
+        ValueError, match=r"background` must be 'still' .*\(leave \[occlusion\] out"
+    ):
+        scene_of_tables(moving, "a.toml", Path())

@@ -147,10 +147,10 @@ def test_a_law_that_is_wrong_gets_one_line(law, tmp_path):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("section", ["occlusion", "motion", "tolerances"])
+@pytest.mark.parametrize("section", ["motion", "tolerances"])
 def test_a_file_leaves_out_what_is_known_along_one_axis(section, tmp_path):
     """Such a section is named in the error."""
-    keys = {"occlusion": "front_share = 0.5", "motion": "half_exposure_ms = 3\nsag_px = 4"}
+    keys = {"motion": "half_exposure_ms = 3\nsag_px = 4"}
     more = f"{BASE}[{section}]\n{keys.get(section, '')}\n"
     with pytest.raises(
         ValueError, match=rf"`\[{section}\]` must stand beside speeds along one axis"
