@@ -112,7 +112,7 @@ def measure(
         on_empty = is_empty(picture, at_rest, noise.law, ends[0])
         if on_empty:  # the picture is that of the objects
             at_rest, mean = ~at_rest, float(levels[~at_rest].mean())
-        light = light_of_texture(picture, at_rest, noise.law, ends, axis, mean)
+        light = light_of_texture(picture, at_rest, noise.law, ends, axis, mean=mean)
     difference = _level_difference(levels, motion)
     name = Path(name).name if name else "an array"
     return Measurement(

@@ -94,7 +94,8 @@ def light_of_texture(
     law: Law,
     ends: tuple[float, float],
     axis: Axis,
-    mean: float | None = None,
+    *,
+    mean: float | None = None,  # Mean light, white = 1; by default that of the whole picture
 ) -> Float[np.ndarray, "rows columns 1"]:
     r"""Light whose spectrum along an axis is that of some parts, less the noise, and its mean.
 
