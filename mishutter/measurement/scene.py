@@ -377,7 +377,7 @@ def _speeds(found: Measurement) -> list[str]:
         f"area, +- {along.error:.2g} px/s."
     )
     if along.across > _ACROSS[-1]:
-        lines.append("# For a stage of two axes, in place of the line below:")
+        lines.append("# Where things move in any direction, in place of the line below:")
         lines.append(f"# any_direction = {{ max_px_per_s = {_digits(along.fastest)} }}")
     if high - low <= 4 * along.error:
         lines.append("# One speed was seen: widen this where others occur.")

@@ -270,6 +270,15 @@ def _motion(velocities: Float[np.ndarray, "k"], half: float) -> AbstractMotion:
     return FreeMotion(accelerations=rates, half_exposure=half, velocity=middle)
 
 
+def _bend(motion: AbstractMotion) -> float:
+    """Greatest change of the velocity beside a parabola's, over that from begin to end."""
+    velocities = np.asarray(motion.end_velocities, np.float64)
+    along = np.interp(
+        *(np.asarray(x, float) for x in (motion.piece_ends, (-1, 1))), velocities[[0, -1]]
+    )
+    return float(np.max(np.abs(velocities - along)) / abs(velocities[-1] - velocities[0]))
+
+
 def kind_of(sequence: Exposures) -> str:
     """The way of a sensor over frames, told from their motions and places."""
     moving = [frame for frame in sequence.along if not frame.is_still]
@@ -289,7 +298,8 @@ def kind_of(sequence: Exposures) -> str:
         is_one = len(moving) > 1 and np.ptp(middle) < 0.05 * np.max(np.abs(middle))
         return PAN if is_one else FAN
     if np.all(ends[:, 0] * ends[:, 1] < 0):
-        return ALTERNATING
+        is_parabola = all(_bend(frame.motion) < 0.5 for frame in moving)
+        return ALTERNATING if is_parabola and np.all(gains[1:] * gains[:-1] < 0) else FREE
     rates = gains / lengths
     is_even = np.ptp(rates) < 0.5 * np.max(np.abs(rates))
     if is_even and np.all(np.diff(middle) * gains[0] > 0):

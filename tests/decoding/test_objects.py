@@ -14,7 +14,7 @@ from mishutter.decoding.objects.composite import Alone, composite, labels_of, tr
 from mishutter.decoding.objects.finding import found_in, put_in_order
 from mishutter.decoding.objects.grids import Window, moved, splines
 from mishutter.decoding.objects.light import Knowledge, Misfit, Sight, _sheet, light_of
-from mishutter.decoding.objects.outlines import given_others
+from mishutter.decoding.objects.outlines import given_others, sharpen
 from mishutter.decoding.objects.restored import _instants_of as instants_of
 from mishutter.decoding.objects.restored import knowledge_of
 from mishutter.decoding.objects.stills import Stills
@@ -140,6 +140,37 @@ def test_a_velocity_is_refined_where_frames_are_half_a_stroke_out_of_place():
         own = Found(start, matte, start.copy(), 20.0)
         refine_velocity(Arrangement(stills(frames), [own], [0]), 0, None)
         np.testing.assert_allclose(own.velocity, page.velocity, atol=1.0)
+
+
+def test_an_outline_keeps_what_is_as_dark_as_the_background():
+    """Dark bars that reach it before a dark background stay, however often it is solved."""
+    bars = np.where(np.arange(96) % 12 < 5, 0.1, 0.6) * np.ones((96, 1))
+    one = thing(0, (60.0, 62.0), 30.0, (340.0, 420.0), bars)
+    dark = 0.15 + 0.05 * (ground() - 0.35)
+    frames = frames_of(dark, [one], TIMES, EXPOSURES, np.random.default_rng(4))
+    truth = shown(dark, [one], 0.0)[1][0].astype(np.float32)
+    velocity = np.array(one.velocity)
+    found = Arrangement(stills(frames), [Found(velocity, truth, velocity, 1.0)], [0])
+    for _ in range(6):
+        sharpen(found)
+        found.place()
+    # of 2,830 pixels and an outline of 190
+    assert np.abs(found.things[0].matte - truth).sum() < 200
+
+
+@pytest.mark.slow
+def test_things_that_move_nearly_alike_are_two_where_they_lie_apart():
+    """Two whose velocities differ by 3 px over the frames, less than the first look tells."""
+    alike = (
+        thing(7, (38.0, 40.0), 20.0, (250.0, -300.0)),
+        thing(8, (90.0, 84.0), 20.0, (290.0, -270.0)),
+    )
+    frames = frames_of(ground(), alike, TIMES, EXPOSURES, np.random.default_rng(5))
+    found = found_in(stills(frames)).things
+    assert len(found) == 2
+    for one in alike:
+        away = [np.hypot(*(own.velocity - one.velocity)) for own in found]
+        assert min(away) < 8
 
 
 def test_what_one_frame_alone_shows_is_told_by_the_layer_about_it():

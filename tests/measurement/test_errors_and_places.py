@@ -15,7 +15,7 @@ from mishutter.measurement.photon_transfer import Law, Transfer, blocks_of, pair
 from mishutter.measurement.scene import along_axis
 from mishutter.measurement.signs import detail_excess, shot_gamma
 from mishutter.measurement.steady import Steady, _moves
-from mishutter.measurement.sweep import Region, Smoothed
+from mishutter.measurement.sweep import Region, Smoothed, swept
 from mishutter.measurement.texture import averaged
 
 
@@ -118,6 +118,14 @@ def test_the_error_of_what_detail_adds_is_its_scatter():
     values, errors = np.transpose(found)
     assert np.std(values) == pytest.approx(np.sqrt(np.mean(errors**2)), rel=0.1)
     assert abs(np.mean(values)) < np.mean(errors) / 2
+
+
+def test_noise_leaves_a_residual_of_one_however_many_frames_see_it():
+    """Along every velocity, also those that leave the sensor within five frames."""
+    frames = np.random.default_rng(8).normal(size=(5, 112, 144)).astype(np.float32)
+    residuals = swept(frames, 1, 1).residuals
+    assert np.mean(residuals) == pytest.approx(1, abs=0.02)
+    np.testing.assert_allclose(np.mean(residuals, axis=(1, 2)), 1, atol=0.1)
 
 
 @pytest.mark.parametrize("step", [1.0, 16.0])

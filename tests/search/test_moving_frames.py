@@ -7,14 +7,24 @@ import numpy as np
 import pytest
 from support.burst_levels import FrameGroup, burst_psnr
 
-from mishutter import BurstMode, Limits, ParabolicMotion, Scene, Sensor, Texture
+from mishutter import (
+    BurstMode,
+    Exposures,
+    FreeMotion,
+    Limits,
+    ParabolicMotion,
+    Scene,
+    Sensor,
+    Texture,
+    TimedFrame,
+)
 from mishutter.evaluation.bursts import FrameTimes, best_still_burst
 from mishutter.evaluation.sequences import loss_of_width
 from mishutter.model.stages import Knots, extent, transfer
 from mishutter.search.frame_levels import Frames, Levels, chirps
 from mishutter.search.frame_limits import Room, Shape
-from mishutter.search.frame_ties import FOLLOW, FREE, PAN, SWEEP, Tie
-from mishutter.search.moving_frames import best_moving_burst, sequence_of
+from mishutter.search.frame_ties import ALTERNATING, FOLLOW, FREE, PAN, SWEEP, Tie
+from mishutter.search.moving_frames import best_moving_burst, kind_of, sequence_of
 
 SIMPLER = 0.05 + 0.005
 """Decibels that simpler frames may be below the best, and those of the search."""
@@ -77,7 +87,7 @@ def pair():
 
 def _shares(limits, burst):
     """Shares of the limits that the exported path takes, by its places at many times."""
-    path = burst.stage_path_within(limits)
+    path = burst.stage_paths_within(limits).get("")
     times = np.linspace(path.times[0], path.times[-1], 100_001)
     place, velocity = path.at(times)
     lit = place[(times >= path.exposure[0]) & (times <= path.exposure[1])]
@@ -317,7 +327,7 @@ def test_a_limit_on_the_jerk_holds_over_a_burst():
     jerk = 4e7
     scene = _in_window(BOTH_WAYS, 4, max_acceleration=6e5, max_jerk=jerk)
     found = best_moving_burst(scene)
-    path = found.stage_path_within(scene.limits)
+    path = found.stage_paths_within(scene.limits).get("")
     assert found.kind in (SWEEP, "sine")
     assert float(path.use.jerk) <= jerk * (1 + 1e-6)
     assert path.jerks.any()
@@ -584,3 +594,35 @@ def test_the_top_speed_bounds_the_pan_whatever_makes_it(pans):
         assert limits.demands(motion)["top_speed"].is_met(1e-5) == is_met
     times = FrameTimes.of(_in_window([3000.0], 4), BurstMode(frames_per_s=50.0))
     assert Room.of(limits, times, 3000.0).max_pan == pytest.approx(1200.0, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("rates", "kind"),
+    [
+        (([2.1e5], [-1.9e5], [2.3e5]), ALTERNATING),
+        (([2.1e5], [1.9e5], [2.3e5]), FREE),
+        (([2.1e5], [-1.9e5], [-2.3e5]), FREE),
+        (([2.2e5, 2.0e5], [-1.9e5, -2.0e5], [2.3e5, 2.3e5]), ALTERNATING),
+        (([9.1e5, -4.8e5], [-1.9e5, -2.0e5], [2.3e5, 2.3e5]), FREE),
+    ],
+    ids=["alternate", "one way", "not in turn", "nearly parabolas", "bent"],
+)
+def test_only_parabolas_that_alternate_are_called_so(rates, kind):
+    """A frame that turns back may do so on any path."""
+    motions = (FreeMotion(accelerations=each, half_exposure=0.006) for each in rates)
+    frames = [TimedFrame(each, 0.013 * k, 4.0 * (k % 2)) for k, each in enumerate(motions)]
+    assert kind_of(Exposures(FREE, tuple(frames))) == kind
+
+
+@pytest.mark.parametrize("rate", [4e5, -4e5])
+@pytest.mark.parametrize("turns", [1, -1])
+def test_frames_are_one_sweep_whichever_way_they_bend(rate, turns):
+    """On one parabola over all frames; turned about their middles the frames are none."""
+    half, frames = 0.006, []
+    for time in (-0.02, 0.0, 0.02):
+        motion = FreeMotion(
+            accelerations=[turns * rate / 2], half_exposure=half, velocity=rate * time
+        )
+        frames.append(TimedFrame(motion, time, rate * time**2 / 2))
+    kind = kind_of(Exposures("", tuple(frames), 0.0, 0.0, 0.0))
+    assert (kind == SWEEP) == (turns == 1)
