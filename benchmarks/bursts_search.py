@@ -162,7 +162,7 @@ def transfer(frame: Any, f: Float[np.ndarray, "m"], speeds: Any) -> Any:
 
 def share_of_limits(scene: Scene, sequence: FrameSequence) -> float:
     """The largest share of a limit that a sampled path takes, from rest to rest."""
-    path, limits = sequence.stage_path_within(scene.limits), scene.limits
+    path, limits = sequence.stage_paths_within(scene.limits).get(""), scene.limits
     if path is None:
         return 0.0
     time = np.linspace(path.times[0], path.times[-1], 200_001)

@@ -166,7 +166,7 @@ def _way_of_frames(frames: Exposures, *, short: bool = False) -> str:
     if rests:
         which = "second" if frames.num_frames == 2 else "last" if moving == 1 else f"last {moving}"
         return f", the {which} moving" if short else f", the stage moving during the {which}"
-    travel = frames.travel if frames.path is None else _at_most(frames.travel)
+    travel = _at_most(frames.travel) if frames.in_plane else frames.travel
     way = _VERBS.get(frames.kind, "swings {way}").format(way=f"{_three_digits(travel)} px")
     return f" while the stage {way}"
 
@@ -518,7 +518,7 @@ def details_of(scene: Scene, frames: Exposures | None) -> list[str]:
             "at the worst speed, which the level does not count."
         )
     is_told = scene.sensor.readout is not None or frames.num_frames == 1
-    if frames.path is None and frames.moves and not is_told:
+    if not frames.in_plane and frames.moves and not is_told:
         readout, lost = loss_untold(scene, frames)
         said.append(
             f"Behind rows that are read one after another within {readout * 1e3:.3g} ms, as a "

@@ -146,7 +146,7 @@ class Row:
     @property
     def is_in_plane(self) -> bool:
         """Whether its sensor moves along rows and columns."""
-        return len(self.exposures.axes) == 2
+        return self.exposures.in_plane
 
     @property
     def is_free(self) -> bool:
