@@ -49,6 +49,8 @@ _OF_TELEPHONES = 0.01
 """Time within which a telephone reads its rows; s."""
 _AS_GOOD = 0.05
 """Decibels below the best at which a simpler way is preferred."""
+_FAR = 0.5
+"""Decibels below the best at which an end is not judged: levels that are told differ by less."""
 _MOST = 64
 """Most frames of a search: each has a transfer function of its own."""
 _ON_SENSOR = 12
@@ -105,9 +107,22 @@ def best_moving_burst(
 
     levels, is_free = Levels.on_axis(scene), limits.max_jerk is None
     search = Search(levels, room, ties, _pieces, followed, is_free)
-    ends = (_Found.of(scene, end) for end in search.ends(counts, progress))
-    found = [end for end in ends if end is not None]
+    found = _judged(scene, search.ends(counts, progress))
     return _chosen(scene, found) if found else None
+
+
+def _judged(scene: Scene, ends: list[End]) -> list["_Found"]:
+    """Ends within the limits, the best first, but for those that are far below the best."""
+    found: list[_Found] = []
+    least = -math.inf
+    for end in sorted(ends, key=lambda each: -each.level):
+        if end.level < least and not _is_judged_on_sensor(scene):
+            break
+        each = _Found.of(scene, end)
+        if each is not None:
+            found.append(each)
+            least = max(least, end.level - _FAR)
+    return found
 
 
 def _pieces(count: int) -> int:
