@@ -8,8 +8,9 @@ from scipy import ndimage
 
 from mishutter.measurement.motion import Motion
 from mishutter.measurement.photon_transfer import Law
-from mishutter.measurement.sweep import Box, Smoothed
 from mishutter.pictures.images import Axis, transposed
+from mishutter.pictures.registration.sweep import Smoothed
+from mishutter.pictures.registration.windows import Window
 
 _AROUND = 2
 """Frames to either side along which an object is averaged."""
@@ -46,15 +47,15 @@ def averaged(frames: np.ndarray, unit: np.ndarray, motion: Motion, frames_per_s:
         count += is_alike
     mean = total / count
     near = range(max(0, reference - _AROUND), min(len(frames), reference + _AROUND + 1))
-    splines = Smoothed.of(frames[near.start : near.stop], 0.0)
+    numbers = np.arange(near.start, near.stop, dtype=np.float64)
+    splines = Smoothed.of(frames[near.start : near.stop], numbers, 0.0)
     for number, each in enumerate(motion.objects, 1):
         mask = motion.labels == number
         if not mask.any():
             continue
-        box = Box.around(mask)
+        box = Window.around(mask, 0)
         velocity = np.array(each.velocity) / frames_per_s
-        numbers = range(len(near))
-        values, seen = splines.along(velocity, reference - near.start, numbers, box)
+        values, seen = splines.along(velocity, reference - near.start, range(len(near)), box)
         seen[reference - near.start] = True
         inside = box.of(mask)
         along = np.where(seen, values, 0).sum(axis=0) / seen.sum(axis=0)

@@ -184,11 +184,7 @@ class FramePath(AbstractModule):
             lead=rest + float(knots.durations[0]),
         )
 
-    def path_for_rows(
-        self, readout: float, limits: Limits, pan: Float[np.ndarray, "axes"] | None = None
-    ) -> "FramePath":
-        """The whole path that rows see which are exposed earlier and later."""
-        return self.for_rows(readout, limits, pan)
+    path_for_rows = for_rows
 
     def place(self, time: Float[Numbers, "*shape"]) -> Float[Numbers, "axes *shape"]:
         """Place of the sensor, from that at the begin of the path; px.

@@ -38,6 +38,7 @@ from mishutter.search.frame_ties import (
     PAN,
     STILLS,
     SWEEP,
+    SWINGS,
     WAYS,
     Tie,
 )
@@ -56,6 +57,8 @@ _ON_SENSOR = 12
 """Ends that are judged on a sensor of a known width."""
 _STRAIGHT = 0.25
 """Way aside of a pan below which a frame is one; px."""
+_BENT = 0.25
+"""Share of a gain of velocity by which a parabola may differ from one on the way."""
 
 
 @outside_trace()
@@ -288,9 +291,8 @@ def _motion(velocities: Float[np.ndarray, "k"], half: float) -> AbstractMotion:
 def _bend(motion: AbstractMotion) -> float:
     """Greatest change of the velocity beside a parabola's, over that from begin to end."""
     velocities = np.asarray(motion.end_velocities, np.float64)
-    along = np.interp(
-        *(np.asarray(x, float) for x in (motion.piece_ends, (-1, 1))), velocities[[0, -1]]
-    )
+    ends = np.asarray(motion.piece_ends, np.float64)
+    along = np.interp(ends, (-1.0, 1.0), velocities[[0, -1]])
     return float(np.max(np.abs(velocities - along)) / abs(velocities[-1] - velocities[0]))
 
 
@@ -313,8 +315,8 @@ def kind_of(sequence: Exposures) -> str:
         is_one = len(moving) > 1 and np.ptp(middle) < 0.05 * np.max(np.abs(middle))
         return PAN if is_one else FAN
     if np.all(ends[:, 0] * ends[:, 1] < 0):
-        is_parabola = all(_bend(frame.motion) < 0.5 for frame in moving)
-        return ALTERNATING if is_parabola and np.all(gains[1:] * gains[:-1] < 0) else FREE
+        is_parabola = all(_bend(frame.motion) < _BENT for frame in moving)
+        return ALTERNATING if is_parabola and np.all(gains[1:] * gains[:-1] < 0) else SWINGS
     rates = gains / lengths
     is_even = np.ptp(rates) < 0.5 * np.max(np.abs(rates))
     if is_even and np.all(np.diff(middle) * gains[0] > 0):
