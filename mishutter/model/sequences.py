@@ -107,6 +107,12 @@ class FramePath(AbstractModule):
     jerks: Float[np.ndarray, "p"] | None = None
 
     @property
+    def duration(self) -> float:
+        """Time from the first light to the last; s, of concrete frames."""
+        ends = np.asarray(self.times) + np.asarray(self.exposures) / 2
+        return float(ends[-1] - self._begin)
+
+    @property
     def _begin(self) -> Array | np.ndarray | np.floating:
         return self.times[0] - self.exposures[0] / 2
 
@@ -184,11 +190,7 @@ class FramePath(AbstractModule):
             lead=rest + float(knots.durations[0]),
         )
 
-    def path_for_rows(
-        self, readout: float, limits: Limits, pan: Float[np.ndarray, "axes"] | None = None
-    ) -> "FramePath":
-        """The whole path that rows see which are exposed earlier and later."""
-        return self.for_rows(readout, limits, pan)
+    path_for_rows = for_rows
 
     def place(self, time: Float[Numbers, "*shape"]) -> Float[Numbers, "axes *shape"]:
         """Place of the sensor, from that at the begin of the path; px.

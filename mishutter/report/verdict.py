@@ -34,6 +34,7 @@ from mishutter.search.frame_ties import (
     PAN,
     RING,
     SWEEP,
+    SWINGS,
     TWO_SINES,
 )
 from mishutter.search.moving_frames import loss_untold
@@ -61,6 +62,7 @@ _WAYS = {
     SINE: "swings on a sine that turns in the middle of each frame",
     SWEEP: "goes out and back once at a constant acceleration",
     ALTERNATING: "turns back in each frame",
+    SWINGS: "turns back in each frame",
     FAN: "takes another constant velocity in each frame",
     FOLLOW: "follows the objects at {speeds} and flies back between frames, {turns}",
     PAN: "pans at {speeds}",
@@ -76,6 +78,7 @@ _VERBS = {
     SINE: "swings {way} on a sine",
     SWEEP: "sweeps {way}",
     ALTERNATING: "swings {way}",
+    SWINGS: "swings {way}",
     FAN: "takes a constant speed in each, over {way}",
     FOLLOW: "follows the objects and flies back over {way}",
     CIRCLE: "circles over {way}",
