@@ -7,18 +7,19 @@ which the discrete Fourier transform is the spectrum of the band-limited scene t
 import itertools
 import math
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple, get_args
+from types import ModuleType
+from typing import Literal, NamedTuple, get_args
 
 import jax.numpy as jnp
 import numpy as np
 import scipy.fft
 from jaxtyping import Array, ArrayLike, Complex, Float
 
-from mishutter._core.checks import is_concrete, namespace_of, require
-from mishutter.evaluation.instants import Frames, Instants
+from mishutter._core.checks import Alike, Numbers, is_concrete, namespace_of, require
+from mishutter.evaluation.instants import Instants
 from mishutter.model.motion import AbstractMotion
 from mishutter.model.sensor import Sensor
-from mishutter.model.sequences import FramePath
+from mishutter.model.sequences import Frames, frames_in
 
 rfftn: Callable[..., np.ndarray] = scipy.fft.rfftn  # type: ignore[assignment]
 irfftn: Callable[..., np.ndarray] = scipy.fft.irfftn  # type: ignore[assignment]
@@ -141,13 +142,10 @@ def instants_within_reach(
 ) -> Instants:
     """Instants of frames at a velocity that displaces light by no more than `MAX_REACH`."""
     speed = float(np.hypot(*velocity) if velocity.size > 1 else abs(velocity[0]))
-    if isinstance(frames, FramePath):
-        latest = float(np.ptp(frames.times) + (frames.exposures[0] + frames.exposures[-1]) / 2)
-    else:
-        latest = max(abs(float(frame.time)) + frame.exposure / 2 for frame in frames)
+    longest = speed * float(np.max(np.asarray(frames_in(frames).exposures)))
     requirement = f"displace light by at most {MAX_REACH} px"
     # Before there are as many nodes as such a displacement would need.
-    require(speed * latest <= 2 * MAX_REACH, subject, requirement, speed * latest)
+    require(longest <= 2 * MAX_REACH, subject, requirement, longest)
     instants = Instants.of(frames, speed, delay=delay)
     reach = max(instants.reach(velocity[None]))
     require(reach <= MAX_REACH, subject, requirement, reach)
@@ -169,7 +167,7 @@ def period_of(columns: int, reach: int, border: str) -> int:
     return fast_length(columns + 2 * (reach + MARGIN))
 
 
-def continued(rows: Any, period: int, border: str) -> Any:
+def continued(rows: Alike, period: int, border: str) -> Alike:
     """Rows continued by a border rule to one period of `period_of`, their own pixels first.
 
     Mirrored rows repeat themselves after twice their length. Rows that go on as their last pixel
@@ -228,6 +226,6 @@ def channels_last(planes: Planes, like: ArrayLike) -> Planes:
     return picture[..., 0] if np.ndim(like) == 2 else picture
 
 
-def _in_its_space(values: Any) -> tuple[Any, Any]:
+def _in_its_space(values: ArrayLike) -> tuple[ModuleType, Numbers]:
     """NumPy and its array of concrete rows; JAX's NumPy and the rows where they are traced."""
-    return (np, np.asarray(values)) if is_concrete(values) else (jnp, values)
+    return (np, np.asarray(values)) if is_concrete(values) else (jnp, jnp.asarray(values))

@@ -61,7 +61,14 @@ def error_line(error: BaseException, arguments: Sequence[str] = ()) -> str | Non
 def _usage_line(error: Any, arguments: Sequence[str]) -> str:
     """The line for an error of the command line parser, from what the error holds."""
     if isinstance(error, _PARSER.NoSuchOption):
-        near, got = _perhaps(error.possibilities), describe(error.option_name)
+        params = [] if error.ctx is None else error.ctx.command.params
+        shown = [
+            name for each in params if not getattr(each, "hidden", False) for name in each.opts
+        ]
+        near, got = (
+            _perhaps(get_close_matches(error.option_name, shown)),
+            describe(error.option_name),
+        )
         return f"every option must be one of those of --help{near}; got {got}"
     if isinstance(error, _PARSER.BadOptionUsage):
         is_last = arguments[-1] == error.option_name

@@ -1,7 +1,6 @@
 """The command that maps acceleration and exposure: `sweep`."""
 
 import logging
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from mishutter._core.checks import require
 from mishutter._core.files import writable_folder
-from mishutter._core.progress import note, progress_bar
+from mishutter._core.progress import note
 from mishutter.cli.console import (
     AGAIN,
     interruptible,
@@ -112,7 +111,6 @@ def sweep(
 
     from mishutter.model.shutters.kinds import baselines, named_shutter
     from mishutter.sweeps.grid import frames_of, require_some_inside, require_within
-    from mishutter.sweeps.run import WHY_NO_POINT
     from mishutter.sweeps.run import sweep as run
 
     scene = scene_of(scene_file)
@@ -131,20 +129,7 @@ def sweep(
     _require_few(f"{_RANGES} together", total)
     require_within(_RANGES, frames, accelerations, half_exposures)
     folder = None if out is None else writable_folder(out)
-    points: list[int] = []
-    with (
-        interruptible(lambda: _after_points(points, total, store, is_search=optimise)),
-        _notes(),
-        progress_bar("sweeping", total, WHY_NO_POINT) as update,
-    ):
-        begin = time.perf_counter()
-
-        def progress(done: int, total: int) -> None:
-            points.append(done)
-            seconds, computed = time.perf_counter() - begin, done - points[0]
-            has_rate = computed and seconds > 0
-            update(done, f"{computed / seconds:.2g} points/s" if has_rate else "")
-
+    with interruptible(lambda: _how_to_go_on(store)), _notes():
         dataset = run(
             scene,
             accelerations=accelerations,
@@ -156,23 +141,17 @@ def sweep(
             num_coefficients=num_coefficients,
             store=store,
             scheduler=scheduler,
-            progress=progress,
+            progress=True,
         )
     require_some_inside(_RANGES, dataset.outside.values)
     _deliver(dataset, scene, folder, json)
 
 
-def _after_points(points: list[int], total: int, store: Path | None, *, is_search: bool) -> str:
-    """The message of an interrupted sweep: the points that its store holds, and how to go on."""
+def _how_to_go_on(store: Path | None) -> str:
+    """The message of an interrupted sweep."""
     if store is None:
         return f"{AGAIN}; with --store PATH a sweep goes on where it was interrupted"
-    done = points[-1] if points else 0
-    if is_search:  # which tells its points before their block is whole
-        return (
-            f"{done} of {total} points were found, and those of whole blocks are saved in {store}; "
-            "the same command computes the others"
-        )
-    return f"{done} of {total} points are saved in {store}; the same command computes the others"
+    return f"the points of whole blocks are saved in {store}; the same command computes the others"
 
 
 def _halves(

@@ -26,7 +26,7 @@ WORTH = 0.1
 row to row."""
 FLOOR = 0.005
 """Least error of a picture's way over the sequence; px."""
-_SURE_SHIFT = 4.0
+_SURE_SHIFT = 4.6
 """Standard errors beyond which a frame's shift or level is certain."""
 ROLLS_ABOVE = 1.03
 """Misfit above which rows that are exposed in turn are tried."""

@@ -37,7 +37,7 @@ from mishutter.decoding.frame_likelihood import (
     exposures_of,
     peak_near,
 )
-from mishutter.decoding.likeliest import TOLERANCE, Fit, fit_of, follows, noises_of
+from mishutter.decoding.likeliest import TOLERANCE, Fit, fit_of, noises_of
 from mishutter.decoding.rolling import GLOBAL, ROUGH_SHARE, RowTimes, binned_along
 from mishutter.model.scene import Scene, require_velocities
 from mishutter.model.sensor import Sensor
@@ -204,9 +204,9 @@ class _Burst(NamedTuple):
     def steady(self, fit: Fit) -> "_Burst":
         """The frames without changes of gain and black level, which tell no velocity."""
         own, mean = self.own, self.mean
-        changes = follows(len(own.frames)) * np.stack([fit.gains, fit.offsets])[..., None, None]
-        gains = np.maximum(1 + changes[0] - np.mean(changes[0]), BLACK)
-        steady = ((own.frames + mean - changes[1]) / gains - mean).astype(own.frames.dtype)
+        gains, offsets = np.stack([fit.gains, fit.offsets])[..., None, None]
+        gains = np.maximum(1 + gains - np.mean(gains), BLACK)
+        steady = ((own.frames + mean - offsets) / gains - mean).astype(own.frames.dtype)
         noises = own.noises / gains.ravel() ** 2
         return self._replace(own=own._replace(frames=steady, noises=noises))
 

@@ -66,6 +66,7 @@ class AbstractRolledFrame(ABC):
         """Square of the response in the mean over rows."""
 
 
+Response = Complex[np.ndarray, "..."] | AbstractRolledFrame
 Responses = Complex[np.ndarray, "frames ..."] | Sequence[AbstractRolledFrame]
 """The way from a picture to each frame: a response on the canvas, or one for each row."""
 
@@ -112,13 +113,15 @@ class Canvas(NamedTuple):
         """The sensor's part of pictures."""
         return self.picture(spectrum)[self.window]
 
-    def through(self, response: Any, spectrum: Complex[np.ndarray, "..."]) -> np.ndarray:
+    def through(self, response: Response, spectrum: Complex[np.ndarray, "..."]) -> np.ndarray:
         """The sensor's part of pictures through a response."""
         if isinstance(response, AbstractRolledFrame):
             return response.seen(spectrum)
         return self.seen(spectrum * response)
 
-    def told(self, response: Any, frame: Float[np.ndarray, "..."]) -> Complex[np.ndarray, "..."]:
+    def told(
+        self, response: Response, frame: Float[np.ndarray, "..."]
+    ) -> Complex[np.ndarray, "..."]:
         """The adjoint of `through`, of a frame less its levels where nothing is known of them."""
         if isinstance(response, AbstractRolledFrame):
             return response.told(self.known(frame))
@@ -241,7 +244,7 @@ def _by_gradients(
         """Inner products of pictures, from half of their spectra."""
         return mean_over_dft(np.real(first.conj() * second), *shape)
 
-    def along(numbers: Any) -> np.ndarray:
+    def along(numbers: np.ndarray) -> np.ndarray:
         """A number for each picture."""
         return numbers.astype(dtype).reshape(*numbers.shape, *[1] * len(shape))
 
@@ -340,7 +343,7 @@ class Fit(NamedTuple):
     misfits: Float[np.ndarray, "frames"]  # The same of each frame
     gains: Float[np.ndarray, "frames"]  # Gain of each frame beside the picture, less 1
     offsets: Float[np.ndarray, "frames"]  # Its black level; white = 1
-    shifts: Float[np.ndarray, "frames axes"]  # Its displacement from its place, along rows first
+    shifts: Float[np.ndarray, "frames axes"]  # From where the others put it, along rows first
     shift_errors: Float[np.ndarray, "frames axes"]  # Standard errors of these; px
     # Logarithm of the likelihood of each row, or that which the residual has in each tile
     parts: Float[np.ndarray, "parts"]
@@ -359,6 +362,7 @@ def fit_of(found: Likeliest, space: Volume, mean: float = 0.0) -> Fit:
     residual = canvas.known(canvas.frames) - canvas.known(seen)
     gains, offsets = np.zeros((2, num_frames))
     shifts, errors = np.zeros((2, num_frames, num_axes))
+    covariances = np.zeros((num_frames, num_axes, num_axes))
     # Standard deviations by which a frame may differ: of its gain, black level, and shift, 10 px.
     expected = np.diag(np.array([0.2, 0.2, *[10.0 / canvas.size] * num_axes]) ** -2.0)
     for k, noise in enumerate(canvas.noises if num_frames > 1 else []):
@@ -373,7 +377,9 @@ def fit_of(found: Likeliest, space: Volume, mean: float = 0.0) -> Fit:
         change = inverse @ (design.T @ residual[k].ravel()) / noise
         residual[k] -= (design[:, :2] @ change[:2]).reshape(shape[1:])
         gains[k], offsets[k], *shifts[k] = change
-        errors[k] = np.sqrt(np.diag(inverse)[2:])
+        covariances[k] = inverse[2:, 2:]
+    if num_frames > 1:
+        shifts, errors = _from_the_others(shifts, covariances)
     noises = canvas.noises.reshape(-1, *[1] * (len(shape) - 1))
     squares = residual.astype(np.float64) ** 2 / noises
     # Each frame has a gain and a black level, or each of its rows has one.
@@ -385,21 +391,33 @@ def fit_of(found: Likeliest, space: Volume, mean: float = 0.0) -> Fit:
         parts = found.gains.ravel() - space.logarithm
     else:
         parts = -_in_tiles(np.sum(squares, axis=0)) / 2
-    scale = follows(num_frames) * canvas.size
     return Fit(
         float(np.sum(sums) / max(np.sum(freedoms), 1.0)),
         sums / np.maximum(freedoms, 1.0),
         gains,
         offsets,
-        scale * shifts,
-        scale * errors,
+        canvas.size * shifts,
+        canvas.size * errors,
         parts,
     )
 
 
-def follows(num_frames: int) -> float:
-    """Change of one frame over that beside the picture, which has a part in it of all frames."""
-    return num_frames / max(num_frames - 1, 1)
+def _from_the_others(
+    shifts: Float[np.ndarray, "frames axes"], covariances: Float[np.ndarray, "frames axes axes"]
+) -> tuple[Float[np.ndarray, "frames axes"], Float[np.ndarray, "frames axes"]]:
+    r"""Displacements of each frame from where all others are, and their standard errors.
+
+    The picture lies where frames are in the mean, $\sum_j J_j d_j/J$, $J = \sum_j J_j$, by the
+    information $J_j$ that each has of its place. Beside it a frame seems displaced by
+    $r_k = d_k - \sum_j J_j d_j/J$ alone, which is $J^{-1}(J - J_k)$ of its displacement from the
+    mean of the others, and that has the covariance $J_k^{-1} + (J - J_k)^{-1}$.
+    """
+    information = np.linalg.inv(covariances)
+    every = np.sum(information, axis=0)
+    of_others = np.linalg.inv(every - information)
+    displaced = np.einsum("kij,jl,kl->ki", of_others, every, shifts)
+    variances = np.diagonal(covariances + of_others, axis1=1, axis2=2)
+    return displaced, np.sqrt(variances)
 
 
 def _in_tiles(values: Float[np.ndarray, "*planes rows columns"]) -> Float[np.ndarray, "*planes t"]:
@@ -459,7 +477,7 @@ def detail_of(
     window /= math.sqrt(float(np.sum(window**2)))
     power = np.abs(rfftn(frames * window, shape, axes=range(-num_axes, 0))) ** 2
     power = np.mean(power.reshape(len(frames), -1, *power.shape[-num_axes:]), axis=1)
-    recorded = sum(one / noise - 1 for one, noise in zip(power, noises, strict=True))
+    recorded = np.sum([one / noise - 1 for one, noise in zip(power, noises, strict=True)], axis=0)
     grid = (*expected.shape[:-1], 2 * (expected.shape[-1] - 1))
     edges = np.geomspace(lowest, 0.5, 7)
     scales = []
@@ -469,7 +487,7 @@ def detail_of(
     return Detail(np.sqrt(edges[:-1] * edges[1:]), np.array(scales))
 
 
-def _mean_between(power: Any, shape: tuple[int, ...], low: float, high: float) -> float:
+def _mean_between(power: np.ndarray, shape: tuple[int, ...], low: float, high: float) -> float:
     """Mean power between two frequencies of half of a DFT."""
     radius = reduce(np.hypot, frequencies_along(shape))
     inside = (radius >= low) & (radius <= high)

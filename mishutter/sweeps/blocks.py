@@ -25,6 +25,8 @@ from mishutter.search.search import SearchSettings, Start, best_design
 from mishutter.sweeps.grid import MARKS, REASONS, Block, Grid, Search, outside_limits
 
 Arrays = dict[str, np.ndarray]
+Found = Callable[[Block, float], None]
+"""A function that is called with a block and the share of its work that is done."""
 
 
 class PreparedShutter(NamedTuple):
@@ -109,18 +111,19 @@ class Engine:
             yield np.flatnonzero(half_exposures == half), self._rules(prepared.coordinates, half)
 
     def computed(
-        self, blocks: Iterable[Block], found: Callable[[Block], None] = lambda block: None
+        self, blocks: Iterable[Block], found: Found = lambda block, share: None
     ) -> Iterator[Arrays]:
         """The variables of blocks, in order; with a search some blocks at a time.
 
         Args:
             blocks: The blocks.
-            found: Called after each point of a search, with its block.
+            found: Called after each point of a search, or else after each shutter that is
+                measured, with the block and its share that is done.
         """
         count = num_threads(np.array(jax.devices())) if self.bases else 1
         return in_threads(partial(self.compute, found=found), blocks, count)
 
-    def compute(self, block: Block, found: Callable[[Block], None] = lambda block: None) -> Arrays:
+    def compute(self, block: Block, found: Found = lambda block, share: None) -> Arrays:
         """Every variable of a block, NaN outside the limits; axes of frames left out."""
         grid, at = self.grid, self.grid.place(block)
         everywhere = self.outside[block.frame]
@@ -134,12 +137,15 @@ class Engine:
             name: _placed(getattr(sizes, name), inside) for name in ("num_taps", "dft_length")
         }
         arrays["outside"] = everywhere[at]
-        metrics = [
-            self._measured(prepared, block.frame, motions, sizes) for prepared in self.shutters
-        ]
+        metrics = []
+        for prepared in self.shutters:
+            metrics.append(self._measured(prepared, block.frame, motions, sizes))
+            if grid.search is None:
+                found(block, len(metrics) / len(self.shutters))
         if grid.search is not None:
             scene, profile = self.scenes[block.frame], grid.search.profiles[block.frame]
-            tell = partial(found, block)
+            num_points = max(grid.num_points([block]), 1)
+            tell = lambda count: found(block, count / num_points)  # noqa: E731
             boxes, best = _best_profiles(grid.search, scene, motions, profile, tell)
             arrays |= {name: _placed(values, inside) for name, values in best.items()}
             basis = self.bases[profile.symmetric]
@@ -214,7 +220,7 @@ def _best_profiles(
     scene: Scene,
     motions: ParabolicMotion,
     profile: SplineShutter,
-    found: Callable[[], None],
+    found: Callable[[int], None],
 ) -> tuple[Float[np.ndarray, "n c"], Arrays]:
     """Coordinates of the best profiles of a kind on some motions of a scene, and variables."""
     accelerations = np.asarray(motions.acceleration)
@@ -235,7 +241,7 @@ def _best_profiles(
         design = best_design(Start(scene, motion, profile, ("shutter",)), shared)
         boxes[index] = cast(SplineShutter, design.command).parameters
         losses[index], converged[index] = design.loss, design.converged
-        found()
+        found(index + 1)
     coefficients = boxes
     if profile.symmetric:
         mirrored = boxes[:, : profile.num_coefficients // 2]

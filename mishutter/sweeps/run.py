@@ -20,7 +20,7 @@ from mishutter._core.checks import (
     require_seed,
 )
 from mishutter._core.compiling import outside_trace
-from mishutter._core.progress import reports
+from mishutter._core.progress import counts
 from mishutter.evaluation.losses import AbstractLoss, as_loss
 from mishutter.evaluation.metrics import METRICS
 from mishutter.evaluation.speed_knowledge import SpeedKnowledge, metrics_of
@@ -177,22 +177,23 @@ def _filled(
         _LOG.info("%d of %d blocks found, %d to compute", total - len(missing), total, len(missing))
         num_points = grid.num_points(grid.blocks())
         done = num_points - grid.num_points(missing)
-        with reports(
-            progress,
-            "sweeping",
-            num_points,
-            words=lambda done, total: (done, ""),
-            why=WHY_NO_POINT,
-        ) as news:
-            tell = news or (lambda done, total: None)
-            tell(done, num_points)
-            # A search takes long for each point; threads share no block.
-            within = dict.fromkeys(missing, 0)
+        told = progress if callable(progress) else lambda done, total: None
+        with counts(progress is True, "sweeping", num_points, _WHY_NO_POINT) as counter:
+            # Points of blocks that are under way; threads share no block.
+            within, names = dict.fromkeys(missing, 0.0), _names_of(grid)
 
-            def found(block: Block) -> None:
-                within[block] += 1
-                tell(done + sum(within.values()), num_points)
+            def tell() -> int:
+                found = int(done + sum(within.values()))
+                counter(found, names[next(iter(within))] if within else "")
+                return found
 
+            def found(block: Block, share: float) -> None:
+                within[block] = share * grid.num_points([block])
+                found = tell()
+                if grid.search is not None:
+                    told(found, num_points)
+
+            told(tell(), num_points)
             if client is None:
                 computed = _computed_here(grid, missing, blocks, found)
             else:
@@ -200,18 +201,27 @@ def _filled(
                 computed = compute_remotely(grid, missing, blocks, client, place)
             for block in computed:
                 done += grid.num_points([block])
-                within[block] = 0
-                tell(done + sum(within.values()), num_points)
+                del within[block]
+                told(tell(), num_points)
     _LOG.info("%d block%s computed", len(missing), "" if len(missing) == 1 else "s")
     return blocks.dataset()
 
 
-WHY_NO_POINT = "compiling, or a block is computed, whose points end together"
-"""Why a sweep tells no point for a while."""
+def _names_of(grid: Grid) -> dict[Block, str]:
+    """The points of each block, as "points 33 to 64"."""
+    names, last = {}, 0
+    for block in grid.blocks():
+        first, last = last + 1, last + grid.num_points([block])
+        names[block] = f"point {last}" if first == last else f"points {first} to {last}"
+    return names
+
+
+_WHY_NO_POINT = "compiling, or measuring all points by a shutter at once"
+"""Why a sweep moves no further for a while."""
 
 
 def _computed_here(
-    grid: Grid, missing: list[Block], blocks: AbstractBlocks, found: Callable[[Block], None]
+    grid: Grid, missing: list[Block], blocks: AbstractBlocks, found: Callable[[Block, float], None]
 ) -> Iterator[Block]:
     if missing:
         for block, arrays in zip(missing, Engine(grid).computed(missing, found), strict=True):

@@ -85,6 +85,10 @@ USAGE = {
         ["optimise", "--oput", "x"],
         "every option must be one of those of --help, perhaps `--out`; got '--oput'",
     ),
+    "option-like-a-former-one": (
+        ["sweep", "--accelerations", "1e4:1e5:2"],
+        "perhaps `--stage-acceleration`; got '--accelerations'",
+    ),
     "option-of-no-likeness": (["--bad"], "must be one of those of --help; got '--bad'"),
     "option-without-value": (
         ["optimise", "--out"],
@@ -247,7 +251,7 @@ def test_no_folder_is_made_for_what_cannot_be_read(command, tmp_path, capsys):
         (
             "sweeps.run.sweep",
             ["sweep", "--store", "s.zarr"],
-            "3 of 1600 points are saved in s.zarr; the same command computes the others",
+            "the points of whole blocks are saved in s.zarr; the same command computes the others",
         ),
     ],
     ids=lambda value: "-".join(value) if isinstance(value, list) else "",
@@ -257,9 +261,7 @@ def test_an_interrupt_says_what_was_kept_and_how_to_go_on(
 ):
     """One line, whatever was under way."""
 
-    def interrupt(*_, progress=None, **__):
-        if place == "sweeps.run.sweep":
-            progress(3, 1600)
+    def interrupt(*_, **__):
         raise KeyboardInterrupt
 
     monkeypatch.chdir(tmp_path)

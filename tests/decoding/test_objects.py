@@ -12,13 +12,14 @@ from mishutter.decoding.objects.arrangement import Thing as Found
 from mishutter.decoding.objects.candidates import candidates
 from mishutter.decoding.objects.composite import Alone, composite, labels_of, trusted
 from mishutter.decoding.objects.finding import found_in, put_in_order
-from mishutter.decoding.objects.grids import Window, moved, splines
+from mishutter.decoding.objects.grids import moved
 from mishutter.decoding.objects.light import Knowledge, Misfit, Sight, _sheet, light_of
-from mishutter.decoding.objects.outlines import given_others
+from mishutter.decoding.objects.outlines import given_others, sharpen
 from mishutter.decoding.objects.restored import _instants_of as instants_of
 from mishutter.decoding.objects.restored import knowledge_of
 from mishutter.decoding.objects.stills import Stills
 from mishutter.decoding.objects.velocities import refine_velocity
+from mishutter.pictures.registration.windows import Window, splines
 
 RATE, READ_NOISE, FASTEST = 1e5, 8.0, 900.0
 TIMES = np.array([-0.03, -0.01, 0.01, 0.03])
@@ -142,6 +143,37 @@ def test_a_velocity_is_refined_where_frames_are_half_a_stroke_out_of_place():
         np.testing.assert_allclose(own.velocity, page.velocity, atol=1.0)
 
 
+def test_an_outline_keeps_what_is_as_dark_as_the_background():
+    """Dark bars that reach it before a dark background stay, however often it is solved."""
+    bars = np.where(np.arange(96) % 12 < 5, 0.1, 0.6) * np.ones((96, 1))
+    one = thing(0, (60.0, 62.0), 30.0, (340.0, 420.0), bars)
+    dark = 0.15 + 0.05 * (ground() - 0.35)
+    frames = frames_of(dark, [one], TIMES, EXPOSURES, np.random.default_rng(4))
+    truth = shown(dark, [one], 0.0)[1][0].astype(np.float32)
+    velocity = np.array(one.velocity)
+    found = Arrangement(stills(frames), [Found(velocity, truth, velocity, 1.0)], [0])
+    for _ in range(6):
+        sharpen(found)
+        found.place()
+    # of 2,830 pixels and an outline of 190
+    assert np.abs(found.things[0].matte - truth).sum() < 200
+
+
+@pytest.mark.slow
+def test_things_that_move_nearly_alike_are_two_where_they_lie_apart():
+    """Two whose velocities differ by 3 px over the frames, less than the first look tells."""
+    alike = (
+        thing(7, (38.0, 40.0), 20.0, (250.0, -300.0)),
+        thing(8, (90.0, 84.0), 20.0, (290.0, -270.0)),
+    )
+    frames = frames_of(ground(), alike, TIMES, EXPOSURES, np.random.default_rng(5))
+    found = found_in(stills(frames)).things
+    assert len(found) == 2
+    for one in alike:
+        away = [np.hypot(*(own.velocity - one.velocity)) for own in found]
+        assert min(away) < 8
+
+
 def test_what_one_frame_alone_shows_is_told_by_the_layer_about_it():
     """A strip that goes on as a flat layer does is likely, another light in it is not."""
     random, seen = np.random.default_rng(14), np.ones((3, 40, 60))
@@ -168,6 +200,21 @@ def test_nothing_is_found_where_nothing_moves():
     random = np.random.default_rng(4)
     frames = frames_of(ground(), [], TIMES, EXPOSURES, random)
     assert candidates(stills(frames)).things == []
+
+
+def test_slow_and_touching_things_are_candidates():
+    """One that goes 3 px in all, and two side by side, each within 1.5 px over the frames."""
+    slow = [thing(7, (64.0, 64.0), 26.0, (40.0, -30.0))]
+    beside = [
+        thing(8, (64.0, 40.0), 24.0, (0.0, 150.0)),
+        thing(9, (64.0, 88.0), 24.0, (90.0, 150.0)),
+    ]
+    for things in (slow, beside):
+        frames = frames_of(ground(), things, TIMES, EXPOSURES, np.random.default_rng(4))
+        found = candidates(stills(frames)).things
+        for each in things:
+            away = [np.hypot(*(own.velocity - each.velocity)) * 0.06 for own in found]
+            assert min(away, default=9.0) < 1.5
 
 
 @pytest.mark.slow

@@ -27,8 +27,9 @@ from mishutter import (
 )
 from mishutter.camera.plane_frames import aperture_on, responses_in_plane
 from mishutter.decoding.frame_likelihood import Own, Prior, climbed
-from mishutter.decoding.frame_velocity import VelocityEstimate, velocity_of_frames
+from mishutter.decoding.frame_velocity import VelocityEstimate, _Burst, velocity_of_frames
 from mishutter.decoding.likeliest import noises_of
+from mishutter.decoding.rolling import RowTimes
 from mishutter.evaluation.instants import Instants
 from mishutter.model.velocities import EvenVelocities
 
@@ -230,6 +231,20 @@ def test_frames_whose_gain_changes_tell_the_velocity():
         gains * captures + [[[0.0]], [[0.01]], [[0.0]], [[0.004]]], NARROW, frames
     )
     assert np.hypot(*(estimate.velocity - VELOCITY)) * 0.06 < 0.3
+
+
+def test_a_gain_that_was_taken_out_is_not_found_again():
+    """Of two frames, of which the second is a tenth brighter."""
+    velocity, bright = np.array([4.0, -3.0]), replace(SCENE, photon_rate=3e6)
+    captures, _, frames = shown("still", 2, velocity, scene=bright)
+    captures[1] *= 1.1
+    times = RowTimes.of(bright.sensor, (1, 96, 112), in_plane=True)
+    burst, apart = _Burst.of(captures[None], bright, frames, times), []
+    for _ in range(2):
+        level = burst.own.level(velocity[None], 1)
+        fit = level.fit(velocity, burst.mean, burst.tolerance)
+        burst, apart = burst.steady(fit), [*apart, fit.gains[1] - fit.gains[0]]
+    np.testing.assert_allclose(apart, [0.1, 0.0], atol=0.01)
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """Profiles found over a grid are those that `optimise` finds, and do what is said of them."""
 
+from contextlib import contextmanager
 from types import SimpleNamespace
 from typing import Any
 
@@ -257,3 +258,19 @@ def test_a_search_tells_its_points_before_their_block_is_whole():
     news = lambda done, total: told.append(done)  # noqa: E731
     sweep(LOPSIDED, optimise=True, **axes, max_steps=1, progress=news)
     assert told == [0, 1, 2, 3]
+
+
+def test_a_bar_moves_by_each_shutter_and_names_the_points_of_the_block(monkeypatch):
+    """Of 15 points in three blocks, of which each is measured behind two shutters."""
+    told: list[tuple[int, str]] = []
+
+    @contextmanager
+    def counts(*_):
+        yield lambda done, name: told.append((done, name))
+
+    monkeypatch.setattr("mishutter.sweeps.run.counts", counts)
+    monkeypatch.setattr("mishutter.sweeps.grid.Grid.block_shape", (5, 1))
+    axes = {"accelerations": [0.0, 3e4, 9e4, 1e5, 2e5], "half_exposures": [1e-3, 3.1e-3, 7e-3]}
+    sweep(SCENE, **axes, shutters=SHUTTERS, metrics="efficiency", progress=True)
+    names = ["points 1 to 5"] * 3 + ["points 6 to 10"] * 3 + ["points 11 to 15"] * 3 + [""]
+    assert told == list(zip([0, 2, 5, 5, 7, 10, 10, 12, 15, 15], names, strict=True))

@@ -1,19 +1,22 @@
 """The things of frames: velocities, outlines and order, in turn."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy import ndimage
 
 from mishutter.decoding.objects.arrangement import Arrangement, Thing
 from mishutter.decoding.objects.candidates import candidates, within
-from mishutter.decoding.objects.grids import moved, splines
+from mishutter.decoding.objects.grids import Mask, moved
 from mishutter.decoding.objects.outlines import Along, cut_out, mean_lights, sharpen
 from mishutter.decoding.objects.stills import Stills
 from mishutter.decoding.objects.velocities import refine_velocity
+from mishutter.pictures.registration.windows import splines
 
-_ROUNDS, _SHARPENINGS = 4, 4
+_ROUNDS, _SHARPENINGS = 4, 6
 _LEAST_EVIDENCE = 150.0
 """Logarithm of the likelihood of a thing over none below which there is none."""
 _LEAST_AREA = 200
@@ -22,6 +25,10 @@ _GUESSED = 0.6
 """Error of a velocity over that of the first guess from which on frames tell nothing of it."""
 _SEPARATE = 1.5
 """Way between two velocities over the frames within which they are one; px."""
+_BRIDGE = 3
+"""Pixels from an outline within which parts of a thing may hang together by chance."""
+_APART = 5.0
+"""Standard errors by which the velocities of two parts of a thing have to differ."""
 
 
 class Told(NamedTuple):
@@ -50,24 +57,16 @@ def found_in(
     arrangement, is_told = candidates(stills, told.velocities), told.velocities is not None
     for turn in range(_ROUNDS):
         report("velocities and outlines", 0.3 + 0.12 * turn)
-        lights = mean_lights(arrangement) if turn else None
-        for number, thing in enumerate(arrangement.things):
-            if thing.area > 0 and not is_told:
-                refine_velocity(arrangement, number, lights)
+        if not is_told:
+            _refine_parts(arrangement, is_first=not turn)
         _merge(arrangement)
         put_in_order(arrangement)
         cut_out(arrangement)
-        things = arrangement.things
-        weak = [
-            number
-            for number, thing in enumerate(things)
-            if thing.evidence < _LEAST_EVIDENCE or thing.area < _LEAST_AREA
-        ]
-        if weak and turn:
-            arrangement.drop(min(weak, key=lambda number: things[number].evidence))
+        if turn:
+            _drop_weakest(arrangement)
         arrangement.place()
     for turn in range(_SHARPENINGS):
-        report("outlines from pixels that show two things", 0.8 + 0.05 * turn)
+        report("outlines from pixels that show two things", 0.8 + 0.03 * turn)
         sharpen(arrangement)
         arrangement.place()
     if not is_told:
@@ -76,6 +75,29 @@ def found_in(
             if _tells_nothing(arrangement.things[number]):
                 arrangement.drop(number)
     return arrangement
+
+
+def _refine_parts(arrangement: Arrangement, *, is_first: bool) -> None:
+    """Refines the velocities of things, of parts that lie apart one by one."""
+    if not is_first:
+        _split(arrangement)
+        arrangement.place()
+    lights = None if is_first else mean_lights(arrangement)
+    for number, thing in enumerate(arrangement.things):
+        if thing.area > 0:
+            refine_velocity(arrangement, number, lights)
+
+
+def _drop_weakest(arrangement: Arrangement) -> None:
+    """Leaves out the thing of least evidence among those that have too little."""
+    things = arrangement.things
+    weak = [
+        number
+        for number, thing in enumerate(things)
+        if thing.evidence < _LEAST_EVIDENCE or thing.area < _LEAST_AREA
+    ]
+    if weak:
+        arrangement.drop(min(weak, key=lambda number: things[number].evidence))
 
 
 def _tells_nothing(thing: Thing) -> bool:
@@ -146,6 +168,40 @@ def _shown(
         squares[k] = np.minimum((stills.light[k] - shown) ** 2 / noise, 12)
         known[k] = (moved(have, window, way, stills.shape) > 0.99) & over[k]
     return squares, known
+
+
+def _split(arrangement: Arrangement) -> None:
+    """Tells things apart that were found as one, as they lie apart and move nearly alike."""
+    for number, thing in enumerate(list(arrangement.things)):
+        inner = ndimage.binary_erosion(thing.matte > 0.5, iterations=_BRIDGE)
+        cores = np.empty(inner.shape, np.int32)
+        ndimage.label(inner, output=cores)
+        large = 1 + np.flatnonzero(np.bincount(cores.ravel())[1:] > _LEAST_AREA)
+        if len(large) < 2:
+            continue
+        away = [ndimage.distance_transform_edt(cores != one) for one in large]
+        nearest = np.argmin(away, axis=0)
+        parts = [
+            _alone(arrangement, number, thing.matte * (nearest == k)) for k in range(len(large))
+        ]
+        parts.sort(key=lambda part: -part.area)
+        for part in parts[1:]:
+            off, variance = part.velocity - parts[0].velocity, part.covariance + parts[0].covariance
+            is_apart = off @ np.linalg.pinv(variance) @ off > _APART**2
+            if is_apart and np.hypot(*off) * arrangement.stills.span > _SEPARATE:
+                place = arrangement.order.index(number)
+                arrangement.order.insert(place, len(arrangement.things))
+                arrangement.things.append(part)
+                thing.matte = np.where(part.matte > 0, np.float32(0), thing.matte)
+
+
+def _alone(arrangement: Arrangement, number: int, matte: Mask) -> Thing:
+    """A part of a thing, at the velocity that it has of its own."""
+    things = list(arrangement.things)
+    things[number] = replace(things[number], matte=matte)
+    one = Arrangement(arrangement.stills, things, list(arrangement.order))
+    refine_velocity(one, number, None)
+    return things[number]
 
 
 def _merge(arrangement: Arrangement) -> None:

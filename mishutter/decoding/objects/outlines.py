@@ -15,23 +15,15 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy import ndimage
 from scipy.special import erfinv
 
 from mishutter.camera.rows import irfftn, rfftn
 from mishutter.decoding.objects.arrangement import Arrangement
-from mishutter.decoding.objects.grids import (
-    Mask,
-    Window,
-    filled,
-    from_outline,
-    moved,
-    of_few_edges,
-    smoothed,
-    splines,
-)
+from mishutter.decoding.objects.grids import Mask, from_outline, moved, of_few_edges
 from mishutter.decoding.objects.stills import Stills
+from mishutter.pictures.registration.windows import Window, filled, smoothed, splines
 
 PURE = 0.9
 """Share of a pixel above which one layer is all that it shows."""
@@ -49,8 +41,13 @@ _EDGE, _FINE_EDGE = 1.5, 1.0
 """Logarithms of likelihoods that a pixel of outline has to bring: at first, and from mixed ones."""
 _INNER = 8
 """Pixels within an outline that are hardly of another thing."""
-_LIGHT = 1.0
+_LIGHT = 0.5
 """Gaussian under which the light of a layer is taken for that near the outline; px."""
+_OFF = 0.3
+"""Error of the place at which light is taken, and of its sharpness; px."""
+_NEAR, _SHARE = 3.0, 0.25
+"""Gaussian under which the variance of a layer's light is taken, px, and the share of it by which
+light is off that was filled in so far away."""
 _GREATEST = 30.0
 """Most that one pixel tells of its own cover, in inverse variances."""
 _SHARP = 1.0
@@ -120,10 +117,13 @@ class Along(NamedTuple):
         seen = [window.seen(way, stills.shape) for way in ways]
         return Along(np.stack(frames), np.stack(seen).astype(np.float32), window)
 
+    def taken(self, stack: np.ndarray, ways: np.ndarray) -> np.ndarray:
+        """Pictures of the frames' pixels, which go on beyond their borders."""
+        return np.stack([self.window.taken(*each) for each in zip(stack, ways, strict=True)])
+
     def shares(self, stack: np.ndarray, ways: np.ndarray) -> np.ndarray:
         """Shares of the frames' pixels, 0 beyond their borders."""
-        pairs = zip(stack, ways, self.seen, strict=True)
-        return np.stack([self.window.taken(one, way) * seen for one, way, seen in pairs])
+        return self.taken(stack, ways) * self.seen
 
 
 def cut_out(arrangement: Arrangement) -> None:
@@ -196,6 +196,7 @@ class Lights(NamedTuple):
     ground: Float[np.ndarray, "rows columns"]
     known: Mask  # 1 where a frame shows the background
     things: list[Float[np.ndarray, "rows columns"]]  # Each where it is at the time 0
+    told: list[Bool[np.ndarray, "rows columns"]]  # Where frames show that
 
 
 def mean_lights(arrangement: Arrangement) -> Lights:
@@ -209,9 +210,8 @@ def mean_lights(arrangement: Arrangement) -> Lights:
     worth = np.sum(seen, axis=0)
     ground = np.sum(seen * stills.light, axis=0) / np.maximum(worth, 1e-9)
     known = worth > 0
-    lights = Lights(
-        filled(ground, known), known.astype(np.float32), [np.zeros(0)] * len(arrangement.things)
-    )
+    none = [np.zeros(0)] * len(arrangement.things)
+    lights = Lights(filled(ground, known), known.astype(np.float32), none, [*none])
     for number in reversed(arrangement.order):
         thing = arrangement.things[number]
         ways = stills.ways(thing.velocity)
@@ -219,8 +219,7 @@ def mean_lights(arrangement: Arrangement) -> Lights:
         front = along.shares(arrangement.front[number], ways)
         cover = along.shares(arrangement.cover[number], ways)
         hidden = behind_in_frames(arrangement, lights, number)
-        pairs = zip(hidden, ways, strict=True)
-        behind = np.stack([along.window.taken(one, way) for one, way in pairs])
+        behind = along.taken(hidden, ways)
         tells = (along.seen > 0) & (front > 0.95) & (cover > _MIXED)
         share = cover * tells
         weighed = share * weights
@@ -228,6 +227,7 @@ def mean_lights(arrangement: Arrangement) -> Lights:
         one = np.sum(weighed * share, axis=0)
         known = one > 0.9 * _MIXED**2 * float(np.min(stills.weights))
         lights.things[number] = filled(total / np.maximum(one, 1e-9), known)
+        lights.told[number] = known
     return lights
 
 
@@ -252,26 +252,80 @@ def sharpen(arrangement: Arrangement) -> None:
     smooth = lights._replace(
         ground=smoothed(lights.ground, _LIGHT), things=[smoothed(a, _LIGHT) for a in lights.things]
     )
+    pairs = zip(lights.things, lights.told, strict=True)
+    doubt = lights._replace(
+        ground=_doubt(lights.ground, lights.known > 0), things=[_doubt(*pair) for pair in pairs]
+    )
+    mattes = []  # of all things by the same light
     for number, thing in enumerate(arrangement.things):
         ways = stills.ways(thing.velocity)
         along = Along.of(stills, coefficients, thing.window, thing.velocity)
         front = along.shares(arrangement.front[number], ways)
-        hidden = behind_in_frames(arrangement, smooth, number)
-        behind = np.stack(
-            [along.window.taken(one, way) for one, way in zip(hidden, ways, strict=True)]
-        )
-        own = smooth.things[number]
-        known, contrast = (front > PURE) & (along.seen > 0), own - behind
-        level, spread = np.maximum(behind, own), 1 + 1.5 / stills.count
-        noise = np.stack([stills.noise(each, k) for k, each in enumerate(level)])
-        weight = known / (noise * spread)
-        square = np.sum(weight * contrast**2, axis=0)
-        cross = np.sum(weight * contrast * (along.frames - behind), axis=0)
-        scale = np.minimum(1, _GREATEST / np.maximum(square, 1e-9))
-        square, cross = square * scale, cross * scale - _BIAS
-        thing.matte = _solved(
-            along.window, thing.matte, thing.velocity * stills.exposure, square, cross
-        )
+        along = along._replace(seen=along.seen * pure(front))
+        own = _Layer(smooth.things[number], doubt.things[number])
+        hidden = (behind_in_frames(arrangement, each, number) for each in (smooth, doubt))
+        behind = _Layer(*(along.taken(each, ways) for each in hidden))
+        square, cross = _cover(stills, along, own, behind)
+        blur = thing.velocity * stills.exposure
+        mattes.append(_solved(along.window, thing.matte, blur, square, cross - _BIAS))
+    for thing, matte in zip(arrangement.things, mattes, strict=True):
+        thing.matte = matte
+
+
+class _Layer(NamedTuple):
+    """Light of a layer along a thing."""
+
+    light: np.ndarray
+    doubt: np.ndarray  # Squared error of it, that all frames share
+
+
+def _cover(stills: Stills, along: Along, own: _Layer, behind: _Layer) -> tuple[Mask, Mask]:
+    r"""The cover $c$ of each pixel, as $\tfrac12 q c^2 - r c$ less the logarithm of a likelihood.
+
+    Where the light of both layers is known, $q$ is the sum of the squares of their contrast. Where
+    it was filled in, that of the thing is as far off in all frames: the curvature is less, and the
+    ends $c = 0, 1$ lie as far apart as the likelihoods of a pixel without and with the thing.
+
+    Args:
+        stills: The frames.
+        along: The frames along the thing.
+        own: The thing.
+        behind: What is behind it, in each frame.
+
+    Returns:
+        $q$ and $r$.
+    """
+    contrast, level = own.light - behind.light, np.maximum(own.light, behind.light)
+    noise = np.stack([stills.noise(each, k) for k, each in enumerate(level)])
+    # Light of a slope is off by where it is taken.
+    slope = _square_slope(own.light) + np.stack([_square_slope(one) for one in behind.light])
+    noise = noise * (1 + 1.5 / stills.count) + _OFF**2 * slope
+    doubtful = noise + behind.doubt
+    weight, doubted = along.seen / noise, along.seen / doubtful
+
+    def left(worth: np.ndarray, one: np.ndarray) -> Mask:
+        """Sum of squares, less what light that is off alike in all would explain."""
+        common = own.doubt / (1 + own.doubt * np.sum(worth, axis=0))
+        return np.sum(worth * one**2, axis=0) - common * np.sum(worth * one, axis=0) ** 2
+
+    bare = doubted * (along.frames - behind.light) ** 2 + along.seen * np.log(doubtful / noise)
+    covered = left(weight, along.frames - own.light)
+    covered = covered + np.log1p(own.doubt * np.sum(weight, axis=0))
+    lead, square = np.sum(bare, axis=0) - covered, left(doubted, contrast)
+    scale = np.minimum(1, _GREATEST / np.maximum(np.maximum(square, np.abs(lead)), 1e-9))
+    return scale * square, scale * (square + lead) / 2
+
+
+def _square_slope(light: np.ndarray) -> np.ndarray:
+    return sum(each**2 for each in np.gradient(light))  # type: ignore[return-value]
+
+
+def _doubt(light: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Squared error of light that was filled in, by how much it varies where it is known."""
+    near = np.maximum(smoothed(known.astype(np.float32), _NEAR), 1e-6)
+    mean, square = (smoothed(np.where(known, x, 0), _NEAR) / near for x in (light, light**2))
+    away = np.asarray(ndimage.distance_transform_edt(~known)) if known.any() else np.inf
+    return _SHARE * np.maximum(square - mean**2, 0) * np.minimum(away / _NEAR, 1)
 
 
 def _solved(
